@@ -1,0 +1,171 @@
+"""Calibrating one frame, from Python or from a file, and writing what belongs to it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.config import Config
+from circlecal.errors import InputError
+from circlecal.field import FieldTemplate
+from circlecal.formats.atomic import write_error
+from circlecal.formats.images import DEBUG_SUFFIX, OVERLAY_SUFFIX, RADAR_SUFFIX, Frame, as_bgr, read_image, write_image
+from circlecal.formats.masks import as_class_ids, find_mask, read_mask
+from circlecal.formats.result import result_record, write_result
+from circlecal.pipeline import field_of, run
+from circlecal.results import Calibration
+
+
+def calibrate(
+    image: NDArray[Any] | str | Path,
+    mask: NDArray[Any] | str | Path | None = None,
+    config: Config | None = None,
+    *,
+    frame_id: str | None = None,
+) -> Calibration:
+    """Calibrate the camera of one frame.
+
+    Parameters
+    ----------
+    image : array or path
+        Picture file, or array (H, W), (H, W, 3) BGR or (H, W, 4) BGRA of 8 or 16 bit.
+    mask : array or path, optional
+        Where the markings are: binary, SoccerNet class ids or SoccerNet palette, any size. Without one the built-in
+        detector looks for them (a mask file beside the picture is not looked for).
+    config : Config, optional
+        The defaults when None.
+    frame_id : str, optional
+        Name of the frame; with the seed it fixes the random draws. The file's stem, or ``"image"``.
+
+    Returns
+    -------
+    Calibration
+        The verdict and every intermediate. A frame that cannot be calibrated is refused, not an exception.
+
+    Raises
+    ------
+    InputError
+        The picture or the mask is unusable.
+    ConfigError
+        The configuration's field template is unusable.
+    """
+    config = Config() if config is None else config
+    source = None if isinstance(image, np.ndarray) else str(image)
+    picture = as_bgr(image, "image") if isinstance(image, np.ndarray) else read_image(image)
+    height, width = picture.shape[:2]
+    if mask is None:
+        classes = None
+    elif isinstance(mask, np.ndarray):
+        classes = as_class_ids(mask, width, height, "mask")
+    else:
+        classes = read_mask(Path(mask), width, height)
+    name = frame_id or ("image" if source is None else Path(source).stem)
+    return run(picture, config, mask=classes, frame_id=name, source=source)
+
+
+def calibrate_frame(frame: Frame, config: Config, mask: Path | None) -> tuple[NDArray[np.uint8], Calibration]:
+    """Picture and calibration of a frame; its mask comes from ``mask`` (file or folder) or from beside the picture.
+
+    Raises
+    ------
+    InputError
+        The picture or its mask is unusable.
+    """
+    picture = read_image(frame.path)
+    height, width = picture.shape[:2]
+    mask_file = find_mask(frame, mask)
+    classes = None if mask_file is None else read_mask(mask_file, width, height)
+    return picture, run(picture, config, mask=classes, frame_id=frame.id, source=str(frame.path))
+
+
+def field_template(config: Config) -> FieldTemplate:
+    """The field template of a configuration.
+
+    Raises
+    ------
+    ConfigError
+        Unknown or wrong template, or a circle that it does not have.
+    """
+    return field_of(config)[0]
+
+
+def write_outputs(image: NDArray[np.uint8], calibration: Calibration, config: Config, out: Path) -> dict[str, Any]:
+    """Write ``<id>.json`` and the pictures that the configuration asks for into a folder; return the result's record.
+
+    Raises
+    ------
+    InputError
+        A file cannot be written.
+    """
+    record = result_record(calibration, field_template(config))
+    write_result(out / f"{calibration.id}.json", record)
+    write_pictures(image, calibration, config, out)
+    return record
+
+
+def write_pictures(image: NDArray[np.uint8], calibration: Calibration, config: Config, out: Path) -> None:
+    """Write overlay, radar and debug pictures of a frame, as the configuration's ``output`` says.
+
+    Raises
+    ------
+    InputError
+        A file cannot be written.
+    """
+    template, output = field_template(config), config.output
+    if output.overlay or output.radar:
+        from circlecal import overlay
+    if output.overlay:
+        picture = overlay.draw_overlay(image, calibration, template)
+        write_image(out / f"{calibration.id}{OVERLAY_SUFFIX}", picture, output.jpeg_quality)
+    if output.radar:
+        radar = overlay.draw_radar(image, calibration, template)
+        if radar is not None:
+            write_image(out / f"{calibration.id}{RADAR_SUFFIX}", radar, output.jpeg_quality)
+    if output.debug:
+        write_stage_pictures(image, calibration, config, out / f"{calibration.id}{DEBUG_SUFFIX}")
+
+
+def write_stage_pictures(
+    image: NDArray[np.uint8], calibration: Calibration, config: Config, folder: Path
+) -> list[Path]:
+    """Write one numbered picture per stage and a contact sheet of them all; return the files.
+
+    Raises
+    ------
+    InputError
+        A file cannot be written.
+    """
+    from circlecal import overlay
+
+    pictures = overlay.stage_pictures(image, calibration, field_template(config))
+    verdict = calibration.verdict
+    title = f"{calibration.id}: {verdict.status}{f' ({verdict.reason})' if verdict.reason else ''}"
+    written: list[Path] = []
+    for name, picture in {**pictures, "contact-sheet": overlay.contact_sheet(pictures, title)}.items():
+        path = folder / f"{name}.jpg"
+        write_image(path, picture, config.output.jpeg_quality)
+        written.append(path)
+    return written
+
+
+def prepare_folder(out: Path) -> Path:
+    """Make an output folder, so that a run fails before the first frame and not after it.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be made or not be written to.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        probe = out / ".circlecal-write-test"
+        probe.touch()
+        probe.unlink()
+    except FileExistsError as error:
+        raise InputError(f"{out}: is a file, not a folder; choose another --out") from error
+    except OSError as error:
+        raise write_error(out, error) from error
+    return out

@@ -1,0 +1,84 @@
+"""From the posterior covariance of the camera to that of everything derived from it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from circlecal.camera_fit.model import PARAMETERS, Frame, active_parameters, camera_of, project
+from circlecal.geometry.homogeneous import Array, dehomogenise
+
+
+def posterior_covariance(normal: Array, sd: Array) -> Array:
+    """Covariance (P, P) from the Gauss-Newton matrix (P, P) with its priors; zero for parameters that are fixed."""
+    active = active_parameters(sd)
+    block = normal[np.ix_(active, active)]
+    size = np.sqrt(np.maximum(np.diag(block), 1e-300))
+    inverse = np.linalg.pinv(block / np.outer(size, size), rcond=1e-13, hermitian=True) / np.outer(size, size)
+    covariance = np.zeros((len(PARAMETERS), len(PARAMETERS)))
+    covariance[np.ix_(active, active)] = inverse
+    return covariance
+
+
+def push_forward(function: Callable[[Array], Array], theta: Array, covariance: Array) -> Array:
+    """Covariance of a smooth function of the parameters by central differences, one standard deviation / 100 wide."""
+    sd = np.sqrt(np.diag(covariance))
+    active = np.flatnonzero(sd > 0)
+    columns = []
+    for k in active:
+        step = np.zeros_like(theta)
+        step[k] = sd[k] / 100.0
+        columns.append((function(theta + step) - function(theta - step)) / (2 * step[k]))
+    jacobian = np.stack(columns, axis=-1)
+    return np.asarray(jacobian @ covariance[np.ix_(active, active)] @ jacobian.T)
+
+
+def homography_vector(theta: Array, frame: Frame) -> Array:
+    """H_image_field scaled to H[2, 2] = 1, without the last entry (8,)."""
+    return camera_of(theta, frame).homography.ravel()[:8]
+
+
+def imaged_point(theta: Array, frame: Frame, point_m: Array) -> Array:
+    """Undistorted pixel (2,) of a field point on the tangent plane."""
+    return dehomogenise(camera_of(theta, frame).homography @ np.r_[point_m, 1.0])
+
+
+def field_sigma(theta: Array, covariance: Array, points_m: Array, frame: Frame) -> tuple[Array, Array]:
+    """Standard deviations of field points (N, 2): in the picture (N,) pixels, and on the ground (N,) metres.
+
+    Both are root mean squares over the two axes times sqrt 2, i.e. of the length of the error.
+    """
+    seen = project(theta[None], points_m[None], frame)
+    J = seen.by_theta[0]
+    spread = np.einsum("nip,pq,njq->nij", J, covariance, J)
+    inverse = np.linalg.pinv(seen.by_field[0])
+    ground = inverse @ spread @ np.swapaxes(inverse, 1, 2)
+    return np.sqrt(np.einsum("nii->n", spread)), np.sqrt(np.maximum(np.einsum("nii->n", ground), 0.0))
+
+
+def data_share(theta: Array, covariance: Array, prior_normal: Array, points_m: Array, frame: Frame) -> float:
+    """Share of the predicted precision at field points (N, 2) that the observations bring; the priors bring the rest.
+
+    With the posterior precision F + L (data and prior), the predicted variance J S J^T splits exactly into J S F S J^T and J S L S J^T.
+    """
+    J = project(theta[None], points_m[None], frame).by_theta[0].reshape(-1, len(PARAMETERS))
+    total = float(np.einsum("np,pq,nq->", J, covariance, J))
+    prior = float(np.einsum("np,pq,qr,rs,ns->", J, covariance, prior_normal, covariance, J, optimize=True))
+    return float(np.clip(1.0 - prior / total, 0.0, 1.0)) if total > 0 else 1.0
+
+
+def correlation_factor(values: Array, maximum_lag: int = 40) -> float:
+    """By how much neighbouring residuals (N,) repeat each other: the integrated autocorrelation, at least 1."""
+    n = len(values)
+    if n < 20:
+        return 1.0
+    centred = values - values.mean()
+    power = float(centred @ centred)
+    if power <= 0:
+        return 1.0
+    lags = min(maximum_lag, n // 4)
+    correlation = np.array([centred[k:] @ centred[:-k] for k in range(1, lags + 1)]) / power
+    negative = np.flatnonzero(correlation < 2.0 / np.sqrt(n))
+    last = negative[0] if len(negative) else lags
+    return float(1.0 + 2.0 * correlation[:last].sum())

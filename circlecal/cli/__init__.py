@@ -1,0 +1,38 @@
+"""The command line: parse, call, print, exit code. Nothing heavy is imported before a command runs."""
+
+from __future__ import annotations
+
+import errno
+import os
+import sys
+from collections.abc import Sequence
+
+from circlecal.errors import CirclecalError
+
+_SYSTEM_LIMITS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EACCES, errno.EPERM, errno.EROFS, errno.EMFILE)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line and exit: 0 all calibrated, 1 some refused, 2 wrong use or input, 130 interrupted.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Those of the process when None.
+    """
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")  # a damaged picture is one line of ours
+    from circlecal.cli.app import app
+
+    try:
+        app(args=arguments, prog_name="circlecal")
+    except CirclecalError as error:
+        _fail(str(error))
+    except OSError as error:
+        if error.errno not in _SYSTEM_LIMITS:
+            raise
+        _fail(f"{error.filename}: {error.strerror}" if error.filename else str(error.strerror))
+
+
+def _fail(reason: str) -> None:
+    print(f"circlecal: error: {' '.join(reason.split())}", file=sys.stderr)  # noqa: T201
+    sys.exit(2)

@@ -1,0 +1,6 @@
+"""``python -m circlecal.cli``."""
+
+from circlecal.cli import main
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,141 @@
+"""What the commands print: results on stdout, progress and logs on stderr; rich on a terminal, plain in a pipe."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from circlecal.batch import BatchProgress
+    from circlecal.formats.summary import FrameSummary
+
+_PLAIN_SECONDS = 5.0
+_COLOURS = {"calibrated": "green", "refused": "yellow"}
+
+
+def configure_logging(*, quiet: bool = False, verbose: bool = False) -> None:
+    """Log to stderr: warnings, everything with ``verbose``, errors only with ``quiet``."""
+    from rich.console import Console
+    from rich.logging import RichHandler
+
+    logger = logging.getLogger("circlecal")
+    logger.setLevel(logging.ERROR if quiet else logging.DEBUG if verbose else logging.WARNING)
+    logger.handlers = [RichHandler(console=Console(stderr=True), show_path=False, show_time=verbose, markup=False)]
+
+
+def print_table(title: str | None, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print a rich table on a terminal, lines with tabs in a pipe."""
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    console = Console()
+    if not console.is_terminal:
+        for cells in (columns, *rows):
+            print("\t".join(cells))  # noqa: T201
+        return
+    table = Table(title=title)
+    for column in columns:
+        table.add_column(column, overflow="fold")
+    for row in rows:
+        table.add_row(*(Text(cell, style=_COLOURS.get(cell, "")) for cell in row))
+    console.print(table)
+
+
+def print_line(text: str) -> None:
+    """Print one line on stdout."""
+    print(text)  # noqa: T201
+
+
+def print_error(text: str) -> None:
+    """Print one line on stderr, above a running progress bar."""
+    from rich.console import Console
+
+    Console(stderr=True, soft_wrap=True, highlight=False, markup=False).print(f"circlecal: error: {text}")
+
+
+def print_summaries(summaries: Sequence[FrameSummary]) -> None:
+    """Print one row per frame."""
+    columns = ("id", "verdict", "case", "sigma px", "rms px", "reason")
+    rows = [
+        (s.id, s.status, number(s.case, 0), number(s.sigma_px), number(s.rms_px), s.reason or "") for s in summaries
+    ]
+    print_table(None, columns, rows)
+
+
+def number(value: float | None, decimals: int = 2) -> str:
+    """Text of a number that may be missing."""
+    return "-" if value is None else f"{value:.{decimals}f}"
+
+
+@contextlib.contextmanager
+def progress_display(*, quiet: bool) -> Iterator[Callable[[BatchProgress], None]]:
+    """Show how far a run is: a bar with rate and time left on a terminal, a line now and then in a pipe."""
+    from rich.console import Console
+
+    console = Console(stderr=True)
+    if quiet:
+        yield lambda progress: None
+    elif console.is_terminal:
+        with _bar(console) as update:
+            yield update
+    else:
+        yield _plain_lines()
+
+
+@contextlib.contextmanager
+def _bar(console: Console) -> Iterator[Callable[[BatchProgress], None]]:
+    from rich import progress as rich_progress
+
+    bar = rich_progress.Progress(
+        rich_progress.TextColumn("{task.completed}/{task.total} frames"),
+        rich_progress.BarColumn(),
+        rich_progress.TextColumn("{task.fields[counts]}"),
+        rich_progress.TextColumn("{task.fields[rate]}"),
+        rich_progress.TimeRemainingColumn(),
+        console=console,
+        transient=True,
+    )
+    start = time.monotonic()
+    with bar:
+        task = bar.add_task("", total=None, counts="", rate="")
+
+        def update(state: BatchProgress) -> None:
+            rate = _rate(state, start)
+            bar.update(
+                task, total=state.total, completed=state.finished, counts=_counts(state), rate=f"{rate:.1f} frames/s"
+            )
+
+        yield update
+
+
+def _plain_lines() -> Callable[[BatchProgress], None]:
+    start = time.monotonic()
+    last = start
+
+    def update(state: BatchProgress) -> None:
+        nonlocal last
+        now = time.monotonic()
+        if state.finished == state.total or now - last >= _PLAIN_SECONDS:
+            last = now
+            rate = _rate(state, start)
+            left = f", {(state.total - state.finished) / rate:.0f} s left" if rate > 0 else ""
+            line = f"{state.finished}/{state.total} frames, {_counts(state)}, {rate:.1f} frames/s{left}"
+            print(line, file=sys.stderr, flush=True)  # noqa: T201
+
+    return update
+
+
+def _rate(state: BatchProgress, start: float) -> float:
+    return (state.finished - state.resumed) / max(time.monotonic() - start, 1e-9)
+
+
+def _counts(state: BatchProgress) -> str:
+    resumed = f" ({state.resumed} from before)" if state.resumed else ""
+    return f"{state.calibrated} calibrated, {state.refused} refused{resumed}"

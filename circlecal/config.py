@@ -1,0 +1,370 @@
+"""The configuration: every option of every stage, from YAML files and ``--set`` overrides, checked and described.
+
+A file gives only what differs from the defaults. Keys that are unknown, values of the wrong type, keys given twice and
+values that are not finite are errors that name the file and the key.
+"""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import json
+import math
+import re
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, get_args
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic_core import ErrorDetails
+
+from circlecal.errors import ConfigError
+from circlecal.stages.camera import CameraConfig
+from circlecal.stages.correspondences import CorrespondencesConfig
+from circlecal.stages.cues import CuesConfig
+from circlecal.stages.edges import EdgesConfig
+from circlecal.stages.ellipse import EllipseConfig
+from circlecal.stages.homography import HomographyConfig
+from circlecal.stages.mask import MaskConfig
+from circlecal.stages.rays import RaysConfig
+from circlecal.stages.verdict import VerdictConfig
+
+_STRICT = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+_COMMENT_WIDTH = 118
+
+
+class FieldConfig(BaseModel):
+    """Which field is seen, and which of its circles."""
+
+    model_config = _STRICT
+
+    template: str = Field(
+        "soccer", description="Name of a field template (`circlecal fields` lists them), or a YAML file of your own."
+    )
+    circle: str | None = Field(
+        None, description="Circle of the template that is seen; null: the template's default circle."
+    )
+    sizes: dict[str, float] = Field(
+        {}, description="Sizes in metres over those of the template, e.g. {length: 100, marking: 0.1}."
+    )
+
+
+class OutputConfig(BaseModel):
+    """What is written beside the result; nothing here changes an answer."""
+
+    model_config = _STRICT
+
+    overlay: bool = Field(True, description="Write the frame with the projected field template, `<id>.overlay.jpg`.")
+    radar: bool = Field(False, description="Write the frame warped to the field plane, `<id>.radar.jpg`.")
+    radar_px_per_m: float = Field(10.0, ge=1.0, le=100.0, description="Scale of the radar picture, pixels per metre.")
+    debug: bool = Field(
+        False, description="Write one picture per stage and a contact sheet, in the folder `<id>.debug`."
+    )
+    jpeg_quality: int = Field(90, ge=1, le=100, description="JPEG quality of the written pictures.")
+
+
+class Config(BaseModel):
+    """Everything that can be set."""
+
+    model_config = _STRICT
+
+    seed: int = Field(
+        0, ge=0, le=2**32 - 1, description="Seed of all random draws; with the frame's id it fixes every answer."
+    )
+    field: FieldConfig = Field(FieldConfig(), description="Field: the template and the circle that is seen.")
+    mask: MaskConfig = Field(MaskConfig(), description="Mask: where the markings are, read or detected.")
+    edges: EdgesConfig = Field(EdgesConfig(), description="Edges: sub-pixel Canny points on the markings.")
+    rays: RaysConfig = Field(RaysConfig(), description="Rays: outer edge, inner edge and centreline of the circle.")
+    ellipse: EllipseConfig = Field(EllipseConfig(), description="Ellipse: the conic of each edge.")
+    cues: CuesConfig = Field(CuesConfig(), description="Cues: halfway line, centre mark, further straight markings.")
+    correspondences: CorrespondencesConfig = Field(
+        CorrespondencesConfig(), description="Correspondences: points and tangents with their field coordinates."
+    )
+    homography: HomographyConfig = Field(HomographyConfig(), description="Homography: DLT on points and lines.")
+    camera: CameraConfig = Field(CameraConfig(), description="Camera: everything that was seen, with priors.")
+    verdict: VerdictConfig = Field(VerdictConfig(), description="Verdict: when a calibration is refused.")
+    output: OutputConfig = Field(OutputConfig(), description="Output: what is written beside the result.")
+
+
+class _Loader(yaml.SafeLoader):
+    """Safe YAML in which a key given twice is an error and 1e-3 is a number."""
+
+
+def _mapping_without_doubles(loader: _Loader, node: yaml.MappingNode) -> dict[Any, Any]:
+    seen: set[Any] = set()
+    for key_node, _ in node.value:
+        key = loader.construct_object(key_node, deep=True)
+        if not isinstance(key, str | int | float):
+            raise yaml.constructor.ConstructorError(None, None, "a key must be a name", key_node.start_mark)
+        if key in seen:
+            raise yaml.constructor.ConstructorError(None, None, f"key {key!r} is given twice", key_node.start_mark)
+        seen.add(key)
+    return loader.construct_mapping(node, deep=True)
+
+
+_Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping_without_doubles)
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"^[-+]?[0-9]+(\.[0-9]*)?[eE][-+]?[0-9]+$"), list("-+0123456789")
+)
+
+
+def config_folder() -> Path:
+    """Folder of the configurations that come with the package."""
+    inside = Path(__file__).parent / "configs"
+    return inside if inside.is_dir() else Path(__file__).parent.parent / "configs"
+
+
+def config_names() -> list[str]:
+    """Names of the configurations that come with the package."""
+    return sorted(path.stem for path in config_folder().glob("*.yaml"))
+
+
+def load_config(file: str | Path | None = None, overrides: Sequence[str] = ()) -> Config:
+    """Configuration from a file and overrides.
+
+    Parameters
+    ----------
+    file : path or str, optional
+        YAML file, or the name of a configuration that comes with the package; the defaults when None.
+    overrides : sequence of str
+        ``section.key=value`` each, the value in YAML; later ones win.
+
+    Raises
+    ------
+    ConfigError
+        One line with the file or the override, the full key and the mend.
+    """
+    content: dict[str, Any] = {}
+    source = "configuration"
+    if file is not None:
+        path = _find_config(file)
+        source = str(path)
+        content = _read_mapping(path)
+        _resolve_template(content, path.parent)
+    origins: dict[str, str] = {}
+    for override in overrides:
+        key = _apply_override(content, override)
+        origins[key] = f"--set {override}"
+    return _validated(content, source, origins)
+
+
+def _find_config(name_or_file: str | Path) -> Path:
+    path = Path(name_or_file)
+    if path.suffix in (".yaml", ".yml") or path.is_file():
+        return path
+    shipped = config_folder() / f"{name_or_file}.yaml"
+    if shipped.is_file():
+        return shipped
+    raise ConfigError(f"config {str(name_or_file)!r} is no file and no known name; known: {', '.join(config_names())}")
+
+
+def _read_mapping(path: Path) -> dict[str, Any]:
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError as error:
+        raise ConfigError(f"{path}: no such file; give a YAML file or one of: {', '.join(config_names())}") from error
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: is not UTF-8 text") from error
+    content = _parse_yaml(text, str(path))
+    if content is None:
+        return {}
+    if not isinstance(content, dict):
+        raise ConfigError(f"{path}: must be a mapping of sections, not {_kind(content)}")
+    return {key: {} if value is None and _nested_model(Config, key) else value for key, value in content.items()}
+
+
+def _parse_yaml(text: str, source: str) -> Any:
+    try:
+        return yaml.load(text, Loader=_Loader)
+    except yaml.MarkedYAMLError as error:
+        where = f", line {error.problem_mark.line + 1}" if error.problem_mark else ""
+        raise ConfigError(f"{source}{where}: {error.problem or error.context or 'is not YAML'}") from error
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise ConfigError(f"{source}: is not YAML: {' '.join(str(error).split())}") from error
+
+
+def _kind(value: Any) -> str:
+    if isinstance(value, list | dict):
+        return "a list" if isinstance(value, list) else "a mapping"
+    return json.dumps(value, default=str)
+
+
+def _resolve_template(content: dict[str, Any], folder: Path) -> None:
+    """A template file named in a configuration file lies relative to that file."""
+    section = content.get("field")
+    template = section.get("template") if isinstance(section, dict) else None
+    if isinstance(section, dict) and isinstance(template, str) and template.endswith((".yaml", ".yml")):
+        section["template"] = str(folder / template)
+
+
+def _apply_override(content: dict[str, Any], override: str) -> str:
+    key, equals, text = override.partition("=")
+    parts = key.strip().split(".")
+    if not equals or not all(parts):
+        raise ConfigError(f"--set {override}: must look like section.key=value")
+    section = content
+    for depth, part in enumerate(parts[:-1], start=1):
+        section = section.setdefault(part, {})
+        if not isinstance(section, dict):
+            raise ConfigError(f"--set {override}: {'.'.join(parts[:depth])} has no keys of its own")
+    section[parts[-1]] = _parse_yaml(text, f"--set {override}")
+    return ".".join(parts)
+
+
+def _validated(content: dict[str, Any], source: str, origins: Mapping[str, str]) -> Config:
+    try:
+        # JSON in strict mode: lists become tuples and integers floats, but text never a number, nor true a 1
+        return Config.model_validate_json(json.dumps(content, default=str), strict=True)
+    except ValidationError as error:
+        problems = error.errors(include_url=False)
+        key = _key(problems[0])
+        same = [problem for problem in problems if _key(problem) == key]
+        origin = next((text for name, text in origins.items() if _related(key, name)), source)
+        more = f" (and {len(problems) - len(same)} more)" if len(problems) > len(same) else ""
+        raise ConfigError(f"{origin}: {_explanation(key, same)}{more}") from error
+
+
+def _related(key: str, other: str) -> bool:
+    """Whether one key is the other or lies inside it."""
+    return f"{key}.".startswith(f"{other}.") or f"{other}.".startswith(f"{key}.")
+
+
+def _key(problem: ErrorDetails) -> str:
+    """The key as the user writes it: pydantic adds the branch of a union, e.g. ``function-after[...]`` or ``int``."""
+    parts: list[str] = []
+    model: Any = Config
+    for part in problem["loc"]:
+        if isinstance(model, type) and issubclass(model, BaseModel) and part in model.model_fields:
+            model = model.model_fields[str(part)].annotation
+        elif parts and not isinstance(part, int) and problem["type"] != "extra_forbidden" and not _is_mapping(model):
+            continue
+        parts.append(str(part))
+    return ".".join(parts)
+
+
+def _is_mapping(annotation: Any) -> bool:
+    return getattr(annotation, "__origin__", None) is dict
+
+
+def _explanation(key: str, problems: Sequence[ErrorDetails]) -> str:
+    if problems[0]["type"] == "extra_forbidden":
+        return _unknown_key(key)
+    wanted = dict.fromkeys(problem["msg"].removeprefix("Value error, ").removeprefix("Input ") for problem in problems)
+    given = problems[0]["input"]
+    shown = "" if problems[0]["type"] == "value_error" else f", not {_kind(given)}"
+    return f"{key}: {' or '.join(wanted)}{shown}"
+
+
+def _unknown_key(key: str) -> str:
+    section, _, name = key.rpartition(".")
+    known = sorted(_fields_of(section))
+    matches = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
+    close = [f"{section}.{match}" if section else match for match in matches]
+    close = close or [full for full in _all_keys(Config) if full.rpartition(".")[2] == name]
+    if close:
+        return f"unknown key {key}; did you mean {' or '.join(close)}?"
+    return f"unknown key {key}; known{f' in {section}' if section else ''}: {', '.join(known)}"
+
+
+def _fields_of(section: str) -> list[str]:
+    model: type[BaseModel] = Config
+    for part in section.split(".") if section else []:
+        nested = _nested_model(model, part)
+        if nested is None:
+            return []
+        model = nested
+    return list(model.model_fields)
+
+
+def _nested_model(model: type[BaseModel], name: str) -> type[BaseModel] | None:
+    if name not in model.model_fields:
+        return None
+    annotation = model.model_fields[name].annotation
+    for candidate in (annotation, *get_args(annotation)):
+        if isinstance(candidate, type) and issubclass(candidate, BaseModel):
+            return candidate
+    return None
+
+
+def _all_keys(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
+    for name in model.model_fields:
+        nested = _nested_model(model, name)
+        if nested is None:
+            yield f"{prefix}{name}"
+        else:
+            yield from _all_keys(nested, f"{prefix}{name}.")
+
+
+def config_digest(config: Config) -> str:
+    """Twelve hexadecimal digits over everything that can change an answer.
+
+    That is every section but ``output``, and the content of a template file of the user's.
+    """
+    content = config.model_dump(mode="json", exclude={"output"})
+    template = Path(config.field.template)
+    if template.suffix in (".yaml", ".yml") and template.is_file():
+        content["field"]["template"] = hashlib.sha256(template.read_bytes()).hexdigest()
+    canonical = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(canonical.encode()).hexdigest()[:12]
+
+
+def json_schema() -> dict[str, Any]:
+    """JSON schema of the configuration file."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **Config.model_json_schema()}
+
+
+def effective_yaml(config: Config) -> str:
+    """The whole configuration as YAML, each key under its description and bounds; loads back to the same one."""
+    schema = Config.model_json_schema()
+    header = "# Every option of circlecal with its value. A file of yours needs only the keys that differ.\n\n"
+    return header + "\n".join(_yaml_lines(config, schema, schema.get("$defs", {}), "")) + "\n"
+
+
+_Schema = Mapping[str, Any]
+
+
+def _yaml_lines(model: BaseModel, schema: _Schema, definitions: _Schema, indent: str) -> Iterator[str]:
+    for name, field in type(model).model_fields.items():
+        value = getattr(model, name)
+        described = schema["properties"][name]
+        allowed = _allowed(described)
+        comment = f"{field.description or ''}{f' ({allowed})' if allowed else ''}"
+        if isinstance(value, BaseModel) and not indent:
+            yield ""
+        yield from textwrap.wrap(comment, _COMMENT_WIDTH, initial_indent=f"{indent}# ", subsequent_indent=f"{indent}# ")
+        if isinstance(value, BaseModel):
+            yield f"{indent}{name}:"
+            yield from _yaml_lines(value, _definition(described, definitions), definitions, f"{indent}  ")
+        else:
+            yield f"{indent}{name}: {_yaml_value(model.model_dump(mode='json', include={name})[name])}"
+
+
+def _yaml_value(value: Any) -> str:
+    text = yaml.safe_dump(value, default_flow_style=True, width=math.inf, allow_unicode=True)
+    return text.removesuffix("\n").removesuffix("\n...")
+
+
+def _definition(schema: _Schema, definitions: _Schema) -> _Schema:
+    """The schema itself, or the one that it refers to (also as ``model | null``)."""
+    branches = [schema, *schema.get("allOf", ()), *schema.get("anyOf", ())]
+    reference = next((branch["$ref"] for branch in branches if "$ref" in branch), None)
+    if reference is None:
+        return schema
+    definition: _Schema = definitions[reference.rpartition("/")[2]]
+    return definition
+
+
+_LIMITS = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
+
+
+def _allowed(schema: _Schema) -> str:
+    """Bounds and choices of one key in words."""
+    if "anyOf" in schema:
+        return " or ".join(filter(None, (_allowed(branch) for branch in schema["anyOf"])))
+    if "enum" in schema:
+        return "one of " + ", ".join(_yaml_value(choice) for choice in schema["enum"])
+    return ", ".join(f"{sign} {schema[key]}" for key, sign in _LIMITS.items() if key in schema)

@@ -1,0 +1,150 @@
+"""One circle hypothesis at full resolution: measured, fitted, judged."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.detection.config import AcceptanceConfig, RefinementConfig
+from circlecal.detection.hypotheses import EllipseBatch
+from circlecal.detection.refine import BandProfile, measure_band
+from circlecal.detection.result import CircleHypothesis
+from circlecal.detection.scoring import adjusted
+from circlecal.geometry.conics import transform_conic
+from circlecal.geometry.homogeneous import Array
+
+__all__ = ["MeasuredCircle", "conic_of", "measure_circle", "refusal_of", "unit_frame"]
+
+_PIECES = 8  # of the curve, between which the contrast may differ (near and far side)
+_UNIT_CIRCLE = np.diag([1.0, 1.0, -1.0])
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredCircle:
+    """An ellipse (a batch of one) with its profiles at equal steps along the curve.
+
+    ``angle_share`` (N,) is each sample's part of the whole eccentric angle; it adds up to one.
+    """
+
+    ellipse: EllipseBatch
+    points: Array
+    normals: Array
+    angle_share: Array
+    band: BandProfile
+    sign: float
+
+    @property
+    def marking_points(self) -> Array:
+        """Measured middle of the marking (K, 2), px."""
+        on = self.band.supported
+        return self.points[on] + self.band.offset[on, None] * self.normals[on]
+
+
+def unit_frame(ellipse: EllipseBatch) -> Array:
+    """Affinity (3, 3) from the frame in which the first ellipse is the unit circle to the picture."""
+    frame = np.eye(3)
+    frame[:2, 0], frame[:2, 1], frame[:2, 2] = ellipse.great[0], ellipse.small[0], ellipse.centers[0]
+    return frame
+
+
+def conic_of(ellipse: EllipseBatch) -> Array:
+    """Normalised conic (3, 3) of the first ellipse of a batch."""
+    return transform_conic(unit_frame(ellipse), _UNIT_CIRCLE)
+
+
+def measure_circle(
+    grey: NDArray[np.uint8], ellipse: EllipseBatch, polarities: tuple[float, ...], config: RefinementConfig
+) -> MeasuredCircle:
+    """Follow the marking along an ellipse and fit the ellipse to it, in a few rounds.
+
+    Parameters
+    ----------
+    grey : (H, W) uint8
+        Full picture.
+    ellipse : EllipseBatch
+        One ellipse in pixels of the full picture.
+    polarities : tuple of float
+        +1 and/or -1: brightness of the marking relative to the surface; the one with more support wins.
+    config : RefinementConfig
+
+    Returns
+    -------
+    MeasuredCircle
+    """
+    measured = [_follow(grey, ellipse, sign, config) for sign in polarities]
+    return max(measured, key=lambda circle: int(np.count_nonzero(circle.band.supported)))
+
+
+def _follow(grey: NDArray[np.uint8], ellipse: EllipseBatch, sign: float, config: RefinementConfig) -> MeasuredCircle:
+    unit = grey.shape[1] / 1280.0
+    for turn in range(config.rounds):
+        reach = (config.reach_px1280 if turn == 0 else config.narrow_reach_px1280) * unit
+        points, normals, share = _equal_steps(ellipse, config.spacing_px1280 * unit, config.samples)
+        depth = np.abs(((points - ellipse.centers[0]) * normals).sum(axis=-1))
+        reaches = max(reach, 3.0) + config.width_share * depth
+        pieces = np.arange(len(points)) * _PIECES // len(points)
+        band = measure_band(grey, points, normals, reaches, pieces, sign, config)
+        circle = MeasuredCircle(ellipse, points, normals, share, band, sign)
+        marking = circle.marking_points
+        if turn + 1 < config.rounds and len(marking) >= 12:
+            ellipse = adjusted(ellipse, marking[None], np.ones((1, len(marking))))
+    return circle
+
+
+def _equal_steps(ellipse: EllipseBatch, spacing_px: float, most: int) -> tuple[Array, Array, Array]:
+    """Points and outward normals (N, 2) at equal distances along the ellipse, and their share of the angle."""
+    knots = np.arange(361) * (2 * np.pi / 360)
+    great, small = float(ellipse.great_lengths[0]), float(ellipse.small_lengths[0])
+    middle = (knots[:-1] + knots[1:]) / 2
+    speed = np.hypot(great * np.sin(middle), small * np.cos(middle)) * (2 * np.pi / 360)
+    length = np.concatenate([[0.0], np.cumsum(speed)])
+    count = int(np.clip(length[-1] / spacing_px, 64, most))
+    edges = np.interp(np.arange(count + 1) * (length[-1] / count), length, knots)
+    angle = (edges[:-1] + edges[1:]) / 2
+    cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
+    points = ellipse.centers[0] + cosine * ellipse.great[0] + sine * ellipse.small[0]
+    tangent = cosine * ellipse.small[0] - sine * ellipse.great[0]
+    tangent /= np.hypot(tangent[:, :1], tangent[:, 1:])
+    normals = np.stack([tangent[:, 1], -tangent[:, 0]], axis=-1)
+    normals *= np.sign(((points - ellipse.centers[0]) * normals).sum(axis=-1, keepdims=True))
+    return points, normals, np.diff(edges) / (2 * np.pi)
+
+
+def hypothesis_of(circle: MeasuredCircle, field_share: float, width: int) -> CircleHypothesis:
+    """Shares, residual and conic of a measured circle in a picture of the given width."""
+    band = circle.band
+    on = band.supported
+    seen = max(1, int(np.count_nonzero(band.inside)))
+    visible = float(circle.angle_share[band.inside].sum())
+    whole = float(circle.angle_share[on].sum())
+    picture_share = float(np.count_nonzero(on)) / seen
+    rms = float(np.sqrt(np.mean(band.offset[on] ** 2))) if on.any() else float("inf")
+    return CircleHypothesis(
+        conic=conic_of(circle.ellipse),
+        score=whole * np.sqrt(max(0.0, min(picture_share, field_share))),
+        whole_share=whole,
+        field_share=field_share,
+        picture_share=picture_share,
+        sector_share=whole / visible if visible > 0 else 0.0,
+        rms_px=rms * 1920.0 / width,
+        points=circle.marking_points,
+    )
+
+
+def refusal_of(circle: CircleHypothesis, has_halfway: bool, width: int, config: AcceptanceConfig) -> str | None:
+    """Why this circle of a picture of the given width is not accepted, or None."""
+    nearly_whole = circle.whole_share >= config.complete_share
+    share, rms = config.share, config.rms_px1920
+    if nearly_whole and has_halfway:
+        share, rms = config.share_with_line, max(rms, config.rms_px * 1920.0 / width)
+    elif not nearly_whole and not has_halfway:
+        share = config.share_of_lone_arc
+    if circle.rms_px > rms:
+        return "circle_off_marking"
+    if min(circle.picture_share, circle.field_share, circle.sector_share) < share:
+        return "circle_support_too_low"
+    if circle.whole_share < (config.whole_share_with_line if has_halfway else config.whole_share):
+        return "arc_too_short"
+    return None

@@ -1,0 +1,259 @@
+"""The built-in detector: field, ridges, straight lines, circle hypotheses, measurement, verdict, mask."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.detection.circle import MeasuredCircle, hypothesis_of, measure_circle, refusal_of
+from circlecal.detection.config import DetectorConfig
+from circlecal.detection.field_region import FieldRegion, find_field_region
+from circlecal.detection.halfway import MeasuredLine, find_halfway, measure_segments
+from circlecal.detection.hypotheses import EllipseBatch, draw_ellipses
+from circlecal.detection.lines import StraightRun, find_straight_runs
+from circlecal.detection.marking_mask import CIRCLE_CLASS, HALFWAY_CLASS, UNKNOWN_CLASS, draw_band
+from circlecal.detection.result import CircleHypothesis, Detection, LineSegment
+from circlecal.detection.ridges import RidgePoints, find_ridges
+from circlecal.detection.scoring import RidgeRaster, best_distinct, refitted, support_of
+from circlecal.geometry.conics import sampson_distance
+from circlecal.geometry.homogeneous import Array, fit_line, lift, normalise_line, transform_lines
+
+__all__ = ["detect"]
+
+_POLARITIES = {"light": (1.0,), "dark": (-1.0,), "any": (1.0, -1.0)}
+_SHORTEST_RUN = 0.08  # picture widths: shorter straight runs are not reported
+
+
+@dataclass(slots=True)
+class _Stopwatch:
+    timings_ms: dict[str, float] = field(default_factory=dict)
+    _last: float = field(default_factory=time.perf_counter)
+
+    def lap(self, name: str) -> None:
+        now = time.perf_counter()
+        self.timings_ms[name] = self.timings_ms.get(name, 0.0) + (now - self._last) * 1e3
+        self._last = now
+
+
+@dataclass(frozen=True, slots=True)
+class _Scaling:
+    """Detection picture <-> full picture, with pixel centres at whole numbers in both."""
+
+    factor: Array  # full pixels per detection pixel, (2,)
+
+    def full(self, points: Array) -> Array:
+        return (points + 0.5) * self.factor - 0.5
+
+    def full_ellipses(self, batch: EllipseBatch) -> EllipseBatch:
+        return EllipseBatch(self.full(batch.centers), batch.great * self.factor, batch.small * self.factor)
+
+    def detection_ellipses(self, batch: EllipseBatch) -> EllipseBatch:
+        centers = (batch.centers + 0.5) / self.factor - 0.5
+        return EllipseBatch(centers, batch.great / self.factor, batch.small / self.factor)
+
+
+@dataclass(frozen=True, slots=True)
+class _Found:
+    """The accepted circle with its line, or the reason why there is none."""
+
+    circle: MeasuredCircle | None
+    hypothesis: CircleHypothesis | None
+    halfway: MeasuredLine | None
+    candidates: tuple[CircleHypothesis, ...]
+    refusal: str | None
+
+
+def detect(image_bgr: NDArray[np.uint8], config: DetectorConfig, rng: np.random.Generator) -> Detection:
+    """Find the field, its straight markings, the centre circle and the halfway line in one picture.
+
+    Parameters
+    ----------
+    image_bgr : (H, W, 3) uint8
+        The frame.
+    config : DetectorConfig
+    rng : numpy.random.Generator
+        Draws the hypotheses.
+
+    Returns
+    -------
+    Detection
+        All coordinates in pixels of the frame; ``refusal`` says why ``circle`` is None.
+
+    Raises
+    ------
+    ValueError
+        Where the picture has another shape or type.
+    """
+    if image_bgr.ndim != 3 or image_bgr.shape[2] != 3 or image_bgr.dtype != np.uint8:
+        raise ValueError(f"image_bgr must be (H, W, 3) uint8, not {image_bgr.shape} {image_bgr.dtype}")
+    watch = _Stopwatch()
+    height, width = image_bgr.shape[:2]
+    full_grey = np.asarray(cv2.cvtColor(image_bgr, cv2.COLOR_BGR2GRAY), np.uint8)
+    grey, scaling = _detection_picture(full_grey, config)
+    rows, columns = grey.shape
+    watch.lap("scale")
+    region = find_field_region(image_bgr, config.field_region)
+    hull = region.hull_at(columns, rows)
+    watch.lap("field")
+    polarities = _POLARITIES[config.marking]
+    ridges = find_ridges(grey.astype(np.float32), hull, polarities, config.ridges)
+    watch.lap("ridges")
+    runs = find_straight_runs(ridges, (columns, rows), _SHORTEST_RUN * columns, config.lines)
+    watch.lap("lines")
+    segments = _segments(runs, scaling)
+    if region.area_share < config.field_region.area_share:
+        found = _Found(None, None, None, (), "no_field")
+    else:
+        found = _find_circle(full_grey, hull, ridges, runs, segments, scaling, config, rng, watch)
+    mask, lines = _draw(full_grey, found, segments, runs, polarities[0], config)
+    watch.lap("mask")
+    halfway = None if found.halfway is None else LineSegment(*found.halfway.ends, found.halfway.support)
+    detection = Detection(
+        field_region=region.hull_at(width, height).view(np.bool_),
+        ridge_points=scaling.full(ridges.points),
+        ridge_normals=ridges.normals,
+        ridge_strength=ridges.strength,
+        lines=lines,
+        circle=found.hypothesis,
+        candidates=found.candidates,
+        halfway=halfway,
+        mask=mask,
+        refusal=found.refusal,
+        timings_ms=watch.timings_ms,
+    )
+    watch.lap("result")
+    return detection
+
+
+def _detection_picture(grey: NDArray[np.uint8], config: DetectorConfig) -> tuple[NDArray[np.uint8], _Scaling]:
+    """Grey picture reduced (or enlarged) to the width of the search, and the way back."""
+    height, width = grey.shape
+    wanted = max(min(width, config.detection_width_px), config.enlarged_width_px)
+    if width == wanted:
+        return grey, _Scaling(np.ones(2))
+    size = (wanted, max(1, round(height * wanted / width)))
+    # area averaging is slow for factors that are no whole number; below two, linear interpolation loses nothing
+    method = cv2.INTER_AREA if width >= 2 * wanted else cv2.INTER_LINEAR
+    reduced = np.asarray(cv2.resize(grey, size, interpolation=method), np.uint8)
+    return reduced, _Scaling(np.array([width / size[0], height / size[1]]))
+
+
+def _segments(runs: list[StraightRun], scaling: _Scaling) -> Array:
+    """Ends (K, 2, 2) of the runs in pixels of the full picture."""
+    ends = np.array([[run.start, run.end] for run in runs]).reshape(-1, 2, 2)
+    return scaling.full(ends)
+
+
+def _find_circle(
+    full_grey: NDArray[np.uint8],
+    hull: NDArray[np.uint8],
+    ridges: RidgePoints,
+    runs: list[StraightRun],
+    segments: Array,
+    scaling: _Scaling,
+    config: DetectorConfig,
+    rng: np.random.Generator,
+    watch: _Stopwatch,
+) -> _Found:
+    rows, columns = hull.shape
+    usable = np.ones(len(ridges), np.bool_)
+    for run in runs:
+        if run.length >= config.lines.minimum_length * columns:
+            usable[run.members] = False
+    batch = draw_ellipses(ridges, usable, (columns, rows), config.hypotheses, rng)
+    watch.lap("hypotheses")
+    if len(batch) == 0:
+        return _Found(None, None, None, (), "no_circle_found")
+    raster = RidgeRaster(ridges, hull)
+    batch = best_distinct(batch, raster, config.hypotheses.kept)
+    watch.lap("scoring")
+    unit = columns / 1280.0
+    batch = refitted(batch, raster, tuple(max(1.2, reach * unit) for reach in (6.0, 4.0, 2.0, 1.2)))
+    batch = batch.take(np.argsort(-support_of(batch, raster).score))
+    watch.lap("refit")
+    return _first_accepted(full_grey, batch, raster, segments, scaling, config, watch)
+
+
+def _first_accepted(
+    full_grey: NDArray[np.uint8],
+    batch: EllipseBatch,
+    raster: RidgeRaster,
+    segments: Array,
+    scaling: _Scaling,
+    config: DetectorConfig,
+    watch: _Stopwatch,
+) -> _Found:
+    """Measure the candidates in order until one is accepted."""
+    candidates: list[CircleHypothesis] = []
+    refusals: list[str] = []
+    for index in range(min(len(batch), config.candidates)):
+        start = scaling.full_ellipses(batch.take(np.array([index])))
+        circle = measure_circle(full_grey, start, _POLARITIES[config.marking], config.refinement)
+        field_share = float(support_of(scaling.detection_ellipses(circle.ellipse), raster).field[0])
+        hypothesis = hypothesis_of(circle, field_share, full_grey.shape[1])
+        watch.lap("refine")
+        refusal = refusal_of(hypothesis, True, full_grey.shape[1], config.acceptance)
+        if refusal is None:
+            halfway = find_halfway(full_grey, circle, segments, config)
+            refusal = refusal_of(hypothesis, halfway is not None, full_grey.shape[1], config.acceptance)
+            watch.lap("halfway")
+            if refusal is None:
+                return _Found(circle, hypothesis, halfway, (hypothesis, *candidates), None)
+        candidates.append(hypothesis)
+        refusals.append(refusal)
+    order = sorted(range(len(candidates)), key=lambda i: -candidates[i].score)
+    return _Found(None, None, None, tuple(candidates[i] for i in order), refusals[order[0]])
+
+
+def _draw(
+    full_grey: NDArray[np.uint8],
+    found: _Found,
+    segments: Array,
+    runs: list[StraightRun],
+    sign: float,
+    config: DetectorConfig,
+) -> tuple[NDArray[np.uint8], tuple[LineSegment, ...]]:
+    """Marking mask, and the straight markings that are not part of the circle."""
+    mask = np.zeros(full_grey.shape, np.uint8)
+    width = full_grey.shape[1]
+    straight = np.ones(len(runs), np.bool_)
+    halfway = np.zeros(len(runs), np.bool_)
+    if found.hypothesis is not None:
+        straight = ~np.array([_lies_on_circle(*ends, found.hypothesis.conic, width) for ends in segments], np.bool_)
+    if found.halfway is not None:
+        halfway = np.array([_same_line(*ends, found.halfway, width) for ends in segments], np.bool_)
+    for chosen, class_id in ((straight & ~halfway, UNKNOWN_CLASS), (straight & halfway, HALFWAY_CLASS)):
+        part = measure_segments(full_grey, segments[chosen], sign, config)
+        if part is not None:
+            draw_band(mask, part.points, part.normals, part.band, part.pieces, False, class_id)
+    if found.halfway is not None:
+        line = found.halfway
+        draw_band(mask, line.points, line.normals, line.band, _one_piece(line.points), False, HALFWAY_CLASS)
+    if found.circle is not None:
+        circle = found.circle
+        draw_band(mask, circle.points, circle.normals, circle.band, _one_piece(circle.points), True, CIRCLE_CLASS)
+    kept = np.flatnonzero(straight)
+    return mask, tuple(LineSegment(*segments[i], runs[i].support) for i in kept)
+
+
+def _one_piece(points: Array) -> NDArray[np.int64]:
+    return np.zeros(len(points), np.int64)
+
+
+def _lies_on_circle(start: Array, end: Array, conic: Array, width: int) -> bool:
+    """Whether a segment is a flat part of the circle."""
+    points = np.linspace(start, end, 9)
+    return bool(np.median(np.abs(sampson_distance(conic, points))) < 4.0 * width / 1920.0)
+
+
+def _same_line(start: Array, end: Array, halfway: MeasuredLine, width: int) -> bool:
+    """Whether a segment is part of the halfway line, which may bend a little outside the circle."""
+    distance = np.abs(lift(np.stack([start, end])) @ halfway.line)
+    first, last = halfway.ends
+    direction = (last - first) / max(1e-9, float(np.hypot(*(last - first))))
+    run = (end - start) / max(1e-9, float(np.hypot(*(end - start))))
+    return bool(abs(float(direction @ run)) > np.cos(np.deg2rad(3.0)) and distance.min() < 6.0 * width / 1920.0)

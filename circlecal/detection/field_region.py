@@ -1,0 +1,137 @@
+"""Playing surface: the dominant colour of the lower picture, its patches and their convex hull.
+
+No colour is assumed. The peak of the a-b histogram (CIE Lab) is the surface, whatever it is made of.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.detection.config import FieldRegionConfig
+
+__all__ = ["FieldRegion", "find_field_region"]
+
+_MEDIAN_LEVEL, _LARGEST_GAIN = 70.0, 6.0  # dark pictures are brightened first: their colours lie too close together
+
+
+@dataclass(frozen=True, slots=True)
+class FieldRegion:
+    """The playing surface in the reduced picture.
+
+    Attributes
+    ----------
+    hull : (h, w) uint8
+        255 inside the hull of the field.
+    surface : (h, w) uint8
+        255 where the pixel itself has the field's colour.
+    area_share : float
+        Share of the picture that the hull covers.
+    """
+
+    hull: NDArray[np.uint8]
+    surface: NDArray[np.uint8]
+    area_share: float
+
+    def hull_at(self, width: int, height: int) -> NDArray[np.uint8]:
+        """Hull at another picture size: (height, width) uint8, 0 or 255."""
+        return _resized(self.hull, width, height)
+
+    def surface_at(self, width: int, height: int) -> NDArray[np.uint8]:
+        """Field-coloured pixels at another picture size: (height, width) uint8, 0 or 255."""
+        return _resized(self.surface, width, height)
+
+
+def _resized(mask: NDArray[np.uint8], width: int, height: int) -> NDArray[np.uint8]:
+    return np.asarray(cv2.resize(mask, (width, height), interpolation=cv2.INTER_NEAREST), np.uint8)
+
+
+def find_field_region(picture: NDArray[np.uint8], config: FieldRegionConfig) -> FieldRegion:
+    """Find the playing surface by its dominant colour.
+
+    Parameters
+    ----------
+    picture : (H, W, 3) uint8
+        BGR picture of any size.
+    config : FieldRegionConfig
+
+    Returns
+    -------
+    FieldRegion
+        In a picture of at most ``config.width_px`` columns; empty (area share 0) when no colour dominates.
+    """
+    height, width = picture.shape[:2]
+    factor = min(1.0, config.width_px / width)
+    size = (max(16, round(width * factor)), max(16, round(height * factor)))
+    # every second pixel of the small picture's grid is enough for the averaging, and much faster to fetch
+    fetched = cv2.resize(picture, (2 * size[0], 2 * size[1]), interpolation=cv2.INTER_NEAREST)
+    small = cv2.resize(fetched, size, interpolation=cv2.INTER_AREA)
+    lab = cv2.cvtColor(_brightened(np.asarray(small, np.uint8), config), cv2.COLOR_BGR2LAB)
+    surface = _field_coloured(np.asarray(lab, np.uint8), config)
+    patches = _large_patches(surface, config.component_share)
+    hull = _convex_hull(patches)
+    share = cv2.boxFilter(surface, cv2.CV_32F, (_odd(size[0] / 14),) * 2)
+    hull[share < 255.0 * config.local_share] = 0
+    return FieldRegion(hull=hull, surface=surface, area_share=float(np.count_nonzero(hull)) / hull.size)
+
+
+def _brightened(small: NDArray[np.uint8], config: FieldRegionConfig) -> NDArray[np.uint8]:
+    """The picture, or a brighter copy where the voting part is dark."""
+    skipped = int(config.upper_share_skipped * small.shape[0])
+    level = float(np.median(small[skipped::4, ::4].max(axis=-1)))
+    gain = min(_LARGEST_GAIN, _MEDIAN_LEVEL / max(level, 1.0))
+    return small if gain <= 1.0 else np.asarray(cv2.convertScaleAbs(small, alpha=gain), np.uint8)
+
+
+def _odd(length: float) -> int:
+    return 2 * (int(length) // 2) + 1
+
+
+def _field_coloured(lab: NDArray[np.uint8], config: FieldRegionConfig) -> NDArray[np.uint8]:
+    """Pixels whose a-b colour belongs to the histogram's main peak (bins of two levels): (h, w) uint8, 0 or 255."""
+    skipped = int(config.upper_share_skipped * lab.shape[0])
+    bright = lab[skipped:, :, 0] >= config.dark_level
+    colour = (lab[:, :, 1] >> 1).astype(np.int32) * 128 + (lab[:, :, 2] >> 1)
+    histogram = np.bincount(colour[skipped:][bright], minlength=128 * 128).reshape(128, 128).astype(np.float32)
+    histogram = np.asarray(cv2.GaussianBlur(histogram, (0, 0), config.histogram_sigma / 2), np.float32)
+    peak_a, peak_b = (int(i) for i in np.unravel_index(int(histogram.argmax()), histogram.shape))
+    if histogram[peak_a, peak_b] <= 0:
+        return np.zeros(lab.shape[:2], np.uint8)
+    a, b = np.ogrid[:128, :128]
+    near = 4 * ((a - peak_a) ** 2 + (b - peak_b) ** 2) <= config.colour_reach**2
+    member = (near & (histogram > config.peak_share * histogram[peak_a, peak_b])).astype(np.uint8)
+    _, labels = cv2.connectedComponents(member, connectivity=8)
+    colours = (labels == labels[peak_a, peak_b]).astype(np.uint8) * 255
+    coloured = colours.ravel()[colour]
+    coloured[lab[:, :, 0] < config.dark_level // 2] = 0
+    return np.ascontiguousarray(coloured)
+
+
+def _large_patches(surface: NDArray[np.uint8], component_share: float) -> NDArray[np.uint8]:
+    """Largest patch and those above a share of it, closed and opened: (h, w) uint8, 0 or 255."""
+    small, large = np.ones((3, 3), np.uint8), np.ones((7, 7), np.uint8)
+    closed = cv2.morphologyEx(surface, cv2.MORPH_CLOSE, small)
+    opened = cv2.morphologyEx(closed, cv2.MORPH_OPEN, large)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(opened, connectivity=4)
+    if count < 2:
+        return np.zeros_like(surface)
+    area = stats[:, cv2.CC_STAT_AREA].copy()
+    area[0] = 0
+    keep = (area >= component_share * area.max()).astype(np.uint8) * 255
+    keep[0] = 0
+    return np.asarray(keep[labels], np.uint8)
+
+
+def _convex_hull(patches: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Filled convex hull of all set pixels: (h, w) uint8, 0 or 255."""
+    hull = np.zeros_like(patches)
+    rows = np.flatnonzero(patches.any(axis=1))
+    if len(rows):
+        first = patches[rows].argmax(axis=1)
+        last = patches.shape[1] - 1 - patches[rows, ::-1].argmax(axis=1)
+        ends = np.concatenate([np.stack([first, rows], axis=-1), np.stack([last, rows], axis=-1)])
+        cv2.fillConvexPoly(hull, cv2.convexHull(ends.astype(np.int32)), 255)
+    return hull

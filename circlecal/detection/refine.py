@@ -1,0 +1,187 @@
+"""Measurement at full resolution: profiles across a curve, the marking's centre, contrast and width in each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.detection.config import RefinementConfig
+from circlecal.geometry.homogeneous import Array
+
+__all__ = ["BandProfile", "local_width", "measure_band"]
+
+_FEW = 5  # fewer samples than this do not make a median
+_CENTROID_LEVEL = 0.4  # of the peak: the centroid is taken over what rises above it
+_COHERENCE = 5  # samples on either side over which offsets and contrasts are compared
+
+_WIDTH_REACH = 7  # samples on either side over which the width is smoothed
+
+
+@dataclass(frozen=True, slots=True)
+class BandProfile:
+    """What the profiles across a curve show; all arrays have one entry per sample of the curve.
+
+    Attributes
+    ----------
+    offset : (N,) float64
+        Centre of the marking along the normal, px.
+    contrast : (N,) float64
+        Brightness of the marking over its surroundings, grey levels (negative for the wrong polarity).
+    width : (N,) float64
+        Width at half height, px.
+    inside : (N,) bool
+        The sample lies in the picture.
+    supported : (N,) bool
+        The picture shows a marking there.
+    """
+
+    offset: Array
+    contrast: Array
+    width: Array
+    inside: NDArray[np.bool_]
+    supported: NDArray[np.bool_]
+
+
+def measure_band(
+    grey: NDArray[np.uint8],
+    points: Array,
+    normals: Array,
+    reach_px: Array,
+    pieces: NDArray[np.int64],
+    sign: float,
+    config: RefinementConfig,
+) -> BandProfile:
+    """Measure a marking across a curve, or across several curves one after the other.
+
+    Parameters
+    ----------
+    grey : (H, W) uint8
+        Full picture.
+    points, normals : (N, 2) array
+        Samples of the curve, in order, and unit normals.
+    reach_px : (N,) array
+        Half length of each profile; more than the marking's width, so that both ends see the bare surface.
+    pieces : (N,) int64
+        Number 0, 1, ... of the piece of the curve within which a sample's contrast must be usual.
+    sign : float
+        +1 for a light marking, -1 for a dark one.
+    config : RefinementConfig
+
+    Returns
+    -------
+    BandProfile
+    """
+    height, width = grey.shape
+    x, y = points.T
+    inside = (x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)
+    profile, step = _profiles(grey, points, normals, reach_px, sign)
+    taps = profile.shape[1]
+    rim = max(2, taps // 6)
+    left, right = profile[:, :rim].mean(axis=1), profile[:, -rim:].mean(axis=1)
+    ramp = np.linspace(0.0, 1.0, taps, dtype=np.float32)
+    raised = profile - (left[:, None] + (right - left)[:, None] * ramp)
+    at = raised[:, rim:-rim].argmax(axis=1) + rim
+    contrast = raised[np.arange(len(at)), at]
+    offset, full_width = _centroid(raised, at, contrast, step)
+    noise = _background_noise(profile, left, right, rim, inside)
+    supported = inside & (contrast > max(config.minimum_contrast, config.noise_factor * noise))
+    supported &= np.abs(right - left) <= config.step_share * contrast + noise
+    supported = _locally_usual(supported, contrast, pieces, config.weakest, config.strongest)
+    supported = _coherent(supported, offset, np.maximum(0.8, 0.12 * reach_px))
+    return BandProfile(
+        offset.astype(np.float64), contrast.astype(np.float64) * sign, full_width.astype(np.float64), inside, supported
+    )
+
+
+def _profiles(
+    grey: NDArray[np.uint8], points: Array, normals: Array, reach_px: Array, sign: float
+) -> tuple[NDArray[np.float32], Array]:
+    """Brightness (N, taps) across the curve, a little smoothed along it, and the distance (N,) between taps, px."""
+    half = max(6, int(np.ceil(np.median(reach_px) / 0.75)))
+    step = reach_px / half
+    across = (step[:, None] * np.arange(-half, half + 1)).astype(np.float32)
+    x = points[:, :1].astype(np.float32) + across * normals[:, :1].astype(np.float32)
+    y = points[:, 1:].astype(np.float32) + across * normals[:, 1:].astype(np.float32)
+    sampled = cv2.remap(grey, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    profile = np.asarray(sampled, np.float32)
+    smooth = np.asarray(cv2.blur(profile, (1, 3), borderType=cv2.BORDER_REPLICATE), np.float32)
+    return smooth * np.float32(sign), step
+
+
+def _centroid(
+    raised: NDArray[np.float32], at: NDArray[np.int64], contrast: NDArray[np.float32], step: Array
+) -> tuple[Array, Array]:
+    """Centre and width at half height of the hump around the peak, px."""
+    taps = raised.shape[1]
+    tap = np.arange(taps, dtype=np.float32)
+    peak = at.astype(np.float32)[:, None]
+    low = raised < np.float32(_CENTROID_LEVEL) * contrast[:, None]
+    before = np.where(low & (tap < peak), tap, np.float32(-1)).max(axis=1)
+    after = np.where(low & (tap > peak), tap, np.float32(taps)).min(axis=1)
+    hump = np.where((tap > before[:, None]) & (tap < after[:, None]), raised, np.float32(0))
+    total = np.maximum(hump.sum(axis=1), np.float32(1e-6))
+    offset = ((hump * tap).sum(axis=1) / total - (taps - 1) / 2) * step
+    width = np.count_nonzero(hump >= np.maximum(np.float32(0.5) * contrast, np.float32(1e-6))[:, None], axis=1) * step
+    return offset, width
+
+
+def _background_noise(
+    profile: NDArray[np.float32],
+    left: NDArray[np.float32],
+    right: NDArray[np.float32],
+    rim: int,
+    inside: NDArray[np.bool_],
+) -> float:
+    """Typical scatter of the surface beside the marking: median over samples, grey levels."""
+    if not inside.any():
+        return 0.0
+    scatter = np.abs(profile[:, :rim] - left[:, None]).sum(axis=1) + np.abs(profile[:, -rim:] - right[:, None]).sum(axis=1)
+    return 1.25 * float(np.median(scatter[inside])) / (2 * rim)
+
+
+def _locally_usual(
+    supported: NDArray[np.bool_],
+    contrast: NDArray[np.float32],
+    pieces: NDArray[np.int64],
+    weakest: float,
+    strongest: float,
+) -> NDArray[np.bool_]:
+    """Drop samples much weaker or stronger than the median contrast of the samples in their piece."""
+    on = np.flatnonzero(supported)
+    if len(on) < _FEW:
+        return supported
+    order = on[np.lexsort((contrast[on], pieces[on]))]
+    count = np.bincount(pieces[on], minlength=int(pieces.max()) + 1)
+    middle = np.cumsum(count) - count + count // 2
+    overall = float(np.median(contrast[on]))
+    typical = np.where(count >= _FEW, contrast[order[np.minimum(middle, len(order) - 1)]], np.float32(overall))
+    typical = np.clip(typical, overall / 3, overall * 3)[pieces]
+    return supported & (contrast >= weakest * typical) & (contrast <= strongest * typical)
+
+
+def _coherent(supported: NDArray[np.bool_], offset: Array, tolerance: Array) -> NDArray[np.bool_]:
+    """Drop samples whose offset is unlike that of most of their neighbours."""
+    if len(offset) <= 2 * _COHERENCE:
+        return supported
+    filled = np.where(supported, offset, np.inf)
+    padded = np.pad(filled, _COHERENCE, mode="wrap")
+    alike = np.zeros(len(offset), np.int64)
+    with np.errstate(invalid="ignore"):
+        for shift in range(2 * _COHERENCE + 1):
+            alike += np.abs(padded[shift : shift + len(offset)] - filled) <= tolerance
+    return supported & (alike >= 1 + _COHERENCE)
+
+
+def local_width(band: BandProfile) -> Array:
+    """Width of the marking (N,), px: mean over supported neighbours, the overall one where there are none."""
+    weight = band.supported.astype(np.float64)
+    if not band.supported.any():
+        return np.zeros(len(weight))
+    kernel = np.ones(2 * _WIDTH_REACH + 1)
+    total = np.convolve(np.pad(band.width * weight, _WIDTH_REACH, mode="wrap"), kernel, mode="valid")
+    count = np.convolve(np.pad(weight, _WIDTH_REACH, mode="wrap"), kernel, mode="valid")
+    overall = float((band.width * weight).sum() / weight.sum())
+    return np.where(count > 0, total / np.maximum(count, 1), overall)

@@ -1,0 +1,105 @@
+"""What the detector found in one frame, in pixels of the full picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.geometry.homogeneous import Array
+
+__all__ = ["CircleHypothesis", "Detection", "LineSegment"]
+
+
+@dataclass(frozen=True, slots=True)
+class LineSegment:
+    """A straight marking.
+
+    Attributes
+    ----------
+    start, end : (2,) float64
+        Ends, px.
+    support : float
+        Share 0..1 of its length where the picture shows a marking.
+    """
+
+    start: Array
+    end: Array
+    support: float
+
+
+@dataclass(frozen=True, slots=True)
+class CircleHypothesis:
+    """An ellipse that may be the image of the circle, and what speaks for it.
+
+    Attributes
+    ----------
+    conic : (3, 3) float64
+        Normalised conic through the middle of the marking, px.
+    score : float
+        Order among the hypotheses; larger is better.
+    whole_share : float
+        Share of the whole circle (by eccentric angle) where the picture shows a marking.
+    field_share : float
+        Share of the part inside the field that lies on ridge points of its direction.
+    picture_share : float
+        Share of the part inside the picture (by length) where the picture shows a marking.
+    sector_share : float
+        Share of the visible part (by eccentric angle) where the picture shows a marking.
+    rms_px : float
+        Scatter of the marking's middle about the conic, in px at 1920 px width.
+    points : (N, 2) float64
+        Measured middle of the marking, px.
+    """
+
+    conic: Array
+    score: float
+    whole_share: float
+    field_share: float
+    picture_share: float
+    sector_share: float
+    rms_px: float
+    points: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Detection:
+    """Everything found in one frame.
+
+    Attributes
+    ----------
+    field_region : (H, W) bool
+        Hull of the playing field.
+    ridge_points, ridge_normals : (N, 2) float64
+        Centreline points of thin markings (and of whatever looks like one), px, and unit normals.
+    ridge_strength : (N,) float64
+        Second derivative across the ridge.
+    lines : tuple of LineSegment
+        Straight markings, longest first.
+    circle : CircleHypothesis or None
+        The accepted circle.
+    candidates : tuple of CircleHypothesis
+        The best measured hypotheses, best first, also when refused.
+    halfway : LineSegment or None
+        The straight marking through the circle's middle.
+    mask : (H, W) uint8
+        SoccerNet class ids: 7 circle, 18 halfway line, 17 other straight markings, 0 elsewhere.
+    refusal : str or None
+        Why there is no circle: ``no_field``, ``no_circle_found``, ``circle_support_too_low``, ``arc_too_short``,
+        ``circle_off_marking``.
+    timings_ms : dict
+        Milliseconds of every step.
+    """
+
+    field_region: NDArray[np.bool_]
+    ridge_points: Array
+    ridge_normals: Array
+    ridge_strength: Array
+    lines: tuple[LineSegment, ...]
+    circle: CircleHypothesis | None
+    candidates: tuple[CircleHypothesis, ...]
+    halfway: LineSegment | None
+    mask: NDArray[np.uint8]
+    refusal: str | None
+    timings_ms: dict[str, float]

@@ -1,0 +1,216 @@
+"""Ridge points: centrelines of thin bright (or dark) structures with their normals, sub-pixel, at several widths.
+
+A ridge is found where the smoothed picture's second derivative across it is strongly negative and its first
+derivative vanishes within the pixel (Steger 1998, *An unbiased detector of curvilinear structures*, section 3.1).
+Wide markings are found in reduced pictures (a pyramid), so one small filter serves all widths.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.detection.config import RidgeConfig
+from circlecal.geometry.homogeneous import Array
+
+__all__ = ["RidgePoints", "find_ridges"]
+
+Picture = NDArray[np.float32]
+_STEP_LIMIT = 0.6  # largest sub-pixel step from a pixel's centre to its ridge, in pixels; 0.5 would lose diagonal ones
+_KERNEL_REACH = 2.7  # half size of the smoothing kernel, in sigmas
+_PREFILTER = 0.7  # the negative Laplacian reaches at least this share of the ridge response on any line-like ridge
+
+
+@dataclass(frozen=True, slots=True)
+class RidgePoints:
+    """Points on ridges, in pixels of the picture they were found in.
+
+    Attributes
+    ----------
+    points, normals : (N, 2) float64
+        Sub-pixel position and unit normal (sign arbitrary).
+    strength : (N,) float64
+        Second derivative across the ridge at its level, weighted by the level.
+    chain : (N,) int64
+        Number of points in the connected chain that the point belongs to.
+    """
+
+    points: Array
+    normals: Array
+    strength: Array
+    chain: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+def find_ridges(
+    grey: Picture, region: NDArray[np.uint8], polarities: tuple[float, ...], config: RidgeConfig
+) -> RidgePoints:
+    """Find ridge points inside a region.
+
+    Parameters
+    ----------
+    grey : (h, w) float32
+        Picture in grey levels.
+    region : (h, w) uint8
+        255 where ridges are wanted, 0 elsewhere.
+    polarities : tuple of float
+        +1 for bright ridges, -1 for dark ones, both for either.
+    config : RidgeConfig
+
+    Returns
+    -------
+    RidgePoints
+    """
+    top, bottom = _row_range(region, 1 << config.levels)
+    region = region[top:bottom]
+    smooth = _smoothed_levels(grey[top:bottom], config)
+    rows = np.concatenate([_ridges_of_one_polarity(smooth, region, sign, config) for sign in polarities], axis=1)
+    ridges = _without_short_chains(rows, region.shape, config)
+    ridges.points[:, 1] += top
+    return ridges
+
+
+def _row_range(region: NDArray[np.uint8], multiple: int) -> tuple[int, int]:
+    """First and last row (exclusive) that hold the region with a margin, the first a multiple of the pyramid's step."""
+    rows = np.flatnonzero(region.any(axis=1))
+    if len(rows) == 0:
+        return 0, region.shape[0]
+    top = max(0, int(rows[0]) - 2 * multiple) // multiple * multiple
+    return top, min(region.shape[0], int(rows[-1]) + 2 * multiple)
+
+
+def _smoothed_levels(grey: Picture, config: RidgeConfig) -> list[Picture]:
+    levels = []
+    current = grey
+    for level in range(config.levels):
+        if level:
+            size = (current.shape[1] // 2, current.shape[0] // 2)
+            if min(size) < 16:
+                break
+            current = np.asarray(cv2.resize(current, size, interpolation=cv2.INTER_AREA), np.float32)
+        side = 2 * int(np.ceil(_KERNEL_REACH * config.sigma_px)) + 1
+        levels.append(np.asarray(cv2.GaussianBlur(current, (side, side), config.sigma_px), np.float32))
+    return levels
+
+
+def _ridges_of_one_polarity(
+    smooth: list[Picture], region: NDArray[np.uint8], sign: float, config: RidgeConfig
+) -> Picture:
+    """Rows x, y, nx, ny, strength of the ridge points of all levels: (5, K); a place keeps the level that responds most."""
+    height, width = region.shape
+    responses = [
+        np.asarray(cv2.Laplacian(picture, cv2.CV_32F, scale=-sign * config.level_weight**level), np.float32)
+        for level, picture in enumerate(smooth)
+    ]
+    threshold = _threshold(responses[0], region, config)
+    taken = np.zeros(region.shape, np.uint8)
+    parts = []
+    for level, picture in enumerate(smooth):
+        candidates = _candidates(responses[level], region, _PREFILTER * threshold)
+        found = _steger(picture, candidates, sign, config.level_weight**level, threshold)
+        found[0] = (found[0] + 0.5) * (width / picture.shape[1]) - 0.5
+        found[1] = (found[1] + 0.5) * (height / picture.shape[0]) - 0.5
+        if level:
+            found = found[:, taken.ravel()[_cells(found, region.shape)] == 0]
+        for coarser in responses[level + 1 :]:
+            found = found[:, _response_at(coarser, found, region.shape) <= found[4]]
+        if level + 1 < len(smooth):
+            taken.ravel()[_cells(found, region.shape)] = 1
+            taken = np.asarray(cv2.dilate(taken, np.ones((3, 3), np.uint8)), np.uint8)
+        parts.append(_densified(found, 1 << level))
+    return np.concatenate(parts, axis=1)
+
+
+def _threshold(response: Picture, region: NDArray[np.uint8], config: RidgeConfig) -> float:
+    sample = response[2::4, 2::4]
+    positive = sample[(region[2::4, 2::4] > 0) & (sample > 0)]
+    if positive.size == 0:
+        return float("inf")
+    median = float(np.partition(positive, positive.size // 2)[positive.size // 2])
+    return max(config.minimum_contrast, config.threshold * median)
+
+
+def _candidates(response: Picture, region: NDArray[np.uint8], threshold: float) -> NDArray[np.int64]:
+    """Flat indices of the pixels worth a closer look, borders left out."""
+    wanted = cv2.compare(response, threshold, cv2.CMP_GT)
+    if region.shape != response.shape:
+        region = np.asarray(cv2.resize(region, response.shape[::-1], interpolation=cv2.INTER_NEAREST), np.uint8)
+    wanted = np.asarray(cv2.bitwise_and(wanted, region), np.uint8)
+    wanted[0] = wanted[-1] = 0
+    wanted[:, 0] = wanted[:, -1] = 0
+    return np.flatnonzero(wanted.view(np.bool_))
+
+
+def _steger(
+    picture: Picture, candidates: NDArray[np.int64], sign: float, weight: float, threshold: float
+) -> Picture:
+    """Ridges through the candidate pixels: rows x, y, nx, ny, strength (5, M), in pixels of this picture."""
+    width = picture.shape[1]
+    flat = picture.ravel() * np.float32(sign)
+    north, south = candidates - width, candidates + width
+    c = flat[candidates]
+    w, e, n, s = flat[candidates - 1], flat[candidates + 1], flat[north], flat[south]
+    xx, yy = w + e - 2 * c, n + s - 2 * c
+    xy = (flat[south + 1] - flat[south - 1] - flat[north + 1] + flat[north - 1]) / 4
+    gx, gy = (e - w) / 2, (s - n) / 2
+    mean, half = (xx + yy) / 2, (xx - yy) / 2
+    root = np.sqrt(half * half + xy * xy)
+    across = mean - root  # most negative eigenvalue; its eigenvector is (xy, across - xx) or (across - yy, xy)
+    steep = half < 0
+    nx = np.where(steep, across - yy, xy)
+    ny = np.where(steep, xy, across - xx)
+    length = np.sqrt(nx * nx + ny * ny) + np.float32(1e-12)
+    nx, ny = nx / length, ny / length
+    step = -(gx * nx + gy * ny) / np.minimum(across, np.float32(-1e-6))
+    sx, sy = step * nx, step * ny
+    strength = -weight * across
+    keep = np.flatnonzero((strength > threshold) & (np.abs(sx) <= _STEP_LIMIT) & (np.abs(sy) <= _STEP_LIMIT))
+    pixels = candidates[keep]
+    rows = np.empty((5, len(keep)), np.float32)
+    rows[0] = pixels % width + sx[keep]
+    rows[1] = pixels // width + sy[keep]
+    rows[2], rows[3], rows[4] = nx[keep], ny[keep], strength[keep]
+    return rows
+
+
+def _cells(rows: Picture, shape: tuple[int, ...]) -> NDArray[np.int64]:
+    """Flat index of the pixel that each point lies in."""
+    x = np.clip(np.rint(rows[0]), 0, shape[1] - 1).astype(np.int64)
+    y = np.clip(np.rint(rows[1]), 0, shape[0] - 1).astype(np.int64)
+    return np.asarray(y * shape[1] + x, np.int64)
+
+
+def _response_at(response: Picture, rows: Picture, shape: tuple[int, ...]) -> Picture:
+    """Response of another level at the place of each point (M,)."""
+    height, width = response.shape
+    x = np.clip((rows[0] + 0.5) * (width / shape[1]), 0, width - 1).astype(np.int64)
+    y = np.clip((rows[1] + 0.5) * (height / shape[0]), 0, height - 1).astype(np.int64)
+    return response.ravel()[y * width + x]
+
+
+def _densified(rows: Picture, copies: int) -> Picture:
+    """Points of a coarse level repeated along the ridge, so that every level has about one point per pixel."""
+    if copies == 1:
+        return rows
+    spread = np.repeat(rows, copies, axis=1)
+    offset = np.tile(np.arange(copies, dtype=np.float32) - np.float32((copies - 1) / 2), rows.shape[1])
+    spread[0] -= offset * spread[3]
+    spread[1] += offset * spread[2]
+    return spread
+
+
+def _without_short_chains(rows: Picture, shape: tuple[int, ...], config: RidgeConfig) -> RidgePoints:
+    cells = _cells(rows, shape)
+    raster = np.zeros(shape, np.uint8)
+    raster.ravel()[cells] = 1
+    _, labels = cv2.connectedComponents(raster, connectivity=8)
+    label = labels.ravel()[cells]
+    chain = np.bincount(label, minlength=1)[label]
+    keep = np.flatnonzero(chain >= max(4.0, config.chain_px1280 * shape[1] / 1280.0))
+    kept = rows[:, keep].astype(np.float64)
+    return RidgePoints(kept[:2].T.copy(), kept[2:4].T.copy(), kept[4], chain[keep].astype(np.int64))

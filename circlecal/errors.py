@@ -1,0 +1,50 @@
+"""Every error that circlecal raises on purpose. Imports nothing."""
+
+
+class CirclecalError(Exception):
+    """Root of the errors that a user can cause; its text is one clear line."""
+
+
+class ConfigError(CirclecalError):
+    """The configuration or a field template is wrong: names the file, the key and the mend."""
+
+
+class InputError(CirclecalError):
+    """An input or output file is unusable: names the file, what is wrong with it and the mend."""
+
+
+class MissingExtraError(CirclecalError):
+    """An optional package is not installed.
+
+    Parameters
+    ----------
+    package : str
+        The package that could not be imported.
+    extra : str
+        The extra of circlecal that brings it.
+    """
+
+    def __init__(self, package: str, extra: str) -> None:
+        super().__init__(f"{package} is not installed; install it with: pip install 'circlecal[{extra}]'")
+        self.package = package
+        self.extra = extra
+
+
+class EstimationError(CirclecalError):
+    """A stage cannot give an answer for this frame; the frame is refused, not the run.
+
+    Parameters
+    ----------
+    stage : str
+        The stage that gave up, e.g. ``"ellipse"``.
+    code : str
+        Machine-readable reason, e.g. ``"arc_too_short"``.
+    reason : str
+        The same in words, for people.
+    """
+
+    def __init__(self, stage: str, code: str, reason: str) -> None:
+        super().__init__(f"{stage}: {reason}")
+        self.stage = stage
+        self.code = code
+        self.reason = reason

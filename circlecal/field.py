@@ -1,0 +1,285 @@
+"""Field template: circles, arcs, lines and marks with their sizes, read from a YAML file of ``configs/fields``.
+
+A template gives sizes the way the rules of its sport do, that is, to an edge of the paint; what the pictures show best is the centreline
+of the paint, so every element derives its centreline from the edge that its size refers to and the marking width.
+"""
+
+from __future__ import annotations
+
+import ast
+import operator
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, ValidationInfo, model_validator
+
+from circlecal.errors import ConfigError
+from circlecal.geometry.homogeneous import Array
+
+_OPERATORS: dict[type[ast.AST], Any] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.USub: operator.neg,
+    ast.UAdd: operator.pos,
+}
+
+
+def evaluate_size(value: float | int | str, sizes: dict[str, float]) -> float:
+    """Number, or arithmetic (``+ - * /``) over the template's named sizes, as a float.
+
+    Raises
+    ------
+    ValueError
+        For anything else, naming the part that is not understood.
+    """
+
+    def visit(node: ast.AST) -> float:
+        match node:
+            case ast.Expression(body=body):
+                return visit(body)
+            case ast.Constant(value=float() | int() as number) if not isinstance(number, bool):
+                return float(number)
+            case ast.Name(id=name) if name in sizes:
+                return sizes[name]
+            case ast.Name(id=name):
+                raise ValueError(f"unknown size {name!r}; known: {', '.join(sorted(sizes))}")
+            case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:
+                return float(_OPERATORS[type(op)](visit(left), visit(right)))
+            case ast.UnaryOp(op=op, operand=operand) if type(op) in _OPERATORS:
+                return float(_OPERATORS[type(op)](visit(operand)))
+        raise ValueError(f"only numbers, sizes and + - * / are allowed, not {ast.unparse(node)!r}")
+
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        raise ValueError(f"a size must be a number or an expression, not {value!r}")
+    try:
+        result = float(value) if not isinstance(value, str) else visit(ast.parse(value, mode="eval"))
+    except (SyntaxError, ZeroDivisionError) as error:
+        raise ValueError(f"cannot evaluate {value!r}: {error}") from error
+    if not np.isfinite(result):
+        raise ValueError(f"{value!r} is not finite")
+    return result
+
+
+def _sized(value: Any, info: ValidationInfo) -> Any:
+    return evaluate_size(value, (info.context or {}).get("sizes", {}))
+
+
+Size = Annotated[float, BeforeValidator(_sized)]
+Point = tuple[Size, Size]
+Edge = Literal["outer", "inner", "center"]
+
+
+class _Element(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: str = Field(description="Unique name, snake case.")
+    class_name: str | None = Field(None, description="SoccerNet class name, where there is one.")
+    color: Literal["light", "dark", "red", "blue", "yellow"] = Field("light", description="Colour of the paint.")
+
+
+class Circle(_Element):
+    """A full circle of the template."""
+
+    center: Point = Field(description="Centre, metres.")
+    radius_m: Annotated[Size, Field(gt=0)] = Field(description="Radius to the edge that the rules name, metres.")
+    edge: Edge = Field("outer", description="Which edge of the paint the radius refers to.")
+
+
+class Arc(Circle):
+    """Part of a circle, counter-clockwise in the field frame (x towards y) between two angles."""
+
+    start_deg: Size = Field(description="Angle of the first end, degrees from the x axis towards y.")
+    end_deg: Size = Field(description="Angle of the last end; larger than start_deg.")
+
+
+class Line(_Element):
+    """A straight marking between two points."""
+
+    start: Point = Field(description="One end, metres.")
+    end: Point = Field(description="The other end, metres.")
+    paint: tuple[int, int] = Field(
+        (0, 0), description="Direction from the given line to the middle of the paint, e.g. [0, 1]; [0, 0] where it is the middle already."
+    )
+
+
+class Mark(_Element):
+    """A spot or a small cross."""
+
+    position: Point = Field(description="Middle of the mark, metres.")
+    diameter_m: Annotated[Size, Field(gt=0)] = Field(description="Diameter, metres.")
+
+
+class FieldTemplate(BaseModel):
+    """Everything painted on one kind of field."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: str = Field(description="Name of the template.")
+    title: str = Field(description="One line for people.")
+    sizes: dict[str, float] = Field(description="Named sizes in metres that the elements are computed from; each can be set by the user.")
+    length_m: Size = Field(description="Length of the field (x), metres.")
+    width_m: Size = Field(description="Width of the field (y), metres.")
+    length_sd_m: Annotated[Size, Field(ge=0)] = Field(0.0, description="How much the length varies from field to field, metres.")
+    width_sd_m: Annotated[Size, Field(ge=0)] = Field(0.0, description="How much the width varies from field to field, metres.")
+    marking_width_m: Annotated[Size, Field(gt=0)] = Field(description="Width of the paint, metres.")
+    marking_width_sd_m: Annotated[Size, Field(ge=0)] = Field(description="How uncertain that width is, metres.")
+    default_circle: str = Field(description="The circle that is meant when the user names none.")
+    halfway_line: str | None = Field(description="The line through the middle of the default circle, or null.")
+    circles: tuple[Circle, ...] = Field(description="Full circles.")
+    arcs: tuple[Arc, ...] = Field((), description="Parts of circles.")
+    lines: tuple[Line, ...] = Field((), description="Straight markings.")
+    marks: tuple[Mark, ...] = Field((), description="Spots.")
+
+    @model_validator(mode="after")
+    def _names(self) -> FieldTemplate:
+        names = [e.name for e in (*self.circles, *self.arcs, *self.lines, *self.marks)]
+        doubled = sorted({n for n in names if names.count(n) > 1})
+        if doubled:
+            raise ValueError(f"names used twice: {', '.join(doubled)}")
+        if self.default_circle not in {c.name for c in self.circles}:
+            raise ValueError(f"default_circle {self.default_circle!r} is not among the circles")
+        if self.halfway_line is not None and self.halfway_line not in {line.name for line in self.lines}:
+            raise ValueError(f"halfway_line {self.halfway_line!r} is not among the lines")
+        return self
+
+    @cached_property
+    def circle_by_name(self) -> dict[str, Circle]:
+        """Full circles and arcs by name."""
+        return {c.name: c for c in (*self.circles, *self.arcs)}
+
+    @cached_property
+    def line_by_name(self) -> dict[str, Line]:
+        """Straight markings by name."""
+        return {line.name: line for line in self.lines}
+
+    @cached_property
+    def mark_by_name(self) -> dict[str, Mark]:
+        """Spots by name."""
+        return {mark.name: mark for mark in self.marks}
+
+    def radius(self, circle: Circle, edge: Edge, marking_width_m: float | None = None) -> float:
+        """Radius in metres of the outer or inner edge or of the centreline (``"center"``) of a circle's paint."""
+        width = self.marking_width_m if marking_width_m is None else marking_width_m
+        position = {"outer": 0.5, "center": 0.0, "inner": -0.5}
+        return circle.radius_m + (position[edge] - position[circle.edge]) * width
+
+    def line_ends(self, line: Line, marking_width_m: float | None = None) -> Array:
+        """Ends (2, 2) of the centreline of a straight marking, metres."""
+        width = self.marking_width_m if marking_width_m is None else marking_width_m
+        shift = np.asarray(line.paint, dtype=np.float64) * width / 2
+        return np.array([line.start, line.end], dtype=np.float64) + shift
+
+    def line_shift(self, line: Line) -> Array:
+        """How the centreline of a straight marking moves (3, 2): metres per metre of marking width, of length and of width of the field.
+
+        Markings parallel to the halfway line go with the length, the touchlines with the width; sizes inside the penalty areas are fixed.
+        """
+        (x0, y0), (x1, y1) = line.start, line.end
+        shift = np.zeros((3, 2))
+        shift[0] = np.asarray(line.paint, dtype=np.float64) / 2.0
+        shift[1, 0] = np.sign(x0 + x1) / 2.0
+        if y0 == y1 and abs(abs(y0) - self.width_m / 2) < 1e-6:
+            shift[2, 1] = np.sign(y0) / 2.0
+            shift[1, 0] = 0.0
+        return shift
+
+    def line_coordinates(self, line: Line) -> Array:
+        """Homogeneous line (3,) of the centreline, ``a^2 + b^2 = 1``."""
+        (x0, y0), (x1, y1) = self.line_ends(line)
+        normal = np.array([y0 - y1, x1 - x0]) / np.hypot(x1 - x0, y1 - y0)
+        return np.array([normal[0], normal[1], -normal @ (x0, y0)])
+
+    def polylines(self, step_m: float = 0.25) -> dict[str, Array]:
+        """Centrelines of every element as polylines ``{name: (N, 2)}``, for drawing."""
+        drawn: dict[str, Array] = {}
+        for circle in self.circles:
+            drawn[circle.name] = self._arc_points(circle, 0.0, 360.0, step_m)
+        for arc in self.arcs:
+            drawn[arc.name] = self._arc_points(arc, arc.start_deg, arc.end_deg, step_m)
+        for line in self.lines:
+            ends = self.line_ends(line)
+            count = max(2, int(np.ceil(np.linalg.norm(ends[1] - ends[0]) / step_m)) + 1)
+            drawn[line.name] = np.linspace(ends[0], ends[1], count)
+        return drawn
+
+    def _arc_points(self, circle: Circle, start_deg: float, end_deg: float, step_m: float) -> Array:
+        radius = self.radius(circle, "center")
+        count = max(8, int(np.ceil(np.radians(end_deg - start_deg) * radius / step_m)) + 1)
+        angle = np.radians(np.linspace(start_deg, end_deg, count))
+        return np.asarray(circle.center) + radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+
+
+def template_from_mapping(content: Any, source: str, sizes: dict[str, float] | None = None) -> FieldTemplate:
+    """Template from the content of its YAML file.
+
+    Parameters
+    ----------
+    content : mapping
+        What the file holds.
+    source : str
+        Named in error messages.
+    sizes : dict, optional
+        Sizes set by the user, over those of the file.
+
+    Raises
+    ------
+    ConfigError
+        With the file, the key and the mend.
+    """
+    if not isinstance(content, dict) or not isinstance(content.get("sizes"), dict):
+        raise ConfigError(f"{source}: a field template is a mapping with a 'sizes' mapping in it")
+    merged = dict(content["sizes"])
+    for key, value in (sizes or {}).items():
+        if key not in merged:
+            raise ConfigError(f"{source}: field.sizes.{key} is unknown; known: {', '.join(sorted(merged))}")
+        merged[key] = value
+    try:
+        evaluated: dict[str, float] = {}
+        for key, value in merged.items():
+            evaluated[key] = evaluate_size(value, evaluated)
+        return FieldTemplate.model_validate({**content, "sizes": evaluated}, context={"sizes": evaluated})
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"]) or "template"
+        raise ConfigError(f"{source}: {where}: {first['msg']}") from error
+    except ValueError as error:
+        raise ConfigError(f"{source}: sizes: {error}") from error
+
+
+def field_folder() -> Path:
+    """Folder of the templates that come with the package."""
+    inside = Path(__file__).parent / "configs" / "fields"
+    return inside if inside.is_dir() else Path(__file__).parent.parent / "configs" / "fields"
+
+
+def field_names() -> list[str]:
+    """Names of the templates that come with the package."""
+    return sorted(path.stem for path in field_folder().glob("*.yaml"))
+
+
+def load_field(name_or_file: str | Path, sizes: dict[str, float] | None = None) -> FieldTemplate:
+    """Template by name or from a file of the user's.
+
+    Raises
+    ------
+    ConfigError
+        Unknown name, unreadable file, or a wrong template.
+    """
+    import yaml
+
+    path = Path(name_or_file)
+    if path.suffix not in (".yaml", ".yml"):
+        path = field_folder() / f"{name_or_file}.yaml"
+        if not path.is_file():
+            raise ConfigError(f"field {str(name_or_file)!r} is unknown; known: {', '.join(field_names())}, or give a .yaml file")
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: cannot be read: {error}") from error
+    except yaml.YAMLError as error:
+        raise ConfigError(f"{path}: is not YAML: {' '.join(str(error).split())}") from error
+    return template_from_mapping(content, str(path), sizes)

@@ -1,0 +1,1 @@
+"""Outside formats: pictures, masks and result files; one module per format."""

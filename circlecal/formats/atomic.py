@@ -1,0 +1,51 @@
+"""Files that appear whole or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import tempfile
+from pathlib import Path
+
+from circlecal.errors import InputError
+
+
+def write_atomic(path: Path, content: bytes) -> None:
+    """Write a file through a temporary one beside it, so that a reader, a crash or a full disk never meets half of it.
+
+    Raises
+    ------
+    InputError
+        One line with the file and what the system said; the old file, if any, is untouched.
+    """
+    temporary: str | None = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(prefix=f".{path.name[:100]}.", dir=path.parent)
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        Path(temporary).chmod(0o666 & ~_umask())
+        Path(temporary).replace(path)
+    except OSError as error:
+        if temporary is not None:
+            with contextlib.suppress(OSError):
+                Path(temporary).unlink()
+        raise write_error(path, error) from error
+    except BaseException:
+        if temporary is not None:
+            with contextlib.suppress(OSError):
+                Path(temporary).unlink()
+        raise
+
+
+def write_error(path: Path, error: OSError) -> InputError:
+    """The error for a file that cannot be written."""
+    return InputError(f"{path}: cannot be written: {error.strerror or error}; free space or choose another --out")
+
+
+def _umask() -> int:
+    current = os.umask(0o022)
+    os.umask(current)
+    return current

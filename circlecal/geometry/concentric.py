@@ -1,0 +1,97 @@
+"""Concentric circles: the imaged centre and the vanishing line from two conics, and every other circle from one.
+
+Sources: Huang et al. 2015 (the imaged centre is an eigenvector); Magera et al. 2025, section 3.3 (case 3).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from circlecal.geometry.conics import ellipse_from_conic, normalise_conic
+from circlecal.geometry.homogeneous import Array
+
+
+@dataclass(frozen=True, slots=True)
+class ConcentricCenter:
+    """Imaged centre (3,), vanishing line (3,), all three eigenvalues and the relative gap of the isolated one.
+
+    ``pair_split`` is the relative distance between the two eigenvalues that are equal without noise; the centre means something only
+    where it is well below ``gap``.
+    """
+
+    center: Array
+    vanishing_line: Array
+    eigenvalues: Array
+    gap: float
+    pair_split: float
+
+
+def imaged_center(outer: ArrayLike, inner: ArrayLike) -> ConcentricCenter | None:
+    """Imaged centre of two concentric circles: eigenvector of ``E_outer^-1 E_inner``.
+
+    Both conics are scaled to det = -1, so without noise the eigenvalues are ``k^(2/3), k^(2/3), k^(-4/3)`` with ``k = r_outer / r_inner``; the
+    isolated one belongs to the centre. With noise the double eigenvalue splits, and the real eigenvector that lies inside the
+    inner ellipse is right more often than the most isolated one.
+
+    Parameters
+    ----------
+    outer, inner : (3, 3) arrays
+        Conics of the two edges of the marking.
+
+    Returns
+    -------
+    ConcentricCenter or None
+        None where no real eigenvector lies inside the inner ellipse, or where the inner ellipse does not lie inside the outer one
+        (the eigenvalue of the centre is then not the smallest).
+    """
+    e_outer, e_inner = normalise_conic(outer), normalise_conic(inner)
+    ellipse = ellipse_from_conic(e_inner)
+    if ellipse is None or ellipse_from_conic(e_outer) is None:
+        return None
+    # work in the frame in which the inner ellipse is the unit circle: well conditioned eigenproblem
+    frame = ellipse.frame()
+    local_outer = normalise_conic(frame.T @ e_outer @ frame)
+    local_inner = normalise_conic(frame.T @ e_inner @ frame)
+    values, vectors = np.linalg.eig(np.linalg.solve(local_outer, local_inner))
+    real = np.abs(values.imag) < 1e-9 * np.abs(values)
+    vectors = vectors.real
+    inside = np.einsum("ik,ij,jk->k", vectors, local_inner, vectors) < 0
+    candidates = np.flatnonzero(real & inside)
+    if candidates.size == 0:
+        return None
+    size = np.mean(np.abs(values))
+    isolation = np.array([np.min(np.abs(values[i] - np.delete(values, i))) for i in range(3)]) / size
+    best = candidates[np.argmax(isolation[candidates])]
+    rest = np.delete(values, best)
+    if not values[best].real < rest.real.min():
+        return None
+    center = frame @ vectors[:, best]
+    center = center / center[2]
+    return ConcentricCenter(
+        center=center,
+        vanishing_line=e_outer @ center,
+        eigenvalues=values.real.copy(),
+        gap=float(isolation[best]),
+        pair_split=float(np.abs(rest[0] - rest[1]) / size),
+    )
+
+
+def concentric_conic(conic: ArrayLike, center: ArrayLike, radius: float, new_radius: float) -> Array:
+    """Image of the concentric circle of another radius: ``E - (1 - r'^2 / r^2) (E c)(E c)^T / (c^T E c)``.
+
+    Parameters
+    ----------
+    conic : (3, 3) array
+        Image of the circle of ``radius``.
+    center : (3,) array
+        Imaged centre, homogeneous.
+    radius, new_radius : float
+        Radii on the field, in one unit.
+    """
+    e = np.asarray(conic, dtype=np.float64)
+    c = np.asarray(center, dtype=np.float64)
+    line = e @ c
+    return normalise_conic(e - (1.0 - (new_radius / radius) ** 2) * np.outer(line, line) / (c @ line))

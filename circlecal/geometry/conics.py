@@ -1,0 +1,459 @@
+"""Conics and ellipses: conversions, poles and polars, distances and fits.
+
+Sources: Hartley & Zisserman, *Multiple View Geometry*, 2nd ed., section 2.2.3 (conics, pole and polar); Fitzgibbon, Pilu and Fisher 1999 and
+Halir and Flusser 1998 (direct fit and its numerically stable split); Taubin 1991 (gradient-weighted fit); Sampson 1982 (first-order distance).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from circlecal.geometry.homogeneous import Array, lift, normalise_line, similarity_normalisation
+
+_PAIRS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
+
+
+@dataclass(frozen=True, slots=True)
+class Ellipse:
+    """An ellipse by its centre (2,), semi-axes (longer first) and the angle from the x axis to the longer one."""
+
+    center: Array
+    semi_axes: tuple[float, float]
+    angle_rad: float
+
+    @property
+    def axis_ratio(self) -> float:
+        """Shorter over longer semi-axis."""
+        return self.semi_axes[1] / self.semi_axes[0]
+
+    def frame(self) -> Array:
+        """Affinity (3, 3) from the unit circle's frame to the image."""
+        c, s = np.cos(self.angle_rad), np.sin(self.angle_rad)
+        a, b = self.semi_axes
+        return np.array([[a * c, -b * s, self.center[0]], [a * s, b * c, self.center[1]], [0.0, 0.0, 1.0]])
+
+    def points(self, t_rad: ArrayLike) -> Array:
+        """Points ``(..., 2)`` at the eccentric angles ``t_rad``."""
+        t = np.asarray(t_rad, dtype=np.float64)
+        m = self.frame()
+        return np.stack([np.cos(t), np.sin(t)], axis=-1) @ m[:2, :2].T + m[:2, 2]
+
+    def normals(self, t_rad: ArrayLike) -> Array:
+        """Outward unit normals ``(..., 2)`` at the eccentric angles."""
+        t = np.asarray(t_rad, dtype=np.float64)
+        a, b = self.semi_axes
+        c, s = np.cos(self.angle_rad), np.sin(self.angle_rad)
+        local = np.stack([np.cos(t) / a, np.sin(t) / b], axis=-1)
+        normal = local @ np.array([[c, s], [-s, c]])
+        return normal / np.linalg.norm(normal, axis=-1, keepdims=True)
+
+    def parameter(self, points: ArrayLike) -> Array:
+        """Eccentric angle (N,) of each point (N, 2) in the frame in which the ellipse is the unit circle."""
+        local = lift(points) @ np.linalg.inv(self.frame()).T
+        return np.arctan2(local[..., 1], local[..., 0])
+
+
+def conic_from_coefficients(coefficients: ArrayLike) -> Array:
+    """``(..., 6)`` coefficients of ``x^2, xy, y^2, x, y, 1`` -> symmetric matrices ``(..., 3, 3)``."""
+    a, b, c, d, e, f = np.moveaxis(np.asarray(coefficients, dtype=np.float64), -1, 0)
+    rows = [[a, b / 2, d / 2], [b / 2, c, e / 2], [d / 2, e / 2, f]]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def coefficients_from_conic(conic: ArrayLike) -> Array:
+    """Inverse of :func:`conic_from_coefficients`."""
+    m = np.asarray(conic, dtype=np.float64)
+    return np.stack([m[..., i, j] * (1.0 if i == j else 2.0) for i, j in _PAIRS], axis=-1)
+
+
+def normalise_conic(conic: ArrayLike) -> Array:
+    """Fix scale and sign ``(..., 3, 3)``: det = -1, hence signature (+, +, -) for a real ellipse; the inside is negative.
+
+    A degenerate conic (det = 0) comes back with non-finite entries.
+    """
+    m = np.asarray(conic, dtype=np.float64)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        m = m / np.max(np.abs(m), axis=(-2, -1), keepdims=True)
+        return -m / np.cbrt(np.linalg.det(m))[..., None, None]
+
+
+def is_ellipse(conic: ArrayLike) -> NDArray[np.bool_]:
+    """True where ``(..., 3, 3)`` is a real, non-degenerate ellipse."""
+    m = normalise_conic(conic)
+    with np.errstate(over="ignore", invalid="ignore"):
+        minor = m[..., 0, 0] * m[..., 1, 1] - m[..., 0, 1] ** 2
+        return np.isfinite(m).all(axis=(-2, -1)) & (minor > 0) & (m[..., 0, 0] + m[..., 1, 1] > 0)
+
+
+def conic_from_ellipse(ellipse: Ellipse) -> Array:
+    """Normalised conic (3, 3) of an ellipse."""
+    return transform_conic(ellipse.frame(), np.diag([1.0, 1.0, -1.0]))
+
+
+def ellipse_from_conic(conic: ArrayLike) -> Ellipse | None:
+    """Centre, semi-axes and angle of a conic (3, 3), or None where it is no real ellipse."""
+    m = normalise_conic(conic)
+    if not is_ellipse(m):
+        return None
+    center = np.linalg.solve(m[:2, :2], -m[:2, 2])
+    level = -(m[2, 2] + m[:2, 2] @ center)
+    values, vectors = np.linalg.eigh(m[:2, :2])
+    if level <= 0 or values[0] <= 0:
+        return None
+    major = vectors[:, 0]
+    a, b = np.sqrt(level / values)
+    return Ellipse(center, (float(a), float(b)), float(np.arctan2(major[1], major[0]) % np.pi))
+
+
+def circle_conic(center: ArrayLike, radius: float) -> Array:
+    """Conic (3, 3) of a circle (Magera et al. 2025, eq. 2)."""
+    x, y = np.asarray(center, dtype=np.float64)
+    return np.array([[1.0, 0.0, -x], [0.0, 1.0, -y], [-x, -y, x * x + y * y - radius * radius]])
+
+
+def transform_conic(H: ArrayLike, conic: ArrayLike) -> Array:
+    """Image of a conic under the point map ``H``: ``H^-T C H^-1`` (H&Z result 2.13), normalised."""
+    inverse = np.linalg.inv(np.asarray(H, dtype=np.float64))
+    return normalise_conic(np.swapaxes(inverse, -1, -2) @ np.asarray(conic, dtype=np.float64) @ inverse)
+
+
+def polar(conic: ArrayLike, point: ArrayLike) -> Array:
+    """Polar line of a homogeneous point: ``C p`` (H&Z section 2.8.1)."""
+    return np.asarray(conic, dtype=np.float64) @ np.asarray(point, dtype=np.float64)
+
+
+def pole(conic: ArrayLike, line: ArrayLike) -> Array:
+    """Pole of a line: ``C^-1 l``.
+
+    Magera et al. 2025 print case 2 as ``v = E l1``; a point is the pole of a line through the inverse.
+    """
+    return np.linalg.solve(np.asarray(conic, dtype=np.float64), np.asarray(line, dtype=np.float64))
+
+
+def line_conic_meet(conic: ArrayLike, line: ArrayLike) -> Array | None:
+    """Both points (2, 3) in which a line meets a conic, or None where they are not real or lie at infinity.
+
+    The points are ordered along the direction ``(b, -a)`` of the line ``(a, b, c)``.
+    """
+    m = np.asarray(conic, dtype=np.float64)
+    line = np.asarray(line, dtype=np.float64)
+    if np.hypot(line[0], line[1]) <= 1e-15 * abs(line[2]):
+        return None
+    line = normalise_line(line)
+    foot = np.array([-line[0] * line[2], -line[1] * line[2], 1.0])
+    direction = np.array([line[1], -line[0], 0.0])
+    a, b, c = direction @ m @ direction, foot @ m @ direction, foot @ m @ foot
+    discriminant = b * b - a * c
+    if not discriminant > 0 or a == 0:
+        return None
+    # the larger root first, the smaller from the product of the roots: no cancellation
+    q = -(b + np.copysign(np.sqrt(discriminant), b))
+    roots = np.sort([q / a, c / q])
+    return foot + roots[:, None] * direction
+
+
+def tangents_from_point(conic: ArrayLike, point: ArrayLike) -> Array | None:
+    """Both tangent lines (2, 3) from a homogeneous point outside the conic, or None from inside."""
+    contacts = line_conic_meet(conic, polar(conic, point))
+    return None if contacts is None else contacts @ np.asarray(conic, dtype=np.float64)
+
+
+def algebraic_residuals(conic: ArrayLike, points: ArrayLike) -> tuple[Array, Array]:
+    """Value ``x^T C x`` (..., N) and gradient (..., N, 2) at the points (..., N, 2)."""
+    m = np.asarray(conic, dtype=np.float64)
+    p = np.asarray(points, dtype=np.float64)
+    x, y = p[..., 0], p[..., 1]
+    e = [[m[..., i, j, None] for j in range(3)] for i in range(3)]
+    gx = e[0][0] * x + e[0][1] * y + e[0][2]
+    gy = e[1][0] * x + e[1][1] * y + e[1][2]
+    value = gx * x + gy * y + e[2][0] * x + e[2][1] * y + e[2][2]
+    return value, 2.0 * np.stack([gx, gy], axis=-1)
+
+
+def sampson_distance(conic: ArrayLike, points: ArrayLike) -> Array:
+    """Signed first-order distance (..., N) of points (..., N, 2) or (N, 2) from conics (..., 3, 3), in the points' unit.
+
+    Positive outside a normalised ellipse. Source: Sampson 1982; H&Z eq. 11.9 for conics.
+    """
+    value, gradient = algebraic_residuals(conic, points)
+    return value / np.maximum(np.hypot(gradient[..., 0], gradient[..., 1]), 1e-300)
+
+
+def ellipse_foot_points(ellipse: Ellipse, points: ArrayLike) -> Array:
+    """Nearest point of the ellipse (N, 2) to each point (N, 2): curvature iteration, quadratically convergent."""
+    frame = ellipse.frame()
+    a, b = ellipse.semi_axes
+    rotation = frame[:2, :2] / np.array([a, b])
+    local = (np.asarray(points, dtype=np.float64) - ellipse.center) @ rotation
+    p = np.abs(local)
+    t = np.full_like(p, np.sqrt(0.5))
+    for _ in range(6):
+        foot = t * (a, b)
+        evolute = np.stack([(a * a - b * b) * t[:, 0] ** 3 / a, (b * b - a * a) * t[:, 1] ** 3 / b], axis=-1)
+        r, q = foot - evolute, p - evolute
+        scale = np.linalg.norm(r, axis=-1) / np.maximum(np.linalg.norm(q, axis=-1), 1e-300)
+        proposal = np.clip((q * scale[:, None] + evolute) / (a, b), 0.0, 1.0)
+        size = np.linalg.norm(proposal, axis=-1, keepdims=True)
+        t = np.where(size > 0, proposal / np.maximum(size, 1e-300), t)  # a circle's centre is as far from all of its points
+    return np.copysign(t * (a, b), local) @ rotation.T + ellipse.center
+
+
+def orthogonal_distance(ellipse: Ellipse, points: ArrayLike) -> Array:
+    """Signed orthogonal distance (N,) of points (N, 2), positive outside."""
+    points = np.asarray(points, dtype=np.float64)
+    distance = np.linalg.norm(points - ellipse_foot_points(ellipse, points), axis=-1)
+    value, _ = algebraic_residuals(conic_from_ellipse(ellipse), points)
+    return np.copysign(distance, value)
+
+
+def _monomials(points: Array) -> Array:
+    x, y = points[..., 0], points[..., 1]
+    return np.stack([x * x, x * y, y * y, x, y, np.ones_like(x)], axis=-1)
+
+
+def _denormalise(coefficients: Array, T: Array) -> Array:
+    return T.T @ conic_from_coefficients(coefficients) @ T
+
+
+def conics_through_points(points: ArrayLike) -> Array:
+    """Conics (..., 3, 3) through exactly five points (..., 5, 2), all at once.
+
+    Normalise the points to unit scale first; degenerate samples (repeated or collinear points) give arbitrary conics, to be
+    sorted out by :func:`is_ellipse` and by their score. The constant term is fixed to 1, so the origin must not lie on the conic: the
+    caller's coordinates are shifted here by an irrational offset.
+    """
+    p = np.asarray(points, dtype=np.float64)
+    shift = np.array([np.pi, np.e])
+    design = _monomials(p + shift)
+    system, one = design[..., :5], -np.ones((*p.shape[:-2], 5, 1))
+    repeated = np.zeros(p.shape[:-2], dtype=bool)
+    for i, j in combinations(range(5), 2):
+        repeated |= (p[..., i, :] == p[..., j, :]).all(axis=-1)
+    system = np.where(repeated[..., None, None], np.eye(5), system)
+    try:
+        solved = np.linalg.solve(system, one)[..., 0]
+    except np.linalg.LinAlgError:  # one exactly singular sample stops the whole batch: find it, then solve the others
+        repeated |= np.linalg.det(system) == 0
+        solved = np.linalg.solve(np.where(repeated[..., None, None], np.eye(5), system), one)[..., 0]
+    coefficients = np.concatenate([solved, np.ones((*solved.shape[:-1], 1))], axis=-1)
+    T = np.array([[1.0, 0.0, shift[0]], [0.0, 1.0, shift[1]], [0.0, 0.0, 1.0]])
+    conics = _denormalise(coefficients, T)
+    return np.where(repeated[..., None, None], np.nan, conics)
+
+
+def _scatter(points: Array, weights: Array | None) -> Array:
+    design = _monomials(points)
+    weighted = design if weights is None else design * weights[..., None]
+    return np.swapaxes(design, -1, -2) @ weighted
+
+
+def _smallest_algebraic(scatter: Array) -> Array:
+    return np.linalg.eigh(scatter)[1][..., 0]
+
+
+def _halir_flusser(scatter: Array) -> Array:
+    s1, s2, s3 = scatter[..., :3, :3], scatter[..., :3, 3:], scatter[..., 3:, 3:]
+    t = -np.linalg.solve(s3, np.swapaxes(s2, -1, -2))
+    m = s1 + s2 @ t
+    reduced = np.stack([m[..., 2, :] / 2, -m[..., 1, :], m[..., 0, :] / 2], axis=-2)
+    _, vectors = np.linalg.eig(reduced)
+    vectors = np.real(vectors)
+    constraint = 4 * vectors[..., 0, :] * vectors[..., 2, :] - vectors[..., 1, :] ** 2
+    best = np.argmax(constraint, axis=-1)
+    quadratic = np.take_along_axis(vectors, best[..., None, None], axis=-1)[..., 0]
+    linear = (t @ quadratic[..., None])[..., 0]
+    return np.concatenate([quadratic, linear], axis=-1)
+
+
+def _taubin(scatter: Array, points: Array, weights: Array | None) -> Array:
+    x, y = points[..., 0], points[..., 1]
+    zero, one = np.zeros_like(x), np.ones_like(x)
+    dx = np.stack([2 * x, y, zero, one, zero], axis=-1)
+    dy = np.stack([zero, x, 2 * y, zero, one], axis=-1)
+    wx, wy = (dx, dy) if weights is None else (dx * weights[..., None], dy * weights[..., None])
+    gradient_scatter = np.swapaxes(dx, -1, -2) @ wx + np.swapaxes(dy, -1, -2) @ wy
+    last = scatter[..., :5, 5:]
+    reduced = scatter[..., :5, :5] - last @ np.swapaxes(last, -1, -2) / scatter[..., 5:, 5:]
+    lower = np.linalg.inv(np.linalg.cholesky(gradient_scatter + 1e-12 * np.eye(5)))
+    vectors = np.linalg.eigh(lower @ reduced @ np.swapaxes(lower, -1, -2))[1][..., :1]
+    first = (np.swapaxes(lower, -1, -2) @ vectors)[..., 0]
+    constant = -(np.swapaxes(last, -1, -2) @ first[..., None])[..., 0] / scatter[..., 5, 5][..., None]
+    return np.concatenate([first, constant], axis=-1)
+
+
+FIT_METHODS = ("direct", "algebraic", "taubin")
+
+
+def fit_conic(points: ArrayLike, method: str = "direct", weights: ArrayLike | None = None) -> Array | None:
+    """Conic through many points by a closed form.
+
+    Parameters
+    ----------
+    points : (N, 2) array
+        At least five (six for ``direct``) points.
+    method : {"direct", "algebraic", "taubin"}
+        Fitzgibbon's direct ellipse fit in Halir and Flusser's split (always an ellipse; shrinks on short arcs), plain least squares on
+        unit coefficients, or Taubin's gradient-weighted fit (unbiased down to quarter arcs; may give a hyperbola on shorter ones).
+    weights : (N,) array, optional
+        Inverse variances.
+
+    Returns
+    -------
+    (3, 3) array or None
+        The normalised conic; None where the points determine none (too few, collinear, not finite).
+    """
+    if method not in FIT_METHODS:
+        raise ValueError(f"method must be one of {FIT_METHODS}, not {method!r}")
+    p = np.asarray(points, dtype=np.float64)
+    if len(p) < 5 or not np.isfinite(p).all():
+        return None
+    T = similarity_normalisation(p)
+    local = p * T[0, 0] + T[:2, 2]
+    w = None if weights is None else np.asarray(weights, dtype=np.float64) / np.max(weights)
+    scatter = _scatter(local, w)
+    spectrum = np.linalg.eigvalsh(scatter)
+    if spectrum[1] <= 1e-14 * spectrum[5]:  # more than one conic through the points: collinear, or fewer than five places
+        return None
+    try:
+        coefficients = _closed_form(method, scatter, local, w)
+    except np.linalg.LinAlgError:
+        return None
+    conic = normalise_conic(_denormalise(coefficients, T))
+    return conic if np.isfinite(conic).all() else None
+
+
+def _closed_form(method: str, scatter: Array, points: Array, weights: Array | None) -> Array:
+    if method == "direct":
+        return _halir_flusser(scatter)
+    if method == "algebraic":
+        return _smallest_algebraic(scatter)
+    return _taubin(scatter, points, weights)
+
+
+def fit_conics(points: ArrayLike, weights: ArrayLike, method: str = "direct") -> Array:
+    """The same closed forms for K weightings of one point set at once.
+
+    Parameters
+    ----------
+    points : (N, 2) array
+        Points of unit scale (see :func:`circlecal.geometry.homogeneous.similarity_normalisation`).
+    weights : (K, N) array
+        Weight of each point in each fit.
+    method : {"direct", "algebraic", "taubin"}
+        As in :func:`fit_conic`.
+
+    Returns
+    -------
+    (K, 3, 3) array
+        Normalised conics; not finite where a weighting determines none.
+    """
+    p, w = np.asarray(points, dtype=np.float64), np.asarray(weights, dtype=np.float64)
+    scatter = _scatter(p, w) + 1e-12 * np.eye(6)
+    try:
+        return normalise_conic(conic_from_coefficients(_closed_form(method, scatter, p, w)))
+    except np.linalg.LinAlgError:
+        return np.full((len(w), 3, 3), np.nan)
+
+
+def refine_conic(
+    points: ArrayLike, conic: ArrayLike, sigma_px: ArrayLike | float = 1.0, loss_scale: float | None = None, iterations: int = 30
+) -> tuple[Array, Array] | None:
+    """Geometric fit: minimise the sum of squared orthogonal distances over sigma by Levenberg-Marquardt.
+
+    Parameters
+    ----------
+    points : (N, 2) array
+        Points near the ellipse.
+    conic : (3, 3) array
+        Start; must be an ellipse.
+    sigma_px : float or (N,) array
+        Standard deviation of each point along the normal.
+    loss_scale : float, optional
+        Scale (in sigmas) of a Geman-McClure loss; None is plain least squares.
+    iterations : int
+        Upper limit of accepted or rejected steps.
+
+    Returns
+    -------
+    conic : (3, 3) array
+        Normalised conic.
+    covariance : (6, 6) array
+        Covariance of its coefficients (``x^2, xy, y^2, x, y, 1``), rank 5 as the determinant is fixed, for the given sigmas.
+    None where the start or the normal equations are degenerate.
+    """
+    p = np.asarray(points, dtype=np.float64)
+    T = similarity_normalisation(p)
+    inverse_T = np.linalg.inv(T)
+    local = p * T[0, 0] + T[:2, 2]
+    sigma = np.broadcast_to(np.asarray(sigma_px, dtype=np.float64) * T[0, 0], len(p))
+    current = coefficients_from_conic(inverse_T.T @ np.asarray(conic, dtype=np.float64) @ inverse_T)
+    current = current / np.linalg.norm(current)
+
+    def linearise(coefficients: Array) -> tuple[Array, Array, float] | None:
+        ellipse = ellipse_from_conic(conic_from_coefficients(coefficients))
+        if ellipse is None:
+            return None
+        foot = ellipse_foot_points(ellipse, local)
+        matrix = conic_from_coefficients(coefficients)
+        value, _ = algebraic_residuals(matrix, local)
+        _, gradient = algebraic_residuals(matrix, foot)
+        size = np.maximum(np.linalg.norm(gradient, axis=-1), 1e-300)
+        residual = np.copysign(np.linalg.norm(local - foot, axis=-1), value) / sigma
+        jacobian = _monomials(foot) / (size * sigma)[:, None]
+        if loss_scale is None:
+            return residual, jacobian, float(residual @ residual)
+        weight = 1.0 / (1.0 + (residual / loss_scale) ** 2)
+        cost = float(np.sum(residual**2 * weight))
+        return residual * weight, jacobian * weight[:, None], cost
+
+    state = linearise(current)
+    if state is None:
+        return None
+    damping = 1e-4
+    for _ in range(iterations):
+        residual, jacobian, cost = state
+        normal = jacobian.T @ jacobian
+        gauge = np.outer(current, current) * np.trace(normal)
+        scaled = normal + damping * np.diag(np.diag(normal)) + gauge
+        try:
+            step = -np.linalg.solve(scaled, jacobian.T @ residual)
+        except np.linalg.LinAlgError:
+            return None
+        proposal = current + step
+        proposal = proposal / np.linalg.norm(proposal)
+        new_state = linearise(proposal)
+        if new_state is not None and new_state[2] <= cost:
+            converged = np.linalg.norm(proposal - current) < 1e-15 or cost - new_state[2] <= 1e-14 * cost
+            current, state, damping = proposal, new_state, max(damping * 0.1, 1e-12)
+            if converged:
+                break
+        else:
+            damping *= 10.0
+            if damping > 1e8:
+                break
+    _, jacobian, _ = state
+    covariance = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-14, hermitian=True)
+    return _denormalised_with_covariance(current, covariance, T)
+
+
+def _denormalised_with_covariance(coefficients: Array, covariance: Array, T: Array) -> tuple[Array, Array]:
+    raw = _denormalise(coefficients, T)
+    conic = normalise_conic(raw)
+    scale = (conic.ravel() @ raw.ravel()) / (raw.ravel() @ raw.ravel())
+    unit = np.eye(6)
+    basis = np.stack([coefficients_from_conic(_denormalise(e, T)) for e in unit], axis=-1) * scale
+    # the fixed determinant takes back whatever part of a change is a mere change of scale: d det = det tr(C^-1 dC)
+    by_scale = np.einsum("ij,kji->k", np.linalg.inv(conic), conic_from_coefficients(unit))
+    basis = (unit - np.outer(coefficients_from_conic(conic), by_scale) / 3.0) @ basis
+    return conic, basis @ covariance @ basis.T
+
+
+def arc_coverage_deg(ellipse: Ellipse, points: ArrayLike, bin_deg: float = 5.0) -> float:
+    """Degrees of the ellipse (eccentric angle) that have at least one point (N, 2) in their bin."""
+    bins = round(360.0 / bin_deg)
+    occupied = np.unique(np.floor(ellipse.parameter(points) / (2 * np.pi) * bins).astype(int) % bins)
+    return float(len(occupied) * 360.0 / bins)

@@ -1,0 +1,87 @@
+"""Points and lines of the projective plane (Hartley & Zisserman, 2nd ed., section 2.2)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+def lift(points: ArrayLike) -> Array:
+    """Append w = 1: ``(..., 2)`` -> ``(..., 3)``."""
+    points = np.asarray(points, dtype=np.float64)
+    return np.concatenate([points, np.ones((*points.shape[:-1], 1))], axis=-1)
+
+
+def dehomogenise(points: ArrayLike) -> Array:
+    """Divide by w: ``(..., 3)`` -> ``(..., 2)``; points at infinity become inf or nan."""
+    points = np.asarray(points, dtype=np.float64)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return points[..., :2] / points[..., 2:]
+
+
+def join(p: ArrayLike, q: ArrayLike) -> Array:
+    """Line through two homogeneous points, ``(..., 3)``."""
+    return np.cross(np.asarray(p, dtype=np.float64), np.asarray(q, dtype=np.float64))
+
+
+def meet(l: ArrayLike, m: ArrayLike) -> Array:  # noqa: E741 - l is the field's letter for a line
+    """Homogeneous point in which two lines meet, ``(..., 3)``."""
+    return np.cross(np.asarray(l, dtype=np.float64), np.asarray(m, dtype=np.float64))
+
+
+def normalise_line(line: ArrayLike) -> Array:
+    """Scale lines ``(..., 3)`` so that ``a^2 + b^2 = 1``: ``line @ lift(p)`` is then a signed distance in pixels."""
+    line = np.asarray(line, dtype=np.float64)
+    return line / np.hypot(line[..., 0], line[..., 1])[..., None]
+
+
+def line_distance(line: ArrayLike, points: ArrayLike) -> Array:
+    """Signed distance (N,) of points ``(N, 2)`` from a line ``(3,)``, in the points' unit."""
+    return lift(points) @ normalise_line(line)
+
+
+def fit_line(points: ArrayLike, weights: ArrayLike | None = None) -> Array:
+    """Line through points by weighted total least squares.
+
+    Parameters
+    ----------
+    points : (N, 2) array
+        At least two different points.
+    weights : (N,) array, optional
+        Inverse variances.
+
+    Returns
+    -------
+    (3,) array
+        Normalised line.
+    """
+    points = np.asarray(points, dtype=np.float64)
+    w = np.ones(len(points)) if weights is None else np.asarray(weights, dtype=np.float64)
+    if len(points) < 2:
+        raise ValueError("a line needs at least two points")
+    mean = w @ points / w.sum()
+    centred = points - mean
+    _, vectors = np.linalg.eigh((centred * w[:, None]).T @ centred)
+    normal = vectors[:, 0]
+    return np.array([normal[0], normal[1], -normal @ mean])
+
+
+def similarity_normalisation(points: ArrayLike) -> Array:
+    """Similarity (3, 3) that moves points ``(N, 2)`` to zero mean and mean distance sqrt 2 (H&Z algorithm 4.2)."""
+    points = np.asarray(points, dtype=np.float64)
+    mean = points.mean(axis=0)
+    spread = np.hypot(*(points - mean).T).mean()
+    s = np.sqrt(2.0) / spread if spread > 0 else 1.0
+    return np.array([[s, 0.0, -s * mean[0]], [0.0, s, -s * mean[1]], [0.0, 0.0, 1.0]])
+
+
+def apply_homography(H: ArrayLike, points: ArrayLike) -> Array:
+    """Map points ``(..., 2)`` by a homography ``(3, 3)``."""
+    return dehomogenise(lift(points) @ np.asarray(H, dtype=np.float64).T)
+
+
+def transform_lines(H: ArrayLike, lines: ArrayLike) -> Array:
+    """Map lines ``(..., 3)`` by the homography that maps points with ``H``: ``l' = H^-T l`` (H&Z eq. 2.6)."""
+    return np.asarray(lines, dtype=np.float64) @ np.linalg.inv(np.asarray(H, dtype=np.float64))

@@ -1,0 +1,211 @@
+"""Homographies from points and lines, from a circle with its imaged centre, and their errors.
+
+Sources: Hartley & Zisserman, 2nd ed., algorithm 4.2 (normalised DLT) and section 4.1.1; lines enter through ``l_field ~ H^T l_image``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from circlecal.geometry.homogeneous import (
+    Array,
+    apply_homography,
+    lift,
+    meet,
+    similarity_normalisation,
+    transform_lines,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class DltSolution:
+    """Homography (3, 3) and how well the linear system determined it.
+
+    ``condition`` is the ratio of the largest to the second smallest singular value of the normalised system; ``null_ratio`` that of the smallest
+    to the second smallest (0 = exact data).
+    """
+
+    H: Array
+    condition: float
+    null_ratio: float
+
+
+def _cross_rows(x: Array, y: Array) -> Array:
+    """Rows of ``[y]_x (M x) = 0`` for unknown ``M`` (row-major 9): (N, 3, 9)."""
+    zero = np.zeros_like(x)
+    rows = [
+        np.concatenate([zero, -y[:, 2:] * x, y[:, 1:2] * x], axis=1),
+        np.concatenate([y[:, 2:] * x, zero, -y[:, :1] * x], axis=1),
+        np.concatenate([-y[:, 1:2] * x, y[:, :1] * x, zero], axis=1),
+    ]
+    return np.stack(rows, axis=1)
+
+
+def _unit(v: Array) -> Array:
+    return v / np.linalg.norm(v, axis=-1, keepdims=True)
+
+
+def dlt(
+    field_points: ArrayLike,
+    image_points: ArrayLike,
+    field_lines: ArrayLike | None = None,
+    image_lines: ArrayLike | None = None,
+) -> DltSolution | None:
+    """Normalised direct linear transform on points and lines together.
+
+    Parameters
+    ----------
+    field_points, image_points : (N, 2) arrays
+        Corresponding points; N may be 0 only when lines determine the map.
+    field_lines, image_lines : (M, 3) arrays, optional
+        Corresponding homogeneous lines.
+
+    Returns
+    -------
+    DltSolution or None
+        ``H`` maps field to image and is scaled to ``H[2, 2] = 1`` where possible. None where the correspondences leave it undetermined.
+    """
+    x = np.asarray(field_points, dtype=np.float64).reshape(-1, 2)
+    y = np.asarray(image_points, dtype=np.float64).reshape(-1, 2)
+    l_field = np.zeros((0, 3)) if field_lines is None else np.asarray(field_lines, dtype=np.float64).reshape(-1, 3)
+    l_image = np.zeros((0, 3)) if image_lines is None else np.asarray(image_lines, dtype=np.float64).reshape(-1, 3)
+    if len(x) != len(y) or len(l_field) != len(l_image):
+        raise ValueError("every field point or line needs its image")
+    T_field = similarity_normalisation(x) if len(x) else np.eye(3)
+    T_image = similarity_normalisation(y) if len(y) else np.eye(3)
+    rows = [_cross_rows(lift(x) @ T_field.T, lift(y) @ T_image.T).reshape(-1, 9)]
+    if len(l_field):
+        a = _unit(transform_lines(T_field, l_field))
+        b = _unit(transform_lines(T_image, l_image))
+        # a ~ H^T b: unknown H^T in row-major order, then transposed back to H's order
+        order = np.arange(9).reshape(3, 3).T.ravel()
+        rows.append(_cross_rows(b, a).reshape(-1, 9)[:, order])
+    system = np.concatenate(rows)
+    if not np.isfinite(system).all() or len(system) < 8:
+        return None
+    _, singular, vectors = np.linalg.svd(system)
+    if singular[7] <= 1e-12 * singular[0]:
+        return None
+    H = np.linalg.inv(T_image) @ vectors[8].reshape(3, 3) @ T_field
+    last = singular[8] if len(singular) > 8 else 0.0
+    return DltSolution(scale_homography(H), float(singular[0] / singular[7]), float(last / singular[7]))
+
+
+def scale_homography(H: ArrayLike) -> Array:
+    """Scale to ``H[2, 2] = 1`` (w = 1 at the field's origin); by norm where that entry vanishes."""
+    H = np.asarray(H, dtype=np.float64)
+    return H / H[2, 2] if abs(H[2, 2]) > 1e-12 * np.linalg.norm(H) else H / np.linalg.norm(H)
+
+
+def homography_from_circle(
+    conic: ArrayLike, center: ArrayLike, image_line: ArrayLike, field_center: ArrayLike, radius: float, field_direction: ArrayLike
+) -> Array | None:
+    """Closed form of case 1: a circle, its imaged centre and one line of known direction.
+
+    The conic is scaled so that ``c^T E c = -r^2``; two vectors of the plane ``{x : (E c)^T x = 0}`` that are orthonormal for E are the images of two
+    orthogonal unit directions, and with the centre they are the columns of H. The line fixes the rotation. No linear system is solved, which makes it an
+    independent check of the correspondences and the DLT.
+
+    Parameters
+    ----------
+    conic : (3, 3) array
+        Image of the circle.
+    center : (3,) array
+        Imaged centre, inside the ellipse.
+    image_line : (3,) array
+        Image of a line of known direction.
+    field_center : (2,) array
+        Centre of the circle on the field.
+    radius : float
+        Its radius.
+    field_direction : (2,) array
+        Direction of the line on the field.
+
+    Returns
+    -------
+    (3, 3) array or None
+        ``H_image_field`` with positive determinant, up to the 180 degree turn about the circle's centre. None where the centre lies outside.
+    """
+    e = np.asarray(conic, dtype=np.float64)
+    c = np.asarray(center, dtype=np.float64)
+    level = c @ e @ c
+    if level == 0 or not np.isfinite(level):
+        return None
+    e = e * (-(radius**2) / level)
+    vanishing = e @ c
+    v1 = meet(image_line, vanishing)
+    v2 = np.cross(vanishing, e @ v1)
+    n1, n2 = v1 @ e @ v1, v2 @ e @ v2
+    if n1 <= 0 or n2 <= 0:
+        return None
+    direction = _unit(np.asarray(field_direction, dtype=np.float64))
+    across = np.array([-direction[1], direction[0]])
+    # v1, v2 image the unit vectors along the line and across it
+    world_from_local = np.array([[direction[0], across[0], 0.0], [direction[1], across[1], 0.0], [0.0, 0.0, 1.0]])
+    columns = np.stack([v1 / np.sqrt(n1), v2 / np.sqrt(n2), c], axis=-1)
+    if np.linalg.det(columns) * np.sign(c[2]) < 0:
+        columns[:, 1] *= -1
+    o = np.asarray(field_center, dtype=np.float64)
+    shift = np.array([[1.0, 0.0, -o[0]], [0.0, 1.0, -o[1]], [0.0, 0.0, 1.0]])
+    return scale_homography(columns @ world_from_local.T @ shift)
+
+
+def turn_homography(H: ArrayLike, center: ArrayLike) -> Array:
+    """The other solution: the field turned by 180 degrees about ``center`` (2,)."""
+    x, y = np.asarray(center, dtype=np.float64)
+    return scale_homography(np.asarray(H, dtype=np.float64) @ np.array([[-1.0, 0.0, 2 * x], [0.0, -1.0, 2 * y], [0.0, 0.0, 1.0]]))
+
+
+_TOWARDS = {"main": (0.0, 1.0), "opposite": (0.0, -1.0), "left_goal": (-1.0, 0.0), "right_goal": (1.0, 0.0)}
+
+
+def camera_side_of(H: ArrayLike, side: str) -> float:
+    """Positive where the camera stands on the named side of the field's origin (main: y > 0, left_goal: x < 0, ...).
+
+    Depth falls towards the camera, so the sign follows from the gradient of w over the field; its size is that of the gradient.
+    """
+    H = np.asarray(H, dtype=np.float64)
+    gradient = H[2, :2] * (np.sign(H[2, 2]) or 1.0)
+    return float(-gradient @ _TOWARDS[side])
+
+
+def transfer_errors(H: ArrayLike, field_points: ArrayLike, image_points: ArrayLike) -> Array:
+    """Distance (N,) in the image between mapped field points and their images."""
+    return np.asarray(np.linalg.norm(apply_homography(H, field_points) - np.asarray(image_points), axis=-1))
+
+
+def symmetric_transfer_errors(H: ArrayLike, field_points: ArrayLike, image_points: ArrayLike) -> Array:
+    """Root of the summed squared transfer errors both ways (N,); mixes the units of both planes (H&Z eq. 4.7)."""
+    back = np.linalg.norm(apply_homography(np.linalg.inv(H), image_points) - np.asarray(field_points), axis=-1)
+    return np.asarray(np.hypot(transfer_errors(H, field_points, image_points), back))
+
+
+def reprojection_grid(H: ArrayLike, width: int, height: int, half_length_m: float, half_width_m: float, step_m: float = 0.5) -> Array:
+    """Grid of field points (N, 2) that a homography shows inside a ``width`` x ``height`` image.
+
+    Only points with the sign of w that the image's lower centre sees count as in front of the camera.
+    """
+    x = np.arange(-half_length_m, half_length_m + 1e-9, step_m)
+    y = np.arange(-half_width_m, half_width_m + 1e-9, step_m)
+    grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    image = lift(grid) @ np.asarray(H, dtype=np.float64).T
+    sign = np.sign(np.linalg.inv(H)[2] @ np.array([(width - 1) / 2, height - 1.0, 1.0])) or 1.0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        uv = image[:, :2] / image[:, 2:]
+    inside = (image[:, 2] * sign > 0) & (uv >= 0).all(axis=1) & (uv[:, 0] <= width - 1) & (uv[:, 1] <= height - 1)
+    return grid[inside]
+
+
+def mean_reprojection_error(H_true: ArrayLike, H_estimate: ArrayLike, field_points: ArrayLike) -> float:
+    """MRE: mean distance in pixels between the images of field points (N, 2) under two homographies (Magera et al. 2025, section 4.4)."""
+    difference = apply_homography(H_true, field_points) - apply_homography(H_estimate, field_points)
+    return float(np.mean(np.linalg.norm(difference, axis=-1)))
+
+
+def projects_in_front(H: ArrayLike, points: ArrayLike) -> bool:
+    """Whether every field point (N, 2) has the same sign of w, i.e. none lies behind the camera."""
+    w = (lift(points) @ np.asarray(H, dtype=np.float64).T)[:, 2]
+    return bool(np.all(w > 0) or np.all(w < 0))

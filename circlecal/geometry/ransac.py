@@ -1,0 +1,130 @@
+"""Robust conic: RANSAC over batched minimal conics with local refits.
+
+Sources: Fischler and Bolles 1981 (RANSAC); Torr and Zisserman 2000 (MSAC score); Chum, Matas and Kittler 2003 (local optimisation).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from circlecal.geometry.conics import (
+    coefficients_from_conic,
+    conics_through_points,
+    fit_conics,
+    is_ellipse,
+    normalise_conic,
+    sampson_distance,
+)
+from circlecal.geometry.homogeneous import Array, similarity_normalisation
+
+LOCAL_ROUNDS = 6
+"""Refits of each kept hypothesis to its own inliers."""
+
+
+@dataclass(frozen=True, slots=True)
+class RobustConic:
+    """Conic (3, 3), the inliers (N,) of exactly this conic, its MSAC cost per point, and how many hypotheses were drawn."""
+
+    conic: Array
+    inliers: NDArray[np.bool_]
+    cost: float
+    hypotheses: int
+
+
+def msac_costs(conics: ArrayLike, points: ArrayLike, threshold: ArrayLike) -> Array:
+    """Mean truncated squared Sampson distance (K,) of points (N, 2) from conics (K, 3, 3), in units of the threshold (scalar or (N,)).
+
+    Computed in float32: give points of unit scale.
+    """
+    coefficients = coefficients_from_conic(conics).astype(np.float32)
+    x, y = np.asarray(points, dtype=np.float32).T
+    one = np.ones_like(x)
+    a, b, c, d, e, _ = coefficients.T
+    value = coefficients @ np.stack([x * x, x * y, y * y, x, y, one])
+    lifted = np.stack([x, y, one])
+    gx = np.stack([2 * a, b, d], axis=1) @ lifted
+    gy = np.stack([b, 2 * c, e], axis=1) @ lifted
+    gx *= gx
+    gy *= gy
+    gx += gy
+    gx *= np.asarray(threshold, dtype=np.float32) ** 2
+    value *= value
+    with np.errstate(divide="ignore", invalid="ignore"):
+        value /= gx
+    np.minimum(value, np.float32(1.0), out=value)
+    return np.asarray(np.nan_to_num(value.mean(axis=1), nan=1.0), dtype=np.float64)
+
+
+def sample_conics(points: Array, hypotheses: int, rng: np.random.Generator) -> Array:
+    """Ellipses (K, 3, 3), K <= hypotheses, through random five of the points (N, 2); repeated picks and other conics are dropped."""
+    picks = rng.integers(0, len(points), (hypotheses, 5))
+    conics = conics_through_points(points[picks])
+    return normalise_conic(conics[is_ellipse(conics)])
+
+
+def ransac_conic(
+    points: ArrayLike,
+    threshold_px: ArrayLike | float,
+    rng: np.random.Generator,
+    *,
+    hypotheses: int = 1000,
+    keep: int = 8,
+    method: str = "direct",
+) -> RobustConic | None:
+    """Ellipse that explains most of the points.
+
+    Parameters
+    ----------
+    points : (N, 2) array
+        Points, many of which may be wrong.
+    threshold_px : float or (N,) array
+        Distance at which a point stops counting.
+    rng : numpy.random.Generator
+        Source of the samples.
+    hypotheses : int
+        Minimal samples, all computed at once.
+    keep : int
+        How many of the best are refitted locally.
+    method : {"direct", "algebraic", "taubin"}
+        Closed form of the local refits.
+
+    Returns
+    -------
+    RobustConic or None
+        None for fewer than six points or where no sample gives an ellipse.
+    """
+    p = np.asarray(points, dtype=np.float64)
+    if len(p) < 6 or not np.isfinite(p).all():
+        return None
+    T = similarity_normalisation(p)
+    local = p * T[0, 0] + T[:2, 2]
+    threshold = np.broadcast_to(np.asarray(threshold_px, dtype=np.float64) * T[0, 0], len(p))
+    everything = fit_conics(local, np.ones((1, len(p))), "direct")
+    sampled = np.concatenate([sample_conics(local, hypotheses, rng), everything[np.isfinite(everything).all(axis=(1, 2))]])
+    if len(sampled) == 0:
+        return None
+    costs = msac_costs(sampled, local, threshold)
+    best = sampled[np.argsort(costs, kind="stable")[:keep]]
+    refined = _refit(best, local, threshold, method)
+    costs = msac_costs(refined, local, threshold)
+    conic = refined[np.argmin(costs)]
+    inliers = np.abs(sampson_distance(conic, local)) < threshold
+    return RobustConic(normalise_conic(T.T @ conic @ T), inliers, float(costs.min()), hypotheses)
+
+
+def _refit(conics: Array, points: Array, threshold: Array, method: str) -> Array:
+    """Refit all conics (K, 3, 3) together to their own inliers, from twice the threshold inwards; keep a refit only where it costs less."""
+    current, costs = conics, msac_costs(conics, points, threshold)
+    for scale in np.linspace(2.0, 1.0, LOCAL_ROUNDS):
+        distance = sampson_distance(current, points) / (scale * threshold)
+        weights = np.clip(1.0 - distance**2, 0.0, None)
+        proposal = fit_conics(points, weights, method)
+        valid = is_ellipse(proposal)
+        proposal = np.where(valid[:, None, None], proposal, current)
+        new_costs = msac_costs(proposal, points, threshold)
+        better = new_costs < costs
+        current, costs = np.where(better[:, None, None], proposal, current), np.minimum(costs, new_costs)
+    return current

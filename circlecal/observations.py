@@ -1,0 +1,126 @@
+"""What was seen in one frame, each thing with its standard deviation: the input of every estimate, whatever the source.
+
+Pixels are those of the frame as stored (distorted). A picture, an annotation file or a keypoint detector all end here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from circlecal.geometry.homogeneous import Array
+
+CircleEdge = Literal["outer", "inner", "center"]
+
+
+@dataclass(frozen=True, slots=True)
+class CirclePoints:
+    """Points on one edge, or on the centreline (``"center"``), of one circular marking.
+
+    Attributes
+    ----------
+    circle : str
+        Name of the circle or arc in the field template.
+    edge : {"outer", "inner", "center"}
+        Where on the paint the points lie.
+    points_px : (N, 2) array
+        Pixels.
+    sigma_px : (N,) array
+        Standard deviation of each point along the normal of the marking.
+    """
+
+    circle: str
+    edge: CircleEdge
+    points_px: Array
+    sigma_px: Array
+
+
+@dataclass(frozen=True, slots=True)
+class LinePoints:
+    """Points on the centreline of one straight marking.
+
+    ``line`` is the template's name, or None while it is not known which one it is.
+    """
+
+    line: str | None
+    points_px: Array
+    sigma_px: Array
+
+
+@dataclass(frozen=True, slots=True)
+class MarkPoint:
+    """A spot of the template, seen at one pixel (2,)."""
+
+    mark: str
+    point_px: Array
+    sigma_px: float
+
+
+@dataclass(frozen=True, slots=True)
+class Keypoint:
+    """A point of known field position (2,), e.g. from a detector or an annotation."""
+
+    name: str
+    field_m: Array
+    point_px: Array
+    sigma_px: float
+
+
+@dataclass(frozen=True, slots=True)
+class Observations:
+    """Everything that was seen in one frame of ``width`` x ``height`` pixels."""
+
+    width: int
+    height: int
+    circles: tuple[CirclePoints, ...] = ()
+    lines: tuple[LinePoints, ...] = ()
+    marks: tuple[MarkPoint, ...] = ()
+    keypoints: tuple[Keypoint, ...] = ()
+
+    def circle(self, name: str, edge: CircleEdge) -> CirclePoints | None:
+        """The points of one edge of one circle, or None."""
+        return next((c for c in self.circles if c.circle == name and c.edge == edge), None)
+
+    def line(self, name: str) -> LinePoints | None:
+        """The points of one named line, or None."""
+        return next((line for line in self.lines if line.line == name), None)
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON-ready mapping."""
+        return {
+            "circles": [
+                {"circle": c.circle, "edge": c.edge, "points_px": _rounded(c.points_px), "sigma_px": _rounded(c.sigma_px)} for c in self.circles
+            ],
+            "lines": [{"line": s.line, "points_px": _rounded(s.points_px), "sigma_px": _rounded(s.sigma_px)} for s in self.lines],
+            "marks": [{"mark": m.mark, "point_px": _rounded(m.point_px), "sigma_px": m.sigma_px} for m in self.marks],
+            "keypoints": [
+                {"name": k.name, "field_m": _rounded(k.field_m), "point_px": _rounded(k.point_px), "sigma_px": k.sigma_px} for k in self.keypoints
+            ],
+        }
+
+    @staticmethod
+    def from_json(record: dict[str, Any], width: int, height: int) -> Observations:
+        """Inverse of :meth:`to_json` (points come back rounded to 1e-4 px)."""
+
+        def array(value: Any, columns: int | None = None) -> Array:
+            parsed = np.asarray(value, dtype=np.float64)
+            return parsed.reshape(-1, columns) if columns else parsed
+
+        return Observations(
+            width=width,
+            height=height,
+            circles=tuple(
+                CirclePoints(c["circle"], c["edge"], array(c["points_px"], 2), array(c["sigma_px"])) for c in record.get("circles", [])
+            ),
+            lines=tuple(LinePoints(s["line"], array(s["points_px"], 2), array(s["sigma_px"])) for s in record.get("lines", [])),
+            marks=tuple(MarkPoint(m["mark"], array(m["point_px"]), float(m["sigma_px"])) for m in record.get("marks", [])),
+            keypoints=tuple(
+                Keypoint(k["name"], array(k["field_m"]), array(k["point_px"]), float(k["sigma_px"])) for k in record.get("keypoints", [])
+            ),
+        )
+
+
+def _rounded(values: Array) -> Any:
+    return np.round(np.asarray(values, dtype=np.float64), 4).tolist()

@@ -1,0 +1,380 @@
+"""Frozen result types: what each stage hands on, and the whole calibration of a frame.
+
+Arrays are float64 unless said; nothing here computes. A field that is None was not reached or not determined.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.geometry.conics import Ellipse
+from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.pinhole import Camera
+from circlecal.observations import CircleEdge, Observations
+
+Status = Literal["calibrated", "refused"]
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """A straight piece of the picture from ``start`` (2,) to ``end`` (2,), pixels, and the share of it that the picture supports."""
+
+    start: Array
+    end: Array
+    support: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class MarkingMask:
+    """Stage ``mask``: where the markings are.
+
+    Attributes
+    ----------
+    classes : (H, W) uint8
+        SoccerNet class ids at the frame's size: 7 circle, 18 halfway line, 17 other straight markings, 0 elsewhere (user's masks may hold any id).
+    source : str
+        ``"file"``, ``"detector"`` or ``"network"``.
+    conic : (3, 3) array or None
+        Rough ellipse of the circle's marking.
+    halfway : Segment or None
+        Rough halfway line.
+    lines : tuple of Segment
+        Other straight markings.
+    field_region : (H, W) bool or None
+        The playing surface, where the detector found it.
+    candidates : tuple of (3, 3) arrays
+        The best hypotheses, also when all were refused (for the debug picture).
+    """
+
+    classes: NDArray[np.uint8]
+    source: str
+    conic: Array | None = None
+    halfway: Segment | None = None
+    lines: tuple[Segment, ...] = ()
+    field_region: NDArray[np.bool_] | None = None
+    candidates: tuple[Array, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class EdgePoints:
+    """Stage ``edges``: sub-pixel Canny points.
+
+    ``points_px`` (N, 2); ``normals`` (N, 2) unit, from dark to bright; ``contrast`` (N,) grey levels across the edge; ``sigma_px`` (N,) along the normal; ``noise``
+    grey-level noise of the picture; ``blur_px`` standard deviation of its blur; ``thresholds`` the two that Canny ran with.
+    """
+
+    points_px: Array
+    normals: Array
+    contrast: Array
+    sigma_px: Array
+    noise: float
+    blur_px: float
+    thresholds: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class RayPoints:
+    """Stage ``rays``: edge points told apart, and band centres.
+
+    Attributes
+    ----------
+    center_px : (2,) array
+        Where the rays started: the rough centre, re-estimated once.
+    outer_px, inner_px, center_line_px : (N, 2), (N, 2), (M, 2) arrays
+        Outer and inner edge of the same N rays, and band centres.
+    outer_sigma_px, inner_sigma_px, center_line_sigma_px : arrays
+        Standard deviations along the normal.
+    rays : int
+        How many rays were cast.
+    rejected : int
+        How many met something that is no light band of plausible width.
+    rejected_px : (K, 2) array
+        Where those met it (for the debug picture).
+    """
+
+    center_px: Array
+    outer_px: Array
+    outer_sigma_px: Array
+    inner_px: Array
+    inner_sigma_px: Array
+    center_line_px: Array
+    center_line_sigma_px: Array
+    rays: int
+    rejected: int
+    rejected_px: Array
+
+
+@dataclass(frozen=True, slots=True)
+class EllipseFit:
+    """Stage ``ellipse``: the conic of one edge of the marking.
+
+    Attributes
+    ----------
+    edge : {"outer", "inner", "center"}
+        Which edge; ``"center"`` is the centreline of the paint.
+    conic : (3, 3) array
+        Normalised.
+    covariance : (6, 6) array
+        Of the coefficients ``x^2, xy, y^2, x, y, 1``.
+    ellipse : Ellipse
+        The same as centre, axes and angle.
+    method : str
+        Closed form that was refined: direct, algebraic or taubin.
+    points_px : (N, 2) array, sigma_px (N,), inliers (N,) bool
+        All points given; the inliers are those of the returned conic.
+    rms_px : float
+        Root mean square orthogonal distance of the inliers.
+    arc_deg : float
+        Degrees of the ellipse that have inliers.
+    hypotheses : int
+        RANSAC samples drawn.
+    """
+
+    edge: CircleEdge
+    conic: Array
+    covariance: Array
+    ellipse: Ellipse
+    method: str
+    points_px: Array
+    sigma_px: Array
+    inliers: NDArray[np.bool_]
+    rms_px: float
+    arc_deg: float
+    hypotheses: int
+
+
+@dataclass(frozen=True, slots=True)
+class EllipseFits:
+    """The fitted edges of one circle; ``primary`` is the one that carries the calibration."""
+
+    outer: EllipseFit | None
+    inner: EllipseFit | None
+    center: EllipseFit | None
+
+    @property
+    def primary(self) -> EllipseFit:
+        """The fit with the longest arc (centreline first)."""
+        fits = [f for f in (self.center, self.outer, self.inner) if f is not None]
+        if not fits:
+            raise ValueError("no ellipse was fitted")
+        return max(fits, key=lambda f: f.arc_deg)
+
+    def all(self) -> tuple[EllipseFit, ...]:
+        """Those that were fitted."""
+        return tuple(f for f in (self.outer, self.inner, self.center) if f is not None)
+
+
+@dataclass(frozen=True, slots=True)
+class LineCue:
+    """A straight marking: normalised line (3,), its points (N, 2) with sigmas (N,), its ends, rms and the share of it that is seen.
+
+    ``name`` is the template's, or None while it is not known.
+    """
+
+    name: str | None
+    line: Array
+    points_px: Array
+    sigma_px: Array
+    segment: Segment
+    rms_px: float
+
+
+@dataclass(frozen=True, slots=True)
+class MarkCue:
+    """The centre mark: position (2,), sigma along and across the halfway line folded into one, signal to noise ratio."""
+
+    name: str
+    point_px: Array
+    sigma_px: float
+    snr: float
+
+
+@dataclass(frozen=True, slots=True)
+class Cues:
+    """Stage ``cues``: what fixes the rotation and the imaged centre."""
+
+    halfway: LineCue | None
+    mark: MarkCue | None
+    lines: tuple[LineCue, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class PointCorrespondence:
+    """A derived point: label, field (2,) metres, image (2,) pixels, and its sigma where known."""
+
+    label: str
+    field_m: Array
+    image_px: Array
+    sigma_px: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class LineCorrespondence:
+    """A derived tangent: label, field line (3,), image line (3,), both normalised."""
+
+    label: str
+    field_line: Array
+    image_line: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Correspondences:
+    """Stage ``correspondences``: the paper's points and tangents.
+
+    Attributes
+    ----------
+    case : int
+        1 (line), 2 (point) or 3 (two edges).
+    conic : (3, 3) array, radius_m : float
+        The conic that they were derived from and the radius of its circle.
+    imaged_center : (3,) array
+        Homogeneous pixel, third entry 1.
+    center_source : str
+        ``"centre_mark"``, ``"pinhole"`` (square pixels and a known principal point) or ``"two_edges"``.
+    vanishing_line : (3,) array
+        Normalised.
+    points, tangents : tuples
+        Eight of each.
+    """
+
+    case: int
+    conic: Array
+    radius_m: float
+    imaged_center: Array
+    center_source: str
+    vanishing_line: Array
+    points: tuple[PointCorrespondence, ...]
+    tangents: tuple[LineCorrespondence, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class HomographyFit:
+    """Stage ``homography``: the DLT on points and lines, both directions, and the other solution of the turned field."""
+
+    H_image_field: Array
+    H_field_image: Array
+    H_image_field_turned: Array
+    residuals_px: Array
+    condition: float
+    null_ratio: float
+
+
+@dataclass(frozen=True, slots=True)
+class CameraFit:
+    """Stage ``camera``: maximum a posteriori pinhole camera with its covariance.
+
+    Attributes
+    ----------
+    camera : Camera
+        The estimate.
+    crown_m, crown_shape : float, str
+        Drop of the surface at |y| = radius of the circle, and its profile.
+    covariance : (P, P) array
+        Of the parameters in ``parameters`` (their names).
+    H_image_field, H_field_image : (3, 3) arrays
+        Of the plane tangent at the centre mark, undistorted pixels.
+    H_covariance : (8, 8) array
+        Of H_image_field scaled to H[2, 2] = 1, row-major without the last entry.
+    imaged_center_px, imaged_center_covariance : (2,), (2, 2) arrays
+        Image of the circle's centre (undistorted pixels).
+    noise_scale : float
+        Factor on the given sigmas that the residuals ask for.
+    data_share : float
+        Share of the posterior precision that the data bring, 0..1; near 0 means prior-dominated.
+    max_sigma_px, max_sigma_m : float
+        Largest predicted standard deviation over the visible field near the circle.
+    residuals_px : dict
+        Root mean square residual by observation.
+    theta : (P,) array
+        The estimate as the parameter vector, in the order of ``parameters``.
+    rejected : tuple of str
+        Observations that contradict the others and were left out.
+    named_lines : tuple of str
+        Template lines that were recognised among the straight markings seen, and used.
+    alternatives : tuple of (Camera, float)
+        Other solutions of a real ambiguity with their cost above the best.
+    """
+
+    camera: Camera
+    crown_m: float
+    crown_shape: str
+    parameters: tuple[str, ...]
+    covariance: Array
+    H_image_field: Array
+    H_field_image: Array
+    H_covariance: Array
+    imaged_center_px: Array
+    imaged_center_covariance: Array
+    noise_scale: float
+    data_share: float
+    max_sigma_px: float
+    max_sigma_m: float
+    residuals_px: dict[str, float]
+    theta: Array
+    rejected: tuple[str, ...] = ()
+    named_lines: tuple[str, ...] = ()
+    alternatives: tuple[tuple[Camera, float], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One gate of the verdict: name, measured value, limit, passed or not."""
+
+    name: str
+    value: float
+    limit: float
+    passed: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """Stage ``verdict``: calibrated, or refused with a code, a reason in words and the stage that refused."""
+
+    status: Status
+    code: str | None
+    reason: str | None
+    stage: str | None
+    checks: tuple[Check, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """Everything known about one frame: the verdict and every intermediate that was reached."""
+
+    id: str
+    width: int
+    height: int
+    field_name: str
+    circle_name: str
+    verdict: Verdict
+    seed: int
+    config_digest: str
+    timings_ms: dict[str, float] = field(default_factory=dict)
+    source: str | None = None
+    mask: MarkingMask | None = None
+    edges: EdgePoints | None = None
+    rays: RayPoints | None = None
+    ellipses: EllipseFits | None = None
+    cues: Cues | None = None
+    correspondences: Correspondences | None = None
+    homography: HomographyFit | None = None
+    camera: CameraFit | None = None
+    observations: Observations | None = None
+
+    @property
+    def status(self) -> Status:
+        """``"calibrated"`` or ``"refused"``."""
+        return self.verdict.status
+
+    @property
+    def H_image_field(self) -> Array | None:
+        """Field (metres) to undistorted pixels: of the camera where there is one, else of the DLT; None when refused."""
+        if self.status != "calibrated":
+            return None
+        if self.camera is not None:
+            return self.camera.H_image_field
+        return None if self.homography is None else self.homography.H_image_field

@@ -1,0 +1,445 @@
+"""Stage ``camera``: the pinhole camera that explains everything that was seen, with priors and its covariance.
+
+One ellipse brings five constraints and the halfway line two; a camera with square pixels and a known principal point has seven unknowns. So neither the imaged
+centre nor the second edge of the marking is needed; lens, principal point, crown and marking width enter with priors, and so does their uncertainty.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from circlecal.camera_fit.association import associate_lines
+from circlecal.camera_fit.curves import CurvePoints, FixedPoints, circle_curve, first_hidden, line_curve, stack_curves
+from circlecal.camera_fit.model import INDEX, PARAMETERS, Frame, camera_of
+from circlecal.camera_fit.optimise import Priors, Problem, State, best_of, minimise
+from circlecal.camera_fit.starts import closed_form_starts, grid_starts
+from circlecal.camera_fit.uncertainty import (
+    correlation_factor,
+    data_share,
+    field_sigma,
+    homography_vector,
+    imaged_point,
+    posterior_covariance,
+    push_forward,
+)
+from circlecal.errors import EstimationError
+from circlecal.field import Circle, FieldTemplate
+from circlecal.geometry.conics import arc_coverage_deg, ellipse_from_conic, fit_conic, refine_conic
+from circlecal.geometry.homogeneous import Array, fit_line, lift
+from circlecal.geometry.homography import scale_homography
+from circlecal.observations import Observations
+from circlecal.results import CameraFit
+
+Three = tuple[float, float, float]
+
+
+class CameraConfig(BaseModel):
+    """Options of the stage ``camera``."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    enabled: bool = Field(True, description="Whether a camera is estimated; without it the homography of the closed forms is the result.")
+    principal_point_sd_px: float = Field(
+        5.0, ge=0, description="Prior of the principal point about the image centre, pixels at 1920 px width; 0 fixes it."
+    )
+    distortion: Literal["none", "radial"] = Field("radial", description="Lens model: none, or radial with priors.")
+    k1_mean: float = Field(0.03, description="Prior mean of the radial distortion, half-widths (positive: pincushion).")
+    k1_sd: float = Field(0.015, ge=0, description="Prior standard deviation of it; 0 fixes it.")
+    k2_sd: float = Field(0.0, ge=0, description="Prior standard deviation of the second radial coefficient about 0.")
+    aspect: float = Field(1.0, gt=0.2, lt=5, description="Pixel aspect fy / fx (old PAL video is stored with other than 1).")
+    aspect_sd: float = Field(0.0, ge=0, description="Prior standard deviation of its logarithm; 0 fixes it.")
+    crown_m: float = Field(0.05, ge=-0.5, le=1, description="Prior mean of the drop of the pitch at |y| = 9.15 m, metres.")
+    crown_sd_m: float = Field(0.03, ge=0, description="Prior standard deviation of it; 0 fixes it.")
+    crown_shape: Literal["parabola", "roof", "flat"] = Field("parabola", description="Profile of the pitch across its length.")
+    roll_sd_deg: float = Field(3.0, ge=0, description="Prior of the camera's roll about 0, degrees.")
+    position_m: Three | None = Field(None, description="Prior mean of the position (x, y, z; z negative above ground), metres, or null.")
+    position_sd_m: Three = Field((0.5, 0.5, 0.5), description="Prior standard deviation of the position, where one is given.")
+    distance_radii: float = Field(7.0, gt=0, description="Usual distance of a camera from the circle's centre, in its radii.")
+    distance_log_sd: float | None = Field(0.6, gt=0, description="Standard deviation of its logarithm; null for no prior.")
+    elevation_deg: float = Field(15.0, ge=0, le=90, description="Usual angle under which a camera looks down on the circle's centre.")
+    elevation_sd_deg: float | None = Field(10.0, gt=0, description="Its standard deviation; null for no prior.")
+    bloom_sd_px: float = Field(0.3, ge=0, description="Prior of how far blur moves each edge outwards, pixels; 0 fixes it at 0.")
+    width_sd_m: float | None = Field(None, ge=0, description="Prior of the marking width about the template's; null takes the template's.")
+    loss_scale: float = Field(6.0, gt=0, description="Scale of the Geman-McClure loss, standard deviations.")
+    model_sigma_px: float = Field(
+        0.3, ge=0, description="What lens, crown and paint leave of an ideal marking beside the measuring noise, pixels at 1920 px width."
+    )
+    correlation_px: float = Field(
+        60.0, ge=0, description="Over which length neighbouring points repeat each other's error, pixels at 1920 px width."
+    )
+    maximum_points: int = Field(240, ge=10, le=100000, description="Points per marking; more are averaged along the marking.")
+    starts: int = Field(8, ge=1, le=200, description="How many starts of the grid are followed where the arc is short.")
+    name_lines: bool = Field(
+        True, description="Whether straight markings that were seen without a name are matched with the template and used."
+    )
+    iterations: int = Field(60, ge=1, le=1000, description="Upper limit of the optimiser's steps.")
+    noise_from_residuals: bool = Field(
+        True, description="Whether standard deviations grow to what the residuals and their correlation show."
+    )
+
+
+def estimate_camera(
+    observations: Observations,
+    template: FieldTemplate,
+    circle: Circle,
+    config: CameraConfig,
+    camera_side: str = "main",
+) -> CameraFit:
+    """Maximum a posteriori camera.
+
+    Parameters
+    ----------
+    observations : Observations
+        Everything that was seen, with sigmas.
+    template : FieldTemplate
+        The field.
+    circle : Circle
+        The circle from which the starts are taken.
+    config : CameraConfig
+        Model and priors.
+    camera_side : str
+        Which of the two solutions of the turned field is returned.
+
+    Raises
+    ------
+    EstimationError
+        ``no_circle``, ``rotation_free``, ``no_camera`` where no start leads to a camera above the ground.
+    """
+    frame = Frame(observations.width, observations.height, config.crown_shape, max(circle.radius_m, 1e-3))
+    curves = observed_curves(observations, template, config)
+    points = observed_points(observations, template)
+    _require_rotation(observations, circle, config)
+    priors = priors_of(config, template, circle, frame)
+    problem = Problem(curves, points, priors, frame)
+    starts = _starts(problem, observations, template, circle, config, camera_side)
+    state = _follow(problem, starts, config)
+    rejected: tuple[str, ...] = ()
+    contradicting = _contradicting(state, points)
+    if contradicting.any():
+        rejected = tuple(np.array(points.names)[contradicting])
+        keep = ~contradicting
+        kept_names = tuple(np.array(points.names)[keep])
+        points = FixedPoints(points.field_m[keep], points.points_px[keep], points.sigma_px[keep], kept_names)
+        problem = replace(problem, points=points)
+        state = _follow(problem, np.concatenate([state.theta, starts]), config)
+    problem, state, scale = _settled(problem, state, config)
+    named = _named_lines(problem, state, observations, template) if config.name_lines else {}
+    if named:
+        lines = tuple(replace(line, line=named.get(k, line.line)) for k, line in enumerate(observations.lines))
+        fuller = replace(problem, curves=observed_curves(replace(observations, lines=lines), template, config))
+        settled = _settled(fuller, _follow(fuller, state.theta[:1], config), config)
+        if _still_on_circle(problem, state, settled[0], settled[1]):
+            problem, state, scale = settled
+        else:
+            named = {}
+    return _result(problem, state, scale, rejected, tuple(sorted(set(named.values()))), circle, template)
+
+
+def _settled(problem: Problem, state: State, config: CameraConfig) -> tuple[Problem, State, float]:
+    """Optimise once more with the sigmas that the residuals ask for."""
+    if not config.noise_from_residuals:
+        return problem, best_of(state), 1.0
+    inflated, scale = _inflated(problem, state)
+    problem = replace(problem, curves=inflated)
+    return problem, best_of(minimise(problem, state.theta, config.loss_scale, config.iterations, state.hidden)), scale
+
+
+def _named_lines(problem: Problem, state: State, observations: Observations, template: FieldTemplate) -> dict[int, str]:
+    """Names for the lines that were seen without one, by their index in the observations."""
+    unnamed = [k for k, line in enumerate(observations.lines) if line.line is None and len(line.points_px) >= 8]
+    segments = np.array([_ends(observations.lines[k].points_px) for k in unnamed]).reshape(-1, 2, 2)
+    known = tuple(line.line for line in observations.lines if line.line is not None)
+    covariance = posterior_covariance(state.normal[0], problem.priors.sd)
+    sigma = 1.5 * observations.width / 1920.0
+    found = associate_lines(segments, template, known, state.theta[0], covariance, problem.frame, sigma)
+    return {unnamed[k]: name for k, name in found.items()}
+
+
+def _ends(points: Array) -> Array:
+    """First and last point (2, 2) along a straight marking."""
+    normal = fit_line(points)[:2]
+    position = points @ np.array([normal[1], -normal[0]])
+    return points[[np.argmin(position), np.argmax(position)]]
+
+
+def _still_on_circle(before: Problem, old: State, after: Problem, new: State) -> bool:
+    """Whether naming further lines left the circle and the halfway line where they were seen."""
+    limit = 0.5 * before.frame.width / 1920.0
+    old_rms, new_rms = _residuals_px(before, old), _residuals_px(after, new)
+    return all(new_rms[name] < 1.5 * value + limit for name, value in old_rms.items() if name in before.curves.names)
+
+
+def priors_of(config: CameraConfig, template: FieldTemplate, circle: Circle, frame: Frame) -> Priors:
+    """Priors as means and standard deviations of the parameter vector."""
+    unit = frame.width / 1920.0
+    mean, sd = np.zeros(len(PARAMETERS)), np.full(len(PARAMETERS), np.inf)
+    sd[INDEX["roll"]] = np.radians(config.roll_sd_deg)
+    if config.position_m is not None:
+        mean[4:7], sd[4:7] = config.position_m, config.position_sd_m
+    sd[7:9] = config.principal_point_sd_px * unit
+    radial = config.distortion == "radial"
+    mean[9], sd[9] = (config.k1_mean, config.k1_sd) if radial else (0.0, 0.0)
+    sd[10] = config.k2_sd if radial else 0.0
+    mean[INDEX["log_aspect"]], sd[INDEX["log_aspect"]] = np.log(config.aspect), config.aspect_sd
+    flat = config.crown_shape == "flat"
+    mean[INDEX["crown"]], sd[INDEX["crown"]] = (0.0, 0.0) if flat else (config.crown_m, config.crown_sd_m)
+    sd[INDEX["width"]] = template.marking_width_sd_m if config.width_sd_m is None else config.width_sd_m
+    sd[INDEX["bloom"]] = config.bloom_sd_px
+    sd[INDEX["length"]], sd[INDEX["breadth"]] = template.length_sd_m, template.width_sd_m
+    free = config.position_m is not None
+    return Priors(
+        mean=mean,
+        sd=sd,
+        distance_m=config.distance_radii * circle.radius_m,
+        distance_log_sd=np.inf if config.distance_log_sd is None or free else config.distance_log_sd,
+        elevation_rad=np.radians(config.elevation_deg),
+        elevation_sd_rad=np.inf if config.elevation_sd_deg is None or free else np.radians(config.elevation_sd_deg),
+        center_m=np.asarray(circle.center, dtype=np.float64),
+    )
+
+
+def observed_curves(observations: Observations, template: FieldTemplate, config: CameraConfig) -> CurvePoints:
+    """Circles and named lines of the template that were seen, at most ``maximum_points`` of each, with the model's own sigma added."""
+    unit = observations.width / 1920.0
+    relative = {"outer": 0.5, "center": 0.0, "inner": -0.5}
+    bloom = {"outer": 1.0, "center": 0.0, "inner": -1.0}
+    parts = []
+    for seen in observations.circles:
+        known = template.circle_by_name.get(seen.circle)
+        if known is None or len(seen.points_px) == 0:
+            continue
+        points, sigma = _thinned_arc(seen.points_px, seen.sigma_px, config.maximum_points)
+        sigma = _realistic(points, sigma, config.model_sigma_px * unit, config.correlation_px * unit)
+        radius = template.radius(known, seen.edge)
+        by_width = relative[seen.edge] - relative[known.edge]
+        name = f"{seen.circle} {seen.edge}"
+        parts.append(circle_curve(name, points, sigma, np.asarray(known.center), radius, by_width, bloom[seen.edge]))
+    for line in observations.lines:
+        drawn = None if line.line is None else template.line_by_name.get(line.line)
+        if drawn is None or len(line.points_px) == 0:
+            continue
+        points, sigma = _thinned(line.points_px, line.sigma_px, config.maximum_points)
+        sigma = _realistic(points, sigma, config.model_sigma_px * unit, config.correlation_px * unit)
+        parts.append(line_curve(drawn.name, points, sigma, template.line_ends(drawn), template.line_shift(drawn)))
+    return stack_curves(parts)
+
+
+def observed_points(observations: Observations, template: FieldTemplate) -> FixedPoints:
+    """Marks and keypoints that were seen."""
+    found = [
+        (m.mark, np.asarray(template.mark_by_name[m.mark].position), m.point_px, m.sigma_px)
+        for m in observations.marks
+        if m.mark in template.mark_by_name
+    ]
+    found += [(k.name, k.field_m, k.point_px, k.sigma_px) for k in observations.keypoints]
+    return FixedPoints(
+        np.array([f[1] for f in found]).reshape(-1, 2),
+        np.array([f[2] for f in found]).reshape(-1, 2),
+        np.array([f[3] for f in found], dtype=np.float64),
+        tuple(f[0] for f in found),
+    )
+
+
+def _realistic(points: Array, sigma: Array, model_sigma_px: float, correlation_px: float) -> Array:
+    """Sigmas (N,) with the model's own error, grown so that points within one correlation length count as one."""
+    if len(points) < 2 or model_sigma_px == 0:
+        return sigma
+    order = np.lexsort((points[:, 1], points[:, 0]))
+    extent = np.linalg.norm(points[order[-1]] - points[order[0]])
+    spacing = max(2.0 * extent / len(points), 1e-6)
+    return np.hypot(sigma, model_sigma_px * np.sqrt(max(1.0, correlation_px / spacing)))
+
+
+def _thinned(points: Array, sigma: Array, maximum: int) -> tuple[Array, Array]:
+    """Means of neighbouring points of a straight marking, so that nothing that was measured is thrown away."""
+    size = -(-len(points) // maximum)
+    if size <= 1:
+        return points, sigma
+    normal = fit_line(points)[:2]
+    order = np.argsort(points @ np.array([normal[1], -normal[0]]), kind="stable")
+    usable = len(points) // size * size
+    groups = order[:usable].reshape(-1, size)
+    return points[groups].mean(axis=1), np.sqrt((sigma[groups] ** 2).mean(axis=1) / size)
+
+
+def _thinned_arc(points: Array, sigma: Array, maximum: int) -> tuple[Array, Array]:
+    """The same along an ellipse: the mean deviation of each group of neighbours is given to its middle point."""
+    size = -(-len(points) // maximum)
+    conic = fit_conic(points, "direct") if size > 1 else None
+    ellipse = None if conic is None else ellipse_from_conic(conic)
+    if ellipse is None:
+        return points, sigma
+    angle = ellipse.parameter(points)
+    order = np.argsort(angle, kind="stable")
+    groups = order[: len(points) // size * size].reshape(-1, size)
+    normals = ellipse.normals(angle)
+    deviation = np.sum((points - ellipse.points(angle)) * normals, axis=-1)
+    middle = groups[:, size // 2]
+    # groups that span a gap of the arc keep only their middle point
+    spread = np.linalg.norm(points[groups[:, -1]] - points[groups[:, 0]], axis=-1)
+    whole = spread < 4 * np.median(spread) + 1e-9
+    change = np.where(whole, deviation[groups].mean(axis=1) - deviation[middle], 0.0)
+    averaged = np.sqrt((sigma[groups] ** 2).mean(axis=1) / np.where(whole, size, 1))
+    return points[middle] + change[:, None] * normals[middle], averaged
+
+
+def _require_rotation(observations: Observations, circle: Circle, config: CameraConfig) -> None:
+    if not any(c.circle == circle.name for c in observations.circles):
+        raise EstimationError("camera", "no_circle", f"no points of the circle {circle.name!r} were seen")
+    center = np.asarray(circle.center)
+    others = any(c.circle != circle.name for c in observations.circles) or any(s.line is not None for s in observations.lines)
+    others = others or any(np.linalg.norm(k.field_m - center) > 1e-6 for k in observations.keypoints)
+    if not others and config.position_m is None:
+        raise EstimationError("camera", "rotation_free", "rotation about the circle is free: show a line or a point")
+
+
+def _starts(
+    problem: Problem, observations: Observations, template: FieldTemplate, circle: Circle, config: CameraConfig, side: str
+) -> Array:
+    seen = max((c for c in observations.circles if c.circle == circle.name), key=lambda c: len(c.points_px))
+    conic = fit_conic(seen.points_px, "direct")
+    refined = None if conic is None else refine_conic(seen.points_px, conic, seen.sigma_px, loss_scale=config.loss_scale)
+    conic = conic if refined is None else refined[0]
+    ellipse = None if conic is None else ellipse_from_conic(conic)
+    if conic is None or ellipse is None:
+        raise EstimationError("camera", "no_ellipse", "the points of the circle fit no ellipse")
+    center = np.asarray(circle.center)
+    mark = next((m for m in observations.marks if np.linalg.norm(_mark_position(template, m.mark) - center) < 1e-6), None)
+    line, direction = _central_line(observations, template, circle)
+    starts = closed_form_starts(
+        conic, None if mark is None else lift(mark.point_px), line, direction, center,
+        template.radius(circle, seen.edge), problem.frame, side,
+    )  # fmt: skip
+    if len(starts) == 0 or arc_coverage_deg(ellipse, seen.points_px) < 200:
+        grid = grid_starts(ellipse, center, circle.radius_m, problem.frame, side)
+        starts = np.concatenate([starts, _screened(problem, grid, config.starts)])
+    return starts
+
+
+def _mark_position(template: FieldTemplate, name: str) -> Array:
+    mark = template.mark_by_name.get(name)
+    return np.full(2, np.inf) if mark is None else np.asarray(mark.position)
+
+
+def _central_line(observations: Observations, template: FieldTemplate, circle: Circle) -> tuple[Array | None, Array]:
+    """A seen line through the circle's centre, and its direction on the field."""
+    for seen in observations.lines:
+        drawn = None if seen.line is None else template.line_by_name.get(seen.line)
+        if drawn is None or len(seen.points_px) < 2:
+            continue
+        if abs(template.line_coordinates(drawn) @ np.r_[circle.center, 1.0]) < 1e-6:
+            ends = template.line_ends(drawn)
+            return fit_line(seen.points_px, 1.0 / seen.sigma_px**2), ends[1] - ends[0]
+    return None, np.array([0.0, 1.0])
+
+
+def _screened(problem: Problem, grid: Array, count: int) -> Array:
+    """The starts of a grid that already lie nearest to what was seen."""
+    stride = max(1, len(problem.curves.points_px) // 48)
+    few = problem.curves.select(np.arange(0, len(problem.curves.points_px), stride))
+    candidates = grid.copy()
+    fixed = problem.priors.sd == 0
+    candidates[:, fixed] = problem.priors.mean[fixed]
+    _, distance = first_hidden(few, candidates, problem.frame, samples=48)
+    penalty = np.sum(problem.priors.residuals(candidates)[0] ** 2, axis=1)
+    score = np.mean(np.minimum(distance, 200.0), axis=1) + 2.0 * penalty
+    return grid[np.argsort(score, kind="stable")[:count]]
+
+
+def _follow(problem: Problem, starts: Array, config: CameraConfig) -> State:
+    """Optimise from every start with a wide, then with the final loss; the best first."""
+    if len(starts) == 0:
+        raise EstimationError("camera", "no_camera", "no start for the camera was found")
+    several = len(starts) > 1
+    wide = minimise(problem, starts, 100.0 * config.loss_scale, min(25, config.iterations) if several else config.iterations)
+    chosen = best_of(wide, max(2, min(len(starts), 3 * config.starts // 4)))
+    state = minimise(problem, chosen.theta, config.loss_scale, config.iterations, chosen.hidden)
+    above = state.theta[:, INDEX["z"]] < 0
+    if not above.any():
+        raise EstimationError("camera", "no_camera", "no camera above the ground explains what was seen")
+    kept = State(*(getattr(state, name)[above] for name in State.__slots__))
+    return best_of(kept, len(kept.cost))
+
+
+def _contradicting(state: State, points: FixedPoints) -> Array:
+    """Marks and keypoints (M,) that lie further from where the camera puts them than their sigma can explain."""
+    values = state.point_values[0].reshape(len(points.names), 2) if points.names else np.zeros((0, 2))
+    return np.asarray(np.linalg.norm(values, axis=-1) > 5.0)
+
+
+def _inflated(problem: Problem, state: State) -> tuple[CurvePoints, float]:
+    """Curves with sigmas grown by the scatter of their residuals and by how much neighbours repeat each other."""
+    curves, values = problem.curves, state.residuals[0]
+    factor = np.ones(len(values))
+    for group in range(len(curves.names)):
+        index = np.flatnonzero(curves.group == group)
+        ordered = index[np.argsort(state.hidden[0, index], kind="stable")]
+        residual = np.clip(values[ordered], -6, 6)
+        if len(residual) < 8:
+            continue
+        scatter = np.sqrt(np.mean(residual**2) * len(residual) / max(len(residual) - 3.0, 1.0))
+        factor[index] = max(1.0, scatter) * np.sqrt(correlation_factor(residual))
+    return curves.with_sigma(curves.sigma_px * factor), float(np.sqrt(np.mean(factor**2)))
+
+
+def _result(
+    problem: Problem,
+    state: State,
+    scale: float,
+    rejected: tuple[str, ...],
+    named: tuple[str, ...],
+    circle: Circle,
+    template: FieldTemplate,
+) -> CameraFit:
+    frame, theta = problem.frame, state.theta[0]
+    covariance = posterior_covariance(state.normal[0], problem.priors.sd)
+    prior = problem.priors.residuals(theta[None])[1][0]
+    center = np.asarray(circle.center)
+    camera = camera_of(theta, frame)
+    H = camera.homography
+    grid = visible_field(theta, frame, template, center, 2.5 * circle.radius_m)
+    sigma_px, sigma_m = field_sigma(theta, covariance, grid, frame)
+    return CameraFit(
+        camera=camera,
+        crown_m=float(theta[INDEX["crown"]]),
+        crown_shape=frame.crown_shape,
+        parameters=PARAMETERS,
+        covariance=covariance,
+        H_image_field=H,
+        H_field_image=scale_homography(np.linalg.inv(H)),
+        H_covariance=push_forward(lambda t: homography_vector(t, frame), theta, covariance),
+        imaged_center_px=imaged_point(theta, frame, center),
+        imaged_center_covariance=push_forward(lambda t: imaged_point(t, frame, center), theta, covariance),
+        noise_scale=scale,
+        data_share=data_share(theta, covariance, prior.T @ prior, grid, frame),
+        max_sigma_px=float(sigma_px.max()) if len(grid) else float("inf"),
+        max_sigma_m=float(sigma_m.max()) if len(grid) else float("inf"),
+        residuals_px=_residuals_px(problem, state),
+        theta=theta,
+        rejected=rejected,
+        named_lines=named,
+        alternatives=((camera.turned(), 0.0),),
+    )
+
+
+def visible_field(theta: Array, frame: Frame, template: FieldTemplate, center: Array, reach_m: float, step_m: float = 1.0) -> Array:
+    """Field points (N, 2) on a grid that the camera shows, within ``reach_m`` of the circle's centre."""
+    half = np.array([template.length_m, template.width_m]) / 2
+    x, y = (np.arange(max(-h, c - reach_m), min(h, c + reach_m) + 1e-9, step_m) for h, c in zip(half, center, strict=True))
+    grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    pixels = camera_of(theta, frame).project(grid)
+    inside = np.isfinite(pixels).all(axis=1) & (pixels >= 0).all(axis=1)
+    return grid[inside & (pixels[:, 0] <= frame.width - 1) & (pixels[:, 1] <= frame.height - 1)]
+
+
+def _residuals_px(problem: Problem, state: State) -> dict[str, float]:
+    """Root mean square residual of each observed marking, pixels; nothing is left out."""
+    curves, values = problem.curves, state.residuals[0] * problem.curves.sigma_px
+    found = {name: float(np.sqrt(np.mean(values[curves.group == group] ** 2))) for group, name in enumerate(curves.names)}
+    for k, name in enumerate(problem.points.names):
+        found[name] = float(np.linalg.norm(state.point_values[0, 2 * k : 2 * k + 2]) * problem.points.sigma_px[k])
+    return found

@@ -1,0 +1,268 @@
+"""Stage ``correspondences``: points and tangents of the field from the imaged circle (Magera et al. 2025, section 3).
+
+Case 1 starts from a line of known direction, case 2 from a point, case 3 finds the imaged centre from the two edges of the marking and goes on as one of the others.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from circlecal.errors import EstimationError
+from circlecal.field import Circle, FieldTemplate
+from circlecal.geometry.concentric import imaged_center
+from circlecal.geometry.conics import line_conic_meet, normalise_conic, polar
+from circlecal.geometry.homogeneous import Array, dehomogenise, join, lift, meet, normalise_line
+from circlecal.geometry.homography import camera_side_of, homography_from_circle, turn_homography
+from circlecal.geometry.pinhole import camera_from_homography, image_center
+from circlecal.geometry.single_circle import pinhole_centers
+from circlecal.observations import Keypoint
+from circlecal.results import Correspondences, Cues, EllipseFits, LineCorrespondence, PointCorrespondence
+
+Side = Literal["main", "opposite", "left_goal", "right_goal"]
+_COMPASS = ("right", "bottom_right", "bottom", "bottom_left", "left", "top_left", "top", "top_right")
+USUAL_ROLL_RAD = np.radians(5.0)
+USUAL_DISTANCE_RADII = 7.0
+USUAL_DISTANCE_LOG_SD = 0.6
+
+
+class CorrespondencesConfig(BaseModel):
+    """Options of the stage ``correspondences``."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    case: Literal["auto", 1, 2, 3] = Field(
+        "auto", description="1: from a line, 2: from a point, 3: imaged centre from the two edges; auto takes what is seen."
+    )
+    camera_side: Side = Field(
+        "main", description="Which side of the field the camera stands on: main | opposite | left_goal | right_goal."
+    )
+    maximum_pair_split: float = Field(
+        0.5, gt=0, description="Case 3: largest split of the double eigenvalue, as a share of the gap to the isolated one."
+    )
+
+
+def derive_correspondences(
+    ellipses: EllipseFits,
+    cues: Cues,
+    template: FieldTemplate,
+    circle: Circle,
+    size: tuple[int, int],
+    config: CorrespondencesConfig,
+    keypoints: tuple[Keypoint, ...] = (),
+) -> Correspondences:
+    """Derive eight points and eight tangents with their field coordinates.
+
+    Parameters
+    ----------
+    ellipses : EllipseFits
+        From the stage ``ellipse``.
+    cues : Cues
+        From the stage ``cues``.
+    template : FieldTemplate
+        The field.
+    circle : Circle
+        The circle that is seen.
+    size : (int, int)
+        Width and height of the picture.
+    config : CorrespondencesConfig
+        Options.
+    keypoints : tuple of Keypoint
+        Points of known field position, for case 2.
+
+    Raises
+    ------
+    EstimationError
+        ``no_line_or_point`` where nothing fixes the rotation, ``no_center`` where the imaged centre cannot be found,
+        ``eigenvalue_gap_within_noise`` (case 3), ``center_outside`` the ellipse.
+    """
+    fit = ellipses.primary
+    radius = template.radius(circle, fit.edge)
+    line = None if cues.halfway is None or template.halfway_line is None else cues.halfway
+    point = next((k for k in keypoints if np.linalg.norm(k.field_m - circle.center) > 1e-6), None)
+    if line is None and point is None:
+        raise EstimationError(
+            "correspondences", "no_line_or_point", "rotation about the circle is free: show the halfway line or a point"
+        )
+    center, source = _imaged_center(ellipses, cues, size, config)
+    o = np.asarray(circle.center)
+    if line is not None and config.case != 2 and template.halfway_line is not None:
+        start, end = template.line_ends(template.line_by_name[template.halfway_line])
+        found = correspondences_from_line(
+            fit.conic, center, line.line, o, radius, end - start, source=source, side=config.camera_side
+        )
+    elif point is not None:
+        found = correspondences_from_point(fit.conic, center, point.point_px, point.field_m, o, radius)
+        found = replace(found, center_source=source)
+    else:
+        raise EstimationError("correspondences", "no_point", "case 2 needs a point of known field position, and none is seen")
+    return replace(found, case=3) if source == "two_edges" else found
+
+
+def _imaged_center(ellipses: EllipseFits, cues: Cues, size: tuple[int, int], config: CorrespondencesConfig) -> tuple[Array, str]:
+    if config.case != 3 and cues.mark is not None:
+        return lift(cues.mark.point_px), "centre_mark"
+    if config.case != 3 and cues.halfway is not None:
+        center = pinhole_center(ellipses.primary.conic, cues.halfway.line, size)
+        if center is not None:
+            return center, "pinhole"
+    if ellipses.outer is None or ellipses.inner is None:
+        raise EstimationError(
+            "correspondences", "no_center", "the imaged centre is not seen, and the marking does not show two separate edges"
+        )
+    found = imaged_center(ellipses.outer.conic, ellipses.inner.conic)
+    if found is None:
+        raise EstimationError("correspondences", "no_center", "the two edges of the marking have no common imaged centre")
+    if found.pair_split > config.maximum_pair_split * found.gap:
+        raise EstimationError(
+            "correspondences",
+            "eigenvalue_gap_within_noise",
+            f"the double eigenvalue is split by {found.pair_split:.2g}, the gap to the isolated one is only {found.gap:.2g}",
+        )
+    return found.center, "two_edges"
+
+
+def pinhole_center(conic: Array, line: Array, size: tuple[int, int]) -> Array | None:
+    """Imaged centre (3,) on the halfway line that an ordinary camera allows; of several the most usual camera's.
+
+    Usual means little roll and a distance of some radii of the circle, both only to choose between separate roots.
+    """
+    width, height = size
+    best: tuple[float, Array] | None = None
+    for candidate in pinhole_centers(conic, line, image_center(width, height), width):
+        H = homography_from_circle(conic, candidate.center, line, np.zeros(2), 1.0, np.array([0.0, 1.0]))
+        camera = None if H is None else camera_from_homography(H, width, height)
+        if camera is None or camera.position_m[2] >= 0:
+            continue
+        roll = float(camera.angles_rad[2]) / USUAL_ROLL_RAD
+        distance = np.log(np.linalg.norm(camera.position_m) / USUAL_DISTANCE_RADII) / USUAL_DISTANCE_LOG_SD
+        surprise = roll**2 + distance**2
+        if best is None or surprise < best[0]:
+            best = surprise, candidate.center
+    return None if best is None or best[0] > 16 else best[1]
+
+
+def correspondences_from_line(
+    conic: Array,
+    center: Array,
+    image_line: Array,
+    field_center: Array,
+    radius: float,
+    direction: Array,
+    *,
+    case: int = 1,
+    source: str = "centre_mark",
+    side: Side = "main",
+    toward: Array | None = None,
+) -> Correspondences:
+    """The paper's construction from a line of known direction (which need not pass through the centre).
+
+    Parameters
+    ----------
+    conic : (3, 3) array
+        Image of the circle.
+    center : (3,) array
+        Imaged centre, inside the ellipse.
+    image_line : (3,) array
+        Image of the line.
+    field_center : (2,) array
+        Centre of the circle on the field.
+    radius : float
+        Its radius, metres.
+    direction : (2,) array
+        Direction of the line on the field.
+    case, source : int, str
+        Recorded in the result.
+    side : str
+        Prior on the camera's side that chooses between the two solutions.
+    toward : (2,) array, optional
+        A pixel on the positive side of ``direction``; overrules ``side``.
+
+    Raises
+    ------
+    EstimationError
+        ``center_outside`` where the centre does not lie inside the ellipse.
+    """
+    e = normalise_conic(conic)
+    c = np.asarray(center, dtype=np.float64)
+    c = c / c[2]
+    if not c @ e @ c < 0:
+        raise EstimationError("correspondences", "center_outside", "the imaged centre lies outside the ellipse")
+    u = np.asarray(direction, dtype=np.float64) / np.linalg.norm(direction)
+    H = homography_from_circle(e, c, image_line, field_center, radius, u)
+    if H is None:
+        raise EstimationError("correspondences", "center_outside", "the imaged centre lies outside the ellipse")
+    if _is_turned(H, field_center, u, side, toward, c):
+        H = turn_homography(H, field_center)
+    n = np.array([-u[1], u[0]])
+    vanishing_line = polar(e, c)
+    v = meet(image_line, vanishing_line)
+    l2 = join(v, c)
+    l3 = polar(e, v)
+    a, b = _ordered(e, l2, H, field_center + radius * u)
+    d, f = _ordered(e, l3, H, field_center + radius * n)
+    corner = {(i, j): meet(polar(e, p), polar(e, q)) for i, p in ((1, a), (-1, b)) for j, q in ((1, d), (-1, f))}
+    diagonal = u + n
+    g, h = _ordered(e, join(corner[1, 1], corner[-1, -1]), H, field_center + radius * diagonal / np.sqrt(2))
+    antidiagonal = u - n
+    k, m = _ordered(e, join(corner[1, -1], corner[-1, 1]), H, field_center + radius * antidiagonal / np.sqrt(2))
+    found = ((a, u), (b, -u), (d, n), (f, -n), (g, diagonal), (h, -diagonal), (k, antidiagonal), (m, -antidiagonal))
+    points, tangents = [], []
+    for image, outward in found:
+        outward = outward / np.linalg.norm(outward)
+        label = compass_label(outward)
+        points.append(PointCorrespondence(label, field_center + radius * outward, dehomogenise(image)))
+        field_line = np.array([outward[0], outward[1], -outward @ field_center - radius])
+        tangents.append(LineCorrespondence(label, field_line, normalise_line(polar(e, image))))
+    return Correspondences(
+        case=case,
+        conic=e,
+        radius_m=float(radius),
+        imaged_center=c,
+        center_source=source,
+        vanishing_line=normalise_line(vanishing_line),
+        points=tuple(points),
+        tangents=tuple(tangents),
+    )
+
+
+def correspondences_from_point(
+    conic: Array, center: Array, image_point: Array, field_point: Array, field_center: Array, radius: float
+) -> Correspondences:
+    """Case 2: from a point (2,) of known field position; no prior on the camera's side is needed.
+
+    The paper prints the vanishing point of the tangents as ``v = E l1``; a point is the pole of a line, ``v = E^-1 l1``, which is what the
+    construction from the line through the centre and the point comes to.
+    """
+    direction = np.asarray(field_point, dtype=np.float64) - field_center
+    line = join(lift(image_point), center)
+    return correspondences_from_line(
+        conic, center, line, field_center, radius, direction, case=2, toward=np.asarray(image_point, dtype=np.float64)
+    )
+
+
+def compass_label(outward: Array) -> str:
+    """Name of a direction on the field as the main camera sees it (top = far), or its angle where it is none of the eight."""
+    angle = float(np.degrees(np.arctan2(outward[1], outward[0]))) % 360.0
+    sector = round(angle / 45.0)
+    return _COMPASS[sector % 8] if abs(angle - 45.0 * sector) < 0.5 else f"deg_{angle:.0f}"
+
+
+def _ordered(conic: Array, line: Array, H: Array, field_point: Array) -> Array:
+    """Both points (2, 3) of a line on the conic, the one nearer to the image of a field point first."""
+    both = line_conic_meet(conic, line)
+    if both is None:
+        raise EstimationError("correspondences", "center_outside", "a line through the imaged centre misses the ellipse")
+    expected = dehomogenise(H @ lift(field_point))
+    distance = np.linalg.norm(dehomogenise(both) - expected, axis=-1)
+    return both if distance[0] <= distance[1] else both[::-1]
+
+
+def _is_turned(H: Array, field_center: Array, direction: Array, side: Side, toward: Array | None, center: Array) -> bool:
+    if toward is not None:
+        ahead = dehomogenise(H @ lift(field_center + 1e-3 * direction)) - dehomogenise(center)
+        return bool(ahead @ (toward - dehomogenise(center)) < 0)
+    return camera_side_of(H, side) < 0

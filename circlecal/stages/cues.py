@@ -1,0 +1,251 @@
+"""Stage ``cues``: the halfway line, the centre mark and further straight lines, sub-pixel."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from circlecal.field import FieldTemplate
+from circlecal.geometry.conics import Ellipse, line_conic_meet
+from circlecal.geometry.homogeneous import Array, dehomogenise, fit_line, join, lift, line_distance
+from circlecal.profiles import grey, measure_bands, sample_profiles, smooth_along
+from circlecal.results import Cues, EllipseFits, LineCue, MarkCue, MarkingMask, Segment
+
+
+class CuesConfig(BaseModel):
+    """Options of the stage ``cues``."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    halfway_line: bool = Field(True, description="Whether the halfway line is used.")
+    centre_mark: bool = Field(True, description="Whether the centre mark is looked for.")
+    further_lines: bool = Field(True, description="Whether other straight markings are measured.")
+    reach_half_chords: float = Field(
+        1.25, ge=1, le=20, description="How far along the halfway line, from the middle of its chord, points carry the closed forms."
+    )
+    search_px: float = Field(6, gt=0, le=100, description="Search to both sides of a rough line, pixels at 1920 px width.")
+    spacing_px: float = Field(2.0, ge=0.5, le=20, description="Distance of the measured points, pixels.")
+    minimum_support: float = Field(0.35, ge=0, le=1, description="Least share of the chord on which the halfway line is seen.")
+    mark_snr: float = Field(4.0, ge=0, description="Least signal to noise ratio of the centre mark.")
+    mark_offset: tuple[float, float] = Field(
+        (0.05, 0.24),
+        description="Where the centre mark may lie: half chords beyond the chord's middle, towards the far side.",
+    )
+
+
+def find_cues(
+    image: NDArray[np.uint8],
+    mask: MarkingMask,
+    ellipses: EllipseFits,
+    noise: float,
+    template: FieldTemplate,
+    config: CuesConfig,
+    polarity: float = 1.0,
+) -> Cues:
+    """Measure what fixes the rotation about the circle and its imaged centre.
+
+    Parameters
+    ----------
+    image : (H, W, 3) uint8
+        BGR picture.
+    mask : MarkingMask
+        Gives the rough lines.
+    ellipses : EllipseFits
+        From the stage ``ellipse``.
+    noise : float
+        Grey-level noise of the picture.
+    template : FieldTemplate
+        The field.
+    config : CuesConfig
+        Options.
+    polarity : float
+        Negative for dark markings.
+
+    Returns
+    -------
+    Cues
+        What was found; a cue that is not seen is None, never invented.
+    """
+    picture = grey(image, polarity)
+    fit = ellipses.primary
+    halfway = None
+    if config.halfway_line and mask.halfway is not None and template.halfway_line is not None:
+        halfway = _halfway_line(picture, mask.halfway, fit.ellipse, fit.conic, noise, template.halfway_line, config)
+    mark = None
+    if config.centre_mark and halfway is not None and "centre_mark" in template.mark_by_name:
+        diameter = template.mark_by_name["centre_mark"].diameter_m
+        circle = template.circle_by_name[template.default_circle]
+        mark = _centre_mark(picture, halfway, fit.ellipse, fit.conic, diameter / circle.radius_m, config)
+    further: list[LineCue] = []
+    if config.further_lines:
+        measured = (measure_line(picture, segment, noise, config, None) for segment in mask.lines)
+        further = [line for line in measured if line is not None]
+    return Cues(halfway=halfway, mark=mark, lines=tuple(further))
+
+
+def measure_line(
+    picture: NDArray[np.float32], segment: Segment, noise: float, config: CuesConfig, name: str | None
+) -> LineCue | None:
+    """Sub-pixel points along a rough straight marking and the total least squares line through both of its edges.
+
+    Each profile gives the two crossings of half the band's height; the line is fitted to both edges together, so their common bias (bloom)
+    cancels, and the points that are kept are the flux-weighted middles.
+    """
+    unit = picture.shape[1] / 1920.0
+    start, end = segment.start, segment.end
+    search = config.search_px * unit
+    points = middles = np.zeros((0, 2))
+    sigma = np.zeros(0)
+    line = np.zeros(3)
+    sampled = 0
+    for reach in (search, 0.6 * search):
+        length = float(np.linalg.norm(end - start))
+        if length < 10:
+            return None
+        along = (end - start) / length
+        base = start + np.linspace(0.0, length, max(8, int(length / config.spacing_px)))[:, None] * along
+        normal = np.broadcast_to(np.array([-along[1], along[0]]), base.shape)
+        half = reach + 8.0 * max(unit, 0.5) + 2.0
+        offsets = np.arange(-half, half + 0.25, 0.5)
+        bands = measure_bands(smooth_along(sample_profiles(picture, base, normal, offsets), 1.0), offsets, reach, noise)
+        valid = bands.valid & (bands.width < 24 * max(unit, 0.5))
+        sampled = len(base)
+        if valid.sum() < 8:
+            return None
+        base, normal = base[valid], normal[valid]
+        edges = np.stack([bands.left[valid], bands.right[valid]])
+        middles, sigma = base + bands.center[valid, None] * normal, bands.sigma[valid]
+        both = base + edges[..., None] * normal
+        line, kept = _robust_line(both, middles, max(1.0, 1.5 * unit))
+        if kept.sum() < 8:
+            return None
+        points, sigma = middles[kept], sigma[kept]
+        start, end = (p - line_distance(line, p[None])[0] * line[:2] for p in (start, end))
+    residual = line_distance(line, points)
+    position = (points - start) @ ((end - start) / np.linalg.norm(end - start))
+    return LineCue(
+        name=name,
+        line=line,
+        points_px=points,
+        sigma_px=sigma,
+        segment=Segment(points[np.argmin(position)], points[np.argmax(position)], len(points) / sampled),
+        rms_px=float(np.sqrt(np.mean(residual**2))),
+    )
+
+
+def _robust_line(both: Array, middles: Array, scale_px: float) -> tuple[Array, NDArray[np.bool_]]:
+    """Line through both edges (2, N, 2) by reweighted total least squares; which profiles (N,) it keeps."""
+    weights = np.ones(len(middles))
+    line = fit_line(both.reshape(-1, 2))
+    for scale in scale_px * np.array([8.0, 4.0, 2.0, 1.0, 1.0, 1.0]):
+        distance = line_distance(line, middles)
+        weights = 1.0 / (1.0 + (distance / scale) ** 2) ** 2
+        line = fit_line(both.reshape(-1, 2), np.tile(weights, 2))
+    return line, np.abs(line_distance(line, middles)) < 3.0 * scale_px
+
+
+def _halfway_line(
+    picture: NDArray[np.float32], rough: Segment, ellipse: Ellipse, conic: Array, noise: float, name: str, config: CuesConfig
+) -> LineCue | None:
+    chord = _chord(conic, join(lift(rough.start), lift(rough.end)))
+    if chord is None:
+        return None
+    middle, half = 0.5 * (chord[0] + chord[1]), 0.5 * (chord[1] - chord[0])
+    height, width = picture.shape
+    near = _clipped(middle - config.reach_half_chords * half, middle + config.reach_half_chords * half, width, height)
+    if near is None:
+        return None
+    cue = measure_line(picture, Segment(*near), noise, config, name)
+    if cue is None:
+        return None
+    inside = np.abs((cue.points_px - middle) @ half / (half @ half)) < 1.0
+    expected = 2 * np.linalg.norm(half) / config.spacing_px
+    support = float(inside.sum() / max(expected, 1.0))
+    if support < config.minimum_support:
+        return None
+    return LineCue(name, cue.line, cue.points_px, cue.sigma_px, Segment(cue.segment.start, cue.segment.end, support), cue.rms_px)
+
+
+def _chord(conic: Array, line: Array) -> Array | None:
+    meets = line_conic_meet(conic, line)
+    return None if meets is None else dehomogenise(meets)
+
+
+def _clipped(start: Array, end: Array, width: int, height: int, margin: float = 2.0) -> tuple[Array, Array] | None:
+    """The part of a segment inside the picture, or None."""
+    low, high = np.array([margin, margin]), np.array([width - 1 - margin, height - 1 - margin])
+    direction = end - start
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = np.stack([(low - start) / direction, (high - start) / direction])
+    t0, t1 = np.nanmax(np.r_[0.0, np.min(t, axis=0)]), np.nanmin(np.r_[1.0, np.max(t, axis=0)])
+    if not t0 < t1:
+        return None
+    return start + t0 * direction, start + t1 * direction
+
+
+def _centre_mark(
+    picture: NDArray[np.float32], halfway: LineCue, ellipse: Ellipse, conic: Array, relative_diameter: float, config: CuesConfig
+) -> MarkCue | None:
+    """The blob on the halfway line, where it is brighter than the line's surroundings on both sides of the line.
+
+    A profile along the line is formed of the fainter of the two sides just beyond the line's paint; the mark is its peak.
+    """
+    chord = _chord(conic, halfway.line)
+    if chord is None:
+        return None
+    far, near = chord[np.argsort(chord[:, 1])]
+    middle, half = 0.5 * (far + near), 0.5 * (far - near)
+    length = float(np.linalg.norm(half))
+    along = half / length
+    across = np.array([-along[1], along[0]])
+    # pixels per radius across the line: the ellipse's half width in that direction
+    ends = _chord(conic, join(lift(middle), lift(middle + across)))
+    if ends is None:
+        return None
+    radius_px = 0.5 * float(np.linalg.norm(ends[1] - ends[0]))
+    mark_px = relative_diameter * radius_px
+    step = 0.5
+    low, high = (np.array(config.mark_offset) + (-0.12, 0.12)) * length
+    t = np.arange(low, high, step)
+    reach = max(2.5 * mark_px, 8.0)
+    offsets = np.arange(-reach, reach + 0.25, 0.5)
+    base = middle + t[:, None] * along
+    # the line's own points say where it lies (lens and crown bend it)
+    profiles = sample_profiles(picture, base, np.broadcast_to(across, base.shape), offsets)
+    if not np.isfinite(profiles).all() or len(t) < 20:
+        return None
+    signal = _side_signal(profiles, offsets, mark_px)
+    length_px = max(1.5, 0.5 * mark_px * length / radius_px)
+    signal = _box_mean(signal, max(1, round(length_px / step)))
+    signal = signal - np.median(signal)
+    scatter = 1.4826 * float(np.median(np.abs(signal))) + 0.3
+    allowed = (t >= config.mark_offset[0] * length) & (t <= config.mark_offset[1] * length)
+    peak = int(np.argmax(np.where(allowed, signal, -np.inf)))
+    snr = float(signal[peak] / scatter)
+    if snr < config.mark_snr or peak in (0, len(t) - 1) or not allowed[peak - 1 : peak + 2].all():
+        return None
+    around = (np.abs(t - t[peak]) <= 1.5 * length_px + 1.0) & (signal > 0.4 * signal[peak])
+    weight = np.where(around, signal - 0.4 * signal[peak], 0.0)
+    position = float(weight @ t / weight.sum())
+    point = middle + position * along
+    point = point - line_distance(halfway.line, point[None])[0] * halfway.line[:2]
+    return MarkCue("centre_mark", point, float(max(0.3, 1.5 * length_px / snr)), snr)
+
+
+def _side_signal(profiles: Array, offsets: Array, mark_px: float) -> Array:
+    """Brightness (T,) just beyond the line's paint minus further out, on the fainter side."""
+    inner, outer = max(0.25 * mark_px, 1.0), max(0.6 * mark_px, 2.5)
+    beyond = (max(1.0 * mark_px, 4.0), max(2.0 * mark_px, 7.0))
+    sides = []
+    for side in (offsets, -offsets):
+        near = profiles[:, (side >= inner) & (side <= outer)].mean(axis=1)
+        further = profiles[:, (side >= beyond[0]) & (side <= beyond[1])].mean(axis=1)
+        sides.append(near - further)
+    centred = [s - np.median(s) for s in sides]
+    return np.minimum(*centred)
+
+
+def _box_mean(values: Array, size: int) -> Array:
+    kernel = np.ones(2 * (size // 2) + 1)
+    return np.convolve(values, kernel / kernel.sum(), mode="same")

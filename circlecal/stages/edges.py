@@ -1,0 +1,128 @@
+"""Stage ``edges``: sub-pixel Canny points in the neighbourhood of the circle's marking (Canny 1986)."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from circlecal.errors import EstimationError
+from circlecal.geometry.conics import ellipse_from_conic
+from circlecal.geometry.homogeneous import Array
+from circlecal.profiles import SIGMA_FLOOR_PX, grey, picture_noise
+from circlecal.results import EdgePoints, MarkingMask
+
+CIRCLE_ID = 7
+"""SoccerNet class id of the centre circle."""
+SOBEL_SIGMA_PX = 0.7
+"""Smoothing that the 3 x 3 Sobel kernel itself brings."""
+
+
+class EdgesConfig(BaseModel):
+    """Options of the stage ``edges``."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    thresholds: Literal["auto"] | tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]] = Field(
+        "auto", description="Canny's low and high threshold in grey levels per pixel, or auto (from the noise of the picture)."
+    )
+    smoothing_px: float = Field(0.8, ge=0.3, le=5, description="Gaussian smoothing before the gradient, pixels.")
+    dilate_px: float = Field(
+        7, ge=0, le=200, description="How far the mask is dilated before edges are looked for, pixels at 1920 px width."
+    )
+
+    @model_validator(mode="after")
+    def _ordered(self) -> EdgesConfig:
+        if self.thresholds != "auto" and self.thresholds[0] >= self.thresholds[1]:
+            raise ValueError("thresholds: the low one must be below the high one")
+        return self
+
+
+def search_region(mask: MarkingMask, dilate_px: float) -> NDArray[np.bool_]:
+    """Where edges of the circle can be: the circle's class, dilated, together with a band about the rough ellipse."""
+    size = max(1, round(dilate_px))
+    region = (mask.classes == CIRCLE_ID).astype(np.uint8)
+    ellipse = None if mask.conic is None else ellipse_from_conic(mask.conic)
+    if ellipse is not None:
+        turns = np.linspace(0.0, 2 * np.pi, 721)
+        limit = 8.0 * max(mask.classes.shape)
+        outline = np.clip(ellipse.points(turns), -limit, limit)
+        cv2.polylines(region, [np.round(outline * 16).astype(np.int32)], True, 1, 1, cv2.LINE_8, 4)
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * size + 1, 2 * size + 1))
+    return cv2.dilate(region, kernel) > 0
+
+
+def detect_edges(image: NDArray[np.uint8], mask: MarkingMask, config: EdgesConfig, polarity: float = 1.0) -> EdgePoints:
+    """Canny points of the picture inside the dilated mask, moved to the sub-pixel maximum of the gradient.
+
+    Parameters
+    ----------
+    image : (H, W, 3) uint8
+        BGR picture.
+    mask : MarkingMask
+        From the stage ``mask``.
+    config : EdgesConfig
+        Options.
+    polarity : float
+        Negative for dark markings.
+
+    Raises
+    ------
+    EstimationError
+        ``no_edges`` where fewer than ten points are found.
+    """
+    picture = grey(image, polarity)
+    smooth = cv2.GaussianBlur(picture, (0, 0), config.smoothing_px)
+    gx = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3, scale=1 / 8)
+    gy = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=3, scale=1 / 8)
+    region = search_region(mask, config.dilate_px * picture.shape[1] / 1920)
+    noise = picture_noise(picture, region)
+    low, high = _thresholds(config, noise, np.hypot(gx, gy)[region])
+    # Canny takes 16-bit derivatives: sixteenths of a grey level per pixel
+    scaled = [np.clip(np.round(g * 16), -32768, 32767).astype(np.int16) for g in (gx, gy)]
+    found = (cv2.Canny(scaled[0], scaled[1], low * 16, high * 16, L2gradient=True) > 0) & region
+    found[[0, -1], :] = False
+    found[:, [0, -1]] = False
+    y, x = np.nonzero(found)
+    if len(x) < 10:
+        raise EstimationError("edges", "no_edges", "no edges in the mask of the circle; is the mask that of this picture?")
+    pixels = np.stack([x, y], axis=-1).astype(np.float64)
+    gradient = np.stack([gx[y, x], gy[y, x]], axis=-1).astype(np.float64)
+    strength = np.linalg.norm(gradient, axis=-1)
+    normals = gradient / strength[:, None]
+    shift, curvature = _sub_pixel(np.hypot(gx, gy), pixels, normals)
+    blur = float(np.clip(np.sqrt(np.median(strength / np.maximum(curvature, 1e-6))), config.smoothing_px, 6.0))
+    contrast = strength * blur * np.sqrt(2 * np.pi)
+    # a gradient maximum moves by the noise of the second derivative over the gradient's curvature
+    scale = np.hypot(config.smoothing_px, SOBEL_SIGMA_PX)
+    second_derivative_noise = noise * np.sqrt(3 / (16 * np.pi)) / scale**3
+    sigma = np.hypot(second_derivative_noise / np.maximum(curvature, 1e-6), SIGMA_FLOOR_PX)
+    keep = (np.abs(shift) <= 1.0) & (sigma < 2.0)
+    points = pixels + shift[:, None] * normals
+    return EdgePoints(points[keep], normals[keep], contrast[keep], sigma[keep], noise, blur, (low, high))
+
+
+def _thresholds(config: EdgesConfig, noise: float, magnitudes: NDArray[np.float32]) -> tuple[float, float]:
+    if config.thresholds != "auto":
+        return config.thresholds
+    # gradient noise of a smoothed picture, and a share of the strong gradients of the marking itself
+    floor = noise / (config.smoothing_px**2 * np.sqrt(8 * np.pi))
+    strong = float(np.percentile(magnitudes, 97)) if magnitudes.size else 0.0
+    high = max(4.0 * floor, 0.25 * strong, 0.8)
+    return 0.5 * high, high
+
+
+def _sub_pixel(magnitude: NDArray[np.float32], pixels: Array, normals: Array) -> tuple[Array, Array]:
+    """Offset along the normal to the parabola's top through three samples, and the curvature there."""
+    steps = np.array([-1.0, 0.0, 1.0])
+    position = pixels[:, None, :] + steps[None, :, None] * normals[:, None, :]
+    before, here, after = cv2.remap(
+        magnitude, position[..., 0].astype(np.float32), position[..., 1].astype(np.float32), cv2.INTER_LINEAR
+    ).T.astype(np.float64)
+    curvature = 2 * here - before - after
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shift = np.where(curvature > 0, 0.5 * (after - before) / curvature, 9.0)
+    return shift, np.maximum(curvature, 0.0)

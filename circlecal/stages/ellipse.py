@@ -1,0 +1,125 @@
+"""Stage ``ellipse``: the conics of the marking's edges and of its centreline.
+
+RANSAC around minimal conics and a closed-form fit (Fitzgibbon's direct fit by default), then geometric refinement; the inliers are always those of the
+returned conic.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from circlecal.errors import EstimationError
+from circlecal.geometry.conics import arc_coverage_deg, ellipse_from_conic, orthogonal_distance, refine_conic
+from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.ransac import ransac_conic
+from circlecal.observations import CircleEdge
+from circlecal.results import EllipseFit, EllipseFits, RayPoints
+
+Method = Literal["direct", "algebraic", "taubin"]
+
+
+class EllipseConfig(BaseModel):
+    """Options of the stage ``ellipse``."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    method: Method = Field(
+        "direct",
+        description="Closed form inside RANSAC: direct (Fitzgibbon; shrinks on short arcs), algebraic or taubin (unbiased).",
+    )
+    hypotheses: int = Field(1000, ge=10, le=100000, description="RANSAC samples per edge.")
+    threshold_px: float = Field(
+        3.0, gt=0, le=100, description="Inlier distance, pixels at 1920 px width; lens and crown bend a true circle by 1-3 px."
+    )
+    minimum_points: int = Field(24, ge=6, description="Fewer points than this on an edge are no edge.")
+    minimum_arc_deg: float = Field(60, ge=0, le=360, description="Shorter arcs are refused.")
+    maximum_rms_px: float = Field(2.0, gt=0, description="Larger residuals are refused, pixels at 1920 px width.")
+
+
+def fit_ellipses(rays: RayPoints, width: int, config: EllipseConfig, rng: np.random.Generator) -> EllipseFits:
+    """Fit the outer edge, the inner edge and the centreline.
+
+    Parameters
+    ----------
+    rays : RayPoints
+        From the stage ``rays``.
+    width : int
+        Width of the picture, to which the thresholds are scaled.
+    config : EllipseConfig
+        Options.
+    rng : numpy.random.Generator
+        Source of the RANSAC samples.
+
+    Raises
+    ------
+    EstimationError
+        ``no_ellipse`` where no edge gives an ellipse, ``arc_too_short``, ``residual_too_large``.
+    """
+    unit = width / 1920.0
+    fits = EllipseFits(
+        outer=fit_edge("outer", rays.outer_px, rays.outer_sigma_px, unit, config, rng),
+        inner=fit_edge("inner", rays.inner_px, rays.inner_sigma_px, unit, config, rng),
+        center=fit_edge("center", rays.center_line_px, rays.center_line_sigma_px, unit, config, rng),
+    )
+    if not fits.all():
+        raise EstimationError("ellipse", "no_ellipse", "the points along the circle fit no ellipse (a hyperbola, or too few points)")
+    best = fits.primary
+    if best.arc_deg < config.minimum_arc_deg:
+        raise EstimationError(
+            "ellipse",
+            "arc_too_short",
+            f"only {best.arc_deg:.0f} degrees of the circle are seen, {config.minimum_arc_deg:.0f} are needed",
+        )
+    if best.rms_px > config.maximum_rms_px * unit:
+        raise EstimationError(
+            "ellipse",
+            "residual_too_large",
+            f"the points leave the ellipse by {best.rms_px:.2f} px rms, {config.maximum_rms_px * unit:.2f} are allowed",
+        )
+    return fits
+
+
+def fit_edge(
+    edge: CircleEdge, points_px: Array, sigma_px: Array, unit: float, config: EllipseConfig, rng: np.random.Generator
+) -> EllipseFit | None:
+    """Robust ellipse through the points (N, 2) of one edge; None where they give none."""
+    if len(points_px) < config.minimum_points:
+        return None
+    threshold = config.threshold_px * unit + 3.0 * sigma_px
+    robust = ransac_conic(points_px, threshold, rng, hypotheses=config.hypotheses, method=config.method)
+    if robust is None or robust.inliers.sum() < config.minimum_points:
+        return None
+    conic, inliers = robust.conic, robust.inliers
+    covariance = np.zeros((6, 6))
+    for _ in range(3):
+        refined = refine_conic(points_px[inliers], conic, sigma_px[inliers])
+        if refined is None:
+            return None
+        conic, covariance = refined
+        ellipse = ellipse_from_conic(conic)
+        if ellipse is None:
+            return None
+        distance = orthogonal_distance(ellipse, points_px)
+        kept: NDArray[np.bool_] = np.abs(distance) < threshold
+        if kept.sum() < config.minimum_points:
+            return None
+        if np.array_equal(kept, inliers):
+            break
+        inliers = kept
+    return EllipseFit(
+        edge=edge,
+        conic=conic,
+        covariance=covariance,
+        ellipse=ellipse,
+        method=config.method,
+        points_px=points_px,
+        sigma_px=sigma_px,
+        inliers=kept,
+        rms_px=float(np.sqrt(np.mean(distance[kept] ** 2))),
+        arc_deg=arc_coverage_deg(ellipse, points_px[kept]),
+        hypotheses=robust.hypotheses,
+    )

@@ -1,0 +1,61 @@
+"""Stage ``homography``: the normalised DLT on the derived points and tangents together."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from circlecal.errors import EstimationError
+from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.homography import dlt, scale_homography, transfer_errors, turn_homography
+from circlecal.results import Correspondences, HomographyFit
+
+
+class HomographyConfig(BaseModel):
+    """Options of the stage ``homography``."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    use_tangents: bool = Field(True, description="Whether the eight tangents enter the linear system beside the eight points.")
+    maximum_condition: float = Field(1e4, gt=1, description="Worse conditioned linear systems are refused.")
+
+
+def estimate_homography(correspondences: Correspondences, circle_center: Array, config: HomographyConfig) -> HomographyFit:
+    """Homography of the field plane from the derived points and tangents.
+
+    Parameters
+    ----------
+    correspondences : Correspondences
+        From the stage ``correspondences``.
+    circle_center : (2,) array
+        Centre of the circle on the field; the other solution is the field turned about it.
+    config : HomographyConfig
+        Options.
+
+    Raises
+    ------
+    EstimationError
+        ``degenerate`` where the system has no unique solution, ``ill_conditioned`` where it hardly has one.
+    """
+    points, tangents = correspondences.points, correspondences.tangents if config.use_tangents else ()
+    field_points = np.array([p.field_m for p in points]).reshape(-1, 2)
+    image_points = np.array([p.image_px for p in points]).reshape(-1, 2)
+    field_lines = np.array([t.field_line for t in tangents]).reshape(-1, 3)
+    image_lines = np.array([t.image_line for t in tangents]).reshape(-1, 3)
+    solution = dlt(field_points, image_points, field_lines, image_lines)
+    if solution is None:
+        raise EstimationError("homography", "degenerate", "the derived points and tangents leave the homography undetermined")
+    if solution.condition > config.maximum_condition:
+        raise EstimationError(
+            "homography",
+            "ill_conditioned",
+            f"the linear system has condition {solution.condition:.3g}, at most {config.maximum_condition:.3g} is allowed",
+        )
+    return HomographyFit(
+        H_image_field=solution.H,
+        H_field_image=scale_homography(np.linalg.inv(solution.H)),
+        H_image_field_turned=turn_homography(solution.H, circle_center),
+        residuals_px=transfer_errors(solution.H, field_points, image_points),
+        condition=solution.condition,
+        null_ratio=solution.null_ratio,
+    )

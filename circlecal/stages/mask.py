@@ -1,0 +1,167 @@
+"""Stage ``mask``: where the markings are, from the user's mask or from the picture itself."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from circlecal.detection import Detection, DetectorConfig, detect
+from circlecal.errors import EstimationError
+from circlecal.geometry.conics import ellipse_from_conic
+from circlecal.geometry.homogeneous import Array, fit_line, line_distance
+from circlecal.geometry.ransac import ransac_conic
+from circlecal.results import MarkingMask, Segment
+
+CIRCLE_ID, HALFWAY_ID = 7, 18
+CURVED_IDS = (CIRCLE_ID, 8, 9)
+REASONS = {
+    "no_field": "no playing field was found in the picture",
+    "no_circle_found": "no circle was found in the picture",
+    "circle_support_too_low": "the best ellipse is supported by too little marking to be the circle",
+}
+
+
+class MaskConfig(BaseModel):
+    """Options of the stage ``mask``."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    source: Literal["auto", "file", "detector"] = Field(
+        "auto", description="Where the marking comes from; auto takes a given mask, else the built-in detector."
+    )
+    threshold_px: float = Field(4.0, gt=0, le=100, description="How well a mask's middle follows the circle, pixels at 1920 px width.")
+    detector: DetectorConfig = Field(DetectorConfig(), description="Options of the built-in detector.")
+
+
+def find_marking(
+    image: NDArray[np.uint8], given: NDArray[np.uint8] | None, config: MaskConfig, rng: np.random.Generator
+) -> tuple[MarkingMask, EstimationError | None]:
+    """The marking mask of a frame, and the reason where it holds no circle.
+
+    Parameters
+    ----------
+    image : (H, W, 3) uint8
+        BGR picture.
+    given : (H, W) uint8 or None
+        The user's mask as SoccerNet class ids.
+    config : MaskConfig
+        Options.
+    rng : numpy.random.Generator
+        For the detector's and the mask's robust fits.
+
+    Returns
+    -------
+    MarkingMask
+        Also for frames without a circle, so that they can be looked at.
+    EstimationError or None
+        Why no circle was found.
+    """
+    if given is None and config.source == "file":
+        return _empty(image), EstimationError("mask", "no_mask", "mask.source is file, and no mask was given")
+    if given is None or config.source == "detector":
+        return marking_from_detection(detect(image, config.detector, rng))
+    return marking_from_classes(given, config, rng)
+
+
+def marking_from_detection(found: Detection) -> tuple[MarkingMask, EstimationError | None]:
+    """Take over what the built-in detector found."""
+    refusal = found.refusal or "no_circle_found"
+    marking = MarkingMask(
+        classes=found.mask,
+        source="detector",
+        conic=None if found.circle is None else found.circle.conic,
+        halfway=None if found.halfway is None else Segment(found.halfway.start, found.halfway.end, found.halfway.support),
+        lines=tuple(Segment(s.start, s.end, s.support) for s in found.lines),
+        field_region=found.field_region,
+        candidates=tuple(c.conic for c in found.candidates),
+    )
+    if found.circle is None:
+        return marking, EstimationError("mask", refusal, REASONS.get(refusal, refusal.replace("_", " ")))
+    return marking, None
+
+
+def marking_from_classes(
+    classes: NDArray[np.uint8], config: MaskConfig, rng: np.random.Generator
+) -> tuple[MarkingMask, EstimationError | None]:
+    """Rough ellipse and lines from a mask of class ids (H, W).
+
+    A mask whose circle class holds other markings too (binary masks do) is sorted out here: the circle is what a robust ellipse explains, the
+    halfway line is what a robust line through the ellipse's middle explains of the rest.
+    """
+    unit = classes.shape[1] / 1920.0
+    points = _skeleton_points(classes == CIRCLE_ID)
+    robust = ransac_conic(points, config.threshold_px * unit, rng, hypotheses=1000, method="taubin")
+    ellipse = None if robust is None else ellipse_from_conic(robust.conic)
+    marking = MarkingMask(classes=classes, source="file")
+    if robust is None or ellipse is None or robust.inliers.sum() < 20 or robust.inliers.mean() < 0.2:
+        return marking, EstimationError("mask", "no_circle_found", "the mask holds no ellipse of the circle's class (id 7)")
+    halfway = _straight(_skeleton_points(classes == HALFWAY_ID), unit)
+    if halfway is None:
+        halfway = _line_through_middle(points[~robust.inliers], ellipse.center, ellipse.semi_axes[1], unit, rng)
+    others = [
+        _straight(_skeleton_points(classes == label), unit)
+        for label in np.unique(classes)
+        if label not in (0, HALFWAY_ID, *CURVED_IDS)
+    ]
+    lines = tuple(line for line in others if line is not None)
+    return MarkingMask(classes, "file", robust.conic, halfway, lines, None, (robust.conic,)), None
+
+
+def _empty(image: NDArray[np.uint8]) -> MarkingMask:
+    return MarkingMask(classes=np.zeros(image.shape[:2], dtype=np.uint8), source="file")
+
+
+def _skeleton_points(region: NDArray[np.bool_], maximum: int = 4000) -> Array:
+    """Middle of a thick mask: its skeleton's pixels (N, 2), thinned out evenly to a maximum."""
+    if not region.any():
+        return np.zeros((0, 2))
+    from skimage.morphology import skeletonize
+
+    x, y, w, h = cv2.boundingRect(region.astype(np.uint8))
+    rows, columns = np.nonzero(skeletonize(np.pad(region[y : y + h, x : x + w], 1)))
+    points = np.stack([columns + x - 1, rows + y - 1], axis=-1).astype(np.float64)
+    return points[:: max(1, -(-len(points) // maximum))]
+
+
+def _straight(points: Array, unit: float) -> Segment | None:
+    """Robust segment through the middle of a straight marking, or None where the points are few or not straight."""
+    if len(points) < 12:
+        return None
+    line = fit_line(points)
+    for scale in np.array([30.0, 10.0, 4.0, 4.0]) * unit:
+        line = fit_line(points, 1.0 / (1.0 + (line_distance(line, points) / scale) ** 2) ** 2)
+    kept = points[np.abs(line_distance(line, points)) < 6.0 * unit]
+    return _segment(line, kept) if len(kept) > 0.4 * len(points) and len(kept) >= 12 else None
+
+
+def _line_through_middle(
+    points: Array, center: Array, tolerance_px: float, unit: float, rng: np.random.Generator
+) -> Segment | None:
+    """The line that most of the points lie on, among lines that pass near the ellipse's middle."""
+    if len(points) < 20:
+        return None
+    picks = points[rng.integers(0, len(points), (400, 2))]
+    direction = picks[:, 1] - picks[:, 0]
+    length = np.linalg.norm(direction, axis=1)
+    normal = np.stack([-direction[:, 1], direction[:, 0]], axis=-1) / np.maximum(length, 1e-9)[:, None]
+    offset = -np.sum(normal * picks[:, 0], axis=1)
+    near = (length > 20 * unit) & (np.abs(normal @ center + offset) < 0.35 * tolerance_px)
+    if not near.any():
+        return None
+    support = (np.abs(points @ normal[near].T + offset[near]) < 3.0 * unit).sum(axis=0)
+    best = int(np.argmax(support))
+    line = np.r_[normal[near][best], offset[near][best]]
+    kept = points[np.abs(line_distance(line, points)) < 4.0 * unit]
+    if len(kept) < max(20, 0.25 * tolerance_px):
+        return None
+    return _segment(fit_line(kept), kept)
+
+
+def _segment(line: Array, points: Array) -> Segment:
+    foot = points - line_distance(line, points)[:, None] * line[:2]
+    position = foot @ np.array([line[1], -line[0]])
+    return Segment(foot[np.argmin(position)], foot[np.argmax(position)])

@@ -1,0 +1,213 @@
+"""Stage ``rays``: which edge points are the inner and which the outer edge of the marking, by casting rays from its centre.
+
+Magera et al. 2025, section 4.4: "the first detected edges along the rays belong to the inner circle, the second ones to the outer". Where the marking
+is narrower than the picture's blur two edges are a fiction; there, and everywhere, the middle of the band is measured from its flux.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from circlecal.errors import EstimationError
+from circlecal.geometry.conics import Ellipse, ellipse_from_conic
+from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.ransac import ransac_conic
+from circlecal.profiles import Bands, grey, measure_bands, sample_profiles, smooth_along
+from circlecal.results import EdgePoints, MarkingMask, RayPoints
+
+
+class RaysConfig(BaseModel):
+    """Options of the stage ``rays``."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    maximum: int = Field(4096, ge=64, le=32000, description="Most rays that are cast; otherwise one per pixel of the ellipse.")
+    search_px: float = Field(
+        6, gt=0, le=200, description="First search to both sides of the rough ellipse, pixels at 1920 px width."
+    )
+    refine_px: float = Field(
+        4.5, gt=0, le=200, description="Search after the first fit; must hold what lens and crown bend the ellipse by."
+    )
+    spacing_px: float = Field(2.0, ge=0.5, le=20, description="Distance of the measured band centres, pixels.")
+    smoothing_samples: float = Field(1.0, ge=0, le=10, description="Mean over neighbouring profiles, in samples.")
+    separable_ratio: float = Field(
+        1.8, ge=1, le=10, description="Two edges are told apart where the band is this many times wider than the blur."
+    )
+    width_ratio: tuple[float, float] = Field(
+        (0.4, 2.5), description="Accepted width of the band over the width that the field template predicts."
+    )
+    contrast_ratio: tuple[float, float] = Field(
+        (0.35, 3.0), description="Accepted contrast of the band over the typical contrast around it."
+    )
+
+
+def cast_rays(
+    image: NDArray[np.uint8],
+    edges: EdgePoints,
+    mask: MarkingMask,
+    relative_width: float,
+    config: RaysConfig,
+    rng: np.random.Generator,
+    polarity: float = 1.0,
+) -> RayPoints:
+    """Inner, outer and centreline points of the circle's marking.
+
+    Parameters
+    ----------
+    image : (H, W, 3) uint8
+        BGR picture.
+    edges : EdgePoints
+        From the stage ``edges``.
+    mask : MarkingMask
+        Its rough ellipse gives the first centre; the centre need not be inside the picture.
+    relative_width : float
+        Marking width over the radius of its centreline.
+    config : RaysConfig
+        Options.
+    rng : numpy.random.Generator
+        For the robust fit that re-estimates the centre.
+    polarity : float
+        Negative for dark markings.
+
+    Raises
+    ------
+    EstimationError
+        ``no_circle_found`` without a rough ellipse, ``no_band`` where too few rays meet a band.
+    """
+    rough = None if mask.conic is None else ellipse_from_conic(mask.conic)
+    if rough is None:
+        raise EstimationError("rays", "no_circle_found", "no circle was found to cast rays at")
+    unit = image.shape[1] / 1920.0
+    picture = grey(image, polarity)
+    first = _centreline(picture, rough, edges.noise, config.search_px * unit, relative_width, config)
+    fit = ransac_conic(first.points, 3.0 * unit + 3.0 * first.bands.sigma, rng, hypotheses=300, method="taubin")
+    center_fit = None if fit is None else ellipse_from_conic(fit.conic)
+    if fit is None or center_fit is None or fit.inliers.sum() < 12:
+        raise EstimationError("rays", "no_band", "no light band of the marking's width lies along the circle")
+    second = _centreline(picture, center_fit, edges.noise, config.refine_px * unit, relative_width, config)
+    if len(second.points) < 12:
+        raise EstimationError("rays", "no_band", "no light band of the marking's width lies along the circle")
+    outer, inner, rays, rejected = _pair_edges(edges, center_fit, second, relative_width, config, unit)
+    return RayPoints(
+        center_px=center_fit.center,
+        outer_px=edges.points_px[outer],
+        outer_sigma_px=edges.sigma_px[outer],
+        inner_px=edges.points_px[inner],
+        inner_sigma_px=edges.sigma_px[inner],
+        center_line_px=second.points,
+        center_line_sigma_px=second.bands.sigma,
+        rays=rays,
+        rejected=len(rejected) + second.rejected,
+        rejected_px=edges.points_px[rejected],
+    )
+
+
+class _Centreline:
+    """Band centres along an ellipse: points, measurements, eccentric angles, and the narrowest width (the picture's blur)."""
+
+    def __init__(self, points: Array, bands: Bands, angles: Array, rejected: int) -> None:
+        self.points = points
+        self.bands = bands
+        self.angles = angles
+        self.rejected = rejected
+        self.blur_width = float(np.percentile(bands.width, 10)) if len(points) else float("nan")
+
+
+def even_angles(ellipse: Ellipse, spacing_px: float, maximum: int) -> Array:
+    """Eccentric angles (N,) at even arc length."""
+    dense = np.linspace(0.0, 2 * np.pi, 2881)
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(ellipse.points(dense), axis=0), axis=-1))])
+    count = int(np.clip(length[-1] / spacing_px, 64, maximum))
+    return np.interp(np.arange(count) * length[-1] / count, length, dense)
+
+
+def _centreline(
+    picture: NDArray[np.float32], ellipse: Ellipse, noise: float, search_px: float, relative_width: float, config: RaysConfig
+) -> _Centreline:
+    angles = even_angles(ellipse, config.spacing_px, config.maximum)
+    points = ellipse.points(angles)
+    height, width = picture.shape
+    angles = angles[((points >= 0) & (points <= (width - 1, height - 1))).all(axis=1)]
+    points, normals = ellipse.points(angles), ellipse.normals(angles)
+    predicted = _predicted_width(ellipse, angles, relative_width)
+    reach = search_px + 0.5 * (float(predicted.max()) if len(predicted) else 0.0) + 4.0
+    offsets = np.arange(-reach, reach + 0.25, 0.5)
+    profiles = smooth_along(sample_profiles(picture, points, normals, offsets), config.smoothing_samples)
+    bands = measure_bands(profiles, offsets, search_px, noise)
+    low, high = config.width_ratio
+    plausible = bands.valid & (bands.width < high * predicted + 4.0) & (bands.width > low * predicted)
+    plausible &= _even_contrast(bands.contrast, plausible, config.contrast_ratio)
+    chosen = Bands(*(getattr(bands, name)[plausible] for name in Bands.__slots__))
+    middle = points[plausible] + chosen.center[:, None] * normals[plausible]
+    return _Centreline(middle, chosen, angles[plausible], int((~plausible).sum()))
+
+
+def _predicted_width(ellipse: Ellipse, angles: Array, relative_width: float) -> Array:
+    """Width (N,) of the band along the normal in pixels, to first order: the ellipse scaled about its centre."""
+    reach = np.sum((ellipse.points(angles) - ellipse.center) * ellipse.normals(angles), axis=-1)
+    return relative_width * reach
+
+
+def _even_contrast(contrast: Array, valid: NDArray[np.bool_], ratio: tuple[float, float]) -> NDArray[np.bool_]:
+    """Contrast near the running median of its neighbourhood: far paint is fainter than near paint, players are neither."""
+    if valid.sum() < 16:
+        return valid
+    from scipy.ndimage import median_filter
+
+    known = np.flatnonzero(valid)
+    filled = np.interp(np.arange(len(contrast)), known, contrast[known])
+    typical = np.maximum(median_filter(filled, size=max(9, len(contrast) // 8), mode="nearest"), 1e-6)
+    share = contrast / typical
+    return (share > ratio[0]) & (share < ratio[1])
+
+
+def _pair_edges(
+    edges: EdgePoints, ellipse: Ellipse, centreline: _Centreline, relative_width: float, config: RaysConfig, unit: float
+) -> tuple[NDArray[np.int_], NDArray[np.int_], int, NDArray[np.int_]]:
+    """Indices of the outer and the inner edge point of each accepted ray, the number of rays, and the rejected points.
+
+    Each ray is one bin of the eccentric angle; along it, from the centre outwards, the first crossing must rise into
+    the band and the second fall out of it, with a plausible width between them.
+    """
+    angles = ellipse.parameter(edges.points_px)
+    foot_distance = np.sum((edges.points_px - ellipse.points(angles)) * ellipse.normals(angles), axis=-1)
+    near = np.abs(foot_distance) < 2 * config.refine_px * unit + 6.0
+    outward = np.sum(edges.normals * ellipse.normals(angles), axis=-1)
+    rays = int(np.clip(2 * np.pi * np.sqrt(np.mean(np.square(ellipse.semi_axes))), 64, config.maximum))
+    ray = np.floor((angles / (2 * np.pi) % 1.0) * rays).astype(int)
+    order = np.lexsort((foot_distance, ray))
+    order = order[(near & (np.abs(outward) > 0.7))[order]]
+    inner, outer = order[:-1], order[1:]
+    gap = foot_distance[outer] - foot_distance[inner]
+    middle = 0.5 * (foot_distance[outer] + foot_distance[inner])
+    predicted = _predicted_width(ellipse, angles[inner], relative_width)
+    good = (ray[inner] == ray[outer]) & (outward[inner] > 0) & (outward[outer] < 0)
+    low, high = config.width_ratio
+    good &= (gap > low * predicted) & (gap < high * predicted + 2.0)
+    local_width, local_middle, known = _along(centreline, angles[inner], ellipse)
+    good &= known & (local_width > config.separable_ratio * centreline.blur_width)
+    good &= np.abs(middle - local_middle) < 1.0 + 0.25 * gap
+    paired = np.zeros(len(angles), dtype=bool)
+    paired[inner[good]] = paired[outer[good]] = True
+    return outer[good], inner[good], rays, np.flatnonzero(near & ~paired)
+
+
+def _along(centreline: _Centreline, angles: Array, ellipse: Ellipse) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Width, offset and presence of the measured band at other angles."""
+    offsets = np.sum(
+        (centreline.points - ellipse.points(centreline.angles)) * ellipse.normals(centreline.angles), axis=-1
+    )
+    turned = angles % (2 * np.pi)
+    width = np.interp(turned, centreline.angles, centreline.bands.width, period=2 * np.pi)
+    middle = np.interp(turned, centreline.angles, offsets, period=2 * np.pi)
+    index = np.searchsorted(centreline.angles, turned)
+    left = centreline.angles[(index - 1) % len(centreline.angles)]
+    right = centreline.angles[index % len(centreline.angles)]
+    distance = np.minimum(np.abs(_wrapped(turned - left)), np.abs(_wrapped(right - turned)))
+    return width, middle, distance < np.radians(1.0)
+
+
+def _wrapped(angle: Array) -> Array:
+    return (angle + np.pi) % (2 * np.pi) - np.pi

@@ -1,0 +1,150 @@
+"""Stage ``verdict``: accept the calibration, or refuse it with a reason. Refusing beats inventing."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from circlecal.field import Circle, FieldTemplate
+from circlecal.geometry.conics import sampson_distance, transform_conic, circle_conic
+from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.homography import projects_in_front
+from circlecal.results import CameraFit, Check, Correspondences, Cues, EllipseFits, HomographyFit, Verdict
+
+
+class VerdictConfig(BaseModel):
+    """Options of the stage ``verdict``."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    max_sigma_px: float = Field(
+        60.0, gt=0, description="Largest predicted error of the field around the circle, pixels at 1920 px width."
+    )
+    max_sigma_m: float = Field(3.0, gt=0, description="Largest predicted error on the ground around the circle, metres.")
+    max_circle_residual_px: float = Field(
+        2.0, gt=0, description="Largest rms distance of the circle's points from the projected circle, pixels at 1920 px width."
+    )
+    max_line_residual_px: float = Field(2.0, gt=0, description="The same for the halfway line.")
+    max_mark_distance_px: float = Field(
+        12.0, gt=0, description="Largest distance of the seen from the predicted centre mark, pixels at 1920 px width."
+    )
+    height_m: tuple[float, float] = Field((1.5, 150.0), description="Plausible height of a camera, metres.")
+    distance_radii: tuple[float, float] = Field((1.1, 40.0), description="Plausible distance from the circle, in its radii.")
+    max_roll_deg: float = Field(20.0, gt=0, le=180, description="Largest plausible roll, degrees.")
+    focal_widths: tuple[float, float] = Field((0.3, 30.0), description="Plausible focal length, in widths of the picture.")
+
+
+def judge(
+    ellipses: EllipseFits,
+    cues: Cues,
+    correspondences: Correspondences | None,
+    homography: HomographyFit | None,
+    camera: CameraFit | None,
+    template: FieldTemplate,
+    circle: Circle,
+    width: int,
+    config: VerdictConfig,
+) -> Verdict:
+    """Check the calibration of a frame.
+
+    Every check is recorded with its value and its limit; the first that fails is the reason of the refusal.
+    """
+    unit = width / 1920.0
+    H = camera.H_image_field if camera is not None else homography.H_image_field if homography is not None else None
+    if H is None:
+        return Verdict("refused", "no_homography", "no homography could be estimated", "verdict")
+    center = np.asarray(circle.center, dtype=np.float64)
+    rim = center + circle.radius_m * _ring()
+    checks = [
+        _check("circle_in_front", 1.0 if projects_in_front(H, rim) else 0.0, 1.0, at_least=True),
+        _check("not_mirrored", float(np.linalg.det(H)), 0.0, at_least=True),
+    ]
+    if camera is not None:
+        checks += _camera_checks(camera, cues, circle, unit, config)
+    elif correspondences is not None:
+        residual = _circle_residual(ellipses, H, template, circle)
+        checks.append(_check("circle_residual_px", residual, config.max_circle_residual_px * unit))
+    failed = next((c for c in checks if not c.passed), None)
+    if failed is None:
+        return Verdict("calibrated", None, None, None, tuple(checks))
+    return Verdict("refused", CODES[failed.name], _reason(failed), "verdict", tuple(checks))
+
+
+CODES = {
+    "circle_in_front": "circle_behind_camera",
+    "not_mirrored": "mirrored",
+    "circle_residual_px": "residual_too_large",
+    "line_residual_px": "residual_too_large",
+    "mark_distance_px": "mark_contradicts_circle",
+    "sigma_px": "too_uncertain",
+    "sigma_m": "too_uncertain",
+    "height_m": "implausible_camera",
+    "lowest_height_m": "implausible_camera",
+    "distance_radii": "implausible_camera",
+    "nearest_radii": "implausible_camera",
+    "roll_deg": "implausible_camera",
+    "focal_widths": "implausible_camera",
+    "shortest_focal_widths": "implausible_camera",
+}
+"""Machine-readable reason of each check."""
+_WORDS = {
+    "circle_in_front": "part of the circle would lie behind the camera",
+    "not_mirrored": "the field would be seen mirrored",
+    "circle_residual_px": "the projected circle leaves the marking by {value:.2f} px rms, {limit:.2f} are allowed",
+    "line_residual_px": "the projected halfway line leaves the marking by {value:.2f} px rms, {limit:.2f} are allowed",
+    "mark_distance_px": "the centre mark is seen {value:.1f} px from where circle and line put it, {limit:.1f} are allowed",
+    "sigma_px": "the field around the circle is uncertain by {value:.1f} px, {limit:.1f} are allowed",
+    "sigma_m": "the field around the circle is uncertain by {value:.2f} m, {limit:.2f} are allowed",
+    "height_m": "the camera would hang {value:.1f} m high, at most {limit:.0f} are plausible",
+    "lowest_height_m": "the camera would stand {value:.1f} m high, at least {limit:.1f} are plausible",
+    "distance_radii": "the camera would stand {value:.1f} radii away, at most {limit:.0f} are plausible",
+    "nearest_radii": "the camera would stand {value:.1f} radii away, at least {limit:.1f} are plausible",
+    "roll_deg": "the camera would be rolled by {value:.1f} degrees, at most {limit:.0f} are plausible",
+    "focal_widths": "the focal length would be {value:.1f} widths of the picture, at most {limit:.0f} are plausible",
+    "shortest_focal_widths": "the focal length would be {value:.2f} widths of the picture, at least {limit:.1f} are plausible",
+}
+
+
+def _reason(check: Check) -> str:
+    return _WORDS[check.name].format(value=check.value, limit=check.limit)
+
+
+def _check(name: str, value: float, limit: float, *, at_least: bool = False) -> Check:
+    passed = np.isfinite(value) and (value >= limit if at_least else value <= limit)
+    return Check(name, float(value), float(limit), bool(passed))
+
+
+def _camera_checks(camera: CameraFit, cues: Cues, circle: Circle, unit: float, config: VerdictConfig) -> list[Check]:
+    view = camera.camera
+    distance = float(np.linalg.norm(view.position_m - np.r_[circle.center, 0.0])) / circle.radius_m
+    checks = [
+        _check("height_m", -float(view.position_m[2]), config.height_m[1]),
+        _check("lowest_height_m", -float(view.position_m[2]), config.height_m[0], at_least=True),
+        _check("distance_radii", distance, config.distance_radii[1]),
+        _check("nearest_radii", distance, config.distance_radii[0], at_least=True),
+        _check("roll_deg", abs(float(np.degrees(view.angles_rad[2]))), config.max_roll_deg),
+        _check("focal_widths", float(view.focal_px[0]) / view.width, config.focal_widths[1]),
+        _check("shortest_focal_widths", float(view.focal_px[0]) / view.width, config.focal_widths[0], at_least=True),
+    ]
+    for name, rms in camera.residuals_px.items():
+        if name.startswith(circle.name + " "):
+            checks.append(_check("circle_residual_px", rms, config.max_circle_residual_px * unit))
+        elif cues.halfway is not None and name == cues.halfway.name:
+            checks.append(_check("line_residual_px", rms, config.max_line_residual_px * unit))
+    if cues.mark is not None and cues.mark.name not in camera.rejected:
+        seen = camera.residuals_px.get(cues.mark.name, 0.0)
+        checks.append(_check("mark_distance_px", seen, config.max_mark_distance_px * unit))
+    checks.append(_check("sigma_px", camera.max_sigma_px, config.max_sigma_px * unit))
+    checks.append(_check("sigma_m", camera.max_sigma_m, config.max_sigma_m))
+    return checks
+
+
+def _circle_residual(ellipses: EllipseFits, H: Array, template: FieldTemplate, circle: Circle) -> float:
+    fit = ellipses.primary
+    conic = transform_conic(H, circle_conic(circle.center, template.radius(circle, fit.edge)))
+    return float(np.sqrt(np.mean(sampson_distance(conic, fit.points_px[fit.inliers]) ** 2)))
+
+
+def _ring(count: int = 72) -> Array:
+    angle = np.linspace(0.0, 2 * np.pi, count, endpoint=False)
+    return np.stack([np.cos(angle), np.sin(angle)], axis=-1)

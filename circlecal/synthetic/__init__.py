@@ -1,0 +1,1 @@
+"""Synthetic cameras, observations and frames with exact truth, for tests, benchmarks and samples."""

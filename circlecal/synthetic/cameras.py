@@ -1,0 +1,340 @@
+"""Random broadcast cameras by batched rejection: drawn around the stand, zoomed and aimed, kept when the view is as wanted.
+
+Distances and heights of the profiles are those of main broadcast cameras; ``focal_px`` bounds hold for a frame 1920 pixels wide.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.field import Circle, FieldTemplate, load_field
+from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.pinhole import Camera, image_center
+from circlecal.synthetic.surface import FLAT, Surface
+
+CameraProfile = Literal["main", "wide", "partial", "arc", "hard", "broadcast"]
+CAMERA_PROFILES: tuple[str, ...] = get_args(CameraProfile)
+
+FULL_MARGIN_PX = 8.0
+ARC_TOLERANCE_DEG = 12.0
+_ROLL_CUT = 2.5
+_BATCH = 512
+_BATCHES_A_POSITION = 2
+_POSITIONS = 400
+_HALFWAY_POSITIONS = 40
+_CIRCLE_SAMPLES = 180
+_COARSE_STRIDE = 15
+_DESIGN_WIDTH = 1920.0
+
+
+@dataclass(frozen=True, slots=True)
+class _View:
+    """What a profile draws from and what it accepts; pairs are (lowest, highest).
+
+    ``circle_half_widths`` is about the circle's radius in half-widths of the frame; ``aim_share`` how far the centre mark may lie from the middle of
+    the picture, in widths and heights (None: wherever the whole circle fits about).
+    """
+
+    distance_m: tuple[float, float] = (45.0, 90.0)
+    height_m: tuple[float, float] = (8.0, 25.0)
+    offset_m: float = 12.0
+    roll_sd_deg: float = 1.0
+    circle_half_widths: tuple[float, float] = (0.35, 0.99)
+    aim_share: tuple[float, float] | None = None
+    visible_share: tuple[float, float] = (1.0, 1.0)
+    only_circle: bool = True
+    halfway_px: float = 100.0
+    focal_px: tuple[float, float] = (0.0, np.inf)
+
+
+_VIEWS: dict[str, _View] = {
+    "main": _View(),
+    "wide": _View(offset_m=25.0),
+    "partial": _View(circle_half_widths=(0.4, 1.7), aim_share=(0.75, 0.6), visible_share=(0.4, 0.8)),
+    "arc": _View(circle_half_widths=(0.9, 2.4), aim_share=(1.3, 0.9), visible_share=(0.0, 1.0), focal_px=(5000.0, 16000.0), halfway_px=60.0),
+    "low": _View(height_m=(6.0, 10.0), roll_sd_deg=3.0, circle_half_widths=(0.25, 1.1), aim_share=(0.6, 0.4), visible_share=(0.45, 1.0), only_circle=False),
+    "near": _View(
+        distance_m=(38.0, 45.0), roll_sd_deg=3.0, circle_half_widths=(0.3, 1.2), aim_share=(0.5, 0.4), visible_share=(0.45, 1.0), only_circle=False
+    ),
+    "broadcast": _View(
+        distance_m=(50.0, 105.0), height_m=(10.0, 30.0), offset_m=6.0, circle_half_widths=(0.15, 0.6), only_circle=False,
+        focal_px=(1500.0, 4000.0),
+    ),
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class _Candidates:
+    """N cameras at once: ``focal_px`` (N,), ``angles_rad`` (N, 3), ``position_m`` (N, 3)."""
+
+    width: int
+    height: int
+    kappa: float
+    focal_px: Array
+    angles_rad: Array
+    position_m: Array
+
+    def kept(self, chosen: NDArray[np.bool_]) -> _Candidates:
+        """The chosen ones."""
+        return replace(
+            self, focal_px=self.focal_px[chosen], angles_rad=self.angles_rad[chosen], position_m=self.position_m[chosen]
+        )
+
+    def rotations(self) -> Array:
+        """World-to-camera rotations (N, 3, 3), as :func:`circlecal.geometry.pinhole.rotation_matrix`."""
+        (cp, ct, cr), (sp, st, sr) = np.cos(self.angles_rad).T, np.sin(self.angles_rad).T
+        zero = np.zeros_like(cp)
+        level_x, level_y = np.stack([cp, sp, zero], axis=-1), np.stack([-sp * ct, cp * ct, st], axis=-1)
+        axis = np.stack([sp * st, -cp * st, ct], axis=-1)
+        cr, sr = cr[:, None], sr[:, None]
+        return np.stack([level_x * cr + level_y * sr, level_y * cr - level_x * sr, axis], axis=1)
+
+    def project(self, points_m: Array) -> Array:
+        """Distorted pixels (N, M, 2) of points (M, 3); nan behind a camera."""
+        R = self.rotations()
+        seen = points_m @ R.transpose(0, 2, 1) - np.einsum("nij,nj->ni", R, self.position_m)[:, None]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            offset = (
+                np.where(seen[..., 2:] > 1e-3, seen[..., :2] / seen[..., 2:], np.nan) * self.focal_px[:, None, None]
+            )
+        r2 = np.sum(offset**2, axis=-1, keepdims=True) / (self.width / 2.0) ** 2
+        return np.asarray(offset * (1.0 + self.kappa * r2) + image_center(self.width, self.height))
+
+    def camera(self, index: int) -> Camera:
+        """One of them."""
+        return Camera(
+            width=self.width,
+            height=self.height,
+            focal_px=np.full(2, self.focal_px[index]),
+            principal_point_px=image_center(self.width, self.height),
+            angles_rad=self.angles_rad[index].copy(),
+            position_m=self.position_m[index].copy(),
+            kappa=np.array([self.kappa, 0.0]),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _FieldPoints:
+    """Points (N, 3) of the surface that the views are judged by."""
+
+    rim: Array
+    halfway: Array
+    others: Array
+
+
+@lru_cache(maxsize=1)
+def soccer() -> FieldTemplate:
+    """The soccer template that comes with the package."""
+    return load_field("soccer")
+
+
+def sample_camera(
+    profile: CameraProfile,
+    rng: np.random.Generator,
+    width: int = 1920,
+    height: int = 1080,
+    template: FieldTemplate | None = None,
+    *,
+    arc_deg: float | None = None,
+    offset_m: float | None = None,
+    kappa: float = 0.0,
+    surface: Surface = FLAT,
+) -> Camera:
+    """One random camera of a profile, on the near side of the field (y > 0).
+
+    Parameters
+    ----------
+    profile : str
+        ``"main"``: 45-90 m from the centre mark, 8-25 m high, within 12 m of the halfway line, roll sd 1 degree cut at 2.5 sd; the whole circle inside the
+        frame with 8 px to spare and no marking but circle and halfway line in view. ``"wide"``: the same within 25 m. ``"partial"``: 40-80 % of the circle.
+        ``"arc"``: one arc of ``arc_deg`` +- 12 degrees, with the halfway line where that can be had. ``"hard"``: low (6-10 m) or near (38-45 m) cameras, roll sd
+        3 degrees, at least 45 % of the circle, other markings allowed. ``"broadcast"``: the whole circle and more of the field, focal length 1500-4000 px at 1920.
+    rng : Generator
+        Randomness.
+    width, height : int
+        Picture size, pixels.
+    template : FieldTemplate, optional
+        Field; soccer if not given.
+    arc_deg : float, optional
+        Length of the visible arc in degrees of the circle; needed by, and only by, ``"arc"``.
+    offset_m : float, optional
+        Another bound on ``|x|`` than the profile's, metres.
+    kappa : float
+        Radial distortion, half-widths.
+    surface : Surface
+        Shape of the ground.
+
+    Raises
+    ------
+    ValueError
+        Unknown profile, or no camera with such a view was found.
+    """
+    if profile not in CAMERA_PROFILES:
+        raise ValueError(f"unknown camera profile {profile!r}; known: {', '.join(CAMERA_PROFILES)}")
+    if (arc_deg is not None) != (profile == "arc"):
+        raise ValueError("arc_deg is needed by the profile 'arc', and only by it")
+    view = _VIEWS[("low" if rng.random() < 0.5 else "near") if profile == "hard" else profile]
+    if offset_m is not None:
+        view = replace(view, offset_m=offset_m)
+    field = template or soccer()
+    circle = field.circle_by_name[field.default_circle]
+    points = _field_points(field, surface)
+    for attempt in range(_POSITIONS * _BATCHES_A_POSITION):
+        if attempt % _BATCHES_A_POSITION == 0:
+            position = _drawn_position(view, rng)
+        if arc_deg is not None and attempt == _HALFWAY_POSITIONS * _BATCHES_A_POSITION:
+            view = replace(view, halfway_px=0.0)
+        candidates = _aimed(position, view, circle, rng, (width, height), kappa)
+        candidates = _with_circle_as_wanted(candidates, view, points, arc_deg)
+        if view.only_circle:
+            candidates = _without_others(candidates, points)
+        candidates = _with_halfway_line(candidates, view, points)
+        if len(candidates.focal_px):
+            return candidates.camera(0)
+    raise ValueError(
+        f"no camera found for profile {profile!r}"
+        + (f" with an arc of {arc_deg:g} degrees" if arc_deg is not None else "")
+    )
+
+
+def visible_circle_deg(
+    camera: Camera, template: FieldTemplate, surface: Surface = FLAT, margin_px: float = 0.0
+) -> float:
+    """Degrees (0-360) of the outer edge of the default circle that lie inside the frame."""
+    angles = np.arange(1440) / 1440 * 2 * np.pi
+    pixels = camera.project(surface.lift(_rim(template, angles)))
+    return float(np.mean(inside_frame(pixels, camera.width, camera.height, margin_px)) * 360.0)
+
+
+def halfway_length_px(camera: Camera, template: FieldTemplate, surface: Surface = FLAT) -> float:
+    """Length in pixels of the halfway line inside the frame."""
+    pixels = camera.project(surface.lift(_halfway_points(template)))
+    return float(_visible_length(pixels, camera.width, camera.height))
+
+
+def inside_frame(pixels: Array, width: int, height: int, margin_px: float = 0.0) -> NDArray[np.bool_]:
+    """Which pixels (..., 2) lie on the picture, at least ``margin_px`` from its outermost pixel centres."""
+    with np.errstate(invalid="ignore"):
+        low = (pixels >= margin_px).all(axis=-1)
+        return np.asarray(low & (pixels[..., 0] <= width - 1 - margin_px) & (pixels[..., 1] <= height - 1 - margin_px))
+
+
+def _drawn_position(view: _View, rng: np.random.Generator) -> Array:
+    """Camera position (3,) relative to the middle of the circle."""
+    distance, elevation = rng.uniform(*view.distance_m), rng.uniform(*view.height_m)
+    x = rng.uniform(-view.offset_m, view.offset_m)
+    return np.array([x, np.sqrt(max(distance**2 - elevation**2 - x**2, 1.0)), -elevation])
+
+
+def _aimed(
+    position: Array, view: _View, circle: Circle, rng: np.random.Generator, size: tuple[int, int], kappa: float
+) -> _Candidates:
+    """Zooms, aims and rolls of a camera at a position relative to the middle of the circle."""
+    width, height = size
+    x, y, z = position
+    distance = float(np.linalg.norm(position))
+    half_axis = rng.uniform(*view.circle_half_widths, _BATCH) * (width / 2.0)
+    focal = half_axis * distance / circle.radius_m
+    if view.aim_share is None:
+        reach = np.stack([width / 2.0 - half_axis, height / 2.0 + half_axis * z / distance])
+    else:
+        reach = np.broadcast_to(np.array([[view.aim_share[0] * width], [view.aim_share[1] * height]]), (2, _BATCH))
+    # the centre mark appears this many pixels away from the middle of the picture
+    aside, below = rng.uniform(-1.0, 1.0, (2, _BATCH)) * np.maximum(reach, 0.0)
+    pan = np.arctan2(-x, y) - np.arctan2(aside, focal)
+    tilt = np.arctan2(np.hypot(x, y), -z) + np.arctan2(below, focal)
+    roll = np.radians(view.roll_sd_deg) * _cut_normal(rng, _BATCH)
+    drawn = _Candidates(
+        width=width,
+        height=height,
+        kappa=kappa,
+        focal_px=focal,
+        angles_rad=np.stack([pan, tilt, roll], axis=-1),
+        position_m=np.broadcast_to(position + np.array([*circle.center, 0.0]), (_BATCH, 3)),
+    )
+    bounds = np.asarray(view.focal_px) * width / _DESIGN_WIDTH
+    return drawn.kept((focal >= bounds[0]) & (focal <= bounds[1]))
+
+
+def _cut_normal(rng: np.random.Generator, count: int) -> Array:
+    # standard normal cut at _ROLL_CUT: enough spares are drawn that the first `count` survivors exist in practice
+    values = rng.standard_normal(2 * count)
+    return values[np.argsort(np.abs(values) > _ROLL_CUT, kind="stable")[:count]]
+
+
+def _rim(template: FieldTemplate, angles: Array) -> Array:
+    circle = template.circle_by_name[template.default_circle]
+    radius = template.radius(circle, "outer")
+    return np.asarray(circle.center) + radius * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+
+
+def _field_points(template: FieldTemplate, surface: Surface) -> _FieldPoints:
+    angles = np.arange(_CIRCLE_SAMPLES) / _CIRCLE_SAMPLES * 2 * np.pi
+    return _FieldPoints(
+        rim=surface.lift(_rim(template, angles)),
+        halfway=surface.lift(_halfway_points(template)),
+        others=surface.lift(other_markings(template)),
+    )
+
+
+def _with_circle_as_wanted(
+    candidates: _Candidates, view: _View, points: _FieldPoints, arc_deg: float | None
+) -> _Candidates:
+    """Those that show as much of the circle as asked for: a coarse look at all, a fine one at what is left."""
+    lowest, highest = view.visible_share
+    if arc_deg is not None:
+        # half a sample of slack on each side, so that the exact length keeps the tolerance
+        slack = ARC_TOLERANCE_DEG - 360.0 / _CIRCLE_SAMPLES
+        lowest, highest = (arc_deg - slack) / 360.0, (arc_deg + slack) / 360.0
+    margin = FULL_MARGIN_PX if lowest >= 1.0 else 0.0
+    for stride in (_COARSE_STRIDE, 1):
+        inside = inside_frame(candidates.project(points.rim[::stride]), candidates.width, candidates.height, margin)
+        share = inside.mean(axis=1)
+        runs = np.sum(inside & ~np.roll(inside, 1, axis=1), axis=1)
+        # an arc end may lie anywhere between two samples
+        spare = 2.0 * stride / _CIRCLE_SAMPLES if stride > 1 and lowest < 1.0 else 0.0
+        wanted = (share >= lowest - spare) & (share <= highest + spare)
+        candidates = candidates.kept(wanted if arc_deg is None or stride > 1 else wanted & (runs == 1))
+    return candidates
+
+
+def _halfway_points(template: FieldTemplate) -> Array:
+    if template.halfway_line is None:
+        return np.zeros((0, 2))
+    start, end = template.line_ends(template.line_by_name[template.halfway_line])
+    return np.asarray(np.linspace(start, end, 273))
+
+
+def _visible_length(pixels: Array, width: int, height: int) -> Array:
+    inside = inside_frame(pixels, width, height)
+    step = np.linalg.norm(np.diff(pixels, axis=-2), axis=-1)
+    return np.asarray(np.sum(np.where(inside[..., 1:] & inside[..., :-1], step, 0.0), axis=-1))
+
+
+def _with_halfway_line(candidates: _Candidates, view: _View, points: _FieldPoints) -> _Candidates:
+    if view.halfway_px <= 0.0:
+        return candidates
+    length = _visible_length(candidates.project(points.halfway), candidates.width, candidates.height)
+    return candidates.kept(length >= view.halfway_px * candidates.width / _DESIGN_WIDTH)
+
+
+def _without_others(candidates: _Candidates, points: _FieldPoints) -> _Candidates:
+    for stride in (_COARSE_STRIDE, 1):
+        pixels = candidates.project(points.others[::stride])
+        seen = inside_frame(pixels, candidates.width, candidates.height, -FULL_MARGIN_PX)
+        candidates = candidates.kept(~seen.any(axis=1))
+    return candidates
+
+
+def other_markings(template: FieldTemplate) -> Array:
+    """Points (N, 2), every 0.5 m, of all markings but the default circle, the halfway line and the mark on them, metres."""
+    own = {template.default_circle, template.halfway_line}
+    center = np.asarray(template.circle_by_name[template.default_circle].center)
+    drawn = [points for name, points in template.polylines(0.5).items() if name not in own]
+    marks = [np.array([m.position]) for m in template.marks if np.linalg.norm(np.asarray(m.position) - center) > 1e-6]
+    return np.concatenate([np.zeros((0, 2)), *drawn, *marks])

@@ -1,0 +1,82 @@
+"""The playing surface: flat, or falling from the long axis to the touchlines (a crown), as real pitches do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.pinhole import Camera
+
+CrownShape = Literal["parabola", "roof"]
+_NEWTON_ROUNDS = 6
+
+
+@dataclass(frozen=True, slots=True)
+class Surface:
+    """Height profile of the field; z points down, so a positive crown drops towards the touchlines.
+
+    Attributes
+    ----------
+    crown_m : float
+        Drop at ``|y| = reference_m``, metres.
+    shape : {"parabola", "roof"}
+        ``z = crown (y / reference)^2`` or ``z = crown |y| / reference``.
+    reference_m : float
+        Where the drop is quoted: the radius of the centre circle.
+    """
+
+    crown_m: float = 0.0
+    shape: CrownShape = "parabola"
+    reference_m: float = 9.15
+
+    def drop(self, y_m: ArrayLike) -> Array:
+        """Drop (...,) below the centre mark at y, metres."""
+        ratio = np.abs(np.asarray(y_m, dtype=np.float64)) / self.reference_m
+        return self.crown_m * (ratio * ratio if self.shape == "parabola" else ratio)
+
+    def slope(self, y_m: ArrayLike) -> Array:
+        """Derivative (...,) of :meth:`drop` by y."""
+        y = np.asarray(y_m, dtype=np.float64)
+        if self.shape == "parabola":
+            return 2.0 * self.crown_m * y / self.reference_m**2
+        return self.crown_m * np.sign(y) / self.reference_m
+
+    def lift(self, points_m: ArrayLike) -> Array:
+        """Points (..., 3) of the surface above or below field points (..., 2)."""
+        points = np.asarray(points_m, dtype=np.float64)
+        return np.concatenate([points, self.drop(points[..., 1])[..., None]], axis=-1)
+
+    def meet(self, origin_m: ArrayLike, directions: ArrayLike) -> Array:
+        """Field points (..., 2) where rays from ``origin_m`` (3,) along ``directions`` (..., 3) meet the surface.
+
+        Newton's iteration on the position along the ray, started on the plane z = 0; nan where the ray does not descend.
+        """
+        origin = np.asarray(origin_m, dtype=np.float64)
+        d = np.asarray(directions, dtype=np.float64)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            along = np.where(d[..., 2] > 1e-9, -origin[2] / d[..., 2], np.nan)
+            for _ in range(_NEWTON_ROUNDS if self.crown_m else 0):
+                y = origin[1] + along * d[..., 1]
+                above = origin[2] + along * d[..., 2] - self.drop(y)
+                along = along - above / (d[..., 2] - self.slope(y) * d[..., 1])
+        return origin[:2] + along[..., None] * d[..., :2]
+
+
+FLAT = Surface()
+
+
+def ray_directions(camera: Camera, pixels: ArrayLike) -> Array:
+    """Field-frame directions (..., 3) of the rays through distorted pixels (..., 2), with unit depth."""
+    undistorted = camera.undistort(pixels)
+    ray = (undistorted - camera.principal_point_px) / camera.focal_px
+    lifted = np.concatenate([ray, np.ones((*ray.shape[:-1], 1))], axis=-1)
+    return np.asarray(lifted @ camera.rotation)
+
+
+def back_project(camera: Camera, surface: Surface, pixels: ArrayLike) -> Array:
+    """Field points (..., 2) of the surface seen at distorted pixels (..., 2); nan above the horizon."""
+    return surface.meet(camera.position_m, ray_directions(camera, pixels))

@@ -1,0 +1,102 @@
+"""A small frame that the whole chain calibrates, painted from the field template, and the command line in process."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+import pytest
+
+from circlecal.cli import main
+from circlecal.field import load_field
+from circlecal.geometry.pinhole import Camera, image_center
+
+FRAME_SIZE = (960, 540)
+
+
+class Outcome(NamedTuple):
+    """Exit code and both streams of a command."""
+
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture(scope="session")
+def frame_camera() -> Camera:
+    """A main camera that shows the centre circle."""
+    width, height = FRAME_SIZE
+    return Camera(
+        width=width,
+        height=height,
+        focal_px=np.array([2300.0, 2300.0]),
+        principal_point_px=image_center(width, height),
+        angles_rad=np.radians([-2.8, 76.0, 0.3]),
+        position_m=np.array([3.0, 62.0, -15.5]),
+        kappa=np.zeros(2),
+    )
+
+
+@pytest.fixture(scope="session")
+def frame_image(frame_camera: Camera) -> np.ndarray:
+    """Picture (540, 960, 3) of that camera."""
+    width, height = FRAME_SIZE
+    template = load_field("soccer")
+    scale = 4  # anti-aliasing by painting large and reducing
+    picture = np.full((height * scale, width * scale, 3), (60, 130, 70), np.uint8)
+    half = template.marking_width_m / 2
+    for points in template.polylines(0.1).values():
+        tangent = np.gradient(points, axis=0)
+        normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1) / np.linalg.norm(tangent, axis=1)[:, None]
+        band = np.concatenate([points + half * normal, (points - half * normal)[::-1]])
+        _paint(picture, frame_camera, np.split(band, 2), scale)
+    _paint_spot(picture, frame_camera, scale)
+    noise = np.random.default_rng(1).normal(0, 2, (height, width, 3))
+    reduced = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
+    return np.clip(cv2.GaussianBlur(reduced, (0, 0), 0.6) + noise, 0, 255).astype(np.uint8)
+
+
+def _paint(picture: np.ndarray, camera: Camera, sides: list[np.ndarray], scale: int) -> None:
+    left, right = (camera.project(side) * scale for side in (sides[0], sides[1][::-1]))
+    for k in range(len(left) - 1):
+        quad = np.array([left[k], left[k + 1], right[k + 1], right[k]])
+        if np.isfinite(quad).all() and np.abs(quad).max() < 1e5:
+            cv2.fillConvexPoly(picture, np.round(quad * 16).astype(np.int32), (235, 240, 240), cv2.LINE_8, 4)
+
+
+def _paint_spot(picture: np.ndarray, camera: Camera, scale: int) -> None:
+    angle = np.linspace(0, 2 * np.pi, 60)
+    rim = camera.project(0.12 * np.stack([np.cos(angle), np.sin(angle)], axis=1)) * scale
+    cv2.fillPoly(picture, [np.round(rim * 16).astype(np.int32)], (235, 240, 240), cv2.LINE_8, 4)
+
+
+@pytest.fixture
+def frame_file(tmp_path: Path, frame_image: np.ndarray) -> Path:
+    """The picture as ``frames/good.png``."""
+    path = tmp_path / "frames" / "good.png"
+    path.parent.mkdir()
+    cv2.imwrite(str(path), frame_image)
+    return path
+
+
+@pytest.fixture
+def blank_file(frame_file: Path) -> Path:
+    """A picture without any marking, ``frames/blank.png``."""
+    path = frame_file.with_name("blank.png")
+    cv2.imwrite(str(path), np.full((120, 160, 3), (60, 130, 70), np.uint8))
+    return path
+
+
+@pytest.fixture
+def circlecal(capsys: pytest.CaptureFixture[str]) -> Callable[..., Outcome]:
+    """Run a command in this process."""
+
+    def run(*arguments: object) -> Outcome:
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as ended:
+            main([str(argument) for argument in arguments])
+        streams = capsys.readouterr()
+        return Outcome(int(ended.value.code or 0), streams.out, streams.err)
+
+    return run
