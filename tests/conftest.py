@@ -89,7 +89,7 @@ def blank_file(frame_file: Path) -> Path:
 
 
 @pytest.fixture
-def circlecal(capsys: pytest.CaptureFixture[str]) -> Callable[..., Outcome]:
+def run_circlecal(capsys: pytest.CaptureFixture[str]) -> Callable[..., Outcome]:
     """Run a command in this process."""
 
     def run(*arguments: object) -> Outcome:

@@ -28,6 +28,18 @@ class Association:
     length_px: float
     cost: float
 
+    @property
+    def score(self) -> float:
+        """Explained length less the surprise."""
+        return self.length_px - 12.0 * self.cost
+
+    def contradicts(self, other: Association) -> bool:
+        """Whether the two name one seen line differently, or give one name to different lines only."""
+        if any(other.names.get(k, name) != name for k, name in self.names.items()):
+            return True
+        shared = set(self.names.items()) & set(other.names.items())
+        return any(name in other.names.values() and (k, name) not in shared for k, name in self.names.items())
+
 
 @dataclass(frozen=True, slots=True)
 class _Pairs:
@@ -46,8 +58,9 @@ def associate_lines(
     covariance: Array,
     frame: Frame,
     sigma_px: float,
-) -> dict[int, str]:
-    """Name seen lines.
+    count: int = 6,
+) -> list[Association]:
+    """Name seen lines in the most plausible ways.
 
     Parameters
     ----------
@@ -58,48 +71,32 @@ def associate_lines(
     excluded : tuple of str
         Template lines that are known already.
     theta, covariance : (P,), (P, P) arrays
-        First camera.
+        Camera so far.
     frame : Frame
         Picture size.
     sigma_px : float
         How well a seen line follows the straight line between its ends (lens, measuring).
+    count : int
+        How many different hypotheses are returned.
 
     Returns
     -------
-    dict
-        Template names by index of the segment; empty where nothing can be named with confidence.
+    list of Association
+        Best first; empty where nothing fits.
     """
     lines = [line for line in template.lines if line.name not in excluded]
     if len(segments) == 0 or not lines:
-        return {}
+        return []
     names = [line.name for line in lines]
     pairs = _pairs(segments, template, lines, theta, frame)
     lengths = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=-1)
     cost = _mahalanobis(pairs.residuals, pairs.jacobians, covariance, sigma_px)
-    plausible = pairs.on_marking & (cost < 9.0 * SAMPLES) & np.isfinite(cost)
-    seeds = np.argwhere(plausible)
+    seeds = np.argwhere(pairs.on_marking & (cost < 9.0 * SAMPLES) & np.isfinite(cost))
     seeds = seeds[np.argsort(-lengths[seeds[:, 0]], kind="stable")][:40]
-    found = [_grow(tuple(seed), pairs, lengths, names, covariance, sigma_px) for seed in seeds]
-    return _confident(found, frame)
-
-
-def _confident(found: list[Association], frame: Frame) -> dict[int, str]:
-    if not found:
-        return {}
-    best = max(found, key=_score)
-    rivals = [a for a in found if any(best.names.get(k, name) != name for k, name in a.names.items()) or _disjoint(a, best)]
-    rival = max((_score(a) for a in rivals), default=-np.inf)
-    enough = best.length_px > 0.15 * frame.width and best.cost < 9.0 + 4.0 * len(best.names)
-    return best.names if enough and _score(best) > rival + 0.15 * frame.width else {}
-
-
-def _disjoint(a: Association, b: Association) -> bool:
-    """Whether two associations give one template line to different seen lines."""
-    return any(name in b.names.values() and b.names.get(k) != name for k, name in a.names.items())
-
-
-def _score(association: Association) -> float:
-    return association.length_px - 12.0 * association.cost
+    found = [_grow((int(s), int(t)), pairs, lengths, names, covariance, sigma_px) for s, t in seeds]
+    found.sort(key=lambda a: a.score, reverse=True)
+    different = {frozenset(a.names.items()): a for a in reversed(found)}
+    return sorted(different.values(), key=lambda a: a.score, reverse=True)[:count]
 
 
 def _pairs(segments: Array, template: FieldTemplate, lines: list, theta: Array, frame: Frame) -> _Pairs:  # type: ignore[type-arg]

@@ -83,9 +83,9 @@ def chosen_frames(inputs: Sequence[Path], out: Path, mask: Path | None) -> list[
 
     if mask is not None and not mask.exists():
         raise InputError(f"{mask}: no such mask file or folder")
-    output_holds_inputs = any(out.resolve() in (path.resolve(), *path.resolve().parents) for path in inputs)
-    exclude = [] if output_holds_inputs else [out]
-    frames = find_frames(inputs, exclude if mask is None else [*exclude, mask])
+    around_inputs = {folder for path in inputs for folder in (path.resolve(), *path.resolve().parents)}
+    apart = [path for path in (out, mask) if path is not None and path.resolve() not in around_inputs]
+    frames = find_frames(inputs, exclude=apart)
     if mask is not None and mask.is_file() and len(frames) > 1:
         raise InputError(f"{mask}: is one mask for {len(frames)} frames; give a folder of masks named like the frames")
     return frames

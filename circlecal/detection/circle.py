@@ -12,7 +12,7 @@ from circlecal.detection.hypotheses import EllipseBatch
 from circlecal.detection.refine import BandProfile, measure_band
 from circlecal.detection.result import CircleHypothesis
 from circlecal.detection.scoring import adjusted
-from circlecal.geometry.conics import transform_conic
+from circlecal.geometry.conics import ellipse_from_conic, transform_conic
 from circlecal.geometry.homogeneous import Array
 
 __all__ = ["MeasuredCircle", "conic_of", "measure_circle", "refusal_of", "unit_frame"]
@@ -138,7 +138,9 @@ def refusal_of(circle: CircleHypothesis, has_halfway: bool, width: int, config: 
     nearly_whole = circle.whole_share >= config.complete_share
     share, rms = config.share, config.rms_px1920
     if nearly_whole and has_halfway:
-        share, rms = config.share_with_line, max(rms, config.rms_px * 1920.0 / width)
+        ellipse = ellipse_from_conic(circle.conic)
+        great = 0.0 if ellipse is None else ellipse.semi_axes[0]
+        share, rms = config.share_with_line, max(rms, max(config.rms_px, config.rms_share * great) * 1920.0 / width)
     elif not nearly_whole and not has_halfway:
         share = config.share_of_lone_arc
     if circle.rms_px > rms:

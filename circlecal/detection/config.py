@@ -6,11 +6,13 @@ plain pixels of the detection picture where a name ends in ``_px``.
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
 _STRICT = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+_HalfAxis = Annotated[float, Field(gt=0.0, le=10.0)]
+_Ratio = Annotated[float, Field(gt=0.0, le=1.0)]
 
 
 class FieldRegionConfig(BaseModel):
@@ -18,24 +20,42 @@ class FieldRegionConfig(BaseModel):
 
     model_config = _STRICT
 
-    width_px: int = Field(320, ge=80, le=1280, description="Width to which the picture is reduced for the colour search.")
+    width_px: int = Field(
+        default=320, ge=80, le=1280, description="Width of the reduced picture for the colour search."
+    )
     upper_share_skipped: float = Field(
-        0.25, ge=0.0, le=0.9, description="Share of the picture height, from the top, that does not vote for the colour."
+        default=0.25, ge=0.0, le=0.9, description="Upper share of the picture that does not vote."
     )
-    dark_level: int = Field(22, ge=0, le=255, description="Pixels darker than this (8-bit L of Lab) never vote.")
-    histogram_sigma: float = Field(2.0, ge=0.3, le=10.0, description="Smoothing of the a-b histogram, in bins.")
+    dark_level: int = Field(
+        default=22, ge=0, le=255, description="Pixels darker than this (8-bit L of Lab) never vote."
+    )
+    histogram_sigma: float = Field(default=2.0, ge=0.3, le=10.0, description="Smoothing of the a-b histogram, in bins.")
     peak_share: float = Field(
-        0.04, gt=0.0, lt=1.0, description="A colour belongs to the field above this share of the histogram's peak."
+        default=0.04,
+        gt=0.0,
+        lt=1.0,
+        description="A colour belongs to the field above this share of the histogram's peak.",
     )
-    colour_reach: int = Field(22, ge=2, le=90, description="Largest distance from the peak colour, in a-b bins.")
+    colour_reach: int = Field(
+        default=22, ge=2, le=90, description="Largest distance from the peak colour, in a-b bins."
+    )
     component_share: float = Field(
-        0.10, gt=0.0, le=1.0, description="Further patches join the field above this share of the largest patch."
+        default=0.10,
+        gt=0.0,
+        le=1.0,
+        description="Further patches join the field above this share of the largest patch.",
     )
     local_share: float = Field(
-        0.30, ge=0.0, lt=1.0, description="Places whose neighbourhood holds less field colour than this are left out."
+        default=0.30,
+        ge=0.0,
+        lt=1.0,
+        description="Places whose neighbourhood holds less field colour than this are left out.",
     )
     area_share: float = Field(
-        0.08, gt=0.0, lt=1.0, description="A field smaller than this share of the picture is no field (`no_field`)."
+        default=0.08,
+        gt=0.0,
+        lt=1.0,
+        description="A field smaller than this share of the picture is no field (`no_field`).",
     )
 
 
@@ -44,18 +64,23 @@ class RidgeConfig(BaseModel):
 
     model_config = _STRICT
 
-    sigma_px: float = Field(1.2, ge=0.6, le=4.0, description="Smoothing at every pyramid level, in pixels of that level.")
-    levels: int = Field(3, ge=1, le=5, description="Pyramid levels; each halves the picture and doubles the ridge width.")
+    sigma_px: float = Field(default=1.2, ge=0.6, le=4.0, description="Smoothing at every pyramid level, in its pixels.")
+    levels: int = Field(default=3, ge=1, le=5, description="Pyramid levels; each doubles the ridge width.")
     level_weight: float = Field(
-        0.71, gt=0.0, le=2.0, description="Weight of a level's response relative to the next finer one."
+        default=0.71, gt=0.0, le=2.0, description="Weight of a level's response relative to the next finer one."
     )
     threshold: float = Field(
-        4.0, ge=1.0, le=50.0, description="Ridge threshold in medians of the positive response inside the field."
+        default=4.0,
+        ge=1.0,
+        le=50.0,
+        description="Ridge threshold in medians of the positive response inside the field.",
     )
     minimum_contrast: float = Field(
-        0.4, ge=0.0, le=50.0, description="Ridge threshold floor in grey levels: second derivative of the smoothed picture."
+        default=0.4, ge=0.0, le=50.0, description="Least second derivative across a ridge, grey levels."
     )
-    chain_px1280: float = Field(9.0, ge=1.0, le=200.0, description="Shorter chains of ridge points are dropped.")
+    chain_px1280: float = Field(
+        default=9.0, ge=1.0, le=200.0, description="Shorter chains of ridge points are dropped."
+    )
 
 
 class LineConfig(BaseModel):
@@ -63,15 +88,24 @@ class LineConfig(BaseModel):
 
     model_config = _STRICT
 
-    angle_bins: int = Field(180, ge=36, le=720, description="Directions over half a turn in the vote.")
-    tolerance_px: float = Field(1.2, gt=0.1, le=10.0, description="Distance of a supporting point from its line.")
-    angle_tolerance_deg: float = Field(12.0, gt=1.0, le=45.0, description="Largest difference of direction.")
-    minimum_length: float = Field(
-        0.16, gt=0.02, le=1.0, description="Shortest line that is taken out of the circle search, in picture widths."
+    angle_bins: int = Field(default=180, ge=36, le=720, description="Directions over half a turn in the vote.")
+    tolerance_px: float = Field(
+        default=1.2, gt=0.1, le=10.0, description="Distance of a supporting point from its line."
     )
-    support: float = Field(0.5, gt=0.0, le=1.0, description="Smallest share of a line's length with ridge points.")
-    gap: float = Field(0.03, gt=0.0, le=1.0, description="A gap longer than this ends a segment, in picture widths.")
-    count: int = Field(16, ge=1, le=64, description="Largest number of lines.")
+    angle_tolerance_deg: float = Field(default=12.0, gt=1.0, le=45.0, description="Largest difference of direction.")
+    minimum_length: float = Field(
+        default=0.16,
+        gt=0.02,
+        le=1.0,
+        description="Shortest line that is taken out of the circle search, in picture widths.",
+    )
+    support: float = Field(
+        default=0.5, gt=0.0, le=1.0, description="Smallest share of a line's length with ridge points."
+    )
+    gap: float = Field(
+        default=0.03, gt=0.0, le=1.0, description="A gap longer than this ends a segment, in picture widths."
+    )
+    count: int = Field(default=16, ge=1, le=64, description="Largest number of lines.")
 
 
 class HypothesisConfig(BaseModel):
@@ -79,22 +113,31 @@ class HypothesisConfig(BaseModel):
 
     model_config = _STRICT
 
-    draws: int = Field(12000, ge=100, le=1_000_000, description="Random triples of ridge points.")
-    tangent_tolerance_deg: float = Field(12.0, gt=1.0, le=45.0, description="Agreement of the third point's tangent.")
+    draws: int = Field(default=12000, ge=100, le=1_000_000, description="Random triples of ridge points.")
+    tangent_tolerance_deg: float = Field(
+        default=12.0, gt=1.0, le=45.0, description="Agreement of the third point's tangent."
+    )
     chain_weight_px1280: float = Field(
-        60.0, ge=1.0, le=1000.0, description="A point's weight grows with the length of its chain up to this length."
+        default=60.0,
+        ge=1.0,
+        le=1000.0,
+        description="A point's weight grows with the length of its chain up to this length.",
     )
-    half_axis: tuple[float, float] = Field(
-        (0.05, 1.2), description="Smallest and largest great half axis, in picture widths."
+    half_axis: tuple[_HalfAxis, _HalfAxis] = Field(
+        default=(0.05, 1.2), description="Smallest and largest great half axis, in picture widths."
     )
-    axis_ratio: tuple[float, float] = Field((0.06, 1.0), description="Smallest and largest ratio of the axes.")
-    tilt_deg: float = Field(35.0, ge=0.0, le=90.0, description="Largest tilt of the great axis, unless nearly round.")
-    round_ratio: float = Field(0.6, gt=0.0, le=1.0, description="Axis ratio from which any tilt is allowed.")
+    axis_ratio: tuple[_Ratio, _Ratio] = Field(
+        default=(0.06, 1.0), description="Smallest and largest ratio of the axes."
+    )
+    tilt_deg: float = Field(
+        default=35.0, ge=0.0, le=90.0, description="Largest tilt of the great axis, unless nearly round."
+    )
+    round_ratio: float = Field(default=0.6, gt=0.0, le=1.0, description="Axis ratio from which any tilt is allowed.")
     centre_margin: float = Field(
-        0.15, ge=0.0, le=2.0, description="How far outside the picture the centre may lie, in picture widths."
+        default=0.15, ge=0.0, le=2.0, description="How far outside the picture the centre may lie, in picture widths."
     )
-    scored: int = Field(1500, ge=10, le=100_000, description="Most hypotheses that are scored.")
-    kept: int = Field(6, ge=1, le=50, description="Distinct best hypotheses that are fitted again.")
+    scored: int = Field(default=1500, ge=10, le=100_000, description="Most hypotheses that are scored.")
+    kept: int = Field(default=6, ge=1, le=50, description="Distinct best hypotheses that are fitted again.")
 
 
 class RefinementConfig(BaseModel):
@@ -102,21 +145,35 @@ class RefinementConfig(BaseModel):
 
     model_config = _STRICT
 
-    reach_px1280: float = Field(6.0, gt=1.0, le=40.0, description="Half length of the first profiles.")
-    narrow_reach_px1280: float = Field(3.5, gt=1.0, le=40.0, description="Half length of the later profiles.")
+    reach_px1280: float = Field(default=6.0, gt=1.0, le=40.0, description="Half length of the first profiles.")
+    narrow_reach_px1280: float = Field(default=3.5, gt=1.0, le=40.0, description="Half length of the later profiles.")
     width_share: float = Field(
-        0.02, ge=0.0, le=0.2, description="Circle: profiles are longer by this share of the distance from the centre."
+        default=0.02,
+        ge=0.0,
+        le=0.2,
+        description="Circle: profiles are longer by this share of the distance from the centre.",
     )
-    line_reach_px1280: float = Field(10.0, gt=1.0, le=40.0, description="Half length of the first profiles of a line.")
-    spacing_px1280: float = Field(2.0, gt=0.2, le=20.0, description="Distance between profiles along the curve.")
-    samples: int = Field(640, ge=64, le=4096, description="Most profiles on one curve.")
-    rounds: int = Field(2, ge=1, le=10, description="Rounds of profiles and fit.")
-    weakest: float = Field(0.35, gt=0.0, le=1.0, description="Weakest accepted contrast relative to the local median.")
-    strongest: float = Field(2.5, ge=1.0, le=20.0, description="Strongest accepted contrast relative to the local median.")
-    noise_factor: float = Field(3.0, ge=0.0, le=20.0, description="Smallest contrast in units of the background's noise.")
-    minimum_contrast: float = Field(0.6, ge=0.0, le=100.0, description="Smallest contrast in grey levels.")
+    line_reach_px1280: float = Field(
+        default=10.0, gt=1.0, le=40.0, description="Half length of the first profiles of a line."
+    )
+    spacing_px1280: float = Field(
+        default=2.0, gt=0.2, le=20.0, description="Distance between profiles along the curve."
+    )
+    samples: int = Field(default=640, ge=64, le=4096, description="Most profiles on one curve.")
+    rounds: int = Field(default=2, ge=1, le=10, description="Rounds of profiles and fit.")
+    weakest: float = Field(
+        default=0.35, gt=0.0, le=1.0, description="Weakest accepted contrast relative to the local median."
+    )
+    strongest: float = Field(default=2.5, ge=1.0, le=20.0, description="Strongest accepted contrast, likewise.")
+    noise_factor: float = Field(
+        default=3.0, ge=0.0, le=20.0, description="Smallest contrast in units of the surface's noise."
+    )
+    minimum_contrast: float = Field(default=0.6, ge=0.0, le=100.0, description="Smallest contrast in grey levels.")
     step_share: float = Field(
-        0.8, gt=0.0, le=5.0, description="Largest brightness step between the two sides, in units of the contrast."
+        default=0.8,
+        gt=0.0,
+        le=5.0,
+        description="Largest brightness step between the two sides, in units of the contrast.",
     )
 
 
@@ -129,23 +186,36 @@ class AcceptanceConfig(BaseModel):
 
     model_config = _STRICT
 
-    share: float = Field(0.74, ge=0.0, le=1.0, description="Smallest share of the visible circle that is drawn.")
+    share: float = Field(
+        default=0.74, ge=0.0, le=1.0, description="Smallest share of the visible circle that is drawn."
+    )
     share_with_line: float = Field(
-        0.68, ge=0.0, le=1.0, description="The same for a nearly whole circle with a halfway line through its middle."
+        default=0.68,
+        ge=0.0,
+        le=1.0,
+        description="The same for a nearly whole circle with a halfway line through its middle.",
     )
     share_of_lone_arc: float = Field(
-        0.85, ge=0.0, le=1.0, description="The same for a part of a circle without a halfway line."
+        default=0.85, ge=0.0, le=1.0, description="The same for a part of a circle without a halfway line."
     )
-    complete_share: float = Field(0.60, ge=0.0, le=1.0, description="Share of the whole ellipse of a nearly whole circle.")
+    complete_share: float = Field(
+        default=0.60, ge=0.0, le=1.0, description="Least share of the whole that is nearly whole."
+    )
     whole_share: float = Field(
-        0.40, ge=0.0, le=1.0, description="Smallest share of the whole ellipse; a penalty arc has at most 0.35."
+        default=0.40, ge=0.0, le=1.0, description="Smallest share of the whole ellipse; a penalty arc has at most 0.35."
     )
     whole_share_with_line: float = Field(
-        0.37, ge=0.0, le=1.0, description="The same when a halfway line passes through the circle's middle."
+        default=0.37, ge=0.0, le=1.0, description="The same when a halfway line passes through the circle's middle."
     )
-    rms_px1920: float = Field(1.8, gt=0.0, le=20.0, description="Largest residual, in px at 1920 px width.")
+    rms_px1920: float = Field(default=1.8, gt=0.0, le=20.0, description="Largest residual, in px at 1920 px width.")
     rms_px: float = Field(
-        0.5, ge=0.0, le=20.0, description="Residual in px of the picture that a nearly whole circle with a line may have."
+        default=0.5,
+        ge=0.0,
+        le=20.0,
+        description="Residual in px of the picture that a nearly whole circle with a halfway line may always have.",
+    )
+    rms_share: float = Field(
+        default=0.004, ge=0.0, le=0.1, description="The same as a share of the great half axis: surfaces are not flat."
     )
 
 
@@ -155,10 +225,15 @@ class HalfwayConfig(BaseModel):
     model_config = _STRICT
 
     distance: float = Field(
-        0.25, gt=0.0, le=1.0, description="Largest distance from the centre where the ellipse is the unit circle."
+        default=0.25,
+        gt=0.0,
+        le=1.0,
+        description="Largest distance from the centre where the ellipse is the unit circle.",
     )
-    support: float = Field(0.5, gt=0.0, le=1.0, description="Smallest supported share of the chord inside the circle.")
-    extent: float = Field(2.0, ge=1.0, le=10.0, description="How far the line is followed, in half chords.")
+    support: float = Field(
+        default=0.5, gt=0.0, le=1.0, description="Smallest supported share of the chord inside the circle."
+    )
+    extent: float = Field(default=2.0, ge=1.0, le=10.0, description="How far the line is followed, in half chords.")
 
 
 class DetectorConfig(BaseModel):
@@ -167,19 +242,22 @@ class DetectorConfig(BaseModel):
     model_config = _STRICT
 
     marking: Literal["light", "dark", "any"] = Field(
-        "light", description="Whether markings are lighter or darker than the surface, or either."
+        default="light", description="Whether markings are lighter or darker than the surface, or either."
     )
     detection_width_px: int = Field(
-        960, ge=160, le=3840, description="Width to which larger pictures are reduced; smaller ones keep their size."
+        default=960,
+        ge=160,
+        le=3840,
+        description="Width to which larger pictures are reduced; smaller ones keep their size.",
     )
     enlarged_width_px: int = Field(
-        640, ge=80, le=1920, description="Width to which smaller pictures are enlarged for the search."
+        default=640, ge=80, le=1920, description="Width to which smaller pictures are enlarged for the search."
     )
-    field_region: FieldRegionConfig = Field(FieldRegionConfig(), description="Search for the playing surface.")
-    ridges: RidgeConfig = Field(RidgeConfig(), description="Ridge points.")
-    lines: LineConfig = Field(LineConfig(), description="Straight markings.")
-    hypotheses: HypothesisConfig = Field(HypothesisConfig(), description="Circle hypotheses.")
-    refinement: RefinementConfig = Field(RefinementConfig(), description="Measurement at full resolution.")
-    acceptance: AcceptanceConfig = Field(AcceptanceConfig(), description="Gates of the circle.")
-    halfway: HalfwayConfig = Field(HalfwayConfig(), description="Halfway line.")
-    candidates: int = Field(3, ge=1, le=20, description="Most candidates that are measured and reported.")
+    field_region: FieldRegionConfig = Field(default=FieldRegionConfig(), description="Search for the playing surface.")
+    ridges: RidgeConfig = Field(default=RidgeConfig(), description="Ridge points.")
+    lines: LineConfig = Field(default=LineConfig(), description="Straight markings.")
+    hypotheses: HypothesisConfig = Field(default=HypothesisConfig(), description="Circle hypotheses.")
+    refinement: RefinementConfig = Field(default=RefinementConfig(), description="Measurement at full resolution.")
+    acceptance: AcceptanceConfig = Field(default=AcceptanceConfig(), description="Gates of the circle.")
+    halfway: HalfwayConfig = Field(default=HalfwayConfig(), description="Halfway line.")
+    candidates: int = Field(default=3, ge=1, le=20, description="Most candidates that are measured and reported.")

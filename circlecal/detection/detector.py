@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from circlecal.detection.circle import MeasuredCircle, hypothesis_of, measure_circle, refusal_of
 from circlecal.detection.config import DetectorConfig
-from circlecal.detection.field_region import FieldRegion, find_field_region
+from circlecal.detection.field_region import find_field_region
 from circlecal.detection.halfway import MeasuredLine, find_halfway, measure_segments
 from circlecal.detection.hypotheses import EllipseBatch, draw_ellipses
 from circlecal.detection.lines import StraightRun, find_straight_runs
@@ -20,7 +20,7 @@ from circlecal.detection.result import CircleHypothesis, Detection, LineSegment
 from circlecal.detection.ridges import RidgePoints, find_ridges
 from circlecal.detection.scoring import RidgeRaster, best_distinct, refitted, support_of
 from circlecal.geometry.conics import sampson_distance
-from circlecal.geometry.homogeneous import Array, fit_line, lift, normalise_line, transform_lines
+from circlecal.geometry.homogeneous import Array, lift
 
 __all__ = ["detect"]
 
@@ -111,7 +111,7 @@ def detect(image_bgr: NDArray[np.uint8], config: DetectorConfig, rng: np.random.
         found = _find_circle(full_grey, hull, ridges, runs, segments, scaling, config, rng, watch)
     mask, lines = _draw(full_grey, found, segments, runs, polarities[0], config)
     watch.lap("mask")
-    halfway = None if found.halfway is None else LineSegment(*found.halfway.ends, found.halfway.support)
+    halfway = None if found.halfway is None else LineSegment(*found.halfway.ends, support=found.halfway.support)
     detection = Detection(
         field_region=region.hull_at(width, height).view(np.bool_),
         ridge_points=scaling.full(ridges.points),
@@ -223,9 +223,9 @@ def _draw(
     straight = np.ones(len(runs), np.bool_)
     halfway = np.zeros(len(runs), np.bool_)
     if found.hypothesis is not None:
-        straight = ~np.array([_lies_on_circle(*ends, found.hypothesis.conic, width) for ends in segments], np.bool_)
+        straight = ~np.array([_lies_on_circle(a, b, found.hypothesis.conic, width) for a, b in segments], np.bool_)
     if found.halfway is not None:
-        halfway = np.array([_same_line(*ends, found.halfway, width) for ends in segments], np.bool_)
+        halfway = np.array([_same_line(a, b, found.halfway, width) for a, b in segments], np.bool_)
     for chosen, class_id in ((straight & ~halfway, UNKNOWN_CLASS), (straight & halfway, HALFWAY_CLASS)):
         part = measure_segments(full_grey, segments[chosen], sign, config)
         if part is not None:
@@ -237,7 +237,7 @@ def _draw(
         circle = found.circle
         draw_band(mask, circle.points, circle.normals, circle.band, _one_piece(circle.points), True, CIRCLE_CLASS)
     kept = np.flatnonzero(straight)
-    return mask, tuple(LineSegment(*segments[i], runs[i].support) for i in kept)
+    return mask, tuple(LineSegment(segments[i, 0], segments[i, 1], runs[i].support) for i in kept)
 
 
 def _one_piece(points: Array) -> NDArray[np.int64]:

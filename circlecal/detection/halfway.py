@@ -21,7 +21,7 @@ _NEARLY_CENTRAL = 0.12  # a supported line this near to the centre needs no comp
 
 @dataclass(frozen=True, slots=True)
 class MeasuredLine:
-    """A line (3,) with its profiles in order along it; ``support`` is the supported share of the chord in the circle."""
+    """A line (3,) with profiles in order along it; ``support`` is the drawn share of its chord in the circle."""
 
     line: Array
     points: Array

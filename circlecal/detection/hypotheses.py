@@ -1,8 +1,9 @@
 """Circle hypotheses: conics through two points with their tangents and a third point, many at once.
 
-The conics that touch line ``l1`` in ``p1`` and ``l2`` in ``p2`` form the pencil ``l1 l2^T + l2 l1^T + mu l12 l12^T`` with the join
-``l12`` (Semple and Kneebone 1952, *Algebraic Projective Geometry*, chapter V: conics with double contact); a third point fixes ``mu``.
-Three ridge points with their normals thus overdetermine the conic by one: the third tangent is the check.
+The conics that touch line ``l1`` in ``p1`` and line ``l2`` in ``p2`` form the pencil
+``l1 l2^T + l2 l1^T + 2 mu l12 l12^T`` with the join ``l12`` (conics in double contact; Semple and Kneebone 1952,
+*Algebraic Projective Geometry*); a third point fixes ``mu``. Three ridge points with their normals overdetermine the
+conic by one: the third tangent is the check.
 """
 
 from __future__ import annotations
@@ -96,7 +97,7 @@ def conics_from_tangents(points: Rows, normals: Rows, mu: Rows) -> Rows:
     )
 
 
-def ellipses_from_coefficients(coefficients: Array) -> tuple[EllipseBatch, NDArray[np.bool_]]:
+def ellipses_from_coefficients(coefficients: Rows) -> tuple[EllipseBatch, NDArray[np.bool_]]:
     """Centre and half axes of conics (M, 6), and which of them are real ellipses.
 
     Returns
@@ -117,9 +118,7 @@ def ellipses_from_coefficients(coefficients: Array) -> tuple[EllipseBatch, NDArr
         great = level * sign / (np.abs(mean) - root)
         small = level * sign / (np.abs(mean) + root)
         real = (minor > 0) & (great > 0) & (small > 0) & np.isfinite(great)
-    a, b, c, x, y, great, small, half, sign = (
-        v[real] for v in (a, b, c, x, y, great, small, half, sign)
-    )
+    a, b, c, x, y, great, small, half, sign = (v[real] for v in (a, b, c, x, y, great, small, half, sign))
     angle = np.arctan2(b * sign, 2 * half * sign) / 2 + np.pi / 2  # direction of the smaller eigenvalue: the great axis
     axis = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     across = np.stack([-axis[:, 1], axis[:, 0]], axis=-1)
@@ -160,11 +159,10 @@ def draw_ellipses(
     triples = _weighted_triples(ridges, index, width, config, rng)
     rows = np.concatenate([(ridges.points - origin) / unit, ridges.normals], axis=1).astype(np.float32)
     drawn = np.ascontiguousarray(np.moveaxis(rows[triples], -1, 0))
-    points, normals = drawn[:2], drawn[2:]
-    mu, agreement = pencil_parameter(points, normals)
+    mu, agreement = pencil_parameter(drawn[:2], drawn[2:])
     good = np.flatnonzero(agreement >= np.cos(np.deg2rad(config.tangent_tolerance_deg)))
-    points, normals, mu = (rows[..., good].astype(np.float64) for rows in (points, normals, mu))
-    coefficients = conics_from_tangents(points, normals, mu)
+    kept = drawn[..., good].astype(np.float64)
+    coefficients = conics_from_tangents(kept[:2], kept[2:], mu[good].astype(np.float64))
     batch, _ = ellipses_from_coefficients(coefficients)
     batch = EllipseBatch(batch.centers * unit + origin, batch.great * unit, batch.small * unit)
     batch = batch.take(_plausible(batch, size, config))

@@ -157,7 +157,7 @@ def _run_near(
 
 def _along(line: Array, points: Array) -> Array:
     """Position (M,) of points along the line's direction (-b, a)."""
-    return points @ np.array([-line[1], line[0]])
+    return np.asarray(points @ np.array([-line[1], line[0]]), np.float64)
 
 
 def _longest_run(t: Array, gap: float) -> NDArray[np.int64]:

@@ -138,7 +138,8 @@ def _background_noise(
     """Typical scatter of the surface beside the marking: median over samples, grey levels."""
     if not inside.any():
         return 0.0
-    scatter = np.abs(profile[:, :rim] - left[:, None]).sum(axis=1) + np.abs(profile[:, -rim:] - right[:, None]).sum(axis=1)
+    scatter = np.abs(profile[:, :rim] - left[:, None]).sum(axis=1)
+    scatter += np.abs(profile[:, -rim:] - right[:, None]).sum(axis=1)
     return 1.25 * float(np.median(scatter[inside])) / (2 * rim)
 
 

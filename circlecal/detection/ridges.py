@@ -101,7 +101,7 @@ def _smoothed_levels(grey: Picture, config: RidgeConfig) -> list[Picture]:
 def _ridges_of_one_polarity(
     smooth: list[Picture], region: NDArray[np.uint8], sign: float, config: RidgeConfig
 ) -> Picture:
-    """Rows x, y, nx, ny, strength of the ridge points of all levels: (5, K); a place keeps the level that responds most."""
+    """Rows x, y, nx, ny, strength (5, K) of the points of all levels; a place keeps the level that responds most."""
     height, width = region.shape
     responses = [
         np.asarray(cv2.Laplacian(picture, cv2.CV_32F, scale=-sign * config.level_weight**level), np.float32)
@@ -137,18 +137,16 @@ def _threshold(response: Picture, region: NDArray[np.uint8], config: RidgeConfig
 
 def _candidates(response: Picture, region: NDArray[np.uint8], threshold: float) -> NDArray[np.int64]:
     """Flat indices of the pixels worth a closer look, borders left out."""
-    wanted = cv2.compare(response, threshold, cv2.CMP_GT)
+    wanted = (response > threshold).view(np.uint8)
     if region.shape != response.shape:
         region = np.asarray(cv2.resize(region, response.shape[::-1], interpolation=cv2.INTER_NEAREST), np.uint8)
-    wanted = np.asarray(cv2.bitwise_and(wanted, region), np.uint8)
+    wanted &= region & 1
     wanted[0] = wanted[-1] = 0
     wanted[:, 0] = wanted[:, -1] = 0
     return np.flatnonzero(wanted.view(np.bool_))
 
 
-def _steger(
-    picture: Picture, candidates: NDArray[np.int64], sign: float, weight: float, threshold: float
-) -> Picture:
+def _steger(picture: Picture, candidates: NDArray[np.int64], sign: float, weight: float, threshold: float) -> Picture:
     """Ridges through the candidate pixels: rows x, y, nx, ny, strength (5, M), in pixels of this picture."""
     width = picture.shape[1]
     flat = picture.ravel() * np.float32(sign)
@@ -190,7 +188,7 @@ def _response_at(response: Picture, rows: Picture, shape: tuple[int, ...]) -> Pi
     height, width = response.shape
     x = np.clip((rows[0] + 0.5) * (width / shape[1]), 0, width - 1).astype(np.int64)
     y = np.clip((rows[1] + 0.5) * (height / shape[0]), 0, height - 1).astype(np.int64)
-    return response.ravel()[y * width + x]
+    return np.asarray(response.ravel()[y * width + x], np.float32)
 
 
 def _densified(rows: Picture, copies: int) -> Picture:

@@ -52,7 +52,7 @@ class RidgeRaster:
         """Ridge index at or beside each place (...); negative where there is none."""
         column = np.clip(np.rint(x), -1, self.width).astype(np.int32) + 1
         row = np.clip(np.rint(y), -1, self.height).astype(np.int32) + 1
-        return self._flat[row * self._stride + column]
+        return np.asarray(self._flat[row * self._stride + column], np.int32)
 
     def aligned(self, index: NDArray[np.int32], nx: Picture, ny: Picture) -> NDArray[np.bool_]:
         """Whether the ridge points (...) run along the curve with these normals (any length)."""
@@ -104,10 +104,10 @@ def best_distinct(batch: EllipseBatch, raster: RidgeRaster, count: int) -> Ellip
 
 
 def _distinct(batch: EllipseBatch, count: int) -> NDArray[np.int64]:
-    """Greedy choice: an ellipse is a repetition when centre and half axes all differ by less than a tenth of the size."""
+    """Greedy choice; ellipses whose centres and half axes differ by little more than a tenth are the same."""
     shape = np.column_stack([batch.centers, batch.great_lengths, batch.small_lengths])
     scale = 0.12 * np.column_stack([batch.great_lengths, batch.small_lengths] * 2) + 1.0
-    alike = (np.abs(shape[:, None] - shape[None]) <= scale[:, None]).all(axis=-1)
+    alike = (np.abs(shape[:, None] - shape[None]) / scale[:, None]).max(axis=-1) <= 1.0
     chosen: list[int] = []
     free = np.ones(len(batch), np.bool_)
     while len(chosen) < count and free.any():
@@ -134,8 +134,9 @@ def refitted(batch: EllipseBatch, raster: RidgeRaster, reaches_px: tuple[float, 
     """
     for reach in reaches_px:
         x, y, nx, ny = ellipse_points(batch, _REFIT_ANGLES)
-        length = np.sqrt(nx * nx + ny * ny)
-        nx, ny = nx / length, ny / length
+        length = np.hypot(nx, ny)
+        nx /= length
+        ny /= length
         steps = np.arange(-reach, reach + 0.5, 2.0, dtype=np.float32) if reach > 1.5 else np.zeros(1, np.float32)
         index = raster.lookup(x[..., None] + steps * nx[..., None], y[..., None] + steps * ny[..., None])
         aligned = raster.aligned(index, nx[..., None], ny[..., None])
@@ -149,8 +150,9 @@ def refitted(batch: EllipseBatch, raster: RidgeRaster, reaches_px: tuple[float, 
 def adjusted(batch: EllipseBatch, points: Array, weight: Array) -> EllipseBatch:
     """One weighted step of each ellipse towards its points.
 
-    In the frame where the ellipse is the unit circle, the conic ``x^2 + y^2 - 1 + d . (x^2 + y^2, x^2 - y^2, 2 x y, x, y) = 0`` is
-    fitted by least squares with residuals divided by their gradient in pixels (Sampson 1982), five unknowns each.
+    In the frame where the ellipse is the unit circle, the conic
+    ``x^2 + y^2 - 1 + d . (x^2 + y^2, x^2 - y^2, 2 x y, x, y) = 0`` is fitted by least squares with residuals divided
+    by their gradient in pixels (Sampson 1982), five unknowns each.
 
     Parameters
     ----------
@@ -200,7 +202,7 @@ def _accepted_step(batch: EllipseBatch, frame: Array, d: Array, count: NDArray[n
 
 
 def principal_axes(frame: Array) -> tuple[Array, Array]:
-    """Great and small half-axis vectors (M, 2) of the ellipses that the affine maps (M, 2, 2) make of the unit circle."""
+    """Great and small half-axis vectors (M, 2) of the images of the unit circle under linear maps (M, 2, 2)."""
     left, sizes, _ = np.linalg.svd(frame)
     axes = left * sizes[:, None, :]
     return axes[..., 0], axes[..., 1]

@@ -12,9 +12,10 @@ from typing import Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from circlecal.camera_fit.association import associate_lines
-from circlecal.camera_fit.curves import CurvePoints, FixedPoints, circle_curve, first_hidden, line_curve, stack_curves
+from circlecal.camera_fit.curves import CurvePoints, FixedPoints, first_hidden
 from circlecal.camera_fit.model import INDEX, PARAMETERS, Frame, camera_of
+from circlecal.camera_fit.naming import name_lines
+from circlecal.camera_fit.observed import Realism, observed_curves, observed_points
 from circlecal.camera_fit.optimise import Priors, Problem, State, best_of, minimise
 from circlecal.camera_fit.starts import closed_form_starts, grid_starts
 from circlecal.camera_fit.uncertainty import (
@@ -35,6 +36,8 @@ from circlecal.observations import Observations
 from circlecal.results import CameraFit
 
 Three = tuple[float, float, float]
+COARSE_POINTS = 48
+"""Points per marking while hypotheses are only compared."""
 
 
 class CameraConfig(BaseModel):
@@ -54,7 +57,7 @@ class CameraConfig(BaseModel):
     aspect_sd: float = Field(0.0, ge=0, description="Prior standard deviation of its logarithm; 0 fixes it.")
     crown_m: float = Field(0.05, ge=-0.5, le=1, description="Prior mean of the drop of the pitch at |y| = 9.15 m, metres.")
     crown_sd_m: float = Field(0.03, ge=0, description="Prior standard deviation of it; 0 fixes it.")
-    crown_shape: Literal["parabola", "roof", "flat"] = Field("parabola", description="Profile of the pitch across its length.")
+    crown_shape: Literal["parabola", "roof", "flat"] = Field("roof", description="Profile of the pitch across its length.")
     roll_sd_deg: float = Field(3.0, ge=0, description="Prior of the camera's roll about 0, degrees.")
     position_m: Three | None = Field(None, description="Prior mean of the position (x, y, z; z negative above ground), metres, or null.")
     position_sd_m: Three = Field((0.5, 0.5, 0.5), description="Prior standard deviation of the position, where one is given.")
@@ -110,7 +113,7 @@ def estimate_camera(
         ``no_circle``, ``rotation_free``, ``no_camera`` where no start leads to a camera above the ground.
     """
     frame = Frame(observations.width, observations.height, config.crown_shape, max(circle.radius_m, 1e-3))
-    curves = observed_curves(observations, template, config)
+    curves = observed_curves(observations, template, _realism(config, observations.width))
     points = observed_points(observations, template)
     _require_rotation(observations, circle, config)
     priors = priors_of(config, template, circle, frame)
@@ -127,15 +130,15 @@ def estimate_camera(
         problem = replace(problem, points=points)
         state = _follow(problem, np.concatenate([state.theta, starts]), config)
     problem, state, scale = _settled(problem, state, config)
-    named = _named_lines(problem, state, observations, template) if config.name_lines else {}
+    named: dict[int, str] = {}
+    if config.name_lines:
+        realism = replace(_realism(config, observations.width), maximum_points=COARSE_POINTS)
+        named = name_lines(problem, state, observations, template, realism, config.loss_scale)
     if named:
         lines = tuple(replace(line, line=named.get(k, line.line)) for k, line in enumerate(observations.lines))
-        fuller = replace(problem, curves=observed_curves(replace(observations, lines=lines), template, config))
-        settled = _settled(fuller, _follow(fuller, state.theta[:1], config), config)
-        if _still_on_circle(problem, state, settled[0], settled[1]):
-            problem, state, scale = settled
-        else:
-            named = {}
+        realism = _realism(config, observations.width)
+        problem = replace(problem, curves=observed_curves(replace(observations, lines=lines), template, realism))
+        problem, state, scale = _settled(problem, _follow(problem, state.theta[:1], config), config)
     return _result(problem, state, scale, rejected, tuple(sorted(set(named.values()))), circle, template)
 
 
@@ -148,29 +151,9 @@ def _settled(problem: Problem, state: State, config: CameraConfig) -> tuple[Prob
     return problem, best_of(minimise(problem, state.theta, config.loss_scale, config.iterations, state.hidden)), scale
 
 
-def _named_lines(problem: Problem, state: State, observations: Observations, template: FieldTemplate) -> dict[int, str]:
-    """Names for the lines that were seen without one, by their index in the observations."""
-    unnamed = [k for k, line in enumerate(observations.lines) if line.line is None and len(line.points_px) >= 8]
-    segments = np.array([_ends(observations.lines[k].points_px) for k in unnamed]).reshape(-1, 2, 2)
-    known = tuple(line.line for line in observations.lines if line.line is not None)
-    covariance = posterior_covariance(state.normal[0], problem.priors.sd)
-    sigma = 1.5 * observations.width / 1920.0
-    found = associate_lines(segments, template, known, state.theta[0], covariance, problem.frame, sigma)
-    return {unnamed[k]: name for k, name in found.items()}
-
-
-def _ends(points: Array) -> Array:
-    """First and last point (2, 2) along a straight marking."""
-    normal = fit_line(points)[:2]
-    position = points @ np.array([normal[1], -normal[0]])
-    return points[[np.argmin(position), np.argmax(position)]]
-
-
-def _still_on_circle(before: Problem, old: State, after: Problem, new: State) -> bool:
-    """Whether naming further lines left the circle and the halfway line where they were seen."""
-    limit = 0.5 * before.frame.width / 1920.0
-    old_rms, new_rms = _residuals_px(before, old), _residuals_px(after, new)
-    return all(new_rms[name] < 1.5 * value + limit for name, value in old_rms.items() if name in before.curves.names)
+def _realism(config: CameraConfig, width: int) -> Realism:
+    unit = width / 1920.0
+    return Realism(config.maximum_points, config.model_sigma_px * unit, config.correlation_px * unit)
 
 
 def priors_of(config: CameraConfig, template: FieldTemplate, circle: Circle, frame: Frame) -> Priors:
@@ -200,91 +183,6 @@ def priors_of(config: CameraConfig, template: FieldTemplate, circle: Circle, fra
         elevation_sd_rad=np.inf if config.elevation_sd_deg is None or free else np.radians(config.elevation_sd_deg),
         center_m=np.asarray(circle.center, dtype=np.float64),
     )
-
-
-def observed_curves(observations: Observations, template: FieldTemplate, config: CameraConfig) -> CurvePoints:
-    """Circles and named lines of the template that were seen, at most ``maximum_points`` of each, with the model's own sigma added."""
-    unit = observations.width / 1920.0
-    relative = {"outer": 0.5, "center": 0.0, "inner": -0.5}
-    bloom = {"outer": 1.0, "center": 0.0, "inner": -1.0}
-    parts = []
-    for seen in observations.circles:
-        known = template.circle_by_name.get(seen.circle)
-        if known is None or len(seen.points_px) == 0:
-            continue
-        points, sigma = _thinned_arc(seen.points_px, seen.sigma_px, config.maximum_points)
-        sigma = _realistic(points, sigma, config.model_sigma_px * unit, config.correlation_px * unit)
-        radius = template.radius(known, seen.edge)
-        by_width = relative[seen.edge] - relative[known.edge]
-        name = f"{seen.circle} {seen.edge}"
-        parts.append(circle_curve(name, points, sigma, np.asarray(known.center), radius, by_width, bloom[seen.edge]))
-    for line in observations.lines:
-        drawn = None if line.line is None else template.line_by_name.get(line.line)
-        if drawn is None or len(line.points_px) == 0:
-            continue
-        points, sigma = _thinned(line.points_px, line.sigma_px, config.maximum_points)
-        sigma = _realistic(points, sigma, config.model_sigma_px * unit, config.correlation_px * unit)
-        parts.append(line_curve(drawn.name, points, sigma, template.line_ends(drawn), template.line_shift(drawn)))
-    return stack_curves(parts)
-
-
-def observed_points(observations: Observations, template: FieldTemplate) -> FixedPoints:
-    """Marks and keypoints that were seen."""
-    found = [
-        (m.mark, np.asarray(template.mark_by_name[m.mark].position), m.point_px, m.sigma_px)
-        for m in observations.marks
-        if m.mark in template.mark_by_name
-    ]
-    found += [(k.name, k.field_m, k.point_px, k.sigma_px) for k in observations.keypoints]
-    return FixedPoints(
-        np.array([f[1] for f in found]).reshape(-1, 2),
-        np.array([f[2] for f in found]).reshape(-1, 2),
-        np.array([f[3] for f in found], dtype=np.float64),
-        tuple(f[0] for f in found),
-    )
-
-
-def _realistic(points: Array, sigma: Array, model_sigma_px: float, correlation_px: float) -> Array:
-    """Sigmas (N,) with the model's own error, grown so that points within one correlation length count as one."""
-    if len(points) < 2 or model_sigma_px == 0:
-        return sigma
-    order = np.lexsort((points[:, 1], points[:, 0]))
-    extent = np.linalg.norm(points[order[-1]] - points[order[0]])
-    spacing = max(2.0 * extent / len(points), 1e-6)
-    return np.hypot(sigma, model_sigma_px * np.sqrt(max(1.0, correlation_px / spacing)))
-
-
-def _thinned(points: Array, sigma: Array, maximum: int) -> tuple[Array, Array]:
-    """Means of neighbouring points of a straight marking, so that nothing that was measured is thrown away."""
-    size = -(-len(points) // maximum)
-    if size <= 1:
-        return points, sigma
-    normal = fit_line(points)[:2]
-    order = np.argsort(points @ np.array([normal[1], -normal[0]]), kind="stable")
-    usable = len(points) // size * size
-    groups = order[:usable].reshape(-1, size)
-    return points[groups].mean(axis=1), np.sqrt((sigma[groups] ** 2).mean(axis=1) / size)
-
-
-def _thinned_arc(points: Array, sigma: Array, maximum: int) -> tuple[Array, Array]:
-    """The same along an ellipse: the mean deviation of each group of neighbours is given to its middle point."""
-    size = -(-len(points) // maximum)
-    conic = fit_conic(points, "direct") if size > 1 else None
-    ellipse = None if conic is None else ellipse_from_conic(conic)
-    if ellipse is None:
-        return points, sigma
-    angle = ellipse.parameter(points)
-    order = np.argsort(angle, kind="stable")
-    groups = order[: len(points) // size * size].reshape(-1, size)
-    normals = ellipse.normals(angle)
-    deviation = np.sum((points - ellipse.points(angle)) * normals, axis=-1)
-    middle = groups[:, size // 2]
-    # groups that span a gap of the arc keep only their middle point
-    spread = np.linalg.norm(points[groups[:, -1]] - points[groups[:, 0]], axis=-1)
-    whole = spread < 4 * np.median(spread) + 1e-9
-    change = np.where(whole, deviation[groups].mean(axis=1) - deviation[middle], 0.0)
-    averaged = np.sqrt((sigma[groups] ** 2).mean(axis=1) / np.where(whole, size, 1))
-    return points[middle] + change[:, None] * normals[middle], averaged
 
 
 def _require_rotation(observations: Observations, circle: Circle, config: CameraConfig) -> None:

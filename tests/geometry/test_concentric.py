@@ -43,7 +43,13 @@ def test_centre_and_vanishing_line_are_exact(camera, x, scale):
 
 def test_centre_is_exact_to_a_hundred_millionth_of_a_pixel():
     camera = Camera(
-        1920, 1080, np.full(2, 3000.0), image_center(1920, 1080), np.radians([3.0, 76.0, 1.0]), np.array([3.0, 60.0, -15.0]), np.zeros(2)
+        1920,
+        1080,
+        np.full(2, 3000.0),
+        image_center(1920, 1080),
+        np.radians([3.0, 76.0, 1.0]),
+        np.array([3.0, 60.0, -15.0]),
+        np.zeros(2),
     )
     for inner in (INNER_M, 5.0):
         found = imaged_center(*_edges(camera.homography, inner=inner))

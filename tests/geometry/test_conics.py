@@ -52,7 +52,9 @@ def test_scale_and_sign_of_a_conic_do_not_matter(ellipse, scale):
     assert conics.is_ellipse(scaled)
     points = ellipse.points(np.linspace(0, 6, 7)) + 1.5
     np.testing.assert_allclose(
-        conics.sampson_distance(conics.normalise_conic(scaled), points), conics.sampson_distance(conic, points), atol=1e-7
+        conics.sampson_distance(conics.normalise_conic(scaled), points),
+        conics.sampson_distance(conic, points),
+        atol=1e-7,
     )
     far = ellipse.center + 3 * ellipse.semi_axes[0]
     line = join(lift(ellipse.center), lift(far))
@@ -61,7 +63,10 @@ def test_scale_and_sign_of_a_conic_do_not_matter(ellipse, scale):
     np.testing.assert_allclose(both, again[:: int(np.sign(scale))], atol=1e-6)
     contacts = [
         dehomogenise(conics.pole(conic, tangent))
-        for tangents in (conics.tangents_from_point(scaled, lift(far)), conics.tangents_from_point(conic, scale * lift(far)))
+        for tangents in (
+            conics.tangents_from_point(scaled, lift(far)),
+            conics.tangents_from_point(conic, scale * lift(far)),
+        )
         for tangent in tangents
     ]
     distances = np.linalg.norm(np.array(contacts[:2])[:, None] - np.array(contacts[2:]), axis=-1)

@@ -120,7 +120,13 @@ def test_homography_from_circle_is_exact_up_to_the_turn(true, angle, offset, sca
 
 def test_homography_from_circle_is_exact_to_a_hundred_millionth_of_a_pixel():
     camera = Camera(
-        1920, 1080, np.full(2, 3000.0), image_center(1920, 1080), np.radians([3.0, 76.0, 1.0]), np.array([3.0, 60.0, -15.0]), np.zeros(2)
+        1920,
+        1080,
+        np.full(2, 3000.0),
+        image_center(1920, 1080),
+        np.radians([3.0, 76.0, 1.0]),
+        np.array([3.0, 60.0, -15.0]),
+        np.zeros(2),
     )
     true = camera.homography
     conic = transform_conic(true, circle_conic((0, 0), RADIUS_M))

@@ -38,11 +38,21 @@ def test_angles_round_trip_through_the_rotation(pan, tilt, roll):
 
 @given(st.floats(-3.0, 3.0), st.floats(0.05, 3.0), st.floats(-1.5, 1.5))
 def test_angles_with_small_roll_come_back_themselves(pan, tilt, roll):
-    np.testing.assert_allclose(pinhole.pan_tilt_roll(pinhole.rotation_matrix(pan, tilt, roll)), (pan, tilt, roll), atol=1e-9)
+    np.testing.assert_allclose(
+        pinhole.pan_tilt_roll(pinhole.rotation_matrix(pan, tilt, roll)), (pan, tilt, roll), atol=1e-9
+    )
 
 
 def test_directions_of_the_angles():
-    down = pinhole.Camera(100, 100, np.full(2, 50.0), pinhole.image_center(100, 100), np.zeros(3), np.array([0.0, 0.0, -10.0]), np.zeros(2))
+    down = pinhole.Camera(
+        100,
+        100,
+        np.full(2, 50.0),
+        pinhole.image_center(100, 100),
+        np.zeros(3),
+        np.array([0.0, 0.0, -10.0]),
+        np.zeros(2),
+    )
     # straight down: field x to the right, field y (towards the main camera) downwards
     np.testing.assert_allclose(down.project([[1.0, 0.0], [0.0, 1.0]]), [[54.5, 49.5], [49.5, 54.5]])
     horizon = pinhole.rotation_matrix(0.0, np.pi / 2, 0.0)
@@ -81,14 +91,26 @@ def test_distort_and_undistort_are_inverse(camera):
 
 def test_lens_is_measured_in_half_widths():
     camera = pinhole.Camera(
-        2000, 1000, np.full(2, 1500.0), np.array([1000.0, 500.0]), np.zeros(3), np.array([0.0, 0.0, -10.0]), np.array([0.05, 0.01])
+        2000,
+        1000,
+        np.full(2, 1500.0),
+        np.array([1000.0, 500.0]),
+        np.zeros(3),
+        np.array([0.0, 0.0, -10.0]),
+        np.array([0.05, 0.01]),
     )
     np.testing.assert_allclose(camera.distort([[2000.0, 500.0]]), [[1000.0 + 1000.0 * 1.06, 500.0]])
 
 
 def test_points_behind_the_camera_and_above_the_horizon_are_nan():
     camera = pinhole.Camera(
-        1920, 1080, np.full(2, 1500.0), pinhole.image_center(1920, 1080), np.radians([0.0, 80.0, 0.0]), np.array([0.0, 40.0, -10.0]), np.zeros(2)
+        1920,
+        1080,
+        np.full(2, 1500.0),
+        pinhole.image_center(1920, 1080),
+        np.radians([0.0, 80.0, 0.0]),
+        np.array([0.0, 40.0, -10.0]),
+        np.zeros(2),
     )
     assert np.isnan(camera.project([[0.0, 60.0]])).all()
     assert np.isnan(camera.back_project([[960.0, 0.0]])).all()
@@ -102,20 +124,32 @@ def test_soccernet_keys_round_trip(camera):
     back = pinhole.camera_from_soccernet(record, camera.width, camera.height)
     for name in ("focal_px", "principal_point_px", "angles_rad", "position_m", "kappa"):
         np.testing.assert_allclose(getattr(back, name), getattr(camera, name), rtol=1e-12, atol=1e-14)
-    assert {len(record[k]) for k in ("radial_distortion", "tangential_distortion", "thin_prism_distortion")} == {6, 2, 4}
+    assert {len(record[k]) for k in ("radial_distortion", "tangential_distortion", "thin_prism_distortion")} == {
+        6,
+        2,
+        4,
+    }
     assert all(isinstance(v, float) for k in record for v in ([record[k]] if np.isscalar(record[k]) else record[k]))
 
 
 @given(cameras(lens=0.0))
 def test_homography_of_the_camera_is_its_projection_of_the_plane(camera):
-    np.testing.assert_allclose(apply_homography(camera.homography, FIELD), camera.project(FIELD, distort=False), atol=1e-7)
+    np.testing.assert_allclose(
+        apply_homography(camera.homography, FIELD), camera.project(FIELD, distort=False), atol=1e-7
+    )
     assert np.linalg.det(camera.homography) > 0
 
 
 @given(cameras(lens=0.0), st.sampled_from([1.0, -1.0, 1e4, -1e-4]))
 def test_camera_from_homography_is_exact(camera, scale):
     centred = pinhole.Camera(
-        camera.width, camera.height, camera.focal_px, pinhole.image_center(1920, 1080), camera.angles_rad, camera.position_m, np.zeros(2)
+        camera.width,
+        camera.height,
+        camera.focal_px,
+        pinhole.image_center(1920, 1080),
+        camera.angles_rad,
+        camera.position_m,
+        np.zeros(2),
     )
     found = pinhole.camera_from_homography(scale * centred.homography, 1920, 1080)
     np.testing.assert_allclose(found.focal_px, centred.focal_px, rtol=1e-6)

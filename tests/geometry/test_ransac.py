@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from circlecal.geometry.conics import FIT_METHODS, Ellipse, conic_from_ellipse, is_ellipse, normalise_conic, sampson_distance
+from circlecal.geometry.conics import (
+    FIT_METHODS,
+    Ellipse,
+    conic_from_ellipse,
+    is_ellipse,
+    normalise_conic,
+    sampson_distance,
+)
 from circlecal.geometry.homogeneous import similarity_normalisation
 from circlecal.geometry.ransac import msac_costs, ransac_conic, sample_conics
 
@@ -22,7 +29,12 @@ def test_score_is_the_truncated_sampson_distance():
     T = similarity_normalisation(points)
     local = points * T[0, 0] + T[:2, 2]
     inverse = np.linalg.inv(T)
-    conics = np.stack([normalise_conic(inverse.T @ conic_from_ellipse(e) @ inverse) for e in (TRUE, Ellipse(TRUE.center, (500.0, 200.0), 0.0))])
+    conics = np.stack(
+        [
+            normalise_conic(inverse.T @ conic_from_ellipse(e) @ inverse)
+            for e in (TRUE, Ellipse(TRUE.center, (500.0, 200.0), 0.0))
+        ]
+    )
     threshold = 3.0 * T[0, 0]
     expected = np.minimum((sampson_distance(conics, local) / threshold) ** 2, 1.0).mean(axis=1)
     np.testing.assert_allclose(msac_costs(conics, local, threshold), expected, rtol=1e-3)

@@ -18,7 +18,9 @@ def cameras(draw):
     x = draw(st.floats(4, 25)) * draw(st.sampled_from([1.0, -1.0]))
     position = np.array([x, draw(st.floats(40, 80)), draw(st.floats(-30, -10))])
     aim = np.array([draw(st.floats(-5, 5)), draw(st.floats(-5, 5))]) - position[:2]
-    angles = np.array([np.arctan2(aim[0], -aim[1]), np.arctan2(np.linalg.norm(aim), -position[2]), draw(st.floats(-0.05, 0.05))])
+    angles = np.array(
+        [np.arctan2(aim[0], -aim[1]), np.arctan2(np.linalg.norm(aim), -position[2]), draw(st.floats(-0.05, 0.05))]
+    )
     return Camera(1920, 1080, np.full(2, draw(st.floats(1500.0, 4000.0))), CENTER_PX, angles, position, np.zeros(2))
 
 

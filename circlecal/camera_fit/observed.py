@@ -1,0 +1,116 @@
+"""Observations of a frame as the optimiser's residuals: thinned, with realistic standard deviations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from circlecal.camera_fit.curves import CurvePoints, FixedPoints, circle_curve, line_curve, stack_curves
+from circlecal.field import FieldTemplate
+from circlecal.geometry.conics import ellipse_from_conic, fit_conic
+from circlecal.geometry.homogeneous import Array, fit_line
+from circlecal.observations import Observations
+
+
+@dataclass(frozen=True, slots=True)
+class Realism:
+    """How far points along a marking can be trusted.
+
+    Attributes
+    ----------
+    maximum_points : int
+        Per marking; more are averaged along it.
+    model_sigma_px : float
+        What lens, crown and paint leave of an ideal marking.
+    correlation_px : float
+        Over which length neighbours repeat each other's error.
+    """
+
+    maximum_points: int
+    model_sigma_px: float
+    correlation_px: float
+
+
+def observed_curves(observations: Observations, template: FieldTemplate, realism: Realism) -> CurvePoints:
+    """Circles and named lines of the template that were seen, thinned, with the model's own sigma added."""
+    relative = {"outer": 0.5, "center": 0.0, "inner": -0.5}
+    bloom = {"outer": 1.0, "center": 0.0, "inner": -1.0}
+    parts = []
+    for seen in observations.circles:
+        known = template.circle_by_name.get(seen.circle)
+        if known is None or len(seen.points_px) == 0:
+            continue
+        points, sigma = _thinned_arc(seen.points_px, seen.sigma_px, realism.maximum_points)
+        sigma = _realistic(points, sigma, realism.model_sigma_px, realism.correlation_px)
+        radius = template.radius(known, seen.edge)
+        by_width = relative[seen.edge] - relative[known.edge]
+        name = f"{seen.circle} {seen.edge}"
+        parts.append(circle_curve(name, points, sigma, np.asarray(known.center), radius, by_width, bloom[seen.edge]))
+    for line in observations.lines:
+        drawn = None if line.line is None else template.line_by_name.get(line.line)
+        if drawn is None or len(line.points_px) == 0:
+            continue
+        points, sigma = _thinned(line.points_px, line.sigma_px, realism.maximum_points)
+        sigma = _realistic(points, sigma, realism.model_sigma_px, realism.correlation_px)
+        parts.append(line_curve(drawn.name, points, sigma, template.line_ends(drawn), template.line_shift(drawn)))
+    return stack_curves(parts)
+
+
+def observed_points(observations: Observations, template: FieldTemplate) -> FixedPoints:
+    """Marks and keypoints that were seen."""
+    found = [
+        (m.mark, np.asarray(template.mark_by_name[m.mark].position), m.point_px, m.sigma_px)
+        for m in observations.marks
+        if m.mark in template.mark_by_name
+    ]
+    found += [(k.name, k.field_m, k.point_px, k.sigma_px) for k in observations.keypoints]
+    return FixedPoints(
+        np.array([f[1] for f in found]).reshape(-1, 2),
+        np.array([f[2] for f in found]).reshape(-1, 2),
+        np.array([f[3] for f in found], dtype=np.float64),
+        tuple(f[0] for f in found),
+    )
+
+
+def _realistic(points: Array, sigma: Array, model_sigma_px: float, correlation_px: float) -> Array:
+    """Sigmas (N,) with the model's own error, grown so that points within one correlation length count as one."""
+    if len(points) < 2 or model_sigma_px == 0:
+        return sigma
+    order = np.lexsort((points[:, 1], points[:, 0]))
+    extent = np.linalg.norm(points[order[-1]] - points[order[0]])
+    spacing = max(2.0 * extent / len(points), 1e-6)
+    return np.hypot(sigma, model_sigma_px * np.sqrt(max(1.0, correlation_px / spacing)))
+
+
+def _thinned(points: Array, sigma: Array, maximum: int) -> tuple[Array, Array]:
+    """Means of neighbouring points of a straight marking, so that nothing that was measured is thrown away."""
+    size = -(-len(points) // maximum)
+    if size <= 1:
+        return points, sigma
+    normal = fit_line(points)[:2]
+    order = np.argsort(points @ np.array([normal[1], -normal[0]]), kind="stable")
+    usable = len(points) // size * size
+    groups = order[:usable].reshape(-1, size)
+    return points[groups].mean(axis=1), np.sqrt((sigma[groups] ** 2).mean(axis=1) / size)
+
+
+def _thinned_arc(points: Array, sigma: Array, maximum: int) -> tuple[Array, Array]:
+    """The same along an ellipse: the mean deviation of each group of neighbours is given to its middle point."""
+    size = -(-len(points) // maximum)
+    conic = fit_conic(points, "direct") if size > 1 else None
+    ellipse = None if conic is None else ellipse_from_conic(conic)
+    if ellipse is None:
+        return points, sigma
+    angle = ellipse.parameter(points)
+    order = np.argsort(angle, kind="stable")
+    groups = order[: len(points) // size * size].reshape(-1, size)
+    normals = ellipse.normals(angle)
+    deviation = np.sum((points - ellipse.points(angle)) * normals, axis=-1)
+    middle = groups[:, size // 2]
+    # groups that span a gap of the arc keep only their middle point
+    spread = np.linalg.norm(points[groups[:, -1]] - points[groups[:, 0]], axis=-1)
+    whole = spread < 4 * np.median(spread) + 1e-9
+    change = np.where(whole, deviation[groups].mean(axis=1) - deviation[middle], 0.0)
+    averaged = np.sqrt((sigma[groups] ** 2).mean(axis=1) / np.where(whole, size, 1))
+    return points[middle] + change[:, None] * normals[middle], averaged

@@ -1,0 +1,107 @@
+"""The command line as a whole: help, version, start-up time, and the small commands."""
+
+import json
+import subprocess
+import sys
+import time
+import tomllib
+from pathlib import Path
+
+import pytest
+import yaml
+
+from circlecal import __version__
+from circlecal.cli.app import app
+
+ROOT = Path(__file__).parents[2]
+COMMANDS = [command.name or command.callback.__name__ for command in app.registered_commands]
+COMMANDS += [group.name for group in app.registered_groups]
+HEAVY = ("numpy", "cv2", "scipy", "pydantic", "skimage", "yaml")
+
+
+def test_commands():
+    assert {"calibrate", "batch", "debug", "project", "config", "fields"} <= set(COMMANDS)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_is_in_the_help_and_has_its_own(run_circlecal, command):
+    assert f" {command} " in run_circlecal("--help").out
+    outcome = run_circlecal(command, "--help")
+    assert outcome.code == 0
+    assert f"circlecal {command}" in outcome.out
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_is_in_the_readme(command):
+    readme = ROOT / "README.md"
+    if not readme.is_file():
+        pytest.skip("no README here")
+    assert f"circlecal {command}" in readme.read_text()
+
+
+def test_version(run_circlecal):
+    assert run_circlecal("--version").out == f"circlecal {__version__}\n"
+    project = ROOT / "pyproject.toml"
+    if project.is_file() and "version" in (content := tomllib.loads(project.read_text())["project"]):
+        assert content["version"] == __version__
+
+
+def test_help_is_fast_and_imports_nothing_heavy():
+    code = f"import sys, circlecal.cli.app; print([m for m in {HEAVY} if m in sys.modules])"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
+    seconds = []
+    for _ in range(3):
+        start = time.perf_counter()
+        subprocess.run([sys.executable, "-m", "circlecal.cli", "--help"], capture_output=True, check=True)
+        seconds.append(time.perf_counter() - start)
+    assert min(seconds) < 0.4
+
+
+def test_import_of_the_package_is_cheap():
+    code = f"import sys, circlecal; circlecal.__version__; print([m for m in {HEAVY} if m in sys.modules])"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
+
+
+def test_public_names():
+    import circlecal
+
+    assert {"calibrate", "Config", "load_config", "Calibration", "__version__"} <= set(dir(circlecal))
+    assert circlecal.load_config() == circlecal.Config()
+    with pytest.raises(AttributeError, match="nothing_like_it"):
+        _ = circlecal.nothing_like_it
+
+
+def test_config(run_circlecal, tmp_path):
+    outcome = run_circlecal("config", "--set", "seed=3")
+    assert yaml.safe_load(outcome.out)["seed"] == 3
+    (tmp_path / "mine.yaml").write_text(outcome.out)
+    assert run_circlecal("config", "--config", tmp_path / "mine.yaml").out == outcome.out
+    assert run_circlecal("config", "--config", "broadcast").code == 0
+    assert json.loads(run_circlecal("config", "--schema").out)["title"] == "Config"
+    assert run_circlecal("config", "--set", "sed=3").code == 2
+
+
+def test_fields(run_circlecal):
+    outcome = run_circlecal("fields")
+    assert outcome.code == 0
+    for name in ("soccer", "futsal", "ice-hockey", "basketball", "faceoff_left_top", "9.15 m"):
+        assert name in outcome.out
+
+
+def test_interrupted(run_circlecal, frame_file, tmp_path, monkeypatch):
+    def interrupt(*arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("circlecal.api.calibrate_frame", interrupt)
+    outcome = run_circlecal("calibrate", frame_file, "--out", tmp_path)
+    assert outcome.code == 130
+    assert outcome.err.splitlines() == ["circlecal: interrupted"]
+
+
+def test_errors_of_the_system_are_one_line(run_circlecal, frame_file, tmp_path, monkeypatch):
+    def refuse(*arguments):
+        raise PermissionError(13, "Permission denied", "/somewhere")
+
+    monkeypatch.setattr("circlecal.api.calibrate_frame", refuse)
+    outcome = run_circlecal("calibrate", frame_file, "--out", tmp_path)
+    assert (outcome.code, outcome.err) == (2, "circlecal: error: /somewhere: Permission denied\n")

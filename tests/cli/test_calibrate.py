@@ -1,0 +1,188 @@
+"""``circlecal calibrate``: files written, output, exit codes, and every kind of bad input."""
+
+import json
+import shutil
+
+import cv2
+import numpy as np
+import pytest
+
+QUICK = ("--no-overlay", "--set", "camera.starts=1")
+
+
+def only_error(outcome, *parts):
+    assert outcome.code == 2
+    assert outcome.out == ""
+    lines = outcome.err.splitlines()
+    assert len(lines) == 1, outcome.err
+    assert lines[0].startswith("circlecal: error: ")
+    for part in parts:
+        assert str(part) in lines[0]
+
+
+def test_files_and_table(run_circlecal, frame_file, tmp_path):
+    out = tmp_path / "out"
+    outcome = run_circlecal("calibrate", frame_file, "--out", out)
+    assert outcome.code == 0, outcome
+    record = json.loads((out / "good.json").read_text())
+    assert record["status"] == "calibrated"
+    assert record["source"]["path"] == str(frame_file)
+    assert cv2.imread(str(out / "good.overlay.jpg")).shape[:2] == (540, 960)
+    assert sorted(p.name for p in out.iterdir()) == ["good.json", "good.overlay.jpg"]
+    header, row = (line.split("\t") for line in outcome.out.splitlines())
+    assert header[:3] == ["id", "verdict", "case"]
+    assert row[:3] == ["good", "calibrated", str(record["case"])]
+    assert outcome.err == ""
+
+
+def test_radar(run_circlecal, frame_file, tmp_path):
+    assert run_circlecal("calibrate", frame_file, "--out", tmp_path / "out", "--radar", "--no-overlay").code == 0
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["good.json", "good.radar.jpg"]
+
+
+def test_a_refused_frame_is_exit_code_1(run_circlecal, frame_file, blank_file, tmp_path):
+    outcome = run_circlecal("calibrate", frame_file.parent, "--out", tmp_path / "out", *QUICK)
+    assert outcome.code == 1
+    assert [line.split("\t")[:2] for line in outcome.out.splitlines()[1:]] == [
+        ["blank", "refused"],
+        ["good", "calibrated"],
+    ]
+    record = json.loads((tmp_path / "out" / "blank.json").read_text())
+    assert record["status"] == "refused"
+    assert record["reason"] in outcome.out
+    assert "2/2 frames" in outcome.err
+
+
+def test_json_lines(run_circlecal, frame_file, blank_file, tmp_path):
+    outcome = run_circlecal("calibrate", frame_file, blank_file, "--out", tmp_path / "out", "--json", "-q", *QUICK)
+    records = [json.loads(line) for line in outcome.out.splitlines()]
+    assert [r["id"] for r in records] == ["good", "blank"]
+    assert outcome.err == ""
+    assert records[0] == json.loads((tmp_path / "out" / "good.json").read_text())
+
+
+def test_quiet(run_circlecal, frame_file, tmp_path):
+    outcome = run_circlecal("calibrate", frame_file, "--out", tmp_path / "out", "--quiet", *QUICK)
+    assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
+
+
+def test_the_default_output_folder_is_not_the_input_folder(run_circlecal, frame_file, tmp_path, monkeypatch):
+    monkeypatch.chdir(frame_file.parent)
+    assert run_circlecal("calibrate", ".", *QUICK).code == 0
+    assert sorted(p.name for p in frame_file.parent.iterdir()) == ["circlecal-out", "good.png"]
+    outcome = run_circlecal("calibrate", ".", "--json", *QUICK)
+    assert len(outcome.out.splitlines()) == 1
+
+
+def test_out_may_be_the_input_folder_when_it_says_so(run_circlecal, frame_file):
+    folder = frame_file.parent
+    for _ in range(2):
+        assert run_circlecal("calibrate", folder, "--out", folder).code == 0
+    assert sorted(p.name for p in folder.iterdir()) == ["good.json", "good.overlay.jpg", "good.png"]
+
+
+def test_seed_field_and_settings_reach_the_result(run_circlecal, frame_file, tmp_path):
+    outcome = run_circlecal(
+        "calibrate",
+        frame_file,
+        "--out",
+        tmp_path,
+        "--seed",
+        5,
+        "--field",
+        "soccer",
+        "--set",
+        "field.sizes.length=100",
+        "--json",
+        *QUICK,
+    )
+    record = json.loads(outcome.out)
+    assert record["seed"] == 5
+    assert record["field"]["sizes"]["length"] == 100
+
+
+def test_mask_file_and_folder(run_circlecal, frame_file, frame_camera, tmp_path):
+    from circlecal.field import load_field
+
+    template = load_field("soccer")
+    mask = np.zeros((540, 960), np.uint8)
+    lines = template.polylines(0.1)
+    for name, value in (("halfway_line", 18), ("centre_circle", 7)):
+        points = frame_camera.project(lines[name])
+        inside = points[np.isfinite(points).all(axis=1) & (np.abs(points) < 5000).all(axis=1)]
+        cv2.polylines(mask, [np.round(inside).astype(np.int32)], name == "centre_circle", value, 4)
+    masks = tmp_path / "given"
+    masks.mkdir()
+    cv2.imwrite(str(masks / "good.png"), mask)
+    for given in (masks, masks / "good.png"):
+        outcome = run_circlecal("calibrate", frame_file, "--mask", given, "--out", tmp_path / "out", "--json", *QUICK)
+        assert outcome.code == 0, outcome
+    shutil.copy(masks / "good.png", frame_file.with_name("good.mask.png"))
+    outcome = run_circlecal("calibrate", frame_file.parent, "--out", tmp_path / "out", "--json", *QUICK)
+    assert [json.loads(line)["id"] for line in outcome.out.splitlines()] == ["good"]
+
+
+def test_mask_options_that_do_not_fit(run_circlecal, frame_file, blank_file, tmp_path):
+    only_error(
+        run_circlecal("calibrate", frame_file, "--mask", tmp_path / "none", *QUICK, "--out", tmp_path), "no such mask"
+    )
+    mask = tmp_path / "mask.png"
+    cv2.imwrite(str(mask), np.zeros((540, 960), np.uint8))
+    outcome = run_circlecal("calibrate", frame_file, blank_file, "--mask", mask, "--out", tmp_path)
+    only_error(outcome, "one mask for 2 frames")
+    only_error(run_circlecal("calibrate", frame_file, "--mask", mask, "--out", tmp_path), mask, "all black")
+    cv2.imwrite(str(mask), np.full((540, 960), 255, np.uint8))
+    only_error(run_circlecal("calibrate", frame_file, "--mask", mask, "--out", tmp_path), mask, "all white")
+    only_error(
+        run_circlecal("calibrate", frame_file, "--mask", frame_file.parent / "..", "--out", tmp_path),
+        "no mask for good.png",
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "part"),
+    [
+        ("empty.jpg", b"", "empty"),
+        ("text.jpg", b"hello", "no JPEG"),
+        ("one.png", cv2.imencode(".png", np.zeros((1, 1, 3), np.uint8))[1].tobytes(), "1 x 1"),
+        ("cut.jpg", cv2.imencode(".jpg", np.zeros((99, 99, 3), np.uint8))[1].tobytes()[:-9], "truncated"),
+    ],
+)
+def test_bad_pictures_are_one_line(run_circlecal, tmp_path, name, content, part):
+    path = tmp_path / name
+    path.write_bytes(content)
+    only_error(run_circlecal("calibrate", path, "--out", tmp_path / "out"), path, part)
+
+
+def test_a_bad_picture_does_not_stop_the_others(run_circlecal, frame_file, tmp_path):
+    frame_file.with_name("bad.jpg").write_bytes(b"")
+    outcome = run_circlecal("calibrate", frame_file.parent, "--out", tmp_path / "out", *QUICK)
+    assert outcome.code == 2
+    assert outcome.err.count("circlecal: error: ") == 1
+    assert "good\tcalibrated" in outcome.out
+    assert (tmp_path / "out" / "good.json").is_file()
+
+
+def test_wrong_use(run_circlecal, frame_file, tmp_path):
+    only_error(run_circlecal("calibrate", tmp_path / "none.jpg", "--out", tmp_path), "no such file")
+    (tmp_path / "nothing").mkdir()
+    only_error(run_circlecal("calibrate", tmp_path / "nothing", "--out", tmp_path), "no pictures")
+    only_error(run_circlecal("calibrate", frame_file, "--config", tmp_path / "none.yaml"), "none.yaml")
+    only_error(run_circlecal("calibrate", frame_file, "--set", "edges.smothing_px=1"), "did you mean edges.smoothing_px?")
+    only_error(run_circlecal("calibrate", frame_file, "--set", "edges.smoothing_px=.nan"), "finite")
+    only_error(run_circlecal("calibrate", frame_file, "--field", "curling"), "curling", "soccer")
+    only_error(run_circlecal("calibrate", frame_file, "--set", "field.circle=moon"), "moon", "centre_circle")
+    assert run_circlecal("calibrate").code == 2
+    assert run_circlecal("calibrate", frame_file, "--bogus").code == 2
+
+
+def test_an_output_folder_that_cannot_be_written(run_circlecal, frame_file, tmp_path):
+    (tmp_path / "file").touch()
+    only_error(run_circlecal("calibrate", frame_file, "--out", tmp_path / "file"), tmp_path / "file", "is a file")
+    only_error(run_circlecal("calibrate", frame_file, "--out", tmp_path / "file" / "out"), "cannot be written")
+
+
+def test_a_full_disk(run_circlecal, frame_file, tmp_path, monkeypatch):
+    monkeypatch.setattr("os.fsync", lambda descriptor: (_ for _ in ()).throw(OSError(28, "No space left on device")))
+    only_error(run_circlecal("calibrate", frame_file, "--out", tmp_path / "out", *QUICK), "No space left", "good.json")
+    assert list((tmp_path / "out").iterdir()) == []

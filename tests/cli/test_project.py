@@ -1,0 +1,68 @@
+"""``circlecal project``: pixels to metres and back."""
+
+import json
+
+import pytest
+
+from circlecal import calibrate
+from circlecal.field import load_field
+from circlecal.formats.result import result_record, write_result
+
+
+@pytest.fixture(scope="module")
+def result_file(tmp_path_factory, frame_image):
+    path = tmp_path_factory.mktemp("result") / "good.json"
+    write_result(path, result_record(calibrate(frame_image, frame_id="good"), load_field("soccer")))
+    return path
+
+
+def test_there_and_back_with_negative_numbers(run_circlecal, result_file, frame_camera):
+    outcome = run_circlecal("project", result_file, "--to", "image", "-9.15", "-2.5", 0, 0, "--json")
+    assert outcome.code == 0, outcome
+    lines = [json.loads(line) for line in outcome.out.splitlines()]
+    assert lines[0]["m"] == [-9.15, -2.5]
+    assert lines[0]["px"] == pytest.approx(frame_camera.project([-9.15, -2.5]), abs=1.0)
+    assert lines[0]["sigma"] > 0
+    back = run_circlecal("project", result_file, "--to", "field", *lines[0]["px"], "--json")
+    assert json.loads(back.out)["m"] == pytest.approx([-9.15, -2.5], abs=1e-6)
+
+
+def test_plain_table(run_circlecal, result_file):
+    outcome = run_circlecal("project", result_file, "--to", "field", 480, 270, "1e2", 200)
+    header, *rows = (line.split("\t") for line in outcome.out.splitlines())
+    assert header[:5] == ["x px", "y px", "x m", "y m", "sigma m"]
+    assert len(rows) == 2
+    assert all(float(row[4]) > 0 for row in rows)
+
+
+def test_above_the_horizon_and_behind_the_camera(run_circlecal, result_file):
+    outcome = run_circlecal("project", result_file, "--to", "field", 480, "-3000")
+    assert outcome.code == 0
+    assert "horizon" in outcome.out
+    outcome = run_circlecal("project", result_file, "--to", "image", 0, 300, "--json")
+    assert json.loads(outcome.out)["px"] is None
+    assert "behind" in json.loads(outcome.out)["reason"]
+
+
+def test_a_refused_result(run_circlecal, blank_file, tmp_path):
+    assert run_circlecal("calibrate", blank_file, "--out", tmp_path, "--no-overlay").code == 1
+    outcome = run_circlecal("project", tmp_path / "blank.json", "--to", "field", 1, 2)
+    assert outcome.code == 1
+    assert len(outcome.err.splitlines()) == 1
+    assert "refused" in outcome.err
+
+
+@pytest.mark.parametrize("given", [("1",), ("1", "nan"), ("1", "2", "3")])
+def test_odd_or_not_finite_numbers(run_circlecal, result_file, given):
+    outcome = run_circlecal("project", result_file, "--to", "field", *given)
+    assert outcome.code == 2
+    assert "pairs" in outcome.err
+
+
+def test_wrong_use(run_circlecal, result_file, tmp_path):
+    assert run_circlecal("project", result_file, "1", "2").code == 2
+    assert run_circlecal("project", result_file, "--to", "moon", "1", "2").code == 2
+    assert run_circlecal("project", result_file, "--to", "field", "one", "2").code == 2
+    assert run_circlecal("project", tmp_path / "none.json", "--to", "field", 1, 2).code == 2
+    (tmp_path / "bad.json").write_text("{")
+    assert run_circlecal("project", tmp_path / "bad.json", "--to", "field", 1, 2).code == 2

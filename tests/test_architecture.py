@@ -1,0 +1,289 @@
+"""The plan of the package, kept by reading the syntax trees of its files.
+
+A new top-level module needs a place in ``LAYERS``; everything else finds new files by itself.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+PACKAGE = ROOT / "circlecal"
+FILES = sorted(PACKAGE.rglob("*.py"))
+
+LAYERS: tuple[frozenset[str], ...] = (
+    frozenset({"errors", "__init__"}),
+    frozenset({"geometry"}),
+    frozenset({"field", "profiles"}),
+    frozenset({"observations"}),
+    frozenset({"results"}),
+    frozenset({"camera_fit", "detection"}),
+    frozenset({"stages"}),
+    frozenset({"solvers"}),
+    frozenset({"config"}),
+    frozenset({"pipeline"}),
+    frozenset({"overlay", "formats"}),
+    frozenset({"projection", "synthetic"}),
+    frozenset({"api"}),
+    frozenset({"evaluation"}),
+    frozenset({"batch"}),
+    frozenset({"report", "bench"}),
+    frozenset({"cli"}),
+)
+"""From the bottom to the top: a module may import what stands in a lower layer, and its own package."""
+
+RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}
+FORBIDDEN_NAMES = {
+    "util",
+    "helper",
+    "manager",
+    "process",
+    "processor",
+    "processing",
+    "params",
+    "misc",
+    "common",
+    "data",
+}
+MACHINE_PATHS = re.compile(r"(?<![\w.~-])/(?:work|home|root|opt|mnt|srv|Users)/\w|[A-Za-z]:\\{1,2}Users")
+TEXT_SUFFIXES = {".py", ".md", ".yaml", ".yml", ".toml", ".json", ".txt", ".cfg", ".sh", ".css", ".html", ".js"}
+
+
+def _name(file: Path) -> str:
+    return str(file.relative_to(ROOT))
+
+
+@cache
+def _tree(file: Path) -> ast.Module:
+    return ast.parse(file.read_text(encoding="utf-8"), filename=str(file))
+
+
+def _component(file: Path) -> str:
+    """The top-level module or package that a file belongs to."""
+    return file.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+def _modules(file: Path) -> list[tuple[str, int]]:
+    """Dotted name and line of everything that a file imports, also inside functions, not for type checkers only."""
+    tree = _tree(file)
+    for_types = {
+        id(inner)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
+        for inner in ast.walk(node)
+    }
+    found: list[tuple[str, int]] = []
+    package = ["circlecal", *file.relative_to(PACKAGE).parts[:-1]]
+    for node in ast.walk(tree):
+        if id(node) in for_types:
+            continue
+        if isinstance(node, ast.Import):
+            found += [(alias.name, node.lineno) for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            base = ".".join(package[: len(package) - node.level + 1]) if node.level else ""
+            module = ".".join(part for part in (base, node.module) if part)
+            found += [(f"{module}.{alias.name}", node.lineno) for alias in node.names]
+    return found
+
+
+def _own(file: Path) -> list[tuple[str, str, int]]:
+    """Top-level component, dotted name and line of what a file imports from the package itself."""
+    found = []
+    for name, line in _modules(file):
+        parts = name.split(".")
+        if parts[0] == "circlecal":
+            known = len(parts) > 1 and ((PACKAGE / parts[1]).is_dir() or (PACKAGE / f"{parts[1]}.py").is_file())
+            found.append((parts[1] if known else "__init__", name, line))
+    return found
+
+
+def _foreign(file: Path) -> set[str]:
+    return {name.split(".")[0] for name, _ in _modules(file)} - {"circlecal"}
+
+
+def _in(*components: str) -> list[Path]:
+    return [file for file in FILES if _component(file) in components]
+
+
+def test_there_is_something_to_check():
+    assert len(FILES) > 10
+    assert any(name == "numpy" for file in _in("geometry") for name in _foreign(file))
+
+
+def test_every_module_has_a_place():
+    unknown = {_component(file) for file in FILES} - set(RANK)
+    assert not unknown, f"give these a place in LAYERS: {sorted(unknown)}"
+
+
+def test_imports_point_down_only():
+    wrong = [
+        f"{_name(file)}:{line} imports {name}"
+        for file in FILES
+        for target, name, line in _own(file)
+        if target != _component(file) and RANK.get(target, 0) >= RANK.get(_component(file), 99)
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_errors_imports_nothing():
+    assert not _modules(PACKAGE / "errors.py")
+
+
+def test_geometry_is_pure_numpy():
+    allowed = {"numpy", "__future__", "dataclasses", "typing", "collections", "itertools", "functools", "math"}
+    wrong = {_name(file): _foreign(file) - allowed for file in _in("geometry") if _foreign(file) - allowed}
+    assert not wrong
+
+
+def test_field_and_result_types_know_no_pictures():
+    for file in _in("field", "observations", "results"):
+        assert not _foreign(file) & {"cv2", "skimage", "scipy"}, _name(file)
+
+
+def test_stages_see_no_paths():
+    wrong = []
+    for file in _in("geometry", "stages", "solvers", "camera_fit", "observations", "results"):
+        wrong += [f"{_name(file)} imports {m}" for m in _foreign(file) & {"pathlib", "os", "io", "shutil", "tempfile"}]
+        wrong += [
+            f"{_name(file)}:{node.lineno} opens a file"
+            for node in ast.walk(_tree(file))
+            if isinstance(node, ast.Call)
+            and ast.unparse(node.func) in {"open", "cv2.imread", "cv2.imwrite", "np.load", "np.save"}
+        ]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_a_stage_imports_no_other_stage_and_only_the_mask_detects():
+    wrong = []
+    for file in _in("stages"):
+        for target, name, line in _own(file):
+            if target == "stages" and file.name != "__init__.py":
+                wrong.append(f"{_name(file)}:{line} imports {name}")
+            if target == "detection" and file.name != "mask.py":
+                wrong.append(f"{_name(file)}:{line} detects")
+    wrong += [
+        f"{_name(file)} imports {name}"
+        for file in FILES
+        if _component(file) not in {"detection", "stages", "bench", "evaluation"}
+        for target, name, _ in _own(file)
+        if target == "detection"
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_overlay_draws_and_never_estimates():
+    for file in _in("overlay"):
+        targets = {target for target, _, _ in _own(file)}
+        assert not targets & {"stages", "detection", "solvers", "pipeline", "config"}, _name(file)
+
+
+def test_command_line_computes_nothing():
+    for file in _in("cli"):
+        assert not _foreign(file) & {"numpy", "cv2", "skimage", "scipy"}, _name(file)
+        assert not {t for t, _, _ in _own(file)} & {"geometry", "stages", "detection", "solvers"}, _name(file)
+
+
+def test_only_the_command_line_prints_and_exits():
+    wrong = [
+        f"{_name(file)}:{node.lineno} {ast.unparse(node.func)}"
+        for file in FILES
+        if _component(file) != "cli"
+        for node in ast.walk(_tree(file))
+        if isinstance(node, ast.Call) and ast.unparse(node.func) in {"print", "sys.exit", "exit", "quit"}
+    ]
+    wrong += [
+        f"{_name(f)} imports {m}" for f in FILES if _component(f) != "cli" for m in _foreign(f) & {"typer", "rich"}
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_no_bare_except():
+    wrong = [
+        f"{_name(file)}:{node.lineno}"
+        for file in FILES
+        for node in ast.walk(_tree(file))
+        if isinstance(node, ast.ExceptHandler) and (node.type is None or ast.unparse(node.type) == "BaseException")
+        if node.type is None or not any(isinstance(inner, ast.Raise) for inner in ast.walk(node))
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_no_random_numbers_without_a_generator():
+    wrong = [
+        f"{_name(file)}:{node.lineno} {ast.unparse(node.func)}"
+        for file in FILES
+        for node in ast.walk(_tree(file))
+        if isinstance(node, ast.Call)
+        for called in [ast.unparse(node.func)]
+        if (
+            re.match(r"(np|numpy)\.random\.", called)
+            and not called.endswith(("default_rng", "Generator", "PCG64", "SeedSequence"))
+        )
+        or (called.endswith("default_rng") and not node.args)
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_module_and_class_names_say_what_they_are():
+    def weak(name: str) -> bool:
+        words = re.findall(r"[A-Z]?[a-z]+", name)
+        return any(word.lower() in FORBIDDEN_NAMES or word.lower().rstrip("s") in FORBIDDEN_NAMES for word in words)
+
+    wrong = [
+        _name(file) for file in FILES if any(weak(part) for part in file.relative_to(PACKAGE).with_suffix("").parts)
+    ]
+    wrong += [
+        f"{_name(file)}:{node.lineno} {node.name}"
+        for file in FILES
+        for node in ast.walk(_tree(file))
+        if isinstance(node, ast.ClassDef) and weak(node.name)
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def _public(scope: ast.Module | ast.ClassDef) -> list[ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef]:
+    found = []
+    for node in scope.body:
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef) and not node.name.startswith("_"):
+            overload = isinstance(node, ast.FunctionDef) and any(
+                "overload" in ast.unparse(d) for d in node.decorator_list
+            )
+            found += [] if overload else [node]
+            found += _public(node) if isinstance(node, ast.ClassDef) else []
+    return found
+
+
+@pytest.mark.parametrize("file", FILES, ids=_name)
+def test_everything_public_has_a_docstring(file):
+    tree = _tree(file)
+    missing = [] if ast.get_docstring(tree) or not tree.body else ["module"]
+    missing += [node.name for node in _public(tree) if not ast.get_docstring(node)]
+    assert not missing
+
+
+def test_no_machine_paths():
+    folders = ("circlecal", "configs", "tests", "samples", ".ci")
+    files = [f for name in folders for f in (ROOT / name).rglob("*") if f.is_file()]
+    files += [ROOT / "README.md", ROOT / "pyproject.toml"]
+    wrong = [
+        f"{_name(file)}: {found.group()}"
+        for file in files
+        if (file.suffix in TEXT_SUFFIXES or file.parent.name == ".ci")
+        and file.is_file()
+        and "__pycache__" not in file.parts
+        for found in MACHINE_PATHS.finditer(file.read_text(encoding="utf-8", errors="replace"))
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_package_imports_without_its_heavy_dependencies():
+    code = "import sys, circlecal; print(sorted({'cv2', 'skimage', 'scipy', 'pydantic', 'numpy'} & set(sys.modules)))"
+    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True)
+    assert answer.stdout.strip() == "[]"
