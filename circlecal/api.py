@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from circlecal import overlay
 from circlecal.config import Config
 from circlecal.errors import InputError
 from circlecal.field import FieldTemplate
@@ -17,6 +19,8 @@ from circlecal.formats.masks import as_class_ids, find_mask, read_mask
 from circlecal.formats.result import result_record, write_result
 from circlecal.pipeline import field_of, run
 from circlecal.results import Calibration
+
+_log = logging.getLogger(__name__)
 
 
 def calibrate(
@@ -77,6 +81,7 @@ def calibrate_frame(frame: Frame, config: Config, mask: Path | None) -> tuple[ND
     picture = read_image(frame.path)
     height, width = picture.shape[:2]
     mask_file = find_mask(frame, mask)
+    _log.info("%s: %d x %d, mask: %s", frame.path, width, height, mask_file or "from the picture")
     classes = None if mask_file is None else read_mask(mask_file, width, height)
     return picture, run(picture, config, mask=classes, frame_id=frame.id, source=str(frame.path))
 
@@ -100,36 +105,24 @@ def write_outputs(image: NDArray[np.uint8], calibration: Calibration, config: Co
     InputError
         A file cannot be written.
     """
-    record = result_record(calibration, field_template(config))
-    write_result(out / f"{calibration.id}.json", record)
-    write_pictures(image, calibration, config, out)
-    return record
-
-
-def write_pictures(image: NDArray[np.uint8], calibration: Calibration, config: Config, out: Path) -> None:
-    """Write overlay, radar and debug pictures of a frame, as the configuration's ``output`` says.
-
-    Raises
-    ------
-    InputError
-        A file cannot be written.
-    """
     template, output = field_template(config), config.output
-    if output.overlay or output.radar:
-        from circlecal import overlay
+    record = result_record(calibration, template)
+    write_result(out / f"{calibration.id}.json", record)
     if output.overlay:
         picture = overlay.draw_overlay(image, calibration, template)
         write_image(out / f"{calibration.id}{OVERLAY_SUFFIX}", picture, output.jpeg_quality)
     if output.radar:
-        radar = overlay.draw_radar(image, calibration, template)
+        radar = overlay.draw_radar(image, calibration, template, output.radar_px_per_m)
         if radar is not None:
             write_image(out / f"{calibration.id}{RADAR_SUFFIX}", radar, output.jpeg_quality)
     if output.debug:
-        write_stage_pictures(image, calibration, config, out / f"{calibration.id}{DEBUG_SUFFIX}")
+        folder = out / f"{calibration.id}{DEBUG_SUFFIX}"
+        write_stage_pictures(image, calibration, template, folder, output.jpeg_quality)
+    return record
 
 
 def write_stage_pictures(
-    image: NDArray[np.uint8], calibration: Calibration, config: Config, folder: Path
+    image: NDArray[np.uint8], calibration: Calibration, template: FieldTemplate, folder: Path, jpeg_quality: int = 90
 ) -> list[Path]:
     """Write one numbered picture per stage and a contact sheet of them all; return the files.
 
@@ -138,15 +131,13 @@ def write_stage_pictures(
     InputError
         A file cannot be written.
     """
-    from circlecal import overlay
-
-    pictures = overlay.stage_pictures(image, calibration, field_template(config))
+    pictures = overlay.stage_pictures(image, calibration, template)
     verdict = calibration.verdict
     title = f"{calibration.id}: {verdict.status}{f' ({verdict.reason})' if verdict.reason else ''}"
     written: list[Path] = []
     for name, picture in {**pictures, "contact-sheet": overlay.contact_sheet(pictures, title)}.items():
         path = folder / f"{name}.jpg"
-        write_image(path, picture, config.output.jpeg_quality)
+        write_image(path, picture, jpeg_quality)
         written.append(path)
     return written
 

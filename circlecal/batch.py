@@ -34,6 +34,7 @@ from circlecal.results import Verdict
 RESULTS_NAME = "results.jsonl"
 SUMMARY_NAME = "summary.csv"
 _IN_FLIGHT_PER_WORKER = 2
+_APPEND = os.O_RDWR | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0)
 
 _log = logging.getLogger(__name__)
 
@@ -134,7 +135,7 @@ class ResultLog:
         self.path = folder / RESULTS_NAME
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            self._descriptor = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o666)
+            self._descriptor = os.open(self.path, _APPEND, 0o666)
         except FileExistsError as error:
             raise InputError(f"{folder}: is a file, not a folder; choose another --out") from error
         except OSError as error:

@@ -18,6 +18,7 @@ from circlecal.geometry.homogeneous import Array
 from circlecal.geometry.pinhole import Camera
 
 _SURFACE_ROUNDS = 30
+_SURFACE_TOLERANCE_M = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +50,7 @@ def image_to_field(result: StoredResult, pixels: ArrayLike) -> Projected:
         field = _on_surface(result, result.camera, given)
     else:
         H = _front_positive(result)
-        field = _through(np.linalg.inv(H), given, front=H)
+        field = _through(np.asarray(np.linalg.inv(H), dtype=np.float64), given, front=H)
     return Projected(field, _sigma(result, field, to_field=True))
 
 
@@ -59,13 +60,24 @@ def surface_depth(result: StoredResult, y_m: Array) -> Array:
 
 
 def _on_surface(result: StoredResult, camera: Camera, pixels: Array) -> Array:
-    """Where the rays of the pixels meet the crowned surface: fixed-point iteration on its depth."""
+    """Where the rays of the pixels meet the crowned surface; nan for a ray that passes over it.
+
+    A ray is ``flat + share (foot - flat)`` on the map and at depth ``share z`` (z of the camera, negative), from the
+    point where it would meet the flat field; Newton's iteration on the share.
+    """
     flat = camera.back_project(pixels)
-    field = flat
-    for _ in range(_SURFACE_ROUNDS if result.crown_m else 0):
-        # along the ray, the share z / height of the way from the foot of the camera back to it
-        share = surface_depth(result, field[:, 1]) / camera.position_m[2]
-        field = flat + share[:, None] * (camera.position_m[:2] - flat)
+    if result.crown_m == 0:
+        return flat
+    foot, height = camera.position_m[:2], camera.position_m[2]
+    frame = _frame(result)
+    share = np.zeros(len(flat))
+    for _ in range(_SURFACE_ROUNDS):
+        y = flat[:, 1] + share * (foot[1] - flat[:, 1])
+        sag, slope = (result.crown_m * value for value in frame.sag(y))
+        share = share - (share * height - sag) / (height - slope * (foot[1] - flat[:, 1]))
+    field = flat + share[:, None] * (foot - flat)
+    missed = ~(np.abs(share * height - surface_depth(result, field[:, 1])) < _SURFACE_TOLERANCE_M) | (share >= 1)
+    field[missed] = np.nan
     return field
 
 
@@ -73,7 +85,7 @@ def _front_positive(result: StoredResult) -> Array:
     """``H_image_field`` scaled so that the third coordinate is positive in front of the camera (then det H > 0)."""
     if result.H_image_field is None:
         raise ValueError("the result has neither a camera nor a homography")
-    return result.H_image_field * np.sign(np.linalg.det(result.H_image_field))
+    return result.H_image_field * float(np.sign(np.linalg.det(result.H_image_field)))
 
 
 def _through(H: Array, points: Array, front: Array | None = None) -> Array:
@@ -81,7 +93,8 @@ def _through(H: Array, points: Array, front: Array | None = None) -> Array:
     with np.errstate(divide="ignore", invalid="ignore"):
         mapped = lifted[:, :2] / lifted[:, 2:]
     depth = lifted[:, 2] if front is None else np.column_stack([mapped, np.ones(len(mapped))]) @ front[2]
-    return np.where((depth > 0)[:, None] & np.isfinite(mapped), mapped, np.nan)
+    mapped[(depth <= 0) | ~np.isfinite(mapped).all(axis=1)] = np.nan
+    return mapped
 
 
 def _sigma(result: StoredResult, field: Array, *, to_field: bool) -> Array | None:

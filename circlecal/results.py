@@ -213,6 +213,16 @@ class PointCorrespondence:
 
 
 @dataclass(frozen=True, slots=True)
+class DerivedPoint:
+    """A point of the circle as the camera puts it: label, field (2,), undistorted pixel (2,), covariance (2, 2)."""
+
+    label: str
+    field_m: Array
+    image_px: Array
+    covariance: Array
+
+
+@dataclass(frozen=True, slots=True)
 class LineCorrespondence:
     """A derived tangent: label, field line (3,), image line (3,), both normalised."""
 
@@ -291,6 +301,8 @@ class CameraFit:
         Root mean square residual by observation.
     theta : (P,) array
         The estimate as the parameter vector, in the order of ``parameters``.
+    derived_points : tuple of DerivedPoint
+        The eight points of the circle with their covariance.
     rejected : tuple of str
         Observations that contradict the others and were left out.
     named_lines : tuple of str
@@ -315,6 +327,7 @@ class CameraFit:
     max_sigma_m: float
     residuals_px: dict[str, float]
     theta: Array
+    derived_points: tuple[DerivedPoint, ...] = ()
     rejected: tuple[str, ...] = ()
     named_lines: tuple[str, ...] = ()
     alternatives: tuple[tuple[Camera, float], ...] = ()

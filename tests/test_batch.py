@@ -218,6 +218,8 @@ def test_a_worker_that_dies_costs_one_frame(tmp_path):
         "def dying(frame, config, mask):\n"
         "    if frame.id == 'f003':\n"
         "        os._exit(9)\n"
+        "    if frame.id == 'f001':\n"
+        "        raise ValueError('a mistake of ours')\n"
         "    return calibrate(frame, config, mask)\n"
         "circlecal.api.calibrate_frame = dying\n"
         "if __name__ == '__main__':\n"
@@ -235,6 +237,7 @@ def test_a_worker_that_dies_costs_one_frame(tmp_path):
     assert run.returncode == 1, run.stderr
     assert_every_frame_once(out, 6)
     assert [r["id"] for r in records(out) if r["code"] == "worker_died"] == ["f003"]
+    assert [r["id"] for r in records(out) if r["code"] == "internal_error"] == ["f001"]
 
 
 def test_progress_counts(tmp_path):

@@ -57,6 +57,17 @@ def test_there_and_back(result):
     assert there.sigma is None
 
 
+def test_there_and_back_from_a_low_camera_over_a_steep_crown():
+    low = Camera(
+        **{name: getattr(camera(), name) for name in Camera.__slots__ if name not in ("position_m", "angles_rad")},
+        position_m=np.array([0.0, 45.0, -3.0]),
+        angles_rad=np.radians([0.0, 86.0, 0.0]),
+    )
+    result = stored(camera=low, crown_m=0.1, crown_shape="parabola")
+    field = np.array([[0.0, 0.0], [3.0, 20.0], [-5.0, -10.0]])
+    assert np.allclose(image_to_field(result, field_to_image(result, field).points).points, field, atol=1e-6)
+
+
 def test_lens_and_crown_are_in_the_answer():
     plain = field_to_image(stored(camera=None), FIELD).points
     assert np.abs(field_to_image(stored(), FIELD).points - plain).max() > 1

@@ -140,8 +140,9 @@ def first_hidden(curves: CurvePoints, theta: Array, frame: Frame, samples: int =
     for k in range(samples):  # a loop over samples of the curve, not over points
         hidden = np.broadcast_to(grid[:, k], (B, N))
         field, _ = curve_points(curves, hidden, theta)
-        pixels, depth = project_pixels(theta, field, frame)
-        distance = np.where(depth > 0.1, np.sum((pixels - curves.points_px) ** 2, axis=-1), np.inf)
+        seen = project_pixels(theta, field, frame)
+        offset = seen.pixels - curves.points_px
+        distance = np.where(seen.depth > 0.1, offset[..., 0] ** 2 + offset[..., 1] ** 2, np.inf)
         closer = distance < nearest
         nearest, best = np.where(closer, distance, nearest), np.where(closer, hidden, best)
     return best, np.sqrt(nearest)
@@ -165,30 +166,40 @@ def curve_residuals(curves: CurvePoints, theta: Array, hidden: Array, frame: Fra
     """
     scale = np.where(curves.radius == 0, 1.0, np.maximum(curves.radius, 1e-9))
     limit = np.where(curves.radius == 0, 20.0, 0.5)
-    for step in range(updates + 1):
+    for _ in range(updates):
         field, tangent = curve_points(curves, hidden, theta)
-        seen = project(theta, field, frame)
-        along = np.einsum("bnij,bnj->bni", seen.by_field, tangent)
-        size = np.maximum(np.linalg.norm(along, axis=-1), 1e-9)
-        along = along / size[..., None]
-        difference = curves.points_px - seen.pixels
-        if step < updates:
-            move = np.sum(difference * along, axis=-1) / (size * scale)
-            hidden = hidden + np.clip(move, -limit, limit)
+        near = project_pixels(theta, field, frame, derivative=True)
+        along = _applied(near.by_field, tangent)
+        difference = curves.points_px - near.pixels
+        length2 = np.maximum(along[..., 0] ** 2 + along[..., 1] ** 2, 1e-18)
+        move = (difference[..., 0] * along[..., 0] + difference[..., 1] * along[..., 1]) / (length2 * scale)
+        hidden = hidden + np.clip(move, -limit, limit)
+    field, tangent = curve_points(curves, hidden, theta)
+    seen = project(theta, field, frame)
+    along = _applied(seen.by_field, tangent)
+    along = along / np.maximum(np.hypot(along[..., 0], along[..., 1]), 1e-9)[..., None]
+    difference = curves.points_px - seen.pixels
     normal = np.stack([along[..., 1], -along[..., 0]], axis=-1)
     # the normal's positive side is the outside of a circle
-    outward = np.einsum("bnij,bnj->bni", seen.by_field, field - curves.origin)
+    outward = _applied(seen.by_field, field - curves.origin)
     inside_out = (np.sum(normal * outward, axis=-1) < 0) & (curves.radius > 0)
     normal = np.where(inside_out[..., None], -normal, normal)
     sigma = curves.sigma_px
     values = (np.sum(normal * difference, axis=-1) - curves.bloom_sign * theta[:, INDEX["bloom"], None]) / sigma
-    jacobian = -np.einsum("bni,bnik->bnk", normal, seen.by_theta)
+    jacobian = -(normal[..., 0, None] * seen.by_theta[..., 0, :] + normal[..., 1, None] * seen.by_theta[..., 1, :])
     by_sizes = np.broadcast_to(curves.shift, (*field.shape[:2], 3, 2)).copy()
     by_sizes[..., 0, :] += (field - curves.origin) * (curves.radius_by_width / scale * (curves.radius > 0))[:, None]
     jacobian[..., SIZES] = -np.einsum("bni,bnij,bnsj->bns", normal, seen.by_field, by_sizes)
     jacobian[..., INDEX["bloom"]] = -curves.bloom_sign
     jacobian /= sigma[None, :, None]
     return Residuals(values, jacobian, hidden, seen.depth < 0.1)
+
+
+def _applied(matrices: Array | None, vectors: Array) -> Array:
+    """2 x 2 matrices (B, N, 2, 2) times vectors (B or 1, N, 2)."""
+    assert matrices is not None
+    x, y = vectors[..., 0], vectors[..., 1]
+    return np.stack([matrices[..., i, 0] * x + matrices[..., i, 1] * y for i in range(2)], axis=-1)
 
 
 @dataclass(frozen=True, slots=True)

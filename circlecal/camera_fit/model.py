@@ -73,29 +73,29 @@ def theta_of(camera: Camera, frame: Frame) -> Array:
     return theta
 
 
-def rotations(theta: Array) -> tuple[Array, Array]:
-    """World-to-camera rotations (B, 3, 3) and their derivatives by pan, tilt and roll (B, 3, 3, 3)."""
-    c, s = np.cos(theta[:, 1:4]), np.sin(theta[:, 1:4])
-    zero, one = np.zeros(len(theta)), np.ones(len(theta))
-
-    def about_z(k: int, derivative: bool) -> Array:
-        a, b, e = (-s[:, k], c[:, k], zero) if derivative else (c[:, k], s[:, k], one)
-        return _stacked([[a, b, zero], [-b, a, zero], [zero, zero, e]])
-
-    def about_x(derivative: bool) -> Array:
-        a, b, e = (-s[:, 1], c[:, 1], zero) if derivative else (c[:, 1], s[:, 1], one)
-        return _stacked([[e, zero, zero], [zero, a, b], [zero, -b, a]])
-
-    roll, tilt, pan = about_z(2, False), about_x(False), about_z(0, False)
-    R = roll @ tilt @ pan
-    by_pan = roll @ tilt @ about_z(0, True)
-    by_tilt = roll @ about_x(True) @ pan
-    by_roll = about_z(2, True) @ tilt @ pan
-    return R, np.stack([by_pan, by_tilt, by_roll], axis=1)
+_ABOUT_Z = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+_ABOUT_X = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 
 
-def _stacked(rows: list[list[Array]]) -> Array:
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+def rotations(theta: Array) -> Array:
+    """World-to-camera rotations (B, 3, 3): ``Rz(roll)^T Rx(tilt)^T Rz(pan)^T``."""
+    cp, ct, cr = np.cos(theta[:, 1:4]).T
+    sp, st, sr = np.sin(theta[:, 1:4]).T
+    R = np.empty((len(theta), 3, 3))
+    R[:, 0, 0], R[:, 0, 1], R[:, 0, 2] = cr * cp - sr * ct * sp, cr * sp + sr * ct * cp, sr * st
+    R[:, 1, 0], R[:, 1, 1], R[:, 1, 2] = -sr * cp - cr * ct * sp, -sr * sp + cr * ct * cp, cr * st
+    R[:, 2, 0], R[:, 2, 1], R[:, 2, 2] = st * sp, -st * cp, ct
+    return R
+
+
+def rotation_derivatives(theta: Array, R: Array) -> Array:
+    """Derivatives (B, 3, 3, 3) of the rotations by pan, tilt and roll, through the generators of the two axes."""
+    c, s = np.cos(theta[:, 3]), np.sin(theta[:, 3])
+    rolled = np.zeros((len(theta), 3, 3))
+    rolled[:, 0, 0] = rolled[:, 1, 1] = c
+    rolled[:, 0, 1], rolled[:, 1, 0], rolled[:, 2, 2] = s, -s, 1.0
+    by_tilt = rolled @ _ABOUT_X @ np.swapaxes(rolled, 1, 2) @ R
+    return np.stack([R @ _ABOUT_Z, by_tilt, _ABOUT_Z @ R], axis=1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +124,8 @@ def project(theta: Array, field_m: Array, frame: Frame) -> Projection:
     crown = theta[:, INDEX["crown"], None]
     sag, slope = frame.sag(field_m[..., 1])
     world = np.concatenate([field_m, (crown * sag)[..., None]], axis=-1)
-    R, dR = rotations(theta)
+    R = rotations(theta)
+    dR = rotation_derivatives(theta, R)
     offset = world - theta[:, None, 4:7]
     local = offset @ np.swapaxes(R, 1, 2)
     depth = np.where(np.abs(local[..., 2]) < 1e-6, 1e-6, local[..., 2])
@@ -161,18 +162,47 @@ def project(theta: Array, field_m: Array, frame: Frame) -> Projection:
     return Projection(pixels, local[..., 2], jacobian, moved[..., 7:9])
 
 
-def project_pixels(theta: Array, field_m: Array, frame: Frame) -> tuple[Array, Array]:
-    """Pixels (B, N, 2) and depths (B, N) without derivatives, for scanning many candidates."""
-    sag, _ = frame.sag(field_m[..., 1])
-    world = np.concatenate([field_m, (theta[:, INDEX["crown"], None] * sag)[..., None]], axis=-1)
-    R, _ = rotations(theta)
-    local = (world - theta[:, None, 4:7]) @ np.swapaxes(R, 1, 2)
-    normalised = local[..., :2] / np.where(np.abs(local[..., 2]) < 1e-6, 1e-6, local[..., 2])[..., None]
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """Pixels (B, N, 2) and depths (B, N), and where asked the derivative by the field position (B, N, 2, 2)."""
+
+    pixels: Array
+    depth: Array
+    by_field: Array | None
+
+
+def project_pixels(theta: Array, field_m: Array, frame: Frame, derivative: bool = False) -> Seen:
+    """:func:`project` without the derivatives by the parameters, for scanning and for moving along a marking."""
+    sag, slope = frame.sag(field_m[..., 1])
+    crown = theta[:, INDEX["crown"], None]
+    R = rotations(theta)
+    local = np.empty((*field_m.shape[:2], 3))
+    offset_x, offset_y = field_m[..., 0] - theta[:, 4, None], field_m[..., 1] - theta[:, 5, None]
+    offset_z = crown * sag - theta[:, 6, None]
+    for k in range(3):
+        local[..., k] = R[:, k, 0, None] * offset_x + R[:, k, 1, None] * offset_y + R[:, k, 2, None] * offset_z
+    depth = np.where(np.abs(local[..., 2]) < 1e-6, 1e-6, local[..., 2])
+    x, y = local[..., 0] / depth, local[..., 1] / depth
     focal = np.exp(theta[:, 0])[:, None]
-    r2 = np.sum(normalised**2, axis=-1) * (2 * focal / frame.width) ** 2
-    lens = 1.0 + theta[:, 9, None] * r2 + theta[:, 10, None] * r2 * r2
-    scales = np.stack([focal, focal * np.exp(theta[:, INDEX["log_aspect"], None])], axis=-1)
-    return scales * normalised * lens[..., None] + (frame.center + theta[:, None, 7:9]), local[..., 2]
+    focal_y = focal * np.exp(theta[:, INDEX["log_aspect"], None])
+    scale = (2 * focal / frame.width) ** 2
+    r2 = (x * x + y * y) * scale
+    k1, k2 = theta[:, 9, None], theta[:, 10, None]
+    lens = 1.0 + k1 * r2 + k2 * r2 * r2
+    pixels = np.empty((*field_m.shape[:2], 2))
+    pixels[..., 0] = focal * x * lens + (frame.center[0] + theta[:, 7, None])
+    pixels[..., 1] = focal_y * y * lens + (frame.center[1] + theta[:, 8, None])
+    if not derivative:
+        return Seen(pixels, local[..., 2], None)
+    by_field = np.empty((*field_m.shape[:2], 2, 2))
+    by_r2 = k1 + 2 * k2 * r2
+    for k in range(2):
+        d = [R[:, row, k, None] + (R[:, row, 2, None] * crown * slope if k == 1 else 0.0) for row in range(3)]
+        dx, dy = (d[0] - x * d[2]) / depth, (d[1] - y * d[2]) / depth
+        bend = by_r2 * 2 * scale * (x * dx + y * dy)
+        by_field[..., 0, k] = focal * (dx * lens + x * bend)
+        by_field[..., 1, k] = focal_y * (dy * lens + y * bend)
+    return Seen(pixels, local[..., 2], by_field)
 
 
 def active_parameters(sd: Array) -> NDArray[np.int_]:

@@ -85,7 +85,7 @@ class State:
     point_values: Array
 
 
-def evaluate(problem: Problem, theta: Array, hidden: Array, loss_scale: float, updates: int = 2) -> State:
+def evaluate(problem: Problem, theta: Array, hidden: Array, loss_scale: float, updates: int = 1) -> State:
     """Cost, gradient and Gauss-Newton matrix of each start under a Geman-McClure loss of scale ``loss_scale`` (in sigmas)."""
     curve = curve_residuals(problem.curves, theta, hidden, problem.frame, updates)
     values = np.where(curve.behind, 1e3, curve.values)
@@ -115,7 +115,7 @@ def _weighted(values: Array, jacobian: Array, loss_scale: float) -> tuple[Array,
 
 
 def minimise(
-    problem: Problem, starts: Array, loss_scale: float, iterations: int = 60, hidden: Array | None = None, tolerance: float = 1e-10
+    problem: Problem, starts: Array, loss_scale: float, iterations: int = 60, hidden: Array | None = None, tolerance: float = 1e-8
 ) -> State:
     """Run Levenberg-Marquardt from every start (B, P) at once; each keeps its own damping."""
     active = active_parameters(problem.priors.sd)

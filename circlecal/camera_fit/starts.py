@@ -7,7 +7,7 @@ import numpy as np
 from circlecal.camera_fit.model import PARAMETERS, Frame, theta_of
 from circlecal.geometry.conics import Ellipse
 from circlecal.geometry.homogeneous import Array
-from circlecal.geometry.homography import camera_side_of, homography_from_circle, turn_homography
+from circlecal.geometry.homography import SIDES, camera_side_of, homography_from_circle, turn_homography
 from circlecal.geometry.pinhole import camera_from_homography, image_center
 from circlecal.geometry.single_circle import pinhole_centers
 
@@ -20,7 +20,7 @@ GRID_AZIMUTHS = 24
 def closed_form_starts(
     conic: Array, center: Array | None, line: Array | None, direction: Array, field_center: Array, radius: float, frame: Frame, side: str
 ) -> Array:
-    """Cameras (B, P) from the circle, a line of known direction through its centre and, where seen, the imaged centre.
+    """Upright cameras (B, P) from the circle, a line of known direction through its centre and, where seen, the imaged centre.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def closed_form_starts(
         if camera_side_of(H, side) < 0:
             H = turn_homography(H, field_center)
         camera = camera_from_homography(H, frame.width, frame.height)
-        if camera is not None and camera.position_m[2] < 0:
+        if camera is not None and camera.position_m[2] < 0 and camera.angles_rad[1] > 0:
             starts.append(theta_of(camera, frame))
     return np.array(starts).reshape(-1, len(PARAMETERS))
 
@@ -85,8 +85,6 @@ def grid_starts(ellipse: Ellipse, field_center: Array, radius: float, frame: Fra
     theta[:, 1] = np.arctan2(look[:, 0], -look[:, 1]) - np.arctan(shift[:, 0]) / np.sin(tilt)
     theta[:, 2] = tilt + np.arctan(shift[:, 1])
     theta[:, 4:7] = position + np.r_[field_center, 0.0]
-    towards = {"main": (1, 1.0), "opposite": (1, -1.0), "left_goal": (0, -1.0), "right_goal": (0, 1.0)}
-    axis, sign = towards[side]
-    return theta[sign * position[:, axis] >= -1e-9]
+    return theta[position[:, :2] @ np.array(SIDES[side]) >= -1e-9]
 
 

@@ -17,6 +17,7 @@ from circlecal.cli.config import config
 from circlecal.cli.debug import debug
 from circlecal.cli.fields import fields
 from circlecal.cli.project import project
+from circlecal.cli.synth import synth
 
 
 class _Commands(TyperGroup):
@@ -42,8 +43,7 @@ app.command()(debug)
 app.command(context_settings={"ignore_unknown_options": True})(project)
 app.command()(config)
 app.command()(fields)
-if importlib.util.find_spec("circlecal.cli.synth"):
-    app.command()(importlib.import_module("circlecal.cli.synth").synth)
+app.command()(synth)
 if importlib.util.find_spec("circlecal.cli.bench"):
     app.add_typer(importlib.import_module("circlecal.cli.bench").app, name="bench")
 

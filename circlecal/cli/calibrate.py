@@ -10,10 +10,12 @@ import typer
 from circlecal.cli import options
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
+    from circlecal.batch import BatchProgress
     from circlecal.config import Config
     from circlecal.formats.images import Frame
+    from circlecal.formats.summary import FrameSummary
 
 
 def calibrate(
@@ -39,40 +41,39 @@ def calibrate(
     console.configure_logging(quiet=quiet, verbose=verbose)
     chosen = options.chosen_config(config, settings, field, seed, radar=radar, no_overlay=no_overlay)
     frames = options.chosen_frames(inputs, out, mask)
-    records, unreadable = _calibrated(frames, chosen, prepare_folder(out), mask, quiet=quiet)
-    if json_lines:
-        for record in records:
-            console.print_line(result_line(record))
-    elif records and not quiet:
-        console.print_summaries([summarise(record) for record in records])
-    if unreadable:
+    summaries: list[FrameSummary] = []
+    with console.progress_display(quiet=quiet or len(frames) == 1) as show:
+        for record in _records(frames, chosen, prepare_folder(out), mask, show):
+            summaries.append(summarise(record))
+            if json_lines:
+                console.print_line(result_line(record))
+    if summaries and not json_lines and not quiet:
+        console.print_summaries(summaries)
+    if len(summaries) < len(frames):
         raise typer.Exit(2)
-    if any(record["status"] != "calibrated" for record in records):
+    if any(summary.status != "calibrated" for summary in summaries):
         raise typer.Exit(1)
 
 
-def _calibrated(
-    frames: Sequence[Frame], config: Config, out: Path, mask: Path | None, *, quiet: bool
-) -> tuple[list[dict[str, Any]], int]:
-    """Records of the frames that could be read, and how many could not; each of those is one line on stderr."""
+def _records(
+    frames: Sequence[Frame], config: Config, out: Path, mask: Path | None, show: Callable[[BatchProgress], None]
+) -> Iterator[dict[str, Any]]:
+    """Calibrate, write and yield each frame; one that cannot be read is one line on stderr and left out."""
     from circlecal.api import calibrate_frame, write_outputs
     from circlecal.batch import BatchProgress
     from circlecal.cli import console
     from circlecal.errors import InputError
     from circlecal.formats.summary import summarise
 
-    records: list[dict[str, Any]] = []
-    unreadable = 0
     progress = BatchProgress(total=len(frames))
-    with console.progress_display(quiet=quiet or len(frames) == 1) as show:
-        for frame in frames:
-            try:
-                image, calibration = calibrate_frame(frame, config, mask)
-            except InputError as error:
-                console.print_error(str(error))
-                unreadable += 1
-                continue
-            records.append(write_outputs(image, calibration, config, out))
-            progress.count(summarise(records[-1]))
-            show(progress)
-    return records, unreadable
+    show(progress)
+    for frame in frames:
+        try:
+            image, calibration = calibrate_frame(frame, config, mask)
+        except InputError as error:
+            console.print_error(str(error))
+            continue
+        record = write_outputs(image, calibration, config, out)
+        progress.count(summarise(record))
+        show(progress)
+        yield record

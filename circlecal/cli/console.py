@@ -7,6 +7,7 @@ import logging
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
+from functools import cache
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -21,12 +22,11 @@ _COLOURS = {"calibrated": "green", "refused": "yellow"}
 
 def configure_logging(*, quiet: bool = False, verbose: bool = False) -> None:
     """Log to stderr: warnings, everything with ``verbose``, errors only with ``quiet``."""
-    from rich.console import Console
     from rich.logging import RichHandler
 
     logger = logging.getLogger("circlecal")
     logger.setLevel(logging.ERROR if quiet else logging.DEBUG if verbose else logging.WARNING)
-    logger.handlers = [RichHandler(console=Console(stderr=True), show_path=False, show_time=verbose, markup=False)]
+    logger.handlers = [RichHandler(console=stderr_console(), show_path=False, show_time=verbose, markup=False)]
 
 
 def print_table(title: str | None, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
@@ -55,9 +55,15 @@ def print_line(text: str) -> None:
 
 def print_error(text: str) -> None:
     """Print one line on stderr, above a running progress bar."""
+    stderr_console().print(f"circlecal: error: {text}", soft_wrap=True, highlight=False, markup=False)
+
+
+@cache
+def stderr_console() -> Console:
+    """The one console for stderr, so that lines and a running progress bar keep clear of each other."""
     from rich.console import Console
 
-    Console(stderr=True, soft_wrap=True, highlight=False, markup=False).print(f"circlecal: error: {text}")
+    return Console(stderr=True)
 
 
 def print_summaries(summaries: Sequence[FrameSummary]) -> None:
@@ -77,9 +83,7 @@ def number(value: float | None, decimals: int = 2) -> str:
 @contextlib.contextmanager
 def progress_display(*, quiet: bool) -> Iterator[Callable[[BatchProgress], None]]:
     """Show how far a run is: a bar with rate and time left on a terminal, a line now and then in a pipe."""
-    from rich.console import Console
-
-    console = Console(stderr=True)
+    console = stderr_console()
     if quiet:
         yield lambda progress: None
     elif console.is_terminal:

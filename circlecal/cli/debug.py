@@ -35,9 +35,10 @@ def debug(
     frame = options.chosen_frames([image], out, mask)[0]
     folder = prepare_folder(out) / frame.id
     picture, calibration = calibrate_frame(frame, chosen, mask)
-    record = result_record(calibration, field_template(chosen))
+    template = field_template(chosen)
+    record = result_record(calibration, template)
     write_result(folder / "result.json", record)
-    written = write_stage_pictures(picture, calibration, chosen, folder)
+    written = write_stage_pictures(picture, calibration, template, folder, chosen.output.jpeg_quality)
     if not quiet:
         console.print_summaries([summarise(record)])
         for path in written:

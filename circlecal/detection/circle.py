@@ -15,7 +15,7 @@ from circlecal.detection.scoring import adjusted
 from circlecal.geometry.conics import ellipse_from_conic, transform_conic
 from circlecal.geometry.homogeneous import Array
 
-__all__ = ["MeasuredCircle", "conic_of", "measure_circle", "refusal_of", "unit_frame"]
+__all__ = ["MeasuredCircle", "conic_of", "hypothesis_of", "measure_circle", "refusal_of", "unit_frame"]
 
 _PIECES = 8  # of the curve, between which the contrast may differ (near and far side)
 _UNIT_CIRCLE = np.diag([1.0, 1.0, -1.0])

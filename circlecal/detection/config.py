@@ -231,7 +231,7 @@ class HalfwayConfig(BaseModel):
         description="Largest distance from the centre where the ellipse is the unit circle.",
     )
     support: float = Field(
-        default=0.5, gt=0.0, le=1.0, description="Smallest supported share of the chord inside the circle."
+        default=0.4, gt=0.0, le=1.0, description="Smallest supported share of the chord inside the circle."
     )
     extent: float = Field(default=2.0, ge=1.0, le=10.0, description="How far the line is followed, in half chords.")
 

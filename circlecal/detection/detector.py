@@ -25,7 +25,7 @@ from circlecal.geometry.homogeneous import Array, lift
 __all__ = ["detect"]
 
 _POLARITIES = {"light": (1.0,), "dark": (-1.0,), "any": (1.0, -1.0)}
-_SHORTEST_RUN = 0.08  # picture widths: shorter straight runs are not reported
+_SHORTEST_RUN = 0.10  # picture widths: shorter straight runs are not reported
 
 
 @dataclass(slots=True)
@@ -113,7 +113,7 @@ def detect(image_bgr: NDArray[np.uint8], config: DetectorConfig, rng: np.random.
     watch.lap("mask")
     halfway = None if found.halfway is None else LineSegment(*found.halfway.ends, support=found.halfway.support)
     detection = Detection(
-        field_region=region.hull_at(width, height).view(np.bool_),
+        field_region=region.inside(width, height),
         ridge_points=scaling.full(ridges.points),
         ridge_normals=ridges.normals,
         ridge_strength=ridges.strength,

@@ -26,27 +26,21 @@ class FieldRegion:
     ----------
     hull : (h, w) uint8
         255 inside the hull of the field.
-    surface : (h, w) uint8
-        255 where the pixel itself has the field's colour.
     area_share : float
         Share of the picture that the hull covers.
     """
 
     hull: NDArray[np.uint8]
-    surface: NDArray[np.uint8]
     area_share: float
 
     def hull_at(self, width: int, height: int) -> NDArray[np.uint8]:
         """Hull at another picture size: (height, width) uint8, 0 or 255."""
-        return _resized(self.hull, width, height)
+        return np.asarray(cv2.resize(self.hull, (width, height), interpolation=cv2.INTER_NEAREST), np.uint8)
 
-    def surface_at(self, width: int, height: int) -> NDArray[np.uint8]:
-        """Field-coloured pixels at another picture size: (height, width) uint8, 0 or 255."""
-        return _resized(self.surface, width, height)
-
-
-def _resized(mask: NDArray[np.uint8], width: int, height: int) -> NDArray[np.uint8]:
-    return np.asarray(cv2.resize(mask, (width, height), interpolation=cv2.INTER_NEAREST), np.uint8)
+    def inside(self, width: int, height: int) -> NDArray[np.bool_]:
+        """Whether a pixel of another picture size lies in the hull: (height, width) bool."""
+        ones = cv2.resize(self.hull >> 7, (width, height), interpolation=cv2.INTER_NEAREST)
+        return np.asarray(ones, np.uint8).view(np.bool_)
 
 
 def find_field_region(picture: NDArray[np.uint8], config: FieldRegionConfig) -> FieldRegion:
@@ -75,7 +69,7 @@ def find_field_region(picture: NDArray[np.uint8], config: FieldRegionConfig) -> 
     hull = _convex_hull(patches)
     share = cv2.boxFilter(surface, cv2.CV_32F, (_odd(size[0] / 14),) * 2)
     hull[share < 255.0 * config.local_share] = 0
-    return FieldRegion(hull=hull, surface=surface, area_share=float(np.count_nonzero(hull)) / hull.size)
+    return FieldRegion(hull=hull, area_share=float(np.count_nonzero(hull)) / hull.size)
 
 
 def _brightened(small: NDArray[np.uint8], config: FieldRegionConfig) -> NDArray[np.uint8]:

@@ -18,7 +18,7 @@ from circlecal.geometry.homogeneous import Array, fit_line
 __all__ = ["StraightRun", "find_straight_runs"]
 
 _RHO_BIN_PX = 2.0
-_VOTE_SPREAD_DEG = 3.0  # a ridge normal of a thin marking is this uncertain
+_VOTE_SPREAD_DEG = 2.0  # a ridge normal of a thin marking is this uncertain
 _LOOSE = 2.5  # first tolerance around a peak of the vote, in final tolerances
 _TRIES = 2  # peaks looked at for each wanted line
 _BINS_PER_PX = 0.5  # occupancy of a run is counted in cells of two pixels

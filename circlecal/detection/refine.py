@@ -118,12 +118,14 @@ def _centroid(
     taps = raised.shape[1]
     tap = np.arange(taps, dtype=np.float32)
     peak = at.astype(np.float32)[:, None]
-    low = raised < np.float32(_CENTROID_LEVEL) * contrast[:, None]
+    level = np.float32(_CENTROID_LEVEL) * contrast[:, None]
+    low = raised < level
     before = np.where(low & (tap < peak), tap, np.float32(-1)).max(axis=1)
     after = np.where(low & (tap > peak), tap, np.float32(taps)).min(axis=1)
     hump = np.where((tap > before[:, None]) & (tap < after[:, None]), raised, np.float32(0))
-    total = np.maximum(hump.sum(axis=1), np.float32(1e-6))
-    offset = ((hump * tap).sum(axis=1) / total - (taps - 1) / 2) * step
+    weight = np.maximum(hump - level, np.float32(0))  # nothing jumps where a tap enters or leaves the hump
+    total = np.maximum(weight.sum(axis=1), np.float32(1e-6))
+    offset = ((weight * tap).sum(axis=1) / total - (taps - 1) / 2) * step
     width = np.count_nonzero(hump >= np.maximum(np.float32(0.5) * contrast, np.float32(1e-6))[:, None], axis=1) * step
     return offset, width
 

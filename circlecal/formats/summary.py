@@ -62,5 +62,6 @@ def write_summary(path: Path, rows: Mapping[str, FrameSummary]) -> None:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(names)
     for identifier in sorted(rows):
-        writer.writerow([getattr(rows[identifier], name) for name in names])
+        values = (getattr(rows[identifier], name) for name in names)
+        writer.writerow([round(value, 3) if isinstance(value, float) else value for value in values])
     write_atomic(path, text.getvalue().encode())

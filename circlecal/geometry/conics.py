@@ -427,7 +427,7 @@ def refine_conic(
         proposal = proposal / np.linalg.norm(proposal)
         new_state = linearise(proposal)
         if new_state is not None and new_state[2] <= cost:
-            converged = np.linalg.norm(proposal - current) < 1e-15 or cost - new_state[2] <= 1e-14 * cost
+            converged = np.linalg.norm(proposal - current) < 1e-15 or cost - new_state[2] <= 1e-9 * cost
             current, state, damping = proposal, new_state, max(damping * 0.1, 1e-12)
             if converged:
                 break

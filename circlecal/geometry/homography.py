@@ -159,7 +159,8 @@ def turn_homography(H: ArrayLike, center: ArrayLike) -> Array:
     return scale_homography(np.asarray(H, dtype=np.float64) @ np.array([[-1.0, 0.0, 2 * x], [0.0, -1.0, 2 * y], [0.0, 0.0, 1.0]]))
 
 
-_TOWARDS = {"main": (0.0, 1.0), "opposite": (0.0, -1.0), "left_goal": (-1.0, 0.0), "right_goal": (1.0, 0.0)}
+SIDES = {"main": (0.0, 1.0), "opposite": (0.0, -1.0), "left_goal": (-1.0, 0.0), "right_goal": (1.0, 0.0)}
+"""Direction on the field from its origin to each side on which a camera can stand."""
 
 
 def camera_side_of(H: ArrayLike, side: str) -> float:
@@ -169,7 +170,7 @@ def camera_side_of(H: ArrayLike, side: str) -> float:
     """
     H = np.asarray(H, dtype=np.float64)
     gradient = H[2, :2] * (np.sign(H[2, 2]) or 1.0)
-    return float(-gradient @ _TOWARDS[side])
+    return float(-gradient @ SIDES[side])
 
 
 def transfer_errors(H: ArrayLike, field_points: ArrayLike, image_points: ArrayLike) -> Array:
@@ -209,3 +210,14 @@ def projects_in_front(H: ArrayLike, points: ArrayLike) -> bool:
     """Whether every field point (N, 2) has the same sign of w, i.e. none lies behind the camera."""
     w = (lift(points) @ np.asarray(H, dtype=np.float64).T)[:, 2]
     return bool(np.all(w > 0) or np.all(w < 0))
+
+
+_COMPASS = ("right", "bottom_right", "bottom", "bottom_left", "left", "top_left", "top", "top_right")
+
+
+def compass_label(outward: ArrayLike) -> str:
+    """Name of a direction (2,) on the field as the main camera sees it (top = far), or its angle where it is none of the eight."""
+    x, y = np.asarray(outward, dtype=np.float64)
+    angle = float(np.degrees(np.arctan2(y, x))) % 360.0
+    sector = round(angle / 45.0)
+    return _COMPASS[sector % 8] if abs(angle - 45.0 * sector) < 0.5 else f"deg_{angle:.0f}"

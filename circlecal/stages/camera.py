@@ -7,6 +7,7 @@ centre nor the second edge of the marking is needed; lens, principal point, crow
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -29,15 +30,20 @@ from circlecal.camera_fit.uncertainty import (
 )
 from circlecal.errors import EstimationError
 from circlecal.field import Circle, FieldTemplate
-from circlecal.geometry.conics import arc_coverage_deg, ellipse_from_conic, fit_conic, refine_conic
+from circlecal.geometry.conics import ellipse_from_conic, fit_conic, refine_conic
 from circlecal.geometry.homogeneous import Array, fit_line, lift
-from circlecal.geometry.homography import scale_homography
+from circlecal.geometry.homography import SIDES, compass_label, scale_homography
+from circlecal.geometry.pinhole import Camera
 from circlecal.observations import Observations
-from circlecal.results import CameraFit
+from circlecal.results import CameraFit, DerivedPoint
 
 Three = tuple[float, float, float]
 COARSE_POINTS = 48
 """Points per marking while hypotheses are only compared."""
+SHORT_ARC_DEG = 200.0
+"""Shorter arcs have local minima: the whole grid of starts is followed."""
+WEAK_SIGMA_PX = 25.0
+"""Where the closed forms leave the field around the circle less certain than this (at 1920 px width), the grid is followed too."""
 
 
 class CameraConfig(BaseModel):
@@ -118,8 +124,9 @@ def estimate_camera(
     _require_rotation(observations, circle, config)
     priors = priors_of(config, template, circle, frame)
     problem = Problem(curves, points, priors, frame)
-    starts = _starts(problem, observations, template, circle, config, camera_side)
-    state = _follow(problem, starts, config)
+    closed, grid = _starts(problem, observations, template, circle, config, camera_side)
+    short = _arc_deg(observations, circle) < SHORT_ARC_DEG
+    state = _best_fit(problem, closed, grid, short, config, camera_side)
     rejected: tuple[str, ...] = ()
     contradicting = _contradicting(state, points)
     if contradicting.any():
@@ -128,7 +135,7 @@ def estimate_camera(
         kept_names = tuple(np.array(points.names)[keep])
         points = FixedPoints(points.field_m[keep], points.points_px[keep], points.sigma_px[keep], kept_names)
         problem = replace(problem, points=points)
-        state = _follow(problem, np.concatenate([state.theta, starts]), config)
+        state = _best_fit(problem, np.concatenate([state.theta[:2], closed]), grid, short, config, camera_side)
     problem, state, scale = _settled(problem, state, config)
     named: dict[int, str] = {}
     if config.name_lines:
@@ -138,7 +145,7 @@ def estimate_camera(
         lines = tuple(replace(line, line=named.get(k, line.line)) for k, line in enumerate(observations.lines))
         realism = _realism(config, observations.width)
         problem = replace(problem, curves=observed_curves(replace(observations, lines=lines), template, realism))
-        problem, state, scale = _settled(problem, _follow(problem, state.theta[:1], config), config)
+        problem, state, scale = _settled(problem, _follow(problem, state.theta[:1], config, camera_side), config)
     return _result(problem, state, scale, rejected, tuple(sorted(set(named.values()))), circle, template)
 
 
@@ -197,25 +204,48 @@ def _require_rotation(observations: Observations, circle: Circle, config: Camera
 
 def _starts(
     problem: Problem, observations: Observations, template: FieldTemplate, circle: Circle, config: CameraConfig, side: str
-) -> Array:
+) -> tuple[Array, Array]:
+    """Starts from the closed forms (K, P), and those of a grid (L, P) for when the closed forms are few or weak."""
     seen = max((c for c in observations.circles if c.circle == circle.name), key=lambda c: len(c.points_px))
-    conic = fit_conic(seen.points_px, "direct")
-    refined = None if conic is None else refine_conic(seen.points_px, conic, seen.sigma_px, loss_scale=config.loss_scale)
+    usual = _usual_lens(problem)
+    points = usual.undistort(seen.points_px)
+    conic = fit_conic(points, "direct")
+    refined = None if conic is None else refine_conic(points, conic, seen.sigma_px, loss_scale=config.loss_scale)
     conic = conic if refined is None else refined[0]
     ellipse = None if conic is None else ellipse_from_conic(conic)
     if conic is None or ellipse is None:
         raise EstimationError("camera", "no_ellipse", "the points of the circle fit no ellipse")
     center = np.asarray(circle.center)
     mark = next((m for m in observations.marks if np.linalg.norm(_mark_position(template, m.mark) - center) < 1e-6), None)
-    line, direction = _central_line(observations, template, circle)
-    starts = closed_form_starts(
-        conic, None if mark is None else lift(mark.point_px), line, direction, center,
+    line, direction = _central_line(observations, template, circle, usual)
+    closed = closed_form_starts(
+        conic, None if mark is None else lift(usual.undistort(mark.point_px)), line, direction, center,
         template.radius(circle, seen.edge), problem.frame, side,
     )  # fmt: skip
-    if len(starts) == 0 or arc_coverage_deg(ellipse, seen.points_px) < 200:
-        grid = grid_starts(ellipse, center, circle.radius_m, problem.frame, side)
-        starts = np.concatenate([starts, _screened(problem, grid, config.starts)])
-    return starts
+    grid = _screened(problem, grid_starts(ellipse, center, circle.radius_m, problem.frame, side), config.starts)
+    return closed, grid
+
+
+def _usual_lens(problem: Problem) -> Camera:
+    """A camera with the lens that the priors expect, to start from undistorted pixels."""
+    theta = np.where(np.isfinite(problem.priors.mean), problem.priors.mean, 0.0).copy()
+    theta[0] = np.log(problem.frame.width * 2.0)
+    return camera_of(theta, problem.frame)
+
+
+def _best_fit(problem: Problem, closed: Array, grid: Array, short: bool, config: CameraConfig, side: str) -> State:
+    """Follow the closed forms; where they are missing or leave the field uncertain, the grid too."""
+    if len(closed) and not short:
+        state = _follow(problem, closed, config, side)
+        covariance = posterior_covariance(state.normal[0], problem.priors.sd)
+        rim = problem.priors.center_m + problem.frame.crown_reference_m * np.array([[2.0, 0.0], [-2.0, 0.0], [0.0, -2.0]])
+        sigma, _ = field_sigma(state.theta[0], covariance, rim, problem.frame)
+        if sigma.max() < WEAK_SIGMA_PX * problem.frame.width / 1920.0:
+            return state
+        grid = np.concatenate([state.theta[:2], grid])
+    else:
+        grid = np.concatenate([closed, grid])
+    return _follow(problem, grid, config, side)
 
 
 def _mark_position(template: FieldTemplate, name: str) -> Array:
@@ -223,15 +253,28 @@ def _mark_position(template: FieldTemplate, name: str) -> Array:
     return np.full(2, np.inf) if mark is None else np.asarray(mark.position)
 
 
-def _central_line(observations: Observations, template: FieldTemplate, circle: Circle) -> tuple[Array | None, Array]:
-    """A seen line through the circle's centre, and its direction on the field."""
+def _arc_deg(observations: Observations, circle: Circle) -> float:
+    """Degrees of the circle that are seen, by the ellipse of its points."""
+    seen = max((c for c in observations.circles if c.circle == circle.name), key=lambda c: len(c.points_px))
+    conic = fit_conic(seen.points_px, "direct")
+    ellipse = None if conic is None else ellipse_from_conic(conic)
+    if ellipse is None:
+        return 0.0
+    angles = np.sort(ellipse.parameter(seen.points_px))
+    return 360.0 - float(np.degrees(np.max(np.diff(angles, append=angles[0] + 2 * np.pi))))
+
+
+def _central_line(
+    observations: Observations, template: FieldTemplate, circle: Circle, lens: Camera
+) -> tuple[Array | None, Array]:
+    """A seen line through the circle's centre in undistorted pixels, and its direction on the field."""
     for seen in observations.lines:
         drawn = None if seen.line is None else template.line_by_name.get(seen.line)
         if drawn is None or len(seen.points_px) < 2:
             continue
         if abs(template.line_coordinates(drawn) @ np.r_[circle.center, 1.0]) < 1e-6:
             ends = template.line_ends(drawn)
-            return fit_line(seen.points_px, 1.0 / seen.sigma_px**2), ends[1] - ends[0]
+            return fit_line(lens.undistort(seen.points_px), 1.0 / seen.sigma_px**2), ends[1] - ends[0]
     return None, np.array([0.0, 1.0])
 
 
@@ -248,19 +291,22 @@ def _screened(problem: Problem, grid: Array, count: int) -> Array:
     return grid[np.argsort(score, kind="stable")[:count]]
 
 
-def _follow(problem: Problem, starts: Array, config: CameraConfig) -> State:
-    """Optimise from every start with a wide, then with the final loss; the best first."""
+def _follow(problem: Problem, starts: Array, config: CameraConfig, side: str) -> State:
+    """Optimise from every start with a wide, then with the final loss; the best first, those on the stated side before the others."""
     if len(starts) == 0:
         raise EstimationError("camera", "no_camera", "no start for the camera was found")
     several = len(starts) > 1
     wide = minimise(problem, starts, 100.0 * config.loss_scale, min(25, config.iterations) if several else config.iterations)
     chosen = best_of(wide, max(2, min(len(starts), 3 * config.starts // 4)))
     state = minimise(problem, chosen.theta, config.loss_scale, config.iterations, chosen.hidden)
-    above = state.theta[:, INDEX["z"]] < 0
+    # a camera hanging upside down sees a circle and a line just as well
+    above = (state.theta[:, INDEX["z"]] < 0) & (np.sin(state.theta[:, INDEX["tilt"]]) > 0)
     if not above.any():
-        raise EstimationError("camera", "no_camera", "no camera above the ground explains what was seen")
-    kept = State(*(getattr(state, name)[above] for name in State.__slots__))
-    return best_of(kept, len(kept.cost))
+        raise EstimationError("camera", "no_camera", "no upright camera above the ground explains what was seen")
+    offset = state.theta[:, 4:6] - problem.priors.center_m
+    stated = offset @ np.array(SIDES[side]) >= 0
+    kept = above & stated if (above & stated).any() else above
+    return best_of(State(*(getattr(state, name)[kept] for name in State.__slots__)), int(kept.sum()))
 
 
 def _contradicting(state: State, points: FixedPoints) -> Array:
@@ -318,10 +364,22 @@ def _result(
         max_sigma_m=float(sigma_m.max()) if len(grid) else float("inf"),
         residuals_px=_residuals_px(problem, state),
         theta=theta,
+        derived_points=_derived_points(theta, covariance, circle, frame),
         rejected=rejected,
         named_lines=named,
         alternatives=((camera.turned(), 0.0),),
     )
+
+
+def _derived_points(theta: Array, covariance: Array, circle: Circle, frame: Frame) -> tuple[DerivedPoint, ...]:
+    """The circle's eight points with the covariance that the camera's implies."""
+    found = []
+    for angle in np.radians(np.arange(0.0, 360.0, 45.0)):
+        outward = np.array([np.cos(angle), np.sin(angle)])
+        point = np.asarray(circle.center) + circle.radius_m * outward
+        spread = push_forward(partial(imaged_point, frame=frame, point_m=point), theta, covariance)
+        found.append(DerivedPoint(compass_label(outward), point, imaged_point(theta, frame, point), spread))
+    return tuple(found)
 
 
 def visible_field(theta: Array, frame: Frame, template: FieldTemplate, center: Array, reach_m: float, step_m: float = 1.0) -> Array:

@@ -16,14 +16,13 @@ from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.concentric import imaged_center
 from circlecal.geometry.conics import line_conic_meet, normalise_conic, polar
 from circlecal.geometry.homogeneous import Array, dehomogenise, join, lift, meet, normalise_line
-from circlecal.geometry.homography import camera_side_of, homography_from_circle, turn_homography
+from circlecal.geometry.homography import camera_side_of, compass_label, homography_from_circle, turn_homography
 from circlecal.geometry.pinhole import camera_from_homography, image_center
 from circlecal.geometry.single_circle import pinhole_centers
 from circlecal.observations import Keypoint
 from circlecal.results import Correspondences, Cues, EllipseFits, LineCorrespondence, PointCorrespondence
 
 Side = Literal["main", "opposite", "left_goal", "right_goal"]
-_COMPASS = ("right", "bottom_right", "bottom", "bottom_left", "left", "top_left", "top", "top_right")
 USUAL_ROLL_RAD = np.radians(5.0)
 USUAL_DISTANCE_RADII = 7.0
 USUAL_DISTANCE_LOG_SD = 0.6
@@ -242,13 +241,6 @@ def correspondences_from_point(
     return correspondences_from_line(
         conic, center, line, field_center, radius, direction, case=2, toward=np.asarray(image_point, dtype=np.float64)
     )
-
-
-def compass_label(outward: Array) -> str:
-    """Name of a direction on the field as the main camera sees it (top = far), or its angle where it is none of the eight."""
-    angle = float(np.degrees(np.arctan2(outward[1], outward[0]))) % 360.0
-    sector = round(angle / 45.0)
-    return _COMPASS[sector % 8] if abs(angle - 45.0 * sector) < 0.5 else f"deg_{angle:.0f}"
 
 
 def _ordered(conic: Array, line: Array, H: Array, field_point: Array) -> Array:

@@ -17,6 +17,9 @@ from circlecal.results import EdgePoints, MarkingMask
 
 CIRCLE_ID = 7
 """SoccerNet class id of the centre circle."""
+NO_EDGES = "no edges in the mask of the circle; is the mask that of this picture?"
+MARGIN_PX = 8
+"""Kept around the mask, so that filters see what lies beside it."""
 SOBEL_SIGMA_PX = 0.7
 """Smoothing that the 3 x 3 Sobel kernel itself brings."""
 
@@ -74,13 +77,19 @@ def detect_edges(image: NDArray[np.uint8], mask: MarkingMask, config: EdgesConfi
     EstimationError
         ``no_edges`` where fewer than ten points are found.
     """
-    picture = grey(image, polarity)
+    region = search_region(mask, config.dilate_px * image.shape[1] / 1920)
+    left, top, width, height = cv2.boundingRect(region.astype(np.uint8))
+    if width == 0:
+        raise EstimationError("edges", "no_edges", NO_EDGES)
+    left, top = max(left - MARGIN_PX, 0), max(top - MARGIN_PX, 0)
+    window = (slice(top, top + height + 2 * MARGIN_PX), slice(left, left + width + 2 * MARGIN_PX))
+    picture, region = grey(np.ascontiguousarray(image[window]), polarity), region[window]
     smooth = cv2.GaussianBlur(picture, (0, 0), config.smoothing_px)
     gx = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3, scale=1 / 8)
     gy = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=3, scale=1 / 8)
-    region = search_region(mask, config.dilate_px * picture.shape[1] / 1920)
+    magnitude = cv2.magnitude(gx, gy)
     noise = picture_noise(picture, region)
-    low, high = _thresholds(config, noise, np.hypot(gx, gy)[region])
+    low, high = _thresholds(config, noise, magnitude[region])
     # Canny takes 16-bit derivatives: sixteenths of a grey level per pixel
     scaled = [np.clip(np.round(g * 16), -32768, 32767).astype(np.int16) for g in (gx, gy)]
     found = (cv2.Canny(scaled[0], scaled[1], low * 16, high * 16, L2gradient=True) > 0) & region
@@ -88,12 +97,12 @@ def detect_edges(image: NDArray[np.uint8], mask: MarkingMask, config: EdgesConfi
     found[:, [0, -1]] = False
     y, x = np.nonzero(found)
     if len(x) < 10:
-        raise EstimationError("edges", "no_edges", "no edges in the mask of the circle; is the mask that of this picture?")
+        raise EstimationError("edges", "no_edges", NO_EDGES)
     pixels = np.stack([x, y], axis=-1).astype(np.float64)
     gradient = np.stack([gx[y, x], gy[y, x]], axis=-1).astype(np.float64)
     strength = np.linalg.norm(gradient, axis=-1)
     normals = gradient / strength[:, None]
-    shift, curvature = _sub_pixel(np.hypot(gx, gy), pixels, normals)
+    shift, curvature = _sub_pixel(magnitude, pixels, normals)
     blur = float(np.clip(np.sqrt(np.median(strength / np.maximum(curvature, 1e-6))), config.smoothing_px, 6.0))
     contrast = strength * blur * np.sqrt(2 * np.pi)
     # a gradient maximum moves by the noise of the second derivative over the gradient's curvature
@@ -101,7 +110,7 @@ def detect_edges(image: NDArray[np.uint8], mask: MarkingMask, config: EdgesConfi
     second_derivative_noise = noise * np.sqrt(3 / (16 * np.pi)) / scale**3
     sigma = np.hypot(second_derivative_noise / np.maximum(curvature, 1e-6), SIGMA_FLOOR_PX)
     keep = (np.abs(shift) <= 1.0) & (sigma < 2.0)
-    points = pixels + shift[:, None] * normals
+    points = pixels + shift[:, None] * normals + (left, top)
     return EdgePoints(points[keep], normals[keep], contrast[keep], sigma[keep], noise, blur, (low, high))
 
 

@@ -1,6 +1,6 @@
-"""Random broadcast cameras by batched rejection: drawn around the stand, zoomed and aimed, kept when the view is as wanted.
+"""Random broadcast cameras by batched rejection: placed, zoomed and aimed, kept when the view is as wanted.
 
-Distances and heights of the profiles are those of main broadcast cameras; ``focal_px`` bounds hold for a frame 1920 pixels wide.
+Distances and heights are those of main broadcast cameras; bounds on ``focal_px`` hold for a frame 1920 pixels wide.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ _DESIGN_WIDTH = 1920.0
 class _View:
     """What a profile draws from and what it accepts; pairs are (lowest, highest).
 
-    ``circle_half_widths`` is about the circle's radius in half-widths of the frame; ``aim_share`` how far the centre mark may lie from the middle of
-    the picture, in widths and heights (None: wherever the whole circle fits about).
+    ``circle_half_widths`` is about the circle's radius in half-widths of the frame; ``aim_share`` how far the centre
+    mark may lie from the middle of the picture, in widths and heights (None: wherever the whole circle fits about).
     """
 
     distance_m: tuple[float, float] = (45.0, 90.0)
@@ -56,16 +56,40 @@ _VIEWS: dict[str, _View] = {
     "main": _View(),
     "wide": _View(offset_m=25.0),
     "partial": _View(circle_half_widths=(0.4, 1.7), aim_share=(0.75, 0.6), visible_share=(0.4, 0.8)),
-    "arc": _View(circle_half_widths=(0.9, 2.4), aim_share=(1.3, 0.9), visible_share=(0.0, 1.0), focal_px=(5000.0, 16000.0), halfway_px=60.0),
-    "low": _View(height_m=(6.0, 10.0), roll_sd_deg=3.0, circle_half_widths=(0.25, 1.1), aim_share=(0.6, 0.4), visible_share=(0.45, 1.0), only_circle=False),
+    "arc": _View(
+        circle_half_widths=(0.9, 2.4),
+        aim_share=(1.3, 0.9),
+        visible_share=(0.0, 1.0),
+        focal_px=(5000.0, 16000.0),
+        halfway_px=60.0,
+    ),
+    "low": _View(
+        height_m=(6.0, 10.0),
+        roll_sd_deg=3.0,
+        circle_half_widths=(0.25, 1.1),
+        aim_share=(0.6, 0.4),
+        visible_share=(0.45, 1.0),
+        only_circle=False,
+    ),
     "near": _View(
-        distance_m=(38.0, 45.0), roll_sd_deg=3.0, circle_half_widths=(0.3, 1.2), aim_share=(0.5, 0.4), visible_share=(0.45, 1.0), only_circle=False
+        distance_m=(38.0, 45.0),
+        roll_sd_deg=3.0,
+        circle_half_widths=(0.3, 1.2),
+        aim_share=(0.5, 0.4),
+        visible_share=(0.45, 1.0),
+        only_circle=False,
     ),
     "broadcast": _View(
-        distance_m=(50.0, 105.0), height_m=(10.0, 30.0), offset_m=6.0, circle_half_widths=(0.15, 0.6), only_circle=False,
+        distance_m=(50.0, 95.0),
+        height_m=(12.0, 28.0),
+        offset_m=6.0,
+        circle_half_widths=(0.18, 0.6),
+        aim_share=(0.4, 0.17),
+        only_circle=False,
         focal_px=(1500.0, 4000.0),
     ),
-}  # fmt: skip
+}
+"""The profile ``hard`` is ``low`` or ``near``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,10 +174,12 @@ def sample_camera(
     Parameters
     ----------
     profile : str
-        ``"main"``: 45-90 m from the centre mark, 8-25 m high, within 12 m of the halfway line, roll sd 1 degree cut at 2.5 sd; the whole circle inside the
-        frame with 8 px to spare and no marking but circle and halfway line in view. ``"wide"``: the same within 25 m. ``"partial"``: 40-80 % of the circle.
-        ``"arc"``: one arc of ``arc_deg`` +- 12 degrees, with the halfway line where that can be had. ``"hard"``: low (6-10 m) or near (38-45 m) cameras, roll sd
-        3 degrees, at least 45 % of the circle, other markings allowed. ``"broadcast"``: the whole circle and more of the field, focal length 1500-4000 px at 1920.
+        ``"main"``: 45-90 m from the centre mark, 8-25 m high, within 12 m of the halfway line, roll sd 1 degree cut at
+        2.5 sd; the whole circle inside the frame with 8 px to spare and no marking but circle and halfway line in view.
+        ``"wide"``: the same within 25 m. ``"partial"``: 40-80 % of the circle. ``"arc"``: one arc of ``arc_deg`` +- 12
+        degrees, with the halfway line where that can be had. ``"hard"``: low (6-10 m) or near (38-45 m), roll sd
+        3 degrees, at least 45 % of the circle, other markings allowed. ``"broadcast"``: the whole circle and more of
+        the field, focal length 1500-4000 px at a width of 1920.
     rng : Generator
         Randomness.
     width, height : int
@@ -199,6 +225,22 @@ def sample_camera(
     raise ValueError(
         f"no camera found for profile {profile!r}"
         + (f" with an arc of {arc_deg:g} degrees" if arc_deg is not None else "")
+    )
+
+
+def aimed_camera(
+    position_m: Array, target_m: Array, focal_px: float, roll_rad: float, width: int, height: int, kappa: float = 0.0
+) -> Camera:
+    """Camera at a position (3,) with a target (3,) in the middle of its picture; z of both points down, metres."""
+    dx, dy, dz = np.asarray(target_m, dtype=np.float64) - np.asarray(position_m, dtype=np.float64)
+    return Camera(
+        width=width,
+        height=height,
+        focal_px=np.full(2, float(focal_px)),
+        principal_point_px=image_center(width, height),
+        angles_rad=np.array([np.arctan2(dx, -dy), np.arctan2(np.hypot(dx, dy), dz), roll_rad]),
+        position_m=np.asarray(position_m, dtype=np.float64),
+        kappa=np.array([kappa, 0.0]),
     )
 
 
@@ -299,7 +341,8 @@ def _with_circle_as_wanted(
         # an arc end may lie anywhere between two samples
         spare = 2.0 * stride / _CIRCLE_SAMPLES if stride > 1 and lowest < 1.0 else 0.0
         wanted = (share >= lowest - spare) & (share <= highest + spare)
-        candidates = candidates.kept(wanted if arc_deg is None or stride > 1 else wanted & (runs == 1))
+        contiguous = (runs == 1) | (arc_deg is None) | (stride > 1)
+        candidates = candidates.kept(np.asarray(wanted & contiguous))
     return candidates
 
 
@@ -327,12 +370,12 @@ def _without_others(candidates: _Candidates, points: _FieldPoints) -> _Candidate
     for stride in (_COARSE_STRIDE, 1):
         pixels = candidates.project(points.others[::stride])
         seen = inside_frame(pixels, candidates.width, candidates.height, -FULL_MARGIN_PX)
-        candidates = candidates.kept(~seen.any(axis=1))
+        candidates = candidates.kept(np.asarray(~seen.any(axis=1)))
     return candidates
 
 
 def other_markings(template: FieldTemplate) -> Array:
-    """Points (N, 2), every 0.5 m, of all markings but the default circle, the halfway line and the mark on them, metres."""
+    """Points (N, 2) in metres, every 0.5 m, of all markings but default circle, halfway line and the mark on them."""
     own = {template.default_circle, template.halfway_line}
     center = np.asarray(template.circle_by_name[template.default_circle].center)
     drawn = [points for name, points in template.polylines(0.5).items() if name not in own]

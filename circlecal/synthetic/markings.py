@@ -64,7 +64,8 @@ def circle_points(
     surface : Surface
         Shape of the ground.
     phase : float, optional
-        Where the first point lies, as a share of one step; drawn if not given. Give the same one to both edges for the same angles on them.
+        Where the first point lies, as a share of one step; drawn if not given. Give the same one to both edges for the
+        same angles on them.
 
     Returns
     -------
@@ -78,7 +79,6 @@ def circle_points(
     def on_field(angles: Array) -> Array:
         return np.asarray(element.center) + radius * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
 
-    # start opposite to any border crossing is not needed: hidden stretches have no length, the seam at 0 degrees is closed by the last sample
     dense = np.linspace(0.0, 2 * np.pi, _CURVE_SAMPLES + 1)
     shares = (np.arange(count) + start) / max(count, 1)
     angles = _spread(dense, camera.project(surface.lift(on_field(dense))), shares, camera, spacing)
@@ -97,7 +97,7 @@ def line_points(
     *,
     surface: Surface = FLAT,
 ) -> LinePoints:
-    """Points on the centreline of a straight marking, from one end of what the frame shows to the other (both included).
+    """Points on the centreline of a straight marking, from end to end of what the frame shows (both included).
 
     The other parameters are those of :func:`circle_points`; ``count`` is at least 2.
     """
@@ -105,7 +105,7 @@ def line_points(
     dense = np.linspace(0.0, 1.0, _CURVE_SAMPLES + 1)
 
     def on_field(along: Array) -> Array:
-        return ends[0] + along[:, None] * (ends[1] - ends[0])
+        return np.asarray(ends[0] + along[:, None] * (ends[1] - ends[0]))
 
     shares = np.linspace(0.0, 1.0, count)
     along = _spread(dense, camera.project(surface.lift(on_field(dense))), shares, camera, spacing)
@@ -134,8 +134,8 @@ def with_outliers(
 ) -> tuple[CirclePoints, NDArray[np.bool_]]:
     """Replace a share of the points by outliers; the order is lost.
 
-    Half of the outliers fill a band of 25 px standard deviation around the curve, as shadows and mowing edges do; half stand in six upright
-    clusters of 70 px on it, as legs do.
+    Half of the outliers fill a band of 25 px standard deviation around the curve, as shadows and mowing edges do; half
+    stand in six upright clusters of 70 px on it, as legs do.
 
     Returns
     -------
@@ -147,7 +147,7 @@ def with_outliers(
     if not 0.0 <= share < 1.0:
         raise ValueError(f"share must be in [0, 1), not {share}")
     total = len(points.points_px)
-    outliers = int(round(share * total))
+    outliers = round(share * total)
     legs = outliers // 2
     order = rng.permutation(total)
     pixels = points.points_px[order].copy()

@@ -128,7 +128,7 @@ def class_id(template: FieldTemplate, element: Circle | Line | Mark) -> int:
 
 
 def class_mask(layers: list[PaintLayer], width: int, height: int) -> NDArray[np.uint8]:
-    """Class ids (H, W): pixels that are half covered or touch the centreline, the circle over the halfway line over the rest."""
+    """Class ids (H, W) of pixels half covered or on the centreline; the circle over the halfway line over the rest."""
     mask = np.zeros((height, width), dtype=np.uint8)
     rank = {CIRCLE_CLASS: 2, HALFWAY_CLASS: 1}
     for layer in sorted(layers, key=lambda item: rank.get(item.class_id, 0)):
@@ -155,10 +155,10 @@ def _outline(template: FieldTemplate, element: Circle | Line | Mark, width_m: fl
         aside = np.array([-along[1], along[0]]) / length * width_m / 2
         return center + aside, center - aside
     if isinstance(element, Mark):
-        inner, outer, center, span = 0.0, element.diameter_m / 2, element.position, (0.0, 2 * np.pi)
+        inner, outer, middle, span = 0.0, element.diameter_m / 2, element.position, (0.0, 2 * np.pi)
     else:
         inner, outer = template.radius(element, "inner", width_m), template.radius(element, "outer", width_m)
-        center = element.center
+        middle = element.center
         span = (
             (np.radians(element.start_deg), np.radians(element.end_deg))
             if isinstance(element, Arc)
@@ -166,7 +166,7 @@ def _outline(template: FieldTemplate, element: Circle | Line | Mark, width_m: fl
         )
     angles = np.linspace(*span, max(16, int(np.ceil((span[1] - span[0]) * outer / _STEP_M)) + 1))
     ring = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-    return np.asarray(center) + outer * ring, np.asarray(center) + inner * ring
+    return np.asarray(middle) + outer * ring, np.asarray(middle) + inner * ring
 
 
 def _pixels_near(camera: Camera, surface: Surface, first_m: Array, second_m: Array) -> NDArray[np.bool_]:
@@ -175,8 +175,8 @@ def _pixels_near(camera: Camera, surface: Surface, first_m: Array, second_m: Arr
     quads = np.stack([first[:-1], first[1:], second[1:], second[:-1]], axis=1)
     size = np.array([camera.width, camera.height])
     with np.errstate(invalid="ignore"):
-        close = ((quads > -_MARGIN_PX) & (quads < size + _MARGIN_PX)).all(axis=2).any(axis=1)
-    chosen = quads[close & np.isfinite(quads).all(axis=(1, 2))]
+        corners_close = np.all((quads > -_MARGIN_PX) & (quads < size + _MARGIN_PX), axis=2)
+    chosen = quads[np.any(corners_close, axis=1) & np.isfinite(quads).all(axis=(1, 2))]
     near: NDArray[Any] = np.zeros((camera.height, camera.width), dtype=np.uint8)
     if len(chosen):
         corners = np.round(np.clip(chosen, -20000, 20000)).astype(np.int32)
@@ -199,7 +199,7 @@ def _covered(
     offsets = np.stack(np.meshgrid(shift, shift), axis=-1).reshape(-1, 1, 2)
     spots = (pixels[None] + offsets).reshape(-1, 2)
     field = back_project(camera, surface, spots)
-    ground = np.isfinite(field).all(axis=1)
+    ground = np.asarray(np.isfinite(field).all(axis=1))
     field = np.where(ground[:, None], field, 0.0)
     gradient = _Gradient(_inverse_jacobian(camera, surface, field))
     if isinstance(element, Line):
@@ -238,7 +238,8 @@ def _inverse_jacobian(camera: Camera, surface: Surface, field_m: Array) -> Array
     ]
     (a, c), (b, d) = (column.T for column in columns)
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.stack([np.stack([d, -b], -1), np.stack([-c, a], -1)], -2) / (a * d - b * c)[:, None, None]
+        adjugate = np.stack([np.stack([d, -b], -1), np.stack([-c, a], -1)], -2)
+        return np.asarray(adjugate / (a * d - b * c)[:, None, None])
 
 
 def _line_share(ends: Array, width_m: float, field: Array, gradient: _Gradient) -> tuple[Array, Array]:
@@ -264,7 +265,7 @@ def _ring_share(
     template: FieldTemplate, element: Circle, width_m: float, field: Array, gradient: _Gradient
 ) -> tuple[Array, Array]:
     center = np.asarray(element.center)
-    outer, distance = _disc_share(center, template.radius(element, "outer", width_m), field, gradient)
+    outer, _ = _disc_share(center, template.radius(element, "outer", width_m), field, gradient)
     inner, _ = _disc_share(center, template.radius(element, "inner", width_m), field, gradient)
     band = outer - inner
     middle = _disc_share(center, template.radius(element, "center", width_m), field, gradient)[1]

@@ -53,7 +53,7 @@ class Surface:
     def meet(self, origin_m: ArrayLike, directions: ArrayLike) -> Array:
         """Field points (..., 2) where rays from ``origin_m`` (3,) along ``directions`` (..., 3) meet the surface.
 
-        Newton's iteration on the position along the ray, started on the plane z = 0; nan where the ray does not descend.
+        Newton's iteration on the position along the ray from the plane z = 0; nan where the ray does not descend.
         """
         origin = np.asarray(origin_m, dtype=np.float64)
         d = np.asarray(directions, dtype=np.float64)

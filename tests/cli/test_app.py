@@ -1,9 +1,9 @@
 """The command line as a whole: help, version, start-up time, and the small commands."""
 
 import json
+import resource
 import subprocess
 import sys
-import time
 import tomllib
 from pathlib import Path
 
@@ -50,10 +50,11 @@ def test_help_is_fast_and_imports_nothing_heavy():
     code = f"import sys, circlecal.cli.app; print([m for m in {HEAVY} if m in sys.modules])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
     seconds = []
-    for _ in range(3):
-        start = time.perf_counter()
+    for _ in range(3):  # of the processor, since other tests may run beside this one
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
         subprocess.run([sys.executable, "-m", "circlecal.cli", "--help"], capture_output=True, check=True)
-        seconds.append(time.perf_counter() - start)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        seconds.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
     assert min(seconds) < 0.4
 
 

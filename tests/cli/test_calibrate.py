@@ -168,7 +168,7 @@ def test_wrong_use(run_circlecal, frame_file, tmp_path):
     (tmp_path / "nothing").mkdir()
     only_error(run_circlecal("calibrate", tmp_path / "nothing", "--out", tmp_path), "no pictures")
     only_error(run_circlecal("calibrate", frame_file, "--config", tmp_path / "none.yaml"), "none.yaml")
-    only_error(run_circlecal("calibrate", frame_file, "--set", "edges.smothing_px=1"), "did you mean edges.smoothing_px?")
+    only_error(run_circlecal("calibrate", frame_file, "--set", "edges.smothing_px=1"), "mean edges.smoothing_px?")
     only_error(run_circlecal("calibrate", frame_file, "--set", "edges.smoothing_px=.nan"), "finite")
     only_error(run_circlecal("calibrate", frame_file, "--field", "curling"), "curling", "soccer")
     only_error(run_circlecal("calibrate", frame_file, "--set", "field.circle=moon"), "moon", "centre_circle")

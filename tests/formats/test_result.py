@@ -2,10 +2,12 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import circlecal.formats
 from circlecal import calibrate
 from circlecal.errors import InputError
 from circlecal.field import load_field
@@ -21,45 +23,15 @@ from circlecal.formats.summary import summarise
 from circlecal.geometry.pinhole import camera_from_soccernet
 from circlecal.results import Verdict
 
-FIXED_NAMES = [
-    "schema_version",
-    "version",
-    "id",
-    "source",
-    "image",
-    "status",
-    "code",
-    "stage",
-    "reason",
-    "checks",
-    "H_image_field",
-    "H_field_image",
-    "camera",
-    "case",
-    "ellipses",
-    "imaged_center",
-    "vanishing_line",
-    "correspondences",
-    "inliers",
-    "residuals_px",
-    "timings_ms",
-    "seed",
-    "config_digest",
-    "observations",
-    "alternatives",
-]
-SOCCERNET_NAMES = [
-    "pan_degrees",
-    "tilt_degrees",
-    "roll_degrees",
-    "position_meters",
-    "x_focal_length",
-    "y_focal_length",
-    "principal_point",
-    "radial_distortion",
-    "tangential_distortion",
-    "thin_prism_distortion",
-]
+FIXED_NAMES = """
+    schema_version version id source image status code stage reason checks H_image_field H_field_image camera case
+    ellipses imaged_center vanishing_line correspondences inliers residuals_px timings_ms seed config_digest
+    observations alternatives
+""".split()  # noqa: SIM905 - shorter to read
+SOCCERNET_NAMES = """
+    pan_degrees tilt_degrees roll_degrees position_meters x_focal_length y_focal_length principal_point
+    radial_distortion tangential_distortion thin_prism_distortion
+""".split()  # noqa: SIM905
 
 
 @pytest.fixture(scope="module")
@@ -203,3 +175,10 @@ def test_summary_of_every_kind(calibrated, refused, template):
     assert row.time_ms > 0
     row = summarise(round_trip(result_record(refused, template)))
     assert (row.status, row.code, row.case) == ("refused", refused.verdict.code, None)
+
+
+def test_every_key_is_documented(calibrated, template):
+    text = (Path(circlecal.formats.__file__).parent / "README.md").read_text()
+    record = result_record(calibrated, template)
+    for key in (*record, *(set(record["camera"]) - set(SOCCERNET_NAMES))):
+        assert f"`{key}`" in text, key

@@ -20,7 +20,7 @@ def cameras(draw, lens=0.06, aspect=1.0):
     aim = np.array([draw(st.floats(-5, 5)), draw(st.floats(-5, 5))]) - position[:2]
     angles = [np.arctan2(aim[0], -aim[1]), np.arctan2(np.linalg.norm(aim), -position[2]), draw(st.floats(-0.2, 0.2))]
     focal = draw(st.floats(1500.0, 5000.0)) * np.array([1.0, draw(st.floats(1.0 / aspect, aspect))])
-    principal = pinhole.image_center(1920, 1080) + [draw(st.floats(-20, 20)), draw(st.floats(-20, 20))]
+    principal = pinhole.image_center(1920, 1080) + np.array([draw(st.floats(-20, 20)), draw(st.floats(-20, 20))])
     kappa = np.array([draw(st.floats(-lens, lens)), draw(st.floats(-lens / 4, lens / 4))])
     return pinhole.Camera(1920, 1080, focal, principal, np.array(angles), position, kappa)
 

@@ -1,0 +1,214 @@
+"""``circlecal bench accuracy``: the camera's error beside the Cramer-Rao bound on the same draws."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from circlecal.bench.bounds import bound_covariance, bound_errors
+from circlecal.bench.scenarios import Draw, Scenario, scenarios, soccer
+from circlecal.errors import EstimationError
+from circlecal.geometry.concentric import imaged_center
+from circlecal.geometry.conics import circle_conic, fit_conic, transform_conic
+from circlecal.geometry.homogeneous import Array, apply_homography, fit_line, transform_lines
+from circlecal.geometry.homography import dlt, mean_reprojection_error, reprojection_grid, turn_homography
+from circlecal.results import CameraFit, Correspondences
+from circlecal.stages.camera import estimate_camera
+from circlecal.stages.correspondences import correspondences_from_line, correspondences_from_point
+from circlecal.synthetic.cameras import sample_camera
+from circlecal.synthetic.markings import circle_points, line_points
+
+WRONG_PX = 20.0
+BOUND_DRAWS = 16
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One line of the table; errors are mean reprojection errors in pixels at 1920 x 1080."""
+
+    row: str
+    title: str
+    draws: int
+    median_px: float
+    p90_px: float
+    bound_median_px: float
+    bound_p90_px: float
+    efficiency: float
+    efficiency_error: float
+    wrong: float
+    failed: float
+    reach_median_px: float
+    reach_p90_px: float | None
+    coverage: dict[str, float]
+    by_offset: dict[str, float]
+    ms: float
+
+
+def run_rows(
+    names: Sequence[str], draws: int, seed: int, advance: Callable[[str], None] = lambda _: None
+) -> tuple[list[Row], list[tuple[str, float]]]:
+    """Run the named rows (all where none is named).
+
+    Returns
+    -------
+    list of Row
+        The camera's rows.
+    list of (str, float)
+        The closed forms: noise-free maximum (row 1) and the paper's protocol with the true centre (row 2), pixels.
+    """
+    chosen = [s for s in scenarios() if not names or s.row in names or s.row.rstrip("abcd") in names]
+    rows = [run_row(s, draws, seed, advance) for s in chosen]
+    closed = closed_forms(draws, seed) if not names or {"1", "2"} & set(names) else []
+    return rows, closed
+
+
+def run_row(scenario: Scenario, draws: int, seed: int, advance: Callable[[str], None] = lambda _: None) -> Row:
+    """Error, bound and coverage of one scenario over seeded draws."""
+    errors, bounds, offsets, times = [], [], [], []
+    means: list[float] = []
+    inside: dict[str, list[bool]] = {}
+    for index in range(draws):
+        rng = np.random.default_rng([seed, index])
+        draw = scenario.draw(rng)
+        grid = truth_grid(draw, scenario)
+        covariance = bound_covariance(draw.camera, 0.0, draw.observations, scenario.template, scenario.circle, draw.config)
+        bound = bound_errors(draw.camera, covariance, grid, BOUND_DRAWS, rng)
+        bounds.append(bound)
+        means.append(float(bound.mean()))
+        offsets.append(abs(float(draw.camera.position_m[0])))
+        start = time.perf_counter()
+        try:
+            fit = estimate_camera(draw.observations, scenario.template, scenario.circle, draw.config)
+        except EstimationError:
+            errors.append(np.inf)
+            continue
+        finally:
+            times.append(time.perf_counter() - start)
+            advance(scenario.row)
+        errors.append(mean_reprojection_error(draw.camera.homography, fit.H_image_field, grid))
+        for name, value in mahalanobis(draw, fit, scenario).items():
+            inside.setdefault(name, []).append(value)
+    error, pooled = np.array(errors), np.concatenate(bounds)
+    answered = np.isfinite(error)
+    ratio, spread = _ratio(error[answered], np.array(means)[answered])
+    return Row(
+        row=scenario.row,
+        title=scenario.title,
+        draws=draws,
+        median_px=float(np.median(error)),
+        p90_px=float(np.percentile(error, 90)),
+        bound_median_px=float(np.median(pooled)),
+        bound_p90_px=float(np.percentile(pooled, 90)),
+        efficiency=ratio,
+        efficiency_error=spread,
+        wrong=float(np.mean(error[answered] > WRONG_PX)) if answered.any() else 0.0,
+        failed=float(1.0 - answered.mean()),
+        reach_median_px=scenario.reach_px[0],
+        reach_p90_px=scenario.reach_px[1],
+        coverage={name: float(np.mean(values)) for name, values in inside.items()},
+        by_offset=_by_offset(np.array(offsets), error),
+        ms=float(np.median(times) * 1e3),
+    )
+
+
+def truth_grid(draw: Draw, scenario: Scenario) -> Array:
+    """Field points over a 0.5 m grid inside the frame."""
+    half = scenario.template.length_m / 2, scenario.template.width_m / 2
+    return reprojection_grid(draw.camera.homography, draw.camera.width, draw.camera.height, *half)
+
+
+def _ratio(errors: Array, bounds: Array) -> tuple[float, float]:
+    """Mean error over mean bound and the standard error of it (delta method)."""
+    ratio = float(errors.mean() / bounds.mean())
+    deviation = errors - ratio * bounds
+    return ratio, float(deviation.std() / np.sqrt(len(errors)) / bounds.mean())
+
+
+def _by_offset(offsets: Array, errors: Array) -> dict[str, float]:
+    edges = [0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 12.0, 25.0]
+    found = {}
+    for low, high in zip(edges[:-1], edges[1:], strict=True):
+        chosen = (offsets >= low) & (offsets < high)
+        if chosen.any():
+            found[f"{low:g}-{high:g} m"] = float(np.median(errors[chosen]))
+    return found
+
+
+def mahalanobis(draw: Draw, fit: CameraFit, scenario: Scenario) -> dict[str, bool]:
+    """Whether the truth lies inside the reported 90 % region of the homography, the imaged centre, a derived point and the position."""
+    H = draw.camera.homography
+    center = np.asarray(scenario.circle.center)
+    position = slice(4, 7)
+    found = {
+        "homography": _inside(H.ravel()[:8] - fit.H_image_field.ravel()[:8], fit.H_covariance),
+        "imaged centre": _inside(apply_homography(H, center) - fit.imaged_center_px, fit.imaged_center_covariance),
+        "position": _inside(draw.camera.position_m - fit.camera.position_m, fit.covariance[position, position]),
+    }
+    for point in fit.derived_points:
+        true = apply_homography(H, point.field_m)
+        found[f"point {point.label}"] = _inside(true - point.image_px, point.covariance)
+    return found
+
+
+def _inside(difference: Array, covariance: Array) -> bool:
+    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    normal = covariance / np.outer(scale, scale)
+    values, vectors = np.linalg.eigh(normal)
+    kept = values > 1e-9 * values[-1]
+    projected = vectors[:, kept].T @ (difference / scale)
+    return bool(np.sum(projected**2 / values[kept]) < chi2.ppf(0.9, int(kept.sum())))
+
+
+def closed_forms(draws: int, seed: int) -> list[tuple[str, float]]:
+    """Rows 1 and 2: largest error without noise, and the paper's protocol with the true centre."""
+    worst = {"case 1": 0.0, "case 2": 0.0, "case 3": 0.0}
+    paper: list[float] = []
+    template, circle = soccer()
+    for index in range(draws):
+        rng = np.random.default_rng([seed, index])
+        camera = sample_camera("main", rng)
+        H = camera.homography
+        grid = reprojection_grid(H, camera.width, camera.height, template.length_m / 2, template.width_m / 2)
+        o, direction = np.zeros(2), np.array([0.0, 1.0])
+        outer = transform_conic(H, circle_conic(o, template.radius(circle, "outer")))
+        inner = transform_conic(H, circle_conic(o, template.radius(circle, "inner")))
+        line, center = transform_lines(H, [1.0, 0.0, 0.0]), H[:, 2]
+        point = np.array([3.0, -5.0])
+        found = {
+            "case 1": correspondences_from_line(outer, center, line, o, circle.radius_m, direction),
+            "case 2": correspondences_from_point(outer, center, apply_homography(H, point), point, o, circle.radius_m),
+        }
+        concentric = imaged_center(outer, inner)
+        assert concentric is not None
+        found["case 3"] = correspondences_from_line(outer, concentric.center, line, o, circle.radius_m, direction)
+        for name, correspondences in found.items():
+            worst[name] = max(worst[name], _error(correspondences, H, grid))
+        seen = circle_points(camera, template, "outer", 8, 1.0, rng, "field")
+        conic = fit_conic(seen.points_px, "direct")
+        ends = line_points(camera, template, "halfway_line", 2, 1.0, rng).points_px
+        assert conic is not None
+        paper.append(_error(correspondences_from_line(conic, center, fit_line(ends), o, circle.radius_m, direction), H, grid))
+    rows = [(f"1: {name}, no noise, largest error", value) for name, value in worst.items()]
+    return [*rows, ("2: case 1, 8 points on one edge, true centre, sigma 1, median", float(np.median(paper)))]
+
+
+def _error(found: Correspondences, H: Array, grid: Array) -> float:
+    solution = dlt(
+        [p.field_m for p in found.points],
+        [p.image_px for p in found.points],
+        [t.field_line for t in found.tangents],
+        [t.image_line for t in found.tangents],
+    )
+    if solution is None:
+        return np.inf
+    turned = turn_homography(solution.H, np.zeros(2))
+    return min(mean_reprojection_error(H, solution.H, grid), mean_reprojection_error(H, turned, grid))
+
+
+def as_records(rows: Sequence[Row]) -> list[dict[str, object]]:
+    """JSON-ready rows."""
+    return [asdict(row) for row in rows]

@@ -1,0 +1,62 @@
+"""The Cramer-Rao bound of a scenario: the error that no unbiased estimator can beat with these observations and priors."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from circlecal.camera_fit.curves import first_hidden
+from circlecal.camera_fit.model import Frame, project, theta_of
+from circlecal.camera_fit.observed import Realism, observed_curves, observed_points
+from circlecal.camera_fit.optimise import Problem, evaluate
+from circlecal.camera_fit.uncertainty import posterior_covariance
+from circlecal.field import Circle, FieldTemplate
+from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.pinhole import Camera
+from circlecal.observations import Observations
+from circlecal.stages.camera import CameraConfig, priors_of
+
+_NO_LOSS = 1e6
+
+
+def bound_covariance(
+    camera: Camera, crown_m: float, observations: Observations, template: FieldTemplate, circle: Circle, config: CameraConfig
+) -> Array:
+    """Covariance (P, P) of the parameters at the truth: inverse of the Fisher information of the data plus the priors' precision."""
+    frame = Frame(camera.width, camera.height, config.crown_shape, circle.radius_m)
+    theta = theta_of(camera, frame)
+    theta[12] = crown_m
+    curves = observed_curves(observations, template, Realism(10**6, 0.0, 0.0))
+    priors = priors_of(config, template, circle, frame)
+    problem = Problem(curves, observed_points(observations, template), priors, frame)
+    hidden, _ = first_hidden(curves, theta[None], frame)
+    state = evaluate(problem, theta[None], hidden, _NO_LOSS, updates=6)
+    return posterior_covariance(state.normal[0], priors.sd)
+
+
+def bound_errors(camera: Camera, covariance: Array, grid_m: Array, draws: int, rng: np.random.Generator) -> Array:
+    """Mean reprojection errors (draws,) of an estimator that reaches the bound, to first order, in undistorted pixels.
+
+    Parameters
+    ----------
+    camera : Camera
+        The truth.
+    covariance : (P, P) array
+        From :func:`bound_covariance`.
+    grid_m : (N, 2) array
+        Field points over which the error is averaged.
+    draws : int
+        How many errors are drawn.
+    rng : numpy.random.Generator
+        Source of the draws.
+    """
+    frame = Frame(camera.width, camera.height, "flat")
+    theta = theta_of(camera, frame)
+    theta[9:11] = 0.0
+    jacobian = project(theta[None], grid_m[None], frame).by_theta[0]
+    # the homography is that of the tangent plane in undistorted pixels: lens and crown are no part of its error
+    jacobian[..., 9:11] = 0.0
+    values, vectors = np.linalg.eigh(covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    deltas = rng.standard_normal((draws, len(covariance))) @ root.T
+    errors = np.einsum("nip,dp->dni", jacobian, deltas)
+    return np.asarray(np.linalg.norm(errors, axis=-1).mean(axis=1))

@@ -1,0 +1,183 @@
+"""The scenarios of ``circlecal bench accuracy``: what is drawn, what is known, and what is to be reached."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from circlecal.field import Circle, FieldTemplate, load_field
+from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.pinhole import Camera, image_center
+from circlecal.observations import CirclePoints, Observations
+from circlecal.stages.camera import CameraConfig
+from circlecal.synthetic.cameras import sample_camera
+from circlecal.synthetic.markings import circle_points, line_points
+
+KNOWN = CameraConfig(
+    principal_point_sd_px=0.0,
+    distortion="none",
+    crown_shape="flat",
+    width_sd_m=0.0,
+    bloom_sd_px=0.0,
+    model_sigma_px=0.0,
+    noise_from_residuals=False,
+    name_lines=False,
+)
+"""Principal point, lens and surface known: the bound is one number."""
+
+BROADCAST = KNOWN.model_copy(update={"position_m": (0.0, 62.0, -16.0), "position_sd_m": (8.0, 13.0, 5.0), "roll_sd_deg": 1.0})
+"""The priors of configs/broadcast.yaml."""
+
+
+@dataclass(frozen=True, slots=True)
+class Draw:
+    """One truth with its noisy observations, and what the estimator is told of the position (mean, sd) where that is known."""
+
+    camera: Camera
+    observations: Observations
+    config: CameraConfig
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """One row: number, title, the template's marking width, how a draw is made, and the figures to reach (median, 90th percentile)."""
+
+    row: str
+    title: str
+    draw: Callable[[np.random.Generator], Draw]
+    reach_px: tuple[float, float | None]
+    template: FieldTemplate
+    circle: Circle
+    known_center: bool = False
+
+
+@cache
+def soccer() -> tuple[FieldTemplate, Circle]:
+    """Soccer with a marking of 8 cm, the paper's."""
+    template = load_field("soccer", {"marking": 0.08})
+    return template, template.circle_by_name["centre_circle"]
+
+
+@cache
+def hockey() -> tuple[FieldTemplate, Circle]:
+    """Ice hockey and one of its face-off circles."""
+    template = load_field("ice-hockey")
+    return template, template.circle_by_name["faceoff_left_top"]
+
+
+def _soccer_draw(
+    profile: str,
+    count: int,
+    sigma_px: float,
+    *,
+    edges: tuple[str, ...] = ("outer", "inner"),
+    line_count: int | None = None,
+    arc_deg: float | None = None,
+    config: CameraConfig = KNOWN,
+    position_sd_m: float | None = None,
+    principal_point_sd_px: float = 0.0,
+    kappa: float = 0.0,
+    spacing: str = "image",
+) -> Callable[[np.random.Generator], Draw]:
+    template, _ = soccer()
+
+    def draw(rng: np.random.Generator) -> Draw:
+        camera = sample_camera(profile, rng, arc_deg=arc_deg, kappa=kappa)  # type: ignore[arg-type]
+        if principal_point_sd_px:
+            shift = rng.normal(0.0, principal_point_sd_px, 2)
+            camera = _shifted(camera, shift)
+        phase = float(rng.uniform(0.0, 1.0))
+        circles: tuple[CirclePoints, ...] = tuple(
+            circle_points(camera, template, edge, count, sigma_px, rng, spacing, phase=phase)  # type: ignore[arg-type]
+            for edge in edges
+        )
+        lines = () if line_count == 0 else (line_points(camera, template, "halfway_line", line_count or count, sigma_px, rng),)
+        told = config
+        if position_sd_m is not None:
+            mean = camera.position_m + rng.normal(0.0, position_sd_m, 3)
+            told = config.model_copy(update={"position_m": tuple(mean), "position_sd_m": (position_sd_m,) * 3})
+        return Draw(camera, Observations(camera.width, camera.height, circles, lines), told)
+
+    return draw
+
+
+def _shifted(camera: Camera, shift: Array) -> Camera:
+    return Camera(
+        camera.width,
+        camera.height,
+        camera.focal_px,
+        camera.principal_point_px + shift,
+        camera.angles_rad,
+        camera.position_m,
+        camera.kappa,
+    )
+
+
+def _hockey_draw(count: int, sigma_px: float) -> Callable[[np.random.Generator], Draw]:
+    template, _ = hockey()
+    pair = ("faceoff_left_top", "faceoff_left_bottom")
+    middle = np.mean([template.circle_by_name[name].center for name in pair], axis=0)
+
+    def draw(rng: np.random.Generator) -> Draw:
+        distance, height = rng.uniform(30, 60), rng.uniform(8, 20)
+        azimuth = rng.uniform(-0.6, 0.6)
+        ground = np.sqrt(distance**2 - height**2)
+        position = np.r_[middle + ground * np.array([np.sin(azimuth), np.cos(azimuth)]), -height]
+        look = np.r_[middle, 0.0] - position
+        look = look / np.linalg.norm(look)
+        angles = np.array([np.arctan2(look[0], -look[1]), np.arccos(look[2]), np.radians(rng.normal())])
+        focal = rng.uniform(0.6, 0.8) * 540.0 / ((7.0 + 4.5) * height / distance) * distance
+        focal = min(focal, 900.0 / 5.5 * distance)
+        camera = Camera(1920, 1080, np.array([focal, focal]), image_center(1920, 1080), angles, position, np.zeros(2))
+        circles = tuple(circle_points(camera, template, "outer", count, sigma_px, rng, circle=name) for name in pair)
+        return Draw(camera, Observations(1920, 1080, circles), KNOWN)
+
+    return draw
+
+
+def scenarios() -> list[Scenario]:
+    """All rows, in order."""
+    template, circle = soccer()
+    rink, faceoff = hockey()
+    default = KNOWN.model_copy(
+        update={"principal_point_sd_px": 5.0, "distortion": "radial", "k1_mean": 0.0, "crown_shape": "roof", "crown_m": 0.0}
+    )
+    eight = {"line_count": 2, "spacing": "field"}
+
+    def row(number: str, title: str, draw: Callable[[np.random.Generator], Draw], median: float, p90: float | None = None) -> Scenario:
+        return Scenario(number, title, draw, (median, p90), template, circle)
+
+    return [
+        row("3", "8 points per edge, unknown centre, sigma 1", _soccer_draw("main", 8, 1.0, **eight), 5.5),  # type: ignore[arg-type]
+        row("4a", "the same, sigma 5, broadcast priors", _soccer_draw("main", 8, 5.0, config=BROADCAST, **eight), 12.0),  # type: ignore[arg-type]
+        row("4b", "the same, sigma 25, broadcast priors", _soccer_draw("main", 8, 25.0, config=BROADCAST, **eight), 30.0),  # type: ignore[arg-type]
+        row("5", "full circle, 200 points per edge, sigma 0.5", _soccer_draw("main", 200, 0.5), 0.5, 3.0),
+        row("5d", "the same, default lens, crown and principal point", _soccer_draw("main", 200, 0.5, config=default), np.inf),
+        row("6", "the same as 5, one edge only", _soccer_draw("main", 200, 0.5, edges=("outer",)), 0.65, 4.5),
+        row("7", "40-80 % of the circle, sigma 0.5", _soccer_draw("partial", 200, 0.5), 1.5, 7.0),
+        row("8a", "arc of 120 degrees, sigma 0.3", _soccer_draw("arc", 200, 0.3, arc_deg=120.0), 2.5),
+        row("8b", "arc of 90 degrees, sigma 0.3", _soccer_draw("arc", 200, 0.3, arc_deg=90.0), 2.7),
+        row("8c", "arc of 60 degrees, sigma 0.3", _soccer_draw("arc", 200, 0.3, arc_deg=60.0), 2.75),
+        row("9a", "position known to 0.5 m, full circle, sigma 1", _soccer_draw("main", 200, 1.0, position_sd_m=0.5), 0.5, 1.2),
+        row("9b", "position known to 0.5 m, 120 degrees, sigma 1", _soccer_draw("arc", 200, 1.0, arc_deg=120.0, position_sd_m=0.5), 1.3, 3.3),
+        row(
+            "13a",
+            "principal point off by 10 px, estimated",
+            _soccer_draw(
+                "main", 200, 0.5, principal_point_sd_px=10.0, config=KNOWN.model_copy(update={"principal_point_sd_px": 10.0})
+            ),
+            1.45,
+        ),
+        row("13b", "radial k1 = 0.005 (half diagonals), estimated", _soccer_draw("main", 200, 0.5, kappa=0.0038, config=_radial(0.0038)), 1.3),
+        row("13c", "radial kappa = 0.03 (half-widths), estimated", _soccer_draw("main", 200, 0.5, kappa=0.03, config=_radial(0.0038, 0.03)), 1.3),
+        row("w", "cameras within 25 m of the halfway line, sigma 0.5", _soccer_draw("wide", 200, 0.5), np.inf),
+        row("h", "low and near cameras, roll 3 degrees, sigma 0.5", _soccer_draw("hard", 200, 0.5), np.inf),
+        Scenario("17", "two hockey face-off circles, 50 points, sigma 0.3", _hockey_draw(50, 0.3), (0.225 * 1.05, None), rink, faceoff),
+    ]
+
+
+def _radial(sd: float, mean: float = 0.0) -> CameraConfig:
+    return KNOWN.model_copy(update={"distortion": "radial", "k1_mean": mean, "k1_sd": sd})

@@ -1,0 +1,205 @@
+"""Pictures of the stages that derive: correspondences, homography, camera and verdict."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from circlecal.field import FieldTemplate
+from circlecal.geometry.homogeneous import Array, normalise_line
+from circlecal.overlay.canvas import Canvas, Picture, text_size, wrap
+from circlecal.overlay.field_view import best_view, camera_view, homography_view, predicted_sigma
+from circlecal.overlay.frame_overlay import draw_correspondences, verdict_facts, verdict_reason
+from circlecal.overlay.palette import (
+    ACCEPTED,
+    CIRCLE,
+    GREEN,
+    GREY,
+    INLIER,
+    POINT,
+    REFUSED,
+    SKY,
+    TANGENT,
+    TEMPLATE,
+    WHITE,
+)
+from circlecal.results import Calibration, CameraFit, Check, Correspondences, HomographyFit
+
+_DIM = 0.55
+
+
+def correspondences_picture(image: Picture, found: Correspondences, zoom: int) -> Picture:
+    """Derived points and tangents, the imaged centre, and the vanishing line where it is in view."""
+    canvas = Canvas.of(image, _DIM, zoom)
+    canvas.conic(found.conic, CIRCLE, 1.4)
+    canvas.line(found.vanishing_line, GREEN, 2.0, dashed=True)
+    canvas.segments(*_full_tangents(found), TANGENT, 1.0)
+    draw_correspondences(canvas, found)
+    center = found.imaged_center[:2] / found.imaged_center[2]
+    canvas.cross(center, CIRCLE, 30.0)
+    canvas.label(f"imaged centre ({found.center_source.replace('_', ' ')})", center, CIRCLE, size=0.75)
+    facts = [
+        f"case {found.case}; imaged centre ({center[0]:.2f}, {center[1]:.2f}) from "
+        f"{found.center_source.replace('_', ' ')}; {len(found.points)} points, {len(found.tangents)} tangents; "
+        f"circle of {found.radius_m:.3f} m"
+    ]
+    legend = [("ellipse, centre", CIRCLE), ("points", POINT), ("tangents", TANGENT), ("vanishing line (dashed)", GREEN)]
+    return canvas.header("6 correspondences", facts, legend)
+
+
+def homography_picture(
+    image: Picture, fit: HomographyFit, found: Correspondences | None, template: FieldTemplate, circle: str, zoom: int
+) -> Picture:
+    """Template through the homography of the closed form, and the points that it was computed from."""
+    canvas = Canvas.of(image, _DIM, zoom)
+    view = homography_view(fit.H_image_field, image.shape[1], image.shape[0])
+    view.draw_template(canvas, template, circle)
+    for point in found.points if found is not None else ():
+        canvas.disc(point.image_px, POINT, 7.0)
+    if found is not None and found.points:
+        canvas.points(view.pixels(np.stack([p.field_m for p in found.points])), WHITE, 3.0)
+    worst = float(np.max(np.abs(fit.residuals_px))) if fit.residuals_px.size else float("nan")
+    facts = [
+        f"DLT on points and lines: largest residual {worst:.3g} px, condition {fit.condition:.3g}, "
+        f"null ratio {fit.null_ratio:.2g}"
+    ]
+    legend = [("circle", CIRCLE), ("template", TEMPLATE), ("derived points", POINT), ("the same through H", WHITE)]
+    return canvas.header("7 homography", facts, legend)
+
+
+def camera_picture(
+    image: Picture, fit: CameraFit, calibration: Calibration, template: FieldTemplate, zoom: int
+) -> Picture:
+    """Template through the camera, over a heat map of the predicted standard deviation, with what was observed."""
+    canvas = Canvas.of(image, _DIM, zoom)
+    sigma = predicted_sigma(fit, template, calibration.circle_name)
+    low_high = None if sigma is None else _draw_heat(canvas, sigma)
+    seen = calibration.observations
+    for circle in seen.circles if seen is not None else ():
+        canvas.points(circle.points_px, INLIER, 2.2)
+    for line in seen.lines if seen is not None else ():
+        canvas.points(line.points_px, INLIER if line.line is not None else GREY, 2.2)
+    camera_view(fit, template, calibration.circle_name).draw_template(canvas, template, calibration.circle_name)
+    for mark in seen.marks if seen is not None else ():
+        canvas.cross(mark.point_px, INLIER, 26.0)
+    if low_high is not None:
+        _draw_scale(canvas, *low_high)
+    legend = [("circle", CIRCLE), ("template", TEMPLATE), ("observations", INLIER), ("lines seen without a name", GREY)]
+    return canvas.header("8 camera", _camera_facts(fit), legend)
+
+
+def verdict_picture(image: Picture, calibration: Calibration, template: FieldTemplate, zoom: int) -> Picture:
+    """The checks with their values and limits, over the dimmed frame."""
+    accepted = calibration.status == "calibrated"
+    canvas = Canvas.of(image, 0.35, zoom)
+    view = best_view(calibration, template)
+    if view is not None:
+        view.draw_template(canvas, template, calibration.circle_name, dashed=not accepted)
+    _draw_checks(canvas, calibration.verdict.checks)
+    title = "9 verdict: " + ("CALIBRATED" if accepted else f"REFUSED ({calibration.verdict.code or 'no code'})")
+    facts = [part for part in (verdict_reason(calibration), "; ".join(verdict_facts(calibration))) if part]
+    timings = ", ".join(f"{stage} {value:.0f}" for stage, value in calibration.timings_ms.items())
+    facts.append(f"timings in ms: {timings or 'none'}; seed {calibration.seed}")
+    picture = canvas.header(title, facts)
+    cv2.rectangle(
+        picture, (0, 0), (max(4, round(0.4 * canvas.text_px)), picture.shape[0]), ACCEPTED if accepted else REFUSED, -1
+    )
+    return picture
+
+
+def missing_picture(image: Picture, title: str, calibration: Calibration, zoom: int) -> Picture:
+    """Dimmed frame that says why a stage has nothing to show."""
+    canvas = Canvas.of(image, 0.3, zoom)
+    reason = verdict_reason(calibration)
+    text = f"not reached: {reason}" if reason else "not reached: the frame was calibrated without it"
+    size = 1.4 * canvas.text_px
+    lines = wrap(text, size, 0.8 * canvas.width)
+    top = 0.5 * canvas.height - size * len(lines)
+    canvas.shade(0, top - size, canvas.width, top + 2.0 * size * len(lines) + 0.5 * size, share=0.8)
+    for number, line in enumerate(lines):
+        canvas.text(line, 0.1 * canvas.width, top + 2.0 * size * number, WHITE, size, halo=False)
+    return canvas.header(title)
+
+
+def _full_tangents(found: Correspondences) -> tuple[Array, Array]:
+    """Ends of the tangents, three times as long as the points are far from the centre."""
+    center = found.imaged_center[:2] / found.imaged_center[2]
+    if not found.tangents or not found.points:
+        return np.zeros((0, 2)), np.zeros((0, 2))
+    lines = normalise_line(np.stack([t.image_line for t in found.tangents]))
+    reach = 1.5 * max(float(np.linalg.norm(p.image_px - center)) for p in found.points)
+    foot = center - (lines[:, :2] @ center + lines[:, 2])[:, None] * lines[:, :2]
+    along = reach * np.column_stack([lines[:, 1], -lines[:, 0]])
+    return foot - along, foot + along
+
+
+def _draw_heat(canvas: Canvas, sigma: Array) -> tuple[float, float] | None:
+    known = np.isfinite(sigma)
+    if not known.any():
+        return None
+    low, high = (float(v) for v in np.percentile(sigma[known], [2, 98]))
+    span = max(high - low, 1e-9)
+    level = np.round(255 * np.clip((np.where(known, sigma, low) - low) / span, 0.0, 1.0)).astype(np.uint8)
+    size = (canvas.width, canvas.height)
+    heat = cv2.applyColorMap(cv2.resize(level, size, interpolation=cv2.INTER_LINEAR), cv2.COLORMAP_VIRIDIS)
+    share = 0.55 * cv2.resize(known.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)[..., None]
+    canvas.picture[:] = np.round((1.0 - share) * canvas.picture + share * heat).astype(np.uint8)
+    return low, high
+
+
+def _draw_scale(canvas: Canvas, low: float, high: float) -> None:
+    """Colour bar of the heat map, in the corner below on the left."""
+    size = 0.8 * canvas.text_px
+    width, height = round(14 * size), round(size)
+    left, top = round(size), round(canvas.height - 4.6 * size)
+    if width + 2 * left > canvas.width or top < 0:
+        return
+    canvas.shade(left - 0.5 * size, top - 2.0 * size, left + width + 0.5 * size, top + 3.6 * size, share=0.75)
+    ramp = cv2.applyColorMap(np.tile(np.linspace(0, 255, width).astype(np.uint8), (height, 1)), cv2.COLORMAP_VIRIDIS)
+    canvas.picture[top : top + height, left : left + width] = ramp[:, : canvas.width - left]
+    canvas.text("predicted sigma (px)", left, top - 1.5 * size, WHITE, size, halo=False)
+    canvas.text(f"{low:.2g}", left, top + 1.5 * size, WHITE, size, halo=False)
+    most = f"{high:.2g}"
+    canvas.text(most, left + width - text_size(most, size)[0], top + 1.5 * size, WHITE, size, halo=False)
+
+
+def _camera_facts(fit: CameraFit) -> list[str]:
+    camera = fit.camera
+    pan, tilt, roll = np.degrees(camera.angles_rad)
+    x, y, z = camera.position_m
+    facts = [
+        f"focal length {camera.focal_px[0]:.0f} px; pan {pan:.2f}, tilt {tilt:.2f}, roll {roll:.2f} deg; "
+        f"position ({x:.1f}, {y:.1f}, {z:.1f}) m; kappa {camera.kappa[0]:+.4f}; "
+        f"crown {100 * fit.crown_m:.1f} cm ({fit.crown_shape})",
+        f"largest sigma {fit.max_sigma_px:.3g} px, {fit.max_sigma_m:.3g} m; noise scale {fit.noise_scale:.2f}; "
+        f"data share {100 * fit.data_share:.0f} %",
+    ]
+    if fit.residuals_px:
+        facts.append("rms residuals: " + ", ".join(f"{name} {rms:.2f} px" for name, rms in fit.residuals_px.items()))
+    named = [f"recognised {', '.join(fit.named_lines)}"] if fit.named_lines else []
+    named += [f"left out {', '.join(fit.rejected)}"] if fit.rejected else []
+    named += [f"{len(fit.alternatives)} other solutions"] if fit.alternatives else []
+    return [*facts, "; ".join(named)] if named else facts
+
+
+def _draw_checks(canvas: Canvas, checks: tuple[Check, ...]) -> None:
+    rows = [("check", "value", "limit", "", WHITE)]
+    rows += [
+        (
+            c.name.replace("_", " "),
+            f"{c.value:.4g}",
+            f"{c.limit:.4g}",
+            "pass" if c.passed else "FAIL",
+            SKY if c.passed else REFUSED,
+        )
+        for c in checks
+    ]
+    if not checks:
+        rows = [("no check was reached", "", "", "", WHITE)]
+    size = min(canvas.text_px, canvas.height / (1.8 * (len(rows) + 2)), canvas.width / 40.0)
+    stops = np.array([1.0, 18.0, 25.0, 32.0]) * size
+    canvas.shade(0, 0, stops[-1] + 5 * size, (1.8 * len(rows) + 1.2) * size, share=0.75)
+    for number, (*cells, color) in enumerate(rows):
+        top = (0.9 + 1.8 * number) * size
+        for cell, stop in zip(cells, stops, strict=True):
+            canvas.text(cell, stop, top, color if cell in {"pass", "FAIL"} else WHITE, size, halo=False)

@@ -1,0 +1,163 @@
+"""The overlay: the calibrated field drawn over the frame, with what carried the calibration and the verdict."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from circlecal.field import FieldTemplate
+from circlecal.geometry.homogeneous import Array, lift, normalise_line
+from circlecal.overlay.canvas import Canvas, Picture, text_size, wrap
+from circlecal.overlay.field_view import FieldView, best_view
+from circlecal.overlay.palette import ACCEPTED, CIRCLE, GREY, INLIER, POINT, REFUSED, TANGENT, TEMPLATE, WHITE
+from circlecal.results import Calibration, Correspondences
+
+
+def draw_overlay(image_bgr: Picture, calibration: Calibration, template: FieldTemplate) -> Picture:
+    """Draw the calibration over its frame.
+
+    Parameters
+    ----------
+    image_bgr : (H, W, 3) uint8
+        The frame.
+    calibration : Calibration
+        Complete or not; of a refused frame whatever was reached is drawn.
+    template : FieldTemplate
+        The field that it was calibrated with.
+
+    Returns
+    -------
+    (H, W, 3) uint8
+        Template (the circle in yellow, the rest in light blue; dashed and vermilion where the estimate was refused),
+        inliers (orange), derived points with labels (vermilion) and their tangents (purple), the imaged centre, and the
+        verdict.
+
+    Raises
+    ------
+    ValueError
+        Where the picture has another size than the calibrated frame.
+    """
+    check_size(image_bgr, calibration)
+    canvas = Canvas.of(image_bgr)
+    accepted = calibration.status == "calibrated"
+    view = best_view(calibration, template)
+    _draw_banner(canvas, calibration)
+    _draw_inliers(canvas, calibration)
+    if view is None:
+        _draw_what_was_seen(canvas, calibration)
+    else:
+        view.draw_template(
+            canvas, template, calibration.circle_name, TEMPLATE if accepted else REFUSED, dashed=not accepted
+        )
+    if calibration.correspondences is not None:
+        draw_correspondences(canvas, calibration.correspondences)
+    _draw_center(canvas, calibration, template, view)
+    return canvas.picture
+
+
+def check_size(image: Picture, calibration: Calibration) -> None:
+    """Raise ``ValueError`` where a picture is not of the calibrated frame's size, or not BGR."""
+    expected = (calibration.height, calibration.width, 3)
+    if image.shape != expected or image.dtype != np.uint8:
+        raise ValueError(
+            f"{calibration.id}: expected a uint8 picture of shape {expected}, not {image.dtype} of {image.shape}"
+        )
+
+
+def verdict_facts(calibration: Calibration) -> list[str]:
+    """What the verdict rests on, in a few words each."""
+    facts = [] if calibration.correspondences is None else [f"case {calibration.correspondences.case}"]
+    if calibration.ellipses is not None and calibration.ellipses.all():
+        fit = calibration.ellipses.primary
+        facts.append(f"ellipse {fit.rms_px:.2f} px rms over {fit.arc_deg:.0f} deg")
+    if calibration.camera is not None:
+        fit_camera = calibration.camera
+        facts.append(f"sigma {_short(fit_camera.max_sigma_px)} px, {_short(fit_camera.max_sigma_m)} m")
+    elif calibration.homography is not None and calibration.homography.residuals_px.size:
+        facts.append(f"DLT residual {_short(float(np.max(np.abs(calibration.homography.residuals_px))))} px")
+    return facts
+
+
+def verdict_reason(calibration: Calibration) -> str:
+    """Stage and reason of a refusal; empty for a calibrated frame."""
+    verdict = calibration.verdict
+    if verdict.status == "calibrated":
+        return ""
+    return ": ".join(part for part in (verdict.stage, verdict.reason or verdict.code or "no reason was given") if part)
+
+
+def draw_correspondences(canvas: Canvas, found: Correspondences, labels: bool = True) -> None:
+    """Draw derived points with labels, and each tangent around its point."""
+    center = found.imaged_center[:2] / found.imaged_center[2]
+    reach = 0.35 * max((float(np.linalg.norm(p.image_px - center)) for p in found.points), default=0.0)
+    by_label = {p.label: p for p in found.points}
+    for tangent in found.tangents:
+        if tangent.label in by_label:
+            canvas.polyline(_piece(tangent.image_line, by_label[tangent.label].image_px, reach), TANGENT, 1.4)
+    for point in found.points:
+        canvas.disc(point.image_px, POINT, 8.0)
+    for point in found.points if labels else ():
+        canvas.label(point.label.replace("_", " "), point.image_px, WHITE, toward=point.image_px - center, size=0.75)
+
+
+def _piece(line: Array, point: Array, reach: float) -> Array:
+    """Ends (2, 2) of the piece of a line within ``reach`` of a point."""
+    a, b, _ = normalise_line(line)
+    foot = point - float(lift(point) @ normalise_line(line)) * np.array([a, b])
+    return np.stack([foot - reach * np.array([b, -a]), foot + reach * np.array([b, -a])])
+
+
+def _draw_inliers(canvas: Canvas, calibration: Calibration) -> None:
+    if calibration.ellipses is not None:
+        for fit in calibration.ellipses.all():
+            canvas.points(fit.points_px[fit.inliers], INLIER, 2.2)
+
+
+def _draw_what_was_seen(canvas: Canvas, calibration: Calibration) -> None:
+    """Of a frame without a homography: the ellipse or its candidates, and the halfway line."""
+    mask, ellipses, cues = calibration.mask, calibration.ellipses, calibration.cues
+    if ellipses is not None and ellipses.all():
+        canvas.conic(ellipses.primary.conic, CIRCLE, 1.6)
+    elif mask is not None:
+        for conic in mask.candidates[1:] if mask.conic is None else ():
+            canvas.conic(conic, GREY, 1.2, dashed=True)
+        for conic in (mask.conic,) if mask.conic is not None else mask.candidates[:1]:
+            canvas.conic(conic, CIRCLE, 1.6, dashed=True)
+    if cues is not None and cues.halfway is not None:
+        canvas.line(cues.halfway.line, TEMPLATE, 1.6)
+    elif mask is not None and mask.halfway is not None:
+        canvas.polyline(np.stack([mask.halfway.start, mask.halfway.end]), TEMPLATE, 1.6)
+
+
+def _draw_center(canvas: Canvas, calibration: Calibration, template: FieldTemplate, view: FieldView | None) -> None:
+    circle = template.circle_by_name.get(calibration.circle_name)
+    if view is not None and circle is not None:
+        center = view.pixels(np.array([circle.center]))[0]
+    elif calibration.correspondences is not None:
+        center = calibration.correspondences.imaged_center[:2] / calibration.correspondences.imaged_center[2]
+    else:
+        return
+    canvas.cross(center, CIRCLE)
+    canvas.label("imaged centre", center, CIRCLE, size=0.75)
+
+
+def _draw_banner(canvas: Canvas, calibration: Calibration) -> None:
+    accepted = calibration.status == "calibrated"
+    size = canvas.text_px
+    status = "CALIBRATED" if accepted else "REFUSED"
+    head = round(text_size(status, size)[0] + 1.6 * size)
+    limit = max(canvas.width - head - 2.5 * size, 8 * size)
+    reason = wrap(verdict_reason(calibration), 0.8 * size, limit) if not accepted else []
+    facts = wrap(" | ".join(verdict_facts(calibration)), 0.8 * size, limit)
+    lines = [line for line in reason + facts if line]
+    widest = max((text_size(line, 0.8 * size)[0] for line in lines), default=0)
+    bottom = (1.0 + 1.7 * max(len(lines), 1)) * size
+    canvas.shade(0, 0, head, bottom, ACCEPTED if accepted else REFUSED, 1.0)
+    canvas.text(status, 0.8 * size, 0.85 * size, WHITE, size, halo=False)
+    if lines:
+        canvas.shade(head, 0, head + widest + 1.6 * size, bottom, share=0.72)
+    for number, line in enumerate(lines):
+        canvas.text(line, head + 0.8 * size, (0.95 + 1.7 * number) * size, WHITE, 0.8 * size, halo=False)
+
+
+def _short(value: float) -> str:
+    return f"{value:.3g}" if np.isfinite(value) else "unbounded"

@@ -1,0 +1,66 @@
+"""The radar picture: the frame warped to the field plane, the template drawn over it."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from circlecal.field import FieldTemplate
+from circlecal.overlay.canvas import Canvas, Picture
+from circlecal.overlay.field_view import best_view
+from circlecal.overlay.frame_overlay import check_size
+from circlecal.overlay.palette import CIRCLE, TEMPLATE
+from circlecal.results import Calibration
+
+_BORDER_M = 3.0
+_UNSEEN = (52, 44, 40)
+_LARGEST_PX = 4096
+
+
+def draw_radar(
+    image: Picture, calibration: Calibration, template: FieldTemplate, px_per_m: float = 10.0
+) -> Picture | None:
+    """Warp a frame to the field plane, over the whole field and a border.
+
+    Parameters
+    ----------
+    image : (H, W, 3) uint8
+        The frame, BGR.
+    calibration : Calibration
+        Its calibration.
+    template : FieldTemplate
+        The field that it was calibrated with.
+    px_per_m : float
+        Resolution; lowered where the picture would be wider than 4096 pixels.
+
+    Returns
+    -------
+    uint8 array or None
+        x to the right, y downwards, as seen from the main camera's side; what the frame does not show is plain.
+        None for a refused frame.
+
+    Raises
+    ------
+    ValueError
+        Where the picture has another size than the calibrated frame, or the resolution is not positive.
+    """
+    check_size(image, calibration)
+    if not (np.isfinite(px_per_m) and px_per_m > 0):
+        raise ValueError(f"px_per_m must be positive, not {px_per_m}")
+    view = best_view(calibration, template)
+    if view is None or calibration.status != "calibrated":
+        return None
+    half = np.array([template.length_m, template.width_m]) / 2 + _BORDER_M * min(1.0, template.length_m / 60.0)
+    scale = min(px_per_m, _LARGEST_PX / float(2 * half.max()))
+    width, height = np.maximum(np.round(2 * half * scale), 1).astype(int)
+    x, y = np.meshgrid((np.arange(width) + 0.5) / scale - half[0], (np.arange(height) + 0.5) / scale - half[1])
+    source = view.pixels(np.stack([x, y], axis=-1).reshape(-1, 2)).reshape(height, width, 2)
+    lookup = np.nan_to_num(source, nan=-1e4).astype(np.float32)
+    warped = cv2.remap(
+        image, lookup[..., 0], lookup[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=_UNSEEN
+    )
+    canvas = Canvas(np.ascontiguousarray(warped, dtype=np.uint8))
+    for name, polyline in view.markings(template).items():
+        color = CIRCLE if name == calibration.circle_name else TEMPLATE
+        canvas.polyline((polyline + half) * scale - 0.5, color, 1.4)
+    return canvas.picture

@@ -1,0 +1,147 @@
+"""What a synthetic frame shows and how it looks: nothing here draws."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from circlecal.field import FieldTemplate
+from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.pinhole import Camera
+from circlecal.synthetic.surface import Surface
+
+Channel = Annotated[float, Field(ge=0, le=255)]
+Color = tuple[Channel, Channel, Channel]
+
+
+class RenderConfig(BaseModel):
+    """Look of a frame: paint, turf, stadium, light and the camera's picture quality."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    marking_width_m: float = Field(default=0.12, gt=0, le=0.3, description="Width of the painted lines, metres.")
+    paint_bgr: Color = Field(default=(222, 232, 230), description="Colour of light paint.")
+    paint_opacity: float = Field(default=0.92, ge=0, le=1, description="How much of the turf fresh paint hides.")
+    wear: float = Field(default=0.0, ge=0, le=1, description="Share of the paint that is gone where it is worn most.")
+    wear_scale_m: float = Field(default=0.5, gt=0, description="Size of the worn patches, metres.")
+    turf_bgr: Color = Field(default=(42, 118, 72), description="Mean colour of the turf.")
+    stripe_width_m: float = Field(default=5.5, gt=0, description="Width of the mown stripes, metres.")
+    stripe_contrast: float = Field(
+        default=0.06, ge=0, le=0.5, description="Half the relative difference between stripes."
+    )
+    cross_stripes: bool = Field(default=False, description="Mown in squares instead of stripes.")
+    texture: float = Field(
+        default=0.035, ge=0, le=0.5, description="Relative standard deviation of the blades of grass."
+    )
+    patchiness: float = Field(
+        default=0.04, ge=0, le=0.5, description="Relative standard deviation of bare and dry patches."
+    )
+    shade: float = Field(
+        default=0.0, ge=0, le=0.9, description="How much darker the shade of the stand is; 0 for none."
+    )
+    shade_edge_m: float = Field(default=-10.0, description="The shade ends at this y on the halfway line, metres.")
+    shade_tilt: float = Field(default=0.1, ge=-2, le=2, description="Slope of the end of the shade, dy/dx.")
+    vignette: float = Field(default=0.08, ge=0, le=0.6, description="Relative loss of light in the corners.")
+    haze: float = Field(default=0.0, ge=0, le=0.6, description="Share of grey over the far end of the field.")
+    board_distance_m: float = Field(
+        default=4.0, gt=0, description="From the touchline to the advertising boards, metres."
+    )
+    board_height_m: float = Field(default=0.95, gt=0, description="Height of the advertising boards, metres.")
+    crowd_density: float = Field(default=0.85, ge=0, le=1, description="Share of the seats that are taken.")
+    stand_light: float = Field(default=0.6, gt=0, le=1.2, description="Brightness of the stands.")
+    team_bgr: tuple[Color, Color] = Field(
+        default=((40, 40, 190), (235, 235, 235)), description="Shirts of the two teams."
+    )
+    shadow_count: int = Field(
+        default=4, ge=0, le=6, description="Shadows of each player: 1 in the sun, 4 under floodlights."
+    )
+    shadow_strength: float = Field(default=0.2, ge=0, le=0.9, description="How dark each shadow is.")
+    shadow_length: float = Field(
+        default=1.1, ge=0, le=6, description="Length of a shadow as a share of the body height."
+    )
+    shadow_rad: float = Field(default=0.6, description="Direction of the first shadow on the field.")
+    defocus_px: float = Field(
+        default=0.5, ge=0, le=12, description="Standard deviation of the blur beyond the pixel's own."
+    )
+    motion_px: float = Field(default=0.0, ge=0, le=60, description="Length of the motion blur.")
+    motion_rad: float = Field(default=0.0, description="Direction of the motion blur in the picture.")
+    sharpening: float = Field(default=0.0, ge=0, le=2, description="Strength of the camera's edge enhancement.")
+    noise: float = Field(default=1.2, ge=0, le=40, description="Standard deviation of the noise, grey levels.")
+    jpeg_quality: int = Field(default=90, ge=10, le=100, description="Quality of the JPEG that is written.")
+    scorebug: bool = Field(default=False, description="Score and time in the upper left corner.")
+
+    def clean(self) -> RenderConfig:
+        """The same without anything random on the picture: fresh paint, even turf and light, no blur, no noise."""
+        return self.model_copy(
+            update={
+                "wear": 0.0,
+                "stripe_contrast": 0.0,
+                "texture": 0.0,
+                "patchiness": 0.0,
+                "shade": 0.0,
+                "vignette": 0.0,
+                "haze": 0.0,
+                "defocus_px": 0.0,
+                "motion_px": 0.0,
+                "sharpening": 0.0,
+                "noise": 0.0,
+                "jpeg_quality": 100,
+                "scorebug": False,
+            }
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Player:
+    """Someone standing or running on the field.
+
+    Attributes
+    ----------
+    position_m : (2,) array
+        Where the feet are.
+    height_m : float
+        Body height.
+    team : int
+        0 or 1; 2 for the referee.
+    pose : (4,) array
+        Swing of the legs and of both arms in radians, and the lean of the body.
+    width : float
+        How much of the shoulders is seen, 0.6 (from the side) to 1.
+    """
+
+    position_m: Array
+    height_m: float
+    team: int
+    pose: Array
+    width: float
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """A frame to be rendered: the view, the ground, what stands on it and how it looks."""
+
+    camera: Camera
+    template: FieldTemplate
+    surface: Surface
+    config: RenderConfig
+    players: tuple[Player, ...] = ()
+    ball_m: Array | None = None
+    center_mark_painted: bool = True
+
+
+def sample_player(position_m: Array, team: int, rng: np.random.Generator) -> Player:
+    """A player of random build and pose at a field position (2,)."""
+    stride = rng.normal(0.0, 0.35)
+    pose = np.array(
+        [stride, -0.8 * stride + rng.normal(0, 0.3), 0.8 * stride + rng.normal(0, 0.3), rng.normal(0, 0.08)]
+    )
+    return Player(
+        np.asarray(position_m, dtype=np.float64),
+        float(rng.uniform(1.72, 1.95)),
+        team,
+        pose,
+        float(rng.uniform(0.65, 1.0)),
+    )

@@ -1,0 +1,138 @@
+"""What is true of a synthetic frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.field import FieldTemplate
+from circlecal.geometry.homogeneous import Array, apply_homography
+from circlecal.geometry.pinhole import Camera
+from circlecal.synthetic.cameras import halfway_length_px, inside_frame, visible_circle_deg
+from circlecal.synthetic.paint import CIRCLE_CLASS, HALFWAY_CLASS, PaintLayer, class_mask
+from circlecal.synthetic.scene import Scene
+
+MarkState = Literal["visible", "hidden", "not_painted", "outside"]
+Expectation = Literal["calibrate", "refuse"]
+
+_HIDDEN_ALPHA = 0.5
+_VISIBLE_MARK_SHARE = 0.7
+_SHORTEST_ARC_DEG = 60.0
+_SHORTEST_HALFWAY_SHARE = 0.08
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """Truth of one frame.
+
+    Attributes
+    ----------
+    camera : Camera
+        With its lens.
+    H_image_field : (3, 3) array
+        Of the plane z = 0, tangent to the surface at the centre mark, to undistorted pixels.
+    crown_m, crown_shape : float, str
+        Drop of the surface at ``|y| = crown_reference_m``, and its profile.
+    marking_width_m : float
+        Width of the paint.
+    imaged_center_px : (2,) array
+        Where the circle's centre appears in the stored (distorted) picture; may lie outside it.
+    imaged_center_undistorted_px : (2,) array
+        The same in undistorted pixels.
+    center_mark : str
+        ``"visible"``, ``"hidden"`` (behind a player), ``"not_painted"`` or ``"outside"`` the frame.
+    visible_circle_deg, halfway_px : float
+        Degrees of the outer edge, and length of the halfway line, inside the frame.
+    classes : (H, W) uint8
+        SoccerNet class ids of the paint that is seen: 7 circle, 18 halfway line; players excluded.
+    """
+
+    camera: Camera
+    field_name: str
+    H_image_field: Array
+    crown_m: float
+    crown_shape: str
+    crown_reference_m: float
+    marking_width_m: float
+    imaged_center_px: Array
+    imaged_center_undistorted_px: Array
+    center_mark: MarkState
+    visible_circle_deg: float
+    halfway_px: float
+    classes: NDArray[np.uint8]
+
+    @property
+    def expect(self) -> Expectation:
+        """Whether 60 degrees of the circle and a halfway line of 8 % of the width, enough to calibrate, are in view."""
+        enough = (
+            self.visible_circle_deg >= _SHORTEST_ARC_DEG
+            and self.halfway_px >= _SHORTEST_HALFWAY_SHARE * self.camera.width
+        )
+        return "calibrate" if enough else "refuse"
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON-ready mapping without the mask; the camera has SoccerNet's keys and the lens in half-widths."""
+        return {
+            "width": self.camera.width,
+            "height": self.camera.height,
+            "field": self.field_name,
+            "expect": self.expect,
+            "camera": {**self.camera.soccernet(), "kappa": [float(k) for k in self.camera.kappa]},
+            "H_image_field": self.H_image_field.tolist(),
+            "crown_m": self.crown_m,
+            "crown_shape": self.crown_shape,
+            "crown_reference_m": self.crown_reference_m,
+            "marking_width_m": self.marking_width_m,
+            "imaged_center_px": self.imaged_center_px.tolist(),
+            "imaged_center_undistorted_px": self.imaged_center_undistorted_px.tolist(),
+            "center_mark": self.center_mark,
+            "visible_circle_deg": self.visible_circle_deg,
+            "halfway_px": self.halfway_px,
+            "circle_pixels": int(np.sum(self.classes == CIRCLE_CLASS)),
+            "halfway_pixels": int(np.sum(self.classes == HALFWAY_CLASS)),
+        }
+
+
+def truth_of(scene: Scene, layers: list[PaintLayer], hidden: NDArray[np.float32]) -> Truth:
+    """Truth of a scene from its paint and from what the figures hide (H, W), 0..1."""
+    camera, surface, template = scene.camera, scene.surface, scene.template
+    circle = template.circle_by_name[template.default_circle]
+    center = np.asarray(circle.center, dtype=np.float64)
+    classes = class_mask(layers, camera.width, camera.height)
+    classes[hidden > _HIDDEN_ALPHA] = 0
+    return Truth(
+        camera=camera,
+        field_name=template.name,
+        H_image_field=camera.homography,
+        crown_m=surface.crown_m,
+        crown_shape=surface.shape,
+        crown_reference_m=surface.reference_m,
+        marking_width_m=scene.config.marking_width_m,
+        imaged_center_px=camera.project(surface.lift(center)),
+        imaged_center_undistorted_px=np.asarray(apply_homography(camera.homography, center)),
+        center_mark=_mark_state(scene, layers, hidden),
+        visible_circle_deg=visible_circle_deg(camera, template, surface),
+        halfway_px=halfway_length_px(camera, template, surface),
+        classes=classes,
+    )
+
+
+def center_mark_name(template: FieldTemplate) -> str | None:
+    """Name of the spot in the middle of the default circle, if the template has one."""
+    center = np.asarray(template.circle_by_name[template.default_circle].center)
+    return next((m.name for m in template.marks if np.linalg.norm(np.asarray(m.position) - center) < 1e-6), None)
+
+
+def _mark_state(scene: Scene, layers: list[PaintLayer], hidden: NDArray[np.float32]) -> MarkState:
+    name = center_mark_name(scene.template)
+    if name is None or not scene.center_mark_painted:
+        return "not_painted"
+    pixel = scene.camera.project(scene.surface.lift(scene.template.mark_by_name[name].position))
+    if not inside_frame(pixel, scene.camera.width, scene.camera.height):
+        return "outside"
+    layer = next(item for item in layers if item.name == name)
+    seen = float(np.sum(layer.coverage * (1.0 - hidden[layer.rows, layer.columns])) / np.sum(layer.coverage))
+    return "visible" if seen >= _VISIBLE_MARK_SHARE else "hidden"

@@ -1,0 +1,77 @@
+import numpy as np
+import pytest
+
+from circlecal.detection.circle import conic_of, hypothesis_of, measure_circle, refusal_of
+from circlecal.detection.config import AcceptanceConfig, RefinementConfig
+from circlecal.detection.hypotheses import EllipseBatch
+from circlecal.detection.result import CircleHypothesis
+from circlecal.geometry.conics import Ellipse, conic_from_ellipse, ellipse_from_conic, sampson_distance
+
+from .conftest import Scene, paint_scene
+
+GATES = AcceptanceConfig()
+
+
+def judged(whole: float = 0.95, share: float = 0.95, rms: float = 0.5) -> CircleHypothesis:
+    conic = conic_from_ellipse(Ellipse(np.array([500.0, 300.0]), (200.0, 60.0), 0.0))
+    return CircleHypothesis(conic, 1.0, whole, share, share, share, rms, np.zeros((0, 2)))
+
+
+def refusal(circle: CircleHypothesis, has_halfway: bool) -> str | None:
+    return refusal_of(circle, has_halfway, 1920, GATES)
+
+
+def test_a_good_circle_needs_no_line() -> None:
+    assert refusal(judged(), has_halfway=False) is None
+
+
+def test_a_short_arc_is_refused_with_and_without_a_line() -> None:
+    assert refusal(judged(whole=0.33), has_halfway=True) == "arc_too_short"
+    assert refusal(judged(whole=0.39), has_halfway=False) == "arc_too_short"
+
+
+def test_a_part_without_its_line_must_be_nearly_complete() -> None:
+    part = judged(whole=0.5, share=0.8)
+    assert refusal(part, has_halfway=False) == "circle_support_too_low"
+    assert refusal(part, has_halfway=True) is None
+
+
+def test_a_whole_circle_with_its_line_may_be_hidden_more() -> None:
+    hidden = judged(whole=0.7, share=0.7)
+    assert refusal(hidden, has_halfway=False) == "circle_support_too_low"
+    assert refusal(hidden, has_halfway=True) is None
+
+
+def test_scatter_is_judged_by_size_only_for_a_whole_circle_with_a_line() -> None:
+    large = 0.5 * (GATES.rms_px1920 + GATES.rms_share * 200.0 * 4)  # between both limits in a picture 480 px wide
+    assert refusal_of(judged(rms=large), True, 480, GATES) is None
+    assert refusal_of(judged(rms=large), False, 480, GATES) == "circle_off_marking"
+    assert refusal_of(judged(rms=20.0), True, 480, GATES) == "circle_off_marking"
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return paint_scene(noise=1.5)
+
+
+def start(scene: Scene, shift: float) -> EllipseBatch:
+    ellipse = ellipse_from_conic(scene.conic)
+    assert ellipse is not None
+    frame = ellipse.frame()
+    return EllipseBatch(frame[None, :2, 2] + shift, frame[None, :2, 0] * 1.01, frame[None, :2, 1])
+
+
+def test_measurement_finds_the_paint_from_a_rough_start(scene: Scene) -> None:
+    grey = scene.image[:, :, 1].copy()
+    circle = measure_circle(grey, start(scene, 1.5), (1.0,), RefinementConfig(rounds=3))
+    assert abs(circle.angle_share.sum() - 1.0) < 1e-9
+    assert np.abs(sampson_distance(scene.conic, circle.marking_points)).mean() < 0.12
+    assert np.abs(sampson_distance(conic_of(circle.ellipse), scene.circle_points())).mean() < 0.12
+    hypothesis = hypothesis_of(circle, 1.0, 960)
+    assert hypothesis.whole_share > 0.93
+    assert hypothesis.rms_px < 0.5
+
+
+def test_polarity_is_chosen_by_support(scene: Scene) -> None:
+    grey = 255 - scene.image[:, :, 1]
+    assert measure_circle(grey, start(scene, 1.0), (1.0, -1.0), RefinementConfig()).sign == -1.0

@@ -1,0 +1,207 @@
+import cv2
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from circlecal.detection import Detection, DetectorConfig, detect
+from circlecal.geometry.conics import sampson_distance
+from circlecal.geometry.homogeneous import lift
+
+from .conftest import HALFWAY_AND_CIRCLE, PENALTY_AREA, Scene, level, paint_scene
+
+CONFIG = DetectorConfig()
+
+
+def run(image: np.ndarray, config: DetectorConfig = CONFIG, seed: int = 7) -> Detection:
+    return detect(image, config, np.random.default_rng(seed))
+
+
+def circle_error(found: Detection, scene: Scene) -> float:
+    """Mean distance of the true circle's visible points from the conic, px."""
+    assert found.circle is not None, found.refusal
+    return float(np.abs(sampson_distance(found.circle.conic, scene.circle_points())).mean())
+
+
+def halfway_error(found: Detection, scene: Scene) -> float:
+    """Mean distance of the ends of the found line from the true halfway line, px."""
+    assert found.halfway is not None
+    truth = scene.camera.project(np.array([[0.0, -9.0], [0.0, 9.0]]))
+    line = np.cross(*lift(truth))
+    line /= np.hypot(line[0], line[1])
+    return float(np.abs(lift(np.stack([found.halfway.start, found.halfway.end])) @ line).mean())
+
+
+def test_circle_and_halfway_line(main_view: Scene) -> None:
+    found = run(main_view.image)
+    assert found.refusal is None
+    assert circle_error(found, main_view) < 0.2
+    assert halfway_error(found, main_view) < 0.3
+    assert found.circle is not None
+    assert found.circle.whole_share > 0.9
+    assert np.abs(sampson_distance(main_view.conic, found.circle.points)).mean() < 0.3
+
+
+def test_same_generator_same_answer(main_view: Scene) -> None:
+    first, second = run(main_view.image), run(main_view.image)
+    assert first.circle is not None
+    assert second.circle is not None
+    np.testing.assert_array_equal(first.circle.conic, second.circle.conic)
+    np.testing.assert_array_equal(first.mask, second.mask)
+
+
+@pytest.mark.parametrize("width", [398, 1280, 2500])
+def test_reduced_and_enlarged_search_have_no_half_pixel_shift(width: int) -> None:
+    scene = paint_scene(width=width, height=round(width * 9 / 16), focal_px=1600.0, noise=1.0)
+    found = run(scene.image)
+    assert circle_error(found, scene) < 0.25
+    offset = sampson_distance(found.circle.conic, scene.circle_points()) if found.circle else np.ones(1)
+    assert abs(offset.mean()) < 0.15
+
+
+def test_ridge_points_of_a_reduced_picture_are_in_pixels_of_the_full_one() -> None:
+    scene = paint_scene(width=1920, height=1080, noise=1.0)
+    found = run(scene.image)
+    distance = sampson_distance(scene.conic, found.ridge_points)
+    near = np.abs(distance) < 3.0
+    assert np.count_nonzero(near) > 500
+    upper = found.ridge_points[:, 1] < np.median(found.ridge_points[near, 1])
+    for side in (near & upper, near & ~upper):  # a shift of half a pixel has opposite signs on both sides
+        assert abs(np.median(distance[side])) < 0.2
+
+
+@pytest.mark.parametrize("pan_deg", [9.5, -11.0])
+def test_partly_visible_circle(pan_deg: float) -> None:
+    scene = paint_scene(pan_deg=pan_deg, focal_px=2400.0)
+    visible = len(scene.circle_points(360)) / 360
+    assert 0.45 < visible < 0.85
+    found = run(scene.image)
+    assert circle_error(found, scene) < 0.4
+    assert found.circle is not None
+    assert abs(found.circle.whole_share - visible) < 0.12
+    assert halfway_error(found, scene) < 0.5
+
+
+def test_circle_without_a_halfway_line_is_accepted_without_one() -> None:
+    scene = paint_scene(markings=HALFWAY_AND_CIRCLE[:1])
+    found = run(scene.image)
+    assert circle_error(found, scene) < 0.2
+    assert found.halfway is None
+
+
+@pytest.mark.parametrize("surface", [(50, 90, 120), (170, 130, 60)])
+def test_other_surfaces(surface: tuple[int, int, int]) -> None:
+    scene = paint_scene(surface=surface)
+    assert circle_error(run(scene.image), scene) < 0.3
+
+
+def test_dark_markings_need_their_polarity() -> None:
+    scene = paint_scene(surface=(215, 225, 220), contrast=-90.0)
+    assert run(scene.image).circle is None
+    for marking in ("dark", "any"):
+        config = DetectorConfig.model_validate({"marking": marking})
+        assert circle_error(run(scene.image, config), scene) < 0.3
+
+
+def test_players_hide_parts_of_the_circle(main_view: Scene) -> None:
+    image = main_view.image.copy()
+    points = main_view.circle_points(16)
+    for x, y in points[::2].astype(int):
+        cv2.rectangle(image, (x - 6, y - 30), (x + 6, y + 5), (40, 30, 200), -1)
+    found = run(image)
+    assert circle_error(found, main_view) < 0.4
+    hidden = found.mask[points[::2, 1].astype(int) - 8, points[::2, 0].astype(int)]
+    assert not (hidden == 7).any()
+
+
+def test_mask_follows_the_paint(main_view: Scene) -> None:
+    found = run(main_view.image)
+    on = np.rint(main_view.circle_points(300)).astype(int)
+    assert np.mean(found.mask[on[:, 1], on[:, 0]] == 7) > 0.9
+    rows, columns = np.nonzero(found.mask == 7)
+    away = np.abs(sampson_distance(main_view.conic, np.stack([columns, rows], axis=-1)))
+    assert away.max() < 6.0
+    line = np.rint(main_view.camera.project(np.stack([np.zeros(40), np.linspace(-7, 7, 40)], axis=-1))).astype(int)
+    assert np.mean(found.mask[line[:, 1], line[:, 0]] == 18) > 0.9
+    assert set(np.unique(found.mask)) <= {0, 7, 17, 18}
+
+
+def test_field_region_is_a_proper_boolean_hull(main_view: Scene) -> None:
+    region = run(main_view.image).field_region
+    assert region.dtype == np.bool_
+    assert set(np.unique(region.view(np.uint8))) <= {0, 1}
+    on = np.rint(main_view.circle_points(100)).astype(int)
+    assert region[on[:, 1], on[:, 0]].all()
+
+
+def test_other_straight_markings_are_reported_and_masked() -> None:
+    extra = (level(14.0, -12.0, 12.0),)
+    scene = paint_scene(markings=(*HALFWAY_AND_CIRCLE, *extra), focal_px=1500.0)
+    found = run(scene.image)
+    truth = scene.camera.project(np.array([[-11.0, 14.0], [11.0, 14.0]]))
+    line = np.cross(*lift(truth))
+    line /= np.hypot(line[0], line[1])
+    distances = [np.abs(lift(np.stack([s.start, s.end])) @ line).max() for s in found.lines]
+    assert min(distances) < 1.5
+    middle = np.rint(scene.camera.project(np.array([[5.0, 14.0]]))[0]).astype(int)
+    assert found.mask[middle[1], middle[0]] == 17
+    lengths = [np.hypot(*(s.end - s.start)) for s in found.lines]
+    assert lengths == sorted(lengths, reverse=True)
+
+
+@pytest.mark.parametrize("noise", [2.0, 12.0])
+@pytest.mark.parametrize("marking", ["light", "any"])
+def test_plain_grass_is_refused(noise: float, marking: str) -> None:
+    scene = paint_scene(markings=(), noise=noise)
+    found = run(scene.image, DetectorConfig.model_validate({"marking": marking}))
+    assert found.circle is None
+    assert found.halfway is None
+    assert found.refusal in {"no_circle_found", "circle_support_too_low", "circle_off_marking", "arc_too_short"}
+    assert not (found.mask == 7).any()
+
+
+def test_a_crowd_is_refused() -> None:
+    random = np.random.default_rng(11)
+    coarse = random.integers(0, 255, (108, 192, 3)).astype(np.uint8)
+    found = run(cv2.resize(coarse, (960, 540), interpolation=cv2.INTER_CUBIC))
+    assert found.circle is None
+
+
+def test_black_picture_has_no_field() -> None:
+    found = run(np.zeros((224, 398, 3), np.uint8))
+    assert found.refusal == "no_field"
+    assert found.field_region.shape == (224, 398)
+    assert not found.field_region.any()
+
+
+@pytest.mark.parametrize("pan_deg", [24.0, 30.0, 34.0])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_penalty_arc_is_refused(pan_deg: float, seed: int) -> None:
+    scene = paint_scene(markings=PENALTY_AREA, pan_deg=pan_deg, seed=seed)
+    assert run(scene.image, seed=seed).circle is None
+
+
+def test_reasons_name_the_gate(main_view: Scene) -> None:
+    strict = DetectorConfig.model_validate({"acceptance": {"share": 1.0, "share_with_line": 1.0}})
+    found = run(main_view.image, strict)
+    assert found.circle is None
+    assert found.refusal == "circle_support_too_low"
+    assert found.candidates
+    assert np.abs(sampson_distance(found.candidates[0].conic, main_view.circle_points())).mean() < 0.5
+
+
+def test_wrong_pictures_are_value_errors() -> None:
+    for image in (np.zeros((10, 10), np.uint8), np.zeros((10, 10, 3), np.float32)):
+        with pytest.raises(ValueError, match="image_bgr"):
+            run(image)
+
+
+def test_every_option_has_a_description_and_rejects_nonsense() -> None:
+    def models(model: type) -> list[type]:
+        nested = [f.annotation for f in model.model_fields.values() if hasattr(f.annotation, "model_fields")]
+        return [model, *(m for n in nested for m in models(n))]
+
+    for model in models(DetectorConfig):
+        assert all(f.description for f in model.model_fields.values()), model
+    for wrong in ({"detection_width_px": 0}, {"unknown": 1}, {"ridges": {"threshold": float("nan")}}):
+        with pytest.raises(ValidationError):
+            DetectorConfig.model_validate(wrong)

@@ -1,0 +1,36 @@
+import numpy as np
+import pytest
+
+from circlecal.detection.config import FieldRegionConfig
+from circlecal.detection.field_region import find_field_region
+
+
+def framed(surface: tuple[int, int, int], gain: float = 1.0) -> np.ndarray:
+    """A field in the lower part of a picture of coloured noise, with a player standing on it."""
+    random = np.random.default_rng(3)
+    image = random.integers(0, 255, (360, 640, 3)).astype(float)
+    image[120:] = np.array(surface) + random.normal(0, 4, (240, 640, 3))
+    image[200:240, 300:312] = (200, 40, 40)
+    return np.clip(image * gain, 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("surface", [(60, 130, 70), (50, 90, 120), (170, 140, 90), (235, 235, 235)])
+def test_hull_is_the_surface_whatever_its_colour(surface: tuple[int, int, int]) -> None:
+    hull = find_field_region(framed(surface), FieldRegionConfig()).hull_at(640, 360) > 0
+    assert hull[135:].mean() > 0.98
+    assert hull[:105].mean() < 0.02
+
+
+def test_dark_picture_gives_the_same_hull() -> None:
+    hull = find_field_region(framed((40, 90, 50), gain=0.3), FieldRegionConfig()).hull_at(640, 360) > 0
+    assert hull[135:].mean() > 0.98
+    assert hull[:105].mean() < 0.05
+
+
+def test_players_do_not_make_holes() -> None:
+    region = find_field_region(framed((60, 130, 70)), FieldRegionConfig())
+    assert region.hull_at(640, 360)[210:230, 303:309].all()
+
+
+def test_no_colour_no_field() -> None:
+    assert find_field_region(np.zeros((90, 160, 3), np.uint8), FieldRegionConfig()).area_share == 0.0

@@ -1,0 +1,77 @@
+import numpy as np
+import pytest
+
+from circlecal.detection.circle import MeasuredCircle, measure_circle
+from circlecal.detection.config import DetectorConfig
+from circlecal.detection.halfway import find_halfway, measure_segments
+from circlecal.detection.hypotheses import EllipseBatch
+from circlecal.geometry.conics import ellipse_from_conic
+
+from .conftest import HALFWAY_AND_CIRCLE, Scene, level, paint_scene, upright
+
+CONFIG = DetectorConfig()
+
+
+def measured(scene: Scene) -> tuple[np.ndarray, MeasuredCircle]:
+    ellipse = ellipse_from_conic(scene.conic)
+    assert ellipse is not None
+    frame = ellipse.frame()[None]
+    batch = EllipseBatch(frame[:, :2, 2], frame[:, :2, 0], frame[:, :2, 1])
+    grey = np.ascontiguousarray(scene.image[:, :, 1])
+    return grey, measure_circle(grey, batch, (1.0,), CONFIG.refinement)
+
+
+def segment(scene: Scene, *ends: tuple[float, float]) -> np.ndarray:
+    return scene.camera.project(np.array(ends))
+
+
+@pytest.fixture(scope="module")
+def crossed() -> Scene:
+    """The halfway line, and another painted line 5 m beside it."""
+    return paint_scene(markings=(*HALFWAY_AND_CIRCLE, upright(5.0)))
+
+
+def test_the_line_through_the_middle_is_chosen(crossed: Scene) -> None:
+    grey, circle = measured(crossed)
+    segments = np.stack([segment(crossed, (5, -9), (5, 9)), segment(crossed, (0.1, -8), (-0.1, 8))])
+    line = find_halfway(grey, circle, segments, CONFIG)
+    assert line is not None
+    ends = segment(crossed, (0, -9), (0, 9))
+    assert np.abs(ends @ line.line[:2] + line.line[2]).max() < 0.5
+    assert line.support > 0.9
+
+
+def test_a_line_off_the_middle_is_none(crossed: Scene) -> None:
+    grey, circle = measured(crossed)
+    assert find_halfway(grey, circle, segment(crossed, (5, -9), (5, 9))[None], CONFIG) is None
+
+
+def test_a_line_that_is_not_painted_is_none() -> None:
+    bare = paint_scene(markings=HALFWAY_AND_CIRCLE[:1])
+    grey, circle = measured(bare)
+    assert find_halfway(grey, circle, segment(bare, (0, -9), (0, 9))[None], CONFIG) is None
+    assert find_halfway(grey, circle, np.zeros((0, 2, 2)), CONFIG) is None
+
+
+def test_the_line_is_followed_beyond_the_circle_within_the_picture(crossed: Scene) -> None:
+    grey, circle = measured(crossed)
+    line = find_halfway(grey, circle, segment(crossed, (0, -8), (0, 8))[None], CONFIG)
+    assert line is not None
+    ends = np.stack(line.ends)
+    crossings = segment(crossed, (0, -9.09), (0, 9.09))
+    assert ends[:, 1].min() < crossings[:, 1].min() - 10
+    assert ends[:, 1].max() > crossings[:, 1].max() + 10
+    assert (ends >= 0).all()
+    assert (ends <= (959, 539)).all()
+
+
+def test_segments_are_measured_one_by_one() -> None:
+    scene = paint_scene(markings=(*HALFWAY_AND_CIRCLE, level(12.0, -9.0, 9.0)))
+    grey, _ = measured(scene)
+    segments = np.stack([segment(scene, (-8, 12), (8, 12)), segment(scene, (-8, 14), (8, 14))])
+    found = measure_segments(grey, segments, 1.0, CONFIG)
+    assert found is not None
+    share = [found.band.supported[found.pieces == k].mean() for k in (0, 1)]
+    assert share[0] > 0.9
+    assert share[1] < 0.2
+    assert measure_segments(grey, np.zeros((0, 2, 2)), 1.0, CONFIG) is None

@@ -1,0 +1,71 @@
+import cv2
+import numpy as np
+import pytest
+from scipy.special import ndtr
+
+from circlecal.detection.config import RidgeConfig
+from circlecal.detection.ridges import RidgePoints, find_ridges
+
+ANGLE = np.radians(23.0)
+NORMAL = np.array([-np.sin(ANGLE), np.cos(ANGLE)])
+OFFSET = 61.37
+
+
+def banded(width_px: float, contrast: float = 60.0, noise: float = 1.0) -> np.ndarray:
+    """A straight light band at ``NORMAL . p = OFFSET``: (200, 300) float32."""
+    x, y = np.meshgrid(np.arange(300), np.arange(200))
+    d = NORMAL[0] * x + NORMAL[1] * y - OFFSET
+    band = ndtr((d + width_px / 2) / 0.7) - ndtr((d - width_px / 2) / 0.7)
+    return (80 + contrast * band + np.random.default_rng(0).normal(0, noise, band.shape)).astype(np.float32)
+
+
+def ridges_of(grey: np.ndarray, *polarities: float) -> RidgePoints:
+    return find_ridges(grey, np.full(grey.shape, 255, np.uint8), polarities, RidgeConfig())
+
+
+@pytest.mark.parametrize("width_px", [1.5, 3.0, 6.0, 11.0])
+def test_points_are_on_the_middle_of_the_band_at_every_width(width_px: float) -> None:
+    ridges = ridges_of(banded(width_px), 1.0)
+    distance = ridges.points @ NORMAL - OFFSET
+    assert len(ridges) > 200
+    assert abs(distance.mean()) < 0.05
+    assert np.abs(distance).max() < 0.25 + 0.12 * width_px
+    assert np.median(np.abs(ridges.normals @ NORMAL)) > 0.99
+
+
+def test_density_does_not_depend_on_the_width() -> None:
+    counts = [len(ridges_of(banded(width), 1.0)) for width in (1.5, 6.0, 12.0)]
+    assert max(counts) < 1.6 * min(counts)
+
+
+def test_polarity_chooses_light_or_dark() -> None:
+    dark = banded(3.0, contrast=-60.0)
+    near = np.abs(ridges_of(dark, 1.0).points @ NORMAL - OFFSET) < 1.0
+    assert np.count_nonzero(near) == 0
+    assert len(ridges_of(dark, -1.0)) > 200
+    assert len(ridges_of(dark, 1.0, -1.0)) > 200
+
+
+def test_only_the_region_is_searched_and_rows_are_not_shifted() -> None:
+    grey = banded(3.0)
+    region = np.zeros(grey.shape, np.uint8)
+    region[90:150] = 255
+    ridges = find_ridges(grey, region, (1.0,), RidgeConfig())
+    assert 86 < ridges.points[:, 1].min() < 95
+    assert 145 < ridges.points[:, 1].max() < 154
+    assert np.abs(ridges.points @ NORMAL - OFFSET).max() < 0.5
+
+
+def test_short_chains_are_dropped() -> None:
+    grey = np.random.default_rng(1).normal(80, 1.0, (200, 640)).astype(np.float32)
+    cv2.line(grey, (300, 100), (302, 100), 160.0, 1)
+    cv2.line(grey, (100, 50), (160, 50), 160.0, 1)
+
+    def count(row: int, chain_px1280: float) -> int:
+        config = RidgeConfig(chain_px1280=chain_px1280)
+        rows = find_ridges(grey, np.full(grey.shape, 255, np.uint8), (1.0,), config).points[:, 1]
+        return int(np.count_nonzero(np.abs(rows - row) < 1))
+
+    assert count(100, 2.0) > 2
+    assert count(100, 60.0) == 0
+    assert count(50, 60.0) > 50

@@ -1,0 +1,101 @@
+"""Folders of frames: complete, repeatable, and refused when asked for nonsense."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from circlecal.cli.synth import Profile
+from circlecal.errors import InputError
+from circlecal.synthetic.dataset import write_dataset
+from circlecal.synthetic.samples import write_samples
+from circlecal.synthetic.sampling import SCENE_PROFILES
+
+SIZE = (480, 270)
+
+
+def contents(folder):
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_files(tmp_path):
+    ids = write_dataset(tmp_path, 3, 5, ("easy", "negative"), SIZE)
+    assert ids == ["easy_00000", "negative_00001", "easy_00002"]
+    for frame_id in ids:
+        image = cv2.imread(str(tmp_path / f"{frame_id}.jpg"))
+        assert image.shape == (270, 480, 3)
+        record = json.loads((tmp_path / "truth" / f"{frame_id}.json").read_text())
+        assert record["id"] == frame_id
+        assert (record["width"], record["height"]) == SIZE
+        mask_file = tmp_path / f"{frame_id}.mask.png"
+        if mask_file.exists():
+            mask = cv2.imread(str(mask_file), cv2.IMREAD_UNCHANGED)
+            assert mask.shape == (270, 480)
+            assert np.sum(mask == 7) == record["circle_pixels"]
+        else:
+            assert record["circle_pixels"] == 0
+
+
+def test_a_frame_depends_on_seed_and_number_only(tmp_path):
+    write_dataset(tmp_path / "one", 1, 5, ("hard",), SIZE)
+    write_dataset(tmp_path / "two", 2, 5, ("hard",), SIZE)
+    write_dataset(tmp_path / "other", 1, 6, ("hard",), SIZE)
+    one, two, other = (contents(tmp_path / name) for name in ("one", "two", "other"))
+    assert one.items() <= two.items()
+    assert one["hard_00000.jpg"] != other["hard_00000.jpg"]
+
+
+def test_without_masks_and_with_progress(tmp_path):
+    finished = []
+    write_dataset(tmp_path, 2, 0, ("easy",), SIZE, masks=False, report=finished.append)
+    assert finished == [1, 2]
+    assert not list(tmp_path.glob("*.mask.png"))
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"count": 0}, "count"),
+        ({"seed": -1}, "seed"),
+        ({"profiles": ()}, "profile"),
+        ({"profiles": ("moon",)}, "moon"),
+        ({"size": (10, 10)}, "size 10x10"),
+        ({"size": (1920, 99999)}, "size"),
+    ],
+)
+def test_nonsense_is_refused(tmp_path, change, reason):
+    arguments = {"count": 1, "seed": 0, "profiles": ("easy",), "size": SIZE, **change}
+    with pytest.raises(InputError, match=reason):
+        write_dataset(tmp_path / "out", **arguments)
+    assert not (tmp_path / "out").exists()
+
+
+def test_command(tmp_path, run_circlecal):
+    out = tmp_path / "frames"
+    outcome = run_circlecal("synth", out, "--count", 2, "--profile", "easy", "--size", "480x270", "--no-masks")
+    assert outcome.code == 0
+    assert len(list(out.glob("*.jpg"))) == 2
+    assert len(list((out / "truth").glob("*.json"))) == 2
+    assert outcome.err == ""
+    assert "2 frames" in outcome.out
+
+
+@pytest.mark.parametrize("arguments", [("--size", "large"), ("--size", "1x"), ("--count", "0"), ("--profile", "moon")])
+def test_command_refuses(tmp_path, run_circlecal, arguments):
+    assert run_circlecal("synth", tmp_path / "out", *arguments).code == 2
+
+
+def test_command_knows_every_profile():
+    assert [profile.value for profile in Profile] == list(SCENE_PROFILES)
+
+
+def test_samples(tmp_path):
+    ids = write_samples(tmp_path)
+    files = contents(tmp_path)
+    assert sum(map(len, files.values())) < 2_500_000
+    truth = {i: json.loads(files[f"truth/{i}.json"]) for i in ids}
+    assert truth["full_circle"]["center_mark"] == "visible"
+    assert truth["hidden_mark"]["center_mark"] == "hidden"
+    assert {i for i, t in truth.items() if t["expect"] == "refuse"} == {"no_halfway_line", "penalty_area"}
+    assert truth["penalty_area"]["circle_pixels"] == 0

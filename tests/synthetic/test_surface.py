@@ -1,0 +1,44 @@
+"""The crowned surface and the rays that meet it."""
+
+import numpy as np
+import pytest
+
+from circlecal.synthetic.cameras import sample_camera, soccer
+from circlecal.synthetic.surface import FLAT, Surface, back_project
+
+SURFACES = [FLAT, Surface(0.09), Surface(0.05, "roof"), Surface(-0.03)]
+
+
+@pytest.mark.parametrize("surface", SURFACES)
+def test_back_projection_inverts_projection(surface):
+    camera = sample_camera("broadcast", np.random.default_rng(3), kappa=0.05, surface=surface)
+    field = np.random.default_rng(4).uniform(-1, 1, (500, 2)) * (40, 30)
+    pixels = camera.project(surface.lift(field))
+    seen = np.isfinite(pixels).all(axis=1) & (np.abs(pixels - (960, 540)) < (960, 540)).all(axis=1)
+    assert seen.sum() > 50
+    np.testing.assert_allclose(back_project(camera, surface, pixels[seen]), field[seen], atol=1e-8)
+
+
+@pytest.mark.parametrize("surface", SURFACES)
+def test_slope_is_the_derivative_of_the_drop(surface):
+    y = np.linspace(-30, 30, 41) + 0.01
+    numeric = (surface.drop(y + 1e-5) - surface.drop(y - 1e-5)) / 2e-5
+    np.testing.assert_allclose(surface.slope(y), numeric, atol=1e-6)
+
+
+def test_drop_at_the_circle():
+    assert Surface(0.05).drop(9.15) == pytest.approx(0.05)
+    assert Surface(0.05, "roof").drop(-9.15) == pytest.approx(0.05)
+    assert FLAT.lift([3.0, 4.0]).tolist() == [3.0, 4.0, 0.0]
+
+
+def test_rays_above_the_horizon_meet_nothing():
+    camera = sample_camera("broadcast", np.random.default_rng(3))
+    assert np.isnan(back_project(camera, Surface(0.05), [[960.0, -9000.0]])).all()
+
+
+def test_without_crown_the_camera_back_projects_the_same():
+    camera = sample_camera("main", np.random.default_rng(9), kappa=-0.01)
+    pixels = np.random.default_rng(1).uniform((0, 0), (1919, 1079), (50, 2))
+    np.testing.assert_allclose(back_project(camera, FLAT, pixels), camera.back_project(pixels), atol=1e-9)
+    assert soccer() is soccer()

@@ -1,0 +1,91 @@
+"""``circlecal.calibrate`` from Python."""
+
+import cv2
+import numpy as np
+import pytest
+
+import circlecal
+from circlecal.errors import ConfigError, InputError
+from circlecal.results import Calibration
+
+
+def test_array_and_file_give_the_same_answer(frame_image, frame_file):
+    from_array = circlecal.calibrate(frame_image, frame_id="good")
+    from_file = circlecal.calibrate(frame_file)
+    assert isinstance(from_array, Calibration)
+    assert from_array.status == "calibrated"
+    assert (from_array.source, from_file.source) == (None, str(frame_file))
+    assert from_file.id == "good"
+    assert np.array_equal(from_array.H_image_field, from_file.H_image_field)
+
+
+def test_the_answer_is_right(frame_image, frame_camera):
+    found = circlecal.calibrate(frame_image).camera.camera
+    field = np.array([[0.0, 0.0], [9.15, 0.0], [-9.15, 0.0], [0.0, 9.15], [0.0, -9.15]])
+    assert np.abs(found.project(field) - frame_camera.project(field)).max() < 1.5
+
+
+def test_16_bit_and_transparent_arrays(frame_image):
+    transparent = np.dstack([frame_image, np.full(frame_image.shape[:2], 255, np.uint8)])
+    wanted = circlecal.calibrate(frame_image).H_image_field
+    for image in (transparent, frame_image.astype(np.uint16) * 257):
+        assert np.array_equal(circlecal.calibrate(image).H_image_field, wanted)
+
+
+def test_a_mask_as_an_array_of_any_kind(frame_image, frame_camera, tmp_path):
+    angle = np.linspace(0, 2 * np.pi, 400)
+    circle = frame_camera.project(9.09 * np.stack([np.cos(angle), np.sin(angle)], axis=1))
+    ids = np.zeros((540, 960), np.uint8)
+    cv2.polylines(ids, [np.round(circle).astype(np.int32)], True, 7, 5)
+    half = cv2.resize(ids, (480, 270), interpolation=cv2.INTER_NEAREST)
+    path = tmp_path / "mask.png"
+    cv2.imwrite(str(path), ids)
+    for mask in (ids, ids > 0, (ids > 0).astype(np.uint16) * 65535, half, path, str(path)):
+        calibration = circlecal.calibrate(frame_image, mask)
+        assert calibration.mask.source == "file"
+        assert calibration.ellipses is not None
+
+
+def test_configuration_and_seed(frame_image):
+    config = circlecal.load_config("broadcast", ["seed=4"])
+    calibration = circlecal.calibrate(frame_image, config=config)
+    assert calibration.seed == 4
+    again = circlecal.calibrate(frame_image, config=config)
+    assert np.array_equal(calibration.H_image_field, again.H_image_field)
+
+
+def test_a_frame_without_a_circle_is_refused_and_raises_nothing():
+    noise = np.random.default_rng(0).integers(0, 255, (200, 300, 3)).astype(np.uint8)
+    for image in (noise, np.zeros((64, 64), np.uint8), np.full((100, 100, 3), 255, np.uint8)):
+        calibration = circlecal.calibrate(image)
+        assert calibration.status == "refused"
+        assert calibration.verdict.code
+        assert calibration.H_image_field is None
+
+
+@pytest.mark.parametrize(
+    ("image", "part"),
+    [
+        (np.zeros((1, 1, 3), np.uint8), "1 x 1"),
+        (np.zeros((100, 100, 2), np.uint8), "shape"),
+        (np.zeros((100, 100, 3), np.float32), "float32"),
+        (np.zeros(100, np.uint8), "shape"),
+    ],
+)
+def test_arrays_that_are_no_pictures(image, part):
+    with pytest.raises(InputError, match=part):
+        circlecal.calibrate(image)
+
+
+def test_masks_that_are_none(frame_image):
+    with pytest.raises(InputError, match="all black"):
+        circlecal.calibrate(frame_image, np.zeros((540, 960), np.uint8))
+    with pytest.raises(InputError, match="no such file"):
+        circlecal.calibrate(frame_image, "none.png")
+    with pytest.raises(InputError, match="float32"):
+        circlecal.calibrate(frame_image, np.zeros((540, 960), np.float32))
+
+
+def test_an_unknown_field(frame_image):
+    with pytest.raises(ConfigError, match="curling"):
+        circlecal.calibrate(frame_image, config=circlecal.load_config(None, ["field.template=curling"]))

@@ -1,0 +1,424 @@
+"""Pictures of calibrations: in the right places, for every state that a calibration can be in, at every size."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from circlecal import overlay
+from circlecal.camera_fit.model import PARAMETERS, Frame, theta_of
+from circlecal.field import load_field
+from circlecal.geometry.conics import circle_conic, ellipse_from_conic, polar, transform_conic
+from circlecal.geometry.homogeneous import apply_homography, lift, normalise_line, transform_lines
+from circlecal.geometry.homography import turn_homography
+from circlecal.geometry.pinhole import Camera, image_center
+from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations
+from circlecal.overlay.canvas import Canvas, clip_segments, text_size, wrap
+from circlecal.overlay.field_view import best_view, camera_view, homography_view
+from circlecal.overlay.palette import CIRCLE, TEMPLATE
+from circlecal.results import (
+    Calibration,
+    CameraFit,
+    Check,
+    Correspondences,
+    Cues,
+    EdgePoints,
+    EllipseFit,
+    EllipseFits,
+    HomographyFit,
+    LineCorrespondence,
+    LineCue,
+    MarkCue,
+    MarkingMask,
+    PointCorrespondence,
+    RayPoints,
+    Segment,
+    Verdict,
+)
+
+SOCCER = load_field("soccer")
+NAMES = [
+    "01-mask",
+    "02-edges",
+    "03-rays",
+    "04-ellipse",
+    "05-cues",
+    "06-correspondences",
+    "07-homography",
+    "08-camera",
+    "09-verdict",
+]
+STAGES = ("mask", "edges", "rays", "ellipses", "cues", "correspondences", "homography", "camera", "observations")
+CALIBRATED = Verdict("calibrated", None, None, None, (Check("circle_residual_px", 0.4, 2.0, True),))
+REFUSED = Verdict(
+    "refused", "too_uncertain", "the field is uncertain by 50 px", "verdict", (Check("sigma_px", 50.0, 20.0, False),)
+)
+
+
+def _camera(width=1280, height=720):
+    angles = np.array([np.arctan2(-8.0, 55.0), np.arctan2(np.hypot(8.0, 55.0), 16.0), 0.02])
+    return Camera(
+        width,
+        height,
+        np.full(2, 1.7 * width),
+        image_center(width, height),
+        angles,
+        np.array([8.0, 55.0, -16.0]),
+        np.array([0.02, 0.0]),
+    )
+
+
+def _image(camera):
+    rng = np.random.default_rng(0)
+    noise = rng.integers(-6, 7, (camera.height, camera.width, 1))
+    return np.clip(np.array([60, 120, 70]) + noise, 0, 255).astype(np.uint8)
+
+
+def _fit(edge, H, rng):
+    conic = transform_conic(H, circle_conic((0, 0), {"outer": 9.15, "center": 9.09, "inner": 9.03}[edge]))
+    ellipse = ellipse_from_conic(conic)
+    t = np.linspace(-3.0, 3.0, 200)
+    points = ellipse.points(t) + rng.normal(0, 0.3, (200, 1)) * ellipse.normals(t)
+    inliers = np.arange(200) % 17 > 0
+    points[~inliers] += 9.0
+    return EllipseFit(edge, conic, np.eye(6), ellipse, "direct", points, np.full(200, 0.3), inliers, 0.31, 340.0, 1000)
+
+
+def _line_cue(name, start, end):
+    points = start + np.linspace(0, 1, 60)[:, None] * (end - start)
+    line = normalise_line(np.cross(lift(start), lift(end)))
+    return LineCue(name, line, points, np.full(60, 0.2), Segment(start, end, 0.8), 0.2)
+
+
+def _correspondences(H):
+    conic = transform_conic(H, circle_conic((0, 0), 9.09))
+    directions = {"right": 0, "bottom_right": 45, "bottom": 90, "bottom_left": 135}
+    directions |= {"left": 180, "top_left": 225, "top": 270, "top_right": 315}
+    points, tangents = [], []
+    for label, degrees in directions.items():
+        outward = np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees))])
+        seen = apply_homography(H, 9.09 * outward)
+        points.append(PointCorrespondence(label, 9.09 * outward, seen, 0.3))
+        tangents.append(LineCorrespondence(label, np.append(outward, -9.09), normalise_line(polar(conic, lift(seen)))))
+    center = lift(apply_homography(H, np.zeros(2)))
+    vanishing = normalise_line(transform_lines(H, np.array([0.0, 0.0, 1.0])))
+    return Correspondences(1, conic, 9.09, center, "centre_mark", vanishing, tuple(points), tuple(tangents))
+
+
+def _calibration(camera=None, verdict=CALIBRATED):
+    """Everything that a calibration can hold, made from a camera."""
+    camera = camera or _camera()
+    rng = np.random.default_rng(1)
+    size, H = (camera.height, camera.width), camera.homography
+    fits = EllipseFits(*(_fit(edge, H, rng) for edge in ("outer", "inner", "center")))
+    outer, inner, center = (f.points_px for f in (fits.outer, fits.inner, fits.center))
+    top, bottom, left = (apply_homography(H, np.array(p)) for p in ((0.0, -12.0), (0.0, 12.0), (-20.0, -34.0)))
+    halfway = _line_cue("halfway_line", top, bottom)
+    unnamed = _line_cue(None, left, apply_homography(H, np.array([20.0, -34.0])))
+    classes = np.zeros(size, np.uint8)
+    classes[size[0] // 2 : size[0] // 2 + 4] = np.arange(size[1]) % 20
+    region = np.zeros(size, bool)
+    region[size[0] // 4 :] = True
+    sigma = np.linspace(0.1, 0.4, 200)
+    mark = MarkCue("centre_mark", apply_homography(H, np.zeros(2)), 0.5, 12.0)
+    theta = theta_of(camera, Frame(camera.width, camera.height, "roof"))
+    theta[-1] = 2.0  # the field is 2 m broader than its template
+    everywhere = np.zeros((len(PARAMETERS), len(PARAMETERS)))
+    everywhere[:7, :7] = np.diag([1e-4, 1e-6, 1e-6, 1e-6, 0.01, 0.01, 0.01])
+    fit = CameraFit(
+        camera=camera,
+        crown_m=0.05,
+        crown_shape="roof",
+        parameters=PARAMETERS,
+        covariance=everywhere,
+        H_image_field=H,
+        H_field_image=np.linalg.inv(H),
+        H_covariance=np.eye(8) * 1e-9,
+        imaged_center_px=apply_homography(H, np.zeros(2)),
+        imaged_center_covariance=np.eye(2),
+        noise_scale=1.2,
+        data_share=0.8,
+        max_sigma_px=3.2,
+        max_sigma_m=0.2,
+        residuals_px={"centre_circle center": 0.4, "halfway_line": 0.2},
+        theta=theta,
+        rejected=("centre_mark",),
+        named_lines=("side_line_top",),
+        alternatives=((camera.turned(), 0.0),),
+    )
+    plane = HomographyFit(H, np.linalg.inv(H), turn_homography(H, np.zeros(2)), np.array([0.1, 0.2]), 300.0, 1e-9)
+    seen = Observations(
+        camera.width,
+        camera.height,
+        (CirclePoints("centre_circle", "center", center, sigma),),
+        (LinePoints("halfway_line", halfway.points_px, halfway.sigma_px), LinePoints(None, unnamed.points_px, sigma)),
+        (MarkPoint("centre_mark", mark.point_px, 0.5),),
+    )
+    return Calibration(
+        id="frame",
+        width=camera.width,
+        height=camera.height,
+        field_name="soccer",
+        circle_name="centre_circle",
+        verdict=verdict,
+        seed=0,
+        config_digest="0",
+        timings_ms={"mask": 12.0, "camera": 80.0},
+        mask=MarkingMask(
+            classes,
+            "detector",
+            fits.center.conic,
+            Segment(top, bottom, 0.9),
+            (unnamed.segment,),
+            region,
+            (fits.outer.conic, np.diag([1.0, -1.0, 1.0]), np.full((3, 3), np.nan)),
+        ),
+        edges=EdgePoints(outer, fits.outer.ellipse.normals(sigma), 100 * sigma, sigma, 2.0, 1.1, (20.0, 50.0)),
+        rays=RayPoints(mark.point_px, outer, sigma, inner, sigma, center, sigma, 720, 30, outer[::7] + 15),
+        ellipses=fits,
+        cues=Cues(halfway, mark, (unnamed,)),
+        correspondences=_correspondences(H),
+        homography=plane,
+        camera=fit,
+        observations=seen,
+    )
+
+
+def _check(picture):
+    assert picture.dtype == np.uint8
+    assert picture.ndim == 3
+    assert picture.shape[2] == 3
+    assert picture.flags["C_CONTIGUOUS"]
+
+
+def _draw_all(image, calibration, template=SOCCER):
+    drawn = overlay.draw_overlay(image, calibration, template)
+    assert drawn.shape == image.shape
+    radar = overlay.draw_radar(image, calibration, template, px_per_m=3.0)
+    pictures = overlay.stage_pictures(image, calibration, template)
+    assert list(pictures) == NAMES
+    for picture in [drawn, *pictures.values(), *([radar] if radar is not None else [])]:
+        _check(picture)
+    return drawn, radar, pictures
+
+
+@pytest.fixture(scope="module")
+def complete():
+    calibration = _calibration()
+    return _image(_camera()), calibration
+
+
+def test_pictures_leave_the_frame_alone_and_show_something(complete):
+    image, calibration = complete
+    before = image.copy()
+    drawn, radar, pictures = _draw_all(image, calibration)
+    np.testing.assert_array_equal(image, before)
+    assert (drawn != image).any(axis=2).mean() > 0.005
+    assert radar is not None
+    _check(overlay.contact_sheet(pictures, "frame: calibrated"))
+
+
+@pytest.mark.parametrize("stage", STAGES)
+@pytest.mark.parametrize("verdict", [CALIBRATED, REFUSED])
+def test_any_part_may_be_missing(complete, stage, verdict):
+    image, calibration = complete
+    drawn, radar, _ = _draw_all(image, replace(calibration, verdict=verdict, **{stage: None}))
+    assert (radar is None) == (verdict is REFUSED)
+    assert (drawn != image).any()
+
+
+@pytest.mark.parametrize("reached", range(len(STAGES) + 1))
+def test_a_frame_may_be_refused_anywhere(complete, reached):
+    image, calibration = complete
+    verdict = Verdict("refused", "no_circle", "no circle was found", STAGES[min(reached, len(STAGES) - 1)])
+    missing = dict.fromkeys(STAGES[reached:])
+    _, radar, _ = _draw_all(image, replace(calibration, verdict=verdict, **missing))
+    assert radar is None
+
+
+def test_parts_within_the_parts_may_be_missing(complete):
+    image, c = complete
+    empty, none = np.zeros((0, 2)), np.zeros(0)
+    variants = [
+        replace(c, mask=MarkingMask(c.mask.classes, "file")),
+        replace(c, mask=replace(c.mask, conic=None), ellipses=None, camera=None, homography=None, cues=None),
+        replace(c, edges=EdgePoints(empty, empty, none, none, 0.0, 0.0, (0.0, 0.0))),
+        replace(c, rays=RayPoints(np.zeros(2), empty, none, empty, none, empty, none, 0, 0, empty)),
+        replace(c, ellipses=EllipseFits(None, None, None)),
+        replace(c, ellipses=EllipseFits(replace(c.ellipses.outer, inliers=np.zeros(200, bool)), None, None)),
+        replace(c, cues=Cues(None, None, ())),
+        replace(c, cues=Cues(None, replace(c.cues.mark, point_px=np.array([3.0, 3.0])))),
+        replace(c, correspondences=replace(c.correspondences, points=(), tangents=())),
+        replace(c, correspondences=replace(c.correspondences, vanishing_line=np.array([0.0, 0.0, 1.0]))),
+        replace(c, homography=replace(c.homography, residuals_px=none, H_image_field=-c.homography.H_image_field)),
+        replace(c, camera=replace(c.camera, covariance=np.eye(3), theta=np.zeros(3), residuals_px={}, crown_shape="?")),
+        replace(c, camera=replace(c.camera, max_sigma_px=np.inf, max_sigma_m=np.nan, rejected=(), named_lines=())),
+        replace(c, verdict=Verdict("refused", None, None, None), timings_ms={}),
+        replace(c, circle_name="penalty_arc_left"),
+        replace(c, id="Fußball ⚽ 12", verdict=replace(REFUSED, reason="größer als erlaubt " * 20)),
+    ]
+    for variant in variants:
+        _draw_all(image, variant)
+
+
+def test_every_optional_field_of_a_calibration_is_tried():
+    assert {f.name for f in fields(Calibration)} >= set(STAGES)
+    optional = {f.name for f in fields(Calibration) if f.default is None}
+    assert optional - {"source"} == set(STAGES)
+
+
+@pytest.mark.parametrize("size", [(398, 224), (640, 360), (3840, 2160), (360, 640), (900, 200), (64, 48), (1, 1)])
+def test_every_size_of_picture(size):
+    camera = _camera(*size)
+    calibration = _calibration(camera)
+    drawn, _, pictures = _draw_all(_image(camera), calibration)
+    assert drawn.shape == (size[1], size[0], 3)
+    if min(size) >= 200:
+        assert all(picture.shape[1] >= 640 for picture in pictures.values())
+        assert all(picture.shape[0] < 2.5 * picture.shape[1] for picture in pictures.values())
+
+
+@pytest.mark.parametrize("name", ["futsal", "ice-hockey", "basketball"])
+def test_every_field(complete, name):
+    image, calibration = complete
+    _draw_all(image, replace(calibration, field_name=name), load_field(name))
+
+
+def test_a_camera_beside_a_goal_sees_part_of_the_field_behind_it():
+    camera = replace(_camera(), angles_rad=np.array([np.pi / 2, 1.4, 0.0]), position_m=np.array([-30.0, 5.0, -4.0]))
+    calibration = replace(_calibration(), camera=replace(_calibration().camera, camera=camera))
+    _draw_all(_image(camera), calibration)
+    pixels = camera_view(calibration.camera, SOCCER, "centre_circle").pixels(np.array([[-50.0, 0.0], [20.0, 0.0]]))
+    assert np.isnan(pixels[0]).all()
+    assert np.isfinite(pixels[1]).all()
+
+
+def test_a_picture_of_another_size_is_refused(complete):
+    image, calibration = complete
+    for wrong in (image[:-1], image[..., 0], image.astype(np.float64)):
+        with pytest.raises(ValueError, match="expected a uint8 picture"):
+            overlay.draw_overlay(wrong, calibration, SOCCER)
+        with pytest.raises(ValueError, match="expected a uint8 picture"):
+            overlay.stage_pictures(wrong, calibration, SOCCER)
+        with pytest.raises(ValueError, match="expected a uint8 picture"):
+            overlay.draw_radar(wrong, calibration, SOCCER)
+    with pytest.raises(ValueError, match="px_per_m"):
+        overlay.draw_radar(image, calibration, SOCCER, px_per_m=0.0)
+
+
+def _color_at(picture, points, color, tolerance=70):
+    x, y = np.round(points).astype(int).T
+    return (np.abs(picture[y, x].astype(int) - color).max(axis=1) < tolerance).mean()
+
+
+def test_template_is_drawn_where_the_camera_projects_it(complete):
+    image, calibration = complete
+    bare = replace(calibration, ellipses=None, correspondences=None, cues=None)
+    drawn = overlay.draw_overlay(image, bare, SOCCER)
+    t = np.linspace(0, 2 * np.pi, 100)
+    circle = 9.09 * np.stack([np.cos(t), np.sin(t)], axis=-1)
+    depth = 0.05 * np.abs(circle[:, 1]) / 9.15
+    pixels = calibration.camera.camera.project(np.column_stack([circle, depth]))
+    assert _color_at(drawn, pixels, CIRCLE) > 0.9
+    halfway = np.column_stack([np.zeros(40), np.linspace(-8.5, -4.5, 40)])
+    seen = calibration.camera.camera.project(np.column_stack([halfway, 0.05 * np.abs(halfway[:, 1]) / 9.15]))
+    assert _color_at(drawn, seen, TEMPLATE) > 0.9
+    assert _color_at(drawn, pixels + np.array([0, 6]), CIRCLE) < 0.1
+
+
+def test_fitted_breadth_moves_the_touchline_and_not_the_penalty_area(complete):
+    _, calibration = complete
+    grown = camera_view(calibration.camera, SOCCER, "centre_circle").markings(SOCCER)
+    plain = homography_view(calibration.camera.H_image_field, 1280, 720).markings(SOCCER)
+    moved = {name: float(np.abs(grown[name] - plain[name]).max()) for name in plain}
+    assert moved["side_line_top"] == pytest.approx(1.0, abs=0.01)
+    assert moved["halfway_line"] == pytest.approx(1.0, abs=0.01)
+    assert moved["big_rect_left_top"] == moved["centre_circle"] == moved["penalty_mark_left"] == 0.0
+
+
+def test_view_falls_back_to_the_closed_form(complete):
+    _, calibration = complete
+    assert best_view(replace(calibration, camera=None, homography=None), SOCCER) is None
+    view = best_view(replace(calibration, camera=None), SOCCER)
+    H = calibration.homography.H_image_field
+    points = np.array([[0.0, 0.0], [5.0, 3.0], [0.0, 80.0]])
+    pixels = view.pixels(points)
+    np.testing.assert_allclose(pixels[:2], apply_homography(H, points[:2]))
+    assert np.isnan(pixels[2]).all()  # behind the camera
+    np.testing.assert_allclose(homography_view(-3.0 * H, 1280, 720).pixels(points)[:2], pixels[:2])
+
+
+def test_radar_shows_the_field_from_above(monkeypatch):
+    camera = _camera()
+    calibration = _calibration(camera)
+    image = _image(camera)
+    red = np.round(camera.project([[6.0, 4.0, 0.05 * 4.0 / 9.15]])[0]).astype(int)
+    image[red[1] - 6 : red[1] + 7, red[0] - 6 : red[0] + 7] = (0, 0, 255)
+    radar = overlay.draw_radar(image, calibration, SOCCER, px_per_m=10.0)
+    assert radar.shape == (740, 1110, 3)
+    found = np.argwhere((radar.astype(int) - (0, 0, 255) == 0).all(axis=2)).mean(axis=0)
+    np.testing.assert_allclose(found, (370 + 40, 555 + 60), atol=2.0)
+    monkeypatch.setattr("circlecal.overlay.radar._LARGEST_PX", 600)
+    assert overlay.draw_radar(image, calibration, SOCCER, px_per_m=1e9).shape == (400, 600, 3)
+
+
+def test_verdict_is_told_apart_without_colours(complete):
+    image, calibration = complete
+    accepted = overlay.draw_overlay(image, calibration, SOCCER)
+    refused = overlay.draw_overlay(image, replace(calibration, verdict=REFUSED), SOCCER)
+    assert (accepted[:40, :200].max(axis=2) > 240).any()
+    assert not np.array_equal(accepted[:40, :200], refused[:40, :200])
+
+
+def test_contact_sheet_of_any_number_of_pictures():
+    rng = np.random.default_rng(2)
+    for count in (0, 1, 2, 4, 9):
+        pictures = {f"{k:02d}": rng.integers(0, 255, (90 + 50 * k, 160, 3), dtype=np.uint8) for k in range(count)}
+        sheet = overlay.contact_sheet(pictures, "a title that is long enough to be broken into several lines " * 4)
+        _check(sheet)
+        assert sheet.shape[1] == max(1, min(3, count)) * 800 + (max(1, min(3, count)) + 1) * 12
+
+
+def test_segments_are_clipped_to_the_box():
+    starts = np.array([[-5.0, 5.0], [2.0, 2.0], [-5.0, -5.0], [np.nan, 0.0], [5.0, -5.0], [3.0, 3.0], [-2.0, 5.0]])
+    ends = np.array([[15.0, 5.0], [4.0, 8.0], [-1.0, -9.0], [1.0, 1.0], [5.0, 15.0], [3.0, 3.0], [-2.0, 9.0]])
+    clipped = clip_segments(starts, ends, np.zeros(2), np.full(2, 10.0))
+    expected = [[[0, 5], [10, 5]], [[2, 2], [4, 8]], [[5, 0], [5, 10]], [[3, 3], [3, 3]]]
+    np.testing.assert_allclose(clipped, expected)
+    far = clip_segments(np.array([[-1e12, -1e12]]), np.array([[1e12, 1e12]]), np.zeros(2), np.full(2, 10.0))
+    np.testing.assert_allclose(far, [[[0, 0], [10, 10]]], atol=1e-2)
+
+
+def test_drawing_is_sub_pixel():
+    canvas = Canvas(np.zeros((20, 40, 3), np.uint8))
+    canvas.polyline([[-10.0, 7.5], [60.0, 7.5]], (255, 255, 255), 1.0)
+    assert abs(int(canvas.picture[7, 20, 0]) - int(canvas.picture[8, 20, 0])) < 40
+    assert canvas.picture[7, 20, 0] > 60
+    enlarged = Canvas.of(np.zeros((20, 40, 3), np.uint8), zoom=4)
+    np.testing.assert_allclose(enlarged.place([0.0, 0.0]), (1.5, 1.5))
+
+
+def test_labels_keep_apart_and_inside():
+    canvas = Canvas(np.zeros((300, 400, 3), np.uint8))
+    for k in range(12):
+        canvas.label(f"label {k}", (200.0 + k, 150.0), (255, 255, 255))
+    canvas.label("outside", (900.0, 150.0), (255, 255, 255))
+    canvas.label("nowhere", (np.nan, 150.0), (255, 255, 255))
+    boxes = np.array(canvas.taken)
+    assert 6 <= len(boxes) <= 12
+    for k, box in enumerate(boxes):
+        others = np.delete(boxes, k, axis=0)
+        apart = (
+            (box[0] >= others[:, 2]) | (box[2] <= others[:, 0]) | (box[1] >= others[:, 3]) | (box[3] <= others[:, 1])
+        )
+        assert apart.all()
+    assert (boxes[:, :2] >= 0).all()
+    assert (boxes[:, 2:] <= (400, 300)).all()
+
+
+def test_text_is_wrapped_to_the_width():
+    lines = wrap("the field around the circle is uncertain by more than is allowed", 12.0, 150.0)
+    assert len(lines) > 2
+    assert all(text_size(line, 12.0)[0] <= 150 for line in lines)
+    assert wrap("", 12.0, 100.0) == [""]
+    assert wrap("größe\nzwei", 12.0, 900.0) == ["gr??e zwei"]
