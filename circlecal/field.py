@@ -1,6 +1,7 @@
 """Field template: circles, arcs, lines and marks with their sizes, read from a YAML file of ``configs/fields``.
 
-A template gives sizes the way the rules of its sport do, that is, to an edge of the paint; what the pictures show best is the centreline
+A template gives sizes the way the rules of its sport do, that is, to an edge of the paint; what the pictures show
+best is the centreline
 of the paint, so every element derives its centreline from the edge that its size refers to and the marking width.
 """
 
@@ -102,7 +103,8 @@ class Line(_Element):
     start: Point = Field(description="One end, metres.")
     end: Point = Field(description="The other end, metres.")
     paint: tuple[int, int] = Field(
-        (0, 0), description="Direction from the given line to the middle of the paint, e.g. [0, 1]; [0, 0] where it is the middle already."
+        (0, 0),
+        description="Direction from the given line to the middle of the paint, e.g. [0, 1]; [0, 0] where it is that.",
     )
 
 
@@ -120,11 +122,17 @@ class FieldTemplate(BaseModel):
 
     name: str = Field(description="Name of the template.")
     title: str = Field(description="One line for people.")
-    sizes: dict[str, float] = Field(description="Named sizes in metres that the elements are computed from; each can be set by the user.")
+    sizes: dict[str, float] = Field(
+        description="Named sizes in metres that the elements are computed from; each can be set by the user."
+    )
     length_m: Size = Field(description="Length of the field (x), metres.")
     width_m: Size = Field(description="Width of the field (y), metres.")
-    length_sd_m: Annotated[Size, Field(ge=0)] = Field(0.0, description="How much the length varies from field to field, metres.")
-    width_sd_m: Annotated[Size, Field(ge=0)] = Field(0.0, description="How much the width varies from field to field, metres.")
+    length_sd_m: Annotated[Size, Field(ge=0)] = Field(
+        0.0, description="How much the length varies from field to field, metres."
+    )
+    width_sd_m: Annotated[Size, Field(ge=0)] = Field(
+        0.0, description="How much the width varies from field to field, metres."
+    )
     marking_width_m: Annotated[Size, Field(gt=0)] = Field(description="Width of the paint, metres.")
     marking_width_sd_m: Annotated[Size, Field(ge=0)] = Field(description="How uncertain that width is, metres.")
     default_circle: str = Field(description="The circle that is meant when the user names none.")
@@ -174,9 +182,11 @@ class FieldTemplate(BaseModel):
         return np.array([line.start, line.end], dtype=np.float64) + shift
 
     def line_shift(self, line: Line) -> Array:
-        """How the centreline of a straight marking moves (3, 2): metres per metre of marking width, of length and of width of the field.
+        """How the centreline of a straight marking moves (3, 2): metres per metre of marking width, of length and of
+        width of the field.
 
-        Markings parallel to the halfway line go with the length, the touchlines with the width; sizes inside the penalty areas are fixed.
+        Markings parallel to the halfway line go with the length, the touchlines with the width; sizes inside the
+        penalty areas are fixed.
         """
         (x0, y0), (x1, y1) = line.start, line.end
         shift = np.zeros((3, 2))
@@ -275,7 +285,9 @@ def load_field(name_or_file: str | Path, sizes: dict[str, float] | None = None) 
     if path.suffix not in (".yaml", ".yml"):
         path = field_folder() / f"{name_or_file}.yaml"
         if not path.is_file():
-            raise ConfigError(f"field {str(name_or_file)!r} is unknown; known: {', '.join(field_names())}, or give a .yaml file")
+            raise ConfigError(
+                f"field {str(name_or_file)!r} is unknown; known: {', '.join(field_names())}, or give a .yaml file"
+            )
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:

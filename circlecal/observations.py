@@ -91,12 +91,27 @@ class Observations:
         """JSON-ready mapping."""
         return {
             "circles": [
-                {"circle": c.circle, "edge": c.edge, "points_px": _rounded(c.points_px), "sigma_px": _rounded(c.sigma_px)} for c in self.circles
+                {
+                    "circle": c.circle,
+                    "edge": c.edge,
+                    "points_px": _rounded(c.points_px),
+                    "sigma_px": _rounded(c.sigma_px),
+                }
+                for c in self.circles
             ],
-            "lines": [{"line": s.line, "points_px": _rounded(s.points_px), "sigma_px": _rounded(s.sigma_px)} for s in self.lines],
+            "lines": [
+                {"line": s.line, "points_px": _rounded(s.points_px), "sigma_px": _rounded(s.sigma_px)}
+                for s in self.lines
+            ],
             "marks": [{"mark": m.mark, "point_px": _rounded(m.point_px), "sigma_px": m.sigma_px} for m in self.marks],
             "keypoints": [
-                {"name": k.name, "field_m": _rounded(k.field_m), "point_px": _rounded(k.point_px), "sigma_px": k.sigma_px} for k in self.keypoints
+                {
+                    "name": k.name,
+                    "field_m": _rounded(k.field_m),
+                    "point_px": _rounded(k.point_px),
+                    "sigma_px": k.sigma_px,
+                }
+                for k in self.keypoints
             ],
         }
 
@@ -112,12 +127,18 @@ class Observations:
             width=width,
             height=height,
             circles=tuple(
-                CirclePoints(c["circle"], c["edge"], array(c["points_px"], 2), array(c["sigma_px"])) for c in record.get("circles", [])
+                CirclePoints(c["circle"], c["edge"], array(c["points_px"], 2), array(c["sigma_px"]))
+                for c in record.get("circles", [])
             ),
-            lines=tuple(LinePoints(s["line"], array(s["points_px"], 2), array(s["sigma_px"])) for s in record.get("lines", [])),
-            marks=tuple(MarkPoint(m["mark"], array(m["point_px"]), float(m["sigma_px"])) for m in record.get("marks", [])),
+            lines=tuple(
+                LinePoints(s["line"], array(s["points_px"], 2), array(s["sigma_px"])) for s in record.get("lines", [])
+            ),
+            marks=tuple(
+                MarkPoint(m["mark"], array(m["point_px"]), float(m["sigma_px"])) for m in record.get("marks", [])
+            ),
             keypoints=tuple(
-                Keypoint(k["name"], array(k["field_m"]), array(k["point_px"]), float(k["sigma_px"])) for k in record.get("keypoints", [])
+                Keypoint(k["name"], array(k["field_m"]), array(k["point_px"]), float(k["sigma_px"]))
+                for k in record.get("keypoints", [])
             ),
         )
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, Literal, TypeVar
 from zlib import crc32
 
 import numpy as np
@@ -18,13 +18,16 @@ from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observat
 from circlecal.results import Calibration, Cues, EllipseFits, Verdict
 from circlecal.stages.camera import estimate_camera
 from circlecal.stages.correspondences import derive_correspondences
-from circlecal.stages.cues import find_cues
+from circlecal.stages.cues import cues_from_observations, find_cues
 from circlecal.stages.edges import detect_edges
-from circlecal.stages.ellipse import fit_ellipses
+from circlecal.stages.ellipse import fit_ellipses, fit_observed
 from circlecal.stages.homography import estimate_homography
 from circlecal.stages.mask import find_marking
 from circlecal.stages.rays import cast_rays
 from circlecal.stages.verdict import judge
+
+Convention = Literal["official", "paint"]
+T = TypeVar("T")
 
 
 def frame_generator(seed: int, frame_id: str) -> np.random.Generator:
@@ -54,6 +57,7 @@ def run(
     config: Config,
     *,
     mask: NDArray[np.uint8] | None = None,
+    extra: Observations | None = None,
     frame_id: str,
     source: str | None = None,
 ) -> Calibration:
@@ -67,6 +71,8 @@ def run(
         Options of every stage.
     mask : (H, W) uint8, optional
         Marking mask as SoccerNet class ids.
+    extra : Observations, optional
+        Keypoints, lines and marks from elsewhere, used together with what the picture shows.
     frame_id : str
         Name of the frame; with the seed it fixes all random draws.
     source : str, optional
@@ -88,84 +94,155 @@ def run(
     height, width = image.shape[:2]
     if mask is not None and mask.shape != (height, width):
         raise InputError(f"{frame_id}: the mask is {mask.shape[1]}x{mask.shape[0]}, the picture {width}x{height}")
-    reached: dict[str, Any] = {}
-    timings: dict[str, float] = {}
-    try:
-        verdict = _stages(image, mask, config, template, circle, frame_generator(config.seed, frame_id), reached, timings)
-    except EstimationError as error:
-        verdict = Verdict("refused", error.code, error.reason, error.stage)
-    return Calibration(
-        id=frame_id,
-        width=width,
-        height=height,
-        field_name=template.name,
-        circle_name=circle.name,
-        verdict=verdict,
-        seed=config.seed,
-        config_digest=config_digest(config),
-        timings_ms=timings,
-        source=source,
-        **reached,
-    )
+    job = _Job(config, template, circle, width, height, frame_generator(config.seed, frame_id))
+    return job.calibration(lambda: job.from_picture(image, mask, extra), frame_id, source)
 
 
-def _stages(
-    image: NDArray[np.uint8],
-    given: NDArray[np.uint8] | None,
+def run_observations(
+    observations: Observations,
     config: Config,
-    template: FieldTemplate,
-    circle: Circle,
-    rng: np.random.Generator,
-    reached: dict[str, Any],
-    timings: dict[str, float],
-) -> Verdict:
-    """Run the stages in order, leaving every intermediate in ``reached`` for the pictures of refused frames too."""
-    height, width = image.shape[:2]
-    polarity = -1.0 if circle.color == "dark" else 1.0
-    clock = _clock(timings)
-    with clock("mask"):
-        marking, refusal = find_marking(image, given, config.mask, rng)
-        reached["mask"] = marking
-    if refusal is not None:
-        raise refusal
-    with clock("edges"):
-        edges = reached["edges"] = detect_edges(image, marking, config.edges, polarity)
-    with clock("rays"):
-        relative_width = template.marking_width_m / template.radius(circle, "center")
-        rays = reached["rays"] = cast_rays(image, edges, marking, relative_width, config.rays, rng, polarity)
-    with clock("ellipse"):
-        ellipses = reached["ellipses"] = fit_ellipses(rays, width, config.ellipse, rng)
-        reached["observations"] = observed(ellipses, Cues(None, None), circle, width, height)
-    with clock("cues"):
-        cues = reached["cues"] = find_cues(image, marking, ellipses, edges.noise, template, config.cues, polarity)
-        observations = reached["observations"] = observed(ellipses, cues, circle, width, height)
-    with clock("correspondences"):
-        found, refusal = _attempt(
-            lambda: derive_correspondences(ellipses, cues, template, circle, (width, height), config.correspondences)
+    *,
+    frame_id: str,
+    source: str | None = None,
+    convention: Convention = "official",
+) -> Calibration:
+    """Calibrate from what somebody else saw: annotated points or detected keypoints, without a picture.
+
+    Parameters
+    ----------
+    observations : Observations
+        Circles, lines, marks and keypoints with their sigmas.
+    config : Config
+        Options of every stage.
+    frame_id, source : str
+        As in :func:`run`.
+    convention : {"official", "paint"}
+        Where points on a marking lie: ``official`` takes them at the size that the rules name (the official metric's
+        model has no
+        paint width), ``paint`` on the centreline of the paint.
+    """
+    template, circle = field_of(config)
+    if convention == "official":
+        template = template.model_copy(update={"marking_width_m": 1e-9, "marking_width_sd_m": 0.0})
+    size = observations.width, observations.height
+    job = _Job(config, template, circle, *size, frame_generator(config.seed, frame_id))
+    return job.calibration(lambda: job.from_observations(observations), frame_id, source)
+
+
+class _Job:
+    """One frame on its way through the stages; every intermediate is left in ``reached`` for the pictures of refused
+    frames too.
+    """
+
+    def __init__(
+        self, config: Config, template: FieldTemplate, circle: Circle, width: int, height: int, rng: np.random.Generator
+    ) -> None:
+        self.config = config
+        self.template = template
+        self.circle = circle
+        self.width = width
+        self.height = height
+        self.rng = rng
+        self.reached: dict[str, Any] = {}
+        self.timings: dict[str, float] = {}
+
+    def calibration(self, stages: Callable[[], Verdict], frame_id: str, source: str | None) -> Calibration:
+        """Run the stages and gather what they reached."""
+        try:
+            verdict = stages()
+        except EstimationError as error:
+            verdict = Verdict("refused", error.code, error.reason, error.stage)
+        return Calibration(
+            id=frame_id,
+            width=self.width,
+            height=self.height,
+            field_name=self.template.name,
+            circle_name=self.circle.name,
+            verdict=verdict,
+            seed=self.config.seed,
+            config_digest=config_digest(self.config),
+            timings_ms=self.timings,
+            source=source,
+            **self.reached,
         )
-        correspondences = reached["correspondences"] = found
-    if correspondences is None and refusal is not None and not config.camera.enabled:
-        raise refusal
-    homography = None
-    if correspondences is not None:
-        with clock("homography"):
-            homography, refusal = _attempt(
-                lambda: estimate_homography(correspondences, np.asarray(circle.center), config.homography)
+
+    def from_picture(
+        self, image: NDArray[np.uint8], given: NDArray[np.uint8] | None, extra: Observations | None
+    ) -> Verdict:
+        """Picture -> observations -> answer."""
+        config, template, circle, reached = self.config, self.template, self.circle, self.reached
+        polarity = -1.0 if circle.color == "dark" else 1.0
+        with self._clock("mask"):
+            marking, refusal = find_marking(image, given, config.mask, self.rng)
+            reached["mask"] = marking
+        if refusal is not None:
+            raise refusal
+        with self._clock("edges"):
+            edges = reached["edges"] = detect_edges(image, marking, config.edges, polarity)
+        with self._clock("rays"):
+            relative_width = template.marking_width_m / template.radius(circle, "center")
+            rays = reached["rays"] = cast_rays(image, edges, marking, relative_width, config.rays, self.rng, polarity)
+        with self._clock("ellipse"):
+            ellipses = reached["ellipses"] = fit_ellipses(rays, self.width, config.ellipse, self.rng)
+            reached["observations"] = observed(ellipses, Cues(None, None), circle, self.width, self.height)
+        with self._clock("cues"):
+            cues = reached["cues"] = find_cues(image, marking, ellipses, edges.noise, template, config.cues, polarity)
+            observations = observed(ellipses, cues, circle, self.width, self.height)
+            if extra is not None:
+                observations = joined(observations, extra)
+            reached["observations"] = observations
+        return self._answer(ellipses, cues, observations)
+
+    def from_observations(self, observations: Observations) -> Verdict:
+        """Observations -> answer, by the same stages."""
+        self.reached["observations"] = observations
+        with self._clock("ellipse"):
+            ellipses = self.reached["ellipses"] = fit_observed(
+                observations, self.circle.name, self.width, self.config.ellipse, self.rng
             )
-            reached["homography"] = homography
-    if config.camera.enabled:
-        with clock("camera"):
-            side = config.correspondences.camera_side
-            reached["camera"] = estimate_camera(observations, template, circle, config.camera, side)
-    elif homography is None and refusal is not None:
-        raise refusal
-    with clock("verdict"):
-        return judge(
-            ellipses, cues, correspondences, homography, reached.get("camera"), template, circle, width, config.verdict
-        )
+        with self._clock("cues"):
+            cues = self.reached["cues"] = cues_from_observations(observations, self.template, self.circle)
+        return self._answer(ellipses, cues, observations)
+
+    def _answer(self, ellipses: EllipseFits, cues: Cues, observations: Observations) -> Verdict:
+        """Closed forms, camera, verdict. The camera can do without the closed forms, not the other way round."""
+        config, template, circle, reached = self.config, self.template, self.circle, self.reached
+        size = self.width, self.height
+        with self._clock("correspondences"):
+            correspondences, refusal = _attempt(
+                lambda: derive_correspondences(
+                    ellipses, cues, template, circle, size, config.correspondences, observations.keypoints
+                )
+            )
+        homography = None
+        if correspondences is not None:
+            reached["correspondences"] = correspondences
+            with self._clock("homography"):
+                center = np.asarray(circle.center)
+                homography, refusal = _attempt(lambda: estimate_homography(correspondences, center, config.homography))
+                reached["homography"] = homography
+        if config.camera.enabled:
+            with self._clock("camera"):
+                side = config.correspondences.camera_side
+                reached["camera"] = estimate_camera(observations, template, circle, config.camera, side)
+        elif homography is None and refusal is not None:
+            raise refusal
+        with self._clock("verdict"):
+            camera = reached.get("camera")
+            return judge(
+                ellipses, cues, correspondences, homography, camera, template, circle, self.width, config.verdict
+            )
+
+    @contextmanager
+    def _clock(self, stage: str) -> Iterator[None]:
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.timings[stage] = round((time.perf_counter() - start) * 1e3, 3)
 
 
-def _attempt(stage: Any) -> tuple[Any, EstimationError | None]:
+def _attempt(stage: Callable[[], T]) -> tuple[T | None, EstimationError | None]:
     """Result of a closed form that the camera stage can do without, or why there is none."""
     try:
         return stage(), None
@@ -180,7 +257,9 @@ def observed(ellipses: EllipseFits, cues: Cues, circle: Circle, width: int, heig
     """
     fits = (ellipses.center,) if ellipses.center is not None else (ellipses.outer, ellipses.inner)
     circles = tuple(
-        CirclePoints(circle.name, fit.edge, fit.points_px[fit.inliers], fit.sigma_px[fit.inliers]) for fit in fits if fit is not None
+        CirclePoints(circle.name, fit.edge, fit.points_px[fit.inliers], fit.sigma_px[fit.inliers])
+        for fit in fits
+        if fit is not None
     )
     seen = (*((cues.halfway,) if cues.halfway is not None else ()), *cues.lines)
     lines = tuple(LinePoints(line.name, line.points_px, line.sigma_px) for line in seen)
@@ -188,13 +267,13 @@ def observed(ellipses: EllipseFits, cues: Cues, circle: Circle, width: int, heig
     return Observations(width, height, circles, lines, marks)
 
 
-def _clock(timings: dict[str, float]) -> Any:
-    @contextmanager
-    def measure(stage: str) -> Iterator[None]:
-        start = time.perf_counter()
-        try:
-            yield
-        finally:
-            timings[stage] = round((time.perf_counter() - start) * 1e3, 3)
-
-    return measure
+def joined(first: Observations, second: Observations) -> Observations:
+    """Observations of one frame from two sources."""
+    return Observations(
+        first.width,
+        first.height,
+        (*first.circles, *second.circles),
+        (*first.lines, *second.lines),
+        (*first.marks, *second.marks),
+        (*first.keypoints, *second.keypoints),
+    )

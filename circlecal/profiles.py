@@ -1,6 +1,7 @@
 """Brightness profiles across a thin light (or dark) band, and where its middle and its edges are.
 
-A marking a few pixels wide is measured by its flux, not by its edges: near and far on the field it is narrower than the picture's blur, and two
+A marking a few pixels wide is measured by its flux, not by its edges: near and far on the field it is narrower than
+the picture's blur, and two
 edges are then a fiction, while the flux-weighted middle stays unbiased.
 """
 
@@ -17,7 +18,8 @@ from circlecal.geometry.homogeneous import Array
 PEAK_SHARE = 0.4
 """The middle is the centroid of what rises above this share of the peak."""
 SIGMA_FLOOR_PX = 0.08
-"""What grass, paint and compression leave of every measurement, however strong the contrast (rendered frames, 1080p)."""
+"""What grass, paint and compression leave of every measurement, however strong the contrast (rendered frames, 1080p).
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +143,12 @@ def _connected(high: NDArray[np.bool_], peak_index: NDArray[np.int_], index: NDA
 
 
 def _crossing(
-    signal: Array, peak: Array, peak_index: NDArray[np.int_], index: NDArray[np.int_], below: NDArray[np.bool_], side: int
+    signal: Array,
+    peak: Array,
+    peak_index: NDArray[np.int_],
+    index: NDArray[np.int_],
+    below: NDArray[np.bool_],
+    side: int,
 ) -> Array:
     """Fractional index at which the signal falls through half its peak on one side; nan where it never does."""
     rows = np.arange(len(signal))

@@ -21,7 +21,9 @@ Status = Literal["calibrated", "refused"]
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """A straight piece of the picture from ``start`` (2,) to ``end`` (2,), pixels, and the share of it that the picture supports."""
+    """A straight piece of the picture from ``start`` (2,) to ``end`` (2,), pixels, and the share of it that the
+    picture supports.
+    """
 
     start: Array
     end: Array
@@ -35,7 +37,8 @@ class MarkingMask:
     Attributes
     ----------
     classes : (H, W) uint8
-        SoccerNet class ids at the frame's size: 7 circle, 18 halfway line, 17 other straight markings, 0 elsewhere (user's masks may hold any id).
+        SoccerNet class ids at the frame's size: 7 circle, 18 halfway line, 17 other straight markings, 0 elsewhere
+        (user's masks may hold any id).
     source : str
         ``"file"``, ``"detector"`` or ``"network"``.
     conic : (3, 3) array or None
@@ -63,8 +66,10 @@ class MarkingMask:
 class EdgePoints:
     """Stage ``edges``: sub-pixel Canny points.
 
-    ``points_px`` (N, 2); ``normals`` (N, 2) unit, from dark to bright; ``contrast`` (N,) grey levels across the edge; ``sigma_px`` (N,) along the normal; ``noise``
-    grey-level noise of the picture; ``blur_px`` standard deviation of its blur; ``thresholds`` the two that Canny ran with.
+    ``points_px`` (N, 2); ``normals`` (N, 2) unit, from dark to bright; ``contrast`` (N,) grey levels across the edge;
+    ``sigma_px`` (N,) along the normal; ``noise``
+    grey-level noise of the picture; ``blur_px`` standard deviation of its blur; ``thresholds`` the two that Canny ran
+    with.
     """
 
     points_px: Array
@@ -170,7 +175,8 @@ class EllipseFits:
 
 @dataclass(frozen=True, slots=True)
 class LineCue:
-    """A straight marking: normalised line (3,), its points (N, 2) with sigmas (N,), its ends, rms and the share of it that is seen.
+    """A straight marking: normalised line (3,), its points (N, 2) with sigmas (N,), its ends, rms and the share of it
+    that is seen.
 
     ``name`` is the template's, or None while it is not known.
     """
@@ -185,7 +191,8 @@ class LineCue:
 
 @dataclass(frozen=True, slots=True)
 class MarkCue:
-    """The centre mark: position (2,), sigma along and across the halfway line folded into one, signal to noise ratio."""
+    """The centre mark: position (2,), sigma along and across the halfway line folded into one, signal to noise ratio.
+    """
 
     name: str
     point_px: Array
@@ -263,7 +270,8 @@ class Correspondences:
 
 @dataclass(frozen=True, slots=True)
 class HomographyFit:
-    """Stage ``homography``: the DLT on points and lines, both directions, and the other solution of the turned field."""
+    """Stage ``homography``: the DLT on points and lines, both directions, and the other solution of the turned field.
+    """
 
     H_image_field: Array
     H_field_image: Array
@@ -385,7 +393,8 @@ class Calibration:
 
     @property
     def H_image_field(self) -> Array | None:
-        """Field (metres) to undistorted pixels: of the camera where there is one, else of the DLT; None when refused."""
+        """Field (metres) to undistorted pixels: of the camera where there is one, else of the DLT; None when refused.
+        """
         if self.status != "calibrated":
             return None
         if self.camera is not None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.stats import chi2
@@ -75,7 +76,9 @@ def run_row(scenario: Scenario, draws: int, seed: int, advance: Callable[[str], 
         rng = np.random.default_rng([seed, index])
         draw = scenario.draw(rng)
         grid = truth_grid(draw, scenario)
-        covariance = bound_covariance(draw.camera, 0.0, draw.observations, scenario.template, scenario.circle, draw.config)
+        covariance = bound_covariance(
+            draw.camera, 0.0, draw.observations, scenario.template, scenario.circle, draw.config
+        )
         bound = bound_errors(draw.camera, covariance, grid, BOUND_DRAWS, rng)
         bounds.append(bound)
         means.append(float(bound.mean()))
@@ -131,7 +134,7 @@ def _ratio(errors: Array, bounds: Array) -> tuple[float, float]:
 def _by_offset(offsets: Array, errors: Array) -> dict[str, float]:
     edges = [0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 12.0, 25.0]
     found = {}
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in pairwise(edges):
         chosen = (offsets >= low) & (offsets < high)
         if chosen.any():
             found[f"{low:g}-{high:g} m"] = float(np.median(errors[chosen]))
@@ -139,7 +142,9 @@ def _by_offset(offsets: Array, errors: Array) -> dict[str, float]:
 
 
 def mahalanobis(draw: Draw, fit: CameraFit, scenario: Scenario) -> dict[str, bool]:
-    """Whether the truth lies inside the reported 90 % region of the homography, the imaged centre, a derived point and the position."""
+    """Whether the truth lies inside the reported 90 % region of the homography, the imaged centre, a derived point
+    and the position.
+    """
     H = draw.camera.homography
     center = np.asarray(scenario.circle.center)
     position = slice(4, 7)
@@ -191,7 +196,9 @@ def closed_forms(draws: int, seed: int) -> list[tuple[str, float]]:
         conic = fit_conic(seen.points_px, "direct")
         ends = line_points(camera, template, "halfway_line", 2, 1.0, rng).points_px
         assert conic is not None
-        paper.append(_error(correspondences_from_line(conic, center, fit_line(ends), o, circle.radius_m, direction), H, grid))
+        paper.append(
+            _error(correspondences_from_line(conic, center, fit_line(ends), o, circle.radius_m, direction), H, grid)
+        )
     rows = [(f"1: {name}, no noise, largest error", value) for name, value in worst.items()]
     return [*rows, ("2: case 1, 8 points on one edge, true centre, sigma 1, median", float(np.median(paper)))]
 

@@ -1,4 +1,6 @@
-"""The Cramer-Rao bound of a scenario: the error that no unbiased estimator can beat with these observations and priors."""
+"""The Cramer-Rao bound of a scenario: the error that no unbiased estimator can beat with these observations and
+priors.
+"""
 
 from __future__ import annotations
 
@@ -19,9 +21,16 @@ _NO_LOSS = 1e6
 
 
 def bound_covariance(
-    camera: Camera, crown_m: float, observations: Observations, template: FieldTemplate, circle: Circle, config: CameraConfig
+    camera: Camera,
+    crown_m: float,
+    observations: Observations,
+    template: FieldTemplate,
+    circle: Circle,
+    config: CameraConfig,
 ) -> Array:
-    """Covariance (P, P) of the parameters at the truth: inverse of the Fisher information of the data plus the priors' precision."""
+    """Covariance (P, P) of the parameters at the truth: inverse of the Fisher information of the data plus the
+    priors' precision.
+    """
     frame = Frame(camera.width, camera.height, config.crown_shape, circle.radius_m)
     theta = theta_of(camera, frame)
     theta[12] = crown_m

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 
@@ -28,13 +28,17 @@ KNOWN = CameraConfig(
 )
 """Principal point, lens and surface known: the bound is one number."""
 
-BROADCAST = KNOWN.model_copy(update={"position_m": (0.0, 62.0, -16.0), "position_sd_m": (8.0, 13.0, 5.0), "roll_sd_deg": 1.0})
+BROADCAST = KNOWN.model_copy(
+    update={"position_m": (0.0, 62.0, -16.0), "position_sd_m": (8.0, 13.0, 5.0), "roll_sd_deg": 1.0}
+)
 """The priors of configs/broadcast.yaml."""
 
 
 @dataclass(frozen=True, slots=True)
 class Draw:
-    """One truth with its noisy observations, and what the estimator is told of the position (mean, sd) where that is known."""
+    """One truth with its noisy observations, and what the estimator is told of the position (mean, sd) where that is
+    known.
+    """
 
     camera: Camera
     observations: Observations
@@ -43,7 +47,9 @@ class Draw:
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """One row: number, title, the template's marking width, how a draw is made, and the figures to reach (median, 90th percentile)."""
+    """One row: number, title, the template's marking width, how a draw is made, and the figures to reach (median,
+    90th percentile).
+    """
 
     row: str
     title: str
@@ -94,7 +100,11 @@ def _soccer_draw(
             circle_points(camera, template, edge, count, sigma_px, rng, spacing, phase=phase)  # type: ignore[arg-type]
             for edge in edges
         )
-        lines = () if line_count == 0 else (line_points(camera, template, "halfway_line", line_count or count, sigma_px, rng),)
+        lines = (
+            ()
+            if line_count == 0
+            else (line_points(camera, template, "halfway_line", line_count or count, sigma_px, rng),)
+        )
         told = config
         if position_sd_m is not None:
             mean = camera.position_m + rng.normal(0.0, position_sd_m, 3)
@@ -143,39 +153,85 @@ def scenarios() -> list[Scenario]:
     template, circle = soccer()
     rink, faceoff = hockey()
     default = KNOWN.model_copy(
-        update={"principal_point_sd_px": 5.0, "distortion": "radial", "k1_mean": 0.0, "crown_shape": "roof", "crown_m": 0.0}
+        update={
+            "principal_point_sd_px": 5.0,
+            "distortion": "radial",
+            "k1_mean": 0.0,
+            "crown_shape": "roof",
+            "crown_m": 0.0,
+        }
     )
-    eight = {"line_count": 2, "spacing": "field"}
+    eight = partial(_soccer_draw, "main", 8, line_count=2, spacing="field")
 
-    def row(number: str, title: str, draw: Callable[[np.random.Generator], Draw], median: float, p90: float | None = None) -> Scenario:
+    def row(
+        number: str, title: str, draw: Callable[[np.random.Generator], Draw], median: float, p90: float | None = None
+    ) -> Scenario:
         return Scenario(number, title, draw, (median, p90), template, circle)
 
     return [
-        row("3", "8 points per edge, unknown centre, sigma 1", _soccer_draw("main", 8, 1.0, **eight), 5.5),  # type: ignore[arg-type]
-        row("4a", "the same, sigma 5, broadcast priors", _soccer_draw("main", 8, 5.0, config=BROADCAST, **eight), 12.0),  # type: ignore[arg-type]
-        row("4b", "the same, sigma 25, broadcast priors", _soccer_draw("main", 8, 25.0, config=BROADCAST, **eight), 30.0),  # type: ignore[arg-type]
+        row("3", "8 points per edge, unknown centre, sigma 1", eight(1.0), 5.5),
+        row("4a", "the same, sigma 5, broadcast priors", eight(5.0, config=BROADCAST), 12.0),
+        row("4b", "the same, sigma 25, broadcast priors", eight(25.0, config=BROADCAST), 30.0),
         row("5", "full circle, 200 points per edge, sigma 0.5", _soccer_draw("main", 200, 0.5), 0.5, 3.0),
-        row("5d", "the same, default lens, crown and principal point", _soccer_draw("main", 200, 0.5, config=default), np.inf),
+        row(
+            "5d",
+            "the same, default lens, crown and principal point",
+            _soccer_draw("main", 200, 0.5, config=default),
+            np.inf,
+        ),
         row("6", "the same as 5, one edge only", _soccer_draw("main", 200, 0.5, edges=("outer",)), 0.65, 4.5),
         row("7", "40-80 % of the circle, sigma 0.5", _soccer_draw("partial", 200, 0.5), 1.5, 7.0),
         row("8a", "arc of 120 degrees, sigma 0.3", _soccer_draw("arc", 200, 0.3, arc_deg=120.0), 2.5),
         row("8b", "arc of 90 degrees, sigma 0.3", _soccer_draw("arc", 200, 0.3, arc_deg=90.0), 2.7),
         row("8c", "arc of 60 degrees, sigma 0.3", _soccer_draw("arc", 200, 0.3, arc_deg=60.0), 2.75),
-        row("9a", "position known to 0.5 m, full circle, sigma 1", _soccer_draw("main", 200, 1.0, position_sd_m=0.5), 0.5, 1.2),
-        row("9b", "position known to 0.5 m, 120 degrees, sigma 1", _soccer_draw("arc", 200, 1.0, arc_deg=120.0, position_sd_m=0.5), 1.3, 3.3),
+        row(
+            "9a",
+            "position known to 0.5 m, full circle, sigma 1",
+            _soccer_draw("main", 200, 1.0, position_sd_m=0.5),
+            0.5,
+            1.2,
+        ),
+        row(
+            "9b",
+            "position known to 0.5 m, 120 degrees, sigma 1",
+            _soccer_draw("arc", 200, 1.0, arc_deg=120.0, position_sd_m=0.5),
+            1.3,
+            3.3,
+        ),
         row(
             "13a",
             "principal point off by 10 px, estimated",
             _soccer_draw(
-                "main", 200, 0.5, principal_point_sd_px=10.0, config=KNOWN.model_copy(update={"principal_point_sd_px": 10.0})
+                "main",
+                200,
+                0.5,
+                principal_point_sd_px=10.0,
+                config=KNOWN.model_copy(update={"principal_point_sd_px": 10.0}),
             ),
             1.45,
         ),
-        row("13b", "radial k1 = 0.005 (half diagonals), estimated", _soccer_draw("main", 200, 0.5, kappa=0.0038, config=_radial(0.0038)), 1.3),
-        row("13c", "radial kappa = 0.03 (half-widths), estimated", _soccer_draw("main", 200, 0.5, kappa=0.03, config=_radial(0.0038, 0.03)), 1.3),
+        row(
+            "13b",
+            "radial k1 = 0.005 (half diagonals), estimated",
+            _soccer_draw("main", 200, 0.5, kappa=0.0038, config=_radial(0.0038)),
+            1.3,
+        ),
+        row(
+            "13c",
+            "radial kappa = 0.03 (half-widths), estimated",
+            _soccer_draw("main", 200, 0.5, kappa=0.03, config=_radial(0.0038, 0.03)),
+            1.3,
+        ),
         row("w", "cameras within 25 m of the halfway line, sigma 0.5", _soccer_draw("wide", 200, 0.5), np.inf),
         row("h", "low and near cameras, roll 3 degrees, sigma 0.5", _soccer_draw("hard", 200, 0.5), np.inf),
-        Scenario("17", "two hockey face-off circles, 50 points, sigma 0.3", _hockey_draw(50, 0.3), (0.225 * 1.05, None), rink, faceoff),
+        Scenario(
+            "17",
+            "two hockey face-off circles, 50 points, sigma 0.3",
+            _hockey_draw(50, 0.3),
+            (0.225 * 1.05, None),
+            rink,
+            faceoff,
+        ),
     ]
 
 

@@ -1,8 +1,11 @@
 """Which marking of the template is which straight line of the picture.
 
-After a first camera from circle and halfway line every other line is predicted with a covariance that is long in one or two directions (focal length against distance
-and height). Each plausible pair of a seen and a template's line is tried as a seed: it updates the camera linearly, as a Kalman filter would, and the others are matched under the updated
-camera, nearest first. The seed that explains most seen length at the least cost wins; where another seed explains about as much in another way, nothing is named.
+After a first camera from circle and halfway line every other line is predicted with a covariance that is long in one
+or two directions (focal length against distance
+and height). Each plausible pair of a seen and a template's line is tried as a seed: it updates the camera linearly,
+as a Kalman filter would, and the others are matched under the updated
+camera, nearest first. The seed that explains most seen length at the least cost wins; where another seed explains
+about as much in another way, nothing is named.
 """
 
 from __future__ import annotations
@@ -13,8 +16,8 @@ import numpy as np
 
 from circlecal.camera_fit.curves import CurvePoints, curve_residuals, first_hidden, line_curve, stack_curves
 from circlecal.camera_fit.model import Frame
-from circlecal.field import FieldTemplate
-from circlecal.geometry.homogeneous import Array
+from circlecal.field import FieldTemplate, Line
+from circlecal.geometry.homogeneous import Array, Mask
 
 SAMPLES = 4
 """Points of a seen line that stand for it."""
@@ -22,7 +25,9 @@ SAMPLES = 4
 
 @dataclass(frozen=True, slots=True)
 class Association:
-    """Names by index of the seen line, the summed length in pixels that they explain, and the squared Mahalanobis cost."""
+    """Names by index of the seen line, the summed length in pixels that they explain, and the squared Mahalanobis
+    cost.
+    """
 
     names: dict[int, str]
     length_px: float
@@ -43,11 +48,13 @@ class Association:
 
 @dataclass(frozen=True, slots=True)
 class _Pairs:
-    """Residuals (S, T, K) of S seen lines against T template lines, Jacobians (S, T, K, P), and which pairs lie on the marking's extent."""
+    """Residuals (S, T, K) of S seen lines against T template lines, Jacobians (S, T, K, P), and which pairs lie on
+    the marking's extent.
+    """
 
     residuals: Array
     jacobians: Array
-    on_marking: Array
+    on_marking: Mask
 
 
 def associate_lines(
@@ -99,12 +106,13 @@ def associate_lines(
     return sorted(different.values(), key=lambda a: a.score, reverse=True)[:count]
 
 
-def _pairs(segments: Array, template: FieldTemplate, lines: list, theta: Array, frame: Frame) -> _Pairs:  # type: ignore[type-arg]
+def _pairs(segments: Array, template: FieldTemplate, lines: list[Line], theta: Array, frame: Frame) -> _Pairs:
     share = np.linspace(0.0, 1.0, SAMPLES)[:, None]
     samples = segments[:, None, 0] * (1 - share) + segments[:, None, 1] * share
     flat = samples.reshape(-1, 2)
     parts = [
-        line_curve(line.name, flat, np.ones(len(flat)), template.line_ends(line), template.line_shift(line)) for line in lines
+        line_curve(line.name, flat, np.ones(len(flat)), template.line_ends(line), template.line_shift(line))
+        for line in lines
     ]
     curves: CurvePoints = stack_curves(parts)
     start, _ = first_hidden(curves, theta[None], frame, samples=48)

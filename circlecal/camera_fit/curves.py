@@ -1,17 +1,19 @@
-"""Observations as residuals: each point is compared with the nearest point of its marking, along the marking's normal in the picture.
+"""Observations as residuals: each point is compared with the nearest point of its marking, along the marking's normal
+in the picture.
 
-The nearest point is a hidden parameter per point (an angle on a circle, a distance along a line); at the nearest point the residual does not depend on it to first order, so it is
+The nearest point is a hidden parameter per point (an angle on a circle, a distance along a line); at the nearest
+point the residual does not depend on it to first order, so it is
 re-estimated beside the camera and never enters the normal equations.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from circlecal.camera_fit.model import INDEX, Frame, project, project_pixels
-from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.homogeneous import Array, Indices, Mask
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,24 +50,25 @@ class CurvePoints:
     bloom_sign: Array
     direction: Array
     shift: Array
-    group: Array
+    group: Indices
     names: tuple[str, ...]
 
-    def select(self, keep: Array) -> CurvePoints:
+    def select(self, keep: Indices) -> CurvePoints:
         """The points at an index or mask."""
-        arrays = (getattr(self, name)[keep] for name in CurvePoints.__slots__ if name != "names")
-        return CurvePoints(*arrays, names=self.names)
+        chosen = {name: getattr(self, name)[keep] for name in CurvePoints.__slots__ if name != "names"}
+        return replace(self, **chosen)
 
     def with_sigma(self, sigma_px: Array) -> CurvePoints:
         """The same points with other standard deviations."""
-        arrays = {name: getattr(self, name) for name in CurvePoints.__slots__}
-        return CurvePoints(**{**arrays, "sigma_px": sigma_px})
+        return replace(self, sigma_px=sigma_px)
 
 
 def stack_curves(parts: list[CurvePoints]) -> CurvePoints:
     """One set from several, each of one marking."""
     names = tuple(name for part in parts for name in part.names)
-    group = np.concatenate([np.full(len(part.points_px), k) for k, part in enumerate(parts)]) if parts else np.zeros(0, int)
+    group = (
+        np.concatenate([np.full(len(part.points_px), k) for k, part in enumerate(parts)]) if parts else np.zeros(0, int)
+    )
     fields = [name for name in CurvePoints.__slots__ if name not in ("names", "group")]
     empty = {"points_px": (0, 2), "origin": (0, 2), "direction": (0, 2), "shift": (0, 3, 2)}
     stacked = {
@@ -76,7 +79,13 @@ def stack_curves(parts: list[CurvePoints]) -> CurvePoints:
 
 
 def circle_curve(
-    name: str, points_px: Array, sigma_px: Array, center: Array, radius: float, radius_by_width: float, bloom_sign: float
+    name: str,
+    points_px: Array,
+    sigma_px: Array,
+    center: Array,
+    radius: float,
+    radius_by_width: float,
+    bloom_sign: float,
 ) -> CurvePoints:
     """Points of one edge of a circle."""
     n = len(points_px)
@@ -88,7 +97,9 @@ def circle_curve(
 
 
 def line_curve(name: str, points_px: Array, sigma_px: Array, ends_m: Array, shift: Array) -> CurvePoints:
-    """Points of the centreline of a straight marking with its ends (2, 2) and its shift (3, 2) by the sizes of the field."""
+    """Points of the centreline of a straight marking with its ends (2, 2) and its shift (3, 2) by the sizes of the
+    field.
+    """
     n = len(points_px)
     direction = (ends_m[1] - ends_m[0]) / np.linalg.norm(ends_m[1] - ends_m[0])
     zero = np.zeros(n)
@@ -103,7 +114,9 @@ SIZES = [INDEX["width"], INDEX["length"], INDEX["breadth"]]
 
 
 def curve_points(curves: CurvePoints, hidden: Array, theta: Array) -> tuple[Array, Array]:
-    """Field points (B, N, 2) at the hidden parameters (B, N), and the unit tangents there, with the sizes of theta (B, P)."""
+    """Field points (B, N, 2) at the hidden parameters (B, N), and the unit tangents there, with the sizes of theta
+    (B, P).
+    """
     radius = curves.radius + curves.radius_by_width * theta[:, SIZES[:1]]
     cos, sin = np.cos(hidden), np.sin(hidden)
     outward = np.stack([cos, sin], axis=-1)
@@ -117,16 +130,19 @@ def curve_points(curves: CurvePoints, hidden: Array, theta: Array) -> tuple[Arra
 
 @dataclass(frozen=True, slots=True)
 class Residuals:
-    """Normalised residuals (B, N), their Jacobian (B, N, P), the hidden parameters (B, N), and who is behind the camera (B, N)."""
+    """Normalised residuals (B, N), their Jacobian (B, N, P), the hidden parameters (B, N), and who is behind the
+    camera (B, N).
+    """
 
     values: Array
     jacobian: Array
     hidden: Array
-    behind: Array
+    behind: Mask
 
 
 def first_hidden(curves: CurvePoints, theta: Array, frame: Frame, samples: int = 72) -> tuple[Array, Array]:
-    """Hidden parameters (B, N) of the nearest of some samples of each marking, and the distances there (B, N) in pixels.
+    """Hidden parameters (B, N) of the nearest of some samples of each marking, and the distances there (B, N) in
+    pixels.
 
     Far starts need no good guess.
     """
@@ -134,7 +150,9 @@ def first_hidden(curves: CurvePoints, theta: Array, frame: Frame, samples: int =
     best = np.zeros((B, N))
     straight = curves.radius == 0
     grid = np.where(
-        straight[:, None], np.linspace(0.0, 110.0, samples)[None], np.linspace(0.0, 2 * np.pi, samples, endpoint=False)[None]
+        straight[:, None],
+        np.linspace(0.0, 110.0, samples)[None],
+        np.linspace(0.0, 2 * np.pi, samples, endpoint=False)[None],
     )
     nearest = np.full((B, N), np.inf)
     for k in range(samples):  # a loop over samples of the curve, not over points
@@ -149,7 +167,8 @@ def first_hidden(curves: CurvePoints, theta: Array, frame: Frame, samples: int =
 
 
 def curve_residuals(curves: CurvePoints, theta: Array, hidden: Array, frame: Frame, updates: int = 2) -> Residuals:
-    """Signed distances over sigma along the markings' normals, after moving the hidden parameters to the nearest points.
+    """Signed distances over sigma along the markings' normals, after moving the hidden parameters to the nearest
+    points.
 
     Parameters
     ----------

@@ -11,12 +11,15 @@ from circlecal.geometry.homogeneous import Array
 from circlecal.geometry.pinhole import Camera, image_center
 
 PARAMETERS = (
-    "log_focal", "pan", "tilt", "roll", "x", "y", "z", "pp_x", "pp_y", "kappa_1", "kappa_2", "log_aspect", "crown", "width", "bloom", "length", "breadth",
+    "log_focal", "pan", "tilt", "roll", "x", "y", "z",
+    "pp_x", "pp_y", "kappa_1", "kappa_2", "log_aspect", "crown", "width", "bloom", "length", "breadth",
 )  # fmt: skip
 """Order of the parameter vector.
 
-Focal length as its logarithm; angles in radians; position in metres; principal point as an offset from the image centre in pixels; kappa in half-widths; aspect
-as the logarithm of fy / fx; crown in metres; marking width as an offset from the template's in metres; bloom in pixels (how far blur moves each edge outwards); length and
+Focal length as its logarithm; angles in radians; position in metres; principal point as an offset from the image
+centre in pixels; kappa in half-widths; aspect
+as the logarithm of fy / fx; crown in metres; marking width as an offset from the template's in metres; bloom in
+pixels (how far blur moves each edge outwards); length and
 breadth of the field as offsets from the template's in metres.
 """
 INDEX = {name: k for k, name in enumerate(PARAMETERS)}
@@ -25,7 +28,9 @@ CROWN_SHAPES = ("parabola", "roof", "flat")
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """What is the same for every candidate camera of a frame: picture size, crown profile and the |y| at which it is quoted."""
+    """What is the same for every candidate camera of a frame: picture size, crown profile and the |y| at which it is
+    quoted.
+    """
 
     width: int
     height: int
@@ -38,7 +43,9 @@ class Frame:
         return image_center(self.width, self.height)
 
     def sag(self, y: Array) -> tuple[Array, Array]:
-        """Drop of the surface per metre of crown at y, and its derivative by y; the shapes of the names in CROWN_SHAPES."""
+        """Drop of the surface per metre of crown at y, and its derivative by y; the shapes of the names in
+        CROWN_SHAPES.
+        """
         t = y / self.crown_reference_m
         if self.crown_shape == "parabola":
             return t * t, 2 * t / self.crown_reference_m
@@ -100,7 +107,9 @@ def rotation_derivatives(theta: Array, R: Array) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Projection:
-    """Pixels (B, N, 2), depths (B, N), derivative by the parameters (B, N, 2, P) and by the field position (B, N, 2, 2)."""
+    """Pixels (B, N, 2), depths (B, N), derivative by the parameters (B, N, 2, P) and by the field position (B, N, 2,
+    2).
+    """
 
     pixels: Array
     depth: Array
@@ -150,7 +159,9 @@ def project(theta: Array, field_m: Array, frame: Frame) -> Projection:
     dr2 = 2 * (focal / half)[..., None] ** 2 * np.einsum("bni,bnik->bnk", normalised, dn)
     undistorted = scales * normalised
     pixels = undistorted * lens[..., None] + (frame.center + theta[:, None, 7:9])
-    moved = scales[..., None] * dn * lens[..., None, None] + undistorted[..., None] * (by_r2[..., None] * dr2)[..., None, :]
+    moved = (
+        scales[..., None] * dn * lens[..., None, None] + undistorted[..., None] * (by_r2[..., None] * dr2)[..., None, :]
+    )
     jacobian = np.zeros((B, N, 2, len(PARAMETERS)))
     jacobian[..., 0] = undistorted * (lens + 2 * by_r2 * r2)[..., None]
     jacobian[..., 1:7] = moved[..., 0:6]

@@ -11,7 +11,7 @@ from circlecal.camera_fit.observed import Realism, observed_curves
 from circlecal.camera_fit.optimise import Problem, State, minimise
 from circlecal.camera_fit.uncertainty import posterior_covariance
 from circlecal.field import FieldTemplate
-from circlecal.geometry.homogeneous import Array, fit_line
+from circlecal.geometry.homogeneous import Array, Mask, fit_line
 from circlecal.observations import Observations
 
 ROUNDS = 3
@@ -30,7 +30,12 @@ class _Trial:
 
 
 def name_lines(
-    problem: Problem, state: State, observations: Observations, template: FieldTemplate, realism: Realism, loss_scale: float
+    problem: Problem,
+    state: State,
+    observations: Observations,
+    template: FieldTemplate,
+    realism: Realism,
+    loss_scale: float,
 ) -> dict[int, str]:
     """Names for straight markings that were seen without one.
 
@@ -67,8 +72,12 @@ def name_lines(
     for first in hypotheses(state.theta[0], state.normal[0], 6):
         association, explained, score = first, 0.0, -np.inf
         for _ in range(ROUNDS):
-            fitted, fitted_state = _fit(association, unnamed, problem, state, observations, template, realism, loss_scale)
-            explained, score = _judged(fitted, fitted_state, problem, state, association, segments, unnamed, observations, unit)
+            fitted, fitted_state = _fit(
+                association, unnamed, problem, state, observations, template, realism, loss_scale
+            )
+            explained, score = _judged(
+                fitted, fitted_state, problem, state, association, segments, unnamed, observations, unit
+            )
             again = hypotheses(fitted_state.theta[0], fitted_state.normal[0], 1)
             if not again or again[0].names == association.names or again[0].length_px < association.length_px:
                 break
@@ -105,7 +114,9 @@ def _judged(
     observations: Observations,
     unit: float,
 ) -> tuple[float, float]:
-    """Length of the lines that the fit really passes through, and the score: less what circle, line and priors had to give for it."""
+    """Length of the lines that the fit really passes through, and the score: less what circle, line and priors had to
+    give for it.
+    """
     lengths = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=-1)
     residuals = np.abs(state.residuals[0] * fitted.curves.sigma_px)
     explained = 0.0
@@ -125,7 +136,7 @@ def _judged(
     return explained, explained - 2.0 * missed - unit * (400.0 * worse + 15.0 * prior)
 
 
-def _belongs(points: Array, line_points: Array) -> Array:
+def _belongs(points: Array, line_points: Array) -> Mask:
     """Which points (N,) lie between the ends of a seen line and on it."""
     ends = _ends(line_points)
     along = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])

@@ -34,8 +34,8 @@ class Realism:
 
 def observed_curves(observations: Observations, template: FieldTemplate, realism: Realism) -> CurvePoints:
     """Circles and named lines of the template that were seen, thinned, with the model's own sigma added."""
-    relative = {"outer": 0.5, "center": 0.0, "inner": -0.5}
-    bloom = {"outer": 1.0, "center": 0.0, "inner": -1.0}
+    relative: dict[str, float] = {"outer": 0.5, "center": 0.0, "inner": -0.5}
+    bloom: dict[str, float] = {"outer": 1.0, "center": 0.0, "inner": -1.0}
     parts = []
     for seen in observations.circles:
         known = template.circle_by_name.get(seen.circle)

@@ -8,7 +8,7 @@ import numpy as np
 
 from circlecal.camera_fit.curves import CurvePoints, FixedPoints, curve_residuals, first_hidden, point_residuals
 from circlecal.camera_fit.model import INDEX, PARAMETERS, Frame, active_parameters
-from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.homogeneous import Array, Mask
 
 _POSITION = slice(INDEX["x"], INDEX["z"] + 1)
 
@@ -74,7 +74,9 @@ class Problem:
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """Where a batch of B starts stands: parameters (B, P), cost (B,), residuals and hidden parameters of the curve points (B, N)."""
+    """Where a batch of B starts stands: parameters (B, P), cost (B,), residuals and hidden parameters of the curve
+    points (B, N).
+    """
 
     theta: Array
     cost: Array
@@ -86,7 +88,9 @@ class State:
 
 
 def evaluate(problem: Problem, theta: Array, hidden: Array, loss_scale: float, updates: int = 1) -> State:
-    """Cost, gradient and Gauss-Newton matrix of each start under a Geman-McClure loss of scale ``loss_scale`` (in sigmas)."""
+    """Cost, gradient and Gauss-Newton matrix of each start under a Geman-McClure loss of scale ``loss_scale`` (in
+    sigmas).
+    """
     curve = curve_residuals(problem.curves, theta, hidden, problem.frame, updates)
     values = np.where(curve.behind, 1e3, curve.values)
     gradient, normal, cost = _weighted(values, curve.jacobian, loss_scale)
@@ -115,7 +119,12 @@ def _weighted(values: Array, jacobian: Array, loss_scale: float) -> tuple[Array,
 
 
 def minimise(
-    problem: Problem, starts: Array, loss_scale: float, iterations: int = 60, hidden: Array | None = None, tolerance: float = 1e-8
+    problem: Problem,
+    starts: Array,
+    loss_scale: float,
+    iterations: int = 60,
+    hidden: Array | None = None,
+    tolerance: float = 1e-8,
 ) -> State:
     """Run Levenberg-Marquardt from every start (B, P) at once; each keeps its own damping."""
     active = active_parameters(problem.priors.sd)
@@ -135,7 +144,9 @@ def minimise(
         proposal = evaluate(problem, state.theta + step, state.hidden, loss_scale)
         better = proposal.cost < state.cost
         gain = np.where(better, (state.cost - proposal.cost) / np.maximum(state.cost, 1e-30), 0.0)
-        settled = np.where((better & (gain < tolerance)) | (~better & (damping > 1e6)) | (state.cost < 1e-24), settled + 1, 0)
+        settled = np.where(
+            (better & (gain < tolerance)) | (~better & (damping > 1e6)) | (state.cost < 1e-24), settled + 1, 0
+        )
         damping = np.clip(np.where(better, damping * 0.2, damping * 6.0), 1e-12, 1e12)
         state = _merge(state, proposal, better)
         if (settled >= 2).all():
@@ -145,12 +156,12 @@ def minimise(
 
 def _solve(matrices: Array, vectors: Array) -> Array:
     try:
-        return np.linalg.solve(matrices, vectors[..., None])[..., 0]
+        return np.asarray(np.linalg.solve(matrices, vectors[..., None])[..., 0], dtype=np.float64)
     except np.linalg.LinAlgError:
-        return (np.linalg.pinv(matrices, hermitian=True) @ vectors[..., None])[..., 0]
+        return np.asarray((np.linalg.pinv(matrices, hermitian=True) @ vectors[..., None])[..., 0], dtype=np.float64)
 
 
-def _merge(old: State, new: State, better: Array) -> State:
+def _merge(old: State, new: State, better: Mask) -> State:
     def pick(name: str) -> Array:
         a, b = getattr(old, name), getattr(new, name)
         return np.where(better.reshape(-1, *([1] * (a.ndim - 1))), b, a)

@@ -18,9 +18,17 @@ GRID_AZIMUTHS = 24
 
 
 def closed_form_starts(
-    conic: Array, center: Array | None, line: Array | None, direction: Array, field_center: Array, radius: float, frame: Frame, side: str
+    conic: Array,
+    center: Array | None,
+    line: Array | None,
+    direction: Array,
+    field_center: Array,
+    radius: float,
+    frame: Frame,
+    side: str,
 ) -> Array:
-    """Upright cameras (B, P) from the circle, a line of known direction through its centre and, where seen, the imaged centre.
+    """Upright cameras (B, P) from the circle, a line of known direction through its centre and, where seen, the
+    imaged centre.
 
     Parameters
     ----------
@@ -58,9 +66,11 @@ def closed_form_starts(
 
 
 def grid_starts(ellipse: Ellipse, field_center: Array, radius: float, frame: Frame, side: str) -> Array:
-    """Level cameras (B, P) all around the circle that see it about as large, as flat and in the same place as an ellipse.
+    """Level cameras (B, P) all around the circle that see it about as large, as flat and in the same place as an
+    ellipse.
 
-    The distance is free without more knowledge, the height follows from the axis ratio, the focal length from the longer axis.
+    The distance is free without more knowledge, the height follows from the axis ratio, the focal length from the
+    longer axis.
     """
     lower = np.clip(ellipse.axis_ratio, 0.03, 0.95)
     distance, factor, azimuth = (
@@ -75,7 +85,9 @@ def grid_starts(ellipse: Ellipse, field_center: Array, radius: float, frame: Fra
     elevation = np.arcsin(np.clip(lower * factor, 0.03, 0.97))
     horizontal = distance * np.cos(elevation)
     # azimuth 0 is the main camera's side, +y
-    position = np.stack([np.sin(azimuth) * horizontal, np.cos(azimuth) * horizontal, -distance * np.sin(elevation)], axis=-1)
+    position = np.stack(
+        [np.sin(azimuth) * horizontal, np.cos(azimuth) * horizontal, -distance * np.sin(elevation)], axis=-1
+    )
     theta = np.zeros((len(distance), len(PARAMETERS)))
     focal = ellipse.semi_axes[0] * distance / radius
     look = -position / distance[:, None]
@@ -86,5 +98,3 @@ def grid_starts(ellipse: Ellipse, field_center: Array, radius: float, frame: Fra
     theta[:, 2] = tilt + np.arctan(shift[:, 1])
     theta[:, 4:7] = position + np.r_[field_center, 0.0]
     return theta[position[:, :2] @ np.array(SIDES[side]) >= -1e-9]
-
-

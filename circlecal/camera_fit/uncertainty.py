@@ -60,7 +60,8 @@ def field_sigma(theta: Array, covariance: Array, points_m: Array, frame: Frame) 
 def data_share(theta: Array, covariance: Array, prior_normal: Array, points_m: Array, frame: Frame) -> float:
     """Share of the predicted precision at field points (N, 2) that the observations bring; the priors bring the rest.
 
-    With the posterior precision F + L (data and prior), the predicted variance J S J^T splits exactly into J S F S J^T and J S L S J^T.
+    With the posterior precision F + L (data and prior), the predicted variance J S J^T splits exactly into J S F S
+    J^T and J S L S J^T.
     """
     J = project(theta[None], points_m[None], frame).by_theta[0].reshape(-1, len(PARAMETERS))
     total = float(np.einsum("np,pq,nq->", J, covariance, J))

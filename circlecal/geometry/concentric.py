@@ -18,8 +18,8 @@ from circlecal.geometry.homogeneous import Array
 class ConcentricCenter:
     """Imaged centre (3,), vanishing line (3,), all three eigenvalues and the relative gap of the isolated one.
 
-    ``pair_split`` is the relative distance between the two eigenvalues that are equal without noise; the centre means something only
-    where it is well below ``gap``.
+    ``pair_split`` is the relative distance between the two eigenvalues that are equal without noise; the centre means
+    something only where it is well below ``gap``.
     """
 
     center: Array
@@ -32,9 +32,9 @@ class ConcentricCenter:
 def imaged_center(outer: ArrayLike, inner: ArrayLike) -> ConcentricCenter | None:
     """Imaged centre of two concentric circles: eigenvector of ``E_outer^-1 E_inner``.
 
-    Both conics are scaled to det = -1, so without noise the eigenvalues are ``k^(2/3), k^(2/3), k^(-4/3)`` with ``k = r_outer / r_inner``; the
-    isolated one belongs to the centre. With noise the double eigenvalue splits, and the real eigenvector that lies inside the
-    inner ellipse is right more often than the most isolated one.
+    Both conics are scaled to det = -1, so without noise the eigenvalues are ``k^(2/3), k^(2/3), k^(-4/3)`` with ``k =
+    r_outer / r_inner``; the isolated one belongs to the centre. With noise the double eigenvalue splits, and the real
+    eigenvector that lies inside the inner ellipse is right more often than the most isolated one.
 
     Parameters
     ----------
@@ -44,8 +44,8 @@ def imaged_center(outer: ArrayLike, inner: ArrayLike) -> ConcentricCenter | None
     Returns
     -------
     ConcentricCenter or None
-        None where no real eigenvector lies inside the inner ellipse, or where the inner ellipse does not lie inside the outer one
-        (the eigenvalue of the centre is then not the smallest).
+        None where no real eigenvector lies inside the inner ellipse, or where the inner ellipse does not lie inside the
+        outer one (the eigenvalue of the centre is then not the smallest).
     """
     e_outer, e_inner = normalise_conic(outer), normalise_conic(inner)
     ellipse = ellipse_from_conic(e_inner)

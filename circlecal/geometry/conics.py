@@ -1,7 +1,8 @@
 """Conics and ellipses: conversions, poles and polars, distances and fits.
 
-Sources: Hartley & Zisserman, *Multiple View Geometry*, 2nd ed., section 2.2.3 (conics, pole and polar); Fitzgibbon, Pilu and Fisher 1999 and
-Halir and Flusser 1998 (direct fit and its numerically stable split); Taubin 1991 (gradient-weighted fit); Sampson 1982 (first-order distance).
+Sources: Hartley & Zisserman, *Multiple View Geometry*, 2nd ed., section 2.2.3 (conics, pole and polar); Fitzgibbon,
+Pilu and Fisher 1999 and Halir and Flusser 1998 (direct fit and its numerically stable split); Taubin 1991
+(gradient-weighted fit); Sampson 1982 (first-order distance).
 """
 
 from __future__ import annotations
@@ -71,7 +72,7 @@ def coefficients_from_conic(conic: ArrayLike) -> Array:
 
 
 def normalise_conic(conic: ArrayLike) -> Array:
-    """Fix scale and sign ``(..., 3, 3)``: det = -1, hence signature (+, +, -) for a real ellipse; the inside is negative.
+    """Fix scale and sign ``(..., 3, 3)``: det = -1, so signature (+, +, -) for a real ellipse; the inside is negative.
 
     A degenerate conic (det = 0) comes back with non-finite entries.
     """
@@ -99,7 +100,7 @@ def ellipse_from_conic(conic: ArrayLike) -> Ellipse | None:
     m = normalise_conic(conic)
     if not is_ellipse(m):
         return None
-    center = np.linalg.solve(m[:2, :2], -m[:2, 2])
+    center: Array = np.asarray(np.linalg.solve(m[:2, :2], -m[:2, 2]), dtype=np.float64)
     level = -(m[2, 2] + m[:2, 2] @ center)
     values, vectors = np.linalg.eigh(m[:2, :2])
     if level <= 0 or values[0] <= 0:
@@ -175,7 +176,7 @@ def algebraic_residuals(conic: ArrayLike, points: ArrayLike) -> tuple[Array, Arr
 
 
 def sampson_distance(conic: ArrayLike, points: ArrayLike) -> Array:
-    """Signed first-order distance (..., N) of points (..., N, 2) or (N, 2) from conics (..., 3, 3), in the points' unit.
+    """Signed first-order distance (..., N) of points (..., N, 2) or (N, 2) from conics (..., 3, 3), in their unit.
 
     Positive outside a normalised ellipse. Source: Sampson 1982; H&Z eq. 11.9 for conics.
     """
@@ -198,7 +199,8 @@ def ellipse_foot_points(ellipse: Ellipse, points: ArrayLike) -> Array:
         scale = np.linalg.norm(r, axis=-1) / np.maximum(np.linalg.norm(q, axis=-1), 1e-300)
         proposal = np.clip((q * scale[:, None] + evolute) / (a, b), 0.0, 1.0)
         size = np.linalg.norm(proposal, axis=-1, keepdims=True)
-        t = np.where(size > 0, proposal / np.maximum(size, 1e-300), t)  # a circle's centre is as far from all of its points
+        # from the centre of a circle all of its points are as far: keep the last one
+        t = np.where(size > 0, proposal / np.maximum(size, 1e-300), t)
     return np.copysign(t * (a, b), local) @ rotation.T + ellipse.center
 
 
@@ -222,9 +224,9 @@ def _denormalise(coefficients: Array, T: Array) -> Array:
 def conics_through_points(points: ArrayLike) -> Array:
     """Conics (..., 3, 3) through exactly five points (..., 5, 2), all at once.
 
-    Normalise the points to unit scale first; degenerate samples (repeated or collinear points) give arbitrary conics, to be
-    sorted out by :func:`is_ellipse` and by their score. The constant term is fixed to 1, so the origin must not lie on the conic: the
-    caller's coordinates are shifted here by an irrational offset.
+    Normalise the points to unit scale first; degenerate samples (repeated or collinear points) give arbitrary conics,
+    to be sorted out by :func:`is_ellipse` and by their score. The constant term is fixed to 1, so the origin must not
+    lie on the conic: the caller's coordinates are shifted here by an irrational offset.
     """
     p = np.asarray(points, dtype=np.float64)
     shift = np.array([np.pi, np.e])
@@ -296,8 +298,9 @@ def fit_conic(points: ArrayLike, method: str = "direct", weights: ArrayLike | No
     points : (N, 2) array
         At least five (six for ``direct``) points.
     method : {"direct", "algebraic", "taubin"}
-        Fitzgibbon's direct ellipse fit in Halir and Flusser's split (always an ellipse; shrinks on short arcs), plain least squares on
-        unit coefficients, or Taubin's gradient-weighted fit (unbiased down to quarter arcs; may give a hyperbola on shorter ones).
+        Fitzgibbon's direct ellipse fit in Halir and Flusser's split (always an ellipse; shrinks on short arcs), plain
+        least squares on unit coefficients, or Taubin's gradient-weighted fit (unbiased down to quarter arcs; may give a
+        hyperbola on shorter ones).
     weights : (N,) array, optional
         Inverse variances.
 
@@ -316,7 +319,8 @@ def fit_conic(points: ArrayLike, method: str = "direct", weights: ArrayLike | No
     w = None if weights is None else np.asarray(weights, dtype=np.float64) / np.max(weights)
     scatter = _scatter(local, w)
     spectrum = np.linalg.eigvalsh(scatter)
-    if spectrum[1] <= 1e-14 * spectrum[5]:  # more than one conic through the points: collinear, or fewer than five places
+    # more than one conic passes through points that are collinear or stand in fewer than five places
+    if spectrum[1] <= 1e-14 * spectrum[5]:
         return None
     try:
         coefficients = _closed_form(method, scatter, local, w)
@@ -360,7 +364,11 @@ def fit_conics(points: ArrayLike, weights: ArrayLike, method: str = "direct") ->
 
 
 def refine_conic(
-    points: ArrayLike, conic: ArrayLike, sigma_px: ArrayLike | float = 1.0, loss_scale: float | None = None, iterations: int = 30
+    points: ArrayLike,
+    conic: ArrayLike,
+    sigma_px: ArrayLike | float = 1.0,
+    loss_scale: float | None = None,
+    iterations: int = 30,
 ) -> tuple[Array, Array] | None:
     """Geometric fit: minimise the sum of squared orthogonal distances over sigma by Levenberg-Marquardt.
 
@@ -382,7 +390,8 @@ def refine_conic(
     conic : (3, 3) array
         Normalised conic.
     covariance : (6, 6) array
-        Covariance of its coefficients (``x^2, xy, y^2, x, y, 1``), rank 5 as the determinant is fixed, for the given sigmas.
+        Covariance of its coefficients (``x^2, xy, y^2, x, y, 1``), rank 5 as the determinant is fixed, for the given
+        sigmas.
     None where the start or the normal equations are degenerate.
     """
     p = np.asarray(points, dtype=np.float64)
@@ -436,7 +445,7 @@ def refine_conic(
             if damping > 1e8:
                 break
     _, jacobian, _ = state
-    covariance = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-14, hermitian=True)
+    covariance: Array = np.asarray(np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-14, hermitian=True), dtype=np.float64)
     return _denormalised_with_covariance(current, covariance, T)
 
 

@@ -1,6 +1,7 @@
 """Homographies from points and lines, from a circle with its imaged centre, and their errors.
 
-Sources: Hartley & Zisserman, 2nd ed., algorithm 4.2 (normalised DLT) and section 4.1.1; lines enter through ``l_field ~ H^T l_image``.
+Sources: Hartley & Zisserman, 2nd ed., algorithm 4.2 (normalised DLT) and section 4.1.1; lines enter through ``l_field ~
+H^T l_image``.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ from circlecal.geometry.homogeneous import (
 class DltSolution:
     """Homography (3, 3) and how well the linear system determined it.
 
-    ``condition`` is the ratio of the largest to the second smallest singular value of the normalised system; ``null_ratio`` that of the smallest
-    to the second smallest (0 = exact data).
+    ``condition`` is the ratio of the largest to the second smallest singular value of the normalised system;
+    ``null_ratio`` that of the smallest to the second smallest (0 = exact data).
     """
 
     H: Array
@@ -66,7 +67,8 @@ def dlt(
     Returns
     -------
     DltSolution or None
-        ``H`` maps field to image and is scaled to ``H[2, 2] = 1`` where possible. None where the correspondences leave it undetermined.
+        ``H`` maps field to image and is scaled to ``H[2, 2] = 1`` where possible. None where the correspondences leave
+        it undetermined.
     """
     x = np.asarray(field_points, dtype=np.float64).reshape(-1, 2)
     y = np.asarray(image_points, dtype=np.float64).reshape(-1, 2)
@@ -101,13 +103,19 @@ def scale_homography(H: ArrayLike) -> Array:
 
 
 def homography_from_circle(
-    conic: ArrayLike, center: ArrayLike, image_line: ArrayLike, field_center: ArrayLike, radius: float, field_direction: ArrayLike
+    conic: ArrayLike,
+    center: ArrayLike,
+    image_line: ArrayLike,
+    field_center: ArrayLike,
+    radius: float,
+    field_direction: ArrayLike,
 ) -> Array | None:
     """Closed form of case 1: a circle, its imaged centre and one line of known direction.
 
-    The conic is scaled so that ``c^T E c = -r^2``; two vectors of the plane ``{x : (E c)^T x = 0}`` that are orthonormal for E are the images of two
-    orthogonal unit directions, and with the centre they are the columns of H. The line fixes the rotation. No linear system is solved, which makes it an
-    independent check of the correspondences and the DLT.
+    The conic is scaled so that ``c^T E c = -r^2``; two vectors of the plane ``{x : (E c)^T x = 0}`` that are
+    orthonormal for E are the images of two orthogonal unit directions, and with the centre they are the columns of H.
+    The line fixes the rotation. No linear system is solved, which makes it an independent check of the correspondences
+    and the DLT.
 
     Parameters
     ----------
@@ -127,7 +135,8 @@ def homography_from_circle(
     Returns
     -------
     (3, 3) array or None
-        ``H_image_field`` with positive determinant, up to the 180 degree turn about the circle's centre. None where the centre lies outside.
+        ``H_image_field`` with positive determinant, up to the 180 degree turn about the circle's centre. None where the
+        centre lies outside.
     """
     e = np.asarray(conic, dtype=np.float64)
     c = np.asarray(center, dtype=np.float64)
@@ -156,7 +165,9 @@ def homography_from_circle(
 def turn_homography(H: ArrayLike, center: ArrayLike) -> Array:
     """The other solution: the field turned by 180 degrees about ``center`` (2,)."""
     x, y = np.asarray(center, dtype=np.float64)
-    return scale_homography(np.asarray(H, dtype=np.float64) @ np.array([[-1.0, 0.0, 2 * x], [0.0, -1.0, 2 * y], [0.0, 0.0, 1.0]]))
+    return scale_homography(
+        np.asarray(H, dtype=np.float64) @ np.array([[-1.0, 0.0, 2 * x], [0.0, -1.0, 2 * y], [0.0, 0.0, 1.0]])
+    )
 
 
 SIDES = {"main": (0.0, 1.0), "opposite": (0.0, -1.0), "left_goal": (-1.0, 0.0), "right_goal": (1.0, 0.0)}
@@ -166,7 +177,8 @@ SIDES = {"main": (0.0, 1.0), "opposite": (0.0, -1.0), "left_goal": (-1.0, 0.0), 
 def camera_side_of(H: ArrayLike, side: str) -> float:
     """Positive where the camera stands on the named side of the field's origin (main: y > 0, left_goal: x < 0, ...).
 
-    Depth falls towards the camera, so the sign follows from the gradient of w over the field; its size is that of the gradient.
+    Depth falls towards the camera, so the sign follows from the gradient of w over the field; its size is that of the
+    gradient.
     """
     H = np.asarray(H, dtype=np.float64)
     gradient = H[2, :2] * (np.sign(H[2, 2]) or 1.0)
@@ -180,11 +192,16 @@ def transfer_errors(H: ArrayLike, field_points: ArrayLike, image_points: ArrayLi
 
 def symmetric_transfer_errors(H: ArrayLike, field_points: ArrayLike, image_points: ArrayLike) -> Array:
     """Root of the summed squared transfer errors both ways (N,); mixes the units of both planes (H&Z eq. 4.7)."""
-    back = np.linalg.norm(apply_homography(np.linalg.inv(H), image_points) - np.asarray(field_points), axis=-1)
+    back = np.linalg.norm(
+        apply_homography(np.linalg.inv(np.asarray(H, dtype=np.float64)), image_points) - np.asarray(field_points),
+        axis=-1,
+    )
     return np.asarray(np.hypot(transfer_errors(H, field_points, image_points), back))
 
 
-def reprojection_grid(H: ArrayLike, width: int, height: int, half_length_m: float, half_width_m: float, step_m: float = 0.5) -> Array:
+def reprojection_grid(
+    H: ArrayLike, width: int, height: int, half_length_m: float, half_width_m: float, step_m: float = 0.5
+) -> Array:
     """Grid of field points (N, 2) that a homography shows inside a ``width`` x ``height`` image.
 
     Only points with the sign of w that the image's lower centre sees count as in front of the camera.
@@ -193,7 +210,10 @@ def reprojection_grid(H: ArrayLike, width: int, height: int, half_length_m: floa
     y = np.arange(-half_width_m, half_width_m + 1e-9, step_m)
     grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     image = lift(grid) @ np.asarray(H, dtype=np.float64).T
-    sign = np.sign(np.linalg.inv(H)[2] @ np.array([(width - 1) / 2, height - 1.0, 1.0])) or 1.0
+    sign = (
+        np.sign(np.linalg.inv(np.asarray(H, dtype=np.float64))[2] @ np.array([(width - 1) / 2, height - 1.0, 1.0]))
+        or 1.0
+    )
     with np.errstate(divide="ignore", invalid="ignore"):
         uv = image[:, :2] / image[:, 2:]
     inside = (image[:, 2] * sign > 0) & (uv >= 0).all(axis=1) & (uv[:, 0] <= width - 1) & (uv[:, 1] <= height - 1)
@@ -201,7 +221,10 @@ def reprojection_grid(H: ArrayLike, width: int, height: int, half_length_m: floa
 
 
 def mean_reprojection_error(H_true: ArrayLike, H_estimate: ArrayLike, field_points: ArrayLike) -> float:
-    """MRE: mean distance in pixels between the images of field points (N, 2) under two homographies (Magera et al. 2025, section 4.4)."""
+    """Mean distance (MRE) in pixels between the images of field points (N, 2) under two homographies.
+
+    Source: Magera et al. 2025, section 4.4.
+    """
     difference = apply_homography(H_true, field_points) - apply_homography(H_estimate, field_points)
     return float(np.mean(np.linalg.norm(difference, axis=-1)))
 
@@ -216,7 +239,7 @@ _COMPASS = ("right", "bottom_right", "bottom", "bottom_left", "left", "top_left"
 
 
 def compass_label(outward: ArrayLike) -> str:
-    """Name of a direction (2,) on the field as the main camera sees it (top = far), or its angle where it is none of the eight."""
+    """Name of a direction (2,) on the field as the main camera sees it (top = far), or its angle beside the eight."""
     x, y = np.asarray(outward, dtype=np.float64)
     angle = float(np.degrees(np.arctan2(y, x))) % 360.0
     sector = round(angle / 45.0)

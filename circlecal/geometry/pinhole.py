@@ -119,7 +119,9 @@ class Camera:
     def back_project(self, pixels: ArrayLike) -> Array:
         """Field points (..., 2) on the plane z = 0 seen at distorted pixels (..., 2); nan above the horizon."""
         undistorted = self.undistort(pixels)
-        ray = np.concatenate([(undistorted - self.principal_point_px) / self.focal_px, np.ones((*undistorted.shape[:-1], 1))], axis=-1)
+        ray = np.concatenate(
+            [(undistorted - self.principal_point_px) / self.focal_px, np.ones((*undistorted.shape[:-1], 1))], axis=-1
+        )
         ray = ray @ self.rotation
         with np.errstate(divide="ignore", invalid="ignore"):
             along = np.where(ray[..., 2] * -self.position_m[2] > 0, -self.position_m[2] / ray[..., 2], np.nan)
@@ -189,8 +191,8 @@ def camera_from_soccernet(record: dict[str, Any], width: int, height: int) -> Ca
 def camera_from_homography(H_image_field: ArrayLike, width: int, height: int) -> Camera | None:
     """Camera with square pixels and the principal point at the image centre from a homography.
 
-    The focal length follows from the orthogonality and the equal length of the first two columns of ``K^-1 H`` (H&Z section 8.6; weighted
-    least squares of both constraints). None where no positive focal length fits.
+    The focal length follows from the orthogonality and the equal length of the first two columns of ``K^-1 H`` (H&Z
+    section 8.6; weighted least squares of both constraints). None where no positive focal length fits.
     """
     center = image_center(width, height)
     shift = np.array([[1.0, 0.0, -center[0]], [0.0, 1.0, -center[1]], [0.0, 0.0, 1.0]])

@@ -1,6 +1,7 @@
 """Robust conic: RANSAC over batched minimal conics with local refits.
 
-Sources: Fischler and Bolles 1981 (RANSAC); Torr and Zisserman 2000 (MSAC score); Chum, Matas and Kittler 2003 (local optimisation).
+Sources: Fischler and Bolles 1981 (RANSAC); Torr and Zisserman 2000 (MSAC score); Chum, Matas and Kittler 2003 (local
+optimisation).
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ LOCAL_ROUNDS = 6
 
 @dataclass(frozen=True, slots=True)
 class RobustConic:
-    """Conic (3, 3), the inliers (N,) of exactly this conic, its MSAC cost per point, and how many hypotheses were drawn."""
+    """Conic (3, 3), the inliers (N,) of exactly this conic, its MSAC cost per point, and the hypotheses drawn."""
 
     conic: Array
     inliers: NDArray[np.bool_]
@@ -35,9 +36,9 @@ class RobustConic:
 
 
 def msac_costs(conics: ArrayLike, points: ArrayLike, threshold: ArrayLike) -> Array:
-    """Mean truncated squared Sampson distance (K,) of points (N, 2) from conics (K, 3, 3), in units of the threshold (scalar or (N,)).
+    """Mean truncated squared Sampson distance (K,) of points (N, 2) from conics (K, 3, 3).
 
-    Computed in float32: give points of unit scale.
+    In units of the threshold (scalar or (N,)). Computed in float32: give points of unit scale.
     """
     coefficients = coefficients_from_conic(conics).astype(np.float32)
     x, y = np.asarray(points, dtype=np.float32).T
@@ -59,7 +60,10 @@ def msac_costs(conics: ArrayLike, points: ArrayLike, threshold: ArrayLike) -> Ar
 
 
 def sample_conics(points: Array, hypotheses: int, rng: np.random.Generator) -> Array:
-    """Ellipses (K, 3, 3), K <= hypotheses, through random five of the points (N, 2); repeated picks and other conics are dropped."""
+    """Ellipses (K, 3, 3), K <= hypotheses, through random five of the points (N, 2).
+
+    Repeated picks and other conics are dropped.
+    """
     picks = rng.integers(0, len(points), (hypotheses, 5))
     conics = conics_through_points(points[picks])
     return normalise_conic(conics[is_ellipse(conics)])
@@ -103,7 +107,9 @@ def ransac_conic(
     local = p * T[0, 0] + T[:2, 2]
     threshold = np.broadcast_to(np.asarray(threshold_px, dtype=np.float64) * T[0, 0], len(p))
     everything = fit_conics(local, np.ones((1, len(p))), "direct")
-    sampled = np.concatenate([sample_conics(local, hypotheses, rng), everything[np.isfinite(everything).all(axis=(1, 2))]])
+    sampled = np.concatenate(
+        [sample_conics(local, hypotheses, rng), everything[np.isfinite(everything).all(axis=(1, 2))]]
+    )
     if len(sampled) == 0:
         return None
     costs = msac_costs(sampled, local, threshold)
@@ -116,7 +122,10 @@ def ransac_conic(
 
 
 def _refit(conics: Array, points: Array, threshold: Array, method: str) -> Array:
-    """Refit all conics (K, 3, 3) together to their own inliers, from twice the threshold inwards; keep a refit only where it costs less."""
+    """Refit all conics (K, 3, 3) together to their own inliers, from twice the threshold inwards.
+
+    A refit is kept only where it costs less.
+    """
     current, costs = conics, msac_costs(conics, points, threshold)
     for scale in np.linspace(2.0, 1.0, LOCAL_ROUNDS):
         distance = sampson_distance(current, points) / (scale * threshold)

@@ -1,8 +1,9 @@
-"""One circle, one line of known direction through its centre and an ordinary pinhole camera: the imaged centre needs not be seen.
+"""One circle, a line through its centre and an ordinary pinhole camera: the imaged centre needs not be seen.
 
-A camera with square pixels and a known principal point has seven unknowns; the ellipse brings five constraints and a line through the centre brings two. For a
-candidate centre on the line the homography is known in closed form (:func:`circlecal.geometry.homography.homography_from_circle`); its first
-two columns must be orthogonal and of equal length on the focal plane. Both conditions are linear in 1/f^2; eliminating it leaves one equation along the line.
+A camera with square pixels and a known principal point has seven unknowns; the ellipse brings five constraints and a
+line through the centre brings two. For a candidate centre on the line the homography is known in closed form
+(:func:`circlecal.geometry.homography.homography_from_circle`); its first two columns must be orthogonal and of equal
+length on the focal plane. Both conditions are linear in 1/f^2; eliminating it leaves one equation along the line.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from circlecal.geometry.homogeneous import Array, dehomogenise
 
 @dataclass(frozen=True, slots=True)
 class PinholeCenter:
-    """A candidate: imaged centre (3,), focal length in pixels, and its offset from the chord's middle in half chords."""
+    """A candidate: imaged centre (3,), focal length in pixels, offset from the chord's middle in half chords."""
 
     center: Array
     focal_px: float
@@ -26,7 +27,10 @@ class PinholeCenter:
 
 
 def _constraint(conic: Array, line: Array, centers: Array) -> tuple[Array, Array]:
-    """Residual (K,) of the two square-pixel conditions with 1/f^2 eliminated, and that 1/f^2 (K,), for centres (K, 3) on the line."""
+    """Residual (K,) of the two square-pixel conditions with 1/f^2 eliminated, and that 1/f^2 (K,).
+
+    ``centers`` (K, 3) lie on the line.
+    """
     polars = centers @ conic
     v1 = np.cross(np.broadcast_to(line, centers.shape), polars)
     v2 = np.cross(polars, v1 @ conic)
@@ -40,7 +44,9 @@ def _constraint(conic: Array, line: Array, centers: Array) -> tuple[Array, Array
     return dot * depths - lengths * product, inverse_f2
 
 
-def pinhole_centers(conic: ArrayLike, line: ArrayLike, principal_point: ArrayLike, scale_px: float) -> list[PinholeCenter]:
+def pinhole_centers(
+    conic: ArrayLike, line: ArrayLike, principal_point: ArrayLike, scale_px: float
+) -> list[PinholeCenter]:
     """Imaged centres on a line through the circle's centre that an ordinary pinhole camera allows.
 
     Parameters
@@ -57,8 +63,8 @@ def pinhole_centers(conic: ArrayLike, line: ArrayLike, principal_point: ArrayLik
     Returns
     -------
     list of PinholeCenter
-        All roots with a real focal length, at most a few; empty where the line misses the circle. Where the camera stands in the
-        vertical plane of the line the condition holds everywhere and the roots mean nothing.
+        All roots with a real focal length, at most a few; empty where the line misses the circle. Where the camera
+        stands in the vertical plane of the line the condition holds everywhere and the roots mean nothing.
     """
     x, y = np.asarray(principal_point, dtype=np.float64)
     s = float(scale_px)
@@ -89,5 +95,7 @@ def pinhole_centers(conic: ArrayLike, line: ArrayLike, principal_point: ArrayLik
     _, inverse_f2 = _constraint(e, l_local, centers(root))
     image = centers(root) @ T.T
     return [
-        PinholeCenter(image[k], float(s / np.sqrt(inverse_f2[k])), float(root[k])) for k in range(len(root)) if inverse_f2[k] > 0
+        PinholeCenter(image[k], float(s / np.sqrt(inverse_f2[k])), float(root[k]))
+        for k in range(len(root))
+        if inverse_f2[k] > 0
     ]

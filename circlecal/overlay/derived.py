@@ -150,14 +150,15 @@ def _draw_heat(canvas: Canvas, sigma: Array) -> tuple[float, float] | None:
 def _draw_scale(canvas: Canvas, low: float, high: float) -> None:
     """Colour bar of the heat map, in the corner below on the left."""
     size = 0.8 * canvas.text_px
-    width, height = round(14 * size), round(size)
+    caption = "predicted sigma (px)"
+    width, height = max(round(14 * size), text_size(caption, size)[0]), round(size)
     left, top = round(size), round(canvas.height - 4.6 * size)
     if width + 2 * left > canvas.width or top < 0:
         return
     canvas.shade(left - 0.5 * size, top - 2.0 * size, left + width + 0.5 * size, top + 3.6 * size, share=0.75)
     ramp = cv2.applyColorMap(np.tile(np.linspace(0, 255, width).astype(np.uint8), (height, 1)), cv2.COLORMAP_VIRIDIS)
     canvas.picture[top : top + height, left : left + width] = ramp[:, : canvas.width - left]
-    canvas.text("predicted sigma (px)", left, top - 1.5 * size, WHITE, size, halo=False)
+    canvas.text(caption, left, top - 1.5 * size, WHITE, size, halo=False)
     canvas.text(f"{low:.2g}", left, top + 1.5 * size, WHITE, size, halo=False)
     most = f"{high:.2g}"
     canvas.text(most, left + width - text_size(most, size)[0], top + 1.5 * size, WHITE, size, halo=False)
@@ -178,7 +179,7 @@ def _camera_facts(fit: CameraFit) -> list[str]:
         facts.append("rms residuals: " + ", ".join(f"{name} {rms:.2f} px" for name, rms in fit.residuals_px.items()))
     named = [f"recognised {', '.join(fit.named_lines)}"] if fit.named_lines else []
     named += [f"left out {', '.join(fit.rejected)}"] if fit.rejected else []
-    named += [f"{len(fit.alternatives)} other solutions"] if fit.alternatives else []
+    named += [f"other solutions: {len(fit.alternatives)}"] if fit.alternatives else []
     return [*facts, "; ".join(named)] if named else facts
 
 

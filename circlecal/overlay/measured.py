@@ -240,7 +240,7 @@ def _line_facts(cues: Cues) -> list[str]:
     if unnamed:
         worst = max(line.rms_px for line in unnamed)
         count = sum(len(line.points_px) for line in unnamed)
-        facts.append(f"{len(unnamed)} lines without a name: {count} points, largest rms {worst:.2f} px")
+        facts.append(f"lines without a name: {len(unnamed)}, {count} points, largest rms {worst:.2f} px")
     return facts
 
 

@@ -1,7 +1,9 @@
 """Stage ``camera``: the pinhole camera that explains everything that was seen, with priors and its covariance.
 
-One ellipse brings five constraints and the halfway line two; a camera with square pixels and a known principal point has seven unknowns. So neither the imaged
-centre nor the second edge of the marking is needed; lens, principal point, crown and marking width enter with priors, and so does their uncertainty.
+One ellipse brings five constraints and the halfway line two; a camera with square pixels and a known principal point
+has seven unknowns. So neither the imaged
+centre nor the second edge of the marking is needed; lens, principal point, crown and marking width enter with priors,
+and so does their uncertainty.
 """
 
 from __future__ import annotations
@@ -31,7 +33,7 @@ from circlecal.camera_fit.uncertainty import (
 from circlecal.errors import EstimationError
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.conics import ellipse_from_conic, fit_conic, refine_conic
-from circlecal.geometry.homogeneous import Array, fit_line, lift
+from circlecal.geometry.homogeneous import Array, Mask, fit_line, lift
 from circlecal.geometry.homography import SIDES, compass_label, scale_homography
 from circlecal.geometry.pinhole import Camera
 from circlecal.observations import Observations
@@ -43,7 +45,9 @@ COARSE_POINTS = 48
 SHORT_ARC_DEG = 200.0
 """Shorter arcs have local minima: the whole grid of starts is followed."""
 WEAK_SIGMA_PX = 25.0
-"""Where the closed forms leave the field around the circle less certain than this (at 1920 px width), the grid is followed too."""
+"""Where the closed forms leave the field around the circle less certain than this (at 1920 px width), the grid is
+followed too.
+"""
 
 
 class CameraConfig(BaseModel):
@@ -51,39 +55,70 @@ class CameraConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    enabled: bool = Field(True, description="Whether a camera is estimated; without it the homography of the closed forms is the result.")
+    enabled: bool = Field(
+        True, description="Whether a camera is estimated; without it the homography of the closed forms is the result."
+    )
     principal_point_sd_px: float = Field(
-        5.0, ge=0, description="Prior of the principal point about the image centre, pixels at 1920 px width; 0 fixes it."
+        5.0,
+        ge=0,
+        description="Prior of the principal point about the image centre, pixels at 1920 px width; 0 fixes it.",
     )
     distortion: Literal["none", "radial"] = Field("radial", description="Lens model: none, or radial with priors.")
     k1_mean: float = Field(0.03, description="Prior mean of the radial distortion, half-widths (positive: pincushion).")
     k1_sd: float = Field(0.015, ge=0, description="Prior standard deviation of it; 0 fixes it.")
     k2_sd: float = Field(0.0, ge=0, description="Prior standard deviation of the second radial coefficient about 0.")
-    aspect: float = Field(1.0, gt=0.2, lt=5, description="Pixel aspect fy / fx (old PAL video is stored with other than 1).")
+    aspect: float = Field(
+        1.0, gt=0.2, lt=5, description="Pixel aspect fy / fx (old PAL video is stored with other than 1)."
+    )
     aspect_sd: float = Field(0.0, ge=0, description="Prior standard deviation of its logarithm; 0 fixes it.")
-    crown_m: float = Field(0.05, ge=-0.5, le=1, description="Prior mean of the drop of the pitch at |y| = 9.15 m, metres.")
+    crown_m: float = Field(
+        0.05, ge=-0.5, le=1, description="Prior mean of the drop of the pitch at |y| = 9.15 m, metres."
+    )
     crown_sd_m: float = Field(0.03, ge=0, description="Prior standard deviation of it; 0 fixes it.")
-    crown_shape: Literal["parabola", "roof", "flat"] = Field("roof", description="Profile of the pitch across its length.")
+    crown_shape: Literal["parabola", "roof", "flat"] = Field(
+        "roof", description="Profile of the pitch across its length."
+    )
     roll_sd_deg: float = Field(3.0, ge=0, description="Prior of the camera's roll about 0, degrees.")
-    position_m: Three | None = Field(None, description="Prior mean of the position (x, y, z; z negative above ground), metres, or null.")
-    position_sd_m: Three = Field((0.5, 0.5, 0.5), description="Prior standard deviation of the position, where one is given.")
-    distance_radii: float = Field(7.0, gt=0, description="Usual distance of a camera from the circle's centre, in its radii.")
-    distance_log_sd: float | None = Field(0.6, gt=0, description="Standard deviation of its logarithm; null for no prior.")
-    elevation_deg: float = Field(15.0, ge=0, le=90, description="Usual angle under which a camera looks down on the circle's centre.")
+    position_m: Three | None = Field(
+        None, description="Prior mean of the position (x, y, z; z negative above ground), metres, or null."
+    )
+    position_sd_m: Three = Field(
+        (0.5, 0.5, 0.5), description="Prior standard deviation of the position, where one is given."
+    )
+    distance_radii: float = Field(
+        7.0, gt=0, description="Usual distance of a camera from the circle's centre, in its radii."
+    )
+    distance_log_sd: float | None = Field(
+        0.6, gt=0, description="Standard deviation of its logarithm; null for no prior."
+    )
+    elevation_deg: float = Field(
+        15.0, ge=0, le=90, description="Usual angle under which a camera looks down on the circle's centre."
+    )
     elevation_sd_deg: float | None = Field(10.0, gt=0, description="Its standard deviation; null for no prior.")
-    bloom_sd_px: float = Field(0.3, ge=0, description="Prior of how far blur moves each edge outwards, pixels; 0 fixes it at 0.")
-    width_sd_m: float | None = Field(None, ge=0, description="Prior of the marking width about the template's; null takes the template's.")
+    bloom_sd_px: float = Field(
+        0.3, ge=0, description="Prior of how far blur moves each edge outwards, pixels; 0 fixes it at 0."
+    )
+    width_sd_m: float | None = Field(
+        None, ge=0, description="Prior of the marking width about the template's; null takes the template's."
+    )
     loss_scale: float = Field(6.0, gt=0, description="Scale of the Geman-McClure loss, standard deviations.")
     model_sigma_px: float = Field(
-        0.3, ge=0, description="What lens, crown and paint leave of an ideal marking beside the measuring noise, pixels at 1920 px width."
+        0.3,
+        ge=0,
+        description="What lens, crown and paint leave of an ideal marking, pixels at 1920 px width.",
     )
     correlation_px: float = Field(
-        60.0, ge=0, description="Over which length neighbouring points repeat each other's error, pixels at 1920 px width."
+        60.0,
+        ge=0,
+        description="Over which length neighbouring points repeat each other's error, pixels at 1920 px width.",
     )
-    maximum_points: int = Field(240, ge=10, le=100000, description="Points per marking; more are averaged along the marking.")
+    maximum_points: int = Field(
+        240, ge=10, le=100000, description="Points per marking; more are averaged along the marking."
+    )
     starts: int = Field(8, ge=1, le=200, description="How many starts of the grid are followed where the arc is short.")
     name_lines: bool = Field(
-        True, description="Whether straight markings that were seen without a name are matched with the template and used."
+        True,
+        description="Whether straight markings that were seen without a name are matched with the template and used.",
     )
     iterations: int = Field(60, ge=1, le=1000, description="Upper limit of the optimiser's steps.")
     noise_from_residuals: bool = Field(
@@ -196,14 +231,21 @@ def _require_rotation(observations: Observations, circle: Circle, config: Camera
     if not any(c.circle == circle.name for c in observations.circles):
         raise EstimationError("camera", "no_circle", f"no points of the circle {circle.name!r} were seen")
     center = np.asarray(circle.center)
-    others = any(c.circle != circle.name for c in observations.circles) or any(s.line is not None for s in observations.lines)
+    others = any(c.circle != circle.name for c in observations.circles) or any(
+        s.line is not None for s in observations.lines
+    )
     others = others or any(np.linalg.norm(k.field_m - center) > 1e-6 for k in observations.keypoints)
     if not others and config.position_m is None:
         raise EstimationError("camera", "rotation_free", "rotation about the circle is free: show a line or a point")
 
 
 def _starts(
-    problem: Problem, observations: Observations, template: FieldTemplate, circle: Circle, config: CameraConfig, side: str
+    problem: Problem,
+    observations: Observations,
+    template: FieldTemplate,
+    circle: Circle,
+    config: CameraConfig,
+    side: str,
 ) -> tuple[Array, Array]:
     """Starts from the closed forms (K, P), and those of a grid (L, P) for when the closed forms are few or weak."""
     seen = max((c for c in observations.circles if c.circle == circle.name), key=lambda c: len(c.points_px))
@@ -216,7 +258,9 @@ def _starts(
     if conic is None or ellipse is None:
         raise EstimationError("camera", "no_ellipse", "the points of the circle fit no ellipse")
     center = np.asarray(circle.center)
-    mark = next((m for m in observations.marks if np.linalg.norm(_mark_position(template, m.mark) - center) < 1e-6), None)
+    mark = next(
+        (m for m in observations.marks if np.linalg.norm(_mark_position(template, m.mark) - center) < 1e-6), None
+    )
     line, direction = _central_line(observations, template, circle, usual)
     closed = closed_form_starts(
         conic, None if mark is None else lift(usual.undistort(mark.point_px)), line, direction, center,
@@ -238,7 +282,9 @@ def _best_fit(problem: Problem, closed: Array, grid: Array, short: bool, config:
     if len(closed) and not short:
         state = _follow(problem, closed, config, side)
         covariance = posterior_covariance(state.normal[0], problem.priors.sd)
-        rim = problem.priors.center_m + problem.frame.crown_reference_m * np.array([[2.0, 0.0], [-2.0, 0.0], [0.0, -2.0]])
+        rim = problem.priors.center_m + problem.frame.crown_reference_m * np.array(
+            [[2.0, 0.0], [-2.0, 0.0], [0.0, -2.0]]
+        )
         sigma, _ = field_sigma(state.theta[0], covariance, rim, problem.frame)
         if sigma.max() < WEAK_SIGMA_PX * problem.frame.width / 1920.0:
             return state
@@ -292,11 +338,15 @@ def _screened(problem: Problem, grid: Array, count: int) -> Array:
 
 
 def _follow(problem: Problem, starts: Array, config: CameraConfig, side: str) -> State:
-    """Optimise from every start with a wide, then with the final loss; the best first, those on the stated side before the others."""
+    """Optimise from every start with a wide, then with the final loss; the best first, those on the stated side
+    before the others.
+    """
     if len(starts) == 0:
         raise EstimationError("camera", "no_camera", "no start for the camera was found")
     several = len(starts) > 1
-    wide = minimise(problem, starts, 100.0 * config.loss_scale, min(25, config.iterations) if several else config.iterations)
+    wide = minimise(
+        problem, starts, 100.0 * config.loss_scale, min(25, config.iterations) if several else config.iterations
+    )
     chosen = best_of(wide, max(2, min(len(starts), 3 * config.starts // 4)))
     state = minimise(problem, chosen.theta, config.loss_scale, config.iterations, chosen.hidden)
     # a camera hanging upside down sees a circle and a line just as well
@@ -309,10 +359,10 @@ def _follow(problem: Problem, starts: Array, config: CameraConfig, side: str) ->
     return best_of(State(*(getattr(state, name)[kept] for name in State.__slots__)), int(kept.sum()))
 
 
-def _contradicting(state: State, points: FixedPoints) -> Array:
+def _contradicting(state: State, points: FixedPoints) -> Mask:
     """Marks and keypoints (M,) that lie further from where the camera puts them than their sigma can explain."""
     values = state.point_values[0].reshape(len(points.names), 2) if points.names else np.zeros((0, 2))
-    return np.asarray(np.linalg.norm(values, axis=-1) > 5.0)
+    return np.asarray(np.linalg.norm(values, axis=-1) > 5.0, dtype=bool)
 
 
 def _inflated(problem: Problem, state: State) -> tuple[CurvePoints, float]:
@@ -382,10 +432,14 @@ def _derived_points(theta: Array, covariance: Array, circle: Circle, frame: Fram
     return tuple(found)
 
 
-def visible_field(theta: Array, frame: Frame, template: FieldTemplate, center: Array, reach_m: float, step_m: float = 1.0) -> Array:
+def visible_field(
+    theta: Array, frame: Frame, template: FieldTemplate, center: Array, reach_m: float, step_m: float = 1.0
+) -> Array:
     """Field points (N, 2) on a grid that the camera shows, within ``reach_m`` of the circle's centre."""
     half = np.array([template.length_m, template.width_m]) / 2
-    x, y = (np.arange(max(-h, c - reach_m), min(h, c + reach_m) + 1e-9, step_m) for h, c in zip(half, center, strict=True))
+    x, y = (
+        np.arange(max(-h, c - reach_m), min(h, c + reach_m) + 1e-9, step_m) for h, c in zip(half, center, strict=True)
+    )
     grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     pixels = camera_of(theta, frame).project(grid)
     inside = np.isfinite(pixels).all(axis=1) & (pixels >= 0).all(axis=1)
@@ -395,7 +449,9 @@ def visible_field(theta: Array, frame: Frame, template: FieldTemplate, center: A
 def _residuals_px(problem: Problem, state: State) -> dict[str, float]:
     """Root mean square residual of each observed marking, pixels; nothing is left out."""
     curves, values = problem.curves, state.residuals[0] * problem.curves.sigma_px
-    found = {name: float(np.sqrt(np.mean(values[curves.group == group] ** 2))) for group, name in enumerate(curves.names)}
+    found = {
+        name: float(np.sqrt(np.mean(values[curves.group == group] ** 2))) for group, name in enumerate(curves.names)
+    }
     for k, name in enumerate(problem.points.names):
         found[name] = float(np.linalg.norm(state.point_values[0, 2 * k : 2 * k + 2]) * problem.points.sigma_px[k])
     return found

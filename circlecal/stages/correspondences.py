@@ -1,6 +1,7 @@
 """Stage ``correspondences``: points and tangents of the field from the imaged circle (Magera et al. 2025, section 3).
 
-Case 1 starts from a line of known direction, case 2 from a point, case 3 finds the imaged centre from the two edges of the marking and goes on as one of the others.
+Case 1 starts from a line of known direction, case 2 from a point, case 3 finds the imaged centre from the two edges
+of the marking and goes on as one of the others.
 """
 
 from __future__ import annotations
@@ -34,13 +35,16 @@ class CorrespondencesConfig(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     case: Literal["auto", 1, 2, 3] = Field(
-        "auto", description="1: from a line, 2: from a point, 3: imaged centre from the two edges; auto takes what is seen."
+        "auto",
+        description="1: from a line, 2: from a point, 3: imaged centre from the two edges; auto takes what is seen.",
     )
     camera_side: Side = Field(
         "main", description="Which side of the field the camera stands on: main | opposite | left_goal | right_goal."
     )
     maximum_pair_split: float = Field(
-        0.5, gt=0, description="Case 3: largest split of the double eigenvalue, as a share of the gap to the isolated one."
+        0.5,
+        gt=0,
+        description="Case 3: largest split of the double eigenvalue, as a share of the gap to the isolated one.",
     )
 
 
@@ -97,11 +101,15 @@ def derive_correspondences(
         found = correspondences_from_point(fit.conic, center, point.point_px, point.field_m, o, radius)
         found = replace(found, center_source=source)
     else:
-        raise EstimationError("correspondences", "no_point", "case 2 needs a point of known field position, and none is seen")
+        raise EstimationError(
+            "correspondences", "no_point", "case 2 needs a point of known field position, and none is seen"
+        )
     return replace(found, case=3) if source == "two_edges" else found
 
 
-def _imaged_center(ellipses: EllipseFits, cues: Cues, size: tuple[int, int], config: CorrespondencesConfig) -> tuple[Array, str]:
+def _imaged_center(
+    ellipses: EllipseFits, cues: Cues, size: tuple[int, int], config: CorrespondencesConfig
+) -> tuple[Array, str]:
     if config.case != 3 and cues.mark is not None:
         return lift(cues.mark.point_px), "centre_mark"
     if config.case != 3 and cues.halfway is not None:
@@ -110,16 +118,21 @@ def _imaged_center(ellipses: EllipseFits, cues: Cues, size: tuple[int, int], con
             return center, "pinhole"
     if ellipses.outer is None or ellipses.inner is None:
         raise EstimationError(
-            "correspondences", "no_center", "the imaged centre is not seen, and the marking does not show two separate edges"
+            "correspondences",
+            "no_center",
+            "the imaged centre is not seen, and the marking does not show two separate edges",
         )
     found = imaged_center(ellipses.outer.conic, ellipses.inner.conic)
     if found is None:
-        raise EstimationError("correspondences", "no_center", "the two edges of the marking have no common imaged centre")
+        raise EstimationError(
+            "correspondences", "no_center", "the two edges of the marking have no common imaged centre"
+        )
     if found.pair_split > config.maximum_pair_split * found.gap:
         raise EstimationError(
             "correspondences",
             "eigenvalue_gap_within_noise",
-            f"the double eigenvalue is split by {found.pair_split:.2g}, the gap to the isolated one is only {found.gap:.2g}",
+            f"the double eigenvalue is split by {found.pair_split:.2g}, "
+            f"the gap to the isolated one is only {found.gap:.2g}",
         )
     return found.center, "two_edges"
 
@@ -233,7 +246,8 @@ def correspondences_from_point(
 ) -> Correspondences:
     """Case 2: from a point (2,) of known field position; no prior on the camera's side is needed.
 
-    The paper prints the vanishing point of the tangents as ``v = E l1``; a point is the pole of a line, ``v = E^-1 l1``, which is what the
+    The paper prints the vanishing point of the tangents as ``v = E l1``; a point is the pole of a line, ``v = E^-1
+    l1``, which is what the
     construction from the line through the centre and the point comes to.
     """
     direction = np.asarray(field_point, dtype=np.float64) - field_center
@@ -247,13 +261,17 @@ def _ordered(conic: Array, line: Array, H: Array, field_point: Array) -> Array:
     """Both points (2, 3) of a line on the conic, the one nearer to the image of a field point first."""
     both = line_conic_meet(conic, line)
     if both is None:
-        raise EstimationError("correspondences", "center_outside", "a line through the imaged centre misses the ellipse")
+        raise EstimationError(
+            "correspondences", "center_outside", "a line through the imaged centre misses the ellipse"
+        )
     expected = dehomogenise(H @ lift(field_point))
     distance = np.linalg.norm(dehomogenise(both) - expected, axis=-1)
     return both if distance[0] <= distance[1] else both[::-1]
 
 
-def _is_turned(H: Array, field_center: Array, direction: Array, side: Side, toward: Array | None, center: Array) -> bool:
+def _is_turned(
+    H: Array, field_center: Array, direction: Array, side: Side, toward: Array | None, center: Array
+) -> bool:
     if toward is not None:
         ahead = dehomogenise(H @ lift(field_center + 1e-3 * direction)) - dehomogenise(center)
         return bool(ahead @ (toward - dehomogenise(center)) < 0)

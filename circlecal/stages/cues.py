@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from circlecal.field import FieldTemplate
+from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.conics import Ellipse, line_conic_meet
 from circlecal.geometry.homogeneous import Array, dehomogenise, fit_line, join, lift, line_distance
+from circlecal.observations import LinePoints, Observations
 from circlecal.profiles import grey, measure_bands, sample_profiles, smooth_along
 from circlecal.results import Cues, EllipseFits, LineCue, MarkCue, MarkingMask, Segment
 
@@ -22,11 +23,18 @@ class CuesConfig(BaseModel):
     centre_mark: bool = Field(True, description="Whether the centre mark is looked for.")
     further_lines: bool = Field(True, description="Whether other straight markings are measured.")
     reach_half_chords: float = Field(
-        1.25, ge=1, le=20, description="How far along the halfway line, from the middle of its chord, points carry the closed forms."
+        1.25,
+        ge=1,
+        le=20,
+        description="How far along the halfway line, from the middle of its chord, points carry the closed forms.",
     )
-    search_px: float = Field(6, gt=0, le=100, description="Search to both sides of a rough line, pixels at 1920 px width.")
+    search_px: float = Field(
+        6, gt=0, le=100, description="Search to both sides of a rough line, pixels at 1920 px width."
+    )
     spacing_px: float = Field(2.0, ge=0.5, le=20, description="Distance of the measured points, pixels.")
-    minimum_support: float = Field(0.35, ge=0, le=1, description="Least share of the chord on which the halfway line is seen.")
+    minimum_support: float = Field(
+        0.35, ge=0, le=1, description="Least share of the chord on which the halfway line is seen."
+    )
     mark_snr: float = Field(4.0, ge=0, description="Least signal to noise ratio of the centre mark.")
     mark_offset: tuple[float, float] = Field(
         (0.05, 0.24),
@@ -84,12 +92,38 @@ def find_cues(
     return Cues(halfway=halfway, mark=mark, lines=tuple(further))
 
 
+def cues_from_observations(observations: Observations, template: FieldTemplate, circle: Circle) -> Cues:
+    """The same cues from points that somebody else found: named lines, the centre mark or a keypoint at the circle's
+    centre.
+    """
+    lines = [_line_cue(seen) for seen in observations.lines if len(seen.points_px) >= 2]
+    halfway = next((line for line in lines if line.name is not None and line.name == template.halfway_line), None)
+    center = np.asarray(circle.center)
+    spots = [
+        (m.mark, m.point_px, m.sigma_px)
+        for m in observations.marks
+        if m.mark in template.mark_by_name and np.allclose(template.mark_by_name[m.mark].position, center)
+    ]
+    spots += [(k.name, k.point_px, k.sigma_px) for k in observations.keypoints if np.allclose(k.field_m, center)]
+    mark = MarkCue(spots[0][0], spots[0][1], float(spots[0][2]), float("inf")) if spots else None
+    return Cues(halfway, mark, tuple(line for line in lines if line is not halfway))
+
+
+def _line_cue(seen: LinePoints) -> LineCue:
+    line = fit_line(seen.points_px, 1.0 / seen.sigma_px**2)
+    position = seen.points_px @ np.array([line[1], -line[0]])
+    ends = Segment(seen.points_px[np.argmin(position)], seen.points_px[np.argmax(position)])
+    rms = float(np.sqrt(np.mean(line_distance(line, seen.points_px) ** 2)))
+    return LineCue(seen.line, line, seen.points_px, seen.sigma_px, ends, rms)
+
+
 def measure_line(
     picture: NDArray[np.float32], segment: Segment, noise: float, config: CuesConfig, name: str | None
 ) -> LineCue | None:
     """Sub-pixel points along a rough straight marking and the total least squares line through both of its edges.
 
-    Each profile gives the two crossings of half the band's height; the line is fitted to both edges together, so their common bias (bloom)
+    Each profile gives the two crossings of half the band's height; the line is fitted to both edges together, so
+    their common bias (bloom)
     cancels, and the points that are kept are the flux-weighted middles.
     """
     unit = picture.shape[1] / 1920.0
@@ -146,7 +180,13 @@ def _robust_line(both: Array, middles: Array, scale_px: float) -> tuple[Array, N
 
 
 def _halfway_line(
-    picture: NDArray[np.float32], rough: Segment, ellipse: Ellipse, conic: Array, noise: float, name: str, config: CuesConfig
+    picture: NDArray[np.float32],
+    rough: Segment,
+    ellipse: Ellipse,
+    conic: Array,
+    noise: float,
+    name: str,
+    config: CuesConfig,
 ) -> LineCue | None:
     chord = _chord(conic, join(lift(rough.start), lift(rough.end)))
     if chord is None:
@@ -164,7 +204,9 @@ def _halfway_line(
     support = float(inside.sum() / max(expected, 1.0))
     if support < config.minimum_support:
         return None
-    return LineCue(name, cue.line, cue.points_px, cue.sigma_px, Segment(cue.segment.start, cue.segment.end, support), cue.rms_px)
+    return LineCue(
+        name, cue.line, cue.points_px, cue.sigma_px, Segment(cue.segment.start, cue.segment.end, support), cue.rms_px
+    )
 
 
 def _chord(conic: Array, line: Array) -> Array | None:
@@ -185,11 +227,17 @@ def _clipped(start: Array, end: Array, width: int, height: int, margin: float = 
 
 
 def _centre_mark(
-    picture: NDArray[np.float32], halfway: LineCue, ellipse: Ellipse, conic: Array, relative_diameter: float, config: CuesConfig
+    picture: NDArray[np.float32],
+    halfway: LineCue,
+    ellipse: Ellipse,
+    conic: Array,
+    relative_diameter: float,
+    config: CuesConfig,
 ) -> MarkCue | None:
     """The blob on the halfway line, where it is brighter than the line's surroundings on both sides of the line.
 
-    A profile along the line is formed of the fainter of the two sides just beyond the line's paint; the mark is its peak.
+    A profile along the line is formed of the fainter of the two sides just beyond the line's paint; the mark is its
+    peak.
     """
     chord = _chord(conic, halfway.line)
     if chord is None:
@@ -206,7 +254,7 @@ def _centre_mark(
     radius_px = 0.5 * float(np.linalg.norm(ends[1] - ends[0]))
     mark_px = relative_diameter * radius_px
     step = 0.5
-    low, high = (np.array(config.mark_offset) + (-0.12, 0.12)) * length
+    low, high = (np.array(config.mark_offset) + np.array([-0.12, 0.12])) * length
     t = np.arange(low, high, step)
     reach = max(2.5 * mark_px, 8.0)
     offsets = np.arange(-reach, reach + 0.25, 0.5)

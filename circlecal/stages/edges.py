@@ -30,7 +30,8 @@ class EdgesConfig(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     thresholds: Literal["auto"] | tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]] = Field(
-        "auto", description="Canny's low and high threshold in grey levels per pixel, or auto (from the noise of the picture)."
+        "auto",
+        description="Canny's low and high threshold in grey levels per pixel, or auto (from the noise of the picture).",
     )
     smoothing_px: float = Field(0.8, ge=0.3, le=5, description="Gaussian smoothing before the gradient, pixels.")
     dilate_px: float = Field(
@@ -87,7 +88,7 @@ def detect_edges(image: NDArray[np.uint8], mask: MarkingMask, config: EdgesConfi
     smooth = cv2.GaussianBlur(picture, (0, 0), config.smoothing_px)
     gx = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3, scale=1 / 8)
     gy = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=3, scale=1 / 8)
-    magnitude = cv2.magnitude(gx, gy)
+    magnitude: NDArray[np.float32] = np.asarray(cv2.magnitude(gx, gy), dtype=np.float32)
     noise = picture_noise(picture, region)
     low, high = _thresholds(config, noise, magnitude[region])
     # Canny takes 16-bit derivatives: sixteenths of a grey level per pixel

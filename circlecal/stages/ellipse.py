@@ -1,6 +1,7 @@
 """Stage ``ellipse``: the conics of the marking's edges and of its centreline.
 
-RANSAC around minimal conics and a closed-form fit (Fitzgibbon's direct fit by default), then geometric refinement; the inliers are always those of the
+RANSAC around minimal conics and a closed-form fit (Fitzgibbon's direct fit by default), then geometric refinement;
+the inliers are always those of the
 returned conic.
 """
 
@@ -9,16 +10,16 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from circlecal.errors import EstimationError
 from circlecal.geometry.conics import arc_coverage_deg, ellipse_from_conic, orthogonal_distance, refine_conic
-from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.homogeneous import Array, Mask
 from circlecal.geometry.ransac import ransac_conic
-from circlecal.observations import CircleEdge
+from circlecal.observations import CircleEdge, Observations
 from circlecal.results import EllipseFit, EllipseFits, RayPoints
 
+MINIMUM_GIVEN_POINTS = 6
 Method = Literal["direct", "algebraic", "taubin"]
 
 
@@ -29,11 +30,14 @@ class EllipseConfig(BaseModel):
 
     method: Method = Field(
         "direct",
-        description="Closed form inside RANSAC: direct (Fitzgibbon; shrinks on short arcs), algebraic or taubin (unbiased).",
+        description="Closed form inside RANSAC: direct (Fitzgibbon; shrinks on short arcs), algebraic, or taubin.",
     )
     hypotheses: int = Field(1000, ge=10, le=100000, description="RANSAC samples per edge.")
     threshold_px: float = Field(
-        3.0, gt=0, le=100, description="Inlier distance, pixels at 1920 px width; lens and crown bend a true circle by 1-3 px."
+        3.0,
+        gt=0,
+        le=100,
+        description="Inlier distance, pixels at 1920 px width; lens and crown bend a true circle by 1-3 px.",
     )
     minimum_points: int = Field(24, ge=6, description="Fewer points than this on an edge are no edge.")
     minimum_arc_deg: float = Field(60, ge=0, le=360, description="Shorter arcs are refused.")
@@ -66,7 +70,9 @@ def fit_ellipses(rays: RayPoints, width: int, config: EllipseConfig, rng: np.ran
         center=fit_edge("center", rays.center_line_px, rays.center_line_sigma_px, unit, config, rng),
     )
     if not fits.all():
-        raise EstimationError("ellipse", "no_ellipse", "the points along the circle fit no ellipse (a hyperbola, or too few points)")
+        raise EstimationError(
+            "ellipse", "no_ellipse", "the points along the circle fit no ellipse (a hyperbola, or too few points)"
+        )
     best = fits.primary
     if best.arc_deg < config.minimum_arc_deg:
         raise EstimationError(
@@ -83,6 +89,30 @@ def fit_ellipses(rays: RayPoints, width: int, config: EllipseConfig, rng: np.ran
     return fits
 
 
+def fit_observed(
+    observations: Observations, circle: str, width: int, config: EllipseConfig, rng: np.random.Generator
+) -> EllipseFits:
+    """Fit the edges of a circle from points that somebody else found; a handful of them is enough.
+
+    Raises
+    ------
+    EstimationError
+        ``no_ellipse`` where no edge gives an ellipse.
+    """
+    few = config.model_copy(update={"minimum_points": MINIMUM_GIVEN_POINTS})
+    unit = width / 1920.0
+    found: dict[CircleEdge, EllipseFit | None] = {"outer": None, "inner": None, "center": None}
+    for seen in observations.circles:
+        if seen.circle == circle:
+            found[seen.edge] = fit_edge(seen.edge, seen.points_px, seen.sigma_px, unit, few, rng)
+    fits = EllipseFits(found["outer"], found["inner"], found["center"])
+    if not fits.all():
+        raise EstimationError(
+            "ellipse", "no_ellipse", f"no ellipse through the given points of {circle!r}; at least 6 are needed"
+        )
+    return fits
+
+
 def fit_edge(
     edge: CircleEdge, points_px: Array, sigma_px: Array, unit: float, config: EllipseConfig, rng: np.random.Generator
 ) -> EllipseFit | None:
@@ -94,17 +124,14 @@ def fit_edge(
     if robust is None or robust.inliers.sum() < config.minimum_points:
         return None
     conic, inliers = robust.conic, robust.inliers
-    covariance = np.zeros((6, 6))
     for _ in range(3):
         refined = refine_conic(points_px[inliers], conic, sigma_px[inliers])
-        if refined is None:
+        found = None if refined is None else ellipse_from_conic(refined[0])
+        if refined is None or found is None:
             return None
-        conic, covariance = refined
-        ellipse = ellipse_from_conic(conic)
-        if ellipse is None:
-            return None
+        ellipse, (conic, covariance) = found, refined
         distance = orthogonal_distance(ellipse, points_px)
-        kept: NDArray[np.bool_] = np.abs(distance) < threshold
+        kept: Mask = np.abs(distance) < threshold
         if kept.sum() < config.minimum_points:
             return None
         if np.array_equal(kept, inliers):

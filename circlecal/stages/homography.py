@@ -16,11 +16,15 @@ class HomographyConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    use_tangents: bool = Field(True, description="Whether the eight tangents enter the linear system beside the eight points.")
+    use_tangents: bool = Field(
+        True, description="Whether the eight tangents enter the linear system beside the eight points."
+    )
     maximum_condition: float = Field(1e4, gt=1, description="Worse conditioned linear systems are refused.")
 
 
-def estimate_homography(correspondences: Correspondences, circle_center: Array, config: HomographyConfig) -> HomographyFit:
+def estimate_homography(
+    correspondences: Correspondences, circle_center: Array, config: HomographyConfig
+) -> HomographyFit:
     """Homography of the field plane from the derived points and tangents.
 
     Parameters
@@ -44,12 +48,15 @@ def estimate_homography(correspondences: Correspondences, circle_center: Array, 
     image_lines = np.array([t.image_line for t in tangents]).reshape(-1, 3)
     solution = dlt(field_points, image_points, field_lines, image_lines)
     if solution is None:
-        raise EstimationError("homography", "degenerate", "the derived points and tangents leave the homography undetermined")
+        raise EstimationError(
+            "homography", "degenerate", "the derived points and tangents leave the homography undetermined"
+        )
     if solution.condition > config.maximum_condition:
         raise EstimationError(
             "homography",
             "ill_conditioned",
-            f"the linear system has condition {solution.condition:.3g}, at most {config.maximum_condition:.3g} is allowed",
+            f"the linear system has condition {solution.condition:.3g}, "
+            f"at most {config.maximum_condition:.3g} is allowed",
         )
     return HomographyFit(
         H_image_field=solution.H,

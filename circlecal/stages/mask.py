@@ -33,7 +33,9 @@ class MaskConfig(BaseModel):
     source: Literal["auto", "file", "detector"] = Field(
         "auto", description="Where the marking comes from; auto takes a given mask, else the built-in detector."
     )
-    threshold_px: float = Field(4.0, gt=0, le=100, description="How well a mask's middle follows the circle, pixels at 1920 px width.")
+    threshold_px: float = Field(
+        4.0, gt=0, le=100, description="How well a mask's middle follows the circle, pixels at 1920 px width."
+    )
     detector: DetectorConfig = Field(DetectorConfig(), description="Options of the built-in detector.")
 
 
@@ -74,7 +76,9 @@ def marking_from_detection(found: Detection) -> tuple[MarkingMask, EstimationErr
         classes=found.mask,
         source="detector",
         conic=None if found.circle is None else found.circle.conic,
-        halfway=None if found.halfway is None else Segment(found.halfway.start, found.halfway.end, found.halfway.support),
+        halfway=None
+        if found.halfway is None
+        else Segment(found.halfway.start, found.halfway.end, found.halfway.support),
         lines=tuple(Segment(s.start, s.end, s.support) for s in found.lines),
         field_region=found.field_region,
         candidates=tuple(c.conic for c in found.candidates),
@@ -89,7 +93,8 @@ def marking_from_classes(
 ) -> tuple[MarkingMask, EstimationError | None]:
     """Rough ellipse and lines from a mask of class ids (H, W).
 
-    A mask whose circle class holds other markings too (binary masks do) is sorted out here: the circle is what a robust ellipse explains, the
+    A mask whose circle class holds other markings too (binary masks do) is sorted out here: the circle is what a
+    robust ellipse explains, the
     halfway line is what a robust line through the ellipse's middle explains of the rest.
     """
     unit = classes.shape[1] / 1920.0
@@ -98,7 +103,9 @@ def marking_from_classes(
     ellipse = None if robust is None else ellipse_from_conic(robust.conic)
     marking = MarkingMask(classes=classes, source="file")
     if robust is None or ellipse is None or robust.inliers.sum() < 20 or robust.inliers.mean() < 0.2:
-        return marking, EstimationError("mask", "no_circle_found", "the mask holds no ellipse of the circle's class (id 7)")
+        return marking, EstimationError(
+            "mask", "no_circle_found", "the mask holds no ellipse of the circle's class (id 7)"
+        )
     halfway = _straight(_skeleton_points(classes == HALFWAY_ID), unit)
     if halfway is None:
         halfway = _line_through_middle(points[~robust.inliers], ellipse.center, ellipse.semi_axes[1], unit, rng)

@@ -1,7 +1,10 @@
-"""Stage ``rays``: which edge points are the inner and which the outer edge of the marking, by casting rays from its centre.
+"""Stage ``rays``: which edge points are the inner and which the outer edge of the marking, by casting rays from its
+centre.
 
-Magera et al. 2025, section 4.4: "the first detected edges along the rays belong to the inner circle, the second ones to the outer". Where the marking
-is narrower than the picture's blur two edges are a fiction; there, and everywhere, the middle of the band is measured from its flux.
+Magera et al. 2025, section 4.4: "the first detected edges along the rays belong to the inner circle, the second ones
+to the outer". Where the marking
+is narrower than the picture's blur two edges are a fiction; there, and everywhere, the middle of the band is measured
+from its flux.
 """
 
 from __future__ import annotations
@@ -23,7 +26,9 @@ class RaysConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    maximum: int = Field(4096, ge=64, le=32000, description="Most rays that are cast; otherwise one per pixel of the ellipse.")
+    maximum: int = Field(
+        4096, ge=64, le=32000, description="Most rays that are cast; otherwise one per pixel of the ellipse."
+    )
     search_px: float = Field(
         6, gt=0, le=200, description="First search to both sides of the rough ellipse, pixels at 1920 px width."
     )
@@ -105,7 +110,9 @@ def cast_rays(
 
 
 class _Centreline:
-    """Band centres along an ellipse: points, measurements, eccentric angles, and the narrowest width (the picture's blur)."""
+    """Band centres along an ellipse: points, measurements, eccentric angles, and the narrowest width (the picture's
+    blur).
+    """
 
     def __init__(self, points: Array, bands: Bands, angles: Array, rejected: int) -> None:
         self.points = points
@@ -124,7 +131,12 @@ def even_angles(ellipse: Ellipse, spacing_px: float, maximum: int) -> Array:
 
 
 def _centreline(
-    picture: NDArray[np.float32], ellipse: Ellipse, noise: float, search_px: float, relative_width: float, config: RaysConfig
+    picture: NDArray[np.float32],
+    ellipse: Ellipse,
+    noise: float,
+    search_px: float,
+    relative_width: float,
+    config: RaysConfig,
 ) -> _Centreline:
     angles = even_angles(ellipse, config.spacing_px, config.maximum)
     points = ellipse.points(angles)
@@ -151,7 +163,9 @@ def _predicted_width(ellipse: Ellipse, angles: Array, relative_width: float) -> 
 
 
 def _even_contrast(contrast: Array, valid: NDArray[np.bool_], ratio: tuple[float, float]) -> NDArray[np.bool_]:
-    """Contrast near the running median of its neighbourhood: far paint is fainter than near paint, players are neither."""
+    """Contrast near the running median of its neighbourhood: far paint is fainter than near paint, players are
+    neither.
+    """
     if valid.sum() < 16:
         return valid
     from scipy.ndimage import median_filter

@@ -6,7 +6,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from circlecal.field import Circle, FieldTemplate
-from circlecal.geometry.conics import sampson_distance, transform_conic, circle_conic
+from circlecal.geometry.conics import circle_conic, sampson_distance, transform_conic
 from circlecal.geometry.homogeneous import Array
 from circlecal.geometry.homography import projects_in_front
 from circlecal.results import CameraFit, Check, Correspondences, Cues, EllipseFits, HomographyFit, Verdict
@@ -20,18 +20,26 @@ class VerdictConfig(BaseModel):
     max_sigma_px: float = Field(
         60.0, gt=0, description="Largest predicted error of the field around the circle, pixels at 1920 px width."
     )
-    max_sigma_m: float = Field(3.0, gt=0, description="Largest predicted error on the ground around the circle, metres.")
+    max_sigma_m: float = Field(
+        3.0, gt=0, description="Largest predicted error on the ground around the circle, metres."
+    )
     max_circle_residual_px: float = Field(
-        2.0, gt=0, description="Largest rms distance of the circle's points from the projected circle, pixels at 1920 px width."
+        2.0,
+        gt=0,
+        description="Largest rms distance of the circle's points from the projected circle, pixels at 1920 px width.",
     )
     max_line_residual_px: float = Field(2.0, gt=0, description="The same for the halfway line.")
     max_mark_distance_px: float = Field(
         12.0, gt=0, description="Largest distance of the seen from the predicted centre mark, pixels at 1920 px width."
     )
     height_m: tuple[float, float] = Field((1.5, 150.0), description="Plausible height of a camera, metres.")
-    distance_radii: tuple[float, float] = Field((1.1, 40.0), description="Plausible distance from the circle, in its radii.")
+    distance_radii: tuple[float, float] = Field(
+        (1.1, 40.0), description="Plausible distance from the circle, in its radii."
+    )
     max_roll_deg: float = Field(20.0, gt=0, le=180, description="Largest plausible roll, degrees.")
-    focal_widths: tuple[float, float] = Field((0.3, 30.0), description="Plausible focal length, in widths of the picture.")
+    focal_widths: tuple[float, float] = Field(
+        (0.3, 30.0), description="Plausible focal length, in widths of the picture."
+    )
 
 
 def judge(
@@ -92,7 +100,9 @@ _WORDS = {
     "not_mirrored": "the field would be seen mirrored",
     "circle_residual_px": "the projected circle leaves the marking by {value:.2f} px rms, {limit:.2f} are allowed",
     "line_residual_px": "the projected halfway line leaves the marking by {value:.2f} px rms, {limit:.2f} are allowed",
-    "mark_distance_px": "the centre mark is seen {value:.1f} px from where circle and line put it, {limit:.1f} are allowed",
+    "mark_distance_px": (
+        "the centre mark is seen {value:.1f} px from where circle and line put it, {limit:.1f} are allowed"
+    ),
     "sigma_px": "the field around the circle is uncertain by {value:.1f} px, {limit:.1f} are allowed",
     "sigma_m": "the field around the circle is uncertain by {value:.2f} m, {limit:.2f} are allowed",
     "height_m": "the camera would hang {value:.1f} m high, at most {limit:.0f} are plausible",
@@ -101,7 +111,9 @@ _WORDS = {
     "nearest_radii": "the camera would stand {value:.1f} radii away, at least {limit:.1f} are plausible",
     "roll_deg": "the camera would be rolled by {value:.1f} degrees, at most {limit:.0f} are plausible",
     "focal_widths": "the focal length would be {value:.1f} widths of the picture, at most {limit:.0f} are plausible",
-    "shortest_focal_widths": "the focal length would be {value:.2f} widths of the picture, at least {limit:.1f} are plausible",
+    "shortest_focal_widths": (
+        "the focal length would be {value:.2f} widths of the picture, at least {limit:.1f} are plausible"
+    ),
 }
 
 

@@ -125,15 +125,17 @@ def draw_surroundings(picture: Float32, rays: PixelRays, scene: Scene, rng: np.r
     concrete = rng.uniform(30, 90) + rng.normal(0, 5, 3)
     picture[near] = picture[near] * 0.15 + np.asarray(concrete, dtype=np.float32)
     distance = config.board_distance_m
-    walls = ((1, -half_width - distance), (0, -half_length - distance - 2), (0, half_length + distance + 2))
+    # axis, position, and the sign that makes the text on it read from left to right
+    ends = half_length + distance + 2
+    walls = ((1, -half_width - distance, 1.0), (0, -ends, -1.0), (0, ends, 1.0))
     reach = np.full(rays.depth_m.shape, np.inf, dtype=np.float32)
     along = np.zeros_like(reach)
-    for axis, position in walls:
+    for axis, position, sense in walls:
         with np.errstate(divide="ignore", invalid="ignore"):
             t = np.float32(position - camera.position_m[axis]) / rays.directions[..., axis]
         hit = (t > 0) & (t < reach)
         reach[hit] = t[hit]
-        along[hit] = (np.float32(camera.position_m[1 - axis]) + t * rays.directions[..., 1 - axis])[hit]
+        along[hit] = sense * (np.float32(camera.position_m[1 - axis]) + t * rays.directions[..., 1 - axis])[hit]
     with np.errstate(invalid="ignore"):
         foot = np.clip(
             np.float32(camera.position_m[1]) + reach * rays.directions[..., 1], -_CROWN_ENDS_M, _CROWN_ENDS_M

@@ -37,7 +37,8 @@ class _View:
     """What a profile draws from and what it accepts; pairs are (lowest, highest).
 
     ``circle_half_widths`` is about the circle's radius in half-widths of the frame; ``aim_share`` how far the centre
-    mark may lie from the middle of the picture, in widths and heights (None: wherever the whole circle fits about).
+    mark may lie from the middle of the picture, in widths and heights (None: wherever the whole circle fits about);
+    ``foreground_m`` how much ground before the near touchline may be seen at most.
     """
 
     distance_m: tuple[float, float] = (45.0, 90.0)
@@ -49,6 +50,7 @@ class _View:
     visible_share: tuple[float, float] = (1.0, 1.0)
     only_circle: bool = True
     halfway_px: float = 100.0
+    foreground_m: float = np.inf
     focal_px: tuple[float, float] = (0.0, np.inf)
 
 
@@ -87,6 +89,7 @@ _VIEWS: dict[str, _View] = {
         aim_share=(0.4, 0.17),
         only_circle=False,
         focal_px=(1500.0, 4000.0),
+        foreground_m=8.0,
     ),
 }
 """The profile ``hard`` is ``low`` or ``near``."""
@@ -220,6 +223,7 @@ def sample_camera(
         if view.only_circle:
             candidates = _without_others(candidates, points)
         candidates = _with_halfway_line(candidates, view, points)
+        candidates = _with_little_foreground(candidates, view, field)
         if len(candidates.focal_px):
             return candidates.camera(0)
     raise ValueError(
@@ -364,6 +368,14 @@ def _with_halfway_line(candidates: _Candidates, view: _View, points: _FieldPoint
         return candidates
     length = _visible_length(candidates.project(points.halfway), candidates.width, candidates.height)
     return candidates.kept(length >= view.halfway_px * candidates.width / _DESIGN_WIDTH)
+
+
+def _with_little_foreground(candidates: _Candidates, view: _View, template: FieldTemplate) -> _Candidates:
+    if not np.isfinite(view.foreground_m):
+        return candidates
+    x, y = template.length_m / 6, template.width_m / 2 + view.foreground_m
+    below = candidates.project(np.array([[-x, y, 0.0], [0.0, y, 0.0], [x, y, 0.0]]))[..., 1]
+    return candidates.kept(np.asarray(~np.any(below < candidates.height, axis=1)))
 
 
 def _without_others(candidates: _Candidates, points: _FieldPoints) -> _Candidates:

@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+from scipy.ndimage import map_coordinates
 
 from circlecal.field import field_names, load_field
 from circlecal.synthetic.cameras import sample_camera, soccer
@@ -26,23 +27,35 @@ def paint_share(image):
     return (image[..., 0].astype(np.float64) - config.turf_bgr[0]) / (config.paint_bgr[0] - config.turf_bgr[0])
 
 
-def measured_edges(image, camera, surface, angles, width_m):
-    """Errors (N, 2) of outer and inner edge along the normals, from flux and centroid across the paint."""
+def curve(camera, surface, edge, angles, width_m=0.12):
+    """Pixels (N, 2) of one edge of the circle's paint at field angles (N,)."""
     circle = soccer().circle_by_name["centre_circle"]
+    ring = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    return camera.project(surface.lift(soccer().radius(circle, edge, width_m) * ring))
 
-    def project(edge, at):
-        ring = np.stack([np.cos(at), np.sin(at)], axis=-1)
-        return camera.project(surface.lift(soccer().radius(circle, edge, width_m) * ring))
 
-    outer, inner = project("outer", angles), project("inner", angles)
-    middle = project("center", angles)
-    tangent = project("center", angles + 1e-4) - project("center", angles - 1e-4)
-    normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=-1) / np.linalg.norm(tangent, axis=1)[:, None]
-    true = np.stack([np.sum((edge - middle) * normal, axis=1) for edge in (outer, inner)], axis=-1)
+def along_normals(dense, sites, tangent, normal):
+    """Where a dense curve (K, 2) crosses the normals of sites (N, 2), pixels along the normal (N,)."""
+    offset = dense[None] - sites[:, None]
+    t, n = (np.einsum("nki,ni->nk", offset, direction) for direction in (tangent, normal))
+    nearest = np.argmin(np.abs(t) + 1e3 * (np.abs(n) > 25.0), axis=1)[:, None] % (len(dense) - 1)
+    t0, t1, n0, n1 = (np.take_along_axis(v, nearest + k, axis=1)[:, 0] for v in (t, n) for k in (0, 1))
+    return n0 - t0 * (n1 - n0) / (t1 - t0)
+
+
+def measured_edges(image, camera, surface, angles):
+    """Errors (N, 2) of outer and inner edge along the normals, from flux and centroid across the paint."""
+    sites = curve(camera, surface, "center", angles)
+    tangent = curve(camera, surface, "center", angles + 1e-4) - curve(camera, surface, "center", angles - 1e-4)
+    tangent /= np.linalg.norm(tangent, axis=1)[:, None]
+    normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=-1)
+    around = np.linspace(0, 2 * np.pi, 20001)
+    dense = [curve(camera, surface, edge, around) for edge in ("outer", "inner")]
+    true = np.stack([along_normals(points, sites, tangent, normal) for points in dense], axis=-1)
     reach = np.abs(true).max() + 3.0
-    offsets = np.linspace(-reach, reach, 2001)
-    sites = (middle[:, None] + offsets[:, None] * normal[:, None]).astype(np.float32)
-    profile = cv2.remap(paint_share(image), sites[..., 0], sites[..., 1], cv2.INTER_CUBIC)
+    offsets = np.linspace(-reach, reach, 1501)
+    grid = sites[:, None] + offsets[:, None] * normal[:, None]
+    profile = map_coordinates(paint_share(image), [grid[..., 1], grid[..., 0]], order=3, mode="nearest")
     flux = profile.sum(axis=1) * (offsets[1] - offsets[0])
     center = (profile * offsets).sum(axis=1) / profile.sum(axis=1)
     half = np.sign(true[:, 0] - true[:, 1]) * flux / 2
@@ -58,13 +71,13 @@ def test_edges_of_the_circle(profile, surface, kappa):
     image = render(clean_scene(camera, surface), np.random.default_rng(0)).image
     angles = np.radians(np.arange(0.0, 360.0, 1.5))
     away_from_halfway_line = np.abs(np.cos(angles)) > 0.2
-    pixels = camera.project(surface.lift(9.15 * np.stack([np.cos(angles), np.sin(angles)], axis=-1)))
+    pixels = curve(camera, surface, "outer", angles)
     inside = (np.abs(pixels - (959.5, 539.5)) < (940, 520)).all(axis=1)
-    errors = measured_edges(image, camera, surface, angles[inside & away_from_halfway_line], 0.12)
+    errors = measured_edges(image, camera, surface, angles[inside & away_from_halfway_line])
     assert len(errors) > 60
     assert np.abs(errors).max() < 0.05
-    assert np.abs(errors.mean(axis=0)).max() < 0.01
-    assert errors.std() < 0.015
+    assert np.abs(errors.mean(axis=0)).max() < 0.005
+    assert errors.std() < 0.012
 
 
 def test_halfway_line_and_center_mark():
@@ -73,7 +86,7 @@ def test_halfway_line_and_center_mark():
     share = paint_share(render(clean_scene(camera, surface), np.random.default_rng(0)).image)
     y = np.linspace(1.0, 4.0, 40)
     sides = [camera.project(surface.lift(np.stack([np.full(40, x), y], axis=-1))) for x in (-0.06, 0.06)]
-    rows = np.round((sides[0][:, 1] + sides[1][:, 1]) / 2)
+    rows = np.round((sides[0][:, 1] + sides[1][:, 1]) / 2)[1:-1]
     middle = np.interp(rows, *((sides[0] + sides[1]) / 2).T[::-1])
     columns = np.arange(camera.width)
     near = np.abs(columns - middle[:, None]) < 30
