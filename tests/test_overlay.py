@@ -255,6 +255,11 @@ def test_parts_within_the_parts_may_be_missing(complete):
         replace(c, camera=replace(c.camera, max_sigma_px=np.inf, max_sigma_m=np.nan, rejected=(), named_lines=())),
         replace(c, verdict=Verdict("refused", None, None, None), timings_ms={}),
         replace(c, circle_name="penalty_arc_left"),
+        replace(c, edges=replace(c.edges, sigma_px=np.where(np.arange(200) % 3, np.nan, c.edges.sigma_px))),
+        replace(c, rays=replace(c.rays, center_px=np.full(2, np.nan)), ellipses=None),
+        replace(c, homography=replace(c.homography, H_image_field=np.full((3, 3), np.nan)), camera=None),
+        replace(c, camera=replace(c.camera, camera=replace(c.camera.camera, position_m=np.full(3, np.nan)))),
+        replace(c, correspondences=replace(c.correspondences, imaged_center=np.array([1.0, 1.0, 0.0]))),
         replace(c, id="Fußball ⚽ 12", verdict=replace(REFUSED, reason="größer als erlaubt " * 20)),
     ]
     for variant in variants:

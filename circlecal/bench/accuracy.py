@@ -11,7 +11,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from circlecal.bench.bounds import bound_covariance, bound_errors
-from circlecal.bench.scenarios import Draw, Scenario, scenarios, soccer
+from circlecal.bench.scenarios import Draw, Scenario, chosen_rows, soccer
 from circlecal.errors import EstimationError
 from circlecal.geometry.concentric import imaged_center
 from circlecal.geometry.conics import circle_conic, fit_conic, transform_conic
@@ -61,8 +61,7 @@ def run_rows(
     list of (str, float)
         The closed forms: noise-free maximum (row 1) and the paper's protocol with the true centre (row 2), pixels.
     """
-    chosen = [s for s in scenarios() if not names or s.row in names or s.row.rstrip("abcd") in names]
-    rows = [run_row(s, draws, seed, advance) for s in chosen]
+    rows = [run_row(s, draws, seed, advance) for s in chosen_rows(names)]
     closed = closed_forms(draws, seed) if not names or {"1", "2"} & set(names) else []
     return rows, closed
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 
@@ -237,3 +237,13 @@ def scenarios() -> list[Scenario]:
 
 def _radial(sd: float, mean: float = 0.0) -> CameraConfig:
     return KNOWN.model_copy(update={"distortion": "radial", "k1_mean": mean, "k1_sd": sd})
+
+
+def chosen_rows(names: Sequence[str]) -> list[Scenario]:
+    """The scenarios of the named rows (``8`` stands for 8a, 8b and 8c); all where none is named."""
+    return [s for s in scenarios() if not names or s.row in names or s.row.rstrip("abcd") in names]
+
+
+def row_names() -> list[str]:
+    """Names that can be asked for: every scenario, and the closed forms of rows 1 and 2."""
+    return ["1", "2", *dict.fromkeys(name for s in scenarios() for name in (s.row.rstrip("abcd"), s.row))]

@@ -42,7 +42,7 @@ def observed_curves(observations: Observations, template: FieldTemplate, realism
         if known is None or len(seen.points_px) == 0:
             continue
         points, sigma = _thinned_arc(seen.points_px, seen.sigma_px, realism.maximum_points)
-        sigma = _realistic(points, sigma, realism.model_sigma_px, realism.correlation_px)
+        sigma = _realistic(points, sigma, 2.0 * _extent(points), realism)
         radius = template.radius(known, seen.edge)
         by_width = relative[seen.edge] - relative[known.edge]
         name = f"{seen.circle} {seen.edge}"
@@ -52,7 +52,7 @@ def observed_curves(observations: Observations, template: FieldTemplate, realism
         if drawn is None or len(line.points_px) == 0:
             continue
         points, sigma = _thinned(line.points_px, line.sigma_px, realism.maximum_points)
-        sigma = _realistic(points, sigma, realism.model_sigma_px, realism.correlation_px)
+        sigma = _realistic(points, sigma, _extent(points), realism)
         parts.append(line_curve(drawn.name, points, sigma, template.line_ends(drawn), template.line_shift(drawn)))
     return stack_curves(parts)
 
@@ -73,14 +73,17 @@ def observed_points(observations: Observations, template: FieldTemplate) -> Fixe
     )
 
 
-def _realistic(points: Array, sigma: Array, model_sigma_px: float, correlation_px: float) -> Array:
+def _realistic(points: Array, sigma: Array, length_px: float, realism: Realism) -> Array:
     """Sigmas (N,) with the model's own error, grown so that points within one correlation length count as one."""
-    if len(points) < 2 or model_sigma_px == 0:
+    if len(points) < 2 or realism.model_sigma_px == 0:
         return sigma
-    order = np.lexsort((points[:, 1], points[:, 0]))
-    extent = np.linalg.norm(points[order[-1]] - points[order[0]])
-    spacing = max(2.0 * extent / len(points), 1e-6)
-    return np.hypot(sigma, model_sigma_px * np.sqrt(max(1.0, correlation_px / spacing)))
+    repeats = max(1.0, realism.correlation_px * len(points) / max(length_px, 1e-6))
+    return np.hypot(sigma, realism.model_sigma_px * np.sqrt(repeats))
+
+
+def _extent(points: Array) -> float:
+    """Distance in pixels between the outermost points (N, 2) of a marking."""
+    return float(np.hypot(*(points.max(axis=0) - points.min(axis=0))))
 
 
 def _thinned(points: Array, sigma: Array, maximum: int) -> tuple[Array, Array]:

@@ -10,6 +10,8 @@ from circlecal.camera_fit.curves import CurvePoints, FixedPoints, curve_residual
 from circlecal.camera_fit.model import INDEX, PARAMETERS, Frame, active_parameters
 from circlecal.geometry.homogeneous import Array, Mask
 
+LARGEST_STEP = 0.5
+"""Of the logarithm of the focal length and of the angles, in one iteration."""
 _POSITION = slice(INDEX["x"], INDEX["z"] + 1)
 
 
@@ -141,6 +143,7 @@ def minimise(
         scaled = block + (damping[:, None] * (diagonal + 1e-12))[:, :, None] * np.eye(len(active))
         step = np.zeros_like(state.theta)
         step[:, active] = -_solve(scaled, state.gradient[:, active])
+        step[:, :4] = np.clip(step[:, :4], -LARGEST_STEP, LARGEST_STEP)
         proposal = evaluate(problem, state.theta + step, state.hidden, loss_scale)
         better = proposal.cost < state.cost
         gain = np.where(better, (state.cost - proposal.cost) / np.maximum(state.cost, 1e-30), 0.0)

@@ -37,6 +37,8 @@ def print_table(title: str | None, columns: Sequence[str], rows: Sequence[Sequen
 
     console = Console()
     if not console.is_terminal:
+        if title:
+            print(f"# {title}")  # noqa: T201
         for cells in (columns, *rows):
             print("\t".join(cells))  # noqa: T201
         return
@@ -87,18 +89,23 @@ def progress_display(*, quiet: bool) -> Iterator[Callable[[BatchProgress], None]
     if quiet:
         yield lambda progress: None
     elif console.is_terminal:
-        with _bar(console) as update:
-            yield update
+        start = time.monotonic()
+        with _bar(console, "frames") as update:
+
+            def show(state: BatchProgress) -> None:
+                update(state.finished, state.total, _counts(state), _rate(state, start))
+
+            yield show
     else:
         yield _plain_lines()
 
 
 @contextlib.contextmanager
-def _bar(console: Console) -> Iterator[Callable[[BatchProgress], None]]:
+def _bar(console: Console, unit: str) -> Iterator[Callable[..., None]]:
     from rich import progress as rich_progress
 
     bar = rich_progress.Progress(
-        rich_progress.TextColumn("{task.completed}/{task.total} frames"),
+        rich_progress.TextColumn("{task.completed}/{task.total} " + unit),
         rich_progress.BarColumn(),
         rich_progress.TextColumn("{task.fields[counts]}"),
         rich_progress.TextColumn("{task.fields[rate]}"),
@@ -110,13 +117,46 @@ def _bar(console: Console) -> Iterator[Callable[[BatchProgress], None]]:
     with bar:
         task = bar.add_task("", total=None, counts="", rate="")
 
-        def update(state: BatchProgress) -> None:
-            rate = _rate(state, start)
-            bar.update(
-                task, total=state.total, completed=state.finished, counts=_counts(state), rate=f"{rate:.1f} frames/s"
-            )
+        def update(done: int, total: int, label: str, rate: float | None = None) -> None:
+            rate = done / max(time.monotonic() - start, 1e-9) if rate is None else rate
+            bar.update(task, total=total, completed=done, counts=label, rate=f"{rate:.1f} {unit}/s")
 
         yield update
+
+
+@contextlib.contextmanager
+def counted(unit: str, total: int) -> Iterator[Callable[[str], None]]:
+    """Show how far a run of ``total`` steps is; each call advances it by one and names what is worked on."""
+    console = stderr_console()
+    if console.is_terminal:
+        with _bar(console, unit) as update:
+            done = 0
+
+            def advance(label: str) -> None:
+                nonlocal done
+                done += 1
+                update(done, total, label)
+
+            yield advance
+    else:
+        yield _counted_lines(unit, total)
+
+
+def _counted_lines(unit: str, total: int) -> Callable[[str], None]:
+    start = last = time.monotonic()
+    done = 0
+
+    def advance(label: str) -> None:
+        nonlocal done, last
+        done += 1
+        now = time.monotonic()
+        if done == total or now - last >= _PLAIN_SECONDS:
+            last = now
+            rate = done / max(now - start, 1e-9)
+            line = f"{done}/{total} {unit}, {label}, {rate:.1f} {unit}/s, {(total - done) / rate:.0f} s left"
+            print(line, file=sys.stderr, flush=True)  # noqa: T201
+
+    return advance
 
 
 def _plain_lines() -> Callable[[BatchProgress], None]:

@@ -21,7 +21,9 @@ from circlecal.geometry.conics import (
 )
 from circlecal.geometry.homogeneous import Array, similarity_normalisation
 
-LOCAL_ROUNDS = 6
+BLOCK = 128
+"""Hypotheses that are scored together."""
+LOCAL_ROUNDS = 4
 """Refits of each kept hypothesis to its own inliers."""
 
 
@@ -43,20 +45,27 @@ def msac_costs(conics: ArrayLike, points: ArrayLike, threshold: ArrayLike) -> Ar
     coefficients = coefficients_from_conic(conics).astype(np.float32)
     x, y = np.asarray(points, dtype=np.float32).T
     one = np.ones_like(x)
+    monomials, lifted = np.stack([x * x, x * y, y * y, x, y, one]), np.stack([x, y, one])
     a, b, c, d, e, _ = coefficients.T
-    value = coefficients @ np.stack([x * x, x * y, y * y, x, y, one])
-    lifted = np.stack([x, y, one])
-    gx = np.stack([2 * a, b, d], axis=1) @ lifted
-    gy = np.stack([b, 2 * c, e], axis=1) @ lifted
-    gx *= gx
-    gy *= gy
-    gx += gy
-    gx *= np.asarray(threshold, dtype=np.float32) ** 2
-    value *= value
-    with np.errstate(divide="ignore", invalid="ignore"):
-        value /= gx
-    np.minimum(value, np.float32(1.0), out=value)
-    return np.asarray(np.nan_to_num(value.mean(axis=1), nan=1.0), dtype=np.float64)
+    by_x, by_y = np.stack([2 * a, b, d], axis=1), np.stack([b, 2 * c, e], axis=1)
+    squared = np.broadcast_to(np.asarray(threshold, dtype=np.float32) ** 2, x.shape)
+    costs = np.empty(len(coefficients), dtype=np.float32)
+    mean = np.full(len(x), 1.0 / len(x), dtype=np.float32)
+    # blocks that stay in the processor's cache
+    for start in range(0, len(coefficients), BLOCK):
+        block = slice(start, start + BLOCK)
+        value = coefficients[block] @ monomials
+        gx, gy = by_x[block] @ lifted, by_y[block] @ lifted
+        np.square(value, out=value)
+        np.square(gx, out=gx)
+        np.square(gy, out=gy)
+        gx += gy
+        gx *= squared
+        with np.errstate(divide="ignore", invalid="ignore"):
+            value /= gx
+        np.fmin(value, np.float32(1.0), out=value)
+        costs[block] = value @ mean
+    return costs.astype(np.float64)
 
 
 def sample_conics(points: Array, hypotheses: int, rng: np.random.Generator) -> Array:
@@ -75,7 +84,7 @@ def ransac_conic(
     rng: np.random.Generator,
     *,
     hypotheses: int = 1000,
-    keep: int = 8,
+    keep: int = 4,
     method: str = "direct",
 ) -> RobustConic | None:
     """Ellipse that explains most of the points.

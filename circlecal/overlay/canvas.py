@@ -218,7 +218,8 @@ class Canvas:
             return
         height = max(8.0, size * self.text_px)
         width, tall = text_size(printable(text), height)
-        first = np.array([1.0, -1.0]) if toward is None or not np.any(toward) else np.asarray(toward, dtype=np.float64)
+        first = np.array([1.0, -1.0]) if toward is None else np.asarray(toward, dtype=np.float64)
+        first = first if np.isfinite(first).all() else np.array([1.0, -1.0])
         order = _DIRECTIONS[np.argsort(-_DIRECTIONS @ first / np.linalg.norm(_DIRECTIONS, axis=1), kind="stable")]
         for distance in (0.9, 1.8, 3.0, 4.5, 6.5):
             for direction in order:

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from circlecal.field import FieldTemplate
-from circlecal.geometry.homogeneous import Array, normalise_line
+from circlecal.geometry.homogeneous import Array, dehomogenise, normalise_line
 from circlecal.overlay.canvas import Canvas, Picture, text_size, wrap
 from circlecal.overlay.field_view import best_view, camera_view, homography_view, predicted_sigma
 from circlecal.overlay.frame_overlay import draw_correspondences, verdict_facts, verdict_reason
@@ -35,7 +35,7 @@ def correspondences_picture(image: Picture, found: Correspondences, zoom: int) -
     canvas.line(found.vanishing_line, GREEN, 2.0, dashed=True)
     canvas.segments(*_full_tangents(found), TANGENT, 1.0)
     draw_correspondences(canvas, found)
-    center = found.imaged_center[:2] / found.imaged_center[2]
+    center = dehomogenise(found.imaged_center)
     canvas.cross(center, CIRCLE, 30.0)
     canvas.label(f"imaged centre ({found.center_source.replace('_', ' ')})", center, CIRCLE, size=0.75)
     facts = [
@@ -122,13 +122,14 @@ def missing_picture(image: Picture, title: str, calibration: Calibration, zoom: 
 
 
 def _full_tangents(found: Correspondences) -> tuple[Array, Array]:
-    """Ends of the tangents, three times as long as the points are far from the centre."""
-    center = found.imaged_center[:2] / found.imaged_center[2]
+    """Ends of the tangents, three times as long as the points are far from their middle."""
     if not found.tangents or not found.points:
         return np.zeros((0, 2)), np.zeros((0, 2))
     lines = normalise_line(np.stack([t.image_line for t in found.tangents]))
-    reach = 1.5 * max(float(np.linalg.norm(p.image_px - center)) for p in found.points)
-    foot = center - (lines[:, :2] @ center + lines[:, 2])[:, None] * lines[:, :2]
+    points = np.stack([p.image_px for p in found.points])
+    middle = points.mean(axis=0)
+    reach = 1.5 * float(np.linalg.norm(points - middle, axis=1).max())
+    foot = middle - (lines[:, :2] @ middle + lines[:, 2])[:, None] * lines[:, :2]
     along = reach * np.column_stack([lines[:, 1], -lines[:, 0]])
     return foot - along, foot + along
 

@@ -79,7 +79,7 @@ def camera_view(fit: CameraFit, template: FieldTemplate, circle: str) -> FieldVi
 def homography_view(H_image_field: Array, width: int, height: int) -> FieldView:
     """Through a homography, with the sign that an unmirrored view from above has in front of the camera."""
     H = np.asarray(H_image_field, dtype=np.float64)
-    H = H * (np.sign(np.linalg.det(H)) or 1.0)
+    H = H * (np.sign(np.linalg.det(H)) or 1.0) if np.isfinite(H).all() else H
 
     def pixels(points_m: Array) -> Array:
         mapped = lift(points_m) @ H.T

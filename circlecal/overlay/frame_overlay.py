@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from circlecal.field import FieldTemplate
-from circlecal.geometry.homogeneous import Array, lift, normalise_line
+from circlecal.geometry.homogeneous import Array, dehomogenise, lift, normalise_line
 from circlecal.overlay.canvas import Canvas, Picture, text_size, wrap
 from circlecal.overlay.field_view import FieldView, best_view
 from circlecal.overlay.palette import ACCEPTED, CIRCLE, GREY, INLIER, POINT, REFUSED, TANGENT, TEMPLATE, WHITE
@@ -87,7 +87,7 @@ def verdict_reason(calibration: Calibration) -> str:
 
 def draw_correspondences(canvas: Canvas, found: Correspondences, labels: bool = True) -> None:
     """Draw derived points with labels, and each tangent around its point."""
-    center = found.imaged_center[:2] / found.imaged_center[2]
+    center = dehomogenise(found.imaged_center)
     reach = 0.35 * max((float(np.linalg.norm(p.image_px - center)) for p in found.points), default=0.0)
     by_label = {p.label: p for p in found.points}
     for tangent in found.tangents:
@@ -133,7 +133,7 @@ def _draw_center(canvas: Canvas, calibration: Calibration, template: FieldTempla
     if view is not None and circle is not None:
         center = view.pixels(np.array([circle.center]))[0]
     elif calibration.correspondences is not None:
-        center = calibration.correspondences.imaged_center[:2] / calibration.correspondences.imaged_center[2]
+        center = dehomogenise(calibration.correspondences.imaged_center)
     else:
         return
     canvas.cross(center, CIRCLE)

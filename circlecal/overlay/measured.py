@@ -63,14 +63,15 @@ def edges_picture(image: Picture, edges: EdgePoints, zoom: int) -> Picture:
         f"noise {edges.noise:.1f} grey levels; blur {edges.blur_px:.2f} px"
     ]
     legend: list[tuple[str, Color]] = []
-    if len(edges.points_px):
-        low, high = (float(v) for v in np.nanpercentile(edges.sigma_px, [2, 98]))
-        level = np.clip((edges.sigma_px - low) / max(high - low, 1e-9) * _LEVELS, 0, _LEVELS - 1).astype(int)
+    known = np.isfinite(edges.sigma_px)
+    if known.any():
+        low, high = (float(v) for v in np.percentile(edges.sigma_px[known], [2, 98]))
+        share = np.clip((np.where(known, edges.sigma_px, high) - low) / max(high - low, 1e-9), 0.0, 1.0)
+        level = np.round(share * (_LEVELS - 1)).astype(int)
         for step in range(_LEVELS):
             canvas.points(edges.points_px[level == step], _viridis(step / (_LEVELS - 1)), 2.6)
-        contrast = float(np.median(edges.contrast)) if len(edges.contrast) else float("nan")
-        facts.append(f"contrast {contrast:.0f} grey levels (median)")
-        legend = [(f"sigma {low + share * (high - low):.3g} px", _viridis(share)) for share in (0.0, 0.5, 1.0)]
+        facts.append(f"contrast {float(np.median(edges.contrast)):.0f} grey levels (median)")
+        legend = [(f"sigma {low + part * (high - low):.3g} px", _viridis(part)) for part in (0.0, 0.5, 1.0)]
     return canvas.header("2 edges", facts, legend)
 
 

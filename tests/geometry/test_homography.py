@@ -187,6 +187,13 @@ def test_projects_in_front():
     assert not hg.projects_in_front(H, [[0.0, 0.0], [0.0, -11.0]])
 
 
+def test_names_of_directions():
+    labels = [hg.compass_label(np.array([np.cos(a), np.sin(a)])) for a in np.radians(np.arange(0, 360, 45))]
+    assert labels == ["right", "bottom_right", "bottom", "bottom_left", "left", "top_left", "top", "top_right"]
+    assert hg.compass_label([1.0, -1e-9]) == "right"
+    assert hg.compass_label([np.cos(0.5), np.sin(0.5)]) == "deg_29"
+
+
 def test_homography_that_sends_the_origin_to_infinity_is_scaled_by_its_norm():
     H = np.array([[0.0, 1.0, 5.0], [2.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
     assert np.linalg.norm(hg.scale_homography(H)) == pytest.approx(1.0)

@@ -1,0 +1,149 @@
+"""``circlecal bench detect``: the whole chain on rendered frames, from the picture alone."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from circlecal.camera_fit.model import Frame, project
+from circlecal.camera_fit.uncertainty import field_sigma
+from circlecal.config import Config
+from circlecal.errors import ConfigError
+from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.pinhole import Camera
+from circlecal.pipeline import run
+from circlecal.results import CameraFit
+from circlecal.synthetic.sampling import SCENE_PROFILES, render_frame
+from circlecal.synthetic.surface import Surface
+from circlecal.synthetic.truth import Truth
+
+PROFILES = tuple(SCENE_PROFILES)
+GOOD_PX = 5.0
+WRONG_PX = 20.0
+REACH_M = 22.0
+"""Errors are averaged over the visible field this near to the circle's centre."""
+CHI2_90 = 4.605
+"""90 % point of chi-square with two degrees of freedom."""
+
+
+@dataclass(frozen=True, slots=True)
+class ProfileRow:
+    """One profile; errors in pixels at 1920 px width, shares of all its frames.
+
+    ``coverage`` is the share of the visible field's points, over all frames, whose true place lies in the reported
+    90 % region.
+    """
+
+    profile: str
+    frames: int
+    calibrated: float
+    good: float
+    wrong: float
+    median_px: float
+    p90_px: float
+    predicted_median_px: float
+    coverage: float
+    times_decoding: float
+    stage_ms: dict[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class _FrameRow:
+    error_px: float | None
+    predicted_px: float | None
+    inside: float | None
+    times_decoding: float
+    stages: dict[str, float]
+
+
+def run_profiles(
+    names: Sequence[str], count: int, seed: int, advance: Callable[[str], None] = lambda _: None
+) -> list[ProfileRow]:
+    """Render, calibrate and compare ``count`` frames of each profile."""
+    unknown = [n for n in names if n not in PROFILES]
+    if unknown:
+        raise ConfigError(f"--profiles: {', '.join(unknown)} is unknown; known: {', '.join(PROFILES)}")
+    cv2.setNumThreads(1)
+    rows = []
+    for profile in names or PROFILES:
+        frames = []
+        for index in range(count):
+            frames.append(_one_frame(profile, seed, index))
+            advance(profile)
+        rows.append(_summary(profile, frames))
+    return rows
+
+
+def _one_frame(profile: str, seed: int, index: int) -> _FrameRow:
+    rng = np.random.default_rng([seed, index, PROFILES.index(profile)])
+    rendering = render_frame(profile, rng)  # type: ignore[arg-type]
+    encoded = cv2.imencode(".jpg", rendering.image, [cv2.IMWRITE_JPEG_QUALITY, 92])[1]
+    decoding = min(_timed(lambda: cv2.imdecode(encoded, cv2.IMREAD_COLOR)) for _ in range(5))
+    image = np.asarray(cv2.imdecode(encoded, cv2.IMREAD_COLOR), dtype=np.uint8)
+    start = time.perf_counter()
+    found = run(image, Config(), frame_id=f"{profile}-{index}")
+    elapsed = time.perf_counter() - start
+    if found.status != "calibrated" or found.camera is None:
+        return _FrameRow(None, None, None, elapsed / decoding, found.timings_ms)
+    error, predicted, inside = compare(rendering.truth, found.camera)
+    return _FrameRow(error, predicted, inside, elapsed / decoding, found.timings_ms)
+
+
+def compare(truth: Truth, fit: CameraFit) -> tuple[float, float, float]:
+    """Mean and mean predicted error over the visible field near the circle, and the share inside the 90 % region."""
+    camera = truth.camera
+    surface = Surface(truth.crown_m, truth.crown_shape, truth.crown_reference_m)  # type: ignore[arg-type]
+    grid = _visible(camera, surface)
+    if len(grid) == 0:
+        return float("inf"), 0.0, 0.0
+    frame = Frame(camera.width, camera.height, fit.crown_shape, truth.crown_reference_m)
+    seen = project(fit.theta[None], grid[None], frame)
+    difference = seen.pixels[0] - camera.project(surface.lift(grid))
+    flipped = project(fit.theta[None], -grid[None], frame).pixels[0] - camera.project(surface.lift(grid))
+    if np.linalg.norm(flipped, axis=-1).mean() < np.linalg.norm(difference, axis=-1).mean():
+        difference = flipped
+    spread = np.einsum("nip,pq,njq->nij", seen.by_theta[0], fit.covariance, seen.by_theta[0])
+    distance = np.einsum("ni,nij,nj->n", difference, np.linalg.inv(spread), difference)
+    sigma, _ = field_sigma(fit.theta, fit.covariance, grid, frame)
+    unit = 1920.0 / camera.width
+    error = float(np.linalg.norm(difference, axis=-1).mean()) * unit
+    return error, float(sigma.mean()) * unit, float(np.mean(distance < CHI2_90))
+
+
+def _visible(camera: Camera, surface: Surface) -> Array:
+    axis = np.arange(-REACH_M, REACH_M + 0.5, 1.0)
+    grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+    pixels = camera.project(surface.lift(grid))
+    inside = np.isfinite(pixels).all(axis=1) & (pixels >= 0).all(axis=1)
+    return grid[inside & (pixels <= (camera.width - 1, camera.height - 1)).all(axis=1)]
+
+
+def _summary(profile: str, frames: list[_FrameRow]) -> ProfileRow:
+    errors = np.array([f.error_px for f in frames if f.error_px is not None])
+    predicted = [f.predicted_px for f in frames if f.predicted_px is not None]
+    inside = [f.inside for f in frames if f.inside is not None]
+    stages = sorted({name for f in frames for name in f.stages}, key=lambda n: -len(n))
+    nan = float("nan")
+    return ProfileRow(
+        profile=profile,
+        frames=len(frames),
+        calibrated=len(errors) / len(frames),
+        good=float(np.sum(errors <= GOOD_PX)) / len(frames),
+        wrong=float(np.sum(errors > WRONG_PX)) / len(frames),
+        median_px=float(np.median(errors)) if len(errors) else nan,
+        p90_px=float(np.percentile(errors, 90)) if len(errors) else nan,
+        predicted_median_px=float(np.median(predicted)) if predicted else nan,
+        coverage=float(np.mean(inside)) if inside else nan,
+        times_decoding=float(np.median([f.times_decoding for f in frames])),
+        stage_ms={name: float(np.median([f.stages[name] for f in frames if name in f.stages])) for name in stages},
+    )
+
+
+def _timed(call: Callable[[], object]) -> float:
+    start = time.perf_counter()
+    call()
+    return time.perf_counter() - start

@@ -1,0 +1,182 @@
+"""``circlecal bench NAME``: the tables of the README."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from circlecal.bench.accuracy import Row
+
+app = typer.Typer(
+    help="Print accuracy and speed tables, peers and statistical bounds in the same run.", no_args_is_help=True
+)
+
+
+@app.command()
+def accuracy(
+    rows: Annotated[str, typer.Option(help="Rows to run, separated by commas, e.g. 3,5,8; all when empty.")] = "",
+    draws: Annotated[int, typer.Option(min=2, help="Random cameras per row.")] = 100,
+    seed: Annotated[int, typer.Option(help="Seed of the draws.")] = 0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+) -> None:
+    """Error of the camera on synthetic observations, beside the Cramer-Rao bound on the same draws."""
+    from circlecal.bench.accuracy import as_records, run_rows
+    from circlecal.bench.scenarios import chosen_rows, row_names
+    from circlecal.cli.console import counted
+    from circlecal.errors import ConfigError
+
+    names = [name.strip() for name in rows.split(",") if name.strip()]
+    unknown = [n for n in names if n not in row_names()]
+    if unknown:
+        raise ConfigError(f"--rows: {', '.join(unknown)} is unknown; known: {', '.join(row_names())}")
+    with counted("draws", len(chosen_rows(names)) * draws) as advance:
+        found, closed = run_rows(names, draws, seed, advance)
+    if as_json:
+        _print_json({"rows": as_records(found), "closed_forms": dict(closed)})
+        return
+    _print_accuracy(found)
+    if closed:
+        _table("Closed forms (mean reprojection error, px)", ["row", "px"], [[n, f"{v:.3g}"] for n, v in closed])
+
+
+@app.command()
+def ransac(
+    draws: Annotated[int, typer.Option(min=2, help="Draws per outlier share.")] = 200,
+    seed: Annotated[int, typer.Option(help="Seed of the draws.")] = 0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+) -> None:
+    """Robust ellipse fits under outliers, and their speed beside OpenCV and scikit-image."""
+    from dataclasses import asdict
+
+    from circlecal.bench.ransac import OUTLIER_SHARES, robustness, speed
+    from circlecal.cli.console import counted
+
+    with counted("draws", len(OUTLIER_SHARES) * draws) as advance:
+        good = robustness(draws, seed, advance)
+    fast = speed(seed)
+    if as_json:
+        _print_json({"robustness": [asdict(r) for r in good], "speed": [asdict(s) for s in fast]})
+        return
+    _table(
+        "Within 1.5 x of the fit on the true inliers (400 points, row 14)",
+        ["outliers", "sigma px", "draws", "good"],
+        [[f"{r.outliers:.0%}", f"{r.sigma_px:g}", str(r.draws), f"{r.good:.1%}"] for r in good],
+    )
+    _table(
+        "1000 hypotheses on 800 points, one thread (row 15)",
+        ["what", "ms", "times circlecal's"],
+        [[s.name, f"{s.ms:.1f}", f"{s.ratio:.1f}"] for s in fast],
+    )
+
+
+@app.command()
+def detect(
+    count: Annotated[int, typer.Option(min=1, help="Rendered frames per profile.")] = 20,
+    seed: Annotated[int, typer.Option(help="Seed of the frames.")] = 0,
+    profiles: Annotated[str, typer.Option(help="Profiles separated by commas; all when empty.")] = "",
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+) -> None:
+    """Whole chain on rendered frames: completeness, errors, predicted against true error, time."""
+    from dataclasses import asdict
+
+    from circlecal.bench.detect import PROFILES, run_profiles
+    from circlecal.cli.console import counted
+
+    names = [name.strip() for name in profiles.split(",") if name.strip()]
+    with counted("frames", len(names or PROFILES) * count) as advance:
+        found = run_profiles(names, count, seed, advance)
+    if as_json:
+        _print_json([asdict(r) for r in found])
+        return
+    _table(
+        "Rendered frames, picture alone (mean reprojection error near the circle, px at 1920)",
+        ["profile", "frames", "calibrated", "good", "wrong", "median px", "p90 px", "in 90 % region", "x decoding"],
+        [
+            [
+                r.profile,
+                str(r.frames),
+                f"{r.calibrated:.0%}",
+                f"{r.good:.0%}",
+                f"{r.wrong:.1%}",
+                f"{r.median_px:.2f}",
+                f"{r.p90_px:.2f}",
+                f"{r.coverage:.0%}",
+                f"{r.times_decoding:.1f}",
+            ]
+            for r in found
+        ],
+    )
+
+
+def _print_accuracy(rows: list[Row]) -> None:
+    if not rows:
+        return
+    _table(
+        "Mean reprojection error, px at 1920 x 1080: median (90th percentile)",
+        [
+            "row",
+            "scenario",
+            "draws",
+            "circlecal",
+            "bound",
+            "mean / bound",
+            "wrong",
+            "failed",
+            "to reach",
+            "H in 90 %",
+            "ms",
+        ],
+        [
+            [
+                r.row,
+                r.title,
+                str(r.draws),
+                f"{r.median_px:.2f} ({r.p90_px:.2f})",
+                f"{r.bound_median_px:.2f} ({r.bound_p90_px:.2f})",
+                f"{r.efficiency:.2f} +- {r.efficiency_error:.2f}",
+                f"{r.wrong:.1%}",
+                f"{r.failed:.1%}",
+                _reach(r),
+                f"{r.coverage.get('homography', float('nan')):.0%}",
+                f"{r.ms:.0f}",
+            ]
+            for r in rows
+        ],
+    )
+    _table(
+        "Median by the camera's offset from the halfway plane",
+        ["row", *rows[0].by_offset],
+        [
+            [r.row, *(f"{v:.2f}" for v in r.by_offset.values())]
+            for r in rows
+            if r.by_offset.keys() == rows[0].by_offset.keys()
+        ],
+    )
+
+
+def _reach(row: Row) -> str:
+    if row.reach_median_px == float("inf"):
+        return "-"
+    return f"{row.reach_median_px:.3g}" + (f" ({row.reach_p90_px:.3g})" if row.reach_p90_px is not None else "")
+
+
+def _table(title: str, columns: list[str], rows: list[list[str]]) -> None:
+    from circlecal.cli.console import print_table
+
+    print_table(title, columns, rows)
+
+
+def _print_json(record: object) -> None:
+    import json
+    import math
+
+    def finite(value: object) -> object:
+        if isinstance(value, float) and not math.isfinite(value):
+            return None
+        if isinstance(value, dict):
+            return {k: finite(v) for k, v in value.items()}
+        return [finite(v) for v in value] if isinstance(value, list | tuple) else value
+
+    typer.echo(json.dumps(finite(record), indent=1, allow_nan=False))
