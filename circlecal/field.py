@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import ast
 import operator
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -58,7 +58,7 @@ def evaluate_size(value: float | int | str, sizes: dict[str, float]) -> float:
         raise ValueError(f"a size must be a number or an expression, not {value!r}")
     try:
         result = float(value) if not isinstance(value, str) else visit(ast.parse(value, mode="eval"))
-    except (SyntaxError, ZeroDivisionError) as error:
+    except (SyntaxError, ZeroDivisionError, OverflowError, RecursionError) as error:
         raise ValueError(f"cannot evaluate {value!r}: {error}") from error
     if not np.isfinite(result):
         raise ValueError(f"{value!r} is not finite")
@@ -250,14 +250,15 @@ def template_from_mapping(content: Any, source: str, sizes: dict[str, float] | N
     try:
         evaluated: dict[str, float] = {}
         for key, value in merged.items():
-            evaluated[key] = evaluate_size(value, evaluated)
+            try:
+                evaluated[key] = evaluate_size(value, evaluated)
+            except ValueError as error:
+                raise ConfigError(f"{source}: sizes.{key}: {error}") from error
         return FieldTemplate.model_validate({**content, "sizes": evaluated}, context={"sizes": evaluated})
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"]) or "template"
         raise ConfigError(f"{source}: {where}: {first['msg']}") from error
-    except ValueError as error:
-        raise ConfigError(f"{source}: sizes: {error}") from error
 
 
 def field_folder() -> Path:
@@ -279,19 +280,26 @@ def load_field(name_or_file: str | Path, sizes: dict[str, float] | None = None) 
     ConfigError
         Unknown name, unreadable file, or a wrong template.
     """
-    import yaml
-
     path = Path(name_or_file)
     if path.suffix not in (".yaml", ".yml"):
         path = field_folder() / f"{name_or_file}.yaml"
         if not path.is_file():
-            raise ConfigError(
-                f"field {str(name_or_file)!r} is unknown; known: {', '.join(field_names())}, or give a .yaml file"
-            )
+            known = ", ".join(field_names())
+            raise ConfigError(f"field {str(name_or_file)!r} is unknown; known: {known}, or give a .yaml file")
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        changed = path.stat().st_mtime_ns
+        return _read_field(path, changed, tuple(sorted((sizes or {}).items())))
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: cannot be read: {error}") from error
+
+
+@lru_cache(maxsize=32)
+def _read_field(path: Path, changed_ns: int, sizes: tuple[tuple[str, float], ...]) -> FieldTemplate:
+    """One file read once, as long as it does not change."""
+    import yaml
+
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except yaml.YAMLError as error:
         raise ConfigError(f"{path}: is not YAML: {' '.join(str(error).split())}") from error
-    return template_from_mapping(content, str(path), sizes)
+    return template_from_mapping(content, str(path), dict(sizes))

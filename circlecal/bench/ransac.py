@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from circlecal.geometry.conics import Ellipse, fit_conic, refine_conic, sampson_distance
-from circlecal.geometry.homogeneous import Array, apply_homography, similarity_normalisation
+from circlecal.geometry.homogeneous import Array, Mask, apply_homography, similarity_normalisation
 from circlecal.geometry.ransac import msac_costs, ransac_conic, sample_conics
 
 HYPOTHESES = 1000
@@ -71,7 +71,7 @@ def _one_fit(share: float, sigma_px: float, rng: np.random.Generator) -> bool:
 
 def contaminated_ellipse(
     count: int, share: float, sigma_px: float, rng: np.random.Generator
-) -> tuple[Ellipse, Array, Array]:
+) -> tuple[Ellipse, Array, Mask]:
     """An ellipse as a main camera sees it, points on it with outliers first, and which are inliers."""
     longer = rng.uniform(400, 700)
     ellipse = Ellipse(rng.normal((960, 540), 50), (longer, rng.uniform(0.2, 0.5) * longer), rng.normal() * 0.05)

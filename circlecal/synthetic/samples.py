@@ -48,7 +48,7 @@ def _seen_from(
     crown_m: float = 0.05,
     look: dict[str, object] | None = None,
 ) -> Scene:
-    surface = Surface(crown_m)
+    surface = Surface(crown_m, "roof")
     focal = focal_px * size[0] / 1920.0
     camera = aimed_camera(np.array(position_m), np.array(target_m), focal, np.radians(roll_deg), *size, kappa)
     calm = {"scorebug": False, "shade": 0.0, "jpeg_quality": 88, "wear": 0.15}

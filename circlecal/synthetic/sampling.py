@@ -155,9 +155,11 @@ def sample_config(profile: SceneProfile, rng: np.random.Generator, width: int = 
 
 
 def _sample_surface(profile: SceneProfile, template: FieldTemplate, rng: np.random.Generator) -> Surface:
+    """Slopes of up to 1 % towards the touchlines, as fields are built; at most about a third of a metre of fall."""
     radius = template.circle_by_name[template.default_circle].radius_m
-    shape: Literal["parabola", "roof"] = "parabola" if rng.random() < 0.7 else "roof"
-    return Surface(float(rng.uniform(0.0, 0.05) if profile == "easy" else rng.uniform(0.02, 0.09)), shape, radius)
+    if rng.random() < 0.7:
+        return Surface(float(rng.uniform(0.0, 0.05) if profile == "easy" else rng.uniform(0.02, 0.09)), "roof", radius)
+    return Surface(float(rng.uniform(0.0, 0.025)), "parabola", radius)
 
 
 def _sample_view(

@@ -1,0 +1,228 @@
+"""PnLCalib and NBJW keypoints and lines: predictions in; keypoints out with the virtual ones of the circle from us.
+
+``{"kp": {"51": {"x": 0.503, "y": 0.412, "p": 0.71}}, "lines": {"13": {"x_1": ..., "y_1": ..., "p_1": ..., "x_2": ...}}}``
+with coordinates divided by W and H, read off heat maps (steps of 2 px at 960x540): pixel = ``x W``, ``y H``. Keypoints
+are numbered from 1, 57 of the network and 16 intersections of predicted lines; lines from 1 in SoccerNet's order
+without circles.
+
+Four traps:
+
+* Keypoint 52 should be the right end of the circle, but stands at x = 9.00 m in the table that the network was trained
+  with. It is paired with 9.00 m, read and written, and never taken for a point of the circle.
+* The tangency points 38, 39, 42, 43 (and 37, 40, 41, 44 of the arcs) belong to a pitch of 68 m width and the network
+  cannot know another. On any pitch they lie on the circle, so that is all that is read from them.
+* 12, 15, 16 and 19 are the tops of the goal posts, 2.44 m above the field: left out.
+* 58 to 73, and whatever else has a confidence of exactly 1, were computed from the predicted lines and say nothing new:
+  left out where the file has lines.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field
+
+from circlecal.errors import InputError
+from circlecal.field import FieldTemplate
+from circlecal.formats.annotated import AnnotatedFrame, Shape
+from circlecal.formats.calibrated import CalibratedFrame
+from circlecal.formats.checked import Checked, Size, checked, require_size
+from circlecal.formats.soccernet import FLAT_PITCH, LINE_CLASSES
+from circlecal.geometry.homogeneous import Array
+
+KEYPOINTS, LAST_KEYPOINT = 57, 73
+GOAL_TOPS = frozenset({12, 15, 16, 19})
+WRONG_RIGHT_END, WRONG_RIGHT_END_M = 52, 9.00
+CENTRE_MARK = 51
+CIRCLE_TANGENCY = frozenset({38, 39, 42, 43})
+ARC_TANGENCY = {37: "penalty_arc_left", 41: "penalty_arc_left", 40: "penalty_arc_right", 44: "penalty_arc_right"}
+CIRCLE_POINTS = frozenset({32, 35, 48, 49, 50, 53, 54})
+"""Those that lie on the centre circle at a known place."""
+VIRTUAL_CIRCLE_POINTS = (38, 39, 42, 43, 48, 49, 50, 51, 52, 53, 54)
+"""Those that no two markings meet at: the network has to imagine them, and circlecal derives them."""
+LABEL = "kp_"
+
+
+class _Keypoint(Checked):
+    x: float
+    y: float
+    p: Annotated[float, Field(ge=0, le=1.001)] = 1.0
+
+
+class _Line(Checked):
+    x_1: float
+    y_1: float
+    p_1: Annotated[float, Field(ge=0, le=1.001)] = 1.0
+    x_2: float
+    y_2: float
+    p_2: Annotated[float, Field(ge=0, le=1.001)] = 1.0
+
+
+class _Prediction(Checked):
+    kp: Annotated[dict[str, _Keypoint], Field(max_length=1000)]
+    lines: Annotated[dict[str, _Line], Field(max_length=1000)] = {}
+
+
+def read_prediction(path: Path, content: bytes, size: Size | None) -> AnnotatedFrame:
+    """The frame of a prediction; keypoints get the labels ``kp_1`` ... ``kp_73``, lines those of SoccerNet.
+
+    Raises
+    ------
+    InputError
+        No prediction, or the size of the picture is not known.
+    """
+    found = checked(_Prediction, path, content)
+    width, height = require_size(path, size)
+    scale = np.array([width, height], dtype=np.float64)
+    shapes, warnings = [], []
+    for key, point in found.kp.items():
+        if _number(key, LAST_KEYPOINT) is None:
+            warnings.append(f"{path}: kp.{key}: is no keypoint from 1 to {LAST_KEYPOINT}; left out")
+            continue
+        pixels = np.array([[point.x, point.y]]) * scale
+        shapes.append(Shape(f"{LABEL}{int(key)}", "points", pixels, (min(point.p, 1.0),)))
+    for key, line in found.lines.items():
+        number = _number(key, len(LINE_CLASSES))
+        if number is None:
+            warnings.append(f"{path}: lines.{key}: is no line from 1 to {len(LINE_CLASSES)}; left out")
+            continue
+        pixels = np.array([[line.x_1, line.y_1], [line.x_2, line.y_2]]) * scale
+        confidence = min(line.p_1, 1.0), min(line.p_2, 1.0)
+        shapes.append(Shape(LINE_CLASSES[number - 1], "line", pixels, confidence))
+    identifier = path.name.removesuffix(path.suffix).removesuffix(".pnlcalib")
+    original = found.model_dump()
+    return AnnotatedFrame(identifier, width, height, tuple(shapes), None, tuple(warnings), original)
+
+
+def _number(key: str, last: int) -> int | None:
+    return int(key) if key.isascii() and key.isdigit() and len(key) < 4 and 1 <= int(key) <= last else None
+
+
+def keypoint_number(label: str) -> int | None:
+    """Number of a keypoint label such as ``kp_51``."""
+    return _number(label.removeprefix(LABEL), LAST_KEYPOINT) if label.startswith(LABEL) else None
+
+
+def field_position(number: int, template: FieldTemplate) -> Array | None:
+    """Position (2,) of a keypoint on the field; None of those above it and of tangency points.
+
+    Taken from the template's own sizes, so that corners of a pitch of other size are where they are; 52 stays at 9.00 m.
+
+    Raises
+    ------
+    InputError
+        The template is no soccer pitch.
+    """
+    if number in GOAL_TOPS or number in CIRCLE_TANGENCY or number in ARC_TANGENCY:
+        return None
+    return keypoint_table(template).get(number)
+
+
+def keypoint_table(template: FieldTemplate) -> dict[int, Array]:
+    """Position (2,) by number of every keypoint on the ground that does not depend on an assumed width of the pitch."""
+    return {number: np.array(position, dtype=np.float64) for number, position in _table(_sizes(template)).items()}
+
+
+def tangency_points(radius_m: float) -> dict[int, Array]:
+    """Where the tangents from the ends of the halfway line touch the centre circle, on a pitch of 68 m width."""
+    half = FLAT_PITCH[1] / 2
+    y = radius_m**2 / half
+    x = radius_m * np.sqrt(1.0 - (radius_m / half) ** 2)
+    signs = {38: (-1, -1), 39: (1, -1), 42: (-1, 1), 43: (1, 1)}
+    return {number: np.array([sx * x, sy * y]) for number, (sx, sy) in signs.items()}
+
+
+_SIZES = (
+    "length", "width", "penalty_area_depth", "penalty_area_width", "goal_area_depth", "goal_area_width",
+    "penalty_distance", "circle_radius",
+)  # fmt: skip
+_GOAL_WIDTH_M = 7.32
+
+
+def _sizes(template: FieldTemplate) -> tuple[float, ...]:
+    missing = [name for name in _SIZES if name not in template.sizes]
+    if missing:
+        raise InputError(f"keypoints of PnLCalib need a soccer pitch; the field {template.name!r} has no {missing[0]}")
+    return tuple(template.sizes[name] for name in _SIZES)
+
+
+def _table(sizes: tuple[float, ...]) -> dict[int, tuple[float, float]]:
+    length, width, area_depth, area_width, goal_depth, goal_area_width, spot, radius = sizes
+    end, side = length / 2, width / 2
+    area_x, area_y, goal_x, goal_y = end - area_depth, area_width / 2, end - goal_depth, goal_area_width / 2
+    post, mark = _GOAL_WIDTH_M / 2, end - spot
+    chord = float(np.sqrt(max(radius**2 - (area_depth - spot) ** 2, 0.0)))
+    diagonal = radius / np.sqrt(2.0)
+    by_row: list[tuple[float, float]] = [(-end, -side), (0, -side), (end, -side)]
+    by_row += [(x, -area_y) for x in (-end, -area_x, area_x, end)]
+    by_row += [(x, -goal_y) for x in (-end, -goal_x, goal_x, end)]
+    by_row += [(x, y) for y in (-post, post) for x in (-end, -end, end, end)]
+    by_row += [(x, goal_y) for x in (-end, -goal_x, goal_x, end)]
+    by_row += [(x, area_y) for x in (-end, -area_x, area_x, end)]
+    by_row += [(-end, side), (0, side), (end, side)]
+    by_row += [(x, y) for s in (-1, 1) for x, y in ((-area_x, s * chord), (0, s * radius), (area_x, s * chord))]
+    table = dict(enumerate(by_row, start=1))
+    axis = {45: -mark, 46: -area_x, 47: -mark + radius, 50: -radius, 51: 0.0, 52: WRONG_RIGHT_END_M}
+    axis |= {55: mark - radius, 56: area_x, 57: mark}
+    table |= {number: (x, 0.0) for number, x in axis.items()}
+    corners = {48: (-1, -1), 49: (1, -1), 53: (-1, 1), 54: (1, 1)}
+    table |= {number: (sx * diagonal, sy * diagonal) for number, (sx, sy) in corners.items()}
+    columns = (-goal_x, -area_x, area_x, goal_x)
+    auxiliary = [(x, -side) for x in columns]
+    auxiliary += [(x, y) for y, xs in ((-area_y, goal_x), (-goal_y, area_x), (goal_y, area_x), (area_y, goal_x))
+                  for x in (-xs, xs)]  # fmt: skip
+    auxiliary += [(x, side) for x in columns]
+    table |= dict(enumerate(auxiliary, start=KEYPOINTS + 1))
+    return {number: position for number, position in table.items() if number not in GOAL_TOPS}
+
+
+def keypoints_record(frame: CalibratedFrame, original: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Content of a keypoint file with the virtual keypoints of the circle as the calibration puts them.
+
+    They are replaced, filled in, or removed where they lie outside the picture; all others, and the lines, stay as they
+    are in ``original``. Without an original the file holds the circle's keypoints alone, 32 and 35 among them.
+    """
+    scale = np.array([frame.width, frame.height], dtype=np.float64)
+    radius = frame.template.radius(frame.circle, "center")
+    stretch = radius / frame.circle.radius_m
+    positions = {n: p * stretch for n, p in keypoint_table(frame.template).items() if n in {*CIRCLE_POINTS, 51, 52}}
+    positions |= tangency_points(radius)
+    wanted = sorted(positions) if original is None else VIRTUAL_CIRCLE_POINTS
+    keypoints = {} if original is None else {key: dict(value) for key, value in original["kp"].items()}
+    for number in wanted:
+        pixel = frame.project(np.asarray(positions[number])[None])[0]
+        keypoints.pop(str(number), None)
+        if frame.shows(pixel):
+            x, y = (pixel / scale).tolist()
+            keypoints[str(number)] = {"x": x, "y": y, "p": 1.0}
+    ordered = {key: keypoints[key] for key in sorted(keypoints, key=lambda key: (len(key), key))}
+    return {"kp": ordered, "lines": {} if original is None else original["lines"]}
+
+
+def prediction_record(frame: AnnotatedFrame) -> dict[str, Any]:
+    """Content of a keypoint file from an annotation: its ``kp_`` points and the ends of its straight lines."""
+    width, height = frame.width, frame.height
+    record: dict[str, Any] = {"kp": {}, "lines": {}}
+    for shape in frame.shapes:
+        number = keypoint_number(shape.label)
+        confidence = shape.confidence or (1.0,) * len(shape.points_px)
+        if number is not None:
+            x, y = shape.points_px[0].tolist()
+            record["kp"][str(number)] = {"x": x / width, "y": y / height, "p": confidence[0]}
+        elif shape.label in LINE_CLASSES and shape.kind == "line" and len(shape.points_px) >= 2:
+            (x1, y1), (x2, y2) = _ends(shape.points_px).tolist()
+            record["lines"][str(LINE_CLASSES.index(shape.label) + 1)] = {
+                "x_1": x1 / width, "y_1": y1 / height, "p_1": confidence[0],
+                "x_2": x2 / width, "y_2": y2 / height, "p_2": confidence[-1],
+            }  # fmt: skip
+    return record
+
+
+def _ends(points: Array) -> Array:
+    """The two points (2, 2) of a line that are furthest apart along its longer side."""
+    axis = int(np.argmax(np.ptp(points, axis=0)))
+    first, last = int(np.argmin(points[:, axis])), int(np.argmax(points[:, axis]))
+    return points[sorted((first, last))] if first != last else points[[0, -1]]
