@@ -1,0 +1,159 @@
+"""COCO keypoints: one file with all frames, in and out.
+
+``images`` (``file_name``, ``width``, ``height``), ``categories`` (``keypoints``: names) and ``annotations`` (``keypoints``:
+x, y, visibility of each; ``segmentation``: polygons). Pixels count from 0 at the centre of the first one, so they are
+ours; a keypoint with visibility 0 is not there. COCO knows neither lines nor arcs: a polygon is read as points on the
+marking that its category names, and lines are written so (a line of two points as a polygon with its end doubled).
+A refused frame stands among the images without an annotation.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field
+
+from circlecal.errors import InputError
+from circlecal.formats.annotated import AnnotatedFrame, Shape
+from circlecal.formats.checked import MAX_POINTS, Checked, Side, Size, checked, distinct_names, require_size, stem_of
+from circlecal.geometry.homogeneous import Array
+
+POINTS_CATEGORY = "field"
+
+
+class _Category(Checked):
+    id: int
+    name: str
+    keypoints: list[str] = []
+
+
+class _Image(Checked):
+    id: int
+    file_name: str
+    width: Side | None = None
+    height: Side | None = None
+
+
+_Numbers = Annotated[list[float], Field(max_length=3 * MAX_POINTS)]
+
+
+class _Annotation(Checked):
+    image_id: int
+    category_id: int
+    keypoints: _Numbers = []
+    segmentation: list[_Numbers] | dict[str, Any] = []
+
+
+class _Dataset(Checked):
+    images: list[_Image]
+    categories: list[_Category]
+    annotations: list[_Annotation]
+
+
+def read_dataset(path: Path, content: bytes, size: Size | None) -> list[AnnotatedFrame]:
+    """The frames of a file, those without annotations too.
+
+    Raises
+    ------
+    InputError
+        No COCO file, or one that contradicts itself.
+    """
+    dataset = checked(_Dataset, path, content)
+    categories = {category.id: category for category in dataset.categories}
+    images = {image.id: image for image in dataset.images}
+    shapes: dict[int, list[Shape]] = defaultdict(list)
+    warnings: dict[int, list[str]] = defaultdict(list)
+    for number, annotation in enumerate(dataset.annotations):
+        where = f"{path}: annotations.{number}"
+        category = categories.get(annotation.category_id)
+        if category is None or annotation.image_id not in images:
+            missing = "category_id" if category is None else "image_id"
+            raise InputError(f"{where}.{missing}: {getattr(annotation, missing)} is not in the file")
+        shapes[annotation.image_id] += _keypoints(annotation, category, where)
+        if isinstance(annotation.segmentation, dict):
+            warnings[annotation.image_id].append(f"{where}.segmentation: is a mask, not a polygon; left out")
+        else:
+            shapes[annotation.image_id] += _polygons(annotation.segmentation, category.name, where)
+    names = distinct_names([stem_of(image.file_name) for image in dataset.images])
+    frames = []
+    for name, image in zip(names, dataset.images, strict=True):
+        found = (image.width, image.height) if image.width and image.height else None
+        width, height = require_size(path, found, size)
+        frames.append(
+            AnnotatedFrame(name, width, height, tuple(shapes[image.id]), image.file_name, tuple(warnings[image.id]))
+        )
+    return frames
+
+
+def _keypoints(annotation: _Annotation, category: _Category, where: str) -> list[Shape]:
+    if len(annotation.keypoints) % 3 or len(annotation.keypoints) // 3 > len(category.keypoints):
+        raise InputError(
+            f"{where}.keypoints: has {len(annotation.keypoints)} numbers; "
+            f"three for each of the {len(category.keypoints)} keypoints of {category.name!r} are wanted"
+        )
+    triples = np.array(annotation.keypoints, dtype=np.float64).reshape(-1, 3)
+    return [
+        Shape(label.strip(), "points", triple[None, :2])
+        for label, triple in zip(category.keypoints, triples, strict=False)
+        if triple[2] > 0
+    ]
+
+
+def _polygons(polygons: Sequence[Sequence[float]], label: str, where: str) -> list[Shape]:
+    found = []
+    for number, flat in enumerate(polygons):
+        if len(flat) % 2 or not flat:
+            raise InputError(f"{where}.segmentation.{number}: has {len(flat)} numbers; pairs are wanted")
+        points = np.array(flat, dtype=np.float64).reshape(-1, 2)
+        again = np.all(points[1:] == points[:-1], axis=1)
+        found.append(Shape(label.strip(), "line", points[~np.concatenate([[False], again])]))
+    return found
+
+
+def dataset_record(frames: Sequence[AnnotatedFrame]) -> dict[str, Any]:
+    """Content of a file: single points as keypoints of one category, everything else as polygons of one per label."""
+    labels = sorted({shape.label for frame in frames for shape in frame.shapes if _is_single(shape)})
+    curves = sorted({shape.label for frame in frames for shape in frame.shapes if not _is_single(shape)})
+    categories: list[dict[str, Any]] = [{"id": 1, "name": POINTS_CATEGORY, "keypoints": labels, "skeleton": []}]
+    categories += [{"id": number, "name": label} for number, label in enumerate(curves, start=2)]
+    numbers = {label: number for number, label in enumerate(curves, start=2)}
+    images, annotations = [], []
+    for image_id, frame in enumerate(frames, start=1):
+        name = frame.image or f"{frame.id}.jpg"
+        images.append({"id": image_id, "file_name": name, "width": frame.width, "height": frame.height})
+        single = {shape.label: shape.points_px[0] for shape in frame.shapes if _is_single(shape)}
+        if single:
+            annotations.append(_annotation(len(annotations) + 1, image_id, 1, np.array(list(single.values())), {
+                "keypoints": [v for label in labels for v in _triple(single.get(label))], "num_keypoints": len(single)
+            }))  # fmt: skip
+        for shape in frame.shapes:
+            if not _is_single(shape):
+                points = shape.sampled()
+                polygon = points if len(points) > 2 else points[np.minimum(np.arange(3), len(points) - 1)]
+                annotations.append(_annotation(len(annotations) + 1, image_id, numbers[shape.label], points, {
+                    "segmentation": [polygon.ravel().tolist()]
+                }))  # fmt: skip
+    return {"images": images, "categories": categories, "annotations": annotations}
+
+
+def _is_single(shape: Shape) -> bool:
+    return shape.kind == "points" and len(shape.points_px) == 1
+
+
+def _triple(point: Array | None) -> list[float]:
+    return [0.0, 0.0, 0] if point is None else [float(point[0]), float(point[1]), 2]
+
+
+def _annotation(
+    number: int, image_id: int, category_id: int, points: Array, content: dict[str, Any]
+) -> dict[str, Any]:
+    corner, extent = points.min(axis=0), np.ptp(points, axis=0)
+    box = [float(v) for v in (*corner, *extent)]
+    return {
+        "id": number, "image_id": image_id, "category_id": category_id, "bbox": box,
+        "area": box[2] * box[3], "iscrowd": 0, **content,
+    }  # fmt: skip

@@ -1,0 +1,184 @@
+"""Label Studio: a JSON list of tasks, in and out.
+
+``annotations[].result[]`` with ``value`` in per cent of ``original_width`` and ``original_height``, counted from the corner of
+the picture: pixel = ``x / 100 W - 0.5``. Read are key points, polygons, vectors and ellipses (``x``, ``y`` is the
+centre, turned by ``rotation`` degrees clockwise in the picture, not in per cent). Of several annotations of a task the first that was not
+cancelled counts. A refused frame is a task without an annotation.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field, RootModel
+
+from circlecal.formats.annotated import AnnotatedFrame, Shape, ShapeKind
+from circlecal.formats.checked import (
+    MAX_POINTS,
+    Checked,
+    Side,
+    Size,
+    checked,
+    checked_value,
+    distinct_names,
+    require_size,
+    stem_of,
+)
+from circlecal.geometry.homogeneous import Array
+
+_CORNER = 0.5
+_Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
+
+
+class _Result(Checked):
+    type: str = ""
+    original_width: Side | None = None
+    original_height: Side | None = None
+    value: dict[str, Any] = {}
+
+
+class _Annotation(Checked):
+    result: list[_Result]
+    was_cancelled: bool = False
+
+
+class _Task(Checked):
+    data: dict[str, Any] = {}
+    annotations: list[_Annotation] = []
+
+
+class _Tasks(RootModel[list[_Task]]):
+    pass
+
+
+class _Point(Checked):
+    x: float
+    y: float
+
+
+class _Ellipse(_Point):
+    radiusX: Annotated[float, Field(gt=0)]  # noqa: N815 - the file's own name
+    radiusY: Annotated[float, Field(gt=0)]  # noqa: N815
+    rotation: float = 0.0
+
+
+class _Polygon(Checked):
+    points: Annotated[list[_Pair], Field(min_length=1, max_length=MAX_POINTS)]
+
+
+class _Vector(Checked):
+    vertices: Annotated[list[_Point], Field(min_length=1, max_length=MAX_POINTS)]
+
+
+def read_tasks(path: Path, content: bytes, size: Size | None) -> list[AnnotatedFrame]:
+    """The frames of a file, those without annotations too where their size is given.
+
+    Raises
+    ------
+    InputError
+        No export of Label Studio, or the size of a picture is not known.
+    """
+    tasks = checked(_Tasks, path, content).root
+    names = distinct_names([stem_of(_image_name(task) or "") for task in tasks])
+    frames = []
+    for number, (task, name) in enumerate(zip(tasks, names, strict=True)):
+        annotation = next((a for a in task.annotations if not a.was_cancelled), None)
+        results = [] if annotation is None else annotation.result
+        where = f"{number}.annotations.result"
+        found = next(((r.original_width, r.original_height) for r in results if r.original_width), None)
+        if found is None and size is None and not results:
+            continue
+        known = None if found is None or found[0] is None or found[1] is None else (found[0], found[1])
+        width, height = require_size(path, known, size)
+        shapes, warnings = [], []
+        for position, result in enumerate(results):
+            read = _shape(path, result, f"{where}.{position}", (width, height))
+            if isinstance(read, Shape):
+                shapes.append(read)
+            elif read is not None:
+                warnings.append(read)
+        if sum(not a.was_cancelled for a in task.annotations) > 1:
+            warnings.append(f"{path}: {number}.annotations: has several; only the first is read")
+        frames.append(AnnotatedFrame(name, width, height, tuple(shapes), _image_name(task), tuple(warnings)))
+    return frames
+
+
+def _image_name(task: _Task) -> str | None:
+    values = [value for value in task.data.values() if isinstance(value, str)]
+    return next((v for v in (task.data.get("image"), *values) if isinstance(v, str)), None)
+
+
+def _shape(path: Path, result: _Result, where: str, size: Size) -> Shape | str | None:
+    """The shape of a result, a warning, or nothing for what is no region (choices, ratings)."""
+    kind = result.type.removesuffix("labels")
+    value = result.value
+    labels = value.get(result.type)
+    if not isinstance(labels, list) or not labels or not isinstance(labels[0], str):
+        return f"{path}: {where}.value: has no label; left out" if result.type.endswith("labels") else None
+    prefix = f"{where}.value"
+    scale = np.array(size, dtype=np.float64) / 100.0
+    shape_kind: ShapeKind = "line"
+    if kind == "keypoint":
+        point = checked_value(_Point, path, value, prefix)
+        shape_kind, points = "points", np.array([[point.x, point.y]]) * scale
+    elif kind == "ellipse":
+        shape_kind, points = "ellipse", _ellipse(checked_value(_Ellipse, path, value, prefix), scale)
+    elif kind == "polygon":
+        points = np.array(checked_value(_Polygon, path, value, prefix).points) * scale
+    elif kind == "vector":
+        points = np.array([(v.x, v.y) for v in checked_value(_Vector, path, value, prefix).vertices]) * scale
+    else:
+        return f"{path}: {where}.type: {result.type!r} is no point, polygon, vector or ellipse; left out"
+    return Shape(labels[0].strip(), shape_kind, points - _CORNER)
+
+
+def _ellipse(value: _Ellipse, scale: Array) -> Array:
+    center = np.array([value.x, value.y]) * scale
+    turn = math.radians(value.rotation)
+    first = value.radiusX * scale[0] * np.array([math.cos(turn), math.sin(turn)])
+    second = value.radiusY * scale[1] * np.array([-math.sin(turn), math.cos(turn)])
+    return np.stack([center, center + first, center + second])
+
+
+def tasks_record(frames: Sequence[AnnotatedFrame]) -> list[dict[str, Any]]:
+    """Content of a file: points as key points, lines as polygons (the classic tags have no open line)."""
+    tasks = []
+    for number, frame in enumerate(frames, start=1):
+        results = [result for shape in frame.shapes for result in _results(shape, frame)]
+        annotations = [{"result": results}] if results else []
+        data = {"image": frame.image or f"{frame.id}.jpg"}
+        tasks.append({"id": number, "data": data, "annotations": annotations})
+    return tasks
+
+
+def _results(shape: Shape, frame: AnnotatedFrame) -> list[dict[str, Any]]:
+    scale = np.array([frame.width, frame.height], dtype=np.float64) / 100.0
+    percent = (shape.points_px + _CORNER) / scale
+    values: list[tuple[str, dict[str, Any]]]
+    if shape.kind == "points":
+        values = [("keypointlabels", {"x": x, "y": y, "width": 0.4}) for x, y in percent.tolist()]
+    elif shape.kind == "ellipse":
+        first, second = shape.points_px[1:] - shape.points_px[0]
+        center = percent[0].tolist()
+        ellipse = {
+            "x": center[0], "y": center[1],
+            "radiusX": float(np.hypot(*first) / scale[0]), "radiusY": float(np.hypot(*second) / scale[1]),
+            "rotation": math.degrees(math.atan2(first[1], first[0])) % 360.0,
+        }  # fmt: skip
+        values = [("ellipselabels", ellipse)]
+    else:
+        values = [("polygonlabels", {"points": percent.tolist(), "closed": False})]
+    return [
+        {
+            "original_width": frame.width, "original_height": frame.height, "image_rotation": 0,
+            "from_name": kind.removesuffix("labels"), "to_name": "image", "type": kind,
+            "value": {**value, kind: [shape.label]},
+        }
+        for kind, value in values
+    ]  # fmt: skip
+
+
