@@ -13,11 +13,13 @@ from circlecal import overlay
 from circlecal.config import Config
 from circlecal.errors import InputError
 from circlecal.field import FieldTemplate
+from circlecal.formats.annotated import ObservedFrame
 from circlecal.formats.atomic import write_error
 from circlecal.formats.images import DEBUG_SUFFIX, OVERLAY_SUFFIX, RADAR_SUFFIX, Frame, as_bgr, read_image, write_image
+from circlecal.formats.inputs import observations_beside
 from circlecal.formats.masks import as_class_ids, find_mask, read_mask
 from circlecal.formats.result import result_record, write_result
-from circlecal.pipeline import field_of, run
+from circlecal.pipeline import Convention, field_of, run, run_observations
 from circlecal.results import Calibration
 
 _log = logging.getLogger(__name__)
@@ -70,20 +72,48 @@ def calibrate(
     return run(picture, config, mask=classes, frame_id=name, source=source)
 
 
-def calibrate_frame(frame: Frame, config: Config, mask: Path | None) -> tuple[NDArray[np.uint8], Calibration]:
+def calibrate_frame(
+    frame: Frame,
+    config: Config,
+    mask: Path | None,
+    keypoints: Path | None = None,
+    format_name: str | None = None,
+) -> tuple[NDArray[np.uint8], Calibration]:
     """Picture and calibration of a frame; its mask comes from ``mask`` (file or folder) or from beside the picture.
+
+    Parameters
+    ----------
+    frame, config : Frame, Config
+        The picture, and options.
+    mask, keypoints : path, optional
+        Masks, and keypoints or lines that are used together with the picture: a file, or a folder of files named like
+        the frames.
+    format_name : str, optional
+        Format of the keypoints; recognised by content when None.
 
     Raises
     ------
     InputError
-        The picture or its mask is unusable.
+        The picture, its mask or its keypoints are unusable.
     """
     picture = read_image(frame.path)
     height, width = picture.shape[:2]
     mask_file = find_mask(frame, mask)
     _log.info("%s: %d x %d, mask: %s", frame.path, width, height, mask_file or "from the picture")
     classes = None if mask_file is None else read_mask(mask_file, width, height)
-    return picture, run(picture, config, mask=classes, frame_id=frame.id, source=str(frame.path))
+    extra = None
+    if keypoints is not None:
+        template = field_template(config)
+        extra = observations_beside(keypoints, frame, template, config.sources, (width, height), format_name)
+    return picture, run(picture, config, mask=classes, extra=extra, frame_id=frame.id, source=str(frame.path))
+
+
+def calibrate_observed(
+    frame: ObservedFrame, config: Config, source: Path, convention: Convention = "official"
+) -> Calibration:
+    """Calibrate a frame of an annotation file; see :func:`circlecal.pipeline.run_observations`."""
+    observations = frame.observations
+    return run_observations(observations, config, frame_id=frame.id, source=str(source), convention=convention)
 
 
 def field_template(config: Config) -> FieldTemplate:
@@ -97,8 +127,12 @@ def field_template(config: Config) -> FieldTemplate:
     return field_of(config)[0]
 
 
-def write_outputs(image: NDArray[np.uint8], calibration: Calibration, config: Config, out: Path) -> dict[str, Any]:
+def write_outputs(
+    image: NDArray[np.uint8] | None, calibration: Calibration, config: Config, out: Path
+) -> dict[str, Any]:
     """Write ``<id>.json`` and the pictures that the configuration asks for into a folder; return the result's record.
+
+    Without a picture there are no pictures.
 
     Raises
     ------
@@ -108,6 +142,8 @@ def write_outputs(image: NDArray[np.uint8], calibration: Calibration, config: Co
     template, output = field_template(config), config.output
     record = result_record(calibration, template)
     write_result(out / f"{calibration.id}.json", record)
+    if image is None:
+        return record
     if output.overlay:
         picture = overlay.draw_overlay(image, calibration, template)
         write_image(out / f"{calibration.id}{OVERLAY_SUFFIX}", picture, output.jpeg_quality)

@@ -21,6 +21,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
 
 from circlecal.errors import ConfigError
+from circlecal.sources import SourcesConfig
 from circlecal.stages.camera import CameraConfig
 from circlecal.stages.correspondences import CorrespondencesConfig
 from circlecal.stages.cues import CuesConfig
@@ -85,6 +86,9 @@ class Config(BaseModel):
     homography: HomographyConfig = Field(HomographyConfig(), description="Homography: DLT on points and lines.")
     camera: CameraConfig = Field(CameraConfig(), description="Camera: everything that was seen, with priors.")
     verdict: VerdictConfig = Field(VerdictConfig(), description="Verdict: when a calibration is refused.")
+    sources: SourcesConfig = Field(
+        SourcesConfig(), description="Sources: how far annotations and detections from files are trusted."
+    )
     output: OutputConfig = Field(OutputConfig(), description="Output: what is written beside the result.")
 
 

@@ -45,11 +45,18 @@ def field_of(config: Config) -> tuple[FieldTemplate, Circle]:
     """
     template = load_field(config.field.template, config.field.sizes)
     name = config.field.circle or template.default_circle
-    circle = next((c for c in template.circles if c.name == name), None)
+    circle = template.circle_by_name.get(name)
     if circle is None:
-        known = ", ".join(c.name for c in template.circles)
+        known = ", ".join(template.circle_by_name)
         raise ConfigError(f"field.circle: {name!r} is not a circle of {template.name}; known: {known}")
     return template, circle
+
+
+def in_convention(template: FieldTemplate, convention: Convention) -> FieldTemplate:
+    """The template as :func:`run_observations` takes it: with ``official`` the markings have no width."""
+    if convention == "paint":
+        return template
+    return template.model_copy(update={"marking_width_m": 1e-9, "marking_width_sd_m": 0.0})
 
 
 def run(
@@ -122,8 +129,7 @@ def run_observations(
         paint width), ``paint`` on the centreline of the paint.
     """
     template, circle = field_of(config)
-    if convention == "official":
-        template = template.model_copy(update={"marking_width_m": 1e-9, "marking_width_sd_m": 0.0})
+    template = in_convention(template, convention)
     size = observations.width, observations.height
     job = _Job(config, template, circle, *size, frame_generator(config.seed, frame_id))
     return job.calibration(lambda: job.from_observations(observations), frame_id, source)

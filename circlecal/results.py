@@ -191,8 +191,7 @@ class LineCue:
 
 @dataclass(frozen=True, slots=True)
 class MarkCue:
-    """The centre mark: position (2,), sigma along and across the halfway line folded into one, signal to noise ratio.
-    """
+    """The centre mark: position (2,), sigma along and across the halfway line folded into one, signal to noise ratio."""
 
     name: str
     point_px: Array
@@ -270,8 +269,7 @@ class Correspondences:
 
 @dataclass(frozen=True, slots=True)
 class HomographyFit:
-    """Stage ``homography``: the DLT on points and lines, both directions, and the other solution of the turned field.
-    """
+    """Stage ``homography``: the DLT on points and lines, both directions, and the other solution of the turned field."""
 
     H_image_field: Array
     H_field_image: Array
@@ -302,7 +300,11 @@ class CameraFit:
     noise_scale : float
         Factor on the given sigmas that the residuals ask for.
     data_share : float
-        Share of the posterior precision that the data bring, 0..1; near 0 means prior-dominated.
+        Share of the predicted precision around the circle that the observations bring, 0..1.
+    prior_dominated : bool
+        Whether the priors bring the larger part of it.
+    residual_correlation : float
+        How many neighbouring residuals along the circle repeat each other (1 = white).
     max_sigma_px, max_sigma_m : float
         Largest predicted standard deviation over the visible field near the circle.
     residuals_px : dict
@@ -331,6 +333,8 @@ class CameraFit:
     imaged_center_covariance: Array
     noise_scale: float
     data_share: float
+    prior_dominated: bool
+    residual_correlation: float
     max_sigma_px: float
     max_sigma_m: float
     residuals_px: dict[str, float]
@@ -393,8 +397,7 @@ class Calibration:
 
     @property
     def H_image_field(self) -> Array | None:
-        """Field (metres) to undistorted pixels: of the camera where there is one, else of the DLT; None when refused.
-        """
+        """Field (metres) to undistorted pixels: of the camera where there is one, else of the DLT; None when refused."""
         if self.status != "calibrated":
             return None
         if self.camera is not None:

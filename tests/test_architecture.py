@@ -22,7 +22,7 @@ LAYERS: tuple[frozenset[str], ...] = (
     frozenset({"errors", "__init__"}),
     frozenset({"geometry"}),
     frozenset({"field", "profiles"}),
-    frozenset({"observations"}),
+    frozenset({"observations", "sources"}),
     frozenset({"results"}),
     frozenset({"camera_fit", "detection"}),
     frozenset({"stages"}),

@@ -207,7 +207,8 @@ def curve_residuals(curves: CurvePoints, theta: Array, hidden: Array, frame: Fra
     values = (np.sum(normal * difference, axis=-1) - curves.bloom_sign * theta[:, INDEX["bloom"], None]) / sigma
     jacobian = -(normal[..., 0, None] * seen.by_theta[..., 0, :] + normal[..., 1, None] * seen.by_theta[..., 1, :])
     by_sizes = np.broadcast_to(curves.shift, (*field.shape[:2], 3, 2)).copy()
-    by_sizes[..., 0, :] += (field - curves.origin) * (curves.radius_by_width / scale * (curves.radius > 0))[:, None]
+    radius = np.where(curves.radius == 0, 1.0, curves.radius + curves.radius_by_width * theta[:, SIZES[:1]])
+    by_sizes[..., 0, :] += (field - curves.origin) * (curves.radius_by_width / radius)[..., None]
     jacobian[..., SIZES] = -np.einsum("bni,bnij,bnsj->bns", normal, seen.by_field, by_sizes)
     jacobian[..., INDEX["bloom"]] = -curves.bloom_sign
     jacobian /= sigma[None, :, None]

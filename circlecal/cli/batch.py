@@ -26,6 +26,7 @@ def batch(
     mask: options.Mask = None,
     config: options.ConfigFile = None,
     settings: options.Settings = None,
+    camera_prior: options.CameraPrior = None,
     field: options.FieldName = None,
     seed: options.Seed = None,
     radar: options.Radar = False,
@@ -39,7 +40,9 @@ def batch(
     from circlecal.cli import console
 
     console.configure_logging(quiet=quiet, verbose=verbose)
-    chosen = options.chosen_config(config, settings, field, seed, radar=radar, no_overlay=no_overlay)
+    chosen = options.chosen_config(
+        config, settings, field, seed, radar=radar, no_overlay=no_overlay, camera_prior=camera_prior
+    )
     frames = options.chosen_frames(inputs, out, mask)
     with console.progress_display(quiet=quiet) as show:
         counts = run_batch(

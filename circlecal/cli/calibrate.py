@@ -24,6 +24,7 @@ def calibrate(
     mask: options.Mask = None,
     config: options.ConfigFile = None,
     settings: options.Settings = None,
+    camera_prior: options.CameraPrior = None,
     field: options.FieldName = None,
     seed: options.Seed = None,
     radar: options.Radar = False,
@@ -39,7 +40,9 @@ def calibrate(
     from circlecal.formats.summary import summarise
 
     console.configure_logging(quiet=quiet, verbose=verbose)
-    chosen = options.chosen_config(config, settings, field, seed, radar=radar, no_overlay=no_overlay)
+    chosen = options.chosen_config(
+        config, settings, field, seed, radar=radar, no_overlay=no_overlay, camera_prior=camera_prior
+    )
     frames = options.chosen_frames(inputs, out, mask)
     summaries: list[FrameSummary] = []
     with console.progress_display(quiet=quiet or len(frames) == 1) as show:

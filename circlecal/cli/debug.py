@@ -16,6 +16,7 @@ def debug(
     mask: options.Mask = None,
     config: options.ConfigFile = None,
     settings: options.Settings = None,
+    camera_prior: options.CameraPrior = None,
     field: options.FieldName = None,
     seed: options.Seed = None,
     quiet: options.Quiet = False,
@@ -29,7 +30,7 @@ def debug(
     from circlecal.formats.summary import summarise
 
     console.configure_logging(quiet=quiet, verbose=verbose)
-    chosen = options.chosen_config(config, settings, field, seed)
+    chosen = options.chosen_config(config, settings, field, seed, camera_prior=camera_prior)
     if image.is_dir():
         raise InputError(f"{image}: is a folder; debug takes one picture")
     frame = options.chosen_frames([image], out, mask)[0]

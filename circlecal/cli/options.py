@@ -13,6 +13,14 @@ if TYPE_CHECKING:
     from circlecal.config import Config
     from circlecal.formats.images import Frame
 
+FromFormat = Annotated[
+    str | None,
+    typer.Option("--from", metavar="FORMAT", help="Format of annotation files. [default: recognised by content]"),
+]
+Size = Annotated[
+    str | None,
+    typer.Option("--size", metavar="WIDTHxHEIGHT", help="Size of the pictures, where an annotation file has none."),
+]
 Inputs = Annotated[list[Path], typer.Argument(metavar="INPUT...", help="Pictures and folders of pictures.")]
 Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for everything that is written.")]
 Mask = Annotated[
@@ -33,6 +41,10 @@ Settings = Annotated[
 FieldName = Annotated[
     str | None, typer.Option("--field", metavar="NAME|FILE", help="Field template; see circlecal fields.")
 ]
+CameraPrior = Annotated[
+    Path | None,
+    typer.Option("--camera-prior", metavar="FILE", help="Known camera: a prior file, or the result of another frame."),
+]
 Seed = Annotated[int | None, typer.Option("--seed", help="Seed of the random draws.")]
 Radar = Annotated[bool, typer.Option("--radar", help="Also write the frame warped to the field plane.")]
 NoOverlay = Annotated[bool, typer.Option("--no-overlay", help="Do not write overlay pictures.")]
@@ -49,6 +61,7 @@ def chosen_config(
     *,
     radar: bool = False,
     no_overlay: bool = False,
+    camera_prior: Path | None = None,
 ) -> Config:
     """The configuration of a command, its field template checked.
 
@@ -60,7 +73,12 @@ def chosen_config(
     from circlecal.api import field_template
     from circlecal.config import load_config
 
-    overrides = list(settings or ())
+    overrides: list[str] = []
+    if camera_prior is not None:
+        from circlecal.formats.camera_prior import prior_settings
+
+        overrides += prior_settings(camera_prior)
+    overrides += settings or ()
     overrides += [] if field is None else [f"field.template={json.dumps(field)}"]
     overrides += [] if seed is None else [f"seed={seed}"]
     overrides += ["output.radar=true"] if radar else []
@@ -68,6 +86,41 @@ def chosen_config(
     config = load_config(file, overrides)
     field_template(config)
     return config
+
+
+def parsed_size(text: str | None, option: str = "--size") -> tuple[int, int] | None:
+    """Width and height from an option such as 1920x1080.
+
+    Raises
+    ------
+    InputError
+        Anything else.
+    """
+    from circlecal.errors import InputError
+
+    if text is None:
+        return None
+    width, _, height = text.lower().partition("x")
+    plain = all(side.isascii() and side.isdigit() and 0 < int(side) <= 65535 for side in (width, height))
+    if not plain:
+        raise InputError(f"{option} {text!r} is not WIDTHxHEIGHT, such as 1920x1080")
+    return int(width), int(height)
+
+
+def chosen_format(name: str | None) -> str | None:
+    """Name of an annotation format, checked.
+
+    Raises
+    ------
+    InputError
+        Unknown.
+    """
+    from circlecal.errors import InputError
+    from circlecal.formats.sniff import ANNOTATION_FORMATS
+
+    if name is not None and name not in ANNOTATION_FORMATS:
+        raise InputError(f"--from {name}: is no annotation format; known: {', '.join(ANNOTATION_FORMATS)}")
+    return name
 
 
 def chosen_frames(inputs: Sequence[Path], out: Path, mask: Path | None) -> list[Frame]:

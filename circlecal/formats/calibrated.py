@@ -1,4 +1,4 @@
-"""A calibrated frame as the outside formats need it: camera, homographies of the flat field, derived points and tangents.
+"""A calibrated frame as the outside formats need it: camera, homography of the flat field, derived points, tangents.
 
 Other programs' fields are flat and their pictures often free of distortion, ours need not be: what they cannot say is
 put into what they can, so that the field in view projects to where it is seen.
@@ -113,7 +113,7 @@ class CalibratedFrame:
 
     @cached_property
     def picture_homography(self) -> Array:
-        """Field to pixels of the frame as stored (3, 3): the homography nearest to lens and crown over the field in view."""
+        """Field to pixels of the frame as stored (3, 3), nearest to lens and crown over the field in view."""
         points, pixels = self.visible_field
         exact = self.camera is None or (not np.any(self.camera.kappa) and self.crown_m == 0)
         found = None if exact or len(points) < _MIN_GRID else dlt(points, pixels)

@@ -72,9 +72,7 @@ def _first_problem(error: ValidationError, path: Path, line: int | None, prefix:
     first = error.errors(include_url=False, include_context=False)[0]
     field = ".".join(str(part) for part in (prefix, *first["loc"]) if part not in ("", "root"))
     where = "".join(
-        f"{separator}{part}"
-        for separator, part in ((", line ", line), (": ", field))
-        if part not in (None, "")
+        f"{separator}{part}" for separator, part in ((", line ", line), (": ", field)) if part not in (None, "")
     )
     message = first["msg"].removeprefix("Value error, ")
     given = first["input"]

@@ -1,10 +1,10 @@
 """COCO keypoints: one file with all frames, in and out.
 
-``images`` (``file_name``, ``width``, ``height``), ``categories`` (``keypoints``: names) and ``annotations`` (``keypoints``:
-x, y, visibility of each; ``segmentation``: polygons). Pixels count from 0 at the centre of the first one, so they are
-ours; a keypoint with visibility 0 is not there. COCO knows neither lines nor arcs: a polygon is read as points on the
-marking that its category names, and lines are written so (a line of two points as a polygon with its end doubled).
-A refused frame stands among the images without an annotation.
+``images`` (``file_name``, ``width``, ``height``), ``categories`` (``keypoints``: names) and ``annotations``
+(``keypoints``: x, y, visibility of each; ``segmentation``: polygons). Pixels count from 0 at the centre of the first
+one, so they are ours; a keypoint with visibility 0 is not there. COCO knows neither lines nor arcs: a polygon is read
+as points on the marking that its category names, and lines are written so (a line of two points as a polygon with its
+end doubled). A refused frame stands among the images without an annotation.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ POINTS_CATEGORY = "field"
 class _Category(Checked):
     id: int
     name: str
-    keypoints: list[str] = []
+    keypoints: list[str] = Field([])
 
 
 class _Image(Checked):
@@ -44,8 +44,8 @@ _Numbers = Annotated[list[float], Field(max_length=3 * MAX_POINTS)]
 class _Annotation(Checked):
     image_id: int
     category_id: int
-    keypoints: _Numbers = []
-    segmentation: list[_Numbers] | dict[str, Any] = []
+    keypoints: _Numbers = Field([])
+    segmentation: list[_Numbers] | dict[str, Any] = Field([])
 
 
 class _Dataset(Checked):
@@ -121,7 +121,8 @@ def dataset_record(frames: Sequence[AnnotatedFrame]) -> dict[str, Any]:
     categories: list[dict[str, Any]] = [{"id": 1, "name": POINTS_CATEGORY, "keypoints": labels, "skeleton": []}]
     categories += [{"id": number, "name": label} for number, label in enumerate(curves, start=2)]
     numbers = {label: number for number, label in enumerate(curves, start=2)}
-    images, annotations = [], []
+    images: list[dict[str, Any]] = []
+    annotations: list[dict[str, Any]] = []
     for image_id, frame in enumerate(frames, start=1):
         name = frame.image or f"{frame.id}.jpg"
         images.append({"id": image_id, "file_name": name, "width": frame.width, "height": frame.height})
@@ -148,9 +149,7 @@ def _triple(point: Array | None) -> list[float]:
     return [0.0, 0.0, 0] if point is None else [float(point[0]), float(point[1]), 2]
 
 
-def _annotation(
-    number: int, image_id: int, category_id: int, points: Array, content: dict[str, Any]
-) -> dict[str, Any]:
+def _annotation(number: int, image_id: int, category_id: int, points: Array, content: dict[str, Any]) -> dict[str, Any]:
     corner, extent = points.min(axis=0), np.ptp(points, axis=0)
     box = [float(v) for v in (*corner, *extent)]
     return {

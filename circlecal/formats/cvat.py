@@ -1,8 +1,9 @@
 """CVAT for images 1.1: one XML file with all frames, in and out.
 
-``<image name width height>`` with ``<points>``, ``<polyline>``, ``<polygon>``, ``<ellipse>`` and ``<skeleton>`` of named
-points. CVAT counts from the corner of the picture: pixel = theirs - 0.5. Boxes, masks and tags are left out. A file that
-declares a document type is refused unread, so no entity is ever expanded. A refused frame has an empty ``<image>``.
+``<image name width height>`` with ``<points>``, ``<polyline>``, ``<polygon>``, ``<ellipse>`` and ``<skeleton>`` of
+named points. CVAT counts from the corner of the picture: pixel = theirs - 0.5. Boxes, masks and tags are left out. A
+file that declares a document type is refused unread, so no entity is ever expanded. A refused frame has an empty
+``<image>``.
 """
 
 from __future__ import annotations
@@ -65,10 +66,13 @@ def _frame(path: Path, image: ElementTree.Element, name: str, size: Size | None)
         if not (0 < width <= MAX_SIDE and 0 < height <= MAX_SIDE):
             raise InputError(f"{where}: width: a picture of {width:g} x {height:g} pixels is none")
         found = int(width), int(height)
-    shapes, warnings = [], []
+    shapes: list[Shape] = []
+    warnings: list[str] = []
     for element in image:
         if element.tag in _LEFT_OUT:
-            warnings.append(f"{where}: {element.tag}: {element.get('label', '')!r} is no point, line or ellipse; left out")
+            warnings.append(
+                f"{where}: {element.tag}: {element.get('label', '')!r} is no point, line or ellipse; left out"
+            )
         shapes += _shapes(element, where)
     chosen = require_size(path, found, size)
     return AnnotatedFrame(name, *chosen, tuple(shapes), image.get("name"), tuple(warnings))

@@ -26,7 +26,7 @@ MIN_SIDE = 64
 MASK_SUFFIX = ".mask.png"
 MASK_FOLDER = "masks"
 OVERLAY_SUFFIX, RADAR_SUFFIX, DEBUG_SUFFIX = ".overlay.jpg", ".radar.jpg", ".debug"
-_OWN_FOLDERS = ("circlecal-out", "circlecal-debug")
+OWN_FOLDERS = ("circlecal-out", "circlecal-debug")
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +110,7 @@ def _walk(folder: Path) -> Iterator[Path]:
         if entry.name.startswith("."):
             continue
         if entry.is_dir():
-            own = entry.name in _OWN_FOLDERS or entry.suffix == DEBUG_SUFFIX
+            own = entry.name in OWN_FOLDERS or entry.suffix == DEBUG_SUFFIX
             if entry.name != MASK_FOLDER and not own and not entry.is_symlink():
                 yield from _walk(entry)
         elif entry.suffix.lower() in PICTURE_SUFFIXES and not entry.name.endswith((OVERLAY_SUFFIX, RADAR_SUFFIX)):

@@ -1,8 +1,8 @@
 """LabelMe: one JSON file per frame, in and out.
 
-``shapes`` (``label``, ``shape_type``, ``points``), ``imageWidth``, ``imageHeight``, ``imagePath``. LabelMe counts from the
-corner of the picture: pixel = theirs - 0.5. Points, lines, line strips and polygons are read; its circle is no ellipse
-and, like rectangles and masks, left out. A refused frame has no file.
+``shapes`` (``label``, ``shape_type``, ``points``), ``imageWidth``, ``imageHeight``, ``imagePath``. LabelMe counts from
+the corner of the picture: pixel = theirs - 0.5. Points, lines, line strips and polygons are read; its circle is no
+ellipse and, like rectangles and masks, left out. A refused frame has no file.
 """
 
 from __future__ import annotations
@@ -30,9 +30,7 @@ _KINDS: dict[str, ShapeKind] = {
 class _Shape(Checked):
     label: str
     shape_type: str = "polygon"
-    points: Annotated[
-        list[Annotated[list[float], Field(min_length=2, max_length=2)]], Field(max_length=MAX_POINTS)
-    ]
+    points: Annotated[list[Annotated[list[float], Field(min_length=2, max_length=2)]], Field(max_length=MAX_POINTS)]
 
 
 class _File(Checked):

@@ -1,9 +1,9 @@
 """Label Studio: a JSON list of tasks, in and out.
 
-``annotations[].result[]`` with ``value`` in per cent of ``original_width`` and ``original_height``, counted from the corner of
-the picture: pixel = ``x / 100 W - 0.5``. Read are key points, polygons, vectors and ellipses (``x``, ``y`` is the
-centre, turned by ``rotation`` degrees clockwise in the picture, not in per cent). Of several annotations of a task the first that was not
-cancelled counts. A refused frame is a task without an annotation.
+``annotations[].result[]`` with ``value`` in per cent of ``original_width`` and ``original_height``, counted from the
+corner of the picture: pixel = ``x / 100 W - 0.5``. Read are key points, polygons, vectors and ellipses (``x``, ``y`` is
+the centre, turned by ``rotation`` degrees clockwise in the picture, not in per cent). Of several annotations of a task
+the first that was not cancelled counts. A refused frame is a task without an annotation.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class _Result(Checked):
     type: str = ""
     original_width: Side | None = None
     original_height: Side | None = None
-    value: dict[str, Any] = {}
+    value: dict[str, Any] = Field({})
 
 
 class _Annotation(Checked):
@@ -47,8 +47,8 @@ class _Annotation(Checked):
 
 
 class _Task(Checked):
-    data: dict[str, Any] = {}
-    annotations: list[_Annotation] = []
+    data: dict[str, Any] = Field({})
+    annotations: list[_Annotation] = Field([])
 
 
 class _Tasks(RootModel[list[_Task]]):
@@ -180,5 +180,3 @@ def _results(shape: Shape, frame: AnnotatedFrame) -> list[dict[str, Any]]:
         }
         for kind, value in values
     ]  # fmt: skip
-
-

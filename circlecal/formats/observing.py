@@ -98,7 +98,9 @@ class _Reading:
         elif name in elements:
             self._take_element(shape, elements[name])
         elif not self._take_place(shape, name) and name not in _SILENT and TANGENT not in name.split():
-            self.warnings.append(f"{self.file}: {shape.label}: is no marking of the field {self.template.name!r}; left out")
+            self.warnings.append(
+                f"{self.file}: {shape.label}: is no marking of the field {self.template.name!r}; left out"
+            )
 
     def _take_element(self, shape: Shape, element: tuple[str, str]) -> None:
         kind, name = element

@@ -1,9 +1,9 @@
 """PnLCalib and NBJW keypoints and lines: predictions in; keypoints out with the virtual ones of the circle from us.
 
-``{"kp": {"51": {"x": 0.503, "y": 0.412, "p": 0.71}}, "lines": {"13": {"x_1": ..., "y_1": ..., "p_1": ..., "x_2": ...}}}``
-with coordinates divided by W and H, read off heat maps (steps of 2 px at 960x540): pixel = ``x W``, ``y H``. Keypoints
-are numbered from 1, 57 of the network and 16 intersections of predicted lines; lines from 1 in SoccerNet's order
-without circles.
+``{"kp": {"51": {"x": 0.503, "y": 0.412, "p": 0.71}}, "lines": {"13": {"x_1": ..., "y_1": ..., "p_1": ..., ...}}}`` with
+coordinates divided by W and H, read off heat maps (steps of 2 px at 960x540): pixel = ``x W``, ``y H``. Keypoints are
+numbered from 1, 57 of the network and 16 intersections of predicted lines; lines from 1 in SoccerNet's order without
+circles.
 
 Four traps:
 
@@ -63,7 +63,7 @@ class _Line(Checked):
 
 class _Prediction(Checked):
     kp: Annotated[dict[str, _Keypoint], Field(max_length=1000)]
-    lines: Annotated[dict[str, _Line], Field(max_length=1000)] = {}
+    lines: Annotated[dict[str, _Line], Field(max_length=1000)] = Field({})
 
 
 def read_prediction(path: Path, content: bytes, size: Size | None) -> AnnotatedFrame:
@@ -109,7 +109,7 @@ def keypoint_number(label: str) -> int | None:
 def field_position(number: int, template: FieldTemplate) -> Array | None:
     """Position (2,) of a keypoint on the field; None of those above it and of tangency points.
 
-    Taken from the template's own sizes, so that corners of a pitch of other size are where they are; 52 stays at 9.00 m.
+    Taken from the template's own sizes, so that corners of another pitch are where they are; 52 stays at 9.00 m.
 
     Raises
     ------

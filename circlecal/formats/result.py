@@ -113,6 +113,9 @@ def _camera(fit: CameraFit, circle_radius_m: float) -> dict[str, Any]:
         "rejected_observations": fit.rejected,
         "noise_scale": fit.noise_scale,
         "data_share": fit.data_share,
+        "prior_dominated": fit.prior_dominated,
+        "residual_correlation": fit.residual_correlation,
+        "position_sigma_m": np.sqrt(np.diag(fit.covariance)[4:7]),
         "max_sigma_px": fit.max_sigma_px,
         "max_sigma_m": fit.max_sigma_m,
     }

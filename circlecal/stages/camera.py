@@ -397,6 +397,7 @@ def _result(
     H = camera.homography
     grid = visible_field(theta, frame, template, center, 2.5 * circle.radius_m)
     sigma_px, sigma_m = field_sigma(theta, covariance, grid, frame)
+    share = data_share(theta, covariance, prior.T @ prior, grid, frame)
     return CameraFit(
         camera=camera,
         crown_m=float(theta[INDEX["crown"]]),
@@ -409,7 +410,9 @@ def _result(
         imaged_center_px=imaged_point(theta, frame, center),
         imaged_center_covariance=push_forward(lambda t: imaged_point(t, frame, center), theta, covariance),
         noise_scale=scale,
-        data_share=data_share(theta, covariance, prior.T @ prior, grid, frame),
+        data_share=share,
+        prior_dominated=share < 0.5,
+        residual_correlation=_correlation(problem, state, circle),
         max_sigma_px=float(sigma_px.max()) if len(grid) else float("inf"),
         max_sigma_m=float(sigma_m.max()) if len(grid) else float("inf"),
         residuals_px=_residuals_px(problem, state),
@@ -419,6 +422,16 @@ def _result(
         named_lines=named,
         alternatives=((camera.turned(), 0.0),),
     )
+
+
+def _correlation(problem: Problem, state: State, circle: Circle) -> float:
+    """How many neighbouring residuals along the circle repeat each other: 1 where they are white."""
+    circles = [k for k, name in enumerate(problem.curves.names) if name.startswith(circle.name + " ")]
+    factors = [1.0]
+    for group in circles:
+        index = np.flatnonzero(problem.curves.group == group)
+        factors.append(correlation_factor(state.residuals[0, index[np.argsort(state.hidden[0, index])]]))
+    return max(factors)
 
 
 def _derived_points(theta: Array, covariance: Array, circle: Circle, frame: Frame) -> tuple[DerivedPoint, ...]:

@@ -13,6 +13,10 @@ from circlecal.observations import LinePoints, Observations
 from circlecal.profiles import grey, measure_bands, sample_profiles, smooth_along
 from circlecal.results import Cues, EllipseFits, LineCue, MarkCue, MarkingMask, Segment
 
+MOST_PIECES = 12
+LARGEST_BEND = 0.03
+"""Sine of the angle between neighbouring pieces of a straight marking: lens and crown bend it less than that."""
+
 
 class CuesConfig(BaseModel):
     """Options of the stage ``cues``."""
@@ -204,9 +208,36 @@ def _halfway_line(
     support = float(inside.sum() / max(expected, 1.0))
     if support < config.minimum_support:
         return None
-    return LineCue(
-        name, cue.line, cue.points_px, cue.sigma_px, Segment(cue.segment.start, cue.segment.end, support), cue.rms_px
-    )
+    further = _followed(picture, cue, float(np.linalg.norm(half)), noise, name, config)
+    points = np.concatenate([cue.points_px, *(piece.points_px for piece in further)])
+    sigma = np.concatenate([cue.sigma_px, *(piece.sigma_px for piece in further)])
+    return LineCue(name, cue.line, points, sigma, Segment(cue.segment.start, cue.segment.end, support), cue.rms_px)
+
+
+def _followed(
+    picture: NDArray[np.float32], near: LineCue, step_px: float, noise: float, name: str, config: CuesConfig
+) -> list[LineCue]:
+    """Pieces of a straight marking beyond its measured part, each expected where the one before points to.
+
+    Lens and crown bend the line, so the pieces follow it; the first that is not clearly there ends the search on its side.
+    """
+    height, width = picture.shape
+    found = []
+    for start, end in ((near.segment.start, near.segment.end), (near.segment.end, near.segment.start)):
+        for _ in range(MOST_PIECES):
+            direction = (end - start) / np.linalg.norm(end - start)
+            ahead = _clipped(end + 1.0 * direction, end + step_px * direction, width, height)
+            if ahead is None or np.linalg.norm(ahead[1] - ahead[0]) < 0.25 * step_px:
+                break
+            piece = measure_line(picture, Segment(*ahead), noise, config, name)
+            if piece is None or piece.segment.support < config.minimum_support:
+                break
+            far = piece.points_px[np.argmax((piece.points_px - end) @ direction)]
+            if abs(float(piece.line[:2] @ direction)) > LARGEST_BEND:
+                break
+            found.append(piece)
+            start, end = end, far
+    return found
 
 
 def _chord(conic: Array, line: Array) -> Array | None:

@@ -11,6 +11,11 @@ from circlecal.geometry.homogeneous import Array
 from circlecal.geometry.homography import projects_in_front
 from circlecal.results import CameraFit, Check, Correspondences, Cues, EllipseFits, HomographyFit, Verdict
 
+BLOOM_PX = 3.0
+"""By how much blur can drive both edges apart, pixels at 1920 px width."""
+MINIMUM_WIDTH_M = 1e-3
+"""Narrower markings are the zero-width lines of an annotation's model."""
+
 
 class VerdictConfig(BaseModel):
     """Options of the stage ``verdict``."""
@@ -27,6 +32,14 @@ class VerdictConfig(BaseModel):
         2.0,
         gt=0,
         description="Largest rms distance of the circle's points from the projected circle, pixels at 1920 px width.",
+    )
+    max_structured_residual_px: float = Field(
+        1.5,
+        gt=0,
+        description="Largest part of it that repeats itself along the arc, pixels at 1920 px width.",
+    )
+    edge_gap_ratio: tuple[float, float] = Field(
+        (0.5, 2.0), description="Accepted gap between outer and inner edge over the one that the camera predicts."
     )
     max_line_residual_px: float = Field(2.0, gt=0, description="The same for the halfway line.")
     max_mark_distance_px: float = Field(
@@ -69,6 +82,7 @@ def judge(
     ]
     if camera is not None:
         checks += _camera_checks(camera, cues, circle, unit, config)
+        checks += _edge_checks(camera, ellipses, template, circle, config)
     elif correspondences is not None:
         residual = _circle_residual(ellipses, H, template, circle)
         checks.append(_check("circle_residual_px", residual, config.max_circle_residual_px * unit))
@@ -82,6 +96,9 @@ CODES = {
     "circle_in_front": "circle_behind_camera",
     "not_mirrored": "mirrored",
     "circle_residual_px": "residual_too_large",
+    "structured_residual_px": "residual_too_large",
+    "widest_edge_gap": "edges_contradict",
+    "narrowest_edge_gap": "edges_contradict",
     "line_residual_px": "residual_too_large",
     "mark_distance_px": "mark_contradicts_circle",
     "sigma_px": "too_uncertain",
@@ -99,6 +116,11 @@ _WORDS = {
     "circle_in_front": "part of the circle would lie behind the camera",
     "not_mirrored": "the field would be seen mirrored",
     "circle_residual_px": "the projected circle leaves the marking by {value:.2f} px rms, {limit:.2f} are allowed",
+    "structured_residual_px": (
+        "the projected circle leaves the marking systematically, by {value:.2f} px rms, {limit:.2f} are allowed"
+    ),
+    "widest_edge_gap": "the marking's edges lie {value:.2f} times as far apart as the camera predicts",
+    "narrowest_edge_gap": "the marking's edges lie only {value:.2f} times as far apart as the camera predicts",
     "line_residual_px": "the projected halfway line leaves the marking by {value:.2f} px rms, {limit:.2f} are allowed",
     "mark_distance_px": (
         "the centre mark is seen {value:.1f} px from where circle and line put it, {limit:.1f} are allowed"
@@ -141,6 +163,8 @@ def _camera_checks(camera: CameraFit, cues: Cues, circle: Circle, unit: float, c
     for name, rms in camera.residuals_px.items():
         if name.startswith(circle.name + " "):
             checks.append(_check("circle_residual_px", rms, config.max_circle_residual_px * unit))
+            structured = rms * np.sqrt(1.0 - 1.0 / max(camera.residual_correlation, 1.0))
+            checks.append(_check("structured_residual_px", structured, config.max_structured_residual_px * unit))
         elif cues.halfway is not None and name == cues.halfway.name:
             checks.append(_check("line_residual_px", rms, config.max_line_residual_px * unit))
     if cues.mark is not None and cues.mark.name not in camera.rejected:
@@ -149,6 +173,27 @@ def _camera_checks(camera: CameraFit, cues: Cues, circle: Circle, unit: float, c
     checks.append(_check("sigma_px", camera.max_sigma_px, config.max_sigma_px * unit))
     checks.append(_check("sigma_m", camera.max_sigma_m, config.max_sigma_m))
     return checks
+
+
+def _edge_checks(
+    camera: CameraFit, ellipses: EllipseFits, template: FieldTemplate, circle: Circle, config: VerdictConfig
+) -> list[Check]:
+    """Inner against outer edge: where both were seen, their gap must be the marking's width as the camera puts it."""
+    outer, inner = ellipses.outer, ellipses.inner
+    if outer is None or inner is None or template.marking_width_m < MINIMUM_WIDTH_M:
+        return []
+    center = np.asarray(circle.center)
+    offset = camera.camera.back_project(outer.points_px[outer.inliers]) - center
+    outward = offset / np.linalg.norm(offset, axis=-1, keepdims=True)
+    seen = np.abs(sampson_distance(inner.conic, outer.points_px[outer.inliers]))
+    rims = [camera.camera.project(center + template.radius(circle, edge) * outward) for edge in ("outer", "inner")]
+    across = np.abs(sampson_distance(inner.conic, rims[0]) - sampson_distance(inner.conic, rims[1]))
+    gap, predicted = float(np.nanmedian(seen)), float(np.nanmedian(across))
+    bloom = BLOOM_PX * camera.camera.width / 1920.0
+    return [
+        _check("widest_edge_gap", gap / (predicted + bloom), config.edge_gap_ratio[1]),
+        _check("narrowest_edge_gap", gap / predicted, config.edge_gap_ratio[0], at_least=True),
+    ]
 
 
 def _circle_residual(ellipses: EllipseFits, H: Array, template: FieldTemplate, circle: Circle) -> float:

@@ -1,0 +1,66 @@
+"""What is already known of a camera: a venue's camera file, or the result of another frame of the same camera.
+
+A prior file is YAML or JSON with ``position_m`` (three numbers, SoccerNet's frame), and as far as known ``position_sd_m``, ``roll_sd_deg``,
+``k1_mean`` and ``k1_sd``: keys of the configuration's section ``camera``. A result file of ``circlecal calibrate`` serves as well: its position
+with the standard deviation that it carries.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from circlecal.errors import InputError
+
+KEYS = (
+    "position_m",
+    "position_sd_m",
+    "roll_sd_deg",
+    "k1_mean",
+    "k1_sd",
+    "principal_point_sd_px",
+    "crown_m",
+    "crown_sd_m",
+)
+LEAST_POSITION_SD_M = 0.05
+DEFAULT_POSITION_SD_M = 0.5
+
+
+def prior_settings(path: Path) -> list[str]:
+    """Settings of the section ``camera`` from a prior or result file, as ``camera.key=value``.
+
+    Raises
+    ------
+    InputError
+        With the file, what is wrong and the mend.
+    """
+    import yaml
+
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read: {error}") from error
+    except yaml.YAMLError as error:
+        raise InputError(f"{path}: is neither YAML nor JSON: {' '.join(str(error).split())}") from error
+    if not isinstance(content, dict):
+        raise InputError(f"{path}: a camera prior is a mapping with position_m")
+    known = _from_result(content, path) if "schema_version" in content else content
+    unknown = sorted(set(known) - set(KEYS))
+    if unknown:
+        raise InputError(f"{path}: {unknown[0]} is unknown in a camera prior; known: {', '.join(KEYS)}")
+    if "position_m" not in known:
+        raise InputError(f"{path}: position_m is missing; a camera prior needs at least the position")
+    settings = {"position_sd_m": [DEFAULT_POSITION_SD_M] * 3, **known}
+    return [f"camera.{key}={json.dumps(value)}" for key, value in settings.items()]
+
+
+def _from_result(record: dict[str, Any], path: Path) -> dict[str, Any]:
+    camera = record.get("camera")
+    if record.get("status") != "calibrated" or not isinstance(camera, dict):
+        raise InputError(f"{path}: holds no calibrated camera; give the result of a calibrated frame")
+    sigma = camera.get("position_sigma_m") or [DEFAULT_POSITION_SD_M] * 3
+    return {
+        "position_m": camera["position_meters"],
+        "position_sd_m": [max(float(s), LEAST_POSITION_SD_M) for s in sigma],
+    }

@@ -1,0 +1,183 @@
+"""Annotation files among what the user names: instead of pictures, or beside them."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from circlecal.errors import InputError
+from circlecal.field import FieldTemplate
+from circlecal.formats.annotated import AnnotatedFrame, ObservedFrame
+from circlecal.formats.checked import Size, distinct_names
+from circlecal.formats.exchange import format_of, picture_beside, read_annotations
+from circlecal.formats.images import DEBUG_SUFFIX, OWN_FOLDERS, PICTURE_SUFFIXES, Frame
+from circlecal.formats.observing import observe
+from circlecal.formats.worldcup import SUFFIX as MATRIX_SUFFIX
+from circlecal.observations import Observations
+from circlecal.sources import SourcesConfig
+
+FILE_SUFFIXES = (".json", ".xml", ".jsonl", MATRIX_SUFFIX.lower())
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class AnnotationFile:
+    """A file, its path relative to the folder that was given, and whether it was named itself."""
+
+    path: Path
+    relative: Path
+    named: bool
+
+
+@dataclass(frozen=True, slots=True)
+class FrameOfFile:
+    """A frame of an annotation file, the file, and the picture beside it where there is one."""
+
+    observed: ObservedFrame
+    path: Path
+    picture: Path | None
+
+
+def split_inputs(
+    inputs: Sequence[Path], format_name: str | None = None, exclude: Sequence[Path] = ()
+) -> tuple[list[Path], list[AnnotationFile]]:
+    """What holds pictures, and the annotation files.
+
+    A file is an annotation by its suffix, or by the user's naming a format. In a folder with pictures these are the
+    frames and its other files are left alone, unless the user names a format.
+
+    Raises
+    ------
+    InputError
+        An input does not exist.
+    """
+    pictures: list[Path] = []
+    files: list[AnnotationFile] = []
+    for given in inputs:
+        if not given.exists():
+            raise InputError(f"{given}: no such file or folder")
+        if given.is_dir():
+            found = list(_files_in(given, {path.resolve() for path in exclude}))
+            held = [path for path in found if path.suffix.lower() in FILE_SUFFIXES]
+            shows = any(path.suffix.lower() in PICTURE_SUFFIXES for path in found)
+            if held and (format_name is not None or not shows):
+                files += [AnnotationFile(path, path.relative_to(given), named=False) for path in held]
+            else:
+                pictures.append(given)
+        elif given.suffix.lower() in FILE_SUFFIXES or format_name is not None:
+            files.append(AnnotationFile(given, Path(given.name), named=True))
+        else:
+            pictures.append(given)
+    return pictures, files
+
+
+def _files_in(folder: Path, excluded: set[Path]) -> Iterator[Path]:
+    try:
+        entries = sorted(folder.iterdir(), key=lambda entry: entry.name)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be read: {error.strerror}; check its permissions") from error
+    for entry in entries:
+        if entry.name.startswith(".") or entry.resolve() in excluded:
+            continue
+        if entry.is_dir():
+            if entry.name not in OWN_FOLDERS and entry.suffix != DEBUG_SUFFIX and not entry.is_symlink():
+                yield from _files_in(entry, excluded)
+        else:
+            yield entry
+
+
+def read_frames(
+    files: Sequence[AnnotationFile],
+    template: FieldTemplate,
+    sources: SourcesConfig,
+    *,
+    size: Size | None = None,
+    format_name: str | None = None,
+    on_error: Callable[[InputError], None],
+) -> list[FrameOfFile]:
+    """Frames of annotation files, their ids unique; files of a folder that are no annotations are passed over.
+
+    Parameters
+    ----------
+    files : sequence of AnnotationFile
+        From :func:`split_inputs`.
+    template, sources : FieldTemplate, SourcesConfig
+        As for :func:`circlecal.formats.observing.observe`.
+    size, format_name : optional
+        As for :func:`circlecal.formats.exchange.read_annotations`.
+    on_error : callable
+        Called with the error of each file that cannot be read; the others go on.
+    """
+    found: list[tuple[str, AnnotatedFrame, AnnotationFile]] = []
+    for file in files:
+        try:
+            if not file.named and format_of(file.path, format_name)[1] != "annotation":
+                _log.info("%s: is no annotation; passed over", file.path)
+                continue
+            name, frames = read_annotations(file.path, size, format_name)
+        except InputError as error:
+            on_error(error)
+            continue
+        found += [(name, replace(frame, id="__".join((*file.relative.parts[:-1], frame.id))), file) for frame in frames]
+    ids = distinct_names([frame.id for _, frame, _ in found])
+    read = []
+    for identifier, (name, frame, file) in zip(ids, found, strict=True):
+        observed = observe(replace(frame, id=identifier), template, sources, name, str(file.path))
+        for warning in observed.warnings:
+            _log.warning("%s", warning)
+        read.append(FrameOfFile(observed, file.path, picture_beside(file.path, observed.image)))
+    return read
+
+
+def observations_beside(
+    given: Path,
+    frame: Frame,
+    template: FieldTemplate,
+    sources: SourcesConfig,
+    size: Size,
+    format_name: str | None = None,
+) -> Observations:
+    """What a file of keypoints or lines says about a picture, in pixels of that picture.
+
+    Parameters
+    ----------
+    given : path
+        A file with this frame or with many, or a folder of files named like the frames.
+    frame : Frame
+        The picture.
+    template, sources : FieldTemplate, SourcesConfig
+        As for :func:`circlecal.formats.observing.observe`.
+    size : (int, int)
+        Width and height of the picture; a file of another size is stretched to it.
+    format_name : str, optional
+        Format of the file; recognised when None.
+
+    Raises
+    ------
+    InputError
+        Nothing for this frame, or an unusable file.
+    """
+    path = _file_for(given, frame)
+    name, frames = read_annotations(path, size, format_name)
+    wanted = {frame.id, frame.path.stem}
+    chosen = next((f for f in frames if f.id in wanted), frames[0] if len(frames) == 1 else None)
+    if chosen is None:
+        raise InputError(f"{path}: has {len(frames)} frames, none of them {frame.path.stem}")
+    observed = observe(chosen.resized(*size), template, sources, name, str(path))
+    for warning in observed.warnings:
+        _log.warning("%s", warning)
+    return observed.observations
+
+
+def _file_for(given: Path, frame: Frame) -> Path:
+    if not given.is_dir():
+        return given
+    names = dict.fromkeys((frame.mask_stem, frame.id, frame.path.stem))
+    candidates = [given / f"{name}{suffix}" for name in names for suffix in FILE_SUFFIXES]
+    found = next((path for path in candidates if path.is_file()), None)
+    if found is None:
+        raise InputError(f"{given}: nothing for {frame.path.name}; looked for {frame.path.stem}.json")
+    return found

@@ -1,0 +1,86 @@
+"""WorldCup 2014 ``*.homographyMatrix``: nine numbers of text, picture (1280x720) to template in yards, in and out.
+
+The template's origin is the top left corner of the field, x along the length, y down towards the camera. Two
+conversions to metres about the centre mark are in use, and they do not agree by up to 17 cm:
+
+``tvcalib``
+    A template of 115 x 74 yards: metres = 0.9144 (yards - (57.5, 37)). The default.
+``pnlcalib``
+    A pitch of 105 x 68 m: yards = 1.09361 (metres + (52.5, 34)), so the template is 114.83 x 74.37 yards.
+
+Pixels are taken as ours at 1280x720; pictures of other sizes are stretched to it corner to corner. There is no room for
+a lens: what is written is the homography nearest to lens and surface over the field in view. A refused frame has no
+file.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from circlecal.errors import InputError
+from circlecal.formats.cameras import CameraFrame
+from circlecal.formats.checked import Size
+from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.homography import scale_homography
+
+Conversion = Literal["tvcalib", "pnlcalib"]
+PICTURE: Size = (1280, 720)
+SUFFIX = ".homographyMatrix"
+_METRES_PER_YARD, _YARDS_PER_METRE = 0.9144, 1.09361
+
+
+def yards_from_metres(conversion: Conversion = "tvcalib") -> Array:
+    """Field (metres about the centre mark) to template (yards from the corner), (3, 3)."""
+    if conversion == "tvcalib":
+        scale, corner = 1.0 / _METRES_PER_YARD, (57.5, 37.0)
+    else:
+        scale, corner = _YARDS_PER_METRE, (52.5 * _YARDS_PER_METRE, 34.0 * _YARDS_PER_METRE)
+    return np.array([[scale, 0.0, corner[0]], [0.0, scale, corner[1]], [0.0, 0.0, 1.0]])
+
+
+def read_matrix(path: Path, content: bytes, conversion: Conversion = "tvcalib") -> CameraFrame:
+    """The homography of a file, as one from field to picture at 1280x720.
+
+    Raises
+    ------
+    InputError
+        Not nine finite numbers, or a matrix that cannot be inverted.
+    """
+    matrix = parse_matrix(path, content)
+    try:
+        template_to_image = np.linalg.inv(matrix)
+    except np.linalg.LinAlgError as error:
+        raise InputError(f"{path}: the matrix cannot be inverted") from error
+    H = scale_homography(template_to_image @ yards_from_metres(conversion))
+    return CameraFrame(path.name.removesuffix(path.suffix), *PICTURE, H_image_field=H)
+
+
+def parse_matrix(path: Path, content: bytes) -> Array:
+    """Nine numbers (3, 3) of whitespace separated text.
+
+    Raises
+    ------
+    InputError
+        Anything else.
+    """
+    words = content.split()
+    try:
+        values = [float(word) for word in words[:10]]
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from error
+    if len(words) != 9 or not np.isfinite(values).all():
+        raise InputError(f"{path}: a homography has nine finite numbers, this file {len(words)} words")
+    return np.array(values).reshape(3, 3)
+
+
+def matrix_bytes(H_image_field: Array, size: Size, conversion: Conversion = "tvcalib") -> bytes:
+    """Content of a file for a homography from field (metres) to pictures of ``size``; numbers keep all their digits."""
+    factor = np.array(PICTURE) / np.array(size)
+    shift = 0.5 * factor - 0.5
+    stretch = np.array([[factor[0], 0.0, shift[0]], [0.0, factor[1], shift[1]], [0.0, 0.0, 1.0]])
+    field_to_template = yards_from_metres(conversion)
+    matrix = scale_homography(field_to_template @ np.linalg.inv(stretch @ H_image_field))
+    return "".join(" ".join(repr(float(v)) for v in row) + "\n" for row in matrix).encode()

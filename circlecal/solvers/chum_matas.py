@@ -1,0 +1,128 @@
+"""Homography from two or more ellipses by its first-order expansion (Chum and Matas 2012), iterated.
+
+With A the affinity from the unit circle to a circle of the field and B that to its ellipse, ``M = B^-1 H A`` keeps the
+unit circle. To first order about the centre M is a rotation (times w): ``M02 = M12 = 0``, ``M00 = M11`` and
+``M01 = -M10``, four linear equations in H per ellipse. That is exact for an affine H and off by the square of the
+perspective over an ellipse. The iteration expands the image of each circle about the current H instead and weighs
+it with the information of the fitted ellipse, so it ends at the maximum of the likelihood of the ellipses.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from circlecal.field import Circle, FieldTemplate
+from circlecal.geometry.conics import coefficients_from_conic, ellipse_from_conic, normalise_conic, refine_conic
+from circlecal.geometry.homogeneous import Array, apply_homography, similarity_normalisation
+from circlecal.observations import Observations
+from circlecal.solvers.interface import solver, unsolved
+from circlecal.solvers.primitives import SeenCircle, separate_circles
+
+ITERATIONS = 60
+UNIT_CIRCLE = np.diag([1.0, 1.0, -1.0])
+RANK_TOLERANCE = 1e-9
+_BASIS = np.eye(9)[:8].reshape(8, 3, 3)
+
+
+@dataclass(frozen=True, slots=True)
+class EllipseMatch:
+    """A circle of the field and its ellipse.
+
+    ``A`` and ``B`` (3, 3) are the affinities from the unit circle; ``root`` (6, 6) whitens the change of the conic's
+    six coefficients in the frame in which the ellipse is the unit circle.
+    """
+
+    A: Array
+    B: Array
+    root: Array
+
+
+@solver
+def solve(observations: Observations, template: FieldTemplate, circle: Circle, rng: np.random.Generator) -> Array:
+    """First-order solution of all separate circles, then the iteration."""
+    matches = [ellipse_match(seen) for seen in separate_circles(observations, template, rng)]
+    return iterate(first_order_homography(matches), matches, ITERATIONS)
+
+
+def ellipse_match(seen: SeenCircle) -> EllipseMatch:
+    """Refine the ellipse geometrically and keep how well its points determine it."""
+    refined = refine_conic(seen.points_px, seen.conic, seen.sigma_px, loss_scale=6.0)
+    conic = seen.conic if refined is None else refined[0]
+    ellipse = ellipse_from_conic(conic)
+    if ellipse is None:
+        raise unsolved("no_circle", "the circle's points fit no ellipse")
+    x, y = seen.center_m
+    A = np.array([[seen.radius_m, 0.0, x], [0.0, seen.radius_m, y], [0.0, 0.0, 1.0]])
+    B = ellipse.frame()
+    local = apply_homography(np.linalg.inv(B), seen.points_px)
+    local = local / np.linalg.norm(local, axis=1, keepdims=True)
+    u, v = local.T
+    # the first-order distance of the unit circle in pixels: the gradient goes through the frame to the picture
+    gradient = 2.0 * local @ np.linalg.inv(B[:2, :2])
+    weight = 1.0 / (np.linalg.norm(gradient, axis=1) * seen.sigma_px)
+    rows = np.stack([u * u, u * v, v * v, u, v, np.ones_like(u)], axis=-1) * weight[:, None]
+    return EllipseMatch(A, B, np.linalg.qr(rows, mode="r") if len(rows) >= 6 else rows)
+
+
+def first_order_homography(matches: list[EllipseMatch]) -> Array:
+    """Four linear equations per ellipse in the entries of H; least squares (Chum and Matas 2012)."""
+    corners = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
+    T_field = similarity_normalisation(np.concatenate([apply_homography(m.A, corners) for m in matches]))
+    T_image = similarity_normalisation(np.concatenate([apply_homography(m.B, corners) for m in matches]))
+    rows = []
+    for match in matches:
+        left, right = np.linalg.inv(T_image @ match.B), T_field @ match.A
+        entry = np.einsum("ia,bj->ijab", left, right).reshape(3, 3, 9)
+        rows += [entry[0, 2], entry[1, 2], entry[0, 0] - entry[1, 1], entry[0, 1] + entry[1, 0]]
+    system = np.array(rows)
+    _, singular, vectors = np.linalg.svd(system / np.linalg.norm(system, axis=1, keepdims=True))
+    if singular[7] <= RANK_TOLERANCE * singular[0]:
+        raise unsolved("degenerate", "the ellipses leave the homography undetermined")
+    return np.asarray(np.linalg.inv(T_image) @ vectors[8].reshape(3, 3) @ T_field)
+
+
+def iterate(H: Array, matches: list[EllipseMatch], iterations: int) -> Array:
+    """Levenberg-Marquardt on the whitened conics, re-expanded about the current H in each step."""
+    centers = np.concatenate([apply_homography(m.A, [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]) for m in matches])
+    N = np.linalg.inv(similarity_normalisation(centers))
+    state = _linearised(H, N, matches)
+    if state is None:
+        raise unsolved("no_convergence", "the first-order homography maps a circle to no ellipse")
+    damping = 1e-3
+    for _ in range(iterations):
+        residual, jacobian = state
+        cost = float(residual @ residual)
+        normal, gradient = jacobian.T @ jacobian, jacobian.T @ residual
+        step = -np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-300), gradient)
+        proposal = H @ N @ (np.eye(3) + np.tensordot(step, _BASIS, axes=1)) @ np.linalg.inv(N)
+        new = _linearised(proposal, N, matches)
+        if new is not None and float(new[0] @ new[0]) < cost:
+            H, state, damping = proposal, new, max(damping * 0.1, 1e-15)
+            if np.linalg.norm(step) < 1e-15:
+                break
+        else:
+            damping *= 10.0
+            if damping > 1e6:
+                break
+    return H
+
+
+def _linearised(H: Array, N: Array, matches: list[EllipseMatch]) -> tuple[Array, Array] | None:
+    """Whitened difference of each predicted conic from its ellipse, and its Jacobian by the change ``N D N^-1`` of H."""
+    residuals, jacobians = [], []
+    for match in matches:
+        M = np.linalg.solve(match.B, H @ match.A)
+        inverse = np.linalg.inv(M)
+        P = normalise_conic(inverse.T @ UNIT_CIRCLE @ inverse)
+        if not np.isfinite(P).all() or ellipse_from_conic(P) is None:
+            return None
+        dM = np.linalg.solve(match.B, H @ N) @ _BASIS @ np.linalg.solve(N, match.A)
+        half = P @ dM @ inverse
+        dP = -(half + np.swapaxes(half, 1, 2))
+        trace = np.einsum("ij,kji->k", np.linalg.inv(P), dP)
+        dP = dP - P * (trace / 3.0)[:, None, None]
+        residuals.append(match.root @ coefficients_from_conic(P - UNIT_CIRCLE))
+        jacobians.append(match.root @ coefficients_from_conic(dP).T)
+    return np.concatenate(residuals), np.concatenate(jacobians)

@@ -1,0 +1,120 @@
+"""What every solver takes and returns: one signature, one result, a failure as a value with its reason."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import wraps
+from typing import Protocol
+
+import numpy as np
+
+from circlecal.errors import EstimationError
+from circlecal.field import Circle, FieldTemplate
+from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.homography import scale_homography
+from circlecal.observations import Observations
+
+STAGE = "solver"
+
+
+@dataclass(frozen=True, slots=True)
+class SolverResult:
+    """A homography, or why there is none.
+
+    Attributes
+    ----------
+    H_image_field : (3, 3) array or None
+        Field to undistorted pixels; None for a failure.
+    code : str
+        ``"ok"``, or the machine-readable reason of the failure.
+    reason : str
+        The same in words; empty for a success.
+    """
+
+    H_image_field: Array | None
+    code: str = "ok"
+    reason: str = ""
+
+    @property
+    def solved(self) -> bool:
+        """Whether there is a homography."""
+        return self.H_image_field is not None
+
+
+@dataclass(frozen=True, slots=True)
+class IntrinsicsResult:
+    """Calibration matrix K (3, 3) of square or general pixels, or why there is none."""
+
+    intrinsics: Array | None
+    code: str = "ok"
+    reason: str = ""
+
+    @property
+    def solved(self) -> bool:
+        """Whether there is a calibration matrix."""
+        return self.intrinsics is not None
+
+
+class Solver(Protocol):
+    """The one signature of all solvers."""
+
+    def __call__(
+        self, observations: Observations, template: FieldTemplate, circle: Circle, rng: np.random.Generator
+    ) -> SolverResult:
+        """Homography of one frame."""
+
+
+class IntrinsicsSolver(Protocol):
+    """Signature of the methods that find the camera's inner geometry only, from one or more frames of one zoom."""
+
+    def __call__(
+        self, views: Sequence[Observations], template: FieldTemplate, circle: Circle, rng: np.random.Generator
+    ) -> IntrinsicsResult:
+        """Calibration matrix that the views share."""
+
+
+HomographyMethod = Callable[[Observations, FieldTemplate, Circle, np.random.Generator], Array]
+IntrinsicsMethod = Callable[[Sequence[Observations], FieldTemplate, Circle, np.random.Generator], Array]
+
+
+def unsolved(code: str, reason: str) -> EstimationError:
+    """The error by which a step inside a solver gives up; it never leaves the solver."""
+    return EstimationError(STAGE, code, reason)
+
+
+def solver(method: HomographyMethod) -> Solver:
+    """Turn a method that returns a homography or gives up into a solver that returns a result in any case."""
+
+    @wraps(method)
+    def solve(
+        observations: Observations, template: FieldTemplate, circle: Circle, rng: np.random.Generator
+    ) -> SolverResult:
+        try:
+            H = method(observations, template, circle, rng)
+        except EstimationError as error:
+            return SolverResult(None, error.code, error.reason)
+        except np.linalg.LinAlgError as error:
+            return SolverResult(None, "degenerate", f"a linear system has no solution: {error}")
+        if not np.isfinite(H).all() or abs(np.linalg.det(H)) < 1e-300:
+            return SolverResult(None, "degenerate", "the homography is singular")
+        return SolverResult(scale_homography(H))
+
+    return solve
+
+
+def intrinsics_solver(method: IntrinsicsMethod) -> IntrinsicsSolver:
+    """The same for methods that find a calibration matrix."""
+
+    @wraps(method)
+    def solve(
+        views: Sequence[Observations], template: FieldTemplate, circle: Circle, rng: np.random.Generator
+    ) -> IntrinsicsResult:
+        try:
+            return IntrinsicsResult(method(views, template, circle, rng))
+        except EstimationError as error:
+            return IntrinsicsResult(None, error.code, error.reason)
+        except np.linalg.LinAlgError as error:
+            return IntrinsicsResult(None, "degenerate", f"a linear system has no solution: {error}")
+
+    return solve
