@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +16,12 @@ from circlecal.errors import InputError
 from circlecal.field import FieldTemplate
 from circlecal.formats.annotated import ObservedFrame
 from circlecal.formats.atomic import write_error
+from circlecal.formats.exports import Exports
 from circlecal.formats.images import DEBUG_SUFFIX, OVERLAY_SUFFIX, RADAR_SUFFIX, Frame, as_bgr, read_image, write_image
-from circlecal.formats.inputs import observations_beside
+from circlecal.formats.inputs import FrameOfFile, observations_beside
 from circlecal.formats.masks import as_class_ids, find_mask, read_mask
 from circlecal.formats.result import result_record, write_result
-from circlecal.pipeline import Convention, field_of, run, run_observations
+from circlecal.pipeline import Convention, field_of, in_convention, run, run_observations
 from circlecal.results import Calibration
 
 _log = logging.getLogger(__name__)
@@ -114,6 +116,66 @@ def calibrate_observed(
     """Calibrate a frame of an annotation file; see :func:`circlecal.pipeline.run_observations`."""
     observations = frame.observations
     return run_observations(observations, config, frame_id=frame.id, source=str(source), convention=convention)
+
+
+@dataclass(frozen=True, slots=True)
+class FrameRun:
+    """How the frames of a run are calibrated and what is written of each.
+
+    Attributes
+    ----------
+    config : Config
+        Options.
+    out : path
+        Folder of the results.
+    exports : Exports
+        Outside formats that are written too; the caller finishes them.
+    mask, keypoints, format_name : optional
+        As for :func:`calibrate_frame`.
+    convention : {"official", "paint"}
+        Where annotated points lie.
+    """
+
+    config: Config
+    out: Path
+    exports: Exports
+    mask: Path | None = None
+    keypoints: Path | None = None
+    format_name: str | None = None
+    convention: Convention = "official"
+
+    def record(self, frame: Frame | FrameOfFile) -> dict[str, Any]:
+        """Calibrate a picture or a frame of an annotation file, write what belongs to it, return its record.
+
+        Raises
+        ------
+        InputError
+            The frame is unusable, or a file cannot be written.
+        """
+        template, circle = field_of(self.config)
+        if isinstance(frame, FrameOfFile):
+            calibration = calibrate_observed(frame.observed, self.config, frame.path, self.convention)
+            record = write_outputs(_picture_of(frame), calibration, self.config, self.out)
+            template = in_convention(template, self.convention)
+            image = frame.observed.image or (frame.picture.name if frame.picture is not None else None)
+            self.exports.add(calibration, template, circle, image, frame.observed)
+            return record
+        picture, calibration = calibrate_frame(frame, self.config, self.mask, self.keypoints, self.format_name)
+        record = write_outputs(picture, calibration, self.config, self.out)
+        self.exports.add(calibration, template, circle, frame.path.name)
+        return record
+
+
+def _picture_of(frame: FrameOfFile) -> NDArray[np.uint8] | None:
+    """The picture beside an annotation, where it is of the annotation's size."""
+    if frame.picture is None:
+        return None
+    picture = read_image(frame.picture)
+    size = picture.shape[1], picture.shape[0]
+    if size == (frame.observed.width, frame.observed.height):
+        return picture
+    _log.warning("%s: is %d x %d, not the size of %s; no overlay", frame.picture, *size, frame.path)
+    return None
 
 
 def field_template(config: Config) -> FieldTemplate:

@@ -64,6 +64,8 @@ def sample_profiles(picture: NDArray[np.float32], points_px: Array, normals: Arr
     """Brightness (N, S) at ``points + offset * normal``, bilinear; nan outside the picture."""
     position = points_px[:, None, :] + offsets[None, :, None] * normals[:, None, :]
     height, width = picture.shape
+    if position.shape[0] == 0:
+        return np.zeros(position.shape[:2])
     x, y = position[..., 0].astype(np.float32), position[..., 1].astype(np.float32)
     values = cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(np.float64)
     outside = (x < 0) | (y < 0) | (x > width - 1) | (y > height - 1)

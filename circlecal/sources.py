@@ -20,7 +20,7 @@ class SourcesConfig(BaseModel):
         4.0, gt=0, le=100, description="Extremities read off a segmentation, pixels at 1920 px width."
     )
     pnlcalib_sigma_px: float = Field(
-        4.0,
+        2.5,
         gt=0,
         le=100,
         description="PnLCalib or NBJW keypoints and line ends of full confidence, pixels at 1920 px width; divided by "

@@ -126,23 +126,33 @@ def _shifted(camera: Camera, shift: Array) -> Camera:
     )
 
 
+FACEOFF_PAIR = ("faceoff_left_top", "faceoff_left_bottom")
+
+
+def faceoff_camera(rng: np.random.Generator) -> Camera:
+    """A camera that shows the two face-off circles of one end."""
+    template, _ = hockey()
+    middle = np.mean([template.circle_by_name[name].center for name in FACEOFF_PAIR], axis=0)
+    distance, height = rng.uniform(30, 60), rng.uniform(8, 20)
+    azimuth = rng.uniform(-0.6, 0.6)
+    ground = np.sqrt(distance**2 - height**2)
+    position = np.r_[middle + ground * np.array([np.sin(azimuth), np.cos(azimuth)]), -height]
+    look = np.r_[middle, 0.0] - position
+    look = look / np.linalg.norm(look)
+    angles = np.array([np.arctan2(look[0], -look[1]), np.arccos(look[2]), np.radians(rng.normal())])
+    focal = rng.uniform(0.6, 0.8) * 540.0 / ((7.0 + 4.5) * height / distance) * distance
+    focal = min(focal, 900.0 / 5.5 * distance)
+    return Camera(1920, 1080, np.array([focal, focal]), image_center(1920, 1080), angles, position, np.zeros(2))
+
+
 def _hockey_draw(count: int, sigma_px: float) -> Callable[[np.random.Generator], Draw]:
     template, _ = hockey()
-    pair = ("faceoff_left_top", "faceoff_left_bottom")
-    middle = np.mean([template.circle_by_name[name].center for name in pair], axis=0)
 
     def draw(rng: np.random.Generator) -> Draw:
-        distance, height = rng.uniform(30, 60), rng.uniform(8, 20)
-        azimuth = rng.uniform(-0.6, 0.6)
-        ground = np.sqrt(distance**2 - height**2)
-        position = np.r_[middle + ground * np.array([np.sin(azimuth), np.cos(azimuth)]), -height]
-        look = np.r_[middle, 0.0] - position
-        look = look / np.linalg.norm(look)
-        angles = np.array([np.arctan2(look[0], -look[1]), np.arccos(look[2]), np.radians(rng.normal())])
-        focal = rng.uniform(0.6, 0.8) * 540.0 / ((7.0 + 4.5) * height / distance) * distance
-        focal = min(focal, 900.0 / 5.5 * distance)
-        camera = Camera(1920, 1080, np.array([focal, focal]), image_center(1920, 1080), angles, position, np.zeros(2))
-        circles = tuple(circle_points(camera, template, "outer", count, sigma_px, rng, circle=name) for name in pair)
+        camera = faceoff_camera(rng)
+        circles = tuple(
+            circle_points(camera, template, "outer", count, sigma_px, rng, circle=name) for name in FACEOFF_PAIR
+        )
         return Draw(camera, Observations(1920, 1080, circles), KNOWN)
 
     return draw

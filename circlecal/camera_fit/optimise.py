@@ -7,11 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from circlecal.camera_fit.curves import CurvePoints, FixedPoints, curve_residuals, first_hidden, point_residuals
+from circlecal.camera_fit.look import LOOK, from_look, look_jacobian, to_look
 from circlecal.camera_fit.model import INDEX, PARAMETERS, Frame, active_parameters
-from circlecal.geometry.homogeneous import Array, Mask
+from circlecal.geometry.homogeneous import Array, Indices, Mask
 
-LARGEST_STEP = 0.5
-"""Of the logarithm of the focal length and of the angles, in one iteration."""
+LARGEST_STEP = 0.7
+"""Of the logarithms of focal length and distance and of the angles, in one iteration."""
+LOOK_CAUTIOUS = (0, 3, 4, 5, 6)
 _POSITION = slice(INDEX["x"], INDEX["z"] + 1)
 
 
@@ -137,14 +139,10 @@ def minimise(
     state = evaluate(problem, theta, hidden, loss_scale, updates=4)
     damping = np.full(len(theta), 1e-3)
     settled = np.zeros(len(theta), dtype=int)
+    straight = bool((problem.priors.sd[:LOOK] > 0).all())
     for _ in range(iterations):
-        block = state.normal[:, active[:, None], active[None, :]]
-        diagonal = np.einsum("bii->bi", block)
-        scaled = block + (damping[:, None] * (diagonal + 1e-12))[:, :, None] * np.eye(len(active))
-        step = np.zeros_like(state.theta)
-        step[:, active] = -_solve(scaled, state.gradient[:, active])
-        step[:, :4] = np.clip(step[:, :4], -LARGEST_STEP, LARGEST_STEP)
-        proposal = evaluate(problem, state.theta + step, state.hidden, loss_scale)
+        theta = _stepped(problem, state, damping, active, straight)
+        proposal = evaluate(problem, theta, state.hidden, loss_scale)
         better = proposal.cost < state.cost
         gain = np.where(better, (state.cost - proposal.cost) / np.maximum(state.cost, 1e-30), 0.0)
         settled = np.where(
@@ -155,6 +153,28 @@ def minimise(
         if (settled >= 2).all():
             break
     return state
+
+
+def _stepped(problem: Problem, state: State, damping: Array, active: Indices, straight: bool) -> Array:
+    """Parameters (B, P) after one damped step, taken in the coordinates in which the weak direction is straight."""
+    center = problem.priors.center_m
+    gradient, normal = state.gradient, state.normal
+    look = to_look(state.theta, center) if straight else np.full((len(state.theta), LOOK), np.nan)
+    usable = np.isfinite(look).all(axis=1)
+    change = np.broadcast_to(np.eye(len(PARAMETERS)), normal.shape).copy()
+    change[usable, :LOOK, :LOOK] = look_jacobian(look[usable], center)
+    gradient = np.einsum("bpq,bp->bq", change, gradient)
+    normal = np.swapaxes(change, 1, 2) @ normal @ change
+    block = normal[:, active[:, None], active[None, :]]
+    diagonal = np.einsum("bii->bi", block)
+    scaled = block + (damping[:, None] * (diagonal + 1e-12))[:, :, None] * np.eye(len(active))
+    step = np.zeros_like(state.theta)
+    step[:, active] = -_solve(scaled, gradient[:, active])
+    largest = np.where(usable, np.abs(step[:, LOOK_CAUTIOUS]).max(axis=1), np.abs(step[:, :4]).max(axis=1))
+    step /= np.maximum(largest / LARGEST_STEP, 1.0)[:, None]
+    theta = state.theta + step
+    theta[usable, :LOOK] = from_look(look[usable] + step[usable, :LOOK], center)
+    return theta
 
 
 def _solve(matrices: Array, vectors: Array) -> Array:

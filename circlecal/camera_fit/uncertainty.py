@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from circlecal.camera_fit.look import LOOK, from_look, look_jacobian, to_look
 from circlecal.camera_fit.model import PARAMETERS, Frame, active_parameters, camera_of, project
 from circlecal.geometry.homogeneous import Array, dehomogenise
 
@@ -21,17 +22,37 @@ def posterior_covariance(normal: Array, sd: Array) -> Array:
     return covariance
 
 
-def push_forward(function: Callable[[Array], Array], theta: Array, covariance: Array) -> Array:
-    """Covariance of a smooth function of the parameters by central differences, one standard deviation / 100 wide."""
-    sd = np.sqrt(np.diag(covariance))
-    active = np.flatnonzero(sd > 0)
-    columns = []
-    for k in active:
-        step = np.zeros_like(theta)
-        step[k] = sd[k] / 100.0
-        columns.append((function(theta + step) - function(theta - step)) / (2 * step[k]))
-    jacobian = np.stack(columns, axis=-1)
-    return np.asarray(jacobian @ covariance[np.ix_(active, active)] @ jacobian.T)
+def spread_cameras(theta: Array, covariance: Array, center_m: Array) -> Array:
+    """Parameter vectors (2 K, P) at sqrt 3 standard deviations along each principal direction, both ways.
+
+    With weight 1/6 each, squared deviations of any function from its value at ``theta`` add up to its covariance,
+    exactly where the
+    function is linear and with the leading term of its bend otherwise (unscented transform, Julier and Uhlmann 1997).
+    The directions are
+    taken in look coordinates, where zoom against distance is straight.
+    """
+    look = to_look(theta[None], center_m)
+    change = np.eye(len(theta))
+    straight = bool(np.isfinite(look).all())
+    if straight:
+        change[:LOOK, :LOOK] = look_jacobian(look, center_m)[0]
+    inverse = np.linalg.inv(change)
+    values, vectors = np.linalg.eigh(inverse @ covariance @ inverse.T)
+    kept = values > 1e-16 * max(values[-1], 1e-300)
+    steps = np.sqrt(3.0 * values[kept]) * vectors[:, kept]
+    steps = np.concatenate([steps.T, -steps.T])
+    points = theta + (steps if straight else steps @ change.T)
+    if straight:
+        points[:, :LOOK] = from_look(look + steps[:, :LOOK], center_m)
+    return points
+
+
+def push_forward(function: Callable[[Array], Array], theta: Array, cameras: Array) -> Array:
+    """Covariance of a function of the parameters about its value at ``theta``, from :func:`spread_cameras`."""
+    center = function(theta)
+    deviations = np.stack([function(camera) - center for camera in cameras])
+    deviations = deviations[np.isfinite(deviations).all(axis=1)]
+    return np.asarray(deviations.T @ deviations / 6.0)
 
 
 def homography_vector(theta: Array, frame: Frame) -> Array:

@@ -14,9 +14,11 @@ from circlecal import __version__
 from circlecal.cli.batch import batch
 from circlecal.cli.calibrate import calibrate
 from circlecal.cli.config import config
+from circlecal.cli.convert import convert
 from circlecal.cli.debug import debug
 from circlecal.cli.fields import fields
 from circlecal.cli.project import project
+from circlecal.cli.simulate import simulate
 from circlecal.cli.synth import synth
 
 
@@ -40,10 +42,12 @@ app = typer.Typer(
 app.command()(calibrate)
 app.command()(batch)
 app.command()(debug)
+app.command()(convert)
 app.command(context_settings={"ignore_unknown_options": True})(project)
 app.command()(config)
 app.command()(fields)
 app.command()(synth)
+app.command()(simulate)
 if importlib.util.find_spec("circlecal.cli.bench"):
     app.add_typer(importlib.import_module("circlecal.cli.bench").app, name="bench")
 

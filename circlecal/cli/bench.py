@@ -8,6 +8,7 @@ import typer
 
 if TYPE_CHECKING:
     from circlecal.bench.accuracy import Row
+    from circlecal.bench.simulation import Summary
 
 app = typer.Typer(
     help="Print accuracy and speed tables, peers and statistical bounds in the same run.", no_args_is_help=True
@@ -108,6 +109,93 @@ def detect(
             for r in found
         ],
     )
+
+
+@app.command()
+def solvers(
+    solver: Annotated[
+        list[str] | None, typer.Option("--solver", metavar="NAME", help="Solver; repeatable. [default: all]")
+    ] = None,
+    scenario: Annotated[
+        list[str] | None, typer.Option("--scenario", metavar="NAME", help="View; repeatable. [default: all]")
+    ] = None,
+    draws: Annotated[int, typer.Option(min=2, help="Random cameras per view.")] = 100,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the draws.")] = 0,
+    workers: Annotated[
+        int, typer.Option(min=1, help="Processes; with more than one the times are not to be read.")
+    ] = 1,
+    no_statements: Annotated[
+        bool, typer.Option("--no-statements", help="Leave out focal lengths and the paper's statements.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")] = False,
+) -> None:
+    """Every published solver on every view, and the paper's statements that the runs do not confirm."""
+    from circlecal.bench.solvers import as_records, paper_statements, run_focals, run_solvers, scenario_count
+    from circlecal.cli.console import counted
+
+    with counted("cameras", scenario_count(scenario or ()) * draws) as advance:
+        found = run_solvers(solver or (), scenario or (), draws, seed, workers, advance)
+    focals, statements = [], []
+    if not no_statements:
+        with counted("cameras", 6 * draws) as advance:
+            focals = run_focals(draws, seed, advance)
+            statements = paper_statements(draws, seed, workers, advance)
+    if as_json:
+        _print_json(as_records(found, focals, statements))
+        return
+    _print_solvers(found)
+    if no_statements:
+        return
+    _table(
+        "Focal length, methods that find nothing else: median relative error",
+        ["method", "from", "noise px", "draws", "error", "no answer"],
+        [
+            [
+                f.method,
+                f.view,
+                f"{f.noise_px:g}",
+                str(f.draws),
+                "-" if f.median_percent is None else f"{f.median_percent:.2g} %",
+                f"{f.failed:.0%}",
+            ]
+            for f in focals
+        ],
+    )
+    _table(
+        "Statements of the paper that these runs do not confirm",
+        ["where", "it says", "here"],
+        [[s.where, s.says, s.found] for s in statements if not s.confirmed],
+    )
+
+
+def _print_solvers(found: list[Summary]) -> None:
+    """Combinations in which nothing is answered are named below the table instead of filling it."""
+    _table(
+        "Mean reprojection error, px at 1920 x 1080, of the answered draws",
+        ["scenario", "noise px", "solver", "draws", "median", "p90", "no answer", "bound", "ms"],
+        [
+            [
+                s.scenario,
+                f"{s.noise_px:g}",
+                s.solver,
+                str(s.draws),
+                f"{s.median_px:.3g}",
+                f"{s.p90_px:.3g}",
+                f"{s.failed:.0%}",
+                f"{s.bound_median_px:.3g} ({s.bound_p90_px:.3g})",
+                f"{s.ms:.1f}",
+            ]
+            for s in found
+            if s.median_px is not None and s.p90_px is not None
+        ],
+    )
+    silent = [s for s in found if s.median_px is None]
+    if silent:
+        _table(
+            "No answer on any draw",
+            ["scenario", "solver", "reason"],
+            [[s.scenario, s.solver, ", ".join(s.codes)] for s in silent],
+        )
 
 
 def _print_accuracy(rows: list[Row]) -> None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -12,16 +13,45 @@ from circlecal.cli import options
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
+    from circlecal.api import FrameRun
     from circlecal.batch import BatchProgress
-    from circlecal.config import Config
     from circlecal.formats.images import Frame
+    from circlecal.formats.inputs import FrameOfFile
     from circlecal.formats.summary import FrameSummary
 
 
+class Convention(StrEnum):
+    """Where annotated points of a marking lie."""
+
+    OFFICIAL = "official"
+    PAINT = "paint"
+
+
 def calibrate(
-    inputs: options.Inputs,
+    inputs: Annotated[
+        list[Path],
+        typer.Argument(metavar="INPUT...", help="Pictures, annotation files, and folders of one or the other."),
+    ],
     out: options.Out = Path("circlecal-out"),
     mask: options.Mask = None,
+    keypoints: Annotated[
+        Path | None,
+        typer.Option("--keypoints", metavar="FILE|FOLDER", help="Keypoints and lines used together with the pictures."),
+    ] = None,
+    from_format: options.FromFormat = None,
+    size: options.Size = None,
+    convention: Annotated[
+        Convention,
+        typer.Option("--convention", help="Annotated points lie at the official size, or on the middle of the paint."),
+    ] = Convention.OFFICIAL,
+    to: Annotated[
+        list[str] | None,
+        typer.Option("--to", metavar="FORMAT", help="Also write the calibration in this format; repeatable."),
+    ] = None,
+    eval_size: Annotated[
+        str | None,
+        typer.Option("--eval-size", metavar="WIDTHxHEIGHT", help="Picture size of cameras written by --to."),
+    ] = None,
     config: options.ConfigFile = None,
     settings: options.Settings = None,
     camera_prior: options.CameraPrior = None,
@@ -33,9 +63,11 @@ def calibrate(
     quiet: options.Quiet = False,
     verbose: options.Verbose = False,
 ) -> None:
-    """Calibrate pictures: write a result file and an overlay picture of each, and print a table."""
-    from circlecal.api import prepare_folder
+    """Calibrate pictures or annotations: write a result file and an overlay picture of each, and print a table."""
+    from circlecal.api import FrameRun, prepare_folder
     from circlecal.cli import console
+    from circlecal.errors import InputError
+    from circlecal.formats.exports import Exports
     from circlecal.formats.result import result_line
     from circlecal.formats.summary import summarise
 
@@ -43,28 +75,49 @@ def calibrate(
     chosen = options.chosen_config(
         config, settings, field, seed, radar=radar, no_overlay=no_overlay, camera_prior=camera_prior
     )
-    frames = options.chosen_frames(inputs, out, mask)
+    exports = Exports(to or (), out, options.parsed_size(eval_size, "--eval-size"))
+    format_name = options.chosen_format(from_format)
+    run = FrameRun(chosen, out, exports, mask, keypoints, format_name, convention.value)
+    failures: list[Exception] = []
+    frames = options.chosen_inputs(inputs, run, options.parsed_size(size), _reported(failures))
+    if not frames and not failures:
+        named = ", ".join(map(str, inputs))
+        raise InputError(f"{named}: no annotations found; give pictures, annotation files or folders of them")
+    prepare_folder(out)
     summaries: list[FrameSummary] = []
-    with console.progress_display(quiet=quiet or len(frames) == 1) as show:
-        for record in _records(frames, chosen, prepare_folder(out), mask, show):
+    with console.progress_display(quiet=quiet or len(frames) <= 1) as show:
+        for record in _records(frames, run, show, _reported(failures)):
             summaries.append(summarise(record))
             if json_lines:
                 console.print_line(result_line(record))
+    exports.finish()
     if summaries and not json_lines and not quiet:
         console.print_summaries(summaries)
-    if len(summaries) < len(frames):
+    if failures:
         raise typer.Exit(2)
     if any(summary.status != "calibrated" for summary in summaries):
         raise typer.Exit(1)
 
 
+def _reported(failures: list[Exception]) -> Callable[[Exception], None]:
+    """Prints an error as one line, and keeps it."""
+    from circlecal.cli import console
+
+    def report(error: Exception) -> None:
+        console.print_error(str(error))
+        failures.append(error)
+
+    return report
+
+
 def _records(
-    frames: Sequence[Frame], config: Config, out: Path, mask: Path | None, show: Callable[[BatchProgress], None]
+    frames: Sequence[Frame | FrameOfFile],
+    run: FrameRun,
+    show: Callable[[BatchProgress], None],
+    report: Callable[[Exception], None],
 ) -> Iterator[dict[str, Any]]:
     """Calibrate, write and yield each frame; one that cannot be read is one line on stderr and left out."""
-    from circlecal.api import calibrate_frame, write_outputs
     from circlecal.batch import BatchProgress
-    from circlecal.cli import console
     from circlecal.errors import InputError
     from circlecal.formats.summary import summarise
 
@@ -72,11 +125,10 @@ def _records(
     show(progress)
     for frame in frames:
         try:
-            image, calibration = calibrate_frame(frame, config, mask)
+            record = run.record(frame)
         except InputError as error:
-            console.print_error(str(error))
+            report(error)
             continue
-        record = write_outputs(image, calibration, config, out)
         progress.count(summarise(record))
         show(progress)
         yield record

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 if TYPE_CHECKING:
+    from circlecal.api import FrameRun
     from circlecal.config import Config
     from circlecal.formats.images import Frame
+    from circlecal.formats.inputs import FrameOfFile
 
 FromFormat = Annotated[
     str | None,
@@ -142,3 +144,38 @@ def chosen_frames(inputs: Sequence[Path], out: Path, mask: Path | None) -> list[
     if mask is not None and mask.is_file() and len(frames) > 1:
         raise InputError(f"{mask}: is one mask for {len(frames)} frames; give a folder of masks named like the frames")
     return frames
+
+
+def chosen_inputs(
+    inputs: Sequence[Path], run: FrameRun, size: tuple[int, int] | None, report: Callable[[Exception], None]
+) -> list[Frame | FrameOfFile]:
+    """Pictures and frames of annotation files among the inputs; files that cannot be read are reported.
+
+    Raises
+    ------
+    InputError
+        Nothing to calibrate, an option that does not fit, or a result that would be written over its source.
+    """
+    from circlecal.api import field_template
+    from circlecal.errors import InputError
+    from circlecal.formats.inputs import read_frames, refuse_overwriting, split_inputs
+    from circlecal.pipeline import in_convention
+
+    if run.keypoints is not None and not run.keypoints.exists():
+        raise InputError(f"{run.keypoints}: no such file or folder of keypoints")
+    format_name = None if run.keypoints is not None else run.format_name
+    pictures, files = split_inputs(inputs, format_name, exclude=[run.out])
+    frames = chosen_frames(pictures, run.out, run.mask) if pictures else []
+    if run.keypoints is not None and not frames:
+        raise InputError(f"{run.keypoints}: --keypoints are used together with pictures, and no picture is given")
+    annotated = read_frames(
+        files,
+        in_convention(field_template(run.config), run.convention),
+        run.config.sources,
+        size=size,
+        format_name=format_name,
+        taken=[frame.id for frame in frames],
+        on_error=report,
+    )
+    refuse_overwriting(annotated, run.out)
+    return [*frames, *annotated]

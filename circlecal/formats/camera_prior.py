@@ -1,7 +1,9 @@
 """What is already known of a camera: a venue's camera file, or the result of another frame of the same camera.
 
-A prior file is YAML or JSON with ``position_m`` (three numbers, SoccerNet's frame), and as far as known ``position_sd_m``, ``roll_sd_deg``,
-``k1_mean`` and ``k1_sd``: keys of the configuration's section ``camera``. A result file of ``circlecal calibrate`` serves as well: its position
+A prior file is YAML or JSON with ``position_m`` (three numbers, SoccerNet's frame), and as far as known
+``position_sd_m``, ``roll_sd_deg``,
+``k1_mean`` and ``k1_sd``: keys of the configuration's section ``camera``. A result file of ``circlecal calibrate``
+serves as well: its position
 with the standard deviation that it carries.
 """
 

@@ -293,12 +293,14 @@ def _write_new(
     folder: Path,
 ) -> list[Path]:
     """Write what was converted, with distinct names and never over what it was read from."""
+    if not annotations and not cameras:
+        raise InputError(f"{paths[0]}: holds no accepted frame; nothing to convert")
     sources = {path.resolve() for path in paths}
     contents: dict[Path, bytes] = {}
     if annotations:
         ids = distinct_names([frame.id for frame in annotations])
         contents = annotation_files([replace(f, id=i) for f, i in zip(annotations, ids, strict=True)], target, folder)
-    elif cameras:
+    else:
         ids = distinct_names([frame.id for frame in cameras])
         contents = camera_files([replace(f, id=i) for f, i in zip(cameras, ids, strict=True)], target, folder)
     over = next((path for path in contents if path.resolve() in sources), None)

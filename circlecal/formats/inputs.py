@@ -14,6 +14,7 @@ from circlecal.formats.checked import Size, distinct_names
 from circlecal.formats.exchange import format_of, picture_beside, read_annotations
 from circlecal.formats.images import DEBUG_SUFFIX, OWN_FOLDERS, PICTURE_SUFFIXES, Frame
 from circlecal.formats.observing import observe
+from circlecal.formats.sniff import ANNOTATION_FORMATS, CAMERA_FORMATS, RESULT_FORMAT
 from circlecal.formats.worldcup import SUFFIX as MATRIX_SUFFIX
 from circlecal.observations import Observations
 from circlecal.sources import SourcesConfig
@@ -96,6 +97,7 @@ def read_frames(
     *,
     size: Size | None = None,
     format_name: str | None = None,
+    taken: Sequence[str] = (),
     on_error: Callable[[InputError], None],
 ) -> list[FrameOfFile]:
     """Frames of annotation files, their ids unique; files of a folder that are no annotations are passed over.
@@ -108,6 +110,8 @@ def read_frames(
         As for :func:`circlecal.formats.observing.observe`.
     size, format_name : optional
         As for :func:`circlecal.formats.exchange.read_annotations`.
+    taken : sequence of str
+        Ids that other frames of the run have.
     on_error : callable
         Called with the error of each file that cannot be read; the others go on.
     """
@@ -122,7 +126,7 @@ def read_frames(
             on_error(error)
             continue
         found += [(name, replace(frame, id="__".join((*file.relative.parts[:-1], frame.id))), file) for frame in frames]
-    ids = distinct_names([frame.id for _, frame, _ in found])
+    ids = distinct_names([*taken, *(frame.id for _, frame, _ in found)])[len(taken) :]
     read = []
     for identifier, (name, frame, file) in zip(ids, found, strict=True):
         observed = observe(replace(frame, id=identifier), template, sources, name, str(file.path))
@@ -130,6 +134,43 @@ def read_frames(
             _log.warning("%s", warning)
         read.append(FrameOfFile(observed, file.path, picture_beside(file.path, observed.image)))
     return read
+
+
+def convertible_files(inputs: Sequence[Path], format_name: str | None, out: Path) -> list[Path]:
+    """Files to convert among files and folders; in a folder those of known suffix.
+
+    Raises
+    ------
+    InputError
+        An unknown format, a missing input, or nothing to convert.
+    """
+    known = dict.fromkeys((*ANNOTATION_FORMATS, *CAMERA_FORMATS, RESULT_FORMAT))
+    if format_name is not None and format_name not in known:
+        raise InputError(f"--from {format_name}: is no known format; known: {', '.join(known)}")
+    files: list[Path] = []
+    for given in inputs:
+        if given.is_dir():
+            found = _files_in(given, {out.resolve()})
+            files += [path for path in found if path.suffix.lower() in FILE_SUFFIXES]
+        else:
+            files.append(given)
+    if not files:
+        raise InputError(f"{', '.join(map(str, inputs))}: nothing to convert; give {', '.join(FILE_SUFFIXES)} files")
+    return files
+
+
+def refuse_overwriting(frames: Sequence[FrameOfFile], out: Path) -> None:
+    """Result files must not take the place of the annotations that they are made from.
+
+    Raises
+    ------
+    InputError
+        One of them would.
+    """
+    sources = {frame.path.resolve() for frame in frames}
+    for frame in frames:
+        if (out / f"{frame.observed.id}.json").resolve() in sources:
+            raise InputError(f"{frame.path}: its result would be written over it; choose another --out")
 
 
 def observations_beside(

@@ -19,6 +19,7 @@ Four traps:
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -35,7 +36,8 @@ from circlecal.geometry.homogeneous import Array
 
 KEYPOINTS, LAST_KEYPOINT = 57, 73
 GOAL_TOPS = frozenset({12, 15, 16, 19})
-WRONG_RIGHT_END, WRONG_RIGHT_END_M = 52, 9.00
+WRONG_RIGHT_END = 9.00 / 9.15
+"""Where keypoint 52 is, as a share of the radius."""
 CENTRE_MARK = 51
 CIRCLE_TANGENCY = frozenset({38, 39, 42, 43})
 ARC_TANGENCY = {37: "penalty_arc_left", 41: "penalty_arc_left", 40: "penalty_arc_right", 44: "penalty_arc_right"}
@@ -109,7 +111,7 @@ def keypoint_number(label: str) -> int | None:
 def field_position(number: int, template: FieldTemplate) -> Array | None:
     """Position (2,) of a keypoint on the field; None of those above it and of tangency points.
 
-    Taken from the template's own sizes, so that corners of another pitch are where they are; 52 stays at 9.00 m.
+    Taken from the centrelines of the template's own markings, so that corners of another pitch are where they are.
 
     Raises
     ------
@@ -123,7 +125,7 @@ def field_position(number: int, template: FieldTemplate) -> Array | None:
 
 def keypoint_table(template: FieldTemplate) -> dict[int, Array]:
     """Position (2,) by number of every keypoint on the ground that does not depend on an assumed width of the pitch."""
-    return {number: np.array(position, dtype=np.float64) for number, position in _table(_sizes(template)).items()}
+    return {number: np.array(position, dtype=np.float64) for number, position in _table(_pitch(template)).items()}
 
 
 def tangency_points(radius_m: float) -> dict[int, Array]:
@@ -135,27 +137,47 @@ def tangency_points(radius_m: float) -> dict[int, Array]:
     return {number: np.array([sx * x, sy * y]) for number, (sx, sy) in signs.items()}
 
 
-_SIZES = (
-    "length", "width", "penalty_area_depth", "penalty_area_width", "goal_area_depth", "goal_area_width",
-    "penalty_distance", "circle_radius",
-)  # fmt: skip
 _GOAL_WIDTH_M = 7.32
 
 
-def _sizes(template: FieldTemplate) -> tuple[float, ...]:
-    missing = [name for name in _SIZES if name not in template.sizes]
-    if missing:
-        raise InputError(f"keypoints of PnLCalib need a soccer pitch; the field {template.name!r} has no {missing[0]}")
-    return tuple(template.sizes[name] for name in _SIZES)
+@dataclass(frozen=True, slots=True)
+class _Pitch:
+    """Where the centrelines of a soccer pitch are, metres from the centre mark; the right and bottom ones."""
+
+    end: float
+    side: float
+    area_x: float
+    area_y: float
+    goal_x: float
+    goal_y: float
+    mark: float
+    radius: float
 
 
-def _table(sizes: tuple[float, ...]) -> dict[int, tuple[float, float]]:
-    length, width, area_depth, area_width, goal_depth, goal_area_width, spot, radius = sizes
-    end, side = length / 2, width / 2
-    area_x, area_y, goal_x, goal_y = end - area_depth, area_width / 2, end - goal_depth, goal_area_width / 2
-    post, mark = _GOAL_WIDTH_M / 2, end - spot
-    chord = float(np.sqrt(max(radius**2 - (area_depth - spot) ** 2, 0.0)))
-    diagonal = radius / np.sqrt(2.0)
+def _pitch(template: FieldTemplate) -> _Pitch:
+    try:
+        lines = {name: template.line_ends(line)[0] for name, line in template.line_by_name.items()}
+        return _Pitch(
+            end=float(lines["side_line_right"][0]),
+            side=float(lines["side_line_bottom"][1]),
+            area_x=float(lines["big_rect_right_main"][0]),
+            area_y=float(lines["big_rect_right_bottom"][1]),
+            goal_x=float(lines["small_rect_right_main"][0]),
+            goal_y=float(lines["small_rect_right_bottom"][1]),
+            mark=float(template.mark_by_name["penalty_mark_right"].position[0]),
+            radius=template.radius(template.circle_by_name["centre_circle"], "center"),
+        )
+    except KeyError as error:
+        raise InputError(
+            f"keypoints of PnLCalib need a soccer pitch; the field {template.name!r} has no {error.args[0]}"
+        ) from error
+
+
+def _table(pitch: _Pitch) -> dict[int, tuple[float, float]]:
+    end, side, mark, radius = pitch.end, pitch.side, pitch.mark, pitch.radius
+    area_x, area_y, goal_x, goal_y = pitch.area_x, pitch.area_y, pitch.goal_x, pitch.goal_y
+    post, diagonal = _GOAL_WIDTH_M / 2, radius / np.sqrt(2.0)
+    chord = float(np.sqrt(max(radius**2 - (mark - area_x) ** 2, 0.0)))
     by_row: list[tuple[float, float]] = [(-end, -side), (0, -side), (end, -side)]
     by_row += [(x, -area_y) for x in (-end, -area_x, area_x, end)]
     by_row += [(x, -goal_y) for x in (-end, -goal_x, goal_x, end)]
@@ -165,7 +187,7 @@ def _table(sizes: tuple[float, ...]) -> dict[int, tuple[float, float]]:
     by_row += [(-end, side), (0, side), (end, side)]
     by_row += [(x, y) for s in (-1, 1) for x, y in ((-area_x, s * chord), (0, s * radius), (area_x, s * chord))]
     table = dict(enumerate(by_row, start=1))
-    axis = {45: -mark, 46: -area_x, 47: -mark + radius, 50: -radius, 51: 0.0, 52: WRONG_RIGHT_END_M}
+    axis = {45: -mark, 46: -area_x, 47: -mark + radius, 50: -radius, 51: 0.0, 52: radius * WRONG_RIGHT_END}
     axis |= {55: mark - radius, 56: area_x, 57: mark}
     table |= {number: (x, 0.0) for number, x in axis.items()}
     corners = {48: (-1, -1), 49: (1, -1), 53: (-1, 1), 54: (1, 1)}
@@ -187,8 +209,7 @@ def keypoints_record(frame: CalibratedFrame, original: Mapping[str, Any] | None 
     """
     scale = np.array([frame.width, frame.height], dtype=np.float64)
     radius = frame.template.radius(frame.circle, "center")
-    stretch = radius / frame.circle.radius_m
-    positions = {n: p * stretch for n, p in keypoint_table(frame.template).items() if n in {*CIRCLE_POINTS, 51, 52}}
+    positions = {n: p for n, p in keypoint_table(frame.template).items() if n in {*CIRCLE_POINTS, 51, 52}}
     positions |= tangency_points(radius)
     wanted = sorted(positions) if original is None else VIRTUAL_CIRCLE_POINTS
     keypoints = {} if original is None else {key: dict(value) for key, value in original["kp"].items()}

@@ -6,8 +6,9 @@ Line annotation
     [0, 1] occur and are taken as they are. Extremities have the same form, but are read off a picture of class ids, so
     pixel = ``x W``, ``y H``.
 Camera
-    ``camera_<id>.json`` has no size. The principal point is taken as the image centre: ``W / 2`` or ``(W - 1) / 2``,
-    whichever makes the size a whole number. Between two sizes pixels go as the annotation's do, by
+    ``camera_<id>.json`` has no size. The principal point is taken as the image centre, ``W / 2`` or ``(W - 1) / 2``,
+    whichever makes the size even; what circlecal writes has ``image_width`` and ``image_height`` beside its keys,
+    for its principal points need not be at the centre. Between two sizes pixels go as the annotation's do, by
     ``(W' - 1) / (W - 1)``; coefficients of distortion belong to the focal plane and stay.
 
 The class list of the public baseline spells ``"Goal left post left "`` with a trailing blank, later ones without:
@@ -26,7 +27,7 @@ from pydantic import Field, RootModel
 
 from circlecal.errors import InputError
 from circlecal.formats.annotated import AnnotatedFrame, Shape
-from circlecal.formats.checked import MAX_POINTS, Checked, Size, checked, require_size
+from circlecal.formats.checked import MAX_POINTS, Checked, Side, Size, checked, require_size
 from circlecal.geometry.homogeneous import Array
 from circlecal.geometry.pinhole import Camera, camera_from_soccernet
 
@@ -132,6 +133,8 @@ class CameraKeys(Checked):
     radial_distortion: Annotated[list[float], Field(max_length=6)] = [0.0] * 6
     tangential_distortion: Annotated[list[float], Field(max_length=2)] = [0.0] * 2
     thin_prism_distortion: Annotated[list[float], Field(max_length=4)] = [0.0] * 4
+    image_width: Side | None = None
+    image_height: Side | None = None
 
     def camera(self, path: Path, size: Size | None) -> Camera:
         """The camera at its own size.
@@ -149,7 +152,9 @@ class CameraKeys(Checked):
         return camera_from_soccernet({**self.model_dump(), "radial_distortion": radial}, width, height)
 
     def _size(self) -> Size | None:
-        """Twice the principal point, or one more where that lies on the centre of the outermost pixels' square."""
+        """The size in the file, else twice the principal point or one more, whichever is even."""
+        if self.image_width is not None and self.image_height is not None:
+            return self.image_width, self.image_height
         sides = []
         for center in self.principal_point:
             side = next((s for s in (2.0 * center, 2.0 * center + 1.0) if s % 2 == 0), None)
@@ -172,7 +177,8 @@ def read_camera(path: Path, content: bytes, size: Size | None) -> tuple[str, Cam
 
 def camera_record(camera: Camera, size: Size | None = None) -> dict[str, Any]:
     """Content of a camera file, at the camera's own size or at another."""
-    record = camera.soccernet()
+    width, height = size or (camera.width, camera.height)
+    record = {**camera.soccernet(), "image_width": width, "image_height": height}
     if size is None or size == (camera.width, camera.height):
         return record
     factor = (size[0] - 1) / (camera.width - 1), (size[1] - 1) / (camera.height - 1)

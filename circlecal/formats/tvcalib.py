@@ -86,8 +86,6 @@ def sample_line(frame: CameraFrame) -> str:
         **camera_record(camera),
         "aov_radian": 2.0 * math.atan(camera.width / 2.0 / float(camera.focal_px[0])),
         "homography": scale_homography(np.linalg.inv(H)).tolist(),
-        "image_width": camera.width,
-        "image_height": camera.height,
     }
     return json.dumps(record, allow_nan=False, ensure_ascii=False)
 

@@ -1,6 +1,7 @@
 """The other published ways to the same homography, one file each, with one signature (see README.md here).
 
-A solver takes ``(observations, template, circle, rng)`` and returns a :class:`~circlecal.solvers.interface.SolverResult`:
+A solver takes ``(observations, template, circle, rng)`` and returns a
+:class:`~circlecal.solvers.interface.SolverResult`:
 a homography, or a failure with its reason. Nothing is imported before a solver is asked for.
 """
 

@@ -85,7 +85,9 @@ def first_order_homography(matches: list[EllipseMatch]) -> Array:
 
 def iterate(H: Array, matches: list[EllipseMatch], iterations: int) -> Array:
     """Levenberg-Marquardt on the whitened conics, re-expanded about the current H in each step."""
-    centers = np.concatenate([apply_homography(m.A, [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]) for m in matches])
+    centers = np.concatenate(
+        [apply_homography(m.A, [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]) for m in matches]
+    )
     N = np.linalg.inv(similarity_normalisation(centers))
     state = _linearised(H, N, matches)
     if state is None:
@@ -110,7 +112,8 @@ def iterate(H: Array, matches: list[EllipseMatch], iterations: int) -> Array:
 
 
 def _linearised(H: Array, N: Array, matches: list[EllipseMatch]) -> tuple[Array, Array] | None:
-    """Whitened difference of each predicted conic from its ellipse, and its Jacobian by the change ``N D N^-1`` of H."""
+    """Whitened difference of each predicted conic from its ellipse, and its Jacobian by the change ``N D N^-1`` of H.
+    """
     residuals, jacobians = [], []
     for match in matches:
         M = np.linalg.solve(match.B, H @ match.A)

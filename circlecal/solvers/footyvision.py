@@ -1,15 +1,16 @@
 """Great axis with the vanishing point of the halfway line (Andrews, Borch and Fjeld 2024, FootyVision).
 
-The vanishing point of the halfway line and its parallels comes from another parallel marking where one is seen.
-Otherwise it is the harmonic conjugate, about the halfway line's points on the ellipse, of the point in which the
-line meets the great axis, which is taken for the centre. The lines from it through the ends of the great axis are
-taken for the tangents parallel to the halfway line. An approximation, as the great axis is.
+The vanishing point of the halfway line and its parallels comes from another parallel marking where one is seen, else
+from the centre mark: it is the mark's harmonic conjugate about the halfway line's points on the ellipse. Where neither
+is seen the line's point on the great axis is taken for the centre, and the answer is that of ``great_axis``. The lines
+from it through the ends of the great axis are taken for the tangents parallel to the halfway line. An approximation.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from circlecal.errors import EstimationError
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.conics import polar
 from circlecal.geometry.homogeneous import Array, join, lift, meet
@@ -17,7 +18,15 @@ from circlecal.geometry.homography import dlt
 from circlecal.observations import Observations
 from circlecal.solvers.great_axis import DOWN, axis_ends, toward_camera
 from circlecal.solvers.interface import solver, unsolved
-from circlecal.solvers.primitives import SeenCircle, SeenLine, central_line, crossing_points, seen_circle, seen_lines
+from circlecal.solvers.primitives import (
+    SeenCircle,
+    SeenLine,
+    central_line,
+    central_point,
+    crossing_points,
+    seen_circle,
+    seen_lines,
+)
 
 PARALLEL = 1e-9
 
@@ -31,7 +40,11 @@ def solve(observations: Observations, template: FieldTemplate, circle: Circle, r
     if crossings is None:
         raise unsolved("line_misses_circle", "the halfway line misses the ellipse")
     ends = lift(axis_ends(seen))
-    vanishing = vanishing_point(seen, line, seen_lines(observations, template), join(ends[0], ends[1]))
+    try:
+        center = central_point(observations, template, circle)
+    except EstimationError:
+        center = meet(line.image_line, join(ends[0], ends[1]))
+    vanishing = vanishing_point(seen, line, seen_lines(observations, template), center)
     along = toward_camera(line.direction)
     across = np.array([along[1], -along[0]])
     field = seen.center_m + seen.radius_m * np.stack([across, -across, along, -along])
@@ -48,10 +61,10 @@ def solve(observations: Observations, template: FieldTemplate, circle: Circle, r
     return solution.H
 
 
-def vanishing_point(seen: SeenCircle, line: SeenLine, lines: list[SeenLine], great_axis: Array) -> Array:
-    """Vanishing point (3,) of the line: from a seen parallel, or on the polar of the approximate centre."""
+def vanishing_point(seen: SeenCircle, line: SeenLine, lines: list[SeenLine], center: Array) -> Array:
+    """Vanishing point (3,) of the line: from a seen parallel, or on the polar of the centre (3,)."""
     for other in lines:
         parallel = abs(other.direction[0] * line.direction[1] - other.direction[1] * line.direction[0]) < PARALLEL
         if parallel and other.marking.name != line.marking.name:
             return meet(line.image_line, other.image_line)
-    return meet(line.image_line, polar(seen.conic, meet(line.image_line, great_axis)))
+    return meet(line.image_line, polar(seen.conic, center))

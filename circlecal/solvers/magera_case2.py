@@ -23,9 +23,7 @@ def solve(observations: Observations, template: FieldTemplate, circle: Circle, r
     seen = seen_circle(observations, template, circle.name, rng)
     center = central_point(observations, template, circle)
     others = [
-        p
-        for p in known_points(observations, template)
-        if np.linalg.norm(p.field_m - circle.center) > SAME_CENTER_M
+        p for p in known_points(observations, template) if np.linalg.norm(p.field_m - circle.center) > SAME_CENTER_M
     ]
     if not others:
         raise unsolved("no_point", "no point of known field position beside the centre was seen")

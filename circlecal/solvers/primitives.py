@@ -97,18 +97,14 @@ def seen_edge(
     return found
 
 
-def seen_circle(
-    observations: Observations, template: FieldTemplate, name: str, rng: np.random.Generator
-) -> SeenCircle:
+def seen_circle(observations: Observations, template: FieldTemplate, name: str, rng: np.random.Generator) -> SeenCircle:
     """The circle by its outer edge, else by its centreline, else by its inner edge."""
     edges: tuple[CircleEdge, ...] = ("outer", "center", "inner")
     edge = next((e for e in edges if observations.circle(name, e) is not None), "outer")
     return seen_edge(observations, template, name, edge, rng)
 
 
-def separate_circles(
-    observations: Observations, template: FieldTemplate, rng: np.random.Generator
-) -> list[SeenCircle]:
+def separate_circles(observations: Observations, template: FieldTemplate, rng: np.random.Generator) -> list[SeenCircle]:
     """All seen circles and arcs with different centres, one edge each, in the order of the observations.
 
     Gives up with ``needs_two_circles`` where there are fewer than two.

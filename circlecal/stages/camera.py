@@ -9,7 +9,6 @@ and so does their uncertainty.
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -20,24 +19,21 @@ from circlecal.camera_fit.model import INDEX, PARAMETERS, Frame, camera_of
 from circlecal.camera_fit.naming import name_lines
 from circlecal.camera_fit.observed import Realism, observed_curves, observed_points
 from circlecal.camera_fit.optimise import Priors, Problem, State, best_of, minimise
+from circlecal.camera_fit.report import camera_fit
 from circlecal.camera_fit.starts import closed_form_starts, grid_starts
 from circlecal.camera_fit.uncertainty import (
     correlation_factor,
-    data_share,
     field_sigma,
-    homography_vector,
-    imaged_point,
     posterior_covariance,
-    push_forward,
 )
 from circlecal.errors import EstimationError
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.conics import ellipse_from_conic, fit_conic, refine_conic
 from circlecal.geometry.homogeneous import Array, Mask, fit_line, lift
-from circlecal.geometry.homography import SIDES, compass_label, scale_homography
+from circlecal.geometry.homography import SIDES
 from circlecal.geometry.pinhole import Camera
 from circlecal.observations import Observations
-from circlecal.results import CameraFit, DerivedPoint
+from circlecal.results import CameraFit
 
 Three = tuple[float, float, float]
 COARSE_POINTS = 48
@@ -181,7 +177,7 @@ def estimate_camera(
         realism = _realism(config, observations.width)
         problem = replace(problem, curves=observed_curves(replace(observations, lines=lines), template, realism))
         problem, state, scale = _settled(problem, _follow(problem, state.theta[:1], config, camera_side), config)
-    return _result(problem, state, scale, rejected, tuple(sorted(set(named.values()))), circle, template)
+    return camera_fit(problem, state, scale, rejected, tuple(sorted(set(named.values()))), circle, template)
 
 
 def _settled(problem: Problem, state: State, config: CameraConfig) -> tuple[Problem, State, float]:
@@ -345,7 +341,7 @@ def _follow(problem: Problem, starts: Array, config: CameraConfig, side: str) ->
         raise EstimationError("camera", "no_camera", "no start for the camera was found")
     several = len(starts) > 1
     wide = minimise(
-        problem, starts, 100.0 * config.loss_scale, min(25, config.iterations) if several else config.iterations
+        problem, starts, 100.0 * config.loss_scale, min(30, config.iterations) if several else config.iterations
     )
     chosen = best_of(wide, max(2, min(len(starts), 3 * config.starts // 4)))
     state = minimise(problem, chosen.theta, config.loss_scale, config.iterations, chosen.hidden)
@@ -378,93 +374,3 @@ def _inflated(problem: Problem, state: State) -> tuple[CurvePoints, float]:
         scatter = np.sqrt(np.mean(residual**2) * len(residual) / max(len(residual) - 3.0, 1.0))
         factor[index] = max(1.0, scatter) * np.sqrt(correlation_factor(residual))
     return curves.with_sigma(curves.sigma_px * factor), float(np.sqrt(np.mean(factor**2)))
-
-
-def _result(
-    problem: Problem,
-    state: State,
-    scale: float,
-    rejected: tuple[str, ...],
-    named: tuple[str, ...],
-    circle: Circle,
-    template: FieldTemplate,
-) -> CameraFit:
-    frame, theta = problem.frame, state.theta[0]
-    covariance = posterior_covariance(state.normal[0], problem.priors.sd)
-    prior = problem.priors.residuals(theta[None])[1][0]
-    center = np.asarray(circle.center)
-    camera = camera_of(theta, frame)
-    H = camera.homography
-    grid = visible_field(theta, frame, template, center, 2.5 * circle.radius_m)
-    sigma_px, sigma_m = field_sigma(theta, covariance, grid, frame)
-    share = data_share(theta, covariance, prior.T @ prior, grid, frame)
-    return CameraFit(
-        camera=camera,
-        crown_m=float(theta[INDEX["crown"]]),
-        crown_shape=frame.crown_shape,
-        parameters=PARAMETERS,
-        covariance=covariance,
-        H_image_field=H,
-        H_field_image=scale_homography(np.linalg.inv(H)),
-        H_covariance=push_forward(lambda t: homography_vector(t, frame), theta, covariance),
-        imaged_center_px=imaged_point(theta, frame, center),
-        imaged_center_covariance=push_forward(lambda t: imaged_point(t, frame, center), theta, covariance),
-        noise_scale=scale,
-        data_share=share,
-        prior_dominated=share < 0.5,
-        residual_correlation=_correlation(problem, state, circle),
-        max_sigma_px=float(sigma_px.max()) if len(grid) else float("inf"),
-        max_sigma_m=float(sigma_m.max()) if len(grid) else float("inf"),
-        residuals_px=_residuals_px(problem, state),
-        theta=theta,
-        derived_points=_derived_points(theta, covariance, circle, frame),
-        rejected=rejected,
-        named_lines=named,
-        alternatives=((camera.turned(), 0.0),),
-    )
-
-
-def _correlation(problem: Problem, state: State, circle: Circle) -> float:
-    """How many neighbouring residuals along the circle repeat each other: 1 where they are white."""
-    circles = [k for k, name in enumerate(problem.curves.names) if name.startswith(circle.name + " ")]
-    factors = [1.0]
-    for group in circles:
-        index = np.flatnonzero(problem.curves.group == group)
-        factors.append(correlation_factor(state.residuals[0, index[np.argsort(state.hidden[0, index])]]))
-    return max(factors)
-
-
-def _derived_points(theta: Array, covariance: Array, circle: Circle, frame: Frame) -> tuple[DerivedPoint, ...]:
-    """The circle's eight points with the covariance that the camera's implies."""
-    found = []
-    for angle in np.radians(np.arange(0.0, 360.0, 45.0)):
-        outward = np.array([np.cos(angle), np.sin(angle)])
-        point = np.asarray(circle.center) + circle.radius_m * outward
-        spread = push_forward(partial(imaged_point, frame=frame, point_m=point), theta, covariance)
-        found.append(DerivedPoint(compass_label(outward), point, imaged_point(theta, frame, point), spread))
-    return tuple(found)
-
-
-def visible_field(
-    theta: Array, frame: Frame, template: FieldTemplate, center: Array, reach_m: float, step_m: float = 1.0
-) -> Array:
-    """Field points (N, 2) on a grid that the camera shows, within ``reach_m`` of the circle's centre."""
-    half = np.array([template.length_m, template.width_m]) / 2
-    x, y = (
-        np.arange(max(-h, c - reach_m), min(h, c + reach_m) + 1e-9, step_m) for h, c in zip(half, center, strict=True)
-    )
-    grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    pixels = camera_of(theta, frame).project(grid)
-    inside = np.isfinite(pixels).all(axis=1) & (pixels >= 0).all(axis=1)
-    return grid[inside & (pixels[:, 0] <= frame.width - 1) & (pixels[:, 1] <= frame.height - 1)]
-
-
-def _residuals_px(problem: Problem, state: State) -> dict[str, float]:
-    """Root mean square residual of each observed marking, pixels; nothing is left out."""
-    curves, values = problem.curves, state.residuals[0] * problem.curves.sigma_px
-    found = {
-        name: float(np.sqrt(np.mean(values[curves.group == group] ** 2))) for group, name in enumerate(curves.names)
-    }
-    for k, name in enumerate(problem.points.names):
-        found[name] = float(np.linalg.norm(state.point_values[0, 2 * k : 2 * k + 2]) * problem.points.sigma_px[k])
-    return found

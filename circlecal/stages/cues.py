@@ -219,7 +219,8 @@ def _followed(
 ) -> list[LineCue]:
     """Pieces of a straight marking beyond its measured part, each expected where the one before points to.
 
-    Lens and crown bend the line, so the pieces follow it; the first that is not clearly there ends the search on its side.
+    Lens and crown bend the line, so the pieces follow it; the first that is not clearly there ends the search on its
+    side.
     """
     height, width = picture.shape
     found = []

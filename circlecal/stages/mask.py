@@ -102,7 +102,9 @@ def marking_from_classes(
     robust = ransac_conic(points, config.threshold_px * unit, rng, hypotheses=1000, method="taubin")
     ellipse = None if robust is None else ellipse_from_conic(robust.conic)
     marking = MarkingMask(classes=classes, source="file")
-    if robust is None or ellipse is None or robust.inliers.sum() < 20 or robust.inliers.mean() < 0.2:
+    # an ellipse as thin as the threshold is a straight line with two sides
+    flat = ellipse is None or ellipse.semi_axes[1] < 2 * config.threshold_px * unit
+    if robust is None or ellipse is None or flat or robust.inliers.sum() < 20 or robust.inliers.mean() < 0.2:
         return marking, EstimationError(
             "mask", "no_circle_found", "the mask holds no ellipse of the circle's class (id 7)"
         )

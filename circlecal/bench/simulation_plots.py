@@ -1,0 +1,96 @@
+"""Plots of ``circlecal simulate``: error against noise with quantile bands, failures, and the Cramer-Rao bound."""
+
+from __future__ import annotations
+
+import importlib.util
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from circlecal.bench.simulation import Summary
+from circlecal.errors import MissingExtraError
+from circlecal.formats.atomic import write_atomic
+
+FORMATS = ("png", "svg")
+LEAST_PX = 1e-13
+"""Errors below are drawn as this: the axis is logarithmic."""
+_MARKERS = "osv^D<>pPX*hd8"
+
+
+def require_matplotlib() -> None:
+    """Raise before a long run rather than after it.
+
+    Raises
+    ------
+    MissingExtraError
+        Where matplotlib is not installed.
+    """
+    if importlib.util.find_spec("matplotlib") is None:
+        raise MissingExtraError("matplotlib", "plot")
+
+
+def write_plots(summaries: Sequence[Summary], folder: Path) -> list[Path]:
+    """One figure per scenario as PNG and SVG: errors above, share of failures below."""
+    require_matplotlib()
+    import matplotlib
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    written = []
+    for scenario in dict.fromkeys(s.scenario for s in summaries):
+        own = [s for s in summaries if s.scenario == scenario]
+        figure = Figure(figsize=(9.0, 8.0), layout="constrained")
+        FigureCanvasAgg(figure)
+        above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
+        for k, solver in enumerate(dict.fromkeys(s.solver for s in own)):
+            _draw_solver(above, below, [s for s in own if s.solver == solver], k)
+        _draw_bound(above, own)
+        _label(figure, above, below, scenario)
+        with matplotlib.rc_context({"svg.hashsalt": "circlecal"}):
+            written += [_saved(figure, folder / f"simulate_{scenario}.{kind}", kind) for kind in FORMATS]
+    return written
+
+
+def _draw_solver(above: Any, below: Any, own: list[Summary], k: int) -> None:
+    own = sorted(own, key=lambda s: s.noise_px)
+    noise = [s.noise_px for s in own]
+    below.plot(noise, [100.0 * s.failed for s in own], marker=_MARKERS[k % len(_MARKERS)], color=f"C{k % 10}")
+    answered = [
+        (s.noise_px, max(s.q10_px, LEAST_PX), max(s.median_px, LEAST_PX), max(s.p90_px, LEAST_PX))
+        for s in own
+        if s.q10_px is not None and s.median_px is not None and s.p90_px is not None
+    ]
+    if not answered:
+        return
+    x, low, middle, high = zip(*answered, strict=True)
+    style = "-" if k < 10 else "--"
+    above.plot(x, middle, style, marker=_MARKERS[k % len(_MARKERS)], color=f"C{k % 10}", label=own[0].solver)
+    above.fill_between(x, low, high, color=f"C{k % 10}", alpha=0.12, linewidth=0)
+
+
+def _draw_bound(above: Any, own: list[Summary]) -> None:
+    bounds = sorted({(s.noise_px, s.bound_median_px) for s in own if s.bound_median_px > 0})
+    if bounds:
+        above.plot(*zip(*bounds, strict=True), "k--", linewidth=2, label="Cramer-Rao bound (pinhole camera)")
+
+
+def _label(figure: Any, above: Any, below: Any, scenario: str) -> None:
+    above.set_yscale("log")
+    above.set_ylabel("mean reprojection error, px (median, 10-90 %)")
+    above.grid(alpha=0.3)
+    if above.get_legend_handles_labels()[0]:
+        above.legend(fontsize="small", ncols=2)
+    below.set_ylabel("no answer, %")
+    below.set_ylim(-3, 103)
+    below.set_xlabel("noise, px")
+    below.grid(alpha=0.3)
+    figure.suptitle(scenario)
+
+
+def _saved(figure: Any, path: Path, kind: str) -> Path:
+    content = io.BytesIO()
+    metadata = {"Date": None} if kind == "svg" else {"Software": None}
+    figure.savefig(content, format=kind, dpi=110, metadata=metadata)
+    write_atomic(path, content.getvalue())
+    return path

@@ -1,0 +1,75 @@
+"""Coordinates in which the camera's weak direction is straight: where the circle's centre is seen, and from where it
+is looked at.
+
+Zooming in while stepping back hardly changes the picture of a circle. In focal length, angles and position that path
+is strongly bent, and an optimiser
+creeps along it; in the logarithms of focal length and distance, the two viewing angles, and the pixel of the circle's
+centre it is nearly a line.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from circlecal.camera_fit.model import rotations
+from circlecal.geometry.homogeneous import Array
+
+LOOK = 7
+"""The first seven parameters are replaced: log focal length, u, v, roll, log distance, azimuth, elevation."""
+
+
+def to_look(theta: Array, center_m: Array) -> Array:
+    """Look coordinates (B, 7) of parameter vectors (B, P); not finite where the circle's centre lies behind the
+    camera.
+    """
+    offset = theta[:, 4:7] - np.r_[center_m, 0.0]
+    distance = np.linalg.norm(offset, axis=1)
+    seen = -np.einsum("bij,bj->bi", rotations(theta), offset)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        pixel = np.exp(theta[:, :1]) * np.where(seen[:, 2:] > 0, seen[:, :2] / seen[:, 2:], np.nan)
+        return np.column_stack(
+            [
+                theta[:, 0],
+                pixel,
+                theta[:, 3],
+                np.log(distance),
+                np.arctan2(offset[:, 0], offset[:, 1]),
+                np.arcsin(np.clip(-offset[:, 2] / distance, -1.0, 1.0)),
+            ]
+        )
+
+
+def from_look(look: Array, center_m: Array) -> Array:
+    """Inverse of :func:`to_look`: log focal length, pan, tilt, roll, x, y, z (B, 7) of an upright camera."""
+    log_focal, u, v, roll, log_distance, azimuth, elevation = look.T
+    distance, level = np.exp(log_distance), np.cos(elevation)
+    offset = distance[:, None] * np.stack(
+        [np.sin(azimuth) * level, np.cos(azimuth) * level, -np.sin(elevation)], axis=-1
+    )
+    towards = -offset / distance[:, None]
+    ray = np.stack([u, v, np.exp(log_focal)], axis=-1)
+    ray = ray / np.linalg.norm(ray, axis=1, keepdims=True)
+    # undo the roll, then pan and tilt turn the direction to the centre into this ray
+    c, s = np.cos(roll), np.sin(roll)
+    x, y, z = c * ray[:, 0] - s * ray[:, 1], s * ray[:, 0] + c * ray[:, 1], ray[:, 2]
+    ahead = -np.sqrt(np.maximum(towards[:, 0] ** 2 + towards[:, 1] ** 2 - x**2, 0.0))
+    tilt = np.arctan2(towards[:, 2], ahead) - np.arctan2(z, y)
+    pan = np.arctan2(towards[:, 1], towards[:, 0]) - np.arctan2(ahead, x)
+    return np.column_stack([log_focal, _wrapped(pan), _wrapped(tilt), roll, offset + np.r_[center_m, 0.0]])
+
+
+def look_jacobian(look: Array, center_m: Array) -> Array:
+    """Derivative (B, 7, 7) of :func:`from_look` by central differences."""
+    steps = np.array([1e-5, 1e-2, 1e-2, 1e-6, 1e-5, 1e-6, 1e-6])
+    columns = []
+    for k, step in enumerate(steps):
+        change = np.zeros(LOOK)
+        change[k] = step
+        difference = from_look(look + change, center_m) - from_look(look - change, center_m)
+        difference[:, 1:3] = _wrapped(difference[:, 1:3])
+        columns.append(difference / (2 * step))
+    return np.stack(columns, axis=-1)
+
+
+def _wrapped(angle: Array) -> Array:
+    return (angle + np.pi) % (2 * np.pi) - np.pi

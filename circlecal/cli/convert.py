@@ -1,0 +1,37 @@
+"""``circlecal convert``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from circlecal.cli import options
+
+
+def convert(
+    inputs: Annotated[
+        list[Path], typer.Argument(metavar="INPUT...", help="Annotation or camera files, and folders of them.")
+    ],
+    to: Annotated[str, typer.Option("--to", metavar="FORMAT", help="Format to write, of the same kind.")],
+    out: options.Out = Path("circlecal-out"),
+    from_format: options.FromFormat = None,
+    size: options.Size = None,
+    field: options.FieldName = None,
+    settings: options.Settings = None,
+    quiet: options.Quiet = False,
+    verbose: options.Verbose = False,
+) -> None:
+    """Rewrite annotations as annotations and cameras as cameras of another program, without calibrating."""
+    from circlecal.api import field_template
+    from circlecal.cli import console
+    from circlecal.formats.exchange import convert as convert_files
+    from circlecal.formats.inputs import convertible_files
+
+    console.configure_logging(quiet=quiet, verbose=verbose)
+    template = field_template(options.chosen_config(None, settings, field))
+    files = convertible_files(inputs, from_format, out)
+    for path in convert_files(files, from_format, to, out, template, options.parsed_size(size)):
+        if not quiet:
+            console.print_line(str(path))

@@ -1,0 +1,189 @@
+"""Focal length and pose from two coplanar circles (Chen, Wu and Wada 2004).
+
+For a focal length f the ellipse becomes a cone ``Q = K^T E K``. With eigenvalues ``l1 >= l2 > 0 > l3`` it has circular
+sections across two normals, ``n = (sqrt(l1 - l2) e1 +- sqrt(l2 - l3) e3) / sqrt(l1 - l3)``. Both circles lie in one
+plane, so at the true f a normal of one is a normal of the other, at the same distance, with the centres as far apart
+as the template says. The principal point is taken at the image centre and pixels as square.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from circlecal.errors import EstimationError
+from circlecal.field import Circle, FieldTemplate
+from circlecal.geometry.conics import normalise_conic
+from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.homography import camera_side_of, turn_homography
+from circlecal.geometry.pinhole import image_center
+from circlecal.observations import Observations
+from circlecal.solvers.interface import intrinsics_solver, solver, unsolved
+from circlecal.solvers.primitives import (
+    SAME_CENTER_M,
+    SeenCircle,
+    central_line,
+    concentric_edges,
+    separate_circles,
+)
+
+FOCAL_WIDTHS = (0.3, 20.0)
+"""Range of the search, in widths of the picture."""
+GRID = 96
+REFINEMENTS = 40
+LARGEST_MISFIT = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Sections:
+    """Circular sections of K cones (K, 2, ...): unit normals away from the camera, plane distances, circle centres."""
+
+    normals: Array
+    distances: Array
+    centers: Array
+
+
+@dataclass(frozen=True, slots=True)
+class TwoCircles:
+    """Focal length, the plane's normal (3,) and both circle centres (2, 3) in camera coordinates."""
+
+    focal_px: float
+    normal: Array
+    centers: Array
+
+
+@solver
+def solve(observations: Observations, template: FieldTemplate, circle: Circle, rng: np.random.Generator) -> Array:
+    """Two circles with different centres, or both edges of one circle with the halfway line."""
+    pair, concentric = _pair(observations, template, circle, rng)
+    found = focal_and_plane(pair, (observations.width, observations.height))
+    x, y = image_center(observations.width, observations.height)
+    K = np.array([[found.focal_px, 0.0, x], [0.0, found.focal_px, y], [0.0, 0.0, 1.0]])
+    if not concentric:
+        return _homography(K, found, pair, pair[1].center_m - pair[0].center_m, found.centers[1] - found.centers[0])
+    line = central_line(observations, template, circle)
+    H = _homography(K, found, pair, line.direction, np.cross(found.normal, K.T @ line.image_line))
+    return turn_homography(H, pair[0].center_m) if camera_side_of(H, "main") < 0 else H
+
+
+@intrinsics_solver
+def intrinsics(
+    views: Sequence[Observations], template: FieldTemplate, circle: Circle, rng: np.random.Generator
+) -> Array:
+    """Focal length alone, the median over the views."""
+    found = []
+    for view in views:
+        pair, _ = _pair(view, template, circle, rng)
+        found.append(focal_and_plane(pair, (view.width, view.height)).focal_px)
+    if not found:
+        raise unsolved("needs_a_view", "at least one view is needed")
+    x, y = image_center(views[0].width, views[0].height)
+    focal = float(np.median(found))
+    return np.array([[focal, 0.0, x], [0.0, focal, y], [0.0, 0.0, 1.0]])
+
+
+def _pair(
+    observations: Observations, template: FieldTemplate, circle: Circle, rng: np.random.Generator
+) -> tuple[tuple[SeenCircle, SeenCircle], bool]:
+    try:
+        found = sorted(separate_circles(observations, template, rng), key=lambda c: -len(c.points_px))
+        return (found[0], found[1]), False
+    except EstimationError as error:
+        if error.code != "needs_two_circles":
+            raise
+    return concentric_edges(observations, template, circle, rng), True
+
+
+def circular_sections(conics: Array, focal_px: Array, center_px: Array, radius_m: float) -> Sections:
+    """Both circular sections of radius ``radius_m`` of the cones over one conic (3, 3) for focal lengths (K,)."""
+    K = np.zeros((len(focal_px), 3, 3))
+    K[:, 0, 0] = K[:, 1, 1] = focal_px
+    K[:, :2, 2], K[:, 2, 2] = center_px, 1.0
+    cones = normalise_conic(np.swapaxes(K, 1, 2) @ conics @ K)
+    values, vectors = np.linalg.eigh(cones)
+    low, middle, high = values.T
+    spread = high - low
+    e1, e3 = vectors[..., 2], vectors[..., 0]
+    a, b = np.sqrt((high - middle) / spread)[:, None] * e1, np.sqrt((middle - low) / spread)[:, None] * e3
+    normals = np.stack([a + b, a - b], axis=1)
+    rays = np.linalg.solve(cones[:, None], normals[..., None])[..., 0]
+    rays = rays * np.sign(rays[..., 2:])
+    normals = normals * np.sign(np.sum(normals * rays, axis=-1, keepdims=True))
+    along = np.einsum("kij,knj->kni", cones, normals)
+    level = np.sum(normals * along, axis=-1)
+    across = along - level[..., None] * normals
+    offset = across / middle[:, None, None]
+    distances = radius_m / np.sqrt(np.maximum(np.sum(offset**2, axis=-1) - level / middle[:, None], 1e-300))
+    return Sections(normals, distances, distances[..., None] * (normals - offset))
+
+
+def _misfits(
+    pair: tuple[SeenCircle, SeenCircle], focal_px: Array, center_px: Array, choice: tuple[int, int]
+) -> tuple[Array, Sections, Sections]:
+    """How far the sections disagree (K, 7): normals, distances, and the centres' distance."""
+    first, second = (circular_sections(c.conic, focal_px, center_px, c.radius_m) for c in pair)
+    i, j = choice
+    turned = np.cross(first.normals[:, i], second.normals[:, j])
+    ratio = np.log(first.distances[:, i] / second.distances[:, j])
+    between = second.centers[:, j] - first.centers[:, i]
+    apart = float(np.linalg.norm(pair[1].center_m - pair[0].center_m))
+    if apart > SAME_CENTER_M:
+        length = np.log(np.maximum(np.linalg.norm(between, axis=1), 1e-300) / apart)[:, None]
+    else:
+        length = between / first.distances[:, i, None]
+    return np.column_stack([turned, ratio, length]), first, second
+
+
+def focal_and_plane(pair: tuple[SeenCircle, SeenCircle], size: tuple[int, int]) -> TwoCircles:
+    """Focal length at which the circular sections of both cones agree best: a grid, then Gauss-Newton."""
+    center = image_center(*size)
+    grid = np.linspace(*np.log(np.array(FOCAL_WIDTHS) * size[0]), GRID)
+    best: tuple[float, float, tuple[int, int]] | None = None
+    for choice in product((0, 1), (0, 1)):
+        cost = np.sum(_misfits(pair, np.exp(grid), center, choice)[0] ** 2, axis=1)
+        inner = (cost[1:-1] <= cost[:-2]) & (cost[1:-1] <= cost[2:])
+        for k in np.flatnonzero(inner) + 1:
+            log_focal, refined = _refined(pair, float(grid[k]), center, choice)
+            if grid[0] < log_focal < grid[-1] and (best is None or refined < best[0]):
+                best = refined, log_focal, choice
+    if best is None or best[0] > LARGEST_MISFIT**2:
+        raise unsolved("no_common_plane", "no focal length gives both circles one plane")
+    focal = float(np.exp(best[1]))
+    _, first, second = _misfits(pair, np.array([focal]), center, best[2])
+    i, j = best[2]
+    normal = first.normals[0, i] + second.normals[0, j]
+    normal = normal / np.linalg.norm(normal)
+    return TwoCircles(focal, normal, np.stack([first.centers[0, i], second.centers[0, j]]))
+
+
+def _refined(
+    pair: tuple[SeenCircle, SeenCircle], log_focal: float, center_px: Array, choice: tuple[int, int]
+) -> tuple[float, float]:
+    step = 1e-5
+    cost = np.inf
+    for _ in range(REFINEMENTS):
+        around = np.exp(np.array([log_focal, log_focal - step, log_focal + step]))
+        values = _misfits(pair, around, center_px, choice)[0]
+        slope = (values[2] - values[1]) / (2 * step)
+        cost = float(values[0] @ values[0])
+        move = -float(slope @ values[0] / max(float(slope @ slope), 1e-300))
+        log_focal += float(np.clip(move, -0.1, 0.1))
+        if abs(move) < 1e-15:
+            break
+    return log_focal, cost
+
+
+def _homography(
+    K: Array, found: TwoCircles, pair: tuple[SeenCircle, SeenCircle], direction_m: Array, direction: Array
+) -> Array:
+    """Homography from the plane and one direction known on the field (2,) and in camera coordinates (3,)."""
+    u = direction_m / np.linalg.norm(direction_m)
+    along = direction - (direction @ found.normal) * found.normal
+    along = along / np.linalg.norm(along)
+    across = np.cross(found.normal, along)
+    x_axis, y_axis = u[0] * along - u[1] * across, u[1] * along + u[0] * across
+    origins = [c - s.center_m[0] * x_axis - s.center_m[1] * y_axis for c, s in zip(found.centers, pair, strict=True)]
+    return K @ np.column_stack([x_axis, y_axis, np.mean(origins, axis=0)])

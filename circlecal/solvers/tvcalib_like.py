@@ -1,0 +1,95 @@
+"""Gradient refinement of a pinhole camera from prior starts on segment distances, after Theiner and Ewerth 2023
+(TVCalib).
+
+As there, the camera's pose and field of view are standardised by the ranges of broadcast cameras, the loss is the
+mean squared distance of the points of each marking from its projection, averaged over markings, and AdamW follows
+its gradient from the middle of the ranges and from beside it. Unlike there, the points are those of the observations
+(no segmentation network), distances go along the marking's normal, and fewer steps are made.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from circlecal.camera_fit.curves import CurvePoints, curve_residuals, first_hidden
+from circlecal.camera_fit.model import INDEX, PARAMETERS, Frame, camera_of
+from circlecal.camera_fit.observed import Realism, observed_curves
+from circlecal.field import Circle, FieldTemplate
+from circlecal.geometry.homogeneous import Array
+from circlecal.observations import Observations
+from circlecal.solvers.interface import solver, unsolved
+
+RANGES = {
+    "log_focal": (np.log(0.5), np.log(7.0)),
+    "pan": (np.radians(-45.0), np.radians(45.0)),
+    "tilt": (np.radians(45.0), np.radians(90.0)),
+    "roll": (np.radians(-10.0), np.radians(10.0)),
+    "x": (-36.0, 36.0),
+    "y": (40.0, 110.0),
+    "z": (-40.0, -5.0),
+}
+"""Six standard deviations of each parameter; the focal length in widths of the picture (fields of view of 8 to 90
+degrees), the position in metres.
+"""
+STARTS = ((0.0, 0.0), (-1.0, 0.0), (1.0, 0.0))
+"""Camera x, in standard deviations, and pan so that the camera looks at the circle."""
+STEPS = 400
+LEARNING_RATE = 0.05
+MAXIMUM_POINTS = 48
+SEARCH_EVERY = 40
+"""Steps after which the nearest points are looked for along the whole marking again."""
+DECAYS = (0.9, 0.999)
+
+
+@solver
+def solve(observations: Observations, template: FieldTemplate, circle: Circle, rng: np.random.Generator) -> Array:
+    """AdamW from all starts at once; the camera with the smallest loss."""
+    frame = Frame(observations.width, observations.height, "flat", circle.radius_m)
+    curves = observed_curves(observations, template, Realism(MAXIMUM_POINTS, 0.0, 0.0))
+    if len(curves.names) < 2:
+        raise unsolved("needs_two_markings", "one marking alone leaves the camera undetermined")
+    mean, sd = standardisation(frame)
+    z = np.zeros((len(STARTS), len(mean)))
+    z[:, INDEX["x"]] = [start[0] for start in STARTS]
+    position = mean[4:6] + z[:, 4:6] * sd[4:6] - np.asarray(circle.center)
+    z[:, INDEX["pan"]] = (np.arctan2(-position[:, 0], position[:, 1]) - mean[INDEX["pan"]]) / sd[INDEX["pan"]]
+    theta, loss = descend(curves, frame, mean, sd, z)
+    best = int(np.argmin(loss))
+    if not np.isfinite(loss[best]):
+        raise unsolved("no_convergence", "every start ended behind the camera")
+    return camera_of(theta[best], frame).homography
+
+
+def standardisation(frame: Frame) -> tuple[Array, Array]:
+    """Mean and standard deviation (P,) of the parameters; those that are not estimated have sd 0."""
+    mean, sd = np.zeros(len(PARAMETERS)), np.zeros(len(PARAMETERS))
+    for name, (low, high) in RANGES.items():
+        mean[INDEX[name]], sd[INDEX[name]] = (low + high) / 2, (high - low) / 6
+    mean[INDEX["log_focal"]] += np.log(frame.width)
+    return mean, sd
+
+
+def descend(curves: CurvePoints, frame: Frame, mean: Array, sd: Array, z: Array) -> tuple[Array, Array]:
+    """Parameters (B, P) and losses (B,) after ``STEPS`` steps of AdamW with a cosine schedule."""
+    first, second = np.zeros_like(z), np.zeros_like(z)
+    share = 1.0 / (np.bincount(curves.group)[curves.group] * len(curves.names))
+    unit = curves.sigma_px / (frame.width / 2.0)
+    best, best_loss = mean + sd * z, np.full(len(z), np.inf)
+    hidden = np.zeros((len(z), len(curves.points_px)))
+    for step in range(STEPS):
+        theta = mean + sd * z
+        if step % SEARCH_EVERY == 0:
+            hidden = first_hidden(curves, theta, frame)[0]
+        seen = curve_residuals(curves, theta, hidden, frame, updates=1)
+        hidden = seen.hidden
+        values = np.where(seen.behind, 0.0, seen.values * unit)
+        loss = np.where(seen.behind.any(axis=1), np.inf, np.sum(share * values**2, axis=1))
+        better = loss < best_loss
+        best, best_loss = np.where(better[:, None], theta, best), np.where(better, loss, best_loss)
+        gradient = 2.0 * np.einsum("bn,bnp->bp", share * values * unit, seen.jacobian) * sd
+        first = DECAYS[0] * first + (1 - DECAYS[0]) * gradient
+        second = DECAYS[1] * second + (1 - DECAYS[1]) * gradient**2
+        rate = LEARNING_RATE * 0.5 * (1 + np.cos(np.pi * step / STEPS))
+        scale = np.sqrt(second / (1 - DECAYS[1] ** (step + 1))) + 1e-8
+        z = z - rate * first / (1 - DECAYS[0] ** (step + 1)) / scale
+    return best, best_loss

@@ -1,0 +1,162 @@
+"""COCO, CVAT, Label Studio and LabelMe: their pixel mappings, what they leave out, exact round trips."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from circlecal.errors import InputError
+from circlecal.formats import coco, cvat, labelme, labelstudio
+from circlecal.formats.annotated import AnnotatedFrame, Shape
+from circlecal.formats.soccernet import json_bytes
+
+FILE = Path("marks.json")
+ELLIPSE = Shape("Circle central", "ellipse", np.array([[480.0, 270.0], [780.0, 280.0], [477.0, 360.0]]))
+
+
+def test_labelme_counts_from_the_corner(seen, close):
+    record = labelme.file_record(seen)
+    assert record["shapes"][2]["points"][0] == pytest.approx((seen.shapes[2].points_px[0] + 0.5).tolist())
+    assert (record["imageWidth"], record["imageHeight"], record["imagePath"]) == (960, 540, "view.jpg")
+    close(labelme.read_file(FILE, json_bytes(record), None), seen)
+
+
+def test_labelme_kinds():
+    shapes = [
+        {"label": "Middle line", "shape_type": "line", "points": [[0.5, 0.5], [1.5, 0.5]]},
+        {"label": "Circle central", "shape_type": "circle", "points": [[5, 5], [9, 5]]},
+        {"label": "Circle central", "points": [[5, 5], [9, 5], [9, 9]]},
+        {"label": "Side line top", "shape_type": "linestrip", "points": []},
+    ]
+    content = json_bytes({"shapes": shapes, "imageWidth": 90, "imageHeight": 80})
+    frame = labelme.read_file(FILE, content, None)
+    assert [(s.label, s.kind, len(s.points_px)) for s in frame.shapes] == [
+        ("Middle line", "line", 2),
+        ("Circle central", "line", 3),
+    ]
+    assert frame.shapes[0].points_px[0].tolist() == [0.0, 0.0]
+    assert "shapes.1.shape_type" in frame.warnings[0]
+
+
+def test_labelme_without_a_size_needs_one():
+    content = json_bytes({"shapes": []})
+    with pytest.raises(InputError, match="--size"):
+        labelme.read_file(FILE, content, None)
+    assert labelme.read_file(FILE, content, (64, 65)).height == 65
+
+
+def test_cvat_round_trip(seen, close):
+    frame = replace(seen, shapes=(*seen.shapes, ELLIPSE))
+    content = cvat.annotations_xml([frame, AnnotatedFrame("empty", 64, 65, ())])
+    again, empty = cvat.read_annotations(FILE, content, None)
+    close(again, frame)
+    assert (empty.id, empty.width, empty.height, empty.shapes) == ("empty", 64, 65, ())
+    assert again.image == "view.jpg"
+
+
+def test_cvat_counts_from_the_corner_and_knows_skeletons():
+    content = b"""<annotations><version>1.1</version><meta/><image id="0" name="x/a.jpg" width="192" height="108">
+        <skeleton label="pitch"><points label="centre_mark" outside="0" points="10.5,20.5"/>
+        <points label="penalty_mark_left" outside="1" points="1,1"/></skeleton>
+        <box label="player" xtl="0" ytl="0" xbr="1" ybr="1"/><tag label="t"/></image></annotations>"""
+    (frame,) = cvat.read_annotations(FILE, content, None)
+    assert frame.id == "a"
+    assert [(s.label, s.points_px.tolist()) for s in frame.shapes] == [("centre_mark", [[10.0, 20.0]])]
+    assert len(frame.warnings) == 1
+    assert "box" in frame.warnings[0]
+
+
+def test_cvat_never_expands_entities():
+    bomb = b'<?xml version="1.0"?><!DOCTYPE a [<!ENTITY b "bbbb"><!ENTITY c "&b;&b;">]><annotations>&c;</annotations>'
+    outside = b'<!DOCTYPE a [<!ENTITY f SYSTEM "file:///etc/hostname">]><annotations>&f;</annotations>'
+    for content in (bomb, outside):
+        with pytest.raises(InputError, match="DOCTYPE"):
+            cvat.read_annotations(FILE, content, None)
+
+
+def test_cvat_for_video_is_named():
+    with pytest.raises(InputError, match="CVAT for images"):
+        cvat.read_annotations(FILE, b"<annotations><track id='0'/></annotations>", None)
+
+
+def test_label_studio_round_trip(seen, close):
+    frame = replace(seen, shapes=(*seen.shapes, ELLIPSE))
+    (again,) = labelstudio.read_tasks(FILE, json_bytes(labelstudio.tasks_record([frame])), None)
+    close(again, frame)
+
+
+def test_label_studio_is_in_per_cent_and_turns_in_the_picture():
+    value = {"x": 50, "y": 50, "radiusX": 10, "radiusY": 10, "rotation": 90, "ellipselabels": ["Circle central"]}
+    result = {"type": "ellipselabels", "original_width": 200, "original_height": 100, "value": value}
+    tasks = [
+        {
+            "data": {"image": "/upload/3/a%20b.jpg"},
+            "annotations": [{"result": [result, {"type": "choices", "value": {}}]}],
+        }
+    ]
+    (frame,) = labelstudio.read_tasks(FILE, json_bytes(tasks), None)
+    assert frame.id == "a%20b"
+    center, first, second = frame.shapes[0].points_px
+    assert center == pytest.approx([99.5, 49.5])
+    assert first - center == pytest.approx([0, 20])
+    assert second - center == pytest.approx([-10, 0])
+    assert not frame.warnings
+
+
+def test_label_studio_takes_the_first_annotation_that_counts():
+    def annotation(x, cancelled=False):
+        value = {"x": x, "y": 0, "keypointlabels": ["centre_mark"]}
+        keys = {"type": "keypointlabels", "original_width": 100, "original_height": 100, "value": value}
+        return {"result": [keys], "was_cancelled": cancelled}
+
+    tasks = [{"annotations": [annotation(10, True), annotation(20), annotation(30)]}, {"annotations": []}]
+    (frame,) = labelstudio.read_tasks(FILE, json_bytes(tasks), None)
+    assert frame.shapes[0].points_px.tolist() == [[19.5, -0.5]]
+    assert "several" in frame.warnings[0]
+
+
+def test_coco_round_trip(seen, close):
+    content = json_bytes(coco.dataset_record([seen, AnnotatedFrame("empty", 64, 65, ())]))
+    again, empty = coco.read_dataset(FILE, content, None)
+    order = (seen.shapes[2], *seen.shapes[:2])
+    close(again, replace(seen, shapes=order))
+    assert empty.shapes == ()
+
+
+def test_coco_keypoints_that_are_not_there():
+    dataset = {
+        "images": [{"id": 5, "file_name": "a.jpg", "width": 100, "height": 90}],
+        "categories": [{"id": 1, "name": "pitch", "keypoints": ["centre", "kp_32", "kp_35"]}],
+        "annotations": [{"image_id": 5, "category_id": 1, "keypoints": [10.0, 20, 2, 0, 0, 0, 30, 40, 1]}],
+    }
+    (frame,) = coco.read_dataset(FILE, json_bytes(dataset), None)
+    assert [(s.label, s.points_px.tolist()) for s in frame.shapes] == [
+        ("centre", [[10.0, 20.0]]),
+        ("kp_35", [[30.0, 40.0]]),
+    ]
+    for change, part in (
+        ({"image_id": 6}, "annotations.0.image_id"),
+        ({"category_id": 6}, "annotations.0.category_id"),
+        ({"keypoints": [1, 2]}, "annotations.0.keypoints"),
+        ({"keypoints": [1, 2, 2] * 4}, "annotations.0.keypoints"),
+        ({"segmentation": [[1, 2, 3]]}, "annotations.0.segmentation.0"),
+    ):
+        broken = {**dataset, "annotations": [{**dataset["annotations"][0], **change}]}
+        with pytest.raises(InputError, match=part):
+            coco.read_dataset(FILE, json_bytes(broken), None)
+
+
+def test_derived_points_and_tangents_for_every_tool(calibrated, frame_camera, close):
+    frame = calibrated.annotated()
+    points = {s.label: s.points_px[0] for s in frame.shapes if s.kind == "points"}
+    assert points["centre_circle centre"] == pytest.approx(frame_camera.project([[0.0, 0.0]])[0])
+    assert points["centre_circle top"] == pytest.approx(frame_camera.project([[0.0, -9.15]])[0])
+    assert sum(" tangent " in s.label for s in frame.shapes) == 8
+    close(labelme.read_file(FILE, json_bytes(labelme.file_record(frame)), None), frame)
+    close(cvat.read_annotations(FILE, cvat.annotations_xml([frame]), None)[0], frame)
+    close(labelstudio.read_tasks(FILE, json_bytes(labelstudio.tasks_record([frame])), None)[0], frame)
+    again = coco.read_dataset(FILE, json_bytes(coco.dataset_record([frame])), None)[0]
+    assert {s.label for s in again.shapes} == {s.label for s in frame.shapes}
+    json.dumps(coco.dataset_record([frame]), allow_nan=False)

@@ -1,0 +1,126 @@
+"""BroadTrack, TVCalib and WorldCup files: conventions, round trips, and what a flat field without a lens makes of ours."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from circlecal.errors import InputError
+from circlecal.formats import broadtrack, tvcalib, worldcup
+from circlecal.formats.calibrated import centred_camera
+from circlecal.formats.cameras import CameraFrame
+from circlecal.formats.soccernet import camera_record, json_bytes
+
+POINTS = np.array([[0.0, 0.0], [9.0, 3.0], [-9.0, -3.0], [3.0, 8.0]])
+FILE = Path("00007.json")
+
+
+@pytest.fixture
+def centred(frame_camera):
+    return replace(frame_camera, kappa=np.array([0.03, 0.0]))
+
+
+def test_broadtrack_round_trip(centred):
+    content = json_bytes(broadtrack.sequence_record([CameraFrame("000001", 960, 540, centred, image="/a/000001.jpg")]))
+    (again,) = broadtrack.read_sequence(FILE, content)
+    assert (again.id, again.image, again.width) == ("000001", "/a/000001.jpg", 960)
+    assert np.abs(again.camera.project(POINTS) - centred.project(POINTS)).max() < 1e-9
+
+
+def test_broadtrack_has_the_field_of_view_and_distortion_per_height(centred):
+    entry = broadtrack.sequence_record([CameraFrame("a", 960, 540, centred)])["/a.jpg"]["cp"]
+    focal = centred.focal_px[0]
+    assert np.tan(np.radians(entry["horizontalFieldOfViewDegrees"] / 2)) == pytest.approx(480 / focal)
+    k1 = camera_record(centred)["radial_distortion"][0]
+    assert entry["normalizedRadialDistortionCoefficients"][0] == pytest.approx(k1 * (540 / focal) ** 2)
+
+
+def test_a_third_coefficient_is_an_error(centred):
+    record = broadtrack.sequence_record([CameraFrame("a", 960, 540, centred)])
+    record["/a.jpg"]["cp"]["normalizedRadialDistortionCoefficients"][2] = 0.1
+    with pytest.raises(InputError, match="third"):
+        broadtrack.read_sequence(FILE, json_bytes(record))
+
+
+def test_the_nearest_centred_camera(centred, soccer):
+    assert centred_camera(centred, soccer) is centred
+    shifted = replace(centred, principal_point_px=centred.principal_point_px + [8.0, -5.0])
+    near = centred_camera(shifted, soccer)
+    assert near.principal_point_px == pytest.approx(centred.principal_point_px)
+    assert np.abs(near.project(POINTS) - shifted.project(POINTS)).max() < 0.5
+
+
+def test_tvcalib_round_trip(frame_camera):
+    camera = replace(frame_camera, kappa=np.array([0.02, 0.01]), principal_point_px=np.array([470.0, 280.0]))
+    frames = [CameraFrame("a", 960, 540, camera, image="a.jpg"), CameraFrame("b", 960, 540, camera)]
+    again = tvcalib.read_samples(FILE, tvcalib.samples_bytes(frames), None)
+    assert [(f.id, f.image, f.width) for f in again] == [("a", "a.jpg", 960), ("b", "b.jpg", 960)]
+    assert np.abs(again[0].camera.project(POINTS) - camera.project(POINTS)).max() < 1e-9
+    assert np.allclose(again[0].H_image_field, camera.homography)
+
+
+def test_tvcalib_homography_goes_from_the_picture_to_metres(frame_camera):
+    record = json.loads(tvcalib.sample_line(CameraFrame("a", 960, 540, frame_camera)))
+    x, y, w = np.array(record["homography"]) @ [*frame_camera.project([[9.0, 3.0]])[0], 1.0]
+    assert (x / w, y / w) == pytest.approx((9.0, 3.0))
+    assert record["aov_radian"] == pytest.approx(2 * np.arctan(480 / frame_camera.focal_px[0]))
+
+
+def test_tvcalib_lists_of_one_and_bad_lines(frame_camera):
+    record = json.loads(tvcalib.sample_line(CameraFrame("a", 960, 540, frame_camera)))
+    listed = {key: [value] if isinstance(value, float | str) else value for key, value in record.items()}
+    (again,) = tvcalib.read_samples(FILE, json.dumps(listed).encode(), None)
+    assert again.id == "a"
+    content = (json.dumps(record) + "\n\n" + json.dumps({**record, "x_focal_length": "2300"})).encode()
+    with pytest.raises(InputError, match="line 3: x_focal_length"):
+        tvcalib.read_samples(FILE, content, None)
+
+
+@pytest.mark.parametrize("conversion", ["tvcalib", "pnlcalib"])
+@pytest.mark.parametrize("size", [(1280, 720), (1920, 1080)])
+def test_worldcup_round_trip(frame_camera, conversion, size):
+    H = frame_camera.homography
+    again = worldcup.read_matrix(FILE, worldcup.matrix_bytes(H, size, conversion), conversion)
+    factor = np.array([1280, 720]) / np.array(size)
+    for point in POINTS:
+        x, y, w = again.H_image_field @ [*point, 1.0]
+        u, v, s = H @ [*point, 1.0]
+        assert (x / w, y / w) == pytest.approx(tuple((np.array([u / s, v / s]) + 0.5) * factor - 0.5))
+
+
+def test_worldcup_is_picture_to_yards_from_the_top_left_corner(frame_camera):
+    camera = replace(frame_camera, width=1280, height=720)
+    matrix = worldcup.parse_matrix(FILE, worldcup.matrix_bytes(camera.homography, (1280, 720)))
+    x, y, w = matrix @ [*camera.project([[0.0, 9.15]])[0], 1.0]
+    assert (x / w, y / w) == pytest.approx((57.5, 37 + 9.15 / 0.9144))
+    far = worldcup.yards_from_metres("pnlcalib") @ [52.5, 34.0, 1.0]
+    assert far[:2] == pytest.approx([114.83, 74.37], abs=0.01)
+
+
+@pytest.mark.parametrize("content", [b"1 2 3", b"1 0 0 0 1 0 0 0 nan", b"1 0 0 0 1 0 0 0 x", b"0 0 0 0 0 0 0 0 0"])
+def test_no_homography(content):
+    with pytest.raises(InputError, match=r"00007\.json"):
+        worldcup.read_matrix(FILE, content)
+
+
+def test_a_crowned_field_becomes_the_nearest_camera_over_a_flat_one(calibrated, frame_camera):
+    assert calibrated.flat is frame_camera
+    crowned = replace(calibrated, crown_m=0.05, crown_shape="roof")
+    points, pixels = crowned.visible_field
+    before = np.linalg.norm(frame_camera.project(points) - pixels, axis=1)
+    after = np.linalg.norm(crowned.flat.project(points) - pixels, axis=1)
+    assert after.mean() < 0.5 * before.mean()
+
+
+def test_a_lens_becomes_the_nearest_homography(calibrated, centred):
+    frame = replace(calibrated, camera=centred, H_image_field=centred.homography)
+    points, pixels = frame.visible_field
+
+    def errors(H):
+        lifted = np.column_stack([points, np.ones(len(points))]) @ H.T
+        return np.linalg.norm(lifted[:, :2] / lifted[:, 2:] - pixels, axis=1)
+
+    assert errors(frame.picture_homography).mean() < 0.6 * errors(centred.homography).mean()
+    assert np.allclose(calibrated.picture_homography, calibrated.H_image_field)

@@ -1,0 +1,179 @@
+"""Recognition by content, and every kind of broken file: one line that names the file and the field."""
+
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from circlecal.errors import InputError
+from circlecal.formats import broadtrack, coco, cvat, labelme, labelstudio, pnlcalib, soccernet, tvcalib, worldcup
+from circlecal.formats.cameras import CameraFrame
+from circlecal.formats.exchange import convert, format_of, read_annotations, read_cameras, read_observations
+from circlecal.sources import SourcesConfig
+
+
+@pytest.fixture
+def files(seen, frame_camera, tmp_path):
+    camera = CameraFrame("view", 960, 540, frame_camera)
+    kp = {"kp": {"51": {"x": 0.5, "y": 0.4, "p": 0.7}}, "lines": {}}
+    contents = {
+        "soccernet": soccernet.json_bytes(soccernet.annotation_record(seen)),
+        "pnlcalib": soccernet.json_bytes(kp),
+        "coco": soccernet.json_bytes(coco.dataset_record([seen])),
+        "cvat": cvat.annotations_xml([seen]),
+        "labelstudio": soccernet.json_bytes(labelstudio.tasks_record([seen])),
+        "labelme": soccernet.json_bytes(labelme.file_record(seen)),
+        "camera_soccernet": soccernet.json_bytes(soccernet.camera_record(frame_camera)),
+        "broadtrack": soccernet.json_bytes(broadtrack.sequence_record([camera])),
+        "tvcalib": tvcalib.samples_bytes([camera, camera]),
+        "worldcup": worldcup.matrix_bytes(frame_camera.homography, (1280, 720)),
+    }
+    paths = {}
+    for name, content in contents.items():
+        paths[name] = tmp_path / "in" / f"{name}.file"
+        paths[name].parent.mkdir(exist_ok=True)
+        paths[name].write_bytes(content)
+    return paths
+
+
+def test_every_format_is_recognised_by_its_content(files):
+    for name, path in files.items():
+        camera = name in ("camera_soccernet", "broadtrack", "tvcalib", "worldcup")
+        expected = name.removeprefix("camera_"), "camera" if camera else "annotation"
+        assert format_of(path)[:2] == expected
+    pretty = files["tvcalib"].with_name("one.json")
+    pretty.write_text(json.dumps(json.loads(files["tvcalib"].read_bytes().splitlines()[0]), indent=2))
+    assert format_of(pretty)[0] == "tvcalib"
+    named = files["soccernet"].rename(files["soccernet"].with_name("extremities_1.json"))
+    assert format_of(named)[0] == "extremities"
+    assert format_of(named, "soccernet")[:2] == ("soccernet", "annotation")
+    assert format_of(files["camera_soccernet"], "soccernet")[1] == "camera"
+
+
+@pytest.mark.parametrize("content", [b"hello", b"[1, 2]", b'{"a": 5}', b"\xff\xfe\x00", b"1 2 3"])
+def test_what_is_no_known_format(tmp_path, content):
+    path = tmp_path / "odd.json"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=r"odd\.json: "):
+        read_annotations(path, (100, 100))
+
+
+POINT = {"x": 0.5, "y": 0.5}
+
+
+@pytest.mark.parametrize(
+    ("content", "field"),
+    [
+        ('{"Middle line": [{"x": 0.5, "y"', "JSON"),
+        ('{"Middle line": [{"x": "0.5", "y": 0.5}]}', "Middle line.0.x: .*not \"0.5\""),
+        ('{"Middle line": [{"x": NaN, "y": 0.5}]}', "Middle line.0.x: .*finite"),
+        ('{"Middle line": [{"x": 1e999, "y": 0.5}]}', "Middle line.0.x: .*finite"),
+        ('{"Middle line": [{"x": null, "y": 0.5}]}', "Middle line.0.x"),
+        ('{"Middle line": [{"x": true, "y": 0.5}]}', "Middle line.0.x"),
+        ('{"Middle line": [{"y": 0.5}]}', "Middle line.0.x"),
+        ('{"Middle line": [[0.5, 0.5]]}', "Middle line.0"),
+        ('{"kp": {"51": {"x": 0.5, "y": 0.5, "p": 2}}}', "kp.51.p"),
+        ('{"kp": {"51": {"x": [1], "y": 0.5, "p": 1}}}', "kp.51.x"),
+        ('{"kp": {}, "lines": {"13": {"x_1": 0.5}}}', "lines.13.y_1"),
+        ('{"images": [{"id": 1}], "annotations": [], "categories": []}', "images.0.file_name"),
+        ('{"shapes": [{"label": "a", "points": [[1]]}], "imageWidth": 9, "imageHeight": 9}', "shapes.0.points.0"),
+        ('{"shapes": [], "imageWidth": -9, "imageHeight": 9}', "imageWidth"),
+        ('[{"annotations": [{"result": [{"original_width": 9, "original_height": 9, "type": "keypointlabels", '
+         '"value": {"x": "1", "y": 2, "keypointlabels": ["a"]}}]}]}]', "0.annotations.result.0.value.x"),
+        ("<annotations><image name='a' width='9' height='nine'/></annotations>", "height: 'nine'"),
+        ("<annotations><image name='a' width='9' height='9'><points label='b' points='1,nan'/></image></annotations>",
+         "image 'a': b: points"),
+        ("<annotations><image", "XML"),
+        ('{"a":' * 100_000, ""),
+    ],
+)  # fmt: skip
+def test_broken_files_name_file_and_field(tmp_path, content, field):
+    path = tmp_path / "broken.json"
+    path.write_text(content)
+    with pytest.raises(InputError, match=rf"broken\.json.*{field}") as caught:
+        read_annotations(path, (100, 100))
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 400
+
+
+def test_ten_megabytes_of_points_are_refused_quickly(tmp_path, soccer):
+    path = tmp_path / "large.json"
+    path.write_text(json.dumps({"Circle central": [POINT] * 470_000}))
+    assert path.stat().st_size > 10_000_000
+    start = time.perf_counter()
+    with pytest.raises(InputError, match=r"large\.json: Circle central: .*10000"):
+        read_observations(path, soccer, SourcesConfig(), (1920, 1080))
+    assert time.perf_counter() - start < 5
+
+
+def test_missing_and_empty_files(tmp_path):
+    with pytest.raises(InputError, match="cannot be read"):
+        read_annotations(tmp_path / "none.json")
+    (tmp_path / "empty.json").write_text(" \n")
+    with pytest.raises(InputError, match="is empty"):
+        read_annotations(tmp_path / "empty.json")
+
+
+def test_the_size_of_a_picture_beside_the_file(files, frame_image):
+    import cv2
+
+    path = files["soccernet"].rename(files["soccernet"].with_name("a.json"))
+    with pytest.raises(InputError, match="--size"):
+        read_annotations(path)
+    cv2.imwrite(str(path.with_name("a.png")), frame_image)
+    assert read_annotations(path)[1][0].width == 960
+    assert read_annotations(path, (100, 100))[1][0].width == 100
+
+
+@pytest.mark.parametrize("target", ["soccernet", "extremities", "coco", "cvat", "labelstudio", "labelme"])
+@pytest.mark.parametrize("source", ["soccernet", "coco", "cvat", "labelstudio", "labelme"])
+def test_annotations_become_each_other(files, seen, soccer, tmp_path, source, target):
+    (written,) = convert([files[source]], source, target, tmp_path / "out", soccer, (960, 540))
+    ((frame,),) = (read_annotations(written, (960, 540), target)[1],)
+    found = {shape.label: shape.points_px for shape in frame.shapes}
+    assert found.keys() == {shape.label for shape in seen.shapes}
+    for shape in seen.shapes:
+        assert np.abs(found[shape.label] - shape.points_px).max() < 1e-6
+
+
+@pytest.mark.parametrize("target", ["soccernet", "broadtrack", "tvcalib", "worldcup"])
+@pytest.mark.parametrize("source", ["camera_soccernet", "broadtrack", "tvcalib"])
+def test_cameras_become_each_other(files, frame_camera, soccer, tmp_path, source, target):
+    written = convert([files[source]], None, target, tmp_path / "out", soccer)
+    (frame, *_) = read_cameras(written[0], None, target)
+    H = frame.camera.homography if frame.camera is not None else frame.H_image_field
+    image = H @ [9.0, 3.0, 1.0]
+    factor = np.array([frame.width / 960, frame.height / 540])
+    expected = (frame_camera.project([[9.0, 3.0]])[0] + 0.5) * factor - 0.5
+    assert image[:2] / image[2] == pytest.approx(expected, abs=1e-6)
+
+
+def test_several_files_become_one(files, soccer, tmp_path):
+    out = convert([files["labelme"], files["coco"]], None, "cvat", tmp_path / "out", soccer)
+    assert [path.name for path in out] == ["cvat.xml"]
+    frames = cvat.read_annotations(out[0], out[0].read_bytes(), None)
+    assert [(frame.id, frame.image) for frame in frames] == [("view", "view.jpg"), ("view-2", "view.jpg")]
+
+
+def test_there_is_no_way_from_an_annotation_to_a_camera(files, soccer, tmp_path):
+    with pytest.raises(InputError, match=r"no way from a coco annotation to broadtrack; annotations go to"):
+        convert([files["coco"]], None, "broadtrack", tmp_path, soccer)
+    with pytest.raises(InputError, match=r"no way from a worldcup camera to labelme"):
+        convert([files["worldcup"]], None, "labelme", tmp_path, soccer)
+
+
+def test_a_source_is_never_written_over(files, soccer):
+    path = files["soccernet"].rename(files["soccernet"].with_name("a.json"))
+    content = path.read_bytes()
+    with pytest.raises(InputError, match="written over"):
+        convert([path], None, "labelme", path.parent, soccer, (960, 540))
+    assert path.read_bytes() == content
+
+
+def test_keypoint_files_keep_what_was_not_ours(files):
+    frame = read_annotations(files["pnlcalib"], (960, 540))[1][0]
+    assert frame.original == {"kp": {"51": {"x": 0.5, "y": 0.4, "p": 0.7}}, "lines": {}}
+    assert pnlcalib.prediction_record(frame)["kp"]["51"]["p"] == 0.7
+    assert Path(files["pnlcalib"]).name.startswith(frame.id)

@@ -1,0 +1,139 @@
+"""Halfway line, centre mark and further lines."""
+
+import numpy as np
+import pytest
+
+from circlecal.field import load_field
+from circlecal.geometry.homogeneous import line_distance
+from circlecal.observations import Keypoint, LinePoints, MarkPoint, Observations
+from circlecal.results import EllipseFits, Segment
+from circlecal.stages.cues import CuesConfig, cues_from_observations, find_cues
+
+from .conftest import CIRCLE, SOCCER, fit_of, line_cue, paint, view
+
+CONFIG = CuesConfig()
+CAMERA = view(position=(5.0, 48.0, -18.0), focal=2300.0, size=(1280, 720), roll=0.02)
+TRUE_LINE = line_cue(CAMERA).line
+
+
+def rough_line(camera=CAMERA, offset_px=(3.0, -2.0)):
+    """The halfway line across the circle, with each end moved sideways."""
+    far, near = camera.project(np.array([[0.0, -10.0], [0.0, 10.0]]))
+    return Segment(far + [offset_px[0], 0.0], near + [offset_px[1], 0.0])
+
+
+def cues_in(painted, config=CONFIG, halfway="rough", image=None, lines=()):
+    halfway = rough_line(painted.camera) if halfway == "rough" else halfway
+    fits = EllipseFits(None, None, fit_of(painted.conic(), "center"))
+    marking = painted.marking(halfway=halfway, lines=lines)
+    return find_cues(painted.image if image is None else image, marking, fits, 1.5, SOCCER, config)
+
+
+@pytest.fixture(scope="module")
+def painted():
+    return paint(CAMERA, noise=1.5)
+
+
+@pytest.fixture(scope="module")
+def cues(painted):
+    return cues_in(painted)
+
+
+def test_halfway_line_is_sub_pixel(cues):
+    ends = CAMERA.project(np.array([[0.0, -9.15], [0.0, 9.15]]))
+    assert np.abs(line_distance(cues.halfway.line, ends)).max() < 0.08
+    assert cues.halfway.name == "halfway_line"
+    assert np.hypot(*cues.halfway.line[:2]) == pytest.approx(1.0)
+    distance = line_distance(TRUE_LINE, cues.halfway.points_px)
+    assert len(distance) > 80
+    assert abs(distance.mean()) < 0.05
+    assert distance.std() < 3 * cues.halfway.sigma_px.mean()
+    assert cues.halfway.rms_px < 0.3
+    assert cues.halfway.segment.support > 0.8
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_centre_mark_is_found_where_it_is_painted(seed):
+    cue = cues_in(paint(CAMERA, noise=1.5, seed=seed)).mark
+    assert cue is not None
+    assert np.linalg.norm(cue.point_px - CAMERA.project(np.zeros(2))) < 1.0
+    assert cue.snr > CONFIG.mark_snr
+    assert 0.2 < cue.sigma_px < 3.0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_no_centre_mark_is_found_where_none_is(seed):
+    cues = cues_in(paint(CAMERA, mark=False, noise=1.5, seed=seed))
+    assert cues.halfway is not None
+    assert cues.mark is None
+
+
+def test_a_player_over_the_mark_hides_it(painted):
+    image = painted.image.copy()
+    x, y = np.round(CAMERA.project(np.zeros(2))).astype(int)
+    image[y - 50 : y + 20, x - 12 : x + 12] = (60, 40, 150)
+    found = cues_in(painted, image=image)
+    assert found.mark is None or np.linalg.norm(found.mark.point_px - (x, y)) < 3.0
+
+
+def test_nothing_is_invented_without_a_line():
+    circle_only = paint(CAMERA, line=False, mark=False, noise=1.5)
+    found = cues_in(circle_only)
+    assert found.halfway is None
+    assert found.mark is None
+    assert cues_in(circle_only, halfway=None).halfway is None
+
+
+def test_a_line_that_misses_the_circle_is_not_the_halfway_line(painted):
+    beside = Segment(np.array([20.0, 20.0]), np.array([60.0, 700.0]))
+    assert cues_in(painted, halfway=beside).halfway is None
+
+
+def test_what_is_switched_off_is_not_looked_for(painted):
+    assert cues_in(painted, CuesConfig(halfway_line=False)).halfway is None
+    without = cues_in(painted, CuesConfig(centre_mark=False))
+    assert without.mark is None
+    assert without.halfway is not None
+    line = rough_line()
+    assert len(cues_in(painted, lines=(line,)).lines) == 1
+    assert cues_in(painted, CuesConfig(further_lines=False), lines=(line,)).lines == ()
+
+
+def test_further_lines_have_no_name_and_false_ones_are_dropped(painted):
+    bare = Segment(np.array([100.0, 30.0]), np.array([500.0, 60.0]))
+    tiny = Segment(np.array([100.0, 30.0]), np.array([104.0, 31.0]))
+    found = cues_in(painted, lines=(rough_line(), bare, tiny)).lines
+    assert [line.name for line in found] == [None]
+    assert np.abs(line_distance(found[0].line, CAMERA.project(np.array([[0.0, -8.0], [0.0, 8.0]])))).max() < 0.1
+
+
+def test_given_observations_become_the_same_cues():
+    points = CAMERA.project(np.stack([np.zeros(20), np.linspace(-9, 9, 20)], axis=-1))
+    top = np.stack([np.linspace(10, 900, 5), np.full(5, 12.0)], axis=-1)
+    seen = Observations(
+        1280,
+        720,
+        lines=(
+            LinePoints("side_line_top", top, np.ones(5)),
+            LinePoints("halfway_line", points, np.full(20, 0.5)),
+            LinePoints(None, top[:1], np.ones(1)),
+        ),
+        marks=(MarkPoint("penalty_mark_left", np.ones(2), 1.0), MarkPoint("centre_mark", np.array([3.0, 4.0]), 2.0)),
+    )
+    cues = cues_from_observations(seen, SOCCER, CIRCLE)
+    assert np.abs(line_distance(cues.halfway.line, points)).max() < 1e-9
+    assert [line.name for line in cues.lines] == ["side_line_top"]
+    assert cues.mark.name == "centre_mark"
+    np.testing.assert_allclose(cues.mark.point_px, [3.0, 4.0])
+    np.testing.assert_allclose(sorted([cues.halfway.segment.start[1], cues.halfway.segment.end[1]]),
+                               sorted([points[0, 1], points[-1, 1]]))  # fmt: skip
+
+
+def test_a_keypoint_at_the_centre_is_the_mark_of_that_circle_only():
+    rink = load_field("ice-hockey")
+    circle = rink.circle_by_name["faceoff_left_top"]
+    key = Keypoint("faceoff", np.asarray(circle.center), np.array([7.0, 8.0]), 1.0)
+    mark = MarkPoint("centre_mark", np.ones(2), 1.0)
+    cues = cues_from_observations(Observations(1280, 720, marks=(mark,), keypoints=(key,)), rink, circle)
+    np.testing.assert_allclose(cues.mark.point_px, [7.0, 8.0])
+    assert cues_from_observations(Observations(1280, 720, marks=(mark,)), rink, circle).mark is None

@@ -1,0 +1,161 @@
+"""Inner edge, outer edge and centreline by casting rays."""
+
+import cv2
+import numpy as np
+import pytest
+
+from circlecal.errors import EstimationError
+from circlecal.geometry.conics import conic_from_ellipse, ellipse_from_conic, orthogonal_distance
+from circlecal.results import MarkingMask
+from circlecal.stages.edges import EdgesConfig, detect_edges
+from circlecal.stages.rays import RaysConfig, cast_rays, even_angles
+
+from .conftest import CIRCLE, SOCCER, WIDTH_M, Painted, paint, view
+
+NEAR = view(position=(4.0, 40.0, -22.0), focal=2300.0)
+RELATIVE = WIDTH_M / SOCCER.radius(CIRCLE, "center")
+
+
+def cast(painted, image=None, config=RaysConfig(), marking=None, polarity=1.0):
+    image = painted.image if image is None else image
+    marking = painted.marking() if marking is None else marking
+    edges = detect_edges(image, marking, EdgesConfig(), polarity)
+    return cast_rays(image, edges, marking, RELATIVE, config, np.random.default_rng(1), polarity)
+
+
+def distances(painted, points, edge):
+    return orthogonal_distance(ellipse_from_conic(painted.conic(edge)), points)
+
+
+@pytest.fixture(scope="module")
+def painted() -> Painted:
+    return paint(NEAR, noise=1.5)
+
+
+@pytest.fixture(scope="module")
+def found(painted):
+    return cast(painted)
+
+
+@pytest.mark.parametrize(("edge", "name"), [("outer", "outer"), ("inner", "inner"), ("center", "center_line")])
+def test_points_lie_on_their_edge(painted, found, edge, name):
+    points, sigma = getattr(found, f"{name}_px"), getattr(found, f"{name}_sigma_px")
+    distance = distances(painted, points, edge)
+    assert len(points) > 400
+    assert sigma.shape == (len(points),)
+    assert abs(np.median(distance)) < 0.08
+    assert np.sqrt(np.mean(distance**2)) < 0.25
+    assert np.abs(distance).max() < 1.5
+    # bloom is part of the edges' error; all have a floor, for what paint and grass leave
+    assert np.sqrt(np.mean(distance**2)) < 2.0 * np.sqrt(np.mean(sigma**2))
+
+
+def test_outer_and_inner_points_are_those_of_the_same_rays(found):
+    assert len(found.outer_px) == len(found.inner_px) <= found.rays
+    gap = np.linalg.norm(found.outer_px - found.inner_px, axis=1)
+    assert (gap > 1.0).all()
+    assert (gap < 20.0).all()
+
+
+def test_the_rough_centre_is_estimated_once_more(painted):
+    ellipse = ellipse_from_conic(painted.conic())
+    rough = type(ellipse)(ellipse.center + [2.0, 1.5], (ellipse.semi_axes[0] - 2, ellipse.semi_axes[1] + 1), 0.0)
+    found = cast(painted, marking=painted.marking(conic=conic_from_ellipse(rough)))
+    np.testing.assert_allclose(found.center_px, ellipse.center, atol=0.2)
+
+
+def test_far_away_only_the_centreline_is_claimed():
+    """The marking is narrower than the blur: two edges would be a fiction."""
+    far = paint(view(position=(6.0, 85.0, -10.0), focal=2600.0), noise=1.0, blur=1.2)
+    found = cast(far)
+    assert len(found.center_line_px) > 300
+    assert abs(np.median(distances(far, found.center_line_px, "center"))) < 0.05
+    angles = ellipse_from_conic(far.conic()).parameter(found.outer_px)
+    # near and far piece of the outline, where the band is thinnest
+    assert not (np.abs(np.sin(angles)) > 0.7).any()
+
+
+def with_player(painted, angle):
+    """A player's legs on the circle, and where (x, y) they stand."""
+    image = painted.image.copy()
+    x, y = ellipse_from_conic(painted.conic()).points(angle)
+    left, top = round(x) - 12, round(y) - 60
+    cv2.rectangle(image, (left, top), (left + 24, top + 75), (250, 250, 250), -1)
+    return image, (left, top, left + 24, top + 75)
+
+
+@pytest.mark.parametrize("angle", [0.7, 1.6, 4.0, 3.2])
+def test_a_player_on_the_circle_is_rejected(painted, found, angle):
+    image, (left, top, right, bottom) = with_player(painted, angle)
+
+    def behind_the_player(rays):
+        points = np.concatenate([rays.outer_px, rays.inner_px, rays.center_line_px])
+        inside = (points >= (left + 2, top + 2)) & (points <= (right - 2, bottom - 2))
+        return int(inside.all(axis=1).sum())
+
+    with_him = cast(painted, image)
+    assert behind_the_player(found) >= 8
+    assert behind_the_player(with_him) <= 2
+    assert len(with_him.center_line_px) > len(found.center_line_px) - 60
+    for name, edge in (("outer", "outer"), ("inner", "inner"), ("center_line", "center")):
+        assert np.abs(distances(painted, getattr(with_him, f"{name}_px"), edge)).max() < 2.5
+
+
+def test_one_edge_only_is_no_band(painted):
+    """Where turf of another brightness begins at the marking's place, there is an edge but no band."""
+    disc = ellipse_from_conic(painted.conic("outer"))
+    image = np.full_like(painted.image, 90)
+    outline = np.round(disc.points(np.linspace(0, 2 * np.pi, 720)) * 16).astype(np.int32)
+    cv2.fillPoly(image, [outline], (210, 210, 210), cv2.LINE_AA, 4)
+    with pytest.raises(EstimationError) as refused:
+        cast(painted, image)
+    assert (refused.value.stage, refused.value.code) == ("rays", "no_band")
+
+
+def test_centre_outside_the_frame():
+    camera = view(position=(4.0, 40.0, -22.0), target=(0.0, 15.5, 0.0), focal=2300.0)
+    assert camera.project(np.zeros(2))[1] < 0
+    painted = paint(camera, mark=False, noise=1.5)
+    found = cast(painted)
+    assert found.center_px[1] < 0
+    assert len(found.center_line_px) > 150
+    assert np.sqrt(np.mean(distances(painted, found.center_line_px, "center") ** 2)) < 0.1
+    assert ((found.center_line_px >= 0) & (found.center_line_px <= (1279, 719))).all()
+
+
+def test_a_rough_ellipse_outside_the_frame_is_no_band(painted):
+    ellipse = ellipse_from_conic(painted.conic())
+    away = type(ellipse)(ellipse.center + [3000.0, 0.0], ellipse.semi_axes, 0.0)
+    edges = detect_edges(painted.image, painted.marking(), EdgesConfig())
+    marking = painted.marking(conic=conic_from_ellipse(away))
+    with pytest.raises(EstimationError) as refused:
+        cast_rays(painted.image, edges, marking, RELATIVE, RaysConfig(), np.random.default_rng(1))
+    assert refused.value.code == "no_band"
+
+
+def test_dark_markings(painted, found):
+    dark = cast(painted, 255 - painted.image, polarity=-1.0)
+    np.testing.assert_allclose(dark.center_line_px, found.center_line_px, atol=0.01)
+
+
+def test_without_a_rough_ellipse_there_is_nothing_to_cast_at(painted):
+    marking = MarkingMask(painted.marking().classes, "file")
+    with pytest.raises(EstimationError) as refused:
+        cast(painted, marking=marking)
+    assert refused.value.code == "no_circle_found"
+
+
+def test_no_band_on_bare_turf(painted):
+    bare = np.random.default_rng(3).normal(90, 2, painted.image.shape).clip(0, 255).astype(np.uint8)
+    edges = detect_edges(painted.image, painted.marking(), EdgesConfig())
+    with pytest.raises(EstimationError) as refused:
+        cast_rays(bare, edges, painted.marking(), RELATIVE, RaysConfig(), np.random.default_rng(1))
+    assert refused.value.code == "no_band"
+
+
+def test_even_angles_are_even_in_the_picture(painted):
+    ellipse = ellipse_from_conic(painted.conic())
+    points = ellipse.points(even_angles(ellipse, 3.0, 4096))
+    step = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    np.testing.assert_allclose(step, 3.0, rtol=0.02)
+    assert len(even_angles(ellipse, 3.0, 100)) == 100

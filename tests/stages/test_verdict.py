@@ -1,0 +1,173 @@
+"""Every gate of the verdict, by its code and its words."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from circlecal.geometry.conics import circle_conic, transform_conic
+from circlecal.geometry.homography import turn_homography
+from circlecal.results import CameraFit, Cues, EllipseFits, HomographyFit, MarkCue
+from circlecal.stages.correspondences import correspondences_from_line
+from circlecal.stages.verdict import CODES, VerdictConfig, judge
+
+from .conftest import CIRCLE, SOCCER, fit_of, fits_of, line_cue, true_conic, view
+
+CAMERA = view()
+CONFIG = VerdictConfig()
+LINE = line_cue(CAMERA)
+MARK = MarkCue("centre_mark", CAMERA.project(np.zeros(2)), 0.5, 30.0)
+
+
+def camera_fit(camera=CAMERA, **changes):
+    H = camera.homography
+    given = {
+        "camera": camera,
+        "crown_m": 0.0,
+        "crown_shape": "flat",
+        "parameters": (),
+        "covariance": np.zeros((0, 0)),
+        "H_image_field": H,
+        "H_field_image": np.linalg.inv(H),
+        "H_covariance": np.zeros((8, 8)),
+        "imaged_center_px": H[:2, 2] / H[2, 2],
+        "imaged_center_covariance": np.zeros((2, 2)),
+        "noise_scale": 1.0,
+        "data_share": 1.0,
+        "prior_dominated": False,
+        "residual_correlation": 1.0,
+        "max_sigma_px": 2.0,
+        "max_sigma_m": 0.1,
+        "residuals_px": {"centre_circle outer": 0.3, "halfway_line": 0.3, "centre_mark": 0.5},
+        "theta": np.zeros(0),
+    }
+    return CameraFit(**{**given, **changes})
+
+
+def homography_fit(H):
+    return HomographyFit(H, np.linalg.inv(H), turn_homography(H, np.zeros(2)), np.zeros(8), 10.0, 0.0)
+
+
+def verdict(camera=None, homography=None, cues=None, config=CONFIG, fits=None, correspondences=None):
+    return judge(
+        fits or fits_of(CAMERA), cues or Cues(LINE, MARK), correspondences, homography, camera, SOCCER, CIRCLE,
+        CAMERA.width, config,
+    )  # fmt: skip
+
+
+def test_a_good_camera_is_accepted_with_every_check():
+    found = verdict(camera_fit())
+    assert (found.status, found.code, found.reason, found.stage) == ("calibrated", None, None, None)
+    assert all(check.passed for check in found.checks)
+    assert {check.name for check in found.checks} == set(CODES)
+
+
+def position(x, y, z):
+    return replace(CAMERA, position_m=np.array([x, y, z]))
+
+
+FAILURES = {
+    "too high": (camera_fit(position(4.0, 58.0, -200.0)), "implausible_camera", "200.0 m high"),
+    "too low": (camera_fit(position(4.0, 58.0, -1.0)), "implausible_camera", "stand 1.0 m high"),
+    "too far": (camera_fit(position(4.0, 500.0, -60.0)), "implausible_camera", "radii away, at most 40"),
+    "too near": (camera_fit(view(position=(0.5, 1.0, -9.0), focal=900.0)), "implausible_camera", "at least 1.1"),
+    "rolled": (
+        camera_fit(replace(CAMERA, angles_rad=CAMERA.angles_rad + [0, 0, np.radians(-35.0)])),
+        "implausible_camera",
+        "rolled by 34.7 degrees",
+    ),
+    "long lens": (
+        camera_fit(replace(CAMERA, focal_px=np.full(2, 50 * 1280.0))), "implausible_camera", "50.0 widths"
+    ),
+    "short lens": (
+        camera_fit(replace(CAMERA, focal_px=np.full(2, 0.2 * 1280.0))), "implausible_camera", "0.20 widths"
+    ),
+    "circle": (
+        camera_fit(residuals_px={"centre_circle inner": 1.5}), "residual_too_large", "leaves the marking by 1.50 px rms"
+    ),
+    "structure": (
+        camera_fit(residuals_px={"centre_circle center": 1.3}, residual_correlation=10.0),
+        "residual_too_large",
+        "systematically, by 1.23 px rms, 1.00 are allowed",
+    ),
+    "line": (camera_fit(residuals_px={"halfway_line": 1.5}), "residual_too_large", "halfway line leaves"),
+    "mark": (camera_fit(residuals_px={"centre_mark": 9.0}), "mark_contradicts_circle", "seen 9.0 px from where"),
+    "uncertain px": (camera_fit(max_sigma_px=70.0), "too_uncertain", "uncertain by 70.0 px, 40.0"),
+    "uncertain m": (camera_fit(max_sigma_m=4.0), "too_uncertain", "uncertain by 4.00 m, 3.00"),
+    "not a number": (camera_fit(max_sigma_m=float("nan")), "too_uncertain", "nan m"),
+    "mirrored": (
+        camera_fit(H_image_field=CAMERA.homography @ np.diag([-1.0, 1.0, 1.0])), "mirrored", "seen mirrored"
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("camera", "code", "words"), FAILURES.values(), ids=FAILURES.keys())
+def test_every_gate_has_a_code_and_words(camera, code, words):
+    found = verdict(camera)
+    assert (found.status, found.code, found.stage) == ("refused", code, "verdict")
+    assert words in found.reason
+    failed = [check.name for check in found.checks if not check.passed]
+    assert CODES[failed[0]] == code
+
+
+def test_white_residuals_are_no_structure():
+    assert verdict(camera_fit(residuals_px={"centre_circle center": 1.3})).status == "calibrated"
+
+
+@pytest.mark.parametrize(
+    ("inner_m", "code", "words"),
+    [
+        (9.03, None, None),
+        (9.15 - 0.12 * 4, "edges_contradict", "times as far apart"),
+        (9.15 - 0.12 * 0.3, "edges_contradict", "only 0.3"),
+    ],
+)
+def test_inner_against_outer_edge(inner_m, code, words):
+    near = view(position=(4.0, 40.0, -22.0), focal=2300.0)
+    inner = fit_of(transform_conic(near.homography, circle_conic((0.0, 0.0), inner_m)), "inner")
+    fits = EllipseFits(fit_of(true_conic(near), "outer"), inner, None)
+    found = verdict(camera_fit(near), fits=fits)
+    assert found.code == code
+    assert words is None or words in found.reason
+
+
+def test_limits_are_for_1920_px_of_width():
+    """1280 px wide: two thirds of the limit."""
+    just = 2.0 * 1280 / 1920
+    assert verdict(camera_fit(residuals_px={"centre_circle outer": just - 0.01})).status == "calibrated"
+    assert verdict(camera_fit(residuals_px={"centre_circle outer": just + 0.01})).status == "refused"
+
+
+def test_a_circle_behind_the_camera():
+    standing_in_it = replace(CAMERA, position_m=np.array([0.0, 5.0, -2.0]))
+    found = verdict(camera_fit(standing_in_it))
+    assert found.code == "circle_behind_camera"
+    assert "behind the camera" in found.reason
+
+
+def test_a_rejected_mark_is_not_held_against_the_camera():
+    camera = camera_fit(residuals_px={"centre_mark": 90.0}, rejected=("centre_mark",))
+    assert verdict(camera).status == "calibrated"
+
+
+def test_other_lines_and_other_circles_are_no_gate():
+    residuals = {"side_line_top": 9.0, "penalty_arc_left outer": 9.0}
+    assert verdict(camera_fit(residuals_px=residuals)).status == "calibrated"
+
+
+def test_homography_without_a_camera():
+    found = correspondences_from_line(
+        true_conic(CAMERA), CAMERA.homography[:, 2], LINE.line, np.zeros(2), CIRCLE.radius_m, np.array([0.0, 1.0])
+    )
+    H = CAMERA.homography
+    assert verdict(homography=homography_fit(H), correspondences=found).status == "calibrated"
+    beside = np.array([[1.0, 0, 6.0], [0, 1, 0], [0, 0, 1]]) @ H
+    refused = verdict(homography=homography_fit(beside), correspondences=found)
+    assert refused.code == "residual_too_large"
+    assert "px rms" in refused.reason
+
+
+def test_nothing_estimated():
+    found = verdict()
+    assert (found.status, found.code, found.stage) == ("refused", "no_homography", "verdict")
+    assert found.checks == ()
