@@ -303,8 +303,6 @@ class CameraFit:
         Factor on the given sigmas that the residuals ask for.
     data_share : float
         Share of the predicted precision around the circle that the observations bring, 0..1.
-    prior_dominated : bool
-        Whether the priors bring the larger part of it.
     residual_correlation : float
         How many neighbouring residuals along the circle repeat each other (1 = white).
     max_sigma_px, max_sigma_m : float
@@ -335,16 +333,20 @@ class CameraFit:
     imaged_center_covariance: Array
     noise_scale: float
     data_share: float
-    prior_dominated: bool
-    residual_correlation: float
     max_sigma_px: float
     max_sigma_m: float
     residuals_px: dict[str, float]
     theta: Array
+    residual_correlation: float = 1.0
     derived_points: tuple[DerivedPoint, ...] = ()
     rejected: tuple[str, ...] = ()
     named_lines: tuple[str, ...] = ()
     alternatives: tuple[tuple[Camera, float], ...] = ()
+
+    @property
+    def prior_dominated(self) -> bool:
+        """Whether the priors bring the larger part of the predicted precision."""
+        return self.data_share < 0.5
 
 
 @dataclass(frozen=True, slots=True)

@@ -39,6 +39,11 @@ class SourcesConfig(BaseModel):
     )
     labelme_sigma_px: float = Field(1.5, gt=0, le=100, description="LabelMe annotations, pixels at 1920 px width.")
 
+    halfway_ends: bool = Field(
+        False,
+        description="Whether a halfway line of a SoccerNet annotation that ends inside the picture ends on the touchline.",
+    )
+
     def sigma_px(self, source: str, width: int) -> float:
         """Standard deviation in pixels of one source's points in a picture of this width."""
         reference: float = getattr(self, f"{source}_sigma_px")

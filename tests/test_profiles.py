@@ -75,7 +75,9 @@ def test_width_and_contrast():
     assert -bands.left[0] == pytest.approx(bands.right[0], abs=1e-6)
 
 
-@pytest.mark.parametrize(("width", "blur", "noise"), [(2.0, 1.0, 8.0), (4.0, 1.0, 10.0), (1.0, 1.5, 5.0), (6.0, 2.0, 8.0)])
+@pytest.mark.parametrize(
+    ("width", "blur", "noise"), [(2.0, 1.0, 8.0), (4.0, 1.0, 10.0), (1.0, 1.5, 5.0), (6.0, 2.0, 8.0)]
+)
 def test_predicted_sigma_is_the_scatter(width, blur, noise):
     picture = picture_of(30.2, width, blur, noise, size=(4000, 60))
     points = np.stack([np.arange(30.0, 3970.0, 3.0), np.full(1314, 30.0)], axis=-1)

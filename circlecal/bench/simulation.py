@@ -218,7 +218,7 @@ def summarise(rows: Sequence[SimulationRow]) -> list[Summary]:
     found = []
     for (scenario, noise, solver), group in groups.items():
         errors = [row.mre_px for row in group if row.mre_px is not None]
-        quantiles = [float(q) for q in np.percentile(errors, (10, 50, 90))] if errors else [None, None, None]
+        quantiles = np.percentile(errors, (10, 50, 90)) if errors else None
         codes: dict[str, int] = {}
         for row in group:
             if row.status != OK:
@@ -226,9 +226,18 @@ def summarise(rows: Sequence[SimulationRow]) -> list[Summary]:
         bounds = np.array([row.bound_px for row in group])
         found.append(
             Summary(
-                solver, scenario, noise, len(group), *quantiles, 1.0 - len(errors) / len(group), codes,
-                float(np.median([row.seconds for row in group]) * 1e3),
-                float(np.median(bounds)), float(np.percentile(bounds, 90)),
+                solver=solver,
+                scenario=scenario,
+                noise_px=noise,
+                draws=len(group),
+                q10_px=None if quantiles is None else float(quantiles[0]),
+                median_px=None if quantiles is None else float(quantiles[1]),
+                p90_px=None if quantiles is None else float(quantiles[2]),
+                failed=1.0 - len(errors) / len(group),
+                codes=codes,
+                ms=float(np.median([row.seconds for row in group]) * 1e3),
+                bound_median_px=float(np.median(bounds)),
+                bound_p90_px=float(np.percentile(bounds, 90)),
             )
-        )  # fmt: skip
+        )
     return found

@@ -13,8 +13,8 @@ from circlecal.errors import MissingExtraError
 from circlecal.formats.atomic import write_atomic
 
 FORMATS = ("png", "svg")
-LEAST_PX = 1e-13
-"""Errors below are drawn as this: the axis is logarithmic."""
+LEAST_PX = 0.01
+"""Smaller errors are drawn as this, on the logarithmic axis of a plot they would push all others together."""
 _MARKERS = "osv^D<>pPX*hd8"
 
 
@@ -46,7 +46,7 @@ def write_plots(summaries: Sequence[Summary], folder: Path) -> list[Path]:
         for k, solver in enumerate(dict.fromkeys(s.solver for s in own)):
             _draw_solver(above, below, [s for s in own if s.solver == solver], k)
         _draw_bound(above, own)
-        _label(figure, above, below, scenario)
+        _label(figure, above, below, scenario, sorted({s.noise_px for s in own}))
         with matplotlib.rc_context({"svg.hashsalt": "circlecal"}):
             written += [_saved(figure, folder / f"simulate_{scenario}.{kind}", kind) for kind in FORMATS]
     return written
@@ -75,8 +75,12 @@ def _draw_bound(above: Any, own: list[Summary]) -> None:
         above.plot(*zip(*bounds, strict=True), "k--", linewidth=2, label="Cramer-Rao bound (pinhole camera)")
 
 
-def _label(figure: Any, above: Any, below: Any, scenario: str) -> None:
+def _label(figure: Any, above: Any, below: Any, scenario: str, noises_px: list[float]) -> None:
     above.set_yscale("log")
+    below.set_xscale("symlog", linthresh=1.0)
+    below.set_xticks(noises_px, [f"{noise:g}" for noise in noises_px])
+    below.set_xlim(noises_px[0] - 0.1, 1.15 * noises_px[-1] + 0.1)
+    below.minorticks_off()
     above.set_ylabel("mean reprojection error, px (median, 10-90 %)")
     above.grid(alpha=0.3)
     if above.get_legend_handles_labels()[0]:

@@ -180,7 +180,8 @@ def _unknown_center(found: dict[tuple[str, str, float], Summary]) -> Statement:
 
 
 def _printed_case_two(draws: int, seed: int) -> Statement:
-    printed, corrected = [], []
+    printed: list[float] = []
+    corrected: list[float] = []
     template, circle = soccer()
     for index in range(draws):
         rng = np.random.default_rng([seed, index])
@@ -189,7 +190,7 @@ def _printed_case_two(draws: int, seed: int) -> Statement:
         grid = reprojection_grid(H, camera.width, camera.height, template.length_m / 2, template.width_m / 2)
         conic = transform_conic(H, circle_conic(np.zeros(2), template.radius(circle, "outer")))
         point = np.array([3.0, -5.0])
-        for matrix, errors in ((conic, printed), (np.linalg.inv(conic), corrected)):
+        for matrix, errors in ((conic, printed), (np.asarray(np.linalg.inv(conic)), corrected)):
             estimate = _case_two(H, conic, matrix, point, template.radius(circle, "outer"))
             errors.append(np.inf if estimate is None else mean_reprojection_error(H, estimate, grid))
     lost = float(np.mean(~np.isfinite(printed)))

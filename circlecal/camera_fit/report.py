@@ -60,7 +60,6 @@ def camera_fit(
         imaged_center_covariance=push_forward(lambda t: imaged_point(t, frame, center), theta, spread),
         noise_scale=scale,
         data_share=share,
-        prior_dominated=share < 0.5,
         residual_correlation=_correlation(problem, state, circle),
         max_sigma_px=float(sigma_px.max()) if len(grid) else float("inf"),
         max_sigma_m=float(sigma_m.max()) if len(grid) else float("inf"),

@@ -103,7 +103,7 @@ def parsed_size(text: str | None, option: str = "--size") -> tuple[int, int] | N
     if text is None:
         return None
     width, _, height = text.lower().partition("x")
-    plain = all(side.isascii() and side.isdigit() and 0 < int(side) <= 65535 for side in (width, height))
+    plain = all(side.isascii() and side.isdigit() and 1 < int(side) <= 65535 for side in (width, height))
     if not plain:
         raise InputError(f"{option} {text!r} is not WIDTHxHEIGHT, such as 1920x1080")
     return int(width), int(height)

@@ -178,10 +178,10 @@ def field_polylines() -> dict[str, Array]:
     287 points, not closed; the penalty arcs every 0.2 m, and their last end.
     """
     count = int(2 * np.pi * _RADIUS / CIRCLE_STEP_M)
-    drawn = {"Circle central": _circle_points(0.0, CIRCLE_STEP_M / _RADIUS * np.arange(count))}
+    drawn = {"Circle central": _circle_points(0.0, CIRCLE_STEP_M / _RADIUS * np.arange(count, dtype=np.float64))}
     half = float(np.arctan2(np.sqrt(_RADIUS**2 - (_MARK - _AREA_X) ** 2), _MARK - _AREA_X))
     steps = CIRCLE_STEP_M / _RADIUS * np.arange(int(2 * half * _RADIUS / CIRCLE_STEP_M) + 1)
-    angles = np.append(-half + steps, half)
+    angles: Array = np.concatenate([steps - half, np.full(1, half)])
     drawn["Circle left"] = _circle_points(-_MARK, angles)
     drawn["Circle right"] = _circle_points(_MARK, np.pi + angles)
     return drawn | {name: _line_points(np.array(a), np.array(b)) for name, (a, b) in _straight_elements().items()}
@@ -276,9 +276,7 @@ def polyline_distances(points: Array, polyline: Array) -> Array:
     return np.asarray(np.linalg.norm(offset - share[..., None] * along, axis=2).min(axis=1))
 
 
-def compare_frame(
-    annotated: Mapping[str, Array], camera: MetricCamera, width: int, height: int
-) -> FrameComparison:
+def compare_frame(annotated: Mapping[str, Array], camera: MetricCamera, width: int, height: int) -> FrameComparison:
     """Compare the annotated points (N, 2) of every class with a camera.
 
     Parameters

@@ -18,7 +18,7 @@ from pydantic import Field, RootModel
 
 from circlecal.errors import InputError
 from circlecal.formats.cameras import CameraFrame
-from circlecal.formats.checked import Checked, Side, checked, distinct_names, stem_of
+from circlecal.formats.checked import Bounded, Checked, Side, checked, distinct_names, stem_of
 from circlecal.geometry.pinhole import Camera, image_center
 
 
@@ -26,13 +26,13 @@ class _Camera(Checked):
     sensorResolutionWidthPixels: Side  # noqa: N815 - the file's own names
     sensorResolutionHeightPixels: Side  # noqa: N815
     horizontalFieldOfViewDegrees: Annotated[float, Field(gt=0, lt=180)]  # noqa: N815
-    panDegrees: float  # noqa: N815
-    tiltDegrees: float  # noqa: N815
-    rollDegrees: float  # noqa: N815
-    positionXMeters: float  # noqa: N815
-    positionYMeters: float  # noqa: N815
-    positionZMeters: float  # noqa: N815
-    normalizedRadialDistortionCoefficients: Annotated[list[float], Field(max_length=3)] = Field([])  # noqa: N815
+    panDegrees: Bounded  # noqa: N815
+    tiltDegrees: Bounded  # noqa: N815
+    rollDegrees: Bounded  # noqa: N815
+    positionXMeters: Bounded  # noqa: N815
+    positionYMeters: Bounded  # noqa: N815
+    positionZMeters: Bounded  # noqa: N815
+    normalizedRadialDistortionCoefficients: Annotated[list[Bounded], Field(max_length=3)] = Field([])  # noqa: N815
 
 
 class _Entry(Checked):

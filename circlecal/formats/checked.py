@@ -15,10 +15,15 @@ MAX_BYTES = 256 * 1024 * 1024
 MAX_POINTS = 10_000
 """More points in one shape than anybody clicks or detects; the limit keeps a broken file from filling the memory."""
 MAX_SIDE = 65_535
+_NOT_IN_NAMES = frozenset('<>:"|?*')
+_LONGEST_NAME = 150
 
 Model = TypeVar("Model", bound=BaseModel)
 Size = tuple[int, int]
-Side = Annotated[int, Field(gt=0, le=MAX_SIDE)]
+Bounded = Annotated[float, Field(ge=-1e6, le=1e6)]
+"""An angle in degrees, a position in metres, a coefficient: more is damage."""
+Focal = Annotated[float, Field(gt=0, le=1e7)]
+Side = Annotated[int, Field(gt=1, le=MAX_SIDE)]
 
 
 class Checked(BaseModel):
@@ -111,10 +116,11 @@ def require_size(path: Path, size: Size | None, found: Size | None = None) -> Si
 
 
 def stem_of(name: str) -> str:
-    """Name of a picture without folders and suffix, whichever system wrote it."""
+    """Name of a picture without folders and suffix, whichever system wrote it, fit to be that of a file."""
     base = name.replace("\\", "/").rstrip("/").rpartition("/")[2]
     stem, dot, _ = base.rpartition(".")
-    return stem if dot and stem else base
+    chosen = stem if dot and stem else base
+    return "".join(c if c.isprintable() and c not in _NOT_IN_NAMES else "_" for c in chosen)[:_LONGEST_NAME].strip(". ")
 
 
 def distinct_names(names: Sequence[str]) -> list[str]:

@@ -63,7 +63,7 @@ def _frame(path: Path, image: ElementTree.Element, name: str, size: Size | None)
     found = None
     if None not in sides:
         width, height = (_number(image, key, where) for key in ("width", "height"))
-        if not (0 < width <= MAX_SIDE and 0 < height <= MAX_SIDE):
+        if not (1 < width <= MAX_SIDE and 1 < height <= MAX_SIDE):
             raise InputError(f"{where}: width: a picture of {width:g} x {height:g} pixels is none")
         found = int(width), int(height)
     shapes: list[Shape] = []

@@ -264,7 +264,7 @@ def convert(
         if kind == "annotation" and target in ANNOTATION_FORMATS:
             annotations += read_annotations(path, size, name)[1]
         elif kind == "camera" and target in CAMERA_FORMATS:
-            cameras += [_converted(frame, target, template) for frame in read_cameras(path, size, name)]
+            cameras += [_converted(path, frame, target, template) for frame in read_cameras(path, size, name)]
         elif kind == "result" and target in CAMERA_FORMATS:
             cameras += _stored_camera(path, target, template)
         else:
@@ -274,10 +274,14 @@ def convert(
     return _write_new(paths, annotations, cameras, target, folder)
 
 
-def _converted(frame: CameraFrame, target: str, template: FieldTemplate) -> CameraFrame:
-    if target != "broadtrack":
+def _converted(path: Path, frame: CameraFrame, target: str, template: FieldTemplate) -> CameraFrame:
+    if target == "worldcup":
         return frame
-    return replace(frame, camera=centred_camera(_camera(frame, None), template))
+    try:
+        camera = _camera(frame, None)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    return replace(frame, camera=centred_camera(camera, template) if target == "broadtrack" else camera)
 
 
 def _stored_camera(path: Path, target: str, template: FieldTemplate) -> list[CameraFrame]:

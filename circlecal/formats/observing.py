@@ -18,6 +18,7 @@ from circlecal.field import Circle, FieldTemplate
 from circlecal.formats import pnlcalib
 from circlecal.formats.annotated import ELLIPSE_SAMPLES, AnnotatedFrame, ObservedFrame, Shape
 from circlecal.formats.calibrated import CENTRE, TANGENT
+from circlecal.formats.line_ends import with_halfway_ends
 from circlecal.formats.soccernet import GOAL_CLASSES, UNKNOWN_CLASSES
 from circlecal.geometry.homogeneous import Array, meet
 from circlecal.geometry.homography import compass_label
@@ -25,6 +26,7 @@ from circlecal.observations import CirclePoints, Keypoint, LinePoints, MarkPoint
 from circlecal.sources import SourcesConfig
 
 _ELLIPSE_FREEDOMS = 5
+_REACH = 20
 _SHARED = float(np.sqrt(2.0))
 """A point of the circle at a known place says where it is and that it is on the circle: its weight is shared."""
 _CENTRE_WORDS = frozenset({"centre", "pitch centre", "field centre", "centre spot", "kick-off spot"})
@@ -54,11 +56,16 @@ def observe(
         With a warning for each label that is not of this field and each line of one point.
     """
     reading = _Reading(template, sources, sources.sigma_px(source, frame.width), file)
+    reach = _REACH * max(frame.width, frame.height)
     computed = any(shape.kind == "line" and shape.confidence is not None for shape in frame.shapes)
     for shape in frame.shapes:
-        if not _computed_from_lines(shape, computed):
+        if np.abs(shape.points_px).max(initial=0.0) > reach:
+            reading.warnings.append(f"{file}: {shape.label}: lies more than {_REACH} pictures away; left out")
+        elif len(shape.points_px) and not _computed_from_lines(shape, computed):
             reading.take(shape)
     observations = reading.observations(frame.width, frame.height)
+    if sources.halfway_ends and source == "soccernet":
+        observations = with_halfway_ends(observations, template)
     warnings = (*frame.warnings, *reading.warnings)
     return ObservedFrame(frame.id, frame.width, frame.height, observations, frame.image, warnings, frame.original)
 

@@ -27,7 +27,7 @@ from pydantic import Field, RootModel
 
 from circlecal.errors import InputError
 from circlecal.formats.annotated import AnnotatedFrame, Shape
-from circlecal.formats.checked import MAX_POINTS, Checked, Side, Size, checked, require_size
+from circlecal.formats.checked import MAX_POINTS, Bounded, Checked, Focal, Side, Size, checked, require_size
 from circlecal.geometry.homogeneous import Array
 from circlecal.geometry.pinhole import Camera, camera_from_soccernet
 
@@ -123,16 +123,16 @@ def _annotation_scale(width: int, height: int, extremities: bool) -> Array:
 class CameraKeys(Checked):
     """SoccerNet's camera; all keys of distortion are mandatory in its reader, and written always."""
 
-    pan_degrees: float
-    tilt_degrees: float
-    roll_degrees: float
-    position_meters: Annotated[list[float], Field(min_length=3, max_length=3)]
-    x_focal_length: Annotated[float, Field(gt=0)]
-    y_focal_length: Annotated[float, Field(gt=0)]
-    principal_point: Annotated[list[float], Field(min_length=2, max_length=2)]
-    radial_distortion: Annotated[list[float], Field(max_length=6)] = [0.0] * 6
-    tangential_distortion: Annotated[list[float], Field(max_length=2)] = [0.0] * 2
-    thin_prism_distortion: Annotated[list[float], Field(max_length=4)] = [0.0] * 4
+    pan_degrees: Bounded
+    tilt_degrees: Bounded
+    roll_degrees: Bounded
+    position_meters: Annotated[list[Bounded], Field(min_length=3, max_length=3)]
+    x_focal_length: Focal
+    y_focal_length: Focal
+    principal_point: Annotated[list[Bounded], Field(min_length=2, max_length=2)]
+    radial_distortion: Annotated[list[Bounded], Field(max_length=6)] = [0.0] * 6
+    tangential_distortion: Annotated[list[Bounded], Field(max_length=2)] = [0.0] * 2
+    thin_prism_distortion: Annotated[list[Bounded], Field(max_length=4)] = [0.0] * 4
     image_width: Side | None = None
     image_height: Side | None = None
 

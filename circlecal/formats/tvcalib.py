@@ -19,25 +19,27 @@ from pydantic import BeforeValidator, Field
 
 from circlecal.errors import InputError
 from circlecal.formats.cameras import CameraFrame
-from circlecal.formats.checked import Side, Size, checked, distinct_names, stem_of
+from circlecal.formats.checked import Bounded, Focal, Side, Size, checked, distinct_names, stem_of
 from circlecal.formats.soccernet import CameraKeys, camera_record
 from circlecal.geometry.homography import scale_homography
+
+_WORST_CONDITION = 1e14
 
 
 def _single(value: Any) -> Any:
     return value[0] if isinstance(value, list) and len(value) == 1 else value
 
 
-_Row = Annotated[list[float], Field(min_length=3, max_length=3)]
+_Row = Annotated[list[Bounded], Field(min_length=3, max_length=3)]
 
 
 class _Sample(CameraKeys):
     image_ids: Annotated[str, BeforeValidator(_single)]
-    pan_degrees: Annotated[float, BeforeValidator(_single)]
-    tilt_degrees: Annotated[float, BeforeValidator(_single)]
-    roll_degrees: Annotated[float, BeforeValidator(_single)]
-    x_focal_length: Annotated[float, Field(gt=0), BeforeValidator(_single)]
-    y_focal_length: Annotated[float, Field(gt=0), BeforeValidator(_single)]
+    pan_degrees: Annotated[Bounded, BeforeValidator(_single)]
+    tilt_degrees: Annotated[Bounded, BeforeValidator(_single)]
+    roll_degrees: Annotated[Bounded, BeforeValidator(_single)]
+    x_focal_length: Annotated[Focal, BeforeValidator(_single)]
+    y_focal_length: Annotated[Focal, BeforeValidator(_single)]
     homography: Annotated[list[_Row], Field(min_length=3, max_length=3)] | None = None
     image_width: Annotated[Side | None, BeforeValidator(_single)] = None
     image_height: Annotated[Side | None, BeforeValidator(_single)] = None
@@ -69,10 +71,10 @@ def read_samples(path: Path, content: bytes, size: Size | None) -> list[CameraFr
 def _field_to_image(path: Path, number: int, sample: _Sample) -> np.ndarray[Any, np.dtype[np.float64]] | None:
     if sample.homography is None:
         return None
-    try:
-        return scale_homography(np.linalg.inv(np.array(sample.homography)))
-    except np.linalg.LinAlgError as error:
-        raise InputError(f"{path}, line {number}: homography: cannot be inverted") from error
+    matrix = np.array(sample.homography)
+    if not np.linalg.cond(matrix) < _WORST_CONDITION:
+        raise InputError(f"{path}, line {number}: homography: cannot be inverted")
+    return scale_homography(np.linalg.inv(matrix))
 
 
 def sample_line(frame: CameraFrame) -> str:

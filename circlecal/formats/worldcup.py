@@ -29,6 +29,7 @@ from circlecal.geometry.homography import scale_homography
 Conversion = Literal["tvcalib", "pnlcalib"]
 PICTURE: Size = (1280, 720)
 SUFFIX = ".homographyMatrix"
+_LARGEST, _WORST_CONDITION = 1e9, 1e14
 _METRES_PER_YARD, _YARDS_PER_METRE = 0.9144, 1.09361
 
 
@@ -50,10 +51,9 @@ def read_matrix(path: Path, content: bytes, conversion: Conversion = "tvcalib") 
         Not nine finite numbers, or a matrix that cannot be inverted.
     """
     matrix = parse_matrix(path, content)
-    try:
-        template_to_image = np.linalg.inv(matrix)
-    except np.linalg.LinAlgError as error:
-        raise InputError(f"{path}: the matrix cannot be inverted") from error
+    if np.abs(matrix).max() > _LARGEST or not np.linalg.cond(matrix) < _WORST_CONDITION:
+        raise InputError(f"{path}: the matrix cannot be inverted")
+    template_to_image = np.linalg.inv(matrix)
     H = scale_homography(template_to_image @ yards_from_metres(conversion))
     return CameraFrame(path.name.removesuffix(path.suffix), *PICTURE, H_image_field=H)
 

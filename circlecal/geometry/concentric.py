@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from circlecal.geometry.conics import ellipse_from_conic, normalise_conic
-from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.conics import ellipse_from_conic, fit_conic, normalise_conic, refine_conic
+from circlecal.geometry.homogeneous import Array, apply_homography
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,3 +95,55 @@ def concentric_conic(conic: ArrayLike, center: ArrayLike, radius: float, new_rad
     c = np.asarray(center, dtype=np.float64)
     line = e @ c
     return normalise_conic(e - (1.0 - (new_radius / radius) ** 2) * np.outer(line, line) / (c @ line))
+
+
+def scaling_homology(conic: ArrayLike, center: ArrayLike, factor: float) -> Array:
+    """Image (3, 3) of scaling the field about the circle's centre: ``k I + (1 - k) c l^T / (l^T c)`` with ``l = E
+    c``.
+    """
+    c = np.asarray(center, dtype=np.float64)
+    line = np.asarray(conic, dtype=np.float64) @ c
+    return factor * np.eye(3) + (1.0 - factor) * np.outer(c, line) / (line @ c)
+
+
+def joint_conic(
+    outer_px: ArrayLike,
+    inner_px: ArrayLike,
+    center: ArrayLike,
+    outer_radius: float,
+    inner_radius: float,
+    rounds: int = 4,
+) -> Array | None:
+    """Outer conic from the points of both edges and the imaged centre.
+
+    The inner points are moved onto the outer edge by the image of a scaling about the centre, which the conic itself
+    defines;
+    fit and move are repeated until they agree.
+
+    Parameters
+    ----------
+    outer_px, inner_px : (N, 2), (M, 2) arrays
+        Points of the two edges.
+    center : (3,) array
+        Imaged centre, homogeneous.
+    outer_radius, inner_radius : float
+        Radii on the field.
+    rounds : int
+        Repetitions; two or three are enough.
+
+    Returns
+    -------
+    (3, 3) array or None
+        None where the points fit no ellipse.
+    """
+    outer, inner = np.asarray(outer_px, dtype=np.float64), np.asarray(inner_px, dtype=np.float64)
+    conic = fit_conic(outer, "direct")
+    for _ in range(rounds):
+        if conic is None or ellipse_from_conic(conic) is None:
+            return None
+        moved = apply_homography(scaling_homology(conic, center, outer_radius / inner_radius), inner)
+        together = np.concatenate([outer, moved])
+        closed = fit_conic(together, "direct")
+        refined = None if closed is None else refine_conic(together, closed)
+        conic = closed if refined is None else refined[0]
+    return conic

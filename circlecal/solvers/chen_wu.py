@@ -140,7 +140,8 @@ def _misfits(
 def focal_and_plane(pair: tuple[SeenCircle, SeenCircle], size: tuple[int, int]) -> TwoCircles:
     """Focal length at which the circular sections of both cones agree best: a grid, then Gauss-Newton."""
     center = image_center(*size)
-    grid = np.linspace(*np.log(np.array(FOCAL_WIDTHS) * size[0]), GRID)
+    low, high = (float(np.log(w * size[0])) for w in FOCAL_WIDTHS)
+    grid = np.linspace(low, high, GRID)
     best: tuple[float, float, tuple[int, int]] | None = None
     for choice in product((0, 1), (0, 1)):
         cost = np.sum(_misfits(pair, np.exp(grid), center, choice)[0] ** 2, axis=1)

@@ -2,9 +2,10 @@
 
 With A the affinity from the unit circle to a circle of the field and B that to its ellipse, ``M = B^-1 H A`` keeps the
 unit circle. To first order about the centre M is a rotation (times w): ``M02 = M12 = 0``, ``M00 = M11`` and
-``M01 = -M10``, four linear equations in H per ellipse. That is exact for an affine H and off by the square of the
-perspective over an ellipse. The iteration expands the image of each circle about the current H instead and weighs
-it with the information of the fitted ellipse, so it ends at the maximum of the likelihood of the ellipses.
+``M01 = -M10``, four linear equations in H per ellipse. That is exact for an affine H; otherwise its error grows
+with the perspective and with the square of the ellipses' size. The iteration expands the image of each circle about
+the current H instead and weighs it with the information of the fitted ellipse, so it ends at the maximum of the
+likelihood of the ellipses.
 """
 
 from __future__ import annotations
@@ -14,13 +15,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from circlecal.field import Circle, FieldTemplate
-from circlecal.geometry.conics import coefficients_from_conic, ellipse_from_conic, normalise_conic, refine_conic
+from circlecal.geometry.conics import (
+    coefficients_from_conic,
+    ellipse_from_conic,
+    normalise_conic,
+    refine_conic,
+    sampson_distance,
+)
 from circlecal.geometry.homogeneous import Array, apply_homography, similarity_normalisation
 from circlecal.observations import Observations
 from circlecal.solvers.interface import solver, unsolved
 from circlecal.solvers.primitives import SeenCircle, separate_circles
 
 ITERATIONS = 60
+OUTLIER_SIGMAS = 6.0
+"""Points farther than this from the given ellipse are left out of its refinement."""
 UNIT_CIRCLE = np.diag([1.0, 1.0, -1.0])
 RANK_TOLERANCE = 1e-9
 _BASIS = np.eye(9)[:8].reshape(8, 3, 3)
@@ -30,8 +39,8 @@ _BASIS = np.eye(9)[:8].reshape(8, 3, 3)
 class EllipseMatch:
     """A circle of the field and its ellipse.
 
-    ``A`` and ``B`` (3, 3) are the affinities from the unit circle; ``root`` (6, 6) whitens the change of the conic's
-    six coefficients in the frame in which the ellipse is the unit circle.
+    ``A`` and ``B`` (3, 3) are the affinities from the unit circle; ``root`` whitens the change of the conic's
+    six coefficients (K, 6) in the frame in which the ellipse is the unit circle.
     """
 
     A: Array
@@ -48,7 +57,9 @@ def solve(observations: Observations, template: FieldTemplate, circle: Circle, r
 
 def ellipse_match(seen: SeenCircle) -> EllipseMatch:
     """Refine the ellipse geometrically and keep how well its points determine it."""
-    refined = refine_conic(seen.points_px, seen.conic, seen.sigma_px, loss_scale=6.0)
+    kept = np.abs(sampson_distance(seen.conic, seen.points_px)) < OUTLIER_SIGMAS * seen.sigma_px
+    points, sigma = (seen.points_px[kept], seen.sigma_px[kept]) if kept.sum() > 5 else (seen.points_px, seen.sigma_px)
+    refined = refine_conic(points, seen.conic, sigma)
     conic = seen.conic if refined is None else refined[0]
     ellipse = ellipse_from_conic(conic)
     if ellipse is None:
@@ -56,14 +67,15 @@ def ellipse_match(seen: SeenCircle) -> EllipseMatch:
     x, y = seen.center_m
     A = np.array([[seen.radius_m, 0.0, x], [0.0, seen.radius_m, y], [0.0, 0.0, 1.0]])
     B = ellipse.frame()
-    local = apply_homography(np.linalg.inv(B), seen.points_px)
+    local = apply_homography(np.linalg.inv(B), points)
     local = local / np.linalg.norm(local, axis=1, keepdims=True)
     u, v = local.T
     # the first-order distance of the unit circle in pixels: the gradient goes through the frame to the picture
     gradient = 2.0 * local @ np.linalg.inv(B[:2, :2])
-    weight = 1.0 / (np.linalg.norm(gradient, axis=1) * seen.sigma_px)
+    weight = 1.0 / (np.linalg.norm(gradient, axis=1) * sigma)
     rows = np.stack([u * u, u * v, v * v, u, v, np.ones_like(u)], axis=-1) * weight[:, None]
-    return EllipseMatch(A, B, np.linalg.qr(rows, mode="r") if len(rows) >= 6 else rows)
+    root = np.asarray(np.linalg.qr(rows, mode="r"), dtype=np.float64)
+    return EllipseMatch(A, B, root)
 
 
 def first_order_homography(matches: list[EllipseMatch]) -> Array:
@@ -88,7 +100,7 @@ def iterate(H: Array, matches: list[EllipseMatch], iterations: int) -> Array:
     centers = np.concatenate(
         [apply_homography(m.A, [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]) for m in matches]
     )
-    N = np.linalg.inv(similarity_normalisation(centers))
+    N: Array = np.asarray(np.linalg.inv(similarity_normalisation(centers)), dtype=np.float64)
     state = _linearised(H, N, matches)
     if state is None:
         raise unsolved("no_convergence", "the first-order homography maps a circle to no ellipse")
@@ -112,8 +124,7 @@ def iterate(H: Array, matches: list[EllipseMatch], iterations: int) -> Array:
 
 
 def _linearised(H: Array, N: Array, matches: list[EllipseMatch]) -> tuple[Array, Array] | None:
-    """Whitened difference of each predicted conic from its ellipse, and its Jacobian by the change ``N D N^-1`` of H.
-    """
+    """Whitened difference of each predicted conic from its ellipse, and its Jacobian by D of ``H N (I + D) N^-1``."""
     residuals, jacobians = [], []
     for match in matches:
         M = np.linalg.solve(match.B, H @ match.A)

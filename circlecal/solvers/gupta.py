@@ -44,15 +44,15 @@ def solve(observations: Observations, template: FieldTemplate, circle: Circle, r
     for seen, k in product(circles, range(len(lines))):
         poles_field.append(pole(_on_field(seen), field_lines[k]))
         poles_image.append(pole(seen.conic, image_lines[k]))
-    rows = [
-        point_rows(np.array(field_points + poles_field) @ T_field.T, np.array(image_points + poles_image) @ T_image.T),
-        line_rows(
-            np.array(field_lines + polars_field) @ np.linalg.inv(T_field),
-            np.array(image_lines + polars_image) @ np.linalg.inv(T_image),
-        ),
-    ]
-    _, singular, vectors = np.linalg.svd(np.concatenate(rows))
-    if len(singular) < 8 or singular[7] <= RANK_TOLERANCE * singular[0]:
+    x = np.array(field_points + poles_field).reshape(-1, 3) @ T_field.T
+    y = np.array(image_points + poles_image).reshape(-1, 3) @ T_image.T
+    a = np.array(field_lines + polars_field).reshape(-1, 3) @ np.linalg.inv(T_field)
+    b = np.array(image_lines + polars_image).reshape(-1, 3) @ np.linalg.inv(T_image)
+    # which matches determine a homography does not depend on the homography: the field against itself tells it free
+    # of the noise that lends a lacking equation to the picture
+    ideal = np.linalg.svd(np.concatenate([point_rows(x, x), line_rows(a, a)]), compute_uv=False)
+    _, _, vectors = np.linalg.svd(np.concatenate([point_rows(x, y), line_rows(a, b)]))
+    if len(ideal) < 8 or ideal[7] <= RANK_TOLERANCE * ideal[0]:
         raise unsolved("underdetermined", "the matches leave part of the homography free: one off the axis is needed")
     return np.asarray(np.linalg.inv(T_image) @ vectors[8].reshape(3, 3) @ T_field)
 

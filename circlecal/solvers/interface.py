@@ -83,6 +83,12 @@ def unsolved(code: str, reason: str) -> EstimationError:
     return EstimationError(STAGE, code, reason)
 
 
+def _finite(observations: Observations) -> bool:
+    pixels = [seen.points_px for seen in observations.circles] + [seen.points_px for seen in observations.lines]
+    pixels += [seen.point_px for seen in observations.marks] + [seen.point_px for seen in observations.keypoints]
+    return all(bool(np.isfinite(p).all()) for p in pixels)
+
+
 def solver(method: HomographyMethod) -> Solver:
     """Turn a method that returns a homography or gives up into a solver that returns a result in any case."""
 
@@ -90,6 +96,8 @@ def solver(method: HomographyMethod) -> Solver:
     def solve(
         observations: Observations, template: FieldTemplate, circle: Circle, rng: np.random.Generator
     ) -> SolverResult:
+        if not _finite(observations):
+            return SolverResult(None, "not_finite", "an observed point is not finite")
         try:
             H = method(observations, template, circle, rng)
         except EstimationError as error:

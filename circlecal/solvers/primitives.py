@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from circlecal.field import Circle, FieldTemplate, Line
-from circlecal.geometry.conics import ellipse_from_conic, fit_conic, sampson_distance
+from circlecal.geometry.conics import ellipse_from_conic, fit_conic, line_conic_meet, sampson_distance
 from circlecal.geometry.homogeneous import Array, fit_line, lift, meet
 from circlecal.geometry.ransac import ransac_conic
 from circlecal.observations import CircleEdge, CirclePoints, Observations
@@ -60,12 +60,11 @@ class SeenLine:
 def fitted_conic(points_px: Array, sigma_px: Array, rng: np.random.Generator) -> Array | None:
     """Normalised ellipse (3, 3) of points (N, 2), or None."""
     conic = fit_conic(points_px, "direct")
-    if len(points_px) < RANSAC_MINIMUM_POINTS:
+    if conic is None or len(points_px) < RANSAC_MINIMUM_POINTS:
         return conic
-    if conic is not None:
-        scaled = sampson_distance(conic, points_px) / sigma_px
-        if np.sqrt(np.mean(scaled**2)) < OUTLIER_FACTOR:
-            return conic
+    scaled = sampson_distance(conic, points_px) / sigma_px
+    if np.sqrt(np.mean(scaled**2)) < OUTLIER_FACTOR:
+        return conic
     robust = ransac_conic(points_px, RANSAC_SIGMAS * sigma_px, rng, hypotheses=RANSAC_HYPOTHESES)
     return conic if robust is None else robust.conic
 
@@ -100,7 +99,7 @@ def seen_edge(
 def seen_circle(observations: Observations, template: FieldTemplate, name: str, rng: np.random.Generator) -> SeenCircle:
     """The circle by its outer edge, else by its centreline, else by its inner edge."""
     edges: tuple[CircleEdge, ...] = ("outer", "center", "inner")
-    edge = next((e for e in edges if observations.circle(name, e) is not None), "outer")
+    edge: CircleEdge = next((e for e in edges if observations.circle(name, e) is not None), edges[0])
     return seen_edge(observations, template, name, edge, rng)
 
 
@@ -183,8 +182,6 @@ def line_meets(lines: list[SeenLine]) -> list[tuple[Array, Array]]:
 
 def crossing_points(conic: Array, line: Array, toward_px: Array) -> Array | None:
     """Points (2, 2) of a line on an ellipse: first the one in the direction ``toward_px`` (2,) of the picture."""
-    from circlecal.geometry.conics import line_conic_meet
-
     both = line_conic_meet(conic, line)
     if both is None:
         return None

@@ -48,6 +48,8 @@ def solve(observations: Observations, template: FieldTemplate, circle: Circle, r
     curves = observed_curves(observations, template, Realism(MAXIMUM_POINTS, 0.0, 0.0))
     if len(curves.names) < 2:
         raise unsolved("needs_two_markings", "one marking alone leaves the camera undetermined")
+    if len(curves.points_px) < len(RANGES):
+        raise unsolved("too_few_points", f"{len(RANGES)} points are needed, {len(curves.points_px)} seen")
     mean, sd = standardisation(frame)
     z = np.zeros((len(STARTS), len(mean)))
     z[:, INDEX["x"]] = [start[0] for start in STARTS]

@@ -12,9 +12,7 @@ settings.load_profile("circlecal")
 def random_thetas(count: int, rng: np.random.Generator) -> np.ndarray:
     """Main cameras (count, P) that see the centre circle, every parameter away from its neutral value."""
     theta = np.zeros((count, len(PARAMETERS)))
-    position = np.stack(
-        [rng.uniform(-15, 15, count), rng.uniform(45, 80, count), rng.uniform(-25, -8, count)], axis=-1
-    )
+    position = np.stack([rng.uniform(-15, 15, count), rng.uniform(45, 80, count), rng.uniform(-25, -8, count)], axis=-1)
     theta[:, 0] = np.log(rng.uniform(1800, 4500, count))
     theta[:, 1] = np.arctan2(-position[:, 0], position[:, 1]) + rng.normal(0, 0.03, count)
     theta[:, 2] = np.arctan2(np.hypot(position[:, 0], position[:, 1]), -position[:, 2]) + rng.normal(0, 0.02, count)

@@ -22,7 +22,8 @@ def ring(count, rng=None, sigma=0.0):
 
 
 @pytest.mark.parametrize(
-    ("edge", "radius", "by_width", "bloom"), [("outer", 9.15, 0.0, 1), ("center", 9.09, -0.5, 0), ("inner", 9.03, -1, -1)]
+    ("edge", "radius", "by_width", "bloom"),
+    [("outer", 9.15, 0.0, 1), ("center", 9.09, -0.5, 0), ("inner", 9.03, -1, -1)],
 )
 def test_edges_of_the_circle_follow_the_laws(edge, radius, by_width, bloom):
     points = ring(30)

@@ -31,9 +31,7 @@ def test_closed_forms_hold_the_true_camera(with_mark):
         theta = random_thetas(1, np.random.default_rng(seed))[0]
         theta[7:] = 0.0
         conic, center, line = seen_by(camera_of(theta, FRAME))
-        starts = closed_form_starts(
-            conic, center if with_mark else None, line, UP, np.zeros(2), 9.15, FRAME, "main"
-        )
+        starts = closed_form_starts(conic, center if with_mark else None, line, UP, np.zeros(2), 9.15, FRAME, "main")
         field = np.array([[[0.0, 0.0], [8.0, 3.0], [-5.0, -7.0]]])
         pixels = project(starts, np.repeat(field, len(starts), axis=0), FRAME).pixels
         departure = np.abs(pixels - project(theta[None], field, FRAME).pixels).max(axis=(1, 2))

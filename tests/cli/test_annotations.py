@@ -1,4 +1,4 @@
-"""``circlecal calibrate`` on annotation files and with keypoints beside pictures, ``--to``, and ``circlecal convert``."""
+"""``circlecal calibrate`` on annotations and with keypoints beside pictures, ``--to``, and ``circlecal convert``."""
 
 import json
 import shutil
@@ -54,7 +54,8 @@ def only_error(outcome, *parts):
 def test_an_annotation_becomes_a_camera(run_circlecal, annotation_file, side_camera, tmp_path):
     out = tmp_path / "out"
     outcome = run_circlecal(
-        "calibrate", annotation_file, "--size", "960x540", "--out", out, "--to", "soccernet", "--to", "pnlcalib", *QUICK,
+        "calibrate", annotation_file, "--size", "960x540", "--out", out, *QUICK,
+        "--to", "soccernet", "--to", "pnlcalib",
         "--set", "camera.crown_shape=flat", "--set", "camera.k1_mean=0", "--set", "camera.k1_sd=0",
     )  # fmt: skip
     assert outcome.code == 0, outcome

@@ -1,4 +1,4 @@
-"""BroadTrack, TVCalib and WorldCup files: conventions, round trips, and what a flat field without a lens makes of ours."""
+"""BroadTrack, TVCalib and WorldCup files: conventions, round trips, and our camera over a flat field without a lens."""
 
 import json
 from dataclasses import replace
@@ -46,7 +46,7 @@ def test_a_third_coefficient_is_an_error(centred):
 
 def test_the_nearest_centred_camera(centred, soccer):
     assert centred_camera(centred, soccer) is centred
-    shifted = replace(centred, principal_point_px=centred.principal_point_px + [8.0, -5.0])
+    shifted = replace(centred, principal_point_px=centred.principal_point_px + np.array([8.0, -5.0]))
     near = centred_camera(shifted, soccer)
     assert near.principal_point_px == pytest.approx(centred.principal_point_px)
     assert np.abs(near.project(POINTS) - shifted.project(POINTS)).max() < 0.5

@@ -19,7 +19,7 @@ TRUE_LINE = line_cue(CAMERA).line
 def rough_line(camera=CAMERA, offset_px=(3.0, -2.0)):
     """The halfway line across the circle, with each end moved sideways."""
     far, near = camera.project(np.array([[0.0, -10.0], [0.0, 10.0]]))
-    return Segment(far + [offset_px[0], 0.0], near + [offset_px[1], 0.0])
+    return Segment(far + np.array([offset_px[0], 0.0]), near + np.array([offset_px[1], 0.0]))
 
 
 def cues_in(painted, config=CONFIG, halfway="rough", image=None, lines=()):

@@ -30,9 +30,7 @@ def rays_of(outer=NOTHING, inner=NOTHING, center=NOTHING):
     def sigma(points):
         return np.full(len(points), 0.3)
 
-    return RayPoints(
-        ELLIPSE.center, outer, sigma(outer), inner, sigma(inner), center, sigma(center), 720, 0, NOTHING
-    )
+    return RayPoints(ELLIPSE.center, outer, sigma(outer), inner, sigma(inner), center, sigma(center), 720, 0, NOTHING)
 
 
 def rng():

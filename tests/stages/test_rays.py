@@ -59,7 +59,9 @@ def test_outer_and_inner_points_are_those_of_the_same_rays(found):
 
 def test_the_rough_centre_is_estimated_once_more(painted):
     ellipse = ellipse_from_conic(painted.conic())
-    rough = type(ellipse)(ellipse.center + [2.0, 1.5], (ellipse.semi_axes[0] - 2, ellipse.semi_axes[1] + 1), 0.0)
+    rough = type(ellipse)(
+        ellipse.center + np.array([2.0, 1.5]), (ellipse.semi_axes[0] - 2, ellipse.semi_axes[1] + 1), 0.0
+    )
     found = cast(painted, marking=painted.marking(conic=conic_from_ellipse(rough)))
     np.testing.assert_allclose(found.center_px, ellipse.center, atol=0.2)
 
@@ -125,7 +127,7 @@ def test_centre_outside_the_frame():
 
 def test_a_rough_ellipse_outside_the_frame_is_no_band(painted):
     ellipse = ellipse_from_conic(painted.conic())
-    away = type(ellipse)(ellipse.center + [3000.0, 0.0], ellipse.semi_axes, 0.0)
+    away = type(ellipse)(ellipse.center + np.array([3000.0, 0.0]), ellipse.semi_axes, 0.0)
     edges = detect_edges(painted.image, painted.marking(), EdgesConfig())
     marking = painted.marking(conic=conic_from_ellipse(away))
     with pytest.raises(EstimationError) as refused:

@@ -34,7 +34,6 @@ def camera_fit(camera=CAMERA, **changes):
         "imaged_center_covariance": np.zeros((2, 2)),
         "noise_scale": 1.0,
         "data_share": 1.0,
-        "prior_dominated": False,
         "residual_correlation": 1.0,
         "max_sigma_px": 2.0,
         "max_sigma_m": 0.1,
@@ -72,7 +71,7 @@ FAILURES = {
     "too far": (camera_fit(position(4.0, 500.0, -60.0)), "implausible_camera", "radii away, at most 40"),
     "too near": (camera_fit(view(position=(0.5, 1.0, -9.0), focal=900.0)), "implausible_camera", "at least 1.1"),
     "rolled": (
-        camera_fit(replace(CAMERA, angles_rad=CAMERA.angles_rad + [0, 0, np.radians(-35.0)])),
+        camera_fit(replace(CAMERA, angles_rad=CAMERA.angles_rad + np.radians([0.0, 0.0, -35.0]))),
         "implausible_camera",
         "rolled by 34.7 degrees",
     ),

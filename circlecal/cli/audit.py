@@ -1,0 +1,80 @@
+"""``circlecal audit``."""
+
+from __future__ import annotations
+
+import json
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from circlecal.cli import options
+
+
+class CenterChoice(StrEnum):
+    """Whose imaged centre the lines should pass through."""
+
+    OURS = "ours"
+    KP = "kp"
+
+
+def audit(
+    keypoints: Annotated[Path, typer.Argument(metavar="KEYPOINTS", help="Keypoint file of PnLCalib, or a folder.")],
+    center: Annotated[
+        CenterChoice, typer.Option("--center", help="kp: keypoint 51; ours: derived from all keypoints and lines.")
+    ] = CenterChoice.KP,
+    plot: Annotated[
+        Path | None, typer.Option("--plot", metavar="FILE", help="Write the distributions as .png or .svg.")
+    ] = None,
+    size: Annotated[str, typer.Option("--size", metavar="WIDTHxHEIGHT", help="Size of the pictures.")] = "1920x1080",
+    config: options.ConfigFile = "annotations",
+    settings: options.Settings = None,
+    as_json: options.Json = False,
+    quiet: options.Quiet = False,
+) -> None:
+    """Distance from the imaged centre to the lines through opposed keypoints of the circle."""
+    from circlecal.cli import console
+    from circlecal.evaluation.audit import audit_frames, distances_by_pair, read_keypoints
+    from circlecal.evaluation.audit_plot import check_plot, plot_distances
+
+    if plot is not None:
+        check_plot(plot)
+    chosen = options.parsed_size(size)
+    assert chosen is not None
+    frames = audit_frames(
+        read_keypoints(keypoints, chosen), center.value, options.chosen_config(config, settings)
+    )
+    by_pair = distances_by_pair(frames)
+    if plot is not None:
+        plot_distances(by_pair, plot, f"Opposed keypoints of the circle, centre: {center.value}")
+    if as_json:
+        for frame in frames:
+            distances = {f"{a}-{b}": round(d, 4) for (a, b), d in frame.distances_px.items()}
+            console.print_line(json.dumps({"id": frame.id, "distances_px": distances, "reason": frame.reason}))
+        return
+    if not quiet:
+        _print_frames(frames)
+    _print_pairs(by_pair)
+
+
+def _print_frames(frames: object) -> None:
+    from circlecal.cli import console
+    from circlecal.evaluation.audit import OPPOSED, AuditedFrame
+
+    assert isinstance(frames, list)
+    rows = []
+    for frame in frames:
+        assert isinstance(frame, AuditedFrame)
+        cells = [console.number(frame.distances_px.get(pair), 1) for pair in OPPOSED]
+        rows.append([frame.id, *cells, frame.reason or ""])
+    console.print_table("Distance of the centre, px", ["id", *(f"{a}-{b}" for a, b in OPPOSED), ""], rows)
+
+
+def _print_pairs(by_pair: object) -> None:
+    from circlecal.cli import console
+    from circlecal.evaluation.audit import distance_figures
+
+    columns = ["keypoints", "frames", "mean px", "median px", "90 % px", "largest px"]
+    rows = [[name, str(count), *(f"{v:.2f}" for v in values)] for name, count, *values in distance_figures(by_pair)]
+    console.print_table("Distance of the centre from the line through opposed keypoints", columns, rows)

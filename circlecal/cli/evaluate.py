@@ -1,0 +1,161 @@
+"""``circlecal evaluate``."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from circlecal.cli import options
+
+if TYPE_CHECKING:
+    from circlecal.evaluation.report import MethodReport, TruthReport
+
+
+def evaluate(
+    truth: Annotated[
+        Path,
+        typer.Argument(
+            metavar="GT", help="Folder of SoccerNet line annotations, of true cameras or of *.homographyMatrix files."
+        ),
+    ],
+    predictions: Annotated[
+        Path, typer.Argument(metavar="PRED", help="Folder of camera_<id>.json, results of circlecal or homographies.")
+    ],
+    threshold: Annotated[
+        float, typer.Option("--threshold", "-t", min=0.01, help="Pixels at --size; 5, 10 and 20 are always printed.")
+    ] = 5.0,
+    size: Annotated[
+        str, typer.Option("--size", metavar="WIDTHxHEIGHT", help="Size at which is evaluated; officially 960x540.")
+    ] = "960x540",
+    pred_size: Annotated[
+        str | None,
+        typer.Option(
+            "--pred-size",
+            metavar="WIDTHxHEIGHT",
+            help="Size for which the cameras were made. [default: twice the principal point]",
+        ),
+    ] = None,
+    central: Annotated[
+        bool, typer.Option("--central", help="Only frames with the circle and fewer than three straight lines.")
+    ] = False,
+    held_out: Annotated[
+        list[str] | None,
+        typer.Option("--held-out", metavar="CLASS", help="Class that the method did not see; repeatable."),
+    ] = None,
+    compare: Annotated[
+        list[str] | None,
+        typer.Option("--compare", metavar="NAME=FOLDER", help="Another method on the same frames; repeatable."),
+    ] = None,
+    as_json: options.Json = False,
+) -> None:
+    """Score cameras with the official SoccerNet metric, or against true cameras with the WorldCup metrics."""
+    from circlecal.cli import console
+    from circlecal.evaluation.reading import holds_homographies
+    from circlecal.evaluation.report import as_record, evaluate_annotations, evaluate_truth
+
+    methods = _methods(predictions, compare or [])
+    chosen, given = options.parsed_size(size), options.parsed_size(pred_size, "--pred-size")
+    assert chosen is not None
+    if holds_homographies(truth):
+        against_truth = evaluate_truth(truth, methods, given)
+        if as_json:
+            console.print_line(json.dumps({"size": "1280x720", "methods": [as_record(r) for r in against_truth]}))
+        else:
+            print_truth(against_truth)
+        return
+    reports = evaluate_annotations(
+        truth, methods, chosen, threshold_px=threshold, given_size=given, central=central, held_out=held_out or ()
+    )
+    if as_json:
+        record = {"size": size, "threshold_px": threshold, "methods": [as_record(r) for r in reports]}
+        console.print_line(json.dumps(record))
+        return
+    print_methods(f"SoccerNet calibration, {size}", reports, threshold)
+    for report in reports:
+        _print_classes(report, threshold)
+
+
+def _methods(predictions: Path, compare: Sequence[str]) -> dict[str, Path]:
+    from circlecal.errors import InputError
+
+    methods = {predictions.name or str(predictions): predictions}
+    for text in compare:
+        name, separator, folder = text.partition("=")
+        if not (name and separator and folder):
+            raise InputError(f"--compare {text!r}: is not NAME=FOLDER")
+        if name in methods:
+            raise InputError(f"--compare {text!r}: the name {name!r} is given twice")
+        methods[name] = Path(folder)
+    return methods
+
+
+def print_methods(title: str, reports: Sequence[MethodReport], threshold: float) -> None:
+    """Print one row per method."""
+    from circlecal.cli import console
+
+    thresholds = sorted(a.threshold_px for a in reports[0].summary.accuracies)
+    columns = ["method", "answered", "completeness %"]
+    for value in thresholds:
+        columns += [f"JaC{value:g}", f"CR x JaC{value:g}", f"strict {value:g}"]
+    columns += [f"95 % of CR x JaC{threshold:g}", "first minus this", "precision", "recall", "MRE px", "median px"]
+    columns += ["no element %", "held out px", "ground m"]
+    console.print_table(title, columns, [_method_row(report, thresholds, threshold) for report in reports])
+
+
+def _method_row(report: MethodReport, thresholds: Sequence[float], threshold: float) -> list[str]:
+    summary = report.summary
+    by_threshold = {a.threshold_px: a for a in summary.accuracies}
+    row = [report.name, f"{summary.answered} of {summary.frames}", f"{100 * summary.completeness:.1f}"]
+    for value in thresholds:
+        accuracy = by_threshold[value]
+        row += [f"{100 * share:.1f}" for share in (accuracy.answered, accuracy.final, accuracy.strict)]
+    behind = report.behind_first
+    row.append(f"{100 * report.interval.low:.1f} to {100 * report.interval.high:.1f}")
+    row.append(
+        "-" if behind is None else f"{100 * behind.mean:+.1f} ({100 * behind.low:+.1f} to {100 * behind.high:+.1f})"
+    )
+    chosen = by_threshold[threshold]
+    row += [f"{100 * chosen.precision:.1f}", f"{100 * chosen.recall:.1f}"]
+    row += [figure(summary.mean_error_px), figure(summary.median_error_px), f"{100 * summary.uncovered:.1f}"]
+    return [*row, figure(summary.held_out_px), figure(report.median_ground_m, 3)]
+
+
+def figure(value: float, decimals: int = 2) -> str:
+    """Text of a number that may be missing or infinite."""
+    return "-" if math.isnan(value) else "inf" if math.isinf(value) else f"{value:.{decimals}f}"
+
+
+def _print_classes(report: MethodReport, threshold: float) -> None:
+    from circlecal.cli import console
+
+    rows = [
+        [c.name, str(c.right), str(c.wrong), str(c.missed), f"{100 * c.accuracy:.1f}", figure(c.median_px)]
+        for c in report.summary.classes
+    ]
+    columns = ["class", "right points", "wrong", "missed", "accuracy %", "median px"]
+    console.print_table(f"{report.name}, points of each class at {threshold:g} px", columns, rows)
+
+
+def print_truth(reports: Sequence[TruthReport]) -> None:
+    """Print one row per method: means, medians, metres."""
+    from circlecal.cli import console
+
+    columns = ["method", "answered", "IoU part %", "IoU whole %", "projection", "reprojection"]
+    columns += ["ground m median", "ground m 90 %"]
+    rows = []
+    for report in reports:
+        pairs = [
+            (report.mean.iou_part, report.median.iou_part, 100.0, 1),
+            (report.mean.iou_whole, report.median.iou_whole, 100.0, 1),
+            (report.mean.projection, report.median.projection, 1.0, 3),
+            (report.mean.reprojection, report.median.reprojection, 1.0, 4),
+        ]
+        cells = [f"{figure(unit * mean, places)} ({figure(unit * median, places)})" for mean, median, unit, places in pairs]
+        ground = [figure(value, 3) for value in report.ground_m]
+        rows.append([report.name, f"{report.answered} of {report.frames}", *cells, *ground])
+    console.print_table("WorldCup metrics, mean (median), 1280x720", columns, rows)

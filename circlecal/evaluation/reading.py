@@ -1,0 +1,188 @@
+"""Folders of annotations and of predicted cameras, whatever program wrote them, ready to be compared."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from circlecal.errors import InputError
+from circlecal.evaluation.soccernet_metric import CLASSES, MetricCamera
+from circlecal.field import load_field
+from circlecal.formats.calibrated import calibrated_frame
+from circlecal.formats.checked import Size, checked
+from circlecal.formats.exchange import format_of, read_cameras
+from circlecal.formats.result import read_result
+from circlecal.formats.soccernet import LINE_CLASSES, CameraKeys, read_annotation
+from circlecal.formats.worldcup import SUFFIX as MATRIX_SUFFIX
+from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.pinhole import camera_from_homography, rotation_matrix
+
+USUAL_SIZES: tuple[Size, ...] = ((640, 360), (960, 540), (1280, 720), (1920, 1080), (3840, 2160))
+SIZE_TOLERANCE = 0.06
+CENTRAL_CLASS, HALFWAY_CLASS = "Circle central", "Middle line"
+_MAX_LINES_CENTRAL = 2
+
+Annotated = Mapping[str, Array]
+
+
+@dataclass(frozen=True, slots=True)
+class Prediction:
+    """A frame's camera at the size of the pictures for which it is evaluated.
+
+    Attributes
+    ----------
+    camera : MetricCamera or None
+        None where no camera fits the file's homography.
+    H_image_field : (3, 3) array or None
+        Field (metres) to pixels, where the file holds a homography rather than a camera.
+    """
+
+    camera: MetricCamera | None
+    H_image_field: Array | None = None
+
+
+def read_annotated(folder: Path, size: Size) -> dict[str, Annotated]:
+    """Annotated points (N, 2) in pixels at ``size``, by frame and class; empty classes are left out.
+
+    Raises
+    ------
+    InputError
+        No such folder, no annotation in it, a damaged file or an unknown class.
+    """
+    files = [path for path in _files(folder, (".json",)) if not path.name.startswith(("camera_", "extremities_"))]
+    found: dict[str, Annotated] = {}
+    for path in files:
+        _, kind, content = format_of(path, "soccernet")
+        if kind != "annotation":
+            continue
+        classes: dict[str, Array] = {}
+        for shape in read_annotation(path, content, size).shapes:
+            if shape.label not in CLASSES:
+                raise InputError(f"{path}: {shape.label}: is no class of SoccerNet; correct its spelling")
+            earlier = classes.get(shape.label, np.zeros((0, 2)))
+            classes[shape.label] = np.concatenate([earlier, shape.points_px])
+        found[path.stem] = classes
+    if not found:
+        raise InputError(f"{folder}: holds no line annotation of SoccerNet (<id>.json)")
+    return found
+
+
+def holds_homographies(folder: Path) -> bool:
+    """Whether a folder of truth holds ``*.homographyMatrix`` files, or cameras, instead of annotations."""
+    files = _files(folder, (".json", MATRIX_SUFFIX))
+    return bool(files) and all(path.suffix == MATRIX_SUFFIX or path.name.startswith("camera_") for path in files)
+
+
+def read_predictions(folder: Path, size: Size, given_size: Size | None = None) -> dict[str, Prediction]:
+    """Cameras of a folder by frame, at ``size``; refused results of circlecal are left out.
+
+    Parameters
+    ----------
+    folder : path
+        ``camera_<id>.json``, results of circlecal (``<id>.json``), or ``<id>.homographyMatrix``; also in subfolders.
+    size : (int, int)
+        At which is evaluated.
+    given_size : (int, int), optional
+        For which the cameras were made; read off the principal point where None.
+
+    Raises
+    ------
+    InputError
+        No such folder, no camera in it, or a damaged file.
+    """
+    found: dict[str, Prediction] = {}
+    for path in _files(folder, (".json", MATRIX_SUFFIX)):
+        name, kind, content = format_of(path)
+        if kind == "camera" and name == "soccernet":
+            found[path.stem.removeprefix("camera_")] = Prediction(_soccernet(path, content, size, given_size))
+        elif kind == "camera":
+            found |= _further(path, size, given_size)
+        elif kind == "result":
+            found |= _own_result(path, size)
+    if not found:
+        raise InputError(f"{folder}: holds no camera; camera_<id>.json, results or <id>{MATRIX_SUFFIX} are read")
+    return found
+
+
+def _files(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
+    if not folder.is_dir():
+        raise InputError(f"{folder}: is no folder; give one with a file per frame")
+    return sorted(path for path in folder.rglob("*") if path.suffix in suffixes and path.is_file())
+
+
+def _soccernet(path: Path, content: bytes, size: Size, given: Size | None) -> MetricCamera:
+    keys = checked(CameraKeys, path, content)
+    camera = MetricCamera(
+        np.array([keys.x_focal_length, keys.y_focal_length]),
+        np.array(keys.principal_point),
+        rotation_matrix(*np.radians([keys.pan_degrees, keys.tilt_degrees, keys.roll_degrees])),
+        np.array(keys.position_meters),
+        _padded(keys.radial_distortion, 6),
+        _padded(keys.tangential_distortion, 2),
+        _padded(keys.thin_prism_distortion, 4),
+    )
+    return camera.scaled(_factor(given or _size_of(path, keys), size))
+
+
+def _padded(values: list[float], count: int) -> Array:
+    return np.pad(np.array(values, dtype=np.float64), (0, count - len(values)))
+
+
+def _size_of(path: Path, keys: CameraKeys) -> Size:
+    """The size that a file states, or the usual one with the image centre nearest to the principal point."""
+    if keys.image_width is not None and keys.image_height is not None:
+        return keys.image_width, keys.image_height
+    twice = 2.0 * np.array(keys.principal_point)
+    usual = np.array(USUAL_SIZES, dtype=np.float64)
+    distance = np.abs(twice / usual - 1.0).max(axis=1)
+    if distance.min() > SIZE_TOLERANCE:
+        if (twice > 1).all() and (twice == np.round(twice)).all() and (twice % 2 == 0).all():
+            return int(twice[0]), int(twice[1])
+        raise InputError(
+            f"{path}: principal_point does not tell the size of the pictures; give --pred-size WIDTHxHEIGHT"
+        )
+    return USUAL_SIZES[int(distance.argmin())]
+
+
+def _factor(old: Size, new: Size) -> tuple[float, float]:
+    """Pixels go between sizes as annotations do: the centres of the outermost pixels stay that."""
+    return (new[0] - 1) / (old[0] - 1), (new[1] - 1) / (old[1] - 1)
+
+
+def _further(path: Path, size: Size, given: Size | None) -> dict[str, Prediction]:
+    found = {}
+    for frame in read_cameras(path, given):
+        factor = _factor((frame.width, frame.height), size)
+        H = None if frame.H_image_field is None else np.diag([*factor, 1.0]) @ frame.H_image_field
+        camera = frame.camera
+        if camera is None and frame.H_image_field is not None:
+            camera = camera_from_homography(frame.H_image_field, frame.width, frame.height)
+        metric = None if camera is None else MetricCamera.from_camera(camera).scaled(factor)
+        found[frame.id] = Prediction(metric, H if frame.camera is None else None)
+    return found
+
+
+def _own_result(path: Path, size: Size) -> dict[str, Prediction]:
+    """A result of circlecal; where the surface is crowned, the flat camera nearest to what it shows."""
+    stored = read_result(path)
+    template = load_field("soccer")
+    frame = calibrated_frame(stored, template, template.circle_by_name[template.default_circle])
+    camera = None if frame is None else frame.flat
+    if frame is None or camera is None:
+        return {}
+    scaled = MetricCamera.from_camera(camera).scaled(_factor((stored.width, stored.height), size))
+    return {stored.id: Prediction(scaled)}
+
+
+def is_central(annotated: Annotated) -> bool:
+    """Whether a frame is a central view: the circle is visible, and fewer than three straight lines on the ground."""
+    straight = [name for name in annotated if name in LINE_CLASSES and not name.startswith("Goal")]
+    return CENTRAL_CLASS in annotated and len(straight) <= _MAX_LINES_CENTRAL
+
+
+def shows_circle_and_halfway(annotated: Annotated) -> bool:
+    """Whether circle and halfway line are annotated."""
+    return CENTRAL_CLASS in annotated and HALFWAY_CLASS in annotated

@@ -1,0 +1,44 @@
+"""The table of the whole chain on rendered frames."""
+
+import numpy as np
+import pytest
+
+from circlecal.bench.detect import PROFILES, compare, run_profiles
+from circlecal.config import load_config
+from circlecal.errors import ConfigError
+from circlecal.pipeline import run
+from circlecal.synthetic.sampling import render_frame
+
+
+def test_unknown_profiles_are_named():
+    with pytest.raises(ConfigError, match=r"--profiles: moon is unknown; known: easy"):
+        run_profiles(["moon"], 1, 0)
+
+
+def test_two_profiles():
+    finished = []
+    easy, negative = run_profiles(["easy", "negative"], 1, 0, finished.append)
+    assert finished == ["easy", "negative"]
+    assert (easy.profile, easy.frames, easy.calibrated, easy.good, easy.wrong) == ("easy", 1, 1.0, 1.0, 0.0)
+    assert 0 < easy.median_px == easy.p90_px < 5.0
+    assert 0 < easy.predicted_median_px < 50.0
+    assert 0 <= easy.coverage <= 1
+    assert easy.times_decoding > 1
+    assert {"mask", "edges", "camera"} <= set(easy.stage_ms)
+    assert (negative.calibrated, negative.wrong) == (0.0, 0.0)
+    assert np.isnan(negative.median_px)
+    assert {"easy", "negative", "hidden_mark"} <= set(PROFILES)
+
+
+def test_comparison_takes_the_turned_field_for_the_same():
+    """Which side the camera stands on cannot be seen: that alone is no error."""
+    rendering = render_frame("easy", np.random.default_rng(3), 1280, 720)
+    errors = []
+    for side in ("main", "opposite"):
+        config = load_config(None, [f"correspondences.camera_side={side}"])
+        found = run(rendering.image, config, frame_id="easy")
+        error, predicted, inside = compare(rendering.truth, found.camera)
+        errors.append(error)
+        assert predicted > 0
+        assert 0 <= inside <= 1
+    assert max(errors) < 5.0

@@ -1,0 +1,135 @@
+"""Degenerate input comes back as a failure with its reason; nothing is raised but for a wrong name."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from circlecal.errors import ConfigError
+from circlecal.geometry.homogeneous import apply_homography
+from circlecal.observations import Keypoint, Observations
+from circlecal.solvers import (
+    load_intrinsics_solver,
+    load_solver,
+    solve_by_name,
+    solver_names,
+)
+
+from .conftest import SIGMA, central_view, circle_under, halfway_under, scenario_view, soccer
+
+NOTHING = Observations(1920, 1080)
+
+
+@pytest.fixture
+def camera(main_cameras):
+    return main_cameras[0]
+
+
+def code(solver, seen):
+    result = solve_by_name(solver, seen, *soccer(), np.random.default_rng(0))
+    assert (result.H_image_field is None) == (result.code != "ok") == bool(result.reason)
+    return result.code
+
+
+@pytest.mark.parametrize("solver", solver_names())
+def test_nothing_seen(solver):
+    assert code(solver, NOTHING) not in ("ok", "degenerate")
+
+
+@pytest.mark.parametrize("solver", solver_names())
+def test_collinear_points_and_too_few_points(solver, camera):
+    seen = central_view(camera.homography, soccer()[0])
+    flat = np.stack([np.linspace(100, 900, 24), np.linspace(200, 500, 24)], axis=-1)
+    given = (flat, flat[:3], np.full((24, 2), np.nan))
+    for points in given[1:] if solver == "tvcalib_like" else given:  # a camera may see the circle from its plane
+        spoilt = tuple(replace(c, points_px=points, sigma_px=np.full(len(points), SIGMA)) for c in seen.circles)
+        assert code(solver, replace(seen, circles=spoilt, lines=())) != "ok"
+
+
+def test_reasons_of_central_views(camera):
+    template, _ = soccer()
+    H = camera.homography
+    marked, bare = central_view(H, template), central_view(H, template, mark=False)
+    one_edge = central_view(H, template, edges=("outer",))
+    no_line = replace(marked, lines=())
+    assert code("magera_case1", bare) == "no_center"
+    assert code("magera_case1", no_line) == "no_line"
+    assert code("magera_case2", marked) == "no_point"
+    assert code("magera_case3", one_edge) == "needs_two_edges"
+    assert code("magera_case3", no_line) == "no_line"
+    assert code("alvarez_caselles", bare) == "no_point_on_line"
+    assert code("footyvision", no_line) == "no_line"
+    assert code("gupta", replace(bare, lines=())) == "no_matches"
+    assert code("chen_wu", one_edge) == "needs_two_edges"
+    assert code("pnl_like", bare) == "too_few_keypoints"
+    assert code("tvcalib_like", replace(one_edge, lines=(), marks=())) == "needs_two_markings"
+    assert code("circlecal", no_line) == "rotation_free"
+    for name in ("chum_matas", "huang_self_polar"):
+        assert code(name, marked) == "needs_two_circles"  # both edges of one circle are concentric
+
+
+def test_points_of_the_circle_itself_tell_alvarez_nothing(camera):
+    bare = central_view(camera.homography, soccer()[0], mark=False)
+    rim = [0.0, 9.15]
+    point = Keypoint("rim", np.array(rim), apply_homography(camera.homography, rim), SIGMA)
+    assert code("alvarez_caselles", replace(bare, keypoints=(point,))) == "no_point_on_line"
+
+
+@pytest.mark.parametrize("noise_px", [0.0, 1.0])
+@pytest.mark.parametrize("field_m", [(0.0, 4.0), (5.0, 0.0), (0.0, 9.15)])
+def test_gupta_needs_a_match_off_the_axes(camera, noise_px, field_m):
+    """Scaling across the halfway line keeps it, its points, their polars and the vanishing line; so along it."""
+    seen = scenario_view("true_centre", camera, noise_px)
+    point = Keypoint("on axis", np.array(field_m), camera.project(field_m), SIGMA)
+    assert code("gupta", replace(seen, keypoints=(point,))) == "underdetermined"
+
+
+def test_pnl_refuses_collinear_keypoints(camera):
+    seen = scenario_view("true_centre", camera)
+    far = tuple(
+        Keypoint(f"{y}", np.array([0.0, y]), camera.project([0.0, y]), SIGMA) for y in (-30.0, -20.0, 5.0, 15.0)
+    )
+    assert code("pnl_like", replace(seen, keypoints=far)) == "collinear_keypoints"
+
+
+def test_a_center_outside_the_ellipse(camera):
+    seen = central_view(camera.homography, soccer()[0])
+    outside = replace(seen.marks[0], point_px=np.array([-900.0, -900.0]))
+    assert code("magera_case1", replace(seen, marks=(outside,))) == "center_outside"
+
+
+def test_an_inner_edge_outside_the_outer_one_has_no_center(camera):
+    seen = central_view(camera.homography, soccer()[0])
+    swapped = tuple(replace(c, edge=edge) for c, edge in zip(seen.circles, ("inner", "outer"), strict=True))
+    assert code("magera_case3", replace(seen, circles=swapped)) == "no_real_center"
+
+
+def test_intrinsics_only_methods(camera, main_cameras):
+    template, circle = soccer()
+    method = load_intrinsics_solver("huang_concentric")
+    view = scenario_view("unknown_centre", camera)
+    rng = np.random.default_rng(0)
+    assert method([view, view], template, circle, rng).code == "needs_three_views"
+    assert method([view] * 3, template, circle, rng).code == "views_too_alike"
+    assert method([NOTHING] * 3, template, circle, rng).code == "needs_two_edges"
+    assert load_intrinsics_solver("chen_wu")([], template, circle, rng).code == "needs_a_view"
+
+
+def test_unknown_names_are_one_clear_line():
+    with pytest.raises(ConfigError, match="unknown; known: great_axis"):
+        load_solver("grate_axis")
+    with pytest.raises(ConfigError, match="intrinsics only"):
+        load_solver("huang_concentric")
+    with pytest.raises(ConfigError, match="chen_wu"):
+        load_intrinsics_solver("gupta")
+
+
+def test_a_line_that_misses_the_circle(camera):
+    H = camera.homography
+    template, _ = soccer()
+    aside = replace(halfway_under(H, template), points_px=np.array([[0.0, -4000.0], [1900.0, -4100.0]]))
+    seen = Observations(1920, 1080, (circle_under(H, "centre_circle", template),), (aside,))
+    assert code("alvarez_caselles", seen) == "line_misses_circle"
+    assert code("footyvision", seen) == "line_misses_circle"
