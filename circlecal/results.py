@@ -307,8 +307,8 @@ class CameraFit:
         How many neighbouring residuals along the circle repeat each other (1 = white).
     max_sigma_px, max_sigma_m : float
         Largest predicted standard deviation over the visible field near the circle.
-    residuals_px : dict
-        Root mean square residual by observation.
+    residuals_px, stated_sigma_px : dict
+        Root mean square residual by observation, and the standard deviation that the observation itself stated.
     theta : (P,) array
         The estimate as the parameter vector, in the order of ``parameters``.
     derived_points : tuple of DerivedPoint
@@ -338,6 +338,7 @@ class CameraFit:
     residuals_px: dict[str, float]
     theta: Array
     residual_correlation: float = 1.0
+    stated_sigma_px: dict[str, float] = field(default_factory=dict)
     derived_points: tuple[DerivedPoint, ...] = ()
     rejected: tuple[str, ...] = ()
     named_lines: tuple[str, ...] = ()

@@ -41,7 +41,8 @@ class SourcesConfig(BaseModel):
 
     halfway_ends: bool = Field(
         False,
-        description="Whether a halfway line of a SoccerNet annotation that ends inside the picture ends on the touchline.",
+        description="Whether a halfway line of a SoccerNet annotation that ends inside the picture ends there on the "
+        "touchline.",
     )
 
     def sigma_px(self, source: str, width: int) -> float:

@@ -77,7 +77,7 @@ def run_row(scenario: Scenario, draws: int, seed: int, advance: Callable[[str], 
         draw = scenario.draw(rng)
         grid = truth_grid(draw, scenario)
         covariance = bound_covariance(
-            draw.camera, 0.0, draw.observations, scenario.template, scenario.circle, draw.config
+            draw.camera, draw.crown_m, draw.observations, scenario.template, scenario.circle, draw.config
         )
         bound = bound_errors(draw.camera, covariance, grid, BOUND_DRAWS, rng)
         bounds.append(bound)

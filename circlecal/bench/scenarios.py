@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 
 import numpy as np
 
 from circlecal.field import Circle, FieldTemplate, load_field
-from circlecal.geometry.homogeneous import Array
 from circlecal.geometry.pinhole import Camera, image_center
 from circlecal.observations import CirclePoints, Observations
 from circlecal.stages.camera import CameraConfig
 from circlecal.synthetic.cameras import sample_camera
 from circlecal.synthetic.markings import circle_points, line_points
+from circlecal.synthetic.surface import FLAT, Surface
 
 KNOWN = CameraConfig(
     principal_point_sd_px=0.0,
@@ -33,6 +33,17 @@ BROADCAST = KNOWN.model_copy(
 )
 """The priors of configs/broadcast.yaml."""
 
+PRIORS = KNOWN.model_copy(
+    update={
+        "principal_point_sd_px": 5.0,
+        "distortion": "radial",
+        "crown_shape": "roof",
+        "distance_log_sd": None,
+        "elevation_sd_deg": None,
+    }
+)
+"""The default priors of principal point, lens and crown; none on the camera's place."""
+
 
 @dataclass(frozen=True, slots=True)
 class Draw:
@@ -43,6 +54,7 @@ class Draw:
     camera: Camera
     observations: Observations
     config: CameraConfig
+    crown_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,43 +99,36 @@ def _soccer_draw(
     principal_point_sd_px: float = 0.0,
     kappa: float = 0.0,
     spacing: str = "image",
+    from_priors: bool = False,
 ) -> Callable[[np.random.Generator], Draw]:
     template, _ = soccer()
 
     def draw(rng: np.random.Generator) -> Draw:
         camera = sample_camera(profile, rng, arc_deg=arc_deg, kappa=kappa)  # type: ignore[arg-type]
+        surface = FLAT
+        if from_priors:
+            camera = replace(camera, kappa=np.array([rng.normal(config.k1_mean, config.k1_sd), 0.0]))
+            surface = Surface(float(rng.normal(config.crown_m, config.crown_sd_m)), "roof")
         if principal_point_sd_px:
             shift = rng.normal(0.0, principal_point_sd_px, 2)
-            camera = _shifted(camera, shift)
+            camera = replace(camera, principal_point_px=camera.principal_point_px + shift)
         phase = float(rng.uniform(0.0, 1.0))
         circles: tuple[CirclePoints, ...] = tuple(
-            circle_points(camera, template, edge, count, sigma_px, rng, spacing, phase=phase)  # type: ignore[arg-type]
+            circle_points(camera, template, edge, count, sigma_px, rng, spacing, surface=surface, phase=phase)  # type: ignore[arg-type]
             for edge in edges
         )
         lines = (
             ()
             if line_count == 0
-            else (line_points(camera, template, "halfway_line", line_count or count, sigma_px, rng),)
+            else (line_points(camera, template, "halfway_line", line_count or count, sigma_px, rng, surface=surface),)
         )
         told = config
         if position_sd_m is not None:
             mean = camera.position_m + rng.normal(0.0, position_sd_m, 3)
             told = config.model_copy(update={"position_m": tuple(mean), "position_sd_m": (position_sd_m,) * 3})
-        return Draw(camera, Observations(camera.width, camera.height, circles, lines), told)
+        return Draw(camera, Observations(camera.width, camera.height, circles, lines), told, surface.crown_m)
 
     return draw
-
-
-def _shifted(camera: Camera, shift: Array) -> Camera:
-    return Camera(
-        camera.width,
-        camera.height,
-        camera.focal_px,
-        camera.principal_point_px + shift,
-        camera.angles_rad,
-        camera.position_m,
-        camera.kappa,
-    )
 
 
 FACEOFF_PAIR = ("faceoff_left_top", "faceoff_left_bottom")
@@ -232,6 +237,13 @@ def scenarios() -> list[Scenario]:
             _soccer_draw("main", 200, 0.5, kappa=0.03, config=_radial(0.0038, 0.03)),
             1.3,
         ),
+        row(
+            "12",
+            "lens, crown and principal point drawn from their priors",
+            _soccer_draw("main", 200, 0.5, config=PRIORS, principal_point_sd_px=5.0, from_priors=True),
+            np.inf,
+        ),
+        row("g", "cameras 25-40 m high, sigma 0.5", _soccer_draw("high", 200, 0.5), np.inf),
         row("w", "cameras within 25 m of the halfway line, sigma 0.5", _soccer_draw("wide", 200, 0.5), np.inf),
         row("h", "low and near cameras, roll 3 degrees, sigma 0.5", _soccer_draw("hard", 200, 0.5), np.inf),
         Scenario(

@@ -36,6 +36,7 @@ TRUE_WIDTH_M = 0.12
 LENS_KAPPA = 0.0038
 PRINCIPAL_POINT_SD_PX = 10.0
 OUTLIERS = 0.3
+LEAST_SIGMA_PX = 0.01
 _ATTEMPTS = 5000
 
 
@@ -79,6 +80,14 @@ class SolverScenario:
 
 def _plain(observations: Observations) -> Seen:
     return Seen(observations, observations)
+
+
+def _stated(observations: Observations, least_px: float) -> Observations:
+    """The same with sigmas of at least ``least_px``: views without a line start the camera's fit far from its end."""
+    return replace(
+        observations,
+        circles=tuple(replace(c, sigma_px=np.maximum(c.sigma_px, least_px)) for c in observations.circles),
+    )
 
 
 def _exact_mark(camera: Camera, noise_px: float, rng: np.random.Generator) -> MarkPoint:
@@ -165,7 +174,7 @@ def _keypoints_view(camera: Camera, noise_px: float, rng: np.random.Generator) -
 def _faceoff_view(camera: Camera, noise_px: float, rng: np.random.Generator) -> Seen:
     template, _ = hockey()
     circles = tuple(circle_points(camera, template, "outer", 50, noise_px, rng, circle=name) for name in FACEOFF_PAIR)
-    return _plain(Observations(camera.width, camera.height, circles))
+    return _plain(_stated(Observations(camera.width, camera.height, circles), LEAST_SIGMA_PX))
 
 
 def _wide_camera(rng: np.random.Generator) -> Camera:
@@ -197,7 +206,7 @@ def _circle_and_arc_view(camera: Camera, noise_px: float, rng: np.random.Generat
     second = replace(
         circle, circle=arc.name, points_px=pixels, sigma_px=np.full(len(pixels), max(noise_px, MIN_SIGMA_PX))
     )
-    return _plain(Observations(camera.width, camera.height, (circle, second)))
+    return _plain(_stated(Observations(camera.width, camera.height, (circle, second)), LEAST_SIGMA_PX))
 
 
 def _shifted_camera(rng: np.random.Generator) -> Camera:

@@ -73,6 +73,15 @@ def observed_points(observations: Observations, template: FieldTemplate) -> Fixe
     )
 
 
+def stated_sigmas(observations: Observations) -> dict[str, float]:
+    """Median standard deviation in pixels that each observation itself states, by the names of the residuals."""
+    stated = {f"{c.circle} {c.edge}": float(np.median(c.sigma_px)) for c in observations.circles if len(c.sigma_px)}
+    stated |= {s.line: float(np.median(s.sigma_px)) for s in observations.lines if s.line and len(s.sigma_px)}
+    return (
+        stated | {p.mark: p.sigma_px for p in observations.marks} | {k.name: k.sigma_px for k in observations.keypoints}
+    )
+
+
 def _realistic(points: Array, sigma: Array, length_px: float, realism: Realism) -> Array:
     """Sigmas (N,) with the model's own error, grown so that points within one correlation length count as one."""
     if len(points) < 2 or realism.model_sigma_px == 0:

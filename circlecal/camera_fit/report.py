@@ -35,6 +35,7 @@ def camera_fit(
     named: tuple[str, ...],
     circle: Circle,
     template: FieldTemplate,
+    stated_sigma_px: dict[str, float],
 ) -> CameraFit:
     """Everything that is reported of the best start of ``state``."""
     frame, theta = problem.frame, state.theta[0]
@@ -65,6 +66,7 @@ def camera_fit(
         max_sigma_m=float(sigma_m.max()) if len(grid) else float("inf"),
         residuals_px=residuals_px(problem, state),
         theta=theta,
+        stated_sigma_px=stated_sigma_px,
         derived_points=_derived_points(theta, spread, circle, frame),
         rejected=rejected,
         named_lines=named,

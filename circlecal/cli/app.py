@@ -11,11 +11,13 @@ import typer
 from typer.core import TyperGroup
 
 from circlecal import __version__
+from circlecal.cli.audit import audit
 from circlecal.cli.batch import batch
 from circlecal.cli.calibrate import calibrate
 from circlecal.cli.config import config
 from circlecal.cli.convert import convert
 from circlecal.cli.debug import debug
+from circlecal.cli.evaluate import evaluate
 from circlecal.cli.fields import fields
 from circlecal.cli.project import project
 from circlecal.cli.simulate import simulate
@@ -43,6 +45,8 @@ app.command()(calibrate)
 app.command()(batch)
 app.command()(debug)
 app.command()(convert)
+app.command()(evaluate)
+app.command()(audit)
 app.command(context_settings={"ignore_unknown_options": True})(project)
 app.command()(config)
 app.command()(fields)

@@ -5,11 +5,14 @@ from __future__ import annotations
 import json
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from circlecal.cli import options
+
+if TYPE_CHECKING:
+    from circlecal.evaluation.audit import AuditedFrame, PairRow
 
 
 class CenterChoice(StrEnum):
@@ -35,16 +38,14 @@ def audit(
 ) -> None:
     """Distance from the imaged centre to the lines through opposed keypoints of the circle."""
     from circlecal.cli import console
-    from circlecal.evaluation.audit import audit_frames, distances_by_pair, read_keypoints
+    from circlecal.evaluation.audit import audit_frames, distances_by_pair, pair_rows, read_keypoints
     from circlecal.evaluation.audit_plot import check_plot, plot_distances
 
     if plot is not None:
         check_plot(plot)
     chosen = options.parsed_size(size)
     assert chosen is not None
-    frames = audit_frames(
-        read_keypoints(keypoints, chosen), center.value, options.chosen_config(config, settings)
-    )
+    frames = audit_frames(read_keypoints(keypoints, chosen), center.value, options.chosen_config(config, settings))
     by_pair = distances_by_pair(frames)
     if plot is not None:
         plot_distances(by_pair, plot, f"Opposed keypoints of the circle, centre: {center.value}")
@@ -55,26 +56,25 @@ def audit(
         return
     if not quiet:
         _print_frames(frames)
-    _print_pairs(by_pair)
+    _print_pairs(pair_rows(by_pair))
 
 
-def _print_frames(frames: object) -> None:
+def _print_frames(frames: list[AuditedFrame]) -> None:
     from circlecal.cli import console
-    from circlecal.evaluation.audit import OPPOSED, AuditedFrame
+    from circlecal.evaluation.audit import OPPOSED
 
-    assert isinstance(frames, list)
     rows = []
     for frame in frames:
-        assert isinstance(frame, AuditedFrame)
         cells = [console.number(frame.distances_px.get(pair), 1) for pair in OPPOSED]
         rows.append([frame.id, *cells, frame.reason or ""])
     console.print_table("Distance of the centre, px", ["id", *(f"{a}-{b}" for a, b in OPPOSED), ""], rows)
 
 
-def _print_pairs(by_pair: object) -> None:
+def _print_pairs(pairs: list[PairRow]) -> None:
     from circlecal.cli import console
-    from circlecal.evaluation.audit import distance_figures
 
     columns = ["keypoints", "frames", "mean px", "median px", "90 % px", "largest px"]
-    rows = [[name, str(count), *(f"{v:.2f}" for v in values)] for name, count, *values in distance_figures(by_pair)]
+    rows = [
+        [p.pair, str(p.frames), *(f"{v:.2f}" for v in (p.mean_px, p.median_px, p.p90_px, p.largest_px))] for p in pairs
+    ]
     console.print_table("Distance of the centre from the line through opposed keypoints", columns, rows)

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from circlecal.cli import options
+
 if TYPE_CHECKING:
     from circlecal.bench.accuracy import Row
+    from circlecal.bench.annotations import AnnotationRow
     from circlecal.bench.simulation import Summary
 
 app = typer.Typer(
@@ -195,6 +199,53 @@ def _print_solvers(found: list[Summary]) -> None:
             "No answer on any draw",
             ["scenario", "solver", "reason"],
             [[s.scenario, s.solver, ", ".join(s.codes)] for s in silent],
+        )
+
+
+@app.command("annotations")
+def score_annotations(
+    path: Annotated[Path, typer.Argument(metavar="PATH", help="Folder of <set>/ground_truth, ...")],
+    sets: Annotated[str, typer.Option(help="Sets separated by commas; all when empty.")] = "",
+    config: Annotated[str, typer.Option("--config", "-c", help="YAML file, or a name.")] = "annotations",
+    settings: options.Settings = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+) -> None:
+    """Annotated real frames, official metric at 1920x1080: published peers, then circlecal on the same frames."""
+    from dataclasses import asdict
+
+    from circlecal.bench.annotations import run_annotations, set_names
+    from circlecal.cli.console import counted
+
+    names = [name.strip() for name in sets.split(",") if name.strip()] or set_names(path)
+    chosen = options.chosen_config(config, settings)
+    with counted("sets", len(names)) as advance:
+        found = run_annotations(path, chosen, names, advance)
+    if as_json:
+        _print_json([asdict(r) for r in found])
+        return
+    _print_annotations(found)
+
+
+def _print_annotations(rows: list[AnnotationRow]) -> None:
+    for name in dict.fromkeys(r.set_name for r in rows):
+        chosen = [r for r in rows if r.set_name == name]
+        _table(
+            f"{name}: {chosen[0].frames} frames with circle and halfway line, 1920x1080, misses as 0",
+            ["method", "input", "answered", "JaC5", "JaC10", "other lines px", "JaC5 minus the first (95 %)"],
+            [
+                [
+                    r.method,
+                    r.input_name,
+                    str(r.answered),
+                    f"{100 * r.jac_5:.1f}",
+                    f"{100 * r.jac_10:.1f}",
+                    f"{r.held_out_px:.2f}",
+                    "-"
+                    if r.ahead is None
+                    else f"{100 * r.ahead.mean:+.1f} ({100 * r.ahead.low:+.1f} to {100 * r.ahead.high:+.1f})",
+                ]
+                for r in chosen
+            ],
         )
 
 

@@ -155,7 +155,9 @@ def print_truth(reports: Sequence[TruthReport]) -> None:
             (report.mean.projection, report.median.projection, 1.0, 3),
             (report.mean.reprojection, report.median.reprojection, 1.0, 4),
         ]
-        cells = [f"{figure(unit * mean, places)} ({figure(unit * median, places)})" for mean, median, unit, places in pairs]
+        cells = [
+            f"{figure(unit * mean, places)} ({figure(unit * median, places)})" for mean, median, unit, places in pairs
+        ]
         ground = [figure(value, 3) for value in report.ground_m]
         rows.append([report.name, f"{report.answered} of {report.frames}", *cells, *ground])
     console.print_table("WorldCup metrics, mean (median), 1280x720", columns, rows)

@@ -117,11 +117,10 @@ def compare_frames(
     annotated: Mapping[str, Annotated], predictions: Mapping[str, Prediction], width: int, height: int
 ) -> MethodComparisons:
     """Compare every annotated frame that has a camera."""
-    cameras = {frame: predictions[frame].camera for frame in annotated if frame in predictions}
     compared = {
-        frame: compare_frame(annotated[frame], camera, width, height)
-        for frame, camera in cameras.items()
-        if camera is not None
+        frame: compare_frame(classes, predictions[frame].camera, width, height)
+        for frame, classes in annotated.items()
+        if frame in predictions
     }
     return MethodComparisons(annotated, compared)
 

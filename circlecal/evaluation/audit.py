@@ -48,6 +48,18 @@ class AuditedFrame:
     reason: str | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class PairRow:
+    """Distances of one opposed pair, or of all, over the frames that have it."""
+
+    pair: str
+    frames: int
+    mean_px: float
+    median_px: float
+    p90_px: float
+    largest_px: float
+
+
 def read_keypoints(path: Path, size: Size) -> list[AnnotatedFrame]:
     """Keypoint predictions of a file, or of every ``.json`` file of a folder.
 
@@ -122,3 +134,21 @@ def distances_by_pair(frames: Sequence[AuditedFrame]) -> dict[tuple[int, int], A
     """Distances (N,) of all frames by opposed pair; pairs that were never seen are left out."""
     by_pair = {pair: [f.distances_px[pair] for f in frames if pair in f.distances_px] for pair in OPPOSED}
     return {pair: np.array(values) for pair, values in by_pair.items() if values}
+
+
+def pair_rows(by_pair: Mapping[tuple[int, int], Array]) -> list[PairRow]:
+    """Figures of every pair, and of all together."""
+    named = {f"{a}-{b}": values for (a, b), values in by_pair.items()}
+    if named:
+        named["all"] = np.concatenate(list(named.values()))
+    return [
+        PairRow(
+            name,
+            len(values),
+            float(values.mean()),
+            float(np.median(values)),
+            float(np.percentile(values, 90)),
+            float(values.max()),
+        )
+        for name, values in named.items()
+    ]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from circlecal.evaluation.soccernet_metric import MetricCamera
+from circlecal.evaluation.soccernet_metric import Projector
 from circlecal.formats.worldcup import PICTURE, yards_from_metres
 from circlecal.geometry.homogeneous import Array
 from circlecal.geometry.homography import dlt
@@ -21,7 +21,7 @@ PROJECTION_SCALE = (100.0 / 115.0, 60.0 / 74.0)
 PROJECTION_SAMPLES = 2501
 REPROJECTION_FIELD = (114.83, 74.37)
 REPROJECTION_GRID = (13, 7)
-_MIN_POINTS = 8
+_MIN_POINTS, _MAX_POINTS = 8, 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,10 +60,10 @@ def score_homography(truth: Array, predicted: Array, rng: np.random.Generator) -
     )
 
 
-def template_homography(camera: MetricCamera | None, H_image_field: Array | None) -> Array | None:
+def template_homography(camera: Projector, H_image_field: Array | None) -> Array | None:
     """Picture to template (3, 3) of a prediction at 1280 x 720; of a camera with a lens the nearest over the field."""
     H = H_image_field
-    if H is None and camera is not None:
+    if H is None:
         H = _nearest_homography(camera)
     if H is None:
         return None
@@ -73,12 +73,13 @@ def template_homography(camera: MetricCamera | None, H_image_field: Array | None
         return None
 
 
-def _nearest_homography(camera: MetricCamera) -> Array | None:
+def _nearest_homography(camera: Projector) -> Array | None:
     x, y = np.meshgrid(np.arange(-52.5, 52.6, 1.5), np.arange(-34.0, 34.1, 1.0))
     field = np.stack([x.ravel(), y.ravel()], axis=-1)
     pixels, front = camera.project(np.column_stack([field, np.zeros(len(field))]))
-    inside = front & (pixels >= 0).all(axis=1) & (pixels < PICTURE).all(axis=1)
-    solution = dlt(field[inside], pixels[inside]) if inside.sum() >= _MIN_POINTS else None
+    inside = np.flatnonzero(front & (pixels >= 0).all(axis=1) & (pixels < PICTURE).all(axis=1))
+    used = inside[:: max(1, len(inside) // _MAX_POINTS)]
+    solution = dlt(field[used], pixels[used]) if len(used) >= _MIN_POINTS else None
     return None if solution is None else solution.H
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from circlecal.evaluation.reading import CENTRAL_CLASS, HALFWAY_CLASS, Annotated
-from circlecal.evaluation.soccernet_metric import MetricCamera, field_polylines
+from circlecal.evaluation.soccernet_metric import Projector, field_polylines
 from circlecal.geometry.homogeneous import Array
 
 REACH_M = 18.3
@@ -19,7 +19,7 @@ _ITERATIONS = 12
 _DERIVATIVE_STEP_M = 1e-2
 
 
-def field_positions(camera: MetricCamera, pixels: Array, starts_m: Array) -> Array:
+def field_positions(camera: Projector, pixels: Array, starts_m: Array) -> Array:
     """Field points (N, 2) that a camera shows at pixels (N, 2), by Newton's iteration; nan where it does not settle."""
     position = np.array(starts_m, dtype=np.float64)
     error = np.full(len(position), np.inf)
@@ -37,12 +37,12 @@ def field_positions(camera: MetricCamera, pixels: Array, starts_m: Array) -> Arr
     return np.where((error < 0.05)[:, None], position, np.nan)
 
 
-def _shown_at(camera: MetricCamera, positions: Array) -> Array:
+def _shown_at(camera: Projector, positions: Array) -> Array:
     pixels, front = camera.project(np.column_stack([positions, np.zeros(len(positions))]))
     return np.where(front[:, None], pixels, np.nan)
 
 
-def ground_errors(truth: MetricCamera, predicted: MetricCamera, width: int, height: int) -> Array:
+def ground_errors(truth: Projector, predicted: Projector, width: int, height: int) -> Array:
     """Misplacement (N,) in metres of the visible field near the circle; infinite where the prediction has no answer.
 
     Every grid point is seen at a pixel by the true camera and put back on the ground by the predicted one; the better
@@ -62,7 +62,7 @@ def ground_errors(truth: MetricCamera, predicted: MetricCamera, width: int, heig
     return min(errors, key=lambda e: float(np.median(e)) if len(e) else np.inf)
 
 
-def annotated_errors(annotated: Annotated, camera: MetricCamera) -> Array:
+def annotated_errors(annotated: Annotated, camera: Projector) -> Array:
     """Distances (N,) in metres on the ground of the annotated points of circle and halfway line from their element.
 
     Points that the camera does not put on the ground are infinitely far.

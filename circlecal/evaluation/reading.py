@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from circlecal.errors import InputError
-from circlecal.evaluation.soccernet_metric import CLASSES, MetricCamera
+from circlecal.evaluation.soccernet_metric import CLASSES, MetricCamera, PlaneHomography, Projector
 from circlecal.field import load_field
 from circlecal.formats.calibrated import calibrated_frame
 from circlecal.formats.checked import Size, checked
@@ -18,7 +18,7 @@ from circlecal.formats.result import read_result
 from circlecal.formats.soccernet import LINE_CLASSES, CameraKeys, read_annotation
 from circlecal.formats.worldcup import SUFFIX as MATRIX_SUFFIX
 from circlecal.geometry.homogeneous import Array
-from circlecal.geometry.pinhole import camera_from_homography, rotation_matrix
+from circlecal.geometry.pinhole import rotation_matrix
 
 USUAL_SIZES: tuple[Size, ...] = ((640, 360), (960, 540), (1280, 720), (1920, 1080), (3840, 2160))
 SIZE_TOLERANCE = 0.06
@@ -34,13 +34,13 @@ class Prediction:
 
     Attributes
     ----------
-    camera : MetricCamera or None
-        None where no camera fits the file's homography.
+    camera : Projector
+        Where it shows the field.
     H_image_field : (3, 3) array or None
         Field (metres) to pixels, where the file holds a homography rather than a camera.
     """
 
-    camera: MetricCamera | None
+    camera: Projector
     H_image_field: Array | None = None
 
 
@@ -156,12 +156,11 @@ def _further(path: Path, size: Size, given: Size | None) -> dict[str, Prediction
     found = {}
     for frame in read_cameras(path, given):
         factor = _factor((frame.width, frame.height), size)
-        H = None if frame.H_image_field is None else np.diag([*factor, 1.0]) @ frame.H_image_field
-        camera = frame.camera
-        if camera is None and frame.H_image_field is not None:
-            camera = camera_from_homography(frame.H_image_field, frame.width, frame.height)
-        metric = None if camera is None else MetricCamera.from_camera(camera).scaled(factor)
-        found[frame.id] = Prediction(metric, H if frame.camera is None else None)
+        if frame.camera is not None:
+            found[frame.id] = Prediction(MetricCamera.from_camera(frame.camera).scaled(factor))
+        elif frame.H_image_field is not None:
+            H = np.diag([*factor, 1.0]) @ frame.H_image_field
+            found[frame.id] = Prediction(PlaneHomography(H), H)
     return found
 
 

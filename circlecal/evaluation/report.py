@@ -143,9 +143,8 @@ def report_methods(
 def _median_ground(method: MethodComparisons, predictions: Mapping[str, Prediction]) -> float:
     errors = [np.zeros(0)]
     for frame, classes in method.annotated.items():
-        camera = predictions[frame].camera if frame in method.answered else None
-        if camera is not None:
-            errors.append(annotated_errors(classes, camera))
+        if frame in method.answered:
+            errors.append(annotated_errors(classes, predictions[frame].camera))
         else:
             count = sum(len(classes.get(name, ())) for name in ("Circle central", "Middle line"))
             errors.append(np.full(count, np.inf))
@@ -180,8 +179,7 @@ def _truth_report(name: str, true: Mapping[str, Prediction], found: Mapping[str,
             continue
         scores = score_homography(first, second, rng)
         rows.append([scores.iou_part, scores.iou_whole, scores.projection, scores.reprojection])
-        if expected.camera is not None and given.camera is not None:
-            ground.append(ground_errors(expected.camera, given.camera, *PICTURE))
+        ground.append(ground_errors(expected.camera, given.camera, *PICTURE))
     return TruthReport(
         name,
         len(true),

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Protocol
 
 import numpy as np
 
@@ -26,6 +27,36 @@ INVENTED_LINE_POINTS, INVENTED_CIRCLE_POINTS = 2, 9
 _END, _SIDE, _RADIUS, _MARK = 52.5, 34.0, 9.15, 41.5
 _AREA_X, _AREA_Y, _GOAL_X, _GOAL_Y, _POST, _BAR = 36.0, 20.16, 47.0, 9.16, 3.66, -2.44
 _TURNED = {"left": "right", "right": "left", "top": "bottom", "bottom": "top"}
+
+
+class Projector(Protocol):
+    """Whatever says where a point of the field is seen."""
+
+    @property
+    def planar(self) -> bool:
+        """Whether it knows the ground only."""
+
+    def project(self, points_m: Array) -> tuple[Array, Mask]:
+        """Pixels (N, 2) of points (N, 3), and which of them (N,) are seen in front."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlaneHomography:
+    """A homography (3, 3) from the field (metres) to pixels: it knows no element above the ground."""
+
+    H_image_field: Array
+
+    @property
+    def planar(self) -> bool:
+        """It knows the ground only."""
+        return True
+
+    def project(self, points_m: Array) -> tuple[Array, Mask]:
+        """Pixels (N, 2) of points (N, 3) on the ground, and which of them (N,) lie in front of the camera."""
+        lifted = np.column_stack([points_m[:, :2], np.ones(len(points_m))]) @ self.H_image_field.T
+        depth = lifted[:, 2] * np.sign(np.linalg.det(self.H_image_field))
+        front = depth > 0
+        return lifted[:, :2] / np.where(front, lifted[:, 2], 1.0)[:, None], front
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +84,11 @@ class MetricCamera:
     radial: Array
     tangential: Array
     thin_prism: Array
+
+    @property
+    def planar(self) -> bool:
+        """It knows the goals, too."""
+        return False
 
     @staticmethod
     def from_camera(camera: Camera) -> MetricCamera:
@@ -180,8 +216,8 @@ def field_polylines() -> dict[str, Array]:
     count = int(2 * np.pi * _RADIUS / CIRCLE_STEP_M)
     drawn = {"Circle central": _circle_points(0.0, CIRCLE_STEP_M / _RADIUS * np.arange(count, dtype=np.float64))}
     half = float(np.arctan2(np.sqrt(_RADIUS**2 - (_MARK - _AREA_X) ** 2), _MARK - _AREA_X))
-    steps = CIRCLE_STEP_M / _RADIUS * np.arange(int(2 * half * _RADIUS / CIRCLE_STEP_M) + 1)
-    angles: Array = np.concatenate([steps - half, np.full(1, half)])
+    steps = CIRCLE_STEP_M / _RADIUS * np.arange(int(2 * half * _RADIUS / CIRCLE_STEP_M) + 1, dtype=np.float64)
+    angles = np.concatenate([steps - half, np.full(1, half)])
     drawn["Circle left"] = _circle_points(-_MARK, angles)
     drawn["Circle right"] = _circle_points(_MARK, np.pi + angles)
     return drawn | {name: _line_points(np.array(a), np.array(b)) for name, (a, b) in _straight_elements().items()}
@@ -223,12 +259,14 @@ def _straight_elements() -> dict[str, _Ends]:
     return ends
 
 
-def image_polylines(camera: MetricCamera, width: int, height: int) -> dict[str, Array]:
+def image_polylines(camera: Projector, width: int, height: int) -> dict[str, Array]:
     """Pixels (N, 2) of the part of every element that a picture of this size shows; elements out of view are absent.
 
     Runs of an element that leaves the picture and comes back are joined by a straight piece, as officially.
     """
-    elements = field_polylines()
+    elements = {
+        name: points for name, points in field_polylines().items() if not (camera.planar and points[:, 2].any())
+    }
     pixels, front = camera.project(np.concatenate(list(elements.values())))
     starts = np.cumsum([len(points) for points in elements.values()])[:-1]
     drawn = {
@@ -276,14 +314,14 @@ def polyline_distances(points: Array, polyline: Array) -> Array:
     return np.asarray(np.linalg.norm(offset - share[..., None] * along, axis=2).min(axis=1))
 
 
-def compare_frame(annotated: Mapping[str, Array], camera: MetricCamera, width: int, height: int) -> FrameComparison:
+def compare_frame(annotated: Mapping[str, Array], camera: Projector, width: int, height: int) -> FrameComparison:
     """Compare the annotated points (N, 2) of every class with a camera.
 
     Parameters
     ----------
     annotated : mapping of str to (N, 2) array
         Pixels by class; classes without points are ignored, those of unknown elements can only be missed.
-    camera : MetricCamera
+    camera : Projector
         The prediction at this size.
     width, height : int
         Size of the picture at which is evaluated.

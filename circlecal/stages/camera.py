@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from circlecal.camera_fit.curves import CurvePoints, FixedPoints, first_hidden
 from circlecal.camera_fit.model import INDEX, PARAMETERS, Frame, camera_of
 from circlecal.camera_fit.naming import name_lines
-from circlecal.camera_fit.observed import Realism, observed_curves, observed_points
+from circlecal.camera_fit.observed import Realism, observed_curves, observed_points, stated_sigmas
 from circlecal.camera_fit.optimise import Priors, Problem, State, best_of, minimise
 from circlecal.camera_fit.report import camera_fit
 from circlecal.camera_fit.starts import closed_form_starts, grid_starts
@@ -161,9 +161,9 @@ def estimate_camera(
     rejected: tuple[str, ...] = ()
     contradicting = _contradicting(state, points)
     if contradicting.any():
-        rejected = tuple(np.array(points.names)[contradicting])
+        rejected = tuple(str(name) for name in np.array(points.names)[contradicting])
         keep = ~contradicting
-        kept_names = tuple(np.array(points.names)[keep])
+        kept_names = tuple(str(name) for name in np.array(points.names)[keep])
         points = FixedPoints(points.field_m[keep], points.points_px[keep], points.sigma_px[keep], kept_names)
         problem = replace(problem, points=points)
         state = _best_fit(problem, np.concatenate([state.theta[:2], closed]), grid, short, config, camera_side)
@@ -177,7 +177,16 @@ def estimate_camera(
         realism = _realism(config, observations.width)
         problem = replace(problem, curves=observed_curves(replace(observations, lines=lines), template, realism))
         problem, state, scale = _settled(problem, _follow(problem, state.theta[:1], config, camera_side), config)
-    return camera_fit(problem, state, scale, rejected, tuple(sorted(set(named.values()))), circle, template)
+    return camera_fit(
+        problem,
+        state,
+        scale,
+        rejected,
+        tuple(sorted(set(named.values()))),
+        circle,
+        template,
+        stated_sigmas(observations),
+    )
 
 
 def _settled(problem: Problem, state: State, config: CameraConfig) -> tuple[Problem, State, float]:

@@ -11,6 +11,8 @@ from circlecal.geometry.homogeneous import Array
 from circlecal.geometry.homography import projects_in_front
 from circlecal.results import CameraFit, Check, Correspondences, Cues, EllipseFits, HomographyFit, Verdict
 
+NOISE_SIGMAS = 3.0
+"""Residuals within this many of the observations' own standard deviations are noise."""
 BLOOM_PX = 3.0
 """By how much blur can drive both edges apart, pixels at 1920 px width."""
 MINIMUM_WIDTH_M = 1e-3
@@ -161,15 +163,19 @@ def _camera_checks(camera: CameraFit, cues: Cues, circle: Circle, unit: float, c
         _check("shortest_focal_widths", float(view.focal_px[0]) / view.width, config.focal_widths[0], at_least=True),
     ]
     for name, rms in camera.residuals_px.items():
+        # coarse observations (clicks, detections) may scatter by what they state themselves
+        stated = NOISE_SIGMAS * camera.stated_sigma_px.get(name, 0.0)
         if name.startswith(circle.name + " "):
-            checks.append(_check("circle_residual_px", rms, config.max_circle_residual_px * unit))
+            checks.append(_check("circle_residual_px", rms, max(config.max_circle_residual_px * unit, stated)))
             structured = rms * np.sqrt(1.0 - 1.0 / max(camera.residual_correlation, 1.0))
-            checks.append(_check("structured_residual_px", structured, config.max_structured_residual_px * unit))
+            limit = max(config.max_structured_residual_px * unit, stated)
+            checks.append(_check("structured_residual_px", structured, limit))
         elif cues.halfway is not None and name == cues.halfway.name:
-            checks.append(_check("line_residual_px", rms, config.max_line_residual_px * unit))
+            checks.append(_check("line_residual_px", rms, max(config.max_line_residual_px * unit, stated)))
     if cues.mark is not None and cues.mark.name not in camera.rejected:
         seen = camera.residuals_px.get(cues.mark.name, 0.0)
-        checks.append(_check("mark_distance_px", seen, config.max_mark_distance_px * unit))
+        stated = NOISE_SIGMAS * camera.stated_sigma_px.get(cues.mark.name, 0.0)
+        checks.append(_check("mark_distance_px", seen, max(config.max_mark_distance_px * unit, stated)))
     checks.append(_check("sigma_px", camera.max_sigma_px, config.max_sigma_px * unit))
     checks.append(_check("sigma_m", camera.max_sigma_m, config.max_sigma_m))
     return checks

@@ -17,7 +17,7 @@ from circlecal.geometry.homogeneous import Array
 from circlecal.geometry.pinhole import Camera, image_center
 from circlecal.synthetic.surface import FLAT, Surface
 
-CameraProfile = Literal["main", "wide", "partial", "arc", "hard", "broadcast"]
+CameraProfile = Literal["main", "wide", "high", "partial", "arc", "hard", "broadcast"]
 CAMERA_PROFILES: tuple[str, ...] = get_args(CameraProfile)
 
 FULL_MARGIN_PX = 8.0
@@ -65,6 +65,7 @@ _VIEWS: dict[str, _View] = {
         focal_px=(5000.0, 16000.0),
         halfway_px=60.0,
     ),
+    "high": _View(height_m=(25.0, 40.0)),
     "low": _View(
         height_m=(6.0, 10.0),
         roll_sd_deg=3.0,
@@ -182,7 +183,8 @@ def sample_camera(
     profile : str
         ``"main"``: 45-90 m from the centre mark, 8-25 m high, within 12 m of the halfway line, roll sd 1 degree cut at
         2.5 sd; the whole circle inside the frame with 8 px to spare and no marking but circle and halfway line in view.
-        ``"wide"``: the same within 25 m. ``"partial"``: 40-80 % of the circle. ``"arc"``: one arc of ``arc_deg`` +- 12
+        ``"wide"``: the same within 25 m. ``"high"``: the same, 25-40 m high. ``"partial"``: 40-80 % of the circle.
+        ``"arc"``: one arc of ``arc_deg`` +- 12
         degrees, with the halfway line where that can be had. ``"hard"``: low (6-10 m) or near (38-45 m), roll sd
         3 degrees, at least 45 % of the circle, other markings allowed. ``"broadcast"``: the whole circle and more of
         the field, focal length 1500-4000 px at a width of 1920.

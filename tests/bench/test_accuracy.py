@@ -71,8 +71,9 @@ def test_closed_forms_are_exact_without_noise(table):
     exact = [value for name, value in closed if name.startswith("1:")]
     assert len(exact) == 3
     assert max(exact) < 1e-8
-    ((_, paper),) = [(name, value) for name, value in closed if name.startswith("2:")]
-    assert 0.5 < paper < 10.0
+    paper = [value for name, value in closed if name.startswith("2:")]
+    assert paper
+    assert all(0.2 < value < 15.0 for value in paper)
     assert closed_forms(3, 0) == closed
 
 

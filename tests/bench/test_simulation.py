@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from circlecal.bench import simulation_plots
+from circlecal.bench import simulation_plots, solvers
 from circlecal.bench.simulation import (
     COLUMNS,
     SimulationPlan,
@@ -127,12 +127,14 @@ def test_table_at_the_usual_noise():
     assert [(s.solver, s.noise_px, s.draws) for s in found] == [("great_axis", 0.3, 2), ("huang_self_polar", 0.3, 2)]
 
 
-def test_focal_lengths_and_statements():
+def test_focal_lengths_and_statements(monkeypatch):
+    monkeypatch.setattr(solvers, "FIGURE_NOISES_PX", (1.0, 5.0))
+    monkeypatch.setattr(solvers, "FOCAL_NOISES_PX", (0.0, 1.0))
     focals = run_focals(2, 0)
     exact = [f for f in focals if f.noise_px == 0]
     assert {f.method for f in exact} == {"huang_concentric", "chen_wu"}
     assert all(f.median_percent < 0.01 for f in exact if f.median_percent is not None)
-    statements = paper_statements(2, 0)
+    statements = paper_statements(1, 0)
     assert len(statements) == 5
     printed = statements[-1]
     assert "v = E l1" in printed.says

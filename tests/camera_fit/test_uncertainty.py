@@ -12,6 +12,7 @@ from circlecal.camera_fit.uncertainty import (
     imaged_point,
     posterior_covariance,
     push_forward,
+    spread_cameras,
 )
 from circlecal.geometry.homogeneous import apply_homography
 
@@ -63,10 +64,22 @@ def test_pushed_forward_covariances_are_those_of_samples():
         lambda t: imaged_point(t, FRAME, np.array([3.0, -4.0])),
         lambda t: homography_vector(t, FRAME),
     ):
-        predicted = push_forward(function, theta, covariance)
+        predicted = push_forward(function, theta, spread_cameras(theta, covariance, np.zeros(2)))
         drawn = np.cov(np.array([function(t) for t in samples]).T)
         ratio = np.sqrt(np.diag(drawn) / np.diag(predicted))
         assert (np.abs(ratio - 1) < 0.06).all(), ratio
+
+
+def test_spread_cameras_hold_the_covariance():
+    """A linear function of the parameters gets its exact covariance, wherever the directions are straight."""
+    rng = np.random.default_rng(9)
+    theta, covariance = plain_theta(9), small_covariance(rng)
+    spread = spread_cameras(theta, covariance, np.zeros(2))
+    found = push_forward(lambda t: t, theta, spread)
+    scale = np.sqrt(np.diag(covariance)[:7])
+    departure = (found - covariance)[:7, :7] / np.outer(scale, scale)
+    assert np.abs(departure).max() < 1e-2
+    assert (found[7:] == 0).all()
 
 
 def test_field_sigma_is_the_length_of_the_error_in_the_picture_and_on_the_ground():

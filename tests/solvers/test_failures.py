@@ -9,7 +9,7 @@ import pytest
 
 from circlecal.errors import ConfigError
 from circlecal.geometry.homogeneous import apply_homography
-from circlecal.observations import Keypoint, Observations
+from circlecal.observations import CirclePoints, Keypoint, LinePoints, MarkPoint, Observations
 from circlecal.solvers import (
     load_intrinsics_solver,
     load_solver,
@@ -133,3 +133,36 @@ def test_a_line_that_misses_the_circle(camera):
     seen = Observations(1920, 1080, (circle_under(H, "centre_circle", template),), (aside,))
     assert code("alvarez_caselles", seen) == "line_misses_circle"
     assert code("footyvision", seen) == "line_misses_circle"
+
+
+def haphazard_view(rng):
+    """Points, lines and matches that no field shows."""
+
+    def points(count):
+        angles = rng.uniform(0, 2 * np.pi, count)
+        size = rng.uniform(0.01, 900, 2)
+        ellipse = [960, 540] + size * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+        kinds = (rng.uniform(0, 1900, (count, 2)), np.full((count, 2), 500.0), ellipse, ellipse * 1e6, ellipse * 1e-6)
+        return kinds[rng.integers(len(kinds))]
+
+    names = ["centre_circle", "centre_circle", "penalty_arc_left", "nowhere"]
+    circles = tuple(
+        CirclePoints(str(rng.choice(names)), str(rng.choice(["outer", "inner", "center"])), seen, np.ones(len(seen)))
+        for seen in (points(int(rng.integers(0, 30))) for _ in range(3))
+    )
+    lines = tuple(
+        LinePoints(str(rng.choice(["halfway_line", "side_line_top", "nowhere"])), seen, np.ones(len(seen)))
+        for seen in (points(int(rng.integers(1, 5))) for _ in range(2))
+    )
+    marks = (MarkPoint("centre_mark", rng.uniform(0, 1900, 2), 1.0),) if rng.random() < 0.6 else ()
+    keypoints = tuple(
+        Keypoint(str(k), rng.choice([0.0, 5.0, 9.15, 20.0], 2), rng.uniform(0, 1900, 2), 1.0)
+        for k in range(rng.integers(0, 6))
+    )
+    return Observations(1920, 1080, circles, lines, marks, keypoints)
+
+
+@pytest.mark.parametrize("solver", [name for name in solver_names() if not name.startswith(("tvcalib", "circlecal"))])
+def test_nothing_is_raised_whatever_is_shown(solver):
+    for seed in range(25):
+        code(solver, haphazard_view(np.random.default_rng(seed)))

@@ -76,6 +76,17 @@ def test_a_player_over_the_mark_hides_it(painted):
     assert found.mark is None or np.linalg.norm(found.mark.point_px - (x, y)) < 3.0
 
 
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_spot_on_one_side_of_the_line_is_no_mark(side):
+    """A boot or a ball beside the line: a mark lies on both sides of it."""
+    bare = paint(CAMERA, mark=False, noise=1.5)
+    image = bare.image.copy()
+    x, y = np.round(CAMERA.project(np.zeros(2))).astype(int)
+    left = x + 3 if side > 0 else x - 8
+    image[y - 3 : y + 4, left : left + 6] = 215
+    assert cues_in(bare, image=image).mark is None
+
+
 def test_nothing_is_invented_without_a_line():
     circle_only = paint(CAMERA, line=False, mark=False, noise=1.5)
     found = cues_in(circle_only)

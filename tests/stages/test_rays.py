@@ -103,6 +103,21 @@ def test_a_player_on_the_circle_is_rejected(painted, found, angle):
         assert np.abs(distances(painted, getattr(with_him, f"{name}_px"), edge)).max() < 2.5
 
 
+def test_paint_of_another_brightness_is_not_the_marking():
+    """A white boot or a board on faint paint: as wide as the band, but much brighter than the band around it."""
+    faint = paint(NEAR, noise=1.5, paint=125.0)
+    bright = paint(NEAR, noise=1.5, paint=250.0)
+    ellipse = ellipse_from_conic(faint.conic())
+    x, y = np.round(ellipse.points(0.7)).astype(int)
+    place = (slice(y - 15, y + 16), slice(x - 15, x + 16))
+    image = faint.image.copy()
+    image[place] = bright.image[place]
+    for given, low, high in ((faint.image, 10, 40), (image, 0, 4)):
+        points = cast(faint, given).center_line_px
+        inside = (np.abs(points - (x, y)) < 13).all(axis=1).sum()
+        assert low <= inside <= high
+
+
 def test_one_edge_only_is_no_band(painted):
     """Where turf of another brightness begins at the marking's place, there is an edge but no band."""
     disc = ellipse_from_conic(painted.conic("outer"))

@@ -1,0 +1,126 @@
+"""``circlecal evaluate``: from folders to figures."""
+
+import json
+
+import numpy as np
+import pytest
+from evaluation.scenes import look_at_circle, write_set  # noqa: F401
+
+
+@pytest.fixture
+def folders(write_set):  # noqa: F811
+    cameras = {f"{k}": look_at_circle(x=float(k), pan=0.4 * k) for k in range(4)}
+    truth, exact = write_set(cameras, {k: cameras[k] for k in "012"}, "exact")
+    _, off = write_set(cameras, {k: look_at_circle(x=float(k), pan=0.4 * int(k) + 0.25) for k in cameras}, "off")
+    return truth, exact, off
+
+
+def methods_of(outcome):
+    assert outcome.code == 0, outcome
+    return {m["name"]: m for m in json.loads(outcome.out)["methods"]}
+
+
+def test_exact_cameras_and_a_missing_one(run_circlecal, folders):
+    truth, exact, off = folders
+    found = methods_of(run_circlecal("evaluate", truth, exact, "--compare", f"off={off}", "--json"))
+    summary = found["exact"]["summary"]
+    assert (summary["frames"], summary["answered"], summary["completeness"]) == (4, 3, 0.75)
+    five = summary["accuracies"][0]
+    assert five["threshold_px"] == 5
+    assert five["answered"] == 1.0
+    assert five["final"] == pytest.approx(0.75)
+    assert summary["mean_error_px"] < 0.05
+    assert found["off"]["summary"]["accuracies"][0]["final"] < 0.5
+    assert found["off"]["behind_first"]["mean"] > 0
+    assert found["exact"]["median_ground_m"] < 0.01
+
+
+def test_another_size_gives_the_same(run_circlecal, folders):
+    truth, exact, _ = folders
+    found = methods_of(run_circlecal("evaluate", truth, exact, "--size", "1920x1080", "--json"))
+    assert found["exact"]["summary"]["accuracies"][0]["answered"] == 1.0
+    wrong = methods_of(run_circlecal("evaluate", truth, exact, "--pred-size", "1920x1080", "--json"))
+    assert wrong["exact"]["summary"]["accuracies"][0]["answered"] < 0.1
+
+
+def test_tables(run_circlecal, folders):
+    truth, exact, _ = folders
+    outcome = run_circlecal("evaluate", truth, exact, "-t", 3, "--held-out", "Side line top")
+    assert outcome.code == 0, outcome
+    header = outcome.out.splitlines()[1].split("\t")
+    row = dict(zip(header, outcome.out.splitlines()[2].split("\t"), strict=True))
+    assert row["answered"] == "3 of 4"
+    assert {"JaC3", "JaC5", "JaC10", "JaC20"} <= row.keys()
+    assert row["JaC5"] == "100.0"
+    assert "Circle central" in outcome.out
+
+
+def test_central_views(run_circlecal, folders, tmp_path):
+    truth, exact, _ = folders
+    kept = json.loads((truth / "0.json").read_text())
+    (truth / "0.json").write_text(json.dumps({k: kept[k] for k in ("Circle central", "Middle line")}))
+    central = methods_of(run_circlecal("evaluate", truth, exact, "--central", "--json"))
+    frames = central["exact"]["summary"]["frames"]
+    assert 1 <= frames <= 4
+    (truth / "0.json").write_text(json.dumps({"Middle line": kept["Middle line"]}))
+    for k in "123":
+        (truth / f"{k}.json").unlink()
+    outcome = run_circlecal("evaluate", truth, exact, "--central")
+    assert outcome.code == 2
+    assert "fewer than three" in outcome.err
+
+
+def test_true_cameras_and_homographies(run_circlecal, folders, tmp_path):
+    _, exact, off = folders
+    outcome = run_circlecal("evaluate", exact, off, "--compare", f"same={exact}", "--json")
+    found = methods_of(outcome)
+    assert found["same"]["mean"]["iou_part"] == 1.0
+    assert found["same"]["ground_m"][1] < 1e-3
+    assert found["off"]["ground_m"][0] > 0.05
+    assert "IoU part" in run_circlecal("evaluate", exact, off).out
+    matrices = tmp_path / "matrices"
+    matrices.mkdir()
+    for k in "012":
+        H = np.linalg.inv(look_at_circle(x=float(k), pan=0.4 * int(k)).homography)
+        yards = np.array([[1 / 0.9144, 0, 57.5], [0, 1 / 0.9144, 37.0], [0, 0, 1]])
+        scale = np.diag([959 / 1279, 539 / 719, 1.0])
+        (matrices / f"{k}.homographyMatrix").write_text(" ".join(map(repr, (yards @ H @ scale).ravel().tolist())))
+    found = methods_of(run_circlecal("evaluate", matrices, exact, "--json"))
+    assert found["exact"]["median"]["reprojection"] < 1e-3
+    assert found["exact"]["ground_m"][0] < 0.02
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ('{"Middle line": [{"x": 0.5', ("0.json",)),
+        ('{"Middle line": [{"x": "0.5", "y": 0.1}]}', ("0.json", "Middle line")),
+        ('{"Middle lime": [{"x": 0.5, "y": 0.1}]}', ("0.json", "Middle lime")),
+        ('{"Middle line": [{"x": NaN, "y": 0.1}]}', ("0.json",)),
+    ],
+)
+def test_damaged_annotations(run_circlecal, folders, content, words):
+    truth, exact, _ = folders
+    (truth / "0.json").write_text(content)
+    outcome = run_circlecal("evaluate", truth, exact)
+    assert outcome.code == 2
+    assert len(outcome.err.splitlines()) == 1
+    assert all(word in outcome.err for word in words)
+
+
+def test_damaged_cameras_and_wrong_use(run_circlecal, folders, tmp_path):
+    truth, exact, _ = folders
+    assert run_circlecal("evaluate", tmp_path / "none", exact).code == 2
+    assert run_circlecal("evaluate", truth, exact, "--compare", "x").code == 2
+    assert run_circlecal("evaluate", truth, exact, "--compare", f"exact={exact}").code == 2
+    assert "class" in run_circlecal("evaluate", truth, exact, "--held-out", "Lime").err
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    assert "camera" in run_circlecal("evaluate", truth, empty).err
+    camera = json.loads((exact / "camera_0.json").read_text())
+    (exact / "camera_0.json").write_text(json.dumps({**camera, "principal_point": [400.3, 290.1]}))
+    assert "--pred-size" in run_circlecal("evaluate", truth, exact).err
+    (exact / "camera_0.json").write_text(json.dumps({**camera, "x_focal_length": "long"}))
+    outcome = run_circlecal("evaluate", truth, exact)
+    assert outcome.code == 2
+    assert "x_focal_length" in outcome.err
