@@ -163,7 +163,8 @@ def _inside(difference: Array, covariance: Array) -> bool:
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     normal = covariance / np.outer(scale, scale)
     values, vectors = np.linalg.eigh(normal)
-    kept = values > 1e-9 * values[-1]
+    # a camera moves the homography in seven directions; what is left of the eighth is the bend of that surface
+    kept = values > 1e-6 * values[-1]
     projected = vectors[:, kept].T @ (difference / scale)
     return bool(np.sum(projected**2 / values[kept]) < chi2.ppf(0.9, int(kept.sum())))
 

@@ -51,8 +51,10 @@ def push_forward(function: Callable[[Array], Array], theta: Array, cameras: Arra
     """Covariance of a function of the parameters about its value at ``theta``, from :func:`spread_cameras`."""
     center = function(theta)
     deviations = np.stack([function(camera) - center for camera in cameras])
-    deviations = deviations[np.isfinite(deviations).all(axis=1)]
-    return np.asarray(deviations.T @ deviations / 6.0)
+    finite = np.isfinite(deviations).all(axis=1)
+    kept = deviations[finite]
+    # a camera that loses sight of the point says nothing; the others stand for it
+    return np.asarray(kept.T @ kept * len(finite) / (6.0 * max(int(finite.sum()), 1)))
 
 
 def homography_vector(theta: Array, frame: Frame) -> Array:

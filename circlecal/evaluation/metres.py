@@ -16,6 +16,7 @@ REACH_M = 18.3
 _RADIUS_M = 9.15
 _STEP_M = 1.0
 _ITERATIONS = 12
+_SETTLED_PX = 1e-6
 _DERIVATIVE_STEP_M = 1e-2
 
 
@@ -27,6 +28,8 @@ def field_positions(camera: Projector, pixels: Array, starts_m: Array) -> Array:
         seen = _shown_at(camera, position)
         offset = pixels - seen
         error = np.linalg.norm(offset, axis=1)
+        if (error < _SETTLED_PX).all():
+            break
         columns = [_shown_at(camera, position + _DERIVATIVE_STEP_M * axis) - seen for axis in np.eye(2)]
         jacobian = np.stack(columns, axis=-1) / _DERIVATIVE_STEP_M
         regular = np.isfinite(jacobian).all(axis=(1, 2)) & (np.abs(np.linalg.det(np.nan_to_num(jacobian))) > 1e-9)

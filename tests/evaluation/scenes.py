@@ -29,7 +29,7 @@ def annotation_of(camera, size=SIZE, every=9):
     drawn = image_polylines(MetricCamera.from_camera(camera), *size)
     scale = np.array(size) - 1.0
     return {
-        name: [{"x": x, "y": y} for x, y in (points[:: max(1, min(every, len(points) - 1))] / scale]
+        name: [{"x": x, "y": y} for x, y in points[:: max(1, min(every, len(points) - 1))] / scale]
         for name, points in drawn.items()
     }
 

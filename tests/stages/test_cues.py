@@ -95,6 +95,16 @@ def test_nothing_is_invented_without_a_line():
     assert cues_in(circle_only, halfway=None).halfway is None
 
 
+def test_a_short_piece_of_a_line_is_not_the_halfway_line(painted):
+    """A quarter of the chord may be a player's shadow or an advertisement."""
+    image = paint(CAMERA, line=False, mark=False, noise=1.5).image
+    far, near = CAMERA.project(np.array([[0.0, -9.0], [0.0, 9.0]]))
+    top, bottom = round(far[1] + 0.4 * (near[1] - far[1])), round(far[1] + 0.62 * (near[1] - far[1]))
+    image[top:bottom] = painted.image[top:bottom]
+    assert cues_in(painted, image=image).halfway is None
+    assert cues_in(painted, CuesConfig(minimum_support=0.1), image=image).halfway is not None
+
+
 def test_a_line_that_misses_the_circle_is_not_the_halfway_line(painted):
     beside = Segment(np.array([20.0, 20.0]), np.array([60.0, 700.0]))
     assert cues_in(painted, halfway=beside).halfway is None
