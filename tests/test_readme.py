@@ -14,7 +14,7 @@ COMMANDS = re.findall(r"^\$ circlecal (.+)$", README, flags=re.MULTILINE)
 
 @pytest.fixture(scope="module")
 def checkout(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder like the checkout, in which the README's commands may write; they run in order and share what they wrote."""
+    """A folder like the checkout, in which the README's commands may write, each upon what those before it wrote."""
     folder = tmp_path_factory.mktemp("checkout")
     shutil.copytree(ROOT / "samples", folder / "samples")
     return folder

@@ -173,7 +173,7 @@ def _unknown_center(found: dict[tuple[str, str, float], Summary]) -> Statement:
     useful = ours.median_px is not None and ours.median_px < 10.0 and ours.failed < 0.05
     return Statement(
         "sections 4.4 and 6",
-        "views whose centre is not seen remain unsolved: the thickness does not give it reliably",
+        "views whose centre is not seen remain unsolved",
         text,
         not useful,
     )

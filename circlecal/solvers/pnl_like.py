@@ -43,7 +43,7 @@ SUBSETS = 120
 THRESHOLD_SIGMAS = 3.0
 LEAST_THRESHOLD_PX = 2.0
 COLLINEAR = 1e-3
-"""Four points whose spread across is below this share of their spread along count as collinear."""
+"""Points whose spread across is below this share of their spread along count as collinear."""
 NO_LOSS = 1e6
 WITHOUT_PRIORS = CameraConfig(
     principal_point_sd_px=0.0,
@@ -136,6 +136,8 @@ def consensus(points: Keypoints, rng: np.random.Generator) -> Mask:
     best: tuple[int, float, Mask] | None = None
     for subset in subsets:
         chosen = list(subset)
+        if any(spread_across(points.field_m[list(three)]) < COLLINEAR for three in combinations(chosen, 3)):
+            continue
         solution = dlt(points.field_m[chosen], points.image_px[chosen])
         if solution is None or not projects_in_front(solution.H, points.field_m):
             continue
@@ -145,7 +147,7 @@ def consensus(points: Keypoints, rng: np.random.Generator) -> Mask:
         if best is None or (int(inliers.sum()), -cost) > (best[0], -best[1]):
             best = int(inliers.sum()), cost, inliers
     if best is None or best[0] < SUBSET:
-        raise unsolved("no_consensus", "no four keypoints agree with a homography")
+        raise unsolved("no_consensus", "no four keypoints, no three of them on a line, agree with a homography")
     if spread_across(points.field_m[best[2]]) < COLLINEAR:
         raise unsolved("collinear_keypoints", "the keypoints that agree lie on one line")
     return best[2]
