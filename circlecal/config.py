@@ -74,6 +74,10 @@ class Config(BaseModel):
     seed: int = Field(
         0, ge=0, le=2**32 - 1, description="Seed of all random draws; with the frame's id it fixes every answer."
     )
+    solver: str | None = Field(
+        None,
+        description="One of the published solvers instead of the closed forms and the camera stage; null for none.",
+    )
     field: FieldConfig = Field(FieldConfig(), description="Field: the template and the circle that is seen.")
     mask: MaskConfig = Field(MaskConfig(), description="Mask: where the markings are, read or detected.")
     edges: EdgesConfig = Field(EdgesConfig(), description="Edges: sub-pixel Canny points on the markings.")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any, Literal, TypeVar
 from zlib import crc32
 
@@ -14,8 +15,10 @@ from numpy.typing import NDArray
 from circlecal.config import Config, config_digest
 from circlecal.errors import ConfigError, EstimationError, InputError
 from circlecal.field import Circle, FieldTemplate, load_field
+from circlecal.geometry.homography import scale_homography, turn_homography
 from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations
-from circlecal.results import Calibration, Cues, EllipseFits, Verdict
+from circlecal.results import Calibration, Cues, EllipseFits, HomographyFit, Verdict
+from circlecal.solvers import solve_by_name
 from circlecal.stages.camera import estimate_camera
 from circlecal.stages.correspondences import derive_correspondences
 from circlecal.stages.cues import cues_from_observations, find_cues
@@ -213,6 +216,8 @@ class _Job:
     def _answer(self, ellipses: EllipseFits, cues: Cues, observations: Observations) -> Verdict:
         """Closed forms, camera, verdict. The camera can do without the closed forms, not the other way round."""
         config, template, circle, reached = self.config, self.template, self.circle, self.reached
+        if config.solver is not None:
+            return self._solved(config.solver, ellipses, cues, observations)
         size = self.width, self.height
         with self._clock("correspondences"):
             correspondences, refusal = _attempt(
@@ -235,9 +240,28 @@ class _Job:
             raise refusal
         with self._clock("verdict"):
             camera = reached.get("camera")
-            return judge(
-                ellipses, cues, correspondences, homography, camera, template, circle, self.width, config.verdict
+            return judge(ellipses, cues, homography, camera, template, circle, self.width, config.verdict)
+
+    def _solved(self, solver: str, ellipses: EllipseFits, cues: Cues, observations: Observations) -> Verdict:
+        """Answer of one of the published methods, from both edges of the marking where they were told apart."""
+        edges = (
+            CirclePoints(self.circle.name, fit.edge, fit.points_px[fit.inliers], fit.sigma_px[fit.inliers])
+            for fit in (ellipses.outer, ellipses.inner)
+            if fit is not None and observations.circle(self.circle.name, fit.edge) is None
+        )
+        seen = replace(observations, circles=(*observations.circles, *edges))
+        with self._clock("homography"):
+            found = solve_by_name(solver, seen, self.template, self.circle, self.rng)
+            if found.H_image_field is None:
+                raise EstimationError("homography", found.code or "no_homography", found.reason or "no answer")
+            H = found.H_image_field
+            turned = turn_homography(H, np.asarray(self.circle.center))
+            homography = HomographyFit(
+                H, scale_homography(np.linalg.inv(H)), turned, np.zeros(0), float("nan"), float("nan")
             )
+            self.reached["homography"] = homography
+        with self._clock("verdict"):
+            return judge(ellipses, cues, homography, None, self.template, self.circle, self.width, self.config.verdict)
 
     @contextmanager
     def _clock(self, stage: str) -> Iterator[None]:

@@ -191,7 +191,7 @@ class LineCue:
 
 @dataclass(frozen=True, slots=True)
 class MarkCue:
-    """The centre mark: position (2,), sigma along and across the halfway line folded into one, signal to noise ratio."""
+    """The centre mark: position (2,), its sigma along and across the halfway line in one, signal to noise ratio."""
 
     name: str
     point_px: Array
@@ -269,7 +269,7 @@ class Correspondences:
 
 @dataclass(frozen=True, slots=True)
 class HomographyFit:
-    """Stage ``homography``: the DLT on points and lines, both directions, and the other solution of the turned field."""
+    """Stage ``homography``: the DLT on points and lines, both directions, and the solution of the turned field."""
 
     H_image_field: Array
     H_field_image: Array
@@ -400,7 +400,7 @@ class Calibration:
 
     @property
     def H_image_field(self) -> Array | None:
-        """Field (metres) to undistorted pixels: of the camera where there is one, else of the DLT; None when refused."""
+        """Field (metres) to undistorted pixels: of the camera where there is one, else the DLT; None when refused."""
         if self.status != "calibrated":
             return None
         if self.camera is not None:

@@ -13,6 +13,8 @@ from circlecal.geometry.homogeneous import Array, Indices, Mask
 
 LARGEST_STEP = 0.7
 """Of the logarithms of focal length and distance and of the angles, in one iteration."""
+LOG_FOCAL_RANGE = (np.log(10.0), np.log(1e6))
+"""Of the focal length in pixels: nothing outside is a camera."""
 LOOK_CAUTIOUS = (0, 3, 4, 5, 6)
 _POSITION = slice(INDEX["x"], INDEX["z"] + 1)
 
@@ -174,6 +176,7 @@ def _stepped(problem: Problem, state: State, damping: Array, active: Indices, st
     step /= np.maximum(largest / LARGEST_STEP, 1.0)[:, None]
     theta = state.theta + step
     theta[usable, :LOOK] = from_look(look[usable] + step[usable, :LOOK], center)
+    theta[:, 0] = np.clip(theta[:, 0], *LOG_FOCAL_RANGE)
     return theta
 
 

@@ -27,6 +27,7 @@ def batch(
     config: options.ConfigFile = None,
     settings: options.Settings = None,
     camera_prior: options.CameraPrior = None,
+    solver: options.Solver = None,
     field: options.FieldName = None,
     seed: options.Seed = None,
     radar: options.Radar = False,
@@ -41,7 +42,7 @@ def batch(
 
     console.configure_logging(quiet=quiet, verbose=verbose)
     chosen = options.chosen_config(
-        config, settings, field, seed, radar=radar, no_overlay=no_overlay, camera_prior=camera_prior
+        config, settings, field, seed, radar=radar, no_overlay=no_overlay, camera_prior=camera_prior, solver=solver
     )
     frames = options.chosen_frames(inputs, out, mask)
     with console.progress_display(quiet=quiet) as show:

@@ -55,6 +55,7 @@ def calibrate(
     config: options.ConfigFile = None,
     settings: options.Settings = None,
     camera_prior: options.CameraPrior = None,
+    solver: options.Solver = None,
     field: options.FieldName = None,
     seed: options.Seed = None,
     radar: options.Radar = False,
@@ -73,7 +74,7 @@ def calibrate(
 
     console.configure_logging(quiet=quiet, verbose=verbose)
     chosen = options.chosen_config(
-        config, settings, field, seed, radar=radar, no_overlay=no_overlay, camera_prior=camera_prior
+        config, settings, field, seed, radar=radar, no_overlay=no_overlay, camera_prior=camera_prior, solver=solver
     )
     exports = Exports(to or (), out, options.parsed_size(eval_size, "--eval-size"))
     format_name = options.chosen_format(from_format)

@@ -47,6 +47,9 @@ CameraPrior = Annotated[
     Path | None,
     typer.Option("--camera-prior", metavar="FILE", help="Known camera: a prior file, or the result of another frame."),
 ]
+Solver = Annotated[
+    str | None, typer.Option("--solver", metavar="NAME", help="A published method instead of circlecal's camera.")
+]
 Seed = Annotated[int | None, typer.Option("--seed", help="Seed of the random draws.")]
 Radar = Annotated[bool, typer.Option("--radar", help="Also write the frame warped to the field plane.")]
 NoOverlay = Annotated[bool, typer.Option("--no-overlay", help="Do not write overlay pictures.")]
@@ -64,6 +67,7 @@ def chosen_config(
     radar: bool = False,
     no_overlay: bool = False,
     camera_prior: Path | None = None,
+    solver: str | None = None,
 ) -> Config:
     """The configuration of a command, its field template checked.
 
@@ -83,6 +87,7 @@ def chosen_config(
     overrides += settings or ()
     overrides += [] if field is None else [f"field.template={json.dumps(field)}"]
     overrides += [] if seed is None else [f"seed={seed}"]
+    overrides += [] if solver is None else [f"solver={json.dumps(solver)}"]
     overrides += ["output.radar=true"] if radar else []
     overrides += ["output.overlay=false"] if no_overlay else []
     config = load_config(file, overrides)

@@ -88,12 +88,13 @@ def dlt(
     system = np.concatenate(rows)
     if not np.isfinite(system).all() or len(system) < 8:
         return None
-    _, singular, vectors = np.linalg.svd(system)
+    # nine rows at least, so that the thin decomposition holds the null vector
+    padded = np.concatenate([system, np.zeros((max(0, 9 - len(system)), 9))])
+    _, singular, vectors = np.linalg.svd(padded, full_matrices=False)
     if singular[7] <= 1e-12 * singular[0]:
         return None
     H = np.linalg.inv(T_image) @ vectors[8].reshape(3, 3) @ T_field
-    last = singular[8] if len(singular) > 8 else 0.0
-    return DltSolution(scale_homography(H), float(singular[0] / singular[7]), float(last / singular[7]))
+    return DltSolution(scale_homography(H), float(singular[0] / singular[7]), float(singular[8] / singular[7]))
 
 
 def scale_homography(H: ArrayLike) -> Array:

@@ -9,7 +9,7 @@ from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.conics import circle_conic, sampson_distance, transform_conic
 from circlecal.geometry.homogeneous import Array
 from circlecal.geometry.homography import projects_in_front
-from circlecal.results import CameraFit, Check, Correspondences, Cues, EllipseFits, HomographyFit, Verdict
+from circlecal.results import CameraFit, Check, Cues, EllipseFits, HomographyFit, Verdict
 
 NOISE_SIGMAS = 3.0
 """Residuals within this many of the observations' own standard deviations are noise."""
@@ -60,7 +60,6 @@ class VerdictConfig(BaseModel):
 def judge(
     ellipses: EllipseFits,
     cues: Cues,
-    correspondences: Correspondences | None,
     homography: HomographyFit | None,
     camera: CameraFit | None,
     template: FieldTemplate,
@@ -85,7 +84,7 @@ def judge(
     if camera is not None:
         checks += _camera_checks(camera, cues, circle, unit, config)
         checks += _edge_checks(camera, ellipses, template, circle, config)
-    elif correspondences is not None:
+    else:
         residual = _circle_residual(ellipses, H, template, circle)
         checks.append(_check("circle_residual_px", residual, config.max_circle_residual_px * unit))
     failed = next((c for c in checks if not c.passed), None)

@@ -8,7 +8,6 @@ import pytest
 from circlecal.geometry.conics import circle_conic, transform_conic
 from circlecal.geometry.homography import turn_homography
 from circlecal.results import CameraFit, Cues, EllipseFits, HomographyFit, MarkCue
-from circlecal.stages.correspondences import correspondences_from_line
 from circlecal.stages.verdict import CODES, VerdictConfig, judge
 
 from .conftest import CIRCLE, SOCCER, fit_of, fits_of, line_cue, true_conic, view
@@ -47,9 +46,9 @@ def homography_fit(H):
     return HomographyFit(H, np.linalg.inv(H), turn_homography(H, np.zeros(2)), np.zeros(8), 10.0, 0.0)
 
 
-def verdict(camera=None, homography=None, cues=None, config=CONFIG, fits=None, correspondences=None):
+def verdict(camera=None, homography=None, cues=None, config=CONFIG, fits=None):
     return judge(
-        fits or fits_of(CAMERA), cues or Cues(LINE, MARK), correspondences, homography, camera, SOCCER, CIRCLE,
+        fits or fits_of(CAMERA), cues or Cues(LINE, MARK), homography, camera, SOCCER, CIRCLE,
         CAMERA.width, config,
     )  # fmt: skip
 
@@ -155,13 +154,10 @@ def test_other_lines_and_other_circles_are_no_gate():
 
 
 def test_homography_without_a_camera():
-    found = correspondences_from_line(
-        true_conic(CAMERA), CAMERA.homography[:, 2], LINE.line, np.zeros(2), CIRCLE.radius_m, np.array([0.0, 1.0])
-    )
     H = CAMERA.homography
-    assert verdict(homography=homography_fit(H), correspondences=found).status == "calibrated"
+    assert verdict(homography=homography_fit(H)).status == "calibrated"
     beside = np.array([[1.0, 0, 6.0], [0, 1, 0], [0, 0, 1]]) @ H
-    refused = verdict(homography=homography_fit(beside), correspondences=found)
+    refused = verdict(homography=homography_fit(beside))
     assert refused.code == "residual_too_large"
     assert "px rms" in refused.reason
 
