@@ -11,27 +11,19 @@ import numpy as np
 from circlecal.field import Circle, FieldTemplate, load_field
 from circlecal.geometry.pinhole import Camera, image_center
 from circlecal.observations import CirclePoints, Observations
+from circlecal.solvers.circlecal import KNOWN_OPTICS
 from circlecal.stages.camera import CameraConfig
 from circlecal.synthetic.cameras import sample_camera
 from circlecal.synthetic.markings import circle_points, line_points
 from circlecal.synthetic.surface import FLAT, Surface
 
-KNOWN = CameraConfig(
-    principal_point_sd_px=0.0,
-    distortion="none",
-    crown_shape="flat",
-    width_sd_m=0.0,
-    bloom_sd_px=0.0,
-    model_sigma_px=0.0,
-    noise_from_residuals=False,
-    name_lines=False,
-)
+KNOWN = KNOWN_OPTICS
 """Principal point, lens and surface known: the bound is one number."""
 
 BROADCAST = KNOWN.model_copy(
     update={"position_m": (0.0, 62.0, -16.0), "position_sd_m": (8.0, 13.0, 5.0), "roll_sd_deg": 1.0}
 )
-"""The priors of configs/broadcast.yaml."""
+"""Where main cameras stand, as a broadcaster would state it: on the halfway line, in the main stand."""
 
 PRIORS = KNOWN.model_copy(
     update={
