@@ -54,7 +54,7 @@ def push_forward(function: Callable[[Array], Array], theta: Array, cameras: Arra
     finite = np.isfinite(deviations).all(axis=1)
     kept = deviations[finite]
     # a camera that loses sight of the point says nothing; the others stand for it
-    return np.asarray(kept.T @ kept * len(finite) / (6.0 * max(int(finite.sum()), 1)))
+    return np.asarray(kept.T @ kept * len(cameras) / (6.0 * max(len(kept), 1)))
 
 
 def homography_vector(theta: Array, frame: Frame) -> Array:
