@@ -35,7 +35,7 @@ def test_every_linked_file_exists():
         assert (ROOT / target).exists(), target
 
 
-@pytest.mark.parametrize("table", ["accuracy", "detect", "ransac"])
+@pytest.mark.parametrize("table", ["accuracy", "detect", "ransac", "solvers"])
 def test_tables_are_filled(table):
     body = README.split(f"<!-- {table} -->")[1].split(f"<!-- /{table} -->")[0]
     assert body.count("\n|") >= 4

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -105,9 +106,9 @@ def detect(
                 f"{r.calibrated:.0%}",
                 f"{r.good:.0%}",
                 f"{r.wrong:.1%}",
-                f"{r.median_px:.2f}",
-                f"{r.p90_px:.2f}",
-                f"{r.coverage:.0%}",
+                _measured(r.median_px, ".2f"),
+                _measured(r.p90_px, ".2f"),
+                _measured(r.coverage, ".0%"),
                 f"{r.times_decoding:.1f}",
             ]
             for r in found
@@ -247,6 +248,11 @@ def _print_annotations(rows: list[AnnotationRow]) -> None:
                 for r in chosen
             ],
         )
+
+
+def _measured(value: float, form: str) -> str:
+    """A figure, or a dash where no frame gave one."""
+    return "-" if isnan(value) else format(value, form)
 
 
 def _print_accuracy(rows: list[Row]) -> None:
