@@ -17,6 +17,8 @@ from circlecal.geometry.pinhole import Camera
 from circlecal.observations import CircleEdge, Observations
 
 Status = Literal["calibrated", "refused"]
+CIRCLE_ID, HALFWAY_ID = 7, 18
+"""SoccerNet class ids of the centre circle and of the halfway line in a marking mask."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -61,7 +61,6 @@ class Scenario:
     reach_px: tuple[float, float | None]
     template: FieldTemplate
     circle: Circle
-    known_center: bool = False
 
 
 @cache

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from circlecal.errors import InputError
 from circlecal.formats.images import MASK_FOLDER, MASK_SUFFIX, PICTURE_SUFFIXES, Frame, decode, read_picture_bytes
+from circlecal.results import CIRCLE_ID
 
-CIRCLE_ID = 7
 CLASS_COUNT = 28
 PALETTE_RGB: dict[tuple[int, int, int], int] = {
     (0, 0, 0): 0,

@@ -13,10 +13,8 @@ from circlecal.errors import EstimationError
 from circlecal.geometry.conics import ellipse_from_conic
 from circlecal.geometry.homogeneous import Array
 from circlecal.profiles import SIGMA_FLOOR_PX, grey, picture_noise
-from circlecal.results import EdgePoints, MarkingMask
+from circlecal.results import CIRCLE_ID, EdgePoints, MarkingMask
 
-CIRCLE_ID = 7
-"""SoccerNet class id of the centre circle."""
 NO_EDGES = "no edges in the mask of the circle; is the mask that of this picture?"
 MARGIN_PX = 8
 """Kept around the mask, so that filters see what lies beside it."""

@@ -14,9 +14,8 @@ from circlecal.errors import EstimationError
 from circlecal.geometry.conics import ellipse_from_conic
 from circlecal.geometry.homogeneous import Array, fit_line, line_distance
 from circlecal.geometry.ransac import ransac_conic
-from circlecal.results import MarkingMask, Segment
+from circlecal.results import CIRCLE_ID, HALFWAY_ID, MarkingMask, Segment
 
-CIRCLE_ID, HALFWAY_ID = 7, 18
 CURVED_IDS = (CIRCLE_ID, 8, 9)
 REASONS = {
     "no_field": "no playing field was found in the picture",

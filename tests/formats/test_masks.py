@@ -9,7 +9,8 @@ import pytest
 
 from circlecal.errors import InputError
 from circlecal.formats.images import Frame
-from circlecal.formats.masks import CIRCLE_ID, PALETTE_RGB, find_mask, read_mask
+from circlecal.formats.masks import PALETTE_RGB, find_mask, read_mask
+from circlecal.results import CIRCLE_ID
 
 HEIGHT, WIDTH = 90, 160
 
