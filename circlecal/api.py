@@ -20,9 +20,12 @@ from circlecal.formats.exports import Exports
 from circlecal.formats.images import DEBUG_SUFFIX, OVERLAY_SUFFIX, RADAR_SUFFIX, Frame, as_bgr, read_image, write_image
 from circlecal.formats.inputs import FrameOfFile, observations_beside
 from circlecal.formats.masks import as_class_ids, find_mask, read_mask
+from circlecal.formats.network_keypoints import network_keypoints
 from circlecal.formats.result import result_record, write_result
-from circlecal.pipeline import Convention, field_of, in_convention, run, run_observations
+from circlecal.pipeline import Convention, field_of, in_convention, joined, run, run_observations
 from circlecal.results import Calibration
+from circlecal.stages.keypoints import require_keypoint_networks
+from circlecal.stages.mask import require_mask_network
 
 _log = logging.getLogger(__name__)
 
@@ -58,7 +61,7 @@ def calibrate(
     InputError
         The picture or the mask is unusable.
     ConfigError
-        The configuration's field template is unusable.
+        The configuration's field template or a network is unusable.
     """
     config = Config() if config is None else config
     source = None if isinstance(image, np.ndarray) else str(image)
@@ -71,7 +74,8 @@ def calibrate(
     else:
         classes = read_mask(Path(mask), width, height)
     name = frame_id or ("image" if source is None else Path(source).stem)
-    return run(picture, config, mask=classes, frame_id=name, source=source)
+    extra = network_keypoints(picture, config.keypoints, field_template(config), config.sources)
+    return run(picture, config, mask=classes, extra=extra, frame_id=name, source=source)
 
 
 def calibrate_frame(
@@ -103,10 +107,11 @@ def calibrate_frame(
     mask_file = find_mask(frame, mask)
     _log.info("%s: %d x %d, mask: %s", frame.path, width, height, mask_file or "from the picture")
     classes = None if mask_file is None else read_mask(mask_file, width, height)
-    extra = None
+    template = field_template(config)
+    extra = network_keypoints(picture, config.keypoints, template, config.sources)
     if keypoints is not None:
-        template = field_template(config)
-        extra = observations_beside(keypoints, frame, template, config.sources, (width, height), format_name)
+        given = observations_beside(keypoints, frame, template, config.sources, (width, height), format_name)
+        extra = given if extra is None else joined(extra, given)
     return picture, run(picture, config, mask=classes, extra=extra, frame_id=frame.id, source=str(frame.path))
 
 
@@ -187,6 +192,20 @@ def field_template(config: Config) -> FieldTemplate:
         Unknown or wrong template, or a circle that it does not have.
     """
     return field_of(config)[0]
+
+
+def require_networks(config: Config) -> None:
+    """Load the networks that a configuration names, so that a run fails before the first frame and not at each.
+
+    Raises
+    ------
+    ConfigError
+        A model is missing or unusable.
+    MissingExtraError
+        No onnxruntime.
+    """
+    require_mask_network(config.mask)
+    require_keypoint_networks(config.keypoints)
 
 
 def write_outputs(

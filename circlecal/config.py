@@ -13,6 +13,7 @@ import math
 import re
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, get_args
 
@@ -28,6 +29,7 @@ from circlecal.stages.cues import CuesConfig
 from circlecal.stages.edges import EdgesConfig
 from circlecal.stages.ellipse import EllipseConfig
 from circlecal.stages.homography import HomographyConfig
+from circlecal.stages.keypoints import KeypointsConfig
 from circlecal.stages.mask import MaskConfig
 from circlecal.stages.rays import RaysConfig
 from circlecal.stages.verdict import VerdictConfig
@@ -80,6 +82,9 @@ class Config(BaseModel):
     )
     field: FieldConfig = Field(FieldConfig(), description="Field: the template and the circle that is seen.")
     mask: MaskConfig = Field(MaskConfig(), description="Mask: where the markings are, read or detected.")
+    keypoints: KeypointsConfig = Field(
+        KeypointsConfig(), description="Keypoints: a network that finds points of the field, for pictures."
+    )
     edges: EdgesConfig = Field(EdgesConfig(), description="Edges: sub-pixel Canny points on the markings.")
     rays: RaysConfig = Field(RaysConfig(), description="Rays: outer edge, inner edge and centreline of the circle.")
     ellipse: EllipseConfig = Field(EllipseConfig(), description="Ellipse: the conic of each edge.")
@@ -126,7 +131,9 @@ def config_folder() -> Path:
 
 def config_names() -> list[str]:
     """Names of the configurations that come with the package."""
-    return sorted(path.stem for path in config_folder().glob("*.yaml"))
+    folder = config_folder()
+    networks = (f"networks/{path.stem}" for path in folder.glob("networks/*.yaml"))
+    return [*sorted(path.stem for path in folder.glob("*.yaml")), *sorted(networks)]
 
 
 def load_config(file: str | Path | None = None, overrides: Sequence[str] = ()) -> Config:
@@ -150,7 +157,7 @@ def load_config(file: str | Path | None = None, overrides: Sequence[str] = ()) -
         path = _find_config(file)
         source = str(path)
         content = _read_mapping(path)
-        _resolve_template(content, path.parent)
+        _resolve_files(content, path.parent)
     origins: dict[str, str] = {}
     for override in overrides:
         key = _apply_override(content, override)
@@ -201,12 +208,18 @@ def _kind(value: Any) -> str:
     return json.dumps(value, default=str)
 
 
-def _resolve_template(content: dict[str, Any], folder: Path) -> None:
-    """A template file named in a configuration file lies relative to that file."""
-    section = content.get("field")
-    template = section.get("template") if isinstance(section, dict) else None
-    if isinstance(section, dict) and isinstance(template, str) and template.endswith((".yaml", ".yml")):
-        section["template"] = str(folder / template)
+MODEL_KEYS = (("mask", "model"), ("keypoints", "model"), ("keypoints", "lines_model"))
+"""The keys that name files of networks."""
+
+
+def _resolve_files(content: dict[str, Any], folder: Path) -> None:
+    """A template or a network's file named in a configuration file lies relative to that file."""
+    for name, key in (("field", "template"), *MODEL_KEYS):
+        section = content.get(name)
+        file = section.get(key) if isinstance(section, dict) else None
+        named_file = isinstance(file, str) and (key != "template" or file.endswith((".yaml", ".yml")))
+        if isinstance(section, dict) and named_file:
+            section[key] = str(folder / str(file))
 
 
 def _apply_override(content: dict[str, Any], override: str) -> str:
@@ -310,14 +323,32 @@ def _all_keys(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
 def config_digest(config: Config) -> str:
     """Twelve hexadecimal digits over everything that can change an answer.
 
-    That is every section but ``output``, and the content of a template file of the user's.
+    That is every section but ``output``, and the content of the user's own files: a template, networks.
     """
     content = config.model_dump(mode="json", exclude={"output"})
-    template = Path(config.field.template)
-    if template.suffix in (".yaml", ".yml") and template.is_file():
-        content["field"]["template"] = hashlib.sha256(template.read_bytes()).hexdigest()
+    template = config.field.template
+    own_template = [("field", "template")] if template.endswith((".yaml", ".yml")) else []
+    for name, key in (*own_template, *MODEL_KEYS):
+        content[name][key] = _file_digest(content[name][key])
     canonical = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(canonical.encode()).hexdigest()[:12]
+
+
+def _file_digest(name: str | None) -> str | None:
+    """Digest of a file's content, or the name where there is no such file."""
+    try:
+        status = Path(name or "").stat()
+    except OSError:
+        return name
+    return (
+        name if name is None or not Path(name).is_file() else _content_digest(name, status.st_size, status.st_mtime_ns)
+    )
+
+
+@lru_cache(maxsize=16)
+def _content_digest(name: str, size: int, changed: int) -> str:
+    with Path(name).open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def json_schema() -> dict[str, Any]:

@@ -69,14 +69,14 @@ def chosen_config(
     camera_prior: Path | None = None,
     solver: str | None = None,
 ) -> Config:
-    """The configuration of a command, its field template checked.
+    """The configuration of a command, its field template and networks checked.
 
     Raises
     ------
     ConfigError
         As :func:`circlecal.config.load_config`.
     """
-    from circlecal.api import field_template
+    from circlecal.api import field_template, require_networks
     from circlecal.config import load_config
 
     overrides: list[str] = []
@@ -92,6 +92,7 @@ def chosen_config(
     overrides += ["output.overlay=false"] if no_overlay else []
     config = load_config(file, overrides)
     field_template(config)
+    require_networks(config)
     return config
 
 

@@ -1,4 +1,4 @@
-"""Stage ``mask``: where the markings are, from the user's mask or from the picture itself."""
+"""Stage ``mask``: where the markings are: from the user's mask, from the picture itself, or by a user's network."""
 
 from __future__ import annotations
 
@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from circlecal.detection import Detection, DetectorConfig, detect
+from circlecal.detection.networks import SegmentationNetwork, load_network, segment
 from circlecal.errors import EstimationError
 from circlecal.geometry.conics import ellipse_from_conic
 from circlecal.geometry.homogeneous import Array, fit_line, line_distance
 from circlecal.geometry.ransac import ransac_conic
 from circlecal.results import CIRCLE_ID, HALFWAY_ID, MarkingMask, Segment
 
+MODEL_KEY = "mask.model"
 CURVED_IDS = (CIRCLE_ID, 8, 9)
 REASONS = {
     "no_field": "no playing field was found in the picture",
@@ -29,9 +31,13 @@ class MaskConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    source: Literal["auto", "file", "detector"] = Field(
-        "auto", description="Where the marking comes from; auto takes a given mask, else the built-in detector."
+    source: Literal["auto", "file", "detector", "onnx"] = Field(
+        "auto",
+        description="Where the marking comes from; auto takes a given mask, else the built-in detector; onnx runs the "
+        "network of `model`.",
     )
+    model: str | None = Field(None, description="ONNX file of a segmentation network, for the source onnx.")
+    network: SegmentationNetwork = Field(SegmentationNetwork(), description="What that network takes and gives.")
     threshold_px: float = Field(
         4.0, gt=0, le=100, description="How well a mask's middle follows the circle, pixels at 1920 px width."
     )
@@ -60,12 +66,31 @@ def find_marking(
         Also for frames without a circle, so that they can be looked at.
     EstimationError or None
         Why no circle was found.
+
+    Raises
+    ------
+    ConfigError
+        The network is missing or unusable.
     """
+    if config.source == "onnx":
+        return marking_from_classes(segment(image, config.model, config.network, MODEL_KEY), config, rng, "network")
     if given is None and config.source == "file":
         return _empty(image), EstimationError("mask", "no_mask", "mask.source is file, and no mask was given")
     if given is None or config.source == "detector":
         return marking_from_detection(detect(image, config.detector, rng))
     return marking_from_classes(given, config, rng)
+
+
+def require_mask_network(config: MaskConfig) -> None:
+    """Load the network, so that a run fails before its first frame.
+
+    Raises
+    ------
+    ConfigError, MissingExtraError
+        As :func:`circlecal.detection.networks.load_network`.
+    """
+    if config.source == "onnx":
+        load_network(config.model, config.network.provider, MODEL_KEY)
 
 
 def marking_from_detection(found: Detection) -> tuple[MarkingMask, EstimationError | None]:
@@ -88,7 +113,7 @@ def marking_from_detection(found: Detection) -> tuple[MarkingMask, EstimationErr
 
 
 def marking_from_classes(
-    classes: NDArray[np.uint8], config: MaskConfig, rng: np.random.Generator
+    classes: NDArray[np.uint8], config: MaskConfig, rng: np.random.Generator, source: str = "file"
 ) -> tuple[MarkingMask, EstimationError | None]:
     """Rough ellipse and lines from a mask of class ids (H, W).
 
@@ -100,7 +125,7 @@ def marking_from_classes(
     points = _skeleton_points(classes == CIRCLE_ID)
     robust = ransac_conic(points, config.threshold_px * unit, rng, hypotheses=1000, method="taubin")
     ellipse = None if robust is None else ellipse_from_conic(robust.conic)
-    marking = MarkingMask(classes=classes, source="file")
+    marking = MarkingMask(classes=classes, source=source)
     # an ellipse as thin as the threshold is a straight line with two sides
     flat = ellipse is None or ellipse.semi_axes[1] < 2 * config.threshold_px * unit
     if robust is None or ellipse is None or flat or robust.inliers.sum() < 20 or robust.inliers.mean() < 0.2:
@@ -116,7 +141,7 @@ def marking_from_classes(
         if label not in (0, HALFWAY_ID, *CURVED_IDS)
     ]
     lines = tuple(line for line in others if line is not None)
-    return MarkingMask(classes, "file", robust.conic, halfway, lines, None, (robust.conic,)), None
+    return MarkingMask(classes, source, robust.conic, halfway, lines, None, (robust.conic,)), None
 
 
 def _empty(image: NDArray[np.uint8]) -> MarkingMask:
