@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from circlecal.camera_fit.model import INDEX, Frame, project, project_pixels
+from circlecal.camera_fit.model import INDEX, Frame, view
 from circlecal.geometry.homogeneous import Array, Indices, Mask
 
 
@@ -117,15 +117,24 @@ def curve_points(curves: CurvePoints, hidden: Array, theta: Array) -> tuple[Arra
     """Field points (B, N, 2) at the hidden parameters (B, N), and the unit tangents there, with the sizes of theta
     (B, P).
     """
+    x, y, tangent_x, tangent_y, _, _ = _on_markings(curves, hidden, theta)
+    return np.stack([x, y], axis=-1), np.stack([tangent_x, tangent_y], axis=-1)
+
+
+def _on_markings(curves: CurvePoints, hidden: Array, theta: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
+    """Field points x, y at the hidden parameters, the unit tangents there, and cosine and sine: zero on lines."""
+    round_ = curves.radius > 0
+    cos, sin = np.cos(hidden) * round_, np.sin(hidden) * round_
     radius = curves.radius + curves.radius_by_width * theta[:, SIZES[:1]]
-    cos, sin = np.cos(hidden), np.sin(hidden)
-    outward = np.stack([cos, sin], axis=-1)
-    straight = (curves.radius == 0)[:, None]
-    moved = np.einsum("bs,nsi->bni", theta[:, SIZES], curves.shift)
-    on_line = curves.origin + hidden[..., None] * curves.direction + moved
-    points = np.where(straight, on_line, curves.origin + radius[..., None] * outward)
-    tangents = np.where(straight, curves.direction, np.stack([-sin, cos], axis=-1))
-    return points, tangents
+    origin_x, origin_y = curves.origin.T
+    direction_x, direction_y = curves.direction.T
+    x = origin_x + hidden * direction_x + radius * cos
+    y = origin_y + hidden * direction_y + radius * sin
+    if not round_.all():
+        sizes = theta[:, SIZES]
+        x += sizes @ curves.shift[..., 0].T
+        y += sizes @ curves.shift[..., 1].T
+    return x, y, direction_x - sin, direction_y + cos, cos, sin
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,24 +155,27 @@ def first_hidden(curves: CurvePoints, theta: Array, frame: Frame, samples: int =
 
     Far starts need no good guess.
     """
-    B, N = len(theta), len(curves.points_px)
-    best = np.zeros((B, N))
-    straight = curves.radius == 0
-    grid = np.where(
-        straight[:, None],
-        np.linspace(0.0, 110.0, samples)[None],
-        np.linspace(0.0, 2 * np.pi, samples, endpoint=False)[None],
-    )
-    nearest = np.full((B, N), np.inf)
-    for k in range(samples):  # a loop over samples of the curve, not over points
-        hidden = np.broadcast_to(grid[:, k], (B, N))
-        field, _ = curve_points(curves, hidden, theta)
-        seen = project_pixels(theta, field, frame)
-        offset = seen.pixels - curves.points_px
-        distance = np.where(seen.depth > 0.1, offset[..., 0] ** 2 + offset[..., 1] ** 2, np.inf)
-        closer = distance < nearest
-        nearest, best = np.where(closer, distance, nearest), np.where(closer, hidden, best)
-    return best, np.sqrt(nearest)
+    if len(curves.points_px) == 0:
+        return np.zeros((len(theta), 0)), np.zeros((len(theta), 0))
+    _, first, marking = np.unique(curves.group, return_index=True, return_inverse=True)
+    markings = curves.select(np.repeat(first, samples))
+    shape = (len(first), samples)
+    straight = (curves.radius[first] == 0)[:, None]
+    turn = np.linspace(0.0, 2 * np.pi, samples, endpoint=False)
+    grid = np.where(straight, np.linspace(0.0, 110.0, samples), turn)
+    x, y, *_ = _on_markings(markings, np.broadcast_to(grid.reshape(1, -1), (len(theta), grid.size)), theta)
+    seen = view(theta, x, y, frame)
+    pixels = np.where(seen.depth[:, None] > 0.1, seen.pixels, np.inf).reshape(len(theta), 2, *shape)
+    nearest, distance = np.empty((2, len(theta), len(curves.points_px)))
+    for k in range(len(first)):
+        index = np.flatnonzero(marking == k)
+        offset_x = pixels[:, 0, k, None, :] - curves.points_px[index, 0, None]
+        offset_y = pixels[:, 1, k, None, :] - curves.points_px[index, 1, None]
+        squared = offset_x * offset_x + offset_y * offset_y
+        best = np.argmin(squared, axis=-1)
+        nearest[:, index] = grid[k, best]
+        distance[:, index] = np.take_along_axis(squared, best[..., None], axis=-1)[..., 0]
+    return nearest, np.sqrt(distance)
 
 
 def curve_residuals(curves: CurvePoints, theta: Array, hidden: Array, frame: Frame, updates: int = 2) -> Residuals:
@@ -183,43 +195,33 @@ def curve_residuals(curves: CurvePoints, theta: Array, hidden: Array, frame: Fra
     updates : int
         Newton steps of the hidden parameters.
     """
-    scale = np.where(curves.radius == 0, 1.0, np.maximum(curves.radius, 1e-9))
-    limit = np.where(curves.radius == 0, 20.0, 0.5)
-    for _ in range(updates):
-        field, tangent = curve_points(curves, hidden, theta)
-        near = project_pixels(theta, field, frame, derivative=True)
-        along = _applied(near.by_field, tangent)
-        difference = curves.points_px - near.pixels
-        length2 = np.maximum(along[..., 0] ** 2 + along[..., 1] ** 2, 1e-18)
-        move = (difference[..., 0] * along[..., 0] + difference[..., 1] * along[..., 1]) / (length2 * scale)
-        hidden = hidden + np.clip(move, -limit, limit)
-    field, tangent = curve_points(curves, hidden, theta)
-    seen = project(theta, field, frame)
-    along = _applied(seen.by_field, tangent)
-    along = along / np.maximum(np.hypot(along[..., 0], along[..., 1]), 1e-9)[..., None]
-    difference = curves.points_px - seen.pixels
-    normal = np.stack([along[..., 1], -along[..., 0]], axis=-1)
-    # the normal's positive side is the outside of a circle
-    outward = _applied(seen.by_field, field - curves.origin)
-    inside_out = (np.sum(normal * outward, axis=-1) < 0) & (curves.radius > 0)
-    normal = np.where(inside_out[..., None], -normal, normal)
+    straight = curves.radius == 0
+    scale = np.where(straight, 1.0, np.maximum(curves.radius, 1e-9))
+    limit = np.where(straight, 20.0, 0.5)
+    observed = curves.points_px.T
+    for step in range(updates + 1):
+        x, y, tangent_x, tangent_y, cos, sin = _on_markings(curves, hidden, theta)
+        seen = view(theta, x, y, frame)
+        along = seen.along(tangent_x, tangent_y)
+        difference = observed - seen.pixels
+        length2 = np.maximum(along[:, 0] ** 2 + along[:, 1] ** 2, 1e-18)
+        if step < updates:
+            move = (difference[:, 0] * along[:, 0] + difference[:, 1] * along[:, 1]) / (length2 * scale)
+            hidden = hidden + np.minimum(np.maximum(move, -limit), limit)
     sigma = curves.sigma_px
-    values = (np.sum(normal * difference, axis=-1) - curves.bloom_sign * theta[:, INDEX["bloom"], None]) / sigma
-    jacobian = -(normal[..., 0, None] * seen.by_theta[..., 0, :] + normal[..., 1, None] * seen.by_theta[..., 1, :])
-    by_sizes = np.broadcast_to(curves.shift, (*field.shape[:2], 3, 2)).copy()
-    radius = np.where(curves.radius == 0, 1.0, curves.radius + curves.radius_by_width * theta[:, SIZES[:1]])
-    by_sizes[..., 0, :] += (field - curves.origin) * (curves.radius_by_width / radius)[..., None]
-    jacobian[..., SIZES] = -np.einsum("bni,bnij,bnsj->bns", normal, seen.by_field, by_sizes)
-    jacobian[..., INDEX["bloom"]] = -curves.bloom_sign
-    jacobian /= sigma[None, :, None]
-    return Residuals(values, jacobian, hidden, seen.depth < 0.1)
-
-
-def _applied(matrices: Array | None, vectors: Array) -> Array:
-    """2 x 2 matrices (B, N, 2, 2) times vectors (B or 1, N, 2)."""
-    assert matrices is not None
-    x, y = vectors[..., 0], vectors[..., 1]
-    return np.stack([matrices[..., i, 0] * x + matrices[..., i, 1] * y for i in range(2)], axis=-1)
+    # the normal's positive side is the outside of a circle
+    unit = np.where(straight | (seen.orientation >= 0), 1.0, -1.0) / (np.sqrt(length2) * sigma)
+    normal = np.stack([along[:, 1] * unit, -along[:, 0] * unit], axis=1)
+    bloom = curves.bloom_sign / sigma
+    values = normal[:, 0] * difference[:, 0] + normal[:, 1] * difference[:, 1] - bloom * theta[:, INDEX["bloom"], None]
+    rows, field = seen.gradient(-normal)
+    shift = curves.shift
+    by_width = (curves.radius_by_width * cos + shift[:, 0, 0], curves.radius_by_width * sin + shift[:, 0, 1])
+    rows[:, INDEX["width"]] = field[:, 0] * by_width[0] + field[:, 1] * by_width[1]
+    rows[:, INDEX["bloom"]] = -bloom
+    for k in (1, 2):
+        rows[:, SIZES[k]] = field[:, 0] * shift[:, k, 0] + field[:, 1] * shift[:, k, 1]
+    return Residuals(values, np.swapaxes(rows, 1, 2), hidden, seen.depth < 0.1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,7 +237,13 @@ class FixedPoints:
 def point_residuals(points: FixedPoints, theta: Array, frame: Frame) -> tuple[Array, Array]:
     """Normalised residuals (B, 2 M) of fixed points and their Jacobian (B, 2 M, P)."""
     B, M = len(theta), len(points.points_px)
-    seen = project(theta, np.broadcast_to(points.field_m, (B, M, 2)), frame)
-    values = (points.points_px - seen.pixels) / points.sigma_px[:, None]
-    jacobian = -seen.by_theta / points.sigma_px[:, None, None]
-    return values.reshape(B, 2 * M), jacobian.reshape(B, 2 * M, theta.shape[1])
+    if M == 0:
+        return np.zeros((B, 0)), np.zeros((B, 0, theta.shape[1]))
+    # each point twice: along x and along y
+    x, y = np.broadcast_to(np.repeat(points.field_m, 2, axis=0).T[:, None], (2, B, 2 * M))
+    seen = view(theta, x, y, frame)
+    toward = np.zeros((2, 2 * M))
+    toward[0, 0::2] = toward[1, 1::2] = 1.0 / points.sigma_px
+    difference = np.repeat(points.points_px, 2, axis=0).T - seen.pixels
+    rows, _ = seen.gradient(np.broadcast_to(-toward, difference.shape))
+    return (toward * difference).sum(axis=1), np.swapaxes(rows, 1, 2)

@@ -24,7 +24,7 @@ def to_look(theta: Array, center_m: Array) -> Array:
     """
     offset = theta[:, 4:7] - np.r_[center_m, 0.0]
     distance = np.linalg.norm(offset, axis=1)
-    seen = -np.einsum("bij,bj->bi", rotations(theta), offset)
+    seen = -(rotations(theta) @ offset[..., None])[..., 0]
     with np.errstate(divide="ignore", invalid="ignore"):
         pixel = np.exp(theta[:, :1]) * np.where(seen[:, 2:] > 0, seen[:, :2] / seen[:, 2:], np.nan)
         return np.column_stack(
@@ -58,17 +58,37 @@ def from_look(look: Array, center_m: Array) -> Array:
     return np.column_stack([log_focal, _wrapped(pan), _wrapped(tilt), roll, offset + np.r_[center_m, 0.0]])
 
 
-def look_jacobian(look: Array, center_m: Array) -> Array:
-    """Derivative (B, 7, 7) of :func:`from_look` by central differences."""
-    steps = np.array([1e-5, 1e-2, 1e-2, 1e-6, 1e-5, 1e-6, 1e-6])
-    columns = []
-    for k, step in enumerate(steps):
-        change = np.zeros(LOOK)
-        change[k] = step
-        difference = from_look(look + change, center_m) - from_look(look - change, center_m)
-        difference[:, 1:3] = _wrapped(difference[:, 1:3])
-        columns.append(difference / (2 * step))
-    return np.stack(columns, axis=-1)
+def look_jacobian(theta: Array, center_m: Array) -> Array:
+    """Derivative (B, 7, 7) of :func:`from_look` at the look coordinates of theta (B, P): the inverse of that of
+    :func:`to_look`. Identity where the circle's centre lies behind the camera.
+    """
+    R = rotations(theta)
+    offset = theta[:, 4:7] - np.r_[center_m, 0.0]
+    x, y, z = offset.T
+    level2 = np.maximum(x * x + y * y, 1e-12)
+    distance2 = level2 + z * z
+    local = -(R @ offset[..., None])[..., 0]
+    ahead = local[:, 2] > 0
+    c, s = np.cos(theta[:, 3]), np.sin(theta[:, 3])
+    change = np.zeros((len(theta), 3, LOOK))
+    change[:, :, 1] = R[:, :, 1] * x[:, None] - R[:, :, 0] * y[:, None]
+    change[:, 0, 2], change[:, 1, 2] = s * local[:, 2], c * local[:, 2]
+    change[:, 2, 2] = -(s * local[:, 0] + c * local[:, 1])
+    change[:, 0, 3], change[:, 1, 3] = local[:, 1], -local[:, 0]
+    change[:, :, 4:7] = -R
+    normalised = local[:, :2] / np.where(ahead, local[:, 2], 1.0)[:, None]
+    per_depth = (np.exp(theta[:, 0]) / np.where(ahead, local[:, 2], 1.0))[:, None, None]
+    forward = np.zeros((len(theta), LOOK, LOOK))
+    forward[:, 1:3] = per_depth * (change[:, :2] - normalised[..., None] * change[:, 2:])
+    forward[:, 1:3, 0] = np.exp(theta[:, :1]) * normalised
+    forward[:, 0, 0] = forward[:, 3, 3] = 1.0
+    forward[:, 4, 4:7] = offset / distance2[:, None]
+    forward[:, 5, 4], forward[:, 5, 5] = y / level2, -x / level2
+    level = np.sqrt(level2)
+    forward[:, 6, 4:6] = offset[:, :2] * (z / (level * distance2))[:, None]
+    forward[:, 6, 6] = -level / distance2
+    forward[~ahead] = np.eye(LOOK)
+    return np.asarray(np.linalg.inv(forward), dtype=np.float64)
 
 
 def _wrapped(angle: Array) -> Array:

@@ -80,10 +80,6 @@ def theta_of(camera: Camera, frame: Frame) -> Array:
     return theta
 
 
-_ABOUT_Z = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
-_ABOUT_X = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-
-
 def rotations(theta: Array) -> Array:
     """World-to-camera rotations (B, 3, 3): ``Rz(roll)^T Rx(tilt)^T Rz(pan)^T``."""
     cp, ct, cr = np.cos(theta[:, 1:4]).T
@@ -95,14 +91,137 @@ def rotations(theta: Array) -> Array:
     return R
 
 
-def rotation_derivatives(theta: Array, R: Array) -> Array:
-    """Derivatives (B, 3, 3, 3) of the rotations by pan, tilt and roll, through the generators of the two axes."""
-    c, s = np.cos(theta[:, 3]), np.sin(theta[:, 3])
-    rolled = np.zeros((len(theta), 3, 3))
-    rolled[:, 0, 0] = rolled[:, 1, 1] = c
-    rolled[:, 0, 1], rolled[:, 1, 0], rolled[:, 2, 2] = s, -s, 1.0
-    by_tilt = rolled @ _ABOUT_X @ np.swapaxes(rolled, 1, 2) @ R
-    return np.stack([R @ _ABOUT_Z, by_tilt, _ABOUT_Z @ R], axis=1)
+@dataclass(frozen=True, slots=True)
+class View:
+    """Field points before a batch of cameras, and what their pixels and all derivatives are made of.
+
+    Arrays run over (B cameras, coordinates, N points), so that every operation works on whole rows.
+
+    Attributes
+    ----------
+    theta : (B, P) array
+        Parameter vectors.
+    frame : Frame
+        Picture size and crown.
+    rotation : (B, 3, 3) array
+        World to camera.
+    offset, local : (B, 3, N) arrays
+        From the camera to the points, in world and in camera coordinates.
+    sag, slope : (B, N) arrays
+        Drop of the surface per metre of crown, and the surface's slope dz / dy.
+    inverse_depth : (B, N) array
+        Bounded away from infinity.
+    normalised : (B, 2, N) array
+        On the plane at distance 1, before the lens.
+    r2, lens : (B, N) arrays
+        Squared radius in half-widths, and the factor by which the lens moves points outwards.
+    """
+
+    theta: Array
+    frame: Frame
+    rotation: Array
+    offset: Array
+    local: Array
+    sag: Array
+    slope: Array
+    inverse_depth: Array
+    normalised: Array
+    r2: Array
+    lens: Array
+
+    @property
+    def depth(self) -> Array:
+        """Depths (B, N) along the optical axis."""
+        return np.asarray(self.local[:, 2])
+
+    @property
+    def focal(self) -> Array:
+        """Focal lengths (B, 2, 1) in pixels."""
+        return np.exp(self.theta[:, 0, None, None] + self.theta[:, INDEX["log_aspect"], None, None] * _SECOND)
+
+    @property
+    def pixels(self) -> Array:
+        """Pixels (B, 2, N) with the lens."""
+        principal = self.frame.center + self.theta[:, 7:9]
+        return self.focal * self.normalised * self.lens[:, None] + principal[..., None]
+
+    @property
+    def lens_slope(self) -> Array:
+        """Derivative (B, N) of the lens factor by the squared radius."""
+        return self.theta[:, 9, None] + 2.0 * self.theta[:, 10, None] * self.r2
+
+    @property
+    def orientation(self) -> Array:
+        """Sign (B, N) of the determinant of the derivative of the pixels by the field position."""
+        return np.sign((self.offset[:, 2] - self.slope * self.offset[:, 1]) * self.inverse_depth)
+
+    def along(self, x: Array, y: Array) -> Array:
+        """Derivative (B, 2, N) of the pixels in directions (x, y) on the field, each broadcast to (B, N)."""
+        world = np.empty_like(self.offset)
+        world[:, 0], world[:, 1] = x, y
+        np.multiply(self.slope, world[:, 1], out=world[:, 2])
+        local = self.rotation @ world
+        change = (local[:, :2] - self.normalised * local[:, 2:]) * self.inverse_depth[:, None]
+        outward = self.normalised[:, 0] * change[:, 0] + self.normalised[:, 1] * change[:, 1]
+        bend = 2.0 * _half_widths(self.theta, self.frame) ** 2 * self.lens_slope * outward
+        return self.focal * (change * self.lens[:, None] + self.normalised * bend[:, None])
+
+    def gradient(self, toward: Array) -> tuple[Array, Array]:
+        """Derivatives of ``toward . pixels`` for image vectors (B, 2, N): by the parameters (B, P, N), where sizes of
+        the markings do not enter, and by the field position (B, 2, N).
+        """
+        theta, n, lens, r2 = self.theta, self.normalised, self.lens, self.r2
+        scaled = toward * self.focal
+        outward = scaled * n
+        total = outward[:, 0] + outward[:, 1]
+        by_r2 = self.lens_slope
+        bend = 2.0 * _half_widths(theta, self.frame) ** 2 * by_r2 * total
+        g = np.empty_like(self.local)
+        by_normalised = scaled * lens[:, None] + bend[:, None] * n
+        np.multiply(by_normalised, self.inverse_depth[:, None], out=g[:, :2])
+        g[:, 2] = -(g[:, 0] * n[:, 0] + g[:, 1] * n[:, 1])
+        world = np.swapaxes(self.rotation, 1, 2) @ g
+        local, offset = self.local, self.offset
+        c, s = np.cos(theta[:, 3, None]), np.sin(theta[:, 3, None])
+        rows = np.zeros((len(theta), len(PARAMETERS), local.shape[2]))
+        rows[:, 0] = total * (lens + 2.0 * by_r2 * r2)
+        rows[:, 1] = world[:, 0] * offset[:, 1] - world[:, 1] * offset[:, 0]
+        rows[:, 2] = local[:, 2] * (s * g[:, 0] + c * g[:, 1]) - g[:, 2] * (s * local[:, 0] + c * local[:, 1])
+        rows[:, 3] = g[:, 0] * local[:, 1] - g[:, 1] * local[:, 0]
+        np.negative(world, out=rows[:, 4:7])
+        rows[:, 7:9] = toward
+        np.multiply(total, r2, out=rows[:, 9])
+        np.multiply(rows[:, 9], r2, out=rows[:, 10])
+        np.multiply(outward[:, 1], lens, out=rows[:, INDEX["log_aspect"]])
+        np.multiply(self.sag, world[:, 2], out=rows[:, INDEX["crown"]])
+        field = world[:, :2]
+        field[:, 1] += self.slope * world[:, 2]
+        return rows, field
+
+
+_SECOND = np.array([[0.0], [1.0]])
+
+
+def _half_widths(theta: Array, frame: Frame) -> Array:
+    """Focal lengths (B, 1) in half-widths of the picture."""
+    return 2.0 / frame.width * np.exp(theta[:, 0, None])
+
+
+def view(theta: Array, x: Array, y: Array, frame: Frame) -> View:
+    """Field points with coordinates x and y, each (B, N), before the cameras of theta (B, P)."""
+    crown = theta[:, INDEX["crown"], None]
+    sag, slope = frame.sag(y)
+    offset = np.empty((len(theta), 3, x.shape[1]))
+    offset[:, 0], offset[:, 1], offset[:, 2] = x, y, crown * sag
+    offset -= theta[:, 4:7, None]
+    R = rotations(theta)
+    local = R @ offset
+    depth = local[:, 2]
+    inverse_depth = 1.0 / np.where(np.abs(depth) < 1e-6, 1e-6, depth)
+    normalised = local[:, :2] * inverse_depth[:, None]
+    r2 = (normalised[:, 0] ** 2 + normalised[:, 1] ** 2) * _half_widths(theta, frame) ** 2
+    lens = 1.0 + r2 * (theta[:, 9, None] + theta[:, 10, None] * r2)
+    return View(theta, frame, R, offset, local, sag, crown * slope, inverse_depth, normalised, r2, lens)
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,91 +248,13 @@ def project(theta: Array, field_m: Array, frame: Frame) -> Projection:
     frame : Frame
         Picture size and crown.
     """
-    B, N = field_m.shape[:2]
-    crown = theta[:, INDEX["crown"], None]
-    sag, slope = frame.sag(field_m[..., 1])
-    world = np.concatenate([field_m, (crown * sag)[..., None]], axis=-1)
-    R = rotations(theta)
-    dR = rotation_derivatives(theta, R)
-    offset = world - theta[:, None, 4:7]
-    local = offset @ np.swapaxes(R, 1, 2)
-    depth = np.where(np.abs(local[..., 2]) < 1e-6, 1e-6, local[..., 2])
-    normalised = local[..., :2] / depth[..., None]
-    # derivative of the camera's coordinates by (pan, tilt, roll, x, y, z, crown) and by the field's (x, y)
-    by = np.empty((B, N, 3, 9))
-    by[..., 0:3] = np.einsum("bkij,bnj->bnik", dR, offset)
-    by[..., 3:6] = -R[:, None]
-    by[..., 6] = R[:, None, :, 2] * sag[..., None]
-    by[..., 7] = R[:, None, :, 0]
-    by[..., 8] = R[:, None, :, 1] + R[:, None, :, 2] * (crown * slope)[..., None]
-    dn = (by[..., :2, :] - normalised[..., None] * by[..., 2:, :]) / depth[..., None, None]
-    focal = np.exp(theta[:, 0])[:, None]
-    aspect = np.exp(theta[:, INDEX["log_aspect"]])[:, None]
-    scales = np.stack([focal, focal * aspect], axis=-1)
-    half = frame.width / 2.0
-    n2 = np.sum(normalised**2, axis=-1)
-    r2 = n2 * (focal / half) ** 2
-    k1, k2 = theta[:, 9, None], theta[:, 10, None]
-    lens = 1.0 + k1 * r2 + k2 * r2 * r2
-    by_r2 = k1 + 2 * k2 * r2
-    dr2 = 2 * (focal / half)[..., None] ** 2 * np.einsum("bni,bnik->bnk", normalised, dn)
-    undistorted = scales * normalised
-    pixels = undistorted * lens[..., None] + (frame.center + theta[:, None, 7:9])
-    moved = (
-        scales[..., None] * dn * lens[..., None, None] + undistorted[..., None] * (by_r2[..., None] * dr2)[..., None, :]
-    )
-    jacobian = np.zeros((B, N, 2, len(PARAMETERS)))
-    jacobian[..., 0] = undistorted * (lens + 2 * by_r2 * r2)[..., None]
-    jacobian[..., 1:7] = moved[..., 0:6]
-    jacobian[..., 0, 7] = jacobian[..., 1, 8] = 1.0
-    jacobian[..., 9] = undistorted * r2[..., None]
-    jacobian[..., 10] = undistorted * (r2 * r2)[..., None]
-    jacobian[..., 1, INDEX["log_aspect"]] = undistorted[..., 1] * lens
-    jacobian[..., INDEX["crown"]] = moved[..., 6]
-    return Projection(pixels, local[..., 2], jacobian, moved[..., 7:9])
-
-
-@dataclass(frozen=True, slots=True)
-class Seen:
-    """Pixels (B, N, 2) and depths (B, N), and where asked the derivative by the field position (B, N, 2, 2)."""
-
-    pixels: Array
-    depth: Array
-    by_field: Array | None
-
-
-def project_pixels(theta: Array, field_m: Array, frame: Frame, derivative: bool = False) -> Seen:
-    """:func:`project` without the derivatives by the parameters, for scanning and for moving along a marking."""
-    sag, slope = frame.sag(field_m[..., 1])
-    crown = theta[:, INDEX["crown"], None]
-    R = rotations(theta)
-    local = np.empty((*field_m.shape[:2], 3))
-    offset_x, offset_y = field_m[..., 0] - theta[:, 4, None], field_m[..., 1] - theta[:, 5, None]
-    offset_z = crown * sag - theta[:, 6, None]
-    for k in range(3):
-        local[..., k] = R[:, k, 0, None] * offset_x + R[:, k, 1, None] * offset_y + R[:, k, 2, None] * offset_z
-    depth = np.where(np.abs(local[..., 2]) < 1e-6, 1e-6, local[..., 2])
-    x, y = local[..., 0] / depth, local[..., 1] / depth
-    focal = np.exp(theta[:, 0])[:, None]
-    focal_y = focal * np.exp(theta[:, INDEX["log_aspect"], None])
-    scale = (2 * focal / frame.width) ** 2
-    r2 = (x * x + y * y) * scale
-    k1, k2 = theta[:, 9, None], theta[:, 10, None]
-    lens = 1.0 + k1 * r2 + k2 * r2 * r2
-    pixels = np.empty((*field_m.shape[:2], 2))
-    pixels[..., 0] = focal * x * lens + (frame.center[0] + theta[:, 7, None])
-    pixels[..., 1] = focal_y * y * lens + (frame.center[1] + theta[:, 8, None])
-    if not derivative:
-        return Seen(pixels, local[..., 2], None)
-    by_field = np.empty((*field_m.shape[:2], 2, 2))
-    by_r2 = k1 + 2 * k2 * r2
-    for k in range(2):
-        d = [R[:, row, k, None] + (R[:, row, 2, None] * crown * slope if k == 1 else 0.0) for row in range(3)]
-        dx, dy = (d[0] - x * d[2]) / depth, (d[1] - y * d[2]) / depth
-        bend = by_r2 * 2 * scale * (x * dx + y * dy)
-        by_field[..., 0, k] = focal * (dx * lens + x * bend)
-        by_field[..., 1, k] = focal_y * (dy * lens + y * bend)
-    return Seen(pixels, local[..., 2], by_field)
+    seen = view(theta, field_m[..., 0], field_m[..., 1], frame)
+    axes = np.zeros((2, *seen.normalised.shape))
+    axes[0, :, 0] = axes[1, :, 1] = 1.0
+    rows, fields = zip(*(seen.gradient(axis) for axis in axes), strict=True)
+    by_theta = np.stack(rows, axis=1).transpose(0, 3, 1, 2)
+    by_field = np.stack(fields, axis=1).transpose(0, 3, 1, 2)
+    return Projection(np.swapaxes(seen.pixels, 1, 2), seen.depth, by_theta, by_field)
 
 
 def active_parameters(sd: Array) -> NDArray[np.int_]:

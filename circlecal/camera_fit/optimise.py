@@ -15,8 +15,14 @@ LARGEST_STEP = 0.7
 """Of the logarithms of focal length and distance and of the angles, in one iteration."""
 LOG_FOCAL_RANGE = (np.log(10.0), np.log(1e6))
 """Of the focal length in pixels: nothing outside is a camera."""
+LEAST_DAMPING, FIRST_DAMPING, LAST_DAMPING = 1e-10, 1e-4, 1e5
+FINAL, COARSE = 1e-6, 1e-2
+"""Decreases of the cost (chi-square) that are not worth a step: of a result, and of what is only compared."""
+EXACT = 1e-24
+"""Cost at which the residuals are rounding errors."""
 LOOK_CAUTIOUS = (0, 3, 4, 5, 6)
 _POSITION = slice(INDEX["x"], INDEX["z"] + 1)
+_DIAGONAL = np.arange(len(PARAMETERS))
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,26 +52,28 @@ class Priors:
     def residuals(self, theta: Array) -> tuple[Array, Array]:
         """Normalised residuals (B, K) and their Jacobian (B, K, P)."""
         used = np.flatnonzero((self.sd > 0) & np.isfinite(self.sd))
-        values = [(theta[:, used] - self.mean[used]) / self.sd[used]]
-        jacobian = np.zeros((len(theta), len(used), len(PARAMETERS)))
+        place = np.isfinite([self.distance_log_sd, self.elevation_sd_rad])
+        values = np.empty((len(theta), len(used) + int(place.sum())))
+        jacobian = np.zeros((*values.shape, len(PARAMETERS)))
+        values[:, : len(used)] = (theta[:, used] - self.mean[used]) / self.sd[used]
         jacobian[:, np.arange(len(used)), used] = 1.0 / self.sd[used]
-        parts = [jacobian]
-        offset = theta[:, _POSITION] - np.r_[self.center_m, 0.0]
-        distance = np.maximum(np.linalg.norm(offset, axis=1), 1e-3)
-        if np.isfinite(self.distance_log_sd):
-            values.append((np.log(distance / self.distance_m) / self.distance_log_sd)[:, None])
-            row = np.zeros((len(theta), 1, len(PARAMETERS)))
-            row[:, 0, _POSITION] = offset / (distance**2 * self.distance_log_sd)[:, None]
-            parts.append(row)
-        if np.isfinite(self.elevation_sd_rad):
-            sine = np.clip(-offset[:, 2] / distance, -1.0, 1.0)
-            cosine = np.maximum(np.sqrt(1 - sine**2), 1e-6)
-            values.append(((np.arcsin(sine) - self.elevation_rad) / self.elevation_sd_rad)[:, None])
-            row = np.zeros((len(theta), 1, len(PARAMETERS)))
-            by_offset = -np.array([0.0, 0.0, 1.0]) / distance[:, None] - sine[:, None] * offset / (distance**2)[:, None]
-            row[:, 0, _POSITION] = by_offset / (cosine * self.elevation_sd_rad)[:, None]
-            parts.append(row)
-        return np.concatenate(values, axis=1), np.concatenate(parts, axis=1)
+        if not place.any():
+            return values, jacobian
+        offset = theta[:, _POSITION].copy()
+        offset[:, :2] -= self.center_m
+        level2 = np.maximum(offset[:, 0] ** 2 + offset[:, 1] ** 2, 1e-12)
+        distance2 = np.maximum(level2 + offset[:, 2] ** 2, 1e-6)
+        row = len(used)
+        if place[0]:
+            values[:, row] = (0.5 * np.log(distance2) - np.log(self.distance_m)) / self.distance_log_sd
+            jacobian[:, row, _POSITION] = offset / (distance2 * self.distance_log_sd)[:, None]
+            row += 1
+        if place[1]:
+            level = np.sqrt(level2)
+            values[:, row] = (np.arctan2(-offset[:, 2], level) - self.elevation_rad) / self.elevation_sd_rad
+            by_offset = np.column_stack([offset[:, :2] * (offset[:, 2] / level)[:, None], -level])
+            jacobian[:, row, _POSITION] = by_offset / (distance2 * self.elevation_sd_rad)[:, None]
+        return values, jacobian
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,8 +113,9 @@ def evaluate(problem: Problem, theta: Array, hidden: Array, loss_scale: float, u
         g, n, c = _weighted(point_values, point_jacobian, loss_scale)
         gradient, normal, cost = gradient + g, normal + n, cost + c
     prior_values, prior_jacobian = problem.priors.residuals(theta)
-    gradient = gradient + np.einsum("bk,bkp->bp", prior_values, prior_jacobian)
-    normal = normal + np.swapaxes(prior_jacobian, 1, 2) @ prior_jacobian
+    swapped = np.swapaxes(prior_jacobian, 1, 2)
+    gradient = gradient + (swapped @ prior_values[..., None])[..., 0]
+    normal = normal + swapped @ prior_jacobian
     cost = cost + np.sum(prior_values**2, axis=1)
     return State(theta, cost, values, curve.hidden, gradient, normal, point_values)
 
@@ -117,11 +126,12 @@ def robust_weights(values: Array, loss_scale: float) -> Array:
 
 
 def _weighted(values: Array, jacobian: Array, loss_scale: float) -> tuple[Array, Array, Array]:
-    weight = robust_weights(values, loss_scale)
-    cost = np.sum(values**2 / (1.0 + (values / loss_scale) ** 2), axis=1)
-    weighted = jacobian * weight[..., None]
-    swapped = np.swapaxes(jacobian, 1, 2)
-    return (swapped @ (weight * values)[..., None])[..., 0], swapped @ weighted, cost
+    squared = values * values
+    share = 1.0 / (1.0 + squared / loss_scale**2)
+    weight = share * share
+    rows = np.swapaxes(jacobian, 1, 2)
+    gradient = (rows @ (weight * values)[..., None])[..., 0]
+    return gradient, (rows * weight[:, None]) @ jacobian, (squared * share).sum(axis=1)
 
 
 def minimise(
@@ -130,54 +140,82 @@ def minimise(
     loss_scale: float,
     iterations: int = 60,
     hidden: Array | None = None,
-    tolerance: float = 1e-8,
+    tolerance: float = FINAL,
 ) -> State:
-    """Run Levenberg-Marquardt from every start (B, P) at once; each keeps its own damping."""
+    """Run Levenberg-Marquardt from every start (B, P) at once; each keeps its own damping.
+
+    It ends where an undamped step would lower no start's cost by more than ``tolerance``, or by that share of a cost
+    below 1.
+    """
     active = active_parameters(problem.priors.sd)
     theta = starts.copy()
-    fixed = np.setdiff1d(np.arange(theta.shape[1]), active)
+    fixed = problem.priors.sd <= 0
     theta[:, fixed] = problem.priors.mean[fixed]
     hidden = first_hidden(problem.curves, theta, problem.frame)[0] if hidden is None else hidden
-    state = evaluate(problem, theta, hidden, loss_scale, updates=4)
-    damping = np.full(len(theta), 1e-3)
-    settled = np.zeros(len(theta), dtype=int)
+    state = evaluate(problem, theta, hidden, loss_scale, updates=3)
+    damping = np.full(len(theta), FIRST_DAMPING)
     straight = bool((problem.priors.sd[:LOOK] > 0).all())
+    trusted: Mask = np.ones(len(theta), dtype=bool)
     for _ in range(iterations):
-        theta = _stepped(problem, state, damping, active, straight)
-        proposal = evaluate(problem, theta, state.hidden, loss_scale)
-        better = proposal.cost < state.cost
-        gain = np.where(better, (state.cost - proposal.cost) / np.maximum(state.cost, 1e-30), 0.0)
-        settled = np.where(
-            (better & (gain < tolerance)) | (~better & (damping > 1e6)) | (state.cost < 1e-24), settled + 1, 0
-        )
-        damping = np.clip(np.where(better, damping * 0.2, damping * 6.0), 1e-12, 1e12)
-        state = _merge(state, proposal, better)
-        if (settled >= 2).all():
+        theta, expected, possible = _stepped(problem, state, damping, active, straight)
+        settled = (possible <= tolerance * np.minimum(state.cost, 1.0)) | (damping > LAST_DAMPING)
+        if (settled | (state.cost < EXACT)).all():
             break
+        proposal = evaluate(problem, theta, state.hidden, loss_scale)
+        better = np.asarray(proposal.cost < state.cost)
+        # the nearer the cost falls to what was expected of the step, the less damped is the next one
+        share = (state.cost - proposal.cost) / np.maximum(expected, 1e-300)
+        damping *= np.where((share > 0.7) & trusted, 0.1, np.where(share > 0.25, 1.0, np.where(better, 4.0, 8.0)))
+        trusted = better
+        state = _merge(state, proposal, better)
     return state
 
 
-def _stepped(problem: Problem, state: State, damping: Array, active: Indices, straight: bool) -> Array:
-    """Parameters (B, P) after one damped step, taken in the coordinates in which the weak direction is straight."""
+def _stepped(
+    problem: Problem, state: State, damping: Array, active: Indices, straight: bool
+) -> tuple[Array, Array, Array]:
+    """Parameters (B, P) after one damped step, taken in the coordinates in which the weak direction is straight; by how
+    much it and an undamped one would lower a quadratic cost, each (B,).
+    """
     center = problem.priors.center_m
     gradient, normal = state.gradient, state.normal
-    look = to_look(state.theta, center) if straight else np.full((len(state.theta), LOOK), np.nan)
-    usable = np.isfinite(look).all(axis=1)
-    change = np.broadcast_to(np.eye(len(PARAMETERS)), normal.shape).copy()
-    change[usable, :LOOK, :LOOK] = look_jacobian(look[usable], center)
-    gradient = np.einsum("bpq,bp->bq", change, gradient)
-    normal = np.swapaxes(change, 1, 2) @ normal @ change
-    block = normal[:, active[:, None], active[None, :]]
-    diagonal = np.einsum("bii->bi", block)
-    scaled = block + (damping[:, None] * (diagonal + 1e-12))[:, :, None] * np.eye(len(active))
-    step = np.zeros_like(state.theta)
-    step[:, active] = -_solve(scaled, gradient[:, active])
-    largest = np.where(usable, np.abs(step[:, LOOK_CAUTIOUS]).max(axis=1), np.abs(step[:, :4]).max(axis=1))
-    step /= np.maximum(largest / LARGEST_STEP, 1.0)[:, None]
-    theta = state.theta + step
-    theta[usable, :LOOK] = from_look(look[usable] + step[usable, :LOOK], center)
-    theta[:, 0] = np.clip(theta[:, 0], *LOG_FOCAL_RANGE)
-    return theta
+    usable: Mask = np.zeros(len(damping), dtype=bool)
+    look = state.theta[:, :LOOK]
+    if straight:
+        look = to_look(state.theta, center)
+        usable = np.asarray(np.isfinite(look).all(axis=1))
+        change = np.zeros_like(normal)
+        change[:, _DIAGONAL, _DIAGONAL] = 1.0
+        change[:, :LOOK, :LOOK] = look_jacobian(state.theta, center)
+        change[~usable] = np.eye(len(PARAMETERS))
+        turned = np.swapaxes(change, 1, 2)
+        gradient = (turned @ gradient[..., None])[..., 0]
+        normal = turned @ normal @ change
+    block, slope = normal[:, active[:, None], active], gradient[:, active]
+    step, undamped = _damped(block, slope, damping)
+    full = np.zeros_like(state.theta)
+    full[:, active] = step
+    size = np.abs(full)
+    largest = np.where(usable, size[:, LOOK_CAUTIOUS].max(axis=1), size[:, :4].max(axis=1))
+    shortened = np.maximum(largest / LARGEST_STEP, 1.0)[:, None]
+    step, full = step / shortened, full / shortened
+    theta = state.theta + full
+    if usable.any():
+        theta[usable, :LOOK] = from_look(look[usable] + full[usable, :LOOK], center)
+    theta[:, 0] = np.minimum(np.maximum(theta[:, 0], LOG_FOCAL_RANGE[0]), LOG_FOCAL_RANGE[1])
+    change_of_cost = ((2.0 * slope + (block @ step[..., None])[..., 0]) * step).sum(axis=1)
+    return theta, -change_of_cost, -(undamped * slope).sum(axis=1)
+
+
+def _damped(normal: Array, gradient: Array, damping: Array) -> tuple[Array, Array]:
+    """Damped and undamped step, each (B, A)."""
+    index = np.arange(normal.shape[-1])
+    diagonal = normal[:, index, index] + 1e-12
+    both = np.stack([normal, normal])
+    both[0, :, index, index] += (damping[:, None] * diagonal).T
+    both[1, :, index, index] += (LEAST_DAMPING * diagonal).T
+    damped, undamped = -_solve(both, np.broadcast_to(gradient, (2, *gradient.shape)))
+    return damped, undamped
 
 
 def _solve(matrices: Array, vectors: Array) -> Array:
@@ -188,6 +226,11 @@ def _solve(matrices: Array, vectors: Array) -> Array:
 
 
 def _merge(old: State, new: State, better: Mask) -> State:
+    if better.all():
+        return new
+    if not better.any():
+        return old
+
     def pick(name: str) -> Array:
         a, b = getattr(old, name), getattr(new, name)
         return np.where(better.reshape(-1, *([1] * (a.ndim - 1))), b, a)

@@ -35,7 +35,7 @@ def spread_cameras(theta: Array, covariance: Array, center_m: Array) -> Array:
     change = np.eye(len(theta))
     straight = bool(np.isfinite(look).all())
     if straight:
-        change[:LOOK, :LOOK] = look_jacobian(look, center_m)[0]
+        change[:LOOK, :LOOK] = look_jacobian(theta[None], center_m)[0]
     inverse = np.linalg.inv(change)
     values, vectors = np.linalg.eigh(inverse @ covariance @ inverse.T)
     kept = values > 1e-16 * max(values[-1], 1e-300)

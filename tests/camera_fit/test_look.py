@@ -37,9 +37,10 @@ def test_circle_behind_the_camera_is_not_finite():
 
 def test_jacobian_predicts_small_steps():
     rng = np.random.default_rng(2)
-    look = to_look(_cameras(rng), np.zeros(2))
+    theta = _cameras(rng)
+    look = to_look(theta, np.zeros(2))
     step = rng.normal(size=look.shape) * np.array([1e-4, 1e-1, 1e-1, 1e-5, 1e-4, 1e-5, 1e-5])
-    predicted = np.einsum("bij,bj->bi", look_jacobian(look, np.zeros(2)), step)
+    predicted = np.einsum("bij,bj->bi", look_jacobian(theta, np.zeros(2)), step)
     actual = from_look(look + step, np.zeros(2)) - from_look(look, np.zeros(2))
     np.testing.assert_allclose(predicted, actual, rtol=1e-2, atol=1e-6)
 
