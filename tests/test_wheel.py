@@ -48,3 +48,11 @@ def test_wheel_knows_the_fields(installed, tmp_path):
     assert outcome.returncode == 0, outcome.stderr
     for path in (ROOT / "configs" / "fields").glob("*.yaml"):
         assert path.stem in outcome.stdout
+
+
+def test_wheel_writes_a_report(installed, tmp_path):
+    refused = {"schema_version": 1, "id": "a", "status": "refused", "code": "no_field", "source": {"path": "a.jpg"}}
+    (tmp_path / "results.jsonl").write_text(json.dumps(refused) + "\n")
+    outcome = _run(installed, tmp_path, "report", ".")
+    assert outcome.returncode == 0, outcome.stderr
+    assert {"index.html", "report.css", "report.js", "frames.js"} <= {p.name for p in (tmp_path / "report").iterdir()}

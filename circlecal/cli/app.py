@@ -20,6 +20,7 @@ from circlecal.cli.debug import debug
 from circlecal.cli.evaluate import evaluate
 from circlecal.cli.fields import fields
 from circlecal.cli.project import project
+from circlecal.cli.report import report
 from circlecal.cli.simulate import simulate
 from circlecal.cli.synth import synth
 
@@ -43,6 +44,7 @@ app = typer.Typer(
 )
 app.command()(calibrate)
 app.command()(batch)
+app.command()(report)
 app.command()(debug)
 app.command()(convert)
 app.command()(evaluate)

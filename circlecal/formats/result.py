@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Self
 
@@ -17,7 +18,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from circlecal import __version__
-from circlecal.camera_fit.model import PARAMETERS
+from circlecal.camera_fit.model import INDEX, PARAMETERS
 from circlecal.errors import InputError
 from circlecal.field import FieldTemplate
 from circlecal.formats.atomic import write_atomic
@@ -254,6 +255,8 @@ class StoredResult:
         The surface drops by ``crown_m`` at |y| = ``crown_radius_m``.
     covariance : (P, P) array or None
         Of the camera's parameters, in the order of :data:`circlecal.camera_fit.model.PARAMETERS`.
+    growth_m : (2,) array
+        By how much the field was estimated to be longer and broader than its template.
     """
 
     id: str
@@ -267,6 +270,7 @@ class StoredResult:
     crown_shape: str
     crown_radius_m: float
     covariance: Array | None
+    growth_m: Array = field(default_factory=lambda: np.zeros(2))
 
 
 _READ = ConfigDict(extra="ignore", allow_inf_nan=False)
@@ -285,6 +289,7 @@ class _CovarianceKeys(BaseModel):
 
     parameters: tuple[str, ...]
     matrix: list[list[float]]
+    estimate: list[float] = Field(default_factory=list)
 
     @model_validator(mode="after")
     def _square(self) -> Self:
@@ -339,13 +344,34 @@ def read_result(path: Path) -> StoredResult:
     try:
         keys = _ResultKeys.model_validate_json(content)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        where = ".".join(str(part) for part in first["loc"])
-        raise InputError(
-            f"{path}: is no result of circlecal calibrate: {where}{': ' * bool(where)}{first['msg']}"
-        ) from error
+        raise _no_result(str(path), error) from error
+    return _stored(keys, str(path))
+
+
+def stored_result(record: Mapping[str, Any], name: str) -> StoredResult:
+    """What projecting points needs of a record; ``name`` says in errors where it comes from.
+
+    Raises
+    ------
+    InputError
+        As :func:`read_result`.
+    """
+    try:
+        keys = _ResultKeys.model_validate(record)
+    except ValidationError as error:
+        raise _no_result(name, error) from error
+    return _stored(keys, name)
+
+
+def _no_result(name: str, error: ValidationError) -> InputError:
+    first = error.errors(include_url=False)[0]
+    where = ".".join(str(part) for part in first["loc"])
+    return InputError(f"{name}: is no result of circlecal calibrate: {where}{': ' * bool(where)}{first['msg']}")
+
+
+def _stored(keys: _ResultKeys, name: str) -> StoredResult:
     if keys.schema_version != SCHEMA_VERSION:
-        raise InputError(f"{path}: has schema_version {keys.schema_version}; this version reads {SCHEMA_VERSION}")
+        raise InputError(f"{name}: has schema_version {keys.schema_version}; this version reads {SCHEMA_VERSION}")
     size = keys.image or _ImageKeys(width=1, height=1)
     camera = keys.camera
     return StoredResult(
@@ -360,7 +386,13 @@ def read_result(path: Path) -> StoredResult:
         crown_shape="flat" if camera is None else camera.crown_shape,
         crown_radius_m=1.0 if camera is None else camera.crown_radius_m,
         covariance=None if camera is None else _covariance(camera.covariance),
+        growth_m=_growth(None if camera is None else camera.covariance),
     )
+
+
+def _growth(keys: _CovarianceKeys | None) -> Array:
+    known = keys is not None and keys.parameters == PARAMETERS and len(keys.estimate) == len(PARAMETERS)
+    return np.array([keys.estimate[INDEX[name]] if known and keys else 0.0 for name in ("length", "breadth")])
 
 
 def _covariance(keys: _CovarianceKeys | None) -> Array | None:

@@ -62,18 +62,21 @@ def _grown(polyline: Array, template: FieldTemplate, growth_m: Array) -> Array:
 
 def camera_view(fit: CameraFit, template: FieldTemplate, circle: str) -> FieldView:
     """Through the camera, with its lens and the crown of the surface."""
-    frame = _frame(fit, template, circle)
-    camera = fit.camera
+    known = fit.theta.shape == (len(PARAMETERS),)
+    growth = fit.theta[[INDEX["length"], INDEX["breadth"]]] if known else np.zeros(2)
+    return surface_view(fit.camera, fit.crown_m, _frame(fit, template, circle), growth)
+
+
+def surface_view(camera: Camera, crown_m: float, frame: Frame, growth_m: Array) -> FieldView:
+    """Through a camera onto a surface that drops by ``crown_m`` at the frame's reference distance."""
 
     def pixels(points_m: Array) -> Array:
-        depth = fit.crown_m * frame.sag(points_m[:, 1])[0]
+        depth = crown_m * frame.sag(points_m[:, 1])[0]
         undistorted = camera.project(np.column_stack([points_m, depth]), distort=False)
         near = _near(undistorted, camera.width, camera.height) & _unfolded(camera, undistorted)
         return np.where(near[:, None], camera.distort(undistorted), np.nan)
 
-    known = fit.theta.shape == (len(PARAMETERS),)
-    growth = fit.theta[[INDEX["length"], INDEX["breadth"]]] if known else np.zeros(2)
-    return FieldView(pixels, growth)
+    return FieldView(pixels, growth_m)
 
 
 def homography_view(H_image_field: Array, width: int, height: int) -> FieldView:

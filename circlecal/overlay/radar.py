@@ -6,8 +6,9 @@ import cv2
 import numpy as np
 
 from circlecal.field import FieldTemplate
+from circlecal.geometry.homogeneous import Array
 from circlecal.overlay.canvas import Canvas, Picture
-from circlecal.overlay.field_view import best_view
+from circlecal.overlay.field_view import FieldView, best_view
 from circlecal.overlay.frame_overlay import check_size
 from circlecal.overlay.palette import CIRCLE, TEMPLATE
 from circlecal.results import Calibration
@@ -50,7 +51,29 @@ def draw_radar(
     view = best_view(calibration, template)
     if view is None or calibration.status != "calibrated":
         return None
-    half = np.array([template.length_m, template.width_m]) / 2 + _BORDER_M * min(1.0, template.length_m / 60.0)
+    warped, half, scale = warp_to_field(image, view, template, px_per_m)
+    canvas = Canvas(warped)
+    for name, polyline in view.markings(template).items():
+        color = CIRCLE if name == calibration.circle_name else TEMPLATE
+        canvas.polyline((polyline + half) * scale - 0.5, color, 1.4)
+    return canvas.picture
+
+
+def warp_to_field(
+    image: Picture, view: FieldView, template: FieldTemplate, px_per_m: float
+) -> tuple[Picture, Array, float]:
+    """The frame as seen from above, over the whole field and a border.
+
+    Returns
+    -------
+    picture : uint8 array
+        What the frame does not show is plain.
+    half : (2,) array
+        Half the length and width that the picture covers, metres; the field's origin is in its middle.
+    px_per_m : float
+        The resolution, lowered where the picture would be wider than 4096 pixels.
+    """
+    half = radar_half(template)
     scale = min(px_per_m, _LARGEST_PX / float(2 * half.max()))
     width, height = np.maximum(np.round(2 * half * scale), 1).astype(int)
     x, y = np.meshgrid((np.arange(width) + 0.5) / scale - half[0], (np.arange(height) + 0.5) / scale - half[1])
@@ -59,8 +82,10 @@ def draw_radar(
     warped = cv2.remap(
         image, lookup[..., 0], lookup[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=_UNSEEN
     )
-    canvas = Canvas(np.ascontiguousarray(warped, dtype=np.uint8))
-    for name, polyline in view.markings(template).items():
-        color = CIRCLE if name == calibration.circle_name else TEMPLATE
-        canvas.polyline((polyline + half) * scale - 0.5, color, 1.4)
-    return canvas.picture
+    return np.ascontiguousarray(warped, dtype=np.uint8), half, scale
+
+
+def radar_half(template: FieldTemplate) -> Array:
+    """Half the length and width (2,) of what a radar picture covers, metres."""
+    border = _BORDER_M * min(1.0, template.length_m / 60.0)
+    return np.array([template.length_m, template.width_m]) / 2 + border

@@ -1,0 +1,258 @@
+"""The layers of a frame's large view, from its record alone: field template, points and plan as SVG."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+
+from circlecal.camera_fit.model import CROWN_SHAPES, Frame
+from circlecal.errors import CirclecalError
+from circlecal.field import FieldTemplate, load_field
+from circlecal.formats.result import StoredResult, stored_result
+from circlecal.geometry.homogeneous import Array, Mask
+from circlecal.overlay.canvas import Canvas
+from circlecal.overlay.field_view import FieldView, homography_view, surface_view
+from circlecal.overlay.palette import CIRCLE, INLIER, POINT, REFUSED, TEMPLATE, Color
+from circlecal.overlay.radar import radar_half
+
+_TOLERANCE = 0.35
+"""How far a drawn line may leave the exact curve, pixels at 1920 px width."""
+_MOST_POINTS = 600
+_PLAN_UNITS_PER_M = 10.0
+_FOOTPRINT_PX_PER_M = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """What the record of one frame lets draw.
+
+    Attributes
+    ----------
+    width, height : int
+        Size of the frame, pixels.
+    accepted : bool
+        Whether the verdict believed the estimate.
+    template : FieldTemplate or None
+        None where the record's template is not known here.
+    view : FieldView or None
+        Field to pixels, through the estimate, also one that was refused.
+    circle : str
+        The circle that carried the calibration.
+    record : mapping
+        The record itself.
+    """
+
+    width: int
+    height: int
+    accepted: bool
+    template: FieldTemplate | None
+    view: FieldView | None
+    circle: str
+    record: Mapping[str, Any]
+
+
+def scene_of(record: Mapping[str, Any]) -> Scene | None:
+    """What can be drawn of a record; None where it has no picture size."""
+    image = record.get("image")
+    if not isinstance(image, dict):
+        return None
+    accepted = record.get("status") == "calibrated"
+    rejected = record.get("rejected_estimate") or {}
+    estimate = record if accepted else {**record, "camera": None, "H_image_field": None, **rejected}
+    field = record.get("field") or {}
+    try:
+        stored = stored_result({"camera": None, "H_image_field": None, **estimate}, str(record.get("id")))
+        template = load_field(str(field.get("template")), field.get("sizes"))
+    except CirclecalError:
+        width, height = (_side(image.get(name)) for name in ("width", "height"))
+        return Scene(width, height, accepted, None, None, "", record) if width and height else None
+    circle = str(field.get("circle"))
+    return Scene(stored.width, stored.height, accepted, template, _view(stored), circle, record)
+
+
+def _side(value: Any) -> int:
+    return value if isinstance(value, int) and 0 < value < 100_000 else 0
+
+
+def _view(stored: StoredResult) -> FieldView | None:
+    if stored.camera is not None:
+        shape = stored.crown_shape if stored.crown_shape in CROWN_SHAPES else "flat"
+        frame = Frame(stored.width, stored.height, shape, stored.crown_radius_m)
+        return surface_view(stored.camera, stored.crown_m, frame, stored.growth_m)
+    if stored.H_image_field is not None:
+        return homography_view(stored.H_image_field, stored.width, stored.height)
+    return None
+
+
+def template_layer(scene: Scene) -> str | None:
+    """The projected field template as SVG in the frame's pixels.
+
+    Dashed and in the refusal's colour where the estimate was refused; of a frame without one the ellipse that was
+    found. None where there is nothing to draw.
+    """
+    paths: list[str] = []
+    unit = scene.width / 1920.0
+    if scene.view is not None and scene.template is not None:
+        for name, polyline in scene.view.markings(scene.template).items():
+            outline = _path(_runs(scene.view.pixels(polyline) + 0.5), _TOLERANCE * unit)
+            own = CIRCLE if name == scene.circle else TEMPLATE
+            paths.append(_stroked(outline, own if scene.accepted else REFUSED, dashed=not scene.accepted))
+    else:
+        found = _found_ellipse(scene.record)
+        if found is not None:
+            paths.append(_stroked(_path([found + 0.5], _TOLERANCE * unit), CIRCLE, dashed=True))
+    content = "".join(paths)
+    return _svg(content, 0, 0, scene.width, scene.height) if content else None
+
+
+def points_layer(scene: Scene) -> str | None:
+    """The circle's points that took part, the derived points and the imaged centre as SVG in the frame's pixels."""
+    parts = [
+        _dots(_thinned(_points(edge.get("points_px") if isinstance(edge, dict) else None)), INLIER, 3.0)
+        for edge in _mapping(scene.record.get("inliers")).values()
+    ]
+    found = _mapping(scene.record.get("correspondences")).get("points")
+    derived = [p.get("image_px") for p in found if isinstance(p, dict)] if isinstance(found, list) else []
+    parts.append(_dots(_points(derived), POINT, 8.0))
+    center = _points([scene.record.get("imaged_center")])
+    if len(center):
+        x, y = center[0] + 0.5
+        arm = 14.0 * scene.width / 1920.0
+        cross = f"M{x - arm:.1f} {y:.1f}H{x + arm:.1f}M{x:.1f} {y - arm:.1f}V{y + arm:.1f}"
+        parts.append(_stroked(cross, CIRCLE))
+    content = "".join(parts)
+    return _svg(content, 0, 0, scene.width, scene.height) if content else None
+
+
+def plan_layer(scene: Scene) -> str | None:
+    """The field from above with the outline of what the frame shows, as SVG on the extent of the radar picture."""
+    if scene.view is None or scene.template is None or not scene.accepted:
+        return None
+    half, scale = radar_half(scene.template), _PLAN_UNITS_PER_M
+    footprint = _path(_closed(_footprint(scene, half)), 0.5, closed=True, scale=scale)
+    parts = [f'<path d="{footprint}" fill="#fff" fill-opacity=".10" stroke="#fff" {_LINE} stroke-dasharray="5 4"/>']
+    for name, polyline in scene.view.markings(scene.template).items():
+        color = CIRCLE if name == scene.circle else TEMPLATE
+        parts.append(_stroked(_path([polyline], 0.02, scale=scale), color))
+    left, top = -half * scale
+    return _svg("".join(parts), left, top, -2 * left, -2 * top)
+
+
+def draw_on_thumbnail(picture: Any, scene: Scene) -> Any:
+    """Draw the template on a scaled-down copy (h, w, 3) of the frame."""
+    canvas = Canvas.of(picture)
+    if scene.view is None or scene.template is None:
+        return canvas.picture
+    scale = np.array([picture.shape[1] / scene.width, picture.shape[0] / scene.height])
+    for name, polyline in scene.view.markings(scene.template).items():
+        own = CIRCLE if name == scene.circle else TEMPLATE
+        placed = (scene.view.pixels(polyline) + 0.5) * scale - 0.5
+        canvas.polyline(placed, own if scene.accepted else REFUSED, 1.0, dashed=not scene.accepted)
+    return canvas.picture
+
+
+def _footprint(scene: Scene, half: Array) -> list[Array]:
+    """Outlines in metres of the part of the plan that the frame shows."""
+    if scene.view is None:
+        return []
+    step = 1.0 / _FOOTPRINT_PX_PER_M
+    x, y = np.meshgrid(np.arange(-half[0] + step / 2, half[0], step), np.arange(-half[1] + step / 2, half[1], step))
+    pixels = scene.view.pixels(np.stack([x, y], axis=-1).reshape(-1, 2))
+    with np.errstate(invalid="ignore"):
+        inside: Mask = (pixels >= -0.5) & (pixels <= np.array([scene.width, scene.height]) - 0.5)
+    seen = inside[:, 0] & inside[:, 1]
+    contours, _ = cv2.findContours(seen.reshape(x.shape).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    return [(contour[:, 0].astype(np.float64) + 0.5) * step - half for contour in contours if len(contour) > 2]
+
+
+def _found_ellipse(record: Mapping[str, Any]) -> Array | None:
+    """The fitted ellipse (N, 2) of a frame that got no further."""
+    ellipses = _mapping(record.get("ellipses"))
+    fit = _mapping(ellipses.get(str(ellipses.get("primary"))))
+    try:
+        center, axes = (np.asarray(fit[name], dtype=np.float64).reshape(2) for name in ("center_px", "semi_axes_px"))
+        turn = math.radians(float(fit["angle_degrees"]))
+    except (KeyError, TypeError, ValueError):
+        return None
+    t = np.linspace(0.0, 2 * np.pi, 181)
+    along = np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]])
+    points = center + (np.stack([np.cos(t), np.sin(t)], axis=1) * axes) @ along
+    return points if np.isfinite(points).all() else None
+
+
+def _mapping(value: Any) -> dict[str, Any]:
+    return value if isinstance(value, dict) else {}
+
+
+def _points(value: Any) -> Array:
+    """Points (N, 2) of a record; none where it holds something else."""
+    try:
+        points = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        return np.zeros((0, 2))
+    if points.ndim != 2 or points.shape[1] != 2:
+        return np.zeros((0, 2))
+    return points[np.isfinite(points).all(axis=1)]
+
+
+def _thinned(points: Array) -> Array:
+    return points[:: max(1, math.ceil(len(points) / _MOST_POINTS))]
+
+
+def _runs(points: Array) -> Iterator[Array]:
+    """Pieces of a polyline between the points that are nan."""
+    finite = np.isfinite(points[:, 0]) & np.isfinite(points[:, 1])
+    for piece in np.split(np.arange(len(points)), np.flatnonzero(np.diff(finite.astype(np.int8))) + 1):
+        if len(piece) > 1 and finite[piece[0]]:
+            yield points[piece]
+
+
+def _closed(outlines: Iterable[Array]) -> list[Array]:
+    return [np.concatenate([outline, outline[:1]]) for outline in outlines]
+
+
+def _path(polylines: Iterable[Array], tolerance: float, *, closed: bool = False, scale: float = 1.0) -> str:
+    """SVG path through polylines, thinned out (Douglas and Peucker 1973) within a tolerance."""
+    drawn: list[str] = []
+    for polyline in polylines:
+        thin = cv2.approxPolyDP(polyline.astype(np.float32)[:, None], tolerance, closed=False)[:, 0] * scale
+        pairs = [f"{x:.1f} {y:.1f}" for x, y in thin.tolist()]
+        drawn.append(f"M{'L'.join(pairs)}{'Z' if closed else ''}")
+    return "".join(drawn)
+
+
+_LINE = 'stroke-width="1.6" vector-effect="non-scaling-stroke" stroke-linejoin="round" stroke-linecap="round"'
+_HALO = 'fill="none" stroke="#000" stroke-opacity=".45" stroke-width="3.4" vector-effect="non-scaling-stroke"'
+
+
+def _stroked(outline: str, color: Color, *, dashed: bool = False) -> str:
+    if not outline:
+        return ""
+    dashes = ' stroke-dasharray="7 5"' if dashed else ""
+    halo = f'<path d="{outline}" {_HALO}/>'
+    return f'{"" if dashed else halo}<path d="{outline}" fill="none" stroke="{_css(color)}" {_LINE}{dashes}/>'
+
+
+def _dots(points: Array, color: Color, diameter: float) -> str:
+    if not len(points):
+        return ""
+    outline = "".join(f"M{x:.1f} {y:.1f}h0" for x, y in (points + 0.5).tolist())
+    shared = 'fill="none" stroke-linecap="round" vector-effect="non-scaling-stroke"'
+    rim = f'<path d="{outline}" {shared} stroke="#000" stroke-opacity=".6" stroke-width="{diameter + 1.5:g}"/>'
+    return f'{rim}<path d="{outline}" {shared} stroke="{_css(color)}" stroke-width="{diameter:g}"/>'
+
+
+def _svg(content: str, left: float, top: float, width: float, height: float) -> str:
+    box = " ".join(f"{value:g}" for value in (left, top, width, height))
+    size = f'width="{width:g}" height="{height:g}"'
+    return f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{box}" {size}>{content}</svg>'
+
+
+def _css(color: Color) -> str:
+    blue, green, red = color
+    return f"#{red:02x}{green:02x}{blue:02x}"

@@ -1,0 +1,241 @@
+"""Writes the folder of the report: one page, its style and script, the list of frames, details and pictures."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from circlecal import __version__
+from circlecal.api import prepare_folder
+from circlecal.errors import InputError
+from circlecal.report.details import frame_details
+from circlecal.report.drawings import scene_of
+from circlecal.report.figures import Histogram, clock, histogram, short, timelines
+from circlecal.report.pictures import KINDS, PER_FOLDER, Media, PictureSource, write_file, write_media
+from circlecal.report.reading import FrameRow, StoredRun
+from circlecal.report.reasons import explain
+
+PAGE_NAME = "index.html"
+MARKER = '<meta name="generator" content="circlecal report'
+DETAILS_PER_FILE = 50
+_ASSETS = ("report.css", "report.js")
+_COLUMNS = ("id", "stage", "reason", "case", "sigma_px", "sigma_m", "rms_px", "time_ms", "time_s")
+
+
+@dataclass(frozen=True, slots=True)
+class ReportOptions:
+    """How a report is written.
+
+    Attributes
+    ----------
+    frames : path or None
+        Folder that the frames' pictures moved to since the run.
+    width : int
+        Largest width of the pictures in the report, pixels.
+    title : str or None
+        Title of the page; the name of the results' folder when None.
+    """
+
+    frames: Path | None = None
+    width: int = 1280
+    title: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class WrittenReport:
+    """The page, and how many of its frames have a picture, or a drawing only."""
+
+    page: Path
+    frames: int
+    pictures: int
+    drawings: int
+
+
+def write_report(
+    run: StoredRun,
+    out: Path | None = None,
+    options: ReportOptions | None = None,
+    on_frame: Callable[[str], None] = lambda name: None,
+) -> WrittenReport:
+    """Write the report of a run.
+
+    Parameters
+    ----------
+    run : StoredRun
+        What :func:`circlecal.report.read_run` found.
+    out : path, optional
+        Folder of the report; an older report in it is replaced. ``report`` in the results' folder when None.
+    options : ReportOptions, optional
+        The defaults when None.
+    on_frame : callable
+        Called with the id after each frame, in this thread.
+
+    Raises
+    ------
+    InputError
+        The results changed meanwhile, or the folder cannot be written or holds something else.
+    """
+    options = options or ReportOptions()
+    if options.frames is not None and not options.frames.is_dir():
+        raise InputError(f"{options.frames}: no such folder; give the one that the frames' pictures lie in")
+    out = _emptied(run.folder / "report" if out is None else out)
+    source = PictureSource(run.folder, options.frames, options.width)
+    media: list[int] = []
+    blocks = [
+        range(start, min(start + DETAILS_PER_FILE, len(run.rows)))
+        for start in range(0, len(run.rows), DETAILS_PER_FILE)
+    ]
+    with ThreadPoolExecutor(max_workers=os.cpu_count() or 1) as pool:
+        for number, block in enumerate(blocks):
+            details = []
+            for index, (written, facts) in zip(
+                block, pool.map(lambda k: _frame(run, k, out, source), block), strict=True
+            ):
+                media.append(int(written))
+                details.append(facts)
+                on_frame(run.rows[index].id)
+            write_file(out / "details" / f"{number:05d}.js", _script(f"circlecalDetails({number},", details, ")"))
+    write_file(out / "frames.js", _script("circlecalFrames(", _listing(run, media), ")"))
+    for name in _ASSETS:
+        write_file(out / name, resources.files("circlecal.report").joinpath("assets", name).read_bytes())
+    write_file(out / PAGE_NAME, _page(run, options).encode("utf-8", "replace"))
+    pictures = sum(bool(m & Media.FRAME) for m in media)
+    drawings = sum(bool(m & (Media.TEMPLATE | Media.PLAN)) and not m & Media.FRAME for m in media)
+    return WrittenReport(out / PAGE_NAME, len(run.rows), pictures, drawings)
+
+
+def _emptied(out: Path) -> Path:
+    """The report's folder without what an older report left in it, and marked as one."""
+    prepare_folder(out)
+    page = out / PAGE_NAME
+    ours = page.is_file() and MARKER in page.read_text(encoding="utf-8", errors="replace")
+    if not ours and any(out.iterdir()):
+        raise InputError(f"{out}: holds other files; choose another --out")
+    write_file(page, f'<!DOCTYPE html><title>unfinished</title>{MARKER}">The report is being written.\n'.encode())
+    for folder in ("details", *(name for name, _ in KINDS.values())):
+        shutil.rmtree(out / folder, ignore_errors=True)
+    return out
+
+
+def _frame(run: StoredRun, index: int, out: Path, source: PictureSource) -> tuple[Media, dict[str, Any]]:
+    row = run.rows[index]
+    record = run.record(row)
+    return write_media(out, index, row, scene_of(record), source), frame_details(record, row)
+
+
+def _script(before: str, content: Any, after: str) -> bytes:
+    """JSON as a script, since pages opened from a folder may load scripts but no JSON."""
+    return (
+        f"{before}{json.dumps(content, ensure_ascii=True, allow_nan=False, separators=(',', ':'))}{after};\n".encode()
+    )
+
+
+def _listing(run: StoredRun, media: list[int]) -> dict[str, Any]:
+    """The list of frames by columns, for the page's script."""
+    codes = [row.code or "unknown" for row in run.rows if not row.calibrated]
+    order = [code for code, _ in Counter(codes).most_common()]
+    stage = {row.code or "unknown": row.stage for row in run.rows if not row.calibrated}
+    places = {code: k for k, code in enumerate(order)}
+    columns: dict[str, list[Any]] = {name: [_rounded(getattr(row, name)) for row in run.rows] for name in _COLUMNS}
+    columns["code"] = [-1 if row.calibrated else places[row.code or "unknown"] for row in run.rows]
+    columns["media"] = list(media)
+    videos = list(dict.fromkeys(row.path for row in run.rows if row.time_s is not None))
+    columns["video"] = [videos.index(row.path) if row.time_s is not None else -1 for row in run.rows]
+    return {
+        "codes": [[code, *explain(code, stage[code])] for code in order],
+        "videos": [Path(path or "").name for path in videos],
+        "perFile": DETAILS_PER_FILE,
+        "perFolder": PER_FOLDER,
+        "columns": columns,
+    }
+
+
+def _rounded(value: Any) -> Any:
+    return float(f"{value:.5g}") if isinstance(value, float) else value
+
+
+def _page(run: StoredRun, options: ReportOptions) -> str:
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("circlecal.report"),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    environment.filters.update(short=short, clock=clock, thousands=lambda n: f"{n:,}".replace(",", " "))
+    template = environment.get_template("index.html.j2")
+    return template.render(
+        title=options.title or run.folder.resolve().name,
+        circlecal_version=__version__,
+        run=run,
+        summary=_summary(run.rows),
+        reasons=list(_reasons(run.rows)),
+        histograms=_histograms(run.rows),
+        timelines=timelines(run.rows),
+        rows=run.rows,
+    )
+
+
+def _summary(rows: list[FrameRow]) -> dict[str, Any]:
+    calibrated = [row for row in rows if row.calibrated]
+    return {
+        "frames": len(rows),
+        "calibrated": len(calibrated),
+        "refused": len(rows) - len(calibrated),
+        "share": 100.0 * len(calibrated) / len(rows),
+        "sigma_px": _median(row.sigma_px for row in calibrated),
+        "sigma_m": _median(row.sigma_m for row in calibrated),
+        "rms_px": _median(row.rms_px for row in calibrated),
+        "time_ms": _median(row.time_ms for row in rows),
+        "cases": sorted(Counter(row.case for row in calibrated if row.case is not None).items()),
+    }
+
+
+def _median(values: Iterable[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return float(np.median(known)) if known else None
+
+
+def _reasons(rows: list[FrameRow]) -> Iterator[dict[str, Any]]:
+    refused = [row for row in rows if not row.calibrated]
+    stages = {row.code or "unknown": row.stage for row in refused}
+    for code, count in Counter(row.code or "unknown" for row in refused).most_common():
+        meaning, mend = explain(code, stages[code])
+        yield {
+            "code": code,
+            "count": count,
+            "share": 100.0 * count / len(refused),
+            "stage": stages[code],
+            "meaning": meaning,
+            "mend": mend,
+        }
+
+
+def _histograms(rows: list[FrameRow]) -> list[tuple[str, str, str, Histogram]]:
+    wanted = (
+        ("Predicted sigma", "px", "Largest predicted standard deviation of the field near the circle.", "sigma_px"),
+        ("Residual", "px", "Rms distance of the circle's points from the fitted ellipse.", "rms_px"),
+        ("Time", "ms", "Calibration time per frame, all stages.", "time_ms"),
+    )
+    found = []
+    for name, unit, meaning, column in wanted:
+        values = {
+            accepted: [v for row in rows if row.calibrated == accepted and (v := getattr(row, column)) is not None]
+            for accepted in (True, False)
+        }
+        drawn = histogram(values[True], values[False])
+        if drawn is not None:
+            found.append((name, unit, meaning, drawn))
+    return found

@@ -1,0 +1,383 @@
+"""The page as people use it, in headless Chromium."""
+
+import json
+import re
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from circlecal.report import ReportOptions, read_run, write_report
+from tests.report.browser import Browser, programs
+from tests.report.conftest import refused, write_run
+from tests.report.test_pages import NASTY, contrast
+
+pytestmark = pytest.mark.skipif(programs() is None, reason="needs Chromium and chromedriver")
+
+IDS = "[...document.querySelectorAll('.card .name')].map(e => e.textContent)"
+OPEN = "document.getElementById('large').open"
+TITLE = "document.getElementById('large-title').textContent"
+FOCUSED = "document.activeElement.querySelector('.name')?.textContent"
+
+
+@pytest.fixture(scope="module")
+def browser():
+    started = Browser()
+    yield started
+    started.close()
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory, named, frame_image) -> Path:
+    """Six pictures, three of them refused, and a video of four frames."""
+    folder = tmp_path_factory.mktemp("report")
+    picture = folder / "good.png"
+    cv2.imwrite(str(picture), frame_image)
+    records = [
+        named("f1", 9.0, str(picture)),
+        named("f2", 2.0, str(picture), case=3),
+        named("f10", 30.0),
+        refused("f3"),
+        refused("f4", "too_uncertain", "uncertain by 99 px", "verdict"),
+        refused(NASTY),
+        *(named(f"v{t}", 3.0 + t, source={"path": "match.mp4", "time_s": float(t)}) for t in range(3)),
+        refused("v3") | {"source": {"path": "match.mp4", "time_s": 3.0}},
+    ]
+    run = read_run(write_run(folder / "run", records))
+    return write_report(run, None, ReportOptions(title="Cup final")).page
+
+
+@pytest.fixture
+def page(browser, report):
+    """The report freshly opened; at the end nothing went wrong and nothing left the folder."""
+    browser.resize(1280, 900)
+    browser.prefer("light")
+    browser.console()
+    browser.open(report)
+    browser.wait("document.querySelectorAll('.card').length")
+    browser.requests()
+    yield browser
+    assert browser.console() == []
+    base = report.parent.as_uri()
+    outside = [url for url in browser.requests() if not url.startswith((base, "data:,", "about:"))]
+    assert not outside
+
+
+def choose(browser: Browser, name: str, value: str, count: int) -> None:
+    script = """
+        const field = document.getElementById('filter').elements[arguments[0]];
+        if (field.type === 'checkbox') field.checked = Boolean(arguments[1]); else field.value = arguments[1];
+        field.dispatchEvent(new Event('input', { bubbles: true }));
+    """
+    browser.run(script, name, value)
+    browser.wait(f"(new URLSearchParams(location.hash.slice(1)).get('{name}') || '') === {json.dumps(value)}")
+    assert browser.run("return document.querySelectorAll('.card').length") == count
+
+
+def test_all_frames_are_there_in_order(page):
+    ids = page.run(f"return {IDS}")
+    assert ids == [NASTY, "f1", "f2", "f3", "f4", "f10", "v0", "v1", "v2", "v3"]
+    assert "10 of 10 frames: 6 calibrated, 4 refused" in page.run("return document.body.innerText")
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "ids"),
+    [
+        ("verdict", "refused", [NASTY, "f3", "f4", "v3"]),
+        ("reason", "too_uncertain", ["f4"]),
+        ("case", "3", ["f2"]),
+        ("from", "9", ["f1", "f10"]),
+        ("to", "2.5", ["f2"]),
+        ("q", "F1", ["f1", "f10"]),
+        ("q", "uncertain 99", ["f4"]),
+        ("q", "nothing like it", []),
+    ],
+)
+def test_filter(page, name, value, ids):
+    choose(page, name, value, len(ids))
+    assert page.run(f"return {IDS}") == ids
+    assert f"{len(ids)} of 10 frames" in page.run("return document.getElementById('count').textContent")
+    page.run("document.querySelector('#filter button[type=reset]').click()")
+    page.wait("document.querySelectorAll('.card').length === 10")
+
+
+def test_sort(page):
+    choose(page, "verdict", "calibrated", 6)
+    choose(page, "sort", "sigma", 6)
+    page.wait(f"{IDS}[0] === 'f2'")
+    assert page.run(f"return {IDS}") == ["f2", "v0", "v1", "v2", "f1", "f10"]
+    choose(page, "down", "1", 6)
+    page.wait(f"{IDS}[0] === 'f10'")
+    assert page.run(f"return {IDS}")[-1] == "f2"
+    choose(page, "verdict", "", 10)  # frames without a sigma stay last
+    page.wait(f"{IDS}[0] === 'f10'")
+    assert set(page.run(f"return {IDS}")[-4:]) == {NASTY, "f3", "f4", "v3"}
+    choose(page, "sort", "id", 10)
+    page.wait(f"{IDS}[1] === 'v2'")
+    ids = page.run(f"return {IDS}")
+    assert ids.index("f10") < ids.index("f4") < ids.index("f1")
+
+
+def test_keyboard(page):
+    page.press("j")
+    assert page.run(f"return {FOCUSED}") == NASTY
+    page.press("j", "j")
+    assert page.run(f"return {FOCUSED}") == "f2"
+    page.press("k", "ArrowRight", "ArrowLeft")
+    assert page.run(f"return {FOCUSED}") == "f1"
+    page.press("Enter")
+    page.wait(OPEN)
+    assert page.run(f"return {TITLE}").startswith("f1 ")
+    page.press("j")
+    page.wait(f"{TITLE}.startsWith('f2 ')")
+    page.press("ArrowLeft", "k")
+    page.wait(f"{TITLE}.includes('onerror')")
+    page.press("k")  # nothing before the first
+    assert "onerror" in page.run(f"return {TITLE}")
+    page.press("Escape")
+    page.wait(f"!{OPEN}")
+    assert page.run(f"return {FOCUSED}") == NASTY
+    page.press("ArrowDown")
+    row = page.run(
+        "const all = [...document.querySelectorAll('.card')];"
+        "return all.filter(c => c.offsetTop === all[0].offsetTop).length"
+    )
+    assert page.run(f"return {FOCUSED}") == page.run(f"return {IDS}")[row]
+    page.press("/")
+    assert page.run("return document.activeElement.name") == "q"
+    page.press("f", "1", "0")
+    page.wait("document.querySelectorAll('.card').length === 1")
+    page.press("j", "k")  # letters now
+    page.wait("document.querySelectorAll('.card').length === 0")
+    page.press("Escape", "j")
+    assert page.run("return document.activeElement === document.body")
+
+
+def test_template_toggle(page):
+    page.run("location.hash = 'frame=1'")
+    page.wait(OPEN)
+    layer = "document.querySelector('#stage .template')"
+    page.wait(f"{layer}?.complete && {layer}.naturalWidth && document.querySelector('#stage img').naturalWidth")
+    shown = f"return {layer}.checkVisibility() && document.querySelector('#radar .template').checkVisibility()"
+    assert page.run(shown)
+    box = page.run(
+        "return [...document.querySelectorAll('#stage img')].map(i => { const b = i.getBoundingClientRect();"
+        "return [b.left, b.top, b.width, b.height]; })"
+    )
+    np.testing.assert_allclose(box[0], box[1], atol=0.01)
+    with_template = _pixels(page)
+    page.press("t")
+    assert not page.run(shown)
+    without = _pixels(page)
+    page.press("t")
+    assert page.run(shown)
+    assert _yellow(with_template) > 200 > 20 > _yellow(without)
+    page.run("document.getElementById('show-template').click()")
+    assert not page.run(shown)
+    page.press("j")  # stays off for the next frame
+    page.wait(f"{TITLE}.startsWith('f2 ')")
+    assert not page.run(shown)
+    page.press("p")
+    assert page.run("return document.querySelector('#stage .points').checkVisibility()")
+
+
+def _pixels(page) -> np.ndarray:
+    import base64
+
+    page.run("return new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    box = page.run(
+        "const b = document.getElementById('stage').getBoundingClientRect(); return [b.x, b.y, b.width, b.height]"
+    )
+    clip = dict(zip(("x", "y", "width", "height"), box, strict=True)) | {"scale": 1}
+    content = page.devtools("Page.captureScreenshot", format="png", clip=clip)["data"]
+    return cv2.imdecode(np.frombuffer(base64.b64decode(content), np.uint8), cv2.IMREAD_COLOR)
+
+
+def _yellow(picture: np.ndarray) -> int:
+    return int(((picture[..., 2] > 200) & (picture[..., 1] > 190) & (picture[..., 0] < 110)).sum())
+
+
+def test_large_view_tells_why(page):
+    page.run("location.hash = 'verdict=refused&frame=4'")
+    page.wait(f"{OPEN} && document.querySelector('#facts dd')")
+    text = page.run("return document.getElementById('large').innerText")
+    for said in ("too_uncertain at verdict", "uncertain by 99 px", "--camera-prior", "3 of 4", "960 x 540 px"):
+        assert said in text
+    assert page.run("return document.getElementById('show-template').disabled")
+
+
+def test_large_view_of_a_calibrated_frame(page):
+    page.run("location.hash = 'frame=1'")
+    page.wait(f"{OPEN} && document.querySelectorAll('#more table').length === 2")
+    text = page.run("return document.getElementById('large').innerText")
+    for said in ("✓ calibrated", "predicted sigma", "m high", "pan, tilt, roll", "sigma px", "Radar"):
+        assert said in text
+    page.press("Escape")
+
+
+def test_missing_pictures_leave_the_rest(page, report):
+    frame = report.parent / "frames" / "000" / "000001.jpg"
+    content = frame.read_bytes()
+    frame.unlink()
+    try:
+        page.run("location.hash = 'frame=1'")
+        page.wait("document.querySelector('#stage .none')")
+        page.wait("document.querySelector('#stage .template').naturalWidth")
+    finally:
+        frame.write_bytes(content)
+    assert any("000001.jpg" in message for message in page.console())
+
+
+def test_address_keeps_filter_and_frame(page, report):
+    choose(page, "q", "v", 4)
+    page.press("j", "j", "Enter")
+    page.wait(OPEN)
+    address = page.run("return location.href")
+    page.open(address)
+    page.wait(OPEN)
+    assert page.run(f"return {TITLE}").startswith("v1 ")
+    assert page.run("return document.getElementById('place').textContent") == "match.mp4 at 0:01, 2 of 4"
+    assert page.run(f"return {IDS}") == ["v0", "v1", "v2", "v3"]
+
+
+def test_links_of_the_summary_filter(page):
+    page.run("document.querySelector('.reasons a[href*=too_uncertain]').click()")
+    page.wait("document.querySelectorAll('.card').length === 1")
+    assert page.run(f"return {IDS}") == ["f4"]
+    page.run("document.querySelector('[data-range]').dispatchEvent(new MouseEvent('click', { bubbles: true }))")
+    page.wait("!document.getElementById('range').hidden")
+    assert page.run(f"return {IDS}") == [NASTY]
+    page.run("document.getElementById('range').click()")
+    page.wait("document.querySelectorAll('.card').length === 10")
+
+
+def test_summary_without_scripts(browser, report):
+    browser.scripts(False)
+    try:
+        browser.open(report)
+        text = browser.devtools("DOM.getOuterHTML", nodeId=browser.devtools("DOM.getDocument")["root"]["nodeId"])[
+            "outerHTML"
+        ]
+    finally:
+        browser.scripts(True)
+    words = " ".join(re.sub(r"<[^>]+>", " ", text).split())
+    assert "60.0 %" in words
+    assert "too_uncertain" in words
+    assert "needs JavaScript" in words
+    assert text.count("<svg") >= 4
+
+
+CONTRASTS = """
+    const canvas = document.createElement('canvas').getContext('2d', { willReadFrequently: true });
+    const rgba = (color) => {
+      canvas.clearRect(0, 0, 1, 1); canvas.fillStyle = color; canvas.fillRect(0, 0, 1, 1);
+      return [...canvas.getImageData(0, 0, 1, 1).data];
+    };
+    const hex = ([r, g, b]) => '#' + [r, g, b].map(v => v.toString(16).padStart(2, '0')).join('');
+    const found = {};
+    const top = document.getElementById('large').open ? document.getElementById('large') : document.body;
+    const walker = document.createTreeWalker(top, NodeFilter.SHOW_TEXT);
+    const skipped = 'title, noscript, .unseen, :disabled' + (top === document.body ? ', dialog' : '');
+    while (walker.nextNode()) {
+      const text = walker.currentNode.textContent.trim();
+      const element = walker.currentNode.parentElement;
+      if (!text || !element.checkVisibility() || element.closest(skipped)) continue;
+      let ground = element;
+      while (ground !== document.body && rgba(getComputedStyle(ground).backgroundColor)[3] === 0) {
+        ground = ground.parentElement;
+      }
+      const pair = [getComputedStyle(element).color, getComputedStyle(ground).backgroundColor];
+      found[pair.map(color => hex(rgba(color)))] = `${element.tagName}.${element.className}: ${text.slice(0, 30)}`;
+    }
+    return found;
+"""
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_contrast_of_every_text(page, report, theme):
+    page.prefer(theme)
+    page.open(report)
+    page.wait("document.querySelectorAll('.card').length")
+    for place in ("list", "large view"):
+        if place == "large view":
+            page.run("location.hash = 'frame=4'")
+            page.wait(f"{OPEN} && document.querySelector('#facts dd')")
+        pairs = page.run(CONTRASTS)
+        assert len(pairs) >= 3
+        for pair, where in pairs.items():
+            assert contrast(*pair.split(",")) >= 4.5, (where, pair)
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_theme_follows_the_system_and_the_button(page, report, theme):
+    page.prefer(theme)
+    page.open(report)
+    page.wait("document.querySelectorAll('.card').length")
+    system = "matchMedia('(prefers-color-scheme: dark)').matches"
+    dark = f"return {system} === (document.documentElement.dataset.theme === 'dark')"
+    assert page.run(dark)
+    before = page.run("return getComputedStyle(document.body).backgroundColor")
+    page.run("document.getElementById('theme').click()")
+    assert page.run("return getComputedStyle(document.body).backgroundColor") != before
+    assert not page.run(dark)
+    page.run("localStorage.clear()")
+
+
+@pytest.mark.parametrize("width", [320, 390, 768])
+def test_narrow_screens_do_not_scroll_sideways(page, report, width):
+    page.resize(width, 844, phone=True)
+    page.open(report)
+    page.wait("document.querySelectorAll('.card').length")
+    assert page.run("return document.documentElement.scrollWidth") <= width
+    page.run("location.hash = 'frame=1'")
+    page.wait(f"{OPEN} && document.querySelector('#facts dd')")
+    assert page.run("const b = document.querySelector('.large-body'); return b.scrollWidth <= b.clientWidth")
+
+
+def test_everything_that_can_be_used_has_a_name(page):
+    page.run("location.hash = 'frame=1'")
+    page.wait(OPEN)
+    page.devtools("Accessibility.enable")
+    nodes = page.devtools("Accessibility.getFullAXTree")["nodes"]
+    wanted = {"button", "checkbox", "link", "textbox", "searchbox", "combobox", "spinbutton", "image", "dialog"}
+    used = [node for node in nodes if node.get("role", {}).get("value") in wanted and not node.get("ignored")]
+    assert {"button", "checkbox", "image", "dialog"} <= {node["role"]["value"] for node in used}
+    nameless = [node["role"]["value"] for node in used if not node.get("name", {}).get("value", "").strip()]
+    assert not nameless
+    page.press("Escape")
+    page.wait(f"!{OPEN}")
+    nodes = page.devtools("Accessibility.getFullAXTree")["nodes"]
+    used = [node for node in nodes if node.get("role", {}).get("value") in wanted and not node.get("ignored")]
+    assert {"link", "searchbox", "combobox", "spinbutton"} <= {node["role"]["value"] for node in used}
+    assert not [node["role"]["value"] for node in used if not node.get("name", {}).get("value", "").strip()]
+
+
+def test_ten_thousand_frames(browser, tmp_path, named):
+    codes = ("no_field", "no_circle_found", "too_uncertain")
+    records = [
+        named(f"f{k:05d}", 1.0 + k % 97) if k % 100 == 0 else refused(f"f{k:05d}", codes[k // 700 % 3])
+        for k in range(10_000)
+    ]
+    report = write_report(read_run(write_run(tmp_path, records))).page
+    browser.console()
+    browser.open(report)
+    browser.wait("document.querySelectorAll('.card').length === 60")
+    assert browser.run("return document.getElementsByTagName('*').length") < 4000
+    assert "10000 of 10000 frames: 100 calibrated" in browser.run("return document.getElementById('count').textContent")
+    choose(browser, "q", "f0777", 10)
+    choose(browser, "q", "", 60)
+    choose(browser, "verdict", "calibrated", 60)
+    choose(browser, "sort", "sigma", 60)
+    browser.run("document.getElementById('on').click()")
+    browser.wait("document.querySelectorAll('.card').length === 40")
+    last = browser.run(f"return {IDS}")[-1]
+    sigma = {record["id"]: record["camera"]["max_sigma_px"] for record in records if record["camera"]}
+    assert sigma[last] == max(sigma.values())
+    browser.run("document.querySelectorAll('.card')[39].click()")
+    browser.wait(f"{OPEN} && document.querySelector('#facts dd')")
+    assert browser.run("return document.getElementById('place').textContent") == "100 of 100"
+    assert browser.console() == []
+    listing = (tmp_path / "report" / "frames.js").stat().st_size
+    assert listing < 250 * len(records)
+    assert json.loads((tmp_path / "report" / "frames.js").read_text()[len("circlecalFrames(") : -3])

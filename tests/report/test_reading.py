@@ -1,0 +1,96 @@
+"""What is read of a run, and what is said of folders that hold none."""
+
+import json
+
+import pytest
+
+from circlecal.batch import RESULTS_NAME
+from circlecal.errors import InputError
+from circlecal.report.reading import read_run
+from tests.report.conftest import refused, write_run
+
+
+def test_pictures_in_the_order_of_their_numbers_then_videos_by_time(tmp_path, named):
+    video = [named(f"v{t}", source={"path": "match.mp4", "time_s": t}) for t in (90.0, 5.0)]
+    run = read_run(write_run(tmp_path, [*video, named("f10"), named("f2"), refused("f1")]))
+    assert [row.id for row in run.rows] == ["f1", "f2", "f10", "v5.0", "v90.0"]
+    assert [row.time_s for row in run.rows[3:]] == [5.0, 90.0]
+    assert run.digests == {"abc": 1, named("x")["config_digest"]: 4}
+
+
+def test_a_row_has_the_figures_of_its_record(tmp_path, good_record):
+    (row,) = read_run(write_run(tmp_path, [good_record])).rows
+    assert row.sigma_px == good_record["camera"]["max_sigma_px"]
+    assert row.sigma_m == good_record["camera"]["max_sigma_m"]
+    assert row.case == 1
+    assert row.rms_px > 0
+
+
+def test_records_are_found_again(tmp_path, named):
+    run = read_run(write_run(tmp_path, [named("ä"), named("b"), named("c", 7.5)]))
+    for row in run.rows:
+        assert run.record(row)["id"] == row.id
+    (tmp_path / RESULTS_NAME).write_text("")
+    with pytest.raises(InputError, match="changed while"):
+        run.record(run.rows[0])
+
+
+def test_the_last_record_of_an_id_counts(tmp_path, named):
+    run = read_run(write_run(tmp_path, [refused("a"), named("a")]))
+    assert [row.status for row in run.rows] == ["calibrated"]
+
+
+def test_a_folder_of_result_files(tmp_path, named):
+    for name in ("b", "a"):
+        (tmp_path / f"{name}.json").write_text(json.dumps(named(name)))
+    (tmp_path / "camera_a.json").write_text('{"pan_degrees": 1.0}')
+    (tmp_path / "coco.json").write_text("[]")
+    assert [row.id for row in read_run(tmp_path).rows] == ["a", "b"]
+
+
+def test_a_torn_last_line_is_left_out(tmp_path, named, caplog):
+    write_run(tmp_path, [named("a")])
+    with (tmp_path / RESULTS_NAME).open("a") as file:
+        file.write('{"id": "b", "sta')
+    assert [row.id for row in read_run(tmp_path).rows] == ["a"]
+    assert "torn last line" in caplog.text
+
+
+BROKEN = {
+    "not JSON": ("{{\n", "line 2: is no result"),
+    "no record": ("[1]\n", "line 2: is no result"),
+    "no id": ('{"schema_version": 1, "status": "refused"}\n', "line 2: is no result: id is missing"),
+    "unknown verdict": ('{"schema_version": 1, "id": "b", "status": "fine"}\n', "line 2: is no result: status"),
+    "text for a number": (
+        '{"schema_version": 1, "id": "b", "status": "refused", "case": "x"}\n',
+        "line 2: is no result: case",
+    ),
+    "list for a mapping": (
+        '{"schema_version": 1, "id": "b", "status": "refused", "camera": [1]}\n',
+        "line 2: is no result",
+    ),
+    "newer version": ('{"schema_version": 99}\n', "line 2: has schema_version 99"),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_broken_line_is_named(tmp_path, run_circlecal, name):
+    line, said = BROKEN[name]
+    write_run(tmp_path, [refused("a")])
+    with (tmp_path / RESULTS_NAME).open("a") as file:
+        file.write(line)
+    outcome = run_circlecal("report", tmp_path)
+    assert outcome.code == 2
+    assert outcome.err.count("\n") == 1
+    assert f"{RESULTS_NAME}, {said}" in outcome.err
+    assert not (tmp_path / "report").exists()
+
+
+def test_nothing_to_report(tmp_path, run_circlecal):
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "none").mkdir()
+    (tmp_path / "none" / RESULTS_NAME).write_text("")
+    for folder, said in (("absent", "no such folder"), ("empty", "holds no results"), ("none", "holds no results")):
+        outcome = run_circlecal("report", tmp_path / folder)
+        assert (outcome.code, outcome.err.count("\n")) == (2, 1), outcome
+        assert said in outcome.err
