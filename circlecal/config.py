@@ -21,6 +21,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
 
+from circlecal.camera_fit.rig_options import RigConfig
 from circlecal.errors import ConfigError
 from circlecal.sources import SourcesConfig
 from circlecal.stages.camera import CameraConfig
@@ -98,6 +99,7 @@ class Config(BaseModel):
     sources: SourcesConfig = Field(
         SourcesConfig(), description="Sources: how far annotations and detections from files are trusted."
     )
+    rig: RigConfig = Field(RigConfig(), description="Rig: what many frames of one camera share (`circlecal rig`).")
     output: OutputConfig = Field(OutputConfig(), description="Output: what is written beside the result.")
 
 
@@ -323,9 +325,9 @@ def _all_keys(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
 def config_digest(config: Config) -> str:
     """Twelve hexadecimal digits over everything that can change an answer.
 
-    That is every section but ``output``, and the content of the user's own files: a template, networks.
+    That is every section but ``output`` and ``rig``, and the content of the user's own files: a template, networks.
     """
-    content = config.model_dump(mode="json", exclude={"output"})
+    content = config.model_dump(mode="json", exclude={"output", "rig"})
     template = config.field.template
     own_template = [("field", "template")] if template.endswith((".yaml", ".yml")) else []
     for name, key in (*own_template, *MODEL_KEYS):

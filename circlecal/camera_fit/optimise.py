@@ -9,6 +9,7 @@ import numpy as np
 from circlecal.camera_fit.curves import CurvePoints, FixedPoints, curve_residuals, first_hidden, point_residuals
 from circlecal.camera_fit.look import LOOK, from_look, look_jacobian, to_look
 from circlecal.camera_fit.model import INDEX, PARAMETERS, Frame, active_parameters
+from circlecal.camera_fit.shared_prior import SharedPrior
 from circlecal.geometry.homogeneous import Array, Indices, Mask
 
 LARGEST_STEP = 0.7
@@ -39,6 +40,8 @@ class Priors:
         Gaussian prior of the angle under which the camera looks down on the circle's centre; sd inf for none.
     center_m : (2,) array
         The circle's centre.
+    shared : SharedPrior or None
+        What other frames of the same camera say; the parameters that it covers have no other prior.
     """
 
     mean: Array
@@ -48,9 +51,17 @@ class Priors:
     elevation_rad: float
     elevation_sd_rad: float
     center_m: Array
+    shared: SharedPrior | None = None
 
     def residuals(self, theta: Array) -> tuple[Array, Array]:
         """Normalised residuals (B, K) and their Jacobian (B, K, P)."""
+        values, jacobian = self._of_parameters_and_place(theta)
+        if self.shared is None:
+            return values, jacobian
+        told, by_theta = self.shared.residuals(theta)
+        return np.concatenate([values, told], axis=1), np.concatenate([jacobian, by_theta], axis=1)
+
+    def _of_parameters_and_place(self, theta: Array) -> tuple[Array, Array]:
         used = np.flatnonzero((self.sd > 0) & np.isfinite(self.sd))
         place = np.isfinite([self.distance_log_sd, self.elevation_sd_rad])
         values = np.empty((len(theta), len(used) + int(place.sum())))

@@ -14,15 +14,16 @@ from typing import Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from circlecal.camera_fit.curves import CurvePoints, FixedPoints, first_hidden
+from circlecal.camera_fit.curves import FixedPoints, first_hidden
 from circlecal.camera_fit.model import INDEX, PARAMETERS, Frame, camera_of
 from circlecal.camera_fit.naming import name_lines
+from circlecal.camera_fit.noise import inflated
 from circlecal.camera_fit.observed import Realism, observed_curves, observed_points, stated_sigmas
 from circlecal.camera_fit.optimise import Priors, Problem, State, best_of, minimise
 from circlecal.camera_fit.report import camera_fit
+from circlecal.camera_fit.shared_prior import SharedPriorConfig
 from circlecal.camera_fit.starts import closed_form_starts, grid_starts
 from circlecal.camera_fit.uncertainty import (
-    correlation_factor,
     field_sigma,
     posterior_covariance,
 )
@@ -80,6 +81,9 @@ class CameraConfig(BaseModel):
     )
     position_sd_m: Three = Field(
         (0.5, 0.5, 0.5), description="Prior standard deviation of the position, where one is given."
+    )
+    shared: SharedPriorConfig | None = Field(
+        None, description="What other frames of the same camera say of it, as `circlecal rig` writes it, or null."
     )
     distance_radii: float = Field(
         7.0, gt=0, description="Usual distance of a camera from the circle's centre, in its radii."
@@ -193,8 +197,8 @@ def _settled(problem: Problem, state: State, config: CameraConfig) -> tuple[Prob
     """Optimise once more with the sigmas that the residuals ask for."""
     if not config.noise_from_residuals:
         return problem, best_of(state), 1.0
-    inflated, scale = _inflated(problem, state)
-    problem = replace(problem, curves=inflated)
+    curves, scale = inflated(problem, state)
+    problem = replace(problem, curves=curves)
     return problem, best_of(minimise(problem, state.theta, config.loss_scale, config.iterations, state.hidden)), scale
 
 
@@ -220,7 +224,11 @@ def priors_of(config: CameraConfig, template: FieldTemplate, circle: Circle, fra
     sd[INDEX["width"]] = template.marking_width_sd_m if config.width_sd_m is None else config.width_sd_m
     sd[INDEX["bloom"]] = config.bloom_sd_px
     sd[INDEX["length"]], sd[INDEX["breadth"]] = template.length_sd_m, template.width_sd_m
-    free = config.position_m is not None
+    shared = None
+    if config.shared is not None:
+        shared = config.shared.prior(frame.width).only([name for name in PARAMETERS if sd[INDEX[name]] > 0])
+        sd[shared.indices], mean[shared.indices] = np.inf, shared.mean[: len(shared.parameters)]
+    free = config.position_m is not None or shared is not None
     return Priors(
         mean=mean,
         sd=sd,
@@ -229,6 +237,7 @@ def priors_of(config: CameraConfig, template: FieldTemplate, circle: Circle, fra
         elevation_rad=np.radians(config.elevation_deg),
         elevation_sd_rad=np.inf if config.elevation_sd_deg is None or free else np.radians(config.elevation_sd_deg),
         center_m=np.asarray(circle.center, dtype=np.float64),
+        shared=shared,
     )
 
 
@@ -368,18 +377,3 @@ def _contradicting(state: State, points: FixedPoints) -> Mask:
     """Marks and keypoints (M,) that lie further from where the camera puts them than their sigma can explain."""
     values = state.point_values[0].reshape(len(points.names), 2) if points.names else np.zeros((0, 2))
     return np.asarray(np.linalg.norm(values, axis=-1) > 5.0, dtype=bool)
-
-
-def _inflated(problem: Problem, state: State) -> tuple[CurvePoints, float]:
-    """Curves with sigmas grown by the scatter of their residuals and by how much neighbours repeat each other."""
-    curves, values = problem.curves, state.residuals[0]
-    factor = np.ones(len(values))
-    for group in range(len(curves.names)):
-        index = np.flatnonzero(curves.group == group)
-        ordered = index[np.argsort(state.hidden[0, index], kind="stable")]
-        residual = np.clip(values[ordered], -6, 6)
-        if len(residual) < 8:
-            continue
-        scatter = np.sqrt(np.mean(residual**2) * len(residual) / max(len(residual) - 3.0, 1.0))
-        factor[index] = max(1.0, scatter) * np.sqrt(correlation_factor(residual))
-    return curves.with_sigma(curves.sigma_px * factor), float(np.sqrt(np.mean(factor**2)))

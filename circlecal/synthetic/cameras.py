@@ -175,6 +175,7 @@ def sample_camera(
     offset_m: float | None = None,
     kappa: float = 0.0,
     surface: Surface = FLAT,
+    like: Camera | None = None,
 ) -> Camera:
     """One random camera of a profile, on the near side of the field (y > 0).
 
@@ -202,6 +203,8 @@ def sample_camera(
         Radial distortion, half-widths.
     surface : Surface
         Shape of the ground.
+    like : Camera, optional
+        Another view of the same camera: its position and roll are kept.
 
     Raises
     ------
@@ -221,9 +224,13 @@ def sample_camera(
     for attempt in range(_POSITIONS * _BATCHES_A_POSITION):
         if attempt % _BATCHES_A_POSITION == 0:
             position = _drawn_position(view, rng)
+            if like is not None:
+                position = like.position_m - np.array([*circle.center, 0.0])
         if arc_deg is not None and attempt == _HALFWAY_POSITIONS * _BATCHES_A_POSITION:
             view = replace(view, halfway_px=0.0)
         candidates = _aimed(position, view, circle, rng, (width, height), kappa)
+        if like is not None:
+            candidates.angles_rad[:, 2] = like.angles_rad[2]
         candidates = _with_circle_as_wanted(candidates, view, points, arc_deg)
         if view.only_circle:
             candidates = _without_others(candidates, points)

@@ -1,0 +1,42 @@
+"""Options of estimating what many frames of one camera share."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class RigConfig(BaseModel):
+    """Options of ``circlecal rig``; the priors of what is shared are those of the section ``camera``."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    least_frames: int = Field(2, ge=1, description="Fewer frames that agree on where the camera stands are no camera.")
+    maximum_frames: int = Field(
+        40, ge=1, le=2000, description="Frames of one camera that are estimated together: the best determined ones."
+    )
+    same_position_m: float = Field(
+        0.3, ge=0, description="How far the positions of one camera may differ beyond their own uncertainty, metres."
+    )
+    position_deviation_m: float = Field(
+        0.05, ge=0, description="By how much the optical centre of one frame deviates from the camera's, metres."
+    )
+    roll_deviation_deg: float = Field(0.05, ge=0, description="The same of the roll, degrees.")
+    principal_point_deviation_px: float = Field(
+        1.0, ge=0, description="The same of the principal point, pixels at 1920 px width."
+    )
+    k1_deviation: float = Field(0.001, ge=0, description="The same of the radial distortion.")
+    principal_point_by_zoom_px: float = Field(
+        10.0,
+        ge=0,
+        description="Prior of how far the principal point moves while the focal length grows e-fold, pixels at 1920 px "
+        "width; 0 for not at all.",
+    )
+    k1_by_zoom: float = Field(
+        0.01, ge=0, description="Prior of how much the radial distortion changes while the focal length grows e-fold."
+    )
+    maximum_surprise: float = Field(
+        30.0,
+        gt=0,
+        description="A frame that fits the others this much worse than alone (difference of the sums of squared "
+        "residuals in sigmas) is left out of the camera.",
+    )
