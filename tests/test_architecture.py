@@ -34,6 +34,7 @@ LAYERS: tuple[frozenset[str], ...] = (
     frozenset({"api"}),
     frozenset({"evaluation"}),
     frozenset({"batch"}),
+    frozenset({"rig"}),
     frozenset({"report", "bench"}),
     frozenset({"cli"}),
 )

@@ -21,6 +21,7 @@ from circlecal.cli.evaluate import evaluate
 from circlecal.cli.fields import fields
 from circlecal.cli.project import project
 from circlecal.cli.report import report
+from circlecal.cli.rig import rig
 from circlecal.cli.simulate import simulate
 from circlecal.cli.synth import synth
 
@@ -44,6 +45,7 @@ app = typer.Typer(
 )
 app.command()(calibrate)
 app.command()(batch)
+app.command()(rig)
 app.command()(report)
 app.command()(debug)
 app.command()(convert)

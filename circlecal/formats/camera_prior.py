@@ -2,9 +2,9 @@
 
 A prior file is YAML or JSON with ``position_m`` (three numbers, SoccerNet's frame), and as far as known
 ``position_sd_m``, ``roll_sd_deg``,
-``k1_mean`` and ``k1_sd``: keys of the configuration's section ``camera``. A result file of ``circlecal calibrate``
-serves as well: its position
-with the standard deviation that it carries.
+``k1_mean`` and ``k1_sd``: keys of the configuration's section ``camera``; from ``circlecal rig`` also ``shared``, the
+joint distribution of everything that frames of one camera share, which stands before the others. A result file of
+``circlecal calibrate`` serves as well: its position with the standard deviation that it carries.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from circlecal.errors import InputError
+from circlecal.formats.atomic import write_atomic
 
 KEYS = (
     "position_m",
@@ -24,7 +25,10 @@ KEYS = (
     "principal_point_sd_px",
     "crown_m",
     "crown_sd_m",
+    "shared",
 )
+ABOUT_KEYS = ("camera", "frames", "left_out")
+"""What a prior file may say about itself."""
 LEAST_POSITION_SD_M = 0.05
 DEFAULT_POSITION_SD_M = 0.5
 
@@ -48,6 +52,7 @@ def prior_settings(path: Path) -> list[str]:
     if not isinstance(content, dict):
         raise InputError(f"{path}: a camera prior is a mapping with position_m")
     known = _from_result(content, path) if "schema_version" in content else content
+    known = {key: value for key, value in known.items() if key not in ABOUT_KEYS}
     unknown = sorted(set(known) - set(KEYS))
     if unknown:
         raise InputError(f"{path}: {unknown[0]} is unknown in a camera prior; known: {', '.join(KEYS)}")
@@ -55,6 +60,35 @@ def prior_settings(path: Path) -> list[str]:
         raise InputError(f"{path}: position_m is missing; a camera prior needs at least the position")
     settings = {"position_sd_m": [DEFAULT_POSITION_SD_M] * 3, **known}
     return [f"camera.{key}={json.dumps(value)}" for key, value in settings.items()]
+
+
+def write_prior(
+    path: Path, settings: dict[str, Any], about: dict[str, Any], values: dict[str, tuple[float, float]]
+) -> None:
+    """Write a prior file with a summary for its reader on top.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    settings : dict
+        Keys of the section ``camera``.
+    about : dict
+        Name and frames of the camera.
+    values : dict
+        Mean and standard deviation of what the frames share, by name.
+
+    Raises
+    ------
+    InputError
+        The file cannot be written.
+    """
+    import yaml
+
+    lines = [f"# {name}: {mean:.5g} +- {sd:.2g}" for name, (mean, sd) in values.items()]
+    header = "\n".join(["# A camera for --camera-prior: what its frames share (radians, metres, pixels).", *lines])
+    body = yaml.safe_dump({**about, **settings}, sort_keys=False, default_flow_style=None, width=120)
+    write_atomic(path, f"{header}\n{body}".encode())
 
 
 def _from_result(record: dict[str, Any], path: Path) -> dict[str, Any]:

@@ -1,0 +1,334 @@
+"""What the frames of each camera share: groups of frames, the joint fit of each, and what it says of any frame."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from circlecal.camera_fit.curves import curve_residuals, first_hidden, line_curve
+from circlecal.camera_fit.joint import (
+    JointProblem,
+    JointState,
+    first_state,
+    joint_problem,
+    minimise_joint,
+    shared_prior,
+)
+from circlecal.camera_fit.model import Frame
+from circlecal.camera_fit.noise import inflated
+from circlecal.camera_fit.observed import Realism, observed_curves, observed_points
+from circlecal.camera_fit.optimise import Problem, evaluate
+from circlecal.camera_fit.positions import group_positions
+from circlecal.camera_fit.shared_prior import SharedPrior, SharedPriorConfig
+from circlecal.config import Config
+from circlecal.field import Circle, FieldTemplate
+from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.homography import SIDES
+from circlecal.observations import Observations
+from circlecal.rig.frames import RigFrame
+from circlecal.stages.camera import priors_of
+
+POINTS_PER_MARKING = 96
+"""Of each marking in the joint fit; more are averaged along it."""
+SAME_LINE_PX = 6.0
+"""A recognised line is the seen one that lies this near to where the camera puts it, pixels at 1920 px width."""
+ZOOM_BINS = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Rig:
+    """One camera and its frames.
+
+    Attributes
+    ----------
+    name : str
+        Of the camera.
+    size : (int, int)
+        Width and height of its pictures.
+    members : tuple of str
+        Frames that agree on where it stands.
+    used : tuple of str
+        Frames that were estimated together.
+    left_out : tuple of str
+        Frames that fitted the others much worse than alone.
+    problem, state : JointProblem, JointState
+        The joint fit.
+    """
+
+    name: str
+    size: tuple[int, int]
+    members: tuple[str, ...]
+    used: tuple[str, ...]
+    left_out: tuple[str, ...]
+    problem: JointProblem
+    state: JointState
+
+    def prior(self, frame_id: str | None = None) -> SharedPrior:
+        """What the other frames say of a frame; of any other picture of this camera when None."""
+        without = self.used.index(frame_id) if frame_id in self.used else None
+        return shared_prior(self.problem, self.state, without)
+
+
+def estimate_rigs(
+    frames: Sequence[RigFrame],
+    template: FieldTemplate,
+    circle: Circle,
+    config: Config,
+    cameras: Mapping[str, str] | None = None,
+) -> list[Rig]:
+    """The cameras that several frames share, those with the most frames first.
+
+    Parameters
+    ----------
+    frames : sequence of RigFrame
+        All frames of a run; those without a camera of their own are left alone here.
+    template, circle : FieldTemplate, Circle
+        In the convention in which the frames were calibrated.
+    config : Config
+        Of the run; the sections ``camera`` and ``rig`` count.
+    cameras : mapping, optional
+        Name of the camera by frame, where it is known; otherwise frames are grouped by where their cameras stand.
+    """
+    known = [f for f in frames if f.theta is not None and f.covariance is not None and f.observations is not None]
+    rigs = []
+    for name, members, turned in _groups(known, config, cameras):
+        sizes = [f.size for f in members]
+        size = max(set(sizes), key=sizes.count)
+        same = [(f, t) for f, t in zip(members, turned, strict=True) if f.size == size]
+        rig = _estimated(name, [f for f, _ in same], [t for _, t in same], template, circle, config)
+        if rig is not None:
+            rigs.append(replace(rig, members=tuple(f.id for f in members)))
+    return rigs
+
+
+def _groups(
+    frames: Sequence[RigFrame], config: Config, cameras: Mapping[str, str] | None
+) -> list[tuple[str, list[RigFrame], list[bool]]]:
+    """Name, frames, and whether each has to be turned, of every group that is large enough."""
+    least = config.rig.least_frames
+    if cameras is not None:
+        by_name: dict[str, list[RigFrame]] = {}
+        for frame in frames:
+            if frame.id in cameras:
+                by_name.setdefault(cameras[frame.id], []).append(frame)
+        return [(name, own, [False] * len(own)) for name, own in by_name.items() if len(own) >= least]
+    if not frames:
+        return []
+    theta = np.array([f.theta for f in frames])
+    covariance = np.array([f.covariance for f in frames])[:, 4:7, 4:7]
+    groups, turned = group_positions(theta[:, 4:7], covariance + config.rig.same_position_m**2 * np.eye(3), least)
+    return [
+        (f"camera-{number + 1}", [frames[int(k)] for k in chosen], [bool(turned[k]) for k in chosen])
+        for number in range(groups.max() + 1)
+        for chosen in [np.flatnonzero(groups == number)]
+    ]
+
+
+def _estimated(
+    name: str,
+    members: Sequence[RigFrame],
+    turned: Sequence[bool],
+    template: FieldTemplate,
+    circle: Circle,
+    config: Config,
+) -> Rig | None:
+    """The joint fit of the best frames of a camera, without those that do not fit; None where too few are left."""
+    chosen = best_frames(members, config.rig.maximum_frames)
+    thetas = np.array([members[k].turned() if turned[k] else members[k].theta for k in chosen])
+    problems = [
+        frame_problem(members[k], theta, template, circle, config, turned=turned[k])
+        for k, theta in zip(chosen, thetas, strict=True)
+    ]
+    loss = config.camera.loss_scale
+    kept, left_out = list(range(len(chosen))), list[str]()
+    problem: JointProblem | None = None
+    while len(kept) >= config.rig.least_frames:
+        problem = _joint([problems[k] for k in kept], config, members[0].size[0], float(np.median(thetas[kept, 0])))
+        alone = np.array([_alone(p, thetas[k], loss) for p, k in zip(problem.frames, kept, strict=True)])
+        state = first_state(problem, thetas[kept], 10.0 * loss)
+        state = minimise_joint(problem, state, 10.0 * loss, config.camera.iterations // 2)
+        state = minimise_joint(problem, first_state(problem, state.theta, loss), loss, config.camera.iterations)
+        surprise = state.costs - alone
+        worst = int(np.argmax(surprise))
+        if surprise[worst] <= config.rig.maximum_surprise:
+            used = tuple(members[chosen[k]].id for k in kept)
+            return Rig(name, members[0].size, (), used, tuple(left_out), problem, state)
+        left_out.append(members[chosen[kept[worst]]].id)
+        del kept[worst]
+    return None
+
+
+def _joint(problems: Sequence[Problem], config: Config, width: int, log_focal: float) -> JointProblem:
+    rig, unit = config.rig, width / 1920.0
+    position, point = rig.position_deviation_m, rig.principal_point_deviation_px * unit
+    return joint_problem(
+        problems,
+        slope_sd={
+            "pp_x": rig.principal_point_by_zoom_px * unit,
+            "pp_y": rig.principal_point_by_zoom_px * unit,
+            "kappa_1": rig.k1_by_zoom,
+        },
+        deviation_sd={
+            "x": position,
+            "y": position,
+            "z": position,
+            "roll": float(np.radians(rig.roll_deviation_deg)),
+            "pp_x": point,
+            "pp_y": point,
+            "kappa_1": rig.k1_deviation,
+        },
+        log_focal=log_focal,
+    )
+
+
+def _alone(problem: Problem, theta: Array, loss_scale: float) -> float:
+    """Cost of a frame's observations where the frame is calibrated alone."""
+    hidden, _ = first_hidden(problem.curves, theta[None], problem.frame)
+    return float(evaluate(problem, theta[None], hidden, loss_scale, updates=4).cost[0])
+
+
+def best_frames(frames: Sequence[RigFrame], maximum: int) -> list[int]:
+    """Indices of the best determined frames, from the whole range of zooms in turn."""
+    precision = np.array([-np.trace(f.covariance[4:7, 4:7]) for f in frames if f.covariance is not None])
+    zoom = np.array([f.theta[0] for f in frames if f.theta is not None])
+    low, high = zoom.min(), zoom.max()
+    bins = np.minimum((ZOOM_BINS * (zoom - low) / max(high - low, 1e-9)).astype(int), ZOOM_BINS - 1)
+    order = np.argsort(-precision, kind="stable")
+    place = np.zeros(len(frames), dtype=int)
+    for k in range(ZOOM_BINS):
+        own = order[bins[order] == k]
+        place[own] = np.arange(len(own))
+    # the best of every zoom first, then every second best
+    chosen = np.lexsort((-precision, place))[:maximum]
+    return [int(k) for k in np.sort(chosen)]
+
+
+def frame_problem(
+    frame: RigFrame,
+    theta: Array,
+    template: FieldTemplate,
+    circle: Circle,
+    config: Config,
+    *,
+    turned: bool = False,
+    grown: bool = True,
+) -> Problem:
+    """A frame's observations with the standard deviations that its residuals at ``theta`` ask for.
+
+    Parameters
+    ----------
+    frame : RigFrame
+        What was seen.
+    theta : (P,) array
+        Its camera.
+    template, circle, config : FieldTemplate, Circle, Config
+        As for :func:`estimate_rigs`.
+    turned : bool
+        Whether ``theta`` sees the field turned by 180 degrees against the frame's named lines.
+    grown : bool
+        False: the stated standard deviations, with the model's own.
+    """
+    assert frame.observations is not None
+    unit = frame.size[0] / 1920.0
+    options = config.camera
+    view = Frame(*frame.size, options.crown_shape, circle.radius_m)
+    names = [turned_line(name, template) if turned else name for name in frame.named_lines]
+    seen = with_names(frame.observations, names, theta, template, view)
+    seen = replace(
+        seen,
+        marks=tuple(m for m in seen.marks if m.mark not in frame.rejected),
+        keypoints=tuple(k for k in seen.keypoints if k.name not in frame.rejected),
+        lines=tuple(line for line in seen.lines if line.line not in frame.rejected),
+        circles=tuple(c for c in seen.circles if f"{c.circle} {c.edge}" not in frame.rejected),
+    )
+    points = min(POINTS_PER_MARKING, options.maximum_points)
+    realism = Realism(points, options.model_sigma_px * unit, options.correlation_px * unit)
+    problem = Problem(
+        observed_curves(seen, template, realism),
+        observed_points(seen, template),
+        priors_of(options, template, circle, view),
+        view,
+    )
+    if not grown or not options.noise_from_residuals:
+        return problem
+    hidden, _ = first_hidden(problem.curves, theta[None], view)
+    state = evaluate(problem, theta[None], hidden, options.loss_scale, updates=4)
+    return replace(problem, curves=inflated(problem, state)[0])
+
+
+def with_names(
+    observations: Observations, names: Sequence[str], theta: Array, template: FieldTemplate, frame: Frame
+) -> Observations:
+    """Give recognised lines back their names: each to the seen line without one that lies where the camera puts it."""
+    lines = list(observations.lines)
+    for name in names:
+        drawn = template.line_by_name[name]
+        best, where = SAME_LINE_PX * frame.width / 1920.0, -1
+        for k, line in enumerate(lines):
+            if line.line is not None or len(line.points_px) == 0:
+                continue
+            curve = line_curve(
+                name,
+                line.points_px,
+                np.ones(len(line.points_px)),
+                template.line_ends(drawn),
+                template.line_shift(drawn),
+            )
+            hidden, _ = first_hidden(curve, theta[None], frame)
+            seen = curve_residuals(curve, theta[None], hidden, frame, updates=4)
+            rms = float(np.sqrt(np.mean(seen.values**2)))
+            if rms < best and not seen.behind.any():
+                best, where = rms, k
+        if where >= 0:
+            lines[where] = replace(lines[where], line=name)
+    return replace(observations, lines=tuple(lines))
+
+
+def turned_line(name: str, template: FieldTemplate) -> str:
+    """The line that lies where another one does after the field is turned by 180 degrees."""
+    ends = -template.line_ends(template.line_by_name[name])
+    for line in template.lines:
+        other = template.line_ends(line)
+        if min(np.abs(other - ends).max(), np.abs(other[::-1] - ends).max()) < 0.2:
+            return line.name
+    return name
+
+
+def config_with(config: Config, prior: SharedPrior, width: int) -> Config:
+    """The configuration for a frame of which other frames say something."""
+    place = [prior.parameters.index(name) for name in ("x", "y", "z")]
+    position = prior.mean[place]
+    spread = np.hypot(np.sqrt(np.diag(prior.covariance)[place]), prior.deviation_sd[place])
+    side = max(SIDES, key=lambda name: float(position[:2] @ np.array(SIDES[name])))
+    camera = config.camera.model_copy(
+        update={
+            "shared": SharedPriorConfig.of(prior, width),
+            "position_m": tuple(float(v) for v in position),
+            "position_sd_m": tuple(float(v) for v in spread),
+        }
+    )
+    correspondences = config.correspondences.model_copy(update={"camera_side": side})
+    return config.model_copy(update={"camera": camera, "correspondences": correspondences})
+
+
+def surprise_of(prior: SharedPrior, theta: Array) -> float:
+    """How far a camera lies from what the others say: squared, in standard deviations, over all shared parameters."""
+    values, _ = prior.residuals(theta[None])
+    return float(values[0] @ values[0])
+
+
+def shared_values(rig: Rig) -> dict[str, tuple[float, float]]:
+    """Means and standard deviations of the shared parameters, and of their changes with the zoom."""
+    prior = rig.prior()
+    names = (*prior.parameters, *(f"{name} by zoom" for name in prior.zoomed))
+    sigma = np.sqrt(np.diag(prior.covariance))
+    return {name: (float(m), float(s)) for name, m, s in zip(names, prior.mean, sigma, strict=True)}
+
+
+def position_of(rig: Rig) -> tuple[Array, Array]:
+    """Position (3,) and its standard deviations (3,), metres."""
+    values = shared_values(rig)
+    pairs = [values[name] for name in ("x", "y", "z")]
+    return np.array([m for m, _ in pairs]), np.array([s for _, s in pairs])

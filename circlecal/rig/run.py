@@ -1,0 +1,264 @@
+"""From the results of a run to cameras, prior files, and the results of every frame with them."""
+
+from __future__ import annotations
+
+import csv
+import logging
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from circlecal.api import calibrate_frame, prepare_folder
+from circlecal.config import Config, config_digest
+from circlecal.errors import CirclecalError, InputError
+from circlecal.field import FieldTemplate
+from circlecal.formats.atomic import write_atomic
+from circlecal.formats.camera_prior import write_prior
+from circlecal.formats.images import find_frames
+from circlecal.formats.result import result_line, result_record
+from circlecal.formats.summary import FrameSummary, summarise, write_summary
+from circlecal.pipeline import Convention, field_of, in_convention, run_observations
+from circlecal.results import Calibration
+from circlecal.rig.estimation import Rig, config_with, estimate_rigs, shared_values
+from circlecal.rig.frames import RESULTS_NAME, RigFrame, frame_of_record, read_records
+from circlecal.rig.recalibration import Recalibration, recalibrate
+
+PICTURE_SUFFIXES = {".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp"}
+SUMMARY_NAME = "summary.csv"
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(slots=True)
+class RigReport:
+    """What a run brought.
+
+    Attributes
+    ----------
+    rigs : list of Rig
+        The cameras.
+    frames, calibrated_alone, calibrated : int
+        Frames in all, and those calibrated before and after.
+    by_camera : dict
+        Frames of each camera by name, recalibrated ones.
+    gained, kept : list of str
+        Frames that were refused alone and succeed now; frames that stay as they were although calibrated.
+    """
+
+    rigs: list[Rig] = field(default_factory=list)
+    frames: int = 0
+    calibrated_alone: int = 0
+    calibrated: int = 0
+    by_camera: dict[str, list[str]] = field(default_factory=dict)
+    gained: list[str] = field(default_factory=list)
+    kept: list[str] = field(default_factory=list)
+
+    def summary(self) -> dict[str, Any]:
+        """Counts, and position, roll and distortion (mean and standard deviation, None where fixed) of each camera."""
+        cameras = []
+        for rig in self.rigs:
+            values = shared_values(rig)
+            roll = values.get("roll")
+            cameras.append(
+                {
+                    "camera": rig.name,
+                    "frames": len(self.by_camera.get(rig.name, ())),
+                    "used": len(rig.used),
+                    "left_out": list(rig.left_out),
+                    **{name: list(values[name]) for name in ("x", "y", "z")},
+                    "roll_deg": None if roll is None else [math.degrees(v) for v in roll],
+                    "kappa_1": list(values["kappa_1"]) if "kappa_1" in values else None,
+                }
+            )
+        return {
+            "frames": self.frames,
+            "calibrated_alone": self.calibrated_alone,
+            "calibrated": self.calibrated,
+            "gained": self.gained,
+            "kept": self.kept,
+            "cameras": cameras,
+        }
+
+
+def run_rig(
+    results: Path,
+    config: Config,
+    out: Path,
+    *,
+    cameras: Mapping[str, str] | None = None,
+    mask: Path | None = None,
+    convention: Convention = "official",
+    on_progress: Callable[[RigReport, int], None] = lambda report, done: None,
+) -> RigReport:
+    """Estimate the cameras of a run and calibrate every frame again with them.
+
+    Parameters
+    ----------
+    results : path
+        Folder of a batch, ``results.jsonl``, or folder of result files.
+    config : Config
+        The configuration of the run.
+    out : path
+        Folder of ``results.jsonl``, ``summary.csv`` and one prior file per camera.
+    cameras : mapping, optional
+        Name of the camera by frame; otherwise frames are grouped by where their cameras stand.
+    mask : path, optional
+        Mask folder of the run, for frames that are calibrated again from their pictures.
+    convention : {"official", "paint"}
+        Where points of annotation files lie, as in the run.
+    on_progress : callable
+        Told the counts and how many frames are done.
+
+    Raises
+    ------
+    InputError
+        The results are damaged or of another field, or a file cannot be written.
+    """
+    template, circle = field_of(config)
+    records = list({record["id"]: record for record in read_records(results)}.values())
+    _require_same_field(records, template, results)
+    frames = [frame_of_record(record, results) for record in records]
+    annotated = any(_is_annotated(record) for record in records)
+    seen_as = in_convention(template, convention) if annotated else template
+    report = RigReport(frames=len(frames), calibrated_alone=sum(f.theta is not None for f in frames))
+    report.rigs = estimate_rigs(frames, seen_as, circle, config, cameras)
+    prepare_folder(out)
+    for rig in report.rigs:
+        write_camera(out / f"{rig.name}.yaml", rig, config)
+    summaries: dict[str, FrameSummary] = {}
+    lines = []
+    for done, (record, frame) in enumerate(zip(records, frames, strict=True)):
+        on_progress(report, done)
+        again = _Again(record, frame, config, mask, convention)
+        names = None if cameras is None else [name for k, name in cameras.items() if k == frame.id]
+        found = recalibrate(frame, report.rigs, again, seen_as, circle, config, names)
+        written = _written(record, found, template, config)
+        _count(report, record, written, found)
+        summaries[frame.id] = summarise(written)
+        lines.append(result_line(written))
+    write_atomic(out / RESULTS_NAME, "".join(f"{line}\n" for line in lines).encode())
+    write_summary(out / SUMMARY_NAME, summaries)
+    on_progress(report, len(frames))
+    return report
+
+
+def read_cameras(path: Path) -> dict[str, str]:
+    """Names of cameras by frame from a CSV file with the columns ``id`` and ``camera``.
+
+    Raises
+    ------
+    InputError
+        Unreadable, without these columns, or a name that no file can have.
+    """
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            rows = list(csv.DictReader(file))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path}: cannot be read: {error}; give a CSV file with id,camera") from error
+    found = {}
+    for number, row in enumerate(rows, start=2):
+        frame, camera = (row.get(name) or "" for name in ("id", "camera"))
+        if not frame or not camera:
+            raise InputError(f"{path}, line {number}: needs the columns id and camera, both filled")
+        if not re.fullmatch(r"[\w.-]+", camera) or camera.startswith("."):
+            raise InputError(f"{path}, line {number}: camera {camera!r} is no name; use letters, digits, . _ and -")
+        found[frame] = camera
+    if not found:
+        raise InputError(f"{path}: names no camera; give a CSV file with id,camera")
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class _Again:
+    """Calibrates one frame of a run again: from its picture where it was refused, otherwise from what was seen."""
+
+    record: Mapping[str, Any]
+    frame: RigFrame
+    config: Config
+    mask: Path | None
+    convention: Convention
+
+    def __call__(self, config: Config) -> Calibration | None:
+        source = Path(self.record["source"]["path"] or "")
+        refused, annotated = self.frame.theta is None, _is_annotated(self.record)
+        if refused and not annotated and source.is_file():
+            try:
+                picture = replace(find_frames([source])[0], id=self.frame.id)
+                return calibrate_frame(picture, config, self.mask)[1]
+            except CirclecalError as error:
+                _log.warning("%s", error)
+                return None
+        if self.frame.observations is None:
+            return None
+        convention: Convention = self.convention if annotated else "paint"
+        return run_observations(
+            self.frame.observations, config, frame_id=self.frame.id, source=str(source), convention=convention
+        )
+
+
+def _is_annotated(record: Mapping[str, Any]) -> bool:
+    path = record["source"]["path"]
+    return path is not None and Path(path).suffix.lower() in {".json", ".xml", ".jsonl", ".csv"}
+
+
+def _require_same_field(records: Sequence[Mapping[str, Any]], template: FieldTemplate, results: Path) -> None:
+    for record in records:
+        known = record.get("field")
+        if known is not None and known["template"] != template.name:
+            raise InputError(
+                f"{results}: {record['id']} is of the field {known['template']}, not {template.name}; give its --field"
+            )
+
+
+def _written(
+    record: Mapping[str, Any], found: Recalibration, template: FieldTemplate, config: Config
+) -> dict[str, Any]:
+    """The new record of a frame; the old one where nothing better was found."""
+    if found.calibration is None or found.rig is None:
+        written = dict(record)
+    else:
+        written = result_record(found.calibration, template)
+        written["source"] = record["source"]
+        written["config_digest"] = config_digest(config)
+    return written | {
+        "rig": {
+            "camera": None if found.rig is None else found.rig.name,
+            "reason": found.reason,
+            "alone": {"status": record["status"], "code": record.get("code"), "reason": record.get("reason")},
+        }
+    }
+
+
+def _count(report: RigReport, record: Mapping[str, Any], written: Mapping[str, Any], found: Recalibration) -> None:
+    before, after = (r["status"] == "calibrated" for r in (record, written))
+    report.calibrated += after
+    if found.rig is not None:
+        report.by_camera.setdefault(found.rig.name, []).append(written["id"])
+    if after and not before:
+        report.gained.append(written["id"])
+    if before and found.rig is None:
+        report.kept.append(written["id"])
+
+
+def write_camera(path: Path, rig: Rig, config: Config) -> None:
+    """Write a camera as a prior file that ``--camera-prior`` reads.
+
+    Raises
+    ------
+    InputError
+        The file cannot be written.
+    """
+    camera = config_with(config, rig.prior(), rig.size[0]).camera
+    assert camera.shared is not None
+    assert camera.position_m is not None
+    values = shared_values(rig)
+    about = {"camera": rig.name, "frames": list(rig.used), "left_out": list(rig.left_out)}
+    settings: dict[str, Any] = {
+        "position_m": list(camera.position_m),
+        "position_sd_m": list(camera.position_sd_m),
+        "shared": camera.shared.model_dump(mode="json"),
+    }
+    write_prior(path, settings, about, values)
