@@ -1,0 +1,77 @@
+"""Frames of standing cameras as a run leaves them, straight from cameras, without pictures."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from circlecal.camera_fit.model import PARAMETERS, Frame, theta_of
+from circlecal.camera_fit.observed import Realism, observed_curves, observed_points
+from circlecal.camera_fit.optimise import Problem, minimise
+from circlecal.camera_fit.uncertainty import posterior_covariance
+from circlecal.config import Config, load_config
+from circlecal.geometry.pinhole import Camera
+from circlecal.observations import Observations
+from circlecal.pipeline import field_of
+from circlecal.rig.frames import RigFrame
+from circlecal.stages.camera import priors_of
+from circlecal.synthetic.cameras import aimed_camera, sample_camera
+from circlecal.synthetic.markings import circle_points, line_points
+
+CONFIG: Config = load_config(
+    None,
+    ["camera.starts=2", "camera.iterations=30", "camera.crown_shape=flat", "camera.maximum_points=60",
+     "camera.model_sigma_px=0", "camera.name_lines=false"],
+)  # fmt: skip
+TEMPLATE, CIRCLE = field_of(CONFIG)
+KAPPA = 0.03
+
+
+def main_views(count: int, rng: np.random.Generator, kappa: float = KAPPA) -> list[Camera]:
+    """Views of one main camera."""
+    first = sample_camera("main", rng, kappa=kappa)
+    return [first] + [sample_camera("main", rng, like=first, kappa=kappa) for _ in range(count - 1)]
+
+
+def goal_views(count: int, rng: np.random.Generator) -> list[Camera]:
+    """Views of one camera behind the left goal."""
+    position = np.array([-80.0, 4.0, -12.0])
+    targets = rng.normal(0, 2, (count, 2))
+    return [
+        aimed_camera(position, np.r_[target, 0.0], rng.uniform(3500, 6000), 0.01, 1920, 1080, 0.02)
+        for target in targets
+    ]
+
+
+def seen_by(
+    camera: Camera, rng: np.random.Generator, *, sigma: float = 0.3, line: bool = True, share: float = 1.0
+) -> Observations:
+    """Centreline of the circle (a contiguous share of it), and the halfway line."""
+    circle = circle_points(camera, TEMPLATE, "center", 120, sigma, rng)
+    kept = int(share * len(circle.points_px))
+    circle = replace(circle, points_px=circle.points_px[:kept], sigma_px=circle.sigma_px[:kept])
+    lines = (line_points(camera, TEMPLATE, "halfway_line", 60, sigma, rng),) if line else ()
+    return Observations(camera.width, camera.height, (circle,), lines)
+
+
+def calibrated(name: str, camera: Camera, rng: np.random.Generator, sigma: float = 0.3) -> RigFrame:
+    """A frame calibrated alone, from the truth as start."""
+    seen = seen_by(camera, rng, sigma=sigma)
+    frame = Frame(camera.width, camera.height, "flat")
+    priors = priors_of(CONFIG.camera, TEMPLATE, CIRCLE, frame)
+    problem = Problem(
+        observed_curves(seen, TEMPLATE, Realism(60, 0, 60)), observed_points(seen, TEMPLATE), priors, frame
+    )
+    state = minimise(problem, theta_of(camera, frame)[None], CONFIG.camera.loss_scale)
+    return RigFrame(name, seen, state.theta[0], posterior_covariance(state.normal[0], priors.sd))
+
+
+def displaced(frame: RigFrame, by_m: tuple[float, float, float], position_sd_m: float) -> RigFrame:
+    """The same with a wrong camera that is sure of itself, or not."""
+    assert frame.theta is not None
+    theta = frame.theta.copy()
+    theta[4:7] += by_m
+    covariance = 1e-6 * np.eye(len(PARAMETERS))
+    covariance[4:7, 4:7] = position_sd_m**2 * np.eye(3)
+    return replace(frame, theta=theta, covariance=covariance)

@@ -1,0 +1,135 @@
+"""Which frames belong to one camera, and what they share."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from circlecal.geometry.homography import SIDES
+from circlecal.observations import LinePoints
+from circlecal.rig.estimation import (
+    best_frames,
+    config_with,
+    estimate_rigs,
+    position_of,
+    turned_line,
+    with_names,
+)
+from circlecal.rig.frames import RigFrame
+
+from .scenes import CIRCLE, CONFIG, TEMPLATE, calibrated, displaced, goal_views, main_views
+
+
+def rigs_of(frames, config=CONFIG, cameras=None):
+    return estimate_rigs(frames, TEMPLATE, CIRCLE, config, cameras)
+
+
+@pytest.fixture(scope="module")
+def mixed():
+    """Five frames of a main camera and three from behind the goal, and both cameras."""
+    rng = np.random.default_rng(0)
+    main, goal = main_views(5, rng), goal_views(3, rng)
+    frames = [calibrated(f"m{k}", c, rng) for k, c in enumerate(main)]
+    frames += [calibrated(f"g{k}", c, rng) for k, c in enumerate(goal)]
+    return frames, main[0], goal[0]
+
+
+def test_two_cameras_are_told_apart(mixed):
+    frames, main, goal = mixed
+    first, second = rigs_of(frames)
+    assert first.members == first.used == tuple(f"m{k}" for k in range(5))
+    assert second.used == tuple(f"g{k}" for k in range(3))
+    for rig, camera in ((first, main), (second, goal)):
+        position, sigma = position_of(rig)
+        assert (np.abs(position - camera.position_m) < 4 * sigma + 0.05).all()
+        alone = np.mean([np.sqrt(np.trace(f.covariance[4:7, 4:7])) for f in frames if f.id in rig.used])
+        assert np.linalg.norm(sigma) < 0.8 * alone
+
+
+def test_a_wrong_frame_that_is_sure_of_itself_joins_nobody(mixed):
+    frames = mixed[0]
+    wrong = displaced(replace(frames[0], id="w"), (9.0, 30.0, -9.0), 0.05)
+    rigs = rigs_of([*frames, wrong])
+    assert [rig.used for rig in rigs] == [rig.used for rig in rigs_of(frames)]
+    np.testing.assert_allclose(position_of(rigs[0])[0], position_of(rigs_of(frames)[0])[0])
+
+
+def test_a_frame_of_another_camera_that_is_taken_in_does_not_drag_the_others(mixed):
+    frames, main, _ = mixed
+    rng = np.random.default_rng(5)
+    near = replace(main, position_m=main.position_m + np.array([5.0, 0.0, 0.0]))
+    near = replace(near, angles_rad=near.angles_rad - np.array([np.arctan2(5.0, near.position_m[1]), 0.0, 0.0]))
+    vague = displaced(calibrated("w", near, rng), (0.0, 0.0, 0.0), 10.0)
+    (first, *_), (clean, *_) = rigs_of([*frames, vague]), rigs_of(frames)
+    assert "w" in first.members
+    assert first.left_out == ("w",)
+    np.testing.assert_allclose(position_of(first)[0], position_of(clean)[0], atol=1e-3)
+
+
+def test_too_few_frames_are_no_camera(mixed):
+    frames, _, _ = mixed
+    assert rigs_of([]) == []
+    assert rigs_of(frames[:1]) == []
+    assert rigs_of([RigFrame("x", None, None, None)]) == []
+    alone = CONFIG.model_copy(update={"rig": CONFIG.rig.model_copy(update={"least_frames": 1})})
+    assert [rig.used for rig in rigs_of(frames[:1], alone)] == [("m0",)]
+
+
+def test_cameras_that_are_given_are_not_guessed(mixed):
+    frames, _, _ = mixed
+    rigs = rigs_of(frames, cameras={"m0": "stand", "m1": "stand", "m2": "other", "g0": "goal", "g1": "goal"})
+    assert {rig.name: rig.used for rig in rigs} == {"stand": ("m0", "m1"), "goal": ("g0", "g1")}
+
+
+def test_turned_fields_agree(mixed):
+    frames, _, goal = mixed
+    own = [f for f in frames if f.id.startswith("g")]
+    turned = replace(own[0], theta=own[0].turned())
+    (rig,) = rigs_of([turned, *own[1:]])
+    assert rig.used == ("g0", "g1", "g2")
+    position, sigma = position_of(rig)
+    apart = np.minimum(np.abs(position - goal.position_m), np.abs(position * [-1, -1, 1] - goal.position_m))
+    assert (apart < 4 * sigma + 0.05).all()
+
+
+def test_the_best_frames_of_every_zoom_come_first(mixed):
+    frame = mixed[0][0]
+
+    def like(zoom, sd):
+        theta, covariance = frame.theta.copy(), frame.covariance.copy()
+        theta[0], covariance[4:7, 4:7] = zoom, sd**2 * np.eye(3)
+        return replace(frame, theta=theta, covariance=covariance)
+
+    frames = [like(7.0, 0.1), like(7.0, 0.2), like(7.01, 0.3), like(9.0, 5.0), like(8.0, 1.0)]
+    assert best_frames(frames, 3) == [0, 3, 4]
+    assert best_frames(frames, 4) == [0, 1, 3, 4]
+    assert best_frames(frames, 9) == [0, 1, 2, 3, 4]
+
+
+def test_configuration_of_a_frame_knows_the_side(mixed):
+    rigs = rigs_of(mixed[0])
+    for rig, side in zip(rigs, ("main", "left_goal"), strict=True):
+        config = config_with(CONFIG, rig.prior(), 1920)
+        assert config.correspondences.camera_side == side
+        assert side in SIDES
+        assert config.camera.shared is not None
+
+
+def test_lines_of_the_turned_field():
+    assert turned_line("halfway_line", TEMPLATE) == "halfway_line"
+    other = {turned_line(line.name, TEMPLATE) for line in TEMPLATE.lines}
+    assert other == {line.name for line in TEMPLATE.lines}
+    for line in TEMPLATE.lines:
+        assert turned_line(turned_line(line.name, TEMPLATE), TEMPLATE) == line.name
+
+
+def test_recognised_lines_get_their_names_back(mixed):
+    frame = mixed[0][0]
+    seen = frame.observations
+    bare = replace(seen, lines=(LinePoints(None, seen.lines[0].points_px, seen.lines[0].sigma_px),))
+    from circlecal.camera_fit.model import Frame
+
+    view = Frame(1920, 1080, "flat")
+    assert with_names(bare, ["halfway_line"], frame.theta, TEMPLATE, view).lines[0].line == "halfway_line"
+    far = replace(bare, lines=(replace(bare.lines[0], points_px=bare.lines[0].points_px + 80.0),))
+    assert with_names(far, ["halfway_line"], frame.theta, TEMPLATE, view).lines[0].line is None

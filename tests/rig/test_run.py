@@ -1,0 +1,178 @@
+"""A run's results in, cameras and recalibrated results out, by the command line."""
+
+import json
+
+import numpy as np
+import pytest
+import yaml
+
+from circlecal.errors import InputError
+from circlecal.formats.camera_prior import prior_settings
+from circlecal.formats.result import failed_record, result_line, result_record
+from circlecal.geometry.homography import mean_reprojection_error, reprojection_grid
+from circlecal.observations import Observations
+from circlecal.pipeline import run_observations
+from circlecal.results import Verdict
+from circlecal.rig.frames import frame_of_record, read_records
+from circlecal.rig.run import read_cameras, run_rig
+
+from .scenes import CONFIG, TEMPLATE, main_views, seen_by
+
+SETTINGS = ["--set", "camera.starts=2", "--set", "camera.iterations=30", "--set", "camera.crown_shape=flat",
+            "--set", "camera.maximum_points=60", "--set", "camera.model_sigma_px=0",
+            "--set", "camera.name_lines=false"]  # fmt: skip
+
+
+def error_px(record, camera):
+    grid = reprojection_grid(camera.homography, 1920, 1080, 52.5, 34.0)
+    return mean_reprojection_error(camera.homography, np.array(record["H_image_field"]), grid)
+
+
+@pytest.fixture(scope="module")
+def views():
+    return main_views(6, np.random.default_rng(4))
+
+
+@pytest.fixture(scope="module")
+def records(views):
+    """Four ordinary frames, one without halfway line, one with a short arc only, one with nothing, one unreadable."""
+    rng = np.random.default_rng(9)
+    seen = {f"{k}": seen_by(camera, rng) for k, camera in enumerate(views[:4])}
+    seen["no-line"] = seen_by(views[4], rng, line=False)
+    seen["arc"] = seen_by(views[5], rng, line=False, share=0.3)
+    seen["nothing"] = Observations(1920, 1080)
+    found = [
+        result_record(run_observations(o, CONFIG, frame_id=name, convention="paint"), TEMPLATE)
+        for name, o in seen.items()
+    ]
+    return [
+        *found,
+        failed_record("bad", "bad.jpg", Verdict("refused", "unreadable_input", "bad.jpg: no", "input"), 0, ""),
+    ]
+
+
+@pytest.fixture
+def results(tmp_path, records):
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "results.jsonl").write_text("".join(result_line(r) + "\n" for r in records))
+    return tmp_path / "run"
+
+
+@pytest.fixture(scope="module")
+def again(records, tmp_path_factory):
+    """The folder that a rig run writes, its report and its records."""
+    folder = tmp_path_factory.mktemp("rig")
+    (folder / "results.jsonl").write_text("".join(result_line(r) + "\n" for r in records))
+    report = run_rig(folder, CONFIG, folder / "out")
+    return folder / "out", report, {r["id"]: r for r in read_records(folder / "out")}
+
+
+def test_frames_refused_alone_succeed_with_the_camera(records, views, again):
+    _, report, found = again
+    assert {r["id"] for r in records if r["status"] == "calibrated"} == {"0", "1", "2", "3"}
+    assert report.gained == ["no-line", "arc"]
+    assert (report.frames, report.calibrated_alone, report.calibrated) == (8, 4, 6)
+    cameras = dict(zip(["0", "1", "2", "3", "no-line", "arc"], views, strict=True))
+    for name, camera in cameras.items():
+        sigma = found[name]["camera"]["max_sigma_px"]
+        assert error_px(found[name], camera) < min(3.0, 3 * sigma), name
+        assert found[name]["rig"]["camera"] == "camera-1"
+    assert found["arc"]["rig"]["alone"]["code"] == "rotation_free"
+
+
+def test_frames_that_show_nothing_stay_refused(again):
+    _, _, found = again
+    for name in ("nothing", "bad"):
+        assert found[name]["status"] == "refused"
+        assert found[name]["rig"]["camera"] is None
+    assert found["bad"]["code"] == "unreadable_input"
+
+
+def test_predicted_errors_shrink_and_hold(records, views, again):
+    _, _, found = again
+    for k, camera in enumerate(views[:4]):
+        before, after = records[k], found[f"{k}"]
+        assert after["camera"]["max_sigma_px"] < 1.05 * before["camera"]["max_sigma_px"]
+        assert error_px(after, camera) < 3 * after["camera"]["max_sigma_px"]
+
+
+def test_prior_file_is_read_by_calibrate(again, tmp_path):
+    out, report, _ = again
+    path = out / "camera-1.yaml"
+    content = yaml.safe_load(path.read_text())
+    assert content["frames"] == list(report.rigs[0].used)
+    settings = dict(s.split("=", 1) for s in prior_settings(path))
+    assert set(settings) == {"camera.position_m", "camera.position_sd_m", "camera.shared"}
+    from circlecal.config import load_config
+
+    assert load_config(None, prior_settings(path)).camera.shared is not None
+
+
+def test_one_frame_shares_nothing(records, tmp_path):
+    (tmp_path / "results.jsonl").write_text(result_line(records[0]) + "\n" + result_line(records[4]) + "\n")
+    report = run_rig(tmp_path, CONFIG, tmp_path / "out")
+    assert report.rigs == []
+    kept = {r["id"]: r for r in read_records(tmp_path / "out")}
+    assert kept["0"]["H_image_field"] == records[0]["H_image_field"]
+    assert kept["no-line"]["status"] == "refused"
+
+
+def test_command_prints_cameras_and_counts(run_circlecal, results, tmp_path):
+    outcome = run_circlecal("rig", results, "--out", tmp_path / "out", "--json", *SETTINGS)
+    assert outcome.code == 1, outcome
+    told = json.loads(outcome.out)
+    assert (told["calibrated_alone"], told["calibrated"]) == (4, 6)
+    assert told["cameras"][0]["used"] == 4
+    assert (tmp_path / "out" / "summary.csv").is_file()
+    (tmp_path / "none").mkdir()
+    (tmp_path / "none" / "results.jsonl").write_text((results / "results.jsonl").read_text().splitlines()[-1] + "\n")
+    outcome = run_circlecal("rig", tmp_path / "none", "--out", tmp_path / "out2", *SETTINGS)
+    assert outcome.code == 1
+    assert "no camera was found" in outcome.out
+
+
+def test_given_cameras(run_circlecal, results, tmp_path):
+    named = tmp_path / "cameras.csv"
+    named.write_text("id,camera\n0,stand\n1,stand\n2,stand\n")
+    outcome = run_circlecal("rig", results, "--out", tmp_path / "out", "--cameras", named, "--json", *SETTINGS)
+    assert json.loads(outcome.out)["cameras"][0]["camera"] == "stand"
+    found = {r["id"]: r for r in read_records(tmp_path / "out")}
+    assert found["2"]["rig"]["camera"] == "stand"
+    assert found["3"]["rig"]["camera"] is None
+    assert found["arc"]["status"] == "refused"
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [("id,camera\n1,a/b\n", "line 2"), ("frame\n1\n", "columns id and camera"), ("id,camera\n", "names no camera")],
+)
+def test_wrong_camera_file(tmp_path, text, named):
+    path = tmp_path / "c.csv"
+    path.write_text(text)
+    with pytest.raises(InputError, match=named):
+        read_cameras(path)
+
+
+def test_wrong_results(run_circlecal, results, records, tmp_path):
+    assert run_circlecal("rig", tmp_path / "missing").code == 2
+    (tmp_path / "empty").mkdir()
+    assert "holds no results.jsonl" in run_circlecal("rig", tmp_path / "empty").err
+    outcome = run_circlecal("rig", results, "--field", "futsal", "--out", tmp_path / "o")
+    assert outcome.code == 2
+    assert "--field" in outcome.err
+    with (results / "results.jsonl").open("a") as file:
+        file.write('{"schema_version": 1, "id": "torn"')
+    assert len(list(read_records(results))) == len(records)
+    (results / "results.jsonl").write_text("[]\n")
+    with pytest.raises(InputError, match="line 1"):
+        list(read_records(results))
+    damaged = {**records[0], "camera": {**records[0]["camera"], "covariance": {"parameters": ["x"]}}}
+    with pytest.raises(InputError, match="of 0 is no result"):
+        frame_of_record(damaged, results)
+
+
+def test_result_files_serve_as_well(records, tmp_path):
+    for record in records[:2]:
+        (tmp_path / f"{record['id']}.json").write_text(result_line(record))
+    assert [r["id"] for r in read_records(tmp_path)] == ["0", "1"]
+    assert [r["id"] for r in read_records(tmp_path / "0.json")] == ["0"]
