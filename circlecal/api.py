@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import logging
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal import overlay
-from circlecal.config import Config
+from circlecal.config import Config, config_digest
 from circlecal.errors import InputError
 from circlecal.field import FieldTemplate
 from circlecal.formats.annotated import ObservedFrame
 from circlecal.formats.atomic import write_error
+from circlecal.formats.checked import Size
 from circlecal.formats.exports import Exports
+from circlecal.formats.fingerprint import fingerprint
 from circlecal.formats.images import DEBUG_SUFFIX, OVERLAY_SUFFIX, RADAR_SUFFIX, Frame, as_bgr, read_image, write_image
 from circlecal.formats.inputs import FrameOfFile, observations_beside
 from circlecal.formats.masks import as_class_ids, find_mask, read_mask
@@ -123,31 +128,66 @@ def calibrate_observed(
     return run_observations(observations, config, frame_id=frame.id, source=str(source), convention=convention)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class FrameRun:
-    """How the frames of a run are calibrated and what is written of each.
+    """How the frames of a run are calibrated and what is written of each; picklable where it has no exports.
 
     Attributes
     ----------
     config : Config
         Options.
-    out : path
-        Folder of the results.
-    exports : Exports
+    out : path, optional
+        Folder of a result file and pictures of each frame; None writes none.
+    exports : Exports, optional
         Outside formats that are written too; the caller finishes them.
     mask, keypoints, format_name : optional
         As for :func:`calibrate_frame`.
+    size : (int, int), optional
+        Size of the pictures where an annotation file has none.
     convention : {"official", "paint"}
         Where annotated points lie.
     """
 
     config: Config
-    out: Path
-    exports: Exports
+    out: Path | None = None
+    exports: Exports | None = None
     mask: Path | None = None
     keypoints: Path | None = None
     format_name: str | None = None
+    size: Size | None = None
     convention: Convention = "official"
+
+    @property
+    def seed(self) -> int:
+        """Seed of the random draws."""
+        return self.config.seed
+
+    @cached_property
+    def digest(self) -> str:
+        """Twelve hexadecimal digits over everything given for all frames together that can change an answer.
+
+        Those of the configuration, where masks, keypoints and conventions are left to the frames.
+
+        Raises
+        ------
+        InputError
+            Masks or keypoints cannot be read.
+        """
+        given = {
+            "mask": None if self.mask is None else fingerprint(self.mask),
+            "keypoints": None if self.keypoints is None else fingerprint(self.keypoints),
+            "format": self.format_name,
+            "size": self.size,
+            "convention": None if self.convention == "official" else self.convention,
+        }
+        of_config = config_digest(self.config)
+        if not any(given.values()):
+            return of_config
+        return hashlib.sha256(json.dumps([of_config, given], sort_keys=True).encode()).hexdigest()[:12]
+
+    def source(self, frame: Frame | FrameOfFile) -> str:
+        """File of a frame."""
+        return str(frame.path)
 
     def record(self, frame: Frame | FrameOfFile) -> dict[str, Any]:
         """Calibrate a picture or a frame of an annotation file, write what belongs to it, return its record.
@@ -160,14 +200,21 @@ class FrameRun:
         template, circle = field_of(self.config)
         if isinstance(frame, FrameOfFile):
             calibration = calibrate_observed(frame.observed, self.config, frame.path, self.convention)
-            record = write_outputs(_picture_of(frame), calibration, self.config, self.out)
-            template = in_convention(template, self.convention)
-            image = frame.observed.image or (frame.picture.name if frame.picture is not None else None)
-            self.exports.add(calibration, template, circle, image, frame.observed)
-            return record
+            if self.exports is not None:
+                in_force = in_convention(template, self.convention)
+                self.exports.add(calibration, in_force, circle, frame.image, frame.observed)
+            return self._written(calibration, template, None if self.out is None else _picture_of(frame))
         picture, calibration = calibrate_frame(frame, self.config, self.mask, self.keypoints, self.format_name)
-        record = write_outputs(picture, calibration, self.config, self.out)
-        self.exports.add(calibration, template, circle, frame.path.name)
+        if self.exports is not None:
+            self.exports.add(calibration, template, circle, frame.path.name)
+        return self._written(calibration, template, picture)
+
+    def _written(
+        self, calibration: Calibration, template: FieldTemplate, picture: NDArray[np.uint8] | None
+    ) -> dict[str, Any]:
+        record = result_record(calibration, template, digest=self.digest)
+        if self.out is not None:
+            write_outputs(picture, calibration, record, self.config, self.out)
         return record
 
 
@@ -209,9 +256,9 @@ def require_networks(config: Config) -> None:
 
 
 def write_outputs(
-    image: NDArray[np.uint8] | None, calibration: Calibration, config: Config, out: Path
-) -> dict[str, Any]:
-    """Write ``<id>.json`` and the pictures that the configuration asks for into a folder; return the result's record.
+    image: NDArray[np.uint8] | None, calibration: Calibration, record: dict[str, Any], config: Config, out: Path
+) -> None:
+    """Write a result's record as ``<id>.json``, and the pictures that the configuration asks for, into a folder.
 
     Without a picture there are no pictures.
 
@@ -221,10 +268,9 @@ def write_outputs(
         A file cannot be written.
     """
     template, output = field_template(config), config.output
-    record = result_record(calibration, template)
     write_result(out / f"{calibration.id}.json", record)
     if image is None:
-        return record
+        return
     if output.overlay:
         picture = overlay.draw_overlay(image, calibration, template)
         write_image(out / f"{calibration.id}{OVERLAY_SUFFIX}", picture, output.jpeg_quality)
@@ -235,7 +281,6 @@ def write_outputs(
     if output.debug:
         folder = out / f"{calibration.id}{DEBUG_SUFFIX}"
         write_stage_pictures(image, calibration, template, folder, output.jpeg_quality)
-    return record
 
 
 def write_stage_pictures(

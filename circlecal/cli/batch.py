@@ -4,26 +4,45 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from circlecal.cli import options
 
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from circlecal.api import FrameRun
+    from circlecal.batch import BatchProgress
+    from circlecal.formats.exports import Exports
+    from circlecal.formats.images import Frame
+    from circlecal.formats.inputs import FrameOfFile
+
 
 def batch(
-    inputs: options.Inputs,
+    inputs: options.FrameInputs,
     out: options.Out = Path("circlecal-out"),
     workers: Annotated[
         int | None, typer.Option("--workers", "-w", min=1, help="Worker processes. [default: one per CPU]")
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option("--scheduler", metavar="tcp://HOST:PORT|local:N", help="Run on this Dask cluster instead."),
     ] = None,
     files: Annotated[
         bool, typer.Option("--files", help="Also write a result file and pictures per frame, like calibrate.")
     ] = False,
     restart: Annotated[bool, typer.Option("--restart", help="Start over instead of going on.")] = False,
     mask: options.Mask = None,
+    keypoints: options.Keypoints = None,
+    from_format: options.FromFormat = None,
+    size: options.Size = None,
+    convention: options.PointConvention = options.Convention.OFFICIAL,
+    to: options.To = None,
+    eval_size: options.EvalSize = None,
     config: options.ConfigFile = None,
     settings: options.Settings = None,
     camera_prior: options.CameraPrior = None,
@@ -36,36 +55,98 @@ def batch(
     quiet: options.Quiet = False,
     verbose: options.Verbose = False,
 ) -> None:
-    """Calibrate many pictures in parallel into results.jsonl and summary.csv; run it again to go on after a stop."""
+    """Calibrate many frames in parallel into results.jsonl and summary.csv; run it again to go on after a stop."""
+    from circlecal.api import FrameRun
     from circlecal.batch import RESULTS_NAME, run_batch
     from circlecal.cli import console
+    from circlecal.errors import InputError
+    from circlecal.formats.exports import Exports
 
     console.configure_logging(quiet=quiet, verbose=verbose)
+    if scheduler is not None:  # workers have another working folder
+        inputs, out = [path.absolute() for path in inputs], out.absolute()
+        mask, keypoints = (None if path is None else path.absolute() for path in (mask, keypoints))
     chosen = options.chosen_config(
         config, settings, field, seed, radar=radar, no_overlay=no_overlay, camera_prior=camera_prior, solver=solver
     )
-    frames = options.chosen_frames(inputs, out, mask)
+    written_size = options.parsed_size(eval_size, "--eval-size")
+    Exports(to or (), out, written_size)  # an unknown format is told before the first frame
+    run = FrameRun(
+        chosen,
+        None,
+        None,
+        mask,
+        keypoints,
+        options.chosen_format(from_format),
+        options.parsed_size(size),
+        convention.value,
+    )
+    failures: list[Exception] = []
+    frames = options.chosen_inputs(inputs, run, out, console.reported(failures))
+    if not frames and not failures:
+        named = ", ".join(map(str, inputs))
+        raise InputError(f"{named}: no annotations found; give pictures, annotation files or folders of them")
+    if not restart:
+        out = _folder_of_run(out, run.digest, ask=console.can_ask() and not quiet)
+    if files:
+        run = replace(run, out=out)
     with console.progress_display(quiet=quiet) as show:
         counts = run_batch(
-            frames,
-            chosen,
-            out,
-            workers=workers or _cpu_count(),
-            mask=mask,
-            restart=restart,
-            frame_files=files,
-            on_progress=show,
+            frames, run, out, workers=workers or _cpu_count(), scheduler=scheduler, restart=restart, on_progress=show
         )
+    if to:
+        _export(Exports(to, out, written_size), run, frames, out)
+    _print_counts(counts, out / RESULTS_NAME, as_json=as_json, quiet=quiet)
+    if failures:
+        raise typer.Exit(2)
+    if counts.refused:
+        raise typer.Exit(1)
+
+
+def _folder_of_run(out: Path, digest: str, *, ask: bool) -> Path:
+    """The folder that was named, or a new one beside it where that holds another run and the user agrees."""
+    from circlecal.batch import OtherRunError, ResultLog
+
+    try:
+        with ResultLog(out) as log:
+            log.take_up(digest)
+    except OtherRunError as error:
+        if not ask:
+            raise
+        count = 2
+        while (new := out.with_name(f"{out.name}-{count}")).exists():
+            count += 1
+        typer.echo(f"circlecal: {error}", err=True)
+        if not typer.confirm(f"Start a new run in {new}?", err=True):
+            raise
+        return new
+    return out
+
+
+def _export(exports: Exports, run: FrameRun, frames: Sequence[Frame | FrameOfFile], out: Path) -> None:
+    """Write the outside formats of everything that the folder holds."""
+    from circlecal.batch import RESULTS_NAME
+    from circlecal.formats.exports import export_records
+    from circlecal.formats.inputs import FrameOfFile
+    from circlecal.formats.records import read_records
+    from circlecal.pipeline import field_of, in_convention
+
+    template, circle = field_of(run.config)
+    annotated = {frame.id: frame for frame in frames if isinstance(frame, FrameOfFile)}
+    records = read_records(out / RESULTS_NAME)
+    export_records(records, exports, template, circle, annotated, in_convention(template, run.convention))
+
+
+def _print_counts(counts: BatchProgress, results: Path, *, as_json: bool, quiet: bool) -> None:
+    from circlecal.cli import console
+
     if as_json:
-        numbers = {name: value for name, value in asdict(counts).items() if name != "last"}
-        console.print_line(json.dumps({**numbers, "results": str(out / RESULTS_NAME)}))
+        console.print_line(json.dumps({**asdict(counts), "results": str(results)}))
     elif not quiet:
         console.print_line(
             f"{counts.total} frames: {counts.calibrated} calibrated, {counts.refused} refused"
-            f"{f' ({counts.unreadable} of them unreadable)' if counts.unreadable else ''}; see {out / RESULTS_NAME}"
+            f"{f' ({counts.unreadable} of them unreadable)' if counts.unreadable else ''}; see {results}"
         )
-    if counts.refused:
-        raise typer.Exit(1)
 
 
 def _cpu_count() -> int:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -20,38 +19,16 @@ if TYPE_CHECKING:
     from circlecal.formats.summary import FrameSummary
 
 
-class Convention(StrEnum):
-    """Where annotated points of a marking lie."""
-
-    OFFICIAL = "official"
-    PAINT = "paint"
-
-
 def calibrate(
-    inputs: Annotated[
-        list[Path],
-        typer.Argument(metavar="INPUT...", help="Pictures, annotation files, and folders of one or the other."),
-    ],
+    inputs: options.FrameInputs,
     out: options.Out = Path("circlecal-out"),
     mask: options.Mask = None,
-    keypoints: Annotated[
-        Path | None,
-        typer.Option("--keypoints", metavar="FILE|FOLDER", help="Keypoints and lines used together with the pictures."),
-    ] = None,
+    keypoints: options.Keypoints = None,
     from_format: options.FromFormat = None,
     size: options.Size = None,
-    convention: Annotated[
-        Convention,
-        typer.Option("--convention", help="Annotated points lie at the official size, or on the middle of the paint."),
-    ] = Convention.OFFICIAL,
-    to: Annotated[
-        list[str] | None,
-        typer.Option("--to", metavar="FORMAT", help="Also write the calibration in this format; repeatable."),
-    ] = None,
-    eval_size: Annotated[
-        str | None,
-        typer.Option("--eval-size", metavar="WIDTHxHEIGHT", help="Picture size of cameras written by --to."),
-    ] = None,
+    convention: options.PointConvention = options.Convention.OFFICIAL,
+    to: options.To = None,
+    eval_size: options.EvalSize = None,
     config: options.ConfigFile = None,
     settings: options.Settings = None,
     camera_prior: options.CameraPrior = None,
@@ -78,16 +55,16 @@ def calibrate(
     )
     exports = Exports(to or (), out, options.parsed_size(eval_size, "--eval-size"))
     format_name = options.chosen_format(from_format)
-    run = FrameRun(chosen, out, exports, mask, keypoints, format_name, convention.value)
+    run = FrameRun(chosen, out, exports, mask, keypoints, format_name, options.parsed_size(size), convention.value)
     failures: list[Exception] = []
-    frames = options.chosen_inputs(inputs, run, options.parsed_size(size), _reported(failures))
+    frames = options.chosen_inputs(inputs, run, out, console.reported(failures))
     if not frames and not failures:
         named = ", ".join(map(str, inputs))
         raise InputError(f"{named}: no annotations found; give pictures, annotation files or folders of them")
     prepare_folder(out)
     summaries: list[FrameSummary] = []
     with console.progress_display(quiet=quiet or len(frames) <= 1) as show:
-        for record in _records(frames, run, show, _reported(failures)):
+        for record in _records(frames, run, show, console.reported(failures)):
             summaries.append(summarise(record))
             if json_lines:
                 console.print_line(result_line(record))
@@ -100,17 +77,6 @@ def calibrate(
         raise typer.Exit(1)
 
 
-def _reported(failures: list[Exception]) -> Callable[[Exception], None]:
-    """Prints an error as one line, and keeps it."""
-    from circlecal.cli import console
-
-    def report(error: Exception) -> None:
-        console.print_error(str(error))
-        failures.append(error)
-
-    return report
-
-
 def _records(
     frames: Sequence[Frame | FrameOfFile],
     run: FrameRun,
@@ -120,7 +86,6 @@ def _records(
     """Calibrate, write and yield each frame; one that cannot be read is one line on stderr and left out."""
     from circlecal.batch import BatchProgress
     from circlecal.errors import InputError
-    from circlecal.formats.summary import summarise
 
     progress = BatchProgress(total=len(frames))
     show(progress)
@@ -130,6 +95,6 @@ def _records(
         except InputError as error:
             report(error)
             continue
-        progress.count(summarise(record))
+        progress.count(record["status"], record["code"])
         show(progress)
         yield record

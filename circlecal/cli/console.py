@@ -60,6 +60,21 @@ def print_error(text: str) -> None:
     stderr_console().print(f"circlecal: error: {text}", soft_wrap=True, highlight=False, markup=False)
 
 
+def reported(failures: list[Exception]) -> Callable[[Exception], None]:
+    """A function that prints an error as one line, and keeps it."""
+
+    def report(error: Exception) -> None:
+        print_error(str(error))
+        failures.append(error)
+
+    return report
+
+
+def can_ask() -> bool:
+    """Whether there is somebody at a terminal to answer."""
+    return sys.stdin.isatty() and sys.stderr.isatty()
+
+
 @cache
 def stderr_console() -> Console:
     """The one console for stderr, so that lines and a running progress bar keep clear of each other."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,6 +16,34 @@ if TYPE_CHECKING:
     from circlecal.formats.images import Frame
     from circlecal.formats.inputs import FrameOfFile
 
+
+class Convention(StrEnum):
+    """Where annotated points of a marking lie."""
+
+    OFFICIAL = "official"
+    PAINT = "paint"
+
+
+FrameInputs = Annotated[
+    list[Path],
+    typer.Argument(metavar="INPUT...", help="Pictures, annotation files, and folders of one or the other."),
+]
+Keypoints = Annotated[
+    Path | None,
+    typer.Option("--keypoints", metavar="FILE|FOLDER", help="Keypoints and lines used together with the pictures."),
+]
+PointConvention = Annotated[
+    Convention,
+    typer.Option("--convention", help="Annotated points lie at the official size, or on the middle of the paint."),
+]
+To = Annotated[
+    list[str] | None,
+    typer.Option("--to", metavar="FORMAT", help="Also write the calibration in this format; repeatable."),
+]
+EvalSize = Annotated[
+    str | None,
+    typer.Option("--eval-size", metavar="WIDTHxHEIGHT", help="Picture size of cameras written by --to."),
+]
 FromFormat = Annotated[
     str | None,
     typer.Option("--from", metavar="FORMAT", help="Format of annotation files. [default: recognised by content]"),
@@ -153,7 +182,7 @@ def chosen_frames(inputs: Sequence[Path], out: Path, mask: Path | None) -> list[
 
 
 def chosen_inputs(
-    inputs: Sequence[Path], run: FrameRun, size: tuple[int, int] | None, report: Callable[[Exception], None]
+    inputs: Sequence[Path], run: FrameRun, out: Path, report: Callable[[Exception], None]
 ) -> list[Frame | FrameOfFile]:
     """Pictures and frames of annotation files among the inputs; files that cannot be read are reported.
 
@@ -170,18 +199,18 @@ def chosen_inputs(
     if run.keypoints is not None and not run.keypoints.exists():
         raise InputError(f"{run.keypoints}: no such file or folder of keypoints")
     format_name = None if run.keypoints is not None else run.format_name
-    pictures, files = split_inputs(inputs, format_name, exclude=[run.out])
-    frames = chosen_frames(pictures, run.out, run.mask) if pictures else []
+    pictures, files = split_inputs(inputs, format_name, exclude=[out])
+    frames = chosen_frames(pictures, out, run.mask) if pictures else []
     if run.keypoints is not None and not frames:
         raise InputError(f"{run.keypoints}: --keypoints are used together with pictures, and no picture is given")
     annotated = read_frames(
         files,
         in_convention(field_template(run.config), run.convention),
         run.config.sources,
-        size=size,
+        size=run.size,
         format_name=format_name,
         taken=[frame.id for frame in frames],
         on_error=report,
     )
-    refuse_overwriting(annotated, run.out)
+    refuse_overwriting(annotated, out)
     return [*frames, *annotated]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 
 from circlecal.errors import InputError
@@ -18,12 +19,24 @@ def write_atomic(path: Path, content: bytes) -> None:
     InputError
         One line with the file and what the system said; the old file, if any, is untouched.
     """
+    write_atomic_parts(path, (content,))
+
+
+def write_atomic_parts(path: Path, parts: Iterable[bytes]) -> None:
+    """The same for content that comes in parts and need not fit into memory.
+
+    Raises
+    ------
+    InputError
+        As :func:`write_atomic`.
+    """
     temporary: str | None = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, temporary = tempfile.mkstemp(prefix=f".{path.name[:100]}.", dir=path.parent)
         with os.fdopen(handle, "wb") as file:
-            file.write(content)
+            for part in parts:
+                file.write(part)
             file.flush()
             os.fsync(file.fileno())
         Path(temporary).chmod(0o666 & ~_umask())

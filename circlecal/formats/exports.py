@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from circlecal.errors import InputError
 from circlecal.field import Circle, FieldTemplate
@@ -11,6 +12,8 @@ from circlecal.formats.annotated import AnnotatedFrame, ObservedFrame
 from circlecal.formats.calibrated import CalibratedFrame, calibrated_frame
 from circlecal.formats.checked import Size
 from circlecal.formats.exchange import TARGETS, write_calibrations
+from circlecal.formats.inputs import FrameOfFile
+from circlecal.formats.result import StoredResult, stored_result
 from circlecal.results import Calibration
 
 COLLECTIVE = ("broadtrack", "tvcalib", "coco", "cvat", "labelstudio")
@@ -46,7 +49,7 @@ class Exports:
 
     def add(
         self,
-        calibration: Calibration,
+        calibration: Calibration | StoredResult,
         template: FieldTemplate,
         circle: Circle,
         image: str | None = None,
@@ -56,7 +59,7 @@ class Exports:
 
         Parameters
         ----------
-        calibration : Calibration
+        calibration : Calibration or StoredResult
             Accepted or refused.
         template, circle : FieldTemplate, Circle
             The field in the convention in which the frame was calibrated, and its circle.
@@ -97,3 +100,52 @@ class Exports:
             if name in COLLECTIVE and (self._accepted or self._refused):
                 written += write_calibrations(self._accepted, name, self._folder, self._size, self._refused)
         return written
+
+
+def export_records(
+    records: Iterable[Mapping[str, Any]],
+    exports: Exports,
+    template: FieldTemplate,
+    circle: Circle,
+    annotated: Mapping[str, FrameOfFile],
+    annotated_template: FieldTemplate,
+) -> list[Path]:
+    """Write the frames of a finished batch in outside formats.
+
+    Parameters
+    ----------
+    records : iterable of mapping
+        Lines of ``results.jsonl``.
+    exports : Exports
+        What to write; finished here.
+    template, circle : FieldTemplate, Circle
+        As for :meth:`Exports.add`.
+    annotated : mapping
+        By frame id, where frames came from annotation files.
+    annotated_template : FieldTemplate
+        The field in the convention of these.
+
+    Raises
+    ------
+    InputError
+        A record is damaged, or a file cannot be written.
+    """
+    written: list[Path] = []
+    for record in records:
+        if record.get("image") is None:  # never read
+            continue
+        result = stored_result(record, str(record["id"]))
+        frame = annotated.get(result.id)
+        if frame is not None:
+            written += exports.add(result, annotated_template, circle, frame.image, frame.observed)
+        else:
+            written += exports.add(result, template, circle, _picture_name(record))
+    return written + exports.finish()
+
+
+def _picture_name(record: Mapping[str, Any]) -> str | None:
+    """Name of a frame's picture; one of a video is named by its id."""
+    source = record.get("source") or {}
+    if source.get("time_s") is not None:
+        return f"{record['id']}.jpg"
+    return str(source["path"]).replace("\\", "/").rpartition("/")[2] if source.get("path") else None

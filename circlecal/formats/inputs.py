@@ -41,6 +41,16 @@ class FrameOfFile:
     path: Path
     picture: Path | None
 
+    @property
+    def id(self) -> str:
+        """Unique in a run."""
+        return self.observed.id
+
+    @property
+    def image(self) -> str | None:
+        """Name of the picture, where the file names one or it lies beside the file."""
+        return self.observed.image or (None if self.picture is None else self.picture.name)
+
 
 def split_inputs(
     inputs: Sequence[Path], format_name: str | None = None, exclude: Sequence[Path] = ()

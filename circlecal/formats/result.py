@@ -30,7 +30,9 @@ SCHEMA_VERSION = 1
 POINT_DECIMALS = 3
 
 
-def result_record(calibration: Calibration, template: FieldTemplate) -> dict[str, Any]:
+def result_record(
+    calibration: Calibration, template: FieldTemplate, *, time_s: float | None = None, digest: str | None = None
+) -> dict[str, Any]:
     """The result file's content, ready for ``json.dumps(..., allow_nan=False)``.
 
     Parameters
@@ -39,6 +41,10 @@ def result_record(calibration: Calibration, template: FieldTemplate) -> dict[str
         What the pipeline returned.
     template : FieldTemplate
         The field that it ran with.
+    time_s : float, optional
+        Time of the frame in its video.
+    digest : str, optional
+        Digest of everything that the answer depends on beside the frame; that of the configuration when None.
     """
     accepted = calibration.status == "calibrated"
     fit = calibration.camera
@@ -49,7 +55,7 @@ def result_record(calibration: Calibration, template: FieldTemplate) -> dict[str
         "schema_version": SCHEMA_VERSION,
         "version": __version__,
         "id": calibration.id,
-        "source": {"path": calibration.source, "time_s": None},
+        "source": {"path": calibration.source, "time_s": time_s},
         "image": {"width": calibration.width, "height": calibration.height},
         "field": {"template": template.name, "circle": calibration.circle_name, "sizes": template.sizes},
         **_verdict(calibration.verdict),
@@ -64,7 +70,7 @@ def result_record(calibration: Calibration, template: FieldTemplate) -> dict[str
         "observations": None if calibration.observations is None else calibration.observations.to_json(),
         "timings_ms": {stage: round(time, 3) for stage, time in calibration.timings_ms.items()},
         "seed": calibration.seed,
-        "config_digest": calibration.config_digest,
+        "config_digest": digest or calibration.config_digest,
     }
     finite: dict[str, Any] = _plain(record)
     return finite

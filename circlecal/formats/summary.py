@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from circlecal.formats.atomic import write_atomic
+from circlecal.formats.atomic import write_atomic_parts
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,19 +49,26 @@ def summarise(record: Mapping[str, Any]) -> FrameSummary:
     )
 
 
-def write_summary(path: Path, rows: Mapping[str, FrameSummary]) -> None:
-    """Write the rows in the order of their ids, whole or not at all.
+def write_summary(path: Path, rows: Iterable[FrameSummary]) -> None:
+    """Write the rows as they come, the file whole or not at all.
 
     Raises
     ------
     InputError
         The file cannot be written.
     """
-    text = io.StringIO()
+    write_atomic_parts(path, _lines(rows))
+
+
+def _lines(rows: Iterable[FrameSummary]) -> Iterator[bytes]:
     names = [column.name for column in fields(FrameSummary)]
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(names)
-    for identifier in sorted(rows):
-        values = (getattr(rows[identifier], name) for name in names)
-        writer.writerow([round(value, 3) if isinstance(value, float) else value for value in values])
-    write_atomic(path, text.getvalue().encode())
+    yield _line(names)
+    for row in rows:
+        values = (getattr(row, name) for name in names)
+        yield _line([round(value, 3) if isinstance(value, float) else value for value in values])
+
+
+def _line(values: Sequence[object]) -> bytes:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerow(values)
+    return text.getvalue().encode()

@@ -1,52 +1,23 @@
 """Many frames: every frame once, whatever happens to the run."""
 
-import csv
 import json
 import os
 import resource
 import signal
 import subprocess
 import sys
-import time
-from collections import Counter
-from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-import circlecal
-from circlecal.batch import RESULTS_NAME, SUMMARY_NAME, BatchProgress, ResultLog, run_batch
+from circlecal.api import FrameRun
+from circlecal.batch import INDEX_NAME, RESULTS_NAME, SUMMARY_NAME, BatchProgress, ResultLog, run_batch
 from circlecal.config import Config, config_digest, load_config
 from circlecal.errors import InputError
 from circlecal.formats.images import find_frames
 
-COMMAND = [sys.executable, "-m", "circlecal.cli", "batch"]
-SURROUNDINGS = {**os.environ, "PYTHONPATH": str(Path(circlecal.__file__).parents[1])}
-
-
-def paint(folder: Path, count: int) -> Path:
-    """Small pictures without a field, so that a frame takes milliseconds."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for index in range(count):
-        cv2.imwrite(str(folder / f"f{index:03d}.png"), np.full((80, 120, 3), index, np.uint8))
-    return folder
-
-
-def records(out: Path) -> list[dict]:
-    text = (out / RESULTS_NAME).read_text()
-    assert text == "" or text.endswith("\n")
-    return [json.loads(line) for line in text.splitlines()]
-
-
-def assert_every_frame_once(out: Path, count: int) -> None:
-    assert Counter(r["id"] for r in records(out)) == Counter(f"f{index:03d}" for index in range(count))
-    with (out / SUMMARY_NAME).open() as file:
-        assert [row["id"] for row in csv.DictReader(file)] == [f"f{index:03d}" for index in range(count)]
-
-
-def batch_command(frames: Path, out: Path, *options: str) -> list[str]:
-    return [*COMMAND, str(frames), "--out", str(out), "--workers", "2", *options]
+from .runs import SURROUNDINGS, alive, assert_every_frame_once, batch_command, children, paint, records, wait_for
 
 
 def test_all_kinds_of_frames_resume_and_restart(run_circlecal, frame_file, blank_file, tmp_path):
@@ -61,7 +32,7 @@ def test_all_kinds_of_frames_resume_and_restart(run_circlecal, frame_file, blank
     assert found["good"]["status"] == "calibrated"
     assert (found["cut"]["status"], found["cut"]["code"]) == ("refused", "unreadable_input")
     assert "truncated" in found["cut"]["reason"]
-    assert sorted(p.name for p in out.iterdir()) == [RESULTS_NAME, SUMMARY_NAME]
+    assert sorted(p.name for p in out.iterdir()) == [INDEX_NAME, RESULTS_NAME, SUMMARY_NAME]
 
     before = (out / RESULTS_NAME).read_bytes()
     again = run_circlecal("batch", folder, "--out", out, "--workers", 2)
@@ -87,6 +58,99 @@ def test_same_answers_as_calibrate_whatever_the_workers(run_circlecal, frame_fil
     for record in (*records(tmp_path / "many"), json.loads((tmp_path / "many" / "good.json").read_text())):
         assert record["H_image_field"] == expected["H_image_field"]
         assert record["config_digest"] == expected["config_digest"]
+
+
+def test_another_configuration_at_a_terminal_goes_to_a_folder_of_its_own(run_circlecal, tmp_path, monkeypatch):
+    frames, out = paint(tmp_path / "frames", 1), tmp_path / "out"
+    run_circlecal("batch", frames, "--out", out, "--workers", 1)
+    monkeypatch.setattr("circlecal.cli.console.can_ask", lambda: True)
+    monkeypatch.setattr("typer.confirm", lambda question, err: str(tmp_path / "out-2") in question)
+    outcome = run_circlecal("batch", frames, "--out", out, "--workers", 1, "--seed", 9)
+    assert outcome.code == 1
+    assert str(tmp_path / "out-2" / RESULTS_NAME) in outcome.out
+    assert [record["seed"] for record in (*records(out), *records(tmp_path / "out-2"))] == [0, 9]
+    monkeypatch.setattr("typer.confirm", lambda question, err: False)
+    assert run_circlecal("batch", frames, "--out", out, "--seed", 9).code == 2
+    assert not (tmp_path / "out-3").exists()
+
+
+def test_other_inputs_for_all_frames_are_another_run(run_circlecal, frame_file, tmp_path):
+    out, masks = tmp_path / "out", tmp_path / "given"
+    masks.mkdir()
+    cv2.imwrite(str(masks / "good.png"), np.zeros((540, 960), np.uint8))
+    assert run_circlecal("batch", frame_file, "--out", out, "--workers", 1).code == 0
+    assert config_digest(Config()) == records(out)[0]["config_digest"]
+    for given in (["--mask", masks], ["--convention", "paint"], ["--size", "960x540"]):
+        outcome = run_circlecal("batch", frame_file, "--out", out, "--workers", 1, *given)
+        assert outcome.code == 2
+        assert "another configuration or other inputs" in outcome.err
+    masked = FrameRun(Config(), mask=masks).digest
+    cv2.imwrite(str(masks / "more.png"), np.zeros((540, 960), np.uint8))
+    assert FrameRun(Config(), mask=masks).digest != masked
+
+
+def test_annotations_and_outside_formats_as_calibrate_writes_them(run_circlecal, frame_file, tmp_path):
+    one, many, targets = tmp_path / "one", tmp_path / "many", ["soccernet", "labelme", "coco", "broadtrack", "pnlcalib"]
+    options = [argument for name in targets for argument in ("--to", name)]
+    run_circlecal("calibrate", frame_file, "--out", one, "--no-overlay", *options)
+    annotation = tmp_path / "seen.json"
+    annotation.write_bytes((one / "good.labelme.json").read_bytes())
+    inputs = [frame_file, annotation, "--convention", "paint"]
+    run_circlecal("calibrate", *inputs, "--out", one, "--no-overlay", *options)
+    run_circlecal("batch", *inputs, "--out", many, "--workers", 1)
+    assert run_circlecal("batch", *inputs, "--out", many, "--workers", 1, *options).code == 0
+    assert {record["id"] for record in records(many)} == {"good", "seen"}
+    written = {path.name for path in one.iterdir()} - {"good.json", "seen.json"}
+    assert len(written) == 2 * 3 + 2
+    for name in written:
+        expected, found = (numbers_rounded(json.loads((folder / name).read_text())) for folder in (one, many))
+        assert found == expected, name
+
+
+def numbers_rounded(value):
+    if isinstance(value, dict):
+        return {key: numbers_rounded(entry) for key, entry in value.items()}
+    if isinstance(value, list):
+        return [numbers_rounded(entry) for entry in value]
+    return round(value, 6) if isinstance(value, float) else value
+
+
+def test_keypoints_beside_pictures(run_circlecal, frame_file, tmp_path):
+    one, many, keypoints = tmp_path / "one", tmp_path / "many", tmp_path / "keypoints"
+    run_circlecal("calibrate", frame_file, "--out", keypoints, "--no-overlay", "--to", "labelme")
+    given = [frame_file, "--keypoints", keypoints / "good.labelme.json", "--from", "labelme"]
+    alone = run_circlecal("calibrate", *given, "--out", one, "--no-overlay", "--json")
+    run_circlecal("batch", *given, "--out", many, "--workers", 1)
+    assert records(many)[0]["H_image_field"] == json.loads(alone.out)["H_image_field"]
+    assert records(many)[0]["config_digest"] == json.loads(alone.out)["config_digest"]
+
+
+def test_an_index_that_is_lost_damaged_or_behind_is_made_anew(run_circlecal, tmp_path):
+    frames, out = paint(tmp_path / "frames", 5), tmp_path / "out"
+    run_circlecal("batch", frames, "--out", out, "--workers", 1)
+    index, results = out / INDEX_NAME, out / RESULTS_NAME
+    lines = results.read_bytes().splitlines(keepends=True)
+
+    def resumed() -> str:
+        outcome = run_circlecal("batch", frames, "--out", out, "--workers", 1)
+        assert_every_frame_once(out, 5)
+        return outcome.err
+
+    index.unlink()
+    assert "(5 from before)" in resumed()
+    index.write_bytes(b"no database at all" * 100)
+    assert "(5 from before)" in resumed()
+    results.write_bytes(b"".join(lines[:2]))  # shorter than the index says
+    assert "(2 from before)" in resumed()
+    behind = index.read_bytes()
+    with ResultLog(out) as log:
+        log.index.clear()
+    assert "(5 from before)" in resumed()
+    results.write_bytes(b"".join(lines[:1]))
+    index.unlink()
+    assert "(1 from before)" in resumed()
+    index.write_bytes(behind)
+    assert "(5 from before)" in resumed()
 
 
 def test_killed_in_the_middle_and_resumed(tmp_path):
@@ -160,7 +224,7 @@ def test_a_full_disk_in_the_middle_and_resumed(tmp_path):
 
 def test_a_line_cut_by_a_full_disk_is_taken_back(tmp_path, monkeypatch):
     with ResultLog(tmp_path) as log:
-        log.append({"id": "a"})
+        log.append({"id": "a", "status": "refused"})
         whole = os.write
 
         def short(descriptor: int, content: bytes) -> int:
@@ -171,7 +235,7 @@ def test_a_line_cut_by_a_full_disk_is_taken_back(tmp_path, monkeypatch):
         monkeypatch.setattr("os.write", short)
         with pytest.raises(InputError, match="No space left"):
             log.append({"id": "b", "reason": "long enough"})
-    assert records(tmp_path) == [{"id": "a"}]
+    assert records(tmp_path) == [{"id": "a", "status": "refused"}]
 
 
 def test_a_damaged_line_in_the_middle_is_an_error(tmp_path):
@@ -179,7 +243,7 @@ def test_a_damaged_line_in_the_middle_is_an_error(tmp_path):
     good = json.dumps({"id": "a", "status": "refused", "config_digest": digest})
     (tmp_path / RESULTS_NAME).write_text(f"{good}\nnonsense\n{good}\n")
     with ResultLog(tmp_path) as log, pytest.raises(InputError, match="line 2: is no result"):
-        log.finished(digest)
+        log.take_up(digest)
 
 
 @pytest.mark.parametrize("tail", ['{"id": "b"', '{"id": "b", "status": "refused"}', "[", '"x"'])
@@ -188,7 +252,8 @@ def test_a_torn_last_line_is_cut_off(tmp_path, tail):
     good = json.dumps({"id": "a", "status": "refused", "config_digest": digest})
     (tmp_path / RESULTS_NAME).write_text(f"{good}\n{tail}")
     with ResultLog(tmp_path) as log:
-        assert list(log.finished(digest)) == ["a"]
+        log.take_up(digest)
+        assert [row.id for row in log.index.rows()] == ["a"]
     assert (tmp_path / RESULTS_NAME).read_text() == f"{good}\n"
 
 
@@ -215,12 +280,12 @@ def test_a_worker_that_dies_costs_one_frame(tmp_path):
         "from pathlib import Path\n"
         "import circlecal.api\n"
         "calibrate = circlecal.api.calibrate_frame\n"
-        "def dying(frame, config, mask):\n"
+        "def dying(frame, config, *more):\n"
         "    if frame.id == 'f003':\n"
         "        os._exit(9)\n"
         "    if frame.id == 'f001':\n"
         "        raise ValueError('a mistake of ours')\n"
-        "    return calibrate(frame, config, mask)\n"
+        "    return calibrate(frame, config, *more)\n"
         "circlecal.api.calibrate_frame = dying\n"
         "if __name__ == '__main__':\n"
         "    from circlecal.cli import main\n"
@@ -244,28 +309,10 @@ def test_progress_counts(tmp_path):
     frames = find_frames([paint(tmp_path / "frames", 3)])
     config = load_config(None, ["output.overlay=false"])
     seen: list[int] = []
-    counts = run_batch(frames, config, tmp_path / "out", workers=1, on_progress=lambda p: seen.append(p.finished))
+    run = FrameRun(config)
+    counts = run_batch(frames, run, tmp_path / "out", workers=1, on_progress=lambda p: seen.append(p.finished))
     assert seen == [0, 1, 2, 3]
     assert isinstance(counts, BatchProgress)
     assert (counts.total, counts.refused, counts.resumed) == (3, 3, 0)
-    counts = run_batch(frames, config, tmp_path / "out", workers=1)
+    counts = run_batch(frames, run, tmp_path / "out", workers=1)
     assert (counts.finished, counts.resumed) == (3, 3)
-
-
-def wait_for(condition, seconds: float = 20.0) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "timed out"
-        time.sleep(0.02)
-
-
-def children(pid: int) -> list[int]:
-    listed = Path(f"/proc/{pid}/task/{pid}/children")
-    return [int(child) for child in listed.read_text().split()] if listed.is_file() else []
-
-
-def alive(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False

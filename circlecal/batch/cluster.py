@@ -1,0 +1,164 @@
+"""The same run on a Dask cluster: frames on shared storage, results streamed back to the one process that writes.
+
+The scheduler is one that runs already (``tcp://host:port``; Dask's own deployers start it by SSH, on Kubernetes, under
+SLURM) or one for this machine (``local:N``). Every task carries what it needs, so nothing is lost with a worker but the
+frames that it was working on, and those are given to another.
+"""
+
+from __future__ import annotations
+
+import logging
+import pickle
+import time
+from collections.abc import Generator, Iterator
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+from circlecal import __version__
+from circlecal.batch.task import F, Named, Record, Task, failed
+from circlecal.batch.workers import finished_record
+from circlecal.errors import InputError, MissingExtraError
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+_IN_FLIGHT_PER_THREAD = 2
+_CONNECT_SECONDS = 10
+_WORKER_SECONDS = 120
+_RECOUNT_SECONDS = 5.0
+
+_log = logging.getLogger(__name__)
+
+
+def records_of_cluster(frames: Iterator[F], task: Task[F], scheduler: str) -> Generator[Record]:
+    """Records in the order in which they are finished.
+
+    Parameters
+    ----------
+    frames, task : iterator, Task
+        As for :func:`circlecal.batch.run_batch`; not more than a few frames per worker are under way.
+    scheduler : str
+        ``tcp://host:port`` or another address that Dask knows, or ``local:N`` for N processes on this machine.
+
+    Raises
+    ------
+    MissingExtraError
+        Dask's distributed is not installed.
+    InputError
+        The scheduler cannot be reached, has no workers, or is lost; or circlecal there is another version.
+    """
+    try:
+        import distributed
+    except ImportError as error:
+        raise MissingExtraError("distributed", "distributed") from error
+    lost_errors = (OSError, distributed.client.FutureCancelledError)
+    cluster = _local_cluster(scheduler)
+    _leave_errors_to_us()
+    try:
+        try:
+            client = distributed.Client(cluster or scheduler, timeout=_CONNECT_SECONDS, set_as_default=False)
+        except (OSError, ValueError) as error:
+            hint = "start it with `dask scheduler`, or use local:N"
+            raise InputError(f"--scheduler {scheduler}: cannot be reached ({_first_line(error)}); {hint}") from error
+        try:
+            _require_workers(client, scheduler)
+            yield from _streamed(client, frames, task)
+        except lost_errors as error:
+            lost = f"--scheduler {scheduler}: the connection was lost ({_first_line(error)})"
+            raise InputError(f"{lost}; run the same command again to go on") from error
+        finally:
+            client.close()
+    finally:
+        if cluster is not None:
+            cluster.close()
+
+
+def _leave_errors_to_us() -> None:
+    """Dask logs every lost connection with a traceback; here it becomes one line."""
+    if not _log.isEnabledFor(logging.DEBUG):
+        loud = [name for name in logging.root.manager.loggerDict if name.split(".")[0] in ("distributed", "tornado")]
+        for name in ("asyncio", *loud):
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+
+
+def _local_cluster(scheduler: str) -> Any:
+    """Scheduler and workers of this machine for ``local:N``; None for an address."""
+    kind, _, count = scheduler.partition(":")
+    if kind != "local" and "://" in scheduler:
+        return None
+    if kind != "local" or not (count.isascii() and count.isdigit() and int(count) > 0):
+        raise InputError(f"--scheduler {scheduler}: must be local:N with the number of workers, or tcp://host:port")
+    from distributed import LocalCluster
+
+    return LocalCluster(
+        n_workers=int(count), threads_per_worker=1, dashboard_address=None, silence_logs=logging.CRITICAL
+    )
+
+
+def _require_workers(client: Client, scheduler: str) -> None:
+    """Wait for the first worker, and see that it runs this version."""
+    try:
+        client.wait_for_workers(1, timeout=_WORKER_SECONDS)
+    except TimeoutError as error:
+        waited = f"no worker in {_WORKER_SECONDS} s"
+        raise InputError(f"--scheduler {scheduler}: {waited}; start some with `dask worker`") from error
+    # by eval, since a function of this package could not even be unpickled where the package is missing
+    versions = client.run(eval, "__import__('circlecal').__version__", on_error="return")
+    for address, version in versions.items():
+        if version != __version__:
+            there = "has no circlecal" if isinstance(version, Exception) else f"has circlecal {version}"
+            raise InputError(f"--scheduler {scheduler}: worker {address} {there}, not {__version__}; install it")
+
+
+def _streamed(client: Client, frames: Iterator[F], task: Task[F]) -> Generator[Record]:
+    """Keep each worker's queue short, and hand on what is finished."""
+    from distributed import as_completed
+
+    packed = pickle.dumps(task)
+    in_flight: dict[Any, F] = {}
+    finished = as_completed(loop=client.loop)
+    room, counted = 0, -_RECOUNT_SECONDS
+    more = True
+    while more or in_flight:
+        if time.monotonic() - counted >= _RECOUNT_SECONDS:  # workers come and go
+            room, counted = max(1, sum(client.nthreads().values())) * _IN_FLIGHT_PER_THREAD, time.monotonic()
+        while more and len(in_flight) < room:
+            frame = next(frames, None)
+            more = frame is not None
+            if frame is not None:
+                future = client.submit(_record_on_worker, frame, packed, pure=False)
+                in_flight[future.key] = frame
+                finished.add(future)
+        if not in_flight:
+            return
+        future = next(finished)
+        frame = in_flight.pop(future.key)
+        yield _result(future, frame, task)
+
+
+def _result(future: Any, frame: F, task: Task[F]) -> Record:
+    from distributed import KilledWorker
+
+    try:
+        return dict(future.result())
+    except KilledWorker as error:
+        _log.info("%s: %s", task.source(frame), error)
+        reason = "several workers died on it (out of memory, or a damaged file)"
+        return failed(task, frame, "worker_died", f"{task.source(frame)}: {reason}")
+
+
+def _record_on_worker(frame: Named, packed: bytes) -> Record:
+    return finished_record(_unpacked(packed), frame)
+
+
+@lru_cache(maxsize=4)
+def _unpacked(packed: bytes) -> Task[Any]:
+    import cv2
+
+    cv2.setNumThreads(1)
+    task: Task[Any] = pickle.loads(packed)
+    return task
+
+
+def _first_line(error: BaseException) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0]

@@ -1,0 +1,130 @@
+"""One run over many frames: what is finished already, what the workers bring, what the folder holds in the end."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Generator, Iterable, Iterator, Sized
+from dataclasses import dataclass
+from pathlib import Path
+
+from circlecal.batch.index import ResultIndex
+from circlecal.batch.log import ResultLog
+from circlecal.batch.task import F, Record, Task
+from circlecal.formats.summary import write_summary
+
+SUMMARY_NAME = "summary.csv"
+
+
+@dataclass(slots=True)
+class BatchProgress:
+    """How far a batch is: frames in all, finished before this run and in this run, and the verdicts of them all.
+
+    ``total`` is an estimate where the frames come from a video.
+    """
+
+    total: int
+    resumed: int = 0
+    finished: int = 0
+    calibrated: int = 0
+    refused: int = 0
+    unreadable: int = 0
+
+    def count(self, status: str, code: str | None) -> None:
+        """Take a frame into the counts."""
+        self.finished += 1
+        self.calibrated += status == "calibrated"
+        self.refused += status != "calibrated"
+        self.unreadable += code == "unreadable_input"
+        self.total = max(self.total, self.finished)
+
+
+def run_batch(
+    frames: Iterable[F],
+    task: Task[F],
+    out: Path,
+    *,
+    workers: int,
+    scheduler: str | None = None,
+    total: int | None = None,
+    restart: bool = False,
+    on_progress: Callable[[BatchProgress], None] = lambda progress: None,
+) -> BatchProgress:
+    """Calibrate many frames in worker processes or on a cluster.
+
+    Parameters
+    ----------
+    frames : iterable of frames
+        With unique ids; taken one after the other as workers become free, so a generator need not end soon.
+    task : Task
+        What is done with each, such as :class:`circlecal.api.FrameRun`.
+    out : path
+        Folder of ``results.jsonl``, ``results.index`` and ``summary.csv``; frames that it already holds are skipped.
+    workers : int
+        Number of processes, each with one thread.
+    scheduler : str, optional
+        Instead of ``workers``: address of a Dask scheduler, or ``local:N``; see :mod:`circlecal.batch.cluster`.
+    total : int, optional
+        How many frames are expected, where ``frames`` has no length.
+    restart : bool
+        Start over: drop what the folder holds.
+    on_progress : callable
+        Called after the start and after every frame, in this process.
+
+    Returns
+    -------
+    BatchProgress
+        The final counts, resumed frames included.
+
+    Raises
+    ------
+    OtherRunError
+        The folder holds results of another configuration.
+    InputError
+        The folder is in use by another run, is damaged, or cannot be written, or the scheduler cannot be reached or
+        is lost; whatever was written before stays and is taken up again.
+    """
+    with ResultLog(out, restart) as log:
+        log.take_up(task.digest)
+        expected = len(frames) if isinstance(frames, Sized) else total or 0
+        progress = BatchProgress(total=expected)
+        waiting = _unfinished(frames, log.index, progress, on_progress)
+        try:
+            with contextlib.closing(_records(waiting, task, workers, scheduler)) as records:
+                for record in records:
+                    row = log.append(record)
+                    progress.count(row.status, row.code)
+                    on_progress(progress)
+        finally:
+            write_summary(out / SUMMARY_NAME, log.index.rows())
+        progress.total = progress.finished
+    return progress
+
+
+def _unfinished(
+    frames: Iterable[F], index: ResultIndex, progress: BatchProgress, on_progress: Callable[[BatchProgress], None]
+) -> Iterator[F]:
+    """Frames without a record; the others are counted as they are met."""
+    before = len(index) > 0
+    shown = False
+    for frame in frames:
+        found = index.find(frame.id) if before else None
+        if found is None:
+            if not shown:
+                on_progress(progress)
+            shown = True
+            yield frame
+        else:
+            progress.count(*found)
+            progress.resumed += 1
+    if not shown:
+        on_progress(progress)
+
+
+def _records(frames: Iterator[F], task: Task[F], workers: int, scheduler: str | None) -> Generator[Record]:
+    if scheduler is None:
+        from circlecal.batch.workers import records_of_workers
+
+        return records_of_workers(frames, task, workers)
+    from circlecal.batch.cluster import records_of_cluster
+
+    return records_of_cluster(frames, task, scheduler)

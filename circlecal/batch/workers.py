@@ -1,0 +1,163 @@
+"""Worker processes on this machine."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Generator, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from itertools import chain
+from typing import Any
+
+from circlecal.batch.task import F, Named, Record, Task, failed
+from circlecal.errors import CirclecalError
+
+_IN_FLIGHT_PER_WORKER = 2
+
+_log = logging.getLogger(__name__)
+
+
+def records_of_workers(frames: Iterator[F], task: Task[F], workers: int) -> Generator[Record]:
+    """Records in the order in which they are finished; frames whose worker died are tried once more, each alone.
+
+    Raises
+    ------
+    RuntimeError
+        Worker processes cannot be started at all.
+    """
+    suspects: list[F] = []
+    for first in frames:  # a new pool for what is left when a worker died
+        yield from _pooled(chain([first], frames), suspects, task, workers)
+        for frame in suspects:
+            died: list[F] = []
+            yield from _pooled(iter([frame]), died, task, 1)
+            if died:
+                reason = "the worker process died on it (out of memory, or a damaged file)"
+                yield failed(task, frame, "worker_died", f"{task.source(frame)}: {reason}")
+        suspects.clear()
+
+
+def finished_record(task: Task[F], frame: F) -> Record:
+    """Record of a frame, also of one that cannot be read or on which we make a mistake."""
+    try:
+        return task.record(frame)
+    except CirclecalError as error:
+        return failed(task, frame, "unreadable_input", str(error))
+    except Exception as error:  # noqa: BLE001 - one bad frame never stops the rest
+        _log.exception("%s: internal error", task.source(frame))
+        return failed(task, frame, "internal_error", f"{task.source(frame)}: {type(error).__name__}: {error}")
+
+
+def _pooled(frames: Iterator[F], died: list[F], task: Task[F], workers: int) -> Generator[Record]:
+    """Take frames until there are no more or a worker dies; those then in flight go to ``died``."""
+    context = multiprocessing.get_context("spawn")
+    executor = ProcessPoolExecutor(workers, mp_context=context, initializer=_start_worker, initargs=(task,))
+    in_flight: dict[Future[Record], F] = {}
+    try:
+        _require_workers(executor)
+        more = True
+        while more or in_flight:
+            while more and len(in_flight) < workers * _IN_FLIGHT_PER_WORKER:
+                frame = next(frames, None)
+                more = frame is not None
+                if frame is not None and not _submitted(executor, frame, in_flight):
+                    died.extend((frame, *in_flight.values()))
+                    executor.shutdown()
+                    return
+            if not in_flight:
+                break
+            for future in wait(in_flight, return_when=FIRST_COMPLETED).done:
+                try:
+                    record = future.result()
+                except BrokenProcessPool:
+                    died.extend(in_flight.values())
+                    executor.shutdown()
+                    return
+                del in_flight[future]
+                yield record
+    except BaseException:
+        _stop(executor)
+        raise
+    executor.shutdown()
+
+
+def _submitted(executor: ProcessPoolExecutor, frame: F, in_flight: dict[Future[Record], F]) -> bool:
+    """Hand a frame to the workers; False where one has died."""
+    try:
+        with _worker_surroundings():
+            in_flight[executor.submit(_record_in_worker, frame)] = frame
+    except BrokenProcessPool:
+        return False
+    return True
+
+
+def _require_workers(executor: ProcessPoolExecutor) -> None:
+    """Tell a worker that cannot even start from one that died on a frame."""
+    try:
+        with _worker_surroundings():
+            started = executor.submit(os.getpid)
+        started.result()
+    except BrokenProcessPool as error:
+        raise RuntimeError(
+            "worker processes cannot start; a script that calls run_batch needs `if __name__ == '__main__':`"
+        ) from error
+
+
+@contextlib.contextmanager
+def _worker_surroundings() -> Iterator[None]:
+    """What a worker inherits when it is started: no Ctrl-C (the parent ends it) and one thread for linear algebra."""
+    threads = {name: os.environ.get(name) for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
+    in_main_thread = threading.current_thread() is threading.main_thread()
+    interrupt = signal.signal(signal.SIGINT, signal.SIG_IGN) if in_main_thread else None
+    os.environ.update(dict.fromkeys(threads, "1"))
+    try:
+        yield
+    finally:
+        for name, value in threads.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+        if in_main_thread:
+            signal.signal(signal.SIGINT, interrupt)
+
+
+def _stop(executor: ProcessPoolExecutor) -> None:
+    """End the workers at once, also those in the middle of a frame."""
+    processes = list((executor._processes or {}).values())
+    executor.shutdown(wait=False, cancel_futures=True)
+    for process in processes:
+        process.terminate()
+    for process in processes:
+        process.join()
+
+
+_worker_task: Task[Any] | None = None
+
+
+def _start_worker(task: Task[Any]) -> None:
+    global _worker_task
+    _worker_task = task
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    import cv2
+
+    cv2.setNumThreads(1)
+
+
+def _end_with_parent() -> None:
+    """A worker whose parent was killed would wait for work for ever."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def _record_in_worker(frame: Named) -> Record:
+    if _worker_task is None:
+        raise RuntimeError("the worker was not started")
+    return finished_record(_worker_task, frame)

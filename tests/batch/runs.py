@@ -1,0 +1,61 @@
+"""Runs of `circlecal batch` as processes, and what must hold after them."""
+
+import csv
+import json
+import os
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+import circlecal
+from circlecal.batch import RESULTS_NAME, SUMMARY_NAME
+
+COMMAND = [sys.executable, "-m", "circlecal.cli", "batch"]
+SURROUNDINGS = {**os.environ, "PYTHONPATH": str(Path(circlecal.__file__).parents[1])}
+
+
+def paint(folder: Path, count: int) -> Path:
+    """Small pictures without a field, so that a frame takes milliseconds."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for index in range(count):
+        cv2.imwrite(str(folder / f"f{index:03d}.png"), np.full((80, 120, 3), index, np.uint8))
+    return folder
+
+
+def records(out: Path) -> list[dict]:
+    text = (out / RESULTS_NAME).read_text()
+    assert text == "" or text.endswith("\n")
+    return [json.loads(line) for line in text.splitlines()]
+
+
+def assert_every_frame_once(out: Path, count: int) -> None:
+    assert Counter(r["id"] for r in records(out)) == Counter(f"f{index:03d}" for index in range(count))
+    with (out / SUMMARY_NAME).open() as file:
+        assert [row["id"] for row in csv.DictReader(file)] == [f"f{index:03d}" for index in range(count)]
+
+
+def batch_command(frames: Path, out: Path, *options: str) -> list[str]:
+    return [*COMMAND, str(frames), "--out", str(out), "--workers", "2", *options]
+
+
+def wait_for(condition, seconds: float = 20.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "timed out"
+        time.sleep(0.02)
+
+
+def children(pid: int) -> list[int]:
+    listed = Path(f"/proc/{pid}/task/{pid}/children")
+    return [int(child) for child in listed.read_text().split()] if listed.is_file() else []
+
+
+def alive(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False

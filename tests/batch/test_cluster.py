@@ -1,0 +1,144 @@
+"""A real Dask scheduler with two worker processes: every frame once, whatever happens to a worker."""
+
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from circlecal.batch import RESULTS_NAME
+
+from .runs import SURROUNDINGS, assert_every_frame_once, batch_command, paint, records, wait_for
+
+pytest.importorskip("distributed", reason="the extra circlecal[distributed] is not installed")
+
+
+class DaskCluster:
+    """A scheduler and two workers, each a process of its own, started as `dask scheduler` and `dask worker` do."""
+
+    def __init__(self, folder: Path) -> None:
+        self.file = folder / "scheduler.json"
+        self.folder = folder
+        self.processes: list[subprocess.Popen] = []
+        options = ["--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(self.file)]
+        self.scheduler = self.start("distributed.cli.dask_scheduler", *options)
+        wait_for(self.file.is_file, 60)
+        self.address = json.loads(self.file.read_text())["address"]
+        self.workers = [self.add_worker(), self.add_worker()]
+
+    def start(self, module: str, *arguments: str) -> subprocess.Popen:
+        with (self.folder / "dask.log").open("a") as log:
+            command = [sys.executable, "-m", module, *arguments]
+            process = subprocess.Popen(command, stdout=log, stderr=log, env=SURROUNDINGS, cwd=self.folder)
+        self.processes.append(process)
+        return process
+
+    def add_worker(self) -> subprocess.Popen:
+        return self.start("distributed.cli.dask_worker", self.address, "--no-nanny", "--no-dashboard", "--nthreads=1")
+
+    def close(self) -> None:
+        for process in self.processes:
+            process.kill()
+            process.wait()
+
+
+@pytest.fixture
+def cluster(tmp_path: Path) -> Iterator[DaskCluster]:
+    folder = tmp_path / "dask"
+    folder.mkdir()
+    started = DaskCluster(folder)
+    yield started
+    started.close()
+
+
+def start_run(cluster: DaskCluster, frames: Path, out: Path, *options: str) -> subprocess.Popen:
+    return subprocess.Popen(
+        batch_command(frames, out, "--scheduler", cluster.address, *options),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**SURROUNDINGS, "DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT": "5s"},
+        start_new_session=True,
+    )
+
+
+def finished_lines(out: Path) -> int:
+    path = out / RESULTS_NAME
+    return path.read_bytes().count(b"\n") if path.is_file() else 0
+
+
+def test_a_killed_worker_loses_nothing(cluster, tmp_path):
+    count = 150
+    frames, out = paint(tmp_path / "frames", count), tmp_path / "out"
+    run = start_run(cluster, frames, out)
+    wait_for(lambda: finished_lines(out) >= 5, 60)
+    cluster.workers[0].send_signal(signal.SIGKILL)
+    assert finished_lines(out) < count
+    _, errors = run.communicate(timeout=120)
+    assert run.returncode == 1, errors
+    assert_every_frame_once(out, count)
+    assert not [record for record in records(out) if record["code"] in ("worker_died", "internal_error")]
+
+
+def test_a_lost_scheduler_is_one_line_and_the_run_goes_on_elsewhere(cluster, tmp_path):
+    count = 150
+    frames, out = paint(tmp_path / "frames", count), tmp_path / "out"
+    run = start_run(cluster, frames, out)
+    wait_for(lambda: finished_lines(out) >= 5, 60)
+    cluster.scheduler.kill()
+    _, errors = run.communicate(timeout=120)
+    assert run.returncode == 2, errors
+    assert "Traceback" not in errors
+    told = [line for line in errors.splitlines() if line.startswith("circlecal: error: ")]
+    assert len(told) == 1
+    assert "run the same command again" in told[0]
+    assert 5 <= finished_lines(out) < count
+    assert subprocess.run(batch_command(frames, out, "-q"), check=False, env=SURROUNDINGS).returncode == 1
+    assert_every_frame_once(out, count)
+
+
+def test_interrupted(cluster, tmp_path):
+    frames, out = paint(tmp_path / "frames", 150), tmp_path / "out"
+    run = start_run(cluster, frames, out)
+    wait_for(lambda: finished_lines(out) >= 3, 60)
+    run.send_signal(signal.SIGINT)
+    _, errors = run.communicate(timeout=60)
+    assert run.returncode == 130
+    assert "Traceback" not in errors
+    assert all(process.poll() is None for process in cluster.processes)
+
+
+def test_the_same_answers_as_on_this_machine(run_circlecal, cluster, frame_file, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run_circlecal("batch", frame_file, "--out", "here", "--workers", 1)
+    outcome = run_circlecal("batch", "frames", "--out", "there", "--scheduler", cluster.address, "--files")
+    assert outcome.code == 0, outcome
+    assert records(Path("there"))[0]["H_image_field"] == records(Path("here"))[0]["H_image_field"]
+    assert {path.name for path in Path("there").iterdir()} >= {"good.json", "good.overlay.jpg"}
+
+
+def test_workers_of_this_machine(run_circlecal, tmp_path):
+    out = tmp_path / "out"
+    outcome = run_circlecal("batch", paint(tmp_path / "frames", 3), "--out", out, "--scheduler", "local:1")
+    assert (outcome.code, outcome.out[:9]) == (1, "3 frames:")
+    assert_every_frame_once(out, 3)
+
+
+@pytest.mark.parametrize("scheduler", ["local:0", "local:many", "somewhere", "nonsense://a:1"])
+def test_a_wrong_scheduler_is_one_line(run_circlecal, tmp_path, scheduler):
+    frames = paint(tmp_path / "frames", 1)
+    outcome = run_circlecal("batch", frames, "--out", tmp_path / "out", "--scheduler", scheduler)
+    assert outcome.code == 2
+    assert len(outcome.err.splitlines()) == 1
+    assert f"--scheduler {scheduler}" in outcome.err
+
+
+def test_a_missing_extra_is_one_line(run_circlecal, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    frames = paint(tmp_path / "frames", 1)
+    outcome = run_circlecal("batch", frames, "--out", tmp_path / "out", "--scheduler", "local:1")
+    assert outcome.code == 2
+    assert "pip install 'circlecal[distributed]'" in outcome.err
