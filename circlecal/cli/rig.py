@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from circlecal.cli import options
-from circlecal.cli.calibrate import Convention
+from circlecal.cli.options import Convention
 
 if TYPE_CHECKING:
     from circlecal.rig.run import RigReport

@@ -140,7 +140,7 @@ def run_rig(
         summaries[frame.id] = summarise(written)
         lines.append(result_line(written))
     write_atomic(out / RESULTS_NAME, "".join(f"{line}\n" for line in lines).encode())
-    write_summary(out / SUMMARY_NAME, summaries)
+    write_summary(out / SUMMARY_NAME, (summaries[name] for name in sorted(summaries)))
     on_progress(report, len(frames))
     return report
 
