@@ -17,6 +17,7 @@ from circlecal.errors import ConfigError, EstimationError, InputError
 from circlecal.field import Circle, FieldTemplate, load_field
 from circlecal.geometry.homography import scale_homography, turn_homography
 from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations
+from circlecal.profiles import grey
 from circlecal.results import Calibration, Cues, EllipseFits, HomographyFit, Verdict
 from circlecal.solvers import solve_by_name
 from circlecal.stages.camera import estimate_camera
@@ -187,15 +188,16 @@ class _Job:
         if refusal is not None:
             raise refusal
         with self._clock("edges"):
-            edges = reached["edges"] = detect_edges(image, marking, config.edges, polarity)
+            picture = grey(image, polarity)
+            edges = reached["edges"] = detect_edges(picture, marking, config.edges)
         with self._clock("rays"):
             relative_width = template.marking_width_m / template.radius(circle, "center")
-            rays = reached["rays"] = cast_rays(image, edges, marking, relative_width, config.rays, self.rng, polarity)
+            rays = reached["rays"] = cast_rays(picture, edges, marking, relative_width, config.rays, self.rng)
         with self._clock("ellipse"):
             ellipses = reached["ellipses"] = fit_ellipses(rays, self.width, config.ellipse, self.rng)
             reached["observations"] = observed(ellipses, Cues(None, None), circle, self.width, self.height)
         with self._clock("cues"):
-            cues = reached["cues"] = find_cues(image, marking, ellipses, edges.noise, template, config.cues, polarity)
+            cues = reached["cues"] = find_cues(picture, marking, ellipses, edges.noise, template, config.cues)
             observations = observed(ellipses, cues, circle, self.width, self.height)
             if extra is not None:
                 observations = joined(observations, extra)

@@ -8,6 +8,7 @@ edges are then a fiction, while the flux-weighted middle stays unbiased.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -60,33 +61,49 @@ def grey(image: NDArray[np.uint8], polarity: float = 1.0) -> NDArray[np.float32]
     return values if polarity >= 0 else 255.0 - values
 
 
-def sample_profiles(picture: NDArray[np.float32], points_px: Array, normals: Array, offsets: Array) -> Array:
-    """Brightness (N, S) at ``points + offset * normal``, bilinear; nan outside the picture."""
-    position = points_px[:, None, :] + offsets[None, :, None] * normals[:, None, :]
+def sample_profiles(
+    picture: NDArray[np.float32], points_px: Array, normals: Array, offsets: Array
+) -> NDArray[np.float32]:
+    """Brightness (N, S) at ``points + offset * normal``, bilinear; nan outside the picture.
+
+    Stored with the profiles side by side (``.T`` is contiguous), as :func:`measure_bands` reads them.
+    """
     height, width = picture.shape
-    if position.shape[0] == 0:
-        return np.zeros(position.shape[:2])
-    x, y = position[..., 0].astype(np.float32), position[..., 1].astype(np.float32)
-    values = cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(np.float64)
-    outside = (x < 0) | (y < 0) | (x > width - 1) | (y > height - 1)
-    values[outside] = np.nan
-    return values
+    if len(points_px) == 0:
+        return np.zeros((0, len(offsets)), np.float32)
+    across = np.asarray(offsets, np.float32)[:, None]
+    (x0, y0), (nx, ny) = (np.asarray(v, np.float32).T for v in (points_px, normals))
+    x, y = x0 + across * nx, y0 + across * ny
+    values = np.asarray(cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float32)
+    ends_x, ends_y = x[[0, -1]], y[[0, -1]]
+    if ends_x.min() < 0 or ends_y.min() < 0 or ends_x.max() > width - 1 or ends_y.max() > height - 1:
+        values[(x < 0) | (y < 0) | (x > width - 1) | (y > height - 1)] = np.nan
+    return values.T
 
 
-def smooth_along(profiles: Array, sigma_samples: float) -> Array:
+def smooth_along(profiles: NDArray[np.float32], sigma_samples: float) -> NDArray[np.float32]:
     """Gaussian mean of neighbouring profiles (N, S); rows with nan stay nan and lend nothing to their neighbours."""
     if sigma_samples <= 0 or len(profiles) < 3:
         return profiles
-    known = np.isfinite(profiles)
-    size = 2 * int(np.ceil(2.5 * sigma_samples)) + 1
-    kernel = cv2.getGaussianKernel(size, sigma_samples)
-    total = cv2.sepFilter2D(np.where(known, profiles, 0.0), -1, np.ones((1, 1)), kernel, borderType=cv2.BORDER_REFLECT)
-    weight = cv2.sepFilter2D(known.astype(np.float64), -1, np.ones((1, 1)), kernel, borderType=cv2.BORDER_REFLECT)
+    values = np.ascontiguousarray(profiles.T, np.float32)
+    kernel = cv2.getGaussianKernel(2 * int(np.ceil(2.5 * sigma_samples)) + 1, sigma_samples, cv2.CV_32F)
+    known = np.isfinite(values)
+    if known.all():
+        return _along_rows(values, kernel).T
+    total = _along_rows(np.where(known, values, np.float32(0)), kernel)
+    weight = _along_rows(known.astype(np.float32), kernel)
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(known, total / weight, np.nan)
+        return np.where(known, total / weight, np.float32(np.nan)).T
 
 
-def measure_bands(profiles: Array, offsets: Array, search_px: float, noise: float, minimum_snr: float = 3.0) -> Bands:
+def _along_rows(values: NDArray[np.float32], kernel: cv2.typing.MatLike) -> NDArray[np.float32]:
+    one = np.ones((1, 1), np.float32)
+    return np.asarray(cv2.sepFilter2D(values, -1, kernel, one, borderType=cv2.BORDER_REFLECT), np.float32)
+
+
+def measure_bands(
+    profiles: NDArray[np.floating[Any]], offsets: Array, search_px: float, noise: float, minimum_snr: float = 3.0
+) -> Bands:
     """Find the band in each profile.
 
     Parameters
@@ -103,69 +120,79 @@ def measure_bands(profiles: Array, offsets: Array, search_px: float, noise: floa
         Peaks below this many noise levels are invalid.
     """
     step_px = float(offsets[1] - offsets[0])
-    known = np.isfinite(profiles).all(axis=1)
-    values = np.where(np.isfinite(profiles), profiles, 0.0)
-    rows = np.arange(len(values))
-    index = np.arange(len(offsets))
-    searched = np.abs(offsets) <= search_px
-    peak_index = np.argmax(np.where(searched, values, -np.inf), axis=1)
-    signal, low, high = _without_background(values, peak_index, offsets)
-    peak = signal[rows, peak_index]
+    # one row per offset: all that follows runs along the profiles side by side
+    values = np.ascontiguousarray(profiles.T, np.float32)
+    known = np.isfinite(values).all(axis=0)
+    if not known.all():
+        values = np.where(known, values, np.float32(0))
+    columns = np.arange(values.shape[1])
+    index = np.arange(1, len(offsets) + 1, dtype=np.int16)[:, None]
+    searched = np.flatnonzero(np.abs(offsets) <= search_px)
+    peak_index = values[searched[0] : searched[-1] + 1].argmax(axis=0) + searched[0]
+    signal, low, high = _without_background(values, offsets)
+    peak = signal[peak_index, columns]
 
-    below_half = signal < 0.5 * peak[:, None]
-    left = _crossing(signal, peak, peak_index, index, below_half, -1) * step_px + offsets[0]
-    right = _crossing(signal, peak, peak_index, index, below_half, 1) * step_px + offsets[0]
-    inside = _connected(signal >= PEAK_SHARE * peak[:, None], peak_index, index)
-    weight = np.where(inside, np.maximum(signal - PEAK_SHARE * peak[:, None], 0.0), 0.0)
-    mass = np.maximum(weight.sum(axis=1), 1e-9)
-    center = weight @ offsets / mass
+    before, after = _gaps(signal < 0.5 * peak, peak_index, index)
+    left = _crossing(signal, peak, before, 1) * step_px + offsets[0]
+    right = _crossing(signal, peak, after, -1) * step_px + offsets[0]
+    threshold = np.float32(PEAK_SHARE) * peak
+    before, after = _gaps(signal < threshold, peak_index, index)
+    inside = (index - 1 > before) & (index - 1 < after)
+    weight = np.maximum(signal - threshold, np.float32(0)) * inside
+    across = offsets.astype(np.float32)
+    mass = np.maximum(weight.sum(axis=0), np.float32(1e-9))
+    center = (across @ weight / mass).astype(np.float64)
     # noise of a centroid: samples are step_px apart but the picture's noise is per pixel
-    lever = np.sqrt((inside * (offsets - center[:, None]) ** 2).sum(axis=1) * step_px)
-    sigma = np.hypot(noise * lever / (mass * step_px), SIGMA_FLOOR_PX)
+    first, second = across @ inside.astype(np.float32), (across * across) @ inside.astype(np.float32)
+    squared_lever = second - 2 * center * first + center**2 * (after - before - 1)
+    sigma = np.hypot(noise * np.sqrt(np.maximum(squared_lever, 0.0) * step_px) / (mass * step_px), SIGMA_FLOOR_PX)
 
-    touches_end = inside[:, 0] | inside[:, -1] | ~np.isfinite(left) | ~np.isfinite(right)
+    touches_end = (before < 0) | (after >= len(offsets)) | ~np.isfinite(left) | ~np.isfinite(right)
     valid = known & ~touches_end & (peak > minimum_snr * noise) & (np.abs(high - low) < 0.8 * peak)
-    return Bands(center, left, right, sigma, peak, high - low, valid)
+    return Bands(center, left, right, sigma, peak.astype(np.float64), (high - low).astype(np.float64), valid)
 
 
-def _without_background(values: Array, peak_index: NDArray[np.int_], offsets: Array) -> tuple[Array, Array, Array]:
-    """Signal over a straight line through the medians of both outer thirds; also the two medians."""
-    third = max(3, len(offsets) // 4)
-    low, high = np.median(values[:, :third], axis=1), np.median(values[:, -third:], axis=1)
-    x0, x1 = offsets[:third].mean(), offsets[-third:].mean()
-    line = low[:, None] + (high - low)[:, None] * (offsets - x0) / (x1 - x0)
-    return values - line, low, high
+def _without_background(
+    values: NDArray[np.float32], offsets: Array
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+    """Signal (S, N) over a straight line through the medians of both outer quarters; also the two medians (N,)."""
+    quarter = max(3, len(offsets) // 4)
+    low, high = _median(values[:quarter]), _median(values[-quarter:])
+    x0, x1 = offsets[:quarter].mean(), offsets[-quarter:].mean()
+    share = ((offsets - x0) / (x1 - x0)).astype(np.float32)[:, None]
+    return values - (low + (high - low) * share), low, high
 
 
-def _connected(high: NDArray[np.bool_], peak_index: NDArray[np.int_], index: NDArray[np.int_]) -> NDArray[np.bool_]:
-    """The run of true cells of each row that holds its peak."""
-    gap_left = np.where(~high & (index < peak_index[:, None]), index, -1).max(axis=1)
-    gap_right = np.where(~high & (index > peak_index[:, None]), index, len(index)).min(axis=1)
-    return (index > gap_left[:, None]) & (index < gap_right[:, None])
+def _median(rows: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Median over the rows (R, N) of each column; sorting whole rows against each other is faster than np.median."""
+    ordered = np.sort(rows, axis=0)
+    middle = len(rows) // 2
+    return ordered[middle] if len(rows) % 2 else (ordered[middle - 1] + ordered[middle]) / 2
 
 
-def _crossing(
-    signal: Array,
-    peak: Array,
-    peak_index: NDArray[np.int_],
-    index: NDArray[np.int_],
-    below: NDArray[np.bool_],
-    side: int,
-) -> Array:
-    """Fractional index at which the signal falls through half its peak on one side; nan where it never does."""
-    rows = np.arange(len(signal))
-    if side < 0:
-        outer = np.where(below & (index < peak_index[:, None]), index, -1).max(axis=1)
-        found = outer >= 0
-    else:
-        outer = np.where(below & (index > peak_index[:, None]), index, len(index)).min(axis=1)
-        found = outer < len(index)
-    outer = np.where(found, outer, peak_index)
-    inner = np.clip(outer - side, 0, len(index) - 1)
-    a, b = signal[rows, outer], signal[rows, inner]
+def _gaps(
+    low: NDArray[np.bool_], peak_index: NDArray[np.int_], index: NDArray[np.int16]
+) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+    """Nearest low cell (N,) on either side of each column's peak: -1 and S where there is none.
+
+    ``index`` (S, 1) counts the rows from 1. Products with it are much faster than ``np.where``.
+    """
+    count = len(index)
+    peak = (peak_index + 1).astype(np.int16)
+    before = np.multiply(index, low & (index < peak)).max(axis=0)
+    after = np.multiply(np.int16(count + 1) - index, low & (index > peak)).max(axis=0)
+    return before.astype(np.int_) - 1, count - after.astype(np.int_)
+
+
+def _crossing(signal: NDArray[np.float32], peak: NDArray[np.float32], outer: NDArray[np.int_], inward: int) -> Array:
+    """Fractional row at which the signal falls through half its peak towards the gap; nan where there is no gap."""
+    columns = np.arange(signal.shape[1])
+    found = (outer >= 0) & (outer < len(signal))
+    row = np.clip(outer, 0, len(signal) - 1)
+    a, b = signal[row, columns], signal[np.clip(row + inward, 0, len(signal) - 1), columns]
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(b != a, (0.5 * peak - a) / (b - a), 0.0)
-    return np.where(found, outer - side * share, np.nan)
+    return np.where(found, row + inward * share, np.nan)
 
 
 def picture_noise(picture: NDArray[np.float32], region: NDArray[np.bool_] | None = None) -> float:

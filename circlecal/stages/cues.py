@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
@@ -10,10 +13,13 @@ from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.conics import Ellipse, line_conic_meet
 from circlecal.geometry.homogeneous import Array, dehomogenise, fit_line, join, lift, line_distance
 from circlecal.observations import LinePoints, Observations
-from circlecal.profiles import grey, measure_bands, sample_profiles, smooth_along
+from circlecal.profiles import measure_bands, sample_profiles, smooth_along
 from circlecal.results import Cues, EllipseFits, LineCue, MarkCue, MarkingMask, Segment
 
 MOST_PIECES = 12
+SHORTEST_PX, FEWEST_POINTS = 10.0, 8
+SMOOTHING_REACH = 3
+"""Profiles over which the smoothing along a marking reaches."""
 LARGEST_BEND = 0.03
 """Sine of the angle between neighbouring pieces of a straight marking: lens and crown bend it less than that."""
 
@@ -47,20 +53,19 @@ class CuesConfig(BaseModel):
 
 
 def find_cues(
-    image: NDArray[np.uint8],
+    picture: NDArray[np.float32],
     mask: MarkingMask,
     ellipses: EllipseFits,
     noise: float,
     template: FieldTemplate,
     config: CuesConfig,
-    polarity: float = 1.0,
 ) -> Cues:
     """Measure what fixes the rotation about the circle and its imaged centre.
 
     Parameters
     ----------
-    image : (H, W, 3) uint8
-        BGR picture.
+    picture : (H, W) float32
+        Brightness, with the markings lighter than the field (:func:`circlecal.profiles.grey`).
     mask : MarkingMask
         Gives the rough lines.
     ellipses : EllipseFits
@@ -71,29 +76,27 @@ def find_cues(
         The field.
     config : CuesConfig
         Options.
-    polarity : float
-        Negative for dark markings.
 
     Returns
     -------
     Cues
         What was found; a cue that is not seen is None, never invented.
     """
-    picture = grey(image, polarity)
     fit = ellipses.primary
+    rough = mask.halfway if config.halfway_line and template.halfway_line is not None else None
+    chord = None if rough is None else _chord(fit.conic, join(lift(rough.start), lift(rough.end)))
+    near = None if chord is None else _beyond(chord, config.reach_half_chords, picture.shape)
+    further = mask.lines if config.further_lines else ()
+    measured = measure_lines(picture, (*further, *(() if near is None else (near,))), noise, config)
     halfway = None
-    if config.halfway_line and mask.halfway is not None and template.halfway_line is not None:
-        halfway = _halfway_line(picture, mask.halfway, fit.ellipse, fit.conic, noise, template.halfway_line, config)
+    if chord is not None and near is not None:
+        halfway = _halfway_line(picture, measured.pop(), chord, noise, template.halfway_line, config)
     mark = None
     if config.centre_mark and halfway is not None and "centre_mark" in template.mark_by_name:
         diameter = template.mark_by_name["centre_mark"].diameter_m
         circle = template.circle_by_name[template.default_circle]
         mark = _centre_mark(picture, halfway, fit.ellipse, fit.conic, diameter / circle.radius_m, config)
-    further: list[LineCue] = []
-    if config.further_lines:
-        measured = (measure_line(picture, segment, noise, config, None) for segment in mask.lines)
-        further = [line for line in measured if line is not None]
-    return Cues(halfway=halfway, mark=mark, lines=tuple(further))
+    return Cues(halfway=halfway, mark=mark, lines=tuple(line for line in measured if line is not None))
 
 
 def cues_from_observations(observations: Observations, template: FieldTemplate, circle: Circle) -> Cues:
@@ -121,101 +124,144 @@ def _line_cue(seen: LinePoints) -> LineCue:
     return LineCue(seen.line, line, seen.points_px, seen.sigma_px, ends, rms)
 
 
-def measure_line(
-    picture: NDArray[np.float32], segment: Segment, noise: float, config: CuesConfig, name: str | None
-) -> LineCue | None:
-    """Sub-pixel points along a rough straight marking and the total least squares line through both of its edges.
+def measure_lines(
+    picture: NDArray[np.float32], segments: Sequence[Segment], noise: float, config: CuesConfig
+) -> list[LineCue | None]:
+    """Sub-pixel points along rough straight markings, and the total least squares line through both edges of each.
 
     Each profile gives the two crossings of half the band's height; the line is fitted to both edges together, so
-    their common bias (bloom)
-    cancels, and the points that are kept are the flux-weighted middles.
+    their common bias (bloom) cancels, and the points that are kept are the flux-weighted middles. A first round with
+    coarse steps finds the line, a second one measures it; all markings are measured together.
+
+    Returns
+    -------
+    list of LineCue or None
+        Without names; None where no straight marking is there.
     """
     unit = picture.shape[1] / 1920.0
-    start, end = segment.start, segment.end
-    search = config.search_px * unit
-    points = middles = np.zeros((0, 2))
-    sigma = np.zeros(0)
-    line = np.zeros(3)
-    sampled = 0
-    for reach in (search, 0.6 * search):
-        length = float(np.linalg.norm(end - start))
-        if length < 10:
-            return None
-        along = (end - start) / length
-        base = start + np.linspace(0.0, length, max(8, int(length / config.spacing_px)))[:, None] * along
-        normal = np.broadcast_to(np.array([-along[1], along[0]]), base.shape)
-        half = reach + 8.0 * max(unit, 0.5) + 2.0
-        offsets = np.arange(-half, half + 0.25, 0.5)
-        bands = measure_bands(smooth_along(sample_profiles(picture, base, normal, offsets), 1.0), offsets, reach, noise)
-        valid = bands.valid & (bands.width < 24 * max(unit, 0.5))
-        sampled = len(base)
-        if valid.sum() < 8:
-            return None
-        base, normal = base[valid], normal[valid]
-        edges = np.stack([bands.left[valid], bands.right[valid]])
-        middles, sigma = base + bands.center[valid, None] * normal, bands.sigma[valid]
-        both = base + edges[..., None] * normal
-        line, kept = _robust_line(both, middles, max(1.0, 1.5 * unit))
-        if kept.sum() < 8:
-            return None
-        points, sigma = middles[kept], sigma[kept]
-        start, end = (p - line_distance(line, p[None])[0] * line[:2] for p in (start, end))
-    residual = line_distance(line, points)
-    position = (points - start) @ ((end - start) / np.linalg.norm(end - start))
-    return LineCue(
-        name=name,
-        line=line,
-        points_px=points,
-        sigma_px=sigma,
-        segment=Segment(points[np.argmin(position)], points[np.argmax(position)], len(points) / sampled),
-        rms_px=float(np.sqrt(np.mean(residual**2))),
-    )
+    scale = max(1.0, 1.5 * unit)
+    found: list[LineCue | None] = [None] * len(segments)
+    ends = np.array([(s.start, s.end) for s in segments]).reshape(-1, 2, 2)
+    length = np.hypot(*(ends[:, 1] - ends[:, 0]).T)
+    which = np.flatnonzero(length >= SHORTEST_PX)
+    for reach_share, step in ((1.0, 2.0), (0.6, 1.0)):
+        if len(which) == 0:
+            return found
+        samples = _band_samples(picture, ends[which], noise, config, reach_share, step, unit)
+        lines, kept = _robust_lines(samples, len(which), scale)
+        enough = np.bincount(samples.piece[kept], minlength=len(which)) >= FEWEST_POINTS
+        normal = lines[:, None, :2]
+        ends[which] -= ((ends[which] * normal).sum(axis=-1) + lines[:, 2:])[..., None] * normal
+        which, lines = which[enough], lines[enough]
+    for line, index, label in zip(lines, which, np.flatnonzero(enough), strict=True):
+        mine = np.flatnonzero(kept & (samples.piece == label))
+        found[index] = _measured_line(line, ends[index], samples, mine, int(samples.drawn[label]))
+    return found
 
 
-def _robust_line(both: Array, middles: Array, scale_px: float) -> tuple[Array, NDArray[np.bool_]]:
-    """Line through both edges (2, N, 2) by reweighted total least squares; which profiles (N,) it keeps."""
-    weights = np.ones(len(middles))
-    line = fit_line(both.reshape(-1, 2))
-    for scale in scale_px * np.array([8.0, 4.0, 2.0, 1.0, 1.0, 1.0]):
-        distance = line_distance(line, middles)
+@dataclass(frozen=True, slots=True)
+class _BandSamples:
+    """Valid profiles across several markings: middles (N, 2), both edges (2, N, 2), sigma (N,), which marking (N,);
+    and how many profiles were drawn on each marking (K,).
+    """
+
+    middles: Array
+    edges: Array
+    sigma: Array
+    piece: NDArray[np.int_]
+    drawn: NDArray[np.int_]
+
+
+def _band_samples(
+    picture: NDArray[np.float32],
+    ends: Array,
+    noise: float,
+    config: CuesConfig,
+    reach_share: float,
+    step: float,
+    unit: float,
+) -> _BandSamples:
+    """Profiles across straight pieces with these ends (K, 2, 2); ``step`` 1 is the full density."""
+    span = ends[:, 1] - ends[:, 0]
+    length = np.hypot(span[:, 0], span[:, 1])
+    fine = np.maximum(8, (length / config.spacing_px).astype(int))
+    drawn = np.minimum(fine, np.maximum(24, (fine / step).astype(int)))
+    # copies of both ends, dropped below, keep the smoothing from reaching into the next piece
+    stored = drawn + 2 * SMOOTHING_REACH
+    piece = np.repeat(np.arange(len(ends)), stored)
+    position = np.arange(len(piece)) - np.repeat(np.cumsum(stored) - stored, stored) - SMOOTHING_REACH
+    own = (position >= 0) & (position < drawn[piece])
+    share = np.clip(position / (drawn[piece] - 1), 0.0, 1.0)
+    base = ends[piece, 0] + share[:, None] * span[piece]
+    normals = (np.stack([-span[:, 1], span[:, 0]], axis=-1) / length[:, None])[piece]
+    reach = config.search_px * unit * reach_share
+    half = reach + 8.0 * max(unit, 0.5) + 2.0
+    offsets = np.arange(-half, half + 0.25, 0.5 * step)
+    profiles = smooth_along(sample_profiles(picture, base, normals, offsets), 1.0)
+    bands = measure_bands(profiles, offsets, reach, noise)
+    valid = own & bands.valid & (bands.width < 24 * max(unit, 0.5))
+    base, normals = base[valid], normals[valid]
+    middles = base + bands.center[valid, None] * normals
+    edges = base + np.stack([bands.left[valid], bands.right[valid]])[..., None] * normals
+    return _BandSamples(middles, edges, bands.sigma[valid], piece[valid], drawn)
+
+
+def _measured_line(line: Array, ends: Array, samples: _BandSamples, mine: NDArray[np.int_], drawn: int) -> LineCue:
+    points = samples.middles[mine]
+    position = points @ (ends[1] - ends[0])
+    first, last = points[np.argmin(position)], points[np.argmax(position)]
+    rms = float(np.sqrt(np.mean(line_distance(line, points) ** 2)))
+    return LineCue(None, line, points, samples.sigma[mine], Segment(first, last, len(points) / drawn), rms)
+
+
+def _robust_lines(samples: _BandSamples, count: int, scale_px: float) -> tuple[Array, NDArray[np.bool_]]:
+    """Lines (K, 3) through both edges by reweighted total least squares; which profiles (N,) they keep."""
+    member = (samples.piece[:, None] == np.arange(count)).astype(np.float64)
+    origin = samples.middles.mean(axis=0) if len(samples.middles) else np.zeros(2)
+    (x, y), (mx, my) = np.moveaxis(samples.edges - origin, -1, 0), (samples.middles - origin).T
+    moments = np.stack([np.full(len(mx), 2.0), *(m.sum(axis=0) for m in (x, y, x * x, x * y, y * y))])
+    weights = np.ones(len(mx))
+    for scale in scale_px * np.array([8.0, 4.0, 2.0, 1.0, 1.0, 1.0, 1.0]):
+        mass, sx, sy, xx, xy, yy = (moments * weights) @ member
+        mass = np.maximum(mass, 1e-12)
+        sx, sy = sx / mass, sy / mass
+        # direction of the greater eigenvector of the 2 x 2 scatter
+        angle = 0.5 * np.arctan2(2 * (xy / mass - sx * sy), xx / mass - sx * sx - yy / mass + sy * sy)
+        a, b = -np.sin(angle), np.cos(angle)
+        c = -a * sx - b * sy
+        distance = a[samples.piece] * mx + b[samples.piece] * my + c[samples.piece]
         weights = 1.0 / (1.0 + (distance / scale) ** 2) ** 2
-        line = fit_line(both.reshape(-1, 2), np.tile(weights, 2))
-    return line, np.abs(line_distance(line, middles)) < 3.0 * scale_px
+    lines = np.stack([a, b, c - a * origin[0] - b * origin[1]], axis=-1)
+    return lines, np.abs(distance) < 3.0 * scale_px
+
+
+def _beyond(chord: Array, half_chords: float, shape: tuple[int, ...]) -> Segment | None:
+    """The part in the picture of a chord's line, so many half chords to both sides of the chord's middle."""
+    middle, half = 0.5 * (chord[0] + chord[1]), 0.5 * (chord[1] - chord[0])
+    inside = _clipped(middle - half_chords * half, middle + half_chords * half, shape[1], shape[0])
+    return None if inside is None else Segment(*inside)
 
 
 def _halfway_line(
-    picture: NDArray[np.float32],
-    rough: Segment,
-    ellipse: Ellipse,
-    conic: Array,
-    noise: float,
-    name: str,
-    config: CuesConfig,
+    picture: NDArray[np.float32], cue: LineCue | None, chord: Array, noise: float, name: str | None, config: CuesConfig
 ) -> LineCue | None:
-    chord = _chord(conic, join(lift(rough.start), lift(rough.end)))
-    if chord is None:
-        return None
-    middle, half = 0.5 * (chord[0] + chord[1]), 0.5 * (chord[1] - chord[0])
-    height, width = picture.shape
-    near = _clipped(middle - config.reach_half_chords * half, middle + config.reach_half_chords * half, width, height)
-    if near is None:
-        return None
-    cue = measure_line(picture, Segment(*near), noise, config, name)
+    """The measured line, continued as far as it is seen; None where too little of the chord is seen."""
     if cue is None:
         return None
+    middle, half = 0.5 * (chord[0] + chord[1]), 0.5 * (chord[1] - chord[0])
     inside = np.abs((cue.points_px - middle) @ half / (half @ half)) < 1.0
     expected = 2 * np.linalg.norm(half) / config.spacing_px
     support = float(inside.sum() / max(expected, 1.0))
     if support < config.minimum_support:
         return None
-    further = _followed(picture, cue, float(np.linalg.norm(half)), noise, name, config)
+    further = _followed(picture, cue, float(np.linalg.norm(half)), noise, config)
     points = np.concatenate([cue.points_px, *(piece.points_px for piece in further)])
     sigma = np.concatenate([cue.sigma_px, *(piece.sigma_px for piece in further)])
     return LineCue(name, cue.line, points, sigma, Segment(cue.segment.start, cue.segment.end, support), cue.rms_px)
 
 
 def _followed(
-    picture: NDArray[np.float32], near: LineCue, step_px: float, noise: float, name: str, config: CuesConfig
+    picture: NDArray[np.float32], near: LineCue, step_px: float, noise: float, config: CuesConfig
 ) -> list[LineCue]:
     """Pieces of a straight marking beyond its measured part, each expected where the one before points to.
 
@@ -224,20 +270,25 @@ def _followed(
     """
     height, width = picture.shape
     found = []
-    for start, end in ((near.segment.start, near.segment.end), (near.segment.end, near.segment.start)):
-        for _ in range(MOST_PIECES):
+    sides = [(near.segment.start, near.segment.end), (near.segment.end, near.segment.start)]
+    for _ in range(MOST_PIECES):
+        searched = []
+        for start, end in sides:
             direction = (end - start) / np.linalg.norm(end - start)
             ahead = _clipped(end + 1.0 * direction, end + step_px * direction, width, height)
-            if ahead is None or np.linalg.norm(ahead[1] - ahead[0]) < 0.25 * step_px:
-                break
-            piece = measure_line(picture, Segment(*ahead), noise, config, name)
+            if ahead is not None and np.linalg.norm(ahead[1] - ahead[0]) >= 0.25 * step_px:
+                searched.append((end, direction, Segment(*ahead)))
+        if not searched:
+            break
+        sides = []
+        pieces = measure_lines(picture, [segment for _, _, segment in searched], noise, config)
+        for (end, direction, _), piece in zip(searched, pieces, strict=True):
             if piece is None or piece.segment.support < config.minimum_support:
-                break
-            far = piece.points_px[np.argmax((piece.points_px - end) @ direction)]
+                continue
             if abs(float(piece.line[:2] @ direction)) > LARGEST_BEND:
-                break
+                continue
             found.append(piece)
-            start, end = end, far
+            sides.append((end, piece.points_px[np.argmax((piece.points_px - end) @ direction)]))
     return found
 
 

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from circlecal.errors import EstimationError
 from circlecal.geometry.conics import ellipse_from_conic
 from circlecal.geometry.homogeneous import Array
-from circlecal.profiles import SIGMA_FLOOR_PX, grey, picture_noise
+from circlecal.profiles import SIGMA_FLOOR_PX, picture_noise
 from circlecal.results import CIRCLE_ID, EdgePoints, MarkingMask
 
 NO_EDGES = "no edges in the mask of the circle; is the mask that of this picture?"
@@ -57,32 +57,30 @@ def search_region(mask: MarkingMask, dilate_px: float) -> NDArray[np.bool_]:
     return cv2.dilate(region, kernel) > 0
 
 
-def detect_edges(image: NDArray[np.uint8], mask: MarkingMask, config: EdgesConfig, polarity: float = 1.0) -> EdgePoints:
+def detect_edges(picture: NDArray[np.float32], mask: MarkingMask, config: EdgesConfig) -> EdgePoints:
     """Canny points of the picture inside the dilated mask, moved to the sub-pixel maximum of the gradient.
 
     Parameters
     ----------
-    image : (H, W, 3) uint8
-        BGR picture.
+    picture : (H, W) float32
+        Brightness, with the markings lighter than the field (:func:`circlecal.profiles.grey`).
     mask : MarkingMask
         From the stage ``mask``.
     config : EdgesConfig
         Options.
-    polarity : float
-        Negative for dark markings.
 
     Raises
     ------
     EstimationError
         ``no_edges`` where fewer than ten points are found.
     """
-    region = search_region(mask, config.dilate_px * image.shape[1] / 1920)
+    region = search_region(mask, config.dilate_px * picture.shape[1] / 1920)
     left, top, width, height = cv2.boundingRect(region.astype(np.uint8))
     if width == 0:
         raise EstimationError("edges", "no_edges", NO_EDGES)
     left, top = max(left - MARGIN_PX, 0), max(top - MARGIN_PX, 0)
     window = (slice(top, top + height + 2 * MARGIN_PX), slice(left, left + width + 2 * MARGIN_PX))
-    picture, region = grey(np.ascontiguousarray(image[window]), polarity), region[window]
+    picture, region = picture[window], region[window]
     smooth = cv2.GaussianBlur(picture, (0, 0), config.smoothing_px)
     gx = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3, scale=1 / 8)
     gy = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=3, scale=1 / 8)

@@ -17,8 +17,11 @@ from circlecal.errors import EstimationError
 from circlecal.geometry.conics import Ellipse, ellipse_from_conic
 from circlecal.geometry.homogeneous import Array
 from circlecal.geometry.ransac import ransac_conic
-from circlecal.profiles import Bands, grey, measure_bands, sample_profiles, smooth_along
+from circlecal.profiles import Bands, measure_bands, sample_profiles, smooth_along
 from circlecal.results import EdgePoints, MarkingMask, RayPoints
+
+FIRST_STEP = 4.0
+"""The first look at the rough ellipse takes profiles this many times as far apart."""
 
 
 class RaysConfig(BaseModel):
@@ -49,20 +52,19 @@ class RaysConfig(BaseModel):
 
 
 def cast_rays(
-    image: NDArray[np.uint8],
+    picture: NDArray[np.float32],
     edges: EdgePoints,
     mask: MarkingMask,
     relative_width: float,
     config: RaysConfig,
     rng: np.random.Generator,
-    polarity: float = 1.0,
 ) -> RayPoints:
     """Inner, outer and centreline points of the circle's marking.
 
     Parameters
     ----------
-    image : (H, W, 3) uint8
-        BGR picture.
+    picture : (H, W) float32
+        Brightness, with the markings lighter than the field (:func:`circlecal.profiles.grey`).
     edges : EdgePoints
         From the stage ``edges``.
     mask : MarkingMask
@@ -73,8 +75,6 @@ def cast_rays(
         Options.
     rng : numpy.random.Generator
         For the robust fit that re-estimates the centre.
-    polarity : float
-        Negative for dark markings.
 
     Raises
     ------
@@ -84,14 +84,13 @@ def cast_rays(
     rough = None if mask.conic is None else ellipse_from_conic(mask.conic)
     if rough is None:
         raise EstimationError("rays", "no_circle_found", "no circle was found to cast rays at")
-    unit = image.shape[1] / 1920.0
-    picture = grey(image, polarity)
-    first = _centreline(picture, rough, edges.noise, config.search_px * unit, relative_width, config)
+    unit = picture.shape[1] / 1920.0
+    first = _centreline(picture, rough, edges.noise, config.search_px * unit, relative_width, config, FIRST_STEP)
     fit = ransac_conic(first.points, 3.0 * unit + 3.0 * first.bands.sigma, rng, hypotheses=300, method="taubin")
     center_fit = None if fit is None else ellipse_from_conic(fit.conic)
     if fit is None or center_fit is None or fit.inliers.sum() < 12:
         raise EstimationError("rays", "no_band", "no light band of the marking's width lies along the circle")
-    second = _centreline(picture, center_fit, edges.noise, config.refine_px * unit, relative_width, config)
+    second = _centreline(picture, center_fit, edges.noise, config.refine_px * unit, relative_width, config, 1.0)
     if len(second.points) < 12:
         raise EstimationError("rays", "no_band", "no light band of the marking's width lies along the circle")
     outer, inner, rays, rejected = _pair_edges(edges, center_fit, second, relative_width, config, unit)
@@ -137,16 +136,19 @@ def _centreline(
     search_px: float,
     relative_width: float,
     config: RaysConfig,
+    step: float,
 ) -> _Centreline:
-    angles = even_angles(ellipse, config.spacing_px, config.maximum)
+    """Band centres at the configured spacing, or ``step`` times as far apart for a first look."""
+    angles = even_angles(ellipse, step * config.spacing_px, config.maximum)
     points = ellipse.points(angles)
     height, width = picture.shape
     angles = angles[((points >= 0) & (points <= (width - 1, height - 1))).all(axis=1)]
     points, normals = ellipse.points(angles), ellipse.normals(angles)
     predicted = _predicted_width(ellipse, angles, relative_width)
     reach = search_px + 0.5 * (float(predicted.max()) if len(predicted) else 0.0) + 4.0
-    offsets = np.arange(-reach, reach + 0.25, 0.5)
-    profiles = smooth_along(sample_profiles(picture, points, normals, offsets), config.smoothing_samples)
+    tap = min(0.5 * step, 1.0)
+    offsets = np.arange(-reach, reach + 0.25, tap)
+    profiles = smooth_along(sample_profiles(picture, points, normals, offsets), config.smoothing_samples / step)
     bands = measure_bands(profiles, offsets, search_px, noise)
     low, high = config.width_ratio
     plausible = bands.valid & (bands.width < high * predicted + 4.0) & (bands.width > low * predicted)

@@ -6,6 +6,7 @@ import pytest
 from circlecal.field import load_field
 from circlecal.geometry.homogeneous import line_distance
 from circlecal.observations import Keypoint, LinePoints, MarkPoint, Observations
+from circlecal.profiles import grey
 from circlecal.results import EllipseFits, Segment
 from circlecal.stages.cues import CuesConfig, cues_from_observations, find_cues
 
@@ -26,7 +27,7 @@ def cues_in(painted, config=CONFIG, halfway="rough", image=None, lines=()):
     halfway = rough_line(painted.camera) if halfway == "rough" else halfway
     fits = EllipseFits(None, None, fit_of(painted.conic(), "center"))
     marking = painted.marking(halfway=halfway, lines=lines)
-    return find_cues(painted.image if image is None else image, marking, fits, 1.5, SOCCER, config)
+    return find_cues(grey(painted.image if image is None else image), marking, fits, 1.5, SOCCER, config)
 
 
 @pytest.fixture(scope="module")

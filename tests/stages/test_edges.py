@@ -6,6 +6,7 @@ from pydantic import ValidationError
 
 from circlecal.errors import EstimationError
 from circlecal.geometry.conics import ellipse_from_conic, orthogonal_distance
+from circlecal.profiles import grey
 from circlecal.results import MarkingMask
 from circlecal.stages.edges import EdgesConfig, detect_edges, search_region
 
@@ -13,6 +14,10 @@ from .conftest import developed, paint, step_px, view
 
 CONFIG = EdgesConfig()
 PAINTED = paint(view(position=(4.0, 40.0, -22.0), focal=2300.0), line=False, mark=False, noise=1.0)
+
+
+def edges_of(image, marking, config, polarity=1.0):
+    return detect_edges(grey(image, polarity), marking, config)
 
 
 def whole(image):
@@ -33,7 +38,7 @@ def distance_from_step(points, shift, slope=0.3):
 @pytest.mark.parametrize("shift", [0.0, 0.2, 0.5, 0.7])
 def test_points_of_a_step_lie_on_it(shift):
     image = slanted_step(shift)
-    found = detect_edges(image, whole(image), CONFIG)
+    found = edges_of(image, whole(image), CONFIG)
     distance = distance_from_step(found.points_px, shift)
     assert len(distance) > 100
     assert abs(distance.mean()) < 0.02
@@ -48,7 +53,7 @@ def test_sigma_is_the_scatter_in_a_noisy_picture():
     spread, stated = [], []
     for seed in range(4):
         image = slanted_step(0.3, noise=12.0, seed=seed)
-        found = detect_edges(image, whole(image), CONFIG)
+        found = edges_of(image, whole(image), CONFIG)
         distance = distance_from_step(found.points_px, 0.3)
         near = np.abs(distance) < 3
         assert near.mean() > 0.9
@@ -60,7 +65,7 @@ def test_sigma_is_the_scatter_in_a_noisy_picture():
 
 def test_both_edges_of_the_circle():
     """The band is wide against the blur, so its two edges stay apart; blur moves each by a few hundredths."""
-    found = detect_edges(PAINTED.image, PAINTED.marking(), CONFIG)
+    found = edges_of(PAINTED.image, PAINTED.marking(), CONFIG)
     for edge in ("outer", "inner"):
         distance = orthogonal_distance(ellipse_from_conic(PAINTED.conic(edge)), found.points_px)
         near = np.abs(distance) < 0.5
@@ -76,7 +81,7 @@ def test_both_edges_of_the_circle():
 def test_blur_and_noise_of_the_picture_are_told():
     for blur in (0.6, 1.5):
         image = paint(PAINTED.camera, line=False, mark=False, blur=blur, noise=2.0).image
-        found = detect_edges(image, PAINTED.marking(), CONFIG)
+        found = edges_of(image, PAINTED.marking(), CONFIG)
         assert found.noise == pytest.approx(2.0, rel=0.25)
         # the picture's own blur and that of the filter together
         assert found.blur_px == pytest.approx(np.hypot(blur, 1.06), rel=0.3)
@@ -84,16 +89,16 @@ def test_blur_and_noise_of_the_picture_are_told():
 
 def test_given_thresholds_are_used_and_automatic_ones_told():
     faint = paint(PAINTED.camera, line=False, mark=False, paint=104.0, noise=1.0)
-    automatic = detect_edges(faint.image, faint.marking(), CONFIG)
+    automatic = edges_of(faint.image, faint.marking(), CONFIG)
     assert len(automatic.points_px) > 1000
     low, high = automatic.thresholds
     assert 0 < low < high
-    given = detect_edges(faint.image, faint.marking(), EdgesConfig(thresholds=(low, high)))
+    given = edges_of(faint.image, faint.marking(), EdgesConfig(thresholds=(low, high)))
     np.testing.assert_array_equal(given.points_px, automatic.points_px)
     with pytest.raises(EstimationError) as refused:
-        detect_edges(faint.image, faint.marking(), EdgesConfig(thresholds=(30.0, 60.0)))
+        edges_of(faint.image, faint.marking(), EdgesConfig(thresholds=(30.0, 60.0)))
     assert (refused.value.stage, refused.value.code) == ("edges", "no_edges")
-    strong = detect_edges(PAINTED.image, PAINTED.marking(), CONFIG)
+    strong = edges_of(PAINTED.image, PAINTED.marking(), CONFIG)
     assert strong.thresholds[1] > 2 * high
 
 
@@ -105,11 +110,11 @@ def test_thresholds_must_be_in_order():
 def test_nothing_is_found_outside_the_mask():
     half = PAINTED.marking(conic=None)
     half.classes[:, 640:] = 0
-    found = detect_edges(PAINTED.image, half, EdgesConfig(dilate_px=6))
+    found = edges_of(PAINTED.image, half, EdgesConfig(dilate_px=6))
     assert len(found.points_px) > 500
     assert found.points_px[:, 0].max() < 650
     with pytest.raises(EstimationError) as refused:
-        detect_edges(PAINTED.image, MarkingMask(np.zeros((720, 1280), np.uint8), "file"), CONFIG)
+        edges_of(PAINTED.image, MarkingMask(np.zeros((720, 1280), np.uint8), "file"), CONFIG)
     assert refused.value.code == "no_edges"
 
 
@@ -128,7 +133,7 @@ def test_search_region_holds_class_and_rough_ellipse():
 
 def test_dark_markings():
     image = 255 - PAINTED.image
-    found = detect_edges(image, PAINTED.marking(), CONFIG, polarity=-1.0)
-    light = detect_edges(PAINTED.image, PAINTED.marking(), CONFIG)
+    found = edges_of(image, PAINTED.marking(), CONFIG, polarity=-1.0)
+    light = edges_of(PAINTED.image, PAINTED.marking(), CONFIG)
     np.testing.assert_allclose(found.points_px, light.points_px, atol=1e-3)
     np.testing.assert_allclose(found.normals, light.normals, atol=1e-3)

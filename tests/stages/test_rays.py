@@ -6,6 +6,7 @@ import pytest
 
 from circlecal.errors import EstimationError
 from circlecal.geometry.conics import conic_from_ellipse, ellipse_from_conic, orthogonal_distance
+from circlecal.profiles import grey
 from circlecal.results import MarkingMask
 from circlecal.stages.edges import EdgesConfig, detect_edges
 from circlecal.stages.rays import RaysConfig, cast_rays, even_angles
@@ -19,8 +20,9 @@ RELATIVE = WIDTH_M / SOCCER.radius(CIRCLE, "center")
 def cast(painted, image=None, config=RaysConfig(), marking=None, polarity=1.0):
     image = painted.image if image is None else image
     marking = painted.marking() if marking is None else marking
-    edges = detect_edges(image, marking, EdgesConfig(), polarity)
-    return cast_rays(image, edges, marking, RELATIVE, config, np.random.default_rng(1), polarity)
+    picture = grey(image, polarity)
+    edges = detect_edges(picture, marking, EdgesConfig())
+    return cast_rays(picture, edges, marking, RELATIVE, config, np.random.default_rng(1))
 
 
 def distances(painted, points, edge):
@@ -143,10 +145,10 @@ def test_centre_outside_the_frame():
 def test_a_rough_ellipse_outside_the_frame_is_no_band(painted):
     ellipse = ellipse_from_conic(painted.conic())
     away = type(ellipse)(ellipse.center + np.array([3000.0, 0.0]), ellipse.semi_axes, 0.0)
-    edges = detect_edges(painted.image, painted.marking(), EdgesConfig())
+    edges = detect_edges(grey(painted.image), painted.marking(), EdgesConfig())
     marking = painted.marking(conic=conic_from_ellipse(away))
     with pytest.raises(EstimationError) as refused:
-        cast_rays(painted.image, edges, marking, RELATIVE, RaysConfig(), np.random.default_rng(1))
+        cast_rays(grey(painted.image), edges, marking, RELATIVE, RaysConfig(), np.random.default_rng(1))
     assert refused.value.code == "no_band"
 
 
@@ -164,9 +166,9 @@ def test_without_a_rough_ellipse_there_is_nothing_to_cast_at(painted):
 
 def test_no_band_on_bare_turf(painted):
     bare = np.random.default_rng(3).normal(90, 2, painted.image.shape).clip(0, 255).astype(np.uint8)
-    edges = detect_edges(painted.image, painted.marking(), EdgesConfig())
+    edges = detect_edges(grey(painted.image), painted.marking(), EdgesConfig())
     with pytest.raises(EstimationError) as refused:
-        cast_rays(bare, edges, painted.marking(), RELATIVE, RaysConfig(), np.random.default_rng(1))
+        cast_rays(grey(bare), edges, painted.marking(), RELATIVE, RaysConfig(), np.random.default_rng(1))
     assert refused.value.code == "no_band"
 
 
