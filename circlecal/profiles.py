@@ -197,8 +197,8 @@ def _crossing(signal: NDArray[np.float32], peak: NDArray[np.float32], outer: NDA
 
 def picture_noise(picture: NDArray[np.float32], region: NDArray[np.bool_] | None = None) -> float:
     """Grey-level noise: robust standard deviation of the diagonal second difference (Immerkaer 1996), floor 0.5."""
-    kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], dtype=np.float32) / 6.0
-    response = cv2.filter2D(picture, -1, kernel)
+    second_difference = np.array([1, -2, 1], dtype=np.float32)
+    response = np.asarray(cv2.sepFilter2D(picture, -1, second_difference, second_difference / 6), np.float32)
     values = response[::2, ::2] if region is None else response[::2, ::2][region[::2, ::2]]
     if values.size < 100:
         values = response

@@ -15,7 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from circlecal.geometry.homogeneous import Array, lift, normalise_line, similarity_normalisation
 
-_PAIRS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
+FOOT_ROUNDS = 6
+"""Most rounds of the search for foot points; two or three near the curve."""
+_SYMMETRIC, _HALVED = np.array([0, 1, 3, 1, 2, 4, 3, 4, 5]), np.array([1, 0.5, 0.5, 0.5, 1, 0.5, 0.5, 0.5, 1])
+_UPPER, _DOUBLED = np.array([0, 1, 4, 2, 5, 8]), np.array([1.0, 2.0, 1.0, 2.0, 2.0, 1.0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,15 +63,14 @@ class Ellipse:
 
 def conic_from_coefficients(coefficients: ArrayLike) -> Array:
     """``(..., 6)`` coefficients of ``x^2, xy, y^2, x, y, 1`` -> symmetric matrices ``(..., 3, 3)``."""
-    a, b, c, d, e, f = np.moveaxis(np.asarray(coefficients, dtype=np.float64), -1, 0)
-    rows = [[a, b / 2, d / 2], [b / 2, c, e / 2], [d / 2, e / 2, f]]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    c = np.asarray(coefficients, dtype=np.float64)
+    return (c[..., _SYMMETRIC] * _HALVED).reshape(*c.shape[:-1], 3, 3)
 
 
 def coefficients_from_conic(conic: ArrayLike) -> Array:
     """Inverse of :func:`conic_from_coefficients`."""
     m = np.asarray(conic, dtype=np.float64)
-    return np.stack([m[..., i, j] * (1.0 if i == j else 2.0) for i, j in _PAIRS], axis=-1)
+    return m.reshape(*m.shape[:-2], 9)[..., _UPPER] * _DOUBLED
 
 
 def normalise_conic(conic: ArrayLike) -> Array:
@@ -84,7 +86,10 @@ def normalise_conic(conic: ArrayLike) -> Array:
 
 def is_ellipse(conic: ArrayLike) -> NDArray[np.bool_]:
     """True where ``(..., 3, 3)`` is a real, non-degenerate ellipse."""
-    m = normalise_conic(conic)
+    return _is_normalised_ellipse(normalise_conic(conic))
+
+
+def _is_normalised_ellipse(m: Array) -> NDArray[np.bool_]:
     with np.errstate(over="ignore", invalid="ignore"):
         minor = m[..., 0, 0] * m[..., 1, 1] - m[..., 0, 1] ** 2
         return np.isfinite(m).all(axis=(-2, -1)) & (minor > 0) & (m[..., 0, 0] + m[..., 1, 1] > 0)
@@ -98,7 +103,7 @@ def conic_from_ellipse(ellipse: Ellipse) -> Array:
 def ellipse_from_conic(conic: ArrayLike) -> Ellipse | None:
     """Centre, semi-axes and angle of a conic (3, 3), or None where it is no real ellipse."""
     m = normalise_conic(conic)
-    if not is_ellipse(m):
+    if not _is_normalised_ellipse(m):
         return None
     center: Array = np.asarray(np.linalg.solve(m[:2, :2], -m[:2, 2]), dtype=np.float64)
     level = -(m[2, 2] + m[:2, 2] @ center)
@@ -186,30 +191,47 @@ def sampson_distance(conic: ArrayLike, points: ArrayLike) -> Array:
 
 def ellipse_foot_points(ellipse: Ellipse, points: ArrayLike) -> Array:
     """Nearest point of the ellipse (N, 2) to each point (N, 2): curvature iteration, quadratically convergent."""
-    frame = ellipse.frame()
-    a, b = ellipse.semi_axes
-    rotation = frame[:2, :2] / np.array([a, b])
-    local = (np.asarray(points, dtype=np.float64) - ellipse.center) @ rotation
-    p = np.abs(local)
-    t = np.full_like(p, np.sqrt(0.5))
-    for _ in range(6):
-        foot = t * (a, b)
-        evolute = np.stack([(a * a - b * b) * t[:, 0] ** 3 / a, (b * b - a * a) * t[:, 1] ** 3 / b], axis=-1)
-        r, q = foot - evolute, p - evolute
-        scale = np.linalg.norm(r, axis=-1) / np.maximum(np.linalg.norm(q, axis=-1), 1e-300)
-        proposal = np.clip((q * scale[:, None] + evolute) / (a, b), 0.0, 1.0)
-        size = np.linalg.norm(proposal, axis=-1, keepdims=True)
-        # from the centre of a circle all of its points are as far: keep the last one
-        t = np.where(size > 0, proposal / np.maximum(size, 1e-300), t)
-    return np.copysign(t * (a, b), local) @ rotation.T + ellipse.center
+    return _feet(ellipse, np.asarray(points, dtype=np.float64))[0]
 
 
 def orthogonal_distance(ellipse: Ellipse, points: ArrayLike) -> Array:
     """Signed orthogonal distance (N,) of points (N, 2), positive outside."""
-    points = np.asarray(points, dtype=np.float64)
-    distance = np.linalg.norm(points - ellipse_foot_points(ellipse, points), axis=-1)
-    value, _ = algebraic_residuals(conic_from_ellipse(ellipse), points)
-    return np.copysign(distance, value)
+    return _feet(ellipse, np.asarray(points, dtype=np.float64))[1]
+
+
+def _feet(ellipse: Ellipse, points: Array) -> tuple[Array, Array]:
+    """Foot points (N, 2) and signed distances (N,), positive outside."""
+    frame = ellipse.frame()
+    a, b = ellipse.semi_axes
+    rotation = frame[:2, :2] / np.array([a, b])
+    x, y = ((points - ellipse.center) @ rotation).T
+    px, py = np.abs(x), np.abs(y)
+    # points near the curve start in their own direction, others on the diagonal
+    tx, ty = px / a, py / b
+    size = np.hypot(tx, ty)
+    outside = size >= 1.0
+    near = np.abs(size - 1.0) < 0.5 * (b / a) ** 2  # half the smallest radius of curvature
+    if not near.all():
+        tx, ty, size = np.where(near, tx, 1.0), np.where(near, ty, 1.0), np.where(near, size, np.sqrt(2.0))
+    tx, ty = tx / size, ty / size
+    over_x, over_y = (a * a - b * b) / a, (b * b - a * a) / b
+    for _ in range(FOOT_ROUNDS):
+        # centre of curvature of the present foot point; the next one is where its circle meets the ray to the point
+        ex, ey = over_x * tx * tx * tx, over_y * ty * ty * ty
+        qx, qy = px - ex, py - ey
+        scale = np.hypot(tx * a - ex, ty * b - ey) / np.maximum(np.hypot(qx, qy), 1e-300)
+        ux, uy = np.clip((qx * scale + ex) / a, 0.0, 1.0), np.clip((qy * scale + ey) / b, 0.0, 1.0)
+        size = np.hypot(ux, uy)
+        if not size.all():  # from the centre of a circle all of its points are as far: keep the last one
+            ux, uy, size = np.where(size > 0, ux, tx), np.where(size > 0, uy, ty), np.where(size > 0, size, 1.0)
+        ux, uy = ux / size, uy / size
+        moved = np.abs(ux - tx).max(initial=0.0) + np.abs(uy - ty).max(initial=0.0)
+        tx, ty = ux, uy
+        if moved < 1e-8:  # the next step would be its square
+            break
+    fx, fy = np.copysign(tx * a, x), np.copysign(ty * b, y)
+    distance = np.hypot(x - fx, y - fy)
+    return np.stack([fx, fy], axis=-1) @ rotation.T + ellipse.center, np.where(outside, distance, -distance)
 
 
 def _monomials(points: Array) -> Array:
@@ -406,12 +428,12 @@ def refine_conic(
         ellipse = ellipse_from_conic(conic_from_coefficients(coefficients))
         if ellipse is None:
             return None
-        foot = ellipse_foot_points(ellipse, local)
+        foot, distance = _feet(ellipse, local)
         matrix = conic_from_coefficients(coefficients)
-        value, _ = algebraic_residuals(matrix, local)
-        _, gradient = algebraic_residuals(matrix, foot)
-        size = np.maximum(np.linalg.norm(gradient, axis=-1), 1e-300)
-        residual = np.copysign(np.linalg.norm(local - foot, axis=-1), value) / sigma
+        gx, gy = algebraic_residuals(matrix, foot)[1].T
+        size = np.maximum(np.hypot(gx, gy), 1e-300)
+        inside_negative = np.sign(np.trace(matrix[:2, :2]))
+        residual = inside_negative * distance / sigma
         jacobian = _monomials(foot) / (size * sigma)[:, None]
         if loss_scale is None:
             return residual, jacobian, float(residual @ residual)

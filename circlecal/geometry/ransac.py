@@ -23,6 +23,12 @@ from circlecal.geometry.homogeneous import Array, similarity_normalisation
 
 BLOCK = 128
 """Hypotheses that are scored together."""
+MOSTLY_EXPLAINED = 0.8
+"""Above this share of inliers only samples that are better before any refit are followed (Chum, Matas and Kittler)."""
+FIRST_BATCH = 48
+"""Hypotheses before the first look at the share of inliers."""
+SAFETY = 3.0
+"""Samples without outliers that are wanted: noise makes many of them poor."""
 LOCAL_ROUNDS = 4
 """Refits of each kept hypothesis to its own inliers."""
 
@@ -86,6 +92,7 @@ def ransac_conic(
     hypotheses: int = 1000,
     keep: int = 4,
     method: str = "direct",
+    confidence: float = 1.0,
 ) -> RobustConic | None:
     """Ellipse that explains most of the points.
 
@@ -98,11 +105,14 @@ def ransac_conic(
     rng : numpy.random.Generator
         Source of the samples.
     hypotheses : int
-        Minimal samples, all computed at once.
+        Most minimal samples, computed in batches.
     keep : int
         How many of the best are refitted locally.
     method : {"direct", "algebraic", "taubin"}
         Closed form of the local refits.
+    confidence : float
+        Sampling stops when, with this probability, some sample held no outlier, by the inliers of the best conic so far
+        (Fischler and Bolles 1981, section II B); 1 draws them all.
 
     Returns
     -------
@@ -116,22 +126,42 @@ def ransac_conic(
     local = p * T[0, 0] + T[:2, 2]
     threshold = np.broadcast_to(np.asarray(threshold_px, dtype=np.float64) * T[0, 0], len(p))
     everything = fit_conics(local, np.ones((1, len(p))), "direct")
-    sampled = np.concatenate(
-        [sample_conics(local, hypotheses, rng), everything[np.isfinite(everything).all(axis=(1, 2))]]
-    )
-    if len(sampled) == 0:
+    everything = everything[np.isfinite(everything).all(axis=(1, 2))]
+    best = _best_refit(everything, local, threshold, method) if len(everything) else None
+    drawn = 0
+    while drawn < (needed := _samples_needed(best, hypotheses, confidence)):
+        batch = needed if confidence >= 1.0 else min(max(FIRST_BATCH, drawn), needed - drawn)
+        sampled, drawn = sample_conics(local, batch, rng), drawn + batch
+        costs = msac_costs(sampled, local, threshold)
+        promising = np.argsort(costs, kind="stable")[:keep]
+        if best is not None and best.inliers.mean() > MOSTLY_EXPLAINED:
+            promising = promising[costs[promising] < best.cost]
+        if len(promising):
+            found = _best_refit(sampled[promising], local, threshold, method)
+            best = found if best is None or found.cost < best.cost else best
+    if best is None:
         return None
-    costs = msac_costs(sampled, local, threshold)
-    best = sampled[np.argsort(costs, kind="stable")[:keep]]
-    refined = _refit(best, local, threshold, method)
-    costs = msac_costs(refined, local, threshold)
+    return RobustConic(normalise_conic(T.T @ best.conic @ T), best.inliers, best.cost, drawn)
+
+
+def _samples_needed(best: RobustConic | None, most: int, confidence: float) -> int:
+    """How many samples of five points make one without outliers as sure as ``confidence``, at most ``most``."""
+    clean = 0.0 if best is None else float(np.mean(best.inliers)) ** 5
+    if confidence >= 1.0 or clean <= 0.0:
+        return most
+    return min(most, int(np.ceil(SAFETY * np.log(1.0 - confidence) / np.log(1.0 - min(clean, 0.999)))))
+
+
+def _best_refit(conics: Array, points: Array, threshold: Array, method: str) -> RobustConic:
+    """Best of conics (K, 3, 3) after local refits, in the points' frame."""
+    refined, costs = _refit(conics, points, threshold, method)
     conic = refined[np.argmin(costs)]
-    inliers = np.abs(sampson_distance(conic, local)) < threshold
-    return RobustConic(normalise_conic(T.T @ conic @ T), inliers, float(costs.min()), hypotheses)
+    inliers = np.abs(sampson_distance(conic, points)) < threshold
+    return RobustConic(conic, inliers, float(costs.min()), 0)
 
 
-def _refit(conics: Array, points: Array, threshold: Array, method: str) -> Array:
-    """Refit all conics (K, 3, 3) together to their own inliers, from twice the threshold inwards.
+def _refit(conics: Array, points: Array, threshold: Array, method: str) -> tuple[Array, Array]:
+    """Refit all conics (K, 3, 3) together to their own inliers, from twice the threshold inwards; and their costs (K,).
 
     A refit is kept only where it costs less.
     """
@@ -145,4 +175,4 @@ def _refit(conics: Array, points: Array, threshold: Array, method: str) -> Array
         new_costs = msac_costs(proposal, points, threshold)
         better = new_costs < costs
         current, costs = np.where(better[:, None, None], proposal, current), np.minimum(costs, new_costs)
-    return current
+    return current, costs

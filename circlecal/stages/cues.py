@@ -343,7 +343,7 @@ def _centre_mark(
     offsets = np.arange(-reach, reach + 0.25, 0.5)
     base = middle + t[:, None] * along
     # the line's own points say where it lies (lens and crown bend it)
-    profiles = sample_profiles(picture, base, np.broadcast_to(across, base.shape), offsets)
+    profiles = sample_profiles(picture, base, np.broadcast_to(across, base.shape), offsets).astype(np.float64)
     if not np.isfinite(profiles).all() or len(t) < 20:
         return None
     signal = _side_signal(profiles, offsets, mark_px)

@@ -32,7 +32,13 @@ class EllipseConfig(BaseModel):
         "direct",
         description="Closed form inside RANSAC: direct (Fitzgibbon; shrinks on short arcs), algebraic, or taubin.",
     )
-    hypotheses: int = Field(1000, ge=10, le=100000, description="RANSAC samples per edge.")
+    hypotheses: int = Field(1000, ge=10, le=100000, description="Most RANSAC samples per edge.")
+    confidence: float = Field(
+        0.999,
+        gt=0,
+        le=1,
+        description="RANSAC stops when it has drawn a sample without outliers with this probability; 1 draws all.",
+    )
     threshold_px: float = Field(
         3.0,
         gt=0,
@@ -120,7 +126,9 @@ def fit_edge(
     if len(points_px) < config.minimum_points:
         return None
     threshold = config.threshold_px * unit + 3.0 * sigma_px
-    robust = ransac_conic(points_px, threshold, rng, hypotheses=config.hypotheses, method=config.method)
+    robust = ransac_conic(
+        points_px, threshold, rng, hypotheses=config.hypotheses, method=config.method, confidence=config.confidence
+    )
     if robust is None or robust.inliers.sum() < config.minimum_points:
         return None
     conic, inliers = robust.conic, robust.inliers

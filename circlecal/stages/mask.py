@@ -123,7 +123,7 @@ def marking_from_classes(
     """
     unit = classes.shape[1] / 1920.0
     points = _skeleton_points(classes == CIRCLE_ID)
-    robust = ransac_conic(points, config.threshold_px * unit, rng, hypotheses=1000, method="taubin")
+    robust = ransac_conic(points, config.threshold_px * unit, rng, hypotheses=1000, method="taubin", confidence=0.999)
     ellipse = None if robust is None else ellipse_from_conic(robust.conic)
     marking = MarkingMask(classes=classes, source=source)
     # an ellipse as thin as the threshold is a straight line with two sides

@@ -86,7 +86,8 @@ def cast_rays(
         raise EstimationError("rays", "no_circle_found", "no circle was found to cast rays at")
     unit = picture.shape[1] / 1920.0
     first = _centreline(picture, rough, edges.noise, config.search_px * unit, relative_width, config, FIRST_STEP)
-    fit = ransac_conic(first.points, 3.0 * unit + 3.0 * first.bands.sigma, rng, hypotheses=300, method="taubin")
+    threshold = 3.0 * unit + 3.0 * first.bands.sigma
+    fit = ransac_conic(first.points, threshold, rng, hypotheses=300, method="taubin", confidence=0.999)
     center_fit = None if fit is None else ellipse_from_conic(fit.conic)
     if fit is None or center_fit is None or fit.inliers.sum() < 12:
         raise EstimationError("rays", "no_band", "no light band of the marking's width lies along the circle")
@@ -123,8 +124,8 @@ class _Centreline:
 
 def even_angles(ellipse: Ellipse, spacing_px: float, maximum: int) -> Array:
     """Eccentric angles (N,) at even arc length."""
-    dense = np.linspace(0.0, 2 * np.pi, 2881)
-    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(ellipse.points(dense), axis=0), axis=-1))])
+    dense = np.linspace(0.0, 2 * np.pi, 721)
+    length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(ellipse.points(dense), axis=0).T))])
     count = int(np.clip(length[-1] / spacing_px, 64, maximum))
     return np.interp(np.arange(count) * length[-1] / count, length, dense)
 
@@ -142,9 +143,10 @@ def _centreline(
     angles = even_angles(ellipse, step * config.spacing_px, config.maximum)
     points = ellipse.points(angles)
     height, width = picture.shape
-    angles = angles[((points >= 0) & (points <= (width - 1, height - 1))).all(axis=1)]
-    points, normals = ellipse.points(angles), ellipse.normals(angles)
-    predicted = _predicted_width(ellipse, angles, relative_width)
+    inside = ((points >= 0) & (points <= (width - 1, height - 1))).all(axis=1)
+    angles, points = angles[inside], points[inside]
+    normals = ellipse.normals(angles)
+    predicted = _predicted_width(ellipse, points, normals, relative_width)
     reach = search_px + 0.5 * (float(predicted.max()) if len(predicted) else 0.0) + 4.0
     tap = min(0.5 * step, 1.0)
     offsets = np.arange(-reach, reach + 0.25, tap)
@@ -158,10 +160,13 @@ def _centreline(
     return _Centreline(middle, chosen, angles[plausible], int((~plausible).sum()))
 
 
-def _predicted_width(ellipse: Ellipse, angles: Array, relative_width: float) -> Array:
+def _predicted_width(ellipse: Ellipse, points: Array, normals: Array, relative_width: float) -> Array:
     """Width (N,) of the band along the normal in pixels, to first order: the ellipse scaled about its centre."""
-    reach = np.sum((ellipse.points(angles) - ellipse.center) * ellipse.normals(angles), axis=-1)
-    return relative_width * reach
+    return relative_width * _along_normals(points - ellipse.center, normals)
+
+
+def _along_normals(vectors: Array, normals: Array) -> Array:
+    return vectors[:, 0] * normals[:, 0] + vectors[:, 1] * normals[:, 1]
 
 
 def _even_contrast(contrast: Array, valid: NDArray[np.bool_], ratio: tuple[float, float]) -> NDArray[np.bool_]:
@@ -188,33 +193,34 @@ def _pair_edges(
     the band and the second fall out of it, with a plausible width between them.
     """
     angles = ellipse.parameter(edges.points_px)
-    foot_distance = np.sum((edges.points_px - ellipse.points(angles)) * ellipse.normals(angles), axis=-1)
+    feet, normals = ellipse.points(angles), ellipse.normals(angles)
+    foot_distance = _along_normals(edges.points_px - feet, normals)
     near = np.abs(foot_distance) < 2 * config.refine_px * unit + 6.0
-    outward = np.sum(edges.normals * ellipse.normals(angles), axis=-1)
+    outward = _along_normals(edges.normals, normals)
     rays = int(np.clip(2 * np.pi * np.sqrt(np.mean(np.square(ellipse.semi_axes))), 64, config.maximum))
     ray = np.floor((angles / (2 * np.pi) % 1.0) * rays).astype(int)
-    order = np.lexsort((foot_distance, ray))
-    order = order[(near & (np.abs(outward) > 0.7))[order]]
+    order = np.flatnonzero(near & (np.abs(outward) > 0.7))
+    order = order[np.lexsort((foot_distance[order], ray[order]))]
     inner, outer = order[:-1], order[1:]
+    paired = (ray[inner] == ray[outer]) & (outward[inner] > 0) & (outward[outer] < 0)
+    inner, outer = inner[paired], outer[paired]
     gap = foot_distance[outer] - foot_distance[inner]
     middle = 0.5 * (foot_distance[outer] + foot_distance[inner])
-    predicted = _predicted_width(ellipse, angles[inner], relative_width)
-    good = (ray[inner] == ray[outer]) & (outward[inner] > 0) & (outward[outer] < 0)
+    predicted = _predicted_width(ellipse, feet[inner], normals[inner], relative_width)
     low, high = config.width_ratio
-    good &= (gap > low * predicted) & (gap < high * predicted + 2.0)
-    local_width, local_middle, known = _along(centreline, angles[inner], ellipse)
+    good = (gap > low * predicted) & (gap < high * predicted + 2.0)
+    local_width, local_middle, known = _along(centreline, angles[inner])
     good &= known & (local_width > config.separable_ratio * centreline.blur_width)
     good &= np.abs(middle - local_middle) < 1.0 + 0.25 * gap
-    paired = np.zeros(len(angles), dtype=bool)
-    paired[inner[good]] = paired[outer[good]] = True
-    return outer[good], inner[good], rays, np.flatnonzero(near & ~paired)
+    inner, outer = inner[good], outer[good]
+    rejected = near
+    rejected[inner] = rejected[outer] = False
+    return outer, inner, rays, np.flatnonzero(rejected)
 
 
-def _along(centreline: _Centreline, angles: Array, ellipse: Ellipse) -> tuple[Array, Array, NDArray[np.bool_]]:
+def _along(centreline: _Centreline, angles: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Width, offset and presence of the measured band at other angles."""
-    offsets = np.sum(
-        (centreline.points - ellipse.points(centreline.angles)) * ellipse.normals(centreline.angles), axis=-1
-    )
+    offsets = centreline.bands.center
     turned = angles % (2 * np.pi)
     width = np.interp(turned, centreline.angles, centreline.bands.width, period=2 * np.pi)
     middle = np.interp(turned, centreline.angles, offsets, period=2 * np.pi)
