@@ -92,7 +92,7 @@ def detect_edges(picture: NDArray[np.float32], mask: MarkingMask, config: EdgesC
     low, high = _thresholds(config, noise, magnitude[::2, ::2][region[::2, ::2]])
     # Canny takes 16-bit derivatives: sixteenths of a grey level per pixel
     scaled = [np.rint(g * 16).astype(np.int16) for g in (gx, gy)]
-    found = np.asarray(cv2.Canny(scaled[0], scaled[1], low * 16, high * 16, L2gradient=True)).view(np.bool_) & region
+    found = (cv2.Canny(scaled[0], scaled[1], low * 16, high * 16, L2gradient=True) > 0) & region
     found[[0, -1], :] = False
     found[:, [0, -1]] = False
     y, x = np.divmod(np.flatnonzero(found), found.shape[1])

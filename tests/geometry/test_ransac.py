@@ -82,3 +82,14 @@ def test_points_on_a_line_do_not_stop_it():
     x = np.linspace(0, 1000, 50)
     found = ransac_conic(np.column_stack([x, 0.3 * x]), 2.0, np.random.default_rng(0))
     assert found is None or np.isfinite(found.conic).all()
+
+
+def test_sampling_stops_when_sure():
+    """Few samples where nearly all points agree, more where half of them do; the answer stays."""
+    clean, half = _scene(np.random.default_rng(35), 300, 6), _scene(np.random.default_rng(36), 300, 300)
+    few, more = (ransac_conic(p, 2.0, np.random.default_rng(1), confidence=0.999) for p in (clean, half))
+    assert few.hypotheses < 60 < more.hypotheses <= 1000
+    for points, found in ((clean, few), (half, more)):
+        every = ransac_conic(points, 2.0, np.random.default_rng(1))
+        assert every.hypotheses == 1000
+        np.testing.assert_array_equal(found.inliers[:300], every.inliers[:300])

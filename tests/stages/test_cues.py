@@ -8,7 +8,7 @@ from circlecal.geometry.homogeneous import line_distance
 from circlecal.observations import Keypoint, LinePoints, MarkPoint, Observations
 from circlecal.profiles import grey
 from circlecal.results import EllipseFits, Segment
-from circlecal.stages.cues import CuesConfig, cues_from_observations, find_cues
+from circlecal.stages.cues import CuesConfig, cues_from_observations, find_cues, measure_lines
 
 from .conftest import CIRCLE, SOCCER, fit_of, line_cue, paint, view
 
@@ -159,3 +159,19 @@ def test_a_keypoint_at_the_centre_is_the_mark_of_that_circle_only():
     cues = cues_from_observations(Observations(1280, 720, marks=(mark,), keypoints=(key,)), rink, circle)
     np.testing.assert_allclose(cues.mark.point_px, [7.0, 8.0])
     assert cues_from_observations(Observations(1280, 720, marks=(mark,)), rink, circle).mark is None
+
+
+def test_markings_measured_together_are_those_measured_alone(painted):
+    picture = grey(painted.image)
+    segments = [
+        rough_line(),
+        rough_line(offset_px=(-2.0, 3.0)),
+        Segment(np.array([100.0, 30.0]), np.array([500.0, 60.0])),
+    ]
+    together = measure_lines(picture, segments, 1.5, CONFIG)
+    assert together[2] is None
+    for segment, line in zip(segments[:2], together[:2], strict=True):
+        (alone,) = measure_lines(picture, [segment], 1.5, CONFIG)
+        np.testing.assert_allclose(line.points_px, alone.points_px)
+        np.testing.assert_allclose(line.line, alone.line, rtol=1e-6)
+    assert measure_lines(picture, [], 1.5, CONFIG) == []
