@@ -3,8 +3,7 @@
 After a first camera from circle and halfway line every other line is predicted with a covariance that is long in one
 or two directions (focal length against distance
 and height). Each plausible pair of a seen and a template's line is tried as a seed: it updates the camera linearly,
-as a Kalman filter would, and the others are matched under the updated
-camera, nearest first. The seed that explains most seen length at the least cost wins; where another seed explains
+as a Kalman filter would, and the others are matched under the updated camera, nearest first. The seed that explains most seen length at the least cost wins; where another seed explains
 about as much in another way, nothing is named.
 """
 
@@ -14,13 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from circlecal.camera_fit.curves import CurvePoints, curve_residuals, first_hidden, line_curve, stack_curves
+from circlecal.camera_fit.curves import CurvePoints, curve_residuals, first_hidden
 from circlecal.camera_fit.model import Frame
 from circlecal.field import FieldTemplate, Line
-from circlecal.geometry.homogeneous import Array, Mask
+from circlecal.geometry.homogeneous import Array, Indices, Mask
 
-SAMPLES = 4
-"""Points of a seen line that stand for it."""
+MOST_SEEDS = 24
+SEED_COST, MATCH_COST = 36.0, 16.0
+"""Largest squared Mahalanobis distance of a seed, and of a further match."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,8 +48,8 @@ class Association:
 
 @dataclass(frozen=True, slots=True)
 class _Pairs:
-    """Residuals (S, T, K) of S seen lines against T template lines, Jacobians (S, T, K, P), and which pairs lie on
-    the marking's extent.
+    """Residuals (S, T, 2) of the ends of S seen lines against T template lines, Jacobians (S, T, 2, P), and which pairs
+    lie on the marking's extent.
     """
 
     residuals: Array
@@ -94,85 +94,103 @@ def associate_lines(
     lines = [line for line in template.lines if line.name not in excluded]
     if len(segments) == 0 or not lines:
         return []
-    names = [line.name for line in lines]
     pairs = _pairs(segments, template, lines, theta, frame)
     lengths = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=-1)
-    cost = _mahalanobis(pairs.residuals, pairs.jacobians, covariance, sigma_px)
-    seeds = np.argwhere(pairs.on_marking & (cost < 9.0 * SAMPLES) & np.isfinite(cost))
-    seeds = seeds[np.argsort(-lengths[seeds[:, 0]], kind="stable")][:40]
-    found = [_grow((int(s), int(t)), pairs, lengths, names, covariance, sigma_px) for s, t in seeds]
-    found.sort(key=lambda a: a.score, reverse=True)
-    different = {frozenset(a.names.items()): a for a in reversed(found)}
+    cost = _mahalanobis(pairs.residuals[None], pairs.jacobians, covariance[None], sigma_px)[0]
+    seeds = np.argwhere(pairs.on_marking & (cost < SEED_COST))
+    seeds = seeds[np.argsort(-lengths[seeds[:, 0]], kind="stable")][:MOST_SEEDS]
+    if len(seeds) == 0:
+        return []
+    chosen, costs = _grown(seeds, pairs, lengths, covariance, sigma_px)
+    names = [line.name for line in lines]
+    different: dict[frozenset[tuple[int, str]], Association] = {}
+    for row, total in zip(chosen, costs, strict=True):
+        named = {int(s): names[row[s]] for s in np.flatnonzero(row >= 0)}
+        found = Association(named, float(lengths[list(named)].sum()), float(total))
+        known = different.setdefault(frozenset(named.items()), found)
+        if found.score > known.score:
+            different[frozenset(named.items())] = found
     return sorted(different.values(), key=lambda a: a.score, reverse=True)[:count]
 
 
 def _pairs(segments: Array, template: FieldTemplate, lines: list[Line], theta: Array, frame: Frame) -> _Pairs:
-    share = np.linspace(0.0, 1.0, SAMPLES)[:, None]
-    samples = segments[:, None, 0] * (1 - share) + segments[:, None, 1] * share
-    flat = samples.reshape(-1, 2)
-    parts = [
-        line_curve(line.name, flat, np.ones(len(flat)), template.line_ends(line), template.line_shift(line))
-        for line in lines
-    ]
-    curves: CurvePoints = stack_curves(parts)
+    S, T = len(segments), len(lines)
+    ends = np.array([template.line_ends(line) for line in lines])
+    span = ends[:, 1] - ends[:, 0]
+    lengths = np.hypot(span[:, 0], span[:, 1])
+    group = np.repeat(np.arange(T), 2 * S)
+    zero = np.zeros(len(group))
+    curves = CurvePoints(
+        np.tile(segments.reshape(-1, 2), (T, 1)), zero + 1.0, ends[group, 0], zero, zero, zero,
+        (span / lengths[:, None])[group], np.array([template.line_shift(line) for line in lines])[group], group,
+        tuple(line.name for line in lines),
+    )  # fmt: skip
     start, _ = first_hidden(curves, theta[None], frame, samples=48)
-    seen = curve_residuals(curves, theta[None], start, frame, updates=4)
-    shape = (len(lines), len(segments), SAMPLES)
-    lengths = np.array([np.linalg.norm(np.subtract(*template.line_ends(line))) for line in lines])
-    hidden = seen.hidden[0].reshape(shape)
+    seen = curve_residuals(curves, theta[None], start, frame, updates=3)
+    hidden = seen.hidden[0].reshape(T, S, 2)
     # uncertain cameras slide along a line too, so its ends are taken generously
     slack = 0.15 * lengths[:, None, None] + 3.0
     on_marking = ((hidden > -slack) & (hidden < lengths[:, None, None] + slack)).all(axis=-1)
-    on_marking &= ~seen.behind[0].reshape(shape).any(axis=-1)
+    on_marking &= ~seen.behind[0].reshape(T, S, 2).any(axis=-1)
     return _Pairs(
-        np.swapaxes(seen.values[0].reshape(shape), 0, 1),
-        np.swapaxes(seen.jacobian[0].reshape(*shape, -1), 0, 1),
+        np.swapaxes(seen.values[0].reshape(T, S, 2), 0, 1),
+        np.swapaxes(seen.jacobian[0].reshape(T, S, 2, -1), 0, 1),
         on_marking.T,
     )
 
 
-def _mahalanobis(residuals: Array, jacobians: Array, covariance: Array, sigma_px: float) -> Array:
-    """Squared Mahalanobis length (...) of residuals (..., K) with Jacobians (..., K, P)."""
-    spread = jacobians @ covariance @ np.swapaxes(jacobians, -1, -2) + sigma_px**2 * np.eye(residuals.shape[-1])
-    solved = np.linalg.solve(spread, residuals[..., None])[..., 0]
-    return np.asarray(np.sum(residuals * solved, axis=-1))
+def _mahalanobis(residuals: Array, jacobians: Array, covariances: Array, sigma_px: float) -> Array:
+    """Squared Mahalanobis lengths (K, S, T) of residuals (K, S, T, 2) with Jacobians (S, T, 2, P) under K
+    covariances.
+    """
+    flat = jacobians.reshape(-1, jacobians.shape[-1])
+    pushed = (flat @ covariances).reshape(len(covariances), *jacobians.shape)
+    # each end stands for half of a segment
+    own = 0.5 * sigma_px**2
+    a = np.einsum("kstp,stp->kst", pushed[..., 0, :], jacobians[:, :, 0]) + own
+    b = np.einsum("kstp,stp->kst", pushed[..., 0, :], jacobians[:, :, 1])
+    d = np.einsum("kstp,stp->kst", pushed[..., 1, :], jacobians[:, :, 1]) + own
+    x, y = residuals[..., 0], residuals[..., 1]
+    return np.asarray((d * x * x - 2 * b * x * y + a * y * y) / np.maximum(a * d - b * b, 1e-300))
 
 
-def _grow(
-    seed: tuple[int, int], pairs: _Pairs, lengths: Array, names: list[str], covariance: Array, sigma_px: float
-) -> Association:
-    """Match further lines under the camera that the matches so far imply."""
-    chosen: dict[int, int] = {}
-    total, length = 0.0, 0.0
-    residuals, spread = pairs.residuals.copy(), covariance.copy()
-    pair: tuple[int, int] | None = seed
-    while pair is not None:
-        s, t = pair
-        J, r = pairs.jacobians[s, t], residuals[s, t]
-        inner = J @ spread @ J.T + sigma_px**2 * np.eye(len(r))
-        gain = np.linalg.solve(inner, J @ spread).T
-        total += float(r @ np.linalg.solve(inner, r))
-        length += float(lengths[s])
-        chosen[s] = t
-        step = -gain @ r
-        residuals = residuals + pairs.jacobians @ step
-        spread = spread - gain @ J @ spread
-        pair = _next(pairs, residuals, spread, chosen, lengths, sigma_px)
-    return Association({s: names[t] for s, t in chosen.items()}, length, total)
+def _grown(seeds: Indices, pairs: _Pairs, lengths: Array, covariance: Array, sigma_px: float) -> tuple[Indices, Array]:
+    """From each seed (K, 2) on, match further lines under the camera that the matches so far imply.
+
+    Returns the template line of each seen line, (K, S), -1 for none, and the squared Mahalanobis cost (K,).
+    """
+    K, (S, T) = len(seeds), pairs.on_marking.shape
+    chosen, total = np.full((K, S), -1), np.zeros(K)
+    residuals = np.broadcast_to(pairs.residuals, (K, S, T, 2)).copy()
+    spread = np.broadcast_to(covariance, (K, *covariance.shape)).copy()
+    rows, s, t = np.arange(K), seeds[:, 0], seeds[:, 1]
+    while len(rows):
+        chosen[rows, s] = t
+        J, r = pairs.jacobians[s, t], residuals[rows, s, t]
+        pushed = J @ spread[rows]
+        inner = pushed @ np.swapaxes(J, 1, 2) + 0.5 * sigma_px**2 * np.eye(2)
+        gain = np.linalg.solve(inner, pushed)
+        total[rows] += (r * np.linalg.solve(inner, r[..., None])[..., 0]).sum(axis=1)
+        step = -(np.swapaxes(gain, 1, 2) @ r[..., None])[..., 0]
+        residuals[rows] += np.einsum("stip,kp->ksti", pairs.jacobians, step)
+        spread[rows] -= np.swapaxes(pushed, 1, 2) @ gain
+        rows, s, t = _next(rows, pairs, residuals[rows], spread[rows], chosen[rows], lengths, sigma_px)
+    return chosen, total
 
 
 def _next(
-    pairs: _Pairs, residuals: Array, spread: Array, chosen: dict[int, int], lengths: Array, sigma_px: float
-) -> tuple[int, int] | None:
+    rows: Indices, pairs: _Pairs, residuals: Array, spread: Array, chosen: Indices, lengths: Array, sigma_px: float
+) -> tuple[Indices, Indices, Indices]:
+    """The next match of each hypothesis that has one."""
     cost = _mahalanobis(residuals, pairs.jacobians, spread, sigma_px)
     offset = np.sqrt(np.mean(residuals**2, axis=-1))
-    fits = pairs.on_marking & (cost < 4.0 * SAMPLES) & (offset < 25.0 * sigma_px)
+    fits = pairs.on_marking & (cost < MATCH_COST) & (offset < 25.0 * sigma_px)
     # a second piece of a known line must lie on it, a new line must be the only one that fits
-    for s, t in chosen.items():
-        fits[s] = False
-        fits[:, t] &= offset[:, t] < 4.0 * sigma_px
-    fits &= fits.sum(axis=1, keepdims=True) == 1
-    candidates = np.argwhere(fits)
-    if len(candidates) == 0:
-        return None
-    return tuple(candidates[np.argmax(lengths[candidates[:, 0]] - 4.0 * cost[tuple(candidates.T)])])
+    taken = (chosen[:, :, None] == np.arange(fits.shape[2])).any(axis=1)
+    fits &= (chosen < 0)[:, :, None] & (~taken[:, None] | (offset < 4.0 * sigma_px))
+    fits &= fits.sum(axis=2, keepdims=True) == 1
+    worth = np.where(fits, lengths[None, :, None] - 4.0 * cost, -np.inf).reshape(len(rows), -1)
+    best = np.argmax(worth, axis=1)
+    more = np.flatnonzero(fits.reshape(len(rows), -1)[np.arange(len(rows)), best])
+    s, t = np.unravel_index(best[more], pairs.on_marking.shape)
+    return rows[more], s, t

@@ -12,13 +12,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from circlecal.camera_fit.model import INDEX, Frame, view
+from circlecal.camera_fit.model import INDEX, Frame, rotations, view
 from circlecal.geometry.homogeneous import Array, Indices, Mask
 
 
 @dataclass(frozen=True, slots=True)
 class CurvePoints:
     """N points on circles and straight lines, ready for the optimiser.
+
+    ``sigma_px``, ``origin``, ``direction`` and ``shift`` may run over a leading axis of B hypotheses about which line is
+    which; :func:`first_hidden` and the methods know one only.
 
     Attributes
     ----------
@@ -126,14 +129,13 @@ def _on_markings(curves: CurvePoints, hidden: Array, theta: Array) -> tuple[Arra
     round_ = curves.radius > 0
     cos, sin = np.cos(hidden) * round_, np.sin(hidden) * round_
     radius = curves.radius + curves.radius_by_width * theta[:, SIZES[:1]]
-    origin_x, origin_y = curves.origin.T
-    direction_x, direction_y = curves.direction.T
-    x = origin_x + hidden * direction_x + radius * cos
-    y = origin_y + hidden * direction_y + radius * sin
+    direction_x, direction_y = curves.direction[..., 0], curves.direction[..., 1]
+    x = curves.origin[..., 0] + hidden * direction_x + radius * cos
+    y = curves.origin[..., 1] + hidden * direction_y + radius * sin
     if not round_.all():
-        sizes = theta[:, SIZES]
-        x += sizes @ curves.shift[..., 0].T
-        y += sizes @ curves.shift[..., 1].T
+        sizes = theta[:, SIZES, None]
+        x += (curves.shift[..., 0] @ sizes)[..., 0]
+        y += (curves.shift[..., 1] @ sizes)[..., 0]
     return x, y, direction_x - sin, direction_y + cos, cos, sin
 
 
@@ -178,6 +180,25 @@ def first_hidden(curves: CurvePoints, theta: Array, frame: Frame, samples: int =
     return nearest, np.sqrt(distance)
 
 
+def ground_hidden(curves: CurvePoints, theta: Array, frame: Frame) -> Array:
+    """Hidden parameters (B, N) of where the points lie on level ground: near enough to the nearest points for cameras
+    that are nearly right.
+    """
+    focal = np.exp(theta[:, 0, None])
+    offset = curves.points_px.T - (frame.center + theta[:, 7:9])[..., None]
+    r2 = (offset[:, 0] ** 2 + offset[:, 1] ** 2) * (2.0 / frame.width) ** 2
+    rays = np.empty((len(theta), 3, offset.shape[-1]))
+    rays[:, :2] = offset / (focal * (1.0 + theta[:, 9, None] * r2))[:, None]
+    rays[:, 1] *= np.exp(-theta[:, INDEX["log_aspect"], None])
+    rays[:, 2] = 1.0
+    world = np.swapaxes(rotations(theta), 1, 2) @ rays
+    reach = -theta[:, 6, None] / np.maximum(world[:, 2], 1e-2)
+    x = theta[:, 4, None] + reach * world[:, 0] - curves.origin[..., 0]
+    y = theta[:, 5, None] + reach * world[:, 1] - curves.origin[..., 1]
+    on_line = x * curves.direction[..., 0] + y * curves.direction[..., 1]
+    return np.where(curves.radius > 0, np.arctan2(y, x), on_line)
+
+
 def curve_residuals(curves: CurvePoints, theta: Array, hidden: Array, frame: Frame, updates: int = 2) -> Residuals:
     """Signed distances over sigma along the markings' normals, after moving the hidden parameters to the nearest
     points.
@@ -216,11 +237,11 @@ def curve_residuals(curves: CurvePoints, theta: Array, hidden: Array, frame: Fra
     values = normal[:, 0] * difference[:, 0] + normal[:, 1] * difference[:, 1] - bloom * theta[:, INDEX["bloom"], None]
     rows, field = seen.gradient(-normal)
     shift = curves.shift
-    by_width = (curves.radius_by_width * cos + shift[:, 0, 0], curves.radius_by_width * sin + shift[:, 0, 1])
+    by_width = (curves.radius_by_width * cos + shift[..., 0, 0], curves.radius_by_width * sin + shift[..., 0, 1])
     rows[:, INDEX["width"]] = field[:, 0] * by_width[0] + field[:, 1] * by_width[1]
     rows[:, INDEX["bloom"]] = -bloom
     for k in (1, 2):
-        rows[:, SIZES[k]] = field[:, 0] * shift[:, k, 0] + field[:, 1] * shift[:, k, 1]
+        rows[:, SIZES[k]] = field[:, 0] * shift[..., k, 0] + field[:, 1] * shift[..., k, 1]
     return Residuals(values, np.swapaxes(rows, 1, 2), hidden, seen.depth < 0.1)
 
 

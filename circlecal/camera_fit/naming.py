@@ -1,4 +1,4 @@
-"""Which straight markings were seen: hypotheses from the predicted picture, each tried by a full fit."""
+"""Which straight markings were seen: hypotheses from the predicted picture, tried together by one fit each."""
 
 from __future__ import annotations
 
@@ -7,26 +7,80 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from circlecal.camera_fit.association import Association, associate_lines
-from circlecal.camera_fit.observed import Realism, observed_curves
-from circlecal.camera_fit.optimise import Problem, State, minimise
+from circlecal.camera_fit.curves import CurvePoints, ground_hidden
+from circlecal.camera_fit.observed import Realism, observed_curves, thinned_line
+from circlecal.camera_fit.optimise import COARSE, Problem, State, minimise
 from circlecal.camera_fit.uncertainty import posterior_covariance
 from circlecal.field import FieldTemplate
-from circlecal.geometry.homogeneous import Array, Mask, fit_line
+from circlecal.geometry.homogeneous import Array, Indices, fit_line
 from circlecal.observations import Observations
 
+HYPOTHESES = 6
 ROUNDS = 3
 """Fits of one hypothesis; after each the lines are matched anew."""
 MARGIN_WIDTHS = 0.12
 """A hypothesis must explain this many picture widths of line more than any that contradicts it."""
+UNUSED_SIGMA_PX = 1e5
+"""Of lines that a hypothesis leaves without a name."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Scene:
+    """What all hypotheses share.
+
+    Attributes
+    ----------
+    problem : Problem
+        With the markings whose names are known, thinned.
+    before_px : (G,) array
+        Root mean square residual of each of them before any line gets a name.
+    points_px, sigma_px, line : (N, 2), (N,), (N,) arrays
+        Thinned points of the nameless lines, and which line each belongs to.
+    segments : (S, 2, 2) array
+        Ends of the nameless lines.
+    template : FieldTemplate
+        The field.
+    known : tuple of str
+        Names that are given.
+    loss_scale : float
+        Scale of the robust loss.
+    """
+
+    problem: Problem
+    before_px: Array
+    points_px: Array
+    sigma_px: Array
+    line: Indices
+    segments: Array
+    template: FieldTemplate
+    known: tuple[str, ...]
+    loss_scale: float
+
+    @property
+    def unit(self) -> float:
+        """Pixels per pixel at 1920 px width."""
+        return self.problem.frame.width / 1920.0
+
+    def hypotheses(self, theta: Array, normal: Array, count: int) -> list[Association]:
+        """The most plausible names under a camera with its Gauss-Newton matrix."""
+        covariance = posterior_covariance(normal, self.problem.priors.sd)
+        frame = self.problem.frame
+        return associate_lines(
+            self.segments, self.template, self.known, theta, covariance, frame, 1.5 * self.unit, count
+        )
 
 
 @dataclass(frozen=True, slots=True)
 class _Trial:
-    """A fitted hypothesis: its names, the length that it explains within the tolerance, and its score."""
+    """A fitted hypothesis: its names, the length that it explains within the tolerance, its score, its camera (P,) and
+    Gauss-Newton matrix (P, P).
+    """
 
     association: Association
     explained_px: float
     score: float
+    theta: Array
+    normal: Array
 
 
 def name_lines(
@@ -60,34 +114,29 @@ def name_lines(
     unnamed = [k for k, line in enumerate(observations.lines) if line.line is None and len(line.points_px) >= 8]
     if not unnamed:
         return {}
-    segments = np.array([_ends(observations.lines[k].points_px) for k in unnamed])
-    known = tuple(line.line for line in observations.lines if line.line is not None)
-    unit = observations.width / 1920.0
-
-    def hypotheses(theta: Array, normal: Array, count: int) -> list[Association]:
-        covariance = posterior_covariance(normal, problem.priors.sd)
-        return associate_lines(segments, template, known, theta, covariance, problem.frame, 1.5 * unit, count)
-
-    trials = []
-    for first in hypotheses(state.theta[0], state.normal[0], 6):
-        association, explained, score = first, 0.0, -np.inf
-        for _ in range(ROUNDS):
-            fitted, fitted_state = _fit(
-                association, unnamed, problem, state, observations, template, realism, loss_scale
-            )
-            explained, score = _judged(
-                fitted, fitted_state, problem, state, association, segments, unnamed, observations, unit
-            )
-            again = hypotheses(fitted_state.theta[0], fitted_state.normal[0], 1)
-            if not again or again[0].names == association.names or again[0].length_px < association.length_px:
-                break
-            association = again[0]
-        trials.append(_Trial(association, explained, score))
+    scene = _scene(unnamed, problem, state, observations, template, realism, loss_scale)
+    first = scene.hypotheses(state.theta[0], state.normal[0], HYPOTHESES)
+    if not first:
+        return {}
+    trials = _tried(scene, first, np.repeat(state.theta[:1], len(first), axis=0))
+    growing = list(range(len(trials)))
+    for _ in range(ROUNDS - 1):
+        further = {k: scene.hypotheses(trials[k].theta, trials[k].normal, 1) for k in growing}
+        more = {k: again[0] for k, again in further.items() if again and _extends(again[0], trials[k].association)}
+        if not more:
+            break
+        growing = list(more)
+        starts = np.array([trials[k].theta for k in growing])
+        for k, trial in zip(growing, _tried(scene, list(more.values()), starts), strict=True):
+            trials[k] = trial
     return _certain(trials, unnamed, observations.width)
 
 
-def _fit(
-    association: Association,
+def _extends(again: Association, before: Association) -> bool:
+    return again.names != before.names and again.length_px >= before.length_px
+
+
+def _scene(
     unnamed: list[int],
     problem: Problem,
     state: State,
@@ -95,60 +144,88 @@ def _fit(
     template: FieldTemplate,
     realism: Realism,
     loss_scale: float,
-) -> tuple[Problem, State]:
-    names = {unnamed[k]: name for k, name in association.names.items()}
-    lines = tuple(replace(line, line=names.get(k, line.line)) for k, line in enumerate(observations.lines))
-    fuller = replace(problem, curves=observed_curves(replace(observations, lines=lines), template, realism))
-    wide = minimise(fuller, state.theta[:1], 30.0 * loss_scale, 20)
-    return fuller, minimise(fuller, wide.theta, loss_scale, 15, wide.hidden)
+) -> _Scene:
+    lines = [observations.lines[k] for k in unnamed]
+    curves = observed_curves(observations, template, realism)
+    thinned = [thinned_line(line, realism) for line in lines]
+    residuals, group = state.residuals[0] * problem.curves.sigma_px, problem.curves.group
+    return _Scene(
+        problem=replace(problem, curves=curves),
+        before_px=np.sqrt(np.bincount(group, residuals**2) / np.bincount(group)),
+        points_px=np.concatenate([points for points, _ in thinned]),
+        sigma_px=np.concatenate([sigma for _, sigma in thinned]),
+        line=np.repeat(np.arange(len(lines)), [len(points) for points, _ in thinned]),
+        segments=np.array([_ends(line.points_px) for line in lines]),
+        template=template,
+        known=tuple(line.line for line in observations.lines if line.line is not None),
+        loss_scale=loss_scale,
+    )
 
 
-def _judged(
-    fitted: Problem,
-    state: State,
-    before: Problem,
-    old: State,
-    association: Association,
-    segments: Array,
-    unnamed: list[int],
-    observations: Observations,
-    unit: float,
-) -> tuple[float, float]:
-    """Length of the lines that the fit really passes through, and the score: less what circle, line and priors had to
-    give for it.
+def _tried(scene: _Scene, associations: list[Association], starts: Array) -> list[_Trial]:
+    """Fit every hypothesis, all at once, from its own start (B, P)."""
+    problem = replace(scene.problem, curves=_hypothetical(scene, associations))
+    hidden = ground_hidden(problem.curves, starts, problem.frame)
+    wide = minimise(problem, starts, 30.0 * scene.loss_scale, 20, hidden, COARSE)
+    state = minimise(problem, wide.theta, scene.loss_scale, 15, wide.hidden, COARSE)
+    explained, score = _judged(scene, associations, state, problem)
+    return [
+        _Trial(association, float(explained[k]), float(score[k]), state.theta[k], state.normal[k])
+        for k, association in enumerate(associations)
+    ]
+
+
+def _hypothetical(scene: _Scene, associations: list[Association]) -> CurvePoints:
+    """The known markings, and the nameless lines as what each hypothesis takes them for."""
+    base, template, count = scene.problem.curves, scene.template, len(scene.points_px)
+    shape = (len(associations), len(scene.segments))
+    origin, direction, shift = np.zeros((*shape, 2)), np.zeros((*shape, 2)), np.zeros((*shape, 3, 2))
+    direction[..., 0] = 1.0
+    used = np.zeros(shape, dtype=bool)
+    for b, association in enumerate(associations):
+        for s, name in association.names.items():
+            drawn = template.line_by_name[name]
+            ends = template.line_ends(drawn)
+            origin[b, s], direction[b, s] = ends[0], (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+            shift[b, s], used[b, s] = template.line_shift(drawn), True
+
+    def joined(known: Array, further: Array) -> Array:
+        """Behind each other along the points, for every hypothesis."""
+        return np.concatenate([np.broadcast_to(known, (shape[0], *known.shape)), further[:, scene.line]], axis=1)
+
+    sigma = np.where(used[:, scene.line], scene.sigma_px, UNUSED_SIGMA_PX)
+    still = np.zeros(count)
+    return CurvePoints(
+        points_px=np.concatenate([base.points_px, scene.points_px]),
+        sigma_px=np.concatenate([np.broadcast_to(base.sigma_px, (shape[0], len(base.sigma_px))), sigma], axis=1),
+        origin=joined(base.origin, origin),
+        radius=np.concatenate([base.radius, still]),
+        radius_by_width=np.concatenate([base.radius_by_width, still]),
+        bloom_sign=np.concatenate([base.bloom_sign, still]),
+        direction=joined(base.direction, direction),
+        shift=joined(base.shift, shift),
+        group=np.concatenate([base.group, len(base.names) + scene.line]),
+        names=(*base.names, *(f"line {k}" for k in range(len(scene.segments)))),
+    )
+
+
+def _judged(scene: _Scene, associations: list[Association], state: State, problem: Problem) -> tuple[Array, Array]:
+    """Length (B,) of the lines that each fit really passes through, and its score: less what circle, line and priors
+    had to give for it.
     """
-    lengths = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=-1)
-    residuals = np.abs(state.residuals[0] * fitted.curves.sigma_px)
-    explained = 0.0
-    for k in association.names:
-        points = observations.lines[unnamed[k]].points_px
-        of_line = _belongs(fitted.curves.points_px, points)
-        if of_line.any() and np.sqrt(np.mean(residuals[of_line] ** 2)) < 2.5 * unit:
-            explained += lengths[k]
-    missed = association.length_px - explained
-    worse = 0.0
-    for group, name in enumerate(before.curves.names):
-        old_rms = np.sqrt(np.mean((old.residuals[0] * before.curves.sigma_px)[before.curves.group == group] ** 2))
-        new_group = fitted.curves.names.index(name)
-        new_rms = np.sqrt(np.mean(residuals[fitted.curves.group == new_group] ** 2))
-        worse += max(0.0, new_rms - old_rms - 0.3 * unit) / unit
-    prior = float(np.sum(fitted.priors.residuals(state.theta[:1])[0] ** 2))
-    return explained, explained - 2.0 * missed - unit * (400.0 * worse + 15.0 * prior)
-
-
-def _belongs(points: Array, line_points: Array) -> Mask:
-    """Which points (N,) lie between the ends of a seen line and on it."""
-    ends = _ends(line_points)
-    along = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
-    offset = points - ends[0]
-    position = offset @ along
-    across = np.abs(offset @ np.array([-along[1], along[0]]))
-    return (position >= 0) & (position <= np.linalg.norm(ends[1] - ends[0])) & (across < 6.0)
+    lengths = np.linalg.norm(scene.segments[:, 1] - scene.segments[:, 0], axis=-1)
+    named = np.array([[k in association.names for k in range(len(lengths))] for association in associations])
+    curves, known = problem.curves, len(scene.before_px)
+    member = (curves.group[:, None] == np.arange(len(curves.names))).astype(np.float64)
+    rms = np.sqrt((state.residuals * curves.sigma_px) ** 2 @ member / member.sum(axis=0))
+    explained = (lengths * (named & (rms[:, known:] < 2.5 * scene.unit))).sum(axis=1)
+    missed = (lengths * named).sum(axis=1) - explained
+    worse = np.maximum(0.0, rms[:, :known] - scene.before_px - 0.3 * scene.unit).sum(axis=1) / scene.unit
+    prior = (problem.priors.residuals(state.theta)[0] ** 2).sum(axis=1)
+    return explained, explained - 2.0 * missed - scene.unit * (400.0 * worse + 15.0 * prior)
 
 
 def _certain(trials: list[_Trial], unnamed: list[int], width: int) -> dict[int, str]:
-    if not trials:
-        return {}
     best = max(trials, key=lambda t: t.score)
     rival = max((t.score for t in trials if t.association.contradicts(best.association)), default=-np.inf)
     if best.explained_px < 0.15 * width or best.score < 0.1 * width or best.score < rival + MARGIN_WIDTHS * width:

@@ -10,7 +10,7 @@ from circlecal.camera_fit.curves import CurvePoints, FixedPoints, circle_curve, 
 from circlecal.field import FieldTemplate
 from circlecal.geometry.conics import ellipse_from_conic, fit_conic
 from circlecal.geometry.homogeneous import Array, fit_line
-from circlecal.observations import Observations
+from circlecal.observations import LinePoints, Observations
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,10 +51,15 @@ def observed_curves(observations: Observations, template: FieldTemplate, realism
         drawn = None if line.line is None else template.line_by_name.get(line.line)
         if drawn is None or len(line.points_px) == 0:
             continue
-        points, sigma = _thinned(line.points_px, line.sigma_px, realism.maximum_points)
-        sigma = _realistic(points, sigma, _extent(points), realism)
+        points, sigma = thinned_line(line, realism)
         parts.append(line_curve(drawn.name, points, sigma, template.line_ends(drawn), template.line_shift(drawn)))
     return stack_curves(parts)
+
+
+def thinned_line(line: LinePoints, realism: Realism) -> tuple[Array, Array]:
+    """Points (N, 2) along a straight marking and their standard deviations (N,)."""
+    points, sigma = _thinned(line.points_px, line.sigma_px, realism.maximum_points)
+    return points, _realistic(points, sigma, _extent(points), realism)
 
 
 def observed_points(observations: Observations, template: FieldTemplate) -> FixedPoints:
