@@ -1,10 +1,10 @@
 """Which marking of the template is which straight line of the picture.
 
-After a first camera from circle and halfway line every other line is predicted with a covariance that is long in one
-or two directions (focal length against distance
-and height). Each plausible pair of a seen and a template's line is tried as a seed: it updates the camera linearly,
-as a Kalman filter would, and the others are matched under the updated camera, nearest first. The seed that explains most seen length at the least cost wins; where another seed explains
-about as much in another way, nothing is named.
+After a first camera from circle and halfway line every other line is predicted with a covariance that is long in one or
+two directions (focal length against distance and height). Each plausible pair of a seen and a template's line is tried
+as a seed: it updates the camera linearly, as a Kalman filter would, and the others are matched under the new camera,
+nearest first. The seed that explains most seen length at the least cost wins; where another seed explains about as much
+in another way, nothing is named.
 """
 
 from __future__ import annotations

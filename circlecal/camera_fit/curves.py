@@ -20,8 +20,8 @@ from circlecal.geometry.homogeneous import Array, Indices, Mask
 class CurvePoints:
     """N points on circles and straight lines, ready for the optimiser.
 
-    ``sigma_px``, ``origin``, ``direction`` and ``shift`` may run over a leading axis of B hypotheses about which line is
-    which; :func:`first_hidden` and the methods know one only.
+    ``sigma_px``, ``origin``, ``direction`` and ``shift`` may run over a leading axis of B hypotheses about which line
+    is which; :func:`first_hidden` and the methods know one only.
 
     Attributes
     ----------

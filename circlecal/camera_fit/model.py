@@ -91,6 +91,19 @@ def rotations(theta: Array) -> Array:
     return R
 
 
+def homographies(theta: Array, frame: Frame) -> Array:
+    """``H_image_field`` (B, 3, 3) of the plane z = 0, to undistorted pixels; not scaled."""
+    R = rotations(theta)
+    local = R.copy()
+    local[:, :, 2] = -(R @ theta[:, 4:7, None])[..., 0]
+    K = np.zeros_like(R)
+    K[:, 0, 0] = np.exp(theta[:, 0])
+    K[:, 1, 1] = K[:, 0, 0] * np.exp(theta[:, INDEX["log_aspect"]])
+    K[:, :2, 2] = frame.center + theta[:, 7:9]
+    K[:, 2, 2] = 1.0
+    return K @ local
+
+
 @dataclass(frozen=True, slots=True)
 class View:
     """Field points before a batch of cameras, and what their pixels and all derivatives are made of.

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 
-from circlecal.camera_fit.model import INDEX, PARAMETERS, Frame, camera_of
+from circlecal.camera_fit.model import INDEX, PARAMETERS, Frame, camera_of, homographies, view
 from circlecal.camera_fit.optimise import Problem, State
 from circlecal.camera_fit.uncertainty import (
     correlation_factor,
     data_share,
     field_sigma,
-    homography_vector,
-    imaged_point,
+    homography_vectors,
+    imaged_points,
     posterior_covariance,
     push_forward,
     spread_cameras,
@@ -42,9 +40,11 @@ def camera_fit(
     covariance = posterior_covariance(state.normal[0], problem.priors.sd)
     prior = problem.priors.residuals(theta[None])[1][0]
     center = np.asarray(circle.center)
-    spread = spread_cameras(theta, covariance, center)
     camera = camera_of(theta, frame)
     H = camera.homography
+    # the camera itself first, then those about it
+    cameras = homographies(np.concatenate([theta[None], spread_cameras(theta, covariance, center)]), frame)
+    vectors, centers = homography_vectors(cameras), imaged_points(cameras, center[None])[:, 0]
     grid = visible_field(theta, frame, template, center, REACH_RADII * circle.radius_m)
     sigma_px, sigma_m = field_sigma(theta, covariance, grid, frame)
     share = data_share(theta, covariance, prior.T @ prior, grid, frame)
@@ -56,9 +56,9 @@ def camera_fit(
         covariance=covariance,
         H_image_field=H,
         H_field_image=scale_homography(np.linalg.inv(H)),
-        H_covariance=push_forward(lambda t: homography_vector(t, frame), theta, spread),
-        imaged_center_px=imaged_point(theta, frame, center),
-        imaged_center_covariance=push_forward(lambda t: imaged_point(t, frame, center), theta, spread),
+        H_covariance=push_forward(vectors[0], vectors[1:]),
+        imaged_center_px=centers[0],
+        imaged_center_covariance=push_forward(centers[0], centers[1:]),
         noise_scale=scale,
         data_share=share,
         residual_correlation=_correlation(problem, state, circle),
@@ -67,7 +67,7 @@ def camera_fit(
         residuals_px=residuals_px(problem, state),
         theta=theta,
         stated_sigma_px=stated_sigma_px,
-        derived_points=_derived_points(theta, spread, circle, frame),
+        derived_points=_derived_points(cameras, circle),
         rejected=rejected,
         named_lines=named,
         alternatives=((camera.turned(), 0.0),),
@@ -84,15 +84,19 @@ def _correlation(problem: Problem, state: State, circle: Circle) -> float:
     return max(factors)
 
 
-def _derived_points(theta: Array, cameras: Array, circle: Circle, frame: Frame) -> tuple[DerivedPoint, ...]:
-    """The circle's eight points with the covariance that the camera's implies."""
-    found = []
-    for angle in np.radians(np.arange(0.0, 360.0, 45.0)):
-        outward = np.array([np.cos(angle), np.sin(angle)])
-        point = np.asarray(circle.center) + circle.radius_m * outward
-        spread = push_forward(partial(imaged_point, frame=frame, point_m=point), theta, cameras)
-        found.append(DerivedPoint(compass_label(outward), point, imaged_point(theta, frame, point), spread))
-    return tuple(found)
+def _derived_points(cameras: Array, circle: Circle) -> tuple[DerivedPoint, ...]:
+    """The circle's eight points with the covariance that the camera's implies, from its homography and those of the
+    cameras about it (K, 3, 3).
+    """
+    angle = np.radians(np.arange(0.0, 360.0, 45.0))
+    outward = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    points = np.asarray(circle.center) + circle.radius_m * outward
+    pixels = imaged_points(cameras, points)
+    covariances = push_forward(pixels[0], pixels[1:])
+    return tuple(
+        DerivedPoint(compass_label(toward), point, pixel, covariance)
+        for toward, point, pixel, covariance in zip(outward, points, pixels[0], covariances, strict=True)
+    )
 
 
 def visible_field(
@@ -104,9 +108,10 @@ def visible_field(
         np.arange(max(-h, c - reach_m), min(h, c + reach_m) + 1e-9, step_m) for h, c in zip(half, center, strict=True)
     )
     grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    pixels = camera_of(theta, frame).project(grid)
-    inside = np.isfinite(pixels).all(axis=1) & (pixels >= 0).all(axis=1)
-    return grid[inside & (pixels[:, 0] <= frame.width - 1) & (pixels[:, 1] <= frame.height - 1)]
+    seen = view(theta[None], grid[None, :, 0], grid[None, :, 1], frame)
+    column, row = seen.pixels[0]
+    inside = (column >= 0) & (column <= frame.width - 1) & (row >= 0) & (row <= frame.height - 1)
+    return np.asarray(grid[inside & (seen.depth[0] > 1e-3)])
 
 
 def residuals_px(problem: Problem, state: State) -> dict[str, float]:

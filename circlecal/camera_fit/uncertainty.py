@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from circlecal.camera_fit.look import LOOK, from_look, look_jacobian, to_look
-from circlecal.camera_fit.model import PARAMETERS, Frame, active_parameters, camera_of, project
-from circlecal.geometry.homogeneous import Array, dehomogenise
+from circlecal.camera_fit.model import PARAMETERS, Frame, active_parameters, project
+from circlecal.geometry.homogeneous import Array, dehomogenise, lift
 
 
 def posterior_covariance(normal: Array, sd: Array) -> Array:
@@ -47,24 +45,26 @@ def spread_cameras(theta: Array, covariance: Array, center_m: Array) -> Array:
     return points
 
 
-def push_forward(function: Callable[[Array], Array], theta: Array, cameras: Array) -> Array:
-    """Covariance of a function of the parameters about its value at ``theta``, from :func:`spread_cameras`."""
-    center = function(theta)
-    deviations = np.stack([function(camera) - center for camera in cameras])
-    finite = np.isfinite(deviations).all(axis=1)
-    kept = deviations[finite]
+def push_forward(center: Array, values: Array) -> Array:
+    """Covariance (..., M, M) of a function of the parameters about its value (..., M) at the camera itself, from its
+    values (K, ..., M) at :func:`spread_cameras`.
+    """
+    deviations = np.moveaxis(values - center, 0, -2)
     # a camera that loses sight of the point says nothing; the others stand for it
-    return np.asarray(kept.T @ kept * len(cameras) / (6.0 * max(len(kept), 1)))
+    finite = np.isfinite(deviations).all(axis=-1, keepdims=True)
+    kept = np.where(finite, deviations, 0.0)
+    share = len(values) / (6.0 * np.maximum(finite.sum(axis=-2), 1))
+    return np.asarray(np.swapaxes(kept, -1, -2) @ kept * share[..., None])
 
 
-def homography_vector(theta: Array, frame: Frame) -> Array:
-    """H_image_field scaled to H[2, 2] = 1, without the last entry (8,)."""
-    return camera_of(theta, frame).homography.ravel()[:8]
+def homography_vectors(homographies: Array) -> Array:
+    """Homographies (B, 3, 3) scaled to H[2, 2] = 1, without the last entry (B, 8)."""
+    return homographies.reshape(-1, 9)[:, :8] / homographies[:, 2, 2, None]
 
 
-def imaged_point(theta: Array, frame: Frame, point_m: Array) -> Array:
-    """Undistorted pixel (2,) of a field point on the tangent plane."""
-    return dehomogenise(camera_of(theta, frame).homography @ np.r_[point_m, 1.0])
+def imaged_points(homographies: Array, points_m: Array) -> Array:
+    """Undistorted pixels (B, N, 2) of field points (N, 2) on the tangent plane."""
+    return dehomogenise(lift(points_m) @ np.swapaxes(homographies, 1, 2))
 
 
 def field_sigma(theta: Array, covariance: Array, points_m: Array, frame: Frame) -> tuple[Array, Array]:
@@ -74,10 +74,13 @@ def field_sigma(theta: Array, covariance: Array, points_m: Array, frame: Frame) 
     """
     seen = project(theta[None], points_m[None], frame)
     J = seen.by_theta[0]
-    spread = np.einsum("nip,pq,njq->nij", J, covariance, J)
-    inverse = np.linalg.pinv(seen.by_field[0])
-    ground = inverse @ spread @ np.swapaxes(inverse, 1, 2)
-    return np.sqrt(np.einsum("nii->n", spread)), np.sqrt(np.maximum(np.einsum("nii->n", ground), 0.0))
+    spread = J @ covariance @ np.swapaxes(J, 1, 2)
+    (a, b), (c, d) = np.moveaxis(seen.by_field[0], 0, -1)
+    determinant = a * d - b * c
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inverse = np.moveaxis(np.array([[d, -b], [-c, a]]) / determinant, -1, 0)
+        ground = inverse @ spread @ np.swapaxes(inverse, 1, 2)
+    return np.sqrt(np.trace(spread, axis1=1, axis2=2)), np.sqrt(np.maximum(np.trace(ground, axis1=1, axis2=2), 0.0))
 
 
 def data_share(theta: Array, covariance: Array, prior_normal: Array, points_m: Array, frame: Frame) -> float:
@@ -87,8 +90,8 @@ def data_share(theta: Array, covariance: Array, prior_normal: Array, points_m: A
     J^T and J S L S J^T.
     """
     J = project(theta[None], points_m[None], frame).by_theta[0].reshape(-1, len(PARAMETERS))
-    total = float(np.einsum("np,pq,nq->", J, covariance, J))
-    prior = float(np.einsum("np,pq,qr,rs,ns->", J, covariance, prior_normal, covariance, J, optimize=True))
+    pushed = J @ covariance
+    total, prior = float(np.sum(pushed * J)), float(np.sum(pushed @ prior_normal * pushed))
     return float(np.clip(1.0 - prior / total, 0.0, 1.0)) if total > 0 else 1.0
 
 

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from circlecal.camera_fit.model import INDEX, PARAMETERS, Frame, camera_of, project
+from circlecal.camera_fit.model import INDEX, PARAMETERS, Frame, camera_of, homographies, project
 from circlecal.camera_fit.uncertainty import (
     correlation_factor,
     data_share,
     field_sigma,
-    homography_vector,
-    imaged_point,
+    homography_vectors,
+    imaged_points,
     posterior_covariance,
     push_forward,
     spread_cameras,
@@ -60,12 +60,13 @@ def test_pushed_forward_covariances_are_those_of_samples():
     rng = np.random.default_rng(2)
     theta, covariance = plain_theta(2), small_covariance(rng)
     samples = samples_of(theta, covariance, 6000, rng)
+    spread = spread_cameras(theta, covariance, np.zeros(2))
     for function in (
-        lambda t: imaged_point(t, FRAME, np.array([3.0, -4.0])),
-        lambda t: homography_vector(t, FRAME),
+        lambda t: imaged_points(homographies(t, FRAME), np.array([[3.0, -4.0]]))[:, 0],
+        lambda t: homography_vectors(homographies(t, FRAME)),
     ):
-        predicted = push_forward(function, theta, spread_cameras(theta, covariance, np.zeros(2)))
-        drawn = np.cov(np.array([function(t) for t in samples]).T)
+        predicted = push_forward(function(theta[None])[0], function(spread))
+        drawn = np.cov(function(samples).T)
         ratio = np.sqrt(np.diag(drawn) / np.diag(predicted))
         assert (np.abs(ratio - 1) < 0.06).all(), ratio
 
@@ -75,7 +76,7 @@ def test_spread_cameras_hold_the_covariance():
     rng = np.random.default_rng(9)
     theta, covariance = plain_theta(9), small_covariance(rng)
     spread = spread_cameras(theta, covariance, np.zeros(2))
-    found = push_forward(lambda t: t, theta, spread)
+    found = push_forward(theta, spread)
     scale = np.sqrt(np.diag(covariance)[:7])
     departure = (found - covariance)[:7, :7] / np.outer(scale, scale)
     assert np.abs(departure).max() < 1e-2
@@ -95,10 +96,18 @@ def test_field_sigma_is_the_length_of_the_error_in_the_picture_and_on_the_ground
     np.testing.assert_allclose(np.sqrt(((ground - field) ** 2).sum(-1).mean(0)), sigma_m, rtol=0.06)
 
 
-def test_imaged_point_and_homography_agree():
-    theta = plain_theta(4)
-    H = np.append(homography_vector(theta, FRAME), 1.0).reshape(3, 3)
-    np.testing.assert_allclose(apply_homography(H, [2.0, 5.0]), imaged_point(theta, FRAME, np.array([2.0, 5.0])))
+def test_homographies_and_their_points_are_those_of_the_cameras():
+    thetas = random_thetas(3, np.random.default_rng(4))
+    H, points = homographies(thetas, FRAME), np.array([[2.0, 5.0], [-3.0, 1.0]])
+    for theta, vector, pixels in zip(thetas, homography_vectors(H), imaged_points(H, points), strict=True):
+        expected = camera_of(theta, FRAME).homography
+        np.testing.assert_allclose(np.append(vector, 1.0).reshape(3, 3), expected, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(pixels, apply_homography(expected, points))
+
+
+def test_cameras_that_lose_a_point_leave_it_to_the_others():
+    values = np.array([[1.0, 0.0], [-1.0, 0.0], [np.nan, 0.0], [0.0, np.inf]])
+    np.testing.assert_allclose(push_forward(np.zeros(2), values), [[4 / 6, 0.0], [0.0, 0.0]])
 
 
 @pytest.mark.parametrize(("prior_weight", "low", "high"), [(0.0, 1.0, 1.0), (1.0, 0.49, 0.51), (99.0, 0.009, 0.011)])
