@@ -11,21 +11,21 @@ import numpy as np
 
 from circlecal.camera_fit.model import Frame, project
 from circlecal.camera_fit.uncertainty import field_sigma
-from circlecal.config import Config
+from circlecal.config import Config, load_config
 from circlecal.errors import ConfigError
+from circlecal.field import load_field
 from circlecal.geometry.homogeneous import Array
-from circlecal.geometry.pinhole import Camera
 from circlecal.pipeline import run
 from circlecal.results import CameraFit
-from circlecal.synthetic.sampling import SCENE_PROFILES, render_frame
+from circlecal.synthetic.sampling import SCENE_PROFILES, profile_field, render_frame
 from circlecal.synthetic.surface import Surface
 from circlecal.synthetic.truth import Truth
 
 PROFILES = tuple(SCENE_PROFILES)
 GOOD_PX = 5.0
 WRONG_PX = 20.0
-REACH_M = 22.0
-"""Errors are averaged over the visible field this near to the circle's centre."""
+REACH_RADII = 22.0 / 9.15
+"""Errors are averaged over the visible field this near to the circle's centre: 22 m in soccer."""
 CHI2_90 = 4.605
 """90 % point of chi-square with two degrees of freedom."""
 
@@ -84,8 +84,9 @@ def _one_frame(profile: str, seed: int, index: int) -> _FrameRow:
     encoded = cv2.imencode(".jpg", rendering.image, [cv2.IMWRITE_JPEG_QUALITY, 92])[1]
     decoding = min(_timed(lambda: cv2.imdecode(encoded, cv2.IMREAD_COLOR)) for _ in range(5))
     image = np.asarray(cv2.imdecode(encoded, cv2.IMREAD_COLOR), dtype=np.uint8)
+    config = profile_config(profile, rendering.truth)
     start = time.perf_counter()
-    found = run(image, Config(), frame_id=f"{profile}-{index}")
+    found = run(image, config, frame_id=f"{profile}-{index}")
     elapsed = time.perf_counter() - start
     if found.status != "calibrated" or found.camera is None:
         return _FrameRow(None, None, None, elapsed / decoding, found.timings_ms)
@@ -93,11 +94,21 @@ def _one_frame(profile: str, seed: int, index: int) -> _FrameRow:
     return _FrameRow(error, predicted, inside, elapsed / decoding, found.timings_ms)
 
 
+def profile_config(profile: str, truth: Truth) -> Config:
+    """What a user knows before the picture: the sport, and the pixel aspect that a video file states."""
+    name = profile_field(profile)
+    aspect = float(truth.camera.focal_px[1] / truth.camera.focal_px[0])
+    oblong = abs(aspect - 1.0) > 1e-6
+    if name == "soccer" and not oblong:
+        return Config()
+    return load_config(None if name == "soccer" else name, [f"camera.aspect={aspect}"] if oblong else [])
+
+
 def compare(truth: Truth, fit: CameraFit) -> tuple[float, float, float]:
     """Mean and mean predicted error over the visible field near the circle, and the share inside the 90 % region."""
     camera = truth.camera
     surface = Surface(truth.crown_m, truth.crown_shape, truth.crown_reference_m)  # type: ignore[arg-type]
-    grid = _visible(camera, surface)
+    grid = _visible(truth, surface)
     if len(grid) == 0:
         return float("inf"), 0.0, 0.0
     frame = Frame(camera.width, camera.height, fit.crown_shape, truth.crown_reference_m)
@@ -114,12 +125,18 @@ def compare(truth: Truth, fit: CameraFit) -> tuple[float, float, float]:
     return error, float(sigma.mean()) * unit, float(np.mean(distance < CHI2_90))
 
 
-def _visible(camera: Camera, surface: Surface) -> Array:
-    axis = np.arange(-REACH_M, REACH_M + 0.5, 1.0)
+def _visible(truth: Truth, surface: Surface) -> Array:
+    field = load_field(truth.field_name)
+    circle = field.circle_by_name[field.default_circle]
+    step = circle.radius_m / 9.15
+    axis = np.arange(-REACH_RADII * circle.radius_m, REACH_RADII * circle.radius_m + 0.5 * step, step)
     grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
-    pixels = camera.project(surface.lift(grid))
-    inside = np.isfinite(pixels).all(axis=1) & (pixels >= 0).all(axis=1)
-    return grid[inside & (pixels <= (camera.width - 1, camera.height - 1)).all(axis=1)]
+    grid = grid[(np.abs(grid) <= (field.length_m / 2, field.width_m / 2)).all(axis=1)]
+    pixels = truth.camera.project(surface.lift(grid))
+    x0, y0, x1, y1 = truth.picture_box_px
+    with np.errstate(invalid="ignore"):
+        inside = (pixels >= (x0, y0)).all(axis=1) & (pixels <= (x1, y1)).all(axis=1)
+    return grid[inside]
 
 
 def _summary(profile: str, frames: list[_FrameRow]) -> ProfileRow:

@@ -19,7 +19,7 @@ from circlecal.geometry.homogeneous import Array
 from circlecal.geometry.pinhole import Camera
 from circlecal.observations import CircleEdge, Keypoint, LinePoints, MarkPoint, Observations
 from circlecal.stages.camera import CameraConfig
-from circlecal.synthetic.cameras import CameraProfile, aimed_camera, inside_frame, sample_camera
+from circlecal.synthetic.cameras import aimed_camera, inside_frame, sample_camera
 from circlecal.synthetic.markings import (
     MIN_SIGMA_PX,
     Spacing,
@@ -28,6 +28,7 @@ from circlecal.synthetic.markings import (
     mark_point,
     with_outliers,
 )
+from circlecal.synthetic.views import CameraProfile
 
 EDGES: tuple[CircleEdge, ...] = ("outer", "inner")
 PAPER_POINTS = 8

@@ -1,4 +1,4 @@
-"""Turf and stadium behind the markings: plausible, not measured against."""
+"""What stands around the field: boards, stands, walls; plausible, not measured against."""
 
 from __future__ import annotations
 
@@ -9,184 +9,181 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.geometry.pinhole import Camera
+from circlecal.synthetic.ground import looked_up
+from circlecal.synthetic.rays import CROWN_ENDS_M, Float32, PixelRays
 from circlecal.synthetic.scene import RenderConfig, Scene
-from circlecal.synthetic.surface import Surface, ray_directions
 
-Float32 = NDArray[np.float32]
-
-_COARSE_PX = 8
-_FAR_M = 400.0
-_LIST_COLUMNS = 1024  # OpenCV's remap takes no picture wider than 32767
-_TURF_OCTAVES_M = ((0.12, 0.8), (0.5, 0.45), (2.5, 0.25))
-_PATCH_M = 9.0
 _RUN_OFF_M = 1.2
-_CROWN_ROUNDS = 4
-_CROWN_ENDS_M = 45.0
 _TEXELS_PER_M = 14.0
+_BOARD_STRIP_M = 72.0
+_KICK_PLATE_M = 0.16
+_GLASS_M = 1.8
 _BOARD_WORDS = ("CIRCLECAL", "POLE & POLAR", "CONIC", "HALFWAY", "ELLIPSE FC", "ONE CIRCLE", "VANISHING LINE")
 
 
 @dataclass(frozen=True, slots=True)
-class PixelRays:
-    """Rays of all pixels in float32.
+class _Enclosure:
+    """Four walls around the field, ``half_m`` (2,) from its middle, rounded where they meet."""
 
-    ``directions`` (H, W, 3) with unit depth; ``ground_m`` (H, W, 2) where they meet the ground; ``depth_m`` (H, W)
-    there, inf above the horizon.
-    """
+    half_m: NDArray[np.float32]
+    corner_m: float
 
-    directions: Float32
-    ground_m: Float32
-    depth_m: Float32
-
-
-def pixel_rays(camera: Camera, surface: Surface) -> PixelRays:
-    """Rays of every pixel: exact on a grid of 8 pixels, interpolated between (well below 0.1 px)."""
-    columns = np.arange(0, camera.width + 2 * _COARSE_PX, _COARSE_PX)
-    rows = np.arange(0, camera.height + 2 * _COARSE_PX, _COARSE_PX)
-    coarse = ray_directions(camera, np.stack(np.meshgrid(columns, rows), axis=-1).astype(np.float64)).astype(np.float32)
-    x, y = np.meshgrid(np.arange(camera.width, dtype=np.float32), np.arange(camera.height, dtype=np.float32))
-    directions = np.asarray(cv2.remap(coarse, x / _COARSE_PX, y / _COARSE_PX, cv2.INTER_LINEAR), dtype=np.float32)
-    down, away = directions[..., 2], directions[..., 1]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        depth = np.where(down > 1e-6, np.float32(-camera.position_m[2]) / down, np.inf)
-    depth = depth.astype(np.float32)
-    reach = np.minimum(depth, _FAR_M * 4)
-    for _ in range(_CROWN_ROUNDS if surface.crown_m else 0):
-        y_m = np.clip(np.float32(camera.position_m[1]) + reach * away, -_CROWN_ENDS_M, _CROWN_ENDS_M)
-        above = np.float32(camera.position_m[2]) + reach * down - _drop(surface, y_m)
-        reach = np.where(
-            np.isfinite(depth), reach - above / np.maximum(down - _slope(surface, y_m) * away, 1e-3), reach
-        )
-    ground = camera.position_m[:2].astype(np.float32) + reach[..., None] * directions[..., :2]
-    return PixelRays(directions, np.clip(ground, -_FAR_M, _FAR_M).astype(np.float32), depth)
-
-
-def _drop(surface: Surface, y_m: Float32) -> Float32:
-    ratio = np.abs(y_m) / np.float32(surface.reference_m)
-    return np.asarray(np.float32(surface.crown_m) * (ratio * ratio if surface.shape == "parabola" else ratio))
-
-
-def _slope(surface: Surface, y_m: Float32) -> Float32:
-    unit = np.float32(surface.crown_m / surface.reference_m)
-    return np.asarray(
-        unit * (2 * y_m / np.float32(surface.reference_m) if surface.shape == "parabola" else np.sign(y_m))
-    )
-
-
-def noise_texture(rng: np.random.Generator, size: int = 256) -> Float32:
-    """Periodic smooth noise (size, size), mean 0 and standard deviation 1."""
-    white = rng.standard_normal((size, size), dtype=np.float32)
-    tiled = cv2.GaussianBlur(np.tile(white, (3, 3)), (0, 0), 1.0)[size : 2 * size, size : 2 * size]
-    return np.asarray((tiled - tiled.mean()) / tiled.std(), dtype=np.float32)
-
-
-def looked_up(texture: NDArray[Any], u: Float32, v: Float32) -> Float32:
-    """A periodic texture at texel coordinates."""
-    return np.asarray(cv2.remap(texture, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP), dtype=np.float32)
-
-
-def looked_up_at(texture: Float32, u: Float32, v: Float32) -> Float32:
-    """The same for a list of coordinates (N,), of any length."""
-    spare = -len(u) % _LIST_COLUMNS
-    u_grid, v_grid = (np.pad(c, (0, spare)).reshape(-1, _LIST_COLUMNS).astype(np.float32) for c in (u, v))
-    return looked_up(texture, u_grid, v_grid).reshape(-1)[: len(u)]
-
-
-def draw_turf(rays: PixelRays, camera: Camera, config: RenderConfig, rng: np.random.Generator) -> Float32:
-    """Turf (H, W, 3) of the whole plane: stripes, blades, patches, shade of the stand."""
-    x, y = rays.ground_m[..., 0], rays.ground_m[..., 1]
-    light = 1.0 + config.stripe_contrast * _stripes(x, y, config)
-    if config.texture:
-        # metres on the ground per pixel, the mean of both directions
-        descent = np.maximum(rays.directions[..., 2], 1e-3) / np.linalg.norm(rays.directions, axis=-1)
-        footprint = np.minimum(rays.depth_m, _FAR_M) / np.float32(camera.focal_px[0]) / np.sqrt(descent)
-        for size, weight in _TURF_OCTAVES_M:
-            blades = looked_up(noise_texture(rng), x / size, y / size)
-            light += config.texture * weight * blades * np.clip(size / footprint, 0.0, 1.0)
-    if config.shade:
-        inside = (config.shade_edge_m + config.shade_tilt * x) - y
-        light *= 1.0 - config.shade * np.clip(inside / 0.4 + 0.5, 0.0, 1.0)
-    turf = light[..., None] * np.asarray(config.turf_bgr, dtype=np.float32)
-    if config.patchiness:
-        dry = config.patchiness * looked_up(noise_texture(rng), x / _PATCH_M, y / _PATCH_M)
-        turf *= 1.0 + dry[..., None] * np.array([-0.6, 0.5, 1.4], dtype=np.float32)
-    return np.asarray(turf, dtype=np.float32)
+    def outside(self, x: Float32, y: Float32) -> NDArray[np.bool_]:
+        """Which ground points (...,) lie beyond the walls."""
+        dx, dy = np.abs(x) - self.half_m[0], np.abs(y) - self.half_m[1]
+        beyond = (dx > 0) | (dy > 0)
+        if self.corner_m:
+            radius = np.float32(self.corner_m)
+            corner = (dx > -radius) & (dy > -radius)
+            beyond |= corner & (np.hypot(dx + radius, dy + radius) > radius)
+        return np.asarray(beyond)
 
 
 def draw_surroundings(picture: Float32, rays: PixelRays, scene: Scene, rng: np.random.Generator) -> None:
-    """Draw run-off, boards and stands over a picture (H, W, 3) of turf, in place."""
-    camera, template, surface, config = scene.camera, scene.template, scene.surface, scene.config
-    half_length, half_width = template.length_m / 2, template.width_m / 2
-    x, y = rays.ground_m[..., 0], rays.ground_m[..., 1]
-    beyond = (np.abs(x) > half_length + _RUN_OFF_M) | (np.abs(y) > half_width + _RUN_OFF_M)
-    picture[beyond] *= rng.uniform(0.72, 0.95)
-    near = y > half_width + config.board_distance_m
-    concrete = rng.uniform(30, 90) + rng.normal(0, 5, 3)
-    picture[near] = picture[near] * 0.15 + np.asarray(concrete, dtype=np.float32)
+    """Draw run-off, boards and stands over a picture (H, W, 3) of the ground, in place."""
+    template, config = scene.template, scene.config
+    half = np.array([template.length_m / 2, template.width_m / 2])
+    if config.ground == "turf":
+        beyond = (np.abs(rays.x_m) > half[0] + _RUN_OFF_M) | (np.abs(rays.y_m) > half[1] + _RUN_OFF_M)
+        picture[beyond] *= np.float32(rng.uniform(0.72, 0.95))
     distance = config.board_distance_m
-    # axis, position, and the sign that makes the text on it read from left to right
-    ends = half_length + distance + 2
-    walls = ((1, -half_width - distance, 1.0), (0, -ends, -1.0), (0, ends, 1.0))
-    reach = np.full(rays.depth_m.shape, np.inf, dtype=np.float32)
-    along = np.zeros_like(reach)
-    for axis, position, sense in walls:
-        with np.errstate(divide="ignore", invalid="ignore"):
-            t = np.float32(position - camera.position_m[axis]) / rays.directions[..., axis]
-        hit = (t > 0) & (t < reach)
-        reach[hit] = t[hit]
-        along[hit] = sense * (np.float32(camera.position_m[1 - axis]) + t * rays.directions[..., 1 - axis])[hit]
-    with np.errstate(invalid="ignore"):
-        foot = np.clip(
-            np.float32(camera.position_m[1]) + reach * rays.directions[..., 1], -_CROWN_ENDS_M, _CROWN_ENDS_M
-        )
-        height = np.float32(-camera.position_m[2]) - reach * rays.directions[..., 2] + _drop(surface, foot)
-    raised = (height >= 0) & np.isfinite(reach)
-    if not raised.any():
-        return
-    top, bottom = np.flatnonzero(raised.any(axis=1))[[0, -1]]
-    part = slice(int(top), int(bottom) + 1)
-    wall = _wall(along[part], np.clip(height[part], 0.0, 40.0), config, rng)
-    picture[part][raised[part]] = wall[raised[part]]
-
-
-def _stripes(x: Float32, y: Float32, config: RenderConfig) -> Float32:
-    def wave(coordinate: Float32) -> Float32:
-        return np.asarray(np.tanh(6.0 * np.sin(np.pi * coordinate / config.stripe_width_m)), dtype=np.float32)
-
-    return wave(x) * wave(y) if config.cross_stripes else wave(x)
-
-
-def _wall(along: Float32, height: Float32, config: RenderConfig, rng: np.random.Generator) -> Float32:
-    """Colours (h, w, 3) of boards, a dark gap and the stand at wall coordinates in metres."""
-    boards = _boards(rng)
-    rows, columns = boards.shape[:2]
-    inside = np.clip(1.0 - height / config.board_height_m, 0.0, 1.0) * (rows - 4) + 1.5
-    picture = looked_up(boards, along * (columns / 72.0), inside.astype(np.float32))
+    ends = distance if config.ground == "ice" else distance + 2
+    enclosure = _Enclosure(np.add(half, (ends, distance)).astype(np.float32), config.corner_m)
     crowd = _crowd(config, rng)
-    stand = looked_up(crowd, along * _TEXELS_PER_M, -height * _TEXELS_PER_M) * config.stand_light
+    _draw_near_side(picture, rays, scene, enclosure, crowd, rng)
+    behind = enclosure.outside(rays.x_m, rays.y_m) | ~np.isfinite(rays.depth_m)
+    rows = np.flatnonzero(behind.any(axis=1))
+    if len(rows) == 0:
+        return
+    part = slice(int(rows[0]), int(rows[-1]) + 1)
+    directions = np.ascontiguousarray(rays.directions[:, part])
+    reach, along = _walls_met(directions, scene, enclosure)
+    position = scene.camera.position_m.astype(np.float32)
+    with np.errstate(invalid="ignore"):
+        foot = np.clip(position[1] + reach * directions[1], -CROWN_ENDS_M, CROWN_ENDS_M)
+        height = -position[2] - reach * directions[2] + scene.surface.drop(foot).astype(np.float32)
+        raised = (height >= 0) & np.isfinite(reach)
+    rows = np.flatnonzero(raised.any(axis=1))
+    if len(rows) == 0:
+        return
+    seen = slice(int(rows[0]), int(rows[-1]) + 1)
+    wall = _wall(along[seen], np.clip(height[seen], 0.0, 60.0), config, crowd, rng)
+    np.copyto(picture[part][seen], wall, where=raised[seen][..., None])
+
+
+def _walls_met(directions: Float32, scene: Scene, enclosure: _Enclosure) -> tuple[Float32, Float32]:
+    """Reach (h, w) of the rays to the walls that the camera is inside of, and the place along them, metres."""
+    position = scene.camera.position_m.astype(np.float32)
+    reach = np.full(directions.shape[1:], np.inf, dtype=np.float32)
+    along = np.zeros_like(reach)
+    for axis in (1, 0):
+        for sign in (-1.0, 1.0):
+            distance = np.float32(sign * enclosure.half_m[axis]) - position[axis]
+            if distance * sign <= 0:
+                continue
+            with np.errstate(divide="ignore", invalid="ignore"):
+                t = distance / directions[axis]
+                hit = (t > 0) & (t < reach)
+                # text on every wall reads from left to right from within
+                place = np.float32(-sign if axis else sign) * (position[1 - axis] + t * directions[1 - axis])
+            np.copyto(reach, t, where=hit)
+            np.copyto(along, place, where=hit)
+    if enclosure.corner_m:
+        _round_corners(reach, directions, position, enclosure)
+    return reach, along
+
+
+def _round_corners(reach: Float32, directions: Float32, position: Float32, enclosure: _Enclosure) -> None:
+    """Shorten rays (h, w) that end in a corner to the round wall there, in place."""
+    x, y = (position[axis] + np.where(np.isfinite(reach), reach, 0) * directions[axis] for axis in (0, 1))
+    radius = np.float32(enclosure.corner_m)
+    straight = enclosure.half_m - radius
+    inside = np.isfinite(reach) & (np.abs(x) > straight[0]) & (np.abs(y) > straight[1])
+    center = np.stack([np.sign(x[inside]) * straight[0], np.sign(y[inside]) * straight[1]])
+    d = directions[:2, inside]
+    offset = position[:2, None] - center
+    a, b = np.sum(d * d, axis=0), np.sum(d * offset, axis=0)
+    root = b * b - a * (np.sum(offset * offset, axis=0) - radius * radius)
+    t = (-b + np.sqrt(np.maximum(root, 0.0))) / np.maximum(a, 1e-9)
+    reach[inside] = np.where(root > 0, np.minimum(t, reach[inside]), reach[inside])
+
+
+def _draw_near_side(
+    picture: Float32,
+    rays: PixelRays,
+    scene: Scene,
+    enclosure: _Enclosure,
+    crowd: Float32,
+    rng: np.random.Generator,
+) -> None:
+    """Ground behind the walls on the camera's own side, in place: backs of the boards, concrete, spectators."""
+    position, config = scene.camera.position_m, scene.config
+    concrete = (rng.uniform(30, 90) + rng.normal(0, 5, 3)).astype(np.float32)
+    board = rng.uniform(20, 220, 3).astype(np.float32)
+    for axis, own, other in ((1, rays.y_m, rays.x_m), (0, rays.x_m, rays.y_m)):
+        sign = np.sign(position[axis])
+        past = np.float32(sign) * own - enclosure.half_m[axis]
+        near = (past > 0) & np.isfinite(rays.depth_m)
+        if abs(position[axis]) <= enclosure.half_m[axis] or not near.any():
+            continue
+        rows = np.flatnonzero(near.any(axis=1))
+        part = slice(int(rows[0]), int(rows[-1]) + 1)
+        seats = np.tile(concrete, (*past[part].shape, 1))
+        if config.near_crowd:
+            people = looked_up(crowd, other[part] * _TEXELS_PER_M, past[part] * np.float32(0.7 * _TEXELS_PER_M))
+            seats = np.where((past[part] > 3.0)[..., None], people * np.float32(0.8 * config.stand_light), seats)
+        seats[past[part] < 0.7] = board
+        np.copyto(picture[part], seats, where=near[part][..., None])
+
+
+def _wall(along: Float32, height: Float32, config: RenderConfig, crowd: Float32, rng: np.random.Generator) -> Float32:
+    """Colours (h, w, 3) of boards, a dark gap and the stand at wall coordinates in metres."""
+    boards = _boards(config, rng)
+    rows, columns = boards.shape[:2]
+    stand = looked_up(crowd, along * np.float32(_TEXELS_PER_M), height * np.float32(-_TEXELS_PER_M))
+    stand *= np.float32(config.stand_light)
     stand[(np.abs(along + 400.0) % 14.0) < 0.9] = 70.0 * config.stand_light
     tier = (height % 9.5) < 0.9
     stand[tier] = np.asarray(rng.uniform(20, 110, 3), dtype=np.float32)
-    stand[height > 21.0] = 28.0
-    above = height > config.board_height_m
-    picture[above] = stand[above]
-    gap = above & (height < config.board_height_m + rng.uniform(0.2, 0.9))
-    picture[gap] = np.asarray(rng.uniform(15, 70, 3), dtype=np.float32)
-    return picture
+    stand[height > config.stand_height_m] = np.asarray(config.sky_bgr, dtype=np.float32)
+    gap = height < config.board_height_m + rng.uniform(0.2, 0.9)
+    gap_color = np.asarray(rng.uniform(15, 70, 3), dtype=np.float32)
+    if config.ground == "ice":
+        glass = height < config.board_height_m + _GLASS_M
+        stand[glass] = 0.8 * stand[glass] + 35.0
+    else:
+        stand[gap] = gap_color
+    low = height <= config.board_height_m
+    shown = np.flatnonzero(low.any(axis=1))
+    if len(shown):
+        part = slice(int(shown[0]), int(shown[-1]) + 1)
+        inside = np.clip(1.0 - height[part] / np.float32(config.board_height_m), 0.0, 1.0) * (rows - 4) + 1.5
+        face = looked_up(boards, along[part] * np.float32(columns / _BOARD_STRIP_M), inside.astype(np.float32))
+        if config.ground == "ice":
+            face[height[part] < _KICK_PLATE_M] = (40.0, 200.0, 230.0)
+        np.copyto(stand[part], face, where=low[part][..., None])
+    return stand
 
 
-def _boards(rng: np.random.Generator) -> Float32:
+def _boards(config: RenderConfig, rng: np.random.Generator) -> Float32:
     """A strip of advertising boards (48, 3456, 3), 72 m long."""
     strip: NDArray[Any] = np.zeros((48, 3456, 3), dtype=np.uint8)
     palette = rng.integers(0, 2, 3) * rng.integers(150, 235, 3)
     edges = np.cumsum(rng.integers(220, 420, 24))
     for start, end in zip(np.concatenate([[0], edges[:-1]]), edges, strict=True):
         back = np.clip(palette + rng.integers(-30, 30, 3), 5, 240) if rng.random() < 0.6 else rng.integers(5, 240, 3)
+        if config.ground == "ice":
+            back = 230 + back // 12
         strip[:, start:end] = back
-        ink = (245, 245, 245) if back.mean() < 130 else (20, 20, 20)
+        ink = [245, 245, 245] if back.mean() < 130 else [20, 20, 20]
+        if config.ground == "ice":
+            ink = [int(v) for v in rng.integers(10, 200, 3)]
         word = _BOARD_WORDS[rng.integers(len(_BOARD_WORDS))]
         cv2.putText(strip, word, (int(start) + 14, 36), cv2.FONT_HERSHEY_DUPLEX, 1.1, ink, 2, cv2.LINE_AA)
+        if config.round_logos:
+            middle = (int(end) - 26, 24)
+            cv2.circle(strip, middle, 19, ink, 3, cv2.LINE_AA)
+            cv2.circle(strip, middle, 9, ink, -1 if rng.random() < 0.5 else 2, cv2.LINE_AA)
     return strip.astype(np.float32)
 
 
@@ -201,13 +198,13 @@ def _crowd(config: RenderConfig, rng: np.random.Generator) -> Float32:
     coat = np.where(kind < 0.55, dull, np.where(kind < 0.8, fan + rng.normal(0, 25, (rows, seats, 3)), bright))
     taken = rng.random((rows, seats, 1)) < config.crowd_density
     skin = np.array([110, 140, 190]) * rng.uniform(0.4, 1.1, (rows, seats, 1))
-    people = np.repeat(np.repeat(np.where(taken, coat, seat), tall, axis=0), wide, axis=1)
+    people = np.repeat(np.repeat(np.where(taken, coat, seat), tall, axis=0), wide, axis=1).astype(np.float32)
     heads = np.repeat(np.repeat(np.where(taken, skin, seat * 0.7), tall, axis=0), wide, axis=1)
-    row, column = np.indices(people.shape[:2])
+    row, column = np.arange(rows * tall)[:, None], np.arange(seats * wide)[None]
     jitter = np.repeat(np.repeat(rng.integers(-1, 2, (rows, seats)), tall, axis=0), wide, axis=1)
     head = ((row % tall) < 3) & (np.abs(column % wide - 3 + jitter) <= 1)
-    people = np.where(head[..., None], heads, people)
-    people[(row % tall) == 0] *= 0.55
+    people = np.where(head[..., None], heads, people).astype(np.float32)
+    people[::tall] *= 0.55
     odd = (np.arange(rows * tall) // tall) % 2 == 1
     people[odd] = np.roll(people[odd], wide // 2, axis=1)
-    return np.asarray(cv2.GaussianBlur(np.clip(people, 0, 255).astype(np.float32), (0, 0), 0.8), dtype=np.float32)
+    return np.asarray(cv2.GaussianBlur(np.clip(people, 0, 255), (0, 0), 0.8), dtype=np.float32)

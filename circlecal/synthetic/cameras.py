@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +15,7 @@ from circlecal.field import Circle, FieldTemplate, load_field
 from circlecal.geometry.homogeneous import Array
 from circlecal.geometry.pinhole import Camera, image_center
 from circlecal.synthetic.surface import FLAT, Surface
-
-CameraProfile = Literal["main", "wide", "high", "partial", "arc", "hard", "broadcast"]
-CAMERA_PROFILES: tuple[str, ...] = get_args(CameraProfile)
+from circlecal.synthetic.views import CAMERA_PROFILES, VIEWS, CameraProfile, View
 
 FULL_MARGIN_PX = 8.0
 ARC_TOLERANCE_DEG = 12.0
@@ -30,73 +27,7 @@ _HALFWAY_POSITIONS = 40
 _CIRCLE_SAMPLES = 180
 _COARSE_STRIDE = 15
 _DESIGN_WIDTH = 1920.0
-
-
-@dataclass(frozen=True, slots=True)
-class _View:
-    """What a profile draws from and what it accepts; pairs are (lowest, highest).
-
-    ``circle_half_widths`` is about the circle's radius in half-widths of the frame; ``aim_share`` how far the centre
-    mark may lie from the middle of the picture, in widths and heights (None: wherever the whole circle fits about);
-    ``foreground_m`` how much ground before the near touchline may be seen at most.
-    """
-
-    distance_m: tuple[float, float] = (45.0, 90.0)
-    height_m: tuple[float, float] = (8.0, 25.0)
-    offset_m: float = 12.0
-    roll_sd_deg: float = 1.0
-    circle_half_widths: tuple[float, float] = (0.35, 0.99)
-    aim_share: tuple[float, float] | None = None
-    visible_share: tuple[float, float] = (1.0, 1.0)
-    only_circle: bool = True
-    halfway_px: float = 100.0
-    foreground_m: float = np.inf
-    focal_px: tuple[float, float] = (0.0, np.inf)
-
-
-_VIEWS: dict[str, _View] = {
-    "main": _View(),
-    "wide": _View(offset_m=25.0),
-    "partial": _View(circle_half_widths=(0.4, 1.7), aim_share=(0.75, 0.6), visible_share=(0.4, 0.8)),
-    "arc": _View(
-        circle_half_widths=(0.9, 2.4),
-        aim_share=(1.3, 0.9),
-        visible_share=(0.0, 1.0),
-        focal_px=(5000.0, 16000.0),
-        halfway_px=60.0,
-    ),
-    "high": _View(height_m=(25.0, 40.0)),
-    "low": _View(
-        height_m=(6.0, 10.0),
-        roll_sd_deg=3.0,
-        circle_half_widths=(0.25, 1.1),
-        aim_share=(0.6, 0.3),
-        visible_share=(0.45, 1.0),
-        only_circle=False,
-        foreground_m=12.0,
-    ),
-    "near": _View(
-        distance_m=(38.0, 45.0),
-        height_m=(6.0, 15.0),
-        roll_sd_deg=3.0,
-        circle_half_widths=(0.3, 1.2),
-        aim_share=(0.5, 0.3),
-        visible_share=(0.45, 1.0),
-        only_circle=False,
-        foreground_m=12.0,
-    ),
-    "broadcast": _View(
-        distance_m=(50.0, 95.0),
-        height_m=(12.0, 28.0),
-        offset_m=6.0,
-        circle_half_widths=(0.18, 0.6),
-        aim_share=(0.4, 0.17),
-        only_circle=False,
-        focal_px=(1500.0, 4000.0),
-        foreground_m=8.0,
-    ),
-}
-"""The profile ``hard`` is ``low`` or ``near``."""
+_OTHERS_STEP_M = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,18 +108,19 @@ def sample_camera(
     surface: Surface = FLAT,
     like: Camera | None = None,
 ) -> Camera:
-    """One random camera of a profile, on the near side of the field (y > 0).
+    """One random camera of a profile, on the near side of the field (y > 0) unless the profile says otherwise.
 
     Parameters
     ----------
     profile : str
-        ``"main"``: 45-90 m from the centre mark, 8-25 m high, within 12 m of the halfway line, roll sd 1 degree cut at
-        2.5 sd; the whole circle inside the frame with 8 px to spare and no marking but circle and halfway line in view.
+        One of :data:`circlecal.synthetic.views.CAMERA_PROFILES`. ``"main"``: 45-90 m from the centre mark, 8-25 m
+        high, within 12 m of the halfway line, roll sd 1 degree cut at 2.5 sd; the whole circle inside the frame with 8 px to spare and no marking but circle and halfway line in view.
         ``"wide"``: the same within 25 m. ``"high"``: the same, 25-40 m high. ``"partial"``: 40-80 % of the circle.
         ``"arc"``: one arc of ``arc_deg`` +- 12
         degrees, with the halfway line where that can be had. ``"hard"``: low (6-10 m) or near (38-45 m), roll sd
         3 degrees, at least 45 % of the circle, other markings allowed. ``"broadcast"``: the whole circle and more of
-        the field, focal length 1500-4000 px at a width of 1920.
+        the field, focal length 1500-4000 px at a width of 1920. The others are told by their numbers in
+        :mod:`circlecal.synthetic.views`.
     rng : Generator
         Randomness.
     width, height : int
@@ -215,7 +147,7 @@ def sample_camera(
         raise ValueError(f"unknown camera profile {profile!r}; known: {', '.join(CAMERA_PROFILES)}")
     if (arc_deg is not None) != (profile == "arc"):
         raise ValueError("arc_deg is needed by the profile 'arc', and only by it")
-    view = _VIEWS[("low" if rng.random() < 0.5 else "near") if profile == "hard" else profile]
+    view = VIEWS[("low" if rng.random() < 0.5 else "near") if profile == "hard" else profile]
     if offset_m is not None:
         view = replace(view, offset_m=offset_m)
     field = template or soccer()
@@ -235,6 +167,7 @@ def sample_camera(
         if view.only_circle:
             candidates = _without_others(candidates, points)
         candidates = _with_halfway_line(candidates, view, points)
+        candidates = _with_other_markings(candidates, view, points)
         candidates = _with_little_foreground(candidates, view, field)
         if len(candidates.focal_px):
             return candidates.camera(0)
@@ -282,15 +215,20 @@ def inside_frame(pixels: Array, width: int, height: int, margin_px: float = 0.0)
         return np.asarray(low & (pixels[..., 0] <= width - 1 - margin_px) & (pixels[..., 1] <= height - 1 - margin_px))
 
 
-def _drawn_position(view: _View, rng: np.random.Generator) -> Array:
+def _drawn_position(view: View, rng: np.random.Generator) -> Array:
     """Camera position (3,) relative to the middle of the circle."""
     distance, elevation = rng.uniform(*view.distance_m), rng.uniform(*view.height_m)
     x = rng.uniform(-view.offset_m, view.offset_m)
-    return np.array([x, np.sqrt(max(distance**2 - elevation**2 - x**2, 1.0)), -elevation])
+    y = np.sqrt(max(distance**2 - elevation**2 - x**2, 1.0))
+    if not view.azimuth_deg:
+        return np.array([x, y, -elevation])
+    lowest, highest = view.azimuth_deg[rng.integers(len(view.azimuth_deg))]
+    turn = np.radians(rng.uniform(lowest, highest))
+    return np.array([x * np.cos(turn) + y * np.sin(turn), y * np.cos(turn) - x * np.sin(turn), -elevation])
 
 
 def _aimed(
-    position: Array, view: _View, circle: Circle, rng: np.random.Generator, size: tuple[int, int], kappa: float
+    position: Array, view: View, circle: Circle, rng: np.random.Generator, size: tuple[int, int], kappa: float
 ) -> _Candidates:
     """Zooms, aims and rolls of a camera at a position relative to the middle of the circle."""
     width, height = size
@@ -341,7 +279,7 @@ def _field_points(template: FieldTemplate, surface: Surface) -> _FieldPoints:
 
 
 def _with_circle_as_wanted(
-    candidates: _Candidates, view: _View, points: _FieldPoints, arc_deg: float | None
+    candidates: _Candidates, view: View, points: _FieldPoints, arc_deg: float | None
 ) -> _Candidates:
     """Those that show as much of the circle as asked for: a coarse look at all, a fine one at what is left."""
     lowest, highest = view.visible_share
@@ -375,14 +313,23 @@ def _visible_length(pixels: Array, width: int, height: int) -> Array:
     return np.asarray(np.sum(np.where(inside[..., 1:] & inside[..., :-1], step, 0.0), axis=-1))
 
 
-def _with_halfway_line(candidates: _Candidates, view: _View, points: _FieldPoints) -> _Candidates:
-    if view.halfway_px <= 0.0:
+def _with_halfway_line(candidates: _Candidates, view: View, points: _FieldPoints) -> _Candidates:
+    lowest, highest = view.halfway_px, view.halfway_most_px
+    if lowest <= 0.0 and np.isinf(highest):
         return candidates
     length = _visible_length(candidates.project(points.halfway), candidates.width, candidates.height)
-    return candidates.kept(length >= view.halfway_px * candidates.width / _DESIGN_WIDTH)
+    unit = candidates.width / _DESIGN_WIDTH
+    return candidates.kept((length >= lowest * unit) & (length <= highest * unit))
 
 
-def _with_little_foreground(candidates: _Candidates, view: _View, template: FieldTemplate) -> _Candidates:
+def _with_other_markings(candidates: _Candidates, view: View, points: _FieldPoints) -> _Candidates:
+    if view.others_m <= 0.0:
+        return candidates
+    seen = inside_frame(candidates.project(points.others), candidates.width, candidates.height).sum(axis=1)
+    return candidates.kept(np.asarray(seen * _OTHERS_STEP_M >= view.others_m))
+
+
+def _with_little_foreground(candidates: _Candidates, view: View, template: FieldTemplate) -> _Candidates:
     if not np.isfinite(view.foreground_m):
         return candidates
     x, y = template.length_m / 6, template.width_m / 2 + view.foreground_m
@@ -402,6 +349,6 @@ def other_markings(template: FieldTemplate) -> Array:
     """Points (N, 2) in metres, every 0.5 m, of all markings but default circle, halfway line and the mark on them."""
     own = {template.default_circle, template.halfway_line}
     center = np.asarray(template.circle_by_name[template.default_circle].center)
-    drawn = [points for name, points in template.polylines(0.5).items() if name not in own]
+    drawn = [points for name, points in template.polylines(_OTHERS_STEP_M).items() if name not in own]
     marks = [np.array([m.position]) for m in template.marks if np.linalg.norm(np.asarray(m.position) - center) > 1e-6]
     return np.concatenate([np.zeros((0, 2)), *drawn, *marks])

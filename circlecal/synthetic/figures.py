@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from circlecal.geometry.homogeneous import Array
 from circlecal.geometry.pinhole import Camera
-from circlecal.synthetic.backdrop import Float32
+from circlecal.synthetic.rays import Float32
 from circlecal.synthetic.scene import Player, RenderConfig, Scene
 from circlecal.synthetic.surface import Surface
 
@@ -47,8 +47,11 @@ def draw_shadows(picture: Float32, scene: Scene) -> None:
             picture *= 1.0 - config.shadow_strength / 255.0 * soft[..., None].astype(np.float32)
 
 
-def draw_figures(picture: Float32, scene: Scene, rng: np.random.Generator) -> Float32:
-    """Draw goals, ball and players, far ones first, in place; what they hide comes back as (H, W), 0..1."""
+def draw_figures(picture: Float32, scene: Scene, rng: np.random.Generator, light: Float32 | None = None) -> Float32:
+    """Draw goals, ball and players, far ones first, in place; what they hide comes back as (H, W), 0..1.
+
+    ``light`` (H, W) is that on the ground: who stands in the shade is dark.
+    """
     hidden = np.zeros(picture.shape[:2], dtype=np.float32)
     _draw_goals(picture, hidden, scene)
     if scene.ball_m is not None:
@@ -57,6 +60,8 @@ def draw_figures(picture: Float32, scene: Scene, rng: np.random.Generator) -> Fl
         _draw_upright(picture, hidden, ball, scene.ball_m, scene.camera, scene.surface, rng)
     for player in sorted(scene.players, key=lambda p: -scene.camera.depth(scene.surface.lift(p.position_m))):
         parts = _body(player, scene.config, rng)
+        if light is not None:
+            parts = _lit(parts, _light_at(light, scene.camera.project(scene.surface.lift(player.position_m))))
         _draw_upright(picture, hidden, parts, player.position_m, scene.camera, scene.surface, rng)
     return hidden
 
@@ -66,6 +71,18 @@ def body_extent_px(player: Player, camera: Camera, surface: Surface) -> tuple[Ar
     outline = np.array([[-0.4, 0.0], [0.4, 0.0], [0.4, player.height_m], [-0.4, player.height_m]])
     pixels = camera.project(_upright(outline, player.position_m, camera, surface))
     return pixels.min(axis=0), pixels.max(axis=0)
+
+
+def _light_at(light: Float32, pixel: Array) -> float:
+    """Light (H, W) where the feet are, or nearest to them in the picture."""
+    if not np.isfinite(pixel).all():
+        return 1.0
+    row, column = (int(np.clip(v, 0, n - 1)) for v, n in zip(pixel[::-1], light.shape, strict=True))
+    return float(light[row, column])
+
+
+def _lit(parts: list[_BodyPart], light: float) -> list[_BodyPart]:
+    return [_BodyPart(part.outline_m, part.bgr * light) for part in parts]
 
 
 _BOOT = np.array([[-0.06, -0.04], [0.13, -0.05], [0.10, 0.03], [-0.05, 0.05]])

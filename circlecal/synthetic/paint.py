@@ -8,7 +8,7 @@ are a Gaussian of ``PSF_SIGMA_PX``, applied before sampling: box-filtered pixels
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -62,6 +62,7 @@ _STEP_M = 0.25
 _MARGIN_PX = 120.0
 _JACOBIAN_STEP_M = 1e-3
 _MARK_SUBPIXELS = 3
+_SPARE_PX = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,19 +98,26 @@ def paint_layers(
     surface: Surface,
     marking_width_m: float,
     skipped: frozenset[str] = frozenset(),
+    *,
+    widths_m: Mapping[str, float] | None = None,
+    elements: Iterable[Circle | Line | Mark] | None = None,
 ) -> list[PaintLayer]:
-    """Layers of every element of the template that the frame shows, but the skipped ones."""
+    """Layers of every element of the template that the frame shows, but the skipped ones.
+
+    ``widths_m`` names elements that are painted wider or narrower than the others; ``elements`` stand in for those of
+    the template.
+    """
     layers = []
-    for element in _elements(template):
+    for element in _elements(template) if elements is None else elements:
         if element.name in skipped:
             continue
-        near = _pixels_near(camera, surface, *_outline(template, element, marking_width_m))
-        rows, columns = np.nonzero(near)
+        width_m = (widths_m or {}).get(element.name, marking_width_m)
+        rows, columns = _pixels_near(camera, surface, *_outline(template, element, width_m))
         if len(rows) == 0:
             continue
         pixels = np.stack([columns, rows], axis=-1).astype(np.float64)
         subpixels = _MARK_SUBPIXELS if isinstance(element, Mark) else 1
-        coverage, distance = _covered(camera, template, element, surface, marking_width_m, pixels, subpixels)
+        coverage, distance = _covered(camera, template, element, surface, width_m, pixels, subpixels)
         layers.append(
             PaintLayer(element.name, element.color, class_id(template, element), rows, columns, coverage, distance)
         )
@@ -169,20 +177,27 @@ def _outline(template: FieldTemplate, element: Circle | Line | Mark, width_m: fl
     return np.asarray(middle) + outer * ring, np.asarray(middle) + inner * ring
 
 
-def _pixels_near(camera: Camera, surface: Surface, first_m: Array, second_m: Array) -> NDArray[np.bool_]:
-    """Pixels (H, W) within a few of the strip between two polylines (N, 2)."""
+def _pixels_near(
+    camera: Camera, surface: Surface, first_m: Array, second_m: Array
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Rows and columns (N,) of the pixels within a few of the strip between two polylines (N, 2)."""
     first, second = (camera.project(surface.lift(edge)) for edge in (first_m, second_m))
     quads = np.stack([first[:-1], first[1:], second[1:], second[:-1]], axis=1)
     size = np.array([camera.width, camera.height])
     with np.errstate(invalid="ignore"):
         corners_close = np.all((quads > -_MARGIN_PX) & (quads < size + _MARGIN_PX), axis=2)
     chosen = quads[np.any(corners_close, axis=1) & np.isfinite(quads).all(axis=(1, 2))]
-    near: NDArray[Any] = np.zeros((camera.height, camera.width), dtype=np.uint8)
-    if len(chosen):
-        corners = np.round(np.clip(chosen, -20000, 20000)).astype(np.int32)
-        cv2.fillPoly(near, list(corners), 1)
-        near = cv2.dilate(near, np.ones((7, 7), dtype=np.uint8))
-    return np.asarray(near > 0)
+    if len(chosen) == 0:
+        return np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp)
+    corners = np.round(np.clip(chosen, -20000, 20000)).astype(np.int32)
+    low = np.clip(corners.min(axis=(0, 1)) - _SPARE_PX, 0, size)
+    high = np.clip(corners.max(axis=(0, 1)) + _SPARE_PX + 1, low, size)
+    near: NDArray[Any] = np.zeros((high - low)[::-1], dtype=np.uint8)
+    if near.size:
+        cv2.fillPoly(near, list(corners - low.astype(np.int32)), 1)
+        near = cv2.dilate(near, np.ones((2 * _SPARE_PX + 1, 2 * _SPARE_PX + 1), dtype=np.uint8))
+    rows, columns = np.nonzero(near)
+    return rows + low[1], columns + low[0]
 
 
 def _covered(

@@ -11,8 +11,9 @@ import numpy as np
 
 from circlecal.synthetic.cameras import aimed_camera, soccer
 from circlecal.synthetic.dataset import write_frame
+from circlecal.synthetic.looks import sample_config
 from circlecal.synthetic.renderer import render
-from circlecal.synthetic.sampling import SceneProfile, players_in_view, sample_config
+from circlecal.synthetic.sampling import SceneProfile, players_in_view
 from circlecal.synthetic.scene import Scene, sample_player
 from circlecal.synthetic.surface import Surface
 

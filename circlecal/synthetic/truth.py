@@ -44,6 +44,10 @@ class Truth:
         The same in undistorted pixels.
     center_mark : str
         ``"visible"``, ``"hidden"`` (behind a player), ``"not_painted"`` or ``"outside"`` the frame.
+    kind : str
+        What is shown, where the profile alone does not say it, e.g. ``"crowd"``.
+    picture_box_px : (4,) tuple
+        First and last column and row of the picture inside its bars: ``(x0, y0, x1, y1)``, pixel centres.
     visible_circle_deg, halfway_px : float
         Degrees of the outer edge, and length of the halfway line, inside the frame.
     classes : (H, W) uint8
@@ -60,6 +64,8 @@ class Truth:
     imaged_center_px: Array
     imaged_center_undistorted_px: Array
     center_mark: MarkState
+    kind: str
+    picture_box_px: tuple[float, float, float, float]
     visible_circle_deg: float
     halfway_px: float
     classes: NDArray[np.uint8]
@@ -67,9 +73,8 @@ class Truth:
     @property
     def expect(self) -> Expectation:
         """Whether 60 degrees of the circle and a halfway line of 8 % of the width, enough to calibrate, are in view."""
-        enough = (
-            self.visible_circle_deg >= _SHORTEST_ARC_DEG
-            and self.halfway_px >= _SHORTEST_HALFWAY_SHARE * self.camera.width
+        enough = self.visible_circle_deg >= _SHORTEST_ARC_DEG and self.halfway_px >= _SHORTEST_HALFWAY_SHARE * (
+            self.picture_box_px[2] - self.picture_box_px[0] + 1
         )
         return "calibrate" if enough else "refuse"
 
@@ -89,6 +94,9 @@ class Truth:
             "imaged_center_px": self.imaged_center_px.tolist(),
             "imaged_center_undistorted_px": self.imaged_center_undistorted_px.tolist(),
             "center_mark": self.center_mark,
+            "kind": self.kind,
+            "picture_box_px": list(self.picture_box_px),
+            "pixel_aspect": float(self.camera.focal_px[1] / self.camera.focal_px[0]),
             "visible_circle_deg": self.visible_circle_deg,
             "halfway_px": self.halfway_px,
             "circle_pixels": int(np.sum(self.classes == CIRCLE_CLASS)),
@@ -114,8 +122,10 @@ def truth_of(scene: Scene, layers: list[PaintLayer], hidden: NDArray[np.float32]
         imaged_center_px=camera.project(surface.lift(center)),
         imaged_center_undistorted_px=np.asarray(apply_homography(camera.homography, center)),
         center_mark=_mark_state(scene, layers, hidden),
-        visible_circle_deg=visible_circle_deg(camera, template, surface),
-        halfway_px=halfway_length_px(camera, template, surface),
+        kind=scene.kind,
+        picture_box_px=(0.0, 0.0, camera.width - 1.0, camera.height - 1.0),
+        visible_circle_deg=visible_circle_deg(camera, template, surface) if scene.field_painted else 0.0,
+        halfway_px=halfway_length_px(camera, template, surface) if scene.field_painted else 0.0,
         classes=classes,
     )
 
@@ -128,7 +138,7 @@ def center_mark_name(template: FieldTemplate) -> str | None:
 
 def _mark_state(scene: Scene, layers: list[PaintLayer], hidden: NDArray[np.float32]) -> MarkState:
     name = center_mark_name(scene.template)
-    if name is None or not scene.center_mark_painted:
+    if name is None or not (scene.center_mark_painted and scene.field_painted):
         return "not_painted"
     pixel = scene.camera.project(scene.surface.lift(scene.template.mark_by_name[name].position))
     if not inside_frame(pixel, scene.camera.width, scene.camera.height):

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from circlecal.synthetic.cameras import (
-    CAMERA_PROFILES,
     aimed_camera,
     halfway_length_px,
     inside_frame,
@@ -14,6 +13,7 @@ from circlecal.synthetic.cameras import (
     visible_circle_deg,
 )
 from circlecal.synthetic.surface import FLAT, Surface
+from circlecal.synthetic.views import CAMERA_PROFILES
 
 SEEDS = range(12)
 
