@@ -114,11 +114,11 @@ def sample_camera(
     ----------
     profile : str
         One of :data:`circlecal.synthetic.views.CAMERA_PROFILES`. ``"main"``: 45-90 m from the centre mark, 8-25 m
-        high, within 12 m of the halfway line, roll sd 1 degree cut at 2.5 sd; the whole circle inside the frame with 8 px to spare and no marking but circle and halfway line in view.
-        ``"wide"``: the same within 25 m. ``"high"``: the same, 25-40 m high. ``"partial"``: 40-80 % of the circle.
-        ``"arc"``: one arc of ``arc_deg`` +- 12
-        degrees, with the halfway line where that can be had. ``"hard"``: low (6-10 m) or near (38-45 m), roll sd
-        3 degrees, at least 45 % of the circle, other markings allowed. ``"broadcast"``: the whole circle and more of
+        high, within 12 m of the halfway line, roll sd 1 degree cut at 2.5 sd; the whole circle inside the frame with
+        8 px to spare and no marking but circle and halfway line in view. ``"wide"``: the same within 25 m.
+        ``"high"``: the same, 25-40 m high. ``"partial"``: 40-80 % of the circle. ``"arc"``: one arc of ``arc_deg`` +-
+        12 degrees, with the halfway line where that can be had. ``"hard"``: low (6-10 m) or near (38-45 m), roll sd 3
+        degrees, at least 45 % of the circle, other markings allowed. ``"broadcast"``: the whole circle and more of
         the field, focal length 1500-4000 px at a width of 1920. The others are told by their numbers in
         :mod:`circlecal.synthetic.views`.
     rng : Generator

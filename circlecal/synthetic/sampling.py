@@ -144,7 +144,7 @@ def sample_scene(
         size = stored = (size[0] - left - right, size[1] - top - bottom)
     surface = _sample_surface(setting, field, rng)
     kappa = float(rng.uniform(*setting.kappa))
-    view = setting.views[rng.integers(len(setting.views))]
+    view = setting.views[int(rng.random() * len(setting.views))]
     camera = sample_camera(view, rng, *size, field, kappa=kappa, surface=surface)
     camera = camera if stored == size else stretched(camera, *stored)
     config = sample_config(profile, rng, stored[0])
