@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from circlecal.field import FieldTemplate
-from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.homogeneous import Array, Mask
 from circlecal.overlay.canvas import Canvas, Picture
 from circlecal.overlay.field_view import FieldView, best_view
 from circlecal.overlay.frame_overlay import check_size
@@ -16,6 +16,8 @@ from circlecal.results import Calibration
 _BORDER_M = 3.0
 _UNSEEN = (52, 44, 40)
 _LARGEST_PX = 4096
+_COARSE = 6
+_NOWHERE = -1e4
 
 
 def draw_radar(
@@ -76,13 +78,24 @@ def warp_to_field(
     half = radar_half(template)
     scale = min(px_per_m, _LARGEST_PX / float(2 * half.max()))
     width, height = np.maximum(np.round(2 * half * scale), 1).astype(int)
-    x, y = np.meshgrid((np.arange(width) + 0.5) / scale - half[0], (np.arange(height) + 0.5) / scale - half[1])
-    source = view.pixels(np.stack([x, y], axis=-1).reshape(-1, 2)).reshape(height, width, 2)
-    lookup = np.nan_to_num(source, nan=-1e4).astype(np.float32)
+    grid = np.stack(np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5), axis=-1) / scale - half
+    near = _nearly_seen(view, grid, image.shape[1], image.shape[0])
+    lookup = np.full((height, width, 2), _NOWHERE, np.float32)
+    lookup[near] = np.nan_to_num(view.pixels(grid[near]), nan=_NOWHERE)
     warped = cv2.remap(
         image, lookup[..., 0], lookup[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=_UNSEEN
     )
     return np.ascontiguousarray(warped, dtype=np.uint8), half, scale
+
+
+def _nearly_seen(view: FieldView, grid: Array, width: int, height: int) -> Mask:
+    """Which points of a grid (H, W, 2) the frame may show: a coarse look, widened by two of its cells."""
+    coarse = grid[::_COARSE, ::_COARSE]
+    pixels = view.pixels(coarse.reshape(-1, 2)).reshape(coarse.shape)
+    with np.errstate(invalid="ignore"):
+        seen = ((pixels >= 0) & (pixels <= np.array([width, height]) - 1.0)).all(axis=-1)
+    wide = cv2.dilate(np.asarray(seen, np.uint8), np.ones((5, 5), np.uint8))
+    return np.asarray(np.kron(wide, np.ones((_COARSE, _COARSE), np.uint8))[: grid.shape[0], : grid.shape[1]] > 0)
 
 
 def radar_half(template: FieldTemplate) -> Array:

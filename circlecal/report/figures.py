@@ -58,11 +58,11 @@ class Histogram:
     logarithmic: bool
 
 
-def histogram(calibrated: Sequence[float], refused: Sequence[float]) -> Histogram | None:
+def histogram(calibrated: Sequence[float], refused: Sequence[float], typical: Sequence[float] = ()) -> Histogram | None:
     """Histogram of one quantity over calibrated and refused frames; None where there is no value.
 
-    The axis is logarithmic where the positive values span more than a factor of 20; zeros then count as the smallest
-    value of the axis.
+    Median and 90th percentile are those of ``typical``, of all values where it is empty. The axis is logarithmic where
+    the positive values span more than a factor of 20; zeros then count as the smallest value of the axis.
     """
     values = np.array([*calibrated, *refused], dtype=np.float64)
     if not values.size:
@@ -87,7 +87,7 @@ def histogram(calibrated: Sequence[float], refused: Sequence[float]) -> Histogra
     bars = tuple(
         Bar(float(limits[k]), float(limits[k + 1]), int(counts[0][k]), int(counts[1][k])) for k in range(_BINS)
     )
-    median, p90 = (float(v) for v in np.percentile(values, [50, 90]))
+    median, p90 = (float(v) for v in np.percentile(typical or values, [50, 90]))
     at = [float(np.clip((v - low) / (high - low), 0.0, 1.0)) for v in placed([median, p90])]
     return Histogram(
         bars=bars,

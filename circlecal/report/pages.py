@@ -227,7 +227,7 @@ def _histograms(rows: list[FrameRow]) -> list[tuple[str, str, str, Histogram]]:
     wanted = (
         ("Predicted sigma", "px", "Largest predicted standard deviation of the field near the circle.", "sigma_px"),
         ("Residual", "px", "Rms distance of the circle's points from the fitted ellipse.", "rms_px"),
-        ("Time", "ms", "Calibration time per frame, all stages.", "time_ms"),
+        ("Time", "ms", "Calibration time per frame, all stages; median of all frames.", "time_ms"),
     )
     found = []
     for name, unit, meaning, column in wanted:
@@ -235,7 +235,7 @@ def _histograms(rows: list[FrameRow]) -> list[tuple[str, str, str, Histogram]]:
             accepted: [v for row in rows if row.calibrated == accepted and (v := getattr(row, column)) is not None]
             for accepted in (True, False)
         }
-        drawn = histogram(values[True], values[False])
+        drawn = histogram(values[True], values[False], () if column == "time_ms" else values[True])
         if drawn is not None:
             found.append((name, unit, meaning, drawn))
     return found

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from circlecal.errors import InputError
 from circlecal.formats.atomic import write_error
-from circlecal.formats.images import OVERLAY_SUFFIX, read_image
+from circlecal.formats.images import OVERLAY_SUFFIX, PICTURE_SUFFIXES, read_image
 from circlecal.overlay.radar import warp_to_field
 from circlecal.report.drawings import Scene, draw_on_thumbnail, plan_layer, points_layer, template_layer
 from circlecal.report.reading import FrameRow
@@ -23,7 +23,7 @@ Picture = NDArray[np.uint8]
 THUMBNAIL_WIDTH = 320
 PER_FOLDER = 1000
 """Files of one kind in one folder."""
-_RADAR_PX_PER_M = 6.0
+_RADAR_PX_PER_M = 5.0
 _QUALITY = 82
 
 _log = logging.getLogger(__name__)
@@ -83,8 +83,14 @@ class PictureSource:
         if not row.path or row.time_s is not None:
             return []
         path = Path(row.path)
-        moved = [] if self.frames is None else [self.frames / path.name, self.frames / path]
-        return [*moved, path]
+        paths = [path]
+        if (
+            path.suffix.lower() not in PICTURE_SUFFIXES
+        ):  # an annotation: the picture is named like it, or like the frame
+            names = dict.fromkeys((path.stem, Path(row.id).name))
+            paths = [path.with_name(name + suffix) for name in names for suffix in PICTURE_SUFFIXES]
+        moved = [] if self.frames is None else [self.frames / part for p in paths for part in (p.name, p)]
+        return [*moved, *paths]
 
 
 def _readable(path: Path) -> Picture | None:

@@ -182,6 +182,22 @@ def test_template_toggle(page):
     assert page.run("return document.querySelector('#stage .points').checkVisibility()")
 
 
+def test_zoom_keeps_the_layers_together(page):
+    page.run("location.hash = 'frame=1'")
+    page.wait(f"{OPEN} && document.querySelector('#stage .template')?.naturalWidth")
+    boxes = """
+        return [...document.querySelectorAll('#stage img')].map(i => {
+          const b = i.getBoundingClientRect(); return [b.left, b.top, b.width, b.height]; });
+    """
+    before = np.array(page.run(boxes))
+    page.press("z")
+    after = np.array(page.run(boxes))
+    np.testing.assert_allclose(after[:, 2:], 3 * before[:, 2:], rtol=1e-3)
+    np.testing.assert_allclose(after[0], after[1], atol=0.01)
+    page.press("z")
+    np.testing.assert_allclose(page.run(boxes), before)
+
+
 def _pixels(page) -> np.ndarray:
     import base64
 

@@ -72,6 +72,14 @@ def test_pictures_that_moved(tmp_path, named, picture_file):
     assert Media.FRAME in media(report)[0]
 
 
+def test_the_picture_of_an_annotation(tmp_path, named, picture_file):
+    records = [
+        named("x", path=str(picture_file.with_suffix(".json"))),
+        named("good", path=str(picture_file.with_name("coco.json"))),
+    ]
+    assert all(Media.FRAME in has for has in media(written(tmp_path / "run", records)))
+
+
 def test_without_the_picture_the_overlay_then_the_drawing(tmp_path, named, frame_image):
     folder = write_run(tmp_path, [named("a"), named("b")])
     cv2.imwrite(str(folder / f"a{OVERLAY_SUFFIX}"), frame_image)

@@ -239,6 +239,12 @@
       : has(k, "frames") ? "" : "the frame's file is gone";
     layered();
   };
+  const look = (event) => {
+    const box = element("stage").getBoundingClientRect();
+    const at = (value, start, size) => `${(100 * Math.min(Math.max((value - start) / size, 0), 1)).toFixed(1)}%`;
+    element("stage").style.setProperty("--look", `${at(event.clientX, box.left, box.width)} ${at(event.clientY, box.top, box.height)}`);
+  };
+  const zoomed = () => element("stage").classList.toggle("zoomed", element("zoom").checked);
   const layered = () => {
     for (const kind of ["template", "points"]) {
       const on = element(`show-${kind}`).checked;
@@ -296,6 +302,10 @@
     const box = element(`show-${kind}`);
     if (!box.disabled) { box.checked = !box.checked; layered(); }
   };
+  const zoom = () => {
+    element("zoom").checked = !element("zoom").checked;
+    zoomed();
+  };
   const onKey = (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || !run) return;
     const large = element("large").open;
@@ -307,6 +317,7 @@
       if (step) openAt(open + step);
       else if (event.key === "t") toggle("template");
       else if (event.key === "p") toggle("points");
+      else if (event.key === "z") zoom();
       else return;
     } else if (event.key === "/") {
       element("filter").elements.q.focus();
@@ -345,6 +356,9 @@
     });
     element("large").addEventListener("click", (event) => { if (event.target === element("large")) element("large").close(); });
     for (const kind of ["template", "points"]) element(`show-${kind}`).addEventListener("change", layered);
+    element("zoom").addEventListener("change", zoomed);
+    element("stage").addEventListener("click", (event) => { look(event); zoom(); });
+    element("stage").addEventListener("pointermove", (event) => { if (event.pointerType === "mouse") look(event); });
     document.addEventListener("keydown", onKey);
     for (const bar of document.querySelectorAll("[data-range]")) {
       bar.addEventListener("click", () => { location.hash = `range=${bar.dataset.range}`; });
