@@ -32,6 +32,8 @@ from circlecal.stages.verdict import judge
 
 Convention = Literal["official", "paint"]
 T = TypeVar("T")
+UNDETERMINED = ("no_circle", "no_ellipse")
+"""Refusals that say only that points, lines and arcs are too few without the circle."""
 
 
 def frame_generator(seed: int, frame_id: str) -> np.random.Generator:
@@ -179,7 +181,24 @@ class _Job:
     def from_picture(
         self, image: NDArray[np.uint8], given: NDArray[np.uint8] | None, extra: Observations | None
     ) -> Verdict:
-        """Picture -> observations -> answer."""
+        """Picture -> observations -> answer; what is given beside a picture without the circle may do alone."""
+        try:
+            ellipses, cues, seen = self._seen(image, given)
+        except EstimationError as refusal:
+            if extra is None:
+                raise
+            try:
+                return self.from_observations(extra)
+            except EstimationError as error:
+                raise (refusal if error.code in UNDETERMINED else error) from error
+        observations = seen if extra is None else joined(seen, extra)
+        self.reached["observations"] = observations
+        return self._answer(ellipses, cues, observations)
+
+    def _seen(
+        self, image: NDArray[np.uint8], given: NDArray[np.uint8] | None
+    ) -> tuple[EllipseFits, Cues, Observations]:
+        """What the picture shows of the circle and of what lies around it."""
         config, template, circle, reached = self.config, self.template, self.circle, self.reached
         polarity = -1.0 if circle.color == "dark" else 1.0
         with self._clock("mask"):
@@ -198,19 +217,18 @@ class _Job:
             reached["observations"] = observed(ellipses, Cues(None, None), circle, self.width, self.height)
         with self._clock("cues"):
             cues = reached["cues"] = find_cues(picture, marking, ellipses, edges.noise, template, config.cues)
-            observations = observed(ellipses, cues, circle, self.width, self.height)
-            if extra is not None:
-                observations = joined(observations, extra)
-            reached["observations"] = observations
-        return self._answer(ellipses, cues, observations)
+            observations = reached["observations"] = observed(ellipses, cues, circle, self.width, self.height)
+        return ellipses, cues, observations
 
     def from_observations(self, observations: Observations) -> Verdict:
-        """Observations -> answer, by the same stages."""
+        """Observations -> answer, by the same stages; the camera can do without the circle."""
         self.reached["observations"] = observations
         with self._clock("ellipse"):
-            ellipses = self.reached["ellipses"] = fit_observed(
-                observations, self.circle.name, self.width, self.config.ellipse, self.rng
-            )
+            name, config = self.circle.name, self.config
+            found, refusal = _attempt(lambda: fit_observed(observations, name, self.width, config.ellipse, self.rng))
+            if found is None and refusal is not None and (config.solver is not None or not config.camera.enabled):
+                raise refusal
+            ellipses = self.reached["ellipses"] = found or EllipseFits(None, None, None)
         with self._clock("cues"):
             cues = self.reached["cues"] = cues_from_observations(observations, self.template, self.circle)
         return self._answer(ellipses, cues, observations)
@@ -221,13 +239,14 @@ class _Job:
         if config.solver is not None:
             return self._solved(config.solver, ellipses, cues, observations)
         size = self.width, self.height
-        with self._clock("correspondences"):
-            correspondences, refusal = _attempt(
-                lambda: derive_correspondences(
-                    ellipses, cues, template, circle, size, config.correspondences, observations.keypoints
+        correspondences, homography, refusal = None, None, None
+        if ellipses.all():
+            with self._clock("correspondences"):
+                correspondences, refusal = _attempt(
+                    lambda: derive_correspondences(
+                        ellipses, cues, template, circle, size, config.correspondences, observations.keypoints
+                    )
                 )
-            )
-        homography = None
         if correspondences is not None:
             reached["correspondences"] = correspondences
             with self._clock("homography"):

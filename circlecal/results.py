@@ -164,7 +164,7 @@ class EllipseFits:
 
     @property
     def primary(self) -> EllipseFit:
-        """The fit with the longest arc (centreline first)."""
+        """The fit with the longest arc (centreline first); a frame calibrated without the circle has none."""
         fits = [f for f in (self.center, self.outer, self.inner) if f is not None]
         if not fits:
             raise ValueError("no ellipse was fitted")
@@ -306,7 +306,7 @@ class CameraFit:
     residual_correlation : float
         How many neighbouring residuals along the circle repeat each other (1 = white).
     max_sigma_px, max_sigma_m : float
-        Largest predicted standard deviation over the visible field near the circle.
+        Largest predicted standard deviation over the visible field near ``reference_m``.
     residuals_px, stated_sigma_px : dict
         Root mean square residual by observation, and the standard deviation that the observation itself stated.
     theta : (P,) array
@@ -319,6 +319,9 @@ class CameraFit:
         Template lines that were recognised among the straight markings seen, and used.
     alternatives : tuple of (Camera, float)
         Other solutions of a real ambiguity with their cost above the best.
+    reference_m : (2,) array
+        The field point about which distance and predicted errors are judged: the circle's centre, or the middle of what
+        was seen instead of the circle.
     """
 
     camera: Camera
@@ -343,6 +346,7 @@ class CameraFit:
     rejected: tuple[str, ...] = ()
     named_lines: tuple[str, ...] = ()
     alternatives: tuple[tuple[Camera, float], ...] = ()
+    reference_m: Array = field(default_factory=lambda: np.zeros(2))
 
     @property
     def prior_dominated(self) -> bool:

@@ -1,6 +1,7 @@
 """The whole chain on rendered frames and on observations."""
 
-from dataclasses import dataclass
+import json
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -8,8 +9,11 @@ import pytest
 from circlecal.bench.detect import compare
 from circlecal.config import Config, load_config
 from circlecal.errors import ConfigError, InputError
+from circlecal.formats.result import result_line, result_record
 from circlecal.observations import Keypoint, Observations
+from circlecal.overlay import draw_overlay, stage_pictures
 from circlecal.pipeline import field_of, frame_generator, joined, run, run_observations
+from circlecal.synthetic.cameras import aimed_camera
 from circlecal.synthetic.markings import circle_points, line_points
 from circlecal.synthetic.renderer import Rendering
 from circlecal.synthetic.sampling import render_frame
@@ -204,7 +208,10 @@ def test_too_few_observations_are_refused(frames):
     template, _ = field_of(CONFIG)
     given = given_by(frames.easy.truth.camera, template)
     bare = run_observations(Observations(*SIZE), CONFIG, frame_id="bare")
-    assert (bare.status, bare.verdict.code) == ("refused", "no_ellipse")
+    assert (bare.status, bare.verdict.code) == ("refused", "no_circle")
+    few = replace(given.circles[0], points_px=given.circles[0].points_px[:4], sigma_px=given.circles[0].sigma_px[:4])
+    part = run_observations(Observations(*SIZE, (few,), given.lines), CONFIG, frame_id="part")
+    assert (part.status, part.verdict.code) == ("refused", "no_ellipse")
     alone = run_observations(Observations(*SIZE, given.circles), CONFIG, frame_id="alone")
     assert (alone.status, alone.verdict.code) == ("refused", "rotation_free")
 
@@ -229,3 +236,48 @@ def test_joining_keeps_everything(frames):
     given = given_by(frames.easy.truth.camera, template)
     both = joined(given, given)
     assert (len(both.circles), len(both.lines), both.width) == (2, 2, SIZE[0])
+
+
+BOX = aimed_camera(np.array([3.0, 62.0, -17.0]), np.array([-40.0, -4.0, 0.0]), 1250.0, 0.01, *SIZE)
+BOX_LINES = ("big_rect_left_main", "big_rect_left_top", "side_line_left", "small_rect_left_main", "side_line_top")
+
+
+def box(template):
+    rng = np.random.default_rng(9)
+    lines = tuple(line_points(BOX, template, name, 12, 0.4, rng) for name in BOX_LINES)
+    return Observations(*SIZE, lines=lines)
+
+
+def test_lines_without_the_circle_are_calibrated_and_written():
+    template, _ = field_of(CONFIG)
+    found = run_observations(box(template), CONFIG, frame_id="box", convention="paint")
+    assert found.status == "calibrated", found.verdict
+    assert found.ellipses.all() == ()
+    assert (found.correspondences, found.homography) == (None, None)
+    field = np.array([[-36.0, -15.0], [-45.0, 0.0], [-50.0, -18.0]])
+    assert np.abs(found.camera.camera.project(field) - BOX.project(field)).max() < 4.0
+    record = json.loads(result_line(result_record(found, template)))
+    assert record["status"] == "calibrated"
+    assert record["ellipses"]["primary"] is None
+    assert record["camera"]["reference_m"] == pytest.approx(found.camera.reference_m)
+
+
+def test_a_frame_without_the_circle_needs_a_camera_and_has_no_published_solver():
+    template, _ = field_of(CONFIG)
+    for settings in (["camera.enabled=false"], ["solver=great_axis"]):
+        found = run_observations(box(template), load_config(None, settings), frame_id="box", convention="paint")
+        assert (found.status, found.verdict.code) == ("refused", "no_ellipse")
+
+
+def test_what_is_given_beside_a_picture_without_the_circle_is_used():
+    template, _ = field_of(CONFIG)
+    grass = np.full((SIZE[1], SIZE[0], 3), (40, 120, 50), np.uint8)
+    alone = run(grass, CONFIG, frame_id="grass")
+    found = run(grass, CONFIG, extra=box(template), frame_id="grass")
+    assert alone.status == "refused"
+    assert found.status == "calibrated", found.verdict
+    one = run(grass, CONFIG, extra=Observations(*SIZE, lines=box(template).lines[:1]), frame_id="grass")
+    # the picture's own reason, not that one line is too little
+    assert one.verdict == alone.verdict
+    draw_overlay(grass, found, template)
+    stage_pictures(grass, found, template)

@@ -3,7 +3,8 @@
 A folder of data holds one folder per set, each with ``ground_truth`` (SoccerNet line annotations) and, where there are
 any, ``<peer>_camera`` (SoccerNet cameras) and ``pnlcalib_keypoints`` (detections). Nothing of it is part of circlecal.
 
-Only frames with both circle and halfway line count; a frame without an answer counts 0.
+Each set is scored on its frames with circle and halfway line, on the central views among them, and on every frame,
+with the circle or without; a frame without an answer counts 0.
 """
 
 from __future__ import annotations
@@ -41,6 +42,7 @@ from circlecal.solvers.great_axis import solve as solve_great_axis
 SIZE: Size = (1920, 1080)
 THRESHOLDS_PX = (5.0, 10.0)
 INPUTS = ("circle and halfway line", "the same, ends unused", "all lines", "detections of PnLCalib")
+KINDS = ("circle and halfway line", "central views", "all")
 _TRUTH, _DETECTIONS, _CAMERAS = "ground_truth", "pnlcalib_keypoints", "_camera"
 Solve = Callable[[str, Observations], Projector | None]
 
@@ -49,11 +51,13 @@ Solve = Callable[[str, Observations], Projector | None]
 class AnnotationRow:
     """One method with one input on one set; JaC at 5 and 10 px of 1920 x 1080, misses as 0.
 
+    ``frames_kind`` says which frames count: one of ``KINDS``;
     ``held_out_px`` is the median distance of the elements other than circle and halfway line, which only the first two
     inputs keep from circlecal; ``ahead`` the paired difference to the first peer's JaC at 5 px.
     """
 
     set_name: str
+    frames_kind: str
     method: str
     input_name: str
     frames: int
@@ -66,9 +70,10 @@ class AnnotationRow:
 
 @dataclass(frozen=True, slots=True)
 class _Set:
-    """One set: its name, annotations by frame, and its folder."""
+    """Frames of one set: its name, which frames they are, their annotations, and its folder."""
 
     name: str
+    kind: str
     annotated: Mapping[str, Annotated]
     folder: Path
 
@@ -111,13 +116,7 @@ def run_annotations(
     rows = []
     for name in names or set_names(path):
         folder = path / name
-        annotated = {
-            frame: classes
-            for frame, classes in read_annotated(folder / _TRUTH, SIZE).items()
-            if shows_circle_and_halfway(classes)
-        }
-        if annotated:
-            rows += _set_rows(_Set(name, annotated, folder), config)
+        rows += _set_rows(_Set(name, KINDS[2], read_annotated(folder / _TRUTH, SIZE), folder), config)
         advance(name)
     return rows
 
@@ -127,7 +126,8 @@ def _set_rows(data: _Set, config: Config) -> list[AnnotationRow]:
     template, circle = field_of(config)
     official = template.model_copy(update={"marking_width_m": 1e-9, "marking_width_sd_m": 0.0})
     clicked = _observed(data, _TRUTH, template, config)
-    alone = {frame: only_circle_and_halfway(seen, template, circle) for frame, seen in clicked.items()}
+    both = {frame: classes for frame, classes in data.annotated.items() if shows_circle_and_halfway(classes)}
+    alone = {frame: only_circle_and_halfway(clicked[frame], template, circle) for frame in both}
     great_axis = _great_axis(official, circle)
     methods["great axis", INPUTS[0]] = _solved(alone, great_axis)
     own = _own(config, template, circle)
@@ -137,9 +137,11 @@ def _set_rows(data: _Set, config: Config) -> list[AnnotationRow]:
     methods["circlecal", INPUTS[2]] = _solved(clicked, own)
     if (data.folder / _DETECTIONS).is_dir():
         methods["circlecal", INPUTS[3]] = _solved(_observed(data, _DETECTIONS, template, config), own)
-    rows = _rows(data, methods)
-    central = {frame: classes for frame, classes in data.annotated.items() if is_central(classes)}
-    return rows + (_rows(replace(data, name=f"{data.name} central", annotated=central), methods) if central else [])
+    central = {frame: classes for frame, classes in both.items() if is_central(classes)}
+    few = {(method, name) for method, name in methods if name in (INPUTS[0], INPUTS[1])}
+    rows = _rows(replace(data, kind=KINDS[0], annotated=both), methods) if both else []
+    rows += _rows(replace(data, kind=KINDS[1], annotated=central), methods) if central else []
+    return rows + _rows(data, {key: found for key, found in methods.items() if key not in few})
 
 
 _Methods = dict[tuple[str, str], Mapping[str, Prediction]]
@@ -211,6 +213,7 @@ def _rows(data: _Set, methods: _Methods) -> list[AnnotationRow]:
         rows.append(
             AnnotationRow(
                 data.name,
+                data.kind,
                 method,
                 input_name,
                 summary.frames,

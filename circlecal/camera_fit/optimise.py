@@ -35,11 +35,11 @@ class Priors:
     mean, sd : (P,) arrays
         Per parameter; sd 0 fixes it at its mean, inf leaves it free.
     distance_m, distance_log_sd : float
-        Log-normal prior of the distance from the circle's centre; sd inf for none.
+        Log-normal prior of the distance from ``center_m``; sd inf for none.
     elevation_rad, elevation_sd_rad : float
-        Gaussian prior of the angle under which the camera looks down on the circle's centre; sd inf for none.
+        Gaussian prior of the angle under which the camera looks down on it; sd inf for none.
     center_m : (2,) array
-        The circle's centre.
+        What the camera looks at: the circle's centre, or the middle of what was seen instead of the circle.
     shared : SharedPrior or None
         What other frames of the same camera say; the parameters that it covers have no other prior.
     """

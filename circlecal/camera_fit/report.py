@@ -19,10 +19,11 @@ from circlecal.camera_fit.uncertainty import (
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.homogeneous import Array
 from circlecal.geometry.homography import compass_label, scale_homography
+from circlecal.geometry.pinhole import Camera
 from circlecal.results import CameraFit, DerivedPoint
 
 REACH_RADII = 2.5
-"""How far from the circle's centre the field counts for the largest predicted error."""
+"""How far from the circle's centre, or from what is seen instead, the field counts for the largest predicted error."""
 
 
 def camera_fit(
@@ -39,13 +40,13 @@ def camera_fit(
     frame, theta = problem.frame, state.theta[0]
     covariance = posterior_covariance(state.normal[0], problem.priors.sd)
     prior = problem.priors.residuals(theta[None])[1][0]
-    center = np.asarray(circle.center)
+    center, reference = np.asarray(circle.center), problem.priors.center_m
     camera = camera_of(theta, frame)
     H = camera.homography
     # the camera itself first, then those about it
-    cameras = homographies(np.concatenate([theta[None], spread_cameras(theta, covariance, center)]), frame)
+    cameras = homographies(np.concatenate([theta[None], spread_cameras(theta, covariance, reference)]), frame)
     vectors, centers = homography_vectors(cameras), imaged_points(cameras, center[None])[:, 0]
-    grid = visible_field(theta, frame, template, center, REACH_RADII * circle.radius_m)
+    grid = visible_field(theta, frame, template, reference, REACH_RADII * circle.radius_m)
     sigma_px, sigma_m = field_sigma(theta, covariance, grid, frame)
     share = data_share(theta, covariance, prior.T @ prior, grid, frame)
     return CameraFit(
@@ -67,10 +68,11 @@ def camera_fit(
         residuals_px=residuals_px(problem, state),
         theta=theta,
         stated_sigma_px=stated_sigma_px,
-        derived_points=_derived_points(cameras, circle),
+        derived_points=_derived_points(cameras, camera, circle),
         rejected=rejected,
         named_lines=named,
         alternatives=((camera.turned(), 0.0),),
+        reference_m=reference,
     )
 
 
@@ -84,13 +86,15 @@ def _correlation(problem: Problem, state: State, circle: Circle) -> float:
     return max(factors)
 
 
-def _derived_points(cameras: Array, circle: Circle) -> tuple[DerivedPoint, ...]:
-    """The circle's eight points with the covariance that the camera's implies, from its homography and those of the
-    cameras about it (K, 3, 3).
+def _derived_points(cameras: Array, camera: Camera, circle: Circle) -> tuple[DerivedPoint, ...]:
+    """The circle's eight points, those in front of the camera, with the covariance that the camera's implies, from its
+    homography and those of the cameras about it (K, 3, 3).
     """
     angle = np.radians(np.arange(0.0, 360.0, 45.0))
     outward = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     points = np.asarray(circle.center) + circle.radius_m * outward
+    ahead = camera.depth(points) > 0
+    outward, points = outward[ahead], points[ahead]
     pixels = imaged_points(cameras, points)
     covariances = push_forward(pixels[0], pixels[1:])
     return tuple(
@@ -102,7 +106,7 @@ def _derived_points(cameras: Array, circle: Circle) -> tuple[DerivedPoint, ...]:
 def visible_field(
     theta: Array, frame: Frame, template: FieldTemplate, center: Array, reach_m: float, step_m: float = 1.0
 ) -> Array:
-    """Field points (N, 2) on a grid that the camera shows, within ``reach_m`` of the circle's centre."""
+    """Field points (N, 2) on a grid that the camera shows, within ``reach_m`` of a ``center`` (2,)."""
     half = np.array([template.length_m, template.width_m]) / 2
     x, y = (
         np.arange(max(-h, c - reach_m), min(h, c + reach_m) + 1e-9, step_m) for h, c in zip(half, center, strict=True)

@@ -228,10 +228,11 @@ def score_annotations(
 
 
 def _print_annotations(rows: list[AnnotationRow]) -> None:
-    for name in dict.fromkeys(r.set_name for r in rows):
-        chosen = [r for r in rows if r.set_name == name]
+    words = {"circle and halfway line": "frames with circle and halfway line", "all": "frames, all that there are"}
+    for name, kind in dict.fromkeys((r.set_name, r.frames_kind) for r in rows):
+        chosen = [r for r in rows if (r.set_name, r.frames_kind) == (name, kind)]
         _table(
-            f"{name}: {chosen[0].frames} frames with circle and halfway line, 1920x1080, misses as 0",
+            f"{name}: {chosen[0].frames} {words.get(kind, kind)}, 1920x1080, misses as 0",
             ["method", "input", "answered", "JaC5", "JaC10", "other lines px", "JaC5 minus the first (95 %)"],
             [
                 [

@@ -123,6 +123,7 @@ def _camera(fit: CameraFit, circle_radius_m: float) -> dict[str, Any]:
         "prior_dominated": fit.prior_dominated,
         "residual_correlation": fit.residual_correlation,
         "position_sigma_m": np.sqrt(np.diag(fit.covariance)[4:7]),
+        "reference_m": fit.reference_m,
         "max_sigma_px": fit.max_sigma_px,
         "max_sigma_m": fit.max_sigma_m,
     }

@@ -78,14 +78,7 @@ def dlt(
         raise ValueError("every field point or line needs its image")
     T_field = similarity_normalisation(x) if len(x) else np.eye(3)
     T_image = similarity_normalisation(y) if len(y) else np.eye(3)
-    rows = [_cross_rows(lift(x) @ T_field.T, lift(y) @ T_image.T).reshape(-1, 9)]
-    if len(l_field):
-        a = _unit(transform_lines(T_field, l_field))
-        b = _unit(transform_lines(T_image, l_image))
-        # a ~ H^T b: unknown H^T in row-major order, then transposed back to H's order
-        order = np.arange(9).reshape(3, 3).T.ravel()
-        rows.append(_cross_rows(b, a).reshape(-1, 9)[:, order])
-    system = np.concatenate(rows)
+    system = correspondence_rows(x, y, l_field, l_image, T_field, T_image).reshape(-1, 9)
     if not np.isfinite(system).all() or len(system) < 8:
         return None
     # nine rows at least, so that the thin decomposition holds the null vector
@@ -95,6 +88,27 @@ def dlt(
         return None
     H = np.linalg.inv(T_image) @ vectors[8].reshape(3, 3) @ T_field
     return DltSolution(scale_homography(H), float(singular[0] / singular[7]), float(singular[8] / singular[7]))
+
+
+def correspondence_rows(
+    field_points: Array, image_points: Array, field_lines: Array, image_lines: Array, T_field: Array, T_image: Array
+) -> Array:
+    """Linear equations (N + M, 3, 9) that N points and M lines set to a homography, after a change of coordinates.
+
+    Parameters
+    ----------
+    field_points, image_points : (N, 2) arrays
+        Corresponding points.
+    field_lines, image_lines : (M, 3) arrays
+        Corresponding homogeneous lines.
+    T_field, T_image : (3, 3) arrays
+        Normalisation of the field's and of the picture's points; the rows are those of ``T_image H T_field^-1``.
+    """
+    by_points = _cross_rows(lift(field_points) @ T_field.T, lift(image_points) @ T_image.T)
+    a, b = _unit(transform_lines(T_field, field_lines)), _unit(transform_lines(T_image, image_lines))
+    # a ~ H^T b: unknown H^T in row-major order, then transposed back to H's order
+    order = np.arange(9).reshape(3, 3).T.ravel()
+    return np.concatenate([by_points, _cross_rows(b, a)[..., order]])
 
 
 def scale_homography(H: ArrayLike) -> Array:

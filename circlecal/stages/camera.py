@@ -14,25 +14,24 @@ from typing import Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from circlecal.camera_fit.curves import FixedPoints, first_hidden
-from circlecal.camera_fit.model import INDEX, PARAMETERS, Frame, camera_of
+from circlecal.camera_fit.all_starts import MINIMUM_CIRCLE_POINTS, arc_deg, starts_of, usual_lens
+from circlecal.camera_fit.curves import FixedPoints
+from circlecal.camera_fit.model import INDEX, PARAMETERS, Frame
 from circlecal.camera_fit.naming import name_lines
 from circlecal.camera_fit.noise import inflated
 from circlecal.camera_fit.observed import Realism, observed_curves, observed_points, stated_sigmas
 from circlecal.camera_fit.optimise import Priors, Problem, State, best_of, minimise
+from circlecal.camera_fit.point_starts import Landmarks, seen_landmarks
 from circlecal.camera_fit.report import camera_fit
 from circlecal.camera_fit.shared_prior import SharedPriorConfig
-from circlecal.camera_fit.starts import closed_form_starts, grid_starts
 from circlecal.camera_fit.uncertainty import (
     field_sigma,
     posterior_covariance,
 )
 from circlecal.errors import EstimationError
 from circlecal.field import Circle, FieldTemplate
-from circlecal.geometry.conics import ellipse_from_conic, fit_conic, refine_conic
-from circlecal.geometry.homogeneous import Array, Mask, fit_line, lift
+from circlecal.geometry.homogeneous import Array, Mask
 from circlecal.geometry.homography import SIDES
-from circlecal.geometry.pinhole import Camera
 from circlecal.observations import Observations
 from circlecal.results import CameraFit
 
@@ -41,6 +40,10 @@ COARSE_POINTS = 48
 """Points per marking while hypotheses are only compared."""
 SHORT_ARC_DEG = 200.0
 """Shorter arcs have local minima: the whole grid of starts is followed."""
+ENOUGH, ENOUGH_WITH_POSITION = 7, 4
+"""Constraints that determine a camera without a circle; a point or a line brings two."""
+WRONG_SIGMAS, WRONG_PX = 10.0, 10.0
+"""A named line or arc whose points mostly lie further off, in both measures (pixels at 1920 px width), is not that."""
 WEAK_SIGMA_PX = 25.0
 """Where the closed forms leave the field around the circle less certain than this (at 1920 px width), the grid is
 followed too.
@@ -142,7 +145,7 @@ def estimate_camera(
     template : FieldTemplate
         The field.
     circle : Circle
-        The circle from which the starts are taken.
+        The circle from which the starts are taken; where it is not seen, points, lines and other arcs stand for it.
     config : CameraConfig
         Model and priors.
     camera_side : str
@@ -151,25 +154,38 @@ def estimate_camera(
     Raises
     ------
     EstimationError
-        ``no_circle``, ``rotation_free``, ``no_camera`` where no start leads to a camera above the ground.
+        ``no_circle`` where nothing else determines a camera, ``no_ellipse``, ``rotation_free``, ``no_camera`` where no
+        start leads to a camera above the ground.
     """
     frame = Frame(observations.width, observations.height, config.crown_shape, max(circle.radius_m, 1e-3))
     curves = observed_curves(observations, template, _realism(config, observations.width))
     points = observed_points(observations, template)
-    _require_rotation(observations, circle, config)
     priors = priors_of(config, template, circle, frame)
     problem = Problem(curves, points, priors, frame)
-    closed, grid = _starts(problem, observations, template, circle, config, camera_side)
-    short = _arc_deg(observations, circle) < SHORT_ARC_DEG
+    landmarks = seen_landmarks(observations, template, points, usual_lens(problem))
+    seen_deg = arc_deg(observations, circle)
+    carrying = circle if seen_deg else None
+    if carrying:
+        _require_rotation(observations, circle, config)
+    else:
+        _require_landmarks(observations, circle, landmarks, config)
+        problem = replace(problem, priors=replace(priors, center_m=landmarks.middle_m(frame)))
+    closed, grid = starts_of(
+        problem, observations, template, carrying, landmarks, camera_side, config.loss_scale, config.starts
+    )
+    short = 0 < seen_deg < SHORT_ARC_DEG
     state = _best_fit(problem, closed, grid, short, config, camera_side)
     rejected: tuple[str, ...] = ()
     contradicting = _contradicting(state, points)
-    if contradicting.any():
-        rejected = tuple(str(name) for name in np.array(points.names)[contradicting])
+    off = _contradicting_markings(problem, state, template, carrying)
+    if contradicting.any() or off:
+        rejected = (*(str(name) for name in np.array(points.names)[contradicting]), *sorted(off))
         keep = ~contradicting
         kept_names = tuple(str(name) for name in np.array(points.names)[keep])
         points = FixedPoints(points.field_m[keep], points.points_px[keep], points.sigma_px[keep], kept_names)
-        problem = replace(problem, points=points)
+        observations = _without(observations, off)
+        curves = observed_curves(observations, template, _realism(config, observations.width))
+        problem = replace(problem, points=points, curves=curves)
         state = _best_fit(problem, np.concatenate([state.theta[:2], closed]), grid, short, config, camera_side)
     problem, state, scale = _settled(problem, state, config)
     named: dict[int, str] = {}
@@ -241,54 +257,35 @@ def priors_of(config: CameraConfig, template: FieldTemplate, circle: Circle, fra
     )
 
 
+def _position_known(config: CameraConfig) -> bool:
+    told = config.shared is not None and {"x", "y", "z"} <= set(config.shared.parameters)
+    return told or config.position_m is not None
+
+
 def _require_rotation(observations: Observations, circle: Circle, config: CameraConfig) -> None:
-    if not any(c.circle == circle.name for c in observations.circles):
-        raise EstimationError("camera", "no_circle", f"no points of the circle {circle.name!r} were seen")
     center = np.asarray(circle.center)
     others = any(c.circle != circle.name for c in observations.circles) or any(
         s.line is not None for s in observations.lines
     )
     others = others or any(np.linalg.norm(k.field_m - center) > 1e-6 for k in observations.keypoints)
-    if not others and config.position_m is None:
+    if not others and not _position_known(config):
         raise EstimationError("camera", "rotation_free", "rotation about the circle is free: show a line or a point")
 
 
-def _starts(
-    problem: Problem,
-    observations: Observations,
-    template: FieldTemplate,
-    circle: Circle,
-    config: CameraConfig,
-    side: str,
-) -> tuple[Array, Array]:
-    """Starts from the closed forms (K, P), and those of a grid (L, P) for when the closed forms are few or weak."""
-    seen = max((c for c in observations.circles if c.circle == circle.name), key=lambda c: len(c.points_px))
-    usual = _usual_lens(problem)
-    points = usual.undistort(seen.points_px)
-    conic = fit_conic(points, "direct")
-    refined = None if conic is None else refine_conic(points, conic, seen.sigma_px, loss_scale=config.loss_scale)
-    conic = conic if refined is None else refined[0]
-    ellipse = None if conic is None else ellipse_from_conic(conic)
-    if conic is None or ellipse is None:
-        raise EstimationError("camera", "no_ellipse", "the points of the circle fit no ellipse")
-    center = np.asarray(circle.center)
-    mark = next(
-        (m for m in observations.marks if np.linalg.norm(_mark_position(template, m.mark) - center) < 1e-6), None
+def _require_landmarks(observations: Observations, circle: Circle, landmarks: Landmarks, config: CameraConfig) -> None:
+    """Whether points, lines and arcs determine a camera where the circle shows no ellipse."""
+    on_arcs = sum(min(5, len(c.points_px)) for c in observations.circles)
+    enough = ENOUGH_WITH_POSITION if _position_known(config) else ENOUGH
+    if len(landmarks) and 2 * len(landmarks) + on_arcs >= enough:
+        return
+    seen = max((len(c.points_px) for c in observations.circles if c.circle == circle.name), default=0)
+    code, words = ("no_ellipse", f"{seen} points of") if seen else ("no_circle", "no points of")
+    raise EstimationError(
+        "camera",
+        code,
+        f"{words} the circle {circle.name!r} were seen, and the {len(landmarks)} points and named lines beside it "
+        f"do not determine a camera: show {-(-enough // 2)} of them, or {MINIMUM_CIRCLE_POINTS} points of the circle",
     )
-    line, direction = _central_line(observations, template, circle, usual)
-    closed = closed_form_starts(
-        conic, None if mark is None else lift(usual.undistort(mark.point_px)), line, direction, center,
-        template.radius(circle, seen.edge), problem.frame, side,
-    )  # fmt: skip
-    grid = _screened(problem, grid_starts(ellipse, center, circle.radius_m, problem.frame, side), config.starts)
-    return closed, grid
-
-
-def _usual_lens(problem: Problem) -> Camera:
-    """A camera with the lens that the priors expect, to start from undistorted pixels."""
-    theta = np.where(np.isfinite(problem.priors.mean), problem.priors.mean, 0.0).copy()
-    theta[0] = np.log(problem.frame.width * 2.0)
-    return camera_of(theta, problem.frame)
 
 
 def _best_fit(problem: Problem, closed: Array, grid: Array, short: bool, config: CameraConfig, side: str) -> State:
@@ -306,49 +303,6 @@ def _best_fit(problem: Problem, closed: Array, grid: Array, short: bool, config:
     else:
         grid = np.concatenate([closed, grid])
     return _follow(problem, grid, config, side)
-
-
-def _mark_position(template: FieldTemplate, name: str) -> Array:
-    mark = template.mark_by_name.get(name)
-    return np.full(2, np.inf) if mark is None else np.asarray(mark.position)
-
-
-def _arc_deg(observations: Observations, circle: Circle) -> float:
-    """Degrees of the circle that are seen, by the ellipse of its points."""
-    seen = max((c for c in observations.circles if c.circle == circle.name), key=lambda c: len(c.points_px))
-    conic = fit_conic(seen.points_px, "direct")
-    ellipse = None if conic is None else ellipse_from_conic(conic)
-    if ellipse is None:
-        return 0.0
-    angles = np.sort(ellipse.parameter(seen.points_px))
-    return 360.0 - float(np.degrees(np.max(np.diff(angles, append=angles[0] + 2 * np.pi))))
-
-
-def _central_line(
-    observations: Observations, template: FieldTemplate, circle: Circle, lens: Camera
-) -> tuple[Array | None, Array]:
-    """A seen line through the circle's centre in undistorted pixels, and its direction on the field."""
-    for seen in observations.lines:
-        drawn = None if seen.line is None else template.line_by_name.get(seen.line)
-        if drawn is None or len(seen.points_px) < 2:
-            continue
-        if abs(template.line_coordinates(drawn) @ np.r_[circle.center, 1.0]) < 1e-6:
-            ends = template.line_ends(drawn)
-            return fit_line(lens.undistort(seen.points_px), 1.0 / seen.sigma_px**2), ends[1] - ends[0]
-    return None, np.array([0.0, 1.0])
-
-
-def _screened(problem: Problem, grid: Array, count: int) -> Array:
-    """The starts of a grid that already lie nearest to what was seen."""
-    stride = max(1, len(problem.curves.points_px) // 48)
-    few = problem.curves.select(np.arange(0, len(problem.curves.points_px), stride))
-    candidates = grid.copy()
-    fixed = problem.priors.sd == 0
-    candidates[:, fixed] = problem.priors.mean[fixed]
-    _, distance = first_hidden(few, candidates, problem.frame, samples=48)
-    penalty = np.sum(problem.priors.residuals(candidates)[0] ** 2, axis=1)
-    score = np.mean(np.minimum(distance, 200.0), axis=1) + 2.0 * penalty
-    return grid[np.argsort(score, kind="stable")[:count]]
 
 
 def _follow(problem: Problem, starts: Array, config: CameraConfig, side: str) -> State:
@@ -369,7 +323,9 @@ def _follow(problem: Problem, starts: Array, config: CameraConfig, side: str) ->
         raise EstimationError("camera", "no_camera", "no upright camera above the ground explains what was seen")
     offset = state.theta[:, 4:6] - problem.priors.center_m
     stated = offset @ np.array(SIDES[side]) >= 0
-    kept = above & stated if (above & stated).any() else above
+    # the side decides between the two cameras of the turned field, not against what was seen
+    stated &= above & (state.cost < state.cost[above].min() + config.loss_scale**2)
+    kept = above & stated if stated.any() else above
     return best_of(State(*(getattr(state, name)[kept] for name in State.__slots__)), int(kept.sum()))
 
 
@@ -377,3 +333,26 @@ def _contradicting(state: State, points: FixedPoints) -> Mask:
     """Marks and keypoints (M,) that lie further from where the camera puts them than their sigma can explain."""
     values = state.point_values[0].reshape(len(points.names), 2) if points.names else np.zeros((0, 2))
     return np.asarray(np.linalg.norm(values, axis=-1) > 5.0, dtype=bool)
+
+
+def _contradicting_markings(problem: Problem, state: State, template: FieldTemplate, circle: Circle | None) -> set[str]:
+    """Named lines and arcs that lie far from where the camera puts them; never the circle and the halfway line beside
+    it, which the verdict judges.
+    """
+    sigma, values = problem.curves.sigma_px, np.abs(state.residuals[0])
+    least = WRONG_PX * problem.frame.width / 1920.0
+    found = set()
+    for group, name in enumerate(problem.curves.names):
+        own = problem.curves.group == group
+        carrying = circle is not None and (name == template.halfway_line or name.startswith(f"{circle.name} "))
+        if not carrying and np.median(values[own]) > WRONG_SIGMAS and np.median((values * sigma)[own]) > least:
+            found.add(name)
+    return found
+
+
+def _without(observations: Observations, names: set[str]) -> Observations:
+    return replace(
+        observations,
+        circles=tuple(c for c in observations.circles if f"{c.circle} {c.edge}" not in names),
+        lines=tuple(line for line in observations.lines if line.line not in names),
+    )

@@ -25,11 +25,12 @@ class VerdictConfig(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     max_sigma_px: float = Field(
-        60.0, gt=0, description="Largest predicted error of the field around the circle, pixels at 1920 px width."
+        60.0,
+        gt=0,
+        description="Largest predicted error of the field around the circle, or around what is seen instead of it, "
+        "pixels at 1920 px width.",
     )
-    max_sigma_m: float = Field(
-        3.0, gt=0, description="Largest predicted error on the ground around the circle, metres."
-    )
+    max_sigma_m: float = Field(3.0, gt=0, description="Largest predicted error on the ground there, metres.")
     max_circle_residual_px: float = Field(
         2.0,
         gt=0,
@@ -43,13 +44,23 @@ class VerdictConfig(BaseModel):
     edge_gap_ratio: tuple[float, float] = Field(
         (0.5, 2.0), description="Accepted gap between outer and inner edge over the one that the camera predicts."
     )
-    max_line_residual_px: float = Field(2.0, gt=0, description="The same for the halfway line.")
+    max_line_residual_px: float = Field(
+        2.0,
+        gt=0,
+        description="The same for the halfway line, and for every line, arc and point where the circle is not seen.",
+    )
+    max_rejected_share: float = Field(
+        0.4,
+        ge=0,
+        lt=1,
+        description="Largest share of contradicting observations where the circle is not seen.",
+    )
     max_mark_distance_px: float = Field(
         12.0, gt=0, description="Largest distance of the seen from the predicted centre mark, pixels at 1920 px width."
     )
     height_m: tuple[float, float] = Field((1.5, 150.0), description="Plausible height of a camera, metres.")
     distance_radii: tuple[float, float] = Field(
-        (1.1, 40.0), description="Plausible distance from the circle, in its radii."
+        (1.1, 40.0), description="Plausible distance from the circle, or from what is seen instead, in its radii."
     )
     max_roll_deg: float = Field(20.0, gt=0, le=180, description="Largest plausible roll, degrees.")
     focal_widths: tuple[float, float] = Field(
@@ -76,13 +87,20 @@ def judge(
     if H is None:
         return Verdict("refused", "no_homography", "no homography could be estimated", "verdict")
     center = np.asarray(circle.center, dtype=np.float64)
-    rim = center + circle.radius_m * _ring()
-    checks = [
-        _check("circle_in_front", 1.0 if projects_in_front(H, rim) else 0.0, 1.0, at_least=True),
-        _check("not_mirrored", float(np.linalg.det(H)), 0.0, at_least=True),
-    ]
+    if camera is not None and not ellipses.all():
+        checks = _landmark_checks(camera, unit, config)
+    else:
+        rim = center + circle.radius_m * _ring()
+        checks = [
+            _check("circle_in_front", 1.0 if projects_in_front(H, rim) else 0.0, 1.0, at_least=True),
+            _check("not_mirrored", float(np.linalg.det(H)), 0.0, at_least=True),
+        ]
     if camera is not None:
-        checks += _camera_checks(camera, cues, circle, unit, config)
+        checks += _place_checks(camera, circle, center if ellipses.all() else camera.reference_m, config)
+        if ellipses.all():
+            checks += _residual_checks(camera, cues, circle, unit, config)
+        checks.append(_check("sigma_px", camera.max_sigma_px, config.max_sigma_px * unit))
+        checks.append(_check("sigma_m", camera.max_sigma_m, config.max_sigma_m))
         checks += _edge_checks(camera, ellipses, template, circle, config)
     else:
         residual = _circle_residual(ellipses, H, template, circle)
@@ -95,12 +113,15 @@ def judge(
 
 CODES = {
     "circle_in_front": "circle_behind_camera",
+    "field_in_front": "field_behind_camera",
     "not_mirrored": "mirrored",
     "circle_residual_px": "residual_too_large",
     "structured_residual_px": "residual_too_large",
     "widest_edge_gap": "edges_contradict",
     "narrowest_edge_gap": "edges_contradict",
     "line_residual_px": "residual_too_large",
+    "marking_residual_px": "residual_too_large",
+    "rejected_share": "observations_contradict",
     "mark_distance_px": "mark_contradicts_circle",
     "sigma_px": "too_uncertain",
     "sigma_m": "too_uncertain",
@@ -113,8 +134,13 @@ CODES = {
     "shortest_focal_widths": "implausible_camera",
 }
 """Machine-readable reason of each check."""
+_MEND = (
+    "; show more lines or points, or say where the camera stands (camera.position_m, --camera-prior, or the "
+    "configuration 'annotations')"
+)
 _WORDS = {
     "circle_in_front": "part of the circle would lie behind the camera",
+    "field_in_front": "what is seen would lie behind the camera",
     "not_mirrored": "the field would be seen mirrored",
     "circle_residual_px": "the projected circle leaves the marking by {value:.2f} px rms, {limit:.2f} are allowed",
     "structured_residual_px": (
@@ -123,11 +149,15 @@ _WORDS = {
     "widest_edge_gap": "the marking's edges lie {value:.2f} times as far apart as the camera predicts",
     "narrowest_edge_gap": "the marking's edges lie only {value:.2f} times as far apart as the camera predicts",
     "line_residual_px": "the projected halfway line leaves the marking by {value:.2f} px rms, {limit:.2f} are allowed",
+    "marking_residual_px": (
+        "a line, arc or point lies {value:.2f} px rms from where the others put it, {limit:.2f} are allowed"
+    ),
+    "rejected_share": "{value:.0%} of the lines, arcs and points contradict the others, {limit:.0%} are allowed",
     "mark_distance_px": (
         "the centre mark is seen {value:.1f} px from where circle and line put it, {limit:.1f} are allowed"
     ),
-    "sigma_px": "the field around the circle is uncertain by {value:.1f} px, {limit:.1f} are allowed",
-    "sigma_m": "the field around the circle is uncertain by {value:.2f} m, {limit:.2f} are allowed",
+    "sigma_px": "the field in view is uncertain by {value:.1f} px, {limit:.1f} are allowed" + _MEND,
+    "sigma_m": "the field in view is uncertain by {value:.2f} m, {limit:.2f} are allowed" + _MEND,
     "height_m": "the camera would hang {value:.1f} m high, at most {limit:.0f} are plausible",
     "lowest_height_m": "the camera would stand {value:.1f} m high, at least {limit:.1f} are plausible",
     "distance_radii": "the camera would stand {value:.1f} radii away, at most {limit:.0f} are plausible",
@@ -149,10 +179,21 @@ def _check(name: str, value: float, limit: float, *, at_least: bool = False) -> 
     return Check(name, float(value), float(limit), bool(passed))
 
 
-def _camera_checks(camera: CameraFit, cues: Cues, circle: Circle, unit: float, config: VerdictConfig) -> list[Check]:
+def _landmark_checks(camera: CameraFit, unit: float, config: VerdictConfig) -> list[Check]:
+    """Of a frame without the circle: every line, arc and point must lie where the others put it."""
+    view, names = camera.camera, camera.residuals_px
+    checks = [_check("field_in_front", float(view.depth(camera.reference_m)), 0.0, at_least=True)]
+    for name, rms in names.items():
+        stated = NOISE_SIGMAS * camera.stated_sigma_px.get(name, 0.0)
+        checks.append(_check("marking_residual_px", rms, max(config.max_line_residual_px * unit, stated)))
+    share = len(camera.rejected) / max(len(camera.rejected) + len(names), 1)
+    return [*checks, _check("rejected_share", share, config.max_rejected_share)]
+
+
+def _place_checks(camera: CameraFit, circle: Circle, reference_m: Array, config: VerdictConfig) -> list[Check]:
     view = camera.camera
-    distance = float(np.linalg.norm(view.position_m - np.r_[circle.center, 0.0])) / circle.radius_m
-    checks = [
+    distance = float(np.linalg.norm(view.position_m - np.r_[reference_m, 0.0])) / circle.radius_m
+    return [
         _check("height_m", -float(view.position_m[2]), config.height_m[1]),
         _check("lowest_height_m", -float(view.position_m[2]), config.height_m[0], at_least=True),
         _check("distance_radii", distance, config.distance_radii[1]),
@@ -161,6 +202,10 @@ def _camera_checks(camera: CameraFit, cues: Cues, circle: Circle, unit: float, c
         _check("focal_widths", float(view.focal_px[0]) / view.width, config.focal_widths[1]),
         _check("shortest_focal_widths", float(view.focal_px[0]) / view.width, config.focal_widths[0], at_least=True),
     ]
+
+
+def _residual_checks(camera: CameraFit, cues: Cues, circle: Circle, unit: float, config: VerdictConfig) -> list[Check]:
+    checks = []
     for name, rms in camera.residuals_px.items():
         # coarse observations (clicks, detections) may scatter by what they state themselves
         stated = NOISE_SIGMAS * camera.stated_sigma_px.get(name, 0.0)
@@ -175,8 +220,6 @@ def _camera_checks(camera: CameraFit, cues: Cues, circle: Circle, unit: float, c
         seen = camera.residuals_px.get(cues.mark.name, 0.0)
         stated = NOISE_SIGMAS * camera.stated_sigma_px.get(cues.mark.name, 0.0)
         checks.append(_check("mark_distance_px", seen, max(config.max_mark_distance_px * unit, stated)))
-    checks.append(_check("sigma_px", camera.max_sigma_px, config.max_sigma_px * unit))
-    checks.append(_check("sigma_m", camera.max_sigma_m, config.max_sigma_m))
     return checks
 
 

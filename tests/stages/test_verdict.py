@@ -57,7 +57,35 @@ def test_a_good_camera_is_accepted_with_every_check():
     found = verdict(camera_fit())
     assert (found.status, found.code, found.reason, found.stage) == ("calibrated", None, None, None)
     assert all(check.passed for check in found.checks)
-    assert {check.name for check in found.checks} == set(CODES)
+    assert {check.name for check in found.checks} == set(CODES) - WITHOUT_CIRCLE
+
+
+WITHOUT_CIRCLE = {"field_in_front", "marking_residual_px", "rejected_share"}
+NO_FITS = EllipseFits(None, None, None)
+
+
+def test_without_the_circle_lines_and_points_are_judged():
+    given = {"residuals_px": {"side_line_top": 0.4, "kp_3": 0.5}, "reference_m": np.array([4.0, -3.0])}
+    found = verdict(camera_fit(**given), fits=NO_FITS)
+    assert found.status == "calibrated"
+    names = {check.name for check in found.checks}
+    assert names >= WITHOUT_CIRCLE
+    assert not names & {"circle_in_front", "circle_residual_px", "line_residual_px"}
+
+
+@pytest.mark.parametrize(
+    ("changes", "code", "words"),
+    [
+        ({"residuals_px": {"side_line_top": 0.4, "kp_3": 3.0}}, "residual_too_large", "lies 3.00 px rms from"),
+        ({"rejected": ("a", "b", "c", "d")}, "observations_contradict", "57% of the lines"),
+        ({"reference_m": np.array([4.0, 300.0])}, "field_behind_camera", "behind the camera"),
+        ({"max_sigma_px": 300.0}, "too_uncertain", "say where the camera stands (camera.position_m"),
+    ],
+)
+def test_without_the_circle_the_gates_refuse(changes, code, words):
+    found = verdict(camera_fit(**changes), fits=NO_FITS)
+    assert (found.status, found.code) == ("refused", code)
+    assert words in found.reason
 
 
 def position(x, y, z):
