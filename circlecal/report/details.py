@@ -47,6 +47,9 @@ def _facts(record: Mapping[str, Any], row: FrameRow) -> Iterator[tuple[str, str]
     yield from _camera(camera)
     yield "lines", _joined(camera.get("named_lines"))
     yield "left out", _joined(camera.get("rejected_observations"))
+    if row.camera is not None:
+        before = _mapping(_mapping(record.get("rig")).get("alone")).get("code")
+        yield "rig", row.camera + (f", refused alone ({before})" if row.gained else "")
     if row.time_ms is not None:
         yield "time", f"{short(row.time_ms)} ms"
     image = _mapping(record.get("image"))

@@ -22,7 +22,7 @@ from circlecal.report.details import frame_details
 from circlecal.report.drawings import scene_of
 from circlecal.report.figures import Histogram, clock, histogram, short, timelines
 from circlecal.report.pictures import KINDS, PER_FOLDER, Media, PictureSource, write_file, write_media
-from circlecal.report.reading import FrameRow, StoredRun
+from circlecal.report.reading import FrameRow, StoredRun, natural_order
 from circlecal.report.reasons import explain
 
 PAGE_NAME = "index.html"
@@ -149,15 +149,23 @@ def _listing(run: StoredRun, media: list[int]) -> dict[str, Any]:
     columns: dict[str, list[Any]] = {name: [_rounded(getattr(row, name)) for row in run.rows] for name in _COLUMNS}
     columns["code"] = [-1 if row.calibrated else places[row.code or "unknown"] for row in run.rows]
     columns["media"] = list(media)
+    cameras = _cameras(run.rows)
+    columns["camera"] = [cameras.index(row.camera) if row.camera is not None else -1 for row in run.rows]
+    columns["gained"] = [int(row.gained) for row in run.rows]
     videos = list(dict.fromkeys(row.path for row in run.rows if row.time_s is not None))
     columns["video"] = [videos.index(row.path) if row.time_s is not None else -1 for row in run.rows]
     return {
         "codes": [[code, *explain(code, stage[code])] for code in order],
         "videos": [Path(path or "").name for path in videos],
+        "cameras": cameras,
         "perFile": DETAILS_PER_FILE,
         "perFolder": PER_FOLDER,
         "columns": columns,
     }
+
+
+def _cameras(rows: list[FrameRow]) -> list[str]:
+    return sorted({row.camera for row in rows if row.camera is not None}, key=natural_order)
 
 
 def _rounded(value: Any) -> Any:
@@ -184,6 +192,7 @@ def _page(run: StoredRun, options: ReportOptions) -> str:
         reasons=list(_reasons(run.rows)),
         histograms=_histograms(run.rows),
         timelines=timelines(run.rows),
+        cameras=_cameras(run.rows),
         rows=run.rows,
     )
 
@@ -199,6 +208,7 @@ def _summary(rows: list[FrameRow]) -> dict[str, Any]:
         "sigma_m": _median(row.sigma_m for row in calibrated),
         "rms_px": _median(row.rms_px for row in calibrated),
         "time_ms": _median(row.time_ms for row in rows),
+        "gained": sum(row.gained for row in rows),
         "cases": sorted(Counter(row.case for row in calibrated if row.case is not None).items()),
     }
 

@@ -28,7 +28,8 @@ class FrameRow(BaseModel):
     """What the summary and the list of frames need of one record.
 
     ``sigma_px`` and ``sigma_m`` are the largest predicted standard deviations near the circle, ``rms_px`` that of the
-    fitted ellipse's inliers; None where there is none.
+    fitted ellipse's inliers; None where there is none. ``camera`` and ``alone`` (the verdict before) are those of
+    ``circlecal rig``.
     """
 
     model_config = ConfigDict(frozen=True, strict=True, allow_inf_nan=False)
@@ -45,6 +46,13 @@ class FrameRow(BaseModel):
     time_ms: Annotated[float, Field(ge=0)] | None
     path: str | None
     time_s: float | None
+    camera: str | None = None
+    alone: Literal["calibrated", "refused"] | None = None
+
+    @property
+    def gained(self) -> bool:
+        """Whether the frame was refused alone, and accepted with what other frames of its camera know."""
+        return self.calibrated and self.alone == "refused"
 
     @property
     def calibrated(self) -> bool:
@@ -204,6 +212,7 @@ def _row(record: dict[str, Any]) -> FrameRow:
     rejected = record.get("rejected_estimate") or {}
     camera = record.get("camera") or rejected.get("camera") or {}
     source = record.get("source") or {}
+    rig = record.get("rig") or {}
     return FrameRow(
         id=summary.id,
         status=summary.status,  # type: ignore[arg-type]  # checked by the model
@@ -217,6 +226,8 @@ def _row(record: dict[str, Any]) -> FrameRow:
         time_ms=summary.time_ms,
         path=source.get("path"),
         time_s=source.get("time_s"),
+        camera=rig.get("camera"),
+        alone=(rig.get("alone") or {}).get("status"),
     )
 
 

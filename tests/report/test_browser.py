@@ -37,7 +37,7 @@ def report(tmp_path_factory, named, frame_image) -> Path:
     records = [
         named("f1", 9.0, str(picture)),
         named("f2", 2.0, str(picture), case=3),
-        named("f10", 30.0),
+        named("f10", 30.0, rig={"camera": "camera-1", "alone": {"status": "refused", "code": "rotation_free"}}),
         refused("f3"),
         refused("f4", "too_uncertain", "uncertain by 99 px", "verdict"),
         refused(NASTY),
@@ -89,6 +89,8 @@ def test_all_frames_are_there_in_order(page):
         ("case", "3", ["f2"]),
         ("from", "9", ["f1", "f10"]),
         ("to", "2.5", ["f2"]),
+        ("camera", "camera-1", ["f10"]),
+        ("rig", "gained", ["f10"]),
         ("q", "F1", ["f1", "f10"]),
         ("q", "uncertain 99", ["f4"]),
         ("q", "nothing like it", []),

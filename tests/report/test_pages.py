@@ -134,6 +134,16 @@ def test_the_page_tells_of_the_run(tmp_path, named):
     assert "A camera prior (--camera-prior)" in words
 
 
+def test_what_the_rig_gained(tmp_path, named):
+    rig = {"camera": "camera-1", "reason": None, "alone": {"status": "refused", "code": "rotation_free"}}
+    kept = {"camera": None, "reason": "x", "alone": {"status": "refused", "code": "no_field"}}
+    report = written(tmp_path, [named("a", rig=rig), refused("b") | {"rig": kept}, named("c")])
+    columns = listing(report)["columns"]
+    assert (columns["camera"], columns["gained"]) == ([0, -1, -1], [1, 0, 0])
+    assert "1 thanks to other frames" in (report / "index.html").read_text()
+    assert ["rig", "camera-1, refused alone (rotation_free)"] in details(report)[0]["facts"]
+
+
 def test_no_address_leaves_the_folder(tmp_path, named):
     report = written(tmp_path, [named("a"), refused("b")])
     for path in report.rglob("*"):

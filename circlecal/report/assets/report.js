@@ -19,7 +19,7 @@
   const DRAWN = 64;
   const PER_PAGE = 60;
   const SORTS = { id: "id", verdict: "code", reason: "code", case: "case", sigma: "sigma_px", residual: "rms_px", time: "time_ms" };
-  const FIELDS = ["q", "verdict", "reason", "case", "from", "to", "sort", "down"];
+  const FIELDS = ["q", "verdict", "reason", "case", "camera", "rig", "from", "to", "sort", "down"];
   const byNumbers = new Intl.Collator("en", { numeric: true });
 
   let run = null;      // what frames.js holds
@@ -69,6 +69,8 @@
       if (want.verdict && refused(k) !== (want.verdict === "refused")) return false;
       if (want.reason && cell("code", k) !== code) return false;
       if (want.case && String(cell("case", k)) !== want.case) return false;
+      if (want.camera && run.cameras[cell("camera", k)] !== want.camera) return false;
+      if (want.rig && !cell("gained", k)) return false;
       if (range && (k < range[0] || k > range[1])) return false;
       if (limited) {
         const sigma = cell("sigma_px", k);
@@ -113,6 +115,7 @@
     form.reset();
     for (const name of FIELDS) {
       const field = form.elements[name];
+      if (!field) continue;
       if (field.type === "checkbox") field.checked = parts.has(name);
       else field.value = parts.get(name) || "";
     }
