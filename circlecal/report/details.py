@@ -40,7 +40,7 @@ def _facts(record: Mapping[str, Any], row: FrameRow) -> Iterator[tuple[str, str]
         yield "case", _CASES.get(row.case, str(row.case))
     if row.sigma_px is not None:
         metres = "" if row.sigma_m is None else f", {short(row.sigma_m)} m"
-        yield "predicted sigma", f"{short(row.sigma_px)} px{metres} (largest near the circle)"
+        yield "predicted sigma", f"{short(row.sigma_px)} px{metres} (largest)"
     if row.rms_px is not None:
         arc = _number(fit.get("arc_degrees"))
         yield "ellipse", f"{short(row.rms_px)} px rms" + (f" over {arc:.0f}°" if arc is not None else "")

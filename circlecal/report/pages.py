@@ -235,7 +235,7 @@ def _reasons(rows: list[FrameRow]) -> Iterator[dict[str, Any]]:
 
 def _histograms(rows: list[FrameRow]) -> list[tuple[str, str, str, Histogram]]:
     wanted = (
-        ("Predicted sigma", "px", "Largest predicted standard deviation of the field near the circle.", "sigma_px"),
+        ("Predicted sigma", "px", "Largest predicted standard deviation of the field around what is seen.", "sigma_px"),
         ("Residual", "px", "Rms distance of the circle's points from the fitted ellipse.", "rms_px"),
         ("Time", "ms", "Calibration time per frame, all stages; median of all frames.", "time_ms"),
     )

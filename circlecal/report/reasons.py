@@ -89,6 +89,14 @@ _REASONS = {
         "Part of the circle would lie behind the camera.",
         "The ellipse is probably no circle of the field; look at the frame.",
     ),
+    "field_behind_camera": Explanation(
+        "What is seen of the field would lie behind the camera.",
+        "The lines or points were probably named wrongly; look at the frame and its annotation.",
+    ),
+    "observations_contradict": Explanation(
+        "Too many of the lines, arcs and points contradict each other.",
+        "Check the labels of the annotation or detections, and the field's size (--field, field.sizes).",
+    ),
     "mirrored": Explanation(
         "The field would be seen mirrored.", "Check whether the picture is flipped, and the labels of given points."
     ),
