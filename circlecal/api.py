@@ -107,7 +107,9 @@ def calibrate_frame(
     InputError
         The picture, its mask or its keypoints are unusable.
     """
-    picture = read_image(frame.path)
+    picture = _picture(frame)
+    if frame.aspect is not None and config.camera.aspect == 1.0:
+        config = config.model_copy(update={"camera": config.camera.model_copy(update={"aspect": frame.aspect})})
     height, width = picture.shape[:2]
     mask_file = find_mask(frame, mask)
     _log.info("%s: %d x %d, mask: %s", frame.path, width, height, mask_file or "from the picture")
@@ -118,6 +120,14 @@ def calibrate_frame(
         given = observations_beside(keypoints, frame, template, config.sources, (width, height), format_name)
         extra = given if extra is None else joined(extra, given)
     return picture, run(picture, config, mask=classes, extra=extra, frame_id=frame.id, source=str(frame.path))
+
+
+def _picture(frame: Frame) -> NDArray[np.uint8]:
+    if frame.picture is not None:
+        return frame.picture
+    if frame.time_s is not None:
+        raise InputError(f"{frame.path}: the frame at {frame.time_s:.3f} s cannot be decoded; copy or convert it again")
+    return read_image(frame.path)
 
 
 def calibrate_observed(
@@ -207,12 +217,16 @@ class FrameRun:
         picture, calibration = calibrate_frame(frame, self.config, self.mask, self.keypoints, self.format_name)
         if self.exports is not None:
             self.exports.add(calibration, template, circle, frame.path.name)
-        return self._written(calibration, template, picture)
+        return self._written(calibration, template, picture, frame.time_s)
 
     def _written(
-        self, calibration: Calibration, template: FieldTemplate, picture: NDArray[np.uint8] | None
+        self,
+        calibration: Calibration,
+        template: FieldTemplate,
+        picture: NDArray[np.uint8] | None,
+        time_s: float | None = None,
     ) -> dict[str, Any]:
-        record = result_record(calibration, template, digest=self.digest)
+        record = result_record(calibration, template, time_s=time_s, digest=self.digest)
         if self.out is not None:
             write_outputs(picture, calibration, record, self.config, self.out)
         return record

@@ -43,4 +43,5 @@ class Task(Protocol[F_contra]):
 def failed(task: Task[F], frame: F, code: str, reason: str) -> Record:
     """Record of a frame that never reached the pipeline."""
     verdict = Verdict("refused", code, reason, "input")
-    return failed_record(frame.id, task.source(frame), verdict, task.seed, task.digest)
+    time_s = getattr(frame, "time_s", None)  # of a video
+    return failed_record(frame.id, task.source(frame), verdict, task.seed, task.digest, time_s)

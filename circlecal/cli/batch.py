@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from dataclasses import asdict, replace
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -23,11 +24,23 @@ if TYPE_CHECKING:
 
 
 def batch(
-    inputs: options.FrameInputs,
+    inputs: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="INPUT...",
+            help="Pictures, videos, annotations, folders of them, patterns, sequences (x_%04d.png), lists (x.txt).",
+        ),
+    ],
     out: options.Out = Path("circlecal-out"),
     workers: Annotated[
         int | None, typer.Option("--workers", "-w", min=1, help="Worker processes. [default: one per CPU]")
     ] = None,
+    every: Annotated[
+        str | None,
+        typer.Option("--every", metavar="TIME|N", help="Of videos: a frame a TIME, or each N-th. [default: 1s]"),
+    ] = None,
+    start: Annotated[str | None, typer.Option("--start", metavar="TIME", help="Of videos: from here, H:MM:SS.")] = None,
+    end: Annotated[str | None, typer.Option("--end", metavar="TIME", help="Of videos: up to here.")] = None,
     scheduler: Annotated[
         str | None,
         typer.Option("--scheduler", metavar="tcp://HOST:PORT|local:N", help="Run on this Dask cluster instead."),
@@ -61,6 +74,7 @@ def batch(
     from circlecal.cli import console
     from circlecal.errors import InputError
     from circlecal.formats.exports import Exports
+    from circlecal.formats.video import DEFAULT_EVERY, Sampling
 
     console.configure_logging(quiet=quiet, verbose=verbose)
     if scheduler is not None:  # workers have another working folder
@@ -82,17 +96,28 @@ def batch(
         convention.value,
     )
     failures: list[Exception] = []
-    frames = options.chosen_inputs(inputs, run, out, console.reported(failures))
-    if not frames and not failures:
+    frames, videos = options.chosen_frames_and_videos(inputs, run, out, console.reported(failures))
+    if not frames and not videos and not failures:
         named = ", ".join(map(str, inputs))
         raise InputError(f"{named}: no annotations found; give pictures, annotation files or folders of them")
+    sampling = Sampling.parsed(every or DEFAULT_EVERY, start, end)
+    if not videos and (every or start or end):
+        raise InputError("--every, --start and --end choose frames of videos, and no video is given")
     if not restart:
         out = _folder_of_run(out, run.digest, ask=console.can_ask() and not quiet)
     if files:
         run = replace(run, out=out)
+    moments = (frame for video in videos for frame in video.frames(sampling, console.reported(failures)))
     with console.progress_display(quiet=quiet) as show:
         counts = run_batch(
-            frames, run, out, workers=workers or _cpu_count(), scheduler=scheduler, restart=restart, on_progress=show
+            chain(frames, moments),
+            run,
+            out,
+            workers=workers or _cpu_count(),
+            scheduler=scheduler,
+            total=len(frames) + sum(video.expected(sampling) for video in videos),
+            restart=restart,
+            on_progress=show,
         )
     if to:
         _export(Exports(to, out, written_size), run, frames, out)

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from circlecal.config import Config
     from circlecal.formats.images import Frame
     from circlecal.formats.inputs import FrameOfFile
+    from circlecal.formats.video import Video
 
 
 class Convention(StrEnum):
@@ -26,7 +27,9 @@ class Convention(StrEnum):
 
 FrameInputs = Annotated[
     list[Path],
-    typer.Argument(metavar="INPUT...", help="Pictures, annotation files, and folders of one or the other."),
+    typer.Argument(
+        metavar="INPUT...", help="Pictures, annotation files, folders, patterns, sequences (x_%04d.png), lists (x.txt)."
+    ),
 ]
 Keypoints = Annotated[
     Path | None,
@@ -189,8 +192,20 @@ def chosen_inputs(
     Raises
     ------
     InputError
-        Nothing to calibrate, an option that does not fit, or a result that would be written over its source.
+        Nothing to calibrate, a video, an option that does not fit, or a result that would be written over its source.
     """
+    from circlecal.errors import InputError
+    from circlecal.formats.listed import expand_inputs
+
+    paths, videos = expand_inputs(inputs)
+    if videos:
+        raise InputError(f"{videos[0]}: is a video; use circlecal batch, with --every 1s or the like")
+    return _frames_of(paths, run, out, report)
+
+
+def _frames_of(
+    inputs: Sequence[Path], run: FrameRun, out: Path, report: Callable[[Exception], None]
+) -> list[Frame | FrameOfFile]:
     from circlecal.api import field_template
     from circlecal.errors import InputError
     from circlecal.formats.inputs import read_frames, refuse_overwriting, split_inputs
@@ -214,3 +229,29 @@ def chosen_inputs(
     )
     refuse_overwriting(annotated, out)
     return [*frames, *annotated]
+
+
+def chosen_frames_and_videos(
+    inputs: Sequence[Path], run: FrameRun, out: Path, report: Callable[[Exception], None]
+) -> tuple[list[Frame | FrameOfFile], list[Video]]:
+    """As :func:`chosen_inputs`, and the videos among the inputs.
+
+    Raises
+    ------
+    InputError
+        As :func:`chosen_inputs`, or a video that cannot be read.
+    """
+    from circlecal.errors import InputError
+    from circlecal.formats.checked import distinct_names
+    from circlecal.formats.listed import expand_inputs
+    from circlecal.formats.video import Video
+
+    paths, files = expand_inputs(inputs)
+    names = distinct_names([path.stem for path in files])
+    videos = [Video.opened(path, name) for path, name in zip(files, names, strict=True)]
+    for path in (run.mask, run.keypoints):
+        if videos and path is not None and not path.is_dir():
+            raise InputError(f"{path}: is one file for all frames of a video; give a folder of files named like them")
+    if videos and not paths:
+        return [], videos
+    return _frames_of(paths, run, out, report), videos

@@ -9,7 +9,7 @@ import struct
 import zlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -33,12 +33,37 @@ OWN_FOLDERS = ("circlecal-out", "circlecal-debug")
 class Frame:
     """One picture to calibrate: its id, unique in a run, and its file.
 
-    ``mask_stem`` is the path without suffix relative to the folder that was given, where a mask folder has its mask.
+    Attributes
+    ----------
+    id, path : str, Path
+        The name in the results, and the file.
+    mask_stem : str
+        Path without suffix relative to the folder that was given, where a mask folder has its mask; of a frame of a
+        video the id.
+    time_s : float or None
+        Time in the video that the frame is from.
+    picture : (H, W, 3) uint8 or None
+        The decoded frame of a video; None where the file is to be read.
+    aspect : float or None
+        Width of a pixel over its height, where the file says that it is not 1.
     """
 
     id: str
     path: Path
     mask_stem: str
+    time_s: float | None = None
+    picture: NDArray[np.uint8] | None = field(default=None, compare=False, repr=False)
+    aspect: float | None = None
+
+    @property
+    def stem(self) -> str:
+        """Name that a mask or a file of keypoints of this frame has."""
+        return self.path.stem if self.time_s is None else self.id
+
+    @property
+    def label(self) -> str:
+        """What messages call it."""
+        return self.path.name if self.time_s is None else self.id
 
 
 @dataclass(frozen=True, slots=True)

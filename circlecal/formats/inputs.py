@@ -213,10 +213,10 @@ def observations_beside(
     """
     path = _file_for(given, frame)
     name, frames = read_annotations(path, size, format_name)
-    wanted = {frame.id, frame.path.stem}
+    wanted = {frame.id, frame.stem}
     chosen = next((f for f in frames if f.id in wanted), frames[0] if len(frames) == 1 else None)
     if chosen is None:
-        raise InputError(f"{path}: has {len(frames)} frames, none of them {frame.path.stem}")
+        raise InputError(f"{path}: has {len(frames)} frames, none of them {frame.stem}")
     observed = observe(chosen.resized(*size), template, sources, name, str(path))
     for warning in observed.warnings:
         _log.warning("%s", warning)
@@ -226,9 +226,9 @@ def observations_beside(
 def _file_for(given: Path, frame: Frame) -> Path:
     if not given.is_dir():
         return given
-    names = dict.fromkeys((frame.mask_stem, frame.id, frame.path.stem))
+    names = dict.fromkeys((frame.mask_stem, frame.id, frame.stem))
     candidates = [given / f"{name}{suffix}" for name in names for suffix in FILE_SUFFIXES]
     found = next((path for path in candidates if path.is_file()), None)
     if found is None:
-        raise InputError(f"{given}: nothing for {frame.path.name}; looked for {frame.path.stem}.json")
+        raise InputError(f"{given}: nothing for {frame.label}; looked for {frame.stem}.json")
     return found

@@ -75,7 +75,7 @@ def find_mask(frame: Frame, given: Path | None) -> Path | None:
     InputError
         ``given`` does not exist, or is a folder without a mask for this frame.
     """
-    stem = frame.path.stem
+    stem = frame.stem
     if given is None:
         beside = (frame.path.with_name(f"{stem}{MASK_SUFFIX}"), *_in_folder(frame.path.parent / MASK_FOLDER, stem))
         return next((path for path in beside if path.is_file()), None)
@@ -86,7 +86,7 @@ def find_mask(frame: Frame, given: Path | None) -> Path | None:
     names = dict.fromkeys((frame.mask_stem, frame.id, stem))
     found = next((path for name in names for path in _in_folder(given, name) if path.is_file()), None)
     if found is None:
-        raise InputError(f"{given}: no mask for {frame.path.name}; looked for {stem}.png and {stem}{MASK_SUFFIX}")
+        raise InputError(f"{given}: no mask for {frame.label}; looked for {stem}.png and {stem}{MASK_SUFFIX}")
     return found
 
 

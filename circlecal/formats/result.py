@@ -76,13 +76,15 @@ def result_record(
     return finite
 
 
-def failed_record(frame_id: str, source: str, verdict: Verdict, seed: int, digest: str) -> dict[str, Any]:
+def failed_record(
+    frame_id: str, source: str, verdict: Verdict, seed: int, digest: str, time_s: float | None = None
+) -> dict[str, Any]:
     """Record of a frame of a batch that never reached the pipeline, e.g. refused with ``unreadable_input``."""
     return {
         "schema_version": SCHEMA_VERSION,
         "version": __version__,
         "id": frame_id,
-        "source": {"path": source, "time_s": None},
+        "source": {"path": source, "time_s": time_s},
         "image": None,
         **_verdict(verdict),
         "H_image_field": None,

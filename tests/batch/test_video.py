@@ -1,0 +1,118 @@
+"""`circlecal batch` on videos."""
+
+import subprocess
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from videos import numbered_picture, write_video
+
+from circlecal.batch import RESULTS_NAME
+from circlecal.formats.video import _Decoder
+
+from .runs import COMMAND, SURROUNDINGS, records
+
+
+@pytest.fixture
+def match(tmp_path: Path, frame_image: np.ndarray) -> Path:
+    """Three seconds: a field, a cut to something else, the field again."""
+    path = tmp_path / "match.avi"
+    height, width = frame_image.shape[:2]
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 5.0, (width, height))
+    if not writer.isOpened():
+        pytest.skip("this OpenCV writes no MJPG into .avi")
+    for number in range(15):
+        writer.write(numbered_picture(number, width, height) if 5 <= number < 10 else frame_image)
+    writer.release()
+    return path
+
+
+def test_a_match_with_a_cut(run_circlecal, match, tmp_path):
+    out = tmp_path / "out"
+    outcome = run_circlecal("batch", match, "--every", "1s", "--out", out, "--workers", 1, "--files", "--to", "coco")
+    assert outcome.code == 1
+    assert outcome.out.startswith("3 frames: 2 calibrated, 1 refused")
+    found = {record["id"]: record for record in records(out)}
+    assert [found[name]["status"] for name in sorted(found)] == ["calibrated", "refused", "calibrated"]
+    assert [found[name]["source"] for name in sorted(found)] == [
+        {"path": str(match), "time_s": float(time)} for time in range(3)
+    ]
+    names = {path.name for path in out.iterdir()}
+    assert {"match_00-00-02.000.json", "match_00-00-02.000.overlay.jpg", "coco.json"} <= names
+    assert "match_00-00-02.000.jpg" in (out / "coco.json").read_text()
+
+    again = run_circlecal("batch", match, "--every", "1s", "--out", out, "--workers", 1, "--files")
+    assert "3/3 frames" in again.err
+    assert "(3 from before)" in again.err
+    more = run_circlecal("batch", match, "--every", "3", "--start", "1", "--end", "0:02", "--out", out, "--workers", 1)
+    assert more.out.startswith("2 frames: 0 calibrated, 2 refused")
+    assert len(records(out)) == 4
+
+
+def test_masks_of_a_video_are_named_like_its_frames(run_circlecal, match, frame_image, tmp_path):
+    masks, out = tmp_path / "given", tmp_path / "out"
+    masks.mkdir()
+    mask = (frame_image.min(axis=2) > 170).astype(np.uint8) * 255
+    cv2.imwrite(str(masks / "match_00-00-00.000.png"), mask)
+    run_circlecal("batch", match, "--every", "2s", "--out", out, "--workers", 1, "--mask", masks)
+    found = {record["id"]: record for record in records(out)}
+    assert found["match_00-00-00.000"]["status"] == "calibrated"
+    assert "no mask for match_00-00-02.000" in found["match_00-00-02.000"]["reason"]
+    assert found["match_00-00-02.000"]["source"]["time_s"] == 2.0
+    one = run_circlecal("batch", match, "--out", out, "--mask", masks / "match_00-00-00.000.png")
+    assert one.code == 2
+    assert "one file for all frames of a video" in one.err
+
+
+def test_pixels_that_are_not_square(run_circlecal, match, frame_image, tmp_path, monkeypatch):
+    value = _Decoder.value
+    sar = {cv2.CAP_PROP_SAR_NUM: 16.0, cv2.CAP_PROP_SAR_DEN: 15.0}
+    monkeypatch.setattr(_Decoder, "value", lambda self, key: sar.get(key) or value(self, key))
+    run_circlecal("batch", match, "--end", "0.5", "--out", tmp_path / "out", "--workers", 1)
+    [record] = records(tmp_path / "out")
+    camera = record["camera"] or record["rejected_estimate"]["camera"]
+    assert camera["y_focal_length"] / camera["x_focal_length"] == pytest.approx(16 / 15)
+
+
+def test_pictures_and_videos_together(run_circlecal, tmp_path):
+    folder = tmp_path / "day"
+    folder.mkdir()
+    write_video(folder / "a.avi", "MJPG", 50)
+    write_video(folder / "b.avi", "MJPG", 25)
+    cv2.imwrite(str(folder / "c.png"), numbered_picture(0))
+    out = tmp_path / "out"
+    assert run_circlecal("batch", folder, "--out", out, "--workers", 2, "-q").code == 1
+    expected = ["a_00-00-00.000", "a_00-00-01.000", "b_00-00-00.000", "c"]
+    assert sorted(record["id"] for record in records(out)) == expected
+
+
+def test_a_truncated_video_is_one_line_and_the_rest_goes_on(run_circlecal, tmp_path):
+    path = write_video(tmp_path / "a.avi", "MJPG", 200)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    other = write_video(tmp_path / "b.avi", "MJPG", 50)
+    outcome = run_circlecal("batch", path, other, "--out", tmp_path / "out", "--workers", 1)
+    assert outcome.code == 2
+    assert len([line for line in outcome.err.splitlines() if "a.avi: ends at 00:00:0" in line]) == 1
+    assert sum(record["id"].startswith("b_") for record in records(tmp_path / "out")) == 2
+
+
+@pytest.mark.parametrize("content", [b"", b"no video", b"\0\0\0\x18ftypmp42" + bytes(500)])
+def test_no_video_is_one_line(tmp_path, content):
+    path = tmp_path / "match.mp4"
+    path.write_bytes(content)
+    command = [*COMMAND, str(path), "--out", str(tmp_path / "out")]
+    run = subprocess.run(command, capture_output=True, text=True, check=False, env=SURROUNDINGS)
+    assert run.returncode == 2
+    assert len(run.stderr.splitlines()) == 1
+    assert f"{path}: is no video" in run.stderr
+    assert not (tmp_path / "out" / RESULTS_NAME).exists()
+
+
+def test_a_video_in_calibrate_and_choices_without_one(run_circlecal, match, frame_file, tmp_path):
+    outcome = run_circlecal("calibrate", match, "--out", tmp_path / "out")
+    assert outcome.code == 2
+    assert "use circlecal batch" in outcome.err
+    outcome = run_circlecal("batch", frame_file, "--every", "2s", "--out", tmp_path / "out")
+    assert outcome.code == 2
+    assert "no video is given" in outcome.err
