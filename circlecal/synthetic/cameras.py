@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from circlecal.field import Circle, FieldTemplate, load_field
 from circlecal.geometry.homogeneous import Array
 from circlecal.geometry.pinhole import Camera, image_center
-from circlecal.synthetic.surface import FLAT, Surface
+from circlecal.synthetic.surface import FLAT, Surface, seen_pixels
 from circlecal.synthetic.views import CAMERA_PROFILES, VIEWS, CameraProfile, View
 
 FULL_MARGIN_PX = 8.0
@@ -65,6 +65,8 @@ class _Candidates:
                 np.where(seen[..., 2:] > 1e-3, seen[..., :2] / seen[..., 2:], np.nan) * self.focal_px[:, None, None]
             )
         r2 = np.sum(offset**2, axis=-1, keepdims=True) / (self.width / 2.0) ** 2
+        # a barrel lens maps what is far outside back into the picture: not seen
+        offset = np.where(1.0 + 3.0 * self.kappa * r2 > 0.0, offset, np.nan)
         return np.asarray(offset * (1.0 + self.kappa * r2) + image_center(self.width, self.height))
 
     def camera(self, index: int) -> Camera:
@@ -198,13 +200,13 @@ def visible_circle_deg(
 ) -> float:
     """Degrees (0-360) of the outer edge of the default circle that lie inside the frame."""
     angles = np.arange(1440) / 1440 * 2 * np.pi
-    pixels = camera.project(surface.lift(_rim(template, angles)))
+    pixels = seen_pixels(camera, surface.lift(_rim(template, angles)))
     return float(np.mean(inside_frame(pixels, camera.width, camera.height, margin_px)) * 360.0)
 
 
 def halfway_length_px(camera: Camera, template: FieldTemplate, surface: Surface = FLAT) -> float:
     """Length in pixels of the halfway line inside the frame."""
-    pixels = camera.project(surface.lift(_halfway_points(template)))
+    pixels = seen_pixels(camera, surface.lift(_halfway_points(template)))
     return float(_visible_length(pixels, camera.width, camera.height))
 
 

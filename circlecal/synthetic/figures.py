@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from circlecal.geometry.homogeneous import Array
 from circlecal.geometry.pinhole import Camera
+from circlecal.synthetic.goals import draw_goals
 from circlecal.synthetic.rays import Float32
 from circlecal.synthetic.scene import Player, RenderConfig, Scene
-from circlecal.synthetic.surface import Surface
+from circlecal.synthetic.surface import Surface, seen_pixels
 
 _SUPERSAMPLING = 3
 _SHIFT = 4
@@ -21,7 +22,6 @@ _PATCH_MARGIN_PX = 4
 _LARGEST_PATCH_PX = 1400
 _CREASES = 0.07
 _BALL_RADIUS_M = 0.11
-_GOAL_HALF_M, _GOAL_HEIGHT_M, _POST_M = 3.66, 2.44, 0.12
 _REFEREE_BGR = (40.0, 225.0, 225.0)
 
 
@@ -53,7 +53,7 @@ def draw_figures(picture: Float32, scene: Scene, rng: np.random.Generator, light
     ``light`` (H, W) is that on the ground: who stands in the shade is dark.
     """
     hidden = np.zeros(picture.shape[:2], dtype=np.float32)
-    _draw_goals(picture, hidden, scene)
+    draw_goals(picture, hidden, scene)
     if scene.ball_m is not None:
         outline = _BALL_RADIUS_M * np.stack([np.cos(_CIRCLE), np.sin(_CIRCLE) + 1.0], axis=-1)
         ball = [_BodyPart(outline, np.array([225.0, 230.0, 230.0]))]
@@ -202,7 +202,7 @@ def _draw_upright(
     rng: np.random.Generator,
 ) -> None:
     """Draw a flat figure at three times the resolution, average it down and lay it over the picture, in place."""
-    outlines = [camera.project(_upright(part.outline_m, position_m, camera, surface)) for part in parts]
+    outlines = [seen_pixels(camera, _upright(part.outline_m, position_m, camera, surface)) for part in parts]
     corners = np.concatenate(outlines)
     if not np.isfinite(corners).all():
         return
@@ -245,31 +245,6 @@ def _fill_shadow(dark: NDArray[np.uint8], player: Player, cast: Array, camera: C
     )
     for outline in outlines:
         ground = player.position_m + outline[:, :1] * aside + outline[:, 1:] * h * cast
-        pixels = camera.project(surface.lift(ground))
+        pixels = seen_pixels(camera, surface.lift(ground))
         if np.isfinite(pixels).all() and np.abs(pixels).max() < 20000:
             cv2.fillConvexPoly(dark, _hull(pixels * 2**_SHIFT), 255, cv2.LINE_AA, _SHIFT)
-
-
-def _draw_goals(picture: Float32, hidden: Float32, scene: Scene) -> None:
-    """Posts and crossbars on both goal lines of a soccer field."""
-    if scene.template.name != "soccer":
-        return
-    canvas: NDArray[Any] = np.zeros(picture.shape[:2], dtype=np.uint8)
-    for side in (-1.0, 1.0):
-        x = side * (scene.template.length_m / 2 - _POST_M / 2)
-        frame = np.array(
-            [
-                [x, -_GOAL_HALF_M, 0],
-                [x, -_GOAL_HALF_M, -_GOAL_HEIGHT_M],
-                [x, _GOAL_HALF_M, -_GOAL_HEIGHT_M],
-                [x, _GOAL_HALF_M, 0],
-            ]
-        )
-        pixels = scene.camera.project(frame)
-        if np.isfinite(pixels).all() and np.abs(pixels).max() < 20000:
-            thickness = max(1, round(float(_POST_M * scene.camera.focal_px[0] / scene.camera.depth(frame[1]))))
-            cv2.polylines(canvas, [_hull(pixels * 2**_SHIFT)], False, 255, thickness, cv2.LINE_AA, _SHIFT)
-    if canvas.any():
-        alpha = canvas.astype(np.float32) / 255.0
-        picture += alpha[..., None] * (235.0 - picture)
-        np.maximum(hidden, alpha, out=hidden)

@@ -18,6 +18,7 @@ from circlecal.synthetic.cameras import (
     other_markings,
     visible_circle_deg,
 )
+from circlecal.synthetic.decals import Decal, floor_decals, rink_decals
 from circlecal.synthetic.floors import (
     BLACK,
     RED,
@@ -239,7 +240,23 @@ def _other_sport(kind: str, rng: np.random.Generator, size: tuple[int, int]) -> 
         ink = WHITE if kind in ("rugby", "tennis") else (WHITE, WHITE, BLACK, YELLOW, RED)[rng.integers(5)]
         lines = (ExtraPaint(sport.lines(), sport.line_m, ink, float(rng.uniform(0.75, 0.95))),)
     players = _players(camera, template, FLAT, int(rng.integers(2, 12)), rng)
-    return Scene(camera, template, FLAT, config, players, kind=kind, extras=lines, field_painted=kind == "ice_hockey")
+    return Scene(
+        camera,
+        template,
+        FLAT,
+        config,
+        players,
+        kind=kind,
+        extras=lines,
+        decals=_floor_decals(kind, template, rng),
+        field_painted=kind == "ice_hockey",
+    )
+
+
+def _floor_decals(kind: str, template: FieldTemplate, rng: np.random.Generator) -> tuple[Decal, ...]:
+    if kind == "ice_hockey":
+        return rink_decals(template.length_m, rng)
+    return floor_decals(rng) if kind in ("basketball", "handball", "volleyball") else ()
 
 
 def _floor_look(kind: str, sport: _Sport, rng: np.random.Generator, width: int) -> RenderConfig:

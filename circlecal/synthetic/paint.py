@@ -20,7 +20,7 @@ from scipy.special import ndtr
 from circlecal.field import Arc, Circle, FieldTemplate, Line, Mark
 from circlecal.geometry.homogeneous import Array
 from circlecal.geometry.pinhole import Camera
-from circlecal.synthetic.surface import Surface, back_project
+from circlecal.synthetic.surface import Surface, back_project, seen_pixels
 
 # SoccerNet class names by id; 0 is the background
 CLASS_NAMES: tuple[str, ...] = (
@@ -181,7 +181,7 @@ def _pixels_near(
     camera: Camera, surface: Surface, first_m: Array, second_m: Array
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Rows and columns (N,) of the pixels within a few of the strip between two polylines (N, 2)."""
-    first, second = (camera.project(surface.lift(edge)) for edge in (first_m, second_m))
+    first, second = (seen_pixels(camera, surface.lift(edge)) for edge in (first_m, second_m))
     quads = np.stack([first[:-1], first[1:], second[1:], second[:-1]], axis=1)
     size = np.array([camera.width, camera.height])
     with np.errstate(invalid="ignore"):

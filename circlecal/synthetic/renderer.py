@@ -11,6 +11,7 @@ from scipy.special import ndtri
 
 from circlecal.geometry.pinhole import Camera
 from circlecal.synthetic.backdrop import draw_surroundings
+from circlecal.synthetic.decals import draw_decals
 from circlecal.synthetic.delivery import deliver, woven
 from circlecal.synthetic.figures import draw_figures, draw_shadows
 from circlecal.synthetic.graphics import draw_graphics
@@ -65,6 +66,7 @@ def _exposed(scene: Scene, rng: np.random.Generator) -> tuple[NDArray[np.uint8],
     rays = pixel_rays(scene.camera, scene.surface)
     layers = _layers(scene)
     light = draw_ground(rays, config, rng)
+    draw_decals(light, rays, scene.decals)
     _draw_extras(light, scene)
     _draw_paint(light, layers, rays, config, rng)
     shine = light_on_ground(rays, config, rng)

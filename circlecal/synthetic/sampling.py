@@ -11,6 +11,7 @@ from circlecal.field import FieldTemplate, load_field
 from circlecal.geometry.homogeneous import Array
 from circlecal.geometry.pinhole import Camera
 from circlecal.synthetic.cameras import sample_camera
+from circlecal.synthetic.decals import Decal, floor_decals, grass_decals, rink_decals
 from circlecal.synthetic.delivery import stretched
 from circlecal.synthetic.figures import body_extent_px
 from circlecal.synthetic.floors import hall_paint, rink_paint, rugby_paint
@@ -166,6 +167,7 @@ def sample_scene(
         painted,
         delivery,
         extras=_extras(profile, field, rng),
+        decals=_decals(profile, field, rng),
         widths_m={"centre_line": 0.3, "blue_line_left": 0.3, "blue_line_right": 0.3} if profile == "ice" else {},
     )
 
@@ -187,6 +189,14 @@ def _extras(profile: str, template: FieldTemplate, rng: np.random.Generator) -> 
     if profile == "wood":
         return hall_paint(template, rng)
     return rugby_paint(template, rng) if profile == "colours" and rng.random() < _RUGBY_SHARE else ()
+
+
+def _decals(profile: str, template: FieldTemplate, rng: np.random.Generator) -> tuple[Decal, ...]:
+    if profile == "ice":
+        return rink_decals(template.length_m, rng)
+    if profile == "wood":
+        return floor_decals(rng)
+    return grass_decals(template.length_m, rng) if profile == "graphics" else ()
 
 
 def _sample_surface(setting: _Setting, template: FieldTemplate, rng: np.random.Generator) -> Surface:

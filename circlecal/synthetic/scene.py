@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from circlecal.field import Circle, FieldTemplate, Line, Mark
 from circlecal.geometry.homogeneous import Array
 from circlecal.geometry.pinhole import Camera
+from circlecal.synthetic.decals import Decal
 from circlecal.synthetic.surface import Surface
 
 Channel = Annotated[float, Field(ge=0, le=255)]
@@ -215,6 +216,8 @@ class Scene:
         What is shown, in one word, e.g. ``"crowd"``; empty where the profile says all.
     extras : tuple of ExtraPaint
         Paint that belongs to other sports or to none, under the field's own.
+    decals : tuple of Decal
+        Pictures on the ground, under all paint.
     widths_m : dict
         Markings that are not as wide as the others, metres.
     field_painted : bool
@@ -231,6 +234,7 @@ class Scene:
     delivery: Delivery = field(default_factory=Delivery)
     kind: str = ""
     extras: tuple[ExtraPaint, ...] = ()
+    decals: tuple[Decal, ...] = ()
     widths_m: dict[str, float] = field(default_factory=dict)
     field_painted: bool = True
 

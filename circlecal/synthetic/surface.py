@@ -69,6 +69,17 @@ class Surface:
 FLAT = Surface()
 
 
+def seen_pixels(camera: Camera, points_m: ArrayLike) -> Array:
+    """Pixels (..., 2) of field points (..., 2 or 3); nan behind the camera and where a barrel lens would fold back."""
+    pixels = camera.project(points_m, distort=False)
+    if camera.kappa[0] < 0:
+        aspect = np.array([1.0, camera.focal_px[0] / camera.focal_px[1]])
+        r2 = np.sum(((pixels - camera.principal_point_px) * aspect) ** 2, axis=-1) / (camera.width / 2.0) ** 2
+        with np.errstate(invalid="ignore"):
+            pixels = np.where((1.0 + 3.0 * camera.kappa[0] * r2 > 0.0)[..., None], pixels, np.nan)
+    return camera.distort(pixels)
+
+
 def ray_directions(camera: Camera, pixels: ArrayLike) -> Array:
     """Field-frame directions (..., 3) of the rays through distorted pixels (..., 2), with unit depth."""
     undistorted = camera.undistort(pixels)
