@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -35,7 +36,7 @@ class ProfileRow:
     """One profile; errors in pixels at 1920 px width, shares of all its frames.
 
     ``coverage`` is the share of the visible field's points, over all frames, whose true place lies in the reported
-    90 % region.
+    90 % region. ``wrong_kinds`` counts what the wrong frames showed; a frame without a circle is wrong however near.
     """
 
     profile: str
@@ -49,6 +50,7 @@ class ProfileRow:
     coverage: float
     times_decoding: float
     stage_ms: dict[str, float]
+    wrong_kinds: dict[str, int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +60,7 @@ class _FrameRow:
     inside: float | None
     times_decoding: float
     stages: dict[str, float]
+    kind: str = ""
 
 
 def run_profiles(
@@ -91,7 +94,7 @@ def _one_frame(profile: str, seed: int, index: int) -> _FrameRow:
     if found.status != "calibrated" or found.camera is None:
         return _FrameRow(None, None, None, elapsed / decoding, found.timings_ms)
     error, predicted, inside = compare(rendering.truth, found.camera)
-    return _FrameRow(error, predicted, inside, elapsed / decoding, found.timings_ms)
+    return _FrameRow(error, predicted, inside, elapsed / decoding, found.timings_ms, rendering.truth.kind or profile)
 
 
 def profile_config(profile: str, truth: Truth) -> Config:
@@ -109,7 +112,7 @@ def compare(truth: Truth, fit: CameraFit) -> tuple[float, float, float]:
     camera = truth.camera
     surface = Surface(truth.crown_m, truth.crown_shape, truth.crown_reference_m)  # type: ignore[arg-type]
     grid = _visible(truth, surface)
-    if len(grid) == 0:
+    if len(grid) == 0 or truth.visible_circle_deg == 0.0:
         return float("inf"), 0.0, 0.0
     frame = Frame(camera.width, camera.height, fit.crown_shape, truth.crown_reference_m)
     seen = project(fit.theta[None], grid[None], frame)
@@ -157,6 +160,7 @@ def _summary(profile: str, frames: list[_FrameRow]) -> ProfileRow:
         coverage=float(np.mean(inside)) if inside else nan,
         times_decoding=float(np.median([f.times_decoding for f in frames])),
         stage_ms={name: float(np.median([f.stages[name] for f in frames if name in f.stages])) for name in stages},
+        wrong_kinds=dict(Counter(f.kind for f in frames if f.error_px is not None and f.error_px > WRONG_PX)),
     )
 
 

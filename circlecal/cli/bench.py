@@ -98,7 +98,18 @@ def detect(
         return
     _table(
         "Rendered frames, picture alone (mean reprojection error near the circle, px at 1920)",
-        ["profile", "frames", "calibrated", "good", "wrong", "median px", "p90 px", "in 90 % region", "x decoding"],
+        [
+            "profile",
+            "frames",
+            "calibrated",
+            "good",
+            "wrong",
+            "median px",
+            "p90 px",
+            "predicted px",
+            "in 90 % region",
+            "x decoding",
+        ],
         [
             [
                 r.profile,
@@ -108,6 +119,7 @@ def detect(
                 f"{r.wrong:.1%}",
                 _measured(r.median_px, ".2f"),
                 _measured(r.p90_px, ".2f"),
+                _measured(r.predicted_median_px, ".2f"),
                 _measured(r.coverage, ".0%"),
                 f"{r.times_decoding:.1f}",
             ]

@@ -1,10 +1,12 @@
 """The table of the whole chain on rendered frames."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from circlecal.bench.detect import PROFILES, compare, run_profiles
-from circlecal.config import load_config
+from circlecal.bench.detect import PROFILES, compare, profile_config, run_profiles
+from circlecal.config import Config, load_config
 from circlecal.errors import ConfigError
 from circlecal.pipeline import run
 from circlecal.synthetic.sampling import render_frame
@@ -28,6 +30,26 @@ def test_two_profiles():
     assert (negative.calibrated, negative.wrong) == (0.0, 0.0)
     assert np.isnan(negative.median_px)
     assert {"easy", "negative", "hidden_mark"} <= set(PROFILES)
+    assert easy.wrong_kinds == negative.wrong_kinds == {}
+
+
+def test_profiles_run_with_what_a_user_knows():
+    ice = render_frame("ice", np.random.default_rng(1), 640, 360).truth
+    assert profile_config("ice", ice).field.template == "ice-hockey"
+    oblong = next(
+        t
+        for t in (render_frame("archive", np.random.default_rng([2, k])).truth for k in range(12))
+        if t.camera.focal_px[0] != t.camera.focal_px[1]
+    )
+    assert profile_config("archive", oblong).camera.aspect == pytest.approx(oblong.to_json()["pixel_aspect"])
+    assert profile_config("easy", render_frame("easy", np.random.default_rng(3), 640, 360).truth) == Config()
+
+
+def test_a_frame_without_a_circle_is_wrong_however_near():
+    easy = render_frame("easy", np.random.default_rng(3), 1280, 720)
+    found = run(easy.image, Config(), frame_id="easy")
+    error, _, _ = compare(replace(easy.truth, visible_circle_deg=0.0), found.camera)
+    assert error == float("inf")
 
 
 def test_comparison_takes_the_turned_field_for_the_same():
