@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -10,19 +9,21 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from circlecal.bench.chain_time import decoding_ms, timed_run
 from circlecal.camera_fit.model import Frame, project
 from circlecal.camera_fit.uncertainty import field_sigma
 from circlecal.config import Config, load_config
 from circlecal.errors import ConfigError
 from circlecal.field import load_field
 from circlecal.geometry.homogeneous import Array
-from circlecal.pipeline import run
 from circlecal.results import CameraFit
 from circlecal.synthetic.sampling import SCENE_PROFILES, profile_field, render_frame
 from circlecal.synthetic.surface import Surface
 from circlecal.synthetic.truth import Truth
 
 PROFILES = tuple(SCENE_PROFILES)
+RUNS = 3
+"""Times are the best of this many runs on the same frame."""
 GOOD_PX = 5.0
 WRONG_PX = 20.0
 REACH_RADII = 22.0 / 9.15
@@ -48,6 +49,7 @@ class ProfileRow:
     p90_px: float
     predicted_median_px: float
     coverage: float
+    decoding_ms: float
     times_decoding: float
     stage_ms: dict[str, float]
     wrong_kinds: dict[str, int]
@@ -58,7 +60,8 @@ class _FrameRow:
     error_px: float | None
     predicted_px: float | None
     inside: float | None
-    times_decoding: float
+    decoding_ms: float
+    chain_ms: float
     stages: dict[str, float]
     kind: str = ""
 
@@ -85,16 +88,13 @@ def _one_frame(profile: str, seed: int, index: int) -> _FrameRow:
     rng = np.random.default_rng([seed, index, PROFILES.index(profile)])
     rendering = render_frame(profile, rng)  # type: ignore[arg-type]
     encoded = cv2.imencode(".jpg", rendering.image, [cv2.IMWRITE_JPEG_QUALITY, 92])[1]
-    decoding = min(_timed(lambda: cv2.imdecode(encoded, cv2.IMREAD_COLOR)) for _ in range(5))
     image = np.asarray(cv2.imdecode(encoded, cv2.IMREAD_COLOR), dtype=np.uint8)
     config = profile_config(profile, rendering.truth)
-    start = time.perf_counter()
-    found = run(image, config, frame_id=f"{profile}-{index}")
-    elapsed = time.perf_counter() - start
+    found, chain, stages = timed_run(image, config, f"{profile}-{index}", RUNS)
+    times = decoding_ms(np.asarray(encoded), 5), chain, stages
     if found.status != "calibrated" or found.camera is None:
-        return _FrameRow(None, None, None, elapsed / decoding, found.timings_ms)
-    error, predicted, inside = compare(rendering.truth, found.camera)
-    return _FrameRow(error, predicted, inside, elapsed / decoding, found.timings_ms, rendering.truth.kind or profile)
+        return _FrameRow(None, None, None, *times)
+    return _FrameRow(*compare(rendering.truth, found.camera), *times, rendering.truth.kind or profile)
 
 
 def profile_config(profile: str, truth: Truth) -> Config:
@@ -146,7 +146,7 @@ def _summary(profile: str, frames: list[_FrameRow]) -> ProfileRow:
     errors = np.array([f.error_px for f in frames if f.error_px is not None])
     predicted = [f.predicted_px for f in frames if f.predicted_px is not None]
     inside = [f.inside for f in frames if f.inside is not None]
-    stages = sorted({name for f in frames for name in f.stages}, key=lambda n: -len(n))
+    stages = max((f.stages for f in frames), key=len)
     nan = float("nan")
     return ProfileRow(
         profile=profile,
@@ -158,13 +158,8 @@ def _summary(profile: str, frames: list[_FrameRow]) -> ProfileRow:
         p90_px=float(np.percentile(errors, 90)) if len(errors) else nan,
         predicted_median_px=float(np.median(predicted)) if predicted else nan,
         coverage=float(np.mean(inside)) if inside else nan,
-        times_decoding=float(np.median([f.times_decoding for f in frames])),
+        decoding_ms=float(np.median([f.decoding_ms for f in frames])),
+        times_decoding=float(np.median([f.chain_ms / f.decoding_ms for f in frames])),
         stage_ms={name: float(np.median([f.stages[name] for f in frames if name in f.stages])) for name in stages},
         wrong_kinds=dict(Counter(f.kind for f in frames if f.error_px is not None and f.error_px > WRONG_PX)),
     )
-
-
-def _timed(call: Callable[[], object]) -> float:
-    start = time.perf_counter()
-    call()
-    return time.perf_counter() - start

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import isnan
+from math import isnan, nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -82,11 +82,18 @@ def detect(
     count: Annotated[int, typer.Option(min=1, help="Rendered frames per profile.")] = 20,
     seed: Annotated[int, typer.Option(help="Seed of the frames.")] = 0,
     profiles: Annotated[str, typer.Option(help="Profiles separated by commas; all when empty.")] = "",
+    picture: Annotated[
+        Path | None,
+        typer.Option(metavar="JPEG", help="Only time the chain on this frame, e.g. samples/full_circle.jpg."),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
-    """Whole chain on rendered frames: completeness, errors, predicted against true error, time."""
+    """Whole chain on rendered frames: completeness, errors, predicted against true error, time stage by stage."""
     from dataclasses import asdict
 
+    if picture is not None:
+        _time_picture(picture, as_json)
+        return
     from circlecal.bench.detect import PROFILES, run_profiles
     from circlecal.cli.console import counted
 
@@ -125,6 +132,41 @@ def detect(
             ]
             for r in found
         ],
+    )
+    stages = list(dict.fromkeys(name for r in found for name in r.stage_ms))
+    _table(
+        "Median ms of each stage, one thread",
+        ["profile", "decoding", *stages],
+        [
+            [r.profile, f"{r.decoding_ms:.1f}", *(_measured(r.stage_ms.get(n, nan), ".1f") for n in stages)]
+            for r in found
+        ],
+    )
+
+
+def _time_picture(path: Path, as_json: bool) -> None:
+    from dataclasses import asdict
+
+    import numpy as np
+
+    from circlecal.bench.chain_time import time_chain
+    from circlecal.config import Config
+    from circlecal.errors import InputError
+
+    try:
+        encoded = np.fromfile(path, np.uint8)
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}") from error
+    found = time_chain(path.name, encoded, Config())
+    if as_json:
+        _print_json({**asdict(found), "times_decoding": found.times_decoding})
+        return
+    named = {"decoding": found.decoding_ms, "chain": found.chain_ms}
+    steps = {f"detector, {name}": ms for name, ms in found.detector_ms.items()}
+    _table(
+        f"{found.frame}, {found.width}x{found.height}, {found.status}: best of several runs, one thread",
+        ["what", "ms", "x decoding"],
+        [[n, f"{ms:.2f}", f"{ms / found.decoding_ms:.2f}"] for n, ms in {**named, **found.stage_ms, **steps}.items()],
     )
 
 

@@ -1,0 +1,112 @@
+"""How long the chain takes, stage by stage, against decoding the same JPEG: one thread, the best of several runs."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.config import Config
+from circlecal.detection import detect
+from circlecal.errors import InputError
+from circlecal.pipeline import run
+from circlecal.results import Calibration
+
+DECODINGS = 15
+RUNS = 15
+
+
+@dataclass(frozen=True, slots=True)
+class ChainTime:
+    """Milliseconds of decoding, of the chain from the decoded picture to the verdict, of each of its stages, and of the
+    steps of the built-in detector; each the best of its runs.
+    """
+
+    frame: str
+    width: int
+    height: int
+    status: str
+    decoding_ms: float
+    chain_ms: float
+    stage_ms: dict[str, float]
+    detector_ms: dict[str, float]
+
+    @property
+    def times_decoding(self) -> float:
+        """The chain in multiples of decoding."""
+        return self.chain_ms / self.decoding_ms
+
+
+def decoding_ms(encoded: NDArray[np.uint8], decodings: int = DECODINGS) -> float:
+    """Best time of decoding a JPEG."""
+    return min(_ms(lambda: cv2.imdecode(encoded, cv2.IMREAD_COLOR)) for _ in range(decodings))
+
+
+def timed_run(
+    image: NDArray[np.uint8], config: Config, frame_id: str, runs: int = RUNS
+) -> tuple[Calibration, float, dict[str, float]]:
+    """The calibration of a picture, and the best time of several runs: of the whole and of each stage, milliseconds."""
+    found, whole = [], []
+    for _ in range(runs):
+        start = time.perf_counter()
+        found.append(run(image, config, frame_id=frame_id))
+        whole.append((time.perf_counter() - start) * 1e3)
+    return found[0], min(whole), least(calibration.timings_ms for calibration in found)
+
+
+def time_chain(name: str, encoded: NDArray[np.uint8], config: Config, runs: int = RUNS) -> ChainTime:
+    """Time the chain on one JPEG (row 16 of the figures to reach).
+
+    Parameters
+    ----------
+    name : str
+        Name of the frame.
+    encoded : (N,) uint8
+        Contents of the file.
+    config : Config
+        Options of every stage.
+    runs : int
+        How often the chain is run.
+
+    Raises
+    ------
+    InputError
+        Where it is no picture.
+    """
+    cv2.setNumThreads(1)
+    decoded = cv2.imdecode(encoded, cv2.IMREAD_COLOR) if encoded.size else None
+    if decoded is None:
+        raise InputError(f"{name}: not a picture that OpenCV can decode")
+    image = np.asarray(decoded, np.uint8)
+    found, chain_ms, stages = timed_run(image, config, name, runs)
+    detections = (detect(image, config.mask.detector, np.random.default_rng(config.seed)) for _ in range(runs))
+    height, width = image.shape[:2]
+    return ChainTime(
+        frame=name,
+        width=width,
+        height=height,
+        status=found.status,
+        decoding_ms=decoding_ms(encoded),
+        chain_ms=chain_ms,
+        stage_ms=stages,
+        detector_ms=least(detection.timings_ms for detection in detections),
+    )
+
+
+def least(timings: Iterable[dict[str, float]]) -> dict[str, float]:
+    """Smallest time of each step, in the order of the steps."""
+    best: dict[str, float] = {}
+    for row in timings:
+        for name, ms in row.items():
+            best[name] = min(ms, best.get(name, ms))
+    return best
+
+
+def _ms(call: Callable[[], object]) -> float:
+    start = time.perf_counter()
+    call()
+    return (time.perf_counter() - start) * 1e3

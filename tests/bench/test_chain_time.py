@@ -1,0 +1,47 @@
+"""Time of the chain against decoding."""
+
+import cv2
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from circlecal.bench.chain_time import least, time_chain
+from circlecal.cli.app import app
+from circlecal.config import Config
+from circlecal.errors import InputError
+from circlecal.synthetic.sampling import render_frame
+
+
+@pytest.fixture(scope="module")
+def jpeg():
+    rendering = render_frame("easy", np.random.default_rng(3), 960, 540)
+    return np.asarray(cv2.imencode(".jpg", rendering.image)[1])
+
+
+def test_every_stage_and_step_has_its_time(jpeg):
+    found = time_chain("easy", jpeg, Config(), runs=2)
+    assert (found.frame, found.width, found.height, found.status) == ("easy", 960, 540, "calibrated")
+    assert {"mask", "edges", "rays", "ellipse", "cues", "camera", "verdict"} <= set(found.stage_ms)
+    assert {"ridges", "hypotheses"} <= set(found.detector_ms)
+    assert 0 < max(found.stage_ms.values()) <= found.chain_ms
+    assert found.times_decoding == found.chain_ms / found.decoding_ms
+
+
+def test_what_is_no_picture_is_named():
+    for contents in (np.zeros(0, np.uint8), np.arange(40, dtype=np.uint8)):
+        with pytest.raises(InputError, match=r"note\.txt: not a picture"):
+            time_chain("note.txt", contents, Config())
+
+
+def test_least_time_of_each_step():
+    assert least([{"a": 2.0, "b": 5.0}, {"a": 3.0, "b": 1.0, "c": 4.0}]) == {"a": 2.0, "b": 1.0, "c": 4.0}
+    assert least([]) == {}
+
+
+def test_command_prints_one_picture(jpeg, tmp_path):
+    path = tmp_path / "frame.jpg"
+    path.write_bytes(jpeg.tobytes())
+    shown = CliRunner().invoke(app, ["bench", "detect", "--picture", str(path)])
+    assert shown.exit_code == 0
+    assert "frame.jpg, 960x540, calibrated" in shown.output
+    assert "detector, ridges" in shown.output
