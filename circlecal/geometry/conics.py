@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import combinations
+from math import atan2, hypot, inf, pi, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -86,10 +87,7 @@ def normalise_conic(conic: ArrayLike) -> Array:
 
 def is_ellipse(conic: ArrayLike) -> NDArray[np.bool_]:
     """True where ``(..., 3, 3)`` is a real, non-degenerate ellipse."""
-    return _is_normalised_ellipse(normalise_conic(conic))
-
-
-def _is_normalised_ellipse(m: Array) -> NDArray[np.bool_]:
+    m = normalise_conic(conic)
     with np.errstate(over="ignore", invalid="ignore"):
         minor = m[..., 0, 0] * m[..., 1, 1] - m[..., 0, 1] ** 2
         return np.isfinite(m).all(axis=(-2, -1)) & (minor > 0) & (m[..., 0, 0] + m[..., 1, 1] > 0)
@@ -102,17 +100,20 @@ def conic_from_ellipse(ellipse: Ellipse) -> Array:
 
 def ellipse_from_conic(conic: ArrayLike) -> Ellipse | None:
     """Centre, semi-axes and angle of a conic (3, 3), or None where it is no real ellipse."""
-    m = normalise_conic(conic)
-    if not _is_normalised_ellipse(m):
+    m = np.asarray(conic, dtype=np.float64)
+    a, b, c, d, e, f = (float(m[i, j]) for i, j in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)))
+    minor = a * c - b * b
+    if not minor > 0:
         return None
-    center: Array = np.asarray(np.linalg.solve(m[:2, :2], -m[:2, 2]), dtype=np.float64)
-    level = -(m[2, 2] + m[:2, 2] @ center)
-    values, vectors = np.linalg.eigh(m[:2, :2])
-    if level <= 0 or values[0] <= 0:
+    x, y = (b * e - c * d) / minor, (b * d - a * e) / minor
+    sign = 1.0 if a + c > 0 else -1.0
+    level = -sign * (f + d * x + e * y)
+    larger = sign * (a + c) / 2 + hypot((a - c) / 2, b)
+    smaller = minor / larger
+    if not (level > 0 and 0 < smaller < inf):
         return None
-    major = vectors[:, 0]
-    a, b = np.sqrt(level / values)
-    return Ellipse(center, (float(a), float(b)), float(np.arctan2(major[1], major[0]) % np.pi))
+    angle = 0.5 * atan2(-2 * sign * b, sign * (c - a)) if (b or a != c) else 0.0
+    return Ellipse(np.array([x, y]), (sqrt(level / smaller), sqrt(level / larger)), angle % pi)
 
 
 def circle_conic(center: ArrayLike, radius: float) -> Array:
@@ -220,7 +221,8 @@ def _feet(ellipse: Ellipse, points: Array) -> tuple[Array, Array]:
         ex, ey = over_x * tx * tx * tx, over_y * ty * ty * ty
         qx, qy = px - ex, py - ey
         scale = np.hypot(tx * a - ex, ty * b - ey) / np.maximum(np.hypot(qx, qy), 1e-300)
-        ux, uy = np.clip((qx * scale + ex) / a, 0.0, 1.0), np.clip((qy * scale + ey) / b, 0.0, 1.0)
+        ux = np.minimum(np.maximum((qx * scale + ex) / a, 0.0), 1.0)
+        uy = np.minimum(np.maximum((qy * scale + ey) / b, 0.0), 1.0)
         size = np.hypot(ux, uy)
         if not size.all():  # from the centre of a circle all of its points are as far: keep the last one
             ux, uy, size = np.where(size > 0, ux, tx), np.where(size > 0, uy, ty), np.where(size > 0, size, 1.0)
@@ -458,7 +460,7 @@ def refine_conic(
         proposal = proposal / np.linalg.norm(proposal)
         new_state = linearise(proposal)
         if new_state is not None and new_state[2] <= cost:
-            converged = np.linalg.norm(proposal - current) < 1e-15 or cost - new_state[2] <= 1e-9 * cost
+            converged = np.linalg.norm(proposal - current) < 1e-15 or cost - new_state[2] <= 1e-7 * cost
             current, state, damping = proposal, new_state, max(damping * 0.1, 1e-12)
             if converged:
                 break

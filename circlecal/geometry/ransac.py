@@ -25,6 +25,7 @@ BLOCK = 128
 """Hypotheses that are scored together."""
 MOSTLY_EXPLAINED = 0.8
 """Above this share of inliers only samples that are better before any refit are followed (Chum, Matas and Kittler)."""
+NEARLY_ALL = 0.95
 FIRST_BATCH = 48
 """Hypotheses before the first look at the share of inliers."""
 SAFETY = 3.0
@@ -153,19 +154,23 @@ def _samples_needed(best: RobustConic | None, most: int, confidence: float) -> i
 
 
 def _best_refit(conics: Array, points: Array, threshold: Array, method: str) -> RobustConic:
-    """Best of conics (K, 3, 3) after local refits, in the points' frame."""
-    refined, costs = _refit(conics, points, threshold, method)
+    """Best of conics (K, 3, 3) after local refits (none where it explains nearly all points), in the points' frame."""
+    costs = msac_costs(conics, points, threshold)
+    inliers = np.abs(sampson_distance(conics[np.argmin(costs)], points)) < threshold
+    if inliers.mean() > NEARLY_ALL:
+        return RobustConic(conics[np.argmin(costs)], inliers, float(costs.min()), 0)
+    refined, costs = _refit(conics, costs, points, threshold, method)
     conic = refined[np.argmin(costs)]
     inliers = np.abs(sampson_distance(conic, points)) < threshold
     return RobustConic(conic, inliers, float(costs.min()), 0)
 
 
-def _refit(conics: Array, points: Array, threshold: Array, method: str) -> tuple[Array, Array]:
-    """Refit all conics (K, 3, 3) together to their own inliers, from twice the threshold inwards; and their costs (K,).
+def _refit(conics: Array, costs: Array, points: Array, threshold: Array, method: str) -> tuple[Array, Array]:
+    """Conics (K, 3, 3) refitted together to their own inliers, from twice the threshold inwards, and their costs (K,).
 
-    A refit is kept only where it costs less.
+    A refit is kept only where it costs less than before (``costs``, (K,)).
     """
-    current, costs = conics, msac_costs(conics, points, threshold)
+    current = conics
     for scale in np.linspace(2.0, 1.0, LOCAL_ROUNDS):
         distance = sampson_distance(current, points) / (scale * threshold)
         weights = np.clip(1.0 - distance**2, 0.0, None)
