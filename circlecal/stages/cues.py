@@ -299,14 +299,18 @@ def _chord(conic: Array, line: Array) -> Array | None:
 
 def _clipped(start: Array, end: Array, width: int, height: int, margin: float = 2.0) -> tuple[Array, Array] | None:
     """The part of a segment inside the picture, or None."""
-    low, high = np.array([margin, margin]), np.array([width - 1 - margin, height - 1 - margin])
-    direction = end - start
-    with np.errstate(divide="ignore", invalid="ignore"):
-        t = np.stack([(low - start) / direction, (high - start) / direction])
-    t0, t1 = np.nanmax(np.r_[0.0, np.min(t, axis=0)]), np.nanmin(np.r_[1.0, np.max(t, axis=0)])
-    if not t0 < t1:
+    first, last = 0.0, 1.0
+    for at, step, size in zip(start.tolist(), (end - start).tolist(), (width, height), strict=True):
+        low, high = margin - at, size - 1 - margin - at
+        if step == 0:
+            if not low <= 0 <= high:
+                return None
+        else:
+            enter, leave = sorted((low / step, high / step))
+            first, last = max(first, enter), min(last, leave)
+    if not first < last:
         return None
-    return start + t0 * direction, start + t1 * direction
+    return start + first * (end - start), start + last * (end - start)
 
 
 def _centre_mark(
