@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -95,6 +96,14 @@ def time_chain(name: str, encoded: NDArray[np.uint8], config: Config, runs: int 
         stage_ms=stages,
         detector_ms=least(detection.timings_ms for detection in detections),
     )
+
+
+def time_file(path: Path, config: Config) -> ChainTime:
+    """:func:`time_chain` of a file."""
+    try:
+        return time_chain(path.name, np.frombuffer(path.read_bytes(), np.uint8), config)
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}") from error
 
 
 def least(timings: Iterable[dict[str, float]]) -> dict[str, float]:

@@ -147,17 +147,10 @@ def detect(
 def _time_picture(path: Path, as_json: bool) -> None:
     from dataclasses import asdict
 
-    import numpy as np
-
-    from circlecal.bench.chain_time import time_chain
+    from circlecal.bench.chain_time import time_file
     from circlecal.config import Config
-    from circlecal.errors import InputError
 
-    try:
-        encoded = np.fromfile(path, np.uint8)
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror}") from error
-    found = time_chain(path.name, encoded, Config())
+    found = time_file(path, Config())
     if as_json:
         _print_json({**asdict(found), "times_decoding": found.times_decoding})
         return

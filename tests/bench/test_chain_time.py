@@ -1,11 +1,13 @@
 """Time of the chain against decoding."""
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from circlecal.bench.chain_time import least, time_chain
+from circlecal.bench.chain_time import least, time_chain, time_file
 from circlecal.cli.app import app
 from circlecal.config import Config
 from circlecal.errors import InputError
@@ -31,6 +33,8 @@ def test_what_is_no_picture_is_named():
     for contents in (np.zeros(0, np.uint8), np.arange(40, dtype=np.uint8)):
         with pytest.raises(InputError, match=r"note\.txt: not a picture"):
             time_chain("note.txt", contents, Config())
+    with pytest.raises(InputError, match=r"away\.jpg: No such file"):
+        time_file(Path("away.jpg"), Config())
 
 
 def test_least_time_of_each_step():
