@@ -39,6 +39,10 @@ class SourcesConfig(BaseModel):
     )
     labelme_sigma_px: float = Field(1.5, gt=0, le=100, description="LabelMe annotations, pixels at 1920 px width.")
 
+    gamestate_sigma_px: float = Field(
+        1.5, gt=0, le=100, description="Lines of SoccerNet game states, pixels at 1920 px width."
+    )
+
     halfway_ends: bool = Field(
         False,
         description="Whether a halfway line of a SoccerNet annotation that ends inside the picture ends there on the "

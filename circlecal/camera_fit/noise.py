@@ -21,4 +21,5 @@ def inflated(problem: Problem, state: State) -> tuple[CurvePoints, float]:
             continue
         scatter = np.sqrt(np.mean(residual**2) * len(residual) / max(len(residual) - 3.0, 1.0))
         factor[index] = max(1.0, scatter) * np.sqrt(correlation_factor(residual))
-    return curves.with_sigma(curves.sigma_px * factor), float(np.sqrt(np.mean(factor**2)))
+    scale = float(np.sqrt(np.mean(factor**2))) if len(factor) else 1.0
+    return curves.with_sigma(curves.sigma_px * factor), scale

@@ -14,6 +14,8 @@ from circlecal.errors import InputError
 MAX_BYTES = 256 * 1024 * 1024
 MAX_POINTS = 10_000
 """More points in one shape than anybody clicks or detects; the limit keeps a broken file from filling the memory."""
+MAX_SHAPES = 2_000
+"""The same for the shapes of one frame."""
 MAX_SIDE = 65_535
 _NOT_IN_NAMES = frozenset('<>:"|?*')
 _LONGEST_NAME = 150
@@ -21,7 +23,7 @@ _LONGEST_NAME = 150
 Model = TypeVar("Model", bound=BaseModel)
 Size = tuple[int, int]
 Bounded = Annotated[float, Field(ge=-1e6, le=1e6)]
-"""An angle in degrees, a position in metres, a coefficient: more is damage."""
+"""An angle in degrees, a position in metres, a pixel, a coefficient: more is damage."""
 Focal = Annotated[float, Field(gt=0, le=1e7)]
 Side = Annotated[int, Field(gt=1, le=MAX_SIDE)]
 

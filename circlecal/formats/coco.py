@@ -19,7 +19,17 @@ from pydantic import Field
 
 from circlecal.errors import InputError
 from circlecal.formats.annotated import AnnotatedFrame, Shape
-from circlecal.formats.checked import MAX_POINTS, Checked, Side, Size, checked, distinct_names, require_size, stem_of
+from circlecal.formats.checked import (
+    MAX_POINTS,
+    Bounded,
+    Checked,
+    Side,
+    Size,
+    checked,
+    distinct_names,
+    require_size,
+    stem_of,
+)
 from circlecal.geometry.homogeneous import Array
 
 POINTS_CATEGORY = "field"
@@ -38,7 +48,7 @@ class _Image(Checked):
     height: Side | None = None
 
 
-_Numbers = Annotated[list[float], Field(max_length=3 * MAX_POINTS)]
+_Numbers = Annotated[list[Bounded], Field(max_length=3 * MAX_POINTS)]
 
 
 class _Annotation(Checked):

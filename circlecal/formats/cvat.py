@@ -23,6 +23,7 @@ from circlecal.formats.checked import MAX_POINTS, MAX_SIDE, Size, distinct_names
 from circlecal.geometry.homogeneous import Array
 
 _CORNER = 0.5
+_LARGEST = 1e6
 _LEFT_OUT = ("box", "mask", "cuboid")
 
 
@@ -101,8 +102,8 @@ def _points(text: str, where: str) -> Array:
         values = [[float(value) for value in pair] for pair in pairs]
     except ValueError as error:
         raise InputError(f"{where}: {error}") from error
-    if any(len(pair) != 2 or not all(map(math.isfinite, pair)) for pair in values):
-        raise InputError(f"{where}: must be finite pairs x,y with ; between them")
+    if any(len(pair) != 2 or not all(abs(value) <= _LARGEST for value in pair) for pair in values):
+        raise InputError(f"{where}: must be pairs x,y of at most {_LARGEST:g} with ; between them")
     return np.array(values, dtype=np.float64).reshape(-1, 2)
 
 
@@ -121,8 +122,8 @@ def _number(element: ElementTree.Element, key: str, where: str) -> float:
         value = float(text)
     except ValueError as error:
         raise InputError(f"{where}: {key}: {text!r} is no number") from error
-    if not math.isfinite(value):
-        raise InputError(f"{where}: {key}: {text!r} is not finite")
+    if not abs(value) <= _LARGEST:
+        raise InputError(f"{where}: {key}: {text!r} is not finite, or far too large")
     return value
 
 

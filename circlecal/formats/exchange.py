@@ -8,20 +8,31 @@ from pathlib import Path
 
 from circlecal.errors import InputError
 from circlecal.field import FieldTemplate
-from circlecal.formats import broadtrack, coco, cvat, labelme, labelstudio, pnlcalib, soccernet, tvcalib, worldcup
+from circlecal.formats import (
+    broadtrack,
+    coco,
+    cvat,
+    gamestate,
+    labelme,
+    labelstudio,
+    pnlcalib,
+    soccernet,
+    tvcalib,
+    worldcup,
+)
 from circlecal.formats.annotated import AnnotatedFrame, ObservedFrame
 from circlecal.formats.atomic import write_atomic
 from circlecal.formats.calibrated import CalibratedFrame, calibrated_frame, centred_camera
 from circlecal.formats.cameras import CameraFrame
-from circlecal.formats.checked import Size, distinct_names, read_content
+from circlecal.formats.checked import MAX_SHAPES, Size, distinct_names, read_content
 from circlecal.formats.images import PICTURE_SUFFIXES, picture_header
 from circlecal.formats.observing import observe
 from circlecal.formats.result import read_result
-from circlecal.formats.sniff import ANNOTATION_FORMATS, CAMERA_FORMATS, Kind, kind_of, recognise
+from circlecal.formats.sniff import ANNOTATION_FORMATS, CAMERA_FORMATS, READ_ONLY, Kind, kind_of, recognise
 from circlecal.geometry.pinhole import Camera, camera_from_homography
 from circlecal.sources import SourcesConfig
 
-TARGETS = tuple(name for name in dict.fromkeys((*CAMERA_FORMATS, *ANNOTATION_FORMATS)) if name != "extremities")
+TARGETS = tuple(name for name in dict.fromkeys((*CAMERA_FORMATS, *ANNOTATION_FORMATS)) if name not in READ_ONLY)
 """Formats that a calibration can be written in."""
 _HEADER_BYTES = 1 << 20
 
@@ -60,7 +71,13 @@ def read_annotations(path: Path, size: Size | None = None, name: str | None = No
     found, kind, content = format_of(path, name)
     if kind != "annotation":
         raise InputError(f"{path}: is a {found} {kind}, not an annotation; nothing to calibrate in it")
-    return found, _annotated(path, content, found, size)
+    frames = _annotated(path, content, found, size)
+    crowded = next((frame for frame in frames if len(frame.shapes) > MAX_SHAPES), None)
+    if crowded is not None:
+        raise InputError(
+            f"{path}: {crowded.id}: has {len(crowded.shapes)} shapes; at most {MAX_SHAPES} are read of one frame"
+        )
+    return found, frames
 
 
 def _annotated(path: Path, content: bytes, name: str, size: Size | None) -> list[AnnotatedFrame]:
@@ -69,6 +86,8 @@ def _annotated(path: Path, content: bytes, name: str, size: Size | None) -> list
             return coco.read_dataset(path, content, size)
         case "cvat":
             return cvat.read_annotations(path, content, size)
+        case "gamestate":
+            return gamestate.read_labels(path, content, size)
         case "labelstudio":
             return labelstudio.read_tasks(path, content, size)
         case "labelme":
@@ -261,7 +280,7 @@ def convert(
     cameras: list[CameraFrame] = []
     for path in paths:
         name, kind, _ = format_of(path, source)
-        if kind == "annotation" and target in ANNOTATION_FORMATS:
+        if kind == "annotation" and target in ANNOTATION_FORMATS and target != "gamestate":
             annotations += read_annotations(path, size, name)[1]
         elif kind == "camera" and target in CAMERA_FORMATS:
             cameras += [_converted(path, frame, target, template) for frame in read_cameras(path, size, name)]
@@ -314,8 +333,9 @@ def _write_new(
 
 
 def _pairs() -> str:
+    annotations = ", ".join(name for name in ANNOTATION_FORMATS if name != "gamestate")
     return (
-        f"annotations go to and from {', '.join(ANNOTATION_FORMATS)}, cameras to and from {', '.join(CAMERA_FORMATS)}, "
+        f"annotations go to and from {annotations}, cameras to and from {', '.join(CAMERA_FORMATS)}, "
         "and pictures or annotations become cameras with circlecal calibrate --to"
     )
 

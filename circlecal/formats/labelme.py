@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field
 
 from circlecal.formats.annotated import AnnotatedFrame, Shape, ShapeKind
-from circlecal.formats.checked import MAX_POINTS, Checked, Side, Size, checked, require_size
+from circlecal.formats.checked import MAX_POINTS, Bounded, Checked, Side, Size, checked, require_size
 
 _CORNER = 0.5
 _VERSION = "5.5.0"
@@ -30,7 +30,7 @@ _KINDS: dict[str, ShapeKind] = {
 class _Shape(Checked):
     label: str
     shape_type: str = "polygon"
-    points: Annotated[list[Annotated[list[float], Field(min_length=2, max_length=2)]], Field(max_length=MAX_POINTS)]
+    points: Annotated[list[Annotated[list[Bounded], Field(min_length=2, max_length=2)]], Field(max_length=MAX_POINTS)]
 
 
 class _File(Checked):

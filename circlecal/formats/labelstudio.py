@@ -19,6 +19,7 @@ from pydantic import Field, RootModel
 from circlecal.formats.annotated import AnnotatedFrame, Shape, ShapeKind
 from circlecal.formats.checked import (
     MAX_POINTS,
+    Bounded,
     Checked,
     Side,
     Size,
@@ -31,7 +32,7 @@ from circlecal.formats.checked import (
 from circlecal.geometry.homogeneous import Array
 
 _CORNER = 0.5
-_Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
+_Pair = Annotated[list[Bounded], Field(min_length=2, max_length=2)]
 
 
 class _Result(Checked):
@@ -56,13 +57,13 @@ class _Tasks(RootModel[list[_Task]]):
 
 
 class _Point(Checked):
-    x: float
-    y: float
+    x: Bounded
+    y: Bounded
 
 
 class _Ellipse(_Point):
-    radiusX: Annotated[float, Field(gt=0)]  # noqa: N815 - the file's own name
-    radiusY: Annotated[float, Field(gt=0)]  # noqa: N815
+    radiusX: Annotated[Bounded, Field(gt=0)]  # noqa: N815 - the file's own name
+    radiusY: Annotated[Bounded, Field(gt=0)]  # noqa: N815
     rotation: float = 0.0
 
 

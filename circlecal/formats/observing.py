@@ -64,7 +64,7 @@ def observe(
         elif len(shape.points_px) and not _computed_from_lines(shape, computed):
             reading.take(shape)
     observations = reading.observations(frame.width, frame.height)
-    if sources.halfway_ends and source == "soccernet":
+    if sources.halfway_ends and source in ("soccernet", "gamestate"):
         observations = with_halfway_ends(observations, template)
     warnings = (*frame.warnings, *reading.warnings)
     return ObservedFrame(frame.id, frame.width, frame.height, observations, frame.image, warnings, frame.original)

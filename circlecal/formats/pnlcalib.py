@@ -30,7 +30,7 @@ from circlecal.errors import InputError
 from circlecal.field import FieldTemplate
 from circlecal.formats.annotated import AnnotatedFrame, Shape
 from circlecal.formats.calibrated import CalibratedFrame
-from circlecal.formats.checked import Checked, Size, checked, require_size
+from circlecal.formats.checked import Bounded, Checked, Size, checked, require_size
 from circlecal.formats.soccernet import FLAT_PITCH, LINE_CLASSES
 from circlecal.geometry.homogeneous import Array
 
@@ -49,17 +49,17 @@ LABEL = "kp_"
 
 
 class _Keypoint(Checked):
-    x: float
-    y: float
+    x: Bounded
+    y: Bounded
     p: Annotated[float, Field(ge=0, le=1.001)] = 1.0
 
 
 class _Line(Checked):
-    x_1: float
-    y_1: float
+    x_1: Bounded
+    y_1: Bounded
     p_1: Annotated[float, Field(ge=0, le=1.001)] = 1.0
-    x_2: float
-    y_2: float
+    x_2: Bounded
+    y_2: Bounded
     p_2: Annotated[float, Field(ge=0, le=1.001)] = 1.0
 
 

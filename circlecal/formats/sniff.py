@@ -10,7 +10,9 @@ from circlecal.errors import InputError
 from circlecal.formats.checked import parsed_json
 
 Kind = Literal["annotation", "camera", "result"]
-ANNOTATION_FORMATS = ("soccernet", "extremities", "pnlcalib", "coco", "cvat", "labelstudio", "labelme")
+ANNOTATION_FORMATS = ("soccernet", "extremities", "pnlcalib", "coco", "cvat", "labelstudio", "labelme", "gamestate")
+READ_ONLY = ("extremities", "gamestate")
+"""Annotations that no calibration is written in."""
 CAMERA_FORMATS = ("soccernet", "broadtrack", "tvcalib", "worldcup")
 RESULT_FORMAT = "circlecal"
 _EXTREMITIES_PREFIX = "extremities_"
@@ -70,6 +72,7 @@ def _recognise_mapping(path: Path, value: dict[str, Any]) -> tuple[str, Kind]:
         (keys >= {"schema_version", "status", "image"}, (RESULT_FORMAT, "result")),
         ("image_ids" in keys, ("tvcalib", "camera")),
         (keys >= _CAMERA_KEYS, ("soccernet", "camera")),
+        (_is_gamestate(value), ("gamestate", "annotation")),
         (keys >= {"images", "annotations"}, ("coco", "annotation")),
         ("shapes" in keys, ("labelme", "annotation")),
         (isinstance(value.get("kp"), dict), ("pnlcalib", "annotation")),
@@ -82,6 +85,15 @@ def _recognise_mapping(path: Path, value: dict[str, Any]) -> tuple[str, Kind]:
         lines = path.name.startswith(_EXTREMITIES_PREFIX)
         return ("extremities" if lines else "soccernet"), "annotation"
     raise _unknown(path, f"its keys are {', '.join(map(repr, list(keys)[:5]))}")
+
+
+def _is_gamestate(value: dict[str, Any]) -> bool:
+    """Lines of a pitch among the annotations, or, where no frame has any, images known by ``image_id``."""
+    images, annotations = value.get("images"), value.get("annotations")
+    if not isinstance(images, list) or not isinstance(annotations, list):
+        return False
+    pitches = any(isinstance(a, dict) and a.get("supercategory") == "pitch" for a in annotations)
+    return pitches or any(isinstance(image, dict) and "image_id" in image and "id" not in image for image in images)
 
 
 def _unknown(path: Path, found: str) -> InputError:

@@ -65,8 +65,8 @@ FLAT_PITCH = (105.0, 68.0)
 
 
 class _Point(Checked):
-    x: float
-    y: float
+    x: Bounded
+    y: Bounded
 
 
 class _Annotation(RootModel[dict[str, Annotated[list[_Point], Field(max_length=MAX_POINTS)]]]):
