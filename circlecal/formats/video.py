@@ -11,7 +11,7 @@ import contextlib
 import math
 import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -174,6 +174,22 @@ class Video:
             stated = frame_id("", self.duration_s)[1:].replace("-", ":")
             reached = frame_id("", max(last, 0.0))[1:].replace("-", ":")
             on_error(InputError(f"{self.path}: ends at {reached}, not at {stated} as it says; copy it again"))
+
+
+def pictures_at(path: Path, times_s: Iterable[float]) -> Iterator[NDArray[np.uint8] | None]:
+    """Pictures (H, W, 3) of frames whose times, in growing order, :meth:`Video.frames` told; None for one that is not
+    there.
+
+    Raises
+    ------
+    InputError
+        Missing, or no video.
+    """
+    with _Decoder(path) as decoder:
+        for time_s in times_s:
+            found = decoder.forward_to(time_s)
+            there = found is not None and found - time_s <= 0.5 / decoder.rate
+            yield decoder.picture() if there else None
 
 
 class _Decoder:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -18,16 +19,19 @@ import numpy as np
 from circlecal import __version__
 from circlecal.api import prepare_folder
 from circlecal.errors import InputError
+from circlecal.overlay.canvas import Picture
 from circlecal.report.details import frame_details
 from circlecal.report.drawings import scene_of
 from circlecal.report.figures import Histogram, clock, histogram, short, timelines
-from circlecal.report.pictures import KINDS, PER_FOLDER, Media, PictureSource, write_file, write_media
+from circlecal.report.originals import Originals
+from circlecal.report.pictures import KINDS, PER_FOLDER, Media, write_file, write_media
 from circlecal.report.reading import FrameRow, StoredRun, natural_order
 from circlecal.report.reasons import explain
 
 PAGE_NAME = "index.html"
 MARKER = '<meta name="generator" content="circlecal report'
 DETAILS_PER_FILE = 50
+_CODE = re.compile(r"circlecal (?!not)[a-z]+|--[a-z-]+(?: FOLDER)?|\b[a-z]+\.[a-z_]+(?:=\w+|\.\w+)?|\b[a-z]+\.\*")
 _ASSETS = ("report.css", "report.js")
 _COLUMNS = ("id", "stage", "reason", "case", "sigma_px", "sigma_m", "rms_px", "time_ms", "time_s")
 
@@ -89,22 +93,16 @@ def write_report(
     if options.frames is not None and not options.frames.is_dir():
         raise InputError(f"{options.frames}: no such folder; give the one that the frames' pictures lie in")
     out = _emptied(run.folder / "report" if out is None else out)
-    source = PictureSource(run.folder, options.frames, options.width)
     media: list[int] = []
-    blocks = [
-        range(start, min(start + DETAILS_PER_FILE, len(run.rows)))
-        for start in range(0, len(run.rows), DETAILS_PER_FILE)
-    ]
-    with ThreadPoolExecutor(max_workers=os.cpu_count() or 1) as pool:
-        for number, block in enumerate(blocks):
-            details = []
-            for index, (written, facts) in zip(
-                block, pool.map(lambda k: _frame(run, k, out, source), block), strict=True
-            ):
-                media.append(int(written))
-                details.append(facts)
-                on_frame(run.rows[index].id)
-            write_file(out / "details" / f"{number:05d}.js", _script(f"circlecalDetails({number},", details, ")"))
+    details: list[dict[str, Any]] = []
+    for row, (written, told) in zip(run.rows, _frames(run, out, options), strict=True):
+        media.append(int(written))
+        details.append(told)
+        on_frame(row.id)
+        if len(details) == DETAILS_PER_FILE or len(media) == len(run.rows):
+            block = (len(media) - 1) // DETAILS_PER_FILE
+            write_file(out / "details" / f"{block:05d}.js", _script(f"circlecalDetails({block},", details, ")"))
+            details.clear()
     write_file(out / "frames.js", _script("circlecalFrames(", _listing(run, media), ")"))
     for name in _ASSETS:
         write_file(out / name, resources.files("circlecal.report").joinpath("assets", name).read_bytes())
@@ -127,10 +125,27 @@ def _emptied(out: Path) -> Path:
     return out
 
 
-def _frame(run: StoredRun, index: int, out: Path, source: PictureSource) -> tuple[Media, dict[str, Any]]:
-    row = run.rows[index]
-    record = run.record(row)
-    return write_media(out, index, row, scene_of(record), source), frame_details(record, row)
+def _frames(run: StoredRun, out: Path, options: ReportOptions) -> Iterator[tuple[Media, dict[str, Any]]]:
+    """Write the files of every frame, in order: videos decoded here, one frame after the other, the rest in threads."""
+    originals = Originals(run.folder, options.frames)
+    workers = os.cpu_count() or 1
+    waiting: deque[Future[tuple[Media, dict[str, Any]]]] = deque()
+
+    def write(index: int, decoded: Picture | None) -> tuple[Media, dict[str, Any]]:
+        row = run.rows[index]
+        record = run.record(row)
+        scene = scene_of(record)
+        picture, drawn = originals.picture(row, decoded, None if scene is None else (scene.width, scene.height))
+        written = write_media(out, index, scene, picture, drawn=drawn, width=options.width)
+        return written, frame_details(record, row)
+
+    with ThreadPoolExecutor(workers) as pool:
+        for index, decoded in enumerate(originals.decoded(run.rows)):
+            waiting.append(pool.submit(write, index, decoded))
+            if len(waiting) > 2 * workers:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
 
 
 def _script(before: str, content: Any, after: str) -> bytes:
@@ -182,7 +197,7 @@ def _page(run: StoredRun, options: ReportOptions) -> str:
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
     )
-    environment.filters.update(short=short, clock=clock, thousands=lambda n: f"{n:,}".replace(",", " "))
+    environment.filters.update(short=short, clock=clock, thousands=_thousands, coded=_coded)
     template = environment.get_template("index.html.j2")
     return template.render(
         title=options.title or run.folder.resolve().name,
@@ -195,6 +210,17 @@ def _page(run: StoredRun, options: ReportOptions) -> str:
         cameras=_cameras(run.rows),
         rows=run.rows,
     )
+
+
+def _thousands(count: int) -> str:
+    return f"{count:,}".replace(",", "\N{NO-BREAK SPACE}")
+
+
+def _coded(text: str) -> str:
+    """Escaped text with commands, options and settings set as code."""
+    import markupsafe
+
+    return markupsafe.Markup(_CODE.sub(r"<code>\g<0></code>", str(markupsafe.escape(text))))
 
 
 def _summary(rows: list[FrameRow]) -> dict[str, Any]:

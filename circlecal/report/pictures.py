@@ -1,32 +1,23 @@
-"""Pictures of the report: the frame, its thumbnail and its radar, from the frame's file or what the run wrote."""
+"""Files of one frame in the report: the picture, its thumbnail, its radar, and the drawings over them."""
 
 from __future__ import annotations
 
-import logging
-from dataclasses import dataclass
 from enum import IntFlag
 from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from circlecal.errors import InputError
 from circlecal.formats.atomic import write_error
-from circlecal.formats.images import OVERLAY_SUFFIX, PICTURE_SUFFIXES, read_image
+from circlecal.overlay.canvas import Picture
 from circlecal.overlay.radar import warp_to_field
 from circlecal.report.drawings import Scene, draw_on_thumbnail, plan_layer, points_layer, template_layer
-from circlecal.report.reading import FrameRow
-
-Picture = NDArray[np.uint8]
 
 THUMBNAIL_WIDTH = 320
 PER_FOLDER = 1000
 """Files of one kind in one folder."""
 _RADAR_PX_PER_M = 5.0
 _QUALITY = 82
-
-_log = logging.getLogger(__name__)
 
 
 class Media(IntFlag):
@@ -53,62 +44,27 @@ KINDS = {
 """Folder and suffix of each kind of file."""
 
 
-@dataclass(frozen=True, slots=True)
-class PictureSource:
-    """Where the frames' pictures are looked for.
-
-    Attributes
-    ----------
-    results : path
-        Folder of the run, for its overlay pictures.
-    frames : path or None
-        Folder that the frames moved to.
-    width : int
-        Largest width of the pictures in the report.
-    """
-
-    results: Path
-    frames: Path | None
-    width: int
-
-    def of(self, row: FrameRow, size: tuple[int, int] | None) -> tuple[Picture | None, bool]:
-        """The frame (True: the run's overlay of it, with the drawing in it); None where neither can be had."""
-        for path in self._candidates(row):
-            picture = _readable(path)
-            if picture is not None and (size is None or picture.shape[1::-1] == size):
-                return picture, False
-        return _readable(self.results / f"{row.id}{OVERLAY_SUFFIX}"), True
-
-    def _candidates(self, row: FrameRow) -> list[Path]:
-        if not row.path or row.time_s is not None:
-            return []
-        path = Path(row.path)
-        paths = [path]
-        if (
-            path.suffix.lower() not in PICTURE_SUFFIXES
-        ):  # an annotation: the picture is named like it, or like the frame
-            names = dict.fromkeys((path.stem, Path(row.id).name))
-            paths = [path.with_name(name + suffix) for name in names for suffix in PICTURE_SUFFIXES]
-        moved = [] if self.frames is None else [self.frames / part for p in paths for part in (p.name, p)]
-        return [*moved, *paths]
-
-
-def _readable(path: Path) -> Picture | None:
-    try:
-        return read_image(path) if path.is_file() else None
-    except (InputError, OSError, ValueError) as error:
-        _log.info("%s", error)
-        return None
-
-
 def media_path(out: Path, kind: Media, index: int) -> Path:
     """File of a kind for the frame at a position of the run."""
     folder, suffix = KINDS[kind]
     return out / folder / f"{index // PER_FOLDER:03d}" / f"{index:06d}.{suffix}"
 
 
-def write_media(out: Path, index: int, row: FrameRow, scene: Scene | None, source: PictureSource) -> Media:
+def write_media(
+    out: Path, index: int, scene: Scene | None, picture: Picture | None, *, drawn: bool, width: int
+) -> Media:
     """Write the pictures and drawings of one frame; return which there are.
+
+    Parameters
+    ----------
+    out, index : Path, int
+        Folder of the report, and position of the frame in the run.
+    scene : Scene or None
+        What its record lets draw.
+    picture, drawn : (H, W, 3) uint8 or None, bool
+        The frame, and whether the calibration is drawn in.
+    width : int
+        Largest width of the picture.
 
     Raises
     ------
@@ -116,14 +72,12 @@ def write_media(out: Path, index: int, row: FrameRow, scene: Scene | None, sourc
         A file cannot be written.
     """
     written = Media(0)
-    size = None if scene is None else (scene.width, scene.height)
-    picture, drawn = source.of(row, size)
     if picture is not None:
         thumbnail = _scaled(picture, THUMBNAIL_WIDTH)
         if scene is not None and not drawn:
             thumbnail = draw_on_thumbnail(thumbnail, scene)
         _write_jpeg(media_path(out, Media.THUMBNAIL, index), thumbnail)
-        _write_jpeg(media_path(out, Media.FRAME, index), _scaled(picture, source.width))
+        _write_jpeg(media_path(out, Media.FRAME, index), _scaled(picture, width))
         written |= Media.THUMBNAIL | Media.FRAME | (Media.DRAWN if drawn else Media(0))
     if scene is None:
         return written

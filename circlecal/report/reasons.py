@@ -43,15 +43,15 @@ _REASONS = {
     ),
     "arc_too_short": Explanation(
         "Too little of the circle is seen to fix an ellipse.",
-        "Use frames that show more of it, or a camera prior (--camera-prior) from another frame of the same camera.",
+        "Frames that show more of it; circlecal rig or --camera-prior bring in what other frames of the camera know.",
     ),
     "rotation_free": Explanation(
         "The circle is there, but nothing fixes the rotation about its middle: no halfway line, no other line or mark.",
-        "Recalibrate with what other frames of the camera know (--camera-prior), or annotate one more line or point.",
+        "circlecal rig brings in what other frames of the camera know; or annotate one more line or point.",
     ),
     "no_line_or_point": Explanation(
         "The circle is there, but no halfway line and no known point that would fix the rotation about its middle.",
-        "Recalibrate with a camera prior (--camera-prior), or annotate one more line or point.",
+        "circlecal rig brings in what other frames of the camera know; or annotate one more line or point.",
     ),
     "no_point": Explanation(
         "Case 2 was asked for, and no point of known field position is seen.",
@@ -114,7 +114,7 @@ _REASONS = {
     ),
     "too_uncertain": Explanation(
         "A camera was found, but what is seen leaves the field around the circle uncertain.",
-        "A camera prior (--camera-prior) or more lines help most; verdict.max_sigma_px sets the limit.",
+        "circlecal rig, a camera prior (--camera-prior) or more lines help most; verdict.max_sigma_px sets the limit.",
     ),
     "implausible_camera": Explanation(
         "The camera would stand where no camera stands, or have an absurd lens.",

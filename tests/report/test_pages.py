@@ -131,7 +131,7 @@ def test_the_page_tells_of_the_run(tmp_path, named):
         assert said in words
     assert "different configurations" in words
     assert "No playing field fills enough of the picture" in words
-    assert "A camera prior (--camera-prior)" in words
+    assert "circlecal rig , a camera prior ( --camera-prior ) or more lines" in words
 
 
 def test_what_the_rig_gained(tmp_path, named):

@@ -244,8 +244,9 @@
   };
   const look = (event) => {
     const box = element("stage").getBoundingClientRect();
-    const at = (value, start, size) => `${(100 * Math.min(Math.max((value - start) / size, 0), 1)).toFixed(1)}%`;
-    element("stage").style.setProperty("--look", `${at(event.clientX, box.left, box.width)} ${at(event.clientY, box.top, box.height)}`);
+    const share = (value, start, size) => String(Math.min(Math.max((value - start) / size, 0), 1));
+    element("stage").style.setProperty("--look-x", share(event.clientX, box.left, box.width));
+    element("stage").style.setProperty("--look-y", share(event.clientY, box.top, box.height));
   };
   const zoomed = () => element("stage").classList.toggle("zoomed", element("zoom").checked);
   const layered = () => {

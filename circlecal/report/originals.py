@@ -1,0 +1,90 @@
+"""The frames' own pictures, from the files that the records name, or what the run wrote of them."""
+
+from __future__ import annotations
+
+import itertools
+import logging
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from circlecal.errors import InputError
+from circlecal.formats.images import OVERLAY_SUFFIX, PICTURE_SUFFIXES, read_image
+from circlecal.formats.video import pictures_at
+from circlecal.overlay.canvas import Picture
+from circlecal.report.reading import FrameRow
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class Originals:
+    """Where the frames' pictures are looked for.
+
+    Attributes
+    ----------
+    results : path
+        Folder of the run, for its overlay pictures.
+    frames : path or None
+        Folder that the pictures and videos moved to.
+    """
+
+    results: Path
+    frames: Path | None
+
+    def decoded(self, rows: Sequence[FrameRow]) -> Iterator[Picture | None]:
+        """Pictures of the frames that come from videos, None for any other; each video is gone through once."""
+        for path, of_path in itertools.groupby(rows, key=lambda row: row.path if row.time_s is not None else None):
+            times = [row.time_s or 0.0 for row in of_path]
+            yield from self._of_video(Path(path), times) if path else itertools.repeat(None, len(times))
+
+    def picture(
+        self, row: FrameRow, decoded: Picture | None, size: tuple[int, int] | None
+    ) -> tuple[Picture | None, bool]:
+        """The frame, and whether the calibration is drawn in; None where it cannot be had.
+
+        Parameters
+        ----------
+        row : FrameRow
+            The frame.
+        decoded : (H, W, 3) uint8 or None
+            Its picture from a video.
+        size : (2,) tuple of int or None
+            Width and height of the calibrated frame; a picture of another size is another picture.
+        """
+        for picture in (decoded, *map(_readable, self._files(row))):
+            if picture is not None and size in (None, picture.shape[1::-1]):
+                return picture, False
+        return _readable(self.results / f"{row.id}{OVERLAY_SUFFIX}"), True
+
+    def _of_video(self, path: Path, times: Sequence[float]) -> Iterator[Picture | None]:
+        found = 0
+        try:
+            for picture in pictures_at(next(filter(Path.is_file, self._moved(path)), path), times):
+                found += 1
+                yield picture
+        except InputError as error:
+            _log.info("%s", error)
+        yield from itertools.repeat(None, len(times) - found)
+
+    def _files(self, row: FrameRow) -> Iterator[Path]:
+        if not row.path or row.time_s is not None:
+            return
+        path = Path(row.path)
+        if path.suffix.lower() in PICTURE_SUFFIXES:
+            yield from self._moved(path)
+            return
+        for name in dict.fromkeys((path.stem, Path(row.id).name)):  # an annotation; its picture is named like it
+            for suffix in PICTURE_SUFFIXES:
+                yield from self._moved(path.with_name(name + suffix))
+
+    def _moved(self, path: Path) -> list[Path]:
+        return [path] if self.frames is None else [self.frames / path.name, self.frames / path, path]
+
+
+def _readable(path: Path) -> Picture | None:
+    try:
+        return read_image(path) if path.is_file() else None
+    except (InputError, OSError, ValueError) as error:
+        _log.info("%s", error)
+        return None
