@@ -1,0 +1,115 @@
+"""Where the paint of a straight marking ends in the picture.
+
+A line that runs into another one ends sharply: its contrast falls from a level that it kept for a while to nothing
+within its own width, and does not come back. Where it is merely covered it comes back; where it is cut by the border of
+the picture nothing follows.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.geometry.homogeneous import Array, fit_line
+from circlecal.profiles import sample_profiles
+
+PAINT_PX, BESIDE_PX = (-1.0, 0.0, 1.0), (5.0, 7.0, 9.0)
+"""Offsets across the marking, pixels at 1920 px width, of its paint and of its surroundings."""
+LEVEL, BEFORE, FALL, BEHIND = 80, 16, 3, 9
+"""Pixels at 1920 px width: over which the level is taken, that still keep it just before the fall, that the fall takes,
+and behind it, where nothing may be left.
+"""
+SEARCHED, FOUND_AGAIN = 120, 12
+"""Pixels at 1920 px width behind the fall in which the marking is looked for, and of a piece of it that counts."""
+LEAST_LEVEL = 8.0
+"""Grey levels by which a marking must stand out."""
+BEND_SCALE_PX = 1.5
+
+
+def paint_ends(picture: NDArray[np.float32], points_px: Array, middle_px: Array, clear_px: float) -> Array:
+    """Ends (K, 2), at most two, of a straight marking.
+
+    Parameters
+    ----------
+    picture : (H, W) float32
+        Brightness, with the markings lighter than the field.
+    points_px : (N, 2) array
+        Points along its middle; they may run on over something else.
+    middle_px : (2,) array
+        A point on the marking from which its ends are looked for, both ways.
+    clear_px : float
+        How far from there the marking does not end.
+
+    Returns
+    -------
+    (K, 2) array
+        Where the contrast has fallen to half; empty where the marking is seen to end nowhere in the picture.
+    """
+    height, width = picture.shape
+    unit = max(width / 1920.0, 0.5)
+    normal = fit_line(points_px)[:2]
+    along = np.array([normal[1], -normal[0]])
+    offset = points_px - middle_px
+    bend = _bend(offset @ along, offset @ normal, unit)
+    found = []
+    for side in (1.0, -1.0):
+        t = side * np.arange(max(clear_px - LEVEL * unit, 0.0), float(width + height), unit)
+        path = middle_px + t[:, None] * along + np.polyval(bend, t)[:, None] * normal
+        inside = ((path >= 0) & (path <= (width - 1, height - 1))).all(axis=1)
+        path = path[: len(t) if inside.all() else int(np.argmin(inside))]
+        end = _end(_contrast(picture, path, normal, unit))
+        if end is not None:
+            low = int(end)
+            found.append(path[low] + (end - low) * (path[low + 1] - path[low]))
+    return np.array(found).reshape(-1, 2)
+
+
+def _bend(position: Array, offset: Array, unit: float) -> Array:
+    """Parabola (3,) through the points, as lens and crown bend a marking; robust against what lies behind its end."""
+    scale = max(float(np.abs(position).max()), 1.0)
+    design = np.vander(position / scale, 3)
+    weights = np.ones(len(position))
+    coefficients = np.zeros(3)
+    for share in (8.0, 3.0, 1.0):
+        weighted = design * weights[:, None]
+        coefficients = np.linalg.lstsq(weighted.T @ design, weighted.T @ offset, rcond=None)[0]
+        weights = 1.0 / (1.0 + ((offset - design @ coefficients) / (share * BEND_SCALE_PX * unit)) ** 2) ** 2
+    return np.asarray(coefficients / np.array([scale * scale, scale, 1.0]))
+
+
+def _contrast(picture: NDArray[np.float32], path: Array, normal: Array, unit: float) -> Array:
+    """Brightness of the paint over that of its surroundings (N,), smoothed over three pixels at 1920 px width."""
+    if len(path) < LEVEL:
+        return np.zeros(0)
+    offsets = unit * np.array([*(-d for d in BESIDE_PX), *BESIDE_PX, *PAINT_PX])
+    profiles = sample_profiles(picture, path, np.broadcast_to(normal, path.shape), offsets)
+    sides = 2 * len(BESIDE_PX)
+    values = np.nan_to_num(profiles[:, sides:].mean(axis=1) - profiles[:, :sides].mean(axis=1))
+    return np.convolve(values, np.full(3, 1.0 / 3.0), mode="same")
+
+
+def _end(contrast: Array) -> float | None:
+    """Index, between samples, at which a contrast (one sample per pixel at 1920 px width) falls for good."""
+    n = len(contrast)
+    if n < LEVEL + FALL + BEHIND + 1:
+        return None
+    total = np.concatenate([[0.0], np.cumsum(contrast)])
+    index = np.arange(LEVEL, n - FALL - BEHIND)
+    usual = (total[index - FALL] - total[index - LEVEL]) / (LEVEL - FALL)
+    before = (total[index - FALL] - total[index - BEFORE]) / (BEFORE - FALL)
+    behind = (total[index + FALL + BEHIND] - total[index + FALL]) / BEHIND
+    half = 0.5 * before
+    crossing = (contrast[index - 1] >= half) & (contrast[index] < half)
+    falls = crossing & (usual > LEAST_LEVEL) & (before > 0.6 * usual) & (behind < 0.25 * usual)
+    for k in np.flatnonzero(falls):
+        at = int(index[k])
+        if not _seen_again(contrast[at + FALL : at + SEARCHED], float(half[k])):
+            return at - 1 + float((contrast[at - 1] - half[k]) / max(contrast[at - 1] - contrast[at], 1e-9))
+    return None
+
+
+def _seen_again(behind: Array, half: float) -> bool:
+    """Whether a marking goes on behind a gap, with about its own contrast."""
+    alike = (behind > 1.2 * half) & (behind < 3.0 * half)
+    run = np.convolve(alike, np.ones(FOUND_AGAIN), mode="valid") if len(alike) >= FOUND_AGAIN else np.zeros(1)
+    return bool((run > FOUND_AGAIN - 0.5).any())
