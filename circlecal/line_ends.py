@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.geometry.homogeneous import Array, fit_line
+from circlecal.observations import LineEnd
 from circlecal.profiles import sample_profiles
 
 PAINT_PX, BESIDE_PX = (-1.0, 0.0, 1.0), (5.0, 7.0, 9.0)
@@ -21,13 +22,17 @@ and behind it, where nothing may be left.
 """
 SEARCHED, FOUND_AGAIN = 120, 12
 """Pixels at 1920 px width behind the fall in which the marking is looked for, and of a piece of it that counts."""
-LEAST_LEVEL = 8.0
-"""Grey levels by which a marking must stand out."""
+LOST, LOST_SHARE = 100, 0.3
+"""Pixels at 1920 px width over which the marking must keep this share of its level to be followed further."""
+LEAST_LEVEL, LEAST_CROSSING = 8.0, 1.5
+"""Grey levels by which a marking must stand out, and one that crosses it at its end."""
 BEND_SCALE_PX = 1.5
 
 
-def paint_ends(picture: NDArray[np.float32], points_px: Array, middle_px: Array, clear_px: float) -> Array:
-    """Ends (K, 2), at most two, of a straight marking.
+def paint_ends(
+    picture: NDArray[np.float32], points_px: Array, middle_px: Array, clear_px: float
+) -> tuple[LineEnd, ...]:
+    """Ends, at most two, of a straight marking.
 
     Parameters
     ----------
@@ -42,7 +47,7 @@ def paint_ends(picture: NDArray[np.float32], points_px: Array, middle_px: Array,
 
     Returns
     -------
-    (K, 2) array
+    tuple of LineEnd
         Where the contrast has fallen to half; empty where the marking is seen to end nowhere in the picture.
     """
     height, width = picture.shape
@@ -50,42 +55,53 @@ def paint_ends(picture: NDArray[np.float32], points_px: Array, middle_px: Array,
     normal = fit_line(points_px)[:2]
     along = np.array([normal[1], -normal[0]])
     offset = points_px - middle_px
-    bend = _bend(offset @ along, offset @ normal, unit)
-    found = []
+    bend = _bend(offset @ along, offset @ normal, unit, clear_px)
+    found: list[LineEnd] = []
     for side in (1.0, -1.0):
         t = side * np.arange(max(clear_px - LEVEL * unit, 0.0), float(width + height), unit)
         path = middle_px + t[:, None] * along + np.polyval(bend, t)[:, None] * normal
         inside = ((path >= 0) & (path <= (width - 1, height - 1))).all(axis=1)
         path = path[: len(t) if inside.all() else int(np.argmin(inside))]
-        end = _end(_contrast(picture, path, normal, unit))
+        if len(path) < LEVEL:
+            continue
+        paint, beside = _brightness(picture, path, normal, unit)
+        end = _end(paint - beside.mean(axis=0))
         if end is not None:
             low = int(end)
-            found.append(path[low] + (end - low) * (path[low + 1] - path[low]))
-    return np.array(found).reshape(-1, 2)
+            point = path[low] + (end - low) * (path[low + 1] - path[low])
+            found.append(LineEnd(point, _crossed(beside, low)))
+    return tuple(found)
 
 
-def _bend(position: Array, offset: Array, unit: float) -> Array:
+def _bend(position: Array, offset: Array, unit: float, clear_px: float) -> Array:
     """Parabola (3,) through the points, as lens and crown bend a marking; robust against what lies behind its end."""
     scale = max(float(np.abs(position).max()), 1.0)
     design = np.vander(position / scale, 3)
-    weights = np.ones(len(position))
-    coefficients = np.zeros(3)
-    for share in (8.0, 3.0, 1.0):
+    weights: Array = 1.0 / (1.0 + (position / max(1.5 * clear_px, unit)) ** 2) ** 2
+    coefficients: Array = np.zeros(3)
+    for share in (3.0, 1.0, 1.0):
         weighted = design * weights[:, None]
         coefficients = np.linalg.lstsq(weighted.T @ design, weighted.T @ offset, rcond=None)[0]
         weights = 1.0 / (1.0 + ((offset - design @ coefficients) / (share * BEND_SCALE_PX * unit)) ** 2) ** 2
     return np.asarray(coefficients / np.array([scale * scale, scale, 1.0]))
 
 
-def _contrast(picture: NDArray[np.float32], path: Array, normal: Array, unit: float) -> Array:
-    """Brightness of the paint over that of its surroundings (N,), smoothed over three pixels at 1920 px width."""
-    if len(path) < LEVEL:
-        return np.zeros(0)
+def _brightness(picture: NDArray[np.float32], path: Array, normal: Array, unit: float) -> tuple[Array, Array]:
+    """Of the paint (N,) and of both sides (2, N) along a path, smoothed over three pixels at 1920 px width."""
     offsets = unit * np.array([*(-d for d in BESIDE_PX), *BESIDE_PX, *PAINT_PX])
-    profiles = sample_profiles(picture, path, np.broadcast_to(normal, path.shape), offsets)
-    sides = 2 * len(BESIDE_PX)
-    values = np.nan_to_num(profiles[:, sides:].mean(axis=1) - profiles[:, :sides].mean(axis=1))
-    return np.convolve(values, np.full(3, 1.0 / 3.0), mode="same")
+    profiles = np.nan_to_num(sample_profiles(picture, path, np.broadcast_to(normal, path.shape), offsets))
+    count = len(BESIDE_PX)
+    rows = [profiles[:, k : k + count].mean(axis=1) for k in (0, count, 2 * count)]
+    left, right, paint = (np.convolve(row, np.full(3, 1.0 / 3.0), mode="same") for row in rows)
+    return paint, np.stack([left, right])
+
+
+def _crossed(beside: Array, end: int) -> bool:
+    """Whether on both sides of the end something brighter lies across than before and behind it."""
+    across = beside[:, end - 1 : end + 5].max(axis=1)
+    before = np.median(beside[:, max(end - 30, 0) : end - 4], axis=1)
+    behind = beside[:, end + 4 : end + 12].min(axis=1)
+    return bool((across - np.maximum(before, behind) > LEAST_CROSSING).all())
 
 
 def _end(contrast: Array) -> float | None:
@@ -101,8 +117,15 @@ def _end(contrast: Array) -> float | None:
     half = 0.5 * before
     crossing = (contrast[index - 1] >= half) & (contrast[index] < half)
     falls = crossing & (usual > LEAST_LEVEL) & (before > 0.6 * usual) & (behind < 0.25 * usual)
+    ahead = np.minimum(index + LOST, n)
+    light = np.concatenate([[0.0], np.cumsum(np.maximum(contrast, 0.0))])
+    lost = (usual > LEAST_LEVEL) & (light[ahead] - light[index] < LOST_SHARE * usual * (ahead - index))
+    # so much before the marking is gone its share ahead falls below
+    last = index[np.argmax(lost)] + LOST_SHARE * LOST + 2 * FALL if lost.any() else n
     for k in np.flatnonzero(falls):
         at = int(index[k])
+        if at > last:
+            break
         if not _seen_again(contrast[at + FALL : at + SEARCHED], float(half[k])):
             return at - 1 + float((contrast[at - 1] - half[k]) / max(contrast[at - 1] - contrast[at], 1e-9))
     return None

@@ -38,15 +38,30 @@ class CirclePoints:
 
 
 @dataclass(frozen=True, slots=True)
+class LineEnd:
+    """Where the paint of a straight marking ends in the picture (2,), and whether another one is seen to cross it
+    there.
+    """
+
+    point_px: Array
+    crossed: bool
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON-ready mapping."""
+        return {"point_px": _rounded(self.point_px), "crossed": self.crossed}
+
+
+@dataclass(frozen=True, slots=True)
 class LinePoints:
     """Points on the centreline of one straight marking.
 
-    ``line`` is the template's name, or None while it is not known which one it is.
+    ``line`` is the template's name, or None while it is not known which one it is; ``ends`` are those that are seen.
     """
 
     line: str | None
     points_px: Array
     sigma_px: Array
+    ends: tuple[LineEnd, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +116,11 @@ class Observations:
             ],
             "lines": [
                 {"line": s.line, "points_px": _rounded(s.points_px), "sigma_px": _rounded(s.sigma_px)}
+                | (
+                    {"ends": [{"point_px": _rounded(e.point_px), "crossed": e.crossed} for e in s.ends]}
+                    if s.ends
+                    else {}
+                )
                 for s in self.lines
             ],
             "marks": [{"mark": m.mark, "point_px": _rounded(m.point_px), "sigma_px": m.sigma_px} for m in self.marks],
@@ -131,7 +151,13 @@ class Observations:
                 for c in record.get("circles", [])
             ),
             lines=tuple(
-                LinePoints(s["line"], array(s["points_px"], 2), array(s["sigma_px"])) for s in record.get("lines", [])
+                LinePoints(
+                    s["line"],
+                    array(s["points_px"], 2),
+                    array(s["sigma_px"]),
+                    tuple(LineEnd(array(e["point_px"]), bool(e["crossed"])) for e in s.get("ends", [])),
+                )
+                for s in record.get("lines", [])
             ),
             marks=tuple(
                 MarkPoint(m["mark"], array(m["point_px"]), float(m["sigma_px"])) for m in record.get("marks", [])

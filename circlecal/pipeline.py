@@ -313,7 +313,7 @@ def observed(ellipses: EllipseFits, cues: Cues, circle: Circle, width: int, heig
         if fit is not None
     )
     seen = (*((cues.halfway,) if cues.halfway is not None else ()), *cues.lines)
-    lines = tuple(LinePoints(line.name, line.points_px, line.sigma_px) for line in seen)
+    lines = tuple(LinePoints(line.name, line.points_px, line.sigma_px, line.ends) for line in seen)
     marks = () if cues.mark is None else (MarkPoint(cues.mark.name, cues.mark.point_px, cues.mark.sigma_px),)
     return Observations(width, height, circles, lines, marks)
 

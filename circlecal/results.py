@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from circlecal.geometry.conics import Ellipse
 from circlecal.geometry.homogeneous import Array
 from circlecal.geometry.pinhole import Camera
-from circlecal.observations import CircleEdge, Observations
+from circlecal.observations import CircleEdge, LineEnd, Observations
 
 Status = Literal["calibrated", "refused"]
 CIRCLE_ID, HALFWAY_ID = 7, 18
@@ -177,10 +177,10 @@ class EllipseFits:
 
 @dataclass(frozen=True, slots=True)
 class LineCue:
-    """A straight marking: normalised line (3,), its points (N, 2) with sigmas (N,), its ends, rms and the share of it
-    that is seen.
+    """A straight marking: normalised line (3,), its points (N, 2) with sigmas (N,), the measured segment, rms and the
+    share of it that is seen.
 
-    ``name`` is the template's, or None while it is not known.
+    ``name`` is the template's, or None while it is not known; ``ends`` are where its paint is seen to end.
     """
 
     name: str | None
@@ -189,6 +189,7 @@ class LineCue:
     sigma_px: Array
     segment: Segment
     rms_px: float
+    ends: tuple[LineEnd, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

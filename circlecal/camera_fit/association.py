@@ -66,6 +66,7 @@ def associate_lines(
     frame: Frame,
     sigma_px: float,
     count: int = 6,
+    elsewhere: frozenset[tuple[int, str]] = frozenset(),
 ) -> list[Association]:
     """Name seen lines in the most plausible ways.
 
@@ -85,6 +86,8 @@ def associate_lines(
         How well a seen line follows the straight line between its ends (lens, measuring).
     count : int
         How many different hypotheses are returned.
+    elsewhere : frozenset of (int, str)
+        Names that a seen line cannot have, since that marking is known to run elsewhere.
 
     Returns
     -------
@@ -95,6 +98,8 @@ def associate_lines(
     if len(segments) == 0 or not lines:
         return []
     pairs = _pairs(segments, template, lines, theta, frame)
+    for t, line in enumerate(lines):
+        pairs.on_marking[[s for s, name in elsewhere if name == line.name], t] = False
     lengths = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=-1)
     cost = _mahalanobis(pairs.residuals[None], pairs.jacobians, covariance[None], sigma_px)[0]
     seeds = np.argwhere(pairs.on_marking & (cost < SEED_COST))

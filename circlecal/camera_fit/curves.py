@@ -81,6 +81,14 @@ def stack_curves(parts: list[CurvePoints]) -> CurvePoints:
     return CurvePoints(**stacked, group=group, names=names)
 
 
+def joined_curves(first: CurvePoints, second: CurvePoints) -> CurvePoints:
+    """The markings of both."""
+    fields = [name for name in CurvePoints.__slots__ if name not in ("names", "group")]
+    stacked = {name: np.concatenate([getattr(first, name), getattr(second, name)]) for name in fields}
+    group = np.concatenate([first.group, second.group + len(first.names)])
+    return CurvePoints(**stacked, group=group, names=(*first.names, *second.names))
+
+
 def circle_curve(
     name: str,
     points_px: Array,

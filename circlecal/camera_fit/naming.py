@@ -7,13 +7,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from circlecal.camera_fit.association import Association, associate_lines
+from circlecal.camera_fit.crossings import SIGMA_PX as CROSSING_SIGMA_PX
+from circlecal.camera_fit.crossings import passes, segment_ends
 from circlecal.camera_fit.curves import CurvePoints, ground_hidden
 from circlecal.camera_fit.observed import Realism, observed_curves, thinned_line
 from circlecal.camera_fit.optimise import COARSE, Problem, State, minimise
 from circlecal.camera_fit.uncertainty import posterior_covariance
 from circlecal.field import FieldTemplate
-from circlecal.geometry.homogeneous import Array, Indices, fit_line
-from circlecal.observations import Observations
+from circlecal.geometry.homogeneous import Array, Indices
+from circlecal.observations import LinePoints, Observations
 
 HYPOTHESES = 6
 ROUNDS = 3
@@ -32,8 +34,8 @@ class _Scene:
     ----------
     problem : Problem
         With the markings whose names are known, thinned.
-    before_px : (G,) array
-        Root mean square residual of each of them before any line gets a name.
+    before_px, allowed_px : (G,) arrays
+        Root mean square residual of each of them before any line gets a name, and by how much it may grow.
     points_px, sigma_px, line : (N, 2), (N,), (N,) arrays
         Thinned points of the nameless lines, and which line each belongs to.
     segments : (S, 2, 2) array
@@ -42,18 +44,22 @@ class _Scene:
         The field.
     known : tuple of str
         Names that are given.
+    elsewhere : frozenset of (int, str)
+        Names that a nameless line cannot have, since another line is seen to end on that marking somewhere else.
     loss_scale : float
         Scale of the robust loss.
     """
 
     problem: Problem
     before_px: Array
+    allowed_px: Array
     points_px: Array
     sigma_px: Array
     line: Indices
     segments: Array
     template: FieldTemplate
     known: tuple[str, ...]
+    elsewhere: frozenset[tuple[int, str]]
     loss_scale: float
 
     @property
@@ -64,9 +70,9 @@ class _Scene:
     def hypotheses(self, theta: Array, normal: Array, count: int) -> list[Association]:
         """The most plausible names under a camera with its Gauss-Newton matrix."""
         covariance = posterior_covariance(normal, self.problem.priors.sd)
-        frame = self.problem.frame
+        frame, sigma_px = self.problem.frame, 1.5 * self.unit
         return associate_lines(
-            self.segments, self.template, self.known, theta, covariance, frame, 1.5 * self.unit, count
+            self.segments, self.template, self.known, theta, covariance, frame, sigma_px, count, self.elsewhere
         )
 
 
@@ -90,6 +96,7 @@ def name_lines(
     template: FieldTemplate,
     realism: Realism,
     loss_scale: float,
+    met: tuple[LinePoints, ...] = (),
 ) -> dict[int, str]:
     """Names for straight markings that were seen without one.
 
@@ -99,6 +106,8 @@ def name_lines(
         The fit without them.
     observations : Observations
         Everything that was seen.
+    met : tuple of LinePoints
+        Points of markings, from :func:`circlecal.camera_fit.crossings.with_crossings`, that ``problem`` holds already.
     template : FieldTemplate
         The field.
     realism : Realism
@@ -114,7 +123,7 @@ def name_lines(
     unnamed = [k for k, line in enumerate(observations.lines) if line.line is None and len(line.points_px) >= 8]
     if not unnamed:
         return {}
-    scene = _scene(unnamed, problem, state, observations, template, realism, loss_scale)
+    scene = _scene(unnamed, problem, state, observations, template, realism, loss_scale, met)
     first = scene.hypotheses(state.theta[0], state.normal[0], HYPOTHESES)
     if not first:
         return {}
@@ -144,20 +153,30 @@ def _scene(
     template: FieldTemplate,
     realism: Realism,
     loss_scale: float,
+    met: tuple[LinePoints, ...],
 ) -> _Scene:
     lines = [observations.lines[k] for k in unnamed]
-    curves = observed_curves(observations, template, realism)
+    curves = observed_curves(replace(observations, lines=(*met, *observations.lines)), template, realism)
     thinned = [thinned_line(line, realism) for line in lines]
+    segments = np.array([segment_ends(line.points_px) for line in lines])
+    unit = observations.width / 1920.0
     residuals, group = state.residuals[0] * problem.curves.sigma_px, problem.curves.group
     return _Scene(
         problem=replace(problem, curves=curves),
+        allowed_px=np.where(np.bincount(group) == 1, CROSSING_SIGMA_PX, 0.3) * unit,
         before_px=np.sqrt(np.bincount(group, residuals**2) / np.bincount(group)),
         points_px=np.concatenate([points for points, _ in thinned]),
         sigma_px=np.concatenate([sigma for _, sigma in thinned]),
         line=np.repeat(np.arange(len(lines)), [len(points) for points, _ in thinned]),
-        segments=np.array([_ends(line.points_px) for line in lines]),
+        segments=segments,
         template=template,
         known=tuple(line.line for line in observations.lines if line.line is not None),
+        elsewhere=frozenset(
+            (k, str(point.line))
+            for k, segment in enumerate(segments)
+            for point in met
+            if not passes(segment, point.points_px[0], unit)
+        ),
         loss_scale=loss_scale,
     )
 
@@ -220,7 +239,7 @@ def _judged(scene: _Scene, associations: list[Association], state: State, proble
     rms = np.sqrt((state.residuals * curves.sigma_px) ** 2 @ member / member.sum(axis=0))
     explained = (lengths * (named & (rms[:, known:] < 2.5 * scene.unit))).sum(axis=1)
     missed = (lengths * named).sum(axis=1) - explained
-    worse = np.maximum(0.0, rms[:, :known] - scene.before_px - 0.3 * scene.unit).sum(axis=1) / scene.unit
+    worse = np.maximum(0.0, rms[:, :known] - scene.before_px - scene.allowed_px).sum(axis=1) / scene.unit
     prior = (problem.priors.residuals(state.theta)[0] ** 2).sum(axis=1)
     return explained, explained - 2.0 * missed - scene.unit * (400.0 * worse + 15.0 * prior)
 
@@ -231,10 +250,3 @@ def _certain(trials: list[_Trial], unnamed: list[int], width: int) -> dict[int, 
     if best.explained_px < 0.15 * width or best.score < 0.1 * width or best.score < rival + MARGIN_WIDTHS * width:
         return {}
     return {unnamed[k]: name for k, name in best.association.names.items()}
-
-
-def _ends(points: Array) -> Array:
-    """First and last point (2, 2) along a straight marking."""
-    normal = fit_line(points)[:2]
-    position = points @ np.array([normal[1], -normal[0]])
-    return points[[np.argmin(position), np.argmax(position)]]

@@ -15,6 +15,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from circlecal.camera_fit.all_starts import MINIMUM_CIRCLE_POINTS, arc_deg, starts_of, usual_lens
+from circlecal.camera_fit.crossings import with_crossings
 from circlecal.camera_fit.curves import FixedPoints
 from circlecal.camera_fit.model import INDEX, PARAMETERS, Frame
 from circlecal.camera_fit.naming import name_lines
@@ -38,6 +39,8 @@ from circlecal.results import CameraFit
 Three = tuple[float, float, float]
 COARSE_POINTS = 48
 """Points per marking while hypotheses are only compared."""
+OVERRULING_LINES = 3
+"""So many different lines that get a name only without the seen ends of others show that those are none."""
 SHORT_ARC_DEG = 200.0
 """Shorter arcs have local minima: the whole grid of starts is followed."""
 ENOUGH, ENOUGH_WITH_POSITION = 7, 4
@@ -190,13 +193,21 @@ def estimate_camera(
     problem, state, scale = _settled(problem, state, config)
     named: dict[int, str] = {}
     if config.name_lines:
-        realism = replace(_realism(config, observations.width), maximum_points=COARSE_POINTS)
-        named = name_lines(problem, state, observations, template, realism, config.loss_scale)
-    if named:
-        lines = tuple(replace(line, line=named.get(k, line.line)) for k, line in enumerate(observations.lines))
         realism = _realism(config, observations.width)
-        problem = replace(problem, curves=observed_curves(replace(observations, lines=lines), template, realism))
-        problem, state, scale = _settled(problem, _follow(problem, state.theta[:1], config, camera_side), config)
+        coarse = replace(realism, maximum_points=COARSE_POINTS)
+        alone = problem, state
+        problem, state, met = with_crossings(problem, state, observations, template, config.loss_scale)
+        named = name_lines(problem, state, observations, template, coarse, config.loss_scale, met)
+        if met and not named:
+            # an end may be a cover's edge: only a whole structure of lines says so
+            others = name_lines(*alone, observations, template, coarse, config.loss_scale)
+            if len(set(others.values())) >= OVERRULING_LINES:
+                (problem, state), met, named = alone, (), others
+        if met or named:
+            lines = tuple(replace(line, line=named.get(k, line.line)) for k, line in enumerate(observations.lines))
+            seen = replace(observations, lines=(*met, *lines))
+            problem = replace(problem, curves=observed_curves(seen, template, realism))
+            problem, state, scale = _settled(problem, _follow(problem, state.theta[:1], config, camera_side), config)
     return camera_fit(
         problem,
         state,

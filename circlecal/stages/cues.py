@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.conics import Ellipse, line_conic_meet
 from circlecal.geometry.homogeneous import Array, dehomogenise, fit_line, join, lift, line_distance
+from circlecal.line_ends import paint_ends
 from circlecal.observations import LinePoints, Observations
 from circlecal.profiles import measure_bands, sample_profiles, smooth_along
 from circlecal.results import Cues, EllipseFits, LineCue, MarkCue, MarkingMask, Segment
@@ -20,6 +21,8 @@ MOST_PIECES = 12
 SHORTEST_PX, FEWEST_POINTS = 10.0, 8
 SMOOTHING_REACH = 3
 """Profiles over which the smoothing along a marking reaches."""
+RIM_CLEARANCE_PX = 8.0
+"""How far beyond the circle the halfway line goes on at least, pixels at 1920 px width."""
 LARGEST_BEND = 0.03
 """Sine of the angle between neighbouring pieces of a straight marking: lens and crown bend it less than that."""
 
@@ -257,7 +260,10 @@ def _halfway_line(
     further = _followed(picture, cue, float(np.linalg.norm(half)), noise, config)
     points = np.concatenate([cue.points_px, *(piece.points_px for piece in further)])
     sigma = np.concatenate([cue.sigma_px, *(piece.sigma_px for piece in further)])
-    return LineCue(name, cue.line, points, sigma, Segment(cue.segment.start, cue.segment.end, support), cue.rms_px)
+    segment = Segment(cue.segment.start, cue.segment.end, support)
+    unit = picture.shape[1] / 1920.0
+    ends = paint_ends(picture, points, middle, float(np.linalg.norm(half)) + RIM_CLEARANCE_PX * max(unit, 0.5))
+    return LineCue(name, cue.line, points, sigma, segment, cue.rms_px, ends)
 
 
 def _followed(

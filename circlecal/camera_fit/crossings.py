@@ -1,0 +1,173 @@
+"""Where a named line ends, another one runs: the halfway line ends on the touchlines, seen or not.
+
+Such an end is one point of the other marking, measured across it. It says how far the field reaches, and which of
+several parallel edges is the marking: the one through that point.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from circlecal.camera_fit.curves import (
+    CurvePoints,
+    curve_residuals,
+    ground_hidden,
+    joined_curves,
+    line_curve,
+    stack_curves,
+)
+from circlecal.camera_fit.model import view
+from circlecal.camera_fit.optimise import COARSE, Problem, State, best_of, minimise
+from circlecal.camera_fit.uncertainty import posterior_covariance
+from circlecal.field import FieldTemplate, Line
+from circlecal.geometry.homogeneous import Array, fit_line, line_distance
+from circlecal.observations import LineEnd, LinePoints, Observations
+
+SIGMA_PX = 2.0
+"""Of an end along its line, pixels at 1920 px width."""
+WORST_SIGMAS = (12.0, 4.0)
+"""An end further than this from where the camera expects the other marking is a cover's edge: at first generously,
+since a vague camera's expectation bends.
+"""
+WORST_COST = 16.0
+"""By how much chi-square may grow per end that is used."""
+SURE_PX = 25.0
+"""An end at which nothing is seen to cross needs a prediction as sharp as this, pixels at 1920 px width."""
+NEAR_PX, BEND_SHARE, LEAST_SINE = 3.0, 0.008, 0.15
+"""How far a seen line may pass by an end: pixels at 1920 px width, and share of its distance; and the sine of the least
+angle between both.
+"""
+TOUCH_M = 0.3
+"""How far a line of the template may end from the one it runs into."""
+
+
+def with_crossings(
+    problem: Problem, state: State, observations: Observations, template: FieldTemplate, loss_scale: float
+) -> tuple[Problem, State, tuple[LinePoints, ...]]:
+    """Fit once more with the ends of named lines as points of the markings that they run into.
+
+    Parameters
+    ----------
+    problem, state : Problem, State
+        The fit without them.
+    observations : Observations
+        Everything that was seen.
+    template : FieldTemplate
+        The field.
+    loss_scale : float
+        Scale of the robust loss, standard deviations.
+
+    Returns
+    -------
+    problem, state : Problem, State
+        The new fit, or the old one where no end is seen that the camera can believe in.
+    met : tuple of LinePoints
+        One point each.
+    """
+    for worst in WORST_SIGMAS:
+        met = _crossings(problem, state, observations, template, worst)
+        if not met:
+            break
+        parts = [_one_point(template.line_by_name[str(m.line)], m.points_px[0], m.sigma_px, template) for m in met]
+        fuller = replace(problem, curves=joined_curves(stack_curves(parts), problem.curves))
+        found = best_of(minimise(fuller, state.theta[:1], loss_scale, tolerance=COARSE))
+        if found.cost[0] < state.cost[0] + WORST_COST * len(met):
+            return fuller, found, met
+    return problem, state, ()
+
+
+def _crossings(
+    problem: Problem, state: State, observations: Observations, template: FieldTemplate, worst: float
+) -> tuple[LinePoints, ...]:
+    named = [s for s in observations.lines if s.ends and s.line is not None and s.line in template.line_by_name]
+    if not named:
+        return ()
+    covariance = posterior_covariance(state.normal[0], problem.priors.sd)
+    theta = state.theta[:1]
+    points = [
+        _crossing(end, seen, problem, theta, covariance, observations, template, worst)
+        for seen in named
+        for end in seen.ends
+    ]
+    return tuple(point for point in points if point is not None)
+
+
+def passes(segment: Array, point_px: Array, unit: float) -> bool:
+    """Whether a seen line with the ends (2, 2) goes through a point (2,), or would if it were drawn on."""
+    along = (segment[1] - segment[0]) / np.linalg.norm(segment[1] - segment[0])
+    first, second = (point_px - segment) @ along
+    away = max(-float(first), float(second), 0.0)
+    return abs(float(line_distance(fit_line(segment), point_px[None])[0])) < NEAR_PX * unit + BEND_SHARE * away
+
+
+def segment_ends(points: Array) -> Array:
+    """First and last point (2, 2) along a straight marking."""
+    normal = fit_line(points)[:2]
+    position = points @ np.array([normal[1], -normal[0]])
+    return points[[np.argmin(position), np.argmax(position)]]
+
+
+def _crossing(
+    end: LineEnd,
+    seen: LinePoints,
+    problem: Problem,
+    theta: Array,
+    covariance: Array,
+    observations: Observations,
+    template: FieldTemplate,
+    worst: float,
+) -> LinePoints | None:
+    drawn = template.line_by_name[str(seen.line)]
+    unit = observations.width / 1920.0
+    sigma = np.array([SIGMA_PX * unit])
+    line = _one_point(drawn, end.point_px, sigma, template)
+    hidden = curve_residuals(line, theta, ground_hidden(line, theta, problem.frame), problem.frame).hidden[0, 0]
+    ends = template.line_ends(drawn)
+    length = float(np.linalg.norm(ends[1] - ends[0]))
+    other = _running_through(ends[int(hidden > 0.5 * length)], drawn, template)
+    if other is None:
+        return None
+    # the paint ends on the near edge of the other marking, its middle lies half a width further
+    outward = (ends[1] - ends[0]) / length * (1.0 if hidden > 0.5 * length else -1.0)
+    place = line.origin + hidden * line.direction
+    at = view(theta, place[:, :1], place[:, 1:], problem.frame)
+    middle = end.point_px + at.along(*outward)[0, :, 0] * 0.5 * template.marking_width_m
+    point = _one_point(other, middle, sigma, template)
+    expected = curve_residuals(point, theta, ground_hidden(point, theta, problem.frame), problem.frame)
+    J = expected.jacobian[0, 0]
+    variance = float(J @ covariance @ J)
+    if abs(expected.values[0, 0]) > worst * np.sqrt(variance + 1.0):
+        return None
+    if not end.crossed and np.sqrt(variance) * SIGMA_PX > SURE_PX and not _met(end, seen, observations, unit):
+        return None
+    return LinePoints(other.name, middle[None], sigma)
+
+
+def _one_point(line: Line, point_px: Array, sigma: Array, template: FieldTemplate) -> CurvePoints:
+    return line_curve(line.name, point_px[None], sigma, template.line_ends(line), template.line_shift(line))
+
+
+def _running_through(point_m: Array, ending: Line, template: FieldTemplate) -> Line | None:
+    """The line of the template, other than the one that ends there, on which a point (2,) lies."""
+    for line in template.lines:
+        start, end = template.line_ends(line)
+        along = (end - start) / np.linalg.norm(end - start)
+        share = float((point_m - start) @ along)
+        beside = np.linalg.norm(point_m - start - share * along) < TOUCH_M
+        if line.name != ending.name and beside and -TOUCH_M < share < np.linalg.norm(end - start) + TOUCH_M:
+            return line
+    return None
+
+
+def _met(end: LineEnd, line: LinePoints, observations: Observations, unit: float) -> bool:
+    """Whether a nameless line is seen to pass through the end, across the line that ends there."""
+    along = fit_line(line.points_px)[:2]
+    for other in observations.lines:
+        if other.line is None and len(other.points_px) >= 8:
+            normal = fit_line(other.points_px)[:2]
+            across = abs(normal[0] * along[1] - normal[1] * along[0]) > LEAST_SINE
+            if across and passes(segment_ends(other.points_px), end.point_px, unit):
+                return True
+    return False
