@@ -81,7 +81,9 @@ def _bend(position: Array, offset: Array, unit: float, clear_px: float) -> Array
     coefficients: Array = np.zeros(3)
     for share in (3.0, 1.0, 1.0):
         weighted = design * weights[:, None]
-        coefficients = np.linalg.lstsq(weighted.T @ design, weighted.T @ offset, rcond=None)[0]
+        coefficients = np.asarray(
+            np.linalg.lstsq(weighted.T @ design, weighted.T @ offset, rcond=None)[0], dtype=np.float64
+        )
         weights = 1.0 / (1.0 + ((offset - design @ coefficients) / (share * BEND_SCALE_PX * unit)) ** 2) ** 2
     return np.asarray(coefficients / np.array([scale * scale, scale, 1.0]))
 
