@@ -33,8 +33,11 @@ class _BodyPart:
     bgr: Array
 
 
-def draw_shadows(picture: Float32, scene: Scene) -> None:
-    """Darken a frame (H, W, 3) where the players' shadows fall, in place."""
+def draw_shadows(picture: Float32, scene: Scene, light: Float32 | None = None) -> None:
+    """Darken a frame (H, W, 3) where the players' shadows fall, in place.
+
+    ``light`` (H, W) is that on the ground: in the shade of the stands nothing casts a shadow.
+    """
     config, camera = scene.config, scene.camera
     for index in range(config.shadow_count):
         angle = config.shadow_rad + 2 * np.pi * index / config.shadow_count
@@ -44,7 +47,10 @@ def draw_shadows(picture: Float32, scene: Scene) -> None:
             _fill_shadow(dark, player, cast, camera, scene.surface)
         if dark.any():
             soft = cv2.GaussianBlur(dark, (0, 0), 1.0 + camera.focal_px[0] / 4000.0)
-            picture *= 1.0 - config.shadow_strength / 255.0 * soft[..., None].astype(np.float32)
+            depth = np.float32(config.shadow_strength / 255.0) * soft.astype(np.float32)
+            if light is not None and config.shade:
+                depth *= np.clip((light - np.float32(1.0 - config.shade)) / np.float32(config.shade), 0.0, 1.0)
+            picture *= 1.0 - depth[..., None]
 
 
 def draw_figures(picture: Float32, scene: Scene, rng: np.random.Generator, light: Float32 | None = None) -> Float32:

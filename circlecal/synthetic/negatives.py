@@ -179,7 +179,7 @@ def _players(
     field = back_project(camera, surface, pixels)
     with np.errstate(invalid="ignore"):
         inside = (np.abs(field) < np.array([template.length_m, template.width_m]) / 2 + 2.0).all(axis=1)
-    return tuple(sample_player(p, int(rng.integers(3)), rng) for p in field[inside])
+    return tuple(sample_player(p, int(rng.choice(3, p=(0.47, 0.47, 0.06))), rng) for p in field[inside])
 
 
 def _large_players(camera: Camera, surface: Surface, rng: np.random.Generator) -> tuple[Player, ...]:

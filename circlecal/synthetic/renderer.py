@@ -76,7 +76,7 @@ def _exposed(scene: Scene, rng: np.random.Generator) -> tuple[NDArray[np.uint8],
     if config.haze:
         share = np.float32(config.haze) * np.clip(rays.depth_m / np.float32(_HAZE_REACH_M), 0.0, 1.0)
         light += share[..., None] * (_HAZE_BGR - light)
-    draw_shadows(light, scene)
+    draw_shadows(light, scene, shine)
     hidden = draw_figures(light, scene, rng, shine)
     image = develop(light, config, rng)
     draw_graphics(image, hidden, scene, rng)

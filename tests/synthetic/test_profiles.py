@@ -1,16 +1,22 @@
 """Every profile: its paint lies where the truth of the delivered picture says, and it shows what it promises."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 
 from circlecal.field import load_field
-from circlecal.synthetic.cameras import inside_frame
+from circlecal.synthetic.cameras import aimed_camera, inside_frame
+from circlecal.synthetic.decals import Decal, draw_decals, plain
+from circlecal.synthetic.floors import rugby_paint
+from circlecal.synthetic.goals import draw_goals
 from circlecal.synthetic.negatives import NEGATIVE_KINDS, negative_scene
 from circlecal.synthetic.paint import CIRCLE_CLASS
+from circlecal.synthetic.rays import pixel_rays
 from circlecal.synthetic.renderer import render
 from circlecal.synthetic.sampling import SCENE_PROFILES, profile_field, render_frame, sample_scene
-from circlecal.synthetic.surface import Surface
+from circlecal.synthetic.surface import FLAT, Surface, seen_pixels
 
 POSITIVE = [p for p in SCENE_PROFILES if p != "negative"]
 SIZE = (960, 540)
@@ -131,3 +137,70 @@ def test_negatives_show_no_circle_and_say_what_they_are(kind):
 def test_negatives_are_varied():
     kinds = [sample_scene("negative", np.random.default_rng([7, seed]), *SIZE).kind for seed in range(150)]
     assert set(kinds) == set(NEGATIVE_KINDS)
+
+
+def test_lines_of_other_sports_are_no_markings_of_the_field():
+    scene = sample_scene("colours", np.random.default_rng(1), *SIZE)
+    template = load_field("soccer")
+    bare, painted = (
+        render(replace(scene, extras=extras), np.random.default_rng(0))
+        for extras in ((), rugby_paint(template, np.random.default_rng(2)))
+    )
+    assert np.array_equal(bare.truth.classes, painted.truth.classes)
+    changed = np.abs(bare.image.astype(int) - painted.image).max(axis=2) > 20
+    assert 500 < changed.sum() < 0.2 * changed.size
+
+
+def test_pictures_on_the_ground_lie_where_they_should():
+    camera = sample_scene("ice", np.random.default_rng(4), *SIZE).camera
+    rays = pixel_rays(camera, FLAT)
+    ground = np.zeros((SIZE[1], SIZE[0], 3), dtype=np.float32)
+    draw_decals(ground, rays, (Decal(plain(np.full(3, 200.0)), (1.0, -2.0), (4.0, 3.0), 1.0),))
+    x, y = camera.back_project(np.stack(np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1])), -1).astype(float)).T
+    with np.errstate(invalid="ignore"):
+        deep, off = (((np.abs(x - 1.0) < 2.0 + s) & (np.abs(y + 2.0) < 1.5 + s)).T for s in (-0.2, 0.2))
+    assert deep.sum() > 100
+    assert ground[deep].min() > 150
+    assert ground[~off].max() == 0
+
+
+def test_goals_hide_markings_with_their_posts_only():
+    scene = negative_scene(np.random.default_rng(2), SIZE, load_field("soccer"), "behind_net")
+    camera = aimed_camera(np.array([70.0, 1.0, -6.0]), np.array([52.0, 0.0, -1.0]), 900.0, 0.0, *SIZE)
+    scene = replace(scene, camera=camera, players=())
+    picture = np.zeros((SIZE[1], SIZE[0], 3), dtype=np.float32)
+    hidden = np.zeros(picture.shape[:2], dtype=np.float32)
+    draw_goals(picture, hidden, scene)
+    crossbar = np.round(camera.project([52.44, 1.2, -2.44])).astype(int)
+    assert hidden[crossbar[1], crossbar[0]] == 1.0
+    assert picture[crossbar[1], crossbar[0]].min() > 200
+    assert np.sum(picture[..., 0] > 20) > 2 * np.sum(hidden > 0.1)
+
+
+def test_a_barrel_lens_does_not_fold_the_field_back():
+    camera = replace(
+        aimed_camera(np.array([0.0, 60.0, -15.0]), np.zeros(3), 500.0, 0.0, *SIZE), kappa=np.array([-0.1, 0.0])
+    )
+    far_aside = np.array([[120.0, 20.0, 0.0], [0.0, 0.0, 0.0]])
+    assert inside_frame(camera.project(far_aside), *SIZE).all()
+    assert inside_frame(seen_pixels(camera, far_aside), *SIZE).tolist() == [False, True]
+
+
+def test_shade_darkens_ground_paint_and_players_but_casts_no_second_shadow():
+    rng = np.random.default_rng(5)
+    scene = sample_scene("broadcast", rng, *SIZE)
+    dark = {"shade": 0.6, "shade_edge_m": 400.0, "exposure": 1.0, "shadow_strength": 0.5, "noise": 0.0}
+    shaded, bare = (
+        render(replace(scene, config=scene.config.model_copy(update={**dark, **more})), np.random.default_rng(0)).image
+        for more in ({}, {"shadow_strength": 0.0})
+    )
+    assert np.array_equal(shaded, bare)
+    lit = render(replace(scene, config=scene.config.model_copy(update={"shade": 0.0})), np.random.default_rng(0)).image
+    rows = rim_rows(scene)
+    assert 0.3 < shaded[rows].mean() / lit[rows].mean() < 0.5
+
+
+def rim_rows(scene):
+    """Rows of the picture about the centre mark."""
+    row = int(scene.camera.project([0.0, 0.0])[1])
+    return slice(row - 10, row + 10)
