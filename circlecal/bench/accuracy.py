@@ -11,8 +11,10 @@ import numpy as np
 from scipy.stats import chi2
 
 from circlecal.bench.bounds import bound_covariance, bound_errors
-from circlecal.bench.scenarios import Draw, Scenario, chosen_rows, soccer
+from circlecal.bench.many_frames import RigScenario, chosen_rigs, rig_scenarios, run_draw
+from circlecal.bench.scenarios import Draw, Scenario, chosen_rows, row_names, soccer
 from circlecal.errors import EstimationError
+from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.concentric import imaged_center, joint_conic
 from circlecal.geometry.conics import circle_conic, fit_conic, transform_conic
 from circlecal.geometry.homogeneous import Array, apply_homography, fit_line, transform_lines
@@ -63,8 +65,14 @@ def run_rows(
         The closed forms: noise-free maximum (row 1) and the paper's protocol with the true centre (row 2), pixels.
     """
     rows = [run_row(s, draws, seed, advance) for s in chosen_rows(names)]
+    rows += [run_rig_row(s, draws, seed, advance) for s in chosen_rigs(names)]
     closed = closed_forms(draws, seed) if not names or {"1", "2"} & set(names) else []
     return rows, closed
+
+
+def all_row_names() -> list[str]:
+    """Names of rows that can be asked for."""
+    return [*row_names(), *(s.row for s in rig_scenarios())]
 
 
 def run_row(scenario: Scenario, draws: int, seed: int, advance: Callable[[str], None] = lambda _: None) -> Row:
@@ -75,7 +83,7 @@ def run_row(scenario: Scenario, draws: int, seed: int, advance: Callable[[str], 
     for index in range(draws):
         rng = np.random.default_rng([seed, index])
         draw = scenario.draw(rng)
-        grid = truth_grid(draw, scenario)
+        grid = truth_grid(draw, scenario.template)
         covariance = bound_covariance(
             draw.camera, draw.crown_m, draw.observations, scenario.template, scenario.circle, draw.config
         )
@@ -93,7 +101,7 @@ def run_row(scenario: Scenario, draws: int, seed: int, advance: Callable[[str], 
             times.append(time.perf_counter() - start)
             advance(scenario.row)
         errors.append(mean_reprojection_error(draw.camera.homography, fit.H_image_field, grid))
-        for name, value in mahalanobis(draw, fit, scenario).items():
+        for name, value in mahalanobis(draw, fit, scenario.circle).items():
             inside.setdefault(name, []).append(value)
     error, pooled = np.array(errors), np.concatenate(bounds)
     answered = np.isfinite(error)
@@ -118,9 +126,57 @@ def run_row(scenario: Scenario, draws: int, seed: int, advance: Callable[[str], 
     )
 
 
-def truth_grid(draw: Draw, scenario: Scenario) -> Array:
+def run_rig_row(scenario: RigScenario, draws: int, seed: int, advance: Callable[[str], None] = lambda _: None) -> Row:
+    """The same for frames of one camera that are calibrated together; each draw is one camera."""
+    template, circle = soccer()
+    found = []
+    inside: dict[str, list[bool]] = {}
+    for index in range(draws):
+        rng = np.random.default_rng([seed, index])
+        drawn = run_draw(
+            scenario,
+            rng,
+            BOUND_DRAWS,
+            lambda draw, fit: mean_reprojection_error(
+                draw.camera.homography, fit.H_image_field, truth_grid(draw, template)
+            ),
+            lambda draw: truth_grid(draw, template),
+        )
+        found.append(drawn)
+        for draw, fit in zip(drawn.draws, drawn.fits, strict=True):
+            for name, value in mahalanobis(draw, fit, circle).items() if fit is not None else ():
+                inside.setdefault(name, []).append(value)
+        advance(scenario.row)
+    error = np.array([e for drawn in found for e in drawn.errors])
+    pooled = np.concatenate([b for drawn in found for b in drawn.bounds])
+    offsets = np.array([abs(float(draw.camera.position_m[0])) for drawn in found for draw in drawn.draws])
+    # frames of one camera err together: a draw of the ratio is a camera
+    answered = np.isfinite([np.mean(drawn.errors) for drawn in found])
+    of_camera = np.array([[np.mean(drawn.errors), np.mean(drawn.bounds)] for drawn in found])[answered]
+    ratio, spread = _ratio(of_camera[:, 0], of_camera[:, 1])
+    return Row(
+        row=scenario.row,
+        title=scenario.title,
+        draws=draws,
+        median_px=float(np.median(error)),
+        p90_px=float(np.percentile(error, 90)),
+        bound_median_px=float(np.median(pooled)),
+        bound_p90_px=float(np.percentile(pooled, 90)),
+        efficiency=ratio,
+        efficiency_error=spread,
+        wrong=float(np.mean(error[np.isfinite(error)] > WRONG_PX)),
+        failed=float(1.0 - np.isfinite(error).mean()),
+        reach_median_px=scenario.reach_px[0],
+        reach_p90_px=scenario.reach_px[1],
+        coverage={name: float(np.mean(values)) for name, values in inside.items()},
+        by_offset=_by_offset(offsets, error),
+        ms=float(np.median([drawn.seconds for drawn in found]) * 1e3),
+    )
+
+
+def truth_grid(draw: Draw, template: FieldTemplate) -> Array:
     """Field points over a 0.5 m grid inside the frame."""
-    half = scenario.template.length_m / 2, scenario.template.width_m / 2
+    half = template.length_m / 2, template.width_m / 2
     return reprojection_grid(draw.camera.homography, draw.camera.width, draw.camera.height, *half)
 
 
@@ -141,12 +197,12 @@ def _by_offset(offsets: Array, errors: Array) -> dict[str, float]:
     return found
 
 
-def mahalanobis(draw: Draw, fit: CameraFit, scenario: Scenario) -> dict[str, bool]:
+def mahalanobis(draw: Draw, fit: CameraFit, circle: Circle) -> dict[str, bool]:
     """Whether the truth lies inside the reported 90 % region of the homography, the imaged centre, a derived point
     and the position.
     """
     H = draw.camera.homography
-    center = np.asarray(scenario.circle.center)
+    center = np.asarray(circle.center)
     position = slice(4, 7)
     found = {
         "homography": _inside(H.ravel()[:8] - fit.H_image_field.ravel()[:8], fit.H_covariance),

@@ -28,16 +28,17 @@ def accuracy(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
     """Error of the camera on synthetic observations, beside the Cramer-Rao bound on the same draws."""
-    from circlecal.bench.accuracy import as_records, run_rows
-    from circlecal.bench.scenarios import chosen_rows, row_names
+    from circlecal.bench.accuracy import all_row_names, as_records, run_rows
+    from circlecal.bench.many_frames import chosen_rigs
+    from circlecal.bench.scenarios import chosen_rows
     from circlecal.cli.console import counted
     from circlecal.errors import ConfigError
 
     names = [name.strip() for name in rows.split(",") if name.strip()]
-    unknown = [n for n in names if n not in row_names()]
+    unknown = [n for n in names if n not in all_row_names()]
     if unknown:
-        raise ConfigError(f"--rows: {', '.join(unknown)} is unknown; known: {', '.join(row_names())}")
-    with counted("draws", len(chosen_rows(names)) * draws) as advance:
+        raise ConfigError(f"--rows: {', '.join(unknown)} is unknown; known: {', '.join(all_row_names())}")
+    with counted("draws", (len(chosen_rows(names)) + len(chosen_rigs(names))) * draws) as advance:
         found, closed = run_rows(names, draws, seed, advance)
     if as_json:
         _print_json({"rows": as_records(found), "closed_forms": dict(closed)})

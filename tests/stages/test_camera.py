@@ -193,12 +193,12 @@ def pooled():
         for index in range(16):
             rng = np.random.default_rng([11, index])
             draw = scenario.draw(rng)
-            grid = truth_grid(draw, scenario)
+            grid = truth_grid(draw, scenario.template)
             fit = estimate_camera(draw.observations, scenario.template, scenario.circle, draw.config)
             bound = bound_errors(draw.camera, bound_of(draw, scenario), grid, 200, rng).mean()
             error = transfer_errors(fit.H_image_field, grid, draw.camera.project(grid)).mean()
             ratios.append(error / bound)
-            for quantity, held in mahalanobis(draw, fit, scenario).items():
+            for quantity, held in mahalanobis(draw, fit, scenario.circle).items():
                 inside.setdefault(quantity, []).append(held)
     return np.array(ratios), inside
 

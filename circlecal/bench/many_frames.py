@@ -1,0 +1,172 @@
+"""Row 10 of ``circlecal bench accuracy``: frames of one camera calibrated together, beside the joint Cramer-Rao bound.
+
+Each draw is one camera that stands still with several zooms and aims. Every frame is calibrated alone, the camera is
+estimated from all of them, and every frame is calibrated again under what the others say, as ``circlecal rig`` does.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from circlecal.bench.bounds import bound_errors
+from circlecal.bench.scenarios import KNOWN, PRIORS, Draw, soccer
+from circlecal.camera_fit.joint import first_state, joint_covariances, joint_problem
+from circlecal.camera_fit.model import INDEX, Frame, theta_of
+from circlecal.camera_fit.observed import Realism, observed_curves, observed_points
+from circlecal.camera_fit.optimise import Problem
+from circlecal.camera_fit.rig_options import RigConfig
+from circlecal.config import Config
+from circlecal.errors import EstimationError
+from circlecal.geometry.homogeneous import Array
+from circlecal.observations import CirclePoints, Observations
+from circlecal.results import CameraFit
+from circlecal.rig.estimation import config_with, estimate_rigs
+from circlecal.rig.frames import RigFrame
+from circlecal.stages.camera import CameraConfig, estimate_camera, priors_of
+from circlecal.synthetic.cameras import sample_camera
+from circlecal.synthetic.markings import circle_points, line_points
+from circlecal.synthetic.surface import FLAT, Surface
+
+STANDING = RigConfig(
+    least_frames=1,
+    position_deviation_m=0.0,
+    roll_deviation_deg=0.0,
+    principal_point_deviation_px=0.0,
+    k1_deviation=0.0,
+    principal_point_by_zoom_px=0.0,
+    k1_by_zoom=0.0,
+)
+"""A camera that turns about exactly one point with one lens, as the bound takes it."""
+_NO_LOSS = 1e6
+
+
+@dataclass(frozen=True, slots=True)
+class RigScenario:
+    """One row: number, title, number of frames, profile of the cameras, what is known, and the figures to reach."""
+
+    row: str
+    title: str
+    frames: int
+    profile: str
+    config: CameraConfig
+    from_priors: bool
+    reach_px: tuple[float, float | None]
+
+
+def rig_scenarios() -> list[RigScenario]:
+    """The rows of many frames."""
+    title = "5 frames of one camera together, sigma 0.5"
+    return [
+        RigScenario("10", title, 5, "main", KNOWN, False, (0.15, 0.4)),
+        RigScenario("10w", f"{title}, within 25 m of the halfway line", 5, "wide", KNOWN, False, (np.inf, None)),
+        RigScenario("10d", f"{title}, lens, crown from their priors", 5, "main", PRIORS, True, (np.inf, None)),
+    ]
+
+
+def chosen_rigs(names: Sequence[str]) -> list[RigScenario]:
+    """The rows that are named (``10`` stands for all of them); all where none is."""
+    return [s for s in rig_scenarios() if not names or s.row in names or "10" in names]
+
+
+@dataclass(frozen=True, slots=True)
+class RigDraw:
+    """Frames of one camera: the truth and its observations, the error (inf for none), what the bound lets expect
+    (K draws), and the calibration of each, and the time of one frame in seconds.
+    """
+
+    draws: list[Draw]
+    errors: list[float]
+    bounds: list[Array]
+    fits: list[CameraFit | None]
+    seconds: float
+
+
+def run_draw(
+    scenario: RigScenario,
+    rng: np.random.Generator,
+    bound_draws: int,
+    error: Callable[[Draw, CameraFit], float],
+    grid: Callable[[Draw], Array],
+) -> RigDraw:
+    """One camera of a scenario: truth, estimates and bound."""
+    draws = _draws(scenario, rng)
+    covariances = _bound_covariances(draws)
+    bounds = [
+        bound_errors(draw.camera, covariance, grid(draw), bound_draws, rng)
+        for draw, covariance in zip(draws, covariances, strict=True)
+    ]
+    start = time.perf_counter()
+    fits = together([draw.observations for draw in draws], scenario.config)
+    seconds = (time.perf_counter() - start) / len(draws)
+    errors = [np.inf if fit is None else error(draw, fit) for draw, fit in zip(draws, fits, strict=True)]
+    return RigDraw(draws, errors, bounds, fits, seconds)
+
+
+def together(seen: Sequence[Observations], camera: CameraConfig) -> list[CameraFit | None]:
+    """Cameras of frames of one camera, estimated together; None where there is none."""
+    template, circle = soccer()
+    config = Config(camera=camera, rig=STANDING)
+    frames = []
+    for k, observations in enumerate(seen):
+        fit = _fitted(observations, camera)
+        theta, covariance = (None, None) if fit is None else (fit.theta, fit.covariance)
+        frames.append(RigFrame(str(k), observations, theta, covariance))
+    rigs = estimate_rigs(frames, template, circle, config, {frame.id: "camera" for frame in frames})
+    if not rigs:
+        return [None] * len(frames)
+    return [
+        _fitted(observations, config_with(config, rigs[0].prior(frame.id), observations.width).camera)
+        for frame, observations in zip(frames, seen, strict=True)
+    ]
+
+
+def _fitted(observations: Observations, camera: CameraConfig) -> CameraFit | None:
+    template, circle = soccer()
+    try:
+        return estimate_camera(observations, template, circle, camera)
+    except EstimationError:
+        return None
+
+
+def _draws(scenario: RigScenario, rng: np.random.Generator) -> list[Draw]:
+    template, _ = soccer()
+    config, surface, kappa, shift = scenario.config, FLAT, 0.0, np.zeros(2)
+    if scenario.from_priors:
+        kappa = float(rng.normal(config.k1_mean, config.k1_sd))
+        surface = Surface(float(rng.normal(config.crown_m, config.crown_sd_m)), "roof")
+        shift = rng.normal(0.0, config.principal_point_sd_px, 2)
+    first = sample_camera(scenario.profile, rng, kappa=kappa)  # type: ignore[arg-type]
+    views = [first]
+    while len(views) < scenario.frames:
+        views.append(sample_camera(scenario.profile, rng, kappa=kappa, like=first))  # type: ignore[arg-type]
+    found = []
+    for view in views:
+        camera = replace(view, principal_point_px=view.principal_point_px + shift)
+        circles: tuple[CirclePoints, ...] = tuple(
+            circle_points(camera, template, edge, 200, 0.5, rng, surface=surface) for edge in ("outer", "inner")
+        )
+        lines = (line_points(camera, template, "halfway_line", 200, 0.5, rng, surface=surface),)
+        seen = Observations(camera.width, camera.height, circles, lines)
+        found.append(Draw(camera, seen, config, surface.crown_m))
+    return found
+
+
+def _bound_covariances(draws: Sequence[Draw]) -> Array:
+    """Covariances (F, P, P) of the frames' parameters at the truth: the inverse of the joint Fisher information."""
+    template, circle = soccer()
+    problems, thetas = [], []
+    for draw in draws:
+        frame = Frame(draw.camera.width, draw.camera.height, draw.config.crown_shape, circle.radius_m)
+        theta = theta_of(draw.camera, frame)
+        theta[INDEX["crown"]] = draw.crown_m
+        thetas.append(theta)
+        curves = observed_curves(draw.observations, template, Realism(10**6, 0.0, 0.0))
+        points = observed_points(draw.observations, template)
+        problems.append(Problem(curves, points, priors_of(draw.config, template, circle, frame), frame))
+    theta = np.array(thetas)
+    problem = joint_problem(problems, {}, {}, float(np.median(theta[:, 0])))
+    return joint_covariances(problem, first_state(problem, theta, _NO_LOSS))
