@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from circlecal.bench import other_frames
 from circlecal.config import Config
 from circlecal.errors import InputError
 from circlecal.evaluation.aggregate import compare_frames, summarise_method
@@ -42,6 +43,7 @@ from circlecal.solvers.great_axis import solve as solve_great_axis
 SIZE: Size = (1920, 1080)
 THRESHOLDS_PX = (5.0, 10.0)
 INPUTS = ("circle and halfway line", "the same, ends unused", "all lines", "detections of PnLCalib")
+PUBLISHED = "picture (published)"
 KINDS = ("circle and halfway line", "central views", "all")
 _TRUTH, _DETECTIONS, _CAMERAS = "ground_truth", "pnlcalib_keypoints", "_camera"
 Solve = Callable[[str, Observations], Projector | None]
@@ -135,10 +137,15 @@ def _set_rows(data: _Set, config: Config) -> list[AnnotationRow]:
     if any(seen.keypoints for seen in alone.values()):
         methods["circlecal", INPUTS[1]] = _solved({k: replace(v, keypoints=()) for k, v in alone.items()}, own)
     methods["circlecal", INPUTS[2]] = _solved(clicked, own)
+    runs = other_frames.matches(_positions(data, methods))
+    if runs:
+        methods["circlecal", other_frames.INPUT] = other_frames.with_other_frames(
+            alone, clicked, runs, template, circle, config
+        )
     if (data.folder / _DETECTIONS).is_dir():
         methods["circlecal", INPUTS[3]] = _solved(_observed(data, _DETECTIONS, template, config), own)
     central = {frame: classes for frame, classes in both.items() if is_central(classes)}
-    few = {(method, name) for method, name in methods if name in (INPUTS[0], INPUTS[1])}
+    few = {(method, name) for method, name in methods if name in (INPUTS[0], INPUTS[1], other_frames.INPUT)}
     rows = _rows(replace(data, kind=KINDS[0], annotated=both), methods) if both else []
     rows += _rows(replace(data, kind=KINDS[1], annotated=central), methods) if central else []
     return rows + _rows(data, {key: found for key, found in methods.items() if key not in few})
@@ -150,7 +157,18 @@ _Methods = dict[tuple[str, str], Mapping[str, Prediction]]
 def _peers(data: _Set) -> _Methods:
     folders = sorted(folder for folder in data.folder.glob(f"*{_CAMERAS}") if folder.is_dir())
     folders.sort(key=lambda folder: not folder.name.startswith("pnlcalib"))
-    return {(f.name.removesuffix(_CAMERAS), "picture (published)"): read_predictions(f, SIZE) for f in folders}
+    return {(f.name.removesuffix(_CAMERAS), PUBLISHED): read_predictions(f, SIZE) for f in folders}
+
+
+def _positions(data: _Set, methods: _Methods) -> dict[str, Array]:
+    """Positions (K, 3) of each frame's camera by the peers, in the order of the frames."""
+    peers = [cameras for (_, name), cameras in methods.items() if name == PUBLISHED]
+    found = {}
+    for frame in sorted(data.annotated, key=lambda name: (len(name), name)):
+        cameras = [p[frame].camera for p in peers if frame in p]
+        positions = [camera.position_m for camera in cameras if isinstance(camera, MetricCamera)]
+        found[frame] = np.array(positions).reshape(-1, 3)
+    return found
 
 
 def _observed(data: _Set, folder: str, template: FieldTemplate, config: Config) -> dict[str, Observations]:

@@ -32,6 +32,10 @@ counts.
 """
 _NEW_MATCH = 4.0
 """What a further match must explain."""
+_LEAST_SHARE = 0.8
+"""Of a set's frames in matches; a set of single frames has no match, but runs that look alike by chance."""
+_TOO_DIFFERENT = 1.3
+"""Mean deviation within a run from which on it is none."""
 
 
 def matches(positions: Mapping[str, Array]) -> list[list[str]]:
@@ -45,7 +49,7 @@ def matches(positions: Mapping[str, Array]) -> list[list[str]]:
     Returns
     -------
     list of list of str
-        Frames of each match; runs shorter than ``LEAST_FRAMES`` are left out.
+        Frames of each match; runs shorter than ``LEAST_FRAMES`` are left out. None where most frames are in no match.
     """
     # a camera of a match stands on the side of the main camera
     positions = {name: seen[(seen[:, 1] > 1.0) & (seen[:, 2] < 0.0)] for name, seen in positions.items()}
@@ -65,9 +69,13 @@ def matches(positions: Mapping[str, Array]) -> list[list[str]]:
                 best[end], cut[end] = best[start] + cost + _NEW_MATCH, start
     found, end = list[list[str]](), count
     while end > 0:
-        found.insert(0, names[cut[end] : end])
-        end = int(cut[end])
-    return [run for run in found if len(run) >= LEAST_FRAMES]
+        start = int(cut[end])
+        own = np.concatenate(features[start:end])
+        deviation = np.minimum(np.abs(own - np.median(own, axis=0)), _WORST).mean()
+        if end - start >= LEAST_FRAMES and deviation < _TOO_DIFFERENT:
+            found.insert(0, names[start:end])
+        end = start
+    return found if sum(map(len, found)) >= _LEAST_SHARE * len(positions) else []
 
 
 def with_other_frames(

@@ -30,8 +30,6 @@ from circlecal.observations import Observations
 from circlecal.rig.frames import RigFrame
 from circlecal.stages.camera import priors_of
 
-POINTS_PER_MARKING = 96
-"""Of each marking in the joint fit; more are averaged along it."""
 SAME_LINE_PX = 6.0
 """A recognised line is the seen one that lies this near to where the camera puts it, pixels at 1920 px width."""
 ZOOM_BINS = 5
@@ -243,8 +241,7 @@ def frame_problem(
         lines=tuple(line for line in seen.lines if line.line not in frame.rejected),
         circles=tuple(c for c in seen.circles if f"{c.circle} {c.edge}" not in frame.rejected),
     )
-    points = min(POINTS_PER_MARKING, options.maximum_points)
-    realism = Realism(points, options.model_sigma_px * unit, options.correlation_px * unit)
+    realism = Realism(options.maximum_points, options.model_sigma_px * unit, options.correlation_px * unit)
     problem = Problem(
         observed_curves(seen, template, realism),
         observed_points(seen, template),
