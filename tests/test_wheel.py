@@ -55,4 +55,5 @@ def test_wheel_writes_a_report(installed, tmp_path):
     (tmp_path / "results.jsonl").write_text(json.dumps(refused) + "\n")
     outcome = _run(installed, tmp_path, "report", ".")
     assert outcome.returncode == 0, outcome.stderr
-    assert {"index.html", "report.css", "report.js", "frames.js"} <= {p.name for p in (tmp_path / "report").iterdir()}
+    report = tmp_path / "circlecal-report"
+    assert {"index.html", "report.css", "report.js", "frames.js"} <= {p.name for p in report.iterdir()}

@@ -13,7 +13,7 @@ from circlecal.cli import options
 def report(
     results: Annotated[Path, typer.Argument(metavar="RESULTS", help="Folder written by circlecal batch or calibrate.")],
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Folder of the report. [default: RESULTS/report]")
+        Path | None, typer.Option("--out", "-o", help="Folder of the report. [default: RESULTS/circlecal-report]")
     ] = None,
     frames: Annotated[
         Path | None, typer.Option("--frames", metavar="FOLDER", help="Where the pictures are, if they have moved.")

@@ -26,7 +26,8 @@ MIN_SIDE = 64
 MASK_SUFFIX = ".mask.png"
 MASK_FOLDER = "masks"
 OVERLAY_SUFFIX, RADAR_SUFFIX, DEBUG_SUFFIX = ".overlay.jpg", ".radar.jpg", ".debug"
-OWN_FOLDERS = ("circlecal-out", "circlecal-debug")
+REPORT_FOLDER = "circlecal-report"
+OWN_FOLDERS = ("circlecal-out", "circlecal-debug", REPORT_FOLDER)
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,6 +19,7 @@ import numpy as np
 from circlecal import __version__
 from circlecal.api import prepare_folder
 from circlecal.errors import InputError
+from circlecal.formats.images import REPORT_FOLDER
 from circlecal.overlay.canvas import Picture
 from circlecal.report.details import frame_details
 from circlecal.report.drawings import scene_of
@@ -78,7 +79,7 @@ def write_report(
     run : StoredRun
         What :func:`circlecal.report.read_run` found.
     out : path, optional
-        Folder of the report; an older report in it is replaced. ``report`` in the results' folder when None.
+        Folder of the report; an older report in it is replaced. ``circlecal-report`` in the results' folder when None.
     options : ReportOptions, optional
         The defaults when None.
     on_frame : callable
@@ -92,7 +93,7 @@ def write_report(
     options = options or ReportOptions()
     if options.frames is not None and not options.frames.is_dir():
         raise InputError(f"{options.frames}: no such folder; give the one that the frames' pictures lie in")
-    out = _emptied(run.folder / "report" if out is None else out)
+    out = _emptied(run.folder / REPORT_FOLDER if out is None else out)
     media: list[int] = []
     details: list[dict[str, Any]] = []
     for row, (written, told) in zip(run.rows, _frames(run, out, options), strict=True):

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
+from circlecal.formats.images import REPORT_FOLDER
 from circlecal.report import ReportOptions, read_run, write_report
 from tests.report.browser import Browser, programs
 from tests.report.conftest import refused, write_run
@@ -396,6 +397,6 @@ def test_ten_thousand_frames(browser, tmp_path, named):
     browser.wait(f"{OPEN} && document.querySelector('#facts dd')")
     assert browser.run("return document.getElementById('place').textContent") == "100 of 100"
     assert browser.console() == []
-    listing = (tmp_path / "report" / "frames.js").stat().st_size
+    listing = (tmp_path / REPORT_FOLDER / "frames.js").stat().st_size
     assert listing < 250 * len(records)
-    assert json.loads((tmp_path / "report" / "frames.js").read_text()[len("circlecalFrames(") : -3])
+    assert json.loads((tmp_path / REPORT_FOLDER / "frames.js").read_text()[len("circlecalFrames(") : -3])

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from circlecal.formats.images import OVERLAY_SUFFIX
+from circlecal.formats.images import OVERLAY_SUFFIX, REPORT_FOLDER, find_frames
 from circlecal.report import ReportOptions, read_run, write_report
 from circlecal.report.pictures import Media
 from tests.report.conftest import refused, write_run
@@ -168,6 +168,12 @@ def test_the_page_is_accessible_as_written(tmp_path, named):
         assert attributes.get("aria-labelledby", identifiers[0]) in identifiers
 
 
+def test_its_pictures_are_no_frames(tmp_path, named, picture_file):
+    report = written(picture_file.parent / "run", [named("a", path=str(picture_file))])
+    assert (report / "frames" / "000" / "000000.jpg").is_file()
+    assert [frame.id for frame in find_frames([picture_file.parent])] == ["good"]
+
+
 def test_written_again_without_leftovers(tmp_path, named):
     report = written(tmp_path, [named(str(k)) for k in range(3)])
     assert len(list(report.glob("template/*/*.svg"))) == 3
@@ -197,9 +203,9 @@ def test_command(tmp_path, named, picture_file, run_circlecal):
     assert outcome.code == 0
     assert (
         outcome.out.strip()
-        == f"{folder / 'report' / 'index.html'}: 2 frames, 1 without a picture (has it moved? --frames FOLDER)"
+        == f"{folder / REPORT_FOLDER / 'index.html'}: 2 frames, 1 without a picture (has it moved? --frames FOLDER)"
     )
-    assert "<title>Cup final" in (folder / "report" / "index.html").read_text()
+    assert "<title>Cup final" in (folder / REPORT_FOLDER / "index.html").read_text()
     assert run_circlecal("report", folder / "results.jsonl", "--quiet").out == ""
     assert run_circlecal("report", folder, "--frames", tmp_path / "absent").code == 2
 
@@ -209,9 +215,9 @@ def test_results_of_calibrate(tmp_path, frame_file, blank_file, run_circlecal):
     run_circlecal("calibrate", frame_file, blank_file, "--out", out)
     assert run_circlecal("report", out).code == 0
     shutil.rmtree(frame_file.parent)
-    columns = listing(out / "report")["columns"]
+    columns = listing(out / REPORT_FOLDER)["columns"]
     assert (columns["id"], columns["code"]) == (["blank", "good"], [0, -1])
-    assert all(Media.FRAME in has for has in media(out / "report"))
+    assert all(Media.FRAME in has for has in media(out / REPORT_FOLDER))
 
 
 def luminance(color: str) -> float:

@@ -6,6 +6,7 @@ import pytest
 
 from circlecal.batch import RESULTS_NAME
 from circlecal.errors import InputError
+from circlecal.formats.images import REPORT_FOLDER
 from circlecal.report.reading import read_run
 from tests.report.conftest import refused, write_run
 
@@ -83,7 +84,7 @@ def test_a_broken_line_is_named(tmp_path, run_circlecal, name):
     assert outcome.code == 2
     assert outcome.err.count("\n") == 1
     assert f"{RESULTS_NAME}, {said}" in outcome.err
-    assert not (tmp_path / "report").exists()
+    assert not (tmp_path / REPORT_FOLDER).exists()
 
 
 def test_nothing_to_report(tmp_path, run_circlecal):

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from circlecal.formats.images import REPORT_FOLDER
 from circlecal.formats.video import Sampling, Video, pictures_at
 from circlecal.report.pictures import Media
 from tests.report.conftest import refused
@@ -74,6 +75,6 @@ def test_a_video_that_is_gone_or_none(tmp_path, named):
 def test_from_the_video_to_the_report(tmp_path, video, run_circlecal):
     assert run_circlecal("batch", video, "--every", "2s", "--out", tmp_path / "run", "--workers", 1).code == 0
     assert run_circlecal("report", tmp_path / "run").out.endswith("index.html: 2 frames\n")
-    assert listing(tmp_path / "run" / "report")["columns"]["time_s"] == [0.0, 2.0]
-    second = cv2.imread(str(tmp_path / "run" / "report" / "frames" / "000" / "000001.jpg"))
+    assert listing(tmp_path / "run" / REPORT_FOLDER)["columns"]["time_s"] == [0.0, 2.0]
+    second = cv2.imread(str(tmp_path / "run" / REPORT_FOLDER / "frames" / "000" / "000001.jpg"))
     assert patch(second) == pytest.approx(120, abs=4)
