@@ -41,7 +41,7 @@ def report(tmp_path_factory, named, frame_image) -> Path:
         named("f10", 30.0, rig={"camera": "camera-1", "alone": {"status": "refused", "code": "rotation_free"}}),
         refused("f3"),
         refused("f4", "too_uncertain", "uncertain by 99 px", "verdict"),
-        refused(NASTY),
+        refused(NASTY, "circle_support_too_low"),
         *(named(f"v{t}", 3.0 + t, source={"path": "match.mp4", "time_s": float(t)}) for t in range(3)),
         refused("v3") | {"source": {"path": "match.mp4", "time_s": 3.0}},
     ]
