@@ -15,6 +15,9 @@ from pathlib import Path
 from circlecal.formats.summary import FrameSummary
 
 _VERSION = 1
+_PAGE = 1000
+_LAST_ID = "\U0010ffff" * 4
+"""After every id."""
 _COLUMNS = tuple(column.name for column in fields(FrameSummary))
 
 
@@ -30,6 +33,9 @@ class ResultIndex:
 
     def __init__(self, path: Path) -> None:
         self._database = _opened(path)
+        self._page: dict[str, tuple[str, str | None]] = {}
+        self._page_ends = ("", "")
+        self._page_size = 1
 
     def close(self) -> None:
         """Keep what was added."""
@@ -51,6 +57,7 @@ class ResultIndex:
     def add(self, rows: Iterable[FrameSummary], end: int, digest: str) -> None:
         """Take in rows; the file is covered up to byte ``end`` with them. Kept for good at :meth:`commit`."""
         marks = ", ".join("?" * len(_COLUMNS))
+        self._page_ends = ("", "")
         self._database.executemany(f"INSERT OR REPLACE INTO frames VALUES ({marks})", map(astuple, rows))
         self._database.execute("INSERT OR REPLACE INTO covered VALUES (0, ?, ?)", (end, digest))
 
@@ -59,9 +66,22 @@ class ResultIndex:
         self._database.commit()
 
     def find(self, frame_id: str) -> tuple[str, str | None] | None:
-        """Status and code of a frame; None where it has no row."""
-        found = self._database.execute("SELECT status, code FROM frames WHERE id = ?", (frame_id,)).fetchone()
-        return None if found is None else (found[0], found[1])
+        """Status and code of a frame; None where it has no row.
+
+        Frames are mostly asked for in the order of their ids, so what follows one is read with it.
+        """
+        first, last = self._page_ends
+        if not first <= frame_id <= last or not first:
+            self._read_page(frame_id)
+        return self._page.get(frame_id)
+
+    def _read_page(self, frame_id: str) -> None:
+        in_order = frame_id > self._page_ends[1]
+        self._page_size = min(2 * self._page_size, _PAGE) if in_order else 1
+        query = "SELECT id, status, code FROM frames WHERE id >= ? ORDER BY id LIMIT ?"
+        rows = self._database.execute(query, (frame_id, self._page_size)).fetchall()
+        self._page = {name: (status, code) for name, status, code in rows}
+        self._page_ends = frame_id, rows[-1][0] if len(rows) == self._page_size else _LAST_ID
 
     def __len__(self) -> int:
         return int(self._database.execute("SELECT count(*) FROM frames").fetchone()[0])

@@ -54,7 +54,10 @@ def batch(
     from_format: options.FromFormat = None,
     size: options.Size = None,
     convention: options.PointConvention = options.Convention.OFFICIAL,
-    to: options.To = None,
+    to: Annotated[
+        list[str] | None,
+        typer.Option("--to", metavar="FORMAT", help="Also write all frames in this format, or parquet; repeatable."),
+    ] = None,
     eval_size: options.EvalSize = None,
     config: options.ConfigFile = None,
     settings: options.Settings = None,
@@ -74,6 +77,8 @@ def batch(
     from circlecal.cli import console
     from circlecal.errors import InputError
     from circlecal.formats.exports import Exports
+    from circlecal.formats.parquet import PARQUET_FORMAT, PARQUET_NAME, require_parquet, write_parquet
+    from circlecal.formats.records import read_records
     from circlecal.formats.video import DEFAULT_EVERY, Sampling
 
     console.configure_logging(quiet=quiet, verbose=verbose)
@@ -84,7 +89,10 @@ def batch(
         config, settings, field, seed, radar=radar, no_overlay=no_overlay, camera_prior=camera_prior, solver=solver
     )
     written_size = options.parsed_size(eval_size, "--eval-size")
-    Exports(to or (), out, written_size)  # an unknown format is told before the first frame
+    targets = [name for name in to or () if name != PARQUET_FORMAT]
+    Exports(targets, out, written_size)  # an unknown format is told before the first frame
+    if PARQUET_FORMAT in (to or ()):
+        require_parquet()
     run = FrameRun(
         chosen,
         None,
@@ -119,8 +127,10 @@ def batch(
             restart=restart,
             on_progress=show,
         )
-    if to:
-        _export(Exports(to, out, written_size), run, frames, out)
+    if targets:
+        _export(Exports(targets, out, written_size), run, frames, out)
+    if PARQUET_FORMAT in (to or ()):
+        write_parquet(read_records(out / RESULTS_NAME), out / PARQUET_NAME)
     _print_counts(counts, out / RESULTS_NAME, as_json=as_json, quiet=quiet)
     if failures:
         raise typer.Exit(2)

@@ -251,6 +251,48 @@ def _print_solvers(found: list[Summary]) -> None:
         )
 
 
+@app.command("batch")
+def time_batch(
+    count: Annotated[int, typer.Option(min=2, help="Rendered frames per run.")] = 24,
+    workers: Annotated[int, typer.Option("--workers", "-w", min=2, help="Worker processes beside one.")] = 2,
+    repeats: Annotated[int, typer.Option(min=1, help="Runs of each; the best counts.")] = 2,
+    tasks: Annotated[int, typer.Option(min=0, help="Simulated frames, which take no time; 0 for none.")] = 100_000,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the frames.")] = 0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")] = False,
+) -> None:
+    """Throughput of a batch, what it adds to the calibrations, and how time and memory grow with the frames."""
+    from dataclasses import asdict
+
+    from circlecal.bench.batch import run_scaling, run_throughput
+    from circlecal.cli.console import counted
+
+    with counted("runs", 2 * repeats + (3 if tasks else 0)) as advance:
+        rates = run_throughput(count, workers, repeats, seed, advance)
+        scaling = run_scaling(tasks, workers, advance) if tasks else None
+    if as_json:
+        _print_json({"throughput": [asdict(r) for r in rates], "scaling": scaling and asdict(scaling)})
+        return
+    _table(
+        "Rendered frames, steady state",
+        ["workers", "frames/s", "times one worker", "time added to the calibrations"],
+        [[str(r.workers), f"{r.rate:.2f}", f"{r.speedup:.2f}", f"{r.overhead:.1%}"] for r in rates],
+    )
+    if scaling is None:
+        return
+    early, late, taken = scaling.memory_mb
+    _table(
+        f"{scaling.frames} simulated frames, {scaling.megabytes:.0f} MB of results",
+        ["what", "s", "MB in memory"],
+        [
+            ["run, first tenth", "", f"{early:.0f}"],
+            ["run, whole", f"{scaling.seconds:.1f}", f"{late:.0f}"],
+            ["taken up: results scanned", f"{scaling.index_seconds:.3f}", ""],
+            ["taken up: every frame passed over, summary written", f"{scaling.skip_seconds:.1f}", f"{taken:.0f}"],
+            ["taken up without an index", f"{scaling.rebuild_seconds:.1f}", ""],
+        ],
+    )
+
+
 @app.command("annotations")
 def score_annotations(
     path: Annotated[Path, typer.Argument(metavar="PATH", help="Folder of <set>/ground_truth, ...")],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from pathlib import Path
 from typing import Annotated
 
@@ -12,7 +13,8 @@ from circlecal.cli import options
 
 def convert(
     inputs: Annotated[
-        list[Path], typer.Argument(metavar="INPUT...", help="Annotation or camera files, and folders of them.")
+        list[Path],
+        typer.Argument(metavar="INPUT...", help="Annotation or camera files, results, results.jsonl, and folders."),
     ],
     to: Annotated[str, typer.Option("--to", metavar="FORMAT", help="Format to write, of the same kind.")],
     out: options.Out = Path("circlecal-out"),
@@ -25,11 +27,20 @@ def convert(
 ) -> None:
     """Rewrite annotations as annotations and cameras as cameras of another program, without calibrating."""
     from circlecal.api import field_template
+    from circlecal.batch import RESULTS_NAME
     from circlecal.cli import console
     from circlecal.formats.exchange import convert as convert_files
     from circlecal.formats.inputs import convertible_files
+    from circlecal.formats.parquet import PARQUET_FORMAT, PARQUET_NAME, write_parquet
+    from circlecal.formats.records import read_records
 
     console.configure_logging(quiet=quiet, verbose=verbose)
+    if to == PARQUET_FORMAT:
+        files = [path / RESULTS_NAME if path.is_dir() else path for path in inputs]
+        written = write_parquet(chain.from_iterable(map(read_records, files)), out / PARQUET_NAME)
+        if not quiet:
+            console.print_line(str(written))
+        return
     template = field_template(options.chosen_config(None, settings, field))
     files = convertible_files(inputs, from_format, out)
     for path in convert_files(files, from_format, to, out, template, options.parsed_size(size)):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from circlecal.errors import InputError
 from circlecal.field import FieldTemplate
@@ -27,7 +28,8 @@ from circlecal.formats.cameras import CameraFrame
 from circlecal.formats.checked import MAX_SHAPES, Size, distinct_names, read_content
 from circlecal.formats.images import PICTURE_SUFFIXES, picture_header
 from circlecal.formats.observing import observe
-from circlecal.formats.result import read_result
+from circlecal.formats.records import is_records, read_records
+from circlecal.formats.result import StoredResult, read_result, stored_result
 from circlecal.formats.sniff import ANNOTATION_FORMATS, CAMERA_FORMATS, READ_ONLY, Kind, kind_of, recognise
 from circlecal.geometry.pinhole import Camera, camera_from_homography
 from circlecal.sources import SourcesConfig
@@ -279,13 +281,16 @@ def convert(
     annotations: list[AnnotatedFrame] = []
     cameras: list[CameraFrame] = []
     for path in paths:
+        if target in CAMERA_FORMATS and is_records(path):
+            cameras += [frame for record in read_records(path) for frame in _camera_of_record(record, target, template)]
+            continue
         name, kind, _ = format_of(path, source)
         if kind == "annotation" and target in ANNOTATION_FORMATS and target != "gamestate":
             annotations += read_annotations(path, size, name)[1]
         elif kind == "camera" and target in CAMERA_FORMATS:
             cameras += [_converted(path, frame, target, template) for frame in read_cameras(path, size, name)]
         elif kind == "result" and target in CAMERA_FORMATS:
-            cameras += _stored_camera(path, target, template)
+            cameras += _stored_camera(read_result(path), target, template)
         else:
             raise InputError(f"{path}: there is no way from a {name} {kind} to {target}; {_pairs()}")
     if annotations and cameras:
@@ -303,9 +308,15 @@ def _converted(path: Path, frame: CameraFrame, target: str, template: FieldTempl
     return replace(frame, camera=centred_camera(camera, template) if target == "broadtrack" else camera)
 
 
-def _stored_camera(path: Path, target: str, template: FieldTemplate) -> list[CameraFrame]:
-    stored = calibrated_frame(read_result(path), template, template.circle_by_name[template.default_circle])
+def _stored_camera(result: StoredResult, target: str, template: FieldTemplate) -> list[CameraFrame]:
+    stored = calibrated_frame(result, template, template.circle_by_name[template.default_circle])
     return [] if stored is None else [_camera_frame(stored, target)]
+
+
+def _camera_of_record(record: dict[str, Any], target: str, template: FieldTemplate) -> list[CameraFrame]:
+    if record.get("image") is None:  # never read
+        return []
+    return _stored_camera(stored_result(record, str(record["id"])), target, template)
 
 
 def _write_new(

@@ -34,3 +34,15 @@ def read_records(path: Path) -> Iterator[dict[str, Any]]:
         raise InputError(
             f"{path}: cannot be read: {error.strerror}; give the results.jsonl of circlecal batch"
         ) from error
+
+
+def is_records(path: Path) -> bool:
+    """Whether a file is the ``results.jsonl`` of a batch, by its first line."""
+    if path.suffix != ".jsonl":
+        return False
+    try:
+        with path.open("rb") as file:
+            record = json.loads(file.readline())
+    except (OSError, ValueError):
+        return False
+    return isinstance(record, dict) and record.keys() >= {"id", "status", "schema_version"}

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
 from circlecal.formats.atomic import write_atomic_parts
+
+_BLOCK = 1 << 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,13 +64,14 @@ def write_summary(path: Path, rows: Iterable[FrameSummary]) -> None:
 
 def _lines(rows: Iterable[FrameSummary]) -> Iterator[bytes]:
     names = [column.name for column in fields(FrameSummary)]
-    yield _line(names)
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(names)
     for row in rows:
         values = (getattr(row, name) for name in names)
-        yield _line([round(value, 3) if isinstance(value, float) else value for value in values])
-
-
-def _line(values: Sequence[object]) -> bytes:
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerow(values)
-    return text.getvalue().encode()
+        writer.writerow([round(value, 3) if isinstance(value, float) else value for value in values])
+        if text.tell() > _BLOCK:
+            yield text.getvalue().encode()
+            text.seek(0)
+            text.truncate()
+    yield text.getvalue().encode()
