@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from circlecal.formats.summary import FrameSummary
 
 _PLAIN_SECONDS = 5.0
+_PLAIN_SHARE = 0.05
+_PLAIN_SECONDS_MOST = 60.0
+"""In a pipe the next line comes after 5 s, of a long run after a twentieth of the time so far, but after a minute."""
 _COLOURS = {"calibrated": "green", "refused": "yellow"}
 
 
@@ -124,17 +127,18 @@ def _bar(console: Console, unit: str) -> Iterator[Callable[..., None]]:
         rich_progress.BarColumn(),
         rich_progress.TextColumn("{task.fields[counts]}"),
         rich_progress.TextColumn("{task.fields[rate]}"),
-        rich_progress.TimeRemainingColumn(),
+        rich_progress.TextColumn("{task.fields[left]}"),
         console=console,
         transient=True,
     )
     start = time.monotonic()
     with bar:
-        task = bar.add_task("", total=None, counts="", rate="")
+        task = bar.add_task("", total=None, counts="", rate="", left="")
 
         def update(done: int, total: int, label: str, rate: float | None = None) -> None:
             rate = done / max(time.monotonic() - start, 1e-9) if rate is None else rate
-            bar.update(task, total=total, completed=done, counts=label, rate=f"{rate:.1f} {unit}/s")
+            left = _time_left(total - done, rate)
+            bar.update(task, total=total, completed=done, counts=label, rate=f"{rate:.1f} {unit}/s", left=left)
 
         yield update
 
@@ -157,6 +161,19 @@ def counted(unit: str, total: int) -> Iterator[Callable[[str], None]]:
         yield _counted_lines(unit, total)
 
 
+def _time_left(steps: int, rate: float) -> str:
+    if rate <= 0:
+        return ""
+    minutes, seconds = divmod(round(steps / rate), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{seconds:02d} left" if hours else f"{minutes}:{seconds:02d} left"
+
+
+def _is_due(now: float, last: float, start: float) -> bool:
+    """Whether a plain line may follow the last one."""
+    return now - last >= min(max(_PLAIN_SECONDS, _PLAIN_SHARE * (now - start)), _PLAIN_SECONDS_MOST)
+
+
 def _counted_lines(unit: str, total: int) -> Callable[[str], None]:
     start = last = time.monotonic()
     done = 0
@@ -165,10 +182,10 @@ def _counted_lines(unit: str, total: int) -> Callable[[str], None]:
         nonlocal done, last
         done += 1
         now = time.monotonic()
-        if done == total or now - last >= _PLAIN_SECONDS:
+        if done == total or _is_due(now, last, start):
             last = now
             rate = done / max(now - start, 1e-9)
-            line = f"{done}/{total} {unit}, {label}, {rate:.1f} {unit}/s, {(total - done) / rate:.0f} s left"
+            line = f"{done}/{total} {unit}, {label}, {rate:.1f} {unit}/s, {_time_left(total - done, rate)}"
             print(line, file=sys.stderr, flush=True)  # noqa: T201
 
     return advance
@@ -181,11 +198,13 @@ def _plain_lines() -> Callable[[BatchProgress], None]:
     def update(state: BatchProgress) -> None:
         nonlocal last
         now = time.monotonic()
-        if state.finished == state.total or now - last >= _PLAIN_SECONDS:
+        if state.finished == state.total or _is_due(now, last, start):
             last = now
             rate = _rate(state, start)
-            left = f", {(state.total - state.finished) / rate:.0f} s left" if rate > 0 else ""
-            line = f"{state.finished}/{state.total} frames, {_counts(state)}, {rate:.1f} frames/s{left}"
+            left = _time_left(state.total - state.finished, rate)
+            line = (
+                f"{state.finished}/{state.total} frames, {_counts(state)}, {rate:.1f} frames/s{', ' * bool(left)}{left}"
+            )
             print(line, file=sys.stderr, flush=True)  # noqa: T201
 
     return update

@@ -1,0 +1,70 @@
+"""Progress on a terminal and in a pipe."""
+
+import io
+from itertools import pairwise
+
+import pytest
+from rich.console import Console
+
+from circlecal.batch import BatchProgress
+from circlecal.cli import console
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    now = [1000.0]
+    monkeypatch.setattr("circlecal.cli.console.time.monotonic", lambda: now[0])
+    return now
+
+
+def finished(progress: BatchProgress, count: int = 1, code: str | None = None) -> BatchProgress:
+    for _ in range(count):
+        progress.count("refused" if code else "calibrated", code)
+    return progress
+
+
+def test_lines_in_a_pipe_become_rarer(clock, capsys):
+    progress = BatchProgress(total=100_000)
+    with console.progress_display(quiet=False) as show:
+        show(progress)
+        for _ in range(20_000):
+            clock[0] += 0.5
+            show(finished(progress))
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0] == "10/100000 frames, 10 calibrated, 0 refused, 2.0 frames/s, 13:53:15 left"
+    assert 150 < len(lines) < 300
+    counts = [int(line.split("/")[0]) for line in lines]
+    gaps = [later - earlier for earlier, later in pairwise(counts)]
+    assert (gaps[0], max(gaps)) == (10, 120)
+
+
+def test_the_last_line_and_what_was_there_before(clock, capsys):
+    progress = finished(BatchProgress(total=4, resumed=2), 2)
+    with console.progress_display(quiet=False) as show:
+        show(progress)
+        clock[0] += 1
+        show(finished(progress))
+        clock[0] += 1
+        show(finished(progress, code="no_circle_found"))
+    [line] = capsys.readouterr().err.splitlines()
+    assert line == "4/4 frames, 3 calibrated, 1 refused (2 from before), 1.0 frames/s, 0:00 left"
+
+
+def test_a_bar_on_a_terminal(clock, monkeypatch):
+    written = io.StringIO()
+    terminal = Console(file=written, force_terminal=True, width=140, color_system=None)
+    monkeypatch.setattr("circlecal.cli.console.stderr_console", lambda: terminal)
+    progress = finished(BatchProgress(total=1000, resumed=100), 100)
+    with console.progress_display(quiet=False) as show:
+        show(progress)
+        clock[0] += 10
+        show(finished(progress, 50, "no_circle_found"))
+    shown = written.getvalue()
+    for text in ("150/1000 frames", "100 calibrated, 50 refused (100 from before)", "5.0 frames/s", "2:50 left"):
+        assert text in shown
+
+
+def test_quiet(capsys):
+    with console.progress_display(quiet=True) as show:
+        show(finished(BatchProgress(total=1)))
+    assert capsys.readouterr() == ("", "")
