@@ -18,6 +18,9 @@ from circlecal.observations import CircleEdge, CirclePoints, Observations
 MINIMUM_CIRCLE_POINTS = 6
 """With fewer the circle is no ellipse that a start could come from."""
 
+REFINEMENTS = 4
+"""Steps of an ellipse from which only starts are taken."""
+
 _SeenEllipse = tuple[Array, Ellipse, CircleEdge]
 
 
@@ -29,14 +32,13 @@ def starts_of(
     landmarks: Landmarks,
     side: str,
     loss_scale: float,
-    count: int,
 ) -> tuple[Array, Array]:
-    """Starts from the closed forms (K, P), and those of a grid (L, P) for when the closed forms are few or weak.
+    """Starts from the closed forms (K, P), and a whole grid (L, P) for when the closed forms are few or weak.
 
     Parameters
     ----------
     problem : Problem
-        What the starts are screened by; its priors may know where the camera stands.
+        Its priors may know where the camera stands.
     observations, template : Observations, FieldTemplate
         What was seen, and the field.
     circle : Circle or None
@@ -47,8 +49,6 @@ def starts_of(
         Side of the field from which the grids look.
     loss_scale : float
         Scale of the robust loss of the ellipse, standard deviations.
-    count : int
-        How many of the grid are kept.
     """
     frame, middle = problem.frame, problem.priors.center_m
     closed = [homography_starts(landmarks, middle, frame)]
@@ -67,7 +67,7 @@ def starts_of(
         if problem.priors.mean[INDEX["z"]] < 0:  # its priors know where the camera stands
             positions = np.concatenate([problem.priors.mean[None, 4:7], positions])
         grids.append(aimed_starts(landmarks, positions, frame))
-    return np.concatenate(closed), _screened(problem, np.concatenate(grids), count)
+    return np.concatenate(closed), np.concatenate(grids)
 
 
 def _circle_starts(
@@ -101,7 +101,9 @@ def _seen_ellipse(
         return None
     points = usual_lens(problem).undistort(seen.points_px)
     conic = fit_conic(points, "direct")
-    refined = None if conic is None else refine_conic(points, conic, seen.sigma_px, loss_scale=loss_scale)
+    refined = None
+    if conic is not None:
+        refined = refine_conic(points, conic, seen.sigma_px, loss_scale=loss_scale, iterations=REFINEMENTS)
     conic = conic if refined is None else refined[0]
     ellipse = None if conic is None else ellipse_from_conic(conic)
     return None if conic is None or ellipse is None else (conic, ellipse, seen.edge)
@@ -150,8 +152,10 @@ def _central_line(
     return None, np.array([0.0, 1.0])
 
 
-def _screened(problem: Problem, grid: Array, count: int) -> Array:
-    """The starts of a grid that already lie nearest to what was seen."""
+def screened(problem: Problem, grid: Array, count: int) -> Array:
+    """The starts of a grid (L, P) that already lie nearest to what was seen, at most ``count``."""
+    if len(grid) <= count:
+        return grid
     stride = max(1, len(problem.curves.points_px) // 48)
     few = problem.curves.select(np.arange(0, len(problem.curves.points_px), stride))
     candidates = grid.copy()

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from circlecal.camera_fit.curves import CurvePoints, curve_residuals, first_hidden
+from circlecal.camera_fit.curves import CurvePoints, curve_residuals, ground_hidden
 from circlecal.camera_fit.model import Frame
 from circlecal.field import FieldTemplate, Line
 from circlecal.geometry.homogeneous import Array, Indices, Mask
@@ -130,7 +130,7 @@ def _pairs(segments: Array, template: FieldTemplate, lines: list[Line], theta: A
         (span / lengths[:, None])[group], np.array([template.line_shift(line) for line in lines])[group], group,
         tuple(line.name for line in lines),
     )  # fmt: skip
-    start, _ = first_hidden(curves, theta[None], frame, samples=48)
+    start = ground_hidden(curves, theta[None], frame)
     seen = curve_residuals(curves, theta[None], start, frame, updates=3)
     hidden = seen.hidden[0].reshape(T, S, 2)
     # uncertain cameras slide along a line too, so its ends are taken generously

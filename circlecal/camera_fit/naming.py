@@ -17,13 +17,22 @@ from circlecal.field import FieldTemplate
 from circlecal.geometry.homogeneous import Array, Indices
 from circlecal.observations import LinePoints, Observations
 
-HYPOTHESES = 6
+HYPOTHESES, GROWING = 6, 2
+"""How many are fitted, and of how many the lines are matched anew."""
 ROUNDS = 3
 """Fits of one hypothesis; after each the lines are matched anew."""
 MARGIN_WIDTHS = 0.12
 """A hypothesis must explain this many picture widths of line more than any that contradicts it."""
 UNUSED_SIGMA_PX = 1e5
 """Of lines that a hypothesis leaves without a name."""
+
+
+@dataclass(frozen=True, slots=True)
+class Naming:
+    """Template names by index of the seen line, and the camera (P,) that they imply."""
+
+    names: dict[int, str]
+    theta: Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +106,7 @@ def name_lines(
     realism: Realism,
     loss_scale: float,
     met: tuple[LinePoints, ...] = (),
-) -> dict[int, str]:
+) -> Naming:
     """Names for straight markings that were seen without one.
 
     Parameters
@@ -117,18 +126,19 @@ def name_lines(
 
     Returns
     -------
-    dict
-        Template names by index into ``observations.lines``; empty where nothing is certain.
+    Naming
+        Without names where nothing is certain.
     """
+    nothing = Naming({}, state.theta[0])
     unnamed = [k for k, line in enumerate(observations.lines) if line.line is None and len(line.points_px) >= 8]
     if not unnamed:
-        return {}
+        return nothing
     scene = _scene(unnamed, problem, state, observations, template, realism, loss_scale, met)
     first = scene.hypotheses(state.theta[0], state.normal[0], HYPOTHESES)
     if not first:
-        return {}
+        return nothing
     trials = _tried(scene, first, np.repeat(state.theta[:1], len(first), axis=0))
-    growing = list(range(len(trials)))
+    growing = sorted(range(len(trials)), key=lambda k: -trials[k].score)[:GROWING]
     for _ in range(ROUNDS - 1):
         further = {k: scene.hypotheses(trials[k].theta, trials[k].normal, 1) for k in growing}
         more = {k: again[0] for k, again in further.items() if again and _extends(again[0], trials[k].association)}
@@ -138,7 +148,10 @@ def name_lines(
         starts = np.array([trials[k].theta for k in growing])
         for k, trial in zip(growing, _tried(scene, list(more.values()), starts), strict=True):
             trials[k] = trial
-    return _certain(trials, unnamed, observations.width)
+    best = _certain(trials, observations.width)
+    if best is None:
+        return nothing
+    return Naming({unnamed[k]: name for k, name in best.association.names.items()}, best.theta)
 
 
 def _extends(again: Association, before: Association) -> bool:
@@ -244,9 +257,9 @@ def _judged(scene: _Scene, associations: list[Association], state: State, proble
     return explained, explained - 2.0 * missed - scene.unit * (400.0 * worse + 15.0 * prior)
 
 
-def _certain(trials: list[_Trial], unnamed: list[int], width: int) -> dict[int, str]:
+def _certain(trials: list[_Trial], width: int) -> _Trial | None:
     best = max(trials, key=lambda t: t.score)
     rival = max((t.score for t in trials if t.association.contradicts(best.association)), default=-np.inf)
     if best.explained_px < 0.15 * width or best.score < 0.1 * width or best.score < rival + MARGIN_WIDTHS * width:
-        return {}
-    return {unnamed[k]: name for k, name in best.association.names.items()}
+        return None
+    return best

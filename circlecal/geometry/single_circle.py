@@ -16,6 +16,9 @@ from numpy.typing import ArrayLike
 from circlecal.geometry.conics import line_conic_meet, normalise_conic
 from circlecal.geometry.homogeneous import Array, dehomogenise
 
+GRID, STEPS = 481, 20
+"""Samples between which roots are looked for, and steps to each root."""
+
 
 @dataclass(frozen=True, slots=True)
 class PinholeCenter:
@@ -32,16 +35,23 @@ def _constraint(conic: Array, line: Array, centers: Array) -> tuple[Array, Array
     ``centers`` (K, 3) lie on the line.
     """
     polars = centers @ conic
-    v1 = np.cross(np.broadcast_to(line, centers.shape), polars)
-    v2 = np.cross(polars, v1 @ conic)
-    v1 = v1 / np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", v1, conic, v1), 1e-300))[:, None]
-    v2 = v2 / np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", v2, conic, v2), 1e-300))[:, None]
+    v1 = _cross(line, polars)
+    pushed = v1 @ conic
+    v2 = _cross(polars.T, pushed)
+    v1 = v1 / np.sqrt(np.maximum((pushed * v1).sum(axis=1), 1e-300))[:, None]
+    v2 = v2 / np.sqrt(np.maximum(((v2 @ conic) * v2).sum(axis=1), 1e-300))[:, None]
     dot, product = np.sum(v1[:, :2] * v2[:, :2], axis=-1), v1[:, 2] * v2[:, 2]
     lengths = np.sum(v1[:, :2] ** 2 - v2[:, :2] ** 2, axis=-1)
     depths = v1[:, 2] ** 2 - v2[:, 2] ** 2
     with np.errstate(divide="ignore", invalid="ignore"):
         inverse_f2 = -(dot * product + lengths * depths) / (dot**2 + lengths**2)
     return dot * depths - lengths * product, inverse_f2
+
+
+def _cross(first: Array, second: Array) -> Array:
+    """Cross products (K, 3) of coordinates (3,) or (3, K) with vectors (K, 3)."""
+    (a, b, c), (x, y, z) = first, second.T
+    return np.stack([b * z - c * y, c * x - a * z, a * y - b * x], axis=-1)
 
 
 def pinhole_centers(
@@ -80,18 +90,21 @@ def pinhole_centers(
         points = 0.5 * (p + q) + 0.5 * np.asarray(offset)[:, None] * (q - p)
         return np.column_stack([points, np.ones(len(points))])
 
-    grid = np.linspace(-0.6, 0.6, 481)
+    grid = np.linspace(-0.6, 0.6, GRID)
     value, _ = _constraint(e, l_local, centers(grid))
     index = np.flatnonzero(np.sign(value[:-1]) * np.sign(value[1:]) < 0)
     if len(index) == 0:
         return []
-    low, high, low_value = grid[index], grid[index + 1], value[index]
-    for _ in range(50):
-        middle = 0.5 * (low + high)
-        middle_value, _ = _constraint(e, l_local, centers(middle))
-        left = np.sign(middle_value) == np.sign(low_value)
-        low, high = np.where(left, middle, low), np.where(left, high, middle)
-    root = 0.5 * (low + high)
+    low, high, low_value, high_value = grid[index], grid[index + 1], value[index], value[index + 1]
+    root = low
+    for _ in range(STEPS):  # false position, with the kept end's value halved (Illinois)
+        root = (low * high_value - high * low_value) / (high_value - low_value)
+        found, _ = _constraint(e, l_local, centers(root))
+        left = np.sign(found) == np.sign(low_value)
+        low_value, high_value = np.where(left, found, 0.5 * low_value), np.where(left, 0.5 * high_value, found)
+        low, high = np.where(left, root, low), np.where(left, high, root)
+        if (np.abs(found) <= 1e-14 * np.abs(value).max()).all():
+            break
     _, inverse_f2 = _constraint(e, l_local, centers(root))
     image = centers(root) @ T.T
     return [

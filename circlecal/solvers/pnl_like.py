@@ -163,5 +163,5 @@ def refined(
     names = tuple(str(k) for k in range(len(points.field_m)))
     fixed = FixedPoints(points.field_m, points.image_px, points.sigma_px, names)
     problem = Problem(curves, fixed, priors_of(WITHOUT_PRIORS, known, circle, frame), frame)
-    state = minimise(problem, theta[None], NO_LOSS, iterations=60, tolerance=1e-14)
+    state = minimise(problem, theta[None], NO_LOSS, iterations=60)
     return camera_of(state.theta[0], frame).homography

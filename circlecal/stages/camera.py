@@ -14,14 +14,14 @@ from typing import Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from circlecal.camera_fit.all_starts import MINIMUM_CIRCLE_POINTS, arc_deg, starts_of, usual_lens
+from circlecal.camera_fit.all_starts import MINIMUM_CIRCLE_POINTS, arc_deg, screened, starts_of, usual_lens
 from circlecal.camera_fit.crossings import with_crossings
 from circlecal.camera_fit.curves import FixedPoints
 from circlecal.camera_fit.model import INDEX, PARAMETERS, Frame
 from circlecal.camera_fit.naming import name_lines
 from circlecal.camera_fit.noise import inflated
 from circlecal.camera_fit.observed import Realism, observed_curves, observed_points, stated_sigmas
-from circlecal.camera_fit.optimise import Priors, Problem, State, best_of, minimise
+from circlecal.camera_fit.optimise import COARSE, FINAL, Priors, Problem, State, best_of, minimise
 from circlecal.camera_fit.point_starts import Landmarks, seen_landmarks
 from circlecal.camera_fit.report import camera_fit
 from circlecal.camera_fit.shared_prior import SharedPriorConfig
@@ -173,9 +173,7 @@ def estimate_camera(
     else:
         _require_landmarks(observations, circle, landmarks, config)
         problem = replace(problem, priors=replace(priors, center_m=landmarks.middle_m(frame)))
-    closed, grid = starts_of(
-        problem, observations, template, carrying, landmarks, camera_side, config.loss_scale, config.starts
-    )
+    closed, grid = starts_of(problem, observations, template, carrying, landmarks, camera_side, config.loss_scale)
     short = 0 < seen_deg < SHORT_ARC_DEG
     state = _best_fit(problem, closed, grid, short, config, camera_side)
     rejected: tuple[str, ...] = ()
@@ -190,24 +188,16 @@ def estimate_camera(
         curves = observed_curves(observations, template, _realism(config, observations.width))
         problem = replace(problem, points=points, curves=curves)
         state = _best_fit(problem, np.concatenate([state.theta[:2], closed]), grid, short, config, camera_side)
-    problem, state, scale = _settled(problem, state, config)
+    problem, state, scale = _settled(problem, state, config, COARSE if config.name_lines else FINAL)
     named: dict[int, str] = {}
     if config.name_lines:
-        realism = _realism(config, observations.width)
-        coarse = replace(realism, maximum_points=COARSE_POINTS)
-        alone = problem, state
-        problem, state, met = with_crossings(problem, state, observations, template, config.loss_scale)
-        named = name_lines(problem, state, observations, template, coarse, config.loss_scale, met)
-        if met and not named:
-            # an end may be a cover's edge: only a whole structure of lines says so
-            others = name_lines(*alone, observations, template, coarse, config.loss_scale)
-            if len(set(others.values())) >= OVERRULING_LINES:
-                (problem, state), met, named = alone, (), others
-        if met or named:
-            lines = tuple(replace(line, line=named.get(k, line.line)) for k, line in enumerate(observations.lines))
-            seen = replace(observations, lines=(*met, *lines))
-            problem = replace(problem, curves=observed_curves(seen, template, realism))
-            problem, state, scale = _settled(problem, _follow(problem, state.theta[:1], config, camera_side), config)
+        more = _recognised(problem, state, observations, template, config)
+        if more is None:
+            state = minimise(problem, state.theta, config.loss_scale, config.iterations, state.hidden)
+        else:
+            problem, start, named = more
+            state = minimise(problem, start, config.loss_scale, config.iterations, tolerance=COARSE)
+            problem, state, scale = _settled(problem, state, config, FINAL)
     return camera_fit(
         problem,
         state,
@@ -220,13 +210,39 @@ def estimate_camera(
     )
 
 
-def _settled(problem: Problem, state: State, config: CameraConfig) -> tuple[Problem, State, float]:
+def _recognised(
+    problem: Problem, state: State, observations: Observations, template: FieldTemplate, config: CameraConfig
+) -> tuple[Problem, Array, dict[int, str]] | None:
+    """The problem with the straight markings that can be named and the ends of lines, a start (1, P) for it, and the
+    names by index of the seen line; None where there is nothing more.
+    """
+    realism = _realism(config, observations.width)
+    coarse = replace(realism, maximum_points=COARSE_POINTS)
+    fuller, with_ends, met = with_crossings(problem, state, observations, template, config.loss_scale)
+    found = name_lines(fuller, with_ends, observations, template, coarse, config.loss_scale, met)
+    if met and not found.names:
+        # an end may be a cover's edge: only a whole structure of lines says so
+        others = name_lines(problem, state, observations, template, coarse, config.loss_scale)
+        if len(set(others.names.values())) >= OVERRULING_LINES:
+            met, found = (), others
+    if not met and not found.names:
+        return None
+    lines = tuple(replace(line, line=found.names.get(k, line.line)) for k, line in enumerate(observations.lines))
+    curves = observed_curves(replace(observations, lines=(*met, *lines)), template, realism)
+    return replace(problem, curves=curves), found.theta[None], found.names
+
+
+def _settled(problem: Problem, state: State, config: CameraConfig, tolerance: float) -> tuple[Problem, State, float]:
     """Optimise once more with the sigmas that the residuals ask for."""
-    if not config.noise_from_residuals:
-        return problem, best_of(state), 1.0
-    curves, scale = inflated(problem, state)
-    problem = replace(problem, curves=curves)
-    return problem, best_of(minimise(problem, state.theta, config.loss_scale, config.iterations, state.hidden)), scale
+    best = best_of(state)
+    scale = 1.0
+    if config.noise_from_residuals:
+        curves, scale = inflated(problem, best)
+        problem = replace(problem, curves=curves)
+    elif tolerance != FINAL:
+        return problem, best, scale
+    found = minimise(problem, best.theta, config.loss_scale, config.iterations, best.hidden, tolerance)
+    return problem, found, scale
 
 
 def _realism(config: CameraConfig, width: int) -> Realism:
@@ -310,10 +326,8 @@ def _best_fit(problem: Problem, closed: Array, grid: Array, short: bool, config:
         sigma, _ = field_sigma(state.theta[0], covariance, rim, problem.frame)
         if sigma.max() < WEAK_SIGMA_PX * problem.frame.width / 1920.0:
             return state
-        grid = np.concatenate([state.theta[:2], grid])
-    else:
-        grid = np.concatenate([closed, grid])
-    return _follow(problem, grid, config, side)
+        closed = state.theta[:2]
+    return _follow(problem, np.concatenate([closed, screened(problem, grid, config.starts)]), config, side)
 
 
 def _follow(problem: Problem, starts: Array, config: CameraConfig, side: str) -> State:
@@ -322,12 +336,9 @@ def _follow(problem: Problem, starts: Array, config: CameraConfig, side: str) ->
     """
     if len(starts) == 0:
         raise EstimationError("camera", "no_camera", "no start for the camera was found")
-    several = len(starts) > 1
-    wide = minimise(
-        problem, starts, 100.0 * config.loss_scale, min(30, config.iterations) if several else config.iterations
-    )
+    wide = minimise(problem, starts, 100.0 * config.loss_scale, min(30, config.iterations), tolerance=COARSE)
     chosen = best_of(wide, max(2, min(len(starts), 3 * config.starts // 4)))
-    state = minimise(problem, chosen.theta, config.loss_scale, config.iterations, chosen.hidden)
+    state = minimise(problem, chosen.theta, config.loss_scale, config.iterations, chosen.hidden, COARSE)
     # a camera hanging upside down sees a circle and a line just as well
     above = (state.theta[:, INDEX["z"]] < 0) & (np.sin(state.theta[:, INDEX["tilt"]]) > 0)
     if not above.any():
