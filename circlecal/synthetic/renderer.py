@@ -56,6 +56,7 @@ def render(scene: Scene, rng: np.random.Generator) -> Rendering:
         top, _, _ = _exposed(replace(scene, camera=_panned(scene.camera, -pan_px / 2)), rng)
         bottom, _, hidden = _exposed(replace(scene, camera=_panned(scene.camera, pan_px / 2)), again)
         image, layers = woven(top, bottom), _layers(scene)
+    draw_graphics(image, hidden, scene, rng)
     image, truth = deliver(image, truth_of(scene, layers, hidden), scene.delivery)
     return Rendering(image, truth)
 
@@ -79,7 +80,6 @@ def _exposed(scene: Scene, rng: np.random.Generator) -> tuple[NDArray[np.uint8],
     draw_shadows(light, scene, shine)
     hidden = draw_figures(light, scene, rng, shine)
     image = develop(light, config, rng)
-    draw_graphics(image, hidden, scene, rng)
     return image, layers, hidden
 
 

@@ -204,3 +204,18 @@ def rim_rows(scene):
     """Rows of the picture about the centre mark."""
     row = int(scene.camera.project([0.0, 0.0])[1])
     return slice(row - 10, row + 10)
+
+
+def test_both_fields_show_the_same_players_and_score():
+    scene = next(
+        s
+        for s in (sample_scene("archive", np.random.default_rng([5, seed]), *SIZE) for seed in range(24))
+        if s.delivery.interlace_px and s.config.scorebug and len(s.players) > 4
+    )
+    delivery = scene.delivery.model_copy(update={"interlace_px": 1e-6, "block_quality": None})
+    config = scene.config.model_copy(update={"noise": 0.0})
+    frame = render(replace(scene, delivery=delivery, config=config), np.random.default_rng(0)).image.astype(float)
+    teeth = np.abs(frame[1:-1] - (frame[:-2] + frame[2:]) / 2).mean()
+    calm = delivery.model_copy(update={"interlace_px": 0.0})
+    still = render(replace(scene, delivery=calm, config=config), np.random.default_rng(0)).image.astype(float)
+    assert teeth == pytest.approx(np.abs(still[1:-1] - (still[:-2] + still[2:]) / 2).mean(), rel=0.05)
