@@ -27,11 +27,13 @@ from circlecal.stages.edges import detect_edges
 from circlecal.stages.ellipse import fit_ellipses, fit_observed
 from circlecal.stages.homography import estimate_homography
 from circlecal.stages.mask import find_marking
-from circlecal.stages.rays import cast_rays
+from circlecal.stages.rays import cast_rays, measure_along_model
 from circlecal.stages.verdict import judge
 
 Convention = Literal["official", "paint"]
 T = TypeVar("T")
+MEASURED_AGAIN = frozenset({"residual_too_large", "too_uncertain", "circle_unconfirmed"})
+"""Refusals after which the circle is measured once more, along the curve that the refused camera predicts."""
 UNDETERMINED = ("no_circle", "no_ellipse")
 """Refusals that say only that points, lines and arcs are too few without the circle."""
 
@@ -193,7 +195,31 @@ class _Job:
                 raise (refusal if error.code in UNDETERMINED else error) from error
         observations = seen if extra is None else joined(seen, extra)
         self.reached["observations"] = observations
-        return self._answer(ellipses, cues, observations)
+        verdict = self._answer(ellipses, cues, observations)
+        if verdict.code in MEASURED_AGAIN and "camera" in self.reached:
+            again = self._seen_again(image, observations)
+            if again is not None:
+                verdict = self._answer(ellipses, cues, again)
+        return verdict
+
+    def _seen_again(self, image: NDArray[np.uint8], observations: Observations) -> Observations | None:
+        """The same observations with the circle measured along the curve of the refused camera."""
+        with self._clock("rays"):
+            polarity = -1.0 if self.circle.color == "dark" else 1.0
+            points, sigma = measure_along_model(
+                grey(image, polarity),
+                self.reached["camera"],
+                self.circle,
+                self.template,
+                self.reached["edges"].noise,
+                self.config.rays,
+            )
+        if len(points) < self.config.ellipse.minimum_points:
+            return None
+        seen = CirclePoints(self.circle.name, "center", points, sigma)
+        others = tuple(c for c in observations.circles if c.circle != self.circle.name)
+        self.reached["observations"] = replace(observations, circles=(seen, *others))
+        return self.reached["observations"]
 
     def _seen(
         self, image: NDArray[np.uint8], given: NDArray[np.uint8] | None
@@ -216,7 +242,9 @@ class _Job:
             ellipses = reached["ellipses"] = fit_ellipses(rays, self.width, config.ellipse, self.rng)
             reached["observations"] = observed(ellipses, Cues(None, None), circle, self.width, self.height)
         with self._clock("cues"):
-            cues = reached["cues"] = find_cues(picture, marking, ellipses, edges.noise, template, config.cues)
+            cues = reached["cues"] = find_cues(
+                picture, marking, ellipses, edges.noise, template, config.cues, edges.blur_px
+            )
             observations = reached["observations"] = observed(ellipses, cues, circle, self.width, self.height)
         return ellipses, cues, observations
 
@@ -261,7 +289,9 @@ class _Job:
             raise refusal
         with self._clock("verdict"):
             camera = reached.get("camera")
-            return judge(ellipses, cues, homography, camera, template, circle, self.width, config.verdict)
+            return judge(
+                ellipses, cues, homography, camera, template, circle, self.width, config.verdict, self._certain
+            )
 
     def _solved(self, solver: str, ellipses: EllipseFits, cues: Cues, observations: Observations) -> Verdict:
         """Answer of one of the published methods, from both edges of the marking where they were told apart."""
@@ -282,7 +312,16 @@ class _Job:
             )
             self.reached["homography"] = homography
         with self._clock("verdict"):
-            return judge(ellipses, cues, homography, None, self.template, self.circle, self.width, self.config.verdict)
+            limits = self.config.verdict
+            return judge(
+                ellipses, cues, homography, None, self.template, self.circle, self.width, limits, self._certain
+            )
+
+    @property
+    def _certain(self) -> bool:
+        """Whether the circle needs no confirmation by another marking."""
+        marking = self.reached.get("mask")
+        return marking is None or marking.certain
 
     @contextmanager
     def _clock(self, stage: str) -> Iterator[None]:
@@ -290,7 +329,8 @@ class _Job:
         try:
             yield
         finally:
-            self.timings[stage] = round((time.perf_counter() - start) * 1e3, 3)
+            spent = (time.perf_counter() - start) * 1e3
+            self.timings[stage] = round(self.timings.get(stage, 0.0) + spent, 3)
 
 
 def _attempt(stage: Callable[[], T]) -> tuple[T | None, EstimationError | None]:

@@ -53,6 +53,8 @@ class MarkingMask:
         The playing surface, where the detector found it.
     candidates : tuple of (3, 3) arrays
         The best hypotheses, also when all were refused (for the debug picture).
+    certain : bool
+        Whether the circle is beyond doubt; otherwise another marking must confirm it.
     """
 
     classes: NDArray[np.uint8]
@@ -62,6 +64,7 @@ class MarkingMask:
     lines: tuple[Segment, ...] = ()
     field_region: NDArray[np.bool_] | None = None
     candidates: tuple[Array, ...] = ()
+    certain: bool = True
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,17 +7,27 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.detection.config import AcceptanceConfig, RefinementConfig
+from circlecal.detection.config import AcceptanceConfig, LikelyConfig, RefinementConfig
 from circlecal.detection.hypotheses import EllipseBatch
 from circlecal.detection.refine import BandProfile, measure_band
 from circlecal.detection.result import CircleHypothesis
 from circlecal.detection.scoring import adjusted
 from circlecal.geometry.conics import ellipse_from_conic, transform_conic
-from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.homogeneous import Array, lift, normalise_line, transform_lines
 
-__all__ = ["MeasuredCircle", "conic_of", "hypothesis_of", "measure_circle", "refusal_of", "unit_frame"]
+__all__ = [
+    "MeasuredCircle",
+    "conic_of",
+    "drawn_on_both_sides",
+    "hypothesis_of",
+    "likely_arc",
+    "measure_circle",
+    "refusal_of",
+    "unit_frame",
+]
 
 _PIECES = 8  # of the curve, between which the contrast may differ (near and far side)
+_CLEAR = 0.05  # radii from the line within which a sample belongs to no side
 _UNIT_CIRCLE = np.diag([1.0, 1.0, -1.0])
 
 
@@ -131,6 +141,31 @@ def hypothesis_of(circle: MeasuredCircle, field_share: float, width: int) -> Cir
         rms_px=rms * 1920.0 / width,
         points=circle.marking_points,
     )
+
+
+def drawn_on_both_sides(circle: MeasuredCircle, line: Array, share: float) -> bool:
+    """Whether the circle is drawn on both sides of a line (3,), by ``share`` of the whole, where the picture shows it.
+
+    A side of which the picture shows less than twice that much is not judged.
+    """
+    to_unit = np.linalg.inv(unit_frame(circle.ellipse))
+    local = normalise_line(transform_lines(to_unit, line))
+    distance = lift(circle.points) @ to_unit.T @ local
+    on, inside = circle.band.supported, circle.band.inside
+    for side in (-1.0, 1.0):
+        beyond = side * distance > _CLEAR
+        if circle.angle_share[inside & beyond].sum() > 2 * share > 2 * circle.angle_share[on & beyond].sum():
+            return False
+    return True
+
+
+def likely_arc(circle: CircleHypothesis, width: int, acceptance: AcceptanceConfig, config: LikelyConfig) -> bool:
+    """Whether a circle that is not accepted by itself may be the one, should a line and something else confirm it."""
+    ellipse = ellipse_from_conic(circle.conic)
+    great = 0.0 if ellipse is None else ellipse.semi_axes[0]
+    rms = max(acceptance.rms_px1920, max(acceptance.rms_px, acceptance.rms_share * great) * 1920.0 / width)
+    shares = min(circle.picture_share, circle.field_share, circle.sector_share)
+    return circle.rms_px <= rms and shares >= config.share and circle.whole_share >= config.whole_share
 
 
 def refusal_of(circle: CircleHypothesis, has_halfway: bool, width: int, config: AcceptanceConfig) -> str | None:

@@ -219,6 +219,27 @@ class AcceptanceConfig(BaseModel):
     )
 
 
+class LikelyConfig(BaseModel):
+    """What a circle must show to be likely: worn, mostly hidden, or a short arc, but with its halfway line.
+
+    A likely circle counts only if something else confirms it later: another marking at its place, or the centre mark.
+    """
+
+    model_config = _STRICT
+
+    share: float = Field(default=0.5, ge=0.0, le=1.0, description="Smallest share of the visible circle that is drawn.")
+    whole_share: float = Field(
+        default=0.14, ge=0.0, le=1.0, description="Smallest share of the whole ellipse that is drawn."
+    )
+    side_share: float = Field(
+        default=0.02,
+        ge=0.0,
+        le=0.5,
+        description="Smallest share of the whole on either side of the line, where the picture shows more than twice as"
+        " much of it; a penalty arc has one side only.",
+    )
+
+
 class HalfwayConfig(BaseModel):
     """The straight marking through the circle's middle."""
 
@@ -233,7 +254,24 @@ class HalfwayConfig(BaseModel):
     support: float = Field(
         default=0.4, gt=0.0, le=1.0, description="Smallest supported share of the chord inside the circle."
     )
+    support_with_rest: float = Field(
+        default=0.25,
+        gt=0.0,
+        le=1.0,
+        description="The same where the line is drawn outside the circle too, by `support` of its visible length.",
+    )
     extent: float = Field(default=2.0, ge=1.0, le=10.0, description="How far the line is followed, in half chords.")
+
+
+class SecondPassConfig(BaseModel):
+    """The second, slower pass over a picture in which the first found no certain circle."""
+
+    model_config = _STRICT
+
+    threshold: float = Field(default=2.8, ge=1.0, le=50.0, description="Ridge threshold, as `ridges.threshold`.")
+    effort: int = Field(
+        default=3, ge=1, le=20, description="How many times as many hypotheses are drawn, scored, kept and measured."
+    )
 
 
 class DetectorConfig(BaseModel):
@@ -259,5 +297,10 @@ class DetectorConfig(BaseModel):
     hypotheses: HypothesisConfig = Field(default=HypothesisConfig(), description="Circle hypotheses.")
     refinement: RefinementConfig = Field(default=RefinementConfig(), description="Measurement at full resolution.")
     acceptance: AcceptanceConfig = Field(default=AcceptanceConfig(), description="Gates of the circle.")
+    likely: LikelyConfig = Field(default=LikelyConfig(), description="Gates of a circle that needs a confirmation.")
     halfway: HalfwayConfig = Field(default=HalfwayConfig(), description="Halfway line.")
+    thorough: bool = Field(
+        default=True, description="Whether a picture without a certain circle is searched a second time, more slowly."
+    )
+    second_pass: SecondPassConfig = Field(default=SecondPassConfig(), description="The second search.")
     candidates: int = Field(default=3, ge=1, le=20, description="Most candidates that are measured and reported.")

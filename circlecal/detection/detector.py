@@ -9,7 +9,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.detection.circle import MeasuredCircle, hypothesis_of, measure_circle, refusal_of
+from circlecal.detection.circle import (
+    MeasuredCircle,
+    drawn_on_both_sides,
+    hypothesis_of,
+    likely_arc,
+    measure_circle,
+    refusal_of,
+)
 from circlecal.detection.config import DetectorConfig
 from circlecal.detection.field_region import find_field_region
 from circlecal.detection.halfway import MeasuredLine, find_halfway, measure_segments
@@ -19,12 +26,14 @@ from circlecal.detection.marking_mask import CIRCLE_CLASS, HALFWAY_CLASS, UNKNOW
 from circlecal.detection.result import CircleHypothesis, Detection, LineSegment
 from circlecal.detection.ridges import RidgePoints, find_ridges
 from circlecal.detection.scoring import RidgeRaster, best_distinct, refitted, support_of
+from circlecal.detection.sides import painted_on_one_surface
 from circlecal.geometry.conics import sampson_distance
 from circlecal.geometry.homogeneous import Array, lift
 
 __all__ = ["detect"]
 
 _POLARITIES = {"light": (1.0,), "dark": (-1.0,), "any": (1.0, -1.0)}
+_MARGIN = 0.012  # of the picture's width: by how much the second pass looks beyond the field
 _SHORTEST_RUN = 0.10  # picture widths: shorter straight runs are not reported
 
 
@@ -65,6 +74,33 @@ class _Found:
     halfway: MeasuredLine | None
     candidates: tuple[CircleHypothesis, ...]
     refusal: str | None
+    certain: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class _Search:
+    """One pass over the picture: what it saw and what it found."""
+
+    ridges: RidgePoints
+    runs: list[StraightRun]
+    segments: Array
+    found: _Found
+
+
+def thorough(config: DetectorConfig) -> DetectorConfig:
+    """Options of the second pass: fainter ridges, and more and more patient search among more of them."""
+    second = config.second_pass
+    ridges = config.ridges.model_copy(update={"threshold": min(config.ridges.threshold, second.threshold)})
+    drawn = config.hypotheses
+    hypotheses = drawn.model_copy(
+        update={
+            "draws": second.effort * drawn.draws,
+            "scored": second.effort * drawn.scored,
+            "kept": second.effort * drawn.kept,
+        }
+    )
+    candidates = second.effort * config.candidates
+    return config.model_copy(update={"ridges": ridges, "hypotheses": hypotheses, "candidates": candidates})
 
 
 def detect(image_bgr: NDArray[np.uint8], config: DetectorConfig, rng: np.random.Generator) -> Detection:
@@ -99,17 +135,17 @@ def detect(image_bgr: NDArray[np.uint8], config: DetectorConfig, rng: np.random.
     region = find_field_region(image_bgr, config.field_region)
     hull = region.hull_at(columns, rows)
     watch.lap("field")
-    polarities = _POLARITIES[config.marking]
-    ridges = find_ridges(grey.astype(np.float32), hull, polarities, config.ridges)
-    watch.lap("ridges")
-    runs = find_straight_runs(ridges, (columns, rows), _SHORTEST_RUN * columns, config.lines)
-    watch.lap("lines")
-    segments = _segments(runs, scaling)
     if region.area_share < config.field_region.area_share:
-        found = _Found(None, None, None, (), "no_field")
+        nothing = _Found(None, None, None, (), "no_field")
+        search = _search(full_grey, grey, hull, scaling, config, rng, watch, nothing)
     else:
-        found = _find_circle(full_grey, hull, ridges, runs, segments, scaling, config, rng, watch)
-    mask, lines = _draw(full_grey, found, segments, runs, polarities[0], config)
+        search = _search(full_grey, grey, hull, scaling, config, rng, watch)
+        if config.thorough and not (search.found.circle is not None and search.found.certain):
+            again = _search(full_grey, grey, _grown(hull), scaling, thorough(config), rng, watch)
+            search = max(search, again, key=_rank)
+    ridges, runs, segments, found = search.ridges, search.runs, search.segments, search.found
+    on_surface = painted_on_one_surface(image_bgr, segments)
+    mask, lines = _draw(full_grey, found, segments, runs, on_surface, _POLARITIES[config.marking][0], config)
     watch.lap("mask")
     halfway = None if found.halfway is None else LineSegment(*found.halfway.ends, support=found.halfway.support)
     detection = Detection(
@@ -124,9 +160,45 @@ def detect(image_bgr: NDArray[np.uint8], config: DetectorConfig, rng: np.random.
         mask=mask,
         refusal=found.refusal,
         timings_ms=watch.timings_ms,
+        certain=found.certain,
     )
     watch.lap("result")
     return detection
+
+
+def _search(
+    full_grey: NDArray[np.uint8],
+    grey: NDArray[np.uint8],
+    hull: NDArray[np.uint8],
+    scaling: _Scaling,
+    config: DetectorConfig,
+    rng: np.random.Generator,
+    watch: _Stopwatch,
+    found: _Found | None = None,
+) -> _Search:
+    """One pass: ridges, straight runs, and the circle unless the answer is known."""
+    ridges = find_ridges(grey.astype(np.float32), hull, _POLARITIES[config.marking], config.ridges)
+    watch.lap("ridges")
+    rows, columns = hull.shape
+    runs = find_straight_runs(ridges, (columns, rows), _SHORTEST_RUN * columns, config.lines)
+    watch.lap("lines")
+    segments = _segments(runs, scaling)
+    if found is None:
+        found = _find_circle(full_grey, hull, ridges, runs, segments, scaling, config, rng, watch)
+    return _Search(ridges, runs, segments, found)
+
+
+def _rank(search: _Search) -> tuple[bool, bool, float]:
+    """A certain circle beats a likely one, which beats a refusal; then the better score."""
+    found = search.found
+    score = found.hypothesis.score if found.hypothesis is not None else 0.0
+    return found.circle is not None and found.certain, found.circle is not None, score
+
+
+def _grown(hull: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The field with a margin: markings at its edge belong to it."""
+    side = 2 * max(1, round(_MARGIN * hull.shape[1])) + 1
+    return np.asarray(cv2.dilate(hull, np.ones((side, side), np.uint8)), np.uint8)
 
 
 def _detection_picture(grey: NDArray[np.uint8], config: DetectorConfig) -> tuple[NDArray[np.uint8], _Scaling]:
@@ -187,26 +259,34 @@ def _first_accepted(
     config: DetectorConfig,
     watch: _Stopwatch,
 ) -> _Found:
-    """Measure the candidates in order until one is accepted."""
+    """Measure the candidates in order until one is accepted; failing that, the best likely one."""
+    width = full_grey.shape[1]
     candidates: list[CircleHypothesis] = []
     refusals: list[str] = []
+    likely: list[tuple[MeasuredCircle, CircleHypothesis, MeasuredLine]] = []
     for index in range(min(len(batch), config.candidates)):
         start = scaling.full_ellipses(batch.take(np.array([index])))
         circle = measure_circle(full_grey, start, _POLARITIES[config.marking], config.refinement)
         field_share = float(support_of(scaling.detection_ellipses(circle.ellipse), raster).field[0])
-        hypothesis = hypothesis_of(circle, field_share, full_grey.shape[1])
+        hypothesis = hypothesis_of(circle, field_share, width)
         watch.lap("refine")
-        refusal = refusal_of(hypothesis, True, full_grey.shape[1], config.acceptance)
-        if refusal is None:
+        refusal = refusal_of(hypothesis, True, width, config.acceptance)
+        if refusal is None or likely_arc(hypothesis, width, config.acceptance, config.likely):
             halfway = find_halfway(full_grey, circle, segments, config)
-            refusal = refusal_of(hypothesis, halfway is not None, full_grey.shape[1], config.acceptance)
+            refusal = refusal_of(hypothesis, halfway is not None, width, config.acceptance)
             watch.lap("halfway")
             if refusal is None:
                 return _Found(circle, hypothesis, halfway, (hypothesis, *candidates), None)
+            if halfway is not None and drawn_on_both_sides(circle, halfway.line, config.likely.side_share):
+                likely.append((circle, hypothesis, halfway))
         candidates.append(hypothesis)
         refusals.append(refusal)
     order = sorted(range(len(candidates)), key=lambda i: -candidates[i].score)
-    return _Found(None, None, None, tuple(candidates[i] for i in order), refusals[order[0]])
+    ranked = tuple(candidates[i] for i in order)
+    if likely:
+        circle, hypothesis, halfway = max(likely, key=lambda found: found[1].score)
+        return _Found(circle, hypothesis, halfway, ranked, None, certain=False)
+    return _Found(None, None, None, ranked, refusals[order[0]])
 
 
 def _draw(
@@ -214,6 +294,7 @@ def _draw(
     found: _Found,
     segments: Array,
     runs: list[StraightRun],
+    on_surface: NDArray[np.bool_],
     sign: float,
     config: DetectorConfig,
 ) -> tuple[NDArray[np.uint8], tuple[LineSegment, ...]]:
@@ -226,6 +307,7 @@ def _draw(
         straight = ~np.array([_lies_on_circle(a, b, found.hypothesis.conic, width) for a, b in segments], np.bool_)
     if found.halfway is not None:
         halfway = np.array([_same_line(a, b, found.halfway, width) for a, b in segments], np.bool_)
+    straight &= on_surface
     for chosen, class_id in ((straight & ~halfway, UNKNOWN_CLASS), (straight & halfway, HALFWAY_CLASS)):
         part = measure_segments(full_grey, segments[chosen], sign, config)
         if part is not None:

@@ -98,7 +98,7 @@ def find_halfway(
             break
         measured = _followed(grey, circle, local[index], config)
         refined = abs(float(normalise_line(transform_lines(to_unit, measured.line))[2]))
-        if measured.support < config.halfway.support or refined > config.halfway.distance:
+        if not _drawn(measured, config.halfway) or refined > config.halfway.distance:
             continue
         value = measured.support - refined
         if best is None or value > best[0]:
@@ -106,6 +106,15 @@ def find_halfway(
         if refined <= _NEARLY_CENTRAL:
             break
     return None if best is None else best[1]
+
+
+def _drawn(line: MeasuredLine, config: HalfwayConfig) -> bool:
+    """Whether enough of the line is drawn inside the circle, or a little there and enough of it altogether."""
+    if line.support >= config.support:
+        return True
+    visible = max(1, int(np.count_nonzero(line.band.inside)))
+    whole = float(np.count_nonzero(line.band.supported)) / visible
+    return line.support >= config.support_with_rest and whole >= config.support
 
 
 def _followed(grey: NDArray[np.uint8], circle: MeasuredCircle, local: Array, config: DetectorConfig) -> MeasuredLine:

@@ -81,6 +81,8 @@ class Detection:
         The accepted circle.
     candidates : tuple of CircleHypothesis
         The best measured hypotheses, best first, also when refused.
+    certain : bool
+        Whether the circle stands by itself; otherwise it is likely, and something else must confirm it.
     halfway : LineSegment or None
         The straight marking through the circle's middle.
     mask : (H, W) uint8
@@ -103,3 +105,4 @@ class Detection:
     mask: NDArray[np.uint8]
     refusal: str | None
     timings_ms: dict[str, float]
+    certain: bool = True

@@ -9,15 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+from circlecal.detection.centre_mark import find_centre_mark
 from circlecal.field import Circle, FieldTemplate
-from circlecal.geometry.conics import Ellipse, line_conic_meet
+from circlecal.geometry.conics import line_conic_meet
 from circlecal.geometry.homogeneous import Array, dehomogenise, fit_line, join, lift, line_distance
 from circlecal.line_ends import paint_ends
 from circlecal.observations import LinePoints, Observations
 from circlecal.profiles import measure_bands, sample_profiles, smooth_along
-from circlecal.results import Cues, EllipseFits, LineCue, MarkCue, MarkingMask, Segment
+from circlecal.results import Cues, EllipseFit, EllipseFits, LineCue, MarkCue, MarkingMask, Segment
 
 MOST_PIECES = 12
+SHORT_ARC_DEG, SHORT_ARC_SPARE = 240.0, 0.25
+"""Arcs shorter than this leave the place of the centre mark more open, by up to so many half chords."""
+PIECE_SUPPORT = 0.35
+"""Least share of a piece of the halfway line outside the circle on which it is seen."""
 SHORTEST_PX, FEWEST_POINTS = 10.0, 8
 SMOOTHING_REACH = 3
 """Profiles over which the smoothing along a marking reaches."""
@@ -46,7 +51,7 @@ class CuesConfig(BaseModel):
     )
     spacing_px: float = Field(2.0, ge=0.5, le=20, description="Distance of the measured points, pixels.")
     minimum_support: float = Field(
-        0.35, ge=0, le=1, description="Least share of the chord on which the halfway line is seen."
+        0.27, ge=0, le=1, description="Least share of the visible chord on which the halfway line is seen."
     )
     mark_snr: float = Field(4.0, ge=0, description="Least signal to noise ratio of the centre mark.")
     mark_offset: tuple[float, float] = Field(
@@ -62,6 +67,7 @@ def find_cues(
     noise: float,
     template: FieldTemplate,
     config: CuesConfig,
+    blur_px: float = 1.0,
 ) -> Cues:
     """Measure what fixes the rotation about the circle and its imaged centre.
 
@@ -79,6 +85,8 @@ def find_cues(
         The field.
     config : CuesConfig
         Options.
+    blur_px : float
+        Standard deviation of the picture's blur.
 
     Returns
     -------
@@ -96,9 +104,7 @@ def find_cues(
         halfway = _halfway_line(picture, measured.pop(), chord, noise, template.halfway_line, config)
     mark = None
     if config.centre_mark and halfway is not None and "centre_mark" in template.mark_by_name:
-        diameter = template.mark_by_name["centre_mark"].diameter_m
-        circle = template.circle_by_name[template.default_circle]
-        mark = _centre_mark(picture, halfway, fit.ellipse, fit.conic, diameter / circle.radius_m, config)
+        mark = _centre_mark(picture, halfway, fit, template, blur_px, config)
     return Cues(halfway=halfway, mark=mark, lines=tuple(line for line in measured if line is not None))
 
 
@@ -253,7 +259,8 @@ def _halfway_line(
         return None
     middle, half = 0.5 * (chord[0] + chord[1]), 0.5 * (chord[1] - chord[0])
     inside = np.abs((cue.points_px - middle) @ half / (half @ half)) < 1.0
-    expected = 2 * np.linalg.norm(half) / config.spacing_px
+    visible = _clipped(middle - half, middle + half, picture.shape[1], picture.shape[0])
+    expected = 0.0 if visible is None else float(np.linalg.norm(visible[1] - visible[0])) / config.spacing_px
     support = float(inside.sum() / max(expected, 1.0))
     if support < config.minimum_support:
         return None
@@ -289,7 +296,7 @@ def _followed(
         sides = []
         pieces = measure_lines(picture, [segment for _, _, segment in searched], noise, config)
         for (end, direction, _), piece in zip(searched, pieces, strict=True):
-            if piece is None or piece.segment.support < config.minimum_support:
+            if piece is None or piece.segment.support < PIECE_SUPPORT:
                 continue
             if abs(float(piece.line[:2] @ direction)) > LARGEST_BEND:
                 continue
@@ -322,71 +329,25 @@ def _clipped(start: Array, end: Array, width: int, height: int, margin: float = 
 def _centre_mark(
     picture: NDArray[np.float32],
     halfway: LineCue,
-    ellipse: Ellipse,
-    conic: Array,
-    relative_diameter: float,
+    fit: EllipseFit,
+    template: FieldTemplate,
+    blur_px: float,
     config: CuesConfig,
 ) -> MarkCue | None:
-    """The blob on the halfway line, where it is brighter than the line's surroundings on both sides of the line.
-
-    A profile along the line is formed of the fainter of the two sides just beyond the line's paint; the mark is its
-    peak.
-    """
-    chord = _chord(conic, halfway.line)
-    if chord is None:
-        return None
-    far, near = chord[np.argsort(chord[:, 1])]
-    middle, half = 0.5 * (far + near), 0.5 * (far - near)
-    length = float(np.linalg.norm(half))
-    along = half / length
-    across = np.array([-along[1], along[0]])
-    # pixels per radius across the line: the ellipse's half width in that direction
-    ends = _chord(conic, join(lift(middle), lift(middle + across)))
-    if ends is None:
-        return None
-    radius_px = 0.5 * float(np.linalg.norm(ends[1] - ends[0]))
-    mark_px = relative_diameter * radius_px
-    step = 0.5
-    low, high = (np.array(config.mark_offset) + np.array([-0.12, 0.12])) * length
-    t = np.arange(low, high, step)
-    reach = max(2.5 * mark_px, 8.0)
-    offsets = np.arange(-reach, reach + 0.25, 0.5)
-    base = middle + t[:, None] * along
-    # the line's own points say where it lies (lens and crown bend it)
-    profiles = sample_profiles(picture, base, np.broadcast_to(across, base.shape), offsets).astype(np.float64)
-    if not np.isfinite(profiles).all() or len(t) < 20:
-        return None
-    signal = _side_signal(profiles, offsets, mark_px)
-    length_px = max(1.5, 0.5 * mark_px * length / radius_px)
-    signal = _box_mean(signal, max(1, round(length_px / step)))
-    signal = signal - np.median(signal)
-    scatter = 1.4826 * float(np.median(np.abs(signal))) + 0.3
-    allowed = (t >= config.mark_offset[0] * length) & (t <= config.mark_offset[1] * length)
-    peak = int(np.argmax(np.where(allowed, signal, -np.inf)))
-    snr = float(signal[peak] / scatter)
-    if snr < config.mark_snr or peak in (0, len(t) - 1) or not allowed[peak - 1 : peak + 2].all():
-        return None
-    around = (np.abs(t - t[peak]) <= 1.5 * length_px + 1.0) & (signal > 0.4 * signal[peak])
-    weight = np.where(around, signal - 0.4 * signal[peak], 0.0)
-    position = float(weight @ t / weight.sum())
-    point = middle + position * along
-    point = point - line_distance(halfway.line, point[None])[0] * halfway.line[:2]
-    return MarkCue("centre_mark", point, float(max(0.3, 1.5 * length_px / snr)), snr)
-
-
-def _side_signal(profiles: Array, offsets: Array, mark_px: float) -> Array:
-    """Brightness (T,) just beyond the line's paint minus further out, on the fainter side."""
-    inner, outer = max(0.25 * mark_px, 1.0), max(0.6 * mark_px, 2.5)
-    beyond = (max(1.0 * mark_px, 4.0), max(2.0 * mark_px, 7.0))
-    sides = []
-    for side in (offsets, -offsets):
-        near = profiles[:, (side >= inner) & (side <= outer)].mean(axis=1)
-        further = profiles[:, (side >= beyond[0]) & (side <= beyond[1])].mean(axis=1)
-        sides.append(near - further)
-    centred = [s - np.median(s) for s in sides]
-    return np.minimum(*centred)
-
-
-def _box_mean(values: Array, size: int) -> Array:
-    kernel = np.ones(2 * (size // 2) + 1)
-    return np.convolve(values, kernel / kernel.sum(), mode="same")
+    """The centre mark on the halfway line; a short arc says less about where it may lie."""
+    circle = template.circle_by_name[template.default_circle]
+    radius = template.radius(circle, fit.edge)
+    low, high = config.mark_offset
+    spare = SHORT_ARC_SPARE * max(0.0, 1.0 - fit.arc_deg / SHORT_ARC_DEG)
+    found = find_centre_mark(
+        picture,
+        halfway.line,
+        halfway.points_px,
+        fit.conic,
+        template.mark_by_name["centre_mark"].diameter_m / radius,
+        template.marking_width_m / radius,
+        float(np.clip(blur_px, 0.5, 3.0)),
+        (low - spare, high + spare),
+        config.mark_snr,
+    )
+    return None if found is None else MarkCue("centre_mark", found.point_px, found.sigma_px, found.snr)

@@ -106,6 +106,7 @@ def marking_from_detection(found: Detection) -> tuple[MarkingMask, EstimationErr
         lines=tuple(Segment(s.start, s.end, s.support) for s in found.lines),
         field_region=found.field_region,
         candidates=tuple(c.conic for c in found.candidates),
+        certain=found.certain,
     )
     if found.circle is None:
         return marking, EstimationError("mask", refusal, REASONS.get(refusal, refusal.replace("_", " ")))

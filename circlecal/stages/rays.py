@@ -13,12 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+from circlecal.camera_fit.model import Frame, project
 from circlecal.errors import EstimationError
+from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.conics import Ellipse, ellipse_from_conic
 from circlecal.geometry.homogeneous import Array
 from circlecal.geometry.ransac import ransac_conic
+from circlecal.observations import CircleEdge
 from circlecal.profiles import Bands, measure_bands, sample_profiles, smooth_along
-from circlecal.results import EdgePoints, MarkingMask, RayPoints
+from circlecal.results import CameraFit, EdgePoints, MarkingMask, RayPoints
 
 FIRST_STEP = 4.0
 """The first look at the rough ellipse takes profiles this many times as far apart."""
@@ -109,6 +112,60 @@ def cast_rays(
     )
 
 
+def measure_along_model(
+    picture: NDArray[np.float32],
+    fit: CameraFit,
+    circle: Circle,
+    template: FieldTemplate,
+    noise: float,
+    config: RaysConfig,
+) -> tuple[Array, Array]:
+    """Middle of the circle's paint along the curve that a camera predicts, lens and crown included.
+
+    An ellipse that was fitted to a part of the circle leaves the paint beyond that part; the camera leads further.
+
+    Parameters
+    ----------
+    picture : (H, W) float32
+        Brightness, with the markings lighter than the field.
+    fit : CameraFit
+        The camera.
+    circle, template : Circle, FieldTemplate
+        What is looked for.
+    noise : float
+        Grey-level noise of the picture.
+    config : RaysConfig
+
+    Returns
+    -------
+    points_px : (N, 2) array
+    sigma_px : (N,) array
+    """
+    height, width = picture.shape
+    search = 2 * config.refine_px * width / 1920.0
+    angle = np.linspace(0.0, 2 * np.pi, 2881)
+    frame = Frame(width, height, fit.crown_shape, max(circle.radius_m, 1e-3))
+
+    def seen(edge: CircleEdge, at: Array) -> Array:
+        ring = np.asarray(circle.center) + template.radius(circle, edge) * np.stack([np.cos(at), np.sin(at)], axis=-1)
+        return project(fit.theta[None], ring[None], frame).pixels[0]
+
+    steps = np.linalg.norm(np.diff(seen("center", angle), axis=0), axis=-1)
+    length = np.concatenate([[0.0], np.cumsum(np.nan_to_num(steps))])
+    count = int(np.clip(length[-1] / config.spacing_px, 64, 2 * config.maximum))
+    angle = np.interp(np.arange(count) * length[-1] / count, length, angle)
+    points, normals = seen("center", angle), seen("outer", angle) - seen("inner", angle)
+    tangent = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
+    across = np.stack([tangent[:, 1], -tangent[:, 0]], axis=-1)
+    across /= np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), 1e-9)
+    predicted = np.abs(np.sum(across * normals, axis=-1))
+    inside = np.isfinite(points).all(axis=1) & ((points >= 0) & (points <= (width - 1, height - 1))).all(axis=1)
+    middle, bands, _ = _bands_along(
+        picture, points[inside], across[inside], predicted[inside], noise, search, config, 1.0
+    )
+    return middle, bands.sigma
+
+
 class _Centreline:
     """Band centres along an ellipse: points, measurements, eccentric angles, and the narrowest width (the picture's
     blur).
@@ -147,6 +204,23 @@ def _centreline(
     angles, points = angles[inside], points[inside]
     normals = ellipse.normals(angles)
     predicted = _predicted_width(ellipse, points, normals, relative_width)
+    middle, chosen, plausible = _bands_along(picture, points, normals, predicted, noise, search_px, config, step)
+    return _Centreline(middle, chosen, angles[plausible], int((~plausible).sum()))
+
+
+def _bands_along(
+    picture: NDArray[np.float32],
+    points: Array,
+    normals: Array,
+    predicted: Array,
+    noise: float,
+    search_px: float,
+    config: RaysConfig,
+    step: float,
+) -> tuple[Array, Bands, NDArray[np.bool_]]:
+    """Middles (K, 2) and measurements of the bands across a curve that are as wide and as bright as the marking, and
+    which of the curve's points (N,) they belong to.
+    """
     reach = search_px + 0.5 * (float(predicted.max()) if len(predicted) else 0.0) + 4.0
     tap = min(0.5 * step, 1.0)
     offsets = np.arange(-reach, reach + 0.25, tap)
@@ -157,7 +231,7 @@ def _centreline(
     plausible &= _even_contrast(bands.contrast, plausible, config.contrast_ratio)
     chosen = Bands(*(getattr(bands, name)[plausible] for name in Bands.__slots__))
     middle = points[plausible] + chosen.center[:, None] * normals[plausible]
-    return _Centreline(middle, chosen, angles[plausible], int((~plausible).sum()))
+    return middle, chosen, plausible
 
 
 def _predicted_width(ellipse: Ellipse, points: Array, normals: Array, relative_width: float) -> Array:

@@ -77,10 +77,12 @@ def judge(
     circle: Circle,
     width: int,
     config: VerdictConfig,
+    certain: bool = True,
 ) -> Verdict:
     """Check the calibration of a frame.
 
-    Every check is recorded with its value and its limit; the first that fails is the reason of the refusal.
+    Every check is recorded with its value and its limit; the first that fails is the reason of the refusal. A circle
+    that is not ``certain`` by itself needs the centre mark or a further marking at the place that the camera gives it.
     """
     unit = width / 1920.0
     H = camera.H_image_field if camera is not None else homography.H_image_field if homography is not None else None
@@ -105,6 +107,8 @@ def judge(
     else:
         residual = _circle_residual(ellipses, H, template, circle)
         checks.append(_check("circle_residual_px", residual, config.max_circle_residual_px * unit))
+    if not certain:
+        checks.append(_check("confirmations", float(_confirmations(cues, camera)), 1.0, at_least=True))
     failed = next((c for c in checks if not c.passed), None)
     if failed is None:
         return Verdict("calibrated", None, None, None, tuple(checks))
@@ -123,6 +127,7 @@ CODES = {
     "marking_residual_px": "residual_too_large",
     "rejected_share": "observations_contradict",
     "mark_distance_px": "mark_contradicts_circle",
+    "confirmations": "circle_unconfirmed",
     "sigma_px": "too_uncertain",
     "sigma_m": "too_uncertain",
     "height_m": "implausible_camera",
@@ -156,6 +161,10 @@ _WORDS = {
     "mark_distance_px": (
         "the centre mark is seen {value:.1f} px from where circle and line put it, {limit:.1f} are allowed"
     ),
+    "confirmations": (
+        "too little of the circle is seen to be sure of it,"
+        " and neither the centre mark nor a further marking confirms it"
+    ),
     "sigma_px": "the field in view is uncertain by {value:.1f} px, {limit:.1f} are allowed" + _MEND,
     "sigma_m": "the field in view is uncertain by {value:.2f} m, {limit:.2f} are allowed" + _MEND,
     "height_m": "the camera would hang {value:.1f} m high, at most {limit:.0f} are plausible",
@@ -168,6 +177,15 @@ _WORDS = {
         "the focal length would be {value:.2f} widths of the picture, at least {limit:.1f} are plausible"
     ),
 }
+
+
+def _confirmations(cues: Cues, camera: CameraFit | None) -> int:
+    """Markings besides circle and halfway line that lie where the camera puts them."""
+    if camera is None:
+        return 0
+    halfway = None if cues.halfway is None else cues.halfway.name
+    mark = cues.mark is not None and cues.mark.name not in camera.rejected
+    return int(mark) + sum(name != halfway for name in camera.named_lines)
 
 
 def _reason(check: Check) -> str:
