@@ -23,7 +23,7 @@ LAYERS: tuple[frozenset[str], ...] = (
     frozenset({"geometry"}),
     frozenset({"field", "profiles"}),
     frozenset({"observations", "sources"}),
-    frozenset({"results", "line_ends"}),
+    frozenset({"results", "centre_mark", "line_ends"}),
     frozenset({"camera_fit", "detection"}),
     frozenset({"stages"}),
     frozenset({"solvers"}),

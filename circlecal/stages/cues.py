@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from circlecal.detection.centre_mark import find_centre_mark
+from circlecal.centre_mark import find_centre_mark
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.conics import line_conic_meet
 from circlecal.geometry.homogeneous import Array, dehomogenise, fit_line, join, lift, line_distance

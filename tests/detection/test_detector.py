@@ -7,7 +7,7 @@ from circlecal.detection import Detection, DetectorConfig, detect
 from circlecal.geometry.conics import sampson_distance
 from circlecal.geometry.homogeneous import lift
 
-from .conftest import HALFWAY_AND_CIRCLE, PENALTY_AREA, Scene, level, paint_scene
+from .conftest import GRASS, HALFWAY_AND_CIRCLE, PENALTY_AREA, Scene, level, paint_scene
 
 CONFIG = DetectorConfig()
 
@@ -181,12 +181,41 @@ def test_penalty_arc_is_refused(pan_deg: float, seed: int) -> None:
 
 
 def test_reasons_name_the_gate(main_view: Scene) -> None:
-    strict = DetectorConfig.model_validate({"acceptance": {"share": 1.0, "share_with_line": 1.0}})
-    found = run(main_view.image, strict)
+    gates = {"acceptance": {"share": 1.0, "share_with_line": 1.0}, "likely": {"share": 1.0}, "thorough": False}
+    found = run(main_view.image, DetectorConfig.model_validate(gates))
     assert found.circle is None
     assert found.refusal == "circle_support_too_low"
     assert found.candidates
     assert np.abs(sampson_distance(found.candidates[0].conic, main_view.circle_points())).mean() < 0.5
+
+
+def worn(scene: Scene, share: float, seed: int = 0) -> np.ndarray:
+    """The picture with patches of bare grass over this share of the circle, in short pieces all around it."""
+    image = scene.image.copy()
+    points = scene.circle_points(120)
+    order = np.random.default_rng(seed).permutation(len(points))[: int(share * len(points))]
+    for x, y in np.rint(points[order]).astype(int):
+        cv2.circle(image, (int(x), int(y)), 6, GRASS, -1)
+    return image
+
+
+def test_a_worn_circle_with_its_line_is_likely(main_view: Scene) -> None:
+    found = run(worn(main_view, 0.4))
+    assert circle_error(found, main_view) < 1.0
+    assert found.halfway is not None
+    assert not found.certain
+    assert run(main_view.image).certain
+
+
+def test_a_worn_circle_without_a_line_is_refused() -> None:
+    scene = paint_scene(markings=HALFWAY_AND_CIRCLE[:1])
+    assert run(worn(scene, 0.4)).circle is None
+
+
+def test_a_second_pass_finds_what_is_too_faint_for_the_first(main_view: Scene) -> None:
+    blind = {"ridges": {"threshold": 50.0, "minimum_contrast": 0.4}}
+    assert run(main_view.image, DetectorConfig.model_validate({**blind, "thorough": False})).circle is None
+    assert circle_error(run(main_view.image, DetectorConfig.model_validate(blind)), main_view) < 0.3
 
 
 def test_wrong_pictures_are_value_errors() -> None:

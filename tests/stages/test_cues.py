@@ -88,6 +88,28 @@ def test_a_spot_on_one_side_of_the_line_is_no_mark(side):
     assert cues_in(bare, image=image).mark is None
 
 
+SLANTED = view(position=(22.0, 45.0, -12.0), focal=3500.0, size=(1280, 720))
+
+
+@pytest.mark.parametrize("camera", [SLANTED, view(position=(-16.0, 60.0, -10.0), focal=4500.0, size=(1280, 720))])
+def test_centre_mark_on_a_slanted_line_is_not_shifted(camera):
+    """Seen from the side, the mark's two halves do not lie across the line but along the field's other axis."""
+    painted = paint(camera, noise=1.5)
+    cue = cues_in(painted).mark
+    assert cue is not None
+    assert np.linalg.norm(cue.point_px - camera.project(np.zeros(2))) < 0.4
+
+
+def test_shorts_in_front_of_the_line_are_no_mark():
+    """As bright as the paint and as wide as the mark, on both sides of the line, but taller."""
+    bare = paint(CAMERA, mark=False, noise=1.5)
+    image = bare.image.copy()
+    x, y = np.round(CAMERA.project(np.zeros(2))).astype(int)
+    image[y - 16 : y + 16, x - 5 : x + 6] = (40, 40, 40)
+    image[y - 4 : y + 5, x - 6 : x + 7] = 215
+    assert cues_in(bare, image=image).mark is None
+
+
 def test_nothing_is_invented_without_a_line():
     circle_only = paint(CAMERA, line=False, mark=False, noise=1.5)
     found = cues_in(circle_only)

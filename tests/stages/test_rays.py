@@ -4,12 +4,13 @@ import cv2
 import numpy as np
 import pytest
 
+from circlecal.camera_fit.model import Frame, theta_of
 from circlecal.errors import EstimationError
 from circlecal.geometry.conics import conic_from_ellipse, ellipse_from_conic, orthogonal_distance
 from circlecal.profiles import grey
 from circlecal.results import MarkingMask
 from circlecal.stages.edges import EdgesConfig, detect_edges
-from circlecal.stages.rays import RaysConfig, cast_rays, even_angles
+from circlecal.stages.rays import RaysConfig, cast_rays, even_angles, measure_along_model
 
 from .conftest import CIRCLE, SOCCER, WIDTH_M, Painted, paint, view
 
@@ -178,3 +179,16 @@ def test_even_angles_are_even_in_the_picture(painted):
     step = np.linalg.norm(np.diff(points, axis=0), axis=1)
     np.testing.assert_allclose(step, 3.0, rtol=0.02)
     assert len(even_angles(ellipse, 3.0, 100)) == 100
+
+
+def test_a_camera_that_is_a_little_off_leads_along_the_whole_circle(painted):
+    """Half the circle is enough for a camera; along its curve the other half is measured too."""
+    from .test_verdict import camera_fit
+
+    off = view(position=(4.1, 40.3, -22.2), focal=2312.0)
+    frame = Frame(NEAR.width, NEAR.height, "flat", CIRCLE.radius_m)
+    fit = camera_fit(off, theta=theta_of(off, frame))
+    points, sigma = measure_along_model(grey(painted.image), fit, CIRCLE, SOCCER, 1.5, RaysConfig())
+    assert len(points) > 400
+    assert sigma.shape == (len(points),)
+    assert np.median(np.abs(distances(painted, points, "center"))) < 0.15

@@ -46,18 +46,30 @@ def homography_fit(H):
     return HomographyFit(H, np.linalg.inv(H), turn_homography(H, np.zeros(2)), np.zeros(8), 10.0, 0.0)
 
 
-def verdict(camera=None, homography=None, cues=None, config=CONFIG, fits=None):
+def verdict(camera=None, homography=None, cues=None, config=CONFIG, fits=None, certain=True):
     return judge(
         fits or fits_of(CAMERA), cues or Cues(LINE, MARK), homography, camera, SOCCER, CIRCLE,
-        CAMERA.width, config,
+        CAMERA.width, config, certain,
     )  # fmt: skip
+
+
+def test_a_likely_circle_needs_the_mark_or_another_marking():
+    bare = Cues(LINE, None)
+    assert verdict(camera_fit(), certain=False).status == "calibrated"
+    assert verdict(camera_fit(named_lines=("side_line_top",)), cues=bare, certain=False).status == "calibrated"
+    for camera, cues in (
+        (camera_fit(), bare),
+        (camera_fit(named_lines=("halfway_line",)), bare),
+        (camera_fit(rejected=("centre_mark",)), None),
+    ):
+        assert verdict(camera, cues=cues, certain=False).code == "circle_unconfirmed"
 
 
 def test_a_good_camera_is_accepted_with_every_check():
     found = verdict(camera_fit())
     assert (found.status, found.code, found.reason, found.stage) == ("calibrated", None, None, None)
     assert all(check.passed for check in found.checks)
-    assert {check.name for check in found.checks} == set(CODES) - WITHOUT_CIRCLE
+    assert {check.name for check in found.checks} == set(CODES) - WITHOUT_CIRCLE - {"confirmations"}
 
 
 WITHOUT_CIRCLE = {"field_in_front", "marking_residual_px", "rejected_share"}
