@@ -132,11 +132,11 @@ def measure_bands(
     signal, low, high = _without_background(values, offsets)
     peak = signal[peak_index, columns]
 
-    before, after = _gaps(signal < 0.5 * peak, peak_index, index)
+    before, after = nearest_gaps(signal < 0.5 * peak, peak_index, index)
     left = _crossing(signal, peak, before, 1) * step_px + offsets[0]
     right = _crossing(signal, peak, after, -1) * step_px + offsets[0]
     threshold = np.float32(PEAK_SHARE) * peak
-    before, after = _gaps(signal < threshold, peak_index, index)
+    before, after = nearest_gaps(signal < threshold, peak_index, index)
     inside = (index - 1 > before) & (index - 1 < after)
     weight = np.maximum(signal - threshold, np.float32(0)) * inside
     across = offsets.astype(np.float32)
@@ -170,7 +170,7 @@ def _median(rows: NDArray[np.float32]) -> NDArray[np.float32]:
     return ordered[middle] if len(rows) % 2 else (ordered[middle - 1] + ordered[middle]) / 2
 
 
-def _gaps(
+def nearest_gaps(
     low: NDArray[np.bool_], peak_index: NDArray[np.int_], index: NDArray[np.int16]
 ) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
     """Nearest low cell (N,) on either side of each column's peak: -1 and S where there is none.

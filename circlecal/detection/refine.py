@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from circlecal.detection.config import RefinementConfig
 from circlecal.geometry.homogeneous import Array
+from circlecal.profiles import nearest_gaps
 
 __all__ = ["BandProfile", "local_width", "measure_band"]
 
@@ -78,56 +79,50 @@ def measure_band(
     x, y = points.T
     inside = (x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)
     profile, step = _profiles(grey, points, normals, reach_px, sign)
-    taps = profile.shape[1]
+    taps = len(profile)
     rim = max(2, taps // 6)
-    left, right = profile[:, :rim].mean(axis=1), profile[:, -rim:].mean(axis=1)
-    ramp = np.linspace(0.0, 1.0, taps, dtype=np.float32)
-    raised = profile - (left[:, None] + (right - left)[:, None] * ramp)
-    at = raised[:, rim:-rim].argmax(axis=1) + rim
-    contrast = raised[np.arange(len(at)), at]
+    left, right = profile[:rim].mean(axis=0), profile[-rim:].mean(axis=0)
+    raised = profile - (left + (right - left) * np.linspace(0.0, 1.0, taps, dtype=np.float32)[:, None])
+    at = raised[rim:-rim].argmax(axis=0) + rim
+    contrast = raised[at, np.arange(len(at))]
     offset, full_width = _centroid(raised, at, contrast, step)
     noise = _background_noise(profile, left, right, rim, inside)
     supported = inside & (contrast > max(config.minimum_contrast, config.noise_factor * noise))
     supported &= np.abs(right - left) <= config.step_share * contrast + noise
     supported = _locally_usual(supported, contrast, pieces, config.weakest, config.strongest)
     supported = _coherent(supported, offset, np.maximum(0.8, 0.12 * reach_px))
-    return BandProfile(
-        offset.astype(np.float64), contrast.astype(np.float64) * sign, full_width.astype(np.float64), inside, supported
-    )
+    return BandProfile(offset, contrast.astype(np.float64) * sign, full_width, inside, supported)
 
 
 def _profiles(
     grey: NDArray[np.uint8], points: Array, normals: Array, reach_px: Array, sign: float
 ) -> tuple[NDArray[np.float32], Array]:
-    """Brightness (N, taps) across the curve, a little smoothed along it, and the distance (N,) between taps, px."""
+    """Brightness (taps, N) across the curve, a little smoothed along it, and the distance (N,) between taps, px."""
     half = max(6, int(np.ceil(np.median(reach_px) / 0.75)))
     step = reach_px / half
-    across = (step[:, None] * np.arange(-half, half + 1)).astype(np.float32)
-    x = points[:, :1].astype(np.float32) + across * normals[:, :1].astype(np.float32)
-    y = points[:, 1:].astype(np.float32) + across * normals[:, 1:].astype(np.float32)
-    sampled = cv2.remap(grey, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    profile = np.asarray(sampled, np.float32)
-    smooth = np.asarray(cv2.blur(profile, (1, 3), borderType=cv2.BORDER_REPLICATE), np.float32)
+    across = np.arange(-half, half + 1, dtype=np.float32)[:, None] * step.astype(np.float32)
+    (x, y), (nx, ny) = points.T.astype(np.float32), normals.T.astype(np.float32)
+    sampled = cv2.remap(grey, x + across * nx, y + across * ny, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    profile = sampled.astype(np.float32)
+    smooth = np.asarray(cv2.blur(profile, (3, 1), borderType=cv2.BORDER_REPLICATE), np.float32)
     return smooth * np.float32(sign), step
 
 
 def _centroid(
-    raised: NDArray[np.float32], at: NDArray[np.int64], contrast: NDArray[np.float32], step: Array
+    raised: NDArray[np.float32], at: NDArray[np.int_], contrast: NDArray[np.float32], step: Array
 ) -> tuple[Array, Array]:
     """Centre and width at half height of the hump around the peak, px."""
-    taps = raised.shape[1]
-    tap = np.arange(taps, dtype=np.float32)
-    peak = at.astype(np.float32)[:, None]
-    level = np.float32(_CENTROID_LEVEL) * contrast[:, None]
-    low = raised < level
-    before = np.where(low & (tap < peak), tap, np.float32(-1)).max(axis=1)
-    after = np.where(low & (tap > peak), tap, np.float32(taps)).min(axis=1)
-    hump = np.where((tap > before[:, None]) & (tap < after[:, None]), raised, np.float32(0))
-    weight = np.maximum(hump - level, np.float32(0))  # nothing jumps where a tap enters or leaves the hump
-    total = np.maximum(weight.sum(axis=1), np.float32(1e-6))
-    offset = ((weight * tap).sum(axis=1) / total - (taps - 1) / 2) * step
-    width = np.count_nonzero(hump >= np.maximum(np.float32(0.5) * contrast, np.float32(1e-6))[:, None], axis=1) * step
-    return offset, width
+    taps = len(raised)
+    index = np.arange(1, taps + 1, dtype=np.int16)[:, None]
+    level = np.float32(_CENTROID_LEVEL) * contrast
+    before, after = nearest_gaps(raised < level, at, index)
+    hump = (index - 1 > before) & (index - 1 < after)
+    # nothing jumps where a tap enters or leaves the hump
+    weight = np.maximum(raised - level, np.float32(0)) * hump
+    total = np.maximum(weight.sum(axis=0), np.float32(1e-6))
+    offset = (np.arange(taps, dtype=np.float32) @ weight / total - (taps - 1) / 2) * step
+    high = hump & (raised >= np.maximum(np.float32(0.5) * contrast, np.float32(1e-6)))
+    return offset, np.count_nonzero(high, axis=0) * step
 
 
 def _background_noise(
@@ -140,8 +135,7 @@ def _background_noise(
     """Typical scatter of the surface beside the marking: median over samples, grey levels."""
     if not inside.any():
         return 0.0
-    scatter = np.abs(profile[:, :rim] - left[:, None]).sum(axis=1)
-    scatter += np.abs(profile[:, -rim:] - right[:, None]).sum(axis=1)
+    scatter = np.abs(profile[:rim] - left).sum(axis=0) + np.abs(profile[-rim:] - right).sum(axis=0)
     return 1.25 * float(np.median(scatter[inside])) / (2 * rim)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import atan2, cos, sin
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -60,14 +62,21 @@ def fit_line(points: ArrayLike, weights: ArrayLike | None = None) -> Array:
         Normalised line.
     """
     points = np.asarray(points, dtype=np.float64)
-    w = np.ones(len(points)) if weights is None else np.asarray(weights, dtype=np.float64)
     if len(points) < 2:
         raise ValueError("a line needs at least two points")
-    mean = w @ points / w.sum()
-    centred = points - mean
-    _, vectors = np.linalg.eigh((centred * w[:, None]).T @ centred)
-    normal = vectors[:, 0]
-    return np.array([normal[0], normal[1], -normal @ mean])
+    if weights is None:
+        x, y = (points.sum(axis=0) / len(points)).tolist()
+        dx, dy = points[:, 0] - x, points[:, 1] - y
+        wx, wy = dx, dy
+    else:
+        w = np.asarray(weights, dtype=np.float64)
+        x, y = (w @ points / w.sum()).tolist()
+        dx, dy = points[:, 0] - x, points[:, 1] - y
+        wx, wy = w * dx, w * dy
+    # direction of the greater eigenvector of the 2 x 2 scatter
+    angle = 0.5 * atan2(2.0 * float(wx @ dy), float(wx @ dx) - float(wy @ dy))
+    a, b = -sin(angle), cos(angle)
+    return np.array([a, b, -a * x - b * y])
 
 
 def similarity_normalisation(points: ArrayLike) -> Array:
