@@ -8,7 +8,6 @@ Pilu and Fisher 1999 and Halir and Flusser 1998 (direct fit and its numerically 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations
 from math import atan2, hypot, inf, pi, sqrt
 
 import numpy as np
@@ -256,9 +255,8 @@ def conics_through_points(points: ArrayLike) -> Array:
     shift = np.array([np.pi, np.e])
     design = _monomials(p + shift)
     system, one = design[..., :5], -np.ones((*p.shape[:-2], 5, 1))
-    repeated = np.zeros(p.shape[:-2], dtype=bool)
-    for i, j in combinations(range(5), 2):
-        repeated |= (p[..., i, :] == p[..., j, :]).all(axis=-1)
+    alike = (p[..., :, None, :] == p[..., None, :, :]).all(axis=-1)
+    repeated = np.count_nonzero(alike, axis=(-2, -1)) > 5  # each point is like itself
     system = np.where(repeated[..., None, None], np.eye(5), system)
     try:
         solved = np.linalg.solve(system, one)[..., 0]
@@ -478,7 +476,7 @@ def _denormalised_with_covariance(coefficients: Array, covariance: Array, T: Arr
     conic = normalise_conic(raw)
     scale = (conic.ravel() @ raw.ravel()) / (raw.ravel() @ raw.ravel())
     unit = np.eye(6)
-    basis = np.stack([coefficients_from_conic(_denormalise(e, T)) for e in unit], axis=-1) * scale
+    basis = coefficients_from_conic(_denormalise(unit, T)).T * scale
     # the fixed determinant takes back whatever part of a change is a mere change of scale: d det = det tr(C^-1 dC)
     by_scale = np.einsum("ij,kji->k", np.linalg.inv(conic), conic_from_coefficients(unit))
     basis = (unit - np.outer(coefficients_from_conic(conic), by_scale) / 3.0) @ basis

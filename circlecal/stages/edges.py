@@ -18,6 +18,8 @@ from circlecal.results import CIRCLE_ID, EdgePoints, MarkingMask
 NO_EDGES = "no edges in the mask of the circle; is the mask that of this picture?"
 MARGIN_PX = 8
 """Kept around the mask, so that filters see what lies beside it."""
+GREY_UNIT, GRADIENT_UNIT = 16.0, 128.0
+"""Steps per grey level of the smoothed picture, and per grey level and pixel of its Sobel derivatives (times 8)."""
 SOBEL_SIGMA_PX = 0.7
 """Smoothing that the 3 x 3 Sobel kernel itself brings."""
 
@@ -84,25 +86,23 @@ def detect_edges(picture: NDArray[np.float32], mask: MarkingMask, config: EdgesC
     left, top = max(left - MARGIN_PX, 0), max(top - MARGIN_PX, 0)
     window = (slice(top, top + height + 2 * MARGIN_PX), slice(left, left + width + 2 * MARGIN_PX))
     picture, region = picture[window], region[window]
-    smooth = cv2.GaussianBlur(picture, (0, 0), config.smoothing_px)
-    gx = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3, scale=1 / 8)
-    gy = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=3, scale=1 / 8)
-    magnitude: NDArray[np.float32] = np.asarray(cv2.magnitude(gx, gy), dtype=np.float32)
+    # whole numbers of 16 bits: sixteenths of a grey level, and what Canny takes
+    fine = (picture * np.float32(GREY_UNIT)).astype(np.int16)
+    smooth = cv2.GaussianBlur(fine, (0, 0), config.smoothing_px)
+    gx, gy = (np.asarray(cv2.Sobel(smooth, cv2.CV_16S, i, 1 - i, ksize=3), np.int16) for i in (1, 0))
     noise = picture_noise(picture, region)
-    low, high = _thresholds(config, noise, magnitude[::2, ::2][region[::2, ::2]])
-    # Canny takes 16-bit derivatives: sixteenths of a grey level per pixel
-    scaled = [np.rint(g * 16).astype(np.int16) for g in (gx, gy)]
-    found = (cv2.Canny(scaled[0], scaled[1], low * 16, high * 16, L2gradient=True) > 0) & region
+    low, high = _thresholds(config, noise, gx, gy, region)
+    found = (cv2.Canny(gx, gy, low * GRADIENT_UNIT, high * GRADIENT_UNIT, L2gradient=True) > 0) & region
     found[[0, -1], :] = False
     found[:, [0, -1]] = False
     y, x = np.divmod(np.flatnonzero(found), found.shape[1])
     if len(x) < 10:
         raise EstimationError("edges", "no_edges", NO_EDGES)
     pixels = np.stack([x, y], axis=-1).astype(np.float64)
-    gradient = np.stack([gx[y, x], gy[y, x]], axis=-1).astype(np.float64)
-    strength = np.linalg.norm(gradient, axis=-1)
+    gradient = np.stack([gx[y, x], gy[y, x]], axis=-1) / GRADIENT_UNIT
+    strength = np.hypot(gradient[:, 0], gradient[:, 1])
     normals = gradient / strength[:, None]
-    shift, curvature = _sub_pixel(magnitude, pixels, normals)
+    shift, curvature = _sub_pixel(gx, gy, pixels, normals)
     blur = float(np.clip(np.sqrt(np.median(strength / np.maximum(curvature, 1e-6))), config.smoothing_px, 6.0))
     contrast = strength * blur * np.sqrt(2 * np.pi)
     # a gradient maximum moves by the noise of the second derivative over the gradient's curvature
@@ -114,23 +114,32 @@ def detect_edges(picture: NDArray[np.float32], mask: MarkingMask, config: EdgesC
     return EdgePoints(points[keep], normals[keep], contrast[keep], sigma[keep], noise, blur, (low, high))
 
 
-def _thresholds(config: EdgesConfig, noise: float, magnitudes: NDArray[np.float32]) -> tuple[float, float]:
+def _thresholds(
+    config: EdgesConfig,
+    noise: float,
+    gx: NDArray[np.int16],
+    gy: NDArray[np.int16],
+    region: NDArray[np.bool_],
+) -> tuple[float, float]:
     if config.thresholds != "auto":
         return config.thresholds
     # gradient noise of a smoothed picture, and a share of the strong gradients of the marking itself
     floor = noise / (config.smoothing_px**2 * np.sqrt(8 * np.pi))
-    strong = float(np.percentile(magnitudes, 97)) if magnitudes.size else 0.0
+    sample = region[::2, ::2]
+    magnitude = np.hypot(gx[::2, ::2][sample].astype(np.float32), gy[::2, ::2][sample].astype(np.float32))
+    strong = float(np.percentile(magnitude, 97)) / GRADIENT_UNIT if magnitude.size else 0.0
     high = max(4.0 * floor, 0.25 * strong, 0.8)
     return 0.5 * high, high
 
 
-def _sub_pixel(magnitude: NDArray[np.float32], pixels: Array, normals: Array) -> tuple[Array, Array]:
-    """Offset along the normal to the parabola's top through three samples, and the curvature there."""
-    steps = np.array([-1.0, 0.0, 1.0])
-    position = pixels[:, None, :] + steps[None, :, None] * normals[:, None, :]
-    before, here, after = cv2.remap(
-        magnitude, position[..., 0].astype(np.float32), position[..., 1].astype(np.float32), cv2.INTER_LINEAR
-    ).T.astype(np.float64)
+def _sub_pixel(gx: NDArray[np.int16], gy: NDArray[np.int16], pixels: Array, normals: Array) -> tuple[Array, Array]:
+    """Offset along the normal to the parabola's top through the gradient's size in three samples, and the curvature
+    there.
+    """
+    steps = np.array([-1.0, 0.0, 1.0])[:, None]
+    x, y = ((pixels[:, i] + steps * normals[:, i]).astype(np.float32) for i in range(2))
+    across, down = (cv2.remap(g, x, y, cv2.INTER_LINEAR).astype(np.float64) for g in (gx, gy))
+    before, here, after = np.hypot(across, down) / GRADIENT_UNIT
     curvature = 2 * here - before - after
     with np.errstate(divide="ignore", invalid="ignore"):
         shift = np.where(curvature > 0, 0.5 * (after - before) / curvature, 9.0)
