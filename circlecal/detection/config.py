@@ -21,7 +21,7 @@ class FieldRegionConfig(BaseModel):
     model_config = _STRICT
 
     width_px: int = Field(
-        default=320, ge=80, le=1280, description="Width of the reduced picture for the colour search."
+        default=240, ge=80, le=1280, description="Width of the reduced picture for the colour search."
     )
     upper_share_skipped: float = Field(
         default=0.25, ge=0.0, le=0.9, description="Upper share of the picture that does not vote."
