@@ -22,10 +22,21 @@ from circlecal.formats.atomic import write_error
 from circlecal.formats.checked import Size
 from circlecal.formats.exports import Exports
 from circlecal.formats.fingerprint import fingerprint
-from circlecal.formats.images import DEBUG_SUFFIX, OVERLAY_SUFFIX, RADAR_SUFFIX, Frame, as_bgr, read_image, write_image
+from circlecal.formats.images import (
+    DEBUG_SUFFIX,
+    OVERLAY_SUFFIX,
+    RADAR_SUFFIX,
+    Frame,
+    as_bgr,
+    decode_picture,
+    read_image,
+    require_picture,
+    write_image,
+)
 from circlecal.formats.inputs import FrameOfFile, observations_beside
 from circlecal.formats.masks import as_class_ids, find_mask, read_mask
 from circlecal.formats.network_keypoints import network_keypoints
+from circlecal.formats.remote import read_url
 from circlecal.formats.result import result_record, write_result
 from circlecal.pipeline import Convention, field_of, in_convention, joined, run, run_observations
 from circlecal.results import Calibration
@@ -119,7 +130,7 @@ def calibrate_frame(
     if keypoints is not None:
         given = observations_beside(keypoints, frame, template, config.sources, (width, height), format_name)
         extra = given if extra is None else joined(extra, given)
-    return picture, run(picture, config, mask=classes, extra=extra, frame_id=frame.id, source=str(frame.path))
+    return picture, run(picture, config, mask=classes, extra=extra, frame_id=frame.id, source=frame.source)
 
 
 def _picture(frame: Frame) -> NDArray[np.uint8]:
@@ -127,6 +138,10 @@ def _picture(frame: Frame) -> NDArray[np.uint8]:
         return frame.picture
     if frame.time_s is not None:
         raise InputError(f"{frame.path}: the frame at {frame.time_s:.3f} s cannot be decoded; copy or convert it again")
+    if frame.url is not None:
+        content = read_url(frame.url)
+        require_picture(frame.url, content)
+        return decode_picture(frame.url, content)
     return read_image(frame.path)
 
 
@@ -197,7 +212,7 @@ class FrameRun:
 
     def source(self, frame: Frame | FrameOfFile) -> str:
         """File of a frame."""
-        return str(frame.path)
+        return frame.source if isinstance(frame, Frame) else str(frame.path)
 
     def record(self, frame: Frame | FrameOfFile) -> dict[str, Any]:
         """Calibrate a picture or a frame of an annotation file, write what belongs to it, return its record.

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 def batch(
     inputs: Annotated[
-        list[Path],
+        list[str],
         typer.Argument(
             metavar="INPUT...",
             help="Pictures, videos, annotations, folders of them, patterns, sequences (x_%04d.png), lists (x.txt).",
@@ -77,13 +77,14 @@ def batch(
     from circlecal.cli import console
     from circlecal.errors import InputError
     from circlecal.formats.exports import Exports
+    from circlecal.formats.listed import absolute_input
     from circlecal.formats.parquet import PARQUET_FORMAT, PARQUET_NAME, require_parquet, write_parquet
     from circlecal.formats.records import read_records
     from circlecal.formats.video import DEFAULT_EVERY, Sampling
 
     console.configure_logging(quiet=quiet, verbose=verbose)
     if scheduler is not None:  # workers have another working folder
-        inputs, out = [path.absolute() for path in inputs], out.absolute()
+        inputs, out = [absolute_input(name) for name in inputs], out.absolute()
         mask, keypoints = (None if path is None else path.absolute() for path in (mask, keypoints))
     chosen = options.chosen_config(
         config, settings, field, seed, radar=radar, no_overlay=no_overlay, camera_prior=camera_prior, solver=solver

@@ -197,10 +197,12 @@ def chosen_inputs(
     from circlecal.errors import InputError
     from circlecal.formats.listed import expand_inputs
 
-    paths, videos = expand_inputs(inputs)
-    if videos:
-        raise InputError(f"{videos[0]}: is a video; use circlecal batch, with --every 1s or the like")
-    return _frames_of(paths, run, out, report)
+    named = expand_inputs(inputs)
+    if named.videos:
+        raise InputError(f"{named.videos[0]}: is a video; use circlecal batch, with --every 1s or the like")
+    if named.urls:
+        raise InputError(f"{named.urls[0]}: is a URL; use circlecal batch")
+    return _frames_of(named.paths, run, out, report)
 
 
 def _frames_of(
@@ -232,7 +234,7 @@ def _frames_of(
 
 
 def chosen_frames_and_videos(
-    inputs: Sequence[Path], run: FrameRun, out: Path, report: Callable[[Exception], None]
+    inputs: Sequence[str], run: FrameRun, out: Path, report: Callable[[Exception], None]
 ) -> tuple[list[Frame | FrameOfFile], list[Video]]:
     """As :func:`chosen_inputs`, and the videos among the inputs.
 
@@ -243,15 +245,19 @@ def chosen_frames_and_videos(
     """
     from circlecal.errors import InputError
     from circlecal.formats.checked import distinct_names
+    from circlecal.formats.images import Frame
     from circlecal.formats.listed import expand_inputs
+    from circlecal.formats.remote import url_names
     from circlecal.formats.video import Video
 
-    paths, files = expand_inputs(inputs)
-    names = distinct_names([path.stem for path in files])
-    videos = [Video.opened(path, name) for path, name in zip(files, names, strict=True)]
+    named = expand_inputs(inputs)
+    names = distinct_names([path.stem for path in named.videos])
+    videos = [Video.opened(path, name) for path, name in zip(named.videos, names, strict=True)]
     for path in (run.mask, run.keypoints):
         if videos and path is not None and not path.is_dir():
             raise InputError(f"{path}: is one file for all frames of a video; give a folder of files named like them")
-    if videos and not paths:
-        return [], videos
-    return _frames_of(paths, run, out, report), videos
+    alone = (videos or named.urls) and not named.paths
+    frames = [] if alone else _frames_of(named.paths, run, out, report)
+    ids = url_names(named.urls, [frame.id for frame in frames])
+    frames += [Frame(name, Path(name), name, url=url) for name, url in zip(ids, named.urls, strict=True)]
+    return frames, videos

@@ -47,6 +47,8 @@ class Frame:
         The decoded frame of a video; None where the file is to be read.
     aspect : float or None
         Width of a pixel over its height, where the file says that it is not 1.
+    url : str or None
+        Where the picture is fetched from, instead of from ``path``.
     """
 
     id: str
@@ -55,16 +57,22 @@ class Frame:
     time_s: float | None = None
     picture: NDArray[np.uint8] | None = field(default=None, compare=False, repr=False)
     aspect: float | None = None
+    url: str | None = None
 
     @property
     def stem(self) -> str:
         """Name that a mask or a file of keypoints of this frame has."""
-        return self.path.stem if self.time_s is None else self.id
+        return self.path.stem if self.time_s is None and self.url is None else self.id
+
+    @property
+    def source(self) -> str:
+        """File or URL, as the result names it."""
+        return self.url or str(self.path)
 
     @property
     def label(self) -> str:
         """What messages call it."""
-        return self.path.name if self.time_s is None else self.id
+        return self.path.name if self.time_s is None and self.url is None else self.id
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,7 +198,17 @@ def read_image(path: str | Path) -> NDArray[np.uint8]:
     InputError
         Missing, a folder, empty, truncated, no picture, too small or too large; one line with the mend.
     """
-    content = read_picture_bytes(path)
+    return decode_picture(path, read_picture_bytes(path))
+
+
+def decode_picture(path: str | Path, content: bytes) -> NDArray[np.uint8]:
+    """The picture of :func:`read_image` from the content of its file; ``path`` is for messages.
+
+    Raises
+    ------
+    InputError
+        As :func:`read_image`.
+    """
     decoded = decode(path, content, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
     return as_bgr(decoded, str(path))
 
@@ -212,6 +230,18 @@ def read_picture_bytes(path: str | Path, min_side: int = MIN_SIDE) -> bytes:
         raise InputError(f"{path}: is a folder, not a picture") from error
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}; check its permissions") from error
+    require_picture(path, content, min_side)
+    return content
+
+
+def require_picture(path: str | Path, content: bytes, min_side: int = MIN_SIDE) -> None:
+    """See by its header that the content of a file is a sound picture; ``path`` is for messages.
+
+    Raises
+    ------
+    InputError
+        As :func:`read_image`.
+    """
     if not content:
         raise InputError(f"{path}: is empty (0 bytes); copy or export it again")
     header = picture_header(content)
@@ -225,7 +255,6 @@ def read_picture_bytes(path: str | Path, min_side: int = MIN_SIDE) -> bytes:
         raise InputError(f"{path}: has only {size} pixels; at least {min_side} on each side are needed")
     if header.truncated:
         raise InputError(f"{path}: is truncated: the {header.format} file ends early; copy or export it again")
-    return content
 
 
 def decode(path: str | Path, content: bytes, flags: int) -> NDArray[Any]:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from circlecal.errors import InputError
 from circlecal.formats.images import OWN_FOLDERS, PICTURE_SUFFIXES
 from circlecal.formats.inputs import FILE_SUFFIXES
+from circlecal.formats.remote import is_url
 
 VIDEO_SUFFIXES = (
     *(".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".mpg", ".mpeg", ".ts", ".m2ts", ".mts", ".wmv", ".flv"),
@@ -21,12 +23,21 @@ _NUMBER = re.compile(r"%(?:0(\d+))?d")
 _TRANSPORT_STREAM_BYTE = b"G"
 
 
-def expand_inputs(inputs: Sequence[Path]) -> tuple[list[Path], list[Path]]:
-    """Files and folders, and apart from them the videos, of everything that was named.
+@dataclass(frozen=True, slots=True)
+class Inputs:
+    """What was named, each once: pictures, annotation files and folders of them; videos; and pictures by URL."""
+
+    paths: list[Path]
+    videos: list[Path]
+    urls: list[str]
+
+
+def expand_inputs(inputs: Sequence[str | Path]) -> Inputs:
+    """Everything that was named.
 
     Understood are pictures, annotation files, videos and folders of them; patterns such as ``day1/*.jpg``; numbered
-    sequences such as ``frame_%05d.png``; and lists, ``@names`` or ``names.txt``, with one of these per line, relative
-    to the list's folder or the working folder (empty lines and lines with # are passed over).
+    sequences such as ``frame_%05d.png``; URLs of pictures; and lists, ``@names`` or ``names.txt``, with one of these
+    per line, relative to its folder or the working folder (empty lines and lines with # are passed over).
 
     Raises
     ------
@@ -35,9 +46,12 @@ def expand_inputs(inputs: Sequence[Path]) -> tuple[list[Path], list[Path]]:
     """
     paths: list[Path] = []
     videos: list[Path] = []
+    urls: list[str] = []
     for given in inputs:
-        for path in _expanded(given):
-            if path.is_dir():
+        for path in _expanded(str(given)):
+            if isinstance(path, str):
+                urls.append(path)
+            elif path.is_dir():
                 held, others = _held(path)
                 videos += held
                 if others or not held:
@@ -46,12 +60,16 @@ def expand_inputs(inputs: Sequence[Path]) -> tuple[list[Path], list[Path]]:
                 videos.append(path)
             else:
                 paths.append(path)
-    return list(dict.fromkeys(paths)), list({path.resolve(): path for path in reversed(videos)}.values())[::-1]
+    distinct = list({path.resolve(): path for path in reversed(videos)}.values())[::-1]
+    return Inputs(list(dict.fromkeys(paths)), distinct, list(dict.fromkeys(urls)))
 
 
-def _expanded(given: Path, within: bool = False) -> Iterator[Path]:
-    text = str(given)
-    if text.startswith("@"):
+def _expanded(text: str, within: bool = False) -> Iterator[Path | str]:
+    """Paths, and URLs as text."""
+    given = Path(text)
+    if is_url(text):
+        yield text
+    elif text.startswith("@"):
         yield from _listed(Path(text[1:]), within)
     elif given.exists():
         if given.suffix.lower() == LIST_SUFFIX and given.is_file():
@@ -70,7 +88,7 @@ def _expanded(given: Path, within: bool = False) -> Iterator[Path]:
         yield given
 
 
-def _listed(path: Path, within: bool) -> Iterator[Path]:
+def _listed(path: Path, within: bool) -> Iterator[Path | str]:
     if within:
         raise InputError(f"{path}: is a list inside a list; name its files instead")
     try:
@@ -86,11 +104,16 @@ def _listed(path: Path, within: bool) -> Iterator[Path]:
         name = line.strip()
         if not name or name.startswith("#"):
             continue
+        if is_url(name):
+            yield name
+            continue
         beside = path.parent / name
         found = beside if beside.exists() or _PATTERN.search(name) or _NUMBER.search(name) else Path(name)
+        if path.is_absolute():
+            found = found.absolute()
         if not found.exists() and found != beside:
             raise InputError(f"{path}, line {number}: {name}: no such file or folder")
-        yield from _expanded(found, within=True)
+        yield from _expanded(str(found), within=True)
 
 
 def _sequence(given: Path) -> Iterator[Path]:
@@ -135,3 +158,10 @@ def _is_transport_stream(path: Path) -> bool:
     """Not TypeScript, which has the same suffix."""
     with path.open("rb") as file:
         return file.read(1) == _TRANSPORT_STREAM_BYTE
+
+
+def absolute_input(text: str) -> str:
+    """The same input for a process with another working folder."""
+    if is_url(text):
+        return text
+    return f"@{Path(text[1:]).absolute()}" if text.startswith("@") else str(Path(text).absolute())

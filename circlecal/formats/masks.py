@@ -76,6 +76,8 @@ def find_mask(frame: Frame, given: Path | None) -> Path | None:
         ``given`` does not exist, or is a folder without a mask for this frame.
     """
     stem = frame.stem
+    if given is None and frame.url is not None:
+        return None
     if given is None:
         beside = (frame.path.with_name(f"{stem}{MASK_SUFFIX}"), *_in_folder(frame.path.parent / MASK_FOLDER, stem))
         return next((path for path in beside if path.is_file()), None)

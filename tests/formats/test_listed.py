@@ -17,8 +17,8 @@ def touch(folder: Path, *names: str) -> Path:
 
 
 def names(folder: Path, *inputs: str) -> list[str]:
-    paths, videos = expand_inputs([folder / name for name in inputs])
-    return [path.relative_to(folder).as_posix() for path in (*paths, *videos)]
+    found = expand_inputs([folder / name for name in inputs])
+    return [path.relative_to(folder).as_posix() for path in (*found.paths, *found.videos)]
 
 
 def test_a_pattern(tmp_path):
@@ -49,9 +49,9 @@ def test_a_list(tmp_path, monkeypatch, named):
     (tmp_path / "day" / named.removeprefix("@")).write_text("# frames\n\n b 1.jpg \na.jpg\nm.mp4\nhere.jpg\n*.jpg\n")
     monkeypatch.chdir(tmp_path)
     given = f"@day/{named[1:]}" if named.startswith("@") else f"day/{named}"
-    paths, videos = expand_inputs([Path(given)])
-    assert [path.as_posix() for path in paths] == ["day/b 1.jpg", "day/a.jpg", "here.jpg"]
-    assert [path.as_posix() for path in videos] == ["day/m.mp4"]
+    found = expand_inputs([Path(given)])
+    assert [path.as_posix() for path in found.paths] == ["day/b 1.jpg", "day/a.jpg", "here.jpg"]
+    assert [path.as_posix() for path in found.videos] == ["day/m.mp4"]
 
 
 @pytest.mark.parametrize(
