@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from circlecal.camera_fit.curves import first_hidden, point_residuals
-from circlecal.camera_fit.model import INDEX, camera_of
+from circlecal.camera_fit.model import INDEX, PARAMETERS, camera_of
 from circlecal.camera_fit.optimise import Problem
 from circlecal.camera_fit.point_starts import Landmarks, aimed_starts, homography_starts, usual_positions
-from circlecal.camera_fit.starts import closed_form_starts, grid_starts
+from circlecal.camera_fit.starts import closed_form_starts, grid_starts, standing_start
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.conics import Ellipse, ellipse_from_conic, fit_conic, refine_conic
 from circlecal.geometry.homogeneous import Array, fit_line, lift
@@ -89,7 +89,23 @@ def _circle_starts(
         conic, None if mark is None else lift(usual.undistort(mark.point_px)), line, direction, center,
         template.radius(circle, edge), problem.frame, side,
     )  # fmt: skip
-    return closed, grid_starts(ellipse, center, circle.radius_m, problem.frame, side)
+    return (
+        np.concatenate([_standing(problem, observations, circle), closed]),
+        grid_starts(ellipse, center, circle.radius_m, problem.frame, side),
+    )
+
+
+def _standing(problem: Problem, observations: Observations, circle: Circle) -> Array:
+    """The start (0 or 1, P) of a camera whose place is known."""
+    priors, seen = problem.priors, _longest_edge(observations, circle)
+    if priors.standing_m is None or seen is None:
+        return np.zeros((0, len(PARAMETERS)))
+    points = usual_lens(problem).undistort(seen.points_px)
+    position, roll = priors.standing_m, float(priors.mean[INDEX["roll"]])
+    theta = standing_start(points, np.asarray(circle.center), circle.radius_m, position, roll, problem.frame)
+    if priors.shared is not None:
+        theta[:, priors.shared.indices] = priors.shared.at(theta[:, 0])[0]
+    return theta
 
 
 def _seen_ellipse(

@@ -22,6 +22,8 @@ FINAL, COARSE = 1e-6, 1e-2
 EXACT = 1e-24
 """Cost at which the residuals are rounding errors."""
 LOOK_CAUTIOUS = (0, 3, 4, 5, 6)
+KNOWN_POSITION_SD_M = 1.0
+"""A position known to this is where the search starts."""
 _POSITION = slice(INDEX["x"], INDEX["z"] + 1)
 _DIAGONAL = np.arange(len(PARAMETERS))
 
@@ -52,6 +54,12 @@ class Priors:
     elevation_sd_rad: float
     center_m: Array
     shared: SharedPrior | None = None
+
+    @property
+    def standing_m(self) -> Array | None:
+        """Where the camera stands (3,), metres, if that is known well."""
+        known = self.shared is not None or (self.sd[_POSITION] <= KNOWN_POSITION_SD_M).all()
+        return self.mean[_POSITION] if known else None
 
     def residuals(self, theta: Array) -> tuple[Array, Array]:
         """Normalised residuals (B, K) and their Jacobian (B, K, P)."""

@@ -34,6 +34,22 @@ class RigConfig(BaseModel):
     k1_by_zoom: float = Field(
         0.01, ge=0, description="Prior of how much the radial distortion changes while the focal length grows e-fold."
     )
+    whole_share: float = Field(
+        0.15,
+        ge=0.05,
+        le=1.0,
+        description="Smallest share of the circle from which the detector measures a frame whose camera is known; "
+        "alone a frame needs more, since an arc might be another one.",
+    )
+    share_of_lone_arc: float = Field(
+        0.7, ge=0.0, le=1.0, description="Smallest share of what the picture holds of it that must be drawn."
+    )
+    maximum_arc_residual_px: float = Field(
+        1.0,
+        gt=0,
+        description="Largest rms distance of such an arc from where the known camera puts the circle, pixels at "
+        "1920 px width.",
+    )
     maximum_surprise: float = Field(
         30.0,
         gt=0,

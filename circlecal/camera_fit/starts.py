@@ -98,3 +98,36 @@ def grid_starts(ellipse: Ellipse, field_center: Array, radius: float, frame: Fra
     theta[:, 2] = tilt + np.arctan(shift[:, 1])
     theta[:, 4:7] = position + np.r_[field_center, 0.0]
     return theta[position[:, :2] @ np.array(SIDES[side]) >= -1e-9]
+
+
+def standing_start(
+    points_px: Array, field_center: Array, radius: float, position_m: Array, roll_rad: float, frame: Frame
+) -> Array:
+    """The camera (1, P) of a known position that sees points (N, 2) of a circle; none (0, P) where they are too few.
+
+    Position and roll fix the direction of the imaged circle's axes and their ratio. Its middle and size are then linear
+    in the points, so that a short arc gives them as well as a long one.
+    """
+    offset = position_m - np.r_[field_center, 0.0]
+    distance = float(np.linalg.norm(offset))
+    ratio = -offset[2] / max(distance, 1e-6)
+    if len(points_px) < 3 or ratio <= 0:
+        return np.zeros((0, len(PARAMETERS)))
+    c, s = np.cos(roll_rad), np.sin(roll_rad)
+    upright = (points_px - frame.center) @ np.array([[c, s], [-s, c]]) / np.array([1.0, ratio])
+    scale = np.abs(upright).max() + 1e-9
+    x, y = (upright / scale).T
+    # x^2 + y^2 = 2 u x + 2 v y + w
+    solved = np.linalg.lstsq(np.column_stack([2 * x, 2 * y, np.ones(len(x))]), x * x + y * y, rcond=None)[0]
+    u, v = solved[:2]
+    size = float(np.sqrt(max(solved[2] + u * u + v * v, 1e-12)) * scale)
+    focal = size * distance / radius
+    look = -offset / distance
+    tilt = np.arccos(look[2])
+    theta = np.zeros((1, len(PARAMETERS)))
+    theta[0, 0] = np.log(focal)
+    theta[0, 1] = np.arctan2(look[0], -look[1]) - np.arctan(u * scale / focal) / np.sin(tilt)
+    theta[0, 2] = tilt + np.arctan(v * scale * ratio / focal)
+    theta[0, 3] = roll_rad
+    theta[0, 4:7] = position_m
+    return theta

@@ -187,16 +187,40 @@ class _Again:
         if refused and not annotated and source.is_file():
             try:
                 picture = replace(find_frames([source])[0], id=self.frame.id)
-                return calibrate_frame(picture, config, self.mask)[1]
+                found = calibrate_frame(picture, with_short_arcs(config), self.mask)[1]
             except CirclecalError as error:
                 _log.warning("%s", error)
                 return None
+            return None if _leaves_the_arc(found, config) else found
         if self.frame.observations is None:
             return None
         convention: Convention = self.convention if annotated else "paint"
         return run_observations(
             self.frame.observations, config, frame_id=self.frame.id, source=str(source), convention=convention
         )
+
+
+def with_short_arcs(config: Config) -> Config:
+    """The configuration with a detector that measures arcs that only a known camera can tell from others."""
+    rig, acceptance = config.rig, config.mask.detector.acceptance
+    update = {
+        "whole_share": min(acceptance.whole_share, rig.whole_share),
+        "whole_share_with_line": min(acceptance.whole_share_with_line, rig.whole_share),
+        "share_of_lone_arc": min(acceptance.share_of_lone_arc, rig.share_of_lone_arc),
+        "share": min(acceptance.share, rig.share_of_lone_arc),
+    }
+    detector = config.mask.detector.model_copy(update={"acceptance": acceptance.model_copy(update=update)})
+    return config.model_copy(update={"mask": config.mask.model_copy(update={"detector": detector})})
+
+
+def _leaves_the_arc(found: Calibration, config: Config) -> bool:
+    """Whether the circle of an accepted camera leaves what was measured: then the arc was another one."""
+    if found.camera is None:
+        return False
+    limit = config.rig.maximum_arc_residual_px * found.width / 1920.0
+    return any(
+        rms > limit for name, rms in found.camera.residuals_px.items() if name.startswith(f"{found.circle_name} ")
+    )
 
 
 def _is_annotated(record: Mapping[str, Any]) -> bool:

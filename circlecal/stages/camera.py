@@ -174,7 +174,7 @@ def estimate_camera(
         _require_landmarks(observations, circle, landmarks, config)
         problem = replace(problem, priors=replace(priors, center_m=landmarks.middle_m(frame)))
     closed, grid = starts_of(problem, observations, template, carrying, landmarks, camera_side, config.loss_scale)
-    short = 0 < seen_deg < SHORT_ARC_DEG
+    short = 0 < seen_deg < SHORT_ARC_DEG and problem.priors.standing_m is None
     state = _best_fit(problem, closed, grid, short, config, camera_side)
     rejected: tuple[str, ...] = ()
     contradicting = _contradicting(state, points)

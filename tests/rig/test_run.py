@@ -75,7 +75,7 @@ def test_frames_refused_alone_succeed_with_the_camera(records, views, again):
     cameras = dict(zip(["0", "1", "2", "3", "no-line", "arc"], views, strict=True))
     for name, camera in cameras.items():
         sigma = found[name]["camera"]["max_sigma_px"]
-        assert error_px(found[name], camera) < min(3.0, 3 * sigma), name
+        assert error_px(found[name], camera) < min(6.0, sigma), name
         assert found[name]["rig"]["camera"] == "camera-1"
     assert found["arc"]["rig"]["alone"]["code"] == "rotation_free"
 
