@@ -71,6 +71,10 @@ def verdict_facts(calibration: Calibration) -> list[str]:
         facts.append(f"ellipse {fit.rms_px:.2f} px rms over {fit.arc_deg:.0f} deg")
     if calibration.camera is not None:
         fit_camera = calibration.camera
+        if calibration.ellipses is not None and not calibration.ellipses.all():
+            facts.append(f"without the circle, from {len(fit_camera.residuals_px)} lines, arcs and points")
+        if fit_camera.rejected:
+            facts.append(f"left out {', '.join(fit_camera.rejected)}")
         facts.append(f"sigma {_short(fit_camera.max_sigma_px)} px, {_short(fit_camera.max_sigma_m)} m")
     elif calibration.homography is not None and calibration.homography.residuals_px.size:
         facts.append(f"DLT residual {_short(float(np.max(np.abs(calibration.homography.residuals_px))))} px")
@@ -110,6 +114,20 @@ def _draw_inliers(canvas: Canvas, calibration: Calibration) -> None:
     if calibration.ellipses is not None:
         for fit in calibration.ellipses.all():
             canvas.points(fit.points_px[fit.inliers], INLIER, 2.2)
+        if not calibration.ellipses.all():
+            _draw_landmarks(canvas, calibration)
+
+
+def _draw_landmarks(canvas: Canvas, calibration: Calibration) -> None:
+    """Lines, arcs and points that stood for the circle, those left out in grey."""
+    seen, left_out = calibration.observations, set(calibration.camera.rejected if calibration.camera else ())
+    if seen is None:
+        return
+    curves = [(f"{c.circle} {c.edge}", c.points_px) for c in seen.circles]
+    curves += [(line.line or "", line.points_px) for line in seen.lines]
+    points = [(m.mark, m.point_px) for m in seen.marks] + [(k.name, k.point_px) for k in seen.keypoints]
+    for name, pixels in (*curves, *((name, pixel[None]) for name, pixel in points)):
+        canvas.points(pixels, GREY if name in left_out else INLIER, 4.0)
 
 
 def _draw_what_was_seen(canvas: Canvas, calibration: Calibration) -> None:

@@ -58,7 +58,7 @@ def stage_pictures(image: Picture, calibration: Calibration, template: FieldTemp
         "01-mask": None if mask is None else lambda: mask_picture(image, mask, zoom),
         "02-edges": None if edges is None else lambda: edges_picture(image, edges, zoom),
         "03-rays": None if rays is None else lambda: rays_picture(image, rays, zoom),
-        "04-ellipse": None if fits is None else lambda: ellipse_picture(image, fits, zoom),
+        "04-ellipse": None if fits is None or not fits.all() else lambda: ellipse_picture(image, fits, zoom),
         "05-cues": None if cues is None else lambda: cues_picture(image, cues, zoom),
         "06-correspondences": None if found is None else lambda: correspondences_picture(image, found, zoom),
         "07-homography": None

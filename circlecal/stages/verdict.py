@@ -112,7 +112,8 @@ def judge(
     failed = next((c for c in checks if not c.passed), None)
     if failed is None:
         return Verdict("calibrated", None, None, None, tuple(checks))
-    return Verdict("refused", CODES[failed.name], _reason(failed), "verdict", tuple(checks))
+    marking = _worst_marking(camera, unit, config)[0] if camera is not None and camera.residuals_px else ""
+    return Verdict("refused", CODES[failed.name], _reason(failed, marking), "verdict", tuple(checks))
 
 
 CODES = {
@@ -155,7 +156,7 @@ _WORDS = {
     "narrowest_edge_gap": "the marking's edges lie only {value:.2f} times as far apart as the camera predicts",
     "line_residual_px": "the projected halfway line leaves the marking by {value:.2f} px rms, {limit:.2f} are allowed",
     "marking_residual_px": (
-        "a line, arc or point lies {value:.2f} px rms from where the others put it, {limit:.2f} are allowed"
+        "{marking} lies {value:.2f} px rms from where the other lines and points put it, {limit:.2f} are allowed"
     ),
     "rejected_share": "{value:.0%} of the lines, arcs and points contradict the others, {limit:.0%} are allowed",
     "mark_distance_px": (
@@ -188,8 +189,8 @@ def _confirmations(cues: Cues, camera: CameraFit | None) -> int:
     return int(mark) + sum(name != halfway for name in camera.named_lines)
 
 
-def _reason(check: Check) -> str:
-    return _WORDS[check.name].format(value=check.value, limit=check.limit)
+def _reason(check: Check, marking: str) -> str:
+    return _WORDS[check.name].format(value=check.value, limit=check.limit, marking=marking)
 
 
 def _check(name: str, value: float, limit: float, *, at_least: bool = False) -> Check:
@@ -199,13 +200,19 @@ def _check(name: str, value: float, limit: float, *, at_least: bool = False) -> 
 
 def _landmark_checks(camera: CameraFit, unit: float, config: VerdictConfig) -> list[Check]:
     """Of a frame without the circle: every line, arc and point must lie where the others put it."""
-    view, names = camera.camera, camera.residuals_px
-    checks = [_check("field_in_front", float(view.depth(camera.reference_m)), 0.0, at_least=True)]
-    for name, rms in names.items():
-        stated = NOISE_SIGMAS * camera.stated_sigma_px.get(name, 0.0)
-        checks.append(_check("marking_residual_px", rms, max(config.max_line_residual_px * unit, stated)))
-    share = len(camera.rejected) / max(len(camera.rejected) + len(names), 1)
+    checks = [_check("field_in_front", float(camera.camera.depth(camera.reference_m)), 0.0, at_least=True)]
+    if camera.residuals_px:
+        _, rms, limit = _worst_marking(camera, unit, config)
+        checks.append(_check("marking_residual_px", rms, limit))
+    share = len(camera.rejected) / max(len(camera.rejected) + len(camera.residuals_px), 1)
     return [*checks, _check("rejected_share", share, config.max_rejected_share)]
+
+
+def _worst_marking(camera: CameraFit, unit: float, config: VerdictConfig) -> tuple[str, float, float]:
+    """Name, rms residual and limit of the line, arc or point that leaves most of what it is allowed."""
+    stated, least = camera.stated_sigma_px, config.max_line_residual_px * unit
+    markings = ((k, rms, max(least, NOISE_SIGMAS * stated.get(k, 0.0))) for k, rms in camera.residuals_px.items())
+    return max(markings, key=lambda marking: marking[1] / marking[2])
 
 
 def _place_checks(camera: CameraFit, circle: Circle, reference_m: Array, config: VerdictConfig) -> list[Check]:

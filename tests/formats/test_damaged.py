@@ -28,7 +28,7 @@ def box() -> AnnotatedFrame:
         pixels = BOX.project(polyline)
         pixels = pixels[((pixels > 0) & (pixels < np.array(SIZE) - 1)).all(axis=1)]
         line = TEMPLATE.line_by_name.get(name)
-        if len(pixels) > 1:
+        if len(pixels) > 1 and name != "centre_circle":
             label = (line or TEMPLATE.circle_by_name[name]).class_name
             shapes.append(Shape(label, "line", pixels if line is None else pixels[[0, -1]]))
     keypoints = {"kp_4": (-52.5, -20.16), "kp_5": (-36.0, -20.16), "kp_45": (-41.5, 0.0)}

@@ -88,7 +88,7 @@ def test_without_the_circle_lines_and_points_are_judged():
 @pytest.mark.parametrize(
     ("changes", "code", "words"),
     [
-        ({"residuals_px": {"side_line_top": 0.4, "kp_3": 3.0}}, "residual_too_large", "lies 3.00 px rms from"),
+        ({"residuals_px": {"side_line_top": 0.4, "kp_3": 3.0}}, "residual_too_large", "kp_3 lies 3.00 px rms from"),
         ({"rejected": ("a", "b", "c", "d")}, "observations_contradict", "57% of the lines"),
         ({"reference_m": np.array([4.0, 300.0])}, "field_behind_camera", "behind the camera"),
         ({"max_sigma_px": 300.0}, "too_uncertain", "say where the camera stands (camera.position_m"),
