@@ -61,10 +61,11 @@ def field_of(config: Config) -> tuple[FieldTemplate, Circle]:
 
 
 def in_convention(template: FieldTemplate, convention: Convention) -> FieldTemplate:
-    """The template as :func:`run_observations` takes it: with ``official`` the markings have no width."""
+    """The template as :func:`run_observations` takes it: with ``official`` markings have no width and sizes are exact."""
     if convention == "paint":
         return template
-    return template.model_copy(update={"marking_width_m": 1e-9, "marking_width_sd_m": 0.0})
+    known = {"marking_width_sd_m": 0.0, "length_sd_m": 0.0, "width_sd_m": 0.0}
+    return template.model_copy(update={"marking_width_m": 1e-9, **known})
 
 
 def run(
@@ -133,8 +134,7 @@ def run_observations(
         As in :func:`run`.
     convention : {"official", "paint"}
         Where points on a marking lie: ``official`` takes them at the size that the rules name (the official metric's
-        model has no
-        paint width), ``paint`` on the centreline of the paint.
+        model has no paint width, and every field is of its size), ``paint`` on the centreline of the paint.
     """
     template, circle = field_of(config)
     template = in_convention(template, convention)

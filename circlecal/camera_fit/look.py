@@ -60,7 +60,7 @@ def from_look(look: Array, center_m: Array) -> Array:
 
 def look_jacobian(theta: Array, center_m: Array) -> Array:
     """Derivative (B, 7, 7) of :func:`from_look` at the look coordinates of theta (B, P): the inverse of that of
-    :func:`to_look`. Identity where the circle's centre lies behind the camera.
+    :func:`to_look`. Identity where the centre lies behind the camera, nan where there is no inverse (straight above it).
     """
     R = rotations(theta)
     offset = theta[:, 4:7] - np.r_[center_m, 0.0]
@@ -88,7 +88,11 @@ def look_jacobian(theta: Array, center_m: Array) -> Array:
     forward[:, 6, 4:6] = offset[:, :2] * (z / (level * distance2))[:, None]
     forward[:, 6, 6] = -level / distance2
     forward[~ahead] = np.eye(LOOK)
-    return np.asarray(np.linalg.inv(forward), dtype=np.float64)
+    singular = ~(np.abs(np.linalg.det(forward)) > 0)
+    forward[singular] = np.eye(LOOK)
+    inverse = np.linalg.inv(forward)
+    inverse[singular] = np.nan
+    return np.asarray(inverse, dtype=np.float64)
 
 
 def _wrapped(angle: Array) -> Array:

@@ -202,10 +202,11 @@ def _stepped(
     look = state.theta[:, :LOOK]
     if straight:
         look = to_look(state.theta, center)
-        usable = np.asarray(np.isfinite(look).all(axis=1))
+        by_look = look_jacobian(state.theta, center)
+        usable = np.asarray(np.isfinite(look).all(axis=1) & np.isfinite(by_look).all(axis=(1, 2)))
         change = np.zeros_like(normal)
         change[:, _DIAGONAL, _DIAGONAL] = 1.0
-        change[:, :LOOK, :LOOK] = look_jacobian(state.theta, center)
+        change[:, :LOOK, :LOOK] = by_look
         change[~usable] = np.eye(len(PARAMETERS))
         turned = np.swapaxes(change, 1, 2)
         gradient = (turned @ gradient[..., None])[..., 0]

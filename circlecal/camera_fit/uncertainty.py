@@ -31,9 +31,10 @@ def spread_cameras(theta: Array, covariance: Array, center_m: Array) -> Array:
     """
     look = to_look(theta[None], center_m)
     change = np.eye(len(theta))
-    straight = bool(np.isfinite(look).all())
+    by_look = look_jacobian(theta[None], center_m)[0]
+    straight = bool(np.isfinite(look).all() and np.isfinite(by_look).all())
     if straight:
-        change[:LOOK, :LOOK] = look_jacobian(theta[None], center_m)[0]
+        change[:LOOK, :LOOK] = by_look
     inverse = np.linalg.inv(change)
     values, vectors = np.linalg.eigh(inverse @ covariance @ inverse.T)
     kept = values > 1e-16 * max(values[-1], 1e-300)

@@ -54,3 +54,12 @@ def test_zoom_with_distance_moves_along_a_line():
     further[:, :LOOK] = from_look(look, np.zeros(2))
     np.testing.assert_allclose(further[:, 4:7], 2 * theta[:, 4:7], rtol=1e-9)
     np.testing.assert_allclose(to_look(further, np.zeros(2))[:, [1, 2, 3, 5, 6]], look[:, [1, 2, 3, 5, 6]], atol=1e-7)
+
+
+def test_straight_above_the_centre_there_is_no_derivative():
+    theta = np.zeros((2, len(PARAMETERS)))
+    theta[:, 0], theta[:, 6] = np.log(900.0), -30.0
+    theta[1, 2], theta[1, 5] = 1.2, 60.0
+    found = look_jacobian(theta, np.zeros(2))
+    assert np.isnan(found[0]).all()
+    assert np.isfinite(found[1]).all()
