@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from circlecal import __version__
 from circlecal.batch.task import F, Named, Record, Task, failed
-from circlecal.batch.workers import finished_record
+from circlecal.batch.workers import finished_record, worker_surroundings
 from circlecal.errors import InputError, MissingExtraError
 
 if TYPE_CHECKING:
@@ -90,9 +90,10 @@ def _local_cluster(scheduler: str) -> Any:
         raise InputError(f"--scheduler {scheduler}: must be local:N with the number of workers, or tcp://host:port")
     from distributed import LocalCluster
 
-    return LocalCluster(
-        n_workers=int(count), threads_per_worker=1, dashboard_address=None, silence_logs=logging.CRITICAL
-    )
+    with worker_surroundings():
+        return LocalCluster(
+            n_workers=int(count), threads_per_worker=1, dashboard_address=None, silence_logs=logging.CRITICAL
+        )
 
 
 def _require_workers(client: Client, scheduler: str) -> None:

@@ -89,7 +89,7 @@ def _pooled(frames: Iterator[F], died: list[F], task: Task[F], workers: int) -> 
 def _submitted(executor: ProcessPoolExecutor, frame: F, in_flight: dict[Future[Record], F]) -> bool:
     """Hand a frame to the workers; False where one has died."""
     try:
-        with _worker_surroundings():
+        with worker_surroundings():
             in_flight[executor.submit(_record_in_worker, frame)] = frame
     except BrokenProcessPool:
         return False
@@ -99,7 +99,7 @@ def _submitted(executor: ProcessPoolExecutor, frame: F, in_flight: dict[Future[R
 def _require_workers(executor: ProcessPoolExecutor) -> None:
     """Tell a worker that cannot even start from one that died on a frame."""
     try:
-        with _worker_surroundings():
+        with worker_surroundings():
             started = executor.submit(os.getpid)
         started.result()
     except BrokenProcessPool as error:
@@ -109,7 +109,7 @@ def _require_workers(executor: ProcessPoolExecutor) -> None:
 
 
 @contextlib.contextmanager
-def _worker_surroundings() -> Iterator[None]:
+def worker_surroundings() -> Iterator[None]:
     """What a worker inherits when it is started: no Ctrl-C (the parent ends it) and one thread for linear algebra."""
     threads = {name: os.environ.get(name) for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
     in_main_thread = threading.current_thread() is threading.main_thread()

@@ -154,7 +154,7 @@ def _folder_of_run(out: Path, digest: str, *, ask: bool) -> Path:
             count += 1
         typer.echo(f"circlecal: {error}", err=True)
         if not typer.confirm(f"Start a new run in {new}?", err=True):
-            raise
+            raise typer.Exit(2) from None
         return new
     return out
 
