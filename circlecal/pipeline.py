@@ -61,7 +61,7 @@ def field_of(config: Config) -> tuple[FieldTemplate, Circle]:
 
 
 def in_convention(template: FieldTemplate, convention: Convention) -> FieldTemplate:
-    """The template as :func:`run_observations` takes it: with ``official`` markings have no width and sizes are exact."""
+    """The template as :func:`run_observations` takes it: with ``official`` no width of markings, and exact sizes."""
     if convention == "paint":
         return template
     known = {"marking_width_sd_m": 0.0, "length_sd_m": 0.0, "width_sd_m": 0.0}

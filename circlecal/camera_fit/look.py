@@ -60,7 +60,7 @@ def from_look(look: Array, center_m: Array) -> Array:
 
 def look_jacobian(theta: Array, center_m: Array) -> Array:
     """Derivative (B, 7, 7) of :func:`from_look` at the look coordinates of theta (B, P): the inverse of that of
-    :func:`to_look`. Identity where the centre lies behind the camera, nan where there is no inverse (straight above it).
+    :func:`to_look`. Identity where the centre lies behind the camera, nan where it has no inverse (straight above it).
     """
     R = rotations(theta)
     offset = theta[:, 4:7] - np.r_[center_m, 0.0]

@@ -107,7 +107,7 @@ def judge(
     else:
         residual = _circle_residual(ellipses, H, template, circle)
         checks.append(_check("circle_residual_px", residual, config.max_circle_residual_px * unit))
-    if not certain:
+    if not certain and ellipses.all():
         checks.append(_check("confirmations", float(_confirmations(cues, camera)), 1.0, at_least=True))
     failed = next((c for c in checks if not c.passed), None)
     if failed is None:
