@@ -120,6 +120,8 @@ def line_curve(name: str, points_px: Array, sigma_px: Array, ends_m: Array, shif
     )  # fmt: skip
 
 
+NEAR_PX = 10.0
+"""So far along a marking its bend is not felt across it."""
 SIZES = [INDEX["width"], INDEX["length"], INDEX["breadth"]]
 """Parameters that move the markings on the field rather than the camera."""
 
@@ -167,7 +169,8 @@ def first_hidden(curves: CurvePoints, theta: Array, frame: Frame, samples: int =
     """
     if len(curves.points_px) == 0:
         return np.zeros((len(theta), 0)), np.zeros((len(theta), 0))
-    _, first, marking = np.unique(curves.group, return_index=True, return_inverse=True)
+    change = np.concatenate([[True], np.diff(curves.group) != 0])
+    first, marking = np.flatnonzero(change), np.cumsum(change) - 1
     markings = curves.select(np.repeat(first, samples))
     shape = (len(first), samples)
     straight = (curves.radius[first] == 0)[:, None]
@@ -222,21 +225,23 @@ def curve_residuals(curves: CurvePoints, theta: Array, hidden: Array, frame: Fra
     frame : Frame
         Picture size and crown.
     updates : int
-        Newton steps of the hidden parameters.
+        Newton steps of the hidden parameters before the residuals are taken, one more where the points then still lie
+        far along the marking; the hidden parameters that are returned are one step further.
     """
     straight = curves.radius == 0
     scale = np.where(straight, 1.0, np.maximum(curves.radius, 1e-9))
     limit = np.where(straight, 20.0, 0.5)
     observed = curves.points_px.T
-    for step in range(updates + 1):
+    for step in range(updates + 2):
         x, y, tangent_x, tangent_y, cos, sin = _on_markings(curves, hidden, theta)
         seen = view(theta, x, y, frame)
         along = seen.along(tangent_x, tangent_y)
         difference = observed - seen.pixels
         length2 = np.maximum(along[:, 0] ** 2 + along[:, 1] ** 2, 1e-18)
-        if step < updates:
-            move = (difference[:, 0] * along[:, 0] + difference[:, 1] * along[:, 1]) / (length2 * scale)
-            hidden = hidden + np.minimum(np.maximum(move, -limit), limit)
+        beside = difference[:, 0] * along[:, 0] + difference[:, 1] * along[:, 1]
+        hidden = hidden + np.minimum(np.maximum(beside / (length2 * scale), -limit), limit)
+        if step >= updates and (np.abs(beside) < NEAR_PX * np.sqrt(length2)).all():
+            break
     sigma = curves.sigma_px
     # the normal's positive side is the outside of a circle
     unit = np.where(straight | (seen.orientation >= 0), 1.0, -1.0) / (np.sqrt(length2) * sigma)

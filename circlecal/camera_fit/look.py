@@ -22,40 +22,39 @@ def to_look(theta: Array, center_m: Array) -> Array:
     """Look coordinates (B, 7) of parameter vectors (B, P); not finite where the circle's centre lies behind the
     camera.
     """
-    offset = theta[:, 4:7] - np.r_[center_m, 0.0]
-    distance = np.linalg.norm(offset, axis=1)
+    offset = theta[:, 4:7].copy()
+    offset[:, :2] -= center_m
     seen = -(rotations(theta) @ offset[..., None])[..., 0]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        pixel = np.exp(theta[:, :1]) * np.where(seen[:, 2:] > 0, seen[:, :2] / seen[:, 2:], np.nan)
-        return np.column_stack(
-            [
-                theta[:, 0],
-                pixel,
-                theta[:, 3],
-                np.log(distance),
-                np.arctan2(offset[:, 0], offset[:, 1]),
-                np.arcsin(np.clip(-offset[:, 2] / distance, -1.0, 1.0)),
-            ]
-        )
+    level2 = offset[:, 0] ** 2 + offset[:, 1] ** 2
+    look = np.empty((len(theta), LOOK))
+    look[:, 0], look[:, 3] = theta[:, 0], theta[:, 3]
+    ahead = np.where(seen[:, 2:] > 0, seen[:, 2:], np.nan)
+    look[:, 1:3] = np.exp(theta[:, :1]) * seen[:, :2] / ahead
+    look[:, 4] = 0.5 * np.log(level2 + offset[:, 2] ** 2)
+    look[:, 5] = np.arctan2(offset[:, 0], offset[:, 1])
+    look[:, 6] = np.arctan2(-offset[:, 2], np.sqrt(level2))
+    return look
 
 
 def from_look(look: Array, center_m: Array) -> Array:
     """Inverse of :func:`to_look`: log focal length, pan, tilt, roll, x, y, z (B, 7) of an upright camera."""
     log_focal, u, v, roll, log_distance, azimuth, elevation = look.T
     distance, level = np.exp(log_distance), np.cos(elevation)
-    offset = distance[:, None] * np.stack(
-        [np.sin(azimuth) * level, np.cos(azimuth) * level, -np.sin(elevation)], axis=-1
-    )
-    towards = -offset / distance[:, None]
-    ray = np.stack([u, v, np.exp(log_focal)], axis=-1)
-    ray = ray / np.linalg.norm(ray, axis=1, keepdims=True)
+    towards_x, towards_y, towards_z = -np.sin(azimuth) * level, -np.cos(azimuth) * level, np.sin(elevation)
+    focal = np.exp(log_focal)
+    unit = 1.0 / np.sqrt(u * u + v * v + focal * focal)
     # undo the roll, then pan and tilt turn the direction to the centre into this ray
-    c, s = np.cos(roll), np.sin(roll)
-    x, y, z = c * ray[:, 0] - s * ray[:, 1], s * ray[:, 0] + c * ray[:, 1], ray[:, 2]
-    ahead = -np.sqrt(np.maximum(towards[:, 0] ** 2 + towards[:, 1] ** 2 - x**2, 0.0))
-    tilt = np.arctan2(towards[:, 2], ahead) - np.arctan2(z, y)
-    pan = np.arctan2(towards[:, 1], towards[:, 0]) - np.arctan2(ahead, x)
-    return np.column_stack([log_focal, _wrapped(pan), _wrapped(tilt), roll, offset + np.r_[center_m, 0.0]])
+    c, s = np.cos(roll) * unit, np.sin(roll) * unit
+    x, y, z = c * u - s * v, s * u + c * v, focal * unit
+    ahead = -np.sqrt(np.maximum(level * level - x * x, 0.0))
+    theta = np.empty((len(look), LOOK))
+    theta[:, 0], theta[:, 3] = log_focal, roll
+    theta[:, 1] = _wrapped(np.arctan2(towards_y, towards_x) - np.arctan2(ahead, x))
+    theta[:, 2] = _wrapped(np.arctan2(towards_z, ahead) - np.arctan2(z, y))
+    theta[:, 4] = center_m[0] - distance * towards_x
+    theta[:, 5] = center_m[1] - distance * towards_y
+    theta[:, 6] = -distance * towards_z
+    return theta
 
 
 def look_jacobian(theta: Array, center_m: Array) -> Array:

@@ -19,6 +19,8 @@ from circlecal.observations import LinePoints, Observations
 
 HYPOTHESES, GROWING = 6, 2
 """How many are fitted, and of how many the lines are matched anew."""
+WIDE = 10.0
+"""By how much wider the loss is while hypotheses are compared: a line that does not fit pulls, and then tells."""
 ROUNDS = 3
 """Fits of one hypothesis; after each the lines are matched anew."""
 MARGIN_WIDTHS = 0.12
@@ -198,8 +200,7 @@ def _tried(scene: _Scene, associations: list[Association], starts: Array) -> lis
     """Fit every hypothesis, all at once, from its own start (B, P)."""
     problem = replace(scene.problem, curves=_hypothetical(scene, associations))
     hidden = ground_hidden(problem.curves, starts, problem.frame)
-    wide = minimise(problem, starts, 30.0 * scene.loss_scale, 20, hidden, COARSE)
-    state = minimise(problem, wide.theta, scene.loss_scale, 15, wide.hidden, COARSE)
+    state = minimise(problem, starts, WIDE * scene.loss_scale, 20, hidden, COARSE)
     explained, score = _judged(scene, associations, state, problem)
     return [
         _Trial(association, float(explained[k]), float(score[k]), state.theta[k], state.normal[k])

@@ -19,6 +19,8 @@ LOG_FOCAL_RANGE = (np.log(10.0), np.log(1e6))
 LEAST_DAMPING, FIRST_DAMPING, LAST_DAMPING = 1e-10, 1e-4, 1e5
 FINAL, COARSE = 1e-6, 1e-2
 """Decreases of the cost (chi-square) that are not worth a step: of a result, and of what is only compared."""
+HOPELESS = 100.0
+"""By how much the cost of a start may be worse than the best one's, beyond what its steps promise, to be followed on."""
 EXACT = 1e-24
 """Cost at which the residuals are rounding errors."""
 LOOK_CAUTIOUS = (0, 3, 4, 5, 6)
@@ -120,7 +122,7 @@ class State:
     point_values: Array
 
 
-def evaluate(problem: Problem, theta: Array, hidden: Array, loss_scale: float, updates: int = 1) -> State:
+def evaluate(problem: Problem, theta: Array, hidden: Array, loss_scale: float, updates: int = 0) -> State:
     """Cost, gradient and Gauss-Newton matrix of each start under a Geman-McClure loss of scale ``loss_scale`` (in
     sigmas).
     """
@@ -170,15 +172,18 @@ def minimise(
     theta = starts.copy()
     fixed = problem.priors.sd <= 0
     theta[:, fixed] = problem.priors.mean[fixed]
-    hidden = first_hidden(problem.curves, theta, problem.frame)[0] if hidden is None else hidden
-    state = evaluate(problem, theta, hidden, loss_scale, updates=3)
+    if hidden is None:
+        hidden = first_hidden(problem.curves, theta, problem.frame)[0]
+        hidden = curve_residuals(problem.curves, theta, hidden, problem.frame, updates=1).hidden
+    state = evaluate(problem, theta, hidden, loss_scale, updates=1)
     damping = np.full(len(theta), FIRST_DAMPING)
     straight = bool((problem.priors.sd[:LOOK] > 0).all())
     trusted: Mask = np.ones(len(theta), dtype=bool)
     for _ in range(iterations):
         theta, expected, possible = _stepped(problem, state, damping, active, straight)
         settled = (possible <= tolerance * np.minimum(state.cost, 1.0)) | (damping > LAST_DAMPING)
-        if (settled | (state.cost < EXACT)).all():
+        beaten = state.cost - 3.0 * possible > state.cost.min() + HOPELESS
+        if (settled | beaten | (state.cost < EXACT)).all():
             break
         proposal = evaluate(problem, theta, state.hidden, loss_scale)
         better = np.asarray(proposal.cost < state.cost)
@@ -207,7 +212,8 @@ def _stepped(
         change = np.zeros_like(normal)
         change[:, _DIAGONAL, _DIAGONAL] = 1.0
         change[:, :LOOK, :LOOK] = by_look
-        change[~usable] = np.eye(len(PARAMETERS))
+        if not usable.all():
+            change[~usable] = np.eye(len(PARAMETERS))
         turned = np.swapaxes(change, 1, 2)
         gradient = (turned @ gradient[..., None])[..., 0]
         normal = turned @ normal @ change

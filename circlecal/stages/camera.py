@@ -338,7 +338,9 @@ def _follow(problem: Problem, starts: Array, config: CameraConfig, side: str) ->
         raise EstimationError("camera", "no_camera", "no start for the camera was found")
     wide = minimise(problem, starts, 100.0 * config.loss_scale, min(30, config.iterations), tolerance=COARSE)
     chosen = best_of(wide, max(2, min(len(starts), 3 * config.starts // 4)))
-    state = minimise(problem, chosen.theta, config.loss_scale, config.iterations, chosen.hidden, COARSE)
+    state = chosen
+    if (np.abs(chosen.residuals) > 0.5 * config.loss_scale).any():
+        state = minimise(problem, chosen.theta, config.loss_scale, config.iterations, chosen.hidden, COARSE)
     # a camera hanging upside down sees a circle and a line just as well
     above = (state.theta[:, INDEX["z"]] < 0) & (np.sin(state.theta[:, INDEX["tilt"]]) > 0)
     if not above.any():
