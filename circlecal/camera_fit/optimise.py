@@ -20,7 +20,7 @@ LEAST_DAMPING, FIRST_DAMPING, LAST_DAMPING = 1e-10, 1e-4, 1e5
 FINAL, COARSE = 1e-6, 1e-2
 """Decreases of the cost (chi-square) that are not worth a step: of a result, and of what is only compared."""
 HOPELESS = 100.0
-"""By how much the cost of a start may be worse than the best one's, beyond what its steps promise, to be followed on."""
+"""A start whose cost is so much worse than the best one's, beyond what its steps promise, is not followed on."""
 EXACT = 1e-24
 """Cost at which the residuals are rounding errors."""
 LOOK_CAUTIOUS = (0, 3, 4, 5, 6)
