@@ -263,6 +263,17 @@ class HalfwayConfig(BaseModel):
     extent: float = Field(default=2.0, ge=1.0, le=10.0, description="How far the line is followed, in half chords.")
 
 
+class FirstPassConfig(BaseModel):
+    """The first, quick pass over a picture, in which most circles are found."""
+
+    model_config = _STRICT
+
+    width_px: int = Field(
+        default=720, ge=160, le=3840, description="Width of its picture, where `detection_width_px` is not smaller."
+    )
+    effort: float = Field(default=0.5, gt=0.0, le=1.0, description="Share of the hypotheses that are drawn and scored.")
+
+
 class SecondPassConfig(BaseModel):
     """The second, slower pass over a picture in which the first found no certain circle."""
 
@@ -286,7 +297,7 @@ class DetectorConfig(BaseModel):
         default=960,
         ge=160,
         le=3840,
-        description="Width to which larger pictures are reduced; smaller ones keep their size.",
+        description="Width to which larger pictures are reduced for the second pass; smaller ones keep their size.",
     )
     enlarged_width_px: int = Field(
         default=640, ge=80, le=1920, description="Width to which smaller pictures are enlarged for the search."
@@ -302,5 +313,6 @@ class DetectorConfig(BaseModel):
     thorough: bool = Field(
         default=True, description="Whether a picture without a certain circle is searched a second time, more slowly."
     )
+    first_pass: FirstPassConfig = Field(default=FirstPassConfig(), description="The first search.")
     second_pass: SecondPassConfig = Field(default=SecondPassConfig(), description="The second search.")
     candidates: int = Field(default=3, ge=1, le=20, description="Most candidates that are measured and reported.")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -18,7 +18,7 @@ from circlecal.detection.circle import (
     refusal_of,
 )
 from circlecal.detection.config import DetectorConfig
-from circlecal.detection.field_region import find_field_region
+from circlecal.detection.field_region import FieldRegion, find_field_region
 from circlecal.detection.halfway import MeasuredLine, find_halfway, measure_segments
 from circlecal.detection.hypotheses import EllipseBatch, draw_ellipses
 from circlecal.detection.lines import StraightRun, find_straight_runs
@@ -33,6 +33,7 @@ from circlecal.geometry.homogeneous import Array, lift
 __all__ = ["detect"]
 
 _POLARITIES = {"light": (1.0,), "dark": (-1.0,), "any": (1.0, -1.0)}
+_NO_FIELD = "no_field"
 _MARGIN = 0.012  # of the picture's width: by how much the second pass looks beyond the field
 _SHORTEST_RUN = 0.10  # picture widths: shorter straight runs are not reported
 
@@ -85,6 +86,19 @@ class _Search:
     runs: list[StraightRun]
     segments: Array
     found: _Found
+    scaling: _Scaling
+
+
+def quick(config: DetectorConfig) -> DetectorConfig:
+    """Options of the first pass: a smaller picture and fewer hypotheses."""
+    first, drawn = config.first_pass, config.hypotheses
+    draws, scored = max(100, int(first.effort * drawn.draws)), max(10, int(first.effort * drawn.scored))
+    return config.model_copy(
+        update={
+            "detection_width_px": min(first.width_px, config.detection_width_px),
+            "hypotheses": drawn.model_copy(update={"draws": draws, "scored": scored}),
+        }
+    )
 
 
 def thorough(config: DetectorConfig) -> DetectorConfig:
@@ -129,20 +143,14 @@ def detect(image_bgr: NDArray[np.uint8], config: DetectorConfig, rng: np.random.
     watch = _Stopwatch()
     height, width = image_bgr.shape[:2]
     full_grey = np.asarray(cv2.cvtColor(image_bgr, cv2.COLOR_BGR2GRAY), np.uint8)
-    grey, scaling = _detection_picture(full_grey, config)
-    rows, columns = grey.shape
     watch.lap("scale")
     region = find_field_region(image_bgr, config.field_region)
-    hull = region.hull_at(columns, rows)
     watch.lap("field")
-    if region.area_share < config.field_region.area_share:
-        nothing = _Found(None, None, None, (), "no_field")
-        search = _search(full_grey, grey, hull, scaling, config, rng, watch, nothing)
-    else:
-        search = _search(full_grey, grey, hull, scaling, config, rng, watch)
-        if config.thorough and not (search.found.circle is not None and search.found.certain):
-            again = _search(full_grey, grey, _grown(hull), scaling, thorough(config), rng, watch)
-            search = max(search, again, key=_rank)
+    search = _search(full_grey, region, quick(config), rng, watch)
+    certain = search.found.circle is not None and search.found.certain
+    if config.thorough and not certain and search.found.refusal != _NO_FIELD:
+        again = _search(full_grey, region, thorough(config), rng, watch, _MARGIN)
+        search = max(search, again, key=_rank)
     ridges, runs, segments, found = search.ridges, search.runs, search.segments, search.found
     on_surface = painted_on_one_surface(image_bgr, segments)
     mask, lines = _draw(full_grey, found, segments, runs, on_surface, _POLARITIES[config.marking][0], config)
@@ -150,7 +158,7 @@ def detect(image_bgr: NDArray[np.uint8], config: DetectorConfig, rng: np.random.
     halfway = None if found.halfway is None else LineSegment(*found.halfway.ends, support=found.halfway.support)
     detection = Detection(
         field_region=region.inside(width, height),
-        ridge_points=scaling.full(ridges.points),
+        ridge_points=search.scaling.full(ridges.points),
         ridge_normals=ridges.normals,
         ridge_strength=ridges.strength,
         lines=lines,
@@ -168,24 +176,32 @@ def detect(image_bgr: NDArray[np.uint8], config: DetectorConfig, rng: np.random.
 
 def _search(
     full_grey: NDArray[np.uint8],
-    grey: NDArray[np.uint8],
-    hull: NDArray[np.uint8],
-    scaling: _Scaling,
+    region: FieldRegion,
     config: DetectorConfig,
     rng: np.random.Generator,
     watch: _Stopwatch,
-    found: _Found | None = None,
+    margin: float = 0.0,
 ) -> _Search:
-    """One pass: ridges, straight runs, and the circle unless the answer is known."""
+    """One pass: ridges, straight runs, and the circle where there is a field.
+
+    The field is taken with a margin (in picture widths).
+    """
+    grey, scaling = _detection_picture(full_grey, config)
+    rows, columns = grey.shape
+    hull = region.hull_at(columns, rows)
+    if margin:
+        hull = _grown(hull, margin)
+    watch.lap("scale")
     ridges = find_ridges(grey.astype(np.float32), hull, _POLARITIES[config.marking], config.ridges)
     watch.lap("ridges")
-    rows, columns = hull.shape
     runs = find_straight_runs(ridges, (columns, rows), _SHORTEST_RUN * columns, config.lines)
     watch.lap("lines")
     segments = _segments(runs, scaling)
-    if found is None:
+    if region.area_share < config.field_region.area_share:
+        found = _Found(None, None, None, (), _NO_FIELD)
+    else:
         found = _find_circle(full_grey, hull, ridges, runs, segments, scaling, config, rng, watch)
-    return _Search(ridges, runs, segments, found)
+    return _Search(ridges, runs, segments, found, scaling)
 
 
 def _rank(search: _Search) -> tuple[bool, bool, float]:
@@ -195,9 +211,9 @@ def _rank(search: _Search) -> tuple[bool, bool, float]:
     return found.circle is not None and found.certain, found.circle is not None, score
 
 
-def _grown(hull: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _grown(hull: NDArray[np.uint8], margin: float) -> NDArray[np.uint8]:
     """The field with a margin: markings at its edge belong to it."""
-    side = 2 * max(1, round(_MARGIN * hull.shape[1])) + 1
+    side = 2 * max(1, round(margin * hull.shape[1])) + 1
     return np.asarray(cv2.dilate(hull, np.ones((side, side), np.uint8)), np.uint8)
 
 
@@ -208,9 +224,11 @@ def _detection_picture(grey: NDArray[np.uint8], config: DetectorConfig) -> tuple
     if width == wanted:
         return grey, _Scaling(np.ones(2))
     size = (wanted, max(1, round(height * wanted / width)))
-    # area averaging is slow for factors that are no whole number; below two, linear interpolation loses nothing
-    method = cv2.INTER_AREA if width >= 2 * wanted else cv2.INTER_LINEAR
-    reduced = np.asarray(cv2.resize(grey, size, interpolation=method), np.uint8)
+    # area averaging is slow for factors other than two; below two, linear interpolation loses nothing
+    while grey.shape[1] >= 2 * wanted:
+        half = (grey.shape[1] // 2, max(1, grey.shape[0] // 2))
+        grey = np.asarray(cv2.resize(grey, half, interpolation=cv2.INTER_AREA), np.uint8)
+    reduced = np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_LINEAR), np.uint8)
     return reduced, _Scaling(np.array([width / size[0], height / size[1]]))
 
 
@@ -301,24 +319,25 @@ def _draw(
     """Marking mask, and the straight markings that are not part of the circle."""
     mask = np.zeros(full_grey.shape, np.uint8)
     width = full_grey.shape[1]
-    straight = np.ones(len(runs), np.bool_)
+    straight = on_surface
     halfway = np.zeros(len(runs), np.bool_)
     if found.hypothesis is not None:
-        straight = ~np.array([_lies_on_circle(a, b, found.hypothesis.conic, width) for a, b in segments], np.bool_)
+        straight = straight & ~_lie_on_circle(segments, found.hypothesis.conic, width)
     if found.halfway is not None:
-        halfway = np.array([_same_line(a, b, found.halfway, width) for a, b in segments], np.bool_)
-    straight &= on_surface
-    for chosen, class_id in ((straight & ~halfway, UNKNOWN_CLASS), (straight & halfway, HALFWAY_CLASS)):
-        part = measure_segments(full_grey, segments[chosen], sign, config)
-        if part is not None:
-            draw_band(mask, part.points, part.normals, part.band, part.pieces, False, class_id)
+        halfway = _on_line(segments, found.halfway, width)
+    kept = np.flatnonzero(straight)
+    part = measure_segments(full_grey, segments[kept], sign, config)
+    if part is not None:
+        for on_halfway, class_id in ((False, UNKNOWN_CLASS), (True, HALFWAY_CLASS)):
+            wanted = halfway[kept][part.pieces] == on_halfway
+            band = replace(part.band, supported=part.band.supported & wanted)
+            draw_band(mask, part.points, part.normals, band, part.pieces, False, class_id)
     if found.halfway is not None:
         line = found.halfway
         draw_band(mask, line.points, line.normals, line.band, _one_piece(line.points), False, HALFWAY_CLASS)
     if found.circle is not None:
         circle = found.circle
         draw_band(mask, circle.points, circle.normals, circle.band, _one_piece(circle.points), True, CIRCLE_CLASS)
-    kept = np.flatnonzero(straight)
     return mask, tuple(LineSegment(segments[i, 0], segments[i, 1], runs[i].support) for i in kept)
 
 
@@ -326,16 +345,19 @@ def _one_piece(points: Array) -> NDArray[np.int64]:
     return np.zeros(len(points), np.int64)
 
 
-def _lies_on_circle(start: Array, end: Array, conic: Array, width: int) -> bool:
-    """Whether a segment is a flat part of the circle."""
-    points = np.linspace(start, end, 9)
-    return bool(np.median(np.abs(sampson_distance(conic, points))) < 4.0 * width / 1920.0)
+def _lie_on_circle(segments: Array, conic: Array, width: int) -> NDArray[np.bool_]:
+    """Which segments (K, 2, 2) are flat parts of the circle."""
+    share = np.linspace(0.0, 1.0, 9)[:, None]
+    points = segments[:, None, 0] + share * (segments[:, None, 1] - segments[:, None, 0])
+    distance = np.abs(sampson_distance(conic, points.reshape(-1, 2))).reshape(-1, 9)
+    return np.asarray(np.sort(distance, axis=1)[:, 4] < 4.0 * width / 1920.0, np.bool_)
 
 
-def _same_line(start: Array, end: Array, halfway: MeasuredLine, width: int) -> bool:
-    """Whether a segment is part of the halfway line, which may bend a little outside the circle."""
-    distance = np.abs(lift(np.stack([start, end])) @ halfway.line)
+def _on_line(segments: Array, halfway: MeasuredLine, width: int) -> NDArray[np.bool_]:
+    """Which segments (K, 2, 2) are part of the halfway line, which may bend a little outside the circle."""
+    distance = np.abs(lift(segments) @ halfway.line)
     first, last = halfway.ends
-    direction = (last - first) / max(1e-9, float(np.hypot(*(last - first))))
-    run = (end - start) / max(1e-9, float(np.hypot(*(end - start))))
-    return bool(abs(float(direction @ run)) > np.cos(np.deg2rad(3.0)) and distance.min() < 6.0 * width / 1920.0)
+    span = segments[:, 1] - segments[:, 0]
+    cosine = np.abs(span @ (last - first)) / np.maximum(1e-9, np.hypot(*span.T) * np.hypot(*(last - first)))
+    near = distance.min(axis=1) < 6.0 * width / 1920.0
+    return np.asarray((cosine > np.cos(np.deg2rad(3.0))) & near, np.bool_)

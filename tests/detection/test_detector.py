@@ -213,9 +213,17 @@ def test_a_worn_circle_without_a_line_is_refused() -> None:
 
 
 def test_a_second_pass_finds_what_is_too_faint_for_the_first(main_view: Scene) -> None:
-    blind = {"ridges": {"threshold": 50.0, "minimum_contrast": 0.4}}
+    blind = {"ridges": {"threshold": 50.0, "minimum_contrast": 0.4}, "first_pass": {"width_px": 960}}
     assert run(main_view.image, DetectorConfig.model_validate({**blind, "thorough": False})).circle is None
     assert circle_error(run(main_view.image, DetectorConfig.model_validate(blind)), main_view) < 0.3
+
+
+def test_the_first_pass_takes_a_smaller_picture_and_both_find_the_same(main_view: Scene) -> None:
+    small = run(main_view.image, DetectorConfig.model_validate({"first_pass": {"width_px": 480}, "thorough": False}))
+    large = run(main_view.image, DetectorConfig.model_validate({"first_pass": {"width_px": 960}, "thorough": False}))
+    assert len(small.ridge_points) < len(large.ridge_points)
+    assert np.ptp(small.ridge_points[:, 0]) > 0.8 * main_view.image.shape[1]
+    assert max(circle_error(found, main_view) for found in (small, large)) < 0.3
 
 
 def test_wrong_pictures_are_value_errors() -> None:
