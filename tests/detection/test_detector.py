@@ -213,7 +213,7 @@ def test_a_worn_circle_without_a_line_is_refused() -> None:
 
 
 def test_a_second_pass_finds_what_is_too_faint_for_the_first(main_view: Scene) -> None:
-    blind = {"ridges": {"threshold": 50.0, "minimum_contrast": 0.4}, "first_pass": {"width_px": 960}}
+    blind = {"ridges": {"threshold": 50.0, "minimum_contrast": 0.4}}
     assert run(main_view.image, DetectorConfig.model_validate({**blind, "thorough": False})).circle is None
     assert circle_error(run(main_view.image, DetectorConfig.model_validate(blind)), main_view) < 0.3
 
