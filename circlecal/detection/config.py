@@ -272,8 +272,8 @@ class FirstPassConfig(BaseModel):
         default=960,
         ge=160,
         le=3840,
-        description="Width of its picture, where `detection_width_px` is not smaller; 720 finds the same circles sooner,"
-        " but fewer other lines.",
+        description="Width of its picture, where `detection_width_px` is not smaller; 720 finds the same circles"
+        " sooner, but fewer other lines.",
     )
     effort: float = Field(default=0.5, gt=0.0, le=1.0, description="Share of the hypotheses that are drawn and scored.")
 
