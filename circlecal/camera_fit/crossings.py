@@ -19,7 +19,7 @@ from circlecal.camera_fit.curves import (
     stack_curves,
 )
 from circlecal.camera_fit.model import view
-from circlecal.camera_fit.optimise import COARSE, Problem, State, best_of, minimise
+from circlecal.camera_fit.optimise import COARSE, Problem, State, minimise
 from circlecal.camera_fit.uncertainty import posterior_covariance
 from circlecal.field import FieldTemplate, Line
 from circlecal.geometry.homogeneous import Array, fit_line, line_distance
@@ -31,7 +31,9 @@ WORST_SIGMAS = (12.0, 4.0)
 """An end further than this from where the camera expects the other marking is a cover's edge: at first generously,
 since a vague camera's expectation bends.
 """
-WORST_COST = 16.0
+WIDE = 10.0
+"""By how much wider the loss is at first: an end may lie far from where a vague camera expects it."""
+WORST_COST = 25.0
 """By how much chi-square may grow per end that is used."""
 SURE_PX = 25.0
 """An end at which nothing is seen to cross needs a prediction as sharp as this, pixels at 1920 px width."""
@@ -72,7 +74,8 @@ def with_crossings(
             break
         parts = [_one_point(template.line_by_name[str(m.line)], m.points_px[0], m.sigma_px, template) for m in met]
         fuller = replace(problem, curves=joined_curves(stack_curves(parts), problem.curves))
-        found = best_of(minimise(fuller, state.theta[:1], loss_scale, tolerance=COARSE))
+        wide = minimise(fuller, state.theta[:1], WIDE * loss_scale, tolerance=COARSE)
+        found = minimise(fuller, wide.theta, loss_scale, hidden=wide.hidden, tolerance=COARSE)
         if found.cost[0] < state.cost[0] + WORST_COST * len(met):
             return fuller, found, met
     return problem, state, ()
