@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import asdict, replace
 from itertools import chain
 from pathlib import Path
@@ -32,9 +31,7 @@ def batch(
         ),
     ],
     out: options.Out = Path("circlecal-out"),
-    workers: Annotated[
-        int | None, typer.Option("--workers", "-w", min=1, help="Worker processes. [default: one per CPU]")
-    ] = None,
+    workers: options.Workers = None,
     every: Annotated[
         str | None,
         typer.Option("--every", metavar="TIME|N", help="Of videos: a frame a TIME, or each N-th. [default: 1s]"),
@@ -49,6 +46,9 @@ def batch(
         bool, typer.Option("--files", help="Also write a result file and pictures per frame, like calibrate.")
     ] = False,
     restart: Annotated[bool, typer.Option("--restart", help="Start over instead of going on.")] = False,
+    rig: Annotated[
+        bool, typer.Option("--rig", help="Then all frames again with what those of each camera share, in OUT/rig.")
+    ] = False,
     mask: options.Mask = None,
     keypoints: options.Keypoints = None,
     from_format: options.FromFormat = None,
@@ -75,6 +75,7 @@ def batch(
     from circlecal.api import FrameRun
     from circlecal.batch import RESULTS_NAME, run_batch
     from circlecal.cli import console
+    from circlecal.cli.rig import RIG_FOLDER, shared_cameras
     from circlecal.errors import InputError
     from circlecal.formats.exports import Exports
     from circlecal.formats.listed import absolute_input
@@ -122,20 +123,28 @@ def batch(
             chain(frames, moments),
             run,
             out,
-            workers=workers or _cpu_count(),
+            workers=workers or options.cpu_count(),
             scheduler=scheduler,
             total=len(frames) + sum(video.expected(sampling) for video in videos),
             restart=restart,
             on_progress=show,
         )
+    refused, final = counts.refused, out
+    if not rig or not as_json:
+        _print_counts(counts, out / RESULTS_NAME, as_json=as_json, quiet=quiet)
+    if rig:
+        final = out / RIG_FOLDER
+        report = shared_cameras(
+            out, run, final, workers=workers, as_json=as_json, quiet=quiet, restart=restart, outdated=True
+        )
+        refused = report.frames - report.calibrated
     if targets:
-        _export(Exports(targets, out, written_size), run, frames, out)
+        _export(Exports(targets, final, written_size), run, frames, final)
     if PARQUET_FORMAT in (to or ()):
-        write_parquet(read_records(out / RESULTS_NAME), out / PARQUET_NAME)
-    _print_counts(counts, out / RESULTS_NAME, as_json=as_json, quiet=quiet)
+        write_parquet(read_records(final / RESULTS_NAME), final / PARQUET_NAME)
     if failures:
         raise typer.Exit(2)
-    if counts.refused:
+    if refused:
         raise typer.Exit(1)
 
 
@@ -183,7 +192,3 @@ def _print_counts(counts: BatchProgress, results: Path, *, as_json: bool, quiet:
             f"{counts.total} frames: {counts.calibrated} calibrated, {counts.refused} refused"
             f"{f' ({counts.unreadable} of them unreadable)' if counts.unreadable else ''}; see {results}"
         )
-
-
-def _cpu_count() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

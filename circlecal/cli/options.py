@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Sequence
 from enum import StrEnum
 from pathlib import Path
@@ -72,6 +73,7 @@ ConfigFile = Annotated[
 Settings = Annotated[
     list[str] | None, typer.Option("--set", "-s", metavar="KEY=VALUE", help="Set section.key=value; repeatable.")
 ]
+Workers = Annotated[int | None, typer.Option("--workers", "-w", min=1, help="Worker processes. [default: one per CPU]")]
 FieldName = Annotated[
     str | None, typer.Option("--field", metavar="NAME|FILE", help="Field template; see circlecal fields.")
 ]
@@ -88,6 +90,11 @@ NoOverlay = Annotated[bool, typer.Option("--no-overlay", help="Do not write over
 Json = Annotated[bool, typer.Option("--json", help="Print results as JSON, one line each.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Log what is done.")]
+
+
+def cpu_count() -> int:
+    """Processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def chosen_config(

@@ -9,10 +9,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from circlecal.cli import options
-from circlecal.cli.options import Convention
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from circlecal.api import FrameRun
     from circlecal.rig.run import RigReport
+
+RIG_FOLDER = "rig"
+"""Where ``circlecal batch --rig`` writes its second pass, in its own folder."""
 
 
 def rig(
@@ -23,9 +28,9 @@ def rig(
         typer.Option("--cameras", metavar="FILE", help="CSV with id,camera. [default: by where the cameras stand]"),
     ] = None,
     mask: options.Mask = None,
-    convention: Annotated[
-        Convention, typer.Option("--convention", help="Where points of annotation files lie, as in the run.")
-    ] = Convention.OFFICIAL,
+    convention: options.PointConvention = options.Convention.OFFICIAL,
+    workers: options.Workers = None,
+    restart: Annotated[bool, typer.Option("--restart", help="Start over instead of going on.")] = False,
     config: options.ConfigFile = None,
     settings: options.Settings = None,
     field: options.FieldName = None,
@@ -35,19 +40,62 @@ def rig(
     verbose: options.Verbose = False,
 ) -> None:
     """Estimate what the frames of each camera share, and calibrate every frame again with it."""
+    from circlecal.api import FrameRun
     from circlecal.cli import console
-    from circlecal.rig.run import read_cameras, run_rig
+    from circlecal.rig.run import read_cameras
 
     console.configure_logging(quiet=quiet, verbose=verbose)
-    chosen = options.chosen_config(config, settings, field, seed)
+    run = FrameRun(options.chosen_config(config, settings, field, seed), mask=mask, convention=convention.value)
     given = None if cameras is None else read_cameras(cameras)
-    report = run_rig(results, chosen, out, cameras=given, mask=mask, convention=convention.value)
+    report = shared_cameras(
+        results, run, out, workers=workers, restart=restart, as_json=as_json, quiet=quiet, cameras=given
+    )
+    if report.calibrated < report.frames:
+        raise typer.Exit(1)
+
+
+def shared_cameras(
+    results: Path,
+    run: FrameRun,
+    out: Path,
+    *,
+    workers: int | None,
+    restart: bool,
+    as_json: bool,
+    quiet: bool,
+    cameras: Mapping[str, str] | None = None,
+    outdated: bool = False,
+) -> RigReport:
+    """Run the rig on the results of a run, and print what it brought; ``outdated`` results in its folder may go."""
+    from circlecal.batch import OtherRunError
+    from circlecal.cli import console
+    from circlecal.rig.run import run_rig
+
+    def once(anew: bool) -> RigReport:
+        with console.progress_display(quiet=quiet) as show:
+            return run_rig(
+                results,
+                run.config,
+                out,
+                workers=workers or options.cpu_count(),
+                cameras=cameras,
+                mask=run.mask,
+                convention=run.convention,
+                restart=anew,
+                on_progress=show,
+            )
+
+    try:
+        report = once(restart)
+    except OtherRunError:
+        if not outdated:
+            raise
+        report = once(True)
     if as_json:
         console.print_line(json.dumps(report.summary(), allow_nan=False))
     elif not quiet:
         print_report(report, out)
-    if report.calibrated < report.frames:
-        raise typer.Exit(1)
+    return report
 
 
 def print_report(report: RigReport, out: Path) -> None:

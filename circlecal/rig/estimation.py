@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -75,6 +75,7 @@ def estimate_rigs(
     circle: Circle,
     config: Config,
     cameras: Mapping[str, str] | None = None,
+    observed: Callable[[Collection[str]], Mapping[str, RigFrame]] | None = None,
 ) -> list[Rig]:
     """The cameras that several frames share, those with the most frames first.
 
@@ -88,17 +89,30 @@ def estimate_rigs(
         Of the run; the sections ``camera`` and ``rig`` count.
     cameras : mapping, optional
         Name of the camera by frame, where it is known; otherwise frames are grouped by where their cameras stand.
+    observed : callable, optional
+        Gives the frames with what was seen of them for the names that are estimated together; where ``frames`` hold it
+        already, None.
     """
     known = [f for f in frames if f.theta is not None and f.covariance is not None and f.observations is not None]
+    chosen = [
+        (name, members, _best(members, turned, config)) for name, members, turned in _groups(known, config, cameras)
+    ]
+    wanted = {frame.id for _, _, best in chosen for frame, _ in best}
+    full = observed(wanted) if observed is not None else {frame.id: frame for frame in known}
     rigs = []
-    for name, members, turned in _groups(known, config, cameras):
-        sizes = [f.size for f in members]
-        size = max(set(sizes), key=sizes.count)
-        same = [(f, t) for f, t in zip(members, turned, strict=True) if f.size == size]
-        rig = _estimated(name, [f for f, _ in same], [t for _, t in same], template, circle, config)
+    for name, members, best in chosen:
+        rig = _estimated(name, [full[f.id] for f, _ in best], [t for _, t in best], template, circle, config)
         if rig is not None:
             rigs.append(replace(rig, members=tuple(f.id for f in members)))
     return rigs
+
+
+def _best(members: Sequence[RigFrame], turned: Sequence[bool], config: Config) -> list[tuple[RigFrame, bool]]:
+    """The frames of a group that are estimated together, and whether each has to be turned: of the usual size."""
+    sizes = [f.size for f in members]
+    size = max(set(sizes), key=sizes.count)
+    same = [(f, t) for f, t in zip(members, turned, strict=True) if f.size == size]
+    return [same[k] for k in best_frames([f for f, _ in same], config.rig.maximum_frames)]
 
 
 def _groups(
@@ -126,24 +140,23 @@ def _groups(
 
 def _estimated(
     name: str,
-    members: Sequence[RigFrame],
+    frames: Sequence[RigFrame],
     turned: Sequence[bool],
     template: FieldTemplate,
     circle: Circle,
     config: Config,
 ) -> Rig | None:
-    """The joint fit of the best frames of a camera, without those that do not fit; None where too few are left."""
-    chosen = best_frames(members, config.rig.maximum_frames)
-    thetas = np.array([members[k].turned() if turned[k] else members[k].theta for k in chosen])
+    """The joint fit of frames of a camera, without those that do not fit; None where too few are left."""
+    thetas = np.array([frame.turned() if turn else frame.theta for frame, turn in zip(frames, turned, strict=True)])
     problems = [
-        frame_problem(members[k], theta, template, circle, config, turned=turned[k])
-        for k, theta in zip(chosen, thetas, strict=True)
+        frame_problem(frame, theta, template, circle, config, turned=turn)
+        for frame, theta, turn in zip(frames, thetas, turned, strict=True)
     ]
     loss = config.camera.loss_scale
-    kept, left_out = list(range(len(chosen))), list[str]()
+    kept, left_out = list(range(len(frames))), list[str]()
     problem: JointProblem | None = None
     while len(kept) >= config.rig.least_frames:
-        problem = _joint([problems[k] for k in kept], config, members[0].size[0], float(np.median(thetas[kept, 0])))
+        problem = _joint([problems[k] for k in kept], config, frames[0].size[0], float(np.median(thetas[kept, 0])))
         alone = np.array([_alone(p, thetas[k], loss) for p, k in zip(problem.frames, kept, strict=True)])
         state = first_state(problem, thetas[kept], 10.0 * loss)
         state = minimise_joint(problem, state, 10.0 * loss, config.camera.iterations // 2)
@@ -151,9 +164,9 @@ def _estimated(
         surprise = state.costs - alone
         worst = int(np.argmax(surprise))
         if surprise[worst] <= config.rig.maximum_surprise:
-            used = tuple(members[chosen[k]].id for k in kept)
-            return Rig(name, members[0].size, (), used, tuple(left_out), problem, state)
-        left_out.append(members[chosen[kept[worst]]].id)
+            used = tuple(frames[k].id for k in kept)
+            return Rig(name, frames[0].size, (), used, tuple(left_out), problem, state)
+        left_out.append(frames[kept[worst]].id)
         del kept[worst]
     return None
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import json
-import logging
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +12,13 @@ import numpy as np
 
 from circlecal.camera_fit.model import PARAMETERS, Frame, camera_of, theta_of
 from circlecal.errors import InputError
+from circlecal.formats.records import read_records as read_lines
 from circlecal.formats.result import SCHEMA_VERSION
 from circlecal.geometry.homogeneous import Array
 from circlecal.observations import Observations
 from circlecal.results import Calibration
 
 RESULTS_NAME = "results.jsonl"
-_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +48,10 @@ class RigFrame:
     def size(self) -> tuple[int, int]:
         """Width and height of the picture; (0, 0) where they are not known."""
         return (0, 0) if self.observations is None else (self.observations.width, self.observations.height)
+
+    def without_points(self) -> RigFrame:
+        """The same without what was seen; only the picture's size stays."""
+        return self if self.observations is None else replace(self, observations=Observations(*self.size))
 
     def turned(self) -> Array:
         """Parameters (P,) of the same picture of the field turned by 180 degrees."""
@@ -104,7 +107,7 @@ def frame_of_record(record: Mapping[str, Any], source: Path) -> RigFrame:
 
 
 def read_records(path: Path) -> Iterator[dict[str, Any]]:
-    """Result records from a folder, a ``results.jsonl`` or a result file, one at a time; the last of each frame counts.
+    """Result records from a folder, a ``results.jsonl`` or a result file, one at a time.
 
     Raises
     ------
@@ -114,7 +117,7 @@ def read_records(path: Path) -> Iterator[dict[str, Any]]:
     if path.is_dir():
         log = path / RESULTS_NAME
         if log.is_file():
-            yield from _lines(log)
+            yield from read_lines(log)
             return
         files = sorted(file for file in path.glob("*.json") if file.name != "rig.json")
         if not files:
@@ -122,7 +125,7 @@ def read_records(path: Path) -> Iterator[dict[str, Any]]:
         for file in files:
             yield _parsed(_text(file), str(file))
     elif path.suffix == ".jsonl":
-        yield from _lines(path)
+        yield from read_lines(path)
     else:
         yield _parsed(_text(path), str(path))
 
@@ -132,18 +135,6 @@ def _text(path: Path) -> str:
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read: {error}; give the folder of a batch, or result files") from error
-
-
-def _lines(path: Path) -> Iterator[dict[str, Any]]:
-    try:
-        with path.open(encoding="utf-8") as file:
-            for number, line in enumerate(file, start=1):
-                if not line.endswith("\n"):
-                    _log.warning("%s: the last line is torn and left out", path)
-                    return
-                yield _parsed(line, f"{path}, line {number}")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read: {error}") from error
 
 
 def _parsed(text: str, source: str) -> dict[str, Any]:

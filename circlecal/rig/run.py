@@ -3,31 +3,33 @@
 from __future__ import annotations
 
 import csv
+import hashlib
+import json
 import logging
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from circlecal.api import calibrate_frame, prepare_folder
+from circlecal.batch import BatchProgress, run_batch
 from circlecal.config import Config, config_digest
 from circlecal.errors import CirclecalError, InputError
 from circlecal.field import FieldTemplate
-from circlecal.formats.atomic import write_atomic
 from circlecal.formats.camera_prior import write_prior
-from circlecal.formats.images import find_frames
-from circlecal.formats.result import result_line, result_record
-from circlecal.formats.summary import FrameSummary, summarise, write_summary
+from circlecal.formats.images import Frame, find_frames
+from circlecal.formats.result import result_record
+from circlecal.formats.video import pictures_at
 from circlecal.pipeline import Convention, field_of, in_convention, run_observations
 from circlecal.results import Calibration
 from circlecal.rig.estimation import Rig, config_with, estimate_rigs, shared_values
-from circlecal.rig.frames import RESULTS_NAME, RigFrame, frame_of_record, read_records
+from circlecal.rig.frames import RigFrame, frame_of_record, read_records
 from circlecal.rig.recalibration import Recalibration, recalibrate
-
-PICTURE_SUFFIXES = {".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp"}
-SUMMARY_NAME = "summary.csv"
 
 _log = logging.getLogger(__name__)
 
@@ -55,6 +57,18 @@ class RigReport:
     by_camera: dict[str, list[str]] = field(default_factory=dict)
     gained: list[str] = field(default_factory=list)
     kept: list[str] = field(default_factory=list)
+
+    def count(self, record: Mapping[str, Any]) -> None:
+        """Take a frame's new record into the counts."""
+        rig = record["rig"]
+        after, before = record["status"] == "calibrated", rig["alone"]["status"] == "calibrated"
+        self.calibrated += after
+        if rig["camera"] is not None:
+            self.by_camera.setdefault(rig["camera"], []).append(record["id"])
+        if after and not before:
+            self.gained.append(record["id"])
+        if before and rig["camera"] is None:
+            self.kept.append(record["id"])
 
     def summary(self) -> dict[str, Any]:
         """Counts, and position, roll and distortion (mean and standard deviation, None where fixed) of each camera."""
@@ -88,10 +102,12 @@ def run_rig(
     config: Config,
     out: Path,
     *,
+    workers: int = 1,
     cameras: Mapping[str, str] | None = None,
     mask: Path | None = None,
     convention: Convention = "official",
-    on_progress: Callable[[RigReport, int], None] = lambda report, done: None,
+    restart: bool = False,
+    on_progress: Callable[[BatchProgress], None] = lambda progress: None,
 ) -> RigReport:
     """Estimate the cameras of a run and calibrate every frame again with them.
 
@@ -102,47 +118,109 @@ def run_rig(
     config : Config
         The configuration of the run.
     out : path
-        Folder of ``results.jsonl``, ``summary.csv`` and one prior file per camera.
+        Folder of ``results.jsonl``, ``summary.csv`` and one prior file per camera; frames that it already holds are
+        skipped.
+    workers : int
+        Number of processes that calibrate the frames again.
     cameras : mapping, optional
         Name of the camera by frame; otherwise frames are grouped by where their cameras stand.
     mask : path, optional
         Mask folder of the run, for frames that are calibrated again from their pictures.
     convention : {"official", "paint"}
         Where points of annotation files lie, as in the run.
+    restart : bool
+        Start over: drop what the folder holds.
     on_progress : callable
-        Told the counts and how many frames are done.
+        As for :func:`circlecal.batch.run_batch`.
 
     Raises
     ------
     InputError
         The results are damaged or of another field, or a file cannot be written.
     """
+    if out.resolve() == (results if results.is_dir() else results.parent).resolve():
+        raise InputError(f"{out}: holds the results of the run; choose another --out")
     template, circle = field_of(config)
-    records = list({record["id"]: record for record in read_records(results)}.values())
-    _require_same_field(records, template, results)
-    frames = [frame_of_record(record, results) for record in records]
-    annotated = any(_is_annotated(record) for record in records)
+    frames, annotated = [], False
+    for record in read_records(results):
+        _require_same_field(record, template, results)
+        annotated = annotated or _is_annotated(record)
+        # what was seen of the frames that are estimated together is read again below: a run may be long
+        frames.append(frame_of_record(record, results).without_points())
     seen_as = in_convention(template, convention) if annotated else template
-    report = RigReport(frames=len(frames), calibrated_alone=sum(f.theta is not None for f in frames))
-    report.rigs = estimate_rigs(frames, seen_as, circle, config, cameras)
+
+    def observed(wanted: Collection[str]) -> dict[str, RigFrame]:
+        return {r["id"]: frame_of_record(r, results) for r in read_records(results) if r["id"] in wanted}
+
+    rigs = estimate_rigs(frames, seen_as, circle, config, cameras, observed)
     prepare_folder(out)
-    for rig in report.rigs:
+    for rig in rigs:
         write_camera(out / f"{rig.name}.yaml", rig, config)
-    summaries: dict[str, FrameSummary] = {}
-    lines = []
-    for done, (record, frame) in enumerate(zip(records, frames, strict=True)):
-        on_progress(report, done)
-        again = _Again(record, frame, config, mask, convention)
-        names = None if cameras is None else [name for k, name in cameras.items() if k == frame.id]
-        found = recalibrate(frame, report.rigs, again, seen_as, circle, config, names)
-        written = _written(record, found, template, config)
-        _count(report, record, written, found)
-        summaries[frame.id] = summarise(written)
-        lines.append(result_line(written))
-    write_atomic(out / RESULTS_NAME, "".join(f"{line}\n" for line in lines).encode())
-    write_summary(out / SUMMARY_NAME, (summaries[name] for name in sorted(summaries)))
-    on_progress(report, len(frames))
+    task = RigTask(config, tuple(rigs), cameras, mask, convention, annotated)
+    again = (RecordedFrame(record["id"], record) for record in read_records(results))
+    run_batch(again, task, out, workers=workers, total=len(frames), restart=restart, on_progress=on_progress)
+    report = RigReport(rigs, len(frames), sum(f.theta is not None for f in frames))
+    for record in read_records(out):
+        report.count(record)
     return report
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedFrame:
+    """A frame by its record."""
+
+    id: str
+    record: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class RigTask:
+    """Calibrating the frames of a run again, in any process.
+
+    Attributes
+    ----------
+    config, rigs, cameras, mask, convention
+        As for :func:`run_rig`.
+    annotated : bool
+        Whether the run's frames come from annotation files.
+    """
+
+    config: Config
+    rigs: tuple[Rig, ...]
+    cameras: Mapping[str, str] | None
+    mask: Path | None
+    convention: Convention
+    annotated: bool
+
+    @property
+    def seed(self) -> int:
+        """Seed of the random draws."""
+        return self.config.seed
+
+    @cached_property
+    def digest(self) -> str:
+        """Digest of the configuration and of the cameras that were found."""
+        told = [
+            config_digest(self.config),
+            self.config.rig.model_dump(mode="json"),
+            sorted((self.cameras or {}).items()),
+            [(rig.name, rig.used, np.round(rig.state.common, 6).tolist()) for rig in self.rigs],
+        ]
+        return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:12]
+
+    def source(self, frame: RecordedFrame) -> str:
+        """File of a frame."""
+        return str(frame.record["source"]["path"])
+
+    def record(self, frame: RecordedFrame) -> dict[str, Any]:
+        """The frame's new record; its old one where nothing better was found."""
+        template, circle = field_of(self.config)
+        seen_as = in_convention(template, self.convention) if self.annotated else template
+        seen = frame_of_record(frame.record, Path(self.source(frame)))
+        again = _Again(frame.record, seen, self.config, self.mask, self.convention)
+        names = None if self.cameras is None else [name for k, name in self.cameras.items() if k == frame.id]
+        found = recalibrate(seen, self.rigs, again, seen_as, circle, self.config, names)
+        return _written(frame.record, found, template, self.digest)
 
 
 def read_cameras(path: Path) -> dict[str, str]:
@@ -186,8 +264,7 @@ class _Again:
         refused, annotated = self.frame.theta is None, _is_annotated(self.record)
         if refused and not annotated and source.is_file():
             try:
-                picture = replace(find_frames([source])[0], id=self.frame.id)
-                found = calibrate_frame(picture, with_short_arcs(config), self.mask)[1]
+                found = calibrate_frame(self._picture(source), with_short_arcs(config), self.mask)[1]
             except CirclecalError as error:
                 _log.warning("%s", error)
                 return None
@@ -198,6 +275,13 @@ class _Again:
         return run_observations(
             self.frame.observations, config, frame_id=self.frame.id, source=str(source), convention=convention
         )
+
+    def _picture(self, source: Path) -> Frame:
+        time_s = self.record["source"].get("time_s")
+        if time_s is None:
+            return replace(find_frames([source])[0], id=self.frame.id)
+        picture = next(pictures_at(source, [time_s]), None)
+        return Frame(self.frame.id, source, self.frame.id, time_s, picture)
 
 
 def with_short_arcs(config: Config) -> Config:
@@ -228,43 +312,26 @@ def _is_annotated(record: Mapping[str, Any]) -> bool:
     return path is not None and Path(path).suffix.lower() in {".json", ".xml", ".jsonl", ".csv"}
 
 
-def _require_same_field(records: Sequence[Mapping[str, Any]], template: FieldTemplate, results: Path) -> None:
-    for record in records:
-        known = record.get("field")
-        if known is not None and known["template"] != template.name:
-            raise InputError(
-                f"{results}: {record['id']} is of the field {known['template']}, not {template.name}; give its --field"
-            )
+def _require_same_field(record: Mapping[str, Any], template: FieldTemplate, results: Path) -> None:
+    known = record.get("field")
+    if known is not None and known["template"] != template.name:
+        raise InputError(
+            f"{results}: {record['id']} is of the field {known['template']}, not {template.name}; give its --field"
+        )
 
 
-def _written(
-    record: Mapping[str, Any], found: Recalibration, template: FieldTemplate, config: Config
-) -> dict[str, Any]:
+def _written(record: Mapping[str, Any], found: Recalibration, template: FieldTemplate, digest: str) -> dict[str, Any]:
     """The new record of a frame; the old one where nothing better was found."""
-    if found.calibration is None or found.rig is None:
-        written = dict(record)
-    else:
-        written = result_record(found.calibration, template)
-        written["source"] = record["source"]
-        written["config_digest"] = config_digest(config)
+    written = dict(record) if found.calibration is None else result_record(found.calibration, template)
     return written | {
+        "source": record["source"],
+        "config_digest": digest,
         "rig": {
             "camera": None if found.rig is None else found.rig.name,
             "reason": found.reason,
             "alone": {"status": record["status"], "code": record.get("code"), "reason": record.get("reason")},
-        }
+        },
     }
-
-
-def _count(report: RigReport, record: Mapping[str, Any], written: Mapping[str, Any], found: Recalibration) -> None:
-    before, after = (r["status"] == "calibrated" for r in (record, written))
-    report.calibrated += after
-    if found.rig is not None:
-        report.by_camera.setdefault(found.rig.name, []).append(written["id"])
-    if after and not before:
-        report.gained.append(written["id"])
-    if before and found.rig is None:
-        report.kept.append(written["id"])
 
 
 def write_camera(path: Path, rig: Rig, config: Config) -> None:

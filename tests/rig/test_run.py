@@ -2,6 +2,7 @@
 
 import json
 
+import cv2
 import numpy as np
 import pytest
 import yaml
@@ -176,3 +177,38 @@ def test_result_files_serve_as_well(records, tmp_path):
         (tmp_path / f"{record['id']}.json").write_text(result_line(record))
     assert [r["id"] for r in read_records(tmp_path)] == ["0", "1"]
     assert [r["id"] for r in read_records(tmp_path / "0.json")] == ["0"]
+
+
+def test_a_rig_goes_on_where_it_was_stopped(records, tmp_path):
+    (tmp_path / "results.jsonl").write_text("".join(result_line(r) + "\n" for r in records))
+    out = tmp_path / "out"
+    run_rig(tmp_path, CONFIG, out)
+    whole = (out / "results.jsonl").read_text().splitlines(keepends=True)
+    (out / "results.jsonl").write_text("".join(whole[:3]) + whole[3][:50])
+    seen = []
+    report = run_rig(tmp_path, CONFIG, out, on_progress=lambda progress: seen.append(progress.resumed))
+    assert seen[-1] == 3
+    assert report.calibrated == 6
+    ids = [json.loads(line)["id"] for line in (out / "results.jsonl").read_text().splitlines()]
+    assert sorted(ids) == sorted(r["id"] for r in records)
+    with pytest.raises(InputError, match="choose another --out"):
+        run_rig(tmp_path, CONFIG, tmp_path)
+
+
+def test_batch_does_both_passes(run_circlecal, frame_image, tmp_path):
+    for name in ("a", "b"):
+        cv2.imwrite(str(tmp_path / f"{name}.png"), frame_image)
+    arguments = ("batch", tmp_path, "--out", tmp_path / "run", "--workers", "1", "--rig", "--json")
+    outcome = run_circlecal(*arguments)
+    assert outcome.code == 0, outcome
+    assert json.loads(outcome.out)["calibrated"] == 2
+    found = list(read_records(tmp_path / "run" / "rig"))
+    assert {r["rig"]["camera"] for r in found} == {"camera-1"}
+    alone = {r["id"]: r for r in read_records(tmp_path / "run")}
+    for record in found:
+        assert record["camera"]["max_sigma_px"] < alone[record["id"]]["camera"]["max_sigma_px"]
+    # a further frame: other cameras, so the second pass is made anew
+    cv2.imwrite(str(tmp_path / "c.png"), np.full_like(frame_image, 90))
+    outcome = run_circlecal(*arguments)
+    assert outcome.code == 1, outcome
+    assert len(list(read_records(tmp_path / "run" / "rig"))) == 3
