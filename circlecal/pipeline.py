@@ -18,7 +18,7 @@ from circlecal.field import Circle, FieldTemplate, load_field
 from circlecal.geometry.homography import scale_homography, turn_homography
 from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations
 from circlecal.profiles import grey
-from circlecal.results import Calibration, Cues, EllipseFits, HomographyFit, Verdict
+from circlecal.results import Calibration, CameraFit, Cues, EllipseFits, HomographyFit, Verdict
 from circlecal.solvers import solve_by_name
 from circlecal.stages.camera import estimate_camera
 from circlecal.stages.correspondences import derive_correspondences
@@ -34,6 +34,8 @@ Convention = Literal["official", "paint"]
 T = TypeVar("T")
 MEASURED_AGAIN = frozenset({"residual_too_large", "too_uncertain", "circle_unconfirmed"})
 """Refusals after which the circle is measured once more, along the curve that the refused camera predicts."""
+PARTIAL_DEG = 240.0
+"""The same where less of the circle is seen: an ellipse fitted to a part of it leaves the paint beyond."""
 UNDETERMINED = ("no_circle", "no_ellipse")
 """Refusals that say only that points, lines and arcs are too few without the circle."""
 
@@ -196,7 +198,9 @@ class _Job:
         observations = seen if extra is None else joined(seen, extra)
         self.reached["observations"] = observations
         verdict = self._answer(ellipses, cues, observations)
-        if verdict.code in MEASURED_AGAIN and "camera" in self.reached:
+        camera: CameraFit | None = self.reached.get("camera")
+        partial = ellipses.primary.arc_deg < PARTIAL_DEG
+        if camera is not None and (partial or verdict.code in MEASURED_AGAIN):
             again = self._seen_again(image, observations)
             if again is not None:
                 verdict = self._answer(ellipses, cues, again)
