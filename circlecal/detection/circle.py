@@ -28,6 +28,9 @@ __all__ = [
 
 _PIECES = 8  # of the curve, between which the contrast may differ (near and far side)
 _CLEAR = 0.05  # radii from the line within which a sample belongs to no side
+_END_SHARE = 0.3  # of the way from the small to the great half axis: what counts as an end of the width's range
+_FEWEST = 6  # samples at either end
+_NARROWEST_RADII, _TELLING_PX = 0.008, 2.5  # a marking this narrow must differ by so much for its width to be told
 _UNIT_CIRCLE = np.diag([1.0, 1.0, -1.0])
 
 
@@ -140,6 +143,7 @@ def hypothesis_of(circle: MeasuredCircle, field_share: float, width: int) -> Cir
         sector_share=whole / visible if visible > 0 else 0.0,
         rms_px=rms * 1920.0 / width,
         points=circle.marking_points,
+        band_width=band_width_of(circle),
     )
 
 
@@ -164,8 +168,30 @@ def likely_arc(circle: CircleHypothesis, width: int, acceptance: AcceptanceConfi
     ellipse = ellipse_from_conic(circle.conic)
     great = 0.0 if ellipse is None else ellipse.semi_axes[0]
     rms = max(acceptance.rms_px1920, max(acceptance.rms_px, acceptance.rms_share * great) * 1920.0 / width)
+    if circle.band_width is not None and circle.band_width < acceptance.band_width:
+        return False
     shares = min(circle.picture_share, circle.field_share, circle.sector_share)
     return circle.rms_px <= rms and shares >= config.share and circle.whole_share >= config.whole_share
+
+
+def band_width_of(circle: MeasuredCircle) -> float | None:
+    """Width of the band in radii of the circle: paint on the field is wide where the circle is seen broadside and
+    narrow near and far, a ring drawn into the picture is as wide everywhere. None where the two cannot be told apart.
+
+    The blur adds in squares, and to all widths alike.
+    """
+    on = circle.band.supported
+    reach = np.abs(((circle.points - circle.ellipse.centers[0]) * circle.normals).sum(axis=-1))
+    great, small = float(circle.ellipse.great_lengths[0]), float(circle.ellipse.small_lengths[0])
+    share = (reach - small) / max(great - small, 1e-9)
+    broadside, flat = on & (share > 1.0 - _END_SHARE), on & (share < _END_SHARE)
+    if min(np.count_nonzero(broadside), np.count_nonzero(flat)) < _FEWEST:
+        return None
+    wide, narrow = (float(np.median(circle.band.width[part])) for part in (broadside, flat))
+    lever = float(np.median(reach[broadside]) ** 2 - np.median(reach[flat]) ** 2)
+    if lever <= 0 or _NARROWEST_RADII * np.sqrt(lever) < _TELLING_PX:
+        return None
+    return float(np.sqrt(max(0.0, wide**2 - narrow**2) / lever))
 
 
 def refusal_of(circle: CircleHypothesis, has_halfway: bool, width: int, config: AcceptanceConfig) -> str | None:
@@ -180,6 +206,8 @@ def refusal_of(circle: CircleHypothesis, has_halfway: bool, width: int, config: 
         share = config.share_of_lone_arc
     if circle.rms_px > rms:
         return "circle_off_marking"
+    if circle.band_width is not None and circle.band_width < config.band_width:
+        return "width_unlike_marking"
     if min(circle.picture_share, circle.field_share, circle.sector_share) < share:
         return "circle_support_too_low"
     if circle.whole_share < (config.whole_share_with_line if has_halfway else config.whole_share):

@@ -207,6 +207,12 @@ class AcceptanceConfig(BaseModel):
     whole_share_with_line: float = Field(
         default=0.37, ge=0.0, le=1.0, description="The same when a halfway line passes through the circle's middle."
     )
+    band_width: float = Field(
+        default=0.005,
+        ge=0.0,
+        le=0.1,
+        description="Smallest width of the band on the field, in radii; a ring drawn into the picture shows none.",
+    )
     rms_px1920: float = Field(default=1.8, gt=0.0, le=20.0, description="Largest residual, in px at 1920 px width.")
     rms_px: float = Field(
         default=0.5,

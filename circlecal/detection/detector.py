@@ -25,7 +25,7 @@ from circlecal.detection.lines import StraightRun, find_straight_runs
 from circlecal.detection.marking_mask import CIRCLE_CLASS, HALFWAY_CLASS, UNKNOWN_CLASS, draw_band
 from circlecal.detection.result import CircleHypothesis, Detection, LineSegment
 from circlecal.detection.ridges import RidgePoints, find_ridges
-from circlecal.detection.scoring import RidgeRaster, best_distinct, refitted, support_of
+from circlecal.detection.scoring import RidgeRaster, best_distinct, ranked, refitted, support_of
 from circlecal.detection.sides import painted_on_one_surface
 from circlecal.geometry.conics import sampson_distance
 from circlecal.geometry.homogeneous import Array, lift
@@ -263,7 +263,7 @@ def _find_circle(
     watch.lap("scoring")
     unit = columns / 1280.0
     batch = refitted(batch, raster, tuple(max(1.2, reach * unit) for reach in (6.0, 4.0, 2.0, 1.2)))
-    batch = batch.take(np.argsort(-support_of(batch, raster).score))
+    batch = ranked(batch, raster)
     watch.lap("refit")
     return _first_accepted(full_grey, batch, raster, segments, scaling, config, watch)
 

@@ -51,6 +51,9 @@ class CircleHypothesis:
         Scatter of the marking's middle about the conic, in px at 1920 px width.
     points : (N, 2) float64
         Measured middle of the marking, px.
+    band_width : float or None
+        Width of the band on the field in radii of the circle, from how much wider it is where the circle is seen
+        broadside than near and far; None where that cannot be told.
     """
 
     conic: Array
@@ -61,6 +64,7 @@ class CircleHypothesis:
     sector_share: float
     rms_px: float
     points: Array
+    band_width: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +93,7 @@ class Detection:
         SoccerNet class ids: 7 circle, 18 halfway line, 17 other straight markings, 0 elsewhere.
     refusal : str or None
         Why there is no circle: ``no_field``, ``no_circle_found``, ``circle_support_too_low``, ``arc_too_short``,
-        ``circle_off_marking``.
+        ``circle_off_marking``, ``width_unlike_marking``.
     timings_ms : dict
         Milliseconds of every step.
     """

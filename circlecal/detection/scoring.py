@@ -11,10 +11,11 @@ from circlecal.detection.hypotheses import EllipseBatch
 from circlecal.detection.ridges import RidgePoints
 from circlecal.geometry.homogeneous import Array
 
-__all__ = ["RidgeRaster", "Support", "best_distinct", "ellipse_points", "refitted", "support_of"]
+__all__ = ["RidgeRaster", "Support", "best_distinct", "ellipse_points", "ranked", "refitted", "support_of"]
 
 _NOTHING, _OFF_FIELD = -1, -2
 _ALIGNED = float(np.cos(np.deg2rad(15.0)))
+_ALIKE, _SAME = 0.12, 0.03  # hypotheses, fitted ellipses: shares of the half axes
 _COARSE_ANGLES, _FINE_ANGLES, _REFIT_ANGLES = 48, 160, 120
 
 Picture = NDArray[np.float32]
@@ -100,13 +101,19 @@ def best_distinct(batch: EllipseBatch, raster: RidgeRaster, count: int) -> Ellip
     batch = batch.take(np.argsort(-coarse)[: 16 * count])
     fine = support_of(batch, raster).score
     batch = batch.take(np.argsort(-fine))
-    return batch.take(_distinct(batch, count))
+    return batch.take(_distinct(batch, count, _ALIKE))
 
 
-def _distinct(batch: EllipseBatch, count: int) -> NDArray[np.int64]:
-    """Greedy choice; ellipses whose centres and half axes differ by little more than a tenth are the same."""
+def ranked(batch: EllipseBatch, raster: RidgeRaster) -> EllipseBatch:
+    """The ellipses in the order of their scores, without those that have become nearly the same."""
+    batch = batch.take(np.argsort(-support_of(batch, raster).score))
+    return batch.take(_distinct(batch, len(batch), _SAME))
+
+
+def _distinct(batch: EllipseBatch, count: int, tolerance: float) -> NDArray[np.int64]:
+    """Greedy choice; ellipses whose centres and half axes differ by little more than this share are the same."""
     shape = np.column_stack([batch.centers, batch.great_lengths, batch.small_lengths])
-    scale = 0.12 * np.column_stack([batch.great_lengths, batch.small_lengths] * 2) + 1.0
+    scale = tolerance * np.column_stack([batch.great_lengths, batch.small_lengths] * 2) + 1.0
     alike = (np.abs(shape[:, None] - shape[None]) / scale[:, None]).max(axis=-1) <= 1.0
     chosen: list[int] = []
     free = np.ones(len(batch), np.bool_)

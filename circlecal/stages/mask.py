@@ -22,6 +22,7 @@ CURVED_IDS = (CIRCLE_ID, 8, 9)
 REASONS = {
     "no_field": "no playing field was found in the picture",
     "no_circle_found": "no circle was found in the picture",
+    "width_unlike_marking": "the best ellipse is as wide near and far as at its sides: drawn, not painted on the field",
     "circle_support_too_low": "the best ellipse is supported by too little marking to be the circle",
 }
 

@@ -15,6 +15,8 @@ NOISE_SIGMAS = 3.0
 """Residuals within this many of the observations' own standard deviations are noise."""
 BLOOM_PX = 3.0
 """By how much blur can drive both edges apart, pixels at 1920 px width."""
+LIKELY_RESIDUAL_PX = 1.4
+"""Largest rms distance from the projected circle of one that needs a confirmation, pixels at 1920 px width."""
 MINIMUM_WIDTH_M = 1e-3
 """Narrower markings are the zero-width lines of an annotation's model."""
 
@@ -108,6 +110,8 @@ def judge(
         residual = _circle_residual(ellipses, H, template, circle)
         checks.append(_check("circle_residual_px", residual, config.max_circle_residual_px * unit))
     if not certain and ellipses.all():
+        if camera is not None:
+            checks.append(_check("likely_residual_px", _worst_of(camera, circle), LIKELY_RESIDUAL_PX * unit))
         checks.append(_check("confirmations", float(_confirmations(cues, camera)), 1.0, at_least=True))
     failed = next((c for c in checks if not c.passed), None)
     if failed is None:
@@ -128,6 +132,7 @@ CODES = {
     "marking_residual_px": "residual_too_large",
     "rejected_share": "observations_contradict",
     "mark_distance_px": "mark_contradicts_circle",
+    "likely_residual_px": "circle_unconfirmed",
     "confirmations": "circle_unconfirmed",
     "sigma_px": "too_uncertain",
     "sigma_m": "too_uncertain",
@@ -162,6 +167,10 @@ _WORDS = {
     "mark_distance_px": (
         "the centre mark is seen {value:.1f} px from where circle and line put it, {limit:.1f} are allowed"
     ),
+    "likely_residual_px": (
+        "too little of the circle is seen to be sure of it,"
+        " and the projected circle leaves it by {value:.2f} px rms, {limit:.2f} are allowed then"
+    ),
     "confirmations": (
         "too little of the circle is seen to be sure of it,"
         " and neither the centre mark nor a further marking confirms it"
@@ -178,6 +187,11 @@ _WORDS = {
         "the focal length would be {value:.2f} widths of the picture, at least {limit:.1f} are plausible"
     ),
 }
+
+
+def _worst_of(camera: CameraFit, circle: Circle) -> float:
+    """Largest residual of the circle's edges or centreline, px."""
+    return max((rms for name, rms in camera.residuals_px.items() if name.startswith(f"{circle.name} ")), default=0.0)
 
 
 def _confirmations(cues: Cues, camera: CameraFit | None) -> int:

@@ -1,3 +1,4 @@
+import cv2
 import numpy as np
 import pytest
 
@@ -75,3 +76,20 @@ def test_measurement_finds_the_paint_from_a_rough_start(scene: Scene) -> None:
 def test_polarity_is_chosen_by_support(scene: Scene) -> None:
     grey = 255 - scene.image[:, :, 1]
     assert measure_circle(grey, start(scene, 1.0), (1.0, -1.0), RefinementConfig()).sign == -1.0
+
+
+def test_paint_on_the_field_is_wider_at_the_sides_than_a_drawn_ring() -> None:
+    scene = paint_scene(width=1920, height=1080, noise=1.5)
+    grey = scene.image[:, :, 1].copy()
+    painted = hypothesis_of(measure_circle(grey, start(scene, 0.5), (1.0,), RefinementConfig()), 1.0, 1920)
+    assert painted.band_width is not None
+    assert 0.009 < painted.band_width < 0.017
+    ellipse = ellipse_from_conic(scene.conic)
+    assert ellipse is not None
+    drawn = np.full_like(grey, 120)
+    outline = np.rint(ellipse.points(np.linspace(0, 2 * np.pi, 721)) * 16).astype(np.int32)
+    cv2.polylines(drawn, [outline], True, 220, 6, cv2.LINE_AA, 4)
+    ring = hypothesis_of(measure_circle(drawn, start(scene, 0.5), (1.0,), RefinementConfig()), 1.0, 1920)
+    assert ring.band_width is not None
+    assert ring.band_width < GATES.band_width
+    assert refusal(ring, has_halfway=True) == "width_unlike_marking"
