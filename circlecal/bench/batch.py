@@ -40,13 +40,17 @@ class Throughput:
     speedup : float
         Best ratio to one worker among the repeats, each run right after the other.
     overhead : float
-        Of one worker: time per frame over the time inside the calibration, minus 1.
+        Time per frame and worker over the time inside the calibration, minus 1; least of the repeats.
+    cpu_s, cpu_overhead : float
+        Processor time of a calibration, and that of the batch over it; what other programs do hardly shows in these.
     """
 
     workers: int
     rate: float
     speedup: float
     overhead: float
+    cpu_s: float
+    cpu_overhead: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,9 +88,9 @@ class _Timed:
         return self.run.source(frame)
 
     def record(self, frame: Frame) -> Record:
-        start = time.perf_counter()
+        start, cpu = time.perf_counter(), time.process_time()
         record = self.run.record(frame)
-        return {**record, "busy_s": time.perf_counter() - start}
+        return {**record, "busy_s": time.perf_counter() - start, "cpu_s": time.process_time() - cpu}
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,18 +119,22 @@ def run_throughput(
     with tempfile.TemporaryDirectory(prefix="circlecal-bench-") as name:
         folder = Path(name)
         frames = _rendered(folder / "frames", count, seed)
-        rates: dict[int, list[float]] = {1: [], workers: []}
-        overheads: dict[int, list[float]] = {1: [], workers: []}
+        runs: dict[int, list[_Run]] = {1: [], workers: []}
         for _ in range(repeats):
-            for number in rates:
-                rate, busy = _one_run(frames, folder / "out", number)
-                rates[number].append(rate)
-                overheads[number].append(number / rate / busy - 1.0)
+            for number in runs:
+                runs[number].append(_one_run(frames, folder / "out", number))
                 advance(f"{number} workers")
-    ratios = [several / one for one, several in zip(rates[1], rates[workers], strict=True)]
+    ratios = [several.rate / one.rate for one, several in zip(runs[1], runs[workers], strict=True)]
     return [
-        Throughput(1, max(rates[1]), 1.0, min(overheads[1])),
-        Throughput(workers, max(rates[workers]), max(ratios), min(overheads[workers])),
+        Throughput(
+            workers=number,
+            rate=max(run.rate for run in found),
+            speedup=1.0 if number == 1 else max(ratios),
+            overhead=min(number / run.rate / run.busy_s - 1.0 for run in found),
+            cpu_s=min(run.cpu_s for run in found),
+            cpu_overhead=min(run.own_cpu_s / run.cpu_s for run in found),
+        )
+        for number, found in runs.items()
     ]
 
 
@@ -141,16 +149,35 @@ def _rendered(folder: Path, count: int, seed: int) -> list[Frame]:
     return find_frames([folder])
 
 
-def _one_run(frames: list[Frame], out: Path, workers: int) -> tuple[float, float]:
-    """Frames per second after the start of the workers, and a worker's mean time per frame."""
-    finished: list[float] = []
-    task = _Timed(FrameRun(load_config()))
+@dataclass(frozen=True, slots=True)
+class _Run:
+    """Frames per second after the start of the workers; means per frame of the workers, and of this process."""
+
+    rate: float
+    busy_s: float
+    cpu_s: float
+    own_cpu_s: float
+
+
+def _one_run(frames: list[Frame], out: Path, workers: int) -> _Run:
+    finished: list[tuple[float, float]] = []
     run_batch(
-        frames, task, out, workers=workers, restart=True, on_progress=lambda _: finished.append(time.perf_counter())
+        frames,
+        _Timed(FrameRun(load_config())),
+        out,
+        workers=workers,
+        restart=True,
+        on_progress=lambda _: finished.append((time.perf_counter(), time.process_time())),
     )
-    busy = [json.loads(line)["busy_s"] for line in (out / RESULTS_NAME).read_bytes().splitlines()]
-    first = _WARM_UP_FRAMES
-    return (len(frames) - first) / (finished[-1] - finished[first]), float(np.mean(busy[first:]))
+    lines = (out / RESULTS_NAME).read_bytes().splitlines()[_WARM_UP_FRAMES:]
+    records = [json.loads(line) for line in lines]
+    wall, cpu = np.subtract(finished[-1], finished[_WARM_UP_FRAMES])
+    return _Run(
+        rate=len(records) / float(wall),
+        busy_s=float(np.mean([record["busy_s"] for record in records])),
+        cpu_s=float(np.mean([record["cpu_s"] for record in records])),
+        own_cpu_s=float(cpu) / len(records),
+    )
 
 
 def run_scaling(count: int, workers: int, advance: Callable[[str], None] = lambda _: None) -> Scaling:

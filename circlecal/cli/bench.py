@@ -274,8 +274,18 @@ def time_batch(
         return
     _table(
         "Rendered frames, steady state",
-        ["workers", "frames/s", "times one worker", "time added to the calibrations"],
-        [[str(r.workers), f"{r.rate:.2f}", f"{r.speedup:.2f}", f"{r.overhead:.1%}"] for r in rates],
+        ["workers", "frames/s", "times one worker", "time added", "CPU s a calibration", "CPU added"],
+        [
+            [
+                str(r.workers),
+                f"{r.rate:.2f}",
+                f"{r.speedup:.2f}",
+                f"{r.overhead:.1%}",
+                f"{r.cpu_s:.3f}",
+                f"{r.cpu_overhead:.1%}",
+            ]
+            for r in rates
+        ],
     )
     if scaling is None:
         return
