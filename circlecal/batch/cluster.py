@@ -15,8 +15,8 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from circlecal import __version__
-from circlecal.batch.task import F, Named, Record, Task, failed
-from circlecal.batch.workers import finished_record, worker_surroundings
+from circlecal.batch.task import F, Finished, Named, Task, failed, finish
+from circlecal.batch.workers import worker_surroundings
 from circlecal.errors import InputError, MissingExtraError
 
 if TYPE_CHECKING:
@@ -30,8 +30,8 @@ _RECOUNT_SECONDS = 5.0
 _log = logging.getLogger(__name__)
 
 
-def records_of_cluster(frames: Iterator[F], task: Task[F], scheduler: str) -> Generator[Record]:
-    """Records in the order in which they are finished.
+def finished_by_cluster(frames: Iterator[F], task: Task[F], scheduler: str) -> Generator[Finished]:
+    """Frames in the order in which they are finished.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def _require_workers(client: Client, scheduler: str) -> None:
             raise InputError(f"--scheduler {scheduler}: worker {address} {there}, not {__version__}; install it")
 
 
-def _streamed(client: Client, frames: Iterator[F], task: Task[F]) -> Generator[Record]:
+def _streamed(client: Client, frames: Iterator[F], task: Task[F]) -> Generator[Finished]:
     """Keep each worker's queue short, and hand on what is finished."""
     from distributed import as_completed
 
@@ -127,7 +127,7 @@ def _streamed(client: Client, frames: Iterator[F], task: Task[F]) -> Generator[R
             frame = next(frames, None)
             more = frame is not None
             if frame is not None:
-                future = client.submit(_record_on_worker, frame, packed, pure=False)
+                future = client.submit(_finish_on_worker, frame, packed, pure=False)
                 in_flight[future.key] = frame
                 finished.add(future)
         if not in_flight:
@@ -137,19 +137,20 @@ def _streamed(client: Client, frames: Iterator[F], task: Task[F]) -> Generator[R
         yield _result(future, frame, task)
 
 
-def _result(future: Any, frame: F, task: Task[F]) -> Record:
+def _result(future: Any, frame: F, task: Task[F]) -> Finished:
     from distributed import KilledWorker
 
     try:
-        return dict(future.result())
+        finished: Finished = future.result()
+        return finished
     except KilledWorker as error:
         _log.info("%s: %s", task.source(frame), error)
         reason = "several workers died on it (out of memory, or a damaged file)"
-        return failed(task, frame, "worker_died", f"{task.source(frame)}: {reason}")
+        return Finished.of(failed(task, frame, "worker_died", f"{task.source(frame)}: {reason}"))
 
 
-def _record_on_worker(frame: Named, packed: bytes) -> Record:
-    return finished_record(_unpacked(packed), frame)
+def _finish_on_worker(frame: Named, packed: bytes) -> Finished:
+    return finish(_unpacked(packed), frame)
 
 
 @lru_cache(maxsize=4)

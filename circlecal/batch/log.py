@@ -10,12 +10,12 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 from circlecal.batch.index import ResultIndex
+from circlecal.batch.task import Finished
 from circlecal.errors import InputError
 from circlecal.formats.atomic import write_error
-from circlecal.formats.result import result_line
 from circlecal.formats.summary import FrameSummary, summarise
 
 RESULTS_NAME = "results.jsonl"
@@ -161,7 +161,7 @@ class ResultLog:
                 yield start, line
                 start += len(line)
 
-    def append(self, record: dict[str, Any]) -> FrameSummary:
+    def append(self, finished: Finished) -> None:
         """Write one line; it outlives this process at once, and the machine after a second at most.
 
         Raises
@@ -169,7 +169,7 @@ class ResultLog:
         InputError
             The disk is full or the like; the file ends with the last whole line.
         """
-        line = (result_line(record) + "\n").encode()
+        line = finished.line
         size = os.fstat(self._descriptor).st_size
         now = time.monotonic()
         try:
@@ -182,9 +182,7 @@ class ResultLog:
             with contextlib.suppress(OSError):
                 os.ftruncate(self._descriptor, size)
             raise write_error(self.path, error) from error
-        row = summarise(record)
-        self.index.add([row], size + len(line), str(record.get("config_digest")))
+        self.index.add([finished.row], size + len(line), finished.digest)
         if now - self._synced >= _SYNC_SECONDS:
             self.index.commit()
             self._synced = now
-        return row

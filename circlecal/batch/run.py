@@ -9,7 +9,7 @@ from pathlib import Path
 
 from circlecal.batch.index import ResultIndex
 from circlecal.batch.log import ResultLog
-from circlecal.batch.task import F, Record, Task
+from circlecal.batch.task import F, Finished, Task
 from circlecal.formats.summary import write_summary
 
 SUMMARY_NAME = "summary.csv"
@@ -89,10 +89,10 @@ def run_batch(
         progress = BatchProgress(total=expected)
         waiting = _unfinished(frames, log.index, progress, on_progress)
         try:
-            with contextlib.closing(_records(waiting, task, workers, scheduler)) as records:
-                for record in records:
-                    row = log.append(record)
-                    progress.count(row.status, row.code)
+            with contextlib.closing(_finished(waiting, task, workers, scheduler)) as finished:
+                for frame in finished:
+                    log.append(frame)
+                    progress.count(frame.row.status, frame.row.code)
                     on_progress(progress)
         finally:
             write_summary(out / SUMMARY_NAME, log.index.rows())
@@ -120,11 +120,11 @@ def _unfinished(
         on_progress(progress)
 
 
-def _records(frames: Iterator[F], task: Task[F], workers: int, scheduler: str | None) -> Generator[Record]:
+def _finished(frames: Iterator[F], task: Task[F], workers: int, scheduler: str | None) -> Generator[Finished]:
     if scheduler is None:
-        from circlecal.batch.workers import records_of_workers
+        from circlecal.batch.workers import finished_by_workers
 
-        return records_of_workers(frames, task, workers)
-    from circlecal.batch.cluster import records_of_cluster
+        return finished_by_workers(frames, task, workers)
+    from circlecal.batch.cluster import finished_by_cluster
 
-    return records_of_cluster(frames, task, scheduler)
+    return finished_by_cluster(frames, task, scheduler)

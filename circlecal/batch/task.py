@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol, TypeVar
+import logging
+from dataclasses import dataclass
+from typing import Any, Protocol, Self, TypeVar
 
-from circlecal.formats.result import failed_record
+from circlecal.errors import CirclecalError
+from circlecal.formats.result import failed_record, result_line
+from circlecal.formats.summary import FrameSummary, summarise
 from circlecal.results import Verdict
+
+_log = logging.getLogger(__name__)
 
 Record = dict[str, Any]
 
@@ -38,6 +44,43 @@ class Task(Protocol[F_contra]):
 
     def record(self, frame: F_contra) -> Record:
         """The finished frame's record; a :class:`circlecal.errors.CirclecalError` makes it an unreadable one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finished:
+    """A finished frame as a worker hands it over: written out there, so that the one who collects has little to do.
+
+    Attributes
+    ----------
+    line : bytes
+        Its line of ``results.jsonl``.
+    row : FrameSummary
+        Its row of ``summary.csv``.
+    digest : str
+        As in :class:`Task`.
+    """
+
+    line: bytes
+    row: FrameSummary
+    digest: str
+
+    @classmethod
+    def of(cls, record: Record) -> Self:
+        """From a record."""
+        line = (result_line(record) + "\n").encode("utf-8", "backslashreplace")  # names need not be text
+        return cls(line, summarise(record), str(record.get("config_digest")))
+
+
+def finish(task: Task[F], frame: F) -> Finished:
+    """Do what is to be done with a frame, also with one that cannot be read or on which we make a mistake."""
+    try:
+        return Finished.of(task.record(frame))
+    except CirclecalError as error:
+        return Finished.of(failed(task, frame, "unreadable_input", str(error)))
+    except Exception as error:  # noqa: BLE001 - one bad frame never stops the rest
+        _log.exception("%s: internal error", task.source(frame))
+        reason = f"{task.source(frame)}: {type(error).__name__}: {error}"
+        return Finished.of(failed(task, frame, "internal_error", reason))
 
 
 def failed(task: Task[F], frame: F, code: str, reason: str) -> Record:

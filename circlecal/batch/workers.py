@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import logging
 import multiprocessing
 import os
 import signal
@@ -14,16 +13,13 @@ from concurrent.futures.process import BrokenProcessPool
 from itertools import chain
 from typing import Any
 
-from circlecal.batch.task import F, Named, Record, Task, failed
-from circlecal.errors import CirclecalError
+from circlecal.batch.task import F, Finished, Named, Task, failed, finish
 
 _IN_FLIGHT_PER_WORKER = 2
 
-_log = logging.getLogger(__name__)
 
-
-def records_of_workers(frames: Iterator[F], task: Task[F], workers: int) -> Generator[Record]:
-    """Records in the order in which they are finished; frames whose worker died are tried once more, each alone.
+def finished_by_workers(frames: Iterator[F], task: Task[F], workers: int) -> Generator[Finished]:
+    """Frames in the order in which they are finished; frames whose worker died are tried once more, each alone.
 
     Raises
     ------
@@ -38,26 +34,15 @@ def records_of_workers(frames: Iterator[F], task: Task[F], workers: int) -> Gene
             yield from _pooled(iter([frame]), died, task, 1)
             if died:
                 reason = "the worker process died on it (out of memory, or a damaged file)"
-                yield failed(task, frame, "worker_died", f"{task.source(frame)}: {reason}")
+                yield Finished.of(failed(task, frame, "worker_died", f"{task.source(frame)}: {reason}"))
         suspects.clear()
 
 
-def finished_record(task: Task[F], frame: F) -> Record:
-    """Record of a frame, also of one that cannot be read or on which we make a mistake."""
-    try:
-        return task.record(frame)
-    except CirclecalError as error:
-        return failed(task, frame, "unreadable_input", str(error))
-    except Exception as error:  # noqa: BLE001 - one bad frame never stops the rest
-        _log.exception("%s: internal error", task.source(frame))
-        return failed(task, frame, "internal_error", f"{task.source(frame)}: {type(error).__name__}: {error}")
-
-
-def _pooled(frames: Iterator[F], died: list[F], task: Task[F], workers: int) -> Generator[Record]:
+def _pooled(frames: Iterator[F], died: list[F], task: Task[F], workers: int) -> Generator[Finished]:
     """Take frames until there are no more or a worker dies; those then in flight go to ``died``."""
     context = multiprocessing.get_context("spawn")
     executor = ProcessPoolExecutor(workers, mp_context=context, initializer=_start_worker, initargs=(task,))
-    in_flight: dict[Future[Record], F] = {}
+    in_flight: dict[Future[Finished], F] = {}
     try:
         _require_workers(executor)
         more = True
@@ -73,24 +58,24 @@ def _pooled(frames: Iterator[F], died: list[F], task: Task[F], workers: int) -> 
                 break
             for future in wait(in_flight, return_when=FIRST_COMPLETED).done:
                 try:
-                    record = future.result()
+                    finished = future.result()
                 except BrokenProcessPool:
                     died.extend(in_flight.values())
                     executor.shutdown()
                     return
                 del in_flight[future]
-                yield record
+                yield finished
     except BaseException:
         _stop(executor)
         raise
     executor.shutdown()
 
 
-def _submitted(executor: ProcessPoolExecutor, frame: F, in_flight: dict[Future[Record], F]) -> bool:
+def _submitted(executor: ProcessPoolExecutor, frame: F, in_flight: dict[Future[Finished], F]) -> bool:
     """Hand a frame to the workers; False where one has died."""
     try:
         with worker_surroundings():
-            in_flight[executor.submit(_record_in_worker, frame)] = frame
+            in_flight[executor.submit(_finish_in_worker, frame)] = frame
     except BrokenProcessPool:
         return False
     return True
@@ -157,7 +142,7 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-def _record_in_worker(frame: Named) -> Record:
+def _finish_in_worker(frame: Named) -> Finished:
     if _worker_task is None:
         raise RuntimeError("the worker was not started")
-    return finished_record(_worker_task, frame)
+    return finish(_worker_task, frame)

@@ -5,6 +5,7 @@ A file is judged by its first bytes, not by its name, and its size is read from 
 
 from __future__ import annotations
 
+import os
 import struct
 import zlib
 from collections import Counter
@@ -180,11 +181,11 @@ def _named(found: Sequence[tuple[Path, Path]]) -> list[Frame]:
 
 def _id_candidates(path: Path, relative: Path) -> list[str]:
     """Ids from the shortest to one that no other file has."""
-    stem = "__".join(relative.with_suffix("").parts)
+    stem = "__".join(relative.with_suffix("").parts).encode("utf-8", "backslashreplace").decode()
     suffixed = f"{stem}-{path.suffix[1:].lower()}" if path.suffix else stem
     parents = path.absolute().parts[1 : -len(relative.parts)]
     longer = ["__".join((*parents[-count:], suffixed)) for count in range(1, len(parents) + 1)]
-    exact = f"{suffixed}-{zlib.crc32(str(path.resolve()).encode()):08x}"
+    exact = f"{suffixed}-{zlib.crc32(os.fsencode(path.resolve())):08x}"
     return [stem, suffixed, *longer, exact]
 
 

@@ -39,6 +39,7 @@ def summarise(record: Mapping[str, Any]) -> FrameSummary:
     ellipses = record.get("ellipses") or {}
     primary = ellipses.get(ellipses.get("primary")) or {}
     timings = record.get("timings_ms") or {}
+    reason = record.get("reason")
     return FrameSummary(
         id=record["id"],
         status=record["status"],
@@ -47,7 +48,9 @@ def summarise(record: Mapping[str, Any]) -> FrameSummary:
         rms_px=primary.get("rms_px"),
         sigma_px=camera.get("max_sigma_px"),
         time_ms=timings.get("total", sum(timings.values())) if timings else None,
-        reason=record.get("reason"),
+        reason=None
+        if reason is None
+        else reason.encode("utf-8", "backslashreplace").decode(),  # names need not be text
     )
 
 

@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from circlecal.batch import INDEX_NAME, RESULTS_NAME, ResultLog
+from circlecal.batch.task import Finished
 
 from .runs import SURROUNDINGS, alive, assert_every_frame_once, batch_command, children, paint, records, wait_for
 
@@ -32,7 +33,7 @@ def states(tmp_path_factory) -> list[tuple[bytes, bytes]]:
     with ResultLog(folder) as log:
         log.take_up(DIGEST)
         for number in range(COUNT):
-            log.append(record(number))
+            log.append(Finished.of(record(number)))
             log.index.commit()
             kept.append(((folder / RESULTS_NAME).read_bytes(), (folder / INDEX_NAME).read_bytes()))
     return kept
@@ -57,7 +58,7 @@ def test_results_cut_anywhere_with_an_index_of_any_age(states, tmp_path_factory,
         assert [row.id for row in log.index.rows()] == [f"f{number:03d}" for number in range(whole)]
         for number in range(whole, COUNT):
             assert log.index.find(f"f{number:03d}") is None
-            log.append(record(number))
+            log.append(Finished.of(record(number)))
     assert (folder / RESULTS_NAME).read_bytes() == content
     shutil.rmtree(folder)
 

@@ -13,6 +13,7 @@ import pytest
 
 from circlecal.api import FrameRun
 from circlecal.batch import INDEX_NAME, RESULTS_NAME, SUMMARY_NAME, BatchProgress, ResultLog, run_batch
+from circlecal.batch.task import Finished
 from circlecal.config import Config, config_digest, load_config
 from circlecal.errors import InputError
 from circlecal.formats.images import find_frames
@@ -225,7 +226,7 @@ def test_a_full_disk_in_the_middle_and_resumed(tmp_path):
 
 def test_a_line_cut_by_a_full_disk_is_taken_back(tmp_path, monkeypatch):
     with ResultLog(tmp_path) as log:
-        log.append({"id": "a", "status": "refused"})
+        log.append(Finished.of({"id": "a", "status": "refused"}))
         whole = os.write
 
         def short(descriptor: int, content: bytes) -> int:
@@ -235,7 +236,7 @@ def test_a_line_cut_by_a_full_disk_is_taken_back(tmp_path, monkeypatch):
 
         monkeypatch.setattr("os.write", short)
         with pytest.raises(InputError, match="No space left"):
-            log.append({"id": "b", "reason": "long enough"})
+            log.append(Finished.of({"id": "b", "status": "refused", "reason": "long enough"}))
     assert records(tmp_path) == [{"id": "a", "status": "refused"}]
 
 
@@ -304,6 +305,17 @@ def test_a_worker_that_dies_costs_one_frame(tmp_path):
     assert_every_frame_once(out, 6)
     assert [r["id"] for r in records(out) if r["code"] == "worker_died"] == ["f003"]
     assert [r["id"] for r in records(out) if r["code"] == "internal_error"] == ["f001"]
+
+
+def test_a_name_that_is_no_text(run_circlecal, tmp_path):
+    frames, out = paint(tmp_path / "frames", 1), tmp_path / "out"
+    content = (frames / "f000.png").read_bytes()
+    for name in (b"caf\xe9.png", b"th\xe9.jpg"):
+        (frames / os.fsdecode(name)).write_bytes(content[: 900 if b"caf" in name else 9])
+    for _ in range(2):
+        assert run_circlecal("batch", frames, "--out", out, "--workers", 1, "-q").code == 1
+        assert len(records(out)) == 3
+    assert "caf\\udce9,refused" in (out / SUMMARY_NAME).read_text()
 
 
 def test_progress_counts(tmp_path):

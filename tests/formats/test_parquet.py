@@ -1,5 +1,6 @@
 """The table of a batch."""
 
+import json
 import sys
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 
 from circlecal.api import FrameRun
 from circlecal.batch import RESULTS_NAME, ResultLog
-from circlecal.batch.workers import finished_record
+from circlecal.batch.task import finish
 from circlecal.config import Config
 from circlecal.formats.images import find_frames
 
@@ -17,10 +18,10 @@ def results(tmp_path, frame_file, blank_file):
     (frame_file.parent / "cut.jpg").write_bytes(b"\xff\xd8\xff\xe0")
     run = FrameRun(Config())
     with ResultLog(tmp_path / "run") as log:
-        found = [finished_record(run, frame) for frame in find_frames([frame_file.parent])]
-        for record in found:
-            log.append(record)
-    return tmp_path / "run" / RESULTS_NAME, {record["id"]: record for record in found}
+        finished = [finish(run, frame) for frame in find_frames([frame_file.parent])]
+        for frame in finished:
+            log.append(frame)
+    return tmp_path / "run" / RESULTS_NAME, {frame.row.id: json.loads(frame.line) for frame in finished}
 
 
 def test_every_frame_is_a_row(run_circlecal, results, tmp_path):
