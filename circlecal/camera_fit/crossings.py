@@ -74,8 +74,9 @@ def with_crossings(
             break
         parts = [_one_point(template.line_by_name[str(m.line)], m.points_px[0], m.sigma_px, template) for m in met]
         fuller = replace(problem, curves=joined_curves(stack_curves(parts), problem.curves))
-        wide = minimise(fuller, state.theta[:1], WIDE * loss_scale, tolerance=COARSE)
-        found = minimise(fuller, wide.theta, loss_scale, hidden=wide.hidden, tolerance=COARSE)
+        found = minimise(fuller, state.theta[:1], WIDE * loss_scale, tolerance=COARSE)
+        if (np.abs(found.residuals) > 0.5 * loss_scale).any():
+            found = minimise(fuller, found.theta, loss_scale, hidden=found.hidden, tolerance=COARSE)
         if found.cost[0] < state.cost[0] + WORST_COST * len(met):
             return fuller, found, met
     return problem, state, ()

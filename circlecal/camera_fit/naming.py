@@ -142,6 +142,7 @@ def name_lines(
     trials = _tried(scene, first, np.repeat(state.theta[:1], len(first), axis=0))
     growing = sorted(range(len(trials)), key=lambda k: -trials[k].score)[:GROWING]
     for _ in range(ROUNDS - 1):
+        growing = [k for k in growing if len(trials[k].association.names) < len(unnamed)]
         further = {k: scene.hypotheses(trials[k].theta, trials[k].normal, 1) for k in growing}
         more = {k: again[0] for k, again in further.items() if again and _extends(again[0], trials[k].association)}
         if not more:

@@ -107,9 +107,7 @@ def seen_landmarks(observations: Observations, template: FieldTemplate, points: 
         lines_px.append(line)
         middles.append(template.line_ends(drawn).mean(axis=0))
         ends.append(pixels[[int(along.argmin()), int(along.argmax())]])
-    # of very many points some, evenly
-    kept = np.unique(np.linspace(0, max(len(points.points_px) - 1, 0), MAXIMUM_LANDMARKS).astype(int))
-    kept = kept[: len(points.points_px)]
+    kept = _evenly(len(points.points_px), MAXIMUM_LANDMARKS)
     return Landmarks(
         points.field_m[kept],
         lens.undistort(points.points_px[kept]) if len(kept) else np.zeros((0, 2)),
@@ -118,6 +116,11 @@ def seen_landmarks(observations: Observations, template: FieldTemplate, points: 
         np.array(middles).reshape(-1, 2),
         np.array(ends).reshape(-1, 2, 2),
     )
+
+
+def _evenly(count: int, most: int) -> Indices:
+    """All of so many, or evenly some of them."""
+    return np.arange(count) if count <= most else np.linspace(0, count - 1, most).astype(int)
 
 
 def homography_starts(landmarks: Landmarks, around_m: Array, frame: Frame) -> Array:
@@ -160,7 +163,7 @@ def homography_starts(landmarks: Landmarks, around_m: Array, frame: Frame) -> Ar
 def _samples(count: int) -> Indices:
     """Index sets (B, 4) of landmarks: all of them where they are few, evenly spread ones otherwise."""
     total = np.array(list(islice(combinations(range(count), MINIMAL), 200_000)), dtype=np.int64)
-    return total[np.unique(np.linspace(0, len(total) - 1, MAXIMUM_SAMPLES).astype(int))]
+    return total[_evenly(len(total), MAXIMUM_SAMPLES)]
 
 
 def _null_matrices(rows: Array) -> Array:
