@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -47,11 +46,13 @@ class SeenMark:
 class _Rectified:
     """The picture around a stretch of the halfway line: rows along the line, columns along the field's other axis.
 
+    ``values`` (T, S) are brightnesses over what is ``usual`` (S,) in their column.
     ``position`` (T,) along the line and ``across`` (S,) in px; ``base`` (T, 2) the places on the line, ``length`` its
     half chord in px; ``half_px`` the disc's half axes along and across.
     """
 
     values: Array
+    usual: Array
     position: Array
     across: Array
     base: Array
@@ -164,7 +165,9 @@ def _rectified(
     whole = np.isfinite(values).all(axis=1)
     if np.count_nonzero(whole) < 24:
         return None
-    return _Rectified(values[whole], position[whole], across, base[whole], length, half)
+    values = values[whole]
+    usual = np.median(values, axis=0)
+    return _Rectified(values - usual, usual, position[whole], across, base[whole], length, half)
 
 
 def _bend(line: Array, points_px: Array, places: Array, wanted: Array) -> Array:
@@ -191,9 +194,8 @@ def _half_chords(conic: Array, points: Array, directions: Array) -> Array:
 
 def _line_contrast(seen: _Rectified) -> float:
     """Brightness of the halfway line over the surface beside it."""
-    profile = np.median(seen.values, axis=0)
     outer = np.abs(seen.across) > 2.0 * seen.half_px[1] + 2.0
-    return float(profile[np.abs(seen.across) <= 1.5].max() - np.median(profile[outer]))
+    return float(seen.usual[np.abs(seen.across) <= 1.5].max() - np.median(seen.usual[outer]))
 
 
 def _response(seen: _Rectified, blur_px: float, inner_px: float, side: float) -> Array | None:
@@ -204,21 +206,21 @@ def _response(seen: _Rectified, blur_px: float, inner_px: float, side: float) ->
     beyond = (distance > a + 1.5 * blur_px + 1.0) & (distance <= 3.0 * a + 8.0)
     if not used.any() or not beyond.any():
         return None
-    values = seen.values - np.median(seen.values, axis=0)
-    values = values[:, used] - values[:, beyond].mean(axis=1, keepdims=True)
+    values = seen.values[:, used] - seen.values[:, beyond].mean(axis=1, keepdims=True)
     half = int(np.ceil((2.0 * b + 2.0 * blur_px + 2.0) / _STEP_PX))
     t = np.arange(-half, half + 1)[:, None] * _STEP_PX
     disc = _blurred_disc(t, distance[used][None], b, a, blur_px)
     kernel = disc - disc.mean(axis=0)  # a change of the surface along the line has no response
     kernel /= float(np.maximum(kernel, 0.0).sum())  # the response is a mean brightness: never more than the paint's
-    filtered = cv2.filter2D(values, cv2.CV_64F, kernel, borderType=cv2.BORDER_REFLECT)
-    return np.asarray(filtered[:, kernel.shape[1] // 2], np.float64)
+    padded = np.pad(values, ((half, half), (0, 0)), mode="symmetric")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, len(kernel), axis=0)
+    return np.asarray(np.einsum("tck,kc->t", windows, kernel, optimize=True), np.float64)
 
 
 def _bare(seen: _Rectified, peak: int, blur_px: float, inner_px: float, line_contrast: float) -> bool:
     """Whether the disc ends where it should, with the line and the bare surface around it: no player stands there."""
     b, a = seen.half_px
-    values = seen.values - np.median(seen.values, axis=0)
+    values = seen.values
     distance, rise = np.abs(seen.across), seen.position - seen.position[peak]
     edge = b + 1.5 * blur_px
     on = np.abs(rise) <= max(b, _STEP_PX)
@@ -240,8 +242,8 @@ def _bare(seen: _Rectified, peak: int, blur_px: float, inner_px: float, line_con
 
 def _blurred_disc(t: Rows, s: Rows, b: float, a: float, blur_px: float) -> Array:
     """Coverage of an ellipse with half axes ``b`` along t and ``a`` along s, its edge softened by the blur."""
-    fine = np.linspace(-2.0, 2.0, 9) * blur_px
-    weight = np.exp(-0.5 * np.linspace(-2.0, 2.0, 9) ** 2)
+    steps = np.linspace(-2.0, 2.0, 7)
+    fine, weight = steps * blur_px, np.exp(-0.5 * steps**2)
     spread = (t[..., None, None] - fine[:, None]) / b, (s[..., None, None] - fine) / a
     inside = spread[0] ** 2 + spread[1] ** 2 <= 1.0
     return np.asarray((inside * (weight[:, None] * weight)).sum(axis=(-1, -2)) / weight.sum() ** 2)

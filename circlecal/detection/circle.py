@@ -30,6 +30,7 @@ _PIECES = 8  # of the curve, between which the contrast may differ (near and far
 _CLEAR = 0.05  # radii from the line within which a sample belongs to no side
 _END_SHARE = 0.3  # of the way from the small to the great half axis: what counts as an end of the width's range
 _FEWEST = 6  # samples at either end
+_NEARLY_WHOLE = 0.6  # share of the circle that is drawn, for the widths of both sides to be seen
 _NARROWEST_RADII, _TELLING_PX = 0.008, 2.5  # a marking this narrow must differ by so much for its width to be told
 _UNIT_CIRCLE = np.diag([1.0, 1.0, -1.0])
 
@@ -178,14 +179,16 @@ def band_width_of(circle: MeasuredCircle) -> float | None:
     """Width of the band in radii of the circle: paint on the field is wide where the circle is seen broadside and
     narrow near and far, a ring drawn into the picture is as wide everywhere. None where the two cannot be told apart.
 
-    The blur adds in squares, and to all widths alike.
+    The blur adds in squares, and to all widths alike. A part of a circle may show its near side only, which
+    perspective widens.
     """
     on = circle.band.supported
     reach = np.abs(((circle.points - circle.ellipse.centers[0]) * circle.normals).sum(axis=-1))
     great, small = float(circle.ellipse.great_lengths[0]), float(circle.ellipse.small_lengths[0])
     share = (reach - small) / max(great - small, 1e-9)
     broadside, flat = on & (share > 1.0 - _END_SHARE), on & (share < _END_SHARE)
-    if min(np.count_nonzero(broadside), np.count_nonzero(flat)) < _FEWEST:
+    drawn = float(circle.angle_share[on].sum())
+    if drawn < _NEARLY_WHOLE or min(np.count_nonzero(broadside), np.count_nonzero(flat)) < _FEWEST:
         return None
     wide, narrow = (float(np.median(circle.band.width[part])) for part in (broadside, flat))
     lever = float(np.median(reach[broadside]) ** 2 - np.median(reach[flat]) ** 2)
