@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 
 from circlecal.camera_fit.model import Frame, camera_of, project
-from circlecal.camera_fit.starts import closed_form_starts, grid_starts
+from circlecal.camera_fit.starts import closed_form_starts, grid_starts, standing_start
+from circlecal.field import load_field
 from circlecal.geometry.conics import circle_conic, ellipse_from_conic, transform_conic
 from circlecal.geometry.homogeneous import transform_lines
 from circlecal.geometry.homography import SIDES
-from circlecal.synthetic.cameras import aimed_camera
+from circlecal.synthetic.cameras import aimed_camera, sample_camera
+from circlecal.synthetic.markings import circle_points
 
 from .conftest import random_thetas
 
@@ -71,3 +73,18 @@ def test_grid_is_about_the_circle_that_is_seen():
     starts = grid_starts(ellipse, center, 4.5, FRAME, "main")
     distance = np.linalg.norm(starts[:, 4:7] - np.r_[center, 0.0], axis=1) / 4.5
     np.testing.assert_allclose(np.unique(np.round(distance, 6)), [4.0, 7.0, 11.0])
+
+
+@pytest.mark.parametrize("share", [1.0, 0.3])
+def test_known_position_finds_focal_length_and_aim(share):
+    rng = np.random.default_rng(4)
+    camera = sample_camera("main", rng)
+    points = circle_points(camera, load_field("soccer"), "center", 200, 0.3, rng).points_px
+    points = points[: int(share * len(points))]
+    frame = Frame(camera.width, camera.height)
+    theta = standing_start(points, np.zeros(2), 9.1, camera.position_m, camera.angles_rad[2], frame)[0]
+    assert theta[0] == pytest.approx(np.log(camera.focal_px[0]), abs=0.15)
+    assert theta[1:4] == pytest.approx(camera.angles_rad, abs=0.02)
+    assert len(standing_start(points[:2], np.zeros(2), 9.1, camera.position_m, 0.0, frame)) == 0
+    below = camera.position_m * np.array([1, 1, -1])
+    assert len(standing_start(points, np.zeros(2), 9.1, below, 0.0, frame)) == 0

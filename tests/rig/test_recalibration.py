@@ -1,0 +1,81 @@
+"""One frame again: which camera took it, and when that is not certain."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from circlecal.pipeline import run_observations
+from circlecal.rig.estimation import estimate_rigs
+from circlecal.rig.frames import RigFrame
+from circlecal.rig.recalibration import recalibrate
+from circlecal.rig.run import with_short_arcs
+
+from .scenes import CIRCLE, CONFIG, TEMPLATE, calibrated, displaced, goal_views, main_views, seen_by
+
+
+@pytest.fixture(scope="module")
+def cameras():
+    """A main camera and one behind the goal, each from three frames, and a further view of each."""
+    rng = np.random.default_rng(8)
+    main, goal = main_views(4, rng), goal_views(4, rng)
+    frames = [calibrated(f"m{k}", c, rng) for k, c in enumerate(main[:3])]
+    frames += [calibrated(f"g{k}", c, rng) for k, c in enumerate(goal[:3])]
+    rigs = estimate_rigs(frames, TEMPLATE, CIRCLE, CONFIG)
+    return sorted(rigs, key=lambda rig: rig.members, reverse=True), frames, main[3], goal[3]
+
+
+def again(frame, rigs):
+    def calibrate(config):
+        return run_observations(frame.observations, config, frame_id=frame.id, convention="paint")
+
+    return recalibrate(frame, rigs, calibrate, TEMPLATE, CIRCLE, CONFIG)
+
+
+def test_a_frame_without_halfway_line_goes_to_the_camera_that_took_it(cameras):
+    rigs, _, *views = cameras
+    rng = np.random.default_rng(1)
+    for rig, view in zip(rigs, views, strict=True):
+        found = again(RigFrame("x", seen_by(view, rng, line=False), None, None), rigs)
+        assert found.rig is rig, found.reason
+        assert found.calibration.camera.camera.position_m == pytest.approx(view.position_m, abs=2.0)
+
+
+def test_two_cameras_at_one_place_are_not_decided(cameras):
+    rigs, _, view, _ = cameras
+    twins = [rigs[0], replace(rigs[0], name="twin", members=(), used=())]
+    found = again(RigFrame("x", seen_by(view, np.random.default_rng(1), line=False), None, None), twins)
+    assert found.rig is None
+    assert "equally well" in found.reason
+
+
+def test_a_wrong_camera_is_mended(cameras):
+    rigs, frames, *_ = cameras
+    wrong = displaced(replace(frames[0], id="w"), (1.0, 8.0, -2.0), 0.05)
+    wrong = replace(wrong, observations=frames[0].observations)
+    found = again(wrong, rigs)
+    assert found.rig is rigs[0]
+    assert found.calibration.camera.camera.position_m == pytest.approx(frames[0].theta[4:7], abs=2.5)
+
+
+def test_a_camera_of_its_own_keeps_its_frame(cameras):
+    rigs, *_ = cameras
+    rng = np.random.default_rng(3)
+    other = calibrated("o", main_views(1, np.random.default_rng(77))[0], rng, sigma=0.1)
+    assert np.linalg.norm(other.theta[4:7] - rigs[0].state.theta[0, 4:7]) > 5.0
+    found = again(other, rigs)
+    assert found.calibration is None
+    assert found.reason
+
+
+def test_no_camera_no_change(cameras):
+    frame = cameras[1][0]
+    assert again(frame, []).reason == "no camera is known for it"
+
+
+def test_detector_of_a_known_camera_asks_for_less():
+    relaxed, usual = with_short_arcs(CONFIG).mask.detector.acceptance, CONFIG.mask.detector.acceptance
+    assert relaxed.whole_share == CONFIG.rig.whole_share < usual.whole_share
+    assert relaxed.share_of_lone_arc < usual.share_of_lone_arc
+    strict = CONFIG.model_copy(update={"rig": CONFIG.rig.model_copy(update={"whole_share": 0.9})})
+    assert with_short_arcs(strict).mask.detector.acceptance.whole_share == usual.whole_share
