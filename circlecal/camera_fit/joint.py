@@ -326,6 +326,13 @@ def shared_prior(problem: JointProblem, state: JointState, without: int | None =
     )
 
 
+def deletion_gains(state: JointState) -> Array:
+    """By how much the cost of all the others falls, to first order, where one frame is left out (F,)."""
+    precision, gradient = frame_information(state)
+    total = state.H_common + precision.sum(axis=0)
+    return np.array([g @ _inverse(total - own) @ g for own, g in zip(precision, gradient, strict=True)])
+
+
 def joint_covariances(problem: JointProblem, state: JointState) -> Array:
     """Covariances (F, P, P) of the frames' parameter vectors, with what all the others bring."""
     precision, _ = frame_information(state)

@@ -42,7 +42,7 @@ class RigConfig(BaseModel):
         "alone a frame needs more, since an arc might be another one.",
     )
     share_of_lone_arc: float = Field(
-        0.7, ge=0.0, le=1.0, description="Smallest share of what the picture holds of it that must be drawn."
+        0.8, ge=0.0, le=1.0, description="Smallest share of what the picture holds of it that must be drawn."
     )
     maximum_arc_residual_px: float = Field(
         1.0,

@@ -11,6 +11,7 @@ from circlecal.camera_fit.curves import curve_residuals, first_hidden, line_curv
 from circlecal.camera_fit.joint import (
     JointProblem,
     JointState,
+    deletion_gains,
     first_state,
     joint_problem,
     minimise_joint,
@@ -94,17 +95,26 @@ def estimate_rigs(
         already, None.
     """
     known = [f for f in frames if f.theta is not None and f.covariance is not None and f.observations is not None]
-    chosen = [
-        (name, members, _best(members, turned, config)) for name, members, turned in _groups(known, config, cameras)
-    ]
-    wanted = {frame.id for _, _, best in chosen for frame, _ in best}
-    full = observed(wanted) if observed is not None else {frame.id: frame for frame in known}
-    rigs = []
-    for name, members, best in chosen:
-        rig = _estimated(name, [full[f.id] for f, _ in best], [t for _, t in best], template, circle, config)
-        if rig is not None:
+    rigs: list[Rig] = []
+    groups = _groups(known, config, cameras)
+    while groups:
+        chosen = [(name, members, _best(members, turned, config)) for name, members, turned in groups]
+        wanted = {frame.id for _, _, best in chosen for frame, _ in best}
+        full = observed(wanted) if observed is not None else {frame.id: frame for frame in known}
+        groups = []
+        for name, members, best in chosen:
+            rig = _estimated(name, [full[f.id] for f, _ in best], [t for _, t in best], template, circle, config)
+            if rig is None:
+                continue
             rigs.append(replace(rig, members=tuple(f.id for f in members)))
-    return rigs
+            # cameras that stand side by side were one group; those that were left out may be another one
+            rest = [f for f in members if f.id in rig.left_out]
+            if cameras is None and len(rest) >= config.rig.least_frames:
+                groups.append((name, rest, [False] * len(rest)))
+    if cameras is not None:
+        return rigs
+    rigs.sort(key=lambda rig: len(rig.members) - len(rig.left_out), reverse=True)
+    return [replace(rig, name=f"camera-{number}") for number, rig in enumerate(rigs, start=1)]
 
 
 def _best(members: Sequence[RigFrame], turned: Sequence[bool], config: Config) -> list[tuple[RigFrame, bool]]:
@@ -162,10 +172,11 @@ def _estimated(
         state = minimise_joint(problem, state, 10.0 * loss, config.camera.iterations // 2)
         state = minimise_joint(problem, first_state(problem, state.theta, loss), loss, config.camera.iterations)
         surprise = state.costs - alone
-        worst = int(np.argmax(surprise))
-        if surprise[worst] <= config.rig.maximum_surprise:
+        if surprise.max() <= config.rig.maximum_surprise:
             used = tuple(frames[k].id for k in kept)
             return Rig(name, frames[0].size, (), used, tuple(left_out), problem, state)
+        # not the frame that fits worst, but the one without which everything fits best: the fewer must go
+        worst = int(np.argmax(surprise + deletion_gains(state)))
         left_out.append(frames[kept[worst]].id)
         del kept[worst]
     return None

@@ -84,7 +84,7 @@ def recalibrate(
             continue
         seen = frame_of_calibration(found)
         cost = _cost(seen, found.camera.theta, template, circle, config, scale_of=frame)
-        if not own and alone is not None and cost - alone > config.rig.maximum_surprise:
+        if frame.id not in rig.used and alone is not None and cost - alone > config.rig.maximum_surprise:
             reasons.append(f"it fits {rig.name} much worse than a camera of its own")
             continue
         trials.append(_Trial(rig, found, cost))

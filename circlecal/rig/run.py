@@ -249,9 +249,12 @@ def read_cameras(path: Path) -> dict[str, str]:
     return found
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class _Again:
-    """Calibrates one frame of a run again: from its picture where it was refused, otherwise from what was seen."""
+    """Calibrates one frame of a run again: from its picture where it was refused, otherwise from what was seen.
+
+    The picture is measured once; a further camera takes what was seen of it then.
+    """
 
     record: Mapping[str, Any]
     frame: RigFrame
@@ -259,22 +262,25 @@ class _Again:
     mask: Path | None
     convention: Convention
 
+    measured: Calibration | None = field(default=None, init=False)
+
     def __call__(self, config: Config) -> Calibration | None:
         source = Path(self.record["source"]["path"] or "")
         refused, annotated = self.frame.theta is None, _is_annotated(self.record)
-        if refused and not annotated and source.is_file():
+        from_picture = refused and not annotated and source.is_file()
+        if from_picture and self.measured is None:
             try:
-                found = calibrate_frame(self._picture(source), with_short_arcs(config), self.mask)[1]
+                self.measured = calibrate_frame(self._picture(source), with_short_arcs(config), self.mask)[1]
             except CirclecalError as error:
                 _log.warning("%s", error)
                 return None
-            return None if _leaves_the_arc(found, config) else found
-        if self.frame.observations is None:
-            return None
+            return None if _leaves_the_arc(self.measured, config) else self.measured
+        seen = self.frame.observations if self.measured is None else self.measured.observations
+        if seen is None:
+            return self.measured
         convention: Convention = self.convention if annotated else "paint"
-        return run_observations(
-            self.frame.observations, config, frame_id=self.frame.id, source=str(source), convention=convention
-        )
+        found = run_observations(seen, config, frame_id=self.frame.id, source=str(source), convention=convention)
+        return None if from_picture and _leaves_the_arc(found, config) else found
 
     def _picture(self, source: Path) -> Frame:
         time_s = self.record["source"].get("time_s")
@@ -291,7 +297,6 @@ def with_short_arcs(config: Config) -> Config:
         "whole_share": min(acceptance.whole_share, rig.whole_share),
         "whole_share_with_line": min(acceptance.whole_share_with_line, rig.whole_share),
         "share_of_lone_arc": min(acceptance.share_of_lone_arc, rig.share_of_lone_arc),
-        "share": min(acceptance.share, rig.share_of_lone_arc),
     }
     detector = config.mask.detector.model_copy(update={"acceptance": acceptance.model_copy(update=update)})
     return config.model_copy(update={"mask": config.mask.model_copy(update={"detector": detector})})

@@ -133,3 +133,20 @@ def test_recognised_lines_get_their_names_back(mixed):
     assert with_names(bare, ["halfway_line"], frame.theta, TEMPLATE, view).lines[0].line == "halfway_line"
     far = replace(bare, lines=(replace(bare.lines[0], points_px=bare.lines[0].points_px + 80.0),))
     assert with_names(far, ["halfway_line"], frame.theta, TEMPLATE, view).lines[0].line is None
+
+
+def test_two_cameras_side_by_side_are_told_apart(mixed):
+    frames, main, _ = mixed
+    rng = np.random.default_rng(12)
+    step = np.array([4.0, 0.0, 0.0])
+    views = [replace(c, position_m=c.position_m + step) for c in main_views(3, np.random.default_rng(0))]
+    views = [
+        replace(c, angles_rad=c.angles_rad - np.array([np.arctan2(step[0], c.position_m[1]), 0.0, 0.0])) for c in views
+    ]
+    near = [displaced(calibrated(f"n{k}", c, rng), (0.0, 0.0, 0.0), 3.0) for k, c in enumerate(views)]
+    ours = [f for f in frames if f.id.startswith("m")]
+    vague = [displaced(f, (0.0, 0.0, 0.0), 3.0) for f in ours]
+    rigs = rigs_of([*vague, *near])
+    assert [rig.used for rig in rigs] == [tuple(f"m{k}" for k in range(5)), ("n0", "n1", "n2")]
+    for rig, camera in zip(rigs, (main, views[0]), strict=True):
+        assert position_of(rig)[0] == pytest.approx(camera.position_m, abs=2.5)
