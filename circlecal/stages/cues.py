@@ -28,6 +28,8 @@ SMOOTHING_REACH = 3
 """Profiles over which the smoothing along a marking reaches."""
 RIM_CLEARANCE_PX = 8.0
 """How far beyond the circle the halfway line goes on at least, pixels at 1920 px width."""
+LARGEST_GAP = 0.2
+"""Pieces of a straight marking lie no further apart than this share of the half chord; it ends at the touchline."""
 LARGEST_BEND = 0.03
 """Sine of the angle between neighbouring pieces of a straight marking: lens and crown bend it less than that."""
 
@@ -298,10 +300,11 @@ def _followed(
         for (end, direction, _), piece in zip(searched, pieces, strict=True):
             if piece is None or piece.segment.support < PIECE_SUPPORT:
                 continue
-            if abs(float(piece.line[:2] @ direction)) > LARGEST_BEND:
+            ahead_px = (piece.points_px - end) @ direction
+            if abs(float(piece.line[:2] @ direction)) > LARGEST_BEND or ahead_px.min() > LARGEST_GAP * step_px:
                 continue
             found.append(piece)
-            sides.append((end, piece.points_px[np.argmax((piece.points_px - end) @ direction)]))
+            sides.append((end, piece.points_px[np.argmax(ahead_px)]))
     return found
 
 
