@@ -25,6 +25,14 @@ _REASONS = {
         "The best ellipse has too little marking under it. A penalty arc, a logo or a short arc looks like this.",
         "Check the picture: if it is the circle, give a mask (--mask), which is believed.",
     ),
+    "width_unlike_marking": Explanation(
+        "The best ellipse is as wide near and far as at its sides: a ring drawn into the picture, not paint.",
+        "Nothing for a graphic. If it is the circle, give a mask (--mask), which is believed.",
+    ),
+    "circle_unconfirmed": Explanation(
+        "A likely circle, worn or short or mostly hidden, and nothing else of the field lies where its camera says.",
+        "A mask (--mask) or one more line or keypoint; circlecal rig brings in other frames of the camera.",
+    ),
     "no_mask": Explanation(
         "mask.source is file, and there is no mask for this frame.",
         "Put x.mask.png beside x.jpg, give --mask FOLDER, or set mask.source=auto.",

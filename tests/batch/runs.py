@@ -22,7 +22,7 @@ def paint(folder: Path, count: int) -> Path:
     """Small pictures without a field, so that a frame takes milliseconds."""
     folder.mkdir(parents=True, exist_ok=True)
     for index in range(count):
-        cv2.imwrite(str(folder / f"f{index:03d}.png"), np.full((80, 120, 3), index, np.uint8))
+        cv2.imwrite(str(folder / f"f{index:03d}.png"), np.full((80, 120, 3), index % 256, np.uint8))
     return folder
 
 

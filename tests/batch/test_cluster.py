@@ -101,7 +101,7 @@ def test_a_lost_scheduler_is_one_line_and_the_run_goes_on_elsewhere(cluster, tmp
 
 
 def test_interrupted(cluster, tmp_path):
-    frames, out = paint(tmp_path / "frames", 150), tmp_path / "out"
+    frames, out = paint(tmp_path / "frames", 900), tmp_path / "out"
     run = start_run(cluster, frames, out)
     wait_for(lambda: finished_lines(out) >= 3, 60)
     run.send_signal(signal.SIGINT)
