@@ -14,7 +14,7 @@ from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.conics import line_conic_meet
 from circlecal.geometry.homogeneous import Array, dehomogenise, fit_line, join, lift, line_distance
 from circlecal.line_ends import paint_ends
-from circlecal.observations import LinePoints, Observations
+from circlecal.observations import LineEnd, LinePoints, Observations
 from circlecal.profiles import measure_bands, sample_profiles, smooth_along
 from circlecal.results import Cues, EllipseFit, EllipseFits, LineCue, MarkCue, MarkingMask, Segment
 
@@ -28,6 +28,8 @@ SMOOTHING_REACH = 3
 """Profiles over which the smoothing along a marking reaches."""
 RIM_CLEARANCE_PX = 8.0
 """How far beyond the circle the halfway line goes on at least, pixels at 1920 px width."""
+END_CLEARANCE_PX = 2.0
+"""Points so far behind the marking at which the halfway line ends are something else, pixels at 1920 px width."""
 LARGEST_GAP = 0.2
 """Pieces of a straight marking lie no further apart than this share of the half chord; it ends at the touchline."""
 LARGEST_BEND = 0.03
@@ -270,9 +272,20 @@ def _halfway_line(
     points = np.concatenate([cue.points_px, *(piece.points_px for piece in further)])
     sigma = np.concatenate([cue.sigma_px, *(piece.sigma_px for piece in further)])
     segment = Segment(cue.segment.start, cue.segment.end, support)
-    unit = picture.shape[1] / 1920.0
-    ends = paint_ends(picture, points, middle, float(np.linalg.norm(half)) + RIM_CLEARANCE_PX * max(unit, 0.5))
-    return LineCue(name, cue.line, points, sigma, segment, cue.rms_px, ends)
+    unit = max(picture.shape[1] / 1920.0, 0.5)
+    ends = paint_ends(picture, points, middle, float(np.linalg.norm(half)) + RIM_CLEARANCE_PX * unit)
+    kept = _before_crossed(points, middle, ends, END_CLEARANCE_PX * unit)
+    return LineCue(name, cue.line, points[kept], sigma[kept], segment, cue.rms_px, ends)
+
+
+def _before_crossed(points: Array, middle: Array, ends: Sequence[LineEnd], clear_px: float) -> NDArray[np.bool_]:
+    """Which points (N, 2) do not lie behind a marking that the line runs into: there is none of its paint there."""
+    kept = np.ones(len(points), np.bool_)
+    for end in ends:
+        along = end.point_px - middle
+        if end.crossed:
+            kept &= (points - middle) @ along < along @ along + clear_px * np.linalg.norm(along)
+    return kept
 
 
 def _followed(

@@ -1,5 +1,6 @@
 """Halfway line, centre mark and further lines."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -197,3 +198,20 @@ def test_markings_measured_together_are_those_measured_alone(painted):
         np.testing.assert_allclose(line.points_px, alone.points_px)
         np.testing.assert_allclose(line.line, alone.line, rtol=1e-6)
     assert measure_lines(picture, [], 1.5, CONFIG) == []
+
+
+def test_the_halfway_line_ends_at_the_touchline_though_something_goes_on_behind_it():
+    camera = view(position=(5.0, 48.0, -18.0), focal=1700.0, size=(1280, 720))
+    painted = paint(camera, noise=1.0)
+    end, before, side, other = camera.project(np.array([[0.0, -34.0], [0.0, -32.0], [-30.0, -34.0], [30.0, -34.0]]))
+    ahead = (end - before) / np.linalg.norm(end - before)
+    image = painted.image.copy()
+    faint = np.zeros_like(image)
+    for picture, first, last, level in ((image, side, other, 225), (faint, end, end + 60.0 * ahead + (1.5, 0.0), 12)):
+        places = (tuple(np.rint(p).astype(int).tolist()) for p in (first, last))
+        cv2.line(picture, *places, (level, level, level), 2)
+    image = cv2.add(image, faint)
+    halfway = cues_in(painted, image=image).halfway
+    beyond = (halfway.points_px - end) @ ahead
+    assert -8.0 < beyond.max() < 4.0
+    assert any(end.crossed for end in halfway.ends)
