@@ -17,6 +17,11 @@ from circlecal.geometry.homogeneous import Array, lift, normalise_line, similari
 
 FOOT_ROUNDS = 6
 """Most rounds of the search for foot points; two or three near the curve."""
+MOVED = 1e-6
+"""Foot points that move less than this share of the semi-axes have arrived."""
+CONVERGED = 1e-4
+"""Share of the squared residuals; a step of the geometric fit that gains less is the last one;
+the next would gain about its square."""
 _SYMMETRIC, _HALVED = np.array([0, 1, 3, 1, 2, 4, 3, 4, 5]), np.array([1, 0.5, 0.5, 0.5, 1, 0.5, 0.5, 0.5, 1])
 _UPPER, _DOUBLED = np.array([0, 1, 4, 2, 5, 8]), np.array([1.0, 2.0, 1.0, 2.0, 2.0, 1.0])
 
@@ -208,7 +213,7 @@ def _feet(ellipse: Ellipse, points: Array) -> tuple[Array, Array]:
     px, py = np.abs(x), np.abs(y)
     # points near the curve start in their own direction, others on the diagonal
     tx, ty = px / a, py / b
-    size = np.hypot(tx, ty)
+    size = np.sqrt(tx * tx + ty * ty)
     outside = size >= 1.0
     near = np.abs(size - 1.0) < 0.5 * (b / a) ** 2  # half the smallest radius of curvature
     if not near.all():
@@ -219,16 +224,17 @@ def _feet(ellipse: Ellipse, points: Array) -> tuple[Array, Array]:
         # centre of curvature of the present foot point; the next one is where its circle meets the ray to the point
         ex, ey = over_x * tx * tx * tx, over_y * ty * ty * ty
         qx, qy = px - ex, py - ey
-        scale = np.hypot(tx * a - ex, ty * b - ey) / np.maximum(np.hypot(qx, qy), 1e-300)
+        rx, ry = tx * a - ex, ty * b - ey
+        scale = np.sqrt((rx * rx + ry * ry) / np.maximum(qx * qx + qy * qy, 1e-300))
         ux = np.minimum(np.maximum((qx * scale + ex) / a, 0.0), 1.0)
         uy = np.minimum(np.maximum((qy * scale + ey) / b, 0.0), 1.0)
-        size = np.hypot(ux, uy)
+        size = np.sqrt(ux * ux + uy * uy)
         if not size.all():  # from the centre of a circle all of its points are as far: keep the last one
             ux, uy, size = np.where(size > 0, ux, tx), np.where(size > 0, uy, ty), np.where(size > 0, size, 1.0)
         ux, uy = ux / size, uy / size
         moved = np.abs(ux - tx).max(initial=0.0) + np.abs(uy - ty).max(initial=0.0)
         tx, ty = ux, uy
-        if moved < 1e-8:  # the next step would be its square
+        if moved < MOVED:  # the next step would be its square
             break
     fx, fy = np.copysign(tx * a, x), np.copysign(ty * b, y)
     distance = np.hypot(x - fx, y - fy)
@@ -449,13 +455,19 @@ def refine_conic(
         residual, jacobian, cost = state
         normal = jacobian.T @ jacobian
         gauge = np.outer(current, current) * np.trace(normal)
+        gradient = jacobian.T @ residual
         scaled = normal + damping * np.diag(np.diag(normal)) + gauge
         try:
-            step = -np.linalg.solve(scaled, jacobian.T @ residual)
+            step = -np.linalg.solve(scaled, gradient)
         except np.linalg.LinAlgError:
             return None
         proposal = current + step
         proposal = proposal / np.linalg.norm(proposal)
+        # what the linear model promises; where that is nothing, the fit has arrived
+        promised = -float(step @ (2 * gradient + normal @ step))
+        if promised <= CONVERGED * cost:
+            current = proposal
+            break
         new_state = linearise(proposal)
         if new_state is not None and new_state[2] <= cost:
             converged = np.linalg.norm(proposal - current) < 1e-15 or cost - new_state[2] <= 1e-7 * cost

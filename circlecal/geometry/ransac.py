@@ -146,10 +146,16 @@ def ransac_conic(
 
 
 def _samples_needed(best: RobustConic | None, most: int, confidence: float) -> int:
-    """How many samples of five points make one without outliers as sure as ``confidence``, at most ``most``."""
-    clean = 0.0 if best is None else float(np.mean(best.inliers)) ** 5
-    if confidence >= 1.0 or clean <= 0.0:
+    """How many samples of five points make one without outliers as sure as ``confidence``, at most ``most``.
+
+    None where the fit to all points explains nearly all of them.
+    """
+    share = 0.0 if best is None else float(np.mean(best.inliers))
+    if confidence >= 1.0 or share <= 0.0:
         return most
+    if share > NEARLY_ALL:
+        return 0
+    clean = share**5
     return min(most, int(np.ceil(SAFETY * np.log(1.0 - confidence) / np.log(1.0 - min(clean, 0.999)))))
 
 
