@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from circlecal.geometry.conics import line_conic_meet, pole
 from circlecal.geometry.homogeneous import Array, dehomogenise, line_distance, normalise_line
-from circlecal.profiles import sample_profiles
+from circlecal.profiles import Brightness, sample_profiles
 
 Rows = NDArray[np.floating[Any]]
 
@@ -61,7 +61,7 @@ class _Rectified:
 
 
 def find_centre_mark(
-    picture: NDArray[np.float32],
+    picture: Brightness,
     line: Array,
     line_points_px: Array,
     conic: Array,
@@ -75,7 +75,7 @@ def find_centre_mark(
 
     Parameters
     ----------
-    picture : (H, W) float32
+    picture : (H, W) uint8 or float32
         Brightness; the marking is lighter than the surface.
     line : (3,) array
         Halfway line, px.
@@ -129,7 +129,7 @@ def find_centre_mark(
 
 
 def _rectified(
-    picture: NDArray[np.float32],
+    picture: Brightness,
     line: Array,
     line_points_px: Array,
     conic: Array,

@@ -8,11 +8,10 @@ the picture nothing follows.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from circlecal.geometry.homogeneous import Array, fit_line
 from circlecal.observations import LineEnd
-from circlecal.profiles import sample_profiles
+from circlecal.profiles import Brightness, sample_profiles
 
 PAINT_PX, BESIDE_PX = (-1.0, 0.0, 1.0), (5.0, 7.0, 9.0)
 """Offsets across the marking, pixels at 1920 px width, of its paint and of its surroundings."""
@@ -29,14 +28,12 @@ LEAST_LEVEL, LEAST_CROSSING = 8.0, 1.5
 BEND_SCALE_PX = 1.5
 
 
-def paint_ends(
-    picture: NDArray[np.float32], points_px: Array, middle_px: Array, clear_px: float
-) -> tuple[LineEnd, ...]:
+def paint_ends(picture: Brightness, points_px: Array, middle_px: Array, clear_px: float) -> tuple[LineEnd, ...]:
     """Ends, at most two, of a straight marking.
 
     Parameters
     ----------
-    picture : (H, W) float32
+    picture : (H, W) uint8 or float32
         Brightness, with the markings lighter than the field.
     points_px : (N, 2) array
         Points along its middle; they may run on over something else.
@@ -88,7 +85,7 @@ def _bend(position: Array, offset: Array, unit: float, clear_px: float) -> Array
     return np.asarray(coefficients / np.array([scale * scale, scale, 1.0]))
 
 
-def _brightness(picture: NDArray[np.float32], path: Array, normal: Array, unit: float) -> tuple[Array, Array]:
+def _brightness(picture: Brightness, path: Array, normal: Array, unit: float) -> tuple[Array, Array]:
     """Of the paint (N,) and of both sides (2, N) along a path, smoothed over three pixels at 1920 px width."""
     offsets = unit * np.array([*(-d for d in BESIDE_PX), *BESIDE_PX, *PAINT_PX])
     profiles = np.nan_to_num(sample_profiles(picture, path, np.broadcast_to(normal, path.shape), offsets))

@@ -232,12 +232,13 @@ class _Job:
         config, template, circle, reached = self.config, self.template, self.circle, self.reached
         polarity = -1.0 if circle.color == "dark" else 1.0
         with self._clock("mask"):
-            marking, refusal = find_marking(image, given, config.mask, self.rng)
+            brightness = grey(image)
+            marking, refusal = find_marking(image, given, config.mask, self.rng, brightness)
             reached["mask"] = marking
         if refusal is not None:
             raise refusal
         with self._clock("edges"):
-            picture = grey(image, polarity)
+            picture = brightness if polarity >= 0 else ~brightness
             edges = reached["edges"] = detect_edges(picture, marking, config.edges)
         with self._clock("rays"):
             relative_width = template.marking_width_m / template.radius(circle, "center")

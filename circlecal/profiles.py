@@ -16,6 +16,9 @@ from numpy.typing import NDArray
 
 from circlecal.geometry.homogeneous import Array
 
+Brightness = NDArray[np.uint8 | np.float32]
+"""Grey picture (H, W): as it is decoded, or with fractions."""
+
 PEAK_SHARE = 0.4
 """The middle is the centroid of what rises above this share of the peak."""
 SIGMA_FLOOR_PX = 0.08
@@ -55,15 +58,13 @@ class Bands:
         return self.right - self.left
 
 
-def grey(image: NDArray[np.uint8], polarity: float = 1.0) -> NDArray[np.float32]:
+def grey(image: NDArray[np.uint8], polarity: float = 1.0) -> NDArray[np.uint8]:
     """Brightness (H, W) of a BGR picture; negative ``polarity`` turns dark markings into light ones."""
-    values = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.float32)
-    return values if polarity >= 0 else 255.0 - values
+    values = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
+    return values if polarity >= 0 else ~values
 
 
-def sample_profiles(
-    picture: NDArray[np.float32], points_px: Array, normals: Array, offsets: Array
-) -> NDArray[np.float32]:
+def sample_profiles(picture: Brightness, points_px: Array, normals: Array, offsets: Array) -> NDArray[np.float32]:
     """Brightness (N, S) at ``points + offset * normal``, bilinear; nan outside the picture.
 
     Stored with the profiles side by side (``.T`` is contiguous), as :func:`measure_bands` reads them.
@@ -74,7 +75,8 @@ def sample_profiles(
     across = np.asarray(offsets, np.float32)[:, None]
     (x0, y0), (nx, ny) = (np.asarray(v, np.float32).T for v in (points_px, normals))
     x, y = x0 + across * nx, y0 + across * ny
-    values = np.asarray(cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float32)
+    sampled = cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    values = np.asarray(sampled, np.float32)
     ends_x, ends_y = x[[0, -1]], y[[0, -1]]
     if ends_x.min() < 0 or ends_y.min() < 0 or ends_x.max() > width - 1 or ends_y.max() > height - 1:
         values[(x < 0) | (y < 0) | (x > width - 1) | (y > height - 1)] = np.nan
@@ -195,11 +197,19 @@ def _crossing(signal: NDArray[np.float32], peak: NDArray[np.float32], outer: NDA
     return np.where(found, row + inward * share, np.nan)
 
 
-def picture_noise(picture: NDArray[np.float32], region: NDArray[np.bool_] | None = None) -> float:
-    """Grey-level noise: robust standard deviation of the diagonal second difference (Immerkaer 1996), floor 0.5."""
-    second_difference = np.array([1, -2, 1], dtype=np.float32)
-    response = np.asarray(cv2.sepFilter2D(picture, -1, second_difference, second_difference / 6), np.float32)
-    values = response[::2, ::2] if region is None else response[::2, ::2][region[::2, ::2]]
-    if values.size < 100:
-        values = response
-    return float(max(0.5, 1.4826 * np.median(np.abs(values))))
+def picture_noise(picture: Brightness, places: NDArray[np.int_] | None = None) -> float:
+    """Grey-level noise: robust standard deviation of the diagonal second difference (Immerkaer 1996), floor 0.5.
+
+    ``places`` (N,) are the flat indices of the pixels that are looked at, none of them at the picture's border; every
+    other one without them, or where they are few.
+    """
+    if places is None or len(places) < 100:
+        second_difference = np.array([1, -2, 1], dtype=np.float32)
+        values = np.abs(cv2.sepFilter2D(picture, cv2.CV_32F, second_difference, second_difference)[::2, ::2]).ravel()
+    else:
+        flat, width = picture.ravel(), picture.shape[1]
+        around = places + np.array([[-width], [0], [width]])
+        ends, middle = flat[around - 1].astype(np.float32) + flat[around + 1], flat[around].astype(np.float32)
+        rows = ends - 2 * middle
+        values = np.abs(rows[0] - 2 * rows[1] + rows[2])
+    return float(max(0.5, 1.4826 / 6 * np.median(values)))

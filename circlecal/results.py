@@ -49,8 +49,8 @@ class MarkingMask:
         Rough halfway line.
     lines : tuple of Segment
         Other straight markings.
-    field_region : (H, W) bool or None
-        The playing surface, where the detector found it.
+    field_region : (h, w) bool or None
+        The playing surface in a reduced picture, where the detector found it.
     candidates : tuple of (3, 3) arrays
         The best hypotheses, also when all were refused (for the debug picture).
     certain : bool

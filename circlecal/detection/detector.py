@@ -29,6 +29,7 @@ from circlecal.detection.scoring import RidgeRaster, best_distinct, ranked, refi
 from circlecal.detection.sides import painted_on_one_surface
 from circlecal.geometry.conics import sampson_distance
 from circlecal.geometry.homogeneous import Array, lift
+from circlecal.profiles import grey as brightness_of
 
 __all__ = ["detect"]
 
@@ -117,7 +118,12 @@ def thorough(config: DetectorConfig) -> DetectorConfig:
     return config.model_copy(update={"ridges": ridges, "hypotheses": hypotheses, "candidates": candidates})
 
 
-def detect(image_bgr: NDArray[np.uint8], config: DetectorConfig, rng: np.random.Generator) -> Detection:
+def detect(
+    image_bgr: NDArray[np.uint8],
+    config: DetectorConfig,
+    rng: np.random.Generator,
+    brightness: NDArray[np.uint8] | None = None,
+) -> Detection:
     """Find the field, its straight markings, the centre circle and the halfway line in one picture.
 
     Parameters
@@ -127,6 +133,8 @@ def detect(image_bgr: NDArray[np.uint8], config: DetectorConfig, rng: np.random.
     config : DetectorConfig
     rng : numpy.random.Generator
         Draws the hypotheses.
+    brightness : (H, W) uint8, optional
+        Of the frame, where it is known already.
 
     Returns
     -------
@@ -141,8 +149,7 @@ def detect(image_bgr: NDArray[np.uint8], config: DetectorConfig, rng: np.random.
     if image_bgr.ndim != 3 or image_bgr.shape[2] != 3 or image_bgr.dtype != np.uint8:
         raise ValueError(f"image_bgr must be (H, W, 3) uint8, not {image_bgr.shape} {image_bgr.dtype}")
     watch = _Stopwatch()
-    height, width = image_bgr.shape[:2]
-    full_grey = np.asarray(cv2.cvtColor(image_bgr, cv2.COLOR_BGR2GRAY), np.uint8)
+    full_grey = brightness_of(image_bgr) if brightness is None else brightness
     watch.lap("scale")
     region = find_field_region(image_bgr, config.field_region)
     watch.lap("field")
@@ -157,7 +164,7 @@ def detect(image_bgr: NDArray[np.uint8], config: DetectorConfig, rng: np.random.
     watch.lap("mask")
     halfway = None if found.halfway is None else LineSegment(*found.halfway.ends, support=found.halfway.support)
     detection = Detection(
-        field_region=region.inside(width, height),
+        region=region,
         ridge_points=search.scaling.full(ridges.points),
         ridge_normals=ridges.normals,
         ridge_strength=ridges.strength,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from circlecal.detection.field_region import FieldRegion
 from circlecal.geometry.homogeneous import Array
 
 __all__ = ["CircleHypothesis", "Detection", "LineSegment"]
@@ -73,8 +74,8 @@ class Detection:
 
     Attributes
     ----------
-    field_region : (H, W) bool
-        Hull of the playing field.
+    region : FieldRegion
+        Hull of the playing field, in a reduced picture.
     ridge_points, ridge_normals : (N, 2) float64
         Centreline points of thin markings (and of whatever looks like one), px, and unit normals.
     ridge_strength : (N,) float64
@@ -98,7 +99,7 @@ class Detection:
         Milliseconds of every step.
     """
 
-    field_region: NDArray[np.bool_]
+    region: FieldRegion
     ridge_points: Array
     ridge_normals: Array
     ridge_strength: Array
@@ -110,3 +111,8 @@ class Detection:
     refusal: str | None
     timings_ms: dict[str, float]
     certain: bool = True
+
+    @property
+    def field_region(self) -> NDArray[np.bool_]:
+        """Whether each pixel of the frame (H, W) lies in the hull of the playing field."""
+        return self.region.inside(self.mask.shape[1], self.mask.shape[0])

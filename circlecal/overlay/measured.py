@@ -144,10 +144,12 @@ def cues_picture(image: Picture, cues: Cues, zoom: int) -> Picture:
 
 
 def _with_field_region(image: Picture, mask: MarkingMask) -> Picture:
-    if mask.field_region is None or mask.field_region.shape != image.shape[:2]:
+    if mask.field_region is None:
         return image
-    shaded = np.where(mask.field_region[..., None], image, (0.45 * image).astype(np.uint8))
-    outline, _ = cv2.findContours(mask.field_region.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+    size = image.shape[1], image.shape[0]
+    region = np.asarray(cv2.resize(mask.field_region.view(np.uint8), size, interpolation=cv2.INTER_NEAREST), np.uint8)
+    shaded = np.where(region[..., None] > 0, image, (0.45 * image).astype(np.uint8))
+    outline, _ = cv2.findContours(region, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
     picture = np.ascontiguousarray(shaded, dtype=np.uint8)
     cv2.drawContours(picture, outline, -1, WHITE, max(1, image.shape[1] // 960), cv2.LINE_AA)
     return picture

@@ -15,7 +15,7 @@ from circlecal.geometry.conics import line_conic_meet
 from circlecal.geometry.homogeneous import Array, dehomogenise, fit_line, join, lift, line_distance
 from circlecal.line_ends import paint_ends
 from circlecal.observations import LineEnd, LinePoints, Observations
-from circlecal.profiles import measure_bands, sample_profiles, smooth_along
+from circlecal.profiles import Brightness, measure_bands, sample_profiles, smooth_along
 from circlecal.results import Cues, EllipseFit, EllipseFits, LineCue, MarkCue, MarkingMask, Segment
 
 MOST_PIECES = 12
@@ -65,7 +65,7 @@ class CuesConfig(BaseModel):
 
 
 def find_cues(
-    picture: NDArray[np.float32],
+    picture: Brightness,
     mask: MarkingMask,
     ellipses: EllipseFits,
     noise: float,
@@ -77,7 +77,7 @@ def find_cues(
 
     Parameters
     ----------
-    picture : (H, W) float32
+    picture : (H, W) uint8 or float32
         Brightness, with the markings lighter than the field (:func:`circlecal.profiles.grey`).
     mask : MarkingMask
         Gives the rough lines.
@@ -138,7 +138,7 @@ def _line_cue(seen: LinePoints) -> LineCue:
 
 
 def measure_lines(
-    picture: NDArray[np.float32], segments: Sequence[Segment], noise: float, config: CuesConfig
+    picture: Brightness, segments: Sequence[Segment], noise: float, config: CuesConfig
 ) -> list[LineCue | None]:
     """Sub-pixel points along rough straight markings, and the total least squares line through both edges of each.
 
@@ -186,7 +186,7 @@ class _BandSamples:
 
 
 def _band_samples(
-    picture: NDArray[np.float32],
+    picture: Brightness,
     ends: Array,
     noise: float,
     config: CuesConfig,
@@ -256,7 +256,7 @@ def _beyond(chord: Array, half_chords: float, shape: tuple[int, ...]) -> Segment
 
 
 def _halfway_line(
-    picture: NDArray[np.float32], cue: LineCue | None, chord: Array, noise: float, name: str | None, config: CuesConfig
+    picture: Brightness, cue: LineCue | None, chord: Array, noise: float, name: str | None, config: CuesConfig
 ) -> LineCue | None:
     """The measured line, continued as far as it is seen; None where too little of the chord is seen."""
     if cue is None:
@@ -288,9 +288,7 @@ def _before_crossed(points: Array, middle: Array, ends: Sequence[LineEnd], clear
     return kept
 
 
-def _followed(
-    picture: NDArray[np.float32], near: LineCue, step_px: float, noise: float, config: CuesConfig
-) -> list[LineCue]:
+def _followed(picture: Brightness, near: LineCue, step_px: float, noise: float, config: CuesConfig) -> list[LineCue]:
     """Pieces of a straight marking beyond its measured part, each expected where the one before points to.
 
     Lens and crown bend the line, so the pieces follow it; the first that is not clearly there ends the search on its
@@ -343,7 +341,7 @@ def _clipped(start: Array, end: Array, width: int, height: int, margin: float = 
 
 
 def _centre_mark(
-    picture: NDArray[np.float32],
+    picture: Brightness,
     halfway: LineCue,
     fit: EllipseFit,
     template: FieldTemplate,

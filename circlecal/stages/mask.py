@@ -46,7 +46,11 @@ class MaskConfig(BaseModel):
 
 
 def find_marking(
-    image: NDArray[np.uint8], given: NDArray[np.uint8] | None, config: MaskConfig, rng: np.random.Generator
+    image: NDArray[np.uint8],
+    given: NDArray[np.uint8] | None,
+    config: MaskConfig,
+    rng: np.random.Generator,
+    brightness: NDArray[np.uint8] | None = None,
 ) -> tuple[MarkingMask, EstimationError | None]:
     """The marking mask of a frame, and the reason where it holds no circle.
 
@@ -60,6 +64,8 @@ def find_marking(
         Options.
     rng : numpy.random.Generator
         For the detector's and the mask's robust fits.
+    brightness : (H, W) uint8, optional
+        Of the picture, where it is known already.
 
     Returns
     -------
@@ -78,7 +84,7 @@ def find_marking(
     if given is None and config.source == "file":
         return _empty(image), EstimationError("mask", "no_mask", "mask.source is file, and no mask was given")
     if given is None or config.source == "detector":
-        return marking_from_detection(detect(image, config.detector, rng))
+        return marking_from_detection(detect(image, config.detector, rng, brightness))
     return marking_from_classes(given, config, rng)
 
 
@@ -105,7 +111,7 @@ def marking_from_detection(found: Detection) -> tuple[MarkingMask, EstimationErr
         if found.halfway is None
         else Segment(found.halfway.start, found.halfway.end, found.halfway.support),
         lines=tuple(Segment(s.start, s.end, s.support) for s in found.lines),
-        field_region=found.field_region,
+        field_region=found.region.hull > 0,
         candidates=tuple(c.conic for c in found.candidates),
         certain=found.certain,
     )

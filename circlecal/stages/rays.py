@@ -20,7 +20,7 @@ from circlecal.geometry.conics import Ellipse, ellipse_from_conic
 from circlecal.geometry.homogeneous import Array
 from circlecal.geometry.ransac import ransac_conic
 from circlecal.observations import CircleEdge
-from circlecal.profiles import Bands, measure_bands, sample_profiles, smooth_along
+from circlecal.profiles import Bands, Brightness, measure_bands, sample_profiles, smooth_along
 from circlecal.results import CameraFit, EdgePoints, MarkingMask, RayPoints
 
 FIRST_STEP = 4.0
@@ -55,7 +55,7 @@ class RaysConfig(BaseModel):
 
 
 def cast_rays(
-    picture: NDArray[np.float32],
+    picture: Brightness,
     edges: EdgePoints,
     mask: MarkingMask,
     relative_width: float,
@@ -66,7 +66,7 @@ def cast_rays(
 
     Parameters
     ----------
-    picture : (H, W) float32
+    picture : (H, W) uint8 or float32
         Brightness, with the markings lighter than the field (:func:`circlecal.profiles.grey`).
     edges : EdgePoints
         From the stage ``edges``.
@@ -113,7 +113,7 @@ def cast_rays(
 
 
 def measure_along_model(
-    picture: NDArray[np.float32],
+    picture: Brightness,
     fit: CameraFit,
     circle: Circle,
     template: FieldTemplate,
@@ -126,7 +126,7 @@ def measure_along_model(
 
     Parameters
     ----------
-    picture : (H, W) float32
+    picture : (H, W) uint8 or float32
         Brightness, with the markings lighter than the field.
     fit : CameraFit
         The camera.
@@ -188,7 +188,7 @@ def even_angles(ellipse: Ellipse, spacing_px: float, maximum: int) -> Array:
 
 
 def _centreline(
-    picture: NDArray[np.float32],
+    picture: Brightness,
     ellipse: Ellipse,
     noise: float,
     search_px: float,
@@ -209,7 +209,7 @@ def _centreline(
 
 
 def _bands_along(
-    picture: NDArray[np.float32],
+    picture: Brightness,
     points: Array,
     normals: Array,
     predicted: Array,
