@@ -74,7 +74,9 @@ def with_crossings(
             break
         parts = [_one_point(template.line_by_name[str(m.line)], m.points_px[0], m.sigma_px, template) for m in met]
         fuller = replace(problem, curves=joined_curves(stack_curves(parts), problem.curves))
-        found = minimise(fuller, state.theta[:1], WIDE * loss_scale, tolerance=COARSE)
+        start = state.theta[:1]
+        hidden = ground_hidden(fuller.curves, start, problem.frame)
+        found = minimise(fuller, start, WIDE * loss_scale, hidden=hidden, tolerance=COARSE)
         if (np.abs(found.residuals) > 0.5 * loss_scale).any():
             found = minimise(fuller, found.theta, loss_scale, hidden=found.hidden, tolerance=COARSE)
         if found.cost[0] < state.cost[0] + WORST_COST * len(met):
@@ -88,14 +90,36 @@ def _crossings(
     named = [s for s in observations.lines if s.ends and s.line is not None and s.line in template.line_by_name]
     if not named:
         return ()
-    covariance = posterior_covariance(state.normal[0], problem.priors.sd)
-    theta = state.theta[:1]
-    points = [
-        _crossing(end, seen, problem, theta, covariance, observations, template, worst)
-        for seen in named
-        for end in seen.ends
-    ]
-    return tuple(point for point in points if point is not None)
+    theta, unit = state.theta[:1], observations.width / 1920.0
+    ends = [(end, seen) for seen in named for end in seen.ends]
+    drawn = [template.line_by_name[str(seen.line)] for _, seen in ends]
+    sigma = np.array([SIGMA_PX * unit])
+    lines = stack_curves(
+        [_one_point(line, end.point_px, sigma, template) for (end, _), line in zip(ends, drawn, strict=True)]
+    )
+    along = curve_residuals(lines, theta, ground_hidden(lines, theta, problem.frame), problem.frame).hidden
+    place = lines.origin + along[0, :, None] * lines.direction
+    corners = np.array([template.line_ends(line) for line in drawn])
+    far = along[0] > 0.5 * np.linalg.norm(corners[:, 1] - corners[:, 0], axis=-1)
+    outward = np.where(far[:, None], lines.direction, -lines.direction)
+    # the paint ends on the near edge of the other marking, its middle lies half a width further
+    at = view(theta, place[None, :, 0], place[None, :, 1], problem.frame)
+    middles = lines.points_px + at.along(*outward.T)[0].T * 0.5 * template.marking_width_m
+    others = [_running_through(corners[k, int(far[k])], line, template) for k, line in enumerate(drawn)]
+    met = [k for k, other in enumerate(others) if other is not None]
+    if not met:
+        return ()
+    points = stack_curves([_one_point(other, middles[k], sigma, template) for k, other in enumerate(others) if other])
+    expected = curve_residuals(points, theta, ground_hidden(points, theta, problem.frame), problem.frame)
+    J = expected.jacobian[0]
+    spread = np.sqrt(((J @ posterior_covariance(state.normal[0], problem.priors.sd)) * J).sum(axis=1))
+    believed = np.abs(expected.values[0]) <= worst * np.hypot(spread, 1.0)
+    vague = spread * SIGMA_PX > SURE_PX
+    return tuple(
+        LinePoints(name, middles[k][None], sigma)
+        for k, name, fits, unsure in zip(met, points.names, believed, vague, strict=True)
+        if fits and (ends[k][0].crossed or not unsure or _met(*ends[k], observations, unit))
+    )
 
 
 def passes(segment: Array, point_px: Array, unit: float) -> bool:
@@ -111,42 +135,6 @@ def segment_ends(points: Array) -> Array:
     normal = fit_line(points)[:2]
     position = points @ np.array([normal[1], -normal[0]])
     return points[[np.argmin(position), np.argmax(position)]]
-
-
-def _crossing(
-    end: LineEnd,
-    seen: LinePoints,
-    problem: Problem,
-    theta: Array,
-    covariance: Array,
-    observations: Observations,
-    template: FieldTemplate,
-    worst: float,
-) -> LinePoints | None:
-    drawn = template.line_by_name[str(seen.line)]
-    unit = observations.width / 1920.0
-    sigma = np.array([SIGMA_PX * unit])
-    line = _one_point(drawn, end.point_px, sigma, template)
-    hidden = curve_residuals(line, theta, ground_hidden(line, theta, problem.frame), problem.frame).hidden[0, 0]
-    ends = template.line_ends(drawn)
-    length = float(np.linalg.norm(ends[1] - ends[0]))
-    other = _running_through(ends[int(hidden > 0.5 * length)], drawn, template)
-    if other is None:
-        return None
-    # the paint ends on the near edge of the other marking, its middle lies half a width further
-    outward = (ends[1] - ends[0]) / length * (1.0 if hidden > 0.5 * length else -1.0)
-    place = line.origin + hidden * line.direction
-    at = view(theta, place[:, :1], place[:, 1:], problem.frame)
-    middle = end.point_px + at.along(*outward)[0, :, 0] * 0.5 * template.marking_width_m
-    point = _one_point(other, middle, sigma, template)
-    expected = curve_residuals(point, theta, ground_hidden(point, theta, problem.frame), problem.frame)
-    J = expected.jacobian[0, 0]
-    variance = float(J @ covariance @ J)
-    if abs(expected.values[0, 0]) > worst * np.sqrt(variance + 1.0):
-        return None
-    if not end.crossed and np.sqrt(variance) * SIGMA_PX > SURE_PX and not _met(end, seen, observations, unit):
-        return None
-    return LinePoints(other.name, middle[None], sigma)
 
 
 def _one_point(line: Line, point_px: Array, sigma: Array, template: FieldTemplate) -> CurvePoints:

@@ -17,7 +17,7 @@ LARGEST_STEP = 0.7
 LOG_FOCAL_RANGE = (np.log(10.0), np.log(1e6))
 """Of the focal length in pixels: nothing outside is a camera."""
 LEAST_DAMPING, FIRST_DAMPING, LAST_DAMPING = 1e-10, 1e-4, 1e5
-FINAL, COARSE = 1e-6, 1e-2
+FINAL, COARSE = 1e-5, 1e-1
 """Decreases of the cost (chi-square) that are not worth a step: of a result, and of what is only compared."""
 HOPELESS = 100.0
 """A start whose cost is so much worse than the best one's, beyond what its steps promise, is not followed on."""

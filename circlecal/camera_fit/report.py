@@ -8,8 +8,7 @@ from circlecal.camera_fit.model import INDEX, PARAMETERS, Frame, camera_of, homo
 from circlecal.camera_fit.optimise import Problem, State
 from circlecal.camera_fit.uncertainty import (
     correlation_factor,
-    data_share,
-    field_sigma,
+    field_uncertainty,
     homography_vectors,
     imaged_points,
     posterior_covariance,
@@ -47,8 +46,7 @@ def camera_fit(
     cameras = homographies(np.concatenate([theta[None], spread_cameras(theta, covariance, reference)]), frame)
     vectors, centers = homography_vectors(cameras), imaged_points(cameras, center[None])[:, 0]
     grid = visible_field(theta, frame, template, reference, REACH_RADII * circle.radius_m)
-    sigma_px, sigma_m = field_sigma(theta, covariance, grid, frame)
-    share = data_share(theta, covariance, prior.T @ prior, grid, frame)
+    uncertainty = field_uncertainty(theta, covariance, grid, frame, prior.T @ prior)
     return CameraFit(
         camera=camera,
         crown_m=float(theta[INDEX["crown"]]),
@@ -61,10 +59,10 @@ def camera_fit(
         imaged_center_px=centers[0],
         imaged_center_covariance=push_forward(centers[0], centers[1:]),
         noise_scale=scale,
-        data_share=share,
+        data_share=uncertainty.data_share,
         residual_correlation=_correlation(problem, state, circle),
-        max_sigma_px=float(sigma_px.max()) if len(grid) else float("inf"),
-        max_sigma_m=float(sigma_m.max()) if len(grid) else float("inf"),
+        max_sigma_px=float(uncertainty.picture_px.max()) if len(grid) else float("inf"),
+        max_sigma_m=float(uncertainty.ground_m.max()) if len(grid) else float("inf"),
         residuals_px=residuals_px(problem, state),
         theta=theta,
         stated_sigma_px=stated_sigma_px,

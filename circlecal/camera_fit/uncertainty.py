@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from circlecal.camera_fit.look import LOOK, from_look, look_jacobian, to_look
-from circlecal.camera_fit.model import PARAMETERS, Frame, active_parameters, project
+from circlecal.camera_fit.model import PARAMETERS, Frame, active_parameters, view
 from circlecal.geometry.homogeneous import Array, dehomogenise, lift
 
 
@@ -68,32 +70,51 @@ def imaged_points(homographies: Array, points_m: Array) -> Array:
     return dehomogenise(lift(points_m) @ np.swapaxes(homographies, 1, 2))
 
 
+@dataclass(frozen=True, slots=True)
+class FieldUncertainty:
+    """Standard deviations of field points: in the picture (N,) pixels, and on the ground (N,) metres, both of the
+    length of the error; and the share of the precision there that the observations bring, the priors the rest.
+    """
+
+    picture_px: Array
+    ground_m: Array
+    data_share: float
+
+
+def field_uncertainty(
+    theta: Array, covariance: Array, points_m: Array, frame: Frame, prior_normal: Array | None = None
+) -> FieldUncertainty:
+    """What the covariance (P, P) of a camera (P,) means for field points (N, 2).
+
+    With the posterior precision F + L (data and prior), the predicted variance J S J^T splits exactly into J S F S
+    J^T and J S L S J^T; without the priors' Gauss-Newton matrix L (P, P) the data are taken to bring everything.
+    """
+    seen = view(theta[None], points_m[None, :, 0], points_m[None, :, 1], frame)
+    toward = np.zeros((2, 1, 2, len(points_m)))
+    toward[0, :, 0] = toward[1, :, 1] = 1.0
+    (by_x, field_x), (by_y, field_y) = (seen.gradient(axis) for axis in toward)
+    J = np.concatenate([by_x[0], by_y[0]], axis=1)
+    pushed = covariance @ J
+    size = len(points_m)
+    xx, yy = (pushed * J).sum(axis=0).reshape(2, size)
+    xy = (pushed[:, :size] * J[:, size:]).sum(axis=0)
+    (a, b), (c, d) = field_x[0], field_y[0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # of the inverse of the derivative by the field position
+        ground = ((d * d + c * c) * xx - 2.0 * (b * d + a * c) * xy + (a * a + b * b) * yy) / (a * d - b * c) ** 2
+    share = 1.0
+    if prior_normal is not None and (total := float((xx + yy).sum())) > 0:
+        share = float(np.clip(1.0 - (prior_normal @ pushed * pushed).sum() / total, 0.0, 1.0))
+    return FieldUncertainty(np.sqrt(xx + yy), np.sqrt(np.maximum(ground, 0.0)), share)
+
+
 def field_sigma(theta: Array, covariance: Array, points_m: Array, frame: Frame) -> tuple[Array, Array]:
     """Standard deviations of field points (N, 2): in the picture (N,) pixels, and on the ground (N,) metres.
 
     Both are root mean squares over the two axes times sqrt 2, i.e. of the length of the error.
     """
-    seen = project(theta[None], points_m[None], frame)
-    J = seen.by_theta[0]
-    spread = J @ covariance @ np.swapaxes(J, 1, 2)
-    (a, b), (c, d) = np.moveaxis(seen.by_field[0], 0, -1)
-    determinant = a * d - b * c
-    with np.errstate(divide="ignore", invalid="ignore"):
-        inverse = np.moveaxis(np.array([[d, -b], [-c, a]]) / determinant, -1, 0)
-        ground = inverse @ spread @ np.swapaxes(inverse, 1, 2)
-    return np.sqrt(np.trace(spread, axis1=1, axis2=2)), np.sqrt(np.maximum(np.trace(ground, axis1=1, axis2=2), 0.0))
-
-
-def data_share(theta: Array, covariance: Array, prior_normal: Array, points_m: Array, frame: Frame) -> float:
-    """Share of the predicted precision at field points (N, 2) that the observations bring; the priors bring the rest.
-
-    With the posterior precision F + L (data and prior), the predicted variance J S J^T splits exactly into J S F S
-    J^T and J S L S J^T.
-    """
-    J = project(theta[None], points_m[None], frame).by_theta[0].reshape(-1, len(PARAMETERS))
-    pushed = J @ covariance
-    total, prior = float(np.sum(pushed * J)), float(np.sum(pushed @ prior_normal * pushed))
-    return float(np.clip(1.0 - prior / total, 0.0, 1.0)) if total > 0 else 1.0
+    found = field_uncertainty(theta, covariance, points_m, frame)
+    return found.picture_px, found.ground_m
 
 
 def correlation_factor(values: Array, maximum_lag: int = 40) -> float:

@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from circlecal.camera_fit.all_starts import MINIMUM_CIRCLE_POINTS, arc_deg, screened, starts_of, usual_lens
 from circlecal.camera_fit.crossings import with_crossings
-from circlecal.camera_fit.curves import FixedPoints
+from circlecal.camera_fit.curves import FixedPoints, ground_hidden
 from circlecal.camera_fit.model import INDEX, PARAMETERS, Frame
 from circlecal.camera_fit.naming import name_lines
 from circlecal.camera_fit.noise import inflated
@@ -196,7 +196,8 @@ def estimate_camera(
             state = minimise(problem, state.theta, config.loss_scale, config.iterations, state.hidden)
         else:
             problem, start, named = more
-            state = minimise(problem, start, config.loss_scale, config.iterations, tolerance=COARSE)
+            hidden = ground_hidden(problem.curves, start, frame)
+            state = minimise(problem, start, config.loss_scale, config.iterations, hidden, COARSE)
             problem, state, scale = _settled(problem, state, config, FINAL)
     return camera_fit(
         problem,

@@ -6,8 +6,8 @@ import pytest
 from circlecal.camera_fit.model import INDEX, PARAMETERS, Frame, camera_of, homographies, project
 from circlecal.camera_fit.uncertainty import (
     correlation_factor,
-    data_share,
     field_sigma,
+    field_uncertainty,
     homography_vectors,
     imaged_points,
     posterior_covariance,
@@ -116,7 +116,7 @@ def test_data_share_is_the_share_of_the_precision(prior_weight, low, high):
     precision = np.linalg.pinv(small_covariance(np.random.default_rng(6)))
     prior = prior_weight * precision
     covariance = np.linalg.pinv(precision + prior, rcond=1e-30)
-    found = data_share(theta, covariance, prior, np.array([[5.0, 5.0], [-5.0, 2.0]]), FRAME)
+    found = field_uncertainty(theta, covariance, np.array([[5.0, 5.0], [-5.0, 2.0]]), FRAME, prior).data_share
     assert low - 1e-6 <= found <= high + 1e-6
 
 
@@ -128,7 +128,7 @@ def test_data_share_of_a_well_and_a_badly_seen_direction():
     covariance = np.zeros((SIZE, SIZE))
     covariance[1, 1], covariance[3, 3] = 1e-8, 1e-2
     field = np.array([[9.0, 0.0]])
-    assert data_share(theta, covariance, by_prior, field, FRAME) < 0.1
+    assert field_uncertainty(theta, covariance, field, FRAME, by_prior).data_share < 0.1
 
 
 def test_correlation_factor_counts_repeats():
