@@ -18,8 +18,8 @@ from circlecal.observations import CircleEdge, CirclePoints, Observations
 MINIMUM_CIRCLE_POINTS = 6
 """With fewer the circle is no ellipse that a start could come from."""
 
-REFINEMENTS = 4
-"""Steps of an ellipse from which only starts are taken."""
+REFINEMENTS, ELLIPSE_POINTS = 3, 120
+"""Steps of an ellipse from which only starts are taken, and of how many points of it about."""
 
 _SeenEllipse = tuple[Array, Ellipse, CircleEdge]
 
@@ -115,11 +115,12 @@ def _seen_ellipse(
     seen = _longest_edge(observations, circle)
     if seen is None:
         return None
-    points = usual_lens(problem).undistort(seen.points_px)
+    some = slice(None, None, max(1, len(seen.points_px) // ELLIPSE_POINTS))
+    points = usual_lens(problem).undistort(seen.points_px[some])
     conic = fit_conic(points, "direct")
     refined = None
     if conic is not None:
-        refined = refine_conic(points, conic, seen.sigma_px, loss_scale=loss_scale, iterations=REFINEMENTS)
+        refined = refine_conic(points, conic, seen.sigma_px[some], loss_scale=loss_scale, iterations=REFINEMENTS)
     conic = conic if refined is None else refined[0]
     ellipse = None if conic is None else ellipse_from_conic(conic)
     return None if conic is None or ellipse is None else (conic, ellipse, seen.edge)

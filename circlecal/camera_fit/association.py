@@ -131,7 +131,7 @@ def _pairs(segments: Array, template: FieldTemplate, lines: list[Line], theta: A
         tuple(line.name for line in lines),
     )  # fmt: skip
     start = ground_hidden(curves, theta[None], frame)
-    seen = curve_residuals(curves, theta[None], start, frame, updates=3)
+    seen = curve_residuals(curves, theta[None], start, frame, updates=1)
     hidden = seen.hidden[0].reshape(T, S, 2)
     # uncertain cameras slide along a line too, so its ends are taken generously
     slack = 0.15 * lengths[:, None, None] + 3.0

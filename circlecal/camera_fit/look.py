@@ -86,12 +86,16 @@ def look_jacobian(theta: Array, center_m: Array) -> Array:
     level = np.sqrt(level2)
     forward[:, 6, 4:6] = offset[:, :2] * (z / (level * distance2))[:, None]
     forward[:, 6, 6] = -level / distance2
-    forward[~ahead] = np.eye(LOOK)
-    singular = ~(np.abs(np.linalg.det(forward)) > 0)
-    forward[singular] = np.eye(LOOK)
-    inverse = np.linalg.inv(forward)
-    inverse[singular] = np.nan
-    return np.asarray(inverse, dtype=np.float64)
+    if not ahead.all():
+        forward[~ahead] = np.eye(LOOK)
+    try:
+        return np.asarray(np.linalg.inv(forward), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        singular = ~(np.abs(np.linalg.det(forward)) > 0)
+        forward[singular] = np.eye(LOOK)
+        inverse = np.linalg.inv(forward)
+        inverse[singular] = np.nan
+        return np.asarray(inverse, dtype=np.float64)
 
 
 def _wrapped(angle: Array) -> Array:

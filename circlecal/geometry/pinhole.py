@@ -112,7 +112,10 @@ class Camera:
         for _ in range(20):
             value = r * (1 + k1 * r**2 + k2 * r**4) - target
             slope = np.maximum(1 + 3 * k1 * r**2 + 5 * k2 * r**4, 0.2)
-            r = r - value / slope
+            step = value / slope
+            r = r - step
+            if not (np.abs(step) > 1e-15 * r).any():
+                break
         factor = np.where(target > 0, r / np.where(target > 0, target, 1.0), 1.0)
         return offset * factor[..., None] + self.principal_point_px
 

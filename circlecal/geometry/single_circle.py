@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike
 from circlecal.geometry.conics import line_conic_meet, normalise_conic
 from circlecal.geometry.homogeneous import Array, dehomogenise
 
-GRID, STEPS = 481, 20
-"""Samples between which roots are looked for, and steps to each root."""
+GRID, STEPS = 241, 20
+"""Samples between which roots are looked for, and the most steps to each root."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,15 +96,19 @@ def pinhole_centers(
     if len(index) == 0:
         return []
     low, high, low_value, high_value = grid[index], grid[index + 1], value[index], value[index + 1]
-    root = low
-    for _ in range(STEPS):  # false position, with the kept end's value halved (Illinois)
+    root, last = low, high
+    before = np.zeros(len(index), dtype=np.int_)
+    for _ in range(STEPS):  # false position, with the value of an end that is kept twice halved (Illinois)
         root = (low * high_value - high * low_value) / (high_value - low_value)
         found, _ = _constraint(e, l_local, centers(root))
         left = np.sign(found) == np.sign(low_value)
-        low_value, high_value = np.where(left, found, 0.5 * low_value), np.where(left, 0.5 * high_value, found)
+        side = np.where(left, 1, -1)
+        kept = np.where(side == before, 0.5, 1.0)
+        low_value, high_value = np.where(left, found, kept * low_value), np.where(left, kept * high_value, found)
         low, high = np.where(left, root, low), np.where(left, high, root)
-        if (np.abs(found) <= 1e-14 * np.abs(value).max()).all():
+        if (np.abs(root - last) <= 1e-13).all():
             break
+        last, before = root, side
     _, inverse_f2 = _constraint(e, l_local, centers(root))
     image = centers(root) @ T.T
     return [
