@@ -10,7 +10,7 @@ from circlecal.camera_fit.association import Association, associate_lines
 from circlecal.camera_fit.crossings import SIGMA_PX as CROSSING_SIGMA_PX
 from circlecal.camera_fit.crossings import passes, segment_ends
 from circlecal.camera_fit.curves import CurvePoints, ground_hidden
-from circlecal.camera_fit.observed import Realism, observed_curves, thinned_line
+from circlecal.camera_fit.observed import Realism, thinned_curves, thinned_line
 from circlecal.camera_fit.optimise import COARSE, Problem, State, minimise
 from circlecal.camera_fit.uncertainty import posterior_covariance
 from circlecal.field import FieldTemplate
@@ -172,7 +172,7 @@ def _scene(
     met: tuple[LinePoints, ...],
 ) -> _Scene:
     lines = [observations.lines[k] for k in unnamed]
-    curves = observed_curves(replace(observations, lines=(*met, *observations.lines)), template, realism)
+    curves = thinned_curves(problem.curves, state.hidden[0], realism.maximum_points, realism.model_sigma_px)
     thinned = [thinned_line(line, realism) for line in lines]
     segments = np.array([segment_ends(line.points_px) for line in lines])
     unit = observations.width / 1920.0

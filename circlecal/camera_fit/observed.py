@@ -56,6 +56,21 @@ def observed_curves(observations: Observations, template: FieldTemplate, realism
     return stack_curves(parts)
 
 
+def thinned_curves(curves: CurvePoints, hidden: Array, maximum: int, least_sigma_px: float) -> CurvePoints:
+    """At most so many points of each marking, evenly along their hidden parameters (N,), which then count for the
+    others too: with sigmas that are the smaller, down to the model's own.
+    """
+    count = np.bincount(curves.group, minlength=len(curves.names))
+    order = np.lexsort((hidden, curves.group))
+    group = curves.group[order]
+    place = np.arange(len(order)) - (np.cumsum(count) - count)[group]
+    size = -(-count // maximum)[group]
+    kept = order[place % size == size // 2]
+    thinned = curves.select(kept)
+    fewer = np.maximum(thinned.sigma_px / np.sqrt(-(-count // maximum)[thinned.group]), least_sigma_px)
+    return thinned.with_sigma(np.minimum(thinned.sigma_px, fewer))
+
+
 def thinned_line(line: LinePoints, realism: Realism) -> tuple[Array, Array]:
     """Points (N, 2) along a straight marking and their standard deviations (N,)."""
     points, sigma = _thinned(line.points_px, line.sigma_px, realism.maximum_points)

@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from circlecal.camera_fit.all_starts import MINIMUM_CIRCLE_POINTS, arc_deg, screened, starts_of, usual_lens
 from circlecal.camera_fit.crossings import with_crossings
-from circlecal.camera_fit.curves import FixedPoints, ground_hidden
+from circlecal.camera_fit.curves import CurvePoints, FixedPoints, ground_hidden, joined_curves
 from circlecal.camera_fit.model import INDEX, PARAMETERS, Frame
 from circlecal.camera_fit.naming import name_lines
 from circlecal.camera_fit.noise import inflated
@@ -191,7 +191,7 @@ def estimate_camera(
     problem, state, scale = _settled(problem, state, config, COARSE if config.name_lines else FINAL)
     named: dict[int, str] = {}
     if config.name_lines:
-        more = _recognised(problem, state, observations, template, config)
+        more = _recognised(problem, state, curves, observations, template, config)
         if more is None:
             state = minimise(problem, state.theta, config.loss_scale, config.iterations, state.hidden)
         else:
@@ -212,10 +212,16 @@ def estimate_camera(
 
 
 def _recognised(
-    problem: Problem, state: State, observations: Observations, template: FieldTemplate, config: CameraConfig
+    problem: Problem,
+    state: State,
+    curves: CurvePoints,
+    observations: Observations,
+    template: FieldTemplate,
+    config: CameraConfig,
 ) -> tuple[Problem, Array, dict[int, str]] | None:
-    """The problem with the straight markings that can be named and the ends of lines, a start (1, P) for it, and the
-    names by index of the seen line; None where there is nothing more.
+    """The problem with the straight markings that can be named and the ends of lines beside the markings ``curves``
+    with their first sigmas, a start (1, P) for it, and the names by index of the seen line; None where there is nothing
+    more.
     """
     realism = _realism(config, observations.width)
     coarse = replace(realism, maximum_points=COARSE_POINTS)
@@ -228,9 +234,9 @@ def _recognised(
             met, found = (), others
     if not met and not found.names:
         return None
-    lines = tuple(replace(line, line=found.names.get(k, line.line)) for k, line in enumerate(observations.lines))
-    curves = observed_curves(replace(observations, lines=(*met, *lines)), template, realism)
-    return replace(problem, curves=curves), found.theta[None], found.names
+    lines = (*met, *(replace(observations.lines[k], line=name) for k, name in sorted(found.names.items())))
+    further = observed_curves(replace(observations, circles=(), lines=lines), template, realism)
+    return replace(problem, curves=joined_curves(curves, further)), found.theta[None], found.names
 
 
 def _settled(problem: Problem, state: State, config: CameraConfig, tolerance: float) -> tuple[Problem, State, float]:
