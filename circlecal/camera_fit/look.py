@@ -22,9 +22,25 @@ def to_look(theta: Array, center_m: Array) -> Array:
     """Look coordinates (B, 7) of parameter vectors (B, P); not finite where the circle's centre lies behind the
     camera.
     """
+    _, offset, seen = _toward(theta, center_m)
+    return _look(theta, offset, seen)
+
+
+def look_with_jacobian(theta: Array, center_m: Array) -> tuple[Array, Array]:
+    """:func:`to_look` and :func:`look_jacobian` together."""
+    R, offset, seen = _toward(theta, center_m)
+    return _look(theta, offset, seen), _jacobian(theta, R, offset, seen)
+
+
+def _toward(theta: Array, center_m: Array) -> tuple[Array, Array, Array]:
+    """Rotations (B, 3, 3), offsets (B, 3) from the circle's centre to the cameras, and the centre (B, 3) as seen."""
+    R = rotations(theta)
     offset = theta[:, 4:7].copy()
     offset[:, :2] -= center_m
-    seen = -(rotations(theta) @ offset[..., None])[..., 0]
+    return R, offset, -(R @ offset[..., None])[..., 0]
+
+
+def _look(theta: Array, offset: Array, seen: Array) -> Array:
     level2 = offset[:, 0] ** 2 + offset[:, 1] ** 2
     look = np.empty((len(theta), LOOK))
     look[:, 0], look[:, 3] = theta[:, 0], theta[:, 3]
@@ -61,12 +77,13 @@ def look_jacobian(theta: Array, center_m: Array) -> Array:
     """Derivative (B, 7, 7) of :func:`from_look` at the look coordinates of theta (B, P): the inverse of that of
     :func:`to_look`. Identity where the centre lies behind the camera, nan where it has no inverse (straight above it).
     """
-    R = rotations(theta)
-    offset = theta[:, 4:7] - np.r_[center_m, 0.0]
+    return _jacobian(theta, *_toward(theta, center_m))
+
+
+def _jacobian(theta: Array, R: Array, offset: Array, local: Array) -> Array:
     x, y, z = offset.T
     level2 = np.maximum(x * x + y * y, 1e-12)
     distance2 = level2 + z * z
-    local = -(R @ offset[..., None])[..., 0]
     ahead = local[:, 2] > 0
     c, s = np.cos(theta[:, 3]), np.sin(theta[:, 3])
     change = np.zeros((len(theta), 3, LOOK))

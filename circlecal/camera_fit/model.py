@@ -126,8 +126,13 @@ class View:
         Bounded away from infinity.
     normalised : (B, 2, N) array
         On the plane at distance 1, before the lens.
-    r2, lens : (B, N) arrays
-        Squared radius in half-widths, and the factor by which the lens moves points outwards.
+    r2, lens, lens_slope : (B, N) arrays
+        Squared radius in half-widths, the factor by which the lens moves points outwards, and its derivative by the
+        squared radius.
+    focal : (B, 2, 1) array
+        Focal lengths in pixels.
+    squared_focal : (B, 1) array
+        Square of the first one in half-widths of the picture.
     """
 
     theta: Array
@@ -141,6 +146,9 @@ class View:
     normalised: Array
     r2: Array
     lens: Array
+    lens_slope: Array
+    focal: Array
+    squared_focal: Array
 
     @property
     def depth(self) -> Array:
@@ -148,20 +156,10 @@ class View:
         return np.asarray(self.local[:, 2])
 
     @property
-    def focal(self) -> Array:
-        """Focal lengths (B, 2, 1) in pixels."""
-        return np.exp(self.theta[:, 0, None, None] + self.theta[:, INDEX["log_aspect"], None, None] * _SECOND)
-
-    @property
     def pixels(self) -> Array:
         """Pixels (B, 2, N) with the lens."""
         principal = self.frame.center + self.theta[:, 7:9]
         return self.focal * self.normalised * self.lens[:, None] + principal[..., None]
-
-    @property
-    def lens_slope(self) -> Array:
-        """Derivative (B, N) of the lens factor by the squared radius."""
-        return self.theta[:, 9, None] + 2.0 * self.theta[:, 10, None] * self.r2
 
     @property
     def orientation(self) -> Array:
@@ -176,7 +174,7 @@ class View:
         local = self.rotation @ world
         change = (local[:, :2] - self.normalised * local[:, 2:]) * self.inverse_depth[:, None]
         outward = self.normalised[:, 0] * change[:, 0] + self.normalised[:, 1] * change[:, 1]
-        bend = 2.0 * _half_widths(self.theta, self.frame) ** 2 * self.lens_slope * outward
+        bend = 2.0 * self.squared_focal * self.lens_slope * outward
         return self.focal * (change * self.lens[:, None] + self.normalised * bend[:, None])
 
     def gradient(self, toward: Array) -> tuple[Array, Array]:
@@ -188,7 +186,7 @@ class View:
         outward = scaled * n
         total = outward[:, 0] + outward[:, 1]
         by_r2 = self.lens_slope
-        bend = 2.0 * _half_widths(theta, self.frame) ** 2 * by_r2 * total
+        bend = 2.0 * self.squared_focal * by_r2 * total
         g = np.empty_like(self.local)
         by_normalised = scaled * lens[:, None] + bend[:, None] * n
         np.multiply(by_normalised, self.inverse_depth[:, None], out=g[:, :2])
@@ -215,11 +213,6 @@ class View:
 _SECOND = np.array([[0.0], [1.0]])
 
 
-def _half_widths(theta: Array, frame: Frame) -> Array:
-    """Focal lengths (B, 1) in half-widths of the picture."""
-    return 2.0 / frame.width * np.exp(theta[:, 0, None])
-
-
 def view(theta: Array, x: Array, y: Array, frame: Frame) -> View:
     """Field points with coordinates x and y, each (B, N), before the cameras of theta (B, P)."""
     crown = theta[:, INDEX["crown"], None]
@@ -232,9 +225,17 @@ def view(theta: Array, x: Array, y: Array, frame: Frame) -> View:
     depth = local[:, 2]
     inverse_depth = 1.0 / np.where(np.abs(depth) < 1e-6, 1e-6, depth)
     normalised = local[:, :2] * inverse_depth[:, None]
-    r2 = (normalised[:, 0] ** 2 + normalised[:, 1] ** 2) * _half_widths(theta, frame) ** 2
-    lens = 1.0 + r2 * (theta[:, 9, None] + theta[:, 10, None] * r2)
-    return View(theta, frame, R, offset, local, sag, crown * slope, inverse_depth, normalised, r2, lens)
+    focal = np.exp(theta[:, 0, None, None] + theta[:, INDEX["log_aspect"], None, None] * _SECOND)
+    squared_focal = (2.0 / frame.width * focal[:, 0]) ** 2
+    r2 = (normalised[:, 0] ** 2 + normalised[:, 1] ** 2) * squared_focal
+    by_second = theta[:, 10, None] * r2
+    lens_slope = theta[:, 9, None] + by_second
+    lens = 1.0 + r2 * lens_slope
+    lens_slope += by_second
+    return View(
+        theta, frame, R, offset, local, sag, crown * slope, inverse_depth, normalised, r2, lens, lens_slope, focal,
+        squared_focal,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)

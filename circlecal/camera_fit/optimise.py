@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from circlecal.camera_fit.curves import CurvePoints, FixedPoints, curve_residuals, first_hidden, point_residuals
-from circlecal.camera_fit.look import LOOK, from_look, look_jacobian, to_look
+from circlecal.camera_fit.look import LOOK, from_look, look_with_jacobian
 from circlecal.camera_fit.model import INDEX, PARAMETERS, Frame, active_parameters
 from circlecal.camera_fit.shared_prior import SharedPrior
 from circlecal.geometry.homogeneous import Array, Indices, Mask
@@ -17,17 +17,17 @@ LARGEST_STEP = 0.7
 LOG_FOCAL_RANGE = (np.log(10.0), np.log(1e6))
 """Of the focal length in pixels: nothing outside is a camera."""
 LEAST_DAMPING, FIRST_DAMPING, LAST_DAMPING = 1e-10, 1e-4, 1e5
-FINAL, COARSE = 1e-5, 1e-1
+FINAL, COARSE = 1e-4, 0.5
 """Decreases of the cost (chi-square) that are not worth a step: of a result, and of what is only compared."""
 HOPELESS = 100.0
 """A start whose cost is so much worse than the best one's, beyond what its steps promise, is not followed on."""
 EXACT = 1e-24
 """Cost at which the residuals are rounding errors."""
-LOOK_CAUTIOUS = (0, 3, 4, 5, 6)
 KNOWN_POSITION_SD_M = 1.0
 """A position known to this is where the search starts."""
 _POSITION = slice(INDEX["x"], INDEX["z"] + 1)
-_DIAGONAL = np.arange(len(PARAMETERS))
+_CAUTIOUS = np.array([[1, 0, 0, 1, 1, 1, 1], [1, 1, 1, 1, 0, 0, 0]], dtype=np.float64)
+"""Which of the first parameters the largest step is about: in look coordinates, and in others."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,27 +206,27 @@ def _stepped(
     usable: Mask = np.zeros(len(damping), dtype=bool)
     look = state.theta[:, :LOOK]
     if straight:
-        look = to_look(state.theta, center)
-        by_look = look_jacobian(state.theta, center)
-        usable = np.asarray(np.isfinite(look).all(axis=1) & np.isfinite(by_look).all(axis=(1, 2)))
-        change = np.zeros_like(normal)
-        change[:, _DIAGONAL, _DIAGONAL] = 1.0
-        change[:, :LOOK, :LOOK] = by_look
+        look, by_look = look_with_jacobian(state.theta, center)
+        usable = np.isfinite(look.sum(axis=1) + by_look.sum(axis=(1, 2)))
         if not usable.all():
-            change[~usable] = np.eye(len(PARAMETERS))
-        turned = np.swapaxes(change, 1, 2)
-        gradient = (turned @ gradient[..., None])[..., 0]
-        normal = turned @ normal @ change
+            by_look[~usable] = np.eye(LOOK)
+        turned = np.swapaxes(by_look, 1, 2)
+        gradient, normal = gradient.copy(), normal.copy()
+        gradient[:, :LOOK] = (turned @ gradient[:, :LOOK, None])[..., 0]
+        normal[:, :LOOK] = turned @ normal[:, :LOOK]
+        normal[:, :, :LOOK] = normal[:, :, :LOOK] @ by_look
     block, slope = normal[:, active[:, None], active], gradient[:, active]
     step, undamped = _damped(block, slope, damping)
     full = np.zeros_like(state.theta)
     full[:, active] = step
-    size = np.abs(full)
-    largest = np.where(usable, size[:, LOOK_CAUTIOUS].max(axis=1), size[:, :4].max(axis=1))
+    size = np.abs(full[:, :LOOK])
+    largest = np.where(usable[:, None], size * _CAUTIOUS[0], size * _CAUTIOUS[1]).max(axis=1)
     shortened = np.maximum(largest / LARGEST_STEP, 1.0)[:, None]
     step, full = step / shortened, full / shortened
     theta = state.theta + full
-    if usable.any():
+    if usable.all():
+        theta[:, :LOOK] = from_look(look + full[:, :LOOK], center)
+    elif usable.any():
         theta[usable, :LOOK] = from_look(look[usable] + full[usable, :LOOK], center)
     theta[:, 0] = np.minimum(np.maximum(theta[:, 0], LOG_FOCAL_RANGE[0]), LOG_FOCAL_RANGE[1])
     change_of_cost = ((2.0 * slope + (block @ step[..., None])[..., 0]) * step).sum(axis=1)
