@@ -23,7 +23,14 @@ SHORT_ARC_DEG, SHORT_ARC_SPARE = 240.0, 0.25
 """Arcs shorter than this leave the place of the centre mark more open, by up to so many half chords."""
 PIECE_SUPPORT = 0.35
 """Least share of a piece of the halfway line outside the circle on which it is seen."""
-SHORTEST_PX, FEWEST_POINTS = 10.0, 8
+SHORTEST_PX, FEWEST_POINTS = 10.0, (8, 16)
+"""Of a straight marking: its length, and a third of its profiles, within these limits, on which it is seen."""
+Rounds = tuple[tuple[float, float], ...]
+"""Share of the search to both sides, and how many times as far apart the profiles are."""
+TWO_ROUNDS: Rounds = ((1.0, 2.0), (0.6, 1.0))
+"""The first finds the line, the second measures it."""
+ONE_ROUND: Rounds = ((0.8, 1.0),)
+"""For lines that were fitted to this picture."""
 SMOOTHING_REACH = 3
 """Profiles over which the smoothing along a marking reaches."""
 RIM_CLEARANCE_PX = 8.0
@@ -102,7 +109,8 @@ def find_cues(
     chord = None if rough is None else _chord(fit.conic, join(lift(rough.start), lift(rough.end)))
     near = None if chord is None else _beyond(chord, config.reach_half_chords, picture.shape)
     further = mask.lines if config.further_lines else ()
-    measured = measure_lines(picture, (*further, *(() if near is None else (near,))), noise, config)
+    rounds = ONE_ROUND if mask.source == "detector" else TWO_ROUNDS
+    measured = measure_lines(picture, (*further, *(() if near is None else (near,))), noise, config, rounds)
     halfway = None
     if chord is not None and near is not None:
         halfway = _halfway_line(picture, measured.pop(), chord, noise, template.halfway_line, config)
@@ -138,13 +146,17 @@ def _line_cue(seen: LinePoints) -> LineCue:
 
 
 def measure_lines(
-    picture: Brightness, segments: Sequence[Segment], noise: float, config: CuesConfig
+    picture: Brightness,
+    segments: Sequence[Segment],
+    noise: float,
+    config: CuesConfig,
+    rounds: Rounds = TWO_ROUNDS,
 ) -> list[LineCue | None]:
     """Sub-pixel points along rough straight markings, and the total least squares line through both edges of each.
 
     Each profile gives the two crossings of half the band's height; the line is fitted to both edges together, so
-    their common bias (bloom) cancels, and the points that are kept are the flux-weighted middles. A first round with
-    coarse steps finds the line, a second one measures it; all markings are measured together.
+    their common bias (bloom) cancels, and the points that are kept are the flux-weighted middles. All markings are
+    measured together.
 
     Returns
     -------
@@ -157,12 +169,12 @@ def measure_lines(
     ends = np.array([(s.start, s.end) for s in segments]).reshape(-1, 2, 2)
     length = np.hypot(*(ends[:, 1] - ends[:, 0]).T)
     which = np.flatnonzero(length >= SHORTEST_PX)
-    for reach_share, step in ((1.0, 2.0), (0.6, 1.0)):
+    for reach_share, step in rounds:
         if len(which) == 0:
             return found
         samples = _band_samples(picture, ends[which], noise, config, reach_share, step, unit)
         lines, kept = _robust_lines(samples, len(which), scale)
-        enough = np.bincount(samples.piece[kept], minlength=len(which)) >= FEWEST_POINTS
+        enough = np.bincount(samples.piece[kept], minlength=len(which)) >= np.clip(samples.drawn // 3, *FEWEST_POINTS)
         normal = lines[:, None, :2]
         ends[which] -= ((ends[which] * normal).sum(axis=-1) + lines[:, 2:])[..., None] * normal
         which, lines = which[enough], lines[enough]
