@@ -88,11 +88,10 @@ def cast_rays(
     if rough is None:
         raise EstimationError("rays", "no_circle_found", "no circle was found to cast rays at")
     unit = picture.shape[1] / 1920.0
-    first = _centreline(picture, rough, edges.noise, config.search_px * unit, relative_width, config, FIRST_STEP)
-    threshold = 3.0 * unit + 3.0 * first.bands.sigma
-    fit = ransac_conic(first.points, threshold, rng, hypotheses=300, method="taubin", confidence=0.999)
-    center_fit = None if fit is None else ellipse_from_conic(fit.conic)
-    if fit is None or center_fit is None or fit.inliers.sum() < 12:
+    # the detector has fitted a circle of which it is certain to the picture itself
+    fitted = mask.source == "detector" and mask.certain
+    center_fit = rough if fitted else _first_look(picture, rough, edges.noise, relative_width, config, rng)
+    if center_fit is None:
         raise EstimationError("rays", "no_band", "no light band of the marking's width lies along the circle")
     second = _centreline(picture, center_fit, edges.noise, config.refine_px * unit, relative_width, config, 1.0)
     if len(second.points) < 12:
@@ -110,6 +109,22 @@ def cast_rays(
         rejected=len(rejected) + second.rejected,
         rejected_px=edges.points_px[rejected],
     )
+
+
+def _first_look(
+    picture: Brightness,
+    rough: Ellipse,
+    noise: float,
+    relative_width: float,
+    config: RaysConfig,
+    rng: np.random.Generator,
+) -> Ellipse | None:
+    """Robust ellipse through the band's middle near a rough one; None where too few rays meet a band."""
+    unit = picture.shape[1] / 1920.0
+    first = _centreline(picture, rough, noise, config.search_px * unit, relative_width, config, FIRST_STEP)
+    threshold = 3.0 * unit + 3.0 * first.bands.sigma
+    fit = ransac_conic(first.points, threshold, rng, hypotheses=300, method="taubin", confidence=0.999)
+    return None if fit is None or fit.inliers.sum() < 12 else ellipse_from_conic(fit.conic)
 
 
 def measure_along_model(
