@@ -149,7 +149,7 @@ def _candidates(response: Picture, region: NDArray[np.uint8], threshold: float) 
 def _steger(picture: Picture, candidates: NDArray[np.int64], sign: float, weight: float, threshold: float) -> Picture:
     """Ridges through the candidate pixels: rows x, y, nx, ny, strength (5, M), in pixels of this picture."""
     width = picture.shape[1]
-    flat = picture.ravel() * np.float32(sign)
+    flat = picture.ravel() if sign > 0 else -picture.ravel()
     north, south = candidates - width, candidates + width
     c = flat[candidates]
     w, e, n, s = flat[candidates - 1], flat[candidates + 1], flat[north], flat[south]

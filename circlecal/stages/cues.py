@@ -29,7 +29,7 @@ Rounds = tuple[tuple[float, float], ...]
 """Share of the search to both sides, and how many times as far apart the profiles are."""
 TWO_ROUNDS: Rounds = ((1.0, 2.0), (0.6, 1.0))
 """The first finds the line, the second measures it."""
-ONE_ROUND: Rounds = ((0.8, 1.0),)
+ONE_ROUND: Rounds = ((0.6, 1.0),)
 """For lines that were fitted to this picture."""
 SMOOTHING_REACH = 3
 """Profiles over which the smoothing along a marking reaches."""

@@ -289,7 +289,9 @@ def _pair_edges(
     rays = int(np.clip(2 * np.pi * np.sqrt(np.mean(np.square(ellipse.semi_axes))), 64, config.maximum))
     ray = np.floor((angles / (2 * np.pi) % 1.0) * rays).astype(int)
     order = np.flatnonzero(near & (np.abs(outward) > 0.7))
-    order = order[np.lexsort((foot_distance[order], ray[order]))]
+    # by ray, then outwards: near points lie well within so many pixels
+    span = 8.0 * config.refine_px * unit + 24.0
+    order = order[np.argsort(ray[order] * span + foot_distance[order], kind="stable")]
     inner, outer = order[:-1], order[1:]
     paired = (ray[inner] == ray[outer]) & (outward[inner] > 0) & (outward[outer] < 0)
     inner, outer = inner[paired], outer[paired]
