@@ -209,9 +209,8 @@ class _Job:
     def _seen_again(self, image: NDArray[np.uint8], observations: Observations) -> Observations | None:
         """The same observations with the circle measured along the curve of the refused camera."""
         with self._clock("rays"):
-            polarity = -1.0 if self.circle.color == "dark" else 1.0
             points, sigma = measure_along_model(
-                grey(image, polarity),
+                grey(image, self._polarity),
                 self.reached["camera"],
                 self.circle,
                 self.template,
@@ -230,7 +229,6 @@ class _Job:
     ) -> tuple[EllipseFits, Cues, Observations]:
         """What the picture shows of the circle and of what lies around it."""
         config, template, circle, reached = self.config, self.template, self.circle, self.reached
-        polarity = -1.0 if circle.color == "dark" else 1.0
         with self._clock("mask"):
             brightness = grey(image)
             marking, refusal = find_marking(image, given, config.mask, self.rng, brightness)
@@ -238,7 +236,7 @@ class _Job:
         if refusal is not None:
             raise refusal
         with self._clock("edges"):
-            picture = brightness if polarity >= 0 else ~brightness
+            picture = brightness if self._polarity >= 0 else ~brightness
             edges = reached["edges"] = detect_edges(picture, marking, config.edges)
         with self._clock("rays"):
             relative_width = template.marking_width_m / template.radius(circle, "center")
@@ -321,6 +319,12 @@ class _Job:
             return judge(
                 ellipses, cues, homography, None, self.template, self.circle, self.width, limits, self._certain
             )
+
+    @property
+    def _polarity(self) -> float:
+        """Whether the markings are lighter (+1) or darker (-1) than the surface, as seen or as the template says."""
+        seen: float | None = self.reached["mask"].polarity
+        return seen if seen is not None else -1.0 if self.circle.color == "dark" else 1.0
 
     @property
     def _certain(self) -> bool:

@@ -55,6 +55,9 @@ class MarkingMask:
         The best hypotheses, also when all were refused (for the debug picture).
     certain : bool
         Whether the circle is beyond doubt; otherwise another marking must confirm it.
+    polarity : float or None
+        +1 where the markings are seen lighter than the surface, -1 where darker; None where only the field template
+        tells.
     """
 
     classes: NDArray[np.uint8]
@@ -65,6 +68,7 @@ class MarkingMask:
     field_region: NDArray[np.bool_] | None = None
     candidates: tuple[Array, ...] = ()
     certain: bool = True
+    polarity: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -68,6 +68,14 @@ def test_the_picture_alone_is_calibrated(frames, easy):
     assert (easy.width, easy.height, easy.field_name, easy.circle_name) == (*SIZE, "soccer", "centre_circle")
 
 
+def test_dark_markings_are_measured_as_the_detector_saw_them(frames):
+    config = load_config(None, ["mask.detector.marking=any"])
+    found = run(255 - frames.easy.image, config, frame_id="easy")
+    assert found.mask.polarity == -1.0
+    assert found.status == "calibrated"
+    assert error_px(frames.easy, found) < 3.0
+
+
 def test_a_frame_with_its_mask_is_calibrated(frames, easy):
     found = run(frames.easy.image, CONFIG, mask=frames.easy.truth.classes, frame_id="easy")
     assert found.status == "calibrated"

@@ -301,7 +301,8 @@ class DetectorConfig(BaseModel):
     model_config = _STRICT
 
     marking: Literal["light", "dark", "any"] = Field(
-        default="light", description="Whether markings are lighter or darker than the surface, or either."
+        default="light",
+        description="Whether markings are lighter or darker than the surface; any tries both, light first.",
     )
     detection_width_px: int = Field(
         default=960,

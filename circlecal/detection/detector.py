@@ -33,7 +33,8 @@ from circlecal.profiles import grey as brightness_of
 
 __all__ = ["detect"]
 
-_POLARITIES = {"light": (1.0,), "dark": (-1.0,), "any": (1.0, -1.0)}
+_BRIGHTNESSES = {"light": ("light",), "dark": ("dark",), "any": ("light", "dark")}
+_SIGNS = {"light": 1.0, "dark": -1.0}
 _NO_FIELD = "no_field"
 _MARGIN = 0.012  # of the picture's width: by how much the second pass looks beyond the field
 _SHORTEST_RUN = 0.10  # picture widths: shorter straight runs are not reported
@@ -88,6 +89,7 @@ class _Search:
     segments: Array
     found: _Found
     scaling: _Scaling
+    sign: float
 
 
 def quick(config: DetectorConfig) -> DetectorConfig:
@@ -153,14 +155,10 @@ def detect(
     watch.lap("scale")
     region = find_field_region(image_bgr, config.field_region)
     watch.lap("field")
-    search = _search(full_grey, region, quick(config), rng, watch)
-    certain = search.found.circle is not None and search.found.certain
-    if config.thorough and not certain and search.found.refusal != _NO_FIELD:
-        again = _search(full_grey, region, thorough(config), rng, watch, _MARGIN)
-        search = max(search, again, key=_rank)
+    search = _searched(full_grey, region, config, rng, watch)
     ridges, runs, segments, found = search.ridges, search.runs, search.segments, search.found
     on_surface = painted_on_one_surface(image_bgr, segments)
-    mask, lines = _draw(full_grey, found, segments, runs, on_surface, _POLARITIES[config.marking][0], config)
+    mask, lines = _draw(full_grey, found, segments, runs, on_surface, search.sign, config)
     watch.lap("mask")
     halfway = None if found.halfway is None else LineSegment(*found.halfway.ends, support=found.halfway.support)
     detection = Detection(
@@ -176,9 +174,36 @@ def detect(
         refusal=found.refusal,
         timings_ms=watch.timings_ms,
         certain=found.certain,
+        polarity=search.sign,
     )
     watch.lap("result")
     return detection
+
+
+def _searched(
+    full_grey: NDArray[np.uint8],
+    region: FieldRegion,
+    config: DetectorConfig,
+    rng: np.random.Generator,
+    watch: _Stopwatch,
+) -> _Search:
+    """The first search that finds a circle beyond doubt, quick ones before slow ones; failing that, the best.
+
+    Where the brightness of the markings is open, that circle must have its halfway line: floors show many circles.
+    """
+    options = [config.model_copy(update={"marking": marking}) for marking in _BRIGHTNESSES[config.marking]]
+    passes = [(quick(option), 0.0) for option in options]
+    if config.thorough:
+        passes += [(thorough(option), _MARGIN) for option in options]
+    searches: list[_Search] = []
+    for option, margin in passes:
+        search = _search(full_grey, region, option, rng, watch, margin)
+        found = search.found
+        certain = found.circle is not None and found.certain
+        if found.refusal == _NO_FIELD or (certain and (found.halfway is not None or len(options) == 1)):
+            return search
+        searches.append(search)
+    return max(searches, key=_rank)
 
 
 def _search(
@@ -199,7 +224,8 @@ def _search(
     if margin:
         hull = _grown(hull, margin)
     watch.lap("scale")
-    ridges = find_ridges(grey.astype(np.float32), hull, _POLARITIES[config.marking], config.ridges)
+    sign = _SIGNS[config.marking]
+    ridges = find_ridges(grey.astype(np.float32), hull, (sign,), config.ridges)
     watch.lap("ridges")
     runs = find_straight_runs(ridges, (columns, rows), _SHORTEST_RUN * columns, config.lines)
     watch.lap("lines")
@@ -208,7 +234,7 @@ def _search(
         found = _Found(None, None, None, (), _NO_FIELD)
     else:
         found = _find_circle(full_grey, hull, ridges, runs, segments, scaling, config, rng, watch)
-    return _Search(ridges, runs, segments, found, scaling)
+    return _Search(ridges, runs, segments, found, scaling, sign)
 
 
 def _rank(search: _Search) -> tuple[bool, bool, float]:
@@ -291,7 +317,7 @@ def _first_accepted(
     likely: list[tuple[MeasuredCircle, CircleHypothesis, MeasuredLine]] = []
     for index in range(min(len(batch), config.candidates)):
         start = scaling.full_ellipses(batch.take(np.array([index])))
-        circle = measure_circle(full_grey, start, _POLARITIES[config.marking], config.refinement)
+        circle = measure_circle(full_grey, start, (_SIGNS[config.marking],), config.refinement)
         field_share = float(support_of(scaling.detection_ellipses(circle.ellipse), raster).field[0])
         hypothesis = hypothesis_of(circle, field_share, width)
         watch.lap("refine")

@@ -88,6 +88,8 @@ class Detection:
         The best measured hypotheses, best first, also when refused.
     certain : bool
         Whether the circle stands by itself; otherwise it is likely, and something else must confirm it.
+    polarity : float
+        +1 where the markings are lighter than the surface, -1 where they are darker.
     halfway : LineSegment or None
         The straight marking through the circle's middle.
     mask : (H, W) uint8
@@ -111,6 +113,7 @@ class Detection:
     refusal: str | None
     timings_ms: dict[str, float]
     certain: bool = True
+    polarity: float = 1.0
 
     @property
     def field_region(self) -> NDArray[np.bool_]:

@@ -114,6 +114,7 @@ def marking_from_detection(found: Detection) -> tuple[MarkingMask, EstimationErr
         field_region=found.region.hull > 0,
         candidates=tuple(c.conic for c in found.candidates),
         certain=found.certain,
+        polarity=found.polarity,
     )
     if found.circle is None:
         return marking, EstimationError("mask", refusal, REASONS.get(refusal, refusal.replace("_", " ")))

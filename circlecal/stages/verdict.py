@@ -17,6 +17,8 @@ BLOOM_PX = 3.0
 """By how much blur can drive both edges apart, pixels at 1920 px width."""
 LIKELY_RESIDUAL_PX = 1.4
 """Largest rms distance from the projected circle of one that needs a confirmation, pixels at 1920 px width."""
+REACH_SHARE = 0.95
+"""Share of the halfway line's points that lie within its reach; a few may lie on something behind its end."""
 MINIMUM_WIDTH_M = 1e-3
 """Narrower markings are the zero-width lines of an annotation's model."""
 
@@ -56,6 +58,12 @@ class VerdictConfig(BaseModel):
         ge=0,
         lt=1,
         description="Largest share of contradicting observations where the circle is not seen.",
+    )
+    max_line_reach: float = Field(
+        1.35,
+        gt=1,
+        description="How far the halfway line may be seen to run, in half widths of the field: where it goes further, "
+        "the circle is another one.",
     )
     max_mark_distance_px: float = Field(
         12.0, gt=0, description="Largest distance of the seen from the predicted centre mark, pixels at 1920 px width."
@@ -103,6 +111,7 @@ def judge(
         checks += _place_checks(camera, circle, center if ellipses.all() else camera.reference_m, config)
         if ellipses.all():
             checks += _residual_checks(camera, cues, circle, unit, config)
+            checks += _reach_checks(camera, cues, template, config)
         checks.append(_check("sigma_px", camera.max_sigma_px, config.max_sigma_px * unit))
         checks.append(_check("sigma_m", camera.max_sigma_m, config.max_sigma_m))
         checks += _edge_checks(camera, ellipses, template, circle, config)
@@ -129,6 +138,7 @@ CODES = {
     "widest_edge_gap": "edges_contradict",
     "narrowest_edge_gap": "edges_contradict",
     "line_residual_px": "residual_too_large",
+    "line_reach": "line_beyond_field",
     "marking_residual_px": "residual_too_large",
     "rejected_share": "observations_contradict",
     "mark_distance_px": "mark_contradicts_circle",
@@ -160,6 +170,9 @@ _WORDS = {
     "widest_edge_gap": "the marking's edges lie {value:.2f} times as far apart as the camera predicts",
     "narrowest_edge_gap": "the marking's edges lie only {value:.2f} times as far apart as the camera predicts",
     "line_residual_px": "the projected halfway line leaves the marking by {value:.2f} px rms, {limit:.2f} are allowed",
+    "line_reach": (
+        "the halfway line runs {value:.2f} half widths of the field, {limit:.2f} are allowed: the circle is another one"
+    ),
     "marking_residual_px": (
         "{marking} lies {value:.2f} px rms from where the other lines and points put it, {limit:.2f} are allowed"
     ),
@@ -260,6 +273,18 @@ def _residual_checks(camera: CameraFit, cues: Cues, circle: Circle, unit: float,
         stated = NOISE_SIGMAS * camera.stated_sigma_px.get(cues.mark.name, 0.0)
         checks.append(_check("mark_distance_px", seen, max(config.max_mark_distance_px * unit, stated)))
     return checks
+
+
+def _reach_checks(camera: CameraFit, cues: Cues, template: FieldTemplate, config: VerdictConfig) -> list[Check]:
+    """The halfway line ends with the field: of a smaller circle on the same floor the field would be too small."""
+    line = None if cues.halfway is None else template.line_by_name.get(cues.halfway.name or "")
+    if cues.halfway is None or line is None:
+        return []
+    middle = 0.5 * (np.asarray(line.start) + np.asarray(line.end))
+    half = np.asarray(line.end) - middle
+    along = (camera.camera.back_project(cues.halfway.points_px) - middle) @ half / (half @ half)
+    reach = np.nan_to_num(np.abs(along), nan=np.inf)
+    return [_check("line_reach", float(np.sort(reach)[int(REACH_SHARE * (len(reach) - 1))]), config.max_line_reach)]
 
 
 def _edge_checks(

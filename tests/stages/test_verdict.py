@@ -151,6 +151,16 @@ def test_every_gate_has_a_code_and_words(camera, code, words):
     assert CODES[failed[0]] == code
 
 
+def test_a_halfway_line_beyond_the_field_belongs_to_another_circle():
+    beyond = CAMERA.project(np.linspace([0.0, -34.0], [0.0, 15.0], 200) * 1.6)
+    long = replace(LINE, points_px=beyond, sigma_px=np.full(200, 0.1))
+    found = verdict(camera_fit(), cues=Cues(long, MARK))
+    assert (found.status, found.code) == ("refused", "line_beyond_field")
+    assert "runs 1.48 half widths" in found.reason
+    strays = np.r_[LINE.points_px, beyond[:4]]
+    assert verdict(camera_fit(), cues=Cues(replace(LINE, points_px=strays), MARK)).status == "calibrated"
+
+
 def test_white_residuals_are_no_structure():
     assert verdict(camera_fit(residuals_px={"centre_circle center": 1.3})).status == "calibrated"
 
