@@ -31,7 +31,7 @@ def bound_covariance(
     """Covariance (P, P) of the parameters at the truth: inverse of the Fisher information of the data plus the
     priors' precision.
     """
-    frame = Frame(camera.width, camera.height, config.crown_shape, circle.radius_m)
+    frame = Frame(camera.width, camera.height, config.usual_crown, circle.radius_m)
     theta = theta_of(camera, frame)
     theta[12] = crown_m
     curves = observed_curves(observations, template, Realism(10**6, 0.0, 0.0))

@@ -160,7 +160,7 @@ def _bound_covariances(draws: Sequence[Draw]) -> Array:
     template, circle = soccer()
     problems, thetas = [], []
     for draw in draws:
-        frame = Frame(draw.camera.width, draw.camera.height, draw.config.crown_shape, circle.radius_m)
+        frame = Frame(draw.camera.width, draw.camera.height, draw.config.usual_crown, circle.radius_m)
         theta = theta_of(draw.camera, frame)
         theta[INDEX["crown"]] = draw.crown_m
         thetas.append(theta)

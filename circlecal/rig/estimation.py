@@ -255,7 +255,7 @@ def frame_problem(
     assert frame.observations is not None
     unit = frame.size[0] / 1920.0
     options = config.camera
-    view = Frame(*frame.size, options.crown_shape, circle.radius_m)
+    view = Frame(*frame.size, options.usual_crown, circle.radius_m)
     names = [turned_line(name, template) if turned else name for name in frame.named_lines]
     seen = with_names(frame.observations, names, theta, template, view)
     seen = replace(

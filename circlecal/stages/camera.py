@@ -53,6 +53,10 @@ followed too.
 """
 
 
+CROWN_EVIDENCE = 3.0
+"""By how much (half a chi-square) a parabolic pitch must explain a frame better than a roof to be believed."""
+
+
 class CameraConfig(BaseModel):
     """Options of the stage ``camera``."""
 
@@ -78,8 +82,9 @@ class CameraConfig(BaseModel):
         0.05, ge=-0.5, le=1, description="Prior mean of the drop of the pitch at |y| = 9.15 m, metres."
     )
     crown_sd_m: float = Field(0.03, ge=0, description="Prior standard deviation of it; 0 fixes it.")
-    crown_shape: Literal["parabola", "roof", "flat"] = Field(
-        "roof", description="Profile of the pitch across its length."
+    crown_shape: Literal["auto", "parabola", "roof", "flat"] = Field(
+        "auto",
+        description="Profile of the pitch across its length; auto: a roof, unless the frame clearly shows a parabola.",
     )
     roll_sd_deg: float = Field(3.0, ge=0, description="Prior of the camera's roll about 0, degrees.")
     position_m: Three | None = Field(
@@ -131,6 +136,11 @@ class CameraConfig(BaseModel):
         True, description="Whether standard deviations grow to what the residuals and their correlation show."
     )
 
+    @property
+    def usual_crown(self) -> str:
+        """The profile that is tried first."""
+        return "roof" if self.crown_shape == "auto" else self.crown_shape
+
 
 def estimate_camera(
     observations: Observations,
@@ -160,7 +170,7 @@ def estimate_camera(
         ``no_circle`` where nothing else determines a camera, ``no_ellipse``, ``rotation_free``, ``no_camera`` where no
         start leads to a camera above the ground.
     """
-    frame = Frame(observations.width, observations.height, config.crown_shape, max(circle.radius_m, 1e-3))
+    frame = Frame(observations.width, observations.height, config.usual_crown, max(circle.radius_m, 1e-3))
     curves = observed_curves(observations, template, _realism(config, observations.width))
     points = observed_points(observations, template)
     priors = priors_of(config, template, circle, frame)
@@ -199,6 +209,8 @@ def estimate_camera(
             hidden = ground_hidden(problem.curves, start, frame)
             state = minimise(problem, start, config.loss_scale, config.iterations, hidden, COARSE)
             problem, state, scale = _settled(problem, state, config, FINAL)
+    if config.crown_shape == "auto" and config.shared is None:
+        problem, state, scale = _clearly_curved(problem, state, scale, config)
     return camera_fit(
         problem,
         state,
@@ -209,6 +221,15 @@ def estimate_camera(
         template,
         stated_sigmas(observations),
     )
+
+
+def _clearly_curved(problem: Problem, state: State, scale: float, config: CameraConfig) -> tuple[Problem, State, float]:
+    """The fit with a parabolic pitch where it explains what was seen clearly better, else the one given."""
+    curved = replace(problem, frame=replace(problem.frame, crown_shape="parabola"))
+    found = minimise(curved, state.theta[:1], config.loss_scale, config.iterations, state.hidden[:1])
+    if found.cost[0] > state.cost[0] - CROWN_EVIDENCE:
+        return problem, state, scale
+    return _settled(curved, found, config, FINAL)
 
 
 def _recognised(

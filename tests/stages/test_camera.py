@@ -152,6 +152,21 @@ def test_a_crown_that_is_not_modelled_is_seen_in_the_residuals():
     assert flat.residuals_px["centre_circle center"] > 10 * roof.residuals_px["centre_circle center"]
 
 
+@pytest.mark.parametrize("shape", ["roof", "parabola"])
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_the_profile_of_the_pitch_is_told_by_the_frame(shape, seed):
+    surface = Surface(0.06, shape)
+    given = seen(WIDE, edges=("center",), mark=True, lines=("side_line_top",), sigma=0.2, seed=seed, surface=surface)
+    fit = estimate_camera(given, SOCCER, CIRCLE, CameraConfig(k1_mean=0.0, k1_sd=0.005))
+    assert fit.crown_shape == shape
+    assert fit.crown_m == pytest.approx(0.06, abs=0.02)
+
+
+def test_a_profile_that_makes_no_difference_is_a_roof():
+    fit = estimate_camera(seen(MAIN, sigma=0.5), SOCCER, CIRCLE, CameraConfig(k1_mean=0.0, crown_m=0.0))
+    assert fit.crown_shape == "roof"
+
+
 @pytest.mark.parametrize("side", sorted(SIDES))
 def test_cameras_on_every_side(side):
     toward = np.array(SIDES[side])
