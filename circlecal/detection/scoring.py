@@ -98,7 +98,7 @@ def support_of(batch: EllipseBatch, raster: RidgeRaster, count: int = _FINE_ANGL
 def best_distinct(batch: EllipseBatch, raster: RidgeRaster, count: int) -> EllipseBatch:
     """The best ``count`` ellipses, best first, no two of them nearly the same."""
     coarse = support_of(batch, raster, _COARSE_ANGLES).score
-    batch = batch.take(np.argsort(-coarse)[: 16 * count])
+    batch = batch.take(np.argsort(-coarse)[: 8 * count])
     fine = support_of(batch, raster).score
     batch = batch.take(np.argsort(-fine))
     return batch.take(_distinct(batch, count, _ALIKE))
