@@ -197,6 +197,15 @@ class FieldTemplate(BaseModel):
             shift[1, 0] = 0.0
         return shift
 
+    @cached_property
+    def drawn_lines(self) -> tuple[Array, Array]:
+        """Ends (T, 2, 2) and shifts (T, 3, 2) of all straight markings, as of :meth:`line_ends` and
+        :meth:`line_shift`.
+        """
+        ends = [self.line_ends(line) for line in self.lines]
+        shifts = [self.line_shift(line) for line in self.lines]
+        return np.array(ends).reshape(-1, 2, 2), np.array(shifts).reshape(-1, 3, 2)
+
     def line_coordinates(self, line: Line) -> Array:
         """Homogeneous line (3,) of the centreline, ``a^2 + b^2 = 1``."""
         (x0, y0), (x1, y1) = self.line_ends(line)

@@ -18,7 +18,7 @@ from circlecal.observations import CircleEdge, CirclePoints, Observations
 MINIMUM_CIRCLE_POINTS = 6
 """With fewer the circle is no ellipse that a start could come from."""
 
-REFINEMENTS, ELLIPSE_POINTS = 3, 120
+REFINEMENTS, ELLIPSE_POINTS = 2, 120
 """Steps of an ellipse from which only starts are taken, and of how many points of it about."""
 
 _SeenEllipse = tuple[Array, Ellipse, CircleEdge]

@@ -15,10 +15,11 @@ import numpy as np
 
 from circlecal.camera_fit.curves import CurvePoints, curve_residuals, ground_hidden
 from circlecal.camera_fit.model import Frame
-from circlecal.field import FieldTemplate, Line
+from circlecal.field import FieldTemplate
 from circlecal.geometry.homogeneous import Array, Indices, Mask
 
-MOST_SEEDS = 24
+MOST_SEEDS, SEEDS_OF_ONE = 24, 8
+"""How many seeds are grown, and how many where only the best hypothesis is wanted: the longest lines."""
 SEED_COST, MATCH_COST = 36.0, 16.0
 """Largest squared Mahalanobis distance of a seed, and of a further match."""
 
@@ -94,16 +95,18 @@ def associate_lines(
     list of Association
         Best first; empty where nothing fits.
     """
-    lines = [line for line in template.lines if line.name not in excluded]
+    drawn = [k for k, line in enumerate(template.lines) if line.name not in excluded]
+    lines = [template.lines[k] for k in drawn]
     if len(segments) == 0 or not lines:
         return []
-    pairs = _pairs(segments, template, lines, theta, frame)
+    ends, shifts = (geometry[drawn] for geometry in template.drawn_lines)
+    pairs = _pairs(segments, ends, shifts, theta, frame)
     for t, line in enumerate(lines):
         pairs.on_marking[[s for s, name in elsewhere if name == line.name], t] = False
     lengths = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=-1)
     cost = _mahalanobis(pairs.residuals[None], pairs.jacobians, covariance[None], sigma_px)[0]
     seeds = np.argwhere(pairs.on_marking & (cost < SEED_COST))
-    seeds = seeds[np.argsort(-lengths[seeds[:, 0]], kind="stable")][:MOST_SEEDS]
+    seeds = seeds[np.argsort(-lengths[seeds[:, 0]], kind="stable")][: MOST_SEEDS if count > 1 else SEEDS_OF_ONE]
     if len(seeds) == 0:
         return []
     chosen, costs = _grown(seeds, pairs, lengths, covariance, sigma_px)
@@ -118,17 +121,15 @@ def associate_lines(
     return sorted(different.values(), key=lambda a: a.score, reverse=True)[:count]
 
 
-def _pairs(segments: Array, template: FieldTemplate, lines: list[Line], theta: Array, frame: Frame) -> _Pairs:
-    S, T = len(segments), len(lines)
-    ends = np.array([template.line_ends(line) for line in lines])
+def _pairs(segments: Array, ends: Array, shifts: Array, theta: Array, frame: Frame) -> _Pairs:
+    S, T = len(segments), len(ends)
     span = ends[:, 1] - ends[:, 0]
     lengths = np.hypot(span[:, 0], span[:, 1])
     group = np.repeat(np.arange(T), 2 * S)
     zero = np.zeros(len(group))
     curves = CurvePoints(
         np.tile(segments.reshape(-1, 2), (T, 1)), zero + 1.0, ends[group, 0], zero, zero, zero,
-        (span / lengths[:, None])[group], np.array([template.line_shift(line) for line in lines])[group], group,
-        tuple(line.name for line in lines),
+        (span / lengths[:, None])[group], shifts[group], group, ("",) * T,
     )  # fmt: skip
     start = ground_hidden(curves, theta[None], frame)
     seen = curve_residuals(curves, theta[None], start, frame, updates=1)

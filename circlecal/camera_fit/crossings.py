@@ -143,14 +143,13 @@ def _one_point(line: Line, point_px: Array, sigma: Array, template: FieldTemplat
 
 def _running_through(point_m: Array, ending: Line, template: FieldTemplate) -> Line | None:
     """The line of the template, other than the one that ends there, on which a point (2,) lies."""
-    for line in template.lines:
-        start, end = template.line_ends(line)
-        along = (end - start) / np.linalg.norm(end - start)
-        share = float((point_m - start) @ along)
-        beside = np.linalg.norm(point_m - start - share * along) < TOUCH_M
-        if line.name != ending.name and beside and -TOUCH_M < share < np.linalg.norm(end - start) + TOUCH_M:
-            return line
-    return None
+    ends, _ = template.drawn_lines
+    span, offset = ends[:, 1] - ends[:, 0], point_m - ends[:, 0]
+    length = np.hypot(*span.T)
+    share = (offset * span).sum(axis=1) / length
+    beside = np.abs(offset[:, 0] * span[:, 1] - offset[:, 1] * span[:, 0]) < TOUCH_M * length
+    touched = np.flatnonzero(beside & (share > -TOUCH_M) & (share < length + TOUCH_M))
+    return next((template.lines[k] for k in touched if template.lines[k].name != ending.name), None)
 
 
 def _met(end: LineEnd, line: LinePoints, observations: Observations, unit: float) -> bool:

@@ -127,7 +127,7 @@ def correlation_factor(values: Array, maximum_lag: int = 40) -> float:
     if power <= 0:
         return 1.0
     lags = min(maximum_lag, n // 4)
-    correlation = np.array([centred[k:] @ centred[:-k] for k in range(1, lags + 1)]) / power
+    correlation = np.correlate(np.concatenate([centred, np.zeros(lags)]), centred, "valid")[1:] / power
     negative = np.flatnonzero(correlation < 2.0 / np.sqrt(n))
     last = negative[0] if len(negative) else lags
     return float(1.0 + 2.0 * correlation[:last].sum())
