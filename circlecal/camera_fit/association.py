@@ -132,7 +132,7 @@ def _pairs(segments: Array, ends: Array, shifts: Array, theta: Array, frame: Fra
         (span / lengths[:, None])[group], shifts[group], group, ("",) * T,
     )  # fmt: skip
     start = ground_hidden(curves, theta[None], frame)
-    seen = curve_residuals(curves, theta[None], start, frame, updates=1)
+    seen = curve_residuals(curves, theta[None], start, frame, updates=0)
     hidden = seen.hidden[0].reshape(T, S, 2)
     # uncertain cameras slide along a line too, so its ends are taken generously
     slack = 0.15 * lengths[:, None, None] + 3.0
