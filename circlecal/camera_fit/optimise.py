@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -30,7 +31,7 @@ _CAUTIOUS = np.array([[1, 0, 0, 1, 1, 1, 1], [1, 1, 1, 1, 0, 0, 0]], dtype=np.fl
 """Which of the first parameters the largest step is about: in look coordinates, and in others."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Priors:
     """Gaussian priors of the parameters, and of a camera's usual place.
 
@@ -71,13 +72,22 @@ class Priors:
         told, by_theta = self.shared.residuals(theta)
         return np.concatenate([values, told], axis=1), np.concatenate([jacobian, by_theta], axis=1)
 
-    def _of_parameters_and_place(self, theta: Array) -> tuple[Array, Array]:
+    @cached_property
+    def _linear(self) -> tuple[Indices, Array, Array]:
+        """Which parameters have a prior of their own (K,), whether the place has (2,), and the Jacobian (K or more, P)
+        without the place's.
+        """
         used = np.flatnonzero((self.sd > 0) & np.isfinite(self.sd))
         place = np.isfinite([self.distance_log_sd, self.elevation_sd_rad])
-        values = np.empty((len(theta), len(used) + int(place.sum())))
-        jacobian = np.zeros((*values.shape, len(PARAMETERS)))
+        jacobian = np.zeros((len(used) + int(place.sum()), len(PARAMETERS)))
+        jacobian[np.arange(len(used)), used] = 1.0 / self.sd[used]
+        return used, place, jacobian
+
+    def _of_parameters_and_place(self, theta: Array) -> tuple[Array, Array]:
+        used, place, linear = self._linear
+        jacobian = np.repeat(linear[None], len(theta), axis=0)
+        values = np.empty(jacobian.shape[:2])
         values[:, : len(used)] = (theta[:, used] - self.mean[used]) / self.sd[used]
-        jacobian[:, np.arange(len(used)), used] = 1.0 / self.sd[used]
         if not place.any():
             return values, jacobian
         offset = theta[:, _POSITION].copy()

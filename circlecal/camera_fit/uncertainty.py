@@ -34,7 +34,7 @@ def spread_cameras(theta: Array, covariance: Array, center_m: Array) -> Array:
     look = to_look(theta[None], center_m)
     change = np.eye(len(theta))
     by_look = look_jacobian(theta[None], center_m)[0]
-    straight = bool(np.isfinite(look).all() and np.isfinite(by_look).all())
+    straight = bool(np.isfinite(look).all() and np.isfinite(by_look).all() and np.linalg.cond(by_look) < LOOK_CONDITION)
     if straight:
         change[:LOOK, :LOOK] = by_look
     inverse = np.linalg.inv(change)
@@ -68,6 +68,10 @@ def homography_vectors(homographies: Array) -> Array:
 def imaged_points(homographies: Array, points_m: Array) -> Array:
     """Undistorted pixels (B, N, 2) of field points (N, 2) on the tangent plane."""
     return dehomogenise(lift(points_m) @ np.swapaxes(homographies, 1, 2))
+
+
+LOOK_CONDITION = 1e14
+"""Of the derivative of the parameters by the look coordinates: beyond it the centre lies in the camera's own plane."""
 
 
 @dataclass(frozen=True, slots=True)
