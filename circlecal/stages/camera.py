@@ -346,7 +346,7 @@ def _require_landmarks(observations: Observations, circle: Circle, landmarks: La
 def _best_fit(problem: Problem, closed: Array, grid: Array, short: bool, config: CameraConfig, side: str) -> State:
     """Follow the closed forms; where they are missing or leave the field uncertain, the grid too."""
     if len(closed) and not short:
-        state = _follow(problem, closed, config, side, ground_hidden(problem.curves, closed, problem.frame))
+        state = _follow(problem, closed, config, side)
         covariance = posterior_covariance(state.normal[0], problem.priors.sd)
         rim = problem.priors.center_m + problem.frame.crown_reference_m * np.array(
             [[2.0, 0.0], [-2.0, 0.0], [0.0, -2.0]]
@@ -358,13 +358,13 @@ def _best_fit(problem: Problem, closed: Array, grid: Array, short: bool, config:
     return _follow(problem, np.concatenate([closed, screened(problem, grid, config.starts)]), config, side)
 
 
-def _follow(problem: Problem, starts: Array, config: CameraConfig, side: str, hidden: Array | None = None) -> State:
+def _follow(problem: Problem, starts: Array, config: CameraConfig, side: str) -> State:
     """Optimise from every start with a wide, then with the final loss; the best first, those on the stated side
     before the others.
     """
     if len(starts) == 0:
         raise EstimationError("camera", "no_camera", "no start for the camera was found")
-    wide = minimise(problem, starts, 100.0 * config.loss_scale, min(30, config.iterations), hidden, COARSE)
+    wide = minimise(problem, starts, 100.0 * config.loss_scale, min(30, config.iterations), tolerance=COARSE)
     chosen = best_of(wide, max(2, min(len(starts), 3 * config.starts // 4)))
     state = chosen
     if (np.abs(chosen.residuals) > 0.5 * config.loss_scale).any():
