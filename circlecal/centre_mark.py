@@ -28,6 +28,7 @@ _FAINTEST = 0.02  # of the line's contrast: scatter is never less
 _HIDDEN = 0.4  # of the line's contrast: where the line is darker than usual by this much, something hides it
 _FADED = 0.5  # of its own brightness: what is left of a disc just beyond its edge
 _AROUND_PX = 2.5  # how far around the disc the line and the surface must be bare
+_ASIDE_RADII = 2.0  # beside the disc, out to so many of its half axes, the surface is bare; players may stand beyond
 _INNERMOST = 0.75  # of the disc's half axis: beyond it, at least, the disc is looked for
 _SIGMA_FLOOR_PX = 0.3
 _BEND_POINTS = 15  # measured points of the line over which its bend is averaged
@@ -232,10 +233,15 @@ def _bare(seen: _Rectified, peak: int, blur_px: float, inner_px: float, line_con
         return False
     for side in (-1.0, 1.0):
         beside = side * seen.across
-        disc, aside = (beside > inner_px) & (beside <= a + blur_px), beside > a + 1.5 * blur_px + 1.0
+        rim = a + 1.5 * blur_px + 1.0
+        disc = (beside > inner_px) & (beside <= a + blur_px)
+        aside = (beside > rim) & (beside <= max(_ASIDE_RADII * a, rim + 2.0 * _AROUND_PX))
         seen_here = float(values[on][:, disc].mean())
-        around = max(abs(float(values[rows][:, disc].mean())) for rows in beyond)
-        if around > _FADED * seen_here or abs(float(np.median(values[on][:, aside]))) > _FADED * line_contrast:
+        around = [float(values[rows][:, disc].mean()) for rows in beyond]
+        # brightness that goes on is a player; shade beside the disc dims it too, and may be as deep as it is bright
+        if max(around) > _FADED * seen_here or min(around) < -seen_here:
+            return False
+        if abs(float(np.median(values[on][:, aside]))) > _FADED * line_contrast:
             return False
     return True
 
