@@ -41,6 +41,8 @@ NEAR_PX, BEND_SHARE, LEAST_SINE = 3.0, 0.008, 0.15
 """How far a seen line may pass by an end: pixels at 1920 px width, and share of its distance; and the sine of the least
 angle between both.
 """
+NEAR_SIGMAS = 1.5
+"""A line passes through another one's end within this many of the end's standard deviations."""
 TOUCH_M = 0.3
 """How far a line of the template may end from the one it runs into."""
 
@@ -104,30 +106,50 @@ def _crossings(
     outward = np.where(far[:, None], lines.direction, -lines.direction)
     # the paint ends on the near edge of the other marking, its middle lies half a width further
     at = view(theta, place[None, :, 0], place[None, :, 1], problem.frame)
-    middles = lines.points_px + at.along(*outward.T)[0].T * 0.5 * template.marking_width_m
+    steps = at.along(*outward.T)[0].T * 0.5 * template.marking_width_m
+    middles = lines.points_px + steps
+    # where both cross at a slant the paint ends anywhere within the other marking
+    sigmas = np.hypot(sigma, np.linalg.norm(steps, axis=-1))[:, None]
     others = [_running_through(corners[k, int(far[k])], line, template) for k, line in enumerate(drawn)]
     met = [k for k, other in enumerate(others) if other is not None]
     if not met:
         return ()
-    points = stack_curves([_one_point(other, middles[k], sigma, template) for k, other in enumerate(others) if other])
+    points = stack_curves(
+        [_one_point(other, middles[k], sigmas[k], template) for k, other in enumerate(others) if other]
+    )
     expected = curve_residuals(points, theta, ground_hidden(points, theta, problem.frame), problem.frame)
     J = expected.jacobian[0]
     spread = np.sqrt(((J @ posterior_covariance(state.normal[0], problem.priors.sd)) * J).sum(axis=1))
     believed = np.abs(expected.values[0]) <= worst * np.hypot(spread, 1.0)
-    vague = spread * SIGMA_PX > SURE_PX
+    vague = spread * sigmas[met, 0] > SURE_PX * unit
     return tuple(
-        LinePoints(name, middles[k][None], sigma)
+        LinePoints(name, middles[k][None], sigmas[k])
         for k, name, fits, unsure in zip(met, points.names, believed, vague, strict=True)
         if fits and (ends[k][0].crossed or not unsure or _met(*ends[k], observations, unit))
     )
 
 
-def passes(segment: Array, point_px: Array, unit: float) -> bool:
+def passes(segment: Array, point_px: Array, unit: float, near_px: float = NEAR_PX) -> bool:
     """Whether a seen line with the ends (2, 2) goes through a point (2,), or would if it were drawn on."""
     along = (segment[1] - segment[0]) / np.linalg.norm(segment[1] - segment[0])
     first, second = (point_px - segment) @ along
     away = max(-float(first), float(second), 0.0)
-    return abs(float(line_distance(fit_line(segment), point_px[None])[0])) < NEAR_PX * unit + BEND_SHARE * away
+    return abs(float(line_distance(fit_line(segment), point_px[None])[0])) < near_px * unit + BEND_SHARE * away
+
+
+def passes_end(segment: Array, met: LinePoints, unit: float) -> bool:
+    """The same of a point of :func:`with_crossings`, as precisely as it is known."""
+    return passes(segment, met.points_px[0], unit, NEAR_SIGMAS * float(met.sigma_px[0]) / unit)
+
+
+def same_markings(names: dict[int, str], met: tuple[LinePoints, ...], observations: Observations) -> bool:
+    """Whether lines (names by index) are nothing but markings on which ends were seen, and pass through those ends."""
+    places = {point.line: point for point in met}
+    unit = observations.width / 1920.0
+    return bool(names) and all(
+        name in places and passes_end(segment_ends(observations.lines[k].points_px), places[name], unit)
+        for k, name in names.items()
+    )
 
 
 def segment_ends(points: Array) -> Array:

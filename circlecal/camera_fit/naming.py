@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from circlecal.camera_fit.association import Association, associate_lines
-from circlecal.camera_fit.crossings import SIGMA_PX as CROSSING_SIGMA_PX
-from circlecal.camera_fit.crossings import passes, segment_ends
+from circlecal.camera_fit.crossings import passes_end, segment_ends
 from circlecal.camera_fit.curves import CurvePoints, ground_hidden
 from circlecal.camera_fit.observed import Realism, thinned_curves, thinned_line
 from circlecal.camera_fit.optimise import COARSE, Problem, State, minimise
@@ -177,9 +176,10 @@ def _scene(
     segments = np.array([segment_ends(line.points_px) for line in lines])
     unit = observations.width / 1920.0
     residuals, group = state.residuals[0] * problem.curves.sigma_px, problem.curves.group
+    stated = np.bincount(group, problem.curves.sigma_px) / np.bincount(group)
     return _Scene(
         problem=replace(problem, curves=curves),
-        allowed_px=np.where(np.bincount(group) == 1, CROSSING_SIGMA_PX, 0.3) * unit,
+        allowed_px=np.where(np.bincount(group) == 1, stated, 0.3 * unit),
         before_px=np.sqrt(np.bincount(group, residuals**2) / np.bincount(group)),
         points_px=np.concatenate([points for points, _ in thinned]),
         sigma_px=np.concatenate([sigma for _, sigma in thinned]),
@@ -191,7 +191,7 @@ def _scene(
             (k, str(point.line))
             for k, segment in enumerate(segments)
             for point in met
-            if not passes(segment, point.points_px[0], unit)
+            if not passes_end(segment, point, unit)
         ),
         loss_scale=loss_scale,
     )

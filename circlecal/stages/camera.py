@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from circlecal.camera_fit.all_starts import MINIMUM_CIRCLE_POINTS, arc_deg, screened, starts_of, usual_lens
-from circlecal.camera_fit.crossings import with_crossings
+from circlecal.camera_fit.crossings import same_markings, with_crossings
 from circlecal.camera_fit.curves import CurvePoints, FixedPoints, ground_hidden, joined_curves
 from circlecal.camera_fit.model import INDEX, PARAMETERS, Frame
 from circlecal.camera_fit.naming import name_lines
@@ -251,7 +251,8 @@ def _recognised(
     if met and not found.names:
         # an end may be a cover's edge: only a whole structure of lines says so
         others = name_lines(problem, state, observations, template, coarse, config.loss_scale)
-        if len(set(others.names.values())) >= OVERRULING_LINES:
+        # and a line that passes through the end tells better where it runs
+        if len(set(others.names.values())) >= OVERRULING_LINES or same_markings(others.names, met, observations):
             met, found = (), others
     if not met and not found.names:
         return None

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from circlecal.bench.scenarios import KNOWN
-from circlecal.camera_fit.crossings import passes
+from circlecal.camera_fit.crossings import passes, passes_end, same_markings
 from circlecal.field import load_field
 from circlecal.observations import LineEnd, LinePoints, Observations
 from circlecal.stages.camera import estimate_camera
@@ -79,6 +79,23 @@ def test_lines_that_pass():
     assert not passes(segment, np.array([500.0, 206.0]), 1.0)
     # drawn on, a lens bends it
     assert passes(segment, np.array([1500.0, 206.0]), 1.0)
+
+
+def test_an_end_lies_anywhere_within_the_marking_that_it_meets():
+    """Near the camera a marking is wide in the picture, and the end is known no better than that."""
+    segment = np.array([[100.0, 200.0], [900.0, 200.0]])
+    far, near = (LinePoints("side_line_top", np.array([[500.0, 205.0]]), np.array([s])) for s in (2.0, 4.0))
+    assert not passes_end(segment, far, 1.0)
+    assert passes_end(segment, near, 1.0)
+
+
+def test_a_line_through_an_end_says_where_that_marking_runs():
+    observations = seen([], [nameless(-34.0 + 0.5 * SOCCER.marking_width_m), nameless(-30.0)])
+    met = (LinePoints("side_line_top", CAMERA.project(FAR_END)[None], np.array([2.0])),)
+    assert same_markings({1: "side_line_top"}, met, observations)
+    assert not same_markings({2: "side_line_top"}, met, observations)
+    assert not same_markings({1: "side_line_bottom"}, met, observations)
+    assert not same_markings({}, met, observations)
 
 
 def test_ends_survive_a_round_trip():
