@@ -38,6 +38,7 @@ _SIGNS = {"light": 1.0, "dark": -1.0}
 _NO_FIELD = "no_field"
 _MARGIN = 0.012  # of the picture's width: by how much the second pass looks beyond the field
 _SHORTEST_RUN = 0.10  # picture widths: shorter straight runs are not reported
+_SHORTEST_HALFWAY = 0.04  # picture widths: of a piece of the halfway line of a circle that has no longer one
 
 
 @dataclass(slots=True)
@@ -315,6 +316,8 @@ def _first_accepted(
     candidates: list[CircleHypothesis] = []
     refusals: list[str] = []
     likely: list[tuple[MeasuredCircle, CircleHypothesis, MeasuredLine]] = []
+    shorter: Array | None = None
+    least = _SHORTEST_HALFWAY * raster.width
     for index in range(min(len(batch), config.candidates)):
         start = scaling.full_ellipses(batch.take(np.array([index])))
         circle = measure_circle(full_grey, start, (_SIGNS[config.marking],), config.refinement)
@@ -324,7 +327,13 @@ def _first_accepted(
         refusal = refusal_of(hypothesis, True, width, config.acceptance)
         if refusal is None or likely_arc(hypothesis, width, config.acceptance, config.likely):
             halfway = find_halfway(full_grey, circle, segments, config)
-            refusal = refusal_of(hypothesis, halfway is not None, width, config.acceptance)
+            if halfway is None and refusal is not None:
+                if shorter is None:
+                    runs = find_straight_runs(raster.ridges, (raster.width, raster.height), least, config.lines)
+                    shorter = _segments(runs, scaling)
+                halfway = find_halfway(full_grey, circle, shorter, config)
+            through = halfway is not None and not halfway.outside
+            refusal = refusal_of(hypothesis, through, width, config.acceptance)
             watch.lap("halfway")
             if refusal is None:
                 return _Found(circle, hypothesis, halfway, (hypothesis, *candidates), None)

@@ -17,17 +17,22 @@ __all__ = ["MeasuredLine", "MeasuredSegments", "find_halfway", "measure_segments
 _TRIED = 4  # lines nearest to the circle's centre
 _INSIDE = 0.97  # half chords: the crossing with the circle itself is left out of the support
 _NEARLY_CENTRAL = 0.12  # a supported line this near to the centre needs no comparison with others
+_FURTHEST = 6.0  # half chords: where the picture shows a line outside the circle only, it shows it this near
+_OUTSIDE_SUPPORT = 0.7  # of a line that is seen outside the circle only
 
 
 @dataclass(frozen=True, slots=True)
 class MeasuredLine:
-    """A line (3,) with profiles in order along it; ``support`` is the drawn share of its chord in the circle."""
+    """A line (3,) with profiles in order along it; ``support`` is the drawn share of its chord in the circle, or
+    of what is seen of it where the picture shows it ``outside`` the circle only.
+    """
 
     line: Array
     points: Array
     normals: Array
     band: BandProfile
     support: float
+    outside: bool = False
 
     @property
     def ends(self) -> tuple[Array, Array]:
@@ -100,6 +105,8 @@ def find_halfway(
         refined = abs(float(normalise_line(transform_lines(to_unit, measured.line))[2]))
         if not _drawn(measured, config.halfway) or refined > config.halfway.distance:
             continue
+        if measured.outside and refined > _NEARLY_CENTRAL:
+            continue
         value = measured.support - refined
         if best is None or value > best[0]:
             best = value, measured
@@ -110,6 +117,8 @@ def find_halfway(
 
 def _drawn(line: MeasuredLine, config: HalfwayConfig) -> bool:
     """Whether enough of the line is drawn inside the circle, or a little there and enough of it altogether."""
+    if line.outside:
+        return line.support >= _OUTSIDE_SUPPORT
     if line.support >= config.support:
         return True
     visible = max(1, int(np.count_nonzero(line.band.inside)))
@@ -129,17 +138,18 @@ def _followed(grey: NDArray[np.uint8], circle: MeasuredCircle, local: Array, con
     pieces = np.arange(count) * 4 // count
     reach = np.full(count, max(refinement.line_reach_px1280 * unit, 3.0))
     inner = np.abs(chords) <= _INSIDE
+    outside = extent[0] >= 1.0 or extent[1] <= -1.0
     line = normalise_line(join(lift(start), lift(end)))
     points, normals, band = _along_line(grey, start, end, share, reach, pieces, circle.sign, config)
-    on = band.supported & (np.abs(chords) <= 1.2)
+    on = band.supported & ((np.abs(chords) <= 1.2) | outside)
     if np.count_nonzero(on) >= 8:
         line = fit_line(points[on] + band.offset[on, None] * normals[on])
         start, end = (p - float(line_distance(line, p)) * line[:2] for p in (start, end))
         reach = np.maximum(refinement.narrow_reach_px1280 * unit, 3.0) + local_width(band)
         points, normals, band = _along_line(grey, start, end, share, reach, pieces, circle.sign, config)
-    judged = inner & band.inside
+    judged = band.inside if outside else inner & band.inside
     support = float(np.count_nonzero(band.supported & judged)) / max(1, int(np.count_nonzero(judged)))
-    return MeasuredLine(line, points, normals, band, support)
+    return MeasuredLine(line, points, normals, band, support, outside)
 
 
 def _along_line(
@@ -169,8 +179,10 @@ def _visible_chord(
     limit = np.array([shape[1] - 1.0, shape[0] - 1.0])
     with np.errstate(divide="ignore", invalid="ignore"):
         crossings = np.stack([-middle / step, (limit - middle) / step])
-    low = max(-config.extent, float(np.nanmax(crossings.min(axis=0))))
-    high = min(config.extent, float(np.nanmin(crossings.max(axis=0))))
+    low, high = float(np.nanmax(crossings.min(axis=0))), float(np.nanmin(crossings.max(axis=0)))
+    # the picture may show the line on one side of the circle only
+    reach = config.extent if low < 1.0 and high > -1.0 else _FURTHEST
+    low, high = max(-reach, low), min(reach, high)
     if not low < high:
         low, high = -1.0, 1.0
     return middle + low * step, middle + high * step, (low, high)

@@ -107,7 +107,11 @@ def find_cues(
     fit = ellipses.primary
     rough = mask.halfway if config.halfway_line and template.halfway_line is not None else None
     chord = None if rough is None else _chord(fit.conic, join(lift(rough.start), lift(rough.end)))
-    near = None if chord is None else _beyond(chord, config.reach_half_chords, picture.shape)
+    near = None
+    if chord is not None:
+        # the picture may show the halfway line outside the circle only
+        inside = _beyond(chord, 1.0, picture.shape)
+        near = rough if inside is None else _beyond(chord, config.reach_half_chords, picture.shape)
     further = mask.lines if config.further_lines else ()
     rounds = ONE_ROUND if mask.source == "detector" else TWO_ROUNDS
     measured = measure_lines(picture, (*further, *(() if near is None else (near,))), noise, config, rounds)
@@ -274,18 +278,25 @@ def _halfway_line(
     if cue is None:
         return None
     middle, half = 0.5 * (chord[0] + chord[1]), 0.5 * (chord[1] - chord[0])
-    inside = np.abs((cue.points_px - middle) @ half / (half @ half)) < 1.0
+    reach = float(np.linalg.norm(half))
     visible = _clipped(middle - half, middle + half, picture.shape[1], picture.shape[0])
-    expected = 0.0 if visible is None else float(np.linalg.norm(visible[1] - visible[0])) / config.spacing_px
-    support = float(inside.sum() / max(expected, 1.0))
+    if visible is None:
+        support = cue.segment.support
+        middle = 0.5 * (cue.segment.start + cue.segment.end)
+        reach = 0.5 * float(np.linalg.norm(cue.segment.end - cue.segment.start))
+    else:
+        inside = np.abs((cue.points_px - middle) @ half / (half @ half)) < 1.0
+        expected = float(np.linalg.norm(visible[1] - visible[0])) / config.spacing_px
+        support = float(inside.sum() / max(expected, 1.0))
     if support < config.minimum_support:
         return None
-    further = _followed(picture, cue, float(np.linalg.norm(half)), noise, config)
+    further = _followed(picture, cue, reach, noise, config)
     points = np.concatenate([cue.points_px, *(piece.points_px for piece in further)])
     sigma = np.concatenate([cue.sigma_px, *(piece.sigma_px for piece in further)])
     segment = Segment(cue.segment.start, cue.segment.end, support)
     unit = max(picture.shape[1] / 1920.0, 0.5)
-    ends = paint_ends(picture, points, middle, float(np.linalg.norm(half)) + RIM_CLEARANCE_PX * unit)
+    clear = RIM_CLEARANCE_PX * unit if visible is not None else -RIM_CLEARANCE_PX * unit
+    ends = paint_ends(picture, points, middle, reach + clear)
     kept = _before_crossed(points, middle, ends, END_CLEARANCE_PX * unit)
     return LineCue(name, cue.line, points[kept], sigma[kept], segment, cue.rms_px, ends)
 

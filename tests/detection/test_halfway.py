@@ -75,3 +75,14 @@ def test_segments_are_measured_one_by_one() -> None:
     assert share[0] > 0.9
     assert share[1] < 0.2
     assert measure_segments(grey, np.zeros((0, 2, 2)), 1.0, CONFIG) is None
+
+
+def test_a_line_that_is_seen_outside_the_circle_only() -> None:
+    """The picture shows the circle's left-hand part, and of the halfway line only what runs on towards the camera."""
+    left_part = paint_scene(pan_deg=-16.5)
+    grey, circle = measured(left_part)
+    shown = segment(left_part, (0, 18), (0, 24))
+    line = find_halfway(grey, circle, shown[None], CONFIG)
+    assert line is not None
+    assert line.outside
+    assert line.support > 0.7

@@ -79,6 +79,17 @@ def test_a_player_over_the_mark_hides_it(painted):
 
 
 @pytest.mark.parametrize("side", [-1, 1])
+def test_a_player_beside_the_mark_does_not_hide_it(painted, side):
+    image = painted.image.copy()
+    x, y = np.round(CAMERA.project(np.zeros(2))).astype(int)
+    left = x + 15 if side > 0 else x - 35
+    image[y - 50 : y + 12, left : left + 20] = 215
+    mark = cues_in(painted, image=image).mark
+    assert mark is not None
+    assert np.linalg.norm(mark.point_px - CAMERA.project(np.zeros(2))) < 1.0
+
+
+@pytest.mark.parametrize("side", [-1, 1])
 def test_a_spot_on_one_side_of_the_line_is_no_mark(side):
     """A boot or a ball beside the line: a mark lies on both sides of it."""
     bare = paint(CAMERA, mark=False, noise=1.5)
@@ -215,3 +226,14 @@ def test_the_halfway_line_ends_at_the_touchline_though_something_goes_on_behind_
     beyond = (halfway.points_px - end) @ ahead
     assert -8.0 < beyond.max() < 4.0
     assert any(end.crossed for end in halfway.ends)
+
+
+def test_halfway_line_outside_the_circle_only():
+    """The circle's middle lies right of the picture; of the halfway line its near part is seen."""
+    camera = view(position=(5.0, 48.0, -18.0), target=(-15.0, 9.0, 0.0), focal=2000.0, size=(1280, 720))
+    painted = paint(camera, mark=False, noise=1.5)
+    ends = camera.project(np.array([[0.0, 14.0], [0.0, 18.0]]))
+    found = cues_in(painted, halfway=Segment(*ends)).halfway
+    assert found is not None
+    truth = camera.project(np.stack([np.zeros(50), np.linspace(12, 18, 50)], axis=-1))
+    assert np.abs(line_distance(found.line, truth)).max() < 0.3
