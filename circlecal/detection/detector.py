@@ -80,6 +80,11 @@ class _Found:
     refusal: str | None
     certain: bool = True
 
+    @property
+    def settled(self) -> bool:
+        """Whether the circle is beyond doubt and has its halfway line."""
+        return self.circle is not None and self.certain and self.halfway is not None
+
 
 @dataclass(frozen=True, slots=True)
 class _Search:
@@ -188,9 +193,10 @@ def _searched(
     rng: np.random.Generator,
     watch: _Stopwatch,
 ) -> _Search:
-    """The first search that finds a circle beyond doubt, quick ones before slow ones; failing that, the best.
+    """The first search that finds a circle beyond doubt with its halfway line, quick ones before slow ones; failing
+    that, the best.
 
-    Where the brightness of the markings is open, that circle must have its halfway line: floors show many circles.
+    A circle without that line may be one of several on the same floor, a face-off circle say.
     """
     options = [config.model_copy(update={"marking": marking}) for marking in _BRIGHTNESSES[config.marking]]
     passes = [(quick(option), 0.0) for option in options]
@@ -199,9 +205,7 @@ def _searched(
     searches: list[_Search] = []
     for option, margin in passes:
         search = _search(full_grey, region, option, rng, watch, margin)
-        found = search.found
-        certain = found.circle is not None and found.certain
-        if found.refusal == _NO_FIELD or (certain and (found.halfway is not None or len(options) == 1)):
+        if search.found.refusal == _NO_FIELD or search.found.settled:
             return search
         searches.append(search)
     return max(searches, key=_rank)
@@ -238,11 +242,11 @@ def _search(
     return _Search(ridges, runs, segments, found, scaling, sign)
 
 
-def _rank(search: _Search) -> tuple[bool, bool, float]:
-    """A certain circle beats a likely one, which beats a refusal; then the better score."""
+def _rank(search: _Search) -> tuple[bool, bool, bool, float]:
+    """A certain circle, better with its line, beats a likely one, which beats a refusal; then the better score."""
     found = search.found
     score = found.hypothesis.score if found.hypothesis is not None else 0.0
-    return found.circle is not None and found.certain, found.circle is not None, score
+    return found.settled, found.circle is not None and found.certain, found.circle is not None, score
 
 
 def _grown(hull: NDArray[np.uint8], margin: float) -> NDArray[np.uint8]:
@@ -311,10 +315,13 @@ def _first_accepted(
     config: DetectorConfig,
     watch: _Stopwatch,
 ) -> _Found:
-    """Measure the candidates in order until one is accepted; failing that, the best likely one."""
+    """Measure the candidates in order until one is accepted with its halfway line; failing that, the first accepted
+    without it, or the best likely one.
+    """
     width = full_grey.shape[1]
     candidates: list[CircleHypothesis] = []
     refusals: list[str] = []
+    lone: tuple[MeasuredCircle, CircleHypothesis] | None = None
     likely: list[tuple[MeasuredCircle, CircleHypothesis, MeasuredLine]] = []
     shorter: Array | None = None
     least = _SHORTEST_HALFWAY * raster.width
@@ -335,14 +342,18 @@ def _first_accepted(
             through = halfway is not None and not halfway.outside
             refusal = refusal_of(hypothesis, through, width, config.acceptance)
             watch.lap("halfway")
-            if refusal is None:
+            if refusal is None and halfway is not None:
                 return _Found(circle, hypothesis, halfway, (hypothesis, *candidates), None)
-            if halfway is not None and drawn_on_both_sides(circle, halfway.line, config.likely.side_share):
+            if refusal is None:
+                lone = lone or (circle, hypothesis)
+            elif halfway is not None and drawn_on_both_sides(circle, halfway.line, config.likely.side_share):
                 likely.append((circle, hypothesis, halfway))
         candidates.append(hypothesis)
-        refusals.append(refusal)
+        refusals.append(refusal or "")
     order = sorted(range(len(candidates)), key=lambda i: -candidates[i].score)
     ranked = tuple(candidates[i] for i in order)
+    if lone is not None:
+        return _Found(*lone, None, ranked, None)
     if likely:
         circle, hypothesis, halfway = max(likely, key=lambda found: found[1].score)
         return _Found(circle, hypothesis, halfway, ranked, None, certain=False)

@@ -1,13 +1,14 @@
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from circlecal.detection import Detection, DetectorConfig, detect
 from circlecal.geometry.conics import sampson_distance
-from circlecal.geometry.homogeneous import lift
+from circlecal.geometry.homogeneous import Array, lift
 
-from .conftest import GRASS, HALFWAY_AND_CIRCLE, PENALTY_AREA, Scene, level, paint_scene
+from .conftest import GRASS, HALFWAY_AND_CIRCLE, PENALTY_AREA, RADIUS_M, Scene, level, paint_scene, ring
 
 CONFIG = DetectorConfig()
 
@@ -86,6 +87,17 @@ def test_circle_without_a_halfway_line_is_accepted_without_one() -> None:
     found = run(scene.image)
     assert circle_error(found, scene) < 0.2
     assert found.halfway is None
+
+
+def test_of_several_circles_the_one_with_a_line_through_its_middle_is_taken() -> None:
+    def worn(x: Array, y: Array) -> tuple[Array, NDArray[np.bool_]]:
+        return np.hypot(x, y) - RADIUS_M, np.cos(9 * np.arctan2(y, x)) < 0.8
+
+    scene = paint_scene(markings=(worn, HALFWAY_AND_CIRCLE[1], ring(16.0, 6.0)), focal_px=1600.0)
+    found = run(scene.image)
+    assert circle_error(found, scene) < 0.3
+    assert found.halfway is not None
+    assert found.certain
 
 
 @pytest.mark.parametrize("surface", [(50, 90, 120), (170, 130, 60)])
