@@ -33,6 +33,10 @@ _REASONS = {
         "A likely circle, worn or short or mostly hidden, and nothing else of the field lies where its camera says.",
         "A mask (--mask) or one more line or keypoint; circlecal rig brings in other frames of the camera.",
     ),
+    "line_beyond_field": Explanation(
+        "The halfway line would be longer than the field: the circle is one of another sport or of smaller size.",
+        "Give the sport that the circle belongs to (--field), or the field's own sizes (field.sizes).",
+    ),
     "no_mask": Explanation(
         "mask.source is file, and there is no mask for this frame.",
         "Put x.mask.png beside x.jpg, give --mask FOLDER, or set mask.source=auto.",
