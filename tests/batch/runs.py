@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import signal
 import sys
 import time
 from collections import Counter
@@ -16,6 +17,11 @@ from circlecal.batch import RESULTS_NAME, SUMMARY_NAME
 
 COMMAND = [sys.executable, "-m", "circlecal.cli", "batch"]
 SURROUNDINGS = {**os.environ, "PYTHONPATH": str(Path(circlecal.__file__).parents[1])}
+
+
+def listen_to_ctrl_c() -> None:
+    """Before a run is started: shells start what runs in the background deaf to Ctrl-C, and children inherit that."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def paint(folder: Path, count: int) -> Path:

@@ -11,7 +11,7 @@ import pytest
 
 from circlecal.batch import RESULTS_NAME
 
-from .runs import SURROUNDINGS, assert_every_frame_once, batch_command, paint, records, wait_for
+from .runs import SURROUNDINGS, assert_every_frame_once, batch_command, listen_to_ctrl_c, paint, records, wait_for
 
 pytest.importorskip("distributed", reason="the extra circlecal[distributed] is not installed")
 
@@ -62,6 +62,7 @@ def start_run(cluster: DaskCluster, frames: Path, out: Path, *options: str) -> s
         text=True,
         env={**SURROUNDINGS, "DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT": "5s"},
         start_new_session=True,
+        preexec_fn=listen_to_ctrl_c,
     )
 
 
@@ -101,7 +102,7 @@ def test_a_lost_scheduler_is_one_line_and_the_run_goes_on_elsewhere(cluster, tmp
 
 
 def test_interrupted(cluster, tmp_path):
-    frames, out = paint(tmp_path / "frames", 900), tmp_path / "out"
+    frames, out = paint(tmp_path / "frames", 150), tmp_path / "out"
     run = start_run(cluster, frames, out)
     wait_for(lambda: finished_lines(out) >= 3, 60)
     run.send_signal(signal.SIGINT)

@@ -18,7 +18,17 @@ from circlecal.config import Config, config_digest, load_config
 from circlecal.errors import InputError
 from circlecal.formats.images import find_frames
 
-from .runs import SURROUNDINGS, alive, assert_every_frame_once, batch_command, children, paint, records, wait_for
+from .runs import (
+    SURROUNDINGS,
+    alive,
+    assert_every_frame_once,
+    batch_command,
+    children,
+    listen_to_ctrl_c,
+    paint,
+    records,
+    wait_for,
+)
 
 
 def test_all_kinds_of_frames_resume_and_restart(run_circlecal, frame_file, blank_file, tmp_path):
@@ -177,7 +187,7 @@ def test_killed_in_the_middle_and_resumed(tmp_path):
 
 
 def test_interrupted_and_resumed(tmp_path):
-    count = 600
+    count = 80
     frames, out = paint(tmp_path / "frames", count), tmp_path / "out"
     run = subprocess.Popen(
         batch_command(frames, out),
@@ -186,6 +196,7 @@ def test_interrupted_and_resumed(tmp_path):
         text=True,
         start_new_session=True,
         env=SURROUNDINGS,
+        preexec_fn=listen_to_ctrl_c,
     )
     wait_for(lambda: (out / RESULTS_NAME).is_file() and len((out / RESULTS_NAME).read_bytes().splitlines()) >= 3)
     os.killpg(run.pid, signal.SIGINT)  # as a terminal does: to the workers, too
