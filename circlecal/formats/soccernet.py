@@ -32,19 +32,24 @@ from circlecal.geometry.homogeneous import Array
 from circlecal.geometry.pinhole import Camera, camera_from_soccernet
 
 CIRCLE_CLASSES = ("Circle central", "Circle left", "Circle right")
-LINE_CLASSES = (
+SEGMENTATION_CLASSES = (
     "Big rect. left bottom",
     "Big rect. left main",
     "Big rect. left top",
     "Big rect. right bottom",
     "Big rect. right main",
     "Big rect. right top",
+    "Circle central",
+    "Circle left",
+    "Circle right",
     "Goal left crossbar",
-    "Goal left post left",
+    "Goal left post left ",
     "Goal left post right",
     "Goal right crossbar",
     "Goal right post left",
     "Goal right post right",
+    "Goal unknown",
+    "Line unknown",
     "Middle line",
     "Side line bottom",
     "Side line left",
@@ -56,6 +61,10 @@ LINE_CLASSES = (
     "Small rect. right bottom",
     "Small rect. right main",
     "Small rect. right top",
+)
+"""The classes of segmentation masks in the order of their ids, from 1; the name of one ends in a blank."""
+LINE_CLASSES = tuple(
+    name.strip() for name in SEGMENTATION_CLASSES if not name.startswith("Circle") and not name.endswith("unknown")
 )
 """Straight classes in SoccerNet's order, without blanks at the end; six of them are goals and stand above the field."""
 GOAL_CLASSES = tuple(name for name in LINE_CLASSES if name.startswith("Goal"))

@@ -18,42 +18,13 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from circlecal.field import Arc, Circle, FieldTemplate, Line, Mark
+from circlecal.formats.soccernet import SEGMENTATION_CLASSES
 from circlecal.geometry.homogeneous import Array
 from circlecal.geometry.pinhole import Camera
 from circlecal.synthetic.surface import Surface, back_project, seen_pixels
 
-# SoccerNet class names by id; 0 is the background
-CLASS_NAMES: tuple[str, ...] = (
-    "Background",
-    "Big rect. left bottom",
-    "Big rect. left main",
-    "Big rect. left top",
-    "Big rect. right bottom",
-    "Big rect. right main",
-    "Big rect. right top",
-    "Circle central",
-    "Circle left",
-    "Circle right",
-    "Goal left crossbar",
-    "Goal left post left ",
-    "Goal left post right",
-    "Goal right crossbar",
-    "Goal right post left",
-    "Goal right post right",
-    "Goal unknown",
-    "Line unknown",
-    "Middle line",
-    "Side line bottom",
-    "Side line left",
-    "Side line right",
-    "Side line top",
-    "Small rect. left bottom",
-    "Small rect. left main",
-    "Small rect. left top",
-    "Small rect. right bottom",
-    "Small rect. right main",
-    "Small rect. right top",
-)
+CLASS_NAMES = ("Background", *SEGMENTATION_CLASSES)
+"""SoccerNet class names by id."""
 CIRCLE_CLASS, UNKNOWN_LINE_CLASS, HALFWAY_CLASS = 7, 17, 18
 
 PSF_SIGMA_PX = 0.5
