@@ -23,6 +23,7 @@ CONVERGED = 1e-4
 """Share of the squared residuals; a step of the geometric fit that gains less is the last one;
 the next would gain about its square."""
 _SYMMETRIC, _HALVED = np.array([0, 1, 3, 1, 2, 4, 3, 4, 5]), np.array([1, 0.5, 0.5, 0.5, 1, 0.5, 0.5, 0.5, 1])
+_FIRST, _SECOND = np.triu_indices(5, 1)
 _UPPER, _DOUBLED = np.array([0, 1, 4, 2, 5, 8]), np.array([1.0, 2.0, 1.0, 2.0, 2.0, 1.0])
 
 
@@ -261,8 +262,8 @@ def conics_through_points(points: ArrayLike) -> Array:
     shift = np.array([np.pi, np.e])
     design = _monomials(p + shift)
     system, one = design[..., :5], -np.ones((*p.shape[:-2], 5, 1))
-    alike = (p[..., :, None, :] == p[..., None, :, :]).all(axis=-1)
-    repeated = np.count_nonzero(alike, axis=(-2, -1)) > 5  # each point is like itself
+    x, y = p[..., 0], p[..., 1]
+    repeated = ((x[..., _FIRST] == x[..., _SECOND]) & (y[..., _FIRST] == y[..., _SECOND])).any(axis=-1)
     system = np.where(repeated[..., None, None], np.eye(5), system)
     try:
         solved = np.linalg.solve(system, one)[..., 0]
