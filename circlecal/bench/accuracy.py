@@ -103,27 +103,8 @@ def run_row(scenario: Scenario, draws: int, seed: int, advance: Callable[[str], 
         errors.append(mean_reprojection_error(draw.camera.homography, fit.H_image_field, grid))
         for name, value in mahalanobis(draw, fit, scenario.circle).items():
             inside.setdefault(name, []).append(value)
-    error, pooled = np.array(errors), np.concatenate(bounds)
-    answered = np.isfinite(error)
-    ratio, spread = _ratio(error[answered], np.array(means)[answered])
-    return Row(
-        row=scenario.row,
-        title=scenario.title,
-        draws=draws,
-        median_px=float(np.median(error)),
-        p90_px=float(np.percentile(error, 90)),
-        bound_median_px=float(np.median(pooled)),
-        bound_p90_px=float(np.percentile(pooled, 90)),
-        efficiency=ratio,
-        efficiency_error=spread,
-        wrong=float(np.mean(error[answered] > WRONG_PX)) if answered.any() else 0.0,
-        failed=float(1.0 - answered.mean()),
-        reach_median_px=scenario.reach_px[0],
-        reach_p90_px=scenario.reach_px[1],
-        coverage={name: float(np.mean(values)) for name, values in inside.items()},
-        by_offset=_by_offset(np.array(offsets), error),
-        ms=float(np.median(times) * 1e3),
-    )
+    of_draw = np.array(errors), np.array(means)
+    return _row(scenario, draws, errors, bounds, offsets, inside, of_draw, times)
 
 
 def run_rig_row(scenario: RigScenario, draws: int, seed: int, advance: Callable[[str], None] = lambda _: None) -> Row:
@@ -147,13 +128,35 @@ def run_rig_row(scenario: RigScenario, draws: int, seed: int, advance: Callable[
             for name, value in mahalanobis(draw, fit, circle).items() if fit is not None else ():
                 inside.setdefault(name, []).append(value)
         advance(scenario.row)
-    error = np.array([e for drawn in found for e in drawn.errors])
-    pooled = np.concatenate([b for drawn in found for b in drawn.bounds])
-    offsets = np.array([abs(float(draw.camera.position_m[0])) for drawn in found for draw in drawn.draws])
     # frames of one camera err together: a draw of the ratio is a camera
-    answered = np.isfinite([np.mean(drawn.errors) for drawn in found])
-    of_camera = np.array([[np.mean(drawn.errors), np.mean(drawn.bounds)] for drawn in found])[answered]
-    ratio, spread = _ratio(of_camera[:, 0], of_camera[:, 1])
+    of_camera = np.array([np.mean(d.errors) for d in found]), np.array([np.mean(d.bounds) for d in found])
+    return _row(
+        scenario,
+        draws,
+        [e for drawn in found for e in drawn.errors],
+        [b for drawn in found for b in drawn.bounds],
+        [abs(float(draw.camera.position_m[0])) for drawn in found for draw in drawn.draws],
+        inside,
+        of_camera,
+        [drawn.seconds for drawn in found],
+    )
+
+
+def _row(
+    scenario: Scenario | RigScenario,
+    draws: int,
+    errors: Sequence[float],
+    bounds: Sequence[Array],
+    offsets: Sequence[float],
+    inside: dict[str, list[bool]],
+    independent: tuple[Array, Array],
+    seconds: Sequence[float],
+) -> Row:
+    """Figures of all frames; ``independent`` are mean errors and bounds of draws that do not depend on each other."""
+    error, pooled = np.array(errors), np.concatenate(bounds)
+    answered = np.isfinite(error)
+    whole = np.isfinite(independent[0])
+    ratio, spread = _ratio(independent[0][whole], independent[1][whole])
     return Row(
         row=scenario.row,
         title=scenario.title,
@@ -164,13 +167,13 @@ def run_rig_row(scenario: RigScenario, draws: int, seed: int, advance: Callable[
         bound_p90_px=float(np.percentile(pooled, 90)),
         efficiency=ratio,
         efficiency_error=spread,
-        wrong=float(np.mean(error[np.isfinite(error)] > WRONG_PX)),
-        failed=float(1.0 - np.isfinite(error).mean()),
+        wrong=float(np.mean(error[answered] > WRONG_PX)) if answered.any() else 0.0,
+        failed=float(1.0 - answered.mean()),
         reach_median_px=scenario.reach_px[0],
         reach_p90_px=scenario.reach_px[1],
         coverage={name: float(np.mean(values)) for name, values in inside.items()},
-        by_offset=_by_offset(offsets, error),
-        ms=float(np.median([drawn.seconds for drawn in found]) * 1e3),
+        by_offset=_by_offset(np.array(offsets), error),
+        ms=float(np.median(seconds) * 1e3),
     )
 
 

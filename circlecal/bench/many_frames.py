@@ -30,6 +30,7 @@ from circlecal.stages.camera import CameraConfig, estimate_camera, priors_of
 from circlecal.synthetic.cameras import sample_camera
 from circlecal.synthetic.markings import circle_points, line_points
 from circlecal.synthetic.surface import FLAT, Surface
+from circlecal.synthetic.views import CameraProfile
 
 STANDING = RigConfig(
     least_frames=1,
@@ -51,7 +52,7 @@ class RigScenario:
     row: str
     title: str
     frames: int
-    profile: str
+    profile: CameraProfile
     config: CameraConfig
     from_priors: bool
     reach_px: tuple[float, float | None]
@@ -139,10 +140,10 @@ def _draws(scenario: RigScenario, rng: np.random.Generator) -> list[Draw]:
         kappa = float(rng.normal(config.k1_mean, config.k1_sd))
         surface = Surface(float(rng.normal(config.crown_m, config.crown_sd_m)), "roof")
         shift = rng.normal(0.0, config.principal_point_sd_px, 2)
-    first = sample_camera(scenario.profile, rng, kappa=kappa)  # type: ignore[arg-type]
+    first = sample_camera(scenario.profile, rng, kappa=kappa)
     views = [first]
     while len(views) < scenario.frames:
-        views.append(sample_camera(scenario.profile, rng, kappa=kappa, like=first))  # type: ignore[arg-type]
+        views.append(sample_camera(scenario.profile, rng, kappa=kappa, like=first))
     found = []
     for view in views:
         camera = replace(view, principal_point_px=view.principal_point_px + shift)

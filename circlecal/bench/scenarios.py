@@ -10,12 +10,13 @@ import numpy as np
 
 from circlecal.field import Circle, FieldTemplate, load_field
 from circlecal.geometry.pinhole import Camera, image_center
-from circlecal.observations import CirclePoints, Observations
+from circlecal.observations import CircleEdge, CirclePoints, Observations
 from circlecal.solvers.circlecal import KNOWN_OPTICS
 from circlecal.stages.camera import CameraConfig
 from circlecal.synthetic.cameras import sample_camera
-from circlecal.synthetic.markings import circle_points, line_points
+from circlecal.synthetic.markings import Spacing, circle_points, line_points
 from circlecal.synthetic.surface import FLAT, Surface
+from circlecal.synthetic.views import CameraProfile
 
 KNOWN = KNOWN_OPTICS
 """Principal point, lens and surface known: the bound is one number."""
@@ -78,24 +79,24 @@ def hockey() -> tuple[FieldTemplate, Circle]:
 
 
 def _soccer_draw(
-    profile: str,
+    profile: CameraProfile,
     count: int,
     sigma_px: float,
     *,
-    edges: tuple[str, ...] = ("outer", "inner"),
+    edges: tuple[CircleEdge, ...] = ("outer", "inner"),
     line_count: int | None = None,
     arc_deg: float | None = None,
     config: CameraConfig = KNOWN,
     position_sd_m: float | None = None,
     principal_point_sd_px: float = 0.0,
     kappa: float = 0.0,
-    spacing: str = "image",
+    spacing: Spacing = "image",
     from_priors: bool = False,
 ) -> Callable[[np.random.Generator], Draw]:
     template, _ = soccer()
 
     def draw(rng: np.random.Generator) -> Draw:
-        camera = sample_camera(profile, rng, arc_deg=arc_deg, kappa=kappa)  # type: ignore[arg-type]
+        camera = sample_camera(profile, rng, arc_deg=arc_deg, kappa=kappa)
         surface = FLAT
         if from_priors:
             camera = replace(camera, kappa=np.array([rng.normal(config.k1_mean, config.k1_sd), 0.0]))
@@ -105,7 +106,7 @@ def _soccer_draw(
             camera = replace(camera, principal_point_px=camera.principal_point_px + shift)
         phase = float(rng.uniform(0.0, 1.0))
         circles: tuple[CirclePoints, ...] = tuple(
-            circle_points(camera, template, edge, count, sigma_px, rng, spacing, surface=surface, phase=phase)  # type: ignore[arg-type]
+            circle_points(camera, template, edge, count, sigma_px, rng, spacing, surface=surface, phase=phase)
             for edge in edges
         )
         lines = (

@@ -195,11 +195,6 @@ def sampson_distance(conic: ArrayLike, points: ArrayLike) -> Array:
     return value / np.maximum(np.hypot(gradient[..., 0], gradient[..., 1]), 1e-300)
 
 
-def ellipse_foot_points(ellipse: Ellipse, points: ArrayLike) -> Array:
-    """Nearest point of the ellipse (N, 2) to each point (N, 2): curvature iteration, quadratically convergent."""
-    return _feet(ellipse, np.asarray(points, dtype=np.float64))[0]
-
-
 def orthogonal_distance(ellipse: Ellipse, points: ArrayLike) -> Array:
     """Signed orthogonal distance (N,) of points (N, 2), positive outside."""
     return _feet(ellipse, np.asarray(points, dtype=np.float64))[1]

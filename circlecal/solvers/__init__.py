@@ -48,11 +48,6 @@ def solver_names() -> tuple[str, ...]:
     return tuple(SOLVERS)
 
 
-def intrinsics_names() -> tuple[str, ...]:
-    """Names of the methods that find intrinsics."""
-    return tuple(INTRINSICS)
-
-
 def load_solver(name: str) -> Solver:
     """Solver by name.
 

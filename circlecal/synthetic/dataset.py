@@ -25,7 +25,7 @@ def write_dataset(
     out: Path,
     count: int,
     seed: int,
-    profiles: Sequence[SceneProfile] = SCENE_PROFILES,  # type: ignore[assignment]
+    profiles: Sequence[SceneProfile] = SCENE_PROFILES,
     size: tuple[int, int] = (1920, 1080),
     *,
     template: FieldTemplate | None = None,

@@ -48,7 +48,7 @@ SceneProfile = Literal[
     "ice",
     "wood",
 ]
-SCENE_PROFILES: tuple[str, ...] = get_args(SceneProfile)
+SCENE_PROFILES: tuple[SceneProfile, ...] = get_args(SceneProfile)
 
 
 @dataclass(frozen=True, slots=True)

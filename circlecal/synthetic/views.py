@@ -27,7 +27,7 @@ CameraProfile = Literal[
     "rink",
     "hall",
 ]
-CAMERA_PROFILES: tuple[str, ...] = get_args(CameraProfile)
+CAMERA_PROFILES: tuple[CameraProfile, ...] = get_args(CameraProfile)
 
 
 @dataclass(frozen=True, slots=True)
