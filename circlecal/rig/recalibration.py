@@ -50,7 +50,7 @@ def recalibrate(
     template: FieldTemplate,
     circle: Circle,
     config: Config,
-    cameras: Sequence[str] | None = None,
+    camera: str | None = None,
 ) -> Recalibration:
     """Calibrate a frame as one of the cameras' frames.
 
@@ -67,11 +67,11 @@ def recalibrate(
         The whole chain for this frame under a configuration; None where it cannot be run.
     template, circle, config : FieldTemplate, Circle, Config
         As for :func:`circlecal.rig.estimation.estimate_rigs`.
-    cameras : sequence of str, optional
-        Names of the cameras that may have taken it; any when None.
+    camera : str, optional
+        Name of the camera that took it; any may have where None.
     """
     own = [rig for rig in rigs if frame.id in rig.members and frame.id not in rig.left_out]
-    tried = own or [rig for rig in rigs if cameras is None or rig.name in cameras]
+    tried = own or [rig for rig in rigs if camera is None or rig.name == camera]
     if not tried:
         return Recalibration(None, None, "no camera is known for it")
     alone = None if frame.theta is None else _cost(frame, frame.theta, template, circle, config, scale_of=frame)

@@ -218,8 +218,9 @@ class RigTask:
         seen_as = in_convention(template, self.convention) if self.annotated else template
         seen = frame_of_record(frame.record, Path(self.source(frame)))
         again = _Again(frame.record, seen, self.config, self.mask, self.convention)
-        names = None if self.cameras is None else [name for k, name in self.cameras.items() if k == frame.id]
-        found = recalibrate(seen, self.rigs, again, seen_as, circle, self.config, names)
+        # a frame that the list leaves out is of none of them
+        known = None if self.cameras is None else self.cameras.get(frame.id, "")
+        found = recalibrate(seen, self.rigs, again, seen_as, circle, self.config, known)
         return _written(frame.record, found, template, self.digest)
 
 
