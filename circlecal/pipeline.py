@@ -16,6 +16,7 @@ from circlecal.config import Config, config_digest
 from circlecal.errors import ConfigError, EstimationError, InputError
 from circlecal.field import Circle, FieldTemplate, load_field
 from circlecal.geometry.homography import scale_homography, turn_homography
+from circlecal.interlacing import row_motion, without_combs
 from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations
 from circlecal.profiles import grey
 from circlecal.results import Calibration, CameraFit, Cues, EllipseFits, HomographyFit, Verdict
@@ -186,8 +187,14 @@ class _Job:
         self, image: NDArray[np.uint8], given: NDArray[np.uint8] | None, extra: Observations | None
     ) -> Verdict:
         """Picture -> observations -> answer; what is given beside a picture without the circle may do alone."""
+        with self._clock("mask"):
+            brightness = grey(image)
+            motion = row_motion(brightness)
+            if motion is not None:
+                image = without_combs(image, motion)
+                brightness = grey(image)
         try:
-            ellipses, cues, seen = self._seen(image, given)
+            ellipses, cues, seen = self._seen(image, given, brightness)
         except EstimationError as refusal:
             if extra is None:
                 raise
@@ -225,12 +232,11 @@ class _Job:
         return self.reached["observations"]
 
     def _seen(
-        self, image: NDArray[np.uint8], given: NDArray[np.uint8] | None
+        self, image: NDArray[np.uint8], given: NDArray[np.uint8] | None, brightness: NDArray[np.uint8]
     ) -> tuple[EllipseFits, Cues, Observations]:
         """What the picture shows of the circle and of what lies around it."""
         config, template, circle, reached = self.config, self.template, self.circle, self.reached
         with self._clock("mask"):
-            brightness = grey(image)
             marking, refusal = find_marking(image, given, config.mask, self.rng, brightness)
             reached["mask"] = marking
         if refusal is not None:

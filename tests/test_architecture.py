@@ -22,7 +22,7 @@ LAYERS: tuple[frozenset[str], ...] = (
     frozenset({"errors", "__init__"}),
     frozenset({"geometry"}),
     frozenset({"field", "profiles"}),
-    frozenset({"observations", "sources"}),
+    frozenset({"observations", "sources", "interlacing"}),
     frozenset({"results", "centre_mark", "line_ends"}),
     frozenset({"camera_fit", "detection"}),
     frozenset({"stages"}),
