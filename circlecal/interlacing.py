@@ -15,14 +15,15 @@ from circlecal.profiles import Brightness
 
 __all__ = ["row_motion", "without_combs"]
 
-ROWS = 64
+ROWS = 48
 """Rows of the picture in which combs are looked for."""
-COMBED = 0.62
-"""Second difference between neighbouring rows over that between every other row: one picture has at most 0.58, since
-it changes more over two rows than over one; combed ones have 0.66 and more.
+COMBED = (0.62, 0.45)
+"""Covariance of second differences, one and two columns apart, between neighbouring rows over that between every other
+row. One picture has about 0.35, since it changes more over two rows than over one, and noise has none at two columns;
+combed ones have more in both.
 """
-LEAST_MOTION_PX = 0.3
-"""Smaller motions are the picture's own."""
+LEAST_MOTION_PX = 1.0
+"""Smaller motions harm little, and noise has them too."""
 STEPS, SMOOTHING_PX = (30, 1e-3), 5
 """Of the alignment of both halves: most steps with the gain at which it stops, and the width of its smoothing."""
 
@@ -46,9 +47,8 @@ def row_motion(brightness: Brightness) -> Array | None:
     except cv2.error:  # the two halves have nothing in common
         return None
     motion = np.asarray(found, np.float64)
-    corners = np.array([[0.0, 0.0, 1.0], [width, 0.0, 1.0], [0.0, len(odd), 1.0], [width, len(odd), 1.0]])
-    moved = np.abs(corners @ motion.T - corners[:, :2])[:, 0]
-    return motion if LEAST_MOTION_PX < moved.max() < 0.25 * width else None
+    moved = abs(float(motion[0] @ (width / 2, len(odd) / 2, 1.0)) - width / 2)
+    return motion if LEAST_MOTION_PX < moved < 0.25 * width else None
 
 
 def without_combs(image: NDArray[np.uint8], motion: Array) -> NDArray[np.uint8]:
@@ -74,5 +74,8 @@ def without_combs(image: NDArray[np.uint8], motion: Array) -> NDArray[np.uint8]:
 def _combed(brightness: Brightness) -> bool:
     rows = np.linspace(0, brightness.shape[0] - 5, ROWS).astype(np.int64)
     a, b, c, e = (brightness[rows + k].astype(np.float32) for k in (0, 1, 2, 4))
-    near, far = np.abs(a - 2 * b + c).mean(), np.abs(a - 2 * c + e).mean()
-    return bool(near > COMBED * far)
+    near, far = a - 2 * b + c, a - 2 * c + e
+    return all(
+        float(np.vdot(near[:, lag:], near[:, :-lag])) > least * float(np.vdot(far[:, lag:], far[:, :-lag]))
+        for lag, least in enumerate(COMBED, 1)
+    )
