@@ -208,16 +208,16 @@ class _Job:
         camera: CameraFit | None = self.reached.get("camera")
         partial = ellipses.primary.arc_deg < PARTIAL_DEG
         if camera is not None and (partial or verdict.code in MEASURED_AGAIN):
-            again = self._seen_again(image, observations)
+            again = self._seen_again(brightness, observations)
             if again is not None:
                 verdict = self._answer(ellipses, cues, again)
         return verdict
 
-    def _seen_again(self, image: NDArray[np.uint8], observations: Observations) -> Observations | None:
+    def _seen_again(self, brightness: NDArray[np.uint8], observations: Observations) -> Observations | None:
         """The same observations with the circle measured along the curve of the refused camera."""
         with self._clock("rays"):
             points, sigma = measure_along_model(
-                grey(image, self._polarity),
+                self._with_light_markings(brightness),
                 self.reached["camera"],
                 self.circle,
                 self.template,
@@ -242,7 +242,7 @@ class _Job:
         if refusal is not None:
             raise refusal
         with self._clock("edges"):
-            picture = brightness if self._polarity >= 0 else ~brightness
+            picture = self._with_light_markings(brightness)
             edges = reached["edges"] = detect_edges(picture, marking, config.edges)
         with self._clock("rays"):
             relative_width = template.marking_width_m / template.radius(circle, "center")
@@ -326,11 +326,11 @@ class _Job:
                 ellipses, cues, homography, None, self.template, self.circle, self.width, limits, self._certain
             )
 
-    @property
-    def _polarity(self) -> float:
-        """Whether the markings are lighter (+1) or darker (-1) than the surface, as seen or as the template says."""
+    def _with_light_markings(self, brightness: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """The picture, turned where its markings are darker than the surface, as seen or as the template says."""
         seen: float | None = self.reached["mask"].polarity
-        return seen if seen is not None else -1.0 if self.circle.color == "dark" else 1.0
+        dark = self.circle.color == "dark" if seen is None else seen < 0
+        return ~brightness if dark else brightness
 
     @property
     def _certain(self) -> bool:

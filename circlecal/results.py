@@ -5,6 +5,7 @@ Arrays are float64 unless said; nothing here computes. A field that is None was 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -38,9 +39,8 @@ class MarkingMask:
 
     Attributes
     ----------
-    classes : (H, W) uint8
-        SoccerNet class ids at the frame's size: 7 circle, 18 halfway line, 17 other straight markings, 0 elsewhere
-        (user's masks may hold any id).
+    drawn : (H, W) uint8, or a function that draws it
+        As ``classes``; what the detector found is drawn only when it is asked for.
     source : str
         ``"file"``, ``"detector"`` or ``"network"``.
     conic : (3, 3) array or None
@@ -58,9 +58,11 @@ class MarkingMask:
     polarity : float or None
         +1 where the markings are seen lighter than the surface, -1 where darker; None where only the field template
         tells.
+    outlines : tuple of (K, 2) arrays or None
+        Polygons of the circle's marking, where the detector measured it.
     """
 
-    classes: NDArray[np.uint8]
+    drawn: NDArray[np.uint8] | Callable[[], NDArray[np.uint8]]
     source: str
     conic: Array | None = None
     halfway: Segment | None = None
@@ -69,6 +71,14 @@ class MarkingMask:
     candidates: tuple[Array, ...] = ()
     certain: bool = True
     polarity: float | None = None
+    outlines: tuple[Array, ...] | None = None
+
+    @property
+    def classes(self) -> NDArray[np.uint8]:
+        """SoccerNet class ids (H, W) at the frame's size: 7 circle, 18 halfway line, 17 other straight markings, 0
+        elsewhere; user's masks may hold any id.
+        """
+        return self.drawn() if callable(self.drawn) else self.drawn
 
 
 @dataclass(frozen=True, slots=True)

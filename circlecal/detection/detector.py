@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
@@ -19,16 +19,16 @@ from circlecal.detection.circle import (
 )
 from circlecal.detection.config import DetectorConfig
 from circlecal.detection.field_region import FieldRegion, find_field_region
-from circlecal.detection.halfway import MeasuredLine, find_halfway, measure_segments
+from circlecal.detection.halfway import MeasuredLine, find_halfway
 from circlecal.detection.hypotheses import EllipseBatch, draw_ellipses
 from circlecal.detection.lines import StraightRun, find_straight_runs
-from circlecal.detection.marking_mask import CIRCLE_CLASS, HALFWAY_CLASS, UNKNOWN_CLASS, draw_band
+from circlecal.detection.marking_mask import MarkingSketch
 from circlecal.detection.result import CircleHypothesis, Detection, LineSegment
 from circlecal.detection.ridges import RidgePoints, find_ridges
 from circlecal.detection.scoring import RidgeRaster, best_distinct, ranked, refitted, support_of
 from circlecal.detection.sides import painted_on_one_surface
 from circlecal.geometry.conics import sampson_distance
-from circlecal.geometry.homogeneous import Array, lift
+from circlecal.geometry.homogeneous import Array
 from circlecal.profiles import grey as brightness_of
 
 __all__ = ["detect"]
@@ -163,20 +163,17 @@ def detect(
     watch.lap("field")
     search = _searched(full_grey, region, config, rng, watch)
     ridges, runs, segments, found = search.ridges, search.runs, search.segments, search.found
-    on_surface = painted_on_one_surface(image_bgr, segments)
-    mask, lines = _draw(full_grey, found, segments, runs, on_surface, search.sign, config)
-    watch.lap("mask")
+    kept = _straight_markings(image_bgr, segments, found.hypothesis)
+    watch.lap("surfaces")
     halfway = None if found.halfway is None else LineSegment(*found.halfway.ends, support=found.halfway.support)
     detection = Detection(
         region=region,
         ridge_points=search.scaling.full(ridges.points),
-        ridge_normals=ridges.normals,
-        ridge_strength=ridges.strength,
-        lines=lines,
+        lines=tuple(LineSegment(segments[i, 0], segments[i, 1], runs[i].support) for i in kept),
         circle=found.hypothesis,
         candidates=found.candidates,
         halfway=halfway,
-        mask=mask,
+        sketch=MarkingSketch(full_grey, found.circle, found.halfway, segments[kept], search.sign, config),
         refusal=found.refusal,
         timings_ms=watch.timings_ms,
         certain=found.certain,
@@ -360,42 +357,14 @@ def _first_accepted(
     return _Found(None, None, None, ranked, refusals[order[0]])
 
 
-def _draw(
-    full_grey: NDArray[np.uint8],
-    found: _Found,
-    segments: Array,
-    runs: list[StraightRun],
-    on_surface: NDArray[np.bool_],
-    sign: float,
-    config: DetectorConfig,
-) -> tuple[NDArray[np.uint8], tuple[LineSegment, ...]]:
-    """Marking mask, and the straight markings that are not part of the circle."""
-    mask = np.zeros(full_grey.shape, np.uint8)
-    width = full_grey.shape[1]
-    straight = on_surface
-    halfway = np.zeros(len(runs), np.bool_)
-    if found.hypothesis is not None:
-        straight = straight & ~_lie_on_circle(segments, found.hypothesis.conic, width)
-    if found.halfway is not None:
-        halfway = _on_line(segments, found.halfway, width)
-    kept = np.flatnonzero(straight)
-    part = measure_segments(full_grey, segments[kept], sign, config)
-    if part is not None:
-        for on_halfway, class_id in ((False, UNKNOWN_CLASS), (True, HALFWAY_CLASS)):
-            wanted = halfway[kept][part.pieces] == on_halfway
-            band = replace(part.band, supported=part.band.supported & wanted)
-            draw_band(mask, part.points, part.normals, band, part.pieces, False, class_id)
-    if found.halfway is not None:
-        line = found.halfway
-        draw_band(mask, line.points, line.normals, line.band, _one_piece(line.points), False, HALFWAY_CLASS)
-    if found.circle is not None:
-        circle = found.circle
-        draw_band(mask, circle.points, circle.normals, circle.band, _one_piece(circle.points), True, CIRCLE_CLASS)
-    return mask, tuple(LineSegment(segments[i, 0], segments[i, 1], runs[i].support) for i in kept)
-
-
-def _one_piece(points: Array) -> NDArray[np.int64]:
-    return np.zeros(len(points), np.int64)
+def _straight_markings(
+    image_bgr: NDArray[np.uint8], segments: Array, circle: CircleHypothesis | None
+) -> NDArray[np.int64]:
+    """Indices of the segments (K, 2, 2) that are painted on one surface and no part of the circle."""
+    straight = painted_on_one_surface(image_bgr, segments)
+    if circle is not None:
+        straight &= ~_lie_on_circle(segments, circle.conic, image_bgr.shape[1])
+    return np.flatnonzero(straight)
 
 
 def _lie_on_circle(segments: Array, conic: Array, width: int) -> NDArray[np.bool_]:
@@ -404,13 +373,3 @@ def _lie_on_circle(segments: Array, conic: Array, width: int) -> NDArray[np.bool
     points = segments[:, None, 0] + share * (segments[:, None, 1] - segments[:, None, 0])
     distance = np.abs(sampson_distance(conic, points.reshape(-1, 2))).reshape(-1, 9)
     return np.asarray(np.sort(distance, axis=1)[:, 4] < 4.0 * width / 1920.0, np.bool_)
-
-
-def _on_line(segments: Array, halfway: MeasuredLine, width: int) -> NDArray[np.bool_]:
-    """Which segments (K, 2, 2) are part of the halfway line, which may bend a little outside the circle."""
-    distance = np.abs(lift(segments) @ halfway.line)
-    first, last = halfway.ends
-    span = segments[:, 1] - segments[:, 0]
-    cosine = np.abs(span @ (last - first)) / np.maximum(1e-9, np.hypot(*span.T) * np.hypot(*(last - first)))
-    near = distance.min(axis=1) < 6.0 * width / 1920.0
-    return np.asarray((cosine > np.cos(np.deg2rad(3.0))) & near, np.bool_)

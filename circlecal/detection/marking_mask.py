@@ -2,34 +2,90 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from circlecal.detection.circle import MeasuredCircle
+from circlecal.detection.config import DetectorConfig
+from circlecal.detection.halfway import MeasuredLine, measure_segments
 from circlecal.detection.refine import BandProfile, local_width
-from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.homogeneous import Array, lift
 
-__all__ = ["CIRCLE_CLASS", "HALFWAY_CLASS", "UNKNOWN_CLASS", "draw_band"]
+__all__ = ["CIRCLE_CLASS", "HALFWAY_CLASS", "UNKNOWN_CLASS", "MarkingSketch", "band_polygons"]
 
 CIRCLE_CLASS, UNKNOWN_CLASS, HALFWAY_CLASS = 7, 17, 18  # SoccerNet: "Circle central", "Line unknown", "Middle line"
 _SHIFT = 4  # binary places of the sub-pixel corners
 
 
-def draw_band(
-    mask: NDArray[np.uint8],
-    points: Array,
-    normals: Array,
-    band: BandProfile,
-    pieces: NDArray[np.int64],
-    closed: bool,
-    class_id: int,
-) -> None:
-    """Draw a measured marking into a mask, one polygon for each run of supported samples.
+@dataclass(frozen=True, slots=True)
+class MarkingSketch:
+    """What the marking mask of a frame is drawn from; few frames' masks are ever looked at.
+
+    Attributes
+    ----------
+    brightness : (H, W) uint8
+        The frame.
+    circle : MeasuredCircle or None
+    halfway : MeasuredLine or None
+    segments : (K, 2, 2) float64
+        Ends of the straight markings, px.
+    sign : float
+        +1 for light markings, -1 for dark ones.
+    config : DetectorConfig
+    """
+
+    brightness: NDArray[np.uint8]
+    circle: MeasuredCircle | None
+    halfway: MeasuredLine | None
+    segments: Array
+    sign: float
+    config: DetectorConfig
+
+    def draw(self) -> NDArray[np.uint8]:
+        """Class ids (H, W): the circle over the halfway line over other straight markings."""
+        mask = np.zeros(self.brightness.shape, np.uint8)
+        part = measure_segments(self.brightness, self.segments, self.sign, self.config)
+        if part is not None:
+            halfway = self._on_halfway()[part.pieces]
+            for wanted, class_id in ((~halfway, UNKNOWN_CLASS), (halfway, HALFWAY_CLASS)):
+                band = replace(part.band, supported=part.band.supported & wanted)
+                _fill(mask, band_polygons(part.points, part.normals, band, part.pieces, False), class_id)
+        if self.halfway is not None:
+            line = self.halfway
+            one = np.zeros(len(line.points), np.int64)
+            _fill(mask, band_polygons(line.points, line.normals, line.band, one, False), HALFWAY_CLASS)
+        _fill(mask, self.circle_outlines(), CIRCLE_CLASS)
+        return mask
+
+    def circle_outlines(self) -> tuple[Array, ...]:
+        """Polygons (K, 2) of the circle's marking, px."""
+        circle = self.circle
+        if circle is None:
+            return ()
+        return band_polygons(circle.points, circle.normals, circle.band, np.zeros(len(circle.points), np.int64), True)
+
+    def _on_halfway(self) -> NDArray[np.bool_]:
+        """Which segments (K,) are part of the halfway line, which may bend a little outside the circle."""
+        if self.halfway is None:
+            return np.zeros(len(self.segments), np.bool_)
+        distance = np.abs(lift(self.segments) @ self.halfway.line)
+        first, last = self.halfway.ends
+        span = self.segments[:, 1] - self.segments[:, 0]
+        cosine = np.abs(span @ (last - first)) / np.maximum(1e-9, np.hypot(*span.T) * np.hypot(*(last - first)))
+        near = distance.min(axis=1) < 6.0 * self.brightness.shape[1] / 1920.0
+        return np.asarray((cosine > np.cos(np.deg2rad(3.0))) & near, np.bool_)
+
+
+def band_polygons(
+    points: Array, normals: Array, band: BandProfile, pieces: NDArray[np.int64], closed: bool
+) -> tuple[Array, ...]:
+    """Outlines of a measured marking, one polygon (K, 2) for each run of supported samples.
 
     Parameters
     ----------
-    mask : (H, W) uint8
-        Changed in place.
     points, normals : (N, 2) array
         Samples of the curve and unit normals, px.
     band : BandProfile
@@ -37,11 +93,10 @@ def draw_band(
         Samples of different pieces are not joined.
     closed : bool
         Whether the last sample is the first one's neighbour.
-    class_id : int
     """
     on = band.supported
     if np.count_nonzero(on) < 2:
-        return
+        return ()
     half = np.maximum(local_width(band) / 2, 1.0)[:, None]
     middle = points + band.offset[:, None] * normals
     outer, inner = middle + half * normals, middle - half * normals
@@ -53,6 +108,10 @@ def draw_band(
     runs = [run for run in np.split(order, breaks) if len(run) > 1 and on[run[0]]]
     if closed and not len(cut):
         runs = [np.append(order, order[0])]
-    polygons = [np.concatenate([outer[run], inner[run[::-1]]]) for run in runs]
+    return tuple(np.concatenate([outer[run], inner[run[::-1]]]) for run in runs)
+
+
+def _fill(mask: NDArray[np.uint8], polygons: tuple[Array, ...], class_id: int) -> None:
     fixed = [np.rint(polygon * (1 << _SHIFT)).astype(np.int32) for polygon in polygons]
-    cv2.fillPoly(mask, fixed, class_id, lineType=cv2.LINE_8, shift=_SHIFT)
+    if fixed:
+        cv2.fillPoly(mask, fixed, class_id, lineType=cv2.LINE_8, shift=_SHIFT)

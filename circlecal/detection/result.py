@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.detection.field_region import FieldRegion
 from circlecal.geometry.homogeneous import Array
+
+if TYPE_CHECKING:
+    from circlecal.detection.marking_mask import MarkingSketch
 
 __all__ = ["CircleHypothesis", "Detection", "LineSegment"]
 
@@ -76,10 +80,8 @@ class Detection:
     ----------
     region : FieldRegion
         Hull of the playing field, in a reduced picture.
-    ridge_points, ridge_normals : (N, 2) float64
-        Centreline points of thin markings (and of whatever looks like one), px, and unit normals.
-    ridge_strength : (N,) float64
-        Second derivative across the ridge.
+    ridge_points : (N, 2) float64
+        Centreline points of thin markings (and of whatever looks like one), px.
     lines : tuple of LineSegment
         Straight markings, longest first.
     circle : CircleHypothesis or None
@@ -92,8 +94,8 @@ class Detection:
         +1 where the markings are lighter than the surface, -1 where they are darker.
     halfway : LineSegment or None
         The straight marking through the circle's middle.
-    mask : (H, W) uint8
-        SoccerNet class ids: 7 circle, 18 halfway line, 17 other straight markings, 0 elsewhere.
+    sketch : MarkingSketch
+        What the marking mask is drawn from.
     refusal : str or None
         Why there is no circle: ``no_field``, ``no_circle_found``, ``circle_support_too_low``, ``arc_too_short``,
         ``circle_off_marking``, ``width_unlike_marking``.
@@ -103,19 +105,23 @@ class Detection:
 
     region: FieldRegion
     ridge_points: Array
-    ridge_normals: Array
-    ridge_strength: Array
     lines: tuple[LineSegment, ...]
     circle: CircleHypothesis | None
     candidates: tuple[CircleHypothesis, ...]
     halfway: LineSegment | None
-    mask: NDArray[np.uint8]
+    sketch: MarkingSketch
     refusal: str | None
     timings_ms: dict[str, float]
     certain: bool = True
     polarity: float = 1.0
 
     @property
+    def mask(self) -> NDArray[np.uint8]:
+        """SoccerNet class ids (H, W): 7 circle, 18 halfway line, 17 other straight markings, 0 elsewhere."""
+        return self.sketch.draw()
+
+    @property
     def field_region(self) -> NDArray[np.bool_]:
         """Whether each pixel of the frame (H, W) lies in the hull of the playing field."""
-        return self.region.inside(self.mask.shape[1], self.mask.shape[0])
+        height, width = self.sketch.brightness.shape
+        return self.region.inside(width, height)

@@ -30,7 +30,8 @@ _LEVELS = 12
 def mask_picture(image: Picture, mask: MarkingMask, zoom: int) -> Picture:
     """Marking mask over the dimmed frame, with the field region, the rough circle and line, and the candidates."""
     canvas = Canvas.of(_with_field_region(image, mask), 0.7, zoom)
-    _paint_classes(canvas, mask)
+    classes = mask.classes
+    _paint_classes(canvas, classes)
     for number, conic in enumerate(mask.candidates[:5]):
         ellipse = ellipse_from_conic(conic) if np.isfinite(conic).all() else None
         if ellipse is not None:
@@ -42,8 +43,8 @@ def mask_picture(image: Picture, mask: MarkingMask, zoom: int) -> Picture:
         color = SKY if segment is mask.halfway else PURPLE
         canvas.polyline(np.stack([segment.start, segment.end]), color, 1.0)
         canvas.label(f"{100 * segment.support:.0f} % seen", 0.5 * (segment.start + segment.end), color, size=0.7)
-    counts = [int(np.count_nonzero(mask.classes == k)) for k in CLASS_COLORS]
-    other = int(np.count_nonzero(mask.classes)) - sum(counts)
+    counts = [int(np.count_nonzero(classes == k)) for k in CLASS_COLORS]
+    other = int(np.count_nonzero(classes)) - sum(counts)
     facts = [
         f"from the {mask.source}; marked pixels: circle {counts[0]}, halfway line {counts[1]}, "
         f"other lines {counts[2]}, other {other}"
@@ -155,12 +156,12 @@ def _with_field_region(image: Picture, mask: MarkingMask) -> Picture:
     return picture
 
 
-def _paint_classes(canvas: Canvas, mask: MarkingMask) -> None:
+def _paint_classes(canvas: Canvas, ids: Picture) -> None:
     table = np.zeros((256, 3), dtype=np.uint8)
     table[1:] = ORANGE
     for identity, color in CLASS_COLORS.items():
         table[identity] = color
-    classes = cv2.resize(mask.classes, (canvas.width, canvas.height), interpolation=cv2.INTER_NEAREST)
+    classes = cv2.resize(ids, (canvas.width, canvas.height), interpolation=cv2.INTER_NEAREST)
     marked = classes > 0
     canvas.picture[marked] = (0.4 * canvas.picture[marked] + 0.6 * table[classes[marked]]).astype(np.uint8)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import cv2
@@ -24,6 +25,8 @@ ENOUGH_SAMPLES = 6000
 """Pixels from which noise and thresholds are read."""
 SOBEL_SIGMA_PX = 0.7
 """Smoothing that the 3 x 3 Sobel kernel itself brings."""
+_SHIFT = 4
+"""Binary places of the sub-pixel corners."""
 
 
 class EdgesConfig(BaseModel):
@@ -47,21 +50,59 @@ class EdgesConfig(BaseModel):
         return self
 
 
-def search_region(mask: MarkingMask, dilate_px: float) -> NDArray[np.bool_]:
-    """Where edges of the circle can be: the circle's class, dilated, together with a band about the rough ellipse."""
+@dataclass(frozen=True, slots=True)
+class SearchRegion:
+    """Where edges of the circle can be: ``inside`` (h, w) bool in the window of the picture whose first pixel is
+    ``left``, ``top``.
+    """
+
+    left: int
+    top: int
+    inside: NDArray[np.bool_]
+
+    @property
+    def window(self) -> tuple[slice, slice]:
+        """Rows and columns of the window."""
+        height, width = self.inside.shape
+        return slice(self.top, self.top + height), slice(self.left, self.left + width)
+
+
+def search_region(mask: MarkingMask, shape: tuple[int, ...], dilate_px: float) -> SearchRegion | None:
+    """The circle's marking, dilated, together with a band about the rough ellipse, in a picture of this shape.
+
+    None where there is neither.
+    """
     size = max(1, round(dilate_px))
-    region = (mask.classes == CIRCLE_ID).view(np.uint8)
-    left, top, width, height = cv2.boundingRect(region)
-    if width:
-        place = (slice(max(top - size, 0), top + height + size), slice(max(left - size, 0), left + width + size))
-        region[place] = cv2.dilate(region[place], np.ones((2 * size + 1, 2 * size + 1), np.uint8))
+    limit = 8.0 * max(shape)
+    outlines = list(mask.outlines or ())
+    marked = (mask.classes == CIRCLE_ID).view(np.uint8) if mask.outlines is None else None
     ellipse = None if mask.conic is None else ellipse_from_conic(mask.conic)
-    if ellipse is not None:
-        turns = np.linspace(0.0, 2 * np.pi, 361)
-        limit = 8.0 * max(mask.classes.shape)
-        outline = np.clip(ellipse.points(turns), -limit, limit)
-        cv2.polylines(region, [np.round(outline * 16).astype(np.int32)], True, 1, 2 * size + 1, cv2.LINE_8, 4)
-    return region.view(np.bool_)
+    band = [] if ellipse is None else [np.clip(ellipse.points(np.linspace(0.0, 2 * np.pi, 361)), -limit, limit)]
+    corners = [np.stack([points.min(axis=0), points.max(axis=0)]) for points in (*outlines, *band)]
+    left, top, width, height = (0, 0, 0, 0) if marked is None else cv2.boundingRect(marked)
+    if width:
+        corners.append(np.array([[left, top], [left + width, top + height]]))
+    if not corners:
+        return None
+    reach = size + MARGIN_PX
+    low = np.maximum(np.floor(np.min(corners, axis=(0, 1))) - reach, 0).astype(int)
+    high = np.minimum(np.ceil(np.max(corners, axis=(0, 1))) + reach, shape[1::-1]).astype(int)
+    if (low >= high).any():
+        return None
+    if marked is None:
+        inside = np.zeros(high[::-1] - low[::-1], np.uint8)
+        for polygon in outlines:
+            cv2.fillPoly(inside, _fixed(polygon - low), 1, cv2.LINE_8, _SHIFT)
+    else:
+        inside = marked[low[1] : high[1], low[0] : high[0]]
+    inside = np.asarray(cv2.dilate(inside, np.ones((2 * size + 1, 2 * size + 1), np.uint8)), np.uint8)
+    for outline in band:
+        cv2.polylines(inside, _fixed(outline - low), True, 1, 2 * size + 1, cv2.LINE_8, _SHIFT)
+    return SearchRegion(int(low[0]), int(low[1]), inside.view(np.bool_))
+
+
+def _fixed(points: Array) -> list[NDArray[np.int32]]:
+    return [np.round(points * (1 << _SHIFT)).astype(np.int32)]
 
 
 def detect_edges(picture: Brightness, mask: MarkingMask, config: EdgesConfig) -> EdgePoints:
@@ -81,13 +122,10 @@ def detect_edges(picture: Brightness, mask: MarkingMask, config: EdgesConfig) ->
     EstimationError
         ``no_edges`` where fewer than ten points are found.
     """
-    region = search_region(mask, config.dilate_px * picture.shape[1] / 1920)
-    left, top, width, height = cv2.boundingRect(region.view(np.uint8))
-    if width == 0:
+    searched = search_region(mask, picture.shape, config.dilate_px * picture.shape[1] / 1920)
+    if searched is None:
         raise EstimationError("edges", "no_edges", NO_EDGES)
-    left, top = max(left - MARGIN_PX, 0), max(top - MARGIN_PX, 0)
-    window = (slice(top, top + height + 2 * MARGIN_PX), slice(left, left + width + 2 * MARGIN_PX))
-    picture, region = picture[window], region[window]
+    picture, region = picture[searched.window], searched.inside
     # whole numbers of 16 bits: sixteenths of a grey level, and what Canny takes
     fine = np.asarray(cv2.multiply(picture, GREY_UNIT, dtype=cv2.CV_16S), np.int16)  # type: ignore[call-overload]
     smooth = cv2.GaussianBlur(fine, (0, 0), config.smoothing_px)
@@ -113,7 +151,7 @@ def detect_edges(picture: Brightness, mask: MarkingMask, config: EdgesConfig) ->
     second_derivative_noise = noise * np.sqrt(3 / (16 * np.pi)) / scale**3
     sigma = np.hypot(second_derivative_noise / np.maximum(curvature, 1e-6), SIGMA_FLOOR_PX)
     keep = (np.abs(shift) <= 1.0) & (sigma < 2.0)
-    points = pixels + shift[:, None] * normals + (left, top)
+    points = pixels + shift[:, None] * normals + (searched.left, searched.top)
     return EdgePoints(points[keep], normals[keep], contrast[keep], sigma[keep], noise, blur, (low, high))
 
 

@@ -104,7 +104,7 @@ def marking_from_detection(found: Detection) -> tuple[MarkingMask, EstimationErr
     """Take over what the built-in detector found."""
     refusal = found.refusal or "no_circle_found"
     marking = MarkingMask(
-        classes=found.mask,
+        drawn=found.sketch.draw,
         source="detector",
         conic=None if found.circle is None else found.circle.conic,
         halfway=None
@@ -115,6 +115,7 @@ def marking_from_detection(found: Detection) -> tuple[MarkingMask, EstimationErr
         candidates=tuple(c.conic for c in found.candidates),
         certain=found.certain,
         polarity=found.polarity,
+        outlines=found.sketch.circle_outlines(),
     )
     if found.circle is None:
         return marking, EstimationError("mask", refusal, REASONS.get(refusal, refusal.replace("_", " ")))
@@ -134,7 +135,7 @@ def marking_from_classes(
     points = _skeleton_points(classes == CIRCLE_ID)
     robust = ransac_conic(points, config.threshold_px * unit, rng, hypotheses=1000, method="taubin", confidence=0.999)
     ellipse = None if robust is None else ellipse_from_conic(robust.conic)
-    marking = MarkingMask(classes=classes, source=source)
+    marking = MarkingMask(classes, source)
     # an ellipse as thin as the threshold is a straight line with two sides
     flat = ellipse is None or ellipse.semi_axes[1] < 2 * config.threshold_px * unit
     if robust is None or ellipse is None or flat or robust.inliers.sum() < 20 or robust.inliers.mean() < 0.2:
@@ -154,7 +155,7 @@ def marking_from_classes(
 
 
 def _empty(image: NDArray[np.uint8]) -> MarkingMask:
-    return MarkingMask(classes=np.zeros(image.shape[:2], dtype=np.uint8), source="file")
+    return MarkingMask(np.zeros(image.shape[:2], dtype=np.uint8), "file")
 
 
 def _skeleton_points(region: NDArray[np.bool_], maximum: int = 4000) -> Array:

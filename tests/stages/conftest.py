@@ -66,7 +66,7 @@ class Painted:
     def marking(self, **changes) -> MarkingMask:
         """What the stage ``mask`` would hand on."""
         given = {
-            "classes": np.where(self.coverage > 0.3, 7, 0).astype(np.uint8),
+            "drawn": np.where(self.coverage > 0.3, 7, 0).astype(np.uint8),
             "source": "file",
             "conic": self.conic(),
         }

@@ -122,7 +122,9 @@ def test_search_region_holds_class_and_rough_ellipse():
     classes = np.zeros((720, 1280), np.uint8)
     classes[100:110, 100:110] = 7
     classes[300:310, 100:110] = 18
-    region = search_region(MarkingMask(classes, "file", PAINTED.conic()), 5.0)
+    found = search_region(MarkingMask(classes, "file", PAINTED.conic()), classes.shape, 5.0)
+    region = np.zeros(classes.shape, bool)
+    region[found.window] = found.inside
     assert region[95:115, 103].all()
     assert not region[305, 105]
     ellipse = ellipse_from_conic(PAINTED.conic())
