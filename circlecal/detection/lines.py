@@ -56,17 +56,21 @@ class _Vote:
         self._bins = config.angle_bins
         self._origin = (np.array(size) - 1) / 2
         self._rho_count = int(np.ceil(np.hypot(*size) / _RHO_BIN_PX)) + 4
-        angle = np.arctan2(normals[:, 1], normals[:, 0]) % np.pi
+        nx, ny = normals.T.astype(np.float32)
+        angle = np.arctan2(ny, nx) % np.float32(np.pi)
         spread = max(1, round(_VOTE_SPREAD_DEG * config.angle_bins / 180.0))
-        offsets = np.arange(-spread, spread + 1)
-        bins = np.floor(angle * (config.angle_bins / np.pi)).astype(np.int64)[:, None] + offsets
-        folded = bins % config.angle_bins
+        offsets = np.arange(-spread, spread + 1, dtype=np.int32)
+        bins = (angle * np.float32(config.angle_bins / np.pi)).astype(np.int32)[:, None] + offsets
+        folded = bins % np.int32(config.angle_bins)
         table = (np.arange(config.angle_bins) + 0.5) * (np.pi / config.angle_bins)
-        local = points - self._origin
-        rho = local[:, :1] * np.cos(table)[folded] + local[:, 1:] * np.sin(table)[folded]
-        cell = np.rint(rho / _RHO_BIN_PX).astype(np.int64) + self._rho_count // 2
-        self._cells = folded * self._rho_count + np.clip(cell, 0, self._rho_count - 1)
-        self._votes = np.bincount(self._cells.ravel(), minlength=config.angle_bins * self._rho_count)
+        cosine, sine = (np.asarray(f / _RHO_BIN_PX, np.float32) for f in (np.cos(table), np.sin(table)))
+        local = (points - self._origin).astype(np.float32)
+        rho = local[:, :1] * cosine[folded] + local[:, 1:] * sine[folded]
+        # no place is further from the middle than half the diagonal, so every cell exists
+        cell = np.rint(rho).astype(np.int32) + np.int32(self._rho_count // 2)
+        self._cells = folded * np.int32(self._rho_count) + cell
+        votes = np.bincount(self._cells.ravel(), minlength=config.angle_bins * self._rho_count)
+        self._votes = votes.astype(np.int32)
         self._voting = np.ones(len(points), np.bool_)
 
     def peak(self) -> tuple[Array, int, int]:
@@ -81,7 +85,7 @@ class _Vote:
         """Take the votes of these points back, once."""
         voting = members[self._voting[members]]
         self._voting[voting] = False
-        np.subtract.at(self._votes, self._cells[voting].ravel(), 1)
+        np.subtract.at(self._votes, self._cells[voting].ravel(), np.int32(1))
 
     def forget(self, cell: int) -> None:
         """Never return to this cell."""
@@ -110,13 +114,14 @@ def find_straight_runs(
     if len(ridges) < 2:
         return []
     vote = _Vote(ridges.points, ridges.normals, size, config)
+    columns = np.concatenate([ridges.points.T, ridges.normals.T])
     free = np.ones(len(ridges), np.bool_)
     runs: list[StraightRun] = []
     for _ in range(_TRIES * config.count):
         line, votes, cell = vote.peak()
         if votes < config.support * minimum_length_px or len(runs) >= config.count:
             break
-        run = _run_near(line, ridges, free, config, size[0])
+        run = _run_near(line, columns, free, config, size[0])
         if run is None:
             vote.forget(cell)
             continue
@@ -129,24 +134,27 @@ def find_straight_runs(
 
 
 def _run_near(
-    line: Array, ridges: RidgePoints, free: NDArray[np.bool_], config: LineConfig, width: int
+    line: Array, columns: Array, free: NDArray[np.bool_], config: LineConfig, width: int
 ) -> StraightRun | None:
-    """Refit a line to the free points near it, tighter each time, and take its longest run."""
+    """Refit a line to the free points near it, tighter each time, and take its longest run.
+
+    ``columns`` (4, N) holds x, y and the normals' x, y of all points.
+    """
     reach = _LOOSE * config.tolerance_px
     aligned = np.cos(np.deg2rad(config.angle_tolerance_deg))
-    pool = np.flatnonzero((np.abs(ridges.points @ line[:2] + line[2]) <= 2 * reach) & free)
-    points, normals = ridges.points[pool], ridges.normals[pool]
+    pool = np.flatnonzero((_distance(line, columns) <= 2 * reach) & free)
+    near = columns.take(pool, axis=1)
     chosen = np.zeros(0, np.int64)
     for tolerance in (reach, config.tolerance_px):
-        near = np.abs(points @ line[:2] + line[2]) <= tolerance
-        chosen = np.flatnonzero(near & (np.abs(normals @ line[:2]) >= aligned))
+        along_normal = np.abs(line[0] * near[2] + line[1] * near[3])
+        chosen = np.flatnonzero((_distance(line, near) <= tolerance) & (along_normal >= aligned))
         if len(chosen) < 4:
             return None
-        chosen = chosen[_longest_run(_along(line, points[chosen]), config.gap * width)]
+        chosen = chosen[_longest_run(_along(line, near.take(chosen, axis=1)), config.gap * width)]
         if len(chosen) < 4:
             return None
-        line = fit_line(points[chosen])
-    t = _along(line, points[chosen])
+        line = fit_line(near[:2].take(chosen, axis=1).T)
+    t = _along(line, near.take(chosen, axis=1))
     low, high = float(t.min()), float(t.max())
     cells = np.bincount(((t - low) * _BINS_PER_PX).astype(np.int64))
     support = min(1.0, float(np.count_nonzero(cells)) / max(1.0, (high - low) * _BINS_PER_PX))
@@ -155,16 +163,23 @@ def _run_near(
     return StraightRun(foot + low * direction, foot + high * direction, pool[chosen], support)
 
 
-def _along(line: Array, points: Array) -> Array:
+def _distance(line: Array, columns: Array) -> Array:
+    """Distance (M,) of points from the line."""
+    return np.asarray(np.abs(line[0] * columns[0] + line[1] * columns[1] + line[2]), np.float64)
+
+
+def _along(line: Array, columns: Array) -> Array:
     """Position (M,) of points along the line's direction (-b, a)."""
-    return np.asarray(points @ np.array([-line[1], line[0]]), np.float64)
+    return np.asarray(line[0] * columns[1] - line[1] * columns[0], np.float64)
 
 
 def _longest_run(t: Array, gap: float) -> NDArray[np.int64]:
     """Indices of the positions in the longest run without a gap larger than ``gap``."""
     order = np.argsort(t)
-    cuts = np.flatnonzero(np.diff(t[order]) > gap)
-    first = np.concatenate([[0], cuts + 1])
-    last = np.concatenate([cuts, [len(t) - 1]])
-    best = int(np.argmax(t[order[last]] - t[order[first]]))
-    return np.asarray(order[first[best] : last[best] + 1], np.int64)
+    ordered = t[order]
+    cuts = np.flatnonzero(ordered[1:] - ordered[:-1] > gap)
+    if len(cuts) == 0:
+        return order
+    first, last = np.append(0, cuts + 1), np.append(cuts, len(t) - 1)
+    best = int(np.argmax(ordered[last] - ordered[first]))
+    return order[first[best] : last[best] + 1]
