@@ -58,8 +58,8 @@ class MarkingMask:
     polarity : float or None
         +1 where the markings are seen lighter than the surface, -1 where darker; None where only the field template
         tells.
-    outlines : tuple of (K, 2) arrays or None
-        Polygons of the circle's marking, where the detector measured it.
+    band_px : float or None
+        Width of the circle's marking where it is widest, where the detector measured it.
     """
 
     drawn: NDArray[np.uint8] | Callable[[], NDArray[np.uint8]]
@@ -71,7 +71,7 @@ class MarkingMask:
     candidates: tuple[Array, ...] = ()
     certain: bool = True
     polarity: float | None = None
-    outlines: tuple[Array, ...] | None = None
+    band_px: float | None = None
 
     @property
     def classes(self) -> NDArray[np.uint8]:

@@ -29,6 +29,7 @@ __all__ = [
 _PIECES = 8  # of the curve, between which the contrast may differ (near and far side)
 _CLEAR = 0.05  # radii from the line within which a sample belongs to no side
 _END_SHARE = 0.3  # of the way from the small to the great half axis: what counts as an end of the width's range
+_WIDEST = 0.97  # share of the samples that are narrower than what counts as the greatest width
 _FEWEST = 6  # samples at either end
 _NEARLY_WHOLE = 0.6  # share of the circle that is drawn, for the widths of both sides to be seen
 _NARROWEST_RADII, _TELLING_PX = 0.008, 2.5  # a marking this narrow must differ by so much for its width to be told
@@ -54,6 +55,12 @@ class MeasuredCircle:
         """Measured middle of the marking (K, 2), px."""
         on = self.band.supported
         return self.points[on] + self.band.offset[on, None] * self.normals[on]
+
+    @property
+    def widest_px(self) -> float:
+        """Width of the marking where it is widest; 0 where it is not seen."""
+        width = np.sort(self.band.width[self.band.supported])
+        return float(width[int(_WIDEST * len(width))]) if len(width) else 0.0
 
 
 def unit_frame(ellipse: EllipseBatch) -> Array:

@@ -281,7 +281,9 @@ class FirstPassConfig(BaseModel):
         description="Width of its picture, where `detection_width_px` is not smaller; 720 finds the same circles"
         " sooner, but fewer other lines.",
     )
-    effort: float = Field(default=0.25, gt=0.0, le=1.0, description="Share of the hypotheses that are drawn and scored.")
+    effort: float = Field(
+        default=0.25, gt=0.0, le=1.0, description="Share of the hypotheses that are drawn and scored."
+    )
 
 
 class SecondPassConfig(BaseModel):

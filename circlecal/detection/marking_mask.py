@@ -57,15 +57,11 @@ class MarkingSketch:
             line = self.halfway
             one = np.zeros(len(line.points), np.int64)
             _fill(mask, band_polygons(line.points, line.normals, line.band, one, False), HALFWAY_CLASS)
-        _fill(mask, self.circle_outlines(), CIRCLE_CLASS)
+        if self.circle is not None:
+            circle = self.circle
+            one = np.zeros(len(circle.points), np.int64)
+            _fill(mask, band_polygons(circle.points, circle.normals, circle.band, one, True), CIRCLE_CLASS)
         return mask
-
-    def circle_outlines(self) -> tuple[Array, ...]:
-        """Polygons (K, 2) of the circle's marking, px."""
-        circle = self.circle
-        if circle is None:
-            return ()
-        return band_polygons(circle.points, circle.normals, circle.band, np.zeros(len(circle.points), np.int64), True)
 
     def _on_halfway(self) -> NDArray[np.bool_]:
         """Which segments (K,) are part of the halfway line, which may bend a little outside the circle."""

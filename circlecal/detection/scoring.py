@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -35,9 +36,9 @@ class RidgeRaster:
         self.height, self.width = region.shape
         self.ridges = ridges
         wide = self.width + 2  # one pixel of border: neighbours need no clipping, places off the picture end up there
-        cells = np.full((self.height + 2, wide), _OFF_FIELD, np.int32)
-        np.copyto(cells[1:-1, 1:-1], np.int32(_NOTHING), where=region.astype(np.bool_))
-        flat = cells.ravel()
+        inside = cv2.copyMakeBorder(region, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=[0.0]) > 0
+        cells = inside.view(np.int8) + np.int8(_OFF_FIELD)  # one more is _NOTHING
+        flat = cells.astype(np.int32).ravel()
         x, y = np.rint(ridges.points).astype(np.int64).T
         place = (np.clip(y, 0, self.height - 1) + 1) * wide + np.clip(x, 0, self.width - 1) + 1
         index = np.arange(len(place), dtype=np.int32)

@@ -59,7 +59,7 @@ class Ellipse:
         c, s = np.cos(self.angle_rad), np.sin(self.angle_rad)
         local = np.stack([np.cos(t) / a, np.sin(t) / b], axis=-1)
         normal = local @ np.array([[c, s], [-s, c]])
-        return normal / np.linalg.norm(normal, axis=-1, keepdims=True)
+        return normal / np.hypot(normal[..., 0], normal[..., 1])[..., None]
 
     def parameter(self, points: ArrayLike) -> Array:
         """Eccentric angle (N,) of each point (N, 2) in the frame in which the ellipse is the unit circle."""

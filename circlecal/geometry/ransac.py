@@ -94,6 +94,7 @@ def ransac_conic(
     keep: int = 4,
     method: str = "direct",
     confidence: float = 1.0,
+    start: ArrayLike | None = None,
 ) -> RobustConic | None:
     """Ellipse that explains most of the points.
 
@@ -114,6 +115,8 @@ def ransac_conic(
     confidence : float
         Sampling stops when, with this probability, some sample held no outlier, by the inliers of the best conic so far
         (Fischler and Bolles 1981, section II B); 1 draws them all.
+    start : (3, 3) array, optional
+        An ellipse from elsewhere. Where it explains nearly all points, it is the answer, and nothing is fitted.
 
     Returns
     -------
@@ -123,6 +126,10 @@ def ransac_conic(
     p = np.asarray(points, dtype=np.float64)
     if len(p) < 6 or not np.isfinite(p).all():
         return None
+    if start is not None and confidence < 1.0:
+        squared = np.square(sampson_distance(start, p) / np.asarray(threshold_px, dtype=np.float64))
+        if np.mean(squared < 1.0) > NEARLY_ALL:
+            return RobustConic(normalise_conic(start), squared < 1.0, float(np.minimum(squared, 1.0).mean()), 0)
     T = similarity_normalisation(p)
     local = p * T[0, 0] + T[:2, 2]
     threshold = np.broadcast_to(np.asarray(threshold_px, dtype=np.float64) * T[0, 0], len(p))

@@ -13,20 +13,18 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from circlecal.errors import EstimationError
 from circlecal.geometry.conics import ellipse_from_conic
 from circlecal.geometry.homogeneous import Array
-from circlecal.profiles import SIGMA_FLOOR_PX, Brightness, picture_noise
+from circlecal.profiles import SIGMA_FLOOR_PX, picture_noise
 from circlecal.results import CIRCLE_ID, EdgePoints, MarkingMask
 
 NO_EDGES = "no edges in the mask of the circle; is the mask that of this picture?"
 MARGIN_PX = 8
 """Kept around the mask, so that filters see what lies beside it."""
-GREY_UNIT, GRADIENT_UNIT = 16.0, 128.0
-"""Steps per grey level of the smoothed picture, and per grey level and pixel of its Sobel derivatives (times 8)."""
-ENOUGH_SAMPLES = 6000
+GRADIENT_UNIT = 128.0
+"""Steps of the derivatives per grey level and pixel: whole numbers of 16 bits, which Canny takes."""
+ENOUGH_SAMPLES = 3000
 """Pixels from which noise and thresholds are read."""
 SOBEL_SIGMA_PX = 0.7
 """Smoothing that the 3 x 3 Sobel kernel itself brings."""
-_SHIFT = 4
-"""Binary places of the sub-pixel corners."""
 
 
 class EdgesConfig(BaseModel):
@@ -73,44 +71,43 @@ def search_region(mask: MarkingMask, shape: tuple[int, ...], dilate_px: float) -
     None where there is neither.
     """
     size = max(1, round(dilate_px))
-    limit = 8.0 * max(shape)
-    outlines = list(mask.outlines or ())
-    marked = (mask.classes == CIRCLE_ID).view(np.uint8) if mask.outlines is None else None
+    corners = []
+    marked = None
+    if mask.band_px is None:
+        marked = (mask.classes == CIRCLE_ID).view(np.uint8)
+        left, top, width, height = cv2.boundingRect(marked)
+        if width:
+            corners.append(np.array([[left, top], [left + width, top + height]]))
     ellipse = None if mask.conic is None else ellipse_from_conic(mask.conic)
-    band = [] if ellipse is None else [np.clip(ellipse.points(np.linspace(0.0, 2 * np.pi, 361)), -limit, limit)]
-    corners = [np.stack([points.min(axis=0), points.max(axis=0)]) for points in (*outlines, *band)]
-    left, top, width, height = (0, 0, 0, 0) if marked is None else cv2.boundingRect(marked)
-    if width:
-        corners.append(np.array([[left, top], [left + width, top + height]]))
+    outline = np.zeros((0, 2))
+    if ellipse is not None:
+        limit = 8.0 * max(shape)
+        outline = np.clip(ellipse.points(np.linspace(0.0, 2 * np.pi, 361)), -limit, limit)
+        corners.append(np.stack([outline.min(axis=0), outline.max(axis=0)]))
     if not corners:
         return None
-    reach = size + MARGIN_PX
-    low = np.maximum(np.floor(np.min(corners, axis=(0, 1))) - reach, 0).astype(int)
-    high = np.minimum(np.ceil(np.max(corners, axis=(0, 1))) + reach, shape[1::-1]).astype(int)
+    half = size + round(0.5 * (mask.band_px or 0.0))
+    low = np.maximum(np.floor(np.min(corners, axis=(0, 1))) - half - MARGIN_PX, 0).astype(int)
+    high = np.minimum(np.ceil(np.max(corners, axis=(0, 1))) + half + MARGIN_PX, shape[1::-1]).astype(int)
     if (low >= high).any():
         return None
     if marked is None:
         inside = np.zeros(high[::-1] - low[::-1], np.uint8)
-        for polygon in outlines:
-            cv2.fillPoly(inside, _fixed(polygon - low), 1, cv2.LINE_8, _SHIFT)
     else:
-        inside = marked[low[1] : high[1], low[0] : high[0]]
-    inside = np.asarray(cv2.dilate(inside, np.ones((2 * size + 1, 2 * size + 1), np.uint8)), np.uint8)
-    for outline in band:
-        cv2.polylines(inside, _fixed(outline - low), True, 1, 2 * size + 1, cv2.LINE_8, _SHIFT)
+        kernel = np.ones((2 * size + 1, 2 * size + 1), np.uint8)
+        inside = np.asarray(cv2.dilate(marked[low[1] : high[1], low[0] : high[0]], kernel), np.uint8)
+    if ellipse is not None:
+        fixed = np.round((outline - low) * 16).astype(np.int32)
+        cv2.polylines(inside, [fixed], True, 1, 2 * half + 1, cv2.LINE_8, 4)
     return SearchRegion(int(low[0]), int(low[1]), inside.view(np.bool_))
 
 
-def _fixed(points: Array) -> list[NDArray[np.int32]]:
-    return [np.round(points * (1 << _SHIFT)).astype(np.int32)]
-
-
-def detect_edges(picture: Brightness, mask: MarkingMask, config: EdgesConfig) -> EdgePoints:
+def detect_edges(picture: NDArray[np.uint8], mask: MarkingMask, config: EdgesConfig) -> EdgePoints:
     """Canny points of the picture inside the dilated mask, moved to the sub-pixel maximum of the gradient.
 
     Parameters
     ----------
-    picture : (H, W) uint8 or float32
+    picture : (H, W) uint8
         Brightness, with the markings lighter than the field (:func:`circlecal.profiles.grey`).
     mask : MarkingMask
         From the stage ``mask``.
@@ -126,10 +123,7 @@ def detect_edges(picture: Brightness, mask: MarkingMask, config: EdgesConfig) ->
     if searched is None:
         raise EstimationError("edges", "no_edges", NO_EDGES)
     picture, region = picture[searched.window], searched.inside
-    # whole numbers of 16 bits: sixteenths of a grey level, and what Canny takes
-    fine = np.asarray(cv2.multiply(picture, GREY_UNIT, dtype=cv2.CV_16S), np.int16)  # type: ignore[call-overload]
-    smooth = cv2.GaussianBlur(fine, (0, 0), config.smoothing_px)
-    gx, gy = (np.asarray(cv2.Sobel(smooth, cv2.CV_16S, i, 1 - i, ksize=3), np.int16) for i in (1, 0))
+    gx, gy = _gradients(picture, config.smoothing_px)
     places = _sampled(region)
     noise = picture_noise(picture, places)
     low, high = _thresholds(config, noise, gx, gy, places)
@@ -155,11 +149,19 @@ def detect_edges(picture: Brightness, mask: MarkingMask, config: EdgesConfig) ->
     return EdgePoints(points[keep], normals[keep], contrast[keep], sigma[keep], noise, blur, (low, high))
 
 
+def _gradients(picture: NDArray[np.uint8], smoothing_px: float) -> tuple[NDArray[np.int16], NDArray[np.int16]]:
+    """Derivatives of the smoothed picture by x and by y, as Gaussian and Sobel filters in one."""
+    smooth = cv2.getGaussianKernel(2 * int(np.ceil(3.5 * smoothing_px)) + 1, smoothing_px).ravel()
+    along, across = np.convolve(smooth, [-1.0, 0.0, 1.0]) * (GRADIENT_UNIT / 8), np.convolve(smooth, [1.0, 2.0, 1.0])
+    gx, gy = (cv2.sepFilter2D(picture, cv2.CV_16S, *kernels) for kernels in ((along, across), (across, along)))
+    return np.asarray(gx, np.int16), np.asarray(gy, np.int16)
+
+
 def _sampled(region: NDArray[np.bool_]) -> NDArray[np.int_]:
-    """Flat indices of pixels inside the region, every other one both ways and not more than are needed."""
-    y, x = np.nonzero(region[2:-1:2, 2:-1:2])
-    places = (2 * y + 2) * region.shape[1] + 2 * x + 2
-    return places[:: max(1, len(places) // ENOUGH_SAMPLES)]
+    """Flat indices of about as many pixels inside the region as are needed, evenly spread."""
+    step = max(1, int(np.sqrt(cv2.countNonZero(region.view(np.uint8)) / ENOUGH_SAMPLES)))
+    y, x = np.nonzero(region[2:-2:step, 2:-2:step])
+    return (step * y + 2) * region.shape[1] + step * x + 2
 
 
 def _thresholds(
@@ -183,10 +185,11 @@ def _sub_pixel(gx: NDArray[np.int16], gy: NDArray[np.int16], pixels: Array, norm
     """Offset along the normal to the parabola's top through the gradient's size in three samples, and the curvature
     there.
     """
-    steps = np.array([-1.0, 0.0, 1.0])[:, None]
-    x, y = ((pixels[:, i] + steps * normals[:, i]).astype(np.float32) for i in range(2))
-    across, down = (cv2.remap(g, x, y, cv2.INTER_LINEAR).astype(np.float64) for g in (gx, gy))
-    before, here, after = np.hypot(across, down) / GRADIENT_UNIT
+    steps = np.array([-1.0, 0.0, 1.0], np.float32)[:, None]
+    (x0, y0), (nx, ny) = pixels.T.astype(np.float32), normals.T.astype(np.float32)
+    x, y = x0 + steps * nx, y0 + steps * ny
+    across, down = (cv2.remap(g, x, y, cv2.INTER_LINEAR).astype(np.float32) for g in (gx, gy))
+    before, here, after = np.sqrt(across * across + down * down).astype(np.float64) / GRADIENT_UNIT
     curvature = 2 * here - before - after
     with np.errstate(divide="ignore", invalid="ignore"):
         shift = np.where(curvature > 0, 0.5 * (after - before) / curvature, 9.0)

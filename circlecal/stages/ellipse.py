@@ -13,7 +13,14 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from circlecal.errors import EstimationError
-from circlecal.geometry.conics import arc_coverage_deg, ellipse_from_conic, orthogonal_distance, refine_conic
+from circlecal.geometry.conics import (
+    Ellipse,
+    arc_coverage_deg,
+    conic_from_ellipse,
+    ellipse_from_conic,
+    orthogonal_distance,
+    refine_conic,
+)
 from circlecal.geometry.homogeneous import Array, Mask
 from circlecal.geometry.ransac import ransac_conic
 from circlecal.observations import CircleEdge, Observations
@@ -70,10 +77,12 @@ def fit_ellipses(rays: RayPoints, width: int, config: EllipseConfig, rng: np.ran
         ``no_ellipse`` where no edge gives an ellipse, ``arc_too_short``, ``residual_too_large``.
     """
     unit = width / 1920.0
+    center = fit_edge("center", rays.center_line_px, rays.center_line_sigma_px, unit, config, rng)
+    start = None if center is None else center.ellipse
     fits = EllipseFits(
-        outer=fit_edge("outer", rays.outer_px, rays.outer_sigma_px, unit, config, rng),
-        inner=fit_edge("inner", rays.inner_px, rays.inner_sigma_px, unit, config, rng),
-        center=fit_edge("center", rays.center_line_px, rays.center_line_sigma_px, unit, config, rng),
+        outer=fit_edge("outer", rays.outer_px, rays.outer_sigma_px, unit, config, rng, start),
+        inner=fit_edge("inner", rays.inner_px, rays.inner_sigma_px, unit, config, rng, start),
+        center=center,
     )
     if not fits.all():
         raise EstimationError(
@@ -120,14 +129,30 @@ def fit_observed(
 
 
 def fit_edge(
-    edge: CircleEdge, points_px: Array, sigma_px: Array, unit: float, config: EllipseConfig, rng: np.random.Generator
+    edge: CircleEdge,
+    points_px: Array,
+    sigma_px: Array,
+    unit: float,
+    config: EllipseConfig,
+    rng: np.random.Generator,
+    similar: Ellipse | None = None,
 ) -> EllipseFit | None:
-    """Robust ellipse through the points (N, 2) of one edge; None where they give none."""
+    """Robust ellipse through the points (N, 2) of one edge; None where they give none.
+
+    ``similar`` is another edge's ellipse, if known; where the points' mean multiple of it explains nearly all of them,
+    no samples are drawn.
+    """
     if len(points_px) < config.minimum_points:
         return None
     threshold = config.threshold_px * unit + 3.0 * sigma_px
     robust = ransac_conic(
-        points_px, threshold, rng, hypotheses=config.hypotheses, method=config.method, confidence=config.confidence
+        points_px,
+        threshold,
+        rng,
+        hypotheses=config.hypotheses,
+        method=config.method,
+        confidence=config.confidence,
+        start=None if similar is None else _multiple(similar, points_px),
     )
     if robust is None or robust.inliers.sum() < config.minimum_points:
         return None
@@ -158,3 +183,11 @@ def fit_edge(
         arc_deg=arc_coverage_deg(ellipse, points_px[kept]),
         hypotheses=robust.hypotheses,
     )
+
+
+def _multiple(ellipse: Ellipse, points: Array) -> Array:
+    """Conic of the ellipse about the same centre that as many of the points (N, 2) lie in as out of."""
+    local = (points - ellipse.center) @ np.linalg.inv(ellipse.frame()[:2, :2]).T
+    scale = float(np.median(np.hypot(local[:, 0], local[:, 1])))
+    a, b = ellipse.semi_axes
+    return conic_from_ellipse(Ellipse(ellipse.center, (scale * a, scale * b), ellipse.angle_rad))

@@ -115,7 +115,7 @@ def marking_from_detection(found: Detection) -> tuple[MarkingMask, EstimationErr
         candidates=tuple(c.conic for c in found.candidates),
         certain=found.certain,
         polarity=found.polarity,
-        outlines=found.sketch.circle_outlines(),
+        band_px=0.0 if found.sketch.circle is None else found.sketch.circle.widest_px,
     )
     if found.circle is None:
         return marking, EstimationError("mask", refusal, REASONS.get(refusal, refusal.replace("_", " ")))

@@ -311,15 +311,16 @@ def _pair_edges(
 
 def _along(centreline: _Centreline, angles: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Width, offset and presence of the measured band at other angles."""
-    offsets = centreline.bands.center
     turned = angles % (2 * np.pi)
-    width = np.interp(turned, centreline.angles, centreline.bands.width, period=2 * np.pi)
-    middle = np.interp(turned, centreline.angles, offsets, period=2 * np.pi)
     index = np.searchsorted(centreline.angles, turned)
-    left = centreline.angles[(index - 1) % len(centreline.angles)]
-    right = centreline.angles[index % len(centreline.angles)]
-    distance = np.minimum(np.abs(_wrapped(turned - left)), np.abs(_wrapped(right - turned)))
-    return width, middle, distance < np.radians(1.0)
+    left, right = (index - 1) % len(centreline.angles), index % len(centreline.angles)
+    before, after = _wrapped(turned - centreline.angles[left]), _wrapped(centreline.angles[right] - turned)
+    share = before / np.maximum(before + after, 1e-12)
+    width, middle = (
+        values[left] + share * (values[right] - values[left])
+        for values in (centreline.bands.width, centreline.bands.center)
+    )
+    return width, middle, np.minimum(np.abs(before), np.abs(after)) < np.radians(1.0)
 
 
 def _wrapped(angle: Array) -> Array:
