@@ -431,12 +431,12 @@ def refine_conic(
         if ellipse is None:
             return None
         foot, distance = _feet(ellipse, local)
-        matrix = conic_from_coefficients(coefficients)
-        gx, gy = algebraic_residuals(matrix, foot)[1].T
+        x, y = foot.T
+        a, b, c, d, e, _ = coefficients.tolist()
+        gx, gy = 2 * a * x + b * y + d, b * x + 2 * c * y + e
         size = np.maximum(np.hypot(gx, gy), 1e-300)
-        inside_negative = np.sign(np.trace(matrix[:2, :2]))
-        residual = inside_negative * distance / sigma
-        jacobian = _monomials(foot) / (size * sigma)[:, None]
+        residual = distance / sigma if a + c > 0 else -distance / sigma
+        jacobian = (np.stack([x * x, x * y, y * y, x, y, np.ones_like(x)]) / (size * sigma)).T
         if loss_scale is None:
             return residual, jacobian, float(residual @ residual)
         weight = 1.0 / (1.0 + (residual / loss_scale) ** 2)
@@ -450,9 +450,9 @@ def refine_conic(
     for _ in range(iterations):
         residual, jacobian, cost = state
         normal = jacobian.T @ jacobian
-        gauge = np.outer(current, current) * np.trace(normal)
+        diagonal = normal.diagonal()
         gradient = jacobian.T @ residual
-        scaled = normal + damping * np.diag(np.diag(normal)) + gauge
+        scaled = normal + np.diag(damping * diagonal) + diagonal.sum() * current[:, None] * current
         try:
             step = -np.linalg.solve(scaled, gradient)
         except np.linalg.LinAlgError:
@@ -475,7 +475,9 @@ def refine_conic(
             if damping > 1e8:
                 break
     _, jacobian, _ = state
-    covariance: Array = np.asarray(np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-14, hermitian=True), dtype=np.float64)
+    values, vectors = np.linalg.eigh(jacobian.T @ jacobian)
+    known = vectors[:, values > 1e-14 * values[-1]]
+    covariance = (known / values[values > 1e-14 * values[-1]]) @ known.T
     return _denormalised_with_covariance(current, covariance, T)
 
 
