@@ -297,7 +297,7 @@ def _find_circle(
     batch = best_distinct(batch, raster, config.hypotheses.kept)
     watch.lap("scoring")
     unit = columns / 1280.0
-    batch = refitted(batch, raster, tuple(max(1.2, reach * unit) for reach in (6.0, 4.0, 2.0, 1.2)))
+    batch = refitted(batch, raster, tuple(max(1.2, reach * unit) for reach in (5.0, 2.0)))
     batch = ranked(batch, raster)
     watch.lap("refit")
     return _first_accepted(full_grey, batch, raster, segments, scaling, config, watch)

@@ -116,10 +116,10 @@ def _ridges_of_one_polarity(
         found[0] = (found[0] + 0.5) * (width / picture.shape[1]) - 0.5
         found[1] = (found[1] + 0.5) * (height / picture.shape[0]) - 0.5
         if level:
-            found = found[:, taken.ravel()[_cells(found, region.shape)] == 0]
-        for coarser in responses[level + 1 :]:
-            found = found[:, _response_at(coarser, found, region.shape) <= found[4]]
+            found = found.take(np.flatnonzero(taken.ravel()[_cells(found, region.shape)] == 0), axis=1)
         if level + 1 < len(smooth):
+            coarser = [_response_at(response, found, region.shape) for response in responses[level + 1 :]]
+            found = found.take(np.flatnonzero(np.max(coarser, axis=0) <= found[4]), axis=1)
             taken.ravel()[_cells(found, region.shape)] = 1
             taken = np.asarray(cv2.dilate(taken, np.ones((3, 3), np.uint8)), np.uint8)
         parts.append(_densified(found, 1 << level))
@@ -127,8 +127,9 @@ def _ridges_of_one_polarity(
 
 
 def _threshold(response: Picture, region: NDArray[np.uint8], config: RidgeConfig) -> float:
-    sample = response[2::4, 2::4]
-    positive = sample[(region[2::4, 2::4] > 0) & (sample > 0)]
+    rows, columns = slice(2, None, 8), slice(2, None, 4)
+    sample = response[rows, columns]
+    positive = sample[(region[rows, columns] > 0) & (sample > 0)]
     if positive.size == 0:
         return float("inf")
     median = float(np.partition(positive, positive.size // 2)[positive.size // 2])
@@ -150,11 +151,12 @@ def _steger(picture: Picture, candidates: NDArray[np.int64], sign: float, weight
     """Ridges through the candidate pixels: rows x, y, nx, ny, strength (5, M), in pixels of this picture."""
     width = picture.shape[1]
     flat = picture.ravel() if sign > 0 else -picture.ravel()
-    north, south = candidates - width, candidates + width
-    c = flat[candidates]
-    w, e, n, s = flat[candidates - 1], flat[candidates + 1], flat[north], flat[south]
+    corner = candidates - (width + 1)
+    (nw, n, ne), (w, c, e), (sw, s, se) = (
+        [flat[start + column :].take(corner) for column in range(3)] for start in (0, width, 2 * width)
+    )
     xx, yy = w + e - 2 * c, n + s - 2 * c
-    xy = (flat[south + 1] - flat[south - 1] - flat[north + 1] + flat[north - 1]) / 4
+    xy = (se - sw - ne + nw) / 4
     gx, gy = (e - w) / 2, (s - n) / 2
     mean, half = (xx + yy) / 2, (xx - yy) / 2
     root = np.sqrt(half * half + xy * xy)
