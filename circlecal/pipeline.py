@@ -189,7 +189,7 @@ class _Job:
         """Picture -> observations -> answer; what is given beside a picture without the circle may do alone."""
         with self._clock("mask"):
             brightness = grey(image)
-            motion = row_motion(brightness)
+            motion = row_motion(brightness) if self.config.mask.deinterlace else None
             if motion is not None:
                 image = without_combs(image, motion)
                 brightness = grey(image)

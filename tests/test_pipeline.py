@@ -289,3 +289,13 @@ def test_what_is_given_beside_a_picture_without_the_circle_is_used():
     assert one.verdict == alone.verdict
     draw_overlay(grass, found, template)
     stage_pictures(grass, found, template)
+
+
+def test_an_interlaced_frame_is_calibrated_at_the_moment_between_its_halves(frames):
+    early, late = (np.roll(frames.easy.image, shift, axis=1) for shift in (-5, 5))
+    woven = early.copy()
+    woven[1::2] = late[1::2]
+    joined_halves = run(woven, CONFIG, frame_id="easy")
+    as_stored = run(woven, load_config(None, ["mask.deinterlace=false"]), frame_id="easy")
+    assert error_px(frames.easy, joined_halves) < 1.0
+    assert as_stored.status == "refused" or error_px(frames.easy, as_stored) > error_px(frames.easy, joined_halves)

@@ -42,6 +42,9 @@ class MaskConfig(BaseModel):
     threshold_px: float = Field(
         4.0, gt=0, le=100, description="How well a mask's middle follows the circle, pixels at 1920 px width."
     )
+    deinterlace: bool = Field(
+        True, description="Join the two halves of an interlaced frame's rows where they show different moments."
+    )
     detector: DetectorConfig = Field(DetectorConfig(), description="Options of the built-in detector.")
 
 
