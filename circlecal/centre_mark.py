@@ -19,7 +19,7 @@ from circlecal.profiles import Brightness, sample_profiles
 
 Rows = NDArray[np.floating[Any]]
 
-__all__ = ["SeenMark", "find_centre_mark"]
+__all__ = ["SeenMark", "find_centre_mark", "half_chords"]
 
 _STEP_PX = 0.5
 _MARGIN = 0.12  # half chords searched beyond the allowed range, to know the usual scatter
@@ -155,7 +155,7 @@ def _rectified(
     direction = aim[:2] - aim[2] * base
     direction /= np.maximum(np.hypot(direction[:, :1], direction[:, 1:]), 1e-12)
     direction *= np.where(direction[:, :1] < 0, -1.0, 1.0)
-    radius = _half_chords(conic, base, direction)
+    radius = half_chords(conic, base, direction)
     if not np.isfinite(radius).all():
         return None
     offsets = 0.5 * (offset[0] + offset[1])
@@ -183,7 +183,7 @@ def _bend(line: Array, points_px: Array, places: Array, wanted: Array) -> Array:
     return np.interp(wanted, windows(places[order], size).mean(axis=-1), middle)
 
 
-def _half_chords(conic: Array, points: Array, directions: Array) -> Array:
+def half_chords(conic: Array, points: Array, directions: Array) -> Array:
     """Half lengths (N,) of the chords through points (N, 2) inside the conic along unit directions (N, 2)."""
     a = np.einsum("ni,ij,nj->n", directions, conic[:2, :2], directions)
     p = np.concatenate([points, np.ones((len(points), 1))], axis=1)

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from circlecal.centre_mark import find_centre_mark
+from circlecal.centre_mark import find_centre_mark, half_chords
 from circlecal.field import Circle, FieldTemplate
-from circlecal.geometry.conics import line_conic_meet
+from circlecal.geometry.conics import line_conic_meet, pole
 from circlecal.geometry.homogeneous import Array, dehomogenise, fit_line, join, lift, line_distance
 from circlecal.line_ends import paint_ends
-from circlecal.observations import LineEnd, LinePoints, Observations
+from circlecal.observations import CircleEdge, LineEnd, LinePoints, Observations
 from circlecal.profiles import Brightness, measure_bands, sample_profiles, smooth_along
 from circlecal.results import Cues, EllipseFit, EllipseFits, LineCue, MarkCue, MarkingMask, Segment
 
@@ -39,8 +39,13 @@ END_CLEARANCE_PX = 2.0
 """Points so far behind the marking at which the halfway line ends are something else, pixels at 1920 px width."""
 LARGEST_GAP = 0.2
 """Pieces of a straight marking lie no further apart than this share of the half chord; it ends at the touchline."""
+CHORD_AT = 0.6
+"""Half chords from the middle at which the halfway line's width is predicted."""
 LARGEST_BEND = 0.03
 """Sine of the angle between neighbouring pieces of a straight marking: lens and crown bend it less than that."""
+PLAIN_WIDTH_PX = 8.0
+"""Across markings wider than this (at 1920 px width) the profiles are drawn out: they must show the surface beside it.
+"""
 
 
 class CuesConfig(BaseModel):
@@ -107,17 +112,22 @@ def find_cues(
     fit = ellipses.primary
     rough = mask.halfway if config.halfway_line and template.halfway_line is not None else None
     chord = None if rough is None else _chord(fit.conic, join(lift(rough.start), lift(rough.end)))
-    near = None
+    near, growth = None, np.zeros(3)
     if chord is not None:
+        growth = _paint_width(fit.conic, chord, template, fit.edge)
         # the picture may show the halfway line outside the circle only
         inside = _beyond(chord, 1.0, picture.shape)
         near = rough if inside is None else _beyond(chord, config.reach_half_chords, picture.shape)
     further = mask.lines if config.further_lines else ()
     rounds = ONE_ROUND if mask.source == "detector" else TWO_ROUNDS
-    measured = measure_lines(picture, (*further, *(() if near is None else (near,))), noise, config, rounds)
+    segments = (*further, *(() if near is None else (near,)))
+    widths = np.zeros((len(segments), 2))
+    if near is not None:
+        widths[-1] = _widths_at(growth, near)
+    measured = measure_lines(picture, segments, noise, config, rounds, widths)
     halfway = None
     if chord is not None and near is not None:
-        halfway = _halfway_line(picture, measured.pop(), chord, noise, template.halfway_line, config)
+        halfway = _halfway_line(picture, measured.pop(), chord, growth, noise, template.halfway_line, config)
     mark = None
     if config.centre_mark and halfway is not None and "centre_mark" in template.mark_by_name:
         mark = _centre_mark(picture, halfway, fit, template, blur_px, config)
@@ -155,12 +165,14 @@ def measure_lines(
     noise: float,
     config: CuesConfig,
     rounds: Rounds = TWO_ROUNDS,
+    widths_px: Array | None = None,
 ) -> list[LineCue | None]:
     """Sub-pixel points along rough straight markings, and the total least squares line through both edges of each.
 
     Each profile gives the two crossings of half the band's height; the line is fitted to both edges together, so
     their common bias (bloom) cancels, and the points that are kept are the flux-weighted middles. All markings are
-    measured together.
+    measured together; those that turn out to be wide once more. ``widths_px`` (K, 2) are the widths that are expected
+    at their ends, 0 where nothing is known of them.
 
     Returns
     -------
@@ -173,18 +185,29 @@ def measure_lines(
     ends = np.array([(s.start, s.end) for s in segments]).reshape(-1, 2, 2)
     length = np.hypot(*(ends[:, 1] - ends[:, 0]).T)
     which = np.flatnonzero(length >= SHORTEST_PX)
+    expected = np.zeros((len(segments), 2)) if widths_px is None else widths_px
     for reach_share, step in rounds:
         if len(which) == 0:
             return found
-        samples = _band_samples(picture, ends[which], noise, config, reach_share, step, unit)
+        samples = _band_samples(picture, ends[which], expected[which], noise, config, reach_share, step, unit)
         lines, kept = _robust_lines(samples, len(which), scale)
         enough = np.bincount(samples.piece[kept], minlength=len(which)) >= np.clip(samples.drawn // 3, *FEWEST_POINTS)
         normal = lines[:, None, :2]
         ends[which] -= ((ends[which] * normal).sum(axis=-1) + lines[:, 2:])[..., None] * normal
         which, lines = which[enough], lines[enough]
+    wide = []
     for line, index, label in zip(lines, which, np.flatnonzero(enough), strict=True):
         mine = np.flatnonzero(kept & (samples.piece == label))
         found[index] = _measured_line(line, ends[index], samples, mine, int(samples.drawn[label]))
+        width = float(np.median(np.linalg.norm(samples.edges[1, mine] - samples.edges[0, mine], axis=-1)))
+        if width > 1.5 * max(PLAIN_WIDTH_PX * unit, expected[index].max()):
+            wide.append((index, width))
+    if wide:
+        again = [Segment(*ends[index]) for index, _ in wide]
+        widths = np.array([(width, width) for _, width in wide])
+        wider = measure_lines(picture, again, noise, config, rounds[-1:], widths)
+        for (index, _), cue in zip(wide, wider, strict=True):
+            found[index] = cue or found[index]
     return found
 
 
@@ -204,13 +227,16 @@ class _BandSamples:
 def _band_samples(
     picture: Brightness,
     ends: Array,
+    widths: Array,
     noise: float,
     config: CuesConfig,
     reach_share: float,
     step: float,
     unit: float,
 ) -> _BandSamples:
-    """Profiles across straight pieces with these ends (K, 2, 2); ``step`` 1 is the full density."""
+    """Profiles across straight pieces with these ends (K, 2, 2) and expected widths there (K, 2); ``step`` 1 is the
+    full density.
+    """
     span = ends[:, 1] - ends[:, 0]
     length = np.hypot(span[:, 0], span[:, 1])
     fine = np.maximum(8, (length / config.spacing_px).astype(int))
@@ -226,13 +252,16 @@ def _band_samples(
     reach = config.search_px * unit * reach_share
     half = reach + 8.0 * max(unit, 0.5) + 2.0
     offsets = np.arange(-half, half + 0.25, 0.5 * step)
+    width = widths[piece, 0] + share * (widths[piece, 1] - widths[piece, 0])
+    stretch = np.maximum(1.0, width / (PLAIN_WIDTH_PX * unit))
+    normals = normals * stretch[:, None]
     profiles = smooth_along(sample_profiles(picture, base, normals, offsets), 1.0)
     bands = measure_bands(profiles, offsets, reach, noise)
     valid = own & bands.valid & (bands.width < 24 * max(unit, 0.5))
     base, normals = base[valid], normals[valid]
     middles = base + bands.center[valid, None] * normals
     edges = base + np.stack([bands.left[valid], bands.right[valid]])[..., None] * normals
-    return _BandSamples(middles, edges, bands.sigma[valid], piece[valid], drawn)
+    return _BandSamples(middles, edges, (bands.sigma * stretch)[valid], piece[valid], drawn)
 
 
 def _measured_line(line: Array, ends: Array, samples: _BandSamples, mine: NDArray[np.int_], drawn: int) -> LineCue:
@@ -272,7 +301,13 @@ def _beyond(chord: Array, half_chords: float, shape: tuple[int, ...]) -> Segment
 
 
 def _halfway_line(
-    picture: Brightness, cue: LineCue | None, chord: Array, noise: float, name: str | None, config: CuesConfig
+    picture: Brightness,
+    cue: LineCue | None,
+    chord: Array,
+    growth: Array,
+    noise: float,
+    name: str | None,
+    config: CuesConfig,
 ) -> LineCue | None:
     """The measured line, continued as far as it is seen; None where too little of the chord is seen."""
     if cue is None:
@@ -290,28 +325,29 @@ def _halfway_line(
         support = float(inside.sum() / max(expected, 1.0))
     if support < config.minimum_support:
         return None
-    further = _followed(picture, cue, reach, noise, config)
+    further = _followed(picture, cue, reach, growth, noise, config)
     points = np.concatenate([cue.points_px, *(piece.points_px for piece in further)])
     sigma = np.concatenate([cue.sigma_px, *(piece.sigma_px for piece in further)])
     segment = Segment(cue.segment.start, cue.segment.end, support)
     unit = max(picture.shape[1] / 1920.0, 0.5)
     clear = RIM_CLEARANCE_PX * unit if visible is not None else -RIM_CLEARANCE_PX * unit
     ends = paint_ends(picture, points, middle, reach + clear)
-    kept = _before_crossed(points, middle, ends, END_CLEARANCE_PX * unit)
+    kept = _before_ends(points, middle, ends, END_CLEARANCE_PX * unit)
     return LineCue(name, cue.line, points[kept], sigma[kept], segment, cue.rms_px, ends)
 
 
-def _before_crossed(points: Array, middle: Array, ends: Sequence[LineEnd], clear_px: float) -> NDArray[np.bool_]:
-    """Which points (N, 2) do not lie behind a marking that the line runs into: there is none of its paint there."""
+def _before_ends(points: Array, middle: Array, ends: Sequence[LineEnd], clear_px: float) -> NDArray[np.bool_]:
+    """Which points (N, 2) do not lie behind an end of the line: there is none of its paint there."""
     kept = np.ones(len(points), np.bool_)
     for end in ends:
         along = end.point_px - middle
-        if end.crossed:
-            kept &= (points - middle) @ along < along @ along + clear_px * np.linalg.norm(along)
+        kept &= (points - middle) @ along < along @ along + clear_px * np.linalg.norm(along)
     return kept
 
 
-def _followed(picture: Brightness, near: LineCue, step_px: float, noise: float, config: CuesConfig) -> list[LineCue]:
+def _followed(
+    picture: Brightness, near: LineCue, step_px: float, growth: Array, noise: float, config: CuesConfig
+) -> list[LineCue]:
     """Pieces of a straight marking beyond its measured part, each expected where the one before points to.
 
     Lens and crown bend the line, so the pieces follow it; the first that is not clearly there ends the search on its
@@ -330,7 +366,8 @@ def _followed(picture: Brightness, near: LineCue, step_px: float, noise: float, 
         if not searched:
             break
         sides = []
-        pieces = measure_lines(picture, [segment for _, _, segment in searched], noise, config)
+        widths = np.array([_widths_at(growth, segment) for _, _, segment in searched])
+        pieces = measure_lines(picture, [segment for _, _, segment in searched], noise, config, TWO_ROUNDS, widths)
         for (end, direction, _), piece in zip(searched, pieces, strict=True):
             if piece is None or piece.segment.support < PIECE_SUPPORT:
                 continue
@@ -340,6 +377,30 @@ def _followed(picture: Brightness, near: LineCue, step_px: float, noise: float, 
             found.append(piece)
             sides.append((end, piece.points_px[np.argmax(ahead_px)]))
     return found
+
+
+def _paint_width(conic: Array, chord: Array, template: FieldTemplate, edge: CircleEdge) -> Array:
+    """How wide the halfway line's paint is in the picture, to first order: coefficients (3,) of x, y and 1, px.
+
+    Inside the circle its chords across the line give the scale; the image of a strip widens evenly along itself.
+    """
+    middle, half = 0.5 * (chord[0] + chord[1]), 0.5 * (chord[1] - chord[0])
+    points = middle + np.array([[-CHORD_AT], [CHORD_AT]]) * half
+    aim = pole(conic, join(lift(chord[0]), lift(chord[1])))
+    across = aim[:2] - aim[2] * points
+    across /= np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), 1e-12)
+    length = float(np.linalg.norm(half))
+    normal = np.array([-half[1], half[0]]) / length
+    radius = template.radius(template.circle_by_name[template.default_circle], edge)
+    share = template.marking_width_m / (radius * np.sqrt(1.0 - CHORD_AT**2))
+    near, far = np.nan_to_num(share * half_chords(conic, points, across) * np.abs(across @ normal))
+    along = half / length**2 * (far - near) / (2.0 * CHORD_AT)
+    return np.append(along, 0.5 * (near + far) - along @ middle)
+
+
+def _widths_at(growth: Array, segment: Segment) -> Array:
+    """Expected width (2,) of the paint at both ends, px."""
+    return np.maximum(lift(np.array([segment.start, segment.end])) @ growth, 0.0)
 
 
 def _chord(conic: Array, line: Array) -> Array | None:

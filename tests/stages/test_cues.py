@@ -211,6 +211,21 @@ def test_markings_measured_together_are_those_measured_alone(painted):
     assert measure_lines(picture, [], 1.5, CONFIG) == []
 
 
+@pytest.mark.parametrize("away_px", [(3.0, -2.0), (-2.0, 3.0)])
+def test_a_wide_marking_has_no_bias(away_px):
+    """The paint is as wide as a plain profile: that would take paint for the surface beside it."""
+    camera = view(position=(9.0, 46.0, -18.0), target=(0.0, 1.0, 0.0), focal=6000.0, size=(1280, 720))
+    painted = paint(camera, mark=False, noise=1.0)
+    halfway = cues_in(painted, halfway=rough_line(camera, away_px)).halfway
+    truth = camera.project(np.stack([np.zeros(400), np.linspace(-12, 12, 400)], axis=-1))
+    normal = line_cue(camera).line[:2]
+    off = np.abs((halfway.points_px - truth.mean(axis=0)) @ normal)
+    assert np.median(off) < 0.1
+    assert np.quantile(off, 0.95) < 0.3
+    (unnamed,) = measure_lines(grey(painted.image), [rough_line(camera, away_px)], 1.0, CONFIG)
+    assert np.median(np.abs((unnamed.points_px - truth.mean(axis=0)) @ normal)) < 0.1
+
+
 def test_the_halfway_line_ends_at_the_touchline_though_something_goes_on_behind_it():
     camera = view(position=(5.0, 48.0, -18.0), focal=1700.0, size=(1280, 720))
     painted = paint(camera, noise=1.0)
