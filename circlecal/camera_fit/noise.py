@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from circlecal.camera_fit.curves import CurvePoints
 from circlecal.camera_fit.optimise import Problem, State
 from circlecal.camera_fit.uncertainty import correlation_factor
+from circlecal.geometry.homogeneous import Array
 
 
 def inflated(problem: Problem, state: State) -> tuple[CurvePoints, float]:
@@ -23,3 +26,49 @@ def inflated(problem: Problem, state: State) -> tuple[CurvePoints, float]:
         factor[index] = max(1.0, scatter) * np.sqrt(correlation_factor(residual))
     scale = float(np.sqrt(np.mean(factor**2))) if len(factor) else 1.0
     return curves.with_sigma(curves.sigma_px * factor), scale
+
+
+NEIGHBOURS = 15
+"""Points along a marking whose median its middle one is compared with."""
+OFF_SIGMAS, OFF_PX = 4.0, 0.15
+"""Points further from their neighbours, in robust standard deviations and pixels beside, lie on something else."""
+
+
+def as_measured(problem: Problem, state: State, curves: CurvePoints) -> tuple[Problem, State, float]:
+    """The problem with the noise that its own residuals show, and without the points that leave their neighbours.
+
+    Parameters
+    ----------
+    problem, state : Problem, State
+        A fit, of which the first start counts.
+    curves : CurvePoints
+        The points of ``problem`` with the least standard deviations that they can have.
+
+    Returns
+    -------
+    problem, state : Problem, State
+        The same start, for fewer points.
+    scale : float
+        By how much the standard deviations have grown.
+    """
+    off_px = state.residuals[0] * problem.curves.sigma_px
+    factor, kept = np.ones(len(off_px)), np.ones(len(off_px), dtype=np.bool_)
+    for group in range(len(curves.names)):
+        index = np.flatnonzero(curves.group == group)
+        ordered = index[np.argsort(state.hidden[0, index], kind="stable")]
+        if len(ordered) < 2 * NEIGHBOURS:
+            continue
+        beside = np.abs(off_px[ordered] - _running_median(off_px[ordered], NEIGHBOURS))
+        near = beside < OFF_SIGMAS * 1.4826 * np.median(beside) + OFF_PX * problem.frame.width / 1920.0
+        kept[ordered] = near
+        values = (off_px / curves.sigma_px)[ordered[near]]
+        scatter = np.sqrt(np.mean(np.clip(values, -6, 6) ** 2))
+        factor[index] = max(1.0, scatter * np.sqrt(correlation_factor(values)))
+    chosen = curves.with_sigma(curves.sigma_px * factor).select(np.flatnonzero(kept))
+    nearer = replace(state, hidden=state.hidden[:, kept], residuals=state.residuals[:, kept])
+    return replace(problem, curves=chosen), nearer, float(np.sqrt(np.mean(factor**2)))
+
+
+def _running_median(values: Array, count: int) -> Array:
+    padded = np.pad(values, count // 2, mode="reflect")
+    return np.asarray(np.median(np.lib.stride_tricks.sliding_window_view(padded, count), axis=-1))

@@ -19,7 +19,7 @@ from circlecal.camera_fit.crossings import same_markings, with_crossings
 from circlecal.camera_fit.curves import CurvePoints, FixedPoints, ground_hidden, joined_curves
 from circlecal.camera_fit.model import INDEX, PARAMETERS, Frame
 from circlecal.camera_fit.naming import name_lines
-from circlecal.camera_fit.noise import inflated
+from circlecal.camera_fit.noise import as_measured, inflated
 from circlecal.camera_fit.observed import Realism, observed_curves, observed_points, stated_sigmas
 from circlecal.camera_fit.optimise import COARSE, FINAL, Priors, Problem, State, best_of, minimise
 from circlecal.camera_fit.point_starts import Landmarks, seen_landmarks
@@ -37,6 +37,8 @@ from circlecal.observations import Observations
 from circlecal.results import CameraFit
 
 Three = tuple[float, float, float]
+DENSE_POINTS = 60
+"""Of a marking: so many tell their noise, and which of them lie on something else."""
 COARSE_POINTS = 48
 """Points per marking while hypotheses are only compared."""
 OVERRULING_LINES = 3
@@ -118,6 +120,12 @@ class CameraConfig(BaseModel):
         ge=0,
         description="What lens, crown and paint leave of an ideal marking, pixels at 1920 px width.",
     )
+    close_sigma_px: float = Field(
+        0.1,
+        ge=0,
+        description="The same where nothing but the circle, its line and its mark are seen, all in a small part of the"
+        " field; more where the residuals show more.",
+    )
     correlation_px: float = Field(
         60.0,
         ge=0,
@@ -198,19 +206,22 @@ def estimate_camera(
         curves = observed_curves(observations, template, _realism(config, observations.width))
         problem = replace(problem, points=points, curves=curves)
         state = _best_fit(problem, np.concatenate([state.theta[:2], closed]), grid, short, config, camera_side)
-    problem, state, scale = _settled(problem, state, config, COARSE if config.name_lines else FINAL)
+    problem, state, scale = _settled(problem, state, config, COARSE)
     named: dict[int, str] = {}
-    if config.name_lines:
-        more = _recognised(problem, state, curves, observations, template, config)
-        if more is None:
-            state = minimise(problem, state.theta, config.loss_scale, config.iterations, state.hidden)
-        else:
-            problem, start, named = more
-            hidden = ground_hidden(problem.curves, start, frame)
-            state = minimise(problem, start, config.loss_scale, config.iterations, hidden, COARSE)
-            problem, state, scale = _settled(problem, state, config, FINAL)
+    close = None
+    more = _recognised(problem, state, curves, observations, template, config) if config.name_lines else None
+    if more is None:
+        close = _close_curves(curves, observations, template, config)
+        if close is not None:
+            problem, state, scale = as_measured(problem, best_of(state), close)
+        state = minimise(problem, state.theta, config.loss_scale, config.iterations, state.hidden)
+    else:
+        problem, start, named = more
+        hidden = ground_hidden(problem.curves, start, frame)
+        state = minimise(problem, start, config.loss_scale, config.iterations, hidden, COARSE)
+        problem, state, scale = _settled(problem, state, config, FINAL)
     if config.crown_shape == "auto" and config.shared is None:
-        problem, state, scale = _clearly_curved(problem, state, scale, config)
+        problem, state, scale = _clearly_curved(problem, state, scale, close, config)
     return camera_fit(
         problem,
         state,
@@ -223,12 +234,31 @@ def estimate_camera(
     )
 
 
-def _clearly_curved(problem: Problem, state: State, scale: float, config: CameraConfig) -> tuple[Problem, State, float]:
+def _close_curves(
+    curves: CurvePoints, observations: Observations, template: FieldTemplate, config: CameraConfig
+) -> CurvePoints | None:
+    """The points of ``curves`` with the sigmas of a frame that shows nothing far from the circle; None where the points
+    are too few to tell their noise.
+    """
+    if not config.noise_from_residuals or np.bincount(curves.group).max() < DENSE_POINTS:
+        return None
+    realism = _realism(config, observations.width)
+    close_px = config.close_sigma_px * observations.width / 1920.0
+    return observed_curves(
+        observations, template, replace(realism, model_sigma_px=min(realism.model_sigma_px, close_px))
+    )
+
+
+def _clearly_curved(
+    problem: Problem, state: State, scale: float, close: CurvePoints | None, config: CameraConfig
+) -> tuple[Problem, State, float]:
     """The fit with a parabolic pitch where it explains what was seen clearly better, else the one given."""
     curved = replace(problem, frame=replace(problem.frame, crown_shape="parabola"))
     found = minimise(curved, state.theta[:1], config.loss_scale, config.iterations, state.hidden[:1])
     if found.cost[0] > state.cost[0] - CROWN_EVIDENCE:
         return problem, state, scale
+    if close is not None:
+        return curved, found, scale
     return _settled(curved, found, config, FINAL)
 
 
