@@ -134,6 +134,11 @@ def detect(
             for r in found
         ],
     )
+    _table(
+        "What the markings in view allow at best (Cramer-Rao bound from the truth, lines named right)",
+        ["profile", "bound px", "bound good", "good"],
+        [[r.profile, _measured(r.bound_median_px, ".2f"), f"{r.bound_good:.0%}", f"{r.good:.0%}"] for r in found],
+    )
     stages = list(dict.fromkeys(name for r in found for name in r.stage_ms))
     _table(
         "Median ms of each stage, one thread",

@@ -25,6 +25,9 @@ def test_two_profiles():
     assert 0 < easy.median_px == easy.p90_px < 5.0
     assert 0 < easy.predicted_median_px < 50.0
     assert 0 <= easy.coverage <= 1
+    assert 0 < easy.bound_median_px < 5.0
+    assert (easy.bound_good, negative.bound_good) == (1.0, 0.0)
+    assert np.isnan(negative.bound_median_px)
     assert easy.decoding_ms > 0
     assert easy.times_decoding * easy.decoding_ms >= easy.stage_ms["mask"]
     assert {"mask", "edges", "camera"} <= set(easy.stage_ms)

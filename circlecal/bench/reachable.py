@@ -1,0 +1,120 @@
+"""What the markings that a rendered frame shows allow at best: the Cramer-Rao bound from the truth alone."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from circlecal.bench.bounds import bound_covariance
+from circlecal.camera_fit.model import Frame, project, theta_of
+from circlecal.field import Arc, Circle, FieldTemplate, Line
+from circlecal.geometry.homogeneous import Array, Mask
+from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations
+from circlecal.stages.camera import CameraConfig
+from circlecal.synthetic.paint import class_id
+from circlecal.synthetic.surface import Surface, seen_pixels
+from circlecal.synthetic.truth import Truth
+
+CIRCLE_SIGMA_PX, LINE_SIGMA_PX, CORRELATION_PX = 0.05, 0.08, 60.0
+"""What the middle of a circle and of a straight marking are measured to over a stretch of the last length, pixels at
+1920 px width: medians of the frames of ``partial``, ``hidden_mark`` and ``hard`` against their truth, with what
+neighbouring points repeat of each other's error.
+"""
+MARK_SIGMA_PX = 0.4
+_SPACING_PX = 4.0
+_STEP_M = 0.02
+_DRAWS = 400
+
+
+def bound_px(truth: Truth, grid_m: Array, template: FieldTemplate, config: CameraConfig) -> float:
+    """Expected mean reprojection error of a frame, px at 1920 px width, of an estimator that reaches the bound.
+
+    The observations are what the truth knows to be seen of the template's markings: their unoccluded places inside the
+    picture, every line rightly named, at the noise that the measurement of edges has. Lens, principal point, crown and
+    the camera's place have the priors of ``config``. No detection, no result and no wear of the paint enters.
+
+    Parameters
+    ----------
+    truth : Truth
+    grid_m : (N, 2) array
+        Field points over which the error is averaged.
+    template : FieldTemplate
+        The field.
+    config : CameraConfig
+        Priors.
+
+    Returns
+    -------
+    float
+        Infinite where nothing fixes the rotation about the circle, or no circle is seen.
+    """
+    circle = template.circle_by_name[template.default_circle]
+    seen = visible_observations(truth, template)
+    if len(grid_m) == 0 or seen.circle(circle.name, "center") is None or not (seen.lines or len(seen.circles) > 1):
+        return float("inf")
+    shaped = config.model_copy(update={"crown_shape": truth.crown_shape})
+    covariance = bound_covariance(truth.camera, truth.crown_m, seen, template, circle, shaped)
+    frame = Frame(truth.camera.width, truth.camera.height, truth.crown_shape, truth.crown_reference_m)
+    theta = theta_of(truth.camera, frame)
+    theta[12] = truth.crown_m
+    jacobian = project(theta[None], grid_m[None], frame).by_theta[0]
+    values, vectors = np.linalg.eigh(covariance)
+    root = jacobian @ (vectors * np.sqrt(np.maximum(values, 0.0)))
+    rng = np.random.default_rng(0)
+    draws = rng.standard_normal((len(values), _DRAWS))
+    return float(np.linalg.norm(root @ draws, axis=1).mean()) * 1920.0 / truth.camera.width
+
+
+def visible_observations(truth: Truth, template: FieldTemplate) -> Observations:
+    """Noiseless points along the middle of everything that is painted, in view and not covered."""
+    camera = truth.camera
+    surface = Surface(truth.crown_m, truth.crown_shape, truth.crown_reference_m)  # type: ignore[arg-type]
+    unit = camera.width / 1920.0
+    spread = unit * np.sqrt(CORRELATION_PX / _SPACING_PX)
+    elements: tuple[Circle | Line, ...] = (*template.circles, *template.arcs, *template.lines)
+    circles, lines = [], []
+    for element in elements:
+        pixels = seen_pixels(camera, surface.lift(_middle(template, element)))
+        pixels = pixels[_uncovered(truth, pixels, class_id(template, element))]
+        pixels = _thinned(pixels, _SPACING_PX * unit)
+        if len(pixels) < 2:
+            continue
+        if isinstance(element, Line):
+            lines.append(LinePoints(element.name, pixels, np.full(len(pixels), LINE_SIGMA_PX * spread)))
+        else:
+            sigma = np.full(len(pixels), CIRCLE_SIGMA_PX * spread)
+            circles.append(CirclePoints(element.name, "center", pixels, sigma))
+    seen_mark = truth.center_mark == "visible"
+    marks = (MarkPoint("centre_mark", truth.imaged_center_px, MARK_SIGMA_PX * unit),) if seen_mark else ()
+    return Observations(camera.width, camera.height, tuple(circles), tuple(lines), marks)
+
+
+def _middle(template: FieldTemplate, element: Circle | Line) -> Array:
+    """Places (N, 2) along the middle of an element's paint, metres."""
+    if isinstance(element, Line):
+        start, end = template.line_ends(element)
+        count = int(np.linalg.norm(end - start) / _STEP_M) + 2
+        return np.asarray(np.linspace(start, end, count))
+    radius = template.radius(element, "center")
+    first, last = (element.start_deg, element.end_deg) if isinstance(element, Arc) else (0.0, 360.0)
+    count = int(np.radians(last - first) * radius / _STEP_M) + 2
+    angle = np.radians(np.linspace(first, last, count))
+    return np.asarray(element.center) + radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+
+
+def _uncovered(truth: Truth, pixels: Array, painted: int) -> Mask:
+    """Which places (N, 2) lie in the picture and show the paint of a class."""
+    x0, y0, x1, y1 = truth.picture_box_px
+    with np.errstate(invalid="ignore"):
+        inside = np.asarray(((pixels >= (x0, y0)) & (pixels <= (x1, y1))).all(axis=1), np.bool_)
+    column, row = np.rint(np.where(inside[:, None], pixels, 0.0)).astype(np.intp).T
+    return np.asarray(inside & (truth.classes[row, column] == painted), np.bool_)
+
+
+def _thinned(pixels: Array, spacing_px: float) -> Array:
+    """About one of the places (N, 2) along a curve for every so many pixels of it."""
+    if len(pixels) < 2:
+        return pixels
+    step = np.hypot(*np.diff(pixels, axis=0).T)
+    # a gap is no length
+    travelled = np.concatenate([[0.0], np.cumsum(np.where(step < spacing_px, step, 0.0))])
+    return pixels[np.diff(np.floor(travelled / spacing_px), prepend=-1.0) > 0]

@@ -1,0 +1,65 @@
+"""The bound of a rendered frame, from its truth."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from circlecal.bench.detect import expected_px
+from circlecal.bench.reachable import visible_observations
+from circlecal.config import Config, load_config
+from circlecal.field import load_field
+from circlecal.observations import Observations
+from circlecal.pipeline import run_observations
+from circlecal.synthetic.paint import CIRCLE_CLASS, HALFWAY_CLASS
+from circlecal.synthetic.sampling import render_frame
+from circlecal.synthetic.surface import Surface
+
+SOCCER = load_field("soccer")
+
+
+@pytest.fixture(scope="module")
+def truth():
+    return render_frame("hidden_mark", np.random.default_rng(5), 1280, 720).truth
+
+
+def test_only_uncovered_paint_inside_the_picture_is_observed(truth):
+    seen = visible_observations(truth, SOCCER)
+    circle = seen.circle("centre_circle", "center")
+    column, row = np.rint(circle.points_px).astype(int).T
+    assert (truth.classes[row, column] == CIRCLE_CLASS).all()
+    column, row = np.rint(seen.line("halfway_line").points_px).astype(int).T
+    assert (truth.classes[row, column] == HALFWAY_CLASS).all()
+    assert seen.marks == ()
+    surface = Surface(truth.crown_m, truth.crown_shape, truth.crown_reference_m)
+    radius = SOCCER.radius(SOCCER.circle_by_name["centre_circle"], "center")
+    angle = np.linspace(0, 2 * np.pi, 20000)
+    ring = truth.camera.project(surface.lift(radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)))
+    off = np.linalg.norm(circle.points_px[:, None] - ring[None], axis=-1).min(axis=1)
+    assert off.max() < 0.2
+
+
+def test_exact_observations_lead_to_the_truth(truth):
+    seen = visible_observations(truth, SOCCER)
+    assert isinstance(seen, Observations)
+    found = run_observations(seen, Config(), frame_id="exact", convention="paint")
+    assert found.camera is not None
+    np.testing.assert_allclose(found.camera.camera.position_m, truth.camera.position_m, atol=1.5)
+
+
+def test_less_in_view_is_less_to_expect(truth):
+    whole = expected_px(truth, Config())
+    assert 0 < whole < 20
+    visible = replace(truth, center_mark="visible")
+    assert expected_px(visible, Config()) <= whole
+    columns = np.arange(truth.classes.shape[1])
+    half = replace(truth, classes=np.where(columns < truth.imaged_center_px[0] + 40, truth.classes, 0).astype(np.uint8))
+    assert expected_px(half, Config()) > whole
+    known = load_config(None, ["camera.position_m=[0,60,-15]", "camera.position_sd_m=[0.1,0.1,0.1]"])
+    assert expected_px(truth, known) < whole
+
+
+def test_a_circle_alone_leaves_the_rotation_free(truth):
+    alone = np.where(truth.classes == CIRCLE_CLASS, truth.classes, 0).astype(np.uint8)
+    assert expected_px(replace(truth, classes=alone), Config()) == float("inf")
+    assert expected_px(replace(truth, classes=np.zeros_like(alone)), Config()) == float("inf")
