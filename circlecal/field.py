@@ -74,6 +74,10 @@ Point = tuple[Size, Size]
 Edge = Literal["outer", "inner", "center"]
 
 
+NODES = 65
+"""Points along each marking of :attr:`FieldTemplate.outlines`."""
+
+
 class _Element(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -205,6 +209,26 @@ class FieldTemplate(BaseModel):
         ends = [self.line_ends(line) for line in self.lines]
         shifts = [self.line_shift(line) for line in self.lines]
         return np.array(ends).reshape(-1, 2, 2), np.array(shifts).reshape(-1, 3, 2)
+
+    @cached_property
+    def outlines(self) -> tuple[tuple[str, ...], Array, Array]:
+        """Names of all circles, arcs and lines, :data:`NODES` points along the centreline of each (K, N, 2), and shifts
+        (K, 3, 2) as of :meth:`line_shift`; circles do not move with the field's sizes.
+        """
+        share = np.linspace(0.0, 1.0, NODES)[:, None]
+        ends = [(0.0, 360.0)] * len(self.circles) + [(arc.start_deg, arc.end_deg) for arc in self.arcs]
+        round_ones = (*self.circles, *self.arcs)
+        curves = [
+            np.asarray(circle.center) + self.radius(circle, "center") * np.hstack([np.cos(angle), np.sin(angle)])
+            for circle, (first, last) in zip(round_ones, ends, strict=True)
+            for angle in (np.radians(first + share * (last - first)),)
+        ]
+        drawn, shifts = self.drawn_lines
+        straight = drawn[:, :1] + share * (drawn[:, 1:] - drawn[:, :1])
+        names = tuple(element.name for element in (*round_ones, *self.lines))
+        still = np.zeros((len(curves), 3, 2))
+        points = np.concatenate([np.array(curves).reshape(-1, NODES, 2), straight])
+        return names, points, np.concatenate([still, shifts])
 
     def line_coordinates(self, line: Line) -> Array:
         """Homogeneous line (3,) of the centreline, ``a^2 + b^2 = 1``."""

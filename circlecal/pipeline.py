@@ -19,8 +19,18 @@ from circlecal.geometry.homography import scale_homography, turn_homography
 from circlecal.interlacing import row_motion, without_combs
 from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations
 from circlecal.profiles import grey
-from circlecal.results import Calibration, CameraFit, Cues, EllipseFits, HomographyFit, Verdict
+from circlecal.results import (
+    Assignment,
+    Calibration,
+    CameraFit,
+    Cues,
+    EllipseFits,
+    HomographyFit,
+    MarkingMask,
+    Verdict,
+)
 from circlecal.solvers import solve_by_name
+from circlecal.stages.agreement import expected_markings
 from circlecal.stages.camera import estimate_camera
 from circlecal.stages.correspondences import derive_correspondences
 from circlecal.stages.cues import cues_from_observations, find_cues
@@ -29,12 +39,29 @@ from circlecal.stages.ellipse import fit_ellipses, fit_observed
 from circlecal.stages.homography import estimate_homography
 from circlecal.stages.mask import find_marking
 from circlecal.stages.rays import cast_rays, measure_along_model
-from circlecal.stages.verdict import judge
+from circlecal.stages.verdict import confirmed, judge, kinds_of_confirmation, surely_assigned
 
 Convention = Literal["official", "paint"]
 T = TypeVar("T")
 MEASURED_AGAIN = frozenset({"residual_too_large", "too_uncertain", "circle_unconfirmed"})
 """Refusals after which the circle is measured once more, along the curve that the refused camera predicts."""
+TAKEN_WRONGLY = frozenset(
+    {
+        "markings_missing",
+        "residual_too_large",
+        "edges_contradict",
+        "line_beyond_field",
+        "mark_contradicts_circle",
+        "implausible_camera",
+        "circle_behind_camera",
+        "mirrored",
+        "rotation_free",
+        "no_camera",
+    }
+)
+"""Refusals after which another circle or line is looked for: this one may be a face-off circle, or one of a logo."""
+MOST_ASSIGNMENTS = 3
+"""How often."""
 PARTIAL_DEG = 240.0
 """The same where less of the circle is seen: an ellipse fitted to a part of it leaves the paint beyond."""
 UNDETERMINED = ("no_circle", "no_ellipse")
@@ -168,7 +195,7 @@ class _Job:
         try:
             verdict = stages()
         except EstimationError as error:
-            verdict = Verdict("refused", error.code, error.reason, error.stage)
+            verdict = _refused(error)
         return Calibration(
             id=frame_id,
             width=self.width,
@@ -193,25 +220,63 @@ class _Job:
             if motion is not None:
                 image = without_combs(image, motion)
                 brightness = grey(image)
+        first = verdict = self._from_circle(image, given, brightness, extra)
+        reached = self.reached
+        excluded: tuple[Assignment, ...] = ()
+        while verdict.code in TAKEN_WRONGLY and len(excluded) < MOST_ASSIGNMENTS:
+            mask: MarkingMask = self.reached["mask"]
+            if mask.source != "detector" or mask.conic is None:
+                break
+            excluded = (*excluded, Assignment(mask.conic, mask.halfway))
+            self.reached = {}
+            verdict = self._from_circle(image, given, brightness, extra, excluded)
+            if verdict.status == "calibrated" and surely_assigned(
+                verdict, self.reached["camera"], self.reached["cues"]
+            ):
+                return verdict
+        self.reached = reached
+        return first
+
+    def _from_circle(
+        self,
+        image: NDArray[np.uint8],
+        given: NDArray[np.uint8] | None,
+        brightness: NDArray[np.uint8],
+        extra: Observations | None,
+        excluded: tuple[Assignment, ...] = (),
+    ) -> Verdict:
+        """Answer with the first circle that is found, other than those that are excluded."""
         try:
-            ellipses, cues, seen = self._seen(image, given, brightness)
+            ellipses, cues, seen = self._seen(image, given, brightness, excluded)
         except EstimationError as refusal:
             if extra is None:
-                raise
+                return _refused(refusal)
             try:
                 return self.from_observations(extra)
             except EstimationError as error:
-                raise (refusal if error.code in UNDETERMINED else error) from error
+                return _refused(refusal if error.code in UNDETERMINED else error)
         observations = seen if extra is None else joined(seen, extra)
         self.reached["observations"] = observations
-        verdict = self._answer(ellipses, cues, observations)
-        camera: CameraFit | None = self.reached.get("camera")
-        partial = ellipses.primary.arc_deg < PARTIAL_DEG
-        if camera is not None and (partial or verdict.code in MEASURED_AGAIN):
-            again = self._seen_again(brightness, observations)
-            if again is not None:
-                verdict = self._answer(ellipses, cues, again)
-        return verdict
+        try:
+            verdict = self._answer(ellipses, cues, observations)
+            camera: CameraFit | None = self.reached.get("camera")
+            partial = ellipses.primary.arc_deg < PARTIAL_DEG
+            if camera is not None and (partial or verdict.code in MEASURED_AGAIN):
+                again = self._seen_again(brightness, observations)
+                if again is not None:
+                    verdict = self._answer(ellipses, cues, again)
+        except EstimationError as error:
+            return _refused(error)
+        camera = self.reached.get("camera")
+        if verdict.status == "refused" or camera is None or kinds_of_confirmation(camera, cues) == 2:
+            return verdict
+        with self._clock("verdict"):
+            mask: MarkingMask = self.reached["mask"]
+            seen_names = {line.line for line in observations.lines} | {c.circle for c in observations.circles}
+            known = frozenset(name for name in (*seen_names, *camera.named_lines) if name is not None)
+            picture = self._with_light_markings(brightness)
+            expected = expected_markings(picture, camera, self.template, self.circle, known, mask.field_region)
+            return confirmed(verdict, camera, cues, expected)
 
     def _seen_again(self, brightness: NDArray[np.uint8], observations: Observations) -> Observations | None:
         """The same observations with the circle measured along the curve of the refused camera."""
@@ -232,12 +297,16 @@ class _Job:
         return self.reached["observations"]
 
     def _seen(
-        self, image: NDArray[np.uint8], given: NDArray[np.uint8] | None, brightness: NDArray[np.uint8]
+        self,
+        image: NDArray[np.uint8],
+        given: NDArray[np.uint8] | None,
+        brightness: NDArray[np.uint8],
+        excluded: tuple[Assignment, ...],
     ) -> tuple[EllipseFits, Cues, Observations]:
         """What the picture shows of the circle and of what lies around it."""
         config, template, circle, reached = self.config, self.template, self.circle, self.reached
         with self._clock("mask"):
-            marking, refusal = find_marking(image, given, config.mask, self.rng, brightness)
+            marking, refusal = find_marking(image, given, config.mask, self.rng, brightness, excluded)
             reached["mask"] = marking
         if refusal is not None:
             raise refusal
@@ -346,6 +415,10 @@ class _Job:
         finally:
             spent = (time.perf_counter() - start) * 1e3
             self.timings[stage] = round(self.timings.get(stage, 0.0) + spent, 3)
+
+
+def _refused(error: EstimationError) -> Verdict:
+    return Verdict("refused", error.code, error.reason, error.stage)
 
 
 def _attempt(stage: Callable[[], T]) -> tuple[T | None, EstimationError | None]:

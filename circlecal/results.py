@@ -34,6 +34,14 @@ class Segment:
 
 
 @dataclass(frozen=True, slots=True)
+class Assignment:
+    """What was taken for the circle (its conic, (3, 3)) and for its halfway line."""
+
+    conic: Array
+    halfway: Segment | None
+
+
+@dataclass(frozen=True, slots=True)
 class MarkingMask:
     """Stage ``mask``: where the markings are.
 
@@ -370,6 +378,35 @@ class CameraFit:
     def prior_dominated(self) -> bool:
         """Whether the priors bring the larger part of the predicted precision."""
         return self.data_share < 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """Stage ``agreement``: markings that must be in view and that the camera was not fitted to.
+
+    Attributes
+    ----------
+    names : tuple of str
+        The template's.
+    length_px : (K,) array
+        How much of each lies where the picture shows the field and its place is known well.
+    share : (K,) array
+        Share of that on which the picture shows a marking.
+    """
+
+    names: tuple[str, ...]
+    length_px: Array
+    share: Array
+
+    @property
+    def expected_px(self) -> float:
+        """Length of all of them."""
+        return float(self.length_px.sum())
+
+    @property
+    def found_share(self) -> float:
+        """Share of that which is drawn; 1 where nothing is expected."""
+        return float(self.length_px @ self.share) / self.expected_px if len(self.names) else 1.0
 
 
 @dataclass(frozen=True, slots=True)

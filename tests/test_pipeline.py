@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from circlecal.bench.detect import compare
+from circlecal.bench.detect import PROFILES, compare
 from circlecal.config import Config, load_config
 from circlecal.errors import ConfigError, InputError
 from circlecal.formats.result import result_line, result_record
@@ -299,3 +299,11 @@ def test_an_interlaced_frame_is_calibrated_at_the_moment_between_its_halves(fram
     as_stored = run(woven, load_config(None, ["mask.deinterlace=false"]), frame_id="easy")
     assert error_px(frames.easy, joined_halves) < 1.0
     assert as_stored.status == "refused" or error_px(frames.easy, as_stored) > error_px(frames.easy, joined_halves)
+
+
+def test_a_face_off_circle_is_not_taken_for_the_centre_circle():
+    """Its brackets look like a halfway line, but the other markings are not where they would have to be."""
+    rendering = render_frame("ice", np.random.default_rng([0, 19, PROFILES.index("ice")]))
+    found = run(rendering.image, load_config("ice-hockey", []), frame_id="ice-19")
+    assert found.status == "calibrated"
+    assert error_px(rendering, found) < 3.0

@@ -25,11 +25,13 @@ from circlecal.detection.lines import StraightRun, find_straight_runs
 from circlecal.detection.marking_mask import MarkingSketch
 from circlecal.detection.result import CircleHypothesis, Detection, LineSegment
 from circlecal.detection.ridges import RidgePoints, find_ridges
+from circlecal.detection.ruled_out import assigned_alike, segments_left
 from circlecal.detection.scoring import RidgeRaster, best_distinct, ranked, refitted, support_of
 from circlecal.detection.sides import painted_on_one_surface
 from circlecal.geometry.conics import sampson_distance
 from circlecal.geometry.homogeneous import Array
 from circlecal.profiles import grey as brightness_of
+from circlecal.results import Assignment
 
 __all__ = ["detect"]
 
@@ -131,6 +133,7 @@ def detect(
     config: DetectorConfig,
     rng: np.random.Generator,
     brightness: NDArray[np.uint8] | None = None,
+    excluded: tuple[Assignment, ...] = (),
 ) -> Detection:
     """Find the field, its straight markings, the centre circle and the halfway line in one picture.
 
@@ -143,6 +146,8 @@ def detect(
         Draws the hypotheses.
     brightness : (H, W) uint8, optional
         Of the frame, where it is known already.
+    excluded : tuple of Assignment
+        What turned out wrong: such a circle is not found again with such a line.
 
     Returns
     -------
@@ -161,7 +166,7 @@ def detect(
     watch.lap("scale")
     region = find_field_region(image_bgr, config.field_region)
     watch.lap("field")
-    search = _searched(full_grey, region, config, rng, watch)
+    search = _searched(full_grey, region, config, rng, watch, excluded)
     ridges, runs, segments, found = search.ridges, search.runs, search.segments, search.found
     kept = _straight_markings(image_bgr, segments, found.hypothesis)
     watch.lap("surfaces")
@@ -189,6 +194,7 @@ def _searched(
     config: DetectorConfig,
     rng: np.random.Generator,
     watch: _Stopwatch,
+    excluded: tuple[Assignment, ...],
 ) -> _Search:
     """The first search that finds a circle beyond doubt with its halfway line, quick ones before slow ones; failing
     that, the best.
@@ -201,7 +207,7 @@ def _searched(
         passes += [(thorough(option), _MARGIN) for option in options]
     searches: list[_Search] = []
     for option, margin in passes:
-        search = _search(full_grey, region, option, rng, watch, margin)
+        search = _search(full_grey, region, option, rng, watch, margin, excluded)
         if search.found.refusal == _NO_FIELD or search.found.settled:
             return search
         searches.append(search)
@@ -214,7 +220,8 @@ def _search(
     config: DetectorConfig,
     rng: np.random.Generator,
     watch: _Stopwatch,
-    margin: float = 0.0,
+    margin: float,
+    excluded: tuple[Assignment, ...],
 ) -> _Search:
     """One pass: ridges, straight runs, and the circle where there is a field.
 
@@ -235,7 +242,7 @@ def _search(
     if region.area_share < config.field_region.area_share:
         found = _Found(None, None, None, (), _NO_FIELD)
     else:
-        found = _find_circle(full_grey, hull, ridges, runs, segments, scaling, config, rng, watch)
+        found = _find_circle(full_grey, hull, ridges, runs, segments, scaling, config, rng, watch, excluded)
     return _Search(ridges, runs, segments, found, scaling, sign)
 
 
@@ -283,6 +290,7 @@ def _find_circle(
     config: DetectorConfig,
     rng: np.random.Generator,
     watch: _Stopwatch,
+    excluded: tuple[Assignment, ...],
 ) -> _Found:
     rows, columns = hull.shape
     usable = np.ones(len(ridges), np.bool_)
@@ -300,7 +308,7 @@ def _find_circle(
     batch = refitted(batch, raster, tuple(max(1.2, reach * unit) for reach in (5.0, 2.0)))
     batch = ranked(batch, raster)
     watch.lap("refit")
-    return _first_accepted(full_grey, batch, raster, segments, scaling, config, watch)
+    return _first_accepted(full_grey, batch, raster, segments, scaling, config, watch, excluded)
 
 
 def _first_accepted(
@@ -311,6 +319,7 @@ def _first_accepted(
     scaling: _Scaling,
     config: DetectorConfig,
     watch: _Stopwatch,
+    excluded: tuple[Assignment, ...],
 ) -> _Found:
     """Measure the candidates in order until one is accepted with its halfway line; failing that, the first accepted
     without it, or the best likely one.
@@ -322,26 +331,29 @@ def _first_accepted(
     likely: list[tuple[MeasuredCircle, CircleHypothesis, MeasuredLine]] = []
     shorter: Array | None = None
     least = _SHORTEST_HALFWAY * raster.width
-    for index in range(min(len(batch), config.candidates)):
+    for index in range(min(len(batch), config.candidates + len(excluded))):
         start = scaling.full_ellipses(batch.take(np.array([index])))
         circle = measure_circle(full_grey, start, (_SIGNS[config.marking],), config.refinement)
+        alike = assigned_alike(excluded, circle.ellipse)
+        if any(assignment.halfway is None for assignment in alike):
+            continue
         field_share = float(support_of(scaling.detection_ellipses(circle.ellipse), raster).field[0])
         hypothesis = hypothesis_of(circle, field_share, width)
         watch.lap("refine")
         refusal = refusal_of(hypothesis, True, width, config.acceptance)
         if refusal is None or likely_arc(hypothesis, width, config.acceptance, config.likely):
-            halfway = find_halfway(full_grey, circle, segments, config)
+            halfway = find_halfway(full_grey, circle, segments_left(segments, alike, width), config)
             if halfway is None and refusal is not None:
                 if shorter is None:
                     runs = find_straight_runs(raster.ridges, (raster.width, raster.height), least, config.lines)
                     shorter = _segments(runs, scaling)
-                halfway = find_halfway(full_grey, circle, shorter, config)
+                halfway = find_halfway(full_grey, circle, segments_left(shorter, alike, width), config)
             through = halfway is not None and not halfway.outside
             refusal = refusal_of(hypothesis, through, width, config.acceptance)
             watch.lap("halfway")
             if refusal is None and halfway is not None:
                 return _Found(circle, hypothesis, halfway, (hypothesis, *candidates), None)
-            if refusal is None:
+            if refusal is None and not alike:
                 lone = lone or (circle, hypothesis)
             elif halfway is not None and drawn_on_both_sides(circle, halfway.line, config.likely.side_share):
                 likely.append((circle, hypothesis, halfway))
@@ -354,7 +366,7 @@ def _first_accepted(
     if likely:
         circle, hypothesis, halfway = max(likely, key=lambda found: found[1].score)
         return _Found(circle, hypothesis, halfway, ranked, None, certain=False)
-    return _Found(None, None, None, ranked, refusals[order[0]])
+    return _Found(None, None, None, ranked, refusals[order[0]] if order else "no_circle_found")
 
 
 def _straight_markings(

@@ -37,6 +37,11 @@ _REASONS = {
         "The halfway line would be longer than the field: the circle is one of another sport or of smaller size.",
         "Give the sport that the circle belongs to (--field), or the field's own sizes (field.sizes).",
     ),
+    "markings_missing": Explanation(
+        "Where the camera puts the other markings of the field, the picture shows none: another circle or line was"
+        " taken for the centre circle and the halfway line.",
+        "Give the sport (--field), a mask (--mask) with the right circle, or a keypoint.",
+    ),
     "no_mask": Explanation(
         "mask.source is file, and there is no mask for this frame.",
         "Put x.mask.png beside x.jpg, give --mask FOLDER, or set mask.source=auto.",

@@ -15,7 +15,7 @@ from circlecal.errors import EstimationError
 from circlecal.geometry.conics import ellipse_from_conic
 from circlecal.geometry.homogeneous import Array, fit_line, line_distance
 from circlecal.geometry.ransac import ransac_conic
-from circlecal.results import CIRCLE_ID, HALFWAY_ID, MarkingMask, Segment
+from circlecal.results import CIRCLE_ID, HALFWAY_ID, Assignment, MarkingMask, Segment
 
 MODEL_KEY = "mask.model"
 CURVED_IDS = (CIRCLE_ID, 8, 9)
@@ -54,6 +54,7 @@ def find_marking(
     config: MaskConfig,
     rng: np.random.Generator,
     brightness: NDArray[np.uint8] | None = None,
+    excluded: tuple[Assignment, ...] = (),
 ) -> tuple[MarkingMask, EstimationError | None]:
     """The marking mask of a frame, and the reason where it holds no circle.
 
@@ -69,6 +70,8 @@ def find_marking(
         For the detector's and the mask's robust fits.
     brightness : (H, W) uint8, optional
         Of the picture, where it is known already.
+    excluded : tuple of Assignment
+        What the built-in detector shall not find again.
 
     Returns
     -------
@@ -87,7 +90,7 @@ def find_marking(
     if given is None and config.source == "file":
         return _empty(image), EstimationError("mask", "no_mask", "mask.source is file, and no mask was given")
     if given is None or config.source == "detector":
-        return marking_from_detection(detect(image, config.detector, rng, brightness))
+        return marking_from_detection(detect(image, config.detector, rng, brightness, excluded))
     return marking_from_classes(given, config, rng)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -9,7 +11,7 @@ from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.conics import circle_conic, sampson_distance, transform_conic
 from circlecal.geometry.homogeneous import Array
 from circlecal.geometry.homography import projects_in_front
-from circlecal.results import CameraFit, Check, Cues, EllipseFits, HomographyFit, Verdict
+from circlecal.results import Agreement, CameraFit, Check, Cues, EllipseFits, HomographyFit, Verdict
 
 NOISE_SIGMAS = 3.0
 """Residuals within this many of the observations' own standard deviations are noise."""
@@ -21,6 +23,14 @@ REACH_SHARE = 0.95
 """Share of the halfway line's points that lie within its reach; a few may lie on something behind its end."""
 MINIMUM_WIDTH_M = 1e-3
 """Narrower markings are the zero-width lines of an annotation's model."""
+LEAST_FOUND = 0.15
+"""Least share of the markings to be expected that is found: of right cameras at least twice as much (rendered frames
+of all kinds, worn paint and old video too), of a wrong circle's or line's less than a tenth.
+"""
+EXPECTED_WIDTHS, EXPECTED_WIDTHS_EACH = 0.12, 0.35
+"""So much of them, in picture widths, must be expected for that, and more for each kind of confirmation."""
+SEVERAL_LINES = 2
+"""One line is easily named wrongly."""
 
 
 class VerdictConfig(BaseModel):
@@ -129,6 +139,33 @@ def judge(
     return Verdict("refused", CODES[failed.name], _reason(failed, marking), "verdict", tuple(checks))
 
 
+def kinds_of_confirmation(camera: CameraFit, cues: Cues) -> int:
+    """How many of these confirm circle and halfway line: the centre mark, several other lines."""
+    mark = cues.mark is not None and cues.mark.name not in camera.rejected
+    return int(mark) + int(len(camera.named_lines) >= SEVERAL_LINES)
+
+
+def confirmed(verdict: Verdict, camera: CameraFit, cues: Cues, agreement: Agreement) -> Verdict:
+    """The verdict on an accepted camera after a look at the markings that it was not fitted to."""
+    kinds = kinds_of_confirmation(camera, cues)
+    least = (EXPECTED_WIDTHS + kinds * EXPECTED_WIDTHS_EACH) * camera.camera.width
+    if agreement.expected_px < least:
+        return verdict
+    check = _check("found_share", agreement.found_share, LEAST_FOUND, at_least=True)
+    checks = (*verdict.checks, check)
+    if check.passed:
+        return replace(verdict, checks=checks)
+    return Verdict("refused", CODES[check.name], _reason(check, ""), "verdict", checks)
+
+
+def surely_assigned(verdict: Verdict, camera: CameraFit | None, cues: Cues | None) -> bool:
+    """Whether a circle that was not the first choice is beyond doubt: by other markings, or by the centre mark."""
+    if camera is None or cues is None:
+        return False
+    found = next((check.value for check in verdict.checks if check.name == "found_share"), 0.0)
+    return kinds_of_confirmation(camera, cues) > 0 or found >= 2 * LEAST_FOUND
+
+
 CODES = {
     "circle_in_front": "circle_behind_camera",
     "field_in_front": "field_behind_camera",
@@ -139,6 +176,7 @@ CODES = {
     "narrowest_edge_gap": "edges_contradict",
     "line_residual_px": "residual_too_large",
     "line_reach": "line_beyond_field",
+    "found_share": "markings_missing",
     "marking_residual_px": "residual_too_large",
     "rejected_share": "observations_contradict",
     "mark_distance_px": "mark_contradicts_circle",
@@ -175,6 +213,10 @@ _WORDS = {
     ),
     "marking_residual_px": (
         "{marking} lies {value:.2f} px rms from where the other lines and points put it, {limit:.2f} are allowed"
+    ),
+    "found_share": (
+        "{value:.0%} of the other markings that should be in view are there, at least {limit:.0%} are expected: circle"
+        " or line are other ones than they were taken for"
     ),
     "rejected_share": "{value:.0%} of the lines, arcs and points contradict the others, {limit:.0%} are allowed",
     "mark_distance_px": (

@@ -72,6 +72,7 @@ def test_a_good_camera_is_accepted_with_every_check():
     assert {check.name for check in found.checks} == set(CODES) - WITHOUT_CIRCLE - {
         "confirmations",
         "likely_residual_px",
+        "found_share",
     }
 
 

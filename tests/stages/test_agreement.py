@@ -1,0 +1,93 @@
+"""Markings that must be in view: painted, left out, hidden, and too uncertain to be looked for."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from circlecal.camera_fit.model import PARAMETERS, Frame, theta_of
+from circlecal.field import load_field
+from circlecal.results import Agreement, Cues, MarkCue
+from circlecal.stages.agreement import expected_markings
+from circlecal.stages.verdict import LEAST_FOUND, confirmed, surely_assigned
+
+from .conftest import view
+from .test_verdict import camera_fit, verdict
+
+RINK = load_field("ice-hockey")
+CENTRE = RINK.circle_by_name["centre_circle"]
+CAMERA = view(position=(3.0, 42.0, -16.0), target=(0.0, 0.0, 0.0), focal=950.0)
+KNOWN = frozenset({"centre_line"})
+
+
+def fit_of(camera, sd=1e-4):
+    theta = theta_of(camera, Frame(camera.width, camera.height, "flat", CENTRE.radius_m))
+    covariance = np.diag(np.where(np.arange(len(PARAMETERS)) < 4, sd**2, 0.0))
+    return camera_fit(camera, theta=theta, covariance=covariance, parameters=PARAMETERS)
+
+
+def painted(template=RINK, without=(), camera=CAMERA):
+    picture = np.random.default_rng(0).normal(90, 3, (camera.height, camera.width))
+    for name, points in template.polylines().items():
+        if name in without:
+            continue
+        points = points[camera.depth(points) > 1.0]
+        pixels = np.round(16 * camera.project(points)).astype(np.int32)
+        cv2.polylines(picture, [pixels[:, None]], False, (200.0,), 2, cv2.LINE_8, 4)
+    return cv2.GaussianBlur(picture, (0, 0), 0.8).clip(0, 255).astype(np.uint8)
+
+
+def test_painted_markings_are_found_whatever_their_shape():
+    found = expected_markings(painted(), fit_of(CAMERA), RINK, CENTRE, KNOWN, None)
+    assert {"faceoff_left_top", "faceoff_right_bottom", "blue_line_left"} <= set(found.names)
+    assert not {"centre_circle", "centre_line"} & set(found.names)
+    assert found.share.min() > 0.8
+    assert found.found_share > 0.9
+    assert found.expected_px > CAMERA.width
+
+
+def test_markings_that_are_not_there_are_missed():
+    circles = tuple(circle.name for circle in RINK.circles)
+    found = expected_markings(painted(without=circles), fit_of(CAMERA), RINK, CENTRE, KNOWN, None)
+    for name, share in zip(found.names, found.share, strict=True):
+        assert share < LEAST_FOUND if name in circles else share > 0.8
+    wrong = replace(CAMERA, angles_rad=CAMERA.angles_rad + np.array([0.06, 0.03, 0.0]))
+    assert expected_markings(painted(), fit_of(wrong), RINK, CENTRE, KNOWN, None).found_share < LEAST_FOUND
+
+
+def test_only_what_is_known_well_and_lies_on_the_seen_surface_is_expected():
+    assert expected_markings(painted(), fit_of(CAMERA, 0.1), RINK, CENTRE, KNOWN, None).names == ()
+    right = np.zeros((36, 64), np.bool_)
+    right[:, 32:] = True
+    found = expected_markings(painted(), fit_of(CAMERA), RINK, CENTRE, KNOWN, right)
+    assert set(found.names) and not [name for name in found.names if "left" in name]
+    assert expected_markings(painted(), fit_of(CAMERA), RINK, CENTRE, KNOWN, ~right & right) == Agreement(
+        (), pytest.approx(np.zeros(0)), pytest.approx(np.zeros(0))
+    )
+
+
+def test_the_verdict_refuses_where_nothing_else_of_the_field_is_found():
+    camera, accepted = camera_fit(), verdict(camera_fit())
+    bare = Cues(None, None)
+    width = camera.camera.width
+    missing = Agreement(("a",), np.array([0.3 * width]), np.array([0.02]))
+    refused = confirmed(accepted, camera, bare, missing)
+    assert (refused.status, refused.code, refused.stage) == ("refused", "markings_missing", "verdict")
+    assert refused.reason is not None and "2%" in refused.reason
+    found = confirmed(accepted, camera, bare, replace(missing, share=np.array([0.5])))
+    assert found.status == "calibrated" and found.checks[-1].name == "found_share"
+    assert surely_assigned(found, camera, bare)
+    assert not surely_assigned(accepted, camera, bare)
+    assert not surely_assigned(accepted, None, bare)
+
+
+def test_the_more_confirms_a_circle_the_more_must_be_missing():
+    camera, accepted = camera_fit(), verdict(camera_fit())
+    marked = Cues(None, MarkCue("centre_mark", np.zeros(2), 0.5, 30.0))
+    missing = Agreement(("a",), np.array([0.3 * camera.camera.width]), np.array([0.0]))
+    assert confirmed(accepted, camera, marked, missing) is accepted
+    named = camera_fit(named_lines=("blue_line_left", "blue_line_right"))
+    assert confirmed(accepted, named, Cues(None, None), missing) is accepted
+    assert surely_assigned(accepted, named, Cues(None, None))
+    assert confirmed(accepted, camera, Cues(None, None), Agreement((), np.zeros(0), np.zeros(0))) is accepted
