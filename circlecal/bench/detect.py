@@ -74,9 +74,13 @@ class _FrameRow:
 
 
 def run_profiles(
-    names: Sequence[str], count: int, seed: int, advance: Callable[[str], None] = lambda _: None
+    names: Sequence[str],
+    count: int,
+    seed: int,
+    advance: Callable[[str], None] = lambda _: None,
+    width: int = 1920,
 ) -> list[ProfileRow]:
-    """Render, calibrate and compare ``count`` frames of each profile."""
+    """Render, calibrate and compare ``count`` frames of each profile, 16:9 and so many pixels wide."""
     unknown = [n for n in names if n not in PROFILES]
     if unknown:
         raise ConfigError(f"--profiles: {', '.join(unknown)} is unknown; known: {', '.join(PROFILES)}")
@@ -85,15 +89,15 @@ def run_profiles(
     for profile in names or PROFILES:
         frames = []
         for index in range(count):
-            frames.append(_one_frame(profile, seed, index))
+            frames.append(_one_frame(profile, seed, index, width))
             advance(profile)
         rows.append(_summary(profile, frames))
     return rows
 
 
-def _one_frame(profile: str, seed: int, index: int) -> _FrameRow:
+def _one_frame(profile: str, seed: int, index: int, width: int) -> _FrameRow:
     rng = np.random.default_rng([seed, index, PROFILES.index(profile)])
-    rendering = render_frame(profile, rng)  # type: ignore[arg-type]
+    rendering = render_frame(profile, rng, width, round(width * 9 / 16))  # type: ignore[arg-type]
     encoded = cv2.imencode(".jpg", rendering.image, [cv2.IMWRITE_JPEG_QUALITY, 92])[1]
     image = np.asarray(cv2.imdecode(encoded, cv2.IMREAD_COLOR), dtype=np.uint8)
     config = profile_config(profile, rendering.truth)

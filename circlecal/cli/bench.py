@@ -83,6 +83,9 @@ def detect(
     count: Annotated[int, typer.Option(min=1, help="Rendered frames per profile.")] = 20,
     seed: Annotated[int, typer.Option(help="Seed of the frames.")] = 0,
     profiles: Annotated[str, typer.Option(help="Profiles separated by commas; all when empty.")] = "",
+    width: Annotated[
+        int, typer.Option(min=320, max=7680, help="Width of the rendered frames, 16:9; archive frames have their own.")
+    ] = 1920,
     picture: Annotated[
         Path | None,
         typer.Option(metavar="JPEG", help="Only time the chain on this frame, e.g. samples/full_circle.jpg."),
@@ -100,7 +103,7 @@ def detect(
 
     names = [name.strip() for name in profiles.split(",") if name.strip()]
     with counted("frames", len(names or PROFILES) * count) as advance:
-        found = run_profiles(names, count, seed, advance)
+        found = run_profiles(names, count, seed, advance, width)
     if as_json:
         _print_json([asdict(r) for r in found])
         return

@@ -37,6 +37,15 @@ def test_two_profiles():
     assert easy.wrong_kinds == negative.wrong_kinds == {}
 
 
+def test_frames_of_other_widths():
+    (small,) = run_profiles(["easy"], 1, 0, width=640)
+    assert small.good == 1.0
+    assert small.stage_ms["edges"] > 0
+    (large,) = run_profiles(["easy"], 1, 0, width=3840)
+    assert large.good == 1.0
+    assert large.decoding_ms > 3 * small.decoding_ms
+
+
 def test_profiles_run_with_what_a_user_knows():
     ice = render_frame("ice", np.random.default_rng(1), 640, 360).truth
     assert profile_config("ice", ice).field.template == "ice-hockey"
