@@ -144,17 +144,18 @@ def _run_near(
     aligned = np.cos(np.deg2rad(config.angle_tolerance_deg))
     pool = np.flatnonzero((_distance(line, columns) <= 2 * reach) & free)
     near = columns.take(pool, axis=1)
-    chosen = np.zeros(0, np.int64)
+    chosen, run = pool, near
     for tolerance in (reach, config.tolerance_px):
         along_normal = np.abs(line[0] * near[2] + line[1] * near[3])
-        chosen = np.flatnonzero((_distance(line, near) <= tolerance) & (along_normal >= aligned))
+        (chosen,) = ((_distance(line, near) <= tolerance) & (along_normal >= aligned)).nonzero()
         if len(chosen) < 4:
             return None
         chosen = chosen[_longest_run(_along(line, near.take(chosen, axis=1)), config.gap * width)]
         if len(chosen) < 4:
             return None
-        line = fit_line(near[:2].take(chosen, axis=1).T)
-    t = _along(line, near.take(chosen, axis=1))
+        run = near[:2].take(chosen, axis=1)
+        line = fit_line(run.T)
+    t = _along(line, run)
     low, high = float(t.min()), float(t.max())
     cells = np.bincount(((t - low) * _BINS_PER_PX).astype(np.int64))
     support = min(1.0, float(np.count_nonzero(cells)) / max(1.0, (high - low) * _BINS_PER_PX))
@@ -177,9 +178,9 @@ def _longest_run(t: Array, gap: float) -> NDArray[np.int64]:
     """Indices of the positions in the longest run without a gap larger than ``gap``."""
     order = np.argsort(t)
     ordered = t[order]
-    cuts = np.flatnonzero(ordered[1:] - ordered[:-1] > gap)
+    (cuts,) = (ordered[1:] - ordered[:-1] > gap).nonzero()
     if len(cuts) == 0:
         return order
-    first, last = np.append(0, cuts + 1), np.append(cuts, len(t) - 1)
-    best = int(np.argmax(ordered[last] - ordered[first]))
-    return order[first[best] : last[best] + 1]
+    bounds = np.concatenate([[0], cuts + 1, [len(t)]])
+    best = int((ordered[bounds[1:] - 1] - ordered[bounds[:-1]]).argmax())
+    return order[bounds[best] : bounds[best + 1]]

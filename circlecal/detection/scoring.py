@@ -75,13 +75,12 @@ class Support:
 def ellipse_points(batch: EllipseBatch, count: int) -> tuple[Picture, Picture, Picture, Picture]:
     """x, y of points at equal eccentric angles and x, y of their normals (any length), each (M, count) float32."""
     angle = np.arange(count) * (2 * np.pi / count)
-    basis = np.stack([np.ones(count), np.cos(angle), np.sin(angle)]).astype(np.float32)
-    turned = np.stack([-np.sin(angle), np.cos(angle)]).astype(np.float32)
-    gx, gy = batch.great.astype(np.float32).T
-    sx, sy = batch.small.astype(np.float32).T
-    cx, cy = batch.centers.astype(np.float32).T
-    x, y = np.stack([cx, gx, sx], axis=-1) @ basis, np.stack([cy, gy, sy], axis=-1) @ basis
-    return x, y, np.stack([gy, sy], axis=-1) @ turned, np.stack([-gx, -sx], axis=-1) @ turned
+    turn = np.array([np.cos(angle), np.sin(angle)], np.float32)
+    tangent = np.array([-turn[1], turn[0]])
+    axes = np.array([batch.great.T, batch.small.T], np.float32)  # (axis, x or y, ellipse)
+    center = batch.centers.T.astype(np.float32)[..., None]
+    x, y = (center[k] + axes[:, k].T @ turn for k in (0, 1))
+    return x, y, axes[:, 1].T @ tangent, -(axes[:, 0].T @ tangent)
 
 
 def support_of(batch: EllipseBatch, raster: RidgeRaster, count: int = _FINE_ANGLES) -> Support:

@@ -35,11 +35,10 @@ def painted_on_one_surface(image_bgr: NDArray[np.uint8], segments: Array) -> NDA
     normal /= np.maximum(np.hypot(normal[:, :1], normal[:, 1:]), 1e-9)
     along = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
     points = segments[:, None, 0] + along[:, None] * span[:, None]
-    shares = []
-    for side in (-1.0, 1.0):
-        steps = side * np.linspace(_NEAR_PX1280, _FAR_PX1280, 3) * max(1.0, width / 1280.0)
-        places = np.rint(points[:, :, None] + steps[:, None] * normal[:, None, None]).astype(np.int64)
-        x, y = np.clip(places[..., 0], 0, width - 1), np.clip(places[..., 1], 0, height - 1)
-        colour = image_bgr[y, x].astype(np.float64).mean(axis=2) + 1.0
-        shares.append(np.median(colour / colour.sum(axis=-1, keepdims=True), axis=1))
-    return np.asarray(np.abs(shares[0] - shares[1]).max(axis=-1) <= _ALIKE, np.bool_)
+    steps = np.array([[-1.0], [1.0]]) * np.linspace(_NEAR_PX1280, _FAR_PX1280, 3) * max(1.0, width / 1280.0)
+    places = points[:, :, None, None] + steps[..., None] * normal[:, None, None, None]
+    x, y = np.clip(np.rint(places), 0, (width - 1, height - 1)).astype(np.int64).reshape(-1, 2).T
+    beside = image_bgr.reshape(-1, 3).take(y * width + x, axis=0).reshape(*places.shape[:-1], 3)
+    colour = beside.sum(axis=-2, dtype=np.float64) / 3 + 1.0  # of each sample and side
+    share = np.median(colour / colour.sum(axis=-1, keepdims=True), axis=1)
+    return np.asarray(np.abs(share[:, 0] - share[:, 1]).max(axis=-1) <= _ALIKE, np.bool_)
