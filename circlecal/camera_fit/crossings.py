@@ -19,7 +19,7 @@ from circlecal.camera_fit.curves import (
     stack_curves,
 )
 from circlecal.camera_fit.model import view
-from circlecal.camera_fit.optimise import COARSE, Problem, State, minimise
+from circlecal.camera_fit.optimise import COARSE, Problem, State, continued, minimise, reweighted
 from circlecal.camera_fit.uncertainty import posterior_covariance
 from circlecal.field import FieldTemplate, Line
 from circlecal.geometry.homogeneous import Array, fit_line, line_distance
@@ -79,8 +79,8 @@ def with_crossings(
         start = state.theta[:1]
         hidden = ground_hidden(fuller.curves, start, problem.frame)
         found = minimise(fuller, start, WIDE * loss_scale, hidden=hidden, tolerance=COARSE)
-        if (np.abs(found.residuals) > 0.5 * loss_scale).any():
-            found = minimise(fuller, found.theta, loss_scale, hidden=found.hidden, tolerance=COARSE)
+        _, found = reweighted(fuller, found, fuller.curves.sigma_px, loss_scale)
+        found = continued(fuller, found, loss_scale, tolerance=COARSE)
         if found.cost[0] < state.cost[0] + WORST_COST * len(met):
             return fuller, found, met
     return problem, state, ()

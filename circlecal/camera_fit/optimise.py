@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,7 +18,7 @@ LARGEST_STEP = 0.7
 LOG_FOCAL_RANGE = (np.log(10.0), np.log(1e6))
 """Of the focal length in pixels: nothing outside is a camera."""
 LEAST_DAMPING, FIRST_DAMPING, LAST_DAMPING = 1e-10, 1e-4, 1e5
-FINAL, COARSE = 1e-4, 0.5
+FINAL, COARSE = 1e-3, 0.5
 """Decreases of the cost (chi-square) that are not worth a step: of a result, and of what is only compared."""
 HOPELESS = 100.0
 """A start whose cost is so much worse than the best one's, beyond what its steps promise, is not followed on."""
@@ -119,17 +119,43 @@ class Problem:
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """Where a batch of B starts stands: parameters (B, P), cost (B,), residuals and hidden parameters of the curve
-    points (B, N).
+    """Where a batch of B starts stands.
+
+    Attributes
+    ----------
+    theta, hidden : (B, P), (B, N) arrays
+        Parameters, and the hidden parameters of the curve points.
+    values, jacobian : (B, N + 2 M), (B, N + 2 M, P) arrays
+        Normalised residuals of the curve points, then of the fixed points, and their derivatives.
+    prior_values, prior_jacobian : (B, K), (B, K, P) arrays
+        Those of the priors.
+    cost, gradient, normal : (B,), (B, P), (B, P, P) arrays
+        Cost under a robust loss, half its gradient and its Gauss-Newton matrix.
     """
 
     theta: Array
-    cost: Array
-    residuals: Array
     hidden: Array
+    values: Array
+    jacobian: Array
+    prior_values: Array
+    prior_jacobian: Array
+    cost: Array
     gradient: Array
     normal: Array
-    point_values: Array
+
+    @property
+    def residuals(self) -> Array:
+        """Of the curve points (B, N)."""
+        return self.values[:, : self.hidden.shape[1]]
+
+    @property
+    def point_values(self) -> Array:
+        """Residuals of the fixed points (B, 2 M)."""
+        return self.values[:, self.hidden.shape[1] :]
+
+    def select(self, index: Indices | Mask) -> State:
+        """The starts at an index or mask."""
+        return State(*(getattr(self, name)[index] for name in State.__slots__))
 
 
 def evaluate(problem: Problem, theta: Array, hidden: Array, loss_scale: float, updates: int = 0) -> State:
@@ -137,32 +163,47 @@ def evaluate(problem: Problem, theta: Array, hidden: Array, loss_scale: float, u
     sigmas).
     """
     curve = curve_residuals(problem.curves, theta, hidden, problem.frame, updates)
-    values = np.where(curve.behind, 1e3, curve.values)
-    gradient, normal, cost = _weighted(values, curve.jacobian, loss_scale)
-    point_values, point_jacobian = point_residuals(problem.points, theta, problem.frame)
-    if point_values.shape[1]:
-        g, n, c = _weighted(point_values, point_jacobian, loss_scale)
-        gradient, normal, cost = gradient + g, normal + n, cost + c
-    prior_values, prior_jacobian = problem.priors.residuals(theta)
-    swapped = np.swapaxes(prior_jacobian, 1, 2)
-    gradient = gradient + (swapped @ prior_values[..., None])[..., 0]
-    normal = normal + swapped @ prior_jacobian
-    cost = cost + np.sum(prior_values**2, axis=1)
-    return State(theta, cost, values, curve.hidden, gradient, normal, point_values)
+    values, jacobian = np.where(curve.behind, 1e3, curve.values), curve.jacobian
+    if len(problem.points.points_px):
+        of_points = point_residuals(problem.points, theta, problem.frame)
+        values, jacobian = (np.concatenate(pair, axis=1) for pair in zip((values, jacobian), of_points, strict=True))
+    return _weighed(theta, curve.hidden, values, jacobian, *problem.priors.residuals(theta), loss_scale)
+
+
+def _weighed(
+    theta: Array,
+    hidden: Array,
+    values: Array,
+    jacobian: Array,
+    prior_values: Array,
+    prior_jacobian: Array,
+    loss_scale: float,
+) -> State:
+    squared = values * values
+    share = 1.0 / (1.0 + squared / loss_scale**2)
+    weight = share * share
+    rows, prior_rows = np.swapaxes(jacobian, 1, 2), np.swapaxes(prior_jacobian, 1, 2)
+    gradient = rows @ (weight * values)[..., None] + prior_rows @ prior_values[..., None]
+    normal = (rows * weight[:, None]) @ jacobian + prior_rows @ prior_jacobian
+    cost = (squared * share).sum(axis=1) + (prior_values * prior_values).sum(axis=1)
+    return State(theta, hidden, values, jacobian, prior_values, prior_jacobian, cost, gradient[..., 0], normal)
+
+
+def reweighted(problem: Problem, state: State, sigma_px: Array, loss_scale: float) -> tuple[Problem, State]:
+    """The problem with other standard deviations (N,) of its curve points, and the state in it under a loss."""
+    curves = problem.curves.with_sigma(sigma_px)
+    factor = np.ones(state.values.shape[1])
+    factor[: len(sigma_px)] = problem.curves.sigma_px / sigma_px
+    changed = _weighed(
+        state.theta, state.hidden, state.values * factor, state.jacobian * factor[:, None],
+        state.prior_values, state.prior_jacobian, loss_scale,
+    )  # fmt: skip
+    return replace(problem, curves=curves), changed
 
 
 def robust_weights(values: Array, loss_scale: float) -> Array:
     """Weights of iteratively reweighted least squares for the Geman-McClure loss."""
     return 1.0 / (1.0 + (values / loss_scale) ** 2) ** 2
-
-
-def _weighted(values: Array, jacobian: Array, loss_scale: float) -> tuple[Array, Array, Array]:
-    squared = values * values
-    share = 1.0 / (1.0 + squared / loss_scale**2)
-    weight = share * share
-    rows = np.swapaxes(jacobian, 1, 2)
-    gradient = (rows @ (weight * values)[..., None])[..., 0]
-    return gradient, (rows * weight[:, None]) @ jacobian, (squared * share).sum(axis=1)
 
 
 def minimise(
@@ -172,6 +213,7 @@ def minimise(
     iterations: int = 60,
     hidden: Array | None = None,
     tolerance: float = FINAL,
+    bar: float = np.inf,
 ) -> State:
     """Run Levenberg-Marquardt from every start (B, P) at once; each keeps its own damping.
 
@@ -186,31 +228,67 @@ def minimise(
         hidden = first_hidden(problem.curves, theta, problem.frame)[0]
         hidden = curve_residuals(problem.curves, theta, hidden, problem.frame, updates=1).hidden
     state = evaluate(problem, theta, hidden, loss_scale, updates=1)
-    damping = np.full(len(theta), FIRST_DAMPING)
+    return continued(problem, state, loss_scale, iterations, tolerance, bar)
+
+
+def continued(
+    problem: Problem,
+    state: State,
+    loss_scale: float,
+    iterations: int = 60,
+    tolerance: float = FINAL,
+    bar: float = np.inf,
+) -> State:
+    """:func:`minimise` from states whose residuals are known; those that promise no cost below ``bar`` are not followed.
+
+    A final result takes the last step in the linear model, which is exact to the order of the next step.
+    """
+    active = active_parameters(problem.priors.sd)
+    damping = np.full(len(state.theta), FIRST_DAMPING)
     straight = bool((problem.priors.sd[:LOOK] > 0).all())
-    trusted: Mask = np.ones(len(theta), dtype=bool)
+    trusted: Mask = np.ones(len(damping), dtype=bool)
+    before = np.full(len(damping), 1e-300)
     for _ in range(iterations):
-        theta, expected, possible = _stepped(problem, state, damping, active, straight)
-        settled = (possible <= tolerance * np.minimum(state.cost, 1.0)) | (damping > LAST_DAMPING)
-        beaten = state.cost - 3.0 * possible > state.cost.min() + HOPELESS
-        if (settled | beaten | (state.cost < EXACT)).all():
-            break
-        proposal = evaluate(problem, theta, state.hidden, loss_scale)
+        step = _stepped(problem, state, damping, active, straight)
+        possible = step.possible
+        left = possible * np.minimum(possible / before, 1.0) if tolerance == FINAL else possible
+        settled = left <= tolerance * np.minimum(state.cost, 1.0)
+        beaten = state.cost - 3.0 * possible > min(state.cost.min() + HOPELESS, bar)
+        if (settled | beaten | (damping > LAST_DAMPING) | (state.cost < EXACT)).all():
+            return _merge(state, _advanced(state, step, loss_scale), settled) if tolerance == FINAL else state
+        proposal = evaluate(problem, step.theta, state.hidden, loss_scale)
         better = np.asarray(proposal.cost < state.cost)
         # the nearer the cost falls to what was expected of the step, the less damped is the next one
-        share = (state.cost - proposal.cost) / np.maximum(expected, 1e-300)
+        share = (state.cost - proposal.cost) / np.maximum(step.expected, 1e-300)
         damping *= np.where((share > 0.7) & trusted, 0.1, np.where(share > 0.25, 1.0, np.where(better, 4.0, 8.0)))
-        trusted = better
+        trusted, before = better, np.maximum(possible, 1e-300)
         state = _merge(state, proposal, better)
     return state
 
 
-def _stepped(
-    problem: Problem, state: State, damping: Array, active: Indices, straight: bool
-) -> tuple[Array, Array, Array]:
-    """Parameters (B, P) after one damped step, taken in the coordinates in which the weak direction is straight; by how
-    much it and an undamped one would lower a quadratic cost, each (B,).
+@dataclass(frozen=True, slots=True)
+class _Step:
+    """Parameters (B, P) after one damped step, the change (B, P) that it is to first order, and by how much it and an
+    undamped one would lower a quadratic cost, each (B,).
     """
+
+    theta: Array
+    change: Array
+    expected: Array
+    possible: Array
+
+
+def _advanced(state: State, step: _Step, loss_scale: float) -> State:
+    """The state after a step, in the linear model."""
+    values, prior_values = (
+        now + (jacobian @ step.change[..., None])[..., 0]
+        for now, jacobian in ((state.values, state.jacobian), (state.prior_values, state.prior_jacobian))
+    )
+    return _weighed(step.theta, state.hidden, values, state.jacobian, prior_values, state.prior_jacobian, loss_scale)
+
+
+def _stepped(problem: Problem, state: State, damping: Array, active: Indices, straight: bool) -> _Step:
+    """One damped step, taken in the coordinates in which the weak direction is straight."""
     center = problem.priors.center_m
     gradient, normal = state.gradient, state.normal
     usable: Mask = np.zeros(len(damping), dtype=bool)
@@ -239,8 +317,10 @@ def _stepped(
     elif usable.any():
         theta[usable, :LOOK] = from_look(look[usable] + full[usable, :LOOK], center)
     theta[:, 0] = np.minimum(np.maximum(theta[:, 0], LOG_FOCAL_RANGE[0]), LOG_FOCAL_RANGE[1])
+    if straight:
+        full[:, :LOOK] = (by_look @ full[:, :LOOK, None])[..., 0]
     change_of_cost = ((2.0 * slope + (block @ step[..., None])[..., 0]) * step).sum(axis=1)
-    return theta, -change_of_cost, -(undamped * slope).sum(axis=1)
+    return _Step(theta, full, -change_of_cost, -(undamped * slope).sum(axis=1))
 
 
 def _damped(normal: Array, gradient: Array, damping: Array) -> tuple[Array, Array]:
@@ -276,5 +356,4 @@ def _merge(old: State, new: State, better: Mask) -> State:
 
 def best_of(state: State, count: int = 1) -> State:
     """The starts with the lowest cost."""
-    order = np.argsort(state.cost, kind="stable")[:count]
-    return State(*(getattr(state, name)[order] for name in State.__slots__))
+    return state.select(np.argsort(state.cost, kind="stable")[:count])

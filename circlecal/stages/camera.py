@@ -21,7 +21,17 @@ from circlecal.camera_fit.model import INDEX, PARAMETERS, Frame
 from circlecal.camera_fit.naming import name_lines
 from circlecal.camera_fit.noise import as_measured, inflated
 from circlecal.camera_fit.observed import Realism, observed_curves, observed_points, stated_sigmas
-from circlecal.camera_fit.optimise import COARSE, FINAL, Priors, Problem, State, best_of, minimise
+from circlecal.camera_fit.optimise import (
+    COARSE,
+    FINAL,
+    Priors,
+    Problem,
+    State,
+    best_of,
+    continued,
+    minimise,
+    reweighted,
+)
 from circlecal.camera_fit.point_starts import Landmarks, seen_landmarks
 from circlecal.camera_fit.report import camera_fit
 from circlecal.camera_fit.shared_prior import SharedPriorConfig
@@ -254,8 +264,9 @@ def _clearly_curved(
 ) -> tuple[Problem, State, float]:
     """The fit with a parabolic pitch where it explains what was seen clearly better, else the one given."""
     curved = replace(problem, frame=replace(problem.frame, crown_shape="parabola"))
-    found = minimise(curved, state.theta[:1], config.loss_scale, config.iterations, state.hidden[:1])
-    if found.cost[0] > state.cost[0] - CROWN_EVIDENCE:
+    bar = float(state.cost[0]) - CROWN_EVIDENCE
+    found = minimise(curved, state.theta[:1], config.loss_scale, config.iterations, state.hidden[:1], bar=bar)
+    if found.cost[0] > bar:
         return problem, state, scale
     if close is not None:
         return curved, found, scale
@@ -297,11 +308,8 @@ def _settled(problem: Problem, state: State, config: CameraConfig, tolerance: fl
     scale = 1.0
     if config.noise_from_residuals:
         curves, scale = inflated(problem, best)
-        problem = replace(problem, curves=curves)
-    elif tolerance != FINAL:
-        return problem, best, scale
-    found = minimise(problem, best.theta, config.loss_scale, config.iterations, best.hidden, tolerance)
-    return problem, found, scale
+        problem, best = reweighted(problem, best, curves.sigma_px, config.loss_scale)
+    return problem, continued(problem, best, config.loss_scale, config.iterations, tolerance), scale
 
 
 def _realism(config: CameraConfig, width: int) -> Realism:
@@ -397,9 +405,8 @@ def _follow(problem: Problem, starts: Array, config: CameraConfig, side: str) ->
         raise EstimationError("camera", "no_camera", "no start for the camera was found")
     wide = minimise(problem, starts, 100.0 * config.loss_scale, min(30, config.iterations), tolerance=COARSE)
     chosen = best_of(wide, max(2, min(len(starts), 3 * config.starts // 4)))
-    state = chosen
-    if (np.abs(chosen.residuals) > 0.5 * config.loss_scale).any():
-        state = minimise(problem, chosen.theta, config.loss_scale, config.iterations, chosen.hidden, COARSE)
+    _, state = reweighted(problem, chosen, problem.curves.sigma_px, config.loss_scale)
+    state = continued(problem, state, config.loss_scale, config.iterations, COARSE)
     # a camera hanging upside down sees a circle and a line just as well
     above = (state.theta[:, INDEX["z"]] < 0) & (np.sin(state.theta[:, INDEX["tilt"]]) > 0)
     if not above.any():
@@ -409,7 +416,7 @@ def _follow(problem: Problem, starts: Array, config: CameraConfig, side: str) ->
     # the side decides between the two cameras of the turned field, not against what was seen
     stated &= above & (state.cost < state.cost[above].min() + config.loss_scale**2)
     kept = above & stated if stated.any() else above
-    return best_of(State(*(getattr(state, name)[kept] for name in State.__slots__)), int(kept.sum()))
+    return best_of(state.select(kept), int(kept.sum()))
 
 
 def _contradicting(state: State, points: FixedPoints) -> Mask:
