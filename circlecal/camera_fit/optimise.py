@@ -224,10 +224,10 @@ def minimise(
     theta = starts.copy()
     fixed = problem.priors.sd <= 0
     theta[:, fixed] = problem.priors.mean[fixed]
+    told = hidden is not None
     if hidden is None:
         hidden = first_hidden(problem.curves, theta, problem.frame)[0]
-        hidden = curve_residuals(problem.curves, theta, hidden, problem.frame, updates=1).hidden
-    state = evaluate(problem, theta, hidden, loss_scale, updates=1)
+    state = evaluate(problem, theta, hidden, loss_scale, updates=1 if told else 2)
     return continued(problem, state, loss_scale, iterations, tolerance, bar)
 
 

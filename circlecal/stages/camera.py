@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from circlecal.camera_fit.all_starts import MINIMUM_CIRCLE_POINTS, arc_deg, screened, starts_of, usual_lens
 from circlecal.camera_fit.crossings import same_markings, with_crossings
-from circlecal.camera_fit.curves import CurvePoints, FixedPoints, ground_hidden, joined_curves
+from circlecal.camera_fit.curves import CurvePoints, FixedPoints, curve_points, ground_hidden, joined_curves
 from circlecal.camera_fit.model import INDEX, PARAMETERS, Frame
 from circlecal.camera_fit.naming import name_lines
 from circlecal.camera_fit.noise import as_measured, inflated
@@ -265,7 +265,11 @@ def _clearly_curved(
     """The fit with a parabolic pitch where it explains what was seen clearly better, else the one given."""
     curved = replace(problem, frame=replace(problem.frame, crown_shape="parabola"))
     bar = float(state.cost[0]) - CROWN_EVIDENCE
-    found = minimise(curved, state.theta[:1], config.loss_scale, config.iterations, state.hidden[:1], bar=bar)
+    # the parabola that falls as the roof does where points were seen
+    y = np.abs(curve_points(problem.curves, state.hidden[:1], state.theta[:1])[0][..., 1])
+    start = state.theta[:1].copy()
+    start[:, INDEX["crown"]] *= problem.frame.crown_reference_m * (y**3).sum() / (y**4).sum()
+    found = minimise(curved, start, config.loss_scale, config.iterations, state.hidden[:1], bar=bar)
     if found.cost[0] > bar:
         return problem, state, scale
     if close is not None:
