@@ -66,6 +66,26 @@ class CurvePoints:
         return replace(self, sigma_px=sigma_px)
 
 
+@dataclass(frozen=True, slots=True)
+class FixedPoints:
+    """M points of known field position: ``field_m`` (M, 2), ``points_px`` (M, 2), ``sigma_px`` (M,), their names."""
+
+    field_m: Array
+    points_px: Array
+    sigma_px: Array
+    names: tuple[str, ...]
+
+    @property
+    def across(self) -> Array:
+        """Image vectors (2, 2 M) along which the points count, each along x and along y, over sigma."""
+        found = np.zeros((2, 2 * len(self.sigma_px)))
+        found[0, 0::2] = found[1, 1::2] = 1.0 / self.sigma_px
+        return found
+
+
+NO_POINTS = FixedPoints(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0), ())
+
+
 def stack_curves(parts: list[CurvePoints]) -> CurvePoints:
     """One set from several, each of one marking."""
     names = tuple(name for part in parts for name in part.names)
@@ -130,29 +150,39 @@ def curve_points(curves: CurvePoints, hidden: Array, theta: Array) -> tuple[Arra
     """Field points (B, N, 2) at the hidden parameters (B, N), and the unit tangents there, with the sizes of theta
     (B, P).
     """
-    x, y, tangent_x, tangent_y, _, _ = _on_markings(curves, hidden, theta)
+    (x, y, tangent_x, tangent_y), *_ = _on_markings(curves, hidden, theta)
     return np.stack([x, y], axis=-1), np.stack([tangent_x, tangent_y], axis=-1)
 
 
-def _on_markings(curves: CurvePoints, hidden: Array, theta: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
-    """Field points x, y at the hidden parameters, the unit tangents there, and cosine and sine: zero on lines."""
+def _on_markings(
+    curves: CurvePoints, hidden: Array, theta: Array, points: FixedPoints = NO_POINTS
+) -> tuple[Array, Array, Array]:
+    """Field points x, y at the hidden parameters and the unit tangents there, (4, B, N + 2 M), last each fixed point
+    twice and without a tangent; and cosine and sine (B, N): zero on lines.
+    """
     round_ = curves.radius > 0
     cos, sin = np.cos(hidden) * round_, np.sin(hidden) * round_
     radius = curves.radius + curves.radius_by_width * theta[:, SIZES[:1]]
     direction_x, direction_y = curves.direction[..., 0], curves.direction[..., 1]
-    x = curves.origin[..., 0] + hidden * direction_x + radius * cos
-    y = curves.origin[..., 1] + hidden * direction_y + radius * sin
+    count = hidden.shape[1]
+    found = np.zeros((4, len(hidden), count + 2 * len(points.sigma_px)))
+    x, y, tangent_x, tangent_y = found[..., :count]
+    np.add(curves.origin[..., 0] + hidden * direction_x, radius * cos, out=x)
+    np.add(curves.origin[..., 1] + hidden * direction_y, radius * sin, out=y)
     if not round_.all():
         sizes = theta[:, SIZES, None]
         x += (curves.shift[..., 0] @ sizes)[..., 0]
         y += (curves.shift[..., 1] @ sizes)[..., 0]
-    return x, y, direction_x - sin, direction_y + cos, cos, sin
+    np.subtract(direction_x, sin, out=tangent_x)
+    np.add(direction_y, cos, out=tangent_y)
+    found[:2, :, count:] = np.repeat(points.field_m.T, 2, axis=1)[:, None]
+    return found, cos, sin
 
 
 @dataclass(frozen=True, slots=True)
 class Residuals:
-    """Normalised residuals (B, N), their Jacobian (B, N, P), the hidden parameters (B, N), and who is behind the
-    camera (B, N).
+    """Normalised residuals (B, N + 2 M), their Jacobian (B, N + 2 M, P), the hidden parameters (B, N), and which curve
+    points are behind the camera (B, N).
     """
 
     values: Array
@@ -176,7 +206,7 @@ def first_hidden(curves: CurvePoints, theta: Array, frame: Frame, samples: int =
     straight = (curves.radius[first] == 0)[:, None]
     turn = np.linspace(0.0, 2 * np.pi, samples, endpoint=False)
     grid = np.where(straight, np.linspace(0.0, 110.0, samples), turn)
-    x, y, *_ = _on_markings(markings, np.broadcast_to(grid.reshape(1, -1), (len(theta), grid.size)), theta)
+    (x, y, *_), *_ = _on_markings(markings, np.broadcast_to(grid.reshape(1, -1), (len(theta), grid.size)), theta)
     seen = view(theta, x, y, frame)
     pixels = np.where(seen.depth[:, None] > 0.1, seen.pixels, np.inf).reshape(len(theta), 2, *shape)
     nearest, distance = np.empty((2, len(theta), len(curves.points_px)))
@@ -210,9 +240,16 @@ def ground_hidden(curves: CurvePoints, theta: Array, frame: Frame) -> Array:
     return np.where(curves.radius > 0, np.arctan2(y, x), on_line)
 
 
-def curve_residuals(curves: CurvePoints, theta: Array, hidden: Array, frame: Frame, updates: int = 2) -> Residuals:
+def curve_residuals(
+    curves: CurvePoints,
+    theta: Array,
+    hidden: Array,
+    frame: Frame,
+    updates: int = 2,
+    points: FixedPoints = NO_POINTS,
+) -> Residuals:
     """Signed distances over sigma along the markings' normals, after moving the hidden parameters to the nearest
-    points.
+    points; then those of fixed points.
 
     Parameters
     ----------
@@ -227,57 +264,45 @@ def curve_residuals(curves: CurvePoints, theta: Array, hidden: Array, frame: Fra
     updates : int
         Newton steps of the hidden parameters before the residuals are taken, one more where the points then still lie
         far along the marking; the hidden parameters that are returned are one step further.
+    points : FixedPoints
+        M points that are seen in the same view, each along x and along y.
     """
+    count = hidden.shape[1]
     straight = curves.radius == 0
     scale = np.where(straight, 1.0, np.maximum(curves.radius, 1e-9))
     limit = np.where(straight, 20.0, 0.5)
-    observed = curves.points_px.T
+    observed = np.concatenate([curves.points_px, np.repeat(points.points_px, 2, axis=0)]).T
     for step in range(updates + 2):
-        x, y, tangent_x, tangent_y, cos, sin = _on_markings(curves, hidden, theta)
+        (x, y, tangent_x, tangent_y), cos, sin = _on_markings(curves, hidden, theta, points)
         seen = view(theta, x, y, frame)
-        along = seen.along(tangent_x, tangent_y)
+        along = seen.along(tangent_x, tangent_y)[..., :count]
         difference = observed - seen.pixels
         length2 = np.maximum(along[:, 0] ** 2 + along[:, 1] ** 2, 1e-18)
-        beside = difference[:, 0] * along[:, 0] + difference[:, 1] * along[:, 1]
+        beside = difference[:, 0, :count] * along[:, 0] + difference[:, 1, :count] * along[:, 1]
         hidden = hidden + np.minimum(np.maximum(beside / (length2 * scale), -limit), limit)
         if step >= updates and (np.abs(beside) < NEAR_PX * np.sqrt(length2)).all():
             break
     sigma = curves.sigma_px
     # the normal's positive side is the outside of a circle
-    unit = np.where(straight | (seen.orientation >= 0), 1.0, -1.0) / (np.sqrt(length2) * sigma)
-    normal = np.stack([along[:, 1] * unit, -along[:, 0] * unit], axis=1)
+    unit = np.where(straight | (seen.orientation[:, :count] >= 0), 1.0, -1.0) / (np.sqrt(length2) * sigma)
+    normal = np.empty_like(difference)
+    np.multiply(along[:, 1], unit, out=normal[:, 0, :count])
+    np.multiply(along[:, 0], -unit, out=normal[:, 1, :count])
+    normal[:, :, count:] = points.across
     bloom = curves.bloom_sign / sigma
-    values = normal[:, 0] * difference[:, 0] + normal[:, 1] * difference[:, 1] - bloom * theta[:, INDEX["bloom"], None]
+    values = normal[:, 0] * difference[:, 0] + normal[:, 1] * difference[:, 1]
+    values[:, :count] -= bloom * theta[:, INDEX["bloom"], None]
     rows, field = seen.gradient(-normal)
-    shift = curves.shift
+    field_x, field_y, shift = field[:, 0, :count], field[:, 1, :count], curves.shift
     by_width = (curves.radius_by_width * cos + shift[..., 0, 0], curves.radius_by_width * sin + shift[..., 0, 1])
-    rows[:, INDEX["width"]] = field[:, 0] * by_width[0] + field[:, 1] * by_width[1]
-    rows[:, INDEX["bloom"]] = -bloom
+    rows[:, INDEX["width"], :count] = field_x * by_width[0] + field_y * by_width[1]
+    rows[:, INDEX["bloom"], :count] = -bloom
     for k in (1, 2):
-        rows[:, SIZES[k]] = field[:, 0] * shift[..., k, 0] + field[:, 1] * shift[..., k, 1]
-    return Residuals(values, np.swapaxes(rows, 1, 2), hidden, seen.depth < 0.1)
-
-
-@dataclass(frozen=True, slots=True)
-class FixedPoints:
-    """M points of known field position: ``field_m`` (M, 2), ``points_px`` (M, 2), ``sigma_px`` (M,), their names."""
-
-    field_m: Array
-    points_px: Array
-    sigma_px: Array
-    names: tuple[str, ...]
+        rows[:, SIZES[k], :count] = field_x * shift[..., k, 0] + field_y * shift[..., k, 1]
+    return Residuals(values, np.swapaxes(rows, 1, 2), hidden, seen.depth[:, :count] < 0.1)
 
 
 def point_residuals(points: FixedPoints, theta: Array, frame: Frame) -> tuple[Array, Array]:
     """Normalised residuals (B, 2 M) of fixed points and their Jacobian (B, 2 M, P)."""
-    B, M = len(theta), len(points.points_px)
-    if M == 0:
-        return np.zeros((B, 0)), np.zeros((B, 0, theta.shape[1]))
-    # each point twice: along x and along y
-    x, y = np.broadcast_to(np.repeat(points.field_m, 2, axis=0).T[:, None], (2, B, 2 * M))
-    seen = view(theta, x, y, frame)
-    toward = np.zeros((2, 2 * M))
-    toward[0, 0::2] = toward[1, 1::2] = 1.0 / points.sigma_px
-    difference = np.repeat(points.points_px, 2, axis=0).T - seen.pixels
-    rows, _ = seen.gradient(np.broadcast_to(-toward, difference.shape))
-    return (toward * difference).sum(axis=1), np.swapaxes(rows, 1, 2)
+    found = curve_residuals(stack_curves([]), theta, np.zeros((len(theta), 0)), frame, 0, points)
+    return found.values, found.jacobian

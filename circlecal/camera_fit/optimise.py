@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from circlecal.camera_fit.curves import CurvePoints, FixedPoints, curve_residuals, first_hidden, point_residuals
+from circlecal.camera_fit.curves import CurvePoints, FixedPoints, curve_residuals, first_hidden
 from circlecal.camera_fit.look import LOOK, from_look, look_with_jacobian
 from circlecal.camera_fit.model import INDEX, PARAMETERS, Frame, active_parameters
 from circlecal.camera_fit.shared_prior import SharedPrior
@@ -162,12 +162,10 @@ def evaluate(problem: Problem, theta: Array, hidden: Array, loss_scale: float, u
     """Cost, gradient and Gauss-Newton matrix of each start under a Geman-McClure loss of scale ``loss_scale`` (in
     sigmas).
     """
-    curve = curve_residuals(problem.curves, theta, hidden, problem.frame, updates)
-    values, jacobian = np.where(curve.behind, 1e3, curve.values), curve.jacobian
-    if len(problem.points.points_px):
-        of_points = point_residuals(problem.points, theta, problem.frame)
-        values, jacobian = (np.concatenate(pair, axis=1) for pair in zip((values, jacobian), of_points, strict=True))
-    return _weighed(theta, curve.hidden, values, jacobian, *problem.priors.residuals(theta), loss_scale)
+    seen = curve_residuals(problem.curves, theta, hidden, problem.frame, updates, problem.points)
+    seen.values[:, : hidden.shape[1]][seen.behind] = 1e3
+    priors = problem.priors.residuals(theta)
+    return _weighed(theta, seen.hidden, seen.values, seen.jacobian, *priors, loss_scale)
 
 
 def _weighed(
@@ -220,7 +218,6 @@ def minimise(
     It ends where an undamped step would lower no start's cost by more than ``tolerance``, or by that share of a cost
     below 1.
     """
-    active = active_parameters(problem.priors.sd)
     theta = starts.copy()
     fixed = problem.priors.sd <= 0
     theta[:, fixed] = problem.priors.mean[fixed]
@@ -239,7 +236,7 @@ def continued(
     tolerance: float = FINAL,
     bar: float = np.inf,
 ) -> State:
-    """:func:`minimise` from states whose residuals are known; those that promise no cost below ``bar`` are not followed.
+    """:func:`minimise` from known residuals; starts that promise no cost below ``bar`` are not followed.
 
     A final result takes the last step in the linear model, which is exact to the order of the next step.
     """
