@@ -6,20 +6,17 @@ several parallel edges is the marking: the one through that point.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from circlecal.camera_fit.curves import (
     CurvePoints,
     curve_residuals,
     ground_hidden,
-    joined_curves,
     line_curve,
     stack_curves,
 )
 from circlecal.camera_fit.model import view
-from circlecal.camera_fit.optimise import COARSE, Problem, State, continued, minimise, reweighted
+from circlecal.camera_fit.optimise import COARSE, Problem, State, best_of, continued, reweighted, with_curves
 from circlecal.camera_fit.uncertainty import posterior_covariance
 from circlecal.field import FieldTemplate, Line
 from circlecal.geometry.homogeneous import Array, fit_line, line_distance
@@ -75,10 +72,8 @@ def with_crossings(
         if not met:
             break
         parts = [_one_point(template.line_by_name[str(m.line)], m.points_px[0], m.sigma_px, template) for m in met]
-        fuller = replace(problem, curves=joined_curves(stack_curves(parts), problem.curves))
-        start = state.theta[:1]
-        hidden = ground_hidden(fuller.curves, start, problem.frame)
-        found = minimise(fuller, start, WIDE * loss_scale, hidden=hidden, tolerance=COARSE)
+        fuller, found = with_curves(problem, best_of(state), stack_curves(parts), WIDE * loss_scale)
+        found = continued(fuller, found, WIDE * loss_scale, tolerance=COARSE)
         _, found = reweighted(fuller, found, fuller.curves.sigma_px, loss_scale)
         found = continued(fuller, found, loss_scale, tolerance=COARSE)
         if found.cost[0] < state.cost[0] + WORST_COST * len(met):
@@ -99,7 +94,7 @@ def _crossings(
     lines = stack_curves(
         [_one_point(line, end.point_px, sigma, template) for (end, _), line in zip(ends, drawn, strict=True)]
     )
-    along = curve_residuals(lines, theta, ground_hidden(lines, theta, problem.frame), problem.frame).hidden
+    along = ground_hidden(lines, theta, problem.frame)
     place = lines.origin + along[0, :, None] * lines.direction
     corners = np.array([template.line_ends(line) for line in drawn])
     far = along[0] > 0.5 * np.linalg.norm(corners[:, 1] - corners[:, 0], axis=-1)
@@ -117,7 +112,7 @@ def _crossings(
     points = stack_curves(
         [_one_point(other, middles[k], sigmas[k], template) for k, other in enumerate(others) if other]
     )
-    expected = curve_residuals(points, theta, ground_hidden(points, theta, problem.frame), problem.frame)
+    expected = curve_residuals(points, theta, ground_hidden(points, theta, problem.frame), problem.frame, updates=1)
     J = expected.jacobian[0]
     spread = np.sqrt(((J @ posterior_covariance(state.normal[0], problem.priors.sd)) * J).sum(axis=1))
     believed = np.abs(expected.values[0]) <= worst * np.hypot(spread, 1.0)

@@ -61,6 +61,13 @@ class CurvePoints:
         chosen = {name: getattr(self, name)[keep] for name in CurvePoints.__slots__ if name != "names"}
         return replace(self, **chosen)
 
+    def hypotheses(self, index: Indices) -> CurvePoints:
+        """Some of the hypotheses, where there are several."""
+        if self.sigma_px.ndim == 1:
+            return self
+        chosen = {name: getattr(self, name)[index] for name in ("sigma_px", "origin", "direction", "shift")}
+        return replace(self, **chosen)
+
     def with_sigma(self, sigma_px: Array) -> CurvePoints:
         """The same points with other standard deviations."""
         return replace(self, sigma_px=sigma_px)

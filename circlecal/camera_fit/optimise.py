@@ -7,7 +7,14 @@ from functools import cached_property
 
 import numpy as np
 
-from circlecal.camera_fit.curves import CurvePoints, FixedPoints, curve_residuals, first_hidden
+from circlecal.camera_fit.curves import (
+    CurvePoints,
+    FixedPoints,
+    curve_residuals,
+    first_hidden,
+    ground_hidden,
+    joined_curves,
+)
 from circlecal.camera_fit.look import LOOK, from_look, look_with_jacobian
 from circlecal.camera_fit.model import INDEX, PARAMETERS, Frame, active_parameters
 from circlecal.camera_fit.shared_prior import SharedPrior
@@ -199,6 +206,22 @@ def reweighted(problem: Problem, state: State, sigma_px: Array, loss_scale: floa
     return replace(problem, curves=curves), changed
 
 
+def with_curves(problem: Problem, state: State, curves: CurvePoints, loss_scale: float) -> tuple[Problem, State]:
+    """The problem with further markings before the others, and the state in it: only the further ones are looked at."""
+    hidden = ground_hidden(curves, state.theta, problem.frame)
+    seen = curve_residuals(curves, state.theta, hidden, problem.frame, updates=1)
+    changed = _weighed(
+        state.theta,
+        np.concatenate([seen.hidden, state.hidden], axis=1),
+        np.concatenate([seen.values, state.values], axis=1),
+        np.concatenate([seen.jacobian, state.jacobian], axis=1),
+        state.prior_values,
+        state.prior_jacobian,
+        loss_scale,
+    )
+    return replace(problem, curves=joined_curves(curves, problem.curves)), changed
+
+
 def robust_weights(values: Array, loss_scale: float) -> Array:
     """Weights of iteratively reweighted least squares for the Geman-McClure loss."""
     return 1.0 / (1.0 + (values / loss_scale) ** 2) ** 2
@@ -242,37 +265,42 @@ def continued(
     """
     active = active_parameters(problem.priors.sd)
     damping = np.full(len(state.theta), FIRST_DAMPING)
-    straight = bool((problem.priors.sd[:LOOK] > 0).all())
     trusted: Mask = np.ones(len(damping), dtype=bool)
     before = np.full(len(damping), 1e-300)
     for _ in range(iterations):
-        step = _stepped(problem, state, damping, active, straight)
-        possible = step.possible
+        possible = _possible(state, active)
         left = possible * np.minimum(possible / before, 1.0) if tolerance == FINAL else possible
         settled = left <= tolerance * np.minimum(state.cost, 1.0)
+        arrived = settled | (damping > LAST_DAMPING) | (state.cost < EXACT)
         beaten = state.cost - 3.0 * possible > min(state.cost.min() + HOPELESS, bar)
-        if (settled | beaten | (damping > LAST_DAMPING) | (state.cost < EXACT)).all():
-            return _merge(state, _advanced(state, step, loss_scale), settled) if tolerance == FINAL else state
-        proposal = evaluate(problem, step.theta, state.hidden, loss_scale)
-        better = np.asarray(proposal.cost < state.cost)
+        if (arrived | beaten).all():
+            if tolerance == FINAL and settled.any():
+                advanced = _advanced(state, _stepped(problem, state, damping, active), loss_scale)
+                return _replaced(state, np.flatnonzero(settled), advanced.select(settled))
+            return state
+        step, going = _stepped(problem, state, damping, active), np.flatnonzero(~arrived)
+        curves = problem.curves.hypotheses(going)
+        proposal = evaluate(replace(problem, curves=curves), step.theta[going], state.hidden[going], loss_scale)
+        gain = state.cost[going] - proposal.cost
+        better = np.asarray(gain > 0)
         # the nearer the cost falls to what was expected of the step, the less damped is the next one
-        share = (state.cost - proposal.cost) / np.maximum(step.expected, 1e-300)
-        damping *= np.where((share > 0.7) & trusted, 0.1, np.where(share > 0.25, 1.0, np.where(better, 4.0, 8.0)))
-        trusted, before = better, np.maximum(possible, 1e-300)
-        state = _merge(state, proposal, better)
+        share = gain / np.maximum(step.expected[going], 1e-300)
+        sure = (share > 0.7) & trusted[going]
+        damping[going] *= np.where(sure, 0.1, np.where(share > 0.25, 1.0, np.where(better, 4.0, 8.0)))
+        trusted[going], before[going] = better, np.maximum(possible[going], 1e-300)
+        state = _replaced(state, going[better], proposal.select(better))
     return state
 
 
 @dataclass(frozen=True, slots=True)
 class _Step:
-    """Parameters (B, P) after one damped step, the change (B, P) that it is to first order, and by how much it and an
-    undamped one would lower a quadratic cost, each (B,).
+    """Parameters (B, P) after one damped step, the change (B, P) that it is to first order, and by how much it would
+    lower a quadratic cost (B,).
     """
 
     theta: Array
     change: Array
     expected: Array
-    possible: Array
 
 
 def _advanced(state: State, step: _Step, loss_scale: float) -> State:
@@ -284,9 +312,17 @@ def _advanced(state: State, step: _Step, loss_scale: float) -> State:
     return _weighed(step.theta, state.hidden, values, state.jacobian, prior_values, state.prior_jacobian, loss_scale)
 
 
-def _stepped(problem: Problem, state: State, damping: Array, active: Indices, straight: bool) -> _Step:
+def _possible(state: State, active: Indices) -> Array:
+    """By how much an undamped step would lower a quadratic cost (B,)."""
+    slope = state.gradient[:, active]
+    step = _solved(state.normal[:, active[:, None], active], slope, np.full(len(slope), LEAST_DAMPING))
+    return np.asarray((step * slope).sum(axis=1))
+
+
+def _stepped(problem: Problem, state: State, damping: Array, active: Indices) -> _Step:
     """One damped step, taken in the coordinates in which the weak direction is straight."""
     center = problem.priors.center_m
+    straight = bool((problem.priors.sd[:LOOK] > 0).all())
     gradient, normal = state.gradient, state.normal
     usable: Mask = np.zeros(len(damping), dtype=bool)
     look = state.theta[:, :LOOK]
@@ -301,7 +337,7 @@ def _stepped(problem: Problem, state: State, damping: Array, active: Indices, st
         normal[:, :LOOK] = turned @ normal[:, :LOOK]
         normal[:, :, :LOOK] = normal[:, :, :LOOK] @ by_look
     block, slope = normal[:, active[:, None], active], gradient[:, active]
-    step, undamped = _damped(block, slope, damping)
+    step = -_solved(block, slope, damping)
     full = np.zeros_like(state.theta)
     full[:, active] = step
     size = np.abs(full[:, :LOOK])
@@ -317,38 +353,32 @@ def _stepped(problem: Problem, state: State, damping: Array, active: Indices, st
     if straight:
         full[:, :LOOK] = (by_look @ full[:, :LOOK, None])[..., 0]
     change_of_cost = ((2.0 * slope + (block @ step[..., None])[..., 0]) * step).sum(axis=1)
-    return _Step(theta, full, -change_of_cost, -(undamped * slope).sum(axis=1))
+    return _Step(theta, full, -change_of_cost)
 
 
-def _damped(normal: Array, gradient: Array, damping: Array) -> tuple[Array, Array]:
-    """Damped and undamped step, each (B, A)."""
+def _solved(normal: Array, gradient: Array, damping: Array) -> Array:
+    """Solutions (B, A) of the damped normal equations."""
     index = np.arange(normal.shape[-1])
-    diagonal = normal[:, index, index] + 1e-12
-    both = np.stack([normal, normal])
-    both[0, :, index, index] += (damping[:, None] * diagonal).T
-    both[1, :, index, index] += (LEAST_DAMPING * diagonal).T
-    damped, undamped = -_solve(both, np.broadcast_to(gradient, (2, *gradient.shape)))
-    return damped, undamped
-
-
-def _solve(matrices: Array, vectors: Array) -> Array:
+    damped = normal.copy()
+    damped[:, index, index] += damping[:, None] * (normal[:, index, index] + 1e-12)
     try:
-        return np.asarray(np.linalg.solve(matrices, vectors[..., None])[..., 0], dtype=np.float64)
+        found = np.linalg.solve(damped, gradient[..., None])
     except np.linalg.LinAlgError:
-        return np.asarray((np.linalg.pinv(matrices, hermitian=True) @ vectors[..., None])[..., 0], dtype=np.float64)
+        found = np.linalg.pinv(damped, hermitian=True) @ gradient[..., None]
+    return np.asarray(found[..., 0], dtype=np.float64)
 
 
-def _merge(old: State, new: State, better: Mask) -> State:
-    if better.all():
+def _replaced(state: State, index: Indices, new: State) -> State:
+    """The state with other starts at an index."""
+    if len(index) == len(state.cost):
         return new
-    if not better.any():
-        return old
 
-    def pick(name: str) -> Array:
-        a, b = getattr(old, name), getattr(new, name)
-        return np.where(better.reshape(-1, *([1] * (a.ndim - 1))), b, a)
+    def put(name: str) -> Array:
+        found = getattr(state, name).copy()
+        found[index] = getattr(new, name)
+        return np.asarray(found)
 
-    return State(*(pick(name) for name in State.__slots__))
+    return State(*(put(name) for name in State.__slots__)) if len(index) else state
 
 
 def best_of(state: State, count: int = 1) -> State:

@@ -407,7 +407,8 @@ def _follow(problem: Problem, starts: Array, config: CameraConfig, side: str) ->
     """
     if len(starts) == 0:
         raise EstimationError("camera", "no_camera", "no start for the camera was found")
-    wide = minimise(problem, starts, 100.0 * config.loss_scale, min(30, config.iterations), tolerance=COARSE)
+    hidden = ground_hidden(problem.curves, starts, problem.frame)
+    wide = minimise(problem, starts, 100.0 * config.loss_scale, min(30, config.iterations), hidden, COARSE)
     chosen = best_of(wide, max(2, min(len(starts), 3 * config.starts // 4)))
     _, state = reweighted(problem, chosen, problem.curves.sigma_px, config.loss_scale)
     state = continued(problem, state, config.loss_scale, config.iterations, COARSE)
