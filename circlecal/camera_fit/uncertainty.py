@@ -97,18 +97,16 @@ def field_uncertainty(
     toward = np.zeros((2, 1, 2, len(points_m)))
     toward[0, :, 0] = toward[1, :, 1] = 1.0
     (by_x, field_x), (by_y, field_y) = (seen.gradient(axis) for axis in toward)
-    J = np.concatenate([by_x[0], by_y[0]], axis=1)
-    pushed = covariance @ J
-    size = len(points_m)
-    xx, yy = (pushed * J).sum(axis=0).reshape(2, size)
-    xy = (pushed[:, :size] * J[:, size:]).sum(axis=0)
+    pushed_x, pushed_y = covariance @ by_x[0], covariance @ by_y[0]
+    xx, xy, yy = ((a * b).sum(axis=0) for a, b in ((pushed_x, by_x[0]), (pushed_x, by_y[0]), (pushed_y, by_y[0])))
     (a, b), (c, d) = field_x[0], field_y[0]
     with np.errstate(divide="ignore", invalid="ignore"):
         # of the inverse of the derivative by the field position
         ground = ((d * d + c * c) * xx - 2.0 * (b * d + a * c) * xy + (a * a + b * b) * yy) / (a * d - b * c) ** 2
     share = 1.0
     if prior_normal is not None and (total := float((xx + yy).sum())) > 0:
-        share = float(np.clip(1.0 - (prior_normal @ pushed * pushed).sum() / total, 0.0, 1.0))
+        brought = (prior_normal * (pushed_x @ pushed_x.T + pushed_y @ pushed_y.T)).sum()
+        share = float(np.clip(1.0 - brought / total, 0.0, 1.0))
     return FieldUncertainty(np.sqrt(xx + yy), np.sqrt(np.maximum(ground, 0.0)), share)
 
 
