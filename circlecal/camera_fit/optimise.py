@@ -25,8 +25,10 @@ LARGEST_STEP = 0.7
 LOG_FOCAL_RANGE = (np.log(10.0), np.log(1e6))
 """Of the focal length in pixels: nothing outside is a camera."""
 LEAST_DAMPING, FIRST_DAMPING, LAST_DAMPING = 1e-10, 1e-4, 1e5
-FINAL, COARSE = 1e-3, 0.5
+FINAL, COARSE = 3e-5, 0.5
 """Decreases of the cost (chi-square) that are not worth a step: of a result, and of what is only compared."""
+LEAST_SHARE = 0.01
+"""What a step is taken to leave of its promise at best, however much less it was than the one before it."""
 HOPELESS = 100.0
 """A start whose cost is so much worse than the best one's, beyond what its steps promise, is not followed on."""
 EXACT = 1e-24
@@ -269,7 +271,7 @@ def continued(
     before = np.full(len(damping), 1e-300)
     for _ in range(iterations):
         possible = _possible(state, active)
-        left = possible * np.minimum(possible / before, 1.0) if tolerance == FINAL else possible
+        left = possible * np.clip(possible / before, LEAST_SHARE, 1.0) if tolerance == FINAL else possible
         settled = left <= tolerance * np.minimum(state.cost, 1.0)
         arrived = settled | (damping > LAST_DAMPING) | (state.cost < EXACT)
         beaten = state.cost - 3.0 * possible > min(state.cost.min() + HOPELESS, bar)
