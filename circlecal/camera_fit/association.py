@@ -157,7 +157,7 @@ def _mahalanobis(residuals: Array, jacobians: Array, covariances: Array, sigma_p
     b = np.einsum("kstp,stp->kst", pushed[..., 0, :], jacobians[:, :, 1])
     d = np.einsum("kstp,stp->kst", pushed[..., 1, :], jacobians[:, :, 1]) + own
     x, y = residuals[..., 0], residuals[..., 1]
-    return np.asarray((d * x * x - 2 * b * x * y + a * y * y) / np.maximum(a * d - b * b, 1e-300))
+    return np.asarray((d * x * x - 2 * b * x * y + a * y * y) / np.maximum(a * d - b * b, own * own))
 
 
 def _grown(seeds: Indices, pairs: _Pairs, lengths: Array, covariance: Array, sigma_px: float) -> tuple[Indices, Array]:

@@ -44,7 +44,8 @@ def spread_cameras(theta: Array, covariance: Array, center_m: Array) -> Array:
     steps = np.concatenate([steps.T, -steps.T])
     points = theta + (steps if straight else steps @ change.T)
     if straight:
-        points[:, :LOOK] = from_look(look + steps[:, :LOOK], center_m)
+        with np.errstate(over="ignore", invalid="ignore"):
+            points[:, :LOOK] = from_look(look + steps[:, :LOOK], center_m)
     return points
 
 
@@ -57,7 +58,8 @@ def push_forward(center: Array, values: Array) -> Array:
     finite = np.isfinite(deviations).all(axis=-1, keepdims=True)
     kept = np.where(finite, deviations, 0.0)
     share = len(values) / (6.0 * np.maximum(finite.sum(axis=-2), 1))
-    return np.asarray(np.swapaxes(kept, -1, -2) @ kept * share[..., None])
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.asarray(np.swapaxes(kept, -1, -2) @ kept * share[..., None])
 
 
 def homography_vectors(homographies: Array) -> Array:
