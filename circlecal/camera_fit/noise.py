@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from circlecal.camera_fit.curves import CurvePoints
-from circlecal.camera_fit.optimise import Problem, State
+from circlecal.camera_fit.optimise import Problem, State, reweighted
 from circlecal.camera_fit.uncertainty import correlation_factor
 from circlecal.geometry.homogeneous import Array
 
@@ -34,7 +34,7 @@ OFF_SIGMAS, OFF_PX = 4.0, 0.15
 """Points further from their neighbours, in robust standard deviations and pixels beside, lie on something else."""
 
 
-def as_measured(problem: Problem, state: State, curves: CurvePoints) -> tuple[Problem, State, float]:
+def as_measured(problem: Problem, state: State, curves: CurvePoints, loss_scale: float) -> tuple[Problem, State, float]:
     """The problem with the noise that its own residuals show, and without the points that leave their neighbours.
 
     Parameters
@@ -43,6 +43,8 @@ def as_measured(problem: Problem, state: State, curves: CurvePoints) -> tuple[Pr
         A fit, of which the first start counts.
     curves : CurvePoints
         The points of ``problem`` with the least standard deviations that they can have.
+    loss_scale : float
+        Scale of the robust loss, standard deviations.
 
     Returns
     -------
@@ -64,9 +66,12 @@ def as_measured(problem: Problem, state: State, curves: CurvePoints) -> tuple[Pr
         values = (off_px / curves.sigma_px)[ordered[near]]
         scatter = np.sqrt(np.mean(np.clip(values, -6, 6) ** 2))
         factor[index] = max(1.0, scatter * np.sqrt(correlation_factor(values)))
-    chosen = curves.with_sigma(curves.sigma_px * factor).select(np.flatnonzero(kept))
-    nearer = replace(state, hidden=state.hidden[:, kept], residuals=state.residuals[:, kept])
-    return replace(problem, curves=chosen), nearer, float(np.sqrt(np.mean(factor**2)))
+    chosen, rows = np.flatnonzero(kept), np.ones(state.values.shape[1], dtype=np.bool_)
+    rows[: len(kept)] = kept
+    fewer = replace(state, hidden=state.hidden[:, kept], values=state.values[:, rows], jacobian=state.jacobian[:, rows])
+    nearer = replace(problem, curves=problem.curves.select(chosen))
+    scale = float(np.sqrt(np.mean(factor**2)))
+    return *reweighted(nearer, fewer, (curves.sigma_px * factor)[chosen], loss_scale), scale
 
 
 def _running_median(values: Array, count: int) -> Array:

@@ -223,8 +223,8 @@ def estimate_camera(
     if more is None:
         close = _close_curves(curves, observations, template, config)
         if close is not None:
-            problem, state, scale = as_measured(problem, best_of(state), close)
-        state = minimise(problem, state.theta, config.loss_scale, config.iterations, state.hidden)
+            problem, state, scale = as_measured(problem, state, close, config.loss_scale)
+        state = continued(problem, state, config.loss_scale, config.iterations)
     else:
         problem, start, named = more
         hidden = ground_hidden(problem.curves, start, frame)

@@ -30,10 +30,10 @@ def fitted(residuals_px, few_px=()):
     residuals = np.concatenate([residuals_px, few_px])[order] / STATED_PX
     curves = curves.select(order)
     theta = plain_theta(rng)[None]
-    empty = np.zeros((1, 0))
-    state = State(theta, np.zeros(1), residuals[None], hidden[None], empty, empty, empty)
+    slopes, no_priors = np.zeros((1, count + few, theta.shape[1])), (np.zeros((1, 0)), np.zeros((1, 0, theta.shape[1])))
+    state = State(theta, hidden[None], residuals[None], slopes, *no_priors, np.zeros(1), theta, slopes)
     problem = Problem(curves, observed_points(Observations(1920, 1080), SOCCER), priors(), FRAME)
-    return problem, state, curves.with_sigma(np.full(count + few, LEAST_PX))
+    return problem, state, curves.with_sigma(np.full(count + few, LEAST_PX)), 6.0
 
 
 def test_quiet_points_keep_the_least_sigma():
