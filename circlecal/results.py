@@ -126,6 +126,8 @@ class RayPoints:
         How many met something that is no light band of plausible width.
     rejected_px : (K, 2) array
         Where those met it (for the debug picture).
+    rough : Ellipse or None
+        The ellipse across which the band centres were measured.
     """
 
     center_px: Array
@@ -138,6 +140,7 @@ class RayPoints:
     rays: int
     rejected: int
     rejected_px: Array
+    rough: Ellipse | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -109,10 +109,10 @@ def _large_patches(surface: NDArray[np.uint8], component_share: float) -> NDArra
     small, large = np.ones((3, 3), np.uint8), np.ones((7, 7), np.uint8)
     closed = cv2.morphologyEx(surface, cv2.MORPH_CLOSE, small)
     opened = cv2.morphologyEx(closed, cv2.MORPH_OPEN, large)
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(opened, connectivity=4)
+    count, labels = cv2.connectedComponents(opened, connectivity=4)
     if count < 2:
         return np.zeros_like(surface)
-    area = stats[:, cv2.CC_STAT_AREA].copy()
+    area = np.bincount(labels.ravel())
     area[0] = 0
     keep = (area >= component_share * area.max()).astype(np.uint8) * 255
     keep[0] = 0

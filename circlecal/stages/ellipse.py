@@ -77,8 +77,8 @@ def fit_ellipses(rays: RayPoints, width: int, config: EllipseConfig, rng: np.ran
         ``no_ellipse`` where no edge gives an ellipse, ``arc_too_short``, ``residual_too_large``.
     """
     unit = width / 1920.0
-    center = fit_edge("center", rays.center_line_px, rays.center_line_sigma_px, unit, config, rng)
-    start = None if center is None else center.ellipse
+    center = fit_edge("center", rays.center_line_px, rays.center_line_sigma_px, unit, config, rng, rays.rough)
+    start = rays.rough if center is None else center.ellipse
     fits = EllipseFits(
         outer=fit_edge("outer", rays.outer_px, rays.outer_sigma_px, unit, config, rng, start),
         inner=fit_edge("inner", rays.inner_px, rays.inner_sigma_px, unit, config, rng, start),
@@ -139,8 +139,8 @@ def fit_edge(
 ) -> EllipseFit | None:
     """Robust ellipse through the points (N, 2) of one edge; None where they give none.
 
-    ``similar`` is another edge's ellipse, if known; where the points' mean multiple of it explains nearly all of them,
-    no samples are drawn.
+    ``similar`` is an ellipse near the edge, if known; where the multiple of it that lies amid the points explains
+    nearly all of them, no samples are drawn.
     """
     if len(points_px) < config.minimum_points:
         return None

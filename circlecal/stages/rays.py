@@ -108,6 +108,7 @@ def cast_rays(
         rays=rays,
         rejected=len(rejected) + second.rejected,
         rejected_px=edges.points_px[rejected],
+        rough=center_fit,
     )
 
 
