@@ -32,15 +32,12 @@ class RidgePoints:
     ----------
     points, normals : (N, 2) float64
         Sub-pixel position and unit normal (sign arbitrary).
-    strength : (N,) float64
-        Second derivative across the ridge at its level, weighted by the level.
     chain : (N,) int64
         Number of points in the connected chain that the point belongs to.
     """
 
     points: Array
     normals: Array
-    strength: Array
     chain: NDArray[np.int64]
 
     def __len__(self) -> int:
@@ -212,5 +209,5 @@ def _without_short_chains(rows: Picture, shape: tuple[int, ...], config: RidgeCo
     label = labels.ravel()[cells]
     chain = np.bincount(label, minlength=1)[label]
     keep = np.flatnonzero(chain >= max(4.0, config.chain_px1280 * shape[1] / 1280.0))
-    kept = rows[:, keep].astype(np.float64)
-    return RidgePoints(kept[:2].T.copy(), kept[2:4].T.copy(), kept[4], chain[keep].astype(np.int64))
+    kept = rows[:4].take(keep, axis=1).astype(np.float64)
+    return RidgePoints(kept[:2].T.copy(), kept[2:].T.copy(), chain[keep].astype(np.int64))

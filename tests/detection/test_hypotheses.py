@@ -70,7 +70,7 @@ def cluttered() -> tuple[Ellipse, RidgePoints]:
     turn = random.uniform(0, np.pi, 1600)
     points = np.concatenate([ellipse.points(angle), random.uniform((0, 0), (960, 540), (1600, 2))])
     normals = np.concatenate([ellipse.normals(angle), np.stack([np.cos(turn), np.sin(turn)], axis=-1)])
-    return ellipse, RidgePoints(points, normals, np.ones(2400), np.full(2400, 40))
+    return ellipse, RidgePoints(points, normals, np.full(2400, 40))
 
 
 def test_the_ellipse_is_among_the_hypotheses() -> None:

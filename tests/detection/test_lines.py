@@ -16,7 +16,7 @@ def ridge_points(*curves: np.ndarray) -> RidgePoints:
     turn = random.uniform(0, np.pi, 300)
     all_points = np.concatenate([*points, stray])
     all_normals = np.concatenate([*normals, np.stack([np.cos(turn), np.sin(turn)], axis=-1)])
-    return RidgePoints(all_points, all_normals, np.ones(len(all_points)), np.full(len(all_points), 50))
+    return RidgePoints(all_points, all_normals, np.full(len(all_points), 50))
 
 
 def _normals(curve: np.ndarray, random: np.random.Generator) -> np.ndarray:

@@ -19,7 +19,7 @@ def drawn_part(first: float, last: float, turned: bool = False) -> RidgePoints:
     normals = TRUE.normals(angle)
     if turned:
         normals = np.stack([-normals[:, 1], normals[:, 0]], axis=-1)
-    return RidgePoints(TRUE.points(angle), normals, np.ones(1500), np.full(1500, 99))
+    return RidgePoints(TRUE.points(angle), normals, np.full(1500, 99))
 
 
 def test_support_is_the_drawn_share() -> None:
