@@ -90,8 +90,9 @@ class _Found:
 
 @dataclass(frozen=True, slots=True)
 class _Search:
-    """One pass over the picture: what it saw and what it found."""
+    """One pass over the picture: what it took for the field, what it saw and what it found."""
 
+    region: FieldRegion
     ridges: RidgePoints
     runs: list[StraightRun]
     segments: Array
@@ -166,13 +167,13 @@ def detect(
     watch.lap("scale")
     region = find_field_region(image_bgr, config.field_region)
     watch.lap("field")
-    search = _searched(full_grey, region, config, rng, watch, excluded)
+    search = _searched(image_bgr, full_grey, region, config, rng, watch, excluded)
     ridges, runs, segments, found = search.ridges, search.runs, search.segments, search.found
     kept = _straight_markings(image_bgr, segments, found.hypothesis)
     watch.lap("surfaces")
     halfway = None if found.halfway is None else LineSegment(*found.halfway.ends, support=found.halfway.support)
     detection = Detection(
-        region=region,
+        region=search.region,
         ridge_points=search.scaling.full(ridges.points),
         lines=tuple(LineSegment(segments[i, 0], segments[i, 1], runs[i].support) for i in kept),
         circle=found.hypothesis,
@@ -189,6 +190,7 @@ def detect(
 
 
 def _searched(
+    image_bgr: NDArray[np.uint8],
     full_grey: NDArray[np.uint8],
     region: FieldRegion,
     config: DetectorConfig,
@@ -202,15 +204,22 @@ def _searched(
     A circle without that line may be one of several on the same floor, a face-off circle say.
     """
     options = [config.model_copy(update={"marking": marking}) for marking in _BRIGHTNESSES[config.marking]]
-    passes = [(quick(option), 0.0) for option in options]
-    if config.thorough:
-        passes += [(thorough(option), _MARGIN) for option in options]
+    passes = [(quick(option), 0.0, region) for option in options]
     searches: list[_Search] = []
-    for option, margin in passes:
-        search = _search(full_grey, region, option, rng, watch, margin, excluded)
+    for option, margin, surface in passes:
+        search = _search(full_grey, surface, option, rng, watch, margin, excluded)
         if search.found.refusal == _NO_FIELD or search.found.settled:
             return search
         searches.append(search)
+        if config.thorough and len(searches) == len(options):
+            # the stands, or the track before the field, may fill more of the picture
+            other = find_field_region(image_bgr, config.field_region, region)
+            watch.lap("field")
+            enough = other.area_share >= config.field_region.area_share
+            passes += [(quick(option), 0.0, other) for option in options if enough]
+            passes += [
+                (thorough(option), _MARGIN, s) for s in (region, *((other,) if enough else ())) for option in options
+            ]
     return max(searches, key=_rank)
 
 
@@ -243,7 +252,7 @@ def _search(
         found = _Found(None, None, None, (), _NO_FIELD)
     else:
         found = _find_circle(full_grey, hull, ridges, runs, segments, scaling, config, rng, watch, excluded)
-    return _Search(ridges, runs, segments, found, scaling, sign)
+    return _Search(region, ridges, runs, segments, found, scaling, sign)
 
 
 def _rank(search: _Search) -> tuple[bool, bool, bool, float]:

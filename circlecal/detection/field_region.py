@@ -43,7 +43,9 @@ class FieldRegion:
         return np.asarray(ones, np.uint8).view(np.bool_)
 
 
-def find_field_region(picture: NDArray[np.uint8], config: FieldRegionConfig) -> FieldRegion:
+def find_field_region(
+    picture: NDArray[np.uint8], config: FieldRegionConfig, beside: FieldRegion | None = None
+) -> FieldRegion:
     """Find the playing surface by its dominant colour.
 
     Parameters
@@ -51,6 +53,8 @@ def find_field_region(picture: NDArray[np.uint8], config: FieldRegionConfig) -> 
     picture : (H, W, 3) uint8
         BGR picture of any size.
     config : FieldRegionConfig
+    beside : FieldRegion, optional
+        Of this picture, and not the field: the stands, or the track before it. Its pixels do not vote.
 
     Returns
     -------
@@ -64,7 +68,11 @@ def find_field_region(picture: NDArray[np.uint8], config: FieldRegionConfig) -> 
     fetched = cv2.resize(picture, (2 * size[0], 2 * size[1]), interpolation=cv2.INTER_NEAREST)
     small = cv2.resize(fetched, size, interpolation=cv2.INTER_AREA)
     lab = cv2.cvtColor(_brightened(np.asarray(small, np.uint8), config), cv2.COLOR_BGR2LAB)
-    surface = _field_coloured(np.asarray(lab, np.uint8), config)
+    voting = np.asarray(lab[:, :, 0] >= config.dark_level, np.bool_)
+    voting[: int(config.upper_share_skipped * size[1])] = False
+    if beside is not None:
+        voting &= beside.hull_at(*size) == 0
+    surface = _field_coloured(np.asarray(lab, np.uint8), voting, config)
     patches = _large_patches(surface, config.component_share)
     hull = _convex_hull(patches)
     share = cv2.boxFilter(surface, cv2.CV_32F, (_odd(size[0] / 14),) * 2)
@@ -84,12 +92,12 @@ def _odd(length: float) -> int:
     return 2 * (int(length) // 2) + 1
 
 
-def _field_coloured(lab: NDArray[np.uint8], config: FieldRegionConfig) -> NDArray[np.uint8]:
-    """Pixels whose a-b colour belongs to the histogram's main peak (bins of two levels): (h, w) uint8, 0 or 255."""
-    skipped = int(config.upper_share_skipped * lab.shape[0])
-    bright = lab[skipped:, :, 0] >= config.dark_level
+def _field_coloured(lab: NDArray[np.uint8], voting: NDArray[np.bool_], config: FieldRegionConfig) -> NDArray[np.uint8]:
+    """Pixels whose a-b colour belongs to the main peak of the histogram (bins of two levels) of the voting ones: (h, w)
+    uint8, 0 or 255.
+    """
     colour = (lab[:, :, 1] >> 1).astype(np.int32) * 128 + (lab[:, :, 2] >> 1)
-    histogram = np.bincount(colour[skipped:][bright], minlength=128 * 128).reshape(128, 128).astype(np.float32)
+    histogram = np.bincount(colour[voting], minlength=128 * 128).reshape(128, 128).astype(np.float32)
     histogram = np.asarray(cv2.GaussianBlur(histogram, (0, 0), config.histogram_sigma / 2), np.float32)
     peak_a, peak_b = (int(i) for i in np.unravel_index(int(histogram.argmax()), histogram.shape))
     if histogram[peak_a, peak_b] <= 0:

@@ -254,3 +254,15 @@ def test_every_option_has_a_description_and_rejects_nonsense() -> None:
     for wrong in ({"detection_width_px": 0}, {"unknown": 1}, {"ridges": {"threshold": float("nan")}}):
         with pytest.raises(ValidationError):
             DetectorConfig.model_validate(wrong)
+
+
+def test_a_field_that_fills_less_of_the_picture_than_the_stands() -> None:
+    scene = paint_scene(width=1280, height=400, focal_px=1600.0, noise=1.0)
+    stands = np.full((640, 1280, 3), (70, 70, 95), np.uint8)
+    stands += np.random.default_rng(1).integers(0, 12, stands.shape, np.uint8)
+    found = run(np.concatenate([stands, scene.image]))
+    assert found.circle is not None, found.refusal
+    middle = np.abs(sampson_distance(found.circle.conic, scene.circle_points() + np.array([0.0, 640.0]))).mean()
+    assert middle < 0.3
+    assert found.region.hull_at(1280, 1040)[700:].mean() > 200
+    assert found.region.hull_at(1280, 1040)[:600].mean() < 20

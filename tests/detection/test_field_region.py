@@ -34,3 +34,14 @@ def test_players_do_not_make_holes() -> None:
 
 def test_no_colour_no_field() -> None:
     assert find_field_region(np.zeros((90, 160, 3), np.uint8), FieldRegionConfig()).area_share == 0.0
+
+
+def test_what_fills_more_of_the_picture_may_not_be_the_field() -> None:
+    image = framed((60, 130, 70))
+    image[220:] = (90, 90, 95)
+    config = FieldRegionConfig()
+    track = find_field_region(image, config)
+    assert track.hull_at(640, 360)[260:].all()
+    field = find_field_region(image, config, track).hull_at(640, 360) > 0
+    assert field[135:200].mean() > 0.95
+    assert field[240:].mean() < 0.05
