@@ -25,7 +25,7 @@ _STEP_PX = 0.5
 _MARGIN = 0.12  # half chords searched beyond the allowed range, to know the usual scatter
 _CONTRAST = (0.08, 2.5)  # of the disc, relative to the halfway line: both are the same paint
 _FAINTEST = 0.02  # of the line's contrast: scatter is never less
-_HIDDEN = 0.4  # of the line's contrast: where the line is darker than usual by this much, something hides it
+_HIDDEN = 0.5  # of the line's contrast: where the line is darker than usual by this much, something hides it
 _FADED = 0.5  # of its own brightness: what is left of a disc just beyond its edge
 _AROUND_PX = 2.5  # how far around the disc the line and the surface must be bare
 _ASIDE_RADII = 2.0  # beside the disc, out to so many of its half axes, the surface is bare; players may stand beyond
@@ -97,7 +97,7 @@ def find_centre_mark(
     SeenMark or None
         None where no such disc is seen.
     """
-    seen = _rectified(picture, line, line_points_px, conic, diameter_radii / 2, offset)
+    seen = _rectified(picture, line, line_points_px, conic, diameter_radii / 2, blur_px, offset)
     if seen is None:
         return None
     paint = 0.5 * width_radii / (diameter_radii / 2) * seen.half_px[1]
@@ -121,9 +121,11 @@ def find_centre_mark(
     brightest = max(left[peak], right[peak])
     if snr < minimum_snr or response[peak] < _CONTRAST[0] * line_contrast or brightest > _CONTRAST[1] * line_contrast:
         return None
-    if not _bare(seen, peak, blur_px, inner, line_contrast):
+    sides = _bare_sides(seen, peak, blur_px, inner, line_contrast)
+    if not any(sides):
         return None
-    place = _peak_position(seen.position, left + right, peak)
+    shown = sum(response for response, bare in zip((left, right), sides, strict=True) if bare)
+    place = _peak_position(seen.position, np.asarray(shown), peak)
     sigma = float(np.hypot(_SIGMA_FLOOR_PX, (seen.half_px[0] + blur_px) / snr))
     point = np.array([np.interp(place, seen.position, seen.base[:, axis]) for axis in range(2)])
     return SeenMark(point, sigma, snr)
@@ -135,6 +137,7 @@ def _rectified(
     line_points_px: Array,
     conic: Array,
     radius_radii: float,
+    blur_px: float,
     offset: tuple[float, float],
 ) -> _Rectified | None:
     line = normalise_line(line)
@@ -163,11 +166,15 @@ def _rectified(
     reach = max(3.0 * half[1], half[1] + 8.0)
     across = np.arange(-reach, reach + _STEP_PX / 2, _STEP_PX)
     values = np.asarray(sample_profiles(picture, base, direction, across), np.float64)
-    whole = np.isfinite(values).all(axis=1)
+    # further out the picture may end
+    needed = np.abs(across) <= half[1] + 1.5 * blur_px + 2.0 + _AROUND_PX
+    whole = np.isfinite(values[:, needed]).all(axis=1)
     if np.count_nonzero(whole) < 24:
         return None
     values = values[whole]
-    usual = np.median(values, axis=0)
+    known = np.isfinite(values).any(axis=0)
+    values, across = values[:, known], across[known]
+    usual = np.nanmedian(values, axis=0)
     return _Rectified(values - usual, usual, position[whole], across, base[whole], length, half)
 
 
@@ -207,7 +214,7 @@ def _response(seen: _Rectified, blur_px: float, inner_px: float, side: float) ->
     beyond = (distance > a + 1.5 * blur_px + 1.0) & (distance <= 3.0 * a + 8.0)
     if not used.any() or not beyond.any():
         return None
-    values = seen.values[:, used] - seen.values[:, beyond].mean(axis=1, keepdims=True)
+    values = seen.values[:, used] - np.nanmean(seen.values[:, beyond], axis=1, keepdims=True)
     half = int(np.ceil((2.0 * b + 2.0 * blur_px + 2.0) / _STEP_PX))
     t = np.arange(-half, half + 1)[:, None] * _STEP_PX
     disc = _blurred_disc(t, distance[used][None], b, a, blur_px)
@@ -218,8 +225,13 @@ def _response(seen: _Rectified, blur_px: float, inner_px: float, side: float) ->
     return np.asarray(np.einsum("tck,kc->t", windows, kernel, optimize=True), np.float64)
 
 
-def _bare(seen: _Rectified, peak: int, blur_px: float, inner_px: float, line_contrast: float) -> bool:
-    """Whether the disc ends where it should, with the line and the bare surface around it: no player stands there."""
+def _bare_sides(
+    seen: _Rectified, peak: int, blur_px: float, inner_px: float, line_contrast: float
+) -> tuple[bool, bool]:
+    """On which sides of the line the disc ends where it should, with the line and the bare surface around it.
+
+    A player may stand beside the disc, or cover its one half, if the other half is beyond doubt.
+    """
     b, a = seen.half_px
     values = seen.values
     distance, rise = np.abs(seen.across), seen.position - seen.position[peak]
@@ -227,10 +239,11 @@ def _bare(seen: _Rectified, peak: int, blur_px: float, inner_px: float, line_con
     on = np.abs(rise) <= max(b, _STEP_PX)
     beyond = [(side * rise > edge) & (side * rise <= edge + _AROUND_PX) for side in (-1.0, 1.0)]
     if not all(rows.any() for rows in beyond):
-        return False
+        return False, False
     paint = distance <= 1.0
     if min(float(values[rows][:, paint].mean()) for rows in (on, *beyond)) < -_HIDDEN * line_contrast:
-        return False
+        return False, False
+    halves, bare = [], []
     for side in (-1.0, 1.0):
         beside = side * seen.across
         rim = a + 1.5 * blur_px + 1.0
@@ -239,11 +252,13 @@ def _bare(seen: _Rectified, peak: int, blur_px: float, inner_px: float, line_con
         seen_here = float(values[on][:, disc].mean())
         around = [float(values[rows][:, disc].mean()) for rows in beyond]
         # brightness that goes on is a player; shade beside the disc dims it too, and may be as deep as it is bright
-        if max(around) > _FADED * seen_here or min(around) < -seen_here:
-            return False
-        if abs(float(np.median(values[on][:, aside]))) > _FADED * line_contrast:
-            return False
-    return True
+        halves.append(max(around) <= _FADED * seen_here and min(around) >= -seen_here)
+        bare.append(bool(abs(float(np.nanmedian(values[on][:, aside]))) <= _FADED * line_contrast))
+    if not any(half and clear for half, clear in zip(halves, bare, strict=True)):
+        return False, False
+    if not all(half or not clear for half, clear in zip(halves, bare, strict=True)):
+        return False, False
+    return halves[0], halves[1]
 
 
 def _blurred_disc(t: Rows, s: Rows, b: float, a: float, blur_px: float) -> Array:
