@@ -208,7 +208,8 @@ class LineCue:
     """A straight marking: normalised line (3,), its points (N, 2) with sigmas (N,), the measured segment, rms and the
     share of it that is seen.
 
-    ``name`` is the template's, or None while it is not known; ``ends`` are where its paint is seen to end.
+    ``name`` is the template's, or None while it is not known; ``ends`` are where its paint is seen to end; ``width_px``
+    is the median width at half height, 0 where it was not measured.
     """
 
     name: str | None
@@ -218,6 +219,7 @@ class LineCue:
     segment: Segment
     rms_px: float
     ends: tuple[LineEnd, ...] = ()
+    width_px: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -43,6 +43,8 @@ END_CLEARANCE_PX = 2.0
 """Points so far behind the marking at which the halfway line ends are something else, pixels at 1920 px width."""
 LARGEST_GAP = 0.2
 """Pieces of a straight marking lie no further apart than this share of the half chord; it ends at the touchline."""
+WIDEST = 1.6
+"""What is so many times as wide as the marking inside the circle lets one expect is another thing."""
 CHORD_AT = 0.6
 """Half chords from the middle at which the halfway line's width is predicted."""
 LARGEST_BEND = 0.03
@@ -202,16 +204,15 @@ def measure_lines(
     wide = []
     for line, index, label in zip(lines, which, np.flatnonzero(enough), strict=True):
         mine = np.flatnonzero(kept & (samples.piece == label))
-        found[index] = _measured_line(line, ends[index], samples, mine, int(samples.drawn[label]))
-        width = float(np.median(np.linalg.norm(samples.edges[1, mine] - samples.edges[0, mine], axis=-1)))
-        if width > 1.5 * max(PLAIN_WIDTH_PX * unit, expected[index].max()):
-            wide.append((index, width))
+        cue = found[index] = _measured_line(line, ends[index], samples, mine, int(samples.drawn[label]))
+        if cue.width_px > 1.5 * max(PLAIN_WIDTH_PX * unit, expected[index].max()):
+            wide.append((index, cue.width_px))
     if wide:
         again = [Segment(*ends[index]) for index, _ in wide]
         widths = np.array([(width, width) for _, width in wide])
         wider = measure_lines(picture, again, noise, config, rounds[-1:], widths)
-        for (index, _), cue in zip(wide, wider, strict=True):
-            found[index] = cue or found[index]
+        for (index, _), again_seen in zip(wide, wider, strict=True):
+            found[index] = again_seen or found[index]
     return found
 
 
@@ -278,7 +279,9 @@ def _measured_line(line: Array, ends: Array, samples: _BandSamples, mine: NDArra
     position = points @ (ends[1] - ends[0])
     first, last = points[np.argmin(position)], points[np.argmax(position)]
     rms = float(np.sqrt(np.mean(line_distance(line, points) ** 2)))
-    return LineCue(None, line, points, samples.sigma[mine], Segment(first, last, len(points) / drawn), rms)
+    width = float(np.median(np.linalg.norm(samples.edges[1, mine] - samples.edges[0, mine], axis=-1)))
+    segment = Segment(first, last, len(points) / drawn)
+    return LineCue(None, line, points, samples.sigma[mine], segment, rms, width_px=width)
 
 
 def _robust_lines(samples: _BandSamples, count: int, scale_px: float) -> tuple[Array, NDArray[np.bool_]]:
@@ -343,16 +346,17 @@ def _halfway_line(
     unit = max(picture.shape[1] / 1920.0, 0.5)
     clear = RIM_CLEARANCE_PX * unit if visible is not None else -RIM_CLEARANCE_PX * unit
     ends = paint_ends(picture, points, middle, reach + clear)
-    kept = _before_ends(points, middle, ends, END_CLEARANCE_PX * unit)
-    return LineCue(name, cue.line, points[kept], sigma[kept], segment, cue.rms_px, ends)
+    kept = _before_crossed(points, middle, ends, END_CLEARANCE_PX * unit)
+    return LineCue(name, cue.line, points[kept], sigma[kept], segment, cue.rms_px, ends, cue.width_px)
 
 
-def _before_ends(points: Array, middle: Array, ends: Sequence[LineEnd], clear_px: float) -> NDArray[np.bool_]:
-    """Which points (N, 2) do not lie behind an end of the line: there is none of its paint there."""
+def _before_crossed(points: Array, middle: Array, ends: Sequence[LineEnd], clear_px: float) -> NDArray[np.bool_]:
+    """Which points (N, 2) do not lie behind a marking that the line runs into: there is none of its paint there."""
     kept = np.ones(len(points), np.bool_)
     for end in ends:
         along = end.point_px - middle
-        kept &= (points - middle) @ along < along @ along + clear_px * np.linalg.norm(along)
+        if end.crossed:
+            kept &= (points - middle) @ along < along @ along + clear_px * np.linalg.norm(along)
     return kept
 
 
@@ -365,6 +369,9 @@ def _followed(
     side.
     """
     height, width = picture.shape
+    # paint may be wider than the template says, and blur adds to it
+    usual = float(_widths_at(growth, near.segment).mean())
+    growth = growth * max(1.0, near.width_px / max(usual, 1e-9))
     found = []
     sides = [(near.segment.start, near.segment.end), (near.segment.end, near.segment.start)]
     for _ in range(MOST_PIECES):
@@ -384,6 +391,8 @@ def _followed(
                 continue
             ahead_px = (piece.points_px - end) @ direction
             if abs(float(piece.line[:2] @ direction)) > LARGEST_BEND or ahead_px.min() > LARGEST_GAP * step_px:
+                continue
+            if piece.width_px > WIDEST * max(_widths_at(growth, piece.segment).max(), near.width_px / WIDEST):
                 continue
             found.append(piece)
             sides.append((end, piece.points_px[np.argmax(ahead_px)]))

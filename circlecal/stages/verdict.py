@@ -19,8 +19,12 @@ BLOOM_PX = 3.0
 """By how much blur can drive both edges apart, pixels at 1920 px width."""
 LIKELY_RESIDUAL_PX = 1.4
 """Largest rms distance from the projected circle of one that needs a confirmation, pixels at 1920 px width."""
+EXACT_RESIDUAL_PX, EXACT_ARC_DEG = 0.1, 130.0
+"""Such an rms distance, over so much of the circle, confirms it."""
 REACH_SHARE = 0.95
 """Share of the halfway line's points that lie within its reach; a few may lie on something behind its end."""
+SURE_LINES = 4
+"""So many further lines at their places leave no doubt about the size of the field."""
 MINIMUM_WIDTH_M = 1e-3
 """Narrower markings are the zero-width lines of an annotation's model."""
 LEAST_FOUND = 0.15
@@ -102,7 +106,8 @@ def judge(
     """Check the calibration of a frame.
 
     Every check is recorded with its value and its limit; the first that fails is the reason of the refusal. A circle
-    that is not ``certain`` by itself needs the centre mark or a further marking at the place that the camera gives it.
+    that is not ``certain`` by itself needs the centre mark or a further marking at the place that the camera gives it,
+    or much of it must lie exactly where the camera puts it.
     """
     unit = width / 1920.0
     H = camera.H_image_field if camera is not None else homography.H_image_field if homography is not None else None
@@ -131,7 +136,8 @@ def judge(
     if not certain and ellipses.all():
         if camera is not None:
             checks.append(_check("likely_residual_px", _worst_of(camera, circle), LIKELY_RESIDUAL_PX * unit))
-        checks.append(_check("confirmations", float(_confirmations(cues, camera)), 1.0, at_least=True))
+        exact = camera is not None and _exact(ellipses, camera, circle, unit)
+        checks.append(_check("confirmations", float(_confirmations(cues, camera) + exact), 1.0, at_least=True))
     failed = next((c for c in checks if not c.passed), None)
     if failed is None:
         return Verdict("calibrated", None, None, None, tuple(checks))
@@ -258,6 +264,13 @@ def _confirmations(cues: Cues, camera: CameraFit | None) -> int:
     return int(mark) + sum(name != halfway for name in camera.named_lines)
 
 
+def _exact(ellipses: EllipseFits, camera: CameraFit, circle: Circle, unit: float) -> bool:
+    """Whether more of the circle than a penalty arc has lies where the camera puts it so exactly that nothing that was
+    pieced together does.
+    """
+    return ellipses.primary.arc_deg >= EXACT_ARC_DEG and 0.0 < _worst_of(camera, circle) <= EXACT_RESIDUAL_PX * unit
+
+
 def _reason(check: Check, marking: str) -> str:
     return _WORDS[check.name].format(value=check.value, limit=check.limit, marking=marking)
 
@@ -318,9 +331,11 @@ def _residual_checks(camera: CameraFit, cues: Cues, circle: Circle, unit: float,
 
 
 def _reach_checks(camera: CameraFit, cues: Cues, template: FieldTemplate, config: VerdictConfig) -> list[Check]:
-    """The halfway line ends with the field: of a smaller circle on the same floor the field would be too small."""
+    """The halfway line ends with the field: of a smaller circle on the same floor the field would be too small, and few
+    of its lines would be there.
+    """
     line = None if cues.halfway is None else template.line_by_name.get(cues.halfway.name or "")
-    if cues.halfway is None or line is None:
+    if cues.halfway is None or line is None or len(camera.named_lines) >= SURE_LINES:
         return []
     middle = 0.5 * (np.asarray(line.start) + np.asarray(line.end))
     half = np.asarray(line.end) - middle

@@ -89,6 +89,28 @@ def test_a_player_beside_the_mark_does_not_hide_it(painted, side):
     assert np.linalg.norm(mark.point_px - CAMERA.project(np.zeros(2))) < 1.0
 
 
+@pytest.mark.parametrize("level", [0, 215])
+@pytest.mark.parametrize("near_px", [8, 9])
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_player_may_touch_the_mark(painted, side, near_px, level):
+    image = painted.image.copy()
+    x, y = np.round(CAMERA.project(np.zeros(2))).astype(int)
+    left, right = sorted((x + side * near_px, x + side * 30))
+    image[y - 40 : y + 20, left:right] = level
+    mark = cues_in(painted, image=image).mark
+    assert mark is not None
+    assert np.linalg.norm(mark.point_px - CAMERA.project(np.zeros(2))) < 1.0
+
+
+def test_the_mark_may_lie_near_the_border_of_the_picture():
+    camera = view(position=(5.0, 48.0, -18.0), target=(-7.1, 0.0, 0.0), focal=4500.0, size=(1280, 720))
+    place = camera.project(np.zeros(2))
+    assert 14 < 1279 - place[0] < 40
+    mark = cues_in(paint(camera, noise=1.5)).mark
+    assert mark is not None
+    assert np.linalg.norm(mark.point_px - place) < 1.0
+
+
 @pytest.mark.parametrize("side", [-1, 1])
 def test_a_spot_on_one_side_of_the_line_is_no_mark(side):
     """A boot or a ball beside the line: a mark lies on both sides of it."""

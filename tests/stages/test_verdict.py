@@ -65,6 +65,14 @@ def test_a_likely_circle_needs_the_mark_or_another_marking():
         assert verdict(camera, cues=cues, certain=False).code == "circle_unconfirmed"
 
 
+def test_a_likely_circle_may_confirm_itself():
+    bare = Cues(LINE, None)
+    exact = camera_fit(residuals_px={"centre_circle outer": 0.05})
+    assert verdict(exact, cues=bare, certain=False).status == "calibrated"
+    arc = replace(fit_of(true_conic(CAMERA), "outer"), arc_deg=100.0)
+    assert verdict(exact, fits=EllipseFits(arc, None, None), cues=bare, certain=False).code == "circle_unconfirmed"
+
+
 def test_a_good_camera_is_accepted_with_every_check():
     found = verdict(camera_fit())
     assert (found.status, found.code, found.reason, found.stage) == ("calibrated", None, None, None)
@@ -158,6 +166,8 @@ def test_a_halfway_line_beyond_the_field_belongs_to_another_circle():
     found = verdict(camera_fit(), cues=Cues(long, MARK))
     assert (found.status, found.code) == ("refused", "line_beyond_field")
     assert "runs 1.48 half widths" in found.reason
+    lines = tuple(f"line {k}" for k in range(4))
+    assert verdict(camera_fit(named_lines=lines), cues=Cues(long, MARK)).status == "calibrated"
     strays = np.r_[LINE.points_px, beyond[:4]]
     assert verdict(camera_fit(), cues=Cues(replace(LINE, points_px=strays), MARK)).status == "calibrated"
 
