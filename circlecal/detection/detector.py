@@ -19,7 +19,7 @@ from circlecal.detection.circle import (
 )
 from circlecal.detection.config import DetectorConfig
 from circlecal.detection.field_region import FieldRegion, find_field_region
-from circlecal.detection.halfway import MeasuredLine, find_halfway
+from circlecal.detection.halfway import MeasuredLine, find_halfway, segments_through_middle
 from circlecal.detection.hypotheses import EllipseBatch, draw_ellipses
 from circlecal.detection.lines import StraightRun, find_straight_runs
 from circlecal.detection.marking_mask import MarkingSketch
@@ -357,6 +357,10 @@ def _first_accepted(
                     runs = find_straight_runs(raster.ridges, (raster.width, raster.height), least, config.lines)
                     shorter = _segments(runs, scaling)
                 halfway = find_halfway(full_grey, circle, segments_left(shorter, alike, width), config)
+            if halfway is None:
+                ridges = raster.ridges
+                pieces = segments_through_middle(scaling.full(ridges.points), ridges.normals, circle, config.halfway)
+                halfway = find_halfway(full_grey, circle, segments_left(pieces, alike, width), config)
             through = halfway is not None and not halfway.outside
             refusal = refusal_of(hypothesis, through, width, config.acceptance)
             watch.lap("halfway")

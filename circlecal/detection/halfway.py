@@ -12,12 +12,16 @@ from circlecal.detection.config import DetectorConfig, HalfwayConfig
 from circlecal.detection.refine import BandProfile, local_width, measure_band
 from circlecal.geometry.homogeneous import Array, fit_line, join, lift, line_distance, normalise_line, transform_lines
 
-__all__ = ["MeasuredLine", "MeasuredSegments", "find_halfway", "measure_segments"]
+__all__ = ["MeasuredLine", "MeasuredSegments", "find_halfway", "measure_segments", "segments_through_middle"]
 
 _TRIED = 4  # lines nearest to the circle's centre
 _INSIDE = 0.97  # half chords: the crossing with the circle itself is left out of the support
 _NEARLY_CENTRAL = 0.12  # a supported line this near to the centre needs no comparison with others
 _FURTHEST = 6.0  # half chords: where the picture shows a line outside the circle only, it shows it this near
+_SAME_PAINT = (
+    0.4  # least contrast of the line over that of the circle: streaks of the floor have less, one paint 0.6-2.7
+)
+_DIRECTIONS, _FEWEST_VOTES = 60, 8  # over half a turn; ridge points in three neighbouring ones
 _OUTSIDE_SUPPORT = 0.7  # of a line that is seen outside the circle only
 
 
@@ -105,6 +109,8 @@ def find_halfway(
         refined = abs(float(normalise_line(transform_lines(to_unit, measured.line))[2]))
         if not _drawn(measured, config.halfway) or refined > config.halfway.distance:
             continue
+        if _contrast(measured.band) < _SAME_PAINT * _contrast(circle.band):
+            continue
         if measured.outside and refined > _NEARLY_CENTRAL:
             continue
         value = measured.support - refined
@@ -113,6 +119,40 @@ def find_halfway(
         if refined <= _NEARLY_CENTRAL:
             break
     return None if best is None else best[1]
+
+
+def segments_through_middle(points: Array, normals: Array, circle: MeasuredCircle, config: HalfwayConfig) -> Array:
+    """Straight pieces (K, 2, 2) through the middle of a circle, from the directions in which ridge points (N, 2) inside
+    it run: shorter and fainter ones than a search over the whole picture finds.
+    """
+    to_unit = np.linalg.inv(unit_frame(circle.ellipse))
+    local = lift(points) @ to_unit[:2].T
+    inside = (local * local).sum(axis=-1) < _INSIDE**2
+    points, normals = points[inside], normals[inside]
+    lines = np.concatenate([normals, -(normals * points).sum(axis=-1, keepdims=True)], axis=1)
+    through = normalise_line(transform_lines(to_unit, lines))
+    near = np.abs(through[:, 2]) <= 0.5 * config.distance
+    points, direction = points[near], np.arctan2(through[near, 1], through[near, 0]) % np.pi
+    bins = (direction * (_DIRECTIONS / np.pi)).astype(np.int64) % _DIRECTIONS
+    votes = np.bincount(bins, minlength=_DIRECTIONS)
+    votes = votes + np.roll(votes, 1) + np.roll(votes, -1)
+    peaks = np.flatnonzero((votes >= np.roll(votes, 1)) & (votes > np.roll(votes, -1)) & (votes >= _FEWEST_VOTES))
+    found = []
+    for peak in peaks[np.argsort(-votes[peaks])][:_TRIED]:
+        members = points[np.abs((bins - peak + _DIRECTIONS // 2) % _DIRECTIONS - _DIRECTIONS // 2) <= 1]
+        line = fit_line(members)
+        for tolerance in (8.0, 4.0):
+            off = np.abs(line_distance(line, members))
+            line = fit_line(members, (off <= max(float(np.median(off)), tolerance)).astype(np.float64))
+        along = members @ np.array([line[1], -line[0]])
+        ends = members[[int(np.argmin(along)), int(np.argmax(along))]]
+        found.append(ends - line_distance(line, ends)[:, None] * line[:2])
+    return np.array(found).reshape(-1, 2, 2)
+
+
+def _contrast(band: BandProfile) -> float:
+    """Usual contrast of what is drawn, grey levels."""
+    return float(np.median(np.abs(band.contrast[band.supported]))) if band.supported.any() else 0.0
 
 
 def _drawn(line: MeasuredLine, config: HalfwayConfig) -> bool:
