@@ -39,7 +39,7 @@ from circlecal.stages.ellipse import fit_ellipses, fit_observed
 from circlecal.stages.homography import estimate_homography
 from circlecal.stages.mask import find_marking
 from circlecal.stages.rays import cast_rays, measure_along_model
-from circlecal.stages.verdict import confirmed, judge, kinds_of_confirmation, surely_assigned
+from circlecal.stages.verdict import confirmed, doubtful, judge, kinds_of_confirmation, surely_assigned
 
 Convention = Literal["official", "paint"]
 T = TypeVar("T")
@@ -223,7 +223,7 @@ class _Job:
         first = verdict = self._from_circle(image, given, brightness, extra)
         reached = self.reached
         excluded: tuple[Assignment, ...] = ()
-        while verdict.code in TAKEN_WRONGLY and len(excluded) < MOST_ASSIGNMENTS:
+        while (verdict.code in TAKEN_WRONGLY or doubtful(verdict)) and len(excluded) < MOST_ASSIGNMENTS:
             mask: MarkingMask = self.reached["mask"]
             if mask.source != "detector" or mask.conic is None:
                 break

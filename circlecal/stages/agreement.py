@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,16 +19,24 @@ __all__ = ["expected_markings"]
 
 SPACING_PX = 4.0
 """Distance of the profiles along a marking, pixels at 1920 px width."""
-LARGEST_SIGMA_PX = 4.0
-"""Where a marking's place is less certain than this, pixels at 1920 px width, it is not looked for."""
+WELL_KNOWN_PX, LARGEST_SIGMA_PX = 4.0, 10.0
+"""Standard deviations, pixels at 1920 px width: where a marking's place is less certain, it is looked for only where
+little else is to be expected, or not at all.
+"""
+ENOUGH_WIDTHS = 0.12
+"""So much of well known markings, picture widths, is enough to judge by."""
+UNCERTAIN_SHIFTS = (-2.0, -1.0, 0.0, 1.0, 2.0)
+"""Standard deviations by which a piece of a marking may be shifted where its place is not well known."""
 SHORTEST_WIDTHS = 0.03
 """Shorter parts of a marking, picture widths, are not judged."""
-PIECES = 4
-"""Of a marking, between which its contrast may differ."""
+PIECE = 25
+"""Places in a row between which contrast and shift of a marking may differ."""
 NEAREST_M = 0.5
 """Depth before the camera from which on the field counts as seen."""
-ACROSS_PX, SIGMAS = 4.0, 2.0
-"""Reach of a profile to both sides: pixels at 1920 px width, and standard deviations of the marking's place."""
+ACROSS_PX, SIGMAS, SIGMAS_BETWEEN = 4.0, 2.0, 0.6
+"""Reach of a profile to both sides: pixels at 1920 px width, and standard deviations of the marking's place, fewer
+where it is shifted.
+"""
 THINNEST = 0.2, 0.6
 """Paint must be as wide in the picture as this share of the quantile of the circle's own, which was seen."""
 _SIZES = ("width", "length", "breadth")
@@ -74,7 +85,6 @@ def expected_markings(
     pixels, normals, sigma, scale, seen = _predicted(fit, frame, points, shifts, nodes.shape[1])
     element, base, normal, spread, across = _samples(pixels, normals, sigma, scale, seen, SPACING_PX * unit)
     visible = np.asarray(((base > 0) & (base < (frame.width - 1, frame.height - 1))).all(axis=1), np.bool_)
-    visible &= spread < LARGEST_SIGMA_PX * unit
     mine = element == 0
     if not (visible & mine).any():
         return Agreement((), np.zeros(0), np.zeros(0))
@@ -83,19 +93,50 @@ def expected_markings(
         rows, columns = region.shape
         at = np.clip((base * (columns / frame.width, rows / frame.height)).astype(int), 0, (columns - 1, rows - 1))
         visible &= np.asarray(region[at[:, 1], at[:, 0]])
+    near = visible & (spread < WELL_KNOWN_PX * unit)
+    certain = bool(np.count_nonzero(near) * SPACING_PX >= ENOUGH_WIDTHS * 1920.0)
+    visible = near if certain else visible & (spread < LARGEST_SIGMA_PX * unit)
+    shifts_sd = (0.0,) if certain else UNCERTAIN_SHIFTS
     count = np.bincount(element[visible], minlength=len(names))
     visible &= count[element] * SPACING_PX >= SHORTEST_WIDTHS * 1920.0
-    element, base, normal = element[visible], base[visible], normal[visible]
-    kept, element = np.unique(element, return_inverse=True)
+    kept, element = np.unique(element[visible], return_inverse=True)
     if len(kept) == 0:
         return Agreement((), np.zeros(0), np.zeros(0))
+    places = _Places(base[visible], normal[visible], spread[visible], template.marking_width_m * across[visible])
     count = np.bincount(element)
-    reach = max(ACROSS_PX * unit, 3.0) + SIGMAS * spread[visible] + template.marking_width_m * across[visible]
+    share = _drawn(picture, places, element, shifts_sd, unit) / count
+    length = count.astype(np.float64) * (SPACING_PX * unit)
+    return Agreement(tuple(names[k] for k in kept), length, share, certain)
+
+
+@dataclass(frozen=True, slots=True)
+class _Places:
+    """Where markings are expected: pixels, normals (M, 2), standard deviation there and width of the paint (M,)."""
+
+    base: Array
+    normal: Array
+    spread: Array
+    width: Array
+
+
+def _drawn(
+    picture: NDArray[np.uint8], places: _Places, element: NDArray[np.intp], shifts_sd: Sequence[float], unit: float
+) -> Array:
+    """At how many places of each marking there is paint: piece by piece at the best of the shifts, which are given in
+    standard deviations.
+    """
+    count = np.bincount(element)
     position = np.arange(len(element)) - np.repeat(np.cumsum(count) - count, count)
-    pieces = element * PIECES + position * PIECES // count[element]
-    band = measure_band(picture, base, normal, reach, pieces, 1.0, RefinementConfig())
-    share = np.asarray(np.bincount(element, band.supported.astype(np.float64)) / count, np.float64)
-    return Agreement(tuple(names[k] for k in kept), count.astype(np.float64) * (SPACING_PX * unit), share)
+    pieces = position // PIECE + np.concatenate([[0], np.cumsum((count[:-1] - 1) // PIECE + 1)])[element]
+    owner = element[np.searchsorted(pieces, np.arange(pieces[-1] + 1))]
+    sigmas = SIGMAS if len(shifts_sd) == 1 else SIGMAS_BETWEEN
+    reach = max(ACROSS_PX * unit, 3.0) + sigmas * places.spread + places.width
+    best = np.zeros(len(owner))
+    for shift in shifts_sd:
+        moved = places.base + shift * places.spread[:, None] * places.normal
+        band = measure_band(picture, moved, places.normal, reach, pieces, 1.0, RefinementConfig())
+        best = np.maximum(best, np.bincount(pieces, band.supported.astype(np.float64)))
+    return np.asarray(np.bincount(owner, best), np.float64)
 
 
 def _predicted(

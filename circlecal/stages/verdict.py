@@ -157,19 +157,29 @@ def confirmed(verdict: Verdict, camera: CameraFit, cues: Cues, agreement: Agreem
     least = (EXPECTED_WIDTHS + kinds * EXPECTED_WIDTHS_EACH) * camera.camera.width
     if agreement.expected_px < least:
         return verdict
-    check = _check("found_share", agreement.found_share, LEAST_FOUND, at_least=True)
+    limit = LEAST_FOUND if agreement.certain else 0.0
+    check = _check("found_share", agreement.found_share, limit, at_least=True)
     checks = (*verdict.checks, check)
     if check.passed:
         return replace(verdict, checks=checks)
     return Verdict("refused", CODES[check.name], _reason(check, ""), "verdict", checks)
 
 
+def doubtful(verdict: Verdict) -> bool:
+    """Whether an accepted circle may be another one: hardly any other marking is where it would have to be."""
+    return verdict.status == "calibrated" and _found_share(verdict, 1.0) < 2 * LEAST_FOUND
+
+
 def surely_assigned(verdict: Verdict, camera: CameraFit | None, cues: Cues | None) -> bool:
     """Whether a circle that was not the first choice is beyond doubt: by other markings, or by the centre mark."""
     if camera is None or cues is None:
         return False
-    found = next((check.value for check in verdict.checks if check.name == "found_share"), 0.0)
-    return kinds_of_confirmation(camera, cues) > 0 or found >= 2 * LEAST_FOUND
+    found = _found_share(verdict, 0.0)
+    return found >= 2 * LEAST_FOUND or (kinds_of_confirmation(camera, cues) > 0 and not doubtful(verdict))
+
+
+def _found_share(verdict: Verdict, default: float) -> float:
+    return next((check.value for check in verdict.checks if check.name == "found_share"), default)
 
 
 CODES = {
