@@ -174,8 +174,7 @@ def surely_assigned(verdict: Verdict, camera: CameraFit | None, cues: Cues | Non
     """Whether a circle that was not the first choice is beyond doubt: by other markings, or by the centre mark."""
     if camera is None or cues is None:
         return False
-    found = _found_share(verdict, 0.0)
-    return found >= 2 * LEAST_FOUND or (kinds_of_confirmation(camera, cues) > 0 and not doubtful(verdict))
+    return _found_share(verdict, 0.0) >= 2 * LEAST_FOUND or kinds_of_confirmation(camera, cues) > 0
 
 
 def _found_share(verdict: Verdict, default: float) -> float:

@@ -3,8 +3,9 @@ import pytest
 
 from circlecal.detection.circle import MeasuredCircle, measure_circle
 from circlecal.detection.config import DetectorConfig
-from circlecal.detection.halfway import find_halfway, measure_segments
+from circlecal.detection.halfway import find_halfway, measure_segments, segments_through_middle
 from circlecal.detection.hypotheses import EllipseBatch
+from circlecal.detection.ridges import find_ridges
 from circlecal.geometry.conics import ellipse_from_conic
 
 from .conftest import HALFWAY_AND_CIRCLE, Scene, level, paint_scene, upright
@@ -86,3 +87,28 @@ def test_a_line_that_is_seen_outside_the_circle_only() -> None:
     assert line is not None
     assert line.outside
     assert line.support > 0.7
+
+
+def test_a_line_that_is_far_fainter_than_the_circle_is_a_streak_of_the_floor() -> None:
+    bare, whole = (paint_scene(markings=HALFWAY_AND_CIRCLE[:k]).image.astype(float) for k in (1, 2))
+    scene = paint_scene(markings=HALFWAY_AND_CIRCLE)
+    _, circle = measured(scene)
+    across = segment(scene, (0, -9), (0, 9))[None]
+    for share, found in ((0.15, False), (0.6, True)):
+        mixed = (bare + share * (whole - bare)).round().astype(np.uint8)
+        grey = np.ascontiguousarray(mixed[:, :, 1])
+        assert (find_halfway(grey, circle, across, CONFIG) is not None) == found
+
+
+def test_a_short_piece_of_the_line_is_found_through_the_middle() -> None:
+    scene = paint_scene(markings=(HALFWAY_AND_CIRCLE[0], upright(0.0, 5.0), level(7.0, -8.0, 8.0)))
+    grey, circle = measured(scene)
+    ridges = find_ridges(grey.astype(np.float32), np.full(grey.shape, 255, np.uint8), (1.0,), CONFIG.ridges)
+    pieces = segments_through_middle(ridges.points, ridges.normals, circle, CONFIG.halfway)
+    ends = segment(scene, (0, -9), (0, 9))
+    lines = [np.cross(np.append(a, 1), np.append(b, 1)) for a, b in pieces]
+    off = [np.abs(ends @ line[:2] + line[2]).max() / np.hypot(*line[:2]) for line in lines]
+    assert min(off) < 1.5
+    line = find_halfway(grey, circle, pieces, CONFIG)
+    assert line is not None and np.abs(ends @ line.line[:2] + line.line[2]).max() < 1.0
+    assert len(segments_through_middle(ridges.points[:0], ridges.normals[:0], circle, CONFIG.halfway)) == 0

@@ -10,7 +10,7 @@ from circlecal.camera_fit.model import PARAMETERS, Frame, theta_of
 from circlecal.field import load_field
 from circlecal.results import Agreement, Cues, MarkCue
 from circlecal.stages.agreement import expected_markings
-from circlecal.stages.verdict import LEAST_FOUND, confirmed, surely_assigned
+from circlecal.stages.verdict import LEAST_FOUND, confirmed, doubtful, surely_assigned
 
 from .conftest import view
 from .test_verdict import camera_fit, verdict
@@ -91,3 +91,13 @@ def test_the_more_confirms_a_circle_the_more_must_be_missing():
     assert confirmed(accepted, named, Cues(None, None), missing) is accepted
     assert surely_assigned(accepted, named, Cues(None, None))
     assert confirmed(accepted, camera, Cues(None, None), Agreement((), np.zeros(0), np.zeros(0))) is accepted
+
+
+def test_where_the_places_are_not_well_known_a_circle_is_only_doubted():
+    camera, accepted = camera_fit(), verdict(camera_fit())
+    missing = Agreement(("a",), np.array([0.3 * camera.camera.width]), np.array([0.02]), certain=False)
+    found = confirmed(accepted, camera, Cues(None, None), missing)
+    assert found.status == "calibrated" and doubtful(found) and not doubtful(accepted)
+    loose = expected_markings(painted(), fit_of(CAMERA, 0.007), RINK, CENTRE, KNOWN, None)
+    assert not loose.certain
+    assert loose.found_share > 0.7
