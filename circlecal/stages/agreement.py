@@ -83,7 +83,7 @@ def expected_markings(
     sizes = fit.theta[[INDEX[name] for name in _SIZES]]
     points = (nodes + np.einsum("s,ksi->ki", sizes, shifts)[:, None]).reshape(-1, 2)
     pixels, normals, sigma, scale, seen = _predicted(fit, frame, points, shifts, nodes.shape[1])
-    element, base, normal, spread, across = _samples(pixels, normals, sigma, scale, seen, SPACING_PX * unit)
+    element, base, normal, spread, across = _samples(pixels, normals, sigma, scale, seen, frame)
     visible = np.asarray(((base > 0) & (base < (frame.width - 1, frame.height - 1))).all(axis=1), np.bool_)
     mine = element == 0
     if not (visible & mine).any():
@@ -162,21 +162,26 @@ def _predicted(
 
 
 def _samples(
-    pixels: Array, normals: Array, sigma: Array, scale: Array, seen: NDArray[np.bool_], spacing_px: float
+    pixels: Array, normals: Array, sigma: Array, scale: Array, seen: NDArray[np.bool_], frame: Frame
 ) -> tuple[NDArray[np.int_], Array, Array, Array, Array]:
-    """Places at equal steps along the markings: which marking (M,), pixels, normals (M, 2), sigma and scale (M,)."""
+    """Places at equal steps along what the picture may show of the markings: which marking (M,), pixels, normals
+    (M, 2), sigma and scale (M,).
+    """
     markings, nodes = seen.shape
-    length = np.hypot(*np.moveaxis(np.diff(pixels, axis=1), -1, 0))
-    length = np.where(seen[:, 1:] & seen[:, :-1], length, 0.0).ravel()
+    spacing_px = SPACING_PX * frame.width / 1920.0
+    first, last = pixels[:, :-1], pixels[:, 1:]
+    met = (np.maximum(first, last) > 0) & (np.minimum(first, last) < (frame.width, frame.height))
+    length = np.hypot(*np.moveaxis(last - first, -1, 0))
+    length = np.where(seen[:, 1:] & seen[:, :-1] & met.all(axis=-1), length, 0.0).ravel()
     end = np.cumsum(length)
     along = np.arange(0.5 * spacing_px, end[-1], spacing_px)
     span = np.minimum(np.searchsorted(end, along, side="right"), len(length) - 1)
     share = ((along - (end[span] - length[span])) / np.maximum(length[span], 1e-9))[:, None]
     element = span // (nodes - 1)
-    first = element * nodes + span % (nodes - 1)
+    node = element * nodes + span % (nodes - 1)
 
     def between(values: Array) -> Array:
         flat = values.reshape(markings * nodes, -1)
-        return np.asarray(flat[first] + share * (flat[first + 1] - flat[first]))
+        return np.asarray(flat[node] + share * (flat[node + 1] - flat[node]))
 
     return element, between(pixels), between(normals), between(sigma)[:, 0], between(scale)[:, 0]
