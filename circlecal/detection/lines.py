@@ -55,7 +55,7 @@ class _Vote:
     def __init__(self, points: Array, normals: Array, size: tuple[int, int], config: LineConfig) -> None:
         self._bins = config.angle_bins
         self._origin = (np.array(size) - 1) / 2
-        self._rho_count = int(np.ceil(np.hypot(*size) / _RHO_BIN_PX)) + 4
+        self._rho_count = int(np.ceil(np.hypot(*size) / _RHO_BIN_PX)) + 8
         nx, ny = normals.T.astype(np.float32)
         angle = np.arctan2(ny, nx) % np.float32(np.pi)
         spread = max(1, round(_VOTE_SPREAD_DEG * config.angle_bins / 180.0))
@@ -66,7 +66,7 @@ class _Vote:
         cosine, sine = (np.asarray(f / _RHO_BIN_PX, np.float32) for f in (np.cos(table), np.sin(table)))
         local = (points - self._origin).astype(np.float32)
         rho = local[:, :1] * cosine[folded] + local[:, 1:] * sine[folded]
-        # no place is further from the middle than half the diagonal, so every cell exists
+        # ridge points lie at most a few pixels off the picture, so every cell exists
         cell = np.rint(rho).astype(np.int32) + np.int32(self._rho_count // 2)
         self._cells = folded * np.int32(self._rho_count) + cell
         votes = np.bincount(self._cells.ravel(), minlength=config.angle_bins * self._rho_count)
