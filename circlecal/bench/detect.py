@@ -19,7 +19,7 @@ from circlecal.field import load_field
 from circlecal.geometry.homogeneous import Array
 from circlecal.results import CameraFit
 from circlecal.synthetic.sampling import SCENE_PROFILES, profile_field, render_frame
-from circlecal.synthetic.surface import Surface
+from circlecal.synthetic.surface import Surface, seen_pixels
 from circlecal.synthetic.truth import Truth
 
 PROFILES = tuple(SCENE_PROFILES)
@@ -153,7 +153,7 @@ def _visible(truth: Truth, surface: Surface) -> Array:
     axis = np.arange(-REACH_RADII * circle.radius_m, REACH_RADII * circle.radius_m + 0.5 * step, step)
     grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
     grid = grid[(np.abs(grid) <= (field.length_m / 2, field.width_m / 2)).all(axis=1)]
-    pixels = truth.camera.project(surface.lift(grid))
+    pixels = seen_pixels(truth.camera, surface.lift(grid))
     x0, y0, x1, y1 = truth.picture_box_px
     with np.errstate(invalid="ignore"):
         inside = (pixels >= (x0, y0)).all(axis=1) & (pixels <= (x1, y1)).all(axis=1)

@@ -113,6 +113,9 @@ def visible_field(
     seen = view(theta[None], grid[None, :, 0], grid[None, :, 1], frame)
     column, row = seen.pixels[0]
     inside = (column >= 0) & (column <= frame.width - 1) & (row >= 0) & (row <= frame.height - 1)
+    # a barrel lens maps what is far outside back into the picture: not seen
+    r2 = seen.r2[0]
+    inside &= 1.0 + r2 * (3.0 * theta[INDEX["kappa_1"]] + 5.0 * r2 * theta[INDEX["kappa_2"]]) > 0.0
     return np.asarray(grid[inside & (seen.depth[0] > 1e-3)])
 
 

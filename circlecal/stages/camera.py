@@ -65,6 +65,10 @@ followed too.
 """
 
 
+LENS_DOUBT, LENS_WIDER, LENS_EVIDENCE = 1.5, 4.0, 6.0
+"""A radial distortion that lies so many standard deviations from what is usual is fitted with a prior so many times as
+wide, and believed where that explains the frame so much better (chi-square): what the wider prior costs, and as much.
+"""
 CROWN_EVIDENCE = 3.0
 """By how much (half a chi-square) a parabolic pitch must explain a frame better than a roof to be believed."""
 
@@ -232,6 +236,7 @@ def estimate_camera(
         problem, state, scale = _settled(problem, state, config, FINAL)
     if config.crown_shape == "auto" and config.shared is None:
         problem, state, scale = _clearly_curved(problem, state, scale, close, config)
+    problem, state = _unusual_lens(problem, state, config)
     return camera_fit(
         problem,
         state,
@@ -244,19 +249,38 @@ def estimate_camera(
     )
 
 
+def _dense(curves: CurvePoints) -> bool:
+    return bool(np.bincount(curves.group, minlength=1).max() >= DENSE_POINTS)
+
+
 def _close_curves(
     curves: CurvePoints, observations: Observations, template: FieldTemplate, config: CameraConfig
 ) -> CurvePoints | None:
     """The points of ``curves`` with the sigmas of a frame that shows nothing far from the circle; None where the points
     are too few to tell their noise.
     """
-    if not config.noise_from_residuals or np.bincount(curves.group).max() < DENSE_POINTS:
+    if not config.noise_from_residuals or not _dense(curves):
         return None
     realism = _realism(config, observations.width)
     close_px = config.close_sigma_px * observations.width / 1920.0
     return observed_curves(
         observations, template, replace(realism, model_sigma_px=min(realism.model_sigma_px, close_px))
     )
+
+
+def _unusual_lens(problem: Problem, state: State, config: CameraConfig) -> tuple[Problem, State]:
+    """The fit with little said of the radial distortion before, where what is usual clearly holds it back, else the one
+    given. A few clicked points cannot say so.
+    """
+    sd = problem.priors.sd[INDEX["kappa_1"]]
+    off = abs(float(state.theta[0, INDEX["kappa_1"]]) - problem.priors.mean[INDEX["kappa_1"]])
+    if not 0 < sd < off / LENS_DOUBT or not _dense(problem.curves):
+        return problem, state
+    wider = problem.priors.sd.copy()
+    wider[INDEX["kappa_1"]] *= LENS_WIDER
+    free = replace(problem, priors=replace(problem.priors, sd=wider))
+    found = minimise(free, state.theta[:1], config.loss_scale, config.iterations, state.hidden[:1])
+    return (free, found) if found.cost[0] < state.cost[0] - LENS_EVIDENCE else (problem, state)
 
 
 def _clearly_curved(

@@ -167,6 +167,17 @@ def test_a_profile_that_makes_no_difference_is_a_roof():
     assert fit.crown_shape == "roof"
 
 
+@pytest.mark.parametrize(("kappa", "sigma"), [(-0.06, 1.0), (0.12, 0.3)])
+def test_a_lens_unlike_others_is_told_by_the_frame(kappa, sigma):
+    bent = replace(WIDE, kappa=np.array([kappa, 0.0]))
+    given = seen(bent, edges=("center",), mark=True, sigma=sigma)
+    fit = estimate_camera(given, SOCCER, CIRCLE, CameraConfig(crown_m=0.0))
+    assert fit.camera.kappa[0] == pytest.approx(kappa, abs=0.02)
+    usual = seen(replace(WIDE, kappa=np.array([0.03, 0.0])), edges=("center",), mark=True, sigma=sigma)
+    fit = estimate_camera(usual, SOCCER, CIRCLE, CameraConfig(crown_m=0.0))
+    assert fit.covariance[INDEX["kappa_1"], INDEX["kappa_1"]] < 0.015**2
+
+
 @pytest.mark.parametrize("side", sorted(SIDES))
 def test_cameras_on_every_side(side):
     toward = np.array(SIDES[side])
