@@ -85,7 +85,11 @@ class Keypoint:
 
 @dataclass(frozen=True, slots=True)
 class Observations:
-    """Everything that was seen in one frame of ``width`` x ``height`` pixels."""
+    """Everything that was seen in one frame of ``width`` x ``height`` pixels.
+
+    ``curves`` are points (N, 2) on curved markings of which it is not known which they are: they only tell hypotheses
+    apart, and are not written down.
+    """
 
     width: int
     height: int
@@ -93,6 +97,7 @@ class Observations:
     lines: tuple[LinePoints, ...] = ()
     marks: tuple[MarkPoint, ...] = ()
     keypoints: tuple[Keypoint, ...] = ()
+    curves: tuple[Array, ...] = ()
 
     def circle(self, name: str, edge: CircleEdge) -> CirclePoints | None:
         """The points of one edge of one circle, or None."""

@@ -37,7 +37,7 @@ from circlecal.stages.cues import cues_from_observations, find_cues
 from circlecal.stages.edges import detect_edges
 from circlecal.stages.ellipse import fit_ellipses, fit_observed
 from circlecal.stages.homography import estimate_homography
-from circlecal.stages.mask import find_marking
+from circlecal.stages.mask import find_marking, with_arc
 from circlecal.stages.rays import cast_rays, measure_along_model
 from circlecal.stages.verdict import confirmed, doubtful, judge, kinds_of_confirmation, surely_assigned
 
@@ -64,6 +64,11 @@ MOST_ASSIGNMENTS = 3
 """How often."""
 PARTIAL_DEG = 240.0
 """The same where less of the circle is seen: an ellipse fitted to a part of it leaves the paint beyond."""
+ARC_ALONE = (
+    "a part of a circle is seen without a line through its middle, and no other markings tell how it is turned, "
+    "or that it is no penalty arc"
+)
+"""Why arcs are not enough."""
 UNDETERMINED = ("no_circle", "no_ellipse")
 """Refusals that say only that points, lines and arcs are too few without the circle."""
 
@@ -213,7 +218,7 @@ class _Job:
     def from_picture(
         self, image: NDArray[np.uint8], given: NDArray[np.uint8] | None, extra: Observations | None
     ) -> Verdict:
-        """Picture -> observations -> answer; what is given beside a picture without the circle may do alone."""
+        """Picture -> observations -> answer; failing that, with every arc that may be the circle as the circle."""
         with self._clock("mask"):
             brightness = grey(image)
             motion = row_motion(brightness) if self.config.mask.deinterlace else None
@@ -235,6 +240,27 @@ class _Job:
             ):
                 return verdict
         self.reached = reached
+        if first.status == "refused":
+            return self._from_arcs(image, brightness, extra, first)
+        return first
+
+    def _from_arcs(
+        self, image: NDArray[np.uint8], brightness: NDArray[np.uint8], extra: Observations | None, first: Verdict
+    ) -> Verdict:
+        """The first answer that is accepted with a nearly gapless arc as the circle; where there are such arcs and no
+        circle, that they are not enough.
+        """
+        reached = self.reached
+        marking: MarkingMask = reached["mask"]
+        arcs = [arc for arc in marking.arcs if arc.gapless]
+        for arc in arcs:
+            self.reached = {}
+            verdict = self._from_circle(image, None, brightness, extra, marking=with_arc(marking, arc))
+            if verdict.status == "calibrated":
+                return verdict
+        self.reached = reached
+        if arcs and first.stage == "mask":
+            return Verdict("refused", "rotation_free", ARC_ALONE, "camera")
         return first
 
     def _from_circle(
@@ -244,10 +270,11 @@ class _Job:
         brightness: NDArray[np.uint8],
         extra: Observations | None,
         excluded: tuple[Assignment, ...] = (),
+        marking: MarkingMask | None = None,
     ) -> Verdict:
-        """Answer with the first circle that is found, other than those that are excluded."""
+        """Answer with the circle of a marking, or with the first that is found, other than those that are excluded."""
         try:
-            ellipses, cues, seen = self._seen(image, given, brightness, excluded)
+            ellipses, cues, seen = self._seen(image, given, brightness, excluded, marking)
         except EstimationError as refusal:
             if extra is None:
                 return _refused(refusal)
@@ -262,9 +289,10 @@ class _Job:
             camera: CameraFit | None = self.reached.get("camera")
             partial = ellipses.primary.arc_deg < PARTIAL_DEG
             if camera is not None and (partial or verdict.code in MEASURED_AGAIN):
-                again = self._seen_again(brightness, observations)
+                turned = cues.halfway is None and bool(camera.names_by_line)
+                again = self._seen_again(brightness, observations, turned)
                 if again is not None:
-                    verdict = self._answer(ellipses, cues, again)
+                    verdict = self._answer(ellipses, cues, again, camera if turned else None)
         except EstimationError as error:
             return _refused(error)
         camera = self.reached.get("camera")
@@ -278,22 +306,33 @@ class _Job:
             expected = expected_markings(picture, camera, self.template, self.circle, known, mask.field_region)
             return confirmed(verdict, camera, cues, expected)
 
-    def _seen_again(self, brightness: NDArray[np.uint8], observations: Observations) -> Observations | None:
-        """The same observations with the circle measured along the curve of the refused camera."""
+    def _seen_again(
+        self, brightness: NDArray[np.uint8], observations: Observations, with_arcs: bool
+    ) -> Observations | None:
+        """The same observations with the circle, and the arcs of the field too, measured along the curves of the first
+        camera.
+        """
+        circle, template = self.circle, self.template
+        wanted = [circle, *(template.arcs if with_arcs else ())]
+        found: dict[str, CirclePoints] = {}
         with self._clock("rays"):
-            points, sigma = measure_along_model(
-                self._with_light_markings(brightness),
-                self.reached["camera"],
-                self.circle,
-                self.template,
-                self.reached["edges"].noise,
-                self.config.rays,
-            )
-        if len(points) < self.config.ellipse.minimum_points:
+            picture = self._with_light_markings(brightness)
+            for curve in wanted:
+                points, sigma = measure_along_model(
+                    picture,
+                    self.reached["camera"],
+                    curve,
+                    template,
+                    self.reached["edges"].noise,
+                    self.config.rays,
+                    with_arcs,
+                )
+                if len(points) >= self.config.ellipse.minimum_points:
+                    found[curve.name] = CirclePoints(curve.name, "center", points, sigma)
+        if circle.name not in found:
             return None
-        seen = CirclePoints(self.circle.name, "center", points, sigma)
-        others = tuple(c for c in observations.circles if c.circle != self.circle.name)
-        self.reached["observations"] = replace(observations, circles=(seen, *others))
+        others = tuple(c for c in observations.circles if c.circle not in found)
+        self.reached["observations"] = replace(observations, circles=(*found.values(), *others))
         return self.reached["observations"]
 
     def _seen(
@@ -302,11 +341,14 @@ class _Job:
         given: NDArray[np.uint8] | None,
         brightness: NDArray[np.uint8],
         excluded: tuple[Assignment, ...],
+        marking: MarkingMask | None,
     ) -> tuple[EllipseFits, Cues, Observations]:
         """What the picture shows of the circle and of what lies around it."""
         config, template, circle, reached = self.config, self.template, self.circle, self.reached
         with self._clock("mask"):
-            marking, refusal = find_marking(image, given, config.mask, self.rng, brightness, excluded)
+            refusal = None
+            if marking is None:
+                marking, refusal = find_marking(image, given, config.mask, self.rng, brightness, excluded)
             reached["mask"] = marking
         if refusal is not None:
             raise refusal
@@ -323,7 +365,8 @@ class _Job:
             cues = reached["cues"] = find_cues(
                 picture, marking, ellipses, edges.noise, template, config.cues, edges.blur_px
             )
-            observations = reached["observations"] = observed(ellipses, cues, circle, self.width, self.height)
+            seen = observed(ellipses, cues, circle, self.width, self.height)
+            observations = reached["observations"] = replace(seen, curves=tuple(a.points_px for a in marking.arcs))
         return ellipses, cues, observations
 
     def from_observations(self, observations: Observations) -> Verdict:
@@ -339,7 +382,9 @@ class _Job:
             cues = self.reached["cues"] = cues_from_observations(observations, self.template, self.circle)
         return self._answer(ellipses, cues, observations)
 
-    def _answer(self, ellipses: EllipseFits, cues: Cues, observations: Observations) -> Verdict:
+    def _answer(
+        self, ellipses: EllipseFits, cues: Cues, observations: Observations, earlier: CameraFit | None = None
+    ) -> Verdict:
         """Closed forms, camera, verdict. The camera can do without the closed forms, not the other way round."""
         config, template, circle, reached = self.config, self.template, self.circle, self.reached
         if config.solver is not None:
@@ -362,7 +407,7 @@ class _Job:
         if config.camera.enabled:
             with self._clock("camera"):
                 side = config.correspondences.camera_side
-                reached["camera"] = estimate_camera(observations, template, circle, config.camera, side)
+                reached["camera"] = estimate_camera(observations, template, circle, config.camera, side, earlier)
         elif homography is None and refusal is not None:
             raise refusal
         with self._clock("verdict"):
@@ -455,4 +500,5 @@ def joined(first: Observations, second: Observations) -> Observations:
         (*first.lines, *second.lines),
         (*first.marks, *second.marks),
         (*first.keypoints, *second.keypoints),
+        (*first.curves, *second.curves),
     )

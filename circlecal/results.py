@@ -42,6 +42,17 @@ class Assignment:
 
 
 @dataclass(frozen=True, slots=True)
+class SeenArc:
+    """A part of a circle: rough conic (3, 3), points (N, 2) on the middle of its paint, px, and whether it has hardly a
+    gap wherever the picture shows the circle; an arc that ends inside the picture has one.
+    """
+
+    conic: Array
+    points_px: Array
+    gapless: bool
+
+
+@dataclass(frozen=True, slots=True)
 class MarkingMask:
     """Stage ``mask``: where the markings are.
 
@@ -68,6 +79,8 @@ class MarkingMask:
         tells.
     band_px : float or None
         Width of the circle's marking where it is widest, where the detector measured it.
+    arcs : tuple of SeenArc
+        Other parts of circles; gapless ones may be the circle where other lines confirm it.
     """
 
     drawn: NDArray[np.uint8] | Callable[[], NDArray[np.uint8]]
@@ -80,6 +93,7 @@ class MarkingMask:
     certain: bool = True
     polarity: float | None = None
     band_px: float | None = None
+    arcs: tuple[SeenArc, ...] = ()
 
     @property
     def classes(self) -> NDArray[np.uint8]:
@@ -348,6 +362,8 @@ class CameraFit:
         Observations that contradict the others and were left out.
     named_lines : tuple of str
         Template lines that were recognised among the straight markings seen, and used.
+    names_by_line : dict
+        The same by the index of the seen line.
     alternatives : tuple of (Camera, float)
         Other solutions of a real ambiguity with their cost above the best.
     reference_m : (2,) array
@@ -376,6 +392,7 @@ class CameraFit:
     derived_points: tuple[DerivedPoint, ...] = ()
     rejected: tuple[str, ...] = ()
     named_lines: tuple[str, ...] = ()
+    names_by_line: dict[int, str] = field(default_factory=dict)
     alternatives: tuple[tuple[Camera, float], ...] = ()
     reference_m: Array = field(default_factory=lambda: np.zeros(2))
 

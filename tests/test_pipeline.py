@@ -124,6 +124,27 @@ def test_a_refused_frame_keeps_what_was_reached(frames):
     assert found.camera is None
 
 
+@pytest.mark.parametrize("seed", [2, 5])
+def test_other_markings_turn_a_circle_without_a_halfway_line(seed):
+    rendering = render_frame("no_halfway", np.random.default_rng([5, seed]), *SIZE)
+    found = run(rendering.image, CONFIG, frame_id="half")
+    assert rendering.truth.expect == found.status[:9] == "calibrate"
+    assert found.cues.halfway is None
+    assert not found.mask.certain
+    assert len(found.camera.named_lines) >= 2
+    assert error_px(rendering, found) < 5.0
+    assert {c.circle for c in found.observations.circles} >= {"centre_circle"}
+
+
+def test_a_circle_with_one_line_beside_it_is_refused():
+    rendering = render_frame("no_halfway", np.random.default_rng([5, 9]), *SIZE)
+    found = run(rendering.image, CONFIG, frame_id="half")
+    assert rendering.truth.expect == "refuse"
+    assert (found.status, found.verdict.code, found.verdict.stage) == ("refused", "rotation_free", "camera")
+    assert found.camera is None
+    assert found.mask.conic is None
+
+
 def test_same_seed_same_answer_whatever_the_order(frames, easy):
     run(frames.hidden.image, CONFIG, frame_id="hidden")
     same(run(frames.easy.image, CONFIG, frame_id="easy"), easy)

@@ -38,7 +38,8 @@ class ProfileRow:
     """One profile; errors in pixels at 1920 px width, shares of all its frames.
 
     ``coverage`` is the share of the visible field's points, over all frames, whose true place lies in the reported
-    90 % region. ``wrong_kinds`` counts what the wrong frames showed; a frame without a circle is wrong however near.
+    90 % region. ``right`` is the share of frames that are good, or refused where the truth says that too little is in
+    view. ``wrong_kinds`` counts what the wrong frames showed; a frame without a circle is wrong however near.
     ``bound_good`` is the share of all frames in which an estimator that reaches the Cramer-Rao bound of what they show
     (:func:`circlecal.bench.reachable.bound_px`: from the truth, every line rightly named, at our noise and with our
     priors) expects a mean reprojection error of at most 5 px; ``bound_median_px`` is the median of these expectations.
@@ -49,6 +50,7 @@ class ProfileRow:
     calibrated: float
     good: float
     wrong: float
+    right: float
     median_px: float
     p90_px: float
     predicted_median_px: float
@@ -71,6 +73,7 @@ class _FrameRow:
     chain_ms: float
     stages: dict[str, float]
     kind: str = ""
+    refusable: bool = False
 
 
 def run_profiles(
@@ -105,7 +108,7 @@ def _one_frame(profile: str, seed: int, index: int, width: int) -> _FrameRow:
     bound = expected_px(rendering.truth, config)
     times = decoding_ms(np.asarray(encoded), 5), chain, stages
     if found.status != "calibrated" or found.camera is None:
-        return _FrameRow(None, None, None, bound, *times)
+        return _FrameRow(None, None, None, bound, *times, refusable=rendering.truth.expect == "refuse")
     return _FrameRow(*compare(rendering.truth, found.camera), bound, *times, rendering.truth.kind or profile)
 
 
@@ -173,6 +176,7 @@ def _summary(profile: str, frames: list[_FrameRow]) -> ProfileRow:
         calibrated=len(errors) / len(frames),
         good=float(np.sum(errors <= GOOD_PX)) / len(frames),
         wrong=float(np.sum(errors > WRONG_PX)) / len(frames),
+        right=float(np.sum(errors <= GOOD_PX) + sum(f.refusable for f in frames)) / len(frames),
         median_px=float(np.median(errors)) if len(errors) else nan,
         p90_px=float(np.percentile(errors, 90)) if len(errors) else nan,
         predicted_median_px=float(np.median(predicted)) if predicted else nan,

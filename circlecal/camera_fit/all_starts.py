@@ -21,7 +21,8 @@ MINIMUM_CIRCLE_POINTS = 6
 REFINEMENTS, ELLIPSE_POINTS = 2, 120
 """Steps of an ellipse from which only starts are taken, and of how many points of it about."""
 
-_SeenEllipse = tuple[Array, Ellipse, CircleEdge]
+SeenEllipse = tuple[Array, Ellipse, CircleEdge]
+"""Conic (3, 3) and ellipse in undistorted pixels, and which edge of the paint it is."""
 
 
 def starts_of(
@@ -53,13 +54,13 @@ def starts_of(
     frame, middle = problem.frame, problem.priors.center_m
     closed = [homography_starts(landmarks, middle, frame)]
     grids = []
-    ellipse = None if circle is None else _seen_ellipse(observations, circle, problem, loss_scale)
+    ellipse = None if circle is None else seen_ellipse(observations, circle, problem, loss_scale)
     if circle is not None and ellipse is not None:
         from_circle, around = _circle_starts(problem, observations, template, circle, ellipse, side)
         closed, grids = [from_circle, *closed], [around]
     else:
         arcs = (template.circle_by_name[c.circle] for c in observations.circles if c.circle in template.circle_by_name)
-        fitted = [(arc, _seen_ellipse(observations, arc, problem, loss_scale)) for arc in dict.fromkeys(arcs)]
+        fitted = [(arc, seen_ellipse(observations, arc, problem, loss_scale)) for arc in dict.fromkeys(arcs)]
         grids = [
             grid_starts(found[1], np.asarray(arc.center), arc.radius_m, frame, side) for arc, found in fitted if found
         ]
@@ -75,7 +76,7 @@ def _circle_starts(
     observations: Observations,
     template: FieldTemplate,
     circle: Circle,
-    found: _SeenEllipse,
+    found: SeenEllipse,
     side: str,
 ) -> tuple[Array, Array]:
     """Starts from the imaged circle: closed forms (K, P), and the whole grid (L, P)."""
@@ -108,9 +109,7 @@ def _standing(problem: Problem, observations: Observations, circle: Circle) -> A
     return theta
 
 
-def _seen_ellipse(
-    observations: Observations, circle: Circle, problem: Problem, loss_scale: float
-) -> _SeenEllipse | None:
+def seen_ellipse(observations: Observations, circle: Circle, problem: Problem, loss_scale: float) -> SeenEllipse | None:
     """Conic and ellipse of the undistorted points of the edge with the most of them."""
     seen = _longest_edge(observations, circle)
     if seen is None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -30,14 +30,17 @@ UNUSED_SIGMA_PX = 1e5
 
 @dataclass(frozen=True, slots=True)
 class Naming:
-    """Template names by index of the seen line, and the camera (P,) that they imply."""
+    """Template names by index of the seen line, the camera (P,) that they imply, and names of arcs by index of the
+    nameless curve.
+    """
 
     names: dict[int, str]
     theta: Array
+    arcs: dict[int, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
-class _Scene:
+class NamingScene:
     """What all hypotheses share.
 
     Attributes
@@ -87,7 +90,7 @@ class _Scene:
 
 
 @dataclass(frozen=True, slots=True)
-class _Trial:
+class Trial:
     """A fitted hypothesis: its names, the length that it explains within the tolerance, its score, its camera (P,) and
     Gauss-Newton matrix (P, P).
     """
@@ -134,33 +137,39 @@ def name_lines(
     unnamed = [k for k, line in enumerate(observations.lines) if line.line is None and len(line.points_px) >= 8]
     if not unnamed:
         return nothing
-    scene = _scene(unnamed, problem, state, observations, template, realism, loss_scale, met)
+    scene = naming_scene(unnamed, problem, state, observations, template, realism, loss_scale, met)
     first = scene.hypotheses(state.theta[0], state.normal[0], HYPOTHESES)
     if not first:
         return nothing
-    trials = _tried(scene, first, np.repeat(state.theta[:1], len(first), axis=0))
-    growing = sorted(range(len(trials)), key=lambda k: -trials[k].score)[:GROWING]
+    trials = grown(scene, tried(scene, first, np.repeat(state.theta[:1], len(first), axis=0)), GROWING)
+    best = certain(trials, observations.width)
+    if best is None:
+        return nothing
+    return Naming({unnamed[k]: name for k, name in best.association.names.items()}, best.theta)
+
+
+def grown(scene: NamingScene, trials: list[Trial], count: int) -> list[Trial]:
+    """The same hypotheses, the ``count`` best of them with the further lines that their cameras lead to."""
+    trials = list(trials)
+    growing = sorted(range(len(trials)), key=lambda k: -trials[k].score)[:count]
     for _ in range(ROUNDS - 1):
-        growing = [k for k in growing if len(trials[k].association.names) < len(unnamed)]
+        growing = [k for k in growing if len(trials[k].association.names) < len(scene.segments)]
         further = {k: scene.hypotheses(trials[k].theta, trials[k].normal, 1) for k in growing}
         more = {k: again[0] for k, again in further.items() if again and _extends(again[0], trials[k].association)}
         if not more:
             break
         growing = list(more)
         starts = np.array([trials[k].theta for k in growing])
-        for k, trial in zip(growing, _tried(scene, list(more.values()), starts), strict=True):
+        for k, trial in zip(growing, tried(scene, list(more.values()), starts), strict=True):
             trials[k] = trial
-    best = _certain(trials, observations.width)
-    if best is None:
-        return nothing
-    return Naming({unnamed[k]: name for k, name in best.association.names.items()}, best.theta)
+    return trials
 
 
 def _extends(again: Association, before: Association) -> bool:
     return again.names != before.names and again.length_px >= before.length_px
 
 
-def _scene(
+def naming_scene(
     unnamed: list[int],
     problem: Problem,
     state: State,
@@ -169,7 +178,8 @@ def _scene(
     realism: Realism,
     loss_scale: float,
     met: tuple[LinePoints, ...],
-) -> _Scene:
+) -> NamingScene:
+    """The nameless lines (by index) before a fit without them, as :func:`name_lines` takes it."""
     lines = [observations.lines[k] for k in unnamed]
     curves = thinned_curves(problem.curves, state.hidden[0], realism.maximum_points, realism.model_sigma_px)
     thinned = [thinned_line(line, realism) for line in lines]
@@ -177,7 +187,7 @@ def _scene(
     unit = observations.width / 1920.0
     residuals, group = state.residuals[0] * problem.curves.sigma_px, problem.curves.group
     stated = np.bincount(group, problem.curves.sigma_px) / np.bincount(group)
-    return _Scene(
+    return NamingScene(
         problem=replace(problem, curves=curves),
         allowed_px=np.where(np.bincount(group) == 1, stated, 0.3 * unit),
         before_px=np.sqrt(np.bincount(group, residuals**2) / np.bincount(group)),
@@ -197,19 +207,19 @@ def _scene(
     )
 
 
-def _tried(scene: _Scene, associations: list[Association], starts: Array) -> list[_Trial]:
+def tried(scene: NamingScene, associations: list[Association], starts: Array) -> list[Trial]:
     """Fit every hypothesis, all at once, from its own start (B, P)."""
     problem = replace(scene.problem, curves=_hypothetical(scene, associations))
     hidden = ground_hidden(problem.curves, starts, problem.frame)
     state = minimise(problem, starts, WIDE * scene.loss_scale, 20, hidden, COARSE)
     explained, score = _judged(scene, associations, state, problem)
     return [
-        _Trial(association, float(explained[k]), float(score[k]), state.theta[k], state.normal[k])
+        Trial(association, float(explained[k]), float(score[k]), state.theta[k], state.normal[k])
         for k, association in enumerate(associations)
     ]
 
 
-def _hypothetical(scene: _Scene, associations: list[Association]) -> CurvePoints:
+def _hypothetical(scene: NamingScene, associations: list[Association]) -> CurvePoints:
     """The known markings, and the nameless lines as what each hypothesis takes them for."""
     base, template, count = scene.problem.curves, scene.template, len(scene.points_px)
     shape = (len(associations), len(scene.segments))
@@ -243,7 +253,7 @@ def _hypothetical(scene: _Scene, associations: list[Association]) -> CurvePoints
     )
 
 
-def _judged(scene: _Scene, associations: list[Association], state: State, problem: Problem) -> tuple[Array, Array]:
+def _judged(scene: NamingScene, associations: list[Association], state: State, problem: Problem) -> tuple[Array, Array]:
     """Length (B,) of the lines that each fit really passes through, and its score: less what circle, line and priors
     had to give for it.
     """
@@ -259,7 +269,8 @@ def _judged(scene: _Scene, associations: list[Association], state: State, proble
     return explained, explained - 2.0 * missed - scene.unit * (400.0 * worse + 15.0 * prior)
 
 
-def _certain(trials: list[_Trial], width: int) -> _Trial | None:
+def certain(trials: list[Trial], width: int) -> Trial | None:
+    """The best trial, where it explains enough, and clearly more than any that contradicts it."""
     best = max(trials, key=lambda t: t.score)
     rival = max((t.score for t in trials if t.association.contradicts(best.association)), default=-np.inf)
     if best.explained_px < 0.15 * width or best.score < 0.1 * width or best.score < rival + MARGIN_WIDTHS * width:

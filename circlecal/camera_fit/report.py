@@ -30,7 +30,7 @@ def camera_fit(
     state: State,
     scale: float,
     rejected: tuple[str, ...],
-    named: tuple[str, ...],
+    named: dict[int, str],
     circle: Circle,
     template: FieldTemplate,
     stated_sigma_px: dict[str, float],
@@ -68,7 +68,8 @@ def camera_fit(
         stated_sigma_px=stated_sigma_px,
         derived_points=_derived_points(cameras, camera, circle),
         rejected=rejected,
-        named_lines=named,
+        named_lines=tuple(sorted(set(named.values()))),
+        names_by_line=named,
         alternatives=((camera.turned(), 0.0),),
         reference_m=reference,
     )

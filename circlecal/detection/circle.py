@@ -174,14 +174,13 @@ def drawn_on_both_sides(circle: MeasuredCircle, line: Array, share: float) -> bo
 
 
 def likely_arc(circle: CircleHypothesis, width: int, acceptance: AcceptanceConfig, config: LikelyConfig) -> bool:
-    """Whether a circle that is not accepted by itself may be the one, should a line and something else confirm it."""
+    """Whether a circle that is not accepted by itself may be the one, should something else confirm it."""
     ellipse = ellipse_from_conic(circle.conic)
     great = 0.0 if ellipse is None else ellipse.semi_axes[0]
     rms = max(acceptance.rms_px1920, max(acceptance.rms_px, acceptance.rms_share * great) * 1920.0 / width)
     if circle.band_width is not None and circle.band_width < acceptance.band_width:
         return False
-    shares = min(circle.picture_share, circle.field_share, circle.sector_share)
-    return circle.rms_px <= rms and shares >= config.share and circle.whole_share >= config.whole_share
+    return circle.rms_px <= rms and circle.least_share >= config.share and circle.whole_share >= config.whole_share
 
 
 def band_width_of(circle: MeasuredCircle) -> float | None:
@@ -220,7 +219,7 @@ def refusal_of(circle: CircleHypothesis, has_halfway: bool, width: int, config: 
         return "circle_off_marking"
     if circle.band_width is not None and circle.band_width < config.band_width:
         return "width_unlike_marking"
-    if min(circle.picture_share, circle.field_share, circle.sector_share) < share:
+    if circle.least_share < share:
         return "circle_support_too_low"
     if circle.whole_share < (config.whole_share_with_line if has_halfway else config.whole_share):
         return "arc_too_short"

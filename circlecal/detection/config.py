@@ -237,6 +237,12 @@ class LikelyConfig(BaseModel):
     whole_share: float = Field(
         default=0.14, ge=0.0, le=1.0, description="Smallest share of the whole ellipse that is drawn."
     )
+    gapless_share: float = Field(
+        default=0.65,
+        ge=0.0,
+        le=1.0,
+        description="As `share`, for an arc without a line through its middle, which other lines must confirm.",
+    )
     side_share: float = Field(
         default=0.02,
         ge=0.0,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -40,6 +40,8 @@ _SIGNS = {"light": 1.0, "dark": -1.0}
 _NO_FIELD = "no_field"
 _MARGIN = 0.012  # of the picture's width: by how much the second pass looks beyond the field
 _SHORTEST_RUN = 0.10  # picture widths: shorter straight runs are not reported
+_SAME_ARC = 0.003  # picture widths: arcs no further apart follow one marking
+_MOST_ARCS = 3
 _SHORTEST_HALFWAY = 0.04  # picture widths: of a piece of the halfway line of a circle that has no longer one
 
 
@@ -81,6 +83,7 @@ class _Found:
     candidates: tuple[CircleHypothesis, ...]
     refusal: str | None
     certain: bool = True
+    arcs: tuple[CircleHypothesis, ...] = ()
 
     @property
     def settled(self) -> bool:
@@ -184,6 +187,7 @@ def detect(
         timings_ms=watch.timings_ms,
         certain=found.certain,
         polarity=search.sign,
+        arcs=found.arcs,
     )
     watch.lap("result")
     return detection
@@ -220,7 +224,23 @@ def _searched(
             passes += [
                 (thorough(option), _MARGIN, s) for s in (region, *((other,) if enough else ())) for option in options
             ]
-    return max(searches, key=_rank)
+    best = max(searches, key=_rank)
+    arcs = [arc for search in searches if search.sign == best.sign for arc in search.found.arcs]
+    distinct = _distinct_arcs(arcs, best.found.hypothesis, _SAME_ARC * full_grey.shape[1])
+    return replace(best, found=replace(best.found, arcs=distinct))
+
+
+def _distinct_arcs(
+    arcs: list[CircleHypothesis], circle: CircleHypothesis | None, apart_px: float
+) -> tuple[CircleHypothesis, ...]:
+    """One of those that follow the same marking, the one that shows most of it; none that follows the circle."""
+    conics = [] if circle is None else [circle.conic]
+    kept: list[CircleHypothesis] = []
+    for arc in sorted(arcs, key=lambda found: -len(found.points)):
+        if all(np.median(np.abs(sampson_distance(conic, arc.points))) > apart_px for conic in conics):
+            kept.append(arc)
+            conics.append(arc.conic)
+    return tuple(kept[:_MOST_ARCS])
 
 
 def _search(
@@ -338,6 +358,7 @@ def _first_accepted(
     refusals: list[str] = []
     lone: tuple[MeasuredCircle, CircleHypothesis] | None = None
     likely: list[tuple[MeasuredCircle, CircleHypothesis, MeasuredLine]] = []
+    arcs: list[CircleHypothesis] = []
     shorter: Array | None = None
     least = _SHORTEST_HALFWAY * raster.width
     for index in range(min(len(batch), config.candidates + len(excluded))):
@@ -370,16 +391,19 @@ def _first_accepted(
                 lone = lone or (circle, hypothesis)
             elif halfway is not None and drawn_on_both_sides(circle, halfway.line, config.likely.side_share):
                 likely.append((circle, hypothesis, halfway))
+            if halfway is None and likely_arc(hypothesis, width, config.acceptance, config.likely):
+                arcs.append(hypothesis)
         candidates.append(hypothesis)
         refusals.append(refusal or "")
     order = sorted(range(len(candidates)), key=lambda i: -candidates[i].score)
     ranked = tuple(candidates[i] for i in order)
     if lone is not None:
-        return _Found(*lone, None, ranked, None)
+        return _Found(*lone, None, ranked, None, arcs=tuple(arcs))
     if likely:
         circle, hypothesis, halfway = max(likely, key=lambda found: found[1].score)
-        return _Found(circle, hypothesis, halfway, ranked, None, certain=False)
-    return _Found(None, None, None, ranked, refusals[order[0]] if order else "no_circle_found")
+        return _Found(circle, hypothesis, halfway, ranked, None, certain=False, arcs=tuple(arcs))
+    refusal = refusals[order[0]] if order else "no_circle_found"
+    return _Found(None, None, None, ranked, refusal, arcs=tuple(arcs))
 
 
 def _straight_markings(

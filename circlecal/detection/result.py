@@ -71,6 +71,11 @@ class CircleHypothesis:
     points: Array
     band_width: float | None = None
 
+    @property
+    def least_share(self) -> float:
+        """The smallest of the shares of what is seen of it."""
+        return min(self.picture_share, self.field_share, self.sector_share)
+
 
 @dataclass(frozen=True, slots=True)
 class Detection:
@@ -101,6 +106,8 @@ class Detection:
         ``circle_off_marking``, ``width_unlike_marking``.
     timings_ms : dict
         Milliseconds of every step.
+    arcs : tuple of CircleHypothesis
+        Parts of circles without a line through their middle, longest first: the circle, or a penalty arc.
     """
 
     region: FieldRegion
@@ -114,6 +121,7 @@ class Detection:
     timings_ms: dict[str, float]
     certain: bool = True
     polarity: float = 1.0
+    arcs: tuple[CircleHypothesis, ...] = ()
 
     @property
     def mask(self) -> NDArray[np.uint8]:

@@ -14,11 +14,19 @@ from typing import Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from circlecal.camera_fit.all_starts import MINIMUM_CIRCLE_POINTS, arc_deg, screened, starts_of, usual_lens
+from circlecal.camera_fit.all_starts import (
+    MINIMUM_CIRCLE_POINTS,
+    arc_deg,
+    screened,
+    seen_ellipse,
+    starts_of,
+    usual_lens,
+)
 from circlecal.camera_fit.crossings import same_markings, with_crossings
 from circlecal.camera_fit.curves import CurvePoints, FixedPoints, curve_points, ground_hidden, joined_curves
+from circlecal.camera_fit.free_rotation import names_around
 from circlecal.camera_fit.model import INDEX, PARAMETERS, Frame
-from circlecal.camera_fit.naming import name_lines
+from circlecal.camera_fit.naming import Naming, name_lines
 from circlecal.camera_fit.noise import as_measured, inflated
 from circlecal.camera_fit.observed import Realism, observed_curves, observed_points, stated_sigmas
 from circlecal.camera_fit.optimise import (
@@ -43,7 +51,7 @@ from circlecal.errors import EstimationError
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.homogeneous import Array, Mask
 from circlecal.geometry.homography import SIDES
-from circlecal.observations import Observations
+from circlecal.observations import CirclePoints, Observations
 from circlecal.results import CameraFit
 
 Three = tuple[float, float, float]
@@ -55,6 +63,8 @@ OVERRULING_LINES = 3
 """So many different lines that get a name only without the seen ends of others show that those are none."""
 SHORT_ARC_DEG = 200.0
 """Shorter arcs have local minima: the whole grid of starts is followed."""
+ARC_SIGMA_PX = 0.5
+"""Of the points of curves that were seen without a name, at 1920 px width."""
 ENOUGH, ENOUGH_WITH_POSITION = 7, 4
 """Constraints that determine a camera without a circle; a point or a line brings two."""
 WRONG_SIGMAS, WRONG_PX = 10.0, 10.0
@@ -170,6 +180,7 @@ def estimate_camera(
     circle: Circle,
     config: CameraConfig,
     camera_side: str = "main",
+    earlier: CameraFit | None = None,
 ) -> CameraFit:
     """Maximum a posteriori camera.
 
@@ -185,6 +196,8 @@ def estimate_camera(
         Model and priors.
     camera_side : str
         Which of the two solutions of the turned field is returned.
+    earlier : CameraFit, optional
+        Of about the same observations: the only start, and its names of the same lines hold.
 
     Raises
     ------
@@ -200,12 +213,22 @@ def estimate_camera(
     landmarks = seen_landmarks(observations, template, points, usual_lens(problem))
     seen_deg = arc_deg(observations, circle)
     carrying = circle if seen_deg else None
-    if carrying:
-        _require_rotation(observations, circle, config)
-    else:
+    turning = earlier is None and carrying is not None and _rotation_free(observations, circle, config)
+    if not carrying:
         _require_landmarks(observations, circle, landmarks, config)
         problem = replace(problem, priors=replace(priors, center_m=landmarks.middle_m(frame)))
     closed, grid = starts_of(problem, observations, template, carrying, landmarks, camera_side, config.loss_scale)
+    named: dict[int, str] = {}
+    if turning or earlier is not None:
+        if earlier is None:
+            around = _around(problem, observations, template, circle, config, camera_side)
+            named, closed = around.names, around.theta[None]
+            observations = _with_arcs(observations, around.arcs)
+        else:
+            named, closed = earlier.names_by_line, earlier.theta[None]
+        grid, observations = grid[:0], _with_names(observations, named)
+        curves = observed_curves(observations, template, _realism(config, observations.width))
+        problem = replace(problem, curves=curves)
     short = 0 < seen_deg < SHORT_ARC_DEG and problem.priors.standing_m is None
     state = _best_fit(problem, closed, grid, short, config, camera_side)
     rejected: tuple[str, ...] = ()
@@ -221,16 +244,16 @@ def estimate_camera(
         problem = replace(problem, points=points, curves=curves)
         state = _best_fit(problem, np.concatenate([state.theta[:2], closed]), grid, short, config, camera_side)
     problem, state, scale = _settled(problem, state, config, COARSE)
-    named: dict[int, str] = {}
     close = None
     more = _recognised(problem, state, curves, observations, template, config) if config.name_lines else None
     if more is None:
-        close = _close_curves(curves, observations, template, config)
+        close = None if named else _close_curves(curves, observations, template, config)
         if close is not None:
             problem, state, scale = as_measured(problem, state, close, config.loss_scale)
         state = continued(problem, state, config.loss_scale, config.iterations)
     else:
-        problem, start, named = more
+        problem, start, further = more
+        named = named | further
         hidden = ground_hidden(problem.curves, start, frame)
         state = minimise(problem, start, config.loss_scale, config.iterations, hidden, COARSE)
         problem, state, scale = _settled(problem, state, config, FINAL)
@@ -242,7 +265,7 @@ def estimate_camera(
         state,
         scale,
         rejected,
-        tuple(sorted(set(named.values()))),
+        named,
         circle,
         template,
         stated_sigmas(observations),
@@ -384,14 +407,46 @@ def _position_known(config: CameraConfig) -> bool:
     return told or config.position_m is not None
 
 
-def _require_rotation(observations: Observations, circle: Circle, config: CameraConfig) -> None:
+def _around(
+    problem: Problem,
+    observations: Observations,
+    template: FieldTemplate,
+    circle: Circle,
+    config: CameraConfig,
+    side: str,
+) -> Naming:
+    """Names of nameless straight lines that fix the rotation about the circle."""
+    coarse = replace(_realism(config, observations.width), maximum_points=COARSE_POINTS)
+    found = None
+    ellipse = seen_ellipse(observations, circle, problem, config.loss_scale) if config.name_lines else None
+    if ellipse is not None:
+        found = names_around(problem, ellipse[1], observations, template, coarse, config.loss_scale, side)
+    if found is None:
+        raise EstimationError("camera", "rotation_free", "rotation about the circle is free: show a line or a point")
+    return found
+
+
+def _with_names(observations: Observations, names: dict[int, str]) -> Observations:
+    lines = tuple(replace(line, line=names.get(k, line.line)) for k, line in enumerate(observations.lines))
+    return replace(observations, lines=lines)
+
+
+def _with_arcs(observations: Observations, names: dict[int, str]) -> Observations:
+    sigma_px = ARC_SIGMA_PX * observations.width / 1920.0
+    arcs = (
+        CirclePoints(name, "center", points, np.full(len(points), sigma_px))
+        for points, name in ((observations.curves[k], name) for k, name in names.items())
+    )
+    return replace(observations, circles=(*observations.circles, *arcs))
+
+
+def _rotation_free(observations: Observations, circle: Circle, config: CameraConfig) -> bool:
     center = np.asarray(circle.center)
     others = any(c.circle != circle.name for c in observations.circles) or any(
         s.line is not None for s in observations.lines
     )
     others = others or any(np.linalg.norm(k.field_m - center) > 1e-6 for k in observations.keypoints)
-    if not others and not _position_known(config):
-        raise EstimationError("camera", "rotation_free", "rotation about the circle is free: show a line or a point")
+    return not others and not _position_known(config)
 
 
 def _require_landmarks(observations: Observations, circle: Circle, landmarks: Landmarks, config: CameraConfig) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Literal
 
 import cv2
@@ -15,9 +16,11 @@ from circlecal.errors import EstimationError
 from circlecal.geometry.conics import ellipse_from_conic
 from circlecal.geometry.homogeneous import Array, fit_line, line_distance
 from circlecal.geometry.ransac import ransac_conic
-from circlecal.results import CIRCLE_ID, HALFWAY_ID, Assignment, MarkingMask, Segment
+from circlecal.results import CIRCLE_ID, HALFWAY_ID, Assignment, MarkingMask, SeenArc, Segment
 
 MODEL_KEY = "mask.model"
+ARC_RADIUS_PX = 3.0
+"""Of the discs that stand for an arc's paint in the mask, pixels at 1920 px width."""
 CURVED_IDS = (CIRCLE_ID, 8, 9)
 REASONS = {
     "no_field": "no playing field was found in the picture",
@@ -90,7 +93,8 @@ def find_marking(
     if given is None and config.source == "file":
         return _empty(image), EstimationError("mask", "no_mask", "mask.source is file, and no mask was given")
     if given is None or config.source == "detector":
-        return marking_from_detection(detect(image, config.detector, rng, brightness, excluded))
+        found = detect(image, config.detector, rng, brightness, excluded)
+        return marking_from_detection(found, config.detector.likely.gapless_share)
     return marking_from_classes(given, config, rng)
 
 
@@ -106,8 +110,8 @@ def require_mask_network(config: MaskConfig) -> None:
         load_network(config.model, config.network.provider, MODEL_KEY)
 
 
-def marking_from_detection(found: Detection) -> tuple[MarkingMask, EstimationError | None]:
-    """Take over what the built-in detector found."""
+def marking_from_detection(found: Detection, gapless_share: float) -> tuple[MarkingMask, EstimationError | None]:
+    """Take over what the built-in detector found; arcs are without a gap from a share that is drawn on."""
     refusal = found.refusal or "no_circle_found"
     marking = MarkingMask(
         drawn=found.sketch.draw,
@@ -122,10 +126,26 @@ def marking_from_detection(found: Detection) -> tuple[MarkingMask, EstimationErr
         certain=found.certain,
         polarity=found.polarity,
         band_px=0.0 if found.sketch.circle is None else found.sketch.circle.widest_px,
+        arcs=tuple(SeenArc(arc.conic, arc.points, arc.least_share >= gapless_share) for arc in found.arcs),
     )
     if found.circle is None:
         return marking, EstimationError("mask", refusal, REASONS.get(refusal, refusal.replace("_", " ")))
     return marking, None
+
+
+def with_arc(marking: MarkingMask, arc: SeenArc) -> MarkingMask:
+    """The same markings with an arc as the circle, which other markings must confirm, and no halfway line."""
+    others = tuple(other for other in marking.arcs if other is not arc)
+
+    def drawn() -> NDArray[np.uint8]:
+        classes = marking.classes.copy()
+        classes[(classes == CIRCLE_ID) | (classes == HALFWAY_ID)] = 0
+        radius = max(1, round(ARC_RADIUS_PX * classes.shape[1] / 1920.0))
+        for x, y in np.round(arc.points_px).astype(int).tolist():
+            cv2.circle(classes, (x, y), radius, CIRCLE_ID, cv2.FILLED)
+        return classes
+
+    return replace(marking, drawn=drawn, conic=arc.conic, halfway=None, certain=False, arcs=others, band_px=None)
 
 
 def marking_from_classes(

@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from circlecal.camera_fit.model import Frame, project
 from circlecal.errors import EstimationError
-from circlecal.field import Circle, FieldTemplate
+from circlecal.field import Arc, Circle, FieldTemplate
 from circlecal.geometry.conics import Ellipse, ellipse_from_conic
 from circlecal.geometry.homogeneous import Array
 from circlecal.geometry.ransac import ransac_conic
@@ -23,6 +23,10 @@ from circlecal.observations import CircleEdge
 from circlecal.profiles import Bands, Brightness, measure_bands, sample_profiles, smooth_along
 from circlecal.results import CameraFit, EdgePoints, MarkingMask, RayPoints
 
+CLEAR_OF_ENDS_PX = 6.0
+"""An arc ends on a line: nearer than this beyond the search its paint is not told from the line's, at 1920 px width."""
+STEADY_PX = 1.0
+"""Largest distance of steady points from the running median along it, pixels at 1920 px width."""
 FIRST_STEP = 4.0
 """The first look at the rough ellipse takes profiles this many times as far apart."""
 
@@ -135,8 +139,9 @@ def measure_along_model(
     template: FieldTemplate,
     noise: float,
     config: RaysConfig,
+    steadily: bool = False,
 ) -> tuple[Array, Array]:
-    """Middle of the circle's paint along the curve that a camera predicts, lens and crown included.
+    """Middle of a circle's or an arc's paint along the curve that a camera predicts, lens and crown included.
 
     An ellipse that was fitted to a part of the circle leaves the paint beyond that part; the camera leads further.
 
@@ -151,6 +156,8 @@ def measure_along_model(
     noise : float
         Grey-level noise of the picture.
     config : RaysConfig
+    steadily : bool
+        Whether points that leave their neighbours' offset from the curve are left out.
 
     Returns
     -------
@@ -159,7 +166,8 @@ def measure_along_model(
     """
     height, width = picture.shape
     search = 2 * config.refine_px * width / 1920.0
-    angle = np.linspace(0.0, 2 * np.pi, 2881)
+    start, end = (circle.start_deg, circle.end_deg) if isinstance(circle, Arc) else (0.0, 360.0)
+    angle = np.radians(np.linspace(start, end, 2881))
     frame = Frame(width, height, fit.crown_shape, max(circle.radius_m, 1e-3))
 
     def seen(edge: CircleEdge, at: Array) -> Array:
@@ -171,15 +179,31 @@ def measure_along_model(
     count = int(np.clip(length[-1] / config.spacing_px, 64, 2 * config.maximum))
     angle = np.interp(np.arange(count) * length[-1] / count, length, angle)
     points, normals = seen("center", angle), seen("outer", angle) - seen("inner", angle)
-    tangent = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
+    tangent = np.gradient(points, axis=0)
     across = np.stack([tangent[:, 1], -tangent[:, 0]], axis=-1)
     across /= np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), 1e-9)
     predicted = np.abs(np.sum(across * normals, axis=-1))
     inside = np.isfinite(points).all(axis=1) & ((points >= 0) & (points <= (width - 1, height - 1))).all(axis=1)
+    if isinstance(circle, Arc):
+        clear = search + CLEAR_OF_ENDS_PX * width / 1920.0
+        along = np.arange(count) * length[-1] / count
+        inside &= (along > clear) & (along < length[-1] - clear)
     middle, bands, _ = _bands_along(
         picture, points[inside], across[inside], predicted[inside], noise, search, config, 1.0
     )
+    if steadily:
+        steady = _steady(bands.center, STEADY_PX * width / 1920.0)
+        return middle[steady], bands.sigma[steady]
     return middle, bands.sigma
+
+
+def _steady(offsets: Array, limit: float) -> NDArray[np.bool_]:
+    """Which offsets (N,) from a curve lie near the running median of their neighbourhood."""
+    if len(offsets) < 16:
+        return np.zeros(len(offsets), dtype=np.bool_)
+    from scipy.ndimage import median_filter
+
+    return np.asarray(np.abs(offsets - median_filter(offsets, size=max(9, len(offsets) // 4), mode="nearest")) < limit)
 
 
 class _Centreline:

@@ -210,6 +210,17 @@ def halfway_length_px(camera: Camera, template: FieldTemplate, surface: Surface 
     return float(_visible_length(pixels, camera.width, camera.height))
 
 
+def other_lengths_px(camera: Camera, template: FieldTemplate, surface: Surface = FLAT) -> tuple[float, ...]:
+    """Lengths in pixels, longest first, of the lines and arcs inside the frame other than the default circle and the
+    halfway line.
+    """
+    own = {template.default_circle, template.halfway_line}
+    drawn = [points for name, points in template.polylines(_OTHERS_STEP_M).items() if name not in own]
+    pixels = (seen_pixels(camera, surface.lift(points)) for points in drawn)
+    lengths = [float(_visible_length(seen, camera.width, camera.height)) for seen in pixels]
+    return tuple(sorted((length for length in lengths if length > 0.0), reverse=True))
+
+
 def inside_frame(pixels: Array, width: int, height: int, margin_px: float = 0.0) -> NDArray[np.bool_]:
     """Which pixels (..., 2) lie on the picture, at least ``margin_px`` from its outermost pixel centres."""
     with np.errstate(invalid="ignore"):

@@ -103,6 +103,7 @@ def _moved(truth: Truth, camera: Camera, scale: Array, shift: Array, classes: ND
         imaged_center_px=truth.imaged_center_px * scale + shift,
         imaged_center_undistorted_px=truth.imaged_center_undistorted_px * scale + shift,
         halfway_px=truth.halfway_px * float(np.sqrt(np.prod(scale))),
+        others_px=tuple(length * float(np.sqrt(np.prod(scale))) for length in truth.others_px),
         picture_box_px=box,
         classes=classes,
     )

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from circlecal.field import FieldTemplate
 from circlecal.geometry.homogeneous import Array, apply_homography
 from circlecal.geometry.pinhole import Camera
-from circlecal.synthetic.cameras import halfway_length_px, inside_frame, visible_circle_deg
+from circlecal.synthetic.cameras import halfway_length_px, inside_frame, other_lengths_px, visible_circle_deg
 from circlecal.synthetic.paint import CIRCLE_CLASS, HALFWAY_CLASS, PaintLayer, class_mask
 from circlecal.synthetic.scene import Scene
 
@@ -21,7 +21,8 @@ Expectation = Literal["calibrate", "refuse"]
 _HIDDEN_ALPHA = 0.5
 _VISIBLE_MARK_SHARE = 0.7
 _SHORTEST_ARC_DEG = 60.0
-_SHORTEST_HALFWAY_SHARE = 0.08
+_SHORTEST_LINE_SHARE = 0.08
+_FEWEST_OTHERS = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +51,8 @@ class Truth:
         First and last column and row of the picture inside its bars: ``(x0, y0, x1, y1)``, pixel centres.
     visible_circle_deg, halfway_px : float
         Degrees of the outer edge, and length of the halfway line, inside the frame.
+    others_px : tuple of float
+        Length of every other line or arc inside the frame, longest first.
     classes : (H, W) uint8
         SoccerNet class ids of the paint that is seen: 7 circle, 18 halfway line; players excluded.
     """
@@ -68,15 +71,20 @@ class Truth:
     picture_box_px: tuple[float, float, float, float]
     visible_circle_deg: float
     halfway_px: float
+    others_px: tuple[float, ...]
     classes: NDArray[np.uint8]
 
     @property
     def expect(self) -> Expectation:
-        """Whether 60 degrees of the circle and a halfway line of 8 % of the width, enough to calibrate, are in view."""
-        enough = self.visible_circle_deg >= _SHORTEST_ARC_DEG and self.halfway_px >= _SHORTEST_HALFWAY_SHARE * (
-            self.picture_box_px[2] - self.picture_box_px[0] + 1
-        )
-        return "calibrate" if enough else "refuse"
+        """Whether enough to calibrate is in view: 60 degrees of the circle, and a halfway line or two other markings of
+        8 % of the width each.
+
+        One line beside the circle would leave it open which of several it is, and how far away the camera stands.
+        """
+        least = _SHORTEST_LINE_SHARE * (self.picture_box_px[2] - self.picture_box_px[0] + 1)
+        others = sum(length >= least for length in self.others_px)
+        turned = self.halfway_px >= least or others >= _FEWEST_OTHERS
+        return "calibrate" if self.visible_circle_deg >= _SHORTEST_ARC_DEG and turned else "refuse"
 
     def to_json(self) -> dict[str, Any]:
         """JSON-ready mapping without the mask; the camera has SoccerNet's keys and the lens in half-widths."""
@@ -99,6 +107,7 @@ class Truth:
             "pixel_aspect": float(self.camera.focal_px[1] / self.camera.focal_px[0]),
             "visible_circle_deg": self.visible_circle_deg,
             "halfway_px": self.halfway_px,
+            "others_px": list(self.others_px),
             "circle_pixels": int(np.sum(self.classes == CIRCLE_CLASS)),
             "halfway_pixels": int(np.sum(self.classes == HALFWAY_CLASS)),
         }
@@ -126,6 +135,7 @@ def truth_of(scene: Scene, layers: list[PaintLayer], hidden: NDArray[np.float32]
         picture_box_px=(0.0, 0.0, camera.width - 1.0, camera.height - 1.0),
         visible_circle_deg=visible_circle_deg(camera, template, surface) if scene.field_painted else 0.0,
         halfway_px=halfway_length_px(camera, template, surface) if scene.field_painted else 0.0,
+        others_px=other_lengths_px(camera, template, surface) if scene.field_painted else (),
         classes=classes,
     )
 

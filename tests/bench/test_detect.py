@@ -32,6 +32,7 @@ def test_two_profiles():
     assert easy.times_decoding * easy.decoding_ms >= easy.stage_ms["mask"]
     assert {"mask", "edges", "camera"} <= set(easy.stage_ms)
     assert (negative.calibrated, negative.wrong) == (0.0, 0.0)
+    assert easy.right == negative.right == 1.0
     assert np.isnan(negative.median_px)
     assert {"easy", "negative", "hidden_mark"} <= set(PROFILES)
     assert easy.wrong_kinds == negative.wrong_kinds == {}

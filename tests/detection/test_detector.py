@@ -1,3 +1,5 @@
+import itertools
+
 import cv2
 import numpy as np
 import pytest
@@ -190,6 +192,22 @@ def test_black_picture_has_no_field() -> None:
 def test_penalty_arc_is_refused(pan_deg: float, seed: int) -> None:
     scene = paint_scene(markings=PENALTY_AREA, pan_deg=pan_deg, seed=seed)
     assert run(scene.image, seed=seed).circle is None
+
+
+def test_a_part_of_a_circle_without_a_line_is_an_arc() -> None:
+    scene = paint_scene(markings=(ring(0.0, RADIUS_M), *PENALTY_AREA, level(-34.0)), pan_deg=15.0)
+    found = run(scene.image)
+    assert found.halfway is None
+    assert found.circle is None
+    assert found.arcs[0].least_share > CONFIG.likely.gapless_share
+    assert np.abs(sampson_distance(found.arcs[0].conic, scene.circle_points())).mean() < 0.5
+    for one, other in itertools.combinations(found.arcs, 2):
+        assert np.median(np.abs(sampson_distance(one.conic, other.points))) > 3.0
+
+
+def test_an_arc_that_ends_inside_the_picture_has_a_gap() -> None:
+    found = run(paint_scene(markings=PENALTY_AREA, pan_deg=30.0).image)
+    assert all(arc.least_share < CONFIG.likely.gapless_share for arc in found.arcs)
 
 
 def test_reasons_name_the_gate(main_view: Scene) -> None:

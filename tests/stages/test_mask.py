@@ -7,7 +7,8 @@ import pytest
 from circlecal.errors import EstimationError
 from circlecal.geometry.conics import ellipse_from_conic, orthogonal_distance
 from circlecal.geometry.homogeneous import line_distance
-from circlecal.stages.mask import MaskConfig, find_marking
+from circlecal.results import MarkingMask, SeenArc, Segment
+from circlecal.stages.mask import MaskConfig, find_marking, with_arc
 
 from .conftest import line_cue, paint, view
 
@@ -141,3 +142,20 @@ def test_bare_turf_is_refused_by_the_detector():
     assert refusal.stage == "mask"
     assert " " in refusal.reason
     assert marking.conic is None
+
+
+def test_an_arc_in_place_of_the_circle():
+    classes = np.zeros((720, 1280), np.uint8)
+    classes[100, 100], classes[200, 200], classes[300, 300] = 7, 18, 17
+    line = Segment(np.zeros(2), np.ones(2))
+    arcs = tuple(SeenArc(k * np.eye(3), np.array([[400.0 + 50 * k, 500.0], [900.0, 719.0]]), True) for k in range(2))
+    marking = MarkingMask(classes, "detector", np.eye(3), line, (line,), arcs=arcs)
+    changed = with_arc(marking, arcs[1])
+    assert changed.arcs == arcs[:1]
+    assert changed.conic is arcs[1].conic
+    assert changed.halfway is None
+    assert changed.lines == marking.lines
+    assert not changed.certain
+    assert [changed.classes[k, k] for k in (100, 200, 300)] == [0, 0, 17]
+    assert (changed.classes[500, 450], changed.classes[719, 900]) == (7, 7)
+    assert marking.classes[100, 100] == 7

@@ -11,8 +11,10 @@ from circlecal.profiles import grey
 from circlecal.results import MarkingMask
 from circlecal.stages.edges import EdgesConfig, detect_edges
 from circlecal.stages.rays import RaysConfig, cast_rays, even_angles, measure_along_model
+from circlecal.synthetic.paint import paint_layers
+from circlecal.synthetic.surface import FLAT
 
-from .conftest import CIRCLE, SOCCER, WIDTH_M, Painted, paint, view
+from .conftest import CIRCLE, SOCCER, WIDTH_M, Painted, developed, paint, view
 
 NEAR = view(position=(4.0, 40.0, -22.0), focal=2300.0)
 RELATIVE = WIDTH_M / SOCCER.radius(CIRCLE, "center")
@@ -192,3 +194,30 @@ def test_a_camera_that_is_a_little_off_leads_along_the_whole_circle(painted):
     assert len(points) > 400
     assert sigma.shape == (len(points),)
     assert np.median(np.abs(distances(painted, points, "center"))) < 0.15
+
+
+def test_an_arc_is_measured_between_its_ends():
+    """A boot on the arc is left out; so is what lies beyond the line on which the arc ends."""
+    from .test_verdict import camera_fit
+
+    arc = SOCCER.circle_by_name["penalty_arc_left"]
+    camera = view(position=(-30.0, 40.0, -22.0), target=(-33.0, 0.0, 0.0), focal=2600.0)
+    layers = paint_layers(camera, SOCCER, FLAT, WIDTH_M)
+    coverage = np.zeros((camera.height, camera.width))
+    for layer in layers:
+        coverage[layer.rows, layer.columns] = np.maximum(coverage[layer.rows, layer.columns], layer.coverage)
+    image = developed(coverage, noise=1.5)
+    angle = np.radians(np.linspace(arc.start_deg, arc.end_deg, 400))
+    middle = np.asarray(arc.center) + SOCCER.radius(arc, "center") * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    boot = camera.project(middle[200])
+    cv2.circle(image, (round(float(boot[0]) + 5), round(float(boot[1]))), 4, (240, 240, 240), -1)
+    frame = Frame(camera.width, camera.height, "flat", arc.radius_m)
+    fit = camera_fit(camera, theta=theta_of(camera, frame))
+    points, _ = measure_along_model(grey(image), fit, arc, SOCCER, 1.5, RaysConfig(), steadily=True)
+    truth = camera.project(middle)
+    distance = np.linalg.norm(points[:, None] - truth, axis=-1)
+    assert len(points) > 100
+    assert distance.min(axis=1).max() < 1.6
+    nearest = distance.argmin(axis=1)
+    assert nearest.min() >= 5
+    assert nearest.max() <= 395

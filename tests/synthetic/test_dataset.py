@@ -97,5 +97,5 @@ def test_samples(tmp_path):
     truth = {i: json.loads(files[f"truth/{i}.json"]) for i in ids}
     assert truth["full_circle"]["center_mark"] == "visible"
     assert truth["hidden_mark"]["center_mark"] == "hidden"
-    assert {i for i, t in truth.items() if t["expect"] == "refuse"} == {"no_halfway_line", "penalty_area"}
+    assert {i for i, t in truth.items() if t["expect"] == "refuse"} == {"penalty_area"}
     assert truth["penalty_area"]["circle_pixels"] == 0

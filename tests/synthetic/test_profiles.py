@@ -123,6 +123,17 @@ def test_short_arcs_and_missing_halfway_lines():
         assert without.visible_circle_deg >= 70
 
 
+def test_a_circle_needs_a_line_through_its_middle_or_two_beside_it():
+    truth = drawn("no_halfway", 0).truth
+    least = 0.08 * SIZE[0]
+    for others, expected in (((), "refuse"), ((900.0,), "refuse"), ((900.0, 0.9 * least), "refuse")):
+        assert replace(truth, others_px=others).expect == expected
+        assert replace(truth, others_px=others, halfway_px=1.1 * least).expect == "calibrate"
+    assert replace(truth, others_px=(900.0, 1.1 * least)).expect == "calibrate"
+    assert replace(truth, others_px=(900.0, 900.0), visible_circle_deg=40.0).expect == "refuse"
+    assert truth.to_json()["others_px"] == sorted(truth.others_px, reverse=True)
+
+
 @pytest.mark.parametrize("kind", NEGATIVE_KINDS)
 def test_negatives_show_no_circle_and_say_what_they_are(kind):
     template = load_field("soccer")
