@@ -22,7 +22,7 @@ from circlecal.camera_fit.observed import Realism
 from circlecal.camera_fit.optimise import COARSE, Priors, Problem, State, best_of, minimise
 from circlecal.field import Arc, FieldTemplate
 from circlecal.geometry.conics import Ellipse
-from circlecal.geometry.homogeneous import Array, Mask
+from circlecal.geometry.homogeneous import Array, Mask, lift
 from circlecal.geometry.homography import SIDES
 from circlecal.observations import Observations
 
@@ -45,8 +45,10 @@ SLACK = 0.35
 """How far a line may then reach beyond its marking, in lengths of it."""
 FOLLOWED = 10
 """How many hypotheses are completed with the other lines."""
-FEWEST_NAMES = 2
-"""One line beside a circle can be several markings: so many different ones must be recognised."""
+FEWEST_NAMES, TOUCH_M = 2, 0.3
+"""One line beside a circle can be several markings: so many different ones must be recognised, or one and the arc that
+ends on it, this near.
+"""
 CURVE_POINTS, CURVE_SIGMA_PX, CURVE_PX, CURVE_SHARE, ARC_SLACK = 40, 0.5, 3.0, 0.5, 0.15
 """A curve is an arc of the field where this share of its points lies so near to it (pixels at 1920 px width), and
 hardly beyond its ends (radians).
@@ -108,7 +110,8 @@ def names_around(
     if best is None:
         return None
     named = next(found for trial, found in zip(trials, arcs, strict=True) if trial is best)
-    if len(set(best.association.names.values())) + len(named) < FEWEST_NAMES:
+    names = set(best.association.names.values())
+    if len(names) < FEWEST_NAMES and not any(_ends_on(template, arc, names) for arc in named.values()):
         return None
     lengths = np.linalg.norm(scene.segments[:, 1] - scene.segments[:, 0], axis=-1)
     if best.explained_px < EXPLAINED_SHARE * lengths.sum():
@@ -254,6 +257,13 @@ def _fitted_with(scene: NamingScene, trials: list[Trial], points: Array, arc: Ar
     aside = np.abs((near.hidden - middle + np.pi) % (2 * np.pi) - np.pi)
     on = (np.abs(near.values) * CURVE_SIGMA_PX < CURVE_PX) & (aside < half + ARC_SLACK) & ~near.behind
     return fitted, on.mean(axis=1)
+
+
+def _ends_on(template: FieldTemplate, arc: str, lines: set[str]) -> bool:
+    """Whether an arc ends on one of the lines."""
+    drawn = template.polylines()[arc][[0, -1]]
+    coordinates = np.array([template.line_coordinates(template.line_by_name[name]) for name in lines])
+    return bool((np.abs(lift(drawn) @ coordinates.T) < TOUCH_M).all(axis=0).any())
 
 
 def _different(trials: list[Trial]) -> list[Trial]:
