@@ -165,7 +165,11 @@ def _time_picture(path: Path, as_json: bool) -> None:
     if as_json:
         _print_json({**asdict(found), "times_decoding": found.times_decoding})
         return
-    named = {"decoding": found.decoding_ms, "chain": found.chain_ms}
+    named = {
+        "decoding": found.decoding_ms,
+        "decoding, between chains": found.decoding_in_turn_ms,
+        "chain": found.chain_ms,
+    }
     steps = {f"detector, {name}": ms for name, ms in found.detector_ms.items()}
     _table(
         f"{found.frame}, {found.width}x{found.height}, {found.status}: best of several runs, one thread",
