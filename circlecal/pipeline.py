@@ -36,10 +36,11 @@ from circlecal.stages.correspondences import derive_correspondences
 from circlecal.stages.cues import cues_from_observations, find_cues
 from circlecal.stages.edges import detect_edges
 from circlecal.stages.ellipse import fit_ellipses, fit_observed
+from circlecal.stages.evidence import painted_all_round
 from circlecal.stages.homography import estimate_homography
 from circlecal.stages.mask import find_marking, with_arc
 from circlecal.stages.rays import cast_rays, measure_along_model
-from circlecal.stages.verdict import confirmed, doubtful, judge, kinds_of_confirmation, surely_assigned
+from circlecal.stages.verdict import beyond_doubt, confirmed, doubtful, judge, surely_assigned
 
 Convention = Literal["official", "paint"]
 T = TypeVar("T")
@@ -296,13 +297,19 @@ class _Job:
         except EstimationError as error:
             return _refused(error)
         camera = self.reached.get("camera")
-        if verdict.status == "refused" or camera is None or kinds_of_confirmation(camera, cues) == 2:
+        if camera is None:
             return verdict
+        picture = self._with_light_markings(brightness)
         with self._clock("verdict"):
+            if verdict.code == "circle_unconfirmed" and painted_all_round(picture, camera, self.template, self.circle):
+                closed_forms = self.reached.get("homography")
+                limits = self.config.verdict
+                verdict = judge(ellipses, cues, closed_forms, camera, self.template, self.circle, self.width, limits)
+            if verdict.status == "refused" or beyond_doubt(camera, cues, self.template):
+                return verdict
             mask: MarkingMask = self.reached["mask"]
             seen_names = {line.line for line in observations.lines} | {c.circle for c in observations.circles}
             known = frozenset(name for name in (*seen_names, *camera.named_lines) if name is not None)
-            picture = self._with_light_markings(brightness)
             expected = expected_markings(picture, camera, self.template, self.circle, known, mask.field_region)
             return confirmed(verdict, camera, cues, expected)
 

@@ -151,6 +151,14 @@ def kinds_of_confirmation(camera: CameraFit, cues: Cues) -> int:
     return int(mark) + int(len(camera.named_lines) >= SEVERAL_LINES)
 
 
+def beyond_doubt(camera: CameraFit, cues: Cues, template: FieldTemplate) -> bool:
+    """Whether nothing else need be looked for: the centre mark is seen where there is one circle only, or more lines
+    too.
+    """
+    kinds = kinds_of_confirmation(camera, cues)
+    return kinds == 2 or (kinds == 1 and cues.mark is not None and len(template.circles) == 1)
+
+
 def confirmed(verdict: Verdict, camera: CameraFit, cues: Cues, agreement: Agreement) -> Verdict:
     """The verdict on an accepted camera after a look at the markings that it was not fitted to."""
     kinds = kinds_of_confirmation(camera, cues)
