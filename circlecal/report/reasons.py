@@ -63,7 +63,8 @@ _REASONS = {
         "Frames that show more of it; circlecal rig or --camera-prior bring in what other frames of the camera know.",
     ),
     "rotation_free": Explanation(
-        "The circle is there, but nothing fixes the rotation about its middle: no halfway line, no other line or mark.",
+        "The circle is there, but nothing fixes the rotation about its middle: no halfway line, and no other lines or "
+        "arcs that can be only one marking each.",
         "circlecal rig brings in what other frames of the camera know; or annotate one more line or point.",
     ),
     "no_line_or_point": Explanation(
