@@ -35,7 +35,8 @@ def closed_form_starts(
     conic : (3, 3) array
         Image of the circle of ``radius``.
     center : (3,) array or None
-        Imaged centre where a mark shows it; otherwise every centre that a pinhole camera allows is a start.
+        Imaged centre where a mark shows it; otherwise, or where it allows no camera, every centre that a pinhole
+        camera allows is a start.
     line : (3,) array or None
         Image of the line; without one there is no closed form.
     direction : (2,) array
@@ -49,9 +50,24 @@ def closed_form_starts(
     """
     if line is None:
         return np.zeros((0, len(PARAMETERS)))
-    centers = [c.center for c in pinhole_centers(conic, line, image_center(frame.width, frame.height), frame.width)]
-    if center is not None:
-        centers.insert(0, center)
+    starts = _cameras([] if center is None else [center], conic, line, direction, field_center, radius, frame, side)
+    if not starts:
+        centers = pinhole_centers(conic, line, image_center(frame.width, frame.height), frame.width)
+        starts = _cameras([c.center for c in centers], conic, line, direction, field_center, radius, frame, side)
+    return np.array(starts).reshape(-1, len(PARAMETERS))
+
+
+def _cameras(
+    centers: list[Array],
+    conic: Array,
+    line: Array,
+    direction: Array,
+    field_center: Array,
+    radius: float,
+    frame: Frame,
+    side: str,
+) -> list[Array]:
+    """The upright ones of the cameras with these imaged centres."""
     starts = []
     for candidate in centers:
         H = homography_from_circle(conic, candidate, line, field_center, radius, direction)
@@ -62,7 +78,7 @@ def closed_form_starts(
         camera = camera_from_homography(H, frame.width, frame.height)
         if camera is not None and camera.position_m[2] < 0 and camera.angles_rad[1] > 0:
             starts.append(theta_of(camera, frame))
-    return np.array(starts).reshape(-1, len(PARAMETERS))
+    return starts
 
 
 def grid_starts(ellipse: Ellipse, field_center: Array, radius: float, frame: Frame, side: str) -> Array:

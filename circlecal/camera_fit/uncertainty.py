@@ -10,16 +10,31 @@ from circlecal.camera_fit.look import LOOK, from_look, look_jacobian, to_look
 from circlecal.camera_fit.model import PARAMETERS, Frame, active_parameters, view
 from circlecal.geometry.homogeneous import Array, dehomogenise, lift
 
+LARGEST_INVERSE = 1e11
+"""Entries of an inverse beyond which it is taken without its singular directions."""
+
 
 def posterior_covariance(normal: Array, sd: Array) -> Array:
     """Covariance (P, P) from the Gauss-Newton matrix (P, P) with its priors; zero for parameters that are fixed."""
     active = active_parameters(sd)
     block = normal[np.ix_(active, active)]
     size = np.sqrt(np.maximum(np.diag(block), 1e-300))
-    inverse = np.linalg.pinv(block / np.outer(size, size), rcond=1e-13, hermitian=True) / np.outer(size, size)
+    scale = np.outer(size, size)
+    inverse = _inverse(block / scale) / scale
     covariance = np.zeros((len(PARAMETERS), len(PARAMETERS)))
     covariance[np.ix_(active, active)] = inverse
     return covariance
+
+
+def _inverse(correlation: Array) -> Array:
+    """Inverse of a correlation-like matrix, without the directions in which it is singular."""
+    try:
+        inverse = np.linalg.inv(correlation)
+    except np.linalg.LinAlgError:
+        inverse = np.full_like(correlation, np.inf)
+    if np.abs(inverse).max() < LARGEST_INVERSE:
+        return np.asarray(0.5 * (inverse + inverse.T))
+    return np.asarray(np.linalg.pinv(correlation, rcond=1e-13, hermitian=True))
 
 
 def spread_cameras(theta: Array, covariance: Array, center_m: Array) -> Array:
