@@ -175,8 +175,9 @@ def _grown(seeds: Indices, pairs: _Pairs, lengths: Array, covariance: Array, sig
         J, r = pairs.jacobians[s, t], residuals[rows, s, t]
         pushed = J @ spread[rows]
         inner = pushed @ np.swapaxes(J, 1, 2) + 0.5 * sigma_px**2 * np.eye(2)
-        gain = np.linalg.solve(inner, pushed)
-        total[rows] += (r * np.linalg.solve(inner, r[..., None])[..., 0]).sum(axis=1)
+        inverse = np.linalg.inv(inner)
+        gain = inverse @ pushed
+        total[rows] += (r * (inverse @ r[..., None])[..., 0]).sum(axis=1)
         step = -(np.swapaxes(gain, 1, 2) @ r[..., None])[..., 0]
         residuals[rows] += np.einsum("stip,kp->ksti", pairs.jacobians, step)
         spread[rows] -= np.swapaxes(pushed, 1, 2) @ gain

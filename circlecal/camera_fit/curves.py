@@ -62,9 +62,7 @@ class CurvePoints:
         return replace(self, **chosen)
 
     def hypotheses(self, index: Indices) -> CurvePoints:
-        """Some of the hypotheses, where there are several."""
-        if self.sigma_px.ndim == 1:
-            return self
+        """Some of several hypotheses."""
         chosen = {name: getattr(self, name)[index] for name in ("sigma_px", "origin", "direction", "shift")}
         return replace(self, **chosen)
 

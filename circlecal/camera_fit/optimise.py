@@ -125,6 +125,10 @@ class Problem:
     priors: Priors
     frame: Frame
 
+    def hypotheses(self, index: Indices) -> Problem:
+        """Some of the hypotheses about the curves, where there are several."""
+        return self if self.curves.sigma_px.ndim == 1 else replace(self, curves=self.curves.hypotheses(index))
+
 
 @dataclass(frozen=True, slots=True)
 class State:
@@ -281,8 +285,7 @@ def continued(
                 return _replaced(state, np.flatnonzero(settled), advanced.select(settled))
             return state
         step, going = _stepped(problem, state, damping, active), np.flatnonzero(~arrived)
-        curves = problem.curves.hypotheses(going)
-        proposal = evaluate(replace(problem, curves=curves), step.theta[going], state.hidden[going], loss_scale)
+        proposal = evaluate(problem.hypotheses(going), step.theta[going], state.hidden[going], loss_scale)
         gain = state.cost[going] - proposal.cost
         better = np.asarray(gain > 0)
         # the nearer the cost falls to what was expected of the step, the less damped is the next one

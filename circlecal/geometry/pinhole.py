@@ -110,8 +110,9 @@ class Camera:
         r = target.copy()
         k1, k2 = self.kappa
         for _ in range(20):
-            value = r * (1 + k1 * r**2 + k2 * r**4) - target
-            slope = np.maximum(1 + 3 * k1 * r**2 + 5 * k2 * r**4, 0.2)
+            squared = r * r
+            value = r * (1 + squared * (k1 + k2 * squared)) - target
+            slope = np.maximum(1 + squared * (3 * k1 + 5 * k2 * squared), 0.2)
             step = value / slope
             r = r - step
             if not (np.abs(step) > 1e-15 * r).any():
