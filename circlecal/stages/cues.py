@@ -33,8 +33,6 @@ ONE_ROUND: Rounds = ((0.6, 1.0),)
 """For lines that were fitted to this picture."""
 WIDE_ROUND: Rounds = ((1.0, 1.0),)
 """For pieces that go on from others: they lie askew by less than a measurement feels."""
-MOST_PROFILES = 240
-"""Across one straight marking: more repeat each other."""
 SMOOTHING_REACH = 3
 """Profiles over which the smoothing along a marking reaches."""
 RIM_CLEARANCE_PX = 8.0
@@ -133,7 +131,7 @@ def find_cues(
     measured = measure_lines(picture, segments, noise, config, rounds, widths)
     halfway = None
     if chord is not None and near is not None:
-        halfway = _halfway_line(picture, measured.pop(), near, chord, growth, noise, template.halfway_line, config)
+        halfway = _halfway_line(picture, measured.pop(), chord, growth, noise, template.halfway_line, config)
     mark = None
     if config.centre_mark and halfway is not None and "centre_mark" in template.mark_by_name:
         mark = _centre_mark(picture, halfway, fit, template, blur_px, config)
@@ -244,7 +242,7 @@ def _band_samples(
     """
     span = ends[:, 1] - ends[:, 0]
     length = np.hypot(span[:, 0], span[:, 1])
-    fine = np.maximum(8, (length / _spacing_px(length, config)).astype(int))
+    fine = np.maximum(8, (length / config.spacing_px).astype(int))
     drawn = np.minimum(fine, np.maximum(24, (fine / step).astype(int)))
     # copies of both ends, dropped below, keep the smoothing from reaching into the next piece
     stored = drawn + 2 * SMOOTHING_REACH
@@ -267,11 +265,6 @@ def _band_samples(
     middles = base + bands.center[valid, None] * normals
     edges = base + np.stack([bands.left[valid], bands.right[valid]])[..., None] * normals
     return _BandSamples(middles, edges, (bands.sigma * stretch)[valid], piece[valid], drawn)
-
-
-def _spacing_px(length: Array, config: CuesConfig) -> Array:
-    """Distance of the profiles on markings of these lengths (...)."""
-    return np.maximum(config.spacing_px, length / MOST_PROFILES)
 
 
 def _measured_line(line: Array, ends: Array, samples: _BandSamples, mine: NDArray[np.int_], drawn: int) -> LineCue:
@@ -315,7 +308,6 @@ def _beyond(chord: Array, half_chords: float, shape: tuple[int, ...]) -> Segment
 def _halfway_line(
     picture: Brightness,
     cue: LineCue | None,
-    near: Segment,
     chord: Array,
     growth: Array,
     noise: float,
@@ -334,8 +326,7 @@ def _halfway_line(
         reach = 0.5 * float(np.linalg.norm(cue.segment.end - cue.segment.start))
     else:
         inside = np.abs((cue.points_px - middle) @ half / (half @ half)) < 1.0
-        spacing_px = _spacing_px(np.array(np.linalg.norm(near.end - near.start)), config)
-        expected = float(np.linalg.norm(visible[1] - visible[0]) / spacing_px)
+        expected = float(np.linalg.norm(visible[1] - visible[0])) / config.spacing_px
         support = float(inside.sum() / max(expected, 1.0))
     if support < config.minimum_support:
         return None
