@@ -160,6 +160,13 @@ def _mahalanobis(residuals: Array, jacobians: Array, covariances: Array, sigma_p
     return np.asarray((d * x * x - 2 * b * x * y + a * y * y) / np.maximum(a * d - b * b, own * own))
 
 
+def _inverse(matrices: Array, own: float) -> Array:
+    """Inverses (K, 2, 2) of symmetric matrices that are no smaller than ``own`` times the unit matrix."""
+    (a, b), (_, d) = np.moveaxis(matrices, 0, -1)
+    adjugate = np.moveaxis(np.array([[d, -b], [-b, a]]), -1, 0)
+    return np.asarray(adjugate / np.maximum(a * d - b * b, own * own)[:, None, None])
+
+
 def _grown(seeds: Indices, pairs: _Pairs, lengths: Array, covariance: Array, sigma_px: float) -> tuple[Indices, Array]:
     """From each seed (K, 2) on, match further lines under the camera that the matches so far imply.
 
@@ -174,8 +181,8 @@ def _grown(seeds: Indices, pairs: _Pairs, lengths: Array, covariance: Array, sig
         chosen[rows, s] = t
         J, r = pairs.jacobians[s, t], residuals[rows, s, t]
         pushed = J @ spread[rows]
-        inner = pushed @ np.swapaxes(J, 1, 2) + 0.5 * sigma_px**2 * np.eye(2)
-        inverse = np.linalg.inv(inner)
+        own = 0.5 * sigma_px**2
+        inverse = _inverse(pushed @ np.swapaxes(J, 1, 2) + own * np.eye(2), own)
         gain = inverse @ pushed
         total[rows] += (r * (inverse @ r[..., None])[..., 0]).sum(axis=1)
         step = -(np.swapaxes(gain, 1, 2) @ r[..., None])[..., 0]

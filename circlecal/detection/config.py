@@ -298,6 +298,13 @@ class SecondPassConfig(BaseModel):
     model_config = _STRICT
 
     threshold: float = Field(default=2.8, ge=1.0, le=50.0, description="Ridge threshold, as `ridges.threshold`.")
+    flat_width_px: int = Field(
+        default=1440,
+        ge=160,
+        le=3840,
+        description="Width of the picture that is searched for very flat circles where no circle is found otherwise.",
+    )
+    flattest: float = Field(default=0.03, gt=0.0, le=1.0, description="Smallest ratio of the axes there.")
     effort: int = Field(
         default=3, ge=1, le=20, description="How many times as many hypotheses are drawn, scored, kept and measured."
     )

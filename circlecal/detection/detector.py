@@ -132,6 +132,15 @@ def thorough(config: DetectorConfig) -> DetectorConfig:
     return config.model_copy(update={"ridges": ridges, "hypotheses": hypotheses, "candidates": candidates})
 
 
+def flat(config: DetectorConfig) -> DetectorConfig:
+    """Options of the last pass: more pixels, and flatter ellipses."""
+    second = thorough(config)
+    lowest = min(config.second_pass.flattest, config.hypotheses.axis_ratio[0])
+    hypotheses = second.hypotheses.model_copy(update={"axis_ratio": (lowest, config.hypotheses.axis_ratio[1])})
+    width = max(config.second_pass.flat_width_px, config.detection_width_px)
+    return second.model_copy(update={"hypotheses": hypotheses, "detection_width_px": width})
+
+
 def detect(
     image_bgr: NDArray[np.uint8],
     config: DetectorConfig,
@@ -224,6 +233,14 @@ def _searched(
             passes += [
                 (thorough(option), _MARGIN, s) for s in (region, *((other,) if enough else ())) for option in options
             ]
+    if config.thorough and not any(search.found.circle is not None for search in searches):
+        # a circle that is seen very flat has too few rows in the smaller picture
+        surfaces = {id(surface): surface for _, _, surface in passes}.values()
+        for option, surface in ((option, surface) for option in options for surface in surfaces):
+            search = _search(full_grey, surface, flat(option), rng, watch, _MARGIN, excluded)
+            if search.found.settled:
+                return search
+            searches.append(search)
     best = max(searches, key=_rank)
     arcs = [arc for search in searches if search.sign == best.sign for arc in search.found.arcs]
     distinct = _distinct_arcs(arcs, best.found.hypothesis, _SAME_ARC * full_grey.shape[1])

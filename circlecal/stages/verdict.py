@@ -137,7 +137,7 @@ def judge(
         if camera is not None:
             checks.append(_check("likely_residual_px", _worst_of(camera, circle), LIKELY_RESIDUAL_PX * unit))
         exact = camera is not None and _exact(ellipses, camera, circle, unit)
-        checks.append(_check("confirmations", float(_confirmations(cues, camera) + exact), 1.0, at_least=True))
+        checks.append(_check("confirmations", float(_confirmations(cues, camera, unit) + exact), 1.0, at_least=True))
     failed = next((c for c in checks if not c.passed), None)
     if failed is None:
         return Verdict("calibrated", None, None, None, tuple(checks))
@@ -272,13 +272,14 @@ def _worst_of(camera: CameraFit, circle: Circle) -> float:
     return max((rms for name, rms in camera.residuals_px.items() if name.startswith(f"{circle.name} ")), default=0.0)
 
 
-def _confirmations(cues: Cues, camera: CameraFit | None) -> int:
+def _confirmations(cues: Cues, camera: CameraFit | None, unit: float) -> int:
     """Markings besides circle and halfway line that lie where the camera puts them."""
     if camera is None:
         return 0
     halfway = None if cues.halfway is None else cues.halfway.name
     mark = cues.mark is not None and cues.mark.name not in camera.rejected
-    return int(mark) + sum(name != halfway for name in camera.named_lines)
+    near = [name for name in camera.named_lines if camera.residuals_px.get(name, 0.0) <= LIKELY_RESIDUAL_PX * unit]
+    return int(mark) + sum(name != halfway for name in near)
 
 
 def _exact(ellipses: EllipseFits, camera: CameraFit, circle: Circle, unit: float) -> bool:

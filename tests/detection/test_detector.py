@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from circlecal.detection import Detection, DetectorConfig, detect
+from circlecal.detection.detector import flat, thorough
 from circlecal.geometry.conics import sampson_distance
 from circlecal.geometry.homogeneous import Array, lift
 
@@ -284,3 +285,10 @@ def test_a_field_that_fills_less_of_the_picture_than_the_stands() -> None:
     assert middle < 0.3
     assert found.region.hull_at(1280, 1040)[700:].mean() > 200
     assert found.region.hull_at(1280, 1040)[:600].mean() < 20
+
+
+def test_the_last_pass_has_more_pixels_and_flatter_ellipses() -> None:
+    last = flat(CONFIG)
+    assert last.detection_width_px == CONFIG.second_pass.flat_width_px > CONFIG.detection_width_px
+    assert last.hypotheses.axis_ratio == (CONFIG.second_pass.flattest, CONFIG.hypotheses.axis_ratio[1])
+    assert last.ridges == thorough(CONFIG).ridges

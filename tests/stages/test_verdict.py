@@ -230,3 +230,9 @@ def test_nothing_estimated():
     found = verdict()
     assert (found.status, found.code, found.stage) == ("refused", "no_homography", "verdict")
     assert found.checks == ()
+
+
+def test_a_marking_that_lies_elsewhere_confirms_nothing():
+    bare = Cues(LINE, None)
+    off = camera_fit(named_lines=("side_line_top",), residuals_px={"centre_circle outer": 0.3, "side_line_top": 2.0})
+    assert verdict(off, cues=bare, certain=False).code == "circle_unconfirmed"
