@@ -240,7 +240,7 @@ def _searched(
             search = _search(full_grey, surface, flat(option), rng, watch, _MARGIN, excluded)
             if search.found.settled:
                 return search
-            searches.append(search)
+            searches += [search] if search.found.circle is not None else []
     best = max(searches, key=_rank)
     arcs = [arc for search in searches if search.sign == best.sign for arc in search.found.arcs]
     distinct = _distinct_arcs(arcs, best.found.hypothesis, _SAME_ARC * full_grey.shape[1])
