@@ -187,7 +187,7 @@ def test_killed_in_the_middle_and_resumed(tmp_path):
 
 
 def test_interrupted_and_resumed(tmp_path):
-    count = 80
+    count = 600  # far more than are done before the signal arrives
     frames, out = paint(tmp_path / "frames", count), tmp_path / "out"
     run = subprocess.Popen(
         batch_command(frames, out),
