@@ -21,10 +21,10 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
 
+from circlecal.camera_fit.config import CameraConfig
 from circlecal.camera_fit.rig_options import RigConfig
 from circlecal.errors import ConfigError
 from circlecal.sources import SourcesConfig
-from circlecal.stages.camera import CameraConfig
 from circlecal.stages.correspondences import CorrespondencesConfig
 from circlecal.stages.cues import CuesConfig
 from circlecal.stages.edges import EdgesConfig

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from circlecal.camera_fit.config import CameraConfig, priors_of
 from circlecal.camera_fit.curves import first_hidden
 from circlecal.camera_fit.model import Frame, project, theta_of
 from circlecal.camera_fit.observed import Realism, observed_curves, observed_points
@@ -15,7 +16,6 @@ from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.homogeneous import Array
 from circlecal.geometry.pinhole import Camera
 from circlecal.observations import Observations
-from circlecal.stages.camera import CameraConfig, priors_of
 
 _NO_LOSS = 1e6
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from circlecal.bench.bounds import bound_errors
 from circlecal.bench.scenarios import KNOWN, PRIORS, Draw, soccer
+from circlecal.camera_fit.config import CameraConfig, priors_of
 from circlecal.camera_fit.joint import first_state, joint_covariances, joint_problem
 from circlecal.camera_fit.model import INDEX, Frame, theta_of
 from circlecal.camera_fit.observed import Realism, observed_curves, observed_points
@@ -26,7 +27,7 @@ from circlecal.observations import CirclePoints, Observations
 from circlecal.results import CameraFit
 from circlecal.rig.estimation import config_with, estimate_rigs
 from circlecal.rig.frames import RigFrame
-from circlecal.stages.camera import CameraConfig, estimate_camera, priors_of
+from circlecal.stages.camera import estimate_camera
 from circlecal.synthetic.cameras import sample_camera
 from circlecal.synthetic.markings import circle_points, line_points
 from circlecal.synthetic.surface import FLAT, Surface

@@ -8,11 +8,11 @@ from functools import cache, partial
 
 import numpy as np
 
+from circlecal.camera_fit.config import CameraConfig
 from circlecal.field import Circle, FieldTemplate, load_field
 from circlecal.geometry.pinhole import Camera, image_center
 from circlecal.observations import CircleEdge, CirclePoints, Observations
 from circlecal.solvers.circlecal import KNOWN_OPTICS
-from circlecal.stages.camera import CameraConfig
 from circlecal.synthetic.cameras import sample_camera
 from circlecal.synthetic.markings import Spacing, circle_points, line_points
 from circlecal.synthetic.surface import FLAT, Surface

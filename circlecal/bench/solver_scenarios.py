@@ -13,12 +13,12 @@ from functools import cache, partial
 import numpy as np
 
 from circlecal.bench.scenarios import FACEOFF_PAIR, KNOWN, faceoff_camera, hockey, soccer
+from circlecal.camera_fit.config import CameraConfig
 from circlecal.errors import ConfigError
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.homogeneous import Array
 from circlecal.geometry.pinhole import Camera
 from circlecal.observations import CircleEdge, Keypoint, LinePoints, MarkPoint, Observations
-from circlecal.stages.camera import CameraConfig
 from circlecal.synthetic.cameras import aimed_camera, inside_frame, sample_camera
 from circlecal.synthetic.markings import (
     MIN_SIGMA_PX,

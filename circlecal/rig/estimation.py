@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from circlecal.camera_fit.config import priors_of
 from circlecal.camera_fit.curves import curve_residuals, first_hidden, line_curve
 from circlecal.camera_fit.joint import (
     JointProblem,
@@ -29,7 +30,6 @@ from circlecal.geometry.homogeneous import Array
 from circlecal.geometry.homography import SIDES
 from circlecal.observations import Observations
 from circlecal.rig.frames import RigFrame
-from circlecal.stages.camera import priors_of
 
 SAME_LINE_PX = 6.0
 """A recognised line is the seen one that lies this near to where the camera puts it, pixels at 1920 px width."""

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from circlecal.camera_fit.config import CameraConfig
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.homogeneous import Array
 from circlecal.observations import Observations
 from circlecal.solvers.interface import solver
-from circlecal.stages.camera import CameraConfig, estimate_camera
+from circlecal.stages.camera import estimate_camera
 
 KNOWN_OPTICS = CameraConfig(
     principal_point_sd_px=0.0,

@@ -15,6 +15,7 @@ from math import comb
 
 import numpy as np
 
+from circlecal.camera_fit.config import CameraConfig, priors_of
 from circlecal.camera_fit.curves import FixedPoints
 from circlecal.camera_fit.model import Frame, camera_of, theta_of
 from circlecal.camera_fit.observed import Realism, observed_curves
@@ -36,7 +37,6 @@ from circlecal.solvers.primitives import (
     seen_circle,
     seen_lines,
 )
-from circlecal.stages.camera import CameraConfig, priors_of
 
 SUBSET = 4
 SUBSETS = 120

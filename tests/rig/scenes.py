@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from circlecal.camera_fit.config import priors_of
 from circlecal.camera_fit.model import PARAMETERS, Frame, theta_of
 from circlecal.camera_fit.observed import Realism, observed_curves, observed_points
 from circlecal.camera_fit.optimise import Problem, minimise
@@ -15,7 +16,6 @@ from circlecal.geometry.pinhole import Camera
 from circlecal.observations import Observations
 from circlecal.pipeline import field_of
 from circlecal.rig.frames import RigFrame
-from circlecal.stages.camera import priors_of
 from circlecal.synthetic.cameras import aimed_camera, sample_camera
 from circlecal.synthetic.markings import circle_points, line_points
 

@@ -8,12 +8,13 @@ import pytest
 from circlecal.bench.accuracy import mahalanobis, truth_grid
 from circlecal.bench.bounds import bound_covariance, bound_errors
 from circlecal.bench.scenarios import KNOWN, Draw, chosen_rows
+from circlecal.camera_fit.config import CameraConfig, priors_of
 from circlecal.camera_fit.model import INDEX, PARAMETERS, Frame, theta_of
 from circlecal.errors import EstimationError
 from circlecal.field import load_field
 from circlecal.geometry.homography import SIDES, transfer_errors
 from circlecal.observations import CirclePoints, Keypoint, LinePoints, MarkPoint, Observations
-from circlecal.stages.camera import CameraConfig, estimate_camera, priors_of
+from circlecal.stages.camera import estimate_camera
 from circlecal.synthetic.cameras import aimed_camera
 from circlecal.synthetic.markings import circle_points, line_points, mark_point
 from circlecal.synthetic.surface import Surface
