@@ -38,7 +38,8 @@ from circlecal.formats.masks import as_class_ids, find_mask, read_mask
 from circlecal.formats.network_keypoints import network_keypoints
 from circlecal.formats.remote import read_url
 from circlecal.formats.result import result_record, write_result
-from circlecal.pipeline import Convention, field_of, in_convention, joined, run, run_observations
+from circlecal.observations import joined
+from circlecal.pipeline import Convention, field_of, in_convention, run, run_observations
 from circlecal.results import Calibration
 from circlecal.stages.keypoints import require_keypoint_networks
 from circlecal.stages.mask import require_mask_network

@@ -176,3 +176,16 @@ class Observations:
 
 def _rounded(values: Array) -> Any:
     return np.round(np.asarray(values, dtype=np.float64), 4).tolist()
+
+
+def joined(first: Observations, second: Observations) -> Observations:
+    """Observations of one frame from two sources."""
+    return Observations(
+        first.width,
+        first.height,
+        (*first.circles, *second.circles),
+        (*first.lines, *second.lines),
+        (*first.marks, *second.marks),
+        (*first.keypoints, *second.keypoints),
+        (*first.curves, *second.curves),
+    )

@@ -28,6 +28,7 @@ LAYERS: tuple[frozenset[str], ...] = (
     frozenset({"stages"}),
     frozenset({"solvers"}),
     frozenset({"config"}),
+    frozenset({"chain"}),
     frozenset({"pipeline"}),
     frozenset({"overlay", "formats"}),
     frozenset({"projection", "synthetic"}),
