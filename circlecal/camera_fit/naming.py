@@ -13,7 +13,7 @@ from circlecal.camera_fit.observed import Realism, thinned_curves, thinned_line
 from circlecal.camera_fit.optimise import COARSE, Problem, State, minimise
 from circlecal.camera_fit.uncertainty import posterior_covariance
 from circlecal.field import FieldTemplate
-from circlecal.geometry.homogeneous import Array, Indices
+from circlecal.geometry.homogeneous import Array, Indices, Mask
 from circlecal.observations import LinePoints, Observations
 
 HYPOTHESES, GROWING = 6, 2
@@ -80,6 +80,16 @@ class NamingScene:
         """Pixels per pixel at 1920 px width."""
         return self.problem.frame.width / 1920.0
 
+    @property
+    def lengths_px(self) -> Array:
+        """Lengths (S,) of the nameless lines."""
+        return np.asarray(np.linalg.norm(self.segments[:, 1] - self.segments[:, 0], axis=-1))
+
+    def leaves_longest(self, association: Association) -> bool:
+        """Whether one line that gets no name is longer than all that get one."""
+        named = list(association.names)
+        return bool(np.delete(self.lengths_px, named).max(initial=0.0) > self.lengths_px[named].sum())
+
     def hypotheses(self, theta: Array, normal: Array, count: int) -> list[Association]:
         """The most plausible names under a camera with its Gauss-Newton matrix."""
         covariance = posterior_covariance(normal, self.problem.priors.sd)
@@ -91,11 +101,12 @@ class NamingScene:
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """A fitted hypothesis: its names, the length that it explains within the tolerance, its score, its camera (P,) and
-    Gauss-Newton matrix (P, P).
+    """A fitted hypothesis: its names, which lines (S,) it passes through, the length of these, its score, its camera
+    (P,) and Gauss-Newton matrix (P, P).
     """
 
     association: Association
+    passed: Mask
     explained_px: float
     score: float
     theta: Array
@@ -143,9 +154,12 @@ def name_lines(
         return nothing
     trials = grown(scene, tried(scene, first, np.repeat(state.theta[:1], len(first), axis=0)), GROWING)
     best = certain(trials, observations.width)
+    if best is None or scene.leaves_longest(best.association):
+        trials += _alone(scene, first, state.theta[:1])
+        best = certain(trials, observations.width)
     if best is None:
         return nothing
-    return Naming({unnamed[k]: name for k, name in best.association.names.items()}, best.theta)
+    return Naming({unnamed[k]: name for k, name in best.association.names.items() if best.passed[k]}, best.theta)
 
 
 def grown(scene: NamingScene, trials: list[Trial], count: int) -> list[Trial]:
@@ -163,6 +177,14 @@ def grown(scene: NamingScene, trials: list[Trial], count: int) -> list[Trial]:
         for k, trial in zip(growing, tried(scene, list(more.values()), starts), strict=True):
             trials[k] = trial
     return trials
+
+
+def _alone(scene: NamingScene, hypotheses: list[Association], start: Array) -> list[Trial]:
+    """The longest line under each of its names, with nothing else named: the others may be edges of boards."""
+    longest = int(np.argmax(scene.lengths_px))
+    names = {h.names[longest] for h in hypotheses if longest in h.names}
+    single = [Association({longest: name}, float(scene.lengths_px[longest]), 0.0) for name in sorted(names)]
+    return tried(scene, single, np.repeat(start, len(single), axis=0)) if single else []
 
 
 def _extends(again: Association, before: Association) -> bool:
@@ -212,9 +234,9 @@ def tried(scene: NamingScene, associations: list[Association], starts: Array) ->
     problem = replace(scene.problem, curves=_hypothetical(scene, associations))
     hidden = ground_hidden(problem.curves, starts, problem.frame)
     state = minimise(problem, starts, WIDE * scene.loss_scale, 20, hidden, COARSE)
-    explained, score = _judged(scene, associations, state, problem)
+    passed, explained, score = _judged(scene, associations, state, problem)
     return [
-        Trial(association, float(explained[k]), float(score[k]), state.theta[k], state.normal[k])
+        Trial(association, passed[k], float(explained[k]), float(score[k]), state.theta[k], state.normal[k])
         for k, association in enumerate(associations)
     ]
 
@@ -253,20 +275,23 @@ def _hypothetical(scene: NamingScene, associations: list[Association]) -> CurveP
     )
 
 
-def _judged(scene: NamingScene, associations: list[Association], state: State, problem: Problem) -> tuple[Array, Array]:
-    """Length (B,) of the lines that each fit really passes through, and its score: less what circle, line and priors
-    had to give for it.
+def _judged(
+    scene: NamingScene, associations: list[Association], state: State, problem: Problem
+) -> tuple[Mask, Array, Array]:
+    """The lines (B, S) that each fit really passes through, their length (B,), and its score: less what circle, line
+    and priors had to give for it.
     """
-    lengths = np.linalg.norm(scene.segments[:, 1] - scene.segments[:, 0], axis=-1)
+    lengths = scene.lengths_px
     named = np.array([[k in association.names for k in range(len(lengths))] for association in associations])
     curves, known = problem.curves, len(scene.before_px)
     member = (curves.group[:, None] == np.arange(len(curves.names))).astype(np.float64)
     rms = np.sqrt((state.residuals * curves.sigma_px) ** 2 @ member / member.sum(axis=0))
-    explained = (lengths * (named & (rms[:, known:] < 2.5 * scene.unit))).sum(axis=1)
+    passed = named & (rms[:, known:] < 2.5 * scene.unit)
+    explained = (lengths * passed).sum(axis=1)
     missed = (lengths * named).sum(axis=1) - explained
     worse = np.maximum(0.0, rms[:, :known] - scene.before_px - scene.allowed_px).sum(axis=1) / scene.unit
     prior = (problem.priors.residuals(state.theta)[0] ** 2).sum(axis=1)
-    return explained, explained - 2.0 * missed - scene.unit * (400.0 * worse + 15.0 * prior)
+    return passed, explained, explained - 2.0 * missed - scene.unit * (400.0 * worse + 15.0 * prior)
 
 
 def certain(trials: list[Trial], width: int) -> Trial | None:

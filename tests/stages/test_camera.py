@@ -409,6 +409,23 @@ def test_a_single_line_gets_the_right_name_or_none(line, named):
     assert fit.named_lines == ((line,) if named else ())
 
 
+def test_the_longest_line_gets_its_name_beside_edges_of_boards():
+    """The touchline, and pieces of an edge behind it that could be the touchline of another camera."""
+    camera = aimed_camera(np.array([4.7, 60.1, -14.8]), np.array([1.5, -29.0, 0.0]), 3900.0, 0.0, 1920, 1080)
+    given = with_nameless(camera, ("side_line_top",))
+    arc = given.circles[0]
+    low = arc.points_px[:, 1] < np.quantile(arc.points_px[:, 1], 0.2)
+    rng = np.random.default_rng(5)
+    board = [
+        camera.project(np.stack([np.linspace(*x, 20), np.full(20, -38.0)], axis=-1)) + rng.normal(0.0, 1.0, (20, 2))
+        for x in ((-10.0, -6.5), (2.0, 4.5), (7.0, 10.5))
+    ]
+    lines = (*given.lines, *(LinePoints(None, points, np.full(20, 0.3)) for points in board))
+    circles = (replace(arc, points_px=arc.points_px[low], sigma_px=arc.sigma_px[low]),)
+    fit = estimate_camera(replace(given, circles=circles, lines=lines), SOCCER, CIRCLE, NAMING)
+    assert fit.names_by_line == {1: "side_line_top"}
+
+
 def test_nothing_is_named_where_the_camera_is_too_vague():
     """Straight behind the halfway line zoom and distance are all but free, and so is the place of a further line."""
     camera = aimed_camera(np.array([0.5, 62.0, -14.0]), np.array([2.0, -10.0, 0.0]), 2000.0, 0.0, 1920, 1080)
