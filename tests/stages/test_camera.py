@@ -409,20 +409,42 @@ def test_a_single_line_gets_the_right_name_or_none(line, named):
     assert fit.named_lines == ((line,) if named else ())
 
 
-def test_the_longest_line_gets_its_name_beside_edges_of_boards():
-    """The touchline, and pieces of an edge behind it that could be the touchline of another camera."""
-    camera = aimed_camera(np.array([4.7, 60.1, -14.8]), np.array([1.5, -29.0, 0.0]), 3900.0, 0.0, 1920, 1080)
+def beside_boards(aim_m, share, pieces):
+    """The far part of the circle, the touchline, and the ``pieces`` of edges behind it."""
+    camera = aimed_camera(np.array([4.7, 60.1, -14.8]), np.array([1.5, aim_m, 0.0]), 3900.0, 0.0, 1920, 1080)
     given = with_nameless(camera, ("side_line_top",))
     arc = given.circles[0]
-    low = arc.points_px[:, 1] < np.quantile(arc.points_px[:, 1], 0.2)
+    far = arc.points_px[:, 1] < np.quantile(arc.points_px[:, 1], share)
+    edges = (LinePoints(None, points, np.full(len(points), 0.3)) for points in pieces(camera, given.lines[1].points_px))
+    circles = (replace(arc, points_px=arc.points_px[far], sigma_px=arc.sigma_px[far]),)
+    return replace(given, circles=circles, lines=(*given.lines, *edges))
+
+
+def test_lines_that_the_fit_does_not_pass_through_get_no_name():
+    """Pieces of an edge far behind the touchline are not the near touchline."""
     rng = np.random.default_rng(5)
-    board = [
-        camera.project(np.stack([np.linspace(*x, 20), np.full(20, -38.0)], axis=-1)) + rng.normal(0.0, 1.0, (20, 2))
-        for x in ((-10.0, -6.5), (2.0, 4.5), (7.0, 10.5))
-    ]
-    lines = (*given.lines, *(LinePoints(None, points, np.full(20, 0.3)) for points in board))
-    circles = (replace(arc, points_px=arc.points_px[low], sigma_px=arc.sigma_px[low]),)
-    fit = estimate_camera(replace(given, circles=circles, lines=lines), SOCCER, CIRCLE, NAMING)
+
+    def pieces(camera, _):
+        for first, last in ((-10.0, -6.5), (2.0, 4.5), (7.0, 10.5)):
+            on_ground = np.stack([np.linspace(first, last, 20), np.full(20, -38.0)], axis=-1)
+            yield camera.project(on_ground) + rng.normal(0.0, 1.0, (20, 2))
+
+    fit = estimate_camera(beside_boards(-29.0, 0.2, pieces), SOCCER, CIRCLE, NAMING)
+    assert fit.names_by_line == {1: "side_line_top"}
+
+
+def test_the_touchline_gets_its_name_beside_edges_that_contradict_each_other():
+    """Whatever the short pieces above it are taken for, the long line is the touchline."""
+    rng = np.random.default_rng(5)
+    places = ((175, 495, -51.0, -54.5), (1217, 1439, -52.0, -52.5), (346, 674, -37.0, -37.5), (871, 1118, -52.0, -48.0))
+
+    def pieces(_, touchline):
+        along = np.polyfit(*touchline.T, 1)
+        for first, last, *above in places:
+            x = np.linspace(first, last, 20)
+            yield np.stack([x, np.polyval(along, x) + np.linspace(*above, 20) + rng.normal(0.0, 0.5, 20)], axis=-1)
+
+    fit = estimate_camera(beside_boards(-40.0, 0.25, pieces), SOCCER, CIRCLE, NAMING)
     assert fit.names_by_line == {1: "side_line_top"}
 
 
