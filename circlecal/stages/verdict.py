@@ -21,6 +21,8 @@ LIKELY_RESIDUAL_PX = 1.4
 """Largest rms distance from the projected circle of one that needs a confirmation, pixels at 1920 px width."""
 EXACT_RESIDUAL_PX, EXACT_ARC_DEG = 0.1, 130.0
 """Such an rms distance, over so much of the circle, confirms it."""
+UNCONFIRMED_SIGMA = 0.75
+"""Share of the usual uncertainty that is allowed where nothing else confirms it: nothing would contradict either."""
 REACH_SHARE = 0.95
 """Share of the halfway line's points that lie within its reach; a few may lie on something behind its end."""
 SURE_LINES = 4
@@ -107,7 +109,7 @@ def judge(
 
     Every check is recorded with its value and its limit; the first that fails is the reason of the refusal. A circle
     that is not ``certain`` by itself needs the centre mark or a further marking at the place that the camera gives it,
-    or much of it must lie exactly where the camera puts it.
+    or much of it must lie exactly where the camera puts it, and less uncertainty is allowed then.
     """
     unit = width / 1920.0
     H = camera.H_image_field if camera is not None else homography.H_image_field if homography is not None else None
@@ -127,7 +129,9 @@ def judge(
         if ellipses.all():
             checks += _residual_checks(camera, cues, circle, unit, config)
             checks += _reach_checks(camera, cues, template, config)
-        checks.append(_check("sigma_px", camera.max_sigma_px, config.max_sigma_px * unit))
+        alone = not certain and bool(ellipses.all()) and _confirmations(cues, camera, unit) == 0
+        limit_px = config.max_sigma_px * (UNCONFIRMED_SIGMA if alone else 1.0)
+        checks.append(_check("sigma_px", camera.max_sigma_px, limit_px * unit))
         checks.append(_check("sigma_m", camera.max_sigma_m, config.max_sigma_m))
         checks += _edge_checks(camera, ellipses, template, circle, config)
     else:

@@ -69,6 +69,10 @@ def test_a_likely_circle_may_confirm_itself():
     bare = Cues(LINE, None)
     exact = camera_fit(residuals_px={"centre_circle outer": 0.05})
     assert verdict(exact, cues=bare, certain=False).status == "calibrated"
+    vague = replace(exact, max_sigma_px=50.0 * CAMERA.width / 1920.0)
+    assert verdict(vague, cues=bare, certain=False).code == "too_uncertain"
+    assert verdict(vague, cues=bare).status == "calibrated"
+    assert verdict(replace(vague, named_lines=("side_line_top",)), cues=bare, certain=False).status == "calibrated"
     arc = replace(fit_of(true_conic(CAMERA), "outer"), arc_deg=100.0)
     assert verdict(exact, fits=EllipseFits(arc, None, None), cues=bare, certain=False).code == "circle_unconfirmed"
 
