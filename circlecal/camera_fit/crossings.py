@@ -32,8 +32,10 @@ WIDE = 10.0
 """By how much wider the loss is at first: an end may lie far from where a vague camera expects it."""
 WORST_COST = 25.0
 """By how much chi-square may grow per end that is used."""
-SURE_PX = 25.0
-"""An end at which nothing is seen to cross needs a prediction as sharp as this, pixels at 1920 px width."""
+SURE_PX, BARE_SIGMAS = 25.0, 2.0
+"""An end at which nothing is seen to cross needs a prediction as sharp as this, pixels at 1920 px width, and lies no
+further from it.
+"""
 NEAR_PX, BEND_SHARE, LEAST_SINE = 3.0, 0.008, 0.15
 """How far a seen line may pass by an end: pixels at 1920 px width, and share of its distance; and the sine of the least
 angle between both.
@@ -115,12 +117,13 @@ def _crossings(
     expected = curve_residuals(points, theta, ground_hidden(points, theta, problem.frame), problem.frame, updates=1)
     J = expected.jacobian[0]
     spread = np.sqrt(((J @ posterior_covariance(state.normal[0], problem.priors.sd)) * J).sum(axis=1))
-    believed = np.abs(expected.values[0]) <= worst * np.hypot(spread, 1.0)
+    away = np.abs(expected.values[0]) / np.hypot(spread, 1.0)
     vague = spread * sigmas[met, 0] > SURE_PX * unit
     return tuple(
         LinePoints(name, middles[k][None], sigmas[k])
-        for k, name, fits, unsure in zip(met, points.names, believed, vague, strict=True)
-        if fits and (ends[k][0].crossed or not unsure or _met(*ends[k], observations, unit))
+        for k, name, off, unsure in zip(met, points.names, away, vague, strict=True)
+        if off <= worst
+        and (ends[k][0].crossed or (off <= BARE_SIGMAS and not unsure) or _met(*ends[k], observations, unit))
     )
 
 

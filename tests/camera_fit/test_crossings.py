@@ -59,6 +59,16 @@ def test_an_end_far_from_any_marking_is_not_used():
     np.testing.assert_allclose(given.theta, without.theta)
 
 
+@pytest.mark.parametrize("offset_px", [-20.0, 20.0])
+def test_an_end_beside_its_place_is_used_only_where_something_crosses(offset_px):
+    """Worn paint ends early, and a board's edge runs on behind it."""
+    crossed, bare = (fitted(seen([far_end(offset_px, crossed)])) for crossed in (True, False))
+    assert "side_line_top" in crossed.residuals_px
+    assert "side_line_top" not in bare.residuals_px
+    assert error_at(bare, [15.0, -30.0]) < bare.max_sigma_px
+    assert "side_line_top" in fitted(seen([far_end(crossed=False)])).residuals_px
+
+
 @pytest.mark.parametrize("beyond_m", [1.5, 3.0])
 def test_an_edge_beyond_the_end_is_no_touchline(beyond_m):
     board = nameless(-34.0 - beyond_m)
