@@ -14,6 +14,7 @@ from circlecal.geometry.pinhole import Camera
 from circlecal.synthetic.cameras import halfway_length_px, inside_frame, other_lengths_px, visible_circle_deg
 from circlecal.synthetic.paint import CIRCLE_CLASS, HALFWAY_CLASS, PaintLayer, class_mask
 from circlecal.synthetic.scene import Scene
+from circlecal.synthetic.surface import seen_pixels
 
 MarkState = Literal["visible", "hidden", "not_painted", "outside"]
 Expectation = Literal["calibrate", "refuse"]
@@ -150,7 +151,7 @@ def _mark_state(scene: Scene, layers: list[PaintLayer], hidden: NDArray[np.float
     name = center_mark_name(scene.template)
     if name is None or not (scene.center_mark_painted and scene.field_painted):
         return "not_painted"
-    pixel = scene.camera.project(scene.surface.lift(scene.template.mark_by_name[name].position))
+    pixel = seen_pixels(scene.camera, scene.surface.lift(scene.template.mark_by_name[name].position))
     if not inside_frame(pixel, scene.camera.width, scene.camera.height):
         return "outside"
     layer = next(item for item in layers if item.name == name)

@@ -6,12 +6,12 @@ import pytest
 from scipy.ndimage import map_coordinates
 
 from circlecal.field import field_names, load_field
-from circlecal.synthetic.cameras import sample_camera, soccer
+from circlecal.synthetic.cameras import aimed_camera, inside_frame, sample_camera, soccer
 from circlecal.synthetic.paint import CIRCLE_CLASS, CLASS_NAMES, HALFWAY_CLASS
 from circlecal.synthetic.renderer import render
 from circlecal.synthetic.sampling import SCENE_PROFILES, render_frame, sample_scene
 from circlecal.synthetic.scene import RenderConfig, Scene
-from circlecal.synthetic.surface import Surface
+from circlecal.synthetic.surface import FLAT, Surface
 
 SMALL = (960, 540)
 
@@ -187,3 +187,11 @@ def test_look_is_checked():
         RenderConfig(noise=-1.0)
     with pytest.raises(ValueError, match="unknown scene profile"):
         sample_scene("moon", np.random.default_rng(0))
+
+
+def test_a_mark_that_a_barrel_lens_folds_into_the_picture_lies_outside_it():
+    template = load_field("robocup")
+    camera = aimed_camera(np.array([-0.1, 0.3, -0.11]), np.array([3.0, 0.3, -0.11]), 435.0, 0.0, 800, 448, kappa=-0.08)
+    assert inside_frame(camera.project([0.0, 0.0]), 800, 448)
+    rendering = render(Scene(camera, template, FLAT, RenderConfig()), np.random.default_rng(0))
+    assert rendering.truth.center_mark == "outside"
