@@ -27,6 +27,8 @@ CLEAR_OF_ENDS_PX = 6.0
 """An arc ends on a line: nearer than this beyond the search its paint is not told from the line's, at 1920 px width."""
 STEADY_PX = 1.0
 """Largest distance of steady points from the running median along it, pixels at 1920 px width."""
+WIDEST = 0.25
+"""Paint that a camera predicts wider, in picture widths, is no marking that could be measured."""
 FIRST_STEP = 4.0
 """The first look at the rough ellipse takes profiles this many times as far apart."""
 
@@ -184,6 +186,7 @@ def measure_along_model(
     across /= np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), 1e-9)
     predicted = np.abs(np.sum(across * normals, axis=-1))
     inside = np.isfinite(points).all(axis=1) & ((points >= 0) & (points <= (width - 1, height - 1))).all(axis=1)
+    inside &= predicted < WIDEST * width
     if isinstance(circle, Arc):
         clear = search + CLEAR_OF_ENDS_PX * width / 1920.0
         along = np.arange(count) * length[-1] / count

@@ -11,6 +11,7 @@ from circlecal.profiles import grey
 from circlecal.results import MarkingMask
 from circlecal.stages.edges import EdgesConfig, detect_edges
 from circlecal.stages.rays import RaysConfig, cast_rays, even_angles, measure_along_model
+from circlecal.synthetic.cameras import aimed_camera
 from circlecal.synthetic.paint import paint_layers
 from circlecal.synthetic.surface import FLAT
 
@@ -221,3 +222,17 @@ def test_an_arc_is_measured_between_its_ends():
     nearest = distance.argmin(axis=1)
     assert nearest.min() >= 5
     assert nearest.max() <= 395
+
+
+def test_paint_that_would_fill_the_picture_is_not_measured():
+    """The outer edge lies under a camera whose barrel lens folds the middle of the paint into the picture."""
+    from .test_verdict import camera_fit
+
+    radius, focal, height, kappa = SOCCER.radius(CIRCLE, "outer"), 700.0, 0.174, -0.1
+    place, ahead = np.array([-radius, 0.0, -height]), np.array([0.0, 0.0, -height])
+    camera = aimed_camera(place, ahead, focal, 0.0, 1280, 720, kappa)
+    middle = camera.project([-SOCCER.radius(CIRCLE, "center"), 0.0])
+    assert (middle > 0).all() and (middle < (1280, 720)).all()
+    fit = camera_fit(camera, theta=theta_of(camera, Frame(1280, 720, "flat", CIRCLE.radius_m)))
+    points, sigma = measure_along_model(np.full((720, 1280), 90, np.uint8), fit, CIRCLE, SOCCER, 1.5, RaysConfig())
+    assert (points.shape, sigma.shape) == ((0, 2), (0,))
