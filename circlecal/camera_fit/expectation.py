@@ -36,7 +36,8 @@ def unseen_px(names: dict[int, str], segments: Array, theta: Array, template: Fi
     field = ends[:, :1] + share[:, None] * (ends[:, 1:] - ends[:, :1])
     seen = view(theta[None], field[None, ..., 0].reshape(1, -1), field[None, ..., 1].reshape(1, -1), frame)
     x, y = seen.pixels[0].reshape(2, len(ends), SAMPLES)
-    inside = (seen.depth[0].reshape(len(ends), SAMPLES) > 0.1) & (x >= 0) & (x <= frame.width - 1)
+    ahead = (seen.depth[0] > 0.1) & seen.unfolded[0]
+    inside = ahead.reshape(len(ends), SAMPLES) & (x >= 0) & (x <= frame.width - 1)
     inside &= (y >= 0) & (y <= frame.height - 1)
     step = np.hypot(np.diff(x), np.diff(y)) * (inside[:, 1:] & inside[:, :-1])
     expected = step.sum(axis=1)

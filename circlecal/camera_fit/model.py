@@ -156,6 +156,11 @@ class View:
         return np.asarray(self.local[:, 2])
 
     @property
+    def unfolded(self) -> NDArray[np.bool_]:
+        """Where (B, N) the lens model still moves points outwards; a barrel lens folds what lies further out back."""
+        return np.asarray(self.lens + 2.0 * self.r2 * self.lens_slope > 0.0, np.bool_)
+
+    @property
     def pixels(self) -> Array:
         """Pixels (B, 2, N) with the lens."""
         principal = self.frame.center + self.theta[:, 7:9]

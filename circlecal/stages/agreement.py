@@ -158,6 +158,7 @@ def _predicted(
     sigma = np.sqrt(np.maximum(variance, 0.0)).reshape(markings, nodes)
     scale = np.hypot(*by_field).reshape(markings, nodes)
     ahead = (seen.depth[0] > NEAREST_M) & (np.abs(pixels.reshape(-1, 2)) < 4.0 * frame.width).all(axis=1)
+    ahead &= seen.unfolded[0]
     return pixels, normals, sigma, scale, ahead.reshape(markings, nodes)
 
 

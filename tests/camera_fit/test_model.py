@@ -111,3 +111,13 @@ def test_camera_and_parameters_are_inverse():
 
 def test_only_a_zero_standard_deviation_fixes_a_parameter():
     assert active_parameters(np.array([0.0, 1.0, np.inf, 0.0, 1e-9])).tolist() == [1, 2, 4]
+
+
+def test_a_barrel_lens_folds_what_lies_too_far_out():
+    theta = random_thetas(1, np.random.default_rng(1))
+    theta[:, INDEX["kappa_1"]], theta[:, INDEX["kappa_2"]] = -0.1, 0.0
+    x = np.linspace(-200.0, 200.0, 2001)[None]
+    seen = view(theta, x, np.zeros_like(x), Frame(1920, 1080, "flat"))
+    radius = np.sqrt(seen.r2[0])
+    np.testing.assert_array_equal(seen.unfolded[0], radius < np.sqrt(1 / 0.3))
+    assert seen.unfolded.any() and not seen.unfolded.all()

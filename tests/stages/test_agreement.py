@@ -101,3 +101,16 @@ def test_where_the_places_are_not_well_known_a_circle_is_only_doubted():
     loose = expected_markings(painted(), fit_of(CAMERA, 0.007), RINK, CENTRE, KNOWN, None)
     assert not loose.certain
     assert loose.found_share > 0.7
+
+
+def test_a_marking_behind_a_barrel_lens_is_not_expected_where_the_lens_model_folds_it_to():
+    template = load_field("robocup")
+    circle = template.circle_by_name["centre_circle"]
+    camera = replace(view((-3.3, 0.9, -1.5), (0.0, 0.0, 0.0), 435.0, (800, 448)), kappa=np.array([-0.08, 0.0]))
+    theta = theta_of(camera, Frame(800, 448, "flat", circle.radius_m))
+    fit = camera_fit(camera, theta=theta, covariance=np.eye(len(PARAMETERS)) * 1e-10, parameters=PARAMETERS)
+    beside = camera.project(np.linspace(*template.line_ends(template.line_by_name["big_rect_left_top"]), 200))
+    assert ((beside > 0) & (beside < (800, 448))).all(axis=1).any()  # with the lens, but not in the picture
+    found = expected_markings(np.full((448, 800), 90, np.uint8), fit, template, circle, frozenset(), None)
+    assert "big_rect_right_top" in found.names
+    assert not [name for name in found.names if "left" in name]
