@@ -61,7 +61,7 @@ def test_overrides_win_over_the_file_and_later_ones_over_earlier(tmp_path):
 
 
 def test_shipped_configurations_load_by_name():
-    assert {"default", "broadcast", "low-camera", "futsal", "ice-hockey"} <= set(config_names())
+    assert {"default", "broadcast", "low-camera", "futsal", "ice-hockey", "robocup"} <= set(config_names())
     for name in config_names():
         load_config(name)
 

@@ -18,8 +18,8 @@ def _mapping(name="soccer"):
     return yaml.safe_load((field_folder() / f"{name}.yaml").read_text(encoding="utf-8"))
 
 
-def test_the_four_sports_are_there():
-    assert {"soccer", "futsal", "ice-hockey", "basketball"} <= set(NAMES)
+def test_the_sports_are_there():
+    assert {"soccer", "futsal", "ice-hockey", "basketball", "robocup"} <= set(NAMES)
 
 
 @pytest.mark.parametrize("name", NAMES)

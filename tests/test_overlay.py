@@ -283,7 +283,7 @@ def test_every_size_of_picture(size):
         assert all(picture.shape[0] < 2.5 * picture.shape[1] for picture in pictures.values())
 
 
-@pytest.mark.parametrize("name", ["futsal", "ice-hockey", "basketball"])
+@pytest.mark.parametrize("name", ["futsal", "ice-hockey", "basketball", "robocup"])
 def test_every_field(complete, name):
     image, calibration = complete
     _draw_all(image, replace(calibration, field_name=name), load_field(name))

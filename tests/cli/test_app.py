@@ -77,7 +77,7 @@ def test_config(run_circlecal, tmp_path):
 def test_fields(run_circlecal):
     outcome = run_circlecal("fields")
     assert outcome.code == 0
-    for name in ("soccer", "futsal", "ice-hockey", "basketball", "faceoff_left_top", "9.15 m"):
+    for name in ("soccer", "futsal", "ice-hockey", "basketball", "robocup", "faceoff_left_top", "9.15 m"):
         assert name in outcome.out
 
 

@@ -1,0 +1,91 @@
+"""Robot soccer: low, near cameras with wide-angle lenses before wide paint, with ``configs/robocup.yaml``."""
+
+import numpy as np
+import pytest
+
+from circlecal.bench.detect import compare
+from circlecal.config import load_config
+from circlecal.field import load_field
+from circlecal.observations import Observations
+from circlecal.pipeline import run, run_observations
+from circlecal.synthetic.cameras import aimed_camera
+from circlecal.synthetic.markings import circle_points, line_points
+from circlecal.synthetic.renderer import render
+from circlecal.synthetic.scene import RenderConfig, Scene
+from circlecal.synthetic.surface import Surface
+
+ROBOCUP = load_field("robocup")
+CONFIG = load_config("robocup", [])
+SIZE = (800, 448)
+LOOK = RenderConfig(
+    marking_width_m=ROBOCUP.marking_width_m,
+    stripe_contrast=0.0,
+    texture=0.1,
+    wear=0.3,
+    wear_scale_m=0.05,
+    defocus_px=1.0,
+    noise=2.0,
+    board_distance_m=1.0,
+    board_height_m=0.6,
+    stand_height_m=3.0,
+    shadow_count=0,
+)
+TOWARDS_GOAL = aimed_camera(np.array([-1.5, 0.3, -0.55]), np.array([0.3, 0.0, 0.0]), 470.0, 0.06, *SIZE, kappa=-0.06)
+ALONG_LINE = aimed_camera(np.array([0.4, 3.2, -0.9]), np.array([0.0, 0.2, 0.0]), 640.0, -0.09, *SIZE, kappa=0.03)
+ASLANT = aimed_camera(np.array([3.3, -0.9, -1.45]), np.array([0.0, 0.1, 0.0]), 435.0, 0.02, *SIZE, kappa=-0.08)
+GOAL_AREA = aimed_camera(np.array([1.2, 0.5, -0.6]), np.array([4.2, -0.1, 0.0]), 480.0, 0.03, *SIZE, kappa=-0.05)
+
+
+def rendered(camera, template=ROBOCUP):
+    return render(Scene(camera, template, Surface(0.0, "roof", 0.75), LOOK), np.random.default_rng(5))
+
+
+@pytest.mark.parametrize("camera", [TOWARDS_GOAL, ALONG_LINE, ASLANT], ids=["towards_goal", "along_line", "aslant"])
+def test_a_robots_picture_is_calibrated(camera):
+    picture = rendered(camera)
+    found = run(picture.image, CONFIG, frame_id="robot")
+    assert found.status == "calibrated", found.verdict
+    assert compare(picture.truth, found.camera)[0] < 4.0
+    assert found.camera.camera.position_m[2] == pytest.approx(camera.position_m[2], abs=0.03)
+
+
+def test_near_paint_is_many_pixels_wide():
+    near = TOWARDS_GOAL.project([[-0.725, 0.0], [-0.775, 0.0]])
+    assert np.linalg.norm(near[1] - near[0]) > 15
+
+
+def test_without_the_circle_nothing_is_calibrated():
+    assert run(rendered(GOAL_AREA).image, CONFIG, frame_id="goal").status == "refused"
+
+
+def test_a_mask_of_the_markings_is_taken():
+    picture = rendered(TOWARDS_GOAL)
+    found = run(picture.image, CONFIG, mask=picture.truth.classes, frame_id="robot")
+    assert (found.status, found.mask.source) == ("calibrated", "file")
+    assert compare(picture.truth, found.camera)[0] < 4.0
+
+
+def test_annotated_points_need_no_picture():
+    rng = np.random.default_rng(2)
+    observations = Observations(
+        *SIZE,
+        (circle_points(TOWARDS_GOAL, ROBOCUP, "center", 40, 0.7, rng),),
+        (line_points(TOWARDS_GOAL, ROBOCUP, "halfway_line", 12, 0.7, rng),),
+    )
+    found = run_observations(observations, CONFIG, frame_id="clicked", convention="paint")
+    assert found.status == "calibrated", found.verdict
+    np.testing.assert_allclose(found.camera.camera.position_m, TOWARDS_GOAL.position_m, atol=0.05)
+
+
+def test_the_fields_of_the_humanoid_league_are_sizes_of_the_same_template():
+    adult = {"length": 14, "width": 9, "circle_radius": 1.5, "penalty_area_depth": 3, "penalty_area_width": 6}
+    field = load_field("robocup", adult)
+    assert (field.length_m, field.width_m) == (14.0, 9.0)
+    assert field.circle_by_name["centre_circle"].radius_m == 1.5
+    np.testing.assert_allclose(field.line_ends(field.line_by_name["big_rect_right_main"]), [[4, -3], [4, 3]])
+
+
+def test_sizes_are_those_of_the_middle_of_the_paint():
+    circle = ROBOCUP.circle_by_name["centre_circle"]
+    assert ROBOCUP.radius(circle, "outer") == pytest.approx(0.775)
+    assert ROBOCUP.line_ends(ROBOCUP.line_by_name["side_line_left"])[0] == pytest.approx([-4.5, -3.0])
