@@ -12,7 +12,7 @@ from circlecal.synthetic.cameras import aimed_camera
 from circlecal.synthetic.markings import circle_points, line_points
 from circlecal.synthetic.renderer import render
 from circlecal.synthetic.scene import RenderConfig, Scene
-from circlecal.synthetic.surface import Surface
+from circlecal.synthetic.surface import FLAT
 
 ROBOCUP = load_field("robocup")
 CONFIG = load_config("robocup", [])
@@ -33,11 +33,12 @@ LOOK = RenderConfig(
 TOWARDS_GOAL = aimed_camera(np.array([-1.5, 0.3, -0.55]), np.array([0.3, 0.0, 0.0]), 470.0, 0.06, *SIZE, kappa=-0.06)
 ALONG_LINE = aimed_camera(np.array([0.4, 3.2, -0.9]), np.array([0.0, 0.2, 0.0]), 640.0, -0.09, *SIZE, kappa=0.03)
 ASLANT = aimed_camera(np.array([3.3, -0.9, -1.45]), np.array([0.0, 0.1, 0.0]), 435.0, 0.02, *SIZE, kappa=-0.08)
+CLOSE = aimed_camera(np.array([0.32, -1.41, -0.83]), np.array([-0.25, 0.05, 0.0]), 720.0, -0.1, *SIZE, kappa=-0.065)
 GOAL_AREA = aimed_camera(np.array([1.2, 0.5, -0.6]), np.array([4.2, -0.1, 0.0]), 480.0, 0.03, *SIZE, kappa=-0.05)
 
 
 def rendered(camera, template=ROBOCUP):
-    return render(Scene(camera, template, Surface(0.0, "roof", 0.75), LOOK), np.random.default_rng(5))
+    return render(Scene(camera, template, FLAT, LOOK), np.random.default_rng(5))
 
 
 @pytest.mark.parametrize("camera", [TOWARDS_GOAL, ALONG_LINE, ASLANT], ids=["towards_goal", "along_line", "aslant"])
@@ -47,6 +48,18 @@ def test_a_robots_picture_is_calibrated(camera):
     assert found.status == "calibrated", found.verdict
     assert compare(picture.truth, found.camera)[0] < 4.0
     assert found.camera.camera.position_m[2] == pytest.approx(camera.position_m[2], abs=0.03)
+
+
+def test_a_part_of_the_circle_is_calibrated_with_its_mark_and_never_wrongly_without():
+    picture = rendered(CLOSE)
+    assert 150 < picture.truth.visible_circle_deg < 320
+    found = run(picture.image, CONFIG, frame_id="close")
+    assert found.status == "calibrated", found.verdict
+    assert found.cues.mark is not None
+    assert compare(picture.truth, found.camera)[0] < 4.0
+    hidden = render(Scene(CLOSE, ROBOCUP, FLAT, LOOK, center_mark_painted=False), np.random.default_rng(5))
+    without = run(hidden.image, CONFIG, frame_id="close")
+    assert without.status == "refused" or compare(hidden.truth, without.camera)[0] < 12.0
 
 
 def test_near_paint_is_many_pixels_wide():
