@@ -272,7 +272,7 @@ def continued(
     active = active_parameters(problem.priors.sd)
     damping = np.full(len(state.theta), FIRST_DAMPING)
     trusted: Mask = np.ones(len(damping), dtype=bool)
-    before = np.full(len(damping), 1e-300)
+    before = np.full(len(damping), 1e-100)
     for _ in range(iterations):
         possible = _possible(state, active)
         left = possible * np.clip(possible / before, LEAST_SHARE, 1.0) if tolerance == FINAL else possible

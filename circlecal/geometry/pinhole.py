@@ -104,19 +104,21 @@ class Camera:
         return offset * (1.0 + self.kappa[0] * r2 + self.kappa[1] * r2 * r2)[..., None] + self.principal_point_px
 
     def undistort(self, distorted_px: ArrayLike) -> Array:
-        """Undistorted pixels (..., 2): Newton's iteration on the radius."""
+        """Undistorted pixels (..., 2), nan where the iteration runs away: Newton's on the radius."""
         offset, r2 = self._radial(distorted_px)
         target = np.sqrt(r2)
         r = target.copy()
         k1, k2 = self.kappa
-        for _ in range(20):
-            squared = r * r
-            value = r * (1 + squared * (k1 + k2 * squared)) - target
-            slope = np.maximum(1 + squared * (3 * k1 + 5 * k2 * squared), 0.2)
-            step = value / slope
-            r = r - step
-            if not (np.abs(step) > 1e-15 * r).any():
-                break
+        with np.errstate(over="ignore", invalid="ignore"):
+            for _ in range(20):
+                squared = r * r
+                value = r * (1 + squared * (k1 + k2 * squared)) - target
+                slope = np.maximum(1 + squared * (3 * k1 + 5 * k2 * squared), 0.2)
+                step = value / slope
+                r = r - step
+                if not (np.abs(step) > 1e-15 * r).any():
+                    break
+        r = np.where(np.isfinite(r), r, np.nan)
         factor = np.where(target > 0, r / np.where(target > 0, target, 1.0), 1.0)
         return offset * factor[..., None] + self.principal_point_px
 

@@ -1,5 +1,7 @@
 """Pinhole camera with radial distortion: angles, projection, lens, SoccerNet keys, homography."""
 
+import warnings
+
 import cv2
 import numpy as np
 import pytest
@@ -172,3 +174,15 @@ def test_turned_camera_sees_the_turned_field(camera):
     np.testing.assert_allclose(back.rotation, camera.rotation, atol=1e-12)
     np.testing.assert_allclose(back.position_m, camera.position_m)
     assert -np.pi <= turned.angles_rad[0] <= np.pi
+
+
+def test_places_that_no_ray_reaches_through_a_barrel_lens_end_without_warnings():
+    middle = np.array([960.0, 540.0])
+    place = np.zeros(3), np.array([0.0, 0.0, -10.0])
+    barrel = pinhole.Camera(1920, 1080, np.full(2, 900.0), middle, *place, np.array([-2.0, 0.0]))
+    far = middle + np.geomspace(1.0, 1e9, 40)[:, None] * np.array([0.6, 0.8]) * barrel.width
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = barrel.undistort(np.vstack([middle + 5.0, far]))
+    assert not np.isinf(found).any()
+    np.testing.assert_allclose(barrel.distort(found[0]), middle + 5.0, atol=1e-9)
