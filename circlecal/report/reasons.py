@@ -25,6 +25,10 @@ _REASONS = {
         "The best ellipse has too little marking under it. A penalty arc, a logo or a short arc looks like this.",
         "Check the picture: if it is the circle, give a mask (--mask), which is believed.",
     ),
+    "circle_off_marking": Explanation(
+        "The best ellipse passes near marking that does not follow it: pieces of other lines, a logo, a penalty arc.",
+        "Check the picture: if the circle is there, give a mask (--mask), which is believed.",
+    ),
     "width_unlike_marking": Explanation(
         "The best ellipse is as wide near and far as at its sides: a ring drawn into the picture, not paint.",
         "Nothing for a graphic. If it is the circle, give a mask (--mask), which is believed.",

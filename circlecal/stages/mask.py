@@ -27,6 +27,8 @@ REASONS = {
     "no_circle_found": "no circle was found in the picture",
     "width_unlike_marking": "the best ellipse is as wide near and far as at its sides: drawn, not painted on the field",
     "circle_support_too_low": "the best ellipse is supported by too little marking to be the circle",
+    "circle_off_marking": "the marking under the best ellipse does not follow one",
+    "arc_too_short": "the marking under the best ellipse is too short an arc to be told from a penalty arc",
 }
 
 
