@@ -107,7 +107,7 @@ def _crossings(
     middles = lines.points_px + steps
     # where both cross at a slant the paint ends anywhere within the other marking
     sigmas = np.hypot(sigma, np.linalg.norm(steps, axis=-1))[:, None]
-    others = [_running_through(corners[k, int(far[k])], line, template) for k, line in enumerate(drawn)]
+    others = [running_through(corners[k, int(far[k])], line, template) for k, line in enumerate(drawn)]
     met = [k for k, other in enumerate(others) if other is not None]
     if not met:
         return ()
@@ -161,7 +161,7 @@ def _one_point(line: Line, point_px: Array, sigma: Array, template: FieldTemplat
     return line_curve(line.name, point_px[None], sigma, template.line_ends(line), template.line_shift(line))
 
 
-def _running_through(point_m: Array, ending: Line, template: FieldTemplate) -> Line | None:
+def running_through(point_m: Array, ending: Line, template: FieldTemplate) -> Line | None:
     """The line of the template, other than the one that ends there, on which a point (2,) lies."""
     ends, _ = template.drawn_lines
     span, offset = ends[:, 1] - ends[:, 0], point_m - ends[:, 0]

@@ -38,8 +38,9 @@ _REASONS = {
         "A mask (--mask) or one more line or keypoint; circlecal rig brings in other frames of the camera.",
     ),
     "line_beyond_field": Explanation(
-        "The halfway line would be longer than the field: the circle is one of another sport or of smaller size.",
-        "Give the sport that the circle belongs to (--field), or the field's own sizes (field.sizes).",
+        "The halfway line would be longer than the field: the circle is one of another sport or of smaller size, or "
+        "something else was taken for the touchline.",
+        "Give the sport that the circle belongs to (--field), or the field's own sizes (field.sizes), or a --mask.",
     ),
     "markings_missing": Explanation(
         "Where the camera puts the other markings of the field, the picture shows none: another circle or line was"

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from circlecal.camera_fit.crossings import running_through
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.conics import circle_conic, sampson_distance, transform_conic
 from circlecal.geometry.homogeneous import Array
@@ -25,6 +26,10 @@ UNCONFIRMED_SIGMA = 0.75
 """Share of the usual uncertainty that is allowed where nothing else confirms it: nothing would contradict either."""
 REACH_SHARE = 0.95
 """Share of the halfway line's points that lie within its reach; a few may lie on something behind its end."""
+REACH_WITH_END = 1.05
+"""Half widths of the field that the halfway line may run where the camera was fitted to one of its ends: not past the
+other one.
+"""
 SURE_LINES = 4
 """So many further lines at their places leave no doubt about the size of the field."""
 MINIMUM_WIDTH_M = 1e-3
@@ -236,7 +241,8 @@ _WORDS = {
     "narrowest_edge_gap": "the marking's edges lie only {value:.2f} times as far apart as the camera predicts",
     "line_residual_px": "the projected halfway line leaves the marking by {value:.2f} px rms, {limit:.2f} are allowed",
     "line_reach": (
-        "the halfway line runs {value:.2f} half widths of the field, {limit:.2f} are allowed: the circle is another one"
+        "the halfway line runs {value:.2f} half widths of the field, {limit:.2f} are allowed: the circle or the line's"
+        " end is another one"
     ),
     "marking_residual_px": (
         "{marking} lies {value:.2f} px rms from where the other lines and points put it, {limit:.2f} are allowed"
@@ -363,7 +369,10 @@ def _reach_checks(camera: CameraFit, cues: Cues, template: FieldTemplate, config
     half = np.asarray(line.end) - middle
     along = (camera.camera.back_project(cues.halfway.points_px) - middle) @ half / (half @ half)
     reach = np.nan_to_num(np.abs(along), nan=np.inf)
-    return [_check("line_reach", float(np.sort(reach)[int(REACH_SHARE * (len(reach) - 1))]), config.max_line_reach)]
+    ending = [running_through(np.asarray(end), line, template) for end in (line.start, line.end)]
+    met = any(other is not None and other.name in camera.residuals_px for other in ending)
+    limit = min(REACH_WITH_END, config.max_line_reach) if met else config.max_line_reach
+    return [_check("line_reach", float(np.sort(reach)[int(REACH_SHARE * (len(reach) - 1))]), limit)]
 
 
 def _edge_checks(

@@ -176,6 +176,16 @@ def test_a_halfway_line_beyond_the_field_belongs_to_another_circle():
     assert verdict(camera_fit(), cues=Cues(replace(LINE, points_px=strays), MARK)).status == "calibrated"
 
 
+def test_a_halfway_line_whose_end_was_used_may_not_run_past_the_other_end():
+    seen = CAMERA.project(np.linspace([0.0, -10.0], [0.0, 39.0], 200))
+    cues = Cues(replace(LINE, points_px=seen, sigma_px=np.full(200, 0.1)), MARK)
+    assert verdict(camera_fit(), cues=cues).status == "calibrated"
+    residuals = {"centre_circle center": 0.3, "halfway_line": 0.3}
+    found = verdict(camera_fit(residuals_px={**residuals, "side_line_top": 0.5}), cues=cues)
+    assert (found.status, found.code) == ("refused", "line_beyond_field")
+    assert verdict(camera_fit(residuals_px={**residuals, "side_line_left": 0.5}), cues=cues).status == "calibrated"
+
+
 def test_white_residuals_are_no_structure():
     assert verdict(camera_fit(residuals_px={"centre_circle center": 1.3})).status == "calibrated"
 
