@@ -208,6 +208,7 @@ CODES = {
     "narrowest_edge_gap": "edges_contradict",
     "line_residual_px": "residual_too_large",
     "line_reach": "line_beyond_field",
+    "other_end_reach": "line_beyond_field",
     "found_share": "markings_missing",
     "marking_residual_px": "residual_too_large",
     "rejected_share": "observations_contradict",
@@ -241,8 +242,11 @@ _WORDS = {
     "narrowest_edge_gap": "the marking's edges lie only {value:.2f} times as far apart as the camera predicts",
     "line_residual_px": "the projected halfway line leaves the marking by {value:.2f} px rms, {limit:.2f} are allowed",
     "line_reach": (
-        "the halfway line runs {value:.2f} half widths of the field, {limit:.2f} are allowed: the circle or the line's"
-        " end is another one"
+        "the halfway line runs {value:.2f} half widths of the field, {limit:.2f} are allowed: the circle is another one"
+    ),
+    "other_end_reach": (
+        "the halfway line runs {value:.2f} half widths of the field to the side away from its seen end, {limit:.2f} are"
+        " allowed: that is not its end"
     ),
     "marking_residual_px": (
         "{marking} lies {value:.2f} px rms from where the other lines and points put it, {limit:.2f} are allowed"
@@ -368,11 +372,19 @@ def _reach_checks(camera: CameraFit, cues: Cues, template: FieldTemplate, config
     middle = 0.5 * (np.asarray(line.start) + np.asarray(line.end))
     half = np.asarray(line.end) - middle
     along = (camera.camera.back_project(cues.halfway.points_px) - middle) @ half / (half @ half)
-    reach = np.nan_to_num(np.abs(along), nan=np.inf)
-    ending = [running_through(np.asarray(end), line, template) for end in (line.start, line.end)]
-    met = any(other is not None and other.name in camera.residuals_px for other in ending)
-    limit = min(REACH_WITH_END, config.max_line_reach) if met else config.max_line_reach
-    return [_check("line_reach", float(np.sort(reach)[int(REACH_SHARE * (len(reach) - 1))]), limit)]
+    checks = [_reach_check("line_reach", np.abs(along), config.max_line_reach)]
+    for end, past in ((line.start, along), (line.end, -along)):
+        other = running_through(np.asarray(end), line, template)
+        if other is not None and other.name in camera.residuals_px:
+            limit = min(REACH_WITH_END, config.max_line_reach)
+            checks.append(_reach_check("other_end_reach", past, limit))
+    return checks
+
+
+def _reach_check(name: str, along: Array, limit: float) -> Check:
+    """How far a line runs, by its points along it in half widths of the field."""
+    reach = np.sort(np.nan_to_num(along, nan=np.inf))
+    return _check(name, float(reach[int(REACH_SHARE * (len(reach) - 1))]), limit)
 
 
 def _edge_checks(

@@ -85,6 +85,7 @@ def test_a_good_camera_is_accepted_with_every_check():
         "confirmations",
         "likely_residual_px",
         "found_share",
+        "other_end_reach",
     }
 
 
@@ -183,7 +184,9 @@ def test_a_halfway_line_whose_end_was_used_may_not_run_past_the_other_end():
     residuals = {"centre_circle center": 0.3, "halfway_line": 0.3}
     found = verdict(camera_fit(residuals_px={**residuals, "side_line_top": 0.5}), cues=cues)
     assert (found.status, found.code) == ("refused", "line_beyond_field")
-    assert verdict(camera_fit(residuals_px={**residuals, "side_line_left": 0.5}), cues=cues).status == "calibrated"
+    assert "away from its seen end" in found.reason
+    for name in ("side_line_bottom", "side_line_left"):
+        assert verdict(camera_fit(residuals_px={**residuals, name: 0.5}), cues=cues).status == "calibrated"
 
 
 def test_white_residuals_are_no_structure():
