@@ -19,7 +19,7 @@ from circlecal.field import load_field
 from circlecal.geometry.homogeneous import Array
 from circlecal.results import CameraFit
 from circlecal.synthetic.sampling import SCENE_PROFILES, profile_field, render_frame
-from circlecal.synthetic.surface import Surface, seen_pixels
+from circlecal.synthetic.surface import seen_pixels
 from circlecal.synthetic.truth import Truth
 
 PROFILES = tuple(SCENE_PROFILES)
@@ -125,8 +125,7 @@ def profile_config(profile: str, truth: Truth) -> Config:
 def compare(truth: Truth, fit: CameraFit) -> tuple[float, float, float]:
     """Mean and mean predicted error over the visible field near the circle, and the share inside the 90 % region."""
     camera = truth.camera
-    surface = Surface(truth.crown_m, truth.crown_shape, truth.crown_reference_m)  # type: ignore[arg-type]
-    grid = _visible(truth, surface)
+    surface, grid = truth.surface, _visible(truth)
     if len(grid) == 0 or truth.visible_circle_deg == 0.0:
         return float("inf"), 0.0, 0.0
     frame = Frame(camera.width, camera.height, fit.crown_shape, truth.crown_reference_m)
@@ -145,18 +144,17 @@ def compare(truth: Truth, fit: CameraFit) -> tuple[float, float, float]:
 
 def expected_px(truth: Truth, config: Config) -> float:
     """Mean reprojection error, px at 1920 px width, that the markings in view let one expect at best."""
-    surface = Surface(truth.crown_m, truth.crown_shape, truth.crown_reference_m)  # type: ignore[arg-type]
-    return bound_px(truth, _visible(truth, surface), load_field(truth.field_name), config.camera)
+    return bound_px(truth, _visible(truth), load_field(truth.field_name), config.camera)
 
 
-def _visible(truth: Truth, surface: Surface) -> Array:
+def _visible(truth: Truth) -> Array:
     field = load_field(truth.field_name)
     circle = field.circle_by_name[field.default_circle]
     step = circle.radius_m / 9.15
     axis = np.arange(-REACH_RADII * circle.radius_m, REACH_RADII * circle.radius_m + 0.5 * step, step)
     grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
     grid = grid[(np.abs(grid) <= (field.length_m / 2, field.width_m / 2)).all(axis=1)]
-    pixels = seen_pixels(truth.camera, surface.lift(grid))
+    pixels = seen_pixels(truth.camera, truth.surface.lift(grid))
     x0, y0, x1, y1 = truth.picture_box_px
     with np.errstate(invalid="ignore"):
         inside = (pixels >= (x0, y0)).all(axis=1) & (pixels <= (x1, y1)).all(axis=1)

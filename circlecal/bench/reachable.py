@@ -11,7 +11,7 @@ from circlecal.field import Arc, Circle, FieldTemplate, Line
 from circlecal.geometry.homogeneous import Array, Mask
 from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations
 from circlecal.synthetic.paint import class_id
-from circlecal.synthetic.surface import Surface, seen_pixels
+from circlecal.synthetic.surface import seen_pixels
 from circlecal.synthetic.truth import Truth
 
 CIRCLE_SIGMA_PX, LINE_SIGMA_PX, CORRELATION_PX = 0.05, 0.08, 60.0
@@ -67,7 +67,7 @@ def bound_px(truth: Truth, grid_m: Array, template: FieldTemplate, config: Camer
 def visible_observations(truth: Truth, template: FieldTemplate) -> Observations:
     """Noiseless points along the middle of everything that is painted, in view and not covered."""
     camera = truth.camera
-    surface = Surface(truth.crown_m, truth.crown_shape, truth.crown_reference_m)  # type: ignore[arg-type]
+    surface = truth.surface
     unit = camera.width / 1920.0
     spread = unit * np.sqrt(CORRELATION_PX / _SPACING_PX)
     elements: tuple[Circle | Line, ...] = (*template.circles, *template.arcs, *template.lines)

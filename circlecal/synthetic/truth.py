@@ -14,7 +14,7 @@ from circlecal.geometry.pinhole import Camera
 from circlecal.synthetic.cameras import halfway_length_px, inside_frame, other_lengths_px, visible_circle_deg
 from circlecal.synthetic.paint import CIRCLE_CLASS, HALFWAY_CLASS, PaintLayer, class_mask
 from circlecal.synthetic.scene import Scene
-from circlecal.synthetic.surface import seen_pixels
+from circlecal.synthetic.surface import CrownShape, Surface, seen_pixels
 
 MarkState = Literal["visible", "hidden", "not_painted", "outside"]
 Expectation = Literal["calibrate", "refuse"]
@@ -62,7 +62,7 @@ class Truth:
     field_name: str
     H_image_field: Array
     crown_m: float
-    crown_shape: str
+    crown_shape: CrownShape
     crown_reference_m: float
     marking_width_m: float
     imaged_center_px: Array
@@ -74,6 +74,11 @@ class Truth:
     halfway_px: float
     others_px: tuple[float, ...]
     classes: NDArray[np.uint8]
+
+    @property
+    def surface(self) -> Surface:
+        """Height profile of the field."""
+        return Surface(self.crown_m, self.crown_shape, self.crown_reference_m)
 
     @property
     def expect(self) -> Expectation:

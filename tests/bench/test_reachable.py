@@ -13,7 +13,6 @@ from circlecal.observations import Observations
 from circlecal.pipeline import run_observations
 from circlecal.synthetic.paint import CIRCLE_CLASS, HALFWAY_CLASS
 from circlecal.synthetic.sampling import render_frame
-from circlecal.synthetic.surface import Surface
 
 SOCCER = load_field("soccer")
 
@@ -31,7 +30,7 @@ def test_only_uncovered_paint_inside_the_picture_is_observed(truth):
     column, row = np.rint(seen.line("halfway_line").points_px).astype(int).T
     assert (truth.classes[row, column] == HALFWAY_CLASS).all()
     assert seen.marks == ()
-    surface = Surface(truth.crown_m, truth.crown_shape, truth.crown_reference_m)
+    surface = truth.surface
     radius = SOCCER.radius(SOCCER.circle_by_name["centre_circle"], "center")
     angle = np.linspace(0, 2 * np.pi, 20000)
     ring = truth.camera.project(surface.lift(radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)))

@@ -16,7 +16,7 @@ from circlecal.synthetic.paint import CIRCLE_CLASS
 from circlecal.synthetic.rays import pixel_rays
 from circlecal.synthetic.renderer import render
 from circlecal.synthetic.sampling import SCENE_PROFILES, profile_field, render_frame, sample_scene
-from circlecal.synthetic.surface import FLAT, Surface, seen_pixels
+from circlecal.synthetic.surface import FLAT, seen_pixels
 
 POSITIVE = [p for p in SCENE_PROFILES if p != "negative"]
 SIZE = (960, 540)
@@ -32,7 +32,7 @@ def rim(truth, angles):
     template = load_field(truth.field_name)
     circle = template.circle_by_name[template.default_circle]
     radius = template.radius(circle, "center", truth.marking_width_m)
-    surface = Surface(truth.crown_m, truth.crown_shape, truth.crown_reference_m)
+    surface = truth.surface
     ring = np.asarray(circle.center) + radius * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     return truth.camera.project(surface.lift(ring))
 
