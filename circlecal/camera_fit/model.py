@@ -7,8 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from circlecal.field import Circle
 from circlecal.geometry.homogeneous import Array
 from circlecal.geometry.pinhole import Camera, image_center
+from circlecal.results import CameraFit
 
 PARAMETERS = (
     "log_focal", "pan", "tilt", "roll", "x", "y", "z",
@@ -52,6 +54,11 @@ class Frame:
         if self.crown_shape == "roof":
             return np.abs(t), np.sign(t) / self.crown_reference_m
         return np.zeros_like(t), np.zeros_like(t)
+
+
+def fitted_frame(fit: CameraFit, circle: Circle) -> Frame:
+    """The frame in which a camera was fitted to a circle."""
+    return Frame(fit.camera.width, fit.camera.height, fit.crown_shape, max(circle.radius_m, 1e-3))
 
 
 def camera_of(theta: Array, frame: Frame) -> Camera:

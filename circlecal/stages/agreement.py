@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.camera_fit.model import INDEX, Frame, view
+from circlecal.camera_fit.model import INDEX, Frame, fitted_frame, view
 from circlecal.detection.config import RefinementConfig
 from circlecal.detection.refine import measure_band
 from circlecal.field import Circle, FieldTemplate
@@ -71,7 +71,7 @@ def expected_markings(
     -------
     Agreement
     """
-    frame = Frame(fit.camera.width, fit.camera.height, fit.crown_shape, max(circle.radius_m, 1e-3))
+    frame = fitted_frame(fit, circle)
     unit = frame.width / 1920.0
     names, nodes, shifts = template.outlines
     outline = np.array([template.length_m, template.width_m]) / 2 - template.marking_width_m

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.camera_fit.model import Frame, view
+from circlecal.camera_fit.model import fitted_frame, view
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.homogeneous import Array
 from circlecal.profiles import sample_profiles
@@ -61,7 +61,7 @@ def painted_sectors(picture: NDArray[np.uint8], fit: CameraFit, template: FieldT
     (K,) array
         At most :data:`SECTORS` of them, in order.
     """
-    frame = Frame(fit.camera.width, fit.camera.height, fit.crown_shape, max(circle.radius_m, 1e-3))
+    frame = fitted_frame(fit, circle)
     angle = (np.arange(SECTORS * SAMPLES) + 0.5) * (2 * np.pi / (SECTORS * SAMPLES))
     outward = np.stack([np.cos(angle), np.sin(angle)])
     x, y = np.asarray(circle.center)[:, None] + template.radius(circle, "center") * outward

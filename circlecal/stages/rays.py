@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from circlecal.camera_fit.model import Frame, project
+from circlecal.camera_fit.model import fitted_frame, project
 from circlecal.errors import EstimationError
 from circlecal.field import Arc, Circle, FieldTemplate
 from circlecal.geometry.conics import Ellipse, ellipse_from_conic
@@ -170,7 +170,7 @@ def measure_along_model(
     search = 2 * config.refine_px * width / 1920.0
     start, end = (circle.start_deg, circle.end_deg) if isinstance(circle, Arc) else (0.0, 360.0)
     angle = np.radians(np.linspace(start, end, 2881))
-    frame = Frame(width, height, fit.crown_shape, max(circle.radius_m, 1e-3))
+    frame = fitted_frame(fit, circle)
 
     def seen(edge: CircleEdge, at: Array) -> Array:
         ring = np.asarray(circle.center) + template.radius(circle, edge) * np.stack([np.cos(at), np.sin(at)], axis=-1)
