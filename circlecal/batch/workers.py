@@ -96,9 +96,13 @@ def _require_workers(executor: ProcessPoolExecutor) -> None:
 @contextlib.contextmanager
 def worker_surroundings() -> Iterator[None]:
     """What a worker inherits when it is started: no Ctrl-C (the parent ends it) and one thread for linear algebra."""
+    with _interrupt_held(), _one_thread():
+        yield
+
+
+@contextlib.contextmanager
+def _one_thread() -> Iterator[None]:
     threads = {name: os.environ.get(name) for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
-    in_main_thread = threading.current_thread() is threading.main_thread()
-    interrupt = signal.signal(signal.SIGINT, signal.SIG_IGN) if in_main_thread else None
     os.environ.update(dict.fromkeys(threads, "1"))
     try:
         yield
@@ -108,8 +112,30 @@ def worker_surroundings() -> Iterator[None]:
                 del os.environ[name]
             else:
                 os.environ[name] = value
-        if in_main_thread:
-            signal.signal(signal.SIGINT, interrupt)
+
+
+@contextlib.contextmanager
+def _interrupt_held() -> Iterator[None]:
+    """Hold a Ctrl-C back until the block ends; processes and threads started inside never get one.
+
+    Ignoring it instead would lose it, and with it the user's wish to stop.
+    """
+    handler = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or handler is None:  # only there it can be held
+        yield
+        return
+    held: list[int] = []
+    signal.signal(signal.SIGINT, lambda number, frame: held.append(number))  # another thread may receive it
+    if mask := getattr(signal, "pthread_sigmask", None):  # not on Windows
+        before = mask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        if mask:
+            mask(signal.SIG_SETMASK, before)  # one that waited arrives here
+        signal.signal(signal.SIGINT, handler)
+        if held:
+            signal.raise_signal(signal.SIGINT)
 
 
 def _stop(executor: ProcessPoolExecutor) -> None:
@@ -128,6 +154,7 @@ _worker_task: Task[Any] | None = None
 def _start_worker(task: Task[Any]) -> None:
     global _worker_task
     _worker_task = task
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # on Windows nothing is inherited
     threading.Thread(target=_end_with_parent, daemon=True).start()
     import cv2
 

@@ -1,0 +1,78 @@
+"""Ctrl-C while workers are started: kept for this process, kept from them."""
+
+import multiprocessing
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from circlecal.batch.workers import worker_surroundings
+
+from .runs import SURROUNDINGS, paint
+
+INTERRUPT_AT_A_HAND_OVER = """
+import os, signal, sys
+from concurrent.futures import ProcessPoolExecutor
+from circlecal.cli import main
+
+plain, calls = ProcessPoolExecutor.submit, iter(range(10**6))
+
+def submit(*given, **named):
+    if next(calls) == {at}:
+        os.kill(os.getpid(), signal.SIGINT)
+    return plain(*given, **named)
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    ProcessPoolExecutor.submit = submit
+    main(["batch", *sys.argv[1:]])
+"""
+
+
+def test_ctrl_c_while_workers_are_started_is_kept_until_they_are():
+    reached = []
+
+    def started_and_interrupted():
+        with worker_surroundings():
+            signal.raise_signal(signal.SIGINT)
+            reached.append("started")
+
+    before = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt):
+        started_and_interrupted()
+    assert reached == ["started"]
+    assert signal.getsignal(signal.SIGINT) is before
+    if hasattr(signal, "pthread_sigmask"):
+        assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])
+
+
+def test_an_undisturbed_start_raises_nothing():
+    with worker_surroundings():
+        pass
+    assert signal.getsignal(signal.SIGINT) is not signal.SIG_IGN
+
+
+def test_a_worker_never_gets_ctrl_c():
+    with worker_surroundings():
+        process = multiprocessing.get_context("spawn").Process(target=signal.raise_signal, args=(signal.SIGINT,))
+        process.start()
+    process.join()
+    assert process.exitcode == 0
+
+
+@pytest.mark.parametrize("at", [0, 1, 5])
+def test_no_hand_over_of_a_frame_loses_ctrl_c(at, tmp_path):
+    script = tmp_path / "interrupted.py"
+    script.write_text(INTERRUPT_AT_A_HAND_OVER.format(at=at))
+    frames, out = paint(tmp_path / "frames", 10), tmp_path / "out"
+    run = subprocess.run(
+        [sys.executable, str(script), str(frames), "--out", str(out), "--workers", "1"],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=SURROUNDINGS,
+        timeout=60,
+    )
+    assert run.returncode == 130, run
+    assert run.stderr.splitlines()[-1] == "circlecal: interrupted"
