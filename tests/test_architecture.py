@@ -24,7 +24,7 @@ LAYERS: tuple[frozenset[str], ...] = (
     frozenset({"field", "profiles"}),
     frozenset({"observations", "sources", "interlacing"}),
     frozenset({"results", "centre_mark", "line_ends"}),
-    frozenset({"camera_fit", "detection"}),
+    frozenset({"camera_fit", "detection", "straight_lines"}),
     frozenset({"stages"}),
     frozenset({"solvers"}),
     frozenset({"config"}),

@@ -9,11 +9,13 @@ from circlecal.geometry.homogeneous import line_distance
 from circlecal.observations import Keypoint, LinePoints, MarkPoint, Observations
 from circlecal.profiles import grey
 from circlecal.results import EllipseFits, Segment
-from circlecal.stages.cues import CuesConfig, cues_from_observations, find_cues, measure_lines
+from circlecal.stages.cues import CuesConfig, cues_from_observations, find_cues
+from circlecal.straight_lines import measure_lines
 
 from .conftest import CIRCLE, SOCCER, fit_of, line_cue, paint, view
 
 CONFIG = CuesConfig()
+SEARCHED = CONFIG.search_px, CONFIG.spacing_px
 CAMERA = view(position=(5.0, 48.0, -18.0), focal=2300.0, size=(1280, 720), roll=0.02)
 TRUE_LINE = line_cue(CAMERA).line
 
@@ -217,22 +219,6 @@ def test_a_keypoint_at_the_centre_is_the_mark_of_that_circle_only():
     assert cues_from_observations(Observations(1280, 720, marks=(mark,)), rink, circle).mark is None
 
 
-def test_markings_measured_together_are_those_measured_alone(painted):
-    picture = grey(painted.image)
-    segments = [
-        rough_line(),
-        rough_line(offset_px=(-2.0, 3.0)),
-        Segment(np.array([100.0, 30.0]), np.array([500.0, 60.0])),
-    ]
-    together = measure_lines(picture, segments, 1.5, CONFIG)
-    assert together[2] is None
-    for segment, line in zip(segments[:2], together[:2], strict=True):
-        (alone,) = measure_lines(picture, [segment], 1.5, CONFIG)
-        np.testing.assert_allclose(line.points_px, alone.points_px)
-        np.testing.assert_allclose(line.line, alone.line, rtol=1e-6)
-    assert measure_lines(picture, [], 1.5, CONFIG) == []
-
-
 @pytest.mark.parametrize("away_px", [(3.0, -2.0), (-2.0, 3.0)])
 def test_a_wide_marking_has_no_bias(away_px):
     """The paint is as wide as a plain profile: that would take paint for the surface beside it."""
@@ -244,7 +230,7 @@ def test_a_wide_marking_has_no_bias(away_px):
     off = np.abs((halfway.points_px - truth.mean(axis=0)) @ normal)
     assert np.median(off) < 0.1
     assert np.quantile(off, 0.95) < 0.3
-    (unnamed,) = measure_lines(grey(painted.image), [rough_line(camera, away_px)], 1.0, CONFIG)
+    (unnamed,) = measure_lines(grey(painted.image), [rough_line(camera, away_px)], 1.0, *SEARCHED)
     assert np.median(np.abs((unnamed.points_px - truth.mean(axis=0)) @ normal)) < 0.1
 
 
