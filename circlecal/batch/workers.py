@@ -7,15 +7,18 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from itertools import chain
-from typing import Any
+from multiprocessing import resource_tracker
+from typing import Any, TypeVar
 
 from circlecal.batch.task import F, Finished, Named, Task, failed, finish
 
 _IN_FLIGHT_PER_WORKER = 2
+T = TypeVar("T")
+R = TypeVar("R")
 
 
 def finished_by_workers(frames: Iterator[F], task: Task[F], workers: int) -> Generator[Finished]:
@@ -38,10 +41,27 @@ def finished_by_workers(frames: Iterator[F], task: Task[F], workers: int) -> Gen
         suspects.clear()
 
 
+def mapped_by_workers(function: Callable[[T], R], arguments: Iterable[T], workers: int) -> Generator[R]:
+    """``map(function, arguments)`` by worker processes, in the order of the arguments."""
+    executor = _executor(workers, None)
+    try:
+        with worker_surroundings():
+            results = executor.map(function, arguments)
+        yield from results
+    except BaseException:
+        _stop(executor)
+        raise
+    executor.shutdown()
+
+
+def _executor(workers: int, task: Task[Any] | None) -> ProcessPoolExecutor:
+    context = multiprocessing.get_context("spawn")
+    return ProcessPoolExecutor(workers, mp_context=context, initializer=_start_worker, initargs=(task,))
+
+
 def _pooled(frames: Iterator[F], died: list[F], task: Task[F], workers: int) -> Generator[Finished]:
     """Take frames until there are no more or a worker dies; those then in flight go to ``died``."""
-    context = multiprocessing.get_context("spawn")
-    executor = ProcessPoolExecutor(workers, mp_context=context, initializer=_start_worker, initargs=(task,))
+    executor = _executor(workers, task)
     in_flight: dict[Future[Finished], F] = {}
     try:
         _require_workers(executor)
@@ -127,6 +147,7 @@ def _interrupt_held() -> Iterator[None]:
     held: list[int] = []
     signal.signal(signal.SIGINT, lambda number, frame: held.append(number))  # another thread may receive it
     if mask := getattr(signal, "pthread_sigmask", None):  # not on Windows
+        resource_tracker.ensure_running()  # its start unblocks SIGINT in the thread that needs it first
         before = mask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -151,7 +172,7 @@ def _stop(executor: ProcessPoolExecutor) -> None:
 _worker_task: Task[Any] | None = None
 
 
-def _start_worker(task: Task[Any]) -> None:
+def _start_worker(task: Task[Any] | None) -> None:
     global _worker_task
     _worker_task = task
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # on Windows nothing is inherited

@@ -8,16 +8,15 @@ from __future__ import annotations
 
 import csv
 import io
-import multiprocessing
 import time
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from zlib import crc32
 
 import numpy as np
 
+from circlecal.batch.workers import mapped_by_workers
 from circlecal.bench.bounds import bound_covariance, bound_errors
 from circlecal.bench.solver_scenarios import PAPER_SCENARIOS, Seen, SolverScenario, chosen_scenarios
 from circlecal.errors import ConfigError
@@ -115,21 +114,11 @@ def simulate(
     """
     tasks = [(plan, name, index) for name in plan.scenarios for index in range(plan.cameras)]
     rows: list[SimulationRow] = []
-    for (_, name, _), found in zip(tasks, _mapped(tasks, workers), strict=True):
+    found_in_order = map(rows_of_camera, tasks) if workers == 1 else mapped_by_workers(rows_of_camera, tasks, workers)
+    for (_, name, _), found in zip(tasks, found_in_order, strict=True):
         rows += found
         advance(name)
     return rows
-
-
-def _mapped(tasks: list[tuple[SimulationPlan, str, int]], workers: int) -> Iterator[list[SimulationRow]]:
-    if workers <= 1:
-        yield from map(rows_of_camera, tasks)
-        return
-    executor = ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"))
-    try:
-        yield from executor.map(rows_of_camera, tasks)
-    finally:
-        executor.shutdown(wait=True, cancel_futures=True)
 
 
 def rows_of_camera(task: tuple[SimulationPlan, str, int]) -> list[SimulationRow]:

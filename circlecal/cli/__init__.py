@@ -21,10 +21,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
         Those of the process when None.
     """
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")  # a damaged picture is one line of ours
-    from circlecal.cli.app import app
-
     try:
+        from circlecal.cli.app import app
+
         app(args=arguments, prog_name="circlecal")
+    except KeyboardInterrupt:  # while a module is loaded; see app.py for that during a command
+        sys.stderr.write("circlecal: interrupted\n")
+        sys.exit(130)
     except CirclecalError as error:
         _fail(str(error))
     except OSError as error:
