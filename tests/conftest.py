@@ -7,10 +7,21 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, settings
 
 from circlecal.cli import main
 from circlecal.field import load_field
 from circlecal.geometry.pinhole import Camera, image_center
+
+# the same examples every time, however slow the machine is
+settings.register_profile(
+    "circlecal",
+    deadline=None,
+    derandomize=True,
+    max_examples=60,
+    suppress_health_check=[HealthCheck.too_slow],
+)
+settings.load_profile("circlecal")
 
 FRAME_SIZE = (960, 540)
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from circlecal.errors import ConfigError
@@ -192,7 +192,6 @@ def test_templates_are_frozen():
     assert isinstance(template, FieldTemplate)
 
 
-@settings(deadline=None, derandomize=True, max_examples=60)
 @given(st.floats(-100, 100), st.floats(0.1, 100))
 def test_arithmetic_over_named_sizes(a, b):
     sizes = {"a": a, "b": b}

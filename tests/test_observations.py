@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -17,7 +17,6 @@ def _with_sigma(points):
     return points, np.full(len(points), 0.25)
 
 
-@settings(deadline=None, derandomize=True, max_examples=60)
 @given(pixels, pixels, st.sampled_from(["outer", "inner", "center"]), st.sampled_from(["halfway_line", None]))
 def test_round_trip_through_json(circle_points, line_points, edge, line):
     seen = Observations(

@@ -93,7 +93,7 @@ def test_the_centre_mark_need_not_be_seen(frames):
 
 def test_every_intermediate_is_returned_and_timed(easy):
     assert list(easy.timings_ms) == PICTURE_STAGES
-    assert all(0 < ms < 60_000 for ms in easy.timings_ms.values())
+    assert all(ms > 0 for ms in easy.timings_ms.values())
     for stage in (*PICTURE_STAGES[:-1], "ellipses", "observations"):
         if stage != "ellipse":
             assert getattr(easy, stage) is not None, stage

@@ -4,6 +4,7 @@ import csv
 import json
 import os
 import signal
+import subprocess
 import sys
 import time
 from collections import Counter
@@ -19,8 +20,51 @@ COMMAND = [sys.executable, "-m", "circlecal.cli", "batch"]
 SURROUNDINGS = {**os.environ, "PYTHONPATH": str(Path(circlecal.__file__).parents[1])}
 
 
-def listen_to_ctrl_c() -> None:
-    """Before a run is started: shells start what runs in the background deaf to Ctrl-C, and children inherit that."""
+PATIENCE_S = 300.0
+"""Limit of every wait, far beyond what a loaded machine needs: only what hangs reaches it."""
+
+SIGNALLING = """
+import os, sys
+from circlecal.batch import ResultLog
+from circlecal.cli import main
+
+whole = ResultLog.append
+lines = 0
+
+def append(log, finished):
+    global lines
+    whole(log, finished)
+    lines += 1
+    if lines == {after}:
+        os.kill({to}, {number})
+
+if __name__ == "__main__":
+    ResultLog.append = append
+    main(sys.argv[1:])
+"""
+
+
+def start_signalling(
+    command: list[str], script: Path, *, after: int, number: int, to: int | str = 0
+) -> subprocess.Popen[str]:
+    """Start a batch that sends a signal right after it has written some lines, by default to itself and its workers.
+
+    Sent from outside, a signal meets a run that is further, on a loaded machine even one that has ended.
+    """
+    script.write_text(SIGNALLING.format(after=after, to=to, number=int(number)))
+    return subprocess.Popen(
+        [sys.executable, str(script), *command[command.index("batch") :]],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=SURROUNDINGS,
+        start_new_session=True,
+        preexec_fn=_listen_to_ctrl_c,
+    )
+
+
+def _listen_to_ctrl_c() -> None:
+    """Shells start what runs in the background deaf to Ctrl-C, and children inherit that."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
@@ -48,8 +92,8 @@ def batch_command(frames: Path, out: Path, *options: str) -> list[str]:
     return [*COMMAND, str(frames), "--out", str(out), "--workers", "2", *options]
 
 
-def wait_for(condition, seconds: float = 20.0) -> None:
-    end = time.monotonic() + seconds
+def wait_for(condition) -> None:
+    end = time.monotonic() + PATIENCE_S
     while not condition():
         assert time.monotonic() < end, "timed out"
         time.sleep(0.02)
@@ -61,7 +105,15 @@ def children(pid: int) -> list[int]:
 
 
 def alive(pid: int) -> bool:
+    return _state(pid) not in ("", "Z")
+
+
+def stopped(pid: int) -> bool:
+    return _state(pid) == "T"
+
+
+def _state(pid: int) -> str:
     try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
     except OSError:
-        return False
+        return ""

@@ -9,9 +9,16 @@ from pathlib import Path
 
 import pytest
 
-from circlecal.batch import RESULTS_NAME
-
-from .runs import SURROUNDINGS, assert_every_frame_once, batch_command, listen_to_ctrl_c, paint, records, wait_for
+from .runs import (
+    PATIENCE_S,
+    SURROUNDINGS,
+    assert_every_frame_once,
+    batch_command,
+    paint,
+    records,
+    start_signalling,
+    wait_for,
+)
 
 pytest.importorskip("distributed", reason="the extra circlecal[distributed] is not installed")
 
@@ -25,7 +32,7 @@ class DaskCluster:
         self.processes: list[subprocess.Popen] = []
         options = ["--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(self.file)]
         self.scheduler = self.start("distributed.cli.dask_scheduler", *options)
-        wait_for(self.file.is_file, 60)
+        wait_for(lambda: self.file.is_file() and self.file.read_text().strip().endswith("}"))
         self.address = json.loads(self.file.read_text())["address"]
         self.workers = [self.add_worker(), self.add_worker()]
 
@@ -38,6 +45,10 @@ class DaskCluster:
 
     def add_worker(self) -> subprocess.Popen:
         return self.start("distributed.cli.dask_worker", self.address, "--no-nanny", "--no-dashboard", "--nthreads=1")
+
+    def joined(self, count: int) -> bool:
+        """Whether so many workers have told the scheduler that they are there."""
+        return (self.folder / "dask.log").read_text().count("Registered to:") >= count
 
     def close(self) -> None:
         for process in self.processes:
@@ -54,60 +65,46 @@ def cluster(tmp_path: Path) -> Iterator[DaskCluster]:
     started.close()
 
 
-def start_run(cluster: DaskCluster, frames: Path, out: Path, *options: str) -> subprocess.Popen:
-    return subprocess.Popen(
-        batch_command(frames, out, "--scheduler", cluster.address, *options),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**SURROUNDINGS, "DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT": "5s"},
-        start_new_session=True,
-        preexec_fn=listen_to_ctrl_c,
-    )
-
-
-def finished_lines(out: Path) -> int:
-    path = out / RESULTS_NAME
-    return path.read_bytes().count(b"\n") if path.is_file() else 0
+def cluster_command(cluster: DaskCluster, frames: Path, out: Path) -> list[str]:
+    return batch_command(frames, out, "--scheduler", cluster.address)
 
 
 def test_a_killed_worker_loses_nothing(cluster, tmp_path):
-    count = 150
+    count = 40
     frames, out = paint(tmp_path / "frames", count), tmp_path / "out"
-    run = start_run(cluster, frames, out)
-    wait_for(lambda: finished_lines(out) >= 5, 60)
-    cluster.workers[0].send_signal(signal.SIGKILL)
-    assert finished_lines(out) < count
-    _, errors = run.communicate(timeout=120)
+    command, script = cluster_command(cluster, frames, out), tmp_path / "killing.py"
+    wait_for(lambda: cluster.joined(2))
+    run = start_signalling(command, script, after=5, number=signal.SIGKILL, to=cluster.workers[0].pid)
+    _, errors = run.communicate(timeout=PATIENCE_S)
     assert run.returncode == 1, errors
+    assert cluster.workers[0].poll() == -signal.SIGKILL
     assert_every_frame_once(out, count)
     assert not [record for record in records(out) if record["code"] in ("worker_died", "internal_error")]
 
 
 def test_a_lost_scheduler_is_one_line_and_the_run_goes_on_elsewhere(cluster, tmp_path):
-    count = 150
+    count = 60
     frames, out = paint(tmp_path / "frames", count), tmp_path / "out"
-    run = start_run(cluster, frames, out)
-    wait_for(lambda: finished_lines(out) >= 5, 60)
-    cluster.scheduler.kill()
-    _, errors = run.communicate(timeout=120)
+    command, script = cluster_command(cluster, frames, out), tmp_path / "killing.py"
+    run = start_signalling(command, script, after=5, number=signal.SIGKILL, to=cluster.scheduler.pid)
+    _, errors = run.communicate(timeout=PATIENCE_S)
     assert run.returncode == 2, errors
     assert "Traceback" not in errors
     told = [line for line in errors.splitlines() if line.startswith("circlecal: error: ")]
     assert len(told) == 1
     assert "run the same command again" in told[0]
-    assert 5 <= finished_lines(out) < count
+    assert 5 <= len(records(out)) < count
     assert subprocess.run(batch_command(frames, out, "-q"), check=False, env=SURROUNDINGS).returncode == 1
     assert_every_frame_once(out, count)
 
 
 def test_interrupted(cluster, tmp_path):
-    frames, out = paint(tmp_path / "frames", 150), tmp_path / "out"
-    run = start_run(cluster, frames, out)
-    wait_for(lambda: finished_lines(out) >= 3, 60)
-    run.send_signal(signal.SIGINT)
-    _, errors = run.communicate(timeout=60)
-    assert run.returncode == 130
+    frames, out = paint(tmp_path / "frames", 40), tmp_path / "out"
+    command = cluster_command(cluster, frames, out)
+    run = start_signalling(command, tmp_path / "interrupted.py", after=3, number=signal.SIGINT)
+    _, errors = run.communicate(timeout=PATIENCE_S)
+    assert run.returncode == 130, errors
+    assert len(records(out)) == 3
     assert "Traceback" not in errors
     assert all(process.poll() is None for process in cluster.processes)
 

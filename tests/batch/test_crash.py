@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from circlecal.batch import INDEX_NAME, RESULTS_NAME, ResultLog
@@ -39,7 +39,6 @@ def states(tmp_path_factory) -> list[tuple[bytes, bytes]]:
     return kept
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     cut=st.floats(0, 1),
     indexed=st.integers(-1, COUNT - 1),
@@ -72,7 +71,7 @@ def test_killed_again_and_again(tmp_path):
         run = subprocess.Popen(
             batch_command(frames, out, "-q"), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=SURROUNDINGS
         )
-        wait_for(lambda run=run, before=before: run.poll() is not None or finished(out) > before, 60)
+        wait_for(lambda run=run, before=before: run.poll() is not None or finished(out) > before)
         time.sleep(generator.uniform(0, 0.05))
         workers = children(run.pid)
         run.send_signal(signal.SIGKILL)

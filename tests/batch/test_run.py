@@ -19,14 +19,16 @@ from circlecal.errors import InputError
 from circlecal.formats.images import find_frames
 
 from .runs import (
+    PATIENCE_S,
     SURROUNDINGS,
     alive,
     assert_every_frame_once,
     batch_command,
     children,
-    listen_to_ctrl_c,
     paint,
     records,
+    start_signalling,
+    stopped,
     wait_for,
 )
 
@@ -166,20 +168,18 @@ def test_an_index_that_is_lost_damaged_or_behind_is_made_anew(run_circlecal, tmp
 
 
 def test_killed_in_the_middle_and_resumed(tmp_path):
-    count = 80
+    count, done = 40, 3
     frames, out = paint(tmp_path / "frames", count), tmp_path / "out"
-    run = subprocess.Popen(
-        batch_command(frames, out), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=SURROUNDINGS
-    )
-    wait_for(lambda: (out / RESULTS_NAME).is_file() and len((out / RESULTS_NAME).read_bytes().splitlines()) >= 3)
+    script = tmp_path / "killed.py"
+    run = start_signalling(batch_command(frames, out), script, after=done, number=signal.SIGSTOP, to="os.getpid()")
+    wait_for(lambda: stopped(run.pid))
     workers = children(run.pid)
     run.send_signal(signal.SIGKILL)
-    run.wait()
-    done = (out / RESULTS_NAME).read_bytes().count(b"\n")
-    assert 3 <= done < count
+    run.communicate(timeout=PATIENCE_S)
     wait_for(lambda: not any(alive(pid) for pid in workers))
+    assert len(records(out)) == done
     with (out / RESULTS_NAME).open("ab") as file:
-        file.write(b'{"id": "f140", "status": "calib')  # a line torn by the kill
+        file.write(b'{"id": "f040", "status": "calib')  # a line torn by the kill
     resumed = subprocess.run(batch_command(frames, out), capture_output=True, text=True, check=False, env=SURROUNDINGS)
     assert resumed.returncode == 1, resumed.stderr
     assert f"({done} from before)" in resumed.stderr
@@ -187,24 +187,15 @@ def test_killed_in_the_middle_and_resumed(tmp_path):
 
 
 def test_interrupted_and_resumed(tmp_path):
-    count = 600  # far more than are done before the signal arrives
+    count, done = 40, 3
     frames, out = paint(tmp_path / "frames", count), tmp_path / "out"
-    run = subprocess.Popen(
-        batch_command(frames, out),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-        env=SURROUNDINGS,
-        preexec_fn=listen_to_ctrl_c,
-    )
-    wait_for(lambda: (out / RESULTS_NAME).is_file() and len((out / RESULTS_NAME).read_bytes().splitlines()) >= 3)
-    os.killpg(run.pid, signal.SIGINT)  # as a terminal does: to the workers, too
-    _, errors = run.communicate(timeout=20)
-    assert run.returncode == 130
+    # as a terminal does: to the workers, too
+    run = start_signalling(batch_command(frames, out), tmp_path / "interrupted.py", after=done, number=signal.SIGINT)
+    _, errors = run.communicate(timeout=PATIENCE_S)
+    assert run.returncode == 130, errors
     assert "Traceback" not in errors
     assert errors.splitlines()[-1] == "circlecal: interrupted"
-    assert len(records(out)) < count
+    assert len(records(out)) == done
     assert (out / SUMMARY_NAME).is_file()
     assert subprocess.run(batch_command(frames, out, "-q"), check=False, env=SURROUNDINGS).returncode == 1
     assert_every_frame_once(out, count)

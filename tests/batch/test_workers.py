@@ -7,9 +7,9 @@ import sys
 
 import pytest
 
-from circlecal.batch.workers import worker_surroundings
+from circlecal.batch.workers import mapped_by_workers, worker_surroundings
 
-from .runs import SURROUNDINGS, paint
+from .runs import PATIENCE_S, SURROUNDINGS, paint
 
 INTERRUPT_AT_A_HAND_OVER = """
 import os, signal, sys
@@ -53,12 +53,31 @@ def test_an_undisturbed_start_raises_nothing():
     assert signal.getsignal(signal.SIGINT) is not signal.SIG_IGN
 
 
+FIRST_WORKER = """
+import multiprocessing, signal, sys
+from circlecal.batch.workers import worker_surroundings
+
+with worker_surroundings():
+    process = multiprocessing.get_context("spawn").Process(target=signal.raise_signal, args=(signal.SIGINT,))
+    process.start()
+process.join()
+sys.exit(process.exitcode)
+"""
+
+
 def test_a_worker_never_gets_ctrl_c():
-    with worker_surroundings():
-        process = multiprocessing.get_context("spawn").Process(target=signal.raise_signal, args=(signal.SIGINT,))
-        process.start()
-    process.join()
-    assert process.exitcode == 0
+    """Not the first one either, with which multiprocessing starts its own process."""
+    run = subprocess.run([sys.executable, "-c", FIRST_WORKER], check=False, env=SURROUNDINGS, timeout=PATIENCE_S)
+    assert run.returncode == 0
+
+
+def test_mapped_in_order_and_without_ctrl_c():
+    assert list(mapped_by_workers(abs, [-3, 2, -1], 2)) == [3, 2, 1]
+    assert list(mapped_by_workers(signal.raise_signal, [signal.SIGINT], 1)) == [None]
+    half = mapped_by_workers(abs, range(100), 1)
+    assert next(half) == 0
+    half.close()
+    assert not multiprocessing.active_children()
 
 
 @pytest.mark.parametrize("at", [0, 1, 5])
@@ -72,7 +91,7 @@ def test_no_hand_over_of_a_frame_loses_ctrl_c(at, tmp_path):
         text=True,
         check=False,
         env=SURROUNDINGS,
-        timeout=60,
+        timeout=PATIENCE_S,
     )
     assert run.returncode == 130, run
     assert run.stderr.splitlines()[-1] == "circlecal: interrupted"

@@ -27,7 +27,7 @@ def test_every_stage_and_step_has_its_time(jpeg):
     assert {"ridges", "hypotheses"} <= set(found.detector_ms)
     assert 0 < max(found.stage_ms.values()) <= found.chain_ms
     assert found.times_decoding == found.chain_ms / found.decoding_ms
-    assert 0 < found.decoding_in_turn_ms < found.chain_ms
+    assert found.decoding_in_turn_ms > 0
 
 
 def test_what_is_no_picture_is_named():

@@ -44,7 +44,6 @@ def test_frames_of_other_widths():
     assert small.stage_ms["edges"] > 0
     (large,) = run_profiles(["easy"], 1, 0, width=3840)
     assert large.good == 1.0
-    assert large.decoding_ms > 3 * small.decoding_ms
 
 
 def test_profiles_run_with_what_a_user_knows():

@@ -1,12 +1,8 @@
 """Cameras and parameter vectors that the tests of the fit share."""
 
 import numpy as np
-from hypothesis import settings
 
 from circlecal.camera_fit.model import INDEX, PARAMETERS
-
-settings.register_profile("circlecal", deadline=None, derandomize=True, max_examples=60)
-settings.load_profile("circlecal")
 
 
 def random_thetas(count: int, rng: np.random.Generator) -> np.ndarray:

@@ -45,6 +45,14 @@ def test_version(run_circlecal):
         assert content["version"] == __version__
 
 
+def test_ctrl_c_outside_a_command_is_one_line(run_circlecal, monkeypatch):
+    def interrupted(**named: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("circlecal.cli.app.app", interrupted)
+    assert run_circlecal("fields") == (130, "", "circlecal: interrupted\n")
+
+
 def test_help_imports_nothing_heavy():
     code = f"import sys, circlecal.cli.app; print([m for m in {HEAVY} if m in sys.modules])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import base64
 import json
+import re
 import shutil
-import socket
 import subprocess
 import tempfile
 import time
@@ -14,6 +14,8 @@ import urllib.request
 from pathlib import Path
 from typing import Any
 
+PATIENCE_S = 300.0
+"""Limit of every wait: only what hangs reaches it."""
 KEYS = {"Enter": "\ue007", "Escape": "\ue00c", "ArrowDown": "\ue015", "ArrowRight": "\ue014", "ArrowLeft": "\ue012"}
 _FLAGS = (
     "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-dev-shm-usage",
@@ -36,17 +38,14 @@ class Browser:
         if found is None:
             raise RuntimeError("no Chromium")
         self._profile = tempfile.mkdtemp(prefix="circlecal-chromium-")
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            port = probe.getsockname()[1]
-        self._driver = subprocess.Popen(
-            [found[1], f"--port={port}"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-        )
-        self._base = f"http://127.0.0.1:{port}"
+        self._log = Path(self._profile) / "chromedriver.log"
+        with self._log.open("wb") as log:
+            self._driver = subprocess.Popen([found[1], "--port=0"], stdout=log, stderr=log)
+        self._base = ""
         self._opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
         self._session = ""
         try:
-            self._wait_for_driver()
+            self._base = f"http://127.0.0.1:{self._port_of_driver()}"
             options = {"binary": found[0], "args": [*_FLAGS, f"--user-data-dir={self._profile}"]}
             wanted = {
                 "goog:chromeOptions": options,
@@ -59,14 +58,13 @@ class Browser:
             self.close()
             raise
 
-    def _wait_for_driver(self) -> None:
-        for _ in range(200):
-            try:
-                if self._call("GET", "/status")["ready"]:
-                    return
-            except OSError:
-                time.sleep(0.05)
-        raise RuntimeError("chromedriver does not answer")
+    def _port_of_driver(self) -> int:
+        end = time.monotonic() + PATIENCE_S
+        while time.monotonic() < end and self._driver.poll() is None:
+            if told := re.search(r"started successfully on port (\d+)", self._log.read_text(errors="replace")):
+                return int(told[1])
+            time.sleep(0.05)
+        raise RuntimeError(f"chromedriver does not start: {self._log.read_text(errors='replace')}")
 
     def _call(self, method: str, path: str, body: dict[str, Any] | None = None) -> Any:
         content = None if method == "GET" else json.dumps(body or {}).encode()
@@ -74,7 +72,7 @@ class Browser:
             self._base + path, content, {"Content-Type": "application/json"}, method=method
         )
         try:
-            with self._opener.open(request, timeout=120) as answer:
+            with self._opener.open(request, timeout=PATIENCE_S) as answer:
                 return json.load(answer)["value"]
         except urllib.error.HTTPError as error:
             raise RuntimeError(json.load(error)["value"]["message"]) from None
@@ -99,9 +97,9 @@ class Browser:
         """Value that a script returns."""
         return self._call("POST", f"{self._session}/execute/sync", {"script": script, "args": list(arguments)})
 
-    def wait(self, condition: str, seconds: float = 20.0) -> None:
+    def wait(self, condition: str) -> None:
         """Wait until an expression is true."""
-        end = time.monotonic() + seconds
+        end = time.monotonic() + PATIENCE_S
         while not self.run(f"return Boolean({condition})"):
             if time.monotonic() > end:
                 raise AssertionError(f"never true: {condition}")

@@ -73,7 +73,7 @@ def choose(browser: Browser, name: str, value: str, count: int) -> None:
     """
     browser.run(script, name, value)
     browser.wait(f"(new URLSearchParams(location.hash.slice(1)).get('{name}') || '') === {json.dumps(value)}")
-    assert browser.run("return document.querySelectorAll('.card').length") == count
+    browser.wait(f"document.querySelectorAll('.card').length === {count}")
 
 
 def test_all_frames_are_there_in_order(page):
@@ -139,8 +139,7 @@ def test_keyboard(page):
     page.press("k")  # nothing before the first
     assert "onerror" in page.run(f"return {TITLE}")
     page.press("Escape")
-    page.wait(f"!{OPEN}")
-    assert page.run(f"return {FOCUSED}") == NASTY
+    page.wait(f"!{OPEN} && {FOCUSED} === {json.dumps(NASTY)}")
     page.press("ArrowDown")
     row = page.run(
         "const all = [...document.querySelectorAll('.card')];"
@@ -187,7 +186,8 @@ def test_template_toggle(page):
 
 def test_zoom_keeps_the_layers_together(page):
     page.run("location.hash = 'frame=1'")
-    page.wait(f"{OPEN} && document.querySelector('#stage .template')?.naturalWidth")
+    page.wait(f"{OPEN} && document.querySelectorAll('#stage img').length > 1")
+    page.wait("[...document.querySelectorAll('#stage img')].every(image => image.naturalWidth)")
     boxes = """
         return [...document.querySelectorAll('#stage img')].map(i => {
           const b = i.getBoundingClientRect(); return [b.left, b.top, b.width, b.height]; });
@@ -204,7 +204,10 @@ def test_zoom_keeps_the_layers_together(page):
 def _pixels(page) -> np.ndarray:
     import base64
 
-    page.run("return new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    page.run("""
+        return Promise.all([...document.querySelectorAll('#stage img')].map(image => image.decode())).then(
+          () => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done))));
+    """)
     box = page.run(
         "const b = document.getElementById('stage').getBoundingClientRect(); return [b.x, b.y, b.width, b.height]"
     )

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from circlecal.report.figures import COLUMNS, clock, histogram, short, timelines
@@ -19,7 +19,6 @@ def row(code: str | None = None, sigma: float | None = None, path: str | None = 
     )  # fmt: skip
 
 
-@settings(deadline=None)
 @given(
     st.lists(st.floats(0, 1e6), max_size=30),
     st.lists(st.floats(0, 1e6), max_size=30),

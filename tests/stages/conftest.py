@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from hypothesis import settings
 
 from circlecal.field import load_field
 from circlecal.geometry.conics import circle_conic, ellipse_from_conic, normalise_conic, transform_conic
@@ -12,9 +11,6 @@ from circlecal.geometry.homogeneous import transform_lines
 from circlecal.geometry.pinhole import Camera
 from circlecal.results import EllipseFit, EllipseFits, LineCue, MarkingMask, Segment
 from circlecal.synthetic.cameras import aimed_camera
-
-settings.register_profile("circlecal", deadline=None, derandomize=True, max_examples=60)
-settings.load_profile("circlecal")
 
 SOCCER = load_field("soccer")
 CIRCLE = SOCCER.circle_by_name["centre_circle"]
