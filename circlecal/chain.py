@@ -130,7 +130,6 @@ class Chain:
                     template,
                     self.reached["edges"].noise,
                     self.config.rays,
-                    with_arcs,
                 )
                 if len(points) >= self.config.ellipse.minimum_points:
                     found[curve.name] = CirclePoints(curve.name, "center", points, sigma)

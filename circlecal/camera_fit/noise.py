@@ -34,7 +34,9 @@ OFF_SIGMAS, OFF_PX = 4.0, 0.15
 """Points further from their neighbours, in robust standard deviations and pixels beside, lie on something else."""
 
 
-def as_measured(problem: Problem, state: State, curves: CurvePoints, loss_scale: float) -> tuple[Problem, State, float]:
+def as_measured(
+    problem: Problem, state: State, curves: CurvePoints, loss_scale: float
+) -> tuple[Problem, State, float, CurvePoints]:
     """The problem with the noise that its own residuals show, and without the points that leave their neighbours.
 
     Parameters
@@ -52,6 +54,8 @@ def as_measured(problem: Problem, state: State, curves: CurvePoints, loss_scale:
         The same start, for fewer points.
     scale : float
         By how much the standard deviations have grown.
+    curves : CurvePoints
+        Those given that are left.
     """
     off_px = state.residuals[0] * problem.curves.sigma_px
     factor, kept = np.ones(len(off_px)), np.ones(len(off_px), dtype=np.bool_)
@@ -71,7 +75,8 @@ def as_measured(problem: Problem, state: State, curves: CurvePoints, loss_scale:
     fewer = replace(state, hidden=state.hidden[:, kept], values=state.values[:, rows], jacobian=state.jacobian[:, rows])
     nearer = replace(problem, curves=problem.curves.select(chosen))
     scale = float(np.sqrt(np.mean(factor**2)))
-    return *reweighted(nearer, fewer, (curves.sigma_px * factor)[chosen], loss_scale), scale
+    least = curves.select(chosen)
+    return *reweighted(nearer, fewer, least.sigma_px * factor[chosen], loss_scale), scale, least
 
 
 def _running_median(values: Array, count: int) -> Array:

@@ -154,7 +154,7 @@ def estimate_camera(
     if more is None:
         close = None if named else _close_curves(curves, observations, template, config)
         if close is not None:
-            problem, state, scale = as_measured(problem, state, close, config.loss_scale)
+            problem, state, scale, close = as_measured(problem, state, close, config.loss_scale)
         state = continued(problem, state, config.loss_scale, config.iterations)
     else:
         problem, start, further = more
@@ -225,7 +225,9 @@ def _clearly_curved(
     if found.cost[0] > bar:
         return problem, state, scale
     if close is not None:
-        return curved, found, scale
+        # what the roof left of the residuals was no noise
+        curved, found, scale, _ = as_measured(curved, found, close, config.loss_scale)
+        return curved, continued(curved, found, config.loss_scale, config.iterations), scale
     return _settled(curved, found, config, FINAL)
 
 

@@ -141,11 +141,11 @@ def measure_along_model(
     template: FieldTemplate,
     noise: float,
     config: RaysConfig,
-    steadily: bool = False,
 ) -> tuple[Array, Array]:
     """Middle of a circle's or an arc's paint along the curve that a camera predicts, lens and crown included.
 
     An ellipse that was fitted to a part of the circle leaves the paint beyond that part; the camera leads further.
+    Points that leave their neighbours' offset from the curve lie on players, and are left out.
 
     Parameters
     ----------
@@ -158,8 +158,6 @@ def measure_along_model(
     noise : float
         Grey-level noise of the picture.
     config : RaysConfig
-    steadily : bool
-        Whether points that leave their neighbours' offset from the curve are left out.
 
     Returns
     -------
@@ -194,10 +192,8 @@ def measure_along_model(
     middle, bands, _ = _bands_along(
         picture, points[inside], across[inside], predicted[inside], noise, search, config, 1.0
     )
-    if steadily:
-        steady = _steady(bands.center, STEADY_PX * width / 1920.0)
-        return middle[steady], bands.sigma[steady]
-    return middle, bands.sigma
+    steady = _steady(bands.center, STEADY_PX * width / 1920.0)
+    return middle[steady], bands.sigma[steady]
 
 
 def _steady(offsets: Array, limit: float) -> NDArray[np.bool_]:
@@ -206,7 +202,7 @@ def _steady(offsets: Array, limit: float) -> NDArray[np.bool_]:
         return np.zeros(len(offsets), dtype=np.bool_)
     from scipy.ndimage import median_filter
 
-    return np.asarray(np.abs(offsets - median_filter(offsets, size=max(9, len(offsets) // 4), mode="nearest")) < limit)
+    return np.asarray(np.abs(offsets - median_filter(offsets, size=max(9, len(offsets) // 8), mode="nearest")) < limit)
 
 
 class _Centreline:

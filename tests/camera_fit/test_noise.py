@@ -38,10 +38,11 @@ def fitted(residuals_px, few_px=()):
 
 def test_quiet_points_keep_the_least_sigma():
     residuals = np.random.default_rng(1).normal(0, 0.05, 200)
-    problem, state, scale = as_measured(*fitted(residuals))
+    problem, state, scale, least = as_measured(*fitted(residuals))
     assert len(problem.curves.points_px) > 190
     assert state.hidden.shape == state.residuals.shape == (1, len(problem.curves.points_px))
     np.testing.assert_allclose(problem.curves.sigma_px, LEAST_PX)
+    np.testing.assert_array_equal(least.points_px, problem.curves.points_px)
     assert scale == 1.0
 
 
@@ -56,7 +57,7 @@ def test_points_on_something_else_are_left_out_and_a_bend_is_not():
     bend = np.linspace(-1.5, 1.5, 200) ** 2
     residuals = bend + np.random.default_rng(3).normal(0, 0.03, 200)
     residuals[80:85] += 1.2
-    _, state, _ = as_measured(*fitted(residuals))
+    _, state, _, _ = as_measured(*fitted(residuals))
     left = np.setdiff1d(np.arange(200), state.hidden[0])
     assert set(range(80, 85)) <= set(left)
     assert len(left) < 15
@@ -64,6 +65,6 @@ def test_points_on_something_else_are_left_out_and_a_bend_is_not():
 
 def test_few_points_tell_nothing():
     few = np.array([5.0, -5.0, 4.0])
-    problem, _, _ = as_measured(*fitted(np.zeros(100), few))
+    problem, _, _, _ = as_measured(*fitted(np.zeros(100), few))
     assert np.count_nonzero(problem.curves.group == 1) == 3
     np.testing.assert_allclose(problem.curves.sigma_px, LEAST_PX)

@@ -214,7 +214,7 @@ def test_an_arc_is_measured_between_its_ends():
     cv2.circle(image, (round(float(boot[0]) + 5), round(float(boot[1]))), 4, (240, 240, 240), -1)
     frame = Frame(camera.width, camera.height, "flat", arc.radius_m)
     fit = camera_fit(camera, theta=theta_of(camera, frame))
-    points, _ = measure_along_model(grey(image), fit, arc, SOCCER, 1.5, RaysConfig(), steadily=True)
+    points, _ = measure_along_model(grey(image), fit, arc, SOCCER, 1.5, RaysConfig())
     truth = camera.project(middle)
     distance = np.linalg.norm(points[:, None] - truth, axis=-1)
     assert len(points) > 100
