@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
@@ -25,6 +26,8 @@ PIECE_SUPPORT = 0.35
 """Least share of a piece of the halfway line outside the circle on which it is seen."""
 RIM_CLEARANCE_PX = 8.0
 """How far beyond the circle the halfway line goes on at least, pixels at 1920 px width."""
+SURFACE_MARGIN = 0.02
+"""Picture widths beyond the playing surface within which the halfway line may still be followed."""
 END_CLEARANCE_PX = 2.0
 """Points so far behind the marking at which the halfway line ends are something else, pixels at 1920 px width."""
 LARGEST_GAP = 0.2
@@ -116,7 +119,8 @@ def find_cues(
     measured = measure_lines(picture, segments, noise, config.search_px, config.spacing_px, rounds, widths)
     halfway = None
     if chord is not None and near is not None:
-        halfway = _halfway_line(picture, measured.pop(), chord, growth, noise, template.halfway_line, config)
+        surface = _with_margin(mask.field_region)
+        halfway = _halfway_line(picture, measured.pop(), chord, growth, noise, template.halfway_line, surface, config)
     mark = None
     if config.centre_mark and halfway is not None and "centre_mark" in template.mark_by_name:
         mark = _centre_mark(picture, halfway, fit, template, blur_px, config)
@@ -162,9 +166,12 @@ def _halfway_line(
     growth: Array,
     noise: float,
     name: str | None,
+    surface: NDArray[np.bool_] | None,
     config: CuesConfig,
 ) -> LineCue | None:
-    """The measured line, continued as far as it is seen; None where too little of the chord is seen."""
+    """The measured line, continued as far as it is seen on the surface (h, w) of a reduced picture; None where too
+    little of the chord is seen.
+    """
     if cue is None:
         return None
     middle, half = 0.5 * (chord[0] + chord[1]), 0.5 * (chord[1] - chord[0])
@@ -183,12 +190,32 @@ def _halfway_line(
     further = _followed(picture, cue, reach, growth, noise, config)
     points = np.concatenate([cue.points_px, *(piece.points_px for piece in further)])
     sigma = np.concatenate([cue.sigma_px, *(piece.sigma_px for piece in further)])
+    if surface is not None:
+        painted = _lie_on(surface, points, picture.shape)
+        painted[: len(cue.points_px)] = True
+        points, sigma = points[painted], sigma[painted]
     segment = Segment(cue.segment.start, cue.segment.end, support)
     unit = max(picture.shape[1] / 1920.0, 0.5)
     clear = RIM_CLEARANCE_PX * unit if visible is not None else -RIM_CLEARANCE_PX * unit
     ends = paint_ends(picture, points, middle, reach + clear)
     kept = _before_crossed(points, middle, ends, END_CLEARANCE_PX * unit)
     return LineCue(name, cue.line, points[kept], sigma[kept], segment, cue.rms_px, ends, cue.width_px)
+
+
+def _with_margin(region: NDArray[np.bool_] | None) -> NDArray[np.bool_] | None:
+    """The playing surface and what lies close around it, where its own markings may still run."""
+    if region is None:
+        return None
+    side = 2 * round(SURFACE_MARGIN * region.shape[1]) + 1
+    grown = cv2.dilate(region.astype(np.uint8), np.ones((side, side), np.uint8))
+    return np.asarray(grown, np.uint8).view(np.bool_)
+
+
+def _lie_on(surface: NDArray[np.bool_], points: Array, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Which points (N, 2) of a picture of this shape lie on the surface (h, w) of a reduced one."""
+    (rows, columns), (height, width) = surface.shape, shape
+    x, y = (points * (columns / width, rows / height)).astype(int).T
+    return surface[np.clip(y, 0, rows - 1), np.clip(x, 0, columns - 1)]
 
 
 def _before_crossed(points: Array, middle: Array, ends: Sequence[LineEnd], clear_px: float) -> NDArray[np.bool_]:

@@ -1,5 +1,7 @@
 """Halfway line, centre mark and further lines."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -249,6 +251,21 @@ def test_the_halfway_line_ends_at_the_touchline_though_something_goes_on_behind_
     beyond = (halfway.points_px - end) @ ahead
     assert -8.0 < beyond.max() < 4.0
     assert any(end.crossed for end in halfway.ends)
+
+
+def test_the_halfway_line_is_not_followed_off_the_playing_surface():
+    camera = view(position=(5.0, 48.0, -18.0), focal=1700.0, size=(1280, 720))
+    painted = paint(camera, noise=1.0)
+    fits = EllipseFits(None, None, fit_of(painted.conic(), "center"))
+    edge = camera.project(np.array([0.0, -20.0]))[1]
+    surface = np.arange(135)[:, None] * np.ones(240) > edge * 135 / 720
+
+    def highest(region):
+        marking = replace(painted.marking(halfway=rough_line(camera)), field_region=region)
+        return find_cues(grey(painted.image), marking, fits, 1.5, SOCCER, CONFIG).halfway.points_px[:, 1].min()
+
+    assert highest(None) < edge - 40
+    assert edge - 0.03 * 1280 < highest(surface) < edge
 
 
 def test_halfway_line_outside_the_circle_only():
