@@ -23,7 +23,7 @@ LAYERS: tuple[frozenset[str], ...] = (
     frozenset({"geometry"}),
     frozenset({"field", "profiles"}),
     frozenset({"observations", "sources", "interlacing"}),
-    frozenset({"results", "centre_mark", "line_ends"}),
+    frozenset({"results", "centre_mark", "faint_paint", "line_ends"}),
     frozenset({"camera_fit", "detection", "straight_lines"}),
     frozenset({"stages"}),
     frozenset({"solvers"}),

@@ -180,7 +180,8 @@ def likely_arc(circle: CircleHypothesis, width: int, acceptance: AcceptanceConfi
     rms = max(acceptance.rms_px1920, max(acceptance.rms_px, acceptance.rms_share * great) * 1920.0 / width)
     if circle.band_width is not None and circle.band_width < acceptance.band_width:
         return False
-    return circle.rms_px <= rms and circle.least_share >= config.share and circle.whole_share >= config.whole_share
+    painted = circle.least_share >= config.share or circle.painted_share >= config.painted_share
+    return circle.rms_px <= rms and painted and circle.whole_share >= config.whole_share
 
 
 def band_width_of(circle: MeasuredCircle) -> float | None:

@@ -234,6 +234,13 @@ class LikelyConfig(BaseModel):
     model_config = _STRICT
 
     share: float = Field(default=0.5, ge=0.0, le=1.0, description="Smallest share of the visible circle that is drawn.")
+    painted_share: float = Field(
+        default=0.55,
+        ge=0.0,
+        le=1.0,
+        description="The same of the sectors in which paint stands out on average: for faint paint, which single places"
+        " do not show; ellipses stitched from streaks have less than half.",
+    )
     whole_share: float = Field(
         default=0.14, ge=0.0, le=1.0, description="Smallest share of the whole ellipse that is drawn."
     )

@@ -23,6 +23,7 @@ from circlecal.detection.halfway import MeasuredLine, find_halfway, segments_thr
 from circlecal.detection.hypotheses import EllipseBatch, draw_ellipses
 from circlecal.detection.lines import StraightRun, find_straight_runs
 from circlecal.detection.marking_mask import MarkingSketch
+from circlecal.detection.paint import painted_share
 from circlecal.detection.result import CircleHypothesis, Detection, LineSegment
 from circlecal.detection.ridges import RidgePoints, find_ridges
 from circlecal.detection.ruled_out import assigned_alike, segments_left
@@ -42,6 +43,7 @@ _MARGIN = 0.012  # of the picture's width: by how much the second pass looks bey
 _SHORTEST_RUN = 0.10  # picture widths: shorter straight runs are not reported
 _SAME_ARC = 0.003  # picture widths: arcs no further apart follow one marking
 _MOST_ARCS = 3
+_FEWEST_SECTORS = 8  # of a circle: fewer do not tell how much of it is painted
 _SHORTEST_HALFWAY = 0.04  # picture widths: of a piece of the halfway line of a circle that has no longer one
 
 
@@ -388,7 +390,13 @@ def _first_accepted(
         hypothesis = hypothesis_of(circle, field_share, width)
         watch.lap("refine")
         refusal = refusal_of(hypothesis, True, width, config.acceptance)
-        if refusal is None or likely_arc(hypothesis, width, config.acceptance, config.likely):
+        likely_one = likely_arc(hypothesis, width, config.acceptance, config.likely)
+        if refusal == "circle_support_too_low" and not likely_one:
+            share, sectors = painted_share(full_grey, circle.ellipse, circle.sign)
+            hypothesis = replace(hypothesis, painted_share=share if sectors >= _FEWEST_SECTORS else 0.0)
+            likely_one = likely_arc(hypothesis, width, config.acceptance, config.likely)
+            watch.lap("refine")
+        if refusal is None or likely_one:
             halfway = find_halfway(full_grey, circle, segments_left(segments, alike, width), config)
             if halfway is None and refusal is not None:
                 if shorter is None:
@@ -408,7 +416,7 @@ def _first_accepted(
                 lone = lone or (circle, hypothesis)
             elif halfway is not None and drawn_on_both_sides(circle, halfway.line, config.likely.side_share):
                 likely.append((circle, hypothesis, halfway))
-            if halfway is None and likely_arc(hypothesis, width, config.acceptance, config.likely):
+            if halfway is None and likely_one and hypothesis.painted_share == 0.0:
                 arcs.append(hypothesis)
         candidates.append(hypothesis)
         refusals.append(refusal or "")

@@ -59,6 +59,8 @@ class CircleHypothesis:
     band_width : float or None
         Width of the band on the field in radii of the circle, from how much wider it is where the circle is seen
         broadside than near and far; None where that cannot be told.
+    painted_share : float
+        Share of the visible sectors in which paint stands out on average, where single places show too little; else 0.
     """
 
     conic: Array
@@ -70,6 +72,7 @@ class CircleHypothesis:
     rms_px: float
     points: Array
     band_width: float | None = None
+    painted_share: float = 0.0
 
     @property
     def least_share(self) -> float:

@@ -212,7 +212,7 @@ def test_an_arc_that_ends_inside_the_picture_has_a_gap() -> None:
 
 
 def test_reasons_name_the_gate(main_view: Scene) -> None:
-    gates = {"acceptance": {"share": 1.0, "share_with_line": 1.0}, "likely": {"share": 1.0}, "thorough": False}
+    gates = {"acceptance": {"share": 1.0, "share_with_line": 1.0}, "likely": {"whole_share": 1.0}, "thorough": False}
     found = run(main_view.image, DetectorConfig.model_validate(gates))
     assert found.circle is None
     assert found.refusal == "circle_support_too_low"
@@ -245,8 +245,10 @@ def test_a_worn_circle_without_a_line_is_refused() -> None:
 
 def test_a_second_pass_finds_what_is_too_faint_for_the_first(main_view: Scene) -> None:
     blind = {"ridges": {"threshold": 50.0, "minimum_contrast": 0.4}}
-    assert run(main_view.image, DetectorConfig.model_validate({**blind, "thorough": False})).circle is None
-    assert circle_error(run(main_view.image, DetectorConfig.model_validate(blind)), main_view) < 0.3
+    assert not run(main_view.image, DetectorConfig.model_validate({**blind, "thorough": False})).certain
+    found = run(main_view.image, DetectorConfig.model_validate(blind))
+    assert found.certain
+    assert circle_error(found, main_view) < 0.3
 
 
 def test_the_first_pass_takes_a_smaller_picture_and_both_find_the_same(main_view: Scene) -> None:

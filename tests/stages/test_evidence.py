@@ -3,7 +3,8 @@
 import cv2
 import numpy as np
 
-from circlecal.stages.evidence import CLEAR, SECTORS, painted_all_round, painted_sectors
+from circlecal.faint_paint import CLEAR, SECTORS
+from circlecal.stages.evidence import painted_all_round, painted_sectors
 
 from .conftest import CIRCLE, SOCCER, view
 from .test_agreement import fit_of

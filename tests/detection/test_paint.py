@@ -1,0 +1,53 @@
+"""Paint that shows in sums only."""
+
+import numpy as np
+import pytest
+
+from circlecal.detection import DetectorConfig, detect
+from circlecal.detection.hypotheses import EllipseBatch
+from circlecal.detection.paint import painted_share
+from circlecal.faint_paint import SECTORS
+from circlecal.geometry.conics import ellipse_from_conic, sampson_distance
+
+from .conftest import HALFWAY_AND_CIRCLE, RADIUS_M, Scene, paint_scene, ring
+
+FAINT = {"contrast": 8.0, "noise": 6.0}
+
+
+def true_ellipse(scene: Scene, shift: float = 0.0) -> EllipseBatch:
+    ellipse = ellipse_from_conic(scene.conic)
+    assert ellipse is not None
+    frame = ellipse.frame()
+    return EllipseBatch(ellipse.center[None] + (0.0, shift), frame[None, :2, 0], frame[None, :2, 1])
+
+
+def grey(scene: Scene) -> np.ndarray:
+    return scene.image.mean(axis=-1).astype(np.uint8)
+
+
+def test_faint_paint_stands_out_in_the_sectors_that_it_fills() -> None:
+    whole = paint_scene(**FAINT)
+    share, sectors = painted_share(grey(whole), true_ellipse(whole), 1.0)
+    assert sectors == SECTORS
+    assert share > 0.8
+    half = paint_scene(markings=(ring(0.0, RADIUS_M, 0.0),), **FAINT)
+    assert painted_share(grey(half), true_ellipse(half), 1.0)[0] == pytest.approx(0.5, abs=0.12)
+    assert painted_share(grey(whole), true_ellipse(whole), -1.0)[0] < 0.1
+    assert painted_share(grey(whole), true_ellipse(whole, 12.0), 1.0)[0] < 0.2
+
+
+def test_an_ellipse_outside_the_picture_has_no_sectors() -> None:
+    scene = paint_scene()
+    assert painted_share(grey(scene), true_ellipse(scene, 5000.0), 1.0) == (0.0, 0)
+
+
+def test_a_circle_too_faint_for_single_places_is_likely_with_its_line() -> None:
+    scene = paint_scene(**FAINT)
+    found = detect(scene.image, DetectorConfig(), np.random.default_rng(0))
+    assert found.circle is not None
+    assert np.abs(sampson_distance(found.circle.conic, scene.circle_points())).mean() < 1.0
+    assert found.circle.least_share < DetectorConfig().likely.share
+    assert found.circle.painted_share > DetectorConfig().likely.painted_share
+    assert not found.certain
+    without = paint_scene(markings=HALFWAY_AND_CIRCLE[:1], **FAINT)
+    assert detect(without.image, DetectorConfig(), np.random.default_rng(0)).circle is None
