@@ -18,11 +18,11 @@ from circlecal.errors import ConfigError
 from circlecal.field import load_field
 from circlecal.geometry.homogeneous import Array
 from circlecal.results import CameraFit
-from circlecal.synthetic.sampling import SCENE_PROFILES, profile_field, render_frame
+from circlecal.synthetic.sampling import PROFILE_BY_NAME, SCENE_PROFILES, SceneProfile, profile_field, render_frame
 from circlecal.synthetic.surface import seen_pixels
 from circlecal.synthetic.truth import Truth
 
-PROFILES = tuple(SCENE_PROFILES)
+PROFILES = SCENE_PROFILES
 RUNS = 3
 """Times are the best of this many runs on the same frame."""
 GOOD_PX = 5.0
@@ -84,12 +84,12 @@ def run_profiles(
     width: int = 1920,
 ) -> list[ProfileRow]:
     """Render, calibrate and compare ``count`` frames of each profile, 16:9 and so many pixels wide."""
-    unknown = [n for n in names if n not in PROFILES]
+    unknown = [name for name in names if name not in PROFILE_BY_NAME]
     if unknown:
         raise ConfigError(f"--profiles: {', '.join(unknown)} is unknown; known: {', '.join(PROFILES)}")
     cv2.setNumThreads(1)
     rows = []
-    for profile in names or PROFILES:
+    for profile in [PROFILE_BY_NAME[name] for name in names] or PROFILES:
         frames = []
         for index in range(count):
             frames.append(_one_frame(profile, seed, index, width))
@@ -98,9 +98,9 @@ def run_profiles(
     return rows
 
 
-def _one_frame(profile: str, seed: int, index: int, width: int) -> _FrameRow:
+def _one_frame(profile: SceneProfile, seed: int, index: int, width: int) -> _FrameRow:
     rng = np.random.default_rng([seed, index, PROFILES.index(profile)])
-    rendering = render_frame(profile, rng, width, round(width * 9 / 16))  # type: ignore[arg-type]
+    rendering = render_frame(profile, rng, width, round(width * 9 / 16))
     encoded = cv2.imencode(".jpg", rendering.image, [cv2.IMWRITE_JPEG_QUALITY, 92])[1]
     image = np.asarray(cv2.imdecode(encoded, cv2.IMREAD_COLOR), dtype=np.uint8)
     config = profile_config(profile, rendering.truth)

@@ -228,11 +228,6 @@ def with_curves(problem: Problem, state: State, curves: CurvePoints, loss_scale:
     return replace(problem, curves=joined_curves(curves, problem.curves)), changed
 
 
-def robust_weights(values: Array, loss_scale: float) -> Array:
-    """Weights of iteratively reweighted least squares for the Geman-McClure loss."""
-    return 1.0 / (1.0 + (values / loss_scale) ** 2) ** 2
-
-
 def minimise(
     problem: Problem,
     starts: Array,

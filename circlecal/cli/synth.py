@@ -56,15 +56,7 @@ def synth(
 
     chosen = [p.value for p in profile or list(Profile)]
     with _progress(count) as report:
-        ids = write_dataset(
-            out,
-            count,
-            seed,
-            chosen,  # type: ignore[arg-type]
-            _parsed_size(size),
-            masks=not no_masks,
-            report=report,
-        )
+        ids = write_dataset(out, count, seed, chosen, _parsed_size(size), masks=not no_masks, report=report)
     console.print_line(f"{len(ids)} frames written to {out}")
 
 

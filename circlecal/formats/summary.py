@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from circlecal.formats.atomic import write_atomic_parts
+from circlecal.results import Status
 
 _BLOCK = 1 << 16
 
@@ -23,7 +24,7 @@ class FrameSummary:
     """
 
     id: str
-    status: str
+    status: Status
     code: str | None
     case: int | None
     rms_px: float | None

@@ -79,24 +79,6 @@ def imaged_center(outer: ArrayLike, inner: ArrayLike) -> ConcentricCenter | None
     )
 
 
-def concentric_conic(conic: ArrayLike, center: ArrayLike, radius: float, new_radius: float) -> Array:
-    """Image of the concentric circle of another radius: ``E - (1 - r'^2 / r^2) (E c)(E c)^T / (c^T E c)``.
-
-    Parameters
-    ----------
-    conic : (3, 3) array
-        Image of the circle of ``radius``.
-    center : (3,) array
-        Imaged centre, homogeneous.
-    radius, new_radius : float
-        Radii on the field, in one unit.
-    """
-    e = np.asarray(conic, dtype=np.float64)
-    c = np.asarray(center, dtype=np.float64)
-    line = e @ c
-    return normalise_conic(e - (1.0 - (new_radius / radius) ** 2) * np.outer(line, line) / (c @ line))
-
-
 def scaling_homology(conic: ArrayLike, center: ArrayLike, factor: float) -> Array:
     """Image (3, 3) of scaling the field about the circle's centre: ``k I + (1 - k) c l^T / (l^T c)`` with ``l = E
     c``.

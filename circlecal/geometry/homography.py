@@ -205,15 +205,6 @@ def transfer_errors(H: ArrayLike, field_points: ArrayLike, image_points: ArrayLi
     return np.asarray(np.linalg.norm(apply_homography(H, field_points) - np.asarray(image_points), axis=-1))
 
 
-def symmetric_transfer_errors(H: ArrayLike, field_points: ArrayLike, image_points: ArrayLike) -> Array:
-    """Root of the summed squared transfer errors both ways (N,); mixes the units of both planes (H&Z eq. 4.7)."""
-    back = np.linalg.norm(
-        apply_homography(np.linalg.inv(np.asarray(H, dtype=np.float64)), image_points) - np.asarray(field_points),
-        axis=-1,
-    )
-    return np.asarray(np.hypot(transfer_errors(H, field_points, image_points), back))
-
-
 def reprojection_grid(
     H: ArrayLike, width: int, height: int, half_length_m: float, half_width_m: float, step_m: float = 0.5
 ) -> Array:

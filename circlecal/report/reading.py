@@ -215,7 +215,7 @@ def _row(record: dict[str, Any]) -> FrameRow:
     rig = record.get("rig") or {}
     return FrameRow(
         id=summary.id,
-        status=summary.status,  # type: ignore[arg-type]  # checked by the model
+        status=summary.status,
         code=summary.code,
         stage=record.get("stage"),
         reason=summary.reason,

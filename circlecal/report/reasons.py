@@ -172,8 +172,3 @@ def explain(code: str, stage: str | None) -> Explanation:
     """Meaning and mend of a reason; of its stage where the reason is not known here."""
     meaning = _STAGES.get(stage or "", "The frame was refused.")
     return _REASONS.get(code, Explanation(meaning, "Look at the stages with circlecal debug."))
-
-
-def explained_codes() -> frozenset[str]:
-    """Reasons that have a text of their own."""
-    return frozenset(_REASONS)

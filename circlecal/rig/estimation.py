@@ -346,10 +346,3 @@ def shared_values(rig: Rig) -> dict[str, tuple[float, float]]:
     names = (*prior.parameters, *(f"{name} by zoom" for name in prior.zoomed))
     sigma = np.sqrt(np.diag(prior.covariance))
     return {name: (float(m), float(s)) for name, m, s in zip(names, prior.mean, sigma, strict=True)}
-
-
-def position_of(rig: Rig) -> tuple[Array, Array]:
-    """Position (3,) and its standard deviations (3,), metres."""
-    values = shared_values(rig)
-    pairs = [values[name] for name in ("x", "y", "z")]
-    return np.array([m for m, _ in pairs]), np.array([s for _, s in pairs])

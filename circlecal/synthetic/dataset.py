@@ -15,7 +15,7 @@ from circlecal.errors import InputError
 from circlecal.field import FieldTemplate
 from circlecal.formats.atomic import write_atomic
 from circlecal.synthetic.renderer import Rendering, render
-from circlecal.synthetic.sampling import SCENE_PROFILES, SceneProfile, sample_scene
+from circlecal.synthetic.sampling import PROFILE_BY_NAME, SCENE_PROFILES, sample_scene
 
 TRUTH_FOLDER = "truth"
 SMALLEST_SIZE, LARGEST_SIZE = (320, 180), (7680, 4320)
@@ -25,7 +25,7 @@ def write_dataset(
     out: Path,
     count: int,
     seed: int,
-    profiles: Sequence[SceneProfile] = SCENE_PROFILES,
+    profiles: Sequence[str] = SCENE_PROFILES,
     size: tuple[int, int] = (1920, 1080),
     *,
     template: FieldTemplate | None = None,
@@ -67,7 +67,7 @@ def write_dataset(
     _require_sound(count, seed, profiles, size)
     ids = []
     for index in range(count):
-        profile = profiles[index % len(profiles)]
+        profile = PROFILE_BY_NAME[profiles[index % len(profiles)]]
         rng = np.random.default_rng([seed, index])
         scene = sample_scene(profile, rng, *size, template)
         rendering = render(scene, rng)

@@ -49,6 +49,7 @@ SceneProfile = Literal[
     "wood",
 ]
 SCENE_PROFILES: tuple[SceneProfile, ...] = get_args(SceneProfile)
+PROFILE_BY_NAME: dict[str, SceneProfile] = {profile: profile for profile in SCENE_PROFILES}
 
 
 @dataclass(frozen=True, slots=True)

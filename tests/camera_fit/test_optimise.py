@@ -8,7 +8,7 @@ import pytest
 from circlecal.camera_fit.curves import first_hidden
 from circlecal.camera_fit.model import INDEX, PARAMETERS, Frame, project
 from circlecal.camera_fit.observed import Realism, observed_curves, observed_points
-from circlecal.camera_fit.optimise import Priors, Problem, best_of, evaluate, minimise, robust_weights
+from circlecal.camera_fit.optimise import Priors, Problem, best_of, evaluate, minimise
 from circlecal.field import load_field
 from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations
 
@@ -87,14 +87,6 @@ def test_gradient_of_the_cost():
     active = np.flatnonzero(problem.priors.sd > 0)
     # the cost is a sum of squares, the gradient that of half of it
     np.testing.assert_allclose(numeric[active], 2 * state.gradient[0, active], rtol=1e-3)
-
-
-def test_robust_weights_fall_from_one_to_nothing():
-    weights = robust_weights(np.array([0.0, 1.0, 6.0, 600.0]), 6.0)
-    assert weights[0] == 1.0
-    assert weights[1] > 0.9
-    assert weights[2] == pytest.approx(0.25)
-    assert weights[3] < 1e-7
 
 
 def test_minimise_finds_the_truth_from_aside_and_keeps_what_is_fixed():

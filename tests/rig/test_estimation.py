@@ -11,7 +11,7 @@ from circlecal.rig.estimation import (
     best_frames,
     config_with,
     estimate_rigs,
-    position_of,
+    shared_values,
     turned_line,
     with_names,
 )
@@ -22,6 +22,12 @@ from .scenes import CIRCLE, CONFIG, TEMPLATE, calibrated, displaced, goal_views,
 
 def rigs_of(frames, config=CONFIG, cameras=None):
     return estimate_rigs(frames, TEMPLATE, CIRCLE, config, cameras)
+
+
+def position_of(rig):
+    """Position (3,) and its standard deviations (3,), metres."""
+    values = shared_values(rig)
+    return np.array([values[name] for name in ("x", "y", "z")]).T
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,173 @@
+"""Observations of a camera that contradict the others, its noise level, and lines without a name."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from circlecal.bench.scenarios import KNOWN
+from circlecal.camera_fit.config import CameraConfig
+from circlecal.observations import Keypoint, LinePoints, MarkPoint
+from circlecal.stages.camera import estimate_camera
+from circlecal.synthetic.cameras import aimed_camera
+
+from .camera_views import CIRCLE, MAIN, SOCCER, departure, refusal, seen
+
+
+def test_a_wrong_mark_is_named_and_left_out():
+    given = seen(MAIN, edges=("outer", "inner"), mark=True, sigma=0.3)
+    right = estimate_camera(given, SOCCER, CIRCLE, KNOWN)
+    assert right.rejected == ()
+    wrong = replace(given, marks=(MarkPoint("centre_mark", given.marks[0].point_px + np.array([0.0, 60.0]), 0.5),))
+    fit = estimate_camera(wrong, SOCCER, CIRCLE, KNOWN)
+    assert fit.rejected == ("centre_mark",)
+    assert departure(fit, MAIN, 9.0) < max(8.0, 3 * departure(right, MAIN, 9.0))
+
+
+def test_a_wrong_keypoint_is_named_and_the_right_ones_kept():
+    given = seen(MAIN, edges=("outer", "inner"), sigma=0.3)
+    places = {"right one": (9.15, 0.0), "left one": (-9.15, 0.0), "wrong one": (0.0, -9.15)}
+    keypoints = tuple(
+        Keypoint(name, np.array(at), MAIN.project(np.array(at)) + (40.0 if name == "wrong one" else 0.3), 1.0)
+        for name, at in places.items()
+    )
+    fit = estimate_camera(replace(given, keypoints=keypoints), SOCCER, CIRCLE, KNOWN)
+    assert fit.rejected == ("wrong one",)
+    assert departure(fit, MAIN) < 8.0
+
+
+def test_rotation_about_the_circle_is_free_without_line_and_point():
+    for given in (seen(MAIN, line=None), seen(MAIN, line=None, mark=True, edges=("outer", "inner"))):
+        refused = refusal(given)
+        assert refused.code == "rotation_free"
+        assert refused.reason == "rotation about the circle is free: show a line or a point"
+    center = Keypoint("centre", np.zeros(2), MAIN.project(np.zeros(2)), 1.0)
+    assert refusal(replace(seen(MAIN, line=None), keypoints=(center,))).code == "rotation_free"
+
+
+def test_no_circle_or_no_ellipse_is_refused():
+    refused = refusal(replace(seen(MAIN), circles=()))
+    assert refused.code == "no_circle"
+    assert "centre_circle" in refused.reason
+    few = seen(MAIN)
+    points = replace(few.circles[0], points_px=few.circles[0].points_px[:4], sigma_px=few.circles[0].sigma_px[:4])
+    assert refusal(replace(few, circles=(points,))).code in {"no_ellipse", "no_camera"}
+
+
+def wavy(camera, amplitude, waves=9, seed=0):
+    """Circle points with noise, displaced along the arc by a smooth wave."""
+    given = seen(camera, edges=("center",), sigma=0.3, count=240, seed=seed)
+    points = given.circles[0]
+    angle = np.linspace(0, 2 * np.pi * waves, 240)
+    moved = points.points_px + amplitude * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    return replace(given, circles=(replace(points, points_px=moved),))
+
+
+def test_noise_level_follows_the_residuals():
+    config = KNOWN.model_copy(update={"noise_from_residuals": True})
+    white = estimate_camera(wavy(MAIN, 0.0), SOCCER, CIRCLE, config)
+    assert 0.95 < white.noise_scale < 1.6
+    wave = estimate_camera(wavy(MAIN, 1.0), SOCCER, CIRCLE, config)
+    assert wave.noise_scale > 3.0
+    assert wave.max_sigma_px > 2.0 * white.max_sigma_px
+    assert wave.residual_correlation > 2.0 > white.residual_correlation
+    # stated sigmas are never made smaller
+    modest = replace(wavy(MAIN, 0.0).circles[0], sigma_px=np.full(240, 3.0))
+    stated = replace(wavy(MAIN, 0.0), circles=(modest,))
+    assert estimate_camera(stated, SOCCER, CIRCLE, config).noise_scale >= 1.0
+    trusting = estimate_camera(wavy(MAIN, 1.0), SOCCER, CIRCLE, KNOWN)
+    assert trusting.noise_scale == 1.0
+
+
+BROADCAST = aimed_camera(np.array([-2.0, 66.0, -18.0]), np.array([-22.0, -6.0, 0.0]), 1500.0, 0.005, 1920, 1080)
+NAMING = CameraConfig(k1_mean=0.0, crown_shape="flat")
+PENALTY_AREA = ("side_line_top", "big_rect_left_main", "big_rect_left_top", "small_rect_left_main")
+
+
+def with_nameless(camera, names, seed=3):
+    """Circle and halfway line, and further lines without their names."""
+    given = seen(camera, edges=("center",), lines=names, sigma=0.3, seed=seed)
+    halfway, *others = given.lines
+    return replace(given, lines=(halfway, *(replace(line, line=None) for line in others)))
+
+
+def test_lines_of_a_broadcast_view_get_their_names():
+    given = with_nameless(BROADCAST, PENALTY_AREA)
+    fit = estimate_camera(given, SOCCER, CIRCLE, NAMING)
+    assert set(fit.named_lines) == set(PENALTY_AREA)
+    without = estimate_camera(given, SOCCER, CIRCLE, NAMING.model_copy(update={"name_lines": False}))
+    assert without.named_lines == ()
+    assert fit.max_sigma_px < without.max_sigma_px
+    far = np.array([-36.0, -10.0])
+    assert departure(fit, BROADCAST, 6.0, far) < 6.0
+
+
+def test_a_line_that_is_none_of_the_template_stays_without_a_name():
+    """A board, a mowing edge or a shadow aslant over the field."""
+    ends = BROADCAST.project(np.array([[-30.0, -18.0], [-12.0, 12.0]]))
+    points = ends[0] + np.linspace(0, 1, 60)[:, None] * (ends[1] - ends[0])
+    given = seen(BROADCAST, edges=("center",), sigma=0.3)
+    given = replace(given, lines=(*given.lines, LinePoints(None, points, np.full(60, 0.3))))
+    assert estimate_camera(given, SOCCER, CIRCLE, NAMING).named_lines == ()
+
+
+@pytest.mark.parametrize(
+    ("line", "named"),
+    [
+        ("side_line_left", True),
+        ("big_rect_left_main", True),
+        ("big_rect_left_top", False),
+        ("small_rect_left_main", False),
+    ],
+)
+def test_a_single_line_gets_the_right_name_or_none(line, named):
+    """Lines that others of the template could be under another zoom stay without a name."""
+    fit = estimate_camera(with_nameless(BROADCAST, (line,)), SOCCER, CIRCLE, NAMING)
+    assert fit.named_lines == ((line,) if named else ())
+
+
+def beside_boards(aim_m, share, pieces):
+    """The far part of the circle, the touchline, and the ``pieces`` of edges behind it."""
+    camera = aimed_camera(np.array([4.7, 60.1, -14.8]), np.array([1.5, aim_m, 0.0]), 3900.0, 0.0, 1920, 1080)
+    given = with_nameless(camera, ("side_line_top",))
+    arc = given.circles[0]
+    far = arc.points_px[:, 1] < np.quantile(arc.points_px[:, 1], share)
+    edges = (LinePoints(None, points, np.full(len(points), 0.3)) for points in pieces(camera, given.lines[1].points_px))
+    circles = (replace(arc, points_px=arc.points_px[far], sigma_px=arc.sigma_px[far]),)
+    return replace(given, circles=circles, lines=(*given.lines, *edges))
+
+
+def test_lines_that_the_fit_does_not_pass_through_get_no_name():
+    """Pieces of an edge far behind the touchline are not the near touchline."""
+    rng = np.random.default_rng(5)
+
+    def pieces(camera, _):
+        for first, last in ((-10.0, -6.5), (2.0, 4.5), (7.0, 10.5)):
+            on_ground = np.stack([np.linspace(first, last, 20), np.full(20, -38.0)], axis=-1)
+            yield camera.project(on_ground) + rng.normal(0.0, 1.0, (20, 2))
+
+    fit = estimate_camera(beside_boards(-29.0, 0.2, pieces), SOCCER, CIRCLE, NAMING)
+    assert fit.names_by_line == {1: "side_line_top"}
+
+
+def test_the_touchline_gets_its_name_beside_edges_that_contradict_each_other():
+    """Whatever the short pieces above it are taken for, the long line is the touchline."""
+    rng = np.random.default_rng(5)
+    places = ((175, 495, -51.0, -54.5), (1217, 1439, -52.0, -52.5), (346, 674, -37.0, -37.5), (871, 1118, -52.0, -48.0))
+
+    def pieces(_, touchline):
+        along = np.polyfit(*touchline.T, 1)
+        for first, last, *above in places:
+            x = np.linspace(first, last, 20)
+            yield np.stack([x, np.polyval(along, x) + np.linspace(*above, 20) + rng.normal(0.0, 0.5, 20)], axis=-1)
+
+    fit = estimate_camera(beside_boards(-40.0, 0.25, pieces), SOCCER, CIRCLE, NAMING)
+    assert fit.names_by_line == {1: "side_line_top"}
+
+
+def test_nothing_is_named_where_the_camera_is_too_vague():
+    """Straight behind the halfway line zoom and distance are all but free, and so is the place of a further line."""
+    camera = aimed_camera(np.array([0.5, 62.0, -14.0]), np.array([2.0, -10.0, 0.0]), 2000.0, 0.0, 1920, 1080)
+    fit = estimate_camera(with_nameless(camera, ("big_rect_right_main",)), SOCCER, CIRCLE, NAMING)
+    assert fit.named_lines == ()
+    assert fit.max_sigma_px > 30.0
