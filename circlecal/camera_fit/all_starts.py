@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from circlecal.camera_fit.curves import first_hidden, point_residuals
 from circlecal.camera_fit.model import INDEX, PARAMETERS, camera_of
 from circlecal.camera_fit.optimise import Problem
-from circlecal.camera_fit.point_starts import Landmarks, aimed_starts, homography_starts, usual_positions
+from circlecal.camera_fit.point_starts import (
+    MINIMAL,
+    Landmarks,
+    aimed_starts,
+    homography_starts,
+    seen_landmarks,
+    usual_positions,
+)
 from circlecal.camera_fit.starts import closed_form_starts, grid_starts, standing_start
 from circlecal.field import Circle, FieldTemplate
-from circlecal.geometry.conics import Ellipse, ellipse_from_conic, fit_conic, refine_conic
+from circlecal.geometry.conics import Ellipse, ellipse_from_conic, fit_conic
 from circlecal.geometry.homogeneous import Array, fit_line, lift
 from circlecal.geometry.pinhole import Camera
 from circlecal.observations import CircleEdge, CirclePoints, Observations
@@ -18,21 +26,29 @@ from circlecal.observations import CircleEdge, CirclePoints, Observations
 MINIMUM_CIRCLE_POINTS = 6
 """With fewer the circle is no ellipse that a start could come from."""
 
-REFINEMENTS, ELLIPSE_POINTS = 2, 120
-"""Steps of an ellipse from which only starts are taken, and of how many points of it about."""
-
-SeenEllipse = tuple[Array, Ellipse, CircleEdge]
-"""Conic (3, 3) and ellipse in undistorted pixels, and which edge of the paint it is."""
+ELLIPSE_POINTS = 120
+"""Of so many points about is an ellipse from which only starts are taken."""
 
 
-def starts_of(
+@dataclass(frozen=True, slots=True)
+class SeenEllipse:
+    """An imaged circle in undistorted pixels: its conic (3, 3) and ellipse, which edge of the paint it is, and how many
+    degrees of it are seen.
+    """
+
+    conic: Array
+    ellipse: Ellipse
+    edge: CircleEdge
+    arc_deg: float
+
+
+def circle_starts(
     problem: Problem,
     observations: Observations,
     template: FieldTemplate,
-    circle: Circle | None,
-    landmarks: Landmarks,
+    circle: Circle,
+    seen: SeenEllipse,
     side: str,
-    loss_scale: float,
 ) -> tuple[Array, Array]:
     """Starts from the closed forms (K, P), and a whole grid (L, P) for when the closed forms are few or weak.
 
@@ -42,58 +58,42 @@ def starts_of(
         Its priors may know where the camera stands.
     observations, template : Observations, FieldTemplate
         What was seen, and the field.
-    circle : Circle or None
-        The circle that shows an ellipse; without one the starts come from other points and lines, and other arcs.
-    landmarks : Landmarks
-        Those points and lines.
+    circle, seen : Circle, SeenEllipse
+        The circle on the field and in the picture.
     side : str
-        Side of the field from which the grids look.
-    loss_scale : float
-        Scale of the robust loss of the ellipse, standard deviations.
+        Side of the field from which the grid looks.
     """
-    frame, middle = problem.frame, problem.priors.center_m
-    closed = [homography_starts(landmarks, middle, frame)]
-    grids = []
-    ellipse = None if circle is None else seen_ellipse(observations, circle, problem, loss_scale)
-    if circle is not None and ellipse is not None:
-        from_circle, around = _circle_starts(problem, observations, template, circle, ellipse, side)
-        closed, grids = [from_circle, *closed], [around]
-    else:
-        arcs = (template.circle_by_name[c.circle] for c in observations.circles if c.circle in template.circle_by_name)
-        fitted = [(arc, seen_ellipse(observations, arc, problem, loss_scale)) for arc in dict.fromkeys(arcs)]
-        grids = [
-            grid_starts(found[1], np.asarray(arc.center), arc.radius_m, frame, side) for arc, found in fitted if found
-        ]
-        positions = usual_positions(middle, side)
-        if problem.priors.mean[INDEX["z"]] < 0:  # its priors know where the camera stands
-            positions = np.concatenate([problem.priors.mean[None, 4:7], positions])
-        grids.append(aimed_starts(landmarks, positions, frame))
-    return np.concatenate(closed), np.concatenate(grids)
-
-
-def _circle_starts(
-    problem: Problem,
-    observations: Observations,
-    template: FieldTemplate,
-    circle: Circle,
-    found: SeenEllipse,
-    side: str,
-) -> tuple[Array, Array]:
-    """Starts from the imaged circle: closed forms (K, P), and the whole grid (L, P)."""
-    conic, ellipse, edge = found
-    usual, center = usual_lens(problem), np.asarray(circle.center)
+    usual, center, frame = usual_lens(problem), np.asarray(circle.center), problem.frame
     mark = next(
         (m for m in observations.marks if np.linalg.norm(_mark_position(template, m.mark) - center) < 1e-6), None
     )
     line, direction = _central_line(observations, template, circle, usual)
     closed = closed_form_starts(
-        conic, None if mark is None else lift(usual.undistort(mark.point_px)), line, direction, center,
-        template.radius(circle, edge), problem.frame, side,
+        seen.conic, None if mark is None else lift(usual.undistort(mark.point_px)), line, direction, center,
+        template.radius(circle, seen.edge), frame, side,
     )  # fmt: skip
-    return (
-        np.concatenate([_standing(problem, observations, circle), closed]),
-        grid_starts(ellipse, center, circle.radius_m, problem.frame, side),
-    )
+    found = [_standing(problem, observations, circle), closed]
+    if len(problem.points.names) + sum(line.line is not None for line in observations.lines) >= MINIMAL:
+        landmarks = seen_landmarks(observations, template, problem.points, usual)
+        found.append(homography_starts(landmarks, problem.priors.center_m, frame))
+    return np.concatenate(found), grid_starts(seen.ellipse, center, circle.radius_m, frame, side)
+
+
+def landmark_starts(
+    problem: Problem, observations: Observations, template: FieldTemplate, landmarks: Landmarks, side: str
+) -> tuple[Array, Array]:
+    """The same where the circle shows no ellipse: from points and lines, and from other arcs."""
+    frame, middle = problem.frame, problem.priors.center_m
+    arcs = (template.circle_by_name[c.circle] for c in observations.circles if c.circle in template.circle_by_name)
+    fitted = [(arc, seen_ellipse(observations, arc, problem)) for arc in dict.fromkeys(arcs)]
+    grids = [
+        grid_starts(found.ellipse, np.asarray(arc.center), arc.radius_m, frame, side) for arc, found in fitted if found
+    ]
+    positions = usual_positions(middle, side)
+    if problem.priors.mean[INDEX["z"]] < 0:  # its priors know where the camera stands
+        positions = np.concatenate([problem.priors.mean[None, 4:7], positions])
+    grids.append(aimed_starts(landmarks, positions, frame))
+    return homography_starts(landmarks, middle, frame), np.concatenate(grids)
 
 
 def _standing(problem: Problem, observations: Observations, circle: Circle) -> Array:
@@ -109,20 +109,19 @@ def _standing(problem: Problem, observations: Observations, circle: Circle) -> A
     return theta
 
 
-def seen_ellipse(observations: Observations, circle: Circle, problem: Problem, loss_scale: float) -> SeenEllipse | None:
-    """Conic and ellipse of the undistorted points of the edge with the most of them."""
+def seen_ellipse(observations: Observations, circle: Circle, problem: Problem) -> SeenEllipse | None:
+    """The edge of a circle with the most points, None where they make no ellipse."""
     seen = _longest_edge(observations, circle)
     if seen is None:
         return None
-    some = slice(None, None, max(1, len(seen.points_px) // ELLIPSE_POINTS))
-    points = usual_lens(problem).undistort(seen.points_px[some])
+    points = usual_lens(problem).undistort(seen.points_px[:: max(1, len(seen.points_px) // ELLIPSE_POINTS)])
     conic = fit_conic(points, "direct")
-    refined = None
-    if conic is not None:
-        refined = refine_conic(points, conic, seen.sigma_px[some], loss_scale=loss_scale, iterations=REFINEMENTS)
-    conic = conic if refined is None else refined[0]
     ellipse = None if conic is None else ellipse_from_conic(conic)
-    return None if conic is None or ellipse is None else (conic, ellipse, seen.edge)
+    if conic is None or ellipse is None:
+        return None
+    angles = np.sort(ellipse.parameter(points))
+    gap = float(np.max(np.diff(angles, append=angles[0] + 2 * np.pi)))
+    return SeenEllipse(conic, ellipse, seen.edge, 360.0 - float(np.degrees(gap)))
 
 
 def _longest_edge(observations: Observations, circle: Circle) -> CirclePoints | None:
@@ -143,17 +142,6 @@ def _mark_position(template: FieldTemplate, name: str) -> Array:
     return np.full(2, np.inf) if mark is None else np.asarray(mark.position)
 
 
-def arc_deg(observations: Observations, circle: Circle) -> float:
-    """Degrees of the circle that are seen, by the ellipse of its points; 0 where they are none."""
-    seen = _longest_edge(observations, circle)
-    conic = None if seen is None else fit_conic(seen.points_px, "direct")
-    ellipse = None if conic is None else ellipse_from_conic(conic)
-    if seen is None or ellipse is None:
-        return 0.0
-    angles = np.sort(ellipse.parameter(seen.points_px))
-    return 360.0 - float(np.degrees(np.max(np.diff(angles, append=angles[0] + 2 * np.pi))))
-
-
 def _central_line(
     observations: Observations, template: FieldTemplate, circle: Circle, lens: Camera
 ) -> tuple[Array | None, Array]:
@@ -166,21 +154,3 @@ def _central_line(
             ends = template.line_ends(drawn)
             return fit_line(lens.undistort(seen.points_px), 1.0 / seen.sigma_px**2), ends[1] - ends[0]
     return None, np.array([0.0, 1.0])
-
-
-def screened(problem: Problem, grid: Array, count: int) -> Array:
-    """The starts of a grid (L, P) that already lie nearest to what was seen, at most ``count``."""
-    if len(grid) <= count:
-        return grid
-    stride = max(1, len(problem.curves.points_px) // 48)
-    few = problem.curves.select(np.arange(0, len(problem.curves.points_px), stride))
-    candidates = grid.copy()
-    fixed = problem.priors.sd == 0
-    candidates[:, fixed] = problem.priors.mean[fixed]
-    _, on_curves = first_hidden(few, candidates, problem.frame, samples=48)
-    values, _ = point_residuals(problem.points, candidates, problem.frame)
-    offsets = values.reshape(len(candidates), -1, 2) * problem.points.sigma_px[:, None]
-    distance = np.concatenate([on_curves, np.linalg.norm(offsets, axis=-1)], axis=1)
-    penalty = np.sum(problem.priors.residuals(candidates)[0] ** 2, axis=1)
-    score = np.mean(np.minimum(distance, 200.0), axis=1) + 2.0 * penalty
-    return grid[np.argsort(score, kind="stable")[:count]]

@@ -9,8 +9,11 @@ import numpy as np
 from circlecal.camera_fit.curves import CurvePoints, FixedPoints, circle_curve, line_curve, stack_curves
 from circlecal.field import FieldTemplate
 from circlecal.geometry.conics import ellipse_from_conic, fit_conic
-from circlecal.geometry.homogeneous import Array, fit_line
+from circlecal.geometry.homogeneous import Array, Indices, fit_line
 from circlecal.observations import LinePoints, Observations
+
+ELLIPSE_POINTS = 240
+"""Of so many points about is the ellipse along which neighbours are averaged."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,12 +59,12 @@ def observed_curves(observations: Observations, template: FieldTemplate, realism
     return stack_curves(parts)
 
 
-def thinned_curves(curves: CurvePoints, hidden: Array, maximum: int, least_sigma_px: float) -> CurvePoints:
-    """At most so many points of each marking, evenly along their hidden parameters (N,), which then count for the
+def thinned_curves(curves: CurvePoints, along: Array | Indices, maximum: int, least_sigma_px: float) -> CurvePoints:
+    """At most so many points of each marking, evenly in the order of ``along`` (N,), which then count for the
     others too: with sigmas that are the smaller, down to the model's own.
     """
     count = np.bincount(curves.group, minlength=len(curves.names))
-    order = np.lexsort((hidden, curves.group))
+    order = np.lexsort((along, curves.group))
     group = curves.group[order]
     place = np.arange(len(order)) - (np.cumsum(count) - count)[group]
     size = -(-count // maximum)[group]
@@ -130,7 +133,8 @@ def _thinned(points: Array, sigma: Array, maximum: int) -> tuple[Array, Array]:
 def _thinned_arc(points: Array, sigma: Array, maximum: int) -> tuple[Array, Array]:
     """The same along an ellipse: the mean deviation of each group of neighbours is given to its middle point."""
     size = -(-len(points) // maximum)
-    conic = fit_conic(points, "direct") if size > 1 else None
+    # the ellipse only orders and levels neighbours
+    conic = fit_conic(points[:: max(1, len(points) // ELLIPSE_POINTS)], "direct") if size > 1 else None
     ellipse = None if conic is None else ellipse_from_conic(conic)
     if ellipse is None:
         return points, sigma

@@ -10,6 +10,7 @@ import numpy as np
 from circlecal.camera_fit.curves import (
     CurvePoints,
     FixedPoints,
+    curve_points,
     curve_residuals,
     first_hidden,
     ground_hidden,
@@ -212,6 +213,27 @@ def reweighted(problem: Problem, state: State, sigma_px: Array, loss_scale: floa
     return replace(problem, curves=curves), changed
 
 
+def on_parabola(problem: Problem, state: State, loss_scale: float) -> tuple[Problem, State]:
+    """The problem with a parabolic pitch instead of a roof, and the state in it to first order of the surface's height;
+    at first the one falls as the other does where points were seen.
+    """
+    index, reference = INDEX["crown"], problem.frame.crown_reference_m
+    on_curves = np.abs(curve_points(problem.curves, state.hidden, state.theta)[0][..., 1])
+    fixed = np.broadcast_to(
+        np.abs(np.repeat(problem.points.field_m[:, 1], 2)), (len(state.theta), 2 * len(problem.points.names))
+    )
+    # so many times as far a parabola has fallen here as the roof with the same crown
+    further = np.concatenate([on_curves, fixed], axis=1) / reference
+    by_crown, crown = state.jacobian[..., index], state.theta[:, index, None]
+    like = crown * (further**3).sum(axis=1, keepdims=True) / (further**4).sum(axis=1, keepdims=True)
+    theta, jacobian = state.theta.copy(), state.jacobian.copy()
+    theta[:, index], jacobian[..., index] = like[:, 0], by_crown * further
+    values = state.values + by_crown * (like * further - crown)
+    priors = problem.priors.residuals(theta)
+    curved = replace(problem, frame=replace(problem.frame, crown_shape="parabola"))
+    return curved, _weighed(theta, state.hidden, values, jacobian, *priors, loss_scale)
+
+
 def with_curves(problem: Problem, state: State, curves: CurvePoints, loss_scale: float) -> tuple[Problem, State]:
     """The problem with further markings before the others, and the state in it: only the further ones are looked at."""
     hidden = ground_hidden(curves, state.theta, problem.frame)
@@ -301,6 +323,12 @@ class _Step:
     theta: Array
     change: Array
     expected: Array
+
+
+def foreseen(problem: Problem, state: State, loss_scale: float) -> State:
+    """Where an undamped step leads, in the linear model: nothing is looked at again."""
+    damping = np.full(len(state.theta), LEAST_DAMPING)
+    return _advanced(state, _stepped(problem, state, damping, active_parameters(problem.priors.sd)), loss_scale)
 
 
 def _advanced(state: State, step: _Step, loss_scale: float) -> State:

@@ -14,15 +14,15 @@ import numpy as np
 
 from circlecal.camera_fit.all_starts import (
     MINIMUM_CIRCLE_POINTS,
-    arc_deg,
-    screened,
+    SeenEllipse,
+    circle_starts,
+    landmark_starts,
     seen_ellipse,
-    starts_of,
     usual_lens,
 )
 from circlecal.camera_fit.config import CameraConfig, position_known, priors_of, realism_of
 from circlecal.camera_fit.crossings import same_markings, with_crossings
-from circlecal.camera_fit.curves import CurvePoints, FixedPoints, curve_points, ground_hidden, joined_curves
+from circlecal.camera_fit.curves import CurvePoints, FixedPoints, ground_hidden, joined_curves
 from circlecal.camera_fit.free_rotation import names_around
 from circlecal.camera_fit.model import INDEX, Frame
 from circlecal.camera_fit.naming import Naming, name_lines
@@ -35,26 +35,22 @@ from circlecal.camera_fit.optimise import (
     State,
     best_of,
     continued,
+    foreseen,
     minimise,
+    on_parabola,
     reweighted,
 )
 from circlecal.camera_fit.point_starts import Landmarks, seen_landmarks
 from circlecal.camera_fit.report import camera_fit
-from circlecal.camera_fit.uncertainty import (
-    field_sigma,
-    posterior_covariance,
-)
+from circlecal.camera_fit.search import COARSE_POINTS, best_fit
 from circlecal.errors import EstimationError
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.homogeneous import Array, Mask
-from circlecal.geometry.homography import SIDES
 from circlecal.observations import CirclePoints, Observations
 from circlecal.results import CameraFit
 
 DENSE_POINTS = 60
 """Of a marking: so many tell their noise, and which of them lie on something else."""
-COARSE_POINTS = 48
-"""Points per marking while hypotheses are only compared."""
 OVERRULING_LINES = 3
 """So many different lines that get a name only without the seen ends of others show that those are none."""
 SHORT_ARC_DEG = 200.0
@@ -65,12 +61,6 @@ ENOUGH, ENOUGH_WITH_POSITION = 7, 4
 """Constraints that determine a camera without a circle; a point or a line brings two."""
 WRONG_SIGMAS, WRONG_PX = 10.0, 10.0
 """A named line or arc whose points mostly lie further off, in both measures (pixels at 1920 px width), is not that."""
-WEAK_SIGMA_PX = 25.0
-"""Where the closed forms leave the field around the circle less certain than this (at 1920 px width), the grid is
-followed too.
-"""
-
-
 LENS_DOUBT, LENS_WIDER, LENS_EVIDENCE = 1.5, 4.0, 6.0
 """A radial distortion that lies so many standard deviations from what is usual is fitted with a prior so many times as
 wide, and believed where that explains the frame so much better (chi-square): what the wider prior costs, and as much.
@@ -115,27 +105,29 @@ def estimate_camera(
     points = observed_points(observations, template)
     priors = priors_of(config, template, circle, frame)
     problem = Problem(curves, points, priors, frame)
-    landmarks = seen_landmarks(observations, template, points, usual_lens(problem))
-    seen_deg = arc_deg(observations, circle)
-    carrying = circle if seen_deg else None
-    turning = earlier is None and carrying is not None and _rotation_free(observations, circle, config)
-    if not carrying:
+    ellipse = seen_ellipse(observations, circle, problem)
+    carrying = circle if ellipse is not None else None
+    named: dict[int, str] = {}
+    if ellipse is None:
+        landmarks = seen_landmarks(observations, template, points, usual_lens(problem))
         _require_landmarks(observations, circle, landmarks, config)
         problem = replace(problem, priors=replace(priors, center_m=landmarks.middle_m(frame)))
-    closed, grid = starts_of(problem, observations, template, carrying, landmarks, camera_side, config.loss_scale)
-    named: dict[int, str] = {}
+        closed, grid = landmark_starts(problem, observations, template, landmarks, camera_side)
+    turning = earlier is None and ellipse is not None and _rotation_free(observations, circle, config)
+    if earlier is not None:
+        named, closed = earlier.names_by_line, earlier.theta[None]
+    elif ellipse is not None and turning:
+        around = _around(problem, ellipse, observations, template, config, camera_side)
+        named, closed = around.names, around.theta[None]
+        observations = _with_arcs(observations, around.arcs)
+    elif ellipse is not None:
+        closed, grid = circle_starts(problem, observations, template, circle, ellipse, camera_side)
     if turning or earlier is not None:
-        if earlier is None:
-            around = _around(problem, observations, template, circle, config, camera_side)
-            named, closed = around.names, around.theta[None]
-            observations = _with_arcs(observations, around.arcs)
-        else:
-            named, closed = earlier.names_by_line, earlier.theta[None]
-        grid, observations = grid[:0], _with_names(observations, named)
+        grid, observations = closed[:0], _with_names(observations, named)
         curves = observed_curves(observations, template, realism_of(config, observations.width))
         problem = replace(problem, curves=curves)
-    short = 0 < seen_deg < SHORT_ARC_DEG and problem.priors.standing_m is None
-    state = _best_fit(problem, closed, grid, short, config, camera_side)
+    short = ellipse is not None and ellipse.arc_deg < SHORT_ARC_DEG and problem.priors.standing_m is None
+    state = best_fit(problem, closed, grid, short, config, camera_side)
     rejected: tuple[str, ...] = ()
     contradicting = _contradicting(state, points)
     off = _contradicting_markings(problem, state, template, carrying)
@@ -147,7 +139,7 @@ def estimate_camera(
         observations = _without(observations, off)
         curves = observed_curves(observations, template, realism_of(config, observations.width))
         problem = replace(problem, points=points, curves=curves)
-        state = _best_fit(problem, np.concatenate([state.theta[:2], closed]), grid, short, config, camera_side)
+        state = best_fit(problem, np.concatenate([state.theta[:2], closed]), grid, short, config, camera_side)
     problem, state, scale = _settled(problem, state, config, COARSE)
     close = None
     more = _recognised(problem, state, curves, observations, template, config) if config.name_lines else None
@@ -215,13 +207,12 @@ def _clearly_curved(
     problem: Problem, state: State, scale: float, close: CurvePoints | None, config: CameraConfig
 ) -> tuple[Problem, State, float]:
     """The fit with a parabolic pitch where it explains what was seen clearly better, else the one given."""
-    curved = replace(problem, frame=replace(problem.frame, crown_shape="parabola"))
+    curved, start = on_parabola(problem, best_of(state), config.loss_scale)
+    start = foreseen(curved, start, config.loss_scale)
+    if start.cost[0] > state.cost[0]:
+        return problem, state, scale
     bar = float(state.cost[0]) - CROWN_EVIDENCE
-    # the parabola that falls as the roof does where points were seen
-    y = np.abs(curve_points(problem.curves, state.hidden[:1], state.theta[:1])[0][..., 1])
-    start = state.theta[:1].copy()
-    start[:, INDEX["crown"]] *= problem.frame.crown_reference_m * (y**3).sum() / (y**4).sum()
-    found = minimise(curved, start, config.loss_scale, config.iterations, state.hidden[:1], bar=bar)
+    found = minimise(curved, start.theta, config.loss_scale, config.iterations, start.hidden, bar=bar)
     if found.cost[0] > bar:
         return problem, state, scale
     if close is not None:
@@ -272,18 +263,17 @@ def _settled(problem: Problem, state: State, config: CameraConfig, tolerance: fl
 
 def _around(
     problem: Problem,
+    seen: SeenEllipse,
     observations: Observations,
     template: FieldTemplate,
-    circle: Circle,
     config: CameraConfig,
     side: str,
 ) -> Naming:
     """Names of nameless straight lines that fix the rotation about the circle."""
     coarse = replace(realism_of(config, observations.width), maximum_points=COARSE_POINTS)
     found = None
-    ellipse = seen_ellipse(observations, circle, problem, config.loss_scale) if config.name_lines else None
-    if ellipse is not None:
-        found = names_around(problem, ellipse[1], observations, template, coarse, config.loss_scale, side)
+    if config.name_lines:
+        found = names_around(problem, seen.ellipse, observations, template, coarse, config.loss_scale, side)
     if found is None:
         raise EstimationError("camera", "rotation_free", "rotation about the circle is free: show a line or a point")
     return found
@@ -326,44 +316,6 @@ def _require_landmarks(observations: Observations, circle: Circle, landmarks: La
         f"{words} the circle {circle.name!r} were seen, and the {len(landmarks)} points and named lines beside it "
         f"do not determine a camera: show {-(-enough // 2)} of them, or {MINIMUM_CIRCLE_POINTS} points of the circle",
     )
-
-
-def _best_fit(problem: Problem, closed: Array, grid: Array, short: bool, config: CameraConfig, side: str) -> State:
-    """Follow the closed forms; where they are missing or leave the field uncertain, the grid too."""
-    if len(closed) and not short:
-        state = _follow(problem, closed, config, side)
-        covariance = posterior_covariance(state.normal[0], problem.priors.sd)
-        rim = problem.priors.center_m + problem.frame.crown_reference_m * np.array(
-            [[2.0, 0.0], [-2.0, 0.0], [0.0, -2.0]]
-        )
-        sigma, _ = field_sigma(state.theta[0], covariance, rim, problem.frame)
-        if sigma.max() < WEAK_SIGMA_PX * problem.frame.width / 1920.0:
-            return state
-        closed = state.theta[:2]
-    return _follow(problem, np.concatenate([closed, screened(problem, grid, config.starts)]), config, side)
-
-
-def _follow(problem: Problem, starts: Array, config: CameraConfig, side: str) -> State:
-    """Optimise from every start with a wide, then with the final loss; the best first, those on the stated side
-    before the others.
-    """
-    if len(starts) == 0:
-        raise EstimationError("camera", "no_camera", "no start for the camera was found")
-    hidden = ground_hidden(problem.curves, starts, problem.frame)
-    wide = minimise(problem, starts, 100.0 * config.loss_scale, min(30, config.iterations), hidden, COARSE)
-    chosen = best_of(wide, max(2, min(len(starts), 3 * config.starts // 4)))
-    _, state = reweighted(problem, chosen, problem.curves.sigma_px, config.loss_scale)
-    state = continued(problem, state, config.loss_scale, config.iterations, COARSE)
-    # a camera hanging upside down sees a circle and a line just as well
-    above = (state.theta[:, INDEX["z"]] < 0) & (np.sin(state.theta[:, INDEX["tilt"]]) > 0)
-    if not above.any():
-        raise EstimationError("camera", "no_camera", "no upright camera above the ground explains what was seen")
-    offset = state.theta[:, 4:6] - problem.priors.center_m
-    stated = offset @ np.array(SIDES[side]) >= 0
-    # the side decides between the two cameras of the turned field, not against what was seen
-    stated &= above & (state.cost < state.cost[above].min() + config.loss_scale**2)
-    kept = above & stated if stated.any() else above
-    return best_of(state.select(kept), int(kept.sum()))
 
 
 def _contradicting(state: State, points: FixedPoints) -> Mask:
