@@ -9,6 +9,7 @@ re-estimated beside the camera and never enters the normal equations.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from circlecal.camera_fit.model import INDEX, Frame, rotations, view
 from circlecal.geometry.homogeneous import Array, Indices, Mask
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class CurvePoints:
     """N points on circles and straight lines, ready for the optimiser.
 
@@ -56,10 +57,25 @@ class CurvePoints:
     group: Indices
     names: tuple[str, ...]
 
+    @cached_property
+    def straight(self) -> Mask:
+        """Which of the points (N,) are on lines."""
+        return np.asarray(self.radius == 0, dtype=np.bool_)
+
+    @cached_property
+    def scale(self) -> Array:
+        """Metres (N,) per unit of the hidden parameters."""
+        return np.where(self.straight, 1.0, np.maximum(self.radius, 1e-9))
+
+    @cached_property
+    def rows(self) -> tuple[Array, Array, Array]:
+        """Origin and direction (..., 2, N) and shift (..., 3, 2, N), each coordinate in one piece."""
+        origin, direction = (np.swapaxes(v, -1, -2).copy() for v in (self.origin, self.direction))
+        return origin, direction, np.moveaxis(self.shift, -3, -1).copy()
+
     def select(self, keep: Indices) -> CurvePoints:
         """The points at an index or mask."""
-        chosen = {name: getattr(self, name)[keep] for name in CurvePoints.__slots__ if name != "names"}
-        return replace(self, **chosen)
+        return replace(self, group=self.group[keep], **{name: getattr(self, name)[keep] for name in _BY_POINT})
 
     def hypotheses(self, index: Indices) -> CurvePoints:
         """Some of several hypotheses."""
@@ -71,7 +87,12 @@ class CurvePoints:
         return replace(self, sigma_px=sigma_px)
 
 
-@dataclass(frozen=True, slots=True)
+_BY_POINT = (
+    "points_px", "sigma_px", "origin", "radius", "radius_by_width", "bloom_sign", "direction", "shift",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
 class FixedPoints:
     """M points of known field position: ``field_m`` (M, 2), ``points_px`` (M, 2), ``sigma_px`` (M,), their names."""
 
@@ -80,7 +101,12 @@ class FixedPoints:
     sigma_px: Array
     names: tuple[str, ...]
 
-    @property
+    @cached_property
+    def twice(self) -> tuple[Array, Array]:
+        """Places on the field and pixels (2, 2 M), each point twice."""
+        return np.repeat(self.field_m.T, 2, axis=1), np.repeat(self.points_px.T, 2, axis=1)
+
+    @cached_property
     def across(self) -> Array:
         """Image vectors (2, 2 M) along which the points count, each along x and along y, over sigma."""
         found = np.zeros((2, 2 * len(self.sigma_px)))
@@ -97,19 +123,17 @@ def stack_curves(parts: list[CurvePoints]) -> CurvePoints:
     group = (
         np.concatenate([np.full(len(part.points_px), k) for k, part in enumerate(parts)]) if parts else np.zeros(0, int)
     )
-    fields = [name for name in CurvePoints.__slots__ if name not in ("names", "group")]
     empty = {"points_px": (0, 2), "origin": (0, 2), "direction": (0, 2), "shift": (0, 3, 2)}
     stacked = {
         name: np.concatenate([getattr(part, name) for part in parts]) if parts else np.zeros(empty.get(name, (0,)))
-        for name in fields
+        for name in _BY_POINT
     }
     return CurvePoints(**stacked, group=group, names=names)
 
 
 def joined_curves(first: CurvePoints, second: CurvePoints) -> CurvePoints:
     """The markings of both."""
-    fields = [name for name in CurvePoints.__slots__ if name not in ("names", "group")]
-    stacked = {name: np.concatenate([getattr(first, name), getattr(second, name)]) for name in fields}
+    stacked = {name: np.concatenate([getattr(first, name), getattr(second, name)]) for name in _BY_POINT}
     group = np.concatenate([first.group, second.group + len(first.names)])
     return CurvePoints(**stacked, group=group, names=(*first.names, *second.names))
 
@@ -155,33 +179,38 @@ def curve_points(curves: CurvePoints, hidden: Array, theta: Array) -> tuple[Arra
     """Field points (B, N, 2) at the hidden parameters (B, N), and the unit tangents there, with the sizes of theta
     (B, P).
     """
-    (x, y, tangent_x, tangent_y), *_ = _on_markings(curves, hidden, theta)
-    return np.stack([x, y], axis=-1), np.stack([tangent_x, tangent_y], axis=-1)
+    places, tangents, _ = _on_markings(curves, hidden, theta)
+    return np.swapaxes(places, 1, 2), np.swapaxes(tangents, 1, 2)
 
 
 def _on_markings(
     curves: CurvePoints, hidden: Array, theta: Array, points: FixedPoints = NO_POINTS
 ) -> tuple[Array, Array, Array]:
-    """Field points x, y at the hidden parameters and the unit tangents there, (4, B, N + 2 M), last each fixed point
-    twice and without a tangent; and cosine and sine (B, N): zero on lines.
+    """Field points at the hidden parameters and the unit tangents there, (B, 2, N + 2 M), last each fixed point twice
+    and without a tangent; and cosine and sine (B, 2, N): zero on lines.
     """
-    round_ = curves.radius > 0
-    cos, sin = np.cos(hidden) * round_, np.sin(hidden) * round_
+    origin, direction, shift = curves.rows
+    B, N = hidden.shape
+    outward = np.empty((B, 2, N))
+    np.cos(hidden, out=outward[:, 0])
+    np.sin(hidden, out=outward[:, 1])
+    lines = bool(curves.straight.any())
+    if lines:
+        outward *= ~curves.straight
+    places, tangents = np.zeros((2, B, 2, N + 2 * len(points.sigma_px)))
+    places[..., N:] = points.twice[0]
+    on_curves = places[..., :N]
     radius = curves.radius + curves.radius_by_width * theta[:, SIZES[:1]]
-    direction_x, direction_y = curves.direction[..., 0], curves.direction[..., 1]
-    count = hidden.shape[1]
-    found = np.zeros((4, len(hidden), count + 2 * len(points.sigma_px)))
-    x, y, tangent_x, tangent_y = found[..., :count]
-    np.add(curves.origin[..., 0] + hidden * direction_x, radius * cos, out=x)
-    np.add(curves.origin[..., 1] + hidden * direction_y, radius * sin, out=y)
-    if not round_.all():
-        sizes = theta[:, SIZES, None]
-        x += (curves.shift[..., 0] @ sizes)[..., 0]
-        y += (curves.shift[..., 1] @ sizes)[..., 0]
-    np.subtract(direction_x, sin, out=tangent_x)
-    np.add(direction_y, cos, out=tangent_y)
-    found[:2, :, count:] = np.repeat(points.field_m.T, 2, axis=1)[:, None]
-    return found, cos, sin
+    np.multiply(radius[:, None], outward, out=on_curves)
+    on_curves += origin
+    if lines:
+        on_curves += hidden[:, None] * direction
+        sizes = theta[:, SIZES]
+        if sizes.any():
+            on_curves += (sizes[:, None] @ shift.reshape(*shift.shape[:-3], 3, 2 * N)).reshape(B, 2, N)
+    np.subtract(direction[..., 0, :], outward[:, 1], out=tangents[:, 0, :N])
+    np.add(direction[..., 1, :], outward[:, 0], out=tangents[:, 1, :N])
+    return places, tangents, outward
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,8 +240,8 @@ def first_hidden(curves: CurvePoints, theta: Array, frame: Frame, samples: int =
     straight = (curves.radius[first] == 0)[:, None]
     turn = np.linspace(0.0, 2 * np.pi, samples, endpoint=False)
     grid = np.where(straight, np.linspace(0.0, 110.0, samples), turn)
-    (x, y, *_), *_ = _on_markings(markings, np.broadcast_to(grid.reshape(1, -1), (len(theta), grid.size)), theta)
-    seen = view(theta, x, y, frame)
+    places, *_ = _on_markings(markings, np.broadcast_to(grid.reshape(1, -1), (len(theta), grid.size)), theta)
+    seen = view(theta, places[:, 0], places[:, 1], frame)
     pixels = np.where(seen.depth[:, None] > 0.1, seen.pixels, np.inf).reshape(len(theta), 2, *shape)
     nearest, distance = np.empty((2, len(theta), len(curves.points_px)))
     for k in range(len(first)):
@@ -273,37 +302,34 @@ def curve_residuals(
         M points that are seen in the same view, each along x and along y.
     """
     count = hidden.shape[1]
-    straight = curves.radius == 0
-    scale = np.where(straight, 1.0, np.maximum(curves.radius, 1e-9))
-    limit = np.where(straight, 20.0, 0.5)
-    observed = np.concatenate([curves.points_px, np.repeat(points.points_px, 2, axis=0)]).T
+    observed = np.concatenate([curves.points_px.T, points.twice[1]], axis=1)
+    limit = np.where(curves.straight, 20.0, 0.5)
     for step in range(updates + 2):
-        (x, y, tangent_x, tangent_y), cos, sin = _on_markings(curves, hidden, theta, points)
-        seen = view(theta, x, y, frame)
-        along = seen.along(tangent_x, tangent_y)[..., :count]
+        places, tangents, outward = _on_markings(curves, hidden, theta, points)
+        seen = view(theta, places[:, 0], places[:, 1], frame)
+        along = seen.along(tangents[:, 0], tangents[:, 1])[..., :count]
         difference = observed - seen.pixels
-        length2 = np.maximum(along[:, 0] ** 2 + along[:, 1] ** 2, 1e-18)
-        beside = difference[:, 0, :count] * along[:, 0] + difference[:, 1, :count] * along[:, 1]
-        hidden = hidden + np.minimum(np.maximum(beside / (length2 * scale), -limit), limit)
-        if step >= updates and (np.abs(beside) < NEAR_PX * np.sqrt(length2)).all():
+        length2 = np.maximum((along * along).sum(axis=1), 1e-18)
+        beside = (difference[..., :count] * along).sum(axis=1)
+        hidden = hidden + np.minimum(np.maximum(beside / (length2 * curves.scale), -limit), limit)
+        length = np.sqrt(length2)
+        if step >= updates and (np.abs(beside) < NEAR_PX * length).all():
             break
     sigma = curves.sigma_px
     # the normal's positive side is the outside of a circle
-    unit = np.where(straight | (seen.orientation[:, :count] >= 0), 1.0, -1.0) / (np.sqrt(length2) * sigma)
+    unit = np.where(curves.straight | seen.upward[:, :count], 1.0, -1.0) / (length * sigma)
     normal = np.empty_like(difference)
     np.multiply(along[:, 1], unit, out=normal[:, 0, :count])
     np.multiply(along[:, 0], -unit, out=normal[:, 1, :count])
     normal[:, :, count:] = points.across
     bloom = curves.bloom_sign / sigma
-    values = normal[:, 0] * difference[:, 0] + normal[:, 1] * difference[:, 1]
+    values = (normal * difference).sum(axis=1)
     values[:, :count] -= bloom * theta[:, INDEX["bloom"], None]
     rows, field = seen.gradient(-normal)
-    field_x, field_y, shift = field[:, 0, :count], field[:, 1, :count], curves.shift
-    by_width = (curves.radius_by_width * cos + shift[..., 0, 0], curves.radius_by_width * sin + shift[..., 0, 1])
-    rows[:, INDEX["width"], :count] = field_x * by_width[0] + field_y * by_width[1]
+    on_curves = field[..., :count]
+    rows[:, SIZES, :count] = (on_curves[:, None] * curves.rows[2]).sum(axis=2)
+    rows[:, SIZES[0], :count] += curves.radius_by_width * (on_curves * outward).sum(axis=1)
     rows[:, INDEX["bloom"], :count] = -bloom
-    for k in (1, 2):
-        rows[:, SIZES[k], :count] = field_x * shift[..., k, 0] + field_y * shift[..., k, 1]
     return Residuals(values, np.swapaxes(rows, 1, 2), hidden, seen.depth[:, :count] < 0.1)
 
 

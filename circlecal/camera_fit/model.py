@@ -174,9 +174,12 @@ class View:
         return self.focal * self.normalised * self.lens[:, None] + principal[..., None]
 
     @property
-    def orientation(self) -> Array:
-        """Sign (B, N) of the determinant of the derivative of the pixels by the field position."""
-        return np.sign((self.offset[:, 2] - self.slope * self.offset[:, 1]) * self.inverse_depth)
+    def upward(self) -> NDArray[np.bool_]:
+        """Where (B, N) the derivative of the pixels by the field position has no negative determinant: circles run
+        clockwise on the field and in the picture.
+        """
+        above = self.offset[:, 2] - self.slope * self.offset[:, 1]
+        return np.asarray((above >= 0) == (self.inverse_depth >= 0), np.bool_)
 
     def along(self, x: Array, y: Array) -> Array:
         """Derivative (B, 2, N) of the pixels in directions (x, y) on the field, each broadcast to (B, N)."""
