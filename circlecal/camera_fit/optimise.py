@@ -10,7 +10,6 @@ import numpy as np
 from circlecal.camera_fit.curves import (
     CurvePoints,
     FixedPoints,
-    curve_points,
     curve_residuals,
     first_hidden,
     ground_hidden,
@@ -179,10 +178,10 @@ def evaluate(problem: Problem, theta: Array, hidden: Array, loss_scale: float, u
     seen = curve_residuals(problem.curves, theta, hidden, problem.frame, updates, problem.points)
     seen.values[:, : hidden.shape[1]][seen.behind] = 1e3
     priors = problem.priors.residuals(theta)
-    return _weighed(theta, seen.hidden, seen.values, seen.jacobian, *priors, loss_scale)
+    return weighed(theta, seen.hidden, seen.values, seen.jacobian, *priors, loss_scale)
 
 
-def _weighed(
+def weighed(
     theta: Array,
     hidden: Array,
     values: Array,
@@ -191,6 +190,7 @@ def _weighed(
     prior_jacobian: Array,
     loss_scale: float,
 ) -> State:
+    """The state with these residuals and derivatives under a Geman-McClure loss."""
     squared = values * values
     share = 1.0 / (1.0 + squared / loss_scale**2)
     weight = share * share
@@ -206,39 +206,18 @@ def reweighted(problem: Problem, state: State, sigma_px: Array, loss_scale: floa
     curves = problem.curves.with_sigma(sigma_px)
     factor = np.ones(state.values.shape[1])
     factor[: len(sigma_px)] = problem.curves.sigma_px / sigma_px
-    changed = _weighed(
+    changed = weighed(
         state.theta, state.hidden, state.values * factor, state.jacobian * factor[:, None],
         state.prior_values, state.prior_jacobian, loss_scale,
     )  # fmt: skip
     return replace(problem, curves=curves), changed
 
 
-def on_parabola(problem: Problem, state: State, loss_scale: float) -> tuple[Problem, State]:
-    """The problem with a parabolic pitch instead of a roof, and the state in it to first order of the surface's height;
-    at first the one falls as the other does where points were seen.
-    """
-    index, reference = INDEX["crown"], problem.frame.crown_reference_m
-    on_curves = np.abs(curve_points(problem.curves, state.hidden, state.theta)[0][..., 1])
-    fixed = np.broadcast_to(
-        np.abs(np.repeat(problem.points.field_m[:, 1], 2)), (len(state.theta), 2 * len(problem.points.names))
-    )
-    # so many times as far a parabola has fallen here as the roof with the same crown
-    further = np.concatenate([on_curves, fixed], axis=1) / reference
-    by_crown, crown = state.jacobian[..., index], state.theta[:, index, None]
-    like = crown * (further**3).sum(axis=1, keepdims=True) / (further**4).sum(axis=1, keepdims=True)
-    theta, jacobian = state.theta.copy(), state.jacobian.copy()
-    theta[:, index], jacobian[..., index] = like[:, 0], by_crown * further
-    values = state.values + by_crown * (like * further - crown)
-    priors = problem.priors.residuals(theta)
-    curved = replace(problem, frame=replace(problem.frame, crown_shape="parabola"))
-    return curved, _weighed(theta, state.hidden, values, jacobian, *priors, loss_scale)
-
-
 def with_curves(problem: Problem, state: State, curves: CurvePoints, loss_scale: float) -> tuple[Problem, State]:
     """The problem with further markings before the others, and the state in it: only the further ones are looked at."""
     hidden = ground_hidden(curves, state.theta, problem.frame)
     seen = curve_residuals(curves, state.theta, hidden, problem.frame, updates=1)
-    changed = _weighed(
+    changed = weighed(
         state.theta,
         np.concatenate([seen.hidden, state.hidden], axis=1),
         np.concatenate([seen.values, state.values], axis=1),
@@ -337,7 +316,7 @@ def _advanced(state: State, step: _Step, loss_scale: float) -> State:
         now + (jacobian @ step.change[..., None])[..., 0]
         for now, jacobian in ((state.values, state.jacobian), (state.prior_values, state.prior_jacobian))
     )
-    return _weighed(step.theta, state.hidden, values, state.jacobian, prior_values, state.prior_jacobian, loss_scale)
+    return weighed(step.theta, state.hidden, values, state.jacobian, prior_values, state.prior_jacobian, loss_scale)
 
 
 def _possible(state: State, active: Indices) -> Array:

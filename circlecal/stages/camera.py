@@ -22,6 +22,7 @@ from circlecal.camera_fit.all_starts import (
 )
 from circlecal.camera_fit.config import CameraConfig, position_known, priors_of, realism_of
 from circlecal.camera_fit.crossings import same_markings, with_crossings
+from circlecal.camera_fit.crown import on_parabola
 from circlecal.camera_fit.curves import CurvePoints, FixedPoints, ground_hidden, joined_curves
 from circlecal.camera_fit.free_rotation import names_around
 from circlecal.camera_fit.model import INDEX, Frame
@@ -37,7 +38,6 @@ from circlecal.camera_fit.optimise import (
     continued,
     foreseen,
     minimise,
-    on_parabola,
     reweighted,
 )
 from circlecal.camera_fit.point_starts import Landmarks, seen_landmarks
@@ -209,7 +209,7 @@ def _clearly_curved(
     """The fit with a parabolic pitch where it explains what was seen clearly better, else the one given."""
     curved, start = on_parabola(problem, best_of(state), config.loss_scale)
     start = foreseen(curved, start, config.loss_scale)
-    if start.cost[0] > state.cost[0]:
+    if start.cost[0] > state.cost[0]:  # far from enough: the linear model knows it to a fraction of the evidence
         return problem, state, scale
     bar = float(state.cost[0]) - CROWN_EVIDENCE
     found = minimise(curved, start.theta, config.loss_scale, config.iterations, start.hidden, bar=bar)

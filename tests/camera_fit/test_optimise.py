@@ -1,14 +1,16 @@
 """Priors, robust loss and the batched optimiser."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
+from circlecal.camera_fit.crown import on_parabola
 from circlecal.camera_fit.curves import first_hidden
 from circlecal.camera_fit.model import INDEX, PARAMETERS, Frame, project
 from circlecal.camera_fit.observed import Realism, observed_curves, observed_points
-from circlecal.camera_fit.optimise import Priors, Problem, best_of, evaluate, minimise
+from circlecal.camera_fit.optimise import Priors, Problem, best_of, evaluate, foreseen, minimise
 from circlecal.field import load_field
 from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations
 
@@ -139,3 +141,20 @@ def test_starts_do_not_disturb_each_other():
         assert cost[k] == pytest.approx(evaluate(problem, alone.theta, alone.hidden, 6.0, updates=6).cost[0], rel=1e-6)
     best = best_of(together, 2)
     assert best.cost.tolist() == sorted(together.cost)[:2]
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_the_fit_to_the_other_profile_of_the_pitch_is_foreseen(seed):
+    rng = np.random.default_rng(seed)
+    theta = plain_theta(rng)
+    theta[INDEX["crown"]] = 0.08
+    chosen = priors(pp_x=5.0, pp_y=5.0, crown=0.05)
+    problem = replace(problem_of(observed(theta, rng, sigma=0.2), chosen), frame=replace(FRAME, crown_shape="roof"))
+    roof = minimise(problem, theta[None], 6.0)
+    curved, start = on_parabola(problem, roof, 6.0)
+    expected = foreseen(curved, start, 6.0)
+    found = minimise(curved, roof.theta, 6.0)
+    gain = roof.cost[0] - found.cost[0]
+    assert gain > 10.0
+    assert expected.cost[0] == pytest.approx(found.cost[0], abs=0.1 * gain)
+    assert expected.theta[0, INDEX["crown"]] == pytest.approx(found.theta[0, INDEX["crown"]], abs=5e-3)
