@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -174,28 +175,30 @@ def _rectified(
     values = values[whole]
     known = np.isfinite(values).any(axis=0)
     values, across = values[:, known], across[known]
-    usual = np.nanmedian(values, axis=0)
+    usual = (np.nanmedian if np.isnan(values).any() else np.median)(values, axis=0)
     return _Rectified(values - usual, usual, position[whole], across, base[whole], length, half)
 
 
 def _bend(line: Array, points_px: Array, places: Array, wanted: Array) -> Array:
     """Distance (T,) of the paint from the straight line at wanted places along it: a running median."""
-    order = np.argsort(places)
-    distance = line_distance(line, points_px)[order]
-    size = min(_BEND_POINTS, len(distance))
+    size = min(_BEND_POINTS, len(places))
     if size < 3:
         return np.zeros(len(wanted))
-    windows = np.lib.stride_tricks.sliding_window_view
-    middle = np.median(windows(distance, size), axis=-1)
-    return np.interp(wanted, windows(places[order], size).mean(axis=-1), middle)
+    order = np.argsort(places)
+    low, high = np.searchsorted(places, (wanted[0], wanted[-1]), sorter=order).tolist()
+    order = order[max(0, low - 2 * size) : high + 2 * size]  # medians beyond bear on no wanted place
+    ordered = np.stack([places[order], line_distance(line, points_px[order])])
+    at, middle = np.lib.stride_tricks.sliding_window_view(ordered, size, axis=1)
+    return np.interp(wanted, at.mean(axis=-1), np.median(middle, axis=-1))
 
 
 def half_chords(conic: Array, points: Array, directions: Array) -> Array:
     """Half lengths (N,) of the chords through points (N, 2) inside the conic along unit directions (N, 2)."""
-    a = np.einsum("ni,ij,nj->n", directions, conic[:2, :2], directions)
-    p = np.concatenate([points, np.ones((len(points), 1))], axis=1)
-    b = np.einsum("ni,ij,nj->n", directions, conic[:2], p)
-    c = np.einsum("ni,ij,nj->n", p, conic, p)
+    (u, v), (x, y) = directions.T, points.T
+    (xx, xy, x1), (_, yy, y1), (_, _, one) = conic.tolist()
+    gx, gy = xx * x + xy * y + x1, xy * x + yy * y + y1
+    a, b = (xx * u + 2 * xy * v) * u + yy * v * v, u * gx + v * gy
+    c = gx * x + gy * y + x1 * x + y1 * y + one
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray(np.sqrt(b * b - a * c) / np.abs(a))
 
@@ -214,15 +217,19 @@ def _response(seen: _Rectified, blur_px: float, inner_px: float, side: float) ->
     beyond = (distance > a + 1.5 * blur_px + 1.0) & (distance <= 3.0 * a + 8.0)
     if not used.any() or not beyond.any():
         return None
-    values = seen.values[:, used] - np.nanmean(seen.values[:, beyond], axis=1, keepdims=True)
+    surface = seen.values[:, beyond]
+    surface = (np.nanmean if np.isnan(surface).any() else np.mean)(surface, axis=1, keepdims=True)
+    values = (seen.values[:, used] - surface).astype(np.float32)
     half = int(np.ceil((2.0 * b + 2.0 * blur_px + 2.0) / _STEP_PX))
-    t = np.arange(-half, half + 1)[:, None] * _STEP_PX
+    t = np.arange(half + 1)[:, None] * _STEP_PX
     disc = _blurred_disc(t, distance[used][None], b, a, blur_px)
+    disc = np.concatenate([disc[:0:-1], disc])
     kernel = disc - disc.mean(axis=0)  # a change of the surface along the line has no response
     kernel /= float(np.maximum(kernel, 0.0).sum())  # the response is a mean brightness: never more than the paint's
-    padded = np.pad(values, ((half, half), (0, 0)), mode="symmetric")
-    windows = np.lib.stride_tricks.sliding_window_view(padded, len(kernel), axis=0)
-    return np.asarray(np.einsum("tck,kc->t", windows, kernel, optimize=True), np.float64)
+    mirrored = np.arange(-half, len(values) + half) % (2 * len(values))
+    padded = values[np.minimum(mirrored, 2 * len(values) - 1 - mirrored)]
+    response = cv2.matchTemplate(padded, kernel.astype(np.float32), cv2.TM_CCORR)
+    return np.asarray(response[:, 0], np.float64)
 
 
 def _bare_sides(
@@ -253,7 +260,8 @@ def _bare_sides(
         around = [float(values[rows][:, disc].mean()) for rows in beyond]
         # brightness that goes on is a player; shade beside the disc dims it too, and may be as deep as it is bright
         halves.append(max(around) <= _FADED * seen_here and min(around) >= -seen_here)
-        bare.append(bool(abs(float(np.nanmedian(values[on][:, aside]))) <= _FADED * line_contrast))
+        surface = values[on][:, aside]
+        bare.append(bool(abs(float(np.median(surface[np.isfinite(surface)]))) <= _FADED * line_contrast))
     if not any(half and clear for half, clear in zip(halves, bare, strict=True)):
         return False, False
     if not all(half or not clear for half, clear in zip(halves, bare, strict=True)):

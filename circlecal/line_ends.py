@@ -26,6 +26,8 @@ LOST, LOST_SHARE = 100, 0.3
 LEAST_LEVEL, LEAST_CROSSING = 8.0, 1.5
 """Grey levels by which a marking must stand out, and one that crosses it at its end."""
 BEND_SCALE_PX = 1.5
+COARSELY = 32
+"""Steps at once towards the border of the picture."""
 
 
 def paint_ends(picture: Brightness, points_px: Array, middle_px: Array, clear_px: float) -> tuple[LineEnd, ...]:
@@ -56,9 +58,12 @@ def paint_ends(picture: Brightness, points_px: Array, middle_px: Array, clear_px
     found: list[LineEnd] = []
     for side in (1.0, -1.0):
         t = side * np.arange(max(clear_px - LEVEL * unit, 0.0), float(width + height), unit)
-        path = middle_px + t[:, None] * along + np.polyval(bend, t)[:, None] * normal
-        inside = ((path >= 0) & (path <= (width - 1, height - 1))).all(axis=1)
-        path = path[: len(t) if inside.all() else int(np.argmin(inside))]
+        for step in (COARSELY, 1):  # most of the way lies outside the picture
+            sparse = t[::step]
+            path = middle_px + sparse[:, None] * along + np.polyval(bend, sparse)[:, None] * normal
+            inside = ((path >= 0) & (path <= (width - 1, height - 1))).all(axis=1)
+            t = t[: len(t) if inside.all() else int(np.argmin(inside)) * step]
+        path = path[: len(t)]
         if len(path) < LEVEL:
             continue
         paint, beside = _brightness(picture, path, normal, unit)
@@ -88,7 +93,8 @@ def _bend(position: Array, offset: Array, unit: float, clear_px: float) -> Array
 def _brightness(picture: Brightness, path: Array, normal: Array, unit: float) -> tuple[Array, Array]:
     """Of the paint (N,) and of both sides (2, N) along a path, smoothed over three pixels at 1920 px width."""
     offsets = unit * np.array([*(-d for d in BESIDE_PX), *BESIDE_PX, *PAINT_PX])
-    profiles = np.nan_to_num(sample_profiles(picture, path, np.broadcast_to(normal, path.shape), offsets))
+    profiles = sample_profiles(picture, path, np.broadcast_to(normal, path.shape), offsets)
+    profiles[np.isnan(profiles)] = 0.0
     count = len(BESIDE_PX)
     rows = [profiles[:, k : k + count].mean(axis=1) for k in (0, count, 2 * count)]
     left, right, paint = (np.convolve(row, np.full(3, 1.0 / 3.0), mode="same") for row in rows)

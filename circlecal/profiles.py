@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 
 from circlecal.geometry.homogeneous import Array
 
+Rows = NDArray[np.signedinteger[Any]]
+"""Numbers of rows."""
 Brightness = NDArray[np.uint8 | np.float32]
 """Grey picture (H, W): as it is decoded, or with fractions."""
 
@@ -72,15 +74,20 @@ def sample_profiles(picture: Brightness, points_px: Array, normals: Array, offse
     height, width = picture.shape
     if len(points_px) == 0:
         return np.zeros((0, len(offsets)), np.float32)
-    across = np.asarray(offsets, np.float32)[:, None]
-    (x0, y0), (nx, ny) = (np.asarray(v, np.float32).T for v in (points_px, normals))
-    x, y = x0 + across * nx, y0 + across * ny
+    x, y = along_normals(points_px.T, normals.T, offsets)
     sampled = cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     values = np.asarray(sampled, np.float32)
-    ends_x, ends_y = x[[0, -1]], y[[0, -1]]
-    if ends_x.min() < 0 or ends_y.min() < 0 or ends_x.max() > width - 1 or ends_y.max() > height - 1:
+    ends = ((x[0], width), (x[-1], width), (y[0], height), (y[-1], height))
+    if any(end.min() < 0 or end.max() > size - 1 for end, size in ends):
         values[(x < 0) | (y < 0) | (x > width - 1) | (y > height - 1)] = np.nan
     return values.T
+
+
+def along_normals(points: Array, normals: Array, offsets: Array) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """x and y (S, N each) of ``points + offset * normal``, points and normals (2, N), offsets (S,)."""
+    lever = np.stack([offsets, np.ones(len(offsets))], axis=-1).astype(np.float32)
+    x, y = (lever @ np.stack([normal, point]).astype(np.float32) for normal, point in zip(normals, points, strict=True))
+    return x, y
 
 
 def smooth_along(profiles: NDArray[np.float32], sigma_samples: float) -> NDArray[np.float32]:
@@ -127,31 +134,52 @@ def measure_bands(
     known = np.isfinite(values).all(axis=0)
     if not known.all():
         values = np.where(known, values, np.float32(0))
-    columns = np.arange(values.shape[1])
-    index = np.arange(1, len(offsets) + 1, dtype=np.int16)[:, None]
-    searched = np.flatnonzero(np.abs(offsets) <= search_px)
-    peak_index = values[searched[0] : searched[-1] + 1].argmax(axis=0) + searched[0]
+    index = row_numbers(len(offsets))
+    peak_index = _brightest_row(values, offsets, search_px, index)
     signal, low, high = _without_background(values, offsets)
-    peak = signal[peak_index, columns]
+    peak = _in_row(signal, peak_index)
 
-    before, after = nearest_gaps(signal < 0.5 * peak, peak_index, index)
+    before, after = nearest_gaps(signal < np.float32(0.5) * peak, peak_index, index)
     left = _crossing(signal, peak, before, 1) * step_px + offsets[0]
     right = _crossing(signal, peak, after, -1) * step_px + offsets[0]
     threshold = np.float32(PEAK_SHARE) * peak
     before, after = nearest_gaps(signal < threshold, peak_index, index)
-    inside = (index - 1 > before) & (index - 1 < after)
-    weight = np.maximum(signal - threshold, np.float32(0)) * inside
-    across = offsets.astype(np.float32)
+    # between its gaps the signal is nowhere below the threshold
+    weight = (signal - threshold) * ((index - 1 > before) & (index - 1 < after))
     mass = np.maximum(weight.sum(axis=0), np.float32(1e-9))
-    center = (across @ weight / mass).astype(np.float64)
+    center = (offsets.astype(np.float32) @ weight / mass).astype(np.float64)
     # noise of a centroid: samples are step_px apart but the picture's noise is per pixel
-    first, second = across @ inside.astype(np.float32), (across * across) @ inside.astype(np.float32)
-    squared_lever = second - 2 * center * first + center**2 * (after - before - 1)
+    count, middle = (
+        after.astype(np.float64) - before - 1.0,
+        offsets[0] + 0.5 * step_px * (after.astype(np.float64) + before),
+    )
+    squared_lever = count * ((middle - center) ** 2 + step_px**2 * (count * count - 1.0) / 12.0)
     sigma = np.hypot(noise * np.sqrt(np.maximum(squared_lever, 0.0) * step_px) / (mass * step_px), SIGMA_FLOOR_PX)
 
     touches_end = (before < 0) | (after >= len(offsets)) | ~np.isfinite(left) | ~np.isfinite(right)
     valid = known & ~touches_end & (peak > minimum_snr * noise) & (np.abs(high - low) < 0.8 * peak)
     return Bands(center, left, right, sigma, peak.astype(np.float64), (high - low).astype(np.float64), valid)
+
+
+def row_numbers(count: int) -> Rows:
+    """Numbers (count, 1) from 1, in the smallest type that holds one more: what is done with them is faster."""
+    numbers = np.arange(1, count + 1)[:, None]
+    return numbers.astype(np.int8) if count < 127 else numbers.astype(np.int16)
+
+
+def _brightest_row(values: NDArray[np.float32], offsets: Array, search_px: float, index: Rows) -> NDArray[np.int_]:
+    """First of the brightest rows (N,) within the search; faster than argmax across rows."""
+    searched = np.flatnonzero(np.abs(offsets) <= search_px)
+    first, last = int(searched[0]), int(searched[-1]) + 1
+    part = values[first:last]
+    backwards = np.multiply(index[: last - first][::-1], part == part.max(axis=0)).max(axis=0)
+    return last - backwards.astype(np.int_)
+
+
+def _in_row(values: NDArray[np.float32], rows: NDArray[np.int_]) -> NDArray[np.float32]:
+    """Value (N,) of each column in its row."""
+    count = values.shape[1]
+    return np.asarray(values.ravel().take(rows * count + np.arange(count)), np.float32)
 
 
 def _without_background(
@@ -161,8 +189,9 @@ def _without_background(
     quarter = max(3, len(offsets) // 4)
     low, high = _median(values[:quarter]), _median(values[-quarter:])
     x0, x1 = offsets[:quarter].mean(), offsets[-quarter:].mean()
-    share = ((offsets - x0) / (x1 - x0)).astype(np.float32)[:, None]
-    return values - (low + (high - low) * share), low, high
+    share = (offsets - x0) / (x1 - x0)
+    lever = np.stack([1.0 - share, share], axis=-1).astype(np.float32)
+    return values - lever @ np.stack([low, high]), low, high
 
 
 def _median(rows: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -172,26 +201,24 @@ def _median(rows: NDArray[np.float32]) -> NDArray[np.float32]:
     return ordered[middle] if len(rows) % 2 else (ordered[middle - 1] + ordered[middle]) / 2
 
 
-def nearest_gaps(
-    low: NDArray[np.bool_], peak_index: NDArray[np.int_], index: NDArray[np.int16]
-) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+def nearest_gaps(low: NDArray[np.bool_], peak_index: NDArray[np.int_], index: Rows) -> tuple[Rows, Rows]:
     """Nearest low cell (N,) on either side of each column's peak: -1 and S where there is none.
 
-    ``index`` (S, 1) counts the rows from 1. Products with it are much faster than ``np.where``.
+    ``index`` (S, 1) are the :func:`row_numbers`. Products with it are much faster than ``np.where``.
     """
     count = len(index)
-    peak = (peak_index + 1).astype(np.int16)
-    before = np.multiply(index, low & (index < peak)).max(axis=0)
-    after = np.multiply(np.int16(count + 1) - index, low & (index > peak)).max(axis=0)
-    return before.astype(np.int_) - 1, count - after.astype(np.int_)
+    peak = (peak_index + 1).astype(index.dtype)
+    before = np.multiply(index, low & (index < peak)).max(axis=0) - 1
+    after = count - np.multiply(index[::-1], low & (index > peak)).max(axis=0)
+    return before, after
 
 
-def _crossing(signal: NDArray[np.float32], peak: NDArray[np.float32], outer: NDArray[np.int_], inward: int) -> Array:
+def _crossing(signal: NDArray[np.float32], peak: NDArray[np.float32], outer: Rows, inward: int) -> Array:
     """Fractional row at which the signal falls through half its peak towards the gap; nan where there is no gap."""
-    columns = np.arange(signal.shape[1])
-    found = (outer >= 0) & (outer < len(signal))
-    row = np.clip(outer, 0, len(signal) - 1)
-    a, b = signal[row, columns], signal[np.clip(row + inward, 0, len(signal) - 1), columns]
+    last = len(signal) - 1
+    found = (outer >= 0) & (outer <= last)
+    row = np.minimum(np.maximum(outer, 0), last).astype(np.int_)
+    a, b = _in_row(signal, row), _in_row(signal, np.minimum(np.maximum(row + inward, 0), last))
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(b != a, (0.5 * peak - a) / (b - a), 0.0)
     return np.where(found, row + inward * share, np.nan)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,8 @@ ONE_ROUND: Rounds = ((0.6, 1.0),)
 """For lines that were fitted to this picture."""
 WIDE_ROUND: Rounds = ((1.0, 1.0),)
 """For pieces that go on from others: they lie askew by less than a measurement feels."""
+ROBUST_SCALES = (8.0, 4.0, 2.0, 1.0, 1.0, 1.0, 1.0)
+"""Of the robust fit of a line, round by round."""
 SMOOTHING_REACH = 3
 """Profiles over which the smoothing along a marking reaches."""
 PLAIN_WIDTH_PX = 8.0
@@ -103,8 +106,8 @@ def measure_lines(
 
 @dataclass(frozen=True, slots=True)
 class _BandSamples:
-    """Valid profiles across several markings: middles (N, 2), both edges (2, N, 2), sigma (N,), which marking (N,);
-    and how many profiles were drawn on each marking (K,).
+    """Valid profiles across several markings, in order: middles (2, N), both edges (2, 2, N: which edge, x or y),
+    sigma (N,), which marking (N,); and how many profiles were drawn on each marking (K,).
     """
 
     middles: Array
@@ -127,58 +130,65 @@ def _band_samples(
     full density.
     """
     unit = picture.shape[1] / 1920.0
-    span = ends[:, 1] - ends[:, 0]
-    length = np.hypot(span[:, 0], span[:, 1])
+    first, span = ends[:, 0].T, (ends[:, 1] - ends[:, 0]).T
+    length = np.hypot(*span)
     fine = np.maximum(8, (length / spacing_px).astype(int))
     drawn = np.minimum(fine, np.maximum(24, (fine / step).astype(int)))
     # copies of both ends, dropped below, keep the smoothing from reaching into the next piece
     stored = drawn + 2 * SMOOTHING_REACH
-    piece = np.repeat(np.arange(len(ends)), stored)
-    position = np.arange(len(piece)) - np.repeat(np.cumsum(stored) - stored, stored) - SMOOTHING_REACH
-    own = (position >= 0) & (position < drawn[piece])
-    share = np.clip(position / (drawn[piece] - 1), 0.0, 1.0)
-    base = ends[piece, 0] + share[:, None] * span[piece]
-    normals = (np.stack([-span[:, 1], span[:, 0]], axis=-1) / length[:, None])[piece]
+    piece = np.arange(len(ends)).repeat(stored)
+    position = np.arange(len(piece)) - (np.cumsum(stored) - stored + SMOOTHING_REACH).take(piece)
+    last = drawn.take(piece) - 1
+    own = (position >= 0) & (position <= last)
+    share = np.minimum(np.maximum(position / last, 0.0), 1.0)
+    # along each piece: where it begins, where it leads, its normal, its width and how that grows
+    along = np.concatenate([first, span, [-span[1] / length, span[0] / length], [widths[:, 0], np.diff(widths)[:, 0]]])
+    along = along.take(piece, axis=1)
+    base, normals = along[:2] + share * along[2:4], along[4:6]
     half = reach_px + 8.0 * max(unit, 0.5) + 2.0
     offsets = np.arange(-half, half + 0.25, 0.5 * step)
-    width = widths[piece, 0] + share * (widths[piece, 1] - widths[piece, 0])
-    stretch = np.maximum(1.0, width / (PLAIN_WIDTH_PX * unit))
-    normals = normals * stretch[:, None]
-    profiles = smooth_along(sample_profiles(picture, base, normals, offsets), 1.0)
+    stretch = None
+    if widths.max() > PLAIN_WIDTH_PX * unit:
+        stretch = np.maximum(1.0, (along[6] + share * along[7]) / (PLAIN_WIDTH_PX * unit))
+        normals = normals * stretch
+    profiles = smooth_along(sample_profiles(picture, base.T, normals.T, offsets), 1.0)
     bands = measure_bands(profiles, offsets, reach_px, noise)
-    valid = own & bands.valid & (bands.width < 24 * max(unit, 0.5))
-    base, normals = base[valid], normals[valid]
-    middles = base + bands.center[valid, None] * normals
-    edges = base + np.stack([bands.left[valid], bands.right[valid]])[..., None] * normals
-    return _BandSamples(middles, edges, (bands.sigma * stretch)[valid], piece[valid], drawn)
+    valid = np.flatnonzero(own & bands.valid & (bands.width < 24 * max(unit, 0.5)))
+    base, normals = base.take(valid, axis=1), normals.take(valid, axis=1)
+    middles = base + bands.center.take(valid) * normals
+    edges = base + np.stack([bands.left.take(valid), bands.right.take(valid)])[:, None] * normals
+    sigma = bands.sigma if stretch is None else bands.sigma * stretch
+    return _BandSamples(middles, edges, sigma.take(valid), piece.take(valid), drawn)
 
 
 def _measured_line(line: Array, ends: Array, samples: _BandSamples, mine: NDArray[np.int_], drawn: int) -> LineCue:
-    points = samples.middles[mine]
+    points = samples.middles.take(mine, axis=1).T
     position = points @ (ends[1] - ends[0])
-    first, last = points[np.argmin(position)], points[np.argmax(position)]
-    rms = float(np.sqrt(np.mean(line_distance(line, points) ** 2)))
-    width = float(np.median(np.linalg.norm(samples.edges[1, mine] - samples.edges[0, mine], axis=-1)))
+    first, last = points[position.argmin()], points[position.argmax()]
+    distance = line_distance(line, points)
+    across = samples.edges[1] - samples.edges[0]
+    width = float(np.median(np.hypot(across[0].take(mine), across[1].take(mine))))
     segment = Segment(first, last, len(points) / drawn)
-    return LineCue(None, line, points, samples.sigma[mine], segment, rms, width_px=width)
+    rms = sqrt(float(distance @ distance) / len(points))
+    return LineCue(None, line, points, samples.sigma.take(mine), segment, rms, width_px=width)
 
 
 def _robust_lines(samples: _BandSamples, count: int, scale_px: float) -> tuple[Array, NDArray[np.bool_]]:
     """Lines (K, 3) through both edges by reweighted total least squares; which profiles (N,) they keep."""
     member = (samples.piece[:, None] == np.arange(count)).astype(np.float64)
-    origin = samples.middles.mean(axis=0) if len(samples.middles) else np.zeros(2)
-    (x, y), (mx, my) = np.moveaxis(samples.edges - origin, -1, 0), (samples.middles - origin).T
-    moments = np.stack([np.full(len(mx), 2.0), *(m.sum(axis=0) for m in (x, y, x * x, x * y, y * y))])
-    weights = np.ones(len(mx))
-    for scale in scale_px * np.array([8.0, 4.0, 2.0, 1.0, 1.0, 1.0, 1.0]):
-        mass, sx, sy, xx, xy, yy = (moments * weights) @ member
-        mass = np.maximum(mass, 1e-12)
-        sx, sy = sx / mass, sy / mass
+    origin = samples.middles.sum(axis=1) / max(samples.middles.shape[1], 1)
+    (mx, my), (x, y) = samples.middles - origin[:, None], np.moveaxis(samples.edges - origin[:, None], 1, 0)
+    moments = np.stack([np.full(len(mx), 2.0), *(m[0] + m[1] for m in (x, y, x * x, x * y, y * y))])
+    weighted = moments
+    for scale in ROBUST_SCALES:
+        mass, *sums = weighted @ member
+        sx, sy, xx, xy, yy = sums / np.maximum(mass, 1e-12)
         # direction of the greater eigenvector of the 2 x 2 scatter
-        angle = 0.5 * np.arctan2(2 * (xy / mass - sx * sy), xx / mass - sx * sx - yy / mass + sy * sy)
+        angle = 0.5 * np.arctan2(2 * (xy - sx * sy), xx - sx * sx - yy + sy * sy)
         a, b = -np.sin(angle), np.cos(angle)
-        c = -a * sx - b * sy
-        distance = a[samples.piece] * mx + b[samples.piece] * my + c[samples.piece]
-        weights = 1.0 / (1.0 + (distance / scale) ** 2) ** 2
-    lines = np.stack([a, b, c - a * origin[0] - b * origin[1]], axis=-1)
-    return lines, np.abs(distance) < 3.0 * scale_px
+        lines = np.stack([a, b, -a * sx - b * sy])
+        by_x, by_y, constant = lines.take(samples.piece, axis=1)
+        distance = by_x * mx + by_y * my + constant
+        weighted = moments / np.square(1.0 + np.square(distance / (scale * scale_px)))
+    lines[2] -= origin @ lines[:2]
+    return lines.T, np.abs(distance) < 3.0 * scale_px

@@ -98,7 +98,7 @@ def find_halfway(
     if len(segments) == 0:
         return None
     to_unit = np.linalg.inv(unit_frame(circle.ellipse))
-    lines = np.cross(lift(segments[:, 0]), lift(segments[:, 1]))
+    lines = join(lift(segments[:, 0]), lift(segments[:, 1]))
     local = normalise_line(transform_lines(to_unit, lines))
     distance = np.abs(local[:, 2])
     best: tuple[float, MeasuredLine] | None = None

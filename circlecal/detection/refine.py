@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from circlecal.detection.config import RefinementConfig
 from circlecal.geometry.homogeneous import Array
-from circlecal.profiles import nearest_gaps
+from circlecal.profiles import along_normals, nearest_gaps, row_numbers
 
 __all__ = ["BandProfile", "local_width", "measure_band"]
 
@@ -101,9 +101,8 @@ def _profiles(
     """Brightness (taps, N) across the curve, a little smoothed along it, and the distance (N,) between taps, px."""
     half = max(6, int(np.ceil(_median(reach_px) / 0.75)))
     step = reach_px / half
-    across = np.arange(-half, half + 1, dtype=np.float32)[:, None] * step.astype(np.float32)
-    (x, y), (nx, ny) = points.T.astype(np.float32), normals.T.astype(np.float32)
-    sampled = cv2.remap(grey, x + across * nx, y + across * ny, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    x, y = along_normals(points.T, normals.T * step, np.arange(-half, half + 1.0))
+    sampled = cv2.remap(grey, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     profile = sampled.astype(np.float32)
     smooth = np.asarray(cv2.blur(profile, (3, 1), borderType=cv2.BORDER_REPLICATE), np.float32)
     return smooth * np.float32(sign), step
@@ -114,12 +113,12 @@ def _centroid(
 ) -> tuple[Array, Array]:
     """Centre and width at half height of the hump around the peak, px."""
     taps = len(raised)
-    index = np.arange(1, taps + 1, dtype=np.int16)[:, None]
+    index = row_numbers(taps)
     level = np.float32(_CENTROID_LEVEL) * contrast
     before, after = nearest_gaps(raised < level, at, index)
     hump = (index - 1 > before) & (index - 1 < after)
     # nothing jumps where a tap enters or leaves the hump
-    weight = np.maximum(raised - level, np.float32(0)) * hump
+    weight = (raised - level) * hump
     total = np.maximum(weight.sum(axis=0), np.float32(1e-6))
     offset = (np.arange(taps, dtype=np.float32) @ weight / total - (taps - 1) / 2) * step
     high = hump & (raised >= np.maximum(np.float32(0.5) * contrast, np.float32(1e-6)))

@@ -8,7 +8,7 @@ Pilu and Fisher 1999 and Halir and Flusser 1998 (direct fit and its numerically 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import atan2, hypot, inf, pi, sqrt
+from math import atan2, cbrt, cos, hypot, inf, pi, sin, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -100,7 +100,14 @@ def is_ellipse(conic: ArrayLike) -> NDArray[np.bool_]:
 
 def conic_from_ellipse(ellipse: Ellipse) -> Array:
     """Normalised conic (3, 3) of an ellipse."""
-    return transform_conic(ellipse.frame(), np.diag([1.0, 1.0, -1.0]))
+    a, b = ellipse.semi_axes
+    x, y = ellipse.center.tolist()
+    c, s = cos(ellipse.angle_rad), sin(ellipse.angle_rad)
+    scale = cbrt(a * b) ** 2  # makes the determinant -1
+    p, q = scale / (a * a), scale / (b * b)
+    xx, xy, yy = p * c * c + q * s * s, (p - q) * c * s, p * s * s + q * c * c
+    u, v = -(xx * x + xy * y), -(xy * x + yy * y)
+    return np.array([[xx, xy, u], [xy, yy, v], [u, v, -(u * x + v * y) - scale]])
 
 
 def ellipse_from_conic(conic: ArrayLike) -> Ellipse | None:
@@ -201,40 +208,46 @@ def orthogonal_distance(ellipse: Ellipse, points: ArrayLike) -> Array:
 
 
 def _feet(ellipse: Ellipse, points: Array) -> tuple[Array, Array]:
-    """Foot points (N, 2) and signed distances (N,), positive outside."""
-    frame = ellipse.frame()
+    """Foot points (2, N) and signed distances (N,), positive outside."""
     a, b = ellipse.semi_axes
-    rotation = frame[:2, :2] / np.array([a, b])
-    x, y = ((points - ellipse.center) @ rotation).T
-    px, py = np.abs(x), np.abs(y)
+    c, s = cos(ellipse.angle_rad), sin(ellipse.angle_rad)
+    rotation, axes = np.array([[c, -s], [s, c]]), np.array([[a], [b]])
+    local = rotation.T @ (points - ellipse.center).T
+    p = np.abs(local)
     # points near the curve start in their own direction, others on the diagonal
-    tx, ty = px / a, py / b
-    size = np.sqrt(tx * tx + ty * ty)
+    t = p / axes
+    size = _length(t)
     outside = size >= 1.0
     near = np.abs(size - 1.0) < 0.5 * (b / a) ** 2  # half the smallest radius of curvature
     if not near.all():
-        tx, ty, size = np.where(near, tx, 1.0), np.where(near, ty, 1.0), np.where(near, size, np.sqrt(2.0))
-    tx, ty = tx / size, ty / size
-    over_x, over_y = (a * a - b * b) / a, (b * b - a * a) / b
+        t, size = np.where(near, t, 1.0), np.where(near, size, sqrt(2.0))
+    t /= size
+    evolute = (a * a - b * b) * np.array([[1.0], [-1.0]]) / (axes * axes)
     for _ in range(FOOT_ROUNDS):
         # centre of curvature of the present foot point; the next one is where its circle meets the ray to the point
-        ex, ey = over_x * tx * tx * tx, over_y * ty * ty * ty
-        qx, qy = px - ex, py - ey
-        rx, ry = tx * a - ex, ty * b - ey
-        scale = np.sqrt((rx * rx + ry * ry) / np.maximum(qx * qx + qy * qy, 1e-300))
-        ux = np.minimum(np.maximum((qx * scale + ex) / a, 0.0), 1.0)
-        uy = np.minimum(np.maximum((qy * scale + ey) / b, 0.0), 1.0)
-        size = np.sqrt(ux * ux + uy * uy)
+        center = evolute * t * t * t
+        q = p / axes - center
+        r = (t - center) * axes
+        scaled = q * axes
+        scale = np.sqrt((r * r).sum(axis=0) / np.maximum((scaled * scaled).sum(axis=0), 1e-300))
+        following = np.minimum(np.maximum(q * scale + center, 0.0), 1.0)
+        size = _length(following)
         if not size.all():  # from the centre of a circle all of its points are as far: keep the last one
-            ux, uy, size = np.where(size > 0, ux, tx), np.where(size > 0, uy, ty), np.where(size > 0, size, 1.0)
-        ux, uy = ux / size, uy / size
-        moved = np.abs(ux - tx).max(initial=0.0) + np.abs(uy - ty).max(initial=0.0)
-        tx, ty = ux, uy
+            following, size = np.where(size > 0, following, t), np.where(size > 0, size, 1.0)
+        following /= size
+        moved = np.abs(following - t).max(initial=0.0)
+        t = following
         if moved < MOVED:  # the next step would be its square
             break
-    fx, fy = np.copysign(tx * a, x), np.copysign(ty * b, y)
-    distance = np.hypot(x - fx, y - fy)
-    return np.stack([fx, fy], axis=-1) @ rotation.T + ellipse.center, np.where(outside, distance, -distance)
+    foot = np.copysign(t * axes, local)
+    distance = _length(local - foot)
+    return rotation @ foot + ellipse.center[:, None], np.where(outside, distance, -distance)
+
+
+def _length(vectors: Array) -> Array:
+    """Lengths (N,) of the columns of (2, N)."""
+    x, y = vectors
+    return np.sqrt(x * x + y * y)
 
 
 def _monomials(points: Array) -> Array:
@@ -430,8 +443,7 @@ def refine_conic(
         ellipse = ellipse_from_conic(conic_from_coefficients(coefficients))
         if ellipse is None:
             return None
-        foot, distance = _feet(ellipse, local)
-        x, y = foot.T
+        (x, y), distance = _feet(ellipse, local)
         a, b, c, d, e, _ = coefficients.tolist()
         gx, gy = 2 * a * x + b * y + d, b * x + 2 * c * y + e
         size = np.maximum(np.hypot(gx, gy), 1e-300)
@@ -482,14 +494,16 @@ def refine_conic(
 
 
 def _denormalised_with_covariance(coefficients: Array, covariance: Array, T: Array) -> tuple[Array, Array]:
-    raw = _denormalise(coefficients, T)
-    conic = normalise_conic(raw)
-    scale = (conic.ravel() @ raw.ravel()) / (raw.ravel() @ raw.ravel())
-    unit = np.eye(6)
-    basis = coefficients_from_conic(_denormalise(unit, T)).T * scale
+    (k, _, u), (_, _, v), _ = T.tolist()
+    by_scaled = np.diag([k * k, k * k, k * k, k, k, 1.0])
+    by_scaled[3, :3], by_scaled[4, :3] = (2 * k * u, k * v, 0.0), (0.0, k * u, 2 * k * v)
+    by_scaled[5, :5] = u * u, u * v, v * v, u, v
+    raw = by_scaled @ coefficients
+    conic = normalise_conic(conic_from_coefficients(raw))
+    normalised = coefficients_from_conic(conic)
     # the fixed determinant takes back whatever part of a change is a mere change of scale: d det = det tr(C^-1 dC)
-    by_scale = np.einsum("ij,kji->k", np.linalg.inv(conic), conic_from_coefficients(unit))
-    basis = (unit - np.outer(coefficients_from_conic(conic), by_scale) / 3.0) @ basis
+    by_scale = np.linalg.inv(conic).reshape(9)[_UPPER]
+    basis = (np.eye(6) - np.outer(normalised, by_scale) / 3.0) @ by_scaled * ((normalised @ raw) / (raw @ raw))
     return conic, basis @ covariance @ basis.T
 
 

@@ -36,6 +36,10 @@ WIDEST = 1.6
 """What is so many times as wide as the marking inside the circle lets one expect is another thing."""
 CHORD_AT = 0.6
 """Half chords from the middle at which the halfway line's width is predicted."""
+AHEAD_PX, LARGEST_SHIFT_PX = 250.0, 2.0
+"""How far ahead the pieces of a straight marking are measured together, and how far off, where the line turns, a piece
+may have been looked for; pixels at 1920 px width.
+"""
 LARGEST_BEND = 0.03
 """Sine of the angle between neighbouring pieces of a straight marking: lens and crown bend it less than that."""
 
@@ -115,7 +119,7 @@ def find_cues(
     segments = (*further, *(() if near is None else (near,)))
     widths = np.zeros((len(segments), 2))
     if near is not None:
-        widths[-1] = _widths_at(growth, near)
+        widths[-1:] = _widths_at(growth, [near])
     measured = measure_lines(picture, segments, noise, config.search_px, config.spacing_px, rounds, widths)
     halfway = None
     if chord is not None and near is not None:
@@ -231,41 +235,68 @@ def _before_crossed(points: Array, middle: Array, ends: Sequence[LineEnd], clear
 def _followed(
     picture: Brightness, near: LineCue, step_px: float, growth: Array, noise: float, config: CuesConfig
 ) -> list[LineCue]:
-    """Pieces of a straight marking beyond its measured part, each expected where the one before points to.
+    """Pieces of a straight marking beyond its measured part, each expected where those before point to.
 
     Lens and crown bend the line, so the pieces follow it; the first that is not clearly there ends the search on its
-    side.
+    side. Over a short way it is straight enough to measure all pieces on it together.
     """
-    height, width = picture.shape
+    unit = picture.shape[1] / 1920.0
+    together = max(1, round(AHEAD_PX * unit / step_px))
     # paint may be wider than the template says, and blur adds to it
-    usual = float(_widths_at(growth, near.segment).mean())
+    usual = float(_widths_at(growth, [near.segment]).mean())
     growth = growth * max(1.0, near.width_px / max(usual, 1e-9))
-    found = []
+    found: list[LineCue] = []
     sides = [(near.segment.start, near.segment.end), (near.segment.end, near.segment.start)]
-    for _ in range(MOST_PIECES):
-        searched = []
-        for start, end in sides:
-            direction = (end - start) / np.linalg.norm(end - start)
-            ahead = _clipped(end + 1.0 * direction, end + step_px * direction, width, height)
-            if ahead is not None and np.linalg.norm(ahead[1] - ahead[0]) >= 0.25 * step_px:
-                searched.append((end, direction, Segment(*ahead)))
-        if not searched:
+    for _ in range(-(-MOST_PIECES // together)):
+        ahead = [_pieces_ahead(*side, step_px, together, picture.shape) for side in sides]
+        rough = [piece for pieces in ahead for piece in pieces]
+        if not rough:
             break
-        sides = []
-        widths = np.array([_widths_at(growth, segment) for _, _, segment in searched])
-        rough = [segment for _, _, segment in searched]
-        pieces = measure_lines(picture, rough, noise, config.search_px, config.spacing_px, WIDE_ROUND, widths)
-        for (end, direction, _), piece in zip(searched, pieces, strict=True):
-            if piece is None or piece.segment.support < PIECE_SUPPORT:
-                continue
-            ahead_px = (piece.points_px - end) @ direction
-            if abs(float(piece.line[:2] @ direction)) > LARGEST_BEND or ahead_px.min() > LARGEST_GAP * step_px:
-                continue
-            if piece.width_px > WIDEST * max(_widths_at(growth, piece.segment).max(), near.width_px / WIDEST):
-                continue
-            found.append(piece)
-            sides.append((end, piece.points_px[np.argmax(ahead_px)]))
+        widths = _widths_at(growth, rough)
+        measured = measure_lines(picture, rough, noise, config.search_px, config.spacing_px, WIDE_ROUND, widths)
+        widest = WIDEST * np.maximum(widths.max(axis=1), near.width_px / WIDEST)
+        seen = iter(zip(rough, measured, widest.tolist(), strict=True))
+        reached = []
+        for side, pieces in zip(sides, ahead, strict=True):
+            kept, end = _gone_along(*side, [next(seen) for _ in pieces], step_px, LARGEST_SHIFT_PX * unit)
+            found += kept
+            reached += [] if end is None else [end]
+        sides = reached
     return found
+
+
+def _pieces_ahead(start: Array, end: Array, step_px: float, most: int, shape: tuple[int, ...]) -> list[Segment]:
+    """Pieces in the picture of the line from ``start`` beyond ``end``."""
+    direction = (end - start) / np.hypot(*(end - start))
+    pieces = []
+    for k in range(most):
+        ahead = _clipped(end + (1.0 + k * step_px) * direction, end + (k + 1) * step_px * direction, shape[1], shape[0])
+        if ahead is None or np.hypot(*(ahead[1] - ahead[0])) < 0.25 * step_px:
+            break
+        pieces.append(Segment(*ahead))
+    return pieces
+
+
+def _gone_along(
+    start: Array, end: Array, pieces: list[tuple[Segment, LineCue | None, float]], step_px: float, shift_px: float
+) -> tuple[list[LineCue], tuple[Array, Array] | None]:
+    """The pieces that go on from the line from ``start`` to ``end``, each with where it was looked for and how wide it
+    may be; and the last two ends, or None where the line is seen no further.
+    """
+    kept: list[LineCue] = []
+    for rough, piece, widest_px in pieces:
+        direction = (end - start) / np.hypot(*(end - start))
+        across = np.array([-direction[1], direction[0]])
+        if abs(float(across @ (rough.end - end))) > shift_px:
+            return kept, (start, end)
+        if piece is None or piece.segment.support < PIECE_SUPPORT or piece.width_px > widest_px:
+            return kept, None
+        ahead_px = (piece.points_px - end) @ direction
+        if abs(float(piece.line[:2] @ direction)) > LARGEST_BEND or ahead_px.min() > LARGEST_GAP * step_px:
+            return kept, None
+        kept.append(piece)
+        start, end = end, piece.points_px[np.argmax(ahead_px)]
+    return kept, (start, end) if pieces else None
 
 
 def _paint_width(conic: Array, chord: Array, template: FieldTemplate, edge: CircleEdge) -> Array:
@@ -287,9 +318,9 @@ def _paint_width(conic: Array, chord: Array, template: FieldTemplate, edge: Circ
     return np.append(along, 0.5 * (near + far) - along @ middle)
 
 
-def _widths_at(growth: Array, segment: Segment) -> Array:
-    """Expected width (2,) of the paint at both ends, px."""
-    return np.maximum(lift(np.array([segment.start, segment.end])) @ growth, 0.0)
+def _widths_at(growth: Array, segments: Sequence[Segment]) -> Array:
+    """Expected width (K, 2) of the paint at both ends, px."""
+    return np.maximum(lift([(segment.start, segment.end) for segment in segments]) @ growth, 0.0)
 
 
 def _chord(conic: Array, line: Array) -> Array | None:
