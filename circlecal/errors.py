@@ -48,3 +48,8 @@ class EstimationError(CirclecalError):
         self.stage = stage
         self.code = code
         self.reason = reason
+
+
+def reading_failure(error: Exception) -> str:
+    """Why a file cannot be read, in words that do not name it again."""
+    return getattr(error, "strerror", None) or str(error)

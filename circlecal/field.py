@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, ValidationInfo, model_validator
 
-from circlecal.errors import ConfigError
+from circlecal.errors import ConfigError, reading_failure
 from circlecal.geometry.homogeneous import Array
 
 _OPERATORS: dict[type[ast.AST], Any] = {
@@ -323,7 +323,7 @@ def load_field(name_or_file: str | Path, sizes: dict[str, float] | None = None) 
         changed = path.stat().st_mtime_ns
         return _read_field(path, changed, tuple(sorted((sizes or {}).items())))
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: cannot be read: {error}") from error
+        raise ConfigError(f"{path}: cannot be read: {reading_failure(error)}") from error
 
 
 @lru_cache(maxsize=32)

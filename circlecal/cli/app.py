@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import importlib.util
 import sys
+from collections.abc import Iterator
 from typing import Annotated, Any
 
 import typer
@@ -24,12 +26,33 @@ from circlecal.cli.report import report
 from circlecal.cli.rig import rig
 from circlecal.cli.simulate import simulate
 from circlecal.cli.synth import synth
+from circlecal.errors import InputError
+
+_UsageError: Any = typer.BadParameter.__base__  # typer has no public name for it
+
+
+@contextlib.contextmanager
+def _in_one_line() -> Iterator[None]:
+    """Wrong use is told as every other error is; typer would draw a box."""
+    try:
+        yield
+    except _UsageError as error:
+        if type(error).__name__ == "NoArgsIsHelpError":
+            raise
+        command = error.ctx.command_path if error.ctx else "circlecal"
+        wrong = error.format_message().rstrip(".").replace("Value error, ", "")
+        raise InputError(f"{wrong}; see {command} --help") from None
 
 
 class _Commands(TyperGroup):
+    def make_context(self, *arguments: Any, **named: Any) -> Any:
+        with _in_one_line():
+            return super().make_context(*arguments, **named)
+
     def invoke(self, ctx: Any) -> Any:
         try:
-            return super().invoke(ctx)
+            with _in_one_line():
+                return super().invoke(ctx)
         except KeyboardInterrupt:
             print("circlecal: interrupted", file=sys.stderr)  # noqa: T201
             raise typer.Exit(130) from None

@@ -26,7 +26,7 @@ def batch(
     inputs: Annotated[
         list[str],
         typer.Argument(
-            metavar="INPUT...",
+            metavar="INPUT",
             help="Pictures, videos, annotations, folders of them, patterns, sequences (x_%04d.png), lists (x.txt).",
         ),
     ],

@@ -14,7 +14,7 @@ from circlecal.cli import options
 def convert(
     inputs: Annotated[
         list[Path],
-        typer.Argument(metavar="INPUT...", help="Annotation or camera files, results, results.jsonl, and folders."),
+        typer.Argument(metavar="INPUT", help="Annotation or camera files, results, results.jsonl, and folders."),
     ],
     to: Annotated[str, typer.Option("--to", metavar="FORMAT", help="Format to write, of the same kind.")],
     out: options.Out = Path("circlecal-out"),

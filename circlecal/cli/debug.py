@@ -11,7 +11,7 @@ from circlecal.cli import options
 
 
 def debug(
-    image: Annotated[Path, typer.Argument(metavar="IMAGE", help="The picture.")],
+    images: Annotated[list[Path], typer.Argument(metavar="IMAGE", help="The pictures.")],
     out: options.Out = Path("circlecal-debug"),
     mask: options.Mask = None,
     config: options.ConfigFile = None,
@@ -31,18 +31,22 @@ def debug(
 
     console.configure_logging(quiet=quiet, verbose=verbose)
     chosen = options.chosen_config(config, settings, field, seed, camera_prior=camera_prior)
-    if image.is_dir():
-        raise InputError(f"{image}: is a folder; debug takes one picture")
-    frame = options.chosen_frames([image], out, mask)[0]
-    folder = prepare_folder(out) / frame.id
-    picture, calibration = calibrate_frame(frame, chosen, mask)
+    for image in images:
+        if image.is_dir():
+            raise InputError(f"{image}: is a folder; debug takes pictures")
+    frames = options.chosen_frames(images, out, mask)
+    prepare_folder(out)
     template = field_template(chosen)
-    record = result_record(calibration, template)
-    write_result(folder / "result.json", record)
-    written = write_stage_pictures(picture, calibration, template, folder, chosen.output.jpeg_quality)
+    summaries, written = [], []
+    for frame in frames:
+        picture, calibration = calibrate_frame(frame, chosen, mask)
+        record = result_record(calibration, template)
+        write_result(out / frame.id / "result.json", record)
+        written += write_stage_pictures(picture, calibration, template, out / frame.id, chosen.output.jpeg_quality)
+        summaries.append(summarise(record))
     if not quiet:
-        console.print_summaries([summarise(record)])
+        console.print_summaries(summaries)
         for path in written:
             console.print_line(str(path))
-    if calibration.status != "calibrated":
+    if any(summary.status != "calibrated" for summary in summaries):
         raise typer.Exit(1)

@@ -29,7 +29,7 @@ class Convention(StrEnum):
 FrameInputs = Annotated[
     list[Path],
     typer.Argument(
-        metavar="INPUT...", help="Pictures, annotation files, folders, patterns, sequences (x_%04d.png), lists (x.txt)."
+        metavar="INPUT", help="Pictures, annotation files, folders, patterns, sequences (x_%04d.png), lists (x.txt)."
     ),
 ]
 Keypoints = Annotated[
@@ -56,7 +56,7 @@ Size = Annotated[
     str | None,
     typer.Option("--size", metavar="WIDTHxHEIGHT", help="Size of the pictures, where an annotation file has none."),
 ]
-Inputs = Annotated[list[Path], typer.Argument(metavar="INPUT...", help="Pictures and folders of pictures.")]
+Inputs = Annotated[list[Path], typer.Argument(metavar="INPUT", help="Pictures and folders of pictures.")]
 Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for everything that is written.")]
 Mask = Annotated[
     Path | None,
@@ -84,7 +84,7 @@ CameraPrior = Annotated[
 Solver = Annotated[
     str | None, typer.Option("--solver", metavar="NAME", help="A published method instead of circlecal's camera.")
 ]
-Seed = Annotated[int | None, typer.Option("--seed", help="Seed of the random draws.")]
+Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Seed of the random draws.")]
 Radar = Annotated[bool, typer.Option("--radar", help="Also write the frame warped to the field plane.")]
 NoOverlay = Annotated[bool, typer.Option("--no-overlay", help="Do not write overlay pictures.")]
 Json = Annotated[bool, typer.Option("--json", help="Print results as JSON, one line each.")]

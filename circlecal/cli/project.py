@@ -23,7 +23,7 @@ class Target(StrEnum):
 def project(
     result: Annotated[Path, typer.Argument(metavar="RESULT", help="Result file of circlecal calibrate.")],
     coordinates: Annotated[
-        list[float], typer.Argument(metavar="X Y...", help="Pixels for --to field, metres for --to image.")
+        list[float], typer.Argument(metavar="X Y", help="Pixels for --to field, metres for --to image.")
     ],
     to: Annotated[Target, typer.Option("--to", help="field: pixels to metres; image: metres to pixels.")],
     as_json: options.Json = False,

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 
 from circlecal.errors import InputError
+
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 def write_atomic(path: Path, content: bytes) -> None:
@@ -55,7 +58,8 @@ def write_atomic_parts(path: Path, parts: Iterable[bytes]) -> None:
 
 def write_error(path: Path, error: OSError) -> InputError:
     """The error for a file that cannot be written."""
-    return InputError(f"{path}: cannot be written: {error.strerror or error}; free space or choose another --out")
+    mend = "free space or choose another --out" if error.errno in _FULL else "choose another --out"
+    return InputError(f"{path}: cannot be written: {error.strerror or error}; {mend}")
 
 
 def _umask() -> int:

@@ -13,7 +13,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from circlecal.errors import InputError
+from circlecal.errors import InputError, reading_failure
 from circlecal.formats.atomic import write_atomic
 
 KEYS = (
@@ -46,7 +46,7 @@ def prior_settings(path: Path) -> list[str]:
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read: {error}") from error
+        raise InputError(f"{path}: cannot be read: {reading_failure(error)}") from error
     except yaml.YAMLError as error:
         raise InputError(f"{path}: is neither YAML nor JSON: {' '.join(str(error).split())}") from error
     if not isinstance(content, dict):

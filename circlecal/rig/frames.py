@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from circlecal.camera_fit.model import PARAMETERS, Frame, camera_of, theta_of
-from circlecal.errors import InputError
+from circlecal.errors import InputError, reading_failure
 from circlecal.formats.records import read_records as read_lines
 from circlecal.formats.result import SCHEMA_VERSION
 from circlecal.geometry.homogeneous import Array
@@ -134,7 +134,9 @@ def _text(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read: {error}; give the folder of a batch, or result files") from error
+        raise InputError(
+            f"{path}: cannot be read: {reading_failure(error)}; give the folder of a batch, or result files"
+        ) from error
 
 
 def _parsed(text: str, source: str) -> dict[str, Any]:

@@ -19,7 +19,7 @@ import numpy as np
 from circlecal.api import calibrate_frame, prepare_folder
 from circlecal.batch import BatchProgress, run_batch
 from circlecal.config import Config, config_digest
-from circlecal.errors import CirclecalError, InputError
+from circlecal.errors import CirclecalError, InputError, reading_failure
 from circlecal.field import FieldTemplate
 from circlecal.formats.camera_prior import write_prior
 from circlecal.formats.images import Frame, find_frames
@@ -236,7 +236,7 @@ def read_cameras(path: Path) -> dict[str, str]:
         with path.open(encoding="utf-8-sig", newline="") as file:
             rows = list(csv.DictReader(file))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: cannot be read: {error}; give a CSV file with id,camera") from error
+        raise InputError(f"{path}: cannot be read: {reading_failure(error)}; give a CSV file with id,camera") from error
     found = {}
     for number, row in enumerate(rows, start=2):
         frame, camera = (row.get(name) or "" for name in ("id", "camera"))

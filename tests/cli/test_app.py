@@ -53,6 +53,28 @@ def test_ctrl_c_outside_a_command_is_one_line(run_circlecal, monkeypatch):
     assert run_circlecal("fields") == (130, "", "circlecal: interrupted\n")
 
 
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["--moon"], "No such option: --moon"),
+        (["moon"], "No such command 'moon'"),
+        (["bench", "moon"], "No such command 'moon'"),
+        (["calibrate"], "Missing argument 'INPUT'"),
+        (["calibrate", "x.jpg", "--seed", "-1"], "'--seed'"),
+        (["bench", "detect", "--count", "0"], "'--count'"),
+        (["synth", "out", "--profile", "moon"], "'moon' is not one of 'easy', 'broadcast'"),
+        (["project", "x.json", "--to", "field", "a", "b"], "'X Y'"),
+    ],
+)
+def test_wrong_use_is_one_line_that_names_the_help(run_circlecal, arguments, told):
+    outcome = run_circlecal(*arguments)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert len(outcome.err.splitlines()) == 1
+    assert outcome.err.startswith("circlecal: error: ")
+    assert told in outcome.err
+    assert outcome.err.endswith(" --help\n")
+
+
 def test_help_imports_nothing_heavy():
     code = f"import sys, circlecal.cli.app; print([m for m in {HEAVY} if m in sys.modules])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
