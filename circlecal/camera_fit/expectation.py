@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from circlecal.camera_fit.curves import ground_hidden, line_curve
-from circlecal.camera_fit.model import Frame, view
+from circlecal.camera_fit.model import Frame, View, view
 from circlecal.field import FieldTemplate
 from circlecal.geometry.homogeneous import Array
 
@@ -13,6 +13,8 @@ SAMPLES = 48
 """Along each line of the template, and along each seen one."""
 EXPECTED_WIDTHS = 0.15
 """A line of the template is expected to be seen where so much of it lies in the picture, in picture widths."""
+NARROWEST_PX, USUAL_WIDTH_M = 0.5, 0.1
+"""Paint that is narrower in the picture is not expected to be seen; its width where the template's has none."""
 SEEN_SHARE = 0.25
 """It is, where so much of that is."""
 END_SLACK_M = 2.0
@@ -39,6 +41,7 @@ def unseen_px(names: dict[int, str], segments: Array, theta: Array, template: Fi
     ahead = (seen.depth[0] > 0.1) & seen.unfolded[0]
     inside = ahead.reshape(len(ends), SAMPLES) & (x >= 0) & (x <= frame.width - 1)
     inside &= (y >= 0) & (y <= frame.height - 1)
+    inside &= _across_px(seen, ends, template) > NARROWEST_PX
     step = np.hypot(np.diff(x), np.diff(y)) * (inside[:, 1:] & inside[:, :-1])
     expected = step.sum(axis=1)
     total = 0.0
@@ -53,6 +56,16 @@ def unseen_px(names: dict[int, str], segments: Array, theta: Array, template: Fi
         if step[k][covered[1:] | covered[:-1]].sum() < SEEN_SHARE * expected[k]:
             total += float(expected[k])
     return total
+
+
+def _across_px(seen: View, ends: Array, template: FieldTemplate) -> Array:
+    """Width of the paint in the picture (K, N), pixels, at the samples of lines with the ends (K, 2, 2)."""
+    along = (ends[:, 1] - ends[:, 0]) / np.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1, keepdims=True)
+    x, y = np.repeat(along, SAMPLES, axis=0).T
+    tangent, across = seen.along(x[None], y[None])[0], seen.along(-y[None], x[None])[0]
+    area = np.abs(tangent[0] * across[1] - tangent[1] * across[0])
+    width = max(template.marking_width_m, USUAL_WIDTH_M) * area / np.maximum(np.hypot(*tangent), 1e-9)
+    return np.asarray(width.reshape(len(ends), SAMPLES))
 
 
 def overhanging_px(

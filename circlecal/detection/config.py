@@ -250,6 +250,12 @@ class LikelyConfig(BaseModel):
         le=1.0,
         description="As `share`, for an arc without a line through its middle, which other lines must confirm.",
     )
+    arc_share: float = Field(
+        default=0.12,
+        ge=0.0,
+        le=1.0,
+        description="Smallest share of a circle that is drawn without a gap where it is taken for an arc of the field.",
+    )
     side_share: float = Field(
         default=0.02,
         ge=0.0,
@@ -349,3 +355,8 @@ class DetectorConfig(BaseModel):
     first_pass: FirstPassConfig = Field(default=FirstPassConfig(), description="The first search.")
     second_pass: SecondPassConfig = Field(default=SecondPassConfig(), description="The second search.")
     candidates: int = Field(default=3, ge=1, le=20, description="Most candidates that are measured and reported.")
+    near_points: bool = Field(
+        default=False,
+        description="Whether hypotheses of points near each other are drawn too where no circle is found: the second"
+        " pass does.",
+    )

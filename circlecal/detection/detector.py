@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from circlecal.detection.arcs import SAME_ARC, distinct_arcs, drawn_arc, near_conics
 from circlecal.detection.circle import (
     MeasuredCircle,
     drawn_on_both_sides,
@@ -41,8 +42,6 @@ _SIGNS = {"light": 1.0, "dark": -1.0}
 _NO_FIELD = "no_field"
 _MARGIN = 0.012  # of the picture's width: by how much the second pass looks beyond the field
 _SHORTEST_RUN = 0.10  # picture widths: shorter straight runs are not reported
-_SAME_ARC = 0.003  # picture widths: arcs no further apart follow one marking
-_MOST_ARCS = 3
 _FEWEST_SECTORS = 8  # of a circle: fewer do not tell how much of it is painted
 _SHORTEST_HALFWAY = 0.04  # picture widths: of a piece of the halfway line of a circle that has no longer one
 
@@ -131,7 +130,9 @@ def thorough(config: DetectorConfig) -> DetectorConfig:
         }
     )
     candidates = second.effort * config.candidates
-    return config.model_copy(update={"ridges": ridges, "hypotheses": hypotheses, "candidates": candidates})
+    return config.model_copy(
+        update={"ridges": ridges, "hypotheses": hypotheses, "candidates": candidates, "near_points": True}
+    )
 
 
 def flat(config: DetectorConfig) -> DetectorConfig:
@@ -140,7 +141,7 @@ def flat(config: DetectorConfig) -> DetectorConfig:
     lowest = min(config.second_pass.flattest, config.hypotheses.axis_ratio[0])
     hypotheses = second.hypotheses.model_copy(update={"axis_ratio": (lowest, config.hypotheses.axis_ratio[1])})
     width = max(config.second_pass.flat_width_px, config.detection_width_px)
-    return second.model_copy(update={"hypotheses": hypotheses, "detection_width_px": width})
+    return second.model_copy(update={"hypotheses": hypotheses, "detection_width_px": width, "near_points": False})
 
 
 def detect(
@@ -245,21 +246,8 @@ def _searched(
             searches += [search] if search.found.circle is not None else []
     best = max(searches, key=_rank)
     arcs = [arc for search in searches if search.sign == best.sign for arc in search.found.arcs]
-    distinct = _distinct_arcs(arcs, best.found.hypothesis, _SAME_ARC * full_grey.shape[1])
+    distinct = distinct_arcs(arcs, best.found.hypothesis, SAME_ARC * full_grey.shape[1])
     return replace(best, found=replace(best.found, arcs=distinct))
-
-
-def _distinct_arcs(
-    arcs: list[CircleHypothesis], circle: CircleHypothesis | None, apart_px: float
-) -> tuple[CircleHypothesis, ...]:
-    """One of those that follow the same marking, the one that shows most of it; none that follows the circle."""
-    conics = [] if circle is None else [circle.conic]
-    kept: list[CircleHypothesis] = []
-    for arc in sorted(arcs, key=lambda found: -len(found.points)):
-        if all(np.median(np.abs(sampson_distance(conic, arc.points))) > apart_px for conic in conics):
-            kept.append(arc)
-            conics.append(arc.conic)
-    return tuple(kept[:_MOST_ARCS])
 
 
 def _search(
@@ -294,11 +282,19 @@ def _search(
     return _Search(region, ridges, runs, segments, found, scaling, sign)
 
 
-def _rank(search: _Search) -> tuple[bool, bool, bool, float]:
-    """A certain circle, better with its line, beats a likely one, which beats a refusal; then the better score."""
+def _rank(search: _Search) -> tuple[bool, bool, bool, float, int]:
+    """A certain circle, better with its line, beats a likely one, which beats a refusal; then the better score, and
+    without a circle the longest arc: the field is where it is.
+    """
     found = search.found
     score = found.hypothesis.score if found.hypothesis is not None else 0.0
-    return found.settled, found.circle is not None and found.certain, found.circle is not None, score
+    return (
+        found.settled,
+        found.circle is not None and found.certain,
+        found.circle is not None,
+        score,
+        max((len(arc.points) for arc in found.arcs), default=0),
+    )
 
 
 def _grown(hull: NDArray[np.uint8], margin: float) -> NDArray[np.uint8]:
@@ -356,7 +352,24 @@ def _find_circle(
     batch = refitted(batch, raster, tuple(max(1.2, reach * unit) for reach in (5.0, 2.0)))
     batch = ranked(batch, raster)
     watch.lap("refit")
-    return _first_accepted(full_grey, batch, raster, segments, scaling, config, watch, excluded)
+    found = _first_accepted(full_grey, batch, raster, segments, scaling, config, watch, excluded)
+    if found.circle is not None or not config.near_points:
+        return found
+    on_arcs = near_conics(scaling.full(ridges.points), [arc.conic for arc in found.arcs], SAME_ARC * full_grey.shape[1])
+    left = np.flatnonzero(usable & ~on_arcs)
+    drawn = config.hypotheses.model_copy(update={"draws": config.hypotheses.draws // config.second_pass.effort})
+    batch = draw_ellipses(ridges, usable & ~on_arcs, (columns, rows), drawn, rng, near=True)
+    watch.lap("hypotheses")
+    if len(batch) == 0:
+        return found
+    others = RidgeRaster(RidgePoints(ridges.points[left], ridges.normals[left], ridges.chain[left]), hull)
+    batch = best_distinct(batch, others, config.hypotheses.kept // config.second_pass.effort)
+    watch.lap("scoring")
+    batch = ranked(refitted(batch, others, tuple(max(1.2, reach * unit) for reach in (5.0, 2.0))), others)
+    watch.lap("refit")
+    again = _first_accepted(full_grey, batch, raster, segments, scaling, config, watch, excluded)
+    arcs = (*found.arcs, *again.arcs)
+    return replace(again if again.circle is not None else found, arcs=arcs)
 
 
 def _first_accepted(
@@ -418,6 +431,9 @@ def _first_accepted(
                 likely.append((circle, hypothesis, halfway))
             if halfway is None and likely_one and hypothesis.painted_share == 0.0:
                 arcs.append(hypothesis)
+        else:
+            arc = drawn_arc(circle, hypothesis, width, config.likely)
+            arcs += [] if arc is None else [arc]
         candidates.append(hypothesis)
         refusals.append(refusal or "")
     order = sorted(range(len(candidates)), key=lambda i: -candidates[i].score)

@@ -20,6 +20,7 @@ from circlecal.geometry.homogeneous import Array
 
 __all__ = ["EllipseBatch", "conics_from_tangents", "draw_ellipses", "ellipses_from_coefficients", "pencil_parameter"]
 
+_CELL = 0.05  # picture widths: size of the cells from which near points are drawn
 Rows = NDArray[np.floating[Any]]
 
 
@@ -132,6 +133,7 @@ def draw_ellipses(
     size: tuple[int, int],
     config: HypothesisConfig,
     rng: np.random.Generator,
+    near: bool = False,
 ) -> EllipseBatch:
     """Draw random triples of usable ridge points and keep the plausible ellipses.
 
@@ -144,6 +146,8 @@ def draw_ellipses(
         Width and height of the picture of the ridge points.
     config : HypothesisConfig
     rng : numpy.random.Generator
+    near : bool
+        Whether the points of a triple lie near each other: short arcs hold few of all points.
 
     Returns
     -------
@@ -156,7 +160,7 @@ def draw_ellipses(
     width, height = size
     unit = width / 2.0
     origin = np.array([(width - 1) / 2, (height - 1) / 2])
-    triples = _weighted_triples(ridges, index, width, config, rng)
+    triples = (_near_triples if near else _weighted_triples)(ridges, index, width, config, rng)
     rows = np.concatenate([(ridges.points - origin) / unit, ridges.normals], axis=1).astype(np.float32)
     drawn = np.ascontiguousarray(np.moveaxis(rows[triples], -1, 0))
     mu, agreement = pencil_parameter(drawn[:2], drawn[2:])
@@ -179,6 +183,24 @@ def _weighted_triples(
     weight = np.ceil(8.0 * np.minimum(ridges.chain[index], longest) / longest).astype(np.int64)
     urn = np.repeat(index, weight)
     return np.asarray(urn[rng.integers(0, len(urn), (3, config.draws))], np.int64)
+
+
+def _near_triples(
+    ridges: RidgePoints, index: NDArray[np.int64], width: int, config: HypothesisConfig, rng: np.random.Generator
+) -> NDArray[np.int64]:
+    """The same with the second and third point from the first one's cell of a grid, or from one of those around it."""
+    x, y = (ridges.points[index] // (_CELL * width)).astype(np.int64).T + 1
+    columns = int(x.max()) + 2
+    cell = y * columns + x
+    order = np.argsort(cell, kind="stable")
+    first = np.searchsorted(cell[order], np.arange((int(y.max()) + 2) * columns + 1))
+    drawn = rng.integers(0, len(index), config.draws)
+    aside = rng.integers(-1, 2, (2, 2, config.draws))
+    there = cell[drawn] + aside[0] * columns + aside[1]
+    count = first[there + 1] - first[there]
+    picked = order[np.minimum(first[there] + (rng.random(there.shape) * count).astype(np.int64), len(order) - 1)]
+    # two points that are the same make no conic
+    return np.asarray(index[np.vstack([drawn, np.where(count > 0, picked, drawn)])], np.int64)
 
 
 def _plausible(batch: EllipseBatch, size: tuple[int, int], config: HypothesisConfig) -> NDArray[np.bool_]:

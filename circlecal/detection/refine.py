@@ -90,8 +90,11 @@ def measure_band(
     noise = _background_noise(profile, left, right, rim, inside)
     supported = inside & (contrast > max(config.minimum_contrast, config.noise_factor * noise))
     supported &= np.abs(right - left) <= config.step_share * contrast + noise
+    tolerance = np.maximum(0.8, 0.12 * reach_px)
+    # the noise of bare surface is no paint, and must not be what is usual
+    supported = _coherent(supported, offset, tolerance)
     supported = _locally_usual(supported, contrast, pieces, config.weakest, config.strongest)
-    supported = _coherent(supported, offset, np.maximum(0.8, 0.12 * reach_px))
+    supported = _coherent(supported, offset, tolerance)
     return BandProfile(offset, contrast.astype(np.float64) * sign, full_width, inside, supported)
 
 

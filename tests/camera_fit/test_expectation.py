@@ -64,6 +64,16 @@ def test_lines_outside_the_picture_and_short_ones_are_not_expected():
     assert shown == pytest.approx(1080.0, rel=0.1)  # the halfway line from the top of the picture to its bottom
 
 
+def test_paint_too_thin_to_be_seen_is_not_expected():
+    """A pitchside camera sees the touchline on the other side half a pixel wide, the penalty area's lines wider."""
+    low = aimed_camera(np.array([-10.0, 62.0, -4.0]), np.array([-36.0, 10.0, 0.0]), 2400.0, 0.0, 1920, 1080)
+    missing = unseen_px({}, np.zeros((0, 2, 2)), theta_of(low, FRAME), SOCCER, FRAME)
+    high = aimed_camera(np.array([-10.0, 62.0, -18.0]), np.array([-36.0, 10.0, 0.0]), 2400.0, 0.0, 1920, 1080)
+    far = high.project(np.linspace([-52.5, -34.0], [52.5, -34.0], 2000))
+    assert length(far[inside_frame(far, 1920, 1080)][[0, -1]]) > 800
+    assert missing < unseen_px({}, np.zeros((0, 2, 2)), theta_of(high, FRAME), SOCCER, FRAME) - 800
+
+
 def test_lines_end_with_their_markings():
     segment = visible("big_rect_left_main")
     assert overhanging_px({0: "big_rect_left_main"}, segment[None], THETA, SOCCER, FRAME) == 0.0

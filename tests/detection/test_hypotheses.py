@@ -80,6 +80,23 @@ def test_the_ellipse_is_among_the_hypotheses() -> None:
     assert np.count_nonzero(close) > 30
 
 
+def test_a_short_arc_is_found_by_points_near_each_other() -> None:
+    random = np.random.default_rng(5)
+    ellipse = Ellipse(np.array([500.0, 260.0]), (220.0, 70.0), 0.0)
+    angle, turn = random.uniform(-0.9, 0.3, 150), random.uniform(0, np.pi, 3000)
+    points = np.concatenate([ellipse.points(angle), random.uniform((0, 0), (960, 540), (3000, 2))])
+    normals = np.concatenate([ellipse.normals(angle), np.stack([np.cos(turn), np.sin(turn)], axis=-1)])
+    ridges, config = RidgePoints(points, normals, np.full(3150, 40)), HypothesisConfig(draws=12000)
+    usable = np.ones(3150, np.bool_)
+    found = []
+    for near in (True, False):
+        batch = draw_ellipses(ridges, usable, (960, 540), config, np.random.default_rng(6), near=near)
+        close = np.abs(batch.centers - ellipse.center).max(axis=1) < 3
+        found.append(np.count_nonzero(close & (np.abs(batch.great_lengths - 220) < 4)))
+    assert found[0] > 20
+    assert found[1] < 10
+
+
 def test_points_on_lines_are_not_drawn() -> None:
     ellipse, ridges = cluttered()
     usable = np.arange(2400) >= 800
