@@ -32,6 +32,7 @@ from circlecal.stages.correspondences import derive_correspondences
 from circlecal.stages.cues import cues_from_observations, find_cues
 from circlecal.stages.edges import detect_edges
 from circlecal.stages.ellipse import fit_ellipses, fit_observed
+from circlecal.stages.faint_lines import find_faint_lines
 from circlecal.stages.homography import estimate_homography
 from circlecal.stages.mask import find_marking
 from circlecal.stages.rays import cast_rays, measure_along_model
@@ -137,6 +138,19 @@ class Chain:
             return None
         others = tuple(c for c in observations.circles if c.circle not in found)
         self.reached["observations"] = replace(observations, circles=(*found.values(), *others))
+        return self.reached["observations"]
+
+    def with_faint_lines(self, brightness: NDArray[np.uint8], observations: Observations) -> Observations | None:
+        """The same observations and the straight markings that stand out only where the camera may put them."""
+        with self.clock("cues"):
+            picture = self.with_light_markings(brightness)
+            found = find_faint_lines(picture, self.reached["camera"], self.template, self.circle)
+        if not found:
+            return None
+        cues: Cues = self.reached["cues"]
+        self.reached["cues"] = replace(cues, lines=(*cues.lines, *found))
+        lines = (LinePoints(None, line.points_px, line.sigma_px) for line in found)
+        self.reached["observations"] = replace(observations, lines=(*observations.lines, *lines))
         return self.reached["observations"]
 
     def from_observations(self, observations: Observations) -> Verdict:

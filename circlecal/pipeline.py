@@ -51,6 +51,8 @@ MOST_ASSIGNMENTS = 3
 """How often."""
 PARTIAL_DEG = 240.0
 """The same where less of the circle is seen: an ellipse fitted to a part of it leaves the paint beyond."""
+UNCERTAIN_PX = 12.0
+"""Largest predicted error, pixels at 1920 px width, from which on fainter straight markings are looked for."""
 ARC_ALONE = (
     "a part of a circle is seen without a line through its middle, and no other markings tell how it is turned, "
     "or that it is no penalty arc"
@@ -242,9 +244,33 @@ class _Attempts:
                 again = chain.seen_again(self.brightness, observations, turned)
                 if again is not None:
                     verdict = chain.answer(ellipses, cues, again, camera if turned else None)
+            verdict = self._with_faint_lines(verdict, ellipses, cues)
         except EstimationError as error:
             return refused(error)
-        return self._looked_at(verdict, ellipses, cues, observations)
+        return self._looked_at(verdict, ellipses, chain.reached["cues"], chain.reached["observations"])
+
+    def _with_faint_lines(self, verdict: Verdict, ellipses: EllipseFits, cues: Cues) -> Verdict:
+        """The answer with straight markings that only an uncertain camera finds, where it is the better one."""
+        chain = self.chain
+        camera: CameraFit | None = chain.reached.get("camera")
+        uncertain = verdict.status == "calibrated" or verdict.code == "too_uncertain"
+        if camera is None or cues.halfway is None or not uncertain or not chain.config.cues.further_lines:
+            return verdict
+        if camera.max_sigma_px < UNCERTAIN_PX * chain.width / 1920.0:
+            return verdict
+        before = dict(chain.reached)
+        observations = chain.with_faint_lines(self.brightness, chain.reached["observations"])
+        if observations is None:
+            return verdict
+        try:
+            again = chain.answer(ellipses, chain.reached["cues"], observations)
+        except EstimationError:
+            again = None
+        found: CameraFit = chain.reached["camera"]
+        if again is not None and again.status == "calibrated" and found.max_sigma_px < camera.max_sigma_px:
+            return again
+        chain.reached = before
+        return verdict
 
     def _looked_at(self, verdict: Verdict, ellipses: EllipseFits, cues: Cues, observations: Observations) -> Verdict:
         """The verdict after the picture was looked at once more, where the camera puts the markings."""

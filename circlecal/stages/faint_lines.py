@@ -1,0 +1,256 @@
+"""Straight markings too faint to be seen anywhere, but not in their sum: looked for where an uncertain camera may put
+them.
+
+One circle leaves focal length, distance and height to each other; every other marking is then predicted as a curve that
+can be shifted and turned a little. A matched filter is summed along each such curve; the far touchline, a third of a
+pixel wide, stands out of two thousand pixels where it does not in fifty.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.camera_fit.model import INDEX, Frame, fitted_frame, view
+from circlecal.field import Circle, FieldTemplate
+from circlecal.geometry.homogeneous import Array, fit_line, line_distance
+from circlecal.profiles import sample_profiles
+from circlecal.results import CameraFit, LineCue, Segment
+
+__all__ = ["find_faint_lines"]
+
+WIDTH_PX = 2.0
+"""Of the paint as blur leaves it, at 1920 px width, like all lengths here."""
+TAPS = 4
+"""Samples across per width of the paint."""
+SPACING_PX, JOINED = 4.0, 3
+"""Distance of the profiles along a marking, and how many neighbours are averaged at once."""
+NODES = 400
+"""Along each marking of the template."""
+SHORTEST_WIDTHS = 0.15
+"""Shorter parts of a marking, picture widths, are not looked for."""
+NEAREST_M = 0.5
+"""Depth before the camera from which on the field counts as seen."""
+SIGMAS, LEAST_SHIFT_PX, LARGEST_SHIFT_PX = 3.0, 60.0, 160.0
+"""How far a marking is shifted: standard deviations of its place, at least so far (what the others are compared with),
+and no further.
+"""
+LEAST_TURN_PX, TURNS = 4.0, 20
+"""How far its ends are turned at least, and in how many steps to either side at most."""
+PIECE_PX = 240.0
+"""Long pieces of the marking must each be lighter than both sides: a step in brightness is no marking."""
+CLIPPED = 3.0
+"""Single responses count up to so many standard deviations: players and captions are outliers."""
+STANDING_OUT, RIVAL_SHARE, RIVAL_PX = 5.0, 0.6, 6.0
+"""By how many standard deviations of the sums a marking must stand out, how much less any other place further off than
+this may.
+"""
+MEASURED_PX, WITHIN_PX = 60.0, 3.0
+"""A point is measured on each such piece, so near to the best shift."""
+LEAST_SIGMA_PX = 0.3
+"""Standard deviation of a measured point at least."""
+FEWEST_POINTS = 8
+_SIZES = ("width", "length", "breadth")
+
+
+@dataclass(frozen=True, slots=True)
+class _Course:
+    """Where a camera puts a marking: places and normals (M, 2) in the picture, px, and how the marking moves along the
+    normals with the two most uncertain combinations of the camera's parameters, (M, 2) px per standard deviation.
+    """
+
+    places: Array
+    normals: Array
+    modes: Array
+
+
+@dataclass(frozen=True, slots=True)
+class _Responses:
+    """How much lighter each place is than its left and its right side (M, S), at shifts (S,) px along the normal; zero
+    where the picture ends.
+    """
+
+    left: Array
+    right: Array
+    seen: NDArray[np.bool_]
+    shifts: Array
+
+
+def find_faint_lines(
+    picture: NDArray[np.uint8], fit: CameraFit, template: FieldTemplate, circle: Circle
+) -> tuple[LineCue, ...]:
+    """Straight markings other than the halfway line, where their sum along a curve stands out.
+
+    Parameters
+    ----------
+    picture : (H, W) uint8
+        Brightness, with the markings lighter than the field.
+    fit : CameraFit
+        An uncertain camera.
+    template : FieldTemplate
+        The field.
+    circle : Circle
+        The circle that the camera was fitted to.
+
+    Returns
+    -------
+    tuple of LineCue
+        Without names: which marking it is shows only together with the others.
+    """
+    frame = fitted_frame(fit, circle)
+    ends, shifts = template.drawn_lines
+    found: list[LineCue] = []
+    for index, line in enumerate(template.lines):
+        if line.name == template.halfway_line:
+            continue
+        course = _course(fit, frame, ends[index], shifts[index])
+        shift = None if course is None else _best_shift(picture, course, frame.width / 1920.0)
+        cue = None if course is None or shift is None else _measured(picture, course, shift, frame.width / 1920.0)
+        if cue is not None and not any(_same(cue, other, frame.width / 1920.0) for other in found):
+            found.append(cue)
+    return tuple(found)
+
+
+def _course(fit: CameraFit, frame: Frame, ends: Array, shift: Array) -> _Course | None:
+    """The part in the picture of a marking between two ends (2, 2) that moves with the field's sizes by ``shift`` (3,
+    2); None where it is short.
+    """
+    spacing_px = SPACING_PX * frame.width / 1920.0
+    start, span = ends[0] + fit.theta[[INDEX[name] for name in _SIZES]] @ shift, ends[1] - ends[0]
+    share = np.linspace(0.0, 1.0, NODES)
+    seen = view(fit.theta[None], *(start[:, None] + span[:, None] * share)[:, None], frame)
+    pixels = seen.pixels[0].T
+    ahead = (seen.depth[0] > NEAREST_M) & seen.unfolded[0]
+    inside = np.flatnonzero(ahead & ((pixels >= 0) & (pixels <= (frame.width - 1, frame.height - 1))).all(axis=1))
+    if len(inside) < 3:
+        return None
+    part = slice(inside[0], inside[-1] + 1)
+    if not ahead[part].all():
+        return None
+    length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(pixels[part], axis=0).T))])
+    if length[-1] < SHORTEST_WIDTHS * frame.width:
+        return None
+    along = np.interp(np.arange(0.5 * spacing_px, length[-1], spacing_px), length, share[part])
+    seen = view(fit.theta[None], *(start[:, None] + span[:, None] * along)[:, None], frame)
+    places = seen.pixels[0].T
+    tangents = np.gradient(places, axis=0)
+    tangents /= np.maximum(np.hypot(tangents[:, :1], tangents[:, 1:]), 1e-9)
+    normals = np.stack([-tangents[:, 1], tangents[:, 0]], axis=-1)
+    by_theta, by_field = (rows[0] for rows in seen.gradient(normals.T[None]))
+    by_theta[[INDEX[name] for name in _SIZES]] += shift @ by_field
+    joint = by_theta.T @ fit.covariance @ by_theta
+    values, vectors = np.linalg.eigh(joint)
+    return _Course(places, normals, (vectors[:, -2:] * np.sqrt(np.maximum(values[-2:], 0.0)))[:, ::-1])
+
+
+def _best_shift(picture: NDArray[np.uint8], course: _Course, unit: float) -> Array | None:
+    """Shift (M,) px along the normals of the curve that alone stands out, or None."""
+    reach = np.maximum(np.abs(course.modes).max(axis=0), 1e-6)
+    furthest = np.clip(SIGMAS * reach[0], LEAST_SHIFT_PX * unit, LARGEST_SHIFT_PX * unit)
+    turned = max(SIGMAS * reach[1], LEAST_TURN_PX * unit)
+    steps = min(TURNS, int(np.ceil(turned / (2.0 * unit))))
+    first = np.arange(-furthest, furthest + unit, unit) / reach[0]
+    second = np.arange(-steps, steps + 1) * (turned / steps / reach[1])
+    responses = _responses(picture, course, furthest + turned, unit)
+    modes = _joined(course.modes)
+    sums = np.array([_sums(responses, first[:, None] * modes[:, 0] + turn * modes[:, 1], unit) for turn in second])
+    middle = np.median(sums)
+    sums = (sums - middle) / max(1.4826 * float(np.median(np.abs(sums - middle))), 1e-9)
+    turn, at = np.unravel_index(int(sums.argmax()), sums.shape)
+    rival = np.abs(first - first[at]) * reach[0] > RIVAL_PX * unit
+    best = float(sums[turn, at])
+    if best < STANDING_OUT or float(sums[:, rival].max(initial=-np.inf)) > RIVAL_SHARE * best:
+        return None
+    return np.asarray(first[at] * course.modes[:, 0] + second[turn] * course.modes[:, 1])
+
+
+def _joined(values: Array) -> Array:
+    """Means (M // JOINED, ...) over neighbours."""
+    count = len(values) // JOINED
+    return np.asarray(values[: count * JOINED].reshape(count, JOINED, -1).mean(axis=1))
+
+
+def _responses(picture: NDArray[np.uint8], course: _Course, furthest_px: float, unit: float) -> _Responses:
+    step = WIDTH_PX * unit / TAPS
+    reach = furthest_px + 3.0 * WIDTH_PX * unit
+    offsets = np.arange(-reach, reach + step, step)
+    profiles = _joined(sample_profiles(picture, course.places, course.normals, offsets).astype(np.float64))
+    seen = np.isfinite(profiles)
+    total = np.cumsum(np.pad(np.where(seen, profiles, 0.0), ((0, 0), (1, 0))), axis=1)
+    means = (total[:, TAPS:] - total[:, :-TAPS]) / TAPS  # of TAPS samples from each on
+    size = len(offsets) - 4 * TAPS
+    # half a width of blur lies between the paint and the surface that it is compared with
+    left, middle, right = (means[:, start : start + size] for start in (0, 3 * TAPS // 2, 3 * TAPS))
+    seen = seen[:, :size] & seen[:, 4 * TAPS :]
+    return _Responses(*(_clipped(middle - side, seen) for side in (left, right)), seen, offsets[2 * TAPS : -2 * TAPS])
+
+
+def _clipped(response: Array, seen: NDArray[np.bool_]) -> Array:
+    usual = 1.4826 * float(np.median(np.abs(response[seen]))) if seen.any() else 0.0
+    return np.asarray(np.where(seen, np.clip(response, -CLIPPED * usual, CLIPPED * usual), 0.0))
+
+
+def _sums(responses: _Responses, shifts: Array, unit: float) -> Array:
+    """How much lighter curves with these shifts (A, M) are than their surroundings (A,)."""
+    step = responses.shifts[1] - responses.shifts[0]
+    at = np.rint((shifts - responses.shifts[0]) / step).astype(np.int64)
+    at = np.clip(at, 0, responses.left.shape[1] - 1)
+    rows = np.arange(shifts.shape[1])
+    pieces = max(1, round(len(rows) * SPACING_PX * JOINED / PIECE_PX))
+    starts = np.unique(np.linspace(0, len(rows), pieces, endpoint=False).astype(np.int64))
+    left, right = (np.add.reduceat(side[rows, at], starts, axis=1) for side in (responses.left, responses.right))
+    count = np.count_nonzero(responses.seen[rows, at], axis=1)
+    return np.asarray(np.minimum(left, right).sum(axis=1) / np.sqrt(np.maximum(count, len(rows) / 3)))
+
+
+def _measured(picture: NDArray[np.uint8], course: _Course, shift: Array, unit: float) -> LineCue | None:
+    """Points of a marking, each from the mean profile of a piece of it."""
+    places = course.places + shift[:, None] * course.normals
+    step = WIDTH_PX * unit / TAPS
+    reach = (WITHIN_PX + 3.0 * WIDTH_PX) * unit
+    offsets = np.arange(-reach, reach + step, step)
+    profiles = sample_profiles(picture, places, course.normals, offsets).astype(np.float64)
+    whole = np.isfinite(profiles).all(axis=1)
+    pieces = np.arange(len(places)) // max(2, round(MEASURED_PX / SPACING_PX))
+    points, sigmas = [], []
+    for piece in range(int(pieces[-1]) + 1):
+        own = whole & (pieces == piece)
+        if np.count_nonzero(own) < 0.5 * MEASURED_PX / SPACING_PX:
+            continue
+        middle, sigma = _middle(np.median(profiles[own], axis=0), offsets, unit)
+        if np.isfinite(middle):
+            points.append((places[own] + middle * course.normals[own]).mean(axis=0))
+            sigmas.append(sigma)
+    if len(points) < FEWEST_POINTS:
+        return None
+    measured, sigma_px = np.array(points), np.array(sigmas)
+    line = fit_line(measured, 1.0 / sigma_px**2)
+    off = np.abs(line_distance(line, measured))
+    rms = float(np.sqrt(np.mean(off**2)))
+    segment = Segment(measured[0], measured[-1], len(points) / (int(pieces[-1]) + 1))
+    return LineCue(None, line, measured, sigma_px, segment, rms)
+
+
+def _middle(profile: Array, offsets: Array, unit: float) -> tuple[float, float]:
+    """Where a mean profile (S,) is lightest against both sides, and how well that is known, px."""
+    total = np.concatenate([[0.0], np.cumsum(profile)])
+    means = (total[TAPS:] - total[:-TAPS]) / TAPS
+    size = len(profile) - 4 * TAPS
+    left, middle, right = (means[start : start + size] for start in (0, 3 * TAPS // 2, 3 * TAPS))
+    response = middle - np.maximum(left, right)
+    at = offsets[2 * TAPS : -2 * TAPS]
+    near = np.flatnonzero(np.abs(at) <= WITHIN_PX * unit)
+    best = int(near[response[near].argmax()])
+    noise = 1.4826 * float(np.median(np.abs(np.diff(profile, 2)))) / np.sqrt(6.0) + 1e-6
+    weight = np.maximum(response[near] - 0.5 * response[best], 0.0) * (np.abs(at[near] - at[best]) <= WIDTH_PX * unit)
+    if response[best] <= 0.0 or weight.sum() <= 0.0:
+        return float("nan"), float("nan")
+    sigma = WIDTH_PX * unit * noise / float(response[best])
+    return float(weight @ at[near] / weight.sum()), max(LEAST_SIGMA_PX * unit, sigma)
+
+
+def _same(one: LineCue, other: LineCue, unit: float) -> bool:
+    """Whether two lines are one marking of the picture."""
+    return float(np.median(np.abs(line_distance(other.line, one.points_px)))) < RIVAL_PX * unit
