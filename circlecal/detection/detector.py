@@ -29,7 +29,7 @@ from circlecal.detection.result import CircleHypothesis, Detection, LineSegment
 from circlecal.detection.ridges import RidgePoints, find_ridges
 from circlecal.detection.ruled_out import assigned_alike, segments_left
 from circlecal.detection.scoring import RidgeRaster, best_distinct, ranked, refitted, support_of
-from circlecal.detection.sides import painted_on_one_surface
+from circlecal.detection.sides import paint_colour, painted_alike, painted_on_one_surface
 from circlecal.geometry.conics import sampson_distance
 from circlecal.geometry.homogeneous import Array
 from circlecal.profiles import grey as brightness_of
@@ -184,7 +184,7 @@ def detect(
     watch.lap("field")
     search = _searched(image_bgr, full_grey, region, config, rng, watch, excluded)
     ridges, runs, segments, found = search.ridges, search.runs, search.segments, search.found
-    kept = _straight_markings(image_bgr, segments, found.hypothesis)
+    kept = _straight_markings(image_bgr, segments, found.circle, found.hypothesis)
     watch.lap("surfaces")
     halfway = None if found.halfway is None else LineSegment(*found.halfway.ends, support=found.halfway.support)
     detection = Detection(
@@ -448,12 +448,14 @@ def _first_accepted(
 
 
 def _straight_markings(
-    image_bgr: NDArray[np.uint8], segments: Array, circle: CircleHypothesis | None
+    image_bgr: NDArray[np.uint8], segments: Array, circle: MeasuredCircle | None, hypothesis: CircleHypothesis | None
 ) -> NDArray[np.int64]:
-    """Indices of the segments (K, 2, 2) that are painted on one surface and no part of the circle."""
+    """Indices of the segments (K, 2, 2) that are painted on one surface, with the circle's paint, and no part of it."""
     straight = painted_on_one_surface(image_bgr, segments)
-    if circle is not None:
-        straight &= ~_lie_on_circle(segments, circle.conic, image_bgr.shape[1])
+    if circle is not None and hypothesis is not None:
+        straight &= ~_lie_on_circle(segments, hypothesis.conic, image_bgr.shape[1])
+        colour = paint_colour(image_bgr, circle.marking_points, circle.normals[circle.band.supported])
+        straight &= painted_alike(image_bgr, segments, colour)
     return np.flatnonzero(straight)
 
 

@@ -1,4 +1,6 @@
-"""Whether a straight run is painted on one surface, or is the border between two (the foot of a board, a track)."""
+"""Whether a straight run is painted on one surface, or is the border between two (the foot of a board, a track); and
+whether in the paint of the circle.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +9,13 @@ from numpy.typing import NDArray
 
 from circlecal.geometry.homogeneous import Array
 
-__all__ = ["painted_on_one_surface"]
+__all__ = ["paint_colour", "painted_alike", "painted_on_one_surface"]
 
 _SAMPLES = 48  # along each segment
 _NEAR_PX1280, _FAR_PX1280 = 3.5, 5.5  # where the surface beside a marking is looked at
 _ALIKE = 0.06  # largest difference of a colour's share of the sum of the three
+_ONE_PAINT = 0.9  # least cosine between the colours that two markings in one paint add to the surface
+_LEAST_COLOUR = 4.0  # grey levels that a marking must add to its surface for their colour to be told
 
 
 def painted_on_one_surface(image_bgr: NDArray[np.uint8], segments: Array) -> NDArray[np.bool_]:
@@ -29,16 +33,57 @@ def painted_on_one_surface(image_bgr: NDArray[np.uint8], segments: Array) -> NDA
     """
     if len(segments) == 0:
         return np.zeros(0, np.bool_)
-    height, width = image_bgr.shape[:2]
+    beside = _beside(image_bgr, *_samples(segments)).reshape(len(segments), _SAMPLES, 2, -1, 3)
+    colour = beside.mean(axis=-2) + 1.0  # of each sample and side
+    share = np.median(colour / colour.sum(axis=-1, keepdims=True), axis=1)
+    return np.asarray(np.abs(share[:, 0] - share[:, 1]).max(axis=-1) <= _ALIKE, np.bool_)
+
+
+def paint_colour(image_bgr: NDArray[np.uint8], points: Array, normals: Array) -> Array:
+    """What the paint of a marking adds to the blue, green and red of its surface: medians (3,) over points on it.
+
+    Parameters
+    ----------
+    image_bgr : (H, W, 3) uint8
+    points, normals : (N, 2) array
+        Middle of the marking, px, and unit normals.
+    """
+    return np.asarray(np.median(_added(image_bgr, points, normals), axis=0)) if len(points) else np.zeros(3)
+
+
+def painted_alike(image_bgr: NDArray[np.uint8], segments: Array, colour: Array) -> NDArray[np.bool_]:
+    """Whether each segment (K, 2, 2) adds the colour (3,) of another marking's paint to the surface, in whatever
+    strength; also where one of the two is too faint to tell.
+    """
+    if len(segments) == 0:
+        return np.zeros(0, np.bool_)
+    added = np.median(_added(image_bgr, *_samples(segments)).reshape(len(segments), _SAMPLES, 3), axis=1)
+    strength, usual = np.sqrt((added * added).sum(axis=-1)), float(np.sqrt(colour @ colour))
+    alike = added @ colour >= _ONE_PAINT * strength * usual
+    return np.asarray(alike | (np.minimum(strength, usual) < _LEAST_COLOUR), np.bool_)
+
+
+def _samples(segments: Array) -> tuple[Array, Array]:
+    """Places along segments (K, 2, 2), one segment after the other, and unit normals there, (K * _SAMPLES, 2) each."""
     span = segments[:, 1] - segments[:, 0]
     normal = np.stack([span[:, 1], -span[:, 0]], axis=-1)
     normal /= np.maximum(np.hypot(normal[:, :1], normal[:, 1:]), 1e-9)
     along = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
     points = segments[:, None, 0] + along[:, None] * span[:, None]
+    return points.reshape(-1, 2), np.repeat(normal, _SAMPLES, axis=0)
+
+
+def _added(image_bgr: NDArray[np.uint8], points: Array, normals: Array) -> Array:
+    """Colour (N, 3) of each place less that of its sides."""
+    x, y = np.clip(np.rint(points), 0, (image_bgr.shape[1] - 1, image_bgr.shape[0] - 1)).astype(np.int64).T
+    return np.asarray(image_bgr[y, x] - _beside(image_bgr, points, normals).mean(axis=(1, 2)))
+
+
+def _beside(image_bgr: NDArray[np.uint8], points: Array, normals: Array) -> Array:
+    """Colours (N, 2, S, 3) on both sides of places (N, 2)."""
+    height, width = image_bgr.shape[:2]
     steps = np.array([[-1.0], [1.0]]) * np.linspace(_NEAR_PX1280, _FAR_PX1280, 3) * max(1.0, width / 1280.0)
-    places = points[:, :, None, None] + steps[..., None] * normal[:, None, None, None]
+    places = points[:, None, None] + steps[..., None] * normals[:, None, None]
     x, y = np.clip(np.rint(places), 0, (width - 1, height - 1)).astype(np.int64).reshape(-1, 2).T
-    beside = image_bgr.reshape(-1, 3).take(y * width + x, axis=0).reshape(*places.shape[:-1], 3)
-    colour = beside.sum(axis=-2, dtype=np.float64) / 3 + 1.0  # of each sample and side
-    share = np.median(colour / colour.sum(axis=-1, keepdims=True), axis=1)
-    return np.asarray(np.abs(share[:, 0] - share[:, 1]).max(axis=-1) <= _ALIKE, np.bool_)
+    beside = image_bgr.reshape(-1, 3).take(y * width + x, axis=0)
+    return np.asarray(beside.reshape(*places.shape[:-1], 3), np.float64)
