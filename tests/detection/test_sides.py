@@ -1,6 +1,7 @@
 import numpy as np
+import pytest
 
-from circlecal.detection.sides import painted_on_one_surface
+from circlecal.detection.sides import paint_colour, painted_alike, painted_on_one_surface
 
 SEGMENTS = np.array([[[20.0, 100.0], [620.0, 100.0]], [[20.0, 200.0], [620.0, 210.0]]])
 
@@ -26,3 +27,18 @@ def test_shade_beside_a_line_changes_nothing() -> None:
 
 def test_no_segments() -> None:
     assert painted_on_one_surface(picture((0, 0, 0)), np.zeros((0, 2, 2))).shape == (0,)
+
+
+def test_another_paint_than_the_circle_s_is_no_marking_of_the_field() -> None:
+    image = np.full((360, 640, 3), (60, 130, 70), np.uint8)
+    image[99:102] = (230, 230, 230)
+    image[199:202] = (50, 190, 200)
+    image[149:152] = (80, 145, 88)
+    normals, points = np.tile([0.0, 1.0], (90, 1)), np.stack([np.linspace(20, 620, 90), np.full(90, 100.0)], axis=-1)
+    white = paint_colour(image, points, normals)
+    assert white == pytest.approx([170, 100, 160], abs=1)
+    lines = np.array([[[20.0, y], [620.0, y]] for y in (100.0, 150.0, 200.0, 300.0)])
+    assert painted_alike(image, lines, white).tolist() == [True, True, False, True]
+    assert painted_alike(image, lines, np.zeros(3)).all()
+    assert painted_alike(image, lines[:0], white).shape == (0,)
+    assert paint_colour(image, points[:0], normals[:0]).tolist() == [0.0, 0.0, 0.0]

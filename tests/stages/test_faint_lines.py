@@ -1,0 +1,61 @@
+"""Markings that no single place shows, looked for along the one direction in which a camera is uncertain."""
+
+import cv2
+import numpy as np
+import pytest
+
+from circlecal.camera_fit.model import PARAMETERS, Frame, theta_of
+from circlecal.stages.faint_lines import find_faint_lines
+
+from .conftest import CIRCLE, SOCCER, view
+from .test_verdict import camera_fit
+
+TRUE = view(position=(3.0, 60.0, -16.0), target=(0.0, -8.0, 0.0), focal=1500.0)
+FURTHER = view(position=(3.0, 70.0, -19.5), target=(0.0, -7.2, 0.0), focal=1750.0)
+FAR_TOUCHLINE = np.stack([np.linspace(-52.5, 52.5, 400), np.full(400, -34.0 + 0.06)], axis=-1)
+
+
+def fit_of(camera=FURTHER, other=TRUE):
+    """A fit that is one standard deviation from another camera, and knows hardly anything else less well."""
+    theta, truth = (theta_of(c, Frame(c.width, c.height, "flat", CIRCLE.radius_m)) for c in (camera, other))
+    covariance = np.outer(theta - truth, theta - truth) + np.diag(np.where(np.arange(len(PARAMETERS)) < 4, 1e-9, 0.0))
+    return camera_fit(camera, theta=theta, covariance=covariance, parameters=PARAMETERS)
+
+
+def picture(contrast=0.0, step=0.0, noise=6.0):
+    """Noise, with the far touchline, or with a surface that is darker from there on."""
+    pixels = TRUE.project(FAR_TOUCHLINE)
+    drawn = np.full((TRUE.height, TRUE.width), 90.0)
+    if contrast:
+        fixed = np.round(16 * pixels).astype(np.int32)[:, None]
+        cv2.polylines(drawn, [fixed], False, (90.0 + contrast,), 2, cv2.LINE_AA, 4)
+    border = np.interp(np.arange(TRUE.width), pixels[:, 0], pixels[:, 1])
+    drawn -= step * (np.arange(TRUE.height)[:, None] < border)
+    drawn = cv2.GaussianBlur(drawn, (0, 0), 0.8)
+    drawn += np.random.default_rng(3).normal(0, noise, drawn.shape)
+    return drawn.clip(0, 255).astype(np.uint8)
+
+
+def test_a_touchline_that_single_places_do_not_show():
+    (found,) = find_faint_lines(picture(contrast=5.0), fit_of(), SOCCER, CIRCLE)
+    assert found.name is None
+    truth = TRUE.project(FAR_TOUCHLINE)
+    off = found.points_px[:, 1] - np.interp(found.points_px[:, 0], truth[:, 0], truth[:, 1])
+    assert abs(off.mean()) < 0.3
+    assert np.abs(off).max() < 2.0
+    assert np.ptp(found.points_px[:, 0]) > 0.8 * TRUE.width
+    predicted = FURTHER.project(FAR_TOUCHLINE)
+    moved = found.points_px[:, 1] - np.interp(found.points_px[:, 0], predicted[:, 0], predicted[:, 1])
+    assert np.abs(np.median(moved)) > 5.0
+
+
+@pytest.mark.parametrize("shown", [{}, {"step": 12.0}])
+def test_noise_and_the_border_between_two_surfaces_are_no_marking(shown):
+    assert find_faint_lines(picture(**shown), fit_of(), SOCCER, CIRCLE) == ()
+
+
+def test_two_lines_that_may_each_be_the_one_say_nothing():
+    upper, lower = picture(contrast=5.0), picture(contrast=5.0)
+    twice = lower.copy()
+    twice[:255] = upper[24:279]  # the same line 24 px higher, on a surface of its own
+    assert find_faint_lines(twice, fit_of(), SOCCER, CIRCLE) == ()
