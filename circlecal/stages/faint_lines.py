@@ -120,7 +120,8 @@ def _course(fit: CameraFit, frame: Frame, ends: Array, shift: Array) -> _Course 
     spacing_px = SPACING_PX * frame.width / 1920.0
     start, span = ends[0] + fit.theta[[INDEX[name] for name in _SIZES]] @ shift, ends[1] - ends[0]
     share = np.linspace(0.0, 1.0, NODES)
-    seen = view(fit.theta[None], *(start[:, None] + span[:, None] * share)[:, None], frame)
+    x, y = (start[:, None] + span[:, None] * share)[:, None]
+    seen = view(fit.theta[None], x, y, frame)
     pixels = seen.pixels[0].T
     ahead = (seen.depth[0] > NEAREST_M) & seen.unfolded[0]
     inside = np.flatnonzero(ahead & ((pixels >= 0) & (pixels <= (frame.width - 1, frame.height - 1))).all(axis=1))
@@ -133,7 +134,8 @@ def _course(fit: CameraFit, frame: Frame, ends: Array, shift: Array) -> _Course 
     if length[-1] < SHORTEST_WIDTHS * frame.width:
         return None
     along = np.interp(np.arange(0.5 * spacing_px, length[-1], spacing_px), length, share[part])
-    seen = view(fit.theta[None], *(start[:, None] + span[:, None] * along)[:, None], frame)
+    x, y = (start[:, None] + span[:, None] * along)[:, None]
+    seen = view(fit.theta[None], x, y, frame)
     places = seen.pixels[0].T
     tangents = np.gradient(places, axis=0)
     tangents /= np.maximum(np.hypot(tangents[:, :1], tangents[:, 1:]), 1e-9)
@@ -184,7 +186,8 @@ def _responses(picture: NDArray[np.uint8], course: _Course, furthest_px: float, 
     # half a width of blur lies between the paint and the surface that it is compared with
     left, middle, right = (means[:, start : start + size] for start in (0, 3 * TAPS // 2, 3 * TAPS))
     seen = seen[:, :size] & seen[:, 4 * TAPS :]
-    return _Responses(*(_clipped(middle - side, seen) for side in (left, right)), seen, offsets[2 * TAPS : -2 * TAPS])
+    shifts = offsets[2 * TAPS : -2 * TAPS]
+    return _Responses(_clipped(middle - left, seen), _clipped(middle - right, seen), seen, shifts)
 
 
 def _clipped(response: Array, seen: NDArray[np.bool_]) -> Array:
