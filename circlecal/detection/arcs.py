@@ -55,12 +55,18 @@ def drawn_arc(
 
 
 def distinct_arcs(
-    arcs: list[CircleHypothesis], circle: CircleHypothesis | None, apart_px: float
+    arcs: list[CircleHypothesis], circle: CircleHypothesis | None, apart_px: float, gapless_share: float
 ) -> tuple[CircleHypothesis, ...]:
-    """One of those that follow the same marking, the one that shows most of it; none that follows the circle."""
+    """One of those that follow the same marking, best one without a gap, which may be the circle, then a clean one,
+    then the one that shows most of it; none that follows the circle.
+    """
+
+    def order(found: CircleHypothesis) -> tuple[bool, bool, int]:
+        return found.least_share < gapless_share, found.rms_px > _CLEAN_PX1920, -len(found.points)
+
     conics = [] if circle is None else [circle.conic]
     kept: list[CircleHypothesis] = []
-    for arc in sorted(arcs, key=lambda found: (found.rms_px > _CLEAN_PX1920, -len(found.points))):
+    for arc in sorted(arcs, key=order):
         if all(np.median(np.abs(sampson_distance(conic, arc.points))) > apart_px for conic in conics):
             kept.append(arc)
             conics.append(arc.conic)

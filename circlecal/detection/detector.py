@@ -246,7 +246,8 @@ def _searched(
             searches += [search] if search.found.circle is not None else []
     best = max(searches, key=_rank)
     arcs = [arc for search in searches if search.sign == best.sign for arc in search.found.arcs]
-    distinct = distinct_arcs(arcs, best.found.hypothesis, SAME_ARC * full_grey.shape[1])
+    apart_px, gapless = SAME_ARC * full_grey.shape[1], config.likely.gapless_share
+    distinct = distinct_arcs(arcs, best.found.hypothesis, apart_px, gapless)
     return replace(best, found=replace(best.found, arcs=distinct))
 
 

@@ -33,8 +33,8 @@ def test_a_line_and_scattered_pieces_are_no_arc() -> None:
     assert arc_of(paint_scene(markings=tuple(upright(x) for x in (-8.0, -4.0, 0.0, 4.0, 8.0)), noise=1.5)) is None
 
 
-def arc_on(ellipse: Ellipse, angles: np.ndarray, rms: float) -> CircleHypothesis:
-    return CircleHypothesis(conic_from_ellipse(ellipse), 1.0, 0.3, 0.4, 0.4, 0.4, rms, ellipse.points(angles))
+def arc_on(ellipse: Ellipse, angles: np.ndarray, rms: float, share: float = 0.4) -> CircleHypothesis:
+    return CircleHypothesis(conic_from_ellipse(ellipse), 1.0, 0.3, share, share, share, rms, ellipse.points(angles))
 
 
 def test_of_arcs_along_one_marking_the_clean_one_is_kept() -> None:
@@ -42,8 +42,10 @@ def test_of_arcs_along_one_marking_the_clean_one_is_kept() -> None:
     angles = np.linspace(0.0, 2.0, 100)
     clean, longer = arc_on(ellipse, angles[:60], 0.1), arc_on(ellipse, angles, 0.9)
     beside = arc_on(other, angles[:30], 0.1)
-    assert distinct_arcs([longer, beside, clean], None, SAME_ARC * 1920) == (clean, beside)
-    assert distinct_arcs([longer, beside, clean], longer, SAME_ARC * 1920) == (beside,)
+    assert distinct_arcs([longer, beside, clean], None, SAME_ARC * 1920, 0.65) == (clean, beside)
+    assert distinct_arcs([longer, beside, clean], longer, SAME_ARC * 1920, 0.65) == (beside,)
+    gapless = arc_on(ellipse, angles, 0.9, 0.7)
+    assert distinct_arcs([longer, clean, gapless], None, SAME_ARC * 1920, 0.65) == (gapless,)
 
 
 def test_points_near_a_conic() -> None:
