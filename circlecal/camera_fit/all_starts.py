@@ -26,8 +26,8 @@ from circlecal.observations import CircleEdge, CirclePoints, Observations
 MINIMUM_CIRCLE_POINTS = 6
 """With fewer the circle is no ellipse that a start could come from."""
 
-ELLIPSE_POINTS = 120
-"""Of so many points about is an ellipse from which only starts are taken."""
+STARTING_POINTS = 120
+"""Of so many points about are the ellipse and the line from which only starts are taken."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +114,7 @@ def seen_ellipse(observations: Observations, circle: Circle, problem: Problem) -
     seen = _longest_edge(observations, circle)
     if seen is None:
         return None
-    points = usual_lens(problem).undistort(seen.points_px[:: max(1, len(seen.points_px) // ELLIPSE_POINTS)])
+    points = usual_lens(problem).undistort(seen.points_px[:: max(1, len(seen.points_px) // STARTING_POINTS)])
     conic = fit_conic(points, "direct")
     ellipse = None if conic is None else ellipse_from_conic(conic)
     if conic is None or ellipse is None:
@@ -152,5 +152,6 @@ def _central_line(
             continue
         if abs(template.line_coordinates(drawn) @ np.r_[circle.center, 1.0]) < 1e-6:
             ends = template.line_ends(drawn)
-            return fit_line(lens.undistort(seen.points_px), 1.0 / seen.sigma_px**2), ends[1] - ends[0]
+            some = slice(None, None, max(1, len(seen.points_px) // STARTING_POINTS))
+            return fit_line(lens.undistort(seen.points_px[some]), 1.0 / seen.sigma_px[some] ** 2), ends[1] - ends[0]
     return None, np.array([0.0, 1.0])

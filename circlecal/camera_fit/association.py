@@ -101,8 +101,10 @@ def associate_lines(
         return []
     ends, shifts = (geometry[drawn] for geometry in template.drawn_lines)
     pairs = _pairs(segments, ends, shifts, theta, frame)
-    for t, line in enumerate(lines):
-        pairs.on_marking[[s for s, name in elsewhere if name == line.name], t] = False
+    names = [line.name for line in lines]
+    for s, name in elsewhere:
+        if name in names:
+            pairs.on_marking[s, names.index(name)] = False
     lengths = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=-1)
     cost = _mahalanobis(pairs.residuals[None], pairs.jacobians, covariance[None], sigma_px)[0]
     seeds = np.argwhere(pairs.on_marking & (cost < SEED_COST))
@@ -110,7 +112,6 @@ def associate_lines(
     if len(seeds) == 0:
         return []
     chosen, costs = _grown(seeds, pairs, lengths, covariance, sigma_px)
-    names = [line.name for line in lines]
     different: dict[frozenset[tuple[int, str]], Association] = {}
     for row, total in zip(chosen, costs, strict=True):
         named = {int(s): names[row[s]] for s in np.flatnonzero(row >= 0)}

@@ -114,7 +114,7 @@ def _crossings(
     points = stack_curves(
         [_one_point(other, middles[k], sigmas[k], template) for k, other in enumerate(others) if other]
     )
-    expected = curve_residuals(points, theta, ground_hidden(points, theta, problem.frame), problem.frame, updates=1)
+    expected = curve_residuals(points, theta, ground_hidden(points, theta, problem.frame), problem.frame, updates=0)
     J = expected.jacobian[0]
     spread = np.sqrt(((J @ posterior_covariance(state.normal[0], problem.priors.sd)) * J).sum(axis=1))
     away = np.abs(expected.values[0]) / np.hypot(spread, 1.0)

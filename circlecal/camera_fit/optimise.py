@@ -216,7 +216,7 @@ def reweighted(problem: Problem, state: State, sigma_px: Array, loss_scale: floa
 def with_curves(problem: Problem, state: State, curves: CurvePoints, loss_scale: float) -> tuple[Problem, State]:
     """The problem with further markings before the others, and the state in it: only the further ones are looked at."""
     hidden = ground_hidden(curves, state.theta, problem.frame)
-    seen = curve_residuals(curves, state.theta, hidden, problem.frame, updates=1)
+    seen = curve_residuals(curves, state.theta, hidden, problem.frame, updates=0)
     changed = weighed(
         state.theta,
         np.concatenate([seen.hidden, state.hidden], axis=1),
@@ -249,7 +249,7 @@ def minimise(
     told = hidden is not None
     if hidden is None:
         hidden = first_hidden(problem.curves, theta, problem.frame)[0]
-    state = evaluate(problem, theta, hidden, loss_scale, updates=1 if told else 2)
+    state = evaluate(problem, theta, hidden, loss_scale, updates=0 if told else 2)
     return continued(problem, state, loss_scale, iterations, tolerance, bar)
 
 
