@@ -18,7 +18,7 @@ from circlecal.geometry.homography import SIDES
 
 COARSE_POINTS = 48
 """Points per marking while starts or hypotheses are only compared."""
-SCREENING_POINTS = 48
+SCREENING_POINTS = 24
 """About so many points of all markings tell which starts of a grid are followed."""
 FEW_STARTS = 2
 """More are followed with few points of each marking, and the best of them again with all."""
