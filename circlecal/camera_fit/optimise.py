@@ -280,7 +280,9 @@ def continued(
                 advanced = _advanced(state, _stepped(problem, state, damping, active), loss_scale)
                 return _replaced(state, np.flatnonzero(settled), advanced.select(settled))
             return state
-        step, going = _stepped(problem, state, damping, active), np.flatnonzero(~(arrived | beaten))
+        # which one is best is not sure before one has settled
+        left_alone = arrived | (beaten & settled.any())
+        step, going = _stepped(problem, state, damping, active), np.flatnonzero(~left_alone)
         proposal = evaluate(problem.hypotheses(going), step.theta[going], state.hidden[going], loss_scale)
         gain = state.cost[going] - proposal.cost
         better = np.asarray(gain > 0)
