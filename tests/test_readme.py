@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from circlecal.config import Config
+
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 TABLES = (ROOT / "circlecal" / "bench" / "README.md").read_text(encoding="utf-8")
@@ -44,3 +46,8 @@ def test_every_linked_file_exists(file):
 def test_tables_are_filled(table):
     body = TABLES.split(f"<!-- {table} -->")[1].split(f"<!-- /{table} -->")[0]
     assert body.count("\n|") >= 4
+
+
+def test_every_section_of_the_configuration_is_explained():
+    text = (ROOT / "configs" / "README.md").read_text(encoding="utf-8")
+    assert sorted(re.findall(r"^\| `(\w+)` \|", text, flags=re.MULTILINE)) == sorted(Config.model_fields)

@@ -19,6 +19,12 @@ class Silent(SimpleHTTPRequestHandler):
         pass
 
 
+@pytest.fixture(autouse=True)
+def without_proxy(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the surroundings name a proxy, it does not serve this machine's own addresses."""
+    monkeypatch.setenv("no_proxy", "127.0.0.1")
+
+
 @pytest.fixture
 def served(frame_file: Path) -> Iterator[str]:
     """Address of a server of the folder of the good frame."""
