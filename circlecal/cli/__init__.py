@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import errno
 import os
+import signal
 import sys
 from collections.abc import Sequence
 
 from circlecal.errors import CirclecalError
 
 _SYSTEM_LIMITS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EACCES, errno.EPERM, errno.EROFS, errno.EMFILE)
+
+
+class InterruptedCommandError(Exception):
+    """A command was ended by Ctrl-C; unlike KeyboardInterrupt it passes through typer."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -25,8 +30,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         from circlecal.cli.app import app
 
         app(args=arguments, prog_name="circlecal")
-    except KeyboardInterrupt:  # while a module is loaded; see app.py for that during a command
-        sys.stderr.write("circlecal: interrupted\n")
+    except (InterruptedCommandError, KeyboardInterrupt):
+        if arguments is None:  # another one ends at once what is still being wound up
+            signal.signal(signal.SIGINT, signal.SIG_DFL)
+        print("circlecal: interrupted", file=sys.stderr)  # noqa: T201
         sys.exit(130)
     except CirclecalError as error:
         _fail(str(error))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import importlib
 import importlib.util
-import sys
 from collections.abc import Iterator
 from typing import Annotated, Any
 
@@ -13,6 +12,7 @@ import typer
 from typer.core import TyperGroup
 
 from circlecal import __version__
+from circlecal.cli import InterruptedCommandError
 from circlecal.cli.audit import audit
 from circlecal.cli.batch import batch
 from circlecal.cli.calibrate import calibrate
@@ -33,9 +33,11 @@ _UsageError: Any = typer.BadParameter.__base__  # typer has no public name for i
 
 @contextlib.contextmanager
 def _in_one_line() -> Iterator[None]:
-    """Wrong use is told as every other error is; typer would draw a box."""
+    """Wrong use and Ctrl-C are told as every other error is; typer would draw a box, and end without a word."""
     try:
         yield
+    except KeyboardInterrupt:
+        raise InterruptedCommandError from None
     except _UsageError as error:
         if type(error).__name__ == "NoArgsIsHelpError":
             raise
@@ -50,12 +52,8 @@ class _Commands(TyperGroup):
             return super().make_context(*arguments, **named)
 
     def invoke(self, ctx: Any) -> Any:
-        try:
-            with _in_one_line():
-                return super().invoke(ctx)
-        except KeyboardInterrupt:
-            print("circlecal: interrupted", file=sys.stderr)  # noqa: T201
-            raise typer.Exit(130) from None
+        with _in_one_line():
+            return super().invoke(ctx)
 
 
 app = typer.Typer(
