@@ -20,7 +20,8 @@ def evaluate(
     truth: Annotated[
         Path,
         typer.Argument(
-            metavar="GT", help="Folder of SoccerNet line annotations, of true cameras or of *.homographyMatrix files."
+            metavar="GT",
+            help="Folder of SoccerNet line annotations, of true cameras (camera_<id>.json), or of *.homographyMatrix.",
         ),
     ],
     predictions: Annotated[

@@ -13,6 +13,7 @@ import pytest
 
 from circlecal.api import FrameRun
 from circlecal.batch import INDEX_NAME, RESULTS_NAME, SUMMARY_NAME, BatchProgress, ResultLog, run_batch
+from circlecal.batch.index import ResultIndex
 from circlecal.batch.task import Finished
 from circlecal.config import Config, config_digest, load_config
 from circlecal.errors import InputError
@@ -318,6 +319,26 @@ def test_a_name_that_is_no_text(run_circlecal, tmp_path):
         assert run_circlecal("batch", frames, "--out", out, "--workers", 1, "-q").code == 1
         assert len(records(out)) == 3
     assert "caf\\udce9,refused" in (out / SUMMARY_NAME).read_text()
+
+
+def test_ctrl_c_while_the_summary_is_written_leaves_the_old_one(run_circlecal, tmp_path, monkeypatch):
+    frames, out = paint(tmp_path / "frames", 2), tmp_path / "out"
+    run_circlecal("batch", frames, "--out", out, "--workers", 1)
+    before, rows = (out / SUMMARY_NAME).read_bytes(), ResultIndex.rows
+
+    def interrupted(index):
+        yield next(rows(index))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(ResultIndex, "rows", interrupted)
+    paint(tmp_path / "frames", 3)
+    outcome = run_circlecal("batch", frames, "--out", out, "--workers", 1)
+    assert (outcome.code, outcome.err.splitlines()[-1]) == (130, "circlecal: interrupted")
+    assert (out / SUMMARY_NAME).read_bytes() == before
+    assert sorted(p.name for p in out.iterdir()) == [INDEX_NAME, RESULTS_NAME, SUMMARY_NAME]
+    monkeypatch.undo()
+    run_circlecal("batch", frames, "--out", out, "--workers", 1)
+    assert_every_frame_once(out, 3)
 
 
 def test_progress_counts(tmp_path):
