@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from circlecal.camera_fit.curves import ground_hidden, line_curve
-from circlecal.camera_fit.model import Frame, View, view
+from circlecal.camera_fit.model import Frame, view
 from circlecal.field import FieldTemplate
 from circlecal.geometry.homogeneous import Array
 
+NEAREST_M, FARTHEST_WIDTHS = 0.5, 4.0
+"""Depth before the camera from which on the field counts as seen, and how far from the picture's corner it does, in
+picture widths.
+"""
 SAMPLES = 48
 """Along each line of the template, and along each seen one."""
 EXPECTED_WIDTHS = 0.15
@@ -19,6 +25,51 @@ SEEN_SHARE = 0.25
 """It is, where so much of that is."""
 END_SLACK_M = 2.0
 """How far a line may be seen beyond the end of its marking."""
+
+
+@dataclass(frozen=True, slots=True)
+class DrawnMarkings:
+    """N places along each of K markings before a camera.
+
+    Attributes
+    ----------
+    pixels, normals : (K, N, 2) arrays
+        Where they are in the picture, and the unit vectors across the marking there.
+    by_theta, by_field : (P, K, N), (2, K, N) arrays
+        Derivatives of the pixels along the normals by the camera's parameters and by the place on the field.
+    length_px : (K, N - 1) array
+        Of the pieces between neighbouring places that the picture may show, 0 for the others.
+    """
+
+    pixels: Array
+    normals: Array
+    by_theta: Array
+    by_field: Array
+    length_px: Array
+
+    @property
+    def across(self) -> Array:
+        """Pixels across the marking (K, N) per metre of ground: of the width of its paint."""
+        return np.asarray(np.hypot(*self.by_field))
+
+
+def drawn_markings(theta: Array, places_m: Array, frame: Frame) -> DrawnMarkings:
+    """Markings, by places (K, N, 2) along them on the field, as a camera (P,) shows them."""
+    shape = places_m.shape[:2]
+    x, y = places_m.reshape(-1, 2).T
+    seen = view(theta[None], x[None], y[None], frame)
+    pixels = seen.pixels[0].T.reshape(*shape, 2)
+    tangent = np.gradient(pixels, axis=1)
+    tangent /= np.maximum(np.hypot(tangent[..., :1], tangent[..., 1:]), 1e-9)
+    normals = np.stack([-tangent[..., 1], tangent[..., 0]], axis=-1)
+    by_theta, by_field = (rows[0] for rows in seen.gradient(normals.reshape(1, -1, 2).swapaxes(1, 2)))
+    ahead = ((seen.depth[0] > NEAREST_M) & seen.unfolded[0]).reshape(shape)
+    ahead &= (np.abs(pixels) < FARTHEST_WIDTHS * frame.width).all(axis=-1)
+    first, last = pixels[:, :-1], pixels[:, 1:]
+    met = (np.maximum(first, last) > 0) & (np.minimum(first, last) < (frame.width, frame.height))
+    shown = ahead[:, 1:] & ahead[:, :-1] & met.all(axis=-1)
+    length = np.where(shown, np.hypot(*np.moveaxis(last - first, -1, 0)), 0.0)
+    return DrawnMarkings(pixels, normals, by_theta.reshape(-1, *shape), by_field.reshape(-1, *shape), length)
 
 
 def unseen_px(names: dict[int, str], segments: Array, theta: Array, template: FieldTemplate, frame: Frame) -> float:
@@ -35,37 +86,21 @@ def unseen_px(names: dict[int, str], segments: Array, theta: Array, template: Fi
     """
     ends = template.drawn_lines[0]
     share = np.linspace(0.0, 1.0, SAMPLES)
-    field = ends[:, :1] + share[:, None] * (ends[:, 1:] - ends[:, :1])
-    seen = view(theta[None], field[None, ..., 0].reshape(1, -1), field[None, ..., 1].reshape(1, -1), frame)
-    x, y = seen.pixels[0].reshape(2, len(ends), SAMPLES)
-    ahead = (seen.depth[0] > 0.1) & seen.unfolded[0]
-    inside = ahead.reshape(len(ends), SAMPLES) & (x >= 0) & (x <= frame.width - 1)
-    inside &= (y >= 0) & (y <= frame.height - 1)
-    inside &= _across_px(seen, ends, template) > NARROWEST_PX
-    step = np.hypot(np.diff(x), np.diff(y)) * (inside[:, 1:] & inside[:, :-1])
-    expected = step.sum(axis=1)
+    drawn = drawn_markings(theta, ends[:, :1] + share[:, None] * (ends[:, 1:] - ends[:, :1]), frame)
+    wide = drawn.across * max(template.marking_width_m, USUAL_WIDTH_M) > NARROWEST_PX
+    length = drawn.length_px * (wide[:, 1:] & wide[:, :-1])
+    expected = length.sum(axis=1)
     total = 0.0
     for k in np.flatnonzero(expected > EXPECTED_WIDTHS * frame.width).tolist():
-        line = template.lines[k]
-        found = [segments[s] for s, name in names.items() if name == line.name]
+        found = [segments[s] for s, name in names.items() if name == template.lines[k].name]
         covered = np.zeros(SAMPLES, dtype=np.bool_)
         metres = share * np.linalg.norm(ends[k, 1] - ends[k, 0])
         for segment in found:
             low, high = np.sort(_along(segment, k, theta, template, frame))
             covered |= (metres >= low) & (metres <= high)
-        if step[k][covered[1:] | covered[:-1]].sum() < SEEN_SHARE * expected[k]:
+        if length[k][covered[1:] | covered[:-1]].sum() < SEEN_SHARE * expected[k]:
             total += float(expected[k])
     return total
-
-
-def _across_px(seen: View, ends: Array, template: FieldTemplate) -> Array:
-    """Width of the paint in the picture (K, N), pixels, at the samples of lines with the ends (K, 2, 2)."""
-    along = (ends[:, 1] - ends[:, 0]) / np.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1, keepdims=True)
-    x, y = np.repeat(along, SAMPLES, axis=0).T
-    tangent, across = seen.along(x[None], y[None])[0], seen.along(-y[None], x[None])[0]
-    area = np.abs(tangent[0] * across[1] - tangent[1] * across[0])
-    width = max(template.marking_width_m, USUAL_WIDTH_M) * area / np.maximum(np.hypot(*tangent), 1e-9)
-    return np.asarray(width.reshape(len(ends), SAMPLES))
 
 
 def overhanging_px(

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.camera_fit.model import INDEX, Frame, fitted_frame, view
+from circlecal.camera_fit.expectation import DrawnMarkings, drawn_markings
+from circlecal.camera_fit.model import INDEX, fitted_frame
 from circlecal.detection.config import RefinementConfig
 from circlecal.detection.refine import measure_band
 from circlecal.field import Circle, FieldTemplate
@@ -31,8 +32,6 @@ SHORTEST_WIDTHS = 0.03
 """Shorter parts of a marking, picture widths, are not judged."""
 PIECE = 25
 """Places in a row between which contrast and shift of a marking may differ."""
-NEAREST_M = 0.5
-"""Depth before the camera from which on the field counts as seen."""
 ACROSS_PX, SIGMAS, SIGMAS_BETWEEN = 4.0, 2.0, 0.6
 """Reach of a profile to both sides: pixels at 1920 px width, and standard deviations of the marking's place, fewer
 where it is shifted.
@@ -81,9 +80,8 @@ def expected_markings(
     wanted = [own, *(k for k, name in enumerate(names) if inner[k] and name not in known and k != own)]
     names, nodes, shifts = tuple(names[k] for k in wanted), nodes[wanted], shifts[wanted]
     sizes = fit.theta[[INDEX[name] for name in _SIZES]]
-    points = (nodes + np.einsum("s,ksi->ki", sizes, shifts)[:, None]).reshape(-1, 2)
-    pixels, normals, sigma, scale, seen = _predicted(fit, frame, points, shifts, nodes.shape[1])
-    element, base, normal, spread, across = _samples(pixels, normals, sigma, scale, seen, frame)
+    drawn = drawn_markings(fit.theta, nodes + np.einsum("s,ksi->ki", sizes, shifts)[:, None], frame)
+    element, base, normal, spread, across = _samples(drawn, _sigmas(fit, drawn, shifts), SPACING_PX * unit)
     visible = np.asarray(((base > 0) & (base < (frame.width - 1, frame.height - 1))).all(axis=1), np.bool_)
     mine = element == 0
     if not (visible & mine).any():
@@ -139,41 +137,23 @@ def _drawn(
     return np.asarray(np.bincount(owner, best), np.float64)
 
 
-def _predicted(
-    fit: CameraFit, frame: Frame, points: Array, shifts: Array, nodes: int
-) -> tuple[Array, Array, Array, Array, NDArray[np.bool_]]:
-    """Of the nodes (K N, 2) of K markings: pixels and normals (K, N, 2), standard deviation of the place along the
-    normal and pixels per metre of ground there (K, N), and whether they are in front of the camera.
-    """
-    markings = len(points) // nodes
-    seen = view(fit.theta[None], points[None, :, 0], points[None, :, 1], frame)
-    pixels = seen.pixels[0].T.reshape(markings, nodes, 2)
-    tangent = np.gradient(pixels, axis=1)
-    tangent /= np.maximum(np.hypot(tangent[..., :1], tangent[..., 1:]), 1e-9)
-    normals = np.stack([-tangent[..., 1], tangent[..., 0]], axis=-1)
-    by_theta, by_field = (rows[0] for rows in seen.gradient(normals.reshape(1, -1, 2).swapaxes(1, 2)))
-    by_sizes = np.einsum("ksi,ikn->skn", shifts, by_field.reshape(2, markings, nodes)).reshape(len(_SIZES), -1)
-    by_theta[[INDEX[name] for name in _SIZES]] += by_sizes
-    variance = (by_theta * (fit.covariance @ by_theta)).sum(axis=0)
-    sigma = np.sqrt(np.maximum(variance, 0.0)).reshape(markings, nodes)
-    scale = np.hypot(*by_field).reshape(markings, nodes)
-    ahead = (seen.depth[0] > NEAREST_M) & (np.abs(pixels.reshape(-1, 2)) < 4.0 * frame.width).all(axis=1)
-    ahead &= seen.unfolded[0]
-    return pixels, normals, sigma, scale, ahead.reshape(markings, nodes)
+def _sigmas(fit: CameraFit, drawn: DrawnMarkings, shifts: Array) -> Array:
+    """Standard deviation (K, N) of the places along their normals, pixels."""
+    by_theta = drawn.by_theta.copy()
+    by_theta[[INDEX[name] for name in _SIZES]] += np.einsum("ksi,ikn->skn", shifts, drawn.by_field)
+    rows = by_theta.reshape(len(by_theta), -1)
+    variance = (rows * (fit.covariance @ rows)).sum(axis=0)
+    return np.sqrt(np.maximum(variance, 0.0)).reshape(by_theta.shape[1:])
 
 
 def _samples(
-    pixels: Array, normals: Array, sigma: Array, scale: Array, seen: NDArray[np.bool_], frame: Frame
+    drawn: DrawnMarkings, sigma: Array, spacing_px: float
 ) -> tuple[NDArray[np.int_], Array, Array, Array, Array]:
     """Places at equal steps along what the picture may show of the markings: which marking (M,), pixels, normals
-    (M, 2), sigma and scale (M,).
+    (M, 2), sigma and pixels across per metre (M,).
     """
-    markings, nodes = seen.shape
-    spacing_px = SPACING_PX * frame.width / 1920.0
-    first, last = pixels[:, :-1], pixels[:, 1:]
-    met = (np.maximum(first, last) > 0) & (np.minimum(first, last) < (frame.width, frame.height))
-    length = np.hypot(*np.moveaxis(last - first, -1, 0))
-    length = np.where(seen[:, 1:] & seen[:, :-1] & met.all(axis=-1), length, 0.0).ravel()
+    markings, nodes = sigma.shape
+    length = drawn.length_px.ravel()
     end = np.cumsum(length)
     along = np.arange(0.5 * spacing_px, end[-1], spacing_px)
     span = np.minimum(np.searchsorted(end, along, side="right"), len(length) - 1)
@@ -185,4 +165,5 @@ def _samples(
         flat = values.reshape(markings * nodes, -1)
         return np.asarray(flat[node] + share * (flat[node + 1] - flat[node]))
 
-    return element, between(pixels), between(normals), between(sigma)[:, 0], between(scale)[:, 0]
+    across = between(drawn.across)[:, 0]
+    return element, between(drawn.pixels), between(drawn.normals), between(sigma)[:, 0], across
