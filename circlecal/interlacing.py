@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.geometry.homogeneous import Array
-from circlecal.profiles import Brightness
 
 __all__ = ["row_motion", "without_combs"]
 
@@ -28,7 +27,7 @@ STEPS, SMOOTHING_PX = (30, 1e-3), 5
 """Of the alignment of both halves: most steps with the gain at which it stops, and the width of its smoothing."""
 
 
-def row_motion(brightness: Brightness) -> Array | None:
+def row_motion(brightness: NDArray[np.uint8]) -> Array | None:
     """How the odd rows of a picture (H, W) are displaced against the even ones: an affinity (2, 3) from places among
     the even rows to the same places among the odd ones, in columns and rows of half the picture; None for one picture.
     """
@@ -71,10 +70,10 @@ def without_combs(image: NDArray[np.uint8], motion: Array) -> NDArray[np.uint8]:
     return whole
 
 
-def _combed(brightness: Brightness) -> bool:
+def _combed(brightness: NDArray[np.uint8]) -> bool:
     rows = np.linspace(0, brightness.shape[0] - 5, ROWS).astype(np.int64)
-    a, b, c, e = (brightness[rows + k].astype(np.float32) for k in (0, 1, 2, 4))
-    near, far = a - 2 * b + c, a - 2 * c + e
+    a, b, c, e = (brightness[rows + k].astype(np.int16) for k in (0, 1, 2, 4))
+    near, far = (second.astype(np.float32) for second in (a - 2 * b + c, a - 2 * c + e))
     return all(
         float(np.vdot(near[:, lag:], near[:, :-lag])) > least * float(np.vdot(far[:, lag:], far[:, :-lag]))
         for lag, least in enumerate(COMBED, 1)

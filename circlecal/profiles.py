@@ -135,7 +135,8 @@ def measure_bands(
     if not known.all():
         values = np.where(known, values, np.float32(0))
     index = row_numbers(len(offsets))
-    peak_index = _brightest_row(values, offsets, search_px, index)
+    searched = np.flatnonzero(np.abs(offsets) <= search_px)
+    peak_index = highest_rows(values[searched[0] : searched[-1] + 1])[0] + searched[0]
     signal, low, high = _without_background(values, offsets)
     peak = _in_row(signal, peak_index)
 
@@ -167,13 +168,11 @@ def row_numbers(count: int) -> Rows:
     return numbers.astype(np.int8) if count < 127 else numbers.astype(np.int16)
 
 
-def _brightest_row(values: NDArray[np.float32], offsets: Array, search_px: float, index: Rows) -> NDArray[np.int_]:
-    """First of the brightest rows (N,) within the search; faster than argmax across rows."""
-    searched = np.flatnonzero(np.abs(offsets) <= search_px)
-    first, last = int(searched[0]), int(searched[-1]) + 1
-    part = values[first:last]
-    backwards = np.multiply(index[: last - first][::-1], part == part.max(axis=0)).max(axis=0)
-    return last - backwards.astype(np.int_)
+def highest_rows(values: NDArray[np.float32]) -> tuple[NDArray[np.int_], NDArray[np.float32]]:
+    """First row (N,) in which each column of (S, N) is highest, and how high; faster than argmax across rows."""
+    highest = values.max(axis=0)
+    backwards = np.multiply(row_numbers(len(values))[::-1], values == highest).max(axis=0)
+    return len(values) - backwards.astype(np.int_), highest
 
 
 def _in_row(values: NDArray[np.float32], rows: NDArray[np.int_]) -> NDArray[np.float32]:
@@ -235,8 +234,8 @@ def picture_noise(picture: Brightness, places: NDArray[np.int_] | None = None) -
         values = np.abs(cv2.sepFilter2D(picture, cv2.CV_32F, second_difference, second_difference)[::2, ::2]).ravel()
     else:
         flat, width = picture.ravel(), picture.shape[1]
-        around = places + np.array([[-width], [0], [width]])
-        ends, middle = flat[around - 1].astype(np.float32) + flat[around + 1], flat[around].astype(np.float32)
-        rows = ends - 2 * middle
+        around = places + np.array([-width, 0, width])[:, None, None] + np.array([-1, 0, 1])[:, None]
+        before, here, after = np.moveaxis(flat.take(around).astype(np.float32), 1, 0)
+        rows = before + after - 2 * here
         values = np.abs(rows[0] - 2 * rows[1] + rows[2])
     return float(max(0.5, 1.4826 / 6 * np.median(values)))

@@ -271,7 +271,7 @@ def _search(
         hull = _grown(hull, margin)
     watch.lap("scale")
     sign = _SIGNS[config.marking]
-    ridges = find_ridges(grey.astype(np.float32), hull, (sign,), config.ridges)
+    ridges = find_ridges(grey, hull, (sign,), config.ridges)
     watch.lap("ridges")
     runs = find_straight_runs(ridges, (columns, rows), _SHORTEST_RUN * columns, config.lines)
     watch.lap("lines")

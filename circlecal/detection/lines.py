@@ -7,6 +7,7 @@ collinearity of feature points*), so the vote is a single histogram and its peak
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import cos, radians
 
 import numpy as np
 from numpy.typing import NDArray
@@ -141,7 +142,7 @@ def _run_near(
     ``columns`` (4, N) holds x, y and the normals' x, y of all points.
     """
     reach = _LOOSE * config.tolerance_px
-    aligned = np.cos(np.deg2rad(config.angle_tolerance_deg))
+    aligned = cos(radians(config.angle_tolerance_deg))
     pool = np.flatnonzero((_distance(line, columns) <= 2 * reach) & free)
     near = columns.take(pool, axis=1)
     chosen, run = pool, near
@@ -176,8 +177,8 @@ def _along(line: Array, columns: Array) -> Array:
 
 def _longest_run(t: Array, gap: float) -> NDArray[np.int64]:
     """Indices of the positions in the longest run without a gap larger than ``gap``."""
-    order = np.argsort(t)
-    ordered = t[order]
+    order = t.argsort()
+    ordered = t.take(order)
     (cuts,) = (ordered[1:] - ordered[:-1] > gap).nonzero()
     if len(cuts) == 0:
         return order

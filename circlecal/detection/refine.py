@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from circlecal.detection.config import RefinementConfig
 from circlecal.geometry.homogeneous import Array
-from circlecal.profiles import along_normals, nearest_gaps, row_numbers
+from circlecal.profiles import along_normals, highest_rows, nearest_gaps, row_numbers
 
 __all__ = ["BandProfile", "local_width", "measure_band"]
 
@@ -83,9 +83,10 @@ def measure_band(
     taps = len(profile)
     rim = max(2, taps // 6)
     left, right = profile[:rim].mean(axis=0), profile[-rim:].mean(axis=0)
-    raised = profile - (left + (right - left) * np.linspace(0.0, 1.0, taps, dtype=np.float32)[:, None])
-    at = raised[rim:-rim].argmax(axis=0) + rim
-    contrast = raised[at, np.arange(len(at))]
+    share = np.linspace(0.0, 1.0, taps, dtype=np.float32)
+    raised = profile - np.stack([1.0 - share, share], axis=-1) @ np.stack([left, right])
+    at, contrast = highest_rows(raised[rim:-rim])
+    at += rim
     offset, full_width = _centroid(raised, at, contrast, step)
     noise = _background_noise(profile, left, right, rim, inside)
     supported = inside & (contrast > max(config.minimum_contrast, config.noise_factor * noise))
@@ -149,7 +150,7 @@ def _median(values: NDArray[np.floating[Any]]) -> float:
 
 def _wrapped(values: Array, reach: int) -> Array:
     """Values with so many of the other end's on either side."""
-    return np.asarray(values[np.arange(-reach, len(values) + reach) % len(values)], np.float64)
+    return values.take(np.arange(-reach, len(values) + reach), mode="wrap")
 
 
 def _locally_usual(

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from circlecal.detection.config import RidgeConfig
 from circlecal.geometry.homogeneous import Array
+from circlecal.profiles import Brightness
 
 __all__ = ["RidgePoints", "find_ridges"]
 
@@ -45,13 +46,13 @@ class RidgePoints:
 
 
 def find_ridges(
-    grey: Picture, region: NDArray[np.uint8], polarities: tuple[float, ...], config: RidgeConfig
+    grey: Brightness, region: NDArray[np.uint8], polarities: tuple[float, ...], config: RidgeConfig
 ) -> RidgePoints:
     """Find ridge points inside a region.
 
     Parameters
     ----------
-    grey : (h, w) float32
+    grey : (h, w) uint8 or float32
         Picture in grey levels.
     region : (h, w) uint8
         255 where ridges are wanted, 0 elsewhere.
@@ -81,7 +82,9 @@ def _row_range(region: NDArray[np.uint8], multiple: int) -> tuple[int, int]:
     return top, min(region.shape[0], int(rows[-1]) + 2 * multiple)
 
 
-def _smoothed_levels(grey: Picture, config: RidgeConfig) -> list[Picture]:
+def _smoothed_levels(grey: Brightness, config: RidgeConfig) -> list[Picture]:
+    side = 2 * int(np.ceil(_KERNEL_REACH * config.sigma_px)) + 1
+    kernel = cv2.getGaussianKernel(side, config.sigma_px, cv2.CV_32F)
     levels = []
     current = grey
     for level in range(config.levels):
@@ -89,9 +92,9 @@ def _smoothed_levels(grey: Picture, config: RidgeConfig) -> list[Picture]:
             size = (current.shape[1] // 2, current.shape[0] // 2)
             if min(size) < 16:
                 break
-            current = np.asarray(cv2.resize(current, size, interpolation=cv2.INTER_AREA), np.float32)
-        side = 2 * int(np.ceil(_KERNEL_REACH * config.sigma_px)) + 1
-        levels.append(np.asarray(cv2.GaussianBlur(current, (side, side), config.sigma_px), np.float32))
+            fractions = current.astype(np.float32, copy=False)
+            current = np.asarray(cv2.resize(fractions, size, interpolation=cv2.INTER_AREA), np.float32)
+        levels.append(np.asarray(cv2.sepFilter2D(current, cv2.CV_32F, kernel, kernel), np.float32))
     return levels
 
 
@@ -152,26 +155,28 @@ def _steger(picture: Picture, candidates: NDArray[np.int64], sign: float, weight
     (nw, n, ne), (w, c, e), (sw, s, se) = (
         [flat[start + column :].take(corner) for column in range(3)] for start in (0, width, 2 * width)
     )
-    xx, yy = w + e - 2 * c, n + s - 2 * c
-    xy = (se - sw - ne + nw) / 4
-    gx, gy = (e - w) / 2, (s - n) / 2
-    mean, half = (xx + yy) / 2, (xx - yy) / 2
-    root = np.sqrt(half * half + xy * xy)
-    across = mean - root  # most negative eigenvalue; its eigenvector is (xy, across - xx) or (across - yy, xy)
+    twice = c + c
+    xx, yy, xy = w + e - twice, n + s - twice, (se - sw - ne + nw) * np.float32(0.25)
+    gx, gy = e - w, s - n  # twice the gradient
+    half = (xx - yy) * np.float32(0.5)
+    # most negative eigenvalue; its eigenvector is (xy, across - xx) or (across - yy, xy)
+    across = (xx + yy) * np.float32(0.5) - np.sqrt(half * half + xy * xy)
     steep = half < 0
-    nx = np.where(steep, across - yy, xy)
-    ny = np.where(steep, xy, across - xx)
-    length = np.sqrt(nx * nx + ny * ny) + np.float32(1e-12)
-    nx, ny = nx / length, ny / length
-    step = -(gx * nx + gy * ny) / np.minimum(across, np.float32(-1e-6))
+    nx, ny = np.where(steep, across - yy, xy), np.where(steep, xy, across - xx)
+    length = nx * nx + ny * ny
+    # the step to the ridge, in units of the eigenvector
+    step = (gx * nx + gy * ny) / (length * np.minimum(across, np.float32(-1e-6)) * np.float32(-2.0) + np.float32(1e-30))
     sx, sy = step * nx, step * ny
-    strength = -weight * across
-    keep = np.flatnonzero((strength > threshold) & (np.abs(sx) <= _STEP_LIMIT) & (np.abs(sy) <= _STEP_LIMIT))
-    pixels = candidates[keep]
+    on = np.maximum(np.abs(sx), np.abs(sy)) <= np.float32(_STEP_LIMIT)
+    on &= across < np.float32(-threshold / weight)
+    keep = np.flatnonzero(on)
+    pixels, size = candidates.take(keep), np.sqrt(length.take(keep))
     rows = np.empty((5, len(keep)), np.float32)
-    rows[0] = pixels % width + sx[keep]
-    rows[1] = pixels // width + sy[keep]
-    rows[2], rows[3], rows[4] = nx[keep], ny[keep], strength[keep]
+    np.add(pixels % width, sx.take(keep), out=rows[0])
+    np.add(pixels // width, sy.take(keep), out=rows[1])
+    np.divide(nx.take(keep), size, out=rows[2])
+    np.divide(ny.take(keep), size, out=rows[3])
+    np.multiply(across.take(keep), np.float32(-weight), out=rows[4])
     return rows
 
 

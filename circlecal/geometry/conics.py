@@ -13,14 +13,14 @@ from math import atan2, cbrt, cos, hypot, inf, pi, sin, sqrt
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from circlecal.geometry.homogeneous import Array, lift, normalise_line, similarity_normalisation
+from circlecal.geometry.homogeneous import Array, normalise_line, similarity_normalisation
 
 FOOT_ROUNDS = 6
 """Most rounds of the search for foot points; two or three near the curve."""
-MOVED = 1e-6
-"""Foot points that move less than this share of the semi-axes have arrived."""
-CONVERGED = 1e-4
-"""Share of the squared residuals; a step of the geometric fit that gains less is the last one;
+MOVED = 1e-4
+"""Foot points that moved less than this share of the semi-axes have arrived; the next move is about its square."""
+CONVERGED = 3e-3
+"""Share of the squared residuals; a step of the geometric fit that gains less is the last one:
 the next would gain about its square."""
 _SYMMETRIC, _HALVED = np.array([0, 1, 3, 1, 2, 4, 3, 4, 5]), np.array([1, 0.5, 0.5, 0.5, 1, 0.5, 0.5, 0.5, 1])
 _FIRST, _SECOND = np.triu_indices(5, 1)
@@ -61,10 +61,20 @@ class Ellipse:
         normal = local @ np.array([[c, s], [-s, c]])
         return normal / np.hypot(normal[..., 0], normal[..., 1])[..., None]
 
+    def course(self, t_rad: Array) -> tuple[Array, Array]:
+        """:meth:`points` and :meth:`normals` (N, 2) at the eccentric angles (N,), in one."""
+        turn = np.stack([np.cos(t_rad), np.sin(t_rad)], axis=-1)
+        frame = self.frame()[:2, :2]
+        normal = turn @ np.array([[frame[1, 1], -frame[0, 1]], [-frame[1, 0], frame[0, 0]]])
+        return turn @ frame.T + self.center, normal / np.hypot(normal[:, 0], normal[:, 1])[:, None]
+
     def parameter(self, points: ArrayLike) -> Array:
         """Eccentric angle (N,) of each point (N, 2) in the frame in which the ellipse is the unit circle."""
-        local = lift(points) @ np.linalg.inv(self.frame()).T
-        return np.arctan2(local[..., 1], local[..., 0])
+        a, b = self.semi_axes
+        c, s = cos(self.angle_rad), sin(self.angle_rad)
+        away = np.asarray(points, dtype=np.float64) - self.center
+        x, y = away[..., 0], away[..., 1]
+        return np.arctan2((c * y - s * x) / b, (c * x + s * y) / a)
 
 
 def conic_from_coefficients(coefficients: ArrayLike) -> Array:
@@ -237,7 +247,7 @@ def _feet(ellipse: Ellipse, points: Array) -> tuple[Array, Array]:
         following /= size
         moved = np.abs(following - t).max(initial=0.0)
         t = following
-        if moved < MOVED:  # the next step would be its square
+        if moved < MOVED:
             break
     foot = np.copysign(t * axes, local)
     distance = _length(local - foot)
@@ -510,5 +520,5 @@ def _denormalised_with_covariance(coefficients: Array, covariance: Array, T: Arr
 def arc_coverage_deg(ellipse: Ellipse, points: ArrayLike, bin_deg: float = 5.0) -> float:
     """Degrees of the ellipse (eccentric angle) that have at least one point (N, 2) in their bin."""
     bins = round(360.0 / bin_deg)
-    occupied = np.unique(np.floor(ellipse.parameter(points) / (2 * np.pi) * bins).astype(int) % bins)
-    return float(len(occupied) * 360.0 / bins)
+    occupied = np.bincount(np.floor(ellipse.parameter(points) * (bins / (2 * np.pi))).astype(int) % bins)
+    return float(np.count_nonzero(occupied) * 360.0 / bins)

@@ -74,9 +74,9 @@ def fit_line(points: ArrayLike, weights: ArrayLike | None = None) -> Array:
     if len(points) < 2:
         raise ValueError("a line needs at least two points")
     if weights is None:
-        x, y = (points.sum(axis=0) / len(points)).tolist()
-        dx, dy = points[:, 0] - x, points[:, 1] - y
-        wx, wy = dx, dy
+        dx, dy = points[:, 0], points[:, 1]
+        x, y = float(dx.sum()) / len(points), float(dy.sum()) / len(points)
+        wx, wy = dx, dy = dx - x, dy - y
     else:
         w = np.asarray(weights, dtype=np.float64)
         x, y = (w @ points / w.sum()).tolist()

@@ -130,11 +130,12 @@ def detect_edges(picture: NDArray[np.uint8], mask: MarkingMask, config: EdgesCon
     found = (cv2.Canny(gx, gy, low * GRADIENT_UNIT, high * GRADIENT_UNIT, L2gradient=True) > 0) & region
     found[[0, -1], :] = False
     found[:, [0, -1]] = False
-    y, x = np.divmod(np.flatnonzero(found), found.shape[1])
+    places = np.flatnonzero(found)
+    y, x = np.divmod(places, found.shape[1])
     if len(x) < 10:
         raise EstimationError("edges", "no_edges", NO_EDGES)
     pixels = np.stack([x, y], axis=-1).astype(np.float64)
-    gradient = np.stack([gx[y, x], gy[y, x]], axis=-1) / GRADIENT_UNIT
+    gradient = np.stack([g.ravel().take(places) for g in (gx, gy)], axis=-1) / GRADIENT_UNIT
     strength = np.hypot(gradient[:, 0], gradient[:, 1])
     normals = gradient / strength[:, None]
     shift, curvature = _sub_pixel(gx, gy, pixels, normals)
@@ -175,7 +176,7 @@ def _thresholds(
         return config.thresholds
     # gradient noise of a smoothed picture, and a share of the strong gradients of the marking itself
     floor = noise / (config.smoothing_px**2 * np.sqrt(8 * np.pi))
-    magnitude = np.hypot(gx.ravel()[places].astype(np.float32), gy.ravel()[places].astype(np.float32))
+    magnitude = np.hypot(gx.ravel().take(places).astype(np.float32), gy.ravel().take(places).astype(np.float32))
     strong = float(np.percentile(magnitude, 97)) / GRADIENT_UNIT if magnitude.size else 0.0
     high = max(4.0 * floor, 0.25 * strong, 0.8)
     return 0.5 * high, high

@@ -237,11 +237,10 @@ def _centreline(
 ) -> _Centreline:
     """Band centres at the configured spacing, or ``step`` times as far apart for a first look."""
     angles = even_angles(ellipse, step * config.spacing_px, config.maximum)
-    points = ellipse.points(angles)
+    points, normals = ellipse.course(angles)
     height, width = picture.shape
     inside = ((points >= 0) & (points <= (width - 1, height - 1))).all(axis=1)
-    angles, points = angles[inside], points[inside]
-    normals = ellipse.normals(angles)
+    angles, points, normals = angles[inside], points[inside], normals[inside]
     predicted = _predicted_width(ellipse, points, normals, relative_width)
     middle, chosen, plausible = _bands_along(picture, points, normals, predicted, noise, search_px, config, step)
     return _Centreline(middle, chosen, angles[plausible], int((~plausible).sum()))
@@ -306,7 +305,7 @@ def _pair_edges(
     the band and the second fall out of it, with a plausible width between them.
     """
     angles = ellipse.parameter(edges.points_px)
-    feet, normals = ellipse.points(angles), ellipse.normals(angles)
+    feet, normals = ellipse.course(angles)
     foot_distance = _along_normals(edges.points_px - feet, normals)
     near = np.abs(foot_distance) < 2 * config.refine_px * unit + 6.0
     outward = _along_normals(edges.normals, normals)
