@@ -20,6 +20,7 @@ from circlecal.detection.circle import (
 )
 from circlecal.detection.config import DetectorConfig
 from circlecal.detection.field_region import FieldRegion, find_field_region
+from circlecal.detection.flat_sides import onto_flat_sides
 from circlecal.detection.halfway import MeasuredLine, find_halfway, segments_through_middle
 from circlecal.detection.hypotheses import EllipseBatch, draw_ellipses
 from circlecal.detection.lines import StraightRun, find_straight_runs
@@ -397,6 +398,7 @@ def _first_accepted(
     for index in range(min(len(batch), config.candidates + len(excluded))):
         start = scaling.full_ellipses(batch.take(np.array([index])))
         circle = measure_circle(full_grey, start, (_SIGNS[config.marking],), config.refinement)
+        circle = onto_flat_sides(full_grey, circle, segments, config.refinement)
         alike = assigned_alike(excluded, circle.ellipse)
         if any(assignment.halfway is None for assignment in alike):
             continue

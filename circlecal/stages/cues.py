@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -26,6 +27,8 @@ PIECE_SUPPORT = 0.35
 """Least share of a piece of the halfway line outside the circle on which it is seen."""
 RIM_CLEARANCE_PX = 8.0
 """How far beyond the circle the halfway line goes on at least, pixels at 1920 px width."""
+ON_LINE_PX, BENT_SHARE = 4.0, 0.015
+"""How far from the halfway line its other pieces lie: pixels at 1920 px width, and of their distance along it."""
 SURFACE_MARGIN = 0.02
 """Picture widths beyond the playing surface within which the halfway line may still be followed."""
 END_CLEARANCE_PX = 2.0
@@ -121,14 +124,16 @@ def find_cues(
     if near is not None:
         widths[-1:] = _widths_at(growth, [near])
     measured = measure_lines(picture, segments, noise, config.search_px, config.spacing_px, rounds, widths)
-    halfway = None
+    halfway, lines = None, [line for line in measured if line is not None]
     if chord is not None and near is not None:
         surface = _with_margin(mask.field_region)
-        halfway = _halfway_line(picture, measured.pop(), chord, growth, noise, template.halfway_line, surface, config)
+        first, name = measured.pop(), template.halfway_line
+        pieces, lines = _its_pieces(first, measured, picture.shape[1] / 1920.0)
+        halfway = _halfway_line(picture, first, pieces, chord, growth, noise, name, surface, config)
     mark = None
     if config.centre_mark and halfway is not None and "centre_mark" in template.mark_by_name:
         mark = _centre_mark(picture, halfway, fit, template, blur_px, config)
-    return Cues(halfway=halfway, mark=mark, lines=tuple(line for line in measured if line is not None))
+    return Cues(halfway=halfway, mark=mark, lines=tuple(lines))
 
 
 def cues_from_observations(observations: Observations, template: FieldTemplate, circle: Circle) -> Cues:
@@ -166,6 +171,7 @@ def _beyond(chord: Array, half_chords: float, shape: tuple[int, ...]) -> Segment
 def _halfway_line(
     picture: Brightness,
     cue: LineCue | None,
+    pieces: Sequence[LineCue],
     chord: Array,
     growth: Array,
     noise: float,
@@ -173,8 +179,8 @@ def _halfway_line(
     surface: NDArray[np.bool_] | None,
     config: CuesConfig,
 ) -> LineCue | None:
-    """The measured line, continued as far as it is seen on the surface (h, w) of a reduced picture; None where too
-    little of the chord is seen.
+    """The measured line with further pieces, continued as far as it is seen on the surface (h, w) of a reduced picture;
+    None where too little of the chord is seen.
     """
     if cue is None:
         return None
@@ -192,6 +198,9 @@ def _halfway_line(
     if support < config.minimum_support:
         return None
     further = _followed(picture, cue, reach, growth, noise, config)
+    for piece in pieces:
+        beyond = _beyond_extent(cue.line, (cue, *further), piece.points_px) > 0
+        further.append(replace(piece, points_px=piece.points_px[beyond], sigma_px=piece.sigma_px[beyond]))
     points = np.concatenate([cue.points_px, *(piece.points_px for piece in further)])
     sigma = np.concatenate([cue.sigma_px, *(piece.sigma_px for piece in further)])
     if surface is not None:
@@ -204,6 +213,38 @@ def _halfway_line(
     ends = paint_ends(picture, points, middle, reach + clear)
     kept = _before_crossed(points, middle, ends, END_CLEARANCE_PX * unit)
     return LineCue(name, cue.line, points[kept], sigma[kept], segment, cue.rms_px, ends, cue.width_px)
+
+
+def _its_pieces(
+    halfway: LineCue | None, lines: Sequence[LineCue | None], unit: float
+) -> tuple[list[LineCue], list[LineCue]]:
+    """Which of the lines are pieces of the halfway line, and which are others.
+
+    Players hide so much of it now and then that it is found in two parts; lens and crown bend one against the other.
+    """
+    seen = [line for line in lines if line is not None]
+    if halfway is None:
+        return [], seen
+    pieces: list[LineCue] = []
+    others: list[LineCue] = []
+    for line in seen:
+        its = _continues(halfway, line, unit) or _continues(line, halfway, unit)
+        (pieces if its else others).append(line)
+    return pieces, others
+
+
+def _continues(line: LineCue, other: LineCue, unit: float) -> bool:
+    """Whether all points of the other lie on a line or where it goes on."""
+    off = np.abs(line_distance(line.line, other.points_px))
+    bend = BENT_SHARE * _beyond_extent(line.line, (line,), other.points_px)
+    return bool((off < ON_LINE_PX * unit + bend).all())
+
+
+def _beyond_extent(line: Array, pieces: Sequence[LineCue], points: Array) -> Array:
+    """How far along a line points (N, 2) lie beyond those of its pieces, px; 0 between them."""
+    along = np.array([line[1], -line[0]])
+    own, place = np.concatenate([piece.points_px for piece in pieces]) @ along, points @ along
+    return np.maximum(np.maximum(own.min() - place, place - own.max()), 0.0)
 
 
 def _with_margin(region: NDArray[np.bool_] | None) -> NDArray[np.bool_] | None:

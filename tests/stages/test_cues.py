@@ -177,14 +177,14 @@ def test_what_is_switched_off_is_not_looked_for(painted):
     assert without.mark is None
     assert without.halfway is not None
     line = rough_line()
-    assert len(cues_in(painted, lines=(line,)).lines) == 1
-    assert cues_in(painted, CuesConfig(further_lines=False), lines=(line,)).lines == ()
+    assert len(cues_in(painted, halfway=None, lines=(line,)).lines) == 1
+    assert cues_in(painted, CuesConfig(further_lines=False), halfway=None, lines=(line,)).lines == ()
 
 
 def test_further_lines_have_no_name_and_false_ones_are_dropped(painted):
     bare = Segment(np.array([100.0, 30.0]), np.array([500.0, 60.0]))
     tiny = Segment(np.array([100.0, 30.0]), np.array([104.0, 31.0]))
-    found = cues_in(painted, lines=(rough_line(), bare, tiny)).lines
+    found = cues_in(painted, halfway=None, lines=(rough_line(), bare, tiny)).lines
     assert [line.name for line in found] == [None]
     assert np.abs(line_distance(found[0].line, CAMERA.project(np.array([[0.0, -8.0], [0.0, 8.0]])))).max() < 0.1
 
@@ -251,6 +251,22 @@ def test_the_halfway_line_ends_at_the_touchline_though_something_goes_on_behind_
     beyond = (halfway.points_px - end) @ ahead
     assert -8.0 < beyond.max() < 4.0
     assert any(end.crossed for end in halfway.ends)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_line_that_goes_on_where_the_halfway_line_is_hidden_is_its_piece(turned):
+    camera = view(position=(5.0, 48.0, -18.0), focal=1700.0, size=(1280, 720))
+    painted = paint(camera, noise=1.0)
+    hidden, first, last, aside = camera.project(np.array([[0.0, 10.5], [0.0, 16.0], [0.0, 19.0], [4.0, 19.0]]))
+    image = painted.image.copy()
+    image[int(hidden[1]) : int(first[1])] = image[int(first[1]) - 1, 20]
+    piece = Segment(first, aside if turned else last)
+    if turned:
+        places = (tuple(np.rint(p).astype(int).tolist()) for p in (first, aside))
+        cv2.line(image, *places, (225, 225, 225), 3)
+    cues = cues_in(painted, image=image, lines=(piece,))
+    goes_on = cues.halfway.points_px[:, 1].max() > last[1] - 5.0
+    assert (goes_on, len(cues.lines)) == ((False, 1) if turned else (True, 0))
 
 
 def test_the_halfway_line_is_not_followed_off_the_playing_surface():
