@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from circlecal.camera_fit.look import LOOK, from_look, look_jacobian, to_look
-from circlecal.camera_fit.model import PARAMETERS, Frame, active_parameters, view
+from circlecal.camera_fit.model import INDEX, PARAMETERS, Frame, active_parameters, view
 from circlecal.geometry.homogeneous import Array, dehomogenise, lift
 
 LARGEST_INVERSE = 1e11
@@ -114,15 +114,19 @@ def field_uncertainty(
     toward = np.zeros((2, 1, 2, len(points_m)))
     toward[0, :, 0] = toward[1, :, 1] = 1.0
     (by_x, field_x), (by_y, field_y) = (seen.gradient(axis) for axis in toward)
-    pushed_x, pushed_y = covariance @ by_x[0], covariance @ by_y[0]
-    xx, xy, yy = ((a * b).sum(axis=0) for a, b in ((pushed_x, by_x[0]), (pushed_x, by_y[0]), (pushed_y, by_y[0])))
+    # the sizes of the markings, which come last, move no point
+    own = slice(0, INDEX["width"])
+    by_x, by_y = by_x[0, own], by_y[0, own]
+    pushed_x, pushed_y = covariance[own, own] @ by_x, covariance[own, own] @ by_y
+    xx, xy, yy = ((a * b).sum(axis=0) for a, b in ((pushed_x, by_x), (pushed_x, by_y), (pushed_y, by_y)))
     (a, b), (c, d) = field_x[0], field_y[0]
     with np.errstate(divide="ignore", invalid="ignore"):
         # of the inverse of the derivative by the field position
         ground = ((d * d + c * c) * xx - 2.0 * (b * d + a * c) * xy + (a * a + b * b) * yy) / (a * d - b * c) ** 2
     share = 1.0
     if prior_normal is not None and (total := float((xx + yy).sum())) > 0:
-        brought = (prior_normal * (pushed_x @ pushed_x.T + pushed_y @ pushed_y.T)).sum()
+        told = (covariance @ prior_normal @ covariance)[own, own]
+        brought = (told * (by_x @ by_x.T + by_y @ by_y.T)).sum()
         share = float(np.clip(1.0 - brought / total, 0.0, 1.0))
     return FieldUncertainty(np.sqrt(xx + yy), np.sqrt(np.maximum(ground, 0.0)), share)
 
