@@ -38,7 +38,7 @@ def camera_fit(
     """Everything that is reported of the best start of ``state``."""
     frame, theta = problem.frame, state.theta[0]
     covariance = posterior_covariance(state.normal[0], problem.priors.sd)
-    prior = problem.priors.residuals(theta[None])[1][0]
+    prior = state.prior_jacobian[0]
     center, reference = np.asarray(circle.center), problem.priors.center_m
     camera = camera_of(theta, frame)
     H = camera.homography
