@@ -11,6 +11,7 @@ from circlecal.geometry.homogeneous import Array
 
 __all__ = ["paint_colour", "painted_alike", "painted_on_one_surface"]
 
+_ENOUGH = 128  # places along a marking whose median is its colour
 _SAMPLES = 48  # along each segment
 _NEAR_PX1280, _FAR_PX1280 = 3.5, 5.5  # where the surface beside a marking is looked at
 _ALIKE = 0.06  # largest difference of a colour's share of the sum of the three
@@ -48,7 +49,12 @@ def paint_colour(image_bgr: NDArray[np.uint8], points: Array, normals: Array) ->
     points, normals : (N, 2) array
         Middle of the marking, px, and unit normals.
     """
-    return np.asarray(np.median(_added(image_bgr, points, normals), axis=0)) if len(points) else np.zeros(3)
+    every = max(1, len(points) // _ENOUGH)
+    return (
+        np.asarray(np.median(_added(image_bgr, points[::every], normals[::every]), axis=0))
+        if len(points)
+        else np.zeros(3)
+    )
 
 
 def painted_alike(image_bgr: NDArray[np.uint8], segments: Array, colour: Array) -> NDArray[np.bool_]:
@@ -82,8 +88,9 @@ def _added(image_bgr: NDArray[np.uint8], points: Array, normals: Array) -> Array
 def _beside(image_bgr: NDArray[np.uint8], points: Array, normals: Array) -> Array:
     """Colours (N, 2, S, 3) on both sides of places (N, 2)."""
     height, width = image_bgr.shape[:2]
-    steps = np.array([[-1.0], [1.0]]) * np.linspace(_NEAR_PX1280, _FAR_PX1280, 3) * max(1.0, width / 1280.0)
-    places = points[:, None, None] + steps[..., None] * normals[:, None, None]
-    x, y = np.clip(np.rint(places), 0, (width - 1, height - 1)).astype(np.int64).reshape(-1, 2).T
-    beside = image_bgr.reshape(-1, 3).take(y * width + x, axis=0)
-    return np.asarray(beside.reshape(*places.shape[:-1], 3), np.float64)
+    steps = np.outer([-1.0, 1.0], np.linspace(_NEAR_PX1280, _FAR_PX1280, 3)) * max(1.0, width / 1280.0)
+    x, y = (
+        np.minimum(np.maximum(np.rint(place[:, None, None] + steps * normal[:, None, None]), 0.0), size - 1.0)
+        for place, normal, size in zip(points.T, normals.T, (width, height), strict=True)
+    )
+    return np.asarray(image_bgr.reshape(-1, 3).take((y * width + x).astype(np.int64), axis=0), np.float64)

@@ -187,7 +187,8 @@ def fit_edge(
 
 def _multiple(ellipse: Ellipse, points: Array) -> Array:
     """Conic of the ellipse about the same centre that as many of the points (N, 2) lie in as out of."""
-    local = (points - ellipse.center) @ np.linalg.inv(ellipse.frame()[:2, :2]).T
-    scale = float(np.median(np.hypot(local[:, 0], local[:, 1])))
     a, b = ellipse.semi_axes
+    along, across = ellipse.frame()[:2, :2].T
+    away = points - ellipse.center
+    scale = float(np.median(np.hypot(away @ (along / (a * a)), away @ (across / (b * b)))))
     return conic_from_ellipse(Ellipse(ellipse.center, (scale * a, scale * b), ellipse.angle_rad))
