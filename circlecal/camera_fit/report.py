@@ -121,11 +121,13 @@ def visible_field(
 
 
 def residuals_px(problem: Problem, state: State) -> dict[str, float]:
-    """Root mean square residual of each observed marking, pixels; nothing is left out."""
+    """Root mean square residual of each observed marking, pixels; nothing is left out.
+
+    Pieces of a marking, and the point where another one ends on it, count together.
+    """
     curves, values = problem.curves, state.residuals[0] * problem.curves.sigma_px
-    found = {
-        name: float(np.sqrt(np.mean(values[curves.group == group] ** 2))) for group, name in enumerate(curves.names)
-    }
+    names = np.array(curves.names)[curves.group]
+    found = {name: float(np.sqrt(np.mean(values[names == name] ** 2))) for name in dict.fromkeys(curves.names)}
     for k, name in enumerate(problem.points.names):
         found[name] = float(np.linalg.norm(state.point_values[0, 2 * k : 2 * k + 2]) * problem.points.sigma_px[k])
     return found
