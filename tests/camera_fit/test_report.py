@@ -35,7 +35,7 @@ def test_residuals_of_one_marking_count_together():
     """A touchline and, apart from it, the point where the halfway line ends on it."""
     camera = aimed_camera(np.array([-4.0, 60.0, -16.0]), np.array([0.0, -10.0, 0.0]), 2600.0, 0.0, 1920, 1080)
     along = camera.project(np.stack([np.linspace(-15.0, 10.0, 99), np.full(99, -34.0)], axis=-1))
-    end = (*camera.project(np.array([[0.0, -34.0]])), 0.0, 5.0)
+    end = camera.project(np.array([[0.0, -34.0]])) + np.array([0.0, 5.0])
     lines = tuple(LinePoints("side_line_top", p, np.full(len(p), 0.5)) for p in (along, end))
     config = CameraConfig()
     curves = observed_curves(Observations(1920, 1080, lines=lines), SOCCER, realism_of(config, 1920))
