@@ -116,7 +116,7 @@ class Camera:
                 slope = np.maximum(1 + squared * (3 * k1 + 5 * k2 * squared), 0.2)
                 step = value / slope
                 r = r - step
-                if not (np.abs(step) > 1e-15 * r).any():
+                if not (np.abs(step) > 1e-9 * r).any():  # the next one would be its square
                     break
         r = np.where(np.isfinite(r), r, np.nan)
         factor = np.where(target > 0, r / np.where(target > 0, target, 1.0), 1.0)
