@@ -33,6 +33,7 @@ _WIDEST = 0.97  # share of the samples that are narrower than what counts as the
 _FEWEST = 6  # samples at either end
 _NEARLY_WHOLE = 0.6  # share of the circle that is drawn, for the widths of both sides to be seen
 _NARROWEST_RADII, _TELLING_PX = 0.008, 2.5  # a marking this narrow must differ by so much for its width to be told
+_HIDDEN = 0.07  # share of the circle that players may hide altogether
 _UNIT_CIRCLE = np.diag([1.0, 1.0, -1.0])
 
 
@@ -160,7 +161,7 @@ def hypothesis_of(circle: MeasuredCircle, field_share: float, width: int) -> Cir
 def drawn_on_both_sides(circle: MeasuredCircle, line: Array, share: float) -> bool:
     """Whether the circle is drawn on both sides of a line (3,), by ``share`` of the whole, where the picture shows it.
 
-    A side of which the picture shows less than twice that much is not judged.
+    A side of which the picture shows less than twice that much, or what a player or two may hide, is not judged.
     """
     to_unit = np.linalg.inv(unit_frame(circle.ellipse))
     local = normalise_line(transform_lines(to_unit, line))
@@ -168,7 +169,8 @@ def drawn_on_both_sides(circle: MeasuredCircle, line: Array, share: float) -> bo
     on, inside = circle.band.supported, circle.band.inside
     for side in (-1.0, 1.0):
         beyond = side * distance > _CLEAR
-        if circle.angle_share[inside & beyond].sum() > 2 * share > 2 * circle.angle_share[on & beyond].sum():
+        seen, drawn = (float(circle.angle_share[part & beyond].sum()) for part in (inside, on))
+        if seen > max(2 * share, _HIDDEN) and drawn < share:
             return False
     return True
 

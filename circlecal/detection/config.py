@@ -280,7 +280,7 @@ class HalfwayConfig(BaseModel):
         default=0.4, gt=0.0, le=1.0, description="Smallest supported share of the chord inside the circle."
     )
     support_with_rest: float = Field(
-        default=0.25,
+        default=0.18,
         gt=0.0,
         le=1.0,
         description="The same where the line is drawn outside the circle too, by `support` of its visible length.",

@@ -66,7 +66,7 @@ class CuesConfig(BaseModel):
     )
     spacing_px: float = Field(2.0, ge=0.5, le=20, description="Distance of the measured points, pixels.")
     minimum_support: float = Field(
-        0.27, ge=0, le=1, description="Least share of the visible chord on which the halfway line is seen."
+        0.18, ge=0, le=1, description="Least share of the visible chord on which the halfway line is seen."
     )
     mark_snr: float = Field(4.0, ge=0, description="Least signal to noise ratio of the centre mark.")
     mark_offset: tuple[float, float] = Field(
