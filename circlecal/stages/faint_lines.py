@@ -33,7 +33,7 @@ SHORTEST_WIDTHS = 0.15
 """Shorter parts of a marking, picture widths, are not looked for."""
 NEAREST_M = 0.5
 """Depth before the camera from which on the field counts as seen."""
-SIGMAS, LEAST_SHIFT_PX, LARGEST_SHIFT_PX = 3.0, 60.0, 160.0
+SIGMAS, LEAST_SHIFT_PX, LARGEST_SHIFT_PX = 3.5, 60.0, 160.0
 """How far a marking is shifted: standard deviations of its place, at least so far (what the others are compared with),
 and no further.
 """
@@ -43,7 +43,7 @@ PIECE_PX = 240.0
 """Long pieces of the marking must each be lighter than both sides: a step in brightness is no marking."""
 CLIPPED = 3.0
 """Single responses count up to so many standard deviations: players and captions are outliers."""
-STANDING_OUT, RIVAL_SHARE, RIVAL_PX = 5.0, 0.6, 6.0
+STANDING_OUT, RIVAL_SHARE, RIVAL_PX = 5.0, 0.5, 6.0
 """By how many standard deviations of the sums a marking must stand out, how much less any other place further off than
 this may.
 """
@@ -52,6 +52,10 @@ MEASURED_PX, WITHIN_PX = 60.0, 3.0
 LEAST_SIGMA_PX = 0.3
 """Standard deviation of a measured point at least."""
 FEWEST_POINTS = 8
+SMOOTH_PX = 1.0
+"""Scatter of the points about the gentle bend that lens and crown give a straight marking, at most: peaks of the
+surface's own texture jump about.
+"""
 _SIZES = ("width", "length", "breadth")
 
 
@@ -165,6 +169,8 @@ def _best_shift(picture: NDArray[np.uint8], course: _Course, unit: float) -> Arr
     best = float(sums[turn, at])
     if best < STANDING_OUT or float(sums[:, rival].max(initial=-np.inf)) > RIVAL_SHARE * best:
         return None
+    if abs(first[at]) > SIGMAS:
+        return None
     return np.asarray(first[at] * course.modes[:, 0] + second[turn] * course.modes[:, 1])
 
 
@@ -229,6 +235,11 @@ def _measured(picture: NDArray[np.uint8], course: _Course, shift: Array, unit: f
     if len(points) < FEWEST_POINTS:
         return None
     measured, sigma_px = np.array(points), np.array(sigmas)
+    along = np.linspace(-1.0, 1.0, len(measured))
+    bend = (measured - measured.mean(axis=0)) @ fit_line(measured)[:2]
+    jump = bend - np.polyval(np.polyfit(along, bend, 2), along)
+    if np.sqrt(np.mean(jump**2)) > SMOOTH_PX * unit:
+        return None
     line = fit_line(measured, 1.0 / sigma_px**2)
     off = np.abs(line_distance(line, measured))
     rms = float(np.sqrt(np.mean(off**2)))
