@@ -332,6 +332,10 @@ class DetectorConfig(BaseModel):
         default="light",
         description="Whether markings are lighter or darker than the surface; any tries both, light first.",
     )
+    one_paint: bool = Field(
+        default=True,
+        description="Whether the markings are all in one paint, so that what is painted in another is none of them.",
+    )
     detection_width_px: int = Field(
         default=960,
         ge=160,

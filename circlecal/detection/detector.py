@@ -30,7 +30,7 @@ from circlecal.detection.result import CircleHypothesis, Detection, LineSegment
 from circlecal.detection.ridges import RidgePoints, find_ridges
 from circlecal.detection.ruled_out import assigned_alike, segments_left
 from circlecal.detection.scoring import RidgeRaster, best_distinct, ranked, refitted, support_of
-from circlecal.detection.sides import paint_colour, painted_alike, painted_on_one_surface
+from circlecal.detection.sides import alike_paint, paint_colour, painted_alike, painted_on_one_surface
 from circlecal.geometry.conics import sampson_distance
 from circlecal.geometry.homogeneous import Array
 from circlecal.profiles import grey as brightness_of
@@ -56,6 +56,14 @@ class _Stopwatch:
         now = time.perf_counter()
         self.timings_ms[name] = self.timings_ms.get(name, 0.0) + (now - self._last) * 1e3
         self._last = now
+
+
+@dataclass(frozen=True, slots=True)
+class _Frame:
+    """The full picture (H, W, 3) and its brightness (H, W)."""
+
+    image_bgr: NDArray[np.uint8]
+    grey: NDArray[np.uint8]
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,9 +191,9 @@ def detect(
     watch.lap("scale")
     region = find_field_region(image_bgr, config.field_region)
     watch.lap("field")
-    search = _searched(image_bgr, full_grey, region, config, rng, watch, excluded)
+    search = _searched(_Frame(image_bgr, full_grey), region, config, rng, watch, excluded)
     ridges, runs, segments, found = search.ridges, search.runs, search.segments, search.found
-    kept = _straight_markings(image_bgr, segments, found.circle, found.hypothesis)
+    kept = _straight_markings(image_bgr, segments, found.circle, found.hypothesis, config.one_paint)
     watch.lap("surfaces")
     halfway = None if found.halfway is None else LineSegment(*found.halfway.ends, support=found.halfway.support)
     detection = Detection(
@@ -207,8 +215,7 @@ def detect(
 
 
 def _searched(
-    image_bgr: NDArray[np.uint8],
-    full_grey: NDArray[np.uint8],
+    frame: _Frame,
     region: FieldRegion,
     config: DetectorConfig,
     rng: np.random.Generator,
@@ -224,13 +231,13 @@ def _searched(
     passes = [(quick(option), 0.0, region) for option in options]
     searches: list[_Search] = []
     for option, margin, surface in passes:
-        search = _search(full_grey, surface, option, rng, watch, margin, excluded)
+        search = _search(frame, surface, option, rng, watch, margin, excluded)
         if search.found.refusal == _NO_FIELD or search.found.settled:
             return search
         searches.append(search)
         if config.thorough and len(searches) == len(options):
             # the stands, or the track before the field, may fill more of the picture
-            other = find_field_region(image_bgr, config.field_region, region)
+            other = find_field_region(frame.image_bgr, config.field_region, region)
             watch.lap("field")
             enough = other.area_share >= config.field_region.area_share
             passes += [(quick(option), 0.0, other) for option in options if enough]
@@ -241,19 +248,19 @@ def _searched(
         # a circle that is seen very flat has too few rows in the smaller picture
         surfaces = {id(surface): surface for _, _, surface in passes}.values()
         for option, surface in ((option, surface) for option in options for surface in surfaces):
-            search = _search(full_grey, surface, flat(option), rng, watch, _MARGIN, excluded)
+            search = _search(frame, surface, flat(option), rng, watch, _MARGIN, excluded)
             if search.found.settled:
                 return search
             searches += [search] if search.found.circle is not None else []
     best = max(searches, key=_rank)
     arcs = [arc for search in searches if search.sign == best.sign for arc in search.found.arcs]
-    apart_px, gapless = SAME_ARC * full_grey.shape[1], config.likely.gapless_share
+    apart_px, gapless = SAME_ARC * frame.grey.shape[1], config.likely.gapless_share
     distinct = distinct_arcs(arcs, best.found.hypothesis, apart_px, gapless)
     return replace(best, found=replace(best.found, arcs=distinct))
 
 
 def _search(
-    full_grey: NDArray[np.uint8],
+    frame: _Frame,
     region: FieldRegion,
     config: DetectorConfig,
     rng: np.random.Generator,
@@ -265,7 +272,7 @@ def _search(
 
     The field is taken with a margin (in picture widths).
     """
-    grey, scaling = _detection_picture(full_grey, config)
+    grey, scaling = _detection_picture(frame.grey, config)
     rows, columns = grey.shape
     hull = region.hull_at(columns, rows)
     if margin:
@@ -280,7 +287,7 @@ def _search(
     if region.area_share < config.field_region.area_share:
         found = _Found(None, None, None, (), _NO_FIELD)
     else:
-        found = _find_circle(full_grey, hull, ridges, runs, segments, scaling, config, rng, watch, excluded)
+        found = _find_circle(frame, hull, ridges, runs, segments, scaling, config, rng, watch, excluded)
     return _Search(region, ridges, runs, segments, found, scaling, sign)
 
 
@@ -327,7 +334,7 @@ def _segments(runs: list[StraightRun], scaling: _Scaling) -> Array:
 
 
 def _find_circle(
-    full_grey: NDArray[np.uint8],
+    frame: _Frame,
     hull: NDArray[np.uint8],
     ridges: RidgePoints,
     runs: list[StraightRun],
@@ -354,10 +361,12 @@ def _find_circle(
     batch = refitted(batch, raster, tuple(max(1.2, reach * unit) for reach in (5.0, 2.0)))
     batch = ranked(batch, raster)
     watch.lap("refit")
-    found = _first_accepted(full_grey, batch, raster, segments, scaling, config, watch, excluded)
+    found = _first_accepted(frame, batch, raster, segments, scaling, config, watch, excluded)
     if found.circle is not None or not config.near_points:
         return found
-    on_arcs = near_conics(scaling.full(ridges.points), [arc.conic for arc in found.arcs], SAME_ARC * full_grey.shape[1])
+    on_arcs = near_conics(
+        scaling.full(ridges.points), [arc.conic for arc in found.arcs], SAME_ARC * frame.grey.shape[1]
+    )
     left = np.flatnonzero(usable & ~on_arcs)
     drawn = config.hypotheses.model_copy(update={"draws": config.hypotheses.draws // config.second_pass.effort})
     batch = draw_ellipses(ridges, usable & ~on_arcs, (columns, rows), drawn, rng, near=True)
@@ -369,13 +378,13 @@ def _find_circle(
     watch.lap("scoring")
     batch = ranked(refitted(batch, others, tuple(max(1.2, reach * unit) for reach in (5.0, 2.0))), others)
     watch.lap("refit")
-    again = _first_accepted(full_grey, batch, raster, segments, scaling, config, watch, excluded)
+    again = _first_accepted(frame, batch, raster, segments, scaling, config, watch, excluded)
     arcs = (*found.arcs, *again.arcs)
     return replace(again if again.circle is not None else found, arcs=arcs)
 
 
 def _first_accepted(
-    full_grey: NDArray[np.uint8],
+    frame: _Frame,
     batch: EllipseBatch,
     raster: RidgeRaster,
     segments: Array,
@@ -387,7 +396,7 @@ def _first_accepted(
     """Measure the candidates in order until one is accepted with its halfway line; failing that, the first accepted
     without it, or the best likely one.
     """
-    width = full_grey.shape[1]
+    width = frame.grey.shape[1]
     candidates: list[CircleHypothesis] = []
     refusals: list[str] = []
     lone: tuple[MeasuredCircle, CircleHypothesis] | None = None
@@ -397,8 +406,8 @@ def _first_accepted(
     least = _SHORTEST_HALFWAY * raster.width
     for index in range(min(len(batch), config.candidates + len(excluded))):
         start = scaling.full_ellipses(batch.take(np.array([index])))
-        circle = measure_circle(full_grey, start, (_SIGNS[config.marking],), config.refinement)
-        circle = onto_flat_sides(full_grey, circle, segments, config.refinement)
+        circle = measure_circle(frame.grey, start, (_SIGNS[config.marking],), config.refinement)
+        circle = onto_flat_sides(frame.grey, circle, segments, config.refinement)
         alike = assigned_alike(excluded, circle.ellipse)
         if any(assignment.halfway is None for assignment in alike):
             continue
@@ -408,21 +417,21 @@ def _first_accepted(
         refusal = refusal_of(hypothesis, True, width, config.acceptance)
         likely_one = likely_arc(hypothesis, width, config.acceptance, config.likely)
         if refusal == "circle_support_too_low" and not likely_one:
-            share, sectors = painted_share(full_grey, circle.ellipse, circle.sign)
+            share, sectors = painted_share(frame.grey, circle.ellipse, circle.sign)
             hypothesis = replace(hypothesis, painted_share=share if sectors >= _FEWEST_SECTORS else 0.0)
             likely_one = likely_arc(hypothesis, width, config.acceptance, config.likely)
             watch.lap("refine")
         if refusal is None or likely_one:
-            halfway = find_halfway(full_grey, circle, segments_left(segments, alike, width), config)
+            halfway = _halfway_of(frame, circle, segments_left(segments, alike, width), config)
             if halfway is None and refusal is not None:
                 if shorter is None:
                     runs = find_straight_runs(raster.ridges, (raster.width, raster.height), least, config.lines)
                     shorter = _segments(runs, scaling)
-                halfway = find_halfway(full_grey, circle, segments_left(shorter, alike, width), config)
+                halfway = _halfway_of(frame, circle, segments_left(shorter, alike, width), config)
             if halfway is None:
                 ridges = raster.ridges
                 pieces = segments_through_middle(scaling.full(ridges.points), ridges.normals, circle, config.halfway)
-                halfway = find_halfway(full_grey, circle, segments_left(pieces, alike, width), config)
+                halfway = _halfway_of(frame, circle, segments_left(pieces, alike, width), config)
             through = halfway is not None and not halfway.outside
             refusal = refusal_of(hypothesis, through, width, config.acceptance)
             watch.lap("halfway")
@@ -450,15 +459,34 @@ def _first_accepted(
     return _Found(None, None, None, ranked, refusal, arcs=tuple(arcs))
 
 
+def _halfway_of(frame: _Frame, circle: MeasuredCircle, segments: Array, config: DetectorConfig) -> MeasuredLine | None:
+    """The line through the circle's middle, if it is in the circle's paint."""
+    line = find_halfway(frame.grey, circle, segments, config)
+    if line is None or not config.one_paint:
+        return line
+    on = line.band.supported
+    points = line.points[on] + line.band.offset[on, None] * line.normals[on]
+    colours = paint_colour(frame.image_bgr, points, line.normals[on]), _colour_of(frame.image_bgr, circle)
+    return line if alike_paint(*colours) else None
+
+
+def _colour_of(image_bgr: NDArray[np.uint8], circle: MeasuredCircle) -> Array:
+    return paint_colour(image_bgr, circle.marking_points, circle.normals[circle.band.supported])
+
+
 def _straight_markings(
-    image_bgr: NDArray[np.uint8], segments: Array, circle: MeasuredCircle | None, hypothesis: CircleHypothesis | None
+    image_bgr: NDArray[np.uint8],
+    segments: Array,
+    circle: MeasuredCircle | None,
+    hypothesis: CircleHypothesis | None,
+    one_paint: bool,
 ) -> NDArray[np.int64]:
     """Indices of the segments (K, 2, 2) that are painted on one surface, with the circle's paint, and no part of it."""
     straight = painted_on_one_surface(image_bgr, segments)
     if circle is not None and hypothesis is not None:
         straight &= ~_lie_on_circle(segments, hypothesis.conic, image_bgr.shape[1])
-        colour = paint_colour(image_bgr, circle.marking_points, circle.normals[circle.band.supported])
-        straight &= painted_alike(image_bgr, segments, colour)
+        if one_paint:
+            straight &= painted_alike(image_bgr, segments, _colour_of(image_bgr, circle))
     return np.flatnonzero(straight)
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from circlecal.geometry.homogeneous import Array
 
-__all__ = ["paint_colour", "painted_alike", "painted_on_one_surface"]
+__all__ = ["alike_paint", "paint_colour", "painted_alike", "painted_on_one_surface"]
 
 _ENOUGH = 128  # places along a marking whose median is its colour
 _SAMPLES = 48  # along each segment
@@ -64,6 +64,13 @@ def painted_alike(image_bgr: NDArray[np.uint8], segments: Array, colour: Array) 
     if len(segments) == 0:
         return np.zeros(0, np.bool_)
     added = np.median(_added(image_bgr, *_samples(segments)).reshape(len(segments), _SAMPLES, 3), axis=1)
+    return np.asarray(alike_paint(added, colour), np.bool_)
+
+
+def alike_paint(added: Array, colour: Array) -> NDArray[np.bool_]:
+    """Whether what markings add to their surfaces (..., 3) is the colour (3,) of another one's paint, in whatever
+    strength; also where one of the two is too faint to tell.
+    """
     strength, usual = np.sqrt((added * added).sum(axis=-1)), float(np.sqrt(colour @ colour))
     alike = added @ colour >= _ONE_PAINT * strength * usual
     return np.asarray(alike | (np.minimum(strength, usual) < _LEAST_COLOUR), np.bool_)

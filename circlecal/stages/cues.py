@@ -25,6 +25,8 @@ SHORT_ARC_DEG, SHORT_ARC_SPARE = 240.0, 0.25
 """Arcs shorter than this leave the place of the centre mark more open, by up to so many half chords."""
 PIECE_SUPPORT = 0.35
 """Least share of a piece of the halfway line outside the circle on which it is seen."""
+COVERED_SHARE = 0.67
+"""Of the least support: enough where the line goes on outside the circle, whose middle a sign may cover."""
 RIM_CLEARANCE_PX = 8.0
 """How far beyond the circle the halfway line goes on at least, pixels at 1920 px width."""
 ON_LINE_PX, BENT_SHARE = 4.0, 0.015
@@ -66,7 +68,7 @@ class CuesConfig(BaseModel):
     )
     spacing_px: float = Field(2.0, ge=0.5, le=20, description="Distance of the measured points, pixels.")
     minimum_support: float = Field(
-        0.18, ge=0, le=1, description="Least share of the visible chord on which the halfway line is seen."
+        0.27, ge=0, le=1, description="Least share of the visible chord on which the halfway line is seen."
     )
     mark_snr: float = Field(4.0, ge=0, description="Least signal to noise ratio of the centre mark.")
     mark_offset: tuple[float, float] = Field(
@@ -195,9 +197,11 @@ def _halfway_line(
         inside = np.abs((cue.points_px - middle) @ half / (half @ half)) < 1.0
         expected = float(np.linalg.norm(visible[1] - visible[0])) / config.spacing_px
         support = float(inside.sum() / max(expected, 1.0))
-    if support < config.minimum_support:
+    if support < COVERED_SHARE * config.minimum_support:
         return None
     further = _followed(picture, cue, reach, growth, noise, config)
+    if support < config.minimum_support and not further:
+        return None
     for piece in pieces:
         beyond = _beyond_extent(cue.line, (cue, *further), piece.points_px) > 0
         further.append(replace(piece, points_px=piece.points_px[beyond], sigma_px=piece.sigma_px[beyond]))
