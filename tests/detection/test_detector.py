@@ -294,3 +294,15 @@ def test_the_last_pass_has_more_pixels_and_flatter_ellipses() -> None:
     assert last.detection_width_px == CONFIG.second_pass.flat_width_px > CONFIG.detection_width_px
     assert last.hypotheses.axis_ratio == (CONFIG.second_pass.flattest, CONFIG.hypotheses.axis_ratio[1])
     assert last.ridges == thorough(CONFIG).ridges
+
+
+def test_a_line_in_another_paint_than_the_circle_is_not_its_halfway_line() -> None:
+    """A ring that an analyst draws may have the line of another marking through its middle."""
+    ring_only, line_only = (paint_scene(markings=HALFWAY_AND_CIRCLE[k : k + 1], noise=0.0).image for k in (0, 1))
+    covered = (ring_only.astype(np.float64) - GRASS).mean(axis=-1, keepdims=True) / 90.0
+    noise = np.random.default_rng(0).normal(0, 2, ring_only.shape)
+    image = (line_only + covered * np.array([-50.0, 110.0, -60.0]) + noise).clip(0, 255).astype(np.uint8)
+    found = run(image)
+    assert found.circle is not None
+    assert found.halfway is None
+    assert run(image, DetectorConfig(one_paint=False)).halfway is not None
