@@ -207,6 +207,7 @@ CODES = {
     "widest_edge_gap": "edges_contradict",
     "narrowest_edge_gap": "edges_contradict",
     "line_residual_px": "residual_too_large",
+    "end_residual_px": "residual_too_large",
     "line_reach": "line_beyond_field",
     "other_end_reach": "line_beyond_field",
     "found_share": "markings_missing",
@@ -241,6 +242,10 @@ _WORDS = {
     "widest_edge_gap": "the marking's edges lie {value:.2f} times as far apart as the camera predicts",
     "narrowest_edge_gap": "the marking's edges lie only {value:.2f} times as far apart as the camera predicts",
     "line_residual_px": "the projected halfway line leaves the marking by {value:.2f} px rms, {limit:.2f} are allowed",
+    "end_residual_px": (
+        "the halfway line is seen to end {value:.2f} px from the marking at its end, {limit:.2f} are allowed: that is"
+        " not its end"
+    ),
     "line_reach": (
         "the halfway line runs {value:.2f} half widths of the field, {limit:.2f} are allowed: the circle is another one"
     ),
@@ -355,11 +360,26 @@ def _residual_checks(camera: CameraFit, cues: Cues, circle: Circle, unit: float,
             checks.append(_check("structured_residual_px", structured, limit))
         elif cues.halfway is not None and name == cues.halfway.name:
             checks.append(_check("line_residual_px", rms, max(config.max_line_residual_px * unit, stated)))
+    if not _confirmations(cues, camera, unit):
+        for rms in _end_residuals(camera, cues, circle):
+            checks.append(_check("end_residual_px", rms, config.max_line_residual_px * unit))
     if cues.mark is not None and cues.mark.name not in camera.rejected:
         seen = camera.residuals_px.get(cues.mark.name, 0.0)
         stated = NOISE_SIGMAS * camera.stated_sigma_px.get(cues.mark.name, 0.0)
         checks.append(_check("mark_distance_px", seen, max(config.max_mark_distance_px * unit, stated)))
     return checks
+
+
+def _end_residuals(camera: CameraFit, cues: Cues, circle: Circle) -> list[float]:
+    """How far the seen ends of the halfway line lie from the markings that they must lie on, px: where nothing else
+    says how large the field is, an end that does not fit is none.
+    """
+    own = () if cues.halfway is None or cues.halfway.name is None else (cues.halfway.name,)
+    marks = () if cues.mark is None else (cues.mark.name,)
+    known = {*own, *marks, *camera.named_lines, *(line.name for line in cues.lines)}
+    seen = {name: rms for name, rms in camera.residuals_px.items() if not name.startswith(f"{circle.name} ")}
+    ends = cues.halfway is not None and cues.halfway.ends
+    return [rms for name, rms in seen.items() if name not in known] if ends else []
 
 
 def _reach_checks(camera: CameraFit, cues: Cues, template: FieldTemplate, config: VerdictConfig) -> list[Check]:

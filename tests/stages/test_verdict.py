@@ -7,6 +7,7 @@ import pytest
 
 from circlecal.geometry.conics import circle_conic, transform_conic
 from circlecal.geometry.homography import turn_homography
+from circlecal.observations import LineEnd
 from circlecal.results import CameraFit, Cues, EllipseFits, HomographyFit, MarkCue
 from circlecal.stages.verdict import CODES, VerdictConfig, judge
 
@@ -85,8 +86,21 @@ def test_a_good_camera_is_accepted_with_every_check():
         "confirmations",
         "likely_residual_px",
         "found_share",
+        "end_residual_px",
         "other_end_reach",
     }
+
+
+def test_an_end_of_the_halfway_line_alone_must_fit_the_marking_that_it_lies_on():
+    unit = CAMERA.width / 1920.0
+    line = replace(LINE, ends=(LineEnd(np.array([600.0, 100.0]), False),))
+    off = camera_fit(residuals_px={"centre_circle outer": 0.05, "halfway_line": 0.1, "side_line_top": 2.5 * unit})
+    found = verdict(off, cues=Cues(line, None))
+    assert found.code == "residual_too_large"
+    assert "that is not its end" in found.reason
+    assert verdict(replace(off, residuals_px={"side_line_top": 1.5 * unit}), cues=Cues(line, None)).code is None
+    # with another marking at its place the end is not what the size hangs on
+    assert verdict(replace(off, named_lines=("side_line_bottom",)), cues=Cues(line, None)).code is None
 
 
 WITHOUT_CIRCLE = {"field_in_front", "marking_residual_px", "rejected_share"}
