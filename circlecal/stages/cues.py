@@ -29,7 +29,7 @@ COVERED_SHARE = 0.67
 """Of the least support: enough where the line goes on outside the circle, whose middle a sign may cover."""
 RIM_CLEARANCE_PX = 8.0
 """How far beyond the circle the halfway line goes on at least, pixels at 1920 px width."""
-ON_LINE_PX, BENT_SHARE = 4.0, 0.015
+ON_LINE_PX, BENT_SHARE = 4.0, 0.03
 """How far from the halfway line its other pieces lie: pixels at 1920 px width, and of their distance along it."""
 SURFACE_MARGIN = 0.02
 """Picture widths beyond the playing surface within which the halfway line may still be followed."""
