@@ -364,3 +364,8 @@ class DetectorConfig(BaseModel):
         description="Whether hypotheses of points near each other are drawn too where no circle is found: the second"
         " pass does.",
     )
+
+    @property
+    def sign(self) -> float:
+        """1 where a pass looks for markings lighter than the surface, -1 for darker ones."""
+        return -1.0 if self.marking == "dark" else 1.0

@@ -7,9 +7,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from circlecal.detection.circle import MeasuredCircle
 from circlecal.geometry.homogeneous import Array
 
-__all__ = ["alike_paint", "paint_colour", "painted_alike", "painted_on_one_surface"]
+__all__ = ["alike_paint", "colour_of_circle", "paint_colour", "painted_alike", "painted_on_one_surface"]
 
 _ENOUGH = 128  # places along a marking whose median is its colour
 _SAMPLES = 48  # along each segment
@@ -55,6 +56,11 @@ def paint_colour(image_bgr: NDArray[np.uint8], points: Array, normals: Array) ->
         if len(points)
         else np.zeros(3)
     )
+
+
+def colour_of_circle(image_bgr: NDArray[np.uint8], circle: MeasuredCircle) -> Array:
+    """What the circle's paint adds to its surface, (3,)."""
+    return paint_colour(image_bgr, circle.marking_points, circle.normals[circle.band.supported])
 
 
 def painted_alike(image_bgr: NDArray[np.uint8], segments: Array, colour: Array) -> NDArray[np.bool_]:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from circlecal.detection import Detection, DetectorConfig, detect
-from circlecal.detection.detector import flat, thorough
+from circlecal.detection.passes import flat, thorough
 from circlecal.geometry.conics import sampson_distance
 from circlecal.geometry.homogeneous import Array, lift
 
