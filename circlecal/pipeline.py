@@ -12,8 +12,7 @@ from circlecal.chain import Chain, refused
 from circlecal.config import Config
 from circlecal.errors import ConfigError, EstimationError, InputError
 from circlecal.field import Circle, FieldTemplate, load_field
-from circlecal.geometry.conics import ellipse_from_conic
-from circlecal.geometry.homogeneous import lift
+from circlecal.geometry.conics import encloses
 from circlecal.interlacing import row_motion, without_combs
 from circlecal.observations import Observations, joined
 from circlecal.profiles import grey
@@ -211,14 +210,7 @@ class _Attempts:
         """Whether the circle lies about one that was too small for the field, and another marking is at its place."""
         mask: MarkingMask = self.chain.reached["mask"]
         camera: CameraFit = self.chain.reached["camera"]
-        inner = ellipse_from_conic(smaller.conic)
-        if inner is None or mask.conic is None or not camera.named_lines:
-            return False
-        at_rim, at_center = (
-            np.einsum("ni,ij,nj->n", points, mask.conic, points)
-            for points in (lift(inner.points(np.linspace(0.0, 2 * np.pi, 24))), lift(inner.center[None]))
-        )
-        return bool((at_rim * at_center > 0).all())
+        return bool(camera.named_lines) and mask.conic is not None and encloses(mask.conic, smaller.conic)
 
     def _with_arcs(self, first: Verdict) -> Verdict:
         """The first answer that is accepted with a nearly gapless arc as the circle; where there are such arcs and no

@@ -138,6 +138,16 @@ def ellipse_from_conic(conic: ArrayLike) -> Ellipse | None:
     return Ellipse(np.array([x, y]), (sqrt(level / smaller), sqrt(level / larger)), angle % pi)
 
 
+def encloses(conic: ArrayLike, smaller: ArrayLike) -> bool:
+    """Whether the ellipse of one conic (3, 3) has the whole of another one inside; False where one is no ellipse."""
+    outer, inner = ellipse_from_conic(conic), ellipse_from_conic(smaller)
+    if outer is None or inner is None:
+        return False
+    rim = inner.points(np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)) - outer.center
+    on_unit_disc = np.linalg.solve(outer.frame()[:2, :2], rim.T)
+    return bool((np.hypot(*on_unit_disc) < 1.0).all())
+
+
 def circle_conic(center: ArrayLike, radius: float) -> Array:
     """Conic (3, 3) of a circle (Magera et al. 2025, eq. 2)."""
     x, y = np.asarray(center, dtype=np.float64)

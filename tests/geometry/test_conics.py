@@ -222,3 +222,18 @@ def test_foot_points_of_the_centre_and_of_a_circle():
 def test_arc_coverage_counts_the_bins_that_have_points(ellipse, bins):
     t = np.radians(2.5 + 5.0 * np.arange(bins))
     assert conics.arc_coverage_deg(ellipse, ellipse.points(np.repeat(t, 3))) == pytest.approx(5.0 * bins)
+
+
+def _flat(x, y, great=100.0, small=40.0):
+    return conics.conic_from_ellipse(conics.Ellipse(np.array([x, y]), (great, small), 0.0))
+
+
+@pytest.mark.parametrize("scale", [1.0, -3.0])
+def test_one_ellipse_about_another(scale):
+    outer, hyperbola = scale * _flat(200.0, 150.0), np.diag([1.0, -1.0, 1.0])
+    assert conics.encloses(outer, _flat(220.0, 155.0, 60.0, 20.0))
+    assert not conics.encloses(_flat(220.0, 155.0, 60.0, 20.0), outer)
+    assert not conics.encloses(outer, _flat(250.0, 150.0, 60.0, 20.0))  # they cross
+    assert not conics.encloses(outer, _flat(500.0, 150.0, 60.0, 20.0))  # beside it
+    assert not conics.encloses(outer, hyperbola)
+    assert not conics.encloses(hyperbola, outer)
