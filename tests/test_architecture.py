@@ -19,7 +19,7 @@ PACKAGE = ROOT / "circlecal"
 FILES = sorted(PACKAGE.rglob("*.py"))
 
 LAYERS: tuple[frozenset[str], ...] = (
-    frozenset({"errors", "__init__"}),
+    frozenset({"errors", "threads", "__init__"}),
     frozenset({"geometry"}),
     frozenset({"field", "profiles"}),
     frozenset({"observations", "sources", "interlacing"}),

@@ -15,6 +15,7 @@ from multiprocessing import resource_tracker
 from typing import Any, TypeVar
 
 from circlecal.batch.task import F, Finished, Named, Task, failed, finish
+from circlecal.threads import ONE_THREAD
 
 _IN_FLIGHT_PER_WORKER = 2
 T = TypeVar("T")
@@ -122,8 +123,8 @@ def worker_surroundings() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _one_thread() -> Iterator[None]:
-    threads = {name: os.environ.get(name) for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
-    os.environ.update(dict.fromkeys(threads, "1"))
+    threads = {name: os.environ.get(name) for name in ONE_THREAD}
+    os.environ.update(ONE_THREAD)
     try:
         yield
     finally:

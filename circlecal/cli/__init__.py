@@ -9,6 +9,7 @@ import sys
 from collections.abc import Sequence
 
 from circlecal.errors import CirclecalError
+from circlecal.threads import ONE_THREAD
 
 _SYSTEM_LIMITS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EACCES, errno.EPERM, errno.EROFS, errno.EMFILE)
 
@@ -26,6 +27,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         Those of the process when None.
     """
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")  # a damaged picture is one line of ours
+    for name, count in ONE_THREAD.items():
+        os.environ.setdefault(name, count)
     try:
         from circlecal.cli.app import app
 

@@ -23,15 +23,16 @@ from circlecal.detection.lines import find_straight_runs
 from circlecal.detection.paint import painted_share
 from circlecal.detection.picture import Frame, Scaling, Stopwatch
 from circlecal.detection.result import CircleHypothesis
-from circlecal.detection.ruled_out import assigned_alike, segments_left
+from circlecal.detection.ruled_out import assigned_alike, segments_left, segments_off
 from circlecal.detection.scoring import RidgeRaster, support_of
-from circlecal.detection.sides import alike_paint, colour_of_circle, paint_colour
+from circlecal.detection.sides import alike_paint, colour_of_circle, colour_of_line
 from circlecal.geometry.homogeneous import Array
 from circlecal.results import Assignment
 
 __all__ = ["Candidates", "Found"]
 
 _FEWEST_SECTORS = 8  # of a circle: fewer do not tell how much of it is painted
+_MOST_LINES = 3  # through a circle's middle that are looked at for its halfway line, in one paint with it
 _SHORTEST_HALFWAY = 0.04  # picture widths: of a piece of the halfway line of a circle that has no longer one
 
 
@@ -156,14 +157,14 @@ class Candidates:
         """The line through the circle's middle, among the long straight markings, the short ones (``thorough``), and
         the ridge points that head there.
         """
-        halfway = self._in_paint(circle, self._segments, alike)
+        halfway = self._in_paint(circle, segments_left(self._segments, alike, self._width))
         if halfway is None and thorough:
-            halfway = self._in_paint(circle, self._shorter_segments(), alike)
+            halfway = self._in_paint(circle, segments_left(self._shorter_segments(), alike, self._width))
         if halfway is None:
             ridges = self._raster.ridges
             points = self._scaling.full(ridges.points)
             pieces = segments_through_middle(points, ridges.normals, circle, self._config.halfway)
-            halfway = self._in_paint(circle, pieces, alike)
+            halfway = self._in_paint(circle, segments_left(pieces, alike, self._width))
         return halfway
 
     def _shorter_segments(self) -> Array:
@@ -174,13 +175,14 @@ class Candidates:
             self._shorter = self._scaling.full_segments(runs)
         return self._shorter
 
-    def _in_paint(self, circle: MeasuredCircle, segments: Array, alike: tuple[Assignment, ...]) -> MeasuredLine | None:
-        """The line through the circle's middle, if it is in the circle's paint."""
-        image_bgr = self._frame.image_bgr
-        line = find_halfway(self._frame.grey, circle, segments_left(segments, alike, self._width), self._config)
-        if line is None or not self._config.one_paint:
-            return line
-        on = line.band.supported
-        points = line.points[on] + line.band.offset[on, None] * line.normals[on]
-        colours = paint_colour(image_bgr, points, line.normals[on]), colour_of_circle(image_bgr, circle)
-        return line if alike_paint(*colours) else None
+    def _in_paint(self, circle: MeasuredCircle, segments: Array) -> MeasuredLine | None:
+        """The first line through the circle's middle that is in the circle's paint."""
+        for _ in range(_MOST_LINES):
+            line = find_halfway(self._frame.grey, circle, segments, self._config)
+            if line is None or not self._config.one_paint:
+                return line
+            colours = colour_of_line(self._frame.image_bgr, line), colour_of_circle(self._frame.image_bgr, circle)
+            if alike_paint(*colours):
+                return line
+            segments = segments_off(segments, line.line, self._width)
+        return None

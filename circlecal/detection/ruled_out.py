@@ -9,7 +9,7 @@ from circlecal.geometry.conics import ellipse_from_conic
 from circlecal.geometry.homogeneous import Array, join, lift, normalise_line
 from circlecal.results import Assignment
 
-__all__ = ["assigned_alike", "segments_left"]
+__all__ = ["assigned_alike", "segments_left", "segments_off"]
 
 _ALIKE = 0.05  # shares of the half axes by which centres and axes of one circle may differ
 _ON_LINE_PX1920 = 8.0
@@ -34,7 +34,11 @@ def segments_left(segments: Array, alike: tuple[Assignment, ...], width: int) ->
     for assignment in alike:
         if assignment.halfway is None:
             return segments[:0]
-        line = normalise_line(join(lift(assignment.halfway.start), lift(assignment.halfway.end)))
-        off = np.abs(lift(segments) @ line).max(axis=-1)
-        segments = segments[off > _ON_LINE_PX1920 * width / 1920.0]
+        segments = segments_off(segments, join(lift(assignment.halfway.start), lift(assignment.halfway.end)), width)
     return segments
+
+
+def segments_off(segments: Array, line: Array, width: int) -> Array:
+    """Segments (K, 2, 2) of a picture of this width without those on a line (3,)."""
+    off = np.abs(lift(segments) @ normalise_line(line)).max(axis=-1)
+    return segments[off > _ON_LINE_PX1920 * width / 1920.0]

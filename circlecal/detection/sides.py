@@ -8,13 +8,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.detection.circle import MeasuredCircle
+from circlecal.detection.halfway import MeasuredLine
 from circlecal.geometry.homogeneous import Array
 
-__all__ = ["alike_paint", "colour_of_circle", "paint_colour", "painted_alike", "painted_on_one_surface"]
+__all__ = [
+    "alike_paint",
+    "colour_of_circle",
+    "colour_of_line",
+    "paint_colour",
+    "painted_alike",
+    "painted_on_one_surface",
+]
 
 _ENOUGH = 128  # places along a marking whose median is its colour
 _SAMPLES = 48  # along each segment
 _NEAR_PX1280, _FAR_PX1280 = 3.5, 5.5  # where the surface beside a marking is looked at
+_WIDE_PX1280 = 14.0  # markings of this width are still told from their surface
 _ALIKE = 0.06  # largest difference of a colour's share of the sum of the three
 _ONE_PAINT = 0.9  # least cosine between the colours that two markings in one paint add to the surface
 _LEAST_COLOUR = 4.0  # grey levels that a marking must add to its surface for their colour to be told
@@ -35,13 +44,13 @@ def painted_on_one_surface(image_bgr: NDArray[np.uint8], segments: Array) -> NDA
     """
     if len(segments) == 0:
         return np.zeros(0, np.bool_)
-    beside = _beside(image_bgr, *_samples(segments)).reshape(len(segments), _SAMPLES, 2, -1, 3)
+    beside = _beside(image_bgr, *_samples(segments), np.zeros(1)).reshape(len(segments), _SAMPLES, 2, -1, 3)
     colour = beside.mean(axis=-2) + 1.0  # of each sample and side
     share = np.median(colour / colour.sum(axis=-1, keepdims=True), axis=1)
     return np.asarray(np.abs(share[:, 0] - share[:, 1]).max(axis=-1) <= _ALIKE, np.bool_)
 
 
-def paint_colour(image_bgr: NDArray[np.uint8], points: Array, normals: Array) -> Array:
+def paint_colour(image_bgr: NDArray[np.uint8], points: Array, normals: Array, widths: Array) -> Array:
     """What the paint of a marking adds to the blue, green and red of its surface: medians (3,) over points on it.
 
     Parameters
@@ -49,18 +58,27 @@ def paint_colour(image_bgr: NDArray[np.uint8], points: Array, normals: Array) ->
     image_bgr : (H, W, 3) uint8
     points, normals : (N, 2) array
         Middle of the marking, px, and unit normals.
+    widths : (N,) array
+        Of the marking, px.
     """
+    if len(points) == 0:
+        return np.zeros(3)
     every = max(1, len(points) // _ENOUGH)
-    return (
-        np.asarray(np.median(_added(image_bgr, points[::every], normals[::every]), axis=0))
-        if len(points)
-        else np.zeros(3)
-    )
+    added = _added(image_bgr, points[::every], normals[::every], widths[::every])
+    return np.asarray(np.median(added, axis=0))
 
 
 def colour_of_circle(image_bgr: NDArray[np.uint8], circle: MeasuredCircle) -> Array:
     """What the circle's paint adds to its surface, (3,)."""
-    return paint_colour(image_bgr, circle.marking_points, circle.normals[circle.band.supported])
+    on = circle.band.supported
+    return paint_colour(image_bgr, circle.marking_points, circle.normals[on], circle.band.width[on])
+
+
+def colour_of_line(image_bgr: NDArray[np.uint8], line: MeasuredLine) -> Array:
+    """What a line's paint adds to its surface, (3,)."""
+    on = line.band.supported
+    points = line.points[on] + line.band.offset[on, None] * line.normals[on]
+    return paint_colour(image_bgr, points, line.normals[on], line.band.width[on])
 
 
 def painted_alike(image_bgr: NDArray[np.uint8], segments: Array, colour: Array) -> NDArray[np.bool_]:
@@ -69,8 +87,12 @@ def painted_alike(image_bgr: NDArray[np.uint8], segments: Array, colour: Array) 
     """
     if len(segments) == 0:
         return np.zeros(0, np.bool_)
-    added = np.median(_added(image_bgr, *_samples(segments)).reshape(len(segments), _SAMPLES, 3), axis=1)
-    return np.asarray(alike_paint(added, colour), np.bool_)
+    places = _samples(segments)
+    narrow, wide = (
+        np.median(_added(image_bgr, *places, np.full(1, width)).reshape(len(segments), _SAMPLES, 3), axis=1)
+        for width in (0.0, _WIDE_PX1280 * image_bgr.shape[1] / 1280.0)
+    )
+    return np.asarray(alike_paint(narrow, colour) | alike_paint(wide, colour), np.bool_)
 
 
 def alike_paint(added: Array, colour: Array) -> NDArray[np.bool_]:
@@ -92,18 +114,20 @@ def _samples(segments: Array) -> tuple[Array, Array]:
     return points.reshape(-1, 2), np.repeat(normal, _SAMPLES, axis=0)
 
 
-def _added(image_bgr: NDArray[np.uint8], points: Array, normals: Array) -> Array:
-    """Colour (N, 3) of each place less that of its sides."""
+def _added(image_bgr: NDArray[np.uint8], points: Array, normals: Array, widths: Array) -> Array:
+    """Colour (N, 3) of each place less that of its sides, beyond markings of these widths (N,) or (1,)."""
     x, y = np.clip(np.rint(points), 0, (image_bgr.shape[1] - 1, image_bgr.shape[0] - 1)).astype(np.int64).T
-    return np.asarray(image_bgr[y, x] - _beside(image_bgr, points, normals).mean(axis=(1, 2)))
+    return np.asarray(image_bgr[y, x] - _beside(image_bgr, points, normals, widths).mean(axis=(1, 2)))
 
 
-def _beside(image_bgr: NDArray[np.uint8], points: Array, normals: Array) -> Array:
-    """Colours (N, 2, S, 3) on both sides of places (N, 2)."""
+def _beside(image_bgr: NDArray[np.uint8], points: Array, normals: Array, widths: Array) -> Array:
+    """Colours (N, 2, S, 3) on both sides of places (N, 2) on markings of these widths (N,) or (1,)."""
     height, width = image_bgr.shape[:2]
-    steps = np.outer([-1.0, 1.0], np.linspace(_NEAR_PX1280, _FAR_PX1280, 3)) * max(1.0, width / 1280.0)
+    scale = max(1.0, width / 1280.0)
+    steps = np.outer([-1.0, 1.0], np.linspace(_NEAR_PX1280, _FAR_PX1280, 3)) * scale
+    farther = np.maximum(1.0, widths / (_NEAR_PX1280 * scale))[:, None, None]
     x, y = (
-        np.minimum(np.maximum(np.rint(place[:, None, None] + steps * normal[:, None, None]), 0.0), size - 1.0)
+        np.minimum(np.maximum(np.rint(place[:, None, None] + farther * steps * normal[:, None, None]), 0.0), size - 1.0)
         for place, normal, size in zip(points.T, normals.T, (width, height), strict=True)
     )
     return np.asarray(image_bgr.reshape(-1, 3).take((y * width + x).astype(np.int64), axis=0), np.float64)

@@ -1,6 +1,7 @@
 """The command line as a whole: help, version, start-up time, and the small commands."""
 
 import json
+import os
 import subprocess
 import sys
 import tomllib
@@ -128,3 +129,14 @@ def test_errors_of_the_system_are_one_line(run_circlecal, frame_file, tmp_path, 
     monkeypatch.setattr("circlecal.api.calibrate_frame", refuse)
     outcome = run_circlecal("calibrate", frame_file, "--out", tmp_path)
     assert (outcome.code, outcome.err) == (2, "circlecal: error: /somewhere: Permission denied\n")
+
+
+@pytest.mark.parametrize(("given", "threads"), [({}, "1"), ({"OPENBLAS_NUM_THREADS": "3"}, "3")])
+def test_one_thread_of_linear_algebra_unless_more_are_wanted(given, threads):
+    script = "import os, circlecal.cli as cli\ntry: cli.main(['--version'])\nexcept SystemExit: pass\n"
+    script += "print(os.environ['OPENBLAS_NUM_THREADS'])"
+    surroundings = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
+    run = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True, env={**surroundings, **given}
+    )
+    assert run.stdout.splitlines()[-1] == threads

@@ -306,3 +306,16 @@ def test_a_line_in_another_paint_than_the_circle_is_not_its_halfway_line() -> No
     assert found.circle is not None
     assert found.halfway is None
     assert run(image, DetectorConfig(one_paint=False)).halfway is not None
+
+
+def test_a_drawn_line_through_the_middle_is_no_halfway_line(main_view: Scene) -> None:
+    middle = main_view.camera.project(np.zeros((1, 2)))[0]
+    image = main_view.image.copy()
+    hidden = main_view.camera.project(np.array([[0.0, -8.5], [0.0, 8.5]]))[:, 1]  # by somebody who stands there
+    image[slice(*np.sort(np.rint(hidden)).astype(int)), int(middle[0]) - 15 : int(middle[0]) + 15] = GRASS
+    start, end = (tuple(int(v) for v in np.rint(middle + step)) for step in ((-400.0, -60.0), (400.0, 60.0)))
+    cv2.line(image, start, end, (40, 220, 60), 3, cv2.LINE_AA)
+    found = run(image)
+    assert circle_error(found, main_view) < 0.3
+    assert found.halfway is None
+    assert halfway_error(run(image, DetectorConfig(one_paint=False)), main_view) > 5.0

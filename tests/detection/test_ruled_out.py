@@ -1,10 +1,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from circlecal.detection.circle import conic_of
 from circlecal.detection.hypotheses import EllipseBatch
-from circlecal.detection.ruled_out import assigned_alike, segments_left
+from circlecal.detection.ruled_out import assigned_alike, segments_left, segments_off
 from circlecal.results import Assignment, Segment
 
 
@@ -30,3 +31,9 @@ def test_only_lines_that_were_not_tried_are_left() -> None:
     np.testing.assert_array_equal(left, segments[1:])
     np.testing.assert_array_equal(segments_left(segments, (), 1920), segments)
     assert len(segments_left(segments, (Assignment(conic, None),), 1920)) == 0
+
+
+@pytest.mark.parametrize("scale", [1.0, -20.0])
+def test_segments_off_a_line(scale: float) -> None:
+    segments = np.array([[[201.0, 10], [199, 200]], [[150, 0], [250, 300]], [[260, 0], [260, 300]]])
+    np.testing.assert_array_equal(segments_off(segments, scale * np.array([1.0, 0.0, -200.0]), 1920), segments[1:])

@@ -35,10 +35,22 @@ def test_another_paint_than_the_circle_s_is_no_marking_of_the_field() -> None:
     image[199:202] = (50, 190, 200)
     image[149:152] = (80, 145, 88)
     normals, points = np.tile([0.0, 1.0], (90, 1)), np.stack([np.linspace(20, 620, 90), np.full(90, 100.0)], axis=-1)
-    white = paint_colour(image, points, normals)
+    white = paint_colour(image, points, normals, np.full(90, 3.0))
     assert white == pytest.approx([170, 100, 160], abs=1)
     lines = np.array([[[20.0, y], [620.0, y]] for y in (100.0, 150.0, 200.0, 300.0)])
     assert painted_alike(image, lines, white).tolist() == [True, True, False, True]
     assert painted_alike(image, lines, np.zeros(3)).all()
     assert painted_alike(image, lines[:0], white).shape == (0,)
-    assert paint_colour(image, points[:0], normals[:0]).tolist() == [0.0, 0.0, 0.0]
+    assert paint_colour(image, points[:0], normals[:0], np.zeros(0)).tolist() == [0.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize("width", [3, 9, 25])
+def test_wide_paint_is_told_from_the_surface_beyond_it(width: int) -> None:
+    image = np.full((720, 1280, 3), (60, 130, 70), np.uint8)
+    image[100 - width // 2 : 101 + width // 2] = (230, 230, 230)
+    image[300 - width // 2 : 301 + width // 2] = (50, 190, 200)
+    normals, points = np.tile([0.0, 1.0], (90, 1)), np.stack([np.linspace(20, 1260, 90), np.full(90, 100.0)], axis=-1)
+    white = paint_colour(image, points, normals, np.full(90, float(width)))
+    assert white == pytest.approx([170, 100, 160], abs=1)
+    lines = np.array([[[20.0, y], [1260.0, y]] for y in (100.0, 300.0)])
+    assert painted_alike(image, lines, white).tolist() == [True, width == 25]  # too faint beside the middle to tell
