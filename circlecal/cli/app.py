@@ -62,7 +62,7 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     add_completion=False,
-    epilog="Exit code: 0 all calibrated, 1 some refused, 2 wrong use or input.",
+    epilog="Exit code: 0 all calibrated, 1 some refused, 2 wrong use or input, 130 interrupted.",
 )
 app.command()(calibrate)
 app.command()(batch)
