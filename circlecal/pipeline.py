@@ -251,8 +251,7 @@ class _Attempts:
                 turned = cues.halfway is None and bool(camera.names_by_line)
                 again = chain.seen_again(self.brightness, observations, turned)
                 if again is not None:
-                    sure = turned or verdict.status == "calibrated"
-                    verdict = chain.answer(ellipses, cues, again, camera if sure else None)
+                    verdict = chain.answer(ellipses, cues, again, camera if turned else None)
             verdict = self._with_faint_lines(verdict, ellipses, cues)
         except EstimationError as error:
             return refused(error)
