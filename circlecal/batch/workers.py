@@ -47,8 +47,9 @@ def mapped_by_workers(function: Callable[[T], R], arguments: Iterable[T], worker
     executor = _executor(workers, None)
     try:
         with worker_surroundings():
-            results = executor.map(function, arguments)
-        yield from results
+            futures = [executor.submit(function, argument) for argument in arguments]
+        for future in futures:  # Executor.map would cancel them when closed, which its own thread stumbles over
+            yield future.result()
     except BaseException:
         _stop(executor)
         raise
