@@ -6,6 +6,8 @@ painted the average stands out from those of the same curve moved inwards and ou
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -60,11 +62,24 @@ def sectors_standing_out(picture: NDArray[np.uint8], places: Array, widths: Arra
     return np.asarray((mean[:, np.abs(shift) <= AT_CURVE].max(axis=1) - level) / scatter)
 
 
+def paint_and_sides(profiles: NDArray[np.floating[Any]]) -> tuple[Array, Array, Array]:
+    """Means over the paint's width left of a place, on it and right of it, (..., S - 4 TAPS) each.
+
+    Parameters
+    ----------
+    profiles : (..., S) array
+        Across the paint, :data:`TAPS` samples per width of it; the places are the samples but the first and last
+        2 TAPS.
+    """
+    total = np.cumsum(np.insert(profiles.astype(np.float64), 0, 0.0, axis=-1), axis=-1)
+    means = (total[..., TAPS:] - total[..., :-TAPS]) / TAPS  # of TAPS samples from each on
+    size = profiles.shape[-1] - 4 * TAPS
+    # half a width of blur lies between the paint and the surface that it is compared with
+    left, middle, right = (means[..., start : start + size] for start in (0, 3 * TAPS // 2, 3 * TAPS))
+    return left, middle, right
+
+
 def _ridge_response(profiles: NDArray[np.float32]) -> Array:
     """Mean over the paint's width less the lighter one of both sides (N, S - 4 TAPS), from profiles (N, S)."""
-    total = np.cumsum(np.pad(profiles.astype(np.float64), ((0, 0), (1, 0))), axis=1)
-    means = (total[:, TAPS:] - total[:, :-TAPS]) / TAPS  # of TAPS samples from each on
-    size = profiles.shape[1] - 4 * TAPS
-    # half a width of blur lies between the paint and the surface that it is compared with
-    left, middle, right = (means[:, start : start + size] for start in (0, 3 * TAPS // 2, 3 * TAPS))
+    left, middle, right = paint_and_sides(profiles)
     return np.asarray(middle - np.maximum(left, right))

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.camera_fit.model import INDEX, Frame, fitted_frame, view
+from circlecal.faint_paint import TAPS, paint_and_sides
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.homogeneous import Array, fit_line, line_distance
 from circlecal.profiles import sample_profiles
@@ -23,8 +24,6 @@ __all__ = ["find_faint_lines"]
 
 WIDTH_PX = 2.0
 """Of the paint as blur leaves it, at 1920 px width, like all lengths here."""
-TAPS = 4
-"""Samples across per width of the paint."""
 SPACING_PX, JOINED = 4.0, 3
 """Distance of the profiles along a marking, and how many neighbours are averaged at once."""
 NODES = 400
@@ -186,12 +185,8 @@ def _responses(picture: NDArray[np.uint8], course: _Course, furthest_px: float, 
     offsets = np.arange(-reach, reach + step, step)
     profiles = _joined(sample_profiles(picture, course.places, course.normals, offsets).astype(np.float64))
     seen = np.isfinite(profiles)
-    total = np.cumsum(np.pad(np.where(seen, profiles, 0.0), ((0, 0), (1, 0))), axis=1)
-    means = (total[:, TAPS:] - total[:, :-TAPS]) / TAPS  # of TAPS samples from each on
-    size = len(offsets) - 4 * TAPS
-    # half a width of blur lies between the paint and the surface that it is compared with
-    left, middle, right = (means[:, start : start + size] for start in (0, 3 * TAPS // 2, 3 * TAPS))
-    seen = seen[:, :size] & seen[:, 4 * TAPS :]
+    left, middle, right = paint_and_sides(np.where(seen, profiles, 0.0))
+    seen = seen[:, : -4 * TAPS] & seen[:, 4 * TAPS :]
     shifts = offsets[2 * TAPS : -2 * TAPS]
     return _Responses(_clipped(middle - left, seen), _clipped(middle - right, seen), seen, shifts)
 
@@ -249,10 +244,7 @@ def _measured(picture: NDArray[np.uint8], course: _Course, shift: Array, unit: f
 
 def _middle(profile: Array, offsets: Array, unit: float) -> tuple[float, float]:
     """Where a mean profile (S,) is lightest against both sides, and how well that is known, px."""
-    total = np.concatenate([[0.0], np.cumsum(profile)])
-    means = (total[TAPS:] - total[:-TAPS]) / TAPS
-    size = len(profile) - 4 * TAPS
-    left, middle, right = (means[start : start + size] for start in (0, 3 * TAPS // 2, 3 * TAPS))
+    left, middle, right = paint_and_sides(profile)
     response = middle - np.maximum(left, right)
     at = offsets[2 * TAPS : -2 * TAPS]
     near = np.flatnonzero(np.abs(at) <= WITHIN_PX * unit)
