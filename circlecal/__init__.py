@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from circlecal.config import Config, load_config
     from circlecal.results import Calibration
 
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+"""Environment variables that libraries of linear algebra read when they are loaded. The systems here are small, and
+threads that wait for each other only cost time.
+"""
 _HOMES = {
     "Calibration": "circlecal.results",
     "Config": "circlecal.config",

@@ -17,12 +17,14 @@ from circlecal import overlay
 from circlecal.config import Config, config_digest
 from circlecal.errors import InputError
 from circlecal.field import FieldTemplate
-from circlecal.formats.annotated import ObservedFrame
-from circlecal.formats.atomic import write_error
+from circlecal.files import fingerprint, write_error
 from circlecal.formats.checked import Size
 from circlecal.formats.exports import Exports
-from circlecal.formats.fingerprint import fingerprint
-from circlecal.formats.images import (
+from circlecal.formats.inputs import FrameOfFile, observations_beside
+from circlecal.formats.network_keypoints import network_keypoints
+from circlecal.formats.shapes import ObservedFrame
+from circlecal.observations import joined
+from circlecal.pictures.files import (
     DEBUG_SUFFIX,
     OVERLAY_SUFFIX,
     RADAR_SUFFIX,
@@ -33,13 +35,10 @@ from circlecal.formats.images import (
     require_picture,
     write_image,
 )
-from circlecal.formats.inputs import FrameOfFile, observations_beside
-from circlecal.formats.masks import as_class_ids, find_mask, read_mask
-from circlecal.formats.network_keypoints import network_keypoints
-from circlecal.formats.remote import read_url
-from circlecal.formats.result import result_record, write_result
-from circlecal.observations import joined
+from circlecal.pictures.masks import as_class_ids, find_mask, read_mask
+from circlecal.pictures.remote import read_url
 from circlecal.pipeline import Convention, field_of, in_convention, run, run_observations
+from circlecal.records.record import result_record, write_result
 from circlecal.results import Calibration
 from circlecal.stages.keypoints import require_keypoint_networks
 from circlecal.stages.mask import require_mask_network

@@ -17,7 +17,7 @@ import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, ValidationInfo, model_validator
 
 from circlecal.errors import ConfigError, reading_failure
-from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.projective import Array
 
 _OPERATORS: dict[type[ast.AST], Any] = {
     ast.Add: operator.add,

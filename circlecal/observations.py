@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.projective import Array
 
 CircleEdge = Literal["outer", "inner", "center"]
 

@@ -13,9 +13,9 @@ from circlecal.config import Config
 from circlecal.errors import ConfigError, EstimationError, InputError
 from circlecal.field import Circle, FieldTemplate, load_field
 from circlecal.geometry.conics import encloses
-from circlecal.interlacing import row_motion, without_combs
 from circlecal.observations import Observations, joined
-from circlecal.profiles import grey
+from circlecal.paint.profiles import grey
+from circlecal.pictures.interlacing import row_motion, without_combs
 from circlecal.results import (
     Assignment,
     Calibration,

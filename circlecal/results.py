@@ -12,9 +12,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from circlecal.geometry.camera import Camera
 from circlecal.geometry.conics import Ellipse
-from circlecal.geometry.homogeneous import Array
-from circlecal.geometry.pinhole import Camera
+from circlecal.geometry.projective import Array
 from circlecal.observations import CircleEdge, LineEnd, Observations
 
 Status = Literal["calibrated", "refused"]

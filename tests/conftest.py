@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, settings
 
 from circlecal.cli import main
 from circlecal.field import load_field
-from circlecal.geometry.pinhole import Camera, image_center
+from circlecal.geometry.camera import Camera, image_center
 
 # the same examples every time, however slow the machine is
 settings.register_profile(

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from circlecal import overlay
-from circlecal.camera_fit.model import PARAMETERS, Frame, theta_of
+from circlecal.camera.parameters import PARAMETERS, Frame, theta_of
 from circlecal.field import load_field
+from circlecal.geometry.camera import Camera, image_center
 from circlecal.geometry.conics import circle_conic, ellipse_from_conic, polar, transform_conic
-from circlecal.geometry.homogeneous import apply_homography, lift, normalise_line, transform_lines
 from circlecal.geometry.homography import turn_homography
-from circlecal.geometry.pinhole import Camera, image_center
+from circlecal.geometry.projective import apply_homography, lift, normalise_line, transform_lines
 from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations
 from circlecal.overlay.canvas import Canvas, clip_segments, text_size, wrap
 from circlecal.overlay.field_view import best_view, camera_view, homography_view

@@ -9,10 +9,10 @@ import pytest
 from circlecal.bench.detect import PROFILES, compare
 from circlecal.config import Config, load_config
 from circlecal.errors import ConfigError, InputError
-from circlecal.formats.result import result_line, result_record
 from circlecal.observations import Keypoint, Observations, joined
 from circlecal.overlay import draw_overlay, stage_pictures
 from circlecal.pipeline import field_of, frame_generator, run, run_observations
+from circlecal.records.record import result_line, result_record
 from circlecal.synthetic.cameras import aimed_camera
 from circlecal.synthetic.markings import circle_points, line_points
 from circlecal.synthetic.renderer import Rendering

@@ -6,17 +6,12 @@ what a resumed run reads instead of all these lines; it is made anew where it is
 ``summary.csv`` is written from it when the run ends.
 """
 
-from circlecal.batch.log import INDEX_NAME, RESULTS_NAME, OtherRunError, ResultLog
 from circlecal.batch.run import SUMMARY_NAME, BatchProgress, run_batch
 from circlecal.batch.task import Task
 
 __all__ = [
-    "INDEX_NAME",
-    "RESULTS_NAME",
     "SUMMARY_NAME",
     "BatchProgress",
-    "OtherRunError",
-    "ResultLog",
     "Task",
     "run_batch",
 ]

@@ -15,9 +15,10 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from circlecal import __version__
-from circlecal.batch.task import F, Finished, Named, Task, failed, finish
+from circlecal.batch.task import F, Named, Task, failed, finish
 from circlecal.batch.workers import worker_surroundings
 from circlecal.errors import InputError, MissingExtraError
+from circlecal.records.log import Finished
 
 if TYPE_CHECKING:
     from distributed import Client

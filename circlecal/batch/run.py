@@ -7,10 +7,10 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sized
 from dataclasses import dataclass
 from pathlib import Path
 
-from circlecal.batch.index import ResultIndex
-from circlecal.batch.log import ResultLog
-from circlecal.batch.task import F, Finished, Task
-from circlecal.formats.summary import write_summary
+from circlecal.batch.task import F, Task
+from circlecal.records.index import ResultIndex
+from circlecal.records.log import Finished, ResultLog
+from circlecal.records.summary import write_summary
 
 SUMMARY_NAME = "summary.csv"
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
-from typing import Any, Protocol, Self, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from circlecal.errors import CirclecalError
-from circlecal.formats.result import failed_record, result_line
-from circlecal.formats.summary import FrameSummary, summarise
+from circlecal.records.log import Finished
+from circlecal.records.record import failed_record
 from circlecal.results import Verdict
 
 _log = logging.getLogger(__name__)
@@ -44,31 +43,6 @@ class Task(Protocol[F_contra]):
 
     def record(self, frame: F_contra) -> Record:
         """The finished frame's record; a :class:`circlecal.errors.CirclecalError` makes it an unreadable one."""
-
-
-@dataclass(frozen=True, slots=True)
-class Finished:
-    """A finished frame as a worker hands it over: written out there, so that the one who collects has little to do.
-
-    Attributes
-    ----------
-    line : bytes
-        Its line of ``results.jsonl``.
-    row : FrameSummary
-        Its row of ``summary.csv``.
-    digest : str
-        As in :class:`Task`.
-    """
-
-    line: bytes
-    row: FrameSummary
-    digest: str
-
-    @classmethod
-    def of(cls, record: Record) -> Self:
-        """From a record."""
-        line = (result_line(record) + "\n").encode("utf-8", "backslashreplace")  # names need not be text
-        return cls(line, summarise(record), str(record.get("config_digest")))
 
 
 def finish(task: Task[F], frame: F) -> Finished:

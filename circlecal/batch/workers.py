@@ -14,8 +14,9 @@ from itertools import chain
 from multiprocessing import resource_tracker
 from typing import Any, TypeVar
 
-from circlecal.batch.task import F, Finished, Named, Task, failed, finish
-from circlecal.threads import ONE_THREAD
+from circlecal import ONE_THREAD
+from circlecal.batch.task import F, Named, Task, failed, finish
+from circlecal.records.log import Finished
 
 _IN_FLIGHT_PER_WORKER = 2
 T = TypeVar("T")

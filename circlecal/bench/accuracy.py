@@ -15,11 +15,11 @@ from circlecal.bench.many_frames import RigScenario, chosen_rigs, rig_scenarios,
 from circlecal.bench.scenarios import Draw, Scenario, chosen_rows, row_names, soccer
 from circlecal.errors import EstimationError
 from circlecal.field import Circle, FieldTemplate
+from circlecal.geometry.camera import Camera
 from circlecal.geometry.concentric import imaged_center, joint_conic
 from circlecal.geometry.conics import circle_conic, fit_conic, transform_conic
-from circlecal.geometry.homogeneous import Array, apply_homography, fit_line, transform_lines
 from circlecal.geometry.homography import dlt, mean_reprojection_error, reprojection_grid, turn_homography
-from circlecal.geometry.pinhole import Camera
+from circlecal.geometry.projective import Array, apply_homography, fit_line, transform_lines
 from circlecal.results import CameraFit, Correspondences
 from circlecal.stages.camera import estimate_camera
 from circlecal.stages.correspondences import correspondences_from_line, correspondences_from_point

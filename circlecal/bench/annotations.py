@@ -35,7 +35,7 @@ from circlecal.field import Circle, FieldTemplate
 from circlecal.formats.calibrated import calibrated_frame
 from circlecal.formats.checked import Size
 from circlecal.formats.exchange import read_observations
-from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.projective import Array
 from circlecal.observations import Observations
 from circlecal.pipeline import field_of, run_observations
 from circlecal.solvers.great_axis import solve as solve_great_axis

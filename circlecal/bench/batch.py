@@ -15,10 +15,11 @@ import cv2
 import numpy as np
 
 from circlecal.api import FrameRun
-from circlecal.batch import INDEX_NAME, RESULTS_NAME, BatchProgress, ResultLog, run_batch
+from circlecal.batch import BatchProgress, run_batch
 from circlecal.batch.task import Record, failed
 from circlecal.config import load_config
-from circlecal.formats.images import Frame, find_frames
+from circlecal.pictures.files import Frame, find_frames
+from circlecal.records.log import INDEX_NAME, RESULTS_NAME, ResultLog
 from circlecal.synthetic.sampling import SceneProfile, render_frame
 
 _PROFILE: SceneProfile = "easy"

@@ -6,15 +6,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from circlecal.camera_fit.config import CameraConfig, priors_of
-from circlecal.camera_fit.curves import first_hidden
-from circlecal.camera_fit.model import Frame, project, theta_of
-from circlecal.camera_fit.observed import Realism, observed_curves, observed_points
-from circlecal.camera_fit.optimise import Problem, evaluate
-from circlecal.camera_fit.uncertainty import posterior_covariance
+from circlecal.camera.covariance import posterior_covariance
+from circlecal.camera.observed import Realism, observed_curves, observed_points
+from circlecal.camera.optimise import Problem, evaluate
+from circlecal.camera.options import CameraConfig, priors_of
+from circlecal.camera.parameters import Frame, project, theta_of
+from circlecal.camera.residuals import first_hidden
 from circlecal.field import Circle, FieldTemplate
-from circlecal.geometry.homogeneous import Array
-from circlecal.geometry.pinhole import Camera
+from circlecal.geometry.camera import Camera
+from circlecal.geometry.projective import Array
 from circlecal.observations import Observations
 
 _NO_LOSS = 1e6

@@ -11,12 +11,12 @@ import numpy as np
 
 from circlecal.bench.chain_time import decoding_ms, timed_run
 from circlecal.bench.reachable import bound_px
-from circlecal.camera_fit.model import Frame, project
-from circlecal.camera_fit.uncertainty import field_sigma
+from circlecal.camera.covariance import field_sigma
+from circlecal.camera.parameters import Frame, project
 from circlecal.config import Config, load_config
 from circlecal.errors import ConfigError
 from circlecal.field import load_field
-from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.projective import Array
 from circlecal.results import CameraFit
 from circlecal.synthetic.sampling import PROFILE_BY_NAME, SCENE_PROFILES, SceneProfile, profile_field, render_frame
 from circlecal.synthetic.surface import seen_pixels

@@ -14,19 +14,19 @@ import numpy as np
 
 from circlecal.bench.bounds import bound_errors
 from circlecal.bench.scenarios import KNOWN, PRIORS, Draw, soccer
-from circlecal.camera_fit.config import CameraConfig, priors_of
-from circlecal.camera_fit.joint import first_state, joint_covariances, joint_problem
-from circlecal.camera_fit.model import INDEX, Frame, theta_of
-from circlecal.camera_fit.observed import Realism, observed_curves, observed_points
-from circlecal.camera_fit.optimise import Problem
-from circlecal.camera_fit.rig_options import RigConfig
+from circlecal.camera.observed import Realism, observed_curves, observed_points
+from circlecal.camera.optimise import Problem
+from circlecal.camera.options import CameraConfig, priors_of
+from circlecal.camera.parameters import INDEX, Frame, theta_of
+from circlecal.camera.rig_options import RigConfig
 from circlecal.config import Config
 from circlecal.errors import EstimationError
-from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.projective import Array
 from circlecal.observations import CirclePoints, Observations
 from circlecal.results import CameraFit
 from circlecal.rig.estimation import config_with, estimate_rigs
 from circlecal.rig.frames import RigFrame
+from circlecal.rig.joint import first_state, joint_covariances, joint_problem
 from circlecal.stages.camera import estimate_camera
 from circlecal.synthetic.cameras import sample_camera
 from circlecal.synthetic.markings import circle_points, line_points

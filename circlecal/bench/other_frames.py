@@ -17,7 +17,7 @@ from circlecal.evaluation.reading import Prediction
 from circlecal.evaluation.soccernet_metric import MetricCamera
 from circlecal.field import Circle, FieldTemplate
 from circlecal.formats.calibrated import calibrated_frame
-from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.projective import Array
 from circlecal.observations import Observations
 from circlecal.pipeline import in_convention, run_observations
 from circlecal.rig.estimation import config_with, estimate_rigs

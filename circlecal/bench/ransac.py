@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from circlecal.geometry.conics import Ellipse, fit_conic, refine_conic, sampson_distance
-from circlecal.geometry.homogeneous import Array, Mask, apply_homography, similarity_normalisation
+from circlecal.geometry.projective import Array, Mask, apply_homography, similarity_normalisation
 from circlecal.geometry.ransac import msac_costs, ransac_conic, sample_conics
 
 HYPOTHESES = 1000

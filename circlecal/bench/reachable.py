@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from circlecal.bench.bounds import bound_covariance
-from circlecal.camera_fit.config import CameraConfig
-from circlecal.camera_fit.model import Frame, project, theta_of
+from circlecal.camera.options import CameraConfig
+from circlecal.camera.parameters import Frame, project, theta_of
 from circlecal.field import Arc, Circle, FieldTemplate, Line
-from circlecal.geometry.homogeneous import Array, Mask
+from circlecal.geometry.projective import Array, Mask
 from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations
 from circlecal.synthetic.paint import class_id
 from circlecal.synthetic.surface import seen_pixels

@@ -8,9 +8,9 @@ from functools import cache, partial
 
 import numpy as np
 
-from circlecal.camera_fit.config import CameraConfig
+from circlecal.camera.options import CameraConfig
 from circlecal.field import Circle, FieldTemplate, load_field
-from circlecal.geometry.pinhole import Camera, image_center
+from circlecal.geometry.camera import Camera, image_center
 from circlecal.observations import CircleEdge, CirclePoints, Observations
 from circlecal.solvers.circlecal import KNOWN_OPTICS
 from circlecal.synthetic.cameras import sample_camera

@@ -20,10 +20,10 @@ from circlecal.batch.workers import mapped_by_workers
 from circlecal.bench.bounds import bound_covariance, bound_errors
 from circlecal.bench.solver_scenarios import PAPER_SCENARIOS, Seen, SolverScenario, chosen_scenarios
 from circlecal.errors import ConfigError
-from circlecal.formats.atomic import write_atomic
-from circlecal.geometry.homogeneous import Array
+from circlecal.files import write_atomic
+from circlecal.geometry.camera import Camera
 from circlecal.geometry.homography import mean_reprojection_error, reprojection_grid
-from circlecal.geometry.pinhole import Camera
+from circlecal.geometry.projective import Array
 from circlecal.solvers import load_solver, solver_names
 
 CSV_NAME = "simulate.csv"

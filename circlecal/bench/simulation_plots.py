@@ -10,7 +10,7 @@ from typing import Any
 
 from circlecal.bench.simulation import Summary
 from circlecal.errors import MissingExtraError
-from circlecal.formats.atomic import write_atomic
+from circlecal.files import write_atomic
 
 FORMATS = ("png", "svg")
 LEAST_PX = 0.01

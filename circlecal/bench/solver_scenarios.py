@@ -13,11 +13,11 @@ from functools import cache, partial
 import numpy as np
 
 from circlecal.bench.scenarios import FACEOFF_PAIR, KNOWN, faceoff_camera, hockey, soccer
-from circlecal.camera_fit.config import CameraConfig
+from circlecal.camera.options import CameraConfig
 from circlecal.errors import ConfigError
 from circlecal.field import Circle, FieldTemplate
-from circlecal.geometry.homogeneous import Array
-from circlecal.geometry.pinhole import Camera
+from circlecal.geometry.camera import Camera
+from circlecal.geometry.projective import Array
 from circlecal.observations import CircleEdge, Keypoint, LinePoints, MarkPoint, Observations
 from circlecal.synthetic.cameras import aimed_camera, inside_frame, sample_camera
 from circlecal.synthetic.markings import (

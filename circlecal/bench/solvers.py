@@ -10,10 +10,10 @@ import numpy as np
 from circlecal.bench.scenarios import soccer
 from circlecal.bench.simulation import SimulationPlan, Summary, simulate, summarise
 from circlecal.bench.solver_scenarios import EDGES, chosen_scenarios
+from circlecal.geometry.camera import Camera
 from circlecal.geometry.conics import circle_conic, line_conic_meet, transform_conic
-from circlecal.geometry.homogeneous import Array, apply_homography, join, lift
 from circlecal.geometry.homography import dlt, mean_reprojection_error, reprojection_grid
-from circlecal.geometry.pinhole import Camera
+from circlecal.geometry.projective import Array, apply_homography, join, lift
 from circlecal.observations import Observations
 from circlecal.solvers import load_intrinsics_solver, load_solver, solver_names
 from circlecal.synthetic.cameras import sample_camera

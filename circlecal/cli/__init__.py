@@ -8,8 +8,8 @@ import signal
 import sys
 from collections.abc import Sequence
 
+from circlecal import ONE_THREAD
 from circlecal.errors import CirclecalError
-from circlecal.threads import ONE_THREAD
 
 _SYSTEM_LIMITS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EACCES, errno.EPERM, errno.EROFS, errno.EMFILE)
 

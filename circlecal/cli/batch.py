@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from circlecal.api import FrameRun
     from circlecal.batch import BatchProgress
     from circlecal.formats.exports import Exports
-    from circlecal.formats.images import Frame
     from circlecal.formats.inputs import FrameOfFile
+    from circlecal.pictures.files import Frame
 
 
 def batch(
@@ -73,15 +73,16 @@ def batch(
 ) -> None:
     """Calibrate many frames in parallel into results.jsonl and summary.csv; run it again to go on after a stop."""
     from circlecal.api import FrameRun
-    from circlecal.batch import RESULTS_NAME, run_batch
+    from circlecal.batch import run_batch
     from circlecal.cli import console
     from circlecal.cli.rig import RIG_FOLDER, shared_cameras
     from circlecal.errors import InputError
     from circlecal.formats.exports import Exports
-    from circlecal.formats.listed import absolute_input
-    from circlecal.formats.parquet import PARQUET_FORMAT, PARQUET_NAME, require_parquet, write_parquet
-    from circlecal.formats.records import read_records
-    from circlecal.formats.video import DEFAULT_EVERY, Sampling
+    from circlecal.pictures.inputs import absolute_input
+    from circlecal.pictures.video import DEFAULT_EVERY, Sampling
+    from circlecal.records.log import RESULTS_NAME
+    from circlecal.records.parquet import PARQUET_FORMAT, PARQUET_NAME, require_parquet, write_parquet
+    from circlecal.records.reading import read_records
 
     console.configure_logging(quiet=quiet, verbose=verbose)
     if scheduler is not None:  # workers have another working folder
@@ -150,7 +151,7 @@ def batch(
 
 def _folder_of_run(out: Path, digest: str, *, ask: bool) -> Path:
     """The folder that was named, or a new one beside it where that holds another run and the user agrees."""
-    from circlecal.batch import OtherRunError, ResultLog
+    from circlecal.records.log import OtherRunError, ResultLog
 
     try:
         with ResultLog(out) as log:
@@ -170,11 +171,11 @@ def _folder_of_run(out: Path, digest: str, *, ask: bool) -> Path:
 
 def _export(exports: Exports, run: FrameRun, frames: Sequence[Frame | FrameOfFile], out: Path) -> None:
     """Write the outside formats of everything that the folder holds."""
-    from circlecal.batch import RESULTS_NAME
     from circlecal.formats.exports import export_records
     from circlecal.formats.inputs import FrameOfFile
-    from circlecal.formats.records import read_records
     from circlecal.pipeline import field_of, in_convention
+    from circlecal.records.log import RESULTS_NAME
+    from circlecal.records.reading import read_records
 
     template, circle = field_of(run.config)
     annotated = {frame.id: frame for frame in frames if isinstance(frame, FrameOfFile)}

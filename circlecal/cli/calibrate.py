@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 
     from circlecal.api import FrameRun
     from circlecal.batch import BatchProgress
-    from circlecal.formats.images import Frame
     from circlecal.formats.inputs import FrameOfFile
-    from circlecal.formats.summary import FrameSummary
+    from circlecal.pictures.files import Frame
+    from circlecal.records.summary import FrameSummary
 
 
 def calibrate(
@@ -46,8 +46,8 @@ def calibrate(
     from circlecal.cli import console
     from circlecal.errors import InputError
     from circlecal.formats.exports import Exports
-    from circlecal.formats.result import result_line
-    from circlecal.formats.summary import summarise
+    from circlecal.records.record import result_line
+    from circlecal.records.summary import summarise
 
     console.configure_logging(quiet=quiet, verbose=verbose)
     chosen = options.chosen_config(

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from circlecal.batch import BatchProgress
-    from circlecal.formats.summary import FrameSummary
+    from circlecal.records.summary import FrameSummary
 
 _PLAIN_SECONDS = 5.0
 _PLAIN_SHARE = 0.05

@@ -27,12 +27,12 @@ def convert(
 ) -> None:
     """Rewrite annotations as annotations and cameras as cameras of another program, without calibrating."""
     from circlecal.api import field_template
-    from circlecal.batch import RESULTS_NAME
     from circlecal.cli import console
     from circlecal.formats.exchange import convert as convert_files
     from circlecal.formats.inputs import convertible_files
-    from circlecal.formats.parquet import PARQUET_FORMAT, PARQUET_NAME, write_parquet
-    from circlecal.formats.records import read_records
+    from circlecal.records.log import RESULTS_NAME
+    from circlecal.records.parquet import PARQUET_FORMAT, PARQUET_NAME, write_parquet
+    from circlecal.records.reading import read_records
 
     console.configure_logging(quiet=quiet, verbose=verbose)
     if to == PARQUET_FORMAT:

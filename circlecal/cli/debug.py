@@ -26,8 +26,8 @@ def debug(
     from circlecal.api import calibrate_frame, field_template, prepare_folder, write_stage_pictures
     from circlecal.cli import console
     from circlecal.errors import InputError
-    from circlecal.formats.result import result_record, write_result
-    from circlecal.formats.summary import summarise
+    from circlecal.records.record import result_record, write_result
+    from circlecal.records.summary import summarise
 
     console.configure_logging(quiet=quiet, verbose=verbose)
     chosen = options.chosen_config(config, settings, field, seed, camera_prior=camera_prior)

@@ -14,9 +14,9 @@ import typer
 if TYPE_CHECKING:
     from circlecal.api import FrameRun
     from circlecal.config import Config
-    from circlecal.formats.images import Frame
     from circlecal.formats.inputs import FrameOfFile
-    from circlecal.formats.video import Video
+    from circlecal.pictures.files import Frame
+    from circlecal.pictures.video import Video
 
 
 class Convention(StrEnum):
@@ -176,10 +176,10 @@ def chosen_frames(inputs: Sequence[Path], out: Path, mask: Path | None) -> list[
     Raises
     ------
     InputError
-        As :func:`circlecal.formats.images.find_frames`, or the mask option does not fit.
+        As :func:`circlecal.pictures.files.find_frames`, or the mask option does not fit.
     """
     from circlecal.errors import InputError
-    from circlecal.formats.images import find_frames
+    from circlecal.pictures.files import find_frames
 
     if mask is not None and not mask.exists():
         raise InputError(f"{mask}: no such mask file or folder")
@@ -202,7 +202,7 @@ def chosen_inputs(
         Nothing to calibrate, a video, an option that does not fit, or a result that would be written over its source.
     """
     from circlecal.errors import InputError
-    from circlecal.formats.listed import expand_inputs
+    from circlecal.pictures.inputs import expand_inputs
 
     named = expand_inputs(inputs)
     if named.videos:
@@ -251,11 +251,10 @@ def chosen_frames_and_videos(
         As :func:`chosen_inputs`, or a video that cannot be read.
     """
     from circlecal.errors import InputError
-    from circlecal.formats.checked import distinct_names
-    from circlecal.formats.images import Frame
-    from circlecal.formats.listed import expand_inputs
-    from circlecal.formats.remote import url_names
-    from circlecal.formats.video import Video
+    from circlecal.pictures.files import Frame, distinct_names
+    from circlecal.pictures.inputs import expand_inputs
+    from circlecal.pictures.remote import url_names
+    from circlecal.pictures.video import Video
 
     named = expand_inputs(inputs)
     names = distinct_names([path.stem for path in named.videos])

@@ -31,8 +31,8 @@ def project(
     """Take points from the picture to the field or back, with the camera's lens where the result has a camera."""
     from circlecal.cli import console
     from circlecal.errors import InputError
-    from circlecal.formats.result import read_result
-    from circlecal.projection import field_to_image, image_to_field
+    from circlecal.records.record import read_result
+    from circlecal.view import field_to_image, image_to_field
 
     if len(coordinates) % 2 or not all(map(math.isfinite, coordinates)):
         raise InputError("project takes finite numbers in pairs: X Y [X Y ...]")

@@ -67,8 +67,8 @@ def shared_cameras(
     outdated: bool = False,
 ) -> RigReport:
     """Run the rig on the results of a run, and print what it brought; ``outdated`` results in its folder may go."""
-    from circlecal.batch import OtherRunError
     from circlecal.cli import console
+    from circlecal.records.log import OtherRunError
     from circlecal.rig.run import run_rig
 
     def once(anew: bool) -> RigReport:

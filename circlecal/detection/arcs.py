@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.detection.circle import MeasuredCircle
-from circlecal.detection.config import LikelyConfig
+from circlecal.detection.options import LikelyConfig
 from circlecal.detection.result import CircleHypothesis
 from circlecal.geometry.conics import sampson_distance
-from circlecal.geometry.homogeneous import Array, join, lift, line_distance
+from circlecal.geometry.projective import Array, join, lift, line_distance
 
 __all__ = ["SAME_ARC", "distinct_arcs", "drawn_arc", "near_conics"]
 

@@ -15,18 +15,18 @@ from circlecal.detection.circle import (
     measure_circle,
     refusal_of,
 )
-from circlecal.detection.config import DetectorConfig
 from circlecal.detection.flat_sides import onto_flat_sides
 from circlecal.detection.halfway import MeasuredLine, find_halfway, segments_through_middle
 from circlecal.detection.hypotheses import EllipseBatch
 from circlecal.detection.lines import find_straight_runs
+from circlecal.detection.options import DetectorConfig
 from circlecal.detection.paint import painted_share
 from circlecal.detection.picture import Frame, Scaling, Stopwatch
 from circlecal.detection.result import CircleHypothesis
 from circlecal.detection.ruled_out import assigned_alike, segments_left, segments_off
 from circlecal.detection.scoring import RidgeRaster, support_of
 from circlecal.detection.sides import alike_paint, colour_of_circle, colour_of_line
-from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.projective import Array
 from circlecal.results import Assignment
 
 __all__ = ["Candidates", "Found"]

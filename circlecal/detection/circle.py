@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.detection.config import AcceptanceConfig, LikelyConfig, RefinementConfig
 from circlecal.detection.hypotheses import EllipseBatch
-from circlecal.detection.refine import BandProfile, measure_band
+from circlecal.detection.options import AcceptanceConfig, LikelyConfig
 from circlecal.detection.result import CircleHypothesis
 from circlecal.detection.scoring import adjusted
 from circlecal.geometry.conics import ellipse_from_conic, transform_conic
-from circlecal.geometry.homogeneous import Array, lift, normalise_line, transform_lines
+from circlecal.geometry.projective import Array, lift, normalise_line, transform_lines
+from circlecal.paint.bands import BandProfile, RefinementConfig, measure_band
 
 __all__ = [
     "MeasuredCircle",

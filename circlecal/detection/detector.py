@@ -9,17 +9,17 @@ from numpy.typing import NDArray
 
 from circlecal.detection.arcs import SAME_ARC, distinct_arcs
 from circlecal.detection.circle import MeasuredCircle
-from circlecal.detection.config import DetectorConfig
 from circlecal.detection.field_region import FieldRegion, find_field_region
 from circlecal.detection.marking_mask import MarkingSketch
+from circlecal.detection.options import DetectorConfig
 from circlecal.detection.passes import flat, quick, thorough
 from circlecal.detection.picture import Frame, Stopwatch
 from circlecal.detection.result import CircleHypothesis, Detection, LineSegment
 from circlecal.detection.search import NO_FIELD, Search, search_once
 from circlecal.detection.sides import colour_of_circle, painted_alike, painted_on_one_surface
 from circlecal.geometry.conics import sampson_distance
-from circlecal.geometry.homogeneous import Array
-from circlecal.profiles import grey as brightness_of
+from circlecal.geometry.projective import Array
+from circlecal.paint.profiles import grey as brightness_of
 from circlecal.results import Assignment
 
 __all__ = ["detect"]

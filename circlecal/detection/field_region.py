@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.detection.config import FieldRegionConfig
+from circlecal.detection.options import FieldRegionConfig
 
 __all__ = ["FieldRegion", "find_field_region"]
 

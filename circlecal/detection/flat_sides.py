@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.detection.circle import MeasuredCircle, conic_of, measure_circle, unit_frame
-from circlecal.detection.config import RefinementConfig
 from circlecal.detection.scoring import adjusted
 from circlecal.geometry.conics import sampson_distance
-from circlecal.geometry.homogeneous import Array, lift
+from circlecal.geometry.projective import Array, lift
+from circlecal.paint.bands import RefinementConfig
 
 __all__ = ["onto_flat_sides"]
 

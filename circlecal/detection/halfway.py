@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.detection.circle import MeasuredCircle, unit_frame
-from circlecal.detection.config import DetectorConfig, HalfwayConfig
-from circlecal.detection.refine import BandProfile, local_width, measure_band
-from circlecal.geometry.homogeneous import Array, fit_line, join, lift, line_distance, normalise_line, transform_lines
+from circlecal.detection.options import DetectorConfig, HalfwayConfig
+from circlecal.geometry.projective import Array, fit_line, join, lift, line_distance, normalise_line, transform_lines
+from circlecal.paint.bands import BandProfile, local_width, measure_band
 
 __all__ = ["MeasuredLine", "MeasuredSegments", "find_halfway", "measure_segments", "segments_through_middle"]
 

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.detection.config import HypothesisConfig
+from circlecal.detection.options import HypothesisConfig
 from circlecal.detection.ridges import RidgePoints
-from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.projective import Array
 
 __all__ = ["EllipseBatch", "conics_from_tangents", "draw_ellipses", "ellipses_from_coefficients", "pencil_parameter"]
 

@@ -12,9 +12,9 @@ from math import cos, radians
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.detection.config import LineConfig
+from circlecal.detection.options import LineConfig
 from circlecal.detection.ridges import RidgePoints
-from circlecal.geometry.homogeneous import Array, fit_line
+from circlecal.geometry.projective import Array, fit_line
 
 __all__ = ["StraightRun", "find_straight_runs"]
 

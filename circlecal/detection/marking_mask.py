@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.detection.circle import MeasuredCircle
-from circlecal.detection.config import DetectorConfig
 from circlecal.detection.halfway import MeasuredLine, measure_segments
-from circlecal.detection.refine import BandProfile, local_width
-from circlecal.geometry.homogeneous import Array, lift
+from circlecal.detection.options import DetectorConfig
+from circlecal.geometry.projective import Array, lift
+from circlecal.paint.bands import BandProfile, local_width
 
 __all__ = ["CIRCLE_CLASS", "HALFWAY_CLASS", "UNKNOWN_CLASS", "MarkingSketch", "band_polygons"]
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from circlecal.errors import ConfigError, MissingExtraError
-from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.projective import Array
 
 CLASS_LIMIT = 28
 """Largest SoccerNet class id."""

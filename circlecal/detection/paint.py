@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.detection.hypotheses import EllipseBatch
-from circlecal.faint_paint import CLEAR, LEAST_WIDTH_PX, SAMPLES, SECTORS, sectors_standing_out
+from circlecal.paint.matched_filter import CLEAR, LEAST_WIDTH_PX, SAMPLES, SECTORS, sectors_standing_out
 
 __all__ = ["painted_share"]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from circlecal.detection.config import DetectorConfig
+from circlecal.detection.options import DetectorConfig
 
 __all__ = ["flat", "quick", "thorough"]
 

@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.detection.config import DetectorConfig
 from circlecal.detection.hypotheses import EllipseBatch
 from circlecal.detection.lines import StraightRun
-from circlecal.geometry.homogeneous import Array
+from circlecal.detection.options import DetectorConfig
+from circlecal.geometry.projective import Array
 
 __all__ = ["Frame", "Scaling", "Stopwatch", "detection_picture"]
 

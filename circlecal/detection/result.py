@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.detection.field_region import FieldRegion
-from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.projective import Array
 
 if TYPE_CHECKING:
     from circlecal.detection.marking_mask import MarkingSketch

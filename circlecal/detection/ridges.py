@@ -13,9 +13,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.detection.config import RidgeConfig
-from circlecal.geometry.homogeneous import Array
-from circlecal.profiles import Brightness
+from circlecal.detection.options import RidgeConfig
+from circlecal.geometry.projective import Array
+from circlecal.paint.profiles import Brightness
 
 __all__ = ["RidgePoints", "find_ridges"]
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from circlecal.detection.hypotheses import EllipseBatch
 from circlecal.geometry.conics import ellipse_from_conic
-from circlecal.geometry.homogeneous import Array, join, lift, normalise_line
+from circlecal.geometry.projective import Array, join, lift, normalise_line
 from circlecal.results import Assignment
 
 __all__ = ["assigned_alike", "segments_left", "segments_off"]

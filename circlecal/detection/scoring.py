@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from circlecal.detection.hypotheses import EllipseBatch
 from circlecal.detection.ridges import RidgePoints
-from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.projective import Array
 
 __all__ = ["RidgeRaster", "Support", "best_distinct", "ellipse_points", "ranked", "refitted", "support_of"]
 

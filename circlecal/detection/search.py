@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from circlecal.detection.arcs import SAME_ARC, near_conics
 from circlecal.detection.candidates import Candidates, Found
-from circlecal.detection.config import DetectorConfig, HypothesisConfig
 from circlecal.detection.field_region import FieldRegion
 from circlecal.detection.hypotheses import EllipseBatch, draw_ellipses
 from circlecal.detection.lines import StraightRun, find_straight_runs
+from circlecal.detection.options import DetectorConfig, HypothesisConfig
 from circlecal.detection.picture import Frame, Scaling, Stopwatch, detection_picture
 from circlecal.detection.ridges import RidgePoints, find_ridges
 from circlecal.detection.scoring import RidgeRaster, best_distinct, ranked, refitted
-from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.projective import Array
 from circlecal.results import Assignment
 
 __all__ = ["NO_FIELD", "Search", "search_once"]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from circlecal.detection.circle import MeasuredCircle
 from circlecal.detection.halfway import MeasuredLine
-from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.projective import Array
 
 __all__ = [
     "alike_paint",

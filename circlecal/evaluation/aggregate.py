@@ -13,7 +13,7 @@ import numpy as np
 
 from circlecal.evaluation.reading import Annotated, Prediction
 from circlecal.evaluation.soccernet_metric import Comparison, FrameComparison, compare_frame
-from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.projective import Array
 
 
 @dataclass(frozen=True, slots=True)

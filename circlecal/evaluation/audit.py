@@ -15,13 +15,13 @@ import numpy as np
 
 from circlecal.config import Config
 from circlecal.errors import InputError
-from circlecal.formats.annotated import AnnotatedFrame
 from circlecal.formats.checked import Size
 from circlecal.formats.exchange import read_annotations
-from circlecal.formats.observing import observe
+from circlecal.formats.meaning import observe
 from circlecal.formats.pnlcalib import CENTRE_MARK, keypoint_number
-from circlecal.geometry.homogeneous import Array
-from circlecal.geometry.pinhole import Camera
+from circlecal.formats.shapes import AnnotatedFrame
+from circlecal.geometry.camera import Camera
+from circlecal.geometry.projective import Array
 from circlecal.pipeline import field_of, run_observations
 
 OPPOSED = ((32, 35), (50, 52), (48, 54), (49, 53), (38, 43), (39, 42))

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from circlecal.errors import InputError, MissingExtraError
-from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.projective import Array
 
 SUFFIXES = (".png", ".svg")
 

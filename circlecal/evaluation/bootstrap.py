@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.projective import Array
 
 RESAMPLES = 4000
 

@@ -13,8 +13,8 @@ import numpy as np
 
 from circlecal.evaluation.soccernet_metric import Projector
 from circlecal.formats.worldcup import PICTURE, yards_from_metres
-from circlecal.geometry.homogeneous import Array
 from circlecal.geometry.homography import dlt
+from circlecal.geometry.projective import Array
 
 TEMPLATE = (115, 74)
 PROJECTION_SCALE = (100.0 / 115.0, 60.0 / 74.0)

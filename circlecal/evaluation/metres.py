@@ -9,7 +9,7 @@ import numpy as np
 
 from circlecal.evaluation.reading import CENTRAL_CLASS, HALFWAY_CLASS, Annotated
 from circlecal.evaluation.soccernet_metric import Projector, field_polylines
-from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.projective import Array
 
 REACH_M = 18.3
 """Twice the radius of the circle."""

@@ -14,11 +14,11 @@ from circlecal.field import load_field
 from circlecal.formats.calibrated import calibrated_frame
 from circlecal.formats.checked import Size, checked
 from circlecal.formats.exchange import format_of, read_cameras
-from circlecal.formats.result import read_result
 from circlecal.formats.soccernet import LINE_CLASSES, CameraKeys, read_annotation
 from circlecal.formats.worldcup import SUFFIX as MATRIX_SUFFIX
-from circlecal.geometry.homogeneous import Array
-from circlecal.geometry.pinhole import rotation_matrix
+from circlecal.geometry.camera import rotation_matrix
+from circlecal.geometry.projective import Array
+from circlecal.records.record import read_result
 
 USUAL_SIZES: tuple[Size, ...] = ((640, 360), (960, 540), (1280, 720), (1920, 1080), (3840, 2160))
 SIZE_TOLERANCE = 0.06

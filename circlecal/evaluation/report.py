@@ -18,7 +18,7 @@ from circlecal.evaluation.reading import Annotated, Prediction, is_central, read
 from circlecal.evaluation.soccernet_metric import CLASSES
 from circlecal.formats.checked import Size
 from circlecal.formats.worldcup import PICTURE
-from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.projective import Array
 
 THRESHOLDS_PX = (5.0, 10.0, 20.0)
 SEED = 0

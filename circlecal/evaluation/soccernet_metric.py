@@ -16,8 +16,8 @@ from typing import Protocol
 import numpy as np
 
 from circlecal.formats.soccernet import CIRCLE_CLASSES, LINE_CLASSES, UNKNOWN_CLASSES
-from circlecal.geometry.homogeneous import Array, Mask
-from circlecal.geometry.pinhole import Camera
+from circlecal.geometry.camera import Camera
+from circlecal.geometry.projective import Array, Mask
 
 CLASSES = tuple(sorted((*CIRCLE_CLASSES, *LINE_CLASSES, *UNKNOWN_CLASSES)))
 LINE_STEP_M, CIRCLE_STEP_M = 0.9, 0.2

@@ -18,8 +18,9 @@ from pydantic import Field, RootModel
 
 from circlecal.errors import InputError
 from circlecal.formats.cameras import CameraFrame
-from circlecal.formats.checked import Bounded, Checked, Side, checked, distinct_names, stem_of
-from circlecal.geometry.pinhole import Camera, image_center
+from circlecal.formats.checked import Bounded, Checked, Side, checked, stem_of
+from circlecal.geometry.camera import Camera, image_center
+from circlecal.pictures.files import distinct_names
 
 
 class _Camera(Checked):

@@ -12,14 +12,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from circlecal.camera_fit.flat import flat_camera
-from circlecal.camera_fit.model import Frame
+from circlecal.camera.flat import flat_camera
+from circlecal.camera.parameters import Frame
 from circlecal.field import Circle, FieldTemplate
-from circlecal.formats.annotated import AnnotatedFrame, Shape
-from circlecal.formats.result import StoredResult
-from circlecal.geometry.homogeneous import Array
+from circlecal.formats.shapes import AnnotatedFrame, Shape
+from circlecal.geometry.camera import Camera, camera_from_homography
 from circlecal.geometry.homography import compass_label, dlt, scale_homography
-from circlecal.geometry.pinhole import Camera, camera_from_homography
+from circlecal.geometry.projective import Array
+from circlecal.records.record import StoredResult
 from circlecal.results import Calibration
 
 _GRID_M = 2.0

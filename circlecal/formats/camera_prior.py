@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from circlecal.errors import InputError, reading_failure
-from circlecal.formats.atomic import write_atomic
+from circlecal.files import write_atomic
 
 KEYS = (
     "position_m",

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from circlecal.geometry.homogeneous import Array
-from circlecal.geometry.pinhole import Camera
+from circlecal.geometry.camera import Camera
+from circlecal.geometry.projective import Array
 
 
 @dataclass(frozen=True, slots=True)

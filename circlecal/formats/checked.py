@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -123,17 +122,3 @@ def stem_of(name: str) -> str:
     stem, dot, _ = base.rpartition(".")
     chosen = stem if dot and stem else base
     return "".join(c if c.isprintable() and c not in _NOT_IN_NAMES else "_" for c in chosen)[:_LONGEST_NAME].strip(". ")
-
-
-def distinct_names(names: Sequence[str]) -> list[str]:
-    """The names, those that are not the first of their kind (or empty) numbered."""
-    taken: set[str] = set()
-    found = []
-    for name in names:
-        candidate, number = name or "frame", 1
-        while candidate.casefold() in taken:
-            number += 1
-            candidate = f"{name or 'frame'}-{number}"
-        taken.add(candidate.casefold())
-        found.append(candidate)
-    return found

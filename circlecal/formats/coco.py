@@ -18,19 +18,10 @@ import numpy as np
 from pydantic import Field
 
 from circlecal.errors import InputError
-from circlecal.formats.annotated import AnnotatedFrame, Shape
-from circlecal.formats.checked import (
-    MAX_POINTS,
-    Bounded,
-    Checked,
-    Side,
-    Size,
-    checked,
-    distinct_names,
-    require_size,
-    stem_of,
-)
-from circlecal.geometry.homogeneous import Array
+from circlecal.formats.checked import MAX_POINTS, Bounded, Checked, Side, Size, checked, require_size, stem_of
+from circlecal.formats.shapes import AnnotatedFrame, Shape
+from circlecal.geometry.projective import Array
+from circlecal.pictures.files import distinct_names
 
 POINTS_CATEGORY = "field"
 

@@ -18,9 +18,10 @@ from xml.parsers import expat
 import numpy as np
 
 from circlecal.errors import InputError
-from circlecal.formats.annotated import AnnotatedFrame, Shape
-from circlecal.formats.checked import MAX_POINTS, MAX_SIDE, Size, distinct_names, require_size, stem_of
-from circlecal.geometry.homogeneous import Array
+from circlecal.formats.checked import MAX_POINTS, MAX_SIDE, Size, require_size, stem_of
+from circlecal.formats.shapes import AnnotatedFrame, Shape
+from circlecal.geometry.projective import Array
+from circlecal.pictures.files import distinct_names
 
 _CORNER = 0.5
 _LARGEST = 1e6

@@ -7,8 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from circlecal.config import SourcesConfig
 from circlecal.errors import InputError
 from circlecal.field import FieldTemplate
+from circlecal.files import write_atomic
 from circlecal.formats import (
     broadtrack,
     coco,
@@ -21,18 +23,16 @@ from circlecal.formats import (
     tvcalib,
     worldcup,
 )
-from circlecal.formats.annotated import AnnotatedFrame, ObservedFrame
-from circlecal.formats.atomic import write_atomic
 from circlecal.formats.calibrated import CalibratedFrame, calibrated_frame, centred_camera
 from circlecal.formats.cameras import CameraFrame
-from circlecal.formats.checked import MAX_SHAPES, Size, distinct_names, read_content
-from circlecal.formats.images import PICTURE_SUFFIXES, picture_header
-from circlecal.formats.observing import observe
-from circlecal.formats.records import is_records, read_records
-from circlecal.formats.result import StoredResult, read_result, stored_result
+from circlecal.formats.checked import MAX_SHAPES, Size, read_content
+from circlecal.formats.meaning import observe
+from circlecal.formats.shapes import AnnotatedFrame, ObservedFrame
 from circlecal.formats.sniff import ANNOTATION_FORMATS, CAMERA_FORMATS, READ_ONLY, Kind, kind_of, recognise
-from circlecal.geometry.pinhole import Camera, camera_from_homography
-from circlecal.sources import SourcesConfig
+from circlecal.geometry.camera import Camera, camera_from_homography
+from circlecal.pictures.files import PICTURE_SUFFIXES, distinct_names, picture_header
+from circlecal.records.reading import is_records, read_records
+from circlecal.records.record import StoredResult, read_result, stored_result
 
 TARGETS = tuple(name for name in dict.fromkeys((*CAMERA_FORMATS, *ANNOTATION_FORMATS)) if name not in READ_ONLY)
 """Formats that a calibration can be written in."""

@@ -8,12 +8,12 @@ from typing import Any
 
 from circlecal.errors import InputError
 from circlecal.field import Circle, FieldTemplate
-from circlecal.formats.annotated import AnnotatedFrame, ObservedFrame
 from circlecal.formats.calibrated import CalibratedFrame, calibrated_frame
 from circlecal.formats.checked import Size
 from circlecal.formats.exchange import TARGETS, write_calibrations
 from circlecal.formats.inputs import FrameOfFile
-from circlecal.formats.result import StoredResult, stored_result
+from circlecal.formats.shapes import AnnotatedFrame, ObservedFrame
+from circlecal.records.record import StoredResult, stored_result
 from circlecal.results import Calibration
 
 COLLECTIVE = ("broadtrack", "tvcalib", "coco", "cvat", "labelstudio")

@@ -15,18 +15,9 @@ import numpy as np
 from pydantic import Field
 
 from circlecal.errors import InputError
-from circlecal.formats.annotated import AnnotatedFrame, Shape
-from circlecal.formats.checked import (
-    MAX_POINTS,
-    Bounded,
-    Checked,
-    Side,
-    Size,
-    checked,
-    distinct_names,
-    require_size,
-    stem_of,
-)
+from circlecal.formats.checked import MAX_POINTS, Bounded, Checked, Side, Size, checked, require_size, stem_of
+from circlecal.formats.shapes import AnnotatedFrame, Shape
+from circlecal.pictures.files import distinct_names
 
 SUPERCATEGORY = "pitch"
 _Id = int | str

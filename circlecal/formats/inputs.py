@@ -7,19 +7,17 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from circlecal.config import SourcesConfig
 from circlecal.errors import InputError
 from circlecal.field import FieldTemplate
-from circlecal.formats.annotated import AnnotatedFrame, ObservedFrame
-from circlecal.formats.checked import Size, distinct_names
+from circlecal.formats.checked import Size
 from circlecal.formats.exchange import format_of, picture_beside, read_annotations
-from circlecal.formats.images import DEBUG_SUFFIX, OWN_FOLDERS, PICTURE_SUFFIXES, Frame
-from circlecal.formats.observing import observe
+from circlecal.formats.meaning import observe
+from circlecal.formats.shapes import AnnotatedFrame, ObservedFrame
 from circlecal.formats.sniff import ANNOTATION_FORMATS, CAMERA_FORMATS, RESULT_FORMAT
-from circlecal.formats.worldcup import SUFFIX as MATRIX_SUFFIX
 from circlecal.observations import Observations
-from circlecal.sources import SourcesConfig
-
-FILE_SUFFIXES = (".json", ".xml", ".jsonl", MATRIX_SUFFIX.lower())
+from circlecal.pictures.files import DEBUG_SUFFIX, OWN_FOLDERS, PICTURE_SUFFIXES, Frame, distinct_names
+from circlecal.pictures.inputs import ANNOTATION_SUFFIXES
 
 _log = logging.getLogger(__name__)
 
@@ -72,13 +70,13 @@ def split_inputs(
             raise InputError(f"{given}: no such file or folder")
         if given.is_dir():
             found = list(_files_in(given, {path.resolve() for path in exclude}))
-            held = [path for path in found if path.suffix.lower() in FILE_SUFFIXES]
+            held = [path for path in found if path.suffix.lower() in ANNOTATION_SUFFIXES]
             shows = any(path.suffix.lower() in PICTURE_SUFFIXES for path in found)
             if held and (format_name is not None or not shows):
                 files += [AnnotationFile(path, path.relative_to(given), named=False) for path in held]
             else:
                 pictures.append(given)
-        elif given.suffix.lower() in FILE_SUFFIXES or format_name is not None:
+        elif given.suffix.lower() in ANNOTATION_SUFFIXES or format_name is not None:
             files.append(AnnotationFile(given, Path(given.name), named=True))
         else:
             pictures.append(given)
@@ -117,7 +115,7 @@ def read_frames(
     files : sequence of AnnotationFile
         From :func:`split_inputs`.
     template, sources : FieldTemplate, SourcesConfig
-        As for :func:`circlecal.formats.observing.observe`.
+        As for :func:`circlecal.formats.meaning.observe`.
     size, format_name : optional
         As for :func:`circlecal.formats.exchange.read_annotations`.
     taken : sequence of str
@@ -161,11 +159,13 @@ def convertible_files(inputs: Sequence[Path], format_name: str | None, out: Path
     for given in inputs:
         if given.is_dir():
             found = _files_in(given, {out.resolve()})
-            files += [path for path in found if path.suffix.lower() in FILE_SUFFIXES]
+            files += [path for path in found if path.suffix.lower() in ANNOTATION_SUFFIXES]
         else:
             files.append(given)
     if not files:
-        raise InputError(f"{', '.join(map(str, inputs))}: nothing to convert; give {', '.join(FILE_SUFFIXES)} files")
+        raise InputError(
+            f"{', '.join(map(str, inputs))}: nothing to convert; give {', '.join(ANNOTATION_SUFFIXES)} files"
+        )
     return files
 
 
@@ -200,7 +200,7 @@ def observations_beside(
     frame : Frame
         The picture.
     template, sources : FieldTemplate, SourcesConfig
-        As for :func:`circlecal.formats.observing.observe`.
+        As for :func:`circlecal.formats.meaning.observe`.
     size : (int, int)
         Width and height of the picture; a file of another size is stretched to it.
     format_name : str, optional
@@ -227,7 +227,7 @@ def _file_for(given: Path, frame: Frame) -> Path:
     if not given.is_dir():
         return given
     names = dict.fromkeys((frame.mask_stem, frame.id, frame.stem))
-    candidates = [given / f"{name}{suffix}" for name in names for suffix in FILE_SUFFIXES]
+    candidates = [given / f"{name}{suffix}" for name in names for suffix in ANNOTATION_SUFFIXES]
     found = next((path for path in candidates if path.is_file()), None)
     if found is None:
         raise InputError(f"{given}: nothing for {frame.label}; looked for {frame.stem}.json")

@@ -13,8 +13,8 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from circlecal.formats.annotated import AnnotatedFrame, Shape, ShapeKind
 from circlecal.formats.checked import MAX_POINTS, Bounded, Checked, Side, Size, checked, require_size
+from circlecal.formats.shapes import AnnotatedFrame, Shape, ShapeKind
 
 _CORNER = 0.5
 _VERSION = "5.5.0"

@@ -16,7 +16,6 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, RootModel
 
-from circlecal.formats.annotated import AnnotatedFrame, Shape, ShapeKind
 from circlecal.formats.checked import (
     MAX_POINTS,
     Bounded,
@@ -25,11 +24,12 @@ from circlecal.formats.checked import (
     Size,
     checked,
     checked_value,
-    distinct_names,
     require_size,
     stem_of,
 )
-from circlecal.geometry.homogeneous import Array
+from circlecal.formats.shapes import AnnotatedFrame, Shape, ShapeKind
+from circlecal.geometry.projective import Array
+from circlecal.pictures.files import distinct_names
 
 _CORNER = 0.5
 _Pair = Annotated[list[Bounded], Field(min_length=2, max_length=2)]

@@ -7,13 +7,13 @@ import logging
 import numpy as np
 from numpy.typing import NDArray
 
+from circlecal.config import SourcesConfig
 from circlecal.field import FieldTemplate
-from circlecal.formats.annotated import AnnotatedFrame, Shape
-from circlecal.formats.observing import observe
+from circlecal.formats.meaning import observe
 from circlecal.formats.pnlcalib import LABEL
+from circlecal.formats.shapes import AnnotatedFrame, Shape
 from circlecal.formats.soccernet import LINE_CLASSES
 from circlecal.observations import Observations
-from circlecal.sources import SourcesConfig
 from circlecal.stages.keypoints import KeypointsConfig, find_keypoints
 
 _log = logging.getLogger(__name__)
@@ -31,7 +31,7 @@ def network_keypoints(
     config : KeypointsConfig
         Model files and their layout.
     template, sources : FieldTemplate, SourcesConfig
-        As for :func:`circlecal.formats.observing.observe`; the sources hold the least confidence.
+        As for :func:`circlecal.formats.meaning.observe`; the sources hold the least confidence.
 
     Raises
     ------

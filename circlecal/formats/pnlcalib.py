@@ -28,11 +28,11 @@ from pydantic import Field
 
 from circlecal.errors import InputError
 from circlecal.field import FieldTemplate
-from circlecal.formats.annotated import AnnotatedFrame, Shape
 from circlecal.formats.calibrated import CalibratedFrame
 from circlecal.formats.checked import Bounded, Checked, Size, checked, require_size
+from circlecal.formats.shapes import AnnotatedFrame, Shape
 from circlecal.formats.soccernet import FLAT_PITCH, LINE_CLASSES
-from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.projective import Array
 
 KEYPOINTS, LAST_KEYPOINT = 57, 73
 GOAL_TOPS = frozenset({12, 15, 16, 19})

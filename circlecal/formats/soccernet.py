@@ -26,10 +26,10 @@ import numpy as np
 from pydantic import Field, RootModel
 
 from circlecal.errors import InputError
-from circlecal.formats.annotated import AnnotatedFrame, Shape
 from circlecal.formats.checked import MAX_POINTS, Bounded, Checked, Focal, Side, Size, checked, require_size
-from circlecal.geometry.homogeneous import Array
-from circlecal.geometry.pinhole import Camera, camera_from_soccernet
+from circlecal.formats.shapes import AnnotatedFrame, Shape
+from circlecal.geometry.camera import Camera, camera_from_soccernet
+from circlecal.geometry.projective import Array
 
 CIRCLE_CLASSES = ("Circle central", "Circle left", "Circle right")
 SEGMENTATION_CLASSES = (

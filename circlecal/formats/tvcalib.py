@@ -19,9 +19,10 @@ from pydantic import BeforeValidator, Field
 
 from circlecal.errors import InputError
 from circlecal.formats.cameras import CameraFrame
-from circlecal.formats.checked import Bounded, Focal, Side, Size, checked, distinct_names, stem_of
+from circlecal.formats.checked import Bounded, Focal, Side, Size, checked, stem_of
 from circlecal.formats.soccernet import CameraKeys, camera_record
 from circlecal.geometry.homography import scale_homography
+from circlecal.pictures.files import distinct_names
 
 _WORST_CONDITION = 1e14
 

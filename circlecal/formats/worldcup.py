@@ -23,8 +23,8 @@ import numpy as np
 from circlecal.errors import InputError
 from circlecal.formats.cameras import CameraFrame
 from circlecal.formats.checked import Size
-from circlecal.geometry.homogeneous import Array
 from circlecal.geometry.homography import scale_homography
+from circlecal.geometry.projective import Array
 
 Conversion = Literal["tvcalib", "pnlcalib"]
 PICTURE: Size = (1280, 720)

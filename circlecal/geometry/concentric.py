@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from circlecal.geometry.conics import ellipse_from_conic, fit_conic, normalise_conic, refine_conic
-from circlecal.geometry.homogeneous import Array, apply_homography
+from circlecal.geometry.projective import Array, apply_homography
 
 
 @dataclass(frozen=True, slots=True)

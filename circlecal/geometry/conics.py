@@ -13,7 +13,7 @@ from math import atan2, cbrt, cos, hypot, inf, pi, sin, sqrt
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from circlecal.geometry.homogeneous import Array, normalise_line, similarity_normalisation
+from circlecal.geometry.projective import Array, normalise_line, similarity_normalisation
 
 FOOT_ROUNDS = 6
 """Most rounds of the search for foot points; two or three near the curve."""
@@ -401,7 +401,7 @@ def fit_conics(points: ArrayLike, weights: ArrayLike, method: str = "direct") ->
     Parameters
     ----------
     points : (N, 2) array
-        Points of unit scale (see :func:`circlecal.geometry.homogeneous.similarity_normalisation`).
+        Points of unit scale (see :func:`circlecal.geometry.projective.similarity_normalisation`).
     weights : (K, N) array
         Weight of each point in each fit.
     method : {"direct", "algebraic", "taubin"}

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from circlecal.geometry.homogeneous import (
+from circlecal.geometry.projective import (
     Array,
     apply_homography,
     lift,

@@ -19,7 +19,7 @@ from circlecal.geometry.conics import (
     normalise_conic,
     sampson_distance,
 )
-from circlecal.geometry.homogeneous import Array, similarity_normalisation
+from circlecal.geometry.projective import Array, similarity_normalisation
 
 BLOCK = 128
 """Hypotheses that are scored together."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from circlecal.geometry.conics import ellipse_from_conic
-from circlecal.geometry.homogeneous import Array, normalise_line
+from circlecal.geometry.projective import Array, normalise_line
 from circlecal.overlay.palette import BLACK, Color
 
 Picture = NDArray[np.uint8]

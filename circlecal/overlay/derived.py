@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from circlecal.field import FieldTemplate
-from circlecal.geometry.homogeneous import Array, dehomogenise, normalise_line
+from circlecal.geometry.projective import Array, dehomogenise, normalise_line
 from circlecal.overlay.canvas import Canvas, Picture, text_size, wrap
 from circlecal.overlay.field_view import best_view, camera_view, homography_view, predicted_sigma
 from circlecal.overlay.frame_overlay import draw_correspondences, verdict_facts, verdict_reason

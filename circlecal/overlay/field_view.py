@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from circlecal.camera_fit.model import CROWN_SHAPES, INDEX, PARAMETERS, Frame
-from circlecal.camera_fit.uncertainty import field_sigma
+from circlecal.camera.covariance import field_sigma
+from circlecal.camera.parameters import CROWN_SHAPES, INDEX, PARAMETERS, Frame
 from circlecal.field import FieldTemplate
-from circlecal.geometry.homogeneous import Array, lift
-from circlecal.geometry.pinhole import Camera
+from circlecal.geometry.camera import Camera
+from circlecal.geometry.projective import Array, lift
 from circlecal.overlay.canvas import Canvas
 from circlecal.overlay.palette import CIRCLE, TEMPLATE, Color
 from circlecal.results import Calibration, CameraFit

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from circlecal.field import FieldTemplate
-from circlecal.geometry.homogeneous import Array, dehomogenise, lift, normalise_line
+from circlecal.geometry.projective import Array, dehomogenise, lift, normalise_line
 from circlecal.overlay.canvas import Canvas, Picture, text_size, wrap
 from circlecal.overlay.field_view import FieldView, best_view
 from circlecal.overlay.palette import ACCEPTED, CIRCLE, GREY, INLIER, POINT, REFUSED, TANGENT, TEMPLATE, WHITE

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from circlecal.geometry.conics import ellipse_from_conic, orthogonal_distance
-from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.projective import Array
 from circlecal.overlay.canvas import Canvas, Picture
 from circlecal.overlay.palette import (
     CLASS_COLORS,

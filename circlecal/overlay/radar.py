@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from circlecal.field import FieldTemplate
-from circlecal.geometry.homogeneous import Array, Mask
+from circlecal.geometry.projective import Array, Mask
 from circlecal.overlay.canvas import Canvas, Picture
 from circlecal.overlay.field_view import FieldView, best_view
 from circlecal.overlay.frame_overlay import check_size

@@ -10,15 +10,15 @@ from typing import Any
 import cv2
 import numpy as np
 
-from circlecal.camera_fit.model import CROWN_SHAPES, Frame
+from circlecal.camera.parameters import CROWN_SHAPES, Frame
 from circlecal.errors import CirclecalError
 from circlecal.field import FieldTemplate, load_field
-from circlecal.formats.result import StoredResult, stored_result
-from circlecal.geometry.homogeneous import Array, Mask
+from circlecal.geometry.projective import Array, Mask
 from circlecal.overlay.canvas import Canvas
 from circlecal.overlay.field_view import FieldView, homography_view, surface_view
 from circlecal.overlay.palette import CIRCLE, INLIER, POINT, REFUSED, TEMPLATE, Color
 from circlecal.overlay.radar import radar_half
+from circlecal.records.record import StoredResult, stored_result
 
 _TOLERANCE = 0.35
 """How far a drawn line may leave the exact curve, pixels at 1920 px width."""

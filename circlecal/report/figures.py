@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.projective import Array
 from circlecal.report.reading import FrameRow
 
 _BINS = 28

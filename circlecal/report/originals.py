@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from circlecal.errors import InputError
-from circlecal.formats.images import OVERLAY_SUFFIX, PICTURE_SUFFIXES, read_image
-from circlecal.formats.video import pictures_at
 from circlecal.overlay.canvas import Picture
+from circlecal.pictures.files import OVERLAY_SUFFIX, PICTURE_SUFFIXES, read_image
+from circlecal.pictures.video import pictures_at
 from circlecal.report.reading import FrameRow
 
 _log = logging.getLogger(__name__)

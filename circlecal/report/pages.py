@@ -19,8 +19,8 @@ import numpy as np
 from circlecal import __version__
 from circlecal.api import prepare_folder
 from circlecal.errors import InputError
-from circlecal.formats.images import REPORT_FOLDER
 from circlecal.overlay.canvas import Picture
+from circlecal.pictures.files import REPORT_FOLDER
 from circlecal.report.details import frame_details
 from circlecal.report.drawings import scene_of
 from circlecal.report.figures import Histogram, clock, histogram, short, timelines

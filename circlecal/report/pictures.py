@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from circlecal.formats.atomic import write_error
+from circlecal.files import write_error
 from circlecal.overlay.canvas import Picture
 from circlecal.overlay.radar import warp_to_field
 from circlecal.report.drawings import Scene, draw_on_thumbnail, plan_layer, points_layer, template_layer

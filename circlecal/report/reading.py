@@ -14,10 +14,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from circlecal.batch import RESULTS_NAME
 from circlecal.errors import InputError
-from circlecal.formats.result import SCHEMA_VERSION
-from circlecal.formats.summary import summarise
+from circlecal.records.log import RESULTS_NAME
+from circlecal.records.record import SCHEMA_VERSION
+from circlecal.records.summary import summarise
 
 _log = logging.getLogger(__name__)
 _DIGITS = re.compile(r"(\d+)")

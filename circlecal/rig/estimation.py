@@ -7,9 +7,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from circlecal.camera_fit.config import priors_of
-from circlecal.camera_fit.curves import curve_residuals, first_hidden, line_curve
-from circlecal.camera_fit.joint import (
+from circlecal.camera.noise import inflated
+from circlecal.camera.observed import Realism, observed_curves, observed_points
+from circlecal.camera.optimise import Problem, evaluate
+from circlecal.camera.options import priors_of
+from circlecal.camera.parameters import Frame
+from circlecal.camera.residuals import curve_residuals, first_hidden, line_curve
+from circlecal.camera.shared_prior import SharedPrior, SharedPriorConfig
+from circlecal.config import Config
+from circlecal.field import Circle, FieldTemplate
+from circlecal.geometry.homography import SIDES
+from circlecal.geometry.projective import Array
+from circlecal.observations import Observations
+from circlecal.rig.frames import RigFrame
+from circlecal.rig.joint import (
     JointProblem,
     JointState,
     deletion_gains,
@@ -18,18 +29,7 @@ from circlecal.camera_fit.joint import (
     minimise_joint,
     shared_prior,
 )
-from circlecal.camera_fit.model import Frame
-from circlecal.camera_fit.noise import inflated
-from circlecal.camera_fit.observed import Realism, observed_curves, observed_points
-from circlecal.camera_fit.optimise import Problem, evaluate
-from circlecal.camera_fit.positions import group_positions
-from circlecal.camera_fit.shared_prior import SharedPrior, SharedPriorConfig
-from circlecal.config import Config
-from circlecal.field import Circle, FieldTemplate
-from circlecal.geometry.homogeneous import Array
-from circlecal.geometry.homography import SIDES
-from circlecal.observations import Observations
-from circlecal.rig.frames import RigFrame
+from circlecal.rig.positions import group_positions
 
 SAME_LINE_PX = 6.0
 """A recognised line is the seen one that lies this near to where the camera puts it, pixels at 1920 px width."""

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from circlecal.camera_fit.model import PARAMETERS, Frame, camera_of, theta_of
+from circlecal.camera.parameters import PARAMETERS, Frame, camera_of, theta_of
 from circlecal.errors import InputError, reading_failure
-from circlecal.formats.records import read_records as read_lines
-from circlecal.formats.result import SCHEMA_VERSION
-from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.projective import Array
 from circlecal.observations import Observations
+from circlecal.records.reading import read_records as read_lines
+from circlecal.records.record import SCHEMA_VERSION
 from circlecal.results import Calibration
 
 RESULTS_NAME = "results.jsonl"

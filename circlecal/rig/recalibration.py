@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from circlecal.camera_fit.curves import first_hidden
-from circlecal.camera_fit.optimise import evaluate
+from circlecal.camera.optimise import evaluate
+from circlecal.camera.residuals import first_hidden
 from circlecal.config import Config
 from circlecal.field import Circle, FieldTemplate
-from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.projective import Array
 from circlecal.results import Calibration
 from circlecal.rig.estimation import Rig, config_with, frame_problem, surprise_of
 from circlecal.rig.frames import RigFrame, frame_of_calibration

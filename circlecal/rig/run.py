@@ -22,10 +22,10 @@ from circlecal.config import Config, config_digest
 from circlecal.errors import CirclecalError, InputError, reading_failure
 from circlecal.field import FieldTemplate
 from circlecal.formats.camera_prior import write_prior
-from circlecal.formats.images import Frame, find_frames
-from circlecal.formats.result import result_record
-from circlecal.formats.video import pictures_at
+from circlecal.pictures.files import Frame, find_frames
+from circlecal.pictures.video import pictures_at
 from circlecal.pipeline import Convention, field_of, in_convention, run_observations
+from circlecal.records.record import result_record
 from circlecal.results import Calibration
 from circlecal.rig.estimation import Rig, config_with, estimate_rigs, shared_values
 from circlecal.rig.frames import RigFrame, frame_of_record, read_records

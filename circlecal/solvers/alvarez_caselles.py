@@ -12,8 +12,8 @@ from __future__ import annotations
 import numpy as np
 
 from circlecal.field import Circle, FieldTemplate
-from circlecal.geometry.homogeneous import Array, lift
 from circlecal.geometry.homography import camera_side_of, homography_from_circle, turn_homography
+from circlecal.geometry.projective import Array, lift
 from circlecal.observations import Observations
 from circlecal.solvers.great_axis import DOWN, toward_camera
 from circlecal.solvers.interface import solver, unsolved

@@ -16,10 +16,10 @@ import numpy as np
 
 from circlecal.errors import EstimationError
 from circlecal.field import Circle, FieldTemplate
+from circlecal.geometry.camera import image_center
 from circlecal.geometry.conics import normalise_conic
-from circlecal.geometry.homogeneous import Array
 from circlecal.geometry.homography import camera_side_of, turn_homography
-from circlecal.geometry.pinhole import image_center
+from circlecal.geometry.projective import Array
 from circlecal.observations import Observations
 from circlecal.solvers.interface import intrinsics_solver, solver, unsolved
 from circlecal.solvers.primitives import (

@@ -22,7 +22,7 @@ from circlecal.geometry.conics import (
     refine_conic,
     sampson_distance,
 )
-from circlecal.geometry.homogeneous import Array, apply_homography, similarity_normalisation
+from circlecal.geometry.projective import Array, apply_homography, similarity_normalisation
 from circlecal.observations import Observations
 from circlecal.solvers.interface import solver, unsolved
 from circlecal.solvers.primitives import SeenCircle, separate_circles

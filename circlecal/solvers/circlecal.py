@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from circlecal.camera_fit.config import CameraConfig
+from circlecal.camera.options import CameraConfig
 from circlecal.field import Circle, FieldTemplate
-from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.projective import Array
 from circlecal.observations import Observations
 from circlecal.solvers.interface import solver
 from circlecal.stages.camera import estimate_camera

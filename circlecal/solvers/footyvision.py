@@ -13,8 +13,8 @@ import numpy as np
 from circlecal.errors import EstimationError
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.conics import polar
-from circlecal.geometry.homogeneous import Array, join, lift, meet
 from circlecal.geometry.homography import dlt
+from circlecal.geometry.projective import Array, join, lift, meet
 from circlecal.observations import Observations
 from circlecal.solvers.great_axis import DOWN, axis_ends, toward_camera
 from circlecal.solvers.interface import solver, unsolved

@@ -10,8 +10,8 @@ import numpy as np
 from circlecal.errors import EstimationError
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.conics import ellipse_from_conic
-from circlecal.geometry.homogeneous import Array
 from circlecal.geometry.homography import dlt
+from circlecal.geometry.projective import Array
 from circlecal.observations import Observations
 from circlecal.solvers.interface import solver, unsolved
 from circlecal.solvers.primitives import SeenCircle, SeenLine, central_line, crossing_points, seen_circle

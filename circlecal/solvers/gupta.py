@@ -13,7 +13,7 @@ import numpy as np
 
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.conics import circle_conic, polar, pole
-from circlecal.geometry.homogeneous import Array, lift, similarity_normalisation
+from circlecal.geometry.projective import Array, lift, similarity_normalisation
 from circlecal.observations import Observations
 from circlecal.solvers.interface import solver, unsolved
 from circlecal.solvers.primitives import SeenCircle, known_points, seen_circle, seen_lines

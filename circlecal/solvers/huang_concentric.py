@@ -14,10 +14,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from circlecal.field import Circle, FieldTemplate
+from circlecal.geometry.camera import image_center
 from circlecal.geometry.concentric import imaged_center
 from circlecal.geometry.conics import normalise_conic
-from circlecal.geometry.homogeneous import Array
-from circlecal.geometry.pinhole import image_center
+from circlecal.geometry.projective import Array
 from circlecal.observations import Observations
 from circlecal.solvers.interface import intrinsics_solver, unsolved
 from circlecal.solvers.primitives import concentric_edges

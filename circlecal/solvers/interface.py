@@ -11,8 +11,8 @@ import numpy as np
 
 from circlecal.errors import EstimationError
 from circlecal.field import Circle, FieldTemplate
-from circlecal.geometry.homogeneous import Array
 from circlecal.geometry.homography import scale_homography
+from circlecal.geometry.projective import Array
 from circlecal.observations import Observations
 
 STAGE = "solver"

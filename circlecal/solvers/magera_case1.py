@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from circlecal.field import Circle, FieldTemplate
-from circlecal.geometry.homogeneous import Array
 from circlecal.geometry.homography import dlt
+from circlecal.geometry.projective import Array
 from circlecal.observations import Observations
 from circlecal.results import Correspondences
 from circlecal.solvers.interface import solver, unsolved

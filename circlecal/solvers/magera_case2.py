@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from circlecal.field import Circle, FieldTemplate
-from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.projective import Array
 from circlecal.observations import Observations
 from circlecal.solvers.interface import solver, unsolved
 from circlecal.solvers.magera_case1 import homography_of_derived

@@ -10,7 +10,7 @@ import numpy as np
 from circlecal.errors import EstimationError
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.concentric import imaged_center
-from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.projective import Array
 from circlecal.observations import Observations
 from circlecal.solvers.interface import solver, unsolved
 from circlecal.solvers.magera_case1 import homography_of_derived

@@ -15,16 +15,16 @@ from math import comb
 
 import numpy as np
 
-from circlecal.camera_fit.config import CameraConfig, priors_of
-from circlecal.camera_fit.curves import FixedPoints
-from circlecal.camera_fit.model import Frame, camera_of, theta_of
-from circlecal.camera_fit.observed import Realism, observed_curves
-from circlecal.camera_fit.optimise import Problem, minimise
+from circlecal.camera.observed import Realism, observed_curves
+from circlecal.camera.optimise import Problem, minimise
+from circlecal.camera.options import CameraConfig, priors_of
+from circlecal.camera.parameters import Frame, camera_of, theta_of
+from circlecal.camera.residuals import FixedPoints
 from circlecal.errors import EstimationError
 from circlecal.field import Circle, FieldTemplate
-from circlecal.geometry.homogeneous import Array, Mask
+from circlecal.geometry.camera import camera_from_homography
 from circlecal.geometry.homography import dlt, projects_in_front, transfer_errors
-from circlecal.geometry.pinhole import camera_from_homography
+from circlecal.geometry.projective import Array, Mask
 from circlecal.observations import Observations
 from circlecal.solvers.great_axis import DOWN, toward_camera
 from circlecal.solvers.interface import solver, unsolved

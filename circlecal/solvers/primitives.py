@@ -12,7 +12,7 @@ import numpy as np
 
 from circlecal.field import Circle, FieldTemplate, Line
 from circlecal.geometry.conics import ellipse_from_conic, fit_conic, line_conic_meet, sampson_distance
-from circlecal.geometry.homogeneous import Array, fit_line, lift, meet
+from circlecal.geometry.projective import Array, fit_line, lift, meet
 from circlecal.geometry.ransac import ransac_conic
 from circlecal.observations import CircleEdge, CirclePoints, Observations
 from circlecal.solvers.interface import unsolved

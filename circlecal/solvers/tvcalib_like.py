@@ -11,11 +11,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from circlecal.camera_fit.curves import CurvePoints, curve_residuals, first_hidden
-from circlecal.camera_fit.model import INDEX, PARAMETERS, Frame, camera_of
-from circlecal.camera_fit.observed import Realism, observed_curves
+from circlecal.camera.observed import Realism, observed_curves
+from circlecal.camera.parameters import INDEX, PARAMETERS, Frame, camera_of
+from circlecal.camera.residuals import CurvePoints, curve_residuals, first_hidden
 from circlecal.field import Circle, FieldTemplate
-from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.projective import Array
 from circlecal.observations import Observations
 from circlecal.solvers.interface import solver, unsolved
 

@@ -8,12 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.camera_fit.expectation import DrawnMarkings, drawn_markings
-from circlecal.camera_fit.model import INDEX, fitted_frame
-from circlecal.detection.config import RefinementConfig
-from circlecal.detection.refine import measure_band
+from circlecal.camera.parameters import INDEX, fitted_frame
 from circlecal.field import Circle, FieldTemplate
-from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.projective import Array
+from circlecal.line_naming.expectation import DrawnMarkings, drawn_markings
+from circlecal.paint.bands import RefinementConfig, measure_band
 from circlecal.results import Agreement, CameraFit
 
 __all__ = ["expected_markings"]

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from circlecal.camera_fit.all_starts import (
+from circlecal.camera.all_starts import (
     MINIMUM_CIRCLE_POINTS,
     SeenEllipse,
     circle_starts,
@@ -20,16 +20,11 @@ from circlecal.camera_fit.all_starts import (
     seen_ellipse,
     usual_lens,
 )
-from circlecal.camera_fit.config import CameraConfig, position_known, priors_of, realism_of
-from circlecal.camera_fit.crossings import same_markings, with_crossings
-from circlecal.camera_fit.crown import on_parabola
-from circlecal.camera_fit.curves import CurvePoints, FixedPoints, ground_hidden, joined_curves
-from circlecal.camera_fit.free_rotation import names_around
-from circlecal.camera_fit.model import INDEX, Frame
-from circlecal.camera_fit.naming import Naming, name_lines
-from circlecal.camera_fit.noise import as_measured, inflated
-from circlecal.camera_fit.observed import observed_curves, observed_points, stated_sigmas
-from circlecal.camera_fit.optimise import (
+from circlecal.camera.crown import on_parabola
+from circlecal.camera.multistart import COARSE_POINTS, best_fit
+from circlecal.camera.noise import as_measured, inflated
+from circlecal.camera.observed import observed_curves, observed_points, stated_sigmas
+from circlecal.camera.optimise import (
     COARSE,
     FINAL,
     Problem,
@@ -40,12 +35,17 @@ from circlecal.camera_fit.optimise import (
     minimise,
     reweighted,
 )
-from circlecal.camera_fit.point_starts import Landmarks, seen_landmarks
-from circlecal.camera_fit.report import camera_fit
-from circlecal.camera_fit.search import COARSE_POINTS, best_fit
+from circlecal.camera.options import CameraConfig, position_known, priors_of, realism_of
+from circlecal.camera.parameters import INDEX, Frame
+from circlecal.camera.report import camera_fit
+from circlecal.camera.residuals import CurvePoints, FixedPoints, ground_hidden, joined_curves
+from circlecal.camera.starts_landmarks import Landmarks, seen_landmarks
 from circlecal.errors import EstimationError
 from circlecal.field import Circle, FieldTemplate
-from circlecal.geometry.homogeneous import Array, Mask
+from circlecal.geometry.projective import Array, Mask
+from circlecal.line_naming.around_circle import names_around
+from circlecal.line_naming.hypotheses import Naming, name_lines
+from circlecal.line_naming.line_ends import same_markings, with_crossings
 from circlecal.observations import CirclePoints, Observations
 from circlecal.results import CameraFit
 

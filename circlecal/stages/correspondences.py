@@ -14,12 +14,12 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from circlecal.errors import EstimationError
 from circlecal.field import Circle, FieldTemplate
+from circlecal.geometry.camera import camera_from_homography, image_center
+from circlecal.geometry.circle_pose import pinhole_centers
 from circlecal.geometry.concentric import imaged_center
 from circlecal.geometry.conics import line_conic_meet, normalise_conic, polar
-from circlecal.geometry.homogeneous import Array, dehomogenise, join, lift, meet, normalise_line
 from circlecal.geometry.homography import camera_side_of, compass_label, homography_from_circle, turn_homography
-from circlecal.geometry.pinhole import camera_from_homography, image_center
-from circlecal.geometry.single_circle import pinhole_centers
+from circlecal.geometry.projective import Array, dehomogenise, join, lift, meet, normalise_line
 from circlecal.observations import Keypoint
 from circlecal.results import Correspondences, Cues, EllipseFits, LineCorrespondence, PointCorrespondence
 

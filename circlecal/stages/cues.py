@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from circlecal.centre_mark import find_centre_mark, half_chords
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.conics import line_conic_meet, pole
-from circlecal.geometry.homogeneous import Array, dehomogenise, fit_line, join, lift, line_distance
-from circlecal.line_ends import paint_ends
+from circlecal.geometry.projective import Array, dehomogenise, fit_line, join, lift, line_distance
 from circlecal.observations import CircleEdge, LineEnd, LinePoints, Observations
-from circlecal.profiles import Brightness
+from circlecal.paint.centre_mark import find_centre_mark, half_chords
+from circlecal.paint.ends import paint_ends
+from circlecal.paint.lines import ONE_ROUND, TWO_ROUNDS, WIDE_ROUND, measure_lines
+from circlecal.paint.profiles import Brightness
 from circlecal.results import Cues, EllipseFit, EllipseFits, LineCue, MarkCue, MarkingMask, Segment
-from circlecal.straight_lines import ONE_ROUND, TWO_ROUNDS, WIDE_ROUND, measure_lines
 
 MOST_PIECES = 12
 SHORT_ARC_DEG, SHORT_ARC_SPARE = 240.0, 0.25
@@ -91,7 +91,7 @@ def find_cues(
     Parameters
     ----------
     picture : (H, W) uint8 or float32
-        Brightness, with the markings lighter than the field (:func:`circlecal.profiles.grey`).
+        Brightness, with the markings lighter than the field (:func:`circlecal.paint.profiles.grey`).
     mask : MarkingMask
         Gives the rough lines.
     ellipses : EllipseFits

@@ -12,8 +12,8 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from circlecal.errors import EstimationError
 from circlecal.geometry.conics import ellipse_from_conic
-from circlecal.geometry.homogeneous import Array
-from circlecal.profiles import SIGMA_FLOOR_PX, picture_noise
+from circlecal.geometry.projective import Array
+from circlecal.paint.profiles import SIGMA_FLOOR_PX, picture_noise
 from circlecal.results import CIRCLE_ID, EdgePoints, MarkingMask
 
 NO_EDGES = "no edges in the mask of the circle; is the mask that of this picture?"
@@ -108,7 +108,7 @@ def detect_edges(picture: NDArray[np.uint8], mask: MarkingMask, config: EdgesCon
     Parameters
     ----------
     picture : (H, W) uint8
-        Brightness, with the markings lighter than the field (:func:`circlecal.profiles.grey`).
+        Brightness, with the markings lighter than the field (:func:`circlecal.paint.profiles.grey`).
     mask : MarkingMask
         From the stage ``mask``.
     config : EdgesConfig

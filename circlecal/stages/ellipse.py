@@ -21,7 +21,7 @@ from circlecal.geometry.conics import (
     orthogonal_distance,
     refine_conic,
 )
-from circlecal.geometry.homogeneous import Array, Mask
+from circlecal.geometry.projective import Array, Mask
 from circlecal.geometry.ransac import ransac_conic
 from circlecal.observations import CircleEdge, Observations
 from circlecal.results import EllipseFit, EllipseFits, RayPoints

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.camera_fit.model import fitted_frame, view
-from circlecal.faint_paint import CLEAR, LEAST_WIDTH_PX, SAMPLES, SECTORS, sectors_standing_out
+from circlecal.camera.parameters import fitted_frame, view
 from circlecal.field import Circle, FieldTemplate
-from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.projective import Array
+from circlecal.paint.matched_filter import CLEAR, LEAST_WIDTH_PX, SAMPLES, SECTORS, sectors_standing_out
 from circlecal.results import CameraFit
 
 __all__ = ["painted_all_round", "painted_sectors"]

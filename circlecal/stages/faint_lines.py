@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.camera_fit.model import INDEX, Frame, fitted_frame, view
-from circlecal.faint_paint import TAPS, paint_and_sides
+from circlecal.camera.parameters import INDEX, Frame, fitted_frame, view
 from circlecal.field import Circle, FieldTemplate
-from circlecal.geometry.homogeneous import Array, fit_line, line_distance
-from circlecal.profiles import sample_profiles
+from circlecal.geometry.projective import Array, fit_line, line_distance
+from circlecal.paint.matched_filter import TAPS, paint_and_sides
+from circlecal.paint.profiles import sample_profiles
 from circlecal.results import CameraFit, LineCue, Segment
 
 __all__ = ["find_faint_lines"]

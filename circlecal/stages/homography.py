@@ -6,8 +6,8 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from circlecal.errors import EstimationError
-from circlecal.geometry.homogeneous import Array
 from circlecal.geometry.homography import dlt, scale_homography, transfer_errors, turn_homography
+from circlecal.geometry.projective import Array
 from circlecal.results import Correspondences, HomographyFit
 
 

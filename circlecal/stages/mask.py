@@ -14,7 +14,7 @@ from circlecal.detection import Detection, DetectorConfig, detect
 from circlecal.detection.networks import SegmentationNetwork, load_network, segment
 from circlecal.errors import EstimationError
 from circlecal.geometry.conics import ellipse_from_conic
-from circlecal.geometry.homogeneous import Array, fit_line, line_distance
+from circlecal.geometry.projective import Array, fit_line, line_distance
 from circlecal.geometry.ransac import ransac_conic
 from circlecal.results import CIRCLE_ID, HALFWAY_ID, Assignment, MarkingMask, SeenArc, Segment
 

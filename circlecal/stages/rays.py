@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from circlecal.camera_fit.model import fitted_frame, project
+from circlecal.camera.parameters import fitted_frame, project
 from circlecal.errors import EstimationError
 from circlecal.field import Arc, Circle, FieldTemplate
 from circlecal.geometry.conics import Ellipse, ellipse_from_conic
-from circlecal.geometry.homogeneous import Array
+from circlecal.geometry.projective import Array
 from circlecal.geometry.ransac import ransac_conic
 from circlecal.observations import CircleEdge
-from circlecal.profiles import Bands, Brightness, measure_bands, sample_profiles, smooth_along
+from circlecal.paint.profiles import Bands, Brightness, measure_bands, sample_profiles, smooth_along
 from circlecal.results import CameraFit, EdgePoints, MarkingMask, RayPoints
 
 CLEAR_OF_ENDS_PX = 6.0
@@ -73,7 +73,7 @@ def cast_rays(
     Parameters
     ----------
     picture : (H, W) uint8 or float32
-        Brightness, with the markings lighter than the field (:func:`circlecal.profiles.grey`).
+        Brightness, with the markings lighter than the field (:func:`circlecal.paint.profiles.grey`).
     edges : EdgePoints
         From the stage ``edges``.
     mask : MarkingMask

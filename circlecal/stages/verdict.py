@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from circlecal.camera_fit.crossings import running_through
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.conics import circle_conic, sampson_distance, transform_conic
-from circlecal.geometry.homogeneous import Array
 from circlecal.geometry.homography import projects_in_front
+from circlecal.geometry.projective import Array
+from circlecal.line_naming.line_ends import running_through
 from circlecal.results import Agreement, CameraFit, Check, Cues, EllipseFits, HomographyFit, Verdict
 
 NOISE_SIGMAS = 3.0

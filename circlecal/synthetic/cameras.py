@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.field import Circle, FieldTemplate, load_field
-from circlecal.geometry.homogeneous import Array
-from circlecal.geometry.pinhole import Camera, image_center
+from circlecal.geometry.camera import Camera, image_center
+from circlecal.geometry.projective import Array
 from circlecal.synthetic.surface import FLAT, Surface, seen_pixels
 from circlecal.synthetic.views import CAMERA_PROFILES, VIEWS, CameraProfile, View
 
@@ -48,7 +48,7 @@ class _Candidates:
         )
 
     def rotations(self) -> Array:
-        """World-to-camera rotations (N, 3, 3), as :func:`circlecal.geometry.pinhole.rotation_matrix`."""
+        """World-to-camera rotations (N, 3, 3), as :func:`circlecal.geometry.camera.rotation_matrix`."""
         (cp, ct, cr), (sp, st, sr) = np.cos(self.angles_rad).T, np.sin(self.angles_rad).T
         zero = np.zeros_like(cp)
         level_x, level_y = np.stack([cp, sp, zero], axis=-1), np.stack([-sp * ct, cp * ct, st], axis=-1)

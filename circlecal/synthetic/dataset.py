@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from circlecal.errors import InputError
 from circlecal.field import FieldTemplate
-from circlecal.formats.atomic import write_atomic
+from circlecal.files import write_atomic
 from circlecal.synthetic.renderer import Rendering, render
 from circlecal.synthetic.sampling import PROFILE_BY_NAME, SCENE_PROFILES, sample_scene
 

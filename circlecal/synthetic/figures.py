@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.geometry.homogeneous import Array
-from circlecal.geometry.pinhole import Camera
+from circlecal.geometry.camera import Camera
+from circlecal.geometry.projective import Array
 from circlecal.synthetic.goals import draw_goals
 from circlecal.synthetic.rays import Float32
 from circlecal.synthetic.scene import Player, RenderConfig, Scene

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.field import FieldTemplate
-from circlecal.geometry.homogeneous import Array
-from circlecal.geometry.pinhole import Camera
+from circlecal.geometry.camera import Camera
+from circlecal.geometry.projective import Array
 from circlecal.observations import CircleEdge, CirclePoints, LinePoints, MarkPoint
 from circlecal.synthetic.cameras import inside_frame
 from circlecal.synthetic.surface import FLAT, Surface

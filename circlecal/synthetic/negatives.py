@@ -9,8 +9,8 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from circlecal.field import FieldTemplate, load_field
-from circlecal.geometry.homogeneous import Array
-from circlecal.geometry.pinhole import Camera
+from circlecal.geometry.camera import Camera
+from circlecal.geometry.projective import Array
 from circlecal.synthetic.cameras import (
     aimed_camera,
     halfway_length_px,

@@ -19,8 +19,8 @@ from scipy.special import ndtr
 
 from circlecal.field import Arc, Circle, FieldTemplate, Line, Mark
 from circlecal.formats.soccernet import SEGMENTATION_CLASSES
-from circlecal.geometry.homogeneous import Array
-from circlecal.geometry.pinhole import Camera
+from circlecal.geometry.camera import Camera
+from circlecal.geometry.projective import Array
 from circlecal.synthetic.surface import Surface, back_project, seen_pixels
 
 CLASS_NAMES = ("Background", *SEGMENTATION_CLASSES)

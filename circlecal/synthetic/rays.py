@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.geometry.pinhole import Camera
+from circlecal.geometry.camera import Camera
 from circlecal.synthetic.surface import Surface, ray_directions
 
 Float32 = NDArray[np.float32]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from circlecal.geometry.pinhole import Camera
+from circlecal.geometry.camera import Camera
 from circlecal.synthetic.backdrop import draw_surroundings
 from circlecal.synthetic.decals import draw_decals
 from circlecal.synthetic.delivery import deliver, woven

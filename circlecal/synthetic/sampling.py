@@ -8,8 +8,8 @@ from typing import Literal, get_args
 import numpy as np
 
 from circlecal.field import FieldTemplate, load_field
-from circlecal.geometry.homogeneous import Array
-from circlecal.geometry.pinhole import Camera
+from circlecal.geometry.camera import Camera
+from circlecal.geometry.projective import Array
 from circlecal.synthetic.cameras import sample_camera
 from circlecal.synthetic.decals import Decal, floor_decals, grass_decals, rink_decals
 from circlecal.synthetic.delivery import stretched

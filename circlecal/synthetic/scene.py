@@ -9,8 +9,8 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from circlecal.field import Circle, FieldTemplate, Line, Mark
-from circlecal.geometry.homogeneous import Array
-from circlecal.geometry.pinhole import Camera
+from circlecal.geometry.camera import Camera
+from circlecal.geometry.projective import Array
 from circlecal.synthetic.decals import Decal
 from circlecal.synthetic.surface import Surface
 

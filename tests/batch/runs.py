@@ -14,7 +14,8 @@ import cv2
 import numpy as np
 
 import circlecal
-from circlecal.batch import RESULTS_NAME, SUMMARY_NAME
+from circlecal.batch import SUMMARY_NAME
+from circlecal.records.log import RESULTS_NAME
 
 COMMAND = [sys.executable, "-m", "circlecal.cli", "batch"]
 SURROUNDINGS = {**os.environ, "PYTHONPATH": str(Path(circlecal.__file__).parents[1])}
@@ -25,7 +26,7 @@ PATIENCE_S = 300.0
 
 SIGNALLING = """
 import os, sys
-from circlecal.batch import ResultLog
+from circlecal.records.log import ResultLog
 from circlecal.cli import main
 
 whole = ResultLog.append

@@ -12,8 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from circlecal.batch import INDEX_NAME, RESULTS_NAME, ResultLog
-from circlecal.batch.task import Finished
+from circlecal.records.log import INDEX_NAME, RESULTS_NAME, Finished, ResultLog
 
 from .runs import SURROUNDINGS, alive, assert_every_frame_once, batch_command, children, paint, records, wait_for
 

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 from circlecal.api import FrameRun
-from circlecal.batch import INDEX_NAME, RESULTS_NAME, SUMMARY_NAME, BatchProgress, ResultLog, run_batch
-from circlecal.batch.index import ResultIndex
-from circlecal.batch.task import Finished
+from circlecal.batch import SUMMARY_NAME, BatchProgress, run_batch
 from circlecal.config import Config, config_digest, load_config
 from circlecal.errors import InputError
-from circlecal.formats.images import find_frames
+from circlecal.pictures.files import find_frames
+from circlecal.records.index import ResultIndex
+from circlecal.records.log import INDEX_NAME, RESULTS_NAME, Finished, ResultLog
 
 from .runs import (
     PATIENCE_S,

@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import pytest
 
-from circlecal.formats.remote import is_url, read_url, url_names
+from circlecal.pictures.remote import is_url, read_url, url_names
 
 from .runs import records
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from videos import numbered_picture, write_video
 
-from circlecal.batch import RESULTS_NAME
-from circlecal.formats.video import _Decoder
+from circlecal.pictures.video import _Decoder
+from circlecal.records.log import RESULTS_NAME
 
 from .runs import COMMAND, SURROUNDINGS, records
 

@@ -6,7 +6,7 @@ import pytest
 
 from circlecal import calibrate
 from circlecal.field import load_field
-from circlecal.formats.result import result_record, write_result
+from circlecal.records.record import result_record, write_result
 
 
 @pytest.fixture(scope="module")

@@ -10,9 +10,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from circlecal.geometry.camera import Camera, image_center
 from circlecal.geometry.conics import circle_conic, transform_conic
-from circlecal.geometry.homogeneous import Array
-from circlecal.geometry.pinhole import Camera, image_center
+from circlecal.geometry.projective import Array
 
 HALF_WIDTH_M = 0.06
 RADIUS_M = 9.09

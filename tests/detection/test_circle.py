@@ -3,10 +3,11 @@ import numpy as np
 import pytest
 
 from circlecal.detection.circle import conic_of, hypothesis_of, measure_circle, refusal_of
-from circlecal.detection.config import AcceptanceConfig, RefinementConfig
 from circlecal.detection.hypotheses import EllipseBatch
+from circlecal.detection.options import AcceptanceConfig
 from circlecal.detection.result import CircleHypothesis
 from circlecal.geometry.conics import Ellipse, conic_from_ellipse, ellipse_from_conic, sampson_distance
+from circlecal.paint.bands import RefinementConfig
 
 from .conftest import Scene, paint_scene
 

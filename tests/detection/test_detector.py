@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from circlecal.detection import Detection, DetectorConfig, detect
 from circlecal.detection.passes import flat, thorough
 from circlecal.geometry.conics import sampson_distance
-from circlecal.geometry.homogeneous import Array, lift
+from circlecal.geometry.projective import Array, lift
 
 from .conftest import GRASS, HALFWAY_AND_CIRCLE, PENALTY_AREA, RADIUS_M, Scene, level, paint_scene, ring
 

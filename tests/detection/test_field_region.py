@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from circlecal.detection.config import FieldRegionConfig
 from circlecal.detection.field_region import find_field_region
+from circlecal.detection.options import FieldRegionConfig
 
 
 def framed(surface: tuple[int, int, int], gain: float = 1.0) -> np.ndarray:

@@ -1,10 +1,10 @@
 import numpy as np
 
 from circlecal.detection.circle import conic_of, measure_circle
-from circlecal.detection.config import RefinementConfig
 from circlecal.detection.flat_sides import onto_flat_sides
 from circlecal.detection.hypotheses import EllipseBatch
 from circlecal.geometry.conics import ellipse_from_conic, sampson_distance
+from circlecal.paint.bands import RefinementConfig
 
 from .conftest import Scene
 

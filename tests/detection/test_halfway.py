@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from circlecal.detection.circle import MeasuredCircle, measure_circle
-from circlecal.detection.config import DetectorConfig
 from circlecal.detection.halfway import find_halfway, measure_segments, segments_through_middle
 from circlecal.detection.hypotheses import EllipseBatch
+from circlecal.detection.options import DetectorConfig
 from circlecal.detection.ridges import find_ridges
 from circlecal.geometry.conics import ellipse_from_conic
 

@@ -1,6 +1,5 @@
 import numpy as np
 
-from circlecal.detection.config import HypothesisConfig
 from circlecal.detection.hypotheses import (
     EllipseBatch,
     conics_from_tangents,
@@ -8,6 +7,7 @@ from circlecal.detection.hypotheses import (
     ellipses_from_coefficients,
     pencil_parameter,
 )
+from circlecal.detection.options import HypothesisConfig
 from circlecal.detection.ridges import RidgePoints
 from circlecal.geometry.conics import (
     Ellipse,

@@ -1,7 +1,7 @@
 import numpy as np
 
-from circlecal.detection.config import LineConfig
 from circlecal.detection.lines import StraightRun, find_straight_runs
+from circlecal.detection.options import LineConfig
 from circlecal.detection.ridges import RidgePoints
 
 SIZE = (960, 540)

@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 
 from circlecal.api import calibrate, require_networks
-from circlecal.config import config_digest, load_config
+from circlecal.config import SourcesConfig, config_digest, load_config
 from circlecal.detection.networks import NetworkInput, SegmentationNetwork, heat_map_peaks, segment
 from circlecal.errors import ConfigError, MissingExtraError
 from circlecal.field import load_field
 from circlecal.formats.network_keypoints import network_keypoints
 from circlecal.formats.pnlcalib import WRONG_RIGHT_END, keypoint_table, tangency_points
-from circlecal.geometry.pinhole import Camera
-from circlecal.sources import SourcesConfig
+from circlecal.geometry.camera import Camera
 from circlecal.stages.keypoints import KeypointsConfig
 
 onnx = pytest.importorskip("onnx")

@@ -6,8 +6,8 @@ import pytest
 from circlecal.detection import DetectorConfig, detect
 from circlecal.detection.hypotheses import EllipseBatch
 from circlecal.detection.paint import painted_share
-from circlecal.faint_paint import SECTORS
 from circlecal.geometry.conics import ellipse_from_conic, sampson_distance
+from circlecal.paint.matched_filter import SECTORS
 
 from .conftest import HALFWAY_AND_CIRCLE, RADIUS_M, Scene, paint_scene, ring
 

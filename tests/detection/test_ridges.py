@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from circlecal.detection.config import RidgeConfig
+from circlecal.detection.options import RidgeConfig
 from circlecal.detection.ridges import RidgePoints, find_ridges
 
 ANGLE = np.radians(23.0)

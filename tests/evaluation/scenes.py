@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from circlecal.evaluation.soccernet_metric import MetricCamera, image_polylines
-from circlecal.geometry.pinhole import Camera, image_center
+from circlecal.geometry.camera import Camera, image_center
 
 SIZE = (960, 540)
 

@@ -6,8 +6,8 @@ import pytest
 from circlecal.config import load_config
 from circlecal.evaluation.audit import OPPOSED, audit_frames, distances_by_pair, opposed_distances, pair_rows
 from circlecal.field import load_field
-from circlecal.formats.annotated import AnnotatedFrame, Shape
 from circlecal.formats.pnlcalib import keypoint_table, tangency_points
+from circlecal.formats.shapes import AnnotatedFrame, Shape
 from evaluation.scenes import look_at_circle
 
 CIRCLE = (32, 35, 48, 49, 50, 51, 52, 53, 54)

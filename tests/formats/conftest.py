@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from circlecal.field import FieldTemplate, load_field
-from circlecal.formats.annotated import AnnotatedFrame, Shape
 from circlecal.formats.calibrated import CalibratedFrame
-from circlecal.geometry.pinhole import Camera
+from circlecal.formats.shapes import AnnotatedFrame, Shape
+from circlecal.geometry.camera import Camera
 
 
 @pytest.fixture(scope="session")

@@ -9,7 +9,7 @@ import pytest
 
 from circlecal.errors import InputError
 from circlecal.formats import coco, cvat, labelme, labelstudio
-from circlecal.formats.annotated import AnnotatedFrame, Shape
+from circlecal.formats.shapes import AnnotatedFrame, Shape
 from circlecal.formats.soccernet import json_bytes
 
 FILE = Path("marks.json")

@@ -7,10 +7,10 @@ import pytest
 
 from circlecal.config import load_config
 from circlecal.errors import InputError
-from circlecal.formats.annotated import AnnotatedFrame, Shape
 from circlecal.formats.exchange import annotation_files, read_annotations, read_observations
-from circlecal.formats.result import result_line, result_record
+from circlecal.formats.shapes import AnnotatedFrame, Shape
 from circlecal.pipeline import field_of, run_observations
+from circlecal.records.record import result_line, result_record
 from circlecal.synthetic.cameras import aimed_camera
 
 SIZE = (1280, 720)

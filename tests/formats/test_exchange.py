@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from circlecal.config import SourcesConfig
 from circlecal.errors import InputError
 from circlecal.formats import broadtrack, coco, cvat, labelme, labelstudio, pnlcalib, soccernet, tvcalib, worldcup
 from circlecal.formats.cameras import CameraFrame
 from circlecal.formats.exchange import convert, format_of, read_annotations, read_cameras, read_observations
-from circlecal.sources import SourcesConfig
 
 
 @pytest.fixture

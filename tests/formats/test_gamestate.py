@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
+from circlecal.config import SourcesConfig
 from circlecal.errors import InputError
 from circlecal.formats.exchange import TARGETS, convert, read_annotations, read_observations
-from circlecal.sources import SourcesConfig
 
 
 def labels(*lines, images=({"image_id": "3001", "file_name": "000001.jpg", "width": 1920, "height": 1080},)):

@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from circlecal.config import SourcesConfig
 from circlecal.errors import InputError
 from circlecal.field import load_field
-from circlecal.formats.observing import observe
+from circlecal.formats.meaning import observe
 from circlecal.formats.pnlcalib import (
     GOAL_TOPS,
     VIRTUAL_CIRCLE_POINTS,
@@ -19,7 +20,6 @@ from circlecal.formats.pnlcalib import (
     tangency_points,
 )
 from circlecal.formats.soccernet import json_bytes
-from circlecal.sources import SourcesConfig
 
 FILE = Path("101.json")
 

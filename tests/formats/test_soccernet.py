@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from circlecal.errors import InputError
-from circlecal.formats.annotated import AnnotatedFrame, Shape
+from circlecal.formats.shapes import AnnotatedFrame, Shape
 from circlecal.formats.soccernet import (
     annotation_record,
     camera_at_size,

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from circlecal.geometry.camera import Camera, image_center
 from circlecal.geometry.concentric import imaged_center
 from circlecal.geometry.conics import circle_conic, ellipse_from_conic, normalise_conic, transform_conic
-from circlecal.geometry.homogeneous import apply_homography, dehomogenise
-from circlecal.geometry.pinhole import Camera, image_center
+from circlecal.geometry.projective import apply_homography, dehomogenise
 
 OUTER_M, INNER_M = 9.15, 9.03
 

@@ -9,7 +9,7 @@ from scipy.stats import chi2
 from skimage.measure import EllipseModel
 
 from circlecal.geometry import conics
-from circlecal.geometry.homogeneous import similarity_normalisation
+from circlecal.geometry.projective import similarity_normalisation
 
 SHORT = conics.Ellipse(np.array([900.0, 500.0]), (600.0, 160.0), 0.1)
 

@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 from skimage.measure import EllipseModel
 
 from circlecal.geometry import conics
-from circlecal.geometry.homogeneous import dehomogenise, join, lift, line_distance, meet, normalise_line
+from circlecal.geometry.projective import dehomogenise, join, lift, line_distance, meet, normalise_line
 
 scales = st.floats(1e-6, 1e6).flatmap(lambda s: st.sampled_from([s, -s]))
 

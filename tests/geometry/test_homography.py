@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from circlecal.geometry import homography as hg
+from circlecal.geometry.camera import Camera, image_center
 from circlecal.geometry.conics import circle_conic, transform_conic
-from circlecal.geometry.homogeneous import apply_homography, join, lift, transform_lines
-from circlecal.geometry.pinhole import Camera, image_center
+from circlecal.geometry.projective import apply_homography, join, lift, transform_lines
 
 FIELD = np.random.default_rng(11).uniform(-12.0, 12.0, (40, 2))
 RADIUS_M = 9.15

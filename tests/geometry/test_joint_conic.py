@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from circlecal.geometry.camera import Camera, image_center
 from circlecal.geometry.concentric import joint_conic, scaling_homology
 from circlecal.geometry.conics import circle_conic, fit_conic, sampson_distance, transform_conic
-from circlecal.geometry.homogeneous import apply_homography
-from circlecal.geometry.pinhole import Camera, image_center
+from circlecal.geometry.projective import apply_homography
 
 CAMERA = Camera(
     1920,

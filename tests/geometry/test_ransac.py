@@ -11,7 +11,7 @@ from circlecal.geometry.conics import (
     normalise_conic,
     sampson_distance,
 )
-from circlecal.geometry.homogeneous import similarity_normalisation
+from circlecal.geometry.projective import similarity_normalisation
 from circlecal.geometry.ransac import msac_costs, ransac_conic, sample_conics
 
 TRUE = Ellipse(np.array([900.0, 500.0]), (600.0, 160.0), 0.1)

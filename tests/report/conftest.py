@@ -10,9 +10,9 @@ import cv2
 import pytest
 
 from circlecal import calibrate
-from circlecal.batch import RESULTS_NAME
 from circlecal.field import load_field
-from circlecal.formats.result import failed_record, result_record
+from circlecal.records.log import RESULTS_NAME
+from circlecal.records.record import failed_record, result_record
 from circlecal.results import Verdict
 
 Record = dict[str, Any]

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from circlecal.formats.images import REPORT_FOLDER
+from circlecal.pictures.files import REPORT_FOLDER
 from circlecal.report import ReportOptions, read_run, write_report
 from tests.report.browser import Browser, programs
 from tests.report.conftest import refused, write_run

@@ -6,11 +6,11 @@ import cv2
 import numpy as np
 import pytest
 
-from circlecal.formats.result import stored_result
-from circlecal.projection import field_to_image
+from circlecal.records.record import stored_result
 from circlecal.report.details import frame_details
 from circlecal.report.drawings import draw_on_thumbnail, plan_layer, points_layer, scene_of, template_layer
 from circlecal.report.reading import read_run
+from circlecal.view import field_to_image
 from tests.report.conftest import refused, write_run
 
 

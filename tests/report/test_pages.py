@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from circlecal.formats.images import OVERLAY_SUFFIX, REPORT_FOLDER, find_frames
+from circlecal.pictures.files import OVERLAY_SUFFIX, REPORT_FOLDER, find_frames
 from circlecal.report import ReportOptions, read_run, write_report
 from circlecal.report.pictures import Media
 from tests.report.conftest import refused, write_run

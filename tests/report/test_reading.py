@@ -4,9 +4,9 @@ import json
 
 import pytest
 
-from circlecal.batch import RESULTS_NAME
 from circlecal.errors import InputError
-from circlecal.formats.images import REPORT_FOLDER
+from circlecal.pictures.files import REPORT_FOLDER
+from circlecal.records.log import RESULTS_NAME
 from circlecal.report.reading import read_run
 from tests.report.conftest import refused, write_run
 

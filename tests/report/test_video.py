@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from circlecal.formats.images import REPORT_FOLDER
-from circlecal.formats.video import Sampling, Video, pictures_at
+from circlecal.pictures.files import REPORT_FOLDER
+from circlecal.pictures.video import Sampling, Video, pictures_at
 from circlecal.report.pictures import Media
 from tests.report.conftest import refused
 from tests.report.test_pages import details, listing, media, written

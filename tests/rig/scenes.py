@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from circlecal.camera_fit.config import priors_of
-from circlecal.camera_fit.model import PARAMETERS, Frame, theta_of
-from circlecal.camera_fit.observed import Realism, observed_curves, observed_points
-from circlecal.camera_fit.optimise import Problem, minimise
-from circlecal.camera_fit.uncertainty import posterior_covariance
+from circlecal.camera.covariance import posterior_covariance
+from circlecal.camera.observed import Realism, observed_curves, observed_points
+from circlecal.camera.optimise import Problem, minimise
+from circlecal.camera.options import priors_of
+from circlecal.camera.parameters import PARAMETERS, Frame, theta_of
 from circlecal.config import Config, load_config
-from circlecal.geometry.pinhole import Camera
+from circlecal.geometry.camera import Camera
 from circlecal.observations import Observations
 from circlecal.pipeline import field_of
 from circlecal.rig.frames import RigFrame

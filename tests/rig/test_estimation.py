@@ -133,7 +133,7 @@ def test_recognised_lines_get_their_names_back(mixed):
     frame = mixed[0][0]
     seen = frame.observations
     bare = replace(seen, lines=(LinePoints(None, seen.lines[0].points_px, seen.lines[0].sigma_px),))
-    from circlecal.camera_fit.model import Frame
+    from circlecal.camera.parameters import Frame
 
     view = Frame(1920, 1080, "flat")
     assert with_names(bare, ["halfway_line"], frame.theta, TEMPLATE, view).lines[0].line == "halfway_line"

@@ -9,10 +9,10 @@ import yaml
 
 from circlecal.errors import InputError
 from circlecal.formats.camera_prior import prior_settings
-from circlecal.formats.result import failed_record, result_line, result_record
 from circlecal.geometry.homography import mean_reprojection_error, reprojection_grid
 from circlecal.observations import Observations
 from circlecal.pipeline import run_observations
+from circlecal.records.record import failed_record, result_line, result_record
 from circlecal.results import Verdict
 from circlecal.rig.frames import frame_of_record, read_records
 from circlecal.rig.run import read_cameras, run_rig

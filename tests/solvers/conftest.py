@@ -7,8 +7,8 @@ import pytest
 
 from circlecal.bench.scenarios import faceoff_camera, hockey, soccer
 from circlecal.bench.solver_scenarios import solver_scenarios
-from circlecal.geometry.homogeneous import apply_homography, lift
 from circlecal.geometry.homography import mean_reprojection_error, reprojection_grid
+from circlecal.geometry.projective import apply_homography, lift
 from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations
 from circlecal.synthetic.cameras import sample_camera
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from circlecal.field import load_field
-from circlecal.geometry.homogeneous import apply_homography
+from circlecal.geometry.projective import apply_homography
 from circlecal.observations import Observations
 from circlecal.solvers import solve_by_name
 from circlecal.solvers.chum_matas import ellipse_match, first_order_homography, iterate

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from circlecal.errors import ConfigError
-from circlecal.geometry.homogeneous import apply_homography
+from circlecal.geometry.projective import apply_homography
 from circlecal.observations import CirclePoints, Keypoint, LinePoints, MarkPoint, Observations
 from circlecal.solvers import (
     load_intrinsics_solver,

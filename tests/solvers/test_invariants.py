@@ -9,8 +9,8 @@ import pytest
 from scipy.optimize import least_squares
 
 from circlecal.geometry.conics import circle_conic, normalise_conic, polar, sampson_distance, transform_conic
-from circlecal.geometry.homogeneous import apply_homography, join, lift, meet
 from circlecal.geometry.homography import homography_from_circle, turn_homography
+from circlecal.geometry.projective import apply_homography, join, lift, meet
 from circlecal.observations import Keypoint, Observations
 from circlecal.solvers import load_intrinsics_solver, solve_by_name
 from circlecal.solvers.chen_wu import circular_sections

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from circlecal.camera_fit.model import PARAMETERS, Frame, theta_of
+from circlecal.camera.parameters import PARAMETERS, Frame, theta_of
 from circlecal.field import load_field
 from circlecal.results import Agreement, Cues, MarkCue
 from circlecal.stages.agreement import expected_markings

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from circlecal.bench.scenarios import KNOWN, chosen_rows
-from circlecal.camera_fit.config import CameraConfig, priors_of
-from circlecal.camera_fit.model import INDEX, PARAMETERS, Frame
+from circlecal.camera.options import CameraConfig, priors_of
+from circlecal.camera.parameters import INDEX, PARAMETERS, Frame
 from circlecal.geometry.homography import SIDES
 from circlecal.observations import Keypoint
 from circlecal.stages.camera import estimate_camera

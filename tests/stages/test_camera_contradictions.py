@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from circlecal.bench.scenarios import KNOWN
-from circlecal.camera_fit.config import CameraConfig
+from circlecal.camera.options import CameraConfig
 from circlecal.observations import Keypoint, LinePoints, MarkPoint
 from circlecal.stages.camera import estimate_camera
 from circlecal.synthetic.cameras import aimed_camera

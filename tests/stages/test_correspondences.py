@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from circlecal.errors import EstimationError
 from circlecal.field import load_field
 from circlecal.geometry.conics import conic_from_ellipse, polar, pole
-from circlecal.geometry.homogeneous import apply_homography, dehomogenise, join, lift, meet, normalise_line
 from circlecal.geometry.homography import SIDES, homography_from_circle, transfer_errors, turn_homography
+from circlecal.geometry.projective import apply_homography, dehomogenise, join, lift, meet, normalise_line
 from circlecal.observations import Keypoint
 from circlecal.results import Cues, EllipseFits, MarkCue
 from circlecal.stages.correspondences import (

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from circlecal.field import load_field
-from circlecal.geometry.homogeneous import line_distance
+from circlecal.geometry.projective import line_distance
 from circlecal.observations import Keypoint, LinePoints, MarkPoint, Observations
-from circlecal.profiles import grey
+from circlecal.paint.lines import measure_lines
+from circlecal.paint.profiles import grey
 from circlecal.results import EllipseFits, Segment
 from circlecal.stages.cues import CuesConfig, cues_from_observations, find_cues
-from circlecal.straight_lines import measure_lines
 
 from .conftest import CIRCLE, SOCCER, fit_of, line_cue, paint, view
 

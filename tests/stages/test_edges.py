@@ -6,7 +6,7 @@ from pydantic import ValidationError
 
 from circlecal.errors import EstimationError
 from circlecal.geometry.conics import ellipse_from_conic, orthogonal_distance
-from circlecal.profiles import grey
+from circlecal.paint.profiles import grey
 from circlecal.results import MarkingMask
 from circlecal.stages.edges import EdgesConfig, detect_edges, search_region
 

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from circlecal.faint_paint import CLEAR, SECTORS
+from circlecal.paint.matched_filter import CLEAR, SECTORS
 from circlecal.stages.evidence import painted_all_round, painted_sectors
 
 from .conftest import CIRCLE, SOCCER, view

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from circlecal.camera_fit.model import PARAMETERS, Frame, theta_of
+from circlecal.camera.parameters import PARAMETERS, Frame, theta_of
 from circlecal.stages.faint_lines import find_faint_lines
 
 from .conftest import CIRCLE, SOCCER, view

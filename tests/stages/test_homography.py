@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from circlecal.errors import EstimationError
-from circlecal.geometry.homogeneous import lift
 from circlecal.geometry.homography import transfer_errors
+from circlecal.geometry.projective import lift
 from circlecal.results import PointCorrespondence
 from circlecal.stages.correspondences import correspondences_from_line
 from circlecal.stages.homography import HomographyConfig, estimate_homography

@@ -6,7 +6,7 @@ import pytest
 
 from circlecal.errors import EstimationError
 from circlecal.geometry.conics import ellipse_from_conic, orthogonal_distance
-from circlecal.geometry.homogeneous import line_distance
+from circlecal.geometry.projective import line_distance
 from circlecal.results import MarkingMask, SeenArc, Segment
 from circlecal.stages.mask import MaskConfig, find_marking, with_arc
 

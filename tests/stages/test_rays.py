@@ -4,10 +4,10 @@ import cv2
 import numpy as np
 import pytest
 
-from circlecal.camera_fit.model import Frame, theta_of
+from circlecal.camera.parameters import Frame, theta_of
 from circlecal.errors import EstimationError
 from circlecal.geometry.conics import conic_from_ellipse, ellipse_from_conic, orthogonal_distance
-from circlecal.profiles import grey
+from circlecal.paint.profiles import grey
 from circlecal.results import MarkingMask
 from circlecal.stages.edges import EdgesConfig, detect_edges
 from circlecal.stages.rays import RaysConfig, cast_rays, even_angles, measure_along_model

@@ -1,0 +1,152 @@
+"""Observations of a frame as the optimiser's residuals: thinned, with realistic standard deviations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from circlecal.camera.residuals import CurvePoints, FixedPoints, circle_curve, line_curve, stack_curves
+from circlecal.field import FieldTemplate
+from circlecal.geometry.conics import ellipse_from_conic, fit_conic
+from circlecal.geometry.projective import Array, Indices, fit_line
+from circlecal.observations import LinePoints, Observations
+
+ELLIPSE_POINTS = 240
+"""Of so many points about is the ellipse along which neighbours are averaged."""
+
+
+@dataclass(frozen=True, slots=True)
+class Realism:
+    """How far points along a marking can be trusted.
+
+    Attributes
+    ----------
+    maximum_points : int
+        Per marking; more are averaged along it.
+    model_sigma_px : float
+        What lens, crown and paint leave of an ideal marking.
+    correlation_px : float
+        Over which length neighbours repeat each other's error.
+    """
+
+    maximum_points: int
+    model_sigma_px: float
+    correlation_px: float
+
+
+def observed_curves(observations: Observations, template: FieldTemplate, realism: Realism) -> CurvePoints:
+    """Circles and named lines of the template that were seen, thinned, with the model's own sigma added."""
+    relative: dict[str, float] = {"outer": 0.5, "center": 0.0, "inner": -0.5}
+    bloom: dict[str, float] = {"outer": 1.0, "center": 0.0, "inner": -1.0}
+    parts = []
+    for seen in observations.circles:
+        known = template.circle_by_name.get(seen.circle)
+        if known is None or len(seen.points_px) == 0:
+            continue
+        points, sigma = _thinned_arc(seen.points_px, seen.sigma_px, realism.maximum_points)
+        sigma = _realistic(points, sigma, 2.0 * _extent(points), realism)
+        radius = template.radius(known, seen.edge)
+        by_width = relative[seen.edge] - relative[known.edge]
+        name = f"{seen.circle} {seen.edge}"
+        parts.append(circle_curve(name, points, sigma, np.asarray(known.center), radius, by_width, bloom[seen.edge]))
+    for line in observations.lines:
+        drawn = None if line.line is None else template.line_by_name.get(line.line)
+        if drawn is None or len(line.points_px) == 0:
+            continue
+        points, sigma = thinned_line(line, realism)
+        parts.append(line_curve(drawn.name, points, sigma, template.line_ends(drawn), template.line_shift(drawn)))
+    return stack_curves(parts)
+
+
+def thinned_curves(curves: CurvePoints, along: Array | Indices, maximum: int, least_sigma_px: float) -> CurvePoints:
+    """At most so many points of each marking, evenly in the order of ``along`` (N,), which then count for the
+    others too: with sigmas that are the smaller, down to the model's own.
+    """
+    count = np.bincount(curves.group, minlength=len(curves.names))
+    order = np.lexsort((along, curves.group))
+    group = curves.group[order]
+    place = np.arange(len(order)) - (np.cumsum(count) - count)[group]
+    size = -(-count // maximum)[group]
+    kept = order[place % size == size // 2]
+    thinned = curves.select(kept)
+    fewer = np.maximum(thinned.sigma_px / np.sqrt(-(-count // maximum)[thinned.group]), least_sigma_px)
+    return thinned.with_sigma(np.minimum(thinned.sigma_px, fewer))
+
+
+def thinned_line(line: LinePoints, realism: Realism) -> tuple[Array, Array]:
+    """Points (N, 2) along a straight marking and their standard deviations (N,)."""
+    points, sigma = _thinned(line.points_px, line.sigma_px, realism.maximum_points)
+    return points, _realistic(points, sigma, _extent(points), realism)
+
+
+def observed_points(observations: Observations, template: FieldTemplate) -> FixedPoints:
+    """Marks and keypoints that were seen."""
+    found = [
+        (m.mark, np.asarray(template.mark_by_name[m.mark].position), m.point_px, m.sigma_px)
+        for m in observations.marks
+        if m.mark in template.mark_by_name
+    ]
+    found += [(k.name, k.field_m, k.point_px, k.sigma_px) for k in observations.keypoints]
+    return FixedPoints(
+        np.array([f[1] for f in found]).reshape(-1, 2),
+        np.array([f[2] for f in found]).reshape(-1, 2),
+        np.array([f[3] for f in found], dtype=np.float64),
+        tuple(f[0] for f in found),
+    )
+
+
+def stated_sigmas(observations: Observations) -> dict[str, float]:
+    """Median standard deviation in pixels that each observation itself states, by the names of the residuals."""
+    stated = {f"{c.circle} {c.edge}": float(np.median(c.sigma_px)) for c in observations.circles if len(c.sigma_px)}
+    stated |= {s.line: float(np.median(s.sigma_px)) for s in observations.lines if s.line and len(s.sigma_px)}
+    return (
+        stated | {p.mark: p.sigma_px for p in observations.marks} | {k.name: k.sigma_px for k in observations.keypoints}
+    )
+
+
+def _realistic(points: Array, sigma: Array, length_px: float, realism: Realism) -> Array:
+    """Sigmas (N,) with the model's own error, grown so that points within one correlation length count as one."""
+    if len(points) < 2 or realism.model_sigma_px == 0:
+        return sigma
+    repeats = max(1.0, realism.correlation_px * len(points) / max(length_px, 1e-6))
+    return np.hypot(sigma, realism.model_sigma_px * np.sqrt(repeats))
+
+
+def _extent(points: Array) -> float:
+    """Distance in pixels between the outermost points (N, 2) of a marking."""
+    return float(np.hypot(*(points.max(axis=0) - points.min(axis=0))))
+
+
+def _thinned(points: Array, sigma: Array, maximum: int) -> tuple[Array, Array]:
+    """Means of neighbouring points of a straight marking, so that nothing that was measured is thrown away."""
+    size = -(-len(points) // maximum)
+    if size <= 1:
+        return points, sigma
+    normal = fit_line(points)[:2]
+    order = np.argsort(points @ np.array([normal[1], -normal[0]]), kind="stable")
+    usable = len(points) // size * size
+    groups = order[:usable].reshape(-1, size)
+    return points[groups].mean(axis=1), np.sqrt((sigma[groups] ** 2).mean(axis=1) / size)
+
+
+def _thinned_arc(points: Array, sigma: Array, maximum: int) -> tuple[Array, Array]:
+    """The same along an ellipse: the mean deviation of each group of neighbours is given to its middle point."""
+    size = -(-len(points) // maximum)
+    # the ellipse only orders and levels neighbours
+    conic = fit_conic(points[:: max(1, len(points) // ELLIPSE_POINTS)], "direct") if size > 1 else None
+    ellipse = None if conic is None else ellipse_from_conic(conic)
+    if ellipse is None:
+        return points, sigma
+    angle = ellipse.parameter(points)
+    order = np.argsort(angle, kind="stable")
+    groups = order[: len(points) // size * size].reshape(-1, size)
+    normals = ellipse.normals(angle)
+    deviation = np.sum((points - ellipse.points(angle)) * normals, axis=-1)
+    middle = groups[:, size // 2]
+    # groups that span a gap of the arc keep only their middle point
+    spread = np.linalg.norm(points[groups[:, -1]] - points[groups[:, 0]], axis=-1)
+    whole = spread < 4 * np.median(spread) + 1e-9
+    change = np.where(whole, deviation[groups].mean(axis=1) - deviation[middle], 0.0)
+    averaged = np.sqrt((sigma[groups] ** 2).mean(axis=1) / np.where(whole, size, 1))
+    return points[middle] + change[:, None] * normals[middle], averaged

@@ -1,0 +1,153 @@
+"""Options of the camera's fit, and the priors that they state."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from circlecal.camera.observed import Realism
+from circlecal.camera.optimise import Priors
+from circlecal.camera.parameters import INDEX, PARAMETERS, Frame
+from circlecal.camera.shared_prior import SharedPriorConfig
+from circlecal.field import Circle, FieldTemplate
+
+Three = tuple[float, float, float]
+
+
+class CameraConfig(BaseModel):
+    """Options of the stage ``camera``."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    enabled: bool = Field(
+        True, description="Whether a camera is estimated; without it the homography of the closed forms is the result."
+    )
+    principal_point_sd_px: float = Field(
+        5.0,
+        ge=0,
+        description="Prior of the principal point about the image centre, pixels at 1920 px width; 0 fixes it.",
+    )
+    distortion: Literal["none", "radial"] = Field("radial", description="Lens model: none, or radial with priors.")
+    k1_mean: float = Field(0.03, description="Prior mean of the radial distortion, half-widths (positive: pincushion).")
+    k1_sd: float = Field(0.015, ge=0, description="Prior standard deviation of it; 0 fixes it.")
+    k2_sd: float = Field(0.0, ge=0, description="Prior standard deviation of the second radial coefficient about 0.")
+    aspect: float = Field(
+        1.0, gt=0.2, lt=5, description="Pixel aspect fy / fx (old PAL video is stored with other than 1)."
+    )
+    aspect_sd: float = Field(0.0, ge=0, description="Prior standard deviation of its logarithm; 0 fixes it.")
+    crown_m: float = Field(
+        0.05, ge=-0.5, le=1, description="Prior mean of the drop of the pitch at |y| = 9.15 m, metres."
+    )
+    crown_sd_m: float = Field(0.03, ge=0, description="Prior standard deviation of it; 0 fixes it.")
+    crown_shape: Literal["auto", "parabola", "roof", "flat"] = Field(
+        "auto",
+        description="Profile of the pitch across its length; auto: a roof, unless the frame clearly shows a parabola.",
+    )
+    roll_sd_deg: float = Field(3.0, ge=0, description="Prior of the camera's roll about 0, degrees.")
+    position_m: Three | None = Field(
+        None, description="Prior mean of the position (x, y, z; z negative above ground), metres, or null."
+    )
+    position_sd_m: Three = Field(
+        (0.5, 0.5, 0.5), description="Prior standard deviation of the position, where one is given."
+    )
+    shared: SharedPriorConfig | None = Field(
+        None, description="What other frames of the same camera say of it, as `circlecal rig` writes it, or null."
+    )
+    distance_radii: float = Field(
+        7.0, gt=0, description="Usual distance of a camera from the circle's centre, in its radii."
+    )
+    distance_log_sd: float | None = Field(
+        0.6, gt=0, description="Standard deviation of its logarithm; null for no prior."
+    )
+    elevation_deg: float = Field(
+        15.0, ge=0, le=90, description="Usual angle under which a camera looks down on the circle's centre."
+    )
+    elevation_sd_deg: float | None = Field(10.0, gt=0, description="Its standard deviation; null for no prior.")
+    bloom_sd_px: float = Field(
+        0.3, ge=0, description="Prior of how far blur moves each edge outwards, pixels; 0 fixes it at 0."
+    )
+    width_sd_m: float | None = Field(
+        None, ge=0, description="Prior of the marking width about the template's; null takes the template's."
+    )
+    loss_scale: float = Field(6.0, gt=0, description="Scale of the Geman-McClure loss, standard deviations.")
+    model_sigma_px: float = Field(
+        0.3,
+        ge=0,
+        description="What lens, crown and paint leave of an ideal marking, pixels at 1920 px width.",
+    )
+    close_sigma_px: float = Field(
+        0.1,
+        ge=0,
+        description="The same where nothing but the circle, its line and its mark are seen, all in a small part of the"
+        " field; more where the residuals show more.",
+    )
+    correlation_px: float = Field(
+        60.0,
+        ge=0,
+        description="Over which length neighbouring points repeat each other's error, pixels at 1920 px width.",
+    )
+    maximum_points: int = Field(
+        240, ge=10, le=100000, description="Points per marking; more are averaged along the marking."
+    )
+    starts: int = Field(8, ge=1, le=200, description="How many starts of the grid are followed where the arc is short.")
+    name_lines: bool = Field(
+        True,
+        description="Whether straight markings that were seen without a name are matched with the template and used.",
+    )
+    iterations: int = Field(60, ge=1, le=1000, description="Upper limit of the optimiser's steps.")
+    noise_from_residuals: bool = Field(
+        True, description="Whether standard deviations grow to what the residuals and their correlation show."
+    )
+
+    @property
+    def usual_crown(self) -> str:
+        """The profile that is tried first."""
+        return "roof" if self.crown_shape == "auto" else self.crown_shape
+
+
+def realism_of(config: CameraConfig, width: int) -> Realism:
+    """How many points of a marking are used, and what their standard deviations leave out, for a frame this wide."""
+    unit = width / 1920.0
+    return Realism(config.maximum_points, config.model_sigma_px * unit, config.correlation_px * unit)
+
+
+def priors_of(config: CameraConfig, template: FieldTemplate, circle: Circle, frame: Frame) -> Priors:
+    """Priors as means and standard deviations of the parameter vector."""
+    unit = frame.width / 1920.0
+    mean, sd = np.zeros(len(PARAMETERS)), np.full(len(PARAMETERS), np.inf)
+    sd[INDEX["roll"]] = np.radians(config.roll_sd_deg)
+    if config.position_m is not None:
+        mean[4:7], sd[4:7] = config.position_m, config.position_sd_m
+    sd[7:9] = config.principal_point_sd_px * unit
+    radial = config.distortion == "radial"
+    mean[9], sd[9] = (config.k1_mean, config.k1_sd) if radial else (0.0, 0.0)
+    sd[10] = config.k2_sd if radial else 0.0
+    mean[INDEX["log_aspect"]], sd[INDEX["log_aspect"]] = np.log(config.aspect), config.aspect_sd
+    flat = config.crown_shape == "flat"
+    mean[INDEX["crown"]], sd[INDEX["crown"]] = (0.0, 0.0) if flat else (config.crown_m, config.crown_sd_m)
+    sd[INDEX["width"]] = template.marking_width_sd_m if config.width_sd_m is None else config.width_sd_m
+    sd[INDEX["bloom"]] = config.bloom_sd_px
+    sd[INDEX["length"]], sd[INDEX["breadth"]] = template.length_sd_m, template.width_sd_m
+    shared = None
+    if config.shared is not None:
+        shared = config.shared.prior(frame.width).only([name for name in PARAMETERS if sd[INDEX[name]] > 0])
+        sd[shared.indices], mean[shared.indices] = np.inf, shared.mean[: len(shared.parameters)]
+    free = config.position_m is not None or shared is not None
+    return Priors(
+        mean=mean,
+        sd=sd,
+        distance_m=config.distance_radii * circle.radius_m,
+        distance_log_sd=np.inf if config.distance_log_sd is None or free else config.distance_log_sd,
+        elevation_rad=np.radians(config.elevation_deg),
+        elevation_sd_rad=np.inf if config.elevation_sd_deg is None or free else np.radians(config.elevation_sd_deg),
+        center_m=np.asarray(circle.center, dtype=np.float64),
+        shared=shared,
+    )
+
+
+def position_known(config: CameraConfig) -> bool:
+    """Whether the camera's position has a prior."""
+    told = config.shared is not None and {"x", "y", "z"} <= set(config.shared.parameters)
+    return told or config.position_m is not None

@@ -1,0 +1,291 @@
+"""The camera's parameters, and projection with its analytic Jacobian, for a batch of cameras at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.field import Circle
+from circlecal.geometry.camera import Camera, image_center
+from circlecal.geometry.projective import Array
+from circlecal.results import CameraFit
+
+PARAMETERS = (
+    "log_focal", "pan", "tilt", "roll", "x", "y", "z",
+    "pp_x", "pp_y", "kappa_1", "kappa_2", "log_aspect", "crown", "width", "bloom", "length", "breadth",
+)  # fmt: skip
+"""Order of the parameter vector.
+
+Focal length as its logarithm; angles in radians; position in metres; principal point as an offset from the image
+centre in pixels; kappa in half-widths; aspect
+as the logarithm of fy / fx; crown in metres; marking width as an offset from the template's in metres; bloom in
+pixels (how far blur moves each edge outwards); length and
+breadth of the field as offsets from the template's in metres.
+"""
+INDEX = {name: k for k, name in enumerate(PARAMETERS)}
+CROWN_SHAPES = ("parabola", "roof", "flat")
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """What is the same for every candidate camera of a frame: picture size, crown profile and the |y| at which it is
+    quoted.
+    """
+
+    width: int
+    height: int
+    crown_shape: str = "parabola"
+    crown_reference_m: float = 9.15
+
+    @property
+    def center(self) -> Array:
+        """Image centre (2,)."""
+        return image_center(self.width, self.height)
+
+    def sag(self, y: Array) -> tuple[Array, Array]:
+        """Drop of the surface per metre of crown at y, and its derivative by y; the shapes of the names in
+        CROWN_SHAPES.
+        """
+        t = y / self.crown_reference_m
+        if self.crown_shape == "parabola":
+            return t * t, 2 * t / self.crown_reference_m
+        if self.crown_shape == "roof":
+            return np.abs(t), np.sign(t) / self.crown_reference_m
+        return np.zeros_like(t), np.zeros_like(t)
+
+
+def fitted_frame(fit: CameraFit, circle: Circle) -> Frame:
+    """The frame in which a camera was fitted to a circle."""
+    return Frame(fit.camera.width, fit.camera.height, fit.crown_shape, max(circle.radius_m, 1e-3))
+
+
+def camera_of(theta: Array, frame: Frame) -> Camera:
+    """Camera of one parameter vector (P,)."""
+    focal = np.exp(theta[INDEX["log_focal"]])
+    return Camera(
+        width=frame.width,
+        height=frame.height,
+        focal_px=np.array([focal, focal * np.exp(theta[INDEX["log_aspect"]])]),
+        principal_point_px=frame.center + theta[7:9],
+        angles_rad=theta[1:4].copy(),
+        position_m=theta[4:7].copy(),
+        kappa=theta[9:11].copy(),
+    )
+
+
+def theta_of(camera: Camera, frame: Frame) -> Array:
+    """Parameter vector (P,) of a camera; crown, width and bloom are zero."""
+    theta = np.zeros(len(PARAMETERS))
+    theta[0] = np.log(camera.focal_px[0])
+    theta[1:4] = camera.angles_rad
+    theta[4:7] = camera.position_m
+    theta[7:9] = camera.principal_point_px - frame.center
+    theta[9:11] = camera.kappa
+    theta[INDEX["log_aspect"]] = np.log(camera.focal_px[1] / camera.focal_px[0])
+    return theta
+
+
+def rotations(theta: Array) -> Array:
+    """World-to-camera rotations (B, 3, 3): ``Rz(roll)^T Rx(tilt)^T Rz(pan)^T``."""
+    cp, ct, cr = np.cos(theta[:, 1:4]).T
+    sp, st, sr = np.sin(theta[:, 1:4]).T
+    R = np.empty((len(theta), 3, 3))
+    R[:, 0, 0], R[:, 0, 1], R[:, 0, 2] = cr * cp - sr * ct * sp, cr * sp + sr * ct * cp, sr * st
+    R[:, 1, 0], R[:, 1, 1], R[:, 1, 2] = -sr * cp - cr * ct * sp, -sr * sp + cr * ct * cp, cr * st
+    R[:, 2, 0], R[:, 2, 1], R[:, 2, 2] = st * sp, -st * cp, ct
+    return R
+
+
+def homographies(theta: Array, frame: Frame) -> Array:
+    """``H_image_field`` (B, 3, 3) of the plane z = 0, to undistorted pixels; not scaled."""
+    R = rotations(theta)
+    local = R.copy()
+    local[:, :, 2] = -(R @ theta[:, 4:7, None])[..., 0]
+    K = np.zeros_like(R)
+    K[:, 0, 0] = np.exp(theta[:, 0])
+    K[:, 1, 1] = K[:, 0, 0] * np.exp(theta[:, INDEX["log_aspect"]])
+    K[:, :2, 2] = frame.center + theta[:, 7:9]
+    K[:, 2, 2] = 1.0
+    return K @ local
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """Field points before a batch of cameras, and what their pixels and all derivatives are made of.
+
+    Arrays run over (B cameras, coordinates, N points), so that every operation works on whole rows.
+
+    Attributes
+    ----------
+    theta : (B, P) array
+        Parameter vectors.
+    frame : Frame
+        Picture size and crown.
+    rotation : (B, 3, 3) array
+        World to camera.
+    offset, local : (B, 3, N) arrays
+        From the camera to the points, in world and in camera coordinates.
+    sag, slope : (B, N) arrays
+        Drop of the surface per metre of crown, and the surface's slope dz / dy.
+    inverse_depth : (B, N) array
+        Bounded away from infinity.
+    normalised : (B, 2, N) array
+        On the plane at distance 1, before the lens.
+    r2, lens, lens_slope : (B, N) arrays
+        Squared radius in half-widths, the factor by which the lens moves points outwards, and its derivative by the
+        squared radius.
+    focal : (B, 2, 1) array
+        Focal lengths in pixels.
+    squared_focal : (B, 1) array
+        Square of the first one in half-widths of the picture.
+    """
+
+    theta: Array
+    frame: Frame
+    rotation: Array
+    offset: Array
+    local: Array
+    sag: Array
+    slope: Array
+    inverse_depth: Array
+    normalised: Array
+    r2: Array
+    lens: Array
+    lens_slope: Array
+    focal: Array
+    squared_focal: Array
+
+    @property
+    def depth(self) -> Array:
+        """Depths (B, N) along the optical axis."""
+        return np.asarray(self.local[:, 2])
+
+    @property
+    def unfolded(self) -> NDArray[np.bool_]:
+        """Where (B, N) the lens model still moves points outwards; a barrel lens folds what lies further out back."""
+        return np.asarray(self.lens + 2.0 * self.r2 * self.lens_slope > 0.0, np.bool_)
+
+    @property
+    def pixels(self) -> Array:
+        """Pixels (B, 2, N) with the lens."""
+        principal = self.frame.center + self.theta[:, 7:9]
+        return self.focal * self.normalised * self.lens[:, None] + principal[..., None]
+
+    @property
+    def upward(self) -> NDArray[np.bool_]:
+        """Where (B, N) the derivative of the pixels by the field position has no negative determinant: circles run
+        clockwise on the field and in the picture.
+        """
+        above = self.offset[:, 2] - self.slope * self.offset[:, 1]
+        return np.asarray((above >= 0) == (self.inverse_depth >= 0), np.bool_)
+
+    def along(self, x: Array, y: Array) -> Array:
+        """Derivative (B, 2, N) of the pixels in directions (x, y) on the field, each broadcast to (B, N)."""
+        world = np.empty_like(self.offset)
+        world[:, 0], world[:, 1] = x, y
+        np.multiply(self.slope, world[:, 1], out=world[:, 2])
+        local = self.rotation @ world
+        change = (local[:, :2] - self.normalised * local[:, 2:]) * self.inverse_depth[:, None]
+        outward = self.normalised[:, 0] * change[:, 0] + self.normalised[:, 1] * change[:, 1]
+        bend = 2.0 * self.squared_focal * self.lens_slope * outward
+        return self.focal * (change * self.lens[:, None] + self.normalised * bend[:, None])
+
+    def gradient(self, toward: Array) -> tuple[Array, Array]:
+        """Derivatives of ``toward . pixels`` for image vectors (B, 2, N): by the parameters (B, P, N), where sizes of
+        the markings do not enter, and by the field position (B, 2, N).
+        """
+        theta, n, lens, r2 = self.theta, self.normalised, self.lens, self.r2
+        scaled = toward * self.focal
+        outward = scaled * n
+        total = outward[:, 0] + outward[:, 1]
+        by_r2 = self.lens_slope
+        bend = 2.0 * self.squared_focal * by_r2 * total
+        g = np.empty_like(self.local)
+        by_normalised = scaled * lens[:, None] + bend[:, None] * n
+        np.multiply(by_normalised, self.inverse_depth[:, None], out=g[:, :2])
+        g[:, 2] = -(g[:, 0] * n[:, 0] + g[:, 1] * n[:, 1])
+        world = np.swapaxes(self.rotation, 1, 2) @ g
+        local, offset = self.local, self.offset
+        c, s = np.cos(theta[:, 3, None]), np.sin(theta[:, 3, None])
+        rows = np.zeros((len(theta), len(PARAMETERS), local.shape[2]))
+        rows[:, 0] = total * (lens + 2.0 * by_r2 * r2)
+        rows[:, 1] = world[:, 0] * offset[:, 1] - world[:, 1] * offset[:, 0]
+        rows[:, 2] = local[:, 2] * (s * g[:, 0] + c * g[:, 1]) - g[:, 2] * (s * local[:, 0] + c * local[:, 1])
+        rows[:, 3] = g[:, 0] * local[:, 1] - g[:, 1] * local[:, 0]
+        np.negative(world, out=rows[:, 4:7])
+        rows[:, 7:9] = toward
+        np.multiply(total, r2, out=rows[:, 9])
+        np.multiply(rows[:, 9], r2, out=rows[:, 10])
+        np.multiply(outward[:, 1], lens, out=rows[:, INDEX["log_aspect"]])
+        np.multiply(self.sag, world[:, 2], out=rows[:, INDEX["crown"]])
+        field = world[:, :2]
+        field[:, 1] += self.slope * world[:, 2]
+        return rows, field
+
+
+_SECOND = np.array([[0.0], [1.0]])
+
+
+def view(theta: Array, x: Array, y: Array, frame: Frame) -> View:
+    """Field points with coordinates x and y, each (B, N), before the cameras of theta (B, P)."""
+    crown = theta[:, INDEX["crown"], None]
+    sag, slope = frame.sag(y)
+    offset = np.empty((len(theta), 3, x.shape[1]))
+    offset[:, 0], offset[:, 1], offset[:, 2] = x, y, crown * sag
+    offset -= theta[:, 4:7, None]
+    R = rotations(theta)
+    local = R @ offset
+    depth = local[:, 2]
+    inverse_depth = 1.0 / np.where(np.abs(depth) < 1e-6, 1e-6, depth)
+    normalised = local[:, :2] * inverse_depth[:, None]
+    focal = np.exp(theta[:, 0, None, None] + theta[:, INDEX["log_aspect"], None, None] * _SECOND)
+    squared_focal = (2.0 / frame.width * focal[:, 0]) ** 2
+    r2 = (normalised[:, 0] ** 2 + normalised[:, 1] ** 2) * squared_focal
+    by_second = theta[:, 10, None] * r2
+    lens_slope = theta[:, 9, None] + by_second
+    lens = 1.0 + r2 * lens_slope
+    lens_slope += by_second
+    return View(
+        theta, frame, R, offset, local, sag, crown * slope, inverse_depth, normalised, r2, lens, lens_slope, focal,
+        squared_focal,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Projection:
+    """Pixels (B, N, 2), depths (B, N), derivative by the parameters (B, N, 2, P) and by the field position (B, N, 2,
+    2).
+    """
+
+    pixels: Array
+    depth: Array
+    by_theta: Array
+    by_field: Array
+
+
+def project(theta: Array, field_m: Array, frame: Frame) -> Projection:
+    """Project field points, on the crowned surface, with the lens, for a batch of cameras.
+
+    Parameters
+    ----------
+    theta : (B, P) array
+        Parameter vectors.
+    field_m : (B, N, 2) array
+        Points on the field.
+    frame : Frame
+        Picture size and crown.
+    """
+    seen = view(theta, field_m[..., 0], field_m[..., 1], frame)
+    axes = np.zeros((2, *seen.normalised.shape))
+    axes[0, :, 0] = axes[1, :, 1] = 1.0
+    rows, fields = zip(*(seen.gradient(axis) for axis in axes), strict=True)
+    by_theta = np.stack(rows, axis=1).transpose(0, 3, 1, 2)
+    by_field = np.stack(fields, axis=1).transpose(0, 3, 1, 2)
+    return Projection(np.swapaxes(seen.pixels, 1, 2), seen.depth, by_theta, by_field)
+
+
+def active_parameters(sd: Array) -> NDArray[np.int_]:
+    """Indices of the parameters that are estimated: those whose prior standard deviation is not zero."""
+    return np.flatnonzero(sd > 0)

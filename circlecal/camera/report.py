@@ -1,0 +1,133 @@
+"""From the optimum to what is reported: the camera, its covariance, and everything derived from both."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from circlecal.camera.covariance import (
+    correlation_factor,
+    field_uncertainty,
+    homography_vectors,
+    imaged_points,
+    posterior_covariance,
+    push_forward,
+    spread_cameras,
+)
+from circlecal.camera.optimise import Problem, State
+from circlecal.camera.parameters import INDEX, PARAMETERS, Frame, camera_of, homographies, view
+from circlecal.field import Circle, FieldTemplate
+from circlecal.geometry.camera import Camera
+from circlecal.geometry.homography import compass_label, scale_homography
+from circlecal.geometry.projective import Array
+from circlecal.results import CameraFit, DerivedPoint
+
+REACH_RADII = 2.5
+"""How far from the circle's centre, or from what is seen instead, the field counts for the largest predicted error."""
+
+
+def camera_fit(
+    problem: Problem,
+    state: State,
+    scale: float,
+    rejected: tuple[str, ...],
+    named: dict[int, str],
+    circle: Circle,
+    template: FieldTemplate,
+    stated_sigma_px: dict[str, float],
+) -> CameraFit:
+    """Everything that is reported of the best start of ``state``."""
+    frame, theta = problem.frame, state.theta[0]
+    covariance = posterior_covariance(state.normal[0], problem.priors.sd)
+    prior = state.prior_jacobian[0]
+    center, reference = np.asarray(circle.center), problem.priors.center_m
+    camera = camera_of(theta, frame)
+    H = camera.homography
+    # the camera itself first, then those about it
+    cameras = homographies(np.concatenate([theta[None], spread_cameras(theta, covariance, reference)]), frame)
+    vectors, centers = homography_vectors(cameras), imaged_points(cameras, center[None])[:, 0]
+    grid = visible_field(theta, frame, template, reference, REACH_RADII * circle.radius_m)
+    uncertainty = field_uncertainty(theta, covariance, grid, frame, prior.T @ prior)
+    return CameraFit(
+        camera=camera,
+        crown_m=float(theta[INDEX["crown"]]),
+        crown_shape=frame.crown_shape,
+        parameters=PARAMETERS,
+        covariance=covariance,
+        H_image_field=H,
+        H_field_image=scale_homography(np.linalg.inv(H)),
+        H_covariance=push_forward(vectors[0], vectors[1:]),
+        imaged_center_px=centers[0],
+        imaged_center_covariance=push_forward(centers[0], centers[1:]),
+        noise_scale=scale,
+        data_share=uncertainty.data_share,
+        residual_correlation=_correlation(problem, state, circle),
+        max_sigma_px=float(uncertainty.picture_px.max()) if len(grid) else float("inf"),
+        max_sigma_m=float(uncertainty.ground_m.max()) if len(grid) else float("inf"),
+        residuals_px=residuals_px(problem, state),
+        theta=theta,
+        stated_sigma_px=stated_sigma_px,
+        derived_points=_derived_points(cameras, camera, circle),
+        rejected=rejected,
+        named_lines=tuple(sorted(set(named.values()))),
+        names_by_line=named,
+        alternatives=((camera.turned(), 0.0),),
+        reference_m=reference,
+    )
+
+
+def _correlation(problem: Problem, state: State, circle: Circle) -> float:
+    """How many neighbouring residuals along the circle repeat each other: 1 where they are white."""
+    circles = [k for k, name in enumerate(problem.curves.names) if name.startswith(circle.name + " ")]
+    factors = [1.0]
+    for group in circles:
+        index = np.flatnonzero(problem.curves.group == group)
+        factors.append(correlation_factor(state.residuals[0, index[np.argsort(state.hidden[0, index])]]))
+    return max(factors)
+
+
+def _derived_points(cameras: Array, camera: Camera, circle: Circle) -> tuple[DerivedPoint, ...]:
+    """The circle's eight points, those in front of the camera, with the covariance that the camera's implies, from its
+    homography and those of the cameras about it (K, 3, 3).
+    """
+    angle = np.radians(np.arange(0.0, 360.0, 45.0))
+    outward = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    points = np.asarray(circle.center) + circle.radius_m * outward
+    ahead = camera.depth(points) > 0
+    outward, points = outward[ahead], points[ahead]
+    pixels = imaged_points(cameras, points)
+    covariances = push_forward(pixels[0], pixels[1:])
+    return tuple(
+        DerivedPoint(compass_label(toward), point, pixel, covariance)
+        for toward, point, pixel, covariance in zip(outward, points, pixels[0], covariances, strict=True)
+    )
+
+
+def visible_field(
+    theta: Array, frame: Frame, template: FieldTemplate, center: Array, reach_m: float, step_m: float = 1.0
+) -> Array:
+    """Field points (N, 2) on a grid that the camera shows, within ``reach_m`` of a ``center`` (2,)."""
+    half = np.array([template.length_m, template.width_m]) / 2
+    x, y = (
+        np.arange(max(-h, c - reach_m), min(h, c + reach_m) + 1e-9, step_m) for h, c in zip(half, center, strict=True)
+    )
+    grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    seen = view(theta[None], grid[None, :, 0], grid[None, :, 1], frame)
+    column, row = seen.pixels[0]
+    inside = (column >= 0) & (column <= frame.width - 1) & (row >= 0) & (row <= frame.height - 1)
+    # a barrel lens maps what is far outside back into the picture: not seen
+    r2 = seen.r2[0]
+    inside &= 1.0 + r2 * (3.0 * theta[INDEX["kappa_1"]] + 5.0 * r2 * theta[INDEX["kappa_2"]]) > 0.0
+    return np.asarray(grid[inside & (seen.depth[0] > 1e-3)])
+
+
+def residuals_px(problem: Problem, state: State) -> dict[str, float]:
+    """Root mean square residual of each observed marking, pixels; nothing is left out.
+
+    Pieces of a marking, and the point where another one ends on it, count together.
+    """
+    curves, values = problem.curves, state.residuals[0] * problem.curves.sigma_px
+    names = np.array(curves.names)[curves.group]
+    found = {name: float(np.sqrt(np.mean(values[names == name] ** 2))) for name in dict.fromkeys(curves.names)}
+    for k, name in enumerate(problem.points.names):
+        found[name] = float(np.linalg.norm(state.point_values[0, 2 * k : 2 * k + 2]) * problem.points.sigma_px[k])
+    return found

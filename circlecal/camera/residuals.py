@@ -1,0 +1,339 @@
+"""Observations as residuals: each point is compared with the nearest point of its marking, along the marking's normal
+in the picture.
+
+The nearest point is a hidden parameter per point (an angle on a circle, a distance along a line); at the nearest
+point the residual does not depend on it to first order, so it is
+re-estimated beside the camera and never enters the normal equations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from circlecal.camera.parameters import INDEX, Frame, rotations, view
+from circlecal.geometry.projective import Array, Indices, Mask
+
+
+@dataclass(frozen=True)
+class CurvePoints:
+    """N points on circles and straight lines, ready for the optimiser.
+
+    ``sigma_px``, ``origin``, ``direction`` and ``shift`` may run over a leading axis of B hypotheses about which line
+    is which; :func:`first_hidden` and the methods know one only.
+
+    Attributes
+    ----------
+    points_px : (N, 2) array, sigma_px : (N,) array
+        Pixels as stored, and their standard deviations along the normal.
+    origin : (N, 2) array
+        Centre of the circle, or a point of the line, metres.
+    radius : (N,) array
+        Radius with the template's marking width; 0 for lines.
+    radius_by_width : (N,) array
+        How much the radius grows per metre of marking width (0.5, 0, -0.5 relative to the named edge).
+    bloom_sign : (N,) array
+        +1 on an outer edge, -1 on an inner one, 0 on a centreline.
+    direction : (N, 2) array
+        Unit direction of the line; zero for circles.
+    shift : (N, 3, 2) array
+        How much a line moves per metre of marking width, of length and of breadth of the field.
+    group : (N,) int array
+        Index into ``names``.
+    names : tuple of str
+        One per observed marking.
+    """
+
+    points_px: Array
+    sigma_px: Array
+    origin: Array
+    radius: Array
+    radius_by_width: Array
+    bloom_sign: Array
+    direction: Array
+    shift: Array
+    group: Indices
+    names: tuple[str, ...]
+
+    @cached_property
+    def straight(self) -> Mask:
+        """Which of the points (N,) are on lines."""
+        return np.asarray(self.radius == 0, dtype=np.bool_)
+
+    @cached_property
+    def scale(self) -> Array:
+        """Metres (N,) per unit of the hidden parameters."""
+        return np.where(self.straight, 1.0, np.maximum(self.radius, 1e-9))
+
+    @cached_property
+    def rows(self) -> tuple[Array, Array, Array]:
+        """Origin and direction (..., 2, N) and shift (..., 3, 2, N), each coordinate in one piece."""
+        origin, direction = (np.swapaxes(v, -1, -2).copy() for v in (self.origin, self.direction))
+        return origin, direction, np.moveaxis(self.shift, -3, -1).copy()
+
+    def select(self, keep: Indices) -> CurvePoints:
+        """The points at an index or mask."""
+        return replace(self, group=self.group[keep], **{name: getattr(self, name)[keep] for name in _BY_POINT})
+
+    def hypotheses(self, index: Indices) -> CurvePoints:
+        """Some of several hypotheses."""
+        chosen = {name: getattr(self, name)[index] for name in ("sigma_px", "origin", "direction", "shift")}
+        return replace(self, **chosen)
+
+    def with_sigma(self, sigma_px: Array) -> CurvePoints:
+        """The same points with other standard deviations."""
+        return replace(self, sigma_px=sigma_px)
+
+
+_BY_POINT = (
+    "points_px", "sigma_px", "origin", "radius", "radius_by_width", "bloom_sign", "direction", "shift",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class FixedPoints:
+    """M points of known field position: ``field_m`` (M, 2), ``points_px`` (M, 2), ``sigma_px`` (M,), their names."""
+
+    field_m: Array
+    points_px: Array
+    sigma_px: Array
+    names: tuple[str, ...]
+
+    @cached_property
+    def twice(self) -> tuple[Array, Array]:
+        """Places on the field and pixels (2, 2 M), each point twice."""
+        return np.repeat(self.field_m.T, 2, axis=1), np.repeat(self.points_px.T, 2, axis=1)
+
+    @cached_property
+    def across(self) -> Array:
+        """Image vectors (2, 2 M) along which the points count, each along x and along y, over sigma."""
+        found = np.zeros((2, 2 * len(self.sigma_px)))
+        found[0, 0::2] = found[1, 1::2] = 1.0 / self.sigma_px
+        return found
+
+
+NO_POINTS = FixedPoints(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0), ())
+
+
+def stack_curves(parts: list[CurvePoints]) -> CurvePoints:
+    """One set from several, each of one marking."""
+    names = tuple(name for part in parts for name in part.names)
+    group = (
+        np.concatenate([np.full(len(part.points_px), k) for k, part in enumerate(parts)]) if parts else np.zeros(0, int)
+    )
+    empty = {"points_px": (0, 2), "origin": (0, 2), "direction": (0, 2), "shift": (0, 3, 2)}
+    stacked = {
+        name: np.concatenate([getattr(part, name) for part in parts]) if parts else np.zeros(empty.get(name, (0,)))
+        for name in _BY_POINT
+    }
+    return CurvePoints(**stacked, group=group, names=names)
+
+
+def joined_curves(first: CurvePoints, second: CurvePoints) -> CurvePoints:
+    """The markings of both."""
+    stacked = {name: np.concatenate([getattr(first, name), getattr(second, name)]) for name in _BY_POINT}
+    group = np.concatenate([first.group, second.group + len(first.names)])
+    return CurvePoints(**stacked, group=group, names=(*first.names, *second.names))
+
+
+def circle_curve(
+    name: str,
+    points_px: Array,
+    sigma_px: Array,
+    center: Array,
+    radius: float,
+    radius_by_width: float,
+    bloom_sign: float,
+) -> CurvePoints:
+    """Points of one edge of a circle."""
+    n = len(points_px)
+    full = np.full(n, 1.0)
+    return CurvePoints(
+        points_px, sigma_px, np.tile(center, (n, 1)), radius * full, radius_by_width * full, bloom_sign * full,
+        np.zeros((n, 2)), np.zeros((n, 3, 2)), np.zeros(n, dtype=int), (name,),
+    )  # fmt: skip
+
+
+def line_curve(name: str, points_px: Array, sigma_px: Array, ends_m: Array, shift: Array) -> CurvePoints:
+    """Points of the centreline of a straight marking with its ends (2, 2) and its shift (3, 2) by the sizes of the
+    field.
+    """
+    n = len(points_px)
+    direction = (ends_m[1] - ends_m[0]) / np.linalg.norm(ends_m[1] - ends_m[0])
+    zero = np.zeros(n)
+    return CurvePoints(
+        points_px, sigma_px, np.tile(ends_m[0], (n, 1)), zero, zero, zero,
+        np.tile(direction, (n, 1)), np.tile(shift, (n, 1, 1)), np.zeros(n, dtype=int), (name,),
+    )  # fmt: skip
+
+
+NEAR_PX = 10.0
+"""So far along a marking its bend is not felt across it."""
+SIZES = [INDEX["width"], INDEX["length"], INDEX["breadth"]]
+"""Parameters that move the markings on the field rather than the camera."""
+
+
+def curve_points(curves: CurvePoints, hidden: Array, theta: Array) -> tuple[Array, Array]:
+    """Field points (B, N, 2) at the hidden parameters (B, N), and the unit tangents there, with the sizes of theta
+    (B, P).
+    """
+    places, tangents, _ = _on_markings(curves, hidden, theta)
+    return np.swapaxes(places, 1, 2), np.swapaxes(tangents, 1, 2)
+
+
+def _on_markings(
+    curves: CurvePoints, hidden: Array, theta: Array, points: FixedPoints = NO_POINTS
+) -> tuple[Array, Array, Array]:
+    """Field points at the hidden parameters and the unit tangents there, (B, 2, N + 2 M), last each fixed point twice
+    and without a tangent; and cosine and sine (B, 2, N): zero on lines.
+    """
+    origin, direction, shift = curves.rows
+    B, N = hidden.shape
+    outward = np.empty((B, 2, N))
+    np.cos(hidden, out=outward[:, 0])
+    np.sin(hidden, out=outward[:, 1])
+    lines = bool(curves.straight.any())
+    if lines:
+        outward *= ~curves.straight
+    places, tangents = np.zeros((2, B, 2, N + 2 * len(points.sigma_px)))
+    places[..., N:] = points.twice[0]
+    on_curves = places[..., :N]
+    radius = curves.radius + curves.radius_by_width * theta[:, SIZES[:1]]
+    np.multiply(radius[:, None], outward, out=on_curves)
+    on_curves += origin
+    if lines:
+        on_curves += hidden[:, None] * direction
+        sizes = theta[:, SIZES]
+        if sizes.any():
+            on_curves += (sizes[:, None] @ shift.reshape(*shift.shape[:-3], 3, 2 * N)).reshape(B, 2, N)
+    np.subtract(direction[..., 0, :], outward[:, 1], out=tangents[:, 0, :N])
+    np.add(direction[..., 1, :], outward[:, 0], out=tangents[:, 1, :N])
+    return places, tangents, outward
+
+
+@dataclass(frozen=True, slots=True)
+class Residuals:
+    """Normalised residuals (B, N + 2 M), their Jacobian (B, N + 2 M, P), the hidden parameters (B, N), and which curve
+    points are behind the camera (B, N).
+    """
+
+    values: Array
+    jacobian: Array
+    hidden: Array
+    behind: Mask
+
+
+def first_hidden(curves: CurvePoints, theta: Array, frame: Frame, samples: int = 72) -> tuple[Array, Array]:
+    """Hidden parameters (B, N) of the nearest of some samples of each marking, and the distances there (B, N) in
+    pixels.
+
+    Far starts need no good guess.
+    """
+    if len(curves.points_px) == 0:
+        return np.zeros((len(theta), 0)), np.zeros((len(theta), 0))
+    change = np.concatenate([[True], np.diff(curves.group) != 0])
+    first, marking = np.flatnonzero(change), np.cumsum(change) - 1
+    markings = curves.select(np.repeat(first, samples))
+    shape = (len(first), samples)
+    straight = (curves.radius[first] == 0)[:, None]
+    turn = np.linspace(0.0, 2 * np.pi, samples, endpoint=False)
+    grid = np.where(straight, np.linspace(0.0, 110.0, samples), turn)
+    places, *_ = _on_markings(markings, np.broadcast_to(grid.reshape(1, -1), (len(theta), grid.size)), theta)
+    seen = view(theta, places[:, 0], places[:, 1], frame)
+    pixels = np.where(seen.depth[:, None] > 0.1, seen.pixels, np.inf).reshape(len(theta), 2, *shape)
+    nearest, distance = np.empty((2, len(theta), len(curves.points_px)))
+    for k in range(len(first)):
+        index = np.flatnonzero(marking == k)
+        offset_x = pixels[:, 0, k, None, :] - curves.points_px[index, 0, None]
+        offset_y = pixels[:, 1, k, None, :] - curves.points_px[index, 1, None]
+        squared = offset_x * offset_x + offset_y * offset_y
+        best = np.argmin(squared, axis=-1)
+        nearest[:, index] = grid[k, best]
+        distance[:, index] = np.take_along_axis(squared, best[..., None], axis=-1)[..., 0]
+    return nearest, np.sqrt(distance)
+
+
+def ground_hidden(curves: CurvePoints, theta: Array, frame: Frame) -> Array:
+    """Hidden parameters (B, N) of where the points lie on level ground: near enough to the nearest points for cameras
+    that are nearly right.
+    """
+    focal = np.exp(theta[:, 0, None])
+    offset = curves.points_px.T - (frame.center + theta[:, 7:9])[..., None]
+    r2 = (offset[:, 0] ** 2 + offset[:, 1] ** 2) * (2.0 / frame.width) ** 2
+    rays = np.empty((len(theta), 3, offset.shape[-1]))
+    rays[:, :2] = offset / (focal * (1.0 + theta[:, 9, None] * r2))[:, None]
+    rays[:, 1] *= np.exp(-theta[:, INDEX["log_aspect"], None])
+    rays[:, 2] = 1.0
+    world = np.swapaxes(rotations(theta), 1, 2) @ rays
+    reach = -theta[:, 6, None] / np.maximum(world[:, 2], 1e-2)
+    x = theta[:, 4, None] + reach * world[:, 0] - curves.origin[..., 0]
+    y = theta[:, 5, None] + reach * world[:, 1] - curves.origin[..., 1]
+    on_line = x * curves.direction[..., 0] + y * curves.direction[..., 1]
+    return np.where(curves.radius > 0, np.arctan2(y, x), on_line)
+
+
+def curve_residuals(
+    curves: CurvePoints,
+    theta: Array,
+    hidden: Array,
+    frame: Frame,
+    updates: int = 2,
+    points: FixedPoints = NO_POINTS,
+) -> Residuals:
+    """Signed distances over sigma along the markings' normals, after moving the hidden parameters to the nearest
+    points; then those of fixed points.
+
+    Parameters
+    ----------
+    curves : CurvePoints
+        N points.
+    theta : (B, P) array
+        Parameter vectors.
+    hidden : (B, N) array
+        Where the nearest points were last.
+    frame : Frame
+        Picture size and crown.
+    updates : int
+        Newton steps of the hidden parameters before the residuals are taken, one more where the points then still lie
+        far along the marking; the hidden parameters that are returned are one step further.
+    points : FixedPoints
+        M points that are seen in the same view, each along x and along y.
+    """
+    count = hidden.shape[1]
+    observed = np.concatenate([curves.points_px.T, points.twice[1]], axis=1)
+    limit = np.where(curves.straight, 20.0, 0.5)
+    for step in range(updates + 2):
+        places, tangents, outward = _on_markings(curves, hidden, theta, points)
+        seen = view(theta, places[:, 0], places[:, 1], frame)
+        along = seen.along(tangents[:, 0], tangents[:, 1])[..., :count]
+        difference = observed - seen.pixels
+        length2 = np.maximum((along * along).sum(axis=1), 1e-18)
+        beside = (difference[..., :count] * along).sum(axis=1)
+        hidden = hidden + np.minimum(np.maximum(beside / (length2 * curves.scale), -limit), limit)
+        length = np.sqrt(length2)
+        if step >= updates and (np.abs(beside) < NEAR_PX * length).all():
+            break
+    sigma = curves.sigma_px
+    # the normal's positive side is the outside of a circle
+    unit = np.where(curves.straight | seen.upward[:, :count], 1.0, -1.0) / (length * sigma)
+    normal = np.empty_like(difference)
+    np.multiply(along[:, 1], unit, out=normal[:, 0, :count])
+    np.multiply(along[:, 0], -unit, out=normal[:, 1, :count])
+    normal[:, :, count:] = points.across
+    bloom = curves.bloom_sign / sigma
+    values = (normal * difference).sum(axis=1)
+    values[:, :count] -= bloom * theta[:, INDEX["bloom"], None]
+    rows, field = seen.gradient(-normal)
+    on_curves = field[..., :count]
+    rows[:, SIZES, :count] = (on_curves[:, None] * curves.rows[2]).sum(axis=2)
+    rows[:, SIZES[0], :count] += curves.radius_by_width * (on_curves * outward).sum(axis=1)
+    rows[:, INDEX["bloom"], :count] = -bloom
+    return Residuals(values, np.swapaxes(rows, 1, 2), hidden, seen.depth[:, :count] < 0.1)
+
+
+def point_residuals(points: FixedPoints, theta: Array, frame: Frame) -> tuple[Array, Array]:
+    """Normalised residuals (B, 2 M) of fixed points and their Jacobian (B, 2 M, P)."""
+    found = curve_residuals(stack_curves([]), theta, np.zeros((len(theta), 0)), frame, 0, points)
+    return found.values, found.jacobian

@@ -1,0 +1,101 @@
+"""Files that appear whole or not at all, and whether a file or folder that a run was given is still the one it was."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import hashlib
+import os
+import tempfile
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from circlecal.errors import InputError
+
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_BLOCK = 1 << 20
+
+
+def write_atomic(path: Path, content: bytes) -> None:
+    """Write a file through a temporary one beside it, so that a reader, a crash or a full disk never meets half of it.
+
+    Raises
+    ------
+    InputError
+        One line with the file and what the system said; the old file, if any, is untouched.
+    """
+    write_atomic_parts(path, (content,))
+
+
+def write_atomic_parts(path: Path, parts: Iterable[bytes]) -> None:
+    """The same for content that comes in parts and need not fit into memory.
+
+    Raises
+    ------
+    InputError
+        As :func:`write_atomic`.
+    """
+    temporary: str | None = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(prefix=f".{path.name[:100]}.", dir=path.parent)
+        with os.fdopen(handle, "wb") as file:
+            for part in parts:
+                file.write(part)
+            file.flush()
+            os.fsync(file.fileno())
+        Path(temporary).chmod(0o666 & ~_umask())
+        Path(temporary).replace(path)
+    except OSError as error:
+        if temporary is not None:
+            with contextlib.suppress(OSError):
+                Path(temporary).unlink()
+        raise write_error(path, error) from error
+    except BaseException:
+        if temporary is not None:
+            with contextlib.suppress(OSError):
+                Path(temporary).unlink()
+        raise
+
+
+def write_error(path: Path, error: OSError) -> InputError:
+    """The error for a file that cannot be written."""
+    mend = "free space or choose another --out" if error.errno in _FULL else "choose another --out"
+    return InputError(f"{path}: cannot be written: {error.strerror or error}; {mend}")
+
+
+def _umask() -> int:
+    current = os.umask(0o022)
+    os.umask(current)
+    return current
+
+
+def fingerprint(path: Path) -> str:
+    """Digest of a file's content, or of the names and sizes of all files in a folder.
+
+    Raises
+    ------
+    InputError
+        It cannot be read.
+    """
+    digest = hashlib.sha256()
+    try:
+        if path.is_dir():
+            for name, size in sorted(_sizes(path, "")):
+                digest.update(f"{name}\0{size}\0".encode(errors="surrogateescape"))
+        else:
+            with path.open("rb") as file:
+                while block := file.read(_BLOCK):
+                    digest.update(block)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}; check its permissions") from error
+    return digest.hexdigest()
+
+
+def _sizes(folder: Path, prefix: str) -> Iterator[tuple[str, int]]:
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            if entry.is_dir(follow_symlinks=False):
+                yield from _sizes(Path(entry.path), f"{prefix}{entry.name}/")
+            else:
+                yield f"{prefix}{entry.name}", entry.stat().st_size

@@ -1,0 +1,222 @@
+"""What labelled shapes mean on the field: circles, lines, marks and keypoints of the template, each with its sigma.
+
+A label is the template's own name of an element (``halfway_line``), its SoccerNet class (``Middle line``), a point of a
+circle by its direction on the map (``centre_circle top_left``), the meet of two lines (``halfway_line x
+side_line_top``) or a keypoint of PnLCalib (``kp_32``); capitals, blanks at the ends, ``center`` for ``centre`` and
+blanks for underscores make no difference. Points along a marking lie on its centreline.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from circlecal.config import SourcesConfig
+from circlecal.field import Circle, FieldTemplate
+from circlecal.formats import pnlcalib
+from circlecal.formats.calibrated import CENTRE, TANGENT
+from circlecal.formats.line_ends import with_halfway_ends
+from circlecal.formats.shapes import ELLIPSE_SAMPLES, AnnotatedFrame, ObservedFrame, Shape
+from circlecal.formats.soccernet import GOAL_CLASSES, UNKNOWN_CLASSES
+from circlecal.geometry.homography import compass_label
+from circlecal.geometry.projective import Array, meet
+from circlecal.observations import CirclePoints, Keypoint, LinePoints, MarkPoint, Observations
+
+_ELLIPSE_FREEDOMS = 5
+_REACH = 20
+_SHARED = float(np.sqrt(2.0))
+"""A point of the circle at a known place says where it is and that it is on the circle: its weight is shared."""
+_CENTRE_WORDS = frozenset({"centre", "pitch centre", "field centre", "centre spot", "kick-off spot"})
+
+
+def observe(
+    frame: AnnotatedFrame, template: FieldTemplate, sources: SourcesConfig, source: str, file: str
+) -> ObservedFrame:
+    """Observations of a frame.
+
+    Parameters
+    ----------
+    frame : AnnotatedFrame
+        Labelled shapes.
+    template : FieldTemplate
+        The field.
+    sources : SourcesConfig
+        Standard deviations and least confidences.
+    source : str
+        Name of the format, which chooses the standard deviation.
+    file : str
+        Named in warnings.
+
+    Returns
+    -------
+    ObservedFrame
+        With a warning for each label that is not of this field and each line of one point.
+    """
+    reading = _Reading(template, sources, sources.sigma_px(source, frame.width), file)
+    reach = _REACH * max(frame.width, frame.height)
+    computed = any(shape.kind == "line" and shape.confidence is not None for shape in frame.shapes)
+    for shape in frame.shapes:
+        if np.abs(shape.points_px).max(initial=0.0) > reach:
+            reading.warnings.append(f"{file}: {shape.label}: lies more than {_REACH} pictures away; left out")
+        elif len(shape.points_px) and not _computed_from_lines(shape, computed):
+            reading.take(shape)
+    observations = reading.observations(frame.width, frame.height)
+    if sources.halfway_ends and source in ("soccernet", "gamestate"):
+        observations = with_halfway_ends(observations, template)
+    warnings = (*frame.warnings, *reading.warnings)
+    return ObservedFrame(frame.id, frame.width, frame.height, observations, frame.image, warnings, frame.original)
+
+
+def _computed_from_lines(shape: Shape, lines_given: bool) -> bool:
+    number = pnlcalib.keypoint_number(shape.label)
+    if number is None or not lines_given:
+        return False
+    return number > pnlcalib.KEYPOINTS or shape.confidence == (1.0,)
+
+
+def spelled(label: str) -> str:
+    """A label as it is compared."""
+    return " ".join(label.replace("_", " ").split()).casefold().replace("center", "centre")
+
+
+@dataclass(slots=True)
+class _Reading:
+    """Shapes of one frame on their way to observations."""
+
+    template: FieldTemplate
+    sources: SourcesConfig
+    sigma_px: float
+    file: str
+    warnings: list[str] = field(default_factory=list)
+    circles: dict[str, list[tuple[Array, Array]]] = field(default_factory=lambda: defaultdict(list))
+    lines: dict[str, list[tuple[Array, Array]]] = field(default_factory=lambda: defaultdict(list))
+    marks: list[MarkPoint] = field(default_factory=list)
+    keypoints: list[Keypoint] = field(default_factory=list)
+
+    def take(self, shape: Shape) -> None:
+        """Take a shape into the observations, or say why not."""
+        name = spelled(shape.label)
+        elements = _elements(self.template)
+        if pnlcalib.keypoint_number(shape.label) is not None:
+            self._take_detected(shape)
+        elif name in elements:
+            self._take_element(shape, elements[name])
+        elif not self._take_place(shape, name) and name not in _SILENT and TANGENT not in name.split():
+            self.warnings.append(
+                f"{self.file}: {shape.label}: is no marking of the field {self.template.name!r}; left out"
+            )
+
+    def _take_element(self, shape: Shape, element: tuple[str, str]) -> None:
+        kind, name = element
+        if kind == "mark":
+            self.marks += [MarkPoint(name, point, self.sigma_px) for point in shape.points_px[:1]]
+        elif kind == "circle":
+            points = shape.sampled()
+            few = np.sqrt(ELLIPSE_SAMPLES / _ELLIPSE_FREEDOMS) if shape.kind == "ellipse" else 1.0
+            self.circles[name].append((points, np.full(len(points), self.sigma_px * few)))
+        elif shape.kind == "ellipse":
+            self.warnings.append(f"{self.file}: {shape.label}: is an ellipse, but the marking is straight; left out")
+        elif shape.confidence is None:
+            self.lines[name].append((shape.points_px, np.full(len(shape.points_px), self.sigma_px)))
+        elif min(shape.confidence) >= self.sources.minimum_line_confidence:
+            sigma = self.sigma_px / np.sqrt(np.maximum(shape.confidence, 1e-3))
+            self.lines[name].append((shape.points_px, sigma))
+
+    def _take_place(self, shape: Shape, name: str) -> bool:
+        """A point whose position on the field its label says."""
+        if name in _CENTRE_WORDS:
+            name = spelled(f"{self.template.default_circle} {CENTRE}")
+        for circle in self.template.circles:
+            prefix = spelled(circle.name) + " "
+            if name.startswith(prefix):
+                return self._take_circle_place(shape, circle, name.removeprefix(prefix))
+        first, _, second = name.partition(" x ")
+        lines = {spelled(line.name): line for line in self.template.lines}
+        if first in lines and second in lines and first != second:
+            crossing = meet(*(self.template.line_coordinates(lines[key]) for key in (first, second)))
+            if abs(crossing[2]) > 1e-9:
+                self._keypoint(shape.label, crossing[:2] / crossing[2], shape.points_px[0], self.sigma_px)
+                return True
+        return False
+
+    def _take_circle_place(self, shape: Shape, circle: Circle, direction: str) -> bool:
+        point = shape.points_px[0]
+        center = np.asarray(circle.center)
+        if direction == CENTRE:
+            mark = next((m for m in self.template.marks if np.allclose(m.position, center)), None)
+            if mark is not None:
+                self.marks.append(MarkPoint(mark.name, point, self.sigma_px))
+            else:
+                self._keypoint(shape.label, center, point, self.sigma_px)
+            return True
+        if direction not in _DIRECTIONS:
+            return False
+        position = center + self.template.radius(circle, "center") * _DIRECTIONS[direction]
+        self._circle_keypoint(shape.label, circle.name, position, point, self.sigma_px)
+        return True
+
+    def _take_detected(self, shape: Shape) -> None:
+        """A keypoint of PnLCalib."""
+        number = pnlcalib.keypoint_number(shape.label) or 0
+        confidence = 1.0 if shape.confidence is None else shape.confidence[0]
+        if number in pnlcalib.GOAL_TOPS or confidence < self.sources.minimum_keypoint_confidence:
+            return
+        sigma = self.sigma_px / float(np.sqrt(max(confidence, 1e-3)))
+        point, central = shape.points_px[0], self.template.default_circle
+        position = pnlcalib.field_position(number, self.template)
+        tangent_to = central if number in pnlcalib.CIRCLE_TANGENCY else pnlcalib.ARC_TANGENCY.get(number)
+        if position is None:
+            if tangent_to is not None:
+                self.circles[tangent_to].append((point[None], np.array([sigma])))
+        elif number == pnlcalib.CENTRE_MARK and "centre_mark" in self.template.mark_by_name:
+            self.marks.append(MarkPoint("centre_mark", point, sigma))
+        elif number in pnlcalib.CIRCLE_POINTS:
+            self._circle_keypoint(shape.label, central, position, point, sigma)
+        else:
+            self._keypoint(shape.label, position, point, sigma)
+
+    def _circle_keypoint(self, name: str, circle: str, position: Array, point: Array, sigma: float) -> None:
+        self._keypoint(name, position, point, sigma * _SHARED)
+        self.circles[circle].append((point[None], np.array([sigma * _SHARED])))
+
+    def _keypoint(self, name: str, position: Array, point: Array, sigma: float) -> None:
+        self.keypoints.append(Keypoint(name, position, point, sigma))
+
+    def observations(self, width: int, height: int) -> Observations:
+        """Everything taken; shapes of one marking put together, lines of one point left out with a warning."""
+        circles = tuple(CirclePoints(name, "center", *_stacked(parts)) for name, parts in self.circles.items())
+        lines = []
+        for name, parts in self.lines.items():
+            points, sigma = _stacked(parts)
+            if np.ptp(points, axis=0).max() == 0:
+                label = self.template.line_by_name[name].class_name or name
+                self.warnings.append(f"{self.file}: {label}: is a line of one point; left out")
+            else:
+                lines.append(LinePoints(name, points, sigma))
+        return Observations(width, height, circles, tuple(lines), tuple(self.marks), tuple(self.keypoints))
+
+
+_DIRECTIONS: dict[str, Any] = {
+    spelled(compass_label(outward)): outward
+    for outward in (np.array([np.cos(a), np.sin(a)]) for a in np.radians(np.arange(0.0, 360.0, 45.0)))
+}
+_SILENT = frozenset(spelled(name) for name in (*GOAL_CLASSES, *UNKNOWN_CLASSES))
+
+
+def _elements(template: FieldTemplate) -> dict[str, tuple[str, str]]:
+    """Kind and name of every element of the template by each of its spellings."""
+    kinds = (("circle", (*template.circles, *template.arcs)), ("line", template.lines), ("mark", template.marks))
+    return {
+        spelled(label): (kind, element.name)
+        for kind, elements in kinds
+        for element in elements
+        for label in (element.class_name, element.name)
+        if label is not None
+    }
+
+
+def _stacked(parts: list[tuple[Array, Array]]) -> tuple[Array, Array]:
+    return np.concatenate([points for points, _ in parts]), np.concatenate([sigma for _, sigma in parts])

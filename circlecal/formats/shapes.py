@@ -1,0 +1,99 @@
+"""A frame as an annotation file shows it: labelled shapes in pixels, before anybody asks what they mean.
+
+Every annotation format is read to, and written from, these; :mod:`circlecal.formats.meaning` gives them their meaning
+on the field. Pixels are the package's: (0, 0) is the centre of the top-left pixel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from circlecal.geometry.projective import Array
+from circlecal.observations import Observations
+
+ShapeKind = Literal["points", "line", "ellipse"]
+ELLIPSE_SAMPLES = 48
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """One labelled shape.
+
+    Attributes
+    ----------
+    label : str
+        As written in the file.
+    kind : {"points", "line", "ellipse"}
+        Single points, a polyline or polygon, or an ellipse.
+    points_px : (N, 2) array
+        The points; of an ellipse its centre and one end of each semi-axis.
+    confidence : tuple of float, optional
+        One per point, 0 to 1, where the file has them.
+    """
+
+    label: str
+    kind: ShapeKind
+    points_px: Array
+    confidence: tuple[float, ...] | None = None
+
+    def sampled(self) -> Array:
+        """Points (N, 2) on the shape: its own, or samples of the ellipse."""
+        if self.kind != "ellipse":
+            return self.points_px
+        center, first, second = self.points_px
+        angle = np.linspace(0.0, 2.0 * np.pi, ELLIPSE_SAMPLES, endpoint=False)[:, None]
+        return np.asarray(center + np.cos(angle) * (first - center) + np.sin(angle) * (second - center))
+
+
+@dataclass(frozen=True, slots=True)
+class AnnotatedFrame:
+    """Everything that a file says about one frame of ``width`` x ``height`` pixels.
+
+    Attributes
+    ----------
+    id : str
+        Name of the frame.
+    width, height : int
+        Size of the picture, from the file, the picture or the user.
+    shapes : tuple of Shape
+        What is marked.
+    image : str or None
+        The picture's name, where the file has one.
+    warnings : tuple of str
+        What was left out, one line each, naming file and field.
+    original : mapping or None
+        The file's own content, where a writer hands on what it does not change.
+    """
+
+    id: str
+    width: int
+    height: int
+    shapes: tuple[Shape, ...]
+    image: str | None = None
+    warnings: tuple[str, ...] = ()
+    original: Mapping[str, Any] | None = None
+
+    def resized(self, width: int, height: int) -> AnnotatedFrame:
+        """The same on a picture of another size; the corners of the picture stay its corners."""
+        if (width, height) == (self.width, self.height):
+            return self
+        factor = np.array([width / self.width, height / self.height])
+        shapes = tuple(replace(shape, points_px=(shape.points_px + 0.5) * factor - 0.5) for shape in self.shapes)
+        return replace(self, width=width, height=height, shapes=shapes)
+
+
+@dataclass(frozen=True, slots=True)
+class ObservedFrame:
+    """One frame of an annotation file as observations of the field, ready to be calibrated."""
+
+    id: str
+    width: int
+    height: int
+    observations: Observations
+    image: str | None = None
+    warnings: tuple[str, ...] = ()
+    original: Mapping[str, Any] | None = None

@@ -1,0 +1,276 @@
+"""A circle without a line through its middle: which markings the other straight lines are, and so how it is turned.
+
+A circle leaves a camera free to go round it, and focal length, distance and tilt vague. What a straight line is seen
+to be, as the paint on the ground, is then known up to that turn: a line at some distance from the circle's centre. So
+each long line is taken for every marking of the field in turn, which fixes the turn; circle and line together have
+the seven constraints of a pinhole camera. The other lines must then fall on markings too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from circlecal.camera.observed import Realism
+from circlecal.camera.optimise import COARSE, Priors, Problem, State, best_of, minimise
+from circlecal.camera.parameters import Frame, camera_of
+from circlecal.camera.residuals import circle_curve, curve_residuals, ground_hidden, joined_curves
+from circlecal.camera.viewing_coordinates import LOOK, from_look, to_look
+from circlecal.field import Arc, FieldTemplate
+from circlecal.geometry.conics import Ellipse
+from circlecal.geometry.homography import SIDES
+from circlecal.geometry.projective import Array, Mask, lift
+from circlecal.line_naming.association import Association
+from circlecal.line_naming.expectation import overhanging_px, unseen_px
+from circlecal.line_naming.hypotheses import Naming, NamingScene, Trial, certain, grown, naming_scene, tried
+from circlecal.observations import Observations
+
+Arcs = dict[int, str]
+"""Names of arcs by number of the curve."""
+DISTANCES, TILT_FACTORS = (4.0, 6.0, 9.0, 13.0), (0.7, 1.0, 1.4)
+"""Of the cameras from which hypotheses start: in radii of the circle, and the axis ratio of the ellipse that they see
+over that which is seen.
+"""
+CIRCLE_POINTS, WORST_START = 48, 100.0
+"""Of the circle, from which hypotheses start, and by how much such a start may see it worse than another (chi-square).
+"""
+FAR = 100.0
+"""By how much wider the loss is where starts may lie far from what they are to explain."""
+LONGEST = 5
+"""So many lines are taken for every marking."""
+OFFSET_RATIO = (0.5, 2.0)
+"""How much nearer or further than its marking a line may lie under a camera of which only the turn is known."""
+SLACK = 0.35
+"""How far a line may then reach beyond its marking, in lengths of it."""
+FOLLOWED = 10
+"""How many hypotheses are completed with the other lines."""
+FEWEST_NAMES, TOUCH_M = 2, 0.3
+"""One line beside a circle can be several markings: so many different ones must be recognised, or one and the arc that
+ends on it, this near.
+"""
+CURVE_POINTS, CURVE_SIGMA_PX, CURVE_PX, CURVE_SHARE, ARC_SLACK = 40, 0.5, 3.0, 0.5, 0.15
+"""A curve is an arc of the field where this share of its points lies so near to it (pixels at 1920 px width), and
+hardly beyond its ends (radians).
+"""
+OVERHANG_COST = 2.0
+"""Of each pixel of a line beyond the end of its marking, in pixels of explained line."""
+EXPLAINED_SHARE = 0.5
+"""Least share of the length of all straight lines that are recognised."""
+
+
+def names_around(
+    problem: Problem,
+    ellipse: Ellipse,
+    observations: Observations,
+    template: FieldTemplate,
+    realism: Realism,
+    loss_scale: float,
+    side: str,
+) -> Naming | None:
+    """Names of straight markings beside a circle whose rotation nothing else fixes.
+
+    Parameters
+    ----------
+    problem : Problem
+        The circle and the priors.
+    ellipse : Ellipse
+        The circle as it is seen, in undistorted pixels.
+    observations, template : Observations, FieldTemplate
+        With the nameless lines, and the field.
+    realism : Realism
+        How points are thinned and trusted while hypotheses are compared.
+    loss_scale : float
+        Scale of the robust loss, standard deviations.
+    side : str
+        Side of the field from which the camera looks: of a field and the same turned by 180 degrees one is wanted.
+
+    Returns
+    -------
+    Naming or None
+        None where fewer than two markings are recognised, or other names explain about as much.
+    """
+    unnamed = [k for k, line in enumerate(observations.lines) if line.line is None and len(line.points_px) >= 8]
+    if len(unnamed) + len(observations.curves) < FEWEST_NAMES or not unnamed:
+        return None
+    cameras = _turnable(problem, ellipse, loss_scale)
+    fitted = minimise(problem, cameras.theta[:1], loss_scale, tolerance=COARSE)
+    scene = naming_scene(unnamed, problem, fitted, observations, template, realism, loss_scale, ())
+    if template.halfway_line is not None:
+        scene = replace(scene, known=(*scene.known, template.halfway_line))
+    hypotheses, turned = _turned(scene, cameras.theta, side)
+    if not hypotheses:
+        return None
+    likely = _different(tried(_stiff(scene), hypotheses, turned))
+    trials = tried(scene, [trial.association for trial in likely], np.array([trial.theta for trial in likely]))
+    trials = grown(scene, trials, len(trials))
+    trials = [_against_the_picture(scene, trial) for trial in trials]
+    trials, arcs = _with_curves(scene, trials, observations.curves)
+    best = certain(trials, observations.width)
+    if best is None:
+        return None
+    named = next(found for trial, found in zip(trials, arcs, strict=True) if trial is best)
+    names = set(best.association.names.values())
+    if len(names) < FEWEST_NAMES and not any(_ends_on(template, arc, names) for arc in named.values()):
+        return None
+    lengths = np.linalg.norm(scene.segments[:, 1] - scene.segments[:, 0], axis=-1)
+    if best.explained_px < EXPLAINED_SHARE * lengths.sum():
+        return None
+    return Naming({unnamed[k]: name for k, name in best.association.names.items()}, best.theta, named)
+
+
+def _turnable(problem: Problem, ellipse: Ellipse, loss_scale: float) -> State:
+    """Cameras at several distances and heights that see the circle about as it is seen, the best first.
+
+    Without priors of their place they stay about where they start from along what the circle leaves open.
+    """
+    curves, center = problem.curves, problem.priors.center_m
+    few = curves.select(np.arange(0, len(curves.points_px), max(1, len(curves.points_px) // CIRCLE_POINTS)))
+    priors = replace(problem.priors, distance_log_sd=np.inf, elevation_sd_rad=np.inf, shared=None)
+    distance, factor = (g.ravel() for g in np.meshgrid(DISTANCES, TILT_FACTORS))
+    radius = float(curves.radius[0])
+    look = np.zeros((len(distance), LOOK))
+    look[:, 0] = np.log(ellipse.semi_axes[0] * distance)
+    look[:, 1:3] = ellipse.center - problem.frame.center
+    look[:, 4] = np.log(radius * distance)
+    look[:, 6] = np.arcsin(np.clip(ellipse.axis_ratio * factor, 0.03, 0.97))
+    starts = np.tile(np.where(np.isfinite(priors.mean), priors.mean, 0.0), (len(look), 1))
+    starts[:, :LOOK] = from_look(look, center)
+    found = minimise(replace(problem, curves=few, priors=priors), starts, FAR * loss_scale, 20, tolerance=COARSE)
+    return best_of(found, int((found.cost < found.cost.min() + WORST_START).sum()))
+
+
+def _usual(priors: Priors) -> Priors:
+    """The same with all but the camera's pose and focal length fixed at what is expected."""
+    sd = priors.sd.copy()
+    sd[LOOK:] = 0.0
+    return replace(priors, sd=sd, mean=np.where(np.isfinite(priors.mean), priors.mean, 0.0))
+
+
+def _turned(scene: NamingScene, cameras: Array, side: str) -> tuple[list[Association], Array]:
+    """Each long line as each marking that it may be, and cameras (B, P) turned so that both are parallel."""
+    frame, template = scene.problem.frame, scene.template
+    center = scene.problem.priors.center_m
+    lengths = np.linalg.norm(scene.segments[:, 1] - scene.segments[:, 0], axis=-1)
+    longest = np.argsort(-lengths, kind="stable")[:LONGEST]
+    drawn = [k for k, line in enumerate(template.lines) if line.name not in scene.known]
+    ends = template.drawn_lines[0][drawn] - center
+    normal, offset = _normals(ends)
+    hypotheses: list[Association] = []
+    found = []
+    for theta in cameras:
+        seen = _on_ground(scene.segments[longest], theta, frame) - center
+        seen_normal, seen_offset = _normals(seen)
+        turn = np.arctan2(normal[:, 1], normal[:, 0]) - np.arctan2(seen_normal[:, 1], seen_normal[:, 0])[:, None]
+        around = np.repeat(to_look(theta[None], center), turn.size, axis=0)
+        around[:, 5] -= turn.ravel()
+        turned = np.repeat(theta[None], turn.size, axis=0)
+        turned[:, :7] = from_look(around, center)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            ratio = seen_offset[:, None] / offset
+            possible = (ratio > OFFSET_RATIO[0]) & (ratio < OFFSET_RATIO[1]) & _beside(seen, turn, ends)
+        possible &= ((turned[:, 4:6] - center) @ np.array(SIDES[side]) >= 0).reshape(turn.shape)
+        hypotheses += [
+            Association({int(longest[k]): template.lines[drawn[t]].name}, float(lengths[longest[k]]), 0.0)
+            for k, t in np.argwhere(possible)
+        ]
+        found.append(turned[possible.ravel()])
+    return hypotheses, np.concatenate(found)
+
+
+def _beside(seen: Array, turn: Array, ends: Array) -> Mask:
+    """Whether lines with the ends (S, 2, 2), turned by (S, T), lie beside markings with the ends (T, 2, 2), not beyond
+    them.
+    """
+    c, s = np.cos(turn)[..., None], np.sin(turn)[..., None]
+    x, y = seen[:, None, :, 0], seen[:, None, :, 1]
+    turned = np.stack([c * x - s * y, s * x + c * y], axis=-1)
+    span = ends[:, 1] - ends[:, 0]
+    share = ((turned - ends[None, :, :1]) * span[:, None]).sum(axis=-1) / (span**2).sum(axis=-1)[:, None]
+    return np.asarray(((share > -SLACK) & (share < 1.0 + SLACK)).all(axis=-1))
+
+
+def _stiff(scene: NamingScene) -> NamingScene:
+    """The same with all but the camera's pose and focal length at what the priors expect, which far starts would bend,
+    and a loss that pulls from far.
+    """
+    problem = replace(scene.problem, priors=_usual(scene.problem.priors))
+    return replace(scene, problem=problem, loss_scale=FAR * scene.loss_scale)
+
+
+def _on_ground(segments: Array, theta: Array, frame: Frame) -> Array:
+    """Field points (S, 2, 2) of the ends of segments; nan above the horizon."""
+    return np.asarray(camera_of(theta, frame).back_project(segments.reshape(-1, 2)).reshape(-1, 2, 2))
+
+
+def _normals(ends: Array) -> tuple[Array, Array]:
+    """Unit normals (K, 2) of lines through ends (K, 2, 2), away from the origin, and their distances (K,)."""
+    span = ends[:, 1] - ends[:, 0]
+    normal = np.stack([-span[:, 1], span[:, 0]], axis=-1) / np.linalg.norm(span, axis=-1, keepdims=True)
+    offset = (normal * ends[:, 0]).sum(axis=-1)
+    sign = np.where(offset < 0, -1.0, 1.0)
+    return normal * sign[:, None], offset * sign
+
+
+def _against_the_picture(scene: NamingScene, trial: Trial) -> Trial:
+    """The trial with what the picture should show under it and does not, and the other way round, in its score."""
+    names, frame, template = trial.association.names, scene.problem.frame, scene.template
+    unseen = unseen_px(names, scene.segments, trial.theta, template, frame)
+    beyond = overhanging_px(names, scene.segments, trial.theta, template, frame)
+    return replace(trial, score=trial.score - unseen - OVERHANG_COST * beyond)
+
+
+def _with_curves(scene: NamingScene, trials: list[Trial], curves: tuple[Array, ...]) -> tuple[list[Trial], list[Arcs]]:
+    """The trials with what a nameless curve adds where it is an arc of the field, fitted together with it; and which
+    curve is which arc.
+    """
+    arcs: list[Arcs] = [{} for _ in trials]
+    for number, points in enumerate(curves):
+        length = float(np.linalg.norm(points.max(axis=0) - points.min(axis=0)))
+        for arc in scene.template.arcs:
+            fitted, share = _fitted_with(scene, trials, points[:: max(1, len(points) // CURVE_POINTS)], arc)
+            for k, trial in enumerate(fitted):
+                gain = share[k] * length if share[k] >= CURVE_SHARE else 0.0
+                if gain > 0.0 and number not in arcs[k] and trial.score + gain > trials[k].score:
+                    trials[k] = replace(trial, score=trial.score + gain)
+                    arcs[k] = arcs[k] | {number: arc.name}
+    return trials, arcs
+
+
+def _fitted_with(scene: NamingScene, trials: list[Trial], points: Array, arc: Arc) -> tuple[list[Trial], Array]:
+    """The trials fitted once more with points (N, 2) on an arc, and the share (B,) of these that then lie on it."""
+    frame, template, unit = scene.problem.frame, scene.template, scene.unit
+    radius = template.radius(arc, "center")
+    drawn = circle_curve(
+        arc.name, points, np.full(len(points), CURVE_SIGMA_PX * unit), np.array(arc.center), radius, 0, 0
+    )
+    fuller = replace(
+        scene,
+        problem=replace(scene.problem, curves=joined_curves(scene.problem.curves, drawn)),
+        before_px=np.append(scene.before_px, np.inf),
+        allowed_px=np.append(scene.allowed_px, 0.0),
+    )
+    fitted = tried(fuller, [trial.association for trial in trials], np.array([trial.theta for trial in trials]))
+    cameras = np.array([trial.theta for trial in fitted])
+    near = curve_residuals(drawn, cameras, ground_hidden(drawn, cameras, frame), frame)
+    middle, half = np.radians((arc.start_deg + arc.end_deg) / 2), np.radians((arc.end_deg - arc.start_deg) / 2)
+    aside = np.abs((near.hidden - middle + np.pi) % (2 * np.pi) - np.pi)
+    on = (np.abs(near.values) * CURVE_SIGMA_PX < CURVE_PX) & (aside < half + ARC_SLACK) & ~near.behind
+    return fitted, on.mean(axis=1)
+
+
+def _ends_on(template: FieldTemplate, arc: str, lines: set[str]) -> bool:
+    """Whether an arc ends on one of the lines."""
+    drawn = template.polylines()[arc][[0, -1]]
+    coordinates = np.array([template.line_coordinates(template.line_by_name[name]) for name in lines])
+    return bool((np.abs(lift(drawn) @ coordinates.T) < TOUCH_M).all(axis=0).any())
+
+
+def _different(trials: list[Trial]) -> list[Trial]:
+    """The best trial of each pair of a line and a name, the best of these."""
+    best: dict[tuple[tuple[int, str], ...], Trial] = {}
+    for trial in trials:
+        key = tuple(trial.association.names.items())
+        if key not in best or trial.score > best[key].score:
+            best[key] = trial
+    return sorted(best.values(), key=lambda t: -t.score)[:FOLLOWED]

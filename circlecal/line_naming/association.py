@@ -1,0 +1,211 @@
+"""Which marking of the template is which straight line of the picture.
+
+After a first camera from circle and halfway line every other line is predicted with a covariance that is long in one or
+two directions (focal length against distance and height). Each plausible pair of a seen and a template's line is tried
+as a seed: it updates the camera linearly, as a Kalman filter would, and the others are matched under the new camera,
+nearest first. The seed that explains most seen length at the least cost wins; where another seed explains about as much
+in another way, nothing is named.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from circlecal.camera.parameters import Frame
+from circlecal.camera.residuals import CurvePoints, curve_residuals, ground_hidden
+from circlecal.field import FieldTemplate
+from circlecal.geometry.projective import Array, Indices, Mask
+
+MOST_SEEDS, SEEDS_OF_ONE = 24, 8
+"""How many seeds are grown, and how many where only the best hypothesis is wanted: the longest lines."""
+SEED_COST, MATCH_COST = 36.0, 16.0
+"""Largest squared Mahalanobis distance of a seed, and of a further match."""
+
+
+@dataclass(frozen=True, slots=True)
+class Association:
+    """Names by index of the seen line, the summed length in pixels that they explain, and the squared Mahalanobis
+    cost.
+    """
+
+    names: dict[int, str]
+    length_px: float
+    cost: float
+
+    @property
+    def score(self) -> float:
+        """Explained length less the surprise."""
+        return self.length_px - 12.0 * self.cost
+
+    def contradicts(self, other: Association) -> bool:
+        """Whether the two name one seen line differently, or give one name to different lines only."""
+        if any(other.names.get(k, name) != name for k, name in self.names.items()):
+            return True
+        shared = set(self.names.items()) & set(other.names.items())
+        return any(name in other.names.values() and (k, name) not in shared for k, name in self.names.items())
+
+
+@dataclass(frozen=True, slots=True)
+class _Pairs:
+    """Residuals (S, T, 2) of the ends of S seen lines against T template lines, Jacobians (S, T, 2, P), and which pairs
+    lie on the marking's extent.
+    """
+
+    residuals: Array
+    jacobians: Array
+    on_marking: Mask
+
+
+def associate_lines(
+    segments: Array,
+    template: FieldTemplate,
+    excluded: tuple[str, ...],
+    theta: Array,
+    covariance: Array,
+    frame: Frame,
+    sigma_px: float,
+    count: int = 6,
+    elsewhere: frozenset[tuple[int, str]] = frozenset(),
+) -> list[Association]:
+    """Name seen lines in the most plausible ways.
+
+    Parameters
+    ----------
+    segments : (S, 2, 2) array
+        Ends of the seen lines, pixels as stored.
+    template : FieldTemplate
+        The field.
+    excluded : tuple of str
+        Template lines that are known already.
+    theta, covariance : (P,), (P, P) arrays
+        Camera so far.
+    frame : Frame
+        Picture size.
+    sigma_px : float
+        How well a seen line follows the straight line between its ends (lens, measuring).
+    count : int
+        How many different hypotheses are returned.
+    elsewhere : frozenset of (int, str)
+        Names that a seen line cannot have, since that marking is known to run elsewhere.
+
+    Returns
+    -------
+    list of Association
+        Best first; empty where nothing fits.
+    """
+    drawn = [k for k, line in enumerate(template.lines) if line.name not in excluded]
+    lines = [template.lines[k] for k in drawn]
+    if len(segments) == 0 or not lines:
+        return []
+    ends, shifts = (geometry[drawn] for geometry in template.drawn_lines)
+    pairs = _pairs(segments, ends, shifts, theta, frame)
+    names = [line.name for line in lines]
+    for s, name in elsewhere:
+        if name in names:
+            pairs.on_marking[s, names.index(name)] = False
+    lengths = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=-1)
+    cost = _mahalanobis(pairs.residuals[None], pairs.jacobians, covariance[None], sigma_px)[0]
+    seeds = np.argwhere(pairs.on_marking & (cost < SEED_COST))
+    seeds = seeds[np.argsort(-lengths[seeds[:, 0]], kind="stable")][: MOST_SEEDS if count > 1 else SEEDS_OF_ONE]
+    if len(seeds) == 0:
+        return []
+    chosen, costs = _grown(seeds, pairs, lengths, covariance, sigma_px)
+    different: dict[frozenset[tuple[int, str]], Association] = {}
+    for row, total in zip(chosen, costs, strict=True):
+        named = {int(s): names[row[s]] for s in np.flatnonzero(row >= 0)}
+        found = Association(named, float(lengths[list(named)].sum()), float(total))
+        known = different.setdefault(frozenset(named.items()), found)
+        if found.score > known.score:
+            different[frozenset(named.items())] = found
+    return sorted(different.values(), key=lambda a: a.score, reverse=True)[:count]
+
+
+def _pairs(segments: Array, ends: Array, shifts: Array, theta: Array, frame: Frame) -> _Pairs:
+    S, T = len(segments), len(ends)
+    span = ends[:, 1] - ends[:, 0]
+    lengths = np.hypot(span[:, 0], span[:, 1])
+    group = np.repeat(np.arange(T), 2 * S)
+    zero = np.zeros(len(group))
+    curves = CurvePoints(
+        np.tile(segments.reshape(-1, 2), (T, 1)), zero + 1.0, ends[group, 0], zero, zero, zero,
+        (span / lengths[:, None])[group], shifts[group], group, ("",) * T,
+    )  # fmt: skip
+    start = ground_hidden(curves, theta[None], frame)
+    seen = curve_residuals(curves, theta[None], start, frame, updates=0)
+    hidden = seen.hidden[0].reshape(T, S, 2)
+    # uncertain cameras slide along a line too, so its ends are taken generously
+    slack = 0.15 * lengths[:, None, None] + 3.0
+    on_marking = ((hidden > -slack) & (hidden < lengths[:, None, None] + slack)).all(axis=-1)
+    on_marking &= ~seen.behind[0].reshape(T, S, 2).any(axis=-1)
+    return _Pairs(
+        np.swapaxes(seen.values[0].reshape(T, S, 2), 0, 1),
+        np.swapaxes(seen.jacobian[0].reshape(T, S, 2, -1), 0, 1),
+        on_marking.T,
+    )
+
+
+def _mahalanobis(residuals: Array, jacobians: Array, covariances: Array, sigma_px: float) -> Array:
+    """Squared Mahalanobis lengths (K, S, T) of residuals (K, S, T, 2) with Jacobians (S, T, 2, P) under K
+    covariances.
+    """
+    flat = jacobians.reshape(-1, jacobians.shape[-1])
+    pushed = (flat @ covariances).reshape(len(covariances), *jacobians.shape)
+    # each end stands for half of a segment
+    own = 0.5 * sigma_px**2
+    a = np.einsum("kstp,stp->kst", pushed[..., 0, :], jacobians[:, :, 0]) + own
+    b = np.einsum("kstp,stp->kst", pushed[..., 0, :], jacobians[:, :, 1])
+    d = np.einsum("kstp,stp->kst", pushed[..., 1, :], jacobians[:, :, 1]) + own
+    x, y = residuals[..., 0], residuals[..., 1]
+    return np.asarray((d * x * x - 2 * b * x * y + a * y * y) / np.maximum(a * d - b * b, own * own))
+
+
+def _inverse(matrices: Array, own: float) -> Array:
+    """Inverses (K, 2, 2) of symmetric matrices that are no smaller than ``own`` times the unit matrix."""
+    (a, b), (_, d) = np.moveaxis(matrices, 0, -1)
+    adjugate = np.moveaxis(np.array([[d, -b], [-b, a]]), -1, 0)
+    return np.asarray(adjugate / np.maximum(a * d - b * b, own * own)[:, None, None])
+
+
+def _grown(seeds: Indices, pairs: _Pairs, lengths: Array, covariance: Array, sigma_px: float) -> tuple[Indices, Array]:
+    """From each seed (K, 2) on, match further lines under the camera that the matches so far imply.
+
+    Returns the template line of each seen line, (K, S), -1 for none, and the squared Mahalanobis cost (K,).
+    """
+    K, (S, T) = len(seeds), pairs.on_marking.shape
+    chosen, total = np.full((K, S), -1), np.zeros(K)
+    residuals = np.broadcast_to(pairs.residuals, (K, S, T, 2)).copy()
+    spread = np.broadcast_to(covariance, (K, *covariance.shape)).copy()
+    rows, s, t = np.arange(K), seeds[:, 0], seeds[:, 1]
+    while len(rows):
+        chosen[rows, s] = t
+        J, r = pairs.jacobians[s, t], residuals[rows, s, t]
+        pushed = J @ spread[rows]
+        own = 0.5 * sigma_px**2
+        inverse = _inverse(pushed @ np.swapaxes(J, 1, 2) + own * np.eye(2), own)
+        gain = inverse @ pushed
+        total[rows] += (r * (inverse @ r[..., None])[..., 0]).sum(axis=1)
+        step = -(np.swapaxes(gain, 1, 2) @ r[..., None])[..., 0]
+        residuals[rows] += np.einsum("stip,kp->ksti", pairs.jacobians, step)
+        spread[rows] -= np.swapaxes(pushed, 1, 2) @ gain
+        rows, s, t = _next(rows, pairs, residuals[rows], spread[rows], chosen[rows], lengths, sigma_px)
+    return chosen, total
+
+
+def _next(
+    rows: Indices, pairs: _Pairs, residuals: Array, spread: Array, chosen: Indices, lengths: Array, sigma_px: float
+) -> tuple[Indices, Indices, Indices]:
+    """The next match of each hypothesis that has one."""
+    cost = _mahalanobis(residuals, pairs.jacobians, spread, sigma_px)
+    offset = np.sqrt(np.mean(residuals**2, axis=-1))
+    fits = pairs.on_marking & (cost < MATCH_COST) & (offset < 25.0 * sigma_px)
+    # a second piece of a known line must lie on it, a new line must be the only one that fits
+    taken = (chosen[:, :, None] == np.arange(fits.shape[2])).any(axis=1)
+    fits &= (chosen < 0)[:, :, None] & (~taken[:, None] | (offset < 4.0 * sigma_px))
+    fits &= fits.sum(axis=2, keepdims=True) == 1
+    worth = np.where(fits, lengths[None, :, None] - 4.0 * cost, -np.inf).reshape(len(rows), -1)
+    best = np.argmax(worth, axis=1)
+    more = np.flatnonzero(fits.reshape(len(rows), -1)[np.arange(len(rows)), best])
+    s, t = np.unravel_index(best[more], pairs.on_marking.shape)
+    return rows[more], s, t

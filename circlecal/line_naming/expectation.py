@@ -1,0 +1,125 @@
+"""What a named picture should show and does not, and what it shows where no marking is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from circlecal.camera.parameters import Frame, view
+from circlecal.camera.residuals import ground_hidden, line_curve
+from circlecal.field import FieldTemplate
+from circlecal.geometry.projective import Array
+
+NEAREST_M, FARTHEST_WIDTHS = 0.5, 4.0
+"""Depth before the camera from which on the field counts as seen, and how far from the picture's corner it does, in
+picture widths.
+"""
+SAMPLES = 48
+"""Along each line of the template, and along each seen one."""
+EXPECTED_WIDTHS = 0.15
+"""A line of the template is expected to be seen where so much of it lies in the picture, in picture widths."""
+NARROWEST_PX, USUAL_WIDTH_M = 0.5, 0.1
+"""Paint that is narrower in the picture is not expected to be seen; its width where the template's has none."""
+SEEN_SHARE = 0.25
+"""It is, where so much of that is."""
+END_SLACK_M = 2.0
+"""How far a line may be seen beyond the end of its marking."""
+
+
+@dataclass(frozen=True, slots=True)
+class DrawnMarkings:
+    """N places along each of K markings before a camera.
+
+    Attributes
+    ----------
+    pixels, normals : (K, N, 2) arrays
+        Where they are in the picture, and the unit vectors across the marking there.
+    by_theta, by_field : (P, K, N), (2, K, N) arrays
+        Derivatives of the pixels along the normals by the camera's parameters and by the place on the field.
+    length_px : (K, N - 1) array
+        Of the pieces between neighbouring places that the picture may show, 0 for the others.
+    """
+
+    pixels: Array
+    normals: Array
+    by_theta: Array
+    by_field: Array
+    length_px: Array
+
+    @property
+    def across(self) -> Array:
+        """Pixels across the marking (K, N) per metre of ground: of the width of its paint."""
+        return np.asarray(np.hypot(*self.by_field))
+
+
+def drawn_markings(theta: Array, places_m: Array, frame: Frame) -> DrawnMarkings:
+    """Markings, by places (K, N, 2) along them on the field, as a camera (P,) shows them."""
+    shape = places_m.shape[:2]
+    x, y = places_m.reshape(-1, 2).T
+    seen = view(theta[None], x[None], y[None], frame)
+    pixels = seen.pixels[0].T.reshape(*shape, 2)
+    tangent = np.gradient(pixels, axis=1)
+    tangent /= np.maximum(np.hypot(tangent[..., :1], tangent[..., 1:]), 1e-9)
+    normals = np.stack([-tangent[..., 1], tangent[..., 0]], axis=-1)
+    by_theta, by_field = (rows[0] for rows in seen.gradient(normals.reshape(1, -1, 2).swapaxes(1, 2)))
+    ahead = ((seen.depth[0] > NEAREST_M) & seen.unfolded[0]).reshape(shape)
+    ahead &= (np.abs(pixels) < FARTHEST_WIDTHS * frame.width).all(axis=-1)
+    first, last = pixels[:, :-1], pixels[:, 1:]
+    met = (np.maximum(first, last) > 0) & (np.minimum(first, last) < (frame.width, frame.height))
+    shown = ahead[:, 1:] & ahead[:, :-1] & met.all(axis=-1)
+    length = np.where(shown, np.hypot(*np.moveaxis(last - first, -1, 0)), 0.0)
+    return DrawnMarkings(pixels, normals, by_theta.reshape(-1, *shape), by_field.reshape(-1, *shape), length)
+
+
+def unseen_px(names: dict[int, str], segments: Array, theta: Array, template: FieldTemplate, frame: Frame) -> float:
+    """Length in pixels of the lines that a camera (P,) expects in the picture and that are not seen there.
+
+    Parameters
+    ----------
+    names : dict
+        Template names by index of the seen line.
+    segments : (S, 2, 2) array
+        Ends of the seen lines.
+    theta, template, frame : (P,) array, FieldTemplate, Frame
+        Camera, field and picture.
+    """
+    ends = template.drawn_lines[0]
+    share = np.linspace(0.0, 1.0, SAMPLES)
+    drawn = drawn_markings(theta, ends[:, :1] + share[:, None] * (ends[:, 1:] - ends[:, :1]), frame)
+    wide = drawn.across * max(template.marking_width_m, USUAL_WIDTH_M) > NARROWEST_PX
+    length = drawn.length_px * (wide[:, 1:] & wide[:, :-1])
+    expected = length.sum(axis=1)
+    total = 0.0
+    for k in np.flatnonzero(expected > EXPECTED_WIDTHS * frame.width).tolist():
+        found = [segments[s] for s, name in names.items() if name == template.lines[k].name]
+        covered = np.zeros(SAMPLES, dtype=np.bool_)
+        metres = share * np.linalg.norm(ends[k, 1] - ends[k, 0])
+        for segment in found:
+            low, high = np.sort(_along(segment, k, theta, template, frame))
+            covered |= (metres >= low) & (metres <= high)
+        if length[k][covered[1:] | covered[:-1]].sum() < SEEN_SHARE * expected[k]:
+            total += float(expected[k])
+    return total
+
+
+def overhanging_px(
+    names: dict[int, str], segments: Array, theta: Array, template: FieldTemplate, frame: Frame
+) -> float:
+    """Length in pixels of the seen lines that lies beyond the ends of their markings."""
+    total = 0.0
+    for s, name in names.items():
+        k = next(k for k, line in enumerate(template.lines) if line.name == name)
+        points = segments[s, 0] + np.linspace(0.0, 1.0, SAMPLES)[:, None] * (segments[s, 1] - segments[s, 0])
+        along = _along(points, k, theta, template, frame)
+        length = float(np.linalg.norm(template.drawn_lines[0][k, 1] - template.drawn_lines[0][k, 0]))
+        beyond = (along < -END_SLACK_M) | (along > length + END_SLACK_M)
+        total += float(beyond.mean() * np.linalg.norm(segments[s, 1] - segments[s, 0]))
+    return total
+
+
+def _along(points: Array, k: int, theta: Array, template: FieldTemplate, frame: Frame) -> Array:
+    """Metres (N,) along a line of the template at which pixels (N, 2) lie."""
+    line = template.lines[k]
+    curve = line_curve(line.name, points, np.ones(len(points)), template.drawn_lines[0][k], template.drawn_lines[1][k])
+    return np.asarray(ground_hidden(curve, theta[None], frame)[0])

@@ -1,0 +1,303 @@
+"""Which straight markings were seen: hypotheses from the predicted picture, tried together by one fit each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from circlecal.camera.covariance import posterior_covariance
+from circlecal.camera.observed import Realism, thinned_curves, thinned_line
+from circlecal.camera.optimise import COARSE, Problem, State, minimise
+from circlecal.camera.residuals import CurvePoints, ground_hidden
+from circlecal.field import FieldTemplate
+from circlecal.geometry.projective import Array, Indices, Mask
+from circlecal.line_naming.association import Association, associate_lines
+from circlecal.line_naming.line_ends import passes_end, segment_ends
+from circlecal.observations import LinePoints, Observations
+
+HYPOTHESES, GROWING = 6, 2
+"""How many are fitted, and of how many the lines are matched anew."""
+WIDE = 10.0
+"""By how much wider the loss is while hypotheses are compared: a line that does not fit pulls, and then tells."""
+ROUNDS = 3
+"""Fits of one hypothesis; after each the lines are matched anew."""
+MARGIN_WIDTHS = 0.12
+"""A hypothesis must explain this many picture widths of line more than any that contradicts it."""
+UNUSED_SIGMA_PX = 1e5
+"""Of lines that a hypothesis leaves without a name."""
+
+
+@dataclass(frozen=True, slots=True)
+class Naming:
+    """Template names by index of the seen line, the camera (P,) that they imply, and names of arcs by index of the
+    nameless curve.
+    """
+
+    names: dict[int, str]
+    theta: Array
+    arcs: dict[int, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class NamingScene:
+    """What all hypotheses share.
+
+    Attributes
+    ----------
+    problem : Problem
+        With the markings whose names are known, thinned.
+    before_px, allowed_px : (G,) arrays
+        Root mean square residual of each of them before any line gets a name, and by how much it may grow.
+    points_px, sigma_px, line : (N, 2), (N,), (N,) arrays
+        Thinned points of the nameless lines, and which line each belongs to.
+    segments : (S, 2, 2) array
+        Ends of the nameless lines.
+    template : FieldTemplate
+        The field.
+    known : tuple of str
+        Names that are given.
+    elsewhere : frozenset of (int, str)
+        Names that a nameless line cannot have, since another line is seen to end on that marking somewhere else.
+    loss_scale : float
+        Scale of the robust loss.
+    """
+
+    problem: Problem
+    before_px: Array
+    allowed_px: Array
+    points_px: Array
+    sigma_px: Array
+    line: Indices
+    segments: Array
+    template: FieldTemplate
+    known: tuple[str, ...]
+    elsewhere: frozenset[tuple[int, str]]
+    loss_scale: float
+
+    @property
+    def unit(self) -> float:
+        """Pixels per pixel at 1920 px width."""
+        return self.problem.frame.width / 1920.0
+
+    @property
+    def lengths_px(self) -> Array:
+        """Lengths (S,) of the nameless lines."""
+        return np.asarray(np.linalg.norm(self.segments[:, 1] - self.segments[:, 0], axis=-1))
+
+    def leaves_longest(self, association: Association) -> bool:
+        """Whether one line that gets no name is longer than all that get one."""
+        named = list(association.names)
+        return bool(np.delete(self.lengths_px, named).max(initial=0.0) > self.lengths_px[named].sum())
+
+    def hypotheses(self, theta: Array, normal: Array, count: int) -> list[Association]:
+        """The most plausible names under a camera with its Gauss-Newton matrix."""
+        covariance = posterior_covariance(normal, self.problem.priors.sd)
+        frame, sigma_px = self.problem.frame, 1.5 * self.unit
+        return associate_lines(
+            self.segments, self.template, self.known, theta, covariance, frame, sigma_px, count, self.elsewhere
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """A fitted hypothesis: its names, which lines (S,) it passes through, the length of these, its score, its camera
+    (P,) and Gauss-Newton matrix (P, P).
+    """
+
+    association: Association
+    passed: Mask
+    explained_px: float
+    score: float
+    theta: Array
+    normal: Array
+
+
+def name_lines(
+    problem: Problem,
+    state: State,
+    observations: Observations,
+    template: FieldTemplate,
+    realism: Realism,
+    loss_scale: float,
+    met: tuple[LinePoints, ...] = (),
+) -> Naming:
+    """Names for straight markings that were seen without one.
+
+    Parameters
+    ----------
+    problem, state : Problem, State
+        The fit without them.
+    observations : Observations
+        Everything that was seen.
+    met : tuple of LinePoints
+        Points of markings, from :func:`circlecal.line_naming.line_ends.with_crossings`, that ``problem`` holds already.
+    template : FieldTemplate
+        The field.
+    realism : Realism
+        How points are thinned and trusted while hypotheses are compared.
+    loss_scale : float
+        Scale of the robust loss, standard deviations.
+
+    Returns
+    -------
+    Naming
+        Without names where nothing is certain.
+    """
+    nothing = Naming({}, state.theta[0])
+    unnamed = [k for k, line in enumerate(observations.lines) if line.line is None and len(line.points_px) >= 8]
+    if not unnamed:
+        return nothing
+    scene = naming_scene(unnamed, problem, state, observations, template, realism, loss_scale, met)
+    first = scene.hypotheses(state.theta[0], state.normal[0], HYPOTHESES)
+    if not first:
+        return nothing
+    trials = grown(scene, tried(scene, first, np.repeat(state.theta[:1], len(first), axis=0)), GROWING)
+    best = certain(trials, observations.width)
+    if best is None or scene.leaves_longest(best.association):
+        trials += _alone(scene, first, state.theta[:1])
+        best = certain(trials, observations.width)
+    if best is None:
+        return nothing
+    return Naming({unnamed[k]: name for k, name in best.association.names.items() if best.passed[k]}, best.theta)
+
+
+def grown(scene: NamingScene, trials: list[Trial], count: int) -> list[Trial]:
+    """The same hypotheses, the ``count`` best of them with the further lines that their cameras lead to."""
+    trials = list(trials)
+    growing = sorted(range(len(trials)), key=lambda k: -trials[k].score)[:count]
+    for _ in range(ROUNDS - 1):
+        growing = [k for k in growing if len(trials[k].association.names) < len(scene.segments)]
+        further = {k: scene.hypotheses(trials[k].theta, trials[k].normal, 1) for k in growing}
+        more = {k: again[0] for k, again in further.items() if again and _extends(again[0], trials[k].association)}
+        if not more:
+            break
+        growing = list(more)
+        starts = np.array([trials[k].theta for k in growing])
+        for k, trial in zip(growing, tried(scene, list(more.values()), starts), strict=True):
+            trials[k] = trial
+    return trials
+
+
+def _alone(scene: NamingScene, hypotheses: list[Association], start: Array) -> list[Trial]:
+    """The longest line under each of its names, with nothing else named: the others may be edges of boards."""
+    longest = int(np.argmax(scene.lengths_px))
+    names = {h.names[longest] for h in hypotheses if longest in h.names}
+    single = [Association({longest: name}, float(scene.lengths_px[longest]), 0.0) for name in sorted(names)]
+    return tried(scene, single, np.repeat(start, len(single), axis=0)) if single else []
+
+
+def _extends(again: Association, before: Association) -> bool:
+    return again.names != before.names and again.length_px >= before.length_px
+
+
+def naming_scene(
+    unnamed: list[int],
+    problem: Problem,
+    state: State,
+    observations: Observations,
+    template: FieldTemplate,
+    realism: Realism,
+    loss_scale: float,
+    met: tuple[LinePoints, ...],
+) -> NamingScene:
+    """The nameless lines (by index) before a fit without them, as :func:`name_lines` takes it."""
+    lines = [observations.lines[k] for k in unnamed]
+    curves = thinned_curves(problem.curves, state.hidden[0], realism.maximum_points, realism.model_sigma_px)
+    thinned = [thinned_line(line, realism) for line in lines]
+    segments = np.array([segment_ends(line.points_px) for line in lines])
+    unit = observations.width / 1920.0
+    residuals, group = state.residuals[0] * problem.curves.sigma_px, problem.curves.group
+    stated = np.bincount(group, problem.curves.sigma_px) / np.bincount(group)
+    return NamingScene(
+        problem=replace(problem, curves=curves),
+        allowed_px=np.where(np.bincount(group) == 1, stated, 0.3 * unit),
+        before_px=np.sqrt(np.bincount(group, residuals**2) / np.bincount(group)),
+        points_px=np.concatenate([points for points, _ in thinned]),
+        sigma_px=np.concatenate([sigma for _, sigma in thinned]),
+        line=np.repeat(np.arange(len(lines)), [len(points) for points, _ in thinned]),
+        segments=segments,
+        template=template,
+        known=tuple(line.line for line in observations.lines if line.line is not None),
+        elsewhere=frozenset(
+            (k, str(point.line))
+            for k, segment in enumerate(segments)
+            for point in met
+            if not passes_end(segment, point, unit)
+        ),
+        loss_scale=loss_scale,
+    )
+
+
+def tried(scene: NamingScene, associations: list[Association], starts: Array) -> list[Trial]:
+    """Fit every hypothesis, all at once, from its own start (B, P)."""
+    problem = replace(scene.problem, curves=_hypothetical(scene, associations))
+    hidden = ground_hidden(problem.curves, starts, problem.frame)
+    state = minimise(problem, starts, WIDE * scene.loss_scale, 20, hidden, COARSE)
+    passed, explained, score = _judged(scene, associations, state, problem)
+    return [
+        Trial(association, passed[k], float(explained[k]), float(score[k]), state.theta[k], state.normal[k])
+        for k, association in enumerate(associations)
+    ]
+
+
+def _hypothetical(scene: NamingScene, associations: list[Association]) -> CurvePoints:
+    """The known markings, and the nameless lines as what each hypothesis takes them for."""
+    base, template, count = scene.problem.curves, scene.template, len(scene.points_px)
+    shape = (len(associations), len(scene.segments))
+    origin, direction, shift = np.zeros((*shape, 2)), np.zeros((*shape, 2)), np.zeros((*shape, 3, 2))
+    direction[..., 0] = 1.0
+    used = np.zeros(shape, dtype=bool)
+    for b, association in enumerate(associations):
+        for s, name in association.names.items():
+            drawn = template.line_by_name[name]
+            ends = template.line_ends(drawn)
+            origin[b, s], direction[b, s] = ends[0], (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+            shift[b, s], used[b, s] = template.line_shift(drawn), True
+
+    def joined(known: Array, further: Array) -> Array:
+        """Behind each other along the points, for every hypothesis."""
+        return np.concatenate([np.broadcast_to(known, (shape[0], *known.shape)), further[:, scene.line]], axis=1)
+
+    sigma = np.where(used[:, scene.line], scene.sigma_px, UNUSED_SIGMA_PX)
+    still = np.zeros(count)
+    return CurvePoints(
+        points_px=np.concatenate([base.points_px, scene.points_px]),
+        sigma_px=np.concatenate([np.broadcast_to(base.sigma_px, (shape[0], len(base.sigma_px))), sigma], axis=1),
+        origin=joined(base.origin, origin),
+        radius=np.concatenate([base.radius, still]),
+        radius_by_width=np.concatenate([base.radius_by_width, still]),
+        bloom_sign=np.concatenate([base.bloom_sign, still]),
+        direction=joined(base.direction, direction),
+        shift=joined(base.shift, shift),
+        group=np.concatenate([base.group, len(base.names) + scene.line]),
+        names=(*base.names, *(f"line {k}" for k in range(len(scene.segments)))),
+    )
+
+
+def _judged(
+    scene: NamingScene, associations: list[Association], state: State, problem: Problem
+) -> tuple[Mask, Array, Array]:
+    """The lines (B, S) that each fit really passes through, their length (B,), and its score: less what circle, line
+    and priors had to give for it.
+    """
+    lengths = scene.lengths_px
+    named = np.array([[k in association.names for k in range(len(lengths))] for association in associations])
+    curves, known = problem.curves, len(scene.before_px)
+    member = (curves.group[:, None] == np.arange(len(curves.names))).astype(np.float64)
+    rms = np.sqrt((state.residuals * curves.sigma_px) ** 2 @ member / member.sum(axis=0))
+    passed = named & (rms[:, known:] < 2.5 * scene.unit)
+    explained = (lengths * passed).sum(axis=1)
+    missed = (lengths * named).sum(axis=1) - explained
+    worse = np.maximum(0.0, rms[:, :known] - scene.before_px - scene.allowed_px).sum(axis=1) / scene.unit
+    prior = (problem.priors.residuals(state.theta)[0] ** 2).sum(axis=1)
+    return passed, explained, explained - 2.0 * missed - scene.unit * (400.0 * worse + 15.0 * prior)
+
+
+def certain(trials: list[Trial], width: int) -> Trial | None:
+    """The best trial, where it explains enough, and clearly more than any that contradicts it."""
+    best = max(trials, key=lambda t: t.score)
+    rival = max((t.score for t in trials if t.association.contradicts(best.association)), default=-np.inf)
+    if best.explained_px < 0.15 * width or best.score < 0.1 * width or best.score < rival + MARGIN_WIDTHS * width:
+        return None
+    return best

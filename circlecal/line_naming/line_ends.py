@@ -1,0 +1,184 @@
+"""Where a named line ends, another one runs: the halfway line ends on the touchlines, seen or not.
+
+Such an end is one point of the other marking, measured across it. It says how far the field reaches, and which of
+several parallel edges is the marking: the one through that point.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from circlecal.camera.covariance import posterior_covariance
+from circlecal.camera.optimise import COARSE, Problem, State, best_of, continued, reweighted, with_curves
+from circlecal.camera.parameters import view
+from circlecal.camera.residuals import (
+    CurvePoints,
+    curve_residuals,
+    ground_hidden,
+    line_curve,
+    stack_curves,
+)
+from circlecal.field import FieldTemplate, Line
+from circlecal.geometry.projective import Array, fit_line, line_distance
+from circlecal.observations import LineEnd, LinePoints, Observations
+
+SIGMA_PX = 2.0
+"""Of an end along its line, pixels at 1920 px width."""
+WORST_SIGMAS = (12.0, 4.0)
+"""An end further than this from where the camera expects the other marking is a cover's edge: at first generously,
+since a vague camera's expectation bends.
+"""
+WIDE = 10.0
+"""By how much wider the loss is at first: an end may lie far from where a vague camera expects it."""
+WORST_COST = 25.0
+"""By how much chi-square may grow per end that is used."""
+SURE_PX, BARE_SIGMAS = 25.0, 2.0
+"""An end at which nothing is seen to cross needs a prediction as sharp as this, pixels at 1920 px width, and lies no
+further from it.
+"""
+NEAR_PX, BEND_SHARE, LEAST_SINE = 3.0, 0.008, 0.15
+"""How far a seen line may pass by an end: pixels at 1920 px width, and share of its distance; and the sine of the least
+angle between both.
+"""
+NEAR_SIGMAS = 1.5
+"""A line passes through another one's end within this many of the end's standard deviations."""
+TOUCH_M = 0.3
+"""How far a line of the template may end from the one it runs into."""
+
+
+def with_crossings(
+    problem: Problem, state: State, observations: Observations, template: FieldTemplate, loss_scale: float
+) -> tuple[Problem, State, tuple[LinePoints, ...]]:
+    """Fit once more with the ends of named lines as points of the markings that they run into.
+
+    Parameters
+    ----------
+    problem, state : Problem, State
+        The fit without them.
+    observations : Observations
+        Everything that was seen.
+    template : FieldTemplate
+        The field.
+    loss_scale : float
+        Scale of the robust loss, standard deviations.
+
+    Returns
+    -------
+    problem, state : Problem, State
+        The new fit, or the old one where no end is seen that the camera can believe in.
+    met : tuple of LinePoints
+        One point each.
+    """
+    for worst in WORST_SIGMAS:
+        met = _crossings(problem, state, observations, template, worst)
+        if not met:
+            break
+        parts = [_one_point(template.line_by_name[str(m.line)], m.points_px[0], m.sigma_px, template) for m in met]
+        fuller, found = with_curves(problem, best_of(state), stack_curves(parts), WIDE * loss_scale)
+        found = continued(fuller, found, WIDE * loss_scale, tolerance=COARSE)
+        _, found = reweighted(fuller, found, fuller.curves.sigma_px, loss_scale)
+        found = continued(fuller, found, loss_scale, tolerance=COARSE)
+        if found.cost[0] < state.cost[0] + WORST_COST * len(met):
+            return fuller, found, met
+    return problem, state, ()
+
+
+def _crossings(
+    problem: Problem, state: State, observations: Observations, template: FieldTemplate, worst: float
+) -> tuple[LinePoints, ...]:
+    named = [s for s in observations.lines if s.ends and s.line is not None and s.line in template.line_by_name]
+    if not named:
+        return ()
+    theta, unit = state.theta[:1], observations.width / 1920.0
+    ends = [(end, seen) for seen in named for end in seen.ends]
+    drawn = [template.line_by_name[str(seen.line)] for _, seen in ends]
+    sigma = np.array([SIGMA_PX * unit])
+    lines = stack_curves(
+        [_one_point(line, end.point_px, sigma, template) for (end, _), line in zip(ends, drawn, strict=True)]
+    )
+    along = ground_hidden(lines, theta, problem.frame)
+    place = lines.origin + along[0, :, None] * lines.direction
+    corners = np.array([template.line_ends(line) for line in drawn])
+    far = along[0] > 0.5 * np.linalg.norm(corners[:, 1] - corners[:, 0], axis=-1)
+    outward = np.where(far[:, None], lines.direction, -lines.direction)
+    # the paint ends on the near edge of the other marking, its middle lies half a width further
+    at = view(theta, place[None, :, 0], place[None, :, 1], problem.frame)
+    steps = at.along(*outward.T)[0].T * 0.5 * template.marking_width_m
+    middles = lines.points_px + steps
+    # where both cross at a slant the paint ends anywhere within the other marking
+    sigmas = np.hypot(sigma, np.linalg.norm(steps, axis=-1))[:, None]
+    others = [running_through(corners[k, int(far[k])], line, template) for k, line in enumerate(drawn)]
+    met = [k for k, other in enumerate(others) if other is not None]
+    if not met:
+        return ()
+    points = stack_curves(
+        [_one_point(other, middles[k], sigmas[k], template) for k, other in enumerate(others) if other]
+    )
+    expected = curve_residuals(points, theta, ground_hidden(points, theta, problem.frame), problem.frame, updates=0)
+    J = expected.jacobian[0]
+    spread = np.sqrt(((J @ posterior_covariance(state.normal[0], problem.priors.sd)) * J).sum(axis=1))
+    away = np.abs(expected.values[0]) / np.hypot(spread, 1.0)
+    vague = spread * sigmas[met, 0] > SURE_PX * unit
+    return tuple(
+        LinePoints(name, middles[k][None], sigmas[k])
+        for k, name, off, unsure in zip(met, points.names, away, vague, strict=True)
+        if off <= worst
+        and (ends[k][0].crossed or (off <= BARE_SIGMAS and not unsure) or _met(*ends[k], observations, unit))
+    )
+
+
+def passes(segment: Array, point_px: Array, unit: float, near_px: float = NEAR_PX) -> bool:
+    """Whether a seen line with the ends (2, 2) goes through a point (2,), or would if it were drawn on."""
+    along = (segment[1] - segment[0]) / np.linalg.norm(segment[1] - segment[0])
+    first, second = (point_px - segment) @ along
+    away = max(-float(first), float(second), 0.0)
+    return abs(float(line_distance(fit_line(segment), point_px[None])[0])) < near_px * unit + BEND_SHARE * away
+
+
+def passes_end(segment: Array, met: LinePoints, unit: float) -> bool:
+    """The same of a point of :func:`with_crossings`, as precisely as it is known."""
+    return passes(segment, met.points_px[0], unit, NEAR_SIGMAS * float(met.sigma_px[0]) / unit)
+
+
+def same_markings(names: dict[int, str], met: tuple[LinePoints, ...], observations: Observations) -> bool:
+    """Whether lines (names by index) are nothing but markings on which ends were seen, and pass through those ends."""
+    places = {point.line: point for point in met}
+    unit = observations.width / 1920.0
+    return bool(names) and all(
+        name in places and passes_end(segment_ends(observations.lines[k].points_px), places[name], unit)
+        for k, name in names.items()
+    )
+
+
+def segment_ends(points: Array) -> Array:
+    """First and last point (2, 2) along a straight marking."""
+    normal = fit_line(points)[:2]
+    position = points @ np.array([normal[1], -normal[0]])
+    return points[[np.argmin(position), np.argmax(position)]]
+
+
+def _one_point(line: Line, point_px: Array, sigma: Array, template: FieldTemplate) -> CurvePoints:
+    return line_curve(line.name, point_px[None], sigma, template.line_ends(line), template.line_shift(line))
+
+
+def running_through(point_m: Array, ending: Line, template: FieldTemplate) -> Line | None:
+    """The line of the template, other than the one that ends there, on which a point (2,) lies."""
+    ends, _ = template.drawn_lines
+    span, offset = ends[:, 1] - ends[:, 0], point_m - ends[:, 0]
+    length = np.hypot(*span.T)
+    share = (offset * span).sum(axis=1) / length
+    beside = np.abs(offset[:, 0] * span[:, 1] - offset[:, 1] * span[:, 0]) < TOUCH_M * length
+    touched = np.flatnonzero(beside & (share > -TOUCH_M) & (share < length + TOUCH_M))
+    return next((template.lines[k] for k in touched if template.lines[k].name != ending.name), None)
+
+
+def _met(end: LineEnd, line: LinePoints, observations: Observations, unit: float) -> bool:
+    """Whether a nameless line is seen to pass through the end, across the line that ends there."""
+    along = fit_line(line.points_px)[:2]
+    for other in observations.lines:
+        if other.line is None and len(other.points_px) >= 8:
+            normal = fit_line(other.points_px)[:2]
+            across = abs(normal[0] * along[1] - normal[1] * along[0]) > LEAST_SINE
+            if across and passes(segment_ends(other.points_px), end.point_px, unit):
+                return True
+    return False

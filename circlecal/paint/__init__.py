@@ -1,0 +1,1 @@
+"""One instrument for paint: profiles across markings, their middles and edges, ends, marks, colour and faint sums."""

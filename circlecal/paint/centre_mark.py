@@ -1,0 +1,288 @@
+"""The centre mark: a painted disc on the halfway line, seen as the circle itself is seen, only smaller.
+
+The picture is resampled along the halfway line and along the field's other axis, whose image at any point of a
+diameter runs towards the diameter's pole. There the disc is symmetric about the line however the line runs in the
+picture, and the circle gives its size, so it is found by a matched filter of known shape on both sides of the line.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.geometry.conics import line_conic_meet, pole
+from circlecal.geometry.projective import Array, dehomogenise, line_distance, normalise_line
+from circlecal.paint.profiles import Brightness, sample_profiles
+
+Rows = NDArray[np.floating[Any]]
+
+__all__ = ["SeenMark", "find_centre_mark", "half_chords"]
+
+_STEP_PX = 0.5
+_MARGIN = 0.12  # half chords searched beyond the allowed range, to know the usual scatter
+_CONTRAST = (0.08, 2.5)  # of the disc, relative to the halfway line: both are the same paint
+_FAINTEST = 0.02  # of the line's contrast: scatter is never less
+_HIDDEN = 0.5  # of the line's contrast: where the line is darker than usual by this much, something hides it
+_FADED = 0.5  # of its own brightness: what is left of a disc just beyond its edge
+_AROUND_PX = 2.5  # how far around the disc the line and the surface must be bare
+_ASIDE_RADII = 2.0  # beside the disc, out to so many of its half axes, the surface is bare; players may stand beyond
+_INNERMOST = 0.75  # of the disc's half axis: beyond it, at least, the disc is looked for
+_SIGMA_FLOOR_PX = 0.3
+_BEND_POINTS = 15  # measured points of the line over which its bend is averaged
+
+
+@dataclass(frozen=True, slots=True)
+class SeenMark:
+    """Position (2,) on the halfway line, its standard deviation in px, and its signal to noise ratio."""
+
+    point_px: Array
+    sigma_px: float
+    snr: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Rectified:
+    """The picture around a stretch of the halfway line: rows along the line, columns along the field's other axis.
+
+    ``values`` (T, S) are brightnesses over what is ``usual`` (S,) in their column.
+    ``position`` (T,) along the line and ``across`` (S,) in px; ``base`` (T, 2) the places on the line, ``length`` its
+    half chord in px; ``half_px`` the disc's half axes along and across.
+    """
+
+    values: Array
+    usual: Array
+    position: Array
+    across: Array
+    base: Array
+    length: float
+    half_px: tuple[float, float]
+
+
+def find_centre_mark(
+    picture: Brightness,
+    line: Array,
+    line_points_px: Array,
+    conic: Array,
+    diameter_radii: float,
+    width_radii: float,
+    blur_px: float,
+    offset: tuple[float, float],
+    minimum_snr: float,
+) -> SeenMark | None:
+    """Find the disc on the halfway line inside the circle.
+
+    Parameters
+    ----------
+    picture : (H, W) uint8 or float32
+        Brightness; the marking is lighter than the surface.
+    line : (3,) array
+        Halfway line, px.
+    line_points_px : (N, 2) array
+        Measured middle of its paint, which lens and crown bend away from the straight line.
+    conic : (3, 3) array
+        Image of the circle.
+    diameter_radii, width_radii : float
+        Diameter of the disc and width of the halfway line, in radii of the circle.
+    blur_px : float
+        Standard deviation of the picture's blur.
+    offset : (float, float)
+        Where the disc may lie: half chords beyond the chord's middle, towards the far side.
+    minimum_snr : float
+
+    Returns
+    -------
+    SeenMark or None
+        None where no such disc is seen.
+    """
+    seen = _rectified(picture, line, line_points_px, conic, diameter_radii / 2, blur_px, offset)
+    if seen is None:
+        return None
+    paint = 0.5 * width_radii / (diameter_radii / 2) * seen.half_px[1]
+    inner = min(paint + blur_px, _INNERMOST * seen.half_px[1])
+    line_contrast = _line_contrast(seen)
+    left, right = (_response(seen, blur_px, inner, side) for side in (-1.0, 1.0))
+    if left is None or right is None or line_contrast <= 0:
+        return None
+    response = np.minimum(left, right)
+    allowed = (seen.position >= offset[0] * seen.length) & (seen.position <= offset[1] * seen.length)
+    peak = int(np.argmax(np.where(allowed, response, -np.inf)))
+    if not 1 <= peak < len(response) - 1 or not allowed[peak - 1 : peak + 2].all():
+        return None
+    reach = 2.0 * (seen.half_px[0] + blur_px) + 1.0
+    elsewhere = np.abs(seen.position - seen.position[peak]) > reach
+    if np.count_nonzero(elsewhere) < 16:
+        return None
+    # what lies on one side only is negative here, so the usual scatter is read off the positive end
+    scatter = max(float(np.quantile(response[elsewhere], 0.95)), 0.0) / 1.645 + _FAINTEST * line_contrast
+    snr = float(response[peak]) / scatter
+    brightest = max(left[peak], right[peak])
+    if snr < minimum_snr or response[peak] < _CONTRAST[0] * line_contrast or brightest > _CONTRAST[1] * line_contrast:
+        return None
+    sides = _bare_sides(seen, peak, blur_px, inner, line_contrast)
+    if not any(sides):
+        return None
+    shown = sum(response for response, bare in zip((left, right), sides, strict=True) if bare)
+    place = _peak_position(seen.position, np.asarray(shown), peak)
+    sigma = float(np.hypot(_SIGMA_FLOOR_PX, (seen.half_px[0] + blur_px) / snr))
+    point = np.array([np.interp(place, seen.position, seen.base[:, axis]) for axis in range(2)])
+    return SeenMark(point, sigma, snr)
+
+
+def _rectified(
+    picture: Brightness,
+    line: Array,
+    line_points_px: Array,
+    conic: Array,
+    radius_radii: float,
+    blur_px: float,
+    offset: tuple[float, float],
+) -> _Rectified | None:
+    line = normalise_line(line)
+    meets = line_conic_meet(conic, line)
+    if meets is None:
+        return None
+    chord = dehomogenise(meets)
+    far, near = chord[np.argsort(chord[:, 1])]
+    middle, along = 0.5 * (far + near), 0.5 * (far - near)
+    length = float(np.hypot(*along))
+    low, high = max(-0.95, offset[0] - _MARGIN) * length, min(0.95, offset[1] + _MARGIN) * length
+    position = np.arange(low, high, _STEP_PX)
+    if len(position) < 24:
+        return None
+    base = middle + position[:, None] / length * along
+    base += _bend(line, line_points_px, (line_points_px - middle) @ along / length, position)[:, None] * line[:2]
+    aim = pole(conic, line)
+    direction = aim[:2] - aim[2] * base
+    direction /= np.maximum(np.hypot(direction[:, :1], direction[:, 1:]), 1e-12)
+    direction *= np.where(direction[:, :1] < 0, -1.0, 1.0)
+    radius = half_chords(conic, base, direction)
+    if not np.isfinite(radius).all():
+        return None
+    offsets = 0.5 * (offset[0] + offset[1])
+    half = (radius_radii * (1.0 - offsets**2) * length, radius_radii * float(np.median(radius)))
+    reach = max(3.0 * half[1], half[1] + 8.0)
+    across = np.arange(-reach, reach + _STEP_PX / 2, _STEP_PX)
+    values = np.asarray(sample_profiles(picture, base, direction, across), np.float64)
+    # further out the picture may end
+    needed = np.abs(across) <= half[1] + 1.5 * blur_px + 2.0 + _AROUND_PX
+    whole = np.isfinite(values[:, needed]).all(axis=1)
+    if np.count_nonzero(whole) < 24:
+        return None
+    values = values[whole]
+    known = np.isfinite(values).any(axis=0)
+    values, across = values[:, known], across[known]
+    usual = (np.nanmedian if np.isnan(values).any() else np.median)(values, axis=0)
+    return _Rectified(values - usual, usual, position[whole], across, base[whole], length, half)
+
+
+def _bend(line: Array, points_px: Array, places: Array, wanted: Array) -> Array:
+    """Distance (T,) of the paint from the straight line at wanted places along it: a running median."""
+    size = min(_BEND_POINTS, len(places))
+    if size < 3:
+        return np.zeros(len(wanted))
+    order = np.argsort(places)
+    low, high = np.searchsorted(places, (wanted[0], wanted[-1]), sorter=order).tolist()
+    order = order[max(0, low - 2 * size) : high + 2 * size]  # medians beyond bear on no wanted place
+    ordered = np.stack([places[order], line_distance(line, points_px[order])])
+    at, middle = np.lib.stride_tricks.sliding_window_view(ordered, size, axis=1)
+    return np.interp(wanted, at.mean(axis=-1), np.median(middle, axis=-1))
+
+
+def half_chords(conic: Array, points: Array, directions: Array) -> Array:
+    """Half lengths (N,) of the chords through points (N, 2) inside the conic along unit directions (N, 2)."""
+    (u, v), (x, y) = directions.T, points.T
+    (xx, xy, x1), (_, yy, y1), (_, _, one) = conic.tolist()
+    gx, gy = xx * x + xy * y + x1, xy * x + yy * y + y1
+    a, b = (xx * u + 2 * xy * v) * u + yy * v * v, u * gx + v * gy
+    c = gx * x + gy * y + x1 * x + y1 * y + one
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(np.sqrt(b * b - a * c) / np.abs(a))
+
+
+def _line_contrast(seen: _Rectified) -> float:
+    """Brightness of the halfway line over the surface beside it."""
+    outer = np.abs(seen.across) > 2.0 * seen.half_px[1] + 2.0
+    return float(seen.usual[np.abs(seen.across) <= 1.5].max() - np.median(seen.usual[outer]))
+
+
+def _response(seen: _Rectified, blur_px: float, inner_px: float, side: float) -> Array | None:
+    """Contrast (T,) of a disc centred at each row, measured on one side of the line beyond its paint."""
+    b, a = seen.half_px
+    distance = side * seen.across
+    used = (distance > min(inner_px, a)) & (distance <= a + 1.5 * blur_px)
+    beyond = (distance > a + 1.5 * blur_px + 1.0) & (distance <= 3.0 * a + 8.0)
+    if not used.any() or not beyond.any():
+        return None
+    surface = seen.values[:, beyond]
+    surface = (np.nanmean if np.isnan(surface).any() else np.mean)(surface, axis=1, keepdims=True)
+    values = (seen.values[:, used] - surface).astype(np.float32)
+    half = int(np.ceil((2.0 * b + 2.0 * blur_px + 2.0) / _STEP_PX))
+    t = np.arange(half + 1)[:, None] * _STEP_PX
+    disc = _blurred_disc(t, distance[used][None], b, a, blur_px)
+    disc = np.concatenate([disc[:0:-1], disc])
+    kernel = disc - disc.mean(axis=0)  # a change of the surface along the line has no response
+    kernel /= float(np.maximum(kernel, 0.0).sum())  # the response is a mean brightness: never more than the paint's
+    mirrored = np.arange(-half, len(values) + half) % (2 * len(values))
+    padded = values[np.minimum(mirrored, 2 * len(values) - 1 - mirrored)]
+    response = cv2.matchTemplate(padded, kernel.astype(np.float32), cv2.TM_CCORR)
+    return np.asarray(response[:, 0], np.float64)
+
+
+def _bare_sides(
+    seen: _Rectified, peak: int, blur_px: float, inner_px: float, line_contrast: float
+) -> tuple[bool, bool]:
+    """On which sides of the line the disc ends where it should, with the line and the bare surface around it.
+
+    A player may stand beside the disc, or cover its one half, if the other half is beyond doubt.
+    """
+    b, a = seen.half_px
+    values = seen.values
+    distance, rise = np.abs(seen.across), seen.position - seen.position[peak]
+    edge = b + 1.5 * blur_px
+    on = np.abs(rise) <= max(b, _STEP_PX)
+    beyond = [(side * rise > edge) & (side * rise <= edge + _AROUND_PX) for side in (-1.0, 1.0)]
+    if not all(rows.any() for rows in beyond):
+        return False, False
+    paint = distance <= 1.0
+    if min(float(values[rows][:, paint].mean()) for rows in (on, *beyond)) < -_HIDDEN * line_contrast:
+        return False, False
+    halves, bare = [], []
+    for side in (-1.0, 1.0):
+        beside = side * seen.across
+        rim = a + 1.5 * blur_px + 1.0
+        disc = (beside > inner_px) & (beside <= a + blur_px)
+        aside = (beside > rim) & (beside <= max(_ASIDE_RADII * a, rim + 2.0 * _AROUND_PX))
+        seen_here = float(values[on][:, disc].mean())
+        around = [float(values[rows][:, disc].mean()) for rows in beyond]
+        # brightness that goes on is a player; shade beside the disc dims it too, and may be as deep as it is bright
+        halves.append(max(around) <= _FADED * seen_here and min(around) >= -seen_here)
+        surface = values[on][:, aside]
+        bare.append(bool(abs(float(np.median(surface[np.isfinite(surface)]))) <= _FADED * line_contrast))
+    if not any(half and clear for half, clear in zip(halves, bare, strict=True)):
+        return False, False
+    if not all(half or not clear for half, clear in zip(halves, bare, strict=True)):
+        return False, False
+    return halves[0], halves[1]
+
+
+def _blurred_disc(t: Rows, s: Rows, b: float, a: float, blur_px: float) -> Array:
+    """Coverage of an ellipse with half axes ``b`` along t and ``a`` along s, its edge softened by the blur."""
+    steps = np.linspace(-2.0, 2.0, 7)
+    fine, weight = steps * blur_px, np.exp(-0.5 * steps**2)
+    spread = (t[..., None, None] - fine[:, None]) / b, (s[..., None, None] - fine) / a
+    inside = spread[0] ** 2 + spread[1] ** 2 <= 1.0
+    return np.asarray((inside * (weight[:, None] * weight)).sum(axis=(-1, -2)) / weight.sum() ** 2)
+
+
+def _peak_position(position: Array, response: Array, peak: int) -> float:
+    """Place of the maximum nearest to a row, between the rows by a parabola."""
+    low = max(1, peak - 3)
+    top = low + int(np.argmax(response[low : min(len(response) - 1, peak + 4)]))
+    before, here, after = response[top - 1 : top + 2]
+    bend = before - 2 * here + after
+    shift = 0.5 * (before - after) / bend if bend < 0 else 0.0
+    return float(position[top] + np.clip(shift, -1.0, 1.0) * _STEP_PX)

@@ -1,0 +1,143 @@
+"""Where the paint of a straight marking ends in the picture.
+
+A line that runs into another one ends sharply: its contrast falls from a level that it kept for a while to nothing
+within its own width, and does not come back. Where it is merely covered it comes back; where it is cut by the border of
+the picture nothing follows.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from circlecal.geometry.projective import Array, fit_line
+from circlecal.observations import LineEnd
+from circlecal.paint.profiles import Brightness, sample_profiles
+
+PAINT_PX, BESIDE_PX = (-1.0, 0.0, 1.0), (5.0, 7.0, 9.0)
+"""Offsets across the marking, pixels at 1920 px width, of its paint and of its surroundings."""
+LEVEL, BEFORE, FALL, BEHIND = 80, 16, 3, 9
+"""Pixels at 1920 px width: over which the level is taken, that still keep it just before the fall, that the fall takes,
+and behind it, where nothing may be left.
+"""
+SEARCHED, FOUND_AGAIN = 120, 12
+"""Pixels at 1920 px width behind the fall in which the marking is looked for, and of a piece of it that counts."""
+LOST, LOST_SHARE = 100, 0.3
+"""Pixels at 1920 px width over which the marking must keep this share of its level to be followed further."""
+LEAST_LEVEL, LEAST_CROSSING = 8.0, 1.5
+"""Grey levels by which a marking must stand out, and one that crosses it at its end."""
+BEND_SCALE_PX = 1.5
+COARSELY = 32
+"""Steps at once towards the border of the picture."""
+
+
+def paint_ends(picture: Brightness, points_px: Array, middle_px: Array, clear_px: float) -> tuple[LineEnd, ...]:
+    """Ends, at most two, of a straight marking.
+
+    Parameters
+    ----------
+    picture : (H, W) uint8 or float32
+        Brightness, with the markings lighter than the field.
+    points_px : (N, 2) array
+        Points along its middle; they may run on over something else.
+    middle_px : (2,) array
+        A point on the marking from which its ends are looked for, both ways.
+    clear_px : float
+        How far from there the marking does not end.
+
+    Returns
+    -------
+    tuple of LineEnd
+        Where the contrast has fallen to half; empty where the marking is seen to end nowhere in the picture.
+    """
+    height, width = picture.shape
+    unit = max(width / 1920.0, 0.5)
+    normal = fit_line(points_px)[:2]
+    along = np.array([normal[1], -normal[0]])
+    offset = points_px - middle_px
+    bend = _bend(offset @ along, offset @ normal, unit, clear_px)
+    found: list[LineEnd] = []
+    for side in (1.0, -1.0):
+        t = side * np.arange(max(clear_px - LEVEL * unit, 0.0), float(width + height), unit)
+        for step in (COARSELY, 1):  # most of the way lies outside the picture
+            sparse = t[::step]
+            path = middle_px + sparse[:, None] * along + np.polyval(bend, sparse)[:, None] * normal
+            inside = ((path >= 0) & (path <= (width - 1, height - 1))).all(axis=1)
+            t = t[: len(t) if inside.all() else int(np.argmin(inside)) * step]
+        path = path[: len(t)]
+        if len(path) < LEVEL:
+            continue
+        paint, beside = _brightness(picture, path, normal, unit)
+        end = _end(paint - beside.mean(axis=0))
+        if end is not None:
+            low = int(end)
+            point = path[low] + (end - low) * (path[low + 1] - path[low])
+            found.append(LineEnd(point, _crossed(beside, low)))
+    return tuple(found)
+
+
+def _bend(position: Array, offset: Array, unit: float, clear_px: float) -> Array:
+    """Parabola (3,) through the points, as lens and crown bend a marking; robust against what lies behind its end."""
+    scale = max(float(np.abs(position).max()), 1.0)
+    design = np.vander(position / scale, 3)
+    weights: Array = 1.0 / (1.0 + (position / max(1.5 * clear_px, unit)) ** 2) ** 2
+    coefficients: Array = np.zeros(3)
+    for share in (3.0, 1.0, 1.0):
+        weighted = design * weights[:, None]
+        coefficients = np.asarray(
+            np.linalg.lstsq(weighted.T @ design, weighted.T @ offset, rcond=None)[0], dtype=np.float64
+        )
+        weights = 1.0 / (1.0 + ((offset - design @ coefficients) / (share * BEND_SCALE_PX * unit)) ** 2) ** 2
+    return np.asarray(coefficients / np.array([scale * scale, scale, 1.0]))
+
+
+def _brightness(picture: Brightness, path: Array, normal: Array, unit: float) -> tuple[Array, Array]:
+    """Of the paint (N,) and of both sides (2, N) along a path, smoothed over three pixels at 1920 px width."""
+    offsets = unit * np.array([*(-d for d in BESIDE_PX), *BESIDE_PX, *PAINT_PX])
+    profiles = sample_profiles(picture, path, np.broadcast_to(normal, path.shape), offsets)
+    profiles[np.isnan(profiles)] = 0.0
+    count = len(BESIDE_PX)
+    rows = [profiles[:, k : k + count].mean(axis=1) for k in (0, count, 2 * count)]
+    left, right, paint = (np.convolve(row, np.full(3, 1.0 / 3.0), mode="same") for row in rows)
+    return paint, np.stack([left, right])
+
+
+def _crossed(beside: Array, end: int) -> bool:
+    """Whether on both sides of the end something brighter lies across than before and behind it."""
+    across = beside[:, end - 1 : end + 5].max(axis=1)
+    before = np.median(beside[:, max(end - 30, 0) : end - 4], axis=1)
+    behind = beside[:, end + 4 : end + 12].min(axis=1)
+    return bool((across - np.maximum(before, behind) > LEAST_CROSSING).all())
+
+
+def _end(contrast: Array) -> float | None:
+    """Index, between samples, at which a contrast (one sample per pixel at 1920 px width) falls for good."""
+    n = len(contrast)
+    if n < LEVEL + FALL + BEHIND + 1:
+        return None
+    total = np.concatenate([[0.0], np.cumsum(contrast)])
+    index = np.arange(LEVEL, n - FALL - BEHIND)
+    usual = (total[index - FALL] - total[index - LEVEL]) / (LEVEL - FALL)
+    before = (total[index - FALL] - total[index - BEFORE]) / (BEFORE - FALL)
+    behind = (total[index + FALL + BEHIND] - total[index + FALL]) / BEHIND
+    half = 0.5 * before
+    crossing = (contrast[index - 1] >= half) & (contrast[index] < half)
+    falls = crossing & (usual > LEAST_LEVEL) & (before > 0.6 * usual) & (behind < 0.25 * usual)
+    ahead = np.minimum(index + LOST, n)
+    light = np.concatenate([[0.0], np.cumsum(np.maximum(contrast, 0.0))])
+    lost = (usual > LEAST_LEVEL) & (light[ahead] - light[index] < LOST_SHARE * usual * (ahead - index))
+    # so much before the marking is gone its share ahead falls below
+    last = index[np.argmax(lost)] + LOST_SHARE * LOST + 2 * FALL if lost.any() else n
+    for k in np.flatnonzero(falls):
+        at = int(index[k])
+        if at > last:
+            break
+        if not _seen_again(contrast[at + FALL : at + SEARCHED], float(half[k])):
+            return at - 1 + float((contrast[at - 1] - half[k]) / max(contrast[at - 1] - contrast[at], 1e-9))
+    return None
+
+
+def _seen_again(behind: Array, half: float) -> bool:
+    """Whether a marking goes on behind a gap, with about its own contrast."""
+    alike = (behind > 1.2 * half) & (behind < 3.0 * half)
+    run = np.convolve(alike, np.ones(FOUND_AGAIN), mode="valid") if len(alike) >= FOUND_AGAIN else np.zeros(1)
+    return bool((run > FOUND_AGAIN - 0.5).any())

@@ -1,0 +1,194 @@
+"""Straight markings, sub-pixel: profiles across rough segments, and a line through both edges of the paint."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.geometry.projective import Array, line_distance
+from circlecal.paint.profiles import Brightness, measure_bands, sample_profiles, smooth_along
+from circlecal.results import LineCue, Segment
+
+__all__ = ["ONE_ROUND", "TWO_ROUNDS", "WIDE_ROUND", "Rounds", "measure_lines"]
+
+SHORTEST_PX, FEWEST_POINTS = 10.0, (8, 16)
+"""Of a straight marking: its length, and a third of its profiles, within these limits, on which it is seen."""
+Rounds = tuple[tuple[float, float], ...]
+"""Share of the search to both sides, and how many times as far apart the profiles are."""
+TWO_ROUNDS: Rounds = ((1.0, 2.0), (0.6, 1.0))
+"""The first finds the line, the second measures it."""
+ONE_ROUND: Rounds = ((0.6, 1.0),)
+"""For lines that were fitted to this picture."""
+WIDE_ROUND: Rounds = ((1.0, 1.0),)
+"""For pieces that go on from others: they lie askew by less than a measurement feels."""
+ROBUST_SCALES = (8.0, 4.0, 2.0, 1.0, 1.0, 1.0, 1.0)
+"""Of the robust fit of a line, round by round."""
+SMOOTHING_REACH = 3
+"""Profiles over which the smoothing along a marking reaches."""
+PLAIN_WIDTH_PX = 8.0
+"""Across markings wider than this (at 1920 px width) the profiles are drawn out: they must show the surface beside it.
+"""
+
+
+def measure_lines(
+    picture: Brightness,
+    segments: Sequence[Segment],
+    noise: float,
+    search_px: float,
+    spacing_px: float,
+    rounds: Rounds = TWO_ROUNDS,
+    widths_px: Array | None = None,
+) -> list[LineCue | None]:
+    """Sub-pixel points along rough straight markings, and the total least squares line through both edges of each.
+
+    Each profile gives the two crossings of half the band's height; the line is fitted to both edges together, so
+    their common bias (bloom) cancels, and the points that are kept are the flux-weighted middles. All markings are
+    measured together; those that turn out to be wide once more.
+
+    Parameters
+    ----------
+    picture : (H, W) uint8 or float32
+        Brightness, with the markings lighter than the field.
+    segments : sequence of Segment
+        K rough markings.
+    noise : float
+        Grey-level noise of the picture.
+    search_px : float
+        How far to both sides a marking may lie, pixels at 1920 px width.
+    spacing_px : float
+        Distance of the profiles, pixels.
+    rounds : tuple of (float, float)
+        Shares of that search, and multiples of that distance, of one measurement after the other.
+    widths_px : (K, 2) array, optional
+        Widths that are expected at the ends, 0 where nothing is known of them.
+
+    Returns
+    -------
+    list of LineCue or None
+        Without names; None where no straight marking is there.
+    """
+    unit = picture.shape[1] / 1920.0
+    scale = max(1.0, 1.5 * unit)
+    found: list[LineCue | None] = [None] * len(segments)
+    ends = np.array([(s.start, s.end) for s in segments]).reshape(-1, 2, 2)
+    length = np.hypot(*(ends[:, 1] - ends[:, 0]).T)
+    which = np.flatnonzero(length >= SHORTEST_PX)
+    expected = np.zeros((len(segments), 2)) if widths_px is None else widths_px
+    for reach_share, step in rounds:
+        if len(which) == 0:
+            return found
+        samples = _band_samples(
+            picture, ends[which], expected[which], noise, reach_share * search_px * unit, spacing_px, step
+        )
+        lines, kept = _robust_lines(samples, len(which), scale)
+        enough = np.bincount(samples.piece[kept], minlength=len(which)) >= np.clip(samples.drawn // 3, *FEWEST_POINTS)
+        normal = lines[:, None, :2]
+        ends[which] -= ((ends[which] * normal).sum(axis=-1) + lines[:, 2:])[..., None] * normal
+        which, lines = which[enough], lines[enough]
+    wide = []
+    for line, index, label in zip(lines, which, np.flatnonzero(enough), strict=True):
+        mine = np.flatnonzero(kept & (samples.piece == label))
+        cue = found[index] = _measured_line(line, ends[index], samples, mine, int(samples.drawn[label]))
+        if cue.width_px > 1.5 * max(PLAIN_WIDTH_PX * unit, expected[index].max()):
+            wide.append((index, cue.width_px))
+    if wide:
+        again = [Segment(*ends[index]) for index, _ in wide]
+        widths = np.array([(width, width) for _, width in wide])
+        wider = measure_lines(picture, again, noise, search_px, spacing_px, rounds[-1:], widths)
+        for (index, _), again_seen in zip(wide, wider, strict=True):
+            found[index] = again_seen or found[index]
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class _BandSamples:
+    """Valid profiles across several markings, in order: middles (2, N), both edges (2, 2, N: which edge, x or y),
+    sigma (N,), which marking (N,); and how many profiles were drawn on each marking (K,).
+    """
+
+    middles: Array
+    edges: Array
+    sigma: Array
+    piece: NDArray[np.int_]
+    drawn: NDArray[np.int_]
+
+
+def _band_samples(
+    picture: Brightness,
+    ends: Array,
+    widths: Array,
+    noise: float,
+    reach_px: float,
+    spacing_px: float,
+    step: float,
+) -> _BandSamples:
+    """Profiles across straight pieces with these ends (K, 2, 2) and expected widths there (K, 2); ``step`` 1 is the
+    full density.
+    """
+    unit = picture.shape[1] / 1920.0
+    first, span = ends[:, 0].T, (ends[:, 1] - ends[:, 0]).T
+    length = np.hypot(*span)
+    fine = np.maximum(8, (length / spacing_px).astype(int))
+    drawn = np.minimum(fine, np.maximum(24, (fine / step).astype(int)))
+    # copies of both ends, dropped below, keep the smoothing from reaching into the next piece
+    stored = drawn + 2 * SMOOTHING_REACH
+    piece = np.arange(len(ends)).repeat(stored)
+    position = np.arange(len(piece)) - (np.cumsum(stored) - stored + SMOOTHING_REACH).take(piece)
+    last = drawn.take(piece) - 1
+    own = (position >= 0) & (position <= last)
+    share = np.minimum(np.maximum(position / last, 0.0), 1.0)
+    # along each piece: where it begins, where it leads, its normal, its width and how that grows
+    along = np.concatenate([first, span, [-span[1] / length, span[0] / length], [widths[:, 0], np.diff(widths)[:, 0]]])
+    along = along.take(piece, axis=1)
+    base, normals = along[:2] + share * along[2:4], along[4:6]
+    half = reach_px + 8.0 * max(unit, 0.5) + 2.0
+    offsets = np.arange(-half, half + 0.25, 0.5 * step)
+    stretch = None
+    if widths.max() > PLAIN_WIDTH_PX * unit:
+        stretch = np.maximum(1.0, (along[6] + share * along[7]) / (PLAIN_WIDTH_PX * unit))
+        normals = normals * stretch
+    profiles = smooth_along(sample_profiles(picture, base.T, normals.T, offsets), 1.0)
+    bands = measure_bands(profiles, offsets, reach_px, noise)
+    valid = np.flatnonzero(own & bands.valid & (bands.width < 24 * max(unit, 0.5)))
+    base, normals = base.take(valid, axis=1), normals.take(valid, axis=1)
+    middles = base + bands.center.take(valid) * normals
+    edges = base + np.stack([bands.left.take(valid), bands.right.take(valid)])[:, None] * normals
+    sigma = bands.sigma if stretch is None else bands.sigma * stretch
+    return _BandSamples(middles, edges, sigma.take(valid), piece.take(valid), drawn)
+
+
+def _measured_line(line: Array, ends: Array, samples: _BandSamples, mine: NDArray[np.int_], drawn: int) -> LineCue:
+    points = samples.middles.take(mine, axis=1).T
+    position = points @ (ends[1] - ends[0])
+    first, last = points[position.argmin()], points[position.argmax()]
+    distance = line_distance(line, points)
+    across = samples.edges[1] - samples.edges[0]
+    width = float(np.median(np.hypot(across[0].take(mine), across[1].take(mine))))
+    segment = Segment(first, last, len(points) / drawn)
+    rms = sqrt(float(distance @ distance) / len(points))
+    return LineCue(None, line, points, samples.sigma.take(mine), segment, rms, width_px=width)
+
+
+def _robust_lines(samples: _BandSamples, count: int, scale_px: float) -> tuple[Array, NDArray[np.bool_]]:
+    """Lines (K, 3) through both edges by reweighted total least squares; which profiles (N,) they keep."""
+    member = (samples.piece[:, None] == np.arange(count)).astype(np.float64)
+    origin = samples.middles.sum(axis=1) / max(samples.middles.shape[1], 1)
+    (mx, my), (x, y) = samples.middles - origin[:, None], np.moveaxis(samples.edges - origin[:, None], 1, 0)
+    moments = np.stack([np.full(len(mx), 2.0), *(m[0] + m[1] for m in (x, y, x * x, x * y, y * y))])
+    weighted = moments
+    for scale in ROBUST_SCALES:
+        mass, *sums = weighted @ member
+        sx, sy, xx, xy, yy = sums / np.maximum(mass, 1e-12)
+        # direction of the greater eigenvector of the 2 x 2 scatter
+        angle = 0.5 * np.arctan2(2 * (xy - sx * sy), xx - sx * sx - yy + sy * sy)
+        a, b = -np.sin(angle), np.cos(angle)
+        lines = np.stack([a, b, -a * sx - b * sy])
+        by_x, by_y, constant = lines.take(samples.piece, axis=1)
+        distance = by_x * mx + by_y * my + constant
+        weighted = moments / np.square(1.0 + np.square(distance / (scale * scale_px)))
+    lines[2] -= origin @ lines[:2]
+    return lines.T, np.abs(distance) < 3.0 * scale_px

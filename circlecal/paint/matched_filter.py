@@ -1,0 +1,85 @@
+"""How much of a curve is painted, from many weak samples: faint and worn paint shows in their sum, not in each.
+
+A matched filter (the paint's width against both sides) is averaged over each sector of the curve; where the curve is
+painted the average stands out from those of the same curve moved inwards and outwards, which show the surface.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.geometry.projective import Array
+from circlecal.paint.profiles import sample_profiles
+
+SECTORS, SAMPLES = 24, 30
+"""Of the whole curve, and places in each."""
+CLEAR = 3.0
+"""A sector is painted from so many standard deviations on."""
+LEAST_WIDTH_PX = 2.0
+"""Blur makes narrower paint this wide, pixels at 1920 px width."""
+TAPS, REACH = 4, 12.0
+"""Samples across per width of the paint, and how far the curve is moved, in those widths."""
+AT_CURVE, OFF_CURVE = 1.0, 3.0
+"""Widths from the curve within which the paint lies, and from which on there is only the surface."""
+FLOOR = 0.3
+"""Least scatter of an average, grey levels."""
+CLIPPED = 4.0
+"""Single responses count up to so many times the usual one: players and captions are outliers."""
+
+
+def sectors_standing_out(picture: NDArray[np.uint8], places: Array, widths: Array) -> Array:
+    """By how many standard deviations paint stands out in each sector of a curve that the picture shows.
+
+    Parameters
+    ----------
+    picture : (H, W) uint8
+        Brightness, with the markings lighter than the field.
+    places : (SECTORS * SAMPLES, 2) array
+        Along the curve, in order, px.
+    widths : (SECTORS * SAMPLES, 2) array
+        Normals there, as long as the paint is wide.
+
+    Returns
+    -------
+    (K,) array
+        At most :data:`SECTORS` of them, in order: those of which the picture shows half.
+    """
+    offsets = np.arange(-REACH, REACH + 0.5 / TAPS, 1.0 / TAPS)
+    response = _ridge_response(sample_profiles(picture, places, widths, offsets))
+    shift = offsets[2 * TAPS : -2 * TAPS]
+    inside = np.asarray(np.isfinite(response).all(axis=1), np.bool_)
+    usual = float(np.median(np.abs(response[inside]))) if inside.any() else 1.0
+    response = np.clip(np.where(inside[:, None], response, 0.0), -CLIPPED * usual, CLIPPED * usual)
+    count = inside.reshape(SECTORS, SAMPLES).sum(axis=1)
+    mean = response.reshape(SECTORS, SAMPLES, -1).sum(axis=1)[2 * count >= SAMPLES]
+    mean /= np.maximum(count[2 * count >= SAMPLES], 1)[:, None]
+    surface = mean[:, np.abs(shift) >= OFF_CURVE]
+    level = np.median(surface, axis=1)
+    scatter = 1.4826 * np.median(np.abs(surface - level[:, None]), axis=1) + FLOOR
+    return np.asarray((mean[:, np.abs(shift) <= AT_CURVE].max(axis=1) - level) / scatter)
+
+
+def paint_and_sides(profiles: NDArray[np.floating[Any]]) -> tuple[Array, Array, Array]:
+    """Means over the paint's width left of a place, on it and right of it, (..., S - 4 TAPS) each.
+
+    Parameters
+    ----------
+    profiles : (..., S) array
+        Across the paint, :data:`TAPS` samples per width of it; the places are the samples but the first and last
+        2 TAPS.
+    """
+    total = np.cumsum(np.insert(profiles.astype(np.float64), 0, 0.0, axis=-1), axis=-1)
+    means = (total[..., TAPS:] - total[..., :-TAPS]) / TAPS  # of TAPS samples from each on
+    size = profiles.shape[-1] - 4 * TAPS
+    # half a width of blur lies between the paint and the surface that it is compared with
+    left, middle, right = (means[..., start : start + size] for start in (0, 3 * TAPS // 2, 3 * TAPS))
+    return left, middle, right
+
+
+def _ridge_response(profiles: NDArray[np.float32]) -> Array:
+    """Mean over the paint's width less the lighter one of both sides (N, S - 4 TAPS), from profiles (N, S)."""
+    left, middle, right = paint_and_sides(profiles)
+    return np.asarray(middle - np.maximum(left, right))

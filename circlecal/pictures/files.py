@@ -1,0 +1,431 @@
+"""Pictures: which files are frames, reading them as 8-bit BGR, writing pictures.
+
+A file is judged by its first bytes, not by its name, and its size is read from its header before anything is decoded.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+import zlib
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.errors import InputError
+from circlecal.files import write_atomic
+
+PICTURE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
+MAX_PIXELS = 100_000_000
+MIN_SIDE = 64
+MASK_SUFFIX = ".mask.png"
+MASK_FOLDER = "masks"
+OVERLAY_SUFFIX, RADAR_SUFFIX, DEBUG_SUFFIX = ".overlay.jpg", ".radar.jpg", ".debug"
+REPORT_FOLDER = "circlecal-report"
+OWN_FOLDERS = ("circlecal-out", "circlecal-debug", REPORT_FOLDER)
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One picture to calibrate: its id, unique in a run, and its file.
+
+    Attributes
+    ----------
+    id, path : str, Path
+        The name in the results, and the file.
+    mask_stem : str
+        Path without suffix relative to the folder that was given, where a mask folder has its mask; of a frame of a
+        video the id.
+    time_s : float or None
+        Time in the video that the frame is from.
+    picture : (H, W, 3) uint8 or None
+        The decoded frame of a video; None where the file is to be read.
+    aspect : float or None
+        Width of a pixel over its height, where the file says that it is not 1.
+    url : str or None
+        Where the picture is fetched from, instead of from ``path``.
+    """
+
+    id: str
+    path: Path
+    mask_stem: str
+    time_s: float | None = None
+    picture: NDArray[np.uint8] | None = field(default=None, compare=False, repr=False)
+    aspect: float | None = None
+    url: str | None = None
+
+    @property
+    def stem(self) -> str:
+        """Name that a mask or a file of keypoints of this frame has."""
+        return self.path.stem if self.time_s is None and self.url is None else self.id
+
+    @property
+    def source(self) -> str:
+        """File or URL, as the result names it."""
+        return self.url or str(self.path)
+
+    @property
+    def label(self) -> str:
+        """What messages call it."""
+        return self.path.name if self.time_s is None and self.url is None else self.id
+
+
+@dataclass(frozen=True, slots=True)
+class PictureHeader:
+    """What a file says of itself: format, size in pixels as stored (before any EXIF turn), whether it ends early."""
+
+    format: str
+    width: int
+    height: int
+    truncated: bool
+
+
+def find_frames(inputs: Sequence[str | Path], exclude: Sequence[Path] = ()) -> list[Frame]:
+    """Frames among files and folders, each once, in a fixed order.
+
+    Folders are searched to any depth. Masks (``x.mask.png`` and what lies in a folder ``masks`` beside pictures),
+    hidden files and circlecal's own pictures are not frames. An id is the path relative to the folder that was given,
+    without suffix, with ``__`` for separators; where two would be equal, both carry their suffix, then the name of
+    their folder.
+
+    Parameters
+    ----------
+    inputs : sequence of path
+        Pictures and folders.
+    exclude : sequence of path
+        Files and folders that hold no frames, such as the output folder and the masks.
+
+    Raises
+    ------
+    InputError
+        Missing input, unreadable folder, or nothing to calibrate.
+    """
+    excluded = {path.resolve() for path in exclude}
+    found: dict[Path, tuple[Path, Path]] = {}
+    masks = 0
+    for given in map(Path, inputs):
+        for path, relative in _pictures_of(given):
+            resolved = path.resolve()
+            if any(part in excluded for part in (resolved, *resolved.parents)):
+                continue
+            if _is_mask(path, given):
+                masks += 1
+                continue
+            found.setdefault(resolved, (path, relative))
+    if not found:
+        named = ", ".join(str(given) for given in inputs)
+        what = "only masks" if masks else f"no pictures ({', '.join(PICTURE_SUFFIXES)})"
+        raise InputError(f"{named}: {what} found; give pictures or a folder of pictures")
+    return _named(list(found.values()))
+
+
+def _pictures_of(given: Path) -> Iterator[tuple[Path, Path]]:
+    """Files of one input with their paths relative to the folder given."""
+    if not given.exists():
+        raise InputError(f"{given}: no such file or folder")
+    if not given.is_dir():
+        yield given, Path(given.name)
+        return
+    for path in _walk(given):
+        yield path, path.relative_to(given)
+
+
+def _walk(folder: Path) -> Iterator[Path]:
+    try:
+        entries = sorted(folder.iterdir(), key=lambda entry: entry.name)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be read: {error.strerror}; check its permissions") from error
+    for entry in entries:
+        if entry.name.startswith("."):
+            continue
+        if entry.is_dir():
+            own = entry.name in OWN_FOLDERS or entry.suffix == DEBUG_SUFFIX
+            if entry.name != MASK_FOLDER and not own and not entry.is_symlink():
+                yield from _walk(entry)
+        elif entry.suffix.lower() in PICTURE_SUFFIXES and not entry.name.endswith((OVERLAY_SUFFIX, RADAR_SUFFIX)):
+            yield entry
+
+
+def _is_mask(path: Path, given: Path) -> bool:
+    """Whether a picture is a mask by name or place; a folder ``masks`` that lies beside no pictures holds frames."""
+    if path.name.lower().endswith(MASK_SUFFIX):
+        return True
+    folder = path.parent.absolute()
+    if folder.name != MASK_FOLDER or (given.is_dir() and folder != given.absolute()):
+        return False
+    return any(entry.suffix.lower() in PICTURE_SUFFIXES for entry in folder.parent.iterdir() if entry.is_file())
+
+
+def _named(found: Sequence[tuple[Path, Path]]) -> list[Frame]:
+    candidates = [_id_candidates(path, relative) for path, relative in found]
+    level = [0] * len(found)
+    while True:
+        ids = [names[min(depth, len(names) - 1)] for names, depth in zip(candidates, level, strict=True)]
+        counts = Counter(name.casefold() for name in ids)
+        doubled = [index for index, name in enumerate(ids) if counts[name.casefold()] > 1]
+        if not doubled or all(level[index] >= len(candidates[index]) for index in doubled):
+            break
+        for index in doubled:
+            level[index] += 1
+    return [
+        Frame(name, path, relative.with_suffix("").as_posix())
+        for name, (path, relative) in zip(ids, found, strict=True)
+    ]
+
+
+def _id_candidates(path: Path, relative: Path) -> list[str]:
+    """Ids from the shortest to one that no other file has."""
+    stem = "__".join(relative.with_suffix("").parts).encode("utf-8", "backslashreplace").decode()
+    suffixed = f"{stem}-{path.suffix[1:].lower()}" if path.suffix else stem
+    parents = path.absolute().parts[1 : -len(relative.parts)]
+    longer = ["__".join((*parents[-count:], suffixed)) for count in range(1, len(parents) + 1)]
+    exact = f"{suffixed}-{zlib.crc32(os.fsencode(path.resolve())):08x}"
+    return [stem, suffixed, *longer, exact]
+
+
+def read_image(path: str | Path) -> NDArray[np.uint8]:
+    """Picture (H, W, 3), BGR, 8 bit, turned as its EXIF orientation says.
+
+    Grey pictures are repeated to three channels, transparency is dropped, 10 to 16 bits are scaled to 8.
+
+    Raises
+    ------
+    InputError
+        Missing, a folder, empty, truncated, no picture, too small or too large; one line with the mend.
+    """
+    return decode_picture(path, read_picture_bytes(path))
+
+
+def decode_picture(path: str | Path, content: bytes) -> NDArray[np.uint8]:
+    """The picture of :func:`read_image` from the content of its file; ``path`` is for messages.
+
+    Raises
+    ------
+    InputError
+        As :func:`read_image`.
+    """
+    decoded = decode(path, content, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
+    return as_bgr(decoded, str(path))
+
+
+def read_picture_bytes(path: str | Path, min_side: int = MIN_SIDE) -> bytes:
+    """Content of a picture file whose header was found sound.
+
+    Raises
+    ------
+    InputError
+        As :func:`read_image`.
+    """
+    path = Path(path)
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: no such file") from error
+    except IsADirectoryError as error:
+        raise InputError(f"{path}: is a folder, not a picture") from error
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}; check its permissions") from error
+    require_picture(path, content, min_side)
+    return content
+
+
+def require_picture(path: str | Path, content: bytes, min_side: int = MIN_SIDE) -> None:
+    """See by its header that the content of a file is a sound picture; ``path`` is for messages.
+
+    Raises
+    ------
+    InputError
+        As :func:`read_image`.
+    """
+    if not content:
+        raise InputError(f"{path}: is empty (0 bytes); copy or export it again")
+    header = picture_header(content)
+    if header is None:
+        raise InputError(f"{path}: is no JPEG, PNG, BMP, TIFF or WebP picture; convert it to one of them")
+    size = f"{header.width} x {header.height}"
+    if header.width * header.height > MAX_PIXELS:
+        limit = MAX_PIXELS // 1_000_000
+        raise InputError(f"{path}: has {size} pixels, more than {limit} million; scale it down")
+    if min(header.width, header.height) < min_side:
+        raise InputError(f"{path}: has only {size} pixels; at least {min_side} on each side are needed")
+    if header.truncated:
+        raise InputError(f"{path}: is truncated: the {header.format} file ends early; copy or export it again")
+
+
+def decode(path: str | Path, content: bytes, flags: int) -> NDArray[Any]:
+    """Decoded picture of whatever depth and channels the flags leave.
+
+    Raises
+    ------
+    InputError
+        The file is damaged.
+    """
+    try:
+        decoded = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), flags)
+    except cv2.error as error:
+        raise InputError(f"{path}: is damaged: {' '.join(str(error.err).split())}; copy or export it again") from error
+    if decoded is None:
+        raise InputError(f"{path}: is damaged or of an unknown variant; copy or export it again")
+    return np.asarray(decoded)
+
+
+def as_bgr(image: NDArray[Any], name: str) -> NDArray[np.uint8]:
+    """Array (H, W), (H, W, 1), (H, W, 3) or (H, W, 4) of 8 or 16 bit as BGR (H, W, 3) of 8 bit.
+
+    Raises
+    ------
+    InputError
+        Another shape or type, or smaller than :data:`MIN_SIDE`.
+    """
+    if image.ndim == 2:
+        image = image[:, :, None]
+    if image.ndim != 3 or image.shape[2] not in (1, 3, 4):
+        raise InputError(f"{name}: has shape {image.shape}; wanted (H, W), (H, W, 3) or (H, W, 4)")
+    if min(image.shape[:2]) < MIN_SIDE:
+        raise InputError(
+            f"{name}: has only {image.shape[1]} x {image.shape[0]} pixels; at least {MIN_SIDE} on each side are needed"
+        )
+    if image.dtype == np.uint16:
+        image = _scaled_to_8_bit(image)
+    if image.dtype != np.uint8:
+        raise InputError(f"{name}: has {image.dtype} values; convert it to 8 or 16 bit")
+    channels = image[:, :, :3] if image.shape[2] >= 3 else np.repeat(image, 3, axis=2)
+    return np.ascontiguousarray(channels, dtype=np.uint8)
+
+
+def _scaled_to_8_bit(image: NDArray[np.uint16]) -> NDArray[np.uint8]:
+    # cameras store 10, 12 or 14 bits in files of 16
+    top = int(image.max(initial=0))
+    full = next(limit for limit in (255, 1023, 4095, 16383, 65535) if top <= limit)
+    return np.round(image * (255.0 / full)).astype(np.uint8)
+
+
+def picture_header(content: bytes) -> PictureHeader | None:
+    """Format, size and completeness from the bytes of a picture file; None for anything that is no known picture."""
+    try:
+        if content.startswith(b"\xff\xd8\xff"):
+            return _jpeg_header(content)
+        if content.startswith(b"\x89PNG\r\n\x1a\n"):
+            return _png_header(content)
+        if content.startswith(b"BM"):
+            return _bmp_header(content)
+        if content[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
+            return _tiff_header(content)
+        if content[:4] == b"RIFF" and content[8:12] == b"WEBP":
+            return _webp_header(content)
+    except (struct.error, IndexError):
+        return PictureHeader("picture", MIN_SIDE, MIN_SIDE, truncated=True)
+    return None
+
+
+def _jpeg_header(content: bytes) -> PictureHeader:
+    position, width, height = 2, MIN_SIDE, MIN_SIDE
+    while position + 4 <= len(content):
+        if content[position] != 0xFF:
+            break
+        marker = content[position + 1]
+        if marker == 0xFF or marker == 0x01 or 0xD0 <= marker <= 0xD7:  # fill byte, or a marker without a length
+            position += 1 if marker == 0xFF else 2
+            continue
+        (length,) = struct.unpack_from(">H", content, position + 2)
+        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
+            height, width = struct.unpack_from(">HH", content, position + 5)
+        if marker == 0xDA:  # in scan data every 0xFF is stuffed, so the end marker stands only at the end
+            return PictureHeader("JPEG", width, height, truncated=content.find(b"\xff\xd9", position) < 0)
+        position += 2 + length
+    return PictureHeader("JPEG", width, height, truncated=True)
+
+
+def _png_header(content: bytes) -> PictureHeader:
+    width, height = struct.unpack_from(">II", content, 16)
+    position, complete = 8, False
+    while position + 12 <= len(content):
+        (length,) = struct.unpack_from(">I", content, position)
+        complete = content[position + 4 : position + 8] == b"IEND"
+        if complete:
+            break
+        position += 12 + length
+    return PictureHeader("PNG", width, height, truncated=not complete)
+
+
+def _bmp_header(content: bytes) -> PictureHeader:
+    offset, header_size = struct.unpack_from("<II", content, 10)
+    if header_size == 12:
+        width, height, _, bits = struct.unpack_from("<HHHH", content, 18)
+        compression = 0
+    else:
+        width, height, _, bits, compression = struct.unpack_from("<iiHHI", content, 18)
+    width, height = abs(width), abs(height)
+    needed = offset + height * ((width * bits + 31) // 32 * 4) if compression in (0, 3) else offset
+    return PictureHeader("BMP", width, height, truncated=len(content) < needed)
+
+
+def _tiff_header(content: bytes) -> PictureHeader:
+    order = "<" if content[:2] == b"II" else ">"
+    if content[2:4] in (b"+\0", b"\0+"):  # BigTIFF
+        (offset,) = struct.unpack_from(f"{order}Q", content, 8)
+        (count,) = struct.unpack_from(f"{order}Q", content, offset)
+        start, size, value_at = offset + 8, 20, 12
+    else:
+        (offset,) = struct.unpack_from(f"{order}I", content, 4)
+        (count,) = struct.unpack_from(f"{order}H", content, offset)
+        start, size, value_at = offset + 2, 12, 8
+    values = {}
+    for index in range(min(count, 1000)):
+        tag, kind = struct.unpack_from(f"{order}HH", content, start + index * size)
+        if tag in (256, 257):
+            (values[tag],) = struct.unpack_from(
+                f"{order}{'H' if kind == 3 else 'I'}", content, start + index * size + value_at
+            )
+    if len(values) < 2:
+        return PictureHeader("TIFF", MIN_SIDE, MIN_SIDE, truncated=True)
+    return PictureHeader("TIFF", values[256], values[257], truncated=False)
+
+
+def _webp_header(content: bytes) -> PictureHeader:
+    (riff_size,) = struct.unpack_from("<I", content, 4)
+    kind = content[12:16]
+    if kind == b"VP8X":
+        width = int.from_bytes(content[24:27], "little") + 1
+        height = int.from_bytes(content[27:30], "little") + 1
+    elif kind == b"VP8L":
+        (packed,) = struct.unpack_from("<I", content, 21)
+        width, height = (packed & 0x3FFF) + 1, (packed >> 14 & 0x3FFF) + 1
+    else:
+        width, height = (value & 0x3FFF for value in struct.unpack_from("<HH", content, 26))
+    return PictureHeader("WebP", width, height, truncated=len(content) < riff_size + 8)
+
+
+def write_image(path: Path, image: NDArray[np.uint8], jpeg_quality: int = 90) -> None:
+    """Write a BGR picture in the format of its suffix, whole or not at all.
+
+    Raises
+    ------
+    InputError
+        The file cannot be written.
+    """
+    options = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality] if path.suffix.lower() in (".jpg", ".jpeg") else []
+    encoded, content = cv2.imencode(path.suffix, image, options)
+    if not encoded:
+        raise InputError(f"{path}: cannot be written as {path.suffix}")
+    write_atomic(path, content.tobytes())
+
+
+def distinct_names(names: Sequence[str]) -> list[str]:
+    """The names, those that are not the first of their kind (or empty) numbered."""
+    taken: set[str] = set()
+    found = []
+    for name in names:
+        candidate, number = name or "frame", 1
+        while candidate.casefold() in taken:
+            number += 1
+            candidate = f"{name or 'frame'}-{number}"
+        taken.add(candidate.casefold())
+        found.append(candidate)
+    return found

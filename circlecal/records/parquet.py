@@ -1,0 +1,151 @@
+"""``results.parquet``: one row per frame with the numbers of its result, for tables of many frames.
+
+What a cell cannot hold, such as observations and covariances, stays in ``results.jsonl``.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from circlecal.errors import MissingExtraError
+from circlecal.files import write_error
+from circlecal.records.summary import summarise
+
+PARQUET_NAME = "results.parquet"
+PARQUET_FORMAT = "parquet"
+_ROWS_AT_ONCE = 5000
+
+_Record = Mapping[str, Any]
+_Read = Callable[[_Record], Any]
+
+
+def _of(*keys: str | int) -> _Read:
+    """A value deep inside a record; None where something on the way is missing or null."""
+
+    def read(record: _Record) -> Any:
+        value: Any = record
+        for key in keys:
+            try:
+                value = value[key]
+            except (KeyError, IndexError, TypeError):
+                return None
+        return value
+
+    return read
+
+
+def _matrix(record: _Record) -> list[float] | None:
+    rows = record.get("H_image_field")
+    return None if rows is None else [float(value) for row in rows for value in row]
+
+
+_COLUMNS: dict[str, tuple[str, _Read]] = {
+    "id": ("string", _of("id")),
+    "status": ("string", _of("status")),
+    "code": ("string", _of("code")),
+    "stage": ("string", _of("stage")),
+    "reason": ("string", _of("reason")),
+    "source": ("string", _of("source", "path")),
+    "time_s": ("double", _of("source", "time_s")),
+    "width": ("int32", _of("image", "width")),
+    "height": ("int32", _of("image", "height")),
+    "field": ("string", _of("field", "template")),
+    "circle": ("string", _of("field", "circle")),
+    "case": ("int8", _of("case")),
+    "H_image_field": ("doubles", _matrix),
+    "pan_degrees": ("double", _of("camera", "pan_degrees")),
+    "tilt_degrees": ("double", _of("camera", "tilt_degrees")),
+    "roll_degrees": ("double", _of("camera", "roll_degrees")),
+    "position_x_m": ("double", _of("camera", "position_meters", 0)),
+    "position_y_m": ("double", _of("camera", "position_meters", 1)),
+    "position_z_m": ("double", _of("camera", "position_meters", 2)),
+    "position_sigma_x_m": ("double", _of("camera", "position_sigma_m", 0)),
+    "position_sigma_y_m": ("double", _of("camera", "position_sigma_m", 1)),
+    "position_sigma_z_m": ("double", _of("camera", "position_sigma_m", 2)),
+    "focal_x_px": ("double", _of("camera", "x_focal_length")),
+    "focal_y_px": ("double", _of("camera", "y_focal_length")),
+    "principal_x_px": ("double", _of("camera", "principal_point", 0)),
+    "principal_y_px": ("double", _of("camera", "principal_point", 1)),
+    "radial_k1": ("double", _of("camera", "radial_distortion", 0)),
+    "radial_k2": ("double", _of("camera", "radial_distortion", 1)),
+    "crown_m": ("double", _of("camera", "crown_m")),
+    "imaged_center_x_px": ("double", _of("imaged_center", 0)),
+    "imaged_center_y_px": ("double", _of("imaged_center", 1)),
+    "max_sigma_px": ("double", lambda record: summarise(record).sigma_px),
+    "max_sigma_m": ("double", _of("camera", "max_sigma_m")),
+    "rms_px": ("double", lambda record: summarise(record).rms_px),
+    "time_ms": ("double", lambda record: summarise(record).time_ms),
+    "seed": ("int64", _of("seed")),
+    "version": ("string", _of("version")),
+    "config_digest": ("string", _of("config_digest")),
+}
+
+
+def require_parquet() -> None:
+    """See that the file can be written before a long run.
+
+    Raises
+    ------
+    MissingExtraError
+        No pyarrow.
+    """
+    try:
+        import pyarrow.parquet  # noqa: F401
+    except ImportError as error:
+        raise MissingExtraError("pyarrow", "parquet") from error
+
+
+def write_parquet(records: Iterable[_Record], path: Path) -> Path:
+    """Write the records of a batch as a table, whole or not at all; return the file.
+
+    Parameters
+    ----------
+    records : iterable of mapping
+        Lines of ``results.jsonl``; a few thousand are held at a time.
+    path : Path
+        Where.
+
+    Raises
+    ------
+    MissingExtraError
+        No pyarrow.
+    InputError
+        The file cannot be written.
+    """
+    require_parquet()
+    import pyarrow
+    import pyarrow.parquet
+
+    kinds = {"doubles": pyarrow.list_(pyarrow.float64(), 9)}
+    fields = [
+        (name, kinds[kind] if kind in kinds else pyarrow.type_for_alias(kind)) for name, (kind, _) in _COLUMNS.items()
+    ]
+    schema = pyarrow.schema(fields)
+    temporary: Path | None = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(prefix=f".{path.name}.", dir=path.parent, delete=False) as file:
+            temporary = Path(file.name)
+            with pyarrow.parquet.ParquetWriter(file, schema, compression="zstd") as writer:
+                for rows in _chunks(records):
+                    writer.write_table(pyarrow.Table.from_pydict(rows, schema))
+        temporary.chmod(0o644)
+        temporary.replace(path)
+    except OSError as error:
+        raise write_error(path, error) from error
+    finally:
+        if temporary is not None:
+            with contextlib.suppress(OSError):
+                temporary.unlink(missing_ok=True)
+    return path
+
+
+def _chunks(records: Iterable[_Record]) -> Iterator[dict[str, list[Any]]]:
+    iterator = iter(records)
+    while chunk := list(islice(iterator, _ROWS_AT_ONCE)):
+        yield {name: [read(record) for record in chunk] for name, (_, read) in _COLUMNS.items()}

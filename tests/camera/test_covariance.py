@@ -1,0 +1,142 @@
+"""From the covariance of the camera to that of what follows from it."""
+
+import numpy as np
+import pytest
+
+from circlecal.camera.covariance import (
+    correlation_factor,
+    field_sigma,
+    field_uncertainty,
+    homography_vectors,
+    imaged_points,
+    posterior_covariance,
+    push_forward,
+    spread_cameras,
+)
+from circlecal.camera.parameters import INDEX, PARAMETERS, Frame, camera_of, homographies, project
+from circlecal.geometry.projective import apply_homography
+
+from .conftest import random_thetas
+
+FRAME = Frame(1920, 1080, "flat")
+SIZE = len(PARAMETERS)
+
+
+def small_covariance(rng):
+    """A covariance (P, P) of realistic sizes for focal length, angles and position; the rest is fixed."""
+    scale = np.array([1e-4, 1e-4, 1e-4, 1e-4, 0.02, 0.02, 0.02])
+    mix = rng.standard_normal((7, 7)) * scale[:, None]
+    covariance = np.zeros((SIZE, SIZE))
+    covariance[:7, :7] = mix @ mix.T
+    return covariance
+
+
+def samples_of(theta, covariance, count, rng):
+    values, vectors = np.linalg.eigh(covariance)
+    return theta + rng.standard_normal((count, SIZE)) @ (vectors * np.sqrt(np.maximum(values, 0))).T
+
+
+def plain_theta(seed):
+    theta = random_thetas(1, np.random.default_rng(seed))[0]
+    theta[7:] = 0.0
+    return theta
+
+
+def test_covariance_is_the_inverse_over_what_is_free():
+    rng = np.random.default_rng(1)
+    root = rng.standard_normal((SIZE, SIZE)) * 10.0 ** rng.uniform(-3, 3, SIZE)
+    normal = root.T @ root
+    sd = np.ones(SIZE)
+    sd[[3, 9]] = 0.0
+    covariance = posterior_covariance(normal, sd)
+    free = np.flatnonzero(sd)
+    product = covariance[np.ix_(free, free)] @ normal[np.ix_(free, free)]
+    np.testing.assert_allclose(product, np.eye(len(free)), atol=1e-5)
+    assert (covariance[[3, 9]] == 0).all()
+    assert (covariance[:, [3, 9]] == 0).all()
+
+
+def test_pushed_forward_covariances_are_those_of_samples():
+    rng = np.random.default_rng(2)
+    theta, covariance = plain_theta(2), small_covariance(rng)
+    samples = samples_of(theta, covariance, 6000, rng)
+    spread = spread_cameras(theta, covariance, np.zeros(2))
+    for function in (
+        lambda t: imaged_points(homographies(t, FRAME), np.array([[3.0, -4.0]]))[:, 0],
+        lambda t: homography_vectors(homographies(t, FRAME)),
+    ):
+        predicted = push_forward(function(theta[None])[0], function(spread))
+        drawn = np.cov(function(samples).T)
+        ratio = np.sqrt(np.diag(drawn) / np.diag(predicted))
+        assert (np.abs(ratio - 1) < 0.06).all(), ratio
+
+
+def test_spread_cameras_hold_the_covariance():
+    """A linear function of the parameters gets its exact covariance, wherever the directions are straight."""
+    rng = np.random.default_rng(9)
+    theta, covariance = plain_theta(9), small_covariance(rng)
+    spread = spread_cameras(theta, covariance, np.zeros(2))
+    found = push_forward(theta, spread)
+    scale = np.sqrt(np.diag(covariance)[:7])
+    departure = (found - covariance)[:7, :7] / np.outer(scale, scale)
+    assert np.abs(departure).max() < 1e-2
+    assert (found[7:] == 0).all()
+
+
+def test_field_sigma_is_the_length_of_the_error_in_the_picture_and_on_the_ground():
+    rng = np.random.default_rng(3)
+    theta, covariance = plain_theta(3), small_covariance(rng)
+    field = np.array([[0.0, 0.0], [12.0, -9.0], [-10.0, 8.0]])
+    sigma_px, sigma_m = field_sigma(theta, covariance, field, FRAME)
+    samples = samples_of(theta, covariance, 3000, rng)
+    truth = project(theta[None], field[None], FRAME).pixels[0]
+    seen = project(samples, np.broadcast_to(field, (len(samples), 3, 2)), FRAME).pixels
+    np.testing.assert_allclose(np.sqrt(((seen - truth) ** 2).sum(-1).mean(0)), sigma_px, rtol=0.06)
+    ground = np.array([camera_of(t, FRAME).back_project(truth) for t in samples])
+    np.testing.assert_allclose(np.sqrt(((ground - field) ** 2).sum(-1).mean(0)), sigma_m, rtol=0.06)
+
+
+def test_homographies_and_their_points_are_those_of_the_cameras():
+    thetas = random_thetas(3, np.random.default_rng(4))
+    H, points = homographies(thetas, FRAME), np.array([[2.0, 5.0], [-3.0, 1.0]])
+    for theta, vector, pixels in zip(thetas, homography_vectors(H), imaged_points(H, points), strict=True):
+        expected = camera_of(theta, FRAME).homography
+        np.testing.assert_allclose(np.append(vector, 1.0).reshape(3, 3), expected, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(pixels, apply_homography(expected, points))
+
+
+def test_cameras_that_lose_a_point_leave_it_to_the_others():
+    values = np.array([[1.0, 0.0], [-1.0, 0.0], [np.nan, 0.0], [0.0, np.inf]])
+    np.testing.assert_allclose(push_forward(np.zeros(2), values), [[4 / 6, 0.0], [0.0, 0.0]])
+
+
+@pytest.mark.parametrize(("prior_weight", "low", "high"), [(0.0, 1.0, 1.0), (1.0, 0.49, 0.51), (99.0, 0.009, 0.011)])
+def test_data_share_is_the_share_of_the_precision(prior_weight, low, high):
+    theta = plain_theta(5)
+    precision = np.linalg.pinv(small_covariance(np.random.default_rng(6)))
+    prior = prior_weight * precision
+    covariance = np.linalg.pinv(precision + prior, rcond=1e-30)
+    found = field_uncertainty(theta, covariance, np.array([[5.0, 5.0], [-5.0, 2.0]]), FRAME, prior).data_share
+    assert low - 1e-6 <= found <= high + 1e-6
+
+
+def test_data_share_of_a_well_and_a_badly_seen_direction():
+    theta = plain_theta(7)
+    by_data, by_prior = np.zeros((SIZE, SIZE)), np.zeros((SIZE, SIZE))
+    by_data[INDEX["pan"], INDEX["pan"]] = 1e8
+    by_prior[INDEX["roll"], INDEX["roll"]] = 1e2
+    covariance = np.zeros((SIZE, SIZE))
+    covariance[1, 1], covariance[3, 3] = 1e-8, 1e-2
+    field = np.array([[9.0, 0.0]])
+    assert field_uncertainty(theta, covariance, field, FRAME, by_prior).data_share < 0.1
+
+
+def test_correlation_factor_counts_repeats():
+    rng = np.random.default_rng(8)
+    white = rng.standard_normal(600)
+    assert 1.0 <= correlation_factor(white) < 1.4
+    smooth = np.convolve(rng.standard_normal(620), np.ones(10) / 10, mode="valid")
+    # a running mean over ten is ten values that repeat each other
+    assert 6.0 < correlation_factor(smooth) < 14.0
+    assert correlation_factor(white[:10]) == 1.0
+    assert correlation_factor(np.zeros(100)) == 1.0

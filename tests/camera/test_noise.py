@@ -1,0 +1,70 @@
+"""Noise as the residuals show it."""
+
+import numpy as np
+import pytest
+
+from circlecal.camera.noise import as_measured
+from circlecal.camera.observed import observed_points
+from circlecal.camera.optimise import Problem, State
+from circlecal.camera.residuals import circle_curve, line_curve, stack_curves
+from circlecal.field import load_field
+from circlecal.observations import Observations
+
+from .test_optimise import FRAME, plain_theta, priors
+
+SOCCER = load_field("soccer")
+STATED_PX, LEAST_PX = 2.0, 0.2
+
+
+def fitted(residuals_px, few_px=()):
+    """A problem whose circle, and a line of few points, have these residuals; and the curves with the least sigma."""
+    count, few = len(residuals_px), len(few_px)
+    rng = np.random.default_rng(0)
+    parts = [
+        circle_curve("circle", np.zeros((count, 2)), np.full(count, STATED_PX), np.zeros(2), 9.15, 0.0, 0.0),
+        line_curve("line", np.zeros((few, 2)), np.full(few, STATED_PX), np.array([[0.0, 0], [1, 0]]), np.zeros((3, 2))),
+    ]
+    curves = stack_curves(parts)
+    order = rng.permutation(count + few)
+    hidden = np.concatenate([np.arange(count), np.arange(few)])[order].astype(float)
+    residuals = np.concatenate([residuals_px, few_px])[order] / STATED_PX
+    curves = curves.select(order)
+    theta = plain_theta(rng)[None]
+    slopes, no_priors = np.zeros((1, count + few, theta.shape[1])), (np.zeros((1, 0)), np.zeros((1, 0, theta.shape[1])))
+    state = State(theta, hidden[None], residuals[None], slopes, *no_priors, np.zeros(1), theta, slopes)
+    problem = Problem(curves, observed_points(Observations(1920, 1080), SOCCER), priors(), FRAME)
+    return problem, state, curves.with_sigma(np.full(count + few, LEAST_PX)), 6.0
+
+
+def test_quiet_points_keep_the_least_sigma():
+    residuals = np.random.default_rng(1).normal(0, 0.05, 200)
+    problem, state, scale, least = as_measured(*fitted(residuals))
+    assert len(problem.curves.points_px) > 190
+    assert state.hidden.shape == state.residuals.shape == (1, len(problem.curves.points_px))
+    np.testing.assert_allclose(problem.curves.sigma_px, LEAST_PX)
+    np.testing.assert_array_equal(least.points_px, problem.curves.points_px)
+    assert scale == 1.0
+
+
+def test_noise_grows_to_the_scatter_and_its_repetition():
+    white = np.random.default_rng(2).normal(0, 0.8, 240)
+    assert as_measured(*fitted(white))[0].curves.sigma_px[0] == pytest.approx(0.8, rel=0.25)
+    waves = 0.8 * np.sin(np.arange(240) / 6.0)
+    assert as_measured(*fitted(waves))[0].curves.sigma_px[0] > 1.5
+
+
+def test_points_on_something_else_are_left_out_and_a_bend_is_not():
+    bend = np.linspace(-1.5, 1.5, 200) ** 2
+    residuals = bend + np.random.default_rng(3).normal(0, 0.03, 200)
+    residuals[80:85] += 1.2
+    _, state, _, _ = as_measured(*fitted(residuals))
+    left = np.setdiff1d(np.arange(200), state.hidden[0])
+    assert set(range(80, 85)) <= set(left)
+    assert len(left) < 15
+
+
+def test_few_points_tell_nothing():
+    few = np.array([5.0, -5.0, 4.0])
+    problem, _, _, _ = as_measured(*fitted(np.zeros(100), few))
+    assert np.count_nonzero(problem.curves.group == 1) == 3
+    np.testing.assert_allclose(problem.curves.sigma_px, LEAST_PX)

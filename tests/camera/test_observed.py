@@ -1,0 +1,103 @@
+"""Observations become residuals: which radius, which sigma, how thinned."""
+
+import numpy as np
+import pytest
+
+from circlecal.camera.observed import Realism, observed_curves, observed_points
+from circlecal.field import load_field
+from circlecal.geometry.conics import Ellipse
+from circlecal.observations import CirclePoints, Keypoint, LinePoints, MarkPoint, Observations
+
+SOCCER = load_field("soccer")
+ELLIPSE = Ellipse(np.array([900.0, 500.0]), (500.0, 150.0), 0.03)
+EXACT = Realism(10**6, 0.0, 0.0)
+
+
+def ring(count, rng=None, sigma=0.0):
+    angle = np.linspace(0, 2 * np.pi, count, endpoint=False)
+    points = ELLIPSE.points(angle)
+    if rng is not None:
+        points = points + rng.normal(0, sigma, count)[:, None] * ELLIPSE.normals(angle)
+    return points
+
+
+@pytest.mark.parametrize(
+    ("edge", "radius", "by_width", "bloom"),
+    [("outer", 9.15, 0.0, 1), ("center", 9.09, -0.5, 0), ("inner", 9.03, -1, -1)],
+)
+def test_edges_of_the_circle_follow_the_laws(edge, radius, by_width, bloom):
+    points = ring(30)
+    curves = observed_curves(
+        Observations(1920, 1080, (CirclePoints("centre_circle", edge, points, np.full(30, 0.4)),)), SOCCER, EXACT
+    )
+    assert curves.names == (f"centre_circle {edge}",)
+    np.testing.assert_allclose(curves.radius, radius)
+    np.testing.assert_allclose(curves.radius_by_width, by_width)
+    np.testing.assert_allclose(curves.bloom_sign, bloom)
+    np.testing.assert_array_equal(curves.points_px, points)
+    np.testing.assert_allclose(curves.sigma_px, 0.4)
+
+
+def test_what_the_template_does_not_know_is_left_out():
+    line = np.stack([np.linspace(0, 100, 10), np.zeros(10)], axis=-1)
+    one = np.ones(10)
+    seen = Observations(
+        1920,
+        1080,
+        (CirclePoints("no_such_circle", "outer", line, one),),
+        (LinePoints(None, line, one), LinePoints("no_such_line", line, one), LinePoints("halfway_line", line, one)),
+        (MarkPoint("no_such_mark", np.zeros(2), 1.0), MarkPoint("centre_mark", np.ones(2), 2.0)),
+        (Keypoint("corner", np.array([52.5, 34.0]), np.array([5.0, 6.0]), 3.0),),
+    )
+    assert observed_curves(seen, SOCCER, EXACT).names == ("halfway_line",)
+    points = observed_points(seen, SOCCER)
+    assert points.names == ("centre_mark", "corner")
+    np.testing.assert_allclose(points.field_m, [[0.0, 0.0], [52.5, 34.0]])
+    np.testing.assert_allclose(points.sigma_px, [2.0, 3.0])
+
+
+def test_thinning_averages_and_keeps_the_information():
+    rng = np.random.default_rng(1)
+    sigma = 0.6
+    points = ring(1200, rng, sigma)
+    seen = Observations(1920, 1080, (CirclePoints("centre_circle", "outer", points, np.full(1200, sigma)),))
+    curves = observed_curves(seen, SOCCER, Realism(120, 0.0, 0.0))
+    assert len(curves.points_px) == 120
+    np.testing.assert_allclose(curves.sigma_px, sigma / np.sqrt(10))
+    angle = ELLIPSE.parameter(curves.points_px)
+    distance = np.sum((curves.points_px - ELLIPSE.points(angle)) * ELLIPSE.normals(angle), axis=-1)
+    assert 0.75 < distance.std() / (sigma / np.sqrt(10)) < 1.25
+    assert abs(distance.mean()) < 4 * sigma / np.sqrt(1200)
+
+
+def test_thinning_of_an_arc_does_not_bridge_its_gap():
+    angle = np.linspace(0.3, 2.6, 400)
+    points = ELLIPSE.points(angle)
+    seen = Observations(1920, 1080, (CirclePoints("centre_circle", "outer", points, np.ones(400)),))
+    curves = observed_curves(seen, SOCCER, Realism(60, 0.0, 0.0))
+    foot = ELLIPSE.points(ELLIPSE.parameter(curves.points_px))
+    assert np.linalg.norm(curves.points_px - foot, axis=-1).max() < 1e-6
+
+
+def test_thinned_lines_stay_on_their_line():
+    rng = np.random.default_rng(2)
+    along = rng.uniform(0, 800, 1000)
+    points = np.stack([100 + along, 50 + 0.3 * along], axis=-1)
+    seen = Observations(1920, 1080, lines=(LinePoints("halfway_line", points, np.full(1000, 0.5)),))
+    curves = observed_curves(seen, SOCCER, Realism(50, 0.0, 0.0))
+    assert len(curves.points_px) == 50
+    np.testing.assert_allclose(curves.points_px[:, 1], 50 + 0.3 * (curves.points_px[:, 0] - 100), atol=1e-9)
+    np.testing.assert_allclose(curves.sigma_px, 0.5 / np.sqrt(20))
+
+
+def test_more_points_do_not_outvote_the_model_error():
+    """The information of a whole marking is bounded by its number of correlation lengths."""
+    information = []
+    for count in (100, 400, 1600):
+        seen = Observations(1920, 1080, (CirclePoints("centre_circle", "outer", ring(count), np.full(count, 1e-3)),))
+        curves = observed_curves(seen, SOCCER, Realism(10**6, 0.3, 60.0))
+        information.append(float(np.sum(1 / curves.sigma_px**2)))
+    assert information[1] == pytest.approx(information[0], rel=0.01)
+    assert information[2] == pytest.approx(information[0], rel=0.01)
+    # about 2100 px of outline are some 35 independent lengths of 0.3 px each
+    assert 25 < information[0] * 0.3**2 < 45

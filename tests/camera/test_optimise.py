@@ -1,0 +1,160 @@
+"""Priors, robust loss and the batched optimiser."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from circlecal.camera.crown import on_parabola
+from circlecal.camera.observed import Realism, observed_curves, observed_points
+from circlecal.camera.optimise import Priors, Problem, best_of, evaluate, foreseen, minimise
+from circlecal.camera.parameters import INDEX, PARAMETERS, Frame, project
+from circlecal.camera.residuals import first_hidden
+from circlecal.field import load_field
+from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations
+
+from .conftest import STEPS, central_differences, random_thetas
+
+SOCCER = load_field("soccer")
+FRAME = Frame(1920, 1080, "parabola")
+
+
+def priors(**fixed_or_sd):
+    mean, sd = np.zeros(len(PARAMETERS)), np.zeros(len(PARAMETERS))
+    sd[:7] = np.inf
+    sd[INDEX["roll"]] = 0.05
+    for name, value in fixed_or_sd.items():
+        sd[INDEX[name]] = value
+    return Priors(mean, sd, 64.0, 0.6, np.radians(15), np.radians(10), np.zeros(2))
+
+
+def observed(theta, rng, sigma=0.5, count=60):
+    """Circle, halfway line and centre mark of a camera without crown, bloom or other sizes."""
+    angle = np.linspace(0, 2 * np.pi, count, endpoint=False)
+    circle = 9.15 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    line = np.stack([np.zeros(30), np.linspace(-11, 11, 30)], axis=-1)
+
+    def pixels(field):
+        seen = project(theta[None], field[None], FRAME).pixels[0]
+        return seen + rng.normal(0, sigma, seen.shape)
+
+    def stated(n):
+        return np.full(n, max(sigma, 1e-3))
+
+    return Observations(
+        1920,
+        1080,
+        (CirclePoints("centre_circle", "outer", pixels(circle), stated(count)),),
+        (LinePoints("halfway_line", pixels(line), stated(30)),),
+        (MarkPoint("centre_mark", pixels(np.zeros((1, 2)))[0], max(sigma, 1e-3)),),
+    )
+
+
+def plain_theta(rng):
+    theta = random_thetas(1, rng)[0]
+    theta[7:] = 0.0
+    return theta
+
+
+def problem_of(seen, chosen):
+    curves = observed_curves(seen, SOCCER, Realism(10**6, 0.0, 0.0))
+    return Problem(curves, observed_points(seen, SOCCER), chosen, FRAME)
+
+
+def test_prior_residuals_and_their_jacobian():
+    chosen = priors(pp_x=5.0, kappa_1=0.01, crown=0.03, width=0.02)
+    theta = random_thetas(1, np.random.default_rng(1))[0]
+    values, jacobian = chosen.residuals(theta[None])
+    numeric = central_differences(lambda t: chosen.residuals(t[None])[0][0], theta, STEPS)
+    np.testing.assert_allclose(jacobian[0], numeric, atol=1e-6)
+    distance = np.linalg.norm(theta[4:7])
+    assert values[0, -2] == pytest.approx(np.log(distance / 64.0) / 0.6)
+    assert values[0, -1] == pytest.approx((np.arcsin(-theta[6] / distance) - np.radians(15)) / np.radians(10))
+    np.testing.assert_allclose(values[0, :1], theta[3] / 0.05)
+
+
+def test_gradient_of_the_cost():
+    rng = np.random.default_rng(2)
+    theta = plain_theta(rng)
+    problem = problem_of(observed(theta, rng), priors(pp_x=5.0, pp_y=5.0))
+    near = theta + 1e-4 * rng.standard_normal(len(theta)) * (problem.priors.sd > 0)
+    hidden = first_hidden(problem.curves, near[None], FRAME)[0]
+
+    def cost(t):
+        return evaluate(problem, t[None], hidden, 3.0, updates=12).cost
+
+    state = evaluate(problem, near[None], hidden, 3.0, updates=12)
+    numeric = central_differences(cost, near, STEPS / 50)[0]
+    active = np.flatnonzero(problem.priors.sd > 0)
+    # the cost is a sum of squares, the gradient that of half of it
+    np.testing.assert_allclose(numeric[active], 2 * state.gradient[0, active], rtol=1e-3)
+
+
+def test_minimise_finds_the_truth_from_aside_and_keeps_what_is_fixed():
+    rng = np.random.default_rng(3)
+    theta = plain_theta(rng)
+    problem = problem_of(observed(theta, rng, sigma=0.0), priors())
+    start = theta + np.r_[0.05, 0.01, 0.01, 0.01, 1.5, -2.0, 1.0, np.full(len(theta) - 7, 0.3)]
+    state = minimise(problem, start[None], 1e3, 60)
+    assert (state.theta[0, 7:] == 0).all()
+    field = np.random.default_rng(0).uniform(-12, 12, (1, 50, 2))
+    departure = project(state.theta, field, FRAME).pixels - project(theta[None], field, FRAME).pixels
+    assert np.abs(departure).max() < 1e-6
+
+
+def test_cost_never_grows_with_more_iterations():
+    rng = np.random.default_rng(4)
+    theta = plain_theta(rng)
+    problem = problem_of(observed(theta, rng), priors(pp_x=5.0, kappa_1=0.01))
+    start = theta + np.r_[0.1, 0.02, 0.02, 0.02, 3.0, -4.0, 2.0, np.zeros(len(theta) - 7)]
+    costs = [float(minimise(problem, start[None], 6.0, n).cost[0]) for n in (0, 1, 3, 10, 40)]
+    assert all(later <= sooner for sooner, later in pairwise(costs))
+    # chi-square of 60 + 30 points across the marking and 2 coordinates of the mark
+    assert 50 < costs[-1] < 140
+
+
+def test_an_outlying_third_of_the_circle_does_not_move_the_answer():
+    rng = np.random.default_rng(5)
+    theta = plain_theta(rng)
+    seen = observed(theta, rng)
+    seen.circles[0].points_px[:20] += [0.0, 40.0]
+    problem = problem_of(seen, priors())
+    state = minimise(problem, theta[None], 6.0, 60)
+    field = np.random.default_rng(0).uniform(-9, 9, (1, 50, 2))
+    departure = project(state.theta, field, FRAME).pixels - project(theta[None], field, FRAME).pixels
+    assert np.linalg.norm(departure, axis=-1).mean() < 3.0
+    plain = minimise(problem, theta[None], 1e6, 60)
+    spoilt = project(plain.theta, field, FRAME).pixels - project(theta[None], field, FRAME).pixels
+    assert np.linalg.norm(spoilt, axis=-1).mean() > 10.0
+
+
+def test_starts_do_not_disturb_each_other():
+    rng = np.random.default_rng(6)
+    theta = plain_theta(rng)
+    problem = problem_of(observed(theta, rng), priors())
+    starts = theta + rng.normal(0, 1, (4, len(theta))) * np.r_[0.05, 0.01, 0.01, 0.01, 2, 2, 1, np.zeros(10)]
+    together = minimise(problem, starts, 6.0, 40)
+    cost = evaluate(problem, together.theta, together.hidden, 6.0, updates=6).cost
+    for k in range(4):
+        alone = minimise(problem, starts[k : k + 1], 6.0, 40)
+        assert cost[k] == pytest.approx(evaluate(problem, alone.theta, alone.hidden, 6.0, updates=6).cost[0], rel=1e-6)
+    best = best_of(together, 2)
+    assert best.cost.tolist() == sorted(together.cost)[:2]
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_the_fit_to_the_other_profile_of_the_pitch_is_foreseen(seed):
+    rng = np.random.default_rng(seed)
+    theta = plain_theta(rng)
+    theta[INDEX["crown"]] = 0.08
+    chosen = priors(pp_x=5.0, pp_y=5.0, crown=0.05)
+    problem = replace(problem_of(observed(theta, rng, sigma=0.2), chosen), frame=replace(FRAME, crown_shape="roof"))
+    roof = minimise(problem, theta[None], 6.0)
+    curved, start = on_parabola(problem, roof, 6.0)
+    expected = foreseen(curved, start, 6.0)
+    found = minimise(curved, roof.theta, 6.0)
+    gain = roof.cost[0] - found.cost[0]
+    assert gain > 10.0
+    assert expected.cost[0] == pytest.approx(found.cost[0], abs=0.1 * gain)
+    assert expected.theta[0, INDEX["crown"]] == pytest.approx(found.theta[0, INDEX["crown"]], abs=5e-3)

@@ -1,0 +1,46 @@
+"""What is reported of a fit."""
+
+import numpy as np
+import pytest
+
+from circlecal.camera.observed import observed_curves, observed_points
+from circlecal.camera.optimise import Problem, evaluate
+from circlecal.camera.options import CameraConfig, priors_of, realism_of
+from circlecal.camera.parameters import Frame, theta_of
+from circlecal.camera.report import residuals_px, visible_field
+from circlecal.camera.residuals import ground_hidden
+from circlecal.field import load_field
+from circlecal.observations import LinePoints, Observations
+from circlecal.synthetic.cameras import aimed_camera
+from circlecal.synthetic.surface import seen_pixels
+
+SOCCER = load_field("soccer")
+FRAME = Frame(1920, 1080, "flat")
+
+
+def test_the_field_that_a_barrel_lens_folds_back_is_not_visible():
+    camera = aimed_camera(np.array([-10.0, 56.0, -9.0]), np.zeros(3), 5700.0, 0.0, 1920, 1080, kappa=-0.1)
+    grid = np.stack(np.meshgrid(np.arange(-52.0, 53.0), np.arange(-34.0, 35.0)), axis=-1).reshape(-1, 2)
+    pixels = camera.project(grid)
+    inside = ((pixels >= 0) & (pixels <= (1919, 1079))).all(axis=1)
+    folded = inside & ~np.isfinite(seen_pixels(camera, grid)).all(axis=1)
+    assert folded.any()
+    found = visible_field(theta_of(camera, FRAME), FRAME, SOCCER, np.zeros(2), 60.0)
+    whole = {tuple(np.round(p).astype(int)) for p in found}
+    assert whole.isdisjoint({tuple(p.astype(int)) for p in grid[folded]})
+    assert len(whole & {tuple(p.astype(int)) for p in grid[inside & ~folded]}) > 100
+
+
+def test_residuals_of_one_marking_count_together():
+    """A touchline and, apart from it, the point where the halfway line ends on it."""
+    camera = aimed_camera(np.array([-4.0, 60.0, -16.0]), np.array([0.0, -10.0, 0.0]), 2600.0, 0.0, 1920, 1080)
+    along = camera.project(np.stack([np.linspace(-15.0, 10.0, 99), np.full(99, -34.0)], axis=-1))
+    end = camera.project(np.array([[0.0, -34.0]])) + np.array([0.0, 5.0])
+    lines = tuple(LinePoints("side_line_top", p, np.full(len(p), 0.5)) for p in (along, end))
+    config = CameraConfig()
+    curves = observed_curves(Observations(1920, 1080, lines=lines), SOCCER, realism_of(config, 1920))
+    priors = priors_of(config, SOCCER, SOCCER.circle_by_name["centre_circle"], FRAME)
+    problem = Problem(curves, observed_points(Observations(1920, 1080), SOCCER), priors, FRAME)
+    theta = theta_of(camera, FRAME)[None]
+    state = evaluate(problem, theta, ground_hidden(curves, theta, FRAME), 3.0)
+    assert residuals_px(problem, state) == {"side_line_top": pytest.approx(0.5, abs=0.1)}

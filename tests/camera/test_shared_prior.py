@@ -1,0 +1,101 @@
+"""What other frames say of a frame, as a prior and as configuration."""
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from circlecal.camera.shared_prior import SharedPrior, SharedPriorConfig
+
+from .conftest import STEPS, central_differences, random_thetas
+
+
+def prior():
+    names, zoomed = ("roll", "x", "y", "z", "pp_x", "kappa_1"), ("pp_x", "kappa_1")
+    rng = np.random.default_rng(2)
+    size = np.array([0.01, 0.2, 1.0, 0.3, 3.0, 0.002, 5.0, 0.004])
+    root = rng.normal(size=(8, 8))
+    covariance = np.outer(size, size) * (root @ root.T + 2 * np.eye(8))
+    mean = np.array([0.0, 3.0, 62.0, -15.0, 1.0, 0.03, 4.0, 0.01])
+    return SharedPrior(names, zoomed, 8.0, mean, covariance, np.array([1e-3, 0.05, 0.05, 0.05, 1.0, 0.001]))
+
+
+def test_residuals_are_whitened():
+    told = prior()
+    rng = np.random.default_rng(0)
+    mean, covariance, _ = told.at(np.array([8.3]))
+    draws = rng.multivariate_normal(mean[0], covariance[0], 4000, method="cholesky")
+    theta = random_thetas(1, rng).repeat(4000, axis=0)
+    theta[:, 0] = 8.3
+    theta[:, told.indices] = draws
+    values, _ = told.residuals(theta)
+    np.testing.assert_allclose(np.cov(values.T), np.eye(6), atol=0.12)
+
+
+def test_jacobian_but_for_the_spread_that_grows_with_the_zoom():
+    told = prior()
+    theta = random_thetas(1, np.random.default_rng(1))[0]
+    theta[0] = 8.2
+    _, jacobian = told.residuals(theta[None])
+    numeric = central_differences(lambda t: told.residuals(t[None])[0][0], theta, STEPS)
+    np.testing.assert_allclose(jacobian[0][:, 1:], numeric[:, 1:], rtol=1e-5, atol=1e-6)
+
+
+def test_mean_follows_the_zoom():
+    mean, _, slope = prior().at(np.array([8.0, 8.5]))
+    np.testing.assert_allclose(mean[1] - mean[0], 0.5 * slope)
+    assert slope[4] == 4.0
+    assert slope[1] == 0.0
+
+
+def test_pixels_scale_with_the_width():
+    told = prior()
+    half = told.scaled(0.5)
+    theta = random_thetas(1, np.random.default_rng(1))
+    smaller = theta.copy()
+    smaller[:, 0] += np.log(0.5)
+    smaller[:, 7:9] *= 0.5
+    np.testing.assert_allclose(half.residuals(smaller)[0] ** 2 @ np.ones(6), told.residuals(theta)[0] ** 2 @ np.ones(6))
+
+
+def test_marginal_of_some_parameters():
+    told = prior()
+    part = told.only(["x", "kappa_1"])
+    assert part.parameters == ("x", "kappa_1")
+    assert part.zoomed == ("kappa_1",)
+    np.testing.assert_allclose(part.at(np.array([8.4]))[1][0], told.at(np.array([8.4]))[1][0][np.ix_([1, 5], [1, 5])])
+
+
+def test_configuration_and_back():
+    told = prior()
+    written = SharedPriorConfig.of(told, 1920)
+    read = SharedPriorConfig.model_validate_json(written.model_dump_json()).prior(1920)
+    np.testing.assert_allclose(read.covariance, told.covariance)
+    assert (read.parameters, read.zoomed) == (told.parameters, told.zoomed)
+    assert written.prior(960).mean[4] == pytest.approx(0.5 * told.mean[4])
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"parameters": ("x", "tilt")},
+        {"parameters": ("x", "x")},
+        {"parameters": ("x", "y by zoom")},
+        {"mean": (1.0,)},
+        {"covariance": ((1.0, 0.0), (0.5, 1.0))},
+        {"covariance": ((1.0, 0.0), (0.0, 0.0))},
+        {"deviation_sd": (0.1, -0.1)},
+        {"deviation_sd": (0.1,)},
+    ],
+)
+def test_contradictions_are_refused(change):
+    right = {
+        "width": 1920,
+        "log_focal": 8.0,
+        "parameters": ("x", "y"),
+        "mean": (1.0, 60.0),
+        "covariance": ((1.0, 0.0), (0.0, 1.0)),
+        "deviation_sd": (0.0, 0.0),
+    }
+    SharedPriorConfig(**right)
+    with pytest.raises(ValidationError):
+        SharedPriorConfig(**(right | change))

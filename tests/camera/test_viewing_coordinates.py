@@ -1,0 +1,65 @@
+"""Look coordinates: exact inverse of each other, right derivative, and the optimiser's use of them."""
+
+import numpy as np
+import pytest
+
+from circlecal.camera.parameters import PARAMETERS
+from circlecal.camera.viewing_coordinates import LOOK, from_look, look_jacobian, to_look
+
+
+def _cameras(rng, count=20, azimuth=0.0):
+    theta = np.zeros((count, len(PARAMETERS)))
+    theta[:, 0] = rng.uniform(7.2, 9.0, count)
+    theta[:, 1] = -azimuth + rng.normal(0, 0.15, count)
+    theta[:, 2] = rng.uniform(1.15, 1.45, count)
+    theta[:, 3] = rng.normal(0, 0.05, count)
+    direction = np.stack([np.sin(azimuth) * np.ones(count), np.cos(azimuth) * np.ones(count)], axis=-1)
+    theta[:, 4:6] = direction * rng.uniform(40, 90, (count, 1)) + rng.normal(0, 3, (count, 2))
+    theta[:, 6] = -rng.uniform(6, 25, count)
+    return theta
+
+
+@pytest.mark.parametrize("azimuth", [0.0, 1.5, 3.0, -1.5], ids=["main", "right goal", "opposite", "left goal"])
+def test_round_trip(azimuth):
+    theta = _cameras(np.random.default_rng(0), azimuth=azimuth)
+    center = np.array([0.3, -0.2])
+    back = from_look(to_look(theta, center), center)
+    difference = back - theta[:, :LOOK]
+    difference[:, 1] = (difference[:, 1] + np.pi) % (2 * np.pi) - np.pi
+    np.testing.assert_allclose(difference, 0.0, atol=1e-9)
+
+
+def test_circle_behind_the_camera_is_not_finite():
+    theta = _cameras(np.random.default_rng(1))
+    theta[:, 1] += np.pi
+    assert not np.isfinite(to_look(theta, np.zeros(2))[:, 1]).any()
+
+
+def test_jacobian_predicts_small_steps():
+    rng = np.random.default_rng(2)
+    theta = _cameras(rng)
+    look = to_look(theta, np.zeros(2))
+    step = rng.normal(size=look.shape) * np.array([1e-4, 1e-1, 1e-1, 1e-5, 1e-4, 1e-5, 1e-5])
+    predicted = np.einsum("bij,bj->bi", look_jacobian(theta, np.zeros(2)), step)
+    actual = from_look(look + step, np.zeros(2)) - from_look(look, np.zeros(2))
+    np.testing.assert_allclose(predicted, actual, rtol=1e-2, atol=1e-6)
+
+
+def test_zoom_with_distance_moves_along_a_line():
+    """Doubling focal length and distance leaves the other look coordinates where they are."""
+    theta = _cameras(np.random.default_rng(3), count=1)
+    further = theta.copy()
+    look = to_look(theta, np.zeros(2))
+    look[:, [0, 4]] += np.log(2.0)
+    further[:, :LOOK] = from_look(look, np.zeros(2))
+    np.testing.assert_allclose(further[:, 4:7], 2 * theta[:, 4:7], rtol=1e-9)
+    np.testing.assert_allclose(to_look(further, np.zeros(2))[:, [1, 2, 3, 5, 6]], look[:, [1, 2, 3, 5, 6]], atol=1e-7)
+
+
+def test_straight_above_the_centre_there_is_no_derivative():
+    theta = np.zeros((2, len(PARAMETERS)))
+    theta[:, 0], theta[:, 6] = np.log(900.0), -30.0
+    theta[1, 2], theta[1, 5] = 1.2, 60.0
+    found = look_jacobian(theta, np.zeros(2))
+    assert np.isnan(found[0]).all()
+    assert np.isfinite(found[1]).all()

@@ -1,0 +1,125 @@
+"""Labels as circles, lines, marks and keypoints of the field."""
+
+import numpy as np
+import pytest
+
+from circlecal.config import SourcesConfig
+from circlecal.field import load_field
+from circlecal.formats.meaning import observe
+from circlecal.formats.shapes import AnnotatedFrame, Shape
+
+
+def shape(label, *points, kind="points", confidence=None):
+    return Shape(label, kind, np.array(points, dtype=float).reshape(-1, 2), confidence)
+
+
+def read(*shapes, template=None, source="labelme", width=1920):
+    frame = AnnotatedFrame("a", width, 1080, shapes)
+    return observe(frame, template or load_field("soccer"), SourcesConfig(), source, "file.json")
+
+
+def test_soccernet_classes(seen, soccer):
+    found = observe(seen, soccer, SourcesConfig(), "soccernet", "f")
+    (circle,), (line,), (mark,) = found.observations.circles, found.observations.lines, found.observations.marks
+    assert (circle.circle, circle.edge, line.line, mark.mark) == (
+        "centre_circle",
+        "center",
+        "halfway_line",
+        "centre_mark",
+    )
+    assert set(circle.sigma_px) == {0.75}
+    assert (found.id, found.image, found.warnings) == ("view", "view.jpg", ())
+
+
+@pytest.mark.parametrize(
+    "label", ["Circle central", "circle CENTRAL ", "centre_circle", "Center circle", "centre  circle"]
+)
+def test_spellings(label):
+    assert read(shape(label, (1, 2), (3, 4))).observations.circles[0].circle == "centre_circle"
+
+
+@pytest.mark.parametrize(("label", "arc"), [("Circle left", "penalty_arc_left"), ("Circle right", "penalty_arc_right")])
+def test_arcs(label, arc):
+    assert read(shape(label, (1, 2), (3, 4), kind="line")).observations.circles[0].circle == arc
+
+
+def test_points_of_one_marking_are_put_together():
+    found = read(shape("Middle line", (1, 2)), shape("halfway_line", (3, 4))).observations
+    assert found.lines[0].points_px.tolist() == [[1, 2], [3, 4]]
+
+
+def test_lines_of_one_point_and_unknown_labels_are_warned_of():
+    found = read(shape("Middle line", (1, 2)), shape("Side line top", (1, 2), (1, 2)), shape("Player", (5, 5)))
+    assert not found.observations.lines
+    assert [w.split(": ")[1] for w in found.warnings] == ["Player", "Middle line", "Side line top"]
+    assert all(w.startswith("file.json: ") for w in found.warnings)
+
+
+def test_goals_and_unknown_classes_are_left_out_in_silence():
+    labels = ("Goal left post left", "Goal left post left ", "Goal right crossbar", "Line unknown", "Goal unknown")
+    found = read(*(shape(label, (1, 2), (3, 4), kind="line") for label in labels))
+    assert not found.warnings
+    assert not found.observations.lines
+
+
+def test_points_by_direction():
+    found = read(
+        shape("centre_circle top_left", (1, 2)), shape("Centre Circle bottom", (3, 4)), template=load_field("soccer")
+    )
+    places = {k.name: k.field_m for k in found.observations.keypoints}
+    radius = 9.15 - 0.06
+    assert places["centre_circle top_left"] == pytest.approx(-radius * np.array([1, 1]) / np.sqrt(2))
+    assert places["Centre Circle bottom"] == pytest.approx([0, radius])
+    assert len(found.observations.circles[0].points_px) == 2
+
+
+@pytest.mark.parametrize("label", ["centre", "center", "centre_mark", "Centre mark", "centre_circle centre", "kp_51"])
+def test_the_centre(label):
+    found = read(shape(label, (7, 8))).observations
+    assert [(m.mark, m.point_px.tolist()) for m in found.marks] == [("centre_mark", [7.0, 8.0])]
+
+
+def test_meets_of_lines(soccer):
+    found = read(
+        shape("halfway_line x side_line_top", (7, 8)), shape("halfway_line x halfway_line", (1, 1)), template=soccer
+    )
+    assert found.observations.keypoints[0].field_m == pytest.approx([0.0, -34.0])
+    assert len(found.warnings) == 1
+
+
+def test_tangents_that_were_derived_are_no_observation(calibrated, soccer):
+    found = observe(calibrated.annotated(), soccer, SourcesConfig(), "labelme", "f")
+    assert not found.warnings
+    assert not found.observations.lines
+    assert len(found.observations.keypoints) == 8
+    assert len(found.observations.marks) == 1
+
+
+def test_an_ellipse_counts_as_five_numbers():
+    ellipse = shape("Circle central", (900, 500), (1500, 500), (900, 700), kind="ellipse")
+    (circle,) = read(ellipse).observations.circles
+    assert len(circle.points_px) == 48
+    assert np.sum(1.0 / circle.sigma_px**2) == pytest.approx(5 / 1.5**2)
+    straight = read(shape("Middle line", (1, 1), (2, 1), (1, 2), kind="ellipse"))
+    assert "straight" in straight.warnings[0]
+
+
+def test_detected_lines_below_the_least_confidence_are_left_out():
+    found = read(
+        shape("Middle line", (1, 2), (3, 400), kind="line", confidence=(0.9, 0.1)),
+        shape("Side line top", (1, 2), (300, 4), kind="line", confidence=(0.25 + 0.24, 1.0)),
+        source="pnlcalib",
+    ).observations
+    assert [line.line for line in found.lines] == ["side_line_top"]
+    assert found.lines[0].sigma_px == pytest.approx([2.5 / 0.7, 2.5])
+
+
+def test_a_picture_of_another_size(seen):
+    large = seen.resized(1920, 1080)
+    assert large.shapes[2].points_px == pytest.approx((seen.shapes[2].points_px + 0.5) * 2 - 0.5)
+    assert seen.resized(960, 540) is seen
+
+
+def test_other_fields_have_other_names():
+    found = read(shape("Circle central", (1, 2), (3, 4)), template=load_field("basketball"))
+    assert len(found.warnings) + len(found.observations.circles) == 1

@@ -1,0 +1,76 @@
+"""Which seen line is which line of the template: hypotheses by a linear update, then a decision by full fits."""
+
+import numpy as np
+import pytest
+
+from circlecal.camera.parameters import Frame, theta_of
+from circlecal.field import load_field
+from circlecal.line_naming.association import Association, associate_lines
+from circlecal.synthetic.cameras import aimed_camera
+
+SOCCER = load_field("soccer")
+FRAME = Frame(1920, 1080, "flat")
+CAMERA = aimed_camera(np.array([-3.0, 62.0, -17.0]), np.array([-25.0, -4.0, 0.0]), 1500.0, 0.01, 1920, 1080)
+KNOWN = ("halfway_line",)
+
+
+def segment_of(name, camera=CAMERA):
+    """Ends (2, 2) of what the frame shows of a template's line."""
+    ends = SOCCER.line_ends(SOCCER.line_by_name[name])
+    points = camera.project(np.linspace(ends[0], ends[1], 400))
+    inside = (points >= 0).all(axis=1) & (points <= (1919, 1079)).all(axis=1)
+    assert inside.any(), name
+    return points[inside][[0, -1]]
+
+
+def covariance_of(theta, angle_sd=1e-3, size_sd=0.02, place_sd=0.4):
+    covariance = np.zeros((len(theta), len(theta)))
+    covariance[np.arange(7), np.arange(7)] = np.r_[size_sd, [angle_sd] * 3, [place_sd] * 3] ** 2
+    return covariance
+
+
+def test_association_compares_names():
+    one = Association({0: "a", 1: "b"}, 500.0, 3.0)
+    assert one.score == pytest.approx(500.0 - 36.0)
+    assert one.contradicts(Association({0: "c"}, 100.0, 0.0))
+    assert one.contradicts(Association({2: "a"}, 100.0, 0.0))
+    assert not one.contradicts(Association({1: "b", 3: "d"}, 100.0, 0.0))
+    assert not one.contradicts(one)
+
+
+def test_best_hypothesis_names_every_line_of_a_broadcast_view():
+    names = ["side_line_top", "big_rect_left_main", "big_rect_left_top", "small_rect_left_main"]
+    segments = np.array([segment_of(name) for name in names])
+    theta = theta_of(CAMERA, FRAME)
+    shifted = theta + np.r_[0.01, 5e-4, -5e-4, 3e-4, 0.2, -0.3, 0.2, np.zeros(len(theta) - 7)]
+    found = associate_lines(segments, SOCCER, KNOWN, shifted, covariance_of(theta), FRAME, 1.5)
+    assert found[0].names == dict(enumerate(names))
+    assert found[0].length_px == pytest.approx(np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1).sum())
+    assert [a.score for a in found] == sorted((a.score for a in found), reverse=True)
+
+
+def test_known_names_and_lines_elsewhere_are_not_given():
+    theta = theta_of(CAMERA, FRAME)
+    segment = segment_of("side_line_top")[None]
+    others = associate_lines(segment, SOCCER, (*KNOWN, "side_line_top"), theta, covariance_of(theta), FRAME, 1.5)
+    assert all("side_line_top" not in a.names.values() for a in others)
+    nowhere = np.array([[[400.0, 900.0], [1500.0, 960.0]]])
+    exact = covariance_of(theta, 1e-5, 1e-5, 1e-3)
+    assert associate_lines(nowhere, SOCCER, KNOWN, theta, exact, FRAME, 1.5) == []
+
+
+def test_nothing_seen_or_nothing_left():
+    theta = theta_of(CAMERA, FRAME)
+    empty = np.zeros((0, 2, 2))
+    assert associate_lines(empty, SOCCER, KNOWN, theta, covariance_of(theta), FRAME, 1.5) == []
+    everything = tuple(line.name for line in SOCCER.lines)
+    segment = segment_of("side_line_top")[None]
+    assert associate_lines(segment, SOCCER, everything, theta, covariance_of(theta), FRAME, 1.5) == []
+
+
+def test_two_pieces_of_one_line_get_one_name():
+    start, end = segment_of("side_line_top")
+    pieces = np.array([[start, start + 0.35 * (end - start)], [start + 0.6 * (end - start), end]])
+    theta = theta_of(CAMERA, FRAME)
+    found = associate_lines(pieces, SOCCER, KNOWN, theta, covariance_of(theta), FRAME, 1.5)
+    assert found[0].names == {0: "side_line_top", 1: "side_line_top"}

@@ -1,0 +1,116 @@
+"""Where the halfway line ends the touchlines run: used where it can be believed, and no board's edge beside it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from circlecal.bench.scenarios import KNOWN
+from circlecal.field import load_field
+from circlecal.line_naming.line_ends import passes, passes_end, same_markings
+from circlecal.observations import LineEnd, LinePoints, Observations
+from circlecal.stages.camera import estimate_camera
+from circlecal.synthetic.cameras import aimed_camera
+from circlecal.synthetic.markings import circle_points, line_points
+
+SOCCER = load_field("soccer")
+CIRCLE = SOCCER.circle_by_name["centre_circle"]
+CAMERA = aimed_camera(np.array([-1.0, 62.0, -15.0]), np.array([1.0, -10.0, 0.0]), 2000.0, 0.0, 1920, 1080)
+FAR_END = np.array([0.0, -34.0 + SOCCER.marking_width_m])
+
+
+def seen(ends=(), further=(), seed=0):
+    """Circle and halfway line with its ends, and nameless lines."""
+    rng = np.random.default_rng(seed)
+    circle = circle_points(CAMERA, SOCCER, "center", 200, 0.4, rng)
+    halfway = replace(line_points(CAMERA, SOCCER, "halfway_line", 60, 0.4, rng), ends=tuple(ends))
+    return Observations(1920, 1080, (circle,), (halfway, *further))
+
+
+def far_end(offset_px=0.0, crossed=True):
+    return LineEnd(CAMERA.project(FAR_END) - np.array([0.0, offset_px]), crossed)
+
+
+def nameless(y_m):
+    points = CAMERA.project(np.stack([np.linspace(-20, 20, 80), np.full(80, y_m)], axis=-1))
+    return LinePoints(None, points, np.full(80, 0.4))
+
+
+def fitted(observations):
+    return estimate_camera(observations, SOCCER, CIRCLE, KNOWN.model_copy(update={"name_lines": True}))
+
+
+def error_at(fit, point):
+    return float(np.linalg.norm(fit.camera.project(np.array(point)) - CAMERA.project(np.array(point))))
+
+
+def test_an_end_tells_how_far_the_touchline_is():
+    without, given = fitted(seen()), fitted(seen([far_end()]))
+    assert given.max_sigma_px < 0.6 * without.max_sigma_px
+    assert "side_line_top" in given.residuals_px
+    assert error_at(given, [15.0, -30.0]) < 3.0 * given.max_sigma_px
+
+
+def test_an_end_far_from_any_marking_is_not_used():
+    """The edge of a banner or of a player, halfway between circle and touchline."""
+    middle = LineEnd(CAMERA.project(np.array([0.0, -20.0])), False)
+    given, without = fitted(seen([middle])), fitted(seen())
+    assert "side_line_top" not in given.residuals_px
+    np.testing.assert_allclose(given.theta, without.theta)
+
+
+@pytest.mark.parametrize("offset_px", [-20.0, 20.0])
+def test_an_end_beside_its_place_is_used_only_where_something_crosses(offset_px):
+    """Worn paint ends early, and a board's edge runs on behind it."""
+    crossed, bare = (fitted(seen([far_end(offset_px, crossed)])) for crossed in (True, False))
+    assert "side_line_top" in crossed.residuals_px
+    assert "side_line_top" not in bare.residuals_px
+    assert error_at(bare, [15.0, -30.0]) < bare.max_sigma_px
+    assert "side_line_top" in fitted(seen([far_end(crossed=False)])).residuals_px
+
+
+@pytest.mark.parametrize("beyond_m", [1.5, 3.0])
+def test_an_edge_beyond_the_end_is_no_touchline(beyond_m):
+    board = nameless(-34.0 - beyond_m)
+    fit = fitted(seen([far_end()], [board]))
+    assert "side_line_top" not in fit.named_lines
+    assert error_at(fit, [15.0, -30.0]) < 3.0 * fit.max_sigma_px
+
+
+def test_the_line_through_the_end_is_the_touchline():
+    fit = fitted(seen([far_end()], [nameless(-34.0 + 0.5 * SOCCER.marking_width_m), nameless(-36.0)]))
+    assert fit.named_lines == ("side_line_top",)
+    assert error_at(fit, [15.0, -30.0]) < 3.0 * fit.max_sigma_px
+
+
+def test_lines_that_pass():
+    segment = np.array([[100.0, 200.0], [900.0, 200.0]])
+    assert passes(segment, np.array([500.0, 202.0]), 1.0)
+    assert not passes(segment, np.array([500.0, 206.0]), 1.0)
+    # drawn on, a lens bends it
+    assert passes(segment, np.array([1500.0, 206.0]), 1.0)
+
+
+def test_an_end_lies_anywhere_within_the_marking_that_it_meets():
+    """Near the camera a marking is wide in the picture, and the end is known no better than that."""
+    segment = np.array([[100.0, 200.0], [900.0, 200.0]])
+    far, near = (LinePoints("side_line_top", np.array([[500.0, 205.0]]), np.array([s])) for s in (2.0, 4.0))
+    assert not passes_end(segment, far, 1.0)
+    assert passes_end(segment, near, 1.0)
+
+
+def test_a_line_through_an_end_says_where_that_marking_runs():
+    observations = seen([], [nameless(-34.0 + 0.5 * SOCCER.marking_width_m), nameless(-30.0)])
+    met = (LinePoints("side_line_top", CAMERA.project(FAR_END)[None], np.array([2.0])),)
+    assert same_markings({1: "side_line_top"}, met, observations)
+    assert not same_markings({2: "side_line_top"}, met, observations)
+    assert not same_markings({1: "side_line_bottom"}, met, observations)
+    assert not same_markings({}, met, observations)
+
+
+def test_ends_survive_a_round_trip():
+    given = seen([far_end(crossed=False)])
+    back = Observations.from_json(given.to_json(), 1920, 1080)
+    (end,) = back.lines[0].ends
+    assert not end.crossed
+    np.testing.assert_allclose(end.point_px, given.lines[0].ends[0].point_px, atol=1e-4)

@@ -1,0 +1,60 @@
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from circlecal.pictures.interlacing import row_motion, without_combs
+
+
+def _scene(shift_px: float, noise: float = 0.0) -> np.ndarray:
+    """A lawn with markings and players, seen ``shift_px`` columns to the right."""
+    rng = np.random.default_rng(3)
+    canvas = cv2.GaussianBlur(rng.normal(0, 60, (288, 400)), (0, 0), 6) + 90
+    for x, y in rng.uniform((20, 20), (380, 268), (12, 2)):
+        cv2.ellipse(canvas, ((x, y), (8, 26), 0), (220.0,), -1)
+    cv2.line(canvas, (210, 0), (180, 288), (240.0,), 3)
+    cv2.ellipse(canvas, (200, 140), (120, 45), 0, 0, 360, (240.0,), 3)
+    move = np.array([[1.0, 0.0, shift_px], [0.0, 1.0, 0.0]])
+    moved = cv2.warpAffine(canvas, move, (400, 288), borderMode=cv2.BORDER_REFLECT)
+    moved = cv2.GaussianBlur(moved, (0, 0), 0.8) + noise * rng.normal(0, 1, moved.shape)
+    return np.clip(moved, 0, 255).astype(np.uint8)
+
+
+def _woven(shift_px: float, noise: float = 0.0) -> np.ndarray:
+    frame = _scene(-shift_px / 2, noise)
+    frame[1::2] = _scene(shift_px / 2, noise)[1::2]
+    return frame
+
+
+@pytest.mark.parametrize("noise", [0.0, 4.0])
+def test_one_picture_has_no_row_motion(noise: float) -> None:
+    assert row_motion(_scene(0.0, noise)) is None
+
+
+@pytest.mark.parametrize("shift_px", [-6.0, 2.5, 5.0])
+def test_the_motion_between_both_halves_is_found(shift_px: float) -> None:
+    motion = row_motion(_woven(shift_px, 2.0))
+    assert motion is not None
+    middle = motion @ (200.0, 72.0, 1.0)
+    assert middle - (200.0, 72.0) == pytest.approx((shift_px, 0.0), abs=0.2)
+
+
+def test_the_whole_picture_shows_the_moment_between_both_halves() -> None:
+    woven = _woven(5.0)
+    motion = row_motion(woven)
+    assert motion is not None
+    whole = without_combs(np.dstack([woven] * 3), motion)[..., 1].astype(float)
+    true = _scene(0.0).astype(float)
+    inner = np.s_[10:-10, 20:-20]
+    assert np.abs(whole - true)[inner].mean() < 0.3 * np.abs(woven - true)[inner].mean()
+    assert row_motion(whole.astype(np.uint8)) is None
+
+
+def test_halves_with_nothing_in_common_are_left_alone() -> None:
+    rng = np.random.default_rng(0)
+    frame = rng.integers(0, 255, (100, 100), dtype=np.uint8)
+    frame[1::2] = 0
+    assert row_motion(frame) is None
+    assert row_motion(np.zeros((100, 100), np.uint8)) is None
+    assert row_motion(frame[:20]) is None

@@ -1,0 +1,83 @@
+"""The table of a batch."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from circlecal.api import FrameRun
+from circlecal.batch.task import finish
+from circlecal.config import Config
+from circlecal.pictures.files import find_frames
+from circlecal.records.log import RESULTS_NAME, ResultLog
+
+
+@pytest.fixture
+def results(tmp_path, frame_file, blank_file):
+    (frame_file.parent / "cut.jpg").write_bytes(b"\xff\xd8\xff\xe0")
+    run = FrameRun(Config())
+    with ResultLog(tmp_path / "run") as log:
+        finished = [finish(run, frame) for frame in find_frames([frame_file.parent])]
+        for frame in finished:
+            log.append(frame)
+    return tmp_path / "run" / RESULTS_NAME, {frame.row.id: json.loads(frame.line) for frame in finished}
+
+
+def test_every_frame_is_a_row(run_circlecal, results, tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet", reason="the extra circlecal[parquet] is not installed")
+    path, found = results
+    for given in (path, path.parent):
+        outcome = run_circlecal("convert", given, "--to", "parquet", "--out", tmp_path / "table")
+        assert (outcome.code, outcome.out.strip()) == (0, str(tmp_path / "table" / "results.parquet"))
+        rows = {row["id"]: row for row in parquet.read_table(tmp_path / "table" / "results.parquet").to_pylist()}
+        assert rows.keys() == found.keys() == {"good", "blank", "cut"}
+    good = rows["good"]
+    assert good["status"] == "calibrated"
+    assert np.allclose(np.reshape(good["H_image_field"], (3, 3)), found["good"]["H_image_field"])
+    camera = found["good"]["camera"]
+    assert [good[f"position_{axis}_m"] for axis in "xyz"] == camera["position_meters"]
+    assert (good["focal_x_px"], good["max_sigma_px"]) == (camera["x_focal_length"], camera["max_sigma_px"])
+    assert good["config_digest"] == found["good"]["config_digest"]
+    assert rows["blank"]["status"] == "refused"
+    assert rows["blank"]["H_image_field"] is None
+    assert (rows["cut"]["code"], rows["cut"]["width"], rows["cut"]["time_ms"]) == ("unreadable_input", None, None)
+
+
+def test_beside_the_results_of_a_batch(run_circlecal, frame_file, tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet", reason="the extra circlecal[parquet] is not installed")
+    out = tmp_path / "out"
+    run_circlecal("batch", frame_file, "--out", out, "--workers", 1, "--to", "parquet", "--to", "soccernet")
+    assert parquet.read_table(out / "results.parquet").column("id").to_pylist() == ["good"]
+    assert (out / "camera_good.json").is_file()
+
+
+def test_a_missing_extra_is_told_before_the_first_frame(run_circlecal, frame_file, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    outcome = run_circlecal("batch", frame_file, "--out", tmp_path / "out", "--to", "parquet")
+    assert outcome.code == 2
+    assert "pip install 'circlecal[parquet]'" in outcome.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_results_become_cameras_too(run_circlecal, results, frame_file, tmp_path):
+    path, _ = results
+    assert run_circlecal("convert", path, "--to", "soccernet", "--out", tmp_path / "cameras").code == 0
+    run_circlecal("calibrate", frame_file, "--to", "soccernet", "--out", tmp_path / "one", "--no-overlay")
+    assert [file.name for file in (tmp_path / "cameras").iterdir()] == ["camera_good.json"]
+    name = "camera_good.json"
+    ours, direct = (json.loads((tmp_path / folder / name).read_text()) for folder in ("cameras", "one"))
+    assert list(ours) == list(direct)
+    for key, value in direct.items():  # records hold 12 digits
+        assert ours[key] == pytest.approx(value, rel=1e-9), key
+
+
+@pytest.mark.parametrize("content", [None, "nonsense\n", "[]\n", '{"id": "a"}\n'])
+def test_no_results(run_circlecal, tmp_path, content):
+    path = tmp_path / "results.jsonl"
+    if content is not None:
+        path.write_text(content)
+    outcome = run_circlecal("convert", path, "--to", "parquet", "--out", tmp_path / "out")
+    assert outcome.code == 2
+    assert str(path) in outcome.err
+    assert len(outcome.err.splitlines()) == 1

@@ -1,0 +1,184 @@
+"""Result files: fixed names, finite numbers, whole or not at all, and read back."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import circlecal.formats
+from circlecal import calibrate
+from circlecal.errors import InputError
+from circlecal.field import load_field
+from circlecal.geometry.camera import camera_from_soccernet
+from circlecal.records.record import (
+    SCHEMA_VERSION,
+    failed_record,
+    read_result,
+    result_line,
+    result_record,
+    write_result,
+)
+from circlecal.records.summary import summarise
+from circlecal.results import Verdict
+
+FIXED_NAMES = """
+    schema_version version id source image status code stage reason checks H_image_field H_field_image camera case
+    ellipses imaged_center vanishing_line correspondences inliers residuals_px timings_ms seed config_digest
+    observations alternatives
+""".split()  # noqa: SIM905 - shorter to read
+SOCCERNET_NAMES = """
+    pan_degrees tilt_degrees roll_degrees position_meters x_focal_length y_focal_length principal_point
+    radial_distortion tangential_distortion thin_prism_distortion
+""".split()  # noqa: SIM905
+
+
+@pytest.fixture(scope="module")
+def calibrated(frame_image):
+    return calibrate(frame_image, frame_id="good")
+
+
+@pytest.fixture(scope="module")
+def refused():
+    return calibrate(np.full((120, 160, 3), (60, 130, 70), np.uint8), frame_id="blank")
+
+
+@pytest.fixture(scope="module")
+def template():
+    return load_field("soccer")
+
+
+def round_trip(record):
+    return json.loads(result_line(record))
+
+
+def test_a_calibrated_frame(calibrated, template, frame_camera):
+    record = round_trip(result_record(calibrated, template))
+    assert set(FIXED_NAMES) <= set(record)
+    assert record["status"] == "calibrated"
+    assert record["schema_version"] == SCHEMA_VERSION
+    assert record["image"] == {"width": 960, "height": 540}
+    product = np.array(record["H_image_field"]) @ np.array(record["H_field_image"])
+    assert np.allclose(product / product[2, 2], np.eye(3), atol=1e-9)
+    assert record["imaged_center"] == pytest.approx(frame_camera.project([0.0, 0.0]), abs=1.5)
+    assert {len(record["correspondences"][kind]) for kind in ("points", "tangents")} == {8}
+    assert record["inliers"]["center"]["count"] == len(record["inliers"]["center"]["points_px"])
+    assert record["rejected_estimate"] is None
+
+
+def test_the_camera_has_the_soccernet_keys_at_the_size_of_the_frame(calibrated, template):
+    camera = round_trip(result_record(calibrated, template))["camera"]
+    assert set(SOCCERNET_NAMES) <= set(camera)
+    assert len(camera["radial_distortion"]) == 6
+    assert {"crown_m", "crown_shape", "crown_radius_m", "covariance"} <= set(camera)
+    again = camera_from_soccernet(camera, 960, 540)
+    points = [[0.0, 0.0], [9.0, 3.0], [-9.0, -3.0]]
+    assert np.allclose(again.project(points), calibrated.camera.camera.project(points), atol=1e-9)
+
+
+def test_a_refused_frame_keeps_its_keys_but_no_homography(refused, template):
+    record = round_trip(result_record(refused, template))
+    assert set(FIXED_NAMES) <= set(record)
+    assert record["status"] == "refused"
+    assert record["code"]
+    assert record["reason"]
+    assert record["H_image_field"] is record["H_field_image"] is record["camera"] is None
+
+
+def test_what_was_reached_before_the_refusal_is_kept_apart(calibrated, template):
+    turned_down = replace(calibrated, verdict=Verdict("refused", "residual", "residual too large", "verdict"))
+    record = round_trip(result_record(turned_down, template))
+    assert record["H_image_field"] is record["H_field_image"] is record["camera"] is None
+    assert record["rejected_estimate"]["camera"]["pan_degrees"] is not None
+    assert record["observations"]["circles"][0]["points_px"]
+    assert record["ellipses"]["center"]["rms_px"] > 0
+
+
+def test_what_is_not_finite_is_null(calibrated, template):
+    fit = replace(calibrated.camera, max_sigma_px=float("nan"), residuals_px={"a": float("inf")})
+    record = round_trip(result_record(replace(calibrated, camera=fit), template))
+    assert record["camera"]["max_sigma_px"] is None
+    assert record["residuals_px"]["camera"] == {"a": None}
+
+
+def test_written_and_read_back(tmp_path, calibrated, template):
+    path = tmp_path / "good.json"
+    write_result(path, result_record(calibrated, template))
+    stored = read_result(path)
+    assert (stored.id, stored.status, stored.width, stored.height) == ("good", "calibrated", 960, 540)
+    assert np.array_equal(stored.H_image_field, calibrated.H_image_field)
+    assert stored.crown_m == calibrated.camera.crown_m
+    assert stored.crown_radius_m == 9.15
+    assert np.array_equal(stored.covariance, calibrated.camera.covariance)
+    assert [p.name for p in tmp_path.iterdir()] == ["good.json"]
+
+
+def test_a_refused_result_is_read_back(tmp_path, refused, template):
+    write_result(tmp_path / "a.json", result_record(refused, template))
+    stored = read_result(tmp_path / "a.json")
+    assert stored.status == "refused"
+    assert stored.H_image_field is stored.camera is stored.covariance is None
+    record = failed_record("b", "b.jpg", Verdict("refused", "unreadable_input", "b.jpg: is empty", "input"), 0, "0")
+    write_result(tmp_path / "b.json", record)
+    assert read_result(tmp_path / "b.json").reason == "b.jpg: is empty"
+
+
+def test_a_failed_write_keeps_the_old_file(tmp_path, monkeypatch):
+    path = tmp_path / "a.json"
+    write_result(path, {"old": 1})
+    monkeypatch.setattr("os.fsync", lambda descriptor: (_ for _ in ()).throw(OSError(28, "No space left on device")))
+    with pytest.raises(InputError, match=r"a\.json: cannot be written: No space left"):
+        write_result(path, {"new": 1})
+    assert json.loads(path.read_text()) == {"old": 1}
+    assert [p.name for p in tmp_path.iterdir()] == ["a.json"]
+
+
+@pytest.mark.parametrize(
+    ("change", "part"),
+    [
+        (lambda r: "{", "is no result"),
+        (lambda r: "[]", "is no result"),
+        (lambda r: json.dumps(r)[:-20], "is no result"),
+        (lambda r: json.dumps({k: v for k, v in r.items() if k != "status"}), "status"),
+        (lambda r: json.dumps({**r, "H_image_field": [[1, 2], [3, 4]]}), "H_image_field"),
+        (lambda r: json.dumps({**r, "image": {"width": 0, "height": 5}}), "image.width"),
+        (lambda r: json.dumps({**r, "H_image_field": [[1, 2, float("nan")], [3, 4, 5], [6, 7, 8]]}), "H_image_field"),
+        (
+            lambda r: json.dumps({**r, "camera": {**r["camera"], "covariance": {"parameters": ["a"], "matrix": []}}}),
+            "covariance",
+        ),
+        (lambda r: json.dumps({**r, "schema_version": 99}), "schema_version 99"),
+    ],
+)
+def test_damaged_results_are_one_line(tmp_path, calibrated, template, change, part):
+    path = tmp_path / "a.json"
+    path.write_text(change(round_trip(result_record(calibrated, template))))
+    with pytest.raises(InputError) as caught:
+        read_result(path)
+    assert part in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_results(tmp_path):
+    with pytest.raises(InputError, match="cannot be read"):
+        read_result(tmp_path / "none.json")
+    with pytest.raises(InputError, match="cannot be read"):
+        read_result(tmp_path)
+
+
+def test_summary_of_every_kind(calibrated, refused, template):
+    row = summarise(round_trip(result_record(calibrated, template)))
+    assert (row.id, row.status, row.case) == ("good", "calibrated", calibrated.correspondences.case)
+    assert row.sigma_px > 0
+    assert row.rms_px > 0
+    assert row.time_ms > 0
+    row = summarise(round_trip(result_record(refused, template)))
+    assert (row.status, row.code, row.case) == ("refused", refused.verdict.code, None)
+
+
+def test_every_key_is_documented(calibrated, template):
+    text = (Path(circlecal.formats.__file__).parent / "README.md").read_text()
+    record = result_record(calibrated, template)
+    for key in (*record, *(set(record["camera"]) - set(SOCCERNET_NAMES))):
+        assert f"`{key}`" in text, key

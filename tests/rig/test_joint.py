@@ -1,0 +1,236 @@
+"""Many frames of one camera in one problem: derivatives, elimination, and what is said of a single frame."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from circlecal.camera.covariance import posterior_covariance
+from circlecal.camera.observed import Realism, observed_curves, observed_points
+from circlecal.camera.optimise import Priors, Problem, minimise
+from circlecal.camera.parameters import INDEX, PARAMETERS, Frame, camera_of, theta_of
+from circlecal.camera.residuals import first_hidden
+from circlecal.field import load_field
+from circlecal.observations import Observations
+from circlecal.rig.joint import (
+    evaluate_joint,
+    first_state,
+    frame_information,
+    joint_covariances,
+    joint_problem,
+    minimise_joint,
+    shared_prior,
+)
+from circlecal.synthetic.cameras import sample_camera
+from circlecal.synthetic.markings import circle_points, line_points
+
+SOCCER = load_field("soccer")
+FRAME = Frame(1920, 1080, "flat")
+ZOOM = {"pp_x": 10.0, "kappa_1": 0.01}
+DEVIATION = {"x": 0.1, "roll": 0.001}
+
+
+def priors():
+    mean, sd = np.zeros(len(PARAMETERS)), np.zeros(len(PARAMETERS))
+    sd[:7] = np.inf
+    for name, value in {"roll": 0.05, "pp_x": 5.0, "pp_y": 5.0, "kappa_1": 0.015, "bloom": 0.3}.items():
+        sd[INDEX[name]] = value
+    mean[INDEX["kappa_1"]] = 0.03
+    return Priors(mean, sd, 64.0, 0.6, np.radians(15), np.radians(10), np.zeros(2))
+
+
+def views(count, rng, kappa=0.03):
+    first = sample_camera("main", rng, kappa=kappa)
+    return [first] + [sample_camera("main", rng, like=first, kappa=kappa) for _ in range(count - 1)]
+
+
+def problem_of(camera, rng, sigma=0.5):
+    seen = Observations(
+        1920,
+        1080,
+        (circle_points(camera, SOCCER, "center", 80, sigma, rng),),
+        (line_points(camera, SOCCER, "halfway_line", 40, sigma, rng),),
+    )
+    return Problem(
+        observed_curves(seen, SOCCER, Realism(500, 0.0, 0.0)), observed_points(seen, SOCCER), priors(), FRAME
+    )
+
+
+@pytest.fixture(scope="module")
+def scene():
+    rng = np.random.default_rng(3)
+    cameras = views(4, rng)
+    problems = [problem_of(camera, rng) for camera in cameras]
+    truth = np.array([theta_of(camera, FRAME) for camera in cameras])
+    return problems, truth
+
+
+def joint(scene, zoom=ZOOM, deviation=DEVIATION):
+    problems, truth = scene
+    problem = joint_problem(problems, zoom, deviation, float(np.median(truth[:, 0])))
+    return problem, minimise_joint(problem, first_state(problem, truth, 6.0), 6.0)
+
+
+def flat(problem, state):
+    return np.concatenate([state.own.ravel(), state.common])
+
+
+def unflat(problem, state, values):
+    return values[: state.own.size].reshape(state.own.shape), values[state.own.size :]
+
+
+def dense_normal(state):
+    """The whole Gauss-Newton matrix from its blocks."""
+    frames, own, common = state.H_oc.shape
+    total = np.zeros((frames * own + common,) * 2)
+    for f in range(frames):
+        block = slice(f * own, (f + 1) * own)
+        total[block, block] = state.H_oo[f]
+        total[block, frames * own :] = state.H_oc[f]
+        total[frames * own :, block] = state.H_oc[f].T
+    total[frames * own :, frames * own :] = state.H_common + state.H_cc.sum(axis=0)
+    return total
+
+
+def test_gradient_is_that_of_the_cost(scene):
+    problem, state = joint(scene)
+    rng = np.random.default_rng(0)
+    own = state.own + rng.normal(0, 1e-4, state.own.shape)
+    common = state.common + rng.normal(0, 1e-4, state.common.shape)
+    # without a robust loss the gradient that is used is exactly half that of the cost
+    wide = 1e6
+    here = evaluate_joint(problem, own, common, state.hidden, wide, updates=6)
+    gradient = np.concatenate([here.g_o.ravel(), here.g_common + here.g_c.sum(axis=0)])
+    values = flat(problem, here)
+    for k in range(len(values)):
+        step = np.zeros_like(values)
+        step[k] = 1e-5 * max(1.0, abs(values[k]) * 1e-2)
+        costs = [
+            evaluate_joint(problem, *unflat(problem, here, values + s * step), here.hidden, wide, updates=6).cost
+            for s in (1, -1)
+        ]
+        measured = (costs[0] - costs[1]) / (4 * step[k])
+        assert measured == pytest.approx(gradient[k], rel=2e-3, abs=2e-3 * np.abs(gradient).max()), k
+
+
+def test_optimum_has_no_gradient_and_no_worse_cost_than_the_truth(scene):
+    problem, state = joint(scene)
+    start = first_state(problem, scene[1], 6.0)
+    assert state.cost <= start.cost
+    gradient = np.concatenate([state.g_o.ravel(), state.g_common + state.g_c.sum(axis=0)])
+    size = np.sqrt(np.diag(dense_normal(state)))
+    assert np.abs(gradient / size).max() < 1e-2
+
+
+def test_eliminated_covariance_is_the_dense_one(scene):
+    problem, state = joint(scene)
+    normal = dense_normal(state)
+    size = np.sqrt(np.diag(normal))
+    dense = np.linalg.inv(normal / np.outer(size, size)) / np.outer(size, size)
+    found = joint_covariances(problem, state)
+    frames, own, _ = state.H_oc.shape
+    for f in range(frames):
+        mapping = np.zeros((len(PARAMETERS), len(dense)))
+        mapping[:, f * own : (f + 1) * own] = state.by_own[f]
+        mapping[:, frames * own :] = state.by_common[f]
+        np.testing.assert_allclose(found[f], mapping @ dense @ mapping.T, rtol=1e-4, atol=1e-12)
+
+
+def test_frames_add_up_to_what_is_shared(scene):
+    problem, state = joint(scene)
+    precision, _ = frame_information(state)
+    whole = shared_prior(problem, state)
+    np.testing.assert_allclose(
+        np.linalg.inv(whole.covariance), state.H_common + precision.sum(axis=0), rtol=1e-4, atol=1e-3
+    )
+    without = shared_prior(problem, state, 0)
+    assert (np.diag(without.covariance) >= np.diag(whole.covariance) * (1 - 1e-9)).all()
+
+
+@pytest.mark.parametrize(("zoom", "deviation"), [({}, {}), (ZOOM, DEVIATION)])
+def test_a_frame_under_what_the_others_say_is_the_joint_frame(scene, zoom, deviation):
+    problem, state = joint(scene, zoom, deviation)
+    told = shared_prior(problem, state, 1)
+    own = priors()
+    sd = own.sd.copy()
+    sd[told.indices] = np.inf
+    alone = replace(
+        scene[0][1], priors=replace(own, sd=sd, distance_log_sd=np.inf, elevation_sd_rad=np.inf, shared=told)
+    )
+    fitted = minimise(alone, scene[1][1:2], 6.0)
+    difference = fitted.theta[0] - state.theta[1]
+    spread = joint_covariances(problem, state)[1]
+    sigma = np.sqrt(np.diag(spread))
+    moving = sigma > 0
+    # the change with the zoom is taken at its mean in the single frame
+    assert np.abs(difference[moving] / sigma[moving]).max() < (0.02 if not zoom else 0.2)
+    np.testing.assert_allclose(
+        np.sqrt(np.diag(posterior_covariance(fitted.normal[0], sd)))[moving], sigma[moving], rtol=0.1
+    )
+
+
+def test_five_frames_are_better_than_one():
+    gains = []
+    for seed in range(4):
+        rng = np.random.default_rng([7, seed])
+        cameras = views(5, rng)
+        problems = [problem_of(camera, rng) for camera in cameras]
+        truth = np.array([theta_of(camera, FRAME) for camera in cameras])
+        alone = np.array([minimise(p, t[None], 6.0).theta[0] for p, t in zip(problems, truth, strict=True)])
+        problem = joint_problem(problems, {}, {}, float(np.median(truth[:, 0])))
+        state = minimise_joint(problem, first_state(problem, alone, 6.0), 6.0)
+        errors = [np.linalg.norm(theta[:, 4:7] - truth[:, 4:7], axis=1).mean() for theta in (alone, state.theta)]
+        gains.append(errors[1] / errors[0])
+    assert np.median(gains) < 0.7
+
+
+def test_covariance_holds_over_draws():
+    inside, expected = [], []
+    for seed in range(16):
+        rng = np.random.default_rng([11, seed])
+        cameras = views(3, rng, kappa=float(rng.normal(0.03, 0.015)))
+        shift = rng.normal(0, 5.0, 2)
+        cameras = [replace(c, principal_point_px=c.principal_point_px + shift) for c in cameras]
+        problems = [problem_of(camera, rng) for camera in cameras]
+        truth = np.array([theta_of(camera, FRAME) for camera in cameras])
+        problem = joint_problem(problems, {}, {}, float(np.median(truth[:, 0])))
+        state = minimise_joint(problem, first_state(problem, truth, 6.0), 6.0)
+        told = shared_prior(problem, state)
+        values, _ = told.residuals(truth[:1])
+        inside.append(float(values[0] @ values[0]))
+        expected.append(len(told.parameters))
+    # mean of a chi-squared variable is its number of degrees of freedom
+    assert np.mean(inside) == pytest.approx(np.mean(expected), rel=0.35)
+
+
+def test_zoom_that_moves_the_principal_point_is_found():
+    rng = np.random.default_rng(5)
+    cameras = views(12, rng)
+    mean = np.mean([np.log(c.focal_px[0]) for c in cameras])
+    moved = [
+        replace(c, principal_point_px=c.principal_point_px + np.array([30.0 * (np.log(c.focal_px[0]) - mean), 0.0]))
+        for c in cameras
+    ]
+    problems = [problem_of(camera, rng, sigma=0.1) for camera in moved]
+    truth = np.array([theta_of(camera, FRAME) for camera in moved])
+    errors = {}
+    for name, zoom in (("fixed", {}), ("by zoom", {"pp_x": 30.0})):
+        problem = joint_problem(problems, zoom, {}, float(mean))
+        state = minimise_joint(problem, first_state(problem, truth, 6.0), 6.0)
+        grid = np.stack(np.meshgrid(np.linspace(-12, 12, 7), np.linspace(-12, 12, 7)), axis=-1).reshape(-1, 2)
+        errors[name] = np.mean(
+            [
+                np.abs(camera_of(a, FRAME).project(grid) - camera_of(b, FRAME).project(grid)).mean()
+                for a, b in zip(state.theta, truth, strict=True)
+            ]
+        )
+    assert errors["by zoom"] < 0.5 * errors["fixed"]
+
+
+def test_hidden_parameters_start_on_their_markings(scene):
+    problem, state = joint(scene)
+    for frame, theta, hidden in zip(problem.frames, state.theta, state.hidden, strict=True):
+        near, _ = first_hidden(frame.curves, theta[None], frame.frame, samples=720)
+        circle = frame.curves.radius > 0
+        apart = np.abs(np.angle(np.exp(1j * (near - hidden)[0, circle])))
+        assert apart.max() < 0.05

@@ -1,0 +1,55 @@
+"""Frames of one camera by where their cameras stand."""
+
+import numpy as np
+
+from circlecal.rig.positions import group_positions
+
+MAIN, GOAL = np.array([3.0, 62.0, -15.0]), np.array([-75.0, 1.0, -12.0])
+
+
+def drawn(center, sds, rng, count):
+    toward = center / np.linalg.norm(center)
+    root = np.linalg.qr(np.column_stack([toward, np.eye(3)[:, :2]]))[0]
+    positions, covariances = [], []
+    for _ in range(count):
+        covariance = root @ np.diag(np.square(sds)) @ root.T
+        positions.append(rng.multivariate_normal(center, covariance))
+        covariances.append(covariance)
+    return positions, covariances
+
+
+def test_two_cameras_and_one_that_is_wrong():
+    rng = np.random.default_rng(0)
+    main, goal = drawn(MAIN, (2.0, 0.2, 0.2), rng, 12), drawn(GOAL, (3.0, 0.3, 0.3), rng, 5)
+    wrong = [np.array([10.0, 90.0, -22.0])], [0.01 * np.eye(3)]
+    groups, turned = group_positions(np.array(main[0] + goal[0] + wrong[0]), np.array(main[1] + goal[1] + wrong[1]), 2)
+    assert (groups[:12] == 0).all()
+    assert (groups[12:17] == 1).all()
+    assert groups[17] == -1
+    assert not turned.any()
+
+
+def test_turned_positions_agree():
+    rng = np.random.default_rng(1)
+    positions, covariances = drawn(GOAL, (1.0, 0.3, 0.3), rng, 6)
+    positions = [p * np.array([-1, -1, 1]) if k % 2 else p for k, p in enumerate(positions)]
+    groups, turned = group_positions(np.array(positions), np.array(covariances), 2)
+    assert (groups == 0).all()
+    assert len(set(turned[::2])) == len(set(turned[1::2])) == 1
+    assert turned[0] != turned[1]
+
+
+def test_a_vague_position_goes_where_it_is_likely_and_founds_nothing():
+    rng = np.random.default_rng(2)
+    main = drawn(MAIN, (0.3, 0.2, 0.2), rng, 4)
+    vague = [MAIN + np.array([8.0, 10.0, -3.0])], [np.diag([100.0, 150.0, 20.0])]
+    groups, _ = group_positions(np.array(main[0] + vague[0]), np.array(main[1] + vague[1]), 2)
+    assert (groups == 0).all()
+    many_vague = np.tile(vague[1][0], (2, 1, 1))
+    assert set(group_positions(np.array([MAIN, -3 * GOAL]), many_vague * 0.01, 2)[0]) == {-1}
+
+
+def test_nothing_to_group():
+    assert group_positions(np.zeros((0, 3)), np.zeros((0, 3, 3)))[0].shape == (0,)
+    assert group_positions(MAIN[None], np.eye(3)[None])[0].tolist() == [-1]
+    assert group_positions(MAIN[None], np.eye(3)[None], 1)[0].tolist() == [0]
