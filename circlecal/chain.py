@@ -17,12 +17,12 @@ from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.homography import scale_homography, turn_homography
 from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations
 from circlecal.results import (
-    Assignment,
     Calibration,
     CameraFit,
     Cues,
     EllipseFits,
     HomographyFit,
+    Interpretation,
     MarkingMask,
     Verdict,
 )
@@ -83,7 +83,7 @@ class Chain:
         image: NDArray[np.uint8],
         given: NDArray[np.uint8] | None,
         brightness: NDArray[np.uint8],
-        excluded: tuple[Assignment, ...],
+        ruled_out: tuple[Interpretation, ...],
         marking: MarkingMask | None,
     ) -> tuple[EllipseFits, Cues, Observations]:
         """What the picture shows of the circle and of what lies around it."""
@@ -91,7 +91,7 @@ class Chain:
         with self.clock("mask"):
             refusal = None
             if marking is None:
-                marking, refusal = find_marking(image, given, config.mask, self.rng, brightness, excluded)
+                marking, refusal = find_marking(image, given, config.mask, self.rng, brightness, ruled_out)
             reached["mask"] = marking
         if refusal is not None:
             raise refusal

@@ -17,11 +17,11 @@ from circlecal.observations import Observations, joined
 from circlecal.paint.profiles import grey
 from circlecal.pictures.interlacing import row_motion, without_combs
 from circlecal.results import (
-    Assignment,
     Calibration,
     CameraFit,
     Cues,
     EllipseFits,
+    Interpretation,
     MarkingMask,
     Verdict,
 )
@@ -48,7 +48,7 @@ TAKEN_WRONGLY = frozenset(
     }
 )
 """Refusals after which another circle or line is looked for: this one may be a face-off circle, or one of a logo."""
-MOST_ASSIGNMENTS = 3
+MOST_INTERPRETATIONS = 3
 """How often."""
 PARTIAL_DEG = 240.0
 """The same where less of the circle is seen: an ellipse fitted to a part of it leaves the paint beyond."""
@@ -190,23 +190,23 @@ class _Attempts:
         chain = self.chain
         first = verdict = self._with_circle()
         reached = chain.reached
-        excluded: tuple[Assignment, ...] = ()
-        while (verdict.code in TAKEN_WRONGLY or doubtful(verdict)) and len(excluded) < MOST_ASSIGNMENTS:
+        ruled_out: tuple[Interpretation, ...] = ()
+        while (verdict.code in TAKEN_WRONGLY or doubtful(verdict)) and len(ruled_out) < MOST_INTERPRETATIONS:
             mask: MarkingMask = chain.reached["mask"]
             if mask.source != "detector" or mask.conic is None:
                 break
-            excluded = (*excluded, Assignment(mask.conic, mask.halfway))
+            ruled_out = (*ruled_out, Interpretation(mask.conic, mask.halfway))
             chain.reached = {}
-            verdict = self._with_circle(excluded)
+            verdict = self._with_circle(ruled_out)
             if verdict.status == "calibrated" and (
                 surely_assigned(verdict, chain.reached["camera"], chain.reached["cues"])
-                or (first.code == "line_beyond_field" and self._about(excluded[0]))
+                or (first.code == "line_beyond_field" and self._about(ruled_out[0]))
             ):
                 return verdict
         chain.reached = reached
         return self._with_arcs(first) if first.status == "refused" else first
 
-    def _about(self, smaller: Assignment) -> bool:
+    def _about(self, smaller: Interpretation) -> bool:
         """Whether the circle lies about one that was too small for the field, and another marking is at its place."""
         mask: MarkingMask = self.chain.reached["mask"]
         camera: CameraFit = self.chain.reached["camera"]
@@ -229,11 +229,11 @@ class _Attempts:
             return Verdict("refused", "rotation_free", ARC_ALONE, "camera")
         return first
 
-    def _with_circle(self, excluded: tuple[Assignment, ...] = (), marking: MarkingMask | None = None) -> Verdict:
-        """The answer with the circle of a marking, or with the first that is found, other than those excluded."""
+    def _with_circle(self, ruled_out: tuple[Interpretation, ...] = (), marking: MarkingMask | None = None) -> Verdict:
+        """The answer with the circle of a marking, or with the first that is found, other than those ruled out."""
         chain, extra = self.chain, self.extra
         try:
-            ellipses, cues, seen = chain.seen(self.image, self.given, self.brightness, excluded, marking)
+            ellipses, cues, seen = chain.seen(self.image, self.given, self.brightness, ruled_out, marking)
         except EstimationError as refusal:
             if extra is None:
                 return refused(refusal)

@@ -34,11 +34,11 @@ class Segment:
 
 
 @dataclass(frozen=True, slots=True)
-class Assignment:
-    """What was taken for the circle (its conic, (3, 3)) and for its halfway line."""
+class Interpretation:
+    """What in a picture is taken for the circle (``conic``, (3, 3)) and for the line through its middle."""
 
     conic: Array
-    halfway: Segment | None
+    line: Segment | None
 
 
 @dataclass(frozen=True, slots=True)

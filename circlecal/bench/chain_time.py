@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.config import Config
-from circlecal.detection import detect
 from circlecal.errors import InputError
 from circlecal.pipeline import run
 from circlecal.results import Calibration
@@ -23,8 +22,8 @@ RUNS = 15
 
 @dataclass(frozen=True, slots=True)
 class ChainTime:
-    """Milliseconds of decoding, of the chain from the decoded picture to the verdict, of each of its stages, and of the
-    steps of the built-in detector; each the best of its runs.
+    """Milliseconds of decoding, of the chain from the decoded picture to the verdict, and of each of its stages; each
+    the best of its runs.
 
     ``decoding_ms`` is that of a program that does nothing else: every picture lies in memory that is fresh from the
     system. Between two runs of the chain memory is at hand, and decoding takes ``decoding_in_turn_ms``.
@@ -38,7 +37,6 @@ class ChainTime:
     decoding_in_turn_ms: float
     chain_ms: float
     stage_ms: dict[str, float]
-    detector_ms: dict[str, float]
 
     @property
     def times_decoding(self) -> float:
@@ -92,7 +90,6 @@ def time_chain(name: str, encoded: NDArray[np.uint8], config: Config, runs: int 
         in_turn.append((time.perf_counter() - start) * 1e3)
         turns.append(timed_run(image, config, name, 1))
     found = turns[0][0]
-    detections = (detect(image, config.mask.detector, np.random.default_rng(config.seed)) for _ in range(runs))
     height, width = image.shape[:2]
     return ChainTime(
         frame=name,
@@ -103,7 +100,6 @@ def time_chain(name: str, encoded: NDArray[np.uint8], config: Config, runs: int 
         decoding_in_turn_ms=min(in_turn),
         chain_ms=min(chain_ms for _, chain_ms, _ in turns),
         stage_ms=least(stages for _, _, stages in turns),
-        detector_ms=least(detection.timings_ms for detection in detections),
     )
 
 

@@ -170,11 +170,10 @@ def _time_picture(path: Path, as_json: bool) -> None:
         "decoding, between chains": found.decoding_in_turn_ms,
         "chain": found.chain_ms,
     }
-    steps = {f"detector, {name}": ms for name, ms in found.detector_ms.items()}
     _table(
         f"{found.frame}, {found.width}x{found.height}, {found.status}: best of several runs, one thread",
         ["what", "ms", "x decoding"],
-        [[n, f"{ms:.2f}", f"{ms / found.decoding_ms:.2f}"] for n, ms in {**named, **found.stage_ms, **steps}.items()],
+        [[n, f"{ms:.2f}", f"{ms / found.decoding_ms:.2f}"] for n, ms in {**named, **found.stage_ms}.items()],
     )
 
 

@@ -2,6 +2,6 @@
 
 from circlecal.detection.detector import detect
 from circlecal.detection.options import DetectorConfig
-from circlecal.detection.result import CircleHypothesis, Detection, LineSegment
+from circlecal.detection.result import CircleHypothesis, Detection
 
-__all__ = ["CircleHypothesis", "Detection", "DetectorConfig", "LineSegment", "detect"]
+__all__ = ["CircleHypothesis", "Detection", "DetectorConfig", "detect"]

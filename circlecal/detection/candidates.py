@@ -21,13 +21,13 @@ from circlecal.detection.hypotheses import EllipseBatch
 from circlecal.detection.lines import find_straight_runs
 from circlecal.detection.options import DetectorConfig
 from circlecal.detection.paint import painted_share
-from circlecal.detection.picture import Frame, Scaling, Stopwatch
+from circlecal.detection.picture import Picture, Scaling
 from circlecal.detection.result import CircleHypothesis
-from circlecal.detection.ruled_out import assigned_alike, segments_left, segments_off
+from circlecal.detection.ruled_out import interpretations_of, segments_left, segments_off
 from circlecal.detection.scoring import RidgeRaster, support_of
 from circlecal.detection.sides import alike_paint, colour_of_circle, colour_of_line
 from circlecal.geometry.projective import Array
-from circlecal.results import Assignment
+from circlecal.results import Interpretation
 
 __all__ = ["Candidates", "Found"]
 
@@ -71,31 +71,29 @@ class Candidates:
 
     Parameters
     ----------
-    frame : Frame
+    picture : Picture
     raster : RidgeRaster
         Of the pass.
     segments : (K, 2, 2) array
         Straight markings, px of the full picture.
     scaling : Scaling
     config : DetectorConfig
-    excluded : tuple of Assignment
+    ruled_out : tuple of Interpretation
         What turned out wrong.
-    watch : Stopwatch
     """
 
     def __init__(
         self,
-        frame: Frame,
+        picture: Picture,
         raster: RidgeRaster,
         segments: Array,
         scaling: Scaling,
         config: DetectorConfig,
-        excluded: tuple[Assignment, ...],
-        watch: Stopwatch,
+        ruled_out: tuple[Interpretation, ...],
     ) -> None:
-        self._frame, self._raster, self._segments, self._scaling = frame, raster, segments, scaling
-        self._config, self._excluded, self._watch = config, excluded, watch
-        self._width = frame.grey.shape[1]
+        self._picture, self._raster, self._segments, self._scaling = picture, raster, segments, scaling
+        self._config, self._ruled_out = config, ruled_out
+        self._width = picture.gray.shape[1]
         self._shorter: Array | None = None
 
     def first_accepted(self, batch: EllipseBatch) -> Found:
@@ -103,7 +101,7 @@ class Candidates:
         without it, or the best likely one.
         """
         measured: list[_Candidate] = []
-        for index in range(min(len(batch), self._config.candidates + len(self._excluded))):
+        for index in range(min(len(batch), self._config.candidates + len(self._ruled_out))):
             found = self._measured(self._scaling.full_ellipses(batch.take(np.array([index]))))
             if found is None:
                 continue
@@ -126,34 +124,33 @@ class Candidates:
     def _measured(self, start: EllipseBatch) -> _Candidate | None:
         """The one ellipse of the batch; None where it is ruled out with any halfway line."""
         config, width = self._config, self._width
-        circle = measure_circle(self._frame.grey, start, (config.sign,), config.refinement)
-        circle = onto_flat_sides(self._frame.grey, circle, self._segments, config.refinement)
-        alike = assigned_alike(self._excluded, circle.ellipse)
-        if any(assignment.halfway is None for assignment in alike):
+        circle = measure_circle(self._picture.gray, start, config.sign, config.refinement)
+        circle = onto_flat_sides(self._picture.gray, circle, self._segments, config.refinement)
+        alike = interpretations_of(self._ruled_out, circle.ellipse)
+        if any(interpretation.line is None for interpretation in alike):
             return None
         inside = support_of(self._scaling.detection_ellipses(circle.ellipse), self._raster).field[0]
         hypothesis = hypothesis_of(circle, float(inside), width)
-        self._watch.lap("refine")
         refusal = refusal_of(hypothesis, True, width, config.acceptance)
         likely = likely_arc(hypothesis, width, config.acceptance, config.likely)
         if refusal == "circle_support_too_low" and not likely:
-            share, sectors = painted_share(self._frame.grey, circle.ellipse, circle.sign)
+            share, sectors = painted_share(self._picture.gray, circle.ellipse, circle.sign)
             hypothesis = replace(hypothesis, painted_share=share if sectors >= _FEWEST_SECTORS else 0.0)
             likely = likely_arc(hypothesis, width, config.acceptance, config.likely)
-            self._watch.lap("refine")
         if refusal is not None and not likely:
             return _Candidate(circle, hypothesis, refusal, arc=drawn_arc(circle, hypothesis, width, config.likely))
         halfway = self._halfway(circle, alike, thorough=refusal is not None)
         through = halfway is not None and not halfway.outside
         refusal = refusal_of(hypothesis, through, width, config.acceptance)
-        self._watch.lap("halfway")
         arc = hypothesis if halfway is None and likely and hypothesis.painted_share == 0.0 else None
         if refusal is not None and halfway is not None:
             both_sides = drawn_on_both_sides(circle, halfway.line, config.likely.side_share)
             halfway = halfway if both_sides else None
         return _Candidate(circle, hypothesis, refusal, halfway, arc, tried=bool(alike))
 
-    def _halfway(self, circle: MeasuredCircle, alike: tuple[Assignment, ...], *, thorough: bool) -> MeasuredLine | None:
+    def _halfway(
+        self, circle: MeasuredCircle, alike: tuple[Interpretation, ...], *, thorough: bool
+    ) -> MeasuredLine | None:
         """The line through the circle's middle, among the long straight markings, the short ones (``thorough``), and
         the ridge points that head there.
         """
@@ -178,10 +175,10 @@ class Candidates:
     def _in_paint(self, circle: MeasuredCircle, segments: Array) -> MeasuredLine | None:
         """The first line through the circle's middle that is in the circle's paint."""
         for _ in range(_MOST_LINES):
-            line = find_halfway(self._frame.grey, circle, segments, self._config)
+            line = find_halfway(self._picture.gray, circle, segments, self._config)
             if line is None or not self._config.one_paint:
                 return line
-            colours = colour_of_line(self._frame.image_bgr, line), colour_of_circle(self._frame.image_bgr, circle)
+            colours = colour_of_line(self._picture.image_bgr, line), colour_of_circle(self._picture.image_bgr, circle)
             if alike_paint(*colours):
                 return line
             segments = segments_off(segments, line.line, self._width)

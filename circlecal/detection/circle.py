@@ -77,7 +77,7 @@ def conic_of(ellipse: EllipseBatch) -> Array:
 
 
 def measure_circle(
-    grey: NDArray[np.uint8], ellipse: EllipseBatch, polarities: tuple[float, ...], config: RefinementConfig
+    grey: NDArray[np.uint8], ellipse: EllipseBatch, sign: float, config: RefinementConfig
 ) -> MeasuredCircle:
     """Follow the marking along an ellipse and fit the ellipse to it, in a few rounds.
 
@@ -87,19 +87,14 @@ def measure_circle(
         Full picture.
     ellipse : EllipseBatch
         One ellipse in pixels of the full picture.
-    polarities : tuple of float
-        +1 and/or -1: brightness of the marking relative to the surface; the one with more support wins.
+    sign : float
+        +1 for a marking lighter than the surface, -1 for a darker one.
     config : RefinementConfig
 
     Returns
     -------
     MeasuredCircle
     """
-    measured = [_follow(grey, ellipse, sign, config) for sign in polarities]
-    return max(measured, key=lambda circle: int(np.count_nonzero(circle.band.supported)))
-
-
-def _follow(grey: NDArray[np.uint8], ellipse: EllipseBatch, sign: float, config: RefinementConfig) -> MeasuredCircle:
     unit = grey.shape[1] / 1280.0
     for turn in range(config.rounds):
         reach = (config.reach_px1280 if turn == 0 else config.narrow_reach_px1280) * unit

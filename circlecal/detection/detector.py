@@ -13,14 +13,14 @@ from circlecal.detection.field_region import FieldRegion, find_field_region
 from circlecal.detection.marking_mask import MarkingSketch
 from circlecal.detection.options import DetectorConfig
 from circlecal.detection.passes import flat, quick, thorough
-from circlecal.detection.picture import Frame, Stopwatch
-from circlecal.detection.result import CircleHypothesis, Detection, LineSegment
+from circlecal.detection.picture import Picture
+from circlecal.detection.result import CircleHypothesis, Detection
 from circlecal.detection.search import NO_FIELD, Search, search_once
 from circlecal.detection.sides import colour_of_circle, painted_alike, painted_on_one_surface
 from circlecal.geometry.conics import sampson_distance
 from circlecal.geometry.projective import Array
 from circlecal.paint.profiles import grey as brightness_of
-from circlecal.results import Assignment
+from circlecal.results import Interpretation, Segment
 
 __all__ = ["detect"]
 
@@ -33,7 +33,7 @@ def detect(
     config: DetectorConfig,
     rng: np.random.Generator,
     brightness: NDArray[np.uint8] | None = None,
-    excluded: tuple[Assignment, ...] = (),
+    ruled_out: tuple[Interpretation, ...] = (),
 ) -> Detection:
     """Find the field, its straight markings, the centre circle and the halfway line in one picture.
 
@@ -46,7 +46,7 @@ def detect(
         Draws the hypotheses.
     brightness : (H, W) uint8, optional
         Of the frame, where it is known already.
-    excluded : tuple of Assignment
+    ruled_out : tuple of Interpretation
         What turned out wrong: such a circle is not found again with such a line.
 
     Returns
@@ -61,41 +61,31 @@ def detect(
     """
     if image_bgr.ndim != 3 or image_bgr.shape[2] != 3 or image_bgr.dtype != np.uint8:
         raise ValueError(f"image_bgr must be (H, W, 3) uint8, not {image_bgr.shape} {image_bgr.dtype}")
-    watch = Stopwatch()
     full_grey = brightness_of(image_bgr) if brightness is None else brightness
-    watch.lap("scale")
     region = find_field_region(image_bgr, config.field_region)
-    watch.lap("field")
-    search = _searched(Frame(image_bgr, full_grey), region, config, rng, watch, excluded)
-    ridges, runs, segments, found = search.ridges, search.runs, search.segments, search.found
+    search = _searched(Picture(image_bgr, full_grey), region, config, rng, ruled_out)
+    segments, found = search.segments, search.found
     kept = _straight_markings(image_bgr, segments, found.circle, found.hypothesis, config.one_paint)
-    watch.lap("surfaces")
-    halfway = None if found.halfway is None else LineSegment(*found.halfway.ends, support=found.halfway.support)
-    detection = Detection(
+    return Detection(
         region=search.region,
-        ridge_points=search.scaling.full(ridges.points),
-        lines=tuple(LineSegment(segments[i, 0], segments[i, 1], runs[i].support) for i in kept),
+        lines=tuple(Segment(segments[i, 0], segments[i, 1], search.runs[i].support) for i in kept),
         circle=found.hypothesis,
         candidates=found.candidates,
-        halfway=halfway,
+        halfway=None if found.halfway is None else Segment(*found.halfway.ends, support=found.halfway.support),
         sketch=MarkingSketch(full_grey, found.circle, found.halfway, segments[kept], search.sign, config),
         refusal=found.refusal,
-        timings_ms=watch.timings_ms,
         certain=found.certain,
         polarity=search.sign,
         arcs=found.arcs,
     )
-    watch.lap("result")
-    return detection
 
 
 def _searched(
-    frame: Frame,
+    picture: Picture,
     region: FieldRegion,
     config: DetectorConfig,
     rng: np.random.Generator,
-    watch: Stopwatch,
-    excluded: tuple[Assignment, ...],
+    ruled_out: tuple[Interpretation, ...],
 ) -> Search:
     """The first search that finds a circle beyond doubt with its halfway line, quick ones before slow ones; failing
     that, the best.
@@ -106,14 +96,13 @@ def _searched(
     passes = [(quick(option), 0.0, region) for option in options]
     searches: list[Search] = []
     for option, margin, surface in passes:
-        search = search_once(frame, surface, option, rng, watch, excluded, margin)
+        search = search_once(picture, surface, option, rng, ruled_out, margin)
         if search.found.refusal == NO_FIELD or search.found.settled:
             return search
         searches.append(search)
         if config.thorough and len(searches) == len(options):
             # the stands, or the track before the field, may fill more of the picture
-            other = find_field_region(frame.image_bgr, config.field_region, region)
-            watch.lap("field")
+            other = find_field_region(picture.image_bgr, config.field_region, region)
             enough = other.area_share >= config.field_region.area_share
             passes += [(quick(option), 0.0, other) for option in options if enough]
             passes += [
@@ -123,13 +112,13 @@ def _searched(
         # a circle that is seen very flat has too few rows in the smaller picture
         surfaces = {id(surface): surface for _, _, surface in passes}.values()
         for option, surface in ((option, surface) for option in options for surface in surfaces):
-            search = search_once(frame, surface, flat(option), rng, watch, excluded, _MARGIN)
+            search = search_once(picture, surface, flat(option), rng, ruled_out, _MARGIN)
             if search.found.settled:
                 return search
             searches += [search] if search.found.circle is not None else []
     best = max(searches, key=_rank)
     arcs = [arc for search in searches if search.sign == best.sign for arc in search.found.arcs]
-    apart_px, gapless = SAME_ARC * frame.grey.shape[1], config.likely.gapless_share
+    apart_px, gapless = SAME_ARC * picture.gray.shape[1], config.likely.gapless_share
     distinct = distinct_arcs(arcs, best.found.hypothesis, apart_px, gapless)
     return replace(best, found=replace(best.found, arcs=distinct))
 

@@ -37,11 +37,6 @@ class FieldRegion:
         """Hull at another picture size: (height, width) uint8, 0 or 255."""
         return np.asarray(cv2.resize(self.hull, (width, height), interpolation=cv2.INTER_NEAREST), np.uint8)
 
-    def inside(self, width: int, height: int) -> NDArray[np.bool_]:
-        """Whether a pixel of another picture size lies in the hull: (height, width) bool."""
-        ones = cv2.resize(self.hull >> 7, (width, height), interpolation=cv2.INTER_NEAREST)
-        return np.asarray(ones, np.uint8).view(np.bool_)
-
 
 def find_field_region(
     picture: NDArray[np.uint8], config: FieldRegionConfig, beside: FieldRegion | None = None

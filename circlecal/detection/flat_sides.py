@@ -60,5 +60,5 @@ def onto_flat_sides(
     ellipse = circle.ellipse
     for _ in range(_STEPS):
         ellipse = adjusted(ellipse, together[None], np.ones((1, len(together))))
-    moved = measure_circle(grey, ellipse, (circle.sign,), config)
+    moved = measure_circle(grey, ellipse, circle.sign, config)
     return max(circle, moved, key=lambda found: int(np.count_nonzero(found.band.supported)))

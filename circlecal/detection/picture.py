@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -14,29 +13,15 @@ from circlecal.detection.lines import StraightRun
 from circlecal.detection.options import DetectorConfig
 from circlecal.geometry.projective import Array
 
-__all__ = ["Frame", "Scaling", "Stopwatch", "detection_picture"]
-
-
-@dataclass(slots=True)
-class Stopwatch:
-    """Milliseconds that each step took, summed over the passes."""
-
-    timings_ms: dict[str, float] = field(default_factory=dict)
-    _last: float = field(default_factory=time.perf_counter)
-
-    def lap(self, name: str) -> None:
-        """Count the time since the last call for this step."""
-        now = time.perf_counter()
-        self.timings_ms[name] = self.timings_ms.get(name, 0.0) + (now - self._last) * 1e3
-        self._last = now
+__all__ = ["Picture", "Scaling", "detection_picture"]
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
-    """The full picture (H, W, 3) and its brightness (H, W)."""
+class Picture:
+    """The full picture: its colours (H, W, 3) in the order blue, green, red, and its gray levels (H, W)."""
 
     image_bgr: NDArray[np.uint8]
-    grey: NDArray[np.uint8]
+    gray: NDArray[np.uint8]
 
 
 @dataclass(frozen=True, slots=True)

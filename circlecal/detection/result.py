@@ -5,33 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
 from circlecal.detection.field_region import FieldRegion
 from circlecal.geometry.projective import Array
+from circlecal.results import Segment
 
 if TYPE_CHECKING:
     from circlecal.detection.marking_mask import MarkingSketch
 
-__all__ = ["CircleHypothesis", "Detection", "LineSegment"]
-
-
-@dataclass(frozen=True, slots=True)
-class LineSegment:
-    """A straight marking.
-
-    Attributes
-    ----------
-    start, end : (2,) float64
-        Ends, px.
-    support : float
-        Share 0..1 of its length where the picture shows a marking.
-    """
-
-    start: Array
-    end: Array
-    support: float
+__all__ = ["CircleHypothesis", "Detection"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,9 +69,7 @@ class Detection:
     ----------
     region : FieldRegion
         Hull of the playing field, in a reduced picture.
-    ridge_points : (N, 2) float64
-        Centreline points of thin markings (and of whatever looks like one), px.
-    lines : tuple of LineSegment
+    lines : tuple of Segment
         Straight markings, longest first.
     circle : CircleHypothesis or None
         The accepted circle.
@@ -100,39 +79,24 @@ class Detection:
         Whether the circle stands by itself; otherwise it is likely, and something else must confirm it.
     polarity : float
         +1 where the markings are lighter than the surface, -1 where they are darker.
-    halfway : LineSegment or None
+    halfway : Segment or None
         The straight marking through the circle's middle.
     sketch : MarkingSketch
         What the marking mask is drawn from.
     refusal : str or None
         Why there is no circle: ``no_field``, ``no_circle_found``, ``circle_support_too_low``, ``arc_too_short``,
         ``circle_off_marking``, ``width_unlike_marking``.
-    timings_ms : dict
-        Milliseconds of every step.
     arcs : tuple of CircleHypothesis
         Parts of circles without a line through their middle, longest first: the circle, or a penalty arc.
     """
 
     region: FieldRegion
-    ridge_points: Array
-    lines: tuple[LineSegment, ...]
+    lines: tuple[Segment, ...]
     circle: CircleHypothesis | None
     candidates: tuple[CircleHypothesis, ...]
-    halfway: LineSegment | None
+    halfway: Segment | None
     sketch: MarkingSketch
     refusal: str | None
-    timings_ms: dict[str, float]
     certain: bool = True
     polarity: float = 1.0
     arcs: tuple[CircleHypothesis, ...] = ()
-
-    @property
-    def mask(self) -> NDArray[np.uint8]:
-        """SoccerNet class ids (H, W): 7 circle, 18 halfway line, 17 other straight markings, 0 elsewhere."""
-        return self.sketch.draw()
-
-    @property
-    def field_region(self) -> NDArray[np.bool_]:
-        """Whether each pixel of the frame (H, W) lies in the hull of the playing field."""
-        height, width = self.sketch.brightness.shape
-        return self.region.inside(width, height)

@@ -45,9 +45,7 @@ class RidgePoints:
         return len(self.points)
 
 
-def find_ridges(
-    grey: Brightness, region: NDArray[np.uint8], polarities: tuple[float, ...], config: RidgeConfig
-) -> RidgePoints:
+def find_ridges(grey: Brightness, region: NDArray[np.uint8], sign: float, config: RidgeConfig) -> RidgePoints:
     """Find ridge points inside a region.
 
     Parameters
@@ -56,8 +54,8 @@ def find_ridges(
         Picture in grey levels.
     region : (h, w) uint8
         255 where ridges are wanted, 0 elsewhere.
-    polarities : tuple of float
-        +1 for bright ridges, -1 for dark ones, both for either.
+    sign : float
+        +1 for bright ridges, -1 for dark ones.
     config : RidgeConfig
 
     Returns
@@ -67,8 +65,7 @@ def find_ridges(
     top, bottom = _row_range(region, 1 << config.levels)
     region = region[top:bottom]
     smooth = _smoothed_levels(grey[top:bottom], config)
-    rows = np.concatenate([_ridges_of_one_polarity(smooth, region, sign, config) for sign in polarities], axis=1)
-    ridges = _without_short_chains(rows, region.shape, config)
+    ridges = _without_short_chains(_ridges_of_all_levels(smooth, region, sign, config), region.shape, config)
     ridges.points[:, 1] += top
     return ridges
 
@@ -98,7 +95,7 @@ def _smoothed_levels(grey: Brightness, config: RidgeConfig) -> list[Picture]:
     return levels
 
 
-def _ridges_of_one_polarity(
+def _ridges_of_all_levels(
     smooth: list[Picture], region: NDArray[np.uint8], sign: float, config: RidgeConfig
 ) -> Picture:
     """Rows x, y, nx, ny, strength (5, K) of the points of all levels; a place keeps the level that responds most."""

@@ -16,7 +16,7 @@ from circlecal.errors import EstimationError
 from circlecal.geometry.conics import ellipse_from_conic
 from circlecal.geometry.projective import Array, fit_line, line_distance
 from circlecal.geometry.ransac import ransac_conic
-from circlecal.results import CIRCLE_ID, HALFWAY_ID, Assignment, MarkingMask, SeenArc, Segment
+from circlecal.results import CIRCLE_ID, HALFWAY_ID, Interpretation, MarkingMask, SeenArc, Segment
 
 MODEL_KEY = "mask.model"
 ARC_RADIUS_PX = 3.0
@@ -59,7 +59,7 @@ def find_marking(
     config: MaskConfig,
     rng: np.random.Generator,
     brightness: NDArray[np.uint8] | None = None,
-    excluded: tuple[Assignment, ...] = (),
+    ruled_out: tuple[Interpretation, ...] = (),
 ) -> tuple[MarkingMask, EstimationError | None]:
     """The marking mask of a frame, and the reason where it holds no circle.
 
@@ -75,7 +75,7 @@ def find_marking(
         For the detector's and the mask's robust fits.
     brightness : (H, W) uint8, optional
         Of the picture, where it is known already.
-    excluded : tuple of Assignment
+    ruled_out : tuple of Interpretation
         What the built-in detector shall not find again.
 
     Returns
@@ -95,7 +95,7 @@ def find_marking(
     if given is None and config.source == "file":
         return _empty(image), EstimationError("mask", "no_mask", "mask.source is file, and no mask was given")
     if given is None or config.source == "detector":
-        found = detect(image, config.detector, rng, brightness, excluded)
+        found = detect(image, config.detector, rng, brightness, ruled_out)
         return marking_from_detection(found, config.detector.likely.gapless_share)
     return marking_from_classes(given, config, rng)
 
@@ -119,10 +119,8 @@ def marking_from_detection(found: Detection, gapless_share: float) -> tuple[Mark
         drawn=found.sketch.draw,
         source="detector",
         conic=None if found.circle is None else found.circle.conic,
-        halfway=None
-        if found.halfway is None
-        else Segment(found.halfway.start, found.halfway.end, found.halfway.support),
-        lines=tuple(Segment(s.start, s.end, s.support) for s in found.lines),
+        halfway=found.halfway,
+        lines=found.lines,
         field_region=found.region.hull > 0,
         candidates=tuple(c.conic for c in found.candidates),
         certain=found.certain,

@@ -14,7 +14,7 @@ from .conftest import RADIUS_M, Scene, level, paint_scene, ring, upright
 def arc_of(scene: Scene) -> CircleHypothesis | None:
     frame = ellipse_from_conic(scene.conic).frame()
     start = EllipseBatch(frame[None, :2, 2] + 1.0, frame[None, :2, 0] * 1.01, frame[None, :2, 1])
-    circle = measure_circle(scene.image[:, :, 1].copy(), start, (1.0,), RefinementConfig())
+    circle = measure_circle(scene.image[:, :, 1].copy(), start, 1.0, RefinementConfig())
     return drawn_arc(circle, hypothesis_of(circle, 1.0, 960), 960, LikelyConfig())
 
 

@@ -65,7 +65,7 @@ def start(scene: Scene, shift: float) -> EllipseBatch:
 
 def test_measurement_finds_the_paint_from_a_rough_start(scene: Scene) -> None:
     grey = scene.image[:, :, 1].copy()
-    circle = measure_circle(grey, start(scene, 1.5), (1.0,), RefinementConfig(rounds=3))
+    circle = measure_circle(grey, start(scene, 1.5), 1.0, RefinementConfig(rounds=3))
     assert abs(circle.angle_share.sum() - 1.0) < 1e-9
     assert np.abs(sampson_distance(scene.conic, circle.marking_points)).mean() < 0.12
     assert np.abs(sampson_distance(conic_of(circle.ellipse), scene.circle_points())).mean() < 0.12
@@ -74,15 +74,17 @@ def test_measurement_finds_the_paint_from_a_rough_start(scene: Scene) -> None:
     assert hypothesis.rms_px < 0.5
 
 
-def test_polarity_is_chosen_by_support(scene: Scene) -> None:
+def test_a_dark_marking_is_measured_as_such_only(scene: Scene) -> None:
     grey = 255 - scene.image[:, :, 1]
-    assert measure_circle(grey, start(scene, 1.0), (1.0, -1.0), RefinementConfig()).sign == -1.0
+    light, dark = (measure_circle(grey, start(scene, 1.0), sign, RefinementConfig()) for sign in (1.0, -1.0))
+    assert light.angle_share[light.band.supported].sum() < 0.3
+    assert dark.angle_share[dark.band.supported].sum() > 0.9
 
 
 def test_paint_on_the_field_is_wider_at_the_sides_than_a_drawn_ring() -> None:
     scene = paint_scene(width=1920, height=1080, noise=1.5)
     grey = scene.image[:, :, 1].copy()
-    painted = hypothesis_of(measure_circle(grey, start(scene, 0.5), (1.0,), RefinementConfig()), 1.0, 1920)
+    painted = hypothesis_of(measure_circle(grey, start(scene, 0.5), 1.0, RefinementConfig()), 1.0, 1920)
     assert painted.band_width is not None
     assert 0.009 < painted.band_width < 0.017
     ellipse = ellipse_from_conic(scene.conic)
@@ -90,7 +92,7 @@ def test_paint_on_the_field_is_wider_at_the_sides_than_a_drawn_ring() -> None:
     drawn = np.full_like(grey, 120)
     outline = np.rint(ellipse.points(np.linspace(0, 2 * np.pi, 721)) * 16).astype(np.int32)
     cv2.polylines(drawn, [outline], True, 220, 6, cv2.LINE_AA, 4)
-    ring = hypothesis_of(measure_circle(drawn, start(scene, 0.5), (1.0,), RefinementConfig()), 1.0, 1920)
+    ring = hypothesis_of(measure_circle(drawn, start(scene, 0.5), 1.0, RefinementConfig()), 1.0, 1920)
     assert ring.band_width is not None
     assert ring.band_width < GATES.band_width
     assert refusal(ring, has_halfway=True) == "width_unlike_marking"

@@ -7,7 +7,10 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from circlecal.detection import Detection, DetectorConfig, detect
-from circlecal.detection.passes import flat, thorough
+from circlecal.detection.field_region import find_field_region
+from circlecal.detection.passes import flat, quick, thorough
+from circlecal.detection.picture import Picture
+from circlecal.detection.search import search_once
 from circlecal.geometry.conics import sampson_distance
 from circlecal.geometry.projective import Array, lift
 
@@ -18,6 +21,14 @@ CONFIG = DetectorConfig()
 
 def run(image: np.ndarray, config: DetectorConfig = CONFIG, seed: int = 7) -> Detection:
     return detect(image, config, np.random.default_rng(seed))
+
+
+def first_pass(image: np.ndarray, config: DetectorConfig) -> Array:
+    """Ridge points (N, 2) of the first pass, px of the full picture."""
+    region = find_field_region(image, config.field_region)
+    picture = Picture(image, np.ascontiguousarray(image[:, :, 1]))
+    search = search_once(picture, region, quick(config), np.random.default_rng(7), ())
+    return search.scaling.full(search.ridges.points)
 
 
 def circle_error(found: Detection, scene: Scene) -> float:
@@ -50,7 +61,7 @@ def test_same_generator_same_answer(main_view: Scene) -> None:
     assert first.circle is not None
     assert second.circle is not None
     np.testing.assert_array_equal(first.circle.conic, second.circle.conic)
-    np.testing.assert_array_equal(first.mask, second.mask)
+    np.testing.assert_array_equal(first.sketch.draw(), second.sketch.draw())
 
 
 @pytest.mark.parametrize("width", [398, 1280, 2500])
@@ -64,11 +75,11 @@ def test_reduced_and_enlarged_search_have_no_half_pixel_shift(width: int) -> Non
 
 def test_ridge_points_of_a_reduced_picture_are_in_pixels_of_the_full_one() -> None:
     scene = paint_scene(width=1920, height=1080, noise=1.0)
-    found = run(scene.image)
-    distance = sampson_distance(scene.conic, found.ridge_points)
+    points = first_pass(scene.image, CONFIG)
+    distance = sampson_distance(scene.conic, points)
     near = np.abs(distance) < 3.0
     assert np.count_nonzero(near) > 500
-    upper = found.ridge_points[:, 1] < np.median(found.ridge_points[near, 1])
+    upper = points[:, 1] < np.median(points[near, 1])
     for side in (near & upper, near & ~upper):  # a shift of half a pixel has opposite signs on both sides
         assert abs(np.median(distance[side])) < 0.2
 
@@ -124,28 +135,28 @@ def test_players_hide_parts_of_the_circle(main_view: Scene) -> None:
         cv2.rectangle(image, (x - 6, y - 30), (x + 6, y + 5), (40, 30, 200), -1)
     found = run(image)
     assert circle_error(found, main_view) < 0.4
-    hidden = found.mask[points[::2, 1].astype(int) - 8, points[::2, 0].astype(int)]
+    hidden = found.sketch.draw()[points[::2, 1].astype(int) - 8, points[::2, 0].astype(int)]
     assert not (hidden == 7).any()
 
 
 def test_mask_follows_the_paint(main_view: Scene) -> None:
     found = run(main_view.image)
     on = np.rint(main_view.circle_points(300)).astype(int)
-    assert np.mean(found.mask[on[:, 1], on[:, 0]] == 7) > 0.9
-    rows, columns = np.nonzero(found.mask == 7)
+    assert np.mean(found.sketch.draw()[on[:, 1], on[:, 0]] == 7) > 0.9
+    rows, columns = np.nonzero(found.sketch.draw() == 7)
     away = np.abs(sampson_distance(main_view.conic, np.stack([columns, rows], axis=-1)))
     assert away.max() < 6.0
     line = np.rint(main_view.camera.project(np.stack([np.zeros(40), np.linspace(-7, 7, 40)], axis=-1))).astype(int)
-    assert np.mean(found.mask[line[:, 1], line[:, 0]] == 18) > 0.9
-    assert set(np.unique(found.mask)) <= {0, 7, 17, 18}
+    assert np.mean(found.sketch.draw()[line[:, 1], line[:, 0]] == 18) > 0.9
+    assert set(np.unique(found.sketch.draw())) <= {0, 7, 17, 18}
 
 
-def test_field_region_is_a_proper_boolean_hull(main_view: Scene) -> None:
-    region = run(main_view.image).field_region
-    assert region.dtype == np.bool_
-    assert set(np.unique(region.view(np.uint8))) <= {0, 1}
+def test_field_region_is_a_hull_of_the_field(main_view: Scene) -> None:
+    hull = run(main_view.image).region.hull
+    assert hull.dtype == np.uint8
+    assert set(np.unique(hull)) <= {0, 255}
     on = np.rint(main_view.circle_points(100)).astype(int)
-    assert region[on[:, 1], on[:, 0]].all()
+    assert run(main_view.image).region.hull_at(960, 540)[on[:, 1], on[:, 0]].all()
 
 
 def test_other_straight_markings_are_reported_and_masked() -> None:
@@ -158,7 +169,7 @@ def test_other_straight_markings_are_reported_and_masked() -> None:
     distances = [np.abs(lift(np.stack([s.start, s.end])) @ line).max() for s in found.lines]
     assert min(distances) < 1.5
     middle = np.rint(scene.camera.project(np.array([[5.0, 14.0]]))[0]).astype(int)
-    assert found.mask[middle[1], middle[0]] == 17
+    assert found.sketch.draw()[middle[1], middle[0]] == 17
     lengths = [np.hypot(*(s.end - s.start)) for s in found.lines]
     assert lengths == sorted(lengths, reverse=True)
 
@@ -171,7 +182,7 @@ def test_plain_grass_is_refused(noise: float, marking: str) -> None:
     assert found.circle is None
     assert found.halfway is None
     assert found.refusal in {"no_circle_found", "circle_support_too_low", "circle_off_marking", "arc_too_short"}
-    assert not (found.mask == 7).any()
+    assert not (found.sketch.draw() == 7).any()
 
 
 def test_a_crowd_is_refused() -> None:
@@ -184,8 +195,7 @@ def test_a_crowd_is_refused() -> None:
 def test_black_picture_has_no_field() -> None:
     found = run(np.zeros((224, 398, 3), np.uint8))
     assert found.refusal == "no_field"
-    assert found.field_region.shape == (224, 398)
-    assert not found.field_region.any()
+    assert not found.region.hull.any()
 
 
 @pytest.mark.parametrize("pan_deg", [24.0, 30.0, 34.0])
@@ -252,11 +262,12 @@ def test_a_second_pass_finds_what_is_too_faint_for_the_first(main_view: Scene) -
 
 
 def test_the_first_pass_takes_a_smaller_picture_and_both_find_the_same(main_view: Scene) -> None:
-    small = run(main_view.image, DetectorConfig.model_validate({"first_pass": {"width_px": 480}, "thorough": False}))
-    large = run(main_view.image, DetectorConfig.model_validate({"first_pass": {"width_px": 960}, "thorough": False}))
-    assert len(small.ridge_points) < len(large.ridge_points)
-    assert np.ptp(small.ridge_points[:, 0]) > 0.8 * main_view.image.shape[1]
-    assert max(circle_error(found, main_view) for found in (small, large)) < 0.3
+    options = [{"first_pass": {"width_px": width}, "thorough": False} for width in (480, 960)]
+    configs = [DetectorConfig.model_validate(option) for option in options]
+    points = [first_pass(main_view.image, config) for config in configs]
+    assert len(points[0]) < len(points[1])
+    assert np.ptp(points[0][:, 0]) > 0.8 * main_view.image.shape[1]
+    assert max(circle_error(run(main_view.image, config), main_view) for config in configs) < 0.3
 
 
 def test_wrong_pictures_are_value_errors() -> None:

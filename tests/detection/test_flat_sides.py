@@ -29,7 +29,7 @@ def far_side(scene: Scene) -> np.ndarray:
 
 def test_an_ellipse_beside_a_flat_side_is_moved_onto_it(main_view: Scene) -> None:
     grey, config = main_view.image[:, :, 1].copy(), RefinementConfig()
-    wrong = measure_circle(grey, beside(main_view), (1.0,), RefinementConfig(rounds=1))
+    wrong = measure_circle(grey, beside(main_view), 1.0, RefinementConfig(rounds=1))
     truth = main_view.circle_points()
     assert np.abs(sampson_distance(conic_of(wrong.ellipse), truth)).max() > 4.0
     right = onto_flat_sides(grey, wrong, far_side(main_view), config)
@@ -41,7 +41,7 @@ def test_lines_elsewhere_and_on_the_circle_change_nothing(main_view: Scene) -> N
     ellipse = ellipse_from_conic(main_view.conic)
     assert ellipse is not None
     frame = ellipse.frame()[None, :2]
-    circle = measure_circle(grey, EllipseBatch(frame[:, :, 2], frame[:, :, 0], frame[:, :, 1]), (1.0,), config)
+    circle = measure_circle(grey, EllipseBatch(frame[:, :, 2], frame[:, :, 0], frame[:, :, 1]), 1.0, config)
     halfway = main_view.camera.project(np.array([[0.0, -15.0], [0.0, 15.0]]))[None]
     touchline = main_view.camera.project(np.array([[-20.0, -34.0], [20.0, -34.0]]))[None]
     for segments in (np.zeros((0, 2, 2)), far_side(main_view), np.concatenate([halfway, touchline])):

@@ -19,7 +19,7 @@ def measured(scene: Scene) -> tuple[np.ndarray, MeasuredCircle]:
     frame = ellipse.frame()[None]
     batch = EllipseBatch(frame[:, :2, 2], frame[:, :2, 0], frame[:, :2, 1])
     grey = np.ascontiguousarray(scene.image[:, :, 1])
-    return grey, measure_circle(grey, batch, (1.0,), CONFIG.refinement)
+    return grey, measure_circle(grey, batch, 1.0, CONFIG.refinement)
 
 
 def segment(scene: Scene, *ends: tuple[float, float]) -> np.ndarray:
@@ -103,7 +103,7 @@ def test_a_line_that_is_far_fainter_than_the_circle_is_a_streak_of_the_floor() -
 def test_a_short_piece_of_the_line_is_found_through_the_middle() -> None:
     scene = paint_scene(markings=(HALFWAY_AND_CIRCLE[0], upright(0.0, 5.0), level(7.0, -8.0, 8.0)))
     grey, circle = measured(scene)
-    ridges = find_ridges(grey.astype(np.float32), np.full(grey.shape, 255, np.uint8), (1.0,), CONFIG.ridges)
+    ridges = find_ridges(grey.astype(np.float32), np.full(grey.shape, 255, np.uint8), 1.0, CONFIG.ridges)
     pieces = segments_through_middle(ridges.points, ridges.normals, circle, CONFIG.halfway)
     ends = segment(scene, (0, -9), (0, 9))
     lines = [np.cross(np.append(a, 1), np.append(b, 1)) for a, b in pieces]

@@ -19,8 +19,8 @@ def banded(width_px: float, contrast: float = 60.0, noise: float = 1.0) -> np.nd
     return (80 + contrast * band + np.random.default_rng(0).normal(0, noise, band.shape)).astype(np.float32)
 
 
-def ridges_of(grey: np.ndarray, *polarities: float) -> RidgePoints:
-    return find_ridges(grey, np.full(grey.shape, 255, np.uint8), polarities, RidgeConfig())
+def ridges_of(grey: np.ndarray, sign: float) -> RidgePoints:
+    return find_ridges(grey, np.full(grey.shape, 255, np.uint8), sign, RidgeConfig())
 
 
 @pytest.mark.parametrize("width_px", [1.5, 3.0, 6.0, 11.0])
@@ -43,14 +43,13 @@ def test_polarity_chooses_light_or_dark() -> None:
     near = np.abs(ridges_of(dark, 1.0).points @ NORMAL - OFFSET) < 1.0
     assert np.count_nonzero(near) == 0
     assert len(ridges_of(dark, -1.0)) > 200
-    assert len(ridges_of(dark, 1.0, -1.0)) > 200
 
 
 def test_only_the_region_is_searched_and_rows_are_not_shifted() -> None:
     grey = banded(3.0)
     region = np.zeros(grey.shape, np.uint8)
     region[90:150] = 255
-    ridges = find_ridges(grey, region, (1.0,), RidgeConfig())
+    ridges = find_ridges(grey, region, 1.0, RidgeConfig())
     assert 86 < ridges.points[:, 1].min() < 95
     assert 145 < ridges.points[:, 1].max() < 154
     assert np.abs(ridges.points @ NORMAL - OFFSET).max() < 0.5
@@ -63,7 +62,7 @@ def test_short_chains_are_dropped() -> None:
 
     def count(row: int, chain_px1280: float) -> int:
         config = RidgeConfig(chain_px1280=chain_px1280)
-        rows = find_ridges(grey, np.full(grey.shape, 255, np.uint8), (1.0,), config).points[:, 1]
+        rows = find_ridges(grey, np.full(grey.shape, 255, np.uint8), 1.0, config).points[:, 1]
         return int(np.count_nonzero(np.abs(rows - row) < 1))
 
     assert count(100, 2.0) > 2

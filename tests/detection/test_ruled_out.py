@@ -5,8 +5,8 @@ import pytest
 
 from circlecal.detection.circle import conic_of
 from circlecal.detection.hypotheses import EllipseBatch
-from circlecal.detection.ruled_out import assigned_alike, segments_left, segments_off
-from circlecal.results import Assignment, Segment
+from circlecal.detection.ruled_out import interpretations_of, segments_left, segments_off
+from circlecal.results import Interpretation, Segment
 
 
 def ellipse(x: float, y: float, great: float = 100.0, small: float = 40.0) -> EllipseBatch:
@@ -17,20 +17,20 @@ HALFWAY = Segment(np.array([200.0, 0.0]), np.array([200.0, 300.0]))
 
 
 def test_the_same_circle_is_recognised_and_others_are_not() -> None:
-    wrong = Assignment(conic_of(ellipse(200, 150)), HALFWAY)
-    assert assigned_alike((wrong,), ellipse(202, 151, 102)) == (wrong,)
-    assert assigned_alike((wrong,), ellipse(230, 150)) == ()
-    assert assigned_alike((wrong,), ellipse(200, 150, 120)) == ()
-    assert assigned_alike((), ellipse(200, 150)) == ()
+    wrong = Interpretation(conic_of(ellipse(200, 150)), HALFWAY)
+    assert interpretations_of((wrong,), ellipse(202, 151, 102)) == (wrong,)
+    assert interpretations_of((wrong,), ellipse(230, 150)) == ()
+    assert interpretations_of((wrong,), ellipse(200, 150, 120)) == ()
+    assert interpretations_of((), ellipse(200, 150)) == ()
 
 
 def test_only_lines_that_were_not_tried_are_left() -> None:
     conic = conic_of(ellipse(200, 150))
     segments = np.array([[[201.0, 10], [199, 200]], [[150, 0], [250, 300]], [[260, 0], [260, 300]]])
-    left = segments_left(segments, (Assignment(conic, HALFWAY),), 1920)
+    left = segments_left(segments, (Interpretation(conic, HALFWAY),), 1920)
     np.testing.assert_array_equal(left, segments[1:])
     np.testing.assert_array_equal(segments_left(segments, (), 1920), segments)
-    assert len(segments_left(segments, (Assignment(conic, None),), 1920)) == 0
+    assert len(segments_left(segments, (Interpretation(conic, None),), 1920)) == 0
 
 
 @pytest.mark.parametrize("scale", [1.0, -20.0])
