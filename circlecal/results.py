@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.conics import Ellipse
 from circlecal.geometry.projective import Array
+from circlecal.geometry.surface import SurfaceShape
 from circlecal.observations import CircleEdge, LineEnd, Observations
 
 Status = Literal["calibrated", "refused"]
@@ -373,7 +374,7 @@ class CameraFit:
 
     camera: Camera
     crown_m: float
-    crown_shape: str
+    crown_shape: SurfaceShape
     parameters: tuple[str, ...]
     covariance: Array
     H_image_field: Array

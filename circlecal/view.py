@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from circlecal.camera.covariance import field_sigma
-from circlecal.camera.parameters import INDEX, Frame, theta_of
+from circlecal.camera.parameters import INDEX, ProjectionModel, theta_of
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.projective import Array
+from circlecal.geometry.surface import Surface
 from circlecal.records.record import StoredResult
 
 _SURFACE_ROUNDS = 30
@@ -56,7 +57,7 @@ def image_to_field(result: StoredResult, pixels: ArrayLike) -> Projected:
 
 def surface_depth(result: StoredResult, y_m: Array) -> Array:
     """How far the surface lies below the centre mark, metres (z points down), at field coordinate y."""
-    return result.crown_m * _frame(result).sag(y_m)[0]
+    return result.crown_m * _model(result).surface.drop(y_m)
 
 
 def _on_surface(result: StoredResult, camera: Camera, pixels: Array) -> Array:
@@ -69,12 +70,12 @@ def _on_surface(result: StoredResult, camera: Camera, pixels: Array) -> Array:
     if result.crown_m == 0:
         return flat
     foot, height = camera.position_m[:2], camera.position_m[2]
-    frame = _frame(result)
+    model = _model(result)
     share = np.zeros(len(flat))
     for _ in range(_SURFACE_ROUNDS):
         y = flat[:, 1] + share * (foot[1] - flat[:, 1])
-        sag, slope = (result.crown_m * value for value in frame.sag(y))
-        share = share - (share * height - sag) / (height - slope * (foot[1] - flat[:, 1]))
+        drop, slope = result.crown_m * model.surface.drop(y), result.crown_m * model.surface.slope(y)
+        share = share - (share * height - drop) / (height - slope * (foot[1] - flat[:, 1]))
     field = flat + share[:, None] * (foot - flat)
     missed = ~(np.abs(share * height - surface_depth(result, field[:, 1])) < _SURFACE_TOLERANCE_M) | (share >= 1)
     field[missed] = np.nan
@@ -101,15 +102,15 @@ def _sigma(result: StoredResult, field: Array, *, to_field: bool) -> Array | Non
     """Standard deviation of the length of each point's error, from the covariance of the camera."""
     if result.covariance is None or result.camera is None:
         return None
-    frame = _frame(result)
-    theta = theta_of(result.camera, frame)
+    model = _model(result)
+    theta = theta_of(result.camera, model)
     theta[INDEX["crown"]] = result.crown_m
     seen = np.isfinite(field).all(axis=1)
     sigma = np.full(len(field), np.nan)
     if seen.any():
-        sigma[seen] = field_sigma(theta, result.covariance, field[seen], frame)[int(to_field)]
+        sigma[seen] = field_sigma(theta, result.covariance, field[seen], model)[int(to_field)]
     return sigma
 
 
-def _frame(result: StoredResult) -> Frame:
-    return Frame(result.width, result.height, result.crown_shape, result.crown_radius_m)
+def _model(result: StoredResult) -> ProjectionModel:
+    return ProjectionModel(result.width, result.height, Surface(result.crown_shape, result.crown_radius_m))

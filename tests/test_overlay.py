@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from circlecal import overlay
-from circlecal.camera.parameters import PARAMETERS, Frame, theta_of
+from circlecal.camera.parameters import PARAMETERS, ProjectionModel, theta_of
 from circlecal.field import load_field
 from circlecal.geometry.camera import Camera, image_center
 from circlecal.geometry.conics import circle_conic, ellipse_from_conic, polar, transform_conic
 from circlecal.geometry.homography import turn_homography
 from circlecal.geometry.projective import apply_homography, lift, normalise_line, transform_lines
+from circlecal.geometry.surface import Surface
 from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations
 from circlecal.overlay.canvas import Canvas, clip_segments, text_size, wrap
 from circlecal.overlay.field_view import best_view, camera_view, homography_view
@@ -121,7 +122,7 @@ def _calibration(camera=None, verdict=CALIBRATED):
     region[size[0] // 4 :] = True
     sigma = np.linspace(0.1, 0.4, 200)
     mark = MarkCue("centre_mark", apply_homography(H, np.zeros(2)), 0.5, 12.0)
-    theta = theta_of(camera, Frame(camera.width, camera.height, "roof"))
+    theta = theta_of(camera, ProjectionModel(camera.width, camera.height, Surface("roof")))
     theta[-1] = 2.0  # the field is 2 m broader than its template
     everywhere = np.zeros((len(PARAMETERS), len(PARAMETERS)))
     everywhere[:7, :7] = np.diag([1e-4, 1e-6, 1e-6, 1e-6, 0.01, 0.01, 0.01])

@@ -10,11 +10,12 @@ from circlecal.camera.covariance import posterior_covariance
 from circlecal.camera.observed import Realism, observed_curves, observed_points
 from circlecal.camera.optimise import Problem, evaluate
 from circlecal.camera.options import CameraConfig, priors_of
-from circlecal.camera.parameters import Frame, project, theta_of
+from circlecal.camera.parameters import ProjectionModel, project, theta_of
 from circlecal.camera.residuals import first_hidden
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.projective import Array
+from circlecal.geometry.surface import Surface
 from circlecal.observations import Observations
 
 _NO_LOSS = 1e6
@@ -31,13 +32,13 @@ def bound_covariance(
     """Covariance (P, P) of the parameters at the truth: inverse of the Fisher information of the data plus the
     priors' precision.
     """
-    frame = Frame(camera.width, camera.height, config.usual_crown, circle.radius_m)
-    theta = theta_of(camera, frame)
+    model = ProjectionModel(camera.width, camera.height, Surface(config.usual_crown, circle.radius_m))
+    theta = theta_of(camera, model)
     theta[12] = crown_m
     curves = observed_curves(observations, template, Realism(10**6, 0.0, 0.0))
-    priors = priors_of(config, template, circle, frame)
-    problem = Problem(curves, observed_points(observations, template), priors, frame)
-    hidden, _ = first_hidden(curves, theta[None], frame)
+    priors = priors_of(config, template, circle, model)
+    problem = Problem(curves, observed_points(observations, template), priors, model)
+    hidden, _ = first_hidden(curves, theta[None], model)
     state = evaluate(problem, theta[None], hidden, _NO_LOSS, updates=6)
     return posterior_covariance(state.normal[0], priors.sd)
 
@@ -58,10 +59,10 @@ def bound_errors(camera: Camera, covariance: Array, grid_m: Array, draws: int, r
     rng : numpy.random.Generator
         Source of the draws.
     """
-    frame = Frame(camera.width, camera.height, "flat")
-    theta = theta_of(camera, frame)
+    model = ProjectionModel(camera.width, camera.height, Surface("flat"))
+    theta = theta_of(camera, model)
     theta[9:11] = 0.0
-    jacobian = project(theta[None], grid_m[None], frame).by_theta[0]
+    jacobian = project(theta[None], grid_m[None], model).jacobians()[0][0]
     # the homography is that of the tangent plane in undistorted pixels: lens and crown are no part of its error
     jacobian[..., 9:11] = 0.0
     values, vectors = np.linalg.eigh(covariance)

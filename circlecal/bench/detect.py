@@ -12,11 +12,12 @@ import numpy as np
 from circlecal.bench.chain_time import decoding_ms, timed_run
 from circlecal.bench.reachable import bound_px
 from circlecal.camera.covariance import field_sigma
-from circlecal.camera.parameters import Frame, project
+from circlecal.camera.parameters import ProjectionModel, project
 from circlecal.config import Config, load_config
 from circlecal.errors import ConfigError
 from circlecal.field import load_field
 from circlecal.geometry.projective import Array
+from circlecal.geometry.surface import Surface
 from circlecal.results import CameraFit
 from circlecal.synthetic.sampling import PROFILE_BY_NAME, SCENE_PROFILES, SceneProfile, profile_field, render_frame
 from circlecal.synthetic.surface import seen_pixels
@@ -128,15 +129,16 @@ def compare(truth: Truth, fit: CameraFit) -> tuple[float, float, float]:
     surface, grid = truth.surface, _visible(truth)
     if len(grid) == 0 or truth.visible_circle_deg == 0.0:
         return float("inf"), 0.0, 0.0
-    frame = Frame(camera.width, camera.height, fit.crown_shape, truth.crown_reference_m)
-    seen = project(fit.theta[None], grid[None], frame)
+    model = ProjectionModel(camera.width, camera.height, Surface(fit.crown_shape, truth.crown_reference_m))
+    seen = project(fit.theta[None], grid[None], model)
     difference = seen.pixels[0] - camera.project(surface.lift(grid))
-    flipped = project(fit.theta[None], -grid[None], frame).pixels[0] - camera.project(surface.lift(grid))
+    flipped = project(fit.theta[None], -grid[None], model).pixels[0] - camera.project(surface.lift(grid))
     if np.linalg.norm(flipped, axis=-1).mean() < np.linalg.norm(difference, axis=-1).mean():
         difference = flipped
-    spread = np.einsum("nip,pq,njq->nij", seen.by_theta[0], fit.covariance, seen.by_theta[0])
+    by_theta = seen.jacobians()[0][0]
+    spread = np.einsum("nip,pq,njq->nij", by_theta, fit.covariance, by_theta)
     distance = np.einsum("ni,nij,nj->n", difference, np.linalg.inv(spread), difference)
-    sigma, _ = field_sigma(fit.theta, fit.covariance, grid, frame)
+    sigma, _ = field_sigma(fit.theta, fit.covariance, grid, model)
     unit = 1920.0 / camera.width
     error = float(np.linalg.norm(difference, axis=-1).mean()) * unit
     return error, float(sigma.mean()) * unit, float(np.mean(distance < CHI2_90))

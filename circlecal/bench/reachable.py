@@ -6,9 +6,10 @@ import numpy as np
 
 from circlecal.bench.bounds import bound_covariance
 from circlecal.camera.options import CameraConfig
-from circlecal.camera.parameters import Frame, project, theta_of
+from circlecal.camera.parameters import ProjectionModel, project, theta_of
 from circlecal.field import Arc, Circle, FieldTemplate, Line
 from circlecal.geometry.projective import Array, Mask
+from circlecal.geometry.surface import Surface
 from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations
 from circlecal.synthetic.paint import class_id
 from circlecal.synthetic.surface import seen_pixels
@@ -53,10 +54,12 @@ def bound_px(truth: Truth, grid_m: Array, template: FieldTemplate, config: Camer
         return float("inf")
     shaped = config.model_copy(update={"crown_shape": truth.crown_shape})
     covariance = bound_covariance(truth.camera, truth.crown_m, seen, template, circle, shaped)
-    frame = Frame(truth.camera.width, truth.camera.height, truth.crown_shape, truth.crown_reference_m)
-    theta = theta_of(truth.camera, frame)
+    model = ProjectionModel(
+        truth.camera.width, truth.camera.height, Surface(truth.crown_shape, truth.crown_reference_m)
+    )
+    theta = theta_of(truth.camera, model)
     theta[12] = truth.crown_m
-    jacobian = project(theta[None], grid_m[None], frame).by_theta[0]
+    jacobian = project(theta[None], grid_m[None], model).jacobians()[0][0]
     values, vectors = np.linalg.eigh(covariance)
     root = jacobian @ (vectors * np.sqrt(np.maximum(values, 0.0)))
     rng = np.random.default_rng(0)

@@ -15,7 +15,7 @@ from circlecal.observations import CircleEdge, CirclePoints, Observations
 from circlecal.solvers.circlecal import KNOWN_OPTICS
 from circlecal.synthetic.cameras import sample_camera
 from circlecal.synthetic.markings import Spacing, circle_points, line_points
-from circlecal.synthetic.surface import FLAT, Surface
+from circlecal.synthetic.surface import FLAT, CrownedSurface
 from circlecal.synthetic.views import CameraProfile
 
 KNOWN = KNOWN_OPTICS
@@ -100,7 +100,7 @@ def _soccer_draw(
         surface = FLAT
         if from_priors:
             camera = replace(camera, kappa=np.array([rng.normal(config.k1_mean, config.k1_sd), 0.0]))
-            surface = Surface(float(rng.normal(config.crown_m, config.crown_sd_m)), "roof")
+            surface = CrownedSurface(float(rng.normal(config.crown_m, config.crown_sd_m)), "roof")
         if principal_point_sd_px:
             shift = rng.normal(0.0, principal_point_sd_px, 2)
             camera = replace(camera, principal_point_px=camera.principal_point_px + shift)

@@ -63,37 +63,37 @@ def circle_starts(
     side : str
         Side of the field from which the grid looks.
     """
-    usual, center, frame = usual_lens(problem), np.asarray(circle.center), problem.frame
+    usual, center, model = usual_lens(problem), np.asarray(circle.center), problem.model
     mark = next(
         (m for m in observations.marks if np.linalg.norm(_mark_position(template, m.mark) - center) < 1e-6), None
     )
     line, direction = _central_line(observations, template, circle, usual)
     closed = closed_form_starts(
         seen.conic, None if mark is None else lift(usual.undistort(mark.point_px)), line, direction, center,
-        template.radius(circle, seen.edge), frame, side,
+        template.radius(circle, seen.edge), model, side,
     )  # fmt: skip
     found = [_standing(problem, observations, circle), closed]
     if len(problem.points.names) + sum(line.line is not None for line in observations.lines) >= MINIMAL:
         landmarks = seen_landmarks(observations, template, problem.points, usual)
-        found.append(homography_starts(landmarks, problem.priors.center_m, frame))
-    return np.concatenate(found), grid_starts(seen.ellipse, center, circle.radius_m, frame, side)
+        found.append(homography_starts(landmarks, problem.priors.center_m, model))
+    return np.concatenate(found), grid_starts(seen.ellipse, center, circle.radius_m, model, side)
 
 
 def landmark_starts(
     problem: Problem, observations: Observations, template: FieldTemplate, landmarks: Landmarks, side: str
 ) -> tuple[Array, Array]:
     """The same where the circle shows no ellipse: from points and lines, and from other arcs."""
-    frame, middle = problem.frame, problem.priors.center_m
+    model, middle = problem.model, problem.priors.center_m
     arcs = (template.circle_by_name[c.circle] for c in observations.circles if c.circle in template.circle_by_name)
     fitted = [(arc, seen_ellipse(observations, arc, problem)) for arc in dict.fromkeys(arcs)]
     grids = [
-        grid_starts(found.ellipse, np.asarray(arc.center), arc.radius_m, frame, side) for arc, found in fitted if found
+        grid_starts(found.ellipse, np.asarray(arc.center), arc.radius_m, model, side) for arc, found in fitted if found
     ]
     positions = usual_positions(middle, side)
     if problem.priors.mean[INDEX["z"]] < 0:  # its priors know where the camera stands
         positions = np.concatenate([problem.priors.mean[None, 4:7], positions])
-    grids.append(aimed_starts(landmarks, positions, frame))
-    return homography_starts(landmarks, middle, frame), np.concatenate(grids)
+    grids.append(aimed_starts(landmarks, positions, model))
+    return homography_starts(landmarks, middle, model), np.concatenate(grids)
 
 
 def _standing(problem: Problem, observations: Observations, circle: Circle) -> Array:
@@ -103,7 +103,7 @@ def _standing(problem: Problem, observations: Observations, circle: Circle) -> A
         return np.zeros((0, len(PARAMETERS)))
     points = usual_lens(problem).undistort(seen.points_px)
     position, roll = priors.standing_m, float(priors.mean[INDEX["roll"]])
-    theta = standing_start(points, np.asarray(circle.center), circle.radius_m, position, roll, problem.frame)
+    theta = standing_start(points, np.asarray(circle.center), circle.radius_m, position, roll, problem.model)
     if priors.shared is not None:
         theta[:, priors.shared.indices] = priors.shared.at(theta[:, 0])[0]
     return theta
@@ -133,8 +133,8 @@ def _longest_edge(observations: Observations, circle: Circle) -> CirclePoints | 
 def usual_lens(problem: Problem) -> Camera:
     """A camera with the lens that the priors expect, to start from undistorted pixels."""
     theta = np.where(np.isfinite(problem.priors.mean), problem.priors.mean, 0.0).copy()
-    theta[0] = np.log(problem.frame.width * 2.0)
-    return camera_of(theta, problem.frame)
+    theta[0] = np.log(problem.model.width * 2.0)
+    return camera_of(theta, problem.model)
 
 
 def _mark_position(template: FieldTemplate, name: str) -> Array:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from circlecal.camera.parameters import INDEX, PARAMETERS, Frame, active_parameters, view
+from circlecal.camera.parameters import INDEX, PARAMETERS, ProjectionModel, active_parameters, project
 from circlecal.camera.viewing_coordinates import LOOK, from_look, look_jacobian, to_look
 from circlecal.geometry.projective import Array, dehomogenise, lift
 
@@ -103,14 +103,14 @@ class FieldUncertainty:
 
 
 def field_uncertainty(
-    theta: Array, covariance: Array, points_m: Array, frame: Frame, prior_normal: Array | None = None
+    theta: Array, covariance: Array, points_m: Array, model: ProjectionModel, prior_normal: Array | None = None
 ) -> FieldUncertainty:
     """What the covariance (P, P) of a camera (P,) means for field points (N, 2).
 
     With the posterior precision F + L (data and prior), the predicted variance J S J^T splits exactly into J S F S
     J^T and J S L S J^T; without the priors' Gauss-Newton matrix L (P, P) the data are taken to bring everything.
     """
-    seen = view(theta[None], points_m[None, :, 0], points_m[None, :, 1], frame)
+    seen = project(theta[None], points_m[None], model)
     toward = np.zeros((2, 1, 2, len(points_m)))
     toward[0, :, 0] = toward[1, :, 1] = 1.0
     (by_x, field_x), (by_y, field_y) = (seen.gradient(axis) for axis in toward)
@@ -131,12 +131,12 @@ def field_uncertainty(
     return FieldUncertainty(np.sqrt(xx + yy), np.sqrt(np.maximum(ground, 0.0)), share)
 
 
-def field_sigma(theta: Array, covariance: Array, points_m: Array, frame: Frame) -> tuple[Array, Array]:
+def field_sigma(theta: Array, covariance: Array, points_m: Array, model: ProjectionModel) -> tuple[Array, Array]:
     """Standard deviations of field points (N, 2): in the picture (N,) pixels, and on the ground (N,) metres.
 
     Both are root mean squares over the two axes times sqrt 2, i.e. of the length of the error.
     """
-    found = field_uncertainty(theta, covariance, points_m, frame)
+    found = field_uncertainty(theta, covariance, points_m, model)
     return found.picture_px, found.ground_m
 
 

@@ -21,11 +21,11 @@ def on_parabola(problem: Problem, state: State, loss_scale: float) -> tuple[Prob
     y[:, :count] = curve_points(problem.curves, state.hidden, state.theta)[0][..., 1]
     y[:, count:] = problem.points.twice[0][1]
     # so many times as far as the roof with the same crown has the parabola fallen there
-    further = np.abs(y) / problem.frame.crown_reference_m
+    further = np.abs(y) / problem.model.surface.reference_m
     by_crown, crown = state.jacobian[..., index], state.theta[:, index, None]
     like = crown * (further**3).sum(axis=1, keepdims=True) / np.maximum((further**4).sum(axis=1, keepdims=True), 1e-12)
     theta, jacobian = state.theta.copy(), state.jacobian.copy()
     theta[:, index], jacobian[..., index] = like[:, 0], by_crown * further
     values = state.values + by_crown * (like * further - crown)
-    curved = replace(problem, frame=replace(problem.frame, crown_shape="parabola"))
+    curved = replace(problem, model=replace(problem.model, surface=replace(problem.model.surface, shape="parabola")))
     return curved, weighed(theta, state.hidden, values, jacobian, *problem.priors.residuals(theta), loss_scale)

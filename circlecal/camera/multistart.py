@@ -51,11 +51,11 @@ def best_fit(problem: Problem, closed: Array, grid: Array, short: bool, config: 
     if len(closed) and not short:
         state = _follow(problem, closed, config, side)
         covariance = posterior_covariance(state.normal[0], problem.priors.sd)
-        rim = problem.priors.center_m + problem.frame.crown_reference_m * np.array(
+        rim = problem.priors.center_m + problem.model.surface.reference_m * np.array(
             [[2.0, 0.0], [-2.0, 0.0], [0.0, -2.0]]
         )
-        sigma, _ = field_sigma(state.theta[0], covariance, rim, problem.frame)
-        if sigma.max() < WEAK_SIGMA_PX * problem.frame.width / 1920.0:
+        sigma, _ = field_sigma(state.theta[0], covariance, rim, problem.model)
+        if sigma.max() < WEAK_SIGMA_PX * problem.model.width / 1920.0:
             return state
         closed = state.theta[:2]
     return _follow(problem, np.concatenate([closed, _screened(problem, grid, config.starts)]), config, side)
@@ -68,7 +68,7 @@ def _follow(problem: Problem, starts: Array, config: CameraConfig, side: str) ->
     if len(starts) == 0:
         raise EstimationError("camera", "no_camera", "no start for the camera was found")
     few = problem if len(starts) <= FEW_STARTS else _with_few_points(problem, config)
-    hidden = ground_hidden(few.curves, starts, problem.frame)
+    hidden = ground_hidden(few.curves, starts, problem.model)
     wide = minimise(few, starts, 100.0 * config.loss_scale, min(30, config.iterations), hidden, COARSE)
     chosen = best_of(wide, max(2, min(len(starts), 3 * config.starts // 4)))
     _, state = reweighted(few, chosen, few.curves.sigma_px, config.loss_scale)
@@ -86,13 +86,13 @@ def _follow(problem: Problem, starts: Array, config: CameraConfig, side: str) ->
     if few is problem:
         return state
     best = state.theta[:FEW_STARTS]
-    hidden = ground_hidden(problem.curves, best, problem.frame)
+    hidden = ground_hidden(problem.curves, best, problem.model)
     return best_of(minimise(problem, best, config.loss_scale, config.iterations, hidden, COARSE), len(best))
 
 
 def _with_few_points(problem: Problem, config: CameraConfig) -> Problem:
     order = np.arange(len(problem.curves.points_px))
-    least_px = realism_of(config, problem.frame.width).model_sigma_px
+    least_px = realism_of(config, problem.model.width).model_sigma_px
     return replace(problem, curves=thinned_curves(problem.curves, order, COARSE_POINTS, least_px))
 
 
@@ -105,8 +105,8 @@ def _screened(problem: Problem, grid: Array, count: int) -> Array:
     candidates = grid.copy()
     fixed = problem.priors.sd == 0
     candidates[:, fixed] = problem.priors.mean[fixed]
-    hidden = ground_hidden(few, candidates, problem.frame)
-    seen = curve_residuals(few, candidates, hidden, problem.frame, 0, problem.points)
+    hidden = ground_hidden(few, candidates, problem.model)
+    seen = curve_residuals(few, candidates, hidden, problem.model, 0, problem.points)
     on_curves = np.abs(seen.values[:, : hidden.shape[1]]) * few.sigma_px
     offsets = seen.values[:, hidden.shape[1] :].reshape(len(candidates), -1, 2) * problem.points.sigma_px[:, None]
     distance = np.concatenate([on_curves, np.linalg.norm(offsets, axis=-1)], axis=1)

@@ -65,7 +65,7 @@ def as_measured(
         if len(ordered) < 2 * NEIGHBOURS:
             continue
         beside = np.abs(off_px[ordered] - _running_median(off_px[ordered], NEIGHBOURS))
-        near = beside < OFF_SIGMAS * 1.4826 * np.median(beside) + OFF_PX * problem.frame.width / 1920.0
+        near = beside < OFF_SIGMAS * 1.4826 * np.median(beside) + OFF_PX * problem.model.width / 1920.0
         kept[ordered] = near
         values = (off_px / curves.sigma_px)[ordered[near]]
         scatter = np.sqrt(np.mean(np.clip(values, -6, 6) ** 2))

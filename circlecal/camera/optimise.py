@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from circlecal.camera.parameters import INDEX, PARAMETERS, Frame, active_parameters
+from circlecal.camera.parameters import INDEX, PARAMETERS, ProjectionModel, active_parameters
 from circlecal.camera.residuals import (
     CurvePoints,
     FixedPoints,
@@ -123,7 +123,7 @@ class Problem:
     curves: CurvePoints
     points: FixedPoints
     priors: Priors
-    frame: Frame
+    model: ProjectionModel
 
     def hypotheses(self, index: Indices) -> Problem:
         """Some of the hypotheses about the curves, where there are several."""
@@ -175,7 +175,7 @@ def evaluate(problem: Problem, theta: Array, hidden: Array, loss_scale: float, u
     """Cost, gradient and Gauss-Newton matrix of each start under a Geman-McClure loss of scale ``loss_scale`` (in
     sigmas).
     """
-    seen = curve_residuals(problem.curves, theta, hidden, problem.frame, updates, problem.points)
+    seen = curve_residuals(problem.curves, theta, hidden, problem.model, updates, problem.points)
     seen.values[:, : hidden.shape[1]][seen.behind] = 1e3
     priors = problem.priors.residuals(theta)
     return weighed(theta, seen.hidden, seen.values, seen.jacobian, *priors, loss_scale)
@@ -215,8 +215,8 @@ def reweighted(problem: Problem, state: State, sigma_px: Array, loss_scale: floa
 
 def with_curves(problem: Problem, state: State, curves: CurvePoints, loss_scale: float) -> tuple[Problem, State]:
     """The problem with further markings before the others, and the state in it: only the further ones are looked at."""
-    hidden = ground_hidden(curves, state.theta, problem.frame)
-    seen = curve_residuals(curves, state.theta, hidden, problem.frame, updates=0)
+    hidden = ground_hidden(curves, state.theta, problem.model)
+    seen = curve_residuals(curves, state.theta, hidden, problem.model, updates=0)
     changed = weighed(
         state.theta,
         np.concatenate([seen.hidden, state.hidden], axis=1),
@@ -248,7 +248,7 @@ def minimise(
     theta[:, fixed] = problem.priors.mean[fixed]
     told = hidden is not None
     if hidden is None:
-        hidden = first_hidden(problem.curves, theta, problem.frame)[0]
+        hidden = first_hidden(problem.curves, theta, problem.model)[0]
     state = evaluate(problem, theta, hidden, loss_scale, updates=0 if told else 2)
     return continued(problem, state, loss_scale, iterations, tolerance, bar)
 

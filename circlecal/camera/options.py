@@ -9,9 +9,10 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from circlecal.camera.observed import Realism
 from circlecal.camera.optimise import Priors
-from circlecal.camera.parameters import INDEX, PARAMETERS, Frame
+from circlecal.camera.parameters import INDEX, PARAMETERS, ProjectionModel
 from circlecal.camera.shared_prior import SharedPriorConfig
 from circlecal.field import Circle, FieldTemplate
+from circlecal.geometry.surface import SurfaceShape
 
 Three = tuple[float, float, float]
 
@@ -102,7 +103,7 @@ class CameraConfig(BaseModel):
     )
 
     @property
-    def usual_crown(self) -> str:
+    def usual_crown(self) -> SurfaceShape:
         """The profile that is tried first."""
         return "roof" if self.crown_shape == "auto" else self.crown_shape
 
@@ -113,9 +114,9 @@ def realism_of(config: CameraConfig, width: int) -> Realism:
     return Realism(config.maximum_points, config.model_sigma_px * unit, config.correlation_px * unit)
 
 
-def priors_of(config: CameraConfig, template: FieldTemplate, circle: Circle, frame: Frame) -> Priors:
+def priors_of(config: CameraConfig, template: FieldTemplate, circle: Circle, model: ProjectionModel) -> Priors:
     """Priors as means and standard deviations of the parameter vector."""
-    unit = frame.width / 1920.0
+    unit = model.width / 1920.0
     mean, sd = np.zeros(len(PARAMETERS)), np.full(len(PARAMETERS), np.inf)
     sd[INDEX["roll"]] = np.radians(config.roll_sd_deg)
     if config.position_m is not None:
@@ -132,7 +133,7 @@ def priors_of(config: CameraConfig, template: FieldTemplate, circle: Circle, fra
     sd[INDEX["length"]], sd[INDEX["breadth"]] = template.length_sd_m, template.width_sd_m
     shared = None
     if config.shared is not None:
-        shared = config.shared.prior(frame.width).only([name for name in PARAMETERS if sd[INDEX[name]] > 0])
+        shared = config.shared.prior(model.width).only([name for name in PARAMETERS if sd[INDEX[name]] > 0])
         sd[shared.indices], mean[shared.indices] = np.inf, shared.mean[: len(shared.parameters)]
     free = config.position_m is not None or shared is not None
     return Priors(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from circlecal.field import Circle
 from circlecal.geometry.camera import Camera, image_center
 from circlecal.geometry.projective import Array
+from circlecal.geometry.surface import Surface
 from circlecal.results import CameraFit
 
 PARAMETERS = (
@@ -25,63 +26,51 @@ pixels (how far blur moves each edge outwards); length and
 breadth of the field as offsets from the template's in metres.
 """
 INDEX = {name: k for k, name in enumerate(PARAMETERS)}
-CROWN_SHAPES = ("parabola", "roof", "flat")
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
-    """What is the same for every candidate camera of a frame: picture size, crown profile and the |y| at which it is
-    quoted.
+class ProjectionModel:
+    """What every candidate camera of a frame has in common: the picture's size and the profile of the surface.
+
+    With a parameter vector it says where each point of the field is seen.
     """
 
     width: int
     height: int
-    crown_shape: str = "parabola"
-    crown_reference_m: float = 9.15
+    surface: Surface = field(default_factory=Surface)
 
     @property
     def center(self) -> Array:
         """Image centre (2,)."""
         return image_center(self.width, self.height)
 
-    def sag(self, y: Array) -> tuple[Array, Array]:
-        """Drop of the surface per metre of crown at y, and its derivative by y; the shapes of the names in
-        CROWN_SHAPES.
-        """
-        t = y / self.crown_reference_m
-        if self.crown_shape == "parabola":
-            return t * t, 2 * t / self.crown_reference_m
-        if self.crown_shape == "roof":
-            return np.abs(t), np.sign(t) / self.crown_reference_m
-        return np.zeros_like(t), np.zeros_like(t)
+
+def fitted_model(fit: CameraFit, circle: Circle) -> ProjectionModel:
+    """The model under which a camera was fitted to a circle."""
+    return ProjectionModel(fit.camera.width, fit.camera.height, Surface(fit.crown_shape, max(circle.radius_m, 1e-3)))
 
 
-def fitted_frame(fit: CameraFit, circle: Circle) -> Frame:
-    """The frame in which a camera was fitted to a circle."""
-    return Frame(fit.camera.width, fit.camera.height, fit.crown_shape, max(circle.radius_m, 1e-3))
-
-
-def camera_of(theta: Array, frame: Frame) -> Camera:
+def camera_of(theta: Array, model: ProjectionModel) -> Camera:
     """Camera of one parameter vector (P,)."""
     focal = np.exp(theta[INDEX["log_focal"]])
     return Camera(
-        width=frame.width,
-        height=frame.height,
+        width=model.width,
+        height=model.height,
         focal_px=np.array([focal, focal * np.exp(theta[INDEX["log_aspect"]])]),
-        principal_point_px=frame.center + theta[7:9],
+        principal_point_px=model.center + theta[7:9],
         angles_rad=theta[1:4].copy(),
         position_m=theta[4:7].copy(),
         kappa=theta[9:11].copy(),
     )
 
 
-def theta_of(camera: Camera, frame: Frame) -> Array:
+def theta_of(camera: Camera, model: ProjectionModel) -> Array:
     """Parameter vector (P,) of a camera; crown, width and bloom are zero."""
     theta = np.zeros(len(PARAMETERS))
     theta[0] = np.log(camera.focal_px[0])
     theta[1:4] = camera.angles_rad
     theta[4:7] = camera.position_m
-    theta[7:9] = camera.principal_point_px - frame.center
+    theta[7:9] = camera.principal_point_px - model.center
     theta[9:11] = camera.kappa
     theta[INDEX["log_aspect"]] = np.log(camera.focal_px[1] / camera.focal_px[0])
     return theta
@@ -98,7 +87,7 @@ def rotations(theta: Array) -> Array:
     return R
 
 
-def homographies(theta: Array, frame: Frame) -> Array:
+def homographies(theta: Array, model: ProjectionModel) -> Array:
     """``H_image_field`` (B, 3, 3) of the plane z = 0, to undistorted pixels; not scaled."""
     R = rotations(theta)
     local = R.copy()
@@ -106,13 +95,13 @@ def homographies(theta: Array, frame: Frame) -> Array:
     K = np.zeros_like(R)
     K[:, 0, 0] = np.exp(theta[:, 0])
     K[:, 1, 1] = K[:, 0, 0] * np.exp(theta[:, INDEX["log_aspect"]])
-    K[:, :2, 2] = frame.center + theta[:, 7:9]
+    K[:, :2, 2] = model.center + theta[:, 7:9]
     K[:, 2, 2] = 1.0
     return K @ local
 
 
 @dataclass(frozen=True, slots=True)
-class View:
+class Projection:
     """Field points before a batch of cameras, and what their pixels and all derivatives are made of.
 
     Arrays run over (B cameras, coordinates, N points), so that every operation works on whole rows.
@@ -121,13 +110,13 @@ class View:
     ----------
     theta : (B, P) array
         Parameter vectors.
-    frame : Frame
+    model : ProjectionModel
         Picture size and crown.
     rotation : (B, 3, 3) array
         World to camera.
     offset, local : (B, 3, N) arrays
         From the camera to the points, in world and in camera coordinates.
-    sag, slope : (B, N) arrays
+    drop, slope : (B, N) arrays
         Drop of the surface per metre of crown, and the surface's slope dz / dy.
     inverse_depth : (B, N) array
         Bounded away from infinity.
@@ -143,11 +132,11 @@ class View:
     """
 
     theta: Array
-    frame: Frame
+    model: ProjectionModel
     rotation: Array
     offset: Array
     local: Array
-    sag: Array
+    drop: Array
     slope: Array
     inverse_depth: Array
     normalised: Array
@@ -168,10 +157,15 @@ class View:
         return np.asarray(self.lens + 2.0 * self.r2 * self.lens_slope > 0.0, np.bool_)
 
     @property
-    def pixels(self) -> Array:
-        """Pixels (B, 2, N) with the lens."""
-        principal = self.frame.center + self.theta[:, 7:9]
+    def xy(self) -> Array:
+        """Pixels (B, 2, N) with the lens, as whole rows of columns x and of rows y."""
+        principal = self.model.center + self.theta[:, 7:9]
         return self.focal * self.normalised * self.lens[:, None] + principal[..., None]
+
+    @property
+    def pixels(self) -> Array:
+        """Pixels (B, N, 2) with the lens."""
+        return np.swapaxes(self.xy, 1, 2)
 
     @property
     def upward(self) -> NDArray[np.bool_]:
@@ -219,21 +213,39 @@ class View:
         np.multiply(total, r2, out=rows[:, 9])
         np.multiply(rows[:, 9], r2, out=rows[:, 10])
         np.multiply(outward[:, 1], lens, out=rows[:, INDEX["log_aspect"]])
-        np.multiply(self.sag, world[:, 2], out=rows[:, INDEX["crown"]])
+        np.multiply(self.drop, world[:, 2], out=rows[:, INDEX["crown"]])
         field = world[:, :2]
         field[:, 1] += self.slope * world[:, 2]
         return rows, field
+
+    def jacobians(self) -> tuple[Array, Array]:
+        """Derivatives of the pixels by the parameters (B, N, 2, P) and by the field position (B, N, 2, 2)."""
+        axes = np.zeros((2, *self.normalised.shape))
+        axes[0, :, 0] = axes[1, :, 1] = 1.0
+        rows, fields = zip(*(self.gradient(axis) for axis in axes), strict=True)
+        return np.stack(rows, axis=1).transpose(0, 3, 1, 2), np.stack(fields, axis=1).transpose(0, 3, 1, 2)
 
 
 _SECOND = np.array([[0.0], [1.0]])
 
 
-def view(theta: Array, x: Array, y: Array, frame: Frame) -> View:
-    """Field points with coordinates x and y, each (B, N), before the cameras of theta (B, P)."""
+def project(theta: Array, field_m: Array, model: ProjectionModel) -> Projection:
+    """Project field points, on the crowned surface, with the lens, for a batch of cameras.
+
+    Parameters
+    ----------
+    theta : (B, P) array
+        Parameter vectors.
+    field_m : (B, N, 2) or (1, N, 2) array
+        Points on the field, metres; of a single row every camera is shown the same points.
+    model : ProjectionModel
+        Picture size and surface.
+    """
+    x, y = field_m[..., 0], field_m[..., 1]
     crown = theta[:, INDEX["crown"], None]
-    sag, slope = frame.sag(y)
+    drop, slope = model.surface.drop(y), model.surface.slope(y)
     offset = np.empty((len(theta), 3, x.shape[1]))
-    offset[:, 0], offset[:, 1], offset[:, 2] = x, y, crown * sag
+    offset[:, 0], offset[:, 1], offset[:, 2] = x, y, crown * drop
     offset -= theta[:, 4:7, None]
     R = rotations(theta)
     local = R @ offset
@@ -241,49 +253,16 @@ def view(theta: Array, x: Array, y: Array, frame: Frame) -> View:
     inverse_depth = 1.0 / np.where(np.abs(depth) < 1e-6, 1e-6, depth)
     normalised = local[:, :2] * inverse_depth[:, None]
     focal = np.exp(theta[:, 0, None, None] + theta[:, INDEX["log_aspect"], None, None] * _SECOND)
-    squared_focal = (2.0 / frame.width * focal[:, 0]) ** 2
+    squared_focal = (2.0 / model.width * focal[:, 0]) ** 2
     r2 = (normalised[:, 0] ** 2 + normalised[:, 1] ** 2) * squared_focal
     by_second = theta[:, 10, None] * r2
     lens_slope = theta[:, 9, None] + by_second
     lens = 1.0 + r2 * lens_slope
     lens_slope += by_second
-    return View(
-        theta, frame, R, offset, local, sag, crown * slope, inverse_depth, normalised, r2, lens, lens_slope, focal,
+    return Projection(
+        theta, model, R, offset, local, drop, crown * slope, inverse_depth, normalised, r2, lens, lens_slope, focal,
         squared_focal,
     )  # fmt: skip
-
-
-@dataclass(frozen=True, slots=True)
-class Projection:
-    """Pixels (B, N, 2), depths (B, N), derivative by the parameters (B, N, 2, P) and by the field position (B, N, 2,
-    2).
-    """
-
-    pixels: Array
-    depth: Array
-    by_theta: Array
-    by_field: Array
-
-
-def project(theta: Array, field_m: Array, frame: Frame) -> Projection:
-    """Project field points, on the crowned surface, with the lens, for a batch of cameras.
-
-    Parameters
-    ----------
-    theta : (B, P) array
-        Parameter vectors.
-    field_m : (B, N, 2) array
-        Points on the field.
-    frame : Frame
-        Picture size and crown.
-    """
-    seen = view(theta, field_m[..., 0], field_m[..., 1], frame)
-    axes = np.zeros((2, *seen.normalised.shape))
-    axes[0, :, 0] = axes[1, :, 1] = 1.0
-    rows, fields = zip(*(seen.gradient(axis) for axis in axes), strict=True)
-    by_theta = np.stack(rows, axis=1).transpose(0, 3, 1, 2)
-    by_field = np.stack(fields, axis=1).transpose(0, 3, 1, 2)
-    return Projection(np.swapaxes(seen.pixels, 1, 2), seen.depth, by_theta, by_field)
 
 
 def active_parameters(sd: Array) -> NDArray[np.int_]:

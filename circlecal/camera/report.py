@@ -14,7 +14,7 @@ from circlecal.camera.covariance import (
     spread_cameras,
 )
 from circlecal.camera.optimise import Problem, State
-from circlecal.camera.parameters import INDEX, PARAMETERS, Frame, camera_of, homographies, view
+from circlecal.camera.parameters import INDEX, PARAMETERS, ProjectionModel, camera_of, homographies, project
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.homography import compass_label, scale_homography
@@ -36,21 +36,21 @@ def camera_fit(
     stated_sigma_px: dict[str, float],
 ) -> CameraFit:
     """Everything that is reported of the best start of ``state``."""
-    frame, theta = problem.frame, state.theta[0]
+    model, theta = problem.model, state.theta[0]
     covariance = posterior_covariance(state.normal[0], problem.priors.sd)
     prior = state.prior_jacobian[0]
     center, reference = np.asarray(circle.center), problem.priors.center_m
-    camera = camera_of(theta, frame)
+    camera = camera_of(theta, model)
     H = camera.homography
     # the camera itself first, then those about it
-    cameras = homographies(np.concatenate([theta[None], spread_cameras(theta, covariance, reference)]), frame)
+    cameras = homographies(np.concatenate([theta[None], spread_cameras(theta, covariance, reference)]), model)
     vectors, centers = homography_vectors(cameras), imaged_points(cameras, center[None])[:, 0]
-    grid = visible_field(theta, frame, template, reference, REACH_RADII * circle.radius_m)
-    uncertainty = field_uncertainty(theta, covariance, grid, frame, prior.T @ prior)
+    grid = visible_field(theta, model, template, reference, REACH_RADII * circle.radius_m)
+    uncertainty = field_uncertainty(theta, covariance, grid, model, prior.T @ prior)
     return CameraFit(
         camera=camera,
         crown_m=float(theta[INDEX["crown"]]),
-        crown_shape=frame.crown_shape,
+        crown_shape=model.surface.shape,
         parameters=PARAMETERS,
         covariance=covariance,
         H_image_field=H,
@@ -103,7 +103,7 @@ def _derived_points(cameras: Array, camera: Camera, circle: Circle) -> tuple[Der
 
 
 def visible_field(
-    theta: Array, frame: Frame, template: FieldTemplate, center: Array, reach_m: float, step_m: float = 1.0
+    theta: Array, model: ProjectionModel, template: FieldTemplate, center: Array, reach_m: float, step_m: float = 1.0
 ) -> Array:
     """Field points (N, 2) on a grid that the camera shows, within ``reach_m`` of a ``center`` (2,)."""
     half = np.array([template.length_m, template.width_m]) / 2
@@ -111,9 +111,9 @@ def visible_field(
         np.arange(max(-h, c - reach_m), min(h, c + reach_m) + 1e-9, step_m) for h, c in zip(half, center, strict=True)
     )
     grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    seen = view(theta[None], grid[None, :, 0], grid[None, :, 1], frame)
-    column, row = seen.pixels[0]
-    inside = (column >= 0) & (column <= frame.width - 1) & (row >= 0) & (row <= frame.height - 1)
+    seen = project(theta[None], grid[None], model)
+    column, row = seen.xy[0]
+    inside = (column >= 0) & (column <= model.width - 1) & (row >= 0) & (row <= model.height - 1)
     # a barrel lens maps what is far outside back into the picture: not seen
     r2 = seen.r2[0]
     inside &= 1.0 + r2 * (3.0 * theta[INDEX["kappa_1"]] + 5.0 * r2 * theta[INDEX["kappa_2"]]) > 0.0

@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from circlecal.camera.parameters import INDEX, Frame, rotations, view
+from circlecal.camera.parameters import INDEX, ProjectionModel, project, rotations
 from circlecal.geometry.projective import Array, Indices, Mask
 
 
@@ -225,7 +225,7 @@ class Residuals:
     behind: Mask
 
 
-def first_hidden(curves: CurvePoints, theta: Array, frame: Frame, samples: int = 72) -> tuple[Array, Array]:
+def first_hidden(curves: CurvePoints, theta: Array, model: ProjectionModel, samples: int = 72) -> tuple[Array, Array]:
     """Hidden parameters (B, N) of the nearest of some samples of each marking, and the distances there (B, N) in
     pixels.
 
@@ -241,8 +241,8 @@ def first_hidden(curves: CurvePoints, theta: Array, frame: Frame, samples: int =
     turn = np.linspace(0.0, 2 * np.pi, samples, endpoint=False)
     grid = np.where(straight, np.linspace(0.0, 110.0, samples), turn)
     places, *_ = _on_markings(markings, np.broadcast_to(grid.reshape(1, -1), (len(theta), grid.size)), theta)
-    seen = view(theta, places[:, 0], places[:, 1], frame)
-    pixels = np.where(seen.depth[:, None] > 0.1, seen.pixels, np.inf).reshape(len(theta), 2, *shape)
+    seen = project(theta, np.swapaxes(places, 1, 2), model)
+    pixels = np.where(seen.depth[:, None] > 0.1, seen.xy, np.inf).reshape(len(theta), 2, *shape)
     nearest, distance = np.empty((2, len(theta), len(curves.points_px)))
     for k in range(len(first)):
         index = np.flatnonzero(marking == k)
@@ -255,13 +255,13 @@ def first_hidden(curves: CurvePoints, theta: Array, frame: Frame, samples: int =
     return nearest, np.sqrt(distance)
 
 
-def ground_hidden(curves: CurvePoints, theta: Array, frame: Frame) -> Array:
+def ground_hidden(curves: CurvePoints, theta: Array, model: ProjectionModel) -> Array:
     """Hidden parameters (B, N) of where the points lie on level ground: near enough to the nearest points for cameras
     that are nearly right.
     """
     focal = np.exp(theta[:, 0, None])
-    offset = curves.points_px.T - (frame.center + theta[:, 7:9])[..., None]
-    r2 = (offset[:, 0] ** 2 + offset[:, 1] ** 2) * (2.0 / frame.width) ** 2
+    offset = curves.points_px.T - (model.center + theta[:, 7:9])[..., None]
+    r2 = (offset[:, 0] ** 2 + offset[:, 1] ** 2) * (2.0 / model.width) ** 2
     rays = np.empty((len(theta), 3, offset.shape[-1]))
     rays[:, :2] = offset / (focal * (1.0 + theta[:, 9, None] * r2))[:, None]
     rays[:, 1] *= np.exp(-theta[:, INDEX["log_aspect"], None])
@@ -278,7 +278,7 @@ def curve_residuals(
     curves: CurvePoints,
     theta: Array,
     hidden: Array,
-    frame: Frame,
+    model: ProjectionModel,
     updates: int = 2,
     points: FixedPoints = NO_POINTS,
 ) -> Residuals:
@@ -293,7 +293,7 @@ def curve_residuals(
         Parameter vectors.
     hidden : (B, N) array
         Where the nearest points were last.
-    frame : Frame
+    model : ProjectionModel
         Picture size and crown.
     updates : int
         Newton steps of the hidden parameters before the residuals are taken, one more where the points then still lie
@@ -306,9 +306,9 @@ def curve_residuals(
     limit = np.where(curves.straight, 20.0, 0.5)
     for step in range(updates + 2):
         places, tangents, outward = _on_markings(curves, hidden, theta, points)
-        seen = view(theta, places[:, 0], places[:, 1], frame)
+        seen = project(theta, np.swapaxes(places, 1, 2), model)
         along = seen.along(tangents[:, 0], tangents[:, 1])[..., :count]
-        difference = observed - seen.pixels
+        difference = observed - seen.xy
         length2 = np.maximum((along * along).sum(axis=1), 1e-18)
         beside = (difference[..., :count] * along).sum(axis=1)
         hidden = hidden + np.minimum(np.maximum(beside / (length2 * curves.scale), -limit), limit)
@@ -333,7 +333,7 @@ def curve_residuals(
     return Residuals(values, np.swapaxes(rows, 1, 2), hidden, seen.depth[:, :count] < 0.1)
 
 
-def point_residuals(points: FixedPoints, theta: Array, frame: Frame) -> tuple[Array, Array]:
+def point_residuals(points: FixedPoints, theta: Array, model: ProjectionModel) -> tuple[Array, Array]:
     """Normalised residuals (B, 2 M) of fixed points and their Jacobian (B, 2 M, P)."""
-    found = curve_residuals(stack_curves([]), theta, np.zeros((len(theta), 0)), frame, 0, points)
+    found = curve_residuals(stack_curves([]), theta, np.zeros((len(theta), 0)), model, 0, points)
     return found.values, found.jacobian

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from circlecal.camera.parameters import PARAMETERS, Frame, theta_of
+from circlecal.camera.parameters import PARAMETERS, ProjectionModel, theta_of
 from circlecal.geometry.camera import camera_from_homography, image_center
 from circlecal.geometry.circle_pose import pinhole_centers
 from circlecal.geometry.conics import Ellipse
@@ -24,7 +24,7 @@ def closed_form_starts(
     direction: Array,
     field_center: Array,
     radius: float,
-    frame: Frame,
+    model: ProjectionModel,
     side: str,
 ) -> Array:
     """Upright cameras (B, P) from the circle, a line of known direction through its centre and, where seen, the
@@ -43,17 +43,17 @@ def closed_form_starts(
         Its direction on the field.
     field_center, radius : (2,) array, float
         The circle.
-    frame : Frame
+    model : ProjectionModel
         Picture size.
     side : str
         Prior on the camera's side.
     """
     if line is None:
         return np.zeros((0, len(PARAMETERS)))
-    starts = _cameras([] if center is None else [center], conic, line, direction, field_center, radius, frame, side)
+    starts = _cameras([] if center is None else [center], conic, line, direction, field_center, radius, model, side)
     if not starts:
-        centers = pinhole_centers(conic, line, image_center(frame.width, frame.height), frame.width)
-        starts = _cameras([c.center for c in centers], conic, line, direction, field_center, radius, frame, side)
+        centers = pinhole_centers(conic, line, image_center(model.width, model.height), model.width)
+        starts = _cameras([c.center for c in centers], conic, line, direction, field_center, radius, model, side)
     return np.array(starts).reshape(-1, len(PARAMETERS))
 
 
@@ -64,7 +64,7 @@ def _cameras(
     direction: Array,
     field_center: Array,
     radius: float,
-    frame: Frame,
+    model: ProjectionModel,
     side: str,
 ) -> list[Array]:
     """The upright ones of the cameras with these imaged centres."""
@@ -75,13 +75,13 @@ def _cameras(
             continue
         if camera_side_of(H, side) < 0:
             H = turn_homography(H, field_center)
-        camera = camera_from_homography(H, frame.width, frame.height)
+        camera = camera_from_homography(H, model.width, model.height)
         if camera is not None and camera.position_m[2] < 0 and camera.angles_rad[1] > 0:
-            starts.append(theta_of(camera, frame))
+            starts.append(theta_of(camera, model))
     return starts
 
 
-def grid_starts(ellipse: Ellipse, field_center: Array, radius: float, frame: Frame, side: str) -> Array:
+def grid_starts(ellipse: Ellipse, field_center: Array, radius: float, model: ProjectionModel, side: str) -> Array:
     """Level cameras (B, P) all around the circle that see it about as large, as flat and in the same place as an
     ellipse.
 
@@ -107,7 +107,7 @@ def grid_starts(ellipse: Ellipse, field_center: Array, radius: float, frame: Fra
     theta = np.zeros((len(distance), len(PARAMETERS)))
     focal = ellipse.semi_axes[0] * distance / radius
     look = -position / distance[:, None]
-    shift = (ellipse.center - frame.center) / focal[:, None]
+    shift = (ellipse.center - model.center) / focal[:, None]
     tilt = np.arccos(look[:, 2])
     theta[:, 0] = np.log(focal)
     theta[:, 1] = np.arctan2(look[:, 0], -look[:, 1]) - np.arctan(shift[:, 0]) / np.sin(tilt)
@@ -117,7 +117,7 @@ def grid_starts(ellipse: Ellipse, field_center: Array, radius: float, frame: Fra
 
 
 def standing_start(
-    points_px: Array, field_center: Array, radius: float, position_m: Array, roll_rad: float, frame: Frame
+    points_px: Array, field_center: Array, radius: float, position_m: Array, roll_rad: float, model: ProjectionModel
 ) -> Array:
     """The camera (1, P) of a known position that sees points (N, 2) of a circle; none (0, P) where they are too few.
 
@@ -130,7 +130,7 @@ def standing_start(
     if len(points_px) < 3 or ratio <= 0:
         return np.zeros((0, len(PARAMETERS)))
     c, s = np.cos(roll_rad), np.sin(roll_rad)
-    upright = (points_px - frame.center) @ np.array([[c, s], [-s, c]]) / np.array([1.0, ratio])
+    upright = (points_px - model.center) @ np.array([[c, s], [-s, c]]) / np.array([1.0, ratio])
     scale = np.abs(upright).max() + 1e-9
     x, y = (upright / scale).T
     # x^2 + y^2 = 2 u x + 2 v y + w

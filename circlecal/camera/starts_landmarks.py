@@ -11,7 +11,7 @@ from itertools import combinations, islice
 
 import numpy as np
 
-from circlecal.camera.parameters import PARAMETERS, Frame, theta_of
+from circlecal.camera.parameters import PARAMETERS, ProjectionModel, theta_of
 from circlecal.camera.residuals import FixedPoints
 from circlecal.field import FieldTemplate
 from circlecal.geometry.camera import Camera, camera_from_homography
@@ -62,21 +62,21 @@ class Landmarks:
     def __len__(self) -> int:
         return len(self.points_m) + len(self.lines_m)
 
-    def crossings(self, frame: Frame) -> tuple[Array, Array]:
+    def crossings(self, model: ProjectionModel) -> tuple[Array, Array]:
         """Where two of the markings meet, on the field (K, 2) and in the picture (K, 2)."""
         first, second = np.triu_indices(len(self.lines_m), 1)
         field = np.cross(self.lines_m[first], self.lines_m[second])
         seen = np.cross(self.lines_px[first], self.lines_px[second])
         with np.errstate(divide="ignore", invalid="ignore"):
             field, seen = field[:, :2] / field[:, 2:], seen[:, :2] / seen[:, 2:]
-            near = np.linalg.norm(seen - frame.center, axis=1) < REACH_WIDTHS * frame.width
+            near = np.linalg.norm(seen - model.center, axis=1) < REACH_WIDTHS * model.width
             near &= (np.abs(field) < 200.0).all(axis=1)
         return field[near], seen[near]
 
-    def middle_m(self, frame: Frame) -> Array:
+    def middle_m(self, model: ProjectionModel) -> Array:
         """About where on the field (2,) the picture looks."""
-        field, seen = self.crossings(frame)
-        inside = (np.abs(seen - frame.center) < np.array([frame.width, frame.height]) / 2).all(axis=1)
+        field, seen = self.crossings(model)
+        inside = (np.abs(seen - model.center) < np.array([model.width, model.height]) / 2).all(axis=1)
         shown = np.concatenate([self.points_m, field[inside]])
         if len(shown) == 0:
             shown = field if len(field) else self.middles_m
@@ -123,7 +123,7 @@ def _evenly(count: int, most: int) -> Indices:
     return np.arange(count) if count <= most else np.linspace(0, count - 1, most).astype(int)
 
 
-def homography_starts(landmarks: Landmarks, around_m: Array, frame: Frame) -> Array:
+def homography_starts(landmarks: Landmarks, around_m: Array, model: ProjectionModel) -> Array:
     """Upright cameras (B, P) from homographies of four landmarks each, the best by all of them first.
 
     Parameters
@@ -132,14 +132,14 @@ def homography_starts(landmarks: Landmarks, around_m: Array, frame: Frame) -> Ar
         What was seen.
     around_m : (2,) array
         A field point in front of the camera.
-    frame : Frame
+    model : ProjectionModel
         Picture size.
     """
     if len(landmarks) < MINIMAL:
         return np.zeros((0, len(PARAMETERS)))
     T_field = np.array([[1.0, 0.0, -around_m[0]], [0.0, 1.0, -around_m[1]], [0.0, 0.0, FIELD_UNIT_M]])
-    half = frame.width / 2.0
-    T_image = np.array([[1.0, 0.0, -frame.center[0]], [0.0, 1.0, -frame.center[1]], [0.0, 0.0, half]])
+    half = model.width / 2.0
+    T_image = np.array([[1.0, 0.0, -model.center[0]], [0.0, 1.0, -model.center[1]], [0.0, 0.0, half]])
     rows = correspondence_rows(
         landmarks.points_m, landmarks.points_px, landmarks.lines_m, landmarks.lines_px, T_field, T_image
     )
@@ -150,9 +150,9 @@ def homography_starts(landmarks: Landmarks, around_m: Array, frame: Frame) -> Ar
     found: list[Array] = []
     order = np.argsort(cost, kind="stable")[:CONVERTED]
     for k in order[np.isfinite(cost[order])]:
-        camera = camera_from_homography(back @ H[k] @ shift, frame.width, frame.height)
+        camera = camera_from_homography(back @ H[k] @ shift, model.width, model.height)
         if camera is not None and camera.position_m[2] < 0 < camera.angles_rad[1]:
-            theta = theta_of(camera, frame)
+            theta = theta_of(camera, model)
             theta[4:6] += around_m
             found.append(theta)
         if len(found) == FOLLOWED:
@@ -204,7 +204,7 @@ def usual_positions(around_m: Array, side: str) -> Array:
     return np.asarray(offset[offset[:, :2] @ np.array(SIDES[side]) >= -1e-9] + np.r_[around_m, 0.0])
 
 
-def aimed_starts(landmarks: Landmarks, positions_m: Array, frame: Frame) -> Array:
+def aimed_starts(landmarks: Landmarks, positions_m: Array, model: ProjectionModel) -> Array:
     """Level cameras (B, P) at given positions (B, 3), pointed and zoomed at the landmarks.
 
     Seen on the plane across the viewing direction, the landmarks must appear as in the picture up to scale and shift;
@@ -212,7 +212,7 @@ def aimed_starts(landmarks: Landmarks, positions_m: Array, frame: Frame) -> Arra
     """
     field, pixels = (
         np.concatenate(pair)
-        for pair in zip((landmarks.points_m, landmarks.points_px), landmarks.crossings(frame), strict=True)
+        for pair in zip((landmarks.points_m, landmarks.points_px), landmarks.crossings(model), strict=True)
     )
     if len(field) < 2:
         return np.zeros((0, len(PARAMETERS)))
@@ -228,9 +228,9 @@ def aimed_starts(landmarks: Landmarks, positions_m: Array, frame: Frame) -> Arra
     focal = np.sum(spread * (pixels - pixels.mean(axis=0)), axis=(1, 2)) / np.maximum(
         np.sum(spread**2, axis=(1, 2)), 1e-12
     )
-    usable = (focal > 0.2 * frame.width) & (seen[..., 2] > 0).all(axis=1)
+    usable = (focal > 0.2 * model.width) & (seen[..., 2] > 0).all(axis=1)
     focal, ahead, positions = focal[usable], ahead[usable], positions_m[usable]
-    shift = (pixels.mean(axis=0) - frame.center) / focal[:, None] - plane[usable].mean(axis=1)
+    shift = (pixels.mean(axis=0) - model.center) / focal[:, None] - plane[usable].mean(axis=1)
     theta = np.zeros((len(focal), len(PARAMETERS)))
     tilt = np.arccos(np.clip(ahead[:, 2], -1.0, 1.0))
     theta[:, 0] = np.log(focal)

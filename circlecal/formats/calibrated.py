@@ -13,12 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from circlecal.camera.flat import flat_camera
-from circlecal.camera.parameters import Frame
+from circlecal.camera.parameters import ProjectionModel
 from circlecal.field import Circle, FieldTemplate
 from circlecal.formats.shapes import AnnotatedFrame, Shape
 from circlecal.geometry.camera import Camera, camera_from_homography
 from circlecal.geometry.homography import compass_label, dlt, scale_homography
 from circlecal.geometry.projective import Array
+from circlecal.geometry.surface import Surface, SurfaceShape
 from circlecal.records.record import StoredResult
 from circlecal.results import Calibration
 
@@ -57,7 +58,7 @@ class CalibratedFrame:
     H_image_field: Array
     camera: Camera | None
     crown_m: float
-    crown_shape: str
+    crown_shape: SurfaceShape
     crown_radius_m: float
     template: FieldTemplate
     circle: Circle
@@ -71,8 +72,8 @@ class CalibratedFrame:
             lifted = lifted * np.sign(np.linalg.det(self.H_image_field))
             pixels = lifted[:, :2] / np.where(lifted[:, 2:] > 0, lifted[:, 2:], np.nan)
             return np.asarray(pixels)
-        frame = Frame(self.width, self.height, self.crown_shape, self.crown_radius_m)
-        depth = self.crown_m * frame.sag(field[:, 1])[0]
+        model = ProjectionModel(self.width, self.height, Surface(self.crown_shape, self.crown_radius_m))
+        depth = self.crown_m * model.surface.drop(field[:, 1])
         return self.camera.project(np.column_stack([field, depth]))
 
     def shows(self, pixel: Array) -> bool:
@@ -169,8 +170,8 @@ def centred_camera(camera: Camera, template: FieldTemplate) -> Camera:
     at_center = np.allclose(camera.principal_point_px, half, atol=0.51)
     if at_center and camera.focal_px[0] == camera.focal_px[1] and camera.kappa[1] == 0:
         return camera
-    frame = CalibratedFrame(
+    model = CalibratedFrame(
         "", camera.width, camera.height, camera.homography, camera, 0.0, "flat", 1.0, template, template.circles[0]
     )
-    points, pixels = frame.visible_field
+    points, pixels = model.visible_field
     return flat_camera(camera, points, pixels, centred=True)

@@ -14,7 +14,7 @@ import numpy as np
 
 from circlecal.camera.observed import Realism
 from circlecal.camera.optimise import COARSE, Priors, Problem, State, best_of, minimise
-from circlecal.camera.parameters import Frame, camera_of
+from circlecal.camera.parameters import ProjectionModel, camera_of
 from circlecal.camera.residuals import circle_curve, curve_residuals, ground_hidden, joined_curves
 from circlecal.camera.viewing_coordinates import LOOK, from_look, to_look
 from circlecal.field import Arc, FieldTemplate
@@ -131,7 +131,7 @@ def _turnable(problem: Problem, ellipse: Ellipse, loss_scale: float) -> State:
     radius = float(curves.radius[0])
     look = np.zeros((len(distance), LOOK))
     look[:, 0] = np.log(ellipse.semi_axes[0] * distance)
-    look[:, 1:3] = ellipse.center - problem.frame.center
+    look[:, 1:3] = ellipse.center - problem.model.center
     look[:, 4] = np.log(radius * distance)
     look[:, 6] = np.arcsin(np.clip(ellipse.axis_ratio * factor, 0.03, 0.97))
     starts = np.tile(np.where(np.isfinite(priors.mean), priors.mean, 0.0), (len(look), 1))
@@ -149,7 +149,7 @@ def _usual(priors: Priors) -> Priors:
 
 def _turned(scene: NamingScene, cameras: Array, side: str) -> tuple[list[Association], Array]:
     """Each long line as each marking that it may be, and cameras (B, P) turned so that both are parallel."""
-    frame, template = scene.problem.frame, scene.template
+    model, template = scene.problem.model, scene.template
     center = scene.problem.priors.center_m
     lengths = np.linalg.norm(scene.segments[:, 1] - scene.segments[:, 0], axis=-1)
     longest = np.argsort(-lengths, kind="stable")[:LONGEST]
@@ -159,7 +159,7 @@ def _turned(scene: NamingScene, cameras: Array, side: str) -> tuple[list[Associa
     hypotheses: list[Association] = []
     found = []
     for theta in cameras:
-        seen = _on_ground(scene.segments[longest], theta, frame) - center
+        seen = _on_ground(scene.segments[longest], theta, model) - center
         seen_normal, seen_offset = _normals(seen)
         turn = np.arctan2(normal[:, 1], normal[:, 0]) - np.arctan2(seen_normal[:, 1], seen_normal[:, 0])[:, None]
         around = np.repeat(to_look(theta[None], center), turn.size, axis=0)
@@ -198,9 +198,9 @@ def _stiff(scene: NamingScene) -> NamingScene:
     return replace(scene, problem=problem, loss_scale=FAR * scene.loss_scale)
 
 
-def _on_ground(segments: Array, theta: Array, frame: Frame) -> Array:
+def _on_ground(segments: Array, theta: Array, model: ProjectionModel) -> Array:
     """Field points (S, 2, 2) of the ends of segments; nan above the horizon."""
-    return np.asarray(camera_of(theta, frame).back_project(segments.reshape(-1, 2)).reshape(-1, 2, 2))
+    return np.asarray(camera_of(theta, model).back_project(segments.reshape(-1, 2)).reshape(-1, 2, 2))
 
 
 def _normals(ends: Array) -> tuple[Array, Array]:
@@ -214,9 +214,9 @@ def _normals(ends: Array) -> tuple[Array, Array]:
 
 def _against_the_picture(scene: NamingScene, trial: Trial) -> Trial:
     """The trial with what the picture should show under it and does not, and the other way round, in its score."""
-    names, frame, template = trial.association.names, scene.problem.frame, scene.template
-    unseen = unseen_px(names, scene.segments, trial.theta, template, frame)
-    beyond = overhanging_px(names, scene.segments, trial.theta, template, frame)
+    names, model, template = trial.association.names, scene.problem.model, scene.template
+    unseen = unseen_px(names, scene.segments, trial.theta, template, model)
+    beyond = overhanging_px(names, scene.segments, trial.theta, template, model)
     return replace(trial, score=trial.score - unseen - OVERHANG_COST * beyond)
 
 
@@ -239,7 +239,7 @@ def _with_curves(scene: NamingScene, trials: list[Trial], curves: tuple[Array, .
 
 def _fitted_with(scene: NamingScene, trials: list[Trial], points: Array, arc: Arc) -> tuple[list[Trial], Array]:
     """The trials fitted once more with points (N, 2) on an arc, and the share (B,) of these that then lie on it."""
-    frame, template, unit = scene.problem.frame, scene.template, scene.unit
+    model, template, unit = scene.problem.model, scene.template, scene.unit
     radius = template.radius(arc, "center")
     drawn = circle_curve(
         arc.name, points, np.full(len(points), CURVE_SIGMA_PX * unit), np.array(arc.center), radius, 0, 0
@@ -252,7 +252,7 @@ def _fitted_with(scene: NamingScene, trials: list[Trial], points: Array, arc: Ar
     )
     fitted = tried(fuller, [trial.association for trial in trials], np.array([trial.theta for trial in trials]))
     cameras = np.array([trial.theta for trial in fitted])
-    near = curve_residuals(drawn, cameras, ground_hidden(drawn, cameras, frame), frame)
+    near = curve_residuals(drawn, cameras, ground_hidden(drawn, cameras, model), model)
     middle, half = np.radians((arc.start_deg + arc.end_deg) / 2), np.radians((arc.end_deg - arc.start_deg) / 2)
     aside = np.abs((near.hidden - middle + np.pi) % (2 * np.pi) - np.pi)
     on = (np.abs(near.values) * CURVE_SIGMA_PX < CURVE_PX) & (aside < half + ARC_SLACK) & ~near.behind

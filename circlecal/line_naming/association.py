@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from circlecal.camera.parameters import Frame
+from circlecal.camera.parameters import ProjectionModel
 from circlecal.camera.residuals import CurvePoints, curve_residuals, ground_hidden
 from circlecal.field import FieldTemplate
 from circlecal.geometry.projective import Array, Indices, Mask
@@ -64,7 +64,7 @@ def associate_lines(
     excluded: tuple[str, ...],
     theta: Array,
     covariance: Array,
-    frame: Frame,
+    model: ProjectionModel,
     sigma_px: float,
     count: int = 6,
     elsewhere: frozenset[tuple[int, str]] = frozenset(),
@@ -81,7 +81,7 @@ def associate_lines(
         Template lines that are known already.
     theta, covariance : (P,), (P, P) arrays
         Camera so far.
-    frame : Frame
+    model : ProjectionModel
         Picture size.
     sigma_px : float
         How well a seen line follows the straight line between its ends (lens, measuring).
@@ -100,7 +100,7 @@ def associate_lines(
     if len(segments) == 0 or not lines:
         return []
     ends, shifts = (geometry[drawn] for geometry in template.drawn_lines)
-    pairs = _pairs(segments, ends, shifts, theta, frame)
+    pairs = _pairs(segments, ends, shifts, theta, model)
     names = [line.name for line in lines]
     for s, name in elsewhere:
         if name in names:
@@ -122,7 +122,7 @@ def associate_lines(
     return sorted(different.values(), key=lambda a: a.score, reverse=True)[:count]
 
 
-def _pairs(segments: Array, ends: Array, shifts: Array, theta: Array, frame: Frame) -> _Pairs:
+def _pairs(segments: Array, ends: Array, shifts: Array, theta: Array, model: ProjectionModel) -> _Pairs:
     S, T = len(segments), len(ends)
     span = ends[:, 1] - ends[:, 0]
     lengths = np.hypot(span[:, 0], span[:, 1])
@@ -132,8 +132,8 @@ def _pairs(segments: Array, ends: Array, shifts: Array, theta: Array, frame: Fra
         np.tile(segments.reshape(-1, 2), (T, 1)), zero + 1.0, ends[group, 0], zero, zero, zero,
         (span / lengths[:, None])[group], shifts[group], group, ("",) * T,
     )  # fmt: skip
-    start = ground_hidden(curves, theta[None], frame)
-    seen = curve_residuals(curves, theta[None], start, frame, updates=0)
+    start = ground_hidden(curves, theta[None], model)
+    seen = curve_residuals(curves, theta[None], start, model, updates=0)
     hidden = seen.hidden[0].reshape(T, S, 2)
     # uncertain cameras slide along a line too, so its ends are taken generously
     slack = 0.15 * lengths[:, None, None] + 3.0

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from circlecal.camera.parameters import Frame, view
+from circlecal.camera.parameters import ProjectionModel, project
 from circlecal.camera.residuals import ground_hidden, line_curve
 from circlecal.field import FieldTemplate
 from circlecal.geometry.projective import Array
@@ -53,26 +53,27 @@ class DrawnMarkings:
         return np.asarray(np.hypot(*self.by_field))
 
 
-def drawn_markings(theta: Array, places_m: Array, frame: Frame) -> DrawnMarkings:
+def drawn_markings(theta: Array, places_m: Array, model: ProjectionModel) -> DrawnMarkings:
     """Markings, by places (K, N, 2) along them on the field, as a camera (P,) shows them."""
     shape = places_m.shape[:2]
-    x, y = places_m.reshape(-1, 2).T
-    seen = view(theta[None], x[None], y[None], frame)
-    pixels = seen.pixels[0].T.reshape(*shape, 2)
+    seen = project(theta[None], places_m.reshape(1, -1, 2), model)
+    pixels = seen.pixels[0].reshape(*shape, 2)
     tangent = np.gradient(pixels, axis=1)
     tangent /= np.maximum(np.hypot(tangent[..., :1], tangent[..., 1:]), 1e-9)
     normals = np.stack([-tangent[..., 1], tangent[..., 0]], axis=-1)
     by_theta, by_field = (rows[0] for rows in seen.gradient(normals.reshape(1, -1, 2).swapaxes(1, 2)))
     ahead = ((seen.depth[0] > NEAREST_M) & seen.unfolded[0]).reshape(shape)
-    ahead &= (np.abs(pixels) < FARTHEST_WIDTHS * frame.width).all(axis=-1)
+    ahead &= (np.abs(pixels) < FARTHEST_WIDTHS * model.width).all(axis=-1)
     first, last = pixels[:, :-1], pixels[:, 1:]
-    met = (np.maximum(first, last) > 0) & (np.minimum(first, last) < (frame.width, frame.height))
+    met = (np.maximum(first, last) > 0) & (np.minimum(first, last) < (model.width, model.height))
     shown = ahead[:, 1:] & ahead[:, :-1] & met.all(axis=-1)
     length = np.where(shown, np.hypot(*np.moveaxis(last - first, -1, 0)), 0.0)
     return DrawnMarkings(pixels, normals, by_theta.reshape(-1, *shape), by_field.reshape(-1, *shape), length)
 
 
-def unseen_px(names: dict[int, str], segments: Array, theta: Array, template: FieldTemplate, frame: Frame) -> float:
+def unseen_px(
+    names: dict[int, str], segments: Array, theta: Array, template: FieldTemplate, model: ProjectionModel
+) -> float:
     """Length in pixels of the lines that a camera (P,) expects in the picture and that are not seen there.
 
     Parameters
@@ -81,22 +82,22 @@ def unseen_px(names: dict[int, str], segments: Array, theta: Array, template: Fi
         Template names by index of the seen line.
     segments : (S, 2, 2) array
         Ends of the seen lines.
-    theta, template, frame : (P,) array, FieldTemplate, Frame
+    theta, template, model : (P,) array, FieldTemplate, ProjectionModel
         Camera, field and picture.
     """
     ends = template.drawn_lines[0]
     share = np.linspace(0.0, 1.0, SAMPLES)
-    drawn = drawn_markings(theta, ends[:, :1] + share[:, None] * (ends[:, 1:] - ends[:, :1]), frame)
+    drawn = drawn_markings(theta, ends[:, :1] + share[:, None] * (ends[:, 1:] - ends[:, :1]), model)
     wide = drawn.across * max(template.marking_width_m, USUAL_WIDTH_M) > NARROWEST_PX
     length = drawn.length_px * (wide[:, 1:] & wide[:, :-1])
     expected = length.sum(axis=1)
     total = 0.0
-    for k in np.flatnonzero(expected > EXPECTED_WIDTHS * frame.width).tolist():
+    for k in np.flatnonzero(expected > EXPECTED_WIDTHS * model.width).tolist():
         found = [segments[s] for s, name in names.items() if name == template.lines[k].name]
         covered = np.zeros(SAMPLES, dtype=np.bool_)
         metres = share * np.linalg.norm(ends[k, 1] - ends[k, 0])
         for segment in found:
-            low, high = np.sort(_along(segment, k, theta, template, frame))
+            low, high = np.sort(_along(segment, k, theta, template, model))
             covered |= (metres >= low) & (metres <= high)
         if length[k][covered[1:] | covered[:-1]].sum() < SEEN_SHARE * expected[k]:
             total += float(expected[k])
@@ -104,22 +105,22 @@ def unseen_px(names: dict[int, str], segments: Array, theta: Array, template: Fi
 
 
 def overhanging_px(
-    names: dict[int, str], segments: Array, theta: Array, template: FieldTemplate, frame: Frame
+    names: dict[int, str], segments: Array, theta: Array, template: FieldTemplate, model: ProjectionModel
 ) -> float:
     """Length in pixels of the seen lines that lies beyond the ends of their markings."""
     total = 0.0
     for s, name in names.items():
         k = next(k for k, line in enumerate(template.lines) if line.name == name)
         points = segments[s, 0] + np.linspace(0.0, 1.0, SAMPLES)[:, None] * (segments[s, 1] - segments[s, 0])
-        along = _along(points, k, theta, template, frame)
+        along = _along(points, k, theta, template, model)
         length = float(np.linalg.norm(template.drawn_lines[0][k, 1] - template.drawn_lines[0][k, 0]))
         beyond = (along < -END_SLACK_M) | (along > length + END_SLACK_M)
         total += float(beyond.mean() * np.linalg.norm(segments[s, 1] - segments[s, 0]))
     return total
 
 
-def _along(points: Array, k: int, theta: Array, template: FieldTemplate, frame: Frame) -> Array:
+def _along(points: Array, k: int, theta: Array, template: FieldTemplate, model: ProjectionModel) -> Array:
     """Metres (N,) along a line of the template at which pixels (N, 2) lie."""
     line = template.lines[k]
     curve = line_curve(line.name, points, np.ones(len(points)), template.drawn_lines[0][k], template.drawn_lines[1][k])
-    return np.asarray(ground_hidden(curve, theta[None], frame)[0])
+    return np.asarray(ground_hidden(curve, theta[None], model)[0])

@@ -78,7 +78,7 @@ class NamingScene:
     @property
     def unit(self) -> float:
         """Pixels per pixel at 1920 px width."""
-        return self.problem.frame.width / 1920.0
+        return self.problem.model.width / 1920.0
 
     @property
     def lengths_px(self) -> Array:
@@ -93,9 +93,9 @@ class NamingScene:
     def hypotheses(self, theta: Array, normal: Array, count: int) -> list[Association]:
         """The most plausible names under a camera with its Gauss-Newton matrix."""
         covariance = posterior_covariance(normal, self.problem.priors.sd)
-        frame, sigma_px = self.problem.frame, 1.5 * self.unit
+        model, sigma_px = self.problem.model, 1.5 * self.unit
         return associate_lines(
-            self.segments, self.template, self.known, theta, covariance, frame, sigma_px, count, self.elsewhere
+            self.segments, self.template, self.known, theta, covariance, model, sigma_px, count, self.elsewhere
         )
 
 
@@ -232,7 +232,7 @@ def naming_scene(
 def tried(scene: NamingScene, associations: list[Association], starts: Array) -> list[Trial]:
     """Fit every hypothesis, all at once, from its own start (B, P)."""
     problem = replace(scene.problem, curves=_hypothetical(scene, associations))
-    hidden = ground_hidden(problem.curves, starts, problem.frame)
+    hidden = ground_hidden(problem.curves, starts, problem.model)
     state = minimise(problem, starts, WIDE * scene.loss_scale, 20, hidden, COARSE)
     passed, explained, score = _judged(scene, associations, state, problem)
     return [

@@ -10,7 +10,7 @@ import numpy as np
 
 from circlecal.camera.covariance import posterior_covariance
 from circlecal.camera.optimise import COARSE, Problem, State, best_of, continued, reweighted, with_curves
-from circlecal.camera.parameters import view
+from circlecal.camera.parameters import project
 from circlecal.camera.residuals import (
     CurvePoints,
     curve_residuals,
@@ -96,13 +96,13 @@ def _crossings(
     lines = stack_curves(
         [_one_point(line, end.point_px, sigma, template) for (end, _), line in zip(ends, drawn, strict=True)]
     )
-    along = ground_hidden(lines, theta, problem.frame)
+    along = ground_hidden(lines, theta, problem.model)
     place = lines.origin + along[0, :, None] * lines.direction
     corners = np.array([template.line_ends(line) for line in drawn])
     far = along[0] > 0.5 * np.linalg.norm(corners[:, 1] - corners[:, 0], axis=-1)
     outward = np.where(far[:, None], lines.direction, -lines.direction)
     # the paint ends on the near edge of the other marking, its middle lies half a width further
-    at = view(theta, place[None, :, 0], place[None, :, 1], problem.frame)
+    at = project(theta, place[None], problem.model)
     steps = at.along(*outward.T)[0].T * 0.5 * template.marking_width_m
     middles = lines.points_px + steps
     # where both cross at a slant the paint ends anywhere within the other marking
@@ -114,7 +114,7 @@ def _crossings(
     points = stack_curves(
         [_one_point(other, middles[k], sigmas[k], template) for k, other in enumerate(others) if other]
     )
-    expected = curve_residuals(points, theta, ground_hidden(points, theta, problem.frame), problem.frame, updates=0)
+    expected = curve_residuals(points, theta, ground_hidden(points, theta, problem.model), problem.model, updates=0)
     J = expected.jacobian[0]
     spread = np.sqrt(((J @ posterior_covariance(state.normal[0], problem.priors.sd)) * J).sum(axis=1))
     away = np.abs(expected.values[0]) / np.hypot(spread, 1.0)

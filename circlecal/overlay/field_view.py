@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from circlecal.camera.covariance import field_sigma
-from circlecal.camera.parameters import CROWN_SHAPES, INDEX, PARAMETERS, Frame
+from circlecal.camera.parameters import INDEX, PARAMETERS, ProjectionModel
 from circlecal.field import FieldTemplate
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.projective import Array, lift
+from circlecal.geometry.surface import Surface
 from circlecal.overlay.canvas import Canvas
 from circlecal.overlay.palette import CIRCLE, TEMPLATE, Color
 from circlecal.results import Calibration, CameraFit
@@ -64,14 +65,14 @@ def camera_view(fit: CameraFit, template: FieldTemplate, circle: str) -> FieldVi
     """Through the camera, with its lens and the crown of the surface."""
     known = fit.theta.shape == (len(PARAMETERS),)
     growth = fit.theta[[INDEX["length"], INDEX["breadth"]]] if known else np.zeros(2)
-    return surface_view(fit.camera, fit.crown_m, _frame(fit, template, circle), growth)
+    return surface_view(fit.camera, fit.crown_m, _model(fit, template, circle), growth)
 
 
-def surface_view(camera: Camera, crown_m: float, frame: Frame, growth_m: Array) -> FieldView:
+def surface_view(camera: Camera, crown_m: float, model: ProjectionModel, growth_m: Array) -> FieldView:
     """Through a camera onto a surface that drops by ``crown_m`` at the frame's reference distance."""
 
     def pixels(points_m: Array) -> Array:
-        depth = crown_m * frame.sag(points_m[:, 1])[0]
+        depth = crown_m * model.surface.drop(points_m[:, 1])
         undistorted = camera.project(np.column_stack([points_m, depth]), distort=False)
         near = _near(undistorted, camera.width, camera.height) & _unfolded(camera, undistorted)
         return np.where(near[:, None], camera.distort(undistorted), np.nan)
@@ -121,14 +122,13 @@ def predicted_sigma(fit: CameraFit, template: FieldTemplate, circle: str, column
         seen = np.flatnonzero((np.abs(field) <= half).all(axis=1))
     sigma = np.full(len(field), np.nan)
     if len(seen):
-        sigma[seen] = field_sigma(fit.theta, fit.covariance, field[seen], _frame(fit, template, circle))[0]
+        sigma[seen] = field_sigma(fit.theta, fit.covariance, field[seen], _model(fit, template, circle))[0]
     return sigma.reshape(rows, columns)
 
 
-def _frame(fit: CameraFit, template: FieldTemplate, circle: str) -> Frame:
+def _model(fit: CameraFit, template: FieldTemplate, circle: str) -> ProjectionModel:
     known = template.circle_by_name.get(circle, template.circle_by_name[template.default_circle])
-    shape = fit.crown_shape if fit.crown_shape in CROWN_SHAPES else "flat"
-    return Frame(fit.camera.width, fit.camera.height, shape, known.radius_m)
+    return ProjectionModel(fit.camera.width, fit.camera.height, Surface(fit.crown_shape, known.radius_m))
 
 
 def _near(pixels: Array, width: int, height: int) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:

@@ -24,6 +24,7 @@ from circlecal.field import FieldTemplate
 from circlecal.files import write_atomic
 from circlecal.geometry.camera import Camera, camera_from_soccernet
 from circlecal.geometry.projective import Array
+from circlecal.geometry.surface import SurfaceShape
 from circlecal.results import Calibration, CameraFit, Correspondences, EllipseFit, EllipseFits, Verdict
 
 SCHEMA_VERSION = 1
@@ -276,7 +277,7 @@ class StoredResult:
     H_image_field: Array | None
     camera: Camera | None
     crown_m: float
-    crown_shape: str
+    crown_shape: SurfaceShape
     crown_radius_m: float
     covariance: Array | None
     growth_m: Array = field(default_factory=lambda: np.zeros(2))
@@ -319,7 +320,7 @@ class _CameraKeys(BaseModel):
     principal_point: tuple[float, float]
     radial_distortion: Annotated[list[float], Field(min_length=2)]
     crown_m: float = 0.0
-    crown_shape: str = "flat"
+    crown_shape: SurfaceShape = "flat"
     crown_radius_m: Annotated[float, Field(gt=0)] = 1.0
     covariance: _CovarianceKeys | None = None
 

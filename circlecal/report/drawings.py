@@ -10,10 +10,11 @@ from typing import Any
 import cv2
 import numpy as np
 
-from circlecal.camera.parameters import CROWN_SHAPES, Frame
+from circlecal.camera.parameters import ProjectionModel
 from circlecal.errors import CirclecalError
 from circlecal.field import FieldTemplate, load_field
 from circlecal.geometry.projective import Array, Mask
+from circlecal.geometry.surface import Surface
 from circlecal.overlay.canvas import Canvas
 from circlecal.overlay.field_view import FieldView, homography_view, surface_view
 from circlecal.overlay.palette import CIRCLE, INLIER, POINT, REFUSED, TEMPLATE, Color
@@ -81,9 +82,8 @@ def _side(value: Any) -> int:
 
 def _view(stored: StoredResult) -> FieldView | None:
     if stored.camera is not None:
-        shape = stored.crown_shape if stored.crown_shape in CROWN_SHAPES else "flat"
-        frame = Frame(stored.width, stored.height, shape, stored.crown_radius_m)
-        return surface_view(stored.camera, stored.crown_m, frame, stored.growth_m)
+        model = ProjectionModel(stored.width, stored.height, Surface(stored.crown_shape, stored.crown_radius_m))
+        return surface_view(stored.camera, stored.crown_m, model, stored.growth_m)
     if stored.H_image_field is not None:
         return homography_view(stored.H_image_field, stored.width, stored.height)
     return None

@@ -11,13 +11,14 @@ from circlecal.camera.noise import inflated
 from circlecal.camera.observed import Realism, observed_curves, observed_points
 from circlecal.camera.optimise import Problem, evaluate
 from circlecal.camera.options import priors_of
-from circlecal.camera.parameters import Frame
+from circlecal.camera.parameters import ProjectionModel
 from circlecal.camera.residuals import curve_residuals, first_hidden, line_curve
 from circlecal.camera.shared_prior import SharedPrior, SharedPriorConfig
 from circlecal.config import Config
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.homography import SIDES
 from circlecal.geometry.projective import Array
+from circlecal.geometry.surface import Surface
 from circlecal.observations import Observations
 from circlecal.rig.frames import RigFrame
 from circlecal.rig.joint import (
@@ -207,7 +208,7 @@ def _joint(problems: Sequence[Problem], config: Config, width: int, log_focal: f
 
 def _alone(problem: Problem, theta: Array, loss_scale: float) -> float:
     """Cost of a frame's observations where the frame is calibrated alone."""
-    hidden, _ = first_hidden(problem.curves, theta[None], problem.frame)
+    hidden, _ = first_hidden(problem.curves, theta[None], problem.model)
     return float(evaluate(problem, theta[None], hidden, loss_scale, updates=4).cost[0])
 
 
@@ -255,9 +256,9 @@ def frame_problem(
     assert frame.observations is not None
     unit = frame.size[0] / 1920.0
     options = config.camera
-    view = Frame(*frame.size, options.usual_crown, circle.radius_m)
+    model = ProjectionModel(*frame.size, Surface(options.usual_crown, circle.radius_m))
     names = [turned_line(name, template) if turned else name for name in frame.named_lines]
-    seen = with_names(frame.observations, names, theta, template, view)
+    seen = with_names(frame.observations, names, theta, template, model)
     seen = replace(
         seen,
         marks=tuple(m for m in seen.marks if m.mark not in frame.rejected),
@@ -269,24 +270,24 @@ def frame_problem(
     problem = Problem(
         observed_curves(seen, template, realism),
         observed_points(seen, template),
-        priors_of(options, template, circle, view),
-        view,
+        priors_of(options, template, circle, model),
+        model,
     )
     if not grown or not options.noise_from_residuals:
         return problem
-    hidden, _ = first_hidden(problem.curves, theta[None], view)
+    hidden, _ = first_hidden(problem.curves, theta[None], model)
     state = evaluate(problem, theta[None], hidden, options.loss_scale, updates=4)
     return replace(problem, curves=inflated(problem, state)[0])
 
 
 def with_names(
-    observations: Observations, names: Sequence[str], theta: Array, template: FieldTemplate, frame: Frame
+    observations: Observations, names: Sequence[str], theta: Array, template: FieldTemplate, model: ProjectionModel
 ) -> Observations:
     """Give recognised lines back their names: each to the seen line without one that lies where the camera puts it."""
     lines = list(observations.lines)
     for name in names:
         drawn = template.line_by_name[name]
-        best, where = SAME_LINE_PX * frame.width / 1920.0, -1
+        best, where = SAME_LINE_PX * model.width / 1920.0, -1
         for k, line in enumerate(lines):
             if line.line is not None or len(line.points_px) == 0:
                 continue
@@ -297,8 +298,8 @@ def with_names(
                 template.line_ends(drawn),
                 template.line_shift(drawn),
             )
-            hidden, _ = first_hidden(curve, theta[None], frame)
-            seen = curve_residuals(curve, theta[None], hidden, frame, updates=4)
+            hidden, _ = first_hidden(curve, theta[None], model)
+            seen = curve_residuals(curve, theta[None], hidden, model, updates=4)
             rms = float(np.sqrt(np.mean(seen.values**2)))
             if rms < best and not seen.behind.any():
                 best, where = rms, k

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from circlecal.camera.parameters import PARAMETERS, Frame, camera_of, theta_of
+from circlecal.camera.parameters import PARAMETERS, ProjectionModel, camera_of, theta_of
 from circlecal.errors import InputError, reading_failure
 from circlecal.geometry.projective import Array
 from circlecal.observations import Observations
@@ -57,9 +57,9 @@ class RigFrame:
         """Parameters (P,) of the same picture of the field turned by 180 degrees."""
         assert self.theta is not None
         assert self.observations is not None
-        frame = Frame(*self.size)
+        model = ProjectionModel(*self.size)
         theta = self.theta.copy()
-        theta[1:7] = theta_of(camera_of(theta, frame).turned(), frame)[1:7]
+        theta[1:7] = theta_of(camera_of(theta, model).turned(), model)[1:7]
         return theta
 
 

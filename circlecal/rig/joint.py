@@ -175,7 +175,7 @@ def first_state(problem: JointProblem, theta: Array, loss_scale: float) -> Joint
     common = np.concatenate([shared, np.zeros(len(problem.zoomed))])
     own = np.concatenate([theta[:, problem.own], np.zeros((len(theta), len(problem.deviating)))], axis=1)
     start = problem.thetas(own, common)
-    hidden = tuple(first_hidden(f.curves, t[None], f.frame)[0] for f, t in zip(problem.frames, start, strict=True))
+    hidden = tuple(first_hidden(f.curves, t[None], f.model)[0] for f, t in zip(problem.frames, start, strict=True))
     return evaluate_joint(problem, own, common, hidden, loss_scale, updates=4)
 
 

@@ -121,7 +121,7 @@ def _cost(
         problem = frame_problem(scale_of, scale_of.theta, template, circle, config)
     else:
         problem = frame_problem(frame, theta, template, circle, config, grown=False)
-    hidden, _ = first_hidden(problem.curves, theta[None], problem.frame)
+    hidden, _ = first_hidden(problem.curves, theta[None], problem.model)
     state = evaluate(problem, theta[None], hidden, config.camera.loss_scale, updates=4)
     priors, _ = problem.priors.residuals(theta[None])
     return float(state.cost[0] - np.sum(priors**2))

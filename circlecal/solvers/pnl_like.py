@@ -18,13 +18,14 @@ import numpy as np
 from circlecal.camera.observed import Realism, observed_curves
 from circlecal.camera.optimise import Problem, minimise
 from circlecal.camera.options import CameraConfig, priors_of
-from circlecal.camera.parameters import Frame, camera_of, theta_of
+from circlecal.camera.parameters import ProjectionModel, camera_of, theta_of
 from circlecal.camera.residuals import FixedPoints
 from circlecal.errors import EstimationError
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera import camera_from_homography
 from circlecal.geometry.homography import dlt, projects_in_front, transfer_errors
 from circlecal.geometry.projective import Array, Mask
+from circlecal.geometry.surface import Surface
 from circlecal.observations import Observations
 from circlecal.solvers.great_axis import DOWN, toward_camera
 from circlecal.solvers.interface import solver, unsolved
@@ -86,11 +87,11 @@ def solve(observations: Observations, template: FieldTemplate, circle: Circle, r
     camera = camera_from_homography(solution.H, observations.width, observations.height)
     if camera is None or camera.position_m[2] >= 0:
         return solution.H
-    return refined(kept, theta_of(camera, _frame(observations, circle)), observations, template, circle)
+    return refined(kept, theta_of(camera, _model(observations, circle)), observations, template, circle)
 
 
-def _frame(observations: Observations, circle: Circle) -> Frame:
-    return Frame(observations.width, observations.height, "flat", circle.radius_m)
+def _model(observations: Observations, circle: Circle) -> ProjectionModel:
+    return ProjectionModel(observations.width, observations.height, Surface("flat", circle.radius_m))
 
 
 def keypoints(
@@ -157,11 +158,11 @@ def refined(
     points: Keypoints, theta: Array, observations: Observations, template: FieldTemplate, circle: Circle
 ) -> Array:
     """Homography of the camera that fits inlier keypoints and straight lines best."""
-    frame = _frame(observations, circle)
+    model = _model(observations, circle)
     known = template.model_copy(update={"length_sd_m": 0.0, "width_sd_m": 0.0})
     curves = observed_curves(replace(observations, circles=()), template, Realism(10**6, 0.0, 0.0))
     names = tuple(str(k) for k in range(len(points.field_m)))
     fixed = FixedPoints(points.field_m, points.image_px, points.sigma_px, names)
-    problem = Problem(curves, fixed, priors_of(WITHOUT_PRIORS, known, circle, frame), frame)
+    problem = Problem(curves, fixed, priors_of(WITHOUT_PRIORS, known, circle, model), model)
     state = minimise(problem, theta[None], NO_LOSS, iterations=60)
-    return camera_of(state.theta[0], frame).homography
+    return camera_of(state.theta[0], model).homography

@@ -12,10 +12,11 @@ from __future__ import annotations
 import numpy as np
 
 from circlecal.camera.observed import Realism, observed_curves
-from circlecal.camera.parameters import INDEX, PARAMETERS, Frame, camera_of
+from circlecal.camera.parameters import INDEX, PARAMETERS, ProjectionModel, camera_of
 from circlecal.camera.residuals import CurvePoints, curve_residuals, first_hidden
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.projective import Array
+from circlecal.geometry.surface import Surface
 from circlecal.observations import Observations
 from circlecal.solvers.interface import solver, unsolved
 
@@ -44,45 +45,45 @@ DECAYS = (0.9, 0.999)
 @solver
 def solve(observations: Observations, template: FieldTemplate, circle: Circle, rng: np.random.Generator) -> Array:
     """AdamW from all starts at once; the camera with the smallest loss."""
-    frame = Frame(observations.width, observations.height, "flat", circle.radius_m)
+    model = ProjectionModel(observations.width, observations.height, Surface("flat", circle.radius_m))
     curves = observed_curves(observations, template, Realism(MAXIMUM_POINTS, 0.0, 0.0))
     if len(curves.names) < 2:
         raise unsolved("needs_two_markings", "one marking alone leaves the camera undetermined")
     if len(curves.points_px) < len(RANGES):
         raise unsolved("too_few_points", f"{len(RANGES)} points are needed, {len(curves.points_px)} seen")
-    mean, sd = standardisation(frame)
+    mean, sd = standardisation(model)
     z = np.zeros((len(STARTS), len(mean)))
     z[:, INDEX["x"]] = [start[0] for start in STARTS]
     position = mean[4:6] + z[:, 4:6] * sd[4:6] - np.asarray(circle.center)
     z[:, INDEX["pan"]] = (np.arctan2(-position[:, 0], position[:, 1]) - mean[INDEX["pan"]]) / sd[INDEX["pan"]]
-    theta, loss = descend(curves, frame, mean, sd, z)
+    theta, loss = descend(curves, model, mean, sd, z)
     best = int(np.argmin(loss))
     if not np.isfinite(loss[best]):
         raise unsolved("no_convergence", "every start ended behind the camera")
-    return camera_of(theta[best], frame).homography
+    return camera_of(theta[best], model).homography
 
 
-def standardisation(frame: Frame) -> tuple[Array, Array]:
+def standardisation(model: ProjectionModel) -> tuple[Array, Array]:
     """Mean and standard deviation (P,) of the parameters; those that are not estimated have sd 0."""
     mean, sd = np.zeros(len(PARAMETERS)), np.zeros(len(PARAMETERS))
     for name, (low, high) in RANGES.items():
         mean[INDEX[name]], sd[INDEX[name]] = (low + high) / 2, (high - low) / 6
-    mean[INDEX["log_focal"]] += np.log(frame.width)
+    mean[INDEX["log_focal"]] += np.log(model.width)
     return mean, sd
 
 
-def descend(curves: CurvePoints, frame: Frame, mean: Array, sd: Array, z: Array) -> tuple[Array, Array]:
+def descend(curves: CurvePoints, model: ProjectionModel, mean: Array, sd: Array, z: Array) -> tuple[Array, Array]:
     """Parameters (B, P) and losses (B,) after ``STEPS`` steps of AdamW with a cosine schedule."""
     first, second = np.zeros_like(z), np.zeros_like(z)
     share = 1.0 / (np.bincount(curves.group)[curves.group] * len(curves.names))
-    unit = curves.sigma_px / (frame.width / 2.0)
+    unit = curves.sigma_px / (model.width / 2.0)
     best, best_loss = mean + sd * z, np.full(len(z), np.inf)
     hidden = np.zeros((len(z), len(curves.points_px)))
     for step in range(STEPS):
         theta = mean + sd * z
         if step % SEARCH_EVERY == 0:
-            hidden = first_hidden(curves, theta, frame)[0]
-        seen = curve_residuals(curves, theta, hidden, frame, updates=1)
+            hidden = first_hidden(curves, theta, model)[0]
+        seen = curve_residuals(curves, theta, hidden, model, updates=1)
         hidden = seen.hidden
         values = np.where(seen.behind, 0.0, seen.values * unit)
         loss = np.where(seen.behind.any(axis=1), np.inf, np.sum(share * values**2, axis=1))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.camera.parameters import INDEX, fitted_frame
+from circlecal.camera.parameters import INDEX, fitted_model
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.projective import Array
 from circlecal.line_naming.expectation import DrawnMarkings, drawn_markings
@@ -69,8 +69,8 @@ def expected_markings(
     -------
     Agreement
     """
-    frame = fitted_frame(fit, circle)
-    unit = frame.width / 1920.0
+    model = fitted_model(fit, circle)
+    unit = model.width / 1920.0
     names, nodes, shifts = template.outlines
     outline = np.array([template.length_m, template.width_m]) / 2 - template.marking_width_m
     on_outline = np.asarray((np.abs(nodes) >= outline).all(axis=1), np.bool_)
@@ -79,16 +79,16 @@ def expected_markings(
     wanted = [own, *(k for k, name in enumerate(names) if inner[k] and name not in known and k != own)]
     names, nodes, shifts = tuple(names[k] for k in wanted), nodes[wanted], shifts[wanted]
     sizes = fit.theta[[INDEX[name] for name in _SIZES]]
-    drawn = drawn_markings(fit.theta, nodes + np.einsum("s,ksi->ki", sizes, shifts)[:, None], frame)
+    drawn = drawn_markings(fit.theta, nodes + np.einsum("s,ksi->ki", sizes, shifts)[:, None], model)
     element, base, normal, spread, across = _samples(drawn, _sigmas(fit, drawn, shifts), SPACING_PX * unit)
-    visible = np.asarray(((base > 0) & (base < (frame.width - 1, frame.height - 1))).all(axis=1), np.bool_)
+    visible = np.asarray(((base > 0) & (base < (model.width - 1, model.height - 1))).all(axis=1), np.bool_)
     mine = element == 0
     if not (visible & mine).any():
         return Agreement((), np.zeros(0), np.zeros(0))
     visible &= ~mine & np.asarray(across >= THINNEST[1] * np.quantile(across[visible & mine], THINNEST[0]))
     if region is not None:
         rows, columns = region.shape
-        at = np.clip((base * (columns / frame.width, rows / frame.height)).astype(int), 0, (columns - 1, rows - 1))
+        at = np.clip((base * (columns / model.width, rows / model.height)).astype(int), 0, (columns - 1, rows - 1))
         visible &= np.asarray(region[at[:, 1], at[:, 0]])
     near = visible & (spread < WELL_KNOWN_PX * unit)
     certain = bool(np.count_nonzero(near) * SPACING_PX >= ENOUGH_WIDTHS * 1920.0)

@@ -36,13 +36,14 @@ from circlecal.camera.optimise import (
     reweighted,
 )
 from circlecal.camera.options import CameraConfig, position_known, priors_of, realism_of
-from circlecal.camera.parameters import INDEX, Frame
+from circlecal.camera.parameters import INDEX, ProjectionModel
 from circlecal.camera.report import camera_fit
 from circlecal.camera.residuals import CurvePoints, FixedPoints, ground_hidden, joined_curves
 from circlecal.camera.starts_landmarks import Landmarks, seen_landmarks
 from circlecal.errors import EstimationError
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.projective import Array, Mask
+from circlecal.geometry.surface import Surface
 from circlecal.line_naming.around_circle import names_around
 from circlecal.line_naming.hypotheses import Naming, name_lines
 from circlecal.line_naming.line_ends import same_markings, with_crossings
@@ -100,18 +101,20 @@ def estimate_camera(
         ``no_circle`` where nothing else determines a camera, ``no_ellipse``, ``rotation_free``, ``no_camera`` where no
         start leads to a camera above the ground.
     """
-    frame = Frame(observations.width, observations.height, config.usual_crown, max(circle.radius_m, 1e-3))
+    model = ProjectionModel(
+        observations.width, observations.height, Surface(config.usual_crown, max(circle.radius_m, 1e-3))
+    )
     curves = observed_curves(observations, template, realism_of(config, observations.width))
     points = observed_points(observations, template)
-    priors = priors_of(config, template, circle, frame)
-    problem = Problem(curves, points, priors, frame)
+    priors = priors_of(config, template, circle, model)
+    problem = Problem(curves, points, priors, model)
     ellipse = seen_ellipse(observations, circle, problem)
     carrying = circle if ellipse is not None else None
     named: dict[int, str] = {}
     if ellipse is None:
         landmarks = seen_landmarks(observations, template, points, usual_lens(problem))
         _require_landmarks(observations, circle, landmarks, config)
-        problem = replace(problem, priors=replace(priors, center_m=landmarks.middle_m(frame)))
+        problem = replace(problem, priors=replace(priors, center_m=landmarks.middle_m(model)))
         closed, grid = landmark_starts(problem, observations, template, landmarks, camera_side)
     turning = earlier is None and ellipse is not None and _rotation_free(observations, circle, config)
     if earlier is not None:
@@ -151,7 +154,7 @@ def estimate_camera(
     else:
         problem, start, further = more
         named = named | further
-        hidden = ground_hidden(problem.curves, start, frame)
+        hidden = ground_hidden(problem.curves, start, model)
         state = minimise(problem, start, config.loss_scale, config.iterations, hidden, COARSE)
         problem, state, scale = _settled(problem, state, config, FINAL)
     if config.crown_shape == "auto" and config.shared is None:
@@ -329,7 +332,7 @@ def _contradicting_markings(problem: Problem, state: State, template: FieldTempl
     it, which the verdict judges.
     """
     sigma, values = problem.curves.sigma_px, np.abs(state.residuals[0])
-    least = WRONG_PX * problem.frame.width / 1920.0
+    least = WRONG_PX * problem.model.width / 1920.0
     found = set()
     for group, name in enumerate(problem.curves.names):
         own = problem.curves.group == group

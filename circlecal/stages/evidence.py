@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.camera.parameters import fitted_frame, view
+from circlecal.camera.parameters import fitted_model, project
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.projective import Array
 from circlecal.paint.matched_filter import CLEAR, LEAST_WIDTH_PX, SAMPLES, SECTORS, sectors_standing_out
@@ -44,14 +44,14 @@ def painted_sectors(picture: NDArray[np.uint8], fit: CameraFit, template: FieldT
     (K,) array
         At most :data:`SECTORS` of them, in order.
     """
-    frame = fitted_frame(fit, circle)
+    model = fitted_model(fit, circle)
     angle = (np.arange(SECTORS * SAMPLES) + 0.5) * (2 * np.pi / (SECTORS * SAMPLES))
     outward = np.stack([np.cos(angle), np.sin(angle)])
-    x, y = np.asarray(circle.center)[:, None] + template.radius(circle, "center") * outward
-    seen = view(fit.theta[None], x[None], y[None], frame)
+    ring = np.asarray(circle.center) + template.radius(circle, "center") * outward.T
+    seen = project(fit.theta[None], ring[None], model)
     along = seen.along(-outward[None, 1], outward[None, 0])[0].T
     normals = np.stack([-along[:, 1], along[:, 0]], axis=-1) / np.maximum(np.hypot(*along.T), 1e-9)[:, None]
     across = np.abs((seen.along(outward[None, 0], outward[None, 1])[0].T * normals).sum(axis=-1))
-    width = np.maximum(template.marking_width_m * across, LEAST_WIDTH_PX * frame.width / 1920.0)
-    places = np.where(seen.depth[0][:, None] > 0, seen.pixels[0].T, -1.0)
+    width = np.maximum(template.marking_width_m * across, LEAST_WIDTH_PX * model.width / 1920.0)
+    places = np.where(seen.depth[0][:, None] > 0, seen.pixels[0], -1.0)
     return sectors_standing_out(picture, places, width[:, None] * normals)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.camera.parameters import INDEX, Frame, fitted_frame, view
+from circlecal.camera.parameters import INDEX, ProjectionModel, fitted_model, project
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.projective import Array, fit_line, line_distance
 from circlecal.paint.matched_filter import TAPS, paint_and_sides
@@ -102,44 +102,42 @@ def find_faint_lines(
     tuple of LineCue
         Without names: which marking it is shows only together with the others.
     """
-    frame = fitted_frame(fit, circle)
+    model = fitted_model(fit, circle)
     ends, shifts = template.drawn_lines
     found: list[LineCue] = []
     for index, line in enumerate(template.lines):
         if line.name == template.halfway_line:
             continue
-        course = _course(fit, frame, ends[index], shifts[index])
-        shift = None if course is None else _best_shift(picture, course, frame.width / 1920.0)
-        cue = None if course is None or shift is None else _measured(picture, course, shift, frame.width / 1920.0)
-        if cue is not None and not any(_same(cue, other, frame.width / 1920.0) for other in found):
+        course = _course(fit, model, ends[index], shifts[index])
+        shift = None if course is None else _best_shift(picture, course, model.width / 1920.0)
+        cue = None if course is None or shift is None else _measured(picture, course, shift, model.width / 1920.0)
+        if cue is not None and not any(_same(cue, other, model.width / 1920.0) for other in found):
             found.append(cue)
     return tuple(found)
 
 
-def _course(fit: CameraFit, frame: Frame, ends: Array, shift: Array) -> _Course | None:
+def _course(fit: CameraFit, model: ProjectionModel, ends: Array, shift: Array) -> _Course | None:
     """The part in the picture of a marking between two ends (2, 2) that moves with the field's sizes by ``shift`` (3,
     2); None where it is short.
     """
-    spacing_px = SPACING_PX * frame.width / 1920.0
+    spacing_px = SPACING_PX * model.width / 1920.0
     start, span = ends[0] + fit.theta[[INDEX[name] for name in _SIZES]] @ shift, ends[1] - ends[0]
     share = np.linspace(0.0, 1.0, NODES)
-    x, y = (start[:, None] + span[:, None] * share)[:, None]
-    seen = view(fit.theta[None], x, y, frame)
-    pixels = seen.pixels[0].T
+    seen = project(fit.theta[None], (start + span * share[:, None])[None], model)
+    pixels = seen.pixels[0]
     ahead = (seen.depth[0] > NEAREST_M) & seen.unfolded[0]
-    inside = np.flatnonzero(ahead & ((pixels >= 0) & (pixels <= (frame.width - 1, frame.height - 1))).all(axis=1))
+    inside = np.flatnonzero(ahead & ((pixels >= 0) & (pixels <= (model.width - 1, model.height - 1))).all(axis=1))
     if len(inside) < 3:
         return None
     part = slice(inside[0], inside[-1] + 1)
     if not ahead[part].all():
         return None
     length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(pixels[part], axis=0).T))])
-    if length[-1] < SHORTEST_WIDTHS * frame.width:
+    if length[-1] < SHORTEST_WIDTHS * model.width:
         return None
     along = np.interp(np.arange(0.5 * spacing_px, length[-1], spacing_px), length, share[part])
-    x, y = (start[:, None] + span[:, None] * along)[:, None]
-    seen = view(fit.theta[None], x, y, frame)
-    places = seen.pixels[0].T
+    seen = project(fit.theta[None], (start + span * along[:, None])[None], model)
+    places = seen.pixels[0]
     tangents = np.gradient(places, axis=0)
     tangents /= np.maximum(np.hypot(tangents[:, :1], tangents[:, 1:]), 1e-9)
     normals = np.stack([-tangents[:, 1], tangents[:, 0]], axis=-1)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from circlecal.camera.parameters import fitted_frame, project
+from circlecal.camera.parameters import fitted_model, project
 from circlecal.errors import EstimationError
 from circlecal.field import Arc, Circle, FieldTemplate
 from circlecal.geometry.conics import Ellipse, ellipse_from_conic
@@ -168,11 +168,11 @@ def measure_along_model(
     search = 2 * config.refine_px * width / 1920.0
     start, end = (circle.start_deg, circle.end_deg) if isinstance(circle, Arc) else (0.0, 360.0)
     angle = np.radians(np.linspace(start, end, 2881))
-    frame = fitted_frame(fit, circle)
+    model = fitted_model(fit, circle)
 
     def seen(edge: CircleEdge, at: Array) -> Array:
         ring = np.asarray(circle.center) + template.radius(circle, edge) * np.stack([np.cos(at), np.sin(at)], axis=-1)
-        return project(fit.theta[None], ring[None], frame).pixels[0]
+        return project(fit.theta[None], ring[None], model).pixels[0]
 
     steps = np.linalg.norm(np.diff(seen("center", angle), axis=0), axis=-1)
     length = np.concatenate([[0.0], np.cumsum(np.nan_to_num(steps))])

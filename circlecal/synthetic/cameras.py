@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from circlecal.field import Circle, FieldTemplate, load_field
 from circlecal.geometry.camera import Camera, image_center
 from circlecal.geometry.projective import Array
-from circlecal.synthetic.surface import FLAT, Surface, seen_pixels
+from circlecal.synthetic.surface import FLAT, CrownedSurface, seen_pixels
 from circlecal.synthetic.views import CAMERA_PROFILES, VIEWS, CameraProfile, View
 
 FULL_MARGIN_PX = 8.0
@@ -107,7 +107,7 @@ def sample_camera(
     arc_deg: float | None = None,
     offset_m: float | None = None,
     kappa: float = 0.0,
-    surface: Surface = FLAT,
+    surface: CrownedSurface = FLAT,
     like: Camera | None = None,
 ) -> Camera:
     """One random camera of a profile, on the near side of the field (y > 0) unless the profile says otherwise.
@@ -135,7 +135,7 @@ def sample_camera(
         Another bound on ``|x|`` than the profile's, metres.
     kappa : float
         Radial distortion, half-widths.
-    surface : Surface
+    surface : CrownedSurface
         Shape of the ground.
     like : Camera, optional
         Another view of the same camera: its position and roll are kept.
@@ -196,7 +196,7 @@ def aimed_camera(
 
 
 def visible_circle_deg(
-    camera: Camera, template: FieldTemplate, surface: Surface = FLAT, margin_px: float = 0.0
+    camera: Camera, template: FieldTemplate, surface: CrownedSurface = FLAT, margin_px: float = 0.0
 ) -> float:
     """Degrees (0-360) of the outer edge of the default circle that lie inside the frame."""
     angles = np.arange(1440) / 1440 * 2 * np.pi
@@ -204,13 +204,13 @@ def visible_circle_deg(
     return float(np.mean(inside_frame(pixels, camera.width, camera.height, margin_px)) * 360.0)
 
 
-def halfway_length_px(camera: Camera, template: FieldTemplate, surface: Surface = FLAT) -> float:
+def halfway_length_px(camera: Camera, template: FieldTemplate, surface: CrownedSurface = FLAT) -> float:
     """Length in pixels of the halfway line inside the frame."""
     pixels = seen_pixels(camera, surface.lift(_halfway_points(template)))
     return float(_visible_length(pixels, camera.width, camera.height))
 
 
-def other_lengths_px(camera: Camera, template: FieldTemplate, surface: Surface = FLAT) -> tuple[float, ...]:
+def other_lengths_px(camera: Camera, template: FieldTemplate, surface: CrownedSurface = FLAT) -> tuple[float, ...]:
     """Lengths in pixels, longest first, of the lines and arcs inside the frame other than the default circle and the
     halfway line.
     """
@@ -282,7 +282,7 @@ def _rim(template: FieldTemplate, angles: Array) -> Array:
     return np.asarray(circle.center) + radius * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
 
 
-def _field_points(template: FieldTemplate, surface: Surface) -> _FieldPoints:
+def _field_points(template: FieldTemplate, surface: CrownedSurface) -> _FieldPoints:
     angles = np.arange(_CIRCLE_SAMPLES) / _CIRCLE_SAMPLES * 2 * np.pi
     return _FieldPoints(
         rim=surface.lift(_rim(template, angles)),

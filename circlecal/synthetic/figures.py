@@ -14,7 +14,7 @@ from circlecal.geometry.projective import Array
 from circlecal.synthetic.goals import draw_goals
 from circlecal.synthetic.rays import Float32
 from circlecal.synthetic.scene import Player, RenderConfig, Scene
-from circlecal.synthetic.surface import Surface, seen_pixels
+from circlecal.synthetic.surface import CrownedSurface, seen_pixels
 
 _SUPERSAMPLING = 3
 _SHIFT = 4
@@ -74,7 +74,7 @@ def draw_figures(picture: Float32, scene: Scene, rng: np.random.Generator, light
     return hidden
 
 
-def body_extent_px(player: Player, camera: Camera, surface: Surface) -> tuple[Array, Array]:
+def body_extent_px(player: Player, camera: Camera, surface: CrownedSurface) -> tuple[Array, Array]:
     """Upper left and lower right corner (2,) of the box around a player."""
     outline = np.array([[-0.4, 0.0], [0.4, 0.0], [0.4, player.height_m], [-0.4, player.height_m]])
     pixels = camera.project(_upright(outline, player.position_m, camera, surface))
@@ -190,7 +190,7 @@ def _colors(team: int, config: RenderConfig, rng: np.random.Generator) -> dict[s
     }
 
 
-def _upright(outline_m: Array, position_m: Array, camera: Camera, surface: Surface) -> Array:
+def _upright(outline_m: Array, position_m: Array, camera: Camera, surface: CrownedSurface) -> Array:
     """Points (K, 3) of a flat figure (K, 2) that stands on the field and faces the camera."""
     toward = camera.position_m[:2] - position_m
     right = np.array([toward[1], -toward[0]]) / np.linalg.norm(toward)
@@ -206,7 +206,7 @@ def _draw_upright(
     parts: list[_BodyPart],
     position_m: Array,
     camera: Camera,
-    surface: Surface,
+    surface: CrownedSurface,
     rng: np.random.Generator,
 ) -> None:
     """Draw a flat figure at three times the resolution, average it down and lay it over the picture, in place."""
@@ -240,7 +240,7 @@ def _hull(points: Array) -> NDArray[np.int32]:
     return np.round(points).astype(np.int32).reshape(-1, 1, 2)
 
 
-def _fill_shadow(dark: NDArray[np.uint8], player: Player, cast: Array, camera: Camera, surface: Surface) -> None:
+def _fill_shadow(dark: NDArray[np.uint8], player: Player, cast: Array, camera: Camera, surface: CrownedSurface) -> None:
     """Add one shadow: the body laid on the ground along ``cast`` (2,), metres per metre of height."""
     aside = np.array([-cast[1], cast[0]]) / max(float(np.linalg.norm(cast)), 1e-6)
     h = player.height_m

@@ -34,7 +34,7 @@ from circlecal.synthetic.floors import (
 )
 from circlecal.synthetic.looks import sample_config
 from circlecal.synthetic.scene import Color, ExtraPaint, Graphics, Player, RenderConfig, Scene, sample_player
-from circlecal.synthetic.surface import FLAT, Surface, back_project
+from circlecal.synthetic.surface import FLAT, CrownedSurface, back_project
 
 NegativeKind = Literal[
     "penalty_area",
@@ -69,7 +69,9 @@ def negative_scene(
     chosen = kind or NEGATIVE_KINDS[rng.choice(len(NEGATIVE_KINDS), p=np.asarray(_SHARES) / sum(_SHARES))]
     if chosen in _SPORTS:
         return _other_sport(chosen, rng, size)
-    surface = Surface(float(rng.uniform(0.02, 0.09)), "roof", template.circle_by_name[template.default_circle].radius_m)
+    surface = CrownedSurface(
+        float(rng.uniform(0.02, 0.09)), "roof", template.circle_by_name[template.default_circle].radius_m
+    )
     shown = chosen if chosen in _AIMS else str(rng.choice(("penalty_area", "crowd", "close_up", "goal_mouth")))
     camera = _view_without_circle(shown, rng, size, template, surface)
     config = sample_config(_LOOKS[rng.integers(len(_LOOKS))], rng, size[0])
@@ -149,7 +151,7 @@ _AIMS: dict[str, Callable[[np.random.Generator, Array], tuple[Array, Array, floa
 
 
 def _view_without_circle(
-    kind: str, rng: np.random.Generator, size: tuple[int, int], template: FieldTemplate, surface: Surface
+    kind: str, rng: np.random.Generator, size: tuple[int, int], template: FieldTemplate, surface: CrownedSurface
 ) -> Camera:
     half = np.array([template.length_m, template.width_m]) / 2
     kappa = float(rng.uniform(0.0, 0.055))
@@ -164,7 +166,7 @@ def _view_without_circle(
     raise ValueError(f"no view of kind {kind!r} without the circle was found")
 
 
-def _sees_markings(camera: Camera, template: FieldTemplate, surface: Surface) -> bool:
+def _sees_markings(camera: Camera, template: FieldTemplate, surface: CrownedSurface) -> bool:
     pixels = camera.project(surface.lift(other_markings(template)))
     return (
         bool(inside_frame(pixels, camera.width, camera.height).any())
@@ -173,7 +175,7 @@ def _sees_markings(camera: Camera, template: FieldTemplate, surface: Surface) ->
 
 
 def _players(
-    camera: Camera, template: FieldTemplate, surface: Surface, count: int, rng: np.random.Generator
+    camera: Camera, template: FieldTemplate, surface: CrownedSurface, count: int, rng: np.random.Generator
 ) -> tuple[Player, ...]:
     pixels = rng.uniform((0, 0), (camera.width, camera.height), (count, 2))
     field = back_project(camera, surface, pixels)
@@ -182,7 +184,7 @@ def _players(
     return tuple(sample_player(p, int(rng.choice(3, p=(0.47, 0.47, 0.06))), rng) for p in field[inside])
 
 
-def _large_players(camera: Camera, surface: Surface, rng: np.random.Generator) -> tuple[Player, ...]:
+def _large_players(camera: Camera, surface: CrownedSurface, rng: np.random.Generator) -> tuple[Player, ...]:
     """One to four players whose bodies fill much of the height of the picture."""
     count = int(rng.integers(1, 5))
     pixels = rng.uniform((0.1, 0.6), (0.9, 1.25), (count, 2)) * (camera.width, camera.height)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.geometry.camera import Camera
-from circlecal.synthetic.surface import Surface, ray_directions
+from circlecal.synthetic.surface import CrownedSurface, ray_directions
 
 Float32 = NDArray[np.float32]
 
@@ -44,7 +44,7 @@ class PixelRays:
     footprint_m: Float32
 
 
-def pixel_rays(camera: Camera, surface: Surface) -> PixelRays:
+def pixel_rays(camera: Camera, surface: CrownedSurface) -> PixelRays:
     """Rays of every pixel: exact on a grid of 8 pixels, interpolated between (well below 0.1 px)."""
     size = np.array([camera.height, camera.width])
     blocks = -(-size // _COARSE_PX) + 2

@@ -15,7 +15,7 @@ from circlecal.synthetic.looks import sample_config
 from circlecal.synthetic.renderer import render
 from circlecal.synthetic.sampling import SceneProfile, players_in_view
 from circlecal.synthetic.scene import Scene, sample_player
-from circlecal.synthetic.surface import Surface
+from circlecal.synthetic.surface import CrownedSurface
 
 _HD, _FULL_HD = (1280, 720), (1920, 1080)
 _SEED = 9150
@@ -49,7 +49,7 @@ def _seen_from(
     crown_m: float = 0.05,
     look: dict[str, object] | None = None,
 ) -> Scene:
-    surface = Surface(crown_m, "roof")
+    surface = CrownedSurface(crown_m, "roof")
     focal = focal_px * size[0] / 1920.0
     camera = aimed_camera(np.array(position_m), np.array(target_m), focal, np.radians(roll_deg), *size, kappa)
     calm = {"scorebug": False, "shade": 0.0, "jpeg_quality": 88, "wear": 0.15}

@@ -19,7 +19,7 @@ from circlecal.synthetic.looks import archive_format, sample_config, sample_deli
 from circlecal.synthetic.negatives import negative_scene
 from circlecal.synthetic.renderer import Rendering, render
 from circlecal.synthetic.scene import ExtraPaint, Player, Scene, sample_player
-from circlecal.synthetic.surface import Surface, back_project
+from circlecal.synthetic.surface import CrownedSurface, back_project
 from circlecal.synthetic.views import CameraProfile
 
 SceneProfile = Literal[
@@ -200,18 +200,18 @@ def _decals(profile: str, template: FieldTemplate, rng: np.random.Generator) -> 
     return grass_decals(template.length_m, rng) if profile == "graphics" else ()
 
 
-def _sample_surface(setting: _Setting, template: FieldTemplate, rng: np.random.Generator) -> Surface:
+def _sample_surface(setting: _Setting, template: FieldTemplate, rng: np.random.Generator) -> CrownedSurface:
     """Slopes of up to 1 % towards the touchlines, as fields are built; at most about a third of a metre of fall."""
     radius = template.circle_by_name[template.default_circle].radius_m
     if setting.crown_m == (0.0, 0.0):
-        return Surface(0.0, "roof", radius)
+        return CrownedSurface(0.0, "roof", radius)
     if rng.random() < 0.7:
-        return Surface(float(rng.uniform(*setting.crown_m)), "roof", radius)
-    return Surface(float(rng.uniform(0.0, 0.025)), "parabola", radius)
+        return CrownedSurface(float(rng.uniform(*setting.crown_m)), "roof", radius)
+    return CrownedSurface(float(rng.uniform(0.0, 0.025)), "parabola", radius)
 
 
 def _sample_ground(
-    camera: Camera, template: FieldTemplate, surface: Surface, count: int, rng: np.random.Generator
+    camera: Camera, template: FieldTemplate, surface: CrownedSurface, count: int, rng: np.random.Generator
 ) -> Array:
     """Up to ``count`` field positions (K, 2) in the frame, evenly spread over the picture."""
     pixels = rng.uniform((0, 0), (camera.width, camera.height), (4 * count, 2))
@@ -222,7 +222,7 @@ def _sample_ground(
 
 
 def players_in_view(
-    profile: SceneProfile, camera: Camera, template: FieldTemplate, surface: Surface, rng: np.random.Generator
+    profile: SceneProfile, camera: Camera, template: FieldTemplate, surface: CrownedSurface, rng: np.random.Generator
 ) -> tuple[Player, ...]:
     """Players all over the view, some on the circle; the fewer the closer the view, as on a real field."""
     seen_share = min(1.0, (1800.0 * camera.width / 1920.0 / float(camera.focal_px[0])) ** 1.2)
@@ -242,7 +242,7 @@ def players_in_view(
 
 
 def _clear_of_mark(
-    players: tuple[Player, ...], camera: Camera, template: FieldTemplate, surface: Surface
+    players: tuple[Player, ...], camera: Camera, template: FieldTemplate, surface: CrownedSurface
 ) -> tuple[Player, ...]:
     center = camera.project(surface.lift(template.circle_by_name[template.default_circle].center))
     kept = []

@@ -3,47 +3,47 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.projective import Array
+from circlecal.geometry.surface import Surface, SurfaceShape
 
-CrownShape = Literal["parabola", "roof"]
 _NEWTON_ROUNDS = 6
 
 
 @dataclass(frozen=True, slots=True)
-class Surface:
-    """Height profile of the field; z points down, so a positive crown drops towards the touchlines.
+class CrownedSurface:
+    """A playing surface with its crown; z points down, so a positive crown drops towards the touchlines.
 
     Attributes
     ----------
     crown_m : float
         Drop at ``|y| = reference_m``, metres.
-    shape : {"parabola", "roof"}
-        ``z = crown (y / reference)^2`` or ``z = crown |y| / reference``.
+    shape : {"parabola", "roof", "flat"}
+        Profile, as of :class:`circlecal.geometry.surface.Surface`.
     reference_m : float
         Where the drop is quoted: the radius of the centre circle.
     """
 
     crown_m: float = 0.0
-    shape: CrownShape = "parabola"
+    shape: SurfaceShape = "parabola"
     reference_m: float = 9.15
+
+    @property
+    def profile(self) -> Surface:
+        """The surface with a crown of one metre."""
+        return Surface(self.shape, self.reference_m)
 
     def drop(self, y_m: ArrayLike) -> Array:
         """Drop (...,) below the centre mark at y, metres."""
-        ratio = np.abs(np.asarray(y_m, dtype=np.float64)) / self.reference_m
-        return self.crown_m * (ratio * ratio if self.shape == "parabola" else ratio)
+        return self.crown_m * self.profile.drop(np.asarray(y_m, dtype=np.float64))
 
     def slope(self, y_m: ArrayLike) -> Array:
         """Derivative (...,) of :meth:`drop` by y."""
-        y = np.asarray(y_m, dtype=np.float64)
-        if self.shape == "parabola":
-            return 2.0 * self.crown_m * y / self.reference_m**2
-        return self.crown_m * np.sign(y) / self.reference_m
+        return self.crown_m * self.profile.slope(np.asarray(y_m, dtype=np.float64))
 
     def lift(self, points_m: ArrayLike) -> Array:
         """Points (..., 3) of the surface above or below field points (..., 2)."""
@@ -66,7 +66,7 @@ class Surface:
         return origin[:2] + along[..., None] * d[..., :2]
 
 
-FLAT = Surface()
+FLAT = CrownedSurface()
 
 
 def seen_pixels(camera: Camera, points_m: ArrayLike) -> Array:
@@ -88,6 +88,6 @@ def ray_directions(camera: Camera, pixels: ArrayLike) -> Array:
     return np.asarray(lifted @ camera.rotation)
 
 
-def back_project(camera: Camera, surface: Surface, pixels: ArrayLike) -> Array:
+def back_project(camera: Camera, surface: CrownedSurface, pixels: ArrayLike) -> Array:
     """Field points (..., 2) of the surface seen at distorted pixels (..., 2); nan above the horizon."""
     return surface.meet(camera.position_m, ray_directions(camera, pixels))

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from circlecal.field import FieldTemplate
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.projective import Array, apply_homography
+from circlecal.geometry.surface import SurfaceShape
 from circlecal.synthetic.cameras import halfway_length_px, inside_frame, other_lengths_px, visible_circle_deg
 from circlecal.synthetic.paint import CIRCLE_CLASS, HALFWAY_CLASS, PaintLayer, class_mask
 from circlecal.synthetic.scene import Scene
-from circlecal.synthetic.surface import CrownShape, Surface, seen_pixels
+from circlecal.synthetic.surface import CrownedSurface, seen_pixels
 
 MarkState = Literal["visible", "hidden", "not_painted", "outside"]
 Expectation = Literal["calibrate", "refuse"]
@@ -62,7 +63,7 @@ class Truth:
     field_name: str
     H_image_field: Array
     crown_m: float
-    crown_shape: CrownShape
+    crown_shape: SurfaceShape
     crown_reference_m: float
     marking_width_m: float
     imaged_center_px: Array
@@ -76,9 +77,9 @@ class Truth:
     classes: NDArray[np.uint8]
 
     @property
-    def surface(self) -> Surface:
+    def surface(self) -> CrownedSurface:
         """Height profile of the field."""
-        return Surface(self.crown_m, self.crown_shape, self.crown_reference_m)
+        return CrownedSurface(self.crown_m, self.crown_shape, self.crown_reference_m)
 
     @property
     def expect(self) -> Expectation:

@@ -13,12 +13,13 @@ from circlecal.camera.covariance import (
     push_forward,
     spread_cameras,
 )
-from circlecal.camera.parameters import INDEX, PARAMETERS, Frame, camera_of, homographies, project
+from circlecal.camera.parameters import INDEX, PARAMETERS, ProjectionModel, camera_of, homographies, project
 from circlecal.geometry.projective import apply_homography
+from circlecal.geometry.surface import Surface
 
 from .conftest import random_thetas
 
-FRAME = Frame(1920, 1080, "flat")
+MODEL = ProjectionModel(1920, 1080, Surface("flat"))
 SIZE = len(PARAMETERS)
 
 
@@ -62,8 +63,8 @@ def test_pushed_forward_covariances_are_those_of_samples():
     samples = samples_of(theta, covariance, 6000, rng)
     spread = spread_cameras(theta, covariance, np.zeros(2))
     for function in (
-        lambda t: imaged_points(homographies(t, FRAME), np.array([[3.0, -4.0]]))[:, 0],
-        lambda t: homography_vectors(homographies(t, FRAME)),
+        lambda t: imaged_points(homographies(t, MODEL), np.array([[3.0, -4.0]]))[:, 0],
+        lambda t: homography_vectors(homographies(t, MODEL)),
     ):
         predicted = push_forward(function(theta[None])[0], function(spread))
         drawn = np.cov(function(samples).T)
@@ -87,20 +88,20 @@ def test_field_sigma_is_the_length_of_the_error_in_the_picture_and_on_the_ground
     rng = np.random.default_rng(3)
     theta, covariance = plain_theta(3), small_covariance(rng)
     field = np.array([[0.0, 0.0], [12.0, -9.0], [-10.0, 8.0]])
-    sigma_px, sigma_m = field_sigma(theta, covariance, field, FRAME)
+    sigma_px, sigma_m = field_sigma(theta, covariance, field, MODEL)
     samples = samples_of(theta, covariance, 3000, rng)
-    truth = project(theta[None], field[None], FRAME).pixels[0]
-    seen = project(samples, np.broadcast_to(field, (len(samples), 3, 2)), FRAME).pixels
+    truth = project(theta[None], field[None], MODEL).pixels[0]
+    seen = project(samples, np.broadcast_to(field, (len(samples), 3, 2)), MODEL).pixels
     np.testing.assert_allclose(np.sqrt(((seen - truth) ** 2).sum(-1).mean(0)), sigma_px, rtol=0.06)
-    ground = np.array([camera_of(t, FRAME).back_project(truth) for t in samples])
+    ground = np.array([camera_of(t, MODEL).back_project(truth) for t in samples])
     np.testing.assert_allclose(np.sqrt(((ground - field) ** 2).sum(-1).mean(0)), sigma_m, rtol=0.06)
 
 
 def test_homographies_and_their_points_are_those_of_the_cameras():
     thetas = random_thetas(3, np.random.default_rng(4))
-    H, points = homographies(thetas, FRAME), np.array([[2.0, 5.0], [-3.0, 1.0]])
+    H, points = homographies(thetas, MODEL), np.array([[2.0, 5.0], [-3.0, 1.0]])
     for theta, vector, pixels in zip(thetas, homography_vectors(H), imaged_points(H, points), strict=True):
-        expected = camera_of(theta, FRAME).homography
+        expected = camera_of(theta, MODEL).homography
         np.testing.assert_allclose(np.append(vector, 1.0).reshape(3, 3), expected, rtol=1e-9, atol=1e-12)
         np.testing.assert_allclose(pixels, apply_homography(expected, points))
 
@@ -116,7 +117,7 @@ def test_data_share_is_the_share_of_the_precision(prior_weight, low, high):
     precision = np.linalg.pinv(small_covariance(np.random.default_rng(6)))
     prior = prior_weight * precision
     covariance = np.linalg.pinv(precision + prior, rcond=1e-30)
-    found = field_uncertainty(theta, covariance, np.array([[5.0, 5.0], [-5.0, 2.0]]), FRAME, prior).data_share
+    found = field_uncertainty(theta, covariance, np.array([[5.0, 5.0], [-5.0, 2.0]]), MODEL, prior).data_share
     assert low - 1e-6 <= found <= high + 1e-6
 
 
@@ -128,7 +129,7 @@ def test_data_share_of_a_well_and_a_badly_seen_direction():
     covariance = np.zeros((SIZE, SIZE))
     covariance[1, 1], covariance[3, 3] = 1e-8, 1e-2
     field = np.array([[9.0, 0.0]])
-    assert field_uncertainty(theta, covariance, field, FRAME, by_prior).data_share < 0.1
+    assert field_uncertainty(theta, covariance, field, MODEL, by_prior).data_share < 0.1
 
 
 def test_correlation_factor_counts_repeats():

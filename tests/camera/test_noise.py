@@ -10,7 +10,7 @@ from circlecal.camera.residuals import circle_curve, line_curve, stack_curves
 from circlecal.field import load_field
 from circlecal.observations import Observations
 
-from .test_optimise import FRAME, plain_theta, priors
+from .test_optimise import MODEL, plain_theta, priors
 
 SOCCER = load_field("soccer")
 STATED_PX, LEAST_PX = 2.0, 0.2
@@ -32,7 +32,7 @@ def fitted(residuals_px, few_px=()):
     theta = plain_theta(rng)[None]
     slopes, no_priors = np.zeros((1, count + few, theta.shape[1])), (np.zeros((1, 0)), np.zeros((1, 0, theta.shape[1])))
     state = State(theta, hidden[None], residuals[None], slopes, *no_priors, np.zeros(1), theta, slopes)
-    problem = Problem(curves, observed_points(Observations(1920, 1080), SOCCER), priors(), FRAME)
+    problem = Problem(curves, observed_points(Observations(1920, 1080), SOCCER), priors(), MODEL)
     return problem, state, curves.with_sigma(np.full(count + few, LEAST_PX)), 6.0
 
 

@@ -9,15 +9,16 @@ import pytest
 from circlecal.camera.crown import on_parabola
 from circlecal.camera.observed import Realism, observed_curves, observed_points
 from circlecal.camera.optimise import Priors, Problem, best_of, evaluate, foreseen, minimise
-from circlecal.camera.parameters import INDEX, PARAMETERS, Frame, project
+from circlecal.camera.parameters import INDEX, PARAMETERS, ProjectionModel, project
 from circlecal.camera.residuals import first_hidden
 from circlecal.field import load_field
+from circlecal.geometry.surface import Surface
 from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations
 
 from .conftest import STEPS, central_differences, random_thetas
 
 SOCCER = load_field("soccer")
-FRAME = Frame(1920, 1080, "parabola")
+MODEL = ProjectionModel(1920, 1080, Surface("parabola"))
 
 
 def priors(**fixed_or_sd):
@@ -36,7 +37,7 @@ def observed(theta, rng, sigma=0.5, count=60):
     line = np.stack([np.zeros(30), np.linspace(-11, 11, 30)], axis=-1)
 
     def pixels(field):
-        seen = project(theta[None], field[None], FRAME).pixels[0]
+        seen = project(theta[None], field[None], MODEL).pixels[0]
         return seen + rng.normal(0, sigma, seen.shape)
 
     def stated(n):
@@ -59,7 +60,7 @@ def plain_theta(rng):
 
 def problem_of(seen, chosen):
     curves = observed_curves(seen, SOCCER, Realism(10**6, 0.0, 0.0))
-    return Problem(curves, observed_points(seen, SOCCER), chosen, FRAME)
+    return Problem(curves, observed_points(seen, SOCCER), chosen, MODEL)
 
 
 def test_prior_residuals_and_their_jacobian():
@@ -79,7 +80,7 @@ def test_gradient_of_the_cost():
     theta = plain_theta(rng)
     problem = problem_of(observed(theta, rng), priors(pp_x=5.0, pp_y=5.0))
     near = theta + 1e-4 * rng.standard_normal(len(theta)) * (problem.priors.sd > 0)
-    hidden = first_hidden(problem.curves, near[None], FRAME)[0]
+    hidden = first_hidden(problem.curves, near[None], MODEL)[0]
 
     def cost(t):
         return evaluate(problem, t[None], hidden, 3.0, updates=12).cost
@@ -99,7 +100,7 @@ def test_minimise_finds_the_truth_from_aside_and_keeps_what_is_fixed():
     state = minimise(problem, start[None], 1e3, 60)
     assert (state.theta[0, 7:] == 0).all()
     field = np.random.default_rng(0).uniform(-12, 12, (1, 50, 2))
-    departure = project(state.theta, field, FRAME).pixels - project(theta[None], field, FRAME).pixels
+    departure = project(state.theta, field, MODEL).pixels - project(theta[None], field, MODEL).pixels
     assert np.abs(departure).max() < 1e-6
 
 
@@ -122,10 +123,10 @@ def test_an_outlying_third_of_the_circle_does_not_move_the_answer():
     problem = problem_of(seen, priors())
     state = minimise(problem, theta[None], 6.0, 60)
     field = np.random.default_rng(0).uniform(-9, 9, (1, 50, 2))
-    departure = project(state.theta, field, FRAME).pixels - project(theta[None], field, FRAME).pixels
+    departure = project(state.theta, field, MODEL).pixels - project(theta[None], field, MODEL).pixels
     assert np.linalg.norm(departure, axis=-1).mean() < 3.0
     plain = minimise(problem, theta[None], 1e6, 60)
-    spoilt = project(plain.theta, field, FRAME).pixels - project(theta[None], field, FRAME).pixels
+    spoilt = project(plain.theta, field, MODEL).pixels - project(theta[None], field, MODEL).pixels
     assert np.linalg.norm(spoilt, axis=-1).mean() > 10.0
 
 
@@ -149,7 +150,9 @@ def test_the_fit_to_the_other_profile_of_the_pitch_is_foreseen(seed):
     theta = plain_theta(rng)
     theta[INDEX["crown"]] = 0.08
     chosen = priors(pp_x=5.0, pp_y=5.0, crown=0.05)
-    problem = replace(problem_of(observed(theta, rng, sigma=0.2), chosen), frame=replace(FRAME, crown_shape="roof"))
+    problem = replace(
+        problem_of(observed(theta, rng, sigma=0.2), chosen), model=replace(MODEL, surface=Surface("roof"))
+    )
     roof = minimise(problem, theta[None], 6.0)
     curved, start = on_parabola(problem, roof, 6.0)
     expected = foreseen(curved, start, 6.0)

@@ -1,27 +1,28 @@
 """Projection of the fitted camera and its derivatives."""
 
+from typing import get_args
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from circlecal.camera.parameters import (
-    CROWN_SHAPES,
     INDEX,
     PARAMETERS,
-    Frame,
+    ProjectionModel,
     active_parameters,
     camera_of,
     project,
     rotations,
     theta_of,
-    view,
 )
 from circlecal.geometry.camera import rotation_matrix
-from circlecal.synthetic.surface import Surface
+from circlecal.geometry.surface import Surface, SurfaceShape
 
 from .conftest import STEPS, central_differences, random_thetas
 
+SHAPES = get_args(SurfaceShape)
 FIELD = np.random.default_rng(4).uniform(-12.0, 12.0, (25, 2))
 ANGLE = st.floats(-3.0, 3.0)
 
@@ -33,80 +34,80 @@ def test_rotations_are_those_of_the_pinhole_camera(pan, tilt, roll):
     np.testing.assert_allclose(rotations(theta)[0], rotation_matrix(pan, tilt, roll), atol=1e-14)
 
 
-@pytest.mark.parametrize("shape", CROWN_SHAPES)
+@pytest.mark.parametrize("shape", SHAPES)
 def test_jacobian_equals_central_differences_for_every_parameter(shape):
-    frame = Frame(1920, 1080, shape)
+    model = ProjectionModel(1920, 1080, Surface(shape))
     for theta in random_thetas(4, np.random.default_rng(1)):
-        found = project(theta[None], FIELD[None], frame).by_theta[0]
-        numeric = central_differences(lambda t: project(t[None], FIELD[None], frame).pixels[0], theta, STEPS)
+        found = project(theta[None], FIELD[None], model).jacobians()[0][0]
+        numeric = central_differences(lambda t: project(t[None], FIELD[None], model).pixels[0], theta, STEPS)
         for name, k in INDEX.items():
             scale = max(1.0, float(np.abs(numeric[..., k]).max()))
             assert np.abs(found[..., k] - numeric[..., k]).max() < 1e-6 * scale, name
 
 
 def test_every_parameter_of_the_camera_moves_pixels():
-    frame = Frame(1920, 1080, "roof")
-    J = project(random_thetas(1, np.random.default_rng(2)), FIELD[None], frame).by_theta[0]
+    model = ProjectionModel(1920, 1080, Surface("roof"))
+    J = project(random_thetas(1, np.random.default_rng(2)), FIELD[None], model).jacobians()[0][0]
     still = {name for name, k in INDEX.items() if not np.abs(J[..., k]).max() > 0}
     # sizes of the markings move points of the field, not the camera
     assert still == {"width", "bloom", "length", "breadth"}
 
 
-@pytest.mark.parametrize("shape", CROWN_SHAPES)
+@pytest.mark.parametrize("shape", SHAPES)
 def test_derivative_by_the_field_position(shape):
-    frame = Frame(1920, 1080, shape)
+    model = ProjectionModel(1920, 1080, Surface(shape))
     theta = random_thetas(3, np.random.default_rng(3))
     field = np.broadcast_to(FIELD, (3, *FIELD.shape))
-    found = project(theta, field, frame).by_field
+    found = project(theta, field, model).jacobians()[1]
     for k, step in enumerate(1e-4 * np.eye(2)):
-        numeric = (project(theta, field + step, frame).pixels - project(theta, field - step, frame).pixels) / 2e-4
+        numeric = (project(theta, field + step, model).pixels - project(theta, field - step, model).pixels) / 2e-4
         np.testing.assert_allclose(found[..., k], numeric, atol=1e-5)
 
 
-@pytest.mark.parametrize("shape", CROWN_SHAPES)
+@pytest.mark.parametrize("shape", SHAPES)
 def test_derivative_in_a_direction_and_its_orientation(shape):
-    frame = Frame(1920, 1080, shape)
+    model = ProjectionModel(1920, 1080, Surface(shape))
     theta = random_thetas(5, np.random.default_rng(5))
     field = np.broadcast_to(FIELD, (5, *FIELD.shape))
-    full, seen = project(theta, field, frame), view(theta, field[..., 0], field[..., 1], frame)
+    seen = project(theta, field, model)
+    by_field = seen.jacobians()[1]
     direction = np.random.default_rng(6).normal(size=(2, len(FIELD)))
-    expected = np.einsum("bnij,jn->bin", full.by_field, direction)
+    expected = np.einsum("bnij,jn->bin", by_field, direction)
     np.testing.assert_allclose(seen.along(*direction), expected, atol=1e-9)
-    np.testing.assert_array_equal(seen.upward, np.linalg.det(full.by_field) >= 0)
+    np.testing.assert_array_equal(seen.upward, np.linalg.det(by_field) >= 0)
 
 
 @pytest.mark.parametrize("shape", ["parabola", "roof"])
 def test_projection_equals_the_pinhole_camera_over_the_surface(shape):
-    frame = Frame(1280, 720, shape, crown_reference_m=9.15)
+    model = ProjectionModel(1280, 720, Surface(shape, 9.15))
     for theta in random_thetas(5, np.random.default_rng(6)):
-        camera = camera_of(theta, frame)
-        surface = Surface(float(theta[INDEX["crown"]]), shape, 9.15)
-        seen = project(theta[None], FIELD[None], frame)
-        np.testing.assert_allclose(seen.pixels[0], camera.project(surface.lift(FIELD)), atol=1e-9)
-        np.testing.assert_allclose(seen.depth[0], camera.depth(surface.lift(FIELD)), atol=1e-12)
+        camera = camera_of(theta, model)
+        lifted = np.column_stack([FIELD, theta[INDEX["crown"]] * model.surface.drop(FIELD[:, 1])])
+        seen = project(theta[None], FIELD[None], model)
+        np.testing.assert_allclose(seen.pixels[0], camera.project(lifted), atol=1e-9)
+        np.testing.assert_allclose(seen.depth[0], camera.depth(lifted), atol=1e-12)
 
 
 def test_flat_shape_knows_no_crown():
-    frame = Frame(1920, 1080, "flat")
+    model = ProjectionModel(1920, 1080, Surface("flat"))
     theta = random_thetas(1, np.random.default_rng(7))
     np.testing.assert_allclose(
-        project(theta, FIELD[None], frame).pixels[0], camera_of(theta[0], frame).project(FIELD), atol=1e-9
+        project(theta, FIELD[None], model).pixels[0], camera_of(theta[0], model).project(FIELD), atol=1e-9
     )
 
 
 @pytest.mark.parametrize("shape", ["parabola", "roof"])
 def test_crown_is_the_drop_at_its_reference(shape):
-    frame = Frame(1920, 1080, shape, crown_reference_m=4.5)
-    sag, slope = frame.sag(np.array([-4.5, 0.0, 4.5]))
-    np.testing.assert_allclose(sag, [1.0, 0.0, 1.0])
-    assert slope[2] == -slope[0] > 0
+    surface, y = Surface(shape, 4.5), np.array([-4.5, 0.0, 4.5])
+    np.testing.assert_allclose(surface.drop(y), [1.0, 0.0, 1.0])
+    assert surface.slope(y)[2] == -surface.slope(y)[0] > 0
 
 
 def test_camera_and_parameters_are_inverse():
-    frame = Frame(1920, 1080)
+    model = ProjectionModel(1920, 1080)
     theta = random_thetas(1, np.random.default_rng(8))[0]
     theta[INDEX["crown"] :] = 0.0
-    np.testing.assert_allclose(theta_of(camera_of(theta, frame), frame), theta, atol=1e-12)
+    np.testing.assert_allclose(theta_of(camera_of(theta, model), model), theta, atol=1e-12)
 
 
 def test_only_a_zero_standard_deviation_fixes_a_parameter():
@@ -117,7 +118,8 @@ def test_a_barrel_lens_folds_what_lies_too_far_out():
     theta = random_thetas(1, np.random.default_rng(1))
     theta[:, INDEX["kappa_1"]], theta[:, INDEX["kappa_2"]] = -0.1, 0.0
     x = np.linspace(-200.0, 200.0, 2001)[None]
-    seen = view(theta, x, np.zeros_like(x), Frame(1920, 1080, "flat"))
+    along = np.stack([x, np.zeros_like(x)], axis=-1)
+    seen = project(theta, along, ProjectionModel(1920, 1080, Surface("flat")))
     radius = np.sqrt(seen.r2[0])
     np.testing.assert_array_equal(seen.unfolded[0], radius < np.sqrt(1 / 0.3))
     assert seen.unfolded.any() and not seen.unfolded.all()

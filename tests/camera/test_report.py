@@ -6,16 +6,17 @@ import pytest
 from circlecal.camera.observed import observed_curves, observed_points
 from circlecal.camera.optimise import Problem, evaluate
 from circlecal.camera.options import CameraConfig, priors_of, realism_of
-from circlecal.camera.parameters import Frame, theta_of
+from circlecal.camera.parameters import ProjectionModel, theta_of
 from circlecal.camera.report import residuals_px, visible_field
 from circlecal.camera.residuals import ground_hidden
 from circlecal.field import load_field
+from circlecal.geometry.surface import Surface
 from circlecal.observations import LinePoints, Observations
 from circlecal.synthetic.cameras import aimed_camera
 from circlecal.synthetic.surface import seen_pixels
 
 SOCCER = load_field("soccer")
-FRAME = Frame(1920, 1080, "flat")
+MODEL = ProjectionModel(1920, 1080, Surface("flat"))
 
 
 def test_the_field_that_a_barrel_lens_folds_back_is_not_visible():
@@ -25,7 +26,7 @@ def test_the_field_that_a_barrel_lens_folds_back_is_not_visible():
     inside = ((pixels >= 0) & (pixels <= (1919, 1079))).all(axis=1)
     folded = inside & ~np.isfinite(seen_pixels(camera, grid)).all(axis=1)
     assert folded.any()
-    found = visible_field(theta_of(camera, FRAME), FRAME, SOCCER, np.zeros(2), 60.0)
+    found = visible_field(theta_of(camera, MODEL), MODEL, SOCCER, np.zeros(2), 60.0)
     whole = {tuple(np.round(p).astype(int)) for p in found}
     assert whole.isdisjoint({tuple(p.astype(int)) for p in grid[folded]})
     assert len(whole & {tuple(p.astype(int)) for p in grid[inside & ~folded]}) > 100
@@ -39,8 +40,8 @@ def test_residuals_of_one_marking_count_together():
     lines = tuple(LinePoints("side_line_top", p, np.full(len(p), 0.5)) for p in (along, end))
     config = CameraConfig()
     curves = observed_curves(Observations(1920, 1080, lines=lines), SOCCER, realism_of(config, 1920))
-    priors = priors_of(config, SOCCER, SOCCER.circle_by_name["centre_circle"], FRAME)
-    problem = Problem(curves, observed_points(Observations(1920, 1080), SOCCER), priors, FRAME)
-    theta = theta_of(camera, FRAME)[None]
-    state = evaluate(problem, theta, ground_hidden(curves, theta, FRAME), 3.0)
+    priors = priors_of(config, SOCCER, SOCCER.circle_by_name["centre_circle"], MODEL)
+    problem = Problem(curves, observed_points(Observations(1920, 1080), SOCCER), priors, MODEL)
+    theta = theta_of(camera, MODEL)[None]
+    state = evaluate(problem, theta, ground_hidden(curves, theta, MODEL), 3.0)
     assert residuals_px(problem, state) == {"side_line_top": pytest.approx(0.5, abs=0.1)}

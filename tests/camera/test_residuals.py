@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from circlecal.camera.parameters import INDEX, Frame, project
+from circlecal.camera.parameters import INDEX, ProjectionModel, project
 from circlecal.camera.residuals import (
     FixedPoints,
     circle_curve,
@@ -17,14 +17,15 @@ from circlecal.camera.residuals import (
     stack_curves,
 )
 from circlecal.field import load_field
+from circlecal.geometry.surface import Surface
 
 from .conftest import STEPS, central_differences, random_thetas
 
-FRAME = Frame(1920, 1080, "parabola")
+MODEL = ProjectionModel(1920, 1080, Surface("parabola"))
 SOCCER = load_field("soccer")
 
 
-def curves_near(theta, offset_px, rng, frame=FRAME):
+def curves_near(theta, offset_px, rng, model=MODEL):
     """Both edges of the circle, halfway line, a touchline and a penalty area's line, seen ``offset_px`` beside."""
     parts = []
     for edge, by_width, bloom in (("outer", 0.0, 1.0), ("inner", -1.0, -1.0), ("center", -0.5, 0.0)):
@@ -39,22 +40,22 @@ def curves_near(theta, offset_px, rng, frame=FRAME):
     straight = curves.radius == 0
     hidden = np.where(straight, rng.uniform(20, 45, len(straight)), rng.uniform(0, 2 * np.pi, len(straight)))
     field, _ = curve_points(curves, hidden[None], theta[None])
-    pixels = project(theta[None], field, frame).pixels[0]
+    pixels = project(theta[None], field, model).pixels[0]
     return replace(curves, points_px=pixels + rng.uniform(-offset_px, offset_px, pixels.shape)), hidden
 
 
 @pytest.mark.parametrize("shape", ["parabola", "roof", "flat"])
 def test_jacobian_equals_central_differences(shape):
     """The hidden parameters follow the camera: the derivative is the whole one, of the distance to the marking."""
-    frame = Frame(1920, 1080, shape)
+    model = ProjectionModel(1920, 1080, Surface(shape))
     rng = np.random.default_rng(1)
     for theta in random_thetas(2, rng):
-        curves, hidden = curves_near(theta, 0.0, rng, frame)
+        curves, hidden = curves_near(theta, 0.0, rng, model)
 
         def residuals(t, curves=curves, hidden=hidden):
-            return curve_residuals(curves, t[None], hidden[None], frame, updates=12).values[0]
+            return curve_residuals(curves, t[None], hidden[None], model, updates=12).values[0]
 
-        found = curve_residuals(curves, theta[None], hidden[None], frame, updates=12).jacobian[0]
+        found = curve_residuals(curves, theta[None], hidden[None], model, updates=12).jacobian[0]
         numeric = central_differences(residuals, theta, STEPS)
         # points of a roof near its ridge change sides under a step
         away = np.ones(len(found), dtype=bool)
@@ -69,7 +70,7 @@ def test_sizes_of_the_markings_enter_where_they_should():
     rng = np.random.default_rng(2)
     theta = random_thetas(1, rng)[0]
     curves, hidden = curves_near(theta, 0.0, rng)
-    J = curve_residuals(curves, theta[None], hidden[None], FRAME).jacobian[0]
+    J = curve_residuals(curves, theta[None], hidden[None], MODEL).jacobian[0]
 
     def moves(name, parameter):
         return bool(np.abs(J[curves.group == curves.names.index(name), INDEX[parameter]]).max() > 1e-9)
@@ -91,7 +92,7 @@ def test_bloom_moves_the_edges_outwards_by_itself():
     curves, hidden = curves_near(theta[0], 0.0, rng)
     bloomed = theta.copy()
     bloomed[0, INDEX["bloom"]] = 0.25
-    values = curve_residuals(curves, bloomed, hidden[None], FRAME).values[0] * curves.sigma_px
+    values = curve_residuals(curves, bloomed, hidden[None], MODEL).values[0] * curves.sigma_px
     for group, expected in enumerate([-0.25, 0.25, 0.0, 0.0, 0.0, 0.0]):
         np.testing.assert_allclose(values[curves.group == group], expected, atol=1e-9)
 
@@ -101,7 +102,7 @@ def test_residual_is_the_distance_to_the_nearest_point_positive_outside():
     theta = random_thetas(1, rng)
     theta[0, INDEX["bloom"]] = 0.0
     curves, hidden = curves_near(theta[0], 3.0, rng)
-    found = curve_residuals(curves, theta, hidden[None], FRAME, updates=15)
+    found = curve_residuals(curves, theta, hidden[None], MODEL, updates=15)
     sweep = np.linspace(-0.05, 0.05, 2001)
     values = found.values[0] * curves.sigma_px
     for k in range(0, len(values), 5):
@@ -109,13 +110,13 @@ def test_residual_is_the_distance_to_the_nearest_point_positive_outside():
         near = (found.hidden[0, k] + sweep * (20.0 if straight else 1.0))[None]
         one = curves.select(np.full(len(sweep), k))
         field, _ = curve_points(one, near, theta)
-        pixels = project(theta, field, FRAME).pixels[0]
+        pixels = project(theta, field, MODEL).pixels[0]
         distance = np.linalg.norm(pixels - curves.points_px[k], axis=-1).min()
         assert abs(values[k]) == pytest.approx(distance, abs=2e-3)
     circles = curves.group < 3
-    center = project(theta, np.zeros((1, 1, 2)), FRAME).pixels[0, 0]
+    center = project(theta, np.zeros((1, 1, 2)), MODEL).pixels[0, 0]
     field, _ = curve_points(curves, found.hidden, theta)
-    rim = project(theta, field, FRAME).pixels[0]
+    rim = project(theta, field, MODEL).pixels[0]
     further = np.linalg.norm(curves.points_px - center, axis=1) > np.linalg.norm(rim - center, axis=1)
     clear = circles & (np.abs(values) > 0.5)
     assert clear.sum() > 20
@@ -126,13 +127,13 @@ def test_first_hidden_finds_the_nearest_piece_from_afar():
     rng = np.random.default_rng(5)
     theta = random_thetas(1, rng)
     curves, hidden = curves_near(theta[0], 0.0, rng)
-    found, distance = first_hidden(curves, theta, FRAME, samples=72)
+    found, distance = first_hidden(curves, theta, MODEL, samples=72)
     circles = curves.radius > 0
     turn = np.angle(np.exp(1j * (found[0] - hidden)))[circles]
     assert np.abs(turn).max() < 2 * np.pi / 72
     assert np.abs(found[0] - hidden)[~circles].max() < 110 / 71
     assert distance.max() < 300
-    settled = curve_residuals(curves, theta, found, FRAME, updates=6).hidden[0]
+    settled = curve_residuals(curves, theta, found, MODEL, updates=6).hidden[0]
     np.testing.assert_allclose(np.exp(1j * settled)[circles], np.exp(1j * hidden)[circles], atol=1e-5)
 
 
@@ -140,21 +141,21 @@ def test_points_behind_the_camera_are_told():
     rng = np.random.default_rng(6)
     theta = random_thetas(1, rng)
     curves, hidden = curves_near(theta[0], 0.0, rng)
-    assert not curve_residuals(curves, theta, hidden[None], FRAME).behind.any()
+    assert not curve_residuals(curves, theta, hidden[None], MODEL).behind.any()
     away = theta.copy()
     away[0, 1] += np.pi
-    assert curve_residuals(curves, away, hidden[None], FRAME, updates=0).behind.any()
+    assert curve_residuals(curves, away, hidden[None], MODEL, updates=0).behind.any()
 
 
 def test_fixed_points_and_their_jacobian():
     rng = np.random.default_rng(7)
     theta = random_thetas(1, rng)[0]
     field = rng.uniform(-10, 10, (4, 2))
-    pixels = project(theta[None], field[None], FRAME).pixels[0]
+    pixels = project(theta[None], field[None], MODEL).pixels[0]
     points = FixedPoints(field, pixels + [[1.0, -2.0]] * 4, np.full(4, 2.0), tuple("abcd"))
-    values, jacobian = point_residuals(points, theta[None], FRAME)
+    values, jacobian = point_residuals(points, theta[None], MODEL)
     np.testing.assert_allclose(values[0].reshape(4, 2), [[0.5, -1.0]] * 4, atol=1e-9)
-    numeric = central_differences(lambda t: point_residuals(points, t[None], FRAME)[0][0], theta, STEPS)
+    numeric = central_differences(lambda t: point_residuals(points, t[None], MODEL)[0][0], theta, STEPS)
     np.testing.assert_allclose(jacobian[0], numeric, atol=1e-5 * np.abs(numeric).max())
 
 

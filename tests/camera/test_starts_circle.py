@@ -3,18 +3,19 @@
 import numpy as np
 import pytest
 
-from circlecal.camera.parameters import Frame, camera_of, project
+from circlecal.camera.parameters import ProjectionModel, camera_of, project
 from circlecal.camera.starts_circle import closed_form_starts, grid_starts, standing_start
 from circlecal.field import load_field
 from circlecal.geometry.conics import circle_conic, ellipse_from_conic, transform_conic
 from circlecal.geometry.homography import SIDES
 from circlecal.geometry.projective import transform_lines
+from circlecal.geometry.surface import Surface
 from circlecal.synthetic.cameras import aimed_camera, sample_camera
 from circlecal.synthetic.markings import circle_points
 
 from .conftest import random_thetas
 
-FRAME = Frame(1920, 1080, "flat")
+MODEL = ProjectionModel(1920, 1080, Surface("flat"))
 UP = np.array([0.0, 1.0])
 
 
@@ -32,11 +33,11 @@ def test_closed_forms_hold_the_true_camera(with_mark):
     for seed in range(8):
         theta = random_thetas(1, np.random.default_rng(seed))[0]
         theta[7:] = 0.0
-        conic, center, line = seen_by(camera_of(theta, FRAME))
-        starts = closed_form_starts(conic, center if with_mark else None, line, UP, np.zeros(2), 9.15, FRAME, "main")
+        conic, center, line = seen_by(camera_of(theta, MODEL))
+        starts = closed_form_starts(conic, center if with_mark else None, line, UP, np.zeros(2), 9.15, MODEL, "main")
         field = np.array([[[0.0, 0.0], [8.0, 3.0], [-5.0, -7.0]]])
-        pixels = project(starts, np.repeat(field, len(starts), axis=0), FRAME).pixels
-        departure = np.abs(pixels - project(theta[None], field, FRAME).pixels).max(axis=(1, 2))
+        pixels = project(starts, np.repeat(field, len(starts), axis=0), MODEL).pixels
+        departure = np.abs(pixels - project(theta[None], field, MODEL).pixels).max(axis=(1, 2))
         assert departure.min() < 1e-4
         assert (starts[:, 6] < 0).all()
         assert (np.sin(starts[:, 2]) > 0).all()
@@ -45,8 +46,8 @@ def test_closed_forms_hold_the_true_camera(with_mark):
 def test_without_a_line_there_is_no_closed_form():
     theta = random_thetas(1, np.random.default_rng(1))[0]
     theta[7:] = 0.0
-    conic, center, _ = seen_by(camera_of(theta, FRAME))
-    assert closed_form_starts(conic, center, None, UP, np.zeros(2), 9.15, FRAME, "main").shape == (0, len(theta))
+    conic, center, _ = seen_by(camera_of(theta, MODEL))
+    assert closed_form_starts(conic, center, None, UP, np.zeros(2), 9.15, MODEL, "main").shape == (0, len(theta))
 
 
 @pytest.mark.parametrize("side", sorted(SIDES))
@@ -56,12 +57,12 @@ def test_grid_stands_on_the_stated_side_and_sees_the_circle(side):
     camera = aimed_camera(position, np.array([1.0, -1.0, 0.0]), 2600.0, 0.0, 1920, 1080)
     conic, _, _ = seen_by(camera)
     ellipse = ellipse_from_conic(conic)
-    starts = grid_starts(ellipse, np.zeros(2), 9.15, FRAME, side)
+    starts = grid_starts(ellipse, np.zeros(2), 9.15, MODEL, side)
     assert len(starts) > 50
     assert (starts[:, 4:6] @ direction > -1e-6).all()
     assert (starts[:, 6] < 0).all()
     for theta in starts[:: len(starts) // 10]:
-        other = ellipse_from_conic(seen_by(camera_of(theta, FRAME))[0])
+        other = ellipse_from_conic(seen_by(camera_of(theta, MODEL))[0])
         assert np.linalg.norm(other.center - ellipse.center) < 0.25 * ellipse.semi_axes[0]
         assert 0.6 < other.semi_axes[0] / ellipse.semi_axes[0] < 1.7
 
@@ -70,7 +71,7 @@ def test_grid_is_about_the_circle_that_is_seen():
     center = np.array([-20.0, 7.0])
     camera = aimed_camera(np.array([-15.0, 45.0, -12.0]), np.r_[center, 0.0], 2000.0, 0.0, 1920, 1080)
     ellipse = ellipse_from_conic(seen_by(camera, center, 4.5)[0])
-    starts = grid_starts(ellipse, center, 4.5, FRAME, "main")
+    starts = grid_starts(ellipse, center, 4.5, MODEL, "main")
     distance = np.linalg.norm(starts[:, 4:7] - np.r_[center, 0.0], axis=1) / 4.5
     np.testing.assert_allclose(np.unique(np.round(distance, 6)), [4.0, 7.0, 11.0])
 
@@ -81,10 +82,10 @@ def test_known_position_finds_focal_length_and_aim(share):
     camera = sample_camera("main", rng)
     points = circle_points(camera, load_field("soccer"), "center", 200, 0.3, rng).points_px
     points = points[: int(share * len(points))]
-    frame = Frame(camera.width, camera.height)
-    theta = standing_start(points, np.zeros(2), 9.1, camera.position_m, camera.angles_rad[2], frame)[0]
+    model = ProjectionModel(camera.width, camera.height)
+    theta = standing_start(points, np.zeros(2), 9.1, camera.position_m, camera.angles_rad[2], model)[0]
     assert theta[0] == pytest.approx(np.log(camera.focal_px[0]), abs=0.15)
     assert theta[1:4] == pytest.approx(camera.angles_rad, abs=0.02)
-    assert len(standing_start(points[:2], np.zeros(2), 9.1, camera.position_m, 0.0, frame)) == 0
+    assert len(standing_start(points[:2], np.zeros(2), 9.1, camera.position_m, 0.0, model)) == 0
     below = camera.position_m * np.array([1, 1, -1])
-    assert len(standing_start(points, np.zeros(2), 9.1, below, 0.0, frame)) == 0
+    assert len(standing_start(points, np.zeros(2), 9.1, below, 0.0, model)) == 0

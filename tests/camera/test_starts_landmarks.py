@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from circlecal.camera.parameters import Frame, camera_of
+from circlecal.camera.parameters import ProjectionModel, camera_of
 from circlecal.camera.residuals import FixedPoints
 from circlecal.camera.starts_landmarks import (
     Landmarks,
@@ -14,11 +14,12 @@ from circlecal.camera.starts_landmarks import (
 )
 from circlecal.field import load_field
 from circlecal.geometry.projective import fit_line
+from circlecal.geometry.surface import Surface
 from circlecal.observations import LinePoints, Observations
 from circlecal.synthetic.cameras import aimed_camera
 
 SOCCER = load_field("soccer")
-FRAME = Frame(1920, 1080, "flat")
+MODEL = ProjectionModel(1920, 1080, Surface("flat"))
 BOX = aimed_camera(np.array([3.0, 62.0, -17.0]), np.array([-40.0, -4.0, 0.0]), 1900.0, 0.01, 1920, 1080)
 LINES = ("big_rect_left_main", "big_rect_left_top", "side_line_left", "small_rect_left_main", "side_line_top")
 POINTS = np.array([[-41.5, 0.0], [-36.0, -20.16], [-52.5, -20.16], [-47.0, -9.16], [-36.0, 20.16], [-47.0, 9.16]])
@@ -39,7 +40,7 @@ def landmarks(points=POINTS, lines=LINES, camera=BOX):
 
 
 def error_px(theta, camera=BOX):
-    return float(np.linalg.norm(camera_of(theta, FRAME).project(GRID) - camera.project(GRID), axis=1).max())
+    return float(np.linalg.norm(camera_of(theta, MODEL).project(GRID) - camera.project(GRID), axis=1).max())
 
 
 @pytest.mark.parametrize(
@@ -49,7 +50,7 @@ def error_px(theta, camera=BOX):
     ids=["4 points", "6 points", "5 lines", "3 and 1", "1 and 3", "all"],
 )  # fmt: skip
 def test_homographies_of_any_four_are_exact(points, lines):
-    starts = homography_starts(landmarks(points, lines), np.array([-40.0, 0.0]), FRAME)
+    starts = homography_starts(landmarks(points, lines), np.array([-40.0, 0.0]), MODEL)
     assert len(starts)
     assert error_px(starts[0]) < 0.05
 
@@ -63,23 +64,23 @@ def test_the_majority_is_found_among_wrong_ones():
     ends = seen.ends_px.copy()
     ends[1] = [[0.0, 900.0], [1900.0, 200.0]]
     mixed = Landmarks(seen.points_m, wrong, seen.lines_m, lines, seen.middles_m, ends)
-    assert error_px(homography_starts(mixed, np.array([-40.0, 0.0]), FRAME)[0]) < 0.05
+    assert error_px(homography_starts(mixed, np.array([-40.0, 0.0]), MODEL)[0]) < 0.05
 
 
 def test_too_few_or_mirrored_landmarks_give_none():
-    assert len(homography_starts(landmarks(POINTS[:3], ()), np.zeros(2), FRAME)) == 0
+    assert len(homography_starts(landmarks(POINTS[:3], ()), np.zeros(2), MODEL)) == 0
     seen = landmarks(POINTS, ())
     mirrored = seen.points_px * [-1.0, 1.0] + [1919.0, 0.0]
     flipped = Landmarks(seen.points_m, mirrored, seen.lines_m, seen.lines_px, seen.middles_m, seen.ends_px)
-    assert len(homography_starts(flipped, np.array([-40.0, 0.0]), FRAME)) == 0
+    assert len(homography_starts(flipped, np.array([-40.0, 0.0]), MODEL)) == 0
 
 
 def test_a_level_camera_at_a_known_position_is_aimed_almost_exactly():
     level = aimed_camera(BOX.position_m, np.array([-40.0, -4.0, 0.0]), 1900.0, 0.0, 1920, 1080)
     positions = np.stack([level.position_m, [0.0, 300.0, -17.0]])
-    starts = aimed_starts(landmarks(POINTS[:2], LINES[:2], level), positions, FRAME)
+    starts = aimed_starts(landmarks(POINTS[:2], LINES[:2], level), positions, MODEL)
     assert error_px(starts[0], level) < 60.0
-    assert len(aimed_starts(landmarks(POINTS[:1], LINES[:1]), positions, FRAME)) == 0
+    assert len(aimed_starts(landmarks(POINTS[:1], LINES[:1]), positions, MODEL)) == 0
 
 
 def test_usual_positions_stand_on_the_side_and_above():
@@ -89,9 +90,9 @@ def test_usual_positions_stand_on_the_side_and_above():
 
 
 def test_the_middle_is_where_the_picture_looks():
-    assert np.linalg.norm(landmarks().middle_m(FRAME) - [-43.0, -5.0]) < 12
-    assert np.allclose(landmarks(POINTS[:0], ()).middle_m(FRAME), 0.0)
-    one = landmarks(POINTS[:0], ("side_line_left",)).middle_m(FRAME)
+    assert np.linalg.norm(landmarks().middle_m(MODEL) - [-43.0, -5.0]) < 12
+    assert np.allclose(landmarks(POINTS[:0], ()).middle_m(MODEL), 0.0)
+    one = landmarks(POINTS[:0], ("side_line_left",)).middle_m(MODEL)
     assert np.allclose(one, [-52.44, 0.0])
 
 
@@ -108,4 +109,4 @@ def test_lines_without_name_or_length_and_very_many_points_are_no_burden():
     found = seen_landmarks(Observations(1920, 1080, lines=lines), SOCCER, points, BOX)
     assert len(found.lines_m) == 1
     assert 4 <= len(found.points_m) <= 24
-    assert len(homography_starts(found, np.zeros(2), FRAME))
+    assert len(homography_starts(found, np.zeros(2), MODEL))

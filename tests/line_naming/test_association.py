@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
-from circlecal.camera.parameters import Frame, theta_of
+from circlecal.camera.parameters import ProjectionModel, theta_of
 from circlecal.field import load_field
+from circlecal.geometry.surface import Surface
 from circlecal.line_naming.association import Association, associate_lines
 from circlecal.synthetic.cameras import aimed_camera
 
 SOCCER = load_field("soccer")
-FRAME = Frame(1920, 1080, "flat")
+MODEL = ProjectionModel(1920, 1080, Surface("flat"))
 CAMERA = aimed_camera(np.array([-3.0, 62.0, -17.0]), np.array([-25.0, -4.0, 0.0]), 1500.0, 0.01, 1920, 1080)
 KNOWN = ("halfway_line",)
 
@@ -41,36 +42,36 @@ def test_association_compares_names():
 def test_best_hypothesis_names_every_line_of_a_broadcast_view():
     names = ["side_line_top", "big_rect_left_main", "big_rect_left_top", "small_rect_left_main"]
     segments = np.array([segment_of(name) for name in names])
-    theta = theta_of(CAMERA, FRAME)
+    theta = theta_of(CAMERA, MODEL)
     shifted = theta + np.r_[0.01, 5e-4, -5e-4, 3e-4, 0.2, -0.3, 0.2, np.zeros(len(theta) - 7)]
-    found = associate_lines(segments, SOCCER, KNOWN, shifted, covariance_of(theta), FRAME, 1.5)
+    found = associate_lines(segments, SOCCER, KNOWN, shifted, covariance_of(theta), MODEL, 1.5)
     assert found[0].names == dict(enumerate(names))
     assert found[0].length_px == pytest.approx(np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1).sum())
     assert [a.score for a in found] == sorted((a.score for a in found), reverse=True)
 
 
 def test_known_names_and_lines_elsewhere_are_not_given():
-    theta = theta_of(CAMERA, FRAME)
+    theta = theta_of(CAMERA, MODEL)
     segment = segment_of("side_line_top")[None]
-    others = associate_lines(segment, SOCCER, (*KNOWN, "side_line_top"), theta, covariance_of(theta), FRAME, 1.5)
+    others = associate_lines(segment, SOCCER, (*KNOWN, "side_line_top"), theta, covariance_of(theta), MODEL, 1.5)
     assert all("side_line_top" not in a.names.values() for a in others)
     nowhere = np.array([[[400.0, 900.0], [1500.0, 960.0]]])
     exact = covariance_of(theta, 1e-5, 1e-5, 1e-3)
-    assert associate_lines(nowhere, SOCCER, KNOWN, theta, exact, FRAME, 1.5) == []
+    assert associate_lines(nowhere, SOCCER, KNOWN, theta, exact, MODEL, 1.5) == []
 
 
 def test_nothing_seen_or_nothing_left():
-    theta = theta_of(CAMERA, FRAME)
+    theta = theta_of(CAMERA, MODEL)
     empty = np.zeros((0, 2, 2))
-    assert associate_lines(empty, SOCCER, KNOWN, theta, covariance_of(theta), FRAME, 1.5) == []
+    assert associate_lines(empty, SOCCER, KNOWN, theta, covariance_of(theta), MODEL, 1.5) == []
     everything = tuple(line.name for line in SOCCER.lines)
     segment = segment_of("side_line_top")[None]
-    assert associate_lines(segment, SOCCER, everything, theta, covariance_of(theta), FRAME, 1.5) == []
+    assert associate_lines(segment, SOCCER, everything, theta, covariance_of(theta), MODEL, 1.5) == []
 
 
 def test_two_pieces_of_one_line_get_one_name():
     start, end = segment_of("side_line_top")
     pieces = np.array([[start, start + 0.35 * (end - start)], [start + 0.6 * (end - start), end]])
-    theta = theta_of(CAMERA, FRAME)
-    found = associate_lines(pieces, SOCCER, KNOWN, theta, covariance_of(theta), FRAME, 1.5)
+    theta = theta_of(CAMERA, MODEL)
+    found = associate_lines(pieces, SOCCER, KNOWN, theta, covariance_of(theta), MODEL, 1.5)
     assert found[0].names == {0: "side_line_top", 1: "side_line_top"}

@@ -3,15 +3,16 @@
 import numpy as np
 import pytest
 
-from circlecal.camera.parameters import Frame, theta_of
+from circlecal.camera.parameters import ProjectionModel, theta_of
 from circlecal.field import load_field
+from circlecal.geometry.surface import Surface
 from circlecal.line_naming.expectation import overhanging_px, unseen_px
 from circlecal.synthetic.cameras import aimed_camera, inside_frame
 
 SOCCER = load_field("soccer")
-FRAME = Frame(1920, 1080, "flat")
+MODEL = ProjectionModel(1920, 1080, Surface("flat"))
 CAMERA = aimed_camera(np.array([-10.0, 62.0, -18.0]), np.array([-31.0, -8.0, 0.0]), 2400.0, 0.01, 1920, 1080)
-THETA = theta_of(CAMERA, FRAME)
+THETA = theta_of(CAMERA, MODEL)
 LONG = (
     "side_line_top",
     "side_line_left",
@@ -33,7 +34,7 @@ def length(segment):
 
 
 def unseen(names, segments):
-    return unseen_px(names, np.array(segments).reshape(-1, 2, 2), THETA, SOCCER, FRAME)
+    return unseen_px(names, np.array(segments).reshape(-1, 2, 2), THETA, SOCCER, MODEL)
 
 
 def test_everything_long_is_seen():
@@ -60,23 +61,23 @@ def test_a_third_of_a_line_is_enough_and_a_tenth_is_not():
 def test_lines_outside_the_picture_and_short_ones_are_not_expected():
     assert unseen({}, []) < sum(length(visible(name)) for name in LONG) + 0.15 * 1920
     away = aimed_camera(np.array([0.0, 62.0, -18.0]), np.array([0.0, 0.0, 0.0]), 9000.0, 0.0, 1920, 1080)
-    shown = unseen_px({}, np.zeros((0, 2, 2)), theta_of(away, FRAME), SOCCER, FRAME)
+    shown = unseen_px({}, np.zeros((0, 2, 2)), theta_of(away, MODEL), SOCCER, MODEL)
     assert shown == pytest.approx(1080.0, rel=0.1)  # the halfway line from the top of the picture to its bottom
 
 
 def test_paint_too_thin_to_be_seen_is_not_expected():
     """A pitchside camera sees the touchline on the other side half a pixel wide, the penalty area's lines wider."""
     low = aimed_camera(np.array([-10.0, 62.0, -4.0]), np.array([-36.0, 10.0, 0.0]), 2400.0, 0.0, 1920, 1080)
-    missing = unseen_px({}, np.zeros((0, 2, 2)), theta_of(low, FRAME), SOCCER, FRAME)
+    missing = unseen_px({}, np.zeros((0, 2, 2)), theta_of(low, MODEL), SOCCER, MODEL)
     high = aimed_camera(np.array([-10.0, 62.0, -18.0]), np.array([-36.0, 10.0, 0.0]), 2400.0, 0.0, 1920, 1080)
     far = high.project(np.linspace([-52.5, -34.0], [52.5, -34.0], 2000))
     assert length(far[inside_frame(far, 1920, 1080)][[0, -1]]) > 800
-    assert missing < unseen_px({}, np.zeros((0, 2, 2)), theta_of(high, FRAME), SOCCER, FRAME) - 800
+    assert missing < unseen_px({}, np.zeros((0, 2, 2)), theta_of(high, MODEL), SOCCER, MODEL) - 800
 
 
 def test_lines_end_with_their_markings():
     segment = visible("big_rect_left_main")
-    assert overhanging_px({0: "big_rect_left_main"}, segment[None], THETA, SOCCER, FRAME) == 0.0
+    assert overhanging_px({0: "big_rect_left_main"}, segment[None], THETA, SOCCER, MODEL) == 0.0
     longer = np.array([segment[0], segment[0] + 1.5 * (segment[1] - segment[0])])
-    beyond = overhanging_px({0: "big_rect_left_main"}, longer[None], THETA, SOCCER, FRAME)
+    beyond = overhanging_px({0: "big_rect_left_main"}, longer[None], THETA, SOCCER, MODEL)
     assert 0.3 * length(segment) < beyond < 0.55 * length(segment)

@@ -10,9 +10,10 @@ from circlecal.camera.covariance import posterior_covariance
 from circlecal.camera.observed import Realism, observed_curves, observed_points
 from circlecal.camera.optimise import Problem, minimise
 from circlecal.camera.options import priors_of
-from circlecal.camera.parameters import PARAMETERS, Frame, theta_of
+from circlecal.camera.parameters import PARAMETERS, ProjectionModel, theta_of
 from circlecal.config import Config, load_config
 from circlecal.geometry.camera import Camera
+from circlecal.geometry.surface import Surface
 from circlecal.observations import Observations
 from circlecal.pipeline import field_of
 from circlecal.rig.frames import RigFrame
@@ -58,12 +59,12 @@ def seen_by(
 def calibrated(name: str, camera: Camera, rng: np.random.Generator, sigma: float = 0.3) -> RigFrame:
     """A frame calibrated alone, from the truth as start."""
     seen = seen_by(camera, rng, sigma=sigma)
-    frame = Frame(camera.width, camera.height, "flat")
-    priors = priors_of(CONFIG.camera, TEMPLATE, CIRCLE, frame)
+    model = ProjectionModel(camera.width, camera.height, Surface("flat"))
+    priors = priors_of(CONFIG.camera, TEMPLATE, CIRCLE, model)
     problem = Problem(
-        observed_curves(seen, TEMPLATE, Realism(60, 0, 60)), observed_points(seen, TEMPLATE), priors, frame
+        observed_curves(seen, TEMPLATE, Realism(60, 0, 60)), observed_points(seen, TEMPLATE), priors, model
     )
-    state = minimise(problem, theta_of(camera, frame)[None], CONFIG.camera.loss_scale)
+    state = minimise(problem, theta_of(camera, model)[None], CONFIG.camera.loss_scale)
     return RigFrame(name, seen, state.theta[0], posterior_covariance(state.normal[0], priors.sd))
 
 

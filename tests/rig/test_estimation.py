@@ -133,12 +133,13 @@ def test_recognised_lines_get_their_names_back(mixed):
     frame = mixed[0][0]
     seen = frame.observations
     bare = replace(seen, lines=(LinePoints(None, seen.lines[0].points_px, seen.lines[0].sigma_px),))
-    from circlecal.camera.parameters import Frame
+    from circlecal.camera.parameters import ProjectionModel
+    from circlecal.geometry.surface import Surface
 
-    view = Frame(1920, 1080, "flat")
-    assert with_names(bare, ["halfway_line"], frame.theta, TEMPLATE, view).lines[0].line == "halfway_line"
+    model = ProjectionModel(1920, 1080, Surface("flat"))
+    assert with_names(bare, ["halfway_line"], frame.theta, TEMPLATE, model).lines[0].line == "halfway_line"
     far = replace(bare, lines=(replace(bare.lines[0], points_px=bare.lines[0].points_px + 80.0),))
-    assert with_names(far, ["halfway_line"], frame.theta, TEMPLATE, view).lines[0].line is None
+    assert with_names(far, ["halfway_line"], frame.theta, TEMPLATE, model).lines[0].line is None
 
 
 def test_two_cameras_side_by_side_are_told_apart(mixed):

@@ -8,9 +8,10 @@ import pytest
 from circlecal.camera.covariance import posterior_covariance
 from circlecal.camera.observed import Realism, observed_curves, observed_points
 from circlecal.camera.optimise import Priors, Problem, minimise
-from circlecal.camera.parameters import INDEX, PARAMETERS, Frame, camera_of, theta_of
+from circlecal.camera.parameters import INDEX, PARAMETERS, ProjectionModel, camera_of, theta_of
 from circlecal.camera.residuals import first_hidden
 from circlecal.field import load_field
+from circlecal.geometry.surface import Surface
 from circlecal.observations import Observations
 from circlecal.rig.joint import (
     evaluate_joint,
@@ -25,7 +26,7 @@ from circlecal.synthetic.cameras import sample_camera
 from circlecal.synthetic.markings import circle_points, line_points
 
 SOCCER = load_field("soccer")
-FRAME = Frame(1920, 1080, "flat")
+MODEL = ProjectionModel(1920, 1080, Surface("flat"))
 ZOOM = {"pp_x": 10.0, "kappa_1": 0.01}
 DEVIATION = {"x": 0.1, "roll": 0.001}
 
@@ -52,7 +53,7 @@ def problem_of(camera, rng, sigma=0.5):
         (line_points(camera, SOCCER, "halfway_line", 40, sigma, rng),),
     )
     return Problem(
-        observed_curves(seen, SOCCER, Realism(500, 0.0, 0.0)), observed_points(seen, SOCCER), priors(), FRAME
+        observed_curves(seen, SOCCER, Realism(500, 0.0, 0.0)), observed_points(seen, SOCCER), priors(), MODEL
     )
 
 
@@ -61,7 +62,7 @@ def scene():
     rng = np.random.default_rng(3)
     cameras = views(4, rng)
     problems = [problem_of(camera, rng) for camera in cameras]
-    truth = np.array([theta_of(camera, FRAME) for camera in cameras])
+    truth = np.array([theta_of(camera, MODEL) for camera in cameras])
     return problems, truth
 
 
@@ -175,7 +176,7 @@ def test_five_frames_are_better_than_one():
         rng = np.random.default_rng([7, seed])
         cameras = views(5, rng)
         problems = [problem_of(camera, rng) for camera in cameras]
-        truth = np.array([theta_of(camera, FRAME) for camera in cameras])
+        truth = np.array([theta_of(camera, MODEL) for camera in cameras])
         alone = np.array([minimise(p, t[None], 6.0).theta[0] for p, t in zip(problems, truth, strict=True)])
         problem = joint_problem(problems, {}, {}, float(np.median(truth[:, 0])))
         state = minimise_joint(problem, first_state(problem, alone, 6.0), 6.0)
@@ -192,7 +193,7 @@ def test_covariance_holds_over_draws():
         shift = rng.normal(0, 5.0, 2)
         cameras = [replace(c, principal_point_px=c.principal_point_px + shift) for c in cameras]
         problems = [problem_of(camera, rng) for camera in cameras]
-        truth = np.array([theta_of(camera, FRAME) for camera in cameras])
+        truth = np.array([theta_of(camera, MODEL) for camera in cameras])
         problem = joint_problem(problems, {}, {}, float(np.median(truth[:, 0])))
         state = minimise_joint(problem, first_state(problem, truth, 6.0), 6.0)
         told = shared_prior(problem, state)
@@ -212,7 +213,7 @@ def test_zoom_that_moves_the_principal_point_is_found():
         for c in cameras
     ]
     problems = [problem_of(camera, rng, sigma=0.1) for camera in moved]
-    truth = np.array([theta_of(camera, FRAME) for camera in moved])
+    truth = np.array([theta_of(camera, MODEL) for camera in moved])
     errors = {}
     for name, zoom in (("fixed", {}), ("by zoom", {"pp_x": 30.0})):
         problem = joint_problem(problems, zoom, {}, float(mean))
@@ -220,7 +221,7 @@ def test_zoom_that_moves_the_principal_point_is_found():
         grid = np.stack(np.meshgrid(np.linspace(-12, 12, 7), np.linspace(-12, 12, 7)), axis=-1).reshape(-1, 2)
         errors[name] = np.mean(
             [
-                np.abs(camera_of(a, FRAME).project(grid) - camera_of(b, FRAME).project(grid)).mean()
+                np.abs(camera_of(a, MODEL).project(grid) - camera_of(b, MODEL).project(grid)).mean()
                 for a, b in zip(state.theta, truth, strict=True)
             ]
         )
@@ -230,7 +231,7 @@ def test_zoom_that_moves_the_principal_point_is_found():
 def test_hidden_parameters_start_on_their_markings(scene):
     problem, state = joint(scene)
     for frame, theta, hidden in zip(problem.frames, state.theta, state.hidden, strict=True):
-        near, _ = first_hidden(frame.curves, theta[None], frame.frame, samples=720)
+        near, _ = first_hidden(frame.curves, theta[None], frame.model, samples=720)
         circle = frame.curves.radius > 0
         apart = np.abs(np.angle(np.exp(1j * (near - hidden)[0, circle])))
         assert apart.max() < 0.05

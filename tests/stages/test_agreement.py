@@ -6,8 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from circlecal.camera.parameters import PARAMETERS, Frame, theta_of
+from circlecal.camera.parameters import PARAMETERS, ProjectionModel, theta_of
 from circlecal.field import load_field
+from circlecal.geometry.surface import Surface
 from circlecal.results import Agreement, Cues, MarkCue
 from circlecal.stages.agreement import expected_markings
 from circlecal.stages.verdict import LEAST_FOUND, confirmed, doubtful, surely_assigned
@@ -22,7 +23,7 @@ KNOWN = frozenset({"centre_line"})
 
 
 def fit_of(camera, sd=1e-4):
-    theta = theta_of(camera, Frame(camera.width, camera.height, "flat", CENTRE.radius_m))
+    theta = theta_of(camera, ProjectionModel(camera.width, camera.height, Surface("flat", CENTRE.radius_m)))
     covariance = np.diag(np.where(np.arange(len(PARAMETERS)) < 4, sd**2, 0.0))
     return camera_fit(camera, theta=theta, covariance=covariance, parameters=PARAMETERS)
 
@@ -107,7 +108,7 @@ def test_a_marking_behind_a_barrel_lens_is_not_expected_where_the_lens_model_fol
     template = load_field("robocup")
     circle = template.circle_by_name["centre_circle"]
     camera = replace(view((-3.3, 0.9, -1.5), (0.0, 0.0, 0.0), 435.0, (800, 448)), kappa=np.array([-0.08, 0.0]))
-    theta = theta_of(camera, Frame(800, 448, "flat", circle.radius_m))
+    theta = theta_of(camera, ProjectionModel(800, 448, Surface("flat", circle.radius_m)))
     fit = camera_fit(camera, theta=theta, covariance=np.eye(len(PARAMETERS)) * 1e-10, parameters=PARAMETERS)
     beside = camera.project(np.linspace(*template.line_ends(template.line_by_name["big_rect_left_top"]), 200))
     assert ((beside > 0) & (beside < (800, 448))).all(axis=1).any()  # with the lens, but not in the picture

@@ -7,12 +7,13 @@ import pytest
 
 from circlecal.bench.scenarios import KNOWN, chosen_rows
 from circlecal.camera.options import CameraConfig, priors_of
-from circlecal.camera.parameters import INDEX, PARAMETERS, Frame
+from circlecal.camera.parameters import INDEX, PARAMETERS, ProjectionModel
 from circlecal.geometry.homography import SIDES
+from circlecal.geometry.surface import Surface
 from circlecal.observations import Keypoint
 from circlecal.stages.camera import estimate_camera
 from circlecal.synthetic.cameras import aimed_camera
-from circlecal.synthetic.surface import Surface
+from circlecal.synthetic.surface import CrownedSurface
 
 from .camera_views import CIRCLE, EXACT, HOCKEY, MAIN, SOCCER, WIDE, departure, seen
 
@@ -89,7 +90,7 @@ def test_lens_crown_and_principal_point_at_their_prior_means_are_exact(shape):
         update={"distortion": "radial", "k1_mean": 0.03, "crown_shape": shape, "crown_m": 0.06, "crown_sd_m": 0.03,
                 "principal_point_sd_px": 5.0}
     )  # fmt: skip
-    fit = estimate_camera(seen(camera, mark=True, surface=Surface(0.06, shape)), SOCCER, CIRCLE, config)
+    fit = estimate_camera(seen(camera, mark=True, surface=CrownedSurface(0.06, shape)), SOCCER, CIRCLE, config)
     assert departure(fit, camera) < 1e-5
     assert fit.crown_m == pytest.approx(0.06, abs=1e-5)
     assert fit.crown_shape == shape
@@ -97,7 +98,7 @@ def test_lens_crown_and_principal_point_at_their_prior_means_are_exact(shape):
 
 
 def test_a_crown_that_is_not_modelled_is_seen_in_the_residuals():
-    given = seen(MAIN, surface=Surface(0.09, "roof"), edges=("center",))
+    given = seen(MAIN, surface=CrownedSurface(0.09, "roof"), edges=("center",))
     flat = estimate_camera(given, SOCCER, CIRCLE, EXACT)
     roof = estimate_camera(given, SOCCER, CIRCLE, EXACT.model_copy(update={"crown_shape": "roof", "crown_sd_m": 0.3}))
     assert roof.crown_m == pytest.approx(0.09, abs=2e-3)
@@ -107,7 +108,7 @@ def test_a_crown_that_is_not_modelled_is_seen_in_the_residuals():
 @pytest.mark.parametrize("shape", ["roof", "parabola"])
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_the_profile_of_the_pitch_is_told_by_the_frame(shape, seed):
-    surface = Surface(0.06, shape)
+    surface = CrownedSurface(0.06, shape)
     given = seen(WIDE, edges=("center",), mark=True, lines=("side_line_top",), sigma=0.2, seed=seed, surface=surface)
     fit = estimate_camera(given, SOCCER, CIRCLE, CameraConfig(k1_mean=0.0, k1_sd=0.005))
     assert fit.crown_shape == shape
@@ -160,14 +161,14 @@ def test_never_upside_down_and_never_mirrored(seed):
 
 
 def test_priors_scale_with_the_picture_and_can_be_fixed():
-    frame = Frame(960, 540, "flat")
-    priors = priors_of(CameraConfig(principal_point_sd_px=8.0, crown_shape="flat"), SOCCER, CIRCLE, frame)
+    model = ProjectionModel(960, 540, Surface("flat"))
+    priors = priors_of(CameraConfig(principal_point_sd_px=8.0, crown_shape="flat"), SOCCER, CIRCLE, model)
     assert priors.sd[INDEX["pp_x"]] == pytest.approx(4.0)
     assert priors.sd[INDEX["crown"]] == 0.0
     assert priors.sd[INDEX["log_aspect"]] == 0.0
     assert np.isinf(priors.sd[INDEX["log_focal"]])
     assert priors.distance_m == pytest.approx(7 * 9.15)
-    known = priors_of(CameraConfig(position_m=(1.0, 2.0, -3.0)), SOCCER, CIRCLE, frame)
+    known = priors_of(CameraConfig(position_m=(1.0, 2.0, -3.0)), SOCCER, CIRCLE, model)
     np.testing.assert_allclose(known.mean[4:7], [1.0, 2.0, -3.0])
     assert np.isinf(known.distance_log_sd)
     assert np.isinf(known.elevation_sd_rad)

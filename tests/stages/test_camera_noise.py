@@ -6,8 +6,9 @@ import pytest
 from circlecal.bench.accuracy import mahalanobis, truth_grid
 from circlecal.bench.bounds import bound_covariance, bound_errors
 from circlecal.bench.scenarios import KNOWN, Draw, chosen_rows
-from circlecal.camera.parameters import Frame, theta_of
+from circlecal.camera.parameters import ProjectionModel, theta_of
 from circlecal.geometry.homography import transfer_errors
+from circlecal.geometry.surface import Surface
 from circlecal.stages.camera import estimate_camera
 
 from .camera_views import CIRCLE, EXACT, MAIN, SOCCER, WIDE, seen
@@ -46,7 +47,7 @@ def test_error_is_that_of_the_bound_from_both_sides(pooled):
 
 def test_parameters_scatter_as_their_covariance_says():
     """Twenty noises on one view: chi-square of seven degrees of freedom each, so their mean is 7 +- 0.85."""
-    truth = theta_of(WIDE, Frame(WIDE.width, WIDE.height, "flat"))[:7]
+    truth = theta_of(WIDE, ProjectionModel(WIDE.width, WIDE.height, Surface("flat")))[:7]
     distances, errors = [], []
     for seed in range(20):
         given = seen(WIDE, lines=("side_line_top", "big_rect_left_main"), mark=True, sigma=0.3, seed=seed, count=80)

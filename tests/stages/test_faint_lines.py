@@ -4,7 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from circlecal.camera.parameters import PARAMETERS, Frame, theta_of
+from circlecal.camera.parameters import PARAMETERS, ProjectionModel, theta_of
+from circlecal.geometry.surface import Surface
 from circlecal.stages.faint_lines import find_faint_lines
 
 from .conftest import CIRCLE, SOCCER, view
@@ -17,7 +18,9 @@ FAR_TOUCHLINE = np.stack([np.linspace(-52.5, 52.5, 400), np.full(400, -34.0 + 0.
 
 def fit_of(camera=FURTHER, other=TRUE):
     """A fit that is one standard deviation from another camera, and knows hardly anything else less well."""
-    theta, truth = (theta_of(c, Frame(c.width, c.height, "flat", CIRCLE.radius_m)) for c in (camera, other))
+    theta, truth = (
+        theta_of(c, ProjectionModel(c.width, c.height, Surface("flat", CIRCLE.radius_m))) for c in (camera, other)
+    )
     covariance = np.outer(theta - truth, theta - truth) + np.diag(np.where(np.arange(len(PARAMETERS)) < 4, 1e-9, 0.0))
     return camera_fit(camera, theta=theta, covariance=covariance, parameters=PARAMETERS)
 

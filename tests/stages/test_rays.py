@@ -4,9 +4,10 @@ import cv2
 import numpy as np
 import pytest
 
-from circlecal.camera.parameters import Frame, theta_of
+from circlecal.camera.parameters import ProjectionModel, theta_of
 from circlecal.errors import EstimationError
 from circlecal.geometry.conics import conic_from_ellipse, ellipse_from_conic, orthogonal_distance
+from circlecal.geometry.surface import Surface
 from circlecal.paint.profiles import grey
 from circlecal.results import MarkingMask
 from circlecal.stages.edges import EdgesConfig, detect_edges
@@ -189,8 +190,8 @@ def test_a_camera_that_is_a_little_off_leads_along_the_whole_circle(painted):
     from .test_verdict import camera_fit
 
     off = view(position=(4.1, 40.3, -22.2), focal=2312.0)
-    frame = Frame(NEAR.width, NEAR.height, "flat", CIRCLE.radius_m)
-    fit = camera_fit(off, theta=theta_of(off, frame))
+    model = ProjectionModel(NEAR.width, NEAR.height, Surface("flat", CIRCLE.radius_m))
+    fit = camera_fit(off, theta=theta_of(off, model))
     points, sigma = measure_along_model(grey(painted.image), fit, CIRCLE, SOCCER, 1.5, RaysConfig())
     assert len(points) > 400
     assert sigma.shape == (len(points),)
@@ -212,8 +213,8 @@ def test_an_arc_is_measured_between_its_ends():
     middle = np.asarray(arc.center) + SOCCER.radius(arc, "center") * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     boot = camera.project(middle[200])
     cv2.circle(image, (round(float(boot[0]) + 5), round(float(boot[1]))), 4, (240, 240, 240), -1)
-    frame = Frame(camera.width, camera.height, "flat", arc.radius_m)
-    fit = camera_fit(camera, theta=theta_of(camera, frame))
+    model = ProjectionModel(camera.width, camera.height, Surface("flat", arc.radius_m))
+    fit = camera_fit(camera, theta=theta_of(camera, model))
     points, _ = measure_along_model(grey(image), fit, arc, SOCCER, 1.5, RaysConfig())
     truth = camera.project(middle)
     distance = np.linalg.norm(points[:, None] - truth, axis=-1)
@@ -233,6 +234,6 @@ def test_paint_that_would_fill_the_picture_is_not_measured():
     camera = aimed_camera(place, ahead, focal, 0.0, 1280, 720, kappa)
     middle = camera.project([-SOCCER.radius(CIRCLE, "center"), 0.0])
     assert (middle > 0).all() and (middle < (1280, 720)).all()
-    fit = camera_fit(camera, theta=theta_of(camera, Frame(1280, 720, "flat", CIRCLE.radius_m)))
+    fit = camera_fit(camera, theta=theta_of(camera, ProjectionModel(1280, 720, Surface("flat", CIRCLE.radius_m))))
     points, sigma = measure_along_model(np.full((720, 1280), 90, np.uint8), fit, CIRCLE, SOCCER, 1.5, RaysConfig())
     assert (points.shape, sigma.shape) == ((0, 2), (0,))

@@ -11,7 +11,7 @@ from circlecal.synthetic.paint import CIRCLE_CLASS, CLASS_NAMES, HALFWAY_CLASS
 from circlecal.synthetic.renderer import render
 from circlecal.synthetic.sampling import SCENE_PROFILES, render_frame, sample_scene
 from circlecal.synthetic.scene import RenderConfig, Scene
-from circlecal.synthetic.surface import FLAT, Surface
+from circlecal.synthetic.surface import FLAT, CrownedSurface
 
 SMALL = (960, 540)
 
@@ -64,7 +64,9 @@ def measured_edges(image, camera, surface, angles):
 
 @pytest.mark.parametrize("profile", ["main", "broadcast", "partial"])
 @pytest.mark.parametrize(
-    ("surface", "kappa"), [(Surface(), 0.0), (Surface(0.08), 0.05), (Surface(0.05, "roof"), -0.01)], ids=str
+    ("surface", "kappa"),
+    [(CrownedSurface(), 0.0), (CrownedSurface(0.08), 0.05), (CrownedSurface(0.05, "roof"), -0.01)],
+    ids=str,
 )
 def test_edges_of_the_circle(profile, surface, kappa):
     camera = sample_camera(profile, np.random.default_rng(21), kappa=kappa, surface=surface)
@@ -81,7 +83,7 @@ def test_edges_of_the_circle(profile, surface, kappa):
 
 
 def test_halfway_line_and_center_mark():
-    surface = Surface(0.05)
+    surface = CrownedSurface(0.05)
     camera = sample_camera("main", np.random.default_rng(4), kappa=0.03, surface=surface)
     share = paint_share(render(clean_scene(camera, surface), np.random.default_rng(0)).image)
     y = np.linspace(1.0, 4.0, 40)
@@ -140,7 +142,7 @@ def test_hidden_marks_are_hidden_and_easy_ones_are_not(seed):
 
 def test_mask_agrees_with_the_picture():
     camera = sample_camera("broadcast", np.random.default_rng(2))
-    rendering = render(clean_scene(camera, Surface()), np.random.default_rng(0))
+    rendering = render(clean_scene(camera, CrownedSurface()), np.random.default_rng(0))
     classes, share = rendering.truth.classes, paint_share(rendering.image)
     for class_id in (CIRCLE_CLASS, HALFWAY_CLASS):
         assert share[classes == class_id].min() > 0.15
@@ -171,7 +173,9 @@ def test_the_same_seed_gives_the_same_frame():
 def test_every_field_template_can_be_painted(name):
     template = load_field(name)
     camera = sample_camera("broadcast", np.random.default_rng(2), *SMALL, template=soccer())
-    rendering = render(clean_scene(camera, Surface(), template.marking_width_m, template), np.random.default_rng(0))
+    rendering = render(
+        clean_scene(camera, CrownedSurface(), template.marking_width_m, template), np.random.default_rng(0)
+    )
     assert np.any(rendering.truth.classes > 0)
 
 

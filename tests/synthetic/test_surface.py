@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from circlecal.synthetic.cameras import sample_camera, soccer
-from circlecal.synthetic.surface import FLAT, Surface, back_project
+from circlecal.synthetic.surface import FLAT, CrownedSurface, back_project
 
-SURFACES = [FLAT, Surface(0.09), Surface(0.05, "roof"), Surface(-0.03)]
+SURFACES = [FLAT, CrownedSurface(0.09), CrownedSurface(0.05, "roof"), CrownedSurface(-0.03)]
 
 
 @pytest.mark.parametrize("surface", SURFACES)
@@ -27,14 +27,14 @@ def test_slope_is_the_derivative_of_the_drop(surface):
 
 
 def test_drop_at_the_circle():
-    assert Surface(0.05).drop(9.15) == pytest.approx(0.05)
-    assert Surface(0.05, "roof").drop(-9.15) == pytest.approx(0.05)
+    assert CrownedSurface(0.05).drop(9.15) == pytest.approx(0.05)
+    assert CrownedSurface(0.05, "roof").drop(-9.15) == pytest.approx(0.05)
     assert FLAT.lift([3.0, 4.0]).tolist() == [3.0, 4.0, 0.0]
 
 
 def test_rays_above_the_horizon_meet_nothing():
     camera = sample_camera("broadcast", np.random.default_rng(3))
-    assert np.isnan(back_project(camera, Surface(0.05), [[960.0, -9000.0]])).all()
+    assert np.isnan(back_project(camera, CrownedSurface(0.05), [[960.0, -9000.0]])).all()
 
 
 def test_without_crown_the_camera_back_projects_the_same():
