@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.detection.circle import MeasuredCircle
+from circlecal.detection.circle import CircleHypothesis, MeasuredCircle
 from circlecal.detection.options import LikelyConfig
-from circlecal.detection.result import CircleHypothesis
 from circlecal.geometry.conics import sampson_distance
 from circlecal.geometry.projective import Array, join, lift, line_distance
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from circlecal.detection.arcs import drawn_arc
 from circlecal.detection.circle import (
+    CircleHypothesis,
     MeasuredCircle,
     drawn_on_both_sides,
     hypothesis_of,
@@ -22,7 +23,6 @@ from circlecal.detection.lines import find_straight_runs
 from circlecal.detection.options import DetectorConfig
 from circlecal.detection.paint import painted_share
 from circlecal.detection.picture import Picture, Scaling
-from circlecal.detection.result import CircleHypothesis
 from circlecal.detection.ruled_out import interpretations_of, segments_left, segments_off
 from circlecal.detection.scoring import RidgeRaster, support_of
 from circlecal.detection.sides import alike_paint, colour_of_circle, colour_of_line

@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from circlecal.detection.hypotheses import EllipseBatch
 from circlecal.detection.options import AcceptanceConfig, LikelyConfig
-from circlecal.detection.result import CircleHypothesis
 from circlecal.detection.scoring import adjusted
 from circlecal.geometry.conics import ellipse_from_conic, transform_conic
 from circlecal.geometry.projective import Array, lift, normalise_line, transform_lines
 from circlecal.paint.bands import BandProfile, RefinementConfig, measure_band
 
 __all__ = [
+    "CircleHypothesis",
     "MeasuredCircle",
     "conic_of",
     "drawn_on_both_sides",
@@ -35,6 +35,52 @@ _NEARLY_WHOLE = 0.6  # share of the circle that is drawn, for the widths of both
 _NARROWEST_RADII, _TELLING_PX = 0.008, 2.5  # a marking this narrow must differ by so much for its width to be told
 _HIDDEN = 0.07  # share of the circle that players may hide altogether
 _UNIT_CIRCLE = np.diag([1.0, 1.0, -1.0])
+
+
+@dataclass(frozen=True, slots=True)
+class CircleHypothesis:
+    """An ellipse that may be the image of the circle, and what speaks for it.
+
+    Attributes
+    ----------
+    conic : (3, 3) float64
+        Normalised conic through the middle of the marking, px.
+    score : float
+        Order among the hypotheses; larger is better.
+    whole_share : float
+        Share of the whole circle (by eccentric angle) where the picture shows a marking.
+    field_share : float
+        Share of the part inside the field that lies on ridge points of its direction.
+    picture_share : float
+        Share of the part inside the picture (by length) where the picture shows a marking.
+    sector_share : float
+        Share of the visible part (by eccentric angle) where the picture shows a marking.
+    rms_px : float
+        Scatter of the marking's middle about the conic, in px at 1920 px width.
+    points : (N, 2) float64
+        Measured middle of the marking, px.
+    band_width : float or None
+        Width of the band on the field in radii of the circle, from how much wider it is where the circle is seen
+        broadside than near and far; None where that cannot be told.
+    painted_share : float
+        Share of the visible sectors in which paint stands out on average, where single places show too little; else 0.
+    """
+
+    conic: Array
+    score: float
+    whole_share: float
+    field_share: float
+    picture_share: float
+    sector_share: float
+    rms_px: float
+    points: Array
+    band_width: float | None = None
+    painted_share: float = 0.0
+
+    @property
+    def least_share(self) -> float:
+        """The smallest of the shares of what is seen of it."""
+        return min(self.picture_share, self.field_share, self.sector_share)
 
 
 @dataclass(frozen=True, slots=True)

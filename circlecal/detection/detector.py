@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.detection.arcs import SAME_ARC, distinct_arcs
-from circlecal.detection.circle import MeasuredCircle
+from circlecal.detection.circle import CircleHypothesis, MeasuredCircle
 from circlecal.detection.field_region import FieldRegion, find_field_region
 from circlecal.detection.marking_mask import MarkingSketch
 from circlecal.detection.options import DetectorConfig
 from circlecal.detection.passes import flat, quick, thorough
 from circlecal.detection.picture import Picture
-from circlecal.detection.result import CircleHypothesis, Detection
 from circlecal.detection.search import NO_FIELD, Search, search_once
 from circlecal.detection.sides import colour_of_circle, painted_alike, painted_on_one_surface
 from circlecal.geometry.conics import sampson_distance
@@ -22,10 +21,51 @@ from circlecal.geometry.projective import Array
 from circlecal.paint.profiles import grey as brightness_of
 from circlecal.results import Interpretation, Segment
 
-__all__ = ["detect"]
+__all__ = ["Detection", "detect"]
 
 _BRIGHTNESSES = {"light": ("light",), "dark": ("dark",), "any": ("light", "dark")}
 _MARGIN = 0.012  # of the picture's width: by how much the second pass looks beyond the field
+
+
+@dataclass(frozen=True, slots=True)
+class Detection:
+    """Everything found in one frame.
+
+    Attributes
+    ----------
+    region : FieldRegion
+        Hull of the playing field, in a reduced picture.
+    lines : tuple of Segment
+        Straight markings, longest first.
+    circle : CircleHypothesis or None
+        The accepted circle.
+    candidates : tuple of CircleHypothesis
+        The best measured hypotheses, best first, also when refused.
+    certain : bool
+        Whether the circle stands by itself; otherwise it is likely, and something else must confirm it.
+    polarity : float
+        +1 where the markings are lighter than the surface, -1 where they are darker.
+    halfway : Segment or None
+        The straight marking through the circle's middle.
+    sketch : MarkingSketch
+        What the marking mask is drawn from.
+    refusal : str or None
+        Why there is no circle: ``no_field``, ``no_circle_found``, ``circle_support_too_low``, ``arc_too_short``,
+        ``circle_off_marking``, ``width_unlike_marking``.
+    arcs : tuple of CircleHypothesis
+        Parts of circles without a line through their middle, longest first: the circle, or a penalty arc.
+    """
+
+    region: FieldRegion
+    lines: tuple[Segment, ...]
+    circle: CircleHypothesis | None
+    candidates: tuple[CircleHypothesis, ...]
+    halfway: Segment | None
+    sketch: MarkingSketch
+    refusal: str | None
+    certain: bool = True
+    polarity: float = 1.0
+    arcs: tuple[CircleHypothesis, ...] = ()
 
 
 def detect(

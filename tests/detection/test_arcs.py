@@ -1,10 +1,9 @@
 import numpy as np
 
 from circlecal.detection.arcs import SAME_ARC, distinct_arcs, drawn_arc, near_conics
-from circlecal.detection.circle import hypothesis_of, measure_circle
+from circlecal.detection.circle import CircleHypothesis, hypothesis_of, measure_circle
 from circlecal.detection.hypotheses import EllipseBatch
 from circlecal.detection.options import LikelyConfig
-from circlecal.detection.result import CircleHypothesis
 from circlecal.geometry.conics import Ellipse, conic_from_ellipse, ellipse_from_conic, sampson_distance
 from circlecal.paint.bands import RefinementConfig
 

@@ -2,10 +2,9 @@ import cv2
 import numpy as np
 import pytest
 
-from circlecal.detection.circle import conic_of, hypothesis_of, measure_circle, refusal_of
+from circlecal.detection.circle import CircleHypothesis, conic_of, hypothesis_of, measure_circle, refusal_of
 from circlecal.detection.hypotheses import EllipseBatch
 from circlecal.detection.options import AcceptanceConfig
-from circlecal.detection.result import CircleHypothesis
 from circlecal.geometry.conics import Ellipse, conic_from_ellipse, ellipse_from_conic, sampson_distance
 from circlecal.paint.bands import RefinementConfig
 
