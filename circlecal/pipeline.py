@@ -14,7 +14,7 @@ from circlecal.errors import ConfigError, EstimationError, InputError
 from circlecal.field import Circle, FieldTemplate, load_field
 from circlecal.geometry.conics import encloses
 from circlecal.observations import Observations, joined
-from circlecal.paint.profiles import grey
+from circlecal.paint.profiles import to_gray
 from circlecal.pictures.interlacing import row_motion, without_combs
 from circlecal.results import (
     Calibration,
@@ -25,8 +25,7 @@ from circlecal.results import (
     MarkingMask,
     Verdict,
 )
-from circlecal.stages.agreement import expected_markings
-from circlecal.stages.evidence import painted_all_round
+from circlecal.stages.confirm import is_circle_painted, look_for_markings
 from circlecal.stages.mask import with_arc
 from circlecal.stages.verdict import beyond_doubt, confirmed, doubtful, surely_assigned
 
@@ -179,11 +178,11 @@ class _Attempts:
         self.given = given
         self.extra = extra
         with chain.clock("mask"):
-            self.brightness = grey(image)
+            self.brightness = to_gray(image)
             motion = row_motion(self.brightness) if chain.config.mask.deinterlace else None
             if motion is not None:
                 self.image = without_combs(image, motion)
-                self.brightness = grey(self.image)
+                self.brightness = to_gray(self.image)
 
     def verdict(self) -> Verdict:
         """The answer with the first circle; failing that, with another one, or with an arc as the circle."""
@@ -288,7 +287,7 @@ class _Attempts:
             return verdict
         template, circle = chain.template, chain.circle
         picture = chain.with_light_markings(self.brightness)
-        if verdict.code == "circle_unconfirmed" and painted_all_round(picture, camera, template, circle):
+        if verdict.code == "circle_unconfirmed" and is_circle_painted(picture, camera, template, circle):
             verdict = chain.judged(ellipses, cues, certain=True)
         with chain.clock("verdict"):
             if verdict.status == "refused" or beyond_doubt(camera, cues, template):
@@ -296,5 +295,5 @@ class _Attempts:
             mask: MarkingMask = chain.reached["mask"]
             seen_names = {line.line for line in observations.lines} | {c.circle for c in observations.circles}
             known = frozenset(name for name in (*seen_names, *camera.named_lines) if name is not None)
-            expected = expected_markings(picture, camera, template, circle, known, mask.field_region)
+            expected = look_for_markings(picture, camera, template, circle, known, mask.field_region)
             return confirmed(verdict, camera, cues, expected)

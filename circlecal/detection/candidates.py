@@ -21,12 +21,13 @@ from circlecal.detection.halfway import MeasuredLine, find_halfway, segments_thr
 from circlecal.detection.hypotheses import EllipseBatch
 from circlecal.detection.lines import find_straight_runs
 from circlecal.detection.options import DetectorConfig
-from circlecal.detection.paint import painted_share
 from circlecal.detection.picture import Picture, Scaling
 from circlecal.detection.ruled_out import interpretations_of, segments_left, segments_off
 from circlecal.detection.scoring import RidgeRaster, support_of
-from circlecal.detection.sides import alike_paint, colour_of_circle, colour_of_line
+from circlecal.geometry.conics import ellipse_from_conic
 from circlecal.geometry.projective import Array
+from circlecal.paint.colour import match_paint, measure_paint_colour
+from circlecal.paint.matched_filter import measure_painted_share
 from circlecal.results import Interpretation
 
 __all__ = ["Candidates", "Found"]
@@ -134,7 +135,9 @@ class Candidates:
         refusal = refusal_of(hypothesis, True, width, config.acceptance)
         likely = likely_arc(hypothesis, width, config.acceptance, config.likely)
         if refusal == "circle_support_too_low" and not likely:
-            share, sectors = painted_share(self._picture.gray, circle.ellipse, circle.sign)
+            share, sectors = measure_painted_share(
+                self._picture.gray, ellipse_from_conic(hypothesis.conic), circle.sign
+            )
             hypothesis = replace(hypothesis, painted_share=share if sectors >= _FEWEST_SECTORS else 0.0)
             likely = likely_arc(hypothesis, width, config.acceptance, config.likely)
         if refusal is not None and not likely:
@@ -178,8 +181,11 @@ class Candidates:
             line = find_halfway(self._picture.gray, circle, segments, self._config)
             if line is None or not self._config.one_paint:
                 return line
-            colours = colour_of_line(self._picture.image_bgr, line), colour_of_circle(self._picture.image_bgr, circle)
-            if alike_paint(*colours):
+            colours = (
+                measure_paint_colour(self._picture.image_bgr, curve.points, curve.normals, curve.band)
+                for curve in (line, circle)
+            )
+            if match_paint(*colours):
                 return line
             segments = segments_off(segments, line.line, self._width)
         return None

@@ -15,10 +15,10 @@ from circlecal.detection.options import DetectorConfig
 from circlecal.detection.passes import flat, quick, thorough
 from circlecal.detection.picture import Picture
 from circlecal.detection.search import NO_FIELD, Search, search_once
-from circlecal.detection.sides import colour_of_circle, painted_alike, painted_on_one_surface
 from circlecal.geometry.conics import sampson_distance
 from circlecal.geometry.projective import Array
-from circlecal.paint.profiles import grey as brightness_of
+from circlecal.paint.colour import lie_on_one_surface, measure_paint_colour, segments_match_paint
+from circlecal.paint.profiles import to_gray
 from circlecal.results import Interpretation, Segment
 
 __all__ = ["Detection", "detect"]
@@ -101,7 +101,7 @@ def detect(
     """
     if image_bgr.ndim != 3 or image_bgr.shape[2] != 3 or image_bgr.dtype != np.uint8:
         raise ValueError(f"image_bgr must be (H, W, 3) uint8, not {image_bgr.shape} {image_bgr.dtype}")
-    full_grey = brightness_of(image_bgr) if brightness is None else brightness
+    full_grey = to_gray(image_bgr) if brightness is None else brightness
     region = find_field_region(image_bgr, config.field_region)
     search = _searched(Picture(image_bgr, full_grey), region, config, rng, ruled_out)
     segments, found = search.segments, search.found
@@ -186,11 +186,12 @@ def _straight_markings(
     one_paint: bool,
 ) -> NDArray[np.int64]:
     """Indices of the segments (K, 2, 2) that are painted on one surface, with the circle's paint, and no part of it."""
-    straight = painted_on_one_surface(image_bgr, segments)
+    straight = lie_on_one_surface(image_bgr, segments)
     if circle is not None and hypothesis is not None:
         straight &= ~_lie_on_circle(segments, hypothesis.conic, image_bgr.shape[1])
         if one_paint:
-            straight &= painted_alike(image_bgr, segments, colour_of_circle(image_bgr, circle))
+            colour = measure_paint_colour(image_bgr, circle.points, circle.normals, circle.band)
+            straight &= segments_match_paint(image_bgr, segments, colour)
     return np.flatnonzero(straight)
 
 

@@ -11,11 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from circlecal.geometry.conics import Ellipse
 from circlecal.geometry.projective import Array
 from circlecal.paint.profiles import sample_profiles
 
 SECTORS, SAMPLES = 24, 30
 """Of the whole curve, and places in each."""
+EVEN_ANGLES: Array = (np.arange(SECTORS * SAMPLES, dtype=np.float64) + 0.5) * (2 * np.pi / (SECTORS * SAMPLES))
+"""Angles, rad, of the places about the centre of a circle."""
 CLEAR = 3.0
 """A sector is painted from so many standard deviations on."""
 LEAST_WIDTH_PX = 2.0
@@ -28,9 +31,11 @@ FLOOR = 0.3
 """Least scatter of an average, grey levels."""
 CLIPPED = 4.0
 """Single responses count up to so many times the usual one: players and captions are outliers."""
+WIDTH_RADII = 0.013
+"""Usual width of the paint in radii of its circle."""
 
 
-def sectors_standing_out(picture: NDArray[np.uint8], places: Array, widths: Array) -> Array:
+def measure_sectors(picture: NDArray[np.uint8], places: Array, widths: Array) -> Array:
     """By how many standard deviations paint stands out in each sector of a curve that the picture shows.
 
     Parameters
@@ -60,6 +65,27 @@ def sectors_standing_out(picture: NDArray[np.uint8], places: Array, widths: Arra
     level = np.median(surface, axis=1)
     scatter = 1.4826 * np.median(np.abs(surface - level[:, None]), axis=1) + FLOOR
     return np.asarray((mean[:, np.abs(shift) <= AT_CURVE].max(axis=1) - level) / scatter)
+
+
+def measure_painted_share(picture: NDArray[np.uint8], ellipse: Ellipse | None, sign: float) -> tuple[float, int]:
+    """Share of the sectors of an ellipse that are painted, and how many the picture shows.
+
+    Parameters
+    ----------
+    picture : (H, W) uint8
+        Brightness.
+    ellipse : Ellipse or None
+        Middle of the paint; None has no sectors.
+    sign : float
+        +1 for light paint, -1 for dark paint.
+    """
+    if ellipse is None:
+        return 0.0, 0
+    places, normals = ellipse.course(EVEN_ANGLES)
+    reach = np.abs(((places - ellipse.center) * normals).sum(axis=-1))
+    width = np.maximum(WIDTH_RADII * reach, LEAST_WIDTH_PX * picture.shape[1] / 1920.0)
+    sectors = measure_sectors(picture if sign > 0 else ~picture, places, width[:, None] * normals)
+    return (float(np.mean(sectors > CLEAR)) if len(sectors) else 0.0), len(sectors)
 
 
 def paint_and_sides(profiles: NDArray[np.floating[Any]]) -> tuple[Array, Array, Array]:

@@ -60,10 +60,9 @@ class Bands:
         return self.right - self.left
 
 
-def grey(image: NDArray[np.uint8], polarity: float = 1.0) -> NDArray[np.uint8]:
-    """Brightness (H, W) of a BGR picture; negative ``polarity`` turns dark markings into light ones."""
-    values = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
-    return values if polarity >= 0 else ~values
+def to_gray(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Gray picture (H, W) of a BGR one (H, W, 3), as ITU-R BT.601 weighs the three colours."""
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
 
 
 def sample_profiles(picture: Brightness, points_px: Array, normals: Array, offsets: Array) -> NDArray[np.float32]:

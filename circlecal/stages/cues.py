@@ -91,7 +91,7 @@ def find_cues(
     Parameters
     ----------
     picture : (H, W) uint8 or float32
-        Brightness, with the markings lighter than the field (:func:`circlecal.paint.profiles.grey`).
+        Brightness, with the markings lighter than the field (:func:`circlecal.paint.profiles.to_gray`).
     mask : MarkingMask
         Gives the rough lines.
     ellipses : EllipseFits

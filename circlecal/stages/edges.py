@@ -108,7 +108,7 @@ def detect_edges(picture: NDArray[np.uint8], mask: MarkingMask, config: EdgesCon
     Parameters
     ----------
     picture : (H, W) uint8
-        Brightness, with the markings lighter than the field (:func:`circlecal.paint.profiles.grey`).
+        Brightness, with the markings lighter than the field (:func:`circlecal.paint.profiles.to_gray`).
     mask : MarkingMask
         From the stage ``mask``.
     config : EdgesConfig

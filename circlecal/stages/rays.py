@@ -73,7 +73,7 @@ def cast_rays(
     Parameters
     ----------
     picture : (H, W) uint8 or float32
-        Brightness, with the markings lighter than the field (:func:`circlecal.paint.profiles.grey`).
+        Brightness, with the markings lighter than the field (:func:`circlecal.paint.profiles.to_gray`).
     edges : EdgePoints
         From the stage ``edges``.
     mask : MarkingMask

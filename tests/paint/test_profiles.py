@@ -7,11 +7,11 @@ from scipy.special import erf
 
 from circlecal.paint.profiles import (
     SIGMA_FLOOR_PX,
-    grey,
     measure_bands,
     picture_noise,
     sample_profiles,
     smooth_along,
+    to_gray,
 )
 
 OFFSETS = np.arange(-14.0, 14.25, 0.5)
@@ -142,9 +142,9 @@ def test_smoothing_takes_the_noise_down_and_skips_gaps():
 def test_dark_markings_are_light_ones_of_the_negative():
     image = np.full((20, 30, 3), 200, np.uint8)
     image[8:11] = 40
-    light, dark = grey(255 - image), grey(image, -1.0)
-    np.testing.assert_allclose(light, dark)
-    assert grey(image)[9, 5] < grey(image)[2, 5]
+    dark = ~to_gray(image)
+    np.testing.assert_array_equal(dark, to_gray(~image))
+    assert dark[9, 5] > dark[2, 5]
     points = np.array([[15.0, 9.0]])
     offsets = np.arange(-8.0, 8.25, 0.5)
     found = measure_bands(sample_profiles(dark, points, np.array([[0.0, 1.0]]), offsets), offsets, 3.0, 1.0)

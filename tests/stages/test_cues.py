@@ -10,7 +10,7 @@ from circlecal.field import load_field
 from circlecal.geometry.projective import line_distance
 from circlecal.observations import Keypoint, LinePoints, MarkPoint, Observations
 from circlecal.paint.lines import measure_lines
-from circlecal.paint.profiles import grey
+from circlecal.paint.profiles import to_gray
 from circlecal.results import EllipseFits, Segment
 from circlecal.stages.cues import CuesConfig, cues_from_observations, find_cues
 
@@ -32,7 +32,7 @@ def cues_in(painted, config=CONFIG, halfway="rough", image=None, lines=()):
     halfway = rough_line(painted.camera) if halfway == "rough" else halfway
     fits = EllipseFits(None, None, fit_of(painted.conic(), "center"))
     marking = painted.marking(halfway=halfway, lines=lines)
-    return find_cues(grey(painted.image if image is None else image), marking, fits, 1.5, SOCCER, config)
+    return find_cues(to_gray(painted.image if image is None else image), marking, fits, 1.5, SOCCER, config)
 
 
 @pytest.fixture(scope="module")
@@ -232,7 +232,7 @@ def test_a_wide_marking_has_no_bias(away_px):
     off = np.abs((halfway.points_px - truth.mean(axis=0)) @ normal)
     assert np.median(off) < 0.1
     assert np.quantile(off, 0.95) < 0.3
-    (unnamed,) = measure_lines(grey(painted.image), [rough_line(camera, away_px)], 1.0, *SEARCHED)
+    (unnamed,) = measure_lines(to_gray(painted.image), [rough_line(camera, away_px)], 1.0, *SEARCHED)
     assert np.median(np.abs((unnamed.points_px - truth.mean(axis=0)) @ normal)) < 0.1
 
 
@@ -278,7 +278,7 @@ def test_the_halfway_line_is_not_followed_off_the_playing_surface():
 
     def highest(region):
         marking = replace(painted.marking(halfway=rough_line(camera)), field_region=region)
-        return find_cues(grey(painted.image), marking, fits, 1.5, SOCCER, CONFIG).halfway.points_px[:, 1].min()
+        return find_cues(to_gray(painted.image), marking, fits, 1.5, SOCCER, CONFIG).halfway.points_px[:, 1].min()
 
     assert highest(None) < edge - 40
     assert edge - 0.03 * 1280 < highest(surface) < edge

@@ -6,7 +6,7 @@ from pydantic import ValidationError
 
 from circlecal.errors import EstimationError
 from circlecal.geometry.conics import ellipse_from_conic, orthogonal_distance
-from circlecal.paint.profiles import grey
+from circlecal.paint.profiles import to_gray
 from circlecal.results import MarkingMask
 from circlecal.stages.edges import EdgesConfig, detect_edges, search_region
 
@@ -17,7 +17,7 @@ PAINTED = paint(view(position=(4.0, 40.0, -22.0), focal=2300.0), line=False, mar
 
 
 def edges_of(image, marking, config, polarity=1.0):
-    return detect_edges(grey(image, polarity), marking, config)
+    return detect_edges(to_gray(~image if polarity < 0 else image), marking, config)
 
 
 def whole(image):

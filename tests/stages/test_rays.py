@@ -8,7 +8,7 @@ from circlecal.camera.parameters import ProjectionModel, theta_of
 from circlecal.errors import EstimationError
 from circlecal.geometry.conics import conic_from_ellipse, ellipse_from_conic, orthogonal_distance
 from circlecal.geometry.surface import Surface
-from circlecal.paint.profiles import grey
+from circlecal.paint.profiles import to_gray
 from circlecal.results import MarkingMask
 from circlecal.stages.edges import EdgesConfig, detect_edges
 from circlecal.stages.rays import RaysConfig, cast_rays, even_angles, measure_along_model
@@ -25,7 +25,7 @@ RELATIVE = WIDTH_M / SOCCER.radius(CIRCLE, "center")
 def cast(painted, image=None, config=RaysConfig(), marking=None, polarity=1.0):
     image = painted.image if image is None else image
     marking = painted.marking() if marking is None else marking
-    picture = grey(image, polarity)
+    picture = to_gray(~image if polarity < 0 else image)
     edges = detect_edges(picture, marking, EdgesConfig())
     return cast_rays(picture, edges, marking, RELATIVE, config, np.random.default_rng(1))
 
@@ -150,10 +150,10 @@ def test_centre_outside_the_frame():
 def test_a_rough_ellipse_outside_the_frame_is_no_band(painted):
     ellipse = ellipse_from_conic(painted.conic())
     away = type(ellipse)(ellipse.center + np.array([3000.0, 0.0]), ellipse.semi_axes, 0.0)
-    edges = detect_edges(grey(painted.image), painted.marking(), EdgesConfig())
+    edges = detect_edges(to_gray(painted.image), painted.marking(), EdgesConfig())
     marking = painted.marking(conic=conic_from_ellipse(away))
     with pytest.raises(EstimationError) as refused:
-        cast_rays(grey(painted.image), edges, marking, RELATIVE, RaysConfig(), np.random.default_rng(1))
+        cast_rays(to_gray(painted.image), edges, marking, RELATIVE, RaysConfig(), np.random.default_rng(1))
     assert refused.value.code == "no_band"
 
 
@@ -171,9 +171,9 @@ def test_without_a_rough_ellipse_there_is_nothing_to_cast_at(painted):
 
 def test_no_band_on_bare_turf(painted):
     bare = np.random.default_rng(3).normal(90, 2, painted.image.shape).clip(0, 255).astype(np.uint8)
-    edges = detect_edges(grey(painted.image), painted.marking(), EdgesConfig())
+    edges = detect_edges(to_gray(painted.image), painted.marking(), EdgesConfig())
     with pytest.raises(EstimationError) as refused:
-        cast_rays(grey(bare), edges, painted.marking(), RELATIVE, RaysConfig(), np.random.default_rng(1))
+        cast_rays(to_gray(bare), edges, painted.marking(), RELATIVE, RaysConfig(), np.random.default_rng(1))
     assert refused.value.code == "no_band"
 
 
@@ -192,7 +192,7 @@ def test_a_camera_that_is_a_little_off_leads_along_the_whole_circle(painted):
     off = view(position=(4.1, 40.3, -22.2), focal=2312.0)
     model = ProjectionModel(NEAR.width, NEAR.height, Surface("flat", CIRCLE.radius_m))
     fit = camera_fit(off, theta=theta_of(off, model))
-    points, sigma = measure_along_model(grey(painted.image), fit, CIRCLE, SOCCER, 1.5, RaysConfig())
+    points, sigma = measure_along_model(to_gray(painted.image), fit, CIRCLE, SOCCER, 1.5, RaysConfig())
     assert len(points) > 400
     assert sigma.shape == (len(points),)
     assert np.median(np.abs(distances(painted, points, "center"))) < 0.15
@@ -215,7 +215,7 @@ def test_an_arc_is_measured_between_its_ends():
     cv2.circle(image, (round(float(boot[0]) + 5), round(float(boot[1]))), 4, (240, 240, 240), -1)
     model = ProjectionModel(camera.width, camera.height, Surface("flat", arc.radius_m))
     fit = camera_fit(camera, theta=theta_of(camera, model))
-    points, _ = measure_along_model(grey(image), fit, arc, SOCCER, 1.5, RaysConfig())
+    points, _ = measure_along_model(to_gray(image), fit, arc, SOCCER, 1.5, RaysConfig())
     truth = camera.project(middle)
     distance = np.linalg.norm(points[:, None] - truth, axis=-1)
     assert len(points) > 100

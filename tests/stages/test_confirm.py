@@ -1,4 +1,6 @@
-"""Markings that must be in view: painted, left out, hidden, and too uncertain to be looked for."""
+"""Markings that must be in view: painted, left out, hidden, and too uncertain to be looked for; and circles whose
+paint is so faint that single profiles do not show it.
+"""
 
 from dataclasses import replace
 
@@ -9,11 +11,12 @@ import pytest
 from circlecal.camera.parameters import PARAMETERS, ProjectionModel, theta_of
 from circlecal.field import load_field
 from circlecal.geometry.surface import Surface
+from circlecal.paint.matched_filter import CLEAR, SECTORS
 from circlecal.results import Agreement, Cues, MarkCue
-from circlecal.stages.agreement import expected_markings
+from circlecal.stages.confirm import is_circle_painted, look_for_markings, measure_circle_sectors
 from circlecal.stages.verdict import LEAST_FOUND, confirmed, doubtful, surely_assigned
 
-from .conftest import view
+from .conftest import CIRCLE, SOCCER, view
 from .test_verdict import camera_fit, verdict
 
 RINK = load_field("ice-hockey")
@@ -40,7 +43,7 @@ def painted(template=RINK, without=(), camera=CAMERA):
 
 
 def test_painted_markings_are_found_whatever_their_shape():
-    found = expected_markings(painted(), fit_of(CAMERA), RINK, CENTRE, KNOWN, None)
+    found = look_for_markings(painted(), fit_of(CAMERA), RINK, CENTRE, KNOWN, None)
     assert {"faceoff_left_top", "faceoff_right_bottom", "blue_line_left"} <= set(found.names)
     assert not {"centre_circle", "centre_line"} & set(found.names)
     assert found.share.min() > 0.8
@@ -50,20 +53,20 @@ def test_painted_markings_are_found_whatever_their_shape():
 
 def test_markings_that_are_not_there_are_missed():
     circles = tuple(circle.name for circle in RINK.circles)
-    found = expected_markings(painted(without=circles), fit_of(CAMERA), RINK, CENTRE, KNOWN, None)
+    found = look_for_markings(painted(without=circles), fit_of(CAMERA), RINK, CENTRE, KNOWN, None)
     for name, share in zip(found.names, found.share, strict=True):
         assert share < LEAST_FOUND if name in circles else share > 0.8
     wrong = replace(CAMERA, angles_rad=CAMERA.angles_rad + np.array([0.06, 0.03, 0.0]))
-    assert expected_markings(painted(), fit_of(wrong), RINK, CENTRE, KNOWN, None).found_share < LEAST_FOUND
+    assert look_for_markings(painted(), fit_of(wrong), RINK, CENTRE, KNOWN, None).found_share < LEAST_FOUND
 
 
 def test_only_what_is_known_well_and_lies_on_the_seen_surface_is_expected():
-    assert expected_markings(painted(), fit_of(CAMERA, 0.1), RINK, CENTRE, KNOWN, None).names == ()
+    assert look_for_markings(painted(), fit_of(CAMERA, 0.1), RINK, CENTRE, KNOWN, None).names == ()
     right = np.zeros((36, 64), np.bool_)
     right[:, 32:] = True
-    found = expected_markings(painted(), fit_of(CAMERA), RINK, CENTRE, KNOWN, right)
+    found = look_for_markings(painted(), fit_of(CAMERA), RINK, CENTRE, KNOWN, right)
     assert set(found.names) and not [name for name in found.names if "left" in name]
-    assert expected_markings(painted(), fit_of(CAMERA), RINK, CENTRE, KNOWN, ~right & right) == Agreement(
+    assert look_for_markings(painted(), fit_of(CAMERA), RINK, CENTRE, KNOWN, ~right & right) == Agreement(
         (), pytest.approx(np.zeros(0)), pytest.approx(np.zeros(0))
     )
 
@@ -99,7 +102,7 @@ def test_where_the_places_are_not_well_known_a_circle_is_only_doubted():
     missing = Agreement(("a",), np.array([0.3 * camera.camera.width]), np.array([0.02]), certain=False)
     found = confirmed(accepted, camera, Cues(None, None), missing)
     assert found.status == "calibrated" and doubtful(found) and not doubtful(accepted)
-    loose = expected_markings(painted(), fit_of(CAMERA, 0.007), RINK, CENTRE, KNOWN, None)
+    loose = look_for_markings(painted(), fit_of(CAMERA, 0.007), RINK, CENTRE, KNOWN, None)
     assert not loose.certain
     assert loose.found_share > 0.7
 
@@ -112,6 +115,47 @@ def test_a_marking_behind_a_barrel_lens_is_not_expected_where_the_lens_model_fol
     fit = camera_fit(camera, theta=theta, covariance=np.eye(len(PARAMETERS)) * 1e-10, parameters=PARAMETERS)
     beside = camera.project(np.linspace(*template.line_ends(template.line_by_name["big_rect_left_top"]), 200))
     assert ((beside > 0) & (beside < (800, 448))).all(axis=1).any()  # with the lens, but not in the picture
-    found = expected_markings(np.full((448, 800), 90, np.uint8), fit, template, circle, frozenset(), None)
+    found = look_for_markings(np.full((448, 800), 90, np.uint8), fit, template, circle, frozenset(), None)
     assert "big_rect_right_top" in found.names
     assert not [name for name in found.names if "left" in name]
+
+
+MAIN_CAMERA = view()
+
+
+def picture_of_circle(contrast=0.0, noise=6.0, first=0.0, last=360.0, camera=MAIN_CAMERA):
+    angle = np.radians(np.linspace(first, last, 400))
+    points = camera.project(SOCCER.radius(CIRCLE, "center") * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
+    drawn = np.full((camera.height, camera.width), 90.0)
+    cv2.polylines(
+        drawn, [np.round(16 * points).astype(np.int32)[:, None]], False, (90.0 + contrast,), 3, cv2.LINE_AA, 4
+    )
+    drawn += np.random.default_rng(1).normal(0, noise, drawn.shape)
+    return drawn.clip(0, 255).astype(np.uint8)
+
+
+def test_faint_paint_shows_in_every_sector():
+    sectors = measure_circle_sectors(picture_of_circle(contrast=10.0), fit_of(MAIN_CAMERA), SOCCER, CIRCLE)
+    assert len(sectors) == SECTORS
+    assert (sectors > CLEAR).mean() > 0.8
+    assert is_circle_painted(picture_of_circle(contrast=10.0), fit_of(MAIN_CAMERA), SOCCER, CIRCLE)
+
+
+def test_bare_grass_an_arc_and_a_wrong_camera_are_not_is_circle_painted():
+    assert (measure_circle_sectors(picture_of_circle(), fit_of(MAIN_CAMERA), SOCCER, CIRCLE) > CLEAR).mean() < 0.2
+    assert not is_circle_painted(picture_of_circle(), fit_of(MAIN_CAMERA), SOCCER, CIRCLE)
+    assert not is_circle_painted(picture_of_circle(30.0, 2.0, 40.0, 160.0), fit_of(MAIN_CAMERA), SOCCER, CIRCLE)
+    other = view(position=(4.0, 50.0, -16.0))
+    assert not is_circle_painted(picture_of_circle(30.0, 2.0), fit_of(other), SOCCER, CIRCLE)
+
+
+def test_a_circle_that_is_mostly_out_of_view_says_nothing():
+    near = view(target=(9.0, 0.0, 0.0), focal=6000.0)
+    assert (
+        len(measure_circle_sectors(picture_of_circle(30.0, 2.0, camera=near), fit_of(near), SOCCER, CIRCLE))
+        < SECTORS // 2
+    )
+    assert not is_circle_painted(picture_of_circle(30.0, 2.0, camera=near), fit_of(near), SOCCER, CIRCLE)
+    away = view(target=(0.0, 400.0, 0.0))
+    assert len(measure_circle_sectors(picture_of_circle(camera=near), fit_of(away), SOCCER, CIRCLE)) == 0
+    assert not is_circle_painted(picture_of_circle(camera=near), fit_of(away), SOCCER, CIRCLE)

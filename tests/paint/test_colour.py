@@ -1,7 +1,12 @@
+"""Colour of paint, and of the surface beside it."""
+
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from circlecal.detection.sides import paint_colour, painted_alike, painted_on_one_surface
+from circlecal.paint.bands import BandProfile
+from circlecal.paint.colour import lie_on_one_surface, measure_paint_colour, segments_match_paint
 
 SEGMENTS = np.array([[[20.0, 100.0], [620.0, 100.0]], [[20.0, 200.0], [620.0, 210.0]]])
 
@@ -17,16 +22,22 @@ def picture(below: tuple[int, int, int]) -> np.ndarray:
     return image
 
 
+def band(width: float) -> BandProfile:
+    """A marking of this width that is seen at 90 places, in the middle of each profile."""
+    seen = np.ones(90, np.bool_)
+    return BandProfile(np.zeros(90), np.full(90, 100.0), np.full(90, width), seen, seen)
+
+
 def test_the_foot_of_a_board_is_no_marking() -> None:
-    assert painted_on_one_surface(picture((150, 60, 200)), SEGMENTS).tolist() == [True, False]
+    assert lie_on_one_surface(picture((150, 60, 200)), SEGMENTS).tolist() == [True, False]
 
 
 def test_shade_beside_a_line_changes_nothing() -> None:
-    assert painted_on_one_surface(picture((30, 65, 35)), SEGMENTS).all()
+    assert lie_on_one_surface(picture((30, 65, 35)), SEGMENTS).all()
 
 
 def test_no_segments() -> None:
-    assert painted_on_one_surface(picture((0, 0, 0)), np.zeros((0, 2, 2))).shape == (0,)
+    assert lie_on_one_surface(picture((0, 0, 0)), np.zeros((0, 2, 2))).shape == (0,)
 
 
 def test_another_paint_than_the_circle_s_is_no_marking_of_the_field() -> None:
@@ -35,13 +46,14 @@ def test_another_paint_than_the_circle_s_is_no_marking_of_the_field() -> None:
     image[199:202] = (50, 190, 200)
     image[149:152] = (80, 145, 88)
     normals, points = np.tile([0.0, 1.0], (90, 1)), np.stack([np.linspace(20, 620, 90), np.full(90, 100.0)], axis=-1)
-    white = paint_colour(image, points, normals, np.full(90, 3.0))
+    white = measure_paint_colour(image, points, normals, band(3.0))
     assert white == pytest.approx([170, 100, 160], abs=1)
     lines = np.array([[[20.0, y], [620.0, y]] for y in (100.0, 150.0, 200.0, 300.0)])
-    assert painted_alike(image, lines, white).tolist() == [True, True, False, True]
-    assert painted_alike(image, lines, np.zeros(3)).all()
-    assert painted_alike(image, lines[:0], white).shape == (0,)
-    assert paint_colour(image, points[:0], normals[:0], np.zeros(0)).tolist() == [0.0, 0.0, 0.0]
+    assert segments_match_paint(image, lines, white).tolist() == [True, True, False, True]
+    assert segments_match_paint(image, lines, np.zeros(3)).all()
+    assert segments_match_paint(image, lines[:0], white).shape == (0,)
+    nowhere = replace(band(3.0), supported=np.zeros(90, np.bool_))
+    assert measure_paint_colour(image, points, normals, nowhere).tolist() == [0.0, 0.0, 0.0]
 
 
 @pytest.mark.parametrize("width", [3, 9, 25])
@@ -50,7 +62,8 @@ def test_wide_paint_is_told_from_the_surface_beyond_it(width: int) -> None:
     image[100 - width // 2 : 101 + width // 2] = (230, 230, 230)
     image[300 - width // 2 : 301 + width // 2] = (50, 190, 200)
     normals, points = np.tile([0.0, 1.0], (90, 1)), np.stack([np.linspace(20, 1260, 90), np.full(90, 100.0)], axis=-1)
-    white = paint_colour(image, points, normals, np.full(90, float(width)))
+    white = measure_paint_colour(image, points, normals, band(width))
     assert white == pytest.approx([170, 100, 160], abs=1)
     lines = np.array([[[20.0, y], [1260.0, y]] for y in (100.0, 300.0)])
-    assert painted_alike(image, lines, white).tolist() == [True, width == 25]  # too faint beside the middle to tell
+    # too faint beside the middle to tell
+    assert segments_match_paint(image, lines, white).tolist() == [True, width == 25]

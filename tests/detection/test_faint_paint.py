@@ -1,44 +1,43 @@
 """Paint that shows in sums only."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from circlecal.detection import DetectorConfig, detect
-from circlecal.detection.hypotheses import EllipseBatch
-from circlecal.detection.paint import painted_share
-from circlecal.geometry.conics import ellipse_from_conic, sampson_distance
-from circlecal.paint.matched_filter import SECTORS
+from circlecal.geometry.conics import Ellipse, ellipse_from_conic, sampson_distance
+from circlecal.paint.matched_filter import SECTORS, measure_painted_share
 
 from .conftest import HALFWAY_AND_CIRCLE, RADIUS_M, Scene, paint_scene, ring
 
 FAINT = {"contrast": 8.0, "noise": 6.0}
 
 
-def true_ellipse(scene: Scene, shift: float = 0.0) -> EllipseBatch:
+def true_ellipse(scene: Scene, shift: float = 0.0) -> Ellipse:
     ellipse = ellipse_from_conic(scene.conic)
     assert ellipse is not None
-    frame = ellipse.frame()
-    return EllipseBatch(ellipse.center[None] + (0.0, shift), frame[None, :2, 0], frame[None, :2, 1])
+    return replace(ellipse, center=ellipse.center + np.array([0.0, shift]))
 
 
-def grey(scene: Scene) -> np.ndarray:
+def gray(scene: Scene) -> np.ndarray:
     return scene.image.mean(axis=-1).astype(np.uint8)
 
 
 def test_faint_paint_stands_out_in_the_sectors_that_it_fills() -> None:
     whole = paint_scene(**FAINT)
-    share, sectors = painted_share(grey(whole), true_ellipse(whole), 1.0)
+    share, sectors = measure_painted_share(gray(whole), true_ellipse(whole), 1.0)
     assert sectors == SECTORS
     assert share > 0.8
     half = paint_scene(markings=(ring(0.0, RADIUS_M, 0.0),), **FAINT)
-    assert painted_share(grey(half), true_ellipse(half), 1.0)[0] == pytest.approx(0.5, abs=0.12)
-    assert painted_share(grey(whole), true_ellipse(whole), -1.0)[0] < 0.1
-    assert painted_share(grey(whole), true_ellipse(whole, 12.0), 1.0)[0] < 0.2
+    assert measure_painted_share(gray(half), true_ellipse(half), 1.0)[0] == pytest.approx(0.5, abs=0.12)
+    assert measure_painted_share(gray(whole), true_ellipse(whole), -1.0)[0] < 0.1
+    assert measure_painted_share(gray(whole), true_ellipse(whole, 12.0), 1.0)[0] < 0.2
 
 
 def test_an_ellipse_outside_the_picture_has_no_sectors() -> None:
     scene = paint_scene()
-    assert painted_share(grey(scene), true_ellipse(scene, 5000.0), 1.0) == (0.0, 0)
+    assert measure_painted_share(gray(scene), true_ellipse(scene, 5000.0), 1.0) == (0.0, 0)
 
 
 def test_a_circle_too_faint_for_single_places_is_likely_with_its_line() -> None:

@@ -7,18 +7,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.detection.circle import MeasuredCircle
-from circlecal.detection.halfway import MeasuredLine
 from circlecal.geometry.projective import Array
+from circlecal.paint.bands import BandProfile
 
-__all__ = [
-    "alike_paint",
-    "colour_of_circle",
-    "colour_of_line",
-    "paint_colour",
-    "painted_alike",
-    "painted_on_one_surface",
-]
+__all__ = ["lie_on_one_surface", "match_paint", "measure_paint_colour", "segments_match_paint"]
 
 _ENOUGH = 128  # places along a marking whose median is its colour
 _SAMPLES = 48  # along each segment
@@ -29,7 +21,7 @@ _ONE_PAINT = 0.9  # least cosine between the colours that two markings in one pa
 _LEAST_COLOUR = 4.0  # grey levels that a marking must add to its surface for their colour to be told
 
 
-def painted_on_one_surface(image_bgr: NDArray[np.uint8], segments: Array) -> NDArray[np.bool_]:
+def lie_on_one_surface(image_bgr: NDArray[np.uint8], segments: Array) -> NDArray[np.bool_]:
     """Whether the colour beside each segment, whatever its brightness, is the same on both sides.
 
     Parameters
@@ -44,58 +36,49 @@ def painted_on_one_surface(image_bgr: NDArray[np.uint8], segments: Array) -> NDA
     """
     if len(segments) == 0:
         return np.zeros(0, np.bool_)
-    beside = _beside(image_bgr, *_samples(segments), np.zeros(1)).reshape(len(segments), _SAMPLES, 2, -1, 3)
+    beside = _colours_beside(image_bgr, *_sample_segments(segments), np.zeros(1)).reshape(
+        len(segments), _SAMPLES, 2, -1, 3
+    )
     colour = beside.mean(axis=-2) + 1.0  # of each sample and side
     share = np.median(colour / colour.sum(axis=-1, keepdims=True), axis=1)
     return np.asarray(np.abs(share[:, 0] - share[:, 1]).max(axis=-1) <= _ALIKE, np.bool_)
 
 
-def paint_colour(image_bgr: NDArray[np.uint8], points: Array, normals: Array, widths: Array) -> Array:
-    """What the paint of a marking adds to the blue, green and red of its surface: medians (3,) over points on it.
+def measure_paint_colour(image_bgr: NDArray[np.uint8], points: Array, normals: Array, band: BandProfile) -> Array:
+    """What the paint of a marking adds to the blue, green and red of its surface: medians (3,) over the places of a
+    curve where the marking is seen, zeros where it is seen nowhere.
 
     Parameters
     ----------
     image_bgr : (H, W, 3) uint8
     points, normals : (N, 2) array
-        Middle of the marking, px, and unit normals.
-    widths : (N,) array
-        Of the marking, px.
+        Samples of the curve, px, and unit normals.
+    band : BandProfile
+        What was measured there.
     """
-    if len(points) == 0:
+    on = np.flatnonzero(band.supported)
+    if len(on) == 0:
         return np.zeros(3)
-    every = max(1, len(points) // _ENOUGH)
-    added = _added(image_bgr, points[::every], normals[::every], widths[::every])
-    return np.asarray(np.median(added, axis=0))
+    on = on[:: max(1, len(on) // _ENOUGH)]
+    middle = points[on] + band.offset[on, None] * normals[on]
+    return np.asarray(np.median(_added_colours(image_bgr, middle, normals[on], band.width[on]), axis=0))
 
 
-def colour_of_circle(image_bgr: NDArray[np.uint8], circle: MeasuredCircle) -> Array:
-    """What the circle's paint adds to its surface, (3,)."""
-    on = circle.band.supported
-    return paint_colour(image_bgr, circle.marking_points, circle.normals[on], circle.band.width[on])
-
-
-def colour_of_line(image_bgr: NDArray[np.uint8], line: MeasuredLine) -> Array:
-    """What a line's paint adds to its surface, (3,)."""
-    on = line.band.supported
-    points = line.points[on] + line.band.offset[on, None] * line.normals[on]
-    return paint_colour(image_bgr, points, line.normals[on], line.band.width[on])
-
-
-def painted_alike(image_bgr: NDArray[np.uint8], segments: Array, colour: Array) -> NDArray[np.bool_]:
+def segments_match_paint(image_bgr: NDArray[np.uint8], segments: Array, colour: Array) -> NDArray[np.bool_]:
     """Whether each segment (K, 2, 2) adds the colour (3,) of another marking's paint to the surface, in whatever
     strength; also where one of the two is too faint to tell.
     """
     if len(segments) == 0:
         return np.zeros(0, np.bool_)
-    places = _samples(segments)
+    places = _sample_segments(segments)
     narrow, wide = (
-        np.median(_added(image_bgr, *places, np.full(1, width)).reshape(len(segments), _SAMPLES, 3), axis=1)
+        np.median(_added_colours(image_bgr, *places, np.full(1, width)).reshape(len(segments), _SAMPLES, 3), axis=1)
         for width in (0.0, _WIDE_PX1280 * image_bgr.shape[1] / 1280.0)
     )
-    return np.asarray(alike_paint(narrow, colour) | alike_paint(wide, colour), np.bool_)
+    return np.asarray(match_paint(narrow, colour) | match_paint(wide, colour), np.bool_)
 
 
-def alike_paint(added: Array, colour: Array) -> NDArray[np.bool_]:
+def match_paint(added: Array, colour: Array) -> NDArray[np.bool_]:
     """Whether what markings add to their surfaces (..., 3) is the colour (3,) of another one's paint, in whatever
     strength; also where one of the two is too faint to tell.
     """
@@ -104,7 +87,7 @@ def alike_paint(added: Array, colour: Array) -> NDArray[np.bool_]:
     return np.asarray(alike | (np.minimum(strength, usual) < _LEAST_COLOUR), np.bool_)
 
 
-def _samples(segments: Array) -> tuple[Array, Array]:
+def _sample_segments(segments: Array) -> tuple[Array, Array]:
     """Places along segments (K, 2, 2), one segment after the other, and unit normals there, (K * _SAMPLES, 2) each."""
     span = segments[:, 1] - segments[:, 0]
     normal = np.stack([span[:, 1], -span[:, 0]], axis=-1)
@@ -114,13 +97,13 @@ def _samples(segments: Array) -> tuple[Array, Array]:
     return points.reshape(-1, 2), np.repeat(normal, _SAMPLES, axis=0)
 
 
-def _added(image_bgr: NDArray[np.uint8], points: Array, normals: Array, widths: Array) -> Array:
+def _added_colours(image_bgr: NDArray[np.uint8], points: Array, normals: Array, widths: Array) -> Array:
     """Colour (N, 3) of each place less that of its sides, beyond markings of these widths (N,) or (1,)."""
     x, y = np.clip(np.rint(points), 0, (image_bgr.shape[1] - 1, image_bgr.shape[0] - 1)).astype(np.int64).T
-    return np.asarray(image_bgr[y, x] - _beside(image_bgr, points, normals, widths).mean(axis=(1, 2)))
+    return np.asarray(image_bgr[y, x] - _colours_beside(image_bgr, points, normals, widths).mean(axis=(1, 2)))
 
 
-def _beside(image_bgr: NDArray[np.uint8], points: Array, normals: Array, widths: Array) -> Array:
+def _colours_beside(image_bgr: NDArray[np.uint8], points: Array, normals: Array, widths: Array) -> Array:
     """Colours (N, 2, S, 3) on both sides of places (N, 2) on markings of these widths (N,) or (1,)."""
     height, width = image_bgr.shape[:2]
     scale = max(1.0, width / 1280.0)

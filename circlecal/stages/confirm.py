@@ -1,4 +1,6 @@
-"""Whether the markings that a camera puts into view are there: those of a wrong circle's camera are not."""
+"""Whether the picture confirms a camera: whether the markings that it puts into view are there (those of a wrong
+circle's camera are not), and whether its circle is painted nearly everywhere, however faintly.
+"""
 
 from __future__ import annotations
 
@@ -8,14 +10,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.camera.parameters import INDEX, fitted_model
+from circlecal.camera.parameters import INDEX, fitted_model, project
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.projective import Array
 from circlecal.line_naming.expectation import DrawnMarkings, drawn_markings
 from circlecal.paint.bands import RefinementConfig, measure_band
+from circlecal.paint.matched_filter import CLEAR, EVEN_ANGLES, LEAST_WIDTH_PX, measure_sectors
 from circlecal.results import Agreement, CameraFit
 
-__all__ = ["expected_markings"]
+__all__ = ["is_circle_painted", "look_for_markings", "measure_circle_sectors"]
 
 SPACING_PX = 4.0
 """Distance of the profiles along a marking, pixels at 1920 px width."""
@@ -37,10 +40,15 @@ where it is shifted.
 """
 THINNEST = 0.2, 0.6
 """Paint must be as wide in the picture as this share of the quantile of the circle's own, which was seen."""
+LEAST_SHARE, LEAST_SECTORS = 0.75, 18
+"""A circle is painted with this share of its sectors, if the picture shows three quarters of them (no arc of another
+marking is as long, and ellipses stitched from other lines and streaks have half of them at most).
+"""
+
 _SIZES = ("width", "length", "breadth")
 
 
-def expected_markings(
+def look_for_markings(
     picture: NDArray[np.uint8],
     fit: CameraFit,
     template: FieldTemplate,
@@ -80,7 +88,9 @@ def expected_markings(
     names, nodes, shifts = tuple(names[k] for k in wanted), nodes[wanted], shifts[wanted]
     sizes = fit.theta[[INDEX[name] for name in _SIZES]]
     drawn = drawn_markings(fit.theta, nodes + np.einsum("s,ksi->ki", sizes, shifts)[:, None], model)
-    element, base, normal, spread, across = _samples(drawn, _sigmas(fit, drawn, shifts), SPACING_PX * unit)
+    element, base, normal, spread, across = _sample_markings(
+        drawn, _predict_sigmas(fit, drawn, shifts), SPACING_PX * unit
+    )
     visible = np.asarray(((base > 0) & (base < (model.width - 1, model.height - 1))).all(axis=1), np.bool_)
     mine = element == 0
     if not (visible & mine).any():
@@ -101,7 +111,7 @@ def expected_markings(
         return Agreement((), np.zeros(0), np.zeros(0))
     places = _Places(base[visible], normal[visible], spread[visible], template.marking_width_m * across[visible])
     count = np.bincount(element)
-    share = _drawn(picture, places, element, shifts_sd, unit) / count
+    share = _count_painted(picture, places, element, shifts_sd, unit) / count
     length = count.astype(np.float64) * (SPACING_PX * unit)
     return Agreement(tuple(names[k] for k in kept), length, share, certain)
 
@@ -116,7 +126,7 @@ class _Places:
     width: Array
 
 
-def _drawn(
+def _count_painted(
     picture: NDArray[np.uint8], places: _Places, element: NDArray[np.intp], shifts_sd: Sequence[float], unit: float
 ) -> Array:
     """At how many places of each marking there is paint: piece by piece at the best of the shifts, which are given in
@@ -136,7 +146,7 @@ def _drawn(
     return np.asarray(np.bincount(owner, best), np.float64)
 
 
-def _sigmas(fit: CameraFit, drawn: DrawnMarkings, shifts: Array) -> Array:
+def _predict_sigmas(fit: CameraFit, drawn: DrawnMarkings, shifts: Array) -> Array:
     """Standard deviation (K, N) of the places along their normals, pixels."""
     by_theta = drawn.by_theta.copy()
     by_theta[[INDEX[name] for name in _SIZES]] += np.einsum("ksi,ikn->skn", shifts, drawn.by_field)
@@ -145,7 +155,7 @@ def _sigmas(fit: CameraFit, drawn: DrawnMarkings, shifts: Array) -> Array:
     return np.sqrt(np.maximum(variance, 0.0)).reshape(by_theta.shape[1:])
 
 
-def _samples(
+def _sample_markings(
     drawn: DrawnMarkings, sigma: Array, spacing_px: float
 ) -> tuple[NDArray[np.int_], Array, Array, Array, Array]:
     """Places at equal steps along what the picture may show of the markings: which marking (M,), pixels, normals
@@ -166,3 +176,42 @@ def _samples(
 
     across = between(drawn.across)[:, 0]
     return element, between(drawn.pixels), between(drawn.normals), between(sigma)[:, 0], across
+
+
+def is_circle_painted(picture: NDArray[np.uint8], fit: CameraFit, template: FieldTemplate, circle: Circle) -> bool:
+    """Whether paint shows nearly everywhere along the predicted circle; the parameters are those of
+    :func:`measure_circle_sectors`.
+    """
+    sectors = measure_circle_sectors(picture, fit, template, circle)
+    return len(sectors) >= LEAST_SECTORS and float(np.mean(sectors > CLEAR)) >= LEAST_SHARE
+
+
+def measure_circle_sectors(
+    picture: NDArray[np.uint8], fit: CameraFit, template: FieldTemplate, circle: Circle
+) -> Array:
+    """By how many standard deviations the paint stands out in each sector of the circle that the picture shows.
+
+    Parameters
+    ----------
+    picture : (H, W) uint8
+        Brightness, with the markings lighter than the field.
+    fit : CameraFit
+        Says where the circle is.
+    template, circle : FieldTemplate, Circle
+        The field and the circle.
+
+    Returns
+    -------
+    (K,) array
+        At most 24 of them, in order.
+    """
+    model = fitted_model(fit, circle)
+    outward = np.stack([np.cos(EVEN_ANGLES), np.sin(EVEN_ANGLES)])
+    ring = np.asarray(circle.center) + template.radius(circle, "center") * outward.T
+    seen = project(fit.theta[None], ring[None], model)
+    along = seen.along(-outward[None, 1], outward[None, 0])[0].T
+    normals = np.stack([-along[:, 1], along[:, 0]], axis=-1) / np.maximum(np.hypot(*along.T), 1e-9)[:, None]
+    across = np.abs((seen.along(outward[None, 0], outward[None, 1])[0].T * normals).sum(axis=-1))
+    width = np.maximum(template.marking_width_m * across, LEAST_WIDTH_PX * model.width / 1920.0)
+    places = np.where(seen.depth[0][:, None] > 0, seen.pixels[0], -1.0)
+    return measure_sectors(picture, places, width[:, None] * normals)
