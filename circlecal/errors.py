@@ -14,7 +14,7 @@ class InputError(CirclecalError):
 
 
 class MissingExtraError(CirclecalError):
-    """An optional package is not installed.
+    """An optional package is not installed; the text says how to install it from an index or from a checkout.
 
     Parameters
     ----------
@@ -25,7 +25,9 @@ class MissingExtraError(CirclecalError):
     """
 
     def __init__(self, package: str, extra: str) -> None:
-        super().__init__(f"{package} is not installed; install it with: pip install 'circlecal[{extra}]'")
+        super().__init__(
+            f"{package} is not installed; pip install {package}, or pip install '.[{extra}]' in a checkout"
+        )
         self.package = package
         self.extra = extra
 

@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[1]
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory):
     """A folder with nothing of circlecal but its wheel's content."""
-    pytest.importorskip("hatchling", reason="hatchling builds the wheel; it comes with circlecal[dev]")
+    pytest.importorskip("hatchling", reason="hatchling builds the wheel; it comes with the extra dev")
     folder = tmp_path_factory.mktemp("wheel")
     build = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(folder), str(ROOT)]
     subprocess.run(build, check=True, capture_output=True)

@@ -61,7 +61,7 @@ app = typer.Typer(
     help="Calibrate a sports camera from the circle of a field marking.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
-    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
     epilog="Exit code: 0 all calibrated, 1 some refused, 2 wrong use or input, 130 interrupted.",
 )
 app.command()(calibrate)

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     from circlecal.api import FrameRun
     from circlecal.batch import BatchProgress
+    from circlecal.config import Config
     from circlecal.formats.inputs import FrameOfFile
     from circlecal.pictures.files import Frame
     from circlecal.records.summary import FrameSummary
@@ -69,12 +70,26 @@ def calibrate(
             if json_lines:
                 console.print_line(result_line(record))
     exports.finish()
-    if summaries and not json_lines and not quiet:
-        console.print_summaries(summaries)
+    if summaries and not quiet:
+        if not json_lines:
+            console.print_summaries(summaries)
+        console.print_note(_written([summary.id for summary in summaries], out, chosen))
     if failures:
         raise typer.Exit(2)
     if any(summary.status != "calibrated" for summary in summaries):
         raise typer.Exit(1)
+
+
+def _written(ids: Sequence[str], out: Path, config: Config) -> str:
+    """Which files the results are in."""
+    from circlecal.pictures.files import OVERLAY_SUFFIX, RADAR_SUFFIX
+
+    wanted = {OVERLAY_SUFFIX: config.output.overlay, RADAR_SUFFIX: config.output.radar}
+    suffixes = [".json", *(suffix for suffix, chosen in wanted.items() if chosen)]
+    if len(ids) > 1:
+        return f"{len(ids)} results are in {out} ({', '.join(f'<id>{suffix}' for suffix in suffixes)})"
+    files = [out / f"{ids[0]}{suffix}" for suffix in suffixes]
+    return f"wrote {', '.join(str(file) for file in files if file.is_file())}"
 
 
 def _records(

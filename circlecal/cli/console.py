@@ -63,6 +63,11 @@ def print_error(text: str) -> None:
     stderr_console().print(f"circlecal: error: {text}", soft_wrap=True, highlight=False, markup=False)
 
 
+def print_note(text: str) -> None:
+    """Print one line on stderr that is no error, such as where the results are."""
+    stderr_console().print(f"circlecal: {text}", soft_wrap=True, highlight=False, markup=False)
+
+
 def reported(failures: list[Exception]) -> Callable[[Exception], None]:
     """A function that prints an error as one line, and keeps it."""
 

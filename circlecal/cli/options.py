@@ -19,6 +19,20 @@ if TYPE_CHECKING:
     from circlecal.pictures.video import Video
 
 
+def complete_config(incomplete: str) -> list[str]:
+    """Names of shipped configurations that begin so, for the shell."""
+    from circlecal.config import config_names
+
+    return [name for name in config_names() if name.startswith(incomplete)]
+
+
+def complete_field(incomplete: str) -> list[str]:
+    """Names of shipped field templates that begin so, for the shell."""
+    from circlecal.field import field_names
+
+    return [name for name in field_names() if name.startswith(incomplete)]
+
+
 class Convention(StrEnum):
     """Where annotated points of a marking lie."""
 
@@ -68,14 +82,24 @@ Mask = Annotated[
     ),
 ]
 ConfigFile = Annotated[
-    str | None, typer.Option("--config", "-c", metavar="FILE|NAME", help="YAML file, or a name such as broadcast.")
+    str | None,
+    typer.Option(
+        "--config",
+        "-c",
+        metavar="FILE|NAME",
+        help="YAML file, or a name such as broadcast.",
+        autocompletion=complete_config,
+    ),
 ]
 Settings = Annotated[
     list[str] | None, typer.Option("--set", "-s", metavar="KEY=VALUE", help="Set section.key=value; repeatable.")
 ]
 Workers = Annotated[int | None, typer.Option("--workers", "-w", min=1, help="Worker processes. [default: one per CPU]")]
 FieldName = Annotated[
-    str | None, typer.Option("--field", metavar="NAME|FILE", help="Field template; see circlecal fields.")
+    str | None,
+    typer.Option(
+        "--field", metavar="NAME|FILE", help="Field template; see circlecal fields.", autocompletion=complete_field
+    ),
 ]
 CameraPrior = Annotated[
     Path | None,

@@ -1,7 +1,7 @@
 """Networks in ONNX format in the place of the built-in detector: class masks and heat maps of keypoints.
 
 No weights come with circlecal and none are fetched. Any network of the layouts described in ``configs/networks`` runs
-on onnxruntime (extra ``circlecal[onnx]``); one session per model is kept for all frames of a run.
+on onnxruntime (extra ``onnx``); one session per model is kept for all frames of a run.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""The frames of the ``samples`` folder; ``python -m circlecal.synthetic.samples FOLDER`` makes them again."""
+"""The frames of the ``samples`` folder; ``python -m circlecal.synthetic.samples FOLDER`` makes them again.
+
+Masks go into a folder of their own: beside the pictures they would be taken instead of the detector.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from circlecal.pictures.files import MASK_SUFFIX
 from circlecal.synthetic.cameras import aimed_camera, soccer
 from circlecal.synthetic.dataset import write_frame
 from circlecal.synthetic.looks import sample_config
@@ -19,10 +23,11 @@ from circlecal.synthetic.surface import CrownedSurface
 
 _HD, _FULL_HD = (1280, 720), (1920, 1080)
 _SEED = 9150
+SEGMENTATION_FOLDER = "segmentation"
 
 
 def write_samples(out: Path) -> list[str]:
-    """Render the samples with masks and truth into a folder; the ids come back.
+    """Render the samples into a folder, their masks and truth into folders in it; the ids come back.
 
     Raises
     ------
@@ -33,6 +38,9 @@ def write_samples(out: Path) -> list[str]:
         rng = np.random.default_rng([_SEED, number])
         scene = compose(rng)
         write_frame(out, name, render(scene, rng), scene.config.jpeg_quality, {"profile": "sample"})
+        (out / SEGMENTATION_FOLDER).mkdir(exist_ok=True)
+        mask = f"{name}{MASK_SUFFIX}"
+        (out / mask).replace(out / SEGMENTATION_FOLDER / mask)
     return list(_SAMPLES)
 
 

@@ -20,7 +20,7 @@ from .runs import (
     wait_for,
 )
 
-pytest.importorskip("distributed", reason="the extra circlecal[distributed] is not installed")
+pytest.importorskip("distributed", reason="the extra distributed is not installed")
 
 
 class DaskCluster:
@@ -139,4 +139,4 @@ def test_a_missing_extra_is_one_line(run_circlecal, tmp_path, monkeypatch):
     frames = paint(tmp_path / "frames", 1)
     outcome = run_circlecal("batch", frames, "--out", tmp_path / "out", "--scheduler", "local:1")
     assert outcome.code == 2
-    assert "pip install 'circlecal[distributed]'" in outcome.err
+    assert "pip install '.[distributed]'" in outcome.err

@@ -54,7 +54,7 @@ def test_pictures_of_a_server(run_circlecal, served, frame_file, tmp_path, monke
 
 
 def test_a_url_with_another_protocol(frame_file):
-    pytest.importorskip("fsspec", reason="the extra circlecal[distributed] is not installed")
+    pytest.importorskip("fsspec", reason="the extra distributed is not installed")
     assert read_url(frame_file.as_uri()) == frame_file.read_bytes()
 
 

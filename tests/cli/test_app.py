@@ -31,6 +31,30 @@ def test_every_command_is_in_the_help_and_has_its_own(run_circlecal, command):
     assert f"circlecal {command}" in outcome.out
 
 
+@pytest.mark.parametrize("command", ["", *COMMANDS])
+def test_h_is_help(run_circlecal, command):
+    named = command.split()
+    short, long = run_circlecal(*named, "-h"), run_circlecal(*named, "--help")
+    assert (short.code, short.out) == (0, long.out)
+
+
+@pytest.mark.parametrize(
+    ("typed", "completed"),
+    [
+        ("circlecal cal", ["calibrate"]),
+        ("circlecal calibrate --config bro", ["broadcast"]),
+        ("circlecal batch --field fut", ["futsal"]),
+        ("circlecal bench sol", ["solvers"]),
+    ],
+)
+def test_the_shell_completes_commands_and_names(typed, completed):
+    request = {"_CIRCLECAL_COMPLETE": "complete_bash", "COMP_WORDS": typed, "COMP_CWORD": str(typed.count(" "))}
+    run = subprocess.run(
+        [sys.executable, "-m", "circlecal.cli"], capture_output=True, text=True, env={**os.environ, **request}
+    )
+    assert run.stdout.split() == completed, run.stderr
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_is_in_the_readme(command):
     readme = ROOT / "README.md"

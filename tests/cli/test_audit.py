@@ -61,7 +61,7 @@ def test_without_the_extra(run_circlecal, keypoints, tmp_path, monkeypatch):
     outcome = run_circlecal("audit", keypoints, "--plot", tmp_path / "a.png")
     assert outcome.code == 2
     assert len(outcome.err.splitlines()) == 1
-    assert "circlecal[plot]" in outcome.err
+    assert ".[plot]" in outcome.err
 
 
 def test_wrong_input(run_circlecal, keypoints, tmp_path):

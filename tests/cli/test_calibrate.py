@@ -32,7 +32,7 @@ def test_files_and_table(run_circlecal, frame_file, tmp_path):
     header, row = (line.split("\t") for line in outcome.out.splitlines())
     assert header[:3] == ["id", "verdict", "case"]
     assert row[:3] == ["good", "calibrated", str(record["case"])]
-    assert outcome.err == ""
+    assert outcome.err == f"circlecal: wrote {out / 'good.json'}, {out / 'good.overlay.jpg'}\n"
 
 
 def test_radar(run_circlecal, frame_file, tmp_path):
@@ -51,6 +51,7 @@ def test_a_refused_frame_is_exit_code_1(run_circlecal, frame_file, blank_file, t
     assert record["status"] == "refused"
     assert record["reason"] in outcome.out
     assert "2/2 frames" in outcome.err
+    assert outcome.err.splitlines()[-1] == f"circlecal: 2 results are in {tmp_path / 'out'} (<id>.json)"
 
 
 def test_json_lines(run_circlecal, frame_file, blank_file, tmp_path):

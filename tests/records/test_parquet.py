@@ -25,7 +25,7 @@ def results(tmp_path, frame_file, blank_file):
 
 
 def test_every_frame_is_a_row(run_circlecal, results, tmp_path):
-    parquet = pytest.importorskip("pyarrow.parquet", reason="the extra circlecal[parquet] is not installed")
+    parquet = pytest.importorskip("pyarrow.parquet", reason="the extra parquet is not installed")
     path, found = results
     for given in (path, path.parent):
         outcome = run_circlecal("convert", given, "--to", "parquet", "--out", tmp_path / "table")
@@ -45,7 +45,7 @@ def test_every_frame_is_a_row(run_circlecal, results, tmp_path):
 
 
 def test_beside_the_results_of_a_batch(run_circlecal, frame_file, tmp_path):
-    parquet = pytest.importorskip("pyarrow.parquet", reason="the extra circlecal[parquet] is not installed")
+    parquet = pytest.importorskip("pyarrow.parquet", reason="the extra parquet is not installed")
     out = tmp_path / "out"
     run_circlecal("batch", frame_file, "--out", out, "--workers", 1, "--to", "parquet", "--to", "soccernet")
     assert parquet.read_table(out / "results.parquet").column("id").to_pylist() == ["good"]
@@ -56,7 +56,7 @@ def test_a_missing_extra_is_told_before_the_first_frame(run_circlecal, frame_fil
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     outcome = run_circlecal("batch", frame_file, "--out", tmp_path / "out", "--to", "parquet")
     assert outcome.code == 2
-    assert "pip install 'circlecal[parquet]'" in outcome.err
+    assert "pip install '.[parquet]'" in outcome.err
     assert not (tmp_path / "out").exists()
 
 

@@ -8,6 +8,8 @@ import pytest
 
 from circlecal.cli.synth import Profile
 from circlecal.errors import InputError
+from circlecal.pictures.files import find_frames
+from circlecal.pictures.masks import find_mask
 from circlecal.synthetic.dataset import write_dataset
 from circlecal.synthetic.samples import write_samples
 from circlecal.synthetic.sampling import SCENE_PROFILES
@@ -90,12 +92,29 @@ def test_command_knows_every_profile():
     assert [profile.value for profile in Profile] == list(SCENE_PROFILES)
 
 
-def test_samples(tmp_path):
-    ids = write_samples(tmp_path)
-    files = contents(tmp_path)
+@pytest.fixture(scope="module")
+def samples(tmp_path_factory):
+    """The folder of the samples, written anew, and their ids."""
+    folder = tmp_path_factory.mktemp("samples")
+    return folder, write_samples(folder)
+
+
+def test_samples(samples):
+    folder, ids = samples
+    files = contents(folder)
     assert sum(map(len, files.values())) < 2_500_000
     truth = {i: json.loads(files[f"truth/{i}.json"]) for i in ids}
     assert truth["full_circle"]["center_mark"] == "visible"
     assert truth["hidden_mark"]["center_mark"] == "hidden"
     assert {i for i, t in truth.items() if t["expect"] == "refuse"} == {"penalty_area"}
     assert truth["penalty_area"]["circle_pixels"] == 0
+
+
+def test_samples_show_the_detector(samples):
+    """A mask beside a picture would be taken instead."""
+    folder, ids = samples
+    frames = find_frames([folder])
+    for frame in frames:
+        assert find_mask(frame, None) is None
+        assert find_mask(frame, folder / "segmentation").name == f"{frame.id}.mask.png"
+    assert sorted(frame.id for frame in frames) == sorted(ids)
