@@ -12,7 +12,7 @@ from circlecal.chain import Chain, refused
 from circlecal.config import Config
 from circlecal.errors import ConfigError, EstimationError, InputError
 from circlecal.field import Circle, FieldTemplate, load_field
-from circlecal.geometry.conics import encloses
+from circlecal.geometry.ellipses import encloses
 from circlecal.observations import Observations, joined
 from circlecal.paint.profiles import to_gray
 from circlecal.pictures.interlacing import row_motion, without_combs

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.geometry.camera import Camera
-from circlecal.geometry.conics import Ellipse
+from circlecal.geometry.ellipses import Ellipse
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import SurfaceShape
 from circlecal.observations import CircleEdge, LineEnd, Observations

@@ -9,7 +9,8 @@ from circlecal import overlay
 from circlecal.camera.parameters import PARAMETERS, ProjectionModel, theta_of
 from circlecal.field import load_field
 from circlecal.geometry.camera import Camera, image_center
-from circlecal.geometry.conics import circle_conic, ellipse_from_conic, polar, transform_conic
+from circlecal.geometry.conics import circle_conic, polar, transform_conic
+from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.homography import turn_homography
 from circlecal.geometry.projective import apply_homography, lift, normalise_line, transform_lines
 from circlecal.geometry.surface import Surface

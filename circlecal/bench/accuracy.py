@@ -17,7 +17,8 @@ from circlecal.errors import EstimationError
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.concentric import imaged_center, joint_conic
-from circlecal.geometry.conics import circle_conic, fit_conic, transform_conic
+from circlecal.geometry.conic_fits import fit_conic
+from circlecal.geometry.conics import circle_conic, transform_conic
 from circlecal.geometry.homography import dlt, mean_reprojection_error, reprojection_grid, turn_homography
 from circlecal.geometry.projective import Array, apply_homography, fit_line, transform_lines
 from circlecal.results import CameraFit, Correspondences

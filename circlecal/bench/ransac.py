@@ -9,7 +9,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from circlecal.geometry.conics import Ellipse, fit_conic, refine_conic, sampson_distance
+from circlecal.geometry.conic_fits import fit_conic, refine_conic
+from circlecal.geometry.conics import sampson_distance
+from circlecal.geometry.ellipses import Ellipse
 from circlecal.geometry.projective import Array, Mask, apply_homography, similarity_normalisation
 from circlecal.geometry.ransac import msac_costs, ransac_conic, sample_conics
 

@@ -19,7 +19,8 @@ from circlecal.camera.starts_landmarks import (
 )
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera import Camera
-from circlecal.geometry.conics import Ellipse, ellipse_from_conic, fit_conic
+from circlecal.geometry.conic_fits import fit_conic
+from circlecal.geometry.ellipses import Ellipse, ellipse_from_conic
 from circlecal.geometry.projective import Array, fit_line, lift
 from circlecal.observations import CircleEdge, CirclePoints, Observations
 

@@ -8,7 +8,8 @@ import numpy as np
 
 from circlecal.camera.residuals import CurvePoints, FixedPoints, circle_curve, line_curve, stack_curves
 from circlecal.field import FieldTemplate
-from circlecal.geometry.conics import ellipse_from_conic, fit_conic
+from circlecal.geometry.conic_fits import fit_conic
+from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.projective import Array, Indices, fit_line
 from circlecal.observations import LinePoints, Observations
 

@@ -24,7 +24,7 @@ from circlecal.detection.options import DetectorConfig
 from circlecal.detection.picture import Picture, Scaling
 from circlecal.detection.ruled_out import interpretations_of, segments_left, segments_off
 from circlecal.detection.scoring import RidgeRaster, support_of
-from circlecal.geometry.conics import ellipse_from_conic
+from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.projective import Array
 from circlecal.paint.colour import match_paint, measure_paint_colour
 from circlecal.paint.matched_filter import measure_painted_share

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from circlecal.detection.hypotheses import EllipseBatch
 from circlecal.detection.options import AcceptanceConfig, LikelyConfig
 from circlecal.detection.scoring import adjusted
-from circlecal.geometry.conics import ellipse_from_conic, transform_conic
+from circlecal.geometry.conics import transform_conic
+from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.projective import Array, lift, normalise_line, transform_lines
 from circlecal.paint.bands import BandProfile, RefinementConfig, measure_band
 

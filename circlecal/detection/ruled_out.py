@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from circlecal.detection.hypotheses import EllipseBatch
-from circlecal.geometry.conics import ellipse_from_conic
+from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.projective import Array, join, lift, normalise_line
 from circlecal.results import Interpretation
 

@@ -16,6 +16,10 @@ from numpy.typing import ArrayLike
 from circlecal.geometry.conics import line_conic_meet, normalise_conic
 from circlecal.geometry.projective import Array, dehomogenise
 
+LARGEST_OFFSET = 0.6
+"""Half chords from the chord's middle within which the imaged centre is looked for: at an offset s the depths of the
+chord's ends have the ratio (1 + s) / (1 - s), here 4; cameras beside a field see their circles with ratios below 2.
+"""
 GRID, STEPS = 241, 20
 """Samples between which roots are looked for, and the most steps to each root."""
 
@@ -30,10 +34,13 @@ class PinholeCenter:
 
 
 def _constraint(conic: Array, line: Array, centers: Array) -> tuple[Array, Array]:
-    """Residual (K,) of the two square-pixel conditions with 1/f^2 eliminated, and that 1/f^2 (K,).
+    """Residual (K,) of the two square-pixel conditions with ``w = 1 / f^2`` eliminated, and that w (K,).
 
-    ``centers`` (K, 3) lie on the line.
+    ``centers`` (K, 3) lie on the line. The columns of the homography are the vanishing points v1 and v2 of the line's
+    direction and of the one across it, scaled to ``v^T E v = 1``. On the focal plane they are orthogonal and of equal
+    length: ``(x1 x2 + y1 y2) w + z1 z2 = 0`` and ``(x1^2 + y1^2 - x2^2 - y2^2) w + z1^2 - z2^2 = 0``.
     """
+    # vanishing line p = E c, v1 = l x p (Magera et al. 2025, eq. 4 and 5), v2 = p x E v1 conjugate to it
     polars = centers @ conic
     v1 = _cross(line, polars)
     pushed = v1 @ conic
@@ -44,7 +51,9 @@ def _constraint(conic: Array, line: Array, centers: Array) -> tuple[Array, Array
     lengths = np.sum(v1[:, :2] ** 2 - v2[:, :2] ** 2, axis=-1)
     depths = v1[:, 2] ** 2 - v2[:, 2] ** 2
     with np.errstate(divide="ignore", invalid="ignore"):
+        # w of both conditions in least squares
         inverse_f2 = -(dot * product + lengths * depths) / (dot**2 + lengths**2)
+    # the determinant of both conditions, zero where one w fulfils them
     return dot * depths - lengths * product, inverse_f2
 
 
@@ -90,7 +99,7 @@ def pinhole_centers(
         points = 0.5 * (p + q) + 0.5 * np.asarray(offset)[:, None] * (q - p)
         return np.column_stack([points, np.ones(len(points))])
 
-    grid = np.linspace(-0.6, 0.6, GRID)
+    grid = np.linspace(-LARGEST_OFFSET, LARGEST_OFFSET, GRID)
     value, _ = _constraint(e, l_local, centers(grid))
     index = np.flatnonzero(np.sign(value[:-1]) * np.sign(value[1:]) < 0)
     if len(index) == 0:

@@ -10,27 +10,36 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from circlecal.geometry.conics import ellipse_from_conic, fit_conic, normalise_conic, refine_conic
+from circlecal.geometry.conic_fits import fit_conic, refine_conic
+from circlecal.geometry.conics import normalise_conic, polar
+from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.projective import Array, apply_homography
 
 
 @dataclass(frozen=True, slots=True)
 class ConcentricCenter:
-    """Imaged centre (3,), vanishing line (3,), all three eigenvalues and the relative gap of the isolated one.
+    """Imaged centre (3,), all three eigenvalues and the relative gap of the isolated one.
 
     ``pair_split`` is the relative distance between the two eigenvalues that are equal without noise; the centre means
     something only where it is well below ``gap``.
     """
 
     center: Array
-    vanishing_line: Array
     eigenvalues: Array
     gap: float
     pair_split: float
 
 
+def vanishing_line(conic: ArrayLike, center: ArrayLike) -> Array:
+    """Vanishing line (3,) of the field: the polar ``E c`` of a circle's imaged centre (Magera et al. 2025, eq. 4).
+
+    The polar of a circle's centre is the line at infinity (eq. 3), and a polar's image is the polar in the image.
+    """
+    return polar(conic, center)
+
+
 def imaged_center(outer: ArrayLike, inner: ArrayLike) -> ConcentricCenter | None:
-    """Imaged centre of two concentric circles: eigenvector of ``E_outer^-1 E_inner``.
+    """Imaged centre of two concentric circles: eigenvector of ``E_outer^-1 E_inner`` (Magera et al. 2025, section 3.3).
 
     Both conics are scaled to det = -1, so without noise the eigenvalues are ``k^(2/3), k^(2/3), k^(-4/3)`` with ``k =
     r_outer / r_inner``; the isolated one belongs to the centre. With noise the double eigenvalue splits, and the real
@@ -51,7 +60,7 @@ def imaged_center(outer: ArrayLike, inner: ArrayLike) -> ConcentricCenter | None
     ellipse = ellipse_from_conic(e_inner)
     if ellipse is None or ellipse_from_conic(e_outer) is None:
         return None
-    # work in the frame in which the inner ellipse is the unit circle: well conditioned eigenproblem
+    # E_outer c = lambda E_inner c in the frame in which the inner ellipse is the unit circle: well conditioned
     frame = ellipse.frame()
     local_outer = normalise_conic(frame.T @ e_outer @ frame)
     local_inner = normalise_conic(frame.T @ e_inner @ frame)
@@ -72,7 +81,6 @@ def imaged_center(outer: ArrayLike, inner: ArrayLike) -> ConcentricCenter | None
     center = center / center[2]
     return ConcentricCenter(
         center=center,
-        vanishing_line=e_outer @ center,
         eigenvalues=values.real.copy(),
         gap=float(isolation[best]),
         pair_split=float(np.abs(rest[0] - rest[1]) / size),
@@ -80,11 +88,12 @@ def imaged_center(outer: ArrayLike, inner: ArrayLike) -> ConcentricCenter | None
 
 
 def scaling_homology(conic: ArrayLike, center: ArrayLike, factor: float) -> Array:
-    """Image (3, 3) of scaling the field about the circle's centre: ``k I + (1 - k) c l^T / (l^T c)`` with ``l = E
-    c``.
+    """Image (3, 3) of scaling the field by ``factor`` about the circle's centre.
+
+    ``k I + (1 - k) c l^T / (l^T c)`` with the vanishing line l.
     """
     c = np.asarray(center, dtype=np.float64)
-    line = np.asarray(conic, dtype=np.float64) @ c
+    line = vanishing_line(conic, c)
     return factor * np.eye(3) + (1.0 - factor) * np.outer(c, line) / (line @ c)
 
 
@@ -99,8 +108,7 @@ def joint_conic(
     """Outer conic from the points of both edges and the imaged centre.
 
     The inner points are moved onto the outer edge by the image of a scaling about the centre, which the conic itself
-    defines;
-    fit and move are repeated until they agree.
+    defines; fit and move are repeated until they agree.
 
     Parameters
     ----------

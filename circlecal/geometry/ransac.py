@@ -11,14 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from circlecal.geometry.conics import (
-    coefficients_from_conic,
-    conics_through_points,
-    fit_conics,
-    is_ellipse,
-    normalise_conic,
-    sampson_distance,
-)
+from circlecal.geometry.conic_fits import conics_through_points, fit_conics
+from circlecal.geometry.conics import coefficients_from_conic, is_ellipse, normalise_conic, sampson_distance
 from circlecal.geometry.projective import Array, similarity_normalisation
 
 BLOCK = 128

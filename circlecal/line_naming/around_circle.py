@@ -18,7 +18,7 @@ from circlecal.camera.parameters import ProjectionModel, camera_of
 from circlecal.camera.residuals import circle_curve, curve_residuals, ground_hidden, joined_curves
 from circlecal.camera.viewing_coordinates import LOOK, from_look, to_look
 from circlecal.field import Arc, FieldTemplate
-from circlecal.geometry.conics import Ellipse
+from circlecal.geometry.ellipses import Ellipse
 from circlecal.geometry.homography import SIDES
 from circlecal.geometry.projective import Array, Mask, lift
 from circlecal.line_naming.association import Association

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from circlecal.geometry.conics import ellipse_from_conic, orthogonal_distance
+from circlecal.geometry.ellipses import ellipse_from_conic, orthogonal_distance
 from circlecal.geometry.projective import Array
 from circlecal.overlay.canvas import Canvas, Picture
 from circlecal.overlay.palette import (

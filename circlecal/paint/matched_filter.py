@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.geometry.conics import Ellipse
+from circlecal.geometry.ellipses import Ellipse
 from circlecal.geometry.projective import Array
 from circlecal.paint.profiles import sample_profiles
 

@@ -15,13 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from circlecal.field import Circle, FieldTemplate
-from circlecal.geometry.conics import (
-    coefficients_from_conic,
-    ellipse_from_conic,
-    normalise_conic,
-    refine_conic,
-    sampson_distance,
-)
+from circlecal.geometry.conic_fits import refine_conic
+from circlecal.geometry.conics import coefficients_from_conic, normalise_conic, sampson_distance
+from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.projective import Array, apply_homography, similarity_normalisation
 from circlecal.observations import Observations
 from circlecal.solvers.interface import solver, unsolved

@@ -9,7 +9,7 @@ import numpy as np
 
 from circlecal.errors import EstimationError
 from circlecal.field import Circle, FieldTemplate
-from circlecal.geometry.conics import ellipse_from_conic
+from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.homography import dlt
 from circlecal.geometry.projective import Array
 from circlecal.observations import Observations

@@ -12,7 +12,8 @@ import numpy as np
 
 from circlecal.errors import EstimationError
 from circlecal.field import Circle, FieldTemplate
-from circlecal.geometry.conics import ellipse_from_conic, normalise_conic, pole
+from circlecal.geometry.conics import normalise_conic, pole
+from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.homography import dlt
 from circlecal.geometry.projective import Array, join, similarity_normalisation
 from circlecal.observations import Observations

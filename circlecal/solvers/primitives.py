@@ -11,7 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from circlecal.field import Circle, FieldTemplate, Line
-from circlecal.geometry.conics import ellipse_from_conic, fit_conic, line_conic_meet, sampson_distance
+from circlecal.geometry.conic_fits import fit_conic
+from circlecal.geometry.conics import line_conic_meet, sampson_distance
+from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.projective import Array, fit_line, lift, meet
 from circlecal.geometry.ransac import ransac_conic
 from circlecal.observations import CircleEdge, CirclePoints, Observations

@@ -16,7 +16,7 @@ from circlecal.errors import EstimationError
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera import camera_from_homography, image_center
 from circlecal.geometry.circle_pose import pinhole_centers
-from circlecal.geometry.concentric import imaged_center
+from circlecal.geometry.concentric import imaged_center, vanishing_line
 from circlecal.geometry.conics import line_conic_meet, normalise_conic, polar
 from circlecal.geometry.homography import camera_side_of, compass_label, homography_from_circle, turn_homography
 from circlecal.geometry.projective import Array, dehomogenise, join, lift, meet, normalise_line
@@ -210,10 +210,11 @@ def correspondences_from_line(
     if _is_turned(H, field_center, u, side, toward, c):
         H = turn_homography(H, field_center)
     n = np.array([-u[1], u[0]])
-    vanishing_line = polar(e, c)
-    v = meet(image_line, vanishing_line)
-    l2 = join(v, c)
-    l3 = polar(e, v)
+    horizon = vanishing_line(e, c)  # eq. 4
+    v = meet(image_line, horizon)  # eq. 5
+    l2 = join(v, c)  # eq. 6, and 10 of case 2
+    l3 = polar(e, v)  # eq. 7
+    # on l2 and on l3, which is across it, and where the diagonals of the tangents' trapezoid meet the ellipse
     a, b = _ordered(e, l2, H, field_center + radius * u)
     d, f = _ordered(e, l3, H, field_center + radius * n)
     corner = {(i, j): meet(polar(e, p), polar(e, q)) for i, p in ((1, a), (-1, b)) for j, q in ((1, d), (-1, f))}
@@ -235,7 +236,7 @@ def correspondences_from_line(
         radius_m=float(radius),
         imaged_center=c,
         center_source=source,
-        vanishing_line=normalise_line(vanishing_line),
+        vanishing_line=normalise_line(horizon),
         points=tuple(points),
         tangents=tuple(tangents),
     )
@@ -246,12 +247,11 @@ def correspondences_from_point(
 ) -> Correspondences:
     """Case 2: from a point (2,) of known field position; no prior on the camera's side is needed.
 
-    The paper prints the vanishing point of the tangents as ``v = E l1``; a point is the pole of a line, ``v = E^-1
-    l1``, which is what the
-    construction from the line through the centre and the point comes to.
+    The paper prints the vanishing point of the tangents as ``v = E l1`` (eq. 9); a point is the pole of a line,
+    ``v = E^-1 l1``, which is what the construction from the line through the centre and the point comes to.
     """
     direction = np.asarray(field_point, dtype=np.float64) - field_center
-    line = join(lift(image_point), center)
+    line = join(lift(image_point), center)  # eq. 8
     return correspondences_from_line(
         conic, center, line, field_center, radius, direction, case=2, toward=np.asarray(image_point, dtype=np.float64)
     )

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from circlecal.errors import EstimationError
-from circlecal.geometry.conics import ellipse_from_conic
+from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.projective import Array
 from circlecal.paint.profiles import SIGMA_FLOOR_PX, picture_noise
 from circlecal.results import CIRCLE_ID, EdgePoints, MarkingMask

@@ -13,13 +13,13 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from circlecal.errors import EstimationError
-from circlecal.geometry.conics import (
+from circlecal.geometry.conic_fits import refine_conic
+from circlecal.geometry.ellipses import (
     Ellipse,
     arc_coverage_deg,
     conic_from_ellipse,
     ellipse_from_conic,
     orthogonal_distance,
-    refine_conic,
 )
 from circlecal.geometry.projective import Array, Mask
 from circlecal.geometry.ransac import ransac_conic

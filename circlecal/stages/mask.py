@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from circlecal.detection import Detection, DetectorConfig, detect
 from circlecal.detection.networks import SegmentationNetwork, load_network, segment
 from circlecal.errors import EstimationError
-from circlecal.geometry.conics import ellipse_from_conic
+from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.projective import Array, fit_line, line_distance
 from circlecal.geometry.ransac import ransac_conic
 from circlecal.results import CIRCLE_ID, HALFWAY_ID, Interpretation, MarkingMask, SeenArc, Segment

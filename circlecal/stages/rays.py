@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from circlecal.camera.parameters import fitted_model, project
 from circlecal.errors import EstimationError
 from circlecal.field import Arc, Circle, FieldTemplate
-from circlecal.geometry.conics import Ellipse, ellipse_from_conic
+from circlecal.geometry.ellipses import Ellipse, ellipse_from_conic
 from circlecal.geometry.projective import Array
 from circlecal.geometry.ransac import ransac_conic
 from circlecal.observations import CircleEdge
@@ -237,7 +237,7 @@ def _centreline(
 ) -> _Centreline:
     """Band centres at the configured spacing, or ``step`` times as far apart for a first look."""
     angles = even_angles(ellipse, step * config.spacing_px, config.maximum)
-    points, normals = ellipse.course(angles)
+    points, normals = ellipse.points_and_normals(angles)
     height, width = picture.shape
     inside = ((points >= 0) & (points <= (width - 1, height - 1))).all(axis=1)
     angles, points, normals = angles[inside], points[inside], normals[inside]
@@ -305,7 +305,7 @@ def _pair_edges(
     the band and the second fall out of it, with a plausible width between them.
     """
     angles = ellipse.parameter(edges.points_px)
-    feet, normals = ellipse.course(angles)
+    feet, normals = ellipse.points_and_normals(angles)
     foot_distance = _along_normals(edges.points_px - feet, normals)
     near = np.abs(foot_distance) < 2 * config.refine_px * unit + 6.0
     outward = _along_normals(edges.normals, normals)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from circlecal.bench.ransac import OUTLIER_SHARES, contaminated_ellipse, robustness, speed
-from circlecal.geometry.conics import orthogonal_distance
+from circlecal.geometry.ellipses import orthogonal_distance
 
 
 def test_contaminated_points():

@@ -5,7 +5,7 @@ import pytest
 
 from circlecal.camera.observed import Realism, observed_curves, observed_points
 from circlecal.field import load_field
-from circlecal.geometry.conics import Ellipse
+from circlecal.geometry.ellipses import Ellipse
 from circlecal.observations import CirclePoints, Keypoint, LinePoints, MarkPoint, Observations
 
 SOCCER = load_field("soccer")

@@ -6,7 +6,8 @@ import pytest
 from circlecal.camera.parameters import ProjectionModel, camera_of, project
 from circlecal.camera.starts_circle import closed_form_starts, grid_starts, standing_start
 from circlecal.field import load_field
-from circlecal.geometry.conics import circle_conic, ellipse_from_conic, transform_conic
+from circlecal.geometry.conics import circle_conic, transform_conic
+from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.homography import SIDES
 from circlecal.geometry.projective import transform_lines
 from circlecal.geometry.surface import Surface

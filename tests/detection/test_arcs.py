@@ -4,7 +4,8 @@ from circlecal.detection.arcs import SAME_ARC, distinct_arcs, drawn_arc, near_co
 from circlecal.detection.circle import CircleHypothesis, hypothesis_of, measure_circle
 from circlecal.detection.hypotheses import EllipseBatch
 from circlecal.detection.options import LikelyConfig
-from circlecal.geometry.conics import Ellipse, conic_from_ellipse, ellipse_from_conic, sampson_distance
+from circlecal.geometry.conics import sampson_distance
+from circlecal.geometry.ellipses import Ellipse, conic_from_ellipse, ellipse_from_conic
 from circlecal.paint.bands import RefinementConfig
 
 from .conftest import RADIUS_M, Scene, level, paint_scene, ring, upright

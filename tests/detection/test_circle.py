@@ -5,7 +5,8 @@ import pytest
 from circlecal.detection.circle import CircleHypothesis, conic_of, hypothesis_of, measure_circle, refusal_of
 from circlecal.detection.hypotheses import EllipseBatch
 from circlecal.detection.options import AcceptanceConfig
-from circlecal.geometry.conics import Ellipse, conic_from_ellipse, ellipse_from_conic, sampson_distance
+from circlecal.geometry.conics import sampson_distance
+from circlecal.geometry.ellipses import Ellipse, conic_from_ellipse, ellipse_from_conic
 from circlecal.paint.bands import RefinementConfig
 
 from .conftest import Scene, paint_scene

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from circlecal.detection import DetectorConfig, detect
-from circlecal.geometry.conics import Ellipse, ellipse_from_conic, sampson_distance
+from circlecal.geometry.conics import sampson_distance
+from circlecal.geometry.ellipses import Ellipse, ellipse_from_conic
 from circlecal.paint.matched_filter import SECTORS, measure_painted_share
 
 from .conftest import HALFWAY_AND_CIRCLE, RADIUS_M, Scene, paint_scene, ring

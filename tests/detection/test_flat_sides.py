@@ -3,7 +3,8 @@ import numpy as np
 from circlecal.detection.circle import conic_of, measure_circle
 from circlecal.detection.flat_sides import onto_flat_sides
 from circlecal.detection.hypotheses import EllipseBatch
-from circlecal.geometry.conics import ellipse_from_conic, sampson_distance
+from circlecal.geometry.conics import sampson_distance
+from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.paint.bands import RefinementConfig
 
 from .conftest import Scene

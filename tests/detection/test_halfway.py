@@ -6,7 +6,7 @@ from circlecal.detection.halfway import find_halfway, measure_segments, segments
 from circlecal.detection.hypotheses import EllipseBatch
 from circlecal.detection.options import DetectorConfig
 from circlecal.detection.ridges import find_ridges
-from circlecal.geometry.conics import ellipse_from_conic
+from circlecal.geometry.ellipses import ellipse_from_conic
 
 from .conftest import HALFWAY_AND_CIRCLE, Scene, level, paint_scene, upright
 

@@ -9,14 +9,8 @@ from circlecal.detection.hypotheses import (
 )
 from circlecal.detection.options import HypothesisConfig
 from circlecal.detection.ridges import RidgePoints
-from circlecal.geometry.conics import (
-    Ellipse,
-    coefficients_from_conic,
-    conic_from_coefficients,
-    conic_from_ellipse,
-    ellipse_from_conic,
-    normalise_conic,
-)
+from circlecal.geometry.conics import coefficients_from_conic, conic_from_coefficients, normalise_conic
+from circlecal.geometry.ellipses import Ellipse, conic_from_ellipse, ellipse_from_conic
 
 ELLIPSE = Ellipse(np.array([0.2, -0.1]), (0.7, 0.25), 0.4)
 

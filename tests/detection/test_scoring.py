@@ -3,7 +3,7 @@ import numpy as np
 from circlecal.detection.hypotheses import EllipseBatch
 from circlecal.detection.ridges import RidgePoints
 from circlecal.detection.scoring import RidgeRaster, adjusted, best_distinct, refitted, support_of
-from circlecal.geometry.conics import Ellipse
+from circlecal.geometry.ellipses import Ellipse
 
 TRUE = Ellipse(np.array([300.0, 150.0]), (180.0, 60.0), 0.1)
 REGION = np.full((300, 600), 255, np.uint8)

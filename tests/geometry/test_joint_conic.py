@@ -4,7 +4,8 @@ import numpy as np
 
 from circlecal.geometry.camera import Camera, image_center
 from circlecal.geometry.concentric import joint_conic, scaling_homology
-from circlecal.geometry.conics import circle_conic, fit_conic, sampson_distance, transform_conic
+from circlecal.geometry.conic_fits import fit_conic
+from circlecal.geometry.conics import circle_conic, sampson_distance, transform_conic
 from circlecal.geometry.projective import apply_homography
 
 CAMERA = Camera(

@@ -3,14 +3,9 @@
 import numpy as np
 import pytest
 
-from circlecal.geometry.conics import (
-    FIT_METHODS,
-    Ellipse,
-    conic_from_ellipse,
-    is_ellipse,
-    normalise_conic,
-    sampson_distance,
-)
+from circlecal.geometry.conic_fits import FIT_METHODS
+from circlecal.geometry.conics import is_ellipse, normalise_conic, sampson_distance
+from circlecal.geometry.ellipses import Ellipse, conic_from_ellipse
 from circlecal.geometry.projective import similarity_normalisation
 from circlecal.geometry.ransac import msac_costs, ransac_conic, sample_conics
 

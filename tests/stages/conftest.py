@@ -7,7 +7,8 @@ import numpy as np
 
 from circlecal.field import load_field
 from circlecal.geometry.camera import Camera
-from circlecal.geometry.conics import circle_conic, ellipse_from_conic, normalise_conic, transform_conic
+from circlecal.geometry.conics import circle_conic, normalise_conic, transform_conic
+from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.projective import transform_lines
 from circlecal.results import EllipseFit, EllipseFits, LineCue, MarkingMask, Segment
 from circlecal.synthetic.cameras import aimed_camera

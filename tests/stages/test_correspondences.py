@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from circlecal.errors import EstimationError
 from circlecal.field import load_field
-from circlecal.geometry.conics import conic_from_ellipse, polar, pole
+from circlecal.geometry.conics import polar, pole
+from circlecal.geometry.ellipses import conic_from_ellipse
 from circlecal.geometry.homography import SIDES, homography_from_circle, transfer_errors, turn_homography
 from circlecal.geometry.projective import apply_homography, dehomogenise, join, lift, meet, normalise_line
 from circlecal.observations import Keypoint

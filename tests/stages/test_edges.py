@@ -5,7 +5,7 @@ import pytest
 from pydantic import ValidationError
 
 from circlecal.errors import EstimationError
-from circlecal.geometry.conics import ellipse_from_conic, orthogonal_distance
+from circlecal.geometry.ellipses import ellipse_from_conic, orthogonal_distance
 from circlecal.paint.profiles import to_gray
 from circlecal.results import MarkingMask
 from circlecal.stages.edges import EdgesConfig, detect_edges, search_region

@@ -4,13 +4,8 @@ import numpy as np
 import pytest
 
 from circlecal.errors import EstimationError
-from circlecal.geometry.conics import (
-    Ellipse,
-    ellipse_from_conic,
-    normalise_conic,
-    orthogonal_distance,
-    sampson_distance,
-)
+from circlecal.geometry.conics import normalise_conic, sampson_distance
+from circlecal.geometry.ellipses import Ellipse, ellipse_from_conic, orthogonal_distance
 from circlecal.observations import CirclePoints, Observations
 from circlecal.results import RayPoints
 from circlecal.stages.ellipse import EllipseConfig, fit_edge, fit_ellipses, fit_observed

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from circlecal.errors import EstimationError
-from circlecal.geometry.conics import ellipse_from_conic, orthogonal_distance
+from circlecal.geometry.ellipses import ellipse_from_conic, orthogonal_distance
 from circlecal.geometry.projective import line_distance
 from circlecal.results import MarkingMask, SeenArc, Segment
 from circlecal.stages.mask import MaskConfig, find_marking, with_arc

@@ -6,7 +6,7 @@ import pytest
 
 from circlecal.camera.parameters import ProjectionModel, theta_of
 from circlecal.errors import EstimationError
-from circlecal.geometry.conics import conic_from_ellipse, ellipse_from_conic, orthogonal_distance
+from circlecal.geometry.ellipses import conic_from_ellipse, ellipse_from_conic, orthogonal_distance
 from circlecal.geometry.surface import Surface
 from circlecal.paint.profiles import to_gray
 from circlecal.results import MarkingMask
