@@ -81,7 +81,7 @@ def measure_painted_share(picture: NDArray[np.uint8], ellipse: Ellipse | None, s
     """
     if ellipse is None:
         return 0.0, 0
-    places, normals = ellipse.course(EVEN_ANGLES)
+    places, normals = ellipse.points_and_normals(EVEN_ANGLES)
     reach = np.abs(((places - ellipse.center) * normals).sum(axis=-1))
     width = np.maximum(WIDTH_RADII * reach, LEAST_WIDTH_PX * picture.shape[1] / 1920.0)
     sectors = measure_sectors(picture if sign > 0 else ~picture, places, width[:, None] * normals)
