@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from circlecal import overlay
 from circlecal.config import Config, config_digest
+from circlecal.detection.keypoints import require_keypoint_networks
 from circlecal.errors import InputError
 from circlecal.field import FieldTemplate
 from circlecal.files import fingerprint, write_error
@@ -40,7 +41,6 @@ from circlecal.pictures.remote import read_url
 from circlecal.pipeline import Convention, field_of, in_convention, run, run_observations
 from circlecal.records.record import result_record, write_result
 from circlecal.results import Calibration
-from circlecal.stages.keypoints import require_keypoint_networks
 from circlecal.stages.mask import require_mask_network
 
 _log = logging.getLogger(__name__)

@@ -23,13 +23,13 @@ from pydantic_core import ErrorDetails
 
 from circlecal.camera.options import CameraConfig
 from circlecal.camera.rig_options import RigConfig
+from circlecal.detection.keypoints import KeypointsConfig
 from circlecal.errors import ConfigError
 from circlecal.stages.correspondences import CorrespondencesConfig
 from circlecal.stages.cues import CuesConfig
 from circlecal.stages.edges import EdgesConfig
 from circlecal.stages.ellipse import EllipseConfig
 from circlecal.stages.homography import HomographyConfig
-from circlecal.stages.keypoints import KeypointsConfig
 from circlecal.stages.mask import MaskConfig
 from circlecal.stages.rays import RaysConfig
 from circlecal.stages.verdict import VerdictConfig

@@ -1,7 +1,8 @@
-"""Networks in ONNX format in the place of the built-in detector: class masks and heat maps of keypoints.
+"""Networks in ONNX format: loading them, running them, and class masks in the place of the built-in detector.
 
 No weights come with circlecal and none are fetched. Any network of the layouts described in ``configs/networks`` runs
-on onnxruntime (extra ``onnx``); one session per model is kept for all frames of a run.
+on onnxruntime (extra ``onnx``); one session per model is kept for all frames of a run. Keypoints from heat
+maps are in :mod:`circlecal.detection.keypoints`.
 """
 
 from __future__ import annotations
@@ -18,11 +19,11 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from circlecal.errors import ConfigError, MissingExtraError
-from circlecal.geometry.projective import Array
 
 CLASS_LIMIT = 28
 """Largest SoccerNet class id."""
-_RANK = 4
+MAPS_AXES = 4
+"""Of pictures and maps in a network: batch, channels, height, width."""
 
 Scores = NDArray[np.float32]
 Three = tuple[float, float, float]
@@ -60,23 +61,7 @@ class SegmentationNetwork(NetworkInput):
 
 
 @dataclass(frozen=True, slots=True)
-class Peaks:
-    """Highest places of heat maps.
-
-    Attributes
-    ----------
-    points_px : (C, K, 2) array
-        Per channel and rank, in pixels of the picture (``x W``: column 0 of the map is x = 0).
-    confidence : (C, K) array
-        Height of each.
-    """
-
-    points_px: Array
-    confidence: Array
-
-
-@dataclass(frozen=True, slots=True)
-class _Loaded:
+class _Network:
     session: Any
     input_name: str
     input_type: type
@@ -85,7 +70,7 @@ class _Loaded:
     path: str
 
 
-def load_network(model: str | None, provider: str, key: str) -> _Loaded:
+def load_network(model: str | None, provider: str, key: str) -> _Network:
     """The network of a model file, ready to run; kept for the next call.
 
     Parameters
@@ -111,10 +96,10 @@ def load_network(model: str | None, provider: str, key: str) -> _Loaded:
         status = path.stat()
     except OSError as error:
         raise ConfigError(f"{key}: {model}: no such model file") from error
-    return _named(key, lambda: _load(str(path), status.st_mtime_ns, provider, cv2.getNumThreads()))
+    return _name_key(key, lambda: _load(str(path), status.st_mtime_ns, provider, cv2.getNumThreads()))
 
 
-def _named(key: str, action: Callable[[], T]) -> T:
+def _name_key(key: str, action: Callable[[], T]) -> T:
     """Name the key of the configuration in front of an error's message."""
     try:
         return action()
@@ -123,7 +108,7 @@ def _named(key: str, action: Callable[[], T]) -> T:
 
 
 @lru_cache(maxsize=4)
-def _load(path: str, changed: int, provider: str, threads: int) -> _Loaded:
+def _load(path: str, changed: int, provider: str, threads: int) -> _Network:
     try:
         import onnxruntime
     except ImportError as error:
@@ -138,14 +123,14 @@ def _load(path: str, changed: int, provider: str, threads: int) -> _Loaded:
     except Exception as error:  # onnxruntime's errors have no common base
         raise ConfigError(f"{path}: is no usable ONNX model: {_first_line(error)}") from error
     inputs = session.get_inputs()
-    if len(inputs) != 1 or len(inputs[0].shape) != _RANK:
+    if len(inputs) != 1 or len(inputs[0].shape) != MAPS_AXES:
         raise ConfigError(f"{path}: the model must have one input of 4 axes (batch, 3 channels, height, width)")
     batch, channels, height, width = inputs[0].shape
     if (isinstance(channels, int) and channels != 3) or (isinstance(batch, int) and batch != 1):
         raise ConfigError(f"{path}: the input has the axes {inputs[0].shape}; wanted are 1, 3, height, width")
     fixed = (width, height) if isinstance(width, int) and isinstance(height, int) else None
     kind = np.float16 if "float16" in inputs[0].type else np.float32
-    return _Loaded(session, inputs[0].name, kind, fixed, tuple(o.name for o in session.get_outputs()), path)
+    return _Network(session, inputs[0].name, kind, fixed, tuple(o.name for o in session.get_outputs()), path)
 
 
 _PROVIDERS = {
@@ -186,18 +171,17 @@ def segment(image: NDArray[np.uint8], model: str | None, network: SegmentationNe
     ConfigError
         As :func:`load_network`, or the output is no map of classes.
     """
-    loaded = load_network(model, network.provider, key)
-    output = _named(key, lambda: _run(loaded, image, network))
+    output = run_network(image, model, network, key)
     height, width = image.shape[:2]
-    if output.ndim == _RANK and output.shape[1] > 1:
-        return _best_class(output[0], network.classes, (width, height), f"{key}: {loaded.path}")
+    if output.ndim == MAPS_AXES and output.shape[1] > 1:
+        return _choose_class(output[0], network.classes, (width, height), f"{key}: {model}")
     labels = output.reshape(output.shape[-2:]).round()
-    table = _class_table(int(labels.max(initial=0)) + 1, network.classes, f"{key}: {loaded.path}")
+    table = _tabulate_classes(int(labels.max(initial=0)) + 1, network.classes, f"{key}: {model}")
     return cv2.resize(table[labels.astype(np.intp)], (width, height), interpolation=cv2.INTER_NEAREST)  # type: ignore[return-value]
 
 
-def _best_class(scores: Scores, classes: dict[int, int], size: tuple[int, int], source: str) -> NDArray[np.uint8]:
-    table = _class_table(len(scores), classes, source)
+def _choose_class(scores: Scores, classes: dict[int, int], size: tuple[int, int], source: str) -> NDArray[np.uint8]:
+    table = _tabulate_classes(len(scores), classes, source)
     present = np.unique(scores.argmax(axis=0))
     best = cv2.resize(np.ascontiguousarray(scores[present[0]], dtype=np.float32), size)
     found = np.full(best.shape, table[present[0]], dtype=np.uint8)
@@ -209,7 +193,7 @@ def _best_class(scores: Scores, classes: dict[int, int], size: tuple[int, int], 
     return found
 
 
-def _class_table(count: int, classes: dict[int, int], source: str) -> NDArray[np.uint8]:
+def _tabulate_classes(count: int, classes: dict[int, int], source: str) -> NDArray[np.uint8]:
     """Class id by channel."""
     wrong = sorted(i for i in classes.values() if not 0 <= i <= CLASS_LIMIT)
     if wrong:
@@ -227,75 +211,26 @@ def _class_table(count: int, classes: dict[int, int], source: str) -> NDArray[np
     return table
 
 
-def heat_map_peaks(
-    image: NDArray[np.uint8], model: str | None, network: NetworkInput, key: str, *, channels: int, count: int
-) -> Peaks:
-    """The highest places of each heat map but the last, which is the background.
+def run_network(image: NDArray[np.uint8], model: str | None, network: NetworkInput, key: str) -> Scores:
+    """The chosen output of a network for a picture: (1, C, h, w) or (1, h, w).
 
     Parameters
     ----------
     image : (H, W, 3) uint8
         BGR picture.
     model, network, key : str, NetworkInput, str
-        As for :func:`segment`.
-    channels : int
-        Number of heat maps without the background.
-    count : int
-        Places per map.
+        Model file, its layout, and the key of the configuration that names the file.
 
     Raises
     ------
     ConfigError
-        As :func:`load_network`, or the output is not ``channels`` + 1 maps.
+        As :func:`load_network`, or the network fails on the picture.
     """
     loaded = load_network(model, network.provider, key)
-    output = _named(key, lambda: _run(loaded, image, network))
-    if output.ndim != _RANK or output.shape[1] != channels + 1:
-        raise ConfigError(f"{key}: {loaded.path}: its output has the axes {list(output.shape)}; "
-                          f"wanted are 1, {channels + 1}, height, width")  # fmt: skip
-    maps = output[0, :-1].astype(np.float64)
-    cells, confidence = _peaks(maps, count)
-    scale = np.array([image.shape[1] / maps.shape[2], image.shape[0] / maps.shape[1]])
-    return Peaks(cells * scale, confidence)
+    return _name_key(key, lambda: _run(loaded, image, network))
 
 
-PEAK_DISTANCE = 10
-"""Cells around a peak in which no second one is looked for."""
-
-
-def _peaks(maps: Array, count: int) -> tuple[Array, Array]:
-    """Places (C, K, 2) in cells and heights (C, K), highest first, refined to parts of a cell."""
-    channels, height, width = maps.shape
-    rows, columns = np.arange(height), np.arange(width)
-    left = maps.copy()
-    places, heights = np.empty((channels, count, 2)), np.empty((channels, count))
-    for rank in range(count):
-        flat = left.reshape(channels, -1).argmax(axis=1)
-        y, x = np.divmod(flat, width)
-        heights[:, rank] = np.maximum(left[np.arange(channels), y, x], 0.0)
-        places[:, rank] = _refined(maps, x, y)
-        near = (np.abs(rows - y[:, None]) <= PEAK_DISTANCE)[:, :, None]
-        left[near & (np.abs(columns - x[:, None]) <= PEAK_DISTANCE)[:, None, :]] = -np.inf
-    return places, heights
-
-
-def _refined(maps: Array, x: NDArray[np.intp], y: NDArray[np.intp]) -> Array:
-    """Tops (C, 2) of the Gaussians through a peak and its neighbours along each axis."""
-    channel = np.arange(len(maps))
-    logs = np.pad(np.log(np.maximum(maps, 1e-9)), ((0, 0), (1, 1), (1, 1)))
-    places = []
-    for step, position, size in (((0, 1), x, maps.shape[2]), ((1, 0), y, maps.shape[1])):
-        inside = (position > 0) & (position < size - 1)
-        before, top, after = (logs[channel, y + k * step[0] + 1, x + k * step[1] + 1] for k in (-1, 0, 1))
-        curvature = before - 2 * top + after
-        usable = inside & (curvature < -1e-9)
-        offset = np.where(usable, 0.5 * (before - after) / np.where(usable, curvature, 1.0), 0.0)
-        places.append(position + np.clip(offset, -0.5, 0.5))
-    return np.stack(places, axis=-1)
-
-
-def _run(loaded: _Loaded, image: NDArray[np.uint8], network: NetworkInput) -> Scores:
-    """The chosen output of a network for a picture."""
+def _run(loaded: _Network, image: NDArray[np.uint8], network: NetworkInput) -> Scores:
     size = network.size or loaded.size
     if size is None:
         raise ConfigError(f"{loaded.path}: takes pictures of any size; name the one it was trained with: size: [W, H]")
@@ -305,13 +240,13 @@ def _run(loaded: _Loaded, image: NDArray[np.uint8], network: NetworkInput) -> Sc
     if network.output is not None and network.output not in loaded.outputs:
         known = ", ".join(loaded.outputs)
         raise ConfigError(f"{loaded.path}: has no output {network.output!r}; it has {known}")
-    blob = _blob(image, size, network, loaded.input_type)
+    prepared = _prepare_input(image, size, network, loaded.input_type)
     names = None if network.output is None else [network.output]
     try:
-        outputs = loaded.session.run(names, {loaded.input_name: blob})
+        outputs = loaded.session.run(names, {loaded.input_name: prepared})
     except Exception as error:  # onnxruntime's errors have no common base
         raise ConfigError(f"{loaded.path}: fails on a picture of {size[0]}x{size[1]}: {_first_line(error)}") from error
-    maps = next((o for o in outputs if o.ndim in (_RANK - 1, _RANK) and len(o) == 1), None)
+    maps = next((o for o in outputs if o.ndim in (MAPS_AXES - 1, MAPS_AXES) and len(o) == 1), None)
     if maps is None or min(maps.shape[-2:]) < 2:
         raise ConfigError(f"{loaded.path}: has no output with height and width")
     if not np.isfinite(maps).all():
@@ -319,7 +254,7 @@ def _run(loaded: _Loaded, image: NDArray[np.uint8], network: NetworkInput) -> Sc
     return np.asarray(maps)
 
 
-def _blob(image: NDArray[np.uint8], size: tuple[int, int], network: NetworkInput, kind: type) -> NDArray[Any]:
+def _prepare_input(image: NDArray[np.uint8], size: tuple[int, int], network: NetworkInput, kind: type) -> NDArray[Any]:
     """A picture as (1, 3, height, width)."""
     shrinks = size[0] < image.shape[1]
     method = cv2.INTER_AREA if network.interpolation == "area" and shrinks else cv2.INTER_LINEAR

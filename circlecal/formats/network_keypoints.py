@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.config import SourcesConfig
+from circlecal.detection.keypoints import KeypointsConfig, find_keypoints
 from circlecal.field import FieldTemplate
 from circlecal.formats.meaning import observe
 from circlecal.formats.pnlcalib import LABEL
 from circlecal.formats.shapes import AnnotatedFrame, Shape
 from circlecal.formats.soccernet import LINE_CLASSES
 from circlecal.observations import Observations
-from circlecal.stages.keypoints import KeypointsConfig, find_keypoints
 
 _log = logging.getLogger(__name__)
 

@@ -9,13 +9,13 @@ import pytest
 
 from circlecal.api import calibrate, require_networks
 from circlecal.config import SourcesConfig, config_digest, load_config
-from circlecal.detection.networks import NetworkInput, SegmentationNetwork, heat_map_peaks, segment
+from circlecal.detection.keypoints import KeypointsConfig, find_peaks
+from circlecal.detection.networks import NetworkInput, SegmentationNetwork, segment
 from circlecal.errors import ConfigError, MissingExtraError
 from circlecal.field import load_field
 from circlecal.formats.network_keypoints import network_keypoints
 from circlecal.formats.pnlcalib import WRONG_RIGHT_END, keypoint_table, tangency_points
 from circlecal.geometry.camera import Camera
-from circlecal.stages.keypoints import KeypointsConfig
 
 onnx = pytest.importorskip("onnx")
 pytest.importorskip("onnxruntime")
@@ -142,7 +142,7 @@ def test_peaks_are_found_between_cells(tmp_path: Path) -> None:
     places = rng.uniform([3, 3], [92, 50], (57, 1, 2))
     places[0, 0], places[1, 0] = [0.0, 20.0], [95.0, 53.0]  # at the border
     path = constant_network(tmp_path / "n.onnx", gaussians(places, SIZE))
-    found = heat_map_peaks(_picture((960, 540)), path, NetworkInput(size=SIZE), KEY, channels=57, count=1)
+    found = find_peaks(_picture((960, 540)), path, NetworkInput(size=SIZE), KEY, channels=57, count=1)
     np.testing.assert_allclose(found.points_px, places * 10, atol=0.05)
     np.testing.assert_allclose(found.confidence[2:, 0], 0.8, atol=0.06)
 
@@ -150,7 +150,7 @@ def test_peaks_are_found_between_cells(tmp_path: Path) -> None:
 def test_two_ends_per_line(tmp_path: Path) -> None:
     places = np.stack([np.stack([np.full(23, 10.3), np.arange(23) * 2.0], -1), np.full((23, 2), [80.6, 30.4])], 1)
     path = constant_network(tmp_path / "n.onnx", gaussians(places, SIZE))
-    found = heat_map_peaks(_picture(), path, NetworkInput(), KEY, channels=23, count=2)
+    found = find_peaks(_picture(), path, NetworkInput(), KEY, channels=23, count=2)
     order = np.argsort(found.points_px[..., 0], axis=1)
     np.testing.assert_allclose(np.take_along_axis(found.points_px, order[..., None], 1), places, atol=0.02)
 
@@ -247,7 +247,7 @@ def test_unusable_networks(tmp_path: Path, make: Any, network: dict[str, Any], w
 def test_heat_maps_of_another_layout(tmp_path: Path) -> None:
     path = constant_network(tmp_path / "n.onnx", np.zeros((33, 54, 96)))
     with pytest.raises(ConfigError, match=r"keypoints.model: .*wanted are 1, 58, height, width"):
-        heat_map_peaks(_picture(), path, NetworkInput(), "keypoints.model", channels=57, count=1)
+        find_peaks(_picture(), path, NetworkInput(), "keypoints.model", channels=57, count=1)
 
 
 def test_missing_extra(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
