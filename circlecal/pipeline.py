@@ -1,22 +1,34 @@
-"""A frame goes in, every intermediate and a verdict come out; and which circle is tried after a refusal."""
+"""The order of the stages, and what is tried again after a refusal: a frame goes in, every intermediate comes out.
+
+One attempt measures the picture (:func:`measure`) and estimates a calibration from what was measured
+(:func:`estimate`). :data:`REFINEMENTS` look at the picture once more where an attempt's own camera says what to look
+for; :data:`OTHER_INTERPRETATIONS` take something else in the picture for the circle. Each attempt is a value
+of its own, so what is not taken leaves nothing behind.
+"""
 
 from __future__ import annotations
 
-from typing import Literal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from typing import Literal, TypeVar
 from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.chain import Chain, refused
-from circlecal.config import Config
+from circlecal.config import Config, config_digest
 from circlecal.errors import ConfigError, EstimationError, InputError
 from circlecal.field import Circle, FieldTemplate, load_field
 from circlecal.geometry.ellipses import encloses
-from circlecal.observations import Observations, joined
+from circlecal.geometry.projective import Array
+from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations, joined
 from circlecal.paint.profiles import to_gray
 from circlecal.pictures.interlacing import row_motion, without_combs
+from circlecal.refusals import REFUSALS
 from circlecal.results import (
+    Attempt,
     Calibration,
     CameraFit,
     Cues,
@@ -25,32 +37,28 @@ from circlecal.results import (
     MarkingMask,
     Verdict,
 )
+from circlecal.solvers import solve_by_name
+from circlecal.stages.camera import estimate_camera
 from circlecal.stages.confirm import is_circle_painted, look_for_markings
-from circlecal.stages.mask import with_arc
-from circlecal.stages.verdict import beyond_doubt, confirmed, doubtful, surely_assigned
+from circlecal.stages.correspondences import derive_correspondences, is_turned, turn_correspondences
+from circlecal.stages.cues import cues_from_observations, find_cues
+from circlecal.stages.edges import detect_edges
+from circlecal.stages.ellipse import fit_ellipses, fit_observed
+from circlecal.stages.faint_lines import find_faint_lines
+from circlecal.stages.homography import estimate_homography, homography_of_solver, turn_fit
+from circlecal.stages.mask import find_marking, with_arc
+from circlecal.stages.rays import cast_rays, measure_along_model
+from circlecal.stages.verdict import confirm, is_beyond_doubt, is_confirmed, judge, needs_confirmation
 
 Convention = Literal["official", "paint"]
-MEASURED_AGAIN = frozenset({"residual_too_large", "too_uncertain", "circle_unconfirmed"})
-"""Refusals after which the circle is measured once more, along the curve that the refused camera predicts."""
-TAKEN_WRONGLY = frozenset(
-    {
-        "markings_missing",
-        "residual_too_large",
-        "edges_contradict",
-        "line_beyond_field",
-        "mark_contradicts_circle",
-        "implausible_camera",
-        "circle_behind_camera",
-        "mirrored",
-        "rotation_free",
-        "no_camera",
-    }
-)
-"""Refusals after which another circle or line is looked for: this one may be a face-off circle, or one of a logo."""
+T = TypeVar("T")
+
 MOST_INTERPRETATIONS = 3
-"""How often."""
+"""How many other circles or lines of a picture are tried; rendered rinks, the fields with most circles, need two."""
 PARTIAL_DEG = 240.0
-"""The same where less of the circle is seen: an ellipse fitted to a part of it leaves the paint beyond."""
+"""Degrees of the circle; where less is seen, the circle is measured again along the camera's curve: an ellipse that was
+fitted to a part of it leaves the paint beyond.
+"""
 UNCERTAIN_PX = 12.0
 """Largest predicted error, pixels at 1920 px width, from which on fainter straight markings are looked for."""
 ARC_ALONE = (
@@ -90,6 +98,78 @@ def in_convention(template: FieldTemplate, convention: Convention) -> FieldTempl
         return template
     known = {"marking_width_sd_m": 0.0, "length_sd_m": 0.0, "width_sd_m": 0.0}
     return template.model_copy(update={"marking_width_m": 1e-9, **known})
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """What stays the same over all attempts at one frame.
+
+    Attributes
+    ----------
+    config, template, circle : Config, FieldTemplate, Circle
+        Options, the field, and the circle of it that is looked for.
+    width, height : int
+        Size of the picture, pixels.
+    rng : numpy.random.Generator
+        For all random draws of the frame.
+    timings_ms : dict
+        Time spent in each stage so far.
+    """
+
+    config: Config
+    template: FieldTemplate
+    circle: Circle
+    width: int
+    height: int
+    rng: np.random.Generator
+    timings_ms: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def clock(self, stage: str) -> Iterator[None]:
+        """Add the time that is spent here to that of a stage."""
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            spent = (time.perf_counter() - start) * 1e3
+            self.timings_ms[stage] = round(self.timings_ms.get(stage, 0.0) + spent, 3)
+
+    def calibration(self, attempt: Attempt, frame_id: str, source: str | None) -> Calibration:
+        """The attempt that was taken, with the frame's identity."""
+        return Calibration(
+            id=frame_id,
+            width=self.width,
+            height=self.height,
+            field_name=self.template.name,
+            circle_name=self.circle.name,
+            attempt=attempt,
+            seed=self.config.seed,
+            config_digest=config_digest(self.config),
+            timings_ms=self.timings_ms,
+            source=source,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """One picture as the stages see it.
+
+    Attributes
+    ----------
+    image : (H, W, 3) uint8
+        BGR picture, with both halves of an interlaced frame joined.
+    gray : (H, W) uint8
+        Its brightness.
+    given : (H, W) uint8 or None
+        The user's marking mask.
+    extra : Observations or None
+        What was given beside the picture.
+    """
+
+    image: NDArray[np.uint8]
+    gray: NDArray[np.uint8]
+    given: NDArray[np.uint8] | None
+    extra: Observations | None
 
 
 def run(
@@ -134,8 +214,9 @@ def run(
     height, width = image.shape[:2]
     if mask is not None and mask.shape != (height, width):
         raise InputError(f"{frame_id}: the mask is {mask.shape[1]}x{mask.shape[0]}, the picture {width}x{height}")
-    chain = Chain(config, template, circle, width, height, frame_generator(config.seed, frame_id))
-    return chain.calibration(lambda: _Attempts(chain, image, mask, extra).verdict(), frame_id, source)
+    setting = Setting(config, template, circle, width, height, frame_generator(config.seed, frame_id))
+    scene = prepare_scene(setting, image, mask, extra)
+    return setting.calibration(reconsider(setting, scene, calibrate_scene(setting, scene)), frame_id, source)
 
 
 def run_observations(
@@ -163,137 +244,403 @@ def run_observations(
     template, circle = field_of(config)
     template = in_convention(template, convention)
     size = observations.width, observations.height
-    chain = Chain(config, template, circle, *size, frame_generator(config.seed, frame_id))
-    return chain.calibration(lambda: chain.from_observations(observations), frame_id, source)
+    setting = Setting(config, template, circle, *size, frame_generator(config.seed, frame_id))
+    attempt = estimate(setting, take_observations(setting, Attempt(), observations))
+    return setting.calibration(attempt, frame_id, source)
 
 
-class _Attempts:
-    """One picture, and what is tried with it: the first circle that is found, then others, then arcs."""
+def prepare_scene(
+    setting: Setting, image: NDArray[np.uint8], given: NDArray[np.uint8] | None, extra: Observations | None
+) -> Scene:
+    """A picture with its brightness, after both halves of an interlaced frame were joined."""
+    with setting.clock("mask"):
+        gray = to_gray(image)
+        motion = row_motion(gray) if setting.config.mask.deinterlace else None
+        if motion is not None:
+            image = without_combs(image, motion)
+            gray = to_gray(image)
+    return Scene(image, gray, given, extra)
 
-    def __init__(
-        self, chain: Chain, image: NDArray[np.uint8], given: NDArray[np.uint8] | None, extra: Observations | None
-    ) -> None:
-        self.chain = chain
-        self.image = image
-        self.given = given
-        self.extra = extra
-        with chain.clock("mask"):
-            self.brightness = to_gray(image)
-            motion = row_motion(self.brightness) if chain.config.mask.deinterlace else None
-            if motion is not None:
-                self.image = without_combs(image, motion)
-                self.brightness = to_gray(self.image)
 
-    def verdict(self) -> Verdict:
-        """The answer with the first circle; failing that, with another one, or with an arc as the circle."""
-        chain = self.chain
-        first = verdict = self._with_circle()
-        reached = chain.reached
-        ruled_out: tuple[Interpretation, ...] = ()
-        while (verdict.code in TAKEN_WRONGLY or doubtful(verdict)) and len(ruled_out) < MOST_INTERPRETATIONS:
-            mask: MarkingMask = chain.reached["mask"]
-            if mask.source != "detector" or mask.conic is None:
-                break
-            ruled_out = (*ruled_out, Interpretation(mask.conic, mask.halfway))
-            chain.reached = {}
-            verdict = self._with_circle(ruled_out)
-            if verdict.status == "calibrated" and (
-                surely_assigned(verdict, chain.reached["camera"], chain.reached["cues"])
-                or (first.code == "line_beyond_field" and self._about(ruled_out[0]))
-            ):
-                return verdict
-        chain.reached = reached
-        return self._with_arcs(first) if first.status == "refused" else first
+# --- one attempt: measure, then estimate
 
-    def _about(self, smaller: Interpretation) -> bool:
-        """Whether the circle lies about one that was too small for the field, and another marking is at its place."""
-        mask: MarkingMask = self.chain.reached["mask"]
-        camera: CameraFit = self.chain.reached["camera"]
-        return bool(camera.named_lines) and mask.conic is not None and encloses(mask.conic, smaller.conic)
 
-    def _with_arcs(self, first: Verdict) -> Verdict:
-        """The first answer that is accepted with a nearly gapless arc as the circle; where there are such arcs and no
-        circle, that they are not enough.
-        """
-        chain, reached = self.chain, self.chain.reached
-        marking: MarkingMask = reached["mask"]
-        arcs = [arc for arc in marking.arcs if arc.gapless]
-        for arc in arcs:
-            chain.reached = {}
-            verdict = self._with_circle(marking=with_arc(marking, arc))
-            if verdict.status == "calibrated":
-                return verdict
-        chain.reached = reached
-        if arcs and first.stage == "mask":
-            return Verdict("refused", "rotation_free", ARC_ALONE, "camera")
-        return first
+def calibrate_scene(
+    setting: Setting,
+    scene: Scene,
+    ruled_out: tuple[Interpretation, ...] = (),
+    marking: MarkingMask | None = None,
+) -> Attempt:
+    """One attempt: measure, estimate, refine, and look whether the other markings are there.
 
-    def _with_circle(self, ruled_out: tuple[Interpretation, ...] = (), marking: MarkingMask | None = None) -> Verdict:
-        """The answer with the circle of a marking, or with the first that is found, other than those ruled out."""
-        chain, extra = self.chain, self.extra
-        try:
-            ellipses, cues, seen = chain.seen(self.image, self.given, self.brightness, ruled_out, marking)
-        except EstimationError as refusal:
-            if extra is None:
-                return refused(refusal)
-            try:
-                return chain.from_observations(extra)
-            except EstimationError as error:
-                return refused(refusal if error.code in UNDETERMINED else error)
-        observations = seen if extra is None else joined(seen, extra)
-        chain.reached["observations"] = observations
-        try:
-            verdict = chain.answer(ellipses, cues, observations)
-            camera: CameraFit | None = chain.reached.get("camera")
-            partial = ellipses.primary.arc_deg < PARTIAL_DEG
-            if camera is not None and (partial or verdict.code in MEASURED_AGAIN):
-                turned = cues.halfway is None and bool(camera.names_by_line)
-                again = chain.seen_again(self.brightness, observations, turned)
-                if again is not None:
-                    verdict = chain.answer(ellipses, cues, again, camera if turned else None)
-            verdict = self._with_faint_lines(verdict, ellipses, cues)
-        except EstimationError as error:
-            return refused(error)
-        return self._looked_at(verdict, ellipses, chain.reached["cues"], chain.reached["observations"])
+    Parameters
+    ----------
+    setting, scene : Setting, Scene
+        The frame.
+    ruled_out : tuple of Interpretation
+        What the built-in detector shall not take for the circle and its line again.
+    marking : MarkingMask, optional
+        Where the circle is; found in the picture when None.
+    """
+    attempt = measure(setting, scene, ruled_out, marking)
+    if attempt.verdict is not None:
+        return attempt if scene.extra is None else _calibrate_extra(setting, attempt, scene.extra)
+    if scene.extra is not None and attempt.observations is not None:
+        attempt = replace(attempt, observations=joined(attempt.observations, scene.extra))
+    attempt = estimate(setting, attempt)
+    for refinement in REFINEMENTS:
+        attempt = refinement.first_accepted(setting, scene, attempt) or attempt
+    return look_again(setting, scene, attempt)
 
-    def _with_faint_lines(self, verdict: Verdict, ellipses: EllipseFits, cues: Cues) -> Verdict:
-        """The answer with straight markings that only an uncertain camera finds, where it is the better one."""
-        chain = self.chain
-        camera: CameraFit | None = chain.reached.get("camera")
-        uncertain = verdict.status == "calibrated" or verdict.code == "too_uncertain"
-        if camera is None or cues.halfway is None or not uncertain or not chain.config.cues.further_lines:
-            return verdict
-        if camera.max_sigma_px < UNCERTAIN_PX * chain.width / 1920.0:
-            return verdict
-        before = dict(chain.reached)
-        observations = chain.with_faint_lines(self.brightness, chain.reached["observations"])
-        if observations is None:
-            return verdict
-        try:
-            again = chain.answer(ellipses, chain.reached["cues"], observations)
-        except EstimationError:
-            again = None
-        found: CameraFit = chain.reached["camera"]
-        if again is not None and again.status == "calibrated" and found.max_sigma_px < camera.max_sigma_px:
-            return again
-        chain.reached = before
-        return verdict
 
-    def _looked_at(self, verdict: Verdict, ellipses: EllipseFits, cues: Cues, observations: Observations) -> Verdict:
-        """The verdict after the picture was looked at once more, where the camera puts the markings."""
-        chain = self.chain
-        camera: CameraFit | None = chain.reached.get("camera")
-        if camera is None:
-            return verdict
-        template, circle = chain.template, chain.circle
-        picture = chain.with_light_markings(self.brightness)
-        if verdict.code == "circle_unconfirmed" and is_circle_painted(picture, camera, template, circle):
-            verdict = chain.judged(ellipses, cues, certain=True)
-        with chain.clock("verdict"):
-            if verdict.status == "refused" or beyond_doubt(camera, cues, template):
-                return verdict
-            mask: MarkingMask = chain.reached["mask"]
-            seen_names = {line.line for line in observations.lines} | {c.circle for c in observations.circles}
-            known = frozenset(name for name in (*seen_names, *camera.named_lines) if name is not None)
-            expected = look_for_markings(picture, camera, template, circle, known, mask.field_region)
-            return confirmed(verdict, camera, cues, expected)
+def measure(
+    setting: Setting, scene: Scene, ruled_out: tuple[Interpretation, ...] = (), marking: MarkingMask | None = None
+) -> Attempt:
+    """What the picture shows of the circle and of what lies around it; refused where a stage gives up."""
+    config, template, circle = setting.config, setting.template, setting.circle
+    attempt = Attempt()
+    try:
+        with setting.clock("mask"):
+            refusal = None
+            if marking is None:
+                marking, refusal = find_marking(
+                    scene.image, scene.given, config.mask, setting.rng, scene.gray, ruled_out
+                )
+            attempt = replace(attempt, mask=marking)
+        if refusal is not None:
+            raise refusal
+        with setting.clock("edges"):
+            picture = lighten_markings(scene.gray, marking, circle)
+            edges = detect_edges(picture, marking, config.edges)
+            attempt = replace(attempt, edges=edges)
+        with setting.clock("rays"):
+            relative_width = template.marking_width_m / template.radius(circle, "center")
+            rays = cast_rays(picture, edges, marking, relative_width, config.rays, setting.rng)
+            attempt = replace(attempt, rays=rays)
+        with setting.clock("ellipse"):
+            ellipses = fit_ellipses(rays, setting.width, config.ellipse, setting.rng)
+            attempt = replace(attempt, ellipses=ellipses, observations=observe(setting, ellipses, Cues(None, None)))
+        with setting.clock("cues"):
+            cues = find_cues(picture, marking, ellipses, edges.noise, template, config.cues, edges.blur_px)
+            arcs = tuple(arc.points_px for arc in marking.arcs)
+            observations = replace(observe(setting, ellipses, cues), curves=arcs)
+            attempt = replace(attempt, cues=cues, observations=observations)
+    except EstimationError as error:
+        return refused(attempt, error)
+    return attempt
+
+
+def observe(setting: Setting, ellipses: EllipseFits, cues: Cues) -> Observations:
+    """What the picture showed, as observations.
+
+    The centreline's points already hold both edges, so the edges are given only where there is no centreline.
+    """
+    fits = (ellipses.center,) if ellipses.center is not None else (ellipses.outer, ellipses.inner)
+    circles = tuple(
+        CirclePoints(setting.circle.name, fit.edge, fit.points_px[fit.inliers], fit.sigma_px[fit.inliers])
+        for fit in fits
+        if fit is not None
+    )
+    seen = (*((cues.halfway,) if cues.halfway is not None else ()), *cues.lines)
+    lines = tuple(LinePoints(line.name, line.points_px, line.sigma_px, line.ends) for line in seen)
+    marks = () if cues.mark is None else (MarkPoint(cues.mark.name, cues.mark.point_px, cues.mark.sigma_px),)
+    return Observations(setting.width, setting.height, circles, lines, marks)
+
+
+def take_observations(setting: Setting, attempt: Attempt, observations: Observations) -> Attempt:
+    """An attempt with given observations in the place of measured ones; the camera can do without the circle."""
+    attempt, config = replace(attempt, observations=observations), setting.config
+    with setting.clock("ellipse"):
+        found, refusal = _try_stage(
+            lambda: fit_observed(observations, setting.circle.name, setting.width, config.ellipse, setting.rng)
+        )
+    if found is None and refusal is not None and (config.solver is not None or not config.camera.enabled):
+        return refused(attempt, refusal)
+    with setting.clock("cues"):
+        cues = cues_from_observations(observations, setting.template, setting.circle)
+    return replace(attempt, ellipses=found or EllipseFits(None, None, None), cues=cues)
+
+
+def _calibrate_extra(setting: Setting, attempt: Attempt, extra: Observations) -> Attempt:
+    """What was given beside a picture that was refused; the picture's own reason where that is too little."""
+    found = estimate(setting, take_observations(setting, replace(attempt, verdict=None), extra))
+    return replace(found, verdict=attempt.verdict) if found.code in UNDETERMINED else found
+
+
+def estimate(setting: Setting, attempt: Attempt, earlier: CameraFit | None = None) -> Attempt:
+    """Closed forms, camera and verdict from what was measured, or the refusal of the stage that gives up.
+
+    The camera can do without the closed forms, not the other way round.
+
+    Parameters
+    ----------
+    setting : Setting
+        The frame.
+    attempt : Attempt
+        With ellipses, cues and observations; returned unchanged where it is refused already.
+    earlier : CameraFit, optional
+        Camera of about the same observations, from which the fit starts.
+    """
+    if attempt.verdict is not None or attempt.ellipses is None or attempt.cues is None or attempt.observations is None:
+        return attempt
+    ellipses, cues, observations = attempt.ellipses, attempt.cues, attempt.observations
+    config, template, circle = setting.config, setting.template, setting.circle
+    attempt = replace(attempt, correspondences=None, homography=None, camera=None)
+    try:
+        if config.solver is not None:
+            return _judge(setting, _solve(setting, config.solver, attempt, ellipses, observations))
+        refusal = None
+        if ellipses.all():
+            with setting.clock("correspondences"):
+                size = setting.width, setting.height
+                correspondences, refusal = _try_stage(
+                    lambda: derive_correspondences(
+                        ellipses, cues, template, circle, size, config.correspondences, observations.keypoints
+                    )
+                )
+            attempt = replace(attempt, correspondences=correspondences)
+            if correspondences is not None:
+                with setting.clock("homography"):
+                    homography, refusal = _try_stage(
+                        lambda: estimate_homography(correspondences, np.asarray(circle.center), config.homography)
+                    )
+                attempt = replace(attempt, homography=homography)
+        if config.camera.enabled:
+            with setting.clock("camera"):
+                side = config.correspondences.camera_side
+                camera = estimate_camera(observations, template, circle, config.camera, side, earlier)
+            attempt = face_camera(replace(attempt, camera=camera), np.asarray(circle.center))
+        elif attempt.homography is None and refusal is not None:
+            raise refusal
+    except EstimationError as error:
+        return refused(attempt, error)
+    return _judge(setting, attempt)
+
+
+def face_camera(attempt: Attempt, center_m: Array) -> Attempt:
+    """The attempt with its points, tangents and closed form named as the camera sees them.
+
+    A circle and a line look the same from both sides, and the closed form chose its side before the camera was known.
+    """
+    found, homography, camera = attempt.correspondences, attempt.homography, attempt.camera
+    if found is None or camera is None or not is_turned(found, camera.H_image_field, center_m):
+        return attempt
+    turned = None if homography is None else turn_fit(homography)
+    return replace(attempt, correspondences=turn_correspondences(found, center_m), homography=turned)
+
+
+def _solve(
+    setting: Setting, solver: str, attempt: Attempt, ellipses: EllipseFits, observations: Observations
+) -> Attempt:
+    """Answer of one of the published methods, from both edges of the marking where they were told apart."""
+    name = setting.circle.name
+    edges = (
+        CirclePoints(name, fit.edge, fit.points_px[fit.inliers], fit.sigma_px[fit.inliers])
+        for fit in (ellipses.outer, ellipses.inner)
+        if fit is not None and observations.circle(name, fit.edge) is None
+    )
+    seen = replace(observations, circles=(*observations.circles, *edges))
+    with setting.clock("homography"):
+        found = solve_by_name(solver, seen, setting.template, setting.circle, setting.rng)
+        if found.H_image_field is None:
+            raise EstimationError("homography", found.code, found.reason)
+        homography = homography_of_solver(found.H_image_field, np.asarray(setting.circle.center))
+    return replace(attempt, homography=homography)
+
+
+def _judge(setting: Setting, attempt: Attempt) -> Attempt:
+    with setting.clock("verdict"):
+        verdict = judge(attempt, setting.template, setting.circle, setting.width, setting.config.verdict)
+    return replace(attempt, verdict=verdict)
+
+
+def look_again(setting: Setting, scene: Scene, attempt: Attempt) -> Attempt:
+    """The attempt after the picture was looked at where its camera puts the circle and the other markings."""
+    camera, cues, mask, observations = attempt.camera, attempt.cues, attempt.mask, attempt.observations
+    if camera is None or cues is None or mask is None or observations is None or attempt.verdict is None:
+        return attempt
+    template, circle = setting.template, setting.circle
+    picture = lighten_markings(scene.gray, mask, circle)
+    if attempt.code == "circle_unconfirmed" and is_circle_painted(picture, camera, template, circle):
+        attempt = _judge(setting, replace(attempt, mask=replace(mask, certain=True)))
+    with setting.clock("verdict"):
+        verdict = attempt.verdict
+        if verdict is None or verdict.status == "refused" or is_beyond_doubt(camera, cues, template):
+            return attempt
+        seen_names = {line.line for line in observations.lines} | {c.circle for c in observations.circles}
+        known = frozenset(name for name in (*seen_names, *camera.named_lines) if name is not None)
+        expected = look_for_markings(picture, camera, template, circle, known, mask.field_region)
+        return (
+            replace(attempt, verdict=confirm(attempt.verdict, camera, cues, expected)) if attempt.verdict else attempt
+        )
+
+
+def lighten_markings(gray: NDArray[np.uint8], mask: MarkingMask, circle: Circle) -> NDArray[np.uint8]:
+    """Brightness, inverted where the markings are darker than the surface, as it was seen or as the template says."""
+    dark = circle.color == "dark" if mask.polarity is None else mask.polarity < 0
+    return ~gray if dark else gray
+
+
+# --- what is tried again
+
+
+@dataclass(frozen=True, slots=True)
+class Retry:
+    """One thing to try after an attempt: when it is worth it, the attempts that it makes, which of them is taken."""
+
+    when: Callable[[Setting, Attempt], bool]
+    how: Callable[[Setting, Scene, Attempt], Iterator[Attempt]]
+    accept: Callable[[Setting, Attempt, Attempt], bool]
+
+    def first_accepted(self, setting: Setting, scene: Scene, attempt: Attempt) -> Attempt | None:
+        """The first of its attempts that is taken in the place of the one given; None where none is."""
+        if not self.when(setting, attempt):
+            return None
+        return next((new for new in self.how(setting, scene, attempt) if self.accept(setting, attempt, new)), None)
+
+
+def _is_worth_remeasuring(setting: Setting, attempt: Attempt) -> bool:
+    if attempt.camera is None or attempt.ellipses is None or not attempt.ellipses.all():
+        return False
+    refusal = REFUSALS.get(attempt.code or "")
+    return attempt.ellipses.primary.arc_deg < PARTIAL_DEG or (refusal is not None and refusal.remeasure)
+
+
+def remeasure_along_camera(setting: Setting, scene: Scene, attempt: Attempt) -> Iterator[Attempt]:
+    """The circle, and the arcs of the field too where only further lines turn it, along the curves of the camera."""
+    camera, cues, mask, edges, observations = (
+        attempt.camera, attempt.cues, attempt.mask, attempt.edges, attempt.observations,
+    )  # fmt: skip
+    if camera is None or cues is None or mask is None or edges is None or observations is None:
+        return
+    is_turned_by_lines = cues.halfway is None and bool(camera.names_by_line)
+    circle, template, config = setting.circle, setting.template, setting.config
+    found: dict[str, CirclePoints] = {}
+    with setting.clock("rays"):
+        picture = lighten_markings(scene.gray, mask, circle)
+        for curve in (circle, *(template.arcs if is_turned_by_lines else ())):
+            points, sigma = measure_along_model(picture, camera, curve, template, edges.noise, config.rays)
+            if len(points) >= config.ellipse.minimum_points:
+                found[curve.name] = CirclePoints(curve.name, "center", points, sigma)
+    if circle.name not in found:
+        return
+    others = tuple(c for c in observations.circles if c.circle not in found)
+    again = replace(observations, circles=(*found.values(), *others))
+    start = camera if is_turned_by_lines else None
+    yield estimate(setting, replace(attempt, observations=again, verdict=None), start)
+
+
+def _may_show_faint_lines(setting: Setting, attempt: Attempt) -> bool:
+    if attempt.camera is None or attempt.cues is None or attempt.cues.halfway is None:
+        return False
+    is_uncertain = attempt.camera.max_sigma_px >= UNCERTAIN_PX * setting.width / 1920.0
+    is_usable = attempt.is_calibrated or attempt.code == "too_uncertain"
+    return is_uncertain and is_usable and setting.config.cues.further_lines
+
+
+def add_faint_lines(setting: Setting, scene: Scene, attempt: Attempt) -> Iterator[Attempt]:
+    """The attempt with straight markings that stand out only where an uncertain camera may put them."""
+    camera, cues, mask, observations = attempt.camera, attempt.cues, attempt.mask, attempt.observations
+    if camera is None or cues is None or mask is None or observations is None:
+        return
+    with setting.clock("cues"):
+        picture = lighten_markings(scene.gray, mask, setting.circle)
+        found = find_faint_lines(picture, camera, setting.template, setting.circle)
+    if not found:
+        return
+    lines = (LinePoints(None, line.points_px, line.sigma_px) for line in found)
+    more = replace(observations, lines=(*observations.lines, *lines))
+    more_cues = replace(cues, lines=(*cues.lines, *found))
+    yield estimate(setting, replace(attempt, cues=more_cues, observations=more, verdict=None))
+
+
+def _is_less_uncertain(setting: Setting, attempt: Attempt, refined: Attempt) -> bool:
+    if attempt.camera is None or refined.camera is None:
+        return False
+    return refined.is_calibrated and refined.camera.max_sigma_px < attempt.camera.max_sigma_px
+
+
+def reconsider(setting: Setting, scene: Scene, first: Attempt) -> Attempt:
+    """The first attempt, or another interpretation of the picture where the first one is refused or doubtful."""
+    for interpretation in OTHER_INTERPRETATIONS:
+        other = interpretation.first_accepted(setting, scene, first)
+        if other is not None:
+            return other
+    if first.verdict is not None and first.verdict.stage == "mask" and first.code is not None and _arcs_of(first):
+        return replace(first, verdict=Verdict("refused", "rotation_free", ARC_ALONE, "camera"))
+    return first
+
+
+def _may_be_another_circle(setting: Setting, attempt: Attempt) -> bool:
+    """Whether another circle or line may be the right one: this one is refused for it, or nothing else confirms it."""
+    if attempt.verdict is None:
+        return False
+    refusal = REFUSALS.get(attempt.code or "")
+    return needs_confirmation(attempt.verdict) or (refusal is not None and refusal.another_interpretation)
+
+
+def interpret_otherwise(setting: Setting, scene: Scene, first: Attempt) -> Iterator[Attempt]:
+    """Attempts with other circles or lines, each without those that came before."""
+    attempt = first
+    ruled_out: tuple[Interpretation, ...] = ()
+    while _may_be_another_circle(setting, attempt) and len(ruled_out) < MOST_INTERPRETATIONS:
+        mask = attempt.mask
+        if mask is None or mask.source != "detector" or mask.conic is None:
+            return
+        ruled_out = (*ruled_out, Interpretation(mask.conic, mask.halfway))
+        attempt = calibrate_scene(setting, scene, ruled_out)
+        yield attempt
+
+
+def _is_better_circle(setting: Setting, first: Attempt, other: Attempt) -> bool:
+    """Whether another circle is believed: other markings confirm it, or it lies about one that was too small."""
+    if not other.is_calibrated:
+        return False
+    if is_confirmed(other, setting.template, setting.circle, setting.width, setting.config.verdict):
+        return True
+    small = None if first.mask is None else first.mask.conic
+    large = None if other.mask is None else other.mask.conic
+    has_lines = other.camera is not None and bool(other.camera.named_lines)
+    is_about = small is not None and large is not None and encloses(large, small)
+    return first.code == "line_beyond_field" and has_lines and is_about
+
+
+def _arcs_of(attempt: Attempt) -> tuple[MarkingMask, ...]:
+    """The markings with each nearly gapless arc in the place of the circle."""
+    mask = attempt.mask
+    return () if mask is None else tuple(with_arc(mask, arc) for arc in mask.arcs if arc.gapless)
+
+
+def take_arcs(setting: Setting, scene: Scene, first: Attempt) -> Iterator[Attempt]:
+    """Attempts with a nearly gapless arc as the circle."""
+    for marking in _arcs_of(first):
+        yield calibrate_scene(setting, scene, marking=marking)
+
+
+REFINEMENTS = (
+    Retry(_is_worth_remeasuring, remeasure_along_camera, lambda setting, attempt, refined: True),
+    Retry(_may_show_faint_lines, add_faint_lines, _is_less_uncertain),
+)
+"""What is measured again within one attempt, where its camera says what to look for; in this order."""
+OTHER_INTERPRETATIONS = (
+    Retry(_may_be_another_circle, interpret_otherwise, _is_better_circle),
+    Retry(
+        lambda setting, first: not first.is_calibrated,
+        take_arcs,
+        lambda setting, first, other: other.is_calibrated,
+    ),
+)
+"""What else in the picture is taken for the circle; in this order."""
+
+
+def refused(attempt: Attempt, error: EstimationError) -> Attempt:
+    """The attempt, ended by a stage that gave up."""
+    return replace(attempt, verdict=Verdict("refused", error.code, error.reason, error.stage))
+
+
+def _try_stage(stage: Callable[[], T]) -> tuple[T | None, EstimationError | None]:
+    """Result of a closed form that the camera stage can do without, or why there is none."""
+    try:
+        return stage(), None
+    except EstimationError as error:
+        return None, error

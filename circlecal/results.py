@@ -17,6 +17,7 @@ from circlecal.geometry.ellipses import Ellipse
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import SurfaceShape
 from circlecal.observations import CircleEdge, LineEnd, Observations
+from circlecal.refusals import explain
 
 Status = Literal["calibrated", "refused"]
 CIRCLE_ID, HALFWAY_ID = 7, 18
@@ -455,30 +456,132 @@ class Verdict:
     stage: str | None
     checks: tuple[Check, ...] = ()
 
+    @property
+    def help(self) -> str | None:
+        """What helps against a refusal; None where there is none."""
+        return None if self.code is None else explain(self.code, self.stage).help
+
+    def check(self, name: str) -> Check | None:
+        """The check of this name, where it was made."""
+        return next((check for check in self.checks if check.name == name), None)
+
+
+@dataclass(frozen=True, slots=True)
+class Attempt:
+    """What the stages made of one frame with one circle: each stage's result, None where it was not reached.
+
+    Attributes
+    ----------
+    mask, edges, rays, ellipses, cues, correspondences, homography, camera : stage results
+        In the order of the stages.
+    observations : Observations or None
+        What the camera is fitted to: everything that was measured, and what was given beside the picture.
+    verdict : Verdict or None
+        The answer of the last stage, or why an earlier one gave up.
+    """
+
+    mask: MarkingMask | None = None
+    edges: EdgePoints | None = None
+    rays: RayPoints | None = None
+    ellipses: EllipseFits | None = None
+    cues: Cues | None = None
+    observations: Observations | None = None
+    correspondences: Correspondences | None = None
+    homography: HomographyFit | None = None
+    camera: CameraFit | None = None
+    verdict: Verdict | None = None
+
+    @property
+    def is_calibrated(self) -> bool:
+        """Whether the verdict accepts it."""
+        return self.verdict is not None and self.verdict.status == "calibrated"
+
+    @property
+    def code(self) -> str | None:
+        """Why the verdict refuses it, for machines; None where it does not."""
+        return None if self.verdict is None else self.verdict.code
+
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """Everything known about one frame: the verdict and every intermediate that was reached."""
+    """Everything known about one frame: which one it is, how it was run, and the attempt that was taken.
+
+    Attributes
+    ----------
+    id, source : str, str or None
+        Name of the frame, and the file or address that it comes from.
+    width, height : int
+        Size of the picture, pixels.
+    field_name, circle_name : str
+        Field template, and the circle of it that was looked for.
+    attempt : Attempt
+        What every stage reached.
+    seed, config_digest : int, str
+        Seed of the random draws, and digest of the configuration.
+    timings_ms : dict
+        Time spent in each stage, over all attempts.
+    """
 
     id: str
     width: int
     height: int
     field_name: str
     circle_name: str
-    verdict: Verdict
+    attempt: Attempt
     seed: int
     config_digest: str
     timings_ms: dict[str, float] = field(default_factory=dict)
     source: str | None = None
-    mask: MarkingMask | None = None
-    edges: EdgePoints | None = None
-    rays: RayPoints | None = None
-    ellipses: EllipseFits | None = None
-    cues: Cues | None = None
-    correspondences: Correspondences | None = None
-    homography: HomographyFit | None = None
-    camera: CameraFit | None = None
-    observations: Observations | None = None
+
+    @property
+    def verdict(self) -> Verdict:
+        """Calibrated, or refused with a reason."""
+        return self.attempt.verdict or Verdict("refused", "no_homography", "no stage was run", None)
+
+    @property
+    def mask(self) -> MarkingMask | None:
+        """Result of the stage ``mask``."""
+        return self.attempt.mask
+
+    @property
+    def edges(self) -> EdgePoints | None:
+        """Result of the stage ``edges``."""
+        return self.attempt.edges
+
+    @property
+    def rays(self) -> RayPoints | None:
+        """Result of the stage ``rays``."""
+        return self.attempt.rays
+
+    @property
+    def ellipses(self) -> EllipseFits | None:
+        """Result of the stage ``ellipse``."""
+        return self.attempt.ellipses
+
+    @property
+    def cues(self) -> Cues | None:
+        """Result of the stage ``cues``."""
+        return self.attempt.cues
+
+    @property
+    def observations(self) -> Observations | None:
+        """What the camera was fitted to."""
+        return self.attempt.observations
+
+    @property
+    def correspondences(self) -> Correspondences | None:
+        """Result of the stage ``correspondences``."""
+        return self.attempt.correspondences
+
+    @property
+    def homography(self) -> HomographyFit | None:
+        """Result of the stage ``homography``."""
+        return self.attempt.homography
+
+    @property
+    def camera(self) -> CameraFit | None:
+        """Result of the stage ``camera``."""
+        return self.attempt.camera
 
     @property
     def status(self) -> Status:

@@ -20,7 +20,7 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 
 LAYERS: tuple[frozenset[str], ...] = (
     frozenset({"errors", "__init__"}),
-    frozenset({"geometry", "files"}),
+    frozenset({"geometry", "files", "refusals"}),
     frozenset({"field"}),
     frozenset({"observations"}),
     frozenset({"results"}),
@@ -29,7 +29,6 @@ LAYERS: tuple[frozenset[str], ...] = (
     frozenset({"stages"}),
     frozenset({"solvers"}),
     frozenset({"config"}),
-    frozenset({"chain"}),
     frozenset({"pipeline"}),
     frozenset({"records"}),
     frozenset({"overlay"}),

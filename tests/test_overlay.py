@@ -19,6 +19,7 @@ from circlecal.overlay.canvas import Canvas, clip_segments, text_size, wrap
 from circlecal.overlay.field_view import best_view, camera_view, homography_view
 from circlecal.overlay.palette import CIRCLE, TEMPLATE
 from circlecal.results import (
+    Attempt,
     Calibration,
     CameraFit,
     Check,
@@ -162,28 +163,35 @@ def _calibration(camera=None, verdict=CALIBRATED):
         height=camera.height,
         field_name="soccer",
         circle_name="centre_circle",
-        verdict=verdict,
+        attempt=Attempt(
+            mask=MarkingMask(
+                classes,
+                "detector",
+                fits.center.conic,
+                Segment(top, bottom, 0.9),
+                (unnamed.segment,),
+                region,
+                (fits.outer.conic, np.diag([1.0, -1.0, 1.0]), np.full((3, 3), np.nan)),
+            ),
+            edges=EdgePoints(outer, fits.outer.ellipse.normals(sigma), 100 * sigma, sigma, 2.0, 1.1, (20.0, 50.0)),
+            rays=RayPoints(mark.point_px, outer, sigma, inner, sigma, center, sigma, 720, 30, outer[::7] + 15),
+            ellipses=fits,
+            cues=Cues(halfway, mark, (unnamed,)),
+            correspondences=_correspondences(H),
+            homography=plane,
+            camera=fit,
+            observations=seen,
+            verdict=verdict,
+        ),
         seed=0,
         config_digest="0",
         timings_ms={"mask": 12.0, "camera": 80.0},
-        mask=MarkingMask(
-            classes,
-            "detector",
-            fits.center.conic,
-            Segment(top, bottom, 0.9),
-            (unnamed.segment,),
-            region,
-            (fits.outer.conic, np.diag([1.0, -1.0, 1.0]), np.full((3, 3), np.nan)),
-        ),
-        edges=EdgePoints(outer, fits.outer.ellipse.normals(sigma), 100 * sigma, sigma, 2.0, 1.1, (20.0, 50.0)),
-        rays=RayPoints(mark.point_px, outer, sigma, inner, sigma, center, sigma, 720, 30, outer[::7] + 15),
-        ellipses=fits,
-        cues=Cues(halfway, mark, (unnamed,)),
-        correspondences=_correspondences(H),
-        homography=plane,
-        camera=fit,
-        observations=seen,
     )
+
+
+def _with(calibration, **changes):
+    """The calibration with other results of stages."""
+    return replace(calibration, attempt=replace(calibration.attempt, **changes))
 
 
 def _check(picture):
@@ -224,7 +232,7 @@ def test_pictures_leave_the_frame_alone_and_show_something(complete):
 @pytest.mark.parametrize("verdict", [CALIBRATED, REFUSED])
 def test_any_part_may_be_missing(complete, stage, verdict):
     image, calibration = complete
-    drawn, radar, _ = _draw_all(image, replace(calibration, verdict=verdict, **{stage: None}))
+    drawn, radar, _ = _draw_all(image, _with(calibration, verdict=verdict, **{stage: None}))
     assert (radar is None) == (verdict is REFUSED)
     assert (drawn != image).any()
 
@@ -234,7 +242,7 @@ def test_a_frame_may_be_refused_anywhere(complete, reached):
     image, calibration = complete
     verdict = Verdict("refused", "no_circle", "no circle was found", STAGES[min(reached, len(STAGES) - 1)])
     missing = dict.fromkeys(STAGES[reached:])
-    _, radar, _ = _draw_all(image, replace(calibration, verdict=verdict, **missing))
+    _, radar, _ = _draw_all(image, _with(calibration, verdict=verdict, **missing))
     assert radar is None
 
 
@@ -242,36 +250,34 @@ def test_parts_within_the_parts_may_be_missing(complete):
     image, c = complete
     empty, none = np.zeros((0, 2)), np.zeros(0)
     variants = [
-        replace(c, mask=MarkingMask(c.mask.classes, "file")),
-        replace(c, mask=replace(c.mask, conic=None), ellipses=None, camera=None, homography=None, cues=None),
-        replace(c, edges=EdgePoints(empty, empty, none, none, 0.0, 0.0, (0.0, 0.0))),
-        replace(c, rays=RayPoints(np.zeros(2), empty, none, empty, none, empty, none, 0, 0, empty)),
-        replace(c, ellipses=EllipseFits(None, None, None)),
-        replace(c, ellipses=EllipseFits(replace(c.ellipses.outer, inliers=np.zeros(200, bool)), None, None)),
-        replace(c, cues=Cues(None, None, ())),
-        replace(c, cues=Cues(None, replace(c.cues.mark, point_px=np.array([3.0, 3.0])))),
-        replace(c, correspondences=replace(c.correspondences, points=(), tangents=())),
-        replace(c, correspondences=replace(c.correspondences, vanishing_line=np.array([0.0, 0.0, 1.0]))),
-        replace(c, homography=replace(c.homography, residuals_px=none, H_image_field=-c.homography.H_image_field)),
-        replace(c, camera=replace(c.camera, covariance=np.eye(3), theta=np.zeros(3), residuals_px={}, crown_shape="?")),
-        replace(c, camera=replace(c.camera, max_sigma_px=np.inf, max_sigma_m=np.nan, rejected=(), named_lines=())),
-        replace(c, verdict=Verdict("refused", None, None, None), timings_ms={}),
+        _with(c, mask=MarkingMask(c.mask.classes, "file")),
+        _with(c, mask=replace(c.mask, conic=None), ellipses=None, camera=None, homography=None, cues=None),
+        _with(c, edges=EdgePoints(empty, empty, none, none, 0.0, 0.0, (0.0, 0.0))),
+        _with(c, rays=RayPoints(np.zeros(2), empty, none, empty, none, empty, none, 0, 0, empty)),
+        _with(c, ellipses=EllipseFits(None, None, None)),
+        _with(c, ellipses=EllipseFits(replace(c.ellipses.outer, inliers=np.zeros(200, bool)), None, None)),
+        _with(c, cues=Cues(None, None, ())),
+        _with(c, cues=Cues(None, replace(c.cues.mark, point_px=np.array([3.0, 3.0])))),
+        _with(c, correspondences=replace(c.correspondences, points=(), tangents=())),
+        _with(c, correspondences=replace(c.correspondences, vanishing_line=np.array([0.0, 0.0, 1.0]))),
+        _with(c, homography=replace(c.homography, residuals_px=none, H_image_field=-c.homography.H_image_field)),
+        _with(c, camera=replace(c.camera, covariance=np.eye(3), theta=np.zeros(3), residuals_px={}, crown_shape="?")),
+        _with(c, camera=replace(c.camera, max_sigma_px=np.inf, max_sigma_m=np.nan, rejected=(), named_lines=())),
+        replace(_with(c, verdict=Verdict("refused", None, None, None)), timings_ms={}),
         replace(c, circle_name="penalty_arc_left"),
-        replace(c, edges=replace(c.edges, sigma_px=np.where(np.arange(200) % 3, np.nan, c.edges.sigma_px))),
-        replace(c, rays=replace(c.rays, center_px=np.full(2, np.nan)), ellipses=None),
-        replace(c, homography=replace(c.homography, H_image_field=np.full((3, 3), np.nan)), camera=None),
-        replace(c, camera=replace(c.camera, camera=replace(c.camera.camera, position_m=np.full(3, np.nan)))),
-        replace(c, correspondences=replace(c.correspondences, imaged_center=np.array([1.0, 1.0, 0.0]))),
-        replace(c, id="Fußball ⚽ 12", verdict=replace(REFUSED, reason="größer als erlaubt " * 20)),
+        _with(c, edges=replace(c.edges, sigma_px=np.where(np.arange(200) % 3, np.nan, c.edges.sigma_px))),
+        _with(c, rays=replace(c.rays, center_px=np.full(2, np.nan)), ellipses=None),
+        _with(c, homography=replace(c.homography, H_image_field=np.full((3, 3), np.nan)), camera=None),
+        _with(c, camera=replace(c.camera, camera=replace(c.camera.camera, position_m=np.full(3, np.nan)))),
+        _with(c, correspondences=replace(c.correspondences, imaged_center=np.array([1.0, 1.0, 0.0]))),
+        replace(_with(c, verdict=replace(REFUSED, reason="größer als erlaubt " * 20)), id="Fußball ⚽ 12"),
     ]
     for variant in variants:
         _draw_all(image, variant)
 
 
 def test_every_optional_field_of_a_calibration_is_tried():
-    assert {f.name for f in fields(Calibration)} >= set(STAGES)
-    optional = {f.name for f in fields(Calibration) if f.default is None}
-    assert optional - {"source"} == set(STAGES)
+    assert {f.name for f in fields(Attempt) if f.default is None} - {"verdict"} == set(STAGES)
 
 
 @pytest.mark.parametrize("size", [(398, 224), (640, 360), (3840, 2160), (360, 640), (900, 200), (64, 48), (1, 1)])
@@ -293,7 +299,7 @@ def test_every_field(complete, name):
 
 def test_a_camera_beside_a_goal_sees_part_of_the_field_behind_it():
     camera = replace(_camera(), angles_rad=np.array([np.pi / 2, 1.4, 0.0]), position_m=np.array([-30.0, 5.0, -4.0]))
-    calibration = replace(_calibration(), camera=replace(_calibration().camera, camera=camera))
+    calibration = _with(_calibration(), camera=replace(_calibration().camera, camera=camera))
     _draw_all(_image(camera), calibration)
     pixels = camera_view(calibration.camera, SOCCER, "centre_circle").pixels(np.array([[-50.0, 0.0], [20.0, 0.0]]))
     assert np.isnan(pixels[0]).all()
@@ -320,7 +326,7 @@ def _color_at(picture, points, color, tolerance=70):
 
 def test_template_is_drawn_where_the_camera_projects_it(complete):
     image, calibration = complete
-    bare = replace(calibration, ellipses=None, correspondences=None, cues=None)
+    bare = _with(calibration, ellipses=None, correspondences=None, cues=None)
     drawn = overlay.draw_overlay(image, bare, SOCCER)
     t = np.linspace(0, 2 * np.pi, 100)
     circle = 9.09 * np.stack([np.cos(t), np.sin(t)], axis=-1)
@@ -345,8 +351,8 @@ def test_fitted_breadth_moves_the_touchline_and_not_the_penalty_area(complete):
 
 def test_view_falls_back_to_the_closed_form(complete):
     _, calibration = complete
-    assert best_view(replace(calibration, camera=None, homography=None), SOCCER) is None
-    view = best_view(replace(calibration, camera=None), SOCCER)
+    assert best_view(_with(calibration, camera=None, homography=None), SOCCER) is None
+    view = best_view(_with(calibration, camera=None), SOCCER)
     H = calibration.homography.H_image_field
     points = np.array([[0.0, 0.0], [5.0, 3.0], [0.0, 80.0]])
     pixels = view.pixels(points)
@@ -372,7 +378,7 @@ def test_radar_shows_the_field_from_above(monkeypatch):
 def test_verdict_is_told_apart_without_colours(complete):
     image, calibration = complete
     accepted = overlay.draw_overlay(image, calibration, SOCCER)
-    refused = overlay.draw_overlay(image, replace(calibration, verdict=REFUSED), SOCCER)
+    refused = overlay.draw_overlay(image, _with(calibration, verdict=REFUSED), SOCCER)
     assert (accepted[:40, :200].max(axis=2) > 240).any()
     assert not np.array_equal(accepted[:40, :200], refused[:40, :200])
 

@@ -9,10 +9,15 @@ import pytest
 from circlecal.bench.detect import PROFILES, compare
 from circlecal.config import Config, load_config
 from circlecal.errors import ConfigError, InputError
+from circlecal.geometry.homography import compass_label
+from circlecal.geometry.projective import apply_homography, normalise_line, transform_lines
 from circlecal.observations import Keypoint, Observations, joined
 from circlecal.overlay import draw_overlay, stage_pictures
-from circlecal.pipeline import field_of, frame_generator, run, run_observations
+from circlecal.pipeline import face_camera, field_of, frame_generator, run, run_observations
 from circlecal.records.record import result_line, result_record
+from circlecal.refusals import REFUSALS
+from circlecal.stages.correspondences import is_turned, turn_correspondences
+from circlecal.stages.homography import turn_fit
 from circlecal.synthetic.cameras import aimed_camera
 from circlecal.synthetic.markings import circle_points, line_points
 from circlecal.synthetic.renderer import Rendering
@@ -179,6 +184,69 @@ def test_without_camera_and_line_there_is_no_answer(frames):
     plain = load_config(None, ["camera.enabled=false", "cues.halfway_line=false"])
     found = run(frames.easy.image, plain, frame_id="easy")
     assert found.verdict.code == "no_line_or_point"
+
+
+@pytest.mark.parametrize("settings", [["solver=great_axis"], ["solver=magera_case1"], ["camera.enabled=false"]])
+@pytest.mark.parametrize("frame", [1, 19])
+def test_a_field_with_several_circles_is_answered_without_the_camera_stage(settings, frame):
+    """Another circle than the first is tried there too, and nothing asks for a camera that no stage estimated."""
+    rendering = render_frame("ice", np.random.default_rng([0, frame, PROFILES.index("ice")]))
+    found = run(rendering.image, load_config("ice-hockey", settings), frame_id=f"ice-{frame}")
+    assert found.camera is None
+    assert found.status == "calibrated" or found.verdict.code in REFUSALS
+
+
+def points_of_record(record):
+    """Where the eight points and tangents of a record lie against its own homography: rms of both, px and 1."""
+    H = np.array(record["H_image_field"] or record["rejected_estimate"]["H_image_field"])
+    points, tangents = record["correspondences"]["points"], record["correspondences"]["tangents"]
+    field, image = (np.array([p[key] for p in points]) for key in ("field_m", "image_px"))
+    lines = normalise_line(transform_lines(H, np.array([t["field_line"] for t in tangents])))
+    seen = np.array([t["image_line"] for t in tangents])
+    lines *= np.sign((lines * seen).sum(axis=1, keepdims=True))
+    turned = np.linalg.norm(lines[:, :2] - seen[:, :2], axis=1)
+    return np.linalg.norm(apply_homography(H, field) - image, axis=1), turned
+
+
+@pytest.mark.parametrize("side", ["main", "opposite", "left_goal", "right_goal"])
+@pytest.mark.parametrize("profile", ["easy", "behind_goal", "oblique"])
+def test_points_tangents_homography_and_camera_of_a_record_agree_about_the_side(profile, side):
+    """The closed form chooses its side of the field before the camera is known: the camera decides."""
+    rendering = render_frame(profile, np.random.default_rng([7, 3]), *SIZE)
+    found = run(rendering.image, load_config(None, [f"correspondences.camera_side={side}"]), frame_id=profile)
+    template, circle = field_of(CONFIG)
+    record = json.loads(result_line(result_record(found, template)))
+    if found.camera is None or record["correspondences"] is None:
+        pytest.skip("this frame has no camera to compare with")
+    size = 2 * max(found.ellipses.primary.ellipse.semi_axes)
+    off, tangents = points_of_record(record)
+    assert off.max() < 0.2 * size
+    assert tangents.max() < 0.5
+    by_label = {p["label"]: np.array(p["field_m"]) for p in record["correspondences"]["points"]}
+    for label, place in by_label.items():
+        assert compass_label(place - np.asarray(circle.center)) == label
+    np.testing.assert_allclose(
+        found.homography.H_field_image @ found.homography.H_image_field, np.eye(3) * (
+            found.homography.H_field_image @ found.homography.H_image_field
+        )[2, 2], atol=1e-6,
+    )  # fmt: skip
+
+
+def test_what_the_closed_form_named_from_the_other_side_is_turned(easy):
+    _, circle = field_of(CONFIG)
+    center = np.asarray(circle.center)
+    turned = turn_correspondences(easy.correspondences, center)
+    assert is_turned(turned, easy.H_image_field, center) and not is_turned(
+        easy.correspondences, easy.H_image_field, center
+    )
+    attempt = replace(easy.attempt, correspondences=turned, homography=turn_fit(easy.homography))
+    again = face_camera(attempt, center)
+    for mine, first in zip(again.correspondences.points, easy.correspondences.points, strict=True):
+        assert mine.label == first.label
+        np.testing.assert_array_equal(mine.image_px, first.image_px)
+    for mine, first in zip(again.correspondences.tangents, easy.correspondences.tangents, strict=True):
+        np.testing.assert_array_equal(mine.image_line, first.image_line)
+    np.testing.assert_allclose(again.homography.H_image_field, easy.homography.H_image_field)
 
 
 def test_a_mask_of_another_size_is_an_input_error(frames):

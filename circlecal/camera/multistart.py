@@ -12,9 +12,9 @@ from circlecal.camera.optimise import COARSE, Problem, State, best_of, continued
 from circlecal.camera.options import CameraConfig, realism_of
 from circlecal.camera.parameters import INDEX
 from circlecal.camera.residuals import curve_residuals, ground_hidden
-from circlecal.errors import EstimationError
 from circlecal.geometry.homography import SIDES
 from circlecal.geometry.projective import Array
+from circlecal.refusals import refuse
 
 COARSE_POINTS = 48
 """Points per marking while starts or hypotheses are only compared."""
@@ -66,7 +66,7 @@ def _follow(problem: Problem, starts: Array, config: CameraConfig, side: str) ->
     before the others.
     """
     if len(starts) == 0:
-        raise EstimationError("camera", "no_camera", "no start for the camera was found")
+        raise refuse("camera", "no_camera")
     few = problem if len(starts) <= FEW_STARTS else _with_few_points(problem, config)
     hidden = ground_hidden(few.curves, starts, problem.model)
     wide = minimise(few, starts, 100.0 * config.loss_scale, min(30, config.iterations), hidden, COARSE)
@@ -76,7 +76,7 @@ def _follow(problem: Problem, starts: Array, config: CameraConfig, side: str) ->
     # a camera hanging upside down sees a circle and a line just as well
     above = (state.theta[:, INDEX["z"]] < 0) & (np.sin(state.theta[:, INDEX["tilt"]]) > 0)
     if not above.any():
-        raise EstimationError("camera", "no_camera", "no upright camera above the ground explains what was seen")
+        raise refuse("camera", "no_camera")
     offset = state.theta[:, 4:6] - problem.priors.center_m
     stated = offset @ np.array(SIDES[side]) >= 0
     # the side decides between the two cameras of the turned field, not against what was seen

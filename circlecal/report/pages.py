@@ -21,13 +21,13 @@ from circlecal.api import prepare_folder
 from circlecal.errors import InputError
 from circlecal.overlay.canvas import Picture
 from circlecal.pictures.files import REPORT_FOLDER
+from circlecal.refusals import explain
 from circlecal.report.details import frame_details
 from circlecal.report.drawings import scene_of
 from circlecal.report.figures import Histogram, clock, histogram, short, timelines
 from circlecal.report.originals import Originals
 from circlecal.report.pictures import KINDS, PER_FOLDER, Media, write_file, write_media
 from circlecal.report.reading import FrameRow, StoredRun, natural_order
-from circlecal.report.reasons import explain
 
 PAGE_NAME = "index.html"
 MARKER = '<meta name="generator" content="circlecal report'
@@ -171,7 +171,7 @@ def _listing(run: StoredRun, media: list[int]) -> dict[str, Any]:
     videos = list(dict.fromkeys(row.path for row in run.rows if row.time_s is not None))
     columns["video"] = [videos.index(row.path) if row.time_s is not None else -1 for row in run.rows]
     return {
-        "codes": [[code, *explain(code, stage[code])] for code in order],
+        "codes": [[code, found.meaning, found.help] for code in order for found in [explain(code, stage[code])]],
         "videos": [Path(path or "").name for path in videos],
         "cameras": cameras,
         "perFile": DETAILS_PER_FILE,
@@ -249,14 +249,14 @@ def _reasons(rows: list[FrameRow]) -> Iterator[dict[str, Any]]:
     refused = [row for row in rows if not row.calibrated]
     stages = {row.code or "unknown": row.stage for row in refused}
     for code, count in Counter(row.code or "unknown" for row in refused).most_common():
-        meaning, mend = explain(code, stages[code])
+        refusal = explain(code, stages[code])
         yield {
             "code": code,
             "count": count,
             "share": 100.0 * count / len(refused),
             "stage": stages[code],
-            "meaning": meaning,
-            "mend": mend,
+            "meaning": refusal.meaning,
+            "mend": refusal.help,
         }
 
 

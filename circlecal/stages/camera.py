@@ -40,7 +40,6 @@ from circlecal.camera.parameters import INDEX, ProjectionModel
 from circlecal.camera.report import camera_fit
 from circlecal.camera.residuals import CurvePoints, FixedPoints, ground_hidden, joined_curves
 from circlecal.camera.starts_landmarks import Landmarks, seen_landmarks
-from circlecal.errors import EstimationError
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.projective import Array, Mask
 from circlecal.geometry.surface import Surface
@@ -48,6 +47,7 @@ from circlecal.line_naming.around_circle import names_around
 from circlecal.line_naming.hypotheses import Naming, name_lines
 from circlecal.line_naming.line_ends import same_markings, with_crossings
 from circlecal.observations import CirclePoints, Observations
+from circlecal.refusals import refuse
 from circlecal.results import CameraFit
 
 DENSE_POINTS = 60
@@ -278,7 +278,7 @@ def _around(
     if config.name_lines:
         found = names_around(problem, seen.ellipse, observations, template, coarse, config.loss_scale, side)
     if found is None:
-        raise EstimationError("camera", "rotation_free", "rotation about the circle is free: show a line or a point")
+        raise refuse("camera", "rotation_free")
     return found
 
 
@@ -313,7 +313,7 @@ def _require_landmarks(observations: Observations, circle: Circle, landmarks: La
         return
     seen = max((len(c.points_px) for c in observations.circles if c.circle == circle.name), default=0)
     code, words = ("no_ellipse", f"{seen} points of") if seen else ("no_circle", "no points of")
-    raise EstimationError(
+    raise refuse(
         "camera",
         code,
         f"{words} the circle {circle.name!r} were seen, and the {len(landmarks)} points and named lines beside it "

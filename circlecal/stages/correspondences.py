@@ -12,15 +12,15 @@ from typing import Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from circlecal.errors import EstimationError
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera import camera_from_homography, image_center
 from circlecal.geometry.circle_pose import pinhole_centers
 from circlecal.geometry.concentric import imaged_center, vanishing_line
 from circlecal.geometry.conics import line_conic_meet, normalise_conic, polar
 from circlecal.geometry.homography import camera_side_of, compass_label, homography_from_circle, turn_homography
-from circlecal.geometry.projective import Array, dehomogenise, join, lift, meet, normalise_line
+from circlecal.geometry.projective import Array, apply_homography, dehomogenise, join, lift, meet, normalise_line
 from circlecal.observations import Keypoint
+from circlecal.refusals import refuse
 from circlecal.results import Correspondences, Cues, EllipseFits, LineCorrespondence, PointCorrespondence
 
 Side = Literal["main", "opposite", "left_goal", "right_goal"]
@@ -87,9 +87,7 @@ def derive_correspondences(
     line = None if cues.halfway is None or template.halfway_line is None else cues.halfway
     point = next((k for k in keypoints if np.linalg.norm(k.field_m - circle.center) > 1e-6), None)
     if line is None and point is None:
-        raise EstimationError(
-            "correspondences", "no_line_or_point", "rotation about the circle is free: show the halfway line or a point"
-        )
+        raise refuse("correspondences", "no_line_or_point")
     center, source = _imaged_center(ellipses, cues, size, config)
     o = np.asarray(circle.center)
     if line is not None and config.case != 2 and template.halfway_line is not None:
@@ -101,9 +99,7 @@ def derive_correspondences(
         found = correspondences_from_point(fit.conic, center, point.point_px, point.field_m, o, radius)
         found = replace(found, center_source=source)
     else:
-        raise EstimationError(
-            "correspondences", "no_point", "case 2 needs a point of known field position, and none is seen"
-        )
+        raise refuse("correspondences", "no_point")
     return replace(found, case=3) if source == "two_edges" else found
 
 
@@ -117,23 +113,13 @@ def _imaged_center(
         if center is not None:
             return center, "pinhole"
     if ellipses.outer is None or ellipses.inner is None:
-        raise EstimationError(
-            "correspondences",
-            "no_center",
-            "the imaged centre is not seen, and the marking does not show two separate edges",
-        )
+        raise refuse("correspondences", "no_center", "the marking does not show two separate edges")
     found = imaged_center(ellipses.outer.conic, ellipses.inner.conic)
     if found is None:
-        raise EstimationError(
-            "correspondences", "no_center", "the two edges of the marking have no common imaged centre"
-        )
+        raise refuse("correspondences", "no_center", "the two edges of the marking have none in common")
     if found.pair_split > config.maximum_pair_split * found.gap:
-        raise EstimationError(
-            "correspondences",
-            "eigenvalue_gap_within_noise",
-            f"the double eigenvalue is split by {found.pair_split:.2g}, "
-            f"the gap to the isolated one is only {found.gap:.2g}",
-        )
+        detail = f"the double eigenvalue is split by {found.pair_split:.2g}, the gap is only {found.gap:.2g}"
+        raise refuse("correspondences", "eigenvalue_gap_within_noise", detail)
     return found.center, "two_edges"
 
 
@@ -202,11 +188,11 @@ def correspondences_from_line(
     c = np.asarray(center, dtype=np.float64)
     c = c / c[2]
     if not c @ e @ c < 0:
-        raise EstimationError("correspondences", "center_outside", "the imaged centre lies outside the ellipse")
+        raise refuse("correspondences", "center_outside")
     u = np.asarray(direction, dtype=np.float64) / np.linalg.norm(direction)
     H = homography_from_circle(e, c, image_line, field_center, radius, u)
     if H is None:
-        raise EstimationError("correspondences", "center_outside", "the imaged centre lies outside the ellipse")
+        raise refuse("correspondences", "center_outside")
     if _is_turned(H, field_center, u, side, toward, c):
         H = turn_homography(H, field_center)
     n = np.array([-u[1], u[0]])
@@ -257,13 +243,32 @@ def correspondences_from_point(
     )
 
 
+def is_turned(found: Correspondences, H_image_field: Array, field_center: Array) -> bool:
+    """Whether points fit a homography better when the field is turned by 180 degrees about ``field_center`` (2,)."""
+    field, image = np.array([p.field_m for p in found.points]), np.array([p.image_px for p in found.points])
+    as_named, turned = (apply_homography(H_image_field, places) for places in (field, 2 * field_center - field))
+    return float(np.sum((turned - image) ** 2)) < float(np.sum((as_named - image) ** 2))
+
+
+def turn_correspondences(found: Correspondences, field_center: Array) -> Correspondences:
+    """The field turned by 180 degrees about ``field_center`` (2,): opposite points and tangents change their images."""
+    field = np.array([p.field_m for p in found.points])
+    opposite = np.linalg.norm(2 * field_center - field[:, None] - field, axis=-1).argmin(axis=1).tolist()
+    points = (
+        replace(p, image_px=found.points[k].image_px, sigma_px=found.points[k].sigma_px)
+        for p, k in zip(found.points, opposite, strict=True)
+    )
+    tangents = (
+        replace(t, image_line=found.tangents[k].image_line) for t, k in zip(found.tangents, opposite, strict=True)
+    )
+    return replace(found, points=tuple(points), tangents=tuple(tangents))
+
+
 def _ordered(conic: Array, line: Array, H: Array, field_point: Array) -> Array:
     """Both points (2, 3) of a line on the conic, the one nearer to the image of a field point first."""
     both = line_conic_meet(conic, line)
     if both is None:
-        raise EstimationError(
-            "correspondences", "center_outside", "a line through the imaged centre misses the ellipse"
-        )
+        raise refuse("correspondences", "center_outside", "a line through it misses the ellipse")
     expected = dehomogenise(H @ lift(field_point))
     distance = np.linalg.norm(dehomogenise(both) - expected, axis=-1)
     return both if distance[0] <= distance[1] else both[::-1]

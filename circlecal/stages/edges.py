@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from circlecal.errors import EstimationError
 from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.projective import Array
 from circlecal.paint.profiles import SIGMA_FLOOR_PX, picture_noise
+from circlecal.refusals import refuse
 from circlecal.results import CIRCLE_ID, EdgePoints, MarkingMask
 
-NO_EDGES = "no edges in the mask of the circle; is the mask that of this picture?"
 MARGIN_PX = 8
 """Kept around the mask, so that filters see what lies beside it."""
 GRADIENT_UNIT = 128.0
@@ -121,7 +120,7 @@ def detect_edges(picture: NDArray[np.uint8], mask: MarkingMask, config: EdgesCon
     """
     searched = search_region(mask, picture.shape, config.dilate_px * picture.shape[1] / 1920)
     if searched is None:
-        raise EstimationError("edges", "no_edges", NO_EDGES)
+        raise refuse("edges", "no_edges")
     picture, region = picture[searched.window], searched.inside
     gx, gy = _gradients(picture, config.smoothing_px)
     places = _sampled(region)
@@ -133,7 +132,7 @@ def detect_edges(picture: NDArray[np.uint8], mask: MarkingMask, config: EdgesCon
     places = np.flatnonzero(found)
     y, x = np.divmod(places, found.shape[1])
     if len(x) < 10:
-        raise EstimationError("edges", "no_edges", NO_EDGES)
+        raise refuse("edges", "no_edges")
     pixels = np.stack([x, y], axis=-1).astype(np.float64)
     gradient = np.stack([g.ravel().take(places) for g in (gx, gy)], axis=-1) / GRADIENT_UNIT
     strength = np.hypot(gradient[:, 0], gradient[:, 1])

@@ -12,7 +12,6 @@ from typing import Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from circlecal.errors import EstimationError
 from circlecal.geometry.conic_fits import refine_conic
 from circlecal.geometry.ellipses import (
     Ellipse,
@@ -24,6 +23,7 @@ from circlecal.geometry.ellipses import (
 from circlecal.geometry.projective import Array, Mask
 from circlecal.geometry.ransac import ransac_conic
 from circlecal.observations import CircleEdge, Observations
+from circlecal.refusals import refuse
 from circlecal.results import EllipseFit, EllipseFits, RayPoints
 
 MINIMUM_GIVEN_POINTS = 6
@@ -85,22 +85,15 @@ def fit_ellipses(rays: RayPoints, width: int, config: EllipseConfig, rng: np.ran
         center=center,
     )
     if not fits.all():
-        raise EstimationError(
-            "ellipse", "no_ellipse", "the points along the circle fit no ellipse (a hyperbola, or too few points)"
-        )
+        raise refuse("ellipse", "no_ellipse", "a hyperbola, or too few points")
     best = fits.primary
     if best.arc_deg < config.minimum_arc_deg:
-        raise EstimationError(
-            "ellipse",
-            "arc_too_short",
-            f"only {best.arc_deg:.0f} degrees of the circle are seen, {config.minimum_arc_deg:.0f} are needed",
-        )
+        detail = f"{best.arc_deg:.0f} degrees, {config.minimum_arc_deg:.0f} are needed"
+        raise refuse("ellipse", "arc_too_short", detail)
     if best.rms_px > config.maximum_rms_px * unit:
-        raise EstimationError(
-            "ellipse",
-            "residual_too_large",
-            f"the points leave the ellipse by {best.rms_px:.2f} px rms, {config.maximum_rms_px * unit:.2f} are allowed",
-        )
+        limit = config.maximum_rms_px * unit
+        detail = f"its points leave an ellipse by {best.rms_px:.2f} px rms, {limit:.2f} are allowed"
+        raise refuse("ellipse", "residual_too_large", detail)
     return fits
 
 
@@ -122,9 +115,7 @@ def fit_observed(
             found[seen.edge] = fit_edge(seen.edge, seen.points_px, seen.sigma_px, unit, few, rng)
     fits = EllipseFits(found["outer"], found["inner"], found["center"])
     if not fits.all():
-        raise EstimationError(
-            "ellipse", "no_ellipse", f"no ellipse through the given points of {circle!r}; at least 6 are needed"
-        )
+        raise refuse("ellipse", "no_ellipse", f"at least 6 points of {circle!r} are needed")
     return fits
 
 

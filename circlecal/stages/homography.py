@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from circlecal.errors import EstimationError
 from circlecal.geometry.homography import dlt, scale_homography, transfer_errors, turn_homography
 from circlecal.geometry.projective import Array
+from circlecal.refusals import refuse
 from circlecal.results import Correspondences, HomographyFit
 
 
@@ -48,16 +50,10 @@ def estimate_homography(
     image_lines = np.array([t.image_line for t in tangents]).reshape(-1, 3)
     solution = dlt(field_points, image_points, field_lines, image_lines)
     if solution is None:
-        raise EstimationError(
-            "homography", "degenerate", "the derived points and tangents leave the homography undetermined"
-        )
+        raise refuse("homography", "degenerate")
     if solution.condition > config.maximum_condition:
-        raise EstimationError(
-            "homography",
-            "ill_conditioned",
-            f"the linear system has condition {solution.condition:.3g}, "
-            f"at most {config.maximum_condition:.3g} is allowed",
-        )
+        detail = f"condition {solution.condition:.3g}, at most {config.maximum_condition:.3g} is allowed"
+        raise refuse("homography", "ill_conditioned", detail)
     return HomographyFit(
         H_image_field=solution.H,
         H_field_image=scale_homography(np.linalg.inv(solution.H)),
@@ -66,3 +62,16 @@ def estimate_homography(
         condition=solution.condition,
         null_ratio=solution.null_ratio,
     )
+
+
+def homography_of_solver(H: Array, circle_center: Array) -> HomographyFit:
+    """A published method's homography (3, 3) as the result of this stage; it has no residuals of its own."""
+    inverse, turned = scale_homography(np.linalg.inv(H)), turn_homography(H, circle_center)
+    return HomographyFit(H, inverse, turned, np.zeros(0), float("nan"), float("nan"))
+
+
+def turn_fit(fit: HomographyFit) -> HomographyFit:
+    """The solution of the field turned by 180 degrees, with the first one as the other."""
+    H = fit.H_image_field_turned
+    inverse = scale_homography(np.linalg.inv(H))
+    return replace(fit, H_image_field=H, H_field_image=inverse, H_image_field_turned=fit.H_image_field)

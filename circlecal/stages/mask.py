@@ -16,20 +16,13 @@ from circlecal.errors import EstimationError
 from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.projective import Array, fit_line, line_distance
 from circlecal.geometry.ransac import ransac_conic
+from circlecal.refusals import refuse
 from circlecal.results import CIRCLE_ID, HALFWAY_ID, Interpretation, MarkingMask, SeenArc, Segment
 
 MODEL_KEY = "mask.model"
 ARC_RADIUS_PX = 3.0
 """Of the discs that stand for an arc's paint in the mask, pixels at 1920 px width."""
 CURVED_IDS = (CIRCLE_ID, 8, 9)
-REASONS = {
-    "no_field": "no playing field was found in the picture",
-    "no_circle_found": "no circle was found in the picture",
-    "width_unlike_marking": "the best ellipse is as wide near and far as at its sides: drawn, not painted on the field",
-    "circle_support_too_low": "the best ellipse is supported by too little marking to be the circle",
-    "circle_off_marking": "the marking under the best ellipse does not follow one",
-    "arc_too_short": "the marking under the best ellipse is too short an arc to be told from a penalty arc",
-}
 
 
 class MaskConfig(BaseModel):
@@ -93,7 +86,7 @@ def find_marking(
     if config.source == "onnx":
         return marking_from_classes(segment(image, config.model, config.network, MODEL_KEY), config, rng, "network")
     if given is None and config.source == "file":
-        return _empty(image), EstimationError("mask", "no_mask", "mask.source is file, and no mask was given")
+        return _empty(image), refuse("mask", "no_mask")
     if given is None or config.source == "detector":
         found = detect(image, config.detector, rng, brightness, ruled_out)
         return marking_from_detection(found, config.detector.likely.gapless_share)
@@ -129,7 +122,7 @@ def marking_from_detection(found: Detection, gapless_share: float) -> tuple[Mark
         arcs=tuple(SeenArc(arc.conic, arc.points, arc.least_share >= gapless_share) for arc in found.arcs),
     )
     if found.circle is None:
-        return marking, EstimationError("mask", refusal, REASONS.get(refusal, refusal.replace("_", " ")))
+        return marking, refuse("mask", refusal)
     return marking, None
 
 
@@ -165,9 +158,7 @@ def marking_from_classes(
     # an ellipse as thin as the threshold is a straight line with two sides
     flat = ellipse is None or ellipse.semi_axes[1] < 2 * config.threshold_px * unit
     if robust is None or ellipse is None or flat or robust.inliers.sum() < 20 or robust.inliers.mean() < 0.2:
-        return marking, EstimationError(
-            "mask", "no_circle_found", "the mask holds no ellipse of the circle's class (id 7)"
-        )
+        return marking, refuse("mask", "no_circle_found", "the mask holds no ellipse of the circle's class (id 7)")
     halfway = _straight(_skeleton_points(classes == HALFWAY_ID), unit)
     if halfway is None:
         halfway = _line_through_middle(points[~robust.inliers], ellipse.center, ellipse.semi_axes[1], unit, rng)

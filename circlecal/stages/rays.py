@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from circlecal.camera.parameters import fitted_model, project
-from circlecal.errors import EstimationError
 from circlecal.field import Arc, Circle, FieldTemplate
 from circlecal.geometry.ellipses import Ellipse, ellipse_from_conic
 from circlecal.geometry.projective import Array
 from circlecal.geometry.ransac import ransac_conic
 from circlecal.observations import CircleEdge
 from circlecal.paint.profiles import Bands, Brightness, measure_bands, sample_profiles, smooth_along
+from circlecal.refusals import refuse
 from circlecal.results import CameraFit, EdgePoints, MarkingMask, RayPoints
 
 CLEAR_OF_ENDS_PX = 6.0
@@ -92,16 +92,16 @@ def cast_rays(
     """
     rough = None if mask.conic is None else ellipse_from_conic(mask.conic)
     if rough is None:
-        raise EstimationError("rays", "no_circle_found", "no circle was found to cast rays at")
+        raise refuse("rays", "no_circle_found")
     unit = picture.shape[1] / 1920.0
     # the detector has fitted a circle of which it is certain to the picture itself
     fitted = mask.source == "detector" and mask.certain
     center_fit = rough if fitted else _first_look(picture, rough, edges.noise, relative_width, config, rng)
     if center_fit is None:
-        raise EstimationError("rays", "no_band", "no light band of the marking's width lies along the circle")
+        raise refuse("rays", "no_band")
     second = _centreline(picture, center_fit, edges.noise, config.refine_px * unit, relative_width, config, 1.0)
     if len(second.points) < 12:
-        raise EstimationError("rays", "no_band", "no light band of the marking's width lies along the circle")
+        raise refuse("rays", "no_band")
     outer, inner, rays, rejected = _pair_edges(edges, center_fit, second, relative_width, config, unit)
     return RayPoints(
         center_px=center_fit.center,

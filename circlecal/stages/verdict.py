@@ -10,9 +10,10 @@ from pydantic import BaseModel, ConfigDict, Field
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.conics import circle_conic, sampson_distance, transform_conic
 from circlecal.geometry.homography import projects_in_front
-from circlecal.geometry.projective import Array
+from circlecal.geometry.projective import Array, apply_homography, lift, normalise_line, transform_lines
 from circlecal.line_naming.line_ends import running_through
-from circlecal.results import Agreement, CameraFit, Check, Cues, EllipseFits, HomographyFit, Verdict
+from circlecal.refusals import CHECKS, REFUSALS, words_of_check
+from circlecal.results import Agreement, Attempt, CameraFit, Check, Cues, EllipseFits, Verdict
 
 NOISE_SIGMAS = 3.0
 """Residuals within this many of the observations' own standard deviations are noise."""
@@ -99,50 +100,37 @@ class VerdictConfig(BaseModel):
     )
 
 
-def judge(
-    ellipses: EllipseFits,
-    cues: Cues,
-    homography: HomographyFit | None,
-    camera: CameraFit | None,
-    template: FieldTemplate,
-    circle: Circle,
-    width: int,
-    config: VerdictConfig,
-    certain: bool = True,
-) -> Verdict:
+def judge(attempt: Attempt, template: FieldTemplate, circle: Circle, width: int, config: VerdictConfig) -> Verdict:
     """Check the calibration of a frame.
 
     Every check is recorded with its value and its limit; the first that fails is the reason of the refusal. A circle
-    that is not ``certain`` by itself needs the centre mark or a further marking at the place that the camera gives it,
-    or much of it must lie exactly where the camera puts it, and less uncertainty is allowed then.
+    that the mask stage did not accept by itself needs the centre mark or a further marking at the place that the camera
+    gives it, or much of it must lie exactly where the camera puts it, and less uncertainty is allowed then.
+
+    Parameters
+    ----------
+    attempt : Attempt
+        With ellipses and cues, and with a homography, a camera or both.
+    template, circle : FieldTemplate, Circle
+        The field and the circle.
+    width : int
+        Width of the picture, pixels.
+    config : VerdictConfig
+        Limits.
     """
-    unit = width / 1920.0
-    H = camera.H_image_field if camera is not None else homography.H_image_field if homography is not None else None
-    if H is None:
-        return Verdict("refused", "no_homography", "no homography could be estimated", "verdict")
-    center = np.asarray(circle.center, dtype=np.float64)
-    if camera is not None and not ellipses.all():
-        checks = _landmark_checks(camera, unit, config)
-    else:
-        rim = center + circle.radius_m * _ring()
-        checks = [
-            _check("circle_in_front", 1.0 if projects_in_front(H, rim) else 0.0, 1.0, at_least=True),
-            _check("not_mirrored", float(np.linalg.det(H)), 0.0, at_least=True),
-        ]
+    camera, homography = attempt.camera, attempt.homography
+    ellipses, cues = attempt.ellipses or EllipseFits(None, None, None), attempt.cues or Cues(None, None)
+    unit, is_tentative = width / 1920.0, attempt.mask is not None and not attempt.mask.certain
     if camera is not None:
-        checks += _place_checks(camera, circle, center if ellipses.all() else camera.reference_m, config)
-        if ellipses.all():
-            checks += _residual_checks(camera, cues, circle, unit, config)
-            checks += _reach_checks(camera, cues, template, config)
-        alone = not certain and bool(ellipses.all()) and _confirmations(cues, camera, unit) == 0
-        limit_px = config.max_sigma_px * (UNCONFIRMED_SIGMA if alone else 1.0)
-        checks.append(_check("sigma_px", camera.max_sigma_px, limit_px * unit))
-        checks.append(_check("sigma_m", camera.max_sigma_m, config.max_sigma_m))
-        checks += _edge_checks(camera, ellipses, template, circle, config)
-    else:
+        checks = _camera_checks(camera, ellipses, cues, template, circle, unit, config, is_tentative)
+    elif homography is not None:
+        H = homography.H_image_field
         residual = _circle_residual(ellipses, H, template, circle)
+        checks = _orientation_checks(H, circle)
         checks.append(_check("circle_residual_px", residual, config.max_circle_residual_px * unit))
-    if not certain and ellipses.all():
+    else:
+        return Verdict("refused", "no_homography", REFUSALS["no_homography"].words, "verdict")
+    if is_tentative and ellipses.all():
         if camera is not None:
             checks.append(_check("likely_residual_px", _worst_of(camera, circle), LIKELY_RESIDUAL_PX * unit))
         exact = camera is not None and _exact(ellipses, camera, circle, unit)
@@ -151,7 +139,45 @@ def judge(
     if failed is None:
         return Verdict("calibrated", None, None, None, tuple(checks))
     marking = _worst_marking(camera, unit, config)[0] if camera is not None and camera.residuals_px else ""
-    return Verdict("refused", CODES[failed.name], _reason(failed, marking), "verdict", tuple(checks))
+    return _refusal_by(failed, tuple(checks), marking)
+
+
+def _camera_checks(
+    camera: CameraFit,
+    ellipses: EllipseFits,
+    cues: Cues,
+    template: FieldTemplate,
+    circle: Circle,
+    unit: float,
+    config: VerdictConfig,
+    is_tentative: bool,
+) -> list[Check]:
+    """Checks of a camera: where it stands, how well it explains what was seen, how surely it is known."""
+    if ellipses.all():
+        checks = _orientation_checks(camera.H_image_field, circle)
+        checks += _place_checks(camera, circle, np.asarray(circle.center), config)
+        checks += _residual_checks(camera, cues, circle, unit, config)
+        checks += _reach_checks(camera, cues, template, config)
+    else:
+        checks = _landmark_checks(camera, unit, config)
+        checks += _place_checks(camera, circle, camera.reference_m, config)
+    alone = is_tentative and bool(ellipses.all()) and _confirmations(cues, camera, unit) == 0
+    limit_px = config.max_sigma_px * (UNCONFIRMED_SIGMA if alone else 1.0)
+    checks.append(_check("sigma_px", camera.max_sigma_px, limit_px * unit))
+    checks.append(_check("sigma_m", camera.max_sigma_m, config.max_sigma_m))
+    return [*checks, *_edge_checks(camera, ellipses, template, circle, config)]
+
+
+def _orientation_checks(H: Array, circle: Circle) -> list[Check]:
+    rim = np.asarray(circle.center, dtype=np.float64) + circle.radius_m * _ring()
+    return [
+        _check("circle_in_front", 1.0 if projects_in_front(H, rim) else 0.0, 1.0, at_least=True),
+        _check("not_mirrored", float(np.linalg.det(H)), 0.0, at_least=True),
+    ]
+
+
+def _refusal_by(check: Check, checks: tuple[Check, ...], marking: str = "") -> Verdict:
+    return Verdict("refused", CHECKS[check.name][0], words_of_check(check.name, marking), "verdict", checks)
 
 
 def kinds_of_confirmation(camera: CameraFit, cues: Cues) -> int:
@@ -160,7 +186,7 @@ def kinds_of_confirmation(camera: CameraFit, cues: Cues) -> int:
     return int(mark) + int(len(camera.named_lines) >= SEVERAL_LINES)
 
 
-def beyond_doubt(camera: CameraFit, cues: Cues, template: FieldTemplate) -> bool:
+def is_beyond_doubt(camera: CameraFit, cues: Cues, template: FieldTemplate) -> bool:
     """Whether nothing else need be looked for: the centre mark is seen where there is one circle only, or more lines
     too.
     """
@@ -168,7 +194,7 @@ def beyond_doubt(camera: CameraFit, cues: Cues, template: FieldTemplate) -> bool
     return kinds == 2 or (kinds == 1 and cues.mark is not None and len(template.circles) == 1)
 
 
-def confirmed(verdict: Verdict, camera: CameraFit, cues: Cues, agreement: Agreement) -> Verdict:
+def confirm(verdict: Verdict, camera: CameraFit, cues: Cues, agreement: Agreement) -> Verdict:
     """The verdict on an accepted camera after a look at the markings that it was not fitted to."""
     kinds = kinds_of_confirmation(camera, cues)
     least = (EXPECTED_WIDTHS + kinds * EXPECTED_WIDTHS_EACH) * camera.camera.width
@@ -177,113 +203,42 @@ def confirmed(verdict: Verdict, camera: CameraFit, cues: Cues, agreement: Agreem
     limit = LEAST_FOUND if agreement.certain else 0.0
     check = _check("found_share", agreement.found_share, limit, at_least=True)
     checks = (*verdict.checks, check)
-    if check.passed:
-        return replace(verdict, checks=checks)
-    return Verdict("refused", CODES[check.name], _reason(check, ""), "verdict", checks)
+    return replace(verdict, checks=checks) if check.passed else _refusal_by(check, checks)
 
 
-def doubtful(verdict: Verdict) -> bool:
+def needs_confirmation(verdict: Verdict) -> bool:
     """Whether an accepted circle may be another one: hardly any other marking is where it would have to be."""
-    return verdict.status == "calibrated" and _found_share(verdict, 1.0) < 2 * LEAST_FOUND
+    found = verdict.check("found_share")
+    return verdict.status == "calibrated" and found is not None and found.value < 2 * LEAST_FOUND
 
 
-def surely_assigned(verdict: Verdict, camera: CameraFit | None, cues: Cues | None) -> bool:
-    """Whether a circle that was not the first choice is beyond doubt: by other markings, or by the centre mark."""
-    if camera is None or cues is None:
+def is_confirmed(attempt: Attempt, template: FieldTemplate, circle: Circle, width: int, config: VerdictConfig) -> bool:
+    """Whether a circle that was not the first choice is believed: other markings, or the centre mark, confirm it."""
+    if attempt.verdict is None or attempt.cues is None:
         return False
-    return _found_share(verdict, 0.0) >= 2 * LEAST_FOUND or kinds_of_confirmation(camera, cues) > 0
+    if attempt.camera is None:
+        H = None if attempt.homography is None else attempt.homography.H_image_field
+        return H is not None and _is_confirmed_by_homography(H, attempt.cues, template, circle, width, config)
+    found = attempt.verdict.check("found_share")
+    is_there = found is not None and found.value >= 2 * LEAST_FOUND
+    return is_there or kinds_of_confirmation(attempt.camera, attempt.cues) > 0
 
 
-def _found_share(verdict: Verdict, default: float) -> float:
-    return next((check.value for check in verdict.checks if check.name == "found_share"), default)
+def _is_confirmed_by_homography(
+    H: Array, cues: Cues, template: FieldTemplate, circle: Circle, width: int, config: VerdictConfig
+) -> bool:
+    """Whether the centre mark, or several further lines, are seen where a homography alone puts them.
 
-
-CODES = {
-    "circle_in_front": "circle_behind_camera",
-    "field_in_front": "field_behind_camera",
-    "not_mirrored": "mirrored",
-    "circle_residual_px": "residual_too_large",
-    "structured_residual_px": "residual_too_large",
-    "widest_edge_gap": "edges_contradict",
-    "narrowest_edge_gap": "edges_contradict",
-    "line_residual_px": "residual_too_large",
-    "end_residual_px": "residual_too_large",
-    "line_reach": "line_beyond_field",
-    "other_end_reach": "line_beyond_field",
-    "found_share": "markings_missing",
-    "marking_residual_px": "residual_too_large",
-    "rejected_share": "observations_contradict",
-    "mark_distance_px": "mark_contradicts_circle",
-    "likely_residual_px": "circle_unconfirmed",
-    "confirmations": "circle_unconfirmed",
-    "sigma_px": "too_uncertain",
-    "sigma_m": "too_uncertain",
-    "height_m": "implausible_camera",
-    "lowest_height_m": "implausible_camera",
-    "distance_radii": "implausible_camera",
-    "nearest_radii": "implausible_camera",
-    "roll_deg": "implausible_camera",
-    "focal_widths": "implausible_camera",
-    "shortest_focal_widths": "implausible_camera",
-}
-"""Machine-readable reason of each check."""
-_MEND = (
-    "; show more lines or points, or say where the camera stands (camera.position_m, --camera-prior, or the "
-    "configuration 'annotations')"
-)
-_WORDS = {
-    "circle_in_front": "part of the circle would lie behind the camera",
-    "field_in_front": "what is seen would lie behind the camera",
-    "not_mirrored": "the field would be seen mirrored",
-    "circle_residual_px": "the projected circle leaves the marking by {value:.2f} px rms, {limit:.2f} are allowed",
-    "structured_residual_px": (
-        "the projected circle leaves the marking systematically, by {value:.2f} px rms, {limit:.2f} are allowed"
-    ),
-    "widest_edge_gap": "the marking's edges lie {value:.2f} times as far apart as the camera predicts",
-    "narrowest_edge_gap": "the marking's edges lie only {value:.2f} times as far apart as the camera predicts",
-    "line_residual_px": "the projected halfway line leaves the marking by {value:.2f} px rms, {limit:.2f} are allowed",
-    "end_residual_px": (
-        "the halfway line is seen to end {value:.2f} px from the marking at its end, {limit:.2f} are allowed: that is"
-        " not its end"
-    ),
-    "line_reach": (
-        "the halfway line runs {value:.2f} half widths of the field, {limit:.2f} are allowed: the circle is another one"
-    ),
-    "other_end_reach": (
-        "the halfway line runs {value:.2f} half widths of the field to the side away from its seen end, {limit:.2f} are"
-        " allowed: that is not its end"
-    ),
-    "marking_residual_px": (
-        "{marking} lies {value:.2f} px rms from where the other lines and points put it, {limit:.2f} are allowed"
-    ),
-    "found_share": (
-        "{value:.0%} of the other markings that should be in view are there, at least {limit:.0%} are expected: circle"
-        " or line are other ones than they were taken for"
-    ),
-    "rejected_share": "{value:.0%} of the lines, arcs and points contradict the others, {limit:.0%} are allowed",
-    "mark_distance_px": (
-        "the centre mark is seen {value:.1f} px from where circle and line put it, {limit:.1f} are allowed"
-    ),
-    "likely_residual_px": (
-        "too little of the circle is seen to be sure of it,"
-        " and the projected circle leaves it by {value:.2f} px rms, {limit:.2f} are allowed then"
-    ),
-    "confirmations": (
-        "too little of the circle is seen to be sure of it,"
-        " and neither the centre mark nor a further marking confirms it"
-    ),
-    "sigma_px": "the field in view is uncertain by {value:.1f} px, {limit:.1f} are allowed" + _MEND,
-    "sigma_m": "the field in view is uncertain by {value:.2f} m, {limit:.2f} are allowed" + _MEND,
-    "height_m": "the camera would hang {value:.1f} m high, at most {limit:.0f} are plausible",
-    "lowest_height_m": "the camera would stand {value:.1f} m high, at least {limit:.1f} are plausible",
-    "distance_radii": "the camera would stand {value:.1f} radii away, at most {limit:.0f} are plausible",
-    "nearest_radii": "the camera would stand {value:.1f} radii away, at least {limit:.1f} are plausible",
-    "roll_deg": "the camera would be rolled by {value:.1f} degrees, at most {limit:.0f} are plausible",
-    "focal_widths": "the focal length would be {value:.1f} widths of the picture, at most {limit:.0f} are plausible",
-    "shortest_focal_widths": (
-        "the focal length would be {value:.2f} widths of the picture, at least {limit:.1f} are plausible"
-    ),
-}
+    It knows no lens, so everything may be as far off as the centre mark may.
+    """
+    near_px = config.max_mark_distance_px * width / 1920.0
+    if cues.mark is not None:
+        return bool(np.linalg.norm(apply_homography(H, np.asarray(circle.center)) - cues.mark.point_px) <= near_px)
+    lines = [line for line in template.lines if line.name != template.halfway_line]
+    drawn = normalise_line(transform_lines(H, np.array([template.line_coordinates(line) for line in lines])))
+    # root mean square distance of each seen line's points from the nearest drawn one
+    seen = [np.sqrt(np.mean((lift(cue.points_px) @ drawn.T) ** 2, axis=0)).min(initial=np.inf) for cue in cues.lines]
+    return sum(rms <= near_px for rms in seen) >= SEVERAL_LINES
 
 
 def _worst_of(camera: CameraFit, circle: Circle) -> float:
@@ -306,10 +261,6 @@ def _exact(ellipses: EllipseFits, camera: CameraFit, circle: Circle, unit: float
     pieced together does.
     """
     return ellipses.primary.arc_deg >= EXACT_ARC_DEG and 0.0 < _worst_of(camera, circle) <= EXACT_RESIDUAL_PX * unit
-
-
-def _reason(check: Check, marking: str) -> str:
-    return _WORDS[check.name].format(value=check.value, limit=check.limit, marking=marking)
 
 
 def _check(name: str, value: float, limit: float, *, at_least: bool = False) -> Check:

@@ -7,9 +7,6 @@ from hypothesis import strategies as st
 
 from circlecal.report.figures import COLUMNS, clock, histogram, short, timelines
 from circlecal.report.reading import FrameRow
-from circlecal.report.reasons import explain
-from circlecal.stages.mask import REASONS
-from circlecal.stages.verdict import CODES
 
 
 def row(code: str | None = None, sigma: float | None = None, path: str | None = None, time: float | None = None):
@@ -91,10 +88,3 @@ def test_short_numbers(value, text):
 )
 def test_clock(seconds, text):
     assert clock(seconds) == text
-
-
-def test_reasons_of_checks_and_detector_are_explained():
-    unknown = explain("something_new", None)
-    assert not [code for code in (*CODES.values(), *REASONS) if explain(code, None) == unknown]
-    assert explain("something_new", "ellipse").meaning == "No ellipse could be fitted."
-    assert unknown.mend

@@ -8,6 +8,7 @@ import pytest
 from circlecal.bench.scenarios import KNOWN
 from circlecal.camera.options import CameraConfig
 from circlecal.observations import Keypoint, LinePoints, MarkPoint
+from circlecal.refusals import REFUSALS
 from circlecal.stages.camera import estimate_camera
 from circlecal.synthetic.cameras import aimed_camera
 
@@ -40,7 +41,7 @@ def test_rotation_about_the_circle_is_free_without_line_and_point():
     for given in (seen(MAIN, line=None), seen(MAIN, line=None, mark=True, edges=("outer", "inner"))):
         refused = refusal(given)
         assert refused.code == "rotation_free"
-        assert refused.reason == "rotation about the circle is free: show a line or a point"
+        assert refused.reason == REFUSALS["rotation_free"].words
     center = Keypoint("centre", np.zeros(2), MAIN.project(np.zeros(2)), 1.0)
     assert refusal(replace(seen(MAIN, line=None), keypoints=(center,))).code == "rotation_free"
 

@@ -12,9 +12,9 @@ from circlecal.camera.parameters import PARAMETERS, ProjectionModel, theta_of
 from circlecal.field import load_field
 from circlecal.geometry.surface import Surface
 from circlecal.paint.matched_filter import CLEAR, SECTORS
-from circlecal.results import Agreement, Cues, MarkCue
+from circlecal.results import Agreement, Attempt, Cues, MarkCue
 from circlecal.stages.confirm import is_circle_painted, look_for_markings, measure_circle_sectors
-from circlecal.stages.verdict import LEAST_FOUND, confirmed, doubtful, surely_assigned
+from circlecal.stages.verdict import LEAST_FOUND, VerdictConfig, confirm, is_confirmed, needs_confirmation
 
 from .conftest import CIRCLE, SOCCER, view
 from .test_verdict import camera_fit, verdict
@@ -40,6 +40,11 @@ def painted(template=RINK, without=(), camera=CAMERA):
         pixels = np.round(16 * camera.project(points)).astype(np.int32)
         cv2.polylines(picture, [pixels[:, None]], False, (200.0,), 2, cv2.LINE_8, 4)
     return cv2.GaussianBlur(picture, (0, 0), 0.8).clip(0, 255).astype(np.uint8)
+
+
+def believed(verdict, camera, cues):
+    attempt = Attempt(cues=cues, camera=camera, verdict=verdict)
+    return is_confirmed(attempt, RINK, CENTRE, CAMERA.width, VerdictConfig())
 
 
 def test_painted_markings_are_found_whatever_their_shape():
@@ -76,32 +81,32 @@ def test_the_verdict_refuses_where_nothing_else_of_the_field_is_found():
     bare = Cues(None, None)
     width = camera.camera.width
     missing = Agreement(("a",), np.array([0.3 * width]), np.array([0.02]))
-    refused = confirmed(accepted, camera, bare, missing)
+    refused = confirm(accepted, camera, bare, missing)
     assert (refused.status, refused.code, refused.stage) == ("refused", "markings_missing", "verdict")
-    assert refused.reason is not None and "2%" in refused.reason
-    found = confirmed(accepted, camera, bare, replace(missing, share=np.array([0.5])))
+    assert refused.reason is not None and "should be in view" in refused.reason
+    found = confirm(accepted, camera, bare, replace(missing, share=np.array([0.5])))
     assert found.status == "calibrated" and found.checks[-1].name == "found_share"
-    assert surely_assigned(found, camera, bare)
-    assert not surely_assigned(accepted, camera, bare)
-    assert not surely_assigned(accepted, None, bare)
+    assert believed(found, camera, bare)
+    assert not believed(accepted, camera, bare)
+    assert not believed(accepted, None, bare)
 
 
 def test_the_more_confirms_a_circle_the_more_must_be_missing():
     camera, accepted = camera_fit(), verdict(camera_fit())
     marked = Cues(None, MarkCue("centre_mark", np.zeros(2), 0.5, 30.0))
     missing = Agreement(("a",), np.array([0.3 * camera.camera.width]), np.array([0.0]))
-    assert confirmed(accepted, camera, marked, missing) is accepted
+    assert confirm(accepted, camera, marked, missing) is accepted
     named = camera_fit(named_lines=("blue_line_left", "blue_line_right"))
-    assert confirmed(accepted, named, Cues(None, None), missing) is accepted
-    assert surely_assigned(accepted, named, Cues(None, None))
-    assert confirmed(accepted, camera, Cues(None, None), Agreement((), np.zeros(0), np.zeros(0))) is accepted
+    assert confirm(accepted, named, Cues(None, None), missing) is accepted
+    assert believed(accepted, named, Cues(None, None))
+    assert confirm(accepted, camera, Cues(None, None), Agreement((), np.zeros(0), np.zeros(0))) is accepted
 
 
 def test_where_the_places_are_not_well_known_a_circle_is_only_doubted():
     camera, accepted = camera_fit(), verdict(camera_fit())
     missing = Agreement(("a",), np.array([0.3 * camera.camera.width]), np.array([0.02]), certain=False)
-    found = confirmed(accepted, camera, Cues(None, None), missing)
-    assert found.status == "calibrated" and doubtful(found) and not doubtful(accepted)
+    found = confirm(accepted, camera, Cues(None, None), missing)
+    assert found.status == "calibrated" and needs_confirmation(found) and not needs_confirmation(accepted)
     loose = look_for_markings(painted(), fit_of(CAMERA, 0.007), RINK, CENTRE, KNOWN, None)
     assert not loose.certain
     assert loose.found_share > 0.7

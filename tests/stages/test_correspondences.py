@@ -282,7 +282,7 @@ def test_case_3_is_refused_without_two_edges_or_without_a_centre():
 def test_what_is_missing_is_named():
     nothing = refusal_of(fits_of(CAMERA), AUTO, Cues(None, mark_cue(CAMERA)))
     assert nothing.code == "no_line_or_point"
-    assert "show the halfway line or a point" in nothing.reason
+    assert "no halfway line and no known point" in nothing.reason
     assert refusal_of(fits_of(CAMERA), CorrespondencesConfig(case=2)).code == "no_point"
 
 

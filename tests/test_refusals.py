@@ -1,0 +1,75 @@
+"""The table of refusals: complete, in plain words, and the only place where they stand."""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+from circlecal import detection, stages
+from circlecal.refusals import CHECKS, REFUSALS, explain, refuse, words_of_check
+
+PACKAGE = Path(stages.__file__).parent.parent
+FILES = [file for file in PACKAGE.rglob("*.py") if file.parent.name != "bench"]
+
+
+def codes_in(tree, functions):
+    """Every constant code that is given to one of these functions, by the position of the code."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call) and ast.unparse(node.func) in functions:
+            place = functions[ast.unparse(node.func)]
+            if len(node.args) > place and isinstance(node.args[place], ast.Constant):
+                yield node.args[place].value
+
+
+def test_every_code_that_is_raised_stands_in_the_table():
+    places = {"refuse": 1, "unsolved": 0, "Verdict": 1, "failed": 2}
+    only_intrinsics = {"needs_a_view", "needs_three_views", "views_too_alike", "not_definite", "no_common_plane"}
+    raised = {code for file in FILES for code in codes_in(ast.parse(file.read_text(encoding="utf-8")), places)}
+    raised |= {code for code, _ in CHECKS.values()}
+    raised -= {None, *only_intrinsics}
+    assert len(raised) > 30
+    assert raised <= REFUSALS.keys()
+
+
+def test_what_the_detector_says_stands_in_the_table():
+    folder = Path(detection.__file__).parent
+    words = {
+        node.value
+        for file in folder.glob("*.py")
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    }
+    for code in ("no_field", "no_circle_found", "circle_support_too_low", "circle_off_marking", "width_unlike_marking"):
+        assert code in words
+        assert code in REFUSALS
+
+
+@pytest.mark.parametrize("refusal", REFUSALS.values(), ids=lambda refusal: refusal.code)
+def test_words_are_for_people(refusal):
+    assert re.fullmatch(r"[a-z]+(_[a-z]+)*", refusal.code)
+    assert refusal.words[0].islower() and not refusal.words.endswith(".")
+    assert len(refusal.words) < 110
+    for text in (refusal.meaning, refusal.help):
+        assert text[0].isupper() or text[0] == "`"
+        assert text.endswith((".", ".*)"))
+        assert "_px" not in text.replace("max_sigma_px", "")
+
+
+def test_checks_say_it_in_words_and_keep_their_numbers_to_themselves():
+    for name in CHECKS:
+        words = words_of_check(name, "side_line_top")
+        assert words and "{" not in words and not re.search(r"\d", words)
+    assert words_of_check("marking_residual_px", "kp_3").startswith("kp_3 ")
+
+
+def test_an_unknown_code_is_explained_by_its_stage():
+    unknown = explain("something_new")
+    assert explain("something_new", "ellipse").meaning == "No ellipse could be fitted."
+    assert unknown.help and unknown.code == "something_new"
+
+
+def test_a_stage_adds_what_is_particular():
+    plain, detailed = refuse("edges", "no_edges"), refuse("ellipse", "arc_too_short", "40 degrees, 60 are needed")
+    assert (plain.stage, plain.code, plain.reason) == ("edges", "no_edges", REFUSALS["no_edges"].words)
+    assert detailed.reason == f"{REFUSALS['arc_too_short'].words}: 40 degrees, 60 are needed"
