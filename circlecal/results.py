@@ -366,8 +366,6 @@ class CameraFit:
         Template lines that were recognised among the straight markings seen, and used.
     names_by_line : dict
         The same by the index of the seen line.
-    alternatives : tuple of (Camera, float)
-        Other solutions of a real ambiguity with their cost above the best.
     reference_m : (2,) array
         The field point about which distance and predicted errors are judged: the circle's centre, or the middle of what
         was seen instead of the circle.
@@ -395,7 +393,6 @@ class CameraFit:
     rejected: tuple[str, ...] = ()
     named_lines: tuple[str, ...] = ()
     names_by_line: dict[int, str] = field(default_factory=dict)
-    alternatives: tuple[tuple[Camera, float], ...] = ()
     reference_m: Array = field(default_factory=lambda: np.zeros(2))
 
     @property

@@ -147,7 +147,6 @@ def _calibration(camera=None, verdict=CALIBRATED):
         theta=theta,
         rejected=("centre_mark",),
         named_lines=("side_line_top",),
-        alternatives=((camera.turned(), 0.0),),
     )
     plane = HomographyFit(H, np.linalg.inv(H), turn_homography(H, np.zeros(2)), np.array([0.1, 0.2]), 300.0, 1e-9)
     seen = Observations(

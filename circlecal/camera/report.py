@@ -70,7 +70,6 @@ def camera_fit(
         rejected=rejected,
         named_lines=tuple(sorted(set(named.values()))),
         names_by_line=named,
-        alternatives=((camera.turned(), 0.0),),
         reference_m=reference,
     )
 

@@ -180,7 +180,6 @@ def _camera_facts(fit: CameraFit) -> list[str]:
         facts.append("rms residuals: " + ", ".join(f"{name} {rms:.2f} px" for name, rms in fit.residuals_px.items()))
     named = [f"recognised {', '.join(fit.named_lines)}"] if fit.named_lines else []
     named += [f"left out {', '.join(fit.rejected)}"] if fit.rejected else []
-    named += [f"other solutions: {len(fit.alternatives)}"] if fit.alternatives else []
     return [*facts, "; ".join(named)] if named else facts
 
 

@@ -196,16 +196,13 @@ def _correspondences(found: Correspondences) -> dict[str, Any]:
 
 
 def _alternatives(calibration: Calibration) -> list[dict[str, Any]]:
-    """Other solutions of a real ambiguity, and the field turned by 180 degrees."""
-    written: list[dict[str, Any]] = []
+    """The field turned by 180 degrees, which circle and halfway line cannot tell from the answer; only a prior can."""
     if calibration.camera is not None:
-        written += [
-            {"kind": "camera", "H_image_field": other.homography, "camera": other.soccernet(), "cost": cost}
-            for other, cost in calibration.camera.alternatives
-        ]
+        turned = calibration.camera.camera.turned()
+        return [{"kind": "turned_field", "H_image_field": turned.homography, "camera": turned.soccernet()}]
     if calibration.homography is not None:
-        written.append({"kind": "turned_field", "H_image_field": calibration.homography.H_image_field_turned})
-    return written
+        return [{"kind": "turned_field", "H_image_field": calibration.homography.H_image_field_turned, "camera": None}]
+    return []
 
 
 def _residuals(calibration: Calibration) -> dict[str, Any]:
