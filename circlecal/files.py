@@ -64,6 +64,26 @@ def write_error(path: Path, error: OSError) -> InputError:
     return InputError(f"{path}: cannot be written: {error.strerror or error}; {mend}")
 
 
+def prepare_folder(out: Path) -> Path:
+    """Make an output folder, so that a run fails before the first frame and not after it.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be made or not be written to.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        probe = out / ".circlecal-write-test"
+        probe.touch()
+        probe.unlink()
+    except FileExistsError as error:
+        raise InputError(f"{out}: is a file, not a folder; choose another --out") from error
+    except OSError as error:
+        raise write_error(out, error) from error
+    return out
+
+
 def _umask() -> int:
     current = os.umask(0o022)
     os.umask(current)

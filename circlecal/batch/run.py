@@ -56,7 +56,7 @@ def run_batch(
     frames : iterable of frames
         With unique ids; taken one after the other as workers become free, so a generator need not end soon.
     task : Task
-        What is done with each, such as :class:`circlecal.api.FrameRun`.
+        What is done with each, such as :class:`circlecal.batch.frames.FrameRun`.
     out : path
         Folder of ``results.jsonl``, ``results.index`` and ``summary.csv``; frames that it already holds are skipped.
     workers : int

@@ -14,8 +14,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from circlecal.api import FrameRun
 from circlecal.batch import BatchProgress, run_batch
+from circlecal.batch.frames import FrameRun
 from circlecal.batch.task import Record, failed
 from circlecal.config import load_config
 from circlecal.pictures.files import Frame, find_frames

@@ -15,8 +15,8 @@ from circlecal.cli import options
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from circlecal.api import FrameRun
     from circlecal.batch import BatchProgress
+    from circlecal.batch.frames import FrameRun
     from circlecal.formats.exports import Exports
     from circlecal.formats.inputs import FrameOfFile
     from circlecal.pictures.files import Frame
@@ -72,8 +72,8 @@ def batch(
     verbose: options.Verbose = False,
 ) -> None:
     """Calibrate many frames in parallel into results.jsonl and summary.csv; run it again to go on after a stop."""
-    from circlecal.api import FrameRun
     from circlecal.batch import run_batch
+    from circlecal.batch.frames import FrameRun
     from circlecal.cli import console
     from circlecal.cli.rig import RIG_FOLDER, shared_cameras
     from circlecal.errors import InputError

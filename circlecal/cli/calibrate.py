@@ -12,8 +12,8 @@ from circlecal.cli import options
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from circlecal.api import FrameRun
     from circlecal.batch import BatchProgress
+    from circlecal.batch.frames import FrameRun
     from circlecal.config import Config
     from circlecal.formats.inputs import FrameOfFile
     from circlecal.pictures.files import Frame
@@ -43,9 +43,10 @@ def calibrate(
     verbose: options.Verbose = False,
 ) -> None:
     """Calibrate pictures or annotations: write a result file and an overlay picture of each, and print a table."""
-    from circlecal.api import FrameRun, prepare_folder
+    from circlecal.batch.frames import FrameRun
     from circlecal.cli import console
     from circlecal.errors import InputError
+    from circlecal.files import prepare_folder
     from circlecal.formats.exports import Exports
     from circlecal.records.record import result_line
     from circlecal.records.summary import summarise

@@ -26,10 +26,10 @@ def convert(
     verbose: options.Verbose = False,
 ) -> None:
     """Rewrite annotations as annotations and cameras as cameras of another program, without calibrating."""
-    from circlecal.api import field_template
     from circlecal.cli import console
     from circlecal.formats.exchange import convert as convert_files
     from circlecal.formats.inputs import convertible_files
+    from circlecal.pipeline import field_of
     from circlecal.records.log import RESULTS_NAME
     from circlecal.records.parquet import PARQUET_FORMAT, PARQUET_NAME, write_parquet
     from circlecal.records.reading import read_records
@@ -41,7 +41,7 @@ def convert(
         if not quiet:
             console.print_line(str(written))
         return
-    template = field_template(options.chosen_config(None, settings, field))
+    template, _ = field_of(options.chosen_config(None, settings, field))
     files = convertible_files(inputs, from_format, out)
     for path in convert_files(files, from_format, to, out, template, options.parsed_size(size)):
         if not quiet:

@@ -23,9 +23,11 @@ def debug(
     verbose: options.Verbose = False,
 ) -> None:
     """Write one numbered picture per stage and a contact sheet of them all, for a refused picture too."""
-    from circlecal.api import calibrate_frame, field_template, prepare_folder, write_stage_pictures
+    from circlecal.batch.frames import calibrate_frame, write_stage_pictures
     from circlecal.cli import console
     from circlecal.errors import InputError
+    from circlecal.files import prepare_folder
+    from circlecal.pipeline import field_of
     from circlecal.records.record import result_record, write_result
     from circlecal.records.summary import summarise
 
@@ -36,7 +38,7 @@ def debug(
             raise InputError(f"{image}: is a folder; debug takes pictures")
     frames = options.chosen_frames(images, out, mask)
     prepare_folder(out)
-    template = field_template(chosen)
+    template, _ = field_of(chosen)
     summaries, written = [], []
     for frame in frames:
         picture, calibration = calibrate_frame(frame, chosen, mask)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from circlecal.api import FrameRun
+    from circlecal.batch.frames import FrameRun
     from circlecal.config import Config
     from circlecal.formats.inputs import FrameOfFile
     from circlecal.pictures.files import Frame
@@ -139,8 +139,9 @@ def chosen_config(
     ConfigError
         As :func:`circlecal.config.load_config`.
     """
-    from circlecal.api import field_template, require_networks
+    from circlecal.batch.frames import require_networks
     from circlecal.config import load_config
+    from circlecal.pipeline import field_of
 
     overrides: list[str] = []
     if camera_prior is not None:
@@ -154,7 +155,7 @@ def chosen_config(
     overrides += ["output.radar=true"] if radar else []
     overrides += ["output.overlay=false"] if no_overlay else []
     config = load_config(file, overrides)
-    field_template(config)
+    field_of(config)
     require_networks(config)
     return config
 
@@ -239,10 +240,9 @@ def chosen_inputs(
 def _frames_of(
     inputs: Sequence[Path], run: FrameRun, out: Path, report: Callable[[Exception], None]
 ) -> list[Frame | FrameOfFile]:
-    from circlecal.api import field_template
     from circlecal.errors import InputError
     from circlecal.formats.inputs import read_frames, refuse_overwriting, split_inputs
-    from circlecal.pipeline import in_convention
+    from circlecal.pipeline import field_of, in_convention
 
     if run.keypoints is not None and not run.keypoints.exists():
         raise InputError(f"{run.keypoints}: no such file or folder of keypoints")
@@ -253,7 +253,7 @@ def _frames_of(
         raise InputError(f"{run.keypoints}: --keypoints are used together with pictures, and no picture is given")
     annotated = read_frames(
         files,
-        in_convention(field_template(run.config), run.convention),
+        in_convention(field_of(run.config)[0], run.convention),
         run.config.sources,
         size=run.size,
         format_name=format_name,

@@ -13,7 +13,7 @@ from circlecal.cli import options
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from circlecal.api import FrameRun
+    from circlecal.batch.frames import FrameRun
     from circlecal.rig.run import RigReport
 
 RIG_FOLDER = "rig"
@@ -40,7 +40,7 @@ def rig(
     verbose: options.Verbose = False,
 ) -> None:
     """Estimate what the frames of each camera share, and calibrate every frame again with it."""
-    from circlecal.api import FrameRun
+    from circlecal.batch.frames import FrameRun
     from circlecal.cli import console
     from circlecal.rig.run import read_cameras
 

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from circlecal import __version__
-from circlecal.api import prepare_folder
 from circlecal.errors import InputError
+from circlecal.files import prepare_folder
 from circlecal.overlay.canvas import Picture
 from circlecal.pictures.files import REPORT_FOLDER
 from circlecal.refusals import explain

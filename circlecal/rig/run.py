@@ -16,11 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from circlecal.api import calibrate_frame, prepare_folder
 from circlecal.batch import BatchProgress, run_batch
+from circlecal.batch.frames import calibrate_frame
 from circlecal.config import Config, config_digest
 from circlecal.errors import CirclecalError, InputError, reading_failure
 from circlecal.field import FieldTemplate
+from circlecal.files import prepare_folder
 from circlecal.formats.camera_prior import write_prior
 from circlecal.pictures.files import Frame, find_frames
 from circlecal.pictures.video import pictures_at

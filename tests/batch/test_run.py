@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 import pytest
 
-from circlecal.api import FrameRun
 from circlecal.batch import SUMMARY_NAME, BatchProgress, run_batch
+from circlecal.batch.frames import FrameRun
 from circlecal.config import Config, config_digest, load_config
 from circlecal.errors import InputError
 from circlecal.pictures.files import find_frames
@@ -283,15 +283,15 @@ def test_a_worker_that_dies_costs_one_frame(tmp_path):
     script.write_text(
         "import os, sys\n"
         "from pathlib import Path\n"
-        "import circlecal.api\n"
-        "calibrate = circlecal.api.calibrate_frame\n"
+        "import circlecal.batch.frames\n"
+        "calibrate = circlecal.batch.frames.calibrate_frame\n"
         "def dying(frame, config, *more):\n"
         "    if frame.id == 'f003':\n"
         "        os._exit(9)\n"
         "    if frame.id == 'f001':\n"
         "        raise ValueError('a mistake of ours')\n"
         "    return calibrate(frame, config, *more)\n"
-        "circlecal.api.calibrate_frame = dying\n"
+        "circlecal.batch.frames.calibrate_frame = dying\n"
         "if __name__ == '__main__':\n"
         "    from circlecal.cli import main\n"
         "    main(sys.argv[1:])\n"

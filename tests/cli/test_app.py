@@ -140,7 +140,7 @@ def test_interrupted(run_circlecal, frame_file, tmp_path, monkeypatch):
     def interrupt(*arguments):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("circlecal.api.calibrate_frame", interrupt)
+    monkeypatch.setattr("circlecal.batch.frames.calibrate_frame", interrupt)
     outcome = run_circlecal("calibrate", frame_file, "--out", tmp_path)
     assert outcome.code == 130
     assert outcome.err.splitlines() == ["circlecal: interrupted"]
@@ -150,7 +150,7 @@ def test_errors_of_the_system_are_one_line(run_circlecal, frame_file, tmp_path, 
     def refuse(*arguments):
         raise PermissionError(13, "Permission denied", "/somewhere")
 
-    monkeypatch.setattr("circlecal.api.calibrate_frame", refuse)
+    monkeypatch.setattr("circlecal.batch.frames.calibrate_frame", refuse)
     outcome = run_circlecal("calibrate", frame_file, "--out", tmp_path)
     assert (outcome.code, outcome.err) == (2, "circlecal: error: /somewhere: Permission denied\n")
 

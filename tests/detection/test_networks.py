@@ -7,7 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
-from circlecal.api import calibrate, require_networks
+from circlecal.api import calibrate
+from circlecal.batch.frames import require_networks
 from circlecal.config import SourcesConfig, config_digest, load_config
 from circlecal.detection.keypoints import KeypointsConfig, find_peaks
 from circlecal.detection.networks import NetworkInput, SegmentationNetwork, segment

@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-from circlecal.api import FrameRun
+from circlecal.batch.frames import FrameRun
 from circlecal.batch.task import finish
 from circlecal.config import Config
 from circlecal.pictures.files import find_frames

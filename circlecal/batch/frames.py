@@ -1,4 +1,4 @@
-"""Calibrating one frame, from Python or from a file, and writing what belongs to it."""
+"""Calibrating one frame of a run, a picture or an annotation, and writing what belongs to it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from circlecal.config import Config, config_digest
 from circlecal.detection.keypoints import require_keypoint_networks
 from circlecal.errors import InputError
 from circlecal.field import FieldTemplate
-from circlecal.files import fingerprint, write_error
+from circlecal.files import fingerprint
 from circlecal.formats.checked import Size
 from circlecal.formats.exports import Exports
 from circlecal.formats.inputs import FrameOfFile, observations_beside
@@ -30,13 +30,12 @@ from circlecal.pictures.files import (
     OVERLAY_SUFFIX,
     RADAR_SUFFIX,
     Frame,
-    as_bgr,
     decode_picture,
     read_image,
     require_picture,
     write_image,
 )
-from circlecal.pictures.masks import as_class_ids, find_mask, read_mask
+from circlecal.pictures.masks import find_mask, read_mask
 from circlecal.pictures.remote import read_url
 from circlecal.pipeline import Convention, field_of, in_convention, run, run_observations
 from circlecal.records.record import result_record, write_result
@@ -44,54 +43,6 @@ from circlecal.results import Calibration
 from circlecal.stages.mask import require_mask_network
 
 _log = logging.getLogger(__name__)
-
-
-def calibrate(
-    image: NDArray[Any] | str | Path,
-    mask: NDArray[Any] | str | Path | None = None,
-    config: Config | None = None,
-    *,
-    frame_id: str | None = None,
-) -> Calibration:
-    """Calibrate the camera of one frame.
-
-    Parameters
-    ----------
-    image : array or path
-        Picture file, or array (H, W), (H, W, 3) BGR or (H, W, 4) BGRA of 8 or 16 bit.
-    mask : array or path, optional
-        Where the markings are: binary, SoccerNet class ids or SoccerNet palette, any size. Without one the built-in
-        detector looks for them (a mask file beside the picture is not looked for).
-    config : Config, optional
-        The defaults when None.
-    frame_id : str, optional
-        Name of the frame; with the seed it fixes the random draws. The file's stem, or ``"image"``.
-
-    Returns
-    -------
-    Calibration
-        The verdict and every intermediate. A frame that cannot be calibrated is refused, not an exception.
-
-    Raises
-    ------
-    InputError
-        The picture or the mask is unusable.
-    ConfigError
-        The configuration's field template or a network is unusable.
-    """
-    config = Config() if config is None else config
-    source = None if isinstance(image, np.ndarray) else str(image)
-    picture = as_bgr(image, "image") if isinstance(image, np.ndarray) else read_image(image)
-    height, width = picture.shape[:2]
-    if mask is None:
-        classes = None
-    elif isinstance(mask, np.ndarray):
-        classes = as_class_ids(mask, width, height, "mask")
-    else:
-        classes = read_mask(Path(mask), width, height)
-    name = frame_id or ("image" if source is None else Path(source).stem)
-    extra = network_keypoints(picture, config.keypoints, field_template(config), config.sources)
-    return run(picture, config, mask=classes, extra=extra, frame_id=name, source=source)
 
 
 def calibrate_frame(
@@ -125,7 +76,7 @@ def calibrate_frame(
     mask_file = find_mask(frame, mask)
     _log.info("%s: %d x %d, mask: %s", frame.path, width, height, mask_file or "from the picture")
     classes = None if mask_file is None else read_mask(mask_file, width, height)
-    template = field_template(config)
+    template = field_of(config)[0]
     extra = network_keypoints(picture, config.keypoints, template, config.sources)
     if keypoints is not None:
         given = observations_beside(keypoints, frame, template, config.sources, (width, height), format_name)
@@ -259,17 +210,6 @@ def _picture_of(frame: FrameOfFile) -> NDArray[np.uint8] | None:
     return None
 
 
-def field_template(config: Config) -> FieldTemplate:
-    """The field template of a configuration.
-
-    Raises
-    ------
-    ConfigError
-        Unknown or wrong template, or a circle that it does not have.
-    """
-    return field_of(config)[0]
-
-
 def require_networks(config: Config) -> None:
     """Load the networks that a configuration names, so that a run fails before the first frame and not at each.
 
@@ -296,7 +236,7 @@ def write_outputs(
     InputError
         A file cannot be written.
     """
-    template, output = field_template(config), config.output
+    (template, _), output = field_of(config), config.output
     write_result(out / f"{calibration.id}.json", record)
     if image is None:
         return
@@ -331,23 +271,3 @@ def write_stage_pictures(
         write_image(path, picture, jpeg_quality)
         written.append(path)
     return written
-
-
-def prepare_folder(out: Path) -> Path:
-    """Make an output folder, so that a run fails before the first frame and not after it.
-
-    Raises
-    ------
-    InputError
-        The folder cannot be made or not be written to.
-    """
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        probe = out / ".circlecal-write-test"
-        probe.touch()
-        probe.unlink()
-    except FileExistsError as error:
-        raise InputError(f"{out}: is a file, not a folder; choose another --out") from error
-    except OSError as error:
-        raise write_error(out, error) from error
-    return out
