@@ -6,16 +6,20 @@ Taubin 1991 (gradient-weighted fit); Ahn, Rauh and Warnecke 2001 (fit of the ort
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from circlecal.geometry.conics import coefficients_from_conic, conic_from_coefficients, normalise_conic
 from circlecal.geometry.ellipses import ellipse_from_conic, foot_points
+from circlecal.geometry.least_squares import DenseProblem, NormalState, StoppingRule, minimise
 from circlecal.geometry.projective import Array, similarity_normalisation
 
-CONVERGED = 3e-3
-"""Share of the squared residuals; a step of the geometric fit that gains less is the last one:
-the next would gain about its square."""
+REFINEMENT = StoppingRule(3e-3, unit=np.inf, last_step=True, iterations=30)
+"""A step of the geometric fit that gains less than 0.3 % of the squared residuals is the last one: the next would gain
+about its square.
+"""
 RANK_TOLERANCE = 1e-14
 """Share of the largest eigenvalue of a scatter matrix of normalised points that is rounding."""
 _FIRST, _SECOND = np.triu_indices(5, 1)
@@ -189,14 +193,45 @@ def fit_conics(points: ArrayLike, weights: ArrayLike, method: str = "direct") ->
         return np.full((len(w), 3, 3), np.nan)
 
 
-def refine_conic(
-    points: ArrayLike,
-    conic: ArrayLike,
-    sigma_px: ArrayLike | float = 1.0,
-    loss_scale: float | None = None,
-    iterations: int = 30,
-) -> tuple[Array, Array] | None:
-    """Geometric fit: minimise the sum of squared orthogonal distances over sigma by Levenberg-Marquardt.
+@dataclass(frozen=True, slots=True)
+class OrthogonalFit(DenseProblem):
+    """Squared orthogonal distances over sigma of points (N, 2) with standard deviations (N,) from one conic (1, 6)."""
+
+    points: Array
+    sigma: Array
+
+    def evaluate(self, parameters: Array) -> NormalState:
+        """State at coefficients of unit length; no ellipse costs inf."""
+        c = parameters[0]
+        ellipse = ellipse_from_conic(conic_from_coefficients(c))
+        if ellipse is None:
+            return NormalState(parameters, np.full(1, np.inf), np.zeros((1, 6)), np.eye(6)[None])
+        (x, y), distance = foot_points(ellipse, self.points)
+        A, B, C, D, E, _ = c.tolist()
+        gx, gy = 2 * A * x + B * y + D, B * x + 2 * C * y + E
+        size = np.maximum(np.hypot(gx, gy), 1e-300)
+        residual = distance / self.sigma if A + C > 0 else -distance / self.sigma
+        # a distance changes with the conic by (monomials . dc) / |gradient| at its foot, which moves along the curve
+        jacobian = (np.stack([x * x, x * y, y * y, x, y, np.ones_like(x)]) / (size * self.sigma)).T
+        normal = jacobian.T @ jacobian
+        return NormalState(parameters, (residual @ residual)[None], (jacobian.T @ residual)[None], normal[None])
+
+    def move(self, parameters: Array, change: Array) -> Array:
+        """Coefficients of unit length."""
+        moved = parameters + change
+        return np.asarray(moved / np.linalg.norm(moved))
+
+    def gauge(self, state: NormalState) -> Array:
+        """The scale of the coefficients moves no point: it is held by a term of the size of the others."""
+        return (
+            state.normal.trace(axis1=1, axis2=2)[:, None, None]
+            * state.parameters[:, :, None]
+            * state.parameters[:, None]
+        )
+
+
+def refine_conic(points: ArrayLike, conic: ArrayLike, sigma_px: ArrayLike | float = 1.0) -> tuple[Array, Array] | None:
+    """Geometric fit: minimise the sum of squared orthogonal distances over sigma.
 
     Parameters
     ----------
@@ -206,10 +241,6 @@ def refine_conic(
         Start; must be an ellipse.
     sigma_px : float or (N,) array
         Standard deviation of each point along the normal.
-    loss_scale : float, optional
-        Scale (in sigmas) of a Geman-McClure loss; None is plain least squares.
-    iterations : int
-        Upper limit of accepted or rejected steps.
 
     Returns
     -------
@@ -218,68 +249,23 @@ def refine_conic(
     covariance : (6, 6) array
         Covariance of its coefficients (``x^2, xy, y^2, x, y, 1``), rank 5 as the determinant is fixed, for the given
         sigmas.
-    None where the start or the normal equations are degenerate.
+    None where the start is no ellipse.
     """
     p = np.asarray(points, dtype=np.float64)
     T = similarity_normalisation(p)
     inverse_T = np.linalg.inv(T)
-    local = p * T[0, 0] + T[:2, 2]
     sigma = np.broadcast_to(np.asarray(sigma_px, dtype=np.float64) * T[0, 0], len(p))
-    current = coefficients_from_conic(inverse_T.T @ np.asarray(conic, dtype=np.float64) @ inverse_T)
-    current = current / np.linalg.norm(current)
-
-    def linearise(coefficients: Array) -> tuple[Array, Array, float] | None:
-        ellipse = ellipse_from_conic(conic_from_coefficients(coefficients))
-        if ellipse is None:
-            return None
-        (x, y), distance = foot_points(ellipse, local)
-        a, b, c, d, e, _ = coefficients.tolist()
-        gx, gy = 2 * a * x + b * y + d, b * x + 2 * c * y + e
-        size = np.maximum(np.hypot(gx, gy), 1e-300)
-        residual = distance / sigma if a + c > 0 else -distance / sigma
-        jacobian = (np.stack([x * x, x * y, y * y, x, y, np.ones_like(x)]) / (size * sigma)).T
-        if loss_scale is None:
-            return residual, jacobian, float(residual @ residual)
-        weight = 1.0 / (1.0 + (residual / loss_scale) ** 2)
-        cost = float(np.sum(residual**2 * weight))
-        return residual * weight, jacobian * weight[:, None], cost
-
-    state = linearise(current)
-    if state is None:
+    problem = OrthogonalFit(p * T[0, 0] + T[:2, 2], sigma)
+    local = inverse_T.T @ np.asarray(conic, dtype=np.float64) @ inverse_T
+    first = coefficients_from_conic(local)
+    start = problem.evaluate(first[None] / np.linalg.norm(first))
+    if not np.isfinite(start.cost[0]):
         return None
-    damping = 1e-4
-    for _ in range(iterations):
-        residual, jacobian, cost = state
-        normal = jacobian.T @ jacobian
-        diagonal = normal.diagonal()
-        gradient = jacobian.T @ residual
-        scaled = normal + np.diag(damping * diagonal) + diagonal.sum() * current[:, None] * current
-        try:
-            step = -np.linalg.solve(scaled, gradient)
-        except np.linalg.LinAlgError:
-            return None
-        proposal = current + step
-        proposal = proposal / np.linalg.norm(proposal)
-        # what the linear model promises; where that is nothing, the fit has arrived
-        promised = -float(step @ (2 * gradient + normal @ step))
-        if promised <= CONVERGED * cost:
-            current = proposal
-            break
-        new_state = linearise(proposal)
-        if new_state is not None and new_state[2] <= cost:
-            converged = np.linalg.norm(proposal - current) < 1e-15 or cost - new_state[2] <= 1e-7 * cost
-            current, state, damping = proposal, new_state, max(damping * 0.1, 1e-12)
-            if converged:
-                break
-        else:
-            damping *= 10.0
-            if damping > 1e8:
-                break
-    _, jacobian, _ = state
-    values, vectors = np.linalg.eigh(jacobian.T @ jacobian)
+    state = minimise(problem, start, REFINEMENT).state
+    values, vectors = np.linalg.eigh(state.normal[0])
     known = vectors[:, values > RANK_TOLERANCE * values[-1]]
     covariance = (known / values[values > RANK_TOLERANCE * values[-1]]) @ known.T
-    return _denormalised_with_covariance(current, covariance, T)
+    return _denormalised_with_covariance(state.parameters[0], covariance, T)
 
 
 def _denormalised_with_covariance(coefficients: Array, covariance: Array, T: Array) -> tuple[Array, Array]:

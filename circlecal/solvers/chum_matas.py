@@ -18,12 +18,14 @@ from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.conic_fits import refine_conic
 from circlecal.geometry.conics import coefficients_from_conic, normalise_conic, sampson_distance
 from circlecal.geometry.ellipses import ellipse_from_conic
+from circlecal.geometry.least_squares import DenseProblem, NormalState, StoppingRule, minimise
 from circlecal.geometry.projective import Array, apply_homography, similarity_normalisation
 from circlecal.observations import Observations
 from circlecal.solvers.interface import solver, unsolved
 from circlecal.solvers.primitives import SeenCircle, separate_circles
 
-ITERATIONS = 60
+RULE = StoppingRule(1e-12)
+"""Of the iteration: so that exact ellipses give an exact homography."""
 OUTLIER_SIGMAS = 6.0
 """Points farther than this from the given ellipse are left out of its refinement."""
 UNIT_CIRCLE = np.diag([1.0, 1.0, -1.0])
@@ -48,7 +50,7 @@ class EllipseMatch:
 def solve(observations: Observations, template: FieldTemplate, circle: Circle, rng: np.random.Generator) -> Array:
     """First-order solution of all separate circles, then the iteration."""
     matches = [ellipse_match(seen) for seen in separate_circles(observations, template, rng)]
-    return iterate(first_order_homography(matches), matches, ITERATIONS)
+    return iterate(first_order_homography(matches), matches)
 
 
 def ellipse_match(seen: SeenCircle) -> EllipseMatch:
@@ -91,48 +93,54 @@ def first_order_homography(matches: list[EllipseMatch]) -> Array:
     return np.asarray(np.linalg.inv(T_image) @ vectors[8].reshape(3, 3) @ T_field)
 
 
-def iterate(H: Array, matches: list[EllipseMatch], iterations: int) -> Array:
-    """Levenberg-Marquardt on the whitened conics, re-expanded about the current H in each step."""
+@dataclass(frozen=True, slots=True)
+class WhitenedConics(DenseProblem):
+    """Whitened differences of the predicted conics from the ellipses, re-expanded about each homography (1, 9).
+
+    Steps are changes D, but for its last entry, of ``H N (I + D) N^-1``.
+    """
+
+    matches: tuple[EllipseMatch, ...]
+    N: Array
+
+    def evaluate(self, parameters: Array) -> NormalState:
+        """State at a homography; one that maps a circle to no ellipse costs inf."""
+        H = parameters.reshape(3, 3)
+        residuals, jacobians = [], []
+        for match in self.matches:
+            M = np.linalg.solve(match.B, H @ match.A)
+            inverse = np.linalg.inv(M)
+            P = normalise_conic(inverse.T @ UNIT_CIRCLE @ inverse)
+            if not np.isfinite(P).all() or ellipse_from_conic(P) is None:
+                return NormalState(parameters, np.full(1, np.inf), np.zeros((1, 8)), np.eye(8)[None])
+            # P = M^-T C M^-1 changes with M by -(P dM M^-1) - (P dM M^-1)^T; the fixed determinant takes back its scale
+            dM = np.linalg.solve(match.B, H @ self.N) @ _BASIS @ np.linalg.solve(self.N, match.A)
+            half = P @ dM @ inverse
+            dP = -(half + np.swapaxes(half, 1, 2))
+            trace = np.einsum("ij,kji->k", np.linalg.inv(P), dP)
+            dP = dP - P * (trace / 3.0)[:, None, None]
+            residuals.append(match.root @ coefficients_from_conic(P - UNIT_CIRCLE))
+            jacobians.append(match.root @ coefficients_from_conic(dP).T)
+        residual, jacobian = np.concatenate(residuals), np.concatenate(jacobians)
+        return NormalState(
+            parameters, (residual @ residual)[None], (jacobian.T @ residual)[None], (jacobian.T @ jacobian)[None]
+        )
+
+    def move(self, parameters: Array, change: Array) -> Array:
+        """The homography after a change D (1, 8)."""
+        D = np.tensordot(change[0], _BASIS, axes=1)
+        moved = parameters.reshape(3, 3) @ self.N @ (np.eye(3) + D) @ np.linalg.inv(self.N)
+        return np.asarray(moved.reshape(1, 9))
+
+
+def iterate(H: Array, matches: list[EllipseMatch]) -> Array:
+    """The homography (3, 3) of the greatest likelihood of the ellipses, from a start."""
     centers = np.concatenate(
         [apply_homography(m.A, [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]) for m in matches]
     )
     N: Array = np.asarray(np.linalg.inv(similarity_normalisation(centers)), dtype=np.float64)
-    state = _linearised(H, N, matches)
-    if state is None:
+    problem = WhitenedConics(tuple(matches), N)
+    start = problem.evaluate(H.reshape(1, 9))
+    if not np.isfinite(start.cost[0]):
         raise unsolved("no_convergence", "the first-order homography maps a circle to no ellipse")
-    damping = 1e-3
-    for _ in range(iterations):
-        residual, jacobian = state
-        cost = float(residual @ residual)
-        normal, gradient = jacobian.T @ jacobian, jacobian.T @ residual
-        step = -np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-300), gradient)
-        proposal = H @ N @ (np.eye(3) + np.tensordot(step, _BASIS, axes=1)) @ np.linalg.inv(N)
-        new = _linearised(proposal, N, matches)
-        if new is not None and float(new[0] @ new[0]) < cost:
-            H, state, damping = proposal, new, max(damping * 0.1, 1e-15)
-            if np.linalg.norm(step) < 1e-15:
-                break
-        else:
-            damping *= 10.0
-            if damping > 1e6:
-                break
-    return H
-
-
-def _linearised(H: Array, N: Array, matches: list[EllipseMatch]) -> tuple[Array, Array] | None:
-    """Whitened difference of each predicted conic from its ellipse, and its Jacobian by D of ``H N (I + D) N^-1``."""
-    residuals, jacobians = [], []
-    for match in matches:
-        M = np.linalg.solve(match.B, H @ match.A)
-        inverse = np.linalg.inv(M)
-        P = normalise_conic(inverse.T @ UNIT_CIRCLE @ inverse)
-        if not np.isfinite(P).all() or ellipse_from_conic(P) is None:
-            return None
-        dM = np.linalg.solve(match.B, H @ N) @ _BASIS @ np.linalg.solve(N, match.A)
-        half = P @ dM @ inverse
-        dP = -(half + np.swapaxes(half, 1, 2))
-        trace = np.einsum("ij,kji->k", np.linalg.inv(P), dP)
-        dP = dP - P * (trace / 3.0)[:, None, None]
-        residuals.append(match.root @ coefficients_from_conic(P - UNIT_CIRCLE))
-        jacobians.append(match.root @ coefficients_from_conic(dP).T)
-    return np.concatenate(residuals), np.concatenate(jacobians)
+    return minimise(problem, start, RULE).state.parameters.reshape(3, 3)

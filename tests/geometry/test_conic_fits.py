@@ -200,17 +200,6 @@ def test_covariance_of_the_refinement_is_calibrated(span, sigma):
     assert low < np.sum(statistic) < high
 
 
-def test_robust_refinement_withstands_outliers():
-    rng = np.random.default_rng(10)
-    points = _noisy(SHORT, rng, rng.uniform(0, 2 * np.pi, 300), 0.3)
-    points[:40] += rng.uniform(4, 12, (40, 2))
-    start = conic_from_ellipse(Ellipse(SHORT.center + 2.0, (603.0, 161.0), 0.1))
-    plain, _ = conic_fits.refine_conic(points, start, 0.3)
-    robust, _ = conic_fits.refine_conic(points, start, 0.3, loss_scale=2.0)
-    assert _largest_departure(robust, SHORT) < 0.3
-    assert _largest_departure(robust, SHORT) < 0.5 * _largest_departure(plain, SHORT)
-
-
 def test_refinement_of_a_hyperbola_is_none():
     points = SHORT.points(np.arange(20.0))
     assert conic_fits.refine_conic(points, np.diag([1.0, -1.0, -1.0])) is None

@@ -73,7 +73,7 @@ def first_order_error(H, template, circle):
     corners = np.array([[-30.0, -15.0], [-15.0, -15.0], [-30.0, 15.0], [-15.0, 15.0]])
     distances = [
         np.linalg.norm(apply_homography(found, corners) - apply_homography(H, corners), axis=1).mean()
-        for found in (start, iterate(start, matches, 60))
+        for found in (start, iterate(start, matches))
     ]
     return distances
 

@@ -1,0 +1,276 @@
+"""Levenberg-Marquardt over a batch of starts: the one optimiser of ellipses, cameras, rigs and homographies.
+
+A problem says what a step is and what it costs; this file says how far steps are trusted, and when a start has arrived.
+The division is that of PoseLib's ``lm_impl.h`` (Larsson 2020), widened from one start to many side by side; the damping
+scales with the diagonal of the normal equations (Marquardt 1963).
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, fields, replace
+from enum import Enum
+from typing import Generic, Protocol, Self, TypeVar
+
+import numpy as np
+
+from circlecal.geometry.projective import Array, Indices, Mask
+
+FIRST_DAMPING, LEAST_DAMPING, LAST_DAMPING = 1e-4, 1e-10, 1e5
+"""Share of the diagonal that is added to it: at first, for a step that is as good as undamped, and the one beyond which
+a start is stuck: no step lowers its cost, however short.
+"""
+EXACT = 1e-24
+"""Cost (chi-square) at which the residuals are rounding errors."""
+HOPELESS = 100.0
+"""A start whose cost (chi-square) is so much worse than the best one's, beyond what its steps promise, is given up."""
+NEARLY_ALL, SOME = 0.7, 0.25
+"""Shares of its promise that a step keeps where the cost is nearly quadratic, and where it still is somewhat."""
+ABOUT_RIGHT = 3.0
+"""A start may lower its cost by so many times what its undamped step promises, where the cost is far from quadratic."""
+
+
+class End(Enum):
+    """Why a start was not followed further."""
+
+    SETTLED = "no step promises to lower the cost by what is worth a step"
+    STUCK = "no step lowers the cost, however short"
+    EXACT = "the residuals are rounding errors"
+    BEATEN = "its steps do not promise as low a cost as another start has, or as is asked for"
+    LIMIT = "the number of iterations is used up"
+
+
+@dataclass(frozen=True, slots=True)
+class StoppingRule:
+    """When a start has arrived.
+
+    Attributes
+    ----------
+    tolerance : float
+        Decrease of the cost that is not worth a step, as a share of the cost, or of ``unit`` where the cost is larger.
+    unit : float
+        1 for costs that are a chi-square; inf for a mere share of the cost.
+    contraction : float
+        What a step is taken to leave of its promise at best. With 1 a start has arrived where its next step is not
+        worth it, with less where the step after that will not be: it leaves as little as the last one left.
+    last_step : bool
+        Whether the step that is not worth an evaluation is taken in the linear model, which is exact to the order of
+        the next step.
+    iterations : int
+        Upper limit.
+    bar : float
+        Starts that promise no cost below it are given up.
+    """
+
+    tolerance: float
+    unit: float = 1.0
+    contraction: float = 1.0
+    last_step: bool = False
+    iterations: int = 60
+    bar: float = np.inf
+
+
+class Batch:
+    """Mix-in of frozen dataclasses whose fields are arrays over the same leading axis of B starts."""
+
+    __slots__ = ()
+
+    def select(self, index: Indices | Mask) -> Self:
+        """The starts at an index or mask."""
+        return type(self)(*(getattr(self, name)[index] for name in _names(self)))
+
+    def put(self, index: Indices, other: Self) -> Self:
+        """The batch with others (K) at an index (K,) of distinct starts."""
+        if len(index) == 0:
+            return self
+
+        def changed(name: str) -> Array:
+            values = getattr(self, name).copy()
+            values[index] = getattr(other, name)
+            return np.asarray(values)
+
+        names = _names(self)
+        return other if len(index) == len(getattr(self, names[0])) else type(self)(*map(changed, names))
+
+
+def _names(batch: Batch) -> list[str]:
+    return [f.name for f in fields(batch)]  # type: ignore[arg-type]  # every subclass is a dataclass
+
+
+class State(Protocol):
+    """Where a batch of B starts stands."""
+
+    @property
+    def cost(self) -> Array:
+        """Sum of squared residuals (B,), robust or not."""
+
+    def select(self, index: Indices | Mask) -> Self:
+        """The starts at an index or mask."""
+
+    def put(self, index: Indices, other: Self) -> Self:
+        """The batch with others at an index."""
+
+
+@dataclass(frozen=True, slots=True)
+class Step(Batch):
+    """One damped step of each start.
+
+    Attributes
+    ----------
+    parameters : (B, P) array
+        After the step, in whatever coordinates the problem takes it.
+    change : (B, P) array
+        What the step changes of the parameters, to first order.
+    promise : (B,) array
+        By how much it lowers the cost if that is quadratic.
+    """
+
+    parameters: Array
+    change: Array
+    promise: Array
+
+
+S = TypeVar("S", bound=State)
+
+
+class Problem(Protocol[S]):
+    """What is minimised: B least-squares problems of one shape."""
+
+    def step(self, state: S, damping: Array) -> Step:
+        """The step with a share ``damping`` (B,) of the diagonal added to the normal equations."""
+
+    def promise(self, state: S, step: Step) -> Array:
+        """By how much the present step, or the undamped one, would lower a quadratic cost (B,)."""
+
+    def follow(self, state: S, step: Step, index: Indices) -> S:
+        """The starts at an index where a step has led them: residuals and normal equations anew."""
+
+    def extrapolate(self, state: S, step: Step) -> S:
+        """All starts after a step in the linear model: nothing is evaluated."""
+
+
+@dataclass(frozen=True, slots=True)
+class NormalState(Batch):
+    """Parameters (B, P), costs (B,), half their gradients (B, Q) and Gauss-Newton matrices (B, Q, Q) of B starts.
+
+    Q differs from P where steps are taken in other coordinates than the parameters.
+    """
+
+    parameters: Array
+    cost: Array
+    gradient: Array
+    normal: Array
+
+
+class DenseProblem(ABC):
+    """A problem whose normal equations are solved as they are; it says what it costs, and what a change does."""
+
+    __slots__ = ()
+
+    @abstractmethod
+    def evaluate(self, parameters: Array) -> NormalState:
+        """State at parameters (B, P); a cost of inf where they mean nothing."""
+
+    def move(self, parameters: Array, change: Array) -> Array:
+        """Parameters (B, P) after a change (B, Q)."""
+        return parameters + change
+
+    def gauge(self, state: NormalState) -> Array | float:
+        """Term (B, Q, Q) of the normal equations that holds what no residual depends on; it is not damped."""
+        return 0.0
+
+    def step(self, state: NormalState, damping: Array) -> Step:
+        """As in :class:`Problem`."""
+        change = -solve_damped(state.normal, state.gradient, damping, self.gauge(state))
+        promise = promised_decrease(state.normal, state.gradient, change)
+        return Step(self.move(state.parameters, change), change, promise)
+
+    def promise(self, state: NormalState, step: Step) -> Array:
+        """As in :class:`Problem`: of the present step."""
+        return step.promise
+
+    def follow(self, state: NormalState, step: Step, index: Indices) -> NormalState:
+        """As in :class:`Problem`."""
+        return self.evaluate(step.parameters[index])
+
+    def extrapolate(self, state: NormalState, step: Step) -> NormalState:
+        """As in :class:`Problem`; the cost is the one that was promised."""
+        return replace(state, parameters=step.parameters, cost=np.maximum(state.cost - step.promise, 0.0))
+
+
+@dataclass(frozen=True, slots=True)
+class Solution(Generic[S]):
+    """Where the starts ended, after how many iterations, and why each of them did."""
+
+    state: S
+    iterations: int
+    ends: tuple[End, ...]
+
+
+def minimise(problem: Problem[S], state: S, rule: StoppingRule) -> Solution[S]:
+    """Levenberg-Marquardt from every start at once; each keeps its own damping.
+
+    Parameters
+    ----------
+    problem : Problem
+        The residuals, behind steps.
+    state : State
+        The starts, evaluated.
+    rule : StoppingRule
+        When each of them has arrived.
+    """
+    damping = np.full(len(state.cost), FIRST_DAMPING)
+    trusted: Mask = np.ones(len(damping), dtype=bool)
+    before = np.full(len(damping), 1e-100)
+    arrived = beaten = settled = np.zeros(len(damping), dtype=bool)
+    for iteration in range(rule.iterations):
+        step = problem.step(state, damping)
+        promise = problem.promise(state, step)
+        left = promise * np.clip(promise / before, rule.contraction, 1.0) if rule.contraction < 1.0 else promise
+        settled = left <= rule.tolerance * np.minimum(state.cost, rule.unit)
+        arrived = settled | (damping > LAST_DAMPING) | (state.cost < EXACT)
+        beaten = state.cost - ABOUT_RIGHT * promise > min(state.cost.min() + HOPELESS, rule.bar)
+        if (arrived | beaten).all():
+            ends = _ends(state, settled, arrived, beaten)
+            if rule.last_step and settled.any():
+                advanced = problem.extrapolate(state, step)
+                state = state.put(np.flatnonzero(settled), advanced.select(settled))
+            return Solution(state, iteration, ends)
+        # which one is best is not sure before one has settled
+        left_alone = arrived | (beaten & settled.any())
+        going = np.flatnonzero(~left_alone)
+        proposal = problem.follow(state, step, going)
+        gain = state.cost[going] - proposal.cost
+        better = np.asarray(gain > 0)
+        # the nearer the cost falls to what was promised, the less damped is the next step
+        kept = gain / np.maximum(step.promise[going], 1e-300)
+        sure = (kept > NEARLY_ALL) & trusted[going]
+        damping[going] *= np.where(sure, 0.1, np.where(kept > SOME, 1.0, np.where(better, 4.0, 8.0)))
+        trusted[going], before[going] = better, np.maximum(promise[going], 1e-300)
+        state = state.put(going[better], proposal.select(better))
+    return Solution(state, rule.iterations, _ends(state, settled, arrived, beaten))
+
+
+def _ends(state: State, settled: Mask, arrived: Mask, beaten: Mask) -> tuple[End, ...]:
+    exact = state.cost < EXACT
+    return tuple(
+        End.EXACT if e else End.SETTLED if s else End.STUCK if a else End.BEATEN if b else End.LIMIT
+        for e, s, a, b in zip(exact, settled, arrived, beaten, strict=True)
+    )
+
+
+def solve_damped(normal: Array, gradient: Array, damping: Array, gauge: Array | float = 0.0) -> Array:
+    """Solutions (B, P) of normal equations (B, P, P) with a share (B,) of their diagonal added to it (Marquardt)."""
+    index = np.arange(normal.shape[-1])
+    damped = normal + gauge
+    damped[:, index, index] += damping[:, None] * (normal[:, index, index] + 1e-12)
+    try:
+        found = np.linalg.solve(damped, gradient[..., None])
+    except np.linalg.LinAlgError:
+        found = np.linalg.pinv(damped, hermitian=True) @ gradient[..., None]
+    return np.asarray(found[..., 0], dtype=np.float64)
+
+
+def promised_decrease(normal: Array, gradient: Array, change: Array) -> Array:
+    """By how much a change (B, P) lowers the quadratic model ``cost + 2 g^T d + d^T N d`` of the cost (B,)."""
+    return -np.asarray(((2.0 * gradient + (normal @ change[..., None])[..., 0]) * change).sum(axis=1))
