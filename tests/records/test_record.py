@@ -87,7 +87,9 @@ def test_a_refused_frame_keeps_its_keys_but_no_homography(refused, template):
 
 
 def test_what_was_reached_before_the_refusal_is_kept_apart(calibrated, template):
-    turned_down = replace(calibrated, verdict=Verdict("refused", "residual", "residual too large", "verdict"))
+    turned_down = replace(
+        calibrated, attempt=replace(calibrated.attempt, verdict=Verdict("refused", "residual", "too large", "verdict"))
+    )
     record = round_trip(result_record(turned_down, template))
     assert record["H_image_field"] is record["H_field_image"] is record["camera"] is None
     assert record["rejected_estimate"]["camera"]["pan_degrees"] is not None
@@ -97,7 +99,7 @@ def test_what_was_reached_before_the_refusal_is_kept_apart(calibrated, template)
 
 def test_what_is_not_finite_is_null(calibrated, template):
     fit = replace(calibrated.camera, max_sigma_px=float("nan"), residuals_px={"a": float("inf")})
-    record = round_trip(result_record(replace(calibrated, camera=fit), template))
+    record = round_trip(result_record(replace(calibrated, attempt=replace(calibrated.attempt, camera=fit)), template))
     assert record["camera"]["max_sigma_px"] is None
     assert record["residuals_px"]["camera"] == {"a": None}
 
