@@ -214,7 +214,7 @@ def load_config(file: str | Path | None = None, overrides: Sequence[str] = ()) -
     for override in overrides:
         key = _apply_override(content, override)
         origins[key] = f"--set {override}"
-    return _validated(content, source, origins)
+    return _validate(content, source, origins)
 
 
 def _find_config(name_or_file: str | Path) -> Path:
@@ -288,7 +288,7 @@ def _apply_override(content: dict[str, Any], override: str) -> str:
     return ".".join(parts)
 
 
-def _validated(content: dict[str, Any], source: str, origins: Mapping[str, str]) -> Config:
+def _validate(content: dict[str, Any], source: str, origins: Mapping[str, str]) -> Config:
     try:
         # JSON in strict mode: lists become tuples and integers floats, but text never a number, nor true a 1
         return Config.model_validate_json(json.dumps(content, default=str), strict=True)
@@ -296,12 +296,12 @@ def _validated(content: dict[str, Any], source: str, origins: Mapping[str, str])
         problems = error.errors(include_url=False)
         key = _key(problems[0])
         same = [problem for problem in problems if _key(problem) == key]
-        origin = next((text for name, text in origins.items() if _related(key, name)), source)
+        origin = next((text for name, text in origins.items() if _is_related(key, name)), source)
         more = f" (and {len(problems) - len(same)} more)" if len(problems) > len(same) else ""
         raise ConfigError(f"{origin}: {_explanation(key, same)}{more}") from error
 
 
-def _related(key: str, other: str) -> bool:
+def _is_related(key: str, other: str) -> bool:
     """Whether one key is the other or lies inside it."""
     return f"{key}.".startswith(f"{other}.") or f"{other}.".startswith(f"{key}.")
 
@@ -422,7 +422,7 @@ def _yaml_lines(model: BaseModel, schema: _Schema, definitions: _Schema, indent:
     for name, field in type(model).model_fields.items():
         value = getattr(model, name)
         described = schema["properties"][name]
-        allowed = _allowed(described)
+        allowed = _describe_bounds(described)
         comment = f"{field.description or ''}{f' ({allowed})' if allowed else ''}"
         if isinstance(value, BaseModel) and not indent:
             yield ""
@@ -452,10 +452,10 @@ def _definition(schema: _Schema, definitions: _Schema) -> _Schema:
 _LIMITS = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
 
 
-def _allowed(schema: _Schema) -> str:
+def _describe_bounds(schema: _Schema) -> str:
     """Bounds and choices of one key in words."""
     if "anyOf" in schema:
-        return " or ".join(filter(None, (_allowed(branch) for branch in schema["anyOf"])))
+        return " or ".join(filter(None, (_describe_bounds(branch) for branch in schema["anyOf"])))
     if "enum" in schema:
         return "one of " + ", ".join(_yaml_value(choice) for choice in schema["enum"])
     return ", ".join(f"{sign} {schema[key]}" for key, sign in _LIMITS.items() if key in schema)

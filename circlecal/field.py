@@ -65,11 +65,11 @@ def evaluate_size(value: float | int | str, sizes: dict[str, float]) -> float:
     return result
 
 
-def _sized(value: Any, info: ValidationInfo) -> Any:
+def _apply_size(value: Any, info: ValidationInfo) -> Any:
     return evaluate_size(value, (info.context or {}).get("sizes", {}))
 
 
-Size = Annotated[float, BeforeValidator(_sized)]
+Size = Annotated[float, BeforeValidator(_apply_size)]
 Point = tuple[Size, Size]
 Edge = Literal["outer", "inner", "center"]
 

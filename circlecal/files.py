@@ -28,7 +28,7 @@ def write_atomic(path: Path, content: bytes) -> None:
 
 
 def write_atomic_parts(path: Path, parts: Iterable[bytes]) -> None:
-    """The same for content that comes in parts and need not fit into memory.
+    """Write a file as :func:`write_atomic` does, from parts that need not fit into memory together.
 
     Raises
     ------

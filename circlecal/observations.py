@@ -48,7 +48,7 @@ class LineEnd:
 
     def to_json(self) -> dict[str, Any]:
         """JSON-ready mapping."""
-        return {"point_px": _rounded(self.point_px), "crossed": self.crossed}
+        return {"point_px": _round(self.point_px), "crossed": self.crossed}
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,26 +114,22 @@ class Observations:
                 {
                     "circle": c.circle,
                     "edge": c.edge,
-                    "points_px": _rounded(c.points_px),
-                    "sigma_px": _rounded(c.sigma_px),
+                    "points_px": _round(c.points_px),
+                    "sigma_px": _round(c.sigma_px),
                 }
                 for c in self.circles
             ],
             "lines": [
-                {"line": s.line, "points_px": _rounded(s.points_px), "sigma_px": _rounded(s.sigma_px)}
-                | (
-                    {"ends": [{"point_px": _rounded(e.point_px), "crossed": e.crossed} for e in s.ends]}
-                    if s.ends
-                    else {}
-                )
+                {"line": s.line, "points_px": _round(s.points_px), "sigma_px": _round(s.sigma_px)}
+                | ({"ends": [{"point_px": _round(e.point_px), "crossed": e.crossed} for e in s.ends]} if s.ends else {})
                 for s in self.lines
             ],
-            "marks": [{"mark": m.mark, "point_px": _rounded(m.point_px), "sigma_px": m.sigma_px} for m in self.marks],
+            "marks": [{"mark": m.mark, "point_px": _round(m.point_px), "sigma_px": m.sigma_px} for m in self.marks],
             "keypoints": [
                 {
                     "name": k.name,
-                    "field_m": _rounded(k.field_m),
-                    "point_px": _rounded(k.point_px),
+                    "field_m": _round(k.field_m),
+                    "point_px": _round(k.point_px),
                     "sigma_px": k.sigma_px,
                 }
                 for k in self.keypoints
@@ -174,11 +170,11 @@ class Observations:
         )
 
 
-def _rounded(values: Array) -> Any:
+def _round(values: Array) -> Any:
     return np.round(np.asarray(values, dtype=np.float64), 4).tolist()
 
 
-def joined(first: Observations, second: Observations) -> Observations:
+def join_observations(first: Observations, second: Observations) -> Observations:
     """Observations of one frame from two sources."""
     return Observations(
         first.width,

@@ -23,7 +23,7 @@ from circlecal.errors import ConfigError, EstimationError, InputError
 from circlecal.field import Circle, FieldTemplate, load_field
 from circlecal.geometry.ellipses import encloses
 from circlecal.geometry.projective import Array
-from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations, joined
+from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations, join_observations
 from circlecal.paint.profiles import to_gray
 from circlecal.pictures.interlacing import row_motion, without_combs
 from circlecal.refusals import REFUSALS
@@ -157,7 +157,7 @@ class Scene:
     Attributes
     ----------
     image : (H, W, 3) uint8
-        BGR picture, with both halves of an interlaced frame joined.
+        BGR picture, with both halves of an interlaced frame join_observations.
     gray : (H, W) uint8
         Its brightness.
     given : (H, W) uint8 or None
@@ -252,7 +252,7 @@ def run_observations(
 def prepare_scene(
     setting: Setting, image: NDArray[np.uint8], given: NDArray[np.uint8] | None, extra: Observations | None
 ) -> Scene:
-    """A picture with its brightness, after both halves of an interlaced frame were joined."""
+    """A picture with its brightness, after both halves of an interlaced frame were join_observations."""
     with setting.clock("mask"):
         gray = to_gray(image)
         motion = row_motion(gray) if setting.config.mask.deinterlace else None
@@ -286,7 +286,7 @@ def calibrate_scene(
     if attempt.verdict is not None:
         return attempt if scene.extra is None else _calibrate_extra(setting, attempt, scene.extra)
     if scene.extra is not None and attempt.observations is not None:
-        attempt = replace(attempt, observations=joined(attempt.observations, scene.extra))
+        attempt = replace(attempt, observations=join_observations(attempt.observations, scene.extra))
     attempt = estimate(setting, attempt)
     for refinement in REFINEMENTS:
         attempt = refinement.first_accepted(setting, scene, attempt) or attempt
@@ -326,7 +326,7 @@ def measure(
             observations = replace(observe(setting, ellipses, cues), curves=arcs)
             attempt = replace(attempt, cues=cues, observations=observations)
     except EstimationError as error:
-        return refused(attempt, error)
+        return end_refused(attempt, error)
     return attempt
 
 
@@ -355,7 +355,7 @@ def take_observations(setting: Setting, attempt: Attempt, observations: Observat
             lambda: fit_observed(observations, setting.circle.name, setting.width, config.ellipse, setting.rng)
         )
     if found is None and refusal is not None and (config.solver is not None or not config.camera.enabled):
-        return refused(attempt, refusal)
+        return end_refused(attempt, refusal)
     with setting.clock("cues"):
         cues = cues_from_observations(observations, setting.template, setting.circle)
     return replace(attempt, ellipses=found or EllipseFits(None, None, None), cues=cues)
@@ -413,7 +413,7 @@ def estimate(setting: Setting, attempt: Attempt, earlier: CameraFit | None = Non
         elif attempt.homography is None and refusal is not None:
             raise refusal
     except EstimationError as error:
-        return refused(attempt, error)
+        return end_refused(attempt, error)
     return _judge(setting, attempt)
 
 
@@ -633,7 +633,7 @@ OTHER_INTERPRETATIONS = (
 """What else in the picture is taken for the circle; in this order."""
 
 
-def refused(attempt: Attempt, error: EstimationError) -> Attempt:
+def end_refused(attempt: Attempt, error: EstimationError) -> Attempt:
     """The attempt, ended by a stage that gave up."""
     return replace(attempt, verdict=Verdict("refused", error.code, error.reason, error.stage))
 

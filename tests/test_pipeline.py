@@ -11,7 +11,7 @@ from circlecal.config import Config, load_config
 from circlecal.errors import ConfigError, InputError
 from circlecal.geometry.homography import compass_label
 from circlecal.geometry.projective import apply_homography, normalise_line, transform_lines
-from circlecal.observations import Keypoint, Observations, joined
+from circlecal.observations import Keypoint, Observations, join_observations
 from circlecal.overlay import draw_overlay, stage_pictures
 from circlecal.pipeline import face_camera, field_of, frame_generator, run, run_observations
 from circlecal.records.record import result_line, result_record
@@ -331,7 +331,7 @@ def test_extra_observations_are_used_with_the_picture(frames, easy):
 def test_joining_keeps_everything(frames):
     template, _ = field_of(CONFIG)
     given = given_by(frames.easy.truth.camera, template)
-    both = joined(given, given)
+    both = join_observations(given, given)
     assert (len(both.circles), len(both.lines), both.width) == (2, 2, SIZE[0])
 
 

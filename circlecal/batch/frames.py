@@ -24,7 +24,7 @@ from circlecal.formats.exports import Exports
 from circlecal.formats.inputs import FrameOfFile, observations_beside
 from circlecal.formats.network_keypoints import network_keypoints
 from circlecal.formats.shapes import ObservedFrame
-from circlecal.observations import joined
+from circlecal.observations import join_observations
 from circlecal.pictures.files import (
     DEBUG_SUFFIX,
     OVERLAY_SUFFIX,
@@ -80,7 +80,7 @@ def calibrate_frame(
     extra = network_keypoints(picture, config.keypoints, template, config.sources)
     if keypoints is not None:
         given = observations_beside(keypoints, frame, template, config.sources, (width, height), format_name)
-        extra = given if extra is None else joined(extra, given)
+        extra = given if extra is None else join_observations(extra, given)
     return picture, run(picture, config, mask=classes, extra=extra, frame_id=frame.id, source=frame.source)
 
 

@@ -109,7 +109,7 @@ def run_row(scenario: Scenario, draws: int, seed: int, advance: Callable[[str], 
 
 
 def run_rig_row(scenario: RigScenario, draws: int, seed: int, advance: Callable[[str], None] = lambda _: None) -> Row:
-    """The same for frames of one camera that are calibrated together; each draw is one camera."""
+    """Rows for frames of one camera that are calibrated together; each draw is one camera."""
     template, circle = soccer()
     found = []
     inside: dict[str, list[bool]] = {}
@@ -249,7 +249,8 @@ def closed_forms(draws: int, seed: int) -> list[tuple[str, float]]:
             "case 2": correspondences_from_point(outer, center, apply_homography(H, point), point, o, circle.radius_m),
         }
         concentric = imaged_center(outer, inner)
-        assert concentric is not None
+        if concentric is None:
+            raise ValueError("two exact edges have no imaged centre")
         found["case 3"] = correspondences_from_line(outer, concentric.center, line, o, circle.radius_m, direction)
         for name, correspondences in found.items():
             worst[name] = max(worst[name], _error(correspondences, H, grid))

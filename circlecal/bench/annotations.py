@@ -127,23 +127,23 @@ def _set_rows(data: _Set, config: Config) -> list[AnnotationRow]:
     methods = _peers(data)
     template, circle = field_of(config)
     official = template.model_copy(update={"marking_width_m": 1e-9, "marking_width_sd_m": 0.0})
-    clicked = _observed(data, _TRUTH, template, config)
+    clicked = _observe(data, _TRUTH, template, config)
     both = {frame: classes for frame, classes in data.annotated.items() if shows_circle_and_halfway(classes)}
     alone = {frame: only_circle_and_halfway(clicked[frame], template, circle) for frame in both}
     great_axis = _great_axis(official, circle)
-    methods["great axis", INPUTS[0]] = _solved(alone, great_axis)
+    methods["great axis", INPUTS[0]] = _solve(alone, great_axis)
     own = _own(config, template, circle)
-    methods["circlecal", INPUTS[0]] = _solved(alone, own)
+    methods["circlecal", INPUTS[0]] = _solve(alone, own)
     if any(seen.keypoints for seen in alone.values()):
-        methods["circlecal", INPUTS[1]] = _solved({k: replace(v, keypoints=()) for k, v in alone.items()}, own)
-    methods["circlecal", INPUTS[2]] = _solved(clicked, own)
+        methods["circlecal", INPUTS[1]] = _solve({k: replace(v, keypoints=()) for k, v in alone.items()}, own)
+    methods["circlecal", INPUTS[2]] = _solve(clicked, own)
     runs = other_frames.matches(_positions(data, methods))
     if runs:
         methods["circlecal", other_frames.INPUT] = other_frames.with_other_frames(
             alone, clicked, runs, template, circle, config
         )
     if (data.folder / _DETECTIONS).is_dir():
-        methods["circlecal", INPUTS[3]] = _solved(_observed(data, _DETECTIONS, template, config), own)
+        methods["circlecal", INPUTS[3]] = _solve(_observe(data, _DETECTIONS, template, config), own)
     central = {frame: classes for frame, classes in both.items() if is_central(classes)}
     few = {(method, name) for method, name in methods if name in (INPUTS[0], INPUTS[1], other_frames.INPUT)}
     rows = _rows(replace(data, kind=KINDS[0], annotated=both), methods) if both else []
@@ -171,7 +171,7 @@ def _positions(data: _Set, methods: _Methods) -> dict[str, Array]:
     return found
 
 
-def _observed(data: _Set, folder: str, template: FieldTemplate, config: Config) -> dict[str, Observations]:
+def _observe(data: _Set, folder: str, template: FieldTemplate, config: Config) -> dict[str, Observations]:
     files = {frame: data.folder / folder / f"{frame}.json" for frame in data.annotated}
     return {
         frame: read_observations(file, template, config.sources, SIZE)[0].observations
@@ -192,7 +192,7 @@ def only_circle_and_halfway(seen: Observations, template: FieldTemplate, circle:
     )
 
 
-def _solved(observed: Mapping[str, Observations], solve: Solve) -> dict[str, Prediction]:
+def _solve(observed: Mapping[str, Observations], solve: Solve) -> dict[str, Prediction]:
     cameras = {frame: solve(frame, seen) for frame, seen in observed.items()}
     return {frame: Prediction(camera) for frame, camera in cameras.items() if camera is not None}
 

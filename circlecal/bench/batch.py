@@ -119,7 +119,7 @@ def run_throughput(
     """Calibrate ``count`` rendered frames with one worker and with several, in turn."""
     with tempfile.TemporaryDirectory(prefix="circlecal-bench-") as name:
         folder = Path(name)
-        frames = _rendered(folder / "frames", count, seed)
+        frames = _render(folder / "frames", count, seed)
         runs: dict[int, list[_Run]] = {1: [], workers: []}
         for _ in range(repeats):
             for number in runs:
@@ -139,7 +139,7 @@ def run_throughput(
     ]
 
 
-def _rendered(folder: Path, count: int, seed: int) -> list[Frame]:
+def _render(folder: Path, count: int, seed: int) -> list[Frame]:
     """A few rendered pictures under many names."""
     folder.mkdir()
     generator = np.random.default_rng(seed)
@@ -192,27 +192,27 @@ def run_scaling(count: int, workers: int, advance: Callable[[str], None] = lambd
     with tempfile.TemporaryDirectory(prefix="circlecal-bench-") as name:
         out = Path(name)
         start = time.perf_counter()
-        run_batch(_simulated(count), _Nothing(), out, workers=workers, total=count, on_progress=watch)
+        run_batch(_simulate(count), _Nothing(), out, workers=workers, total=count, on_progress=watch)
         seconds, late = time.perf_counter() - start, _memory_mb()
         advance("simulated")
-        indexed = _taken_up(out)
+        indexed = _resume(out)
         start = time.perf_counter()
-        run_batch(_simulated(count), _Nothing(), out, workers=workers, total=count)
+        run_batch(_simulate(count), _Nothing(), out, workers=workers, total=count)
         skipped = time.perf_counter() - start
         taken = _memory_mb()
         advance("taken up")
         (out / INDEX_NAME).unlink()
-        rebuilt = _taken_up(out)
+        rebuilt = _resume(out)
         advance("index made anew")
         size = (out / RESULTS_NAME).stat().st_size / _MEGABYTE
     return Scaling(count, seconds, size, (early[0], late, taken), indexed, skipped, rebuilt)
 
 
-def _simulated(count: int) -> Iterator[_Simulated]:
+def _simulate(count: int) -> Iterator[_Simulated]:
     return (_Simulated(f"match_{number:08d}") for number in range(count))
 
 
-def _taken_up(out: Path) -> float:
+def _resume(out: Path) -> float:
     start = time.perf_counter()
     with ResultLog(out) as log:
         log.take_up(_Nothing().digest)

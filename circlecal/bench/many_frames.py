@@ -115,19 +115,19 @@ def together(seen: Sequence[Observations], camera: CameraConfig) -> list[CameraF
     config = Config(camera=camera, rig=STANDING)
     frames = []
     for k, observations in enumerate(seen):
-        fit = _fitted(observations, camera)
+        fit = _fit(observations, camera)
         theta, covariance = (None, None) if fit is None else (fit.theta, fit.covariance)
         frames.append(RigFrame(str(k), observations, theta, covariance))
     rigs = estimate_rigs(frames, template, circle, config, {frame.id: "camera" for frame in frames})
     if not rigs:
         return [None] * len(frames)
     return [
-        _fitted(observations, config_with(config, rigs[0].prior(frame.id), observations.width).camera)
+        _fit(observations, config_with(config, rigs[0].prior(frame.id), observations.width).camera)
         for frame, observations in zip(frames, seen, strict=True)
     ]
 
 
-def _fitted(observations: Observations, camera: CameraConfig) -> CameraFit | None:
+def _fit(observations: Observations, camera: CameraConfig) -> CameraFit | None:
     template, circle = soccer()
     try:
         return estimate_camera(observations, template, circle, camera)

@@ -77,8 +77,8 @@ def visible_observations(truth: Truth, template: FieldTemplate) -> Observations:
     circles, lines = [], []
     for element in elements:
         pixels = seen_pixels(camera, surface.lift(_middle(template, element)))
-        pixels = pixels[_uncovered(truth, pixels, class_id(template, element))]
-        pixels = _thinned(pixels, _SPACING_PX * unit)
+        pixels = pixels[_is_uncovered(truth, pixels, class_id(template, element))]
+        pixels = _thin(pixels, _SPACING_PX * unit)
         if len(pixels) < 2:
             continue
         if isinstance(element, Line):
@@ -104,7 +104,7 @@ def _middle(template: FieldTemplate, element: Circle | Line) -> Array:
     return np.asarray(element.center) + radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
-def _uncovered(truth: Truth, pixels: Array, painted: int) -> Mask:
+def _is_uncovered(truth: Truth, pixels: Array, painted: int) -> Mask:
     """Which places (N, 2) lie in the picture and show the paint of a class."""
     x0, y0, x1, y1 = truth.picture_box_px
     with np.errstate(invalid="ignore"):
@@ -113,7 +113,7 @@ def _uncovered(truth: Truth, pixels: Array, painted: int) -> Mask:
     return np.asarray(inside & (truth.classes[row, column] == painted), np.bool_)
 
 
-def _thinned(pixels: Array, spacing_px: float) -> Array:
+def _thin(pixels: Array, spacing_px: float) -> Array:
     """About one of the places (N, 2) along a curve for every so many pixels of it."""
     if len(pixels) < 2:
         return pixels

@@ -48,7 +48,7 @@ def write_plots(summaries: Sequence[Summary], folder: Path) -> list[Path]:
         _draw_bound(above, own)
         _label(figure, above, below, scenario, sorted({s.noise_px for s in own}))
         with matplotlib.rc_context({"svg.hashsalt": "circlecal"}):
-            written += [_saved(figure, folder / f"simulate_{scenario}.{kind}", kind) for kind in FORMATS]
+            written += [_save(figure, folder / f"simulate_{scenario}.{kind}", kind) for kind in FORMATS]
     return written
 
 
@@ -92,7 +92,7 @@ def _label(figure: Any, above: Any, below: Any, scenario: str, noises_px: list[f
     figure.suptitle(scenario)
 
 
-def _saved(figure: Any, path: Path, kind: str) -> Path:
+def _save(figure: Any, path: Path, kind: str) -> Path:
     content = io.BytesIO()
     metadata = {"Date": None} if kind == "svg" else {"Software": None}
     figure.savefig(content, format=kind, dpi=110, metadata=metadata)

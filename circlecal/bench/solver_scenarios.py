@@ -83,8 +83,8 @@ def _plain(observations: Observations) -> Seen:
     return Seen(observations, observations)
 
 
-def _stated(observations: Observations, least_px: float) -> Observations:
-    """The same with sigmas of at least ``least_px``: views without a line start the camera's fit far from its end."""
+def _raise_sigmas(observations: Observations, least_px: float) -> Observations:
+    """Observations with sigmas of at least ``least_px``: without a line the camera's fit starts far from its end."""
     return replace(
         observations,
         circles=tuple(replace(c, sigma_px=np.maximum(c.sigma_px, least_px)) for c in observations.circles),
@@ -175,7 +175,7 @@ def _keypoints_view(camera: Camera, noise_px: float, rng: np.random.Generator) -
 def _faceoff_view(camera: Camera, noise_px: float, rng: np.random.Generator) -> Seen:
     template, _ = hockey()
     circles = tuple(circle_points(camera, template, "outer", 50, noise_px, rng, circle=name) for name in FACEOFF_PAIR)
-    return _plain(_stated(Observations(camera.width, camera.height, circles), LEAST_SIGMA_PX))
+    return _plain(_raise_sigmas(Observations(camera.width, camera.height, circles), LEAST_SIGMA_PX))
 
 
 def _wide_camera(rng: np.random.Generator) -> Camera:
@@ -207,7 +207,7 @@ def _circle_and_arc_view(camera: Camera, noise_px: float, rng: np.random.Generat
     second = replace(
         circle, circle=arc.name, points_px=pixels, sigma_px=np.full(len(pixels), max(noise_px, MIN_SIGMA_PX))
     )
-    return _plain(_stated(Observations(camera.width, camera.height, (circle, second)), LEAST_SIGMA_PX))
+    return _plain(_raise_sigmas(Observations(camera.width, camera.height, (circle, second)), LEAST_SIGMA_PX))
 
 
 def _shifted_camera(rng: np.random.Generator) -> Camera:

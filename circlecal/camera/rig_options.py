@@ -20,11 +20,11 @@ class RigConfig(BaseModel):
     position_deviation_m: float = Field(
         0.05, ge=0, description="By how much the optical centre of one frame deviates from the camera's, metres."
     )
-    roll_deviation_deg: float = Field(0.05, ge=0, description="The same of the roll, degrees.")
+    roll_deviation_deg: float = Field(0.05, ge=0, description="How far the roll of a frame may deviate, degrees.")
     principal_point_deviation_px: float = Field(
-        1.0, ge=0, description="The same of the principal point, pixels at 1920 px width."
+        1.0, ge=0, description="How far the principal point of a frame may deviate, pixels at 1920 px width."
     )
-    k1_deviation: float = Field(0.001, ge=0, description="The same of the radial distortion.")
+    k1_deviation: float = Field(0.001, ge=0, description="How far the radial distortion of a frame may deviate.")
     principal_point_by_zoom_px: float = Field(
         10.0,
         ge=0,

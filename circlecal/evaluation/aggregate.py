@@ -141,7 +141,7 @@ def summarise_method(
     """
     first = thresholds_px[0]
     official = {frame: found.official(first) for frame, found in method.answered.items()}
-    errors = _joined(d for found in official.values() for d in found.distances_px.values())
+    errors = _join(d for found in official.values() for d in found.distances_px.values())
     points = sum(len(p) for classes in method.annotated.values() for p in classes.values())
     return Summary(
         frames=len(method.annotated),
@@ -159,7 +159,7 @@ def held_out_median(
     method: MethodComparisons, official: Mapping[str, Comparison], held_out: Callable[[str], bool]
 ) -> float:
     """Median distance of the held-out points, those without a predicted element infinitely far; nan without any."""
-    seen = _joined(d for found in official.values() for name, d in found.distances_px.items() if held_out(name))
+    seen = _join(d for found in official.values() for name, d in found.distances_px.items() if held_out(name))
     total = sum(len(p) for classes in method.annotated.values() for name, p in classes.items() if held_out(name))
     if total == 0:
         return float("nan")
@@ -190,14 +190,14 @@ def _class_rows(official: list[Comparison], threshold: float) -> tuple[ClassRow,
             counts[name] = counts.get(name, np.zeros(3)) + np.array(counted)
     rows = []
     for name in sorted(counts):
-        distances = _joined(found.distances_px.get(name, np.zeros(0)) for found in official)
+        distances = _join(found.distances_px.get(name, np.zeros(0)) for found in official)
         median = float(np.median(distances)) if len(distances) else float("nan")
         right, wrong, missed = (int(count) for count in counts[name])
         rows.append(ClassRow(name, right, wrong, missed, median))
     return tuple(rows)
 
 
-def _joined(parts: Iterable[Array]) -> Array:
+def _join(parts: Iterable[Array]) -> Array:
     return np.concatenate([np.zeros(0), *parts])
 
 

@@ -87,10 +87,10 @@ def audit_frames(frames: Sequence[AnnotatedFrame], center: Center, config: Confi
     config : Config
         Of circlecal's calibration.
     """
-    return [_audited(frame, center, config) for frame in frames]
+    return [_audit(frame, center, config) for frame in frames]
 
 
-def _audited(frame: AnnotatedFrame, center: Center, config: Config) -> AuditedFrame:
+def _audit(frame: AnnotatedFrame, center: Center, config: Config) -> AuditedFrame:
     points = {
         number: shape.points_px[0] for shape in frame.shapes if (number := keypoint_number(shape.label)) is not None
     }

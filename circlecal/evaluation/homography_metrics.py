@@ -96,12 +96,12 @@ def iou_whole(truth: Array, predicted: Array) -> float:
     width, height = PICTURE
     corners = np.array([[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]])
     try:
-        moved = _mapped(_inverse(predicted), _mapped(truth, corners))
+        moved = _map_points(_inverse(predicted), _map_points(truth, corners))
     except np.linalg.LinAlgError:
         return 0.0
     if not np.isfinite(moved).all() or _crosses_itself(moved):
         return 0.0
-    common = abs(_area(_clipped(moved, width, height)))
+    common = abs(_area(_clip(moved, width, height)))
     union = abs(_area(moved)) + width * height - common
     return float(common / union) if union > 0 else 0.0
 
@@ -109,9 +109,9 @@ def iou_whole(truth: Array, predicted: Array) -> float:
 def projection_error(truth: Array, predicted: Array, rng: np.random.Generator) -> float:
     """Mean distance on the shrunk template of random pixels that show the field, over those inside it under both."""
     pixels = rng.uniform((0.0, 0.0), PICTURE, (4 * PROJECTION_SAMPLES, 2))
-    on_field = _mapped(truth, pixels)
+    on_field = _map_points(truth, pixels)
     pixels = pixels[((on_field >= 0) & (on_field < TEMPLATE)).all(axis=1)][:PROJECTION_SAMPLES]
-    first, second = (_mapped(H, pixels) * PROJECTION_SCALE for H in (truth, predicted))
+    first, second = (_map_points(H, pixels) * PROJECTION_SCALE for H in (truth, predicted))
     both = ((first >= 0) & (first < (100, 60)) & (second >= 0) & (second < (100, 60))).all(axis=1)
     return float(np.linalg.norm(first - second, axis=1)[both].mean()) if both.any() else float("nan")
 
@@ -121,14 +121,14 @@ def reprojection_error(truth: Array, predicted: Array) -> float:
     axes = [np.linspace(0.0, side, count) for side, count in zip(REPROJECTION_FIELD, REPROJECTION_GRID, strict=True)]
     grid = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
     try:
-        first, second = (_mapped(_inverse(H), grid) for H in (truth, predicted))
+        first, second = (_map_points(_inverse(H), grid) for H in (truth, predicted))
     except np.linalg.LinAlgError:
         return float("nan")
     both = ((first >= 0) & (first < PICTURE) & (second >= 0) & (second < PICTURE)).all(axis=1)
     return float(np.linalg.norm(first - second, axis=1)[both].mean() / PICTURE[1]) if both.any() else float("nan")
 
 
-def _mapped(H: Array, points: Array) -> Array:
+def _map_points(H: Array, points: Array) -> Array:
     lifted = np.column_stack([points, np.ones(len(points))]) @ H.T
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(lifted[:, :2] / lifted[:, 2:])
@@ -155,7 +155,7 @@ def _sides_meet(a: Array, b: Array, c: Array, d: Array) -> bool:
     return turn(a, b, c) * turn(a, b, d) < 0 and turn(c, d, a) * turn(c, d, b) < 0
 
 
-def _clipped(polygon: Array, width: int, height: int) -> Array:
+def _clip(polygon: Array, width: int, height: int) -> Array:
     """The part of a polygon inside the picture: cut by its four sides one after the other."""
     for axis, limit, sign in ((0, 0.0, 1.0), (0, width, -1.0), (1, 0.0, 1.0), (1, height, -1.0)):
         if len(polygon) == 0:

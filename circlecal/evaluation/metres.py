@@ -25,12 +25,12 @@ def field_positions(camera: Projector, pixels: Array, starts_m: Array) -> Array:
     position = np.array(starts_m, dtype=np.float64)
     error = np.full(len(position), np.inf)
     for _ in range(_ITERATIONS):
-        seen = _shown_at(camera, position)
+        seen = _project(camera, position)
         offset = pixels - seen
         error = np.linalg.norm(offset, axis=1)
         if (error < _SETTLED_PX).all():
             break
-        columns = [_shown_at(camera, position + _DERIVATIVE_STEP_M * axis) - seen for axis in np.eye(2)]
+        columns = [_project(camera, position + _DERIVATIVE_STEP_M * axis) - seen for axis in np.eye(2)]
         jacobian = np.stack(columns, axis=-1) / _DERIVATIVE_STEP_M
         regular = np.isfinite(jacobian).all(axis=(1, 2)) & (np.abs(np.linalg.det(np.nan_to_num(jacobian))) > 1e-9)
         step = np.zeros_like(position)
@@ -40,7 +40,7 @@ def field_positions(camera: Projector, pixels: Array, starts_m: Array) -> Array:
     return np.where((error < 0.05)[:, None], position, np.nan)
 
 
-def _shown_at(camera: Projector, positions: Array) -> Array:
+def _project(camera: Projector, positions: Array) -> Array:
     pixels, front = camera.project(np.column_stack([positions, np.zeros(len(positions))]))
     return np.where(front[:, None], pixels, np.nan)
 
@@ -54,7 +54,7 @@ def ground_errors(truth: Projector, predicted: Projector, width: int, height: in
     axis = np.arange(-REACH_M, REACH_M + _STEP_M / 2, _STEP_M)
     grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
     grid = grid[np.linalg.norm(grid, axis=1) <= REACH_M]
-    pixels = _shown_at(truth, grid)
+    pixels = _project(truth, grid)
     inside = np.isfinite(pixels).all(axis=1) & (np.nan_to_num(pixels, nan=-1.0) >= 0).all(axis=1)
     inside &= (np.nan_to_num(pixels, nan=np.inf) < (width, height)).all(axis=1)
     grid, pixels = grid[inside], pixels[inside]
@@ -75,7 +75,7 @@ def annotated_errors(annotated: Annotated, camera: Projector) -> Array:
         if name not in annotated or len(annotated[name]) == 0:
             continue
         element = field_polylines()[name][:, :2]
-        shown = np.nan_to_num(_shown_at(camera, element), nan=np.inf)
+        shown = np.nan_to_num(_project(camera, element), nan=np.inf)
         nearest = np.linalg.norm(shown - annotated[name][:, None], axis=2).argmin(axis=1)
         position = field_positions(camera, annotated[name], element[nearest])
         distance = np.abs(np.hypot(*position.T) - _RADIUS_M) if name == CENTRAL_CLASS else np.abs(position[:, 0])

@@ -120,14 +120,14 @@ def _soccernet(path: Path, content: bytes, size: Size, given: Size | None) -> Me
         np.array(keys.principal_point),
         rotation_matrix(*np.radians([keys.pan_degrees, keys.tilt_degrees, keys.roll_degrees])),
         np.array(keys.position_meters),
-        _padded(keys.radial_distortion, 6),
-        _padded(keys.tangential_distortion, 2),
-        _padded(keys.thin_prism_distortion, 4),
+        _pad(keys.radial_distortion, 6),
+        _pad(keys.tangential_distortion, 2),
+        _pad(keys.thin_prism_distortion, 4),
     )
     return camera.scaled(_factor(given or _size_of(path, keys), size))
 
 
-def _padded(values: list[float], count: int) -> Array:
+def _pad(values: list[float], count: int) -> Array:
     return np.pad(np.array(values, dtype=np.float64), (0, count - len(values)))
 
 

@@ -204,7 +204,7 @@ def _quantiles(errors: Array) -> tuple[float, float]:
 
 
 def as_record(report: MethodReport | TruthReport) -> dict[str, Any]:
-    """The same for machines; numbers that are not finite become null."""
+    """The figures for machines; numbers that are not finite become null."""
     record = asdict(report)
     if isinstance(report, MethodReport):
         record["summary"]["completeness"] = report.summary.completeness

@@ -101,7 +101,7 @@ class MetricCamera:
         )  # fmt: skip
 
     def scaled(self, factor: tuple[float, float]) -> MetricCamera:
-        """The same camera for pictures that are ``factor`` times as wide and as high."""
+        """This camera for pictures that are ``factor`` times as wide and as high."""
         by = np.array(factor)
         return MetricCamera(
             self.focal_px * by, self.principal_point_px * by, self.rotation, self.position_m, self.radial,
@@ -114,10 +114,10 @@ class MetricCamera:
         front = local[:, 2] > NEAREST_DEPTH_M
         normalised = local[:, :2] / np.where(front, local[:, 2], 1.0)[:, None]
         # the official reader keeps the distorted point in single precision
-        distorted = self._distorted(normalised).astype(np.float32).astype(np.float64)
+        distorted = self._distort(normalised).astype(np.float32).astype(np.float64)
         return distorted * self.focal_px + self.principal_point_px, front
 
-    def _distorted(self, normalised: Array) -> Array:
+    def _distort(self, normalised: Array) -> Array:
         x, y = normalised.T
         r2 = x * x + y * y
         powers = np.stack([r2, r2**2, r2**3])
@@ -270,13 +270,13 @@ def image_polylines(camera: Projector, width: int, height: int) -> dict[str, Arr
     pixels, front = camera.project(np.concatenate(list(elements.values())))
     starts = np.cumsum([len(points) for points in elements.values()])[:-1]
     drawn = {
-        name: _shown(element[seen], width, height)
+        name: _clip_to_picture(element[seen], width, height)
         for name, element, seen in zip(elements, np.split(pixels, starts), np.split(front, starts), strict=True)
     }
     return {name: points for name, points in drawn.items() if len(points)}
 
 
-def _shown(pixels: Array, width: int, height: int) -> Array:
+def _clip_to_picture(pixels: Array, width: int, height: int) -> Array:
     """Pixels inside the picture, with the points where the border is crossed between them."""
     inside = _inside(pixels, width, height)
     changes = np.flatnonzero(inside[1:] != inside[:-1]) + 1
@@ -329,10 +329,10 @@ def compare_frame(annotated: Mapping[str, Array], camera: Projector, width: int,
     drawn = image_polylines(camera, width, height)
     present = {name: points for name, points in annotated.items() if len(points)}
     turned = {turned_class(name): points for name, points in present.items()}
-    return FrameComparison(_compared(present, drawn), _compared(turned, drawn))
+    return FrameComparison(_compare(present, drawn), _compare(turned, drawn))
 
 
-def _compared(annotated: Mapping[str, Array], drawn: Mapping[str, Array]) -> Comparison:
+def _compare(annotated: Mapping[str, Array], drawn: Mapping[str, Array]) -> Comparison:
     both = [name for name in annotated if name in drawn]
     return Comparison(
         {name: polyline_distances(annotated[name], drawn[name]) for name in both},

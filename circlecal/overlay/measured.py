@@ -258,7 +258,7 @@ def _draw_detail(canvas: Canvas, image: Picture, mark: MarkCue, cues: Cues) -> N
     zoom = max(1, round(0.32 * canvas.height / side))
     patch = image[around[1] : around[1] + side, around[0] : around[0] + side]
     detail = Canvas.of(patch, 1.0, zoom)
-    local = _moved(mark.point_px, around)
+    local = _move(mark.point_px, around)
     if cues.halfway is not None:
         a, b, c = cues.halfway.line
         detail.line((a, b, c + a * around[0] + b * around[1]), SKY, 1.0)
@@ -278,5 +278,5 @@ def _draw_detail(canvas: Canvas, image: Picture, mark: MarkCue, cues: Cues) -> N
     )
 
 
-def _moved(point: Array, origin: Array) -> Array:
+def _move(point: Array, origin: Array) -> Array:
     return np.asarray(point, dtype=np.float64) - origin

@@ -23,7 +23,7 @@ def frame_details(record: Mapping[str, Any], row: FrameRow) -> dict[str, Any]:
     return {
         "facts": [[label, text] for label, text in _facts(record, row) if text],
         "checks": sorted(
-            (_check(check) for check in _listed(record.get("checks")) if isinstance(check, dict)), key=lambda c: c[3]
+            (_check(check) for check in _list(record.get("checks")) if isinstance(check, dict)), key=lambda c: c[3]
         ),
         "times": [
             [str(stage), short(_number(ms))] for stage, ms in _mapping(record.get("timings_ms")).items() if _number(ms)
@@ -45,8 +45,8 @@ def _facts(record: Mapping[str, Any], row: FrameRow) -> Iterator[tuple[str, str]
         arc = _number(fit.get("arc_degrees"))
         yield "ellipse", f"{short(row.rms_px)} px rms" + (f" over {arc:.0f}°" if arc is not None else "")
     yield from _camera(camera)
-    yield "lines", _joined(camera.get("named_lines"))
-    yield "left out", _joined(camera.get("rejected_observations"))
+    yield "lines", _join(camera.get("named_lines"))
+    yield "left out", _join(camera.get("rejected_observations"))
     if row.camera is not None:
         before = _mapping(_mapping(record.get("rig")).get("alone")).get("code")
         yield "rig", row.camera + (f", refused alone ({before})" if row.gained else "")
@@ -60,7 +60,7 @@ def _facts(record: Mapping[str, Any], row: FrameRow) -> Iterator[tuple[str, str]
 
 
 def _camera(camera: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    position = [_number(value) for value in _listed(camera.get("position_meters"))]
+    position = [_number(value) for value in _list(camera.get("position_meters"))]
     if len(position) == 3 and None not in position:
         x, y, z = (value or 0.0 for value in position)
         yield "camera", f"x {x:.1f}, y {y:.1f}, {-z:.1f} m high"
@@ -73,7 +73,7 @@ def _camera(camera: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield "focal length", f"{focal:.0f} px"
 
 
-def _joined(value: Any) -> str:
+def _join(value: Any) -> str:
     names = value if isinstance(value, list | dict) else []
     return ", ".join(str(name).replace("_", " ") for name in names)
 
@@ -91,5 +91,5 @@ def _mapping(value: Any) -> Mapping[str, Any]:
     return value if isinstance(value, dict) else {}
 
 
-def _listed(value: Any) -> Sequence[Any]:
+def _list(value: Any) -> Sequence[Any]:
     return value if isinstance(value, list) else []

@@ -101,11 +101,11 @@ def template_layer(scene: Scene) -> str | None:
         for name, polyline in scene.view.markings(scene.template).items():
             outline = _path(_runs(scene.view.pixels(polyline) + 0.5), _TOLERANCE * unit)
             own = CIRCLE if name == scene.circle else TEMPLATE
-            paths.append(_stroked(outline, own if scene.accepted else REFUSED, dashed=not scene.accepted))
+            paths.append(_stroke(outline, own if scene.accepted else REFUSED, dashed=not scene.accepted))
     else:
         found = _found_ellipse(scene.record)
         if found is not None:
-            paths.append(_stroked(_path([found + 0.5], _TOLERANCE * unit), CIRCLE, dashed=True))
+            paths.append(_stroke(_path([found + 0.5], _TOLERANCE * unit), CIRCLE, dashed=True))
     content = "".join(paths)
     return _svg(content, 0, 0, scene.width, scene.height) if content else None
 
@@ -113,7 +113,7 @@ def template_layer(scene: Scene) -> str | None:
 def points_layer(scene: Scene) -> str | None:
     """The circle's points that took part, the derived points and the imaged centre as SVG in the frame's pixels."""
     parts = [
-        _dots(_thinned(_points(edge.get("points_px") if isinstance(edge, dict) else None)), INLIER, 3.0)
+        _dots(_thin(_points(edge.get("points_px") if isinstance(edge, dict) else None)), INLIER, 3.0)
         for edge in _mapping(scene.record.get("inliers")).values()
     ]
     found = _mapping(scene.record.get("correspondences")).get("points")
@@ -124,7 +124,7 @@ def points_layer(scene: Scene) -> str | None:
         x, y = center[0] + 0.5
         arm = 14.0 * scene.width / 1920.0
         cross = f"M{x - arm:.1f} {y:.1f}H{x + arm:.1f}M{x:.1f} {y - arm:.1f}V{y + arm:.1f}"
-        parts.append(_stroked(cross, CIRCLE))
+        parts.append(_stroke(cross, CIRCLE))
     content = "".join(parts)
     return _svg(content, 0, 0, scene.width, scene.height) if content else None
 
@@ -134,11 +134,11 @@ def plan_layer(scene: Scene) -> str | None:
     if scene.view is None or scene.template is None or not scene.accepted:
         return None
     half, scale = radar_half(scene.template), _PLAN_UNITS_PER_M
-    footprint = _path(_closed(_footprint(scene, half)), 0.5, closed=True, scale=scale)
+    footprint = _path(_close(_footprint(scene, half)), 0.5, closed=True, scale=scale)
     parts = [f'<path d="{footprint}" fill="#fff" fill-opacity=".10" stroke="#fff" {_LINE} stroke-dasharray="5 4"/>']
     for name, polyline in scene.view.markings(scene.template).items():
         color = CIRCLE if name == scene.circle else TEMPLATE
-        parts.append(_stroked(_path([polyline], 0.02, scale=scale), color))
+        parts.append(_stroke(_path([polyline], 0.02, scale=scale), color))
     left, top = -half * scale
     return _svg("".join(parts), left, top, -2 * left, -2 * top)
 
@@ -200,7 +200,7 @@ def _points(value: Any) -> Array:
     return points[np.isfinite(points).all(axis=1)]
 
 
-def _thinned(points: Array) -> Array:
+def _thin(points: Array) -> Array:
     return points[:: max(1, math.ceil(len(points) / _MOST_POINTS))]
 
 
@@ -212,7 +212,7 @@ def _runs(points: Array) -> Iterator[Array]:
             yield points[piece]
 
 
-def _closed(outlines: Iterable[Array]) -> list[Array]:
+def _close(outlines: Iterable[Array]) -> list[Array]:
     return [np.concatenate([outline, outline[:1]]) for outline in outlines]
 
 
@@ -230,7 +230,7 @@ _LINE = 'stroke-width="1.6" vector-effect="non-scaling-stroke" stroke-linejoin="
 _HALO = 'fill="none" stroke="#000" stroke-opacity=".45" stroke-width="3.4" vector-effect="non-scaling-stroke"'
 
 
-def _stroked(outline: str, color: Color, *, dashed: bool = False) -> str:
+def _stroke(outline: str, color: Color, *, dashed: bool = False) -> str:
     if not outline:
         return ""
     dashes = ' stroke-dasharray="7 5"' if dashed else ""

@@ -60,7 +60,7 @@ class Originals:
     def _of_video(self, path: Path, times: Sequence[float]) -> Iterator[Picture | None]:
         found = 0
         try:
-            for picture in pictures_at(next(filter(Path.is_file, self._moved(path)), path), times):
+            for picture in pictures_at(next(filter(Path.is_file, self._find_moved(path)), path), times):
                 found += 1
                 yield picture
         except InputError as error:
@@ -72,13 +72,13 @@ class Originals:
             return
         path = Path(row.path)
         if path.suffix.lower() in PICTURE_SUFFIXES:
-            yield from self._moved(path)
+            yield from self._find_moved(path)
             return
         for name in dict.fromkeys((path.stem, Path(row.id).name)):  # an annotation; its picture is named like it
             for suffix in PICTURE_SUFFIXES:
-                yield from self._moved(path.with_name(name + suffix))
+                yield from self._find_moved(path.with_name(name + suffix))
 
-    def _moved(self, path: Path) -> list[Path]:
+    def _find_moved(self, path: Path) -> list[Path]:
         return [path] if self.frames is None else [self.frames / path.name, self.frames / path, path]
 
 

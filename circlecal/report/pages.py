@@ -93,7 +93,7 @@ def write_report(
     options = options or ReportOptions()
     if options.frames is not None and not options.frames.is_dir():
         raise InputError(f"{options.frames}: no such folder; give the one that the frames' pictures lie in")
-    out = _emptied(run.folder / REPORT_FOLDER if out is None else out)
+    out = _empty(run.folder / REPORT_FOLDER if out is None else out)
     media: list[int] = []
     details: list[dict[str, Any]] = []
     for row, (written, told) in zip(run.rows, _frames(run, out, options), strict=True):
@@ -113,7 +113,7 @@ def write_report(
     return WrittenReport(out / PAGE_NAME, len(run.rows), pictures, drawings)
 
 
-def _emptied(out: Path) -> Path:
+def _empty(out: Path) -> Path:
     """The report's folder without what an older report left in it, and marked as one."""
     prepare_folder(out)
     page = out / PAGE_NAME
@@ -162,7 +162,7 @@ def _listing(run: StoredRun, media: list[int]) -> dict[str, Any]:
     order = [code for code, _ in Counter(codes).most_common()]
     stage = {row.code or "unknown": row.stage for row in run.rows if not row.calibrated}
     places = {code: k for k, code in enumerate(order)}
-    columns: dict[str, list[Any]] = {name: [_rounded(getattr(row, name)) for row in run.rows] for name in _COLUMNS}
+    columns: dict[str, list[Any]] = {name: [_round(getattr(row, name)) for row in run.rows] for name in _COLUMNS}
     columns["code"] = [-1 if row.calibrated else places[row.code or "unknown"] for row in run.rows]
     columns["media"] = list(media)
     cameras = _cameras(run.rows)
@@ -184,7 +184,7 @@ def _cameras(rows: list[FrameRow]) -> list[str]:
     return sorted({row.camera for row in rows if row.camera is not None}, key=natural_order)
 
 
-def _rounded(value: Any) -> Any:
+def _round(value: Any) -> Any:
     return float(f"{value:.5g}") if isinstance(value, float) else value
 
 
@@ -198,7 +198,7 @@ def _page(run: StoredRun, options: ReportOptions) -> str:
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
     )
-    environment.filters.update(short=short, clock=clock, thousands=_thousands, coded=_coded)
+    environment.filters.update(short=short, clock=clock, thousands=_thousands, coded=_mark_code)
     template = environment.get_template("index.html.j2")
     return template.render(
         title=options.title or run.folder.resolve().name,
@@ -217,7 +217,7 @@ def _thousands(count: int) -> str:
     return f"{count:,}".replace(",", "\N{NO-BREAK SPACE}")
 
 
-def _coded(text: str) -> str:
+def _mark_code(text: str) -> str:
     """Escaped text with commands, options and settings set as code."""
     import markupsafe
 

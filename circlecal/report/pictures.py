@@ -73,11 +73,11 @@ def write_media(
     """
     written = Media(0)
     if picture is not None:
-        thumbnail = _scaled(picture, THUMBNAIL_WIDTH)
+        thumbnail = _scale(picture, THUMBNAIL_WIDTH)
         if scene is not None and not drawn:
             thumbnail = draw_on_thumbnail(thumbnail, scene)
         _write_jpeg(media_path(out, Media.THUMBNAIL, index), thumbnail)
-        _write_jpeg(media_path(out, Media.FRAME, index), _scaled(picture, width))
+        _write_jpeg(media_path(out, Media.FRAME, index), _scale(picture, width))
         written |= Media.THUMBNAIL | Media.FRAME | (Media.DRAWN if drawn else Media(0))
     if scene is None:
         return written
@@ -95,7 +95,7 @@ def write_media(
     return written
 
 
-def _scaled(picture: Picture, width: int) -> Picture:
+def _scale(picture: Picture, width: int) -> Picture:
     share = width / picture.shape[1]
     if share >= 1.0:
         return picture

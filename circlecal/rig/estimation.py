@@ -104,7 +104,7 @@ def estimate_rigs(
         full = observed(wanted) if observed is not None else {frame.id: frame for frame in known}
         groups = []
         for name, members, best in chosen:
-            rig = _estimated(name, [full[f.id] for f, _ in best], [t for _, t in best], template, circle, config)
+            rig = _estimate(name, [full[f.id] for f, _ in best], [t for _, t in best], template, circle, config)
             if rig is None:
                 continue
             rigs.append(replace(rig, members=tuple(f.id for f in members)))
@@ -149,7 +149,7 @@ def _groups(
     ]
 
 
-def _estimated(
+def _estimate(
     name: str,
     frames: Sequence[RigFrame],
     turned: Sequence[bool],
@@ -253,7 +253,8 @@ def frame_problem(
     grown : bool
         False: the stated standard deviations, with the model's own.
     """
-    assert frame.observations is not None
+    if frame.observations is None:
+        raise ValueError(f"frame {frame.id} came without its observations")
     unit = frame.size[0] / 1920.0
     options = config.camera
     model = ProjectionModel(*frame.size, Surface(options.usual_crown, circle.radius_m))

@@ -350,8 +350,8 @@ def write_camera(path: Path, rig: Rig, config: Config) -> None:
         The file cannot be written.
     """
     camera = config_with(config, rig.prior(), rig.size[0]).camera
-    assert camera.shared is not None
-    assert camera.position_m is not None
+    if camera.shared is None or camera.position_m is None:
+        raise ValueError(f"{rig.name} has no prior")
     values = shared_values(rig)
     about = {"camera": rig.name, "frames": list(rig.used), "left_out": list(rig.left_out)}
     settings: dict[str, Any] = {

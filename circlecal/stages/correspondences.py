@@ -201,13 +201,13 @@ def correspondences_from_line(
     l2 = join(v, c)  # eq. 6, and 10 of case 2
     l3 = polar(e, v)  # eq. 7
     # on l2 and on l3, which is across it, and where the diagonals of the tangents' trapezoid meet the ellipse
-    a, b = _ordered(e, l2, H, field_center + radius * u)
-    d, f = _ordered(e, l3, H, field_center + radius * n)
+    a, b = _order_near(e, l2, H, field_center + radius * u)
+    d, f = _order_near(e, l3, H, field_center + radius * n)
     corner = {(i, j): meet(polar(e, p), polar(e, q)) for i, p in ((1, a), (-1, b)) for j, q in ((1, d), (-1, f))}
     diagonal = u + n
-    g, h = _ordered(e, join(corner[1, 1], corner[-1, -1]), H, field_center + radius * diagonal / np.sqrt(2))
+    g, h = _order_near(e, join(corner[1, 1], corner[-1, -1]), H, field_center + radius * diagonal / np.sqrt(2))
     antidiagonal = u - n
-    k, m = _ordered(e, join(corner[1, -1], corner[-1, 1]), H, field_center + radius * antidiagonal / np.sqrt(2))
+    k, m = _order_near(e, join(corner[1, -1], corner[-1, 1]), H, field_center + radius * antidiagonal / np.sqrt(2))
     found = ((a, u), (b, -u), (d, n), (f, -n), (g, diagonal), (h, -diagonal), (k, antidiagonal), (m, -antidiagonal))
     points, tangents = [], []
     for image, outward in found:
@@ -264,7 +264,7 @@ def turn_correspondences(found: Correspondences, field_center: Array) -> Corresp
     return replace(found, points=tuple(points), tangents=tuple(tangents))
 
 
-def _ordered(conic: Array, line: Array, H: Array, field_point: Array) -> Array:
+def _order_near(conic: Array, line: Array, H: Array, field_point: Array) -> Array:
     """Both points (2, 3) of a line on the conic, the one nearer to the image of a field point first."""
     both = line_conic_meet(conic, line)
     if both is None:

@@ -73,7 +73,8 @@ class VerdictConfig(BaseModel):
     max_line_residual_px: float = Field(
         2.0,
         gt=0,
-        description="The same for the halfway line, and for every line, arc and point where the circle is not seen.",
+        description="Largest rms distance of the halfway line from its points, and of every line, arc and point where "
+        "the circle is not seen, pixels at 1920 px width.",
     )
     max_rejected_share: float = Field(
         0.4,

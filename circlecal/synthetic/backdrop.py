@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.synthetic.ground import looked_up
+from circlecal.synthetic.ground import look_up
 from circlecal.synthetic.rays import CROWN_ENDS_M, Float32, PixelRays
 from circlecal.synthetic.scene import RenderConfig, Scene
 
@@ -130,7 +130,7 @@ def _draw_near_side(
         part = slice(int(rows[0]), int(rows[-1]) + 1)
         seats = np.tile(concrete, (*past[part].shape, 1))
         if config.near_crowd:
-            people = looked_up(crowd, other[part] * _TEXELS_PER_M, past[part] * np.float32(0.7 * _TEXELS_PER_M))
+            people = look_up(crowd, other[part] * _TEXELS_PER_M, past[part] * np.float32(0.7 * _TEXELS_PER_M))
             seats = np.where((past[part] > 3.0)[..., None], people * np.float32(0.8 * config.stand_light), seats)
         seats[past[part] < 0.7] = board
         np.copyto(picture[part], seats, where=near[part][..., None])
@@ -140,7 +140,7 @@ def _wall(along: Float32, height: Float32, config: RenderConfig, crowd: Float32,
     """Colours (h, w, 3) of boards, a dark gap and the stand at wall coordinates in metres."""
     boards = _boards(config, rng)
     rows, columns = boards.shape[:2]
-    stand = looked_up(crowd, along * np.float32(_TEXELS_PER_M), height * np.float32(-_TEXELS_PER_M))
+    stand = look_up(crowd, along * np.float32(_TEXELS_PER_M), height * np.float32(-_TEXELS_PER_M))
     stand *= np.float32(config.stand_light)
     stand[(np.abs(along + 400.0) % 14.0) < 0.9] = 70.0 * config.stand_light
     tier = (height % 9.5) < 0.9
@@ -158,7 +158,7 @@ def _wall(along: Float32, height: Float32, config: RenderConfig, crowd: Float32,
     if len(shown):
         part = slice(int(shown[0]), int(shown[-1]) + 1)
         inside = np.clip(1.0 - height[part] / np.float32(config.board_height_m), 0.0, 1.0) * (rows - 4) + 1.5
-        face = looked_up(boards, along[part] * np.float32(columns / _BOARD_STRIP_M), inside.astype(np.float32))
+        face = look_up(boards, along[part] * np.float32(columns / _BOARD_STRIP_M), inside.astype(np.float32))
         if config.ground == "ice":
             face[height[part] < _KICK_PLATE_M] = (40.0, 200.0, 230.0)
         np.copyto(stand[part], face, where=low[part][..., None])

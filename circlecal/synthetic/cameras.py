@@ -157,12 +157,12 @@ def sample_camera(
     points = _field_points(field, surface)
     for attempt in range(_POSITIONS * _BATCHES_A_POSITION):
         if attempt % _BATCHES_A_POSITION == 0:
-            position = _drawn_position(view, rng)
+            position = _draw_position(view, rng)
             if like is not None:
                 position = like.position_m - np.array([*circle.center, 0.0])
         if arc_deg is not None and attempt == _HALFWAY_POSITIONS * _BATCHES_A_POSITION:
             view = replace(view, halfway_px=0.0)
-        candidates = _aimed(position, view, circle, rng, (width, height), kappa)
+        candidates = _aim(position, view, circle, rng, (width, height), kappa)
         if like is not None:
             candidates.angles_rad[:, 2] = like.angles_rad[2]
         candidates = _with_circle_as_wanted(candidates, view, points, arc_deg)
@@ -228,7 +228,7 @@ def inside_frame(pixels: Array, width: int, height: int, margin_px: float = 0.0)
         return np.asarray(low & (pixels[..., 0] <= width - 1 - margin_px) & (pixels[..., 1] <= height - 1 - margin_px))
 
 
-def _drawn_position(view: View, rng: np.random.Generator) -> Array:
+def _draw_position(view: View, rng: np.random.Generator) -> Array:
     """Camera position (3,) relative to the middle of the circle."""
     distance, elevation = rng.uniform(*view.distance_m), rng.uniform(*view.height_m)
     x = rng.uniform(-view.offset_m, view.offset_m)
@@ -240,7 +240,7 @@ def _drawn_position(view: View, rng: np.random.Generator) -> Array:
     return np.array([x * np.cos(turn) + y * np.sin(turn), y * np.cos(turn) - x * np.sin(turn), -elevation])
 
 
-def _aimed(
+def _aim(
     position: Array, view: View, circle: Circle, rng: np.random.Generator, size: tuple[int, int], kappa: float
 ) -> _Candidates:
     """Zooms, aims and rolls of a camera at a position relative to the middle of the circle."""
@@ -257,7 +257,7 @@ def _aimed(
     aside, below = rng.uniform(-1.0, 1.0, (2, _BATCH)) * np.maximum(reach, 0.0)
     pan = np.arctan2(-x, y) - np.arctan2(aside, focal)
     tilt = np.arctan2(np.hypot(x, y), -z) + np.arctan2(below, focal)
-    roll = np.radians(view.roll_sd_deg) * _cut_normal(rng, _BATCH)
+    roll = np.radians(view.roll_sd_deg) * _draw_cut_normal(rng, _BATCH)
     drawn = _Candidates(
         width=width,
         height=height,
@@ -270,7 +270,7 @@ def _aimed(
     return drawn.kept((focal >= bounds[0]) & (focal <= bounds[1]))
 
 
-def _cut_normal(rng: np.random.Generator, count: int) -> Array:
+def _draw_cut_normal(rng: np.random.Generator, count: int) -> Array:
     # standard normal cut at _ROLL_CUT: enough spares are drawn that the first `count` survivors exist in practice
     values = rng.standard_normal(2 * count)
     return values[np.argsort(np.abs(values) > _ROLL_CUT, kind="stable")[:count]]

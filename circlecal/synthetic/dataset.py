@@ -90,16 +90,16 @@ def write_frame(
         A file cannot be written.
     """
     options = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality]
-    write_atomic(out / f"{frame_id}.jpg", _encoded(".jpg", rendering.image, options))
+    write_atomic(out / f"{frame_id}.jpg", _encode(".jpg", rendering.image, options))
     if mask and rendering.truth.classes.any():
         strongest = [cv2.IMWRITE_PNG_COMPRESSION, 9]
-        write_atomic(out / f"{frame_id}.mask.png", _encoded(".png", rendering.truth.classes, strongest))
+        write_atomic(out / f"{frame_id}.mask.png", _encode(".png", rendering.truth.classes, strongest))
     record = {"id": frame_id, **origin, **rendering.truth.to_json()}
     text = json.dumps(record, indent=1, allow_nan=False) + "\n"
     write_atomic(out / TRUTH_FOLDER / f"{frame_id}.json", text.encode())
 
 
-def _encoded(suffix: str, picture: NDArray[np.uint8], options: list[int]) -> bytes:
+def _encode(suffix: str, picture: NDArray[np.uint8], options: list[int]) -> bytes:
     _, content = cv2.imencode(suffix, picture, options)
     return bytes(content.tobytes())
 

@@ -23,25 +23,25 @@ _BAR_DIMMING = 0.55
 def deliver(image: Picture, truth: Truth, delivery: Delivery) -> tuple[Picture, Truth]:
     """Picture (H, W, 3) as it is stored, and its truth in stored pixels."""
     if delivery.size is not None:
-        image, truth = _resized(image, truth, delivery.size)
+        image, truth = _resize(image, truth, delivery.size)
     if any(delivery.bars_px):
-        image, truth = _framed(image, truth, delivery)
+        image, truth = _add_borders(image, truth, delivery)
     if delivery.chroma_step > 1:
-        image = _thinned_color(image, delivery.chroma_step)
+        image = _thin_color(image, delivery.chroma_step)
     if delivery.block_quality is not None:
-        image = _compressed(image, delivery.block_quality)
+        image = _compress(image, delivery.block_quality)
     return image, truth
 
 
-def woven(top_field: Picture, bottom_field: Picture) -> Picture:
+def weave(top_field: Picture, bottom_field: Picture) -> Picture:
     """Interlaced frame: the even rows of one picture, the odd rows of the one a fiftieth of a second later."""
     frame = top_field.copy()
     frame[1::2] = bottom_field[1::2]
     return frame
 
 
-def stretched(camera: Camera, width: int, height: int) -> Camera:
-    """The same view stored at another size; other proportions make its pixels oblong."""
+def stretch(camera: Camera, width: int, height: int) -> Camera:
+    """A view stored at another size; other proportions make its pixels oblong."""
     scale = np.array([width / camera.width, height / camera.height])
     return replace(
         camera,
@@ -52,16 +52,16 @@ def stretched(camera: Camera, width: int, height: int) -> Camera:
     )
 
 
-def _resized(image: Picture, truth: Truth, size: tuple[int, int]) -> tuple[Picture, Truth]:
+def _resize(image: Picture, truth: Truth, size: tuple[int, int]) -> tuple[Picture, Truth]:
     scale = np.array([size[0] / truth.camera.width, size[1] / truth.camera.height])
     larger = cv2.resize(image, size, interpolation=cv2.INTER_CUBIC if scale[0] > 1 else cv2.INTER_AREA)
     classes = cv2.resize(truth.classes, size, interpolation=cv2.INTER_NEAREST)
-    return np.asarray(larger, dtype=np.uint8), _moved(
-        truth, stretched(truth.camera, *size), scale, 0.5 * scale - 0.5, np.asarray(classes, dtype=np.uint8)
+    return np.asarray(larger, dtype=np.uint8), _move_truth(
+        truth, stretch(truth.camera, *size), scale, 0.5 * scale - 0.5, np.asarray(classes, dtype=np.uint8)
     )
 
 
-def _framed(image: Picture, truth: Truth, delivery: Delivery) -> tuple[Picture, Truth]:
+def _add_borders(image: Picture, truth: Truth, delivery: Delivery) -> tuple[Picture, Truth]:
     left, top, right, bottom = delivery.bars_px
     height, width = image.shape[0] + top + bottom, image.shape[1] + left + right
     around = (top, bottom, left, right, cv2.BORDER_CONSTANT)
@@ -88,10 +88,10 @@ def _framed(image: Picture, truth: Truth, delivery: Delivery) -> tuple[Picture, 
         kappa=truth.camera.kappa * (width / truth.camera.width) ** np.array([2.0, 4.0]),
     )
     classes = np.asarray(cv2.copyMakeBorder(truth.classes, *around, value=[0.0]), dtype=np.uint8)
-    return np.asarray(framed, dtype=np.uint8), _moved(truth, camera, np.ones(2), shift, classes)
+    return np.asarray(framed, dtype=np.uint8), _move_truth(truth, camera, np.ones(2), shift, classes)
 
 
-def _moved(truth: Truth, camera: Camera, scale: Array, shift: Array, classes: NDArray[np.uint8]) -> Truth:
+def _move_truth(truth: Truth, camera: Camera, scale: Array, shift: Array, classes: NDArray[np.uint8]) -> Truth:
     """Truth after ``pixel * scale + shift``."""
     x0, y0, x1, y1 = truth.picture_box_px
     low, high = (np.array(corner) * scale + shift for corner in ((x0 - 0.5, y0 - 0.5), (x1 + 0.5, y1 + 0.5)))
@@ -109,7 +109,7 @@ def _moved(truth: Truth, camera: Camera, scale: Array, shift: Array, classes: ND
     )
 
 
-def _thinned_color(image: Picture, step: int) -> Picture:
+def _thin_color(image: Picture, step: int) -> Picture:
     """Colour at one sample per ``step`` columns and two rows, as video carries it; brightness stays."""
     height, width = image.shape[:2]
     ycc = cv2.cvtColor(image, cv2.COLOR_BGR2YCrCb)
@@ -118,7 +118,7 @@ def _thinned_color(image: Picture, step: int) -> Picture:
     return np.asarray(cv2.cvtColor(ycc, cv2.COLOR_YCrCb2BGR), dtype=np.uint8)
 
 
-def _compressed(image: Picture, quality: int) -> Picture:
+def _compress(image: Picture, quality: int) -> Picture:
     """Blocks and ringing of a coder with 8 x 8 cosine transforms at a low rate."""
     _, content = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
     return np.asarray(cv2.imdecode(content, cv2.IMREAD_COLOR), dtype=np.uint8)

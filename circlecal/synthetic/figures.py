@@ -69,7 +69,7 @@ def draw_figures(picture: Float32, scene: Scene, rng: np.random.Generator, light
         _draw_upright(picture, hidden, ball, scene.ball_m, scene.camera, scene.surface, rng)
     for player, parts in zip(ordered, bodies, strict=True):
         if light is not None:
-            parts = _lit(parts, _light_at(light, scene.camera.project(scene.surface.lift(player.position_m))))
+            parts = _light(parts, _light_at(light, scene.camera.project(scene.surface.lift(player.position_m))))
         _draw_upright(picture, hidden, parts, player.position_m, scene.camera, scene.surface, rng)
     return hidden
 
@@ -89,7 +89,7 @@ def _light_at(light: Float32, pixel: Array) -> float:
     return float(light[row, column])
 
 
-def _lit(parts: list[_BodyPart], light: float) -> list[_BodyPart]:
+def _light(parts: list[_BodyPart], light: float) -> list[_BodyPart]:
     return [_BodyPart(part.outline_m, part.bgr * light) for part in parts]
 
 

@@ -59,10 +59,10 @@ def dashes(start: Point, end: Point, dash_m: float, gap_m: float) -> tuple[Line,
 
 def both_ends(elements: Iterable[Element]) -> tuple[Element, ...]:
     """Elements of the right half and the same turned onto the left half."""
-    return tuple(e for element in elements for e in (element, _turned(element)))
+    return tuple(e for element in elements for e in (element, _turn(element)))
 
 
-def _turned(element: Element) -> Element:
+def _turn(element: Element) -> Element:
     if isinstance(element, Line):
         return line((-element.start[0], -element.start[1]), (-element.end[0], -element.end[1]))
     if isinstance(element, Mark):

@@ -28,16 +28,16 @@ def noise_texture(rng: np.random.Generator, size: int = 256) -> Float32:
     return np.asarray((tiled - tiled.mean()) / tiled.std(), dtype=np.float32)
 
 
-def looked_up(texture: NDArray[Any], u: Float32, v: Float32) -> Float32:
+def look_up(texture: NDArray[Any], u: Float32, v: Float32) -> Float32:
     """A periodic texture at texel coordinates."""
     return np.asarray(cv2.remap(texture, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP), dtype=np.float32)
 
 
-def looked_up_at(texture: Float32, u: Float32, v: Float32) -> Float32:
-    """The same for a list of coordinates (N,), of any length."""
+def look_up_at(texture: Float32, u: Float32, v: Float32) -> Float32:
+    """A periodic texture at a list of texel coordinates (N,), of any length."""
     spare = -len(u) % _LIST_COLUMNS
     u_grid, v_grid = (np.pad(c, (0, spare)).reshape(-1, _LIST_COLUMNS).astype(np.float32) for c in (u, v))
-    return looked_up(texture, u_grid, v_grid).reshape(-1)[: len(u)]
+    return look_up(texture, u_grid, v_grid).reshape(-1)[: len(u)]
 
 
 def draw_ground(rays: PixelRays, config: RenderConfig, rng: np.random.Generator) -> Float32:
@@ -53,7 +53,7 @@ def light_on_ground(rays: PixelRays, config: RenderConfig, rng: np.random.Genera
     """Light (H, W) on the ground, 1 where nothing takes it away: shade of the stands, pools of floodlights."""
     light: Float32 | None = None
     if config.shade:
-        light = 1.0 - np.float32(config.shade) * _shaded(rays, config, rng)
+        light = 1.0 - np.float32(config.shade) * _shade(rays, config, rng)
     if config.light_pools:
         pools = _coarsely(noise_texture(rng), rays, (_POOL_M, _POOL_M))
         dimmed = 1.0 - np.float32(config.light_pools) * np.clip(0.5 + 0.5 * pools, 0.0, 1.0)
@@ -61,7 +61,7 @@ def light_on_ground(rays: PixelRays, config: RenderConfig, rng: np.random.Genera
     return light
 
 
-def _shaded(rays: PixelRays, config: RenderConfig, rng: np.random.Generator) -> Float32:
+def _shade(rays: PixelRays, config: RenderConfig, rng: np.random.Generator) -> Float32:
     inside = np.float32(config.shade_edge_m) + np.float32(config.shade_tilt) * rays.x_m - rays.y_m
     share = np.clip(inside / np.float32(config.shade_soft_m) + 0.5, 0.0, 1.0)
     if config.shade_depth_m < FAR_M:
@@ -78,7 +78,7 @@ def _coarsely(texture: Float32, rays: PixelRays, size_m: tuple[float, float]) ->
     part = (slice(None, None, _COARSE_STRIDE), slice(None, None, _COARSE_STRIDE))
     u, v = (np.ascontiguousarray(c[part]) / np.float32(s) for c, s in zip((rays.x_m, rays.y_m), size_m, strict=True))
     height, width = rays.depth_m.shape
-    return np.asarray(cv2.resize(looked_up(texture, u, v), (width, height)), dtype=np.float32)
+    return np.asarray(cv2.resize(look_up(texture, u, v), (width, height)), dtype=np.float32)
 
 
 def _turf(rays: PixelRays, config: RenderConfig, rng: np.random.Generator) -> Float32:
@@ -88,28 +88,28 @@ def _turf(rays: PixelRays, config: RenderConfig, rng: np.random.Generator) -> Fl
     dry = None
     if config.patchiness:
         dry = np.float32(config.patchiness) * _coarsely(noise_texture(rng), rays, (_PATCH_M, _PATCH_M))
-    return _tinted(light, config.turf_bgr, dry, (-0.6, 0.5, 1.4))
+    return _tint(light, config.turf_bgr, dry, (-0.6, 0.5, 1.4))
 
 
 def _ice(rays: PixelRays, config: RenderConfig, rng: np.random.Generator) -> Float32:
     """Ice: nearly even, scratched, with the lamps of the hall blurred in it."""
     light = np.ones(rays.depth_m.shape, dtype=np.float32)
     _add_octaves(light, rays, _ICE_OCTAVES_M, 0.5 * config.texture, rng)
-    scratches = looked_up(noise_texture(rng), rays.x_m / np.float32(1.1), rays.y_m / np.float32(0.16))
+    scratches = look_up(noise_texture(rng), rays.x_m / np.float32(1.1), rays.y_m / np.float32(0.16))
     light += np.float32(0.5 * config.texture) * scratches * np.clip(np.float32(0.16) / rays.footprint_m, 0.0, 1.0)
     light += np.float32(config.gloss) * _lamps(rays, config, rng, blur_m=1.6)
-    return _tinted(light, config.turf_bgr, None, (0.0, 0.0, 0.0))
+    return _tint(light, config.turf_bgr, None, (0.0, 0.0, 0.0))
 
 
 def _wood(rays: PixelRays, config: RenderConfig, rng: np.random.Generator) -> Float32:
     """Planks along the field, each of its own tone, and the lamps mirrored in the varnish."""
     light = np.ones(rays.depth_m.shape, dtype=np.float32)
     along, across = (np.float32(v) for v in _PLANK_M)
-    planks = looked_up(noise_texture(rng), rays.x_m / along, rays.y_m / across)
+    planks = look_up(noise_texture(rng), rays.x_m / along, rays.y_m / across)
     light += np.float32(2.2 * config.texture) * planks * np.clip(across / rays.footprint_m, 0.05, 1.0)
     warm = np.float32(config.patchiness) * _coarsely(noise_texture(rng), rays, (3.0, 0.8))
     light += np.float32(config.gloss) * _lamps(rays, config, rng, blur_m=0.5)
-    return _tinted(light, config.turf_bgr, warm, (1.2, 0.3, -0.6))
+    return _tint(light, config.turf_bgr, warm, (1.2, 0.3, -0.6))
 
 
 def _lamps(rays: PixelRays, config: RenderConfig, rng: np.random.Generator, blur_m: float) -> Float32:
@@ -124,7 +124,7 @@ def _lamps(rays: PixelRays, config: RenderConfig, rng: np.random.Generator, blur
     shift = rng.uniform(0, 64, 2).astype(np.float32)
     u = rays.x_m[part] + roof * rays.directions[0][part] + shift[0]
     v = rays.y_m[part] + roof * rays.directions[1][part] + shift[1]
-    seen = looked_up(lamps, u, v)
+    seen = look_up(lamps, u, v)
     height, width = rays.depth_m.shape
     return np.asarray(cv2.resize(seen, (width, height)), dtype=np.float32)
 
@@ -148,12 +148,12 @@ def _add_octaves(
             continue
         part = slice(int(rows[0]), int(rows[-1]) + 1)
         inverse = np.float32(1.0 / size)
-        grain = looked_up(texture, rays.x_m[part] * inverse, rays.y_m[part] * inverse)
+        grain = look_up(texture, rays.x_m[part] * inverse, rays.y_m[part] * inverse)
         grain *= np.minimum(np.float32(size) / rays.footprint_m[part], np.float32(1.0))
         light[part] += np.float32(strength * weight) * grain
 
 
-def _tinted(
+def _tint(
     light: Float32, bgr: tuple[float, float, float], change: Float32 | None, tint: tuple[float, float, float]
 ) -> Float32:
     """Surface (H, W, 3) from its brightness and a change (H, W) that goes into each channel as much as ``tint``."""

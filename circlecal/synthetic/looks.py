@@ -176,7 +176,7 @@ def _shade(rng: np.random.Generator, unit: float) -> Changes:
     }
 
 
-def _worn(rng: np.random.Generator, unit: float) -> Changes:
+def _draw_wear(rng: np.random.Generator, unit: float) -> Changes:
     return {
         "paint_opacity": float(rng.uniform(0.4, 0.75)),
         "wear": float(rng.uniform(0.5, 0.95)),
@@ -340,7 +340,7 @@ def _wood(rng: np.random.Generator, unit: float) -> Changes:
 
 _CHANGES: dict[str, Callable[[np.random.Generator, float], Changes]] = {
     "shade": _shade,
-    "worn": _worn,
+    "worn": _draw_wear,
     "graphics": _graphics,
     "low_camera": _amateur,
     "archive": _archive,

@@ -83,7 +83,7 @@ def circle_points(
     shares = (np.arange(count) + start) / max(count, 1)
     angles = _spread(dense, camera.project(surface.lift(on_field(dense))), shares, camera, spacing)
     pixels = camera.project(surface.lift(on_field(angles)))
-    return CirclePoints(element.name, edge, _noisy(pixels, sigma_px, rng), _stated(len(pixels), sigma_px))
+    return CirclePoints(element.name, edge, _noisy(pixels, sigma_px, rng), _state_sigma(len(pixels), sigma_px))
 
 
 def line_points(
@@ -110,7 +110,7 @@ def line_points(
     shares = np.linspace(0.0, 1.0, count)
     along = _spread(dense, camera.project(surface.lift(on_field(dense))), shares, camera, spacing)
     pixels = camera.project(surface.lift(on_field(along)))
-    return LinePoints(line, _noisy(pixels, sigma_px, rng), _stated(len(pixels), sigma_px))
+    return LinePoints(line, _noisy(pixels, sigma_px, rng), _state_sigma(len(pixels), sigma_px))
 
 
 def mark_point(
@@ -179,5 +179,5 @@ def _noisy(pixels: Array, sigma_px: float, rng: np.random.Generator) -> Array:
     return np.asarray(pixels + sigma_px * rng.standard_normal(pixels.shape))
 
 
-def _stated(count: int, sigma_px: float) -> Array:
+def _state_sigma(count: int, sigma_px: float) -> Array:
     return np.full(count, max(sigma_px, MIN_SIGMA_PX))

@@ -88,7 +88,7 @@ def paint_layers(
             continue
         pixels = np.stack([columns, rows], axis=-1).astype(np.float64)
         subpixels = _MARK_SUBPIXELS if isinstance(element, Mark) else 1
-        coverage, distance = _covered(camera, template, element, surface, width_m, pixels, subpixels)
+        coverage, distance = _measure_coverage(camera, template, element, surface, width_m, pixels, subpixels)
         layers.append(
             PaintLayer(element.name, element.color, class_id(template, element), rows, columns, coverage, distance)
         )
@@ -171,7 +171,7 @@ def _pixels_near(
     return rows + low[1], columns + low[0]
 
 
-def _covered(
+def _measure_coverage(
     camera: Camera,
     template: FieldTemplate,
     element: Circle | Line | Mark,

@@ -12,10 +12,10 @@ from scipy.special import ndtri
 from circlecal.geometry.camera import Camera
 from circlecal.synthetic.backdrop import draw_surroundings
 from circlecal.synthetic.decals import draw_decals
-from circlecal.synthetic.delivery import deliver, woven
+from circlecal.synthetic.delivery import deliver, weave
 from circlecal.synthetic.figures import draw_figures, draw_shadows
 from circlecal.synthetic.graphics import draw_graphics
-from circlecal.synthetic.ground import draw_ground, light_on_ground, looked_up_at, noise_texture
+from circlecal.synthetic.ground import draw_ground, light_on_ground, look_up_at, noise_texture
 from circlecal.synthetic.optics import develop
 from circlecal.synthetic.paint import PaintLayer, paint_layers
 from circlecal.synthetic.rays import Float32, PixelRays, pixel_rays
@@ -50,18 +50,18 @@ def render(scene: Scene, rng: np.random.Generator) -> Rendering:
     """
     pan_px = scene.delivery.interlace_px
     if pan_px == 0.0:
-        image, layers, hidden = _exposed(scene, rng)
+        image, layers, hidden = _expose(scene, rng)
     else:
         again = copy.deepcopy(rng)
-        top, _, _ = _exposed(replace(scene, camera=_panned(scene.camera, -pan_px / 2)), rng)
-        bottom, _, hidden = _exposed(replace(scene, camera=_panned(scene.camera, pan_px / 2)), again)
-        image, layers = woven(top, bottom), _layers(scene)
+        top, _, _ = _expose(replace(scene, camera=_pan(scene.camera, -pan_px / 2)), rng)
+        bottom, _, hidden = _expose(replace(scene, camera=_pan(scene.camera, pan_px / 2)), again)
+        image, layers = weave(top, bottom), _layers(scene)
     draw_graphics(image, hidden, scene, rng)
     image, truth = deliver(image, truth_of(scene, layers, hidden), scene.delivery)
     return Rendering(image, truth)
 
 
-def _exposed(scene: Scene, rng: np.random.Generator) -> tuple[NDArray[np.uint8], list[PaintLayer], Float32]:
+def _expose(scene: Scene, rng: np.random.Generator) -> tuple[NDArray[np.uint8], list[PaintLayer], Float32]:
     """Picture (H, W, 3) of one moment, the paint in it, and what hides that (H, W), 0..1."""
     config = scene.config
     rays = pixel_rays(scene.camera, scene.surface)
@@ -83,7 +83,7 @@ def _exposed(scene: Scene, rng: np.random.Generator) -> tuple[NDArray[np.uint8],
     return image, layers, hidden
 
 
-def _panned(camera: Camera, shift_px: float) -> Camera:
+def _pan(camera: Camera, shift_px: float) -> Camera:
     turn = shift_px / float(camera.focal_px[0] * max(np.sin(camera.angles_rad[1]), 0.1))
     return replace(camera, angles_rad=camera.angles_rad + np.array([turn, 0.0, 0.0]))
 
@@ -122,10 +122,10 @@ def _draw_paint(
         alpha = config.paint_opacity * layer.coverage
         x, y = rays.x_m[at], rays.y_m[at]
         if worn is not None:
-            loss = looked_up_at(worn, x / np.float32(config.wear_scale_m), y / np.float32(config.wear_scale_m))
+            loss = look_up_at(worn, x / np.float32(config.wear_scale_m), y / np.float32(config.wear_scale_m))
             alpha = alpha * (1.0 - config.wear * np.clip(0.5 + 0.45 * loss, 0.0, 1.0))
         if gaps is not None:
             level = ndtri(config.line_gaps)
-            alpha = alpha * np.clip(0.5 + 3.0 * (looked_up_at(gaps, x / _GAP_M, y / _GAP_M) - level), 0.0, 1.0)
+            alpha = alpha * np.clip(0.5 + 3.0 * (look_up_at(gaps, x / _GAP_M, y / _GAP_M) - level), 0.0, 1.0)
         color = np.asarray(_PAINT_BGR.get(layer.color, config.paint_bgr), dtype=np.float32)
         light[at] += alpha[:, None].astype(np.float32) * (color - light[at])

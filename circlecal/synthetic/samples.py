@@ -44,7 +44,7 @@ def write_samples(out: Path) -> list[str]:
     return list(_SAMPLES)
 
 
-def _seen_from(
+def _look_from(
     rng: np.random.Generator,
     position_m: tuple[float, float, float],
     target_m: tuple[float, float, float],
@@ -67,7 +67,7 @@ def _seen_from(
 
 
 def _full_circle(rng: np.random.Generator) -> Scene:
-    scene = _seen_from(
+    scene = _look_from(
         rng, (4.0, 66.0, -17.0), (0.5, -1.0, 0.0), 4300.0, profile="easy", size=_FULL_HD,
         look={"turf_bgr": (40.0, 128.0, 84.0), "stripe_contrast": 0.05, "noise": 1.0, "jpeg_quality": 88},
     )  # fmt: skip
@@ -77,11 +77,11 @@ def _full_circle(rng: np.random.Generator) -> Scene:
 
 
 def _partial(rng: np.random.Generator) -> Scene:
-    return _seen_from(rng, (-5.0, 62.0, -16.0), (11.0, 0.0, 0.0), 4400.0, look={"turf_bgr": (32.0, 126.0, 100.0)})
+    return _look_from(rng, (-5.0, 62.0, -16.0), (11.0, 0.0, 0.0), 4400.0, look={"turf_bgr": (32.0, 126.0, 100.0)})
 
 
 def _hidden_mark(rng: np.random.Generator) -> Scene:
-    scene = _seen_from(rng, (6.0, 64.0, -18.0), (-2.0, -4.0, 0.0), 3000.0, look={"turf_bgr": (44.0, 118.0, 66.0)})
+    scene = _look_from(rng, (6.0, 64.0, -18.0), (-2.0, -4.0, 0.0), 3000.0, look={"turf_bgr": (44.0, 118.0, 66.0)})
     toward = np.array([6.0, 64.0]) / np.hypot(6.0, 64.0)
     player = replace(sample_player(3.6 * toward, 0, rng), width=1.0)
     return replace(scene, players=(*scene.players, player))
@@ -92,20 +92,20 @@ def _low_night(rng: np.random.Generator) -> Scene:
         "turf_bgr": (30.0, 78.0, 44.0), "stand_light": 0.35, "shadow_count": 4, "shadow_strength": 0.15, "noise": 2.2,
         "vignette": 0.2,
     }  # fmt: skip
-    return _seen_from(rng, (-8.0, 52.0, -8.5), (-1.5, 0.0, 0.0), 2900.0, roll_deg=-1.2, look=night)
+    return _look_from(rng, (-8.0, 52.0, -8.5), (-1.5, 0.0, 0.0), 2900.0, roll_deg=-1.2, look=night)
 
 
 def _broadcast(rng: np.random.Generator) -> Scene:
     look = {"turf_bgr": (36.0, 132.0, 88.0), "stripe_contrast": 0.07, "scorebug": True, "stand_light": 0.75}
-    return _seen_from(rng, (1.5, 74.0, -20.0), (5.0, -10.0, 0.0), 2300.0, look=look)
+    return _look_from(rng, (1.5, 74.0, -20.0), (5.0, -10.0, 0.0), 2300.0, look=look)
 
 
 def _no_halfway(rng: np.random.Generator) -> Scene:
-    return _seen_from(rng, (3.0, 62.0, -15.0), (20.5, -4.0, 0.0), 3300.0, look={"turf_bgr": (28.0, 130.0, 82.0)})
+    return _look_from(rng, (3.0, 62.0, -15.0), (20.5, -4.0, 0.0), 3300.0, look={"turf_bgr": (28.0, 130.0, 82.0)})
 
 
 def _negative(rng: np.random.Generator) -> Scene:
-    return _seen_from(rng, (0.0, 68.0, -19.0), (41.0, -4.0, 0.0), 3000.0, look={"turf_bgr": (42.0, 120.0, 74.0)})
+    return _look_from(rng, (0.0, 68.0, -19.0), (41.0, -4.0, 0.0), 3000.0, look={"turf_bgr": (42.0, 120.0, 74.0)})
 
 
 _SAMPLES: dict[str, Callable[[np.random.Generator], Scene]] = {

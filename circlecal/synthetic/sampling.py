@@ -12,7 +12,7 @@ from circlecal.geometry.camera import Camera
 from circlecal.geometry.projective import Array
 from circlecal.synthetic.cameras import sample_camera
 from circlecal.synthetic.decals import Decal, floor_decals, grass_decals, rink_decals
-from circlecal.synthetic.delivery import stretched
+from circlecal.synthetic.delivery import stretch
 from circlecal.synthetic.figures import body_extent_px
 from circlecal.synthetic.floors import hall_paint, rink_paint, rugby_paint
 from circlecal.synthetic.looks import archive_format, sample_config, sample_delivery
@@ -148,7 +148,7 @@ def sample_scene(
     kappa = float(rng.uniform(*setting.kappa))
     view = setting.views[int(rng.random() * len(setting.views))]
     camera = sample_camera(view, rng, *size, field, kappa=kappa, surface=surface)
-    camera = camera if stored == size else stretched(camera, *stored)
+    camera = camera if stored == size else stretch(camera, *stored)
     config = sample_config(profile, rng, stored[0])
     players = players_in_view(profile, camera, field, surface, rng)
     painted = True

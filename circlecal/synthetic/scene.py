@@ -122,7 +122,7 @@ class RenderConfig(BaseModel):
     graphics: Graphics = Field(default=Graphics(), description="What else is laid over the picture.")
 
     def clean(self) -> RenderConfig:
-        """The same without anything random on the picture: fresh paint, even turf and light, no blur, no noise."""
+        """The scene without anything random on the picture: fresh paint, even turf and light, no blur, no noise."""
         return self.model_copy(
             update={
                 "wear": 0.0,
