@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.config import Config
-from circlecal.formats.network_keypoints import network_keypoints
+from circlecal.formats.inputs import observe_network
 from circlecal.pictures.files import as_bgr, read_image
 from circlecal.pictures.masks import as_class_ids, read_mask
 from circlecal.pipeline import field_of, run
@@ -60,5 +60,5 @@ def calibrate(
     else:
         classes = read_mask(Path(mask), width, height)
     name = frame_id or ("image" if source is None else Path(source).stem)
-    extra = network_keypoints(picture, config.keypoints, field_of(config)[0], config.sources)
+    extra = observe_network(picture, config.keypoints, field_of(config)[0], config.sources)
     return run(picture, config, mask=classes, extra=extra, frame_id=name, source=source)

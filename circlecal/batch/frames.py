@@ -19,10 +19,9 @@ from circlecal.detection.keypoints import require_keypoint_networks
 from circlecal.errors import InputError
 from circlecal.field import FieldTemplate
 from circlecal.files import fingerprint
-from circlecal.formats.checked import Size
+from circlecal.formats.cameras import Size
 from circlecal.formats.exports import Exports
-from circlecal.formats.inputs import FrameOfFile, observations_beside
-from circlecal.formats.network_keypoints import network_keypoints
+from circlecal.formats.inputs import FrameOfFile, observations_beside, observe_network
 from circlecal.formats.shapes import ObservedFrame
 from circlecal.observations import join_observations
 from circlecal.pictures.files import (
@@ -77,7 +76,7 @@ def calibrate_frame(
     _log.info("%s: %d x %d, mask: %s", frame.path, width, height, mask_file or "from the picture")
     classes = None if mask_file is None else read_mask(mask_file, width, height)
     template = field_of(config)[0]
-    extra = network_keypoints(picture, config.keypoints, template, config.sources)
+    extra = observe_network(picture, config.keypoints, template, config.sources)
     if keypoints is not None:
         given = observations_beside(keypoints, frame, template, config.sources, (width, height), format_name)
         extra = given if extra is None else join_observations(extra, given)

@@ -32,9 +32,8 @@ from circlecal.evaluation.reading import (
 )
 from circlecal.evaluation.soccernet_metric import MetricCamera, PlaneHomography, Projector
 from circlecal.field import Circle, FieldTemplate
-from circlecal.formats.calibrated import calibrated_frame
-from circlecal.formats.checked import Size
-from circlecal.formats.exchange import read_observations
+from circlecal.formats.cameras import CalibratedFrame, Size
+from circlecal.formats.meaning import read_observations
 from circlecal.geometry.projective import Array
 from circlecal.observations import Observations
 from circlecal.pipeline import field_of, run_observations
@@ -199,7 +198,7 @@ def _solve(observed: Mapping[str, Observations], solve: Solve) -> dict[str, Pred
 
 def _own(config: Config, template: FieldTemplate, circle: Circle) -> Solve:
     def solve(frame: str, seen: Observations) -> Projector | None:
-        found = calibrated_frame(run_observations(seen, config, frame_id=frame), template, circle)
+        found = CalibratedFrame.of(run_observations(seen, config, frame_id=frame), template, circle)
         camera = None if found is None else found.flat
         return None if camera is None else MetricCamera.from_camera(camera)
 

@@ -16,7 +16,7 @@ from circlecal.config import Config
 from circlecal.evaluation.reading import Prediction
 from circlecal.evaluation.soccernet_metric import MetricCamera
 from circlecal.field import Circle, FieldTemplate
-from circlecal.formats.calibrated import calibrated_frame
+from circlecal.formats.cameras import CalibratedFrame
 from circlecal.geometry.projective import Array
 from circlecal.observations import Observations
 from circlecal.pipeline import in_convention, run_observations
@@ -112,7 +112,7 @@ def with_other_frames(
         others = [alone[name] for name in run_of.get(frame, ()) if name != frame and name in alone]
         rigs = estimate_rigs(others, official, circle, config, {other.id: "match" for other in others})
         told = config_with(config, rigs[0].prior(), seen.width) if rigs else config
-        answer = calibrated_frame(run_observations(seen, told, frame_id=frame), template, circle)
+        answer = CalibratedFrame.of(run_observations(seen, told, frame_id=frame), template, circle)
         if answer is not None and answer.flat is not None:
             found[frame] = Prediction(MetricCamera.from_camera(answer.flat))
     return found

@@ -27,8 +27,8 @@ def convert(
 ) -> None:
     """Rewrite annotations as annotations and cameras as cameras of another program, without calibrating."""
     from circlecal.cli import console
-    from circlecal.formats.exchange import convert as convert_files
-    from circlecal.formats.inputs import convertible_files
+    from circlecal.formats.exports import convert as convert_files
+    from circlecal.formats.inputs import find_convertible
     from circlecal.pipeline import field_of
     from circlecal.records.log import RESULTS_NAME
     from circlecal.records.parquet import PARQUET_FORMAT, PARQUET_NAME, write_parquet
@@ -42,7 +42,7 @@ def convert(
             console.print_line(str(written))
         return
     template, _ = field_of(options.chosen_config(None, settings, field))
-    files = convertible_files(inputs, from_format, out)
+    files = find_convertible(inputs, from_format, out)
     for path in convert_files(files, from_format, to, out, template, options.parsed_size(size)):
         if not quiet:
             console.print_line(str(path))

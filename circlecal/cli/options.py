@@ -187,11 +187,10 @@ def chosen_format(name: str | None) -> str | None:
     InputError
         Unknown.
     """
-    from circlecal.errors import InputError
-    from circlecal.formats.sniff import ANNOTATION_FORMATS
+    from circlecal.formats.registry import annotation_formats, require_format
 
-    if name is not None and name not in ANNOTATION_FORMATS:
-        raise InputError(f"--from {name}: is no annotation format; known: {', '.join(ANNOTATION_FORMATS)}")
+    if name is not None:
+        require_format(name, annotation_formats(), "--from", "annotation format")
     return name
 
 

@@ -15,10 +15,10 @@ import numpy as np
 
 from circlecal.config import Config
 from circlecal.errors import InputError
-from circlecal.formats.checked import Size
-from circlecal.formats.exchange import read_annotations
+from circlecal.formats.cameras import Size
 from circlecal.formats.meaning import observe
 from circlecal.formats.pnlcalib import CENTRE_MARK, keypoint_number
+from circlecal.formats.registry import read_annotations
 from circlecal.formats.shapes import AnnotatedFrame
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.projective import Array

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,10 +11,11 @@ import numpy as np
 from circlecal.errors import InputError
 from circlecal.evaluation.soccernet_metric import CLASSES, MetricCamera, PlaneHomography, Projector
 from circlecal.field import load_field
-from circlecal.formats.calibrated import calibrated_frame
-from circlecal.formats.checked import Size, checked
-from circlecal.formats.exchange import format_of, read_cameras
-from circlecal.formats.soccernet import LINE_CLASSES, CameraKeys, read_annotation
+from circlecal.formats import soccernet, soccernet_camera
+from circlecal.formats.cameras import CalibratedFrame, CameraFrame, Size
+from circlecal.formats.format import CameraFormat, parse_content
+from circlecal.formats.registry import RESULT, open_file
+from circlecal.formats.soccernet_camera import CameraKeys
 from circlecal.formats.worldcup import SUFFIX as MATRIX_SUFFIX
 from circlecal.geometry.camera import rotation_matrix
 from circlecal.geometry.projective import Array
@@ -55,11 +56,11 @@ def read_annotated(folder: Path, size: Size) -> dict[str, Annotated]:
     files = [path for path in _files(folder, (".json",)) if not path.name.startswith(("camera_", "extremities_"))]
     found: dict[str, Annotated] = {}
     for path in files:
-        _, kind, content = format_of(path, "soccernet")
-        if kind != "annotation":
+        known, content = open_file(path, "soccernet")
+        if known is not soccernet.FORMAT:
             continue
         classes: dict[str, Array] = {}
-        for shape in read_annotation(path, content, size).shapes:
+        for shape in soccernet.read(path, content.raw, size)[0].shapes:
             if shape.label not in CLASSES:
                 raise InputError(f"{path}: {shape.label}: is no class of SoccerNet; correct its spelling")
             earlier = classes.get(shape.label, np.zeros((0, 2)))
@@ -95,12 +96,15 @@ def read_predictions(folder: Path, size: Size, given_size: Size | None = None) -
     """
     found: dict[str, Prediction] = {}
     for path in _files(folder, (".json", MATRIX_SUFFIX)):
-        name, kind, content = format_of(path)
-        if kind == "camera" and name == "soccernet":
-            found[path.stem.removeprefix("camera_")] = Prediction(_soccernet(path, content, size, given_size))
-        elif kind == "camera":
-            found |= _further(path, size, given_size)
-        elif kind == "result":
+        known, content = open_file(path)
+        if known is soccernet_camera.FORMAT:
+            keys = parse_content(CameraKeys, path, content.raw)
+            found[path.stem.removeprefix(soccernet_camera.PREFIX)] = Prediction(
+                _soccernet(path, keys, size, given_size)
+            )
+        elif isinstance(known, CameraFormat):
+            found |= _further(known.read(path, content.raw, given_size), size)
+        elif known is RESULT:
             found |= _own_result(path, size)
     if not found:
         raise InputError(f"{folder}: holds no camera; camera_<id>.json, results or <id>{MATRIX_SUFFIX} are read")
@@ -113,8 +117,8 @@ def _files(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
     return sorted(path for path in folder.rglob("*") if path.suffix in suffixes and path.is_file())
 
 
-def _soccernet(path: Path, content: bytes, size: Size, given: Size | None) -> MetricCamera:
-    keys = checked(CameraKeys, path, content)
+def _soccernet(path: Path, keys: CameraKeys, size: Size, given: Size | None) -> MetricCamera:
+    """A camera with all its coefficients of distortion, more than circlecal's own have."""
     camera = MetricCamera(
         np.array([keys.x_focal_length, keys.y_focal_length]),
         np.array(keys.principal_point),
@@ -152,9 +156,9 @@ def _factor(old: Size, new: Size) -> tuple[float, float]:
     return (new[0] - 1) / (old[0] - 1), (new[1] - 1) / (old[1] - 1)
 
 
-def _further(path: Path, size: Size, given: Size | None) -> dict[str, Prediction]:
+def _further(frames: Sequence[CameraFrame], size: Size) -> dict[str, Prediction]:
     found = {}
-    for frame in read_cameras(path, given):
+    for frame in frames:
         factor = _factor((frame.width, frame.height), size)
         if frame.camera is not None:
             found[frame.id] = Prediction(MetricCamera.from_camera(frame.camera).scaled(factor))
@@ -168,7 +172,7 @@ def _own_result(path: Path, size: Size) -> dict[str, Prediction]:
     """A result of circlecal; where the surface is crowned, the flat camera nearest to what it shows."""
     stored = read_result(path)
     template = load_field("soccer")
-    frame = calibrated_frame(stored, template, template.circle_by_name[template.default_circle])
+    frame = CalibratedFrame.of(stored, template, template.circle_by_name[template.default_circle])
     camera = None if frame is None else frame.flat
     if frame is None or camera is None:
         return {}
@@ -178,7 +182,7 @@ def _own_result(path: Path, size: Size) -> dict[str, Prediction]:
 
 def is_central(annotated: Annotated) -> bool:
     """Whether a frame is a central view: the circle is visible, and fewer than three straight lines on the ground."""
-    straight = [name for name in annotated if name in LINE_CLASSES and not name.startswith("Goal")]
+    straight = [name for name in annotated if name in soccernet.LINE_CLASSES and not name.startswith("Goal")]
     return CENTRAL_CLASS in annotated and len(straight) <= _MAX_LINES_CENTRAL
 
 

@@ -16,7 +16,7 @@ from circlecal.evaluation.homography_metrics import HomographyScores, score_homo
 from circlecal.evaluation.metres import annotated_errors, ground_errors
 from circlecal.evaluation.reading import Annotated, Prediction, is_central, read_annotated, read_predictions
 from circlecal.evaluation.soccernet_metric import CLASSES
-from circlecal.formats.checked import Size
+from circlecal.formats.cameras import Size
 from circlecal.formats.worldcup import PICTURE
 from circlecal.geometry.projective import Array
 

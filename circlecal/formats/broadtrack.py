@@ -17,13 +17,13 @@ import numpy as np
 from pydantic import Field, RootModel
 
 from circlecal.errors import InputError
-from circlecal.formats.cameras import CameraFrame
-from circlecal.formats.checked import Bounded, Checked, Side, checked, stem_of
+from circlecal.formats.cameras import CameraFrame, Size
+from circlecal.formats.format import Bounded, CameraFormat, Content, FileModel, Side, json_bytes, parse_content, stem_of
 from circlecal.geometry.camera import Camera, image_center
 from circlecal.pictures.files import distinct_names
 
 
-class _Camera(Checked):
+class _Camera(FileModel):
     sensorResolutionWidthPixels: Side  # noqa: N815 - the file's own names
     sensorResolutionHeightPixels: Side  # noqa: N815
     horizontalFieldOfViewDegrees: Annotated[float, Field(gt=0, lt=180)]  # noqa: N815
@@ -36,7 +36,7 @@ class _Camera(Checked):
     normalizedRadialDistortionCoefficients: Annotated[list[Bounded], Field(max_length=3)] = Field([])  # noqa: N815
 
 
-class _Entry(Checked):
+class _Entry(FileModel):
     cp: _Camera
 
 
@@ -44,15 +44,15 @@ class _Sequence(RootModel[dict[str, _Entry]]):
     pass
 
 
-def read_sequence(path: Path, content: bytes) -> list[CameraFrame]:
-    """Cameras of a sequence, by the names of their pictures.
+def read(path: Path, content: bytes, size: Size | None) -> list[CameraFrame]:
+    """Cameras of a sequence, by the names of their pictures; every camera has its own size.
 
     Raises
     ------
     InputError
         No file of BroadTrack, or a third coefficient of distortion.
     """
-    entries = checked(_Sequence, path, content).root
+    entries = parse_content(_Sequence, path, content).root
     names = distinct_names([stem_of(key) for key in entries])
     return [_frame(path, key, name, entry.cp) for (key, entry), name in zip(entries.items(), names, strict=True)]
 
@@ -77,9 +77,16 @@ def _frame(path: Path, key: str, name: str, stored: _Camera) -> CameraFrame:
     return CameraFrame(name, width, height, camera, image=key)
 
 
-def sequence_record(frames: Sequence[CameraFrame]) -> dict[str, Any]:
-    """Content of a file; every camera must be centred (:func:`circlecal.formats.calibrated.centred_camera`)."""
-    return {frame.image or f"/{frame.id}.jpg": _entry(frame.camera) for frame in frames if frame.camera is not None}
+def write(frames: Sequence[CameraFrame], size: Size | None) -> bytes:
+    """Content of a file; every camera must be centred.
+
+    Raises
+    ------
+    InputError
+        No camera fits a homography.
+    """
+    resized = [frame.resize(size) for frame in frames]
+    return json_bytes({frame.image or f"/{frame.id}.jpg": _entry(frame.require_camera()) for frame in resized})
 
 
 def _entry(camera: Camera) -> dict[str, Any]:
@@ -101,3 +108,18 @@ def _entry(camera: Camera) -> dict[str, Any]:
         ],
     }  # fmt: skip
     return {"cp": stored, "score": 1.0}
+
+
+def _recognise(content: Content) -> bool:
+    entries = content.mapping.values()
+    return bool(entries) and all(isinstance(entry, dict) and "cp" in entry for entry in entries)
+
+
+FORMAT = CameraFormat(
+    name="broadtrack",
+    recognises=_recognise,
+    read=read,
+    write=write,
+    file_name="broadtrack.json",
+    holds="centred camera",
+)

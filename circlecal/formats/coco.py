@@ -18,7 +18,18 @@ import numpy as np
 from pydantic import Field
 
 from circlecal.errors import InputError
-from circlecal.formats.checked import MAX_POINTS, Bounded, Checked, Side, Size, checked, require_size, stem_of
+from circlecal.formats.cameras import Size, derive_shapes
+from circlecal.formats.format import (
+    MAX_POINTS,
+    AnnotationFormat,
+    Bounded,
+    FileModel,
+    Side,
+    json_bytes,
+    parse_content,
+    require_size,
+    stem_of,
+)
 from circlecal.formats.shapes import AnnotatedFrame, Shape
 from circlecal.geometry.projective import Array
 from circlecal.pictures.files import distinct_names
@@ -26,13 +37,13 @@ from circlecal.pictures.files import distinct_names
 POINTS_CATEGORY = "field"
 
 
-class _Category(Checked):
+class _Category(FileModel):
     id: int
     name: str
     keypoints: list[str] = Field([])
 
 
-class _Image(Checked):
+class _Image(FileModel):
     id: int
     file_name: str
     width: Side | None = None
@@ -42,20 +53,20 @@ class _Image(Checked):
 _Numbers = Annotated[list[Bounded], Field(max_length=3 * MAX_POINTS)]
 
 
-class _Annotation(Checked):
+class _Annotation(FileModel):
     image_id: int
     category_id: int
     keypoints: _Numbers = Field([])
     segmentation: list[_Numbers] | dict[str, Any] = Field([])
 
 
-class _Dataset(Checked):
+class _Dataset(FileModel):
     images: list[_Image]
     categories: list[_Category]
     annotations: list[_Annotation]
 
 
-def read_dataset(path: Path, content: bytes, size: Size | None) -> list[AnnotatedFrame]:
+def read(path: Path, content: bytes, size: Size | None) -> list[AnnotatedFrame]:
     """The frames of a file, those without annotations too.
 
     Raises
@@ -63,7 +74,7 @@ def read_dataset(path: Path, content: bytes, size: Size | None) -> list[Annotate
     InputError
         No COCO file, or one that contradicts itself.
     """
-    dataset = checked(_Dataset, path, content)
+    dataset = parse_content(_Dataset, path, content)
     categories = {category.id: category for category in dataset.categories}
     images = {image.id: image for image in dataset.images}
     shapes: dict[int, list[Shape]] = defaultdict(list)
@@ -82,11 +93,9 @@ def read_dataset(path: Path, content: bytes, size: Size | None) -> list[Annotate
     names = distinct_names([stem_of(image.file_name) for image in dataset.images])
     frames = []
     for name, image in zip(names, dataset.images, strict=True):
-        found = (image.width, image.height) if image.width and image.height else None
-        width, height = require_size(path, found, size)
-        frames.append(
-            AnnotatedFrame(name, width, height, tuple(shapes[image.id]), image.file_name, tuple(warnings[image.id]))
-        )
+        chosen = require_size(path, (image.width, image.height), size)
+        found = tuple(shapes[image.id])
+        frames.append(AnnotatedFrame(name, *chosen, found, image.file_name, tuple(warnings[image.id])))
     return frames
 
 
@@ -115,7 +124,7 @@ def _polygons(polygons: Sequence[Sequence[float]], label: str, where: str) -> li
     return found
 
 
-def dataset_record(frames: Sequence[AnnotatedFrame]) -> dict[str, Any]:
+def write(frames: Sequence[AnnotatedFrame]) -> bytes:
     """Content of a file: single points as keypoints of one category, everything else as polygons of one per label."""
     labels = sorted({shape.label for frame in frames for shape in frame.shapes if _is_single(shape)})
     curves = sorted({shape.label for frame in frames for shape in frame.shapes if not _is_single(shape)})
@@ -134,12 +143,12 @@ def dataset_record(frames: Sequence[AnnotatedFrame]) -> dict[str, Any]:
             }))  # fmt: skip
         for shape in frame.shapes:
             if not _is_single(shape):
-                points = shape.sampled()
+                points = shape.sample()
                 polygon = points if len(points) > 2 else points[np.minimum(np.arange(3), len(points) - 1)]
                 annotations.append(_annotation(len(annotations) + 1, image_id, numbers[shape.label], points, {
                     "segmentation": [polygon.ravel().tolist()]
                 }))  # fmt: skip
-    return {"images": images, "categories": categories, "annotations": annotations}
+    return json_bytes({"images": images, "categories": categories, "annotations": annotations})
 
 
 def _is_single(shape: Shape) -> bool:
@@ -157,3 +166,13 @@ def _annotation(number: int, image_id: int, category_id: int, points: Array, con
         "id": number, "image_id": image_id, "category_id": category_id, "bbox": box,
         "area": box[2] * box[3], "iscrowd": 0, **content,
     }  # fmt: skip
+
+
+FORMAT = AnnotationFormat(
+    name="coco",
+    recognises=lambda content: content.mapping.keys() >= {"images", "annotations"},
+    read=read,
+    write=write,
+    derive=derive_shapes,
+    file_name="coco.json",
+)

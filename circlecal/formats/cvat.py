@@ -18,7 +18,8 @@ from xml.parsers import expat
 import numpy as np
 
 from circlecal.errors import InputError
-from circlecal.formats.checked import MAX_POINTS, MAX_SIDE, Size, require_size, stem_of
+from circlecal.formats.cameras import Size, derive_shapes
+from circlecal.formats.format import MAX_POINTS, MAX_SIDE, AnnotationFormat, require_size, stem_of
 from circlecal.formats.shapes import AnnotatedFrame, Shape
 from circlecal.geometry.projective import Array
 from circlecal.pictures.files import distinct_names
@@ -28,7 +29,7 @@ _LARGEST = 1e6
 _LEFT_OUT = ("box", "mask", "cuboid")
 
 
-def read_annotations(path: Path, content: bytes, size: Size | None) -> list[AnnotatedFrame]:
+def read(path: Path, content: bytes, size: Size | None) -> list[AnnotatedFrame]:
     """The frames of a file, those without shapes too.
 
     Raises
@@ -128,7 +129,7 @@ def _number(element: ElementTree.Element, key: str, where: str) -> float:
     return value
 
 
-def annotations_xml(frames: Sequence[AnnotatedFrame]) -> bytes:
+def write(frames: Sequence[AnnotatedFrame]) -> bytes:
     """Content of a file; numbers keep all their digits."""
     root = ElementTree.Element("annotations")
     ElementTree.SubElement(root, "version").text = "1.1"
@@ -153,3 +154,13 @@ def _ellipse_keys(points: Array) -> dict[str, str]:
     values = {"cx": center[0], "cy": center[1], "rx": np.hypot(*first), "ry": np.hypot(*second)}
     values["rotation"] = math.degrees(math.atan2(first[1], first[0])) % 360.0
     return {key: repr(float(value)) for key, value in values.items()}
+
+
+FORMAT = AnnotationFormat(
+    name="cvat",
+    recognises=lambda content: content.head == b"<",
+    read=read,
+    write=write,
+    derive=derive_shapes,
+    file_name="cvat.xml",
+)

@@ -1,26 +1,39 @@
-"""Outside formats of a whole run: those with a file per frame are written at once, those with one of all at the end."""
+"""Calibrations, annotations and cameras written in outside formats: of a whole run, and converted from files."""
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from circlecal.errors import InputError
 from circlecal.field import Circle, FieldTemplate
-from circlecal.formats.calibrated import CalibratedFrame, calibrated_frame
-from circlecal.formats.checked import Size
-from circlecal.formats.exchange import TARGETS, write_calibrations
+from circlecal.files import write_atomic
+from circlecal.formats.cameras import CalibratedFrame, CameraFrame, Size
+from circlecal.formats.format import AnnotationFormat, CameraFormat
 from circlecal.formats.inputs import FrameOfFile
+from circlecal.formats.registry import (
+    RESULT,
+    annotation_formats,
+    calibration_formats,
+    camera_formats,
+    open_file,
+    parse_annotations,
+    require_format,
+)
 from circlecal.formats.shapes import AnnotatedFrame, ObservedFrame
-from circlecal.records.record import StoredResult, stored_result
+from circlecal.pictures.files import distinct_names
+from circlecal.records.reading import is_records, read_records
+from circlecal.records.record import StoredResult, read_result, stored_result
 from circlecal.results import Calibration
 
-COLLECTIVE = ("broadtrack", "tvcalib", "coco", "cvat", "labelstudio")
+F = TypeVar("F", AnnotatedFrame, CameraFrame)
 
 
 class Exports:
-    """What a run writes beside its result files.
+    """What a run writes beside its result files: formats with a file per frame at once, the others at the end.
 
     Parameters
     ----------
@@ -38,13 +51,14 @@ class Exports:
     """
 
     def __init__(self, targets: Sequence[str], folder: Path, size: Size | None = None) -> None:
-        unknown = [name for name in targets if name not in TARGETS]
-        if unknown:
-            raise InputError(f"--to {unknown[0]}: is no format that can be written; known: {', '.join(TARGETS)}")
-        self._targets = tuple(dict.fromkeys(targets))
+        known = calibration_formats()
+        for name in targets:
+            require_format(name, known, "--to", "format that can be written")
+        self._targets = tuple(known[name] for name in dict.fromkeys(targets))
         self._folder = folder
         self._size = size
-        self._accepted: list[CalibratedFrame] = []
+        self._cameras: dict[str, list[CameraFrame]] = defaultdict(list)
+        self._shapes: dict[str, list[AnnotatedFrame]] = defaultdict(list)
         self._refused: list[AnnotatedFrame] = []
 
     def add(
@@ -75,31 +89,37 @@ class Exports:
         """
         if not self._targets:
             return []
-        frame = calibrated_frame(calibration, template, circle, image)
+        frame = CalibratedFrame.of(calibration, template, circle, image)
         if frame is None:
             self._refused.append(AnnotatedFrame(calibration.id, calibration.width, calibration.height, (), image))
             return []
-        self._accepted.append(frame)
-        originals = {} if observed is None else {frame.id: observed}
         written: list[Path] = []
-        for name in self._targets:
-            if name not in COLLECTIVE:
-                written += write_calibrations([frame], name, self._folder, self._size, originals=originals)
+        for target in self._targets:
+            if isinstance(target, CameraFormat):
+                self._cameras[target.name].append(frame.reduce(target.holds))
+            elif target.derive is not None:
+                self._shapes[target.name].append(target.derive(frame, observed.original if observed else None))
+            written += self._write(target) if target.per_frame else []
         return written
 
     def finish(self) -> list[Path]:
-        """Write the files that hold all frames.
+        """Write the files that hold all frames; those that list their pictures list the refused ones too.
 
         Raises
         ------
         InputError
             A file cannot be written.
         """
-        written: list[Path] = []
-        for name in self._targets:
-            if name in COLLECTIVE and (self._accepted or self._refused):
-                written += write_calibrations(self._accepted, name, self._folder, self._size, self._refused)
-        return written
+        any_frame = bool(self._cameras or self._shapes or self._refused)
+        return [path for target in self._targets if any_frame and not target.per_frame for path in self._write(target)]
+
+    def _write(self, target: AnnotationFormat | CameraFormat) -> list[Path]:
+        if isinstance(target, CameraFormat):
+            return _write(_camera_files(self._cameras.pop(target.name, []), target, self._folder, self._size))
+        shapes = self._shapes.pop(target.name, []) + ([] if target.per_frame else self._refused)
+        # beside the result files <id>.json
+        shapes = sorted(shapes, key=lambda frame: frame.id)
+        return _write(_annotation_files(shapes, target, self._folder, f".{target.name}"))
 
 
 def export_records(
@@ -149,3 +169,113 @@ def _picture_name(record: Mapping[str, Any]) -> str | None:
     if source.get("time_s") is not None:
         return f"{record['id']}.jpg"
     return str(source["path"]).replace("\\", "/").rpartition("/")[2] if source.get("path") else None
+
+
+def convert(
+    paths: Sequence[Path],
+    source: str | None,
+    target: str,
+    folder: Path,
+    template: FieldTemplate,
+    size: Size | None = None,
+) -> list[Path]:
+    """Rewrite files in another format of their kind, and results as cameras; formats of one file get all frames.
+
+    Raises
+    ------
+    InputError
+        Unreadable, there is no way from the one format to the other, or a file would be written over its source.
+    """
+    as_annotations, as_cameras = _writable_annotations().get(target), camera_formats().get(target)
+    annotations: list[AnnotatedFrame] = []
+    cameras: list[CameraFrame] = []
+    for path in paths:
+        if as_cameras and is_records(path):
+            cameras += [
+                frame for record in read_records(path) for frame in _camera_of_record(record, as_cameras, template)
+            ]
+            continue
+        found, content = open_file(path, source)
+        if isinstance(found, AnnotationFormat) and as_annotations:
+            annotations += parse_annotations(found, content, size)
+        elif isinstance(found, CameraFormat) and as_cameras:
+            cameras += [_reduce(path, frame, as_cameras, template) for frame in found.read(path, content.raw, size)]
+        elif found is RESULT and as_cameras:
+            cameras += _stored_camera(read_result(path), as_cameras, template)
+        else:
+            raise InputError(f"{path}: there is no way from a {found.name} {found.kind} to {target}; {_pairs()}")
+    if annotations and cameras:
+        raise InputError(f"{paths[0]}: annotations and cameras together; convert one kind at a time")
+    if as_annotations and annotations:
+        contents = _annotation_files(_number(annotations), as_annotations, folder)
+    elif as_cameras and cameras:
+        contents = _camera_files(_number(cameras), as_cameras, folder, None)
+    else:
+        raise InputError(f"{paths[0]}: holds no accepted frame; nothing to convert")
+    sources = {path.resolve() for path in paths}
+    over = next((path for path in contents if path.resolve() in sources), None)
+    if over is not None:
+        raise InputError(f"{over}: would be written over what it is made from; choose another --out")
+    return _write(contents)
+
+
+def _writable_annotations() -> dict[str, AnnotationFormat]:
+    return {name: found for name, found in annotation_formats().items() if found.write is not None}
+
+
+def _reduce(path: Path, frame: CameraFrame, target: CameraFormat, template: FieldTemplate) -> CameraFrame:
+    try:
+        return frame.reduce(target.holds, template)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+def _stored_camera(result: StoredResult, target: CameraFormat, template: FieldTemplate) -> list[CameraFrame]:
+    stored = CalibratedFrame.of(result, template, template.circle_by_name[template.default_circle])
+    return [] if stored is None else [stored.reduce(target.holds)]
+
+
+def _camera_of_record(record: dict[str, Any], target: CameraFormat, template: FieldTemplate) -> list[CameraFrame]:
+    if record.get("image") is None:  # never read
+        return []
+    return _stored_camera(stored_result(record, str(record["id"])), target, template)
+
+
+def _number(frames: Sequence[F]) -> list[F]:
+    """The frames with ids that no two of them share."""
+    ids = distinct_names([frame.id for frame in frames])
+    return [replace(frame, id=name) for frame, name in zip(frames, ids, strict=True)]
+
+
+def _pairs() -> str:
+    annotations, cameras = (", ".join(sorted(known)) for known in (_writable_annotations(), camera_formats()))
+    return (
+        f"annotations go to and from {annotations}, cameras to and from {cameras}, "
+        "and pictures or annotations become cameras with circlecal calibrate --to"
+    )
+
+
+def _annotation_files(
+    frames: Sequence[AnnotatedFrame], target: AnnotationFormat, folder: Path, tag: str = ""
+) -> dict[Path, bytes]:
+    """Content by path; ``tag`` follows the id in the names of files of one frame."""
+    if target.write is None:
+        return {}
+    if not target.per_frame:
+        return {folder / target.file_name: target.write(frames)}
+    return {folder / target.file_name.format(id=f"{frame.id}{tag}"): target.write([frame]) for frame in frames}
+
+
+def _camera_files(
+    frames: Sequence[CameraFrame], target: CameraFormat, folder: Path, size: Size | None
+) -> dict[Path, bytes]:
+    """Content by path; ``size`` is that of the pictures in which cameras count, their own when None."""
+    if not target.per_frame:
+        return {folder / target.file_name: target.write(frames, size)}
+    return {folder / target.file_name.format(id=frame.id): target.write([frame], size) for frame in frames}
+
+
+def _write(contents: dict[Path, bytes]) -> list[Path]:
+    for path, content in contents.items():
+        write_atomic(path, content)
+    return list(contents)

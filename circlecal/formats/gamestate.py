@@ -11,42 +11,47 @@ from collections import defaultdict
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 from pydantic import Field
 
 from circlecal.errors import InputError
-from circlecal.formats.checked import MAX_POINTS, Bounded, Checked, Side, Size, checked, require_size, stem_of
-from circlecal.formats.shapes import AnnotatedFrame, Shape
+from circlecal.formats.cameras import Size
+from circlecal.formats.format import (
+    MAX_POINTS,
+    AnnotationFormat,
+    Content,
+    FileModel,
+    Side,
+    parse_content,
+    require_size,
+    stem_of,
+)
+from circlecal.formats.shapes import AnnotatedFrame
+from circlecal.formats.soccernet import ClassPoint, shapes_of_classes
 from circlecal.pictures.files import distinct_names
 
 SUPERCATEGORY = "pitch"
 _Id = int | str
 
 
-class _Point(Checked):
-    x: Bounded
-    y: Bounded
-
-
-class _Image(Checked):
+class _Image(FileModel):
     image_id: _Id
     file_name: str
     width: Side | None = None
     height: Side | None = None
 
 
-class _Annotation(Checked):
+class _Annotation(FileModel):
     image_id: _Id
     supercategory: str = ""
-    lines: dict[str, Annotated[list[_Point], Field(max_length=MAX_POINTS)]] = Field({})
+    lines: dict[str, Annotated[list[ClassPoint], Field(max_length=MAX_POINTS)]] = Field({})
 
 
-class _Labels(Checked):
+class _Labels(FileModel):
     images: list[_Image]
     annotations: list[_Annotation]
 
 
-def read_labels(path: Path, content: bytes, size: Size | None) -> list[AnnotatedFrame]:
+def read(path: Path, content: bytes, size: Size | None) -> list[AnnotatedFrame]:
     """The frames of a file, those without lines too.
 
     Raises
@@ -54,25 +59,33 @@ def read_labels(path: Path, content: bytes, size: Size | None) -> list[Annotated
     InputError
         No such file, one that contradicts itself, or the size of the pictures is not known.
     """
-    labels = checked(_Labels, path, content)
-    lines: dict[_Id, list[tuple[str, list[_Point]]]] = defaultdict(list)
+    labels = parse_content(_Labels, path, content)
+    lines: dict[_Id, list[dict[str, list[ClassPoint]]]] = defaultdict(list)
     known = {image.image_id for image in labels.images}
     for number, annotation in enumerate(labels.annotations):
         if annotation.supercategory != SUPERCATEGORY:
             continue
         if annotation.image_id not in known:
             raise InputError(f"{path}: annotations.{number}.image_id: {annotation.image_id} is not in the file")
-        lines[annotation.image_id] += annotation.lines.items()
+        lines[annotation.image_id].append(annotation.lines)
     names = distinct_names([stem_of(image.file_name) for image in labels.images])
     frames = []
     for name, image in zip(names, labels.images, strict=True):
-        stored = (image.width, image.height) if image.width and image.height else None
-        width, height = require_size(path, stored, size)
-        scale = np.array([width, height], dtype=np.float64) - 1.0
-        shapes = tuple(
-            Shape(label.strip(), "line", np.array([(p.x, p.y) for p in points], dtype=np.float64) * scale)
-            for label, points in lines[image.image_id]
-            if points
-        )
-        frames.append(AnnotatedFrame(name, width, height, shapes, image.file_name))
+        width, height = require_size(path, (image.width, image.height), size)
+        shapes = (s for classes in lines[image.image_id] for s in shapes_of_classes(classes, (width - 1, height - 1)))
+        frames.append(AnnotatedFrame(name, width, height, tuple(shapes), image.file_name))
     return frames
+
+
+def _recognise(content: Content) -> bool:
+    """Lines of a pitch among the annotations, or, where no frame has any, images known by ``image_id``."""
+    images, annotations = content.mapping.get("images"), content.mapping.get("annotations")
+    if not isinstance(images, list) or not isinstance(annotations, list):
+        return False
+    pitches = any(isinstance(a, dict) and a.get("supercategory") == SUPERCATEGORY for a in annotations)
+    return pitches or any(isinstance(image, dict) and "image_id" in image and "id" not in image for image in images)
+
+
+FORMAT = AnnotationFormat(
+    name="gamestate", recognises=_recognise, read=read, file_name="Labels-GameState.json", marks_line_ends=True
+)

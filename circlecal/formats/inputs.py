@@ -1,4 +1,4 @@
-"""Annotation files among what the user names: instead of pictures, or beside them."""
+"""Annotations among what the user names, instead of pictures; keypoints and lines beside pictures."""
 
 from __future__ import annotations
 
@@ -7,14 +7,26 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from circlecal.config import SourcesConfig
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.detection.keypoints import KeypointsConfig, find_keypoints
 from circlecal.errors import InputError
 from circlecal.field import FieldTemplate
-from circlecal.formats.checked import Size
-from circlecal.formats.exchange import format_of, picture_beside, read_annotations
-from circlecal.formats.meaning import observe
-from circlecal.formats.shapes import AnnotatedFrame, ObservedFrame
-from circlecal.formats.sniff import ANNOTATION_FORMATS, CAMERA_FORMATS, RESULT_FORMAT
+from circlecal.formats.cameras import Size
+from circlecal.formats.format import AnnotationFormat
+from circlecal.formats.meaning import SourcesConfig, observe
+from circlecal.formats.pnlcalib import LABEL
+from circlecal.formats.registry import (
+    formats,
+    open_file,
+    parse_annotations,
+    picture_beside,
+    read_annotations,
+    require_format,
+)
+from circlecal.formats.shapes import AnnotatedFrame, ObservedFrame, Shape
+from circlecal.formats.soccernet import LINE_CLASSES
 from circlecal.observations import Observations
 from circlecal.pictures.files import DEBUG_SUFFIX, OWN_FOLDERS, PICTURE_SUFFIXES, Frame, distinct_names
 from circlecal.pictures.inputs import ANNOTATION_SUFFIXES
@@ -117,7 +129,7 @@ def read_frames(
     template, sources : FieldTemplate, SourcesConfig
         As for :func:`circlecal.formats.meaning.observe`.
     size, format_name : optional
-        As for :func:`circlecal.formats.exchange.read_annotations`.
+        As for :func:`circlecal.formats.registry.read_annotations`.
     taken : sequence of str
         Ids that other frames of the run have.
     on_error : callable
@@ -126,14 +138,17 @@ def read_frames(
     found: list[tuple[str, AnnotatedFrame, AnnotationFile]] = []
     for file in files:
         try:
-            if not file.named and format_of(file.path, format_name)[1] != "annotation":
+            known, content = open_file(file.path, format_name)
+            if not file.named and not isinstance(known, AnnotationFormat):
                 _log.info("%s: is no annotation; passed over", file.path)
                 continue
-            name, frames = read_annotations(file.path, size, format_name)
+            frames = parse_annotations(known, content, size)
         except InputError as error:
             on_error(error)
             continue
-        found += [(name, replace(frame, id="__".join((*file.relative.parts[:-1], frame.id))), file) for frame in frames]
+        found += [
+            (known.name, replace(frame, id="__".join((*file.relative.parts[:-1], frame.id))), file) for frame in frames
+        ]
     ids = distinct_names([*taken, *(frame.id for _, frame, _ in found)])[len(taken) :]
     read = []
     for identifier, (name, frame, file) in zip(ids, found, strict=True):
@@ -144,7 +159,7 @@ def read_frames(
     return read
 
 
-def convertible_files(inputs: Sequence[Path], format_name: str | None, out: Path) -> list[Path]:
+def find_convertible(inputs: Sequence[Path], format_name: str | None, out: Path) -> list[Path]:
     """Files to convert among files and folders; in a folder those of known suffix.
 
     Raises
@@ -152,9 +167,8 @@ def convertible_files(inputs: Sequence[Path], format_name: str | None, out: Path
     InputError
         An unknown format, a missing input, or nothing to convert.
     """
-    known = dict.fromkeys((*ANNOTATION_FORMATS, *CAMERA_FORMATS, RESULT_FORMAT))
-    if format_name is not None and format_name not in known:
-        raise InputError(f"--from {format_name}: is no known format; known: {', '.join(known)}")
+    if format_name is not None:
+        require_format(format_name, {f.name: f for f in formats()}, "--from", "known format")
     files: list[Path] = []
     for given in inputs:
         if given.is_dir():
@@ -212,12 +226,12 @@ def observations_beside(
         Nothing for this frame, or an unusable file.
     """
     path = _file_for(given, frame)
-    name, frames = read_annotations(path, size, format_name)
+    known, frames = read_annotations(path, size, format_name)
     wanted = {frame.id, frame.stem}
     chosen = next((f for f in frames if f.id in wanted), frames[0] if len(frames) == 1 else None)
     if chosen is None:
         raise InputError(f"{path}: has {len(frames)} frames, none of them {frame.stem}")
-    observed = observe(chosen.resized(*size), template, sources, name, str(path))
+    observed = observe(chosen.resize(*size), template, sources, known.name, str(path))
     for warning in observed.warnings:
         _log.warning("%s", warning)
     return observed.observations
@@ -232,3 +246,52 @@ def _file_for(given: Path, frame: Frame) -> Path:
     if found is None:
         raise InputError(f"{given}: nothing for {frame.label}; looked for {frame.stem}.json")
     return found
+
+
+def observe_network(
+    image: NDArray[np.uint8], config: KeypointsConfig, template: FieldTemplate, sources: SourcesConfig
+) -> Observations | None:
+    """Keypoints and lines that the networks of a configuration find in a picture, in PnLCalib's layout, sub-pixel.
+
+    None where there are no networks.
+
+    Parameters
+    ----------
+    image : (H, W, 3) uint8
+        BGR picture.
+    config : KeypointsConfig
+        Model files and their layout.
+    template, sources : FieldTemplate, SourcesConfig
+        As for :func:`circlecal.formats.meaning.observe`; the sources hold the least confidence.
+
+    Raises
+    ------
+    ConfigError
+        A network is missing or unusable.
+    InputError
+        The template is no soccer pitch.
+    """
+    found = find_keypoints(image, config)
+    if found is None:
+        return None
+    points, ends = found
+    shapes = [
+        Shape(f"{LABEL}{number}", "points", place, _cap(confidence))
+        for number, (place, confidence) in enumerate(zip(points.points_px, points.confidence, strict=True), start=1)
+    ]
+    if ends is not None:
+        shapes += [
+            Shape(name, "line", place, _cap(confidence))
+            for name, place, confidence in zip(LINE_CLASSES, ends.points_px, ends.confidence, strict=True)
+        ]
+    height, width = image.shape[:2]
+    frame = AnnotatedFrame("network", width, height, tuple(shapes), None)
+    observed = observe(frame, template, sources, "pnlcalib", str(config.model))
+    for warning in observed.warnings:
+        _log.debug("%s", warning)
+    return observed.observations
+
+
+def _cap(confidence: NDArray[np.float64]) -> tuple[float, ...]:
+    """Heights as confidences; below 1, which in keypoint files marks what was computed from lines."""
+    return tuple(np.clip(confidence, 0.0, 0.9999).tolist())

@@ -7,13 +7,24 @@ ellipse and, like rectangles and masks, left out. A refused frame has no file.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
 
-from circlecal.formats.checked import MAX_POINTS, Bounded, Checked, Side, Size, checked, require_size
+from circlecal.formats.cameras import Size, derive_shapes
+from circlecal.formats.format import (
+    MAX_POINTS,
+    AnnotationFormat,
+    Bounded,
+    FileModel,
+    Side,
+    json_bytes,
+    parse_content,
+    require_size,
+)
 from circlecal.formats.shapes import AnnotatedFrame, Shape, ShapeKind
 
 _CORNER = 0.5
@@ -27,20 +38,20 @@ _KINDS: dict[str, ShapeKind] = {
 }
 
 
-class _Shape(Checked):
+class _Shape(FileModel):
     label: str
     shape_type: str = "polygon"
     points: Annotated[list[Annotated[list[Bounded], Field(min_length=2, max_length=2)]], Field(max_length=MAX_POINTS)]
 
 
-class _File(Checked):
+class _File(FileModel):
     shapes: list[_Shape]
     imagePath: str | None = None  # noqa: N815 - the file's own name
     imageWidth: Side | None = None  # noqa: N815
     imageHeight: Side | None = None  # noqa: N815
 
 
-def read_file(path: Path, content: bytes, size: Size | None) -> AnnotatedFrame:
+def read(path: Path, content: bytes, size: Size | None) -> list[AnnotatedFrame]:
     """The frame of a file.
 
     Raises
@@ -48,9 +59,8 @@ def read_file(path: Path, content: bytes, size: Size | None) -> AnnotatedFrame:
     InputError
         No file of LabelMe, or the size of the picture is not known.
     """
-    found = checked(_File, path, content)
-    stored = (found.imageWidth, found.imageHeight) if found.imageWidth and found.imageHeight else None
-    width, height = require_size(path, stored, size)
+    found = parse_content(_File, path, content)
+    width, height = require_size(path, (found.imageWidth, found.imageHeight), size)
     shapes, warnings = [], []
     for number, shape in enumerate(found.shapes):
         kind = _KINDS.get(shape.shape_type)
@@ -59,25 +69,36 @@ def read_file(path: Path, content: bytes, size: Size | None) -> AnnotatedFrame:
         elif shape.points:
             shapes.append(Shape(shape.label.strip(), kind, np.array(shape.points, dtype=np.float64) - _CORNER))
     identifier = path.name.removesuffix(path.suffix).removesuffix(".labelme")
-    return AnnotatedFrame(identifier, width, height, tuple(shapes), found.imagePath, tuple(warnings))
+    return [AnnotatedFrame(identifier, width, height, tuple(shapes), found.imagePath, tuple(warnings))]
 
 
-def file_record(frame: AnnotatedFrame) -> dict[str, Any]:
+def write(frames: Sequence[AnnotatedFrame]) -> bytes:
     """Content of a file; several points of one label are one shape each, an ellipse is a polygon."""
+    (frame,) = frames
     shapes: list[dict[str, Any]] = []
     for shape in frame.shapes:
-        points = (shape.sampled() + _CORNER).tolist()
+        points = (shape.sample() + _CORNER).tolist()
         if shape.kind == "points":
             shapes += [_record(shape.label, "point", [point]) for point in points]
         elif shape.kind == "ellipse":
             shapes.append(_record(shape.label, "polygon", points))
         else:
             shapes.append(_record(shape.label, "line" if len(points) == 2 else "linestrip", points))
-    return {
+    return json_bytes({
         "version": _VERSION, "flags": {}, "shapes": shapes, "imagePath": frame.image or f"{frame.id}.jpg",
         "imageData": None, "imageHeight": frame.height, "imageWidth": frame.width,
-    }  # fmt: skip
+    })  # fmt: skip
 
 
 def _record(label: str, kind: str, points: list[list[float]]) -> dict[str, Any]:
     return {"label": label, "points": points, "group_id": None, "shape_type": kind, "flags": {}}
+
+
+FORMAT = AnnotationFormat(
+    name="labelme",
+    recognises=lambda content: "shapes" in content.mapping,
+    read=read,
+    write=write,
+    derive=derive_shapes,
+    file_name="{id}.json",
+)

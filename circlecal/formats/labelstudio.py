@@ -16,14 +16,17 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, RootModel
 
-from circlecal.formats.checked import (
+from circlecal.formats.cameras import Size, derive_shapes
+from circlecal.formats.format import (
     MAX_POINTS,
+    AnnotationFormat,
     Bounded,
-    Checked,
+    Content,
+    FileModel,
     Side,
-    Size,
-    checked,
-    checked_value,
+    json_bytes,
+    parse_content,
+    parse_value,
     require_size,
     stem_of,
 )
@@ -35,19 +38,19 @@ _CORNER = 0.5
 _Pair = Annotated[list[Bounded], Field(min_length=2, max_length=2)]
 
 
-class _Result(Checked):
+class _Result(FileModel):
     type: str = ""
     original_width: Side | None = None
     original_height: Side | None = None
     value: dict[str, Any] = Field({})
 
 
-class _Annotation(Checked):
+class _Annotation(FileModel):
     result: list[_Result]
     was_cancelled: bool = False
 
 
-class _Task(Checked):
+class _Task(FileModel):
     data: dict[str, Any] = Field({})
     annotations: list[_Annotation] = Field([])
 
@@ -56,7 +59,7 @@ class _Tasks(RootModel[list[_Task]]):
     pass
 
 
-class _Point(Checked):
+class _Point(FileModel):
     x: Bounded
     y: Bounded
 
@@ -67,15 +70,15 @@ class _Ellipse(_Point):
     rotation: float = 0.0
 
 
-class _Polygon(Checked):
+class _Polygon(FileModel):
     points: Annotated[list[_Pair], Field(min_length=1, max_length=MAX_POINTS)]
 
 
-class _Vector(Checked):
+class _Vector(FileModel):
     vertices: Annotated[list[_Point], Field(min_length=1, max_length=MAX_POINTS)]
 
 
-def read_tasks(path: Path, content: bytes, size: Size | None) -> list[AnnotatedFrame]:
+def read(path: Path, content: bytes, size: Size | None) -> list[AnnotatedFrame]:
     """The frames of a file, those without annotations too where their size is given.
 
     Raises
@@ -83,7 +86,7 @@ def read_tasks(path: Path, content: bytes, size: Size | None) -> list[AnnotatedF
     InputError
         No export of Label Studio, or the size of a picture is not known.
     """
-    tasks = checked(_Tasks, path, content).root
+    tasks = parse_content(_Tasks, path, content).root
     names = distinct_names([stem_of(_image_name(task) or "") for task in tasks])
     frames = []
     for number, (task, name) in enumerate(zip(tasks, names, strict=True)):
@@ -93,8 +96,7 @@ def read_tasks(path: Path, content: bytes, size: Size | None) -> list[AnnotatedF
         found = next(((r.original_width, r.original_height) for r in results if r.original_width), None)
         if found is None and size is None and not results:
             continue
-        known = None if found is None or found[0] is None or found[1] is None else (found[0], found[1])
-        width, height = require_size(path, known, size)
+        width, height = require_size(path, found, size)
         shapes, warnings = [], []
         for position, result in enumerate(results):
             read = _shape(path, result, f"{where}.{position}", (width, height))
@@ -124,14 +126,14 @@ def _shape(path: Path, result: _Result, where: str, size: Size) -> Shape | str |
     scale = np.array(size, dtype=np.float64) / 100.0
     shape_kind: ShapeKind = "line"
     if kind == "keypoint":
-        point = checked_value(_Point, path, value, prefix)
+        point = parse_value(_Point, path, value, prefix)
         shape_kind, points = "points", np.array([[point.x, point.y]]) * scale
     elif kind == "ellipse":
-        shape_kind, points = "ellipse", _ellipse(checked_value(_Ellipse, path, value, prefix), scale)
+        shape_kind, points = "ellipse", _ellipse(parse_value(_Ellipse, path, value, prefix), scale)
     elif kind == "polygon":
-        points = np.array(checked_value(_Polygon, path, value, prefix).points) * scale
+        points = np.array(parse_value(_Polygon, path, value, prefix).points) * scale
     elif kind == "vector":
-        points = np.array([(v.x, v.y) for v in checked_value(_Vector, path, value, prefix).vertices]) * scale
+        points = np.array([(v.x, v.y) for v in parse_value(_Vector, path, value, prefix).vertices]) * scale
     else:
         return f"{path}: {where}.type: {result.type!r} is no point, polygon, vector or ellipse; left out"
     return Shape(labels[0].strip(), shape_kind, points - _CORNER)
@@ -145,7 +147,7 @@ def _ellipse(value: _Ellipse, scale: Array) -> Array:
     return np.stack([center, center + first, center + second])
 
 
-def tasks_record(frames: Sequence[AnnotatedFrame]) -> list[dict[str, Any]]:
+def write(frames: Sequence[AnnotatedFrame]) -> bytes:
     """Content of a file: points as key points, lines as polygons (the classic tags have no open line)."""
     tasks = []
     for number, frame in enumerate(frames, start=1):
@@ -153,7 +155,7 @@ def tasks_record(frames: Sequence[AnnotatedFrame]) -> list[dict[str, Any]]:
         annotations = [{"result": results}] if results else []
         data = {"image": frame.image or f"{frame.id}.jpg"}
         tasks.append({"id": number, "data": data, "annotations": annotations})
-    return tasks
+    return json_bytes(tasks)
 
 
 def _results(shape: Shape, frame: AnnotatedFrame) -> list[dict[str, Any]]:
@@ -181,3 +183,18 @@ def _results(shape: Shape, frame: AnnotatedFrame) -> list[dict[str, Any]]:
         }
         for kind, value in values
     ]  # fmt: skip
+
+
+def _recognise(content: Content) -> bool:
+    tasks = content.json
+    return isinstance(tasks, list) and all(isinstance(t, dict) and ("annotations" in t or "data" in t) for t in tasks)
+
+
+FORMAT = AnnotationFormat(
+    name="labelstudio",
+    recognises=_recognise,
+    read=read,
+    write=write,
+    derive=derive_shapes,
+    file_name="labelstudio.json",
+)

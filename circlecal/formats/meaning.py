@@ -9,27 +9,75 @@ blanks for underscores make no difference. Points along a marking lie on its cen
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
-from circlecal.config import SourcesConfig
 from circlecal.field import Circle, FieldTemplate
 from circlecal.formats import pnlcalib
-from circlecal.formats.calibrated import CENTRE, TANGENT
-from circlecal.formats.line_ends import with_halfway_ends
+from circlecal.formats.cameras import CENTRE, TANGENT, Size
+from circlecal.formats.registry import annotation_formats, read_annotations
 from circlecal.formats.shapes import ELLIPSE_SAMPLES, AnnotatedFrame, ObservedFrame, Shape
 from circlecal.formats.soccernet import GOAL_CLASSES, UNKNOWN_CLASSES
 from circlecal.geometry.homography import compass_label
 from circlecal.geometry.projective import Array, meet
 from circlecal.observations import CirclePoints, Keypoint, LinePoints, MarkPoint, Observations
 
+REFERENCE_WIDTH_PX = 1920.0
+"""Width of the picture for which the standard deviations are given; they grow with the width."""
+MARGIN_WIDTHS = 0.005
+"""An end of a line nearer to the border than this, in widths of the picture, is where the picture cuts the line."""
+END_SIGMA_FACTOR = 2.0
+"""The corner of two bands of paint is found less well than a point across one of them."""
 _ELLIPSE_FREEDOMS = 5
 _REACH = 20
 _SHARED = float(np.sqrt(2.0))
 """A point of the circle at a known place says where it is and that it is on the circle: its weight is shared."""
 _CENTRE_WORDS = frozenset({"centre", "pitch centre", "field centre", "centre spot", "kick-off spot"})
+
+
+def _default_sigmas() -> dict[str, float]:
+    return {name: found.sigma_px for name, found in sorted(annotation_formats().items())}
+
+
+class SourcesConfig(BaseModel):
+    """Annotation noise: how far points that come from files are trusted."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    sigma_px: dict[str, Annotated[float, Field(gt=0, le=100)]] = Field(
+        default_factory=_default_sigmas,
+        validate_default=True,
+        description="Standard deviation of a point by format, pixels at 1920 px width; a detection's is divided by the "
+        "root of its confidence. Formats that are not named keep their value.",
+    )
+    minimum_keypoint_confidence: float = Field(
+        0.1, ge=0, le=1, description="Detected keypoints below this confidence are left out."
+    )
+    minimum_line_confidence: float = Field(
+        0.3, ge=0, le=1, description="Detected lines with an end below this confidence are left out."
+    )
+    halfway_ends: bool = Field(
+        False,
+        description="Whether a halfway line of a SoccerNet annotation that ends inside the picture ends there on the "
+        "touchline.",
+    )
+
+    @field_validator("sigma_px")
+    @classmethod
+    def _complete(cls, given: dict[str, float]) -> dict[str, float]:
+        defaults = _default_sigmas()
+        unknown = sorted(given.keys() - defaults.keys())
+        if unknown:
+            raise ValueError(f"{unknown[0]} is no annotation format; known: {', '.join(defaults)}")
+        return defaults | given
+
+    def point_sigma_px(self, source: str, width: int) -> float:
+        """Standard deviation in pixels of one format's points in a picture of this width."""
+        return self.sigma_px[source] * width / REFERENCE_WIDTH_PX
 
 
 def observe(
@@ -55,30 +103,68 @@ def observe(
     ObservedFrame
         With a warning for each label that is not of this field and each line of one point.
     """
-    reading = _Reading(template, sources, sources.sigma_px(source, frame.width), file)
+    reading = _Reading(template, sources, sources.point_sigma_px(source, frame.width), file)
     reach = _REACH * max(frame.width, frame.height)
     computed = any(shape.kind == "line" and shape.confidence is not None for shape in frame.shapes)
     for shape in frame.shapes:
         if np.abs(shape.points_px).max(initial=0.0) > reach:
             reading.warnings.append(f"{file}: {shape.label}: lies more than {_REACH} pictures away; left out")
-        elif len(shape.points_px) and not _computed_from_lines(shape, computed):
+        elif len(shape.points_px) and not _is_computed_from_lines(shape, computed):
             reading.take(shape)
     observations = reading.observations(frame.width, frame.height)
-    if sources.halfway_ends and source in ("soccernet", "gamestate"):
-        observations = with_halfway_ends(observations, template)
+    if sources.halfway_ends and annotation_formats()[source].marks_line_ends:
+        observations = add_halfway_ends(observations, template)
     warnings = (*frame.warnings, *reading.warnings)
     return ObservedFrame(frame.id, frame.width, frame.height, observations, frame.image, warnings, frame.original)
 
 
-def _computed_from_lines(shape: Shape, lines_given: bool) -> bool:
+def read_observations(
+    path: Path, template: FieldTemplate, sources: SourcesConfig, size: Size | None = None, name: str | None = None
+) -> list[ObservedFrame]:
+    """The frames of an annotation file as observations; see :func:`circlecal.formats.registry.read_annotations`.
+
+    Raises
+    ------
+    InputError
+        One line with the file, the field and the mend.
+    """
+    found, frames = read_annotations(path, size, name)
+    return [observe(frame, template, sources, found.name, str(path)) for frame in frames]
+
+
+def add_halfway_ends(observations: Observations, template: FieldTemplate) -> Observations:
+    """Add the halfway line's ends inside the picture as keypoints, seen from the main camera's side of the field.
+
+    SoccerNet's annotators mark the extremities of a straight line. Those of the halfway line that lie well inside the
+    picture are its ends on the touchlines, unless something hides the rest of it; they say how far away the touchline
+    is, which a circle alone says badly.
+    """
+    name = template.halfway_line
+    line = None if name is None else observations.line(name)
+    if name is None or line is None or len(line.points_px) < 2:
+        return observations
+    ends_m = template.line_ends(template.line_by_name[name])
+    upper, lower = (ends_m[int(k)] for k in (ends_m[:, 1].argmin(), ends_m[:, 1].argmax()))
+    order = np.argsort(line.points_px[:, 1], kind="stable")
+    margin = MARGIN_WIDTHS * observations.width
+    inner = np.array([observations.width, observations.height]) - 1 - margin
+    found = [
+        Keypoint(f"{name} end {side}", field_m, line.points_px[k], END_SIGMA_FACTOR * float(line.sigma_px[k]))
+        for side, field_m, k in (("top", upper, order[0]), ("bottom", lower, order[-1]))
+        if (line.points_px[k] > margin).all() and (line.points_px[k] < inner).all()
+    ]
+    return replace(observations, keypoints=(*observations.keypoints, *found))
+
+
+def _is_computed_from_lines(shape: Shape, lines_given: bool) -> bool:
     number = pnlcalib.keypoint_number(shape.label)
     if number is None or not lines_given:
         return False
     return number > pnlcalib.KEYPOINTS or shape.confidence == (1.0,)
 
 
-def spelled(label: str) -> str:
-    """A label as it is compared."""
+def normalise(label: str) -> str:
+    """A label as labels are compared: without regard to case, blanks and underscores."""
     return " ".join(label.replace("_", " ").split()).casefold().replace("center", "centre")
 
 
@@ -98,7 +184,7 @@ class _Reading:
 
     def take(self, shape: Shape) -> None:
         """Take a shape into the observations, or say why not."""
-        name = spelled(shape.label)
+        name = normalise(shape.label)
         elements = _elements(self.template)
         if pnlcalib.keypoint_number(shape.label) is not None:
             self._take_detected(shape)
@@ -114,7 +200,7 @@ class _Reading:
         if kind == "mark":
             self.marks += [MarkPoint(name, point, self.sigma_px) for point in shape.points_px[:1]]
         elif kind == "circle":
-            points = shape.sampled()
+            points = shape.sample()
             few = np.sqrt(ELLIPSE_SAMPLES / _ELLIPSE_FREEDOMS) if shape.kind == "ellipse" else 1.0
             self.circles[name].append((points, np.full(len(points), self.sigma_px * few)))
         elif shape.kind == "ellipse":
@@ -128,13 +214,13 @@ class _Reading:
     def _take_place(self, shape: Shape, name: str) -> bool:
         """A point whose position on the field its label says."""
         if name in _CENTRE_WORDS:
-            name = spelled(f"{self.template.default_circle} {CENTRE}")
+            name = normalise(f"{self.template.default_circle} {CENTRE}")
         for circle in self.template.circles:
-            prefix = spelled(circle.name) + " "
+            prefix = normalise(circle.name) + " "
             if name.startswith(prefix):
                 return self._take_circle_place(shape, circle, name.removeprefix(prefix))
         first, _, second = name.partition(" x ")
-        lines = {spelled(line.name): line for line in self.template.lines}
+        lines = {normalise(line.name): line for line in self.template.lines}
         if first in lines and second in lines and first != second:
             crossing = meet(*(self.template.line_coordinates(lines[key]) for key in (first, second)))
             if abs(crossing[2]) > 1e-9:
@@ -187,10 +273,10 @@ class _Reading:
 
     def observations(self, width: int, height: int) -> Observations:
         """Everything taken; shapes of one marking put together, lines of one point left out with a warning."""
-        circles = tuple(CirclePoints(name, "center", *_stacked(parts)) for name, parts in self.circles.items())
+        circles = tuple(CirclePoints(name, "center", *_stack(parts)) for name, parts in self.circles.items())
         lines = []
         for name, parts in self.lines.items():
-            points, sigma = _stacked(parts)
+            points, sigma = _stack(parts)
             if np.ptp(points, axis=0).max() == 0:
                 label = self.template.line_by_name[name].class_name or name
                 self.warnings.append(f"{self.file}: {label}: is a line of one point; left out")
@@ -200,17 +286,17 @@ class _Reading:
 
 
 _DIRECTIONS: dict[str, Any] = {
-    spelled(compass_label(outward)): outward
+    normalise(compass_label(outward)): outward
     for outward in (np.array([np.cos(a), np.sin(a)]) for a in np.radians(np.arange(0.0, 360.0, 45.0)))
 }
-_SILENT = frozenset(spelled(name) for name in (*GOAL_CLASSES, *UNKNOWN_CLASSES))
+_SILENT = frozenset(normalise(name) for name in (*GOAL_CLASSES, *UNKNOWN_CLASSES))
 
 
 def _elements(template: FieldTemplate) -> dict[str, tuple[str, str]]:
     """Kind and name of every element of the template by each of its spellings."""
     kinds = (("circle", (*template.circles, *template.arcs)), ("line", template.lines), ("mark", template.marks))
     return {
-        spelled(label): (kind, element.name)
+        normalise(label): (kind, element.name)
         for kind, elements in kinds
         for element in elements
         for label in (element.class_name, element.name)
@@ -218,5 +304,5 @@ def _elements(template: FieldTemplate) -> dict[str, tuple[str, str]]:
     }
 
 
-def _stacked(parts: list[tuple[Array, Array]]) -> tuple[Array, Array]:
+def _stack(parts: list[tuple[Array, Array]]) -> tuple[Array, Array]:
     return np.concatenate([points for points, _ in parts]), np.concatenate([sigma for _, sigma in parts])

@@ -18,7 +18,7 @@ Four traps:
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -28,8 +28,8 @@ from pydantic import Field
 
 from circlecal.errors import InputError
 from circlecal.field import FieldTemplate
-from circlecal.formats.calibrated import CalibratedFrame
-from circlecal.formats.checked import Bounded, Checked, Size, checked, require_size
+from circlecal.formats.cameras import CalibratedFrame, Size
+from circlecal.formats.format import AnnotationFormat, Bounded, FileModel, json_bytes, parse_content, require_size
 from circlecal.formats.shapes import AnnotatedFrame, Shape
 from circlecal.formats.soccernet import FLAT_PITCH, LINE_CLASSES
 from circlecal.geometry.projective import Array
@@ -48,13 +48,13 @@ VIRTUAL_CIRCLE_POINTS = (38, 39, 42, 43, 48, 49, 50, 51, 52, 53, 54)
 LABEL = "kp_"
 
 
-class _Keypoint(Checked):
+class _Keypoint(FileModel):
     x: Bounded
     y: Bounded
     p: Annotated[float, Field(ge=0, le=1.001)] = 1.0
 
 
-class _Line(Checked):
+class _Line(FileModel):
     x_1: Bounded
     y_1: Bounded
     p_1: Annotated[float, Field(ge=0, le=1.001)] = 1.0
@@ -63,12 +63,12 @@ class _Line(Checked):
     p_2: Annotated[float, Field(ge=0, le=1.001)] = 1.0
 
 
-class _Prediction(Checked):
+class _Prediction(FileModel):
     kp: Annotated[dict[str, _Keypoint], Field(max_length=1000)]
     lines: Annotated[dict[str, _Line], Field(max_length=1000)] = Field({})
 
 
-def read_prediction(path: Path, content: bytes, size: Size | None) -> AnnotatedFrame:
+def read(path: Path, content: bytes, size: Size | None) -> list[AnnotatedFrame]:
     """The frame of a prediction; keypoints get the labels ``kp_1`` ... ``kp_73``, lines those of SoccerNet.
 
     Raises
@@ -76,7 +76,7 @@ def read_prediction(path: Path, content: bytes, size: Size | None) -> AnnotatedF
     InputError
         No prediction, or the size of the picture is not known.
     """
-    found = checked(_Prediction, path, content)
+    found = parse_content(_Prediction, path, content)
     width, height = require_size(path, size)
     scale = np.array([width, height], dtype=np.float64)
     shapes, warnings = [], []
@@ -96,7 +96,7 @@ def read_prediction(path: Path, content: bytes, size: Size | None) -> AnnotatedF
         shapes.append(Shape(LINE_CLASSES[number - 1], "line", pixels, confidence))
     identifier = path.name.removesuffix(path.suffix).removesuffix(".pnlcalib")
     original = found.model_dump()
-    return AnnotatedFrame(identifier, width, height, tuple(shapes), None, tuple(warnings), original)
+    return [AnnotatedFrame(identifier, width, height, tuple(shapes), None, tuple(warnings), original)]
 
 
 def _number(key: str, last: int) -> int | None:
@@ -201,45 +201,45 @@ def _table(pitch: _Pitch) -> dict[int, tuple[float, float]]:
     return {number: position for number, position in table.items() if number not in GOAL_TOPS}
 
 
-def keypoints_record(frame: CalibratedFrame, original: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Content of a keypoint file with the virtual keypoints of the circle as the calibration puts them.
+def derive(frame: CalibratedFrame, original: Mapping[str, Any] | None = None) -> AnnotatedFrame:
+    """The virtual keypoints of the circle as the calibration puts them.
 
-    They are replaced, filled in, or removed where they lie outside the picture; all others, and the lines, stay as they
-    are in ``original``. Without an original the file holds the circle's keypoints alone, 32 and 35 among them.
+    In ``original`` they are replaced, filled in, or removed where they lie outside the picture; all others, and the
+    lines, stay. Without an original there are the circle's keypoints alone, 32 and 35 among them.
     """
-    scale = np.array([frame.width, frame.height], dtype=np.float64)
     radius = frame.template.radius(frame.circle, "center")
     positions = {n: p for n, p in keypoint_table(frame.template).items() if n in {*CIRCLE_POINTS, 51, 52}}
     positions |= tangency_points(radius)
     wanted = sorted(positions) if original is None else VIRTUAL_CIRCLE_POINTS
-    keypoints = {} if original is None else {key: dict(value) for key, value in original["kp"].items()}
-    for number in wanted:
-        pixel = frame.project(np.asarray(positions[number])[None])[0]
-        keypoints.pop(str(number), None)
-        if frame.shows(pixel):
-            x, y = (pixel / scale).tolist()
-            keypoints[str(number)] = {"x": x, "y": y, "p": 1.0}
-    ordered = {key: keypoints[key] for key in sorted(keypoints, key=lambda key: (len(key), key))}
-    return {"kp": ordered, "lines": {} if original is None else original["lines"]}
+    placed = {number: frame.project(np.asarray(positions[number])[None]) for number in wanted}
+    seen = {number: point for number, point in placed.items() if frame.shows(point[0])}
+    if original is not None:
+        keys = {*original["kp"], *map(str, seen)} - {str(number) for number in placed if number not in seen}
+        ordered = sorted(keys, key=lambda key: (len(key), key))
+        original = {**original, "kp": {key: original["kp"].get(key) for key in ordered}}
+    shapes = tuple(Shape(f"{LABEL}{number}", "points", point) for number, point in seen.items())
+    return AnnotatedFrame(frame.id, frame.width, frame.height, shapes, frame.image, original=original)
 
 
-def prediction_record(frame: AnnotatedFrame) -> dict[str, Any]:
-    """Content of a keypoint file from an annotation: its ``kp_`` points and the ends of its straight lines."""
+def write(frames: Sequence[AnnotatedFrame]) -> bytes:
+    """Content of a file: what was read, and the frame's ``kp_`` points and the ends of its straight lines over it."""
+    (frame,) = frames
     width, height = frame.width, frame.height
-    record: dict[str, Any] = {"kp": {}, "lines": {}}
+    original = frame.original or {"kp": {}, "lines": {}}
+    keypoints, lines = dict(original["kp"]), dict(original["lines"])
     for shape in frame.shapes:
         number = keypoint_number(shape.label)
         confidence = shape.confidence or (1.0,) * len(shape.points_px)
         if number is not None:
             x, y = shape.points_px[0].tolist()
-            record["kp"][str(number)] = {"x": x / width, "y": y / height, "p": confidence[0]}
+            keypoints[str(number)] = {"x": x / width, "y": y / height, "p": confidence[0]}
         elif shape.label in LINE_CLASSES and shape.kind == "line" and len(shape.points_px) >= 2:
             (x1, y1), (x2, y2) = _ends(shape.points_px).tolist()
-            record["lines"][str(LINE_CLASSES.index(shape.label) + 1)] = {
+            lines[str(LINE_CLASSES.index(shape.label) + 1)] = {
                 "x_1": x1 / width, "y_1": y1 / height, "p_1": confidence[0],
                 "x_2": x2 / width, "y_2": y2 / height, "p_2": confidence[-1],
             }  # fmt: skip
-    return record
+    return json_bytes({"kp": keypoints, "lines": lines})
 
 
 def _ends(points: Array) -> Array:
@@ -247,3 +247,14 @@ def _ends(points: Array) -> Array:
     axis = int(np.argmax(np.ptp(points, axis=0)))
     first, last = int(np.argmin(points[:, axis])), int(np.argmax(points[:, axis]))
     return points[sorted((first, last))] if first != last else points[[0, -1]]
+
+
+FORMAT = AnnotationFormat(
+    name="pnlcalib",
+    recognises=lambda content: isinstance(content.mapping.get("kp"), dict),
+    read=read,
+    write=write,
+    derive=derive,
+    file_name="{id}.json",
+    sigma_px=2.5,
+)

@@ -40,7 +40,7 @@ class Shape:
     points_px: Array
     confidence: tuple[float, ...] | None = None
 
-    def sampled(self) -> Array:
+    def sample(self) -> Array:
         """Points (N, 2) on the shape: its own, or samples of the ellipse."""
         if self.kind != "ellipse":
             return self.points_px
@@ -77,8 +77,8 @@ class AnnotatedFrame:
     warnings: tuple[str, ...] = ()
     original: Mapping[str, Any] | None = None
 
-    def resized(self, width: int, height: int) -> AnnotatedFrame:
-        """The same on a picture of another size; the corners of the picture stay its corners."""
+    def resize(self, width: int, height: int) -> AnnotatedFrame:
+        """The frame on a picture of another size; the corners of the picture stay its corners."""
         if (width, height) == (self.width, self.height):
             return self
         factor = np.array([width / self.width, height / self.height])

@@ -8,7 +8,6 @@ known here and not written. A refused frame has no line.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,9 +17,9 @@ import numpy as np
 from pydantic import BeforeValidator, Field
 
 from circlecal.errors import InputError
-from circlecal.formats.cameras import CameraFrame
-from circlecal.formats.checked import Bounded, Focal, Side, Size, checked, stem_of
-from circlecal.formats.soccernet import CameraKeys, camera_record
+from circlecal.formats.cameras import CameraFrame, Size
+from circlecal.formats.format import Bounded, CameraFormat, Content, Focal, Side, json_bytes, parse_content, stem_of
+from circlecal.formats.soccernet_camera import CameraKeys, camera_keys
 from circlecal.geometry.homography import scale_homography
 from circlecal.pictures.files import distinct_names
 
@@ -46,7 +45,7 @@ class _Sample(CameraKeys):
     image_height: Annotated[Side | None, BeforeValidator(_single)] = None
 
 
-def read_samples(path: Path, content: bytes, size: Size | None) -> list[CameraFrame]:
+def read(path: Path, content: bytes, size: Size | None) -> list[CameraFrame]:
     """Cameras of a file.
 
     Raises
@@ -58,7 +57,9 @@ def read_samples(path: Path, content: bytes, size: Size | None) -> list[CameraFr
         lines = content.decode("utf-8").splitlines()
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: is not UTF-8 text") from error
-    samples = [(number, checked(_Sample, path, text, number)) for number, text in enumerate(lines, 1) if text.strip()]
+    samples = [
+        (number, parse_content(_Sample, path, text, number)) for number, text in enumerate(lines, 1) if text.strip()
+    ]
     names = distinct_names([stem_of(sample.image_ids) for _, sample in samples])
     frames = []
     for name, (number, sample) in zip(names, samples, strict=True):
@@ -78,21 +79,36 @@ def _field_to_image(path: Path, number: int, sample: _Sample) -> np.ndarray[Any,
     return scale_homography(np.linalg.inv(matrix))
 
 
-def sample_line(frame: CameraFrame) -> str:
-    """One line of a file for a frame with a camera."""
-    camera = frame.camera
-    if camera is None:
-        raise ValueError("TVCalib's lines hold cameras")
+def write(frames: Sequence[CameraFrame], size: Size | None) -> bytes:
+    """Content of a file, one line per frame.
+
+    Raises
+    ------
+    InputError
+        No camera fits a homography.
+    """
+    return b"".join(_line(frame.resize(size)) for frame in frames)
+
+
+def _line(frame: CameraFrame) -> bytes:
+    camera = frame.require_camera()
     H = camera.homography if frame.H_image_field is None else frame.H_image_field
-    record = {
-        "image_ids": frame.image or f"{frame.id}.jpg",
-        **camera_record(camera),
-        "aov_radian": 2.0 * math.atan(camera.width / 2.0 / float(camera.focal_px[0])),
-        "homography": scale_homography(np.linalg.inv(H)).tolist(),
-    }
-    return json.dumps(record, allow_nan=False, ensure_ascii=False)
+    return json_bytes(
+        {
+            "image_ids": frame.image or f"{frame.id}.jpg",
+            **camera_keys(camera),
+            "aov_radian": 2.0 * math.atan(camera.width / 2.0 / float(camera.focal_px[0])),
+            "homography": scale_homography(np.linalg.inv(H)).tolist(),
+        }
+    )
 
 
-def samples_bytes(frames: Sequence[CameraFrame]) -> bytes:
-    """Content of a file."""
-    return "".join(sample_line(frame) + "\n" for frame in frames if frame.camera is not None).encode()
+def _recognise(content: Content) -> bool:
+    """An object with ``image_ids``, or several on a line each."""
+    if "image_ids" in content.mapping:
+        return True
+    first = Content(content.path, content.raw.partition(b"\n")[0])
+    return b'"image_ids"' in first.raw and isinstance(first.json, dict)
+
+
+FORMAT = CameraFormat(name="tvcalib", recognises=_recognise, read=read, write=write, file_name="per_sample_output.json")

@@ -15,14 +15,15 @@ file.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
 from circlecal.errors import InputError
-from circlecal.formats.cameras import CameraFrame
-from circlecal.formats.checked import Size
+from circlecal.formats.cameras import CameraFrame, Size
+from circlecal.formats.format import CameraFormat, Content
 from circlecal.geometry.homography import scale_homography
 from circlecal.geometry.projective import Array
 
@@ -30,6 +31,7 @@ Conversion = Literal["tvcalib", "pnlcalib"]
 PICTURE: Size = (1280, 720)
 SUFFIX = ".homographyMatrix"
 _LARGEST, _WORST_CONDITION = 1e9, 1e14
+_LONGEST_FILE = 4096
 _METRES_PER_YARD, _YARDS_PER_METRE = 0.9144, 1.09361
 
 
@@ -84,3 +86,28 @@ def matrix_bytes(H_image_field: Array, size: Size, conversion: Conversion = "tvc
     field_to_template = yards_from_metres(conversion)
     matrix = scale_homography(field_to_template @ np.linalg.inv(stretch @ H_image_field))
     return "".join(" ".join(repr(float(v)) for v in row) + "\n" for row in matrix).encode()
+
+
+def _read(path: Path, content: bytes, size: Size | None) -> list[CameraFrame]:
+    return [read_matrix(path, content)]
+
+
+def _write(frames: Sequence[CameraFrame], size: Size | None) -> bytes:
+    (frame,) = frames
+    H = frame.H_image_field if frame.H_image_field is not None else frame.require_camera().homography
+    return matrix_bytes(H, (frame.width, frame.height))
+
+
+def _recognise(content: Content) -> bool:
+    short = len(content.raw) < _LONGEST_FILE and content.head not in (b"{", b"[", b"<")
+    return short and len(content.raw.split()) == 9
+
+
+FORMAT = CameraFormat(
+    name="worldcup",
+    recognises=_recognise,
+    read=_read,
+    write=_write,
+    file_name=f"{{id}}{SUFFIX}",
+    holds="homography",
+)

@@ -9,9 +9,13 @@ import numpy as np
 import pytest
 
 from circlecal.field import load_field
-from circlecal.formats.soccernet import read_camera
+from circlecal.formats import soccernet_camera
 
 QUICK = ("--set", "camera.starts=1")
+
+
+def read_camera(path):
+    return soccernet_camera.read(path, path.read_bytes(), None)[0].camera
 
 
 def classes(camera, size=(960, 540)):
@@ -62,7 +66,7 @@ def test_an_annotation_becomes_a_camera(run_circlecal, annotation_file, side_cam
     assert sorted(p.name for p in out.iterdir()) == ["00042.json", "00042.pnlcalib.json", "camera_00042.json"]
     record = json.loads((out / "00042.json").read_text())
     assert record["source"]["path"] == str(annotation_file)
-    camera = read_camera(out / "camera_00042.json", (out / "camera_00042.json").read_bytes(), None)[1]
+    camera = read_camera(out / "camera_00042.json")
     points = [[0.0, 0.0], [9.15, 0.0], [0.0, 9.15]]
     assert np.abs(camera.project(points) - side_camera.project(points)).max() < 0.5
 
@@ -162,7 +166,7 @@ def test_every_format_from_a_picture(run_circlecal, frame_file, tmp_path):
         "broadtrack.json", "camera_good.json", "coco.json", "cvat.xml", "good.homographyMatrix", "good.json",
         "good.labelme.json", "good.pnlcalib.json", "labelstudio.json", "per_sample_output.json",
     ]  # fmt: skip
-    assert read_camera(out / "camera_good.json", (out / "camera_good.json").read_bytes(), None)[1].width == 1920
+    assert read_camera(out / "camera_good.json").width == 1920
     assert "good.png" in (out / "coco.json").read_text()
 
 

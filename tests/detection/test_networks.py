@@ -14,7 +14,7 @@ from circlecal.detection.keypoints import KeypointsConfig, find_peaks
 from circlecal.detection.networks import NetworkInput, SegmentationNetwork, segment
 from circlecal.errors import ConfigError, MissingExtraError
 from circlecal.field import load_field
-from circlecal.formats.network_keypoints import network_keypoints
+from circlecal.formats.inputs import observe_network
 from circlecal.formats.pnlcalib import WRONG_RIGHT_END, keypoint_table, tangency_points
 from circlecal.geometry.camera import Camera
 
@@ -175,7 +175,7 @@ def _keypoint_model(path: Path, camera: Camera, moved: dict[int, float]) -> str:
 def test_keypoints_of_a_network_mean_what_they_mean_in_files(tmp_path: Path, frame_camera: Camera) -> None:
     model = _keypoint_model(tmp_path / "kp.onnx", frame_camera, {})
     network = KeypointsConfig(source="onnx", model=model)
-    observations = network_keypoints(_picture((960, 540)), network, load_field("soccer"), SourcesConfig())
+    observations = observe_network(_picture((960, 540)), network, load_field("soccer"), SourcesConfig())
     assert observations is not None
     by_name = {k.name: k for k in observations.keypoints}
     assert by_name["kp_52"].field_m == pytest.approx([9.15 * WRONG_RIGHT_END - 0.055, 0], abs=0.06)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from circlecal.field import FieldTemplate, load_field
-from circlecal.formats.calibrated import CalibratedFrame
+from circlecal.formats.cameras import CalibratedFrame
 from circlecal.formats.shapes import AnnotatedFrame, Shape
 from circlecal.geometry.camera import Camera
 

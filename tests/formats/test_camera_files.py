@@ -9,9 +9,9 @@ import pytest
 
 from circlecal.errors import InputError
 from circlecal.formats import broadtrack, tvcalib, worldcup
-from circlecal.formats.calibrated import centred_camera
-from circlecal.formats.cameras import CameraFrame
-from circlecal.formats.soccernet import camera_record, json_bytes
+from circlecal.formats.cameras import CameraFrame, center_camera
+from circlecal.formats.format import json_bytes
+from circlecal.formats.soccernet_camera import camera_keys
 
 POINTS = np.array([[0.0, 0.0], [9.0, 3.0], [-9.0, -3.0], [3.0, 8.0]])
 FILE = Path("00007.json")
@@ -23,31 +23,31 @@ def centred(frame_camera):
 
 
 def test_broadtrack_round_trip(centred):
-    content = json_bytes(broadtrack.sequence_record([CameraFrame("000001", 960, 540, centred, image="/a/000001.jpg")]))
-    (again,) = broadtrack.read_sequence(FILE, content)
+    content = broadtrack.write([CameraFrame("000001", 960, 540, centred, image="/a/000001.jpg")], None)
+    (again,) = broadtrack.read(FILE, content, None)
     assert (again.id, again.image, again.width) == ("000001", "/a/000001.jpg", 960)
     assert np.abs(again.camera.project(POINTS) - centred.project(POINTS)).max() < 1e-9
 
 
 def test_broadtrack_has_the_field_of_view_and_distortion_per_height(centred):
-    entry = broadtrack.sequence_record([CameraFrame("a", 960, 540, centred)])["/a.jpg"]["cp"]
+    entry = json.loads(broadtrack.write([CameraFrame("a", 960, 540, centred)], None))["/a.jpg"]["cp"]
     focal = centred.focal_px[0]
     assert np.tan(np.radians(entry["horizontalFieldOfViewDegrees"] / 2)) == pytest.approx(480 / focal)
-    k1 = camera_record(centred)["radial_distortion"][0]
+    k1 = camera_keys(centred)["radial_distortion"][0]
     assert entry["normalizedRadialDistortionCoefficients"][0] == pytest.approx(k1 * (540 / focal) ** 2)
 
 
 def test_a_third_coefficient_is_an_error(centred):
-    record = broadtrack.sequence_record([CameraFrame("a", 960, 540, centred)])
+    record = json.loads(broadtrack.write([CameraFrame("a", 960, 540, centred)], None))
     record["/a.jpg"]["cp"]["normalizedRadialDistortionCoefficients"][2] = 0.1
     with pytest.raises(InputError, match="third"):
-        broadtrack.read_sequence(FILE, json_bytes(record))
+        broadtrack.read(FILE, json_bytes(record), None)
 
 
-def test_the_nearest_centred_camera(centred, soccer):
-    assert centred_camera(centred, soccer) is centred
+def test_the_nearest_center_camera(centred, soccer):
+    assert center_camera(centred, soccer) is centred
     shifted = replace(centred, principal_point_px=centred.principal_point_px + np.array([8.0, -5.0]))
-    near = centred_camera(shifted, soccer)
+    near = center_camera(shifted, soccer)
     assert near.principal_point_px == pytest.approx(centred.principal_point_px)
     assert np.abs(near.project(POINTS) - shifted.project(POINTS)).max() < 0.5
 
@@ -55,27 +55,27 @@ def test_the_nearest_centred_camera(centred, soccer):
 def test_tvcalib_round_trip(frame_camera):
     camera = replace(frame_camera, kappa=np.array([0.02, 0.01]), principal_point_px=np.array([470.0, 280.0]))
     frames = [CameraFrame("a", 960, 540, camera, image="a.jpg"), CameraFrame("b", 960, 540, camera)]
-    again = tvcalib.read_samples(FILE, tvcalib.samples_bytes(frames), None)
+    again = tvcalib.read(FILE, tvcalib.write(frames, None), None)
     assert [(f.id, f.image, f.width) for f in again] == [("a", "a.jpg", 960), ("b", "b.jpg", 960)]
     assert np.abs(again[0].camera.project(POINTS) - camera.project(POINTS)).max() < 1e-9
     assert np.allclose(again[0].H_image_field, camera.homography)
 
 
 def test_tvcalib_homography_goes_from_the_picture_to_metres(frame_camera):
-    record = json.loads(tvcalib.sample_line(CameraFrame("a", 960, 540, frame_camera)))
+    record = json.loads(tvcalib.write([CameraFrame("a", 960, 540, frame_camera)], None))
     x, y, w = np.array(record["homography"]) @ [*frame_camera.project([[9.0, 3.0]])[0], 1.0]
     assert (x / w, y / w) == pytest.approx((9.0, 3.0))
     assert record["aov_radian"] == pytest.approx(2 * np.arctan(480 / frame_camera.focal_px[0]))
 
 
 def test_tvcalib_lists_of_one_and_bad_lines(frame_camera):
-    record = json.loads(tvcalib.sample_line(CameraFrame("a", 960, 540, frame_camera)))
+    record = json.loads(tvcalib.write([CameraFrame("a", 960, 540, frame_camera)], None))
     listed = {key: [value] if isinstance(value, float | str) else value for key, value in record.items()}
-    (again,) = tvcalib.read_samples(FILE, json.dumps(listed).encode(), None)
+    (again,) = tvcalib.read(FILE, json.dumps(listed).encode(), None)
     assert again.id == "a"
     content = (json.dumps(record) + "\n\n" + json.dumps({**record, "x_focal_length": "2300"})).encode()
     with pytest.raises(InputError, match="line 3: x_focal_length"):
-        tvcalib.read_samples(FILE, content, None)
+        tvcalib.read(FILE, content, None)
 
 
 @pytest.mark.parametrize("conversion", ["tvcalib", "pnlcalib"])

@@ -7,7 +7,8 @@ import pytest
 
 from circlecal.config import load_config
 from circlecal.errors import InputError
-from circlecal.formats.exchange import annotation_files, read_annotations, read_observations
+from circlecal.formats.meaning import read_observations
+from circlecal.formats.registry import annotation_formats, read_annotations
 from circlecal.formats.shapes import AnnotatedFrame, Shape
 from circlecal.pipeline import field_of, run_observations
 from circlecal.records.record import result_line, result_record
@@ -38,8 +39,7 @@ def box() -> AnnotatedFrame:
 
 def content_of(name, folder):
     if name != "gamestate":
-        (content,) = annotation_files([box()], name, folder).values()
-        return json.loads(content)
+        return json.loads(annotation_formats()[name].write([box()]))
     lines = {
         shape.label: [{"x": x / (SIZE[0] - 1), "y": y / (SIZE[1] - 1)} for x, y in shape.points_px.tolist()]
         for shape in box().shapes

@@ -6,11 +6,34 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from circlecal.config import SourcesConfig
 from circlecal.errors import InputError
-from circlecal.formats import broadtrack, coco, cvat, labelme, labelstudio, pnlcalib, soccernet, tvcalib, worldcup
+from circlecal.formats import (
+    broadtrack,
+    coco,
+    cvat,
+    labelme,
+    labelstudio,
+    pnlcalib,
+    soccernet,
+    soccernet_camera,
+    tvcalib,
+    worldcup,
+)
 from circlecal.formats.cameras import CameraFrame
-from circlecal.formats.exchange import convert, format_of, read_annotations, read_cameras, read_observations
+from circlecal.formats.exports import convert
+from circlecal.formats.format import json_bytes
+from circlecal.formats.meaning import SourcesConfig, read_observations
+from circlecal.formats.registry import open_file, read_annotations
+
+
+def format_of(path, name=None):
+    found, _ = open_file(path, name)
+    return found.name, found.kind
+
+
+def read_cameras(path, size=None, name=None):
+    found, content = open_file(path, name)
+    return found.read(path, content.raw, size)
 
 
 @pytest.fixture
@@ -18,15 +41,15 @@ def files(seen, frame_camera, tmp_path):
     camera = CameraFrame("view", 960, 540, frame_camera)
     kp = {"kp": {"51": {"x": 0.5, "y": 0.4, "p": 0.7}}, "lines": {}}
     contents = {
-        "soccernet": soccernet.json_bytes(soccernet.annotation_record(seen)),
-        "pnlcalib": soccernet.json_bytes(kp),
-        "coco": soccernet.json_bytes(coco.dataset_record([seen])),
-        "cvat": cvat.annotations_xml([seen]),
-        "labelstudio": soccernet.json_bytes(labelstudio.tasks_record([seen])),
-        "labelme": soccernet.json_bytes(labelme.file_record(seen)),
-        "camera_soccernet": soccernet.json_bytes(soccernet.camera_record(frame_camera)),
-        "broadtrack": soccernet.json_bytes(broadtrack.sequence_record([camera])),
-        "tvcalib": tvcalib.samples_bytes([camera, camera]),
+        "soccernet": soccernet.write([seen]),
+        "pnlcalib": json_bytes(kp),
+        "coco": coco.write([seen]),
+        "cvat": cvat.write([seen]),
+        "labelstudio": labelstudio.write([seen]),
+        "labelme": labelme.write([seen]),
+        "camera_soccernet": soccernet_camera.write([camera], None),
+        "broadtrack": broadtrack.write([camera], None),
+        "tvcalib": tvcalib.write([camera, camera], None),
         "worldcup": worldcup.matrix_bytes(frame_camera.homography, (1280, 720)),
     }
     paths = {}
@@ -41,13 +64,13 @@ def test_every_format_is_recognised_by_its_content(files):
     for name, path in files.items():
         camera = name in ("camera_soccernet", "broadtrack", "tvcalib", "worldcup")
         expected = name.removeprefix("camera_"), "camera" if camera else "annotation"
-        assert format_of(path)[:2] == expected
+        assert format_of(path) == expected
     pretty = files["tvcalib"].with_name("one.json")
     pretty.write_text(json.dumps(json.loads(files["tvcalib"].read_bytes().splitlines()[0]), indent=2))
     assert format_of(pretty)[0] == "tvcalib"
     named = files["soccernet"].rename(files["soccernet"].with_name("extremities_1.json"))
     assert format_of(named)[0] == "extremities"
-    assert format_of(named, "soccernet")[:2] == ("soccernet", "annotation")
+    assert format_of(named, "soccernet") == ("soccernet", "annotation")
     assert format_of(files["camera_soccernet"], "soccernet")[1] == "camera"
 
 
@@ -150,7 +173,7 @@ def test_cameras_become_each_other(files, frame_camera, soccer, tmp_path, source
 def test_several_files_become_one(files, soccer, tmp_path):
     out = convert([files["labelme"], files["coco"]], None, "cvat", tmp_path / "out", soccer)
     assert [path.name for path in out] == ["cvat.xml"]
-    frames = cvat.read_annotations(out[0], out[0].read_bytes(), None)
+    frames = cvat.read(out[0], out[0].read_bytes(), None)
     assert [(frame.id, frame.image) for frame in frames] == [("view", "view.jpg"), ("view-2", "view.jpg")]
 
 
@@ -172,5 +195,5 @@ def test_a_source_is_never_written_over(files, soccer):
 def test_keypoint_files_keep_what_was_not_ours(files):
     frame = read_annotations(files["pnlcalib"], (960, 540))[1][0]
     assert frame.original == {"kp": {"51": {"x": 0.5, "y": 0.4, "p": 0.7}}, "lines": {}}
-    assert pnlcalib.prediction_record(frame)["kp"]["51"]["p"] == 0.7
+    assert json.loads(pnlcalib.write([frame]))["kp"]["51"]["p"] == 0.7
     assert Path(files["pnlcalib"]).name.startswith(frame.id)

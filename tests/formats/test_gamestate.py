@@ -5,9 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from circlecal.config import SourcesConfig
 from circlecal.errors import InputError
-from circlecal.formats.exchange import TARGETS, convert, read_annotations, read_observations
+from circlecal.formats.exports import convert
+from circlecal.formats.meaning import SourcesConfig, read_observations
+from circlecal.formats.registry import calibration_formats, read_annotations
 
 
 def labels(*lines, images=({"image_id": "3001", "file_name": "000001.jpg", "width": 1920, "height": 1080},)):
@@ -33,8 +34,8 @@ def test_frames_with_and_without_lines(tmp_path, soccer):
     images = [{"image_id": "3001", "file_name": "000001.jpg", "width": 1920, "height": 1080},
               {"image_id": "3002", "file_name": "000002.jpg", "width": 1920, "height": 1080}]  # fmt: skip
     content = labels({"Circle central": points * 4, "Goal left post left": points, "Side line top": []}, images=images)
-    name, frames = read_annotations(written(tmp_path, content))
-    assert name == "gamestate"
+    found, frames = read_annotations(written(tmp_path, content))
+    assert found.name == "gamestate"
     assert [frame.id for frame in frames] == ["000001", "000002"]
     assert [shape.label for shape in frames[0].shapes] == ["Circle central", "Goal left post left"]
     np.testing.assert_allclose(frames[0].shapes[0].points_px[1], [0.75 * 1919, 1079.0])
@@ -54,7 +55,7 @@ def test_it_becomes_other_annotations_but_is_not_written(tmp_path, soccer):
     path = written(tmp_path, labels({"Side line top": [{"x": 0.5, "y": 0.25}, {"x": 0.75, "y": 0.5}]}))
     (made,) = convert([path], None, "soccernet", tmp_path / "out", soccer)
     assert json.loads(made.read_text())["Side line top"][0]["x"] == pytest.approx(0.5)
-    assert "gamestate" not in TARGETS
+    assert "gamestate" not in calibration_formats()
     with pytest.raises(InputError, match="no way from"):
         convert([made], None, "gamestate", tmp_path / "out", soccer)
 

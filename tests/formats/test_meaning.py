@@ -1,12 +1,16 @@
-"""Labels as circles, lines, marks and keypoints of the field."""
+"""Labels as circles, lines, marks and keypoints of the field; ends of the halfway line inside the picture."""
+
+import json
 
 import numpy as np
 import pytest
 
-from circlecal.config import SourcesConfig
+from circlecal.config import load_config
 from circlecal.field import load_field
-from circlecal.formats.meaning import observe
+from circlecal.formats.cameras import derive_shapes
+from circlecal.formats.meaning import SourcesConfig, add_halfway_ends, observe, read_observations
 from circlecal.formats.shapes import AnnotatedFrame, Shape
+from circlecal.observations import LinePoints, Observations
 
 
 def shape(label, *points, kind="points", confidence=None):
@@ -88,7 +92,7 @@ def test_meets_of_lines(soccer):
 
 
 def test_tangents_that_were_derived_are_no_observation(calibrated, soccer):
-    found = observe(calibrated.annotated(), soccer, SourcesConfig(), "labelme", "f")
+    found = observe(derive_shapes(calibrated), soccer, SourcesConfig(), "labelme", "f")
     assert not found.warnings
     assert not found.observations.lines
     assert len(found.observations.keypoints) == 8
@@ -115,11 +119,40 @@ def test_detected_lines_below_the_least_confidence_are_left_out():
 
 
 def test_a_picture_of_another_size(seen):
-    large = seen.resized(1920, 1080)
+    large = seen.resize(1920, 1080)
     assert large.shapes[2].points_px == pytest.approx((seen.shapes[2].points_px + 0.5) * 2 - 0.5)
-    assert seen.resized(960, 540) is seen
+    assert seen.resize(960, 540) is seen
 
 
 def test_other_fields_have_other_names():
     found = read(shape("Circle central", (1, 2), (3, 4)), template=load_field("basketball"))
     assert len(found.warnings) + len(found.observations.circles) == 1
+
+
+def halfway(*points):
+    line = LinePoints("halfway_line", np.array(points, dtype=float), np.full(len(points), 1.5))
+    return Observations(1920, 1080, lines=(line,))
+
+
+def test_an_end_inside_is_a_corner_of_the_touchline():
+    found = add_halfway_ends(halfway([900, 1079], [910, 300], [905, 700]), load_field("soccer"))
+    (end,) = found.keypoints
+    assert end.field_m == pytest.approx([0, -34])
+    assert end.point_px == pytest.approx([910, 300])
+    assert end.sigma_px == pytest.approx(3.0)
+
+
+def test_both_ends_or_none():
+    both = add_halfway_ends(halfway([900, 900], [910, 300]), load_field("soccer"))
+    assert [k.field_m[1] for k in both.keypoints] == [-34, 34]
+    assert not add_halfway_ends(halfway([900, 1075], [910, 3]), load_field("soccer")).keypoints
+    assert not add_halfway_ends(Observations(1920, 1080), load_field("soccer")).keypoints
+
+
+def test_only_where_asked_for(tmp_path):
+    path = tmp_path / "a.json"
+    path.write_text(json.dumps({"Middle line": [{"x": 0.5, "y": 0.3}, {"x": 0.5, "y": 0.9999}]}))
+    for name, count in (("annotations", 1), (None, 0)):
+        config = load_config(name, [])
+        (frame,) = read_observations(path, load_field("soccer"), config.sources, (1920, 1080))
+        assert len(frame.observations.keypoints) == count

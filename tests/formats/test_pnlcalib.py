@@ -1,25 +1,25 @@
 """PnLCalib's keypoints: where they are, the traps, and our own virtual ones in their place."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from circlecal.config import SourcesConfig
 from circlecal.errors import InputError
 from circlecal.field import load_field
-from circlecal.formats.meaning import observe
+from circlecal.formats.format import json_bytes
+from circlecal.formats.meaning import SourcesConfig, observe
 from circlecal.formats.pnlcalib import (
     GOAL_TOPS,
     VIRTUAL_CIRCLE_POINTS,
+    derive,
     keypoint_table,
-    keypoints_record,
-    prediction_record,
-    read_prediction,
+    read,
     tangency_points,
+    write,
 )
-from circlecal.formats.soccernet import json_bytes
 
 FILE = Path("101.json")
 
@@ -29,6 +29,15 @@ def prediction(keypoints, lines=None):
     keys = ("x_1", "y_1", "p_1", "x_2", "y_2", "p_2")
     held = {str(n): dict(zip(keys, value, strict=True)) for n, value in (lines or {}).items()}
     return json_bytes({"kp": points, "lines": held})
+
+
+def read_prediction(path, content, size):
+    (frame,) = read(path, content, size)
+    return frame
+
+
+def keypoints_record(frame, original=None):
+    return json.loads(write([derive(frame, original)]))
 
 
 def observed(content, soccer, sources=SourcesConfig()):
@@ -89,7 +98,7 @@ def test_what_was_computed_from_the_lines_is_left_out(soccer):
 
 
 def test_sigma_grows_with_the_picture_and_with_doubt(soccer):
-    sources = SourcesConfig(pnlcalib_sigma_px=4.0)
+    sources = SourcesConfig(sigma_px={"pnlcalib": 4.0})
     sure, unsure = observed(
         prediction({29: (0.5, 0.5, 1.0), 30: (0.5, 0.5, 0.25)}), soccer, sources
     ).observations.keypoints
@@ -166,6 +175,6 @@ def test_on_the_middle_of_the_paint(calibrated, frame_camera):
 def test_predictions_come_back_exactly(close):
     content = prediction({51: (0.503, 0.412, 0.71), 1: (0.1, 0.2, 0.3)}, {13: (0.51, 0.02, 0.84, 0.49, 0.98, 0.77)})
     frame = read_prediction(FILE, content, (1919, 1077))
-    again = read_prediction(FILE, json_bytes(prediction_record(frame)), (1919, 1077))
+    again = read_prediction(FILE, write([frame]), (1919, 1077))
     close(frame, again)
     assert [s.confidence for s in again.shapes] == [s.confidence for s in frame.shapes]

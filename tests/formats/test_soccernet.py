@@ -8,15 +8,10 @@ import numpy as np
 import pytest
 
 from circlecal.errors import InputError
+from circlecal.formats import extremities, soccernet, soccernet_camera
+from circlecal.formats.cameras import CameraFrame, resize_camera
+from circlecal.formats.format import json_bytes
 from circlecal.formats.shapes import AnnotatedFrame, Shape
-from circlecal.formats.soccernet import (
-    annotation_record,
-    camera_at_size,
-    camera_record,
-    json_bytes,
-    read_annotation,
-    read_camera,
-)
 
 MANDATORY = """
     pan_degrees tilt_degrees roll_degrees position_meters x_focal_length y_focal_length principal_point
@@ -30,49 +25,54 @@ def annotation(**classes):
 
 
 def test_zero_and_one_are_the_centres_of_the_outermost_pixels():
-    frame = read_annotation(FILE, annotation(a=[(0, 0), (1, 1)]), (1920, 1080))
+    (frame,) = soccernet.read(FILE, annotation(a=[(0, 0), (1, 1)]), (1920, 1080))
     assert frame.shapes[0].points_px.tolist() == [[0, 0], [1919, 1079]]
     assert frame.id == "00001"
 
 
 def test_extremities_are_divided_by_the_whole_size():
-    frame = read_annotation(
-        Path("extremities_7.json"), annotation(a=[(0.5, 0.5), (1, 1)]), (1920, 1080), extremities=True
-    )
+    content = annotation(a=[(0.5, 0.5), (1, 1)])
+    (frame,) = extremities.read(Path("extremities_7.json"), content, (1920, 1080))
     assert frame.shapes[0].points_px.tolist() == [[960, 540], [1920, 1080]]
     assert frame.id == "7"
 
 
 def test_points_outside_the_picture_are_kept():
-    frame = read_annotation(FILE, annotation(a=[(1.0000078, -0.01), (0.5, 0.5)]), (1921, 1081))
+    (frame,) = soccernet.read(FILE, annotation(a=[(1.0000078, -0.01), (0.5, 0.5)]), (1921, 1081))
     assert frame.shapes[0].points_px[0] == pytest.approx([1920.015, -10.8], abs=1e-3)
 
 
 def test_empty_classes_and_the_trailing_blank():
-    frame = read_annotation(
-        FILE, annotation(**{"Middle line": [], "Goal left post left ": [(0, 0), (1, 1)]}), (100, 100)
-    )
+    content = annotation(**{"Middle line": [], "Goal left post left ": [(0, 0), (1, 1)]})
+    (frame,) = soccernet.read(FILE, content, (100, 100))
     assert [shape.label for shape in frame.shapes] == ["Goal left post left"]
-    assert list(annotation_record(frame)) == ["Goal left post left "]
-    assert list(annotation_record(frame, trailing_blank=False)) == ["Goal left post left"]
+    assert list(json.loads(soccernet.write([frame]))) == ["Goal left post left "]
 
 
-@pytest.mark.parametrize("extremities", [False, True])
-def test_annotations_come_back_exactly(seen, close, extremities):
-    content = json_bytes(annotation_record(seen, extremities=extremities))
-    again = read_annotation(FILE, content, (960, 540), extremities=extremities)
+@pytest.mark.parametrize("module", [soccernet, extremities])
+def test_annotations_come_back_exactly(seen, close, module):
+    (again,) = module.read(FILE, module.write([seen]), (960, 540))
     close(again, replace(seen, shapes=tuple(replace(s, kind="line") for s in seen.shapes)))
 
 
 def test_shapes_of_one_label_are_put_together():
     shapes = tuple(Shape("Middle line", "points", np.array([[x, 2.0]])) for x in (0.0, 10.0))
-    record = annotation_record(AnnotatedFrame("a", 11, 11, shapes))
+    record = json.loads(soccernet.write([AnnotatedFrame("a", 11, 11, shapes)]))
     assert record == {"Middle line": [{"x": 0.0, "y": 0.2}, {"x": 1.0, "y": 0.2}]}
 
 
 def test_the_size_is_asked_for():
     with pytest.raises(InputError, match="--size WIDTHxHEIGHT"):
-        read_annotation(FILE, annotation(a=[(0, 0), (1, 1)]), None)
+        soccernet.read(FILE, annotation(a=[(0, 0), (1, 1)]), None)
+
+
+def camera_record(camera):
+    return json.loads(soccernet_camera.write([CameraFrame("a", camera.width, camera.height, camera)], None))
+
+
+def read_camera(path, content, size):
+    (frame,) = soccernet_camera.read(path, content, size)
+    return frame.id, frame.camera
 
 
 @pytest.fixture
@@ -101,10 +101,10 @@ def test_cameras_come_back_exactly(lens_camera):
 
 def test_another_size_moves_pixels_as_the_annotation_does(lens_camera):
     points = [[0.0, 0.0], [9.0, 3.0], [-12.0, -8.0]]
-    large = camera_at_size(lens_camera, (1920, 1080))
+    large = resize_camera(lens_camera, (1920, 1080))
     expected = lens_camera.project(points) * [1919 / 959, 1079 / 539]
     assert np.abs(large.project(points) - expected).max() < 1e-9
-    assert camera_record(large, (960, 540))["principal_point"] == pytest.approx([481.25, 266.5])
+    assert camera_record(resize_camera(large, (960, 540)))["principal_point"] == pytest.approx([481.25, 266.5])
 
 
 @pytest.mark.parametrize("center", [(480.0, 270.0), (479.5, 269.5)])

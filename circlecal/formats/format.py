@@ -1,0 +1,240 @@
+"""What an outside format is: how its files are recognised, read and written.
+
+Each format has one file in this folder, which ends with ``FORMAT``, and one word in
+:data:`circlecal.formats.registry.MODULES`. Whatever is wrong with a file is one line that names the file and the field.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from circlecal.errors import InputError
+from circlecal.formats.cameras import CalibratedFrame, CameraFrame, CameraModel, Size
+from circlecal.formats.shapes import AnnotatedFrame
+
+Kind = Literal["annotation", "camera", "result"]
+MAX_BYTES = 256 * 1024 * 1024
+MAX_POINTS = 10_000
+"""More points in one shape than anybody clicks or detects; the limit keeps a broken file from filling the memory."""
+MAX_SHAPES = 2_000
+"""More shapes in one frame than anybody draws, for the same reason."""
+MAX_SIDE = 65_535
+_NOT_IN_NAMES = frozenset('<>:"|?*')
+_LONGEST_NAME = 150
+
+Model = TypeVar("Model", bound=BaseModel)
+Bounded = Annotated[float, Field(ge=-1e6, le=1e6)]
+"""An angle in degrees, a position in metres, a pixel, a coefficient: more is damage."""
+Focal = Annotated[float, Field(gt=0, le=1e7)]
+Side = Annotated[int, Field(gt=1, le=MAX_SIDE)]
+
+
+class FileModel(BaseModel):
+    """Base of the models that describe outside files: further keys are ignored, text is never a number."""
+
+    model_config = ConfigDict(extra="ignore", strict=True, allow_inf_nan=False, frozen=True)
+
+
+@dataclass(frozen=True)
+class Content:
+    """Path and bytes of a file, and what they look like before its format is known."""
+
+    path: Path
+    raw: bytes
+
+    @classmethod
+    def of(cls, path: Path) -> Content:
+        """Read a file.
+
+        Raises
+        ------
+        InputError
+            Missing, unreadable, empty, or far larger than any annotation.
+        """
+        try:
+            if path.stat().st_size > MAX_BYTES:
+                raise InputError(f"{path}: is larger than {MAX_BYTES >> 20} MB; split it")
+            raw = path.read_bytes()
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+        if not raw.strip():
+            raise InputError(f"{path}: is empty; export it again")
+        return cls(path, raw)
+
+    @cached_property
+    def head(self) -> bytes:
+        """The first byte that is neither a blank nor a byte order mark."""
+        return self.raw.lstrip(b"\xef\xbb\xbf \t\r\n")[:1]
+
+    @cached_property
+    def json(self) -> Any:
+        """The JSON value, or the error of one that is broken; None where the content does not start as one."""
+        if self.head not in (b"{", b"["):
+            return None
+        try:
+            return json.loads(self.raw)
+        except RecursionError:
+            return InputError(f"{self.path}: is nested too deeply to be an annotation")
+        except ValueError as error:
+            return InputError(f"{self.path}: is not JSON: {' '.join(str(error).split())}")
+
+    @property
+    def mapping(self) -> Mapping[str, Any]:
+        """The JSON object; an empty one where the content is something else."""
+        return self.json if isinstance(self.json, dict) else {}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Format:
+    """What every format has.
+
+    Attributes
+    ----------
+    name : str
+        As the user names it; an annotation and a camera of one program share it.
+    recognises : callable
+        Whether a file is of the format, by its content.
+    """
+
+    name: str
+    recognises: Callable[[Content], bool]
+    kind: ClassVar[Kind] = "result"
+
+
+@dataclass(frozen=True, kw_only=True)
+class OutsideFormat(Format):
+    """What the formats of other programs have.
+
+    Attributes
+    ----------
+    file_name : str
+        Name of a written file; with ``{id}`` there is one per frame, else one file holds all frames.
+    """
+
+    file_name: str
+
+    @property
+    def per_frame(self) -> bool:
+        """Whether each frame is a file of its own."""
+        return "{id}" in self.file_name
+
+
+@dataclass(frozen=True, kw_only=True)
+class AnnotationFormat(OutsideFormat):
+    """Labelled shapes in pictures.
+
+    Attributes
+    ----------
+    read : callable
+        Frames of a file (path, content, size of the picture where the file has none).
+    write : callable or None
+        Content of a file; None where the format is only read.
+    derive : callable or None
+        A calibrated frame as the format's shapes, given the content that was read where the reader keeps it; None where
+        no calibration is written so.
+    sigma_px : float
+        Standard deviation of a point, pixels at 1920 px width, where the configuration has no other.
+    marks_line_ends : bool
+        Whether people mark where straight lines end.
+    """
+
+    read: Callable[[Path, bytes, Size | None], list[AnnotatedFrame]]
+    write: Callable[[Sequence[AnnotatedFrame]], bytes] | None = None
+    derive: Callable[[CalibratedFrame, Mapping[str, Any] | None], AnnotatedFrame] | None = None
+    sigma_px: float = 1.5
+    marks_line_ends: bool = False
+    kind: ClassVar[Kind] = "annotation"
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraFormat(OutsideFormat):
+    """Cameras, or homographies alone.
+
+    Attributes
+    ----------
+    read : callable
+        Frames of a file (path, content, size of the pictures where the file has none).
+    write : callable
+        Content of a file, and the size of the pictures in which its pixels count (each frame's own when None).
+    holds : {"camera", "centred camera", "homography"}
+        The most that the format can say.
+    """
+
+    read: Callable[[Path, bytes, Size | None], list[CameraFrame]]
+    write: Callable[[Sequence[CameraFrame], Size | None], bytes]
+    holds: CameraModel = "camera"
+    kind: ClassVar[Kind] = "camera"
+
+
+def parse_content(model: type[Model], path: Path, content: bytes | str, line: int | None = None) -> Model:
+    """The content of a JSON file, or of one line of it, as a model.
+
+    Raises
+    ------
+    InputError
+        One line with the file, the line, the field and what is wrong with it.
+    """
+    try:
+        return model.model_validate_json(content)
+    except ValidationError as error:
+        raise _first_problem(error, path, line) from error
+
+
+def parse_value(model: type[Model], path: Path, value: Any, prefix: str = "") -> Model:
+    """A part of a JSON file that is parsed already as a model; ``prefix`` names where it stands.
+
+    Raises
+    ------
+    InputError
+        One line with the file, the field and what is wrong with it.
+    """
+    try:
+        return model.model_validate(value)
+    except ValidationError as error:
+        raise _first_problem(error, path, None, prefix) from error
+
+
+def _first_problem(error: ValidationError, path: Path, line: int | None, prefix: str = "") -> InputError:
+    first = error.errors(include_url=False, include_context=False)[0]
+    field = ".".join(str(part) for part in (prefix, *first["loc"]) if part not in ("", "root"))
+    where = "".join(
+        f"{separator}{part}" for separator, part in ((", line ", line), (": ", field)) if part not in (None, "")
+    )
+    message = first["msg"].removeprefix("Value error, ")
+    given = first["input"]
+    shown = f", not {json.dumps(given)[:60]}" if isinstance(given, str | int | float) and first["loc"] else ""
+    return InputError(f"{path}{where}: {message}{shown}")
+
+
+def require_size(path: Path, *known: Size | tuple[int | None, int | None] | None) -> Size:
+    """The first size of the picture that is known.
+
+    Raises
+    ------
+    InputError
+        None is.
+    """
+    for size in known:
+        if size is not None and size[0] and size[1]:
+            return size[0], size[1]
+    raise InputError(f"{path}: does not say how large the picture is; give --size WIDTHxHEIGHT")
+
+
+def stem_of(name: str) -> str:
+    """Name of a picture without folders and suffix, whichever system wrote it, fit to be that of a file."""
+    base = name.replace("\\", "/").rstrip("/").rpartition("/")[2]
+    stem, dot, _ = base.rpartition(".")
+    chosen = stem if dot and stem else base
+    return "".join(c if c.isprintable() and c not in _NOT_IN_NAMES else "_" for c in chosen)[:_LONGEST_NAME].strip(". ")
+
+
+def json_bytes(record: Mapping[str, Any] | list[Any]) -> bytes:
+    """JSON text of a file; numbers keep all their digits."""
+    return (json.dumps(record, allow_nan=False, ensure_ascii=False) + "\n").encode()

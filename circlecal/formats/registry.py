@@ -1,0 +1,141 @@
+"""Which outside formats there are, and reading any of them by its name or by what a file looks like."""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from circlecal.errors import InputError
+from circlecal.formats.cameras import Size
+from circlecal.formats.format import MAX_SHAPES, AnnotationFormat, CameraFormat, Content, Format
+from circlecal.formats.shapes import AnnotatedFrame
+from circlecal.pictures.files import PICTURE_SUFFIXES, picture_header
+
+MODULES = (
+    *("tvcalib", "soccernet_camera", "gamestate", "coco", "labelme", "pnlcalib", "broadtrack"),
+    *("labelstudio", "cvat", "worldcup", "extremities", "soccernet"),
+)
+"""The files of this folder that end with ``FORMAT``, in the order in which they are asked whether a file is theirs:
+any object of lists may be SoccerNet's, so its line annotation is the last."""
+RESULT = Format(name="circlecal", recognises=lambda c: c.mapping.keys() >= {"schema_version", "status", "image"})
+"""A result file of circlecal itself, which becomes cameras."""
+_HEADER_BYTES = 1 << 20
+
+
+@cache
+def formats() -> tuple[Format, ...]:
+    """All formats; some names are those of an annotation and of a camera."""
+    return (RESULT, *(import_module(f"circlecal.formats.{name}").FORMAT for name in MODULES))
+
+
+def annotation_formats() -> dict[str, AnnotationFormat]:
+    """Formats of annotations by name."""
+    return {f.name: f for f in formats() if isinstance(f, AnnotationFormat)}
+
+
+def camera_formats() -> dict[str, CameraFormat]:
+    """Formats of cameras by name."""
+    return {f.name: f for f in formats() if isinstance(f, CameraFormat)}
+
+
+def calibration_formats() -> dict[str, AnnotationFormat | CameraFormat]:
+    """Formats that a calibration can be written in, by name."""
+    derived = {name: f for name, f in annotation_formats().items() if f.derive is not None}
+    return {**camera_formats(), **derived}
+
+
+def require_format(name: str, known: dict[str, Any], option: str, what: str) -> None:
+    """See that the user names one of the formats that ``known`` has.
+
+    Raises
+    ------
+    InputError
+        It does not.
+    """
+    if name not in known:
+        raise InputError(f"{option} {name}: is no {what}; known: {', '.join(sorted(known))}")
+
+
+def open_file(path: Path, name: str | None = None) -> tuple[Format, Content]:
+    """Format and content of a file; ``name`` overrides what the content looks like.
+
+    Raises
+    ------
+    InputError
+        Unreadable, or of no known format.
+    """
+    content = Content.of(path)
+    possible = [f for f in formats() if name in (None, f.name)]
+    found = next((f for f in possible if f.recognises(content)), None)
+    if found is None and (name is None or (len(possible) > 1 and isinstance(content.json, InputError))):
+        raise _unknown(content)
+    return found or possible[-1], content
+
+
+def _unknown(content: Content) -> InputError:
+    value = content.json
+    if isinstance(value, InputError):
+        return value
+    if content.mapping:
+        found = f"its keys are {', '.join(map(repr, list(content.mapping)[:5]))}"
+    else:
+        found = "it is neither JSON, nor XML, nor nine numbers" if value is None else "it is a list of something else"
+    known = ", ".join(sorted({f.name for f in formats() if f is not RESULT}))
+    return InputError(f"{content.path}: is of no known format: {found}; known: {known} (see --from)")
+
+
+def read_annotations(
+    path: Path, size: Size | None = None, name: str | None = None
+) -> tuple[Format, list[AnnotatedFrame]]:
+    """Format and frames of an annotation file.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    size : (int, int), optional
+        Width and height of its pictures where the file has none; else those of a picture of the same name beside it.
+    name : str, optional
+        Its format; recognised by content when None.
+
+    Raises
+    ------
+    InputError
+        One line with the file, the field and the mend.
+    """
+    found, content = open_file(path, name)
+    return found, parse_annotations(found, content, size)
+
+
+def parse_annotations(found: Format, content: Content, size: Size | None) -> list[AnnotatedFrame]:
+    """Frames of an annotation file that is open already; parameters and errors as :func:`read_annotations`."""
+    if not isinstance(found, AnnotationFormat):
+        what = f"{found.name} {found.kind}"
+        raise InputError(f"{content.path}: is a {what}, not an annotation; nothing to calibrate in it")
+    if size is None and found.per_frame:
+        size = size_beside(content.path)
+    frames = found.read(content.path, content.raw, size)
+    crowded = next((frame for frame in frames if len(frame.shapes) > MAX_SHAPES), None)
+    if crowded is not None:
+        limit = f"at most {MAX_SHAPES} are read of one frame"
+        raise InputError(f"{content.path}: {crowded.id}: has {len(crowded.shapes)} shapes; {limit}")
+    return frames
+
+
+def picture_beside(path: Path, image: str | None = None) -> Path | None:
+    """The picture of an annotation file in the same folder: the one it names, or the one of its own name."""
+    names = [image.replace("\\", "/").rpartition("/")[2]] if image else []
+    names += [f"{path.stem}{suffix}" for suffix in PICTURE_SUFFIXES]
+    return next((path.with_name(name) for name in names if name and path.with_name(name).is_file()), None)
+
+
+def size_beside(path: Path) -> Size | None:
+    """Size of the picture of the same name in the same folder, read off its header."""
+    picture = picture_beside(path)
+    if picture is None:
+        return None
+    with picture.open("rb") as file:
+        header = picture_header(file.read(_HEADER_BYTES))
+    return None if header is None else (header.width, header.height)
