@@ -8,9 +8,9 @@ from enum import Enum
 
 from circlecal.errors import EstimationError
 
-_LOOK = "Look at the stages with `circlecal debug`."
+_LOOK = "Look at the stages with circlecal debug."
 _BELIEVED = "If it is the circle, give a mask (--mask): a mask is believed."
-_OTHER_FRAMES = "`circlecal rig` or --camera-prior bring in what other frames of the camera know."
+_OTHER_FRAMES = "circlecal rig or --camera-prior bring in what other frames of the camera know."
 _SOLVER = "Another --solver needs less, and the default (no --solver) uses everything that is seen."
 
 
@@ -93,7 +93,7 @@ REFUSALS = _by_code(
         Refusal(
             "no_mask",
             "there is no mask for this frame",
-            "The option mask.source is `file`, and no mask was given for this frame.",
+            "The option mask.source is file, and no mask was given for this frame.",
             "Put x.mask.png beside x.jpg, give --mask FOLDER, or set mask.source=auto.",
         ),
         # the marking and its ellipse
@@ -134,14 +134,14 @@ REFUSALS = _by_code(
             "rotation_free",
             "nothing shows how the circle is turned: no halfway line, and no other marking that can be only one",
             "A circle looks the same however it is turned. One line or point that is known would fix it.",
-            f"Annotate one more line or point, or {_OTHER_FRAMES}",
+            f"Annotate one more line or point; {_OTHER_FRAMES}",
             another_interpretation=True,
         ),
         Refusal(
             "no_line_or_point",
             "nothing shows how the circle is turned: no halfway line and no known point",
             "A circle looks the same however it is turned. One line or point that is known would fix it.",
-            f"Annotate one more line or point, or {_OTHER_FRAMES}",
+            f"Annotate one more line or point; {_OTHER_FRAMES}",
         ),
         Refusal(
             "no_point",
@@ -268,7 +268,7 @@ REFUSALS = _by_code(
             "a camera was found, but too little is seen to know it well enough",
             "Zoom and distance can be traded against each other without changing what is seen.",
             "One more line or point helps most (the far touchline, the end of the halfway line), or where the camera "
-            f"stands (camera.position_m). {_OTHER_FRAMES} verdict.max_sigma_px sets the limit.",
+            f"stands (camera.position_m); {_OTHER_FRAMES} verdict.max_sigma_px sets the limit.",
             remeasure=True,
         ),
         # published solvers, which the option --solver runs
@@ -299,13 +299,13 @@ REFUSALS = _by_code(
             "worker_died",
             "the process that worked on this frame died",
             "It ran out of memory, or the file makes a library crash.",
-            "Run this frame alone with `circlecal calibrate`, or use fewer workers.",
+            "Run this frame alone with circlecal calibrate, or use fewer workers.",
         ),
         Refusal(
             "internal_error",
             "circlecal made a mistake on this frame",
             "A defect of circlecal, not of the frame.",
-            "Run it alone with `circlecal debug` and report the message.",
+            "Run it alone with circlecal debug and report the message.",
         ),
     )
 )

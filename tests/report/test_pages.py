@@ -130,8 +130,8 @@ def test_the_page_tells_of_the_run(tmp_path, named):
     for said in ("evening", "25.0 %", record["version"], record["config_digest"], "no_field", "too_uncertain"):
         assert said in words
     assert "different configurations" in words
-    assert "No playing field fills enough of the picture" in words
-    assert "circlecal rig , a camera prior ( --camera-prior ) or more lines" in words
+    assert "hardly any playing surface is seen" in words
+    assert "circlecal rig or --camera-prior bring in what other frames" in words
 
 
 def test_what_the_rig_gained(tmp_path, named):
