@@ -26,7 +26,7 @@ from circlecal.geometry.projective import Array
 from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations, join_observations
 from circlecal.paint.profiles import to_gray
 from circlecal.pictures.interlacing import row_motion, without_combs
-from circlecal.refusals import REFUSALS
+from circlecal.refusals import REFUSALS, Confidence
 from circlecal.results import (
     Attempt,
     Calibration,
@@ -462,7 +462,7 @@ def look_again(setting: Setting, scene: Scene, attempt: Attempt) -> Attempt:
     template, circle = setting.template, setting.circle
     picture = lighten_markings(scene.gray, mask, circle)
     if attempt.code == "circle_unconfirmed" and is_circle_painted(picture, camera, template, circle):
-        attempt = _judge(setting, replace(attempt, mask=replace(mask, certain=True)))
+        attempt = _judge(setting, replace(attempt, mask=replace(mask, confidence=Confidence.ACCEPTED)))
     with setting.clock("verdict"):
         verdict = attempt.verdict
         if verdict is None or verdict.status == "refused" or is_beyond_doubt(camera, cues, template):

@@ -17,7 +17,7 @@ from circlecal.geometry.ellipses import Ellipse
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import SurfaceShape
 from circlecal.observations import CircleEdge, LineEnd, Observations
-from circlecal.refusals import explain
+from circlecal.refusals import Confidence, explain
 
 Status = Literal["calibrated", "refused"]
 CIRCLE_ID, HALFWAY_ID = 7, 18
@@ -74,8 +74,8 @@ class MarkingMask:
         The playing surface in a reduced picture, where the detector found it.
     candidates : tuple of (3, 3) arrays
         The best hypotheses, also when all were refused (for the debug picture).
-    certain : bool
-        Whether the circle is beyond doubt; otherwise another marking must confirm it.
+    confidence : Confidence
+        Whether the circle stands by itself or another marking must confirm it; rejected where there is none.
     polarity : float or None
         +1 where the markings are seen lighter than the surface, -1 where darker; None where only the field template
         tells.
@@ -92,7 +92,7 @@ class MarkingMask:
     lines: tuple[Segment, ...] = ()
     field_region: NDArray[np.bool_] | None = None
     candidates: tuple[Array, ...] = ()
-    certain: bool = True
+    confidence: Confidence = Confidence.ACCEPTED
     polarity: float | None = None
     band_px: float | None = None
     arcs: tuple[SeenArc, ...] = ()

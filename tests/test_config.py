@@ -78,7 +78,10 @@ def test_a_template_file_lies_relative_to_the_configuration_that_names_it(tmp_pa
         ("jpeg_quality=3", ["unknown key jpeg_quality", "output.jpeg_quality"]),
         ("fild.template=x", ["unknown key fild", "did you mean field?"]),
         ("edges.zzz=1", ["unknown key edges.zzz", "known in edges: dilate_px"]),
-        ("mask.detector.lines.cuont=1", ["unknown key mask.detector.lines.cuont", "mask.detector.lines.count"]),
+        (
+            "mask.detector.ridges.treshold=1",
+            ["unknown key mask.detector.ridges.treshold", "mask.detector.ridges.threshold"],
+        ),
         ("seed=x", ["seed: should be a valid integer", '"x"']),
         ("seed=true", ["seed: should be a valid integer", "true"]),
         ("seed=", ["seed", "null"]),

@@ -15,7 +15,7 @@ from circlecal.observations import Keypoint, Observations, join_observations
 from circlecal.overlay import draw_overlay, stage_pictures
 from circlecal.pipeline import face_camera, field_of, frame_generator, run, run_observations
 from circlecal.records.record import result_line, result_record
-from circlecal.refusals import REFUSALS
+from circlecal.refusals import REFUSALS, Confidence
 from circlecal.stages.correspondences import is_turned, turn_correspondences
 from circlecal.stages.homography import turn_fit
 from circlecal.synthetic.cameras import aimed_camera
@@ -135,7 +135,7 @@ def test_other_markings_turn_a_circle_without_a_halfway_line(seed):
     found = run(rendering.image, CONFIG, frame_id="half")
     assert rendering.truth.expect == found.status[:9] == "calibrate"
     assert found.cues.halfway is None
-    assert not found.mask.certain
+    assert found.mask.confidence is Confidence.TENTATIVE
     assert len(found.camera.named_lines) >= 2
     assert error_px(rendering, found) < 5.0
     assert {c.circle for c in found.observations.circles} >= {"centre_circle"}

@@ -1,4 +1,4 @@
-"""Picture -> field hull, ridge points, straight lines, circle hypotheses, marking mask. No network."""
+"""Picture -> field hull, ridge points, straight lines, circle hypotheses, marking mask; and users' networks."""
 
 from circlecal.detection.circle import CircleHypothesis
 from circlecal.detection.detector import Detection, detect

@@ -1,4 +1,4 @@
-"""Measuring the ellipses of one pass, and which of them is the circle."""
+"""Measuring the ellipses of one pass, and which of them is the circle: not one that turned out wrong before."""
 
 from __future__ import annotations
 
@@ -6,53 +6,76 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from circlecal.detection.arcs import drawn_arc
+from circlecal.detection.arcs import find_longest_arc, move_onto_straight_arcs
 from circlecal.detection.circle import (
     CircleHypothesis,
     MeasuredCircle,
-    drawn_on_both_sides,
-    hypothesis_of,
-    likely_arc,
+    describe_circle,
+    find_refusal,
+    is_drawn_on_both_sides,
+    is_tentative,
     measure_circle,
-    refusal_of,
 )
-from circlecal.detection.flat_sides import onto_flat_sides
-from circlecal.detection.halfway import MeasuredLine, find_halfway, segments_through_middle
-from circlecal.detection.hypotheses import EllipseBatch
+from circlecal.detection.ellipse_batch import EllipseBatch
+from circlecal.detection.ellipse_search import measure_support
+from circlecal.detection.halfway import MeasuredLine, find_halfway, find_segments_through_middle
 from circlecal.detection.lines import find_straight_runs
 from circlecal.detection.options import DetectorConfig
 from circlecal.detection.picture import Picture, Scaling
-from circlecal.detection.ruled_out import interpretations_of, segments_left, segments_off
-from circlecal.detection.scoring import RidgeRaster, support_of
+from circlecal.detection.ridges import RidgeRaster
 from circlecal.geometry.ellipses import ellipse_from_conic
-from circlecal.geometry.projective import Array
+from circlecal.geometry.projective import Array, join, lift, normalise_line
 from circlecal.paint.colour import match_paint, measure_paint_colour
 from circlecal.paint.matched_filter import measure_painted_share
+from circlecal.refusals import Confidence
 from circlecal.results import Interpretation
 
-__all__ = ["Candidates", "Found"]
+__all__ = ["Candidates", "Choice", "drop_ruled_out_segments", "drop_segments_on", "find_interpretations_of"]
 
-_FEWEST_SECTORS = 8  # of a circle: fewer do not tell how much of it is painted
-_MOST_LINES = 3  # through a circle's middle that are looked at for its halfway line, in one paint with it
-_SHORTEST_HALFWAY = 0.04  # picture widths: of a piece of the halfway line of a circle that has no longer one
+FEWEST_SECTORS = 8
+"""Of a circle: fewer do not tell how much of it is painted."""
+MOST_LINES = 3
+"""Through a circle's middle that are looked at for its halfway line, in one paint with it."""
+SHORTEST_HALFWAY = 0.04
+"""Picture widths: of a piece of the halfway line of a circle that has no longer one."""
+SAME_CIRCLE = 0.05
+"""Shares of the great half axis by which centres and axes of one circle may differ between two searches."""
+ON_LINE_PX = 8.0
+"""Pixels at 1920 px width within which a segment lies on a line."""
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
-    """The accepted circle with its line, or the reason why there is none."""
+class Choice:
+    """The circle that was chosen with its line, or the reason why there is none.
 
-    circle: MeasuredCircle | None
-    hypothesis: CircleHypothesis | None
-    halfway: MeasuredLine | None
-    candidates: tuple[CircleHypothesis, ...]
-    refusal: str | None
-    certain: bool = True
+    Attributes
+    ----------
+    circle, hypothesis : MeasuredCircle, CircleHypothesis, or None
+        The circle, and what speaks for it.
+    halfway : MeasuredLine or None
+        The straight marking through its middle.
+    candidates : tuple of CircleHypothesis
+        What was measured, best first.
+    refusal : str or None
+        Why there is no circle.
+    confidence : Confidence
+        Whether the circle stands by itself or something else must confirm it; rejected where there is none.
+    arcs : tuple of CircleHypothesis
+        Parts of circles that may belong to arcs of the field, or to the circle.
+    """
+
+    circle: MeasuredCircle | None = None
+    hypothesis: CircleHypothesis | None = None
+    halfway: MeasuredLine | None = None
+    candidates: tuple[CircleHypothesis, ...] = ()
+    refusal: str | None = "no_circle_found"
+    confidence: Confidence = Confidence.REJECTED
     arcs: tuple[CircleHypothesis, ...] = ()
 
     @property
-    def settled(self) -> bool:
-        """Whether the circle is beyond doubt and has its halfway line."""
-        return self.circle is not None and self.certain and self.halfway is not None
+    def is_complete(self) -> bool:
+        """Whether the circle stands by itself and has its halfway line."""
+        return self.confidence is Confidence.ACCEPTED and self.halfway is not None
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +87,16 @@ class _Candidate:
     refusal: str | None
     halfway: MeasuredLine | None = None
     arc: CircleHypothesis | None = None
-    tried: bool = False  # with another halfway line, which turned out wrong
+    is_ruled_out: bool = False  # with another halfway line
+
+    def choice(
+        self,
+        confidence: Confidence,
+        candidates: tuple[CircleHypothesis, ...],
+        arcs: tuple[CircleHypothesis, ...] = (),
+    ) -> Choice:
+        """This one as the circle."""
+        return Choice(self.circle, self.hypothesis, self.halfway, candidates, None, confidence, arcs)
 
 
 class Candidates:
@@ -78,6 +110,8 @@ class Candidates:
     segments : (K, 2, 2) array
         Straight markings, px of the full picture.
     scaling : Scaling
+    sign : float
+        +1 where markings are lighter than the surface, -1 where they are darker.
     config : DetectorConfig
     ruled_out : tuple of Interpretation
         What turned out wrong.
@@ -89,103 +123,137 @@ class Candidates:
         raster: RidgeRaster,
         segments: Array,
         scaling: Scaling,
+        sign: float,
         config: DetectorConfig,
         ruled_out: tuple[Interpretation, ...],
     ) -> None:
         self._picture, self._raster, self._segments, self._scaling = picture, raster, segments, scaling
-        self._config, self._ruled_out = config, ruled_out
+        self._sign, self._config, self._ruled_out = sign, config, ruled_out
         self._width = picture.gray.shape[1]
         self._shorter: Array | None = None
 
-    def first_accepted(self, batch: EllipseBatch) -> Found:
-        """Measure the ellipses in order until one is accepted with its halfway line; failing that, the first accepted
-        without it, or the best likely one.
+    def choose(self, batch: EllipseBatch, most: int) -> Choice:
+        """Measure the ellipses in order until one is accepted with its halfway line; failing that, take the first that
+        is accepted without it, or the best one that something else may confirm.
+
+        Parameters
+        ----------
+        batch : EllipseBatch
+            Best first, in pixels of the picture that was searched.
+        most : int
+            Most of them that are measured, beside those that are ruled out.
         """
         measured: list[_Candidate] = []
-        for index in range(min(len(batch), self._config.candidates + len(self._ruled_out))):
-            found = self._measured(self._scaling.full_ellipses(batch.take(np.array([index]))))
+        for index in range(min(len(batch), most + len(self._ruled_out))):
+            found = self._measure(self._scaling.full_ellipses(batch.take(np.array([index]))))
             if found is None:
                 continue
             if found.refusal is None and found.halfway is not None:
                 others = tuple(other.hypothesis for other in measured)
-                return Found(found.circle, found.hypothesis, found.halfway, (found.hypothesis, *others), None)
+                return found.choice(Confidence.ACCEPTED, (found.hypothesis, *others))
             measured.append(found)
         arcs = tuple(found.arc for found in measured if found.arc is not None)
         best_first = sorted(measured, key=lambda found: -found.hypothesis.score)
-        ranked = tuple(found.hypothesis for found in best_first)
+        hypotheses = tuple(found.hypothesis for found in best_first)
         for lone in measured:
-            if lone.refusal is None and not lone.tried:
-                return Found(lone.circle, lone.hypothesis, None, ranked, None, arcs=arcs)
-        for likely in best_first:
-            if likely.halfway is not None:
-                return Found(likely.circle, likely.hypothesis, likely.halfway, ranked, None, certain=False, arcs=arcs)
+            if lone.refusal is None and not lone.is_ruled_out:
+                return lone.choice(Confidence.ACCEPTED, hypotheses, arcs)
+        for tentative in best_first:
+            if tentative.halfway is not None:
+                return tentative.choice(Confidence.TENTATIVE, hypotheses, arcs)
         refusal = (best_first[0].refusal or "") if best_first else "no_circle_found"
-        return Found(None, None, None, ranked, refusal, arcs=arcs)
+        return Choice(candidates=hypotheses, refusal=refusal, arcs=arcs)
 
-    def _measured(self, start: EllipseBatch) -> _Candidate | None:
+    def _measure(self, start: EllipseBatch) -> _Candidate | None:
         """The one ellipse of the batch; None where it is ruled out with any halfway line."""
-        config, width = self._config, self._width
-        circle = measure_circle(self._picture.gray, start, config.sign, config.refinement)
-        circle = onto_flat_sides(self._picture.gray, circle, self._segments, config.refinement)
-        alike = interpretations_of(self._ruled_out, circle.ellipse)
-        if any(interpretation.line is None for interpretation in alike):
+        config, width, gray = self._config, self._width, self._picture.gray
+        circle = measure_circle(gray, start, self._sign, config.refinement)
+        circle = move_onto_straight_arcs(gray, circle, self._segments, config.refinement)
+        ruled_out = find_interpretations_of(self._ruled_out, circle.ellipse)
+        if any(interpretation.line is None for interpretation in ruled_out):
             return None
-        inside = support_of(self._scaling.detection_ellipses(circle.ellipse), self._raster).field[0]
-        hypothesis = hypothesis_of(circle, float(inside), width)
-        refusal = refusal_of(hypothesis, True, width, config.acceptance)
-        likely = likely_arc(hypothesis, width, config.acceptance, config.likely)
-        if refusal == "circle_support_too_low" and not likely:
-            share, sectors = measure_painted_share(
-                self._picture.gray, ellipse_from_conic(hypothesis.conic), circle.sign
-            )
-            hypothesis = replace(hypothesis, painted_share=share if sectors >= _FEWEST_SECTORS else 0.0)
-            likely = likely_arc(hypothesis, width, config.acceptance, config.likely)
-        if refusal is not None and not likely:
-            return _Candidate(circle, hypothesis, refusal, arc=drawn_arc(circle, hypothesis, width, config.likely))
-        halfway = self._halfway(circle, alike, thorough=refusal is not None)
-        through = halfway is not None and not halfway.outside
-        refusal = refusal_of(hypothesis, through, width, config.acceptance)
-        arc = hypothesis if halfway is None and likely and hypothesis.painted_share == 0.0 else None
-        if refusal is not None and halfway is not None:
-            both_sides = drawn_on_both_sides(circle, halfway.line, config.likely.side_share)
-            halfway = halfway if both_sides else None
-        return _Candidate(circle, hypothesis, refusal, halfway, arc, tried=bool(alike))
+        inside = measure_support(self._scaling.detection_ellipses(circle.ellipse), self._raster).field[0]
+        hypothesis = describe_circle(circle, float(inside), width)
+        refusal = find_refusal(hypothesis, True, width, config.acceptance)
+        tentative = is_tentative(hypothesis, width, config.acceptance)
+        if refusal == "circle_support_too_low" and not tentative:
+            share, sectors = measure_painted_share(gray, ellipse_from_conic(hypothesis.conic), circle.sign)
+            hypothesis = replace(hypothesis, painted_share=share if sectors >= FEWEST_SECTORS else 0.0)
+            tentative = is_tentative(hypothesis, width, config.acceptance)
+        if refusal is not None and not tentative:
+            return _Candidate(circle, hypothesis, refusal, arc=find_longest_arc(circle, hypothesis, width))
+        halfway = self._find_halfway(circle, ruled_out, thorough=refusal is not None)
+        is_through = halfway is not None and not halfway.outside
+        refusal = find_refusal(hypothesis, is_through, width, config.acceptance)
+        arc = hypothesis if halfway is None and tentative and hypothesis.painted_share == 0.0 else None
+        if refusal is not None and halfway is not None and not is_drawn_on_both_sides(circle, halfway.line):
+            halfway = None
+        return _Candidate(circle, hypothesis, refusal, halfway, arc, is_ruled_out=bool(ruled_out))
 
-    def _halfway(
-        self, circle: MeasuredCircle, alike: tuple[Interpretation, ...], *, thorough: bool
+    def _find_halfway(
+        self, circle: MeasuredCircle, ruled_out: tuple[Interpretation, ...], *, thorough: bool
     ) -> MeasuredLine | None:
         """The line through the circle's middle, among the long straight markings, the short ones (``thorough``), and
         the ridge points that head there.
         """
-        halfway = self._in_paint(circle, segments_left(self._segments, alike, self._width))
+        halfway = self._find_in_paint(circle, self._segments, ruled_out)
         if halfway is None and thorough:
-            halfway = self._in_paint(circle, segments_left(self._shorter_segments(), alike, self._width))
+            halfway = self._find_in_paint(circle, self._shorter_segments(), ruled_out)
         if halfway is None:
-            ridges = self._raster.ridges
-            points = self._scaling.full(ridges.points)
-            pieces = segments_through_middle(points, ridges.normals, circle, self._config.halfway)
-            halfway = self._in_paint(circle, segments_left(pieces, alike, self._width))
+            points, normals = self._scaling.full(self._raster.ridges.points), self._raster.ridges.normals
+            pieces = find_segments_through_middle(points, normals, circle, self._config.halfway.distance)
+            halfway = self._find_in_paint(circle, pieces, ruled_out)
         return halfway
 
     def _shorter_segments(self) -> Array:
+        """All straight runs (K, 2, 2) that may be a piece of a halfway line, found when they are first asked for."""
         if self._shorter is None:
             size = (self._raster.width, self._raster.height)
-            least = _SHORTEST_HALFWAY * self._raster.width
-            runs = find_straight_runs(self._raster.ridges, size, least, self._config.lines)
+            runs = find_straight_runs(self._raster.ridges, size, SHORTEST_HALFWAY * self._raster.width)
             self._shorter = self._scaling.full_segments(runs)
         return self._shorter
 
-    def _in_paint(self, circle: MeasuredCircle, segments: Array) -> MeasuredLine | None:
+    def _find_in_paint(
+        self, circle: MeasuredCircle, segments: Array, ruled_out: tuple[Interpretation, ...]
+    ) -> MeasuredLine | None:
         """The first line through the circle's middle that is in the circle's paint."""
-        for _ in range(_MOST_LINES):
+        image, segments = self._picture.image_bgr, drop_ruled_out_segments(segments, ruled_out, self._width)
+        for _ in range(MOST_LINES):
             line = find_halfway(self._picture.gray, circle, segments, self._config)
             if line is None or not self._config.one_paint:
                 return line
-            colours = (
-                measure_paint_colour(self._picture.image_bgr, curve.points, curve.normals, curve.band)
-                for curve in (line, circle)
-            )
+            colours = (measure_paint_colour(image, curve.points, curve.normals, curve.band) for curve in (line, circle))
             if match_paint(*colours):
                 return line
-            segments = segments_off(segments, line.line, self._width)
+            segments = drop_segments_on(line.line, segments, self._width)
         return None
+
+
+def find_interpretations_of(ruled_out: tuple[Interpretation, ...], ellipse: EllipseBatch) -> tuple[Interpretation, ...]:
+    """Those whose circle is the first ellipse of the batch."""
+    axes = np.array([ellipse.great_lengths[0], ellipse.small_lengths[0]])
+    found = []
+    for interpretation in ruled_out:
+        other = ellipse_from_conic(interpretation.conic)
+        if other is None:
+            continue
+        shift = np.abs(other.center - ellipse.centers[0]).max()
+        if max(shift, np.abs(np.asarray(other.semi_axes) - axes).max()) <= SAME_CIRCLE * float(axes[0]) + 1.0:
+            found.append(interpretation)
+    return tuple(found)
+
+
+def drop_ruled_out_segments(segments: Array, ruled_out: tuple[Interpretation, ...], width: int) -> Array:
+    """Segments (K, 2, 2) of a picture of this width (px) that lie on no line that is ruled out with the circle."""
+    for interpretation in ruled_out:
+        if interpretation.line is None:
+            return segments[:0]
+        line = join(lift(interpretation.line.start), lift(interpretation.line.end))
+        segments = drop_segments_on(line, segments, width)
+    return segments
+
+
+def drop_segments_on(line: Array, segments: Array, width: int) -> Array:
+    """Segments (K, 2, 2) of a picture of this width (px) that do not lie on a line (3,)."""
+    off = np.abs(lift(segments) @ normalise_line(line)).max(axis=-1)
+    return segments[off > ON_LINE_PX * width / 1920.0]

@@ -1,30 +1,35 @@
-"""The built-in detector: field, passes over the picture until one finds the circle, mask."""
+"""The built-in detector: field, passes over the picture until one finds the circle, straight markings."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.detection.arcs import SAME_ARC, distinct_arcs
-from circlecal.detection.circle import CircleHypothesis, MeasuredCircle
+from circlecal.detection.arcs import select_arcs
+from circlecal.detection.circle import CircleHypothesis
 from circlecal.detection.field_region import FieldRegion, find_field_region
 from circlecal.detection.marking_mask import MarkingSketch
+from circlecal.detection.one_pass import NO_FIELD, Pass, PassResult, first_pass, flat_pass, run_pass, second_pass
 from circlecal.detection.options import DetectorConfig
-from circlecal.detection.passes import flat, quick, thorough
 from circlecal.detection.picture import Picture
-from circlecal.detection.search import NO_FIELD, Search, search_once
 from circlecal.geometry.conics import sampson_distance
 from circlecal.geometry.projective import Array
 from circlecal.paint.colour import lie_on_one_surface, measure_paint_colour, segments_match_paint
 from circlecal.paint.profiles import to_gray
+from circlecal.refusals import Confidence
 from circlecal.results import Interpretation, Segment
 
 __all__ = ["Detection", "detect"]
 
-_BRIGHTNESSES = {"light": ("light",), "dark": ("dark",), "any": ("light", "dark")}
-_MARGIN = 0.012  # of the picture's width: by how much the second pass looks beyond the field
+SIGNS = {"light": (1.0,), "dark": (-1.0,), "any": (1.0, -1.0)}
+"""By the option ``marking``: +1 for markings lighter than the surface, -1 for darker ones, in the order of the search.
+"""
+ON_CIRCLE_PX, PLACES = 4.0, 9
+"""Pixels at 1920 px width from the circle within which half of a segment's places, so many, make it a flat part of it.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,13 +43,9 @@ class Detection:
     lines : tuple of Segment
         Straight markings, longest first.
     circle : CircleHypothesis or None
-        The accepted circle.
+        The circle.
     candidates : tuple of CircleHypothesis
         The best measured hypotheses, best first, also when refused.
-    certain : bool
-        Whether the circle stands by itself; otherwise it is likely, and something else must confirm it.
-    polarity : float
-        +1 where the markings are lighter than the surface, -1 where they are darker.
     halfway : Segment or None
         The straight marking through the circle's middle.
     sketch : MarkingSketch
@@ -52,6 +53,10 @@ class Detection:
     refusal : str or None
         Why there is no circle: ``no_field``, ``no_circle_found``, ``circle_support_too_low``, ``arc_too_short``,
         ``circle_off_marking``, ``width_unlike_marking``.
+    confidence : Confidence
+        Whether the circle stands by itself or something else must confirm it; rejected where there is none.
+    polarity : float
+        +1 where the markings are lighter than the surface, -1 where they are darker.
     arcs : tuple of CircleHypothesis
         Parts of circles without a line through their middle, longest first: the circle, or a penalty arc.
     """
@@ -63,16 +68,16 @@ class Detection:
     halfway: Segment | None
     sketch: MarkingSketch
     refusal: str | None
-    certain: bool = True
-    polarity: float = 1.0
-    arcs: tuple[CircleHypothesis, ...] = ()
+    confidence: Confidence
+    polarity: float
+    arcs: tuple[CircleHypothesis, ...]
 
 
 def detect(
     image_bgr: NDArray[np.uint8],
     config: DetectorConfig,
     rng: np.random.Generator,
-    brightness: NDArray[np.uint8] | None = None,
+    gray: NDArray[np.uint8] | None = None,
     ruled_out: tuple[Interpretation, ...] = (),
 ) -> Detection:
     """Find the field, its straight markings, the centre circle and the halfway line in one picture.
@@ -84,8 +89,8 @@ def detect(
     config : DetectorConfig
     rng : numpy.random.Generator
         Draws the hypotheses.
-    brightness : (H, W) uint8, optional
-        Of the frame, where it is known already.
+    gray : (H, W) uint8, optional
+        Gray levels of the frame, where they are known already.
     ruled_out : tuple of Interpretation
         What turned out wrong: such a circle is not found again with such a line.
 
@@ -101,91 +106,88 @@ def detect(
     """
     if image_bgr.ndim != 3 or image_bgr.shape[2] != 3 or image_bgr.dtype != np.uint8:
         raise ValueError(f"image_bgr must be (H, W, 3) uint8, not {image_bgr.shape} {image_bgr.dtype}")
-    full_grey = to_gray(image_bgr) if brightness is None else brightness
-    region = find_field_region(image_bgr, config.field_region)
-    search = _searched(Picture(image_bgr, full_grey), region, config, rng, ruled_out)
-    segments, found = search.segments, search.found
-    kept = _straight_markings(image_bgr, segments, found.circle, found.hypothesis, config.one_paint)
+    picture = Picture(image_bgr, to_gray(image_bgr) if gray is None else gray)
+    best = _search(picture, config, rng, ruled_out)
+    segments, choice = best.segments, best.choice
+    kept = _select_straight_markings(image_bgr, best, config.one_paint)
+    sketch = MarkingSketch(picture.gray, choice.circle, choice.halfway, segments[kept], best.sign, config.refinement)
     return Detection(
-        region=search.region,
-        lines=tuple(Segment(segments[i, 0], segments[i, 1], search.runs[i].support) for i in kept),
-        circle=found.hypothesis,
-        candidates=found.candidates,
-        halfway=None if found.halfway is None else Segment(*found.halfway.ends, support=found.halfway.support),
-        sketch=MarkingSketch(full_grey, found.circle, found.halfway, segments[kept], search.sign, config),
-        refusal=found.refusal,
-        certain=found.certain,
-        polarity=search.sign,
-        arcs=found.arcs,
+        region=best.region,
+        lines=tuple(Segment(segments[i, 0], segments[i, 1], best.runs[i].support) for i in kept),
+        circle=choice.hypothesis,
+        candidates=choice.candidates,
+        halfway=None if choice.halfway is None else Segment(*choice.halfway.ends, support=choice.halfway.support),
+        sketch=sketch,
+        refusal=choice.refusal,
+        confidence=choice.confidence,
+        polarity=best.sign,
+        arcs=choice.arcs,
     )
 
 
-def _searched(
-    picture: Picture,
-    region: FieldRegion,
-    config: DetectorConfig,
-    rng: np.random.Generator,
-    ruled_out: tuple[Interpretation, ...],
-) -> Search:
-    """The first search that finds a circle beyond doubt with its halfway line, quick ones before slow ones; failing
-    that, the best.
+def _search(
+    picture: Picture, config: DetectorConfig, rng: np.random.Generator, ruled_out: tuple[Interpretation, ...]
+) -> PassResult:
+    """The first pass that finds a circle beyond doubt with its halfway line, quick ones before slow ones; failing that,
+    the best.
 
     A circle without that line may be one of several on the same floor, a face-off circle say.
     """
-    options = [config.model_copy(update={"marking": marking}) for marking in _BRIGHTNESSES[config.marking]]
-    passes = [(quick(option), 0.0, region) for option in options]
-    searches: list[Search] = []
-    for option, margin, surface in passes:
-        search = search_once(picture, surface, option, rng, ruled_out, margin)
-        if search.found.refusal == NO_FIELD or search.found.settled:
-            return search
-        searches.append(search)
-        if config.thorough and len(searches) == len(options):
-            # the stands, or the track before the field, may fill more of the picture
-            other = find_field_region(picture.image_bgr, config.field_region, region)
-            enough = other.area_share >= config.field_region.area_share
-            passes += [(quick(option), 0.0, other) for option in options if enough]
-            passes += [
-                (thorough(option), _MARGIN, s) for s in (region, *((other,) if enough else ())) for option in options
-            ]
-    if config.thorough and not any(search.found.circle is not None for search in searches):
-        # a circle that is seen very flat has too few rows in the smaller picture
-        surfaces = {id(surface): surface for _, _, surface in passes}.values()
-        for option, surface in ((option, surface) for option in options for surface in surfaces):
-            search = search_once(picture, surface, flat(option), rng, ruled_out, _MARGIN)
-            if search.found.settled:
-                return search
-            searches += [search] if search.found.circle is not None else []
-    best = max(searches, key=_rank)
-    arcs = [arc for search in searches if search.sign == best.sign for arc in search.found.arcs]
-    apart_px, gapless = SAME_ARC * picture.gray.shape[1], config.likely.gapless_share
-    distinct = distinct_arcs(arcs, best.found.hypothesis, apart_px, gapless)
-    return replace(best, found=replace(best.found, arcs=distinct))
+    results: list[PassResult] = []
+    for settings, region in _plan(picture, config, results):
+        result = run_pass(picture, region, config, settings, rng, ruled_out)
+        if result.choice.refusal == NO_FIELD or result.choice.is_complete:
+            return result
+        if result.choice.circle is not None or not settings.is_last_resort:
+            results.append(result)
+    best = max(results, key=_rank)
+    arcs = [arc for result in results if result.sign == best.sign for arc in result.choice.arcs]
+    distinct = select_arcs(arcs, best.choice.hypothesis, picture.gray.shape[1])
+    return replace(best, choice=replace(best.choice, arcs=distinct))
 
 
-def _rank(search: Search) -> tuple[bool, bool, bool, float, int]:
-    """A certain circle, better with its line, beats a likely one, which beats a refusal; then the better score, and
-    without a circle the longest arc: the field is where it is.
+def _plan(picture: Picture, config: DetectorConfig, results: list[PassResult]) -> Iterator[tuple[Pass, FieldRegion]]:
+    """Passes and the regions that they search, in order: quick ones on the largest surface, then quick and slow ones
+    also on the largest beside it; last ones where the ``results`` of all others hold no circle.
     """
-    found = search.found
-    score = found.hypothesis.score if found.hypothesis is not None else 0.0
+    regions = [find_field_region(picture.image_bgr, config.field_region)]
+    signs = SIGNS[config.marking]
+    for sign in signs:
+        yield first_pass(config, sign), regions[0]
+    if not config.thorough:
+        return
+    # the stands, or the track before the field, may fill more of the picture
+    other = find_field_region(picture.image_bgr, config.field_region, regions[0])
+    if other.area_share >= config.field_region.area_share:
+        regions.append(other)
+        for sign in signs:
+            yield first_pass(config, sign), other
+    for region in regions:
+        for sign in signs:
+            yield second_pass(config, sign), region
+    if not any(result.choice.circle is not None for result in results):
+        for sign in signs:
+            for region in regions:
+                yield flat_pass(config, sign), region
+
+
+def _rank(result: PassResult) -> tuple[bool, bool, bool, float, int]:
+    """An accepted circle, better with its line, beats a tentative one, which beats a refusal; then the better score,
+    and without a circle the longest arc: the field is where it is.
+    """
+    choice = result.choice
     return (
-        found.settled,
-        found.circle is not None and found.certain,
-        found.circle is not None,
-        score,
-        max((len(arc.points) for arc in found.arcs), default=0),
+        choice.is_complete,
+        choice.confidence is Confidence.ACCEPTED,
+        choice.circle is not None,
+        choice.hypothesis.score if choice.hypothesis is not None else 0.0,
+        max((len(arc.points) for arc in choice.arcs), default=0),
     )
 
 
-def _straight_markings(
-    image_bgr: NDArray[np.uint8],
-    segments: Array,
-    circle: MeasuredCircle | None,
-    hypothesis: CircleHypothesis | None,
-    one_paint: bool,
-) -> NDArray[np.int64]:
-    """Indices of the segments (K, 2, 2) that are painted on one surface, with the circle's paint, and no part of it."""
+def _select_straight_markings(image_bgr: NDArray[np.uint8], result: PassResult, one_paint: bool) -> NDArray[np.int64]:
+    """Indices of the segments that are painted on one surface, with the circle's paint, and are no part of it."""
+    segments, circle, hypothesis = result.segments, result.choice.circle, result.choice.hypothesis
     straight = lie_on_one_surface(image_bgr, segments)
     if circle is not None and hypothesis is not None:
         straight &= ~_lie_on_circle(segments, hypothesis.conic, image_bgr.shape[1])
@@ -197,7 +199,7 @@ def _straight_markings(
 
 def _lie_on_circle(segments: Array, conic: Array, width: int) -> NDArray[np.bool_]:
     """Which segments (K, 2, 2) are flat parts of the circle."""
-    share = np.linspace(0.0, 1.0, 9)[:, None]
+    share = np.linspace(0.0, 1.0, PLACES)[:, None]
     points = segments[:, None, 0] + share * (segments[:, None, 1] - segments[:, None, 0])
-    distance = np.abs(sampson_distance(conic, points.reshape(-1, 2))).reshape(-1, 9)
-    return np.asarray(np.sort(distance, axis=1)[:, 4] < 4.0 * width / 1920.0, np.bool_)
+    distance = np.abs(sampson_distance(conic, points.reshape(-1, 2))).reshape(-1, PLACES)
+    return np.asarray(np.sort(distance, axis=1)[:, PLACES // 2] < ON_CIRCLE_PX * width / 1920.0, np.bool_)

@@ -15,7 +15,27 @@ from circlecal.detection.options import FieldRegionConfig
 
 __all__ = ["FieldRegion", "find_field_region"]
 
-_MEDIAN_LEVEL, _LARGEST_GAIN = 70.0, 6.0  # dark pictures are brightened first: their colours lie too close together
+WIDTH_PX = 240
+"""Width of the reduced picture in which the colours are counted (does not scale); a study of 42 broadcast
+frames took 320.
+"""
+UPPER_SHARE_SKIPPED = 0.25
+"""Upper share of the picture that does not vote: there are the stands."""
+DARK_LEVEL = 22
+"""Pixels darker than this (8-bit L of Lab) never vote: borders, and boxes with text, have no colour."""
+HISTOGRAM_SIGMA = 2.0
+"""Smoothing of the a-b histogram, in levels of a and b."""
+PEAK_SHARE = 0.04
+"""A colour belongs to the field above this share of the histogram's peak."""
+PATCH_SHARE = 0.10
+"""Further patches join the field above this share of the largest patch: lines and shadows cut it."""
+LOCAL_SHARE, NEIGHBOURHOODS = 0.30, 14
+"""Places of the hull whose neighbourhood, this many to a picture's width, holds less field colour than this share are
+left out: a convex hull takes in what lies between two patches.
+"""
+MEDIAN_LEVEL, LARGEST_GAIN = 70.0, 6.0
+"""Darker pictures are brightened to this median level first, by so much at most: their colours lie too close together.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,60 +74,60 @@ def find_field_region(
     Returns
     -------
     FieldRegion
-        In a picture of at most ``config.width_px`` columns; empty (area share 0) when no colour dominates.
+        In a picture of at most :data:`WIDTH_PX` columns; empty (area share 0) when no colour dominates.
     """
     height, width = picture.shape[:2]
-    factor = min(1.0, config.width_px / width)
+    factor = min(1.0, WIDTH_PX / width)
     size = (max(16, round(width * factor)), max(16, round(height * factor)))
     # every second pixel of the small picture's grid is enough for the averaging, and much faster to fetch
     fetched = cv2.resize(picture, (2 * size[0], 2 * size[1]), interpolation=cv2.INTER_NEAREST)
     small = cv2.resize(fetched, size, interpolation=cv2.INTER_AREA)
-    lab = cv2.cvtColor(_brightened(np.asarray(small, np.uint8), config), cv2.COLOR_BGR2LAB)
-    voting = np.asarray(lab[:, :, 0] >= config.dark_level, np.bool_)
-    voting[: int(config.upper_share_skipped * size[1])] = False
+    lab = cv2.cvtColor(_brighten(np.asarray(small, np.uint8)), cv2.COLOR_BGR2LAB)
+    voting = np.asarray(lab[:, :, 0] >= DARK_LEVEL, np.bool_)
+    voting[: int(UPPER_SHARE_SKIPPED * size[1])] = False
     if beside is not None:
         voting &= beside.hull_at(*size) == 0
-    surface = _field_coloured(np.asarray(lab, np.uint8), voting, config)
-    patches = _large_patches(surface, config.component_share)
+    surface = _find_field_colour(np.asarray(lab, np.uint8), voting, config.colour_reach)
+    patches = _keep_large_patches(surface)
     hull = _convex_hull(patches)
-    share = cv2.boxFilter(surface, cv2.CV_32F, (_odd(size[0] / 14),) * 2)
-    hull[share < 255.0 * config.local_share] = 0
+    share = cv2.boxFilter(surface, cv2.CV_32F, (_odd_length(size[0] / NEIGHBOURHOODS),) * 2)
+    hull[share < 255.0 * LOCAL_SHARE] = 0
     return FieldRegion(hull=hull, area_share=float(np.count_nonzero(hull)) / hull.size)
 
 
-def _brightened(small: NDArray[np.uint8], config: FieldRegionConfig) -> NDArray[np.uint8]:
+def _brighten(small: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """The picture, or a brighter copy where the voting part is dark."""
-    skipped = int(config.upper_share_skipped * small.shape[0])
+    skipped = int(UPPER_SHARE_SKIPPED * small.shape[0])
     level = float(np.median(small[skipped::4, ::4].max(axis=-1)))
-    gain = min(_LARGEST_GAIN, _MEDIAN_LEVEL / max(level, 1.0))
+    gain = min(LARGEST_GAIN, MEDIAN_LEVEL / max(level, 1.0))
     return small if gain <= 1.0 else np.asarray(cv2.convertScaleAbs(small, alpha=gain), np.uint8)
 
 
-def _odd(length: float) -> int:
+def _odd_length(length: float) -> int:
     return 2 * (int(length) // 2) + 1
 
 
-def _field_coloured(lab: NDArray[np.uint8], voting: NDArray[np.bool_], config: FieldRegionConfig) -> NDArray[np.uint8]:
+def _find_field_colour(lab: NDArray[np.uint8], voting: NDArray[np.bool_], reach: int) -> NDArray[np.uint8]:
     """Pixels whose a-b colour belongs to the main peak of the histogram (bins of two levels) of the voting ones: (h, w)
     uint8, 0 or 255.
     """
     colour = (lab[:, :, 1] >> 1).astype(np.int32) * 128 + (lab[:, :, 2] >> 1)
     histogram = np.bincount(colour[voting], minlength=128 * 128).reshape(128, 128).astype(np.float32)
-    histogram = np.asarray(cv2.GaussianBlur(histogram, (0, 0), config.histogram_sigma / 2), np.float32)
+    histogram = np.asarray(cv2.GaussianBlur(histogram, (0, 0), HISTOGRAM_SIGMA / 2), np.float32)
     peak_a, peak_b = (int(i) for i in np.unravel_index(int(histogram.argmax()), histogram.shape))
     if histogram[peak_a, peak_b] <= 0:
         return np.zeros(lab.shape[:2], np.uint8)
     a, b = np.ogrid[:128, :128]
-    near = 4 * ((a - peak_a) ** 2 + (b - peak_b) ** 2) <= config.colour_reach**2
-    member = (near & (histogram > config.peak_share * histogram[peak_a, peak_b])).astype(np.uint8)
+    near = 4 * ((a - peak_a) ** 2 + (b - peak_b) ** 2) <= reach**2
+    member = (near & (histogram > PEAK_SHARE * histogram[peak_a, peak_b])).astype(np.uint8)
     _, labels = cv2.connectedComponents(member, connectivity=8)
     colours = (labels == labels[peak_a, peak_b]).astype(np.uint8) * 255
     coloured = colours.ravel()[colour]
-    coloured[lab[:, :, 0] < config.dark_level // 2] = 0
+    coloured[lab[:, :, 0] < DARK_LEVEL // 2] = 0
     return np.ascontiguousarray(coloured)
 
 
-def _large_patches(surface: NDArray[np.uint8], component_share: float) -> NDArray[np.uint8]:
+def _keep_large_patches(surface: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Largest patch and those above a share of it, closed and opened: (h, w) uint8, 0 or 255."""
     small, large = np.ones((3, 3), np.uint8), np.ones((7, 7), np.uint8)
     closed = cv2.morphologyEx(surface, cv2.MORPH_CLOSE, small)
@@ -117,7 +137,7 @@ def _large_patches(surface: NDArray[np.uint8], component_share: float) -> NDArra
         return np.zeros_like(surface)
     area = np.bincount(labels.ravel())
     area[0] = 0
-    keep = (area >= component_share * area.max()).astype(np.uint8) * 255
+    keep = (area >= PATCH_SHARE * area.max()).astype(np.uint8) * 255
     keep[0] = 0
     return np.asarray(keep[labels], np.uint8)
 

@@ -12,17 +12,33 @@ from math import cos, radians
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.detection.options import LineConfig
 from circlecal.detection.ridges import RidgePoints
 from circlecal.geometry.projective import Array, fit_line
 
 __all__ = ["StraightRun", "find_straight_runs"]
 
-_RHO_BIN_PX = 2.0
-_VOTE_SPREAD_DEG = 2.0  # a ridge normal of a thin marking is this uncertain
-_LOOSE = 2.5  # first tolerance around a peak of the vote, in final tolerances
-_TRIES = 2  # peaks looked at for each wanted line
-_BINS_PER_PX = 0.5  # occupancy of a run is counted in cells of two pixels
+MOST_LINES = 16
+"""Of one picture; a soccer pitch has 17 straight markings in all."""
+ANGLE_BINS, RHO_BIN_PX = 180, 2.0
+"""Directions over half a turn in the vote, and pixels of the searched picture between two of its parallels."""
+VOTE_SPREAD_DEG = 2.0
+"""Degrees: a ridge normal of a thin marking is this uncertain, so that each point votes for the neighbours too."""
+TOLERANCE_PX, LOOSE = 1.2, 2.5
+"""Distance of a supporting point from its line, pixels of the searched picture, and the first one around a peak of the
+vote, in such distances. The flat arcs of a large circle leave a line of 200 px by as little (study of 42 broadcast
+frames), so that a larger tolerance would take them."""
+ANGLE_TOLERANCE_DEG = 12.0
+"""Largest difference of direction between a line and its points, degrees."""
+SUPPORT = 0.5
+"""Smallest share of a line's length with ridge points."""
+GAP = 0.03
+"""A gap longer than this ends a segment, in picture widths: what lies beyond may be another marking."""
+TRIES = 2
+"""Peaks of the vote that are looked at for each wanted line."""
+FEWEST_POINTS = 4
+"""Of a line; two fix it."""
+BINS_PER_PX = 0.5
+"""Occupancy of a run is counted in cells of two pixels."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,32 +69,31 @@ class StraightRun:
 class _Vote:
     """Histogram over direction and distance, from which the points of found lines are taken out again."""
 
-    def __init__(self, points: Array, normals: Array, size: tuple[int, int], config: LineConfig) -> None:
-        self._bins = config.angle_bins
+    def __init__(self, points: Array, normals: Array, size: tuple[int, int]) -> None:
         self._origin = (np.array(size) - 1) / 2
-        self._rho_count = int(np.ceil(np.hypot(*size) / _RHO_BIN_PX)) + 8
+        self._rho_count = int(np.ceil(np.hypot(*size) / RHO_BIN_PX)) + 8
         nx, ny = normals.T.astype(np.float32)
         angle = np.arctan2(ny, nx) % np.float32(np.pi)
-        spread = max(1, round(_VOTE_SPREAD_DEG * config.angle_bins / 180.0))
+        spread = max(1, round(VOTE_SPREAD_DEG * ANGLE_BINS / 180.0))
         offsets = np.arange(-spread, spread + 1, dtype=np.int32)
-        bins = (angle * np.float32(config.angle_bins / np.pi)).astype(np.int32)[:, None] + offsets
-        folded = bins % np.int32(config.angle_bins)
-        table = (np.arange(config.angle_bins) + 0.5) * (np.pi / config.angle_bins)
-        cosine, sine = (np.asarray(f / _RHO_BIN_PX, np.float32) for f in (np.cos(table), np.sin(table)))
+        bins = (angle * np.float32(ANGLE_BINS / np.pi)).astype(np.int32)[:, None] + offsets
+        folded = bins % np.int32(ANGLE_BINS)
+        table = (np.arange(ANGLE_BINS) + 0.5) * (np.pi / ANGLE_BINS)
+        cosine, sine = (np.asarray(f / RHO_BIN_PX, np.float32) for f in (np.cos(table), np.sin(table)))
         local = (points - self._origin).astype(np.float32)
         rho = local[:, :1] * cosine[folded] + local[:, 1:] * sine[folded]
         # ridge points lie at most a few pixels off the picture, so every cell exists
         cell = np.rint(rho).astype(np.int32) + np.int32(self._rho_count // 2)
         self._cells = folded * np.int32(self._rho_count) + cell
-        votes = np.bincount(self._cells.ravel(), minlength=config.angle_bins * self._rho_count)
+        votes = np.bincount(self._cells.ravel(), minlength=ANGLE_BINS * self._rho_count)
         self._votes = votes.astype(np.int32)
         self._voting = np.ones(len(points), np.bool_)
 
     def peak(self) -> tuple[Array, int, int]:
         """Strongest line (3,) in pixels, its votes and its cell."""
         cell = int(self._votes.argmax())
-        theta = (cell // self._rho_count + 0.5) * np.pi / self._bins
-        rho = (cell % self._rho_count - self._rho_count // 2) * _RHO_BIN_PX
+        theta = (cell // self._rho_count + 0.5) * np.pi / ANGLE_BINS
+        rho = (cell % self._rho_count - self._rho_count // 2) * RHO_BIN_PX
         normal = np.array([np.cos(theta), np.sin(theta)])
         return np.append(normal, -rho - normal @ self._origin), int(self._votes[cell]), cell
 
@@ -93,9 +108,7 @@ class _Vote:
         self._votes[cell] = 0
 
 
-def find_straight_runs(
-    ridges: RidgePoints, size: tuple[int, int], minimum_length_px: float, config: LineConfig
-) -> list[StraightRun]:
+def find_straight_runs(ridges: RidgePoints, size: tuple[int, int], minimum_length_px: float) -> list[StraightRun]:
     """Find straight runs among ridge points.
 
     Parameters
@@ -105,28 +118,27 @@ def find_straight_runs(
         Width and height of the picture of the ridge points.
     minimum_length_px : float
         Shorter runs are not reported.
-    config : LineConfig
 
     Returns
     -------
     list of StraightRun
-        Longest first, at most ``config.count``; no point belongs to two of them.
+        Longest first, at most :data:`MOST_LINES`; no point belongs to two of them.
     """
     if len(ridges) < 2:
         return []
-    vote = _Vote(ridges.points, ridges.normals, size, config)
+    vote = _Vote(ridges.points, ridges.normals, size)
     columns = np.concatenate([ridges.points.T, ridges.normals.T])
     free = np.ones(len(ridges), np.bool_)
     runs: list[StraightRun] = []
-    for _ in range(_TRIES * config.count):
+    for _ in range(TRIES * MOST_LINES):
         line, votes, cell = vote.peak()
-        if votes < config.support * minimum_length_px or len(runs) >= config.count:
+        if votes < SUPPORT * minimum_length_px or len(runs) >= MOST_LINES:
             break
-        run = _run_near(line, columns, free, config, size[0])
+        run = _fit_run(line, columns, free, size[0])
         if run is None:
             vote.forget(cell)
             continue
-        if run.length >= minimum_length_px and run.support >= config.support:
+        if run.length >= minimum_length_px and run.support >= SUPPORT:
             runs.append(run)
             free[run.members] = False
         vote.remove(run.members)
@@ -134,32 +146,30 @@ def find_straight_runs(
     return sorted(runs, key=lambda run: -run.length)
 
 
-def _run_near(
-    line: Array, columns: Array, free: NDArray[np.bool_], config: LineConfig, width: int
-) -> StraightRun | None:
+def _fit_run(line: Array, columns: Array, free: NDArray[np.bool_], width: int) -> StraightRun | None:
     """Refit a line to the free points near it, tighter each time, and take its longest run.
 
     ``columns`` (4, N) holds x, y and the normals' x, y of all points.
     """
-    reach = _LOOSE * config.tolerance_px
-    aligned = cos(radians(config.angle_tolerance_deg))
+    reach = LOOSE * TOLERANCE_PX
+    aligned = cos(radians(ANGLE_TOLERANCE_DEG))
     pool = np.flatnonzero((_distance(line, columns) <= 2 * reach) & free)
     near = columns.take(pool, axis=1)
     chosen, run = pool, near
-    for tolerance in (reach, config.tolerance_px):
+    for tolerance in (reach, TOLERANCE_PX):
         along_normal = np.abs(line[0] * near[2] + line[1] * near[3])
         (chosen,) = ((_distance(line, near) <= tolerance) & (along_normal >= aligned)).nonzero()
-        if len(chosen) < 4:
+        if len(chosen) < FEWEST_POINTS:
             return None
-        chosen = chosen[_longest_run(_along(line, near.take(chosen, axis=1)), config.gap * width)]
-        if len(chosen) < 4:
+        chosen = chosen[_longest_run(_along(line, near.take(chosen, axis=1)), GAP * width)]
+        if len(chosen) < FEWEST_POINTS:
             return None
         run = near[:2].take(chosen, axis=1)
         line = fit_line(run.T)
     t = _along(line, run)
     low, high = float(t.min()), float(t.max())
-    cells = np.bincount(((t - low) * _BINS_PER_PX).astype(np.int64))
-    support = min(1.0, float(np.count_nonzero(cells)) / max(1.0, (high - low) * _BINS_PER_PX))
+    cells = np.bincount(((t - low) * BINS_PER_PX).astype(np.int64))
+    support = min(1.0, float(np.count_nonzero(cells)) / max(1.0, (high - low) * BINS_PER_PX))
     foot = -line[2] * line[:2]
     direction = np.array([-line[1], line[0]])
     return StraightRun(foot + low * direction, foot + high * direction, pool[chosen], support)

@@ -10,13 +10,18 @@ from numpy.typing import NDArray
 
 from circlecal.detection.circle import MeasuredCircle
 from circlecal.detection.halfway import MeasuredLine, measure_segments
-from circlecal.detection.options import DetectorConfig
+from circlecal.detection.options import ProfilesConfig
 from circlecal.geometry.projective import Array, lift
 from circlecal.paint.bands import BandProfile, local_width
 
 __all__ = ["CIRCLE_CLASS", "HALFWAY_CLASS", "UNKNOWN_CLASS", "MarkingSketch", "band_polygons"]
 
 CIRCLE_CLASS, UNKNOWN_CLASS, HALFWAY_CLASS = 7, 17, 18  # SoccerNet: "Circle central", "Line unknown", "Middle line"
+ON_HALFWAY_PX, ON_HALFWAY_DEG = 6.0, 3.0
+"""Pixels at 1920 px width and degrees by which a piece of the halfway line may leave its middle part: it bends outside
+the circle."""
+LEAST_HALF_WIDTH_PX = 1.0
+"""Of a band, pixels of the picture."""
 _SHIFT = 4  # binary places of the sub-pixel corners
 
 
@@ -26,7 +31,7 @@ class MarkingSketch:
 
     Attributes
     ----------
-    brightness : (H, W) uint8
+    gray : (H, W) uint8
         The frame.
     circle : MeasuredCircle or None
     halfway : MeasuredLine or None
@@ -34,22 +39,22 @@ class MarkingSketch:
         Ends of the straight markings, px.
     sign : float
         +1 for light markings, -1 for dark ones.
-    config : DetectorConfig
+    config : ProfilesConfig
     """
 
-    brightness: NDArray[np.uint8]
+    gray: NDArray[np.uint8]
     circle: MeasuredCircle | None
     halfway: MeasuredLine | None
     segments: Array
     sign: float
-    config: DetectorConfig
+    config: ProfilesConfig
 
     def draw(self) -> NDArray[np.uint8]:
         """Class ids (H, W): the circle over the halfway line over other straight markings."""
-        mask = np.zeros(self.brightness.shape, np.uint8)
-        part = measure_segments(self.brightness, self.segments, self.sign, self.config)
+        mask = np.zeros(self.gray.shape, np.uint8)
+        part = measure_segments(self.gray, self.segments, self.sign, self.config)
         if part is not None:
-            halfway = self._on_halfway()[part.pieces]
+            halfway = self._lie_on_halfway()[part.pieces]
             for wanted, class_id in ((~halfway, UNKNOWN_CLASS), (halfway, HALFWAY_CLASS)):
                 band = replace(part.band, supported=part.band.supported & wanted)
                 _fill(mask, band_polygons(part.points, part.normals, band, part.pieces, False), class_id)
@@ -63,7 +68,7 @@ class MarkingSketch:
             _fill(mask, band_polygons(circle.points, circle.normals, circle.band, one, True), CIRCLE_CLASS)
         return mask
 
-    def _on_halfway(self) -> NDArray[np.bool_]:
+    def _lie_on_halfway(self) -> NDArray[np.bool_]:
         """Which segments (K,) are part of the halfway line, which may bend a little outside the circle."""
         if self.halfway is None:
             return np.zeros(len(self.segments), np.bool_)
@@ -71,8 +76,8 @@ class MarkingSketch:
         first, last = self.halfway.ends
         span = self.segments[:, 1] - self.segments[:, 0]
         cosine = np.abs(span @ (last - first)) / np.maximum(1e-9, np.hypot(*span.T) * np.hypot(*(last - first)))
-        near = distance.min(axis=1) < 6.0 * self.brightness.shape[1] / 1920.0
-        return np.asarray((cosine > np.cos(np.deg2rad(3.0))) & near, np.bool_)
+        near = distance.min(axis=1) < ON_HALFWAY_PX * self.gray.shape[1] / 1920.0
+        return np.asarray((cosine > np.cos(np.deg2rad(ON_HALFWAY_DEG))) & near, np.bool_)
 
 
 def band_polygons(
@@ -93,7 +98,7 @@ def band_polygons(
     on = band.supported
     if np.count_nonzero(on) < 2:
         return ()
-    half = np.maximum(local_width(band) / 2, 1.0)[:, None]
+    half = np.maximum(local_width(band) / 2, LEAST_HALF_WIDTH_PX)[:, None]
     middle = points + band.offset[:, None] * normals
     outer, inner = middle + half * normals, middle - half * normals
     order = np.arange(len(points))

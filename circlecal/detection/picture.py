@@ -8,12 +8,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.detection.hypotheses import EllipseBatch
+from circlecal.detection.ellipse_batch import EllipseBatch
 from circlecal.detection.lines import StraightRun
-from circlecal.detection.options import DetectorConfig
 from circlecal.geometry.projective import Array
 
-__all__ = ["Picture", "Scaling", "detection_picture"]
+__all__ = ["Picture", "Scaling", "reduce_picture"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,16 +47,18 @@ class Scaling:
         return EllipseBatch(centers, batch.great / self.factor, batch.small / self.factor)
 
 
-def detection_picture(grey: NDArray[np.uint8], config: DetectorConfig) -> tuple[NDArray[np.uint8], Scaling]:
-    """Grey picture reduced (or enlarged) to the width of the search, and the way back."""
-    height, width = grey.shape
-    wanted = max(min(width, config.detection_width_px), config.enlarged_width_px)
+def reduce_picture(gray: NDArray[np.uint8], largest: int, smallest: int) -> tuple[NDArray[np.uint8], Scaling]:
+    """Gray picture (H, W), reduced to the largest or enlarged to the smallest width (px) of the search, and the way
+    back.
+    """
+    height, width = gray.shape
+    wanted = max(min(width, largest), smallest)
     if width == wanted:
-        return grey, Scaling(np.ones(2))
+        return gray, Scaling(np.ones(2))
     size = (wanted, max(1, round(height * wanted / width)))
     # area averaging is slow for factors other than two; below two, linear interpolation loses nothing
-    while grey.shape[1] >= 2 * wanted:
-        half = (grey.shape[1] // 2, max(1, grey.shape[0] // 2))
-        grey = np.asarray(cv2.resize(grey, half, interpolation=cv2.INTER_AREA), np.uint8)
-    reduced = np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_LINEAR), np.uint8)
+    while gray.shape[1] >= 2 * wanted:
+        half = (gray.shape[1] // 2, max(1, gray.shape[0] // 2))
+        gray = np.asarray(cv2.resize(gray, half, interpolation=cv2.INTER_AREA), np.uint8)
+    reduced = np.asarray(cv2.resize(gray, size, interpolation=cv2.INTER_LINEAR), np.uint8)
     return reduced, Scaling(np.array([width / size[0], height / size[1]]))

@@ -1,8 +1,10 @@
 """Ridge points: centrelines of thin bright (or dark) structures with their normals, sub-pixel, at several widths.
 
-A ridge is found where the smoothed picture's second derivative across it is strongly negative and its first
-derivative vanishes within the pixel (Steger 1998, *An unbiased detector of curvilinear structures*, section 3.1).
-Wide markings are found in reduced pictures (a pyramid), so one small filter serves all widths.
+A ridge is found where the smoothed picture's second derivative across it is strongly negative and its first derivative
+vanishes within the pixel (Steger 1998, *An unbiased detector of curvilinear structures*, section 3.1): with the unit
+eigenvector ``n`` of the Hessian's most negative eigenvalue ``k``, the ridge lies at ``-(g . n) / k * n`` from the
+pixel's centre, ``g`` being the gradient there. Wide markings are found in reduced pictures (a pyramid), so one small
+filter serves all widths.
 """
 
 from __future__ import annotations
@@ -17,12 +19,39 @@ from circlecal.detection.options import RidgeConfig
 from circlecal.geometry.projective import Array
 from circlecal.paint.profiles import Brightness
 
-__all__ = ["RidgePoints", "find_ridges"]
+__all__ = ["RidgePoints", "RidgeRaster", "find_ridges"]
 
 Picture = NDArray[np.float32]
-_STEP_LIMIT = 0.6  # largest sub-pixel step from a pixel's centre to its ridge, in pixels; 0.5 would lose diagonal ones
-_KERNEL_REACH = 2.7  # half size of the smoothing kernel, in sigmas
-_PREFILTER = 0.7  # the negative Laplacian reaches at least this share of the ridge response on any line-like ridge
+Floats = NDArray[np.float32]
+
+LEVELS = 3
+"""Of the pyramid; each doubles the width of the markings that it answers. In a study of 42 broadcast frames one level
+found the circle in 37, three in all."""
+LEVEL_WEIGHT = 0.71
+"""Of a level's response relative to the next finer one. Second derivatives in the pixels of a level hold the factor
+sigma^2 that makes the levels comparable; 2^-0.5 less per level makes that sigma^1.5, the study's weight, which prefers
+the finer of two levels that answer alike.
+"""
+LEAST_CONTRAST = 0.4
+"""Least second derivative across a ridge, gray levels per square pixel, where the surface is so calm that the threshold
+in medians would take the rounding of gray levels for ridges."""
+STEP_LIMIT = 0.6
+"""Largest step from a pixel's centre to its ridge, in pixels; 0.5 would lose diagonal ridges."""
+KERNEL_REACH = 2.7
+"""Half size of the smoothing kernel, in sigmas: what lies beyond holds 0.7 % of the weight."""
+PREFILTER = 0.7
+"""The negative Laplacian reaches at least this share of the ridge response on any line-like ridge; pixels below it are
+passed over before anything is computed for each."""
+SHORTEST_CHAIN_PX, FEWEST_IN_CHAIN = 13.5, 4.0
+"""Shorter chains of ridge points are dropped: length in pixels at 1920 px width, as in the study, where 3 to 30
+thousand points remained of a frame; and points at least.
+"""
+ALIGNED_DEG = 15.0
+"""Largest difference of direction, degrees, between a curve and the ridge points that support it."""
+NOTHING, OFF_FIELD = -1, -2
+"""What a raster holds where there is no ridge point: on the field, and off it."""
+
+_ALIGNED = float(np.cos(np.deg2rad(ALIGNED_DEG)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,13 +74,13 @@ class RidgePoints:
         return len(self.points)
 
 
-def find_ridges(grey: Brightness, region: NDArray[np.uint8], sign: float, config: RidgeConfig) -> RidgePoints:
+def find_ridges(gray: Brightness, region: NDArray[np.uint8], sign: float, config: RidgeConfig) -> RidgePoints:
     """Find ridge points inside a region.
 
     Parameters
     ----------
-    grey : (h, w) uint8 or float32
-        Picture in grey levels.
+    gray : (h, w) uint8 or float32
+        Picture in gray levels.
     region : (h, w) uint8
         255 where ridges are wanted, 0 elsewhere.
     sign : float
@@ -62,15 +91,15 @@ def find_ridges(grey: Brightness, region: NDArray[np.uint8], sign: float, config
     -------
     RidgePoints
     """
-    top, bottom = _row_range(region, 1 << config.levels)
+    top, bottom = _find_rows(region, 1 << LEVELS)
     region = region[top:bottom]
-    smooth = _smoothed_levels(grey[top:bottom], config)
-    ridges = _without_short_chains(_ridges_of_all_levels(smooth, region, sign, config), region.shape, config)
+    smooth = _build_pyramid(gray[top:bottom], config)
+    ridges = _drop_short_chains(_find_on_levels(smooth, region, sign, config), region.shape)
     ridges.points[:, 1] += top
     return ridges
 
 
-def _row_range(region: NDArray[np.uint8], multiple: int) -> tuple[int, int]:
+def _find_rows(region: NDArray[np.uint8], multiple: int) -> tuple[int, int]:
     """First and last row (exclusive) that hold the region with a margin, the first a multiple of the pyramid's step."""
     rows = np.flatnonzero(region.any(axis=1))
     if len(rows) == 0:
@@ -79,12 +108,12 @@ def _row_range(region: NDArray[np.uint8], multiple: int) -> tuple[int, int]:
     return top, min(region.shape[0], int(rows[-1]) + 2 * multiple)
 
 
-def _smoothed_levels(grey: Brightness, config: RidgeConfig) -> list[Picture]:
-    side = 2 * int(np.ceil(_KERNEL_REACH * config.sigma_px)) + 1
+def _build_pyramid(gray: Brightness, config: RidgeConfig) -> list[Picture]:
+    side = 2 * int(np.ceil(KERNEL_REACH * config.sigma_px)) + 1
     kernel = cv2.getGaussianKernel(side, config.sigma_px, cv2.CV_32F)
     levels = []
-    current = grey
-    for level in range(config.levels):
+    current = gray
+    for level in range(LEVELS):
         if level:
             size = (current.shape[1] // 2, current.shape[0] // 2)
             if min(size) < 16:
@@ -95,45 +124,43 @@ def _smoothed_levels(grey: Brightness, config: RidgeConfig) -> list[Picture]:
     return levels
 
 
-def _ridges_of_all_levels(
-    smooth: list[Picture], region: NDArray[np.uint8], sign: float, config: RidgeConfig
-) -> Picture:
+def _find_on_levels(smooth: list[Picture], region: NDArray[np.uint8], sign: float, config: RidgeConfig) -> Picture:
     """Rows x, y, nx, ny, strength (5, K) of the points of all levels; a place keeps the level that responds most."""
     height, width = region.shape
     responses = [
-        np.asarray(cv2.Laplacian(picture, cv2.CV_32F, scale=-sign * config.level_weight**level), np.float32)
+        np.asarray(cv2.Laplacian(picture, cv2.CV_32F, scale=-sign * LEVEL_WEIGHT**level), np.float32)
         for level, picture in enumerate(smooth)
     ]
-    threshold = _threshold(responses[0], region, config)
+    threshold = _choose_threshold(responses[0], region, config)
     taken = np.zeros(region.shape, np.uint8)
     parts = []
     for level, picture in enumerate(smooth):
-        candidates = _candidates(responses[level], region, _PREFILTER * threshold)
-        found = _steger(picture, candidates, sign, config.level_weight**level, threshold)
+        candidates = _find_candidates(responses[level], region, PREFILTER * threshold)
+        found = _locate_ridges(picture, candidates, sign, LEVEL_WEIGHT**level, threshold)
         found[0] = (found[0] + 0.5) * (width / picture.shape[1]) - 0.5
         found[1] = (found[1] + 0.5) * (height / picture.shape[0]) - 0.5
         if level:
-            found = found.take(np.flatnonzero(taken.ravel()[_cells(found, region.shape)] == 0), axis=1)
+            found = found.take(np.flatnonzero(taken.ravel()[_pixel_indices(found, region.shape)] == 0), axis=1)
         if level + 1 < len(smooth):
-            coarser = [_response_at(response, found, region.shape) for response in responses[level + 1 :]]
+            coarser = [_look_up_response(response, found, region.shape) for response in responses[level + 1 :]]
             found = found.take(np.flatnonzero(np.max(coarser, axis=0) <= found[4]), axis=1)
-            taken.ravel()[_cells(found, region.shape)] = 1
+            taken.ravel()[_pixel_indices(found, region.shape)] = 1
             taken = np.asarray(cv2.dilate(taken, np.ones((3, 3), np.uint8)), np.uint8)
-        parts.append(_densified(found, 1 << level))
+        parts.append(_repeat_along_ridge(found, 1 << level))
     return np.concatenate(parts, axis=1)
 
 
-def _threshold(response: Picture, region: NDArray[np.uint8], config: RidgeConfig) -> float:
+def _choose_threshold(response: Picture, region: NDArray[np.uint8], config: RidgeConfig) -> float:
     rows, columns = slice(2, None, 8), slice(2, None, 4)
     sample = response[rows, columns]
     positive = sample[(region[rows, columns] > 0) & (sample > 0)]
     if positive.size == 0:
         return float("inf")
     median = float(np.partition(positive, positive.size // 2)[positive.size // 2])
-    return max(config.minimum_contrast, config.threshold * median)
+    return max(LEAST_CONTRAST, config.threshold * median)
 
 
-def _candidates(response: Picture, region: NDArray[np.uint8], threshold: float) -> NDArray[np.int64]:
+def _find_candidates(response: Picture, region: NDArray[np.uint8], threshold: float) -> NDArray[np.int64]:
     """Flat indices of the pixels worth a closer look, borders left out."""
     wanted = (response > threshold).view(np.uint8)
     if region.shape != response.shape:
@@ -144,7 +171,9 @@ def _candidates(response: Picture, region: NDArray[np.uint8], threshold: float) 
     return np.flatnonzero(wanted.view(np.bool_))
 
 
-def _steger(picture: Picture, candidates: NDArray[np.int64], sign: float, weight: float, threshold: float) -> Picture:
+def _locate_ridges(
+    picture: Picture, candidates: NDArray[np.int64], sign: float, weight: float, threshold: float
+) -> Picture:
     """Ridges through the candidate pixels: rows x, y, nx, ny, strength (5, M), in pixels of this picture."""
     width = picture.shape[1]
     flat = picture.ravel() if sign > 0 else -picture.ravel()
@@ -156,15 +185,15 @@ def _steger(picture: Picture, candidates: NDArray[np.int64], sign: float, weight
     xx, yy, xy = w + e - twice, n + s - twice, (se - sw - ne + nw) * np.float32(0.25)
     gx, gy = e - w, s - n  # twice the gradient
     half = (xx - yy) * np.float32(0.5)
-    # most negative eigenvalue; its eigenvector is (xy, across - xx) or (across - yy, xy)
+    # k = (xx + yy) / 2 - sqrt((xx - yy)^2 / 4 + xy^2), with the eigenvector (xy, k - xx) or (k - yy, xy), any length
     across = (xx + yy) * np.float32(0.5) - np.sqrt(half * half + xy * xy)
     steep = half < 0
     nx, ny = np.where(steep, across - yy, xy), np.where(steep, xy, across - xx)
     length = nx * nx + ny * ny
-    # the step to the ridge, in units of the eigenvector
+    # -(g . n) / (k |n|^2), the step to the ridge in units of the eigenvector
     step = (gx * nx + gy * ny) / (length * np.minimum(across, np.float32(-1e-6)) * np.float32(-2.0) + np.float32(1e-30))
     sx, sy = step * nx, step * ny
-    on = np.maximum(np.abs(sx), np.abs(sy)) <= np.float32(_STEP_LIMIT)
+    on = np.maximum(np.abs(sx), np.abs(sy)) <= np.float32(STEP_LIMIT)
     on &= across < np.float32(-threshold / weight)
     keep = np.flatnonzero(on)
     pixels, size = candidates.take(keep), np.sqrt(length.take(keep))
@@ -177,14 +206,14 @@ def _steger(picture: Picture, candidates: NDArray[np.int64], sign: float, weight
     return rows
 
 
-def _cells(rows: Picture, shape: tuple[int, ...]) -> NDArray[np.int64]:
+def _pixel_indices(rows: Picture, shape: tuple[int, ...]) -> NDArray[np.int64]:
     """Flat index of the pixel that each point lies in."""
     x = np.clip(np.rint(rows[0]), 0, shape[1] - 1).astype(np.int64)
     y = np.clip(np.rint(rows[1]), 0, shape[0] - 1).astype(np.int64)
     return np.asarray(y * shape[1] + x, np.int64)
 
 
-def _response_at(response: Picture, rows: Picture, shape: tuple[int, ...]) -> Picture:
+def _look_up_response(response: Picture, rows: Picture, shape: tuple[int, ...]) -> Picture:
     """Response of another level at the place of each point (M,)."""
     height, width = response.shape
     x = np.clip((rows[0] + 0.5) * (width / shape[1]), 0, width - 1).astype(np.int64)
@@ -192,7 +221,7 @@ def _response_at(response: Picture, rows: Picture, shape: tuple[int, ...]) -> Pi
     return np.asarray(response.ravel()[y * width + x], np.float32)
 
 
-def _densified(rows: Picture, copies: int) -> Picture:
+def _repeat_along_ridge(rows: Picture, copies: int) -> Picture:
     """Points of a coarse level repeated along the ridge, so that every level has about one point per pixel."""
     if copies == 1:
         return rows
@@ -203,13 +232,54 @@ def _densified(rows: Picture, copies: int) -> Picture:
     return spread
 
 
-def _without_short_chains(rows: Picture, shape: tuple[int, ...], config: RidgeConfig) -> RidgePoints:
-    cells = _cells(rows, shape)
+def _drop_short_chains(rows: Picture, shape: tuple[int, ...]) -> RidgePoints:
+    cells = _pixel_indices(rows, shape)
     raster = np.zeros(shape, np.uint8)
     raster.ravel()[cells] = 1
     _, labels = cv2.connectedComponents(raster, connectivity=8)
     label = labels.ravel()[cells]
     chain = np.bincount(label, minlength=1)[label]
-    keep = np.flatnonzero(chain >= max(4.0, config.chain_px1280 * shape[1] / 1280.0))
+    keep = np.flatnonzero(chain >= max(FEWEST_IN_CHAIN, SHORTEST_CHAIN_PX * shape[1] / 1920.0))
     kept = rows[:4].take(keep, axis=1).astype(np.float64)
     return RidgePoints(kept[:2].T.copy(), kept[2:].T.copy(), chain[keep].astype(np.int64))
+
+
+class RidgeRaster:
+    """Which ridge point is at or beside a pixel.
+
+    Parameters
+    ----------
+    ridges : RidgePoints
+    region : (h, w) uint8
+        Non-zero inside the field.
+    """
+
+    def __init__(self, ridges: RidgePoints, region: NDArray[np.uint8]) -> None:
+        self.height, self.width = region.shape
+        self.ridges = ridges
+        wide = self.width + 2  # one pixel of border: neighbours need no clipping, places off the picture end up there
+        inside = cv2.copyMakeBorder(region, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=[0.0]) > 0
+        cells = inside.view(np.int8) + np.int8(OFF_FIELD)  # one more is NOTHING
+        flat = cells.astype(np.int32).ravel()
+        x, y = np.rint(ridges.points).astype(np.int64).T
+        place = (np.clip(y, 0, self.height - 1) + 1) * wide + np.clip(x, 0, self.width - 1) + 1
+        index = np.arange(len(place), dtype=np.int32)
+        diagonal, straight = (-wide - 1, -wide + 1, wide - 1, wide + 1), (-wide, -1, 1, wide)
+        for offset in (*diagonal, *straight, 0):  # nearest last: it wins
+            flat[place + offset] = index
+        self._flat, self._stride = flat, wide
+        empty = np.zeros(1)  # entry for "no ridge point": aligned with nothing
+        self._nx = np.concatenate([ridges.normals[:, 0], empty]).astype(np.float32)
+        self._ny = np.concatenate([ridges.normals[:, 1], empty]).astype(np.float32)
+
+    def lookup(self, x: Floats, y: Floats) -> NDArray[np.int32]:
+        """Ridge index at or beside each place (...); negative where there is none."""
+        column = np.clip(np.rint(x), -1, self.width).astype(np.int32) + 1
+        row = np.clip(np.rint(y), -1, self.height).astype(np.int32) + 1
+        return np.asarray(self._flat[row * self._stride + column], np.int32)
+
+    def is_aligned(self, index: NDArray[np.int32], nx: Floats, ny: Floats) -> NDArray[np.bool_]:
+        """Whether the ridge points (...) run along the curve with these normals (any length)."""
+        where = np.maximum(index, NOTHING)  # -1: the empty entry
+        dot = self._nx[where] * nx + self._ny[where] * ny
+        return np.asarray(dot * dot > np.float32(_ALIGNED**2) * (nx * nx + ny * ny), np.bool_)

@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from circlecal.detection import Detection, DetectorConfig, detect
+from circlecal.detection.arcs import GAPLESS_SHARE
 from circlecal.detection.networks import SegmentationNetwork, load_network, segment
 from circlecal.errors import EstimationError
 from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.projective import Array, fit_line, line_distance
 from circlecal.geometry.ransac import ransac_conic
-from circlecal.refusals import refuse
+from circlecal.refusals import Confidence, refuse
 from circlecal.results import CIRCLE_ID, HALFWAY_ID, Interpretation, MarkingMask, SeenArc, Segment
 
 MODEL_KEY = "mask.model"
@@ -51,7 +52,7 @@ def find_marking(
     given: NDArray[np.uint8] | None,
     config: MaskConfig,
     rng: np.random.Generator,
-    brightness: NDArray[np.uint8] | None = None,
+    gray: NDArray[np.uint8] | None = None,
     ruled_out: tuple[Interpretation, ...] = (),
 ) -> tuple[MarkingMask, EstimationError | None]:
     """The marking mask of a frame, and the reason where it holds no circle.
@@ -66,8 +67,8 @@ def find_marking(
         Options.
     rng : numpy.random.Generator
         For the detector's and the mask's robust fits.
-    brightness : (H, W) uint8, optional
-        Of the picture, where it is known already.
+    gray : (H, W) uint8, optional
+        Gray levels of the picture, where they are known already.
     ruled_out : tuple of Interpretation
         What the built-in detector shall not find again.
 
@@ -88,8 +89,8 @@ def find_marking(
     if given is None and config.source == "file":
         return _empty(image), refuse("mask", "no_mask")
     if given is None or config.source == "detector":
-        found = detect(image, config.detector, rng, brightness, ruled_out)
-        return marking_from_detection(found, config.detector.likely.gapless_share)
+        found = detect(image, config.detector, rng, gray, ruled_out)
+        return marking_from_detection(found)
     return marking_from_classes(given, config, rng)
 
 
@@ -105,8 +106,8 @@ def require_mask_network(config: MaskConfig) -> None:
         load_network(config.model, config.network.provider, MODEL_KEY)
 
 
-def marking_from_detection(found: Detection, gapless_share: float) -> tuple[MarkingMask, EstimationError | None]:
-    """Take over what the built-in detector found; arcs are without a gap from a share that is drawn on."""
+def marking_from_detection(found: Detection) -> tuple[MarkingMask, EstimationError | None]:
+    """Take over what the built-in detector found."""
     refusal = found.refusal or "no_circle_found"
     marking = MarkingMask(
         drawn=found.sketch.draw,
@@ -116,10 +117,10 @@ def marking_from_detection(found: Detection, gapless_share: float) -> tuple[Mark
         lines=found.lines,
         field_region=found.region.hull > 0,
         candidates=tuple(c.conic for c in found.candidates),
-        certain=found.certain,
+        confidence=found.confidence,
         polarity=found.polarity,
         band_px=0.0 if found.sketch.circle is None else found.sketch.circle.widest_px,
-        arcs=tuple(SeenArc(arc.conic, arc.points, arc.least_share >= gapless_share) for arc in found.arcs),
+        arcs=tuple(SeenArc(arc.conic, arc.points, arc.least_share >= GAPLESS_SHARE) for arc in found.arcs),
     )
     if found.circle is None:
         return marking, refuse("mask", refusal)
@@ -138,7 +139,9 @@ def with_arc(marking: MarkingMask, arc: SeenArc) -> MarkingMask:
             cv2.circle(classes, (x, y), radius, CIRCLE_ID, cv2.FILLED)
         return classes
 
-    return replace(marking, drawn=drawn, conic=arc.conic, halfway=None, certain=False, arcs=others, band_px=None)
+    return replace(
+        marking, drawn=drawn, conic=arc.conic, halfway=None, confidence=Confidence.TENTATIVE, arcs=others, band_px=None
+    )
 
 
 def marking_from_classes(

@@ -20,7 +20,7 @@ from circlecal.geometry.projective import Array
 from circlecal.geometry.ransac import ransac_conic
 from circlecal.observations import CircleEdge
 from circlecal.paint.profiles import Bands, Brightness, measure_bands, sample_profiles, smooth_along
-from circlecal.refusals import refuse
+from circlecal.refusals import Confidence, refuse
 from circlecal.results import CameraFit, EdgePoints, MarkingMask, RayPoints
 
 CLEAR_OF_ENDS_PX = 6.0
@@ -94,8 +94,8 @@ def cast_rays(
     if rough is None:
         raise refuse("rays", "no_circle_found")
     unit = picture.shape[1] / 1920.0
-    # the detector has fitted a circle of which it is certain to the picture itself
-    fitted = mask.source == "detector" and mask.certain
+    # the detector has fitted a circle that it accepts to the picture itself
+    fitted = mask.source == "detector" and mask.confidence is Confidence.ACCEPTED
     center_fit = rough if fitted else _first_look(picture, rough, edges.noise, relative_width, config, rng)
     if center_fit is None:
         raise refuse("rays", "no_band")

@@ -12,7 +12,7 @@ from circlecal.geometry.conics import circle_conic, sampson_distance, transform_
 from circlecal.geometry.homography import projects_in_front
 from circlecal.geometry.projective import Array, apply_homography, lift, normalise_line, transform_lines
 from circlecal.line_naming.line_ends import running_through
-from circlecal.refusals import CHECKS, REFUSALS, words_of_check
+from circlecal.refusals import CHECKS, REFUSALS, Confidence, words_of_check
 from circlecal.results import Agreement, Attempt, CameraFit, Check, Cues, EllipseFits, Verdict
 
 NOISE_SIGMAS = 3.0
@@ -121,7 +121,7 @@ def judge(attempt: Attempt, template: FieldTemplate, circle: Circle, width: int,
     """
     camera, homography = attempt.camera, attempt.homography
     ellipses, cues = attempt.ellipses or EllipseFits(None, None, None), attempt.cues or Cues(None, None)
-    unit, is_tentative = width / 1920.0, attempt.mask is not None and not attempt.mask.certain
+    unit, is_tentative = width / 1920.0, attempt.mask is not None and attempt.mask.confidence is Confidence.TENTATIVE
     if camera is not None:
         checks = _camera_checks(camera, ellipses, cues, template, circle, unit, config, is_tentative)
     elif homography is not None:

@@ -2,12 +2,18 @@ import cv2
 import numpy as np
 import pytest
 
-from circlecal.detection.circle import CircleHypothesis, conic_of, hypothesis_of, measure_circle, refusal_of
-from circlecal.detection.hypotheses import EllipseBatch
-from circlecal.detection.options import AcceptanceConfig
+from circlecal.detection.circle import (
+    LEAST_RMS_PX,
+    THINNEST_BAND,
+    CircleHypothesis,
+    describe_circle,
+    find_refusal,
+    measure_circle,
+)
+from circlecal.detection.ellipse_batch import EllipseBatch, ellipse_conic
+from circlecal.detection.options import AcceptanceConfig, ProfilesConfig
 from circlecal.geometry.conics import sampson_distance
 from circlecal.geometry.ellipses import Ellipse, conic_from_ellipse, ellipse_from_conic
-from circlecal.paint.bands import RefinementConfig
 
 from .conftest import Scene, paint_scene
 
@@ -20,7 +26,7 @@ def judged(whole: float = 0.95, share: float = 0.95, rms: float = 0.5) -> Circle
 
 
 def refusal(circle: CircleHypothesis, has_halfway: bool) -> str | None:
-    return refusal_of(circle, has_halfway, 1920, GATES)
+    return find_refusal(circle, has_halfway, 1920, GATES)
 
 
 def test_a_good_circle_needs_no_line() -> None:
@@ -45,10 +51,10 @@ def test_a_whole_circle_with_its_line_may_be_hidden_more() -> None:
 
 
 def test_scatter_is_judged_by_size_only_for_a_whole_circle_with_a_line() -> None:
-    large = 0.5 * (GATES.rms_px1920 + GATES.rms_share * 200.0 * 4)  # between both limits in a picture 480 px wide
-    assert refusal_of(judged(rms=large), True, 480, GATES) is None
-    assert refusal_of(judged(rms=large), False, 480, GATES) == "circle_off_marking"
-    assert refusal_of(judged(rms=20.0), True, 480, GATES) == "circle_off_marking"
+    large = 0.5 * (LEAST_RMS_PX + GATES.rms_share * 200.0 * 4)  # between both limits in a picture 480 px wide
+    assert find_refusal(judged(rms=large), True, 480, GATES) is None
+    assert find_refusal(judged(rms=large), False, 480, GATES) == "circle_off_marking"
+    assert find_refusal(judged(rms=20.0), True, 480, GATES) == "circle_off_marking"
 
 
 @pytest.fixture(scope="module")
@@ -64,35 +70,35 @@ def start(scene: Scene, shift: float) -> EllipseBatch:
 
 
 def test_measurement_finds_the_paint_from_a_rough_start(scene: Scene) -> None:
-    grey = scene.image[:, :, 1].copy()
-    circle = measure_circle(grey, start(scene, 1.5), 1.0, RefinementConfig(rounds=3))
+    gray = scene.image[:, :, 1].copy()
+    circle = measure_circle(gray, start(scene, 1.5), 1.0, ProfilesConfig())
     assert abs(circle.angle_share.sum() - 1.0) < 1e-9
     assert np.abs(sampson_distance(scene.conic, circle.marking_points)).mean() < 0.12
-    assert np.abs(sampson_distance(conic_of(circle.ellipse), scene.circle_points())).mean() < 0.12
-    hypothesis = hypothesis_of(circle, 1.0, 960)
+    assert np.abs(sampson_distance(ellipse_conic(circle.ellipse), scene.circle_points())).mean() < 0.12
+    hypothesis = describe_circle(circle, 1.0, 960)
     assert hypothesis.whole_share > 0.93
     assert hypothesis.rms_px < 0.5
 
 
 def test_a_dark_marking_is_measured_as_such_only(scene: Scene) -> None:
-    grey = 255 - scene.image[:, :, 1]
-    light, dark = (measure_circle(grey, start(scene, 1.0), sign, RefinementConfig()) for sign in (1.0, -1.0))
+    gray = 255 - scene.image[:, :, 1]
+    light, dark = (measure_circle(gray, start(scene, 1.0), sign, ProfilesConfig()) for sign in (1.0, -1.0))
     assert light.angle_share[light.band.supported].sum() < 0.3
     assert dark.angle_share[dark.band.supported].sum() > 0.9
 
 
 def test_paint_on_the_field_is_wider_at_the_sides_than_a_drawn_ring() -> None:
     scene = paint_scene(width=1920, height=1080, noise=1.5)
-    grey = scene.image[:, :, 1].copy()
-    painted = hypothesis_of(measure_circle(grey, start(scene, 0.5), 1.0, RefinementConfig()), 1.0, 1920)
+    gray = scene.image[:, :, 1].copy()
+    painted = describe_circle(measure_circle(gray, start(scene, 0.5), 1.0, ProfilesConfig()), 1.0, 1920)
     assert painted.band_width is not None
     assert 0.009 < painted.band_width < 0.017
     ellipse = ellipse_from_conic(scene.conic)
     assert ellipse is not None
-    drawn = np.full_like(grey, 120)
+    drawn = np.full_like(gray, 120)
     outline = np.rint(ellipse.points(np.linspace(0, 2 * np.pi, 721)) * 16).astype(np.int32)
     cv2.polylines(drawn, [outline], True, 220, 6, cv2.LINE_AA, 4)
-    ring = hypothesis_of(measure_circle(drawn, start(scene, 0.5), 1.0, RefinementConfig()), 1.0, 1920)
+    ring = describe_circle(measure_circle(drawn, start(scene, 0.5), 1.0, ProfilesConfig()), 1.0, 1920)
     assert ring.band_width is not None
-    assert ring.band_width < GATES.band_width
+    assert ring.band_width < THINNEST_BAND
     assert refusal(ring, has_halfway=True) == "width_unlike_marking"

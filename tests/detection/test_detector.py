@@ -6,13 +6,14 @@ import pytest
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from circlecal.detection import Detection, DetectorConfig, detect
+from circlecal.detection import Detection, DetectorConfig, circle, detect
+from circlecal.detection.arcs import GAPLESS_SHARE
 from circlecal.detection.field_region import find_field_region
-from circlecal.detection.passes import flat, quick, thorough
+from circlecal.detection.one_pass import FLAT_WIDTH_PX, FLATTEST, first_pass, flat_pass, run_pass, second_pass
 from circlecal.detection.picture import Picture
-from circlecal.detection.search import search_once
 from circlecal.geometry.conics import sampson_distance
 from circlecal.geometry.projective import Array, lift
+from circlecal.refusals import Confidence
 
 from .conftest import GRASS, HALFWAY_AND_CIRCLE, PENALTY_AREA, RADIUS_M, Scene, level, paint_scene, ring
 
@@ -23,12 +24,12 @@ def run(image: np.ndarray, config: DetectorConfig = CONFIG, seed: int = 7) -> De
     return detect(image, config, np.random.default_rng(seed))
 
 
-def first_pass(image: np.ndarray, config: DetectorConfig) -> Array:
+def points_of_first_pass(image: np.ndarray, config: DetectorConfig) -> Array:
     """Ridge points (N, 2) of the first pass, px of the full picture."""
     region = find_field_region(image, config.field_region)
     picture = Picture(image, np.ascontiguousarray(image[:, :, 1]))
-    search = search_once(picture, region, quick(config), np.random.default_rng(7), ())
-    return search.scaling.full(search.ridges.points)
+    found = run_pass(picture, region, config, first_pass(config, 1.0), np.random.default_rng(7), ())
+    return found.scaling.full(found.ridges.points)
 
 
 def circle_error(found: Detection, scene: Scene) -> float:
@@ -75,7 +76,7 @@ def test_reduced_and_enlarged_search_have_no_half_pixel_shift(width: int) -> Non
 
 def test_ridge_points_of_a_reduced_picture_are_in_pixels_of_the_full_one() -> None:
     scene = paint_scene(width=1920, height=1080, noise=1.0)
-    points = first_pass(scene.image, CONFIG)
+    points = points_of_first_pass(scene.image, CONFIG)
     distance = sampson_distance(scene.conic, points)
     near = np.abs(distance) < 3.0
     assert np.count_nonzero(near) > 500
@@ -111,7 +112,7 @@ def test_of_several_circles_the_one_with_a_line_through_its_middle_is_taken() ->
     found = run(scene.image)
     assert circle_error(found, scene) < 0.3
     assert found.halfway is not None
-    assert found.certain
+    assert found.confidence is Confidence.ACCEPTED
 
 
 @pytest.mark.parametrize("surface", [(50, 90, 120), (170, 130, 60)])
@@ -210,7 +211,7 @@ def test_a_part_of_a_circle_without_a_line_is_an_arc() -> None:
     found = run(scene.image)
     assert found.halfway is None
     assert found.circle is None
-    assert found.arcs[0].least_share > CONFIG.likely.gapless_share
+    assert found.arcs[0].least_share > GAPLESS_SHARE
     assert np.abs(sampson_distance(found.arcs[0].conic, scene.circle_points())).mean() < 0.5
     for one, other in itertools.combinations(found.arcs, 2):
         assert np.median(np.abs(sampson_distance(one.conic, other.points))) > 3.0
@@ -218,11 +219,12 @@ def test_a_part_of_a_circle_without_a_line_is_an_arc() -> None:
 
 def test_an_arc_that_ends_inside_the_picture_has_a_gap() -> None:
     found = run(paint_scene(markings=PENALTY_AREA, pan_deg=30.0).image)
-    assert all(arc.least_share < CONFIG.likely.gapless_share for arc in found.arcs)
+    assert all(arc.least_share < GAPLESS_SHARE for arc in found.arcs)
 
 
-def test_reasons_name_the_gate(main_view: Scene) -> None:
-    gates = {"acceptance": {"share": 1.0, "share_with_line": 1.0}, "likely": {"whole_share": 1.0}, "thorough": False}
+def test_reasons_name_the_gate(main_view: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(circle, "TENTATIVE_WHOLE_SHARE", 1.0)
+    gates = {"acceptance": {"share": 1.0, "share_with_line": 1.0}, "thorough": False}
     found = run(main_view.image, DetectorConfig.model_validate(gates))
     assert found.circle is None
     assert found.refusal == "circle_support_too_low"
@@ -244,8 +246,8 @@ def test_a_worn_circle_with_its_line_is_likely(main_view: Scene) -> None:
     found = run(worn(main_view, 0.4))
     assert circle_error(found, main_view) < 1.0
     assert found.halfway is not None
-    assert not found.certain
-    assert run(main_view.image).certain
+    assert found.confidence is Confidence.TENTATIVE
+    assert run(main_view.image).confidence is Confidence.ACCEPTED
 
 
 def test_a_worn_circle_without_a_line_is_refused() -> None:
@@ -254,17 +256,18 @@ def test_a_worn_circle_without_a_line_is_refused() -> None:
 
 
 def test_a_second_pass_finds_what_is_too_faint_for_the_first(main_view: Scene) -> None:
-    blind = {"ridges": {"threshold": 50.0, "minimum_contrast": 0.4}}
-    assert not run(main_view.image, DetectorConfig.model_validate({**blind, "thorough": False})).certain
+    blind = {"ridges": {"threshold": 50.0}}
+    quick = DetectorConfig.model_validate({**blind, "thorough": False})
+    assert run(main_view.image, quick).confidence is not Confidence.ACCEPTED
     found = run(main_view.image, DetectorConfig.model_validate(blind))
-    assert found.certain
+    assert found.confidence is Confidence.ACCEPTED
     assert circle_error(found, main_view) < 0.3
 
 
 def test_the_first_pass_takes_a_smaller_picture_and_both_find_the_same(main_view: Scene) -> None:
-    options = [{"first_pass": {"width_px": width}, "thorough": False} for width in (480, 960)]
+    options = [{"detection_width_px": width, "enlarged_width_px": 480, "thorough": False} for width in (480, 960)]
     configs = [DetectorConfig.model_validate(option) for option in options]
-    points = [first_pass(main_view.image, config) for config in configs]
+    points = [points_of_first_pass(main_view.image, config) for config in configs]
     assert len(points[0]) < len(points[1])
     assert np.ptp(points[0][:, 0]) > 0.8 * main_view.image.shape[1]
     assert max(circle_error(run(main_view.image, config), main_view) for config in configs) < 0.3
@@ -301,10 +304,10 @@ def test_a_field_that_fills_less_of_the_picture_than_the_stands() -> None:
 
 
 def test_the_last_pass_has_more_pixels_and_flatter_ellipses() -> None:
-    last = flat(CONFIG)
-    assert last.detection_width_px == CONFIG.second_pass.flat_width_px > CONFIG.detection_width_px
-    assert last.hypotheses.axis_ratio == (CONFIG.second_pass.flattest, CONFIG.hypotheses.axis_ratio[1])
-    assert last.ridges == thorough(CONFIG).ridges
+    last = flat_pass(CONFIG, 1.0)
+    assert last.width_px == FLAT_WIDTH_PX > CONFIG.detection_width_px
+    assert last.ellipses.axis_ratio == (FLATTEST, CONFIG.hypotheses.axis_ratio[1])
+    assert last.ridges == second_pass(CONFIG, 1.0).ridges
 
 
 def test_a_line_in_another_paint_than_the_circle_is_not_its_halfway_line() -> None:

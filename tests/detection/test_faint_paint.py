@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from circlecal.detection import DetectorConfig, detect
+from circlecal.detection.circle import TENTATIVE_PAINTED_SHARE, TENTATIVE_SHARE
 from circlecal.geometry.conics import sampson_distance
 from circlecal.geometry.ellipses import Ellipse, ellipse_from_conic
 from circlecal.paint.matched_filter import SECTORS, measure_painted_share
+from circlecal.refusals import Confidence
 
 from .conftest import HALFWAY_AND_CIRCLE, RADIUS_M, Scene, paint_scene, ring
 
@@ -46,8 +48,8 @@ def test_a_circle_too_faint_for_single_places_is_likely_with_its_line() -> None:
     found = detect(scene.image, DetectorConfig(), np.random.default_rng(0))
     assert found.circle is not None
     assert np.abs(sampson_distance(found.circle.conic, scene.circle_points())).mean() < 1.0
-    assert found.circle.least_share < DetectorConfig().likely.share
-    assert found.circle.painted_share > DetectorConfig().likely.painted_share
-    assert not found.certain
+    assert found.circle.least_share < TENTATIVE_SHARE
+    assert found.circle.painted_share > TENTATIVE_PAINTED_SHARE
+    assert found.confidence is Confidence.TENTATIVE
     without = paint_scene(markings=HALFWAY_AND_CIRCLE[:1], **FAINT)
     assert detect(without.image, DetectorConfig(), np.random.default_rng(0)).circle is None

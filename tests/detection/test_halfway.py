@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from circlecal.detection.circle import MeasuredCircle, measure_circle
-from circlecal.detection.halfway import find_halfway, measure_segments, segments_through_middle
-from circlecal.detection.hypotheses import EllipseBatch
+from circlecal.detection.ellipse_batch import EllipseBatch
+from circlecal.detection.halfway import find_halfway, find_segments_through_middle, measure_segments
 from circlecal.detection.options import DetectorConfig
 from circlecal.detection.ridges import find_ridges
 from circlecal.geometry.ellipses import ellipse_from_conic
@@ -18,8 +18,8 @@ def measured(scene: Scene) -> tuple[np.ndarray, MeasuredCircle]:
     assert ellipse is not None
     frame = ellipse.frame()[None]
     batch = EllipseBatch(frame[:, :2, 2], frame[:, :2, 0], frame[:, :2, 1])
-    grey = np.ascontiguousarray(scene.image[:, :, 1])
-    return grey, measure_circle(grey, batch, 1.0, CONFIG.refinement)
+    gray = np.ascontiguousarray(scene.image[:, :, 1])
+    return gray, measure_circle(gray, batch, 1.0, CONFIG.refinement)
 
 
 def segment(scene: Scene, *ends: tuple[float, float]) -> np.ndarray:
@@ -33,9 +33,9 @@ def crossed() -> Scene:
 
 
 def test_the_line_through_the_middle_is_chosen(crossed: Scene) -> None:
-    grey, circle = measured(crossed)
+    gray, circle = measured(crossed)
     segments = np.stack([segment(crossed, (5, -9), (5, 9)), segment(crossed, (0.1, -8), (-0.1, 8))])
-    line = find_halfway(grey, circle, segments, CONFIG)
+    line = find_halfway(gray, circle, segments, CONFIG)
     assert line is not None
     ends = segment(crossed, (0, -9), (0, 9))
     assert np.abs(ends @ line.line[:2] + line.line[2]).max() < 0.5
@@ -43,20 +43,20 @@ def test_the_line_through_the_middle_is_chosen(crossed: Scene) -> None:
 
 
 def test_a_line_off_the_middle_is_none(crossed: Scene) -> None:
-    grey, circle = measured(crossed)
-    assert find_halfway(grey, circle, segment(crossed, (5, -9), (5, 9))[None], CONFIG) is None
+    gray, circle = measured(crossed)
+    assert find_halfway(gray, circle, segment(crossed, (5, -9), (5, 9))[None], CONFIG) is None
 
 
 def test_a_line_that_is_not_painted_is_none() -> None:
     bare = paint_scene(markings=HALFWAY_AND_CIRCLE[:1])
-    grey, circle = measured(bare)
-    assert find_halfway(grey, circle, segment(bare, (0, -9), (0, 9))[None], CONFIG) is None
-    assert find_halfway(grey, circle, np.zeros((0, 2, 2)), CONFIG) is None
+    gray, circle = measured(bare)
+    assert find_halfway(gray, circle, segment(bare, (0, -9), (0, 9))[None], CONFIG) is None
+    assert find_halfway(gray, circle, np.zeros((0, 2, 2)), CONFIG) is None
 
 
 def test_the_line_is_followed_beyond_the_circle_within_the_picture(crossed: Scene) -> None:
-    grey, circle = measured(crossed)
-    line = find_halfway(grey, circle, segment(crossed, (0, -8), (0, 8))[None], CONFIG)
+    gray, circle = measured(crossed)
+    line = find_halfway(gray, circle, segment(crossed, (0, -8), (0, 8))[None], CONFIG)
     assert line is not None
     ends = np.stack(line.ends)
     crossings = segment(crossed, (0, -9.09), (0, 9.09))
@@ -68,22 +68,22 @@ def test_the_line_is_followed_beyond_the_circle_within_the_picture(crossed: Scen
 
 def test_segments_are_measured_one_by_one() -> None:
     scene = paint_scene(markings=(*HALFWAY_AND_CIRCLE, level(12.0, -9.0, 9.0)))
-    grey, _ = measured(scene)
+    gray, _ = measured(scene)
     segments = np.stack([segment(scene, (-8, 12), (8, 12)), segment(scene, (-8, 14), (8, 14))])
-    found = measure_segments(grey, segments, 1.0, CONFIG)
+    found = measure_segments(gray, segments, 1.0, CONFIG.refinement)
     assert found is not None
     share = [found.band.supported[found.pieces == k].mean() for k in (0, 1)]
     assert share[0] > 0.9
     assert share[1] < 0.2
-    assert measure_segments(grey, np.zeros((0, 2, 2)), 1.0, CONFIG) is None
+    assert measure_segments(gray, np.zeros((0, 2, 2)), 1.0, CONFIG.refinement) is None
 
 
 def test_a_line_that_is_seen_outside_the_circle_only() -> None:
     """The picture shows the circle's left-hand part, and of the halfway line only what runs on towards the camera."""
     left_part = paint_scene(pan_deg=-16.5)
-    grey, circle = measured(left_part)
+    gray, circle = measured(left_part)
     shown = segment(left_part, (0, 18), (0, 24))
-    line = find_halfway(grey, circle, shown[None], CONFIG)
+    line = find_halfway(gray, circle, shown[None], CONFIG)
     assert line is not None
     assert line.outside
     assert line.support > 0.7
@@ -96,19 +96,21 @@ def test_a_line_that_is_far_fainter_than_the_circle_is_a_streak_of_the_floor() -
     across = segment(scene, (0, -9), (0, 9))[None]
     for share, found in ((0.15, False), (0.6, True)):
         mixed = (bare + share * (whole - bare)).round().astype(np.uint8)
-        grey = np.ascontiguousarray(mixed[:, :, 1])
-        assert (find_halfway(grey, circle, across, CONFIG) is not None) == found
+        gray = np.ascontiguousarray(mixed[:, :, 1])
+        assert (find_halfway(gray, circle, across, CONFIG) is not None) == found
 
 
 def test_a_short_piece_of_the_line_is_found_through_the_middle() -> None:
     scene = paint_scene(markings=(HALFWAY_AND_CIRCLE[0], upright(0.0, 5.0), level(7.0, -8.0, 8.0)))
-    grey, circle = measured(scene)
-    ridges = find_ridges(grey.astype(np.float32), np.full(grey.shape, 255, np.uint8), 1.0, CONFIG.ridges)
-    pieces = segments_through_middle(ridges.points, ridges.normals, circle, CONFIG.halfway)
+    gray, circle = measured(scene)
+    ridges = find_ridges(gray.astype(np.float32), np.full(gray.shape, 255, np.uint8), 1.0, CONFIG.ridges)
+    pieces = find_segments_through_middle(ridges.points, ridges.normals, circle, CONFIG.halfway.distance)
     ends = segment(scene, (0, -9), (0, 9))
     lines = [np.cross(np.append(a, 1), np.append(b, 1)) for a, b in pieces]
     off = [np.abs(ends @ line[:2] + line[2]).max() / np.hypot(*line[:2]) for line in lines]
     assert min(off) < 1.5
-    line = find_halfway(grey, circle, pieces, CONFIG)
+    line = find_halfway(gray, circle, pieces, CONFIG)
     assert line is not None and np.abs(ends @ line.line[:2] + line.line[2]).max() < 1.0
-    assert len(segments_through_middle(ridges.points[:0], ridges.normals[:0], circle, CONFIG.halfway)) == 0
+    assert (
+        len(find_segments_through_middle(ridges.points[:0], ridges.normals[:0], circle, CONFIG.halfway.distance)) == 0
+    )

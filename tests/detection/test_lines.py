@@ -1,7 +1,6 @@
 import numpy as np
 
 from circlecal.detection.lines import StraightRun, find_straight_runs
-from circlecal.detection.options import LineConfig
 from circlecal.detection.ridges import RidgePoints
 
 SIZE = (960, 540)
@@ -30,7 +29,7 @@ def straight(start: tuple[float, float], end: tuple[float, float]) -> np.ndarray
 
 
 def found(ridges: RidgePoints, minimum: float = 100.0) -> list[StraightRun]:
-    return find_straight_runs(ridges, SIZE, minimum, LineConfig())
+    return find_straight_runs(ridges, SIZE, minimum)
 
 
 def test_two_crossing_lines_longest_first() -> None:

@@ -254,7 +254,7 @@ def test_heat_maps_of_another_layout(tmp_path: Path) -> None:
 def test_missing_extra(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     model = constant_network(tmp_path / "n.onnx", np.zeros((29, 54, 96)))
     monkeypatch.setitem(__import__("sys").modules, "onnxruntime", None)
-    with pytest.raises(MissingExtraError, match=r"circlecal\[onnx\]"):
+    with pytest.raises(MissingExtraError, match=r"\[onnx\]"):
         require_networks(load_config(None, ["mask.source=onnx", f"mask.model={model}"]))
 
 

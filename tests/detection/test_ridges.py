@@ -3,6 +3,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
+from circlecal.detection import ridges
 from circlecal.detection.options import RidgeConfig
 from circlecal.detection.ridges import RidgePoints, find_ridges
 
@@ -19,18 +20,18 @@ def banded(width_px: float, contrast: float = 60.0, noise: float = 1.0) -> np.nd
     return (80 + contrast * band + np.random.default_rng(0).normal(0, noise, band.shape)).astype(np.float32)
 
 
-def ridges_of(grey: np.ndarray, sign: float) -> RidgePoints:
-    return find_ridges(grey, np.full(grey.shape, 255, np.uint8), sign, RidgeConfig())
+def ridges_of(gray: np.ndarray, sign: float) -> RidgePoints:
+    return find_ridges(gray, np.full(gray.shape, 255, np.uint8), sign, RidgeConfig())
 
 
 @pytest.mark.parametrize("width_px", [1.5, 3.0, 6.0, 11.0])
 def test_points_are_on_the_middle_of_the_band_at_every_width(width_px: float) -> None:
-    ridges = ridges_of(banded(width_px), 1.0)
-    distance = ridges.points @ NORMAL - OFFSET
-    assert len(ridges) > 200
+    found = ridges_of(banded(width_px), 1.0)
+    distance = found.points @ NORMAL - OFFSET
+    assert len(found) > 200
     assert abs(distance.mean()) < 0.05
     assert np.abs(distance).max() < 0.25 + 0.12 * width_px
-    assert np.median(np.abs(ridges.normals @ NORMAL)) > 0.99
+    assert np.median(np.abs(found.normals @ NORMAL)) > 0.99
 
 
 def test_density_does_not_depend_on_the_width() -> None:
@@ -46,25 +47,25 @@ def test_polarity_chooses_light_or_dark() -> None:
 
 
 def test_only_the_region_is_searched_and_rows_are_not_shifted() -> None:
-    grey = banded(3.0)
-    region = np.zeros(grey.shape, np.uint8)
+    gray = banded(3.0)
+    region = np.zeros(gray.shape, np.uint8)
     region[90:150] = 255
-    ridges = find_ridges(grey, region, 1.0, RidgeConfig())
-    assert 86 < ridges.points[:, 1].min() < 95
-    assert 145 < ridges.points[:, 1].max() < 154
-    assert np.abs(ridges.points @ NORMAL - OFFSET).max() < 0.5
+    found = find_ridges(gray, region, 1.0, RidgeConfig())
+    assert 86 < found.points[:, 1].min() < 95
+    assert 145 < found.points[:, 1].max() < 154
+    assert np.abs(found.points @ NORMAL - OFFSET).max() < 0.5
 
 
-def test_short_chains_are_dropped() -> None:
-    grey = np.random.default_rng(1).normal(80, 1.0, (200, 640)).astype(np.float32)
-    cv2.line(grey, (300, 100), (302, 100), 160.0, 1)
-    cv2.line(grey, (100, 50), (160, 50), 160.0, 1)
+def test_short_chains_are_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
+    gray = np.random.default_rng(1).normal(80, 1.0, (200, 640)).astype(np.float32)
+    cv2.line(gray, (300, 100), (302, 100), 160.0, 1)
+    cv2.line(gray, (100, 50), (160, 50), 160.0, 1)
 
-    def count(row: int, chain_px1280: float) -> int:
-        config = RidgeConfig(chain_px1280=chain_px1280)
-        rows = find_ridges(grey, np.full(grey.shape, 255, np.uint8), 1.0, config).points[:, 1]
+    def count(row: int, chain_px: float) -> int:
+        monkeypatch.setattr(ridges, "SHORTEST_CHAIN_PX", chain_px)
+        rows = find_ridges(gray, np.full(gray.shape, 255, np.uint8), 1.0, RidgeConfig()).points[:, 1]
         return int(np.count_nonzero(np.abs(rows - row) < 1))
 
-    assert count(100, 2.0) > 2
-    assert count(100, 60.0) == 0
-    assert count(50, 60.0) > 50
+    assert count(100, 3.0) > 2
+    assert count(100, 90.0) == 0
+    assert count(50, 90.0) > 50

@@ -7,6 +7,7 @@ import pytest
 from circlecal.errors import EstimationError
 from circlecal.geometry.ellipses import ellipse_from_conic, orthogonal_distance
 from circlecal.geometry.projective import line_distance
+from circlecal.refusals import Confidence
 from circlecal.results import MarkingMask, SeenArc, Segment
 from circlecal.stages.mask import MaskConfig, find_marking, with_arc
 
@@ -155,7 +156,7 @@ def test_an_arc_in_place_of_the_circle():
     assert changed.conic is arcs[1].conic
     assert changed.halfway is None
     assert changed.lines == marking.lines
-    assert not changed.certain
+    assert changed.confidence is Confidence.TENTATIVE
     assert [changed.classes[k, k] for k in (100, 200, 300)] == [0, 0, 17]
     assert (changed.classes[500, 450], changed.classes[719, 900]) == (7, 7)
     assert marking.classes[100, 100] == 7

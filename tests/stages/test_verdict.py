@@ -8,7 +8,7 @@ import pytest
 from circlecal.geometry.conics import circle_conic, transform_conic
 from circlecal.geometry.homography import turn_homography
 from circlecal.observations import LineEnd
-from circlecal.refusals import CHECKS
+from circlecal.refusals import CHECKS, Confidence
 from circlecal.results import Attempt, CameraFit, Cues, EllipseFits, HomographyFit, MarkCue, MarkingMask, Verdict
 from circlecal.stages.verdict import VerdictConfig, is_confirmed, judge
 
@@ -48,8 +48,11 @@ def homography_fit(H):
     return HomographyFit(H, np.linalg.inv(H), turn_homography(H, np.zeros(2)), np.zeros(8), 10.0, 0.0)
 
 
-def verdict(camera=None, homography=None, cues=None, config=CONFIG, fits=None, certain=True):
-    mask = MarkingMask(np.zeros((2, 2), np.uint8), "detector", certain=certain)
+TENTATIVE = Confidence.TENTATIVE
+
+
+def verdict(camera=None, homography=None, cues=None, config=CONFIG, fits=None, confidence=Confidence.ACCEPTED):
+    mask = MarkingMask(np.zeros((2, 2), np.uint8), "detector", confidence=confidence)
     attempt = Attempt(
         mask, ellipses=fits or fits_of(CAMERA), cues=cues or Cues(LINE, MARK), homography=homography, camera=camera
     )
@@ -58,26 +61,30 @@ def verdict(camera=None, homography=None, cues=None, config=CONFIG, fits=None, c
 
 def test_a_likely_circle_needs_the_mark_or_another_marking():
     bare = Cues(LINE, None)
-    assert verdict(camera_fit(), certain=False).status == "calibrated"
-    assert verdict(camera_fit(named_lines=("side_line_top",)), cues=bare, certain=False).status == "calibrated"
+    assert verdict(camera_fit(), confidence=TENTATIVE).status == "calibrated"
+    assert verdict(camera_fit(named_lines=("side_line_top",)), cues=bare, confidence=TENTATIVE).status == "calibrated"
     for camera, cues in (
         (camera_fit(), bare),
         (camera_fit(named_lines=("halfway_line",)), bare),
         (camera_fit(rejected=("centre_mark",)), None),
     ):
-        assert verdict(camera, cues=cues, certain=False).code == "circle_unconfirmed"
+        assert verdict(camera, cues=cues, confidence=TENTATIVE).code == "circle_unconfirmed"
 
 
 def test_a_likely_circle_may_confirm_itself():
     bare = Cues(LINE, None)
     exact = camera_fit(residuals_px={"centre_circle outer": 0.05})
-    assert verdict(exact, cues=bare, certain=False).status == "calibrated"
+    assert verdict(exact, cues=bare, confidence=TENTATIVE).status == "calibrated"
     vague = replace(exact, max_sigma_px=50.0 * CAMERA.width / 1920.0)
-    assert verdict(vague, cues=bare, certain=False).code == "too_uncertain"
+    assert verdict(vague, cues=bare, confidence=TENTATIVE).code == "too_uncertain"
     assert verdict(vague, cues=bare).status == "calibrated"
-    assert verdict(replace(vague, named_lines=("side_line_top",)), cues=bare, certain=False).status == "calibrated"
+    assert (
+        verdict(replace(vague, named_lines=("side_line_top",)), cues=bare, confidence=TENTATIVE).status == "calibrated"
+    )
     arc = replace(fit_of(true_conic(CAMERA), "outer"), arc_deg=100.0)
-    assert verdict(exact, fits=EllipseFits(arc, None, None), cues=bare, certain=False).code == "circle_unconfirmed"
+    assert (
+        verdict(exact, fits=EllipseFits(arc, None, None), cues=bare, confidence=TENTATIVE).code == "circle_unconfirmed"
+    )
 
 
 def test_a_good_camera_is_accepted_with_every_check():
@@ -298,4 +305,4 @@ def test_nothing_estimated():
 def test_a_marking_that_lies_elsewhere_confirms_nothing():
     bare = Cues(LINE, None)
     off = camera_fit(named_lines=("side_line_top",), residuals_px={"centre_circle outer": 0.3, "side_line_top": 2.0})
-    assert verdict(off, cues=bare, certain=False).code == "circle_unconfirmed"
+    assert verdict(off, cues=bare, confidence=TENTATIVE).code == "circle_unconfirmed"
