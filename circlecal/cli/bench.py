@@ -364,6 +364,51 @@ def _print_annotations(rows: list[AnnotationRow]) -> None:
         )
 
 
+@app.command()
+def constants(
+    count: Annotated[int, typer.Option(min=1, help="Rendered frames per profile.")] = 10,
+    seed: Annotated[int, typer.Option(help="Seed of the frames.")] = 0,
+    profiles: Annotated[str, typer.Option(help="Profiles separated by commas; all when empty.")] = "",
+    width: Annotated[int, typer.Option(min=320, max=7680, help="Width of the rendered frames, 16:9.")] = 1920,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+) -> None:
+    """What each limit of the verdict separates: its check on right and on wrong answers to rendered frames."""
+    from dataclasses import asdict
+
+    from circlecal.bench.constants import collect_answers, summarise_gates
+    from circlecal.bench.detect import PROFILES
+    from circlecal.cli.console import counted
+
+    names = [name.strip() for name in profiles.split(",") if name.strip()]
+    with counted("frames", len(names or PROFILES) * count) as advance:
+        answers = collect_answers(names, count, seed, advance, width)
+    rows = summarise_gates(answers)
+    if as_json:
+        _print_json([asdict(row) for row in rows])
+        return
+
+    def quantiles(values: tuple[float, float, float]) -> str:
+        return "-" if isnan(values[1]) else " ".join(f"{value:.3g}" for value in values)
+
+    right, wrong = sum(a.is_right for a in answers), sum(a.is_wrong for a in answers)
+    _table(
+        f"Checks of the verdict on {right} right (<= 5 px) and {wrong} wrong (> 20 px) answers; values at 5, 50, 95 %",
+        ["check", "limit", "right", "passed", "wrong", "stopped", "by it alone"],
+        [
+            [
+                row.name,
+                f"{row.limit:.3g}",
+                quantiles(row.right_quantiles),
+                _measured(row.right_passed, ".1%"),
+                quantiles(row.wrong_quantiles),
+                _measured(row.wrong_stopped, ".1%"),
+                str(row.stopped_alone),
+            ]
+            for row in rows
+        ],
+    )
+
+
 def _measured(value: float, form: str) -> str:
     """A figure, or a dash where no frame gave one."""
     return "-" if isnan(value) else format(value, form)
