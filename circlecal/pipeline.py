@@ -25,7 +25,7 @@ from circlecal.geometry.ellipses import encloses
 from circlecal.geometry.projective import Array
 from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations, join_observations
 from circlecal.paint.profiles import to_gray
-from circlecal.pictures.interlacing import row_motion, without_combs
+from circlecal.pictures.interlacing import measure_row_motion, remove_combs
 from circlecal.refusals import REFUSALS, Confidence
 from circlecal.results import (
     Attempt,
@@ -255,9 +255,9 @@ def prepare_scene(
     """A picture with its brightness, after both halves of an interlaced frame were join_observations."""
     with setting.clock("mask"):
         gray = to_gray(image)
-        motion = row_motion(gray) if setting.config.mask.deinterlace else None
+        motion = measure_row_motion(gray) if setting.config.mask.deinterlace else None
         if motion is not None:
-            image = without_combs(image, motion)
+            image = remove_combs(image, motion)
             gray = to_gray(image)
     return Scene(image, gray, given, extra)
 

@@ -28,7 +28,7 @@ from circlecal.pictures.files import (
     DEBUG_SUFFIX,
     OVERLAY_SUFFIX,
     RADAR_SUFFIX,
-    Frame,
+    PictureFile,
     decode_picture,
     read_image,
     require_picture,
@@ -45,7 +45,7 @@ _log = logging.getLogger(__name__)
 
 
 def calibrate_frame(
-    frame: Frame,
+    frame: PictureFile,
     config: Config,
     mask: Path | None,
     keypoints: Path | None = None,
@@ -55,7 +55,7 @@ def calibrate_frame(
 
     Parameters
     ----------
-    frame, config : Frame, Config
+    frame, config : PictureFile, Config
         The picture, and options.
     mask, keypoints : path, optional
         Masks, and keypoints or lines that are used together with the picture: a file, or a folder of files named like
@@ -83,7 +83,7 @@ def calibrate_frame(
     return picture, run(picture, config, mask=classes, extra=extra, frame_id=frame.id, source=frame.source)
 
 
-def _picture(frame: Frame) -> NDArray[np.uint8]:
+def _picture(frame: PictureFile) -> NDArray[np.uint8]:
     if frame.picture is not None:
         return frame.picture
     if frame.time_s is not None:
@@ -160,11 +160,11 @@ class FrameRun:
             return of_config
         return hashlib.sha256(json.dumps([of_config, given], sort_keys=True).encode()).hexdigest()[:12]
 
-    def source(self, frame: Frame | FrameOfFile) -> str:
+    def source(self, frame: PictureFile | FrameOfFile) -> str:
         """File of a frame."""
-        return frame.source if isinstance(frame, Frame) else str(frame.path)
+        return frame.source if isinstance(frame, PictureFile) else str(frame.path)
 
-    def record(self, frame: Frame | FrameOfFile) -> dict[str, Any]:
+    def record(self, frame: PictureFile | FrameOfFile) -> dict[str, Any]:
         """Calibrate a picture or a frame of an annotation file, write what belongs to it, return its record.
 
         Raises

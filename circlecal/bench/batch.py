@@ -18,7 +18,7 @@ from circlecal.batch import BatchProgress, run_batch
 from circlecal.batch.frames import FrameRun
 from circlecal.batch.task import Record, failed
 from circlecal.config import load_config
-from circlecal.pictures.files import Frame, find_frames
+from circlecal.pictures.files import PictureFile, find_frames
 from circlecal.records.log import INDEX_NAME, RESULTS_NAME, ResultLog
 from circlecal.synthetic.sampling import SceneProfile, render_frame
 
@@ -85,10 +85,10 @@ class _Timed:
     def seed(self) -> int:
         return self.run.seed
 
-    def source(self, frame: Frame) -> str:
+    def source(self, frame: PictureFile) -> str:
         return self.run.source(frame)
 
-    def record(self, frame: Frame) -> Record:
+    def record(self, frame: PictureFile) -> Record:
         start, cpu = time.perf_counter(), time.process_time()
         record = self.run.record(frame)
         return {**record, "busy_s": time.perf_counter() - start, "cpu_s": time.process_time() - cpu}
@@ -139,7 +139,7 @@ def run_throughput(
     ]
 
 
-def _render(folder: Path, count: int, seed: int) -> list[Frame]:
+def _render(folder: Path, count: int, seed: int) -> list[PictureFile]:
     """A few rendered pictures under many names."""
     folder.mkdir()
     generator = np.random.default_rng(seed)
@@ -160,7 +160,7 @@ class _Run:
     own_cpu_s: float
 
 
-def _one_run(frames: list[Frame], out: Path, workers: int) -> _Run:
+def _one_run(frames: list[PictureFile], out: Path, workers: int) -> _Run:
     finished: list[tuple[float, float]] = []
     run_batch(
         frames,

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from circlecal.batch.frames import FrameRun
     from circlecal.formats.exports import Exports
     from circlecal.formats.inputs import FrameOfFile
-    from circlecal.pictures.files import Frame
+    from circlecal.pictures.files import PictureFile
 
 
 def batch(
@@ -111,7 +111,7 @@ def batch(
     if not frames and not videos and not failures:
         named = ", ".join(map(str, inputs))
         raise InputError(f"{named}: no annotations found; give pictures, annotation files or folders of them")
-    sampling = Sampling.parsed(every or DEFAULT_EVERY, start, end)
+    sampling = Sampling.parse(every or DEFAULT_EVERY, start, end)
     if not videos and (every or start or end):
         raise InputError("--every, --start and --end choose frames of videos, and no video is given")
     if not restart:
@@ -126,7 +126,7 @@ def batch(
             out,
             workers=workers or options.cpu_count(),
             scheduler=scheduler,
-            total=len(frames) + sum(video.expected(sampling) for video in videos),
+            total=len(frames) + sum(video.estimate_count(sampling) for video in videos),
             restart=restart,
             on_progress=show,
         )
@@ -169,7 +169,7 @@ def _folder_of_run(out: Path, digest: str, *, ask: bool) -> Path:
     return out
 
 
-def _export(exports: Exports, run: FrameRun, frames: Sequence[Frame | FrameOfFile], out: Path) -> None:
+def _export(exports: Exports, run: FrameRun, frames: Sequence[PictureFile | FrameOfFile], out: Path) -> None:
     """Write the outside formats of everything that the folder holds."""
     from circlecal.formats.exports import export_records
     from circlecal.formats.inputs import FrameOfFile

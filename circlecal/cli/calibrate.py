@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from circlecal.batch.frames import FrameRun
     from circlecal.config import Config
     from circlecal.formats.inputs import FrameOfFile
-    from circlecal.pictures.files import Frame
+    from circlecal.pictures.files import PictureFile
     from circlecal.records.summary import FrameSummary
 
 
@@ -94,7 +94,7 @@ def _written(ids: Sequence[str], out: Path, config: Config) -> str:
 
 
 def _records(
-    frames: Sequence[Frame | FrameOfFile],
+    frames: Sequence[PictureFile | FrameOfFile],
     run: FrameRun,
     show: Callable[[BatchProgress], None],
     report: Callable[[Exception], None],

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from circlecal.batch.frames import FrameRun
     from circlecal.config import Config
     from circlecal.formats.inputs import FrameOfFile
-    from circlecal.pictures.files import Frame
+    from circlecal.pictures.files import PictureFile
     from circlecal.pictures.video import Video
 
 
@@ -194,7 +194,7 @@ def chosen_format(name: str | None) -> str | None:
     return name
 
 
-def chosen_frames(inputs: Sequence[Path], out: Path, mask: Path | None) -> list[Frame]:
+def chosen_frames(inputs: Sequence[Path], out: Path, mask: Path | None) -> list[PictureFile]:
     """The frames among the inputs.
 
     Raises
@@ -217,7 +217,7 @@ def chosen_frames(inputs: Sequence[Path], out: Path, mask: Path | None) -> list[
 
 def chosen_inputs(
     inputs: Sequence[Path], run: FrameRun, out: Path, report: Callable[[Exception], None]
-) -> list[Frame | FrameOfFile]:
+) -> list[PictureFile | FrameOfFile]:
     """Pictures and frames of annotation files among the inputs; files that cannot be read are reported.
 
     Raises
@@ -226,9 +226,10 @@ def chosen_inputs(
         Nothing to calibrate, a video, an option that does not fit, or a result that would be written over its source.
     """
     from circlecal.errors import InputError
+    from circlecal.formats.registry import annotation_suffixes
     from circlecal.pictures.inputs import expand_inputs
 
-    named = expand_inputs(inputs)
+    named = expand_inputs(inputs, annotation_suffixes())
     if named.videos:
         raise InputError(f"{named.videos[0]}: is a video; use circlecal batch, with --every 1s or the like")
     if named.urls:
@@ -238,7 +239,7 @@ def chosen_inputs(
 
 def _frames_of(
     inputs: Sequence[Path], run: FrameRun, out: Path, report: Callable[[Exception], None]
-) -> list[Frame | FrameOfFile]:
+) -> list[PictureFile | FrameOfFile]:
     from circlecal.errors import InputError
     from circlecal.formats.inputs import read_frames, refuse_overwriting, split_inputs
     from circlecal.pipeline import field_of, in_convention
@@ -265,7 +266,7 @@ def _frames_of(
 
 def chosen_frames_and_videos(
     inputs: Sequence[str], run: FrameRun, out: Path, report: Callable[[Exception], None]
-) -> tuple[list[Frame | FrameOfFile], list[Video]]:
+) -> tuple[list[PictureFile | FrameOfFile], list[Video]]:
     """As :func:`chosen_inputs`, and the videos among the inputs.
 
     Raises
@@ -274,19 +275,20 @@ def chosen_frames_and_videos(
         As :func:`chosen_inputs`, or a video that cannot be read.
     """
     from circlecal.errors import InputError
-    from circlecal.pictures.files import Frame, distinct_names
+    from circlecal.formats.registry import annotation_suffixes
+    from circlecal.pictures.files import PictureFile, distinct_names
     from circlecal.pictures.inputs import expand_inputs
     from circlecal.pictures.remote import url_names
     from circlecal.pictures.video import Video
 
-    named = expand_inputs(inputs)
+    named = expand_inputs(inputs, annotation_suffixes())
     names = distinct_names([path.stem for path in named.videos])
-    videos = [Video.opened(path, name) for path, name in zip(named.videos, names, strict=True)]
+    videos = [Video.open(path, name) for path, name in zip(named.videos, names, strict=True)]
     for path in (run.mask, run.keypoints):
         if videos and path is not None and not path.is_dir():
             raise InputError(f"{path}: is one file for all frames of a video; give a folder of files named like them")
     alone = (videos or named.urls) and not named.paths
     frames = [] if alone else _frames_of(named.paths, run, out, report)
     ids = url_names(named.urls, [frame.id for frame in frames])
-    frames += [Frame(name, Path(name), name, url=url) for name, url in zip(ids, named.urls, strict=True)]
+    frames += [PictureFile(name, Path(name), name, url=url) for name, url in zip(ids, named.urls, strict=True)]
     return frames, videos

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from circlecal.formats.format import AnnotationFormat
 from circlecal.formats.meaning import SourcesConfig, observe
 from circlecal.formats.pnlcalib import LABEL
 from circlecal.formats.registry import (
+    annotation_suffixes,
     formats,
     open_file,
     parse_annotations,
@@ -28,8 +29,7 @@ from circlecal.formats.registry import (
 from circlecal.formats.shapes import AnnotatedFrame, ObservedFrame, Shape
 from circlecal.formats.soccernet import LINE_CLASSES
 from circlecal.observations import Observations
-from circlecal.pictures.files import DEBUG_SUFFIX, OWN_FOLDERS, PICTURE_SUFFIXES, Frame, distinct_names
-from circlecal.pictures.inputs import ANNOTATION_SUFFIXES
+from circlecal.pictures.files import PICTURE_SUFFIXES, PictureFile, distinct_names, walk
 
 _log = logging.getLogger(__name__)
 
@@ -81,33 +81,23 @@ def split_inputs(
         if not given.exists():
             raise InputError(f"{given}: no such file or folder")
         if given.is_dir():
-            found = list(_files_in(given, {path.resolve() for path in exclude}))
-            held = [path for path in found if path.suffix.lower() in ANNOTATION_SUFFIXES]
+            found = _files_in(given, exclude)
+            held = [path for path in found if path.suffix.lower() in annotation_suffixes()]
             shows = any(path.suffix.lower() in PICTURE_SUFFIXES for path in found)
             if held and (format_name is not None or not shows):
                 files += [AnnotationFile(path, path.relative_to(given), named=False) for path in held]
             else:
                 pictures.append(given)
-        elif given.suffix.lower() in ANNOTATION_SUFFIXES or format_name is not None:
+        elif given.suffix.lower() in annotation_suffixes() or format_name is not None:
             files.append(AnnotationFile(given, Path(given.name), named=True))
         else:
             pictures.append(given)
     return pictures, files
 
 
-def _files_in(folder: Path, excluded: set[Path]) -> Iterator[Path]:
-    try:
-        entries = sorted(folder.iterdir(), key=lambda entry: entry.name)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be read: {error.strerror}; check its permissions") from error
-    for entry in entries:
-        if entry.name.startswith(".") or entry.resolve() in excluded:
-            continue
-        if entry.is_dir():
-            if entry.name not in OWN_FOLDERS and entry.suffix != DEBUG_SUFFIX and not entry.is_symlink():
-                yield from _files_in(entry, excluded)
-        else:
-            yield entry
+def _files_in(folder: Path, excluded: Collection[Path]) -> list[Path]:
+    resolved = {path.resolve() for path in excluded}
+    return [path for path in walk(folder) if resolved.isdisjoint((path.resolve(), *path.resolve().parents))]
 
 
 def read_frames(
@@ -172,13 +162,13 @@ def find_convertible(inputs: Sequence[Path], format_name: str | None, out: Path)
     files: list[Path] = []
     for given in inputs:
         if given.is_dir():
-            found = _files_in(given, {out.resolve()})
-            files += [path for path in found if path.suffix.lower() in ANNOTATION_SUFFIXES]
+            found = _files_in(given, [out])
+            files += [path for path in found if path.suffix.lower() in annotation_suffixes()]
         else:
             files.append(given)
     if not files:
         raise InputError(
-            f"{', '.join(map(str, inputs))}: nothing to convert; give {', '.join(ANNOTATION_SUFFIXES)} files"
+            f"{', '.join(map(str, inputs))}: nothing to convert; give {', '.join(annotation_suffixes())} files"
         )
     return files
 
@@ -199,7 +189,7 @@ def refuse_overwriting(frames: Sequence[FrameOfFile], out: Path) -> None:
 
 def observations_beside(
     given: Path,
-    frame: Frame,
+    frame: PictureFile,
     template: FieldTemplate,
     sources: SourcesConfig,
     size: Size,
@@ -211,7 +201,7 @@ def observations_beside(
     ----------
     given : path
         A file with this frame or with many, or a folder of files named like the frames.
-    frame : Frame
+    frame : PictureFile
         The picture.
     template, sources : FieldTemplate, SourcesConfig
         As for :func:`circlecal.formats.meaning.observe`.
@@ -237,11 +227,11 @@ def observations_beside(
     return observed.observations
 
 
-def _file_for(given: Path, frame: Frame) -> Path:
+def _file_for(given: Path, frame: PictureFile) -> Path:
     if not given.is_dir():
         return given
     names = dict.fromkeys((frame.mask_stem, frame.id, frame.stem))
-    candidates = [given / f"{name}{suffix}" for name in names for suffix in ANNOTATION_SUFFIXES]
+    candidates = [given / f"{name}{suffix}" for name in names for suffix in annotation_suffixes()]
     found = next((path for path in candidates if path.is_file()), None)
     if found is None:
         raise InputError(f"{given}: nothing for {frame.label}; looked for {frame.stem}.json")

@@ -9,9 +9,10 @@ from typing import Any
 
 from circlecal.errors import InputError
 from circlecal.formats.cameras import Size
-from circlecal.formats.format import MAX_SHAPES, AnnotationFormat, CameraFormat, Content, Format
+from circlecal.formats.format import MAX_SHAPES, AnnotationFormat, CameraFormat, Content, Format, OutsideFormat
 from circlecal.formats.shapes import AnnotatedFrame
-from circlecal.pictures.files import PICTURE_SUFFIXES, picture_header
+from circlecal.pictures.files import PICTURE_SUFFIXES
+from circlecal.pictures.headers import read_header
 
 MODULES = (
     *("tvcalib", "soccernet_camera", "gamestate", "coco", "labelme", "pnlcalib", "broadtrack"),
@@ -44,6 +45,11 @@ def calibration_formats() -> dict[str, AnnotationFormat | CameraFormat]:
     """Formats that a calibration can be written in, by name."""
     derived = {name: f for name, f in annotation_formats().items() if f.derive is not None}
     return {**camera_formats(), **derived}
+
+
+def annotation_suffixes() -> frozenset[str]:
+    """Suffixes of files that hold annotations, cameras or results, in small letters."""
+    return frozenset({".jsonl", *(Path(f.file_name).suffix.lower() for f in formats() if isinstance(f, OutsideFormat))})
 
 
 def require_format(name: str, known: dict[str, Any], option: str, what: str) -> None:
@@ -137,5 +143,5 @@ def size_beside(path: Path) -> Size | None:
     if picture is None:
         return None
     with picture.open("rb") as file:
-        header = picture_header(file.read(_HEADER_BYTES))
+        header = read_header(file.read(_HEADER_BYTES))
     return None if header is None else (header.width, header.height)

@@ -6,7 +6,7 @@ A file is judged by its first bytes, not by its name, and its size is read from 
 from __future__ import annotations
 
 import os
-import struct
+import re
 import zlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -20,19 +20,20 @@ from numpy.typing import NDArray
 
 from circlecal.errors import InputError
 from circlecal.files import write_atomic
+from circlecal.pictures.headers import MIN_SIDE, read_header
 
 PICTURE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 MAX_PIXELS = 100_000_000
-MIN_SIDE = 64
 MASK_SUFFIX = ".mask.png"
 MASK_FOLDER = "masks"
 OVERLAY_SUFFIX, RADAR_SUFFIX, DEBUG_SUFFIX = ".overlay.jpg", ".radar.jpg", ".debug"
 REPORT_FOLDER = "circlecal-report"
+_DIGITS = re.compile(r"([0-9]+)")
 OWN_FOLDERS = ("circlecal-out", "circlecal-debug", REPORT_FOLDER)
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class PictureFile:
     """One picture to calibrate: its id, unique in a run, and its file.
 
     Attributes
@@ -76,17 +77,7 @@ class Frame:
         return self.path.name if self.time_s is None and self.url is None else self.id
 
 
-@dataclass(frozen=True, slots=True)
-class PictureHeader:
-    """What a file says of itself: format, size in pixels as stored (before any EXIF turn), whether it ends early."""
-
-    format: str
-    width: int
-    height: int
-    truncated: bool
-
-
-def find_frames(inputs: Sequence[str | Path], exclude: Sequence[Path] = ()) -> list[Frame]:
+def find_frames(inputs: Sequence[str | Path], exclude: Sequence[Path] = ()) -> list[PictureFile]:
     """Frames among files and folders, each once, in a fixed order.
 
     Folders are searched to any depth. Masks (``x.mask.png`` and what lies in a folder ``masks`` beside pictures),
@@ -122,7 +113,7 @@ def find_frames(inputs: Sequence[str | Path], exclude: Sequence[Path] = ()) -> l
         named = ", ".join(str(given) for given in inputs)
         what = "only masks" if masks else f"no pictures ({', '.join(PICTURE_SUFFIXES)})"
         raise InputError(f"{named}: {what} found; give pictures or a folder of pictures")
-    return _named(list(found.values()))
+    return _assign_ids(list(found.values()))
 
 
 def _pictures_of(given: Path) -> Iterator[tuple[Path, Path]]:
@@ -132,11 +123,21 @@ def _pictures_of(given: Path) -> Iterator[tuple[Path, Path]]:
     if not given.is_dir():
         yield given, Path(given.name)
         return
-    for path in _walk(given):
-        yield path, path.relative_to(given)
+    for path in walk(given):
+        relative = path.relative_to(given)
+        own = path.name.endswith((OVERLAY_SUFFIX, RADAR_SUFFIX))
+        if path.suffix.lower() in PICTURE_SUFFIXES and not own and MASK_FOLDER not in relative.parts[:-1]:
+            yield path, relative
 
 
-def _walk(folder: Path) -> Iterator[Path]:
+def walk(folder: Path) -> Iterator[Path]:
+    """Files of a folder at any depth, in the order of their names, but hidden ones and what circlecal writes.
+
+    Raises
+    ------
+    InputError
+        A folder cannot be read.
+    """
     try:
         entries = sorted(folder.iterdir(), key=lambda entry: entry.name)
     except OSError as error:
@@ -144,12 +145,10 @@ def _walk(folder: Path) -> Iterator[Path]:
     for entry in entries:
         if entry.name.startswith("."):
             continue
-        if entry.is_dir():
-            own = entry.name in OWN_FOLDERS or entry.suffix == DEBUG_SUFFIX
-            if entry.name != MASK_FOLDER and not own and not entry.is_symlink():
-                yield from _walk(entry)
-        elif entry.suffix.lower() in PICTURE_SUFFIXES and not entry.name.endswith((OVERLAY_SUFFIX, RADAR_SUFFIX)):
+        if not entry.is_dir():
             yield entry
+        elif entry.name not in OWN_FOLDERS and entry.suffix != DEBUG_SUFFIX and not entry.is_symlink():
+            yield from walk(entry)
 
 
 def _is_mask(path: Path, given: Path) -> bool:
@@ -162,7 +161,7 @@ def _is_mask(path: Path, given: Path) -> bool:
     return any(entry.suffix.lower() in PICTURE_SUFFIXES for entry in folder.parent.iterdir() if entry.is_file())
 
 
-def _named(found: Sequence[tuple[Path, Path]]) -> list[Frame]:
+def _assign_ids(found: Sequence[tuple[Path, Path]]) -> list[PictureFile]:
     candidates = [_id_candidates(path, relative) for path, relative in found]
     level = [0] * len(found)
     while True:
@@ -174,7 +173,7 @@ def _named(found: Sequence[tuple[Path, Path]]) -> list[Frame]:
         for index in doubled:
             level[index] += 1
     return [
-        Frame(name, path, relative.with_suffix("").as_posix())
+        PictureFile(name, path, relative.with_suffix("").as_posix())
         for name, (path, relative) in zip(ids, found, strict=True)
     ]
 
@@ -245,7 +244,7 @@ def require_picture(path: str | Path, content: bytes, min_side: int = MIN_SIDE) 
     """
     if not content:
         raise InputError(f"{path}: is empty (0 bytes); copy or export it again")
-    header = picture_header(content)
+    header = read_header(content)
     if header is None:
         raise InputError(f"{path}: is no JPEG, PNG, BMP, TIFF or WebP picture; convert it to one of them")
     size = f"{header.width} x {header.height}"
@@ -292,114 +291,18 @@ def as_bgr(image: NDArray[Any], name: str) -> NDArray[np.uint8]:
             f"{name}: has only {image.shape[1]} x {image.shape[0]} pixels; at least {MIN_SIDE} on each side are needed"
         )
     if image.dtype == np.uint16:
-        image = _scaled_to_8_bit(image)
+        image = _scale_to_8_bit(image)
     if image.dtype != np.uint8:
         raise InputError(f"{name}: has {image.dtype} values; convert it to 8 or 16 bit")
     channels = image[:, :, :3] if image.shape[2] >= 3 else np.repeat(image, 3, axis=2)
     return np.ascontiguousarray(channels, dtype=np.uint8)
 
 
-def _scaled_to_8_bit(image: NDArray[np.uint16]) -> NDArray[np.uint8]:
+def _scale_to_8_bit(image: NDArray[np.uint16]) -> NDArray[np.uint8]:
     # cameras store 10, 12 or 14 bits in files of 16
     top = int(image.max(initial=0))
     full = next(limit for limit in (255, 1023, 4095, 16383, 65535) if top <= limit)
     return np.round(image * (255.0 / full)).astype(np.uint8)
-
-
-def picture_header(content: bytes) -> PictureHeader | None:
-    """Format, size and completeness from the bytes of a picture file; None for anything that is no known picture."""
-    try:
-        if content.startswith(b"\xff\xd8\xff"):
-            return _jpeg_header(content)
-        if content.startswith(b"\x89PNG\r\n\x1a\n"):
-            return _png_header(content)
-        if content.startswith(b"BM"):
-            return _bmp_header(content)
-        if content[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
-            return _tiff_header(content)
-        if content[:4] == b"RIFF" and content[8:12] == b"WEBP":
-            return _webp_header(content)
-    except (struct.error, IndexError):
-        return PictureHeader("picture", MIN_SIDE, MIN_SIDE, truncated=True)
-    return None
-
-
-def _jpeg_header(content: bytes) -> PictureHeader:
-    position, width, height = 2, MIN_SIDE, MIN_SIDE
-    while position + 4 <= len(content):
-        if content[position] != 0xFF:
-            break
-        marker = content[position + 1]
-        if marker == 0xFF or marker == 0x01 or 0xD0 <= marker <= 0xD7:  # fill byte, or a marker without a length
-            position += 1 if marker == 0xFF else 2
-            continue
-        (length,) = struct.unpack_from(">H", content, position + 2)
-        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
-            height, width = struct.unpack_from(">HH", content, position + 5)
-        if marker == 0xDA:  # in scan data every 0xFF is stuffed, so the end marker stands only at the end
-            return PictureHeader("JPEG", width, height, truncated=content.find(b"\xff\xd9", position) < 0)
-        position += 2 + length
-    return PictureHeader("JPEG", width, height, truncated=True)
-
-
-def _png_header(content: bytes) -> PictureHeader:
-    width, height = struct.unpack_from(">II", content, 16)
-    position, complete = 8, False
-    while position + 12 <= len(content):
-        (length,) = struct.unpack_from(">I", content, position)
-        complete = content[position + 4 : position + 8] == b"IEND"
-        if complete:
-            break
-        position += 12 + length
-    return PictureHeader("PNG", width, height, truncated=not complete)
-
-
-def _bmp_header(content: bytes) -> PictureHeader:
-    offset, header_size = struct.unpack_from("<II", content, 10)
-    if header_size == 12:
-        width, height, _, bits = struct.unpack_from("<HHHH", content, 18)
-        compression = 0
-    else:
-        width, height, _, bits, compression = struct.unpack_from("<iiHHI", content, 18)
-    width, height = abs(width), abs(height)
-    needed = offset + height * ((width * bits + 31) // 32 * 4) if compression in (0, 3) else offset
-    return PictureHeader("BMP", width, height, truncated=len(content) < needed)
-
-
-def _tiff_header(content: bytes) -> PictureHeader:
-    order = "<" if content[:2] == b"II" else ">"
-    if content[2:4] in (b"+\0", b"\0+"):  # BigTIFF
-        (offset,) = struct.unpack_from(f"{order}Q", content, 8)
-        (count,) = struct.unpack_from(f"{order}Q", content, offset)
-        start, size, value_at = offset + 8, 20, 12
-    else:
-        (offset,) = struct.unpack_from(f"{order}I", content, 4)
-        (count,) = struct.unpack_from(f"{order}H", content, offset)
-        start, size, value_at = offset + 2, 12, 8
-    values = {}
-    for index in range(min(count, 1000)):
-        tag, kind = struct.unpack_from(f"{order}HH", content, start + index * size)
-        if tag in (256, 257):
-            (values[tag],) = struct.unpack_from(
-                f"{order}{'H' if kind == 3 else 'I'}", content, start + index * size + value_at
-            )
-    if len(values) < 2:
-        return PictureHeader("TIFF", MIN_SIDE, MIN_SIDE, truncated=True)
-    return PictureHeader("TIFF", values[256], values[257], truncated=False)
-
-
-def _webp_header(content: bytes) -> PictureHeader:
-    (riff_size,) = struct.unpack_from("<I", content, 4)
-    kind = content[12:16]
-    if kind == b"VP8X":
-        width = int.from_bytes(content[24:27], "little") + 1
-        height = int.from_bytes(content[27:30], "little") + 1
-    elif kind == b"VP8L":
-        (packed,) = struct.unpack_from("<I", content, 21)
-        width, height = (packed & 0x3FFF) + 1, (packed >> 14 & 0x3FFF) + 1
-    else:
-        width, height = (value & 0x3FFF for value in struct.unpack_from("<HH", content, 26))
-    return PictureHeader("WebP", width, height, truncated=len(content) < riff_size + 8)
 
 
 def write_image(path: Path, image: NDArray[np.uint8], jpeg_quality: int = 90) -> None:
@@ -429,3 +332,8 @@ def distinct_names(names: Sequence[str]) -> list[str]:
         taken.add(candidate.casefold())
         found.append(candidate)
     return found
+
+
+def natural_order(text: str) -> list[tuple[int, str]]:
+    """Key that puts ``f2`` before ``f10``."""
+    return [(int(part), "") if part.isdigit() and part.isascii() else (-1, part) for part in _DIGITS.split(text)]

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from circlecal.errors import InputError
-from circlecal.pictures.files import OWN_FOLDERS, PICTURE_SUFFIXES
+from circlecal.pictures.files import PICTURE_SUFFIXES, natural_order, walk
 from circlecal.pictures.remote import is_url
 
 VIDEO_SUFFIXES = (
@@ -17,8 +16,6 @@ VIDEO_SUFFIXES = (
     *(".vob", ".mxf", ".ogv", ".3gp"),
 )
 LIST_SUFFIX = ".txt"
-ANNOTATION_SUFFIXES = (".json", ".xml", ".jsonl", ".homographymatrix")
-"""Of files that hold annotations, cameras or results."""
 _PATTERN = re.compile(r"[*?\[]")
 _NUMBER = re.compile(r"%(?:0(\d+))?d")
 _TRANSPORT_STREAM_BYTE = b"G"
@@ -33,8 +30,8 @@ class Inputs:
     urls: list[str]
 
 
-def expand_inputs(inputs: Sequence[str | Path]) -> Inputs:
-    """Everything that was named.
+def expand_inputs(inputs: Sequence[str | Path], annotation_suffixes: Collection[str] = ()) -> Inputs:
+    """Everything that was named; a folder of videos alone is not among the paths.
 
     Understood are pictures, annotation files, videos and folders of them; patterns such as ``day1/*.jpg``; numbered
     sequences such as ``frame_%05d.png``; URLs of pictures; and lists, ``@names`` or ``names.txt``, with one of these
@@ -49,13 +46,14 @@ def expand_inputs(inputs: Sequence[str | Path]) -> Inputs:
     videos: list[Path] = []
     urls: list[str] = []
     for given in inputs:
-        for path in _expanded(str(given)):
+        for path in _expand(str(given)):
             if isinstance(path, str):
                 urls.append(path)
             elif path.is_dir():
-                held, others = _held(path)
+                files = list(walk(path))
+                held = [file for file in files if _is_video(file)]
                 videos += held
-                if others or not held:
+                if not held or any(file.suffix.lower() in (*PICTURE_SUFFIXES, *annotation_suffixes) for file in files):
                     paths.append(path)
             elif path.suffix.lower() in VIDEO_SUFFIXES:
                 videos.append(path)
@@ -65,23 +63,23 @@ def expand_inputs(inputs: Sequence[str | Path]) -> Inputs:
     return Inputs(list(dict.fromkeys(paths)), distinct, list(dict.fromkeys(urls)))
 
 
-def _expanded(text: str, within: bool = False) -> Iterator[Path | str]:
-    """Paths, and URLs as text."""
+def _expand(text: str, within: bool = False) -> Iterator[Path | str]:
+    """What a text names: paths, and URLs as text."""
     given = Path(text)
     if is_url(text):
         yield text
     elif text.startswith("@"):
-        yield from _listed(Path(text[1:]), within)
+        yield from _read_list(Path(text[1:]), within)
     elif given.exists():
         if given.suffix.lower() == LIST_SUFFIX and given.is_file():
-            yield from _listed(given, within)
+            yield from _read_list(given, within)
         else:
             yield given
     elif _NUMBER.search(given.name):
-        yield from _sequence(given)
+        yield from _find_sequence(given)
     elif _PATTERN.search(text):
         root = Path(given.anchor)
-        found = sorted(root.glob(str(given.relative_to(given.anchor))), key=lambda path: _natural(str(path)))
+        found = sorted(root.glob(str(given.relative_to(given.anchor))), key=lambda path: natural_order(str(path)))
         if not found:
             raise InputError(f"{given}: no file fits this pattern")
         yield from found
@@ -89,7 +87,7 @@ def _expanded(text: str, within: bool = False) -> Iterator[Path | str]:
         yield given
 
 
-def _listed(path: Path, within: bool) -> Iterator[Path | str]:
+def _read_list(path: Path, within: bool) -> Iterator[Path | str]:
     if within:
         raise InputError(f"{path}: is a list inside a list; name its files instead")
     try:
@@ -114,10 +112,10 @@ def _listed(path: Path, within: bool) -> Iterator[Path | str]:
             found = found.absolute()
         if not found.exists() and found != beside:
             raise InputError(f"{path}, line {number}: {name}: no such file or folder")
-        yield from _expanded(str(found), within=True)
+        yield from _expand(str(found), within=True)
 
 
-def _sequence(given: Path) -> Iterator[Path]:
+def _find_sequence(given: Path) -> Iterator[Path]:
     """Files of ``name_%05d.png``, by number."""
     match = _NUMBER.search(given.name)
     if match is None or not given.parent.is_dir():
@@ -131,38 +129,17 @@ def _sequence(given: Path) -> Iterator[Path]:
     yield from (path for _, path in sorted(found))
 
 
-def _natural(name: str) -> list[tuple[int, int | str]]:
-    """Sorts numbers inside names by their value."""
-    return [(0, int(part)) if part.isdigit() else (1, part) for part in re.split(r"([0-9]+)", name) if part]
-
-
-def _held(folder: Path) -> tuple[list[Path], bool]:
-    """Videos of a folder at any depth, and whether it holds pictures or annotations."""
-    videos: list[Path] = []
-    others = False
-    for root, folders, names in os.walk(folder):
-        folders[:] = sorted(name for name in folders if not name.startswith(".") and name not in OWN_FOLDERS)
-        for name in sorted(names):
-            path = Path(root, name)
-            suffix = path.suffix.lower()
-            if (
-                suffix in VIDEO_SUFFIXES
-                and not name.startswith(".")
-                and (suffix != ".ts" or _is_transport_stream(path))
-            ):
-                videos.append(path)
-            others |= suffix in (*PICTURE_SUFFIXES, *ANNOTATION_SUFFIXES)
-    return videos, others
-
-
-def _is_transport_stream(path: Path) -> bool:
-    """Not TypeScript, which has the same suffix."""
+def _is_video(path: Path) -> bool:
+    """By its suffix, which TypeScript shares with transport streams."""
+    suffix = path.suffix.lower()
+    if suffix != ".ts":
+        return suffix in VIDEO_SUFFIXES
     with path.open("rb") as file:
         return file.read(1) == _TRANSPORT_STREAM_BYTE
 
 
 def absolute_input(text: str) -> str:
-    """The same input for a process with another working folder."""
+    """An input as a process with another working folder must name it."""
     if is_url(text):
         return text
     return f"@{Path(text[1:]).absolute()}" if text.startswith("@") else str(Path(text).absolute())

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 
 from circlecal.geometry.projective import Array
 
-__all__ = ["row_motion", "without_combs"]
-
 ROWS = 48
 """Rows of the picture in which combs are looked for."""
 COMBED = (0.62, 0.45)
@@ -27,12 +25,12 @@ STEPS, SMOOTHING_PX = (30, 1e-3), 5
 """Of the alignment of both halves: most steps with the gain at which it stops, and the width of its smoothing."""
 
 
-def row_motion(brightness: NDArray[np.uint8]) -> Array | None:
+def measure_row_motion(brightness: NDArray[np.uint8]) -> Array | None:
     """How the odd rows of a picture (H, W) are displaced against the even ones: an affinity (2, 3) from places among
     the even rows to the same places among the odd ones, in columns and rows of half the picture; None for one picture.
     """
     height, width = brightness.shape
-    if height < 64 or width < 64 or not _combed(brightness):
+    if height < 64 or width < 64 or not _is_combed(brightness):
         return None
     even, odd = (np.ascontiguousarray(brightness[k : 2 * (height // 2) : 2], np.float32) for k in (0, 1))
     between = even.copy()
@@ -50,7 +48,7 @@ def row_motion(brightness: NDArray[np.uint8]) -> Array | None:
     return motion if LEAST_MOTION_PX < moved < 0.25 * width else None
 
 
-def without_combs(image: NDArray[np.uint8], motion: Array) -> NDArray[np.uint8]:
+def remove_combs(image: NDArray[np.uint8], motion: Array) -> NDArray[np.uint8]:
     """The picture (H, W, 3) of the moment between its even and its odd rows, which ``motion`` tells apart."""
     half = motion.copy()
     half[:, :2] -= np.eye(2)
@@ -70,7 +68,7 @@ def without_combs(image: NDArray[np.uint8], motion: Array) -> NDArray[np.uint8]:
     return whole
 
 
-def _combed(brightness: NDArray[np.uint8]) -> bool:
+def _is_combed(brightness: NDArray[np.uint8]) -> bool:
     rows = np.linspace(0, brightness.shape[0] - 5, ROWS).astype(np.int64)
     a, b, c, e = (brightness[rows + k].astype(np.int16) for k in (0, 1, 2, 4))
     near, far = (second.astype(np.float32) for second in (a - 2 * b + c, a - 2 * c + e))

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.errors import InputError
-from circlecal.pictures.files import MASK_FOLDER, MASK_SUFFIX, PICTURE_SUFFIXES, Frame, decode, read_picture_bytes
+from circlecal.pictures.files import MASK_FOLDER, MASK_SUFFIX, PICTURE_SUFFIXES, PictureFile, decode, read_picture_bytes
 from circlecal.results import CIRCLE_ID
 
 CLASS_COUNT = 28
@@ -59,12 +59,12 @@ _MIN_SIDE = 16
 _log = logging.getLogger(__name__)
 
 
-def find_mask(frame: Frame, given: Path | None) -> Path | None:
+def find_mask(frame: PictureFile, given: Path | None) -> Path | None:
     """Mask file of a frame.
 
     Parameters
     ----------
-    frame : Frame
+    frame : PictureFile
         The frame.
     given : path or None
         Mask file, or a folder with masks named like the frames (``x.png`` or ``x.mask.png``, in the same subfolders or

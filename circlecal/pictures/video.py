@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.errors import InputError
-from circlecal.pictures.files import MAX_PIXELS, MIN_SIDE, Frame, as_bgr
+from circlecal.pictures.files import MAX_PIXELS, PictureFile, as_bgr
+from circlecal.pictures.headers import MIN_SIDE
 
 DEFAULT_EVERY = "1s"
 _TOLERANCE_S = 0.001
@@ -55,7 +56,7 @@ class Sampling:
     end_s: float | None = None
 
     @classmethod
-    def parsed(cls, every: str = DEFAULT_EVERY, start: str | None = None, end: str | None = None) -> Sampling:
+    def parse(cls, every: str = DEFAULT_EVERY, start: str | None = None, end: str | None = None) -> Sampling:
         """From options such as ``1s``, ``500ms``, ``10`` (frames); ``90``, ``1:30`` or ``0:01:30.5``.
 
         Raises
@@ -119,7 +120,7 @@ class Video:
     aspect: float | None
 
     @classmethod
-    def opened(cls, path: Path, name: str) -> Video:
+    def open(cls, path: Path, name: str) -> Video:
         """Read the header and the first frame.
 
         Raises
@@ -137,14 +138,14 @@ class Video:
             aspect = pixel[0] / pixel[1] if min(pixel) > 0 and pixel[0] != pixel[1] else None
             return cls(path, name, width, height, decoder.rate, decoder.duration_s, aspect)
 
-    def expected(self, sampling: Sampling) -> int:
+    def estimate_count(self, sampling: Sampling) -> int:
         """About how many frames :meth:`frames` will find."""
         end = self.duration_s if sampling.end_s is None else min(sampling.end_s, self.duration_s)
         length = max(0.0, end - sampling.start_s)
         step = sampling.seconds if sampling.seconds is not None else (sampling.frames or 1) / self.rate
         return max(1, math.ceil(length / max(step, 1.0 / self.rate) - _TOLERANCE_S))
 
-    def frames(self, sampling: Sampling, on_error: Callable[[InputError], None]) -> Iterator[Frame]:
+    def frames(self, sampling: Sampling, on_error: Callable[[InputError], None]) -> Iterator[PictureFile]:
         """The wanted frames in order of time, decoded as they are asked for; never more than one is held.
 
         Parameters
@@ -160,7 +161,7 @@ class Video:
             count = 0
             while time is not None and time < end - _TOLERANCE_S:
                 identifier = frame_id(self.name, time)
-                yield Frame(identifier, self.path, identifier, round(time, 6), decoder.picture(), self.aspect)
+                yield PictureFile(identifier, self.path, identifier, round(time, 6), decoder.picture(), self.aspect)
                 if sampling.seconds is not None:
                     count = math.floor((time - sampling.start_s + _TOLERANCE_S) / sampling.seconds) + 1
                     target = sampling.start_s + count * sampling.seconds
@@ -203,7 +204,7 @@ class _Decoder:
     def _open(self) -> None:
         if not self._path.exists():
             raise InputError(f"{self._path}: no such file")
-        with _silenced():
+        with _silence():
             self._capture = cv2.VideoCapture(str(self._path))
         if not self._capture.isOpened():
             raise InputError(f"{self._path}: is no video that can be read, or is damaged; copy or convert it again")
@@ -272,7 +273,7 @@ class _Decoder:
 
 
 @contextlib.contextmanager
-def _silenced() -> Iterator[None]:
+def _silence() -> Iterator[None]:
     """What is wrong with a file is told in one line by us, not by the decoder's own log."""
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     level = cv2.utils.logging.getLogLevel()

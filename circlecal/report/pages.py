@@ -20,14 +20,14 @@ from circlecal import __version__
 from circlecal.errors import InputError
 from circlecal.files import prepare_folder
 from circlecal.overlay.canvas import Picture
-from circlecal.pictures.files import REPORT_FOLDER
+from circlecal.pictures.files import REPORT_FOLDER, natural_order
 from circlecal.refusals import explain
 from circlecal.report.details import frame_details
 from circlecal.report.drawings import scene_of
 from circlecal.report.figures import Histogram, clock, histogram, short, timelines
 from circlecal.report.originals import Originals
 from circlecal.report.pictures import KINDS, PER_FOLDER, Media, write_file, write_media
-from circlecal.report.reading import FrameRow, StoredRun, natural_order
+from circlecal.report.reading import FrameRow, StoredRun
 
 PAGE_NAME = "index.html"
 MARKER = '<meta name="generator" content="circlecal report'

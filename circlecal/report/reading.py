@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import logging
-import re
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
@@ -15,12 +14,12 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from circlecal.errors import InputError
+from circlecal.pictures.files import natural_order
 from circlecal.records.log import RESULTS_NAME
 from circlecal.records.record import SCHEMA_VERSION
 from circlecal.records.summary import summarise
 
 _log = logging.getLogger(__name__)
-_DIGITS = re.compile(r"(\d+)")
 _MEND = "mend or remove it, or run circlecal batch again"
 
 
@@ -235,8 +234,3 @@ def _order(row: FrameRow) -> tuple[str, float, list[tuple[int, str]]]:
     if row.time_s is None:
         return "", 0.0, natural_order(row.id)
     return row.path or "", row.time_s, natural_order(row.id)
-
-
-def natural_order(text: str) -> list[tuple[int, str]]:
-    """Key that puts ``f2`` before ``f10``."""
-    return [(int(part), "") if part.isdigit() and part.isascii() else (-1, part) for part in _DIGITS.split(text)]

@@ -23,7 +23,7 @@ from circlecal.errors import CirclecalError, InputError, reading_failure
 from circlecal.field import FieldTemplate
 from circlecal.files import prepare_folder
 from circlecal.formats.camera_prior import write_prior
-from circlecal.pictures.files import Frame, find_frames
+from circlecal.pictures.files import PictureFile, find_frames
 from circlecal.pictures.video import pictures_at
 from circlecal.pipeline import Convention, field_of, in_convention, run_observations
 from circlecal.records.record import result_record
@@ -284,12 +284,12 @@ class _Again:
         found = run_observations(seen, config, frame_id=self.frame.id, source=str(source), convention=convention)
         return None if from_picture and _leaves_the_arc(found, config) else found
 
-    def _picture(self, source: Path) -> Frame:
+    def _picture(self, source: Path) -> PictureFile:
         time_s = self.record["source"].get("time_s")
         if time_s is None:
             return replace(find_frames([source])[0], id=self.frame.id)
         picture = next(pictures_at(source, [time_s]), None)
-        return Frame(self.frame.id, source, self.frame.id, time_s, picture)
+        return PictureFile(self.frame.id, source, self.frame.id, time_s, picture)
 
 
 def with_short_arcs(config: Config) -> Config:

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from circlecal.errors import InputError
-from circlecal.pictures.files import find_frames, picture_header, read_image, write_image
+from circlecal.pictures.files import find_frames, read_image, write_image
+from circlecal.pictures.headers import read_header
 
 HEIGHT, WIDTH = 72, 96
 
@@ -52,7 +53,7 @@ def test_every_format_is_read_as_bgr(tmp_path, suffix):
     assert image.dtype == np.uint8
     assert image.shape == (HEIGHT, WIDTH, 3)
     assert np.abs(image.astype(int) - picture()).mean() < 12
-    header = picture_header(path.read_bytes())
+    header = read_header(path.read_bytes())
     assert (header.width, header.height, header.truncated) == (WIDTH, HEIGHT, False)
 
 

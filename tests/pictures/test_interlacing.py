@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from circlecal.pictures.interlacing import row_motion, without_combs
+from circlecal.pictures.interlacing import measure_row_motion, remove_combs
 
 
 def _scene(shift_px: float, noise: float = 0.0) -> np.ndarray:
@@ -28,13 +28,13 @@ def _woven(shift_px: float, noise: float = 0.0) -> np.ndarray:
 
 
 @pytest.mark.parametrize("noise", [0.0, 4.0])
-def test_one_picture_has_no_row_motion(noise: float) -> None:
-    assert row_motion(_scene(0.0, noise)) is None
+def test_one_picture_has_no_measure_row_motion(noise: float) -> None:
+    assert measure_row_motion(_scene(0.0, noise)) is None
 
 
 @pytest.mark.parametrize("shift_px", [-6.0, 2.5, 5.0])
 def test_the_motion_between_both_halves_is_found(shift_px: float) -> None:
-    motion = row_motion(_woven(shift_px, 2.0))
+    motion = measure_row_motion(_woven(shift_px, 2.0))
     assert motion is not None
     middle = motion @ (200.0, 72.0, 1.0)
     assert middle - (200.0, 72.0) == pytest.approx((shift_px, 0.0), abs=0.2)
@@ -42,19 +42,19 @@ def test_the_motion_between_both_halves_is_found(shift_px: float) -> None:
 
 def test_the_whole_picture_shows_the_moment_between_both_halves() -> None:
     woven = _woven(5.0)
-    motion = row_motion(woven)
+    motion = measure_row_motion(woven)
     assert motion is not None
-    whole = without_combs(np.dstack([woven] * 3), motion)[..., 1].astype(float)
+    whole = remove_combs(np.dstack([woven] * 3), motion)[..., 1].astype(float)
     true = _scene(0.0).astype(float)
     inner = np.s_[10:-10, 20:-20]
     assert np.abs(whole - true)[inner].mean() < 0.3 * np.abs(woven - true)[inner].mean()
-    assert row_motion(whole.astype(np.uint8)) is None
+    assert measure_row_motion(whole.astype(np.uint8)) is None
 
 
 def test_halves_with_nothing_in_common_are_left_alone() -> None:
     rng = np.random.default_rng(0)
     frame = rng.integers(0, 255, (100, 100), dtype=np.uint8)
     frame[1::2] = 0
-    assert row_motion(frame) is None
-    assert row_motion(np.zeros((100, 100), np.uint8)) is None
-    assert row_motion(frame[:20]) is None
+    assert measure_row_motion(frame) is None
+    assert measure_row_motion(np.zeros((100, 100), np.uint8)) is None
+    assert measure_row_motion(frame[:20]) is None

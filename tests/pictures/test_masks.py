@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from circlecal.errors import InputError
-from circlecal.pictures.files import Frame
+from circlecal.pictures.files import PictureFile
 from circlecal.pictures.masks import PALETTE_RGB, find_mask, read_mask
 from circlecal.results import CIRCLE_ID
 
@@ -167,7 +167,7 @@ def test_missing_empty_and_truncated(tmp_path):
 
 
 def test_masks_beside_the_picture_are_found(tmp_path):
-    frame = Frame("x", tmp_path / "x.jpg", "x")
+    frame = PictureFile("x", tmp_path / "x.jpg", "x")
     assert find_mask(frame, None) is None
     (tmp_path / "masks").mkdir()
     (tmp_path / "masks" / "x.png").touch()
@@ -177,7 +177,7 @@ def test_masks_beside_the_picture_are_found(tmp_path):
 
 
 def test_a_mask_folder_may_mirror_the_tree_be_flat_or_use_ids(tmp_path):
-    frame = Frame("sub__x", tmp_path / "frames" / "sub" / "x.jpg", "sub/x")
+    frame = PictureFile("sub__x", tmp_path / "frames" / "sub" / "x.jpg", "sub/x")
     for name in ("x.png", "sub__x.png", "sub/x.png"):
         path = tmp_path / "given" / name
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -186,7 +186,7 @@ def test_a_mask_folder_may_mirror_the_tree_be_flat_or_use_ids(tmp_path):
 
 
 def test_a_mask_option_that_does_not_fit(tmp_path):
-    frame = Frame("x", tmp_path / "x.jpg", "x")
+    frame = PictureFile("x", tmp_path / "x.jpg", "x")
     with pytest.raises(InputError, match=r"no mask for x\.jpg"):
         find_mask(frame, tmp_path)
     with pytest.raises(InputError, match="no such mask"):

@@ -26,7 +26,7 @@ def fail(error: InputError) -> None:
 
 def taken(path: Path, every: str, start: str | None = None, end: str | None = None) -> list[tuple[int, float]]:
     """Number shown by, and time of each frame."""
-    frames = Video.opened(path, "match").frames(Sampling.parsed(every, start, end), fail)
+    frames = Video.open(path, "match").frames(Sampling.parse(every, start, end), fail)
     return [(number_of(frame.picture), frame.time_s) for frame in frames]
 
 
@@ -106,9 +106,9 @@ def test_long_stretches_are_skipped(tmp_path, monkeypatch):
 
 def test_memory_does_not_grow_with_the_length(tmp_path):
     path = write_video(tmp_path / "match.avi", "MJPG", COUNT)
-    video = Video.opened(path, "match")
+    video = Video.open(path, "match")
     tracemalloc.start()
-    for frame in video.frames(Sampling.parsed("1"), fail):
+    for frame in video.frames(Sampling.parse("1"), fail):
         assert frame.picture.shape == (HEIGHT, WIDTH, 3)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
@@ -117,7 +117,7 @@ def test_memory_does_not_grow_with_the_length(tmp_path):
 
 def test_ids_sort_as_times_do(tmp_path):
     path = write_video(tmp_path / "match.avi", "MJPG", 60)
-    frames = list(Video.opened(path, "match").frames(Sampling.parsed("1s"), fail))
+    frames = list(Video.open(path, "match").frames(Sampling.parse("1s"), fail))
     assert [frame.id for frame in frames] == ["match_00-00-00.000", "match_00-00-01.000", "match_00-00-02.000"]
     times = [0.0, 0.04, 59.999, 60.0, 3599.96, 3600.0, 36000.0]
     assert sorted(frame_id("x", time) for time in times) == [frame_id("x", time) for time in times]
@@ -125,11 +125,11 @@ def test_ids_sort_as_times_do(tmp_path):
 
 
 def test_what_the_header_says(tmp_path):
-    video = Video.opened(write_video(tmp_path / "match.avi", "MJPG", 100), "match")
+    video = Video.open(write_video(tmp_path / "match.avi", "MJPG", 100), "match")
     assert (video.width, video.height, video.rate, video.duration_s, video.aspect) == (WIDTH, HEIGHT, RATE, 4.0, None)
     for every, count in (("1s", 4), ("1", 100), ("30", 4), ("10ms", 100)):
-        sampling = Sampling.parsed(every)
-        assert video.expected(sampling) == len(list(video.frames(sampling, fail))) == count
+        sampling = Sampling.parse(every)
+        assert video.estimate_count(sampling) == len(list(video.frames(sampling, fail))) == count
 
 
 def test_pixels_that_are_not_square(tmp_path, monkeypatch):
@@ -137,9 +137,9 @@ def test_pixels_that_are_not_square(tmp_path, monkeypatch):
     value = _Decoder.value
     sar = {cv2.CAP_PROP_SAR_NUM: 16.0, cv2.CAP_PROP_SAR_DEN: 15.0}
     monkeypatch.setattr(_Decoder, "value", lambda self, key: sar.get(key) or value(self, key))
-    video = Video.opened(path, "match")
+    video = Video.open(path, "match")
     assert video.aspect == pytest.approx(16 / 15)
-    assert [frame.aspect for frame in video.frames(Sampling.parsed("2"), fail)] == [video.aspect] * 2
+    assert [frame.aspect for frame in video.frames(Sampling.parse("2"), fail)] == [video.aspect] * 2
 
 
 def test_a_truncated_video_gives_what_it_has_and_one_line(tmp_path):
@@ -147,7 +147,7 @@ def test_a_truncated_video_gives_what_it_has_and_one_line(tmp_path):
     content = path.read_bytes()
     path.write_bytes(content[: len(content) // 2])
     errors: list[InputError] = []
-    frames = list(Video.opened(path, "match").frames(Sampling.parsed("25"), errors.append))
+    frames = list(Video.open(path, "match").frames(Sampling.parse("25"), errors.append))
     assert [number_of(frame.picture) for frame in frames][:4] == [0, 25, 50, 75]
     assert len(errors) == 1
     assert f"{path}: ends at 00:00:0" in str(errors[0])
@@ -159,23 +159,23 @@ def test_no_video(tmp_path, content):
     path = tmp_path / "match.mp4"
     path.write_bytes(content)
     with pytest.raises(InputError, match="is no video that can be read"):
-        Video.opened(path, "match")
+        Video.open(path, "match")
 
 
 def test_a_missing_video(tmp_path):
     with pytest.raises(InputError, match="no such file"):
-        Video.opened(tmp_path / "match.mp4", "match")
+        Video.open(tmp_path / "match.mp4", "match")
 
 
 @pytest.mark.parametrize("every", ["0", "0s", "-1", "1.5", "often", "", "s", "1e3"])
 def test_a_wrong_step(every):
     with pytest.raises(InputError, match="--every"):
-        Sampling.parsed(every)
+        Sampling.parse(every)
 
 
 def test_times():
-    assert Sampling.parsed("1s", "90", "0:02:00.5") == Sampling(1.0, None, 90.0, 120.5)
-    assert Sampling.parsed("25", "1:30") == Sampling(None, 25, 90.0)
+    assert Sampling.parse("1s", "90", "0:02:00.5") == Sampling(1.0, None, 90.0, 120.5)
+    assert Sampling.parse("25", "1:30") == Sampling(None, 25, 90.0)
     for wrong in (("1:2:3:4", None), ("x", None), ("5", "4")):
         with pytest.raises(InputError, match=r"--start|--end"):
-            Sampling.parsed("1s", *wrong)
+            Sampling.parse("1s", *wrong)

@@ -34,7 +34,7 @@ def patch(picture: np.ndarray) -> float:
 
 
 def test_pictures_at_the_times_that_were_told(video):
-    frames = list(Video.opened(video, "match").frames(Sampling.parsed("600ms"), lambda error: None))
+    frames = list(Video.open(video, "match").frames(Sampling.parse("600ms"), lambda error: None))
     again = list(pictures_at(video, [frame.time_s for frame in frames]))
     assert len(frames) == 7
     for frame, picture in zip(frames, again, strict=True):
