@@ -12,12 +12,14 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.geometry.camera import Camera
+from circlecal.geometry.camera import Camera, PlaneCamera
+from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel
 from circlecal.geometry.ellipses import Ellipse
 from circlecal.geometry.projective import Array
-from circlecal.geometry.surface import SurfaceShape
+from circlecal.geometry.surface import Surface
 from circlecal.observations import CircleEdge, LineEnd, Observations
 from circlecal.refusals import Confidence, explain
+from circlecal.view import FieldView
 
 Status = Literal["calibrated", "refused"]
 CIRCLE_ID, HALFWAY_ID = 7, 18
@@ -336,8 +338,8 @@ class CameraFit:
     ----------
     camera : Camera
         The estimate.
-    crown_m, crown_shape : float, str
-        Drop of the surface at |y| = radius of the circle, and its profile.
+    surface : Surface
+        With the estimated crown, quoted at the circle's radius.
     covariance : (P, P) array
         Of the parameters in ``parameters`` (their names).
     H_image_field, H_field_image : (3, 3) arrays
@@ -372,8 +374,7 @@ class CameraFit:
     """
 
     camera: Camera
-    crown_m: float
-    crown_shape: SurfaceShape
+    surface: Surface
     parameters: tuple[str, ...]
     covariance: Array
     H_image_field: Array
@@ -394,6 +395,18 @@ class CameraFit:
     named_lines: tuple[str, ...] = ()
     names_by_line: dict[int, str] = field(default_factory=dict)
     reference_m: Array = field(default_factory=lambda: np.zeros(2))
+
+    @property
+    def view(self) -> FieldView:
+        """Where this camera sees the field."""
+        known = self.parameters == PARAMETERS and self.theta.shape == (len(PARAMETERS),)
+        growth_m = self.theta[[INDEX["length"], INDEX["breadth"]]] if known else np.zeros(2)
+        return FieldView(self.camera, self.surface, growth_m, self.covariance if known else None)
+
+    @property
+    def model(self) -> ProjectionModel:
+        """The model under which the parameters were estimated."""
+        return ProjectionModel.of(self.camera, self.surface)
 
     @property
     def prior_dominated(self) -> bool:
@@ -584,6 +597,15 @@ class Calibration:
     def status(self) -> Status:
         """``"calibrated"`` or ``"refused"``."""
         return self.verdict.status
+
+    @property
+    def view(self) -> FieldView | None:
+        """Where the field is seen, through the camera or else the homography, also of a refused frame; None without."""
+        if self.camera is not None:
+            return self.camera.view
+        if self.homography is not None:
+            return FieldView(PlaneCamera(self.width, self.height, self.homography.H_image_field))
+        return None
 
     @property
     def H_image_field(self) -> Array | None:

@@ -1,4 +1,4 @@
-"""Field points to pixels and back, with the standard deviation that the camera's covariance gives.
+"""One answer to where a point of the field is seen, how surely, and what part of the field a pixel shows.
 
 With a camera the lens and the crown of the surface are in the answer; with a homography alone the picture is taken as
 free of distortion and the field as flat.
@@ -6,111 +6,162 @@ free of distortion and the field as flat.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from circlecal.camera.covariance import field_sigma
-from circlecal.camera.parameters import INDEX, ProjectionModel, theta_of
-from circlecal.geometry.camera import Camera
-from circlecal.geometry.projective import Array
-from circlecal.geometry.surface import Surface
-from circlecal.records.record import StoredResult
+from circlecal.field import FieldTemplate
+from circlecal.geometry.camera import Camera, PlaneCamera
+from circlecal.geometry.camera_parameters import ProjectionModel, project, theta_of
+from circlecal.geometry.projective import Array, Mask
+from circlecal.geometry.surface import FLAT, Surface
 
-_SURFACE_ROUNDS = 30
-_SURFACE_TOLERANCE_M = 1e-9
+_CURVE_STEPS = 420.0
+"""Pieces into which a marking as long as the field is divided to be drawn."""
 
 
-@dataclass(frozen=True, slots=True)
-class Projected:
-    """Points (N, 2) in the other frame and the standard deviation (N,) of the length of their error.
+class Projected(NamedTuple):
+    """Points (..., 2) in the other frame, and the standard deviation (...,) of the length of their error.
 
-    A point is nan where there is no answer: a pixel on or above the horizon, or a field point behind the camera.
-    ``sigma`` is None where the result carries no covariance.
+    Both are nan where there is no answer; ``sigma`` is None where the covariance of the camera is not known.
     """
 
     points: Array
     sigma: Array | None
 
 
-def field_to_image(result: StoredResult, points_m: ArrayLike) -> Projected:
-    """Pixels of the stored frame (N, 2) for field points (N, 2) in metres; sigma in pixels."""
-    field = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
-    if result.camera is not None:
-        pixels = result.camera.project(np.column_stack([field, surface_depth(result, field[:, 1])]))
-    else:
-        pixels = _through(_front_positive(result), field)
-    return Projected(pixels, _sigma(result, field, to_field=False))
+@dataclass(frozen=True, slots=True)
+class FieldView:
+    """A field before a camera.
 
-
-def image_to_field(result: StoredResult, pixels: ArrayLike) -> Projected:
-    """Field points (N, 2) in metres for pixels (N, 2) of the stored frame; sigma in metres."""
-    given = np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
-    if result.camera is not None:
-        field = _on_surface(result, result.camera, given)
-    else:
-        H = _front_positive(result)
-        field = _through(np.asarray(np.linalg.inv(H), dtype=np.float64), given, front=H)
-    return Projected(field, _sigma(result, field, to_field=True))
-
-
-def surface_depth(result: StoredResult, y_m: Array) -> Array:
-    """How far the surface lies below the centre mark, metres (z points down), at field coordinate y."""
-    return result.crown_m * _model(result).surface.drop(y_m)
-
-
-def _on_surface(result: StoredResult, camera: Camera, pixels: Array) -> Array:
-    """Where the rays of the pixels meet the crowned surface; nan for a ray that passes over it.
-
-    A ray is ``flat + share (foot - flat)`` on the map and at depth ``share z`` (z of the camera, negative), from the
-    point where it would meet the flat field; Newton's iteration on the share.
+    Attributes
+    ----------
+    camera : Camera or PlaneCamera
+        The camera, or a homography where no camera is known.
+    surface : Surface
+        With its crown.
+    growth_m : (2,) array
+        By how much this field is longer and broader than its template.
+    covariance : (P, P) array or None
+        Of the camera's parameters, in the order of :data:`circlecal.geometry.camera_parameters.PARAMETERS`.
     """
-    flat = camera.back_project(pixels)
-    if result.crown_m == 0:
-        return flat
-    foot, height = camera.position_m[:2], camera.position_m[2]
-    model = _model(result)
-    share = np.zeros(len(flat))
-    for _ in range(_SURFACE_ROUNDS):
-        y = flat[:, 1] + share * (foot[1] - flat[:, 1])
-        drop, slope = result.crown_m * model.surface.drop(y), result.crown_m * model.surface.slope(y)
-        share = share - (share * height - drop) / (height - slope * (foot[1] - flat[:, 1]))
-    field = flat + share[:, None] * (foot - flat)
-    missed = ~(np.abs(share * height - surface_depth(result, field[:, 1])) < _SURFACE_TOLERANCE_M) | (share >= 1)
-    field[missed] = np.nan
-    return field
+
+    camera: Camera | PlaneCamera
+    surface: Surface = FLAT
+    growth_m: Array = field(default_factory=lambda: np.zeros(2))
+    covariance: Array | None = None
+
+    @overload
+    def project(self, points_m: ArrayLike, sigma: Literal[False] = False) -> Array: ...
+
+    @overload
+    def project(self, points_m: ArrayLike, sigma: Literal[True]) -> Projected: ...
+
+    def project(self, points_m: ArrayLike, sigma: bool = False) -> Array | Projected:
+        """Where points of the field are seen.
+
+        Parameters
+        ----------
+        points_m : (..., 2) array
+            Field points, metres.
+        sigma : bool
+            Whether their standard deviations are returned too.
+
+        Returns
+        -------
+        (..., 2) array or Projected
+            Pixels of the stored picture, also outside its borders; nan behind the camera and where the lens model folds
+            back. The standard deviations are in pixels.
+        """
+        points = np.asarray(points_m, dtype=np.float64)
+        pixels = self.camera.project(self.surface.lift(points))
+        return Projected(pixels, self._sigma(points, pixels, 0)) if sigma else pixels
+
+    @overload
+    def to_field(self, points_px: ArrayLike, sigma: Literal[False] = False) -> Array: ...
+
+    @overload
+    def to_field(self, points_px: ArrayLike, sigma: Literal[True]) -> Projected: ...
+
+    def to_field(self, points_px: ArrayLike, sigma: bool = False) -> Array | Projected:
+        """What points of the field are seen at pixels.
+
+        Parameters
+        ----------
+        points_px : (..., 2) array
+            Pixels of the stored picture.
+        sigma : bool
+            Whether their standard deviations are returned too.
+
+        Returns
+        -------
+        (..., 2) array or Projected
+            Field points, metres; nan on and above the horizon, where the ray passes over the surface, and further out
+            than the lens model puts any point. The standard deviations are in metres on the ground.
+        """
+        pixels = np.asarray(points_px, dtype=np.float64)
+        points = self.camera.back_project(pixels, self.surface)
+        return Projected(points, self._sigma(points, pixels, 1)) if sigma else points
+
+    def shows(self, points_px: ArrayLike, margin_px: float = 0.0) -> Mask:
+        """Whether pixels (..., 2) lie in the picture, or at most so far outside the centres of its outermost pixels."""
+        pixels = np.asarray(points_px, dtype=np.float64)
+        last = np.array([self.camera.width, self.camera.height]) - 1.0
+        return np.asarray(((pixels >= -margin_px) & (pixels <= last + margin_px)).all(axis=-1), np.bool_)
+
+    def visible_field(
+        self, template: FieldTemplate, center_m: ArrayLike = (0.0, 0.0), reach_m: float = np.inf, step_m: float = 1.0
+    ) -> Array:
+        """Points (N, 2) of the template's field, on a grid, that the picture shows.
+
+        Parameters
+        ----------
+        template : FieldTemplate
+            The field.
+        center_m, reach_m : (2,) array, float
+            No point is further from this one along x or y.
+        step_m : float
+            Spacing of the grid.
+        """
+        half = np.array([template.length_m, template.width_m]) / 2.0
+        x, y = (
+            np.arange(max(-h, c - reach_m), min(h, c + reach_m) + 1e-9, step_m)
+            for h, c in zip(half, np.asarray(center_m, dtype=np.float64), strict=True)
+        )
+        grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+        return np.asarray(grid[self.shows(self.project(grid))])
+
+    def markings(self, template: FieldTemplate) -> dict[str, Array]:
+        """Centrelines of all markings and rims of all marks as polylines (N, 2) in metres, at this field's own size."""
+        drawn = template.polylines(template.length_m / _CURVE_STEPS)
+        angle = np.linspace(0.0, 2 * np.pi, 25)
+        rim = 0.5 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        drawn.update({mark.name: np.asarray(mark.position) + mark.diameter_m * rim for mark in template.marks})
+        return {name: _grow(polyline, template, self.growth_m) for name, polyline in drawn.items()}
+
+    def _sigma(self, points_m: Array, points_px: Array, frame: Literal[0, 1]) -> Array | None:
+        """Standard deviations (...,) in the picture (0) or on the ground (1); nan where either point is."""
+        if self.covariance is None or not isinstance(self.camera, Camera):
+            return None
+        model = ProjectionModel.of(self.camera, self.surface)
+        theta = theta_of(self.camera, model, self.surface.crown_m)
+        seen = np.isfinite(points_m).all(axis=-1) & np.isfinite(points_px).all(axis=-1)
+        sigma = np.full(seen.shape, np.nan)
+        if seen.any():
+            sigma[seen] = project(theta[None], points_m[seen][None], model).sigma(self.covariance)[frame]
+        return sigma
 
 
-def _front_positive(result: StoredResult) -> Array:
-    """``H_image_field`` scaled so that the third coordinate is positive in front of the camera (then det H > 0)."""
-    if result.H_image_field is None:
-        raise ValueError("the result has neither a camera nor a homography")
-    return result.H_image_field * float(np.sign(np.linalg.det(result.H_image_field)))
-
-
-def _through(H: Array, points: Array, front: Array | None = None) -> Array:
-    lifted = np.column_stack([points, np.ones(len(points))]) @ H.T
-    with np.errstate(divide="ignore", invalid="ignore"):
-        mapped = lifted[:, :2] / lifted[:, 2:]
-    depth = lifted[:, 2] if front is None else np.column_stack([mapped, np.ones(len(mapped))]) @ front[2]
-    mapped[(depth <= 0) | ~np.isfinite(mapped).all(axis=1)] = np.nan
-    return mapped
-
-
-def _sigma(result: StoredResult, field: Array, *, to_field: bool) -> Array | None:
-    """Standard deviation of the length of each point's error, from the covariance of the camera."""
-    if result.covariance is None or result.camera is None:
-        return None
-    model = _model(result)
-    theta = theta_of(result.camera, model)
-    theta[INDEX["crown"]] = result.crown_m
-    seen = np.isfinite(field).all(axis=1)
-    sigma = np.full(len(field), np.nan)
-    if seen.any():
-        sigma[seen] = field_sigma(theta, result.covariance, field[seen], model)[int(to_field)]
-    return sigma
-
-
-def _model(result: StoredResult) -> ProjectionModel:
-    return ProjectionModel(result.width, result.height, Surface(result.crown_shape, result.crown_radius_m))
+def _grow(polyline: Array, template: FieldTemplate, growth_m: Array) -> Array:
+    """A marking of a longer and broader field: what bounds the field stretches, what belongs to one end moves."""
+    size = np.array([template.length_m, template.width_m])
+    low, high = polyline.min(axis=0), polyline.max(axis=0)
+    reaches = np.maximum(-low, high) >= size / 2 - template.marking_width_m
+    moved = polyline * np.where(reaches & (low * high <= 0), 1.0 + growth_m / size, 1.0)
+    if low[0] * high[0] > 0:
+        moved[:, 0] += np.sign(low[0]) * growth_m[0] / 2
+    if reaches[1] and low[1] * high[1] > 0:
+        moved[:, 1] += np.sign(low[1]) * growth_m[1] / 2
+    return moved

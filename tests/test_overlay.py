@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from circlecal import overlay
-from circlecal.camera.parameters import PARAMETERS, ProjectionModel, theta_of
 from circlecal.field import load_field
-from circlecal.geometry.camera import Camera, image_center
+from circlecal.geometry.camera import Camera, PlaneCamera, image_center
+from circlecal.geometry.camera_parameters import PARAMETERS, ProjectionModel, theta_of
 from circlecal.geometry.conics import circle_conic, polar, transform_conic
 from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.homography import turn_homography
@@ -16,7 +16,6 @@ from circlecal.geometry.projective import apply_homography, lift, normalise_line
 from circlecal.geometry.surface import Surface
 from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations
 from circlecal.overlay.canvas import Canvas, clip_segments, text_size, wrap
-from circlecal.overlay.field_view import best_view, camera_view, homography_view
 from circlecal.overlay.palette import CIRCLE, TEMPLATE
 from circlecal.results import (
     Attempt,
@@ -38,6 +37,7 @@ from circlecal.results import (
     Segment,
     Verdict,
 )
+from circlecal.view import FieldView
 
 SOCCER = load_field("soccer")
 NAMES = [
@@ -130,8 +130,7 @@ def _calibration(camera=None, verdict=CALIBRATED):
     everywhere[:7, :7] = np.diag([1e-4, 1e-6, 1e-6, 1e-6, 0.01, 0.01, 0.01])
     fit = CameraFit(
         camera=camera,
-        crown_m=0.05,
-        crown_shape="roof",
+        surface=Surface("roof", crown_m=0.05),
         parameters=PARAMETERS,
         covariance=everywhere,
         H_image_field=H,
@@ -260,7 +259,7 @@ def test_parts_within_the_parts_may_be_missing(complete):
         _with(c, correspondences=replace(c.correspondences, points=(), tangents=())),
         _with(c, correspondences=replace(c.correspondences, vanishing_line=np.array([0.0, 0.0, 1.0]))),
         _with(c, homography=replace(c.homography, residuals_px=none, H_image_field=-c.homography.H_image_field)),
-        _with(c, camera=replace(c.camera, covariance=np.eye(3), theta=np.zeros(3), residuals_px={}, crown_shape="?")),
+        _with(c, camera=replace(c.camera, covariance=np.eye(3), theta=np.zeros(3), parameters=("?",), residuals_px={})),
         _with(c, camera=replace(c.camera, max_sigma_px=np.inf, max_sigma_m=np.nan, rejected=(), named_lines=())),
         replace(_with(c, verdict=Verdict("refused", None, None, None)), timings_ms={}),
         replace(c, circle_name="penalty_arc_left"),
@@ -300,7 +299,7 @@ def test_a_camera_beside_a_goal_sees_part_of_the_field_behind_it():
     camera = replace(_camera(), angles_rad=np.array([np.pi / 2, 1.4, 0.0]), position_m=np.array([-30.0, 5.0, -4.0]))
     calibration = _with(_calibration(), camera=replace(_calibration().camera, camera=camera))
     _draw_all(_image(camera), calibration)
-    pixels = camera_view(calibration.camera, SOCCER, "centre_circle").pixels(np.array([[-50.0, 0.0], [20.0, 0.0]]))
+    pixels = calibration.view.project([[-50.0, 0.0], [20.0, 0.0]])
     assert np.isnan(pixels[0]).all()
     assert np.isfinite(pixels[1]).all()
 
@@ -340,8 +339,8 @@ def test_template_is_drawn_where_the_camera_projects_it(complete):
 
 def test_fitted_breadth_moves_the_touchline_and_not_the_penalty_area(complete):
     _, calibration = complete
-    grown = camera_view(calibration.camera, SOCCER, "centre_circle").markings(SOCCER)
-    plain = homography_view(calibration.camera.H_image_field, 1280, 720).markings(SOCCER)
+    grown = calibration.view.markings(SOCCER)
+    plain = FieldView(PlaneCamera(1280, 720, calibration.camera.H_image_field)).markings(SOCCER)
     moved = {name: float(np.abs(grown[name] - plain[name]).max()) for name in plain}
     assert moved["side_line_top"] == pytest.approx(1.0, abs=0.01)
     assert moved["halfway_line"] == pytest.approx(1.0, abs=0.01)
@@ -350,14 +349,14 @@ def test_fitted_breadth_moves_the_touchline_and_not_the_penalty_area(complete):
 
 def test_view_falls_back_to_the_closed_form(complete):
     _, calibration = complete
-    assert best_view(_with(calibration, camera=None, homography=None), SOCCER) is None
-    view = best_view(_with(calibration, camera=None), SOCCER)
+    assert _with(calibration, camera=None, homography=None).view is None
+    view = _with(calibration, camera=None).view
     H = calibration.homography.H_image_field
     points = np.array([[0.0, 0.0], [5.0, 3.0], [0.0, 80.0]])
-    pixels = view.pixels(points)
+    pixels = view.project(points)
     np.testing.assert_allclose(pixels[:2], apply_homography(H, points[:2]))
     assert np.isnan(pixels[2]).all()  # behind the camera
-    np.testing.assert_allclose(homography_view(-3.0 * H, 1280, 720).pixels(points)[:2], pixels[:2])
+    np.testing.assert_allclose(PlaneCamera(1280, 720, -3.0 * H).project(points)[:2], pixels[:2])
 
 
 def test_radar_shows_the_field_from_above(monkeypatch):

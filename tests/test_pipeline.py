@@ -314,10 +314,9 @@ def test_too_few_observations_are_refused(frames):
 
 
 def test_extra_observations_are_used_with_the_picture(frames, easy):
-    camera = frames.easy.truth.camera
     rng = np.random.default_rng(8)
     field = np.array([[9.0, 3.0], [-8.0, -2.0], [4.0, -7.0]])
-    pixels = camera.project(np.c_[field, frames.easy.truth.crown_m * np.abs(field[:, 1]) / 9.15])
+    pixels = frames.easy.truth.view.project(field)
     keypoints = tuple(
         Keypoint(f"point {k}", field[k], pixels[k] + rng.normal(0, 0.3, 2), 0.5) for k in range(len(field))
     )

@@ -6,13 +6,13 @@ import pytest
 from circlecal.bench.detect import compare
 from circlecal.config import load_config
 from circlecal.field import load_field
+from circlecal.geometry.surface import FLAT
 from circlecal.observations import Observations
 from circlecal.pipeline import run, run_observations
 from circlecal.synthetic.cameras import aimed_camera
 from circlecal.synthetic.markings import circle_points, line_points
 from circlecal.synthetic.renderer import render
 from circlecal.synthetic.scene import RenderConfig, Scene
-from circlecal.synthetic.surface import FLAT
 
 ROBOCUP = load_field("robocup")
 CONFIG = load_config("robocup", [])

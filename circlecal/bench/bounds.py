@@ -10,10 +10,10 @@ from circlecal.camera.covariance import posterior_covariance
 from circlecal.camera.observed import Realism, observed_curves, observed_points
 from circlecal.camera.optimise import Problem, evaluate
 from circlecal.camera.options import CameraConfig, priors_of
-from circlecal.camera.parameters import ProjectionModel, project, theta_of
 from circlecal.camera.residuals import first_hidden
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera import Camera
+from circlecal.geometry.camera_parameters import ProjectionModel, project, theta_of
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import Surface
 from circlecal.observations import Observations
@@ -33,8 +33,7 @@ def bound_covariance(
     priors' precision.
     """
     model = ProjectionModel(camera.width, camera.height, Surface(config.usual_crown, circle.radius_m))
-    theta = theta_of(camera, model)
-    theta[12] = crown_m
+    theta = theta_of(camera, model, crown_m)
     curves = observed_curves(observations, template, Realism(10**6, 0.0, 0.0))
     priors = priors_of(config, template, circle, model)
     problem = Problem(curves, observed_points(observations, template), priors, model)

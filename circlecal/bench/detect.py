@@ -11,16 +11,13 @@ import numpy as np
 
 from circlecal.bench.chain_time import decoding_ms, timed_run
 from circlecal.bench.reachable import bound_px
-from circlecal.camera.covariance import field_sigma
-from circlecal.camera.parameters import ProjectionModel, project
 from circlecal.config import Config, load_config
 from circlecal.errors import ConfigError
 from circlecal.field import load_field
+from circlecal.geometry.camera_parameters import project
 from circlecal.geometry.projective import Array
-from circlecal.geometry.surface import Surface
 from circlecal.results import CameraFit
 from circlecal.synthetic.sampling import PROFILE_BY_NAME, SCENE_PROFILES, SceneProfile, profile_field, render_frame
-from circlecal.synthetic.surface import seen_pixels
 from circlecal.synthetic.truth import Truth
 
 PROFILES = SCENE_PROFILES
@@ -129,16 +126,15 @@ def compare(truth: Truth, fit: CameraFit) -> tuple[float, float, float]:
     surface, grid = truth.surface, _visible(truth)
     if len(grid) == 0 or truth.visible_circle_deg == 0.0:
         return float("inf"), 0.0, 0.0
-    model = ProjectionModel(camera.width, camera.height, Surface(fit.crown_shape, truth.crown_reference_m))
-    seen = project(fit.theta[None], grid[None], model)
+    seen = project(fit.theta[None], grid[None], fit.model)
     difference = seen.pixels[0] - camera.project(surface.lift(grid))
-    flipped = project(fit.theta[None], -grid[None], model).pixels[0] - camera.project(surface.lift(grid))
+    flipped = fit.view.project(-grid) - camera.project(surface.lift(grid))
     if np.linalg.norm(flipped, axis=-1).mean() < np.linalg.norm(difference, axis=-1).mean():
         difference = flipped
     by_theta = seen.jacobians()[0][0]
     spread = np.einsum("nip,pq,njq->nij", by_theta, fit.covariance, by_theta)
     distance = np.einsum("ni,nij,nj->n", difference, np.linalg.inv(spread), difference)
-    sigma, _ = field_sigma(fit.theta, fit.covariance, grid, model)
+    sigma, _ = seen.sigma(fit.covariance)
     unit = 1920.0 / camera.width
     error = float(np.linalg.norm(difference, axis=-1).mean()) * unit
     return error, float(sigma.mean()) * unit, float(np.mean(distance < CHI2_90))
@@ -156,7 +152,7 @@ def _visible(truth: Truth) -> Array:
     axis = np.arange(-REACH_RADII * circle.radius_m, REACH_RADII * circle.radius_m + 0.5 * step, step)
     grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
     grid = grid[(np.abs(grid) <= (field.length_m / 2, field.width_m / 2)).all(axis=1)]
-    pixels = seen_pixels(truth.camera, truth.surface.lift(grid))
+    pixels = truth.camera.project(truth.surface.lift(grid))
     x0, y0, x1, y1 = truth.picture_box_px
     with np.errstate(invalid="ignore"):
         inside = (pixels >= (x0, y0)).all(axis=1) & (pixels <= (x1, y1)).all(axis=1)

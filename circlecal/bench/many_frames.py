@@ -17,12 +17,12 @@ from circlecal.bench.scenarios import KNOWN, PRIORS, Draw, soccer
 from circlecal.camera.observed import Realism, observed_curves, observed_points
 from circlecal.camera.optimise import Problem
 from circlecal.camera.options import CameraConfig, priors_of
-from circlecal.camera.parameters import INDEX, ProjectionModel, theta_of
 from circlecal.camera.rig_options import RigConfig
 from circlecal.config import Config
 from circlecal.errors import EstimationError
+from circlecal.geometry.camera_parameters import ProjectionModel, theta_of
 from circlecal.geometry.projective import Array
-from circlecal.geometry.surface import Surface
+from circlecal.geometry.surface import FLAT, Surface
 from circlecal.observations import CirclePoints, Observations
 from circlecal.results import CameraFit
 from circlecal.rig.estimation import config_with, estimate_rigs
@@ -31,7 +31,6 @@ from circlecal.rig.joint import first_state, joint_covariances, joint_problem
 from circlecal.stages.camera import estimate_camera
 from circlecal.synthetic.cameras import sample_camera
 from circlecal.synthetic.markings import circle_points, line_points
-from circlecal.synthetic.surface import FLAT, CrownedSurface
 from circlecal.synthetic.views import CameraProfile
 
 STANDING = RigConfig(
@@ -140,7 +139,7 @@ def _draws(scenario: RigScenario, rng: np.random.Generator) -> list[Draw]:
     config, surface, kappa, shift = scenario.config, FLAT, 0.0, np.zeros(2)
     if scenario.from_priors:
         kappa = float(rng.normal(config.k1_mean, config.k1_sd))
-        surface = CrownedSurface(float(rng.normal(config.crown_m, config.crown_sd_m)), "roof")
+        surface = Surface("roof", crown_m=float(rng.normal(config.crown_m, config.crown_sd_m)))
         shift = rng.normal(0.0, config.principal_point_sd_px, 2)
     first = sample_camera(scenario.profile, rng, kappa=kappa)
     views = [first]
@@ -166,8 +165,7 @@ def _bound_covariances(draws: Sequence[Draw]) -> Array:
         model = ProjectionModel(
             draw.camera.width, draw.camera.height, Surface(draw.config.usual_crown, circle.radius_m)
         )
-        theta = theta_of(draw.camera, model)
-        theta[INDEX["crown"]] = draw.crown_m
+        theta = theta_of(draw.camera, model, draw.crown_m)
         thetas.append(theta)
         curves = observed_curves(draw.observations, template, Realism(10**6, 0.0, 0.0))
         points = observed_points(draw.observations, template)

@@ -6,13 +6,11 @@ import numpy as np
 
 from circlecal.bench.bounds import bound_covariance
 from circlecal.camera.options import CameraConfig
-from circlecal.camera.parameters import ProjectionModel, project, theta_of
 from circlecal.field import Arc, Circle, FieldTemplate, Line
+from circlecal.geometry.camera_parameters import ProjectionModel, project, theta_of
 from circlecal.geometry.projective import Array, Mask
-from circlecal.geometry.surface import Surface
 from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations
 from circlecal.synthetic.paint import class_id
-from circlecal.synthetic.surface import seen_pixels
 from circlecal.synthetic.truth import Truth
 
 CIRCLE_SIGMA_PX, LINE_SIGMA_PX, CORRELATION_PX = 0.05, 0.08, 60.0
@@ -52,13 +50,11 @@ def bound_px(truth: Truth, grid_m: Array, template: FieldTemplate, config: Camer
     seen = visible_observations(truth, template)
     if len(grid_m) == 0 or seen.circle(circle.name, "center") is None or not (seen.lines or len(seen.circles) > 1):
         return float("inf")
-    shaped = config.model_copy(update={"crown_shape": truth.crown_shape})
-    covariance = bound_covariance(truth.camera, truth.crown_m, seen, template, circle, shaped)
-    model = ProjectionModel(
-        truth.camera.width, truth.camera.height, Surface(truth.crown_shape, truth.crown_reference_m)
-    )
-    theta = theta_of(truth.camera, model)
-    theta[12] = truth.crown_m
+    camera, surface = truth.camera, truth.surface
+    shaped = config.model_copy(update={"crown_shape": surface.shape})
+    covariance = bound_covariance(camera, surface.crown_m, seen, template, circle, shaped)
+    model = ProjectionModel.of(camera, surface)
+    theta = theta_of(camera, model, surface.crown_m)
     jacobian = project(theta[None], grid_m[None], model).jacobians()[0][0]
     values, vectors = np.linalg.eigh(covariance)
     root = jacobian @ (vectors * np.sqrt(np.maximum(values, 0.0)))
@@ -76,7 +72,7 @@ def visible_observations(truth: Truth, template: FieldTemplate) -> Observations:
     elements: tuple[Circle | Line, ...] = (*template.circles, *template.arcs, *template.lines)
     circles, lines = [], []
     for element in elements:
-        pixels = seen_pixels(camera, surface.lift(_middle(template, element)))
+        pixels = camera.project(surface.lift(_middle(template, element)))
         pixels = pixels[_is_uncovered(truth, pixels, class_id(template, element))]
         pixels = _thin(pixels, _SPACING_PX * unit)
         if len(pixels) < 2:

@@ -11,11 +11,11 @@ import numpy as np
 from circlecal.camera.options import CameraConfig
 from circlecal.field import Circle, FieldTemplate, load_field
 from circlecal.geometry.camera import Camera, image_center
+from circlecal.geometry.surface import FLAT, Surface
 from circlecal.observations import CircleEdge, CirclePoints, Observations
 from circlecal.solvers.circlecal import KNOWN_OPTICS
 from circlecal.synthetic.cameras import sample_camera
 from circlecal.synthetic.markings import Spacing, circle_points, line_points
-from circlecal.synthetic.surface import FLAT, CrownedSurface
 from circlecal.synthetic.views import CameraProfile
 
 KNOWN = KNOWN_OPTICS
@@ -100,7 +100,7 @@ def _soccer_draw(
         surface = FLAT
         if from_priors:
             camera = replace(camera, kappa=np.array([rng.normal(config.k1_mean, config.k1_sd), 0.0]))
-            surface = CrownedSurface(float(rng.normal(config.crown_m, config.crown_sd_m)), "roof")
+            surface = Surface("roof", crown_m=float(rng.normal(config.crown_m, config.crown_sd_m)))
         if principal_point_sd_px:
             shift = rng.normal(0.0, principal_point_sd_px, 2)
             camera = replace(camera, principal_point_px=camera.principal_point_px + shift)

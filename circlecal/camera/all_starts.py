@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from circlecal.camera.optimise import Problem
-from circlecal.camera.parameters import INDEX, PARAMETERS, camera_of
 from circlecal.camera.starts_circle import closed_form_starts, grid_starts, standing_start
 from circlecal.camera.starts_landmarks import (
     MINIMAL,
@@ -19,6 +18,7 @@ from circlecal.camera.starts_landmarks import (
 )
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera import Camera
+from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, camera_of
 from circlecal.geometry.conic_fits import fit_conic
 from circlecal.geometry.ellipses import Ellipse, ellipse_from_conic
 from circlecal.geometry.projective import Array, fit_line, lift

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from circlecal.camera.parameters import INDEX, PARAMETERS, ProjectionModel, active_parameters, project
 from circlecal.camera.viewing_coordinates import LOOK, from_look, look_jacobian, to_look
+from circlecal.geometry.camera_parameters import PARAMETERS, Projection, active_parameters
 from circlecal.geometry.projective import Array, dehomogenise, lift
 
 LARGEST_INVERSE = 1e11
@@ -91,53 +89,18 @@ LOOK_CONDITION = 1e14
 """Of the derivative of the parameters by the look coordinates: beyond it the centre lies in the camera's own plane."""
 
 
-@dataclass(frozen=True, slots=True)
-class FieldUncertainty:
-    """Standard deviations of field points: in the picture (N,) pixels, and on the ground (N,) metres, both of the
-    length of the error; and the share of the precision there that the observations bring, the priors the rest.
+def data_share(seen: Projection, covariance: Array, prior_normal: Array) -> float:
+    """Share of the predicted precision of the first camera's points that the observations bring, 0 to 1.
+
+    With the posterior precision F + L (data and prior) the predicted variance J S J^T splits exactly into
+    J S F S J^T and J S L S J^T; L is the priors' Gauss-Newton matrix ``prior_normal`` (P, P).
     """
-
-    picture_px: Array
-    ground_m: Array
-    data_share: float
-
-
-def field_uncertainty(
-    theta: Array, covariance: Array, points_m: Array, model: ProjectionModel, prior_normal: Array | None = None
-) -> FieldUncertainty:
-    """What the covariance (P, P) of a camera (P,) means for field points (N, 2).
-
-    With the posterior precision F + L (data and prior), the predicted variance J S J^T splits exactly into J S F S
-    J^T and J S L S J^T; without the priors' Gauss-Newton matrix L (P, P) the data are taken to bring everything.
-    """
-    seen = project(theta[None], points_m[None], model)
-    toward = np.zeros((2, 1, 2, len(points_m)))
-    toward[0, :, 0] = toward[1, :, 1] = 1.0
-    (by_x, field_x), (by_y, field_y) = (seen.gradient(axis) for axis in toward)
-    # the sizes of the markings, which come last, move no point
-    own = slice(0, INDEX["width"])
-    by_x, by_y = by_x[0, own], by_y[0, own]
-    pushed_x, pushed_y = covariance[own, own] @ by_x, covariance[own, own] @ by_y
-    xx, xy, yy = ((a * b).sum(axis=0) for a, b in ((pushed_x, by_x), (pushed_x, by_y), (pushed_y, by_y)))
-    (a, b), (c, d) = field_x[0], field_y[0]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        # of the inverse of the derivative by the field position
-        ground = ((d * d + c * c) * xx - 2.0 * (b * d + a * c) * xy + (a * a + b * b) * yy) / (a * d - b * c) ** 2
-    share = 1.0
-    if prior_normal is not None and (total := float((xx + yy).sum())) > 0:
-        told = (covariance @ prior_normal @ covariance)[own, own]
-        brought = (told * (by_x @ by_x.T + by_y @ by_y.T)).sum()
-        share = float(np.clip(1.0 - brought / total, 0.0, 1.0))
-    return FieldUncertainty(np.sqrt(xx + yy), np.sqrt(np.maximum(ground, 0.0)), share)
-
-
-def field_sigma(theta: Array, covariance: Array, points_m: Array, model: ProjectionModel) -> tuple[Array, Array]:
-    """Standard deviations of field points (N, 2): in the picture (N,) pixels, and on the ground (N,) metres.
-
-    Both are root mean squares over the two axes times sqrt 2, i.e. of the length of the error.
-    """
-    found = field_uncertainty(theta, covariance, points_m, model)
-    return found.picture_px, found.ground_m
+    by_theta = seen.jacobians()[0][0].reshape(-1, len(covariance))
+    total = float(((by_theta @ covariance) * by_theta).sum())
+    if not total > 0.0:
+        return 1.0
+    by_prior = float(((by_theta @ (covariance @ prior_normal @ covariance)) * by_theta).sum())
+    return float(np.clip(1.0 - by_prior / total, 0.0, 1.0))
 
 
 def correlation_factor(values: Array, maximum_lag: int = 40) -> float:

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from circlecal.camera.optimise import Problem, State, weighed
-from circlecal.camera.parameters import INDEX
 from circlecal.camera.residuals import curve_points
+from circlecal.geometry.camera_parameters import INDEX
 
 
 def on_parabola(problem: Problem, state: State, loss_scale: float) -> tuple[Problem, State]:

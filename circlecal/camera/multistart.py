@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from circlecal.camera.covariance import field_sigma, posterior_covariance
+from circlecal.camera.covariance import posterior_covariance
 from circlecal.camera.observed import thinned_curves
 from circlecal.camera.optimise import COARSE, Problem, State, best_of, continued, minimise, reweighted
 from circlecal.camera.options import CameraConfig, realism_of
-from circlecal.camera.parameters import INDEX
 from circlecal.camera.residuals import curve_residuals, ground_hidden
+from circlecal.geometry.camera_parameters import INDEX, project
 from circlecal.geometry.homography import SIDES
 from circlecal.geometry.projective import Array
 from circlecal.refusals import refuse
@@ -54,7 +54,7 @@ def best_fit(problem: Problem, closed: Array, grid: Array, short: bool, config: 
         rim = problem.priors.center_m + problem.model.surface.reference_m * np.array(
             [[2.0, 0.0], [-2.0, 0.0], [0.0, -2.0]]
         )
-        sigma, _ = field_sigma(state.theta[0], covariance, rim, problem.model)
+        sigma, _ = project(state.theta[:1], rim[None], problem.model).sigma(covariance)
         if sigma.max() < WEAK_SIGMA_PX * problem.model.width / 1920.0:
             return state
         closed = state.theta[:2]

@@ -7,7 +7,6 @@ from functools import cached_property
 
 import numpy as np
 
-from circlecal.camera.parameters import INDEX, PARAMETERS, ProjectionModel, active_parameters
 from circlecal.camera.residuals import (
     CurvePoints,
     FixedPoints,
@@ -18,6 +17,7 @@ from circlecal.camera.residuals import (
 )
 from circlecal.camera.shared_prior import SharedPrior
 from circlecal.camera.viewing_coordinates import LOOK, from_look, look_with_jacobian
+from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel, active_parameters
 from circlecal.geometry.projective import Array, Indices, Mask
 
 LARGEST_STEP = 0.7

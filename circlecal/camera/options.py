@@ -9,9 +9,9 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from circlecal.camera.observed import Realism
 from circlecal.camera.optimise import Priors
-from circlecal.camera.parameters import INDEX, PARAMETERS, ProjectionModel
 from circlecal.camera.shared_prior import SharedPriorConfig
 from circlecal.field import Circle, FieldTemplate
+from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel
 from circlecal.geometry.surface import SurfaceShape
 
 Three = tuple[float, float, float]

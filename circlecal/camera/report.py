@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from circlecal.camera.covariance import (
     correlation_factor,
-    field_uncertainty,
+    data_share,
     homography_vectors,
     imaged_points,
     posterior_covariance,
@@ -14,12 +16,13 @@ from circlecal.camera.covariance import (
     spread_cameras,
 )
 from circlecal.camera.optimise import Problem, State
-from circlecal.camera.parameters import INDEX, PARAMETERS, ProjectionModel, camera_of, homographies, project
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera import Camera
+from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, camera_of, homographies, project
 from circlecal.geometry.homography import compass_label, scale_homography
 from circlecal.geometry.projective import Array
 from circlecal.results import CameraFit, DerivedPoint
+from circlecal.view import FieldView
 
 REACH_RADII = 2.5
 """How far from the circle's centre, or from what is seen instead, the field counts for the largest predicted error."""
@@ -45,12 +48,13 @@ def camera_fit(
     # the camera itself first, then those about it
     cameras = homographies(np.concatenate([theta[None], spread_cameras(theta, covariance, reference)]), model)
     vectors, centers = homography_vectors(cameras), imaged_points(cameras, center[None])[:, 0]
-    grid = visible_field(theta, model, template, reference, REACH_RADII * circle.radius_m)
-    uncertainty = field_uncertainty(theta, covariance, grid, model, prior.T @ prior)
+    surface = replace(model.surface, crown_m=float(theta[INDEX["crown"]]))
+    grid = FieldView(camera, surface).visible_field(template, reference, REACH_RADII * circle.radius_m)
+    seen = project(theta[None], grid[None], model)
+    sigma_px, sigma_m = seen.sigma(covariance)
     return CameraFit(
         camera=camera,
-        crown_m=float(theta[INDEX["crown"]]),
-        crown_shape=model.surface.shape,
+        surface=surface,
         parameters=PARAMETERS,
         covariance=covariance,
         H_image_field=H,
@@ -59,10 +63,10 @@ def camera_fit(
         imaged_center_px=centers[0],
         imaged_center_covariance=push_forward(centers[0], centers[1:]),
         noise_scale=scale,
-        data_share=uncertainty.data_share,
+        data_share=data_share(seen, covariance, prior.T @ prior),
         residual_correlation=_correlation(problem, state, circle),
-        max_sigma_px=float(uncertainty.picture_px.max()) if len(grid) else float("inf"),
-        max_sigma_m=float(uncertainty.ground_m.max()) if len(grid) else float("inf"),
+        max_sigma_px=float(sigma_px.max()) if len(grid) else float("inf"),
+        max_sigma_m=float(sigma_m.max()) if len(grid) else float("inf"),
         residuals_px=residuals_px(problem, state),
         theta=theta,
         stated_sigma_px=stated_sigma_px,
@@ -99,24 +103,6 @@ def _derived_points(cameras: Array, camera: Camera, circle: Circle) -> tuple[Der
         DerivedPoint(compass_label(toward), point, pixel, covariance)
         for toward, point, pixel, covariance in zip(outward, points, pixels[0], covariances, strict=True)
     )
-
-
-def visible_field(
-    theta: Array, model: ProjectionModel, template: FieldTemplate, center: Array, reach_m: float, step_m: float = 1.0
-) -> Array:
-    """Field points (N, 2) on a grid that the camera shows, within ``reach_m`` of a ``center`` (2,)."""
-    half = np.array([template.length_m, template.width_m]) / 2
-    x, y = (
-        np.arange(max(-h, c - reach_m), min(h, c + reach_m) + 1e-9, step_m) for h, c in zip(half, center, strict=True)
-    )
-    grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    seen = project(theta[None], grid[None], model)
-    column, row = seen.xy[0]
-    inside = (column >= 0) & (column <= model.width - 1) & (row >= 0) & (row <= model.height - 1)
-    # a barrel lens maps what is far outside back into the picture: not seen
-    r2 = seen.r2[0]
-    inside &= 1.0 + r2 * (3.0 * theta[INDEX["kappa_1"]] + 5.0 * r2 * theta[INDEX["kappa_2"]]) > 0.0
-    return np.asarray(grid[inside & (seen.depth[0] > 1e-3)])
 
 
 def residuals_px(problem: Problem, state: State) -> dict[str, float]:

@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from circlecal.camera.parameters import INDEX, ProjectionModel, project, rotations
+from circlecal.geometry.camera_parameters import INDEX, ProjectionModel, project, rotations
 from circlecal.geometry.projective import Array, Indices, Mask
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from circlecal.camera.parameters import INDEX, PARAMETERS
+from circlecal.geometry.camera_parameters import INDEX, PARAMETERS
 from circlecal.geometry.projective import Array, Indices
 
 SHARED = (

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from circlecal.camera.parameters import PARAMETERS, ProjectionModel, theta_of
 from circlecal.geometry.camera import camera_from_homography, image_center
+from circlecal.geometry.camera_parameters import PARAMETERS, ProjectionModel, theta_of
 from circlecal.geometry.circle_pose import pinhole_centers
 from circlecal.geometry.ellipses import Ellipse
 from circlecal.geometry.homography import SIDES, camera_side_of, homography_from_circle, turn_homography

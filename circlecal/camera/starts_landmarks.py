@@ -11,10 +11,10 @@ from itertools import combinations, islice
 
 import numpy as np
 
-from circlecal.camera.parameters import PARAMETERS, ProjectionModel, theta_of
 from circlecal.camera.residuals import FixedPoints
 from circlecal.field import FieldTemplate
 from circlecal.geometry.camera import Camera, camera_from_homography
+from circlecal.geometry.camera_parameters import PARAMETERS, ProjectionModel, theta_of
 from circlecal.geometry.homography import SIDES, correspondence_rows
 from circlecal.geometry.projective import Array, Indices, fit_line, lift, transform_lines
 from circlecal.observations import Observations

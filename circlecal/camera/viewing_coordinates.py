@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from circlecal.camera.parameters import rotations
+from circlecal.geometry.camera_parameters import rotations
 from circlecal.geometry.projective import Array
 
 LOOK = 7

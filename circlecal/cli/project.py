@@ -32,16 +32,16 @@ def project(
     from circlecal.cli import console
     from circlecal.errors import InputError
     from circlecal.records.record import read_result
-    from circlecal.view import field_to_image, image_to_field
 
     if len(coordinates) % 2 or not all(map(math.isfinite, coordinates)):
         raise InputError("project takes finite numbers in pairs: X Y [X Y ...]")
     stored = read_result(result)
-    if stored.status != "calibrated" or (stored.camera is None and stored.H_image_field is None):
+    view = stored.view
+    if stored.status != "calibrated" or view is None:
         console.print_error(f"{result}: {stored.id} was refused, so nothing can be projected: {stored.reason}")
         raise typer.Exit(1)
     given = list(zip(coordinates[::2], coordinates[1::2], strict=True))
-    mapped = (image_to_field if to is Target.FIELD else field_to_image)(stored, given)
+    mapped = (view.to_field if to is Target.FIELD else view.project)(given, sigma=True)
     sigma = [None] * len(given) if mapped.sigma is None else mapped.sigma.tolist()
     unit, given_unit = ("m", "px") if to is Target.FIELD else ("px", "m")
     missing = "on or above the horizon" if to is Target.FIELD else "behind the camera"

@@ -93,10 +93,9 @@ class MetricCamera:
     @staticmethod
     def from_camera(camera: Camera) -> MetricCamera:
         """One of circlecal's cameras; its coefficients in half-widths go to the focal plane."""
-        scale = 2.0 * float(camera.focal_px[0]) / camera.width
-        radial = np.array([camera.kappa[0] * scale**2, camera.kappa[1] * scale**4, 0.0, 0.0, 0.0, 0.0])
+        radial = np.array([*camera.dist[:2], 0.0, 0.0, 0.0, 0.0])
         return MetricCamera(
-            camera.focal_px, camera.principal_point_px, camera.rotation, camera.position_m, radial, np.zeros(2),
+            camera.focal_px, camera.principal_point_px, camera.R, camera.position_m, radial, np.zeros(2),
             np.zeros(4),
         )  # fmt: skip
 

@@ -211,8 +211,8 @@ def derive(frame: CalibratedFrame, original: Mapping[str, Any] | None = None) ->
     positions = {n: p for n, p in keypoint_table(frame.template).items() if n in {*CIRCLE_POINTS, 51, 52}}
     positions |= tangency_points(radius)
     wanted = sorted(positions) if original is None else VIRTUAL_CIRCLE_POINTS
-    placed = {number: frame.project(np.asarray(positions[number])[None]) for number in wanted}
-    seen = {number: point for number, point in placed.items() if frame.shows(point[0])}
+    placed = {number: frame.view.project([positions[number]]) for number in wanted}
+    seen = {number: point for number, point in placed.items() if frame.view.shows(point[0], margin_px=0.5)}
     if original is not None:
         keys = {*original["kp"], *map(str, seen)} - {str(number) for number in placed if number not in seen}
         ordered = sorted(keys, key=lambda key: (len(key), key))

@@ -9,16 +9,69 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from circlecal.geometry.homography import scale_homography
-from circlecal.geometry.projective import Array
+from circlecal.geometry.projective import Array, lift
+from circlecal.geometry.surface import FLAT, Surface
+
+NEAREST_M = 1e-3
+"""Depth from which on a point counts as in front of the camera, metres: keeps divisions finite, no more."""
+_LENS_ROUNDS, _LENS_TOLERANCE = 60, 1e-9
+"""Steps of Newton's iteration for the inverse of the lens, and the relative step that ends it; four or five are usual,
+near the fold its convergence is linear.
+"""
+_LEAST_FACTOR = 4.0 / 9.0
+"""Of its distance the lens leaves a point at least so much before it folds: ``1 - k1^2 / (4 k2)`` at
+``9 k1^2 = 20 k2``.
+"""
 
 
-def rotation_matrix(pan_rad: float, tilt_rad: float, roll_rad: float) -> Array:
-    """World-to-camera rotation (3, 3): ``(Rz(pan) Rx(tilt) Rz(roll))^T``."""
-    cp, sp, ct, st, cr, sr = (f(a) for a in (pan_rad, tilt_rad, roll_rad) for f in (np.cos, np.sin))
-    rz_pan = np.array([[cp, -sp, 0.0], [sp, cp, 0.0], [0.0, 0.0, 1.0]])
-    rx_tilt = np.array([[1.0, 0.0, 0.0], [0.0, ct, -st], [0.0, st, ct]])
-    rz_roll = np.array([[cr, -sr, 0.0], [sr, cr, 0.0], [0.0, 0.0, 1.0]])
-    return (rz_pan @ rx_tilt @ rz_roll).T
+def rotation_matrix(pan_rad: ArrayLike, tilt_rad: ArrayLike, roll_rad: ArrayLike) -> Array:
+    """World-to-camera rotations (..., 3, 3), ``(Rz(pan) Rx(tilt) Rz(roll))^T`` multiplied out, of angles (...)."""
+    pan, tilt, roll = (np.asarray(angle, dtype=np.float64) for angle in (pan_rad, tilt_rad, roll_rad))
+    cp, ct, cr, sp, st, sr = (f(angle) for f in (np.cos, np.sin) for angle in (pan, tilt, roll))
+    R = np.empty((*pan.shape, 3, 3))
+    R[..., 0, 0], R[..., 0, 1], R[..., 0, 2] = cr * cp - sr * ct * sp, cr * sp + sr * ct * cp, sr * st
+    R[..., 1, 0], R[..., 1, 1], R[..., 1, 2] = -sr * cp - cr * ct * sp, -sr * sp + cr * ct * cp, cr * st
+    R[..., 2, 0], R[..., 2, 1], R[..., 2, 2] = st * sp, -st * cp, ct
+    return R
+
+
+def lens_factor(r2: Array, k1: Array | float, k2: Array | float) -> tuple[Array, Array]:
+    """By what the lens multiplies the distance from the principal point, and the derivative of that factor by ``r2``.
+
+    Parameters
+    ----------
+    r2 : array
+        Squared distance of the undistorted point, in half-widths of the picture, pixels made square.
+    k1, k2 : float, or arrays that broadcast with it
+        Radial distortion; the factor is ``1 + k1 r^2 + k2 r^4`` (Brown's model).
+    """
+    second = k2 * r2
+    slope = k1 + second
+    factor = 1.0 + r2 * slope
+    return factor, slope + second
+
+
+def lens_fold(k1: ArrayLike, k2: ArrayLike) -> Array:
+    """Squared radius (in half-widths, undistorted) at which the lens model folds back; inf where it never does.
+
+    ``r (1 + k1 r^2 + k2 r^4)`` grows up to the smallest positive root of its derivative ``1 + 3 k1 r^2 + 5 k2 r^4``; a
+    barrel model puts what lies further out back into the picture, where no lens puts it.
+    """
+    k1, k2 = np.asarray(k1, dtype=np.float64), np.asarray(k2, dtype=np.float64)
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        # the root a x^2 + b x + 1 = 0 as 2 / (-b + sqrt(b^2 - 4 a)), which is finite for a = 0 too
+        toward = -3.0 * k1 + np.sqrt(9.0 * k1 * k1 - 20.0 * k2)
+        return np.asarray(np.where(toward > 0.0, 2.0 / toward, np.inf))
+
+
+def plane_homography(K: Array, R: Array, position_m: Array) -> Array:
+    """``H_image_field = K [r1 r2 -R C]`` (..., 3, 3) of the plane z = 0, not scaled (H&Z 8.1.1).
+
+    From calibration matrices K and rotations R (..., 3, 3) and positions C (..., 3).
+    """
+    local = R.copy()
+    local[..., 2] = -(R @ position_m[..., None])[..., 0]
+    return K @ local
 
 
 def pan_tilt_roll(R: ArrayLike) -> tuple[float, float, float]:
@@ -69,69 +122,90 @@ class Camera:
     kappa: Array
 
     @property
-    def rotation(self) -> Array:
-        """World-to-camera rotation (3, 3)."""
-        return rotation_matrix(*self.angles_rad)
-
-    @property
-    def intrinsics(self) -> Array:
-        """Calibration matrix K (3, 3)."""
+    def K(self) -> Array:
+        """Calibration matrix (3, 3), as OpenCV takes it."""
         fx, fy = self.focal_px
         cx, cy = self.principal_point_px
         return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
 
     @property
+    def R(self) -> Array:
+        """World-to-camera rotation (3, 3), as OpenCV takes it."""
+        return rotation_matrix(*self.angles_rad)
+
+    @property
+    def t(self) -> Array:
+        """Translation (3,), as OpenCV takes it: a point X of the field lies at ``R X + t`` before the camera."""
+        return np.asarray(-self.R @ self.position_m)
+
+    @property
+    def dist(self) -> Array:
+        """Distortion coefficients (k1, k2, p1, p2), as OpenCV takes them: on the plane at distance 1."""
+        per_half_width = 2.0 * float(self.focal_px[0]) / self.width
+        return np.array([self.kappa[0] * per_half_width**2, self.kappa[1] * per_half_width**4, 0.0, 0.0])
+
+    @property
     def homography(self) -> Array:
         """``H_image_field`` (3, 3) of the plane z = 0, to undistorted pixels."""
-        R = self.rotation
-        return scale_homography(self.intrinsics @ np.stack([R[:, 0], R[:, 1], -R @ self.position_m], axis=-1))
+        return scale_homography(plane_homography(self.K, self.R, self.position_m))
 
     def depth(self, points_m: ArrayLike) -> Array:
         """Depth (...,) along the optical axis of field points (..., 2 or 3), in metres."""
-        return (self._lifted(points_m) - self.position_m) @ self.rotation[2]
+        return (self._lifted(points_m) - self.position_m) @ self.R[2]
 
     def project(self, points_m: ArrayLike, distort: bool = True) -> Array:
-        """Pixels (..., 2) of field points (..., 2 or 3); nan behind the camera."""
-        camera = (self._lifted(points_m) - self.position_m) @ self.rotation.T
+        """Pixels (..., 2) of field points (..., 2 or 3); nan behind the camera and where the lens folds back."""
+        local = (self._lifted(points_m) - self.position_m) @ self.R.T
         with np.errstate(divide="ignore", invalid="ignore"):
-            normalised = np.where(camera[..., 2:] > 1e-3, camera[..., :2] / camera[..., 2:], np.nan)
+            normalised = np.where(local[..., 2:] > NEAREST_M, local[..., :2] / local[..., 2:], np.nan)
         pixels = normalised * self.focal_px + self.principal_point_px
         return self.distort(pixels) if distort else pixels
 
     def distort(self, undistorted_px: ArrayLike) -> Array:
-        """Distorted pixels (..., 2) of undistorted ones."""
+        """Distorted pixels (..., 2) of undistorted ones; nan where the lens model folds back."""
         offset, r2 = self._radial(undistorted_px)
-        return offset * (1.0 + self.kappa[0] * r2 + self.kappa[1] * r2 * r2)[..., None] + self.principal_point_px
-
-    def undistort(self, distorted_px: ArrayLike) -> Array:
-        """Undistorted pixels (..., 2), nan where the iteration runs away: Newton's on the radius."""
-        offset, r2 = self._radial(distorted_px)
-        target = np.sqrt(r2)
-        r = target.copy()
-        k1, k2 = self.kappa
-        with np.errstate(over="ignore", invalid="ignore"):
-            for _ in range(20):
-                squared = r * r
-                value = r * (1 + squared * (k1 + k2 * squared)) - target
-                slope = np.maximum(1 + squared * (3 * k1 + 5 * k2 * squared), 0.2)
-                step = value / slope
-                r = r - step
-                if not (np.abs(step) > 1e-9 * r).any():  # the next one would be its square
-                    break
-        r = np.where(np.isfinite(r), r, np.nan)
-        factor = np.where(target > 0, r / np.where(target > 0, target, 1.0), 1.0)
+        factor, _ = lens_factor(r2, *self.kappa)
+        factor = np.where(r2 < lens_fold(*self.kappa), factor, np.nan)
         return offset * factor[..., None] + self.principal_point_px
 
-    def back_project(self, pixels: ArrayLike) -> Array:
-        """Field points (..., 2) on the plane z = 0 seen at distorted pixels (..., 2); nan above the horizon."""
-        undistorted = self.undistort(pixels)
-        ray = np.concatenate(
-            [(undistorted - self.principal_point_px) / self.focal_px, np.ones((*undistorted.shape[:-1], 1))], axis=-1
-        )
-        ray = ray @ self.rotation
-        with np.errstate(divide="ignore", invalid="ignore"):
-            along = np.where(ray[..., 2] * -self.position_m[2] > 0, -self.position_m[2] / ray[..., 2], np.nan)
-        return self.position_m[:2] + along[..., None] * ray[..., :2]
+    def undistort(self, distorted_px: ArrayLike) -> Array:
+        """Undistorted pixels (..., 2); nan further out than the lens model puts any point.
+
+        Newton's iteration on the radius r of ``r (1 + k1 r^2 + k2 r^4) = target``; where a step leaves the interval
+        that holds the solution, or is not half as long as the last one, the interval is halved instead (Press et al.,
+        Numerical Recipes, 9.4).
+        """
+        offset, r2 = self._radial(distorted_px)
+        target, fold = np.sqrt(r2), np.sqrt(lens_fold(*self.kappa))
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            reached = target < (fold * lens_factor(fold**2, *self.kappa)[0] if np.isfinite(fold) else np.inf)
+            target = np.where(reached, target, 0.0)
+            low, high = np.zeros_like(target), np.minimum(fold, target / _LEAST_FACTOR)
+            r, last = np.minimum(target, high), high
+            for _ in range(_LENS_ROUNDS):
+                factor, by_r2 = lens_factor(r * r, *self.kappa)
+                value = r * factor - target
+                low, high = np.where(value < 0.0, r, low), np.where(value > 0.0, r, high)
+                step = value / (factor + 2.0 * r * r * by_r2)
+                slow = (np.abs(step) > 0.5 * np.abs(last)) | (r - step < low) | (r - step > high)
+                last = np.where(slow, r - 0.5 * (low + high), step)
+                r = r - last
+                if not (np.abs(last) > _LENS_TOLERANCE * r).any():  # the next one would be its square
+                    break
+            factor = np.where(target > 0.0, r / target, 1.0)
+        return offset * np.where(reached, factor, np.nan)[..., None] + self.principal_point_px
+
+    def rays(self, pixels: ArrayLike) -> Array:
+        """Directions (..., 3) on the field, of unit depth, in which distorted pixels (..., 2) are seen."""
+        seen = (self.undistort(pixels) - self.principal_point_px) / self.focal_px
+        return np.asarray(np.concatenate([seen, np.ones((*seen.shape[:-1], 1))], axis=-1) @ self.R)
+
+    def back_project(self, pixels: ArrayLike, surface: Surface = FLAT) -> Array:
+        """Field points (..., 2) that are seen at distorted pixels (..., 2); nan where none is.
+
+        None is where the ray does not meet the surface: on and above the horizon, or over a crown's edge.
+        """
+        return surface.meet(self.position_m, self.rays(pixels))
 
     def turned(self) -> Camera:
         """The same picture seen from the other side: the field turned by 180 degrees about the z axis."""
@@ -145,7 +219,6 @@ class Camera:
     def soccernet(self) -> dict[str, Any]:
         """SoccerNet camera keys at the frame's own size."""
         pan, tilt, roll = np.degrees(self.angles_rad)
-        scale = 2.0 * float(self.focal_px[0]) / self.width
         return {
             "pan_degrees": float(pan),
             "tilt_degrees": float(tilt),
@@ -154,7 +227,7 @@ class Camera:
             "x_focal_length": float(self.focal_px[0]),
             "y_focal_length": float(self.focal_px[1]),
             "principal_point": [float(v) for v in self.principal_point_px],
-            "radial_distortion": [float(self.kappa[0] * scale**2), float(self.kappa[1] * scale**4), 0.0, 0.0, 0.0, 0.0],
+            "radial_distortion": [float(self.dist[0]), float(self.dist[1]), 0.0, 0.0, 0.0, 0.0],
             "tangential_distortion": [0.0, 0.0],
             "thin_prism_distortion": [0.0, 0.0, 0.0, 0.0],
         }
@@ -171,6 +244,52 @@ class Camera:
         if points.shape[-1] == 3:
             return points
         return np.concatenate([points, np.zeros((*points.shape[:-1], 1))], axis=-1)
+
+
+@dataclass(frozen=True, slots=True)
+class PlaneCamera:
+    """A homography taken as a camera: it knows the flat field only, in a picture without distortion.
+
+    Attributes
+    ----------
+    width, height : int
+        Image size in pixels.
+    homography : (3, 3) array
+        ``H_image_field`` at any scale; its sign is that of an unmirrored view from above, det H > 0 in front.
+    """
+
+    width: int
+    height: int
+    homography: Array
+
+    def project(self, points_m: ArrayLike) -> Array:
+        """Pixels (..., 2) of field points (..., 2), or (..., 3) on the plane z = 0; nan behind the camera."""
+        return self._map(self._front_positive, np.asarray(points_m, dtype=np.float64)[..., :2])
+
+    def back_project(self, pixels: ArrayLike, surface: Surface = FLAT) -> Array:
+        """Field points (..., 2) that are seen at pixels (..., 2); nan on and above the horizon.
+
+        Raises
+        ------
+        ValueError
+            Where the surface is not flat.
+        """
+        if not surface.is_flat:
+            raise ValueError("a homography knows no crowned surface")
+        H = self._front_positive
+        # H^-1 is positive in front of the camera as well: the depth of its point is 1 over that of the pixel
+        return self._map(np.asarray(np.linalg.inv(H)), np.asarray(pixels, dtype=np.float64))
+
+    @property
+    def _front_positive(self) -> Array:
+        sign = np.sign(np.linalg.det(self.homography)) if np.isfinite(self.homography).all() else 1.0
+        return np.asarray(self.homography * (sign or 1.0))
+
+    @staticmethod
+    def _map(H: Array, points: Array) -> Array:
+        mapped = lift(points) @ H.T
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            return np.asarray(np.where(mapped[..., 2:] > 0.0, mapped[..., :2] / mapped[..., 2:], np.nan))
 
 
 def image_center(width: int, height: int) -> Array:

@@ -14,10 +14,10 @@ import numpy as np
 
 from circlecal.camera.observed import Realism
 from circlecal.camera.optimise import COARSE, Priors, Problem, State, best_of, minimise
-from circlecal.camera.parameters import ProjectionModel, camera_of
 from circlecal.camera.residuals import circle_curve, curve_residuals, ground_hidden, joined_curves
 from circlecal.camera.viewing_coordinates import LOOK, from_look, to_look
 from circlecal.field import Arc, FieldTemplate
+from circlecal.geometry.camera_parameters import ProjectionModel, camera_of
 from circlecal.geometry.ellipses import Ellipse
 from circlecal.geometry.homography import SIDES
 from circlecal.geometry.projective import Array, Mask, lift

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from circlecal.camera.parameters import ProjectionModel
 from circlecal.camera.residuals import CurvePoints, curve_residuals, ground_hidden
 from circlecal.field import FieldTemplate
+from circlecal.geometry.camera_parameters import ProjectionModel
 from circlecal.geometry.projective import Array, Indices, Mask
 
 MOST_SEEDS, SEEDS_OF_ONE = 24, 8

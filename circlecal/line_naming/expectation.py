@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from circlecal.camera.parameters import ProjectionModel, project
 from circlecal.camera.residuals import ground_hidden, line_curve
 from circlecal.field import FieldTemplate
+from circlecal.geometry.camera_parameters import ProjectionModel, project
 from circlecal.geometry.projective import Array
 
 NEAREST_M, FARTHEST_WIDTHS = 0.5, 4.0

@@ -10,7 +10,6 @@ import numpy as np
 
 from circlecal.camera.covariance import posterior_covariance
 from circlecal.camera.optimise import COARSE, Problem, State, best_of, continued, reweighted, with_curves
-from circlecal.camera.parameters import project
 from circlecal.camera.residuals import (
     CurvePoints,
     curve_residuals,
@@ -19,6 +18,7 @@ from circlecal.camera.residuals import (
     stack_curves,
 )
 from circlecal.field import FieldTemplate, Line
+from circlecal.geometry.camera_parameters import project
 from circlecal.geometry.projective import Array, fit_line, line_distance
 from circlecal.observations import LineEnd, LinePoints, Observations
 

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 
 from circlecal.field import FieldTemplate
+from circlecal.geometry.camera import PlaneCamera
 from circlecal.geometry.projective import Array, dehomogenise, normalise_line
 from circlecal.overlay.canvas import Canvas, Picture, text_size, wrap
-from circlecal.overlay.field_view import best_view, camera_view, homography_view, predicted_sigma
 from circlecal.overlay.frame_overlay import draw_correspondences, verdict_facts, verdict_reason
 from circlecal.overlay.palette import (
     ACCEPTED,
@@ -23,7 +23,9 @@ from circlecal.overlay.palette import (
     TEMPLATE,
     WHITE,
 )
+from circlecal.overlay.template_lines import draw_template, sigma_over_picture
 from circlecal.results import Calibration, CameraFit, Check, Correspondences, HomographyFit
+from circlecal.view import FieldView
 
 _DIM = 0.55
 
@@ -52,12 +54,12 @@ def homography_picture(
 ) -> Picture:
     """Template through the homography of the closed form, and the points that it was computed from."""
     canvas = Canvas.of(image, _DIM, zoom)
-    view = homography_view(fit.H_image_field, image.shape[1], image.shape[0])
-    view.draw_template(canvas, template, circle)
+    view = FieldView(PlaneCamera(image.shape[1], image.shape[0], fit.H_image_field))
+    draw_template(canvas, view, template, circle)
     for point in found.points if found is not None else ():
         canvas.disc(point.image_px, POINT, 7.0)
     if found is not None and found.points:
-        canvas.points(view.pixels(np.stack([p.field_m for p in found.points])), WHITE, 3.0)
+        canvas.points(view.project(np.stack([p.field_m for p in found.points])), WHITE, 3.0)
     worst = float(np.max(np.abs(fit.residuals_px))) if fit.residuals_px.size else float("nan")
     facts = [
         f"DLT on points and lines: largest residual {worst:.3g} px, condition {fit.condition:.3g}, "
@@ -72,14 +74,14 @@ def camera_picture(
 ) -> Picture:
     """Template through the camera, over a heat map of the predicted standard deviation, with what was observed."""
     canvas = Canvas.of(image, _DIM, zoom)
-    sigma = predicted_sigma(fit, template, calibration.circle_name)
+    sigma = sigma_over_picture(fit.view, template)
     low_high = None if sigma is None else _draw_heat(canvas, sigma)
     seen = calibration.observations
     for circle in seen.circles if seen is not None else ():
         canvas.points(circle.points_px, INLIER, 2.2)
     for line in seen.lines if seen is not None else ():
         canvas.points(line.points_px, INLIER if line.line is not None else GREY, 2.2)
-    camera_view(fit, template, calibration.circle_name).draw_template(canvas, template, calibration.circle_name)
+    draw_template(canvas, fit.view, template, calibration.circle_name)
     for mark in seen.marks if seen is not None else ():
         canvas.cross(mark.point_px, INLIER, 26.0)
     if low_high is not None:
@@ -92,9 +94,9 @@ def verdict_picture(image: Picture, calibration: Calibration, template: FieldTem
     """The checks with their values and limits, over the dimmed frame."""
     accepted = calibration.status == "calibrated"
     canvas = Canvas.of(image, 0.35, zoom)
-    view = best_view(calibration, template)
+    view = calibration.view
     if view is not None:
-        view.draw_template(canvas, template, calibration.circle_name, dashed=not accepted)
+        draw_template(canvas, view, template, calibration.circle_name, dashed=not accepted)
     _draw_checks(canvas, calibration.verdict.checks)
     title = "9 verdict: " + ("CALIBRATED" if accepted else f"REFUSED ({calibration.verdict.code or 'no code'})")
     facts = [part for part in (verdict_reason(calibration), "; ".join(verdict_facts(calibration))) if part]
@@ -172,7 +174,7 @@ def _camera_facts(fit: CameraFit) -> list[str]:
     facts = [
         f"focal length {camera.focal_px[0]:.0f} px; pan {pan:.2f}, tilt {tilt:.2f}, roll {roll:.2f} deg; "
         f"position ({x:.1f}, {y:.1f}, {z:.1f}) m; kappa {camera.kappa[0]:+.4f}; "
-        f"crown {100 * fit.crown_m:.1f} cm ({fit.crown_shape})",
+        f"crown {100 * fit.surface.crown_m:.1f} cm ({fit.surface.shape})",
         f"largest sigma {fit.max_sigma_px:.3g} px, {fit.max_sigma_m:.3g} m; noise scale {fit.noise_scale:.2f}; "
         f"data share {100 * fit.data_share:.0f} %",
     ]

@@ -7,9 +7,10 @@ import numpy as np
 from circlecal.field import FieldTemplate
 from circlecal.geometry.projective import Array, dehomogenise, lift, normalise_line
 from circlecal.overlay.canvas import Canvas, Picture, text_size, wrap
-from circlecal.overlay.field_view import FieldView, best_view
 from circlecal.overlay.palette import ACCEPTED, CIRCLE, GREY, INLIER, POINT, REFUSED, TANGENT, TEMPLATE, WHITE
+from circlecal.overlay.template_lines import draw_template
 from circlecal.results import Calibration, Correspondences
+from circlecal.view import FieldView
 
 
 def draw_overlay(image_bgr: Picture, calibration: Calibration, template: FieldTemplate) -> Picture:
@@ -39,14 +40,14 @@ def draw_overlay(image_bgr: Picture, calibration: Calibration, template: FieldTe
     check_size(image_bgr, calibration)
     canvas = Canvas.of(image_bgr)
     accepted = calibration.status == "calibrated"
-    view = best_view(calibration, template)
+    view = calibration.view
     _draw_banner(canvas, calibration)
     _draw_inliers(canvas, calibration)
     if view is None:
         _draw_what_was_seen(canvas, calibration)
     else:
-        view.draw_template(
-            canvas, template, calibration.circle_name, TEMPLATE if accepted else REFUSED, dashed=not accepted
+        draw_template(
+            canvas, view, template, calibration.circle_name, TEMPLATE if accepted else REFUSED, dashed=not accepted
         )
     if calibration.correspondences is not None:
         draw_correspondences(canvas, calibration.correspondences)
@@ -149,7 +150,7 @@ def _draw_what_was_seen(canvas: Canvas, calibration: Calibration) -> None:
 def _draw_center(canvas: Canvas, calibration: Calibration, template: FieldTemplate, view: FieldView | None) -> None:
     circle = template.circle_by_name.get(calibration.circle_name)
     if view is not None and circle is not None:
-        center = view.pixels(np.array([circle.center]))[0]
+        center = view.project(circle.center)
     elif calibration.correspondences is not None:
         center = dehomogenise(calibration.correspondences.imaged_center)
     else:

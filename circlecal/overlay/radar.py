@@ -8,10 +8,10 @@ import numpy as np
 from circlecal.field import FieldTemplate
 from circlecal.geometry.projective import Array, Mask
 from circlecal.overlay.canvas import Canvas, Picture
-from circlecal.overlay.field_view import FieldView, best_view
 from circlecal.overlay.frame_overlay import check_size
 from circlecal.overlay.palette import CIRCLE, TEMPLATE
 from circlecal.results import Calibration
+from circlecal.view import FieldView
 
 _BORDER_M = 3.0
 _UNSEEN = (52, 44, 40)
@@ -50,7 +50,7 @@ def draw_radar(
     check_size(image, calibration)
     if not (np.isfinite(px_per_m) and px_per_m > 0):
         raise ValueError(f"px_per_m must be positive, not {px_per_m}")
-    view = best_view(calibration, template)
+    view = calibration.view
     if view is None or calibration.status != "calibrated":
         return None
     warped, half, scale = warp_to_field(image, view, template, px_per_m)
@@ -79,22 +79,19 @@ def warp_to_field(
     scale = min(px_per_m, _LARGEST_PX / float(2 * half.max()))
     width, height = np.maximum(np.round(2 * half * scale), 1).astype(int)
     grid = np.stack(np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5), axis=-1) / scale - half
-    near = _nearly_seen(view, grid, image.shape[1], image.shape[0])
+    near = _nearly_seen(view, grid)
     lookup = np.full((height, width, 2), _NOWHERE, np.float32)
-    lookup[near] = np.nan_to_num(view.pixels(grid[near]), nan=_NOWHERE)
+    lookup[near] = np.nan_to_num(view.project(grid[near]), nan=_NOWHERE)
     warped = cv2.remap(
         image, lookup[..., 0], lookup[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=_UNSEEN
     )
     return np.ascontiguousarray(warped, dtype=np.uint8), half, scale
 
 
-def _nearly_seen(view: FieldView, grid: Array, width: int, height: int) -> Mask:
+def _nearly_seen(view: FieldView, grid: Array) -> Mask:
     """Which points of a grid (H, W, 2) the frame may show: a coarse look, widened by two of its cells."""
     coarse = grid[::_COARSE, ::_COARSE]
-    pixels = view.pixels(coarse.reshape(-1, 2)).reshape(coarse.shape)
-    with np.errstate(invalid="ignore"):
-        seen = ((pixels >= 0) & (pixels <= np.array([width, height]) - 1.0)).all(axis=-1)
-    wide = cv2.dilate(np.asarray(seen, np.uint8), np.ones((5, 5), np.uint8))
+    wide = cv2.dilate(view.shows(view.project(coarse)).astype(np.uint8), np.ones((5, 5), np.uint8))
     return np.asarray(np.kron(wide, np.ones((_COARSE, _COARSE), np.uint8))[: grid.shape[0], : grid.shape[1]] > 0)
 
 

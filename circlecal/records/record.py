@@ -18,14 +18,15 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from circlecal import __version__
-from circlecal.camera.parameters import INDEX, PARAMETERS
 from circlecal.errors import InputError
 from circlecal.field import FieldTemplate
 from circlecal.files import write_atomic
-from circlecal.geometry.camera import Camera, camera_from_soccernet
+from circlecal.geometry.camera import Camera, PlaneCamera, camera_from_soccernet
+from circlecal.geometry.camera_parameters import INDEX, PARAMETERS
 from circlecal.geometry.projective import Array
-from circlecal.geometry.surface import SurfaceShape
+from circlecal.geometry.surface import FLAT, Surface, SurfaceShape
 from circlecal.results import Calibration, CameraFit, Correspondences, EllipseFit, EllipseFits, Verdict
+from circlecal.view import FieldView
 
 SCHEMA_VERSION = 1
 POINT_DECIMALS = 3
@@ -50,7 +51,7 @@ def result_record(
     accepted = calibration.status == "calibrated"
     fit = calibration.camera
     H_image_field, H_field_image = _homographies(calibration)
-    camera = None if fit is None else _camera(fit, template.circle_by_name[calibration.circle_name].radius_m)
+    camera = None if fit is None else _camera(fit)
     reached = H_image_field is not None or camera is not None
     record: dict[str, Any] = {
         "schema_version": SCHEMA_VERSION,
@@ -111,12 +112,12 @@ def _homographies(calibration: Calibration) -> tuple[Array | None, Array | None]
     return (None, None) if estimate is None else (estimate.H_image_field, estimate.H_field_image)
 
 
-def _camera(fit: CameraFit, circle_radius_m: float) -> dict[str, Any]:
+def _camera(fit: CameraFit) -> dict[str, Any]:
     return {
         **fit.camera.soccernet(),
-        "crown_m": fit.crown_m,
-        "crown_shape": fit.crown_shape,
-        "crown_radius_m": circle_radius_m,
+        "crown_m": fit.surface.crown_m,
+        "crown_shape": fit.surface.shape,
+        "crown_radius_m": fit.surface.reference_m,
         "covariance": {"parameters": fit.parameters, "estimate": fit.theta, "matrix": fit.covariance},
         "derived_points": [asdict(point) for point in fit.derived_points],
         "named_lines": fit.named_lines,
@@ -258,10 +259,10 @@ class StoredResult:
         Field (metres) to undistorted pixels; None when refused.
     camera : Camera or None
         With the lens.
-    crown_m, crown_shape, crown_radius_m : float, str, float
-        The surface drops by ``crown_m`` at |y| = ``crown_radius_m``.
+    surface : Surface
+        With its crown; flat without a camera.
     covariance : (P, P) array or None
-        Of the camera's parameters, in the order of :data:`circlecal.camera.parameters.PARAMETERS`.
+        Of the camera's parameters, in the order of :data:`circlecal.geometry.camera_parameters.PARAMETERS`.
     growth_m : (2,) array
         By how much the field was estimated to be longer and broader than its template.
     """
@@ -273,11 +274,18 @@ class StoredResult:
     height: int
     H_image_field: Array | None
     camera: Camera | None
-    crown_m: float
-    crown_shape: SurfaceShape
-    crown_radius_m: float
+    surface: Surface
     covariance: Array | None
     growth_m: Array = field(default_factory=lambda: np.zeros(2))
+
+    @property
+    def view(self) -> FieldView | None:
+        """Where the field is seen, through the camera or else the homography; None without either."""
+        if self.camera is not None:
+            return FieldView(self.camera, self.surface, self.growth_m, self.covariance)
+        if self.H_image_field is not None:
+            return FieldView(PlaneCamera(self.width, self.height, self.H_image_field))
+        return None
 
 
 _READ = ConfigDict(extra="ignore", allow_inf_nan=False)
@@ -389,9 +397,7 @@ def _stored(keys: _ResultKeys, name: str) -> StoredResult:
         height=size.height,
         H_image_field=None if keys.H_image_field is None else np.asarray(keys.H_image_field, dtype=np.float64),
         camera=None if camera is None else camera_from_soccernet(camera.model_dump(), size.width, size.height),
-        crown_m=0.0 if camera is None else camera.crown_m,
-        crown_shape="flat" if camera is None else camera.crown_shape,
-        crown_radius_m=1.0 if camera is None else camera.crown_radius_m,
+        surface=FLAT if camera is None else Surface(camera.crown_shape, camera.crown_radius_m, camera.crown_m),
         covariance=None if camera is None else _covariance(camera.covariance),
         growth_m=_growth(None if camera is None else camera.covariance),
     )

@@ -10,16 +10,15 @@ from typing import Any
 import cv2
 import numpy as np
 
-from circlecal.camera.parameters import ProjectionModel
 from circlecal.errors import CirclecalError
 from circlecal.field import FieldTemplate, load_field
-from circlecal.geometry.projective import Array, Mask
-from circlecal.geometry.surface import Surface
+from circlecal.geometry.projective import Array
 from circlecal.overlay.canvas import Canvas
-from circlecal.overlay.field_view import FieldView, homography_view, surface_view
 from circlecal.overlay.palette import CIRCLE, INLIER, POINT, REFUSED, TEMPLATE, Color
 from circlecal.overlay.radar import radar_half
-from circlecal.records.record import StoredResult, stored_result
+from circlecal.overlay.template_lines import pixels_near_picture
+from circlecal.records.record import stored_result
+from circlecal.view import FieldView
 
 _TOLERANCE = 0.35
 """How far a drawn line may leave the exact curve, pixels at 1920 px width."""
@@ -73,20 +72,11 @@ def scene_of(record: Mapping[str, Any]) -> Scene | None:
         width, height = (_side(image.get(name)) for name in ("width", "height"))
         return Scene(width, height, accepted, None, None, "", record) if width and height else None
     circle = str(field.get("circle"))
-    return Scene(stored.width, stored.height, accepted, template, _view(stored), circle, record)
+    return Scene(stored.width, stored.height, accepted, template, stored.view, circle, record)
 
 
 def _side(value: Any) -> int:
     return value if isinstance(value, int) and 0 < value < 100_000 else 0
-
-
-def _view(stored: StoredResult) -> FieldView | None:
-    if stored.camera is not None:
-        model = ProjectionModel(stored.width, stored.height, Surface(stored.crown_shape, stored.crown_radius_m))
-        return surface_view(stored.camera, stored.crown_m, model, stored.growth_m)
-    if stored.H_image_field is not None:
-        return homography_view(stored.H_image_field, stored.width, stored.height)
-    return None
 
 
 def template_layer(scene: Scene) -> str | None:
@@ -99,7 +89,7 @@ def template_layer(scene: Scene) -> str | None:
     unit = scene.width / 1920.0
     if scene.view is not None and scene.template is not None:
         for name, polyline in scene.view.markings(scene.template).items():
-            outline = _path(_runs(scene.view.pixels(polyline) + 0.5), _TOLERANCE * unit)
+            outline = _path(_runs(pixels_near_picture(scene.view, polyline) + 0.5), _TOLERANCE * unit)
             own = CIRCLE if name == scene.circle else TEMPLATE
             paths.append(_stroke(outline, own if scene.accepted else REFUSED, dashed=not scene.accepted))
     else:
@@ -151,7 +141,7 @@ def draw_on_thumbnail(picture: Any, scene: Scene) -> Any:
     scale = np.array([picture.shape[1] / scene.width, picture.shape[0] / scene.height])
     for name, polyline in scene.view.markings(scene.template).items():
         own = CIRCLE if name == scene.circle else TEMPLATE
-        placed = (scene.view.pixels(polyline) + 0.5) * scale - 0.5
+        placed = (pixels_near_picture(scene.view, polyline) + 0.5) * scale - 0.5
         canvas.polyline(placed, own if scene.accepted else REFUSED, 1.0, dashed=not scene.accepted)
     return canvas.picture
 
@@ -162,11 +152,8 @@ def _footprint(scene: Scene, half: Array) -> list[Array]:
         return []
     step = 1.0 / _FOOTPRINT_PX_PER_M
     x, y = np.meshgrid(np.arange(-half[0] + step / 2, half[0], step), np.arange(-half[1] + step / 2, half[1], step))
-    pixels = scene.view.pixels(np.stack([x, y], axis=-1).reshape(-1, 2))
-    with np.errstate(invalid="ignore"):
-        inside: Mask = (pixels >= -0.5) & (pixels <= np.array([scene.width, scene.height]) - 0.5)
-    seen = inside[:, 0] & inside[:, 1]
-    contours, _ = cv2.findContours(seen.reshape(x.shape).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    seen = scene.view.shows(scene.view.project(np.stack([x, y], axis=-1)), margin_px=0.5)
+    contours, _ = cv2.findContours(seen.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     return [(contour[:, 0].astype(np.float64) + 0.5) * step - half for contour in contours if len(contour) > 2]
 
 

@@ -11,11 +11,11 @@ from circlecal.camera.noise import inflated
 from circlecal.camera.observed import Realism, observed_curves, observed_points
 from circlecal.camera.optimise import Problem, evaluate
 from circlecal.camera.options import priors_of
-from circlecal.camera.parameters import ProjectionModel
 from circlecal.camera.residuals import curve_residuals, first_hidden, line_curve
 from circlecal.camera.shared_prior import SharedPrior, SharedPriorConfig
 from circlecal.config import Config
 from circlecal.field import Circle, FieldTemplate
+from circlecal.geometry.camera_parameters import ProjectionModel
 from circlecal.geometry.homography import SIDES
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import Surface

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from circlecal.camera.parameters import PARAMETERS, ProjectionModel, camera_of, theta_of
 from circlecal.errors import InputError, reading_failure
+from circlecal.geometry.camera_parameters import PARAMETERS, ProjectionModel, camera_of, theta_of
 from circlecal.geometry.projective import Array
 from circlecal.observations import Observations
 from circlecal.records.reading import read_records as read_lines

@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from circlecal.camera.optimise import Priors, Problem, evaluate
-from circlecal.camera.parameters import INDEX, PARAMETERS
 from circlecal.camera.residuals import first_hidden
 from circlecal.camera.shared_prior import SHARED, ZOOMED, SharedPrior
+from circlecal.geometry.camera_parameters import INDEX, PARAMETERS
 from circlecal.geometry.projective import Array, Indices
 
 OWN = ("log_focal", "pan", "tilt", "bloom")

@@ -18,11 +18,11 @@ import numpy as np
 from circlecal.camera.observed import Realism, observed_curves
 from circlecal.camera.optimise import Problem, minimise
 from circlecal.camera.options import CameraConfig, priors_of
-from circlecal.camera.parameters import ProjectionModel, camera_of, theta_of
 from circlecal.camera.residuals import FixedPoints
 from circlecal.errors import EstimationError
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera import camera_from_homography
+from circlecal.geometry.camera_parameters import ProjectionModel, camera_of, theta_of
 from circlecal.geometry.homography import dlt, projects_in_front, transfer_errors
 from circlecal.geometry.projective import Array, Mask
 from circlecal.geometry.surface import Surface

@@ -12,9 +12,9 @@ from __future__ import annotations
 import numpy as np
 
 from circlecal.camera.observed import Realism, observed_curves
-from circlecal.camera.parameters import INDEX, PARAMETERS, ProjectionModel, camera_of
 from circlecal.camera.residuals import CurvePoints, curve_residuals, first_hidden
 from circlecal.field import Circle, FieldTemplate
+from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel, camera_of
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import Surface
 from circlecal.observations import Observations

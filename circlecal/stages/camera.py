@@ -36,11 +36,11 @@ from circlecal.camera.optimise import (
     reweighted,
 )
 from circlecal.camera.options import CameraConfig, position_known, priors_of, realism_of
-from circlecal.camera.parameters import INDEX, ProjectionModel
 from circlecal.camera.report import camera_fit
 from circlecal.camera.residuals import CurvePoints, FixedPoints, ground_hidden, joined_curves
 from circlecal.camera.starts_landmarks import Landmarks, seen_landmarks
 from circlecal.field import Circle, FieldTemplate
+from circlecal.geometry.camera_parameters import INDEX, ProjectionModel
 from circlecal.geometry.projective import Array, Mask
 from circlecal.geometry.surface import Surface
 from circlecal.line_naming.around_circle import names_around

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.camera.parameters import INDEX, fitted_model, project
 from circlecal.field import Circle, FieldTemplate
+from circlecal.geometry.camera_parameters import INDEX, project
 from circlecal.geometry.projective import Array
 from circlecal.line_naming.expectation import DrawnMarkings, drawn_markings
 from circlecal.paint.bands import RefinementConfig, measure_band
@@ -77,7 +77,7 @@ def look_for_markings(
     -------
     Agreement
     """
-    model = fitted_model(fit, circle)
+    model = fit.model
     unit = model.width / 1920.0
     names, nodes, shifts = template.outlines
     outline = np.array([template.length_m, template.width_m]) / 2 - template.marking_width_m
@@ -205,7 +205,7 @@ def measure_circle_sectors(
     (K,) array
         At most 24 of them, in order.
     """
-    model = fitted_model(fit, circle)
+    model = fit.model
     outward = np.stack([np.cos(EVEN_ANGLES), np.sin(EVEN_ANGLES)])
     ring = np.asarray(circle.center) + template.radius(circle, "center") * outward.T
     seen = project(fit.theta[None], ring[None], model)

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.camera.parameters import INDEX, ProjectionModel, fitted_model, project
 from circlecal.field import Circle, FieldTemplate
+from circlecal.geometry.camera_parameters import INDEX, ProjectionModel, project
 from circlecal.geometry.projective import Array, fit_line, line_distance
 from circlecal.paint.matched_filter import TAPS, paint_and_sides
 from circlecal.paint.profiles import sample_profiles
@@ -102,7 +102,7 @@ def find_faint_lines(
     tuple of LineCue
         Without names: which marking it is shows only together with the others.
     """
-    model = fitted_model(fit, circle)
+    model = fit.model
     ends, shifts = template.drawn_lines
     found: list[LineCue] = []
     for index, line in enumerate(template.lines):

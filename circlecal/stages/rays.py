@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from circlecal.camera.parameters import fitted_model, project
 from circlecal.field import Arc, Circle, FieldTemplate
 from circlecal.geometry.ellipses import Ellipse, ellipse_from_conic
 from circlecal.geometry.projective import Array
@@ -168,11 +167,10 @@ def measure_along_model(
     search = 2 * config.refine_px * width / 1920.0
     start, end = (circle.start_deg, circle.end_deg) if isinstance(circle, Arc) else (0.0, 360.0)
     angle = np.radians(np.linspace(start, end, 2881))
-    model = fitted_model(fit, circle)
 
     def seen(edge: CircleEdge, at: Array) -> Array:
         ring = np.asarray(circle.center) + template.radius(circle, edge) * np.stack([np.cos(at), np.sin(at)], axis=-1)
-        return project(fit.theta[None], ring[None], model).pixels[0]
+        return fit.view.project(ring)
 
     steps = np.linalg.norm(np.diff(seen("center", angle), axis=0), axis=-1)
     length = np.concatenate([[0.0], np.cumsum(np.nan_to_num(steps))])

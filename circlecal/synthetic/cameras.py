@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from circlecal.field import Circle, FieldTemplate, load_field
 from circlecal.geometry.camera import Camera, image_center
 from circlecal.geometry.projective import Array
-from circlecal.synthetic.surface import FLAT, CrownedSurface, seen_pixels
+from circlecal.geometry.surface import FLAT, Surface
 from circlecal.synthetic.views import CAMERA_PROFILES, VIEWS, CameraProfile, View
 
 FULL_MARGIN_PX = 8.0
@@ -107,7 +107,7 @@ def sample_camera(
     arc_deg: float | None = None,
     offset_m: float | None = None,
     kappa: float = 0.0,
-    surface: CrownedSurface = FLAT,
+    surface: Surface = FLAT,
     like: Camera | None = None,
 ) -> Camera:
     """One random camera of a profile, on the near side of the field (y > 0) unless the profile says otherwise.
@@ -135,7 +135,7 @@ def sample_camera(
         Another bound on ``|x|`` than the profile's, metres.
     kappa : float
         Radial distortion, half-widths.
-    surface : CrownedSurface
+    surface : Surface
         Shape of the ground.
     like : Camera, optional
         Another view of the same camera: its position and roll are kept.
@@ -196,27 +196,27 @@ def aimed_camera(
 
 
 def visible_circle_deg(
-    camera: Camera, template: FieldTemplate, surface: CrownedSurface = FLAT, margin_px: float = 0.0
+    camera: Camera, template: FieldTemplate, surface: Surface = FLAT, margin_px: float = 0.0
 ) -> float:
     """Degrees (0-360) of the outer edge of the default circle that lie inside the frame."""
     angles = np.arange(1440) / 1440 * 2 * np.pi
-    pixels = seen_pixels(camera, surface.lift(_rim(template, angles)))
+    pixels = camera.project(surface.lift(_rim(template, angles)))
     return float(np.mean(inside_frame(pixels, camera.width, camera.height, margin_px)) * 360.0)
 
 
-def halfway_length_px(camera: Camera, template: FieldTemplate, surface: CrownedSurface = FLAT) -> float:
+def halfway_length_px(camera: Camera, template: FieldTemplate, surface: Surface = FLAT) -> float:
     """Length in pixels of the halfway line inside the frame."""
-    pixels = seen_pixels(camera, surface.lift(_halfway_points(template)))
+    pixels = camera.project(surface.lift(_halfway_points(template)))
     return float(_visible_length(pixels, camera.width, camera.height))
 
 
-def other_lengths_px(camera: Camera, template: FieldTemplate, surface: CrownedSurface = FLAT) -> tuple[float, ...]:
+def other_lengths_px(camera: Camera, template: FieldTemplate, surface: Surface = FLAT) -> tuple[float, ...]:
     """Lengths in pixels, longest first, of the lines and arcs inside the frame other than the default circle and the
     halfway line.
     """
     own = {template.default_circle, template.halfway_line}
     drawn = [points for name, points in template.polylines(_OTHERS_STEP_M).items() if name not in own]
-    pixels = (seen_pixels(camera, surface.lift(points)) for points in drawn)
+    pixels = (camera.project(surface.lift(points)) for points in drawn)
     lengths = [float(_visible_length(seen, camera.width, camera.height)) for seen in pixels]
     return tuple(sorted((length for length in lengths if length > 0.0), reverse=True))
 
@@ -282,7 +282,7 @@ def _rim(template: FieldTemplate, angles: Array) -> Array:
     return np.asarray(circle.center) + radius * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
 
 
-def _field_points(template: FieldTemplate, surface: CrownedSurface) -> _FieldPoints:
+def _field_points(template: FieldTemplate, surface: Surface) -> _FieldPoints:
     angles = np.arange(_CIRCLE_SAMPLES) / _CIRCLE_SAMPLES * 2 * np.pi
     return _FieldPoints(
         rim=surface.lift(_rim(template, angles)),

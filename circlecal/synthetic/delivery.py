@@ -99,7 +99,6 @@ def _move_truth(truth: Truth, camera: Camera, scale: Array, shift: Array, classe
     return replace(
         truth,
         camera=camera,
-        H_image_field=camera.homography,
         imaged_center_px=truth.imaged_center_px * scale + shift,
         imaged_center_undistorted_px=truth.imaged_center_undistorted_px * scale + shift,
         halfway_px=truth.halfway_px * float(np.sqrt(np.prod(scale))),

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.projective import Array
+from circlecal.geometry.surface import Surface
 from circlecal.synthetic.goals import draw_goals
 from circlecal.synthetic.rays import Float32
 from circlecal.synthetic.scene import Player, RenderConfig, Scene
-from circlecal.synthetic.surface import CrownedSurface, seen_pixels
 
 _SUPERSAMPLING = 3
 _SHIFT = 4
@@ -74,7 +74,7 @@ def draw_figures(picture: Float32, scene: Scene, rng: np.random.Generator, light
     return hidden
 
 
-def body_extent_px(player: Player, camera: Camera, surface: CrownedSurface) -> tuple[Array, Array]:
+def body_extent_px(player: Player, camera: Camera, surface: Surface) -> tuple[Array, Array]:
     """Upper left and lower right corner (2,) of the box around a player."""
     outline = np.array([[-0.4, 0.0], [0.4, 0.0], [0.4, player.height_m], [-0.4, player.height_m]])
     pixels = camera.project(_upright(outline, player.position_m, camera, surface))
@@ -190,7 +190,7 @@ def _colors(team: int, config: RenderConfig, rng: np.random.Generator) -> dict[s
     }
 
 
-def _upright(outline_m: Array, position_m: Array, camera: Camera, surface: CrownedSurface) -> Array:
+def _upright(outline_m: Array, position_m: Array, camera: Camera, surface: Surface) -> Array:
     """Points (K, 3) of a flat figure (K, 2) that stands on the field and faces the camera."""
     toward = camera.position_m[:2] - position_m
     right = np.array([toward[1], -toward[0]]) / np.linalg.norm(toward)
@@ -206,11 +206,11 @@ def _draw_upright(
     parts: list[_BodyPart],
     position_m: Array,
     camera: Camera,
-    surface: CrownedSurface,
+    surface: Surface,
     rng: np.random.Generator,
 ) -> None:
     """Draw a flat figure at three times the resolution, average it down and lay it over the picture, in place."""
-    outlines = [seen_pixels(camera, _upright(part.outline_m, position_m, camera, surface)) for part in parts]
+    outlines = [camera.project(_upright(part.outline_m, position_m, camera, surface)) for part in parts]
     corners = np.concatenate(outlines)
     if not np.isfinite(corners).all():
         return
@@ -240,7 +240,7 @@ def _hull(points: Array) -> NDArray[np.int32]:
     return np.round(points).astype(np.int32).reshape(-1, 1, 2)
 
 
-def _fill_shadow(dark: NDArray[np.uint8], player: Player, cast: Array, camera: Camera, surface: CrownedSurface) -> None:
+def _fill_shadow(dark: NDArray[np.uint8], player: Player, cast: Array, camera: Camera, surface: Surface) -> None:
     """Add one shadow: the body laid on the ground along ``cast`` (2,), metres per metre of height."""
     aside = np.array([-cast[1], cast[0]]) / max(float(np.linalg.norm(cast)), 1e-6)
     h = player.height_m
@@ -253,6 +253,6 @@ def _fill_shadow(dark: NDArray[np.uint8], player: Player, cast: Array, camera: C
     )
     for outline in outlines:
         ground = player.position_m + outline[:, :1] * aside + outline[:, 1:] * h * cast
-        pixels = seen_pixels(camera, surface.lift(ground))
+        pixels = camera.project(surface.lift(ground))
         if np.isfinite(pixels).all() and np.abs(pixels).max() < 20000:
             cv2.fillConvexPoly(dark, _hull(pixels * 2**_SHIFT), 255, cv2.LINE_AA, _SHIFT)

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from circlecal.geometry.projective import Array
 from circlecal.synthetic.rays import Float32
 from circlecal.synthetic.scene import Color, Scene
-from circlecal.synthetic.surface import seen_pixels
 
 _SHIFT = 4
 _SPARE_PX = 6
@@ -85,7 +84,7 @@ def _lay(
     picture: Float32, hidden: Float32 | None, scene: Scene, lines: Array, thickness: int, bgr: Color, opacity: float
 ) -> None:
     """Draw polylines (N, K, 3) in metres over the picture, in place."""
-    pixels = seen_pixels(scene.camera, lines)
+    pixels = scene.camera.project(lines)
     with np.errstate(invalid="ignore"):
         good = (np.abs(pixels) < _LARGEST_PX).all(axis=(1, 2))
     if not good.any():

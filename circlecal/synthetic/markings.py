@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from circlecal.field import FieldTemplate
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.projective import Array
+from circlecal.geometry.surface import FLAT, Surface
 from circlecal.observations import CircleEdge, CirclePoints, LinePoints, MarkPoint
 from circlecal.synthetic.cameras import inside_frame
-from circlecal.synthetic.surface import FLAT, CrownedSurface
 
 Spacing = Literal["image", "field"]
 
@@ -36,7 +36,7 @@ def circle_points(
     marking_width_m: float | None = None,
     *,
     circle: str | None = None,
-    surface: CrownedSurface = FLAT,
+    surface: Surface = FLAT,
     phase: float | None = None,
 ) -> CirclePoints:
     """Points on one edge of a circle's paint, spread over what the frame shows of it.
@@ -61,7 +61,7 @@ def circle_points(
         Width of the paint if not the template's.
     circle : str, optional
         Name of the circle; the template's default one if not given.
-    surface : CrownedSurface
+    surface : Surface
         Shape of the ground.
     phase : float, optional
         Where the first point lies, as a share of one step; drawn if not given. Give the same one to both edges for the
@@ -95,7 +95,7 @@ def line_points(
     rng: np.random.Generator,
     spacing: Spacing = "image",
     *,
-    surface: CrownedSurface = FLAT,
+    surface: Surface = FLAT,
 ) -> LinePoints:
     """Points on the centreline of a straight marking, from end to end of what the frame shows (both included).
 
@@ -120,7 +120,7 @@ def mark_point(
     sigma_px: float,
     rng: np.random.Generator,
     *,
-    surface: CrownedSurface = FLAT,
+    surface: Surface = FLAT,
 ) -> MarkPoint | None:
     """A spot with noise, or None where it lies outside the frame."""
     pixel = camera.project(surface.lift(template.mark_by_name[mark].position))

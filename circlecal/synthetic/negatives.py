@@ -11,6 +11,7 @@ import numpy as np
 from circlecal.field import FieldTemplate, load_field
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.projective import Array
+from circlecal.geometry.surface import FLAT, Surface
 from circlecal.synthetic.cameras import (
     aimed_camera,
     halfway_length_px,
@@ -34,7 +35,6 @@ from circlecal.synthetic.floors import (
 )
 from circlecal.synthetic.looks import sample_config
 from circlecal.synthetic.scene import Color, ExtraPaint, Graphics, Player, RenderConfig, Scene, sample_player
-from circlecal.synthetic.surface import FLAT, CrownedSurface, back_project
 
 NegativeKind = Literal[
     "penalty_area",
@@ -69,9 +69,8 @@ def negative_scene(
     chosen = kind or NEGATIVE_KINDS[rng.choice(len(NEGATIVE_KINDS), p=np.asarray(_SHARES) / sum(_SHARES))]
     if chosen in _SPORTS:
         return _other_sport(chosen, rng, size)
-    surface = CrownedSurface(
-        float(rng.uniform(0.02, 0.09)), "roof", template.circle_by_name[template.default_circle].radius_m
-    )
+    radius_m = template.circle_by_name[template.default_circle].radius_m
+    surface = Surface("roof", radius_m, float(rng.uniform(0.02, 0.09)))
     shown = chosen if chosen in _AIMS else str(rng.choice(("penalty_area", "crowd", "close_up", "goal_mouth")))
     camera = _view_without_circle(shown, rng, size, template, surface)
     config = sample_config(_LOOKS[rng.integers(len(_LOOKS))], rng, size[0])
@@ -151,7 +150,7 @@ _AIMS: dict[str, Callable[[np.random.Generator, Array], tuple[Array, Array, floa
 
 
 def _view_without_circle(
-    kind: str, rng: np.random.Generator, size: tuple[int, int], template: FieldTemplate, surface: CrownedSurface
+    kind: str, rng: np.random.Generator, size: tuple[int, int], template: FieldTemplate, surface: Surface
 ) -> Camera:
     half = np.array([template.length_m, template.width_m]) / 2
     kappa = float(rng.uniform(0.0, 0.055))
@@ -166,7 +165,7 @@ def _view_without_circle(
     raise ValueError(f"no view of kind {kind!r} without the circle was found")
 
 
-def _sees_markings(camera: Camera, template: FieldTemplate, surface: CrownedSurface) -> bool:
+def _sees_markings(camera: Camera, template: FieldTemplate, surface: Surface) -> bool:
     pixels = camera.project(surface.lift(other_markings(template)))
     return (
         bool(inside_frame(pixels, camera.width, camera.height).any())
@@ -175,20 +174,20 @@ def _sees_markings(camera: Camera, template: FieldTemplate, surface: CrownedSurf
 
 
 def _players(
-    camera: Camera, template: FieldTemplate, surface: CrownedSurface, count: int, rng: np.random.Generator
+    camera: Camera, template: FieldTemplate, surface: Surface, count: int, rng: np.random.Generator
 ) -> tuple[Player, ...]:
     pixels = rng.uniform((0, 0), (camera.width, camera.height), (count, 2))
-    field = back_project(camera, surface, pixels)
+    field = camera.back_project(pixels, surface)
     with np.errstate(invalid="ignore"):
         inside = (np.abs(field) < np.array([template.length_m, template.width_m]) / 2 + 2.0).all(axis=1)
     return tuple(sample_player(p, int(rng.choice(3, p=(0.47, 0.47, 0.06))), rng) for p in field[inside])
 
 
-def _large_players(camera: Camera, surface: CrownedSurface, rng: np.random.Generator) -> tuple[Player, ...]:
+def _large_players(camera: Camera, surface: Surface, rng: np.random.Generator) -> tuple[Player, ...]:
     """One to four players whose bodies fill much of the height of the picture."""
     count = int(rng.integers(1, 5))
     pixels = rng.uniform((0.1, 0.6), (0.9, 1.25), (count, 2)) * (camera.width, camera.height)
-    field = back_project(camera, surface, pixels)
+    field = camera.back_project(pixels, surface)
     seen = np.isfinite(field).all(axis=1)
     return tuple(sample_player(p, int(rng.integers(2)), rng) for p in field[seen])
 

@@ -21,7 +21,7 @@ from circlecal.field import Arc, Circle, FieldTemplate, Line, Mark
 from circlecal.formats.soccernet import SEGMENTATION_CLASSES
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.projective import Array
-from circlecal.synthetic.surface import CrownedSurface, back_project, seen_pixels
+from circlecal.geometry.surface import Surface
 
 CLASS_NAMES = ("Background", *SEGMENTATION_CLASSES)
 """SoccerNet class names by id."""
@@ -66,7 +66,7 @@ class PaintLayer:
 def paint_layers(
     camera: Camera,
     template: FieldTemplate,
-    surface: CrownedSurface,
+    surface: Surface,
     marking_width_m: float,
     skipped: frozenset[str] = frozenset(),
     *,
@@ -149,10 +149,10 @@ def _outline(template: FieldTemplate, element: Circle | Line | Mark, width_m: fl
 
 
 def _pixels_near(
-    camera: Camera, surface: CrownedSurface, first_m: Array, second_m: Array
+    camera: Camera, surface: Surface, first_m: Array, second_m: Array
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Rows and columns (N,) of the pixels within a few of the strip between two polylines (N, 2)."""
-    first, second = (seen_pixels(camera, surface.lift(edge)) for edge in (first_m, second_m))
+    first, second = (camera.project(surface.lift(edge)) for edge in (first_m, second_m))
     quads = np.stack([first[:-1], first[1:], second[1:], second[:-1]], axis=1)
     size = np.array([camera.width, camera.height])
     with np.errstate(invalid="ignore"):
@@ -175,7 +175,7 @@ def _measure_coverage(
     camera: Camera,
     template: FieldTemplate,
     element: Circle | Line | Mark,
-    surface: CrownedSurface,
+    surface: Surface,
     width_m: float,
     pixels: Array,
     subpixels: int,
@@ -184,7 +184,7 @@ def _measure_coverage(
     shift = (np.arange(subpixels) + 0.5) / subpixels - 0.5
     offsets = np.stack(np.meshgrid(shift, shift), axis=-1).reshape(-1, 1, 2)
     spots = (pixels[None] + offsets).reshape(-1, 2)
-    field = back_project(camera, surface, spots)
+    field = camera.back_project(spots, surface)
     ground = np.asarray(np.isfinite(field).all(axis=1))
     field = np.where(ground[:, None], field, 0.0)
     gradient = _Gradient(_inverse_jacobian(camera, surface, field))
@@ -215,7 +215,7 @@ class _Gradient:
         return np.asarray(ndtr(self.distance_px(inside_m, gradient_m) / PSF_SIGMA_PX))
 
 
-def _inverse_jacobian(camera: Camera, surface: CrownedSurface, field_m: Array) -> Array:
+def _inverse_jacobian(camera: Camera, surface: Surface, field_m: Array) -> Array:
     """d field / d pixel (N, 2, 2) at field points (N, 2), by central differences of the projection."""
     step = np.eye(2) * _JACOBIAN_STEP_M
     columns = [

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.geometry.camera import Camera
-from circlecal.synthetic.surface import CrownedSurface, ray_directions
+from circlecal.geometry.surface import Surface
 
 Float32 = NDArray[np.float32]
 
@@ -44,12 +44,12 @@ class PixelRays:
     footprint_m: Float32
 
 
-def pixel_rays(camera: Camera, surface: CrownedSurface) -> PixelRays:
+def pixel_rays(camera: Camera, surface: Surface) -> PixelRays:
     """Rays of every pixel: exact on a grid of 8 pixels, interpolated between (well below 0.1 px)."""
     size = np.array([camera.height, camera.width])
     blocks = -(-size // _COARSE_PX) + 2
     rows, columns = ((np.arange(n) - 0.5) * _COARSE_PX - 0.5 for n in blocks)
-    coarse = ray_directions(camera, np.stack(np.meshgrid(columns, rows), axis=-1))
+    coarse = camera.rays(np.stack(np.meshgrid(columns, rows), axis=-1))
     down, away = coarse[..., 2], coarse[..., 1]
     height = -float(camera.position_m[2])
     # the inverse of the reach is what varies evenly over the picture

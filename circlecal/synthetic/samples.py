@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from circlecal.geometry.surface import Surface
 from circlecal.pictures.files import MASK_SUFFIX
 from circlecal.synthetic.cameras import aimed_camera, soccer
 from circlecal.synthetic.dataset import write_frame
@@ -19,7 +20,6 @@ from circlecal.synthetic.looks import sample_config
 from circlecal.synthetic.renderer import render
 from circlecal.synthetic.sampling import SceneProfile, players_in_view
 from circlecal.synthetic.scene import Scene, sample_player
-from circlecal.synthetic.surface import CrownedSurface
 
 _HD, _FULL_HD = (1280, 720), (1920, 1080)
 _SEED = 9150
@@ -57,7 +57,7 @@ def _look_from(
     crown_m: float = 0.05,
     look: dict[str, object] | None = None,
 ) -> Scene:
-    surface = CrownedSurface(crown_m, "roof")
+    surface = Surface("roof", crown_m=crown_m)
     focal = focal_px * size[0] / 1920.0
     camera = aimed_camera(np.array(position_m), np.array(target_m), focal, np.radians(roll_deg), *size, kappa)
     calm = {"scorebug": False, "shade": 0.0, "jpeg_quality": 88, "wear": 0.15}

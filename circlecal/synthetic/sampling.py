@@ -10,6 +10,7 @@ import numpy as np
 from circlecal.field import FieldTemplate, load_field
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.projective import Array
+from circlecal.geometry.surface import Surface
 from circlecal.synthetic.cameras import sample_camera
 from circlecal.synthetic.decals import Decal, floor_decals, grass_decals, rink_decals
 from circlecal.synthetic.delivery import stretch
@@ -19,7 +20,6 @@ from circlecal.synthetic.looks import archive_format, sample_config, sample_deli
 from circlecal.synthetic.negatives import negative_scene
 from circlecal.synthetic.renderer import Rendering, render
 from circlecal.synthetic.scene import ExtraPaint, Player, Scene, sample_player
-from circlecal.synthetic.surface import CrownedSurface, back_project
 from circlecal.synthetic.views import CameraProfile
 
 SceneProfile = Literal[
@@ -200,29 +200,29 @@ def _decals(profile: str, template: FieldTemplate, rng: np.random.Generator) -> 
     return grass_decals(template.length_m, rng) if profile == "graphics" else ()
 
 
-def _sample_surface(setting: _Setting, template: FieldTemplate, rng: np.random.Generator) -> CrownedSurface:
+def _sample_surface(setting: _Setting, template: FieldTemplate, rng: np.random.Generator) -> Surface:
     """Slopes of up to 1 % towards the touchlines, as fields are built; at most about a third of a metre of fall."""
     radius = template.circle_by_name[template.default_circle].radius_m
     if setting.crown_m == (0.0, 0.0):
-        return CrownedSurface(0.0, "roof", radius)
+        return Surface("roof", radius, 0.0)
     if rng.random() < 0.7:
-        return CrownedSurface(float(rng.uniform(*setting.crown_m)), "roof", radius)
-    return CrownedSurface(float(rng.uniform(0.0, 0.025)), "parabola", radius)
+        return Surface("roof", radius, float(rng.uniform(*setting.crown_m)))
+    return Surface("parabola", radius, float(rng.uniform(0.0, 0.025)))
 
 
 def _sample_ground(
-    camera: Camera, template: FieldTemplate, surface: CrownedSurface, count: int, rng: np.random.Generator
+    camera: Camera, template: FieldTemplate, surface: Surface, count: int, rng: np.random.Generator
 ) -> Array:
     """Up to ``count`` field positions (K, 2) in the frame, evenly spread over the picture."""
     pixels = rng.uniform((0, 0), (camera.width, camera.height), (4 * count, 2))
-    field = back_project(camera, surface, pixels)
+    field = camera.back_project(pixels, surface)
     with np.errstate(invalid="ignore"):
         inside = (np.abs(field) < np.array([template.length_m, template.width_m]) / 2 + 1.0).all(axis=1)
     return np.asarray(field[inside][:count])
 
 
 def players_in_view(
-    profile: SceneProfile, camera: Camera, template: FieldTemplate, surface: CrownedSurface, rng: np.random.Generator
+    profile: SceneProfile, camera: Camera, template: FieldTemplate, surface: Surface, rng: np.random.Generator
 ) -> tuple[Player, ...]:
     """Players all over the view, some on the circle; the fewer the closer the view, as on a real field."""
     seen_share = min(1.0, (1800.0 * camera.width / 1920.0 / float(camera.focal_px[0])) ** 1.2)
@@ -242,7 +242,7 @@ def players_in_view(
 
 
 def _clear_of_mark(
-    players: tuple[Player, ...], camera: Camera, template: FieldTemplate, surface: CrownedSurface
+    players: tuple[Player, ...], camera: Camera, template: FieldTemplate, surface: Surface
 ) -> tuple[Player, ...]:
     center = camera.project(surface.lift(template.circle_by_name[template.default_circle].center))
     kept = []

@@ -11,8 +11,8 @@ from pydantic import BaseModel, ConfigDict, Field
 from circlecal.field import Circle, FieldTemplate, Line, Mark
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.projective import Array
+from circlecal.geometry.surface import Surface
 from circlecal.synthetic.decals import Decal
-from circlecal.synthetic.surface import CrownedSurface
 
 Channel = Annotated[float, Field(ge=0, le=255)]
 Color = tuple[Channel, Channel, Channel]
@@ -226,7 +226,7 @@ class Scene:
 
     camera: Camera
     template: FieldTemplate
-    surface: CrownedSurface
+    surface: Surface
     config: RenderConfig
     players: tuple[Player, ...] = ()
     ball_m: Array | None = None

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from circlecal.field import FieldTemplate
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.projective import Array, apply_homography
-from circlecal.geometry.surface import SurfaceShape
+from circlecal.geometry.surface import Surface
 from circlecal.synthetic.cameras import halfway_length_px, inside_frame, other_lengths_px, visible_circle_deg
 from circlecal.synthetic.paint import CIRCLE_CLASS, HALFWAY_CLASS, PaintLayer, class_mask
 from circlecal.synthetic.scene import Scene
-from circlecal.synthetic.surface import CrownedSurface, seen_pixels
+from circlecal.view import FieldView
 
 MarkState = Literal["visible", "hidden", "not_painted", "outside"]
 Expectation = Literal["calibrate", "refuse"]
@@ -35,10 +35,8 @@ class Truth:
     ----------
     camera : Camera
         With its lens.
-    H_image_field : (3, 3) array
-        Of the plane z = 0, tangent to the surface at the centre mark, to undistorted pixels.
-    crown_m, crown_shape : float, str
-        Drop of the surface at ``|y| = crown_reference_m``, and its profile.
+    surface : Surface
+        With its crown.
     marking_width_m : float
         Width of the paint.
     imaged_center_px : (2,) array
@@ -61,10 +59,7 @@ class Truth:
 
     camera: Camera
     field_name: str
-    H_image_field: Array
-    crown_m: float
-    crown_shape: SurfaceShape
-    crown_reference_m: float
+    surface: Surface
     marking_width_m: float
     imaged_center_px: Array
     imaged_center_undistorted_px: Array
@@ -77,9 +72,14 @@ class Truth:
     classes: NDArray[np.uint8]
 
     @property
-    def surface(self) -> CrownedSurface:
-        """Height profile of the field."""
-        return CrownedSurface(self.crown_m, self.crown_shape, self.crown_reference_m)
+    def view(self) -> FieldView:
+        """Where the field is seen."""
+        return FieldView(self.camera, self.surface)
+
+    @property
+    def H_image_field(self) -> Array:
+        """Of the plane z = 0 (3, 3), tangent to the surface at the centre mark, to undistorted pixels."""
+        return self.camera.homography
 
     @property
     def expect(self) -> Expectation:
@@ -102,9 +102,9 @@ class Truth:
             "expect": self.expect,
             "camera": {**self.camera.soccernet(), "kappa": [float(k) for k in self.camera.kappa]},
             "H_image_field": self.H_image_field.tolist(),
-            "crown_m": self.crown_m,
-            "crown_shape": self.crown_shape,
-            "crown_reference_m": self.crown_reference_m,
+            "crown_m": self.surface.crown_m,
+            "crown_shape": self.surface.shape,
+            "crown_reference_m": self.surface.reference_m,
             "marking_width_m": self.marking_width_m,
             "imaged_center_px": self.imaged_center_px.tolist(),
             "imaged_center_undistorted_px": self.imaged_center_undistorted_px.tolist(),
@@ -130,12 +130,9 @@ def truth_of(scene: Scene, layers: list[PaintLayer], hidden: NDArray[np.float32]
     return Truth(
         camera=camera,
         field_name=template.name,
-        H_image_field=camera.homography,
-        crown_m=surface.crown_m,
-        crown_shape=surface.shape,
-        crown_reference_m=surface.reference_m,
+        surface=surface,
         marking_width_m=scene.config.marking_width_m,
-        imaged_center_px=camera.project(surface.lift(center)),
+        imaged_center_px=FieldView(camera, surface).project(center),
         imaged_center_undistorted_px=np.asarray(apply_homography(camera.homography, center)),
         center_mark=_mark_state(scene, layers, hidden),
         kind=scene.kind,
@@ -157,7 +154,7 @@ def _mark_state(scene: Scene, layers: list[PaintLayer], hidden: NDArray[np.float
     name = center_mark_name(scene.template)
     if name is None or not (scene.center_mark_painted and scene.field_painted):
         return "not_painted"
-    pixel = seen_pixels(scene.camera, scene.surface.lift(scene.template.mark_by_name[name].position))
+    pixel = scene.camera.project(scene.surface.lift(scene.template.mark_by_name[name].position))
     if not inside_frame(pixel, scene.camera.width, scene.camera.height):
         return "outside"
     layer = next(item for item in layers if item.name == name)

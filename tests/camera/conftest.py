@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from circlecal.camera.parameters import INDEX, PARAMETERS
+from circlecal.geometry.camera_parameters import INDEX, PARAMETERS
 
 
 def random_thetas(count: int, rng: np.random.Generator) -> np.ndarray:

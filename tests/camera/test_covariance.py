@@ -5,15 +5,14 @@ import pytest
 
 from circlecal.camera.covariance import (
     correlation_factor,
-    field_sigma,
-    field_uncertainty,
+    data_share,
     homography_vectors,
     imaged_points,
     posterior_covariance,
     push_forward,
     spread_cameras,
 )
-from circlecal.camera.parameters import INDEX, PARAMETERS, ProjectionModel, camera_of, homographies, project
+from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel, camera_of, homographies, project
 from circlecal.geometry.projective import apply_homography
 from circlecal.geometry.surface import Surface
 
@@ -88,7 +87,7 @@ def test_field_sigma_is_the_length_of_the_error_in_the_picture_and_on_the_ground
     rng = np.random.default_rng(3)
     theta, covariance = plain_theta(3), small_covariance(rng)
     field = np.array([[0.0, 0.0], [12.0, -9.0], [-10.0, 8.0]])
-    sigma_px, sigma_m = field_sigma(theta, covariance, field, MODEL)
+    sigma_px, sigma_m = project(theta[None], field[None], MODEL).sigma(covariance)
     samples = samples_of(theta, covariance, 3000, rng)
     truth = project(theta[None], field[None], MODEL).pixels[0]
     seen = project(samples, np.broadcast_to(field, (len(samples), 3, 2)), MODEL).pixels
@@ -117,7 +116,8 @@ def test_data_share_is_the_share_of_the_precision(prior_weight, low, high):
     precision = np.linalg.pinv(small_covariance(np.random.default_rng(6)))
     prior = prior_weight * precision
     covariance = np.linalg.pinv(precision + prior, rcond=1e-30)
-    found = field_uncertainty(theta, covariance, np.array([[5.0, 5.0], [-5.0, 2.0]]), MODEL, prior).data_share
+    seen = project(theta[None], np.array([[[5.0, 5.0], [-5.0, 2.0]]]), MODEL)
+    found = data_share(seen, covariance, prior)
     assert low - 1e-6 <= found <= high + 1e-6
 
 
@@ -128,8 +128,8 @@ def test_data_share_of_a_well_and_a_badly_seen_direction():
     by_prior[INDEX["roll"], INDEX["roll"]] = 1e2
     covariance = np.zeros((SIZE, SIZE))
     covariance[1, 1], covariance[3, 3] = 1e-8, 1e-2
-    field = np.array([[9.0, 0.0]])
-    assert field_uncertainty(theta, covariance, field, MODEL, by_prior).data_share < 0.1
+    seen = project(theta[None], np.array([[[9.0, 0.0]]]), MODEL)
+    assert data_share(seen, covariance, by_prior) < 0.1
 
 
 def test_correlation_factor_counts_repeats():

@@ -6,8 +6,8 @@ import pytest
 from circlecal.camera.multistart import COARSE_POINTS, FEW_STARTS, best_fit
 from circlecal.camera.optimise import COARSE
 from circlecal.camera.options import CameraConfig
-from circlecal.camera.parameters import PARAMETERS
 from circlecal.errors import EstimationError
+from circlecal.geometry.camera_parameters import PARAMETERS
 
 from .test_optimise import observed, plain_theta, priors, problem_of
 

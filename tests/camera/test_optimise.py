@@ -9,9 +9,9 @@ import pytest
 from circlecal.camera.crown import on_parabola
 from circlecal.camera.observed import Realism, observed_curves, observed_points
 from circlecal.camera.optimise import Priors, Problem, best_of, evaluate, foreseen, minimise
-from circlecal.camera.parameters import INDEX, PARAMETERS, ProjectionModel, project
 from circlecal.camera.residuals import first_hidden
 from circlecal.field import load_field
+from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel, project
 from circlecal.geometry.surface import Surface
 from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations
 

@@ -6,30 +6,16 @@ import pytest
 from circlecal.camera.observed import observed_curves, observed_points
 from circlecal.camera.optimise import Problem, evaluate
 from circlecal.camera.options import CameraConfig, priors_of, realism_of
-from circlecal.camera.parameters import ProjectionModel, theta_of
-from circlecal.camera.report import residuals_px, visible_field
+from circlecal.camera.report import residuals_px
 from circlecal.camera.residuals import ground_hidden
 from circlecal.field import load_field
+from circlecal.geometry.camera_parameters import ProjectionModel, theta_of
 from circlecal.geometry.surface import Surface
 from circlecal.observations import LinePoints, Observations
 from circlecal.synthetic.cameras import aimed_camera
-from circlecal.synthetic.surface import seen_pixels
 
 SOCCER = load_field("soccer")
 MODEL = ProjectionModel(1920, 1080, Surface("flat"))
-
-
-def test_the_field_that_a_barrel_lens_folds_back_is_not_visible():
-    camera = aimed_camera(np.array([-10.0, 56.0, -9.0]), np.zeros(3), 5700.0, 0.0, 1920, 1080, kappa=-0.1)
-    grid = np.stack(np.meshgrid(np.arange(-52.0, 53.0), np.arange(-34.0, 35.0)), axis=-1).reshape(-1, 2)
-    pixels = camera.project(grid)
-    inside = ((pixels >= 0) & (pixels <= (1919, 1079))).all(axis=1)
-    folded = inside & ~np.isfinite(seen_pixels(camera, grid)).all(axis=1)
-    assert folded.any()
-    found = visible_field(theta_of(camera, MODEL), MODEL, SOCCER, np.zeros(2), 60.0)
-    whole = {tuple(np.round(p).astype(int)) for p in found}
-    assert whole.isdisjoint({tuple(p.astype(int)) for p in grid[folded]})
-    assert len(whole & {tuple(p.astype(int)) for p in grid[inside & ~folded]}) > 100
 
 
 def test_residuals_of_one_marking_count_together():

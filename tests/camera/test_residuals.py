@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from circlecal.camera.parameters import INDEX, ProjectionModel, project
 from circlecal.camera.residuals import (
     FixedPoints,
     circle_curve,
@@ -17,6 +16,7 @@ from circlecal.camera.residuals import (
     stack_curves,
 )
 from circlecal.field import load_field
+from circlecal.geometry.camera_parameters import INDEX, ProjectionModel, project
 from circlecal.geometry.surface import Surface
 
 from .conftest import STEPS, central_differences, random_thetas

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from circlecal.camera.parameters import ProjectionModel, camera_of, project
 from circlecal.camera.starts_circle import closed_form_starts, grid_starts, standing_start
 from circlecal.field import load_field
+from circlecal.geometry.camera_parameters import ProjectionModel, camera_of, project
 from circlecal.geometry.conics import circle_conic, transform_conic
 from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.homography import SIDES

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from circlecal.camera.parameters import ProjectionModel, camera_of
 from circlecal.camera.residuals import FixedPoints
 from circlecal.camera.starts_landmarks import (
     Landmarks,
@@ -13,6 +12,7 @@ from circlecal.camera.starts_landmarks import (
     usual_positions,
 )
 from circlecal.field import load_field
+from circlecal.geometry.camera_parameters import ProjectionModel, camera_of
 from circlecal.geometry.projective import fit_line
 from circlecal.geometry.surface import Surface
 from circlecal.observations import LinePoints, Observations

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from circlecal.camera.parameters import PARAMETERS
 from circlecal.camera.viewing_coordinates import LOOK, from_look, look_jacobian, to_look
+from circlecal.geometry.camera_parameters import PARAMETERS
 
 
 def _cameras(rng, count=20, azimuth=0.0):

@@ -7,6 +7,7 @@ from circlecal.field import FieldTemplate, load_field
 from circlecal.formats.cameras import CalibratedFrame
 from circlecal.formats.shapes import AnnotatedFrame, Shape
 from circlecal.geometry.camera import Camera
+from circlecal.view import FieldView
 
 
 @pytest.fixture(scope="session")
@@ -36,11 +37,7 @@ def calibrated(frame_camera: Camera, soccer: FieldTemplate) -> CalibratedFrame:
         "view",
         960,
         540,
-        frame_camera.homography,
-        frame_camera,
-        0.0,
-        "flat",
-        9.15,
+        FieldView(frame_camera),
         soccer,
         soccer.circles[0],
         "view.jpg",

@@ -12,6 +12,8 @@ from circlecal.formats import broadtrack, tvcalib, worldcup
 from circlecal.formats.cameras import CameraFrame, center_camera
 from circlecal.formats.format import json_bytes
 from circlecal.formats.soccernet_camera import camera_keys
+from circlecal.geometry.surface import Surface
+from circlecal.view import FieldView
 
 POINTS = np.array([[0.0, 0.0], [9.0, 3.0], [-9.0, -3.0], [3.0, 8.0]])
 FILE = Path("00007.json")
@@ -107,7 +109,7 @@ def test_no_homography(content):
 
 def test_a_crowned_field_becomes_the_nearest_camera_over_a_flat_one(calibrated, frame_camera):
     assert calibrated.flat is frame_camera
-    crowned = replace(calibrated, crown_m=0.05, crown_shape="roof")
+    crowned = replace(calibrated, view=FieldView(frame_camera, Surface("roof", crown_m=0.05)))
     points, pixels = crowned.visible_field
     before = np.linalg.norm(frame_camera.project(points) - pixels, axis=1)
     after = np.linalg.norm(crowned.flat.project(points) - pixels, axis=1)
@@ -115,7 +117,7 @@ def test_a_crowned_field_becomes_the_nearest_camera_over_a_flat_one(calibrated, 
 
 
 def test_a_lens_becomes_the_nearest_homography(calibrated, centred):
-    frame = replace(calibrated, camera=centred, H_image_field=centred.homography)
+    frame = replace(calibrated, view=FieldView(centred))
     points, pixels = frame.visible_field
 
     def errors(H):

@@ -20,6 +20,7 @@ from circlecal.formats.pnlcalib import (
     tangency_points,
     write,
 )
+from circlecal.view import FieldView
 
 FILE = Path("101.json")
 
@@ -158,7 +159,7 @@ def test_without_an_original_the_circle_alone(calibrated):
 
 def test_virtual_keypoints_outside_the_picture_are_removed(calibrated, frame_camera):
     aside = replace(frame_camera, principal_point_px=frame_camera.principal_point_px + np.array([600.0, 0.0]))
-    frame = replace(calibrated, camera=aside, H_image_field=aside.homography)
+    frame = replace(calibrated, view=FieldView(aside))
     original = {"kp": {"39": {"x": 0.5, "y": 0.5, "p": 0.5}, "52": {"x": 0.5, "y": 0.5, "p": 0.5}}, "lines": {}}
     record = keypoints_record(frame, original)
     assert "52" not in record["kp"]

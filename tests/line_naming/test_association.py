@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from circlecal.camera.parameters import ProjectionModel, theta_of
 from circlecal.field import load_field
+from circlecal.geometry.camera_parameters import ProjectionModel, theta_of
 from circlecal.geometry.surface import Surface
 from circlecal.line_naming.association import Association, associate_lines
 from circlecal.synthetic.cameras import aimed_camera

@@ -110,8 +110,8 @@ def test_written_and_read_back(tmp_path, calibrated, template):
     stored = read_result(path)
     assert (stored.id, stored.status, stored.width, stored.height) == ("good", "calibrated", 960, 540)
     assert np.array_equal(stored.H_image_field, calibrated.H_image_field)
-    assert stored.crown_m == calibrated.camera.crown_m
-    assert stored.crown_radius_m == 9.15
+    assert stored.surface == calibrated.camera.surface
+    assert stored.surface.reference_m == 9.15
     assert np.array_equal(stored.covariance, calibrated.camera.covariance)
     assert [p.name for p in tmp_path.iterdir()] == ["good.json"]
 

@@ -10,7 +10,6 @@ from circlecal.records.record import stored_result
 from circlecal.report.details import frame_details
 from circlecal.report.drawings import draw_on_thumbnail, plan_layer, points_layer, scene_of, template_layer
 from circlecal.report.reading import read_run
-from circlecal.view import field_to_image
 from tests.report.conftest import refused, write_run
 
 
@@ -28,8 +27,8 @@ def test_the_template_lies_on_the_projected_circle(good_record):
     drawn = numbers(template_layer(scene), CIRCLE) - 0.5
     angle = np.linspace(0, 2 * np.pi, 7200)
     radius = 9.15 - 0.06
-    exact = field_to_image(stored_result(good_record, "x"), radius * np.stack([np.cos(angle), np.sin(angle)], axis=1))
-    distance = np.linalg.norm(drawn[:, None] - exact.points[None], axis=2).min(axis=1)
+    exact = stored_result(good_record, "x").view.project(radius * np.stack([np.cos(angle), np.sin(angle)], axis=1))
+    distance = np.linalg.norm(drawn[:, None] - exact[None], axis=2).min(axis=1)
     assert len(drawn) > 20
     assert distance.max() < 0.15
 
@@ -73,7 +72,7 @@ def test_the_plan_outlines_what_the_frame_shows(good_record):
     stored = stored_result(good_record, "x")
     rng = np.random.default_rng(4)
     points = rng.uniform([-50, -33], [50, 33], (300, 2))
-    pixels = field_to_image(stored, points).points
+    pixels = stored.view.project(points)
     inside = ((pixels >= 0) & (pixels <= [959, 539])).all(axis=1)
     distance = np.array([cv2.pointPolygonTest(polygon.astype(np.float32), p, True) for p in points.tolist()])
     clear = np.abs(distance) > 1.0

@@ -10,9 +10,9 @@ from circlecal.camera.covariance import posterior_covariance
 from circlecal.camera.observed import Realism, observed_curves, observed_points
 from circlecal.camera.optimise import Problem, minimise
 from circlecal.camera.options import priors_of
-from circlecal.camera.parameters import PARAMETERS, ProjectionModel, theta_of
 from circlecal.config import Config, load_config
 from circlecal.geometry.camera import Camera
+from circlecal.geometry.camera_parameters import PARAMETERS, ProjectionModel, theta_of
 from circlecal.geometry.surface import Surface
 from circlecal.observations import Observations
 from circlecal.pipeline import field_of

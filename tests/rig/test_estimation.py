@@ -133,7 +133,7 @@ def test_recognised_lines_get_their_names_back(mixed):
     frame = mixed[0][0]
     seen = frame.observations
     bare = replace(seen, lines=(LinePoints(None, seen.lines[0].points_px, seen.lines[0].sigma_px),))
-    from circlecal.camera.parameters import ProjectionModel
+    from circlecal.geometry.camera_parameters import ProjectionModel
     from circlecal.geometry.surface import Surface
 
     model = ProjectionModel(1920, 1080, Surface("flat"))

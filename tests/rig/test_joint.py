@@ -8,9 +8,9 @@ import pytest
 from circlecal.camera.covariance import posterior_covariance
 from circlecal.camera.observed import Realism, observed_curves, observed_points
 from circlecal.camera.optimise import Priors, Problem, minimise
-from circlecal.camera.parameters import INDEX, PARAMETERS, ProjectionModel, camera_of, theta_of
 from circlecal.camera.residuals import first_hidden
 from circlecal.field import load_field
+from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel, camera_of, theta_of
 from circlecal.geometry.surface import Surface
 from circlecal.observations import Observations
 from circlecal.rig.joint import (

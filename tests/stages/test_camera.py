@@ -7,13 +7,12 @@ import pytest
 
 from circlecal.bench.scenarios import KNOWN, chosen_rows
 from circlecal.camera.options import CameraConfig, priors_of
-from circlecal.camera.parameters import INDEX, PARAMETERS, ProjectionModel
+from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel
 from circlecal.geometry.homography import SIDES
 from circlecal.geometry.surface import Surface
 from circlecal.observations import Keypoint
 from circlecal.stages.camera import estimate_camera
 from circlecal.synthetic.cameras import aimed_camera
-from circlecal.synthetic.surface import CrownedSurface
 
 from .camera_views import CIRCLE, EXACT, HOCKEY, MAIN, SOCCER, WIDE, departure, seen
 
@@ -90,34 +89,34 @@ def test_lens_crown_and_principal_point_at_their_prior_means_are_exact(shape):
         update={"distortion": "radial", "k1_mean": 0.03, "crown_shape": shape, "crown_m": 0.06, "crown_sd_m": 0.03,
                 "principal_point_sd_px": 5.0}
     )  # fmt: skip
-    fit = estimate_camera(seen(camera, mark=True, surface=CrownedSurface(0.06, shape)), SOCCER, CIRCLE, config)
+    fit = estimate_camera(seen(camera, mark=True, surface=Surface(shape, crown_m=0.06)), SOCCER, CIRCLE, config)
     assert departure(fit, camera) < 1e-5
-    assert fit.crown_m == pytest.approx(0.06, abs=1e-5)
-    assert fit.crown_shape == shape
+    assert fit.surface.crown_m == pytest.approx(0.06, abs=1e-5)
+    assert fit.surface.shape == shape
     assert fit.camera.kappa[0] == pytest.approx(0.03, abs=1e-6)
 
 
 def test_a_crown_that_is_not_modelled_is_seen_in_the_residuals():
-    given = seen(MAIN, surface=CrownedSurface(0.09, "roof"), edges=("center",))
+    given = seen(MAIN, surface=Surface("roof", crown_m=0.09), edges=("center",))
     flat = estimate_camera(given, SOCCER, CIRCLE, EXACT)
     roof = estimate_camera(given, SOCCER, CIRCLE, EXACT.model_copy(update={"crown_shape": "roof", "crown_sd_m": 0.3}))
-    assert roof.crown_m == pytest.approx(0.09, abs=2e-3)
+    assert roof.surface.crown_m == pytest.approx(0.09, abs=2e-3)
     assert flat.residuals_px["centre_circle center"] > 10 * roof.residuals_px["centre_circle center"]
 
 
 @pytest.mark.parametrize("shape", ["roof", "parabola"])
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_the_profile_of_the_pitch_is_told_by_the_frame(shape, seed):
-    surface = CrownedSurface(0.06, shape)
+    surface = Surface(shape, crown_m=0.06)
     given = seen(WIDE, edges=("center",), mark=True, lines=("side_line_top",), sigma=0.2, seed=seed, surface=surface)
     fit = estimate_camera(given, SOCCER, CIRCLE, CameraConfig(k1_mean=0.0, k1_sd=0.005))
-    assert fit.crown_shape == shape
-    assert fit.crown_m == pytest.approx(0.06, abs=0.02)
+    assert fit.surface.shape == shape
+    assert fit.surface.crown_m == pytest.approx(0.06, abs=0.02)
 
 
 def test_a_profile_that_makes_no_difference_is_a_roof():
     fit = estimate_camera(seen(MAIN, sigma=0.5), SOCCER, CIRCLE, CameraConfig(k1_mean=0.0, crown_m=0.0))
-    assert fit.crown_shape == "roof"
+    assert fit.surface.shape == "roof"
 
 
 @pytest.mark.parametrize(("kappa", "sigma"), [(-0.06, 1.0), (0.12, 0.3)])

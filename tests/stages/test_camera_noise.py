@@ -6,7 +6,7 @@ import pytest
 from circlecal.bench.accuracy import mahalanobis, truth_grid
 from circlecal.bench.bounds import bound_covariance, bound_errors
 from circlecal.bench.scenarios import KNOWN, Draw, chosen_rows
-from circlecal.camera.parameters import ProjectionModel, theta_of
+from circlecal.geometry.camera_parameters import ProjectionModel, theta_of
 from circlecal.geometry.homography import transfer_errors
 from circlecal.geometry.surface import Surface
 from circlecal.stages.camera import estimate_camera

@@ -8,13 +8,14 @@ import cv2
 import numpy as np
 import pytest
 
-from circlecal.camera.parameters import PARAMETERS, ProjectionModel, theta_of
 from circlecal.field import load_field
+from circlecal.geometry.camera_parameters import PARAMETERS, ProjectionModel, theta_of
 from circlecal.geometry.surface import Surface
 from circlecal.paint.matched_filter import CLEAR, SECTORS
 from circlecal.results import Agreement, Attempt, Cues, MarkCue
 from circlecal.stages.confirm import is_circle_painted, look_for_markings, measure_circle_sectors
 from circlecal.stages.verdict import LEAST_FOUND, VerdictConfig, confirm, is_confirmed, needs_confirmation
+from tests.folded import projected_without_fold
 
 from .conftest import CIRCLE, SOCCER, view
 from .test_verdict import camera_fit, verdict
@@ -118,7 +119,8 @@ def test_a_marking_behind_a_barrel_lens_is_not_expected_where_the_lens_model_fol
     camera = replace(view((-3.3, 0.9, -1.5), (0.0, 0.0, 0.0), 435.0, (800, 448)), kappa=np.array([-0.08, 0.0]))
     theta = theta_of(camera, ProjectionModel(800, 448, Surface("flat", circle.radius_m)))
     fit = camera_fit(camera, theta=theta, covariance=np.eye(len(PARAMETERS)) * 1e-10, parameters=PARAMETERS)
-    beside = camera.project(np.linspace(*template.line_ends(template.line_by_name["big_rect_left_top"]), 200))
+    ends = template.line_ends(template.line_by_name["big_rect_left_top"])
+    beside = projected_without_fold(camera, np.linspace(*ends, 200))
     assert ((beside > 0) & (beside < (800, 448))).all(axis=1).any()  # with the lens, but not in the picture
     found = look_for_markings(np.full((448, 800), 90, np.uint8), fit, template, circle, frozenset(), None)
     assert "big_rect_right_top" in found.names

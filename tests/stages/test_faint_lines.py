@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from circlecal.camera.parameters import PARAMETERS, ProjectionModel, theta_of
+from circlecal.geometry.camera_parameters import PARAMETERS, ProjectionModel, theta_of
 from circlecal.geometry.surface import Surface
 from circlecal.stages.faint_lines import find_faint_lines
 

@@ -4,17 +4,17 @@ import cv2
 import numpy as np
 import pytest
 
-from circlecal.camera.parameters import ProjectionModel, theta_of
 from circlecal.errors import EstimationError
+from circlecal.geometry.camera_parameters import ProjectionModel, theta_of
 from circlecal.geometry.ellipses import conic_from_ellipse, ellipse_from_conic, orthogonal_distance
-from circlecal.geometry.surface import Surface
+from circlecal.geometry.surface import FLAT, Surface
 from circlecal.paint.profiles import to_gray
 from circlecal.results import MarkingMask
 from circlecal.stages.edges import EdgesConfig, detect_edges
 from circlecal.stages.rays import RaysConfig, cast_rays, even_angles, measure_along_model
 from circlecal.synthetic.cameras import aimed_camera
 from circlecal.synthetic.paint import paint_layers
-from circlecal.synthetic.surface import FLAT
+from tests.folded import projected_without_fold
 
 from .conftest import CIRCLE, SOCCER, WIDTH_M, Painted, developed, paint, view
 
@@ -232,8 +232,8 @@ def test_paint_that_would_fill_the_picture_is_not_measured():
     radius, focal, height, kappa = SOCCER.radius(CIRCLE, "outer"), 700.0, 0.174, -0.1
     place, ahead = np.array([-radius, 0.0, -height]), np.array([0.0, 0.0, -height])
     camera = aimed_camera(place, ahead, focal, 0.0, 1280, 720, kappa)
-    middle = camera.project([-SOCCER.radius(CIRCLE, "center"), 0.0])
+    middle = projected_without_fold(camera, [-SOCCER.radius(CIRCLE, "center"), 0.0])
     assert (middle > 0).all() and (middle < (1280, 720)).all()
-    fit = camera_fit(camera, theta=theta_of(camera, ProjectionModel(1280, 720, Surface("flat", CIRCLE.radius_m))))
+    fit = camera_fit(camera)
     points, sigma = measure_along_model(np.full((720, 1280), 90, np.uint8), fit, CIRCLE, SOCCER, 1.5, RaysConfig())
     assert (points.shape, sigma.shape) == ((0, 2), (0,))

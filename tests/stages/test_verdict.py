@@ -7,6 +7,7 @@ import pytest
 
 from circlecal.geometry.conics import circle_conic, transform_conic
 from circlecal.geometry.homography import turn_homography
+from circlecal.geometry.surface import FLAT
 from circlecal.observations import LineEnd
 from circlecal.refusals import CHECKS, Confidence
 from circlecal.results import Attempt, CameraFit, Cues, EllipseFits, HomographyFit, MarkCue, MarkingMask, Verdict
@@ -24,8 +25,7 @@ def camera_fit(camera=CAMERA, **changes):
     H = camera.homography
     given = {
         "camera": camera,
-        "crown_m": 0.0,
-        "crown_shape": "flat",
+        "surface": FLAT,
         "parameters": (),
         "covariance": np.zeros((0, 0)),
         "H_image_field": H,

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from circlecal.geometry.surface import FLAT, Surface
 from circlecal.synthetic.cameras import (
     aimed_camera,
     halfway_length_px,
@@ -12,7 +13,6 @@ from circlecal.synthetic.cameras import (
     soccer,
     visible_circle_deg,
 )
-from circlecal.synthetic.surface import FLAT, CrownedSurface
 from circlecal.synthetic.views import CAMERA_PROFILES
 
 SEEDS = range(12)
@@ -75,7 +75,7 @@ def test_broadcast():
 
 
 def test_lens_crown_and_size():
-    surface = CrownedSurface(0.08)
+    surface = Surface(crown_m=0.08)
     camera = sample_camera("main", np.random.default_rng(1), 1280, 720, kappa=0.05, surface=surface)
     assert (camera.width, camera.height) == (1280, 720)
     assert camera.kappa.tolist() == [0.05, 0.0]

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from circlecal.geometry.conics import circle_conic, sampson_distance, transform_conic
+from circlecal.geometry.surface import FLAT, Surface
 from circlecal.synthetic.cameras import inside_frame, sample_camera, soccer
 from circlecal.synthetic.markings import MIN_SIGMA_PX, circle_points, line_points, mark_point, with_outliers
-from circlecal.synthetic.surface import CrownedSurface, back_project
 
 FULL = sample_camera("main", np.random.default_rng(1))
 PART = sample_camera("partial", np.random.default_rng(2))
@@ -25,10 +25,10 @@ def test_points_lie_on_the_edge(camera, edge, radius):
 
 
 def test_lens_and_crown():
-    surface = CrownedSurface(0.06)
+    surface = Surface(crown_m=0.06)
     camera = sample_camera("main", np.random.default_rng(3), kappa=0.04, surface=surface)
     seen = circle_points(camera, soccer(), "outer", 50, 0.0, np.random.default_rng(0), surface=surface)
-    field = back_project(camera, surface, seen.points_px)
+    field = camera.back_project(seen.points_px, surface)
     np.testing.assert_allclose(np.linalg.norm(field, axis=1), 9.15, atol=1e-9)
 
 
@@ -36,11 +36,8 @@ def test_spacing():
     in_image = circle_points(FULL, soccer(), "outer", 200, 0.0, np.random.default_rng(0)).points_px
     steps = np.linalg.norm(np.diff(in_image, axis=0), axis=1)
     assert np.ptp(steps) < 0.02 * steps.mean()
-    on_field = back_project(
-        FULL,
-        CrownedSurface(),
-        circle_points(FULL, soccer(), "outer", 8, 0.0, np.random.default_rng(0), "field").points_px,
-    )
+    seen = circle_points(FULL, soccer(), "outer", 8, 0.0, np.random.default_rng(0), "field")
+    on_field = FULL.back_project(seen.points_px, FLAT)
     angles = np.unwrap(np.arctan2(on_field[:, 1], on_field[:, 0]))
     np.testing.assert_allclose(np.diff(angles), np.pi / 4, atol=1e-9)
 
@@ -48,7 +45,7 @@ def test_spacing():
 def test_a_common_phase_gives_both_edges_the_same_angles():
     rng = np.random.default_rng(0)
     edges = [circle_points(FULL, soccer(), e, 8, 0.0, rng, "field", phase=0.3).points_px for e in ("outer", "inner")]
-    outer, inner = (back_project(FULL, CrownedSurface(), pixels) for pixels in edges)
+    outer, inner = (FULL.back_project(pixels, FLAT) for pixels in edges)
     cross = outer[:, 0] * inner[:, 1] - outer[:, 1] * inner[:, 0]
     assert np.abs(cross).max() < 1e-7
 
@@ -63,7 +60,7 @@ def test_noise():
 def test_line():
     seen = line_points(FULL, soccer(), "halfway_line", 2, 0.0, np.random.default_rng(0))
     assert seen.line == "halfway_line"
-    np.testing.assert_allclose(back_project(FULL, CrownedSurface(), seen.points_px)[:, 0], 0.0, atol=1e-9)
+    np.testing.assert_allclose(FULL.back_project(seen.points_px, FLAT)[:, 0], 0.0, atol=1e-9)
     assert seen.points_px[0, 1] < 5
     assert seen.points_px[1, 1] > FULL.height - 6
     assert len(line_points(FULL, soccer(), "side_line_left", 10, 1.0, np.random.default_rng(0)).points_px) == 0

@@ -6,12 +6,13 @@ import pytest
 from scipy.ndimage import map_coordinates
 
 from circlecal.field import field_names, load_field
+from circlecal.geometry.surface import FLAT, Surface
 from circlecal.synthetic.cameras import aimed_camera, inside_frame, sample_camera, soccer
 from circlecal.synthetic.paint import CIRCLE_CLASS, CLASS_NAMES, HALFWAY_CLASS
 from circlecal.synthetic.renderer import render
 from circlecal.synthetic.sampling import SCENE_PROFILES, render_frame, sample_scene
 from circlecal.synthetic.scene import RenderConfig, Scene
-from circlecal.synthetic.surface import FLAT, CrownedSurface
+from tests.folded import projected_without_fold
 
 SMALL = (960, 540)
 
@@ -65,7 +66,7 @@ def measured_edges(image, camera, surface, angles):
 @pytest.mark.parametrize("profile", ["main", "broadcast", "partial"])
 @pytest.mark.parametrize(
     ("surface", "kappa"),
-    [(CrownedSurface(), 0.0), (CrownedSurface(0.08), 0.05), (CrownedSurface(0.05, "roof"), -0.01)],
+    [(FLAT, 0.0), (Surface(crown_m=0.08), 0.05), (Surface("roof", crown_m=0.05), -0.01)],
     ids=str,
 )
 def test_edges_of_the_circle(profile, surface, kappa):
@@ -83,7 +84,7 @@ def test_edges_of_the_circle(profile, surface, kappa):
 
 
 def test_halfway_line_and_center_mark():
-    surface = CrownedSurface(0.05)
+    surface = Surface(crown_m=0.05)
     camera = sample_camera("main", np.random.default_rng(4), kappa=0.03, surface=surface)
     share = paint_share(render(clean_scene(camera, surface), np.random.default_rng(0)).image)
     y = np.linspace(1.0, 4.0, 40)
@@ -142,7 +143,7 @@ def test_hidden_marks_are_hidden_and_easy_ones_are_not(seed):
 
 def test_mask_agrees_with_the_picture():
     camera = sample_camera("broadcast", np.random.default_rng(2))
-    rendering = render(clean_scene(camera, CrownedSurface()), np.random.default_rng(0))
+    rendering = render(clean_scene(camera, FLAT), np.random.default_rng(0))
     classes, share = rendering.truth.classes, paint_share(rendering.image)
     for class_id in (CIRCLE_CLASS, HALFWAY_CLASS):
         assert share[classes == class_id].min() > 0.15
@@ -173,9 +174,7 @@ def test_the_same_seed_gives_the_same_frame():
 def test_every_field_template_can_be_painted(name):
     template = load_field(name)
     camera = sample_camera("broadcast", np.random.default_rng(2), *SMALL, template=soccer())
-    rendering = render(
-        clean_scene(camera, CrownedSurface(), template.marking_width_m, template), np.random.default_rng(0)
-    )
+    rendering = render(clean_scene(camera, FLAT, template.marking_width_m, template), np.random.default_rng(0))
     assert np.any(rendering.truth.classes > 0)
 
 
@@ -196,6 +195,6 @@ def test_look_is_checked():
 def test_a_mark_that_a_barrel_lens_folds_into_the_picture_lies_outside_it():
     template = load_field("robocup")
     camera = aimed_camera(np.array([-0.1, 0.3, -0.11]), np.array([3.0, 0.3, -0.11]), 435.0, 0.0, 800, 448, kappa=-0.08)
-    assert inside_frame(camera.project([0.0, 0.0]), 800, 448)
+    assert inside_frame(projected_without_fold(camera, [0.0, 0.0]), 800, 448)
     rendering = render(Scene(camera, template, FLAT, RenderConfig()), np.random.default_rng(0))
     assert rendering.truth.center_mark == "outside"

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from circlecal.camera.parameters import (
+from circlecal.geometry.camera import rotation_matrix
+from circlecal.geometry.camera_parameters import (
     INDEX,
     PARAMETERS,
     ProjectionModel,
@@ -17,10 +18,8 @@ from circlecal.camera.parameters import (
     rotations,
     theta_of,
 )
-from circlecal.geometry.camera import rotation_matrix
 from circlecal.geometry.surface import Surface, SurfaceShape
-
-from .conftest import STEPS, central_differences, random_thetas
+from tests.camera.conftest import STEPS, central_differences, random_thetas
 
 SHAPES = get_args(SurfaceShape)
 FIELD = np.random.default_rng(4).uniform(-12.0, 12.0, (25, 2))

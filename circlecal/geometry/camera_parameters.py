@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.field import Circle
-from circlecal.geometry.camera import Camera, image_center
+from circlecal.geometry.camera import (
+    Camera,
+    image_center,
+    lens_factor,
+    lens_fold,
+    plane_homography,
+    rotation_matrix,
+)
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import Surface
-from circlecal.results import CameraFit
 
 PARAMETERS = (
     "log_focal", "pan", "tilt", "roll", "x", "y", "z",
@@ -32,22 +37,23 @@ INDEX = {name: k for k, name in enumerate(PARAMETERS)}
 class ProjectionModel:
     """What every candidate camera of a frame has in common: the picture's size and the profile of the surface.
 
-    With a parameter vector it says where each point of the field is seen.
+    With a parameter vector it says where each point of the field is seen. The surface has a crown of one metre here,
+    since the crown is one of the parameters.
     """
 
     width: int
     height: int
     surface: Surface = field(default_factory=Surface)
 
+    @staticmethod
+    def of(camera: Camera, surface: Surface) -> ProjectionModel:
+        """The model that a camera and a surface with its crown come from."""
+        return ProjectionModel(camera.width, camera.height, replace(surface, crown_m=1.0))
+
     @property
     def center(self) -> Array:
         """Image centre (2,)."""
         return image_center(self.width, self.height)
-
-
-def fitted_model(fit: CameraFit, circle: Circle) -> ProjectionModel:
-    """The model under which a camera was fitted to a circle."""
-    return ProjectionModel(fit.camera.width, fit.camera.height, Surface(fit.crown_shape, max(circle.radius_m, 1e-3)))
 
 
 def camera_of(theta: Array, model: ProjectionModel) -> Camera:
@@ -64,8 +70,8 @@ def camera_of(theta: Array, model: ProjectionModel) -> Camera:
     )
 
 
-def theta_of(camera: Camera, model: ProjectionModel) -> Array:
-    """Parameter vector (P,) of a camera; crown, width and bloom are zero."""
+def theta_of(camera: Camera, model: ProjectionModel, crown_m: float = 0.0) -> Array:
+    """Parameter vector (P,) of a camera over a surface with a crown; the sizes of the markings are the template's."""
     theta = np.zeros(len(PARAMETERS))
     theta[0] = np.log(camera.focal_px[0])
     theta[1:4] = camera.angles_rad
@@ -73,31 +79,23 @@ def theta_of(camera: Camera, model: ProjectionModel) -> Array:
     theta[7:9] = camera.principal_point_px - model.center
     theta[9:11] = camera.kappa
     theta[INDEX["log_aspect"]] = np.log(camera.focal_px[1] / camera.focal_px[0])
+    theta[INDEX["crown"]] = crown_m
     return theta
 
 
 def rotations(theta: Array) -> Array:
-    """World-to-camera rotations (B, 3, 3): ``Rz(roll)^T Rx(tilt)^T Rz(pan)^T``."""
-    cp, ct, cr = np.cos(theta[:, 1:4]).T
-    sp, st, sr = np.sin(theta[:, 1:4]).T
-    R = np.empty((len(theta), 3, 3))
-    R[:, 0, 0], R[:, 0, 1], R[:, 0, 2] = cr * cp - sr * ct * sp, cr * sp + sr * ct * cp, sr * st
-    R[:, 1, 0], R[:, 1, 1], R[:, 1, 2] = -sr * cp - cr * ct * sp, -sr * sp + cr * ct * cp, cr * st
-    R[:, 2, 0], R[:, 2, 1], R[:, 2, 2] = st * sp, -st * cp, ct
-    return R
+    """World-to-camera rotations (B, 3, 3)."""
+    return rotation_matrix(*theta[:, 1:4].T)
 
 
 def homographies(theta: Array, model: ProjectionModel) -> Array:
     """``H_image_field`` (B, 3, 3) of the plane z = 0, to undistorted pixels; not scaled."""
-    R = rotations(theta)
-    local = R.copy()
-    local[:, :, 2] = -(R @ theta[:, 4:7, None])[..., 0]
-    K = np.zeros_like(R)
+    K = np.zeros((len(theta), 3, 3))
     K[:, 0, 0] = np.exp(theta[:, 0])
     K[:, 1, 1] = K[:, 0, 0] * np.exp(theta[:, INDEX["log_aspect"]])
     K[:, :2, 2] = model.center + theta[:, 7:9]
     K[:, 2, 2] = 1.0
-    return K @ local
+    return plane_homography(K, rotations(theta), theta[:, 4:7])
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,8 +151,9 @@ class Projection:
 
     @property
     def unfolded(self) -> NDArray[np.bool_]:
-        """Where (B, N) the lens model still moves points outwards; a barrel lens folds what lies further out back."""
-        return np.asarray(self.lens + 2.0 * self.r2 * self.lens_slope > 0.0, np.bool_)
+        """Where (B, N) the lens model has not folded back yet."""
+        fold = lens_fold(self.theta[:, INDEX["kappa_1"]], self.theta[:, INDEX["kappa_2"]])
+        return np.asarray(self.r2 < fold[:, None], np.bool_)
 
     @property
     def xy(self) -> Array:
@@ -218,11 +217,34 @@ class Projection:
         field[:, 1] += self.slope * world[:, 2]
         return rows, field
 
-    def jacobians(self) -> tuple[Array, Array]:
-        """Derivatives of the pixels by the parameters (B, N, 2, P) and by the field position (B, N, 2, 2)."""
+    def sigma(self, covariance: Array) -> tuple[Array, Array]:
+        """Standard deviations of the places of the first camera's points: (N,) pixels, and (N,) metres on the ground.
+
+        Of the length of the error, that is, the root of the sum of both variances. The variance in the picture is
+        ``trace(J S J^T)`` with the covariance S (P, P) of the parameters; on the ground it is that of the field point
+        that is seen at a given pixel, ``trace(F^-1 J S J^T F^-T)`` with the derivative F by the field position.
+        """
+        (by_x, field_x), (by_y, field_y) = (self.gradient(axis) for axis in self._axes())
+        # the sizes of the markings, which come last, move no point
+        own = slice(0, INDEX["width"])
+        by_x, by_y = by_x[0, own], by_y[0, own]
+        pushed_x, pushed_y = covariance[own, own] @ by_x, covariance[own, own] @ by_y
+        xx, xy, yy = ((a * b).sum(axis=0) for a, b in ((pushed_x, by_x), (pushed_x, by_y), (pushed_y, by_y)))
+        (a, b), (c, d) = field_x[0], field_y[0]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            # F^-1 = [[d, -b], [-c, a]] / det F
+            ground = ((d * d + c * c) * xx - 2.0 * (b * d + a * c) * xy + (a * a + b * b) * yy) / (a * d - b * c) ** 2
+        return np.sqrt(xx + yy), np.sqrt(np.maximum(ground, 0.0))
+
+    def _axes(self) -> Array:
+        """Unit vectors (2, B, 2, N) of the picture at every point."""
         axes = np.zeros((2, *self.normalised.shape))
         axes[0, :, 0] = axes[1, :, 1] = 1.0
-        rows, fields = zip(*(self.gradient(axis) for axis in axes), strict=True)
+        return axes
+
+    def jacobians(self) -> tuple[Array, Array]:
+        """Derivatives of the pixels by the parameters (B, N, 2, P) and by the field position (B, N, 2, 2)."""
+        rows, fields = zip(*(self.gradient(axis) for axis in self._axes()), strict=True)
         return np.stack(rows, axis=1).transpose(0, 3, 1, 2), np.stack(fields, axis=1).transpose(0, 3, 1, 2)
 
 
@@ -255,10 +277,7 @@ def project(theta: Array, field_m: Array, model: ProjectionModel) -> Projection:
     focal = np.exp(theta[:, 0, None, None] + theta[:, INDEX["log_aspect"], None, None] * _SECOND)
     squared_focal = (2.0 / model.width * focal[:, 0]) ** 2
     r2 = (normalised[:, 0] ** 2 + normalised[:, 1] ** 2) * squared_focal
-    by_second = theta[:, 10, None] * r2
-    lens_slope = theta[:, 9, None] + by_second
-    lens = 1.0 + r2 * lens_slope
-    lens_slope += by_second
+    lens, lens_slope = lens_factor(r2, theta[:, 9, None], theta[:, 10, None])
     return Projection(
         theta, model, R, offset, local, drop, crown * slope, inverse_depth, normalised, r2, lens, lens_slope, focal,
         squared_focal,

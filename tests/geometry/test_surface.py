@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from circlecal.geometry.surface import FLAT, Surface
 from circlecal.synthetic.cameras import sample_camera, soccer
-from circlecal.synthetic.surface import FLAT, CrownedSurface, back_project
 
-SURFACES = [FLAT, CrownedSurface(0.09), CrownedSurface(0.05, "roof"), CrownedSurface(-0.03)]
+SURFACES = [FLAT, Surface(crown_m=0.09), Surface("roof", crown_m=0.05), Surface(crown_m=-0.03)]
 
 
 @pytest.mark.parametrize("surface", SURFACES)
@@ -16,7 +16,7 @@ def test_back_projection_inverts_projection(surface):
     pixels = camera.project(surface.lift(field))
     seen = np.isfinite(pixels).all(axis=1) & (np.abs(pixels - (960, 540)) < (960, 540)).all(axis=1)
     assert seen.sum() > 50
-    np.testing.assert_allclose(back_project(camera, surface, pixels[seen]), field[seen], atol=1e-8)
+    np.testing.assert_allclose(camera.back_project(pixels[seen], surface), field[seen], atol=1e-8)
 
 
 @pytest.mark.parametrize("surface", SURFACES)
@@ -27,18 +27,18 @@ def test_slope_is_the_derivative_of_the_drop(surface):
 
 
 def test_drop_at_the_circle():
-    assert CrownedSurface(0.05).drop(9.15) == pytest.approx(0.05)
-    assert CrownedSurface(0.05, "roof").drop(-9.15) == pytest.approx(0.05)
+    assert Surface(crown_m=0.05).drop(9.15) == pytest.approx(0.05)
+    assert Surface("roof", crown_m=0.05).drop(-9.15) == pytest.approx(0.05)
     assert FLAT.lift([3.0, 4.0]).tolist() == [3.0, 4.0, 0.0]
 
 
 def test_rays_above_the_horizon_meet_nothing():
     camera = sample_camera("broadcast", np.random.default_rng(3))
-    assert np.isnan(back_project(camera, CrownedSurface(0.05), [[960.0, -9000.0]])).all()
+    assert np.isnan(camera.back_project([[960.0, -9000.0]], Surface(crown_m=0.05))).all()
 
 
 def test_without_crown_the_camera_back_projects_the_same():
     camera = sample_camera("main", np.random.default_rng(9), kappa=-0.01)
     pixels = np.random.default_rng(1).uniform((0, 0), (1919, 1079), (50, 2))
-    np.testing.assert_allclose(back_project(camera, FLAT, pixels), camera.back_project(pixels), atol=1e-9)
+    np.testing.assert_allclose(camera.back_project(pixels, FLAT), camera.back_project(pixels), atol=1e-9)
     assert soccer() is soccer()

@@ -1,0 +1,52 @@
+"""The field template, drawn where a view sees it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from circlecal.field import FieldTemplate
+from circlecal.geometry.projective import Array
+from circlecal.overlay.canvas import Canvas
+from circlecal.overlay.palette import CIRCLE, TEMPLATE, Color
+from circlecal.view import FieldView
+
+_MARGIN = 0.6
+"""How far beyond the picture a marking is drawn, in its size: pixel coordinates far outside say nothing to an eye and
+overflow drawing programs.
+"""
+
+
+def pixels_near_picture(view: FieldView, points_m: Array) -> Array:
+    """Pixels (N, 2) of field points (N, 2), nan where they are not visible or far outside the picture."""
+    pixels = view.project(points_m)
+    size = np.array([view.camera.width, view.camera.height])
+    near = (np.abs(pixels - size / 2) <= (0.5 + _MARGIN) * size).all(axis=-1, keepdims=True)
+    return np.asarray(np.where(near, pixels, np.nan))
+
+
+def draw_template(
+    canvas: Canvas,
+    view: FieldView,
+    template: FieldTemplate,
+    circle: str,
+    color: Color = TEMPLATE,
+    dashed: bool = False,
+) -> None:
+    """Draw every marking's centreline, the circle that carried the calibration in its own colour."""
+    for name, polyline in view.markings(template).items():
+        own = CIRCLE if name == circle and color == TEMPLATE else color
+        pixels = pixels_near_picture(view, polyline)
+        canvas.polyline(pixels, own, 1.4, dashed=dashed and name not in template.mark_by_name)
+
+
+def sigma_over_picture(view: FieldView, template: FieldTemplate, columns: int = 96) -> Array | None:
+    """Standard deviation in pixels on a coarse grid (R, columns) of the picture, nan off the field; None where the
+    covariance of the camera is not known.
+    """
+    width, height = view.camera.width, view.camera.height
+    rows = max(2, round(columns * height / width))
+    x, y = np.meshgrid((np.arange(columns) + 0.5) * width / columns, (np.arange(rows) + 0.5) * height / rows)
+    field = view.to_field(np.stack([x, y], axis=-1))
+    half = np.array([template.length_m, template.width_m]) / 2 + 1.0
+    field[~(np.abs(field) <= half).all(axis=-1)] = np.nan
+    return view.project(field, sigma=True).sigma
