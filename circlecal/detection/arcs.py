@@ -137,9 +137,13 @@ def move_onto_straight_arcs(
     points = segments[:, None, 0] + share * (segments[:, None, 1] - segments[:, None, 0])
     to_unit = np.linalg.inv(unit_frame(circle.ellipse))[:2]
     local = lift(points) @ to_unit.T
-    radius, angle = np.hypot(local[..., 0], local[..., 1]), np.unwrap(np.arctan2(local[..., 1], local[..., 0]), axis=1)
+    near = (np.abs(np.hypot(local[..., 0], local[..., 1]) - 1.0) < BESIDE).all(axis=1)
+    if not near.any():
+        return circle
+    points, local = points[near], local[near]
+    angle = np.unwrap(np.arctan2(local[..., 1], local[..., 0]), axis=1)
     turn = np.abs(angle[:, -1] - angle[:, 0])
-    beside = (np.abs(radius - 1.0) < BESIDE).all(axis=1) & (turn > SHORTEST_RAD)
+    beside = turn > SHORTEST_RAD
     conic, apart_px = ellipse_conic(circle.ellipse), APART_PX * gray.shape[1] / 1920.0
     for k in np.flatnonzero(beside):
         beside[k] = np.median(np.abs(sampson_distance(conic, points[k]))) > apart_px

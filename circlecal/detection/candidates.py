@@ -176,7 +176,10 @@ class Candidates:
         hypothesis = describe_circle(circle, float(inside), width)
         refusal = find_refusal(hypothesis, True, width, config.acceptance)
         tentative = is_tentative(hypothesis, width, config.acceptance)
-        if refusal == "circle_support_too_low" and not tentative:
+        painted = replace(
+            hypothesis, painted_share=1.0
+        )  # faint paint is only looked for where it would change something
+        if refusal == "circle_support_too_low" and not tentative and is_tentative(painted, width, config.acceptance):
             share, sectors = measure_painted_share(gray, ellipse_from_conic(hypothesis.conic), circle.sign)
             hypothesis = replace(hypothesis, painted_share=share if sectors >= FEWEST_SECTORS else 0.0)
             tentative = is_tentative(hypothesis, width, config.acceptance)
