@@ -46,7 +46,7 @@ from circlecal.stages.edges import detect_edges
 from circlecal.stages.ellipse import fit_ellipses, fit_observed
 from circlecal.stages.faint_lines import find_faint_lines
 from circlecal.stages.homography import estimate_homography, homography_of_solver, turn_fit
-from circlecal.stages.mask import find_marking, with_arc
+from circlecal.stages.mask import find_marking, replace_circle_by_arc
 from circlecal.stages.rays import cast_rays, measure_along_model
 from circlecal.stages.verdict import confirm, is_beyond_doubt, is_confirmed, judge, needs_confirmation
 
@@ -608,7 +608,7 @@ def _is_better_circle(setting: Setting, first: Attempt, other: Attempt) -> bool:
 def _arcs_of(attempt: Attempt) -> tuple[MarkingMask, ...]:
     """The markings with each nearly gapless arc in the place of the circle."""
     mask = attempt.mask
-    return () if mask is None else tuple(with_arc(mask, arc) for arc in mask.arcs if arc.gapless)
+    return () if mask is None else tuple(replace_circle_by_arc(mask, arc) for arc in mask.arcs if arc.gapless)
 
 
 def take_arcs(setting: Setting, scene: Scene, first: Attempt) -> Iterator[Attempt]:

@@ -24,6 +24,28 @@ MODEL_KEY = "mask.model"
 ARC_RADIUS_PX = 3.0
 """Of the discs that stand for an arc's paint in the mask, pixels at 1920 px width."""
 CURVED_IDS = (CIRCLE_ID, 8, 9)
+"""Classes whose markings are no straight lines: the circle and the two penalty arcs."""
+MOST_SKELETON_POINTS = 4000
+"""Of one class, which bound the time of the robust fits."""
+HYPOTHESES, HYPOTHESES_CONFIDENCE = 1000, 0.999
+"""Most samples of the robust ellipse, and the probability at which it stops earlier."""
+FEWEST_INLIERS, LEAST_INLIER_SHARE = 20, 0.2
+"""Skeleton points on the ellipse: fewer, or a smaller share of the class (a binary mask holds all markings), are no
+circle.
+"""
+STRAIGHT_SCALES_PX = 30.0, 10.0, 4.0, 4.0
+"""Pixels at 1920 px width at which a point's weight has fallen to a quarter, by round of a line's fit."""
+ON_LINE_PX, ON_LINE_SHARE, FEWEST_ON_LINE = 6.0, 0.4, 12
+"""Pixels at 1920 px width from a line of its own class; least share of the class on it, and points at least."""
+MIDDLE_DRAWS, MIDDLE_BASE_PX, MIDDLE_SHARE = 400, 20.0, 0.35
+"""Pairs of the circle's points beside the ellipse that are tried as a line through its middle; their least distance,
+pixels at 1920 px width; and the largest distance of the line from the ellipse's centre, in small half axes."""
+MIDDLE_VOTE_PX, MIDDLE_LINE_PX = 3.0, 4.0
+"""Pixels at 1920 px width from such a line within which points vote for it, and within which they fit it."""
+FEWEST_ON_MIDDLE, MIDDLE_SUPPORT = 20, 0.25
+"""Points on it at least, and in small half axes (in pixels): the chord is two of them long where it runs along the
+view.
+"""
 
 
 class MaskConfig(BaseModel):
@@ -87,7 +109,7 @@ def find_marking(
     if config.source == "onnx":
         return marking_from_classes(segment(image, config.model, config.network, MODEL_KEY), config, rng, "network")
     if given is None and config.source == "file":
-        return _empty(image), refuse("mask", "no_mask")
+        return MarkingMask(np.zeros(image.shape[:2], dtype=np.uint8), "file"), refuse("mask", "no_mask")
     if given is None or config.source == "detector":
         found = detect(image, config.detector, rng, gray, ruled_out)
         return marking_from_detection(found)
@@ -127,8 +149,8 @@ def marking_from_detection(found: Detection) -> tuple[MarkingMask, EstimationErr
     return marking, None
 
 
-def with_arc(marking: MarkingMask, arc: SeenArc) -> MarkingMask:
-    """The same markings with an arc as the circle, which other markings must confirm, and no halfway line."""
+def replace_circle_by_arc(marking: MarkingMask, arc: SeenArc) -> MarkingMask:
+    """Take an arc for the circle, which other markings must confirm, and no line for the halfway line."""
     others = tuple(other for other in marking.arcs if other is not arc)
 
     def drawn() -> NDArray[np.uint8]:
@@ -150,23 +172,29 @@ def marking_from_classes(
     """Rough ellipse and lines from a mask of class ids (H, W).
 
     A mask whose circle class holds other markings too (binary masks do) is sorted out here: the circle is what a
-    robust ellipse explains, the
-    halfway line is what a robust line through the ellipse's middle explains of the rest.
+    robust ellipse explains, the halfway line is what a robust line through the ellipse's middle explains of the rest.
     """
     unit = classes.shape[1] / 1920.0
     points = _skeleton_points(classes == CIRCLE_ID)
-    robust = ransac_conic(points, config.threshold_px * unit, rng, hypotheses=1000, method="taubin", confidence=0.999)
+    robust = ransac_conic(
+        points,
+        config.threshold_px * unit,
+        rng,
+        hypotheses=HYPOTHESES,
+        method="taubin",
+        confidence=HYPOTHESES_CONFIDENCE,
+    )
     ellipse = None if robust is None else ellipse_from_conic(robust.conic)
     marking = MarkingMask(classes, source)
     # an ellipse as thin as the threshold is a straight line with two sides
-    flat = ellipse is None or ellipse.semi_axes[1] < 2 * config.threshold_px * unit
-    if robust is None or ellipse is None or flat or robust.inliers.sum() < 20 or robust.inliers.mean() < 0.2:
+    is_flat = ellipse is None or ellipse.semi_axes[1] < 2 * config.threshold_px * unit
+    if robust is None or ellipse is None or is_flat or not _has_enough(robust.inliers):
         return marking, refuse("mask", "no_circle_found", "the mask holds no ellipse of the circle's class (id 7)")
-    halfway = _straight(_skeleton_points(classes == HALFWAY_ID), unit)
+    halfway = _fit_segment(_skeleton_points(classes == HALFWAY_ID), unit)
     if halfway is None:
-        halfway = _line_through_middle(points[~robust.inliers], ellipse.center, ellipse.semi_axes[1], unit, rng)
+        halfway = _find_line_through_middle(points[~robust.inliers], ellipse.center, ellipse.semi_axes[1], unit, rng)
     others = [
-        _straight(_skeleton_points(classes == label), unit)
+        _fit_segment(_skeleton_points(classes == label), unit)
         for label in np.unique(classes)
         if label not in (0, HALFWAY_ID, *CURVED_IDS)
     ]
@@ -174,12 +202,13 @@ def marking_from_classes(
     return MarkingMask(classes, source, robust.conic, halfway, lines, None, (robust.conic,)), None
 
 
-def _empty(image: NDArray[np.uint8]) -> MarkingMask:
-    return MarkingMask(np.zeros(image.shape[:2], dtype=np.uint8), "file")
+def _has_enough(inliers: NDArray[np.bool_]) -> bool:
+    """Whether the points (N,) of the circle's class on an ellipse are enough for a circle."""
+    return bool(inliers.sum() >= FEWEST_INLIERS and inliers.mean() >= LEAST_INLIER_SHARE)
 
 
-def _skeleton_points(region: NDArray[np.bool_], maximum: int = 4000) -> Array:
-    """Middle of a thick mask: its skeleton's pixels (N, 2), thinned out evenly to a maximum."""
+def _skeleton_points(region: NDArray[np.bool_]) -> Array:
+    """Middle of a thick mask: its skeleton's pixels (N, 2), thinned out evenly."""
     if not region.any():
         return np.zeros((0, 2))
     from skimage.morphology import skeletonize
@@ -187,44 +216,45 @@ def _skeleton_points(region: NDArray[np.bool_], maximum: int = 4000) -> Array:
     x, y, w, h = cv2.boundingRect(region.astype(np.uint8))
     rows, columns = np.nonzero(skeletonize(np.pad(region[y : y + h, x : x + w], 1)))
     points = np.stack([columns + x - 1, rows + y - 1], axis=-1).astype(np.float64)
-    return points[:: max(1, -(-len(points) // maximum))]
+    return points[:: max(1, -(-len(points) // MOST_SKELETON_POINTS))]
 
 
-def _straight(points: Array, unit: float) -> Segment | None:
+def _fit_segment(points: Array, unit: float) -> Segment | None:
     """Robust segment through the middle of a straight marking, or None where the points are few or not straight."""
-    if len(points) < 12:
+    if len(points) < FEWEST_ON_LINE:
         return None
     line = fit_line(points)
-    for scale in np.array([30.0, 10.0, 4.0, 4.0]) * unit:
+    for scale in np.array(STRAIGHT_SCALES_PX) * unit:
         line = fit_line(points, 1.0 / (1.0 + (line_distance(line, points) / scale) ** 2) ** 2)
-    kept = points[np.abs(line_distance(line, points)) < 6.0 * unit]
-    return _segment(line, kept) if len(kept) > 0.4 * len(points) and len(kept) >= 12 else None
+    kept = points[np.abs(line_distance(line, points)) < ON_LINE_PX * unit]
+    return _cut_segment(line, kept) if len(kept) > ON_LINE_SHARE * len(points) and len(kept) >= FEWEST_ON_LINE else None
 
 
-def _line_through_middle(
-    points: Array, center: Array, tolerance_px: float, unit: float, rng: np.random.Generator
+def _find_line_through_middle(
+    points: Array, center: Array, small_axis_px: float, unit: float, rng: np.random.Generator
 ) -> Segment | None:
     """The line that most of the points lie on, among lines that pass near the ellipse's middle."""
-    if len(points) < 20:
+    if len(points) < FEWEST_ON_MIDDLE:
         return None
-    picks = points[rng.integers(0, len(points), (400, 2))]
+    picks = points[rng.integers(0, len(points), (MIDDLE_DRAWS, 2))]
     direction = picks[:, 1] - picks[:, 0]
     length = np.linalg.norm(direction, axis=1)
     normal = np.stack([-direction[:, 1], direction[:, 0]], axis=-1) / np.maximum(length, 1e-9)[:, None]
     offset = -np.sum(normal * picks[:, 0], axis=1)
-    near = (length > 20 * unit) & (np.abs(normal @ center + offset) < 0.35 * tolerance_px)
+    near = (length > MIDDLE_BASE_PX * unit) & (np.abs(normal @ center + offset) < MIDDLE_SHARE * small_axis_px)
     if not near.any():
         return None
-    support = (np.abs(points @ normal[near].T + offset[near]) < 3.0 * unit).sum(axis=0)
+    support = (np.abs(points @ normal[near].T + offset[near]) < MIDDLE_VOTE_PX * unit).sum(axis=0)
     best = int(np.argmax(support))
     line = np.r_[normal[near][best], offset[near][best]]
-    kept = points[np.abs(line_distance(line, points)) < 4.0 * unit]
-    if len(kept) < max(20, 0.25 * tolerance_px):
+    kept = points[np.abs(line_distance(line, points)) < MIDDLE_LINE_PX * unit]
+    if len(kept) < max(FEWEST_ON_MIDDLE, MIDDLE_SUPPORT * small_axis_px):
         return None
-    return _segment(fit_line(kept), kept)
+    return _cut_segment(fit_line(kept), kept)
 
 
-def _segment(line: Array, points: Array) -> Segment:
+def _cut_segment(line: Array, points: Array) -> Segment:
+    """The part of a line (3,) between the feet of the outermost of the points (N, 2)."""
     foot = points - line_distance(line, points)[:, None] * line[:2]
     position = foot @ np.array([line[1], -line[0]])
     return Segment(foot[np.argmin(position)], foot[np.argmax(position)])

@@ -9,7 +9,7 @@ from circlecal.geometry.ellipses import ellipse_from_conic, orthogonal_distance
 from circlecal.geometry.projective import line_distance
 from circlecal.refusals import Confidence
 from circlecal.results import MarkingMask, SeenArc, Segment
-from circlecal.stages.mask import MaskConfig, find_marking, with_arc
+from circlecal.stages.mask import MaskConfig, find_marking, replace_circle_by_arc
 
 from .conftest import line_cue, paint, view
 
@@ -151,7 +151,7 @@ def test_an_arc_in_place_of_the_circle():
     line = Segment(np.zeros(2), np.ones(2))
     arcs = tuple(SeenArc(k * np.eye(3), np.array([[400.0 + 50 * k, 500.0], [900.0, 719.0]]), True) for k in range(2))
     marking = MarkingMask(classes, "detector", np.eye(3), line, (line,), arcs=arcs)
-    changed = with_arc(marking, arcs[1])
+    changed = replace_circle_by_arc(marking, arcs[1])
     assert changed.arcs == arcs[:1]
     assert changed.conic is arcs[1].conic
     assert changed.halfway is None
