@@ -52,6 +52,10 @@ class EstimationError(CirclecalError):
         self.reason = reason
 
 
+class InterruptedCommandError(Exception):
+    """A command was ended by Ctrl-C; unlike KeyboardInterrupt it passes through typer."""
+
+
 def reading_failure(error: Exception) -> str:
     """Why a file cannot be read, in words that do not name it again."""
     return getattr(error, "strerror", None) or str(error)

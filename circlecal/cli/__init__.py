@@ -9,13 +9,9 @@ import sys
 from collections.abc import Sequence
 
 from circlecal import ONE_THREAD
-from circlecal.errors import CirclecalError
+from circlecal.errors import CirclecalError, InterruptedCommandError
 
 _SYSTEM_LIMITS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EACCES, errno.EPERM, errno.EROFS, errno.EMFILE)
-
-
-class InterruptedCommandError(Exception):
-    """A command was ended by Ctrl-C; unlike KeyboardInterrupt it passes through typer."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

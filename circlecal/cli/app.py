@@ -12,7 +12,6 @@ import typer
 from typer.core import TyperGroup
 
 from circlecal import __version__
-from circlecal.cli import InterruptedCommandError
 from circlecal.cli.audit import audit
 from circlecal.cli.batch import batch
 from circlecal.cli.calibrate import calibrate
@@ -26,7 +25,7 @@ from circlecal.cli.report import report
 from circlecal.cli.rig import rig
 from circlecal.cli.simulate import simulate
 from circlecal.cli.synth import synth
-from circlecal.errors import InputError
+from circlecal.errors import InputError, InterruptedCommandError
 
 _UsageError: Any = typer.BadParameter.__base__  # typer has no public name for it
 
