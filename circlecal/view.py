@@ -139,7 +139,22 @@ class FieldView:
         angle = np.linspace(0.0, 2 * np.pi, 25)
         rim = 0.5 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
         drawn.update({mark.name: np.asarray(mark.position) + mark.diameter_m * rim for mark in template.marks})
-        return {name: _grow(polyline, template, self.growth_m) for name, polyline in drawn.items()}
+        return {name: self.grow(polyline, template) for name, polyline in drawn.items()}
+
+    def grow(self, marking_m: Array, template: FieldTemplate) -> Array:
+        """A marking (N, 2) of the template where this longer and broader field has it.
+
+        What bounds the field, or reaches from side to side, stretches; what belongs to one end moves with it.
+        """
+        size = np.array([template.length_m, template.width_m])
+        low, high = marking_m.min(axis=0), marking_m.max(axis=0)
+        reaches = np.maximum(-low, high) >= size / 2 - template.marking_width_m
+        moved = marking_m * np.where(reaches & (low * high <= 0), 1.0 + self.growth_m / size, 1.0)
+        if low[0] * high[0] > 0:
+            moved[:, 0] += np.sign(low[0]) * self.growth_m[0] / 2
+        if reaches[1] and low[1] * high[1] > 0:
+            moved[:, 1] += np.sign(low[1]) * self.growth_m[1] / 2
+        return np.asarray(moved)
 
     def _sigma(self, points_m: Array, points_px: Array, frame: Literal[0, 1]) -> Array | None:
         """Standard deviations (...,) in the picture (0) or on the ground (1); nan where either point is."""
@@ -152,16 +167,3 @@ class FieldView:
         if seen.any():
             sigma[seen] = project(theta[None], points_m[seen][None], model).sigma(self.covariance)[frame]
         return sigma
-
-
-def _grow(polyline: Array, template: FieldTemplate, growth_m: Array) -> Array:
-    """A marking of a longer and broader field: what bounds the field stretches, what belongs to one end moves."""
-    size = np.array([template.length_m, template.width_m])
-    low, high = polyline.min(axis=0), polyline.max(axis=0)
-    reaches = np.maximum(-low, high) >= size / 2 - template.marking_width_m
-    moved = polyline * np.where(reaches & (low * high <= 0), 1.0 + growth_m / size, 1.0)
-    if low[0] * high[0] > 0:
-        moved[:, 0] += np.sign(low[0]) * growth_m[0] / 2
-    if reaches[1] and low[1] * high[1] > 0:
-        moved[:, 1] += np.sign(low[1]) * growth_m[1] / 2
-    return moved

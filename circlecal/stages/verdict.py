@@ -336,17 +336,18 @@ def _end_residuals(camera: CameraFit, cues: Cues, circle: Circle) -> list[float]
 
 def _reach_checks(camera: CameraFit, cues: Cues, template: FieldTemplate, config: VerdictConfig) -> list[Check]:
     """The halfway line ends with the field: of a smaller circle on the same floor the field would be too small, and few
-    of its lines would be there.
+    of its lines would be there. Its points are taken to the surface, and the field is as broad, as the camera was
+    fitted to them.
     """
     line = None if cues.halfway is None else template.line_by_name.get(cues.halfway.name or "")
     if cues.halfway is None or line is None or len(camera.named_lines) >= SURE_LINES:
         return []
-    middle = 0.5 * (np.asarray(line.start) + np.asarray(line.end))
-    half = np.asarray(line.end) - middle
-    along = (camera.camera.back_project(cues.halfway.points_px) - middle) @ half / (half @ half)
+    start, end = camera.view.grow(np.array([line.start, line.end]), template)
+    middle, half = 0.5 * (start + end), 0.5 * (end - start)
+    along = (camera.view.to_field(cues.halfway.points_px) - middle) @ half / (half @ half)
     checks = [_reach_check("line_reach", np.abs(along), config.max_line_reach)]
-    for end, past in ((line.start, along), (line.end, -along)):
-        other = running_through(np.asarray(end), line, template)
+    for seen_end, past in ((line.start, along), (line.end, -along)):
+        other = running_through(np.asarray(seen_end), line, template)
         if other is not None and other.name in camera.residuals_px:
             limit = min(REACH_WITH_END, config.max_line_reach)
             checks.append(_reach_check("other_end_reach", past, limit))
@@ -367,10 +368,10 @@ def _edge_checks(
     if outer is None or inner is None or template.marking_width_m < MINIMUM_WIDTH_M:
         return []
     center = np.asarray(circle.center)
-    offset = camera.camera.back_project(outer.points_px[outer.inliers]) - center
+    offset = camera.view.to_field(outer.points_px[outer.inliers]) - center
     outward = offset / np.linalg.norm(offset, axis=-1, keepdims=True)
     seen = np.abs(sampson_distance(inner.conic, outer.points_px[outer.inliers]))
-    rims = [camera.camera.project(center + template.radius(circle, edge) * outward) for edge in ("outer", "inner")]
+    rims = [camera.view.project(center + template.radius(circle, edge) * outward) for edge in ("outer", "inner")]
     across = np.abs(sampson_distance(inner.conic, rims[0]) - sampson_distance(inner.conic, rims[1]))
     gap, predicted = float(np.nanmedian(seen)), float(np.nanmedian(across))
     bloom = BLOOM_PX * camera.camera.width / 1920.0

@@ -5,9 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from circlecal.geometry.camera_parameters import INDEX, PARAMETERS
+from circlecal.geometry.conic_fits import fit_conic
 from circlecal.geometry.conics import circle_conic, transform_conic
 from circlecal.geometry.homography import turn_homography
-from circlecal.geometry.surface import FLAT
+from circlecal.geometry.surface import FLAT, Surface
 from circlecal.observations import LineEnd
 from circlecal.refusals import CHECKS, Confidence
 from circlecal.results import Attempt, CameraFit, Cues, EllipseFits, HomographyFit, MarkCue, MarkingMask, Verdict
@@ -215,6 +217,34 @@ def test_a_halfway_line_whose_end_was_used_may_not_run_past_the_other_end():
     assert "past the far side" in found.reason
     for name in ("side_line_bottom", "side_line_left"):
         assert verdict(camera_fit(residuals_px={**residuals, name: 0.5}), cues=cues).status == "calibrated"
+
+
+@pytest.mark.parametrize("shape", ["roof", "parabola"])
+def test_the_reach_of_the_halfway_line_is_that_on_the_crowned_and_grown_field(shape):
+    wide, breadth_m = view(focal=1400.0), 3.0
+    theta = np.zeros(len(PARAMETERS))
+    theta[INDEX["breadth"]] = breadth_m
+    surface = Surface(shape, 9.15, 0.12)
+    fit = camera_fit(wide, surface=surface, parameters=PARAMETERS, theta=theta, covariance=np.eye(len(PARAMETERS)))
+    half = (SOCCER.width_m + breadth_m) / 2
+    seen = wide.project(surface.lift(np.linspace([0.0, -half], [0.0, half], 201)))
+    fit = replace(fit, residuals_px={"side_line_top": 0.3, "side_line_bottom": 0.3})
+    found = verdict(fit, cues=Cues(replace(LINE, points_px=seen, sigma_px=np.full(201, 0.1)), MARK))
+    reaches = [check.value for check in found.checks if check.name in {"line_reach", "other_end_reach"}]
+    assert reaches == pytest.approx([0.95, 0.9, 0.9], abs=1e-6)  # of 95 % of the points
+
+
+def test_the_gap_of_the_edges_is_that_on_the_crowned_field():
+    """On its far side, which falls away from a low camera, the paint of a crowned field looks narrower."""
+    low, surface = view(position=(4.0, 50.0, -5.0), focal=3000.0), Surface("parabola", 9.15, 0.05)
+    angle = np.radians(np.linspace(215.0, 325.0, 300))
+    ring = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    fits = {}
+    for edge in ("outer", "inner"):
+        points = low.project(surface.lift(SOCCER.radius(CIRCLE, edge) * ring))
+        fits[edge] = fit_of(fit_conic(points), edge, points=points)
+    found = verdict(camera_fit(low, surface=surface), fits=EllipseFits(fits["outer"], fits["inner"], None))
+    assert found.check("narrowest_edge_gap").value == pytest.approx(1.0, abs=0.02)
 
 
 def test_white_residuals_are_no_structure():
