@@ -128,7 +128,7 @@ def detect(
 def _search(
     picture: Picture, config: DetectorConfig, rng: np.random.Generator, ruled_out: tuple[Interpretation, ...]
 ) -> PassResult:
-    """The first pass that finds a circle beyond doubt with its halfway line, quick ones before slow ones; failing that,
+    """The first pass that finds an accepted circle with its halfway line, quick ones before slow ones; failing that,
     the best.
 
     A circle without that line may be one of several on the same floor, a face-off circle say.

@@ -33,11 +33,11 @@ frames were all within 0.08, penalty lines at 0.45 to 0.6.
 SUPPORT = 0.4
 """Smallest drawn share of the chord inside the circle."""
 SUPPORT_WITH_REST = 0.18
-"""As `SUPPORT`, where the line is drawn outside the circle too, by `SUPPORT` of its visible length: players stand in
-the circle at a kick-off.
+"""Smallest drawn share of the chord where the line is drawn outside the circle too, by :data:`SUPPORT` of its visible
+length: players stand in the circle at a kick-off.
 """
 OUTSIDE_SUPPORT = 0.7
-"""As `SUPPORT`, of a line that is seen outside the circle only."""
+"""Smallest drawn share of what is visible of a line that is seen outside the circle only."""
 SAME_PAINT = 0.4
 """Least contrast of the line over that of the circle: streaks of the floor have less, one paint 0.6 to 2.7."""
 PIECES = 4

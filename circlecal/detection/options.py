@@ -102,10 +102,13 @@ class AcceptanceConfig(BaseModel):
         default=0.68,
         ge=0.0,
         le=1.0,
-        description="As `share`, for a nearly whole circle with a halfway line through its middle.",
+        description="Smallest share of what is visible that is drawn, of a nearly whole circle with a halfway line.",
     )
     share_of_lone_arc: float = Field(
-        default=0.85, ge=0.0, le=1.0, description="As `share`, for a part of a circle without a halfway line."
+        default=0.85,
+        ge=0.0,
+        le=1.0,
+        description="Smallest share of what is visible that is drawn, of an arc without a line.",
     )
     whole_share: float = Field(
         default=0.40, ge=0.0, le=1.0, description="Smallest share of the whole ellipse; a penalty arc has at most 0.35."
@@ -114,7 +117,7 @@ class AcceptanceConfig(BaseModel):
         default=0.37,
         ge=0.0,
         le=1.0,
-        description="As `whole_share`, where a halfway line passes through the circle's middle.",
+        description="Smallest share of the whole ellipse where a halfway line passes through its middle.",
     )
     rms_share: float = Field(
         default=0.004,
@@ -166,7 +169,7 @@ class DetectorConfig(BaseModel):
     )
     thorough: bool = Field(
         default=True,
-        description="Whether a picture without a circle beyond doubt is searched a second time, more slowly.",
+        description="Whether a picture without an accepted circle is searched a second time, more slowly.",
     )
     field_region: FieldRegionConfig = Field(default=FieldRegionConfig(), description="Search for the playing surface.")
     ridges: RidgeConfig = Field(default=RidgeConfig(), description="Ridge points.")

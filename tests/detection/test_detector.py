@@ -242,7 +242,7 @@ def worn(scene: Scene, share: float, seed: int = 0) -> np.ndarray:
     return image
 
 
-def test_a_worn_circle_with_its_line_is_likely(main_view: Scene) -> None:
+def test_a_worn_circle_with_its_line_is_tentative(main_view: Scene) -> None:
     found = run(worn(main_view, 0.4))
     assert circle_error(found, main_view) < 1.0
     assert found.halfway is not None

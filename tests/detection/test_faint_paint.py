@@ -43,7 +43,7 @@ def test_an_ellipse_outside_the_picture_has_no_sectors() -> None:
     assert measure_painted_share(gray(scene), true_ellipse(scene, 5000.0), 1.0) == (0.0, 0)
 
 
-def test_a_circle_too_faint_for_single_places_is_likely_with_its_line() -> None:
+def test_a_circle_too_faint_for_single_places_is_tentative_with_its_line() -> None:
     scene = paint_scene(**FAINT)
     found = detect(scene.image, DetectorConfig(), np.random.default_rng(0))
     assert found.circle is not None
