@@ -634,8 +634,10 @@ OTHER_INTERPRETATIONS = (
 
 
 def end_refused(attempt: Attempt, error: EstimationError) -> Attempt:
-    """The attempt, ended by a stage that gave up."""
-    return replace(attempt, verdict=Verdict("refused", error.code, error.reason, error.stage))
+    """The attempt, ended by a stage that gave up; where no circle was found, with the gates of the best candidate."""
+    candidates = attempt.mask.candidates[:1] if attempt.mask is not None and error.stage == "mask" else ()
+    checks = candidates[0].checks if candidates else ()
+    return replace(attempt, verdict=Verdict("refused", error.code, error.reason, error.stage, checks))
 
 
 def _try_stage(stage: Callable[[], T]) -> tuple[T | None, EstimationError | None]:

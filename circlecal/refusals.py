@@ -312,6 +312,10 @@ REFUSALS = _by_code(
 """Every code with which a frame can be refused."""
 
 CHECKS: dict[str, tuple[str, str]] = {
+    "marking_rms_px": ("circle_off_marking", ""),
+    "band_width": ("width_unlike_marking", ""),
+    "painted_share": ("circle_support_too_low", ""),
+    "whole_share": ("arc_too_short", ""),
     "circle_in_front": ("circle_behind_camera", ""),
     "field_in_front": ("field_behind_camera", ""),
     "not_mirrored": ("mirrored", ""),
@@ -360,7 +364,9 @@ CHECKS: dict[str, tuple[str, str]] = {
     "focal_widths": ("implausible_camera", "the lens would be longer than lenses are"),
     "shortest_focal_widths": ("implausible_camera", "the lens would be shorter than lenses are"),
 }
-"""Code of each check of the verdict, and its own words where the code's are too general."""
+"""Code of each check, of a circle that may be found and of the verdict, and its own words where the code's are too
+general.
+"""
 
 _STAGES = {
     "input": "The frame could not be taken in.",

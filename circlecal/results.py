@@ -57,6 +57,15 @@ class SeenArc:
 
 
 @dataclass(frozen=True, slots=True)
+class CircleCandidate:
+    """An ellipse that may be the circle: its conic (3, 3), the score by which the best is chosen, and its gates."""
+
+    conic: Array
+    score: float
+    checks: tuple[Check, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class MarkingMask:
     """Stage ``mask``: where the markings are.
 
@@ -74,8 +83,8 @@ class MarkingMask:
         Other straight markings.
     field_region : (h, w) bool or None
         The playing surface in a reduced picture, where the detector found it.
-    candidates : tuple of (3, 3) arrays
-        The best hypotheses, also when all were refused (for the debug picture).
+    candidates : tuple of CircleCandidate
+        The best that were found, also when all were refused.
     confidence : Confidence
         Whether the circle stands by itself or another marking must confirm it; rejected where there is none.
     polarity : float or None
@@ -93,7 +102,7 @@ class MarkingMask:
     halfway: Segment | None = None
     lines: tuple[Segment, ...] = ()
     field_region: NDArray[np.bool_] | None = None
-    candidates: tuple[Array, ...] = ()
+    candidates: tuple[CircleCandidate, ...] = ()
     confidence: Confidence = Confidence.ACCEPTED
     polarity: float | None = None
     band_px: float | None = None

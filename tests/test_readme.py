@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from circlecal.config import Config
+from circlecal.refusals import REFUSALS
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -57,3 +58,16 @@ def test_tables_are_filled(table):
 def test_every_section_of_the_configuration_is_explained():
     text = (ROOT / "configs" / "README.md").read_text(encoding="utf-8")
     assert sorted(re.findall(r"^\| `(\w+)` \|", text, flags=re.MULTILINE)) == sorted(Config.model_fields)
+
+
+def refusal_rows():
+    """The table of refusals as a page shows it."""
+    rows = ["| code | reason | meaning | what helps |", "|---|---|---|---|"]
+    rows += [f"| `{r.code}` | {r.words} | {r.meaning} | {r.help} |" for r in REFUSALS.values()]
+    return "\n".join(rows)
+
+
+def test_the_page_of_refusals_is_the_table():
+    page = ROOT / "circlecal" / "stages" / "README.md"
+    shown = page.read_text(encoding="utf-8").split("<!-- refusals -->\n")[1].split("\n<!-- /refusals -->")[0]
+    assert shown == refusal_rows(), "write refusal_rows() between the marks"

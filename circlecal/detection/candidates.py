@@ -8,8 +8,10 @@ import numpy as np
 
 from circlecal.detection.arcs import find_longest_arc, move_onto_straight_arcs
 from circlecal.detection.circle import (
+    TENTATIVE_WHOLE_SHARE,
     CircleHypothesis,
     MeasuredCircle,
+    check_circle,
     describe_circle,
     find_refusal,
     is_drawn_on_both_sides,
@@ -161,7 +163,9 @@ class Candidates:
         for tentative in best_first:
             if tentative.halfway is not None:
                 return tentative.choice(Confidence.TENTATIVE, hypotheses, arcs)
-        refusal = (best_first[0].refusal or "") if best_first else "no_circle_found"
+        # of the best ellipse less is drawn than of any circle that something else might confirm: there is none
+        is_hopeless = not best_first or hypotheses[0].whole_share < TENTATIVE_WHOLE_SHARE
+        refusal = "no_circle_found" if is_hopeless else best_first[0].refusal or ""
         return Choice(candidates=hypotheses, refusal=refusal, arcs=arcs)
 
     def _measure(self, start: EllipseBatch) -> _Candidate | None:
@@ -174,7 +178,8 @@ class Candidates:
             return None
         inside = measure_support(self._scaling.detection_ellipses(circle.ellipse), self._raster).field[0]
         hypothesis = describe_circle(circle, float(inside), width)
-        refusal = find_refusal(hypothesis, True, width, config.acceptance)
+        hypothesis = replace(hypothesis, checks=check_circle(hypothesis, True, width, config.acceptance))
+        refusal = find_refusal(hypothesis.checks)
         tentative = is_tentative(hypothesis, width, config.acceptance)
         painted = replace(
             hypothesis, painted_share=1.0
@@ -187,7 +192,8 @@ class Candidates:
             return _Candidate(circle, hypothesis, refusal, arc=find_longest_arc(circle, hypothesis, width))
         halfway = self._find_halfway(circle, ruled_out, thorough=refusal is not None)
         is_through = halfway is not None and not halfway.outside
-        refusal = find_refusal(hypothesis, is_through, width, config.acceptance)
+        hypothesis = replace(hypothesis, checks=check_circle(hypothesis, is_through, width, config.acceptance))
+        refusal = find_refusal(hypothesis.checks)
         arc = hypothesis if halfway is None and tentative and hypothesis.painted_share == 0.0 else None
         if refusal is not None and halfway is not None and not is_drawn_on_both_sides(circle, halfway.line):
             halfway = None

@@ -18,10 +18,13 @@ from circlecal.detection.options import AcceptanceConfig, ProfilesConfig
 from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.projective import Array, lift, normalise_line, transform_lines
 from circlecal.paint.bands import BandProfile, RefinementConfig, measure_band
+from circlecal.refusals import CHECKS
+from circlecal.results import Check
 
 __all__ = [
     "CircleHypothesis",
     "MeasuredCircle",
+    "check_circle",
     "describe_circle",
     "find_refusal",
     "is_drawn_on_both_sides",
@@ -107,6 +110,8 @@ class CircleHypothesis:
         broadside than near and far; None where that cannot be told.
     painted_share : float
         Share of the visible sectors in which paint stands out on average, where single places show too little; else 0.
+    checks : tuple of Check
+        The gates that it was held against.
     """
 
     conic: Array
@@ -119,6 +124,7 @@ class CircleHypothesis:
     points: Array
     band_width: float | None = None
     painted_share: float = 0.0
+    checks: tuple[Check, ...] = ()
 
     @property
     def least_share(self) -> float:
@@ -289,8 +295,10 @@ def measure_band_width(circle: MeasuredCircle) -> float | None:
     return float(np.sqrt(max(0.0, wide**2 - narrow**2) / lever))
 
 
-def find_refusal(circle: CircleHypothesis, has_halfway: bool, width: int, config: AcceptanceConfig) -> str | None:
-    """Code of the first gate that this circle of a picture of the given width does not pass, or None.
+def check_circle(
+    circle: CircleHypothesis, has_halfway: bool, width: int, config: AcceptanceConfig
+) -> tuple[Check, ...]:
+    """The gates of a circle in a picture of the given width, by the names under which refusals know them.
 
     Parameters
     ----------
@@ -307,12 +315,16 @@ def find_refusal(circle: CircleHypothesis, has_halfway: bool, width: int, config
         share, rms = config.share_with_line, _largest_rms(circle, width, config)
     elif not is_nearly_whole and not has_halfway:
         share = config.share_of_lone_arc
-    if circle.rms_px > rms:
-        return "circle_off_marking"
-    if circle.band_width is not None and circle.band_width < THINNEST_BAND:
-        return "width_unlike_marking"
-    if circle.least_share < share:
-        return "circle_support_too_low"
-    if circle.whole_share < (config.whole_share_with_line if has_halfway else config.whole_share):
-        return "arc_too_short"
-    return None
+    whole = config.whole_share_with_line if has_halfway else config.whole_share
+    band = circle.band_width
+    return (
+        Check("marking_rms_px", circle.rms_px, rms, circle.rms_px <= rms),
+        *(() if band is None else (Check("band_width", band, THINNEST_BAND, band >= THINNEST_BAND),)),
+        Check("painted_share", circle.least_share, share, circle.least_share >= share),
+        Check("whole_share", circle.whole_share, whole, circle.whole_share >= whole),
+    )
+
+
+def find_refusal(checks: tuple[Check, ...]) -> str | None:
+    """Code of the first gate that is not passed, or None."""
+    return next((CHECKS[check.name][0] for check in checks if not check.passed), None)

@@ -8,8 +8,8 @@ import numpy as np
 from circlecal.field import FieldTemplate
 from circlecal.geometry.camera import PlaneCamera
 from circlecal.geometry.projective import Array, dehomogenise, normalise_line
-from circlecal.overlay.canvas import Canvas, Picture, text_size, wrap
-from circlecal.overlay.frame_overlay import draw_correspondences, verdict_facts, verdict_reason
+from circlecal.overlay.canvas import Canvas, Picture, text_size
+from circlecal.overlay.frame_overlay import draw_correspondences, name_of, verdict_facts, verdict_reasons
 from circlecal.overlay.palette import (
     ACCEPTED,
     CIRCLE,
@@ -99,7 +99,7 @@ def verdict_picture(image: Picture, calibration: Calibration, template: FieldTem
         draw_template(canvas, view, template, calibration.circle_name, dashed=not accepted)
     _draw_checks(canvas, calibration.verdict.checks)
     title = "9 verdict: " + ("CALIBRATED" if accepted else f"REFUSED ({calibration.verdict.code or 'no code'})")
-    facts = [part for part in (verdict_reason(calibration), "; ".join(verdict_facts(calibration))) if part]
+    facts = verdict_reasons(calibration) + [text for text in ["; ".join(verdict_facts(calibration))] if text]
     timings = ", ".join(f"{stage} {value:.0f}" for stage, value in calibration.timings_ms.items())
     facts.append(f"timings in ms: {timings or 'none'}; seed {calibration.seed}")
     picture = canvas.header(title, facts)
@@ -107,20 +107,6 @@ def verdict_picture(image: Picture, calibration: Calibration, template: FieldTem
         picture, (0, 0), (max(4, round(0.4 * canvas.text_px)), picture.shape[0]), ACCEPTED if accepted else REFUSED, -1
     )
     return picture
-
-
-def missing_picture(image: Picture, title: str, calibration: Calibration, zoom: int) -> Picture:
-    """Dimmed frame that says why a stage has nothing to show."""
-    canvas = Canvas.of(image, 0.3, zoom)
-    reason = verdict_reason(calibration)
-    text = f"not reached: {reason}" if reason else "not reached: the frame was calibrated without it"
-    size = 1.4 * canvas.text_px
-    lines = wrap(text, size, 0.8 * canvas.width)
-    top = 0.5 * canvas.height - size * len(lines)
-    canvas.shade(0, top - size, canvas.width, top + 2.0 * size * len(lines) + 0.5 * size, share=0.8)
-    for number, line in enumerate(lines):
-        canvas.text(line, 0.1 * canvas.width, top + 2.0 * size * number, WHITE, size, halo=False)
-    return canvas.header(title)
 
 
 def _full_tangents(found: Correspondences) -> tuple[Array, Array]:
@@ -189,7 +175,7 @@ def _draw_checks(canvas: Canvas, checks: tuple[Check, ...]) -> None:
     rows = [("check", "value", "limit", "", WHITE)]
     rows += [
         (
-            c.name.replace("_", " "),
+            name_of(c),
             f"{c.value:.4g}",
             f"{c.limit:.4g}",
             "pass" if c.passed else "FAIL",

@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from circlecal.field import FieldTemplate
+from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.projective import Array, dehomogenise, lift, normalise_line
 from circlecal.overlay.canvas import Canvas, Picture, text_size, wrap
 from circlecal.overlay.palette import ACCEPTED, CIRCLE, GREY, INLIER, POINT, REFUSED, TANGENT, TEMPLATE, WHITE
 from circlecal.overlay.template_lines import draw_template
-from circlecal.results import Calibration, Correspondences
+from circlecal.refusals import explain
+from circlecal.results import Calibration, Check, CircleCandidate, Correspondences
 from circlecal.view import FieldView
 
 
@@ -82,12 +84,13 @@ def verdict_facts(calibration: Calibration) -> list[str]:
     return facts
 
 
-def verdict_reason(calibration: Calibration) -> str:
-    """Stage and reason of a refusal; empty for a calibrated frame."""
+def verdict_reasons(calibration: Calibration) -> list[str]:
+    """Why a frame is refused and what helps; nothing for a calibrated one."""
     verdict = calibration.verdict
     if verdict.status == "calibrated":
-        return ""
-    return ": ".join(part for part in (verdict.stage, verdict.reason or verdict.code or "no reason was given") if part)
+        return []
+    reason = verdict.reason or verdict.code or "no reason was given"
+    return [reason, *([] if verdict.code is None else [f"What helps: {explain(verdict.code, verdict.stage).help}"])]
 
 
 def draw_correspondences(canvas: Canvas, found: Correspondences, labels: bool = True) -> None:
@@ -137,14 +140,35 @@ def _draw_what_was_seen(canvas: Canvas, calibration: Calibration) -> None:
     if ellipses is not None and ellipses.all():
         canvas.conic(ellipses.primary.conic, CIRCLE, 1.6)
     elif mask is not None:
-        for conic in mask.candidates[1:] if mask.conic is None else ():
-            canvas.conic(conic, GREY, 1.2, dashed=True)
-        for conic in (mask.conic,) if mask.conic is not None else mask.candidates[:1]:
-            canvas.conic(conic, CIRCLE, 1.6, dashed=True)
+        for candidate in mask.candidates[:1] if mask.conic is None else ():
+            canvas.conic(candidate.conic, CIRCLE, 1.6, dashed=True)
+            draw_candidate_label(canvas, candidate)
+        if mask.conic is not None:
+            canvas.conic(mask.conic, CIRCLE, 1.6, dashed=True)
     if cues is not None and cues.halfway is not None:
         canvas.line(cues.halfway.line, TEMPLATE, 1.6)
     elif mask is not None and mask.halfway is not None:
         canvas.polyline(np.stack([mask.halfway.start, mask.halfway.end]), TEMPLATE, 1.6)
+
+
+def draw_candidate_label(canvas: Canvas, candidate: CircleCandidate) -> None:
+    """Name the best ellipse that was not taken for the circle, with the gate that it did not pass."""
+    ellipse = ellipse_from_conic(candidate.conic) if np.isfinite(candidate.conic).all() else None
+    if ellipse is None:
+        return
+    failed = [
+        f"{name_of(check)} {check.value:.2g}, limit {check.limit:.2g}" for check in candidate.checks if not check.passed
+    ]
+    text = f"best candidate, not taken: {'; '.join(failed)}" if failed else "best candidate, not taken"
+    points = ellipse.points(np.linspace(0.0, 2.0 * np.pi, 72))
+    seen = points[((points >= 0) & (points < [canvas.width / canvas.zoom, canvas.height / canvas.zoom])).all(axis=1)]
+    if len(seen):
+        canvas.label(text, seen[np.argmin(seen[:, 1])], WHITE, size=0.8)
+
+
+def name_of(check: Check) -> str:
+    """A check's name in words."""
+    return check.name.replace("_", " ")
 
 
 def _draw_center(canvas: Canvas, calibration: Calibration, template: FieldTemplate, view: FieldView | None) -> None:
@@ -165,7 +189,7 @@ def _draw_banner(canvas: Canvas, calibration: Calibration) -> None:
     status = "CALIBRATED" if accepted else "REFUSED"
     head = round(text_size(status, size)[0] + 1.6 * size)
     limit = max(canvas.width - head - 2.5 * size, 8 * size)
-    reason = wrap(verdict_reason(calibration), 0.8 * size, limit) if not accepted else []
+    reason = [line for text in verdict_reasons(calibration) for line in wrap(text, 0.8 * size, limit)]
     facts = wrap(" | ".join(verdict_facts(calibration)), 0.8 * size, limit)
     lines = [line for line in reason + facts if line]
     widest = max((text_size(line, 0.8 * size)[0] for line in lines), default=0)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from circlecal.geometry.ellipses import ellipse_from_conic, orthogonal_distance
+from circlecal.geometry.ellipses import orthogonal_distance
 from circlecal.geometry.projective import Array
 from circlecal.overlay.canvas import Canvas, Picture
+from circlecal.overlay.frame_overlay import draw_candidate_label
 from circlecal.overlay.palette import (
     CLASS_COLORS,
     EDGE_COLORS,
@@ -23,6 +24,8 @@ from circlecal.overlay.palette import (
 from circlecal.results import Cues, EdgePoints, EllipseFit, EllipseFits, LineCue, MarkCue, MarkingMask, RayPoints
 
 _DIM = 0.5
+_CANDIDATES = 5
+"""So many of the ellipses that may be the circle are drawn."""
 _BINS = 72
 _LEVELS = 12
 
@@ -32,13 +35,14 @@ def mask_picture(image: Picture, mask: MarkingMask, zoom: int) -> Picture:
     canvas = Canvas.of(_with_field_region(image, mask), 0.7, zoom)
     classes = mask.classes
     _paint_classes(canvas, classes)
-    for number, conic in enumerate(mask.candidates[:5]):
-        ellipse = ellipse_from_conic(conic) if np.isfinite(conic).all() else None
-        if ellipse is not None:
-            canvas.conic(conic, WHITE, 1.2, dashed=True)
-            canvas.label(f"candidate {number + 1}", ellipse.points(-0.8 + 0.5 * number), WHITE, size=0.7)
+    others = [c for c in mask.candidates[:_CANDIDATES] if mask.conic is None or not np.array_equal(c.conic, mask.conic)]
+    for candidate in others:
+        canvas.conic(candidate.conic, WHITE, 1.2, dashed=True)
     if mask.conic is not None:
         canvas.conic(mask.conic, VERMILION, 1.0)
+    elif others:
+        canvas.conic(others[0].conic, WHITE, 2.4, dashed=True)
+        draw_candidate_label(canvas, others[0])
     for segment in ((mask.halfway,) if mask.halfway is not None else ()) + mask.lines:
         color = SKY if segment is mask.halfway else PURPLE
         canvas.polyline(np.stack([segment.start, segment.end]), color, 1.0)
@@ -52,6 +56,9 @@ def mask_picture(image: Picture, mask: MarkingMask, zoom: int) -> Picture:
     if mask.field_region is not None:
         facts[0] += f"; field region {100 * float(np.mean(mask.field_region)):.0f} % of the frame"
     legend = [("circle", YELLOW), ("halfway line", SKY), ("other lines", PURPLE), ("other classes", ORANGE)]
+    if others:
+        shown = ", ".join(f"{candidate.score:.2f}" for candidate in others)
+        facts.append(f"candidates that were not taken for the circle, by score: {shown}")
     legend += [("rough circle", VERMILION), ("candidates (dashed)", WHITE)]
     return canvas.header("1 mask", facts, legend)
 

@@ -13,7 +13,6 @@ from circlecal.overlay.derived import (
     camera_picture,
     correspondences_picture,
     homography_picture,
-    missing_picture,
     verdict_picture,
 )
 from circlecal.overlay.frame_overlay import check_size
@@ -24,6 +23,8 @@ from circlecal.results import Calibration
 _LEAST_WIDTH = 1280.0
 _LARGEST_ZOOM = 8
 _CELL_WIDTH = 800
+_FEW = 4
+"""So many pictures stand two in a row, and larger."""
 _PAPER = 18
 
 
@@ -35,15 +36,15 @@ def stage_pictures(image: Picture, calibration: Calibration, template: FieldTemp
     image : (H, W, 3) uint8
         The frame, BGR.
     calibration : Calibration
-        Complete or not; a stage that was not reached gets a picture that says why.
+        Complete or not.
     template : FieldTemplate
         The field that it was calibrated with.
 
     Returns
     -------
     dict
-        Pictures by name, from ``"01-mask"`` to ``"09-verdict"``, in order. Small frames are enlarged; a strip above
-        each picture holds the facts and the legend.
+        Pictures by name, from ``"01-mask"`` to ``"09-verdict"``, in order, without the stages that were not reached.
+        Small frames are enlarged; a strip above each picture holds the facts and the legend.
 
     Raises
     ------
@@ -67,14 +68,11 @@ def stage_pictures(image: Picture, calibration: Calibration, template: FieldTemp
         "08-camera": None if camera is None else lambda: camera_picture(image, camera, c, template, zoom),
         "09-verdict": lambda: verdict_picture(image, c, template, zoom),
     }
-    return {
-        name: draw() if draw is not None else missing_picture(image, f"{int(name[:2])} {name[3:]}", c, zoom)
-        for name, draw in stages.items()
-    }
+    return {name: draw() for name, draw in stages.items() if draw is not None}
 
 
 def contact_sheet(pictures: Mapping[str, Picture], title: str) -> Picture:
-    """Put pictures into a grid, three in a row, with their names and a title.
+    """Put pictures into a grid, three in a row, or two where there are few, with their names and a title.
 
     Parameters
     ----------
@@ -86,11 +84,12 @@ def contact_sheet(pictures: Mapping[str, Picture], title: str) -> Picture:
     Returns
     -------
     uint8 array
-        BGR, 2436 pixels wide for three and more pictures.
+        BGR, 2448 pixels wide.
     """
-    columns = max(1, min(3, len(pictures)))
+    columns = 3 if len(pictures) > _FEW else max(1, min(2, len(pictures)))
     gap, size = 12, 22.0
-    width = columns * _CELL_WIDTH + (columns + 1) * gap
+    width = 3 * _CELL_WIDTH + 4 * gap
+    cell_width = (width - (columns + 1) * gap) // columns
     names = list(pictures)
     rows = [names[start : start + columns] for start in range(0, len(names), columns)]
     lines = wrap(title, 1.3 * size, width - 4 * gap)
@@ -99,24 +98,24 @@ def contact_sheet(pictures: Mapping[str, Picture], title: str) -> Picture:
         head.text(line, 2 * gap, gap + 2.2 * size * number, WHITE, 1.3 * size, halo=False)
     strips = [head.picture]
     for row in rows:
-        cells = [_cell(name, pictures[name], size) for name in row]
+        cells = [_cell(name, pictures[name], size, cell_width) for name in row]
         height = max(cell.shape[0] for cell in cells)
         strip = np.full((height + gap, width, 3), _PAPER, np.uint8)
         for column, cell in enumerate(cells):
-            left = gap + column * (_CELL_WIDTH + gap)
-            strip[: cell.shape[0], left : left + _CELL_WIDTH] = cell
+            left = gap + column * (cell_width + gap)
+            strip[: cell.shape[0], left : left + cell_width] = cell
         strips.append(strip)
     return np.ascontiguousarray(np.vstack(strips))
 
 
-def _cell(name: str, picture: Picture, size: float) -> Picture:
+def _cell(name: str, picture: Picture, size: float, width: int) -> Picture:
     """A picture at the cell's width, or centred where it is higher than wide, below its name."""
-    scale = min(_CELL_WIDTH / picture.shape[1], 1.2 * _CELL_WIDTH / picture.shape[0])
+    scale = min(width / picture.shape[1], 1.2 * width / picture.shape[0])
     shape = (max(1, round(picture.shape[1] * scale)), max(1, round(picture.shape[0] * scale)))
     small = cv2.resize(picture, shape, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC)
     caption = round(2.0 * size)
-    cell = np.full((shape[1] + caption, _CELL_WIDTH, 3), _PAPER, np.uint8)
-    left = (_CELL_WIDTH - shape[0]) // 2
+    cell = np.full((shape[1] + caption, width, 3), _PAPER, np.uint8)
+    left = (width - shape[0]) // 2
     cell[caption:, left : left + shape[0]] = small
     Canvas(cell).text(name, 4, 0.5 * size, WHITE, size, halo=False)
     return cell

@@ -25,6 +25,7 @@ from circlecal.geometry.camera import Camera, PlaneCamera, camera_from_soccernet
 from circlecal.geometry.camera_parameters import INDEX, PARAMETERS
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import FLAT, Surface, SurfaceShape
+from circlecal.refusals import explain
 from circlecal.results import Calibration, CameraFit, Correspondences, EllipseFit, EllipseFits, Verdict
 from circlecal.view import FieldView
 
@@ -103,6 +104,7 @@ def _verdict(verdict: Verdict) -> dict[str, Any]:
         "code": verdict.code,
         "stage": verdict.stage,
         "reason": verdict.reason,
+        "help": None if verdict.code is None else explain(verdict.code, verdict.stage).help,
         "checks": [asdict(check) for check in verdict.checks],
     }
 

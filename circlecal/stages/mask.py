@@ -18,7 +18,7 @@ from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.projective import Array, fit_line, line_distance
 from circlecal.geometry.ransac import ransac_conic
 from circlecal.refusals import Confidence, refuse
-from circlecal.results import CIRCLE_ID, HALFWAY_ID, Interpretation, MarkingMask, SeenArc, Segment
+from circlecal.results import CIRCLE_ID, HALFWAY_ID, CircleCandidate, Interpretation, MarkingMask, SeenArc, Segment
 
 MODEL_KEY = "mask.model"
 ARC_RADIUS_PX = 3.0
@@ -138,7 +138,7 @@ def marking_from_detection(found: Detection) -> tuple[MarkingMask, EstimationErr
         halfway=found.halfway,
         lines=found.lines,
         field_region=found.region.hull > 0,
-        candidates=tuple(c.conic for c in found.candidates),
+        candidates=tuple(CircleCandidate(c.conic, c.score, c.checks) for c in found.candidates),
         confidence=found.confidence,
         polarity=found.polarity,
         band_px=0.0 if found.sketch.circle is None else found.sketch.circle.widest_px,
@@ -199,7 +199,7 @@ def marking_from_classes(
         if label not in (0, HALFWAY_ID, *CURVED_IDS)
     ]
     lines = tuple(line for line in others if line is not None)
-    return MarkingMask(classes, source, robust.conic, halfway, lines, None, (robust.conic,)), None
+    return MarkingMask(classes, source, robust.conic, halfway, lines), None
 
 
 def _has_enough(inliers: NDArray[np.bool_]) -> bool:

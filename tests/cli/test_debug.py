@@ -2,6 +2,12 @@
 
 import json
 
+import cv2
+import numpy as np
+import pytest
+
+from circlecal.refusals import explain
+
 
 def test_pictures_of_a_calibrated_frame(run_circlecal, frame_file, tmp_path):
     outcome = run_circlecal("debug", frame_file, "--out", tmp_path / "debug")
@@ -35,3 +41,37 @@ def test_a_folder_or_a_bad_picture(run_circlecal, frame_file, tmp_path):
     (tmp_path / "empty.jpg").touch()
     outcome = run_circlecal("debug", tmp_path / "empty.jpg", "--out", tmp_path)
     assert (outcome.code, "is empty" in outcome.err) == (2, True)
+
+
+@pytest.fixture
+def lines_picture(tmp_path):
+    """Grass with two lines and no circle."""
+    picture = np.full((540, 960, 3), (60, 130, 70), np.uint8)
+    for start, end in (((0, 180), (960, 120)), ((100, 540), (700, 120))):
+        cv2.line(picture, start, end, (240, 240, 240), 6, cv2.LINE_AA)
+    return picture
+
+
+def refused_record(run_circlecal, folder, picture):
+    """Result of a refused picture and the names of what ``circlecal debug`` wrote."""
+    cv2.imwrite(str(folder / "x.png"), picture)
+    assert run_circlecal("debug", folder / "x.png", "--out", folder / "debug").code == 1
+    return json.loads((folder / "debug" / "x" / "result.json").read_text()), {
+        path.name for path in (folder / "debug" / "x").iterdir()
+    }
+
+
+def test_a_picture_without_a_circle_says_so(run_circlecal, lines_picture, tmp_path):
+    """In words, and not with eight dark panels."""
+    record, files = refused_record(run_circlecal, tmp_path, lines_picture)
+    assert (record["code"], record["reason"]) == ("no_circle_found", "no circle is seen")
+    assert record["help"] == explain("no_circle_found").help
+    assert files == {"01-mask.jpg", "09-verdict.jpg", "contact-sheet.jpg", "result.json"}
+
+
+def test_the_best_candidate_tells_its_gates(run_circlecal, frame_image, tmp_path):
+    part = frame_image.copy()
+    part[:, 250:] = np.clip(np.random.default_rng(0).normal((60, 130, 70), 2, part[:, 250:].shape), 0, 255)
+    record, _ = refused_record(run_circlecal, tmp_path, part)
+    failed = {check["name"]: check for check in record["checks"] if not check["passed"]}
+    assert failed["painted_share"]["value"] < 0.5 < failed["painted_share"]["limit"]

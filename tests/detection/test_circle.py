@@ -6,6 +6,7 @@ from circlecal.detection.circle import (
     LEAST_RMS_PX,
     THINNEST_BAND,
     CircleHypothesis,
+    check_circle,
     describe_circle,
     find_refusal,
     measure_circle,
@@ -26,7 +27,7 @@ def judged(whole: float = 0.95, share: float = 0.95, rms: float = 0.5) -> Circle
 
 
 def refusal(circle: CircleHypothesis, has_halfway: bool) -> str | None:
-    return find_refusal(circle, has_halfway, 1920, GATES)
+    return find_refusal(check_circle(circle, has_halfway, 1920, GATES))
 
 
 def test_a_good_circle_needs_no_line() -> None:
@@ -52,9 +53,16 @@ def test_a_whole_circle_with_its_line_may_be_hidden_more() -> None:
 
 def test_scatter_is_judged_by_size_only_for_a_whole_circle_with_a_line() -> None:
     large = 0.5 * (LEAST_RMS_PX + GATES.rms_share * 200.0 * 4)  # between both limits in a picture 480 px wide
-    assert find_refusal(judged(rms=large), True, 480, GATES) is None
-    assert find_refusal(judged(rms=large), False, 480, GATES) == "circle_off_marking"
-    assert find_refusal(judged(rms=20.0), True, 480, GATES) == "circle_off_marking"
+    assert find_refusal(check_circle(judged(rms=large), True, 480, GATES)) is None
+    assert find_refusal(check_circle(judged(rms=large), False, 480, GATES)) == "circle_off_marking"
+    assert find_refusal(check_circle(judged(rms=20.0), True, 480, GATES)) == "circle_off_marking"
+
+
+def test_every_gate_tells_value_and_limit() -> None:
+    checks = {check.name: check for check in check_circle(judged(whole=0.33), True, 1920, GATES)}
+    assert (checks["whole_share"].value, checks["whole_share"].passed) == (0.33, False)
+    assert checks["whole_share"].limit == GATES.whole_share_with_line
+    assert checks["painted_share"].passed and checks["marking_rms_px"].passed
 
 
 @pytest.fixture(scope="module")
