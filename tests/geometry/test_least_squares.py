@@ -84,9 +84,9 @@ def test_a_hopeless_start_is_given_up():
     found = solve(Valley(ledge=20.0), [[-1.0, 1.0], [1.0, 1.0]])
     assert found.ends == (End.BEATEN, End.EXACT)
     np.testing.assert_array_equal(found.state.parameters[0], [-1.0, 1.0])
-    barred = solve(Valley(2.0), STARTS, replace(RULE, bar=3.0))
-    assert barred.ends[3] == End.BEATEN
-    assert barred.state.cost[3] == 4.0
+    barred = solve(Valley(2.0), [[1.5, 2.25]], replace(RULE, bar=3.0))
+    assert barred.ends == (End.BEATEN,)
+    np.testing.assert_array_equal(barred.state.parameters, [[1.5, 2.25]])
 
 
 def test_the_last_step_is_taken_in_the_linear_model():
