@@ -7,18 +7,16 @@ from __future__ import annotations
 import numpy as np
 
 from circlecal.camera.covariance import posterior_covariance
-from circlecal.camera.observed import Realism, observed_curves, observed_points
-from circlecal.camera.optimise import Problem, evaluate
+from circlecal.camera.observed import NoiseModel, observed_curves, observed_points
 from circlecal.camera.options import CameraConfig, priors_of
-from circlecal.camera.residuals import first_hidden
+from circlecal.camera.problem import Problem, evaluate
+from circlecal.camera.residuals import sample_feet
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.camera_parameters import ProjectionModel, project, theta_of
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import Surface
 from circlecal.observations import Observations
-
-_NO_LOSS = 1e6
 
 
 def bound_covariance(
@@ -34,11 +32,11 @@ def bound_covariance(
     """
     model = ProjectionModel(camera.width, camera.height, Surface(config.usual_crown, circle.radius_m))
     theta = theta_of(camera, model, crown_m)
-    curves = observed_curves(observations, template, Realism(10**6, 0.0, 0.0))
+    curves = observed_curves(observations, template, NoiseModel(10**6, 0.0, 0.0))
     priors = priors_of(config, template, circle, model)
     problem = Problem(curves, observed_points(observations, template), priors, model)
-    hidden, _ = first_hidden(curves, theta[None], model)
-    state = evaluate(problem, theta[None], hidden, _NO_LOSS, updates=6)
+    feet = sample_feet(curves, theta[None], model)
+    state = evaluate(problem, theta[None], feet, updates=6)
     return posterior_covariance(state.normal[0], priors.sd)
 
 

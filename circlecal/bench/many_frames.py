@@ -14,9 +14,9 @@ import numpy as np
 
 from circlecal.bench.bounds import bound_errors
 from circlecal.bench.scenarios import KNOWN, PRIORS, Draw, soccer
-from circlecal.camera.observed import Realism, observed_curves, observed_points
-from circlecal.camera.optimise import Problem
+from circlecal.camera.observed import NoiseModel, observed_curves, observed_points
 from circlecal.camera.options import CameraConfig, priors_of
+from circlecal.camera.problem import Problem
 from circlecal.camera.rig_options import RigConfig
 from circlecal.config import Config
 from circlecal.errors import EstimationError
@@ -43,7 +43,6 @@ STANDING = RigConfig(
     k1_by_zoom=0.0,
 )
 """A camera that turns about exactly one point with one lens, as the bound takes it."""
-_NO_LOSS = 1e6
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,9 +166,9 @@ def _bound_covariances(draws: Sequence[Draw]) -> Array:
         )
         theta = theta_of(draw.camera, model, draw.crown_m)
         thetas.append(theta)
-        curves = observed_curves(draw.observations, template, Realism(10**6, 0.0, 0.0))
+        curves = observed_curves(draw.observations, template, NoiseModel(10**6, 0.0, 0.0))
         points = observed_points(draw.observations, template)
         problems.append(Problem(curves, points, priors_of(draw.config, template, circle, model), model))
     theta = np.array(thetas)
     problem = joint_problem(problems, {}, {}, float(np.median(theta[:, 0])))
-    return joint_covariances(problem, first_state(problem, theta, _NO_LOSS))
+    return joint_covariances(problem, first_state(problem, theta))

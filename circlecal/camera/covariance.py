@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from circlecal.camera.viewing_coordinates import LOOK, from_look, look_jacobian, to_look
+from circlecal.camera.viewing_coordinates import VIEWING, from_viewing, to_viewing, viewing_jacobian
 from circlecal.geometry.camera_parameters import PARAMETERS, Projection, active_parameters
 from circlecal.geometry.projective import Array, dehomogenise, lift
 
@@ -39,17 +39,16 @@ def spread_cameras(theta: Array, covariance: Array, center_m: Array) -> Array:
     """Parameter vectors (2 K, P) at sqrt 3 standard deviations along each principal direction, both ways.
 
     With weight 1/6 each, squared deviations of any function from its value at ``theta`` add up to its covariance,
-    exactly where the
-    function is linear and with the leading term of its bend otherwise (unscented transform, Julier and Uhlmann 1997).
-    The directions are
-    taken in look coordinates, where zoom against distance is straight.
+    exactly where the function is linear and with the leading term of its bend otherwise (unscented transform, Julier
+    and Uhlmann 1997). The directions are taken in viewing coordinates, where zoom against distance is straight.
     """
-    look = to_look(theta[None], center_m)
+    viewing = to_viewing(theta[None], center_m)
     change = np.eye(len(theta))
-    by_look = look_jacobian(theta[None], center_m)[0]
-    straight = bool(np.isfinite(look).all() and np.isfinite(by_look).all() and np.linalg.cond(by_look) < LOOK_CONDITION)
+    by_viewing = viewing_jacobian(theta[None], center_m)[0]
+    finite = bool(np.isfinite(viewing).all() and np.isfinite(by_viewing).all())
+    straight = finite and bool(np.linalg.cond(by_viewing) < VIEWING_CONDITION)
     if straight:
-        change[:LOOK, :LOOK] = by_look
+        change[:VIEWING, :VIEWING] = by_viewing
     inverse = np.linalg.inv(change)
     values, vectors = np.linalg.eigh(inverse @ covariance @ inverse.T)
     kept = values > 1e-16 * max(values[-1], 1e-300)
@@ -58,7 +57,7 @@ def spread_cameras(theta: Array, covariance: Array, center_m: Array) -> Array:
     points = theta + (steps if straight else steps @ change.T)
     if straight:
         with np.errstate(over="ignore", invalid="ignore"):
-            points[:, :LOOK] = from_look(look + steps[:, :LOOK], center_m)
+            points[:, :VIEWING] = from_viewing(viewing + steps[:, :VIEWING], center_m)
     return points
 
 
@@ -85,8 +84,8 @@ def imaged_points(homographies: Array, points_m: Array) -> Array:
     return dehomogenise(lift(points_m) @ np.swapaxes(homographies, 1, 2))
 
 
-LOOK_CONDITION = 1e14
-"""Of the derivative of the parameters by the look coordinates: beyond it the centre lies in the camera's own plane."""
+VIEWING_CONDITION = 1e14
+"""Of the derivative of the parameters by viewing coordinates: beyond it the centre lies in the camera's own plane."""
 
 
 def data_share(seen: Projection, covariance: Array, prior_normal: Array) -> float:

@@ -2,44 +2,72 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from circlecal.camera.covariance import posterior_covariance
-from circlecal.camera.observed import thinned_curves
-from circlecal.camera.optimise import COARSE, Problem, State, best_of, continued, minimise, reweighted
-from circlecal.camera.options import CameraConfig, realism_of
-from circlecal.camera.residuals import curve_residuals, ground_hidden
+from circlecal.camera.observed import thin_curves
+from circlecal.camera.options import CameraConfig, noise_model
+from circlecal.camera.problem import COARSE, FAR_LOSS, Problem, State, minimise, resume, with_loss
+from circlecal.camera.residuals import curve_residuals, ground_feet
 from circlecal.geometry.camera_parameters import INDEX, project
 from circlecal.geometry.homography import SIDES
 from circlecal.geometry.projective import Array
 from circlecal.refusals import refuse
 
 COARSE_POINTS = 48
-"""Points per marking while starts or hypotheses are only compared."""
+"""Points per marking while starts or hypotheses are only compared: a fifth of what the result is fitted to."""
 SCREENING_POINTS = 24
 """About so many points of all markings tell which starts of a grid are followed."""
+SCREENING_CAP_PX, PENALTY_PX = 200.0, 2.0
+"""Distance of a point at which a start is merely wrong, and how many pixels of mean distance one unit of the priors'
+chi-square stands for.
+"""
 FEW_STARTS = 2
 """More are followed with few points of each marking, and the best of them again with all."""
+COARSE_ITERATIONS = 30
+"""Most steps under the wide loss, whose optimum is a start again."""
 WEAK_SIGMA_PX = 25.0
 """Where the closed forms leave the field around the circle less certain than this (at 1920 px width), the grid is
 followed too.
 """
+RIM_RADII = np.array([[2.0, 0.0], [-2.0, 0.0], [0.0, -2.0]])
+"""Where that is asked, in radii about the middle of what was seen: to both sides and on the far one."""
 
 
-def best_fit(problem: Problem, closed: Array, grid: Array, short: bool, config: CameraConfig, side: str) -> State:
-    """The optima that starts lead to, coarsely, the best first: of the closed forms, and where they are missing or
-    leave the field uncertain, of the grid too.
+@dataclass(frozen=True, slots=True)
+class Starts:
+    """Starts of the optimiser.
+
+    Attributes
+    ----------
+    closed : (K, P) array
+        Of closed forms, or cameras that are known: followed first.
+    grid : (L, P) array
+        All around: the best of them are followed where the others are missing or weak.
+    follow_grid : bool
+        Whether the grid is followed in any case: there are local minima.
+    """
+
+    closed: Array
+    grid: Array
+    follow_grid: bool = False
+
+    def after(self, state: State) -> Starts:
+        """The starts once some have been followed: from where they led, too."""
+        return replace(self, closed=np.concatenate([state.theta[:FEW_STARTS], self.closed]))
+
+
+def find_optima(problem: Problem, starts: Starts, config: CameraConfig, side: str) -> State:
+    """The optima that starts lead to, coarsely, the best first.
 
     Parameters
     ----------
     problem : Problem
         What the camera has to explain.
-    closed, grid : (K, P), (L, P) arrays
-        Starts.
-    short : bool
-        Whether so little of the circle is seen that there are local minima: the grid is always followed.
+    starts : Starts
+        From where.
     config, side : CameraConfig, str
         Options, and the side of the field from which the camera looks.
 
@@ -48,17 +76,16 @@ def best_fit(problem: Problem, closed: Array, grid: Array, short: bool, config: 
     EstimationError
         ``no_camera`` where no start leads to an upright camera above the ground.
     """
-    if len(closed) and not short:
+    closed = starts.closed
+    if len(closed) and not starts.follow_grid:
         state = _follow(problem, closed, config, side)
         covariance = posterior_covariance(state.normal[0], problem.priors.sd)
-        rim = problem.priors.center_m + problem.model.surface.reference_m * np.array(
-            [[2.0, 0.0], [-2.0, 0.0], [0.0, -2.0]]
-        )
+        rim = problem.priors.center_m + problem.model.surface.reference_m * RIM_RADII
         sigma, _ = project(state.theta[:1], rim[None], problem.model).sigma(covariance)
         if sigma.max() < WEAK_SIGMA_PX * problem.model.width / 1920.0:
             return state
-        closed = state.theta[:2]
-    return _follow(problem, np.concatenate([closed, _screened(problem, grid, config.starts)]), config, side)
+        closed = state.theta[:FEW_STARTS]
+    return _follow(problem, np.concatenate([closed, _screen(problem, starts.grid, config.starts)]), config, side)
 
 
 def _follow(problem: Problem, starts: Array, config: CameraConfig, side: str) -> State:
@@ -67,12 +94,13 @@ def _follow(problem: Problem, starts: Array, config: CameraConfig, side: str) ->
     """
     if len(starts) == 0:
         raise refuse("camera", "no_camera")
-    few = problem if len(starts) <= FEW_STARTS else _with_few_points(problem, config)
-    hidden = ground_hidden(few.curves, starts, problem.model)
-    wide = minimise(few, starts, 100.0 * config.loss_scale, min(30, config.iterations), hidden, COARSE)
-    chosen = best_of(wide, max(2, min(len(starts), 3 * config.starts // 4)))
-    _, state = reweighted(few, chosen, few.curves.sigma_px, config.loss_scale)
-    state = continued(few, state, config.loss_scale, config.iterations, COARSE)
+    few = problem if len(starts) <= FEW_STARTS else _take_few_points(problem, config)
+    feet = ground_feet(few.curves, starts, problem.model)
+    rule = replace(COARSE, iterations=min(COARSE_ITERATIONS, config.iterations))
+    wide = minimise(replace(few, loss_scale=FAR_LOSS * few.loss_scale), starts, rule, feet)
+    best = wide.best(max(2, min(len(starts), 3 * config.starts // 4)))
+    rule = replace(COARSE, iterations=config.iterations)
+    state = resume(few, with_loss(few, best, few.loss_scale)[1], rule)
     # a camera hanging upside down sees a circle and a line just as well
     above = (state.theta[:, INDEX["z"]] < 0) & (np.sin(state.theta[:, INDEX["tilt"]]) > 0)
     if not above.any():
@@ -80,23 +108,22 @@ def _follow(problem: Problem, starts: Array, config: CameraConfig, side: str) ->
     offset = state.theta[:, 4:6] - problem.priors.center_m
     stated = offset @ np.array(SIDES[side]) >= 0
     # the side decides between the two cameras of the turned field, not against what was seen
-    stated &= above & (state.cost < state.cost[above].min() + config.loss_scale**2)
+    stated &= above & (state.cost < state.cost[above].min() + problem.loss_scale**2)
     kept = above & stated if stated.any() else above
-    state = best_of(state.select(kept), int(kept.sum()))
+    state = state.select(kept).best(int(kept.sum()))
     if few is problem:
         return state
-    best = state.theta[:FEW_STARTS]
-    hidden = ground_hidden(problem.curves, best, problem.model)
-    return best_of(minimise(problem, best, config.loss_scale, config.iterations, hidden, COARSE), len(best))
+    nearest = state.theta[:FEW_STARTS]
+    return minimise(problem, nearest, rule, ground_feet(problem.curves, nearest, problem.model)).best(len(nearest))
 
 
-def _with_few_points(problem: Problem, config: CameraConfig) -> Problem:
+def _take_few_points(problem: Problem, config: CameraConfig) -> Problem:
     order = np.arange(len(problem.curves.points_px))
-    least_px = realism_of(config, problem.model.width).model_sigma_px
-    return replace(problem, curves=thinned_curves(problem.curves, order, COARSE_POINTS, least_px))
+    least_px = noise_model(config, problem.model.width).model_sigma_px
+    return replace(problem, curves=thin_curves(problem.curves, order, COARSE_POINTS, least_px))
 
 
-def _screened(problem: Problem, grid: Array, count: int) -> Array:
+def _screen(problem: Problem, grid: Array, count: int) -> Array:
     """The starts of a grid (L, P) that already lie nearest to what was seen, at most ``count``."""
     if len(grid) <= count:
         return grid
@@ -105,11 +132,11 @@ def _screened(problem: Problem, grid: Array, count: int) -> Array:
     candidates = grid.copy()
     fixed = problem.priors.sd == 0
     candidates[:, fixed] = problem.priors.mean[fixed]
-    hidden = ground_hidden(few, candidates, problem.model)
-    seen = curve_residuals(few, candidates, hidden, problem.model, 0, problem.points)
-    on_curves = np.abs(seen.values[:, : hidden.shape[1]]) * few.sigma_px
-    offsets = seen.values[:, hidden.shape[1] :].reshape(len(candidates), -1, 2) * problem.points.sigma_px[:, None]
+    feet = ground_feet(few, candidates, problem.model)
+    seen = curve_residuals(few, candidates, feet, problem.model, 0, problem.points)
+    on_curves = np.abs(seen.values[:, : feet.shape[1]]) * few.sigma_px
+    offsets = seen.values[:, feet.shape[1] :].reshape(len(candidates), -1, 2) * problem.points.sigma_px[:, None]
     distance = np.concatenate([on_curves, np.linalg.norm(offsets, axis=-1)], axis=1)
     penalty = np.sum(problem.priors.residuals(candidates)[0] ** 2, axis=1)
-    score = np.mean(np.minimum(distance, 200.0), axis=1) + 2.0 * penalty
+    score = np.mean(np.minimum(distance, SCREENING_CAP_PX), axis=1) + PENALTY_PX * penalty
     return grid[np.argsort(score, kind="stable")[:count]]

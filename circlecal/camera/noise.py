@@ -1,4 +1,4 @@
-"""What the residuals say of the observations' standard deviations."""
+"""What the residuals of a fit say of the observations' standard deviations."""
 
 from __future__ import annotations
 
@@ -7,76 +7,94 @@ from dataclasses import replace
 import numpy as np
 
 from circlecal.camera.covariance import correlation_factor
-from circlecal.camera.optimise import Problem, State, reweighted
+from circlecal.camera.problem import Problem, State, reweight
 from circlecal.camera.residuals import CurvePoints
-from circlecal.geometry.projective import Array
+from circlecal.geometry.projective import Array, Indices
 
-
-def inflated(problem: Problem, state: State) -> tuple[CurvePoints, float]:
-    """Curves with sigmas grown by the scatter of their residuals and by how much neighbours repeat each other."""
-    curves, values = problem.curves, state.residuals[0]
-    factor = np.ones(len(values))
-    for group in range(len(curves.names)):
-        index = np.flatnonzero(curves.group == group)
-        ordered = index[np.argsort(state.hidden[0, index], kind="stable")]
-        residual = np.clip(values[ordered], -6, 6)
-        if len(residual) < 8:
-            continue
-        scatter = np.sqrt(np.mean(residual**2) * len(residual) / max(len(residual) - 3.0, 1.0))
-        factor[index] = max(1.0, scatter) * np.sqrt(correlation_factor(residual))
-    scale = float(np.sqrt(np.mean(factor**2))) if len(factor) else 1.0
-    return curves.with_sigma(curves.sigma_px * factor), scale
-
-
+LARGEST_RESIDUAL = 6.0
+"""Standard deviations at which a residual is cut off before its scatter is measured: the scale of the robust loss,
+beyond which a point is no measurement of the marking.
+"""
+FEWEST_POINTS, PLACED_BY_FIT = 8, 3.0
+"""Of a marking, points that can tell their scatter; and how many of them the fit takes to place the marking."""
 NEIGHBOURS = 15
-"""Points along a marking whose median its middle one is compared with."""
+"""Points along a marking whose median its middle one is compared with: a sixteenth of a marking of 240 points."""
 OFF_SIGMAS, OFF_PX = 4.0, 0.15
-"""Points further from their neighbours, in robust standard deviations and pixels beside, lie on something else."""
+"""Points further from their neighbours than so many robust standard deviations and, beside them, pixels at 1920 px
+width lie on something else: of 10,000 normal residuals less than one.
+"""
 
 
-def as_measured(
-    problem: Problem, state: State, curves: CurvePoints, loss_scale: float
-) -> tuple[Problem, State, float, CurvePoints]:
-    """The problem with the noise that its own residuals show, and without the points that leave their neighbours.
+def rescale_sigmas(problem: Problem, state: State) -> tuple[Problem, State, float]:
+    """Standard deviations grown by the scatter of their residuals and by how much neighbours repeat each other.
 
     Parameters
     ----------
     problem, state : Problem, State
         A fit, of which the first start counts.
-    curves : CurvePoints
-        The points of ``problem`` with the least standard deviations that they can have.
-    loss_scale : float
-        Scale of the robust loss, standard deviations.
 
     Returns
     -------
     problem, state : Problem, State
-        The same start, for fewer points.
+        With the new standard deviations.
     scale : float
-        By how much the standard deviations have grown.
-    curves : CurvePoints
+        By how much they have grown, root mean square.
+    """
+    curves, values = problem.curves, state.residuals[0]
+    factor = np.ones(len(values))
+    for ordered in _along_markings(curves, state):
+        residual = np.clip(values[ordered], -LARGEST_RESIDUAL, LARGEST_RESIDUAL)
+        if len(residual) < FEWEST_POINTS:
+            continue
+        scatter = np.sqrt(np.mean(residual**2) * len(residual) / max(len(residual) - PLACED_BY_FIT, 1.0))
+        factor[ordered] = max(1.0, scatter) * np.sqrt(correlation_factor(residual))
+    scale = float(np.sqrt(np.mean(factor**2))) if len(factor) else 1.0
+    return *reweight(problem, state, curves.sigma_px * factor), scale
+
+
+def rescale_and_reject(problem: Problem, state: State, least: CurvePoints) -> tuple[Problem, State, float, CurvePoints]:
+    """The noise that the residuals show, without the points that leave their neighbours.
+
+    Parameters
+    ----------
+    problem, state : Problem, State
+        A fit, of which the first start counts.
+    least : CurvePoints
+        The points of ``problem`` with the least standard deviations that they can have.
+
+    Returns
+    -------
+    problem, state : Problem, State
+        With fewer points and the new standard deviations.
+    scale : float
+        By how much these are greater than the least, root mean square.
+    least : CurvePoints
         Those given that are left.
     """
     off_px = state.residuals[0] * problem.curves.sigma_px
     factor, kept = np.ones(len(off_px)), np.ones(len(off_px), dtype=np.bool_)
-    for group in range(len(curves.names)):
-        index = np.flatnonzero(curves.group == group)
-        ordered = index[np.argsort(state.hidden[0, index], kind="stable")]
+    for ordered in _along_markings(least, state):
         if len(ordered) < 2 * NEIGHBOURS:
             continue
         beside = np.abs(off_px[ordered] - _running_median(off_px[ordered], NEIGHBOURS))
         near = beside < OFF_SIGMAS * 1.4826 * np.median(beside) + OFF_PX * problem.model.width / 1920.0
         kept[ordered] = near
-        values = (off_px / curves.sigma_px)[ordered[near]]
-        scatter = np.sqrt(np.mean(np.clip(values, -6, 6) ** 2))
-        factor[index] = max(1.0, scatter * np.sqrt(correlation_factor(values)))
+        values = (off_px / least.sigma_px)[ordered[near]]
+        scatter = np.sqrt(np.mean(np.clip(values, -LARGEST_RESIDUAL, LARGEST_RESIDUAL) ** 2))
+        factor[ordered] = max(1.0, scatter * np.sqrt(correlation_factor(values)))
     chosen, rows = np.flatnonzero(kept), np.ones(state.values.shape[1], dtype=np.bool_)
     rows[: len(kept)] = kept
-    fewer = replace(state, hidden=state.hidden[:, kept], values=state.values[:, rows], jacobian=state.jacobian[:, rows])
+    fewer = replace(state, feet=state.feet[:, kept], values=state.values[:, rows], jacobian=state.jacobian[:, rows])
     nearer = replace(problem, curves=problem.curves.select(chosen))
     scale = float(np.sqrt(np.mean(factor**2)))
-    least = curves.select(chosen)
-    return *reweighted(nearer, fewer, least.sigma_px * factor[chosen], loss_scale), scale, least
+    least = least.select(chosen)
+    return *reweight(nearer, fewer, least.sigma_px * factor[chosen]), scale, least
+
+
+def _along_markings(curves: CurvePoints, state: State) -> list[Indices]:
+    """Indices of the points of each marking, ordered along it."""
+    groups = [np.flatnonzero(curves.group == group) for group in range(len(curves.names))]
+    return [index[np.argsort(state.feet[0, index], kind="stable")] for index in groups]
 
 
 def _running_median(values: Array, count: int) -> Array:

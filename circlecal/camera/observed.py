@@ -18,7 +18,7 @@ ELLIPSE_POINTS = 240
 
 
 @dataclass(frozen=True, slots=True)
-class Realism:
+class NoiseModel:
     """How far points along a marking can be trusted.
 
     Attributes
@@ -36,7 +36,7 @@ class Realism:
     correlation_px: float
 
 
-def observed_curves(observations: Observations, template: FieldTemplate, realism: Realism) -> CurvePoints:
+def observed_curves(observations: Observations, template: FieldTemplate, noise: NoiseModel) -> CurvePoints:
     """Circles and named lines of the template that were seen, thinned, with the model's own sigma added."""
     relative: dict[str, float] = {"outer": 0.5, "center": 0.0, "inner": -0.5}
     bloom: dict[str, float] = {"outer": 1.0, "center": 0.0, "inner": -1.0}
@@ -45,8 +45,8 @@ def observed_curves(observations: Observations, template: FieldTemplate, realism
         known = template.circle_by_name.get(seen.circle)
         if known is None or len(seen.points_px) == 0:
             continue
-        points, sigma = _thinned_arc(seen.points_px, seen.sigma_px, realism.maximum_points)
-        sigma = _realistic(points, sigma, 2.0 * _extent(points), realism)
+        points, sigma = _thin_arc(seen.points_px, seen.sigma_px, noise.maximum_points)
+        sigma = _with_model_noise(points, sigma, 2.0 * _extent(points), noise)
         radius = template.radius(known, seen.edge)
         by_width = relative[seen.edge] - relative[known.edge]
         name = f"{seen.circle} {seen.edge}"
@@ -55,12 +55,12 @@ def observed_curves(observations: Observations, template: FieldTemplate, realism
         drawn = None if line.line is None else template.line_by_name.get(line.line)
         if drawn is None or len(line.points_px) == 0:
             continue
-        points, sigma = thinned_line(line, realism)
+        points, sigma = thin_line(line, noise)
         parts.append(line_curve(drawn.name, points, sigma, template.line_ends(drawn), template.line_shift(drawn)))
     return stack_curves(parts)
 
 
-def thinned_curves(curves: CurvePoints, along: Array | Indices, maximum: int, least_sigma_px: float) -> CurvePoints:
+def thin_curves(curves: CurvePoints, along: Array | Indices, maximum: int, least_sigma_px: float) -> CurvePoints:
     """At most so many points of each marking, evenly in the order of ``along`` (N,), which then count for the
     others too: with sigmas that are the smaller, down to the model's own.
     """
@@ -75,10 +75,10 @@ def thinned_curves(curves: CurvePoints, along: Array | Indices, maximum: int, le
     return thinned.with_sigma(np.minimum(thinned.sigma_px, fewer))
 
 
-def thinned_line(line: LinePoints, realism: Realism) -> tuple[Array, Array]:
+def thin_line(line: LinePoints, noise: NoiseModel) -> tuple[Array, Array]:
     """Points (N, 2) along a straight marking and their standard deviations (N,)."""
-    points, sigma = _thinned(line.points_px, line.sigma_px, realism.maximum_points)
-    return points, _realistic(points, sigma, _extent(points), realism)
+    points, sigma = _thin(line.points_px, line.sigma_px, noise.maximum_points)
+    return points, _with_model_noise(points, sigma, _extent(points), noise)
 
 
 def observed_points(observations: Observations, template: FieldTemplate) -> FixedPoints:
@@ -106,12 +106,12 @@ def stated_sigmas(observations: Observations) -> dict[str, float]:
     )
 
 
-def _realistic(points: Array, sigma: Array, length_px: float, realism: Realism) -> Array:
+def _with_model_noise(points: Array, sigma: Array, length_px: float, noise: NoiseModel) -> Array:
     """Sigmas (N,) with the model's own error, grown so that points within one correlation length count as one."""
-    if len(points) < 2 or realism.model_sigma_px == 0:
+    if len(points) < 2 or noise.model_sigma_px == 0:
         return sigma
-    repeats = max(1.0, realism.correlation_px * len(points) / max(length_px, 1e-6))
-    return np.hypot(sigma, realism.model_sigma_px * np.sqrt(repeats))
+    repeats = max(1.0, noise.correlation_px * len(points) / max(length_px, 1e-6))
+    return np.hypot(sigma, noise.model_sigma_px * np.sqrt(repeats))
 
 
 def _extent(points: Array) -> float:
@@ -119,7 +119,7 @@ def _extent(points: Array) -> float:
     return float(np.hypot(*(points.max(axis=0) - points.min(axis=0))))
 
 
-def _thinned(points: Array, sigma: Array, maximum: int) -> tuple[Array, Array]:
+def _thin(points: Array, sigma: Array, maximum: int) -> tuple[Array, Array]:
     """Means of neighbouring points of a straight marking, so that nothing that was measured is thrown away."""
     size = -(-len(points) // maximum)
     if size <= 1:
@@ -131,7 +131,7 @@ def _thinned(points: Array, sigma: Array, maximum: int) -> tuple[Array, Array]:
     return points[groups].mean(axis=1), np.sqrt((sigma[groups] ** 2).mean(axis=1) / size)
 
 
-def _thinned_arc(points: Array, sigma: Array, maximum: int) -> tuple[Array, Array]:
+def _thin_arc(points: Array, sigma: Array, maximum: int) -> tuple[Array, Array]:
     """The same along an ellipse: the mean deviation of each group of neighbours is given to its middle point."""
     size = -(-len(points) // maximum)
     # the ellipse only orders and levels neighbours

@@ -7,9 +7,8 @@ from typing import Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from circlecal.camera.observed import Realism
-from circlecal.camera.optimise import Priors
-from circlecal.camera.shared_prior import SharedPriorConfig
+from circlecal.camera.observed import NoiseModel
+from circlecal.camera.priors import Priors, SharedPriorConfig
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel
 from circlecal.geometry.surface import SurfaceShape
@@ -108,10 +107,10 @@ class CameraConfig(BaseModel):
         return "roof" if self.crown_shape == "auto" else self.crown_shape
 
 
-def realism_of(config: CameraConfig, width: int) -> Realism:
+def noise_model(config: CameraConfig, width: int) -> NoiseModel:
     """How many points of a marking are used, and what their standard deviations leave out, for a frame this wide."""
     unit = width / 1920.0
-    return Realism(config.maximum_points, config.model_sigma_px * unit, config.correlation_px * unit)
+    return NoiseModel(config.maximum_points, config.model_sigma_px * unit, config.correlation_px * unit)
 
 
 def priors_of(config: CameraConfig, template: FieldTemplate, circle: Circle, model: ProjectionModel) -> Priors:
@@ -150,5 +149,5 @@ def priors_of(config: CameraConfig, template: FieldTemplate, circle: Circle, mod
 
 def position_known(config: CameraConfig) -> bool:
     """Whether the camera's position has a prior."""
-    told = config.shared is not None and {"x", "y", "z"} <= set(config.shared.parameters)
-    return told or config.position_m is not None
+    shared = config.shared is not None and {"x", "y", "z"} <= set(config.shared.parameters)
+    return shared or config.position_m is not None

@@ -15,7 +15,7 @@ from circlecal.camera.covariance import (
     push_forward,
     spread_cameras,
 )
-from circlecal.camera.optimise import Problem, State
+from circlecal.camera.problem import Problem, State
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, camera_of, homographies, project
@@ -84,7 +84,7 @@ def _correlation(problem: Problem, state: State, circle: Circle) -> float:
     factors = [1.0]
     for group in circles:
         index = np.flatnonzero(problem.curves.group == group)
-        factors.append(correlation_factor(state.residuals[0, index[np.argsort(state.hidden[0, index])]]))
+        factors.append(correlation_factor(state.residuals[0, index[np.argsort(state.feet[0, index])]]))
     return max(factors)
 
 

@@ -1,9 +1,9 @@
 """Observations as residuals: each point is compared with the nearest point of its marking, along the marking's normal
 in the picture.
 
-The nearest point is a hidden parameter per point (an angle on a circle, a distance along a line); at the nearest
-point the residual does not depend on it to first order, so it is
-re-estimated beside the camera and never enters the normal equations.
+Where the nearest point lies on its marking is one foot parameter per point: an angle on a circle, metres along a line.
+At the nearest point the residual does not depend on it to first order, so the feet are moved beside the camera and
+never enter the normal equations.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class CurvePoints:
     """N points on circles and straight lines, ready for the optimiser.
 
     ``sigma_px``, ``origin``, ``direction`` and ``shift`` may run over a leading axis of B hypotheses about which line
-    is which; :func:`first_hidden` and the methods know one only.
+    is which; :func:`sample_feet` and the methods know one only.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class CurvePoints:
 
     @cached_property
     def scale(self) -> Array:
-        """Metres (N,) per unit of the hidden parameters."""
+        """Metres (N,) per unit of the foot parameters."""
         return np.where(self.straight, 1.0, np.maximum(self.radius, 1e-9))
 
     @cached_property
@@ -113,6 +113,11 @@ class FixedPoints:
         found[0, 0::2] = found[1, 1::2] = 1.0 / self.sigma_px
         return found
 
+    def select(self, keep: Mask) -> FixedPoints:
+        """The points at a mask."""
+        names = tuple(name for name, kept in zip(self.names, keep, strict=True) if kept)
+        return FixedPoints(self.field_m[keep], self.points_px[keep], self.sigma_px[keep], names)
+
 
 NO_POINTS = FixedPoints(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0), ())
 
@@ -131,7 +136,7 @@ def stack_curves(parts: list[CurvePoints]) -> CurvePoints:
     return CurvePoints(**stacked, group=group, names=names)
 
 
-def joined_curves(first: CurvePoints, second: CurvePoints) -> CurvePoints:
+def join_curves(first: CurvePoints, second: CurvePoints) -> CurvePoints:
     """The markings of both."""
     stacked = {name: np.concatenate([getattr(first, name), getattr(second, name)]) for name in _BY_POINT}
     group = np.concatenate([first.group, second.group + len(first.names)])
@@ -170,30 +175,36 @@ def line_curve(name: str, points_px: Array, sigma_px: Array, ends_m: Array, shif
 
 
 NEAR_PX = 10.0
-"""So far along a marking its bend is not felt across it."""
+"""So far along a marking its bend is not felt across it: 0.1 px on a circle of 500 px radius."""
+LARGEST_MOVE = (20.0, 0.5)
+"""Of a foot in one Newton step: metres along a line, radians on a circle."""
+FOOT_SAMPLES, LONGEST_LINE_M = 72, 110.0
+"""Of each marking from which the nearest are taken, 5 degrees of a circle apart; and over which length of a line."""
+NEAREST_M = 0.1
+"""Depth before a camera within which nothing is seen."""
 SIZES = [INDEX["width"], INDEX["length"], INDEX["breadth"]]
 """Parameters that move the markings on the field rather than the camera."""
 
 
-def curve_points(curves: CurvePoints, hidden: Array, theta: Array) -> tuple[Array, Array]:
-    """Field points (B, N, 2) at the hidden parameters (B, N), and the unit tangents there, with the sizes of theta
+def curve_points(curves: CurvePoints, feet: Array, theta: Array) -> tuple[Array, Array]:
+    """Field points (B, N, 2) at the foot parameters (B, N), and the unit tangents there, with the sizes of theta
     (B, P).
     """
-    places, tangents, _ = _on_markings(curves, hidden, theta)
+    places, tangents, _ = _on_markings(curves, feet, theta)
     return np.swapaxes(places, 1, 2), np.swapaxes(tangents, 1, 2)
 
 
 def _on_markings(
-    curves: CurvePoints, hidden: Array, theta: Array, points: FixedPoints = NO_POINTS
+    curves: CurvePoints, feet: Array, theta: Array, points: FixedPoints = NO_POINTS
 ) -> tuple[Array, Array, Array]:
-    """Field points at the hidden parameters and the unit tangents there, (B, 2, N + 2 M), last each fixed point twice
+    """Field points at the foot parameters and the unit tangents there, (B, 2, N + 2 M), last each fixed point twice
     and without a tangent; and cosine and sine (B, 2, N): zero on lines.
     """
     origin, direction, shift = curves.rows
-    B, N = hidden.shape
+    B, N = feet.shape
     outward = np.empty((B, 2, N))
-    np.cos(hidden, out=outward[:, 0])
-    np.sin(hidden, out=outward[:, 1])
+    np.cos(feet, out=outward[:, 0])
+    np.sin(feet, out=outward[:, 1])
     lines = bool(curves.straight.any())
     if lines:
         outward *= ~curves.straight
@@ -204,7 +215,7 @@ def _on_markings(
     np.multiply(radius[:, None], outward, out=on_curves)
     on_curves += origin
     if lines:
-        on_curves += hidden[:, None] * direction
+        on_curves += feet[:, None] * direction
         sizes = theta[:, SIZES]
         if sizes.any():
             on_curves += (sizes[:, None] @ shift.reshape(*shift.shape[:-3], 3, 2 * N)).reshape(B, 2, N)
@@ -215,48 +226,41 @@ def _on_markings(
 
 @dataclass(frozen=True, slots=True)
 class Residuals:
-    """Normalised residuals (B, N + 2 M), their Jacobian (B, N + 2 M, P), the hidden parameters (B, N), and which curve
+    """Normalised residuals (B, N + 2 M), their Jacobian (B, N + 2 M, P), the foot parameters (B, N), and which curve
     points are behind the camera (B, N).
     """
 
     values: Array
     jacobian: Array
-    hidden: Array
+    feet: Array
     behind: Mask
 
 
-def first_hidden(curves: CurvePoints, theta: Array, model: ProjectionModel, samples: int = 72) -> tuple[Array, Array]:
-    """Hidden parameters (B, N) of the nearest of some samples of each marking, and the distances there (B, N) in
-    pixels.
-
-    Far starts need no good guess.
-    """
+def sample_feet(curves: CurvePoints, theta: Array, model: ProjectionModel, samples: int = FOOT_SAMPLES) -> Array:
+    """Foot parameters (B, N) of the nearest of some samples of each marking: far starts need no good guess."""
     if len(curves.points_px) == 0:
-        return np.zeros((len(theta), 0)), np.zeros((len(theta), 0))
+        return np.zeros((len(theta), 0))
     change = np.concatenate([[True], np.diff(curves.group) != 0])
     first, marking = np.flatnonzero(change), np.cumsum(change) - 1
     markings = curves.select(np.repeat(first, samples))
     shape = (len(first), samples)
     straight = (curves.radius[first] == 0)[:, None]
     turn = np.linspace(0.0, 2 * np.pi, samples, endpoint=False)
-    grid = np.where(straight, np.linspace(0.0, 110.0, samples), turn)
+    grid = np.where(straight, np.linspace(0.0, LONGEST_LINE_M, samples), turn)
     places, *_ = _on_markings(markings, np.broadcast_to(grid.reshape(1, -1), (len(theta), grid.size)), theta)
     seen = project(theta, np.swapaxes(places, 1, 2), model)
-    pixels = np.where(seen.depth[:, None] > 0.1, seen.xy, np.inf).reshape(len(theta), 2, *shape)
-    nearest, distance = np.empty((2, len(theta), len(curves.points_px)))
+    pixels = np.where(seen.depth[:, None] > NEAREST_M, seen.xy, np.inf).reshape(len(theta), 2, *shape)
+    nearest = np.empty((len(theta), len(curves.points_px)))
     for k in range(len(first)):
         index = np.flatnonzero(marking == k)
         offset_x = pixels[:, 0, k, None, :] - curves.points_px[index, 0, None]
         offset_y = pixels[:, 1, k, None, :] - curves.points_px[index, 1, None]
-        squared = offset_x * offset_x + offset_y * offset_y
-        best = np.argmin(squared, axis=-1)
-        nearest[:, index] = grid[k, best]
-        distance[:, index] = np.take_along_axis(squared, best[..., None], axis=-1)[..., 0]
-    return nearest, np.sqrt(distance)
+        nearest[:, index] = grid[k, np.argmin(offset_x * offset_x + offset_y * offset_y, axis=-1)]
+    return nearest
 
 
-def ground_hidden(curves: CurvePoints, theta: Array, model: ProjectionModel) -> Array:
-    """Hidden parameters (B, N) of where the points lie on level ground: near enough to the nearest points for cameras
+def ground_feet(curves: CurvePoints, theta: Array, model: ProjectionModel) -> Array:
+    """Foot parameters (B, N) of where the points lie on level ground: near enough to the nearest points for cameras
     that are nearly right.
     """
     focal = np.exp(theta[:, 0, None])
@@ -277,12 +281,12 @@ def ground_hidden(curves: CurvePoints, theta: Array, model: ProjectionModel) -> 
 def curve_residuals(
     curves: CurvePoints,
     theta: Array,
-    hidden: Array,
+    feet: Array,
     model: ProjectionModel,
     updates: int = 2,
     points: FixedPoints = NO_POINTS,
 ) -> Residuals:
-    """Signed distances over sigma along the markings' normals, after moving the hidden parameters to the nearest
+    """Signed distances over sigma along the markings' normals, after moving the foot parameters to the nearest
     points; then those of fixed points.
 
     Parameters
@@ -291,27 +295,27 @@ def curve_residuals(
         N points.
     theta : (B, P) array
         Parameter vectors.
-    hidden : (B, N) array
+    feet : (B, N) array
         Where the nearest points were last.
     model : ProjectionModel
         Picture size and crown.
     updates : int
-        Newton steps of the hidden parameters before the residuals are taken, one more where the points then still lie
-        far along the marking; the hidden parameters that are returned are one step further.
+        Newton steps of the foot parameters before the residuals are taken, one more where the points then still lie
+        far along the marking; the foot parameters that are returned are one step further.
     points : FixedPoints
         M points that are seen in the same view, each along x and along y.
     """
-    count = hidden.shape[1]
+    count = feet.shape[1]
     observed = np.concatenate([curves.points_px.T, points.twice[1]], axis=1)
-    limit = np.where(curves.straight, 20.0, 0.5)
+    limit = np.where(curves.straight, *LARGEST_MOVE)
     for step in range(updates + 2):
-        places, tangents, outward = _on_markings(curves, hidden, theta, points)
+        places, tangents, outward = _on_markings(curves, feet, theta, points)
         seen = project(theta, np.swapaxes(places, 1, 2), model)
         along = seen.along(tangents[:, 0], tangents[:, 1])[..., :count]
         difference = observed - seen.xy
         length2 = np.maximum((along * along).sum(axis=1), 1e-18)
         beside = (difference[..., :count] * along).sum(axis=1)
-        hidden = hidden + np.minimum(np.maximum(beside / (length2 * curves.scale), -limit), limit)
+        feet = feet + np.minimum(np.maximum(beside / (length2 * curves.scale), -limit), limit)
         length = np.sqrt(length2)
         if step >= updates and (np.abs(beside) < NEAR_PX * length).all():
             break
@@ -330,10 +334,4 @@ def curve_residuals(
     rows[:, SIZES, :count] = (on_curves[:, None] * curves.rows[2]).sum(axis=2)
     rows[:, SIZES[0], :count] += curves.radius_by_width * (on_curves * outward).sum(axis=1)
     rows[:, INDEX["bloom"], :count] = -bloom
-    return Residuals(values, np.swapaxes(rows, 1, 2), hidden, seen.depth[:, :count] < 0.1)
-
-
-def point_residuals(points: FixedPoints, theta: Array, model: ProjectionModel) -> tuple[Array, Array]:
-    """Normalised residuals (B, 2 M) of fixed points and their Jacobian (B, 2 M, P)."""
-    found = curve_residuals(stack_curves([]), theta, np.zeros((len(theta), 0)), model, 0, points)
-    return found.values, found.jacobian
+    return Residuals(values, np.swapaxes(rows, 1, 2), feet, seen.depth[:, :count] < NEAREST_M)

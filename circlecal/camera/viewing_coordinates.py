@@ -2,9 +2,8 @@
 is looked at.
 
 Zooming in while stepping back hardly changes the picture of a circle. In focal length, angles and position that path
-is strongly bent, and an optimiser
-creeps along it; in the logarithms of focal length and distance, the two viewing angles, and the pixel of the circle's
-centre it is nearly a line.
+is strongly bent, and an optimiser creeps along it; in the logarithms of focal length and distance, the two viewing
+angles, and the pixel of the circle's centre it is nearly a line.
 """
 
 from __future__ import annotations
@@ -14,22 +13,22 @@ import numpy as np
 from circlecal.geometry.camera_parameters import rotations
 from circlecal.geometry.projective import Array
 
-LOOK = 7
+VIEWING = 7
 """The first seven parameters are replaced: log focal length, u, v, roll, log distance, azimuth, elevation."""
 
 
-def to_look(theta: Array, center_m: Array) -> Array:
-    """Look coordinates (B, 7) of parameter vectors (B, P); not finite where the circle's centre lies behind the
+def to_viewing(theta: Array, center_m: Array) -> Array:
+    """Viewing coordinates (B, 7) of parameter vectors (B, P); not finite where the circle's centre lies behind the
     camera.
     """
     _, offset, seen = _toward(theta, center_m)
-    return _look(theta, offset, seen)
+    return _viewing(theta, offset, seen)
 
 
-def look_with_jacobian(theta: Array, center_m: Array) -> tuple[Array, Array]:
-    """:func:`to_look` and :func:`look_jacobian` together."""
+def to_viewing_with_jacobian(theta: Array, center_m: Array) -> tuple[Array, Array]:
+    """:func:`to_viewing` and :func:`viewing_jacobian` together."""
     R, offset, seen = _toward(theta, center_m)
-    return _look(theta, offset, seen), _jacobian(theta, R, offset, seen)
+    return _viewing(theta, offset, seen), _jacobian(theta, R, offset, seen)
 
 
 def _toward(theta: Array, center_m: Array) -> tuple[Array, Array, Array]:
@@ -40,21 +39,21 @@ def _toward(theta: Array, center_m: Array) -> tuple[Array, Array, Array]:
     return R, offset, -(R @ offset[..., None])[..., 0]
 
 
-def _look(theta: Array, offset: Array, seen: Array) -> Array:
+def _viewing(theta: Array, offset: Array, seen: Array) -> Array:
     level2 = offset[:, 0] ** 2 + offset[:, 1] ** 2
-    look = np.empty((len(theta), LOOK))
-    look[:, 0], look[:, 3] = theta[:, 0], theta[:, 3]
+    viewing = np.empty((len(theta), VIEWING))
+    viewing[:, 0], viewing[:, 3] = theta[:, 0], theta[:, 3]
     ahead = np.where(seen[:, 2:] > 0, seen[:, 2:], np.nan)
-    look[:, 1:3] = np.exp(theta[:, :1]) * seen[:, :2] / ahead
-    look[:, 4] = 0.5 * np.log(level2 + offset[:, 2] ** 2)
-    look[:, 5] = np.arctan2(offset[:, 0], offset[:, 1])
-    look[:, 6] = np.arctan2(-offset[:, 2], np.sqrt(level2))
-    return look
+    viewing[:, 1:3] = np.exp(theta[:, :1]) * seen[:, :2] / ahead
+    viewing[:, 4] = 0.5 * np.log(level2 + offset[:, 2] ** 2)
+    viewing[:, 5] = np.arctan2(offset[:, 0], offset[:, 1])
+    viewing[:, 6] = np.arctan2(-offset[:, 2], np.sqrt(level2))
+    return viewing
 
 
-def from_look(look: Array, center_m: Array) -> Array:
-    """Inverse of :func:`to_look`: log focal length, pan, tilt, roll, x, y, z (B, 7) of an upright camera."""
-    log_focal, u, v, roll, log_distance, azimuth, elevation = look.T
+def from_viewing(viewing: Array, center_m: Array) -> Array:
+    """Inverse of :func:`to_viewing`: log focal length, pan, tilt, roll, x, y, z (B, 7) of an upright camera."""
+    log_focal, u, v, roll, log_distance, azimuth, elevation = viewing.T
     distance, level = np.exp(log_distance), np.cos(elevation)
     towards_x, towards_y, towards_z = -np.sin(azimuth) * level, -np.cos(azimuth) * level, np.sin(elevation)
     focal = np.exp(log_focal)
@@ -63,7 +62,7 @@ def from_look(look: Array, center_m: Array) -> Array:
     c, s = np.cos(roll) * unit, np.sin(roll) * unit
     x, y, z = c * u - s * v, s * u + c * v, focal * unit
     ahead = -np.sqrt(np.maximum(level * level - x * x, 0.0))
-    theta = np.empty((len(look), LOOK))
+    theta = np.empty((len(viewing), VIEWING))
     theta[:, 0], theta[:, 3] = log_focal, roll
     theta[:, 1] = _wrapped(np.arctan2(towards_y, towards_x) - np.arctan2(ahead, x))
     theta[:, 2] = _wrapped(np.arctan2(towards_z, ahead) - np.arctan2(z, y))
@@ -73,9 +72,11 @@ def from_look(look: Array, center_m: Array) -> Array:
     return theta
 
 
-def look_jacobian(theta: Array, center_m: Array) -> Array:
-    """Derivative (B, 7, 7) of :func:`from_look` at the look coordinates of theta (B, P): the inverse of that of
-    :func:`to_look`. Identity where the centre lies behind the camera, nan where it has no inverse (straight above it).
+def viewing_jacobian(theta: Array, center_m: Array) -> Array:
+    """Derivative (B, 7, 7) of :func:`from_viewing` at the viewing coordinates of theta (B, P).
+
+    It is the inverse of that of :func:`to_viewing`: the identity where the centre lies behind the camera, nan where
+    there is none (straight above it).
     """
     return _jacobian(theta, *_toward(theta, center_m))
 
@@ -86,7 +87,7 @@ def _jacobian(theta: Array, R: Array, offset: Array, local: Array) -> Array:
     distance2 = level2 + z * z
     ahead = local[:, 2] > 0
     c, s = np.cos(theta[:, 3]), np.sin(theta[:, 3])
-    change = np.zeros((len(theta), 3, LOOK))
+    change = np.zeros((len(theta), 3, VIEWING))
     change[:, :, 1] = R[:, :, 1] * x[:, None] - R[:, :, 0] * y[:, None]
     change[:, 0, 2], change[:, 1, 2] = s * local[:, 2], c * local[:, 2]
     change[:, 2, 2] = -(s * local[:, 0] + c * local[:, 1])
@@ -94,7 +95,7 @@ def _jacobian(theta: Array, R: Array, offset: Array, local: Array) -> Array:
     change[:, :, 4:7] = -R
     normalised = local[:, :2] / np.where(ahead, local[:, 2], 1.0)[:, None]
     per_depth = (np.exp(theta[:, 0]) / np.where(ahead, local[:, 2], 1.0))[:, None, None]
-    forward = np.zeros((len(theta), LOOK, LOOK))
+    forward = np.zeros((len(theta), VIEWING, VIEWING))
     forward[:, 1:3] = per_depth * (change[:, :2] - normalised[..., None] * change[:, 2:])
     forward[:, 1:3, 0] = np.exp(theta[:, :1]) * normalised
     forward[:, 0, 0] = forward[:, 3, 3] = 1.0
@@ -104,12 +105,12 @@ def _jacobian(theta: Array, R: Array, offset: Array, local: Array) -> Array:
     forward[:, 6, 4:6] = offset[:, :2] * (z / (level * distance2))[:, None]
     forward[:, 6, 6] = -level / distance2
     if not ahead.all():
-        forward[~ahead] = np.eye(LOOK)
+        forward[~ahead] = np.eye(VIEWING)
     try:
         return np.asarray(np.linalg.inv(forward), dtype=np.float64)
     except np.linalg.LinAlgError:
         singular = ~(np.abs(np.linalg.det(forward)) > 0)
-        forward[singular] = np.eye(LOOK)
+        forward[singular] = np.eye(VIEWING)
         inverse = np.linalg.inv(forward)
         inverse[singular] = np.nan
         return np.asarray(inverse, dtype=np.float64)

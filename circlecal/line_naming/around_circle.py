@@ -12,10 +12,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from circlecal.camera.observed import Realism
-from circlecal.camera.optimise import COARSE, Priors, Problem, State, best_of, minimise
-from circlecal.camera.residuals import circle_curve, curve_residuals, ground_hidden, joined_curves
-from circlecal.camera.viewing_coordinates import LOOK, from_look, to_look
+from circlecal.camera.observed import NoiseModel
+from circlecal.camera.priors import Priors
+from circlecal.camera.problem import COARSE, FAR_LOSS, Problem, State, minimise
+from circlecal.camera.residuals import circle_curve, curve_residuals, ground_feet, join_curves
+from circlecal.camera.viewing_coordinates import VIEWING, from_viewing, to_viewing
 from circlecal.field import Arc, FieldTemplate
 from circlecal.geometry.camera_parameters import ProjectionModel, camera_of
 from circlecal.geometry.ellipses import Ellipse
@@ -23,7 +24,16 @@ from circlecal.geometry.homography import SIDES
 from circlecal.geometry.projective import Array, Mask, lift
 from circlecal.line_naming.association import Association
 from circlecal.line_naming.expectation import overhanging_px, unseen_px
-from circlecal.line_naming.hypotheses import Naming, NamingScene, Trial, certain, grown, naming_scene, tried
+from circlecal.line_naming.hypotheses import (
+    FIT_ITERATIONS,
+    Naming,
+    NamingScene,
+    Trial,
+    choose_trial,
+    extend,
+    naming_scene,
+    try_names,
+)
 from circlecal.observations import Observations
 
 Arcs = dict[int, str]
@@ -35,8 +45,6 @@ over that which is seen.
 CIRCLE_POINTS, WORST_START = 48, 100.0
 """Of the circle, from which hypotheses start, and by how much such a start may see it worse than another (chi-square).
 """
-FAR = 100.0
-"""By how much wider the loss is where starts may lie far from what they are to explain."""
 LONGEST = 5
 """So many lines are taken for every marking."""
 OFFSET_RATIO = (0.5, 2.0)
@@ -59,13 +67,12 @@ EXPLAINED_SHARE = 0.5
 """Least share of the length of all straight lines that are recognised."""
 
 
-def names_around(
+def name_lines_around_circle(
     problem: Problem,
     ellipse: Ellipse,
     observations: Observations,
     template: FieldTemplate,
-    realism: Realism,
-    loss_scale: float,
+    noise: NoiseModel,
     side: str,
 ) -> Naming | None:
     """Names of straight markings beside a circle whose rotation nothing else fixes.
@@ -78,10 +85,8 @@ def names_around(
         The circle as it is seen, in undistorted pixels.
     observations, template : Observations, FieldTemplate
         With the nameless lines, and the field.
-    realism : Realism
+    noise : NoiseModel
         How points are thinned and trusted while hypotheses are compared.
-    loss_scale : float
-        Scale of the robust loss, standard deviations.
     side : str
         Side of the field from which the camera looks: of a field and the same turned by 180 degrees one is wanted.
 
@@ -93,20 +98,20 @@ def names_around(
     unnamed = [k for k, line in enumerate(observations.lines) if line.line is None and len(line.points_px) >= 8]
     if len(unnamed) + len(observations.curves) < FEWEST_NAMES or not unnamed:
         return None
-    cameras = _turnable(problem, ellipse, loss_scale)
-    fitted = minimise(problem, cameras.theta[:1], loss_scale, tolerance=COARSE)
-    scene = naming_scene(unnamed, problem, fitted, observations, template, realism, loss_scale, ())
+    cameras = _find_turnable(problem, ellipse)
+    fitted = minimise(problem, cameras.theta[:1], COARSE)
+    scene = naming_scene(unnamed, problem, fitted, observations, template, noise)
     if template.halfway_line is not None:
         scene = replace(scene, known=(*scene.known, template.halfway_line))
-    hypotheses, turned = _turned(scene, cameras.theta, side)
+    hypotheses, turned = _turn(scene, cameras.theta, side)
     if not hypotheses:
         return None
-    likely = _different(tried(_stiff(scene), hypotheses, turned))
-    trials = tried(scene, [trial.association for trial in likely], np.array([trial.theta for trial in likely]))
-    trials = grown(scene, trials, len(trials))
+    likely = _best_of_each(try_names(_stiffen(scene), hypotheses, turned))
+    trials = try_names(scene, [trial.association for trial in likely], np.array([trial.theta for trial in likely]))
+    trials = extend(scene, trials, len(trials))
     trials = [_against_the_picture(scene, trial) for trial in trials]
-    trials, arcs = _with_curves(scene, trials, observations.curves)
-    best = certain(trials, observations.width)
+    trials, arcs = _add_curves(scene, trials, observations.curves)
+    best = choose_trial(trials, observations.width)
     if best is None:
         return None
     named = next(found for trial, found in zip(trials, arcs, strict=True) if trial is best)
@@ -119,7 +124,7 @@ def names_around(
     return Naming({unnamed[k]: name for k, name in best.association.names.items()}, best.theta, named)
 
 
-def _turnable(problem: Problem, ellipse: Ellipse, loss_scale: float) -> State:
+def _find_turnable(problem: Problem, ellipse: Ellipse) -> State:
     """Cameras at several distances and heights that see the circle about as it is seen, the best first.
 
     Without priors of their place they stay about where they start from along what the circle leaves open.
@@ -129,25 +134,26 @@ def _turnable(problem: Problem, ellipse: Ellipse, loss_scale: float) -> State:
     priors = replace(problem.priors, distance_log_sd=np.inf, elevation_sd_rad=np.inf, shared=None)
     distance, factor = (g.ravel() for g in np.meshgrid(DISTANCES, TILT_FACTORS))
     radius = float(curves.radius[0])
-    look = np.zeros((len(distance), LOOK))
-    look[:, 0] = np.log(ellipse.semi_axes[0] * distance)
-    look[:, 1:3] = ellipse.center - problem.model.center
-    look[:, 4] = np.log(radius * distance)
-    look[:, 6] = np.arcsin(np.clip(ellipse.axis_ratio * factor, 0.03, 0.97))
-    starts = np.tile(np.where(np.isfinite(priors.mean), priors.mean, 0.0), (len(look), 1))
-    starts[:, :LOOK] = from_look(look, center)
-    found = minimise(replace(problem, curves=few, priors=priors), starts, FAR * loss_scale, 20, tolerance=COARSE)
-    return best_of(found, int((found.cost < found.cost.min() + WORST_START).sum()))
+    viewing = np.zeros((len(distance), VIEWING))
+    viewing[:, 0] = np.log(ellipse.semi_axes[0] * distance)
+    viewing[:, 1:3] = ellipse.center - problem.model.center
+    viewing[:, 4] = np.log(radius * distance)
+    viewing[:, 6] = np.arcsin(np.clip(ellipse.axis_ratio * factor, 0.03, 0.97))
+    starts = np.tile(np.where(np.isfinite(priors.mean), priors.mean, 0.0), (len(viewing), 1))
+    starts[:, :VIEWING] = from_viewing(viewing, center)
+    far = replace(problem, curves=few, priors=priors, loss_scale=FAR_LOSS * problem.loss_scale)
+    found = minimise(far, starts, replace(COARSE, iterations=FIT_ITERATIONS))
+    return found.best(int((found.cost < found.cost.min() + WORST_START).sum()))
 
 
 def _usual(priors: Priors) -> Priors:
     """The same with all but the camera's pose and focal length fixed at what is expected."""
     sd = priors.sd.copy()
-    sd[LOOK:] = 0.0
+    sd[VIEWING:] = 0.0
     return replace(priors, sd=sd, mean=np.where(np.isfinite(priors.mean), priors.mean, 0.0))
 
 
-def _turned(scene: NamingScene, cameras: Array, side: str) -> tuple[list[Association], Array]:
+def _turn(scene: NamingScene, cameras: Array, side: str) -> tuple[list[Association], Array]:
     """Each long line as each marking that it may be, and cameras (B, P) turned so that both are parallel."""
     model, template = scene.problem.model, scene.template
     center = scene.problem.priors.center_m
@@ -162,10 +168,10 @@ def _turned(scene: NamingScene, cameras: Array, side: str) -> tuple[list[Associa
         seen = _on_ground(scene.segments[longest], theta, model) - center
         seen_normal, seen_offset = _normals(seen)
         turn = np.arctan2(normal[:, 1], normal[:, 0]) - np.arctan2(seen_normal[:, 1], seen_normal[:, 0])[:, None]
-        around = np.repeat(to_look(theta[None], center), turn.size, axis=0)
+        around = np.repeat(to_viewing(theta[None], center), turn.size, axis=0)
         around[:, 5] -= turn.ravel()
         turned = np.repeat(theta[None], turn.size, axis=0)
-        turned[:, :7] = from_look(around, center)
+        turned[:, :7] = from_viewing(around, center)
         with np.errstate(invalid="ignore", divide="ignore"):
             ratio = seen_offset[:, None] / offset
             possible = (ratio > OFFSET_RATIO[0]) & (ratio < OFFSET_RATIO[1]) & _beside(seen, turn, ends)
@@ -190,12 +196,13 @@ def _beside(seen: Array, turn: Array, ends: Array) -> Mask:
     return np.asarray(((share > -SLACK) & (share < 1.0 + SLACK)).all(axis=-1))
 
 
-def _stiff(scene: NamingScene) -> NamingScene:
+def _stiffen(scene: NamingScene) -> NamingScene:
     """The same with all but the camera's pose and focal length at what the priors expect, which far starts would bend,
     and a loss that pulls from far.
     """
-    problem = replace(scene.problem, priors=_usual(scene.problem.priors))
-    return replace(scene, problem=problem, loss_scale=FAR * scene.loss_scale)
+    problem = scene.problem
+    stiff = replace(problem, priors=_usual(problem.priors), loss_scale=FAR_LOSS * problem.loss_scale)
+    return replace(scene, problem=stiff)
 
 
 def _on_ground(segments: Array, theta: Array, model: ProjectionModel) -> Array:
@@ -220,7 +227,7 @@ def _against_the_picture(scene: NamingScene, trial: Trial) -> Trial:
     return replace(trial, score=trial.score - unseen - OVERHANG_COST * beyond)
 
 
-def _with_curves(scene: NamingScene, trials: list[Trial], curves: tuple[Array, ...]) -> tuple[list[Trial], list[Arcs]]:
+def _add_curves(scene: NamingScene, trials: list[Trial], curves: tuple[Array, ...]) -> tuple[list[Trial], list[Arcs]]:
     """The trials with what a nameless curve adds where it is an arc of the field, fitted together with it; and which
     curve is which arc.
     """
@@ -228,7 +235,7 @@ def _with_curves(scene: NamingScene, trials: list[Trial], curves: tuple[Array, .
     for number, points in enumerate(curves):
         length = float(np.linalg.norm(points.max(axis=0) - points.min(axis=0)))
         for arc in scene.template.arcs:
-            fitted, share = _fitted_with(scene, trials, points[:: max(1, len(points) // CURVE_POINTS)], arc)
+            fitted, share = _fit_with(scene, trials, points[:: max(1, len(points) // CURVE_POINTS)], arc)
             for k, trial in enumerate(fitted):
                 gain = share[k] * length if share[k] >= CURVE_SHARE else 0.0
                 if gain > 0.0 and number not in arcs[k] and trial.score + gain > trials[k].score:
@@ -237,7 +244,7 @@ def _with_curves(scene: NamingScene, trials: list[Trial], curves: tuple[Array, .
     return trials, arcs
 
 
-def _fitted_with(scene: NamingScene, trials: list[Trial], points: Array, arc: Arc) -> tuple[list[Trial], Array]:
+def _fit_with(scene: NamingScene, trials: list[Trial], points: Array, arc: Arc) -> tuple[list[Trial], Array]:
     """The trials fitted once more with points (N, 2) on an arc, and the share (B,) of these that then lie on it."""
     model, template, unit = scene.problem.model, scene.template, scene.unit
     radius = template.radius(arc, "center")
@@ -246,15 +253,15 @@ def _fitted_with(scene: NamingScene, trials: list[Trial], points: Array, arc: Ar
     )
     fuller = replace(
         scene,
-        problem=replace(scene.problem, curves=joined_curves(scene.problem.curves, drawn)),
+        problem=replace(scene.problem, curves=join_curves(scene.problem.curves, drawn)),
         before_px=np.append(scene.before_px, np.inf),
         allowed_px=np.append(scene.allowed_px, 0.0),
     )
-    fitted = tried(fuller, [trial.association for trial in trials], np.array([trial.theta for trial in trials]))
+    fitted = try_names(fuller, [trial.association for trial in trials], np.array([trial.theta for trial in trials]))
     cameras = np.array([trial.theta for trial in fitted])
-    near = curve_residuals(drawn, cameras, ground_hidden(drawn, cameras, model), model)
+    near = curve_residuals(drawn, cameras, ground_feet(drawn, cameras, model), model)
     middle, half = np.radians((arc.start_deg + arc.end_deg) / 2), np.radians((arc.end_deg - arc.start_deg) / 2)
-    aside = np.abs((near.hidden - middle + np.pi) % (2 * np.pi) - np.pi)
+    aside = np.abs((near.feet - middle + np.pi) % (2 * np.pi) - np.pi)
     on = (np.abs(near.values) * CURVE_SIGMA_PX < CURVE_PX) & (aside < half + ARC_SLACK) & ~near.behind
     return fitted, on.mean(axis=1)
 
@@ -266,7 +273,7 @@ def _ends_on(template: FieldTemplate, arc: str, lines: set[str]) -> bool:
     return bool((np.abs(lift(drawn) @ coordinates.T) < TOUCH_M).all(axis=0).any())
 
 
-def _different(trials: list[Trial]) -> list[Trial]:
+def _best_of_each(trials: list[Trial]) -> list[Trial]:
     """The best trial of each pair of a line and a name, the best of these."""
     best: dict[tuple[tuple[int, str], ...], Trial] = {}
     for trial in trials:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from circlecal.camera.residuals import CurvePoints, curve_residuals, ground_hidden
+from circlecal.camera.residuals import CurvePoints, curve_residuals, ground_feet
 from circlecal.field import FieldTemplate
 from circlecal.geometry.camera_parameters import ProjectionModel
 from circlecal.geometry.projective import Array, Indices, Mask
@@ -132,12 +132,12 @@ def _pairs(segments: Array, ends: Array, shifts: Array, theta: Array, model: Pro
         np.tile(segments.reshape(-1, 2), (T, 1)), zero + 1.0, ends[group, 0], zero, zero, zero,
         (span / lengths[:, None])[group], shifts[group], group, ("",) * T,
     )  # fmt: skip
-    start = ground_hidden(curves, theta[None], model)
+    start = ground_feet(curves, theta[None], model)
     seen = curve_residuals(curves, theta[None], start, model, updates=0)
-    hidden = seen.hidden[0].reshape(T, S, 2)
+    feet = seen.feet[0].reshape(T, S, 2)
     # uncertain cameras slide along a line too, so its ends are taken generously
     slack = 0.15 * lengths[:, None, None] + 3.0
-    on_marking = ((hidden > -slack) & (hidden < lengths[:, None, None] + slack)).all(axis=-1)
+    on_marking = ((feet > -slack) & (feet < lengths[:, None, None] + slack)).all(axis=-1)
     on_marking &= ~seen.behind[0].reshape(T, S, 2).any(axis=-1)
     return _Pairs(
         np.swapaxes(seen.values[0].reshape(T, S, 2), 0, 1),

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from circlecal.camera.residuals import ground_hidden, line_curve
+from circlecal.camera.residuals import ground_feet, line_curve
 from circlecal.field import FieldTemplate
 from circlecal.geometry.camera_parameters import ProjectionModel, project
 from circlecal.geometry.projective import Array
@@ -123,4 +123,4 @@ def _along(points: Array, k: int, theta: Array, template: FieldTemplate, model: 
     """Metres (N,) along a line of the template at which pixels (N, 2) lie."""
     line = template.lines[k]
     curve = line_curve(line.name, points, np.ones(len(points)), template.drawn_lines[0][k], template.drawn_lines[1][k])
-    return np.asarray(ground_hidden(curve, theta[None], model)[0])
+    return np.asarray(ground_feet(curve, theta[None], model)[0])

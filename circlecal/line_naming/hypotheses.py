@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from circlecal.camera.covariance import posterior_covariance
-from circlecal.camera.observed import Realism, thinned_curves, thinned_line
-from circlecal.camera.optimise import COARSE, Problem, State, minimise
-from circlecal.camera.residuals import CurvePoints, ground_hidden
+from circlecal.camera.observed import NoiseModel, thin_curves, thin_line
+from circlecal.camera.problem import COARSE, WIDE_LOSS, Problem, State, minimise
+from circlecal.camera.residuals import CurvePoints, ground_feet
 from circlecal.field import FieldTemplate
 from circlecal.geometry.projective import Array, Indices, Mask
 from circlecal.line_naming.association import Association, associate_lines
@@ -18,8 +18,8 @@ from circlecal.observations import LinePoints, Observations
 
 HYPOTHESES, GROWING = 6, 2
 """How many are fitted, and of how many the lines are matched anew."""
-WIDE = 10.0
-"""By how much wider the loss is while hypotheses are compared: a line that does not fit pulls, and then tells."""
+FIT_ITERATIONS = 20
+"""Most steps of a fit that is only compared."""
 ROUNDS = 3
 """Fits of one hypothesis; after each the lines are matched anew."""
 MARGIN_WIDTHS = 0.12
@@ -59,8 +59,6 @@ class NamingScene:
         Names that are given.
     elsewhere : frozenset of (int, str)
         Names that a nameless line cannot have, since another line is seen to end on that marking somewhere else.
-    loss_scale : float
-        Scale of the robust loss.
     """
 
     problem: Problem
@@ -73,7 +71,6 @@ class NamingScene:
     template: FieldTemplate
     known: tuple[str, ...]
     elsewhere: frozenset[tuple[int, str]]
-    loss_scale: float
 
     @property
     def unit(self) -> float:
@@ -118,9 +115,8 @@ def name_lines(
     state: State,
     observations: Observations,
     template: FieldTemplate,
-    realism: Realism,
-    loss_scale: float,
-    met: tuple[LinePoints, ...] = (),
+    noise: NoiseModel,
+    ends: tuple[LinePoints, ...] = (),
 ) -> Naming:
     """Names for straight markings that were seen without one.
 
@@ -130,14 +126,12 @@ def name_lines(
         The fit without them.
     observations : Observations
         Everything that was seen.
-    met : tuple of LinePoints
-        Points of markings, from :func:`circlecal.line_naming.line_ends.with_crossings`, that ``problem`` holds already.
+    ends : tuple of LinePoints
+        Points of markings, from :func:`circlecal.line_naming.line_ends.add_line_ends`, that ``problem`` holds already.
     template : FieldTemplate
         The field.
-    realism : Realism
+    noise : NoiseModel
         How points are thinned and trusted while hypotheses are compared.
-    loss_scale : float
-        Scale of the robust loss, standard deviations.
 
     Returns
     -------
@@ -148,21 +142,21 @@ def name_lines(
     unnamed = [k for k, line in enumerate(observations.lines) if line.line is None and len(line.points_px) >= 8]
     if not unnamed:
         return nothing
-    scene = naming_scene(unnamed, problem, state, observations, template, realism, loss_scale, met)
+    scene = naming_scene(unnamed, problem, state, observations, template, noise, ends)
     first = scene.hypotheses(state.theta[0], state.normal[0], HYPOTHESES)
     if not first:
         return nothing
-    trials = grown(scene, tried(scene, first, np.repeat(state.theta[:1], len(first), axis=0)), GROWING)
-    best = certain(trials, observations.width)
+    trials = extend(scene, try_names(scene, first, np.repeat(state.theta[:1], len(first), axis=0)), GROWING)
+    best = choose_trial(trials, observations.width)
     if best is None or scene.leaves_longest(best.association):
-        trials += _alone(scene, first, state.theta[:1])
-        best = certain(trials, observations.width)
+        trials += _try_longest(scene, first, state.theta[:1])
+        best = choose_trial(trials, observations.width)
     if best is None:
         return nothing
     return Naming({unnamed[k]: name for k, name in best.association.names.items() if best.passed[k]}, best.theta)
 
 
-def grown(scene: NamingScene, trials: list[Trial], count: int) -> list[Trial]:
+def extend(scene: NamingScene, trials: list[Trial], count: int) -> list[Trial]:
     """The same hypotheses, the ``count`` best of them with the further lines that their cameras lead to."""
     trials = list(trials)
     growing = sorted(range(len(trials)), key=lambda k: -trials[k].score)[:count]
@@ -174,17 +168,17 @@ def grown(scene: NamingScene, trials: list[Trial], count: int) -> list[Trial]:
             break
         growing = list(more)
         starts = np.array([trials[k].theta for k in growing])
-        for k, trial in zip(growing, tried(scene, list(more.values()), starts), strict=True):
+        for k, trial in zip(growing, try_names(scene, list(more.values()), starts), strict=True):
             trials[k] = trial
     return trials
 
 
-def _alone(scene: NamingScene, hypotheses: list[Association], start: Array) -> list[Trial]:
+def _try_longest(scene: NamingScene, hypotheses: list[Association], start: Array) -> list[Trial]:
     """The longest line under each of its names, with nothing else named: the others may be edges of boards."""
     longest = int(np.argmax(scene.lengths_px))
     names = {h.names[longest] for h in hypotheses if longest in h.names}
     single = [Association({longest: name}, float(scene.lengths_px[longest]), 0.0) for name in sorted(names)]
-    return tried(scene, single, np.repeat(start, len(single), axis=0)) if single else []
+    return try_names(scene, single, np.repeat(start, len(single), axis=0)) if single else []
 
 
 def _extends(again: Association, before: Association) -> bool:
@@ -197,14 +191,13 @@ def naming_scene(
     state: State,
     observations: Observations,
     template: FieldTemplate,
-    realism: Realism,
-    loss_scale: float,
-    met: tuple[LinePoints, ...],
+    noise: NoiseModel,
+    ends: tuple[LinePoints, ...] = (),
 ) -> NamingScene:
     """The nameless lines (by index) before a fit without them, as :func:`name_lines` takes it."""
     lines = [observations.lines[k] for k in unnamed]
-    curves = thinned_curves(problem.curves, state.hidden[0], realism.maximum_points, realism.model_sigma_px)
-    thinned = [thinned_line(line, realism) for line in lines]
+    curves = thin_curves(problem.curves, state.feet[0], noise.maximum_points, noise.model_sigma_px)
+    thinned = [thin_line(line, noise) for line in lines]
     segments = np.array([segment_ends(line.points_px) for line in lines])
     unit = observations.width / 1920.0
     residuals, group = state.residuals[0] * problem.curves.sigma_px, problem.curves.group
@@ -222,26 +215,29 @@ def naming_scene(
         elsewhere=frozenset(
             (k, str(point.line))
             for k, segment in enumerate(segments)
-            for point in met
+            for point in ends
             if not passes_end(segment, point, unit)
         ),
-        loss_scale=loss_scale,
     )
 
 
-def tried(scene: NamingScene, associations: list[Association], starts: Array) -> list[Trial]:
+def try_names(scene: NamingScene, associations: list[Association], starts: Array) -> list[Trial]:
     """Fit every hypothesis, all at once, from its own start (B, P)."""
-    problem = replace(scene.problem, curves=_hypothetical(scene, associations))
-    hidden = ground_hidden(problem.curves, starts, problem.model)
-    state = minimise(problem, starts, WIDE * scene.loss_scale, 20, hidden, COARSE)
-    passed, explained, score = _judged(scene, associations, state, problem)
+    problem = replace(
+        scene.problem,
+        curves=_assume(scene, associations),
+        loss_scale=WIDE_LOSS * scene.problem.loss_scale,
+    )
+    feet = ground_feet(problem.curves, starts, problem.model)
+    state = minimise(problem, starts, replace(COARSE, iterations=FIT_ITERATIONS), feet)
+    passed, explained, score = _score(scene, associations, state, problem)
     return [
         Trial(association, passed[k], float(explained[k]), float(score[k]), state.theta[k], state.normal[k])
         for k, association in enumerate(associations)
     ]
 
 
-def _hypothetical(scene: NamingScene, associations: list[Association]) -> CurvePoints:
+def _assume(scene: NamingScene, associations: list[Association]) -> CurvePoints:
     """The known markings, and the nameless lines as what each hypothesis takes them for."""
     base, template, count = scene.problem.curves, scene.template, len(scene.points_px)
     shape = (len(associations), len(scene.segments))
@@ -275,7 +271,7 @@ def _hypothetical(scene: NamingScene, associations: list[Association]) -> CurveP
     )
 
 
-def _judged(
+def _score(
     scene: NamingScene, associations: list[Association], state: State, problem: Problem
 ) -> tuple[Mask, Array, Array]:
     """The lines (B, S) that each fit really passes through, their length (B,), and its score: less what circle, line
@@ -294,7 +290,7 @@ def _judged(
     return passed, explained, explained - 2.0 * missed - scene.unit * (400.0 * worse + 15.0 * prior)
 
 
-def certain(trials: list[Trial], width: int) -> Trial | None:
+def choose_trial(trials: list[Trial], width: int) -> Trial | None:
     """The best trial, where it explains enough, and clearly more than any that contradicts it."""
     best = max(trials, key=lambda t: t.score)
     rival = max((t.score for t in trials if t.association.contradicts(best.association)), default=-np.inf)

@@ -9,11 +9,11 @@ from __future__ import annotations
 import numpy as np
 
 from circlecal.camera.covariance import posterior_covariance
-from circlecal.camera.optimise import COARSE, Problem, State, best_of, continued, reweighted, with_curves
+from circlecal.camera.problem import COARSE, WIDE_LOSS, Problem, State, add_curves, resume, with_loss
 from circlecal.camera.residuals import (
     CurvePoints,
     curve_residuals,
-    ground_hidden,
+    ground_feet,
     line_curve,
     stack_curves,
 )
@@ -28,8 +28,6 @@ WORST_SIGMAS = (12.0, 4.0)
 """An end further than this from where the camera expects the other marking is a cover's edge: at first generously,
 since a vague camera's expectation bends.
 """
-WIDE = 10.0
-"""By how much wider the loss is at first: an end may lie far from where a vague camera expects it."""
 WORST_COST = 25.0
 """By how much chi-square may grow per end that is used."""
 SURE_PX, BARE_SIGMAS = 25.0, 2.0
@@ -46,8 +44,8 @@ TOUCH_M = 0.3
 """How far a line of the template may end from the one it runs into."""
 
 
-def with_crossings(
-    problem: Problem, state: State, observations: Observations, template: FieldTemplate, loss_scale: float
+def add_line_ends(
+    problem: Problem, state: State, observations: Observations, template: FieldTemplate
 ) -> tuple[Problem, State, tuple[LinePoints, ...]]:
     """Fit once more with the ends of named lines as points of the markings that they run into.
 
@@ -59,31 +57,30 @@ def with_crossings(
         Everything that was seen.
     template : FieldTemplate
         The field.
-    loss_scale : float
-        Scale of the robust loss, standard deviations.
 
     Returns
     -------
     problem, state : Problem, State
         The new fit, or the old one where no end is seen that the camera can believe in.
-    met : tuple of LinePoints
-        One point each.
+    ends : tuple of LinePoints
+        One point each, of the markings that lines end on.
     """
     for worst in WORST_SIGMAS:
-        met = _crossings(problem, state, observations, template, worst)
-        if not met:
+        ends = _find_ends(problem, state, observations, template, worst)
+        if not ends:
             break
-        parts = [_one_point(template.line_by_name[str(m.line)], m.points_px[0], m.sigma_px, template) for m in met]
-        fuller, found = with_curves(problem, best_of(state), stack_curves(parts), WIDE * loss_scale)
-        found = continued(fuller, found, WIDE * loss_scale, tolerance=COARSE)
-        _, found = reweighted(fuller, found, fuller.curves.sigma_px, loss_scale)
-        found = continued(fuller, found, loss_scale, tolerance=COARSE)
-        if found.cost[0] < state.cost[0] + WORST_COST * len(met):
-            return fuller, found, met
+        parts = [_one_point(template.line_by_name[str(m.line)], m.points_px[0], m.sigma_px, template) for m in ends]
+        # an end may lie far from where a vague camera expects it
+        wide, start = with_loss(problem, state.best(), WIDE_LOSS * problem.loss_scale)
+        wide, found = add_curves(wide, start, stack_curves(parts))
+        fuller, found = with_loss(wide, resume(wide, found, COARSE), problem.loss_scale)
+        found = resume(fuller, found, COARSE)
+        if found.cost[0] < state.cost[0] + WORST_COST * len(ends):
+            return fuller, found, ends
     return problem, state, ()
 
 
-def _crossings(
+def _find_ends(
     problem: Problem, state: State, observations: Observations, template: FieldTemplate, worst: float
 ) -> tuple[LinePoints, ...]:
     named = [s for s in observations.lines if s.ends and s.line is not None and s.line in template.line_by_name]
@@ -96,7 +93,7 @@ def _crossings(
     lines = stack_curves(
         [_one_point(line, end.point_px, sigma, template) for (end, _), line in zip(ends, drawn, strict=True)]
     )
-    along = ground_hidden(lines, theta, problem.model)
+    along = ground_feet(lines, theta, problem.model)
     place = lines.origin + along[0, :, None] * lines.direction
     corners = np.array([template.line_ends(line) for line in drawn])
     far = along[0] > 0.5 * np.linalg.norm(corners[:, 1] - corners[:, 0], axis=-1)
@@ -108,26 +105,26 @@ def _crossings(
     # where both cross at a slant the paint ends anywhere within the other marking
     sigmas = np.hypot(sigma, np.linalg.norm(steps, axis=-1))[:, None]
     others = [running_through(corners[k, int(far[k])], line, template) for k, line in enumerate(drawn)]
-    met = [k for k, other in enumerate(others) if other is not None]
-    if not met:
+    ending = [k for k, other in enumerate(others) if other is not None]
+    if not ending:
         return ()
     points = stack_curves(
         [_one_point(other, middles[k], sigmas[k], template) for k, other in enumerate(others) if other]
     )
-    expected = curve_residuals(points, theta, ground_hidden(points, theta, problem.model), problem.model, updates=0)
+    expected = curve_residuals(points, theta, ground_feet(points, theta, problem.model), problem.model, updates=0)
     J = expected.jacobian[0]
     spread = np.sqrt(((J @ posterior_covariance(state.normal[0], problem.priors.sd)) * J).sum(axis=1))
     away = np.abs(expected.values[0]) / np.hypot(spread, 1.0)
-    vague = spread * sigmas[met, 0] > SURE_PX * unit
+    vague = spread * sigmas[ending, 0] > SURE_PX * unit
     return tuple(
         LinePoints(name, middles[k][None], sigmas[k])
-        for k, name, off, unsure in zip(met, points.names, away, vague, strict=True)
+        for k, name, off, unsure in zip(ending, points.names, away, vague, strict=True)
         if off <= worst
-        and (ends[k][0].crossed or (off <= BARE_SIGMAS and not unsure) or _met(*ends[k], observations, unit))
+        and (ends[k][0].crossed or (off <= BARE_SIGMAS and not unsure) or _is_crossed(*ends[k], observations, unit))
     )
 
 
-def passes(segment: Array, point_px: Array, unit: float, near_px: float = NEAR_PX) -> bool:
+def passes_point(segment: Array, point_px: Array, unit: float, near_px: float = NEAR_PX) -> bool:
     """Whether a seen line with the ends (2, 2) goes through a point (2,), or would if it were drawn on."""
     along = (segment[1] - segment[0]) / np.linalg.norm(segment[1] - segment[0])
     first, second = (point_px - segment) @ along
@@ -135,14 +132,14 @@ def passes(segment: Array, point_px: Array, unit: float, near_px: float = NEAR_P
     return abs(float(line_distance(fit_line(segment), point_px[None])[0])) < near_px * unit + BEND_SHARE * away
 
 
-def passes_end(segment: Array, met: LinePoints, unit: float) -> bool:
-    """The same of a point of :func:`with_crossings`, as precisely as it is known."""
-    return passes(segment, met.points_px[0], unit, NEAR_SIGMAS * float(met.sigma_px[0]) / unit)
+def passes_end(segment: Array, end: LinePoints, unit: float) -> bool:
+    """Whether a seen line passes an end of :func:`add_line_ends` within what is known of it, or would if drawn on."""
+    return passes_point(segment, end.points_px[0], unit, NEAR_SIGMAS * float(end.sigma_px[0]) / unit)
 
 
-def same_markings(names: dict[int, str], met: tuple[LinePoints, ...], observations: Observations) -> bool:
+def are_ended_on(names: dict[int, str], ends: tuple[LinePoints, ...], observations: Observations) -> bool:
     """Whether lines (names by index) are nothing but markings on which ends were seen, and pass through those ends."""
-    places = {point.line: point for point in met}
+    places = {point.line: point for point in ends}
     unit = observations.width / 1920.0
     return bool(names) and all(
         name in places and passes_end(segment_ends(observations.lines[k].points_px), places[name], unit)
@@ -172,13 +169,13 @@ def running_through(point_m: Array, ending: Line, template: FieldTemplate) -> Li
     return next((template.lines[k] for k in touched if template.lines[k].name != ending.name), None)
 
 
-def _met(end: LineEnd, line: LinePoints, observations: Observations, unit: float) -> bool:
+def _is_crossed(end: LineEnd, line: LinePoints, observations: Observations, unit: float) -> bool:
     """Whether a nameless line is seen to pass through the end, across the line that ends there."""
     along = fit_line(line.points_px)[:2]
     for other in observations.lines:
         if other.line is None and len(other.points_px) >= 8:
             normal = fit_line(other.points_px)[:2]
             across = abs(normal[0] * along[1] - normal[1] * along[0]) > LEAST_SINE
-            if across and passes(segment_ends(other.points_px), end.point_px, unit):
+            if across and passes_point(segment_ends(other.points_px), end.point_px, unit):
                 return True
     return False

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from circlecal.camera.noise import inflated
-from circlecal.camera.observed import Realism, observed_curves, observed_points
-from circlecal.camera.optimise import Problem, evaluate
+from circlecal.camera.noise import rescale_sigmas
+from circlecal.camera.observed import NoiseModel, observed_curves, observed_points
 from circlecal.camera.options import priors_of
-from circlecal.camera.residuals import curve_residuals, first_hidden, line_curve
-from circlecal.camera.shared_prior import SharedPrior, SharedPriorConfig
+from circlecal.camera.priors import SharedPrior, SharedPriorConfig
+from circlecal.camera.problem import WIDE_LOSS, Problem, evaluate
+from circlecal.camera.residuals import curve_residuals, line_curve, sample_feet
 from circlecal.config import Config
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera_parameters import ProjectionModel
@@ -163,15 +163,14 @@ def _estimate(
         frame_problem(frame, theta, template, circle, config, turned=turn)
         for frame, theta, turn in zip(frames, thetas, turned, strict=True)
     ]
-    loss = config.camera.loss_scale
     kept, left_out = list(range(len(frames))), list[str]()
     problem: JointProblem | None = None
     while len(kept) >= config.rig.least_frames:
         problem = _joint([problems[k] for k in kept], config, frames[0].size[0], float(np.median(thetas[kept, 0])))
-        alone = np.array([_alone(p, thetas[k], loss) for p, k in zip(problem.frames, kept, strict=True)])
-        state = first_state(problem, thetas[kept], 10.0 * loss)
-        state = minimise_joint(problem, state, 10.0 * loss, config.camera.iterations // 2)
-        state = minimise_joint(problem, first_state(problem, state.theta, loss), loss, config.camera.iterations)
+        alone = np.array([_alone(p, thetas[k]) for p, k in zip(problem.frames, kept, strict=True)])
+        wide = problem.with_loss(WIDE_LOSS * config.camera.loss_scale)
+        state = minimise_joint(wide, first_state(wide, thetas[kept]), config.camera.iterations // 2)
+        state = minimise_joint(problem, first_state(problem, state.theta), config.camera.iterations)
         surprise = state.costs - alone
         if surprise.max() <= config.rig.maximum_surprise:
             used = tuple(frames[k].id for k in kept)
@@ -206,10 +205,10 @@ def _joint(problems: Sequence[Problem], config: Config, width: int, log_focal: f
     )
 
 
-def _alone(problem: Problem, theta: Array, loss_scale: float) -> float:
+def _alone(problem: Problem, theta: Array) -> float:
     """Cost of a frame's observations where the frame is calibrated alone."""
-    hidden, _ = first_hidden(problem.curves, theta[None], problem.model)
-    return float(evaluate(problem, theta[None], hidden, loss_scale, updates=4).cost[0])
+    feet = sample_feet(problem.curves, theta[None], problem.model)
+    return float(evaluate(problem, theta[None], feet, updates=4).cost[0])
 
 
 def best_frames(frames: Sequence[RigFrame], maximum: int) -> list[int]:
@@ -267,18 +266,19 @@ def frame_problem(
         lines=tuple(line for line in seen.lines if line.line not in frame.rejected),
         circles=tuple(c for c in seen.circles if f"{c.circle} {c.edge}" not in frame.rejected),
     )
-    realism = Realism(options.maximum_points, options.model_sigma_px * unit, options.correlation_px * unit)
+    noise = NoiseModel(options.maximum_points, options.model_sigma_px * unit, options.correlation_px * unit)
     problem = Problem(
-        observed_curves(seen, template, realism),
+        observed_curves(seen, template, noise),
         observed_points(seen, template),
         priors_of(options, template, circle, model),
         model,
+        options.loss_scale,
     )
     if not grown or not options.noise_from_residuals:
         return problem
-    hidden, _ = first_hidden(problem.curves, theta[None], model)
-    state = evaluate(problem, theta[None], hidden, options.loss_scale, updates=4)
-    return replace(problem, curves=inflated(problem, state)[0])
+    feet = sample_feet(problem.curves, theta[None], model)
+    state = evaluate(problem, theta[None], feet, updates=4)
+    return rescale_sigmas(problem, state)[0]
 
 
 def with_names(
@@ -299,8 +299,8 @@ def with_names(
                 template.line_ends(drawn),
                 template.line_shift(drawn),
             )
-            hidden, _ = first_hidden(curve, theta[None], model)
-            seen = curve_residuals(curve, theta[None], hidden, model, updates=4)
+            feet = sample_feet(curve, theta[None], model)
+            seen = curve_residuals(curve, theta[None], feet, model, updates=4)
             rms = float(np.sqrt(np.mean(seen.values**2)))
             if rms < best and not seen.behind.any():
                 best, where = rms, k

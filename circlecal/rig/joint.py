@@ -13,16 +13,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from circlecal.camera.optimise import Priors, Problem, evaluate
-from circlecal.camera.residuals import first_hidden
-from circlecal.camera.shared_prior import SHARED, ZOOMED, SharedPrior
+from circlecal.camera.priors import SHARED, ZOOMED, Priors, SharedPrior
+from circlecal.camera.problem import Problem, evaluate
+from circlecal.camera.residuals import sample_feet
 from circlecal.geometry.camera_parameters import INDEX, PARAMETERS
-from circlecal.geometry.projective import Array, Indices
+from circlecal.geometry.least_squares import Step, StoppingRule, minimise
+from circlecal.geometry.projective import Array, Indices, Mask
 
 OWN = ("log_focal", "pan", "tilt", "bloom")
 """Parameters that belong to a frame."""
+RULE = StoppingRule(1e-9, unit=np.inf)
+"""Of a joint fit: frames add up, so what is worth a step is a share of the cost."""
 LARGEST_STEP = 0.5
-"""Of the logarithm of focal length and of the angles, in one iteration."""
+"""Of the logarithm of focal length and of the angles (radians), in one iteration."""
 _CAUTIOUS = [INDEX[name] for name in ("log_focal", "pan", "tilt", "roll")]
 _POLISHING = 2
 """Steps of the frames' own parameters after each joint one: they follow a moved position along a bent path."""
@@ -30,7 +33,7 @@ _POLISHING = 2
 
 @dataclass(frozen=True, slots=True)
 class JointProblem:
-    """F frames of one camera.
+    """F frames of one camera, in one problem of :class:`circlecal.geometry.least_squares.Problem` with a single start.
 
     Attributes
     ----------
@@ -84,6 +87,53 @@ class JointProblem:
         by_common[:, self.zoomed, K + np.arange(Z)] = theta[:, :1] - self.log_focal
         return by_own, by_common
 
+    def with_loss(self, loss_scale: float) -> JointProblem:
+        """The problem under a robust loss of another scale."""
+        return replace(self, frames=tuple(replace(frame, loss_scale=loss_scale) for frame in self.frames))
+
+    def step(self, state: JointState, damping: Array) -> Step:
+        """One damped step with the frames' own blocks eliminated: the Schur complement of the arrow.
+
+        Of ``[[A, B], [B^T, C]] (x, y) = -(g, h)`` with A in blocks: ``(C - B^T A^-1 B) y = -(h - B^T A^-1 g)`` and
+        ``x = -A^-1 (g + B y)``.
+        """
+        share = float(damping[0])
+        diagonal = np.einsum("foo->fo", state.H_oo)
+        H_oo = state.H_oo + share * diagonal[:, :, None] * np.eye(state.H_oo.shape[1])
+        solved = np.linalg.solve(H_oo, np.concatenate([state.H_oc, state.g_o[..., None]], axis=2))
+        whole = state.H_common + state.H_cc.sum(axis=0)
+        H_cc = whole + share * np.diag(np.diag(whole))
+        reduced = H_cc - np.einsum("foc,fod->cd", state.H_oc, solved[..., :-1])
+        g_c = state.g_common + state.g_c.sum(axis=0)
+        change = -_inverse(reduced) @ (g_c - np.einsum("foc,fo->c", state.H_oc, solved[..., -1]))
+        own_change = -solved[..., -1] - solved[..., :-1] @ change
+        moved = self.thetas(state.own + own_change, state.common + change) - state.theta
+        shortening = max(1.0, float(np.abs(moved[:, _CAUTIOUS]).max()) / LARGEST_STEP)
+        own_change, change = own_change / shortening, change / shortening
+        # -(2 g^T d + d^T N d), block by block
+        slope = float((state.g_o * own_change).sum() + g_c @ change)
+        bend = np.einsum("fo,fop,fp->", own_change, state.H_oo, own_change) + change @ whole @ change
+        bend += 2.0 * np.einsum("fo,foc,c->", own_change, state.H_oc, change)
+        full = np.concatenate([own_change.ravel(), change])
+        now = np.concatenate([state.own.ravel(), state.common])
+        return Step((now + full)[None], full[None], np.array([-2.0 * slope - float(bend)]))
+
+    def promise(self, state: JointState, step: Step) -> Array:
+        """Of the present step (1,)."""
+        return step.promise
+
+    def follow(self, state: JointState, step: Step, index: Indices) -> JointState:
+        """The frames where a step has led them, each with its own parameters adjusted to what is shared."""
+        own, common = np.split(step.parameters[0], [state.own.size])
+        found = evaluate_joint(self, own.reshape(state.own.shape), common, state.feet)
+        for _ in range(_POLISHING):
+            found = _polish(self, found)
+        return found
+
+    def extrapolate(self, state: JointState, step: Step) -> JointState:
+        """As :meth:`follow`: the frames' own parameters follow a moved position along a bent path."""
+        return self.follow(state, step, np.zeros(1, dtype=np.int_))
+
 
 @dataclass(frozen=True, slots=True)
 class JointState:
@@ -95,8 +145,8 @@ class JointState:
         Parameters.
     theta : (F, P) array
         The frames' parameter vectors.
-    hidden : tuple of (1, N) arrays
-        Hidden parameters of each frame's points.
+    feet : tuple of (1, N) arrays
+        Foot parameters of each frame's points.
     costs, common_cost : (F,) array, float
         Cost of each frame, with the priors of what is its own, and that of the shared priors.
     by_own, by_common : arrays
@@ -112,7 +162,7 @@ class JointState:
     own: Array
     common: Array
     theta: Array
-    hidden: tuple[Array, ...]
+    feet: tuple[Array, ...]
     costs: Array
     common_cost: float
     by_own: Array
@@ -126,9 +176,17 @@ class JointState:
     g_common: Array
 
     @property
-    def cost(self) -> float:
-        """Of everything."""
-        return float(self.costs.sum() + self.common_cost)
+    def cost(self) -> Array:
+        """Of everything (1,)."""
+        return np.array([self.costs.sum() + self.common_cost])
+
+    def select(self, index: Indices | Mask) -> JointState:
+        """The only start."""
+        return self
+
+    def put(self, index: Indices, other: JointState) -> JointState:
+        """The other state, where the only start is at the index."""
+        return other if len(index) else self
 
 
 def joint_problem(
@@ -169,24 +227,22 @@ def joint_problem(
     )
 
 
-def first_state(problem: JointProblem, theta: Array, loss_scale: float) -> JointState:
+def first_state(problem: JointProblem, theta: Array) -> JointState:
     """State at parameter vectors (F, P) of the frames: what is shared starts at their median."""
     shared = np.median(theta[:, problem.shared], axis=0)
     common = np.concatenate([shared, np.zeros(len(problem.zoomed))])
     own = np.concatenate([theta[:, problem.own], np.zeros((len(theta), len(problem.deviating)))], axis=1)
     start = problem.thetas(own, common)
-    hidden = tuple(first_hidden(f.curves, t[None], f.model)[0] for f, t in zip(problem.frames, start, strict=True))
-    return evaluate_joint(problem, own, common, hidden, loss_scale, updates=4)
+    feet = tuple(sample_feet(f.curves, t[None], f.model) for f, t in zip(problem.frames, start, strict=True))
+    return evaluate_joint(problem, own, common, feet, updates=4)
 
 
 def evaluate_joint(
-    problem: JointProblem, own: Array, common: Array, hidden: Sequence[Array], loss_scale: float, updates: int = 1
+    problem: JointProblem, own: Array, common: Array, feet: Sequence[Array], updates: int = 1
 ) -> JointState:
     """Costs, gradients and Gauss-Newton blocks at own (F, O + D) and common (K + Z,) parameters."""
     theta = problem.thetas(own, common)
-    states = [
-        evaluate(f, t[None], h, loss_scale, updates) for f, t, h in zip(problem.frames, theta, hidden, strict=True)
-    ]
+    states = [evaluate(f, t[None], h, updates) for f, t, h in zip(problem.frames, theta, feet, strict=True)]
     normal = np.stack([s.normal[0] for s in states])
     gradient = np.stack([s.gradient[0] for s in states])
     by_own, by_common = problem.mappings(theta, common)
@@ -202,7 +258,7 @@ def evaluate_joint(
         own=own,
         common=common,
         theta=theta,
-        hidden=tuple(s.hidden for s in states),
+        feet=tuple(s.feet for s in states),
         costs=np.array([float(s.cost[0]) for s in states]) + np.sum(deviation**2, axis=1),
         common_cost=prior_cost,
         by_own=by_own,
@@ -232,49 +288,17 @@ def _common_priors(problem: JointProblem, common: Array) -> tuple[Array, Array, 
     return normal, gradient, float(values[0] @ values[0] + slopes @ slopes)
 
 
-def minimise_joint(
-    problem: JointProblem, state: JointState, loss_scale: float, iterations: int = 60, tolerance: float = 1e-9
-) -> JointState:
-    """Levenberg-Marquardt with the frames' own blocks eliminated."""
-    damping, settled = 1e-3, 0
-    for _ in range(iterations):
-        own, common = _stepped(problem, state, damping)
-        proposal = evaluate_joint(problem, own, common, state.hidden, loss_scale)
-        for _ in range(_POLISHING):
-            proposal = _polished(problem, proposal, loss_scale)
-        better = proposal.cost < state.cost
-        gain = (state.cost - proposal.cost) / max(state.cost, 1e-30) if better else 0.0
-        done = (better and gain < tolerance) or (not better and damping > 1e6) or state.cost < 1e-20
-        settled = settled + 1 if done else 0
-        damping = float(np.clip(damping * (0.2 if better else 6.0), 1e-12, 1e12))
-        state = proposal if better else state
-        if settled >= 2:
-            break
-    return state
+def minimise_joint(problem: JointProblem, state: JointState, iterations: int = RULE.iterations) -> JointState:
+    """The joint optimum from a start."""
+    return minimise(problem, state, replace(RULE, iterations=iterations)).state
 
 
-def _stepped(problem: JointProblem, state: JointState, damping: float) -> tuple[Array, Array]:
-    """Own and common parameters after one damped step."""
-    diagonal = np.einsum("foo->fo", state.H_oo)
-    H_oo = state.H_oo + damping * diagonal[:, :, None] * np.eye(state.H_oo.shape[1])
-    solved = np.linalg.solve(H_oo, np.concatenate([state.H_oc, state.g_o[..., None]], axis=2))
-    H_cc = state.H_common + state.H_cc.sum(axis=0)
-    H_cc = H_cc + damping * np.diag(np.diag(H_cc))
-    reduced = H_cc - np.einsum("foc,fod->cd", state.H_oc, solved[..., :-1])
-    gradient = state.g_common + state.g_c.sum(axis=0) - np.einsum("foc,fo->c", state.H_oc, solved[..., -1])
-    change = -_inverse(reduced) @ gradient
-    own_change = -solved[..., -1] - solved[..., :-1] @ change
-    moved = problem.thetas(state.own + own_change, state.common + change) - state.theta
-    shrunk = max(1.0, float(np.abs(moved[:, _CAUTIOUS]).max()) / LARGEST_STEP)
-    return state.own + own_change / shrunk, state.common + change / shrunk
-
-
-def _polished(problem: JointProblem, state: JointState, loss_scale: float) -> JointState:
+def _polish(problem: JointProblem, state: JointState) -> JointState:
     """One step of the own parameters of each frame; taken by those that gain from it."""
     step = -np.linalg.solve(state.H_oo, state.g_o[..., None])[..., 0]
     largest = np.abs(step[:, : len(problem.own)]).max(axis=1)
     step = step / np.maximum(largest / LARGEST_STEP, 1.0)[:, None]
-    moved = evaluate_joint(problem, state.own + step, state.common, state.hidden, loss_scale)
+    moved = evaluate_joint(problem, state.own + step, state.common, state.feet)
     gains = moved.costs < state.costs
     return replace(
         moved,
@@ -284,7 +308,7 @@ def _polished(problem: JointProblem, state: JointState, loss_scale: float) -> Jo
             )
             for name in ("own", "theta", "costs", "by_own", "by_common", "H_oo", "H_oc", "H_cc", "g_o", "g_c")
         },
-        hidden=tuple(a if g else b for a, b, g in zip(moved.hidden, state.hidden, gains, strict=True)),
+        feet=tuple(a if g else b for a, b, g in zip(moved.feet, state.feet, gains, strict=True)),
     )
 
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from circlecal.camera.optimise import evaluate
-from circlecal.camera.residuals import first_hidden
+from circlecal.camera.problem import evaluate
+from circlecal.camera.residuals import sample_feet
 from circlecal.config import Config
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.projective import Array
@@ -121,7 +121,7 @@ def _cost(
         problem = frame_problem(scale_of, scale_of.theta, template, circle, config)
     else:
         problem = frame_problem(frame, theta, template, circle, config, grown=False)
-    hidden, _ = first_hidden(problem.curves, theta[None], problem.model)
-    state = evaluate(problem, theta[None], hidden, config.camera.loss_scale, updates=4)
+    feet = sample_feet(problem.curves, theta[None], problem.model)
+    state = evaluate(problem, theta[None], feet, updates=4)
     priors, _ = problem.priors.residuals(theta[None])
     return float(state.cost[0] - np.sum(priors**2))

@@ -15,9 +15,9 @@ from math import comb
 
 import numpy as np
 
-from circlecal.camera.observed import Realism, observed_curves
-from circlecal.camera.optimise import Problem, minimise
+from circlecal.camera.observed import NoiseModel, observed_curves
 from circlecal.camera.options import CameraConfig, priors_of
+from circlecal.camera.problem import Problem, minimise
 from circlecal.camera.residuals import FixedPoints
 from circlecal.errors import EstimationError
 from circlecal.field import Circle, FieldTemplate
@@ -45,7 +45,6 @@ THRESHOLD_SIGMAS = 3.0
 LEAST_THRESHOLD_PX = 2.0
 COLLINEAR = 1e-3
 """Points whose spread across is below this share of their spread along count as collinear."""
-NO_LOSS = 1e6
 WITHOUT_PRIORS = CameraConfig(
     principal_point_sd_px=0.0,
     distortion="none",
@@ -160,9 +159,9 @@ def refined(
     """Homography of the camera that fits inlier keypoints and straight lines best."""
     model = _model(observations, circle)
     known = template.model_copy(update={"length_sd_m": 0.0, "width_sd_m": 0.0})
-    curves = observed_curves(replace(observations, circles=()), template, Realism(10**6, 0.0, 0.0))
+    curves = observed_curves(replace(observations, circles=()), template, NoiseModel(10**6, 0.0, 0.0))
     names = tuple(str(k) for k in range(len(points.field_m)))
     fixed = FixedPoints(points.field_m, points.image_px, points.sigma_px, names)
     problem = Problem(curves, fixed, priors_of(WITHOUT_PRIORS, known, circle, model), model)
-    state = minimise(problem, theta[None], NO_LOSS, iterations=60)
+    state = minimise(problem, theta[None])
     return camera_of(state.theta[0], model).homography

@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from circlecal.camera.observed import Realism, observed_curves
-from circlecal.camera.residuals import CurvePoints, curve_residuals, first_hidden
+from circlecal.camera.observed import NoiseModel, observed_curves
+from circlecal.camera.residuals import CurvePoints, curve_residuals, sample_feet
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel, camera_of
 from circlecal.geometry.projective import Array
@@ -46,7 +46,7 @@ DECAYS = (0.9, 0.999)
 def solve(observations: Observations, template: FieldTemplate, circle: Circle, rng: np.random.Generator) -> Array:
     """AdamW from all starts at once; the camera with the smallest loss."""
     model = ProjectionModel(observations.width, observations.height, Surface("flat", circle.radius_m))
-    curves = observed_curves(observations, template, Realism(MAXIMUM_POINTS, 0.0, 0.0))
+    curves = observed_curves(observations, template, NoiseModel(MAXIMUM_POINTS, 0.0, 0.0))
     if len(curves.names) < 2:
         raise unsolved("needs_two_markings", "one marking alone leaves the camera undetermined")
     if len(curves.points_px) < len(RANGES):
@@ -78,13 +78,13 @@ def descend(curves: CurvePoints, model: ProjectionModel, mean: Array, sd: Array,
     share = 1.0 / (np.bincount(curves.group)[curves.group] * len(curves.names))
     unit = curves.sigma_px / (model.width / 2.0)
     best, best_loss = mean + sd * z, np.full(len(z), np.inf)
-    hidden = np.zeros((len(z), len(curves.points_px)))
+    feet = np.zeros((len(z), len(curves.points_px)))
     for step in range(STEPS):
         theta = mean + sd * z
         if step % SEARCH_EVERY == 0:
-            hidden = first_hidden(curves, theta, model)[0]
-        seen = curve_residuals(curves, theta, hidden, model, updates=1)
-        hidden = seen.hidden
+            feet = sample_feet(curves, theta, model)
+        seen = curve_residuals(curves, theta, feet, model, updates=1)
+        feet = seen.feet
         values = np.where(seen.behind, 0.0, seen.values * unit)
         loss = np.where(seen.behind.any(axis=1), np.inf, np.sum(share * values**2, axis=1))
         better = loss < best_loss

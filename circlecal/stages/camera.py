@@ -1,65 +1,56 @@
 """Stage ``camera``: the pinhole camera that explains everything that was seen, with priors and its covariance.
 
 One ellipse brings five constraints and the halfway line two; a camera with square pixels and a known principal point
-has seven unknowns. So neither the imaged
-centre nor the second edge of the marking is needed; lens, principal point, crown and marking width enter with priors,
-and so does their uncertainty.
+has seven unknowns. So neither the imaged centre nor the second edge of the marking is needed; lens, principal point,
+crown and marking width enter with priors, and so does their uncertainty.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from circlecal.camera.all_starts import (
+from circlecal.camera.multistart import COARSE_POINTS, Starts, find_optima
+from circlecal.camera.noise import rescale_and_reject, rescale_sigmas
+from circlecal.camera.observed import NoiseModel, observed_curves, observed_points, stated_sigmas
+from circlecal.camera.options import CameraConfig, noise_model, position_known, priors_of
+from circlecal.camera.problem import COARSE, FINAL, Problem, State, bend_surface, minimise, predict_step, resume
+from circlecal.camera.report import camera_fit
+from circlecal.camera.residuals import CurvePoints, ground_feet, join_curves
+from circlecal.camera.starts_circle import (
     MINIMUM_CIRCLE_POINTS,
     SeenEllipse,
+    arc_starts,
     circle_starts,
-    landmark_starts,
     seen_ellipse,
-    usual_lens,
 )
-from circlecal.camera.crown import on_parabola
-from circlecal.camera.multistart import COARSE_POINTS, best_fit
-from circlecal.camera.noise import as_measured, inflated
-from circlecal.camera.observed import observed_curves, observed_points, stated_sigmas
-from circlecal.camera.optimise import (
-    COARSE,
-    FINAL,
-    Problem,
-    State,
-    best_of,
-    continued,
-    foreseen,
-    minimise,
-    reweighted,
-)
-from circlecal.camera.options import CameraConfig, position_known, priors_of, realism_of
-from circlecal.camera.report import camera_fit
-from circlecal.camera.residuals import CurvePoints, FixedPoints, ground_hidden, joined_curves
-from circlecal.camera.starts_landmarks import Landmarks, seen_landmarks
+from circlecal.camera.starts_landmarks import Landmarks, landmark_starts, seen_landmarks
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera_parameters import INDEX, ProjectionModel
+from circlecal.geometry.least_squares import StoppingRule
 from circlecal.geometry.projective import Array, Mask
 from circlecal.geometry.surface import Surface
-from circlecal.line_naming.around_circle import names_around
-from circlecal.line_naming.hypotheses import Naming, name_lines
-from circlecal.line_naming.line_ends import same_markings, with_crossings
+from circlecal.line_naming.around_circle import name_lines_around_circle
+from circlecal.line_naming.hypotheses import name_lines
+from circlecal.line_naming.line_ends import add_line_ends, are_ended_on
 from circlecal.observations import CirclePoints, Observations
 from circlecal.refusals import refuse
 from circlecal.results import CameraFit
 
 DENSE_POINTS = 60
-"""Of a marking: so many tell their noise, and which of them lie on something else."""
+"""Of a marking: so many tell their noise, and which of them lie on something else; clicked ones are fewer."""
 OVERRULING_LINES = 3
 """So many different lines that get a name only without the seen ends of others show that those are none."""
-SHORT_ARC_DEG = 200.0
-"""Shorter arcs have local minima: the whole grid of starts is followed."""
 ARC_SIGMA_PX = 0.5
 """Of the points of curves that were seen without a name, at 1920 px width."""
 ENOUGH, ENOUGH_WITH_POSITION = 7, 4
-"""Constraints that determine a camera without a circle; a point or a line brings two."""
+"""Constraints that determine a camera without a circle: its unknowns with square pixels and a known principal point. A
+point or a line brings two, a position three.
+"""
+OFF_SIGMAS = 5.0
+"""A mark or keypoint further from where the camera puts it is wrong: normal errors go so far once in 270,000."""
 WRONG_SIGMAS, WRONG_PX = 10.0, 10.0
 """A named line or arc whose points mostly lie further off, in both measures (pixels at 1920 px width), is not that."""
 LENS_DOUBT, LENS_WIDER, LENS_EVIDENCE = 1.5, 4.0, 6.0
@@ -68,6 +59,92 @@ wide, and believed where that explains the frame so much better (chi-square): wh
 """
 CROWN_EVIDENCE = 3.0
 """By how much (half a chi-square) a parabolic pitch must explain a frame better than a roof to be believed."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Task:
+    """What a camera is estimated from, and with; the names of lines, by index, were given to them here."""
+
+    observations: Observations
+    template: FieldTemplate
+    circle: Circle
+    config: CameraConfig
+    side: str
+    earlier: CameraFit | None
+    names: dict[int, str] = field(default_factory=dict)
+
+    @property
+    def noise(self) -> NoiseModel:
+        """How far points are trusted."""
+        return noise_model(self.config, self.observations.width)
+
+    @property
+    def coarse_noise(self) -> NoiseModel:
+        """How far, and how many, while hypotheses are only compared."""
+        return replace(self.noise, maximum_points=COARSE_POINTS)
+
+    def curves(self) -> CurvePoints:
+        """All named circles, arcs and lines."""
+        return observed_curves(self.observations, self.template, self.noise)
+
+    def problem(self) -> Problem:
+        """All that is seen, and the priors."""
+        reference_m = max(self.circle.radius_m, 1e-3)
+        surface = Surface(self.config.usual_crown, reference_m)
+        model = ProjectionModel(self.observations.width, self.observations.height, surface)
+        priors = priors_of(self.config, self.template, self.circle, model)
+        points = observed_points(self.observations, self.template)
+        return Problem(self.curves(), points, priors, model, self.config.loss_scale)
+
+    def rule(self, rule: StoppingRule, bar: float = np.inf) -> StoppingRule:
+        """A stopping rule with the limit of iterations that the options set."""
+        return replace(rule, iterations=self.config.iterations, bar=bar)
+
+    def with_names(self, lines: dict[int, str], arcs: dict[int, str] | None = None) -> _Task:
+        """The task with names of seen lines and curves, by their index."""
+        given = self.observations
+        named = tuple(replace(line, line=lines.get(k, line.line)) for k, line in enumerate(given.lines))
+        sigma_px = ARC_SIGMA_PX * given.width / 1920.0
+        found = ((name, given.curves[k]) for k, name in (arcs or {}).items())
+        circles = (CirclePoints(name, "center", points, np.full(len(points), sigma_px)) for name, points in found)
+        observations = replace(given, lines=named, circles=(*given.circles, *circles))
+        return replace(self, observations=observations, names=lines)
+
+    def without(self, names: set[str]) -> _Task:
+        """The task without some of its markings."""
+        given = self.observations
+        circles = tuple(c for c in given.circles if f"{c.circle} {c.edge}" not in names)
+        lines = tuple(line for line in given.lines if line.line not in names)
+        return replace(self, observations=replace(given, circles=circles, lines=lines))
+
+
+@dataclass(frozen=True, slots=True)
+class _Sight:
+    """A task as a problem, with what starts can come from: the circle's ellipse, or where it shows none, landmarks."""
+
+    problem: Problem
+    ellipse: SeenEllipse | None
+    landmarks: Landmarks | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Fit:
+    """Where the estimate stands.
+
+    Attributes
+    ----------
+    problem, state : Problem, State
+        With the standard deviations of the moment.
+    scale : float
+        By how much these have grown.
+    least : CurvePoints or None
+        Points with the least standard deviations that they can have, where the residuals have told the noise.
+    """
+
+    problem: Problem
+    state: State
+    scale: float = 1.0
+    least: CurvePoints | None = None
 
 
 def estimate_camera(
@@ -101,250 +178,224 @@ def estimate_camera(
         ``no_circle`` where nothing else determines a camera, ``no_ellipse``, ``rotation_free``, ``no_camera`` where no
         start leads to a camera above the ground.
     """
-    model = ProjectionModel(
-        observations.width, observations.height, Surface(config.usual_crown, max(circle.radius_m, 1e-3))
-    )
-    curves = observed_curves(observations, template, realism_of(config, observations.width))
-    points = observed_points(observations, template)
-    priors = priors_of(config, template, circle, model)
-    problem = Problem(curves, points, priors, model)
-    ellipse = seen_ellipse(observations, circle, problem)
-    carrying = circle if ellipse is not None else None
-    named: dict[int, str] = {}
-    if ellipse is None:
-        landmarks = seen_landmarks(observations, template, points, usual_lens(problem))
-        _require_landmarks(observations, circle, landmarks, config)
-        problem = replace(problem, priors=replace(priors, center_m=landmarks.middle_m(model)))
-        closed, grid = landmark_starts(problem, observations, template, landmarks, camera_side)
-    turning = earlier is None and ellipse is not None and _rotation_free(observations, circle, config)
-    if earlier is not None:
-        named, closed = earlier.names_by_line, earlier.theta[None]
-    elif ellipse is not None and turning:
-        around = _around(problem, ellipse, observations, template, config, camera_side)
-        named, closed = around.names, around.theta[None]
-        observations = _with_arcs(observations, around.arcs)
-    elif ellipse is not None:
-        closed, grid = circle_starts(problem, observations, template, circle, ellipse, camera_side)
-    if turning or earlier is not None:
-        grid, observations = closed[:0], _with_names(observations, named)
-        curves = observed_curves(observations, template, realism_of(config, observations.width))
-        problem = replace(problem, curves=curves)
-    short = ellipse is not None and ellipse.arc_deg < SHORT_ARC_DEG and problem.priors.standing_m is None
-    state = best_fit(problem, closed, grid, short, config, camera_side)
-    rejected: tuple[str, ...] = ()
-    contradicting = _contradicting(state, points)
-    off = _contradicting_markings(problem, state, template, carrying)
-    if contradicting.any() or off:
-        rejected = (*(str(name) for name in np.array(points.names)[contradicting]), *sorted(off))
-        keep = ~contradicting
-        kept_names = tuple(str(name) for name in np.array(points.names)[keep])
-        points = FixedPoints(points.field_m[keep], points.points_px[keep], points.sigma_px[keep], kept_names)
-        observations = _without(observations, off)
-        curves = observed_curves(observations, template, realism_of(config, observations.width))
-        problem = replace(problem, points=points, curves=curves)
-        state = best_fit(problem, np.concatenate([state.theta[:2], closed]), grid, short, config, camera_side)
-    problem, state, scale = _settled(problem, state, config, COARSE)
-    close = None
-    more = _recognised(problem, state, curves, observations, template, config) if config.name_lines else None
-    if more is None:
-        close = None if named else _close_curves(curves, observations, template, config)
-        if close is not None:
-            problem, state, scale, close = as_measured(problem, state, close, config.loss_scale)
-        state = continued(problem, state, config.loss_scale, config.iterations)
-    else:
-        problem, start, further = more
-        named = named | further
-        hidden = ground_hidden(problem.curves, start, model)
-        state = minimise(problem, start, config.loss_scale, config.iterations, hidden, COARSE)
-        problem, state, scale = _settled(problem, state, config, FINAL)
-    if config.crown_shape == "auto" and config.shared is None:
-        problem, state, scale = _clearly_curved(problem, state, scale, close, config)
-    problem, state = _unusual_lens(problem, state, config)
-    return camera_fit(
-        problem,
-        state,
-        scale,
-        rejected,
-        named,
-        circle,
-        template,
-        stated_sigmas(observations),
-    )
+    task = _Task(observations, template, circle, config, camera_side, earlier)
+    sight = _viewing(task)
+    task, problem, starts = next(found for begin in _BEGINNINGS if (found := begin(task, sight)) is not None)
+    state = find_optima(problem, starts, config, camera_side)
+    wrong_points = _contradicting_points(problem, state)
+    wrong_markings = _contradicting_markings(task, problem, state, sight)
+    rejected = (*problem.points.select(wrong_points).names, *wrong_markings)
+    if rejected:
+        task = task.without(set(wrong_markings))
+        problem = replace(problem, points=problem.points.select(~wrong_points), curves=task.curves())
+        state = find_optima(problem, starts.after(state), config, camera_side)
+    fit = _settle(task, problem, state, COARSE)
+    task, fit = _name_more_lines(task, problem.curves, fit)
+    fit = _allow_wider_lens(task, _allow_parabola(task, fit))
+    stated = stated_sigmas(task.observations)
+    return camera_fit(fit.problem, fit.state, fit.scale, rejected, task.names, circle, template, stated)
 
 
-def _dense(curves: CurvePoints) -> bool:
-    return bool(np.bincount(curves.group, minlength=1).max() >= DENSE_POINTS)
+def _viewing(task: _Task) -> _Sight:
+    problem = task.problem()
+    ellipse = seen_ellipse(task.observations, task.circle, problem)
+    if ellipse is not None:
+        return _Sight(problem, ellipse, None)
+    landmarks = seen_landmarks(task.observations, task.template, problem.points, problem.usual_lens)
+    _require_landmarks(task, landmarks)
+    middle_m = landmarks.middle_m(problem.model)
+    return _Sight(replace(problem, priors=replace(problem.priors, center_m=middle_m)), None, landmarks)
 
 
-def _close_curves(
-    curves: CurvePoints, observations: Observations, template: FieldTemplate, config: CameraConfig
-) -> CurvePoints | None:
-    """The points of ``curves`` with the sigmas of a frame that shows nothing far from the circle; None where the points
-    are too few to tell their noise.
-    """
-    if not config.noise_from_residuals or not _dense(curves):
+_Begun = tuple[_Task, Problem, Starts]
+
+
+def _begin_earlier(task: _Task, sight: _Sight) -> _Begun | None:
+    """From a camera of about the same observations."""
+    return None if task.earlier is None else _begin_named(task, sight, task.earlier.theta, task.earlier.names_by_line)
+
+
+def _begin_around_circle(task: _Task, sight: _Sight) -> _Begun | None:
+    """From the circle and the nameless lines around it, where nothing else fixes how the field is turned."""
+    if sight.ellipse is None or not _is_rotation_free(task):
         return None
-    realism = realism_of(config, observations.width)
-    close_px = config.close_sigma_px * observations.width / 1920.0
-    return observed_curves(
-        observations, template, replace(realism, model_sigma_px=min(realism.model_sigma_px, close_px))
-    )
+    found = None
+    if task.config.name_lines:
+        ellipse, noise = sight.ellipse.ellipse, task.coarse_noise
+        found = name_lines_around_circle(sight.problem, ellipse, task.observations, task.template, noise, task.side)
+    if found is None:
+        raise refuse("camera", "rotation_free")
+    return _begin_named(task, sight, found.theta, found.names, found.arcs)
 
 
-def _unusual_lens(problem: Problem, state: State, config: CameraConfig) -> tuple[Problem, State]:
+def _begin_named(
+    task: _Task, sight: _Sight, theta: Array, lines: dict[int, str], arcs: dict[int, str] | None = None
+) -> _Begun:
+    """From one camera (P,) and the names that it gave to lines and arcs."""
+    task = task.with_names(lines, arcs)
+    follow_grid = sight.ellipse is not None and sight.ellipse.follows_grid(sight.problem)
+    starts = Starts(theta[None], theta[None][:0], follow_grid)
+    return task, replace(sight.problem, curves=task.curves()), starts
+
+
+def _begin_circle(task: _Task, sight: _Sight) -> _Begun | None:
+    """From the circle and what is known beside it."""
+    if sight.ellipse is None:
+        return None
+    starts = circle_starts(sight.problem, task.observations, task.template, task.circle, sight.ellipse, task.side)
+    return task, sight.problem, starts
+
+
+def _begin_landmarks(task: _Task, sight: _Sight) -> _Begun | None:
+    """From points, lines and other arcs."""
+    if sight.landmarks is None:
+        return None
+    arcs = arc_starts(sight.problem, task.observations, task.template, task.side)
+    return task, sight.problem, landmark_starts(sight.problem, sight.landmarks, arcs, task.side)
+
+
+_BEGINNINGS: tuple[Callable[[_Task, _Sight], _Begun | None], ...] = (
+    _begin_earlier, _begin_around_circle, _begin_circle, _begin_landmarks,
+)  # fmt: skip
+"""Where starts come from: the first that applies."""
+
+
+def _settle(task: _Task, problem: Problem, state: State, rule: StoppingRule) -> _Fit:
+    """Optimise once more with the sigmas that the residuals ask for."""
+    best, scale = state.best(), 1.0
+    if task.config.noise_from_residuals:
+        problem, best, scale = rescale_sigmas(problem, best)
+    return _Fit(problem, resume(problem, best, task.rule(rule)), scale)
+
+
+def _name_more_lines(task: _Task, stated: CurvePoints, fit: _Fit) -> tuple[_Task, _Fit]:
+    """The fit with the straight markings that can be named and the ends of lines; without any, with the noise that the
+    points around the circle show. ``stated`` are the curves with their first sigmas.
+    """
+    more = _recognise(task, stated, fit) if task.config.name_lines else None
+    if more is not None:
+        problem, start, names = more
+        state = minimise(problem, start, task.rule(COARSE), ground_feet(problem.curves, start, problem.model))
+        return replace(task, names=task.names | names), _settle(task, problem, state, FINAL)
+    problem, state, scale = fit.problem, fit.state, fit.scale
+    least = None if task.names else _least_sigmas(task, stated)
+    if least is not None:
+        problem, state, scale, least = rescale_and_reject(problem, state, least)
+    return task, _Fit(problem, resume(problem, state, task.rule(FINAL)), scale, least)
+
+
+def _recognise(task: _Task, stated: CurvePoints, fit: _Fit) -> tuple[Problem, Array, dict[int, str]] | None:
+    """The problem with the straight markings that can be named and the ends of lines beside the markings ``stated``, a
+    start (1, P) for it, and the names by index of the seen line; None where there is nothing more.
+    """
+    observations, template, noise = task.observations, task.template, task.coarse_noise
+    fuller, with_ends, ends = add_line_ends(fit.problem, fit.state, observations, template)
+    found = name_lines(fuller, with_ends, observations, template, noise, ends)
+    if ends and not found.names:
+        # an end may be a cover's edge: only a whole structure of lines says so
+        others = name_lines(fit.problem, fit.state, observations, template, noise)
+        # and a line that passes through the end tells better where it runs
+        if len(set(others.names.values())) >= OVERRULING_LINES or are_ended_on(others.names, ends, observations):
+            ends, found = (), others
+    if not ends and not found.names:
+        return None
+    lines = (*ends, *(replace(observations.lines[k], line=name) for k, name in sorted(found.names.items())))
+    further = observed_curves(replace(observations, circles=(), lines=lines), template, task.noise)
+    return replace(fit.problem, curves=join_curves(stated, further)), found.theta[None], found.names
+
+
+def _least_sigmas(task: _Task, curves: CurvePoints) -> CurvePoints | None:
+    """The points with the sigmas of a frame that shows nothing far from the circle; None where they are too few to tell
+    their noise.
+    """
+    if not task.config.noise_from_residuals or not _is_dense(curves):
+        return None
+    close_px = task.config.close_sigma_px * task.observations.width / 1920.0
+    noise = replace(task.noise, model_sigma_px=min(task.noise.model_sigma_px, close_px))
+    return observed_curves(task.observations, task.template, noise)
+
+
+def _allow_parabola(task: _Task, fit: _Fit) -> _Fit:
+    """The fit with a parabolic pitch where it explains what was seen clearly better, else the one given."""
+    if task.config.crown_shape != "auto" or task.config.shared is not None:
+        return fit
+    curved, start = bend_surface(fit.problem, fit.state.best())
+    start = predict_step(curved, start)
+    if start.cost[0] > fit.state.cost[0]:  # far from enough: the linear model knows it to a fraction of the evidence
+        return fit
+    bar = float(fit.state.cost[0]) - CROWN_EVIDENCE
+    found = minimise(curved, start.theta, task.rule(FINAL, bar), start.feet)
+    if found.cost[0] > bar:
+        return fit
+    if fit.least is None:
+        return _settle(task, curved, found, FINAL)
+    # what the roof left of the residuals was no noise
+    curved, found, scale, least = rescale_and_reject(curved, found, fit.least)
+    return _Fit(curved, resume(curved, found, task.rule(FINAL)), scale, least)
+
+
+def _allow_wider_lens(task: _Task, fit: _Fit) -> _Fit:
     """The fit with little said of the radial distortion before, where what is usual clearly holds it back, else the one
     given. A few clicked points cannot say so.
     """
-    sd = problem.priors.sd[INDEX["kappa_1"]]
-    off = abs(float(state.theta[0, INDEX["kappa_1"]]) - problem.priors.mean[INDEX["kappa_1"]])
-    if not 0 < sd < off / LENS_DOUBT or not _dense(problem.curves):
-        return problem, state
-    wider = problem.priors.sd.copy()
-    wider[INDEX["kappa_1"]] *= LENS_WIDER
-    free = replace(problem, priors=replace(problem.priors, sd=wider))
-    found = minimise(free, state.theta[:1], config.loss_scale, config.iterations, state.hidden[:1])
-    return (free, found) if found.cost[0] < state.cost[0] - LENS_EVIDENCE else (problem, state)
+    priors, kappa = fit.problem.priors, INDEX["kappa_1"]
+    off = abs(float(fit.state.theta[0, kappa]) - priors.mean[kappa])
+    if not 0 < priors.sd[kappa] < off / LENS_DOUBT or not _is_dense(fit.problem.curves):
+        return fit
+    wider = priors.sd.copy()
+    wider[kappa] *= LENS_WIDER
+    free = replace(fit.problem, priors=replace(priors, sd=wider))
+    found = minimise(free, fit.state.theta[:1], task.rule(FINAL), fit.state.feet[:1])
+    is_clear = found.cost[0] < fit.state.cost[0] - LENS_EVIDENCE
+    return replace(fit, problem=free, state=found) if is_clear else fit
 
 
-def _clearly_curved(
-    problem: Problem, state: State, scale: float, close: CurvePoints | None, config: CameraConfig
-) -> tuple[Problem, State, float]:
-    """The fit with a parabolic pitch where it explains what was seen clearly better, else the one given."""
-    curved, start = on_parabola(problem, best_of(state), config.loss_scale)
-    start = foreseen(curved, start, config.loss_scale)
-    if start.cost[0] > state.cost[0]:  # far from enough: the linear model knows it to a fraction of the evidence
-        return problem, state, scale
-    bar = float(state.cost[0]) - CROWN_EVIDENCE
-    found = minimise(curved, start.theta, config.loss_scale, config.iterations, start.hidden, bar=bar)
-    if found.cost[0] > bar:
-        return problem, state, scale
-    if close is not None:
-        # what the roof left of the residuals was no noise
-        curved, found, scale, _ = as_measured(curved, found, close, config.loss_scale)
-        return curved, continued(curved, found, config.loss_scale, config.iterations), scale
-    return _settled(curved, found, config, FINAL)
+def _is_dense(curves: CurvePoints) -> bool:
+    return bool(np.bincount(curves.group, minlength=1).max() >= DENSE_POINTS)
 
 
-def _recognised(
-    problem: Problem,
-    state: State,
-    curves: CurvePoints,
-    observations: Observations,
-    template: FieldTemplate,
-    config: CameraConfig,
-) -> tuple[Problem, Array, dict[int, str]] | None:
-    """The problem with the straight markings that can be named and the ends of lines beside the markings ``curves``
-    with their first sigmas, a start (1, P) for it, and the names by index of the seen line; None where there is nothing
-    more.
-    """
-    realism = realism_of(config, observations.width)
-    coarse = replace(realism, maximum_points=COARSE_POINTS)
-    fuller, with_ends, met = with_crossings(problem, state, observations, template, config.loss_scale)
-    found = name_lines(fuller, with_ends, observations, template, coarse, config.loss_scale, met)
-    if met and not found.names:
-        # an end may be a cover's edge: only a whole structure of lines says so
-        others = name_lines(problem, state, observations, template, coarse, config.loss_scale)
-        # and a line that passes through the end tells better where it runs
-        if len(set(others.names.values())) >= OVERRULING_LINES or same_markings(others.names, met, observations):
-            met, found = (), others
-    if not met and not found.names:
-        return None
-    lines = (*met, *(replace(observations.lines[k], line=name) for k, name in sorted(found.names.items())))
-    further = observed_curves(replace(observations, circles=(), lines=lines), template, realism)
-    return replace(problem, curves=joined_curves(curves, further)), found.theta[None], found.names
+def _is_rotation_free(task: _Task) -> bool:
+    """Whether nothing beside the circle says how the field is turned about it."""
+    given, center = task.observations, np.asarray(task.circle.center)
+    others = any(c.circle != task.circle.name for c in given.circles) or any(s.line is not None for s in given.lines)
+    others = others or any(np.linalg.norm(k.field_m - center) > 1e-6 for k in given.keypoints)
+    return not others and not position_known(task.config)
 
 
-def _settled(problem: Problem, state: State, config: CameraConfig, tolerance: float) -> tuple[Problem, State, float]:
-    """Optimise once more with the sigmas that the residuals ask for."""
-    best = best_of(state)
-    scale = 1.0
-    if config.noise_from_residuals:
-        curves, scale = inflated(problem, best)
-        problem, best = reweighted(problem, best, curves.sigma_px, config.loss_scale)
-    return problem, continued(problem, best, config.loss_scale, config.iterations, tolerance), scale
-
-
-def _around(
-    problem: Problem,
-    seen: SeenEllipse,
-    observations: Observations,
-    template: FieldTemplate,
-    config: CameraConfig,
-    side: str,
-) -> Naming:
-    """Names of nameless straight lines that fix the rotation about the circle."""
-    coarse = replace(realism_of(config, observations.width), maximum_points=COARSE_POINTS)
-    found = None
-    if config.name_lines:
-        found = names_around(problem, seen.ellipse, observations, template, coarse, config.loss_scale, side)
-    if found is None:
-        raise refuse("camera", "rotation_free")
-    return found
-
-
-def _with_names(observations: Observations, names: dict[int, str]) -> Observations:
-    lines = tuple(replace(line, line=names.get(k, line.line)) for k, line in enumerate(observations.lines))
-    return replace(observations, lines=lines)
-
-
-def _with_arcs(observations: Observations, names: dict[int, str]) -> Observations:
-    sigma_px = ARC_SIGMA_PX * observations.width / 1920.0
-    arcs = (
-        CirclePoints(name, "center", points, np.full(len(points), sigma_px))
-        for points, name in ((observations.curves[k], name) for k, name in names.items())
-    )
-    return replace(observations, circles=(*observations.circles, *arcs))
-
-
-def _rotation_free(observations: Observations, circle: Circle, config: CameraConfig) -> bool:
-    center = np.asarray(circle.center)
-    others = any(c.circle != circle.name for c in observations.circles) or any(
-        s.line is not None for s in observations.lines
-    )
-    others = others or any(np.linalg.norm(k.field_m - center) > 1e-6 for k in observations.keypoints)
-    return not others and not position_known(config)
-
-
-def _require_landmarks(observations: Observations, circle: Circle, landmarks: Landmarks, config: CameraConfig) -> None:
-    """Whether points, lines and arcs determine a camera where the circle shows no ellipse."""
-    on_arcs = sum(min(5, len(c.points_px)) for c in observations.circles)
-    enough = ENOUGH_WITH_POSITION if position_known(config) else ENOUGH
+def _require_landmarks(task: _Task, landmarks: Landmarks) -> None:
+    """Refuse where points, lines and arcs determine no camera without the circle's ellipse."""
+    circles, name = task.observations.circles, task.circle.name
+    on_arcs = sum(min(5, len(c.points_px)) for c in circles)
+    enough = ENOUGH_WITH_POSITION if position_known(task.config) else ENOUGH
     if len(landmarks) and 2 * len(landmarks) + on_arcs >= enough:
         return
-    seen = max((len(c.points_px) for c in observations.circles if c.circle == circle.name), default=0)
+    seen = max((len(c.points_px) for c in circles if c.circle == name), default=0)
     code, words = ("no_ellipse", f"{seen} points of") if seen else ("no_circle", "no points of")
     raise refuse(
         "camera",
         code,
-        f"{words} the circle {circle.name!r} were seen, and the {len(landmarks)} points and named lines beside it "
+        f"{words} the circle {name!r} were seen, and the {len(landmarks)} points and named lines beside it "
         f"do not determine a camera: show {-(-enough // 2)} of them, or {MINIMUM_CIRCLE_POINTS} points of the circle",
     )
 
 
-def _contradicting(state: State, points: FixedPoints) -> Mask:
+def _contradicting_points(problem: Problem, state: State) -> Mask:
     """Marks and keypoints (M,) that lie further from where the camera puts them than their sigma can explain."""
-    values = state.point_values[0].reshape(len(points.names), 2) if points.names else np.zeros((0, 2))
-    return np.asarray(np.linalg.norm(values, axis=-1) > 5.0, dtype=bool)
+    off = state.point_values[0].reshape(len(problem.points.names), 2)
+    return np.asarray(np.linalg.norm(off, axis=-1) > OFF_SIGMAS, dtype=np.bool_)
 
 
-def _contradicting_markings(problem: Problem, state: State, template: FieldTemplate, circle: Circle | None) -> set[str]:
-    """Named lines and arcs that lie far from where the camera puts them; never the circle and the halfway line beside
-    it, which the verdict judges.
+def _contradicting_markings(task: _Task, problem: Problem, state: State, sight: _Sight) -> list[str]:
+    """Named lines and arcs that lie far from where the camera puts them; never the circle that starts came from and the
+    halfway line beside it, which the verdict judges.
     """
-    sigma, values = problem.curves.sigma_px, np.abs(state.residuals[0])
-    least = WRONG_PX * problem.model.width / 1920.0
+    curves, off = problem.curves, np.abs(state.residuals[0])
+    least_px = WRONG_PX * problem.model.width / 1920.0
     found = set()
-    for group, name in enumerate(problem.curves.names):
-        own = problem.curves.group == group
-        carrying = circle is not None and (name == template.halfway_line or name.startswith(f"{circle.name} "))
-        if not carrying and np.median(values[own]) > WRONG_SIGMAS and np.median((values * sigma)[own]) > least:
+    for group, name in enumerate(curves.names):
+        own = curves.group == group
+        carrying = name == task.template.halfway_line or name.startswith(f"{task.circle.name} ")
+        far = np.median(off[own]) > WRONG_SIGMAS and np.median((off * curves.sigma_px)[own]) > least_px
+        if far and not (carrying and sight.ellipse is not None):
             found.add(name)
-    return found
-
-
-def _without(observations: Observations, names: set[str]) -> Observations:
-    return replace(
-        observations,
-        circles=tuple(c for c in observations.circles if f"{c.circle} {c.edge}" not in names),
-        lines=tuple(line for line in observations.lines if line.line not in names),
-    )
+    return sorted(found)

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from circlecal.camera.noise import as_measured
+from circlecal.camera.noise import rescale_and_reject
 from circlecal.camera.observed import observed_points
-from circlecal.camera.optimise import Problem, State
+from circlecal.camera.problem import Problem, State
 from circlecal.camera.residuals import circle_curve, line_curve, stack_curves
 from circlecal.field import load_field
 from circlecal.observations import Observations
 
-from .test_optimise import MODEL, plain_theta, priors
+from .test_problem import MODEL, plain_theta, priors
 
 SOCCER = load_field("soccer")
 STATED_PX, LEAST_PX = 2.0, 0.2
@@ -26,21 +26,21 @@ def fitted(residuals_px, few_px=()):
     ]
     curves = stack_curves(parts)
     order = rng.permutation(count + few)
-    hidden = np.concatenate([np.arange(count), np.arange(few)])[order].astype(float)
+    feet = np.concatenate([np.arange(count), np.arange(few)])[order].astype(float)
     residuals = np.concatenate([residuals_px, few_px])[order] / STATED_PX
     curves = curves.select(order)
     theta = plain_theta(rng)[None]
     slopes, no_priors = np.zeros((1, count + few, theta.shape[1])), (np.zeros((1, 0)), np.zeros((1, 0, theta.shape[1])))
-    state = State(theta, hidden[None], residuals[None], slopes, *no_priors, np.zeros(1), theta, slopes)
-    problem = Problem(curves, observed_points(Observations(1920, 1080), SOCCER), priors(), MODEL)
-    return problem, state, curves.with_sigma(np.full(count + few, LEAST_PX)), 6.0
+    state = State(theta, feet[None], residuals[None], slopes, *no_priors, np.zeros(1), theta, slopes)
+    problem = Problem(curves, observed_points(Observations(1920, 1080), SOCCER), priors(), MODEL, 6.0)
+    return problem, state, curves.with_sigma(np.full(count + few, LEAST_PX))
 
 
 def test_quiet_points_keep_the_least_sigma():
     residuals = np.random.default_rng(1).normal(0, 0.05, 200)
-    problem, state, scale, least = as_measured(*fitted(residuals))
+    problem, state, scale, least = rescale_and_reject(*fitted(residuals))
     assert len(problem.curves.points_px) > 190
-    assert state.hidden.shape == state.residuals.shape == (1, len(problem.curves.points_px))
+    assert state.feet.shape == state.residuals.shape == (1, len(problem.curves.points_px))
     np.testing.assert_allclose(problem.curves.sigma_px, LEAST_PX)
     np.testing.assert_array_equal(least.points_px, problem.curves.points_px)
     assert scale == 1.0
@@ -48,23 +48,23 @@ def test_quiet_points_keep_the_least_sigma():
 
 def test_noise_grows_to_the_scatter_and_its_repetition():
     white = np.random.default_rng(2).normal(0, 0.8, 240)
-    assert as_measured(*fitted(white))[0].curves.sigma_px[0] == pytest.approx(0.8, rel=0.25)
+    assert rescale_and_reject(*fitted(white))[0].curves.sigma_px[0] == pytest.approx(0.8, rel=0.25)
     waves = 0.8 * np.sin(np.arange(240) / 6.0)
-    assert as_measured(*fitted(waves))[0].curves.sigma_px[0] > 1.5
+    assert rescale_and_reject(*fitted(waves))[0].curves.sigma_px[0] > 1.5
 
 
 def test_points_on_something_else_are_left_out_and_a_bend_is_not():
     bend = np.linspace(-1.5, 1.5, 200) ** 2
     residuals = bend + np.random.default_rng(3).normal(0, 0.03, 200)
     residuals[80:85] += 1.2
-    _, state, _, _ = as_measured(*fitted(residuals))
-    left = np.setdiff1d(np.arange(200), state.hidden[0])
+    _, state, _, _ = rescale_and_reject(*fitted(residuals))
+    left = np.setdiff1d(np.arange(200), state.feet[0])
     assert set(range(80, 85)) <= set(left)
     assert len(left) < 15
 
 
 def test_few_points_tell_nothing():
     few = np.array([5.0, -5.0, 4.0])
-    problem, _, _, _ = as_measured(*fitted(np.zeros(100), few))
+    problem, _, _, _ = rescale_and_reject(*fitted(np.zeros(100), few))
     assert np.count_nonzero(problem.curves.group == 1) == 3
     np.testing.assert_allclose(problem.curves.sigma_px, LEAST_PX)

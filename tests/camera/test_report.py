@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from circlecal.camera.observed import observed_curves, observed_points
-from circlecal.camera.optimise import Problem, evaluate
-from circlecal.camera.options import CameraConfig, priors_of, realism_of
+from circlecal.camera.options import CameraConfig, noise_model, priors_of
+from circlecal.camera.problem import Problem, evaluate
 from circlecal.camera.report import residuals_px
-from circlecal.camera.residuals import ground_hidden
+from circlecal.camera.residuals import ground_feet
 from circlecal.field import load_field
 from circlecal.geometry.camera_parameters import ProjectionModel, theta_of
 from circlecal.geometry.surface import Surface
@@ -25,9 +25,9 @@ def test_residuals_of_one_marking_count_together():
     end = camera.project(np.array([[0.0, -34.0]])) + np.array([0.0, 5.0])
     lines = tuple(LinePoints("side_line_top", p, np.full(len(p), 0.5)) for p in (along, end))
     config = CameraConfig()
-    curves = observed_curves(Observations(1920, 1080, lines=lines), SOCCER, realism_of(config, 1920))
+    curves = observed_curves(Observations(1920, 1080, lines=lines), SOCCER, noise_model(config, 1920))
     priors = priors_of(config, SOCCER, SOCCER.circle_by_name["centre_circle"], MODEL)
     problem = Problem(curves, observed_points(Observations(1920, 1080), SOCCER), priors, MODEL)
     theta = theta_of(camera, MODEL)[None]
-    state = evaluate(problem, theta, ground_hidden(curves, theta, MODEL), 3.0)
+    state = evaluate(problem, theta, ground_feet(curves, theta, MODEL))
     assert residuals_px(problem, state) == {"side_line_top": pytest.approx(0.5, abs=0.1)}

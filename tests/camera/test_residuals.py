@@ -10,9 +10,8 @@ from circlecal.camera.residuals import (
     circle_curve,
     curve_points,
     curve_residuals,
-    first_hidden,
     line_curve,
-    point_residuals,
+    sample_feet,
     stack_curves,
 )
 from circlecal.field import load_field
@@ -38,29 +37,29 @@ def curves_near(theta, offset_px, rng, model=MODEL):
         )
     curves = stack_curves(parts)
     straight = curves.radius == 0
-    hidden = np.where(straight, rng.uniform(20, 45, len(straight)), rng.uniform(0, 2 * np.pi, len(straight)))
-    field, _ = curve_points(curves, hidden[None], theta[None])
+    feet = np.where(straight, rng.uniform(20, 45, len(straight)), rng.uniform(0, 2 * np.pi, len(straight)))
+    field, _ = curve_points(curves, feet[None], theta[None])
     pixels = project(theta[None], field, model).pixels[0]
-    return replace(curves, points_px=pixels + rng.uniform(-offset_px, offset_px, pixels.shape)), hidden
+    return replace(curves, points_px=pixels + rng.uniform(-offset_px, offset_px, pixels.shape)), feet
 
 
 @pytest.mark.parametrize("shape", ["parabola", "roof", "flat"])
 def test_jacobian_equals_central_differences(shape):
-    """The hidden parameters follow the camera: the derivative is the whole one, of the distance to the marking."""
+    """The foot parameters follow the camera: the derivative is the whole one, of the distance to the marking."""
     model = ProjectionModel(1920, 1080, Surface(shape))
     rng = np.random.default_rng(1)
     for theta in random_thetas(2, rng):
-        curves, hidden = curves_near(theta, 0.0, rng, model)
+        curves, feet = curves_near(theta, 0.0, rng, model)
 
-        def residuals(t, curves=curves, hidden=hidden):
-            return curve_residuals(curves, t[None], hidden[None], model, updates=12).values[0]
+        def residuals(t, curves=curves, feet=feet):
+            return curve_residuals(curves, t[None], feet[None], model, updates=12).values[0]
 
-        found = curve_residuals(curves, theta[None], hidden[None], model, updates=12).jacobian[0]
+        found = curve_residuals(curves, theta[None], feet[None], model, updates=12).jacobian[0]
         numeric = central_differences(residuals, theta, STEPS)
         # points of a roof near its ridge change sides under a step
         away = np.ones(len(found), dtype=bool)
         if shape == "roof":
-            away = np.abs(curve_points(curves, hidden[None], theta[None])[0][0, :, 1]) > 1.0
+            away = np.abs(curve_points(curves, feet[None], theta[None])[0][0, :, 1]) > 1.0
         for name, k in INDEX.items():
             scale = max(1.0, float(np.abs(numeric[:, k]).max()))
             assert np.abs(found[away, k] - numeric[away, k]).max() < 2e-5 * scale, name
@@ -69,8 +68,8 @@ def test_jacobian_equals_central_differences(shape):
 def test_sizes_of_the_markings_enter_where_they_should():
     rng = np.random.default_rng(2)
     theta = random_thetas(1, rng)[0]
-    curves, hidden = curves_near(theta, 0.0, rng)
-    J = curve_residuals(curves, theta[None], hidden[None], MODEL).jacobian[0]
+    curves, feet = curves_near(theta, 0.0, rng)
+    J = curve_residuals(curves, theta[None], feet[None], MODEL).jacobian[0]
 
     def moves(name, parameter):
         return bool(np.abs(J[curves.group == curves.names.index(name), INDEX[parameter]]).max() > 1e-9)
@@ -89,10 +88,10 @@ def test_bloom_moves_the_edges_outwards_by_itself():
     rng = np.random.default_rng(3)
     theta = random_thetas(1, rng)
     theta[0, INDEX["bloom"]] = 0.0
-    curves, hidden = curves_near(theta[0], 0.0, rng)
+    curves, feet = curves_near(theta[0], 0.0, rng)
     bloomed = theta.copy()
     bloomed[0, INDEX["bloom"]] = 0.25
-    values = curve_residuals(curves, bloomed, hidden[None], MODEL).values[0] * curves.sigma_px
+    values = curve_residuals(curves, bloomed, feet[None], MODEL).values[0] * curves.sigma_px
     for group, expected in enumerate([-0.25, 0.25, 0.0, 0.0, 0.0, 0.0]):
         np.testing.assert_allclose(values[curves.group == group], expected, atol=1e-9)
 
@@ -101,13 +100,13 @@ def test_residual_is_the_distance_to_the_nearest_point_positive_outside():
     rng = np.random.default_rng(4)
     theta = random_thetas(1, rng)
     theta[0, INDEX["bloom"]] = 0.0
-    curves, hidden = curves_near(theta[0], 3.0, rng)
-    found = curve_residuals(curves, theta, hidden[None], MODEL, updates=15)
+    curves, feet = curves_near(theta[0], 3.0, rng)
+    found = curve_residuals(curves, theta, feet[None], MODEL, updates=15)
     sweep = np.linspace(-0.05, 0.05, 2001)
     values = found.values[0] * curves.sigma_px
     for k in range(0, len(values), 5):
         straight = curves.radius[k] == 0
-        near = (found.hidden[0, k] + sweep * (20.0 if straight else 1.0))[None]
+        near = (found.feet[0, k] + sweep * (20.0 if straight else 1.0))[None]
         one = curves.select(np.full(len(sweep), k))
         field, _ = curve_points(one, near, theta)
         pixels = project(theta, field, MODEL).pixels[0]
@@ -115,7 +114,7 @@ def test_residual_is_the_distance_to_the_nearest_point_positive_outside():
         assert abs(values[k]) == pytest.approx(distance, abs=2e-3)
     circles = curves.group < 3
     center = project(theta, np.zeros((1, 1, 2)), MODEL).pixels[0, 0]
-    field, _ = curve_points(curves, found.hidden, theta)
+    field, _ = curve_points(curves, found.feet, theta)
     rim = project(theta, field, MODEL).pixels[0]
     further = np.linalg.norm(curves.points_px - center, axis=1) > np.linalg.norm(rim - center, axis=1)
     clear = circles & (np.abs(values) > 0.5)
@@ -123,28 +122,27 @@ def test_residual_is_the_distance_to_the_nearest_point_positive_outside():
     assert np.mean((values > 0)[clear] == further[clear]) > 0.95
 
 
-def test_first_hidden_finds_the_nearest_piece_from_afar():
+def test_sampled_feet_find_the_nearest_piece_from_afar():
     rng = np.random.default_rng(5)
     theta = random_thetas(1, rng)
-    curves, hidden = curves_near(theta[0], 0.0, rng)
-    found, distance = first_hidden(curves, theta, MODEL, samples=72)
+    curves, feet = curves_near(theta[0], 0.0, rng)
+    found = sample_feet(curves, theta, MODEL, samples=72)
     circles = curves.radius > 0
-    turn = np.angle(np.exp(1j * (found[0] - hidden)))[circles]
+    turn = np.angle(np.exp(1j * (found[0] - feet)))[circles]
     assert np.abs(turn).max() < 2 * np.pi / 72
-    assert np.abs(found[0] - hidden)[~circles].max() < 110 / 71
-    assert distance.max() < 300
-    settled = curve_residuals(curves, theta, found, MODEL, updates=6).hidden[0]
-    np.testing.assert_allclose(np.exp(1j * settled)[circles], np.exp(1j * hidden)[circles], atol=1e-5)
+    assert np.abs(found[0] - feet)[~circles].max() < 110 / 71
+    settled = curve_residuals(curves, theta, found, MODEL, updates=6).feet[0]
+    np.testing.assert_allclose(np.exp(1j * settled)[circles], np.exp(1j * feet)[circles], atol=1e-5)
 
 
 def test_points_behind_the_camera_are_told():
     rng = np.random.default_rng(6)
     theta = random_thetas(1, rng)
-    curves, hidden = curves_near(theta[0], 0.0, rng)
-    assert not curve_residuals(curves, theta, hidden[None], MODEL).behind.any()
+    curves, feet = curves_near(theta[0], 0.0, rng)
+    assert not curve_residuals(curves, theta, feet[None], MODEL).behind.any()
     away = theta.copy()
     away[0, 1] += np.pi
-    assert curve_residuals(curves, away, hidden[None], MODEL, updates=0).behind.any()
+    assert curve_residuals(curves, away, feet[None], MODEL, updates=0).behind.any()
 
 
 def test_fixed_points_and_their_jacobian():
@@ -153,10 +151,14 @@ def test_fixed_points_and_their_jacobian():
     field = rng.uniform(-10, 10, (4, 2))
     pixels = project(theta[None], field[None], MODEL).pixels[0]
     points = FixedPoints(field, pixels + [[1.0, -2.0]] * 4, np.full(4, 2.0), tuple("abcd"))
-    values, jacobian = point_residuals(points, theta[None], MODEL)
-    np.testing.assert_allclose(values[0].reshape(4, 2), [[0.5, -1.0]] * 4, atol=1e-9)
-    numeric = central_differences(lambda t: point_residuals(points, t[None], MODEL)[0][0], theta, STEPS)
-    np.testing.assert_allclose(jacobian[0], numeric, atol=1e-5 * np.abs(numeric).max())
+
+    def residuals(t):
+        return curve_residuals(stack_curves([]), t[None], np.zeros((1, 0)), MODEL, 0, points)
+
+    found = residuals(theta)
+    np.testing.assert_allclose(found.values[0].reshape(4, 2), [[0.5, -1.0]] * 4, atol=1e-9)
+    numeric = central_differences(lambda t: residuals(t).values[0], theta, STEPS)
+    np.testing.assert_allclose(found.jacobian[0], numeric, atol=1e-5 * np.abs(numeric).max())
 
 
 def test_stacking_keeps_the_order_and_nothing_is_something():

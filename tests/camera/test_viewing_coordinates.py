@@ -1,9 +1,9 @@
-"""Look coordinates: exact inverse of each other, right derivative, and the optimiser's use of them."""
+"""Viewing coordinates: exact inverse of each other, right derivative, and the optimiser's use of them."""
 
 import numpy as np
 import pytest
 
-from circlecal.camera.viewing_coordinates import LOOK, from_look, look_jacobian, to_look
+from circlecal.camera.viewing_coordinates import VIEWING, from_viewing, to_viewing, viewing_jacobian
 from circlecal.geometry.camera_parameters import PARAMETERS
 
 
@@ -23,8 +23,8 @@ def _cameras(rng, count=20, azimuth=0.0):
 def test_round_trip(azimuth):
     theta = _cameras(np.random.default_rng(0), azimuth=azimuth)
     center = np.array([0.3, -0.2])
-    back = from_look(to_look(theta, center), center)
-    difference = back - theta[:, :LOOK]
+    back = from_viewing(to_viewing(theta, center), center)
+    difference = back - theta[:, :VIEWING]
     difference[:, 1] = (difference[:, 1] + np.pi) % (2 * np.pi) - np.pi
     np.testing.assert_allclose(difference, 0.0, atol=1e-9)
 
@@ -32,34 +32,36 @@ def test_round_trip(azimuth):
 def test_circle_behind_the_camera_is_not_finite():
     theta = _cameras(np.random.default_rng(1))
     theta[:, 1] += np.pi
-    assert not np.isfinite(to_look(theta, np.zeros(2))[:, 1]).any()
+    assert not np.isfinite(to_viewing(theta, np.zeros(2))[:, 1]).any()
 
 
 def test_jacobian_predicts_small_steps():
     rng = np.random.default_rng(2)
     theta = _cameras(rng)
-    look = to_look(theta, np.zeros(2))
+    look = to_viewing(theta, np.zeros(2))
     step = rng.normal(size=look.shape) * np.array([1e-4, 1e-1, 1e-1, 1e-5, 1e-4, 1e-5, 1e-5])
-    predicted = np.einsum("bij,bj->bi", look_jacobian(theta, np.zeros(2)), step)
-    actual = from_look(look + step, np.zeros(2)) - from_look(look, np.zeros(2))
+    predicted = np.einsum("bij,bj->bi", viewing_jacobian(theta, np.zeros(2)), step)
+    actual = from_viewing(look + step, np.zeros(2)) - from_viewing(look, np.zeros(2))
     np.testing.assert_allclose(predicted, actual, rtol=1e-2, atol=1e-6)
 
 
 def test_zoom_with_distance_moves_along_a_line():
-    """Doubling focal length and distance leaves the other look coordinates where they are."""
+    """Doubling focal length and distance leaves the other viewing coordinates where they are."""
     theta = _cameras(np.random.default_rng(3), count=1)
     further = theta.copy()
-    look = to_look(theta, np.zeros(2))
+    look = to_viewing(theta, np.zeros(2))
     look[:, [0, 4]] += np.log(2.0)
-    further[:, :LOOK] = from_look(look, np.zeros(2))
+    further[:, :VIEWING] = from_viewing(look, np.zeros(2))
     np.testing.assert_allclose(further[:, 4:7], 2 * theta[:, 4:7], rtol=1e-9)
-    np.testing.assert_allclose(to_look(further, np.zeros(2))[:, [1, 2, 3, 5, 6]], look[:, [1, 2, 3, 5, 6]], atol=1e-7)
+    np.testing.assert_allclose(
+        to_viewing(further, np.zeros(2))[:, [1, 2, 3, 5, 6]], look[:, [1, 2, 3, 5, 6]], atol=1e-7
+    )
 
 
 def test_straight_above_the_centre_there_is_no_derivative():
     theta = np.zeros((2, len(PARAMETERS)))
     theta[:, 0], theta[:, 6] = np.log(900.0), -30.0
     theta[1, 2], theta[1, 5] = 1.2, 60.0
-    found = look_jacobian(theta, np.zeros(2))
+    found = viewing_jacobian(theta, np.zeros(2))
     assert np.isnan(found[0]).all()
     assert np.isfinite(found[1]).all()

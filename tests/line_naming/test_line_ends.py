@@ -7,7 +7,7 @@ import pytest
 
 from circlecal.bench.scenarios import KNOWN
 from circlecal.field import load_field
-from circlecal.line_naming.line_ends import passes, passes_end, same_markings
+from circlecal.line_naming.line_ends import are_ended_on, passes_end, passes_point
 from circlecal.observations import LineEnd, LinePoints, Observations
 from circlecal.stages.camera import estimate_camera
 from circlecal.synthetic.cameras import aimed_camera
@@ -85,10 +85,10 @@ def test_the_line_through_the_end_is_the_touchline():
 
 def test_lines_that_pass():
     segment = np.array([[100.0, 200.0], [900.0, 200.0]])
-    assert passes(segment, np.array([500.0, 202.0]), 1.0)
-    assert not passes(segment, np.array([500.0, 206.0]), 1.0)
+    assert passes_point(segment, np.array([500.0, 202.0]), 1.0)
+    assert not passes_point(segment, np.array([500.0, 206.0]), 1.0)
     # drawn on, a lens bends it
-    assert passes(segment, np.array([1500.0, 206.0]), 1.0)
+    assert passes_point(segment, np.array([1500.0, 206.0]), 1.0)
 
 
 def test_an_end_lies_anywhere_within_the_marking_that_it_meets():
@@ -102,10 +102,10 @@ def test_an_end_lies_anywhere_within_the_marking_that_it_meets():
 def test_a_line_through_an_end_says_where_that_marking_runs():
     observations = seen([], [nameless(-34.0 + 0.5 * SOCCER.marking_width_m), nameless(-30.0)])
     met = (LinePoints("side_line_top", CAMERA.project(FAR_END)[None], np.array([2.0])),)
-    assert same_markings({1: "side_line_top"}, met, observations)
-    assert not same_markings({2: "side_line_top"}, met, observations)
-    assert not same_markings({1: "side_line_bottom"}, met, observations)
-    assert not same_markings({}, met, observations)
+    assert are_ended_on({1: "side_line_top"}, met, observations)
+    assert not are_ended_on({2: "side_line_top"}, met, observations)
+    assert not are_ended_on({1: "side_line_bottom"}, met, observations)
+    assert not are_ended_on({}, met, observations)
 
 
 def test_ends_survive_a_round_trip():

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from circlecal.camera.covariance import posterior_covariance
-from circlecal.camera.observed import Realism, observed_curves, observed_points
-from circlecal.camera.optimise import Problem, minimise
+from circlecal.camera.observed import NoiseModel, observed_curves, observed_points
 from circlecal.camera.options import priors_of
+from circlecal.camera.problem import Problem, minimise
 from circlecal.config import Config, load_config
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.camera_parameters import PARAMETERS, ProjectionModel, theta_of
@@ -62,9 +62,10 @@ def calibrated(name: str, camera: Camera, rng: np.random.Generator, sigma: float
     model = ProjectionModel(camera.width, camera.height, Surface("flat"))
     priors = priors_of(CONFIG.camera, TEMPLATE, CIRCLE, model)
     problem = Problem(
-        observed_curves(seen, TEMPLATE, Realism(60, 0, 60)), observed_points(seen, TEMPLATE), priors, model
-    )
-    state = minimise(problem, theta_of(camera, model)[None], CONFIG.camera.loss_scale)
+        observed_curves(seen, TEMPLATE, NoiseModel(60, 0, 60)), observed_points(seen, TEMPLATE), priors, model,
+        CONFIG.camera.loss_scale,
+    )  # fmt: skip
+    state = minimise(problem, theta_of(camera, model)[None])
     return RigFrame(name, seen, state.theta[0], posterior_covariance(state.normal[0], priors.sd))
 
 

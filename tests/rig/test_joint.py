@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from circlecal.camera.covariance import posterior_covariance
-from circlecal.camera.observed import Realism, observed_curves, observed_points
-from circlecal.camera.optimise import Priors, Problem, minimise
-from circlecal.camera.residuals import first_hidden
+from circlecal.camera.observed import NoiseModel, observed_curves, observed_points
+from circlecal.camera.priors import Priors
+from circlecal.camera.problem import Problem, minimise
+from circlecal.camera.residuals import sample_feet
 from circlecal.field import load_field
 from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel, camera_of, theta_of
 from circlecal.geometry.surface import Surface
@@ -53,7 +54,7 @@ def problem_of(camera, rng, sigma=0.5):
         (line_points(camera, SOCCER, "halfway_line", 40, sigma, rng),),
     )
     return Problem(
-        observed_curves(seen, SOCCER, Realism(500, 0.0, 0.0)), observed_points(seen, SOCCER), priors(), MODEL
+        observed_curves(seen, SOCCER, NoiseModel(500, 0.0, 0.0)), observed_points(seen, SOCCER), priors(), MODEL, 6.0
     )
 
 
@@ -69,7 +70,7 @@ def scene():
 def joint(scene, zoom=ZOOM, deviation=DEVIATION):
     problems, truth = scene
     problem = joint_problem(problems, zoom, deviation, float(np.median(truth[:, 0])))
-    return problem, minimise_joint(problem, first_state(problem, truth, 6.0), 6.0)
+    return problem, minimise_joint(problem, first_state(problem, truth))
 
 
 def flat(problem, state):
@@ -99,15 +100,15 @@ def test_gradient_is_that_of_the_cost(scene):
     own = state.own + rng.normal(0, 1e-4, state.own.shape)
     common = state.common + rng.normal(0, 1e-4, state.common.shape)
     # without a robust loss the gradient that is used is exactly half that of the cost
-    wide = 1e6
-    here = evaluate_joint(problem, own, common, state.hidden, wide, updates=6)
+    problem = problem.with_loss(np.inf)
+    here = evaluate_joint(problem, own, common, state.feet, updates=6)
     gradient = np.concatenate([here.g_o.ravel(), here.g_common + here.g_c.sum(axis=0)])
     values = flat(problem, here)
     for k in range(len(values)):
         step = np.zeros_like(values)
         step[k] = 1e-5 * max(1.0, abs(values[k]) * 1e-2)
         costs = [
-            evaluate_joint(problem, *unflat(problem, here, values + s * step), here.hidden, wide, updates=6).cost
+            evaluate_joint(problem, *unflat(problem, here, values + s * step), here.feet, updates=6).cost[0]
             for s in (1, -1)
         ]
         measured = (costs[0] - costs[1]) / (4 * step[k])
@@ -116,7 +117,7 @@ def test_gradient_is_that_of_the_cost(scene):
 
 def test_optimum_has_no_gradient_and_no_worse_cost_than_the_truth(scene):
     problem, state = joint(scene)
-    start = first_state(problem, scene[1], 6.0)
+    start = first_state(problem, scene[1])
     assert state.cost <= start.cost
     gradient = np.concatenate([state.g_o.ravel(), state.g_common + state.g_c.sum(axis=0)])
     size = np.sqrt(np.diag(dense_normal(state)))
@@ -158,7 +159,7 @@ def test_a_frame_under_what_the_others_say_is_the_joint_frame(scene, zoom, devia
     alone = replace(
         scene[0][1], priors=replace(own, sd=sd, distance_log_sd=np.inf, elevation_sd_rad=np.inf, shared=told)
     )
-    fitted = minimise(alone, scene[1][1:2], 6.0)
+    fitted = minimise(alone, scene[1][1:2])
     difference = fitted.theta[0] - state.theta[1]
     spread = joint_covariances(problem, state)[1]
     sigma = np.sqrt(np.diag(spread))
@@ -177,9 +178,9 @@ def test_five_frames_are_better_than_one():
         cameras = views(5, rng)
         problems = [problem_of(camera, rng) for camera in cameras]
         truth = np.array([theta_of(camera, MODEL) for camera in cameras])
-        alone = np.array([minimise(p, t[None], 6.0).theta[0] for p, t in zip(problems, truth, strict=True)])
+        alone = np.array([minimise(p, t[None]).theta[0] for p, t in zip(problems, truth, strict=True)])
         problem = joint_problem(problems, {}, {}, float(np.median(truth[:, 0])))
-        state = minimise_joint(problem, first_state(problem, alone, 6.0), 6.0)
+        state = minimise_joint(problem, first_state(problem, alone))
         errors = [np.linalg.norm(theta[:, 4:7] - truth[:, 4:7], axis=1).mean() for theta in (alone, state.theta)]
         gains.append(errors[1] / errors[0])
     assert np.median(gains) < 0.7
@@ -195,7 +196,7 @@ def test_covariance_holds_over_draws():
         problems = [problem_of(camera, rng) for camera in cameras]
         truth = np.array([theta_of(camera, MODEL) for camera in cameras])
         problem = joint_problem(problems, {}, {}, float(np.median(truth[:, 0])))
-        state = minimise_joint(problem, first_state(problem, truth, 6.0), 6.0)
+        state = minimise_joint(problem, first_state(problem, truth))
         told = shared_prior(problem, state)
         values, _ = told.residuals(truth[:1])
         inside.append(float(values[0] @ values[0]))
@@ -217,7 +218,7 @@ def test_zoom_that_moves_the_principal_point_is_found():
     errors = {}
     for name, zoom in (("fixed", {}), ("by zoom", {"pp_x": 30.0})):
         problem = joint_problem(problems, zoom, {}, float(mean))
-        state = minimise_joint(problem, first_state(problem, truth, 6.0), 6.0)
+        state = minimise_joint(problem, first_state(problem, truth))
         grid = np.stack(np.meshgrid(np.linspace(-12, 12, 7), np.linspace(-12, 12, 7)), axis=-1).reshape(-1, 2)
         errors[name] = np.mean(
             [
@@ -228,10 +229,10 @@ def test_zoom_that_moves_the_principal_point_is_found():
     assert errors["by zoom"] < 0.5 * errors["fixed"]
 
 
-def test_hidden_parameters_start_on_their_markings(scene):
+def test_foot_parameters_start_on_their_markings(scene):
     problem, state = joint(scene)
-    for frame, theta, hidden in zip(problem.frames, state.theta, state.hidden, strict=True):
-        near, _ = first_hidden(frame.curves, theta[None], frame.model, samples=720)
+    for frame, theta, feet in zip(problem.frames, state.theta, state.feet, strict=True):
+        near = sample_feet(frame.curves, theta[None], frame.model, samples=720)
         circle = frame.curves.radius > 0
-        apart = np.abs(np.angle(np.exp(1j * (near - hidden)[0, circle])))
+        apart = np.abs(np.angle(np.exp(1j * (near - feet)[0, circle])))
         assert apart.max() < 0.05

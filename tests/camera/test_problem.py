@@ -6,10 +6,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from circlecal.camera.crown import on_parabola
-from circlecal.camera.observed import Realism, observed_curves, observed_points
-from circlecal.camera.optimise import Priors, Problem, best_of, evaluate, foreseen, minimise
-from circlecal.camera.residuals import first_hidden
+from circlecal.camera.observed import NoiseModel, observed_curves, observed_points
+from circlecal.camera.priors import Priors
+from circlecal.camera.problem import FINAL, Problem, bend_surface, evaluate, minimise, predict_step
+from circlecal.camera.residuals import sample_feet
 from circlecal.field import load_field
 from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel, project
 from circlecal.geometry.surface import Surface
@@ -58,9 +58,9 @@ def plain_theta(rng):
     return theta
 
 
-def problem_of(seen, chosen):
-    curves = observed_curves(seen, SOCCER, Realism(10**6, 0.0, 0.0))
-    return Problem(curves, observed_points(seen, SOCCER), chosen, MODEL)
+def problem_of(seen, chosen, loss_scale=6.0):
+    curves = observed_curves(seen, SOCCER, NoiseModel(10**6, 0.0, 0.0))
+    return Problem(curves, observed_points(seen, SOCCER), chosen, MODEL, loss_scale)
 
 
 def test_prior_residuals_and_their_jacobian():
@@ -78,14 +78,14 @@ def test_prior_residuals_and_their_jacobian():
 def test_gradient_of_the_cost():
     rng = np.random.default_rng(2)
     theta = plain_theta(rng)
-    problem = problem_of(observed(theta, rng), priors(pp_x=5.0, pp_y=5.0))
+    problem = problem_of(observed(theta, rng), priors(pp_x=5.0, pp_y=5.0), 3.0)
     near = theta + 1e-4 * rng.standard_normal(len(theta)) * (problem.priors.sd > 0)
-    hidden = first_hidden(problem.curves, near[None], MODEL)[0]
+    feet = sample_feet(problem.curves, near[None], MODEL)
 
     def cost(t):
-        return evaluate(problem, t[None], hidden, 3.0, updates=12).cost
+        return evaluate(problem, t[None], feet, updates=12).cost
 
-    state = evaluate(problem, near[None], hidden, 3.0, updates=12)
+    state = evaluate(problem, near[None], feet, updates=12)
     numeric = central_differences(cost, near, STEPS / 50)[0]
     active = np.flatnonzero(problem.priors.sd > 0)
     # the cost is a sum of squares, the gradient that of half of it
@@ -95,9 +95,9 @@ def test_gradient_of_the_cost():
 def test_minimise_finds_the_truth_from_aside_and_keeps_what_is_fixed():
     rng = np.random.default_rng(3)
     theta = plain_theta(rng)
-    problem = problem_of(observed(theta, rng, sigma=0.0), priors())
+    problem = problem_of(observed(theta, rng, sigma=0.0), priors(), 1e3)
     start = theta + np.r_[0.05, 0.01, 0.01, 0.01, 1.5, -2.0, 1.0, np.full(len(theta) - 7, 0.3)]
-    state = minimise(problem, start[None], 1e3, 60)
+    state = minimise(problem, start[None])
     assert (state.theta[0, 7:] == 0).all()
     field = np.random.default_rng(0).uniform(-12, 12, (1, 50, 2))
     departure = project(state.theta, field, MODEL).pixels - project(theta[None], field, MODEL).pixels
@@ -109,7 +109,7 @@ def test_cost_never_grows_with_more_iterations():
     theta = plain_theta(rng)
     problem = problem_of(observed(theta, rng), priors(pp_x=5.0, kappa_1=0.01))
     start = theta + np.r_[0.1, 0.02, 0.02, 0.02, 3.0, -4.0, 2.0, np.zeros(len(theta) - 7)]
-    costs = [float(minimise(problem, start[None], 6.0, n).cost[0]) for n in (0, 1, 3, 10, 40)]
+    costs = [float(minimise(problem, start[None], replace(FINAL, iterations=n)).cost[0]) for n in (0, 1, 3, 10, 40)]
     assert all(later <= sooner for sooner, later in pairwise(costs))
     # chi-square of 60 + 30 points across the marking and 2 coordinates of the mark
     assert 50 < costs[-1] < 140
@@ -121,11 +121,11 @@ def test_an_outlying_third_of_the_circle_does_not_move_the_answer():
     seen = observed(theta, rng)
     seen.circles[0].points_px[:20] += [0.0, 40.0]
     problem = problem_of(seen, priors())
-    state = minimise(problem, theta[None], 6.0, 60)
+    state = minimise(problem, theta[None])
     field = np.random.default_rng(0).uniform(-9, 9, (1, 50, 2))
     departure = project(state.theta, field, MODEL).pixels - project(theta[None], field, MODEL).pixels
     assert np.linalg.norm(departure, axis=-1).mean() < 3.0
-    plain = minimise(problem, theta[None], 1e6, 60)
+    plain = minimise(replace(problem, loss_scale=np.inf), theta[None])
     spoilt = project(plain.theta, field, MODEL).pixels - project(theta[None], field, MODEL).pixels
     assert np.linalg.norm(spoilt, axis=-1).mean() > 10.0
 
@@ -135,17 +135,17 @@ def test_starts_do_not_disturb_each_other():
     theta = plain_theta(rng)
     problem = problem_of(observed(theta, rng), priors())
     starts = theta + rng.normal(0, 1, (4, len(theta))) * np.r_[0.05, 0.01, 0.01, 0.01, 2, 2, 1, np.zeros(10)]
-    together = minimise(problem, starts, 6.0, 40)
-    cost = evaluate(problem, together.theta, together.hidden, 6.0, updates=6).cost
+    together = minimise(problem, starts)
+    cost = evaluate(problem, together.theta, together.feet, updates=6).cost
     for k in range(4):
-        alone = minimise(problem, starts[k : k + 1], 6.0, 40)
-        assert cost[k] == pytest.approx(evaluate(problem, alone.theta, alone.hidden, 6.0, updates=6).cost[0], rel=1e-6)
-    best = best_of(together, 2)
+        alone = minimise(problem, starts[k : k + 1])
+        assert cost[k] == pytest.approx(evaluate(problem, alone.theta, alone.feet, updates=6).cost[0], rel=1e-6)
+    best = together.best(2)
     assert best.cost.tolist() == sorted(together.cost)[:2]
 
 
 @pytest.mark.parametrize("seed", [3, 4])
-def test_the_fit_to_the_other_profile_of_the_pitch_is_foreseen(seed):
+def test_the_fit_to_the_other_profile_of_the_pitch_is_predicted(seed):
     rng = np.random.default_rng(seed)
     theta = plain_theta(rng)
     theta[INDEX["crown"]] = 0.08
@@ -153,10 +153,10 @@ def test_the_fit_to_the_other_profile_of_the_pitch_is_foreseen(seed):
     problem = replace(
         problem_of(observed(theta, rng, sigma=0.2), chosen), model=replace(MODEL, surface=Surface("roof"))
     )
-    roof = minimise(problem, theta[None], 6.0)
-    curved, start = on_parabola(problem, roof, 6.0)
-    expected = foreseen(curved, start, 6.0)
-    found = minimise(curved, roof.theta, 6.0)
+    roof = minimise(problem, theta[None])
+    curved, start = bend_surface(problem, roof)
+    expected = predict_step(curved, start)
+    found = minimise(curved, roof.theta)
     gain = roof.cost[0] - found.cost[0]
     assert gain > 10.0
     assert expected.cost[0] == pytest.approx(found.cost[0], abs=0.1 * gain)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from circlecal.camera.shared_prior import SharedPrior, SharedPriorConfig
+from circlecal.camera.priors import SharedPrior, SharedPriorConfig
 
 from .conftest import STEPS, central_differences, random_thetas
 

@@ -1,13 +1,15 @@
-"""What other frames of one standing camera say of a frame: a Gaussian on what they share.
+"""What is known of a camera before a frame: Gaussians on its parameters, its usual place, and what other frames say.
 
 Position, roll, lens, principal point, surface and the field's sizes belong to the camera and the stadium, not to a
-frame. Principal point and distortion may change with the zoom: linearly with the logarithm of the focal length.
+frame: frames of one standing camera share them. Principal point and distortion may change with the zoom: linearly with
+the logarithm of the focal length.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -23,6 +25,11 @@ ZOOMED = ("pp_x", "pp_y", "kappa_1")
 """Of these, the ones that may change with the zoom."""
 _IN_PIXELS = ("pp_x", "pp_y")
 _BY_ZOOM = " by zoom"
+KNOWN_POSITION_SD_M = 1.0
+"""A position known to this along each axis, metres, is where the search starts. Separates cameras of a rig, whose
+position five frames determine to 0.1 m (Cramer-Rao bound), from a vague prior of the venue.
+"""
+_POSITION = slice(INDEX["x"], INDEX["z"] + 1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,3 +173,79 @@ class SharedPriorConfig(BaseModel):
             covariance=tuple(tuple(row) for row in prior.covariance.tolist()),
             deviation_sd=tuple(prior.deviation_sd.tolist()),
         )
+
+
+@dataclass(frozen=True)
+class Priors:
+    """Gaussian priors of the parameters, and of a camera's usual place.
+
+    Attributes
+    ----------
+    mean, sd : (P,) arrays
+        Per parameter; sd 0 fixes it at its mean, inf leaves it free.
+    distance_m, distance_log_sd : float
+        Log-normal prior of the distance from ``center_m``; sd inf for none.
+    elevation_rad, elevation_sd_rad : float
+        Gaussian prior of the angle under which the camera looks down on it; sd inf for none.
+    center_m : (2,) array
+        What the camera looks at: the circle's centre, or the middle of what was seen instead of the circle.
+    shared : SharedPrior or None
+        What other frames of the same camera say; the parameters that it covers have no other prior.
+    """
+
+    mean: Array
+    sd: Array
+    distance_m: float
+    distance_log_sd: float
+    elevation_rad: float
+    elevation_sd_rad: float
+    center_m: Array
+    shared: SharedPrior | None = None
+
+    @property
+    def standing_m(self) -> Array | None:
+        """Where the camera stands (3,), metres, if that is known well."""
+        known = self.shared is not None or (self.sd[_POSITION] <= KNOWN_POSITION_SD_M).all()
+        return self.mean[_POSITION] if known else None
+
+    def residuals(self, theta: Array) -> tuple[Array, Array]:
+        """Normalised residuals (B, K) and their Jacobian (B, K, P)."""
+        values, jacobian = self._of_parameters_and_place(theta)
+        if self.shared is None:
+            return values, jacobian
+        shared, by_theta = self.shared.residuals(theta)
+        return np.concatenate([values, shared], axis=1), np.concatenate([jacobian, by_theta], axis=1)
+
+    @cached_property
+    def _linear(self) -> tuple[Indices, Array, Array]:
+        """Which parameters have a prior of their own (K,), whether the place has (2,), and the Jacobian (K or more, P)
+        without the place's.
+        """
+        used = np.flatnonzero((self.sd > 0) & np.isfinite(self.sd))
+        place = np.isfinite([self.distance_log_sd, self.elevation_sd_rad])
+        jacobian = np.zeros((len(used) + int(place.sum()), len(PARAMETERS)))
+        jacobian[np.arange(len(used)), used] = 1.0 / self.sd[used]
+        return used, place, jacobian
+
+    def _of_parameters_and_place(self, theta: Array) -> tuple[Array, Array]:
+        used, place, linear = self._linear
+        jacobian = np.repeat(linear[None], len(theta), axis=0)
+        values = np.empty(jacobian.shape[:2])
+        values[:, : len(used)] = (theta[:, used] - self.mean[used]) / self.sd[used]
+        if not place.any():
+            return values, jacobian
+        offset = theta[:, _POSITION].copy()
+        offset[:, :2] -= self.center_m
+        level2 = np.maximum(offset[:, 0] ** 2 + offset[:, 1] ** 2, 1e-12)
+        distance2 = np.maximum(level2 + offset[:, 2] ** 2, 1e-6)
+        row = len(used)
+        if place[0]:
+            values[:, row] = (0.5 * np.log(distance2) - np.log(self.distance_m)) / self.distance_log_sd
+            jacobian[:, row, _POSITION] = offset / (distance2 * self.distance_log_sd)[:, None]
+            row += 1
+        if place[1]:
+            level = np.sqrt(level2)
+            values[:, row] = (np.arctan2(-offset[:, 2], level) - self.elevation_rad) / self.elevation_sd_rad
+            by_offset = np.column_stack([offset[:, :2] * (offset[:, 2] / level)[:, None], -level])
+            jacobian[:, row, _POSITION] = by_offset / (distance2 * self.elevation_sd_rad)[:, None]
+        return values, jacobian

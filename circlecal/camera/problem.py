@@ -1,0 +1,287 @@
+"""What the cost of a camera is made of, and its steps: residuals and priors behind the one Levenberg-Marquardt."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from circlecal.camera.priors import Priors
+from circlecal.camera.residuals import (
+    CurvePoints,
+    FixedPoints,
+    curve_points,
+    curve_residuals,
+    ground_feet,
+    join_curves,
+    sample_feet,
+)
+from circlecal.camera.viewing_coordinates import VIEWING, from_viewing, to_viewing_with_jacobian
+from circlecal.geometry import least_squares
+from circlecal.geometry.camera import Camera
+from circlecal.geometry.camera_parameters import INDEX, ProjectionModel, active_parameters, camera_of
+from circlecal.geometry.least_squares import (
+    LEAST_DAMPING,
+    Batch,
+    Step,
+    StoppingRule,
+    promised_decrease,
+    solve_damped,
+)
+from circlecal.geometry.projective import Array, Indices, Mask
+
+FINAL = StoppingRule(3e-5, contraction=0.01, last_step=True)
+"""For a result: what is left of the cost (chi-square) when it stops is that of 0.005 standard deviations."""
+COARSE = StoppingRule(0.5)
+"""For what is only compared: hypotheses differ by tens of chi-square where they differ at all."""
+WIDE_LOSS, FAR_LOSS = 10.0, 100.0
+"""By how much wider the loss is while hypotheses are compared, since a line that does not fit pulls, and then tells;
+and for starts that lie hundreds of pixels from what they are to explain.
+"""
+LARGEST_STEP = 0.7
+"""Of the logarithms of focal length and distance and of the angles (radians), in one iteration."""
+LOG_FOCAL_RANGE = (np.log(10.0), np.log(1e6))
+"""Of the focal length in pixels: nothing outside is a camera."""
+BEHIND = 1e3
+"""Residual, standard deviations, of a point whose marking lies behind the camera: more than any loss looks at."""
+_CAUTIOUS = np.array([[1, 0, 0, 1, 1, 1, 1], [1, 1, 1, 1, 0, 0, 0]], dtype=np.float64)
+"""Which of the first parameters the largest step is about: in viewing coordinates, and in others."""
+
+
+@dataclass(frozen=True, slots=True)
+class State(Batch):
+    """Where a batch of B starts stands.
+
+    Attributes
+    ----------
+    theta, feet : (B, P), (B, N) arrays
+        Parameters, and the foot parameters of the curve points.
+    values, jacobian : (B, N + 2 M), (B, N + 2 M, P) arrays
+        Normalised residuals of the curve points, then of the fixed points, and their derivatives.
+    prior_values, prior_jacobian : (B, K), (B, K, P) arrays
+        Those of the priors.
+    cost, gradient, normal : (B,), (B, P), (B, P, P) arrays
+        Cost under a robust loss, half its gradient and its Gauss-Newton matrix.
+    """
+
+    theta: Array
+    feet: Array
+    values: Array
+    jacobian: Array
+    prior_values: Array
+    prior_jacobian: Array
+    cost: Array
+    gradient: Array
+    normal: Array
+
+    @property
+    def residuals(self) -> Array:
+        """Of the curve points (B, N)."""
+        return self.values[:, : self.feet.shape[1]]
+
+    @property
+    def point_values(self) -> Array:
+        """Residuals of the fixed points (B, 2 M)."""
+        return self.values[:, self.feet.shape[1] :]
+
+    def best(self, count: int = 1) -> State:
+        """The starts with the lowest cost."""
+        return self.select(np.argsort(self.cost, kind="stable")[:count])
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """Observations and priors of a camera, and the scale of the Geman-McClure loss, standard deviations.
+
+    Implements :class:`circlecal.geometry.least_squares.Problem`. The foot parameters follow the camera: they are moved
+    in each evaluation and never enter the normal equations.
+    """
+
+    curves: CurvePoints
+    points: FixedPoints
+    priors: Priors
+    model: ProjectionModel
+    loss_scale: float = np.inf
+
+    @property
+    def usual_lens(self) -> Camera:
+        """A camera with the lens that the priors expect, to start from undistorted pixels."""
+        theta = np.where(np.isfinite(self.priors.mean), self.priors.mean, 0.0).copy()
+        theta[0] = np.log(self.model.width * 2.0)
+        return camera_of(theta, self.model)
+
+    def hypotheses(self, index: Indices) -> Problem:
+        """Some of the hypotheses about the curves, where there are several."""
+        return self if self.curves.sigma_px.ndim == 1 else replace(self, curves=self.curves.hypotheses(index))
+
+    def promise(self, state: State, step: Step) -> Array:
+        """By how much an undamped step would lower a quadratic cost (B,): the present one may be short."""
+        active = active_parameters(self.priors.sd)
+        slope = state.gradient[:, active]
+        change = solve_damped(state.normal[:, active[:, None], active], slope, np.full(len(slope), LEAST_DAMPING))
+        return np.asarray((change * slope).sum(axis=1))
+
+    def step(self, state: State, damping: Array) -> Step:
+        """One damped step, taken in the coordinates in which the weak direction is straight."""
+        center, active = self.priors.center_m, active_parameters(self.priors.sd)
+        straight = bool((self.priors.sd[:VIEWING] > 0).all())
+        gradient, normal = state.gradient, state.normal
+        usable: Mask = np.zeros(len(damping), dtype=bool)
+        viewing = state.theta[:, :VIEWING]
+        if straight:
+            viewing, by_viewing = to_viewing_with_jacobian(state.theta, center)
+            usable = np.isfinite(viewing.sum(axis=1) + by_viewing.sum(axis=(1, 2)))
+            if not usable.all():
+                by_viewing[~usable] = np.eye(VIEWING)
+            # by the chain rule the gradient becomes T^T g and the matrix T^T N T
+            turned = np.swapaxes(by_viewing, 1, 2)
+            gradient, normal = gradient.copy(), normal.copy()
+            gradient[:, :VIEWING] = (turned @ gradient[:, :VIEWING, None])[..., 0]
+            normal[:, :VIEWING] = turned @ normal[:, :VIEWING]
+            normal[:, :, :VIEWING] = normal[:, :, :VIEWING] @ by_viewing
+        block, slope = normal[:, active[:, None], active], gradient[:, active]
+        change = -solve_damped(block, slope, damping)
+        full = np.zeros_like(state.theta)
+        full[:, active] = change
+        size = np.abs(full[:, :VIEWING])
+        largest = np.where(usable[:, None], size * _CAUTIOUS[0], size * _CAUTIOUS[1]).max(axis=1)
+        shortening = np.maximum(largest / LARGEST_STEP, 1.0)[:, None]
+        change, full = change / shortening, full / shortening
+        theta = state.theta + full
+        if usable.all():
+            theta[:, :VIEWING] = from_viewing(viewing + full[:, :VIEWING], center)
+        elif usable.any():
+            theta[usable, :VIEWING] = from_viewing(viewing[usable] + full[usable, :VIEWING], center)
+        theta[:, 0] = np.minimum(np.maximum(theta[:, 0], LOG_FOCAL_RANGE[0]), LOG_FOCAL_RANGE[1])
+        if straight:
+            full[:, :VIEWING] = (by_viewing @ full[:, :VIEWING, None])[..., 0]
+        return Step(theta, full, promised_decrease(block, slope, change))
+
+    def follow(self, state: State, step: Step, index: Indices) -> State:
+        """The starts at an index where a step has led them."""
+        return evaluate(self.hypotheses(index), step.parameters[index], state.feet[index])
+
+    def extrapolate(self, state: State, step: Step) -> State:
+        """All starts after a step in the linear model."""
+        values, prior_values = (
+            now + (jacobian @ step.change[..., None])[..., 0]
+            for now, jacobian in ((state.values, state.jacobian), (state.prior_values, state.prior_jacobian))
+        )
+        return apply_loss(self, step.parameters, state.feet, values, state.jacobian, prior_values, state.prior_jacobian)
+
+
+def evaluate(problem: Problem, theta: Array, feet: Array, updates: int = 0) -> State:
+    """Cost, gradient and Gauss-Newton matrix of each start (B, P), the feet (B, N) moved ``updates`` times before."""
+    seen = curve_residuals(problem.curves, theta, feet, problem.model, updates, problem.points)
+    seen.values[:, : feet.shape[1]][seen.behind] = BEHIND
+    return apply_loss(problem, theta, seen.feet, seen.values, seen.jacobian, *problem.priors.residuals(theta))
+
+
+def apply_loss(
+    problem: Problem,
+    theta: Array,
+    feet: Array,
+    values: Array,
+    jacobian: Array,
+    prior_values: Array,
+    prior_jacobian: Array,
+) -> State:
+    """The state with these residuals and derivatives under the problem's loss.
+
+    A residual r costs ``r^2 / (1 + r^2 / s^2)`` (Geman and McClure 1985); the derivative of that by r is ``2 r w`` with
+    the weight ``w = 1 / (1 + r^2 / s^2)^2`` that the Gauss-Newton matrix has too. Priors are not robust.
+    """
+    squared = values * values
+    share = 1.0 / (1.0 + squared / problem.loss_scale**2)
+    weight = share * share
+    rows, prior_rows = np.swapaxes(jacobian, 1, 2), np.swapaxes(prior_jacobian, 1, 2)
+    gradient = rows @ (weight * values)[..., None] + prior_rows @ prior_values[..., None]
+    normal = (rows * weight[:, None]) @ jacobian + prior_rows @ prior_jacobian
+    cost = (squared * share).sum(axis=1) + (prior_values * prior_values).sum(axis=1)
+    return State(theta, feet, values, jacobian, prior_values, prior_jacobian, cost, gradient[..., 0], normal)
+
+
+def reweight(problem: Problem, state: State, sigma_px: Array) -> tuple[Problem, State]:
+    """The problem with other standard deviations (N,) of its curve points, and the state in it."""
+    factor = np.ones(state.values.shape[1])
+    factor[: len(sigma_px)] = problem.curves.sigma_px / sigma_px
+    changed = replace(problem, curves=problem.curves.with_sigma(sigma_px))
+    return changed, apply_loss(
+        changed, state.theta, state.feet, state.values * factor, state.jacobian * factor[:, None],
+        state.prior_values, state.prior_jacobian,
+    )  # fmt: skip
+
+
+def with_loss(problem: Problem, state: State, loss_scale: float) -> tuple[Problem, State]:
+    """The problem under a loss of another scale, and the state in it."""
+    return reweight(replace(problem, loss_scale=loss_scale), state, problem.curves.sigma_px)
+
+
+def add_curves(problem: Problem, state: State, curves: CurvePoints) -> tuple[Problem, State]:
+    """The problem with further markings before the others, and the state in it: only the further ones are evaluated."""
+    feet = ground_feet(curves, state.theta, problem.model)
+    seen = curve_residuals(curves, state.theta, feet, problem.model, updates=0)
+    changed = apply_loss(
+        problem,
+        state.theta,
+        np.concatenate([seen.feet, state.feet], axis=1),
+        np.concatenate([seen.values, state.values], axis=1),
+        np.concatenate([seen.jacobian, state.jacobian], axis=1),
+        state.prior_values,
+        state.prior_jacobian,
+    )
+    return replace(problem, curves=join_curves(curves, problem.curves)), changed
+
+
+def bend_surface(problem: Problem, state: State) -> tuple[Problem, State]:
+    """The problem with a parabolic pitch instead of a roof, and the state in it to first order of the surface's height.
+
+    The parabola falls about as the roof does where points were seen; no marking is looked at again.
+    """
+    index, count = INDEX["crown"], state.feet.shape[1]
+    y = np.empty_like(state.values)
+    y[:, :count] = curve_points(problem.curves, state.feet, state.theta)[0][..., 1]
+    y[:, count:] = problem.points.twice[0][1]
+    # so many times as far as the roof with the same crown has the parabola fallen there
+    surface = replace(problem.model.surface, shape="parabola")
+    further = np.abs(y) / surface.reference_m
+    by_crown, crown = state.jacobian[..., index], state.theta[:, index, None]
+    like = crown * (further**3).sum(axis=1, keepdims=True) / np.maximum((further**4).sum(axis=1, keepdims=True), 1e-12)
+    theta, jacobian = state.theta.copy(), state.jacobian.copy()
+    theta[:, index], jacobian[..., index] = like[:, 0], by_crown * further
+    values = state.values + by_crown * (like * further - crown)
+    curved = replace(problem, model=replace(problem.model, surface=surface))
+    return curved, apply_loss(curved, theta, state.feet, values, jacobian, *problem.priors.residuals(theta))
+
+
+def minimise(problem: Problem, starts: Array, rule: StoppingRule = FINAL, feet: Array | None = None) -> State:
+    """Follow every start (B, P) at once to an optimum.
+
+    Parameters
+    ----------
+    problem : Problem
+        Observations, priors and loss.
+    starts : (B, P) array
+        Parameter vectors; what the priors fix is set to their mean.
+    rule : StoppingRule
+        When a start has arrived.
+    feet : (B, N) array, optional
+        Foot parameters near the true ones; without them they are searched for along all markings.
+    """
+    theta = starts.copy()
+    fixed = problem.priors.sd <= 0
+    theta[:, fixed] = problem.priors.mean[fixed]
+    updates = 0
+    if feet is None:
+        feet, updates = sample_feet(problem.curves, theta, problem.model), 2
+    return resume(problem, evaluate(problem, theta, feet, updates), rule)
+
+
+def resume(problem: Problem, state: State, rule: StoppingRule = FINAL) -> State:
+    """Follow starts that are evaluated already."""
+    return least_squares.minimise(problem, state, rule).state
+
+
+def predict_step(problem: Problem, state: State) -> State:
+    """Where an undamped step leads in the linear model: nothing is evaluated."""
+    return problem.extrapolate(state, problem.step(state, np.full(len(state.theta), LEAST_DAMPING)))
