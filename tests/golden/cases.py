@@ -20,13 +20,13 @@ import numpy as np
 
 from circlecal.cli import main
 from circlecal.field import load_field
-from circlecal.geometry.pinhole import Camera
+from circlecal.geometry.camera import Camera
 from circlecal.synthetic.cameras import aimed_camera, sample_camera
 from circlecal.synthetic.negatives import negative_scene
 from circlecal.synthetic.renderer import Rendering, render
 from circlecal.synthetic.sampling import profile_field, render_frame
 from circlecal.synthetic.scene import RenderConfig, Scene
-from circlecal.synthetic.surface import FLAT, Surface
+from circlecal.synthetic.surface import FLAT, CrownedSurface
 
 Records = dict[str, dict[str, Any]]
 """Result files by the id of their frame."""
@@ -111,7 +111,7 @@ def cases() -> list[Case]:
     for path in sorted(SAMPLES.glob("*.jpg")):
         found.append(Case("samples", path.stem, partial(calibrated, [path], DETECTED)))
     for name in ("full_circle", "low_camera_night"):
-        found.append(Case("samples", f"{name}.mask", partial(calibrated, [SAMPLES / f"{name}.jpg"], ())))
+        found.append(Case("samples", f"{name}.mask", partial(calibrated, [SAMPLES / f"{name}.jpg"], ("--mask", SAMPLES / "segmentation"))))
     found += [
         Case("rendered", f"{profile}_{seed}", partial(_rendered, profile, seed, size))
         for profile, sizes in RENDERED.items()
@@ -178,7 +178,7 @@ def _robot(name: str, folder: Path) -> Records:
 def _annotated(view: str, to: str, arguments: tuple[str, ...], folder: Path) -> Records:
     """An annotation of all markings in view, with clicks good to a pixel, in a format that circlecal writes."""
     rng = np.random.default_rng([*view.encode()])
-    surface = Surface(0.05, "roof", 9.15)
+    surface = CrownedSurface(0.05, "roof", 9.15)
     camera = sample_camera(view, rng, kappa=0.02, surface=surface)
     path = _written(camera, surface, rng, folder / f"{view}.json")
     if to != "labelme":
@@ -196,7 +196,7 @@ def _detected(folder: Path) -> Records:
 
 def _written(
     camera: Camera,
-    surface: Surface,
+    surface: CrownedSurface,
     rng: np.random.Generator,
     path: Path,
     noise_px: float = 1.0,
@@ -218,7 +218,7 @@ def _written(
 def _rig(folder: Path) -> Records:
     """Views of one camera, of which one shows no halfway line and is calibrated with what the others say."""
     rng = np.random.default_rng(4)
-    surface = Surface(0.05, "roof", 9.15)
+    surface = CrownedSurface(0.05, "roof", 9.15)
     first = sample_camera("broadcast", rng, kappa=0.03, surface=surface)
     views = ("broadcast", "broadcast", "broadcast", "main")
     cameras = [first, *(sample_camera(view, rng, kappa=0.03, surface=surface, like=first) for view in views)]
