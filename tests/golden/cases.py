@@ -111,7 +111,13 @@ def cases() -> list[Case]:
     for path in sorted(SAMPLES.glob("*.jpg")):
         found.append(Case("samples", path.stem, partial(calibrated, [path], DETECTED)))
     for name in ("full_circle", "low_camera_night"):
-        found.append(Case("samples", f"{name}.mask", partial(calibrated, [SAMPLES / f"{name}.jpg"], ("--mask", SAMPLES / "segmentation"))))
+        found.append(
+            Case(
+                "samples",
+                f"{name}.mask",
+                partial(calibrated, [SAMPLES / f"{name}.jpg"], ("--mask", SAMPLES / "segmentation")),
+            )
+        )
     found += [
         Case("rendered", f"{profile}_{seed}", partial(_rendered, profile, seed, size))
         for profile, sizes in RENDERED.items()
