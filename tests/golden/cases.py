@@ -17,6 +17,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from circlecal.synthetic.surface import FLAT, CrownedSurface
 
 from circlecal.cli import main
 from circlecal.field import load_field
@@ -26,7 +27,6 @@ from circlecal.synthetic.negatives import negative_scene
 from circlecal.synthetic.renderer import Rendering, render
 from circlecal.synthetic.sampling import profile_field, render_frame
 from circlecal.synthetic.scene import RenderConfig, Scene
-from circlecal.synthetic.surface import FLAT, CrownedSurface
 
 Records = dict[str, dict[str, Any]]
 """Result files by the id of their frame."""
