@@ -17,11 +17,11 @@ from typing import Any
 
 import cv2
 import numpy as np
-from circlecal.synthetic.surface import FLAT, CrownedSurface
 
 from circlecal.cli import main
 from circlecal.field import load_field
 from circlecal.geometry.camera import Camera
+from circlecal.geometry.surface import FLAT, Surface
 from circlecal.synthetic.cameras import aimed_camera, sample_camera
 from circlecal.synthetic.negatives import negative_scene
 from circlecal.synthetic.renderer import Rendering, render
@@ -184,7 +184,7 @@ def _robot(name: str, folder: Path) -> Records:
 def _annotated(view: str, to: str, arguments: tuple[str, ...], folder: Path) -> Records:
     """An annotation of all markings in view, with clicks good to a pixel, in a format that circlecal writes."""
     rng = np.random.default_rng([*view.encode()])
-    surface = CrownedSurface(0.05, "roof", 9.15)
+    surface = Surface("roof", 9.15, 0.05)
     camera = sample_camera(view, rng, kappa=0.02, surface=surface)
     path = _written(camera, surface, rng, folder / f"{view}.json")
     if to != "labelme":
@@ -202,7 +202,7 @@ def _detected(folder: Path) -> Records:
 
 def _written(
     camera: Camera,
-    surface: CrownedSurface,
+    surface: Surface,
     rng: np.random.Generator,
     path: Path,
     noise_px: float = 1.0,
@@ -224,7 +224,7 @@ def _written(
 def _rig(folder: Path) -> Records:
     """Views of one camera, of which one shows no halfway line and is calibrated with what the others say."""
     rng = np.random.default_rng(4)
-    surface = CrownedSurface(0.05, "roof", 9.15)
+    surface = Surface("roof", 9.15, 0.05)
     first = sample_camera("broadcast", rng, kappa=0.03, surface=surface)
     views = ("broadcast", "broadcast", "broadcast", "main")
     cameras = [first, *(sample_camera(view, rng, kappa=0.03, surface=surface, like=first) for view in views)]
