@@ -21,7 +21,6 @@ from circlecal.paint.profiles import Brightness
 
 __all__ = ["RidgePoints", "RidgeRaster", "find_ridges"]
 
-Picture = NDArray[np.float32]
 Floats = NDArray[np.float32]
 
 LEVELS = 3
@@ -80,7 +79,7 @@ def find_ridges(gray: Brightness, region: NDArray[np.uint8], sign: float, config
     Parameters
     ----------
     gray : (h, w) uint8 or float32
-        Picture in gray levels.
+        Floats in gray levels.
     region : (h, w) uint8
         255 where ridges are wanted, 0 elsewhere.
     sign : float
@@ -108,7 +107,7 @@ def _find_rows(region: NDArray[np.uint8], multiple: int) -> tuple[int, int]:
     return top, min(region.shape[0], int(rows[-1]) + 2 * multiple)
 
 
-def _build_pyramid(gray: Brightness, config: RidgeConfig) -> list[Picture]:
+def _build_pyramid(gray: Brightness, config: RidgeConfig) -> list[Floats]:
     side = 2 * int(np.ceil(KERNEL_REACH * config.sigma_px)) + 1
     kernel = cv2.getGaussianKernel(side, config.sigma_px, cv2.CV_32F)
     levels = []
@@ -124,7 +123,7 @@ def _build_pyramid(gray: Brightness, config: RidgeConfig) -> list[Picture]:
     return levels
 
 
-def _find_on_levels(smooth: list[Picture], region: NDArray[np.uint8], sign: float, config: RidgeConfig) -> Picture:
+def _find_on_levels(smooth: list[Floats], region: NDArray[np.uint8], sign: float, config: RidgeConfig) -> Floats:
     """Rows x, y, nx, ny, strength (5, K) of the points of all levels; a place keeps the level that responds most."""
     height, width = region.shape
     responses = [
@@ -150,7 +149,7 @@ def _find_on_levels(smooth: list[Picture], region: NDArray[np.uint8], sign: floa
     return np.concatenate(parts, axis=1)
 
 
-def _choose_threshold(response: Picture, region: NDArray[np.uint8], config: RidgeConfig) -> float:
+def _choose_threshold(response: Floats, region: NDArray[np.uint8], config: RidgeConfig) -> float:
     rows, columns = slice(2, None, 8), slice(2, None, 4)
     sample = response[rows, columns]
     positive = sample[(region[rows, columns] > 0) & (sample > 0)]
@@ -160,7 +159,7 @@ def _choose_threshold(response: Picture, region: NDArray[np.uint8], config: Ridg
     return max(LEAST_CONTRAST, config.threshold * median)
 
 
-def _find_candidates(response: Picture, region: NDArray[np.uint8], threshold: float) -> NDArray[np.int64]:
+def _find_candidates(response: Floats, region: NDArray[np.uint8], threshold: float) -> NDArray[np.int64]:
     """Flat indices of the pixels worth a closer look, borders left out."""
     wanted = (response > threshold).view(np.uint8)
     if region.shape != response.shape:
@@ -172,8 +171,8 @@ def _find_candidates(response: Picture, region: NDArray[np.uint8], threshold: fl
 
 
 def _locate_ridges(
-    picture: Picture, candidates: NDArray[np.int64], sign: float, weight: float, threshold: float
-) -> Picture:
+    picture: Floats, candidates: NDArray[np.int64], sign: float, weight: float, threshold: float
+) -> Floats:
     """Ridges through the candidate pixels: rows x, y, nx, ny, strength (5, M), in pixels of this picture."""
     width = picture.shape[1]
     flat = picture.ravel() if sign > 0 else -picture.ravel()
@@ -195,6 +194,7 @@ def _locate_ridges(
     sx, sy = step * nx, step * ny
     on = np.maximum(np.abs(sx), np.abs(sy)) <= np.float32(STEP_LIMIT)
     on &= across < np.float32(-threshold / weight)
+    on &= length > 0  # a round dot has no direction
     keep = np.flatnonzero(on)
     pixels, size = candidates.take(keep), np.sqrt(length.take(keep))
     rows = np.empty((5, len(keep)), np.float32)
@@ -206,14 +206,14 @@ def _locate_ridges(
     return rows
 
 
-def _pixel_indices(rows: Picture, shape: tuple[int, ...]) -> NDArray[np.int64]:
+def _pixel_indices(rows: Floats, shape: tuple[int, ...]) -> NDArray[np.int64]:
     """Flat index of the pixel that each point lies in."""
     x = np.clip(np.rint(rows[0]), 0, shape[1] - 1).astype(np.int64)
     y = np.clip(np.rint(rows[1]), 0, shape[0] - 1).astype(np.int64)
     return np.asarray(y * shape[1] + x, np.int64)
 
 
-def _look_up_response(response: Picture, rows: Picture, shape: tuple[int, ...]) -> Picture:
+def _look_up_response(response: Floats, rows: Floats, shape: tuple[int, ...]) -> Floats:
     """Response of another level at the place of each point (M,)."""
     height, width = response.shape
     x = np.clip((rows[0] + 0.5) * (width / shape[1]), 0, width - 1).astype(np.int64)
@@ -221,7 +221,7 @@ def _look_up_response(response: Picture, rows: Picture, shape: tuple[int, ...]) 
     return np.asarray(response.ravel()[y * width + x], np.float32)
 
 
-def _repeat_along_ridge(rows: Picture, copies: int) -> Picture:
+def _repeat_along_ridge(rows: Floats, copies: int) -> Floats:
     """Points of a coarse level repeated along the ridge, so that every level has about one point per pixel."""
     if copies == 1:
         return rows
@@ -232,7 +232,7 @@ def _repeat_along_ridge(rows: Picture, copies: int) -> Picture:
     return spread
 
 
-def _drop_short_chains(rows: Picture, shape: tuple[int, ...]) -> RidgePoints:
+def _drop_short_chains(rows: Floats, shape: tuple[int, ...]) -> RidgePoints:
     cells = _pixel_indices(rows, shape)
     raster = np.zeros(shape, np.uint8)
     raster.ravel()[cells] = 1

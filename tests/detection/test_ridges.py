@@ -69,3 +69,16 @@ def test_short_chains_are_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
     assert count(100, 3.0) > 2
     assert count(100, 90.0) == 0
     assert count(50, 90.0) > 50
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_middle_of_a_round_dot_has_no_direction_and_is_no_ridge_point(sign: float) -> None:
+    gray = np.random.default_rng(0).normal(80, 1.0, (200, 300)).round()
+    gray[50:71, 50:71] = 80
+    gray[60, 60] = 80 + sign * 60
+    gray[120, 40:260] = 80 + sign * 60
+    with np.errstate(all="raise"):
+        found = ridges_of(gray.astype(np.uint8), sign)
+    assert np.isfinite(found.normals).all()
+    assert len(found) > 150
+    assert not (np.abs(found.points - 60.0) < 0.1).all(axis=1).any()
