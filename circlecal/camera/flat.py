@@ -5,13 +5,22 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import least_squares
 
+from circlecal.camera.priors import Priors
+from circlecal.camera.problem import Problem, minimise
+from circlecal.camera.residuals import FixedPoints, stack_curves
 from circlecal.geometry.camera import Camera, image_center
+from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel, camera_of, theta_of
+from circlecal.geometry.least_squares import StoppingRule
 from circlecal.geometry.projective import Array
+from circlecal.geometry.surface import FLAT
 
-_MIN_POINTS = 8
-_POINTS = 400
+ADJUSTED = ("log_focal", "pan", "tilt", "roll", "x", "y", "z", "kappa_1")
+"""Parameters that are estimated."""
+FEWEST_POINTS, ENOUGH_POINTS = 8, 400
+"""Points without which the start stays, and of about so many that it is fitted to: two per unknown, and a hundred."""
+RULE = StoppingRule(1e-12, unit=np.inf, last_step=True)
+"""So far that the rounding of what is written to a file and read back does not show in what is fitted to it."""
 
 
 def flat_camera(camera: Camera, points_m: Array, pixels: Array, *, centred: bool = False) -> Camera:
@@ -35,31 +44,20 @@ def flat_camera(camera: Camera, points_m: Array, pixels: Array, *, centred: bool
         The start itself (with the simplest model's constants) where fewer than eight points are given.
     """
     if centred:
-        focal = np.full(2, camera.focal_px[0])
         camera = replace(
             camera,
-            focal_px=focal,
+            focal_px=np.full(2, camera.focal_px[0]),
             principal_point_px=image_center(camera.width, camera.height),
             kappa=np.array([camera.kappa[0], 0.0]),
         )
-    stride = max(1, len(points_m) // _POINTS)
+    stride = max(1, len(points_m) // ENOUGH_POINTS)
     field, seen = points_m[::stride], pixels[::stride]
-    if len(field) < _MIN_POINTS:
+    if len(field) < FEWEST_POINTS:
         return camera
-
-    def adjusted(change: Array) -> Camera:
-        return replace(
-            camera,
-            focal_px=camera.focal_px * np.exp(change[0]),
-            angles_rad=camera.angles_rad + change[1:4],
-            position_m=camera.position_m + change[4:7],
-            kappa=camera.kappa + np.array([change[7], 0.0]),
-        )
-
-    def residuals(change: Array) -> Array:
-        projected = adjusted(change).project(field)
-        return np.nan_to_num((projected - seen).ravel(), nan=1e4, posinf=1e4, neginf=-1e4)
-
-    scale = np.array([0.01, 0.01, 0.01, 0.01, 1.0, 1.0, 1.0, 0.01])
-    found = least_squares(residuals, np.zeros(8), x_scale=scale, max_nfev=60)
-    return adjusted(found.x) if found.cost <= np.sum(residuals(np.zeros(8)) ** 2) / 2 else camera
+    model = ProjectionModel(camera.width, camera.height, FLAT)
+    start = theta_of(camera, model)
+    sd = np.zeros(len(PARAMETERS))
+    sd[[INDEX[name] for name in ADJUSTED]] = np.inf
+    priors = Priors(start, sd, 1.0, np.inf, 0.0, np.inf, field.mean(axis=0))
+    points = FixedPoints(field, seen, np.ones(len(field)), ("",) * len(field))
+    return camera_of(minimise(Problem(stack_curves([]), points, priors, model), start[None], RULE).theta[0], model)

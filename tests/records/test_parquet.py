@@ -68,7 +68,7 @@ def test_results_become_cameras_too(run_circlecal, results, frame_file, tmp_path
     name = "camera_good.json"
     ours, direct = (json.loads((tmp_path / folder / name).read_text()) for folder in ("cameras", "one"))
     assert list(ours) == list(direct)
-    for key, value in direct.items():  # records hold 12 digits
+    for key, value in direct.items():  # angles are written in degrees: a rounding each way
         assert ours[key] == pytest.approx(value, rel=1e-9), key
 
 
