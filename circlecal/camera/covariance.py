@@ -65,8 +65,9 @@ def push_forward(center: Array, values: Array) -> Array:
     """Covariance (..., M, M) of a function of the parameters about its value (..., M) at the camera itself, from its
     values (K, ..., M) at :func:`spread_cameras`.
     """
-    deviations = np.moveaxis(values - center, 0, -2)
     # a camera that loses sight of the point says nothing; the others stand for it
+    with np.errstate(over="ignore", invalid="ignore"):
+        deviations = np.moveaxis(values - center, 0, -2)
     finite = np.isfinite(deviations).all(axis=-1, keepdims=True)
     kept = np.where(finite, deviations, 0.0)
     share = len(values) / (6.0 * np.maximum(finite.sum(axis=-2), 1))
@@ -75,8 +76,12 @@ def push_forward(center: Array, values: Array) -> Array:
 
 
 def homography_vectors(homographies: Array) -> Array:
-    """Homographies (B, 3, 3) scaled to H[2, 2] = 1, without the last entry (B, 8)."""
-    return homographies.reshape(-1, 9)[:, :8] / homographies[:, 2, 2, None]
+    """Homographies (B, 3, 3) scaled to H[2, 2] = 1, without the last entry (B, 8).
+
+    Not finite for a camera level with the field's origin, in whose homography that entry is 0.
+    """
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        return homographies.reshape(-1, 9)[:, :8] / homographies[:, 2, 2, None]
 
 
 def imaged_points(homographies: Array, points_m: Array) -> Array:

@@ -22,7 +22,7 @@ def lift(points: ArrayLike) -> Array:
 def dehomogenise(points: ArrayLike) -> Array:
     """Divide by w: ``(..., 3)`` -> ``(..., 2)``; points at infinity become inf or nan."""
     points = np.asarray(points, dtype=np.float64)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         return points[..., :2] / points[..., 2:]
 
 

@@ -121,7 +121,7 @@ def measure_bands(
     offsets : (S,) array
         Evenly spaced positions along the normal, pixels.
     search_px : float
-        The peak is looked for within this distance of offset 0.
+        The peak is looked for within this distance of offset 0, at the least at the offset nearest to it.
     noise : float
         Grey-level noise of one sample.
     minimum_snr : float
@@ -134,7 +134,8 @@ def measure_bands(
     if not known.all():
         values = np.where(known, values, np.float32(0))
     index = row_numbers(len(offsets))
-    searched = np.flatnonzero(np.abs(offsets) <= search_px)
+    away = np.abs(offsets)
+    searched = np.flatnonzero(away <= max(search_px, float(away.min())))
     peak_index = highest_rows(values[searched[0] : searched[-1] + 1])[0] + searched[0]
     signal, low, high = _without_background(values, offsets)
     peak = _in_row(signal, peak_index)

@@ -141,3 +141,11 @@ def test_correlation_factor_counts_repeats():
     assert 6.0 < correlation_factor(smooth) < 14.0
     assert correlation_factor(white[:10]) == 1.0
     assert correlation_factor(np.zeros(100)) == 1.0
+
+
+def test_homographies_of_cameras_level_with_the_origin_say_nothing():
+    """Their last entry is 0; pushed forward, they are left to the others."""
+    H = np.stack([np.eye(3), np.diag([1.0, 1.0, 0.0]), np.diag([1e200, 1.0, 1e-200]), np.eye(3) + 0.1])
+    vectors = homography_vectors(H)
+    assert np.isfinite(vectors[[0, 3]]).all() and not np.isfinite(vectors[1:3]).all(axis=1).any()
+    assert np.isfinite(push_forward(vectors[0], vectors[1:])).all()

@@ -1,5 +1,7 @@
 """Points and lines of the projective plane."""
 
+import warnings
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -58,3 +60,11 @@ def test_lines_move_with_their_points(p, q):
     line = homogeneous.transform_lines(H, homogeneous.join(homogeneous.lift(p), homogeneous.lift(q)))
     moved = homogeneous.apply_homography(H, np.stack([p, q]))
     np.testing.assert_allclose(homogeneous.line_distance(line, moved), 0.0, atol=1e-5)
+
+
+def test_points_at_infinity_are_not_finite_and_warn_of_nothing():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = homogeneous.dehomogenise([[1.0, 2.0, 0.0], [0.0, 0.0, 0.0], [1e300, 1.0, 1e-300], [2.0, 4.0, 2.0]])
+    assert not np.isfinite(found[:3]).all(axis=1).any()
+    np.testing.assert_array_equal(found[3], [1.0, 2.0])

@@ -164,3 +164,11 @@ def test_noise_of_a_picture(noise):
     picture[:, 160:] += rng.normal(0, 30, (240, 160)).astype(np.float32)
     assert picture_noise(picture, np.flatnonzero(left)) == pytest.approx(noise, rel=0.15)
     assert picture_noise(np.full((50, 50), 7.0, np.float32)) == 0.5
+
+
+def test_a_search_narrower_than_the_samples_looks_at_the_nearest_one():
+    """On a small picture the search is a fraction of a pixel, and no sample need lie within it."""
+    offsets = np.arange(-13.7, 13.9, 1.0)
+    profile = band(0.3, 3.0, 1.0, offsets=offsets)
+    bands = measure_bands(profile[None], offsets, 0.2, 1.0)
+    assert bands.valid.all() and bands.center[0] == pytest.approx(0.3, abs=0.1)
