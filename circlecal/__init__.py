@@ -1,8 +1,8 @@
 """Calibrate a sports camera from circular field markings.
 
 >>> import circlecal
->>> calibration = circlecal.calibrate("frame.jpg")  # doctest: +SKIP
->>> calibration.status, calibration.H_image_field  # doctest: +SKIP
+>>> frame = circlecal.calibrate("frame.jpg")  # doctest: +SKIP
+>>> frame.to_field([[640, 360]])  # doctest: +SKIP
 """
 
 from __future__ import annotations
@@ -11,22 +11,36 @@ from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
 
-__all__ = ["Calibration", "Config", "__version__", "calibrate", "load_config"]
+__all__ = [
+    "Calibration",
+    "CirclecalError",
+    "Config",
+    "ConfigError",
+    "InputError",
+    "Run",
+    "ViewTransformer",
+    "__version__",
+    "calibrate",
+    "calibrate_points",
+    "calibrate_video",
+    "load",
+    "load_config",
+]
 
 if TYPE_CHECKING:
-    from circlecal.api import calibrate
+    from circlecal.api import Calibration, Run, ViewTransformer, calibrate, calibrate_points, calibrate_video, load
     from circlecal.config import Config, load_config
-    from circlecal.results import Calibration
+    from circlecal.errors import CirclecalError, ConfigError, InputError
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Environment variables that libraries of linear algebra read when they are loaded. The systems here are small, and
 threads that wait for each other only cost time.
 """
 _HOMES = {
-    "Calibration": "circlecal.results",
-    "Config": "circlecal.config",
-    "calibrate": "circlecal.api",
-    "load_config": "circlecal.config",
+    **dict.fromkeys(("CirclecalError", "ConfigError", "InputError"), "circlecal.errors"),
+    **dict.fromkeys(("Config", "load_config"), "circlecal.config"),
+    **dict.fromkeys(("Calibration", "Run", "ViewTransformer", "load"), "circlecal.api"),
+    **dict.fromkeys(("calibrate", "calibrate_points", "calibrate_video"), "circlecal.api"),
 }
 
 

@@ -139,15 +139,16 @@ def config_names() -> list[str]:
     return [*sorted(path.stem for path in folder.glob("*.yaml")), *sorted(networks)]
 
 
-def load_config(file: str | Path | None = None, overrides: Sequence[str] = ()) -> Config:
+def load_config(file: str | Path | Config | None = None, overrides: Sequence[str] | Mapping[str, Any] = ()) -> Config:
     """Configuration from a file and overrides.
 
     Parameters
     ----------
-    file : path or str, optional
-        YAML file, or the name of a configuration that comes with the package; the defaults when None.
-    overrides : sequence of str
-        ``section.key=value`` each, the value in YAML; later ones win.
+    file : path, str or Config, optional
+        YAML file, or the name of a configuration that comes with the package, or one that is loaded already; the
+        defaults when None.
+    overrides : sequence of str, or mapping
+        ``section.key=value`` each, the value in YAML; or values by ``section.key``. Later ones win.
 
     Raises
     ------
@@ -156,15 +157,17 @@ def load_config(file: str | Path | None = None, overrides: Sequence[str] = ()) -
     """
     content: dict[str, Any] = {}
     source = "configuration"
-    if file is not None:
+    if isinstance(file, Config):
+        content = file.model_dump(mode="json")
+    elif file is not None:
         path = _find_config(file)
         source = str(path)
         content = _read_mapping(path)
         _resolve_files(content, path.parent)
     origins: dict[str, str] = {}
-    for override in overrides:
-        key = _apply_override(content, override)
-        origins[key] = f"--set {override}"
+    for override in overrides.items() if isinstance(overrides, Mapping) else overrides:
+        key, told = _apply_override(content, override)
+        origins[key] = told
     return _validate(content, source, origins)
 
 
@@ -225,18 +228,24 @@ def _resolve_files(content: dict[str, Any], folder: Path) -> None:
             section[key] = str(folder / str(file))
 
 
-def _apply_override(content: dict[str, Any], override: str) -> str:
-    key, equals, text = override.partition("=")
+def _apply_override(content: dict[str, Any], override: str | tuple[str, Any]) -> tuple[str, str]:
+    """Set one option; return its key and what errors call it."""
+    if isinstance(override, str):
+        key, equals, text = override.partition("=")
+        told, value = f"--set {override}", _parse_yaml(text, f"--set {override}") if equals else None
+    else:
+        key, value = override
+        equals, told = "=", f"set {key}={_kind(value) if isinstance(value, list | dict) else value}"
     parts = key.strip().split(".")
     if not equals or not all(parts):
-        raise ConfigError(f"--set {override}: must look like section.key=value")
+        raise ConfigError(f"{told}: must look like section.key=value")
     section = content
     for depth, part in enumerate(parts[:-1], start=1):
         section = section.setdefault(part, {})
         if not isinstance(section, dict):
-            raise ConfigError(f"--set {override}: {'.'.join(parts[:depth])} has no keys of its own")
-    section[parts[-1]] = _parse_yaml(text, f"--set {override}")
-    return ".".join(parts)
+            raise ConfigError(f"{told}: {'.'.join(parts[:depth])} has no keys of its own")
+    section[parts[-1]] = value
+    return ".".join(parts), told
 
 
 def _validate(content: dict[str, Any], source: str, origins: Mapping[str, str]) -> Config:

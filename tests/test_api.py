@@ -6,13 +6,12 @@ import pytest
 
 import circlecal
 from circlecal.errors import ConfigError, InputError
-from circlecal.results import Calibration
 
 
 def test_array_and_file_give_the_same_answer(frame_image, frame_file):
-    from_array = circlecal.calibrate(frame_image, frame_id="good")
+    from_array = circlecal.calibrate(frame_image, id="good")
     from_file = circlecal.calibrate(frame_file)
-    assert isinstance(from_array, Calibration)
+    assert isinstance(from_array, circlecal.Calibration)
     assert from_array.status == "calibrated"
     assert (from_array.source, from_file.source) == (None, str(frame_file))
     assert from_file.id == "good"
@@ -20,7 +19,7 @@ def test_array_and_file_give_the_same_answer(frame_image, frame_file):
 
 
 def test_the_answer_is_right(frame_image, frame_camera):
-    found = circlecal.calibrate(frame_image).camera.camera
+    found = circlecal.calibrate(frame_image).camera
     field = np.array([[0.0, 0.0], [9.15, 0.0], [-9.15, 0.0], [0.0, 9.15], [0.0, -9.15]])
     assert np.abs(found.project(field) - frame_camera.project(field)).max() < 1.5
 
@@ -41,15 +40,15 @@ def test_a_mask_as_an_array_of_any_kind(frame_image, frame_camera, tmp_path):
     path = tmp_path / "mask.png"
     cv2.imwrite(str(path), ids)
     for mask in (ids, ids > 0, (ids > 0).astype(np.uint16) * 65535, half, path, str(path)):
-        calibration = circlecal.calibrate(frame_image, mask)
-        assert calibration.mask.source == "file"
-        assert calibration.ellipses is not None
+        calibration = circlecal.calibrate(frame_image, mask=mask)
+        assert calibration.attempt.mask.source == "file"
+        assert calibration.attempt.ellipses is not None
 
 
 def test_configuration_and_seed(frame_image):
     config = circlecal.load_config("broadcast", ["seed=4"])
     calibration = circlecal.calibrate(frame_image, config=config)
-    assert calibration.seed == 4
+    assert calibration.to_dict()["seed"] == 4
     again = circlecal.calibrate(frame_image, config=config)
     assert np.array_equal(calibration.H_image_field, again.H_image_field)
 
@@ -59,7 +58,7 @@ def test_a_frame_without_a_circle_is_refused_and_raises_nothing():
     for image in (noise, np.zeros((64, 64), np.uint8), np.full((100, 100, 3), 255, np.uint8)):
         calibration = circlecal.calibrate(image)
         assert calibration.status == "refused"
-        assert calibration.verdict.code
+        assert calibration.code
         assert calibration.H_image_field is None
 
 
@@ -79,11 +78,11 @@ def test_arrays_that_are_no_pictures(image, part):
 
 def test_masks_that_are_none(frame_image):
     with pytest.raises(InputError, match="all black"):
-        circlecal.calibrate(frame_image, np.zeros((540, 960), np.uint8))
+        circlecal.calibrate(frame_image, mask=np.zeros((540, 960), np.uint8))
     with pytest.raises(InputError, match="no such file"):
-        circlecal.calibrate(frame_image, "none.png")
+        circlecal.calibrate(frame_image, mask="none.png")
     with pytest.raises(InputError, match="float32"):
-        circlecal.calibrate(frame_image, np.zeros((540, 960), np.float32))
+        circlecal.calibrate(frame_image, mask=np.zeros((540, 960), np.float32))
 
 
 def test_an_unknown_field(frame_image):

@@ -14,7 +14,7 @@ from circlecal.refusals import REFUSALS
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 TABLES = (ROOT / "circlecal" / "bench" / "README.md").read_text(encoding="utf-8")
-COMMANDS = re.findall(r"^\$ circlecal (.+)$", README, flags=re.MULTILINE)
+COMMANDS = re.findall(r"^(?:\$| .*&&) circlecal (.+)$", README, flags=re.MULTILINE)
 
 
 def test_commands_run_in_order(tmp_path, monkeypatch, run_circlecal):
@@ -33,11 +33,17 @@ def test_commands_run_in_order(tmp_path, monkeypatch, run_circlecal):
     assert not kept, "git would list what the commands write"
 
 
-def test_python_example_runs(monkeypatch, capsys):
-    (example,) = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
-    monkeypatch.chdir(ROOT)
-    exec(compile(example, "README.md", "exec"), {})  # the example itself
-    assert capsys.readouterr().out.startswith("calibrated")
+def test_python_examples_run(tmp_path, monkeypatch, capsys):
+    examples = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
+    shutil.copytree(ROOT / "samples", tmp_path / "samples")
+    monkeypatch.chdir(tmp_path)
+    known = {}
+    for example in examples:
+        exec(compile(example, "README.md", "exec"), known)  # the example itself
+    assert len(examples) > 1
+    told = re.search(r"print\(frame\)  # (.*)", README)[1]
+    assert capsys.readouterr().out == f"{told}\n"
+    assert known["frame"].ok and known["clicked"].ok
 
 
 READMES = sorted(path for path in ROOT.rglob("README.md") if not any(part.startswith(".") for part in path.parts))

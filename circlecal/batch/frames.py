@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal import overlay
+from circlecal.api.calls import calibrate_picture
 from circlecal.config import Config, config_digest
 from circlecal.detection.keypoints import require_keypoint_networks
 from circlecal.errors import InputError
@@ -21,9 +22,8 @@ from circlecal.field import FieldTemplate
 from circlecal.files import fingerprint
 from circlecal.formats.cameras import Size
 from circlecal.formats.exports import Exports
-from circlecal.formats.inputs import FrameOfFile, observations_beside, observe_network
+from circlecal.formats.inputs import FrameOfFile, observations_beside
 from circlecal.formats.shapes import ObservedFrame
-from circlecal.observations import join_observations
 from circlecal.pictures.files import (
     DEBUG_SUFFIX,
     OVERLAY_SUFFIX,
@@ -36,7 +36,7 @@ from circlecal.pictures.files import (
 )
 from circlecal.pictures.masks import find_mask, read_mask
 from circlecal.pictures.remote import read_url
-from circlecal.pipeline import Convention, field_of, in_convention, run, run_observations
+from circlecal.pipeline import Convention, field_of, in_convention, run_observations
 from circlecal.records.record import result_record, write_result
 from circlecal.results import Calibration
 from circlecal.stages.mask import require_mask_network
@@ -69,18 +69,19 @@ def calibrate_frame(
         The picture, its mask or its keypoints are unusable.
     """
     picture = _picture(frame)
-    if frame.aspect is not None and config.camera.aspect == 1.0:
-        config = config.model_copy(update={"camera": config.camera.model_copy(update={"aspect": frame.aspect})})
     height, width = picture.shape[:2]
     mask_file = find_mask(frame, mask)
     _log.info("%s: %d x %d, mask: %s", frame.path, width, height, mask_file or "from the picture")
     classes = None if mask_file is None else read_mask(mask_file, width, height)
-    template = field_of(config)[0]
-    extra = observe_network(picture, config.keypoints, template, config.sources)
-    if keypoints is not None:
+    if keypoints is None:
+        given = None
+    else:
+        template, _ = field_of(config)
         given = observations_beside(keypoints, frame, template, config.sources, (width, height), format_name)
-        extra = given if extra is None else join_observations(extra, given)
-    return picture, run(picture, config, mask=classes, extra=extra, frame_id=frame.id, source=frame.source)
+    found = calibrate_picture(
+        picture, config, mask=classes, given=given, aspect=frame.aspect, frame_id=frame.id, source=frame.source
+    )
+    return picture, found
 
 
 def _picture(frame: PictureFile) -> NDArray[np.uint8]:

@@ -20,6 +20,8 @@ _PLAIN_SECONDS = 5.0
 _PLAIN_SHARE = 0.05
 _PLAIN_SECONDS_MOST = 60.0
 """In a pipe the next line comes after 5 s, of a long run after a twentieth of the time so far, but after a minute."""
+_NAMED = 3
+"""So many frames are named beside what helps them."""
 _COLOURS = {"calibrated": "green", "refused": "yellow"}
 
 
@@ -92,12 +94,25 @@ def stderr_console() -> Console:
 
 
 def print_summaries(summaries: Sequence[FrameSummary]) -> None:
-    """Print one row per frame."""
+    """Print one row per frame, and what helps against the refusals: once for each reason, in a pipe in every row."""
+    from rich.console import Console
+
+    from circlecal.refusals import explain
+
     columns = ("id", "verdict", "case", "sigma px", "rms px", "reason")
     rows = [
         (s.id, s.status, number(s.case, 0), number(s.sigma_px), number(s.rms_px), s.reason or "") for s in summaries
     ]
+    helps = [explain(s.code).help if s.code else "" for s in summaries]
+    console = Console()
+    if not console.is_terminal:
+        print_table(None, (*columns, "what helps"), [(*row, text) for row, text in zip(rows, helps, strict=True)])
+        return
     print_table(None, columns, rows)
+    for text in dict.fromkeys(filter(None, helps)):
+        frames = [s.id for s, its in zip(summaries, helps, strict=True) if its == text]
+        named = ", ".join(frames[:_NAMED]) + f" and {len(frames) - _NAMED} more" * (len(frames) > _NAMED)
+        console.print(f"What helps ({named}): {text}", highlight=False, markup=False)
 
 
 def number(value: float | None, decimals: int = 2) -> str:

@@ -86,6 +86,11 @@ _COLUMNS: dict[str, tuple[str, _Read]] = {
 }
 
 
+def table_row(record: _Record) -> dict[str, Any]:
+    """The row of one result, by column."""
+    return {name: read(record) for name, (_, read) in _COLUMNS.items()}
+
+
 def require_parquet() -> None:
     """See that the file can be written before a long run.
 

@@ -365,6 +365,19 @@ def read_result(path: Path) -> StoredResult:
     return _stored(keys, str(path))
 
 
+def read_record(path: Path) -> dict[str, Any]:
+    """Content of a result file.
+
+    Raises
+    ------
+    InputError
+        As :func:`read_result`.
+    """
+    read_result(path)
+    content: dict[str, Any] = json.loads(path.read_bytes())
+    return content
+
+
 def stored_result(record: Mapping[str, Any], name: str) -> StoredResult:
     """What projecting points needs of a record; ``name`` says in errors where it comes from.
 

@@ -7,6 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
+from circlecal.refusals import explain
+
 QUICK = ("--no-overlay", "--set", "camera.starts=1")
 
 
@@ -50,6 +52,7 @@ def test_a_refused_frame_is_exit_code_1(run_circlecal, frame_file, blank_file, t
     record = json.loads((tmp_path / "out" / "blank.json").read_text())
     assert record["status"] == "refused"
     assert record["reason"] in outcome.out
+    assert outcome.out.splitlines()[1].endswith(explain(record["code"]).help)
     assert "2/2 frames" in outcome.err
     assert outcome.err.splitlines()[-1] == f"circlecal: 2 results are in {tmp_path / 'out'} (<id>.json)"
 

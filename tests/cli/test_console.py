@@ -8,6 +8,8 @@ from rich.console import Console
 
 from circlecal.batch import BatchProgress
 from circlecal.cli import console
+from circlecal.records.summary import FrameSummary
+from circlecal.refusals import explain
 
 
 @pytest.fixture
@@ -68,3 +70,13 @@ def test_quiet(capsys):
     with console.progress_display(quiet=True) as show:
         show(finished(BatchProgress(total=1)))
     assert capsys.readouterr() == ("", "")
+
+
+def test_what_helps_is_told_once_for_each_reason(monkeypatch):
+    written = io.StringIO()
+    terminal = Console(file=written, force_terminal=True, width=200, color_system=None)
+    monkeypatch.setattr("rich.console.Console", lambda: terminal)
+    refused = [FrameSummary(f"f{i}", "refused", "no_field", None, None, None, None, "no field") for i in range(5)]
+    console.print_summaries([*refused, FrameSummary("ok", "calibrated", None, 1, 0.3, 2.0, 9.0, None)])
+    lines = [line for line in written.getvalue().splitlines() if line.startswith("What helps")]
+    assert lines == [f"What helps (f0, f1, f2 and 2 more): {explain('no_field').help}"]

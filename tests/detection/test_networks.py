@@ -129,12 +129,12 @@ def test_calibrates_with_a_network_as_with_the_detector(tmp_path: Path, frame_im
     config = load_config(None, ["mask.source=onnx", f"mask.model={model}"])
     by_network = calibrate(frame_image, config=config)
     by_detector = calibrate(frame_image)
-    assert by_network.mask is not None and by_network.mask.source == "network"
-    assert by_network.verdict.status == by_detector.verdict.status == "calibrated"
+    assert by_network.attempt.mask is not None and by_network.attempt.mask.source == "network"
+    assert by_network.status == by_detector.status == "calibrated"
     assert by_network.camera is not None and by_detector.camera is not None
     x, y = np.meshgrid(np.linspace(-12, 12, 7), np.linspace(-9, 9, 7))
     field_m = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
-    shift = by_network.camera.camera.project(field_m) - by_detector.camera.camera.project(field_m)
+    shift = by_network.camera.project(field_m) - by_detector.camera.project(field_m)
     assert np.median(np.linalg.norm(shift, axis=1)) < 2.0, "the detector has named touchlines, the network none"
 
 
@@ -190,8 +190,8 @@ def test_keypoints_are_used_beside_the_picture_and_a_wrong_one_is_named(
 ) -> None:
     model = _keypoint_model(tmp_path / "kp.onnx", frame_camera, {49: 60.0})
     config = load_config(None, ["keypoints.source=onnx", f"keypoints.model={model}"])
-    found = calibrate(frame_image, config=config)
-    assert found.verdict.status == "calibrated" and found.camera is not None
+    found = calibrate(frame_image, config=config).attempt
+    assert found.is_calibrated and found.camera is not None
     assert "kp_49" in found.camera.rejected
     assert "kp_48" not in found.camera.rejected
     assert {k.name for k in found.observations.keypoints} > {"kp_48", "kp_53", "kp_54"}

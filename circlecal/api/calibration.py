@@ -1,0 +1,457 @@
+"""What a calibration is to the one who asked for it: a verdict, and both ways between picture and field."""
+
+from __future__ import annotations
+
+import base64
+import copy
+import html
+import weakref
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, overload
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from circlecal import overlay
+from circlecal.api.transformer import ViewTransformer
+from circlecal.errors import InputError
+from circlecal.field import FieldTemplate, load_field
+from circlecal.geometry.camera import Camera
+from circlecal.geometry.projective import Array
+from circlecal.pictures.files import as_bgr, read_image
+from circlecal.pictures.video import pictures_at
+from circlecal.records.record import write_result
+from circlecal.records.stored import stored_calibration
+from circlecal.refusals import explain
+from circlecal.results import Attempt, Check, Status
+from circlecal.view import FieldView, Projected
+
+if TYPE_CHECKING:
+    from circlecal import results
+
+Picture = NDArray[np.uint8]
+
+_SHOWN_WIDTH_PX = 720
+"""Width of the picture that a notebook shows; wider ones only make the notebook's file large."""
+_SHOWN_QUALITY = 80
+"""Its JPEG quality."""
+
+
+class Calibration:
+    """One calibrated or refused frame.
+
+    It comes from :func:`circlecal.calibrate` and its siblings, or from :func:`circlecal.load`. Its content is that of a
+    result file: two are equal where their contents are, and it pickles without pictures. A refused frame answers every
+    question too: its values are None and its points nan.
+
+    Pixels are those of the picture as stored, ``(0, 0)`` at the centre of the top-left one. Field points are metres
+    from the centre mark, x to the right along the length and y towards the main camera.
+    """
+
+    def __init__(
+        self,
+        record: Mapping[str, Any],
+        template: FieldTemplate | None = None,
+        *,
+        found: results.Calibration | None = None,
+        image: Picture | None = None,
+    ) -> None:
+        """Wrap the content of a result file.
+
+        Parameters
+        ----------
+        record : mapping
+            The content.
+        template : FieldTemplate, optional
+            The field, where it is none of those that come with circlecal.
+        found : circlecal.results.Calibration, optional
+            Every intermediate; what the record says of them when None.
+        image : (H, W, 3) uint8, optional
+            The picture, which is remembered as long as somebody else holds it.
+        """
+        self._record = record
+        self._given_template = template
+        self._found = found
+        self._image = None if image is None else weakref.ref(image)
+
+    # --- which frame, and whether it was calibrated
+
+    @property
+    def id(self) -> str:
+        """Name of the frame."""
+        return str(self._record["id"])
+
+    @property
+    def source(self) -> str | None:
+        """File or address of the picture, as it was given; None for an array."""
+        path = (self._record.get("source") or {}).get("path")
+        return None if path is None else str(path)
+
+    @property
+    def time_s(self) -> float | None:
+        """Time of the frame in its video, seconds."""
+        return (self._record.get("source") or {}).get("time_s")
+
+    @property
+    def size(self) -> tuple[int, int] | None:
+        """Width and height of the picture, pixels; None where it could not be read."""
+        image = self._record.get("image")
+        return None if image is None else (int(image["width"]), int(image["height"]))
+
+    @property
+    def status(self) -> Status:
+        """``"calibrated"`` or ``"refused"``."""
+        return "calibrated" if self._record["status"] == "calibrated" else "refused"
+
+    @property
+    def ok(self) -> bool:
+        """Whether the frame was calibrated."""
+        return self.status == "calibrated"
+
+    @property
+    def code(self) -> str | None:
+        """Why it was refused, for programs, such as ``"too_uncertain"``; None where it was not."""
+        return self._record.get("code")
+
+    @property
+    def reason(self) -> str | None:
+        """Why it was refused, for people."""
+        return self._record.get("reason")
+
+    @property
+    def help(self) -> str | None:
+        """What helps against the refusal."""
+        return None if self.code is None else explain(self.code, self._record.get("stage")).help
+
+    @property
+    def checks(self) -> tuple[Check, ...]:
+        """The checks of the verdict with their values and limits."""
+        return tuple(Check(**check) for check in self._record.get("checks", ()))
+
+    # --- between picture and field
+
+    @overload
+    def to_image(self, points_m: ArrayLike, sigma: Literal[False] = False) -> Array: ...
+
+    @overload
+    def to_image(self, points_m: ArrayLike, sigma: Literal[True]) -> Projected: ...
+
+    def to_image(self, points_m: ArrayLike, sigma: bool = False) -> Array | Projected:
+        """Where points of the field are seen, through lens and surface.
+
+        Parameters
+        ----------
+        points_m : (..., 2) array
+            Field points, metres.
+        sigma : bool
+            Whether to return their standard deviations too.
+
+        Returns
+        -------
+        (..., 2) array, or Projected with ``points`` (..., 2) and ``sigma`` (...,)
+            Pixels, also of what lies outside the picture; nan behind the camera, where the lens model folds back, and
+            for a refused frame. The standard deviation is that of the length of the error, pixels; nan where it is not
+            known.
+        """
+        return self._answer(points_m, None if self.view is None else self.view.project, sigma)
+
+    @overload
+    def to_field(self, points_px: ArrayLike, sigma: Literal[False] = False) -> Array: ...
+
+    @overload
+    def to_field(self, points_px: ArrayLike, sigma: Literal[True]) -> Projected: ...
+
+    def to_field(self, points_px: ArrayLike, sigma: bool = False) -> Array | Projected:
+        """What points of the field are seen at pixels, such as where the feet of players are.
+
+        Parameters
+        ----------
+        points_px : (..., 2) array
+            Pixels of the picture.
+        sigma : bool
+            Whether to return their standard deviations too.
+
+        Returns
+        -------
+        (..., 2) array, or Projected with ``points`` (..., 2) and ``sigma`` (...,)
+            Metres; nan on and above the horizon, where the ray meets no surface, and for a refused frame. The standard
+            deviation is that of the length of the error, metres; nan where it is not known.
+        """
+        return self._answer(points_px, None if self.view is None else self.view.to_field, sigma)
+
+    @staticmethod
+    def _answer(points: ArrayLike, convert: Any, sigma: bool) -> Array | Projected:
+        given = np.asarray(points, dtype=np.float64)
+        if given.ndim == 0 or given.shape[-1] != 2:
+            raise ValueError(f"points must be of shape (..., 2), not {given.shape}")
+        if convert is None:
+            nowhere = np.full(given.shape, np.nan)
+            return Projected(nowhere, nowhere[..., 0]) if sigma else nowhere
+        if not sigma:
+            return convert(given)
+        found: Projected = convert(given, sigma=True)
+        return found if found.sigma is not None else Projected(found.points, np.full(given.shape[:-1], np.nan))
+
+    def transformer(self, size: tuple[float, float] | None = None) -> ViewTransformer:
+        """Pixels to the field for tracking tools that call ``transform_points``.
+
+        Parameters
+        ----------
+        size : (float, float), optional
+            Length and width of the map that they draw on, its origin in the top-left corner, in the units of the map;
+            metres from the centre mark when None.
+        """
+        return ViewTransformer(self.view, self.field, size)
+
+    @property
+    def view(self) -> FieldView | None:
+        """The field before the camera, with surface and covariance; None for a refused frame."""
+        return self.found.view if self.ok else None
+
+    @property
+    def H_image_field(self) -> Array | None:
+        """Homography (3, 3) from field points in metres to undistorted pixels (those of ``cv2.undistort``)."""
+        return self._array("H_image_field")
+
+    @property
+    def H_field_image(self) -> Array | None:
+        """Homography (3, 3) from undistorted pixels to field points in metres."""
+        return self._array("H_field_image")
+
+    def _array(self, key: str) -> Array | None:
+        value = self._record.get(key)
+        return None if value is None else np.asarray(value, dtype=np.float64)
+
+    # --- the camera
+
+    @property
+    def camera(self) -> Camera | None:
+        """The camera with its lens; None for a refused frame, or where only a homography was asked for."""
+        fit = self.found.camera if self.ok else None
+        return None if fit is None else fit.camera
+
+    @property
+    def K(self) -> Array | None:
+        """Calibration matrix (3, 3), as ``cv2.projectPoints`` and ``cv2.undistort`` take it."""
+        return None if self.camera is None else self.camera.K
+
+    @property
+    def R(self) -> Array | None:
+        """Rotation (3, 3) from field to camera; ``cv2.Rodrigues`` makes the vector of it that OpenCV takes."""
+        return None if self.camera is None else self.camera.R
+
+    @property
+    def t(self) -> Array | None:
+        """Translation (3,) from field to camera, metres, as OpenCV takes it."""
+        return None if self.camera is None else self.camera.t
+
+    @property
+    def dist(self) -> Array | None:
+        """Distortion coefficients, as OpenCV takes them."""
+        return None if self.camera is None else self.camera.dist
+
+    @property
+    def position_m(self) -> Array | None:
+        """Where the camera stands (3,), metres; z points down, so it is negative above the ground."""
+        return None if self.camera is None else self.camera.position_m
+
+    @property
+    def sigma_px(self) -> float | None:
+        """Largest predicted standard deviation of a marking near the circle, pixels."""
+        return self._of_camera("max_sigma_px")
+
+    @property
+    def sigma_m(self) -> float | None:
+        """Largest predicted standard deviation on the field near the circle, metres."""
+        return self._of_camera("max_sigma_m")
+
+    def _of_camera(self, key: str) -> float | None:
+        value = (self._record.get("camera") or {}).get(key)
+        return None if value is None else float(value)
+
+    # --- what it was made of
+
+    @cached_property
+    def field(self) -> FieldTemplate:
+        """The field template with all its markings.
+
+        Raises
+        ------
+        ConfigError
+            A template of the user's own that was not given to :func:`circlecal.load`.
+        """
+        if self._given_template is not None:
+            return self._given_template
+        known = self._record.get("field") or {}
+        return load_field(known.get("template", "soccer"), known.get("sizes"))
+
+    @cached_property
+    def found(self) -> results.Calibration:
+        """Every intermediate, for those who know the stages; of a result file what it holds of them."""
+        return stored_calibration(self._record) if self._found is None else self._found
+
+    @property
+    def attempt(self) -> Attempt:
+        """What each stage reached: ``attempt.ellipses``, ``attempt.correspondences``, ``attempt.camera`` and others."""
+        return self.found.attempt
+
+    @property
+    def image(self) -> Picture | None:
+        """The picture (H, W, 3), BGR: what was given while somebody holds it, otherwise read from its file again."""
+        held = None if self._image is None else self._image()
+        if held is not None or self.source is None:
+            return held
+        try:
+            if self.time_s is not None:
+                return next(pictures_at(Path(self.source), [self.time_s]))
+            return read_image(self.source)
+        except InputError:
+            return None
+
+    # --- pictures, files
+
+    def overlay(self, image: NDArray[Any] | None = None) -> Picture:
+        """Draw the field template and the verdict over the picture.
+
+        Parameters
+        ----------
+        image : array, optional
+            The picture, as :func:`circlecal.calibrate` takes it; the frame's own when None.
+
+        Returns
+        -------
+        (H, W, 3) uint8
+            BGR.
+
+        Raises
+        ------
+        InputError
+            There is no picture, or one of another size.
+        """
+        return overlay.draw_overlay(self._picture(image), self.found, self.field)
+
+    def top_view(self, image: NDArray[Any] | None = None, px_per_m: float = 10.0) -> Picture | None:
+        """The picture as it would be seen from straight above, with the template drawn over it.
+
+        Parameters
+        ----------
+        image : array, optional
+            The picture, as :func:`circlecal.calibrate` takes it; the frame's own when None.
+        px_per_m : float
+            Resolution.
+
+        Returns
+        -------
+        uint8 array (H, W, 3) or None
+            BGR; None for a refused frame.
+
+        Raises
+        ------
+        InputError
+            There is no picture, or one of another size.
+        """
+        return overlay.draw_radar(self._picture(image), self.found, self.field, px_per_m) if self.ok else None
+
+    def _picture(self, image: NDArray[Any] | None) -> Picture:
+        picture = self.image if image is None else as_bgr(image, "image")
+        if picture is None:
+            raise InputError(f"{self.id}: its picture is not at hand; give it: overlay(image), top_view(image)")
+        if picture.shape[1::-1] != self.size:
+            width, height = picture.shape[1::-1]
+            raise InputError(f"{self.id}: the picture is {width} x {height}, the calibration is of {self._size_text}")
+        return picture
+
+    def to_dict(self) -> dict[str, Any]:
+        """Content of the result file, ready for ``json.dumps``; every key is explained in ``circlecal/formats``."""
+        return copy.deepcopy(dict(self._record))
+
+    def save(self, path: str | Path) -> Path:
+        """Write the result file, which :func:`circlecal.load` reads.
+
+        Parameters
+        ----------
+        path : path
+            The file, or a folder, in which it is called ``<id>.json``.
+
+        Returns
+        -------
+        path
+            The file.
+
+        Raises
+        ------
+        InputError
+            It cannot be written.
+        """
+        file = Path(path)
+        file = file if file.suffix else file / f"{self.id}.json"
+        write_result(file, dict(self._record))
+        return file
+
+    # --- as a value
+
+    @cached_property
+    def _content(self) -> dict[str, Any]:
+        """What counts: everything but how long it took and which version of the program it was."""
+        return {key: value for key, value in self._record.items() if key not in ("timings_ms", "version")}
+
+    def __eq__(self, other: object) -> bool:
+        return self._content == other._content if isinstance(other, Calibration) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash((self.id, self.source, self.code, str(self._record.get("H_image_field"))))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Calibration, (dict(self._record), self._given_template)
+
+    @property
+    def _size_text(self) -> str:
+        return "an unknown size" if self.size is None else f"{self.size[0]} x {self.size[1]}"
+
+    @property
+    def _facts(self) -> dict[str, str]:
+        """What is worth a line, by its name."""
+        facts = {"frame": self.id if self.time_s is None else f"{self.id} at {self.time_s:.3f} s"}
+        facts["verdict"] = self.status if self.ok else f"{self.status}: {self.reason}"
+        if self.help is not None:
+            facts["what helps"] = self.help
+        camera = self.camera
+        if camera is not None:
+            x, y, z = camera.position_m
+            facts["camera"] = f"{x:.1f}, {y:.1f} m from the centre mark, {-z:.1f} m high"
+            pan, tilt, roll = np.degrees(camera.angles_rad)
+            facts["pan, tilt, roll"] = f"{pan:.2f}, {tilt:.2f}, {roll:.2f} degrees"
+            facts["focal length"] = f"{camera.focal_px[0]:.0f} px"
+        if self.sigma_px is not None and self.sigma_m is not None:
+            facts["standard deviation"] = f"at most {self.sigma_px:.1f} px, {self.sigma_m:.2f} m near the circle"
+        return facts
+
+    def __repr__(self) -> str:
+        if not self.ok:
+            return f"Calibration({self.id!r}, refused: {self.code})"
+        where = "" if self.position_m is None else " at ({:.1f}, {:.1f}, {:.1f}) m".format(*self.position_m)
+        spread = "" if self.sigma_px is None else f", sigma {self.sigma_px:.1f} px"
+        return f"Calibration({self.id!r}, calibrated{where}{spread})"
+
+    def _repr_html_(self) -> str:
+        """The overlay picture, where the picture is at hand, and a table."""
+        rows = "".join(
+            f"<tr><th style='text-align:left'>{html.escape(name)}</th>"
+            f"<td style='text-align:left'>{html.escape(fact)}</td></tr>"
+            for name, fact in self._facts.items()
+        )
+        return f"{self._shown_picture()}<table>{rows}</table>"
+
+    def _shown_picture(self) -> str:
+        image = self.image
+        if image is None or image.shape[1::-1] != self.size:
+            return ""
+        drawn = self.overlay(image)
+        scale = min(1.0, _SHOWN_WIDTH_PX / drawn.shape[1])
+        small = cv2.resize(drawn, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        _, content = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _SHOWN_QUALITY])
+        text = base64.b64encode(content.tobytes()).decode()
+        return f"<img alt='{html.escape(self.id)}' src='data:image/jpeg;base64,{text}'>"

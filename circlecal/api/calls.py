@@ -1,0 +1,322 @@
+"""Calibrating a picture, a video or points from Python."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from circlecal import results
+from circlecal.api.calibration import Calibration
+from circlecal.config import Config, load_config
+from circlecal.errors import InputError
+from circlecal.field import FieldTemplate
+from circlecal.formats.inputs import observations_beside, observe_network
+from circlecal.formats.meaning import REFERENCE_WIDTH_PX, observe
+from circlecal.formats.shapes import AnnotatedFrame, Shape
+from circlecal.observations import Keypoint, Observations, join_observations
+from circlecal.pictures.files import PictureFile, as_bgr, read_image
+from circlecal.pictures.masks import as_class_ids, read_mask
+from circlecal.pictures.video import Sampling, Video
+from circlecal.pipeline import Convention, field_of, in_convention, run, run_observations
+from circlecal.records.record import result_record
+
+Points = Mapping[Any, ArrayLike]
+"""Pixels by the name of a marking or point of the field, or by a field point in metres."""
+Settings = Mapping[str, Any]
+"""Options by ``"section.key"``."""
+
+CLICKED_SIGMA_PX = 1.5
+"""Standard deviation of points that people click, pixels at 1920 px width; as for annotation files."""
+
+_log = logging.getLogger(__name__)
+
+
+def calibrate(
+    image: NDArray[Any] | str | Path,
+    config: Config | str | Path | None = None,
+    *,
+    field: str | Path | None = None,
+    set: Settings | None = None,
+    mask: NDArray[Any] | str | Path | None = None,
+    points: Points | str | Path | None = None,
+    id: str | None = None,
+) -> Calibration:
+    """Calibrate the camera of one picture.
+
+    Parameters
+    ----------
+    image : array or path
+        Picture file, or an array as ``cv2.imread`` gives it: (H, W, 3) BGR, (H, W, 4) BGRA or (H, W) gray, of 8 or 16
+        bit. Pictures from elsewhere are mostly RGB: ``np.asarray(picture)[..., ::-1]``.
+    config : Config, str or path, optional
+        A configuration, the name of one that comes with circlecal such as ``"broadcast"``, or a YAML file.
+    field : str or path, optional
+        Field template: a name such as ``"futsal"``, or a YAML file.
+    set : mapping, optional
+        Options over the configuration, such as ``{"camera.roll_sd_deg": 1, "seed": 3}``.
+    mask : array or path, optional
+        Where the markings are: binary, SoccerNet class ids or SoccerNet palette, any size. Without one the built-in
+        detector looks for them (a mask file beside the picture is not looked for).
+    points : mapping or path, optional
+        What is known of the picture already, as for :func:`calibrate_points` but in one mapping, or a file of
+        annotations or keypoints.
+    id : str, optional
+        Name of the frame; with the seed it fixes the random draws. The file's stem, or ``"image"``.
+
+    Returns
+    -------
+    Calibration
+        A frame that cannot be calibrated is refused, not an exception: see ``ok``, ``reason`` and ``help``.
+
+    Raises
+    ------
+    InputError
+        The picture, the mask or the points are unusable.
+    ConfigError
+        The configuration, its field template or a network is unusable.
+    """
+    chosen = configure(config, field, set)
+    source = None if isinstance(image, np.ndarray) else str(image)
+    picture = as_bgr(image, "image") if isinstance(image, np.ndarray) else read_image(image)
+    name = id or ("image" if source is None else Path(source).stem)
+    height, width = picture.shape[:2]
+    template, _ = field_of(chosen)
+    if points is None:
+        given = None
+    elif isinstance(points, Mapping):
+        given = observe_points(points, template, chosen, (width, height))
+    else:
+        frame = PictureFile(name, Path(source or name), name)
+        given = observations_beside(Path(points), frame, template, chosen.sources, (width, height))
+    if mask is None:
+        classes = None
+    elif isinstance(mask, np.ndarray):
+        classes = as_class_ids(mask, width, height, "mask")
+    else:
+        classes = read_mask(Path(mask), width, height)
+    found = calibrate_picture(picture, chosen, mask=classes, given=given, frame_id=name, source=source)
+    held = image if isinstance(image, np.ndarray) and image.shape == picture.shape else None
+    return Calibration(result_record(found, template), template, found=found, image=held)
+
+
+def calibrate_picture(
+    picture: NDArray[np.uint8],
+    config: Config,
+    *,
+    mask: NDArray[np.uint8] | None = None,
+    given: Observations | None = None,
+    aspect: float | None = None,
+    frame_id: str,
+    source: str | None = None,
+) -> results.Calibration:
+    """Calibrate a picture with what is given beside it and what the networks of the configuration find in it.
+
+    Parameters
+    ----------
+    picture : (H, W, 3) uint8
+        BGR.
+    config : Config
+        Options of every stage.
+    mask : (H, W) uint8, optional
+        SoccerNet class ids.
+    given : Observations, optional
+        Points and lines from elsewhere.
+    aspect : float, optional
+        Width of a pixel over its height, where the picture's file tells and the configuration does not.
+    frame_id, source : str
+        As for :func:`circlecal.pipeline.run`.
+
+    Raises
+    ------
+    ConfigError
+        The configuration's field template or a network is unusable.
+    InputError
+        The mask is not of the picture's size.
+    """
+    if aspect is not None and config.camera.aspect == 1.0:
+        config = config.model_copy(update={"camera": config.camera.model_copy(update={"aspect": aspect})})
+    extra = observe_network(picture, config.keypoints, field_of(config)[0], config.sources)
+    if given is not None:
+        extra = given if extra is None else join_observations(extra, given)
+    return run(picture, config, mask=mask, extra=extra, frame_id=frame_id, source=source)
+
+
+def calibrate_points(
+    *,
+    size: tuple[int, int],
+    circle: ArrayLike | Mapping[str, ArrayLike] | None = None,
+    lines: Mapping[str, ArrayLike] | None = None,
+    keypoints: Points | None = None,
+    sigma_px: float | None = None,
+    convention: Convention = "official",
+    config: Config | str | Path | None = None,
+    field: str | Path | None = None,
+    set: Settings | None = None,
+    id: str = "points",
+) -> Calibration:
+    """Calibrate the camera from points that somebody clicked or detected, without a picture.
+
+    Parameters
+    ----------
+    size : (int, int)
+        Width and height of the picture, pixels.
+    circle : (N, 2) array or mapping, optional
+        Pixels along the circle; along several circles and arcs by their names, such as ``"penalty_arc_left"``.
+    lines : mapping, optional
+        Pixels (N, 2), two or more, along straight markings by their names, such as ``"halfway_line"``.
+    keypoints : mapping, optional
+        The pixel (2,) of a mark (``"centre_mark"``), of a point of a circle by its direction on the map
+        (``"centre_circle top"``), of the meet of two lines (``"halfway_line x side_line_top"``), or of a field point in
+        metres (``(0.0, -34.0)``).
+    sigma_px : float, optional
+        Standard deviation of the points, pixels; 1.5 px of a picture 1920 px wide when None.
+    convention : {"official", "paint"}
+        Whether points of a marking lie at the size that the rules name, or on the middle of the paint.
+    config, field, set : optional
+        As for :func:`calibrate`.
+    id : str
+        Name of the frame.
+
+    Returns
+    -------
+    Calibration
+        Refused where the points leave the camera open.
+
+    Raises
+    ------
+    InputError
+        A name that the field does not have, or something that is no point.
+    ConfigError
+        As for :func:`calibrate`.
+    """
+    chosen = configure(config, field, set)
+    template, seen = field_of(chosen)
+    if circle is None:
+        circles: Mapping[str, ArrayLike] = {}
+    else:
+        circles = circle if isinstance(circle, Mapping) else {seen.name: circle}
+    given: Points = {**circles, **(lines or {}), **(keypoints or {})}
+    observations = observe_points(given, template, chosen, size, sigma_px)
+    found = run_observations(observations, chosen, frame_id=id, convention=convention)
+    template = in_convention(template, convention)
+    return Calibration(result_record(found, template), template, found=found)
+
+
+def calibrate_video(
+    path: str | Path,
+    config: Config | str | Path | None = None,
+    *,
+    every: str | int = "1s",
+    start: str | float | None = None,
+    end: str | float | None = None,
+    field: str | Path | None = None,
+    set: Settings | None = None,
+) -> Iterator[Calibration]:
+    """Calibrate frames of a video, one after the other as they are asked for.
+
+    Parameters
+    ----------
+    path : path
+        The video.
+    every : str or int
+        A time such as ``"1s"`` or ``"500ms"``, or a number of frames.
+    start, end : str or float, optional
+        Times in the video: seconds, ``"1:30"`` or ``"0:01:30.5"``; a frame at ``end`` itself is left out.
+    config, field, set : optional
+        As for :func:`calibrate`.
+
+    Yields
+    ------
+    Calibration
+        With ``time_s``; its ``image`` is at hand until the next one is asked for.
+
+    Raises
+    ------
+    InputError
+        No video, or times that are none.
+    ConfigError
+        As for :func:`calibrate`.
+    """
+    chosen = configure(config, field, set)
+    template, _ = field_of(chosen)
+    sampling = Sampling.parse(str(every), *(None if time is None else str(time) for time in (start, end)))
+    video = Video.open(Path(path), Path(path).stem)
+    return _calibrations(video, sampling, chosen, template)
+
+
+def _calibrations(video: Video, sampling: Sampling, config: Config, template: FieldTemplate) -> Iterator[Calibration]:
+    for frame in video.frames(sampling, lambda error: _log.warning("%s", error)):
+        picture = frame.picture
+        if picture is None:
+            continue
+        found = calibrate_picture(picture, config, aspect=frame.aspect, frame_id=frame.id, source=frame.source)
+        yield Calibration(result_record(found, template, time_s=frame.time_s), template, found=found, image=picture)
+
+
+def configure(config: Config | str | Path | None, field: str | Path | None, settings: Settings | None) -> Config:
+    """The configuration that the arguments of :func:`calibrate` add up to.
+
+    Raises
+    ------
+    ConfigError
+        As :func:`circlecal.config.load_config`.
+    """
+    chosen = dict(settings or {}) | ({} if field is None else {"field.template": str(field)})
+    if isinstance(config, Config) and not chosen:
+        return config
+    return load_config(config, chosen)
+
+
+def observe_points(
+    points: Points,
+    template: FieldTemplate,
+    config: Config,
+    size: tuple[int, int],
+    sigma_px: float | None = None,
+) -> Observations:
+    """Observations of points by the name of what they show, or by their place on the field.
+
+    Parameters
+    ----------
+    points : mapping
+        Pixels (N, 2), or one (2,), by name or field point.
+    template : FieldTemplate
+        The field.
+    config : Config
+        For its sources.
+    size : (int, int)
+        Width and height of the picture, pixels.
+    sigma_px : float, optional
+        Standard deviation of the points; that of clicked points when None.
+
+    Raises
+    ------
+    InputError
+        A name that the field does not have, or something that is no point.
+    """
+    width, height = size
+    sigma = CLICKED_SIGMA_PX * width / REFERENCE_WIDTH_PX if sigma_px is None else sigma_px
+    shapes, keypoints = [], []
+    for place, value in points.items():
+        try:
+            pixels = np.asarray(value, dtype=np.float64).reshape(-1, 2)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"{place}: is no pixel (2,) and no list of pixels (N, 2)") from error
+        if not np.isfinite(pixels).all():
+            raise InputError(f"{place}: holds a pixel that is not finite")
+        if isinstance(place, str):
+            shapes.append(Shape(place, "points", pixels))
+        else:
+            x, y = place
+            keypoints += [Keypoint(f"({x:g}, {y:g}) m", np.array([x, y]), pixel, sigma) for pixel in pixels]
+    sources = config.sources.model_copy(update={"sigma_px": {"points": sigma * REFERENCE_WIDTH_PX / width}})
+    observed = observe(AnnotatedFrame("points", width, height, tuple(shapes)), template, sources, "points", "points")
+    if observed.warnings:
+        names = ", ".join(e.name for e in (*template.circles, *template.arcs, *template.lines, *template.marks))
+        raise InputError(f"{observed.warnings[0].removesuffix('; left out')}; known: {names}")
+    return join_observations(observed.observations, Observations(width, height, keypoints=tuple(keypoints)))

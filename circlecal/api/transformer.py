@@ -1,0 +1,42 @@
+"""The camera in the shape in which tracking code asks for it: an object with ``transform_points``."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from circlecal.field import FieldTemplate
+from circlecal.geometry.projective import Array
+from circlecal.view import FieldView
+
+
+class ViewTransformer:
+    """Pixels to places on a map of the field; stands in for a transformer made of four points and a homography.
+
+    Unlike a homography it knows the lens and the surface.
+
+    Parameters
+    ----------
+    view : FieldView or None
+        The field before the camera; without one every answer is nan.
+    template : FieldTemplate
+        The field.
+    size : (float, float), optional
+        Length and width of the map, such as ``(12000, 7000)``; its origin is the corner of the field that the main
+        camera sees top left, and the field, as long and broad as it was estimated, is stretched to it. Metres from the
+        centre mark when None.
+    """
+
+    def __init__(
+        self, view: FieldView | None, template: FieldTemplate, size: tuple[float, float] | None = None
+    ) -> None:
+        self._view = view
+        own = np.array([template.length_m, template.width_m]) + (0.0 if view is None else view.growth_m)
+        self._scale = np.ones(2) if size is None else np.asarray(size, dtype=np.float64) / own
+        self._origin_m = np.zeros(2) if size is None else -own / 2.0
+
+    def transform_points(self, points: ArrayLike) -> Array:
+        """Places (N, 2) on the map of what is seen at pixels (N, 2); nan where that is no point of the field."""
+        pixels = np.asarray(points, dtype=np.float64).reshape(-1, 2)
+        field = np.full(pixels.shape, np.nan) if self._view is None else self._view.to_field(pixels)
+        return np.asarray((field - self._origin_m) * self._scale)

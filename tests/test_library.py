@@ -1,0 +1,383 @@
+"""What a user types on a result: every call answers, for calibrated and refused frames, and for results read back."""
+
+import json
+import pickle
+
+import cv2
+import numpy as np
+import pytest
+
+import circlecal
+from circlecal.errors import ConfigError, InputError
+
+CENTRE_AND_RIM = np.array([[0.0, 0.0], [9.15, 0.0], [0.0, -9.15]])
+CALLS = {
+    "c.id": "good",
+    "c.source": None,
+    "c.time_s": None,
+    "c.size": (960, 540),
+    "c.ok": True,
+    "c.status": "calibrated",
+    "c.code": None,
+    "c.reason": None,
+    "c.help": None,
+    "c.checks[0].passed": True,
+    "c.to_image([[0, 0], [9.15, 0]]).shape": (2, 2),
+    "c.to_image([0, 0]).shape": (2,),
+    "c.to_image([[0, 0]], sigma=True).sigma.shape": (1,),
+    "c.to_field([[480, 270]]).shape": (1, 2),
+    "c.to_field([[480, 270]], sigma=True).sigma.shape": (1,),
+    "c.transformer().transform_points([[480, 270]]).shape": (1, 2),
+    "c.H_image_field.shape": (3, 3),
+    "c.H_field_image.shape": (3, 3),
+    "c.camera.focal_px.shape": (2,),
+    "c.K.shape": (3, 3),
+    "c.R.shape": (3, 3),
+    "c.t.shape": (3,),
+    "len(c.dist)": 4,
+    "c.position_m.shape": (3,),
+    "type(c.sigma_px)": float,
+    "type(c.sigma_m)": float,
+    "c.field.name": "soccer",
+    "c.view.to_field([480, 270]).shape": (2,),
+    "c.attempt.ellipses.primary.edge in ('outer', 'inner', 'center')": True,
+    "c.overlay(image).shape": (540, 960, 3),
+    "c.top_view(image).ndim": 3,
+    "c.save(folder / 'x.json').name": "x.json",
+    "c.save(folder).name": "good.json",
+    "c.to_dict()['id']": "good",
+    "'calibrated' in repr(c)": True,
+    "'<table>' in c._repr_html_()": True,
+    "c == circlecal.load(c.save(folder))": True,
+    "len({c, circlecal.load(c.save(folder))})": 1,
+    "len(pickle.dumps(c)) < 300_000": True,
+}
+"""More than the thirty calls that users type, and what they answer."""
+
+
+@pytest.fixture(scope="module")
+def good(frame_image):
+    """A calibrated frame."""
+    return circlecal.calibrate(frame_image, id="good")
+
+
+@pytest.fixture(scope="module")
+def refused():
+    """A refused one."""
+    return circlecal.calibrate(np.full((120, 160, 3), (60, 130, 70), np.uint8))
+
+
+@pytest.mark.parametrize("source", ["calibrated", "loaded", "pickled"])
+@pytest.mark.parametrize("call", CALLS)
+def test_call(good, frame_image, tmp_path, call, source):
+    c = good
+    if source == "loaded":
+        c = circlecal.load(good.save(tmp_path / "stored.json"))
+    elif source == "pickled":
+        c = pickle.loads(pickle.dumps(good))
+    known = {"c": c, "image": frame_image, "folder": tmp_path, "circlecal": circlecal, "pickle": pickle}
+    assert eval(call, known) == CALLS[call]  # the calls stand above
+
+
+def test_loaded_results_answer_the_same(good, tmp_path):
+    loaded = circlecal.load(good.save(tmp_path))
+    for name in ("K", "R", "t", "dist", "position_m", "H_image_field", "H_field_image"):
+        assert np.allclose(getattr(loaded, name), getattr(good, name), rtol=1e-9, atol=1e-9), name
+    for ours, theirs in zip(good.to_image(CENTRE_AND_RIM, True), loaded.to_image(CENTRE_AND_RIM, True), strict=True):
+        assert np.allclose(ours, theirs, rtol=1e-6, atol=1e-6)
+    assert loaded.checks == good.checks
+    assert loaded.to_dict() == good.to_dict()
+
+
+def test_a_loaded_result_draws_the_same_overlay(good, frame_image, tmp_path):
+    loaded = circlecal.load(good.save(tmp_path))
+    difference = cv2.absdiff(loaded.overlay(frame_image), good.overlay(frame_image))
+    assert np.count_nonzero(difference.max(axis=2) > 40) < 200
+    assert np.abs(loaded.top_view(frame_image).astype(int) - good.top_view(frame_image)).mean() < 0.1
+
+
+# --- both ways between picture and field
+
+
+def test_both_ways(good, frame_camera):
+    pixels = good.to_image(CENTRE_AND_RIM)
+    assert np.abs(pixels - frame_camera.project(CENTRE_AND_RIM)).max() < 1.5
+    assert np.allclose(good.to_field(pixels), CENTRE_AND_RIM, atol=1e-6)
+    spread = good.to_field(pixels, sigma=True).sigma
+    assert ((spread > 0.001) & (spread < 2.0)).all()
+    grid = np.stack([pixels, pixels])
+    assert good.to_field(grid).shape == grid.shape
+
+
+def test_nan_where_the_field_is_not_seen(good):
+    above = good.to_field([[480, -3000], [480, 270]], sigma=True)
+    assert np.isnan(above.points[0]).all() and np.isnan(above.sigma[0])
+    assert np.isfinite(above.points[1]).all() and np.isfinite(above.sigma[1])
+    behind = good.to_image([[0.0, 400.0]], sigma=True)
+    assert np.isnan(behind.points).all() and np.isnan(behind.sigma).all()
+
+
+@pytest.mark.parametrize("points", [3.0, [1.0, 2.0, 3.0], [[1.0], [2.0]]])
+def test_points_of_another_shape(good, points):
+    for convert in (good.to_image, good.to_field):
+        with pytest.raises(ValueError, match="shape"):
+            convert(points)
+
+
+def test_opencv_takes_the_camera(good, frame_image):
+    on_plane = np.column_stack([CENTRE_AND_RIM, np.zeros(3)])
+    drawn, _ = cv2.projectPoints(on_plane, cv2.Rodrigues(good.R)[0], good.t, good.K, good.dist)
+    assert np.allclose(drawn[:, 0], good.camera.project(CENTRE_AND_RIM), atol=1e-6)
+    straight = cv2.undistort(frame_image, good.K, good.dist)
+    assert straight.shape == frame_image.shape
+    undistorted = cv2.undistortPoints(drawn, good.K, good.dist, P=good.K)[:, 0]
+    lifted = np.column_stack([CENTRE_AND_RIM, np.ones(3)]) @ good.H_image_field.T
+    assert np.allclose(lifted[:, :2] / lifted[:, 2:], undistorted, atol=1e-3)
+
+
+def test_a_map_of_other_units_and_origin(good):
+    pixels = good.to_image([[0.0, 0.0]])
+    assert np.allclose(good.transformer().transform_points(pixels), 0.0, atol=1e-6)
+    assert np.allclose(good.transformer((12000, 7000)).transform_points(pixels), [[6000, 3500]], atol=1e-3)
+    assert good.transformer().transform_points(np.empty((0, 2))).shape == (0, 2)
+
+
+# --- refused frames
+
+
+def test_a_refused_frame_says_why_and_what_helps(refused):
+    assert (refused.ok, refused.status) == (False, "refused")
+    assert refused.code and refused.reason and refused.help
+    assert refused.code in repr(refused)
+    assert refused.reason in refused._repr_html_()
+
+
+def test_a_refused_frame_answers_every_question(refused):
+    for name in ("view", "camera", "K", "R", "t", "dist", "H_image_field", "position_m", "sigma_px", "sigma_m"):
+        assert getattr(refused, name) is None, name
+    for convert in (refused.to_image, refused.to_field, refused.transformer().transform_points):
+        assert np.isnan(convert([[1.0, 2.0]])).all()
+    assert np.isnan(refused.to_image([[1.0, 2.0]], sigma=True).sigma).all()
+    picture = np.full((120, 160, 3), (60, 130, 70), np.uint8)
+    assert refused.top_view(picture) is None
+    assert refused.overlay(picture).shape == picture.shape
+    assert pickle.loads(pickle.dumps(refused)) == refused
+
+
+# --- as a value
+
+
+def test_repr_is_one_short_line(good, refused):
+    for calibration in (good, refused):
+        assert len(repr(calibration)) < 120
+        assert "\n" not in repr(calibration)
+
+
+def test_html_has_the_picture_while_somebody_holds_it(frame_image):
+    image = frame_image.copy()
+    calibration = circlecal.calibrate(image)
+    assert "data:image/jpeg" in calibration._repr_html_()
+    del image
+    assert "data:image/jpeg" not in calibration._repr_html_()
+    with pytest.raises(InputError, match="not at hand"):
+        calibration.overlay()
+
+
+def test_html_escapes_names(frame_image):
+    assert "<script>" not in circlecal.calibrate(frame_image, id="<script>&")._repr_html_()
+
+
+def test_equal_by_content_and_not_by_time(frame_image, good):
+    again = circlecal.calibrate(frame_image, id="good")
+    assert again == good and hash(again) == hash(good)
+    other = circlecal.calibrate(frame_image, id="good", set={"seed": 1})
+    assert other != good
+    assert good != "good"
+
+
+def test_a_picture_in_a_file_is_read_again(frame_file):
+    calibration = circlecal.calibrate(frame_file)
+    assert calibration.source == str(frame_file)
+    assert calibration.overlay().shape == (540, 960, 3)
+    assert calibration.top_view(px_per_m=4).shape[1] < calibration.top_view().shape[1]
+    frame_file.unlink()
+    assert calibration.image is None
+
+
+def test_a_picture_of_another_size_is_refused(good):
+    with pytest.raises(InputError, match="960 x 540"):
+        good.overlay(np.zeros((100, 100, 3), np.uint8))
+
+
+def test_a_changed_dictionary_changes_nothing(good):
+    content = good.to_dict()
+    content["H_image_field"][0][0] = 7.0
+    assert good.to_dict() != content
+    json.dumps(good.to_dict(), allow_nan=False)
+
+
+# --- options
+
+
+def test_configurations_by_name_by_file_and_ready(frame_image, tmp_path):
+    (tmp_path / "mine.yaml").write_text("seed: 7\n")
+    for config in (tmp_path / "mine.yaml", str(tmp_path / "mine.yaml"), circlecal.load_config(None, ["seed=7"])):
+        assert circlecal.calibrate(frame_image, config).to_dict()["seed"] == 7
+    assert circlecal.calibrate(frame_image, "broadcast").ok
+    overridden = circlecal.calibrate(frame_image, circlecal.load_config("broadcast"), set={"seed": 3})
+    assert overridden.to_dict()["seed"] == 3
+
+
+def test_a_wrong_option_names_itself(frame_image):
+    with pytest.raises(ConfigError, match=r"camera\.rol_sd_deg"):
+        circlecal.calibrate(frame_image, set={"camera.rol_sd_deg": 1})
+    with pytest.raises(ConfigError, match="moon"):
+        circlecal.calibrate(frame_image, "moon")
+    with pytest.raises(ConfigError, match="curling"):
+        circlecal.calibrate(frame_image, field="curling")
+
+
+def test_field_and_sizes(frame_image):
+    calibration = circlecal.calibrate(frame_image, field="soccer", set={"field.sizes.length": 100})
+    assert calibration.field.length_m == 100
+
+
+# --- points
+
+
+def test_calibrate_points(frame_camera):
+    angle = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+    rim = 9.15 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    calibration = circlecal.calibrate_points(
+        size=(960, 540),
+        circle=frame_camera.project(rim),
+        lines={"halfway_line": frame_camera.project([[0.0, -12.0], [0.0, 12.0]])},
+        keypoints={
+            (0.0, 0.0): frame_camera.project([0.0, 0.0]),
+            "centre_circle top": frame_camera.project([0.0, -9.15]),
+        },
+        set={"verdict.max_sigma_px": 100},
+    )
+    assert calibration.ok, calibration.reason
+    assert np.abs(calibration.to_image(CENTRE_AND_RIM) - frame_camera.project(CENTRE_AND_RIM)).max() < 1.0
+    assert calibration.image is None
+
+
+@pytest.mark.parametrize(
+    ("points", "part"),
+    [
+        ({"lines": {"moon_line": [[1, 2], [3, 4]]}}, "moon_line"),
+        ({"circle": [[1, 2, 3]]}, "centre_circle"),
+        ({"keypoints": {"centre_mark": [1, float("nan")]}}, "finite"),
+        ({"keypoints": {"centre_mark": "here"}}, "centre_mark"),
+    ],
+)
+def test_points_that_are_none(points, part):
+    with pytest.raises(InputError, match=part):
+        circlecal.calibrate_points(size=(960, 540), **points)
+
+
+def test_too_few_points_are_refused():
+    calibration = circlecal.calibrate_points(size=(960, 540), keypoints={"centre_mark": [480, 270]})
+    assert not calibration.ok and calibration.help
+
+
+def test_points_beside_a_picture(frame_image, frame_camera):
+    wrong = frame_camera.project([0.0, -9.15]) + 40.0
+    right = circlecal.calibrate(frame_image, points={"centre_circle top": frame_camera.project([0.0, -9.09])})
+    assert right.ok
+    assert "centre_circle top" in json.dumps(right.to_dict()["observations"])
+    assert circlecal.calibrate(frame_image, points={"centre_circle top": wrong}) != right
+
+
+# --- videos and runs
+
+
+@pytest.fixture(scope="module")
+def video(frame_image, tmp_path_factory):
+    """A video of two seconds that shows the frame."""
+    path = tmp_path_factory.mktemp("video") / "match.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 5.0, (960, 540))
+    if not writer.isOpened():
+        pytest.skip("this OpenCV writes no MJPG")
+    for _ in range(10):
+        writer.write(frame_image)
+    writer.release()
+    return path
+
+
+def test_a_video_frame_by_frame(video):
+    frames = circlecal.calibrate_video(video, every="1s")
+    first = next(frames)
+    assert (first.time_s, first.ok) == (0.0, True)
+    assert first.image.shape == (540, 960, 3)
+    second = next(frames)
+    assert second.time_s == pytest.approx(1.0)
+    assert second.id.startswith("match_")
+    assert next(frames, None) is None
+    assert second.image.shape == (540, 960, 3), "decoded again"
+
+
+def test_wrong_videos_are_told_at_once(tmp_path, video):
+    with pytest.raises(InputError, match="no such file"):
+        circlecal.calibrate_video(tmp_path / "none.mp4")
+    with pytest.raises(InputError, match="every"):
+        circlecal.calibrate_video(video, every="often")
+
+
+@pytest.fixture(scope="module")
+def run_folder(frame_image, tmp_path_factory):
+    """A run over one good and one blank frame."""
+    from circlecal.cli import main
+
+    folder = tmp_path_factory.mktemp("run")
+    cv2.imwrite(str(folder / "good.png"), frame_image)
+    cv2.imwrite(str(folder / "blank.png"), np.full((120, 160, 3), (60, 130, 70), np.uint8))
+    (folder / "broken.png").write_bytes(b"")
+    with pytest.raises(SystemExit):
+        main(["batch", str(folder), "--out", str(folder / "out"), "--workers", "1", "--quiet"])
+    return folder / "out"
+
+
+def test_a_run_is_a_lazy_sequence(run_folder):
+    run = circlecal.load(run_folder)
+    assert len(run) == 3
+    assert {c.id for c in run} == {"good", "blank", "broken"}
+    assert run["good"].ok and run[-1] == list(run)[-1]
+    assert [c.id for c in run[:2]] == [run[0].id, run[1].id]
+    assert "good" in run and "moon" not in run
+    assert run["good"].overlay().shape == (540, 960, 3)
+    assert list(run) == list(circlecal.load(run_folder / "results.jsonl"))
+    assert "3 frames" in repr(run)
+    with pytest.raises(IndexError):
+        run[3]
+    with pytest.raises(KeyError):
+        run["moon"]
+
+
+def test_unreadable_frames_of_a_run_answer_too(run_folder):
+    broken = circlecal.load(run_folder)["broken"]
+    assert (broken.ok, broken.size, broken.view) == (False, None, None)
+    assert np.isnan(broken.to_field([1.0, 2.0])).all()
+    assert broken.help and broken.reason in broken._repr_html_()
+    with pytest.raises(InputError):
+        broken.overlay()
+
+
+def test_a_run_as_a_table(run_folder):
+    rows = {row["id"]: row for row in circlecal.load(run_folder).table()}
+    assert rows["good"]["max_sigma_px"] > 0
+    assert rows["blank"]["status"] == "refused"
+
+
+@pytest.mark.parametrize("name", ["none.json", "none.jsonl", "folder"])
+def test_nothing_to_load(tmp_path, name):
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(InputError, match="give"):
+        circlecal.load(tmp_path / name)
+
+
+def test_a_damaged_result(tmp_path):
+    (tmp_path / "x.json").write_text("{}")
+    with pytest.raises(InputError, match=r"x\.json"):
+        circlecal.load(tmp_path / "x.json")
