@@ -456,9 +456,9 @@ def _judge(setting: Setting, attempt: Attempt) -> Attempt:
 
 def look_again(setting: Setting, scene: Scene, attempt: Attempt) -> Attempt:
     """The attempt after the picture was looked at where its camera puts the circle and the other markings."""
-    camera, cues, mask, observations = attempt.camera, attempt.cues, attempt.mask, attempt.observations
-    if camera is None or cues is None or mask is None or observations is None or attempt.verdict is None:
+    if attempt.fitted is None:
         return attempt
+    mask, _, cues, observations, camera, _ = attempt.fitted
     template, circle = setting.template, setting.circle
     picture = lighten_markings(scene.gray, mask, circle)
     if attempt.code == "circle_unconfirmed" and is_circle_painted(picture, camera, template, circle):
@@ -470,9 +470,7 @@ def look_again(setting: Setting, scene: Scene, attempt: Attempt) -> Attempt:
         seen_names = {line.line for line in observations.lines} | {c.circle for c in observations.circles}
         known = frozenset(name for name in (*seen_names, *camera.named_lines) if name is not None)
         expected = look_for_markings(picture, camera, template, circle, known, mask.field_region)
-        return (
-            replace(attempt, verdict=confirm(attempt.verdict, camera, cues, expected)) if attempt.verdict else attempt
-        )
+    return replace(attempt, verdict=confirm(verdict, camera, cues, expected))
 
 
 def lighten_markings(gray: NDArray[np.uint8], mask: MarkingMask, circle: Circle) -> NDArray[np.uint8]:
@@ -508,11 +506,9 @@ def _is_worth_remeasuring(setting: Setting, attempt: Attempt) -> bool:
 
 def remeasure_along_camera(setting: Setting, scene: Scene, attempt: Attempt) -> Iterator[Attempt]:
     """The circle, and the arcs of the field too where only further lines turn it, along the curves of the camera."""
-    camera, cues, mask, edges, observations = (
-        attempt.camera, attempt.cues, attempt.mask, attempt.edges, attempt.observations,
-    )  # fmt: skip
-    if camera is None or cues is None or mask is None or edges is None or observations is None:
+    if attempt.fitted is None:
         return
+    mask, edges, cues, observations, camera, _ = attempt.fitted
     is_turned_by_lines = cues.halfway is None and bool(camera.names_by_line)
     circle, template, config = setting.circle, setting.template, setting.config
     found: dict[str, CirclePoints] = {}
@@ -540,9 +536,9 @@ def _may_show_faint_lines(setting: Setting, attempt: Attempt) -> bool:
 
 def add_faint_lines(setting: Setting, scene: Scene, attempt: Attempt) -> Iterator[Attempt]:
     """The attempt with straight markings that stand out only where an uncertain camera may put them."""
-    camera, cues, mask, observations = attempt.camera, attempt.cues, attempt.mask, attempt.observations
-    if camera is None or cues is None or mask is None or observations is None:
+    if attempt.fitted is None:
         return
+    mask, _, cues, observations, camera, _ = attempt.fitted
     with setting.clock("cues"):
         picture = lighten_markings(scene.gray, mask, setting.circle)
         found = find_faint_lines(picture, camera, setting.template, setting.circle)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -485,6 +485,17 @@ class Verdict:
         return next((check for check in self.checks if check.name == name), None)
 
 
+class Fitted(NamedTuple):
+    """What a picture's attempt holds once a camera was fitted to it: where looking at the picture again starts."""
+
+    mask: MarkingMask
+    edges: EdgePoints
+    cues: Cues
+    observations: Observations
+    camera: CameraFit
+    verdict: Verdict
+
+
 @dataclass(frozen=True, slots=True)
 class Attempt:
     """What the stages made of one frame with one circle: each stage's result, None where it was not reached.
@@ -509,6 +520,15 @@ class Attempt:
     homography: HomographyFit | None = None
     camera: CameraFit | None = None
     verdict: Verdict | None = None
+
+    @property
+    def fitted(self) -> Fitted | None:
+        """What was reached, where a picture led to a camera and a verdict; else None."""
+        if self.mask is None or self.edges is None or self.cues is None:
+            return None
+        if self.observations is None or self.camera is None or self.verdict is None:
+            return None
+        return Fitted(self.mask, self.edges, self.cues, self.observations, self.camera, self.verdict)
 
     @property
     def is_calibrated(self) -> bool:
