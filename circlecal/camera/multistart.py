@@ -138,5 +138,6 @@ def _screen(problem: Problem, grid: Array, count: int) -> Array:
     offsets = seen.values[:, feet.shape[1] :].reshape(len(candidates), -1, 2) * problem.points.sigma_px[:, None]
     distance = np.concatenate([on_curves, np.linalg.norm(offsets, axis=-1)], axis=1)
     penalty = np.sum(problem.priors.residuals(candidates)[0] ** 2, axis=1)
-    score = np.mean(np.minimum(distance, SCREENING_CAP_PX), axis=1) + PENALTY_PX * penalty
+    mean_px = np.minimum(distance, SCREENING_CAP_PX).sum(axis=1) / max(distance.shape[1], 1)
+    score = mean_px + PENALTY_PX * penalty
     return grid[np.argsort(score, kind="stable")[:count]]

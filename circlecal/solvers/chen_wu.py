@@ -19,7 +19,7 @@ from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera import image_center
 from circlecal.geometry.conics import normalise_conic
 from circlecal.geometry.homography import camera_side_of, turn_homography
-from circlecal.geometry.projective import Array
+from circlecal.geometry.projective import Array, Indices, Mask
 from circlecal.observations import Observations
 from circlecal.solvers.interface import intrinsics_solver, solver, unsolved
 from circlecal.solvers.primitives import (
@@ -32,9 +32,12 @@ from circlecal.solvers.primitives import (
 
 FOCAL_WIDTHS = (0.3, 20.0)
 """Range of the search, in widths of the picture."""
-GRID = 96
-REFINEMENTS = 40
+GRID, REFINEMENTS = 96, 40
+"""Focal lengths of the search, 4.5 % apart, and most steps from the best of them."""
+DIFFERENCE, LARGEST_MOVE = 1e-5, 0.1
+"""Of the logarithm of the focal length: between the misfits whose slope is taken, and in one step."""
 LARGEST_MISFIT = 0.5
+"""Length of the misfits (sines, logarithms of ratios) beyond which the circles lie in no common plane."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,11 +101,16 @@ def _pair(
 
 
 def circular_sections(conics: Array, focal_px: Array, center_px: Array, radius_m: float) -> Sections:
-    """Both circular sections of radius ``radius_m`` of the cones over one conic (3, 3) for focal lengths (K,)."""
+    """Both circular sections of radius ``radius_m`` of the cones over one conic (3, 3) for focal lengths (K,).
+
+    Not finite where the focal length makes the cone degenerate.
+    """
     K = np.zeros((len(focal_px), 3, 3))
     K[:, 0, 0] = K[:, 1, 1] = focal_px
     K[:, :2, 2], K[:, 2, 2] = center_px, 1.0
     cones = normalise_conic(np.swapaxes(K, 1, 2) @ conics @ K)
+    usable: Mask = np.asarray(np.isfinite(cones).all(axis=(1, 2)))
+    cones = np.where(usable[:, None, None], cones, np.diag([1.0, 1.0, -1.0]))
     values, vectors = np.linalg.eigh(cones)
     low, middle, high = values.T
     spread = high - low
@@ -117,24 +125,29 @@ def circular_sections(conics: Array, focal_px: Array, center_px: Array, radius_m
     across = along - level[..., None] * normals
     offset = across / middle[:, None, None]
     distances = radius_m / np.sqrt(np.maximum(np.sum(offset**2, axis=-1) - level / middle[:, None], 1e-300))
+    distances = np.where(usable[:, None], distances, np.nan)
     return Sections(normals, distances, distances[..., None] * (normals - offset))
 
 
 def _misfits(
-    pair: tuple[SeenCircle, SeenCircle], focal_px: Array, center_px: Array, choice: tuple[int, int]
+    pair: tuple[SeenCircle, SeenCircle], focal_px: Array, center_px: Array, choices: Indices
 ) -> tuple[Array, Sections, Sections]:
-    """How far the sections disagree (K, 7): normals, distances, and the centres' distance."""
+    """How far the sections chosen (K, 2) of each cone disagree (K, 7): normals, distances, and the centres' distance.
+
+    Infinite where a cone has no circular sections.
+    """
     first, second = (circular_sections(c.conic, focal_px, center_px, c.radius_m) for c in pair)
-    i, j = choice
-    turned = np.cross(first.normals[:, i], second.normals[:, j])
-    ratio = np.log(first.distances[:, i] / second.distances[:, j])
-    between = second.centers[:, j] - first.centers[:, i]
+    k, (i, j) = np.arange(len(focal_px)), choices.T
+    turned = np.cross(first.normals[k, i], second.normals[k, j])
+    ratio = np.log(first.distances[k, i] / second.distances[k, j])
+    between = second.centers[k, j] - first.centers[k, i]
     apart = float(np.linalg.norm(pair[1].center_m - pair[0].center_m))
     if apart > SAME_CENTER_M:
         length = np.log(np.maximum(np.linalg.norm(between, axis=1), 1e-300) / apart)[:, None]
     else:
-        length = between / first.distances[:, i, None]
-    return np.column_stack([turned, ratio, length]), first, second
+        length = between / first.distances[k, i, None]
+    found = np.column_stack([turned, ratio, length])
+    return np.where(np.isfinite(found).all(axis=1, keepdims=True), found, np.inf), first, second
 
 
 def focal_and_plane(pair: tuple[SeenCircle, SeenCircle], size: tuple[int, int]) -> TwoCircles:
@@ -142,37 +155,42 @@ def focal_and_plane(pair: tuple[SeenCircle, SeenCircle], size: tuple[int, int]) 
     center = image_center(*size)
     low, high = (float(np.log(w * size[0])) for w in FOCAL_WIDTHS)
     grid = np.linspace(low, high, GRID)
-    best: tuple[float, float, tuple[int, int]] | None = None
-    for choice in product((0, 1), (0, 1)):
-        cost = np.sum(_misfits(pair, np.exp(grid), center, choice)[0] ** 2, axis=1)
-        inner = (cost[1:-1] <= cost[:-2]) & (cost[1:-1] <= cost[2:])
-        for k in np.flatnonzero(inner) + 1:
-            log_focal, refined = _refined(pair, float(grid[k]), center, choice)
-            if grid[0] < log_focal < grid[-1] and (best is None or refined < best[0]):
-                best = refined, log_focal, choice
-    if best is None or best[0] > LARGEST_MISFIT**2:
+    choices = np.array(list(product((0, 1), (0, 1))))
+    misfits, *_ = _misfits(pair, np.tile(np.exp(grid), len(choices)), center, np.repeat(choices, GRID, axis=0))
+    cost = np.sum(misfits**2, axis=1).reshape(len(choices), GRID)
+    inner = (cost[:, 1:-1] <= cost[:, :-2]) & (cost[:, 1:-1] <= cost[:, 2:]) & np.isfinite(cost[:, 1:-1])
+    chosen, place = np.nonzero(inner)
+    log_focal, refined = _refine(pair, grid[place + 1], center, choices[chosen])
+    refined[(log_focal <= low) | (log_focal >= high)] = np.inf
+    if not refined.min(initial=np.inf) <= LARGEST_MISFIT**2:
         raise unsolved("no_common_plane", "no focal length gives both circles one plane")
-    focal = float(np.exp(best[1]))
-    _, first, second = _misfits(pair, np.array([focal]), center, best[2])
-    i, j = best[2]
+    best = int(np.argmin(refined))
+    focal, choice = float(np.exp(log_focal[best])), choices[chosen[best]]
+    _, first, second = _misfits(pair, np.array([focal]), center, choice[None])
+    i, j = choice
     normal = first.normals[0, i] + second.normals[0, j]
     normal = normal / np.linalg.norm(normal)
     return TwoCircles(focal, normal, np.stack([first.centers[0, i], second.centers[0, j]]))
 
 
-def _refined(
-    pair: tuple[SeenCircle, SeenCircle], log_focal: float, center_px: Array, choice: tuple[int, int]
-) -> tuple[float, float]:
-    step = 1e-5
-    cost = np.inf
+def _refine(
+    pair: tuple[SeenCircle, SeenCircle], log_focal: Array, center_px: Array, choices: Indices
+) -> tuple[Array, Array]:
+    """Logarithms of focal lengths (M,) after Gauss-Newton on the misfits of choices (M, 2), and their costs (M,)."""
+    log_focal, moving = log_focal.copy(), np.ones(len(log_focal), dtype=np.bool_)
+    cost = np.full(len(log_focal), np.inf)
     for _ in range(REFINEMENTS):
-        around = np.exp(np.array([log_focal, log_focal - step, log_focal + step]))
-        values = _misfits(pair, around, center_px, choice)[0]
-        slope = (values[2] - values[1]) / (2 * step)
-        cost = float(values[0] @ values[0])
-        move = -float(slope @ values[0] / max(float(slope @ slope), 1e-300))
-        log_focal += float(np.clip(move, -0.1, 0.1))
-        if abs(move) < 1e-15:
+        around = log_focal[moving] + np.array([0.0, -DIFFERENCE, DIFFERENCE])[:, None]
+        misfits, *_ = _misfits(pair, np.exp(around).ravel(), center_px, np.tile(choices[moving], (3, 1)))
+        values, before, after = misfits.reshape(3, -1, misfits.shape[1])
+        usable: Mask = np.asarray(np.isfinite(values + before + after).all(axis=1))
+        values, before, after = (np.where(usable[:, None], v, 0.0) for v in (values, before, after))
+        slope = (after - before) / (2 * DIFFERENCE)
+        move = -(slope * values).sum(axis=1) / np.maximum((slope * slope).sum(axis=1), 1e-300)
+        cost[moving] = np.where(usable, (values * values).sum(axis=1), np.inf)
+        log_focal[moving] += np.clip(move, -LARGEST_MOVE, LARGEST_MOVE)
+        moving[moving] = usable & (np.abs(move) >= 1e-15)
+        if not moving.any():
             break
     return log_focal, cost
 

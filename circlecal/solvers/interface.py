@@ -90,7 +90,11 @@ def _finite(observations: Observations) -> bool:
 
 
 def solver(method: HomographyMethod) -> Solver:
-    """Turn a method that returns a homography or gives up into a solver that returns a result in any case."""
+    """Turn a method that returns a homography or gives up into a solver that returns a result in any case.
+
+    What overflows or is divided by zero on the way is no number, and ends in a homography that is none: nothing is
+    raised or warned of.
+    """
 
     @wraps(method)
     def solve(
@@ -99,12 +103,14 @@ def solver(method: HomographyMethod) -> Solver:
         if not _finite(observations):
             return SolverResult(None, "not_finite", "an observed point is not finite")
         try:
-            H = method(observations, template, circle, rng)
+            with np.errstate(all="ignore"):
+                H = method(observations, template, circle, rng)
+                determinant = np.linalg.det(H)
         except EstimationError as error:
             return SolverResult(None, error.code, error.reason)
         except np.linalg.LinAlgError as error:
             return SolverResult(None, "degenerate", f"a linear system has no solution: {error}")
-        if not np.isfinite(H).all() or abs(np.linalg.det(H)) < 1e-300:
+        if not np.isfinite(H).all() or not abs(determinant) > 1e-300:
             return SolverResult(None, "degenerate", "the homography is singular")
         return SolverResult(scale_homography(H))
 
@@ -112,17 +118,23 @@ def solver(method: HomographyMethod) -> Solver:
 
 
 def intrinsics_solver(method: IntrinsicsMethod) -> IntrinsicsSolver:
-    """The same for methods that find a calibration matrix."""
+    """Turn a method that finds a calibration matrix or gives up into a solver, as :func:`solver` does."""
 
     @wraps(method)
     def solve(
         views: Sequence[Observations], template: FieldTemplate, circle: Circle, rng: np.random.Generator
     ) -> IntrinsicsResult:
+        if not all(_finite(view) for view in views):
+            return IntrinsicsResult(None, "not_finite", "an observed point is not finite")
         try:
-            return IntrinsicsResult(method(views, template, circle, rng))
+            with np.errstate(all="ignore"):
+                K = method(views, template, circle, rng)
         except EstimationError as error:
             return IntrinsicsResult(None, error.code, error.reason)
         except np.linalg.LinAlgError as error:
             return IntrinsicsResult(None, "degenerate", f"a linear system has no solution: {error}")
+        if not np.isfinite(K).all():
+            return IntrinsicsResult(None, "degenerate", "the calibration matrix is not finite")
+        return IntrinsicsResult(K)
 
     return solve

@@ -87,4 +87,4 @@ def views_of_one_zoom(cameras):
     focal = cameras[0].focal_px
     same = [replace(camera, focal_px=focal) for camera in cameras]
     views = [scenario_view("unknown_centre", camera) for camera in same]
-    return [stated(view, 1e-4) for view in views], same[0].intrinsics
+    return [stated(view, 1e-4) for view in views], same[0].K

@@ -16,6 +16,7 @@ from circlecal.solvers import (
     solve_by_name,
     solver_names,
 )
+from circlecal.solvers.chen_wu import circular_sections
 
 from .conftest import SIGMA, central_view, circle_under, halfway_under, scenario_view, soccer
 
@@ -162,7 +163,55 @@ def haphazard_view(rng):
     return Observations(1920, 1080, circles, lines, marks, keypoints)
 
 
-@pytest.mark.parametrize("solver", [name for name in solver_names() if not name.startswith(("tvcalib", "circlecal"))])
-def test_nothing_is_raised_whatever_is_shown(solver):
-    for seed in range(25):
-        code(solver, haphazard_view(np.random.default_rng(seed)))
+def spoil(seen, rng):
+    """The view with all its pixels made alike, very large, very small, or put on one axis."""
+    change = [
+        lambda p: p * 1e-300,
+        lambda p: p * 1e150,
+        lambda p: np.clip(p, -1.0, 1.0) * 1e306,
+        np.zeros_like,
+        np.round,
+        lambda p: 0.0 * p + [960.0, 540.0],
+        lambda p: p * [1.0, 0.0],
+    ][rng.integers(7)]
+    return replace(
+        seen,
+        circles=tuple(replace(c, points_px=change(c.points_px)) for c in seen.circles),
+        lines=tuple(replace(line, points_px=change(line.points_px)) for line in seen.lines),
+        marks=tuple(replace(m, point_px=change(m.point_px)) for m in seen.marks),
+        keypoints=tuple(replace(k, point_px=change(k.point_px)) for k in seen.keypoints),
+    )
+
+
+def views(count):
+    """Haphazard and spoilt views in turn."""
+    for seed in range(count):
+        rng = np.random.default_rng(seed)
+        yield haphazard_view(rng)
+        yield spoil(haphazard_view(rng), rng)
+
+
+SLOW = {"circlecal", "circlecal_default", "tvcalib_like"}
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("solver", solver_names())
+def test_nothing_is_raised_or_warned_of_whatever_is_shown(solver):
+    for seen in views(3 if solver in SLOW else 40):
+        code(solver, seen)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("solver", ["chen_wu", "huang_concentric"])
+def test_no_calibration_matrix_is_raised_or_warned_of(solver):
+    method, shown = load_intrinsics_solver(solver), list(views(20))
+    for triple in zip(shown, shown[1:], shown[2:], strict=False):
+        found = method(triple, *soccer(), np.random.default_rng(0))
+        assert found.solved == (found.code == "ok") == (found.intrinsics is not None)
+
+
+def test_a_cone_without_circular_sections_has_none():
+    conic = np.diag([1.0, 1.0, -1.0])
+    with np.errstate(all="ignore"):  # as within a solver
+        found = circular_sections(conic, np.array([1.0, np.inf, 0.0, 2.0]), np.zeros(2), 1.0)
+    assert np.isfinite(found.centers).all(axis=(1, 2)).tolist() == [True, False, False, True]
