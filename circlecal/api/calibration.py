@@ -9,7 +9,7 @@ import weakref
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, overload
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, overload
 
 import cv2
 import numpy as np
@@ -27,7 +27,7 @@ from circlecal.records.record import write_result
 from circlecal.records.stored import stored_calibration
 from circlecal.refusals import explain
 from circlecal.results import Attempt, Check, Status
-from circlecal.view import FieldView, Projected
+from circlecal.view import FieldView
 
 if TYPE_CHECKING:
     from circlecal import results
@@ -38,6 +38,13 @@ _SHOWN_WIDTH_PX = 720
 """Width of the picture that a notebook shows; wider ones only make the notebook's file large."""
 _SHOWN_QUALITY = 80
 """Its JPEG quality."""
+
+
+class SurePoints(NamedTuple):
+    """Points (..., 2), and the standard deviation (...,) of the length of the error of each."""
+
+    points: Array
+    sigma: Array
 
 
 class Calibration:
@@ -137,9 +144,9 @@ class Calibration:
     def to_image(self, points_m: ArrayLike, sigma: Literal[False] = False) -> Array: ...
 
     @overload
-    def to_image(self, points_m: ArrayLike, sigma: Literal[True]) -> Projected: ...
+    def to_image(self, points_m: ArrayLike, sigma: Literal[True]) -> SurePoints: ...
 
-    def to_image(self, points_m: ArrayLike, sigma: bool = False) -> Array | Projected:
+    def to_image(self, points_m: ArrayLike, sigma: bool = False) -> Array | SurePoints:
         """Where points of the field are seen, through lens and surface.
 
         Parameters
@@ -151,7 +158,7 @@ class Calibration:
 
         Returns
         -------
-        (..., 2) array, or Projected with ``points`` (..., 2) and ``sigma`` (...,)
+        (..., 2) array, or SurePoints with ``points`` (..., 2) and ``sigma`` (...,)
             Pixels, also of what lies outside the picture; nan behind the camera, where the lens model folds back, and
             for a refused frame. The standard deviation is that of the length of the error, pixels; nan where it is not
             known.
@@ -162,9 +169,9 @@ class Calibration:
     def to_field(self, points_px: ArrayLike, sigma: Literal[False] = False) -> Array: ...
 
     @overload
-    def to_field(self, points_px: ArrayLike, sigma: Literal[True]) -> Projected: ...
+    def to_field(self, points_px: ArrayLike, sigma: Literal[True]) -> SurePoints: ...
 
-    def to_field(self, points_px: ArrayLike, sigma: bool = False) -> Array | Projected:
+    def to_field(self, points_px: ArrayLike, sigma: bool = False) -> Array | SurePoints:
         """What points of the field are seen at pixels, such as where the feet of players are.
 
         Parameters
@@ -176,24 +183,24 @@ class Calibration:
 
         Returns
         -------
-        (..., 2) array, or Projected with ``points`` (..., 2) and ``sigma`` (...,)
+        (..., 2) array, or SurePoints with ``points`` (..., 2) and ``sigma`` (...,)
             Metres; nan on and above the horizon, where the ray meets no surface, and for a refused frame. The standard
             deviation is that of the length of the error, metres; nan where it is not known.
         """
         return self._answer(points_px, None if self.view is None else self.view.to_field, sigma)
 
     @staticmethod
-    def _answer(points: ArrayLike, convert: Any, sigma: bool) -> Array | Projected:
+    def _answer(points: ArrayLike, convert: Any, sigma: bool) -> Array | SurePoints:
         given = np.asarray(points, dtype=np.float64)
         if given.ndim == 0 or given.shape[-1] != 2:
             raise ValueError(f"points must be of shape (..., 2), not {given.shape}")
         if convert is None:
             nowhere = np.full(given.shape, np.nan)
-            return Projected(nowhere, nowhere[..., 0]) if sigma else nowhere
+            return SurePoints(nowhere, nowhere[..., 0]) if sigma else nowhere
         if not sigma:
             return convert(given)
-        found: Projected = convert(given, sigma=True)
-        return found if found.sigma is not None else Projected(found.points, np.full(given.shape[:-1], np.nan))
+        found, spread = convert(given, sigma=True)
+        return SurePoints(found, np.full(given.shape[:-1], np.nan) if spread is None else spread)
 
     def transformer(self, size: tuple[float, float] | None = None) -> ViewTransformer:
         """Pixels to the field for tracking tools that call ``transform_points``.

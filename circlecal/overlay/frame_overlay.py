@@ -11,7 +11,7 @@ from circlecal.overlay.canvas import Canvas, Picture, text_size, wrap
 from circlecal.overlay.palette import ACCEPTED, CIRCLE, GREY, INLIER, POINT, REFUSED, TANGENT, TEMPLATE, WHITE
 from circlecal.overlay.template_lines import draw_template
 from circlecal.refusals import explain
-from circlecal.results import Calibration, Check, CircleCandidate, Correspondences
+from circlecal.results import Calibration, Check, CircleCandidate, Correspondences, MarkingMask
 from circlecal.view import FieldView
 
 
@@ -140,15 +140,24 @@ def _draw_what_was_seen(canvas: Canvas, calibration: Calibration) -> None:
     if ellipses is not None and ellipses.all():
         canvas.conic(ellipses.primary.conic, CIRCLE, 1.6)
     elif mask is not None:
-        for candidate in mask.candidates[:1] if mask.conic is None else ():
-            canvas.conic(candidate.conic, CIRCLE, 1.6, dashed=True)
-            draw_candidate_label(canvas, candidate)
         if mask.conic is not None:
             canvas.conic(mask.conic, CIRCLE, 1.6, dashed=True)
+        elif any(arc.gapless for arc in mask.arcs):
+            draw_arcs(canvas, mask)
+        elif mask.candidates:
+            canvas.conic(mask.candidates[0].conic, CIRCLE, 1.6, dashed=True)
+            draw_candidate_label(canvas, mask.candidates[0])
     if cues is not None and cues.halfway is not None:
         canvas.line(cues.halfway.line, TEMPLATE, 1.6)
     elif mask is not None and mask.halfway is not None:
         canvas.polyline(np.stack([mask.halfway.start, mask.halfway.end]), TEMPLATE, 1.6)
+
+
+def draw_arcs(canvas: Canvas, mask: MarkingMask) -> None:
+    """Draw the parts of circles that were seen without a line through their middle."""
+    for arc in (arc for arc in mask.arcs if arc.gapless):
+        canvas.points(arc.points_px, CIRCLE, 3.0)
+        canvas.label("part of a circle", arc.points_px[np.argmin(arc.points_px[:, 1])], CIRCLE, size=0.8)
 
 
 def draw_candidate_label(canvas: Canvas, candidate: CircleCandidate) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from circlecal.geometry.ellipses import orthogonal_distance
 from circlecal.geometry.projective import Array
 from circlecal.overlay.canvas import Canvas, Picture
-from circlecal.overlay.frame_overlay import draw_candidate_label
+from circlecal.overlay.frame_overlay import draw_arcs, draw_candidate_label
 from circlecal.overlay.palette import (
     CLASS_COLORS,
     EDGE_COLORS,
@@ -40,9 +40,11 @@ def mask_picture(image: Picture, mask: MarkingMask, zoom: int) -> Picture:
         canvas.conic(candidate.conic, WHITE, 1.2, dashed=True)
     if mask.conic is not None:
         canvas.conic(mask.conic, VERMILION, 1.0)
-    elif others:
-        canvas.conic(others[0].conic, WHITE, 2.4, dashed=True)
-        draw_candidate_label(canvas, others[0])
+    else:
+        draw_arcs(canvas, mask)
+        if others:
+            canvas.conic(others[0].conic, WHITE, 2.4, dashed=True)
+            draw_candidate_label(canvas, others[0])
     for segment in ((mask.halfway,) if mask.halfway is not None else ()) + mask.lines:
         color = SKY if segment is mask.halfway else PURPLE
         canvas.polyline(np.stack([segment.start, segment.end]), color, 1.0)
