@@ -1,4 +1,13 @@
-"""The camera's parameters, and projection with its analytic Jacobian, for a batch of cameras at once."""
+"""The camera's parameters, and projection with its analytic Jacobian, for a batch of cameras at once.
+
+A field point (x, y) becomes a pixel u in five steps; the derivatives refer to them by number.
+
+1. ``X = (x, y, c d(y))``: on the surface, whose crown c drops by ``d(y)`` per metre.
+2. ``p = R o``, ``o = X - C``: before the camera at C with the rotation ``R = Rz(roll)^T Rx(tilt)^T Rz(pan)^T``.
+3. ``n = (p1, p2) / p3``: on the plane at distance 1.
+4. ``L = 1 + k1 r^2 + k2 r^4``, ``r^2 = s^2 |n|^2``, ``s = 2 f / W``: the lens, in half-widths of the picture.
+5. ``u = F L n + u0``, ``F = diag(f, a f)``: pixels, with the aspect a.
+"""
 
 from __future__ import annotations
 
@@ -25,12 +34,14 @@ PARAMETERS = (
 """Order of the parameter vector.
 
 Focal length as its logarithm; angles in radians; position in metres; principal point as an offset from the image
-centre in pixels; kappa in half-widths; aspect
-as the logarithm of fy / fx; crown in metres; marking width as an offset from the template's in metres; bloom in
-pixels (how far blur moves each edge outwards); length and
-breadth of the field as offsets from the template's in metres.
+centre in pixels; kappa in half-widths; aspect as the logarithm of fy / fx; crown in metres; marking width as an offset
+from the template's in metres; bloom in pixels (how far blur moves each edge outwards); length and breadth of the field
+as offsets from the template's in metres.
 """
 INDEX = {name: k for k, name in enumerate(PARAMETERS)}
+LOG_FOCAL, PAN, TILT, ROLL, KAPPA_1, KAPPA_2 = (INDEX[k] for k in (*PARAMETERS[:4], "kappa_1", "kappa_2"))
+ANGLES, POSITION, PRINCIPAL, KAPPA = slice(1, 4), slice(4, 7), slice(7, 9), slice(9, 11)
+LOG_ASPECT, CROWN = INDEX["log_aspect"], INDEX["crown"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,44 +69,44 @@ class ProjectionModel:
 
 def camera_of(theta: Array, model: ProjectionModel) -> Camera:
     """Camera of one parameter vector (P,)."""
-    focal = np.exp(theta[INDEX["log_focal"]])
+    focal = np.exp(theta[LOG_FOCAL])
     return Camera(
         width=model.width,
         height=model.height,
-        focal_px=np.array([focal, focal * np.exp(theta[INDEX["log_aspect"]])]),
-        principal_point_px=model.center + theta[7:9],
-        angles_rad=theta[1:4].copy(),
-        position_m=theta[4:7].copy(),
-        kappa=theta[9:11].copy(),
+        focal_px=np.array([focal, focal * np.exp(theta[LOG_ASPECT])]),
+        principal_point_px=model.center + theta[PRINCIPAL],
+        angles_rad=theta[ANGLES].copy(),
+        position_m=theta[POSITION].copy(),
+        kappa=theta[KAPPA].copy(),
     )
 
 
 def theta_of(camera: Camera, model: ProjectionModel, crown_m: float = 0.0) -> Array:
     """Parameter vector (P,) of a camera over a surface with a crown; the sizes of the markings are the template's."""
     theta = np.zeros(len(PARAMETERS))
-    theta[0] = np.log(camera.focal_px[0])
-    theta[1:4] = camera.angles_rad
-    theta[4:7] = camera.position_m
-    theta[7:9] = camera.principal_point_px - model.center
-    theta[9:11] = camera.kappa
-    theta[INDEX["log_aspect"]] = np.log(camera.focal_px[1] / camera.focal_px[0])
-    theta[INDEX["crown"]] = crown_m
+    theta[LOG_FOCAL] = np.log(camera.focal_px[0])
+    theta[ANGLES] = camera.angles_rad
+    theta[POSITION] = camera.position_m
+    theta[PRINCIPAL] = camera.principal_point_px - model.center
+    theta[KAPPA] = camera.kappa
+    theta[LOG_ASPECT] = np.log(camera.focal_px[1] / camera.focal_px[0])
+    theta[CROWN] = crown_m
     return theta
 
 
 def rotations(theta: Array) -> Array:
     """World-to-camera rotations (B, 3, 3)."""
-    return rotation_matrix(*theta[:, 1:4].T)
+    return rotation_matrix(*theta[:, ANGLES].T)
 
 
 def homographies(theta: Array, model: ProjectionModel) -> Array:
     """``H_image_field`` (B, 3, 3) of the plane z = 0, to undistorted pixels; not scaled."""
     K = np.zeros((len(theta), 3, 3))
-    K[:, 0, 0] = np.exp(theta[:, 0])
-    K[:, 1, 1] = K[:, 0, 0] * np.exp(theta[:, INDEX["log_aspect"]])
-    K[:, :2, 2] = model.center + theta[:, 7:9]
+    K[:, 0, 0] = np.exp(theta[:, LOG_FOCAL])
+    K[:, 1, 1] = K[:, 0, 0] * np.exp(theta[:, LOG_ASPECT])
+    K[:, :2, 2] = model.center + theta[:, PRINCIPAL]
     K[:, 2, 2] = 1.0
-    return plane_homography(K, rotations(theta), theta[:, 4:7])
+    return plane_homography(K, rotations(theta), theta[:, POSITION])
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,24 +120,23 @@ class Projection:
     theta : (B, P) array
         Parameter vectors.
     model : ProjectionModel
-        Picture size and crown.
+        Picture size and surface.
     rotation : (B, 3, 3) array
-        World to camera.
+        R, world to camera.
     offset, local : (B, 3, N) arrays
-        From the camera to the points, in world and in camera coordinates.
+        o and p, from the camera to the points in world and in camera coordinates.
     drop, slope : (B, N) arrays
-        Drop of the surface per metre of crown, and the surface's slope dz / dy.
+        d, drop of the surface per metre of crown, and ``c d'``, its slope dz / dy.
     inverse_depth : (B, N) array
-        Bounded away from infinity.
+        ``1 / p3``, bounded away from infinity.
     normalised : (B, 2, N) array
-        On the plane at distance 1, before the lens.
+        n, on the plane at distance 1, before the lens.
     r2, lens, lens_slope : (B, N) arrays
-        Squared radius in half-widths, the factor by which the lens moves points outwards, and its derivative by the
-        squared radius.
+        r^2, L and ``L' = dL / dr^2``.
     focal : (B, 2, 1) array
-        Focal lengths in pixels.
+        Diagonal of F, focal lengths in pixels.
     squared_focal : (B, 1) array
-        Square of the first one in half-widths of the picture.
+        s^2.
     """
 
     theta: Array
@@ -152,13 +162,13 @@ class Projection:
     @property
     def unfolded(self) -> NDArray[np.bool_]:
         """Where (B, N) the lens model has not folded back yet."""
-        fold = lens_fold(self.theta[:, INDEX["kappa_1"]], self.theta[:, INDEX["kappa_2"]])
+        fold = lens_fold(self.theta[:, KAPPA_1], self.theta[:, KAPPA_2])
         return np.asarray(self.r2 < fold[:, None], np.bool_)
 
     @property
     def xy(self) -> Array:
         """Pixels (B, 2, N) with the lens, as whole rows of columns x and of rows y."""
-        principal = self.model.center + self.theta[:, 7:9]
+        principal = self.model.center + self.theta[:, PRINCIPAL]
         return self.focal * self.normalised * self.lens[:, None] + principal[..., None]
 
     @property
@@ -178,41 +188,51 @@ class Projection:
         """Derivative (B, 2, N) of the pixels in directions (x, y) on the field, each broadcast to (B, N)."""
         world = np.empty_like(self.offset)
         world[:, 0], world[:, 1] = x, y
-        np.multiply(self.slope, world[:, 1], out=world[:, 2])
-        local = self.rotation @ world
+        np.multiply(self.slope, world[:, 1], out=world[:, 2])  # 1: dX = (dx, dy, c d' dy)
+        local = self.rotation @ world  # 2: dp = R dX
+        # 3: dn = ((dp1, dp2) - n dp3) / p3
         change = (local[:, :2] - self.normalised * local[:, 2:]) * self.inverse_depth[:, None]
         outward = self.normalised[:, 0] * change[:, 0] + self.normalised[:, 1] * change[:, 1]
-        bend = 2.0 * self.squared_focal * self.lens_slope * outward
-        return self.focal * (change * self.lens[:, None] + self.normalised * bend[:, None])
+        bend = 2.0 * self.squared_focal * self.lens_slope * outward  # 4: dL = L' 2 s^2 n . dn
+        return self.focal * (change * self.lens[:, None] + self.normalised * bend[:, None])  # 5: du = F (L dn + n dL)
 
     def gradient(self, toward: Array) -> tuple[Array, Array]:
-        """Derivatives of ``toward . pixels`` for image vectors (B, 2, N): by the parameters (B, P, N), where sizes of
-        the markings do not enter, and by the field position (B, 2, N).
+        """Derivatives of ``v . u`` for image vectors v (B, 2, N): by the parameters (B, P, N), where sizes of the
+        markings do not enter, and by the field position (B, 2, N).
+
+        The chain rule from the pixel back to the field, each step of the projection transposed.
         """
         theta, n, lens, r2 = self.theta, self.normalised, self.lens, self.r2
+        local, offset = self.local, self.offset
+        rows = np.zeros((len(theta), len(PARAMETERS), local.shape[2]))
+        # 5: u = F L n + u0, so d(v.u) = L w.dn + w.n dL + v.du0 with w = F v
         scaled = toward * self.focal
         outward = scaled * n
-        total = outward[:, 0] + outward[:, 1]
-        by_r2 = self.lens_slope
-        bend = 2.0 * self.squared_focal * by_r2 * total
-        g = np.empty_like(self.local)
-        by_normalised = scaled * lens[:, None] + bend[:, None] * n
+        total = outward[:, 0] + outward[:, 1]  # w.n
+        rows[:, PRINCIPAL] = toward
+        np.multiply(outward[:, 1], lens, out=rows[:, LOG_ASPECT])  # d(a f) = a f dlog(a): w2 n2 L
+        # 4: dL = r^2 dk1 + r^4 dk2 + L' dr^2, and r^2 = s^2 |n|^2 with s ~ f, so dr^2 = 2 s^2 n.dn + 2 r^2 dlog(f)
+        np.multiply(total, r2, out=rows[:, KAPPA_1])
+        np.multiply(rows[:, KAPPA_1], r2, out=rows[:, KAPPA_2])
+        rows[:, LOG_FOCAL] = total * (lens + 2.0 * self.lens_slope * r2)
+        bend = 2.0 * self.squared_focal * self.lens_slope * total
+        by_normalised = scaled * lens[:, None] + bend[:, None] * n  # L w + 2 s^2 L' (w.n) n
+        # 3: dn = ((dp1, dp2) - n dp3) / p3
+        g = np.empty_like(local)
         np.multiply(by_normalised, self.inverse_depth[:, None], out=g[:, :2])
         g[:, 2] = -(g[:, 0] * n[:, 0] + g[:, 1] * n[:, 1])
+        # 2: dp = R (dX - dC) and dR; a rotation R^T about an axis e changes p by -e x p, with e before the camera
         world = np.swapaxes(self.rotation, 1, 2) @ g
-        local, offset = self.local, self.offset
-        c, s = np.cos(theta[:, 3, None]), np.sin(theta[:, 3, None])
-        rows = np.zeros((len(theta), len(PARAMETERS), local.shape[2]))
-        rows[:, 0] = total * (lens + 2.0 * by_r2 * r2)
-        rows[:, 1] = world[:, 0] * offset[:, 1] - world[:, 1] * offset[:, 0]
-        rows[:, 2] = local[:, 2] * (s * g[:, 0] + c * g[:, 1]) - g[:, 2] * (s * local[:, 0] + c * local[:, 1])
-        rows[:, 3] = g[:, 0] * local[:, 1] - g[:, 1] * local[:, 0]
-        np.negative(world, out=rows[:, 4:7])
-        rows[:, 7:9] = toward
-        np.multiply(total, r2, out=rows[:, 9])
-        np.multiply(rows[:, 9], r2, out=rows[:, 10])
-        np.multiply(outward[:, 1], lens, out=rows[:, INDEX["log_aspect"]])
-        np.multiply(self.drop, world[:, 2], out=rows[:, INDEX["crown"]])
+        np.negative(world, out=rows[:, POSITION])
+        # pan: e = R (0, 0, 1), so -g.(e x p) = -(R^T g).((0, 0, 1) x o)
+        rows[:, PAN] = world[:, 0] * offset[:, 1] - world[:, 1] * offset[:, 0]
+        # tilt: e = Rz(roll)^T (1, 0, 0) = (cos, -sin, 0)
+        c, s = np.cos(theta[:, ROLL, None]), np.sin(theta[:, ROLL, None])
+        rows[:, TILT] = local[:, 2] * (s * g[:, 0] + c * g[:, 1]) - g[:, 2] * (s * local[:, 0] + c * local[:, 1])
+        # roll: e = (0, 0, 1)
+        rows[:, ROLL] = g[:, 0] * local[:, 1] - g[:, 1] * local[:, 0]
+        # 1: dX = (dx, dy, c d' dy + d dc)
+        np.multiply(self.drop, world[:, 2], out=rows[:, CROWN])
         field = world[:, :2]
         field[:, 1] += self.slope * world[:, 2]
         return rows, field
@@ -248,6 +268,8 @@ class Projection:
         return np.stack(rows, axis=1).transpose(0, 3, 1, 2), np.stack(fields, axis=1).transpose(0, 3, 1, 2)
 
 
+LEAST_DEPTH_M = 1e-6
+"""A point nearer to the camera's own plane counts as so far before it, metres: it keeps all numbers finite, no more."""
 _SECOND = np.array([[0.0], [1.0]])
 
 
@@ -264,20 +286,20 @@ def project(theta: Array, field_m: Array, model: ProjectionModel) -> Projection:
         Picture size and surface.
     """
     x, y = field_m[..., 0], field_m[..., 1]
-    crown = theta[:, INDEX["crown"], None]
+    crown = theta[:, CROWN, None]
     drop, slope = model.surface.drop(y), model.surface.slope(y)
     offset = np.empty((len(theta), 3, x.shape[1]))
-    offset[:, 0], offset[:, 1], offset[:, 2] = x, y, crown * drop
-    offset -= theta[:, 4:7, None]
+    offset[:, 0], offset[:, 1], offset[:, 2] = x, y, crown * drop  # 1
+    offset -= theta[:, POSITION, None]
     R = rotations(theta)
-    local = R @ offset
+    local = R @ offset  # 2
     depth = local[:, 2]
-    inverse_depth = 1.0 / np.where(np.abs(depth) < 1e-6, 1e-6, depth)
-    normalised = local[:, :2] * inverse_depth[:, None]
-    focal = np.exp(theta[:, 0, None, None] + theta[:, INDEX["log_aspect"], None, None] * _SECOND)
+    inverse_depth = 1.0 / np.where(np.abs(depth) < LEAST_DEPTH_M, LEAST_DEPTH_M, depth)
+    normalised = local[:, :2] * inverse_depth[:, None]  # 3
+    focal = np.exp(theta[:, LOG_FOCAL, None, None] + theta[:, LOG_ASPECT, None, None] * _SECOND)
     squared_focal = (2.0 / model.width * focal[:, 0]) ** 2
     r2 = (normalised[:, 0] ** 2 + normalised[:, 1] ** 2) * squared_focal
-    lens, lens_slope = lens_factor(r2, theta[:, 9, None], theta[:, 10, None])
+    lens, lens_slope = lens_factor(r2, theta[:, KAPPA_1, None], theta[:, KAPPA_2, None])  # 4
     return Projection(
         theta, model, R, offset, local, drop, crown * slope, inverse_depth, normalised, r2, lens, lens_slope, focal,
         squared_focal,
