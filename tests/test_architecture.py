@@ -299,6 +299,43 @@ def test_everything_public_has_a_docstring(file):
     assert not missing
 
 
+ONE_DEFINITION = {
+    "lens": (
+        {"geometry/camera.py", "evaluation/soccernet_metric.py"},
+        re.compile(r"\b[135](\.0)? [*+] .*(\bk1|\bk2|kappa|\.radial)\b"),
+    ),
+    "surface": ({"geometry/surface.py"}, re.compile(r"/ (\w+\.)*reference_m\b")),
+    "projection": (
+        {
+            "geometry/camera.py",
+            "geometry/camera_parameters.py",
+            "camera/viewing_coordinates.py",
+            "evaluation/reading.py",
+            "evaluation/soccernet_metric.py",
+        },
+        re.compile(r"\brotation_matrix\(|\brotations\(|\.R @|@ (\w+\.)+(R|rotation)\b"),
+    ),
+}
+"""Where a formula is written down, and what gives it away elsewhere.
+
+``evaluation`` reads cameras as the official metric does, with OpenCV's full lens model, and must not depend on what it
+judges; the viewing coordinates are other parameters of the same pose.
+"""
+
+
+@pytest.mark.parametrize("formula", ONE_DEFINITION)
+def test_lens_surface_and_projection_are_defined_once(formula):
+    homes, telltale = ONE_DEFINITION[formula]
+    found = {
+        str(file.relative_to(PACKAGE)): f"{_name(file)}:{node.lineno} {ast.unparse(node)}"
+        for file in FILES
+        for node in ast.walk(_tree(file))
+        if isinstance(node, ast.BinOp | ast.Call) and telltale.search(ast.unparse(node))
+    }
+    assert set(found) <= homes, "\n".join(found[file] for file in set(found) - homes)
+    assert next(iter(sorted(homes))) in found, "the formula is no longer recognised where it belongs"
+
+
 def test_no_machine_paths():
     folders = ("circlecal", "configs", "tests", "samples", ".ci")
     files = [f for name in folders for f in (ROOT / name).rglob("*") if f.is_file()]

@@ -242,9 +242,9 @@ def bend_surface(problem: Problem, state: State) -> tuple[Problem, State]:
     y = np.empty_like(state.values)
     y[:, :count] = curve_points(problem.curves, state.feet, state.theta)[0][..., 1]
     y[:, count:] = problem.points.twice[0][1]
-    # so many times as far as the roof with the same crown has the parabola fallen there
+    # so many times as far as the roof with the same crown has the parabola fallen there: t^2 / |t|
+    further = problem.model.surface.drop(y)
     surface = replace(problem.model.surface, shape="parabola")
-    further = np.abs(y) / surface.reference_m
     by_crown, crown = state.jacobian[..., index], state.theta[:, index, None]
     like = crown * (further**3).sum(axis=1, keepdims=True) / np.maximum((further**4).sum(axis=1, keepdims=True), 1e-12)
     theta, jacobian = state.theta.copy(), state.jacobian.copy()

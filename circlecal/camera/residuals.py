@@ -13,7 +13,8 @@ from functools import cached_property
 
 import numpy as np
 
-from circlecal.geometry.camera_parameters import INDEX, ProjectionModel, project, rotations
+from circlecal.geometry.camera import NEAREST_M
+from circlecal.geometry.camera_parameters import INDEX, ProjectionModel, level_points, project
 from circlecal.geometry.projective import Array, Indices, Mask
 
 
@@ -180,8 +181,6 @@ LARGEST_MOVE = (20.0, 0.5)
 """Of a foot in one Newton step: metres along a line, radians on a circle."""
 FOOT_SAMPLES, LONGEST_LINE_M = 72, 110.0
 """Of each marking from which the nearest are taken, 5 degrees of a circle apart; and over which length of a line."""
-NEAREST_M = 0.1
-"""Depth before a camera within which nothing is seen."""
 SIZES = [INDEX["width"], INDEX["length"], INDEX["breadth"]]
 """Parameters that move the markings on the field rather than the camera."""
 
@@ -249,7 +248,7 @@ def sample_feet(curves: CurvePoints, theta: Array, model: ProjectionModel, sampl
     grid = np.where(straight, np.linspace(0.0, LONGEST_LINE_M, samples), turn)
     places, *_ = _on_markings(markings, np.broadcast_to(grid.reshape(1, -1), (len(theta), grid.size)), theta)
     seen = project(theta, np.swapaxes(places, 1, 2), model)
-    pixels = np.where(seen.depth[:, None] > NEAREST_M, seen.xy, np.inf).reshape(len(theta), 2, *shape)
+    pixels = np.where(seen.visible[:, None], seen.xy, np.inf).reshape(len(theta), 2, *shape)
     nearest = np.empty((len(theta), len(curves.points_px)))
     for k in range(len(first)):
         index = np.flatnonzero(marking == k)
@@ -263,17 +262,7 @@ def ground_feet(curves: CurvePoints, theta: Array, model: ProjectionModel) -> Ar
     """Foot parameters (B, N) of where the points lie on level ground: near enough to the nearest points for cameras
     that are nearly right.
     """
-    focal = np.exp(theta[:, 0, None])
-    offset = curves.points_px.T - (model.center + theta[:, 7:9])[..., None]
-    r2 = (offset[:, 0] ** 2 + offset[:, 1] ** 2) * (2.0 / model.width) ** 2
-    rays = np.empty((len(theta), 3, offset.shape[-1]))
-    rays[:, :2] = offset / (focal * (1.0 + theta[:, 9, None] * r2))[:, None]
-    rays[:, 1] *= np.exp(-theta[:, INDEX["log_aspect"], None])
-    rays[:, 2] = 1.0
-    world = np.swapaxes(rotations(theta), 1, 2) @ rays
-    reach = -theta[:, 6, None] / np.maximum(world[:, 2], 1e-2)
-    x = theta[:, 4, None] + reach * world[:, 0] - curves.origin[..., 0]
-    y = theta[:, 5, None] + reach * world[:, 1] - curves.origin[..., 1]
+    x, y = np.moveaxis(level_points(theta, curves.points_px, model) - curves.origin, -1, 0)
     on_line = x * curves.direction[..., 0] + y * curves.direction[..., 1]
     return np.where(curves.radius > 0, np.arctan2(y, x), on_line)
 

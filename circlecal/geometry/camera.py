@@ -12,8 +12,10 @@ from circlecal.geometry.homography import scale_homography
 from circlecal.geometry.projective import Array, lift
 from circlecal.geometry.surface import FLAT, Surface
 
-NEAREST_M = 1e-3
-"""Depth from which on a point counts as in front of the camera, metres: keeps divisions finite, no more."""
+NEAREST_M = 0.1
+"""Depth from which on a point counts as in front of the camera, metres: no camera stands nearer to a marking that it
+shows, and closer to its own plane pixels run away to millions.
+"""
 _LENS_ROUNDS, _LENS_TOLERANCE = 60, 1e-9
 """Steps of Newton's iteration for the inverse of the lens, and the relative step that ends it; four or five are usual,
 near the fold its convergence is linear.

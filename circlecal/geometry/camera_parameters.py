@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.geometry.camera import (
+    NEAREST_M,
     Camera,
     image_center,
     lens_factor,
@@ -160,10 +161,10 @@ class Projection:
         return np.asarray(self.local[:, 2])
 
     @property
-    def unfolded(self) -> NDArray[np.bool_]:
-        """Where (B, N) the lens model has not folded back yet."""
+    def visible(self) -> NDArray[np.bool_]:
+        """Where (B, N) the point lies in front of the camera, and the lens model has not folded back yet."""
         fold = lens_fold(self.theta[:, KAPPA_1], self.theta[:, KAPPA_2])
-        return np.asarray(self.r2 < fold[:, None], np.bool_)
+        return np.asarray((self.depth > NEAREST_M) & (self.r2 < fold[:, None]), np.bool_)
 
     @property
     def xy(self) -> Array:
@@ -270,6 +271,10 @@ class Projection:
 
 LEAST_DEPTH_M = 1e-6
 """A point nearer to the camera's own plane counts as so far before it, metres: it keeps all numbers finite, no more."""
+LEAST_DESCENT = 1e-2
+"""Of a ray of unit depth, in metres: what is seen at the horizon lies a hundred times as far away as the camera is
+high.
+"""
 _SECOND = np.array([[0.0], [1.0]])
 
 
@@ -304,6 +309,24 @@ def project(theta: Array, field_m: Array, model: ProjectionModel) -> Projection:
         theta, model, R, offset, local, drop, crown * slope, inverse_depth, normalised, r2, lens, lens_slope, focal,
         squared_focal,
     )  # fmt: skip
+
+
+def level_points(theta: Array, pixels: Array, model: ProjectionModel) -> Array:
+    """About where pixels (N, 2) lie on level ground, (B, N, 2) for the cameras of ``theta`` (B, P).
+
+    Always a point: a ray at or above the horizon is taken to descend by one in a hundred. The lens is taken back by its
+    first coefficient in one step, which is near enough to start from; :meth:`Camera.back_project` is exact.
+    """
+    focal = np.exp(theta[:, LOG_FOCAL, None])
+    offset = pixels.T - (model.center + theta[:, PRINCIPAL])[..., None]
+    offset[:, 1] *= np.exp(-theta[:, LOG_ASPECT, None])
+    r2 = (offset[:, 0] ** 2 + offset[:, 1] ** 2) * (2.0 / model.width) ** 2
+    rays = np.empty((len(theta), 3, offset.shape[-1]))
+    rays[:, :2] = offset / (focal * lens_factor(r2, theta[:, KAPPA_1, None], 0.0)[0])[:, None]
+    rays[:, 2] = 1.0
+    world = np.swapaxes(rotations(theta), 1, 2) @ rays
+    reach = -theta[:, POSITION.start + 2, None] / np.maximum(world[:, 2], LEAST_DESCENT)
+    return np.swapaxes(theta[:, POSITION.start : POSITION.start + 2, None] + reach[:, None] * world[:, :2], 1, 2)
 
 
 def active_parameters(sd: Array) -> NDArray[np.int_]:

@@ -11,10 +11,8 @@ from circlecal.field import FieldTemplate
 from circlecal.geometry.camera_parameters import ProjectionModel, project
 from circlecal.geometry.projective import Array
 
-NEAREST_M, FARTHEST_WIDTHS = 0.5, 4.0
-"""Depth before the camera from which on the field counts as seen, and how far from the picture's corner it does, in
-picture widths.
-"""
+FARTHEST_WIDTHS = 4.0
+"""How far from the picture's corner the field counts as seen, in picture widths."""
 SAMPLES = 48
 """Along each line of the template, and along each seen one."""
 EXPECTED_WIDTHS = 0.15
@@ -62,7 +60,7 @@ def drawn_markings(theta: Array, places_m: Array, model: ProjectionModel) -> Dra
     tangent /= np.maximum(np.hypot(tangent[..., :1], tangent[..., 1:]), 1e-9)
     normals = np.stack([-tangent[..., 1], tangent[..., 0]], axis=-1)
     by_theta, by_field = (rows[0] for rows in seen.gradient(normals.reshape(1, -1, 2).swapaxes(1, 2)))
-    ahead = ((seen.depth[0] > NEAREST_M) & seen.unfolded[0]).reshape(shape)
+    ahead = seen.visible[0].reshape(shape)
     ahead &= (np.abs(pixels) < FARTHEST_WIDTHS * model.width).all(axis=-1)
     first, last = pixels[:, :-1], pixels[:, 1:]
     met = (np.maximum(first, last) > 0) & (np.minimum(first, last) < (model.width, model.height))

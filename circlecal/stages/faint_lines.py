@@ -30,8 +30,6 @@ NODES = 400
 """Along each marking of the template."""
 SHORTEST_WIDTHS = 0.15
 """Shorter parts of a marking, picture widths, are not looked for."""
-NEAREST_M = 0.5
-"""Depth before the camera from which on the field counts as seen."""
 SIGMAS, LEAST_SHIFT_PX, LARGEST_SHIFT_PX = 3.5, 60.0, 160.0
 """How far a marking is shifted: standard deviations of its place, at least so far (what the others are compared with),
 and no further.
@@ -125,7 +123,7 @@ def _course(fit: CameraFit, model: ProjectionModel, ends: Array, shift: Array) -
     share = np.linspace(0.0, 1.0, NODES)
     seen = project(fit.theta[None], (start + span * share[:, None])[None], model)
     pixels = seen.pixels[0]
-    ahead = (seen.depth[0] > NEAREST_M) & seen.unfolded[0]
+    ahead = seen.visible[0]
     inside = np.flatnonzero(ahead & ((pixels >= 0) & (pixels <= (model.width - 1, model.height - 1))).all(axis=1))
     if len(inside) < 3:
         return None

@@ -13,6 +13,15 @@ from numpy.typing import NDArray
 
 from circlecal.field import Circle, FieldTemplate, load_field
 from circlecal.geometry.camera import Camera, image_center
+from circlecal.geometry.camera_parameters import (
+    ANGLES,
+    INDEX,
+    PARAMETERS,
+    POSITION,
+    ProjectionModel,
+    camera_of,
+    project,
+)
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import FLAT, Surface
 from circlecal.synthetic.views import CAMERA_PROFILES, VIEWS, CameraProfile, View
@@ -32,59 +41,28 @@ _OTHERS_STEP_M = 0.5
 
 @dataclass(frozen=True, slots=True)
 class _Candidates:
-    """N cameras at once: ``focal_px`` (N,), ``angles_rad`` (N, 3), ``position_m`` (N, 3)."""
+    """N cameras at once, by their parameters ``theta`` (N, P)."""
 
-    width: int
-    height: int
-    kappa: float
-    focal_px: Array
-    angles_rad: Array
-    position_m: Array
+    model: ProjectionModel
+    theta: Array
 
     def kept(self, chosen: NDArray[np.bool_]) -> _Candidates:
         """The chosen ones."""
-        return replace(
-            self, focal_px=self.focal_px[chosen], angles_rad=self.angles_rad[chosen], position_m=self.position_m[chosen]
-        )
-
-    def rotations(self) -> Array:
-        """World-to-camera rotations (N, 3, 3), as :func:`circlecal.geometry.camera.rotation_matrix`."""
-        (cp, ct, cr), (sp, st, sr) = np.cos(self.angles_rad).T, np.sin(self.angles_rad).T
-        zero = np.zeros_like(cp)
-        level_x, level_y = np.stack([cp, sp, zero], axis=-1), np.stack([-sp * ct, cp * ct, st], axis=-1)
-        axis = np.stack([sp * st, -cp * st, ct], axis=-1)
-        cr, sr = cr[:, None], sr[:, None]
-        return np.stack([level_x * cr + level_y * sr, level_y * cr - level_x * sr, axis], axis=1)
+        return replace(self, theta=self.theta[chosen])
 
     def project(self, points_m: Array) -> Array:
-        """Distorted pixels (N, M, 2) of points (M, 3); nan behind a camera."""
-        R = self.rotations()
-        seen = points_m @ R.transpose(0, 2, 1) - np.einsum("nij,nj->ni", R, self.position_m)[:, None]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            offset = (
-                np.where(seen[..., 2:] > 1e-3, seen[..., :2] / seen[..., 2:], np.nan) * self.focal_px[:, None, None]
-            )
-        r2 = np.sum(offset**2, axis=-1, keepdims=True) / (self.width / 2.0) ** 2
-        # a barrel lens maps what is far outside back into the picture: not seen
-        offset = np.where(1.0 + 3.0 * self.kappa * r2 > 0.0, offset, np.nan)
-        return np.asarray(offset * (1.0 + self.kappa * r2) + image_center(self.width, self.height))
+        """Pixels (N, M, 2) of field points (M, 2); nan where they are not seen."""
+        seen = project(self.theta, points_m[None], self.model)
+        return np.where(seen.visible[..., None], seen.pixels, np.nan)
 
-    def camera(self, index: int) -> Camera:
-        """One of them."""
-        return Camera(
-            width=self.width,
-            height=self.height,
-            focal_px=np.full(2, self.focal_px[index]),
-            principal_point_px=image_center(self.width, self.height),
-            angles_rad=self.angles_rad[index].copy(),
-            position_m=self.position_m[index].copy(),
-            kappa=np.array([self.kappa, 0.0]),
-        )
+    def inside(self, points_m: Array, margin_px: float = 0.0) -> NDArray[np.bool_]:
+        """Which field points (M, 2) lie within the picture (N, M), so far from its border."""
+        return inside_frame(self.project(points_m), self.model.width, self.model.height, margin_px)
 
 
 @dataclass(frozen=True, slots=True)
 class _FieldPoints:
-    """Points (N, 3) of the surface that the views are judged by."""
+    """Field points (N, 2) that the views are judged by."""
 
     rim: Array
     halfway: Array
@@ -154,7 +132,7 @@ def sample_camera(
         view = replace(view, offset_m=offset_m)
     field = template or soccer()
     circle = field.circle_by_name[field.default_circle]
-    points = _field_points(field, surface)
+    points = _field_points(field)
     for attempt in range(_POSITIONS * _BATCHES_A_POSITION):
         if attempt % _BATCHES_A_POSITION == 0:
             position = _draw_position(view, rng)
@@ -162,17 +140,17 @@ def sample_camera(
                 position = like.position_m - np.array([*circle.center, 0.0])
         if arc_deg is not None and attempt == _HALFWAY_POSITIONS * _BATCHES_A_POSITION:
             view = replace(view, halfway_px=0.0)
-        candidates = _aim(position, view, circle, rng, (width, height), kappa)
+        candidates = _aim(position, view, circle, rng, (width, height), kappa, surface)
         if like is not None:
-            candidates.angles_rad[:, 2] = like.angles_rad[2]
+            candidates.theta[:, INDEX["roll"]] = like.angles_rad[2]
         candidates = _with_circle_as_wanted(candidates, view, points, arc_deg)
         if view.only_circle:
             candidates = _without_others(candidates, points)
         candidates = _with_halfway_line(candidates, view, points)
         candidates = _with_other_markings(candidates, view, points)
         candidates = _with_little_foreground(candidates, view, field)
-        if len(candidates.focal_px):
-            return candidates.camera(0)
+        if len(candidates.theta):
+            return camera_of(candidates.theta[0], candidates.model)
     raise ValueError(
         f"no camera found for profile {profile!r}"
         + (f" with an arc of {arc_deg:g} degrees" if arc_deg is not None else "")
@@ -241,7 +219,13 @@ def _draw_position(view: View, rng: np.random.Generator) -> Array:
 
 
 def _aim(
-    position: Array, view: View, circle: Circle, rng: np.random.Generator, size: tuple[int, int], kappa: float
+    position: Array,
+    view: View,
+    circle: Circle,
+    rng: np.random.Generator,
+    size: tuple[int, int],
+    kappa: float,
+    surface: Surface,
 ) -> _Candidates:
     """Zooms, aims and rolls of a camera at a position relative to the middle of the circle."""
     width, height = size
@@ -258,14 +242,13 @@ def _aim(
     pan = np.arctan2(-x, y) - np.arctan2(aside, focal)
     tilt = np.arctan2(np.hypot(x, y), -z) + np.arctan2(below, focal)
     roll = np.radians(view.roll_sd_deg) * _draw_cut_normal(rng, _BATCH)
-    drawn = _Candidates(
-        width=width,
-        height=height,
-        kappa=kappa,
-        focal_px=focal,
-        angles_rad=np.stack([pan, tilt, roll], axis=-1),
-        position_m=np.broadcast_to(position + np.array([*circle.center, 0.0]), (_BATCH, 3)),
-    )
+    theta = np.zeros((_BATCH, len(PARAMETERS)))
+    theta[:, INDEX["log_focal"]] = np.log(focal)
+    theta[:, ANGLES] = np.stack([pan, tilt, roll], axis=-1)
+    theta[:, POSITION] = position + np.array([*circle.center, 0.0])
+    theta[:, INDEX["kappa_1"]] = kappa
+    theta[:, INDEX["crown"]] = surface.crown_m
+    drawn = _Candidates(ProjectionModel(width, height, replace(surface, crown_m=1.0)), theta)
     bounds = np.asarray(view.focal_px) * width / _DESIGN_WIDTH
     return drawn.kept((focal >= bounds[0]) & (focal <= bounds[1]))
 
@@ -282,13 +265,9 @@ def _rim(template: FieldTemplate, angles: Array) -> Array:
     return np.asarray(circle.center) + radius * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
 
 
-def _field_points(template: FieldTemplate, surface: Surface) -> _FieldPoints:
+def _field_points(template: FieldTemplate) -> _FieldPoints:
     angles = np.arange(_CIRCLE_SAMPLES) / _CIRCLE_SAMPLES * 2 * np.pi
-    return _FieldPoints(
-        rim=surface.lift(_rim(template, angles)),
-        halfway=surface.lift(_halfway_points(template)),
-        others=surface.lift(other_markings(template)),
-    )
+    return _FieldPoints(_rim(template, angles), _halfway_points(template), other_markings(template))
 
 
 def _with_circle_as_wanted(
@@ -302,7 +281,7 @@ def _with_circle_as_wanted(
         lowest, highest = (arc_deg - slack) / 360.0, (arc_deg + slack) / 360.0
     margin = FULL_MARGIN_PX if lowest >= 1.0 else 0.0
     for stride in (_COARSE_STRIDE, 1):
-        inside = inside_frame(candidates.project(points.rim[::stride]), candidates.width, candidates.height, margin)
+        inside = candidates.inside(points.rim[::stride], margin)
         share = inside.mean(axis=1)
         runs = np.sum(inside & ~np.roll(inside, 1, axis=1), axis=1)
         # an arc end may lie anywhere between two samples
@@ -330,15 +309,15 @@ def _with_halfway_line(candidates: _Candidates, view: View, points: _FieldPoints
     lowest, highest = view.halfway_px, view.halfway_most_px
     if lowest <= 0.0 and np.isinf(highest):
         return candidates
-    length = _visible_length(candidates.project(points.halfway), candidates.width, candidates.height)
-    unit = candidates.width / _DESIGN_WIDTH
+    length = _visible_length(candidates.project(points.halfway), candidates.model.width, candidates.model.height)
+    unit = candidates.model.width / _DESIGN_WIDTH
     return candidates.kept((length >= lowest * unit) & (length <= highest * unit))
 
 
 def _with_other_markings(candidates: _Candidates, view: View, points: _FieldPoints) -> _Candidates:
     if view.others_m <= 0.0:
         return candidates
-    seen = inside_frame(candidates.project(points.others), candidates.width, candidates.height).sum(axis=1)
+    seen = candidates.inside(points.others).sum(axis=1)
     return candidates.kept(np.asarray(seen * _OTHERS_STEP_M >= view.others_m))
 
 
@@ -346,14 +325,13 @@ def _with_little_foreground(candidates: _Candidates, view: View, template: Field
     if not np.isfinite(view.foreground_m):
         return candidates
     x, y = template.length_m / 6, template.width_m / 2 + view.foreground_m
-    below = candidates.project(np.array([[-x, y, 0.0], [0.0, y, 0.0], [x, y, 0.0]]))[..., 1]
-    return candidates.kept(np.asarray(~np.any(below < candidates.height, axis=1)))
+    below = candidates.project(np.array([[-x, y], [0.0, y], [x, y]]))[..., 1]
+    return candidates.kept(np.asarray(~np.any(below < candidates.model.height, axis=1)))
 
 
 def _without_others(candidates: _Candidates, points: _FieldPoints) -> _Candidates:
     for stride in (_COARSE_STRIDE, 1):
-        pixels = candidates.project(points.others[::stride])
-        seen = inside_frame(pixels, candidates.width, candidates.height, -FULL_MARGIN_PX)
+        seen = candidates.inside(points.others[::stride], -FULL_MARGIN_PX)
         candidates = candidates.kept(np.asarray(~seen.any(axis=1)))
     return candidates
 

@@ -120,5 +120,5 @@ def test_a_barrel_lens_folds_what_lies_too_far_out():
     along = np.stack([x, np.zeros_like(x)], axis=-1)
     seen = project(theta, along, ProjectionModel(1920, 1080, Surface("flat")))
     radius = np.sqrt(seen.r2[0])
-    np.testing.assert_array_equal(seen.unfolded[0], radius < np.sqrt(1 / 0.3))
-    assert seen.unfolded.any() and not seen.unfolded.all()
+    np.testing.assert_array_equal(seen.visible[0], radius < np.sqrt(1 / 0.3))
+    assert seen.visible.any() and not seen.visible.all()
