@@ -6,9 +6,7 @@ Pixels are those of the frame as stored (distorted). A picture, an annotation fi
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
-
-import numpy as np
+from typing import Literal
 
 from circlecal.geometry.projective import Array
 
@@ -45,10 +43,6 @@ class LineEnd:
 
     point_px: Array
     crossed: bool
-
-    def to_json(self) -> dict[str, Any]:
-        """JSON-ready mapping."""
-        return {"point_px": _round(self.point_px), "crossed": self.crossed}
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,72 +100,6 @@ class Observations:
     def line(self, name: str) -> LinePoints | None:
         """The points of one named line, or None."""
         return next((line for line in self.lines if line.line == name), None)
-
-    def to_json(self) -> dict[str, Any]:
-        """JSON-ready mapping."""
-        return {
-            "circles": [
-                {
-                    "circle": c.circle,
-                    "edge": c.edge,
-                    "points_px": _round(c.points_px),
-                    "sigma_px": _round(c.sigma_px),
-                }
-                for c in self.circles
-            ],
-            "lines": [
-                {"line": s.line, "points_px": _round(s.points_px), "sigma_px": _round(s.sigma_px)}
-                | ({"ends": [{"point_px": _round(e.point_px), "crossed": e.crossed} for e in s.ends]} if s.ends else {})
-                for s in self.lines
-            ],
-            "marks": [{"mark": m.mark, "point_px": _round(m.point_px), "sigma_px": m.sigma_px} for m in self.marks],
-            "keypoints": [
-                {
-                    "name": k.name,
-                    "field_m": _round(k.field_m),
-                    "point_px": _round(k.point_px),
-                    "sigma_px": k.sigma_px,
-                }
-                for k in self.keypoints
-            ],
-        }
-
-    @staticmethod
-    def from_json(record: dict[str, Any], width: int, height: int) -> Observations:
-        """Inverse of :meth:`to_json` (points come back rounded to 1e-4 px)."""
-
-        def array(value: Any, columns: int | None = None) -> Array:
-            parsed = np.asarray(value, dtype=np.float64)
-            return parsed.reshape(-1, columns) if columns else parsed
-
-        return Observations(
-            width=width,
-            height=height,
-            circles=tuple(
-                CirclePoints(c["circle"], c["edge"], array(c["points_px"], 2), array(c["sigma_px"]))
-                for c in record.get("circles", [])
-            ),
-            lines=tuple(
-                LinePoints(
-                    s["line"],
-                    array(s["points_px"], 2),
-                    array(s["sigma_px"]),
-                    tuple(LineEnd(array(e["point_px"]), bool(e["crossed"])) for e in s.get("ends", [])),
-                )
-                for s in record.get("lines", [])
-            ),
-            marks=tuple(
-                MarkPoint(m["mark"], array(m["point_px"]), float(m["sigma_px"])) for m in record.get("marks", [])
-            ),
-            keypoints=tuple(
-                Keypoint(k["name"], array(k["field_m"]), array(k["point_px"]), float(k["sigma_px"]))
-                for k in record.get("keypoints", [])
-            ),
-        )
-
-
-def _round(values: Array) -> Any:
-    return np.round(np.asarray(values, dtype=np.float64), 4).tolist()
 
 
 def join_observations(first: Observations, second: Observations) -> Observations:

@@ -14,7 +14,8 @@ from circlecal.geometry.projective import apply_homography, normalise_line, tran
 from circlecal.observations import Keypoint, Observations, join_observations
 from circlecal.overlay import draw_overlay, stage_pictures
 from circlecal.pipeline import face_camera, field_of, frame_generator, run, run_observations
-from circlecal.records.record import result_line, result_record
+from circlecal.records.record import result_line
+from circlecal.records.writing import result_record
 from circlecal.refusals import REFUSALS, Confidence
 from circlecal.stages.correspondences import is_turned, turn_correspondences
 from circlecal.stages.homography import turn_fit

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import base64
-import copy
 import html
 import weakref
-from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, overload
@@ -23,7 +21,7 @@ from circlecal.geometry.camera import Camera
 from circlecal.geometry.projective import Array
 from circlecal.pictures.files import as_bgr, read_image
 from circlecal.pictures.video import pictures_at
-from circlecal.records.record import write_result
+from circlecal.records.record import Matrix, ResultRecord, to_mapping, write_result
 from circlecal.records.stored import stored_calibration
 from circlecal.refusals import explain
 from circlecal.results import Attempt, Check, Status
@@ -60,7 +58,7 @@ class Calibration:
 
     def __init__(
         self,
-        record: Mapping[str, Any],
+        record: ResultRecord,
         template: FieldTemplate | None = None,
         *,
         found: results.Calibration | None = None,
@@ -70,7 +68,7 @@ class Calibration:
 
         Parameters
         ----------
-        record : mapping
+        record : ResultRecord
             The content.
         template : FieldTemplate, optional
             The field, where it is none of those that come with circlecal.
@@ -89,29 +87,28 @@ class Calibration:
     @property
     def id(self) -> str:
         """Name of the frame."""
-        return str(self._record["id"])
+        return self._record.id
 
     @property
     def source(self) -> str | None:
         """File or address of the picture, as it was given; None for an array."""
-        path = (self._record.get("source") or {}).get("path")
-        return None if path is None else str(path)
+        return self._record.path
 
     @property
     def time_s(self) -> float | None:
         """Time of the frame in its video, seconds."""
-        return (self._record.get("source") or {}).get("time_s")
+        return None if self._record.source is None else self._record.source.time_s
 
     @property
     def size(self) -> tuple[int, int] | None:
         """Width and height of the picture, pixels; None where it could not be read."""
-        image = self._record.get("image")
-        return None if image is None else (int(image["width"]), int(image["height"]))
+        image = self._record.image
+        return None if image is None else (image.width, image.height)
 
     @property
     def status(self) -> Status:
         """``"calibrated"`` or ``"refused"``."""
-        return "calibrated" if self._record["status"] == "calibrated" else "refused"
+        return self._record.status
 
     @property
     def ok(self) -> bool:
@@ -121,22 +118,22 @@ class Calibration:
     @property
     def code(self) -> str | None:
         """Why it was refused, for programs, such as ``"too_uncertain"``; None where it was not."""
-        return self._record.get("code")
+        return self._record.code
 
     @property
     def reason(self) -> str | None:
         """Why it was refused, for people."""
-        return self._record.get("reason")
+        return self._record.reason
 
     @property
     def help(self) -> str | None:
         """What helps against the refusal."""
-        return None if self.code is None else explain(self.code, self._record.get("stage")).help
+        return None if self.code is None else explain(self.code, self._record.stage).help
 
     @property
     def checks(self) -> tuple[Check, ...]:
         """The checks of the verdict with their values and limits."""
-        return tuple(Check(**check) for check in self._record.get("checks", ()))
+        return self.found.verdict.checks
 
     # --- between picture and field
 
@@ -221,16 +218,12 @@ class Calibration:
     @property
     def H_image_field(self) -> Array | None:
         """Homography (3, 3) from field points in metres to undistorted pixels (those of ``cv2.undistort``)."""
-        return self._array("H_image_field")
+        return _array(self._record.H_image_field)
 
     @property
     def H_field_image(self) -> Array | None:
         """Homography (3, 3) from undistorted pixels to field points in metres."""
-        return self._array("H_field_image")
-
-    def _array(self, key: str) -> Array | None:
-        value = self._record.get(key)
-        return None if value is None else np.asarray(value, dtype=np.float64)
+        return _array(self._record.H_field_image)
 
     # --- the camera
 
@@ -268,16 +261,12 @@ class Calibration:
     @property
     def sigma_px(self) -> float | None:
         """Largest predicted standard deviation of a marking near the circle, pixels."""
-        return self._of_camera("max_sigma_px")
+        return None if self._record.camera is None else self._record.camera.max_sigma_px
 
     @property
     def sigma_m(self) -> float | None:
         """Largest predicted standard deviation on the field near the circle, metres."""
-        return self._of_camera("max_sigma_m")
-
-    def _of_camera(self, key: str) -> float | None:
-        value = (self._record.get("camera") or {}).get(key)
-        return None if value is None else float(value)
+        return None if self._record.camera is None else self._record.camera.max_sigma_m
 
     # --- what it was made of
 
@@ -292,8 +281,8 @@ class Calibration:
         """
         if self._given_template is not None:
             return self._given_template
-        known = self._record.get("field") or {}
-        return load_field(known.get("template", "soccer"), known.get("sizes"))
+        known = self._record.field
+        return load_field("soccer") if known is None else load_field(known.template, known.sizes)
 
     @cached_property
     def found(self) -> results.Calibration:
@@ -373,7 +362,7 @@ class Calibration:
 
     def to_dict(self) -> dict[str, Any]:
         """Content of the result file, ready for ``json.dumps``; every key is explained in ``circlecal/formats``."""
-        return copy.deepcopy(dict(self._record))
+        return to_mapping(self._record)
 
     def save(self, path: str | Path) -> Path:
         """Write the result file, which :func:`circlecal.load` reads.
@@ -395,7 +384,7 @@ class Calibration:
         """
         file = Path(path)
         file = file if file.suffix else file / f"{self.id}.json"
-        write_result(file, dict(self._record))
+        write_result(file, self._record)
         return file
 
     # --- as a value
@@ -403,16 +392,16 @@ class Calibration:
     @cached_property
     def _content(self) -> dict[str, Any]:
         """What counts: everything but how long it took and which version of the program it was."""
-        return {key: value for key, value in self._record.items() if key not in ("timings_ms", "version")}
+        return {key: value for key, value in self.to_dict().items() if key not in ("timings_ms", "version")}
 
     def __eq__(self, other: object) -> bool:
         return self._content == other._content if isinstance(other, Calibration) else NotImplemented
 
     def __hash__(self) -> int:
-        return hash((self.id, self.source, self.code, str(self._record.get("H_image_field"))))
+        return hash((self.id, self.source, self.code, str(self._record.H_image_field)))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Calibration, (dict(self._record), self._given_template)
+        return Calibration, (self._record, self._given_template)
 
     @property
     def _size_text(self) -> str:
@@ -462,3 +451,7 @@ class Calibration:
         _, content = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _SHOWN_QUALITY])
         text = base64.b64encode(content.tobytes()).decode()
         return f"<img alt='{html.escape(self.id)}' src='data:image/jpeg;base64,{text}'>"
+
+
+def _array(value: Matrix | None) -> Array | None:
+    return None if value is None else np.asarray(value, dtype=np.float64)

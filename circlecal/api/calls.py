@@ -23,7 +23,7 @@ from circlecal.pictures.files import PictureFile, as_bgr, read_image
 from circlecal.pictures.masks import as_class_ids, read_mask
 from circlecal.pictures.video import Sampling, Video
 from circlecal.pipeline import Convention, field_of, in_convention, run, run_observations
-from circlecal.records.record import result_record
+from circlecal.records.writing import result_record
 
 Points = Mapping[Any, ArrayLike]
 """Pixels by the name of a marking or point of the field, or by a field point in metres."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -11,10 +10,9 @@ from typing import Any, overload
 from circlecal.api.calibration import Calibration
 from circlecal.errors import InputError
 from circlecal.field import FieldTemplate, load_field
-from circlecal.records.log import RESULTS_NAME
+from circlecal.records.log import RESULTS_NAME, read_records
 from circlecal.records.parquet import table_row
-from circlecal.records.reading import read_records
-from circlecal.records.record import read_record
+from circlecal.records.record import GIVE_A_RESULT, ResultRecord, ResultRow, parse_record, read_result
 
 
 class Run(Sequence[Calibration]):
@@ -46,7 +44,7 @@ class Run(Sequence[Calibration]):
 
     @cached_property
     def _number_by_id(self) -> dict[str, int]:
-        return {record["id"]: number for number, record in enumerate(read_records(self.path))}
+        return {row.id: number for number, row in enumerate(read_records(self.path, ResultRow))}
 
     def __len__(self) -> int:
         return len(self._lines)
@@ -68,7 +66,8 @@ class Run(Sequence[Calibration]):
         start, length = self._lines[number]
         with self.path.open("rb") as file:
             file.seek(start)
-            return Calibration(json.loads(file.read(length)), self._template)
+            content = file.read(length)
+        return Calibration(parse_record(content, ResultRecord, str(self.path), GIVE_A_RESULT), self._template)
 
     def __contains__(self, frame: object) -> bool:
         """Whether there is a result of a frame's id, or a calibration."""
@@ -113,4 +112,4 @@ def load(path: str | Path, field: str | Path | None = None) -> Calibration | Any
         if not file.is_file():
             raise InputError(f"{file}: no such file; give a result file, a results.jsonl, or the folder of a run")
         return Run(file, template)
-    return Calibration(read_record(file), template)
+    return Calibration(read_result(file), template)

@@ -8,7 +8,6 @@ import logging
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +36,8 @@ from circlecal.pictures.files import (
 from circlecal.pictures.masks import find_mask, read_mask
 from circlecal.pictures.remote import read_url
 from circlecal.pipeline import Convention, field_of, in_convention, run_observations
-from circlecal.records.record import result_record, write_result
+from circlecal.records.record import ResultRecord, write_result
+from circlecal.records.writing import result_record
 from circlecal.results import Calibration
 from circlecal.stages.mask import require_mask_network
 
@@ -165,7 +165,7 @@ class FrameRun:
         """File of a frame."""
         return frame.source if isinstance(frame, PictureFile) else str(frame.path)
 
-    def record(self, frame: PictureFile | FrameOfFile) -> dict[str, Any]:
+    def record(self, frame: PictureFile | FrameOfFile) -> ResultRecord:
         """Calibrate a picture or a frame of an annotation file, write what belongs to it, return its record.
 
         Raises
@@ -175,24 +175,17 @@ class FrameRun:
         """
         template, circle = field_of(self.config)
         if isinstance(frame, FrameOfFile):
+            picture = None if self.out is None else _picture_of(frame)
             calibration = calibrate_observed(frame.observed, self.config, frame.path, self.convention)
+            record = result_record(calibration, template, digest=self.digest)
             if self.exports is not None:
                 in_force = in_convention(template, self.convention)
-                self.exports.add(calibration, in_force, circle, frame.image, frame.observed)
-            return self._written(calibration, template, None if self.out is None else _picture_of(frame))
-        picture, calibration = calibrate_frame(frame, self.config, self.mask, self.keypoints, self.format_name)
-        if self.exports is not None:
-            self.exports.add(calibration, template, circle, frame.path.name)
-        return self._written(calibration, template, picture, frame.time_s)
-
-    def _written(
-        self,
-        calibration: Calibration,
-        template: FieldTemplate,
-        picture: NDArray[np.uint8] | None,
-        time_s: float | None = None,
-    ) -> dict[str, Any]:
-        record = result_record(calibration, template, time_s=time_s, digest=self.digest)
+                self.exports.add(record, in_force, circle, frame.image, frame.observed)
+        else:
+            picture, calibration = calibrate_frame(frame, self.config, self.mask, self.keypoints, self.format_name)
+            record = result_record(calibration, template, time_s=frame.time_s, digest=self.digest)
+            if self.exports is not None:
+                self.exports.add(record, template, circle, frame.path.name)
         if self.out is not None:
             write_outputs(picture, calibration, record, self.config, self.out)
         return record
@@ -225,7 +218,7 @@ def require_networks(config: Config) -> None:
 
 
 def write_outputs(
-    image: NDArray[np.uint8] | None, calibration: Calibration, record: dict[str, Any], config: Config, out: Path
+    image: NDArray[np.uint8] | None, calibration: Calibration, record: ResultRecord, config: Config, out: Path
 ) -> None:
     """Write a result's record as ``<id>.json``, and the pictures that the configuration asks for, into a folder.
 

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import logging
-from typing import Any, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 from circlecal.errors import CirclecalError
 from circlecal.records.log import Finished
-from circlecal.records.record import failed_record
+from circlecal.records.record import ResultRecord
+from circlecal.records.writing import failed_record
 from circlecal.results import Verdict
 
 _log = logging.getLogger(__name__)
-
-Record = dict[str, Any]
 
 
 class Named(Protocol):
@@ -41,7 +40,7 @@ class Task(Protocol[F_contra]):
     def source(self, frame: F_contra) -> str:
         """File of a frame, for messages and records."""
 
-    def record(self, frame: F_contra) -> Record:
+    def record(self, frame: F_contra) -> ResultRecord:
         """The finished frame's record; a :class:`circlecal.errors.CirclecalError` makes it an unreadable one."""
 
 
@@ -57,7 +56,7 @@ def finish(task: Task[F], frame: F) -> Finished:
         return Finished.of(failed(task, frame, "internal_error", reason))
 
 
-def failed(task: Task[F], frame: F, code: str, reason: str) -> Record:
+def failed(task: Task[F], frame: F, code: str, reason: str) -> ResultRecord:
     """Record of a frame that never reached the pipeline."""
     verdict = Verdict("refused", code, reason, "input")
     time_s = getattr(frame, "time_s", None)  # of a video

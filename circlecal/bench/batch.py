@@ -16,10 +16,11 @@ import numpy as np
 
 from circlecal.batch import BatchProgress, run_batch
 from circlecal.batch.frames import FrameRun
-from circlecal.batch.task import Record, failed
+from circlecal.batch.task import failed
 from circlecal.config import load_config
 from circlecal.pictures.files import PictureFile, find_frames
 from circlecal.records.log import INDEX_NAME, RESULTS_NAME, ResultLog
+from circlecal.records.record import ResultRecord
 from circlecal.synthetic.sampling import SceneProfile, render_frame
 
 _PROFILE: SceneProfile = "easy"
@@ -88,10 +89,10 @@ class _Timed:
     def source(self, frame: PictureFile) -> str:
         return self.run.source(frame)
 
-    def record(self, frame: PictureFile) -> Record:
+    def record(self, frame: PictureFile) -> ResultRecord:
         start, cpu = time.perf_counter(), time.process_time()
         record = self.run.record(frame)
-        return {**record, "busy_s": time.perf_counter() - start, "cpu_s": time.process_time() - cpu}
+        return record.model_copy(update={"busy_s": time.perf_counter() - start, "cpu_s": time.process_time() - cpu})
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +110,7 @@ class _Nothing:
     def source(self, frame: _Simulated) -> str:
         return f"{frame.id}.jpg"
 
-    def record(self, frame: _Simulated) -> Record:
+    def record(self, frame: _Simulated) -> ResultRecord:
         return failed(self, frame, "simulated", "simulated")
 
 

@@ -80,9 +80,8 @@ def batch(
     from circlecal.formats.exports import Exports
     from circlecal.pictures.inputs import absolute_input
     from circlecal.pictures.video import DEFAULT_EVERY, Sampling
-    from circlecal.records.log import RESULTS_NAME
+    from circlecal.records.log import RESULTS_NAME, read_records
     from circlecal.records.parquet import PARQUET_FORMAT, PARQUET_NAME, require_parquet, write_parquet
-    from circlecal.records.reading import read_records
 
     console.configure_logging(quiet=quiet, verbose=verbose)
     if scheduler is not None:  # workers have another working folder
@@ -142,7 +141,7 @@ def batch(
     if targets:
         _export(Exports(targets, final, written_size), run, frames, final)
     if PARQUET_FORMAT in (to or ()):
-        write_parquet(read_records(final / RESULTS_NAME), final / PARQUET_NAME)
+        write_parquet(read_records(final), final / PARQUET_NAME)
     if failures:
         raise typer.Exit(2)
     if refused:
@@ -174,12 +173,11 @@ def _export(exports: Exports, run: FrameRun, frames: Sequence[PictureFile | Fram
     from circlecal.formats.exports import export_records
     from circlecal.formats.inputs import FrameOfFile
     from circlecal.pipeline import field_of, in_convention
-    from circlecal.records.log import RESULTS_NAME
-    from circlecal.records.reading import read_records
+    from circlecal.records.log import read_records
 
     template, circle = field_of(run.config)
     annotated = {frame.id: frame for frame in frames if isinstance(frame, FrameOfFile)}
-    records = read_records(out / RESULTS_NAME)
+    records = read_records(out)
     export_records(records, exports, template, circle, annotated, in_convention(template, run.convention))
 
 

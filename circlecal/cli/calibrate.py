@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from circlecal.config import Config
     from circlecal.formats.inputs import FrameOfFile
     from circlecal.pictures.files import PictureFile
+    from circlecal.records.record import ResultRecord
     from circlecal.records.summary import FrameSummary
 
 
@@ -98,7 +99,7 @@ def _records(
     run: FrameRun,
     show: Callable[[BatchProgress], None],
     report: Callable[[Exception], None],
-) -> Iterator[dict[str, Any]]:
+) -> Iterator[ResultRecord]:
     """Calibrate, write and yield each frame; one that cannot be read is one line on stderr and left out."""
     from circlecal.batch import BatchProgress
     from circlecal.errors import InputError
@@ -111,6 +112,6 @@ def _records(
         except InputError as error:
             report(error)
             continue
-        progress.count(record["status"], record["code"])
+        progress.count(record.status, record.code)
         show(progress)
         yield record

@@ -30,14 +30,12 @@ def convert(
     from circlecal.formats.exports import convert as convert_files
     from circlecal.formats.inputs import find_convertible
     from circlecal.pipeline import field_of
-    from circlecal.records.log import RESULTS_NAME
+    from circlecal.records.log import read_records
     from circlecal.records.parquet import PARQUET_FORMAT, PARQUET_NAME, write_parquet
-    from circlecal.records.reading import read_records
 
     console.configure_logging(quiet=quiet, verbose=verbose)
     if to == PARQUET_FORMAT:
-        files = [path / RESULTS_NAME if path.is_dir() else path for path in inputs]
-        written = write_parquet(chain.from_iterable(map(read_records, files)), out / PARQUET_NAME)
+        written = write_parquet(chain.from_iterable(map(read_records, inputs)), out / PARQUET_NAME)
         if not quiet:
             console.print_line(str(written))
         return

@@ -28,8 +28,9 @@ def debug(
     from circlecal.errors import InputError
     from circlecal.files import prepare_folder
     from circlecal.pipeline import field_of
-    from circlecal.records.record import result_record, write_result
+    from circlecal.records.record import write_result
     from circlecal.records.summary import summarise
+    from circlecal.records.writing import result_record
 
     console.configure_logging(quiet=quiet, verbose=verbose)
     chosen = options.chosen_config(config, settings, field, seed, camera_prior=camera_prior)

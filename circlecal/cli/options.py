@@ -145,7 +145,7 @@ def chosen_config(
 
     overrides: list[str] = []
     if camera_prior is not None:
-        from circlecal.formats.camera_prior import prior_settings
+        from circlecal.records.camera_prior import prior_settings
 
         overrides += prior_settings(camera_prior)
     overrides += settings or ()

@@ -20,7 +20,7 @@ from circlecal.formats.shapes import AnnotatedFrame, Shape
 from circlecal.geometry.camera import Camera, camera_from_homography, camera_from_soccernet
 from circlecal.geometry.homography import compass_label, dlt, scale_homography
 from circlecal.geometry.projective import Array
-from circlecal.records.record import StoredResult
+from circlecal.records.record import ResultRecord
 from circlecal.results import Calibration
 from circlecal.view import FieldView
 
@@ -141,7 +141,7 @@ class CalibratedFrame:
 
     @classmethod
     def of(
-        cls, result: Calibration | StoredResult, template: FieldTemplate, circle: Circle, image: str | None = None
+        cls, result: Calibration | ResultRecord, template: FieldTemplate, circle: Circle, image: str | None = None
     ) -> CalibratedFrame | None:
         """A frame's calibration for the outside formats; None where it was refused."""
         if result.status != "calibrated" or result.view is None:

@@ -6,7 +6,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from circlecal.errors import InputError
 from circlecal.field import Circle, FieldTemplate
@@ -25,9 +25,8 @@ from circlecal.formats.registry import (
 )
 from circlecal.formats.shapes import AnnotatedFrame, ObservedFrame
 from circlecal.pictures.files import distinct_names
-from circlecal.records.reading import is_records, read_records
-from circlecal.records.record import StoredResult, read_result, stored_result
-from circlecal.results import Calibration
+from circlecal.records.log import is_log, read_records
+from circlecal.records.record import ResultRecord, read_result
 
 F = TypeVar("F", AnnotatedFrame, CameraFrame)
 
@@ -63,7 +62,7 @@ class Exports:
 
     def add(
         self,
-        calibration: Calibration | StoredResult,
+        record: ResultRecord,
         template: FieldTemplate,
         circle: Circle,
         image: str | None = None,
@@ -73,8 +72,8 @@ class Exports:
 
         Parameters
         ----------
-        calibration : Calibration or StoredResult
-            Accepted or refused.
+        record : ResultRecord
+            Of a frame that was accepted or refused.
         template, circle : FieldTemplate, Circle
             The field in the convention in which the frame was calibrated, and its circle.
         image : str, optional
@@ -89,9 +88,9 @@ class Exports:
         """
         if not self._targets:
             return []
-        frame = CalibratedFrame.of(calibration, template, circle, image)
+        frame = CalibratedFrame.of(record, template, circle, image)
         if frame is None:
-            self._refused.append(AnnotatedFrame(calibration.id, calibration.width, calibration.height, (), image))
+            self._refused.append(AnnotatedFrame(record.id, record.width, record.height, (), image))
             return []
         written: list[Path] = []
         for target in self._targets:
@@ -123,7 +122,7 @@ class Exports:
 
 
 def export_records(
-    records: Iterable[Mapping[str, Any]],
+    records: Iterable[ResultRecord],
     exports: Exports,
     template: FieldTemplate,
     circle: Circle,
@@ -134,8 +133,8 @@ def export_records(
 
     Parameters
     ----------
-    records : iterable of mapping
-        Lines of ``results.jsonl``.
+    records : iterable of ResultRecord
+        Of the run.
     exports : Exports
         What to write; finished here.
     template, circle : FieldTemplate, Circle
@@ -152,23 +151,21 @@ def export_records(
     """
     written: list[Path] = []
     for record in records:
-        if record.get("image") is None:  # never read
+        if record.image is None:  # never read
             continue
-        result = stored_result(record, str(record["id"]))
-        frame = annotated.get(result.id)
+        frame = annotated.get(record.id)
         if frame is not None:
-            written += exports.add(result, annotated_template, circle, frame.image, frame.observed)
+            written += exports.add(record, annotated_template, circle, frame.image, frame.observed)
         else:
-            written += exports.add(result, template, circle, _picture_name(record))
+            written += exports.add(record, template, circle, _picture_name(record))
     return written + exports.finish()
 
 
-def _picture_name(record: Mapping[str, Any]) -> str | None:
+def _picture_name(record: ResultRecord) -> str | None:
     """Name of a frame's picture; one of a video is named by its id."""
-    source = record.get("source") or {}
-    if source.get("time_s") is not None:
-        return f"{record['id']}.jpg"
-    return str(source["path"]).replace("\\", "/").rpartition("/")[2] if source.get("path") else None
+    if record.source is not None and record.source.time_s is not None:
+        return f"{record.id}.jpg"
+    return record.path.replace("\\", "/").rpartition("/")[2] if record.path else None
 
 
 def convert(
@@ -190,10 +187,9 @@ def convert(
     annotations: list[AnnotatedFrame] = []
     cameras: list[CameraFrame] = []
     for path in paths:
-        if as_cameras and is_records(path):
-            cameras += [
-                frame for record in read_records(path) for frame in _camera_of_record(record, as_cameras, template)
-            ]
+        if as_cameras and is_log(path):
+            for record in read_records(path):
+                cameras += _stored_camera(record, as_cameras, template)
             continue
         found, content = open_file(path, source)
         if isinstance(found, AnnotationFormat) and as_annotations:
@@ -230,15 +226,9 @@ def _reduce(path: Path, frame: CameraFrame, target: CameraFormat, template: Fiel
         raise InputError(f"{path}: {error}") from error
 
 
-def _stored_camera(result: StoredResult, target: CameraFormat, template: FieldTemplate) -> list[CameraFrame]:
-    stored = CalibratedFrame.of(result, template, template.circle_by_name[template.default_circle])
+def _stored_camera(record: ResultRecord, target: CameraFormat, template: FieldTemplate) -> list[CameraFrame]:
+    stored = CalibratedFrame.of(record, template, template.circle_by_name[template.default_circle])
     return [] if stored is None else [stored.reduce(target.holds)]
-
-
-def _camera_of_record(record: dict[str, Any], target: CameraFormat, template: FieldTemplate) -> list[CameraFrame]:
-    if record.get("image") is None:  # never read
-        return []
-    return _stored_camera(stored_result(record, str(record["id"])), target, template)
 
 
 def _number(frames: Sequence[F]) -> list[F]:

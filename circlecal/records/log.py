@@ -1,9 +1,8 @@
-"""The append-only file of results, and taking it up again."""
+"""The append-only file of results, taking it up again, and reading the records of a run from wherever they lie."""
 
 from __future__ import annotations
 
 import contextlib
-import json
 import logging
 import os
 import time
@@ -11,12 +10,20 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Self, overload
 
-from circlecal.errors import InputError
+from circlecal.errors import InputError, reading_failure
 from circlecal.files import write_error
 from circlecal.records.index import ResultIndex
-from circlecal.records.record import result_line
+from circlecal.records.record import (
+    GIVE_A_RESULT,
+    Record,
+    ResultRecord,
+    ResultRow,
+    is_record,
+    parse_record,
+    result_line,
+)
 from circlecal.records.summary import FrameSummary, summarise
 
 RESULTS_NAME = "results.jsonl"
@@ -24,6 +31,8 @@ INDEX_NAME = "results.index"
 _APPEND = os.O_RDWR | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0)
 _SYNC_SECONDS = 1.0
 _ROWS_AT_ONCE = 1000
+_MEND = "mend or remove it, or run circlecal batch again"
+_GIVE = "give the --out folder of circlecal batch or calibrate"
 
 _log = logging.getLogger(__name__)
 
@@ -47,10 +56,9 @@ class Finished:
     digest: str
 
     @classmethod
-    def of(cls, record: dict[str, Any]) -> Self:
+    def of(cls, record: ResultRecord) -> Self:
         """From a record."""
-        line = (result_line(record) + "\n").encode("utf-8", "backslashreplace")  # names need not be text
-        return cls(line, summarise(record), str(record.get("config_digest")))
+        return cls((result_line(record) + "\n").encode(), summarise(record), str(record.config_digest))
 
 
 class OtherRunError(InputError):
@@ -154,21 +162,15 @@ class ResultLog:
 
     def _read(self, start: int, line: bytes, digest: str) -> FrameSummary | None:
         """Row of a line; None for a torn last one."""
-        whole = line.endswith(b"\n")
-        try:
-            record = json.loads(line)
-            row = summarise(record)
-        except (ValueError, KeyError, TypeError, AttributeError) as error:
-            if whole:
-                number = self._line_number(start)
-                hint = "mend or remove that line, or start over with --restart"
-                raise InputError(f"{self.path}, line {number}: is no result; {hint}") from error
+        if not line.endswith(b"\n"):
             _log.warning("%s: cutting off the torn last line", self.path)
             return None
-        if not whole:
-            return None
-        self._require(str(record.get("config_digest")), digest)
-        return row
+        try:
+            record = parse_record(line, ResultRow, "", "mend or remove that line, or start over with --restart")
+        except InputError as error:
+            raise InputError(f"{self.path}, line {self._line_number(start)}{error}") from error
+        self._require(str(record.config_digest), digest)
+        return summarise(record)
 
     def _line_number(self, start: int) -> int:
         return 1 + sum(1 for position, _ in self._lines(0) if position < start)
@@ -212,3 +214,105 @@ class ResultLog:
         if now - self._synced >= _SYNC_SECONDS:
             self.index.commit()
             self._synced = now
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a record stands: a file, its line (0 for a whole file), and the bytes of it."""
+
+    file: Path
+    line: int
+    start: int
+    length: int
+
+    def __str__(self) -> str:
+        return f"{self.file}, line {self.line}" if self.line else str(self.file)
+
+    def read(self) -> bytes:
+        """The record's text."""
+        with self.file.open("rb") as file:
+            file.seek(self.start)
+            return file.read(self.length)
+
+
+def is_log(path: Path) -> bool:
+    """Whether a file is the ``results.jsonl`` of a batch, by its first line."""
+    if path.suffix != ".jsonl":
+        return False
+    try:
+        with path.open("rb") as file:
+            return bool(is_record(file.readline()))
+    except OSError:
+        return False
+
+
+def find_results(path: Path) -> list[Path]:
+    """The files of a run: its ``results.jsonl``, else the result files of the folder, else the one file that is named.
+
+    Raises
+    ------
+    InputError
+        There is none.
+    """
+    if not path.is_dir():
+        return [path]
+    log = path / RESULTS_NAME
+    files = [log] if log.is_file() else sorted(path.glob("*.json"))
+    if not files:
+        raise InputError(f"{path}: holds no {RESULTS_NAME} and no result files; {_GIVE}")
+    return files
+
+
+@overload
+def read_records(path: Path) -> Iterator[ResultRecord]: ...
+
+
+@overload
+def read_records(path: Path, model: type[Record]) -> Iterator[Record]: ...
+
+
+def read_records(path: Path, model: type[ResultRow] = ResultRecord) -> Iterator[ResultRow]:
+    """Records of a run, one at a time; parameters and errors as :func:`scan_records`."""
+    return (record for _, record in scan_records(path, model))
+
+
+def scan_records(path: Path, model: type[Record]) -> Iterator[tuple[Place, Record]]:
+    """Records of a run and where each stands, one at a time.
+
+    In a folder of files those that are no results are passed over; a torn last line of a run that goes on is left out.
+
+    Parameters
+    ----------
+    path : path
+        Folder of a run, a ``results.jsonl``, or a result file.
+    model : type
+        How much is read of each: :class:`ResultRecord` or :class:`ResultRow`.
+
+    Raises
+    ------
+    InputError
+        Nothing there, or damaged, with file and line.
+    """
+    for file in find_results(path):
+        try:
+            if file.suffix == ".jsonl":
+                yield from _scan_log(file, model)
+                continue
+            content = file.read_bytes()
+        except OSError as error:
+            raise InputError(f"{file}: cannot be read: {reading_failure(error)}; {_GIVE}") from error
+        if file == path or is_record(content) is not False:
+            mend = GIVE_A_RESULT if file == path else _MEND
+            yield Place(file, 0, 0, len(content)), parse_record(content, model, str(file), mend)
+
+
+def _scan_log(log: Path, model: type[Record]) -> Iterator[tuple[Place, Record]]:
+    start = 0
+    with log.open("rb") as file:
+        for number, line in enumerate(file, start=1):
+            place = Place(log, number, start, len(line))
+            start += len(line)
+            if line.endswith(b"\n"):
+                yield place, parse_record(line, model, str(place), _MEND)
+            else:
+                _log.warning("%s: left out the torn last line", log)

@@ -7,41 +7,40 @@ from __future__ import annotations
 
 import contextlib
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from circlecal.errors import MissingExtraError
 from circlecal.files import write_error
+from circlecal.records.record import Number, ResultRecord
 from circlecal.records.summary import summarise
 
 PARQUET_NAME = "results.parquet"
 PARQUET_FORMAT = "parquet"
 _ROWS_AT_ONCE = 5000
 
-_Record = Mapping[str, Any]
-_Read = Callable[[_Record], Any]
+_Read = Callable[[ResultRecord], Any]
 
 
-def _of(*keys: str | int) -> _Read:
-    """A value deep inside a record; None where something on the way is missing or null."""
+def _of(*names: str | int) -> _Read:
+    """A value deep inside a record; None where something on the way is not there."""
 
-    def read(record: _Record) -> Any:
+    def read(record: ResultRecord) -> Any:
         value: Any = record
-        for key in keys:
-            try:
-                value = value[key]
-            except (KeyError, IndexError, TypeError):
+        for name in names:
+            if value is None:
                 return None
+            value = value[name] if isinstance(name, int) else getattr(value, name)
         return value
 
     return read
 
 
-def _matrix(record: _Record) -> list[float] | None:
-    rows = record.get("H_image_field")
-    return None if rows is None else [float(value) for row in rows for value in row]
+def _matrix(record: ResultRecord) -> list[Number] | None:
+    rows = record.H_image_field
+    return None if rows is None else [value for row in rows for value in row]
 
 
 _COLUMNS: dict[str, tuple[str, _Read]] = {
@@ -86,7 +85,7 @@ _COLUMNS: dict[str, tuple[str, _Read]] = {
 }
 
 
-def table_row(record: _Record) -> dict[str, Any]:
+def table_row(record: ResultRecord) -> dict[str, Any]:
     """The row of one result, by column."""
     return {name: read(record) for name, (_, read) in _COLUMNS.items()}
 
@@ -105,13 +104,13 @@ def require_parquet() -> None:
         raise MissingExtraError("pyarrow", "parquet") from error
 
 
-def write_parquet(records: Iterable[_Record], path: Path) -> Path:
+def write_parquet(records: Iterable[ResultRecord], path: Path) -> Path:
     """Write the records of a batch as a table, whole or not at all; return the file.
 
     Parameters
     ----------
-    records : iterable of mapping
-        Lines of ``results.jsonl``; a few thousand are held at a time.
+    records : iterable of ResultRecord
+        Of the run; a few thousand are held at a time.
     path : Path
         Where.
 
@@ -150,7 +149,7 @@ def write_parquet(records: Iterable[_Record], path: Path) -> Path:
     return path
 
 
-def _chunks(records: Iterable[_Record]) -> Iterator[dict[str, list[Any]]]:
+def _chunks(records: Iterable[ResultRecord]) -> Iterator[dict[str, list[Any]]]:
     iterator = iter(records)
     while chunk := list(islice(iterator, _ROWS_AT_ONCE)):
         yield {name: [read(record) for record in chunk] for name, (_, read) in _COLUMNS.items()}

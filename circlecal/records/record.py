@@ -1,239 +1,464 @@
-"""The result file: one JSON object per frame, written from a :class:`Calibration`, read back for projecting points.
+"""The result record: one JSON object per frame, written from a calibration, and read back by whoever needs it.
 
 The names of the keys are fixed; ``schema_version`` changes when they do. Numbers are finite; what was not reached or
 not determined is null. A refused frame has no homography and no camera, but keeps what was seen and what was reached,
 and ``rejected_estimate`` holds the homography and camera that the verdict did not trust.
+
+:class:`ResultRecord` is all of it. :class:`ResultRow` is what tables of many frames need: reading a line as one makes
+nothing of the rest, which is most of it.
 """
 
 from __future__ import annotations
 
 import json
-import math
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Self, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, InstanceOf, ValidationError, model_validator
+from pydantic_core import PydanticSerializationError
 
-from circlecal import __version__
 from circlecal.errors import InputError
-from circlecal.field import FieldTemplate
 from circlecal.files import write_atomic
 from circlecal.geometry.camera import Camera, PlaneCamera, camera_from_soccernet
 from circlecal.geometry.camera_parameters import INDEX, PARAMETERS
 from circlecal.geometry.projective import Array
-from circlecal.geometry.surface import FLAT, Surface, SurfaceShape
-from circlecal.refusals import explain
-from circlecal.results import Calibration, CameraFit, Correspondences, EllipseFit, EllipseFits, Verdict
+from circlecal.geometry.surface import Surface, SurfaceShape
+from circlecal.observations import CircleEdge, CirclePoints, Keypoint, LineEnd, LinePoints, MarkPoint, Observations
+from circlecal.results import Status
 from circlecal.view import FieldView
 
 SCHEMA_VERSION = 1
-POINT_DECIMALS = 3
+GIVE_A_RESULT = "give a result file of circlecal calibrate"
+
+Text = InstanceOf[str]
+"""A name from outside, which need not be text that any encoding can write."""
+Number = float | None
+Pair = tuple[Number, Number]
+Triple = tuple[Number, Number, Number]
+Matrix = tuple[Triple, Triple, Triple]
 
 
-def result_record(
-    calibration: Calibration, template: FieldTemplate, *, time_s: float | None = None, digest: str | None = None
-) -> dict[str, Any]:
-    """The result file's content, ready for ``json.dumps(..., allow_nan=False)``.
-
-    Parameters
-    ----------
-    calibration : Calibration
-        What the pipeline returned.
-    template : FieldTemplate
-        The field that it ran with.
-    time_s : float, optional
-        Time of the frame in its video.
-    digest : str, optional
-        Digest of everything that the answer depends on beside the frame; that of the configuration when None.
-    """
-    accepted = calibration.status == "calibrated"
-    fit = calibration.camera
-    H_image_field, H_field_image = _homographies(calibration)
-    camera = None if fit is None else _camera(fit)
-    reached = H_image_field is not None or camera is not None
-    record: dict[str, Any] = {
-        "schema_version": SCHEMA_VERSION,
-        "version": __version__,
-        "id": calibration.id,
-        "source": {"path": calibration.source, "time_s": time_s},
-        "image": {"width": calibration.width, "height": calibration.height},
-        "field": {"template": template.name, "circle": calibration.circle_name, "sizes": template.sizes},
-        **_verdict(calibration.verdict),
-        "H_image_field": H_image_field if accepted else None,
-        "H_field_image": H_field_image if accepted else None,
-        "H_covariance": fit.H_covariance if accepted and fit is not None else None,
-        "camera": camera if accepted else None,
-        "rejected_estimate": {"H_image_field": H_image_field, "camera": camera} if reached and not accepted else None,
-        **_circle_findings(calibration),
-        "alternatives": _alternatives(calibration),
-        "residuals_px": _residuals(calibration),
-        "observations": None if calibration.observations is None else calibration.observations.to_json(),
-        "timings_ms": {stage: round(time, 3) for stage, time in calibration.timings_ms.items()},
-        "seed": calibration.seed,
-        "config_digest": digest or calibration.config_digest,
-    }
-    finite: dict[str, Any] = _plain(record)
-    return finite
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="ignore", strict=True, allow_inf_nan=False, frozen=True)
 
 
-def failed_record(
-    frame_id: str, source: str, verdict: Verdict, seed: int, digest: str, time_s: float | None = None
-) -> dict[str, Any]:
-    """Record of a frame of a batch that never reached the pipeline, e.g. refused with ``unreadable_input``."""
-    return {
-        "schema_version": SCHEMA_VERSION,
-        "version": __version__,
-        "id": frame_id,
-        "source": {"path": source, "time_s": time_s},
-        "image": None,
-        **_verdict(verdict),
-        "H_image_field": None,
-        "H_field_image": None,
-        "camera": None,
-        "seed": seed,
-        "config_digest": digest,
-    }
+class SourceRecord(_Part):
+    """Where a frame comes from: its file or address, and its time in a video."""
+
+    path: Text | None = None
+    time_s: Number = None
 
 
-def _verdict(verdict: Verdict) -> dict[str, Any]:
-    return {
-        "status": verdict.status,
-        "code": verdict.code,
-        "stage": verdict.stage,
-        "reason": verdict.reason,
-        "help": None if verdict.code is None else explain(verdict.code, verdict.stage).help,
-        "checks": [asdict(check) for check in verdict.checks],
-    }
+class FieldRecord(_Part):
+    """The field template and its circle."""
+
+    template: Text
+    circle: Text | None = None
+    sizes: dict[str, float] | None = None
 
 
-def _homographies(calibration: Calibration) -> tuple[Array | None, Array | None]:
-    estimate = calibration.camera if calibration.camera is not None else calibration.homography
-    return (None, None) if estimate is None else (estimate.H_image_field, estimate.H_field_image)
+class ImageRecord(_Part):
+    """Size of a frame, pixels."""
+
+    width: Annotated[int, Field(gt=0)]
+    height: Annotated[int, Field(gt=0)]
 
 
-def _camera(fit: CameraFit) -> dict[str, Any]:
-    return {
-        **fit.camera.soccernet(),
-        "crown_m": fit.surface.crown_m,
-        "crown_shape": fit.surface.shape,
-        "crown_radius_m": fit.surface.reference_m,
-        "covariance": {"parameters": fit.parameters, "estimate": fit.theta, "matrix": fit.covariance},
-        "derived_points": [asdict(point) for point in fit.derived_points],
-        "named_lines": fit.named_lines,
-        "rejected_observations": fit.rejected,
-        "noise_scale": fit.noise_scale,
-        "data_share": fit.data_share,
-        "prior_dominated": fit.prior_dominated,
-        "residual_correlation": fit.residual_correlation,
-        "position_sigma_m": np.sqrt(np.diag(fit.covariance)[4:7]),
-        "reference_m": fit.reference_m,
-        "max_sigma_px": fit.max_sigma_px,
-        "max_sigma_m": fit.max_sigma_m,
-    }
+class CheckRecord(_Part):
+    """One gate of the verdict."""
+
+    name: str
+    value: Number
+    limit: Number
+    passed: bool
 
 
-def _circle_findings(calibration: Calibration) -> dict[str, Any]:
-    """Case, ellipses, imaged centre, vanishing line, correspondences and inliers."""
-    found = calibration.correspondences
-    fit = calibration.camera
-    center = fit.imaged_center_px if fit is not None else None if found is None else found.imaged_center[:2]
-    return {
-        "case": None if found is None else found.case,
-        "ellipses": None if calibration.ellipses is None else _ellipses(calibration.ellipses),
-        "imaged_center": center,
-        "imaged_center_source": "camera" if fit is not None else None if found is None else found.center_source,
-        "imaged_center_covariance": None if fit is None else fit.imaged_center_covariance,
-        "vanishing_line": None if found is None else found.vanishing_line,
-        "correspondences": None if found is None else _correspondences(found),
-        "inliers": None if calibration.ellipses is None else _inliers(calibration.ellipses),
-    }
+class CovarianceRecord(_Part):
+    """Covariance of the camera's parameters."""
+
+    parameters: tuple[str, ...]
+    estimate: list[Number] = []
+    matrix: list[list[Number]]
+
+    @model_validator(mode="after")
+    def _square(self) -> Self:
+        if {len(self.matrix), *map(len, self.matrix)} != {len(self.parameters)}:
+            raise ValueError(f"matrix is not {len(self.parameters)} x {len(self.parameters)}")
+        return self
 
 
-def _ellipses(fits: EllipseFits) -> dict[str, Any]:
-    written: dict[str, Any] = {"primary": fits.primary.edge if fits.all() else None}
-    return written | {edge: _ellipse(getattr(fits, edge)) for edge in ("outer", "inner", "center")}
+class CameraRow(_Part):
+    """Of a camera, what tables need."""
+
+    pan_degrees: Number
+    tilt_degrees: Number
+    roll_degrees: Number
+    position_meters: Triple
+    x_focal_length: Number
+    y_focal_length: Number
+    principal_point: Pair
+    radial_distortion: Annotated[list[Number], Field(min_length=2)]
+    tangential_distortion: list[Number] = []
+    thin_prism_distortion: list[Number] = []
+    crown_m: Number = 0.0
+    crown_shape: SurfaceShape = "flat"
+    crown_radius_m: Number = 1.0
+    position_sigma_m: Triple | None = None
+    max_sigma_px: Number = None
+    max_sigma_m: Number = None
 
 
-def _ellipse(fit: EllipseFit | None) -> dict[str, Any] | None:
-    if fit is None:
-        return None
-    return {
-        "conic": fit.conic,
-        "center_px": fit.ellipse.center,
-        "semi_axes_px": fit.ellipse.semi_axes,
-        "angle_degrees": math.degrees(fit.ellipse.angle_rad),
-        "covariance": fit.covariance,
-        "method": fit.method,
-        "rms_px": fit.rms_px,
-        "arc_degrees": fit.arc_deg,
-        "hypotheses": fit.hypotheses,
-    }
+class DerivedPointRecord(_Part):
+    """A point of the circle as the camera puts it."""
+
+    label: str
+    field_m: Pair
+    image_px: Pair
+    covariance: tuple[Pair, Pair]
 
 
-def _inliers(fits: EllipseFits) -> dict[str, Any]:
-    return {
-        fit.edge: {
-            "count": int(np.count_nonzero(fit.inliers)),
-            "of": len(fit.inliers),
-            "points_px": np.round(fit.points_px[fit.inliers], POINT_DECIMALS),
-        }
-        for fit in fits.all()
-    }
+class CameraRecord(CameraRow):
+    """A camera: SoccerNet's keys at the frame's own size, and circlecal's own."""
+
+    covariance: CovarianceRecord | None = None
+    derived_points: list[DerivedPointRecord] = []
+    named_lines: list[str] = []
+    rejected_observations: list[str] = []
+    noise_scale: Number = None
+    data_share: Number = None
+    prior_dominated: bool | None = None
+    residual_correlation: Number = None
+    reference_m: Pair | None = None
+
+    @property
+    def surface(self) -> Surface:
+        """The surface with its crown."""
+        return Surface(self.crown_shape, self.crown_radius_m or 1.0, self.crown_m or 0.0)
+
+    def pinhole(self, image: ImageRecord) -> Camera | None:
+        """The camera; None where it has numbers that are not finite."""
+        numbers = [self.pan_degrees, self.tilt_degrees, self.roll_degrees, self.x_focal_length, self.y_focal_length]
+        numbers += [*self.position_meters, *self.principal_point, *self.radial_distortion[:2]]
+        if None in numbers or not self.x_focal_length or not self.y_focal_length:
+            return None
+        return camera_from_soccernet(self.model_dump(include=set(CameraRow.model_fields)), image.width, image.height)
+
+    def view(self, image: ImageRecord) -> FieldView | None:
+        """The field before the camera; None where it has numbers that are not finite."""
+        camera, known = self.pinhole(image), self.covariance
+        if camera is None or known is None or known.parameters != PARAMETERS:
+            return None if camera is None else FieldView(camera, self.surface)
+        estimate = known.estimate if len(known.estimate) == len(PARAMETERS) else np.zeros(len(PARAMETERS))
+        growth = np.array([estimate[INDEX[name]] for name in ("length", "breadth")], dtype=np.float64)
+        return FieldView(camera, self.surface, growth, np.asarray(known.matrix, dtype=np.float64))
 
 
-def _correspondences(found: Correspondences) -> dict[str, Any]:
-    return {
-        "conic": found.conic,
-        "radius_m": found.radius_m,
-        "points": [
-            {"label": p.label, "field_m": p.field_m, "image_px": p.image_px, "sigma_px": p.sigma_px}
-            for p in found.points
-        ],
-        "tangents": [
-            {"label": t.label, "field_line": t.field_line, "image_line": t.image_line} for t in found.tangents
-        ],
-    }
+class EstimateRow(_Part):
+    """Of an estimate that the verdict did not trust, what tables need."""
+
+    camera: CameraRow | None = None
 
 
-def _alternatives(calibration: Calibration) -> list[dict[str, Any]]:
-    """The field turned by 180 degrees, which circle and halfway line cannot tell from the answer; only a prior can."""
-    if calibration.camera is not None:
-        turned = calibration.camera.camera.turned()
-        return [{"kind": "turned_field", "H_image_field": turned.homography, "camera": turned.soccernet()}]
-    if calibration.homography is not None:
-        return [{"kind": "turned_field", "H_image_field": calibration.homography.H_image_field_turned, "camera": None}]
-    return []
+class EstimateRecord(EstimateRow):
+    """An estimate that the verdict did not trust."""
+
+    H_image_field: Matrix | None = None
+    camera: CameraRecord | None = None
 
 
-def _residuals(calibration: Calibration) -> dict[str, Any]:
-    """Rms per fitted ellipse, rms per observation of the camera, one residual per correspondence of the DLT."""
-    fits = () if calibration.ellipses is None else calibration.ellipses.all()
-    return {
-        "ellipses": {fit.edge: fit.rms_px for fit in fits},
-        "homography": None if calibration.homography is None else calibration.homography.residuals_px,
-        "camera": None if calibration.camera is None else calibration.camera.residuals_px,
-    }
+class EllipseRow(_Part):
+    """Of a fitted ellipse, what tables need."""
+
+    rms_px: Number = None
 
 
-def _plain(value: Any) -> Any:
-    """Arrays, tuples and numpy numbers as JSON knows them; what is not finite becomes null."""
-    if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
-    if isinstance(value, dict):
-        return {key: _plain(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(entry) for entry in value]
-    if isinstance(value, np.generic):
-        return _plain(value.item())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
+class EllipseRecord(EllipseRow):
+    """The ellipse of one edge of the circle."""
+
+    conic: Matrix | None = None
+    center_px: Pair
+    semi_axes_px: Pair
+    angle_degrees: Number
+    covariance: list[list[Number]] | None = None
+    method: str | None = None
+    arc_degrees: Number = None
+    hypotheses: int | None = None
 
 
-def write_result(path: Path, record: dict[str, Any]) -> None:
+class EllipsesRow(_Part):
+    """Of the fitted ellipses, what tables need; ``primary`` names the one that carries the calibration."""
+
+    primary: CircleEdge | None = None
+    outer: EllipseRow | None = None
+    inner: EllipseRow | None = None
+    center: EllipseRow | None = None
+
+    @property
+    def found(self) -> EllipseRow | None:
+        """The one that carries the calibration."""
+        return None if self.primary is None else getattr(self, self.primary)
+
+
+class EllipsesRecord(EllipsesRow):
+    """The fitted ellipses."""
+
+    outer: EllipseRecord | None = None
+    inner: EllipseRecord | None = None
+    center: EllipseRecord | None = None
+
+    @property
+    def found(self) -> EllipseRecord | None:
+        """The one that carries the calibration."""
+        return None if self.primary is None else getattr(self, self.primary)
+
+
+class PointRecord(_Part):
+    """A derived point."""
+
+    label: str
+    field_m: Pair
+    image_px: Pair
+    sigma_px: Number = None
+
+
+class TangentRecord(_Part):
+    """A derived tangent."""
+
+    label: str
+    field_line: Triple
+    image_line: Triple
+
+
+class CorrespondencesRecord(_Part):
+    """The paper's points and tangents, and the conic that they were derived from."""
+
+    conic: Matrix
+    radius_m: Number
+    points: list[PointRecord]
+    tangents: list[TangentRecord]
+
+
+class InliersRecord(_Part):
+    """Points of one edge that its ellipse was fitted to, of how many."""
+
+    count: int
+    of: int
+    points_px: list[Pair]
+
+
+class AlternativeRecord(_Part):
+    """Another solution of a real ambiguity."""
+
+    kind: str
+    H_image_field: Matrix
+    camera: CameraRow | None = None
+
+
+class ResidualsRecord(_Part):
+    """Rms per fitted ellipse, one residual per row of the DLT, rms per observation of the camera."""
+
+    ellipses: dict[str, Number] = {}
+    homography: list[Number] | None = None
+    camera: dict[str, Number] | None = None
+
+
+class CirclePointsRecord(_Part):
+    """Points seen on a circle."""
+
+    circle: str
+    edge: CircleEdge
+    points_px: list[Pair]
+    sigma_px: list[Number]
+
+
+class LineEndRecord(_Part):
+    """Where the paint of a line is seen to end."""
+
+    point_px: Pair
+    crossed: bool
+
+
+class LinePointsRecord(_Part):
+    """Points seen on a line."""
+
+    line: str | None
+    points_px: list[Pair]
+    sigma_px: list[Number]
+    ends: list[LineEndRecord] = []
+
+
+class MarkRecord(_Part):
+    """A spot that was seen."""
+
+    mark: str
+    point_px: Pair
+    sigma_px: Number
+
+
+class KeypointRecord(_Part):
+    """A point of known place that was seen."""
+
+    name: Text
+    field_m: Pair
+    point_px: Pair
+    sigma_px: Number
+
+
+class ObservationsRecord(_Part):
+    """What was seen."""
+
+    circles: list[CirclePointsRecord] = []
+    lines: list[LinePointsRecord] = []
+    marks: list[MarkRecord] = []
+    keypoints: list[KeypointRecord] = []
+
+    def observations(self, image: ImageRecord) -> Observations:
+        """What was seen, as it was given to the estimate but for the rounding."""
+        return Observations(
+            image.width,
+            image.height,
+            tuple(CirclePoints(c.circle, c.edge, _points(c.points_px), _array(c.sigma_px)) for c in self.circles),
+            tuple(
+                LinePoints(
+                    s.line,
+                    _points(s.points_px),
+                    _array(s.sigma_px),
+                    tuple(LineEnd(_array(e.point_px), e.crossed) for e in s.ends),
+                )
+                for s in self.lines
+            ),
+            tuple(MarkPoint(m.mark, _array(m.point_px), float(_array(m.sigma_px))) for m in self.marks),
+            tuple(
+                Keypoint(k.name, _array(k.field_m), _array(k.point_px), float(_array(k.sigma_px)))
+                for k in self.keypoints
+            ),
+        )
+
+
+class AloneRecord(_Part):
+    """The verdict on a frame before ``circlecal rig``."""
+
+    status: Status
+    code: Text | None = None
+    reason: Text | None = None
+
+
+class RigRecord(_Part):
+    """What ``circlecal rig`` did with a frame: its camera, or why it has none."""
+
+    camera: Text | None = None
+    reason: Text | None = None
+    alone: AloneRecord
+
+
+class ResultRow(_Part):
+    """Of a record, what tables of many frames need."""
+
+    schema_version: int
+    version: Text | None = None
+    id: Text
+    source: SourceRecord | None = None
+    field: FieldRecord | None = None
+    status: Status
+    code: Text | None = None
+    stage: Text | None = None
+    reason: Text | None = None
+    case: int | None = None
+    camera: CameraRow | None = None
+    rejected_estimate: EstimateRow | None = None
+    ellipses: EllipsesRow | None = None
+    timings_ms: dict[str, Number] | None = None
+    seed: int | None = None
+    config_digest: Text | None = None
+    rig: RigRecord | None = None
+
+    @property
+    def path(self) -> str | None:
+        """The frame's file or address."""
+        return None if self.source is None else self.source.path
+
+    @property
+    def estimated_camera(self) -> CameraRow | None:
+        """The camera, also one that the verdict did not trust."""
+        return self.camera or (self.rejected_estimate.camera if self.rejected_estimate else None)
+
+
+class ResultRecord(ResultRow):
+    """A frame's whole record; keys that this version does not know stay in it."""
+
+    model_config = ConfigDict(extra="allow")
+
+    help: Text | None = None
+    image: ImageRecord | None = None
+    checks: list[CheckRecord] = []
+    H_image_field: Matrix | None = None
+    H_field_image: Matrix | None = None
+    H_covariance: list[list[Number]] | None = None
+    camera: CameraRecord | None = None
+    rejected_estimate: EstimateRecord | None = None
+    ellipses: EllipsesRecord | None = None
+    imaged_center: Pair | None = None
+    imaged_center_source: str | None = None
+    imaged_center_covariance: tuple[Pair, Pair] | None = None
+    vanishing_line: Triple | None = None
+    correspondences: CorrespondencesRecord | None = None
+    inliers: dict[str, InliersRecord] | None = None
+    alternatives: list[AlternativeRecord] = []
+    residuals_px: ResidualsRecord | None = None
+    observations: ObservationsRecord | None = None
+
+    @property
+    def width(self) -> int:
+        """Width of the picture; 1 where it was never read."""
+        return self.image.width if self.image else 1
+
+    @property
+    def height(self) -> int:
+        """Height of the picture; 1 where it was never read."""
+        return self.image.height if self.image else 1
+
+    @property
+    def view(self) -> FieldView | None:
+        """Where the field is seen, through the camera or else the homography; None without either."""
+        return self._view(self.camera, self.H_image_field)
+
+    @property
+    def estimated_view(self) -> FieldView | None:
+        """Where the field is seen, also through an estimate that the verdict did not trust."""
+        if self.rejected_estimate is None:
+            return self.view
+        return self._view(self.rejected_estimate.camera, self.rejected_estimate.H_image_field)
+
+    @property
+    def seen(self) -> Observations | None:
+        """What was seen; None where that was not reached."""
+        return self.observations.observations(self.image) if self.observations and self.image else None
+
+    def _view(self, camera: CameraRecord | None, H: Matrix | None) -> FieldView | None:
+        if self.image is None:
+            return None
+        if camera is not None:
+            return camera.view(self.image)
+        H_image_field = _array(H) if H is not None else np.full((3, 3), np.nan)
+        if not np.isfinite(H_image_field).all():
+            return None
+        return FieldView(PlaneCamera(self.image.width, self.image.height, H_image_field))
+
+
+Record = TypeVar("Record", bound=ResultRow)
+
+
+def _array(values: Any) -> Array:
+    """Numbers of a record; null is nan."""
+    return np.asarray(values, dtype=np.float64)
+
+
+def _points(values: Any) -> Array:
+    return _array(values).reshape(-1, 2)
+
+
+def write_result(path: Path, record: ResultRecord) -> None:
     """Write a result file, whole or not at all.
 
     Raises
@@ -244,185 +469,115 @@ def write_result(path: Path, record: dict[str, Any]) -> None:
     write_atomic(path, (result_line(record) + "\n").encode())
 
 
-def result_line(record: dict[str, Any]) -> str:
-    """The record on one line."""
-    return json.dumps(record, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
+def result_line(record: ResultRecord) -> str:
+    """The record on one line, with the keys that were given."""
+    try:
+        return record.model_dump_json(exclude_unset=True)
+    except PydanticSerializationError:  # a name that no encoding can write
+        return json.dumps(record.model_dump(exclude_unset=True), allow_nan=False, separators=(",", ":"))
 
 
-@dataclass(frozen=True, slots=True)
-class StoredResult:
-    """A result file, read back.
-
-    Attributes
-    ----------
-    id, status, reason, width, height
-        As written.
-    H_image_field : (3, 3) array or None
-        Field (metres) to undistorted pixels; None when refused.
-    camera : Camera or None
-        With the lens.
-    surface : Surface
-        With its crown; flat without a camera.
-    covariance : (P, P) array or None
-        Of the camera's parameters, in the order of :data:`circlecal.geometry.camera_parameters.PARAMETERS`.
-    growth_m : (2,) array
-        By how much the field was estimated to be longer and broader than its template.
-    """
-
-    id: str
-    status: str
-    reason: str | None
-    width: int
-    height: int
-    H_image_field: Array | None
-    camera: Camera | None
-    surface: Surface
-    covariance: Array | None
-    growth_m: Array = field(default_factory=lambda: np.zeros(2))
-
-    @property
-    def view(self) -> FieldView | None:
-        """Where the field is seen, through the camera or else the homography; None without either."""
-        if self.camera is not None:
-            return FieldView(self.camera, self.surface, self.growth_m, self.covariance)
-        if self.H_image_field is not None:
-            return FieldView(PlaneCamera(self.width, self.height, self.H_image_field))
-        return None
-
-
-_READ = ConfigDict(extra="ignore", allow_inf_nan=False)
-_Row = tuple[float, float, float]
-
-
-class _ImageKeys(BaseModel):
-    model_config = _READ
-
-    width: Annotated[int, Field(gt=0)]
-    height: Annotated[int, Field(gt=0)]
-
-
-class _CovarianceKeys(BaseModel):
-    model_config = _READ
-
-    parameters: tuple[str, ...]
-    matrix: list[list[float]]
-    estimate: list[float] = Field(default_factory=list)
-
-    @model_validator(mode="after")
-    def _square(self) -> Self:
-        if {len(self.matrix), *map(len, self.matrix)} != {len(self.parameters)}:
-            raise ValueError(f"matrix is not {len(self.parameters)} x {len(self.parameters)}")
-        return self
-
-
-class _CameraKeys(BaseModel):
-    model_config = _READ
-
-    pan_degrees: float
-    tilt_degrees: float
-    roll_degrees: float
-    position_meters: _Row
-    x_focal_length: Annotated[float, Field(gt=0)]
-    y_focal_length: Annotated[float, Field(gt=0)]
-    principal_point: tuple[float, float]
-    radial_distortion: Annotated[list[float], Field(min_length=2)]
-    crown_m: float = 0.0
-    crown_shape: SurfaceShape = "flat"
-    crown_radius_m: Annotated[float, Field(gt=0)] = 1.0
-    covariance: _CovarianceKeys | None = None
-
-
-class _ResultKeys(BaseModel):
-    model_config = _READ
-
-    schema_version: int
-    id: str
-    status: str
-    reason: str | None = None
-    image: _ImageKeys | None
-    H_image_field: tuple[_Row, _Row, _Row] | None
-    camera: _CameraKeys | None
-
-
-def read_result(path: Path) -> StoredResult:
-    """Read what projecting points needs of a result file.
+def read_result(path: Path) -> ResultRecord:
+    """Read a result file.
 
     Raises
     ------
     InputError
-        Missing, no result of circlecal, of a newer version, or damaged.
+        Missing, no result of circlecal, of another version, or damaged.
     """
     try:
         content = path.read_bytes()
     except OSError as error:
-        raise InputError(
-            f"{path}: cannot be read: {error.strerror}; give a result file of circlecal calibrate"
-        ) from error
-    try:
-        keys = _ResultKeys.model_validate_json(content)
-    except ValidationError as error:
-        raise _no_result(str(path), error) from error
-    return _stored(keys, str(path))
+        raise InputError(f"{path}: cannot be read: {error.strerror}; {GIVE_A_RESULT}") from error
+    return parse_record(content, ResultRecord, str(path), GIVE_A_RESULT)
 
 
-def read_record(path: Path) -> dict[str, Any]:
-    """Content of a result file.
+def parse_record(content: bytes, model: type[Record], name: str, mend: str) -> Record:
+    """A record from its JSON text.
 
-    Raises
-    ------
-    InputError
-        As :func:`read_result`.
-    """
-    read_result(path)
-    content: dict[str, Any] = json.loads(path.read_bytes())
-    return content
-
-
-def stored_result(record: Mapping[str, Any], name: str) -> StoredResult:
-    """What projecting points needs of a record; ``name`` says in errors where it comes from.
+    Parameters
+    ----------
+    content : bytes
+        The text.
+    model : type
+        :class:`ResultRecord`, or :class:`ResultRow` for no more than tables need.
+    name, mend : str
+        Where the text stands, and what to do about damage, for messages.
 
     Raises
     ------
     InputError
-        As :func:`read_result`.
+        No result of circlecal, of another version, or damaged.
     """
     try:
-        keys = _ResultKeys.model_validate(record)
+        record = _validate(content, model)
     except ValidationError as error:
-        raise _no_result(name, error) from error
-    return _stored(keys, name)
+        version = _version_of(content)
+        if version in (None, SCHEMA_VERSION):
+            raise InputError(f"{name}: is no result: {explain_damage(error)}; {mend}") from error
+    else:
+        version = record.schema_version
+        if version == SCHEMA_VERSION:
+            return record
+    raise InputError(f"{name}: has schema_version {version}; this version reads {SCHEMA_VERSION}")
 
 
-def _no_result(name: str, error: ValidationError) -> InputError:
-    first = error.errors(include_url=False)[0]
+def _validate(content: bytes, model: type[Record]) -> Record:
+    try:
+        return model.model_validate_json(content)
+    except ValidationError:
+        if b"\\ud" not in content:
+            raise
+    try:
+        value = json.loads(content)  # which takes a name that no encoding can write, as the model's parser does not
+    except (ValueError, RecursionError):
+        return model.model_validate_json(content)
+    return model.model_validate(value, strict=False)
+
+
+def parse_sound_parts(content: bytes) -> ResultRecord:
+    """A record from its JSON text without those of its keys whose content is damaged.
+
+    Raises
+    ------
+    ValueError
+        Not even what every record has is sound.
+    """
+    try:
+        return _validate(content, ResultRecord)
+    except ValidationError as error:
+        damaged = {problem["loc"][0] for problem in error.errors(include_url=False) if problem["loc"]}
+        value = json.loads(content)
+        return ResultRecord.model_validate({k: v for k, v in value.items() if k not in damaged}, strict=False)
+
+
+def is_record(content: bytes) -> bool | None:
+    """Whether a JSON text is meant to be a record, sound or not; None where it is no JSON."""
+    try:
+        value = json.loads(content)
+    except (ValueError, RecursionError):
+        return None
+    return isinstance(value, dict) and value.keys() >= {"schema_version", "status"}
+
+
+def _version_of(content: bytes) -> Any:
+    try:
+        value = json.loads(content)
+    except (ValueError, RecursionError):
+        return None
+    return value.get("schema_version") if isinstance(value, dict) else None
+
+
+def explain_damage(error: ValidationError) -> str:
+    """The first thing that is wrong with a record, as field and words."""
+    first = error.errors(include_url=False, include_context=False)[0]
     where = ".".join(str(part) for part in first["loc"])
-    return InputError(f"{name}: is no result of circlecal calibrate: {where}{': ' * bool(where)}{first['msg']}")
+    if first["type"] == "missing":
+        return f"{where} is missing"
+    return f"{where}{': ' * bool(where)}{first['msg'].removeprefix('Value error, ')}"
 
 
-def _stored(keys: _ResultKeys, name: str) -> StoredResult:
-    if keys.schema_version != SCHEMA_VERSION:
-        raise InputError(f"{name}: has schema_version {keys.schema_version}; this version reads {SCHEMA_VERSION}")
-    size = keys.image or _ImageKeys(width=1, height=1)
-    camera = keys.camera
-    return StoredResult(
-        id=keys.id,
-        status=keys.status,
-        reason=keys.reason,
-        width=size.width,
-        height=size.height,
-        H_image_field=None if keys.H_image_field is None else np.asarray(keys.H_image_field, dtype=np.float64),
-        camera=None if camera is None else camera_from_soccernet(camera.model_dump(), size.width, size.height),
-        surface=FLAT if camera is None else Surface(camera.crown_shape, camera.crown_radius_m, camera.crown_m),
-        covariance=None if camera is None else _covariance(camera.covariance),
-        growth_m=_growth(None if camera is None else camera.covariance),
-    )
-
-
-def _growth(keys: _CovarianceKeys | None) -> Array:
-    known = keys is not None and keys.parameters == PARAMETERS and len(keys.estimate) == len(PARAMETERS)
-    return np.array([keys.estimate[INDEX[name]] if known and keys else 0.0 for name in ("length", "breadth")])
-
-
-def _covariance(keys: _CovarianceKeys | None) -> Array | None:
-    """The matrix, where it is that of the camera's parameters as this version knows them."""
-    return np.asarray(keys.matrix, dtype=np.float64) if keys is not None and keys.parameters == PARAMETERS else None
+def to_mapping(record: ResultRecord) -> dict[str, Any]:
+    """The record as JSON's own types."""
+    content: dict[str, Any] = json.loads(result_line(record))
+    return content

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
 
 from circlecal.files import write_atomic_parts
+from circlecal.records.record import ResultRow
 from circlecal.results import Status
 
 _BLOCK = 1 << 16
@@ -33,25 +33,19 @@ class FrameSummary:
     reason: str | None
 
 
-def summarise(record: Mapping[str, Any]) -> FrameSummary:
-    """The row of a result file's content."""
-    rejected = record.get("rejected_estimate") or {}
-    camera = record.get("camera") or rejected.get("camera") or {}
-    ellipses = record.get("ellipses") or {}
-    primary = ellipses.get(ellipses.get("primary")) or {}
-    timings = record.get("timings_ms") or {}
-    reason = record.get("reason")
+def summarise(record: ResultRow) -> FrameSummary:
+    """The row of a record."""
+    camera, ellipses, timings = record.estimated_camera, record.ellipses, record.timings_ms
+    reason = record.reason
     return FrameSummary(
-        id=record["id"],
-        status=record["status"],
-        code=record.get("code"),
-        case=record.get("case"),
-        rms_px=primary.get("rms_px"),
-        sigma_px=camera.get("max_sigma_px"),
-        time_ms=timings.get("total", sum(timings.values())) if timings else None,
-        reason=None
-        if reason is None
-        else reason.encode("utf-8", "backslashreplace").decode(),  # names need not be text
+        id=record.id,
+        status=record.status,
+        code=record.code,
+        case=record.case,
+        rms_px=None if ellipses is None or ellipses.found is None else ellipses.found.rms_px,
+        sigma_px=None if camera is None else camera.max_sigma_px,
+        time_ms=timings.get("total", sum(time or 0.0 for time in timings.values())) if timings else None,
+        reason=reason and reason.encode("utf-8", "backslashreplace").decode(),  # names need not be text
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +17,7 @@ from circlecal.overlay.canvas import Canvas
 from circlecal.overlay.palette import CIRCLE, INLIER, POINT, REFUSED, TEMPLATE, Color
 from circlecal.overlay.radar import radar_half
 from circlecal.overlay.template_lines import pixels_near_picture
-from circlecal.records.record import stored_result
+from circlecal.records.record import Pair, ResultRecord
 from circlecal.view import FieldView
 
 _TOLERANCE = 0.35
@@ -43,7 +43,7 @@ class Scene:
         Field to pixels, through the estimate, also one that was refused.
     circle : str
         The circle that carried the calibration.
-    record : mapping
+    record : ResultRecord
         The record itself.
     """
 
@@ -53,30 +53,21 @@ class Scene:
     template: FieldTemplate | None
     view: FieldView | None
     circle: str
-    record: Mapping[str, Any]
+    record: ResultRecord
 
 
-def scene_of(record: Mapping[str, Any]) -> Scene | None:
+def scene_of(record: ResultRecord) -> Scene | None:
     """What can be drawn of a record; None where it has no picture size."""
-    image = record.get("image")
-    if not isinstance(image, dict):
+    if record.image is None:
         return None
-    accepted = record.get("status") == "calibrated"
-    rejected = record.get("rejected_estimate") or {}
-    estimate = record if accepted else {**record, "camera": None, "H_image_field": None, **rejected}
-    field = record.get("field") or {}
-    try:
-        stored = stored_result({"camera": None, "H_image_field": None, **estimate}, str(record.get("id")))
-        template = load_field(str(field.get("template")), field.get("sizes"))
-    except CirclecalError:
-        width, height = (_side(image.get(name)) for name in ("width", "height"))
-        return Scene(width, height, accepted, None, None, "", record) if width and height else None
-    circle = str(field.get("circle"))
-    return Scene(stored.width, stored.height, accepted, template, stored.view, circle, record)
-
-
-def _side(value: Any) -> int:
-    return value if isinstance(value, int) and 0 < value < 100_000 else 0
+    view, template, circle = record.estimated_view, None, ""
+    if record.field is not None:
+        try:
+            template = load_field(record.field.template, record.field.sizes)
+            circle = record.field.circle or ""
+        except CirclecalError:  # of another version, or a file of somebody's own
+            view = None
+    return Scene(record.width, record.height, record.status == "calibrated", template, view, circle, record)
 
 
 def template_layer(scene: Scene) -> str | None:
@@ -102,14 +93,11 @@ def template_layer(scene: Scene) -> str | None:
 
 def points_layer(scene: Scene) -> str | None:
     """The circle's points that took part, the derived points and the imaged centre as SVG in the frame's pixels."""
-    parts = [
-        _dots(_thin(_points(edge.get("points_px") if isinstance(edge, dict) else None)), INLIER, 3.0)
-        for edge in _mapping(scene.record.get("inliers")).values()
-    ]
-    found = _mapping(scene.record.get("correspondences")).get("points")
-    derived = [p.get("image_px") for p in found if isinstance(p, dict)] if isinstance(found, list) else []
+    record = scene.record
+    parts = [_dots(_thin(_points(edge.points_px)), INLIER, 3.0) for edge in (record.inliers or {}).values()]
+    derived = [point.image_px for point in record.correspondences.points] if record.correspondences else []
     parts.append(_dots(_points(derived), POINT, 8.0))
-    center = _points([scene.record.get("imaged_center")])
+    center = _points([] if record.imaged_center is None else [record.imaged_center])
     if len(center):
         x, y = center[0] + 0.5
         arm = 14.0 * scene.width / 1920.0
@@ -157,33 +145,22 @@ def _footprint(scene: Scene, half: Array) -> list[Array]:
     return [(contour[:, 0].astype(np.float64) + 0.5) * step - half for contour in contours if len(contour) > 2]
 
 
-def _found_ellipse(record: Mapping[str, Any]) -> Array | None:
+def _found_ellipse(record: ResultRecord) -> Array | None:
     """The fitted ellipse (N, 2) of a frame that got no further."""
-    ellipses = _mapping(record.get("ellipses"))
-    fit = _mapping(ellipses.get(str(ellipses.get("primary"))))
-    try:
-        center, axes = (np.asarray(fit[name], dtype=np.float64).reshape(2) for name in ("center_px", "semi_axes_px"))
-        turn = math.radians(float(fit["angle_degrees"]))
-    except (KeyError, TypeError, ValueError):
+    fit = None if record.ellipses is None else record.ellipses.found
+    if fit is None:
         return None
+    center, axes = (np.asarray(pair, dtype=np.float64) for pair in (fit.center_px, fit.semi_axes_px))
+    turn = np.radians(np.float64(np.nan if fit.angle_degrees is None else fit.angle_degrees))
     t = np.linspace(0.0, 2 * np.pi, 181)
-    along = np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]])
+    along = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
     points = center + (np.stack([np.cos(t), np.sin(t)], axis=1) * axes) @ along
     return points if np.isfinite(points).all() else None
 
 
-def _mapping(value: Any) -> dict[str, Any]:
-    return value if isinstance(value, dict) else {}
-
-
-def _points(value: Any) -> Array:
-    """Points (N, 2) of a record; none where it holds something else."""
-    try:
-        points = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        return np.zeros((0, 2))
-    if points.ndim != 2 or points.shape[1] != 2:
-        return np.zeros((0, 2))
+def _points(pairs: Sequence[Pair]) -> Array:
+    """Those of the points (N, 2) that are known."""
+    points = np.asarray(pairs, dtype=np.float64).reshape(-1, 2)
     return points[np.isfinite(points).all(axis=1)]
 
 

@@ -22,14 +22,17 @@ from circlecal.config import Config, config_digest
 from circlecal.errors import CirclecalError, InputError, reading_failure
 from circlecal.field import FieldTemplate
 from circlecal.files import prepare_folder
-from circlecal.formats.camera_prior import write_prior
+from circlecal.formats.registry import annotation_suffixes
 from circlecal.pictures.files import PictureFile, find_frames
 from circlecal.pictures.video import pictures_at
 from circlecal.pipeline import Convention, field_of, in_convention, run_observations
-from circlecal.records.record import result_record
+from circlecal.records.camera_prior import write_prior
+from circlecal.records.log import read_records
+from circlecal.records.record import AloneRecord, ResultRecord, ResultRow, RigRecord
+from circlecal.records.writing import result_record
 from circlecal.results import Calibration
 from circlecal.rig.estimation import Rig, config_with, estimate_rigs, shared_values
-from circlecal.rig.frames import RigFrame, frame_of_record, read_records
+from circlecal.rig.frames import RigFrame, frame_of_record
 from circlecal.rig.recalibration import Recalibration, recalibrate
 
 _log = logging.getLogger(__name__)
@@ -59,17 +62,19 @@ class RigReport:
     gained: list[str] = field(default_factory=list)
     kept: list[str] = field(default_factory=list)
 
-    def count(self, record: Mapping[str, Any]) -> None:
+    def count(self, record: ResultRow) -> None:
         """Take a frame's new record into the counts."""
-        rig = record["rig"]
-        after, before = record["status"] == "calibrated", rig["alone"]["status"] == "calibrated"
+        rig = record.rig
+        if rig is None:
+            return
+        after, before = record.status == "calibrated", rig.alone.status == "calibrated"
         self.calibrated += after
-        if rig["camera"] is not None:
-            self.by_camera.setdefault(rig["camera"], []).append(record["id"])
+        if rig.camera is not None:
+            self.by_camera.setdefault(rig.camera, []).append(record.id)
         if after and not before:
-            self.gained.append(record["id"])
-        if before and rig["camera"] is None:
-            self.kept.append(record["id"])
+            self.gained.append(record.id)
+        if before and rig.camera is None:
+            self.kept.append(record.id)
 
     def summary(self) -> dict[str, Any]:
         """Counts, and position, roll and distortion (mean and standard deviation, None where fixed) of each camera."""
@@ -151,18 +156,18 @@ def run_rig(
     seen_as = in_convention(template, convention) if annotated else template
 
     def observed(wanted: Collection[str]) -> dict[str, RigFrame]:
-        return {r["id"]: frame_of_record(r, results) for r in read_records(results) if r["id"] in wanted}
+        return {r.id: frame_of_record(r, results) for r in read_records(results) if r.id in wanted}
 
     rigs = estimate_rigs(frames, seen_as, circle, config, cameras, observed)
     prepare_folder(out)
     for rig in rigs:
         write_camera(out / f"{rig.name}.yaml", rig, config)
     task = RigTask(config, tuple(rigs), cameras, mask, convention, annotated)
-    again = (RecordedFrame(record["id"], record) for record in read_records(results))
+    again = (RecordedFrame(record.id, record) for record in read_records(results))
     run_batch(again, task, out, workers=workers, total=len(frames), restart=restart, on_progress=on_progress)
     report = RigReport(rigs, len(frames), sum(f.theta is not None for f in frames))
-    for record in read_records(out):
-        report.count(record)
+    for row in read_records(out, ResultRow):
+        report.count(row)
     return report
 
 
@@ -171,7 +176,7 @@ class RecordedFrame:
     """A frame by its record."""
 
     id: str
-    record: dict[str, Any]
+    record: ResultRecord
 
 
 @dataclass(frozen=True)
@@ -211,9 +216,9 @@ class RigTask:
 
     def source(self, frame: RecordedFrame) -> str:
         """File of a frame."""
-        return str(frame.record["source"]["path"])
+        return str(frame.record.path)
 
-    def record(self, frame: RecordedFrame) -> dict[str, Any]:
+    def record(self, frame: RecordedFrame) -> ResultRecord:
         """The frame's new record; its old one where nothing better was found."""
         template, circle = field_of(self.config)
         seen_as = in_convention(template, self.convention) if self.annotated else template
@@ -258,7 +263,7 @@ class _Again:
     The picture is measured once; a further camera takes what was seen of it then.
     """
 
-    record: Mapping[str, Any]
+    record: ResultRecord
     frame: RigFrame
     config: Config
     mask: Path | None
@@ -267,7 +272,7 @@ class _Again:
     measured: Calibration | None = field(default=None, init=False)
 
     def __call__(self, config: Config) -> Calibration | None:
-        source = Path(self.record["source"]["path"] or "")
+        source = Path(self.record.path or "")
         refused, annotated = self.frame.theta is None, _is_annotated(self.record)
         from_picture = refused and not annotated and source.is_file()
         if from_picture and self.measured is None:
@@ -285,7 +290,7 @@ class _Again:
         return None if from_picture and _leaves_the_arc(found, config) else found
 
     def _picture(self, source: Path) -> PictureFile:
-        time_s = self.record["source"].get("time_s")
+        time_s = None if self.record.source is None else self.record.source.time_s
         if time_s is None:
             return replace(find_frames([source])[0], id=self.frame.id)
         picture = next(pictures_at(source, [time_s]), None)
@@ -314,31 +319,26 @@ def _leaves_the_arc(found: Calibration, config: Config) -> bool:
     )
 
 
-def _is_annotated(record: Mapping[str, Any]) -> bool:
-    path = record["source"]["path"]
-    return path is not None and Path(path).suffix.lower() in {".json", ".xml", ".jsonl", ".csv"}
+def _is_annotated(record: ResultRow) -> bool:
+    return record.path is not None and Path(record.path).suffix.lower() in annotation_suffixes()
 
 
-def _require_same_field(record: Mapping[str, Any], template: FieldTemplate, results: Path) -> None:
-    known = record.get("field")
-    if known is not None and known["template"] != template.name:
+def _require_same_field(record: ResultRow, template: FieldTemplate, results: Path) -> None:
+    if record.field is not None and record.field.template != template.name:
         raise InputError(
-            f"{results}: {record['id']} is of the field {known['template']}, not {template.name}; give its --field"
+            f"{results}: {record.id} is of the field {record.field.template}, not {template.name}; give its --field"
         )
 
 
-def _written(record: Mapping[str, Any], found: Recalibration, template: FieldTemplate, digest: str) -> dict[str, Any]:
+def _written(record: ResultRecord, found: Recalibration, template: FieldTemplate, digest: str) -> ResultRecord:
     """The new record of a frame; the old one where nothing better was found."""
-    written = dict(record) if found.calibration is None else result_record(found.calibration, template)
-    return written | {
-        "source": record["source"],
-        "config_digest": digest,
-        "rig": {
-            "camera": None if found.rig is None else found.rig.name,
-            "reason": found.reason,
-            "alone": {"status": record["status"], "code": record.get("code"), "reason": record.get("reason")},
-        },
-    }
+    written = record if found.calibration is None else result_record(found.calibration, template)
+    rig = RigRecord(
+        camera=None if found.rig is None else found.rig.name,
+        reason=found.reason,
+        alone=AloneRecord(status=record.status, code=record.code, reason=record.reason),
+    )
+    return written.model_copy(update={"source": record.source, "config_digest": digest, "rig": rig})
 
 
 def write_camera(path: Path, rig: Rig, config: Config) -> None:

@@ -18,6 +18,8 @@ from circlecal.errors import InputError
 from circlecal.pictures.files import find_frames
 from circlecal.records.index import ResultIndex
 from circlecal.records.log import INDEX_NAME, RESULTS_NAME, Finished, ResultLog
+from circlecal.records.writing import failed_record
+from circlecal.results import Verdict
 
 from .runs import (
     PATIENCE_S,
@@ -227,9 +229,13 @@ def test_a_full_disk_in_the_middle_and_resumed(tmp_path):
     assert_every_frame_once(out, count)
 
 
+def unreadable(name):
+    return failed_record(name, f"{name}.png", Verdict("refused", "unreadable_input", "is empty", "input"), 0, "digest")
+
+
 def test_a_line_cut_by_a_full_disk_is_taken_back(tmp_path, monkeypatch):
     with ResultLog(tmp_path) as log:
-        log.append(Finished.of({"id": "a", "status": "refused"}))
+        log.append(Finished.of(unreadable("a")))
         whole = os.write
 
         def short(descriptor: int, content: bytes) -> int:
@@ -239,13 +245,13 @@ def test_a_line_cut_by_a_full_disk_is_taken_back(tmp_path, monkeypatch):
 
         monkeypatch.setattr("os.write", short)
         with pytest.raises(InputError, match="No space left"):
-            log.append(Finished.of({"id": "b", "status": "refused", "reason": "long enough"}))
-    assert records(tmp_path) == [{"id": "a", "status": "refused"}]
+            log.append(Finished.of(unreadable("b")))
+    assert [record["id"] for record in records(tmp_path)] == ["a"]
 
 
 def test_a_damaged_line_in_the_middle_is_an_error(tmp_path):
     digest = config_digest(Config())
-    good = json.dumps({"id": "a", "status": "refused", "config_digest": digest})
+    good = json.dumps({"schema_version": 1, "id": "a", "status": "refused", "config_digest": digest})
     (tmp_path / RESULTS_NAME).write_text(f"{good}\nnonsense\n{good}\n")
     with ResultLog(tmp_path) as log, pytest.raises(InputError, match="line 2: is no result"):
         log.take_up(digest)
@@ -254,7 +260,7 @@ def test_a_damaged_line_in_the_middle_is_an_error(tmp_path):
 @pytest.mark.parametrize("tail", ['{"id": "b"', '{"id": "b", "status": "refused"}', "[", '"x"'])
 def test_a_torn_last_line_is_cut_off(tmp_path, tail):
     digest = config_digest(Config())
-    good = json.dumps({"id": "a", "status": "refused", "config_digest": digest})
+    good = json.dumps({"schema_version": 1, "id": "a", "status": "refused", "config_digest": digest})
     (tmp_path / RESULTS_NAME).write_text(f"{good}\n{tail}")
     with ResultLog(tmp_path) as log:
         log.take_up(digest)

@@ -4,15 +4,17 @@ import json
 
 import pytest
 
-from circlecal import calibrate
+from circlecal.config import Config
 from circlecal.field import load_field
-from circlecal.records.record import result_record, write_result
+from circlecal.pipeline import run
+from circlecal.records.record import write_result
+from circlecal.records.writing import result_record
 
 
 @pytest.fixture(scope="module")
 def result_file(tmp_path_factory, frame_image):
     path = tmp_path_factory.mktemp("result") / "good.json"
-    write_result(path, result_record(calibrate(frame_image, frame_id="good"), load_field("soccer")))
+    write_result(path, result_record(run(frame_image, Config(), frame_id="good"), load_field("soccer")))
     return path
 
 

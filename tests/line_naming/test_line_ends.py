@@ -106,11 +106,3 @@ def test_a_line_through_an_end_says_where_that_marking_runs():
     assert not are_ended_on({2: "side_line_top"}, met, observations)
     assert not are_ended_on({1: "side_line_bottom"}, met, observations)
     assert not are_ended_on({}, met, observations)
-
-
-def test_ends_survive_a_round_trip():
-    given = seen([far_end(crossed=False)])
-    back = Observations.from_json(given.to_json(), 1920, 1080)
-    (end,) = back.lines[0].ends
-    assert not end.crossed
-    np.testing.assert_allclose(end.point_px, given.lines[0].ends[0].point_px, atol=1e-4)

@@ -9,10 +9,12 @@ from typing import Any
 import cv2
 import pytest
 
-from circlecal import calibrate
+from circlecal.config import Config
 from circlecal.field import load_field
+from circlecal.pipeline import run
 from circlecal.records.log import RESULTS_NAME
-from circlecal.records.record import failed_record, result_record
+from circlecal.records.record import ResultRecord, parse_sound_parts, result_line
+from circlecal.records.writing import failed_record, result_record
 from circlecal.results import Verdict
 
 Record = dict[str, Any]
@@ -20,9 +22,9 @@ Record = dict[str, Any]
 
 @pytest.fixture(scope="session")
 def good_record(frame_image) -> Record:
-    calibration = calibrate(frame_image, frame_id="good")
+    calibration = run(frame_image, Config(), frame_id="good")
     assert calibration.status == "calibrated"
-    return json.loads(json.dumps(result_record(calibration, load_field("soccer"))))
+    return json.loads(result_line(result_record(calibration, load_field("soccer"))))
 
 
 @pytest.fixture(scope="session")
@@ -45,8 +47,13 @@ def named(light_record) -> Callable[..., Record]:
 
 
 def refused(name: str, code: str = "no_field", reason: str = "no playing field", stage: str = "mask") -> Record:
-    record = failed_record(name, "gone.png", Verdict("refused", code, reason, stage), 0, "abc")
+    record = json.loads(result_line(failed_record(name, "gone.png", Verdict("refused", code, reason, stage), 0, "abc")))
     return record | {"image": {"width": 960, "height": 540}, "timings_ms": {"mask": 12.5}}
+
+
+def sound(record: Record) -> ResultRecord:
+    """The record as the report has it, without what is damaged in it."""
+    return parse_sound_parts(json.dumps(record).encode())
 
 
 def write_run(folder: Path, records: list[Record]) -> Path:

@@ -6,11 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
-from circlecal.records.record import stored_result
 from circlecal.report.details import frame_details
 from circlecal.report.drawings import draw_on_thumbnail, plan_layer, points_layer, scene_of, template_layer
 from circlecal.report.reading import read_run
-from tests.report.conftest import refused, write_run
+from tests.report.conftest import refused, sound, write_run
 
 
 def numbers(svg: str, color: str) -> np.ndarray:
@@ -23,18 +22,18 @@ CIRCLE, REFUSED = "#f0e442", "#e15e14"
 
 
 def test_the_template_lies_on_the_projected_circle(good_record):
-    scene = scene_of(good_record)
+    scene = scene_of(sound(good_record))
     drawn = numbers(template_layer(scene), CIRCLE) - 0.5
     angle = np.linspace(0, 2 * np.pi, 7200)
     radius = 9.15 - 0.06
-    exact = stored_result(good_record, "x").view.project(radius * np.stack([np.cos(angle), np.sin(angle)], axis=1))
+    exact = sound(good_record).view.project(radius * np.stack([np.cos(angle), np.sin(angle)], axis=1))
     distance = np.linalg.norm(drawn[:, None] - exact[None], axis=2).min(axis=1)
     assert len(drawn) > 20
     assert distance.max() < 0.15
 
 
 def test_layers_have_the_size_of_the_frame(good_record):
-    scene = scene_of(good_record)
+    scene = scene_of(sound(good_record))
     for layer in (template_layer(scene), points_layer(scene)):
         assert 'viewBox="0 0 960 540"' in layer
     inliers = sum(len(edge["points_px"]) for edge in good_record["inliers"].values())
@@ -44,32 +43,32 @@ def test_layers_have_the_size_of_the_frame(good_record):
 def test_a_refused_estimate_is_dashed(good_record):
     estimate = {name: good_record[name] for name in ("H_image_field", "camera")}
     record = good_record | {"status": "refused", "H_image_field": None, "camera": None, "rejected_estimate": estimate}
-    layer = template_layer(scene_of(record))
+    layer = template_layer(scene_of(sound(record)))
     assert len(numbers(layer, REFUSED)) > 20
     assert layer.count("<path") == layer.count("stroke-dasharray")
-    assert plan_layer(scene_of(record)) is None
+    assert plan_layer(scene_of(sound(record))) is None
 
 
 def test_without_an_estimate_the_ellipse_is_drawn(good_record):
     record = good_record | {"status": "refused", "H_image_field": None, "camera": None, "rejected_estimate": None}
-    ellipse = numbers(template_layer(scene_of(record)), CIRCLE) - 0.5
-    circle = numbers(template_layer(scene_of(good_record)), CIRCLE) - 0.5
+    ellipse = numbers(template_layer(scene_of(sound(record))), CIRCLE) - 0.5
+    circle = numbers(template_layer(scene_of(sound(good_record))), CIRCLE) - 0.5
     distance = np.linalg.norm(ellipse[:, None] - circle[None], axis=2).min(axis=1)
     assert np.median(distance) < 8.0
-    assert template_layer(scene_of(refused("a"))) is None
+    assert template_layer(scene_of(sound(refused("a")))) is None
 
 
 def test_a_homography_alone_is_enough(good_record):
-    layer = template_layer(scene_of(good_record | {"camera": None}))
+    layer = template_layer(scene_of(sound(good_record | {"camera": None})))
     assert len(numbers(layer, CIRCLE)) > 20
 
 
 def test_the_plan_outlines_what_the_frame_shows(good_record):
-    scene = scene_of(good_record)
+    scene = scene_of(sound(good_record))
     svg = plan_layer(scene)
     outline = re.search(r'<path d="([^"]*)" fill="#fff"', svg).group(1)
     polygon = np.array([float(n) for n in re.findall(r"-?\d+\.?\d*", outline)]).reshape(-1, 2) / 10
-    stored = stored_result(good_record, "x")
+    stored = sound(good_record)
     rng = np.random.default_rng(4)
     points = rng.uniform([-50, -33], [50, 33], (300, 2))
     pixels = stored.view.project(points)
@@ -82,7 +81,7 @@ def test_the_plan_outlines_what_the_frame_shows(good_record):
 
 def test_the_thumbnail_shows_the_circle(good_record, frame_image):
     small = cv2.resize(frame_image, (320, 180), interpolation=cv2.INTER_AREA)
-    drawn = draw_on_thumbnail(small, scene_of(good_record))
+    drawn = draw_on_thumbnail(small, scene_of(sound(good_record)))
     yellow = (drawn[..., 2] > 200) & (drawn[..., 0] < 120)
     assert yellow.sum() > 100
     assert np.shares_memory(small, drawn) is False
@@ -101,20 +100,20 @@ def test_the_thumbnail_shows_the_circle(good_record, frame_image):
 )  # fmt: skip
 def test_damaged_records_are_drawn_as_far_as_they_go(good_record, tmp_path, change):
     record = good_record | change
-    scene = scene_of(record)
+    scene = scene_of(sound(record))
     if scene is not None:
         for layer in (template_layer, points_layer, plan_layer):
             layer(scene)
     if "ellipses" not in change and "camera" not in change:
         (row,) = read_run(write_run(tmp_path, [record])).rows
-        assert frame_details(record, row)["facts"]
+        assert frame_details(sound(record), row)["facts"]
 
 
 def test_details_name_what_failed_first(good_record, tmp_path):
     checks = [{"name": "sigma_px", "value": 99.0, "limit": 60.0, "passed": False}]
     record = good_record | {"checks": good_record["checks"] + checks}
     (row,) = read_run(write_run(tmp_path, [record])).rows
-    told = frame_details(record, row)
+    told = frame_details(sound(record), row)
     assert told["checks"][0] == ["sigma px", "99", "60", False]
     facts = dict(told["facts"])
     assert facts["picture"] == "960 x 540 px"

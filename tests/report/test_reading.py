@@ -30,7 +30,7 @@ def test_a_row_has_the_figures_of_its_record(tmp_path, good_record):
 def test_records_are_found_again(tmp_path, named):
     run = read_run(write_run(tmp_path, [named("ä"), named("b"), named("c", 7.5)]))
     for row in run.rows:
-        assert run.record(row)["id"] == row.id
+        assert run.record(row).id == row.id
     (tmp_path / RESULTS_NAME).write_text("")
     with pytest.raises(InputError, match="changed while"):
         run.record(run.rows[0])

@@ -8,13 +8,15 @@ import pytest
 import yaml
 
 from circlecal.errors import InputError
-from circlecal.formats.camera_prior import prior_settings
 from circlecal.geometry.homography import mean_reprojection_error, reprojection_grid
 from circlecal.observations import Observations
 from circlecal.pipeline import run_observations
-from circlecal.records.record import failed_record, result_line, result_record
+from circlecal.records.camera_prior import prior_settings
+from circlecal.records.log import read_records
+from circlecal.records.record import result_line
+from circlecal.records.writing import failed_record, result_record
 from circlecal.results import Verdict
-from circlecal.rig.frames import frame_of_record, read_records
+from circlecal.rig.frames import frame_of_record
 from circlecal.rig.run import read_cameras, run_rig
 
 from .scenes import CONFIG, TEMPLATE, main_views, seen_by
@@ -26,7 +28,7 @@ SETTINGS = ["--set", "camera.starts=2", "--set", "camera.iterations=30", "--set"
 
 def error_px(record, camera):
     grid = reprojection_grid(camera.homography, 1920, 1080, 52.5, 34.0)
-    return mean_reprojection_error(camera.homography, np.array(record["H_image_field"]), grid)
+    return mean_reprojection_error(camera.homography, np.array(record.H_image_field), grid)
 
 
 @pytest.fixture(scope="module")
@@ -65,36 +67,36 @@ def again(records, tmp_path_factory):
     folder = tmp_path_factory.mktemp("rig")
     (folder / "results.jsonl").write_text("".join(result_line(r) + "\n" for r in records))
     report = run_rig(folder, CONFIG, folder / "out")
-    return folder / "out", report, {r["id"]: r for r in read_records(folder / "out")}
+    return folder / "out", report, {r.id: r for r in read_records(folder / "out")}
 
 
 def test_frames_refused_alone_succeed_with_the_camera(records, views, again):
     _, report, found = again
-    assert {r["id"] for r in records if r["status"] == "calibrated"} == {"0", "1", "2", "3"}
+    assert {r.id for r in records if r.status == "calibrated"} == {"0", "1", "2", "3"}
     assert report.gained == ["no-line", "arc"]
     assert (report.frames, report.calibrated_alone, report.calibrated) == (8, 4, 6)
     cameras = dict(zip(["0", "1", "2", "3", "no-line", "arc"], views, strict=True))
     for name, camera in cameras.items():
-        sigma = found[name]["camera"]["max_sigma_px"]
+        sigma = found[name].camera.max_sigma_px
         assert error_px(found[name], camera) < min(6.0, sigma), name
-        assert found[name]["rig"]["camera"] == "camera-1"
-    assert found["arc"]["rig"]["alone"]["code"] == "rotation_free"
+        assert found[name].rig.camera == "camera-1"
+    assert found["arc"].rig.alone.code == "rotation_free"
 
 
 def test_frames_that_show_nothing_stay_refused(again):
     _, _, found = again
     for name in ("nothing", "bad"):
-        assert found[name]["status"] == "refused"
-        assert found[name]["rig"]["camera"] is None
-    assert found["bad"]["code"] == "unreadable_input"
+        assert found[name].status == "refused"
+        assert found[name].rig.camera is None
+    assert found["bad"].code == "unreadable_input"
 
 
 def test_predicted_errors_shrink_and_hold(records, views, again):
     _, _, found = again
     for k, camera in enumerate(views[:4]):
         before, after = records[k], found[f"{k}"]
-        assert after["camera"]["max_sigma_px"] < 1.05 * before["camera"]["max_sigma_px"]
-        assert error_px(after, camera) < 3 * after["camera"]["max_sigma_px"]
+        assert after.camera.max_sigma_px < 1.05 * before.camera.max_sigma_px
+        assert error_px(after, camera) < 3 * after.camera.max_sigma_px
 
 
 def test_prior_file_is_read_by_calibrate(again, tmp_path):
@@ -113,9 +115,9 @@ def test_one_frame_shares_nothing(records, tmp_path):
     (tmp_path / "results.jsonl").write_text(result_line(records[0]) + "\n" + result_line(records[4]) + "\n")
     report = run_rig(tmp_path, CONFIG, tmp_path / "out")
     assert report.rigs == []
-    kept = {r["id"]: r for r in read_records(tmp_path / "out")}
-    assert kept["0"]["H_image_field"] == records[0]["H_image_field"]
-    assert kept["no-line"]["status"] == "refused"
+    kept = {r.id: r for r in read_records(tmp_path / "out")}
+    assert kept["0"].H_image_field == records[0].H_image_field
+    assert kept["no-line"].status == "refused"
 
 
 def test_command_prints_cameras_and_counts(run_circlecal, results, tmp_path):
@@ -137,10 +139,10 @@ def test_given_cameras(run_circlecal, results, tmp_path):
     named.write_text("id,camera\n0,stand\n1,stand\n2,stand\n")
     outcome = run_circlecal("rig", results, "--out", tmp_path / "out", "--cameras", named, "--json", *SETTINGS)
     assert json.loads(outcome.out)["cameras"][0]["camera"] == "stand"
-    found = {r["id"]: r for r in read_records(tmp_path / "out")}
-    assert found["2"]["rig"]["camera"] == "stand"
-    assert found["3"]["rig"]["camera"] is None
-    assert found["arc"]["status"] == "refused"
+    found = {r.id: r for r in read_records(tmp_path / "out")}
+    assert found["2"].rig.camera == "stand"
+    assert found["3"].rig.camera is None
+    assert found["arc"].status == "refused"
 
 
 @pytest.mark.parametrize(
@@ -167,16 +169,22 @@ def test_wrong_results(run_circlecal, results, records, tmp_path):
     (results / "results.jsonl").write_text("[]\n")
     with pytest.raises(InputError, match="line 1"):
         list(read_records(results))
-    damaged = {**records[0], "camera": {**records[0]["camera"], "covariance": {"parameters": ["x"]}}}
-    with pytest.raises(InputError, match="of 0 is no result"):
-        frame_of_record(damaged, results)
+    damaged = json.loads(result_line(records[0]))
+    damaged["camera"]["covariance"] = {"parameters": ["x"]}
+    (results / "results.jsonl").write_text(json.dumps(damaged) + "\n")
+    with pytest.raises(InputError, match=r"line 1: is no result: camera\.covariance\.matrix is missing"):
+        list(read_records(results))
+    damaged["camera"]["covariance"] = {"parameters": ["x"], "matrix": [[1.0]]}
+    (results / "results.jsonl").write_text(json.dumps(damaged) + "\n")
+    with pytest.raises(InputError, match="camera of 0 has other parameters"):
+        frame_of_record(next(read_records(results)), results)
 
 
 def test_result_files_serve_as_well(records, tmp_path):
     for record in records[:2]:
-        (tmp_path / f"{record['id']}.json").write_text(result_line(record))
-    assert [r["id"] for r in read_records(tmp_path)] == ["0", "1"]
-    assert [r["id"] for r in read_records(tmp_path / "0.json")] == ["0"]
+        (tmp_path / f"{record.id}.json").write_text(result_line(record))
+    assert [r.id for r in read_records(tmp_path)] == ["0", "1"]
+    assert [r.id for r in read_records(tmp_path / "0.json")] == ["0"]
 
 
 def test_a_rig_goes_on_where_it_was_stopped(records, tmp_path):
@@ -190,7 +198,7 @@ def test_a_rig_goes_on_where_it_was_stopped(records, tmp_path):
     assert seen[-1] == 3
     assert report.calibrated == 6
     ids = [json.loads(line)["id"] for line in (out / "results.jsonl").read_text().splitlines()]
-    assert sorted(ids) == sorted(r["id"] for r in records)
+    assert sorted(ids) == sorted(r.id for r in records)
     with pytest.raises(InputError, match="choose another --out"):
         run_rig(tmp_path, CONFIG, tmp_path)
 
@@ -203,10 +211,10 @@ def test_batch_does_both_passes(run_circlecal, frame_image, tmp_path):
     assert outcome.code == 0, outcome
     assert json.loads(outcome.out)["calibrated"] == 2
     found = list(read_records(tmp_path / "run" / "rig"))
-    assert {r["rig"]["camera"] for r in found} == {"camera-1"}
-    alone = {r["id"]: r for r in read_records(tmp_path / "run")}
+    assert {r.rig.camera for r in found} == {"camera-1"}
+    alone = {r.id: r for r in read_records(tmp_path / "run")}
     for record in found:
-        assert record["camera"]["max_sigma_px"] < alone[record["id"]]["camera"]["max_sigma_px"]
+        assert record.camera.max_sigma_px < alone[record.id].camera.max_sigma_px
     # a further frame: other cameras, so the second pass is made anew
     cv2.imwrite(str(tmp_path / "c.png"), np.full_like(frame_image, 90))
     outcome = run_circlecal(*arguments)

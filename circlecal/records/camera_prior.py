@@ -15,6 +15,7 @@ from typing import Any
 
 from circlecal.errors import InputError, reading_failure
 from circlecal.files import write_atomic
+from circlecal.records.record import GIVE_A_RESULT, ResultRow, parse_record
 
 KEYS = (
     "position_m",
@@ -51,7 +52,7 @@ def prior_settings(path: Path) -> list[str]:
         raise InputError(f"{path}: is neither YAML nor JSON: {' '.join(str(error).split())}") from error
     if not isinstance(content, dict):
         raise InputError(f"{path}: a camera prior is a mapping with position_m")
-    known = _from_result(content, path) if "schema_version" in content else content
+    known = _from_result(path) if "schema_version" in content else content
     known = {key: value for key, value in known.items() if key not in ABOUT_KEYS}
     unknown = sorted(set(known) - set(KEYS))
     if unknown:
@@ -91,12 +92,13 @@ def write_prior(
     write_atomic(path, f"{header}\n{body}".encode())
 
 
-def _from_result(record: dict[str, Any], path: Path) -> dict[str, Any]:
-    camera = record.get("camera")
-    if record.get("status") != "calibrated" or not isinstance(camera, dict):
+def _from_result(path: Path) -> dict[str, Any]:
+    record = parse_record(path.read_bytes(), ResultRow, str(path), GIVE_A_RESULT)
+    camera = record.camera
+    if record.status != "calibrated" or camera is None:
         raise InputError(f"{path}: holds no calibrated camera; give the result of a calibrated frame")
-    sigma = camera.get("position_sigma_m") or [DEFAULT_POSITION_SD_M] * 3
+    sigma = camera.position_sigma_m or (None,) * 3
     return {
-        "position_m": camera["position_meters"],
-        "position_sd_m": [max(float(s), LEAST_POSITION_SD_M) for s in sigma],
+        "position_m": list(camera.position_meters),
+        "position_sd_m": [max(DEFAULT_POSITION_SD_M if s is None else s, LEAST_POSITION_SD_M) for s in sigma],
     }

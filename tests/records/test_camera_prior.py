@@ -5,7 +5,7 @@ import json
 import pytest
 
 from circlecal.errors import InputError
-from circlecal.formats.camera_prior import LEAST_POSITION_SD_M, prior_settings
+from circlecal.records.camera_prior import LEAST_POSITION_SD_M, prior_settings
 
 
 def _file(folder, content):
@@ -22,8 +22,11 @@ def test_prior_file_becomes_settings(tmp_path):
 
 
 def test_result_gives_position_with_its_sigma(tmp_path):
-    camera = {"position_meters": [1.0, 60.0, -15.0], "position_sigma_m": [0.4, 0.001, 0.3]}
-    result = {"schema_version": 1, "status": "calibrated", "camera": camera}
+    angles = {f"{name}_degrees": 1.0 for name in ("pan", "tilt", "roll")}
+    lens = {"x_focal_length": 2.0, "y_focal_length": 2.0, "principal_point": [1.0, 1.0], "radial_distortion": [0.0] * 6}
+    position = {"position_meters": [1.0, 60.0, -15.0], "position_sigma_m": [0.4, 0.001, 0.3]}
+    camera = angles | lens | position
+    result = {"schema_version": 1, "id": "a", "status": "calibrated", "camera": camera}
     settings = dict(setting.split("=", 1) for setting in prior_settings(_file(tmp_path, result)))
     assert json.loads(settings["camera.position_m"]) == camera["position_meters"]
     assert json.loads(settings["camera.position_sd_m"]) == [0.4, LEAST_POSITION_SD_M, 0.3]
@@ -36,7 +39,8 @@ def test_result_gives_position_with_its_sigma(tmp_path):
         ("[1, 2]", "mapping"),
         ("k1_mean: 0.02", "position_m is missing"),
         ("position_m: [1, 60, -15]\nfoo: 1", "foo is unknown"),
-        ({"schema_version": 1, "status": "refused", "camera": None}, "no calibrated camera"),
+        ({"schema_version": 1, "id": "a", "status": "refused", "camera": None}, "no calibrated camera"),
+        ({"schema_version": 1, "status": "refused"}, "id is missing"),
     ],
 )
 def test_wrong_file_is_one_line_that_names_it(tmp_path, content, named):

@@ -1,0 +1,234 @@
+"""The record of a frame from its calibration: the one place that knows both."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from pydantic_core import to_json
+
+from circlecal import __version__
+from circlecal.field import FieldTemplate
+from circlecal.geometry.projective import Array
+from circlecal.observations import Observations
+from circlecal.records.record import SCHEMA_VERSION, ResultRecord, SourceRecord
+from circlecal.results import Calibration, CameraFit, Correspondences, EllipseFit, EllipseFits, Verdict
+
+POINT_DECIMALS, OBSERVATION_DECIMALS = 3, 4
+
+
+def result_record(
+    calibration: Calibration, template: FieldTemplate, *, time_s: float | None = None, digest: str | None = None
+) -> ResultRecord:
+    """The record of a frame.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        What the pipeline returned.
+    template : FieldTemplate
+        The field that it ran with.
+    time_s : float, optional
+        Time of the frame in its video.
+    digest : str, optional
+        Digest of everything that the answer depends on beside the frame; that of the configuration when None.
+    """
+    accepted = calibration.status == "calibrated"
+    fit = calibration.camera
+    H_image_field, H_field_image = _homographies(calibration)
+    camera = None if fit is None else _camera(fit)
+    reached = H_image_field is not None or camera is not None
+    content = {
+        "schema_version": SCHEMA_VERSION,
+        "version": __version__,
+        "id": "",
+        "image": {"width": calibration.width, "height": calibration.height},
+        "field": {"template": template.name, "circle": calibration.circle_name, "sizes": template.sizes},
+        "status": calibration.status,
+        "H_image_field": H_image_field if accepted else None,
+        "H_field_image": H_field_image if accepted else None,
+        "H_covariance": fit.H_covariance if accepted and fit is not None else None,
+        "camera": camera if accepted else None,
+        "rejected_estimate": {"H_image_field": H_image_field, "camera": camera} if reached and not accepted else None,
+        **_circle_findings(calibration),
+        "alternatives": _alternatives(calibration),
+        "residuals_px": _residuals(calibration),
+        "observations": calibration.observations and write_observations(calibration.observations),
+        "timings_ms": {stage: round(time, 3) for stage, time in calibration.timings_ms.items()},
+        "seed": calibration.seed,
+        "config_digest": digest or calibration.config_digest,
+        "checks": calibration.verdict.checks,
+    }
+    # what is not finite becomes null on this way; names need not be text, and stay out of it
+    numbers = ResultRecord.model_validate_json(to_json(content, inf_nan_mode="null", fallback=_plain))
+    return numbers.model_copy(
+        update={
+            "id": calibration.id,
+            "source": SourceRecord(path=calibration.source, time_s=time_s),
+            **_verdict(calibration.verdict),
+        }
+    )
+
+
+def failed_record(
+    frame_id: str, source: str, verdict: Verdict, seed: int, digest: str, time_s: float | None = None
+) -> ResultRecord:
+    """Record of a frame of a batch that never reached the pipeline, e.g. refused with ``unreadable_input``."""
+    return ResultRecord(
+        schema_version=SCHEMA_VERSION,
+        version=__version__,
+        id=frame_id,
+        source=SourceRecord(path=source, time_s=time_s),
+        image=None,
+        **_verdict(verdict),
+        checks=[],
+        H_image_field=None,
+        H_field_image=None,
+        camera=None,
+        seed=seed,
+        config_digest=digest,
+    )
+
+
+def _verdict(verdict: Verdict) -> dict[str, Any]:
+    return {
+        "status": verdict.status,
+        "code": verdict.code,
+        "stage": verdict.stage,
+        "reason": verdict.reason,
+        "help": verdict.help,
+    }
+
+
+def write_observations(seen: Observations) -> dict[str, Any]:
+    """What was seen as the record has it, rounded to 1e-4 px."""
+    return {
+        "circles": [
+            {"circle": c.circle, "edge": c.edge, "points_px": _round(c.points_px), "sigma_px": _round(c.sigma_px)}
+            for c in seen.circles
+        ],
+        "lines": [
+            {"line": s.line, "points_px": _round(s.points_px), "sigma_px": _round(s.sigma_px)}
+            | ({"ends": [{"point_px": _round(e.point_px), "crossed": e.crossed} for e in s.ends]} if s.ends else {})
+            for s in seen.lines
+        ],
+        "marks": [{"mark": m.mark, "point_px": _round(m.point_px), "sigma_px": m.sigma_px} for m in seen.marks],
+        "keypoints": [
+            {"name": k.name, "field_m": _round(k.field_m), "point_px": _round(k.point_px), "sigma_px": k.sigma_px}
+            for k in seen.keypoints
+        ],
+    }
+
+
+def _homographies(calibration: Calibration) -> tuple[Array | None, Array | None]:
+    estimate = calibration.camera if calibration.camera is not None else calibration.homography
+    return (None, None) if estimate is None else (estimate.H_image_field, estimate.H_field_image)
+
+
+def _camera(fit: CameraFit) -> dict[str, Any]:
+    return {
+        **fit.camera.soccernet(),
+        "crown_m": fit.surface.crown_m,
+        "crown_shape": fit.surface.shape,
+        "crown_radius_m": fit.surface.reference_m,
+        "covariance": {"parameters": fit.parameters, "estimate": fit.theta, "matrix": fit.covariance},
+        "derived_points": fit.derived_points,
+        "named_lines": fit.named_lines,
+        "rejected_observations": fit.rejected,
+        "noise_scale": fit.noise_scale,
+        "data_share": fit.data_share,
+        "prior_dominated": fit.prior_dominated,
+        "residual_correlation": fit.residual_correlation,
+        "position_sigma_m": np.sqrt(np.diag(fit.covariance)[4:7]),
+        "reference_m": fit.reference_m,
+        "max_sigma_px": fit.max_sigma_px,
+        "max_sigma_m": fit.max_sigma_m,
+    }
+
+
+def _circle_findings(calibration: Calibration) -> dict[str, Any]:
+    """Case, ellipses, imaged centre, vanishing line, correspondences and inliers."""
+    found = calibration.correspondences
+    fit = calibration.camera
+    center = fit.imaged_center_px if fit is not None else None if found is None else found.imaged_center[:2]
+    return {
+        "case": None if found is None else found.case,
+        "ellipses": None if calibration.ellipses is None else _ellipses(calibration.ellipses),
+        "imaged_center": center,
+        "imaged_center_source": "camera" if fit is not None else None if found is None else found.center_source,
+        "imaged_center_covariance": None if fit is None else fit.imaged_center_covariance,
+        "vanishing_line": None if found is None else found.vanishing_line,
+        "correspondences": None if found is None else _correspondences(found),
+        "inliers": None if calibration.ellipses is None else _inliers(calibration.ellipses),
+    }
+
+
+def _ellipses(fits: EllipseFits) -> dict[str, Any]:
+    written: dict[str, Any] = {"primary": fits.primary.edge if fits.all() else None}
+    return written | {edge: _ellipse(getattr(fits, edge)) for edge in ("outer", "inner", "center")}
+
+
+def _ellipse(fit: EllipseFit | None) -> dict[str, Any] | None:
+    if fit is None:
+        return None
+    return {
+        "conic": fit.conic,
+        "center_px": fit.ellipse.center,
+        "semi_axes_px": fit.ellipse.semi_axes,
+        "angle_degrees": np.degrees(fit.ellipse.angle_rad),
+        "covariance": fit.covariance,
+        "method": fit.method,
+        "rms_px": fit.rms_px,
+        "arc_degrees": fit.arc_deg,
+        "hypotheses": fit.hypotheses,
+    }
+
+
+def _inliers(fits: EllipseFits) -> dict[str, Any]:
+    return {
+        fit.edge: {
+            "count": int(np.count_nonzero(fit.inliers)),
+            "of": len(fit.inliers),
+            "points_px": _round(fit.points_px[fit.inliers], POINT_DECIMALS),
+        }
+        for fit in fits.all()
+    }
+
+
+def _correspondences(found: Correspondences) -> dict[str, Any]:
+    return {
+        "conic": found.conic,
+        "radius_m": found.radius_m,
+        "points": found.points,
+        "tangents": found.tangents,
+    }
+
+
+def _alternatives(calibration: Calibration) -> list[dict[str, Any]]:
+    """The field turned by 180 degrees, which circle and halfway line cannot tell from the answer; only a prior can."""
+    if calibration.camera is not None:
+        turned = calibration.camera.camera.turned()
+        return [{"kind": "turned_field", "H_image_field": turned.homography, "camera": turned.soccernet()}]
+    if calibration.homography is not None:
+        return [{"kind": "turned_field", "H_image_field": calibration.homography.H_image_field_turned, "camera": None}]
+    return []
+
+
+def _residuals(calibration: Calibration) -> dict[str, Any]:
+    fits = () if calibration.ellipses is None else calibration.ellipses.all()
+    return {
+        "ellipses": {fit.edge: fit.rms_px for fit in fits},
+        "homography": None if calibration.homography is None else calibration.homography.residuals_px,
+        "camera": None if calibration.camera is None else calibration.camera.residuals_px,
+    }
+
+
+def _plain(value: Any) -> Any:
+    """Arrays and numpy's numbers as JSON knows them."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    raise TypeError(f"{type(value).__name__} has no place in a record")
+
+
+def _round(values: Array, decimals: int = OBSERVATION_DECIMALS) -> Array:
+    return np.asarray(np.round(values, decimals), dtype=np.float64)
