@@ -35,27 +35,37 @@ def write_atomic_parts(path: Path, parts: Iterable[bytes]) -> None:
     InputError
         As :func:`write_atomic`.
     """
-    temporary: str | None = None
+    with replacement(path) as temporary, temporary.open("wb") as file:
+        for part in parts:
+            file.write(part)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+@contextlib.contextmanager
+def replacement(path: Path) -> Iterator[Path]:
+    """An empty file beside a path, to be written to; it takes the path's place when the block is left without an error.
+
+    Raises
+    ------
+    InputError
+        One line with the file and what the system said; the old file, if any, is untouched.
+    """
+    temporary: Path | None = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(prefix=f".{path.name[:100]}.", dir=path.parent)
-        with os.fdopen(handle, "wb") as file:
-            for part in parts:
-                file.write(part)
-            file.flush()
-            os.fsync(file.fileno())
-        Path(temporary).chmod(0o666 & ~_umask())
-        Path(temporary).replace(path)
+        handle, name = tempfile.mkstemp(prefix=f".{path.name[:100]}.", dir=path.parent)
+        os.close(handle)
+        temporary = Path(name)
+        yield temporary
+        temporary.chmod(0o666 & ~_umask())
+        temporary.replace(path)
     except OSError as error:
-        if temporary is not None:
-            with contextlib.suppress(OSError):
-                Path(temporary).unlink()
         raise write_error(path, error) from error
-    except BaseException:
+    finally:
         if temporary is not None:
             with contextlib.suppress(OSError):
-                Path(temporary).unlink()
-        raise
+                temporary.unlink()
 
 
 def write_error(path: Path, error: OSError) -> InputError:

@@ -1,7 +1,10 @@
 """Videos whose frames carry their number as a pattern of bars, in containers that are seeked in different ways."""
 
+from collections.abc import Iterable
+from fractions import Fraction
 from pathlib import Path
 
+import av
 import cv2
 import numpy as np
 import pytest
@@ -52,3 +55,45 @@ def write_variable_rate(path: Path, count: int) -> list[float]:
         ticks += 1 if number < count // 3 else 3 if number < 2 * count // 3 else 2
     writer.release()
     return times
+
+
+def write_h264(
+    path: Path,
+    pictures: Iterable[np.ndarray],
+    rate: float = RATE,
+    *,
+    aspect: Fraction = Fraction(1),
+    turned_deg: int = 0,
+    key_every: int = 50,
+) -> Path:
+    """H.264 with reordered frames; the test is skipped where this FFmpeg has no encoder for it."""
+    if "libx264" not in av.codecs_available:
+        pytest.skip("this FFmpeg writes no H.264")
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(
+            "libx264", rate=Fraction(rate), options={"crf": "12", "g": str(key_every), "sc_threshold": "0"}
+        )
+        for number, picture in enumerate(pictures):
+            if number == 0:
+                stream.height, stream.width = picture.shape[:2]
+                stream.codec_context.sample_aspect_ratio = aspect
+                if turned_deg:
+                    stream.set_display_rotation(turned_deg)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="bgr24")))
+        container.mux(stream.encode(None))
+    return path
+
+
+def copy_stream(source: Path, path: Path, start_s: float, end_s: float, options: dict[str, str] | None = None) -> Path:
+    """What ``ffmpeg -ss START -to END -c copy`` writes: all packets from the key frame before the start on."""
+    with av.open(str(source)) as opened, av.open(str(path), "w", options=options or {}) as written:
+        stream = opened.streams.video[0]
+        target = written.add_stream_from_template(stream)
+        shift = round(start_s / stream.time_base)
+        opened.seek(shift, stream=stream)
+        for packet in opened.demux(stream):
+            if packet.dts is None or packet.pts * stream.time_base >= end_s:
+                continue
+            packet.pts, packet.dts, packet.stream = packet.pts - shift, packet.dts - shift, target
+            written.mux(packet)
+    return path

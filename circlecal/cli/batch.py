@@ -117,7 +117,7 @@ def batch(
         out = _folder_of_run(out, run.digest, ask=console.can_ask() and not quiet)
     if files:
         run = replace(run, out=out)
-    moments = (frame for video in videos for frame in video.frames(sampling, console.reported(failures)))
+    moments = (frame for video in videos for frame in video.frames(sampling, console.print_note))
     with console.progress_display(quiet=quiet) as show:
         counts = run_batch(
             chain(frames, moments),

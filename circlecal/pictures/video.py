@@ -1,38 +1,49 @@
 """Videos: which of their frames are wanted, and decoding just these, one after the other.
 
-A frame is known by its time in the video, as the container tells it, never by the number that a decoder claims after
-seeking: that is wrong in streams with reordered frames, a variable rate, or a late start. Decoding goes forward; a seek
-only skips a long stretch and counts only if it lands before the time that is wanted.
+A frame is known by its presentation time, counted from the first frame that is shown, never by a number: edit lists
+(clips cut by stream copy), reordered frames, variable rates and late starts make numbers lie. FFmpeg decodes, through
+PyAV, which is loaded when the first video is opened.
 """
 
 from __future__ import annotations
 
-import contextlib
+import logging
 import math
-import os
 import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.errors import InputError
-from circlecal.pictures.files import MAX_PIXELS, PictureFile, as_bgr
+from circlecal.pictures.files import MAX_PIXELS, PictureFile
 from circlecal.pictures.headers import MIN_SIDE
+
+if TYPE_CHECKING:
+    import av
+
+_log = logging.getLogger(__name__)
 
 DEFAULT_EVERY = "1s"
 _TOLERANCE_S = 0.001
 """Containers round times to milliseconds."""
 _SEEK_GAP_S = 8.0
-_SEEK_MARGIN_S = 3.0
-"""A seek aims this much earlier, so that the decoder has met a whole picture before the one that is wanted."""
+"""Shorter stretches are decoded: key frames of broadcasts lie up to this far apart."""
+_SEEK_MARGINS_S = (3.0, 12.0)
+"""A seek aims this much before the time that is wanted, since containers without an index (transport streams) lead to
+any packet, and decoding begins at the next key frame; tried in this order."""
 _SHORTEST_PERIOD_S = 0.001
 _FALLBACK_RATE = 25.0
 _MAX_RATE = 1000.0
-_TRUNCATED_SHARE = 0.98
+_EDITED = "mov"
+"""The format whose files have edit lists: not all frames that they hold are shown."""
+_MISSING_SHARE, _MISSING_S = 0.02, 1.0
+"""A video that ends by more than this share of its stated length and this many seconds early, or begins this late, is
+said to lack something; headers round, or tell the length of the sound, by less."""
 _CLOCK = re.compile(r"(?:(?:(\d+):)?([0-5]?\d):)?(\d+(?:\.\d+)?)")
 _DURATION = re.compile(r"(\d+(?:\.\d+)?)\s*(ms|s|min|m|h)")
 _UNITS = {"ms": 0.001, "s": 1.0, "min": 60.0, "m": 60.0, "h": 3600.0}
@@ -106,7 +117,7 @@ class Video:
     rate : float
         Frames per second; 25 where the header has no sensible value.
     duration_s : float
-        As stated, which may be wrong; 0 where nothing is stated.
+        From the first frame that is shown to the end that the header tells, which may be wrong; 0 where it tells none.
     aspect : float or None
         Width of a pixel over its height, where the file says that it is not 1.
     """
@@ -129,14 +140,10 @@ class Video:
             Missing, no video, or one whose frames cannot be decoded.
         """
         with _Decoder(path) as decoder:
-            if decoder.grab() is None:
-                raise InputError(f"{path}: holds no frame that can be decoded; copy or convert it again")
-            width, height = int(decoder.value(cv2.CAP_PROP_FRAME_WIDTH)), int(decoder.value(cv2.CAP_PROP_FRAME_HEIGHT))
+            width, height = decoder.size
             if min(width, height) < MIN_SIDE or width * height > MAX_PIXELS:
                 raise InputError(f"{path}: has frames of {width} x {height} pixels, which is too small or too large")
-            pixel = decoder.value(cv2.CAP_PROP_SAR_NUM), decoder.value(cv2.CAP_PROP_SAR_DEN)
-            aspect = pixel[0] / pixel[1] if min(pixel) > 0 and pixel[0] != pixel[1] else None
-            return cls(path, name, width, height, decoder.rate, decoder.duration_s, aspect)
+            return cls(path, name, width, height, decoder.rate, decoder.duration_s, decoder.aspect)
 
     def estimate_count(self, sampling: Sampling) -> int:
         """About how many frames :meth:`frames` will find."""
@@ -145,20 +152,19 @@ class Video:
         step = sampling.seconds if sampling.seconds is not None else (sampling.frames or 1) / self.rate
         return max(1, math.ceil(length / max(step, 1.0 / self.rate) - _TOLERANCE_S))
 
-    def frames(self, sampling: Sampling, on_error: Callable[[InputError], None]) -> Iterator[PictureFile]:
+    def frames(self, sampling: Sampling, on_missing: Callable[[str], None] = _log.warning) -> Iterator[PictureFile]:
         """The wanted frames in order of time, decoded as they are asked for; never more than one is held.
 
         Parameters
         ----------
         sampling : Sampling
             Which frames; the first one at or after each time that is asked for.
-        on_error : callable
-            Called where the video ends long before its header says.
+        on_missing : callable
+            Called once, at the end, with one line that says what of the video could not be read.
         """
         end = math.inf if sampling.end_s is None else sampling.end_s
         with _Decoder(self.path) as decoder:
-            time = decoder.forward_to(sampling.start_s)
-            count = 0
+            time = decoder.go_to(sampling.start_s)
             while time is not None and time < end - _TOLERANCE_S:
                 identifier = frame_id(self.name, time)
                 yield PictureFile(identifier, self.path, identifier, round(time, 6), decoder.picture(), self.aspect)
@@ -166,20 +172,18 @@ class Video:
                     count = math.floor((time - sampling.start_s + _TOLERANCE_S) / sampling.seconds) + 1
                     target = sampling.start_s + count * sampling.seconds
                     if target >= end - _TOLERANCE_S:
-                        return
-                    time = decoder.forward_to(target)
+                        break
+                    time = decoder.go_to(target)
                 else:
                     time = decoder.skip(sampling.frames or 1)
-            last = decoder.time
-        if time is None and last < min(end, _TRUNCATED_SHARE * self.duration_s - 1.0):
-            stated = frame_id("", self.duration_s)[1:].replace("-", ":")
-            reached = frame_id("", max(last, 0.0))[1:].replace("-", ":")
-            on_error(InputError(f"{self.path}: ends at {reached}, not at {stated} as it says; copy it again"))
+            missing = decoder.missing(end if time is None else 0.0)
+        if missing:
+            on_missing(f"{self.path}: {missing}; all else was read")
 
 
 def pictures_at(path: Path, times_s: Iterable[float]) -> Iterator[NDArray[np.uint8] | None]:
-    """Pictures (H, W, 3) of frames whose times, in growing order, :meth:`Video.frames` told; None for one that is not
-    there.
+    """Pictures (H, W, 3) of frames whose times :meth:`Video.frames` told, in any order (fastest where they grow); None
+    for one that is not there.
 
     Raises
     ------
@@ -188,56 +192,110 @@ def pictures_at(path: Path, times_s: Iterable[float]) -> Iterator[NDArray[np.uin
     """
     with _Decoder(path) as decoder:
         for time_s in times_s:
-            found = decoder.forward_to(time_s)
+            found = decoder.go_to(time_s)
             there = found is not None and found - time_s <= 0.5 / decoder.rate
             yield decoder.picture() if there else None
 
 
 class _Decoder:
-    """Goes through a video; knows the time of the frame that it is at."""
+    """Goes through a video; stands at a frame, the first one to begin with, and knows its time."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
+        self._first_s: float | None = None
         self._can_seek = True
+        self._damaged = 0
         self._open()
+        if self.grab() is None:
+            self._container.close()
+            raise InputError(f"{path}: holds no frame that can be decoded; copy or convert it again")
+        stream, frame = self._stream, self._frame
+        base = stream.time_base or Fraction(1)
+        start_s = float((stream.start_time or 0) * base)
+        # Matroska tells no length of its streams, but when the whole ends
+        length_s = (self._container.duration or 0) / 1e6 - start_s
+        if stream.duration is not None:
+            length_s = float(stream.duration * base)
+        if _EDITED not in self._container.format.name:
+            # FFmpeg tells less of an AVI file that is cut short than its header does
+            length_s = max(length_s, stream.frames / self.rate)
+        self._late_s = (self._first_s or 0.0) - start_s
+        self.duration_s = max(0.0, length_s - self._late_s)
+        self._stored_size = frame.width, frame.height
+        self._quarter_turns = round(frame.rotation / 90.0) % 4
+        aspect = stream.sample_aspect_ratio or Fraction(1)
+        self.aspect = None if aspect == 1 else float(1 / aspect if self._quarter_turns % 2 else aspect)
 
     def _open(self) -> None:
+        import av
+        from av.stream import Disposition
+        from av.video.reformatter import VideoReformatter
+
+        self._failures = (av.FFmpegError, OSError, ValueError)
         if not self._path.exists():
             raise InputError(f"{self._path}: no such file")
-        with _silence():
-            self._capture = cv2.VideoCapture(str(self._path))
-        if not self._capture.isOpened():
-            raise InputError(f"{self._path}: is no video that can be read, or is damaged; copy or convert it again")
-        rate = self.value(cv2.CAP_PROP_FPS)
+        try:
+            self._container = av.open(str(self._path), metadata_errors="replace")
+        except self._failures as error:
+            raise InputError(
+                f"{self._path}: is no video that can be read, or is damaged; copy or convert it again"
+            ) from error
+        streams = [s for s in self._container.streams.video if not s.disposition & Disposition.attached_pic]
+        if not streams or streams[0].codec_context is None:
+            self._container.close()
+            raise InputError(f"{self._path}: holds no video that can be decoded; convert it")
+        self._stream = streams[0]
+        self._stream.thread_type = "AUTO"
+        rate = float(self._stream.average_rate or self._stream.guessed_rate or 0.0)
         self.rate = rate if 0.1 <= rate <= _MAX_RATE else _FALLBACK_RATE
-        self.duration_s = max(0.0, self.value(cv2.CAP_PROP_FRAME_COUNT)) / self.rate
-        self.time = -math.inf
+        self._reformatter = VideoReformatter()
+        self._frames = self._decode()
+        self.time = -1.0 / self.rate
 
     def __enter__(self) -> _Decoder:
         return self
 
     def __exit__(self, *details: object) -> None:
-        self._capture.release()
+        self._container.close()
 
-    def value(self, key: int) -> float:
-        """A property of the stream; 0 where it is unknown."""
-        found = float(self._capture.get(key))
-        return found if math.isfinite(found) else 0.0
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the pictures, pixels."""
+        width, height = self._stored_size
+        return (height, width) if self._quarter_turns % 2 else (width, height)
+
+    def _decode(self) -> Iterator[av.VideoFrame]:
+        try:
+            for packet in self._container.demux(self._stream):
+                try:
+                    yield from packet.decode()
+                except self._failures:
+                    self._damaged += 1
+        except self._failures:  # nothing behind this place of the file can be read
+            self._damaged += 1
 
     def grab(self) -> float | None:
         """Go to the next frame; its time in seconds, None at the end."""
-        if not self._capture.grab():
+        frame = next(self._frames, None)
+        if frame is None:
             return None
-        told = self.value(cv2.CAP_PROP_POS_MSEC) / 1000.0
-        if told < self.time + _SHORTEST_PERIOD_S and math.isfinite(self.time):  # no time, or one that goes back
-            told = self.time + max(_SHORTEST_PERIOD_S, 1.0 / self.rate)
-        self.time = told
-        return told
+        self._frame = frame
+        if self._first_s is None:
+            self._first_s = frame.time or 0.0
+        following = self.time + max(_SHORTEST_PERIOD_S, 1.0 / self.rate)
+        time = following if frame.time is None else frame.time - self._first_s
+        self.time = time if time >= self.time + _SHORTEST_PERIOD_S else following  # times that go back are wrong
+        return self.time
 
     def picture(self) -> NDArray[np.uint8] | None:
-        """The frame (H, W, 3), BGR; None where it is damaged."""
-        decoded, image = self._capture.retrieve()
-        return as_bgr(np.asarray(image), str(self._path)) if decoded and image is not None else None
+        """The frame (H, W, 3), BGR, turned as it is shown; None where it cannot be converted."""
+        width, height = self._stored_size
+        try:
+            picture = self._reformatter.reformat(self._frame, width, height, "bgr24").to_ndarray()
+        except self._failures:
+            self._damaged += 1
+            return None
+        return np.ascontiguousarray(np.rot90(picture, self._quarter_turns), dtype=np.uint8)
 
     def skip(self, count: int) -> float | None:
         """Time of the frame that many after this one."""
@@ -248,9 +306,10 @@ class _Decoder:
                 return None
         return found
 
-    def forward_to(self, time_s: float) -> float | None:
+    def go_to(self, time_s: float) -> float | None:
         """Time of the first frame at or after a time; None where there is none."""
-        if self._can_seek and time_s - max(self.time, 0.0) > _SEEK_GAP_S and time_s < self.duration_s:
+        is_far = self._can_seek and self.time + _SEEK_GAP_S < time_s < self.duration_s
+        if is_far or time_s < self.time - _TOLERANCE_S:
             self._seek(time_s)
         while self.time < time_s - _TOLERANCE_S:
             if self.grab() is None:
@@ -258,27 +317,33 @@ class _Decoder:
         return self.time
 
     def _seek(self, time_s: float) -> None:
-        """Skip ahead, but not past the time; where the file leads elsewhere, go back and decode all from there on."""
-        before = self.time
-        self.time = -math.inf
-        self._capture.set(cv2.CAP_PROP_POS_MSEC, 1000.0 * (time_s - _SEEK_MARGIN_S))
-        landed = self.grab()
-        if landed is not None and before < landed < time_s - _TOLERANCE_S:
-            return
-        self._can_seek = False
-        self._capture.release()
+        """Go to a frame before a time; where the file leads elsewhere, to the first one, and seek no more."""
+        for margin in _SEEK_MARGINS_S if self._can_seek else ():
+            if time_s <= margin:
+                break
+            target = time_s - margin + (self._first_s or 0.0)
+            try:
+                self._container.seek(round(target / (self._stream.time_base or 1)), stream=self._stream)
+            except self._failures:
+                continue
+            self._frames = self._decode()
+            self.time = -math.inf
+            if self.grab() is not None and -math.inf < self.time <= time_s:
+                return
+        else:
+            self._can_seek = False
+        self._container.close()
         self._open()
-        while self.time < before and self.grab() is not None:
-            pass
+        self.grab()
 
-
-@contextlib.contextmanager
-def _silence() -> Iterator[None]:
-    """What is wrong with a file is told in one line by us, not by the decoder's own log."""
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-    level = cv2.utils.logging.getLogLevel()
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-    try:
-        yield
-    finally:
-        cv2.utils.logging.setLogLevel(level)
+    def missing(self, until_s: float) -> str:
+        """What could not be read of a video that should go on until a time, in words; empty for nothing."""
+        found = []
+        if self._late_s > _MISSING_S:
+            found.append(f"its first {self._late_s:.1f} s lack the key frame that they build upon")
+        if self.time < min(until_s, (1.0 - _MISSING_SHARE) * self.duration_s - _MISSING_S):
+            stated, reached = (frame_id("", time)[1:].replace("-", ":") for time in (self.duration_s, self.time))
+            found.append(f"ends at {reached}, not at {stated} as its header says")
+        if self._damaged:
+            found.append(f"{self._damaged} of its packets cannot be decoded")
+        return ", and ".join(found)

@@ -1,14 +1,27 @@
 """Decoding the wanted frames of a video, and no others."""
 
 import tracemalloc
+from fractions import Fraction
 from pathlib import Path
 
+import av
 import cv2
+import numpy as np
 import pytest
-from videos import HEIGHT, RATE, WIDTH, number_of, write_variable_rate, write_video
+from videos import (
+    HEIGHT,
+    RATE,
+    WIDTH,
+    copy_stream,
+    number_of,
+    numbered_picture,
+    write_h264,
+    write_variable_rate,
+    write_video,
+)
 
 from circlecal.errors import InputError
-from circlecal.pictures.video import Sampling, Video, _Decoder, frame_id
+from circlecal.pictures.video import Sampling, Video, _Decoder, frame_id, pictures_at
 
 COUNT = 700
 KINDS = [("mp4", "mp4v"), ("avi", "MJPG"), ("mkv", "VP90"), ("ts", "MPG2"), ("mpg", "MPG2"), ("mov", "XVID")]
@@ -20,8 +33,8 @@ def video(request, tmp_path_factory) -> Path:
     return write_video(tmp_path_factory.mktemp("videos") / f"match.{suffix}", code, COUNT)
 
 
-def fail(error: InputError) -> None:
-    raise error
+def fail(missing: str) -> None:
+    raise AssertionError(missing)
 
 
 def taken(path: Path, every: str, start: str | None = None, end: str | None = None) -> list[tuple[int, float]]:
@@ -79,19 +92,19 @@ def test_a_variable_rate(tmp_path):
 def test_a_seek_that_leads_too_far_is_not_believed(tmp_path, monkeypatch):
     path = write_video(tmp_path / "match.mp4", "mp4v", COUNT)
     expected = taken(path, "10s")
-    capture = cv2.VideoCapture
+    opened = av.open
 
     class Lying:
-        def __init__(self, name: str) -> None:
-            self._capture = capture(name)
+        def __init__(self, *arguments: object, **options: object) -> None:
+            self._container = opened(*arguments, **options)
 
         def __getattr__(self, name: str) -> object:
-            return getattr(self._capture, name)
+            return getattr(self._container, name)
 
-        def set(self, key: int, value: float) -> bool:
-            return self._capture.set(key, value + 6000.0)
+        def seek(self, ticks: int, stream: av.VideoStream) -> None:
+            self._container.seek(ticks + round(20 / stream.time_base), stream=stream, backward=False)
 
-    monkeypatch.setattr("circlecal.pictures.video.cv2.VideoCapture", Lying)
+    monkeypatch.setattr("av.open", Lying)
     assert taken(path, "10s") == expected
 
 
@@ -132,26 +145,102 @@ def test_what_the_header_says(tmp_path):
         assert video.estimate_count(sampling) == len(list(video.frames(sampling, fail))) == count
 
 
-def test_pixels_that_are_not_square(tmp_path, monkeypatch):
-    path = write_video(tmp_path / "match.avi", "MJPG", 3)
-    value = _Decoder.value
-    sar = {cv2.CAP_PROP_SAR_NUM: 16.0, cv2.CAP_PROP_SAR_DEN: 15.0}
-    monkeypatch.setattr(_Decoder, "value", lambda self, key: sar.get(key) or value(self, key))
+def test_pixels_that_are_not_square(tmp_path):
+    path = write_h264(tmp_path / "match.mp4", [numbered_picture(k) for k in range(3)], aspect=Fraction(16, 15))
     video = Video.open(path, "match")
     assert video.aspect == pytest.approx(16 / 15)
     assert [frame.aspect for frame in video.frames(Sampling.parse("2"), fail)] == [video.aspect] * 2
+
+
+@pytest.mark.parametrize("turned_deg", [90, 180, -90])
+def test_a_picture_is_turned_as_players_show_it(tmp_path, turned_deg):
+    if not hasattr(av.VideoStream, "set_display_rotation"):
+        pytest.skip("this PyAV writes no rotation")
+    picture = cv2.resize(numbered_picture(1234), None, fx=2, fy=2)
+    path = write_h264(tmp_path / "phone.mp4", [picture] * 3, turned_deg=turned_deg, aspect=Fraction(4, 3))
+    video = Video.open(path, "phone")
+    frame = next(video.frames(Sampling.parse("1"), fail))
+    np.testing.assert_allclose(frame.picture, np.rot90(picture, turned_deg // 90), atol=40)
+    assert frame.picture.shape[:2] == (video.height, video.width)
+    assert video.aspect == pytest.approx(4 / 3 if turned_deg == 180 else 3 / 4)
+    shown = cv2.VideoCapture(str(path)).read()[1]
+    np.testing.assert_allclose(frame.picture, shown, atol=6)
+
+
+@pytest.fixture(scope="module")
+def whole_match(tmp_path_factory) -> Path:
+    """Key frames at 0, 5, 10 and 15 s."""
+    folder = tmp_path_factory.mktemp("whole")
+    return write_h264(folder / "match.mp4", [numbered_picture(k) for k in range(500)], key_every=125)
+
+
+def test_a_clip_cut_by_stream_copy_shows_what_its_edit_list_says(tmp_path, whole_match):
+    path = copy_stream(whole_match, tmp_path / "clip.mp4", 8.0, 14.0, {"avoid_negative_ts": "disabled"})
+    with av.open(str(path)) as container:
+        assert container.streams.video[0].frames > 150  # those before 8 s are in the file, and are not shown
+    video = Video.open(path, "clip")
+    found = taken(path, "1")
+    assert [number for number, _ in found] == list(range(200, 200 + len(found)))
+    assert [time for _, time in found] == pytest.approx([k / RATE for k in range(len(found))], abs=1e-3)
+    assert video.estimate_count(Sampling.parse("1")) == len(found) == pytest.approx(150, abs=3)
+    assert video.duration_s == pytest.approx(6.0, abs=0.15)
+    assert [number for number, _ in taken(path, "9s", "5.6")] == [340]
+
+
+@pytest.mark.parametrize("name", ["clip.mkv", "clip.ts", "clip.mp4"])
+def test_a_clip_that_begins_between_key_frames_begins_with_the_first_frame_that_is_shown(tmp_path, whole_match, name):
+    from_key = copy_stream(whole_match, tmp_path / f"key-{name}", 8.0, 16.0, {"avoid_negative_ts": "make_zero"})
+    path = tmp_path / name
+    with av.open(str(from_key)) as opened, av.open(str(path), "w") as written:
+        stream = opened.streams.video[0]
+        target = written.add_stream_from_template(stream)
+        for number, packet in enumerate(opened.demux(stream)):
+            if packet.dts is not None and number >= 40:  # the key frame at 5 s is gone, that at 10 s stays
+                packet.stream = target
+                written.mux(packet)
+    missing: list[str] = []
+    video = Video.open(path, "clip")
+    frames = list(video.frames(Sampling.parse("1"), missing.append))
+    assert [number_of(frame.picture) for frame in frames] == list(range(250, 250 + len(frames)))
+    assert [frame.time_s for frame in frames] == pytest.approx([k / RATE for k in range(len(frames))], abs=1.1e-3)
+    assert video.estimate_count(Sampling.parse("1")) == pytest.approx(len(frames), abs=3)
+    assert missing == [f"{path}: its first 3.4 s lack the key frame that they build upon; all else was read"]
+    every_second = video.frames(Sampling.parse("1s"), missing.append)
+    assert [number_of(frame.picture) for frame in every_second][:4] == [250, 275, 300, 325]
+
+
+def test_pictures_at_times_in_any_order(tmp_path):
+    path = write_h264(tmp_path / "match.mp4", (numbered_picture(k) for k in range(700)), key_every=125)
+    times = [20.0, 3.0, 3.0, 27.96, 0.0, 15.0, 28.5, 15.04, 14.0]
+    found = [None if p is None else number_of(p) for p in pictures_at(path, times)]
+    assert found == [500, 75, 75, 699, 0, 375, None, 376, 350]
 
 
 def test_a_truncated_video_gives_what_it_has_and_one_line(tmp_path):
     path = write_video(tmp_path / "match.avi", "MJPG", 200)
     content = path.read_bytes()
     path.write_bytes(content[: len(content) // 2])
-    errors: list[InputError] = []
-    frames = list(Video.open(path, "match").frames(Sampling.parse("25"), errors.append))
+    missing: list[str] = []
+    frames = list(Video.open(path, "match").frames(Sampling.parse("25"), missing.append))
     assert [number_of(frame.picture) for frame in frames][:4] == [0, 25, 50, 75]
-    assert len(errors) == 1
-    assert f"{path}: ends at 00:00:0" in str(errors[0])
-    assert "not at 00:00:08.000" in str(errors[0])
+    assert len(missing) == 1
+    assert f"{path}: ends at 00:00:0" in missing[0]
+    assert "not at 00:00:08.000" in missing[0]
+
+
+def test_what_cannot_be_decoded_is_left_out_and_told_once(tmp_path):
+    path = write_h264(tmp_path / "match.ts", [numbered_picture(k) for k in range(200)], key_every=25)
+    content = bytearray(path.read_bytes())
+    start = len(content) // 2
+    content[start : start + 1000] = np.random.default_rng(0).bytes(1000)
+    path.write_bytes(content)
+    missing: list[str] = []
+    frames = list(Video.open(path, "match").frames(Sampling.parse("1"), missing.append))
+    assert 150 < len(frames) <= 200
+    assert number_of(frames[0].picture) == 0
+    assert number_of(frames[-1].picture) == 199
+    assert frames[-1].time_s == pytest.approx(7.96, abs=1e-3)
+    assert len(missing) <= 1
 
 
 @pytest.mark.parametrize("content", [b"", b"no video", b"\0\0\0\x18ftypmp42" + bytes(500)])

@@ -39,7 +39,13 @@ def test_pictures_at_the_times_that_were_told(video):
     assert len(frames) == 7
     for frame, picture in zip(frames, again, strict=True):
         np.testing.assert_array_equal(frame.picture, picture)
-    assert [picture is None for picture in pictures_at(video, [0.2, 0.3, 3.8, 99.0])] == [False, True, False, True]
+    assert [picture is None for picture in pictures_at(video, [0.2, 0.3, 3.8, 99.0, 0.4])] == [
+        False,
+        True,
+        False,
+        True,
+        False,
+    ]
 
 
 @pytest.mark.parametrize("moved", [False, True])

@@ -1,0 +1,63 @@
+"""Videos that are written have the times that were given, and appear whole or not at all."""
+
+import numpy as np
+import pytest
+from videos import number_of, numbered_picture
+
+from circlecal.errors import InputError
+from circlecal.pictures.video import Sampling, Video
+from circlecal.pictures.video_writer import write_video
+
+
+def read(path):
+    return list(Video.open(path, "x").frames(Sampling.parse("1")))
+
+
+@pytest.mark.parametrize("rate", [24, 25, 30000 / 1001, 50, 60])
+def test_every_frame_has_its_time(tmp_path, rate):
+    path = tmp_path / "new" / "x.mp4"
+    with write_video(path, rate) as writer:
+        for number in range(40):
+            writer.write(numbered_picture(number), number / rate)
+    frames = read(path)
+    assert [number_of(frame.picture) for frame in frames] == list(range(40))
+    assert [frame.time_s for frame in frames] == pytest.approx([k / rate for k in range(40)], abs=1e-5)
+    assert Video.open(path, "x").rate == pytest.approx(rate)
+
+
+def test_times_need_not_be_even(tmp_path):
+    times = [0.0, 0.04, 0.08, 1.0, 1.02, 5.5]
+    with write_video(tmp_path / "x.mp4", 25.0) as writer:
+        for number, time_s in enumerate(times):
+            writer.write(numbered_picture(number), time_s)
+        with pytest.raises(ValueError, match="cannot follow"):
+            writer.write(numbered_picture(0), 5.5)
+    assert [frame.time_s for frame in read(tmp_path / "x.mp4")] == pytest.approx(times, abs=1e-5)
+
+
+def test_colours_come_back(tmp_path):
+    """Both ways with the matrix that is written into the file: with another one, red is wrong by 15 grey levels."""
+    picture = np.zeros((96, 160, 3), np.uint8)
+    picture[:, :80], picture[:, 80:] = (42, 118, 72), (222, 40, 190)
+    with write_video(tmp_path / "x.mp4", 25.0) as writer:
+        writer.write(picture, 0.0)
+    [frame] = read(tmp_path / "x.mp4")
+    for columns in (slice(8, 70), slice(90, 150)):
+        error = frame.picture[8:-8, columns].mean(axis=(0, 1)) - picture[8:-8, columns].mean(axis=(0, 1))
+        assert np.abs(error).max() < 4
+
+
+def test_an_odd_row_and_column_are_left_out(tmp_path):
+    with write_video(tmp_path / "x.mp4", 25.0) as writer:
+        writer.write(np.full((97, 161, 3), 90, np.uint8), 0.0)
+    assert read(tmp_path / "x.mp4")[0].picture.shape == (96, 160, 3)
+
+
+def test_after_an_error_there_is_no_file(tmp_path):
+    with pytest.raises(RuntimeError), write_video(tmp_path / "x.mp4", 25.0) as writer:
+        writer.write(numbered_picture(0), 0.0)
+        raise RuntimeError
+    assert not list(tmp_path.iterdir())
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match="cannot be written"), write_video(tmp_path / "file" / "x.mp4", 25.0):
+        pass
