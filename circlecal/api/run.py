@@ -1,4 +1,4 @@
-"""Results read back: one file, or the log of a run, frame by frame as they are asked for."""
+"""Results read back: one file, or those of a run, frame by frame as they are asked for."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any, overload
 
 from circlecal.api.calibration import Calibration
-from circlecal.errors import InputError
 from circlecal.field import FieldTemplate, load_field
-from circlecal.records.log import RESULTS_NAME, read_records
+from circlecal.records.log import Place, find_results, is_log, read_records, scan_records
 from circlecal.records.parquet import table_row
 from circlecal.records.record import GIVE_A_RESULT, ResultRecord, ResultRow, parse_record, read_result
 
@@ -18,10 +17,12 @@ from circlecal.records.record import GIVE_A_RESULT, ResultRecord, ResultRow, par
 class Run(Sequence[Calibration]):
     """The results of a run, in the order in which they were finished; each is read when it is asked for.
 
-    Attributes
+    Parameters
     ----------
     path : path
-        The ``results.jsonl``.
+        A ``results.jsonl``, or a folder that holds one, or result files.
+    template : FieldTemplate, optional
+        The field, where it is none of those that come with circlecal.
     """
 
     def __init__(self, path: Path, template: FieldTemplate | None = None) -> None:
@@ -29,28 +30,20 @@ class Run(Sequence[Calibration]):
         self._template = template
 
     @cached_property
-    def _lines(self) -> list[tuple[int, int]]:
-        """First byte and length of every whole line."""
-        lines, start = [], 0
-        try:
-            with self.path.open("rb") as file:
-                for line in file:
-                    if line.endswith(b"\n"):
-                        lines.append((start, len(line)))
-                    start += len(line)
-        except OSError as error:
-            raise InputError(f"{self.path}: cannot be read: {error.strerror}") from error
-        return lines
+    def _places(self) -> dict[str, Place]:
+        """Where each frame's result stands; the last one of a frame that was calibrated again."""
+        return {row.id: place for place, row in scan_records(self.path, ResultRow)}
 
-    @cached_property
-    def _number_by_id(self) -> dict[str, int]:
-        return {row.id: number for number, row in enumerate(read_records(self.path, ResultRow))}
+    @property
+    def ids(self) -> list[str]:
+        """Names of the frames."""
+        return list(self._places)
 
     def __len__(self) -> int:
-        return len(self._lines)
+        return len(self._places)
 
     def __iter__(self) -> Iterator[Calibration]:
-        return (Calibration(record, self._template) for record in read_records(self.path))
+        return (self._read(place) for place in self._places.values())
 
     @overload
     def __getitem__(self, index: int | str) -> Calibration: ...
@@ -59,19 +52,18 @@ class Run(Sequence[Calibration]):
     def __getitem__(self, index: slice) -> list[Calibration]: ...
 
     def __getitem__(self, index: int | str | slice) -> Calibration | list[Calibration]:
-        """The result at a place in the log, of a frame's id, or those of a slice."""
-        if isinstance(index, slice):
-            return [self[number] for number in range(*index.indices(len(self)))]
-        number = self._number_by_id[index] if isinstance(index, str) else index
-        start, length = self._lines[number]
-        with self.path.open("rb") as file:
-            file.seek(start)
-            content = file.read(length)
-        return Calibration(parse_record(content, ResultRecord, str(self.path), GIVE_A_RESULT), self._template)
+        """The result at a place in the run, or that of a frame's id, or those of a slice."""
+        if isinstance(index, str):
+            return self._read(self._places[index])
+        places = list(self._places.values())
+        return [self._read(place) for place in places[index]] if isinstance(index, slice) else self._read(places[index])
+
+    def _read(self, place: Place) -> Calibration:
+        return Calibration(parse_record(place.read(), ResultRecord, str(place), GIVE_A_RESULT), self._template)
 
     def __contains__(self, frame: object) -> bool:
-        """Whether there is a result of a frame's id, or a calibration."""
-        return frame in self._number_by_id if isinstance(frame, str) else super().__contains__(frame)
+        """Whether there is a result of a frame's id, or an equal calibration."""
+        return frame in self._places if isinstance(frame, str) else super().__contains__(frame)
 
     def table(self) -> list[dict[str, Any]]:
         """One flat row per frame, for ``pandas.DataFrame``; the columns are those of ``results.parquet``."""
@@ -87,8 +79,8 @@ def load(path: str | Path, field: str | Path | None = None) -> Calibration | Any
     Parameters
     ----------
     path : path
-        ``<id>.json`` as ``circlecal calibrate`` or :meth:`Calibration.save` write it, or a run's ``results.jsonl``, or
-        the folder of a run.
+        ``<id>.json`` as ``circlecal calibrate`` or :meth:`Calibration.save` write it; or a run: its ``results.jsonl``,
+        or the folder of it or of result files.
     field : path, optional
         Field template, where it is one of the user's own: results keep its name and sizes only.
 
@@ -106,10 +98,6 @@ def load(path: str | Path, field: str | Path | None = None) -> Calibration | Any
     """
     file = Path(path)
     template = None if field is None else load_field(field)
-    if file.is_dir():
-        file = file / RESULTS_NAME
-    if file.suffix == ".jsonl":
-        if not file.is_file():
-            raise InputError(f"{file}: no such file; give a result file, a results.jsonl, or the folder of a run")
+    if is_log(file) or (file.is_dir() and find_results(file)):
         return Run(file, template)
     return Calibration(read_result(file), template)
