@@ -29,10 +29,10 @@ from circlecal.pictures.interlacing import measure_row_motion, remove_combs
 from circlecal.refusals import REFUSALS, Confidence
 from circlecal.results import (
     Attempt,
-    Calibration,
     CameraFit,
     Cues,
     EllipseFits,
+    FrameCalibration,
     Interpretation,
     MarkingMask,
     Verdict,
@@ -134,9 +134,9 @@ class Setting:
             spent = (time.perf_counter() - start) * 1e3
             self.timings_ms[stage] = round(self.timings_ms.get(stage, 0.0) + spent, 3)
 
-    def calibration(self, attempt: Attempt, frame_id: str, source: str | None) -> Calibration:
+    def calibration(self, attempt: Attempt, frame_id: str, source: str | None) -> FrameCalibration:
         """The attempt that was taken, with the frame's identity."""
-        return Calibration(
+        return FrameCalibration(
             id=frame_id,
             width=self.width,
             height=self.height,
@@ -180,7 +180,7 @@ def run(
     extra: Observations | None = None,
     frame_id: str,
     source: str | None = None,
-) -> Calibration:
+) -> FrameCalibration:
     """Calibrate one frame.
 
     Parameters
@@ -200,7 +200,7 @@ def run(
 
     Returns
     -------
-    Calibration
+    FrameCalibration
         With a refused verdict where a stage could not answer; nothing is raised for a frame.
 
     Raises
@@ -226,7 +226,7 @@ def run_observations(
     frame_id: str,
     source: str | None = None,
     convention: Convention = "official",
-) -> Calibration:
+) -> FrameCalibration:
     """Calibrate from what somebody else saw: annotated points or detected keypoints, without a picture.
 
     Parameters

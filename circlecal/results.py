@@ -542,8 +542,10 @@ class Attempt:
 
 
 @dataclass(frozen=True, slots=True)
-class Calibration:
+class FrameCalibration:
     """Everything known about one frame: which one it is, how it was run, and the attempt that was taken.
+
+    The :class:`circlecal.Calibration` that users get is made from it.
 
     Attributes
     ----------

@@ -19,7 +19,6 @@ from circlecal.overlay.canvas import Canvas, clip_segments, text_size, wrap
 from circlecal.overlay.palette import CIRCLE, TEMPLATE
 from circlecal.results import (
     Attempt,
-    Calibration,
     CameraFit,
     Check,
     CircleCandidate,
@@ -28,6 +27,7 @@ from circlecal.results import (
     EdgePoints,
     EllipseFit,
     EllipseFits,
+    FrameCalibration,
     HomographyFit,
     LineCorrespondence,
     LineCue,
@@ -156,7 +156,7 @@ def _calibration(camera=None, verdict=CALIBRATED):
         (LinePoints("halfway_line", halfway.points_px, halfway.sigma_px), LinePoints(None, unnamed.points_px, sigma)),
         (MarkPoint("centre_mark", mark.point_px, 0.5),),
     )
-    return Calibration(
+    return FrameCalibration(
         id="frame",
         width=camera.width,
         height=camera.height,

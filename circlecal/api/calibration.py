@@ -61,7 +61,7 @@ class Calibration:
         record: ResultRecord,
         template: FieldTemplate | None = None,
         *,
-        found: results.Calibration | None = None,
+        found: results.FrameCalibration | None = None,
         image: Picture | None = None,
     ) -> None:
         """Wrap the content of a result file.
@@ -72,7 +72,7 @@ class Calibration:
             The content.
         template : FieldTemplate, optional
             The field, where it is none of those that come with circlecal.
-        found : circlecal.results.Calibration, optional
+        found : circlecal.results.FrameCalibration, optional
             Every intermediate; what the record says of them when None.
         image : (H, W, 3) uint8, optional
             The picture, which is remembered as long as somebody else holds it.
@@ -285,7 +285,7 @@ class Calibration:
         return load_field("soccer") if known is None else load_field(known.template, known.sizes)
 
     @cached_property
-    def found(self) -> results.Calibration:
+    def found(self) -> results.FrameCalibration:
         """Every intermediate, for those who know the stages; of a result file what it holds of them."""
         return stored_calibration(self._record) if self._found is None else self._found
 

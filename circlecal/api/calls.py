@@ -113,7 +113,7 @@ def calibrate_picture(
     aspect: float | None = None,
     frame_id: str,
     source: str | None = None,
-) -> results.Calibration:
+) -> results.FrameCalibration:
     """Calibrate a picture with what is given beside it and what the networks of the configuration find in it.
 
     Parameters

@@ -38,7 +38,7 @@ from circlecal.pictures.remote import read_url
 from circlecal.pipeline import Convention, field_of, in_convention, run_observations
 from circlecal.records.record import ResultRecord, write_result
 from circlecal.records.writing import result_record
-from circlecal.results import Calibration
+from circlecal.results import FrameCalibration
 from circlecal.stages.mask import require_mask_network
 
 _log = logging.getLogger(__name__)
@@ -50,7 +50,7 @@ def calibrate_frame(
     mask: Path | None,
     keypoints: Path | None = None,
     format_name: str | None = None,
-) -> tuple[NDArray[np.uint8], Calibration]:
+) -> tuple[NDArray[np.uint8], FrameCalibration]:
     """Picture and calibration of a frame; its mask comes from ``mask`` (file or folder) or from beside the picture.
 
     Parameters
@@ -98,7 +98,7 @@ def _picture(frame: PictureFile) -> NDArray[np.uint8]:
 
 def calibrate_observed(
     frame: ObservedFrame, config: Config, source: Path, convention: Convention = "official"
-) -> Calibration:
+) -> FrameCalibration:
     """Calibrate a frame of an annotation file; see :func:`circlecal.pipeline.run_observations`."""
     observations = frame.observations
     return run_observations(observations, config, frame_id=frame.id, source=str(source), convention=convention)
@@ -218,7 +218,7 @@ def require_networks(config: Config) -> None:
 
 
 def write_outputs(
-    image: NDArray[np.uint8] | None, calibration: Calibration, record: ResultRecord, config: Config, out: Path
+    image: NDArray[np.uint8] | None, calibration: FrameCalibration, record: ResultRecord, config: Config, out: Path
 ) -> None:
     """Write a result's record as ``<id>.json``, and the pictures that the configuration asks for, into a folder.
 
@@ -246,7 +246,11 @@ def write_outputs(
 
 
 def write_stage_pictures(
-    image: NDArray[np.uint8], calibration: Calibration, template: FieldTemplate, folder: Path, jpeg_quality: int = 90
+    image: NDArray[np.uint8],
+    calibration: FrameCalibration,
+    template: FieldTemplate,
+    folder: Path,
+    jpeg_quality: int = 90,
 ) -> list[Path]:
     """Write one numbered picture per stage and a contact sheet of them all; return the files.
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from circlecal.config import Config
 from circlecal.errors import InputError
 from circlecal.pipeline import run
-from circlecal.results import Calibration
+from circlecal.results import FrameCalibration
 
 DECODINGS = 15
 RUNS = 15
@@ -51,7 +51,7 @@ def decoding_ms(encoded: NDArray[np.uint8], decodings: int = DECODINGS) -> float
 
 def timed_run(
     image: NDArray[np.uint8], config: Config, frame_id: str, runs: int = RUNS
-) -> tuple[Calibration, float, dict[str, float]]:
+) -> tuple[FrameCalibration, float, dict[str, float]]:
     """The calibration of a picture, and the best time of several runs: of the whole and of each stage, milliseconds."""
     found, whole = [], []
     for _ in range(runs):

@@ -21,7 +21,7 @@ from circlecal.geometry.camera import Camera, camera_from_homography, camera_fro
 from circlecal.geometry.homography import compass_label, dlt, scale_homography
 from circlecal.geometry.projective import Array
 from circlecal.records.record import ResultRecord
-from circlecal.results import Calibration
+from circlecal.results import FrameCalibration
 from circlecal.view import FieldView
 
 _GRID_M = 2.0
@@ -141,7 +141,7 @@ class CalibratedFrame:
 
     @classmethod
     def of(
-        cls, result: Calibration | ResultRecord, template: FieldTemplate, circle: Circle, image: str | None = None
+        cls, result: FrameCalibration | ResultRecord, template: FieldTemplate, circle: Circle, image: str | None = None
     ) -> CalibratedFrame | None:
         """A frame's calibration for the outside formats; None where it was refused."""
         if result.status != "calibrated" or result.view is None:

@@ -24,7 +24,7 @@ from circlecal.overlay.palette import (
     WHITE,
 )
 from circlecal.overlay.template_lines import draw_template, sigma_over_picture
-from circlecal.results import Calibration, CameraFit, Check, Correspondences, HomographyFit
+from circlecal.results import CameraFit, Check, Correspondences, FrameCalibration, HomographyFit
 from circlecal.view import FieldView
 
 _DIM = 0.55
@@ -70,7 +70,7 @@ def homography_picture(
 
 
 def camera_picture(
-    image: Picture, fit: CameraFit, calibration: Calibration, template: FieldTemplate, zoom: int
+    image: Picture, fit: CameraFit, calibration: FrameCalibration, template: FieldTemplate, zoom: int
 ) -> Picture:
     """Template through the camera, over a heat map of the predicted standard deviation, with what was observed."""
     canvas = Canvas.of(image, _DIM, zoom)
@@ -90,7 +90,7 @@ def camera_picture(
     return canvas.header("8 camera", _camera_facts(fit), legend)
 
 
-def verdict_picture(image: Picture, calibration: Calibration, template: FieldTemplate, zoom: int) -> Picture:
+def verdict_picture(image: Picture, calibration: FrameCalibration, template: FieldTemplate, zoom: int) -> Picture:
     """The checks with their values and limits, over the dimmed frame."""
     accepted = calibration.status == "calibrated"
     canvas = Canvas.of(image, 0.35, zoom)

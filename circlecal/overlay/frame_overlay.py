@@ -11,18 +11,18 @@ from circlecal.overlay.canvas import Canvas, Picture, text_size, wrap
 from circlecal.overlay.palette import ACCEPTED, CIRCLE, GREY, INLIER, POINT, REFUSED, TANGENT, TEMPLATE, WHITE
 from circlecal.overlay.template_lines import draw_template
 from circlecal.refusals import explain
-from circlecal.results import Calibration, Check, CircleCandidate, Correspondences, MarkingMask
+from circlecal.results import Check, CircleCandidate, Correspondences, FrameCalibration, MarkingMask
 from circlecal.view import FieldView
 
 
-def draw_overlay(image_bgr: Picture, calibration: Calibration, template: FieldTemplate) -> Picture:
+def draw_overlay(image_bgr: Picture, calibration: FrameCalibration, template: FieldTemplate) -> Picture:
     """Draw the calibration over its frame.
 
     Parameters
     ----------
     image_bgr : (H, W, 3) uint8
         The frame.
-    calibration : Calibration
+    calibration : FrameCalibration
         Complete or not; of a refused frame whatever was reached is drawn.
     template : FieldTemplate
         The field that it was calibrated with.
@@ -57,7 +57,7 @@ def draw_overlay(image_bgr: Picture, calibration: Calibration, template: FieldTe
     return canvas.picture
 
 
-def check_size(image: Picture, calibration: Calibration) -> None:
+def check_size(image: Picture, calibration: FrameCalibration) -> None:
     """Raise ``ValueError`` where a picture is not of the calibrated frame's size, or not BGR."""
     expected = (calibration.height, calibration.width, 3)
     if image.shape != expected or image.dtype != np.uint8:
@@ -66,7 +66,7 @@ def check_size(image: Picture, calibration: Calibration) -> None:
         )
 
 
-def verdict_facts(calibration: Calibration) -> list[str]:
+def verdict_facts(calibration: FrameCalibration) -> list[str]:
     """What the verdict rests on, in a few words each."""
     facts = [] if calibration.correspondences is None else [f"case {calibration.correspondences.case}"]
     if calibration.ellipses is not None and calibration.ellipses.all():
@@ -84,7 +84,7 @@ def verdict_facts(calibration: Calibration) -> list[str]:
     return facts
 
 
-def verdict_reasons(calibration: Calibration) -> list[str]:
+def verdict_reasons(calibration: FrameCalibration) -> list[str]:
     """Why a frame is refused and what helps; nothing for a calibrated one."""
     verdict = calibration.verdict
     if verdict.status == "calibrated":
@@ -114,7 +114,7 @@ def _piece(line: Array, point: Array, reach: float) -> Array:
     return np.stack([foot - reach * np.array([b, -a]), foot + reach * np.array([b, -a])])
 
 
-def _draw_inliers(canvas: Canvas, calibration: Calibration) -> None:
+def _draw_inliers(canvas: Canvas, calibration: FrameCalibration) -> None:
     if calibration.ellipses is not None:
         for fit in calibration.ellipses.all():
             canvas.points(fit.points_px[fit.inliers], INLIER, 2.2)
@@ -122,7 +122,7 @@ def _draw_inliers(canvas: Canvas, calibration: Calibration) -> None:
             _draw_landmarks(canvas, calibration)
 
 
-def _draw_landmarks(canvas: Canvas, calibration: Calibration) -> None:
+def _draw_landmarks(canvas: Canvas, calibration: FrameCalibration) -> None:
     """Lines, arcs and points that stood for the circle, those left out in grey."""
     seen, left_out = calibration.observations, set(calibration.camera.rejected if calibration.camera else ())
     if seen is None:
@@ -134,7 +134,7 @@ def _draw_landmarks(canvas: Canvas, calibration: Calibration) -> None:
         canvas.points(pixels, GREY if name in left_out else INLIER, 4.0)
 
 
-def _draw_what_was_seen(canvas: Canvas, calibration: Calibration) -> None:
+def _draw_what_was_seen(canvas: Canvas, calibration: FrameCalibration) -> None:
     """Of a frame without a homography: the ellipse or its candidates, and the halfway line."""
     mask, ellipses, cues = calibration.mask, calibration.ellipses, calibration.cues
     if ellipses is not None and ellipses.all():
@@ -180,7 +180,9 @@ def name_of(check: Check) -> str:
     return check.name.replace("_", " ")
 
 
-def _draw_center(canvas: Canvas, calibration: Calibration, template: FieldTemplate, view: FieldView | None) -> None:
+def _draw_center(
+    canvas: Canvas, calibration: FrameCalibration, template: FieldTemplate, view: FieldView | None
+) -> None:
     circle = template.circle_by_name.get(calibration.circle_name)
     if view is not None and circle is not None:
         center = view.project(circle.center)
@@ -192,7 +194,7 @@ def _draw_center(canvas: Canvas, calibration: Calibration, template: FieldTempla
     canvas.label("imaged centre", center, CIRCLE, size=0.75)
 
 
-def _draw_banner(canvas: Canvas, calibration: Calibration) -> None:
+def _draw_banner(canvas: Canvas, calibration: FrameCalibration) -> None:
     accepted = calibration.status == "calibrated"
     size = canvas.text_px
     status = "CALIBRATED" if accepted else "REFUSED"

@@ -10,7 +10,7 @@ from circlecal.geometry.projective import Array, Mask
 from circlecal.overlay.canvas import Canvas, Picture
 from circlecal.overlay.frame_overlay import check_size
 from circlecal.overlay.palette import CIRCLE, TEMPLATE
-from circlecal.results import Calibration
+from circlecal.results import FrameCalibration
 from circlecal.view import FieldView
 
 _BORDER_M = 3.0
@@ -21,7 +21,7 @@ _NOWHERE = -1e4
 
 
 def draw_radar(
-    image: Picture, calibration: Calibration, template: FieldTemplate, px_per_m: float = 10.0
+    image: Picture, calibration: FrameCalibration, template: FieldTemplate, px_per_m: float = 10.0
 ) -> Picture | None:
     """Warp a frame to the field plane, over the whole field and a border.
 
@@ -29,7 +29,7 @@ def draw_radar(
     ----------
     image : (H, W, 3) uint8
         The frame, BGR.
-    calibration : Calibration
+    calibration : FrameCalibration
         Its calibration.
     template : FieldTemplate
         The field that it was calibrated with.

@@ -18,7 +18,7 @@ from circlecal.overlay.derived import (
 from circlecal.overlay.frame_overlay import check_size
 from circlecal.overlay.measured import cues_picture, edges_picture, ellipse_picture, mask_picture, rays_picture
 from circlecal.overlay.palette import WHITE
-from circlecal.results import Calibration
+from circlecal.results import FrameCalibration
 
 _LEAST_WIDTH = 1280.0
 _LARGEST_ZOOM = 8
@@ -28,14 +28,14 @@ _FEW = 4
 _PAPER = 18
 
 
-def stage_pictures(image: Picture, calibration: Calibration, template: FieldTemplate) -> dict[str, Picture]:
+def stage_pictures(image: Picture, calibration: FrameCalibration, template: FieldTemplate) -> dict[str, Picture]:
     """Draw what every stage found, for refused frames too.
 
     Parameters
     ----------
     image : (H, W, 3) uint8
         The frame, BGR.
-    calibration : Calibration
+    calibration : FrameCalibration
         Complete or not.
     template : FieldTemplate
         The field that it was calibrated with.

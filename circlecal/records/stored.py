@@ -20,13 +20,13 @@ from circlecal.records.record import (
 )
 from circlecal.results import (
     Attempt,
-    Calibration,
     CameraFit,
     Check,
     Correspondences,
     DerivedPoint,
     EllipseFit,
     EllipseFits,
+    FrameCalibration,
     HomographyFit,
     LineCorrespondence,
     PointCorrespondence,
@@ -34,7 +34,7 @@ from circlecal.results import (
 )
 
 
-def stored_calibration(record: ResultRecord) -> Calibration:
+def stored_calibration(record: ResultRecord) -> FrameCalibration:
     """The calibration of a record, without mask, edges, rays and cues, and with the inliers as the only edge points.
 
     A refused frame has the estimate that the verdict did not trust.
@@ -54,7 +54,7 @@ def stored_calibration(record: ResultRecord) -> Calibration:
         camera=camera,
         verdict=Verdict(record.status, record.code, record.reason, record.stage, checks),
     )
-    return Calibration(
+    return FrameCalibration(
         id=record.id,
         width=record.image.width if record.image else 0,
         height=record.image.height if record.image else 0,

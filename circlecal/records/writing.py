@@ -12,19 +12,19 @@ from circlecal.field import FieldTemplate
 from circlecal.geometry.projective import Array
 from circlecal.observations import Observations
 from circlecal.records.record import SCHEMA_VERSION, ResultRecord, SourceRecord
-from circlecal.results import Calibration, CameraFit, Correspondences, EllipseFit, EllipseFits, Verdict
+from circlecal.results import CameraFit, Correspondences, EllipseFit, EllipseFits, FrameCalibration, Verdict
 
 POINT_DECIMALS, OBSERVATION_DECIMALS = 3, 4
 
 
 def result_record(
-    calibration: Calibration, template: FieldTemplate, *, time_s: float | None = None, digest: str | None = None
+    calibration: FrameCalibration, template: FieldTemplate, *, time_s: float | None = None, digest: str | None = None
 ) -> ResultRecord:
     """The record of a frame.
 
     Parameters
     ----------
-    calibration : Calibration
+    calibration : FrameCalibration
         What the pipeline returned.
     template : FieldTemplate
         The field that it ran with.
@@ -120,7 +120,7 @@ def write_observations(seen: Observations) -> dict[str, Any]:
     }
 
 
-def _homographies(calibration: Calibration) -> tuple[Array | None, Array | None]:
+def _homographies(calibration: FrameCalibration) -> tuple[Array | None, Array | None]:
     estimate = calibration.camera if calibration.camera is not None else calibration.homography
     return (None, None) if estimate is None else (estimate.H_image_field, estimate.H_field_image)
 
@@ -146,7 +146,7 @@ def _camera(fit: CameraFit) -> dict[str, Any]:
     }
 
 
-def _circle_findings(calibration: Calibration) -> dict[str, Any]:
+def _circle_findings(calibration: FrameCalibration) -> dict[str, Any]:
     """Case, ellipses, imaged centre, vanishing line, correspondences and inliers."""
     found = calibration.correspondences
     fit = calibration.camera
@@ -204,7 +204,7 @@ def _correspondences(found: Correspondences) -> dict[str, Any]:
     }
 
 
-def _alternatives(calibration: Calibration) -> list[dict[str, Any]]:
+def _alternatives(calibration: FrameCalibration) -> list[dict[str, Any]]:
     """The field turned by 180 degrees, which circle and halfway line cannot tell from the answer; only a prior can."""
     if calibration.camera is not None:
         turned = calibration.camera.camera.turned()
@@ -214,7 +214,7 @@ def _alternatives(calibration: Calibration) -> list[dict[str, Any]]:
     return []
 
 
-def _residuals(calibration: Calibration) -> dict[str, Any]:
+def _residuals(calibration: FrameCalibration) -> dict[str, Any]:
     fits = () if calibration.ellipses is None else calibration.ellipses.all()
     return {
         "ellipses": {fit.edge: fit.rms_px for fit in fits},

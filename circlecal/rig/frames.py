@@ -12,7 +12,7 @@ from circlecal.geometry.camera_parameters import PARAMETERS, ProjectionModel, ca
 from circlecal.geometry.projective import Array
 from circlecal.observations import Observations
 from circlecal.records.record import ResultRecord
-from circlecal.results import Calibration
+from circlecal.results import FrameCalibration
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +57,7 @@ class RigFrame:
         return theta
 
 
-def frame_of_calibration(found: Calibration) -> RigFrame:
+def frame_of_calibration(found: FrameCalibration) -> RigFrame:
     """A frame straight from the pipeline."""
     fit = found.camera if found.status == "calibrated" else None
     if fit is None:

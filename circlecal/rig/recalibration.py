@@ -13,7 +13,7 @@ from circlecal.camera.residuals import sample_feet
 from circlecal.config import Config
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.projective import Array
-from circlecal.results import Calibration
+from circlecal.results import FrameCalibration
 from circlecal.rig.estimation import Rig, config_with, frame_problem, surprise_of
 from circlecal.rig.frames import RigFrame, frame_of_calibration
 
@@ -22,14 +22,14 @@ DECISIVE = 16.0
 UNLIKELY = 1e-4
 """A camera that deviates more than this share of frames does from what the others say is another one."""
 
-Calibrate = Callable[[Config], Calibration | None]
+Calibrate = Callable[[Config], FrameCalibration | None]
 
 
 @dataclass(frozen=True, slots=True)
 class Recalibration:
     """What became of a frame: the calibration and its camera where another one was found, or why not."""
 
-    calibration: Calibration | None
+    calibration: FrameCalibration | None
     rig: Rig | None
     reason: str | None
 
@@ -39,7 +39,7 @@ class _Trial:
     """A frame as one camera explains it."""
 
     rig: Rig
-    calibration: Calibration
+    calibration: FrameCalibration
     cost: float
 
 
@@ -96,7 +96,7 @@ def recalibrate(
     return Recalibration(trials[0].calibration, trials[0].rig, None)
 
 
-def _refusal(found: Calibration | None, frame: RigFrame, rig: Rig) -> str | None:
+def _refusal(found: FrameCalibration | None, frame: RigFrame, rig: Rig) -> str | None:
     """Why a calibration as a frame of a camera is not taken, or None."""
     if found is None:
         return "it cannot be calibrated again"

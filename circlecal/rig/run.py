@@ -30,7 +30,7 @@ from circlecal.records.camera_prior import write_prior
 from circlecal.records.log import read_records
 from circlecal.records.record import AloneRecord, ResultRecord, ResultRow, RigRecord
 from circlecal.records.writing import result_record
-from circlecal.results import Calibration
+from circlecal.results import FrameCalibration
 from circlecal.rig.estimation import Rig, config_with, estimate_rigs, shared_values
 from circlecal.rig.frames import RigFrame, frame_of_record
 from circlecal.rig.recalibration import Recalibration, recalibrate
@@ -269,9 +269,9 @@ class _Again:
     mask: Path | None
     convention: Convention
 
-    measured: Calibration | None = field(default=None, init=False)
+    measured: FrameCalibration | None = field(default=None, init=False)
 
-    def __call__(self, config: Config) -> Calibration | None:
+    def __call__(self, config: Config) -> FrameCalibration | None:
         source = Path(self.record.path or "")
         refused, annotated = self.frame.theta is None, _is_annotated(self.record)
         from_picture = refused and not annotated and source.is_file()
@@ -309,7 +309,7 @@ def with_short_arcs(config: Config) -> Config:
     return config.model_copy(update={"mask": config.mask.model_copy(update={"detector": detector})})
 
 
-def _leaves_the_arc(found: Calibration, config: Config) -> bool:
+def _leaves_the_arc(found: FrameCalibration, config: Config) -> bool:
     """Whether the circle of an accepted camera leaves what was measured: then the arc was another one."""
     if found.camera is None:
         return False
