@@ -60,7 +60,7 @@ def find_longest_arc(circle: MeasuredCircle, hypothesis: CircleHypothesis, width
     """The longest part of a circle that is drawn without a gap, where that is an arc of a marking; its other points
     are left out. Of a penalty arc the picture shows the whole circle, and less than a third of it is drawn.
     """
-    on = np.flatnonzero(circle.band.supported)
+    on = np.flatnonzero(circle.curve.supported)
     if len(on) < FEWEST_SAMPLES:
         return None
     share = circle.angle_share
@@ -75,8 +75,8 @@ def find_longest_arc(circle: MeasuredCircle, hypothesis: CircleHypothesis, width
     extent = float((middle[on[-1]] - middle[on[0]]) % 1.0)
     if drawn[longest] < max(ARC_SHARE, DENSE_SHARE * extent) or len(on) < FEWEST_SAMPLES:
         return None
-    points = circle.points[on] + circle.band.offset[on, None] * circle.normals[on]
-    rms = float(np.sqrt(np.mean(circle.band.offset[on] ** 2))) * 1920.0 / width
+    points = circle.curve.points[on] + circle.curve.offset[on, None] * circle.curve.normals[on]
+    rms = float(np.sqrt(np.mean(circle.curve.offset[on] ** 2))) * 1920.0 / width
     bow = float(np.abs(line_distance(join(lift(points[0]), lift(points[-1])), points)).max())
     if rms > ARC_RMS_PX or bow < LEAST_BOW * width:
         return None
@@ -149,15 +149,15 @@ def move_onto_straight_arcs(
         beside[k] = np.median(np.abs(sampson_distance(conic, points[k]))) > apart_px
     if not beside.any():
         return circle
-    own = lift(circle.marking_points) @ to_unit.T
+    own = lift(circle.curve.marking_points) @ to_unit.T
     own_angle = np.arctan2(own[:, 1], own[:, 0])
     middle, half = angle[beside, SAMPLES // 2], 0.5 * turn[beside]
     away = np.abs((own_angle[:, None] - middle + np.pi) % (2 * np.pi) - np.pi) > half
-    together = np.concatenate([circle.marking_points[away.all(axis=1)], points[beside].reshape(-1, 2)])
+    together = np.concatenate([circle.curve.marking_points[away.all(axis=1)], points[beside].reshape(-1, 2)])
     if len(together) < SAMPLES + FEWEST_SAMPLES:
         return circle
     ellipse = circle.ellipse
     for _ in range(STEPS):
         ellipse = adjust_ellipses(ellipse, together[None], np.ones((1, len(together))))
     moved = measure_circle(gray, ellipse, circle.sign, config)
-    return max(circle, moved, key=lambda found: int(np.count_nonzero(found.band.supported)))
+    return max(circle, moved, key=lambda found: int(np.count_nonzero(found.curve.supported)))

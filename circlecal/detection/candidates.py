@@ -231,7 +231,7 @@ class Candidates:
             line = find_halfway(self._picture.gray, circle, segments, self._config)
             if line is None or not self._config.one_paint:
                 return line
-            colours = (measure_paint_colour(image, curve.points, curve.normals, curve.band) for curve in (line, circle))
+            colours = (measure_paint_colour(image, marking.curve) for marking in (line, circle))
             if match_paint(*colours):
                 return line
             segments = drop_segments_on(line.line, segments, self._width)

@@ -17,7 +17,7 @@ from circlecal.detection.ellipse_batch import EllipseBatch, adjust_ellipses, ell
 from circlecal.detection.options import AcceptanceConfig, ProfilesConfig
 from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.projective import Array, lift, normalise_line, transform_lines
-from circlecal.paint.bands import BandProfile, RefinementConfig, measure_band
+from circlecal.paint.bands import MeasuredCurve, measure_curve
 from circlecal.refusals import CHECKS
 from circlecal.results import Check
 
@@ -134,28 +134,20 @@ class CircleHypothesis:
 
 @dataclass(frozen=True, slots=True)
 class MeasuredCircle:
-    """An ellipse (a batch of one) with its profiles at equal steps along the curve.
+    """An ellipse (a batch of one) with what was measured at equal steps along it.
 
     ``angle_share`` (N,) is each sample's part of the whole eccentric angle; it adds up to one.
     """
 
     ellipse: EllipseBatch
-    points: Array
-    normals: Array
     angle_share: Array
-    band: BandProfile
+    curve: MeasuredCurve
     sign: float
-
-    @property
-    def marking_points(self) -> Array:
-        """Measured middle of the marking (K, 2), px."""
-        on = self.band.supported
-        return self.points[on] + self.band.offset[on, None] * self.normals[on]
 
     @property
     def widest_px(self) -> float:
         """Width of the marking where it is widest; 0 where it is not seen."""
-        width = np.sort(self.band.width[self.band.supported])
+        width = np.sort(self.curve.width[self.curve.supported])
         return float(width[int(WIDEST * len(width))]) if len(width) else 0.0
 
 
@@ -187,9 +179,8 @@ def measure_circle(
         depth = np.abs(((points - ellipse.centers[0]) * normals).sum(axis=-1))
         reaches = max(reach, LEAST_REACH_PX) + config.width_share * depth
         pieces = np.arange(len(points)) * PIECES // len(points)
-        band = measure_band(gray, points, normals, reaches, pieces, sign, RefinementConfig())
-        circle = MeasuredCircle(ellipse, points, normals, share, band, sign)
-        marking = circle.marking_points
+        circle = MeasuredCircle(ellipse, share, measure_curve(gray, points, normals, reaches, pieces, sign), sign)
+        marking = circle.curve.marking_points
         if turn + 1 < ROUNDS and len(marking) >= FEWEST_TO_FIT:
             ellipse = adjust_ellipses(ellipse, marking[None], np.ones((1, len(marking))))
     return circle
@@ -216,13 +207,13 @@ def _space_evenly(ellipse: EllipseBatch, spacing_px: float, most: int) -> tuple[
 
 def describe_circle(circle: MeasuredCircle, field_share: float, width: int) -> CircleHypothesis:
     """Shares, residual and conic of a measured circle in a picture of the given width."""
-    band = circle.band
-    on = band.supported
-    seen = max(1, int(np.count_nonzero(band.inside)))
-    visible = float(circle.angle_share[band.inside].sum())
+    curve = circle.curve
+    on = curve.supported
+    seen = max(1, int(np.count_nonzero(curve.inside)))
+    visible = float(circle.angle_share[curve.inside].sum())
     whole = float(circle.angle_share[on].sum())
     picture_share = float(np.count_nonzero(on)) / seen
-    rms = float(np.sqrt(np.mean(band.offset[on] ** 2))) if on.any() else float("inf")
+    rms = float(np.sqrt(np.mean(curve.offset[on] ** 2))) if on.any() else float("inf")
     return CircleHypothesis(
         conic=ellipse_conic(circle.ellipse),
         score=whole * np.sqrt(max(0.0, min(picture_share, field_share))),
@@ -231,7 +222,7 @@ def describe_circle(circle: MeasuredCircle, field_share: float, width: int) -> C
         picture_share=picture_share,
         sector_share=whole / visible if visible > 0 else 0.0,
         rms_px=rms * 1920.0 / width,
-        points=circle.marking_points,
+        points=curve.marking_points,
         band_width=measure_band_width(circle),
     )
 
@@ -243,8 +234,8 @@ def is_drawn_on_both_sides(circle: MeasuredCircle, line: Array) -> bool:
     """
     to_unit = np.linalg.inv(unit_frame(circle.ellipse))
     local = normalise_line(transform_lines(to_unit, line))
-    distance = lift(circle.points) @ to_unit.T @ local
-    on, inside = circle.band.supported, circle.band.inside
+    distance = lift(circle.curve.points) @ to_unit.T @ local
+    on, inside = circle.curve.supported, circle.curve.inside
     for side in (-1.0, 1.0):
         beyond = side * distance > CLEAR_OF_LINE
         seen, drawn = (float(circle.angle_share[part & beyond].sum()) for part in (inside, on))
@@ -280,15 +271,15 @@ def measure_band_width(circle: MeasuredCircle) -> float | None:
     The blur adds in squares, and to all widths alike. A part of a circle may show its near side only, which
     perspective widens.
     """
-    on = circle.band.supported
-    reach = np.abs(((circle.points - circle.ellipse.centers[0]) * circle.normals).sum(axis=-1))
+    curve, on = circle.curve, circle.curve.supported
+    reach = np.abs(((curve.points - circle.ellipse.centers[0]) * curve.normals).sum(axis=-1))
     great, small = float(circle.ellipse.great_lengths[0]), float(circle.ellipse.small_lengths[0])
     share = (reach - small) / max(great - small, 1e-9)
     broadside, flat = on & (share > 1.0 - END_SHARE), on & (share < END_SHARE)
     drawn = float(circle.angle_share[on].sum())
     if drawn < NEARLY_WHOLE or min(np.count_nonzero(broadside), np.count_nonzero(flat)) < FEWEST_AT_ENDS:
         return None
-    wide, narrow = (float(np.median(circle.band.width[part])) for part in (broadside, flat))
+    wide, narrow = (float(np.median(curve.width[part])) for part in (broadside, flat))
     lever = float(np.median(reach[broadside]) ** 2 - np.median(reach[flat]) ** 2)
     if lever <= 0 or NARROWEST_RADII * np.sqrt(lever) < TELLING_PX:
         return None

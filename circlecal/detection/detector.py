@@ -192,7 +192,7 @@ def _select_straight_markings(image_bgr: NDArray[np.uint8], result: PassResult, 
     if circle is not None and hypothesis is not None:
         straight &= ~_lie_on_circle(segments, hypothesis.conic, image_bgr.shape[1])
         if one_paint:
-            colour = measure_paint_colour(image_bgr, circle.points, circle.normals, circle.band)
+            colour = measure_paint_colour(image_bgr, circle.curve)
             straight &= segments_match_paint(image_bgr, segments, colour)
     return np.flatnonzero(straight)
 

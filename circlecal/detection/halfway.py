@@ -11,7 +11,7 @@ from circlecal.detection.circle import LEAST_REACH_PX, MOST_PROFILES, SPACING_PX
 from circlecal.detection.ellipse_batch import unit_frame
 from circlecal.detection.options import DetectorConfig, ProfilesConfig
 from circlecal.geometry.projective import Array, fit_line, join, lift, line_distance, normalise_line, transform_lines
-from circlecal.paint.bands import BandProfile, RefinementConfig, local_width, measure_band
+from circlecal.paint.bands import MeasuredCurve, local_width, measure_curve
 
 __all__ = ["MeasuredLine", "MeasuredSegments", "find_halfway", "find_segments_through_middle", "measure_segments"]
 
@@ -59,28 +59,23 @@ class MeasuredLine:
     """
 
     line: Array
-    points: Array
-    normals: Array
-    band: BandProfile
+    curve: MeasuredCurve
     support: float
     outside: bool = False
 
     @property
     def ends(self) -> tuple[Array, Array]:
         """First and last supported place (2,), on the line."""
-        on = np.flatnonzero(self.band.supported)
-        if len(on) == 0:
-            return self.points[0], self.points[-1]
-        return self.points[on[0]], self.points[on[-1]]
+        on, points = np.flatnonzero(self.curve.supported), self.curve.points
+        first, last = (on[0], on[-1]) if len(on) else (0, -1)
+        return points[first], points[last]
 
 
 @dataclass(frozen=True, slots=True)
 class MeasuredSegments:
     """Profiles along several straight segments, one after the other; ``pieces`` (N,) tells which."""
 
-    points: Array
-    normals: Array
-    band: BandProfile
+    curve: MeasuredCurve
     pieces: NDArray[np.int64]
 
 
@@ -99,8 +94,7 @@ def measure_segments(
     points = segments[pieces, 0] + ((position + 0.5) / count[pieces])[:, None] * span[pieces]
     normals = np.stack([span[:, 1], -span[:, 0]], axis=-1) / np.maximum(length, 1e-9)[:, None]
     reach = np.full(len(points), max(config.line_reach_px * width / 1920.0, LEAST_REACH_PX))
-    band = measure_band(gray, points, normals[pieces], reach, pieces, sign, RefinementConfig())
-    return MeasuredSegments(points, normals[pieces], band, pieces)
+    return MeasuredSegments(measure_curve(gray, points, normals[pieces], reach, pieces, sign), pieces)
 
 
 def find_halfway(
@@ -136,7 +130,7 @@ def find_halfway(
         refined = abs(float(normalise_line(transform_lines(to_unit, measured.line))[2]))
         if not _is_drawn(measured) or refined > config.halfway.distance:
             continue
-        if _usual_contrast(measured.band) < SAME_PAINT * _usual_contrast(circle.band):
+        if _usual_contrast(measured.curve) < SAME_PAINT * _usual_contrast(circle.curve):
             continue
         if measured.outside and refined > NEARLY_CENTRAL:
             continue
@@ -177,9 +171,9 @@ def find_segments_through_middle(points: Array, normals: Array, circle: Measured
     return np.array(found).reshape(-1, 2, 2)
 
 
-def _usual_contrast(band: BandProfile) -> float:
+def _usual_contrast(curve: MeasuredCurve) -> float:
     """Usual contrast of what is drawn, gray levels."""
-    return float(np.median(np.abs(band.contrast[band.supported]))) if band.supported.any() else 0.0
+    return float(np.median(curve.contrast[curve.supported])) if curve.supported.any() else 0.0
 
 
 def _is_drawn(line: MeasuredLine) -> bool:
@@ -188,8 +182,8 @@ def _is_drawn(line: MeasuredLine) -> bool:
         return line.support >= OUTSIDE_SUPPORT
     if line.support >= SUPPORT:
         return True
-    visible = max(1, int(np.count_nonzero(line.band.inside)))
-    whole = float(np.count_nonzero(line.band.supported)) / visible
+    visible = max(1, int(np.count_nonzero(line.curve.inside)))
+    whole = float(np.count_nonzero(line.curve.supported)) / visible
     return line.support >= SUPPORT_WITH_REST and whole >= SUPPORT
 
 
@@ -207,16 +201,16 @@ def _follow_line(gray: NDArray[np.uint8], circle: MeasuredCircle, local: Array, 
     inner = np.abs(chords) <= INSIDE
     outside = extent[0] >= 1.0 or extent[1] <= -1.0
     line = normalise_line(join(lift(start), lift(end)))
-    points, normals, band = _measure_between(gray, start, end, share, reach, pieces, circle.sign)
-    on = band.supported & ((np.abs(chords) <= FITTED_EXTENT) | outside)
+    curve = _measure_between(gray, start, end, share, reach, pieces, circle.sign)
+    on = curve.supported & ((np.abs(chords) <= FITTED_EXTENT) | outside)
     if np.count_nonzero(on) >= FEWEST_TO_FIT:
-        line = fit_line(points[on] + band.offset[on, None] * normals[on])
+        line = fit_line(curve.points[on] + curve.offset[on, None] * curve.normals[on])
         start, end = (p - float(line_distance(line, p)) * line[:2] for p in (start, end))
-        reach = np.maximum(refinement.narrow_reach_px * width / 1920.0, LEAST_REACH_PX) + local_width(band)
-        points, normals, band = _measure_between(gray, start, end, share, reach, pieces, circle.sign)
-    judged = band.inside if outside else inner & band.inside
-    support = float(np.count_nonzero(band.supported & judged)) / max(1, int(np.count_nonzero(judged)))
-    return MeasuredLine(line, points, normals, band, support, outside)
+        reach = np.maximum(refinement.narrow_reach_px * width / 1920.0, LEAST_REACH_PX) + local_width(curve)
+        curve = _measure_between(gray, start, end, share, reach, pieces, circle.sign)
+    judged = curve.inside if outside else inner & curve.inside
+    support = float(np.count_nonzero(curve.supported & judged)) / max(1, int(np.count_nonzero(judged)))
+    return MeasuredLine(line, curve, support, outside)
 
 
 def _measure_between(
@@ -227,11 +221,11 @@ def _measure_between(
     reach: Array,
     pieces: NDArray[np.int64],
     sign: float,
-) -> tuple[Array, Array, BandProfile]:
+) -> MeasuredCurve:
     points = start + share[:, None] * (end - start)
     normal = normalise_line(join(lift(start), lift(end)))[:2]
     normals = np.tile(normal, (len(points), 1))
-    return points, normals, measure_band(gray, points, normals, reach, pieces, sign, RefinementConfig())
+    return measure_curve(gray, points, normals, reach, pieces, sign)
 
 
 def _find_visible_chord(

@@ -12,7 +12,7 @@ from circlecal.detection.circle import MeasuredCircle
 from circlecal.detection.halfway import MeasuredLine, measure_segments
 from circlecal.detection.options import ProfilesConfig
 from circlecal.geometry.projective import Array, lift
-from circlecal.paint.bands import BandProfile, local_width
+from circlecal.paint.bands import MeasuredCurve, local_width
 
 __all__ = ["CIRCLE_CLASS", "HALFWAY_CLASS", "UNKNOWN_CLASS", "MarkingSketch", "band_polygons"]
 
@@ -56,16 +56,16 @@ class MarkingSketch:
         if part is not None:
             halfway = self._lie_on_halfway()[part.pieces]
             for wanted, class_id in ((~halfway, UNKNOWN_CLASS), (halfway, HALFWAY_CLASS)):
-                band = replace(part.band, supported=part.band.supported & wanted)
-                _fill(mask, band_polygons(part.points, part.normals, band, part.pieces, False), class_id)
+                curve = replace(part.curve, supported=part.curve.supported & wanted)
+                _fill(mask, band_polygons(curve, part.pieces, False), class_id)
         if self.halfway is not None:
-            line = self.halfway
-            one = np.zeros(len(line.points), np.int64)
-            _fill(mask, band_polygons(line.points, line.normals, line.band, one, False), HALFWAY_CLASS)
+            curve = self.halfway.curve
+            one = np.zeros(len(curve.points), np.int64)
+            _fill(mask, band_polygons(curve, one, False), HALFWAY_CLASS)
         if self.circle is not None:
-            circle = self.circle
-            one = np.zeros(len(circle.points), np.int64)
-            _fill(mask, band_polygons(circle.points, circle.normals, circle.band, one, True), CIRCLE_CLASS)
+            curve = self.circle.curve
+            one = np.zeros(len(curve.points), np.int64)
+            _fill(mask, band_polygons(curve, one, True), CIRCLE_CLASS)
         return mask
 
     def _lie_on_halfway(self) -> NDArray[np.bool_]:
@@ -80,28 +80,25 @@ class MarkingSketch:
         return np.asarray((cosine > np.cos(np.deg2rad(ON_HALFWAY_DEG))) & near, np.bool_)
 
 
-def band_polygons(
-    points: Array, normals: Array, band: BandProfile, pieces: NDArray[np.int64], closed: bool
-) -> tuple[Array, ...]:
+def band_polygons(curve: MeasuredCurve, pieces: NDArray[np.int64], closed: bool) -> tuple[Array, ...]:
     """Outlines of a measured marking, one polygon (K, 2) for each run of supported samples.
 
     Parameters
     ----------
-    points, normals : (N, 2) array
-        Samples of the curve and unit normals, px.
-    band : BandProfile
+    curve : MeasuredCurve
+        N samples.
     pieces : (N,) int64
         Samples of different pieces are not joined.
     closed : bool
         Whether the last sample is the first one's neighbour.
     """
-    on = band.supported
+    on = curve.supported
     if np.count_nonzero(on) < 2:
         return ()
-    half = np.maximum(local_width(band) / 2, LEAST_HALF_WIDTH_PX)[:, None]
-    middle = points + band.offset[:, None] * normals
-    outer, inner = middle + half * normals, middle - half * normals
-    order = np.arange(len(points))
+    half = np.maximum(local_width(curve) / 2, LEAST_HALF_WIDTH_PX)[:, None]
+    middle = curve.points + curve.offset[:, None] * curve.normals
+    outer, inner = middle + half * curve.normals, middle - half * curve.normals
+    order = np.arange(len(on))
     cut = np.flatnonzero(~on)
     if closed and len(cut):  # begin in a gap, so that no run crosses the seam
         order = np.roll(order, -int(cut[0]))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from circlecal.detection.options import RidgeConfig
 from circlecal.geometry.projective import Array
-from circlecal.paint.profiles import Brightness
+from circlecal.paint.profiles import GrayPicture
 
 __all__ = ["RidgePoints", "RidgeRaster", "find_ridges"]
 
@@ -73,7 +73,7 @@ class RidgePoints:
         return len(self.points)
 
 
-def find_ridges(gray: Brightness, region: NDArray[np.uint8], sign: float, config: RidgeConfig) -> RidgePoints:
+def find_ridges(gray: GrayPicture, region: NDArray[np.uint8], sign: float, config: RidgeConfig) -> RidgePoints:
     """Find ridge points inside a region.
 
     Parameters
@@ -107,7 +107,7 @@ def _find_rows(region: NDArray[np.uint8], multiple: int) -> tuple[int, int]:
     return top, min(region.shape[0], int(rows[-1]) + 2 * multiple)
 
 
-def _build_pyramid(gray: Brightness, config: RidgeConfig) -> list[Floats]:
+def _build_pyramid(gray: GrayPicture, config: RidgeConfig) -> list[Floats]:
     side = 2 * int(np.ceil(KERNEL_REACH * config.sigma_px)) + 1
     kernel = cv2.getGaussianKernel(side, config.sigma_px, cv2.CV_32F)
     levels = []

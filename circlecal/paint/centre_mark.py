@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from circlecal.geometry.conics import line_conic_meet, pole
 from circlecal.geometry.projective import Array, dehomogenise, line_distance, normalise_line
-from circlecal.paint.profiles import Brightness, sample_profiles
+from circlecal.paint.profiles import GrayPicture, sample_profiles
 
 Rows = NDArray[np.floating[Any]]
 
@@ -63,7 +63,7 @@ class _Rectified:
 
 
 def find_centre_mark(
-    picture: Brightness,
+    picture: GrayPicture,
     line: Array,
     line_points_px: Array,
     conic: Array,
@@ -78,7 +78,7 @@ def find_centre_mark(
     Parameters
     ----------
     picture : (H, W) uint8 or float32
-        Brightness; the marking is lighter than the surface.
+        GrayPicture; the marking is lighter than the surface.
     line : (3,) array
         Halfway line, px.
     line_points_px : (N, 2) array
@@ -133,7 +133,7 @@ def find_centre_mark(
 
 
 def _rectified(
-    picture: Brightness,
+    picture: GrayPicture,
     line: Array,
     line_points_px: Array,
     conic: Array,
@@ -204,7 +204,7 @@ def half_chords(conic: Array, points: Array, directions: Array) -> Array:
 
 
 def _line_contrast(seen: _Rectified) -> float:
-    """Brightness of the halfway line over the surface beside it."""
+    """GrayPicture of the halfway line over the surface beside it."""
     outer = np.abs(seen.across) > 2.0 * seen.half_px[1] + 2.0
     return float(seen.usual[np.abs(seen.across) <= 1.5].max() - np.median(seen.usual[outer]))
 

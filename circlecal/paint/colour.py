@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.geometry.projective import Array
-from circlecal.paint.bands import BandProfile
+from circlecal.paint.bands import MeasuredCurve
 
 __all__ = ["lie_on_one_surface", "match_paint", "measure_paint_colour", "segments_match_paint"]
 
@@ -44,24 +44,21 @@ def lie_on_one_surface(image_bgr: NDArray[np.uint8], segments: Array) -> NDArray
     return np.asarray(np.abs(share[:, 0] - share[:, 1]).max(axis=-1) <= _ALIKE, np.bool_)
 
 
-def measure_paint_colour(image_bgr: NDArray[np.uint8], points: Array, normals: Array, band: BandProfile) -> Array:
+def measure_paint_colour(image_bgr: NDArray[np.uint8], curve: MeasuredCurve) -> Array:
     """What the paint of a marking adds to the blue, green and red of its surface: medians (3,) over the places of a
     curve where the marking is seen, zeros where it is seen nowhere.
 
     Parameters
     ----------
     image_bgr : (H, W, 3) uint8
-    points, normals : (N, 2) array
-        Samples of the curve, px, and unit normals.
-    band : BandProfile
-        What was measured there.
+    curve : MeasuredCurve
     """
-    on = np.flatnonzero(band.supported)
+    on = np.flatnonzero(curve.supported)
     if len(on) == 0:
         return np.zeros(3)
     on = on[:: max(1, len(on) // _ENOUGH)]
-    middle = points[on] + band.offset[on, None] * normals[on]
-    return np.asarray(np.median(_added_colours(image_bgr, middle, normals[on], band.width[on]), axis=0))
+    middle, normals = curve.points[on] + curve.offset[on, None] * curve.normals[on], curve.normals[on]
+    return np.asarray(np.median(_added_colours(image_bgr, middle, normals, curve.width[on]), axis=0))
 
 
 def segments_match_paint(image_bgr: NDArray[np.uint8], segments: Array, colour: Array) -> NDArray[np.bool_]:

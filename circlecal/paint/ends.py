@@ -11,7 +11,7 @@ import numpy as np
 
 from circlecal.geometry.projective import Array, fit_line
 from circlecal.observations import LineEnd
-from circlecal.paint.profiles import Brightness, sample_profiles
+from circlecal.paint.profiles import GrayPicture, sample_profiles
 
 PAINT_PX, BESIDE_PX = (-1.0, 0.0, 1.0), (5.0, 7.0, 9.0)
 """Offsets across the marking, pixels at 1920 px width, of its paint and of its surroundings."""
@@ -19,7 +19,7 @@ LEVEL, BEFORE, FALL, BEHIND = 80, 16, 3, 9
 """Pixels at 1920 px width: over which the level is taken, that still keep it just before the fall, that the fall takes,
 and behind it, where nothing may be left.
 """
-SEARCHED, FOUND_AGAIN = 120, 12
+SEARCHED, FOUND_AGAIN = 120, 18
 """Pixels at 1920 px width behind the fall in which the marking is looked for, and of a piece of it that counts."""
 LOST, LOST_SHARE = 100, 0.3
 """Pixels at 1920 px width over which the marking must keep this share of its level to be followed further."""
@@ -30,13 +30,13 @@ COARSELY = 32
 """Steps at once towards the border of the picture."""
 
 
-def paint_ends(picture: Brightness, points_px: Array, middle_px: Array, clear_px: float) -> tuple[LineEnd, ...]:
+def paint_ends(picture: GrayPicture, points_px: Array, middle_px: Array, clear_px: float) -> tuple[LineEnd, ...]:
     """Ends, at most two, of a straight marking.
 
     Parameters
     ----------
     picture : (H, W) uint8 or float32
-        Brightness, with the markings lighter than the field.
+        GrayPicture, with the markings lighter than the field.
     points_px : (N, 2) array
         Points along its middle; they may run on over something else.
     middle_px : (2,) array
@@ -90,7 +90,7 @@ def _bend(position: Array, offset: Array, unit: float, clear_px: float) -> Array
     return np.asarray(coefficients / np.array([scale * scale, scale, 1.0]))
 
 
-def _brightness(picture: Brightness, path: Array, normal: Array, unit: float) -> tuple[Array, Array]:
+def _brightness(picture: GrayPicture, path: Array, normal: Array, unit: float) -> tuple[Array, Array]:
     """Of the paint (N,) and of both sides (2, N) along a path, smoothed over three pixels at 1920 px width."""
     offsets = unit * np.array([*(-d for d in BESIDE_PX), *BESIDE_PX, *PAINT_PX])
     profiles = sample_profiles(picture, path, np.broadcast_to(normal, path.shape), offsets)

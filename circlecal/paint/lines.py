@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.geometry.projective import Array, line_distance
-from circlecal.paint.profiles import Brightness, measure_bands, sample_profiles, smooth_along
+from circlecal.paint.bands import measure_bands, rise_above_noise
+from circlecal.paint.profiles import GrayPicture, sample_profiles, smooth_along
 from circlecal.results import LineCue, Segment
 
 __all__ = ["ONE_ROUND", "TWO_ROUNDS", "WIDE_ROUND", "Rounds", "measure_lines"]
@@ -35,7 +36,7 @@ PLAIN_WIDTH_PX = 8.0
 
 
 def measure_lines(
-    picture: Brightness,
+    picture: GrayPicture,
     segments: Sequence[Segment],
     noise: float,
     search_px: float,
@@ -52,7 +53,7 @@ def measure_lines(
     Parameters
     ----------
     picture : (H, W) uint8 or float32
-        Brightness, with the markings lighter than the field.
+        GrayPicture, with the markings lighter than the field.
     segments : sequence of Segment
         K rough markings.
     noise : float
@@ -118,7 +119,7 @@ class _BandSamples:
 
 
 def _band_samples(
-    picture: Brightness,
+    picture: GrayPicture,
     ends: Array,
     widths: Array,
     noise: float,
@@ -152,12 +153,12 @@ def _band_samples(
         stretch = np.maximum(1.0, (along[6] + share * along[7]) / (PLAIN_WIDTH_PX * unit))
         normals = normals * stretch
     profiles = smooth_along(sample_profiles(picture, base.T, normals.T, offsets), 1.0)
-    bands = measure_bands(profiles, offsets, reach_px, noise)
-    valid = np.flatnonzero(own & bands.valid & (bands.width < 24 * max(unit, 0.5)))
+    bands = measure_bands(profiles, offsets, reach_px)
+    valid = np.flatnonzero(own & rise_above_noise(bands, noise) & (bands.width < 24 * max(unit, 0.5)))
     base, normals = base.take(valid, axis=1), normals.take(valid, axis=1)
     middles = base + bands.center.take(valid) * normals
     edges = base + np.stack([bands.left.take(valid), bands.right.take(valid)])[:, None] * normals
-    sigma = bands.sigma if stretch is None else bands.sigma * stretch
+    sigma = bands.sigma(noise) * (1.0 if stretch is None else stretch)
     return _BandSamples(middles, edges, sigma.take(valid), piece.take(valid), drawn)
 
 

@@ -14,7 +14,7 @@ from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera_parameters import INDEX, project
 from circlecal.geometry.projective import Array
 from circlecal.line_naming.expectation import DrawnMarkings, drawn_markings
-from circlecal.paint.bands import RefinementConfig, measure_band
+from circlecal.paint.bands import measure_curve
 from circlecal.paint.matched_filter import CLEAR, EVEN_ANGLES, LEAST_WIDTH_PX, measure_sectors
 from circlecal.results import Agreement, CameraFit
 
@@ -141,8 +141,8 @@ def _count_painted(
     best = np.zeros(len(owner))
     for shift in shifts_sd:
         moved = places.base + shift * places.spread[:, None] * places.normal
-        band = measure_band(picture, moved, places.normal, reach, pieces, 1.0, RefinementConfig())
-        best = np.maximum(best, np.bincount(pieces, band.supported.astype(np.float64)))
+        found = measure_curve(picture, moved, places.normal, reach, pieces).supported
+        best = np.maximum(best, np.bincount(pieces, found.astype(np.float64)))
     return np.asarray(np.bincount(owner, best), np.float64)
 
 

@@ -17,7 +17,7 @@ from circlecal.observations import CircleEdge, LineEnd, LinePoints, Observations
 from circlecal.paint.centre_mark import find_centre_mark, half_chords
 from circlecal.paint.ends import paint_ends
 from circlecal.paint.lines import ONE_ROUND, TWO_ROUNDS, WIDE_ROUND, measure_lines
-from circlecal.paint.profiles import Brightness
+from circlecal.paint.profiles import GrayPicture
 from circlecal.results import Cues, EllipseFit, EllipseFits, LineCue, MarkCue, MarkingMask, Segment
 
 MOST_PIECES = 12
@@ -78,7 +78,7 @@ class CuesConfig(BaseModel):
 
 
 def find_cues(
-    picture: Brightness,
+    picture: GrayPicture,
     mask: MarkingMask,
     ellipses: EllipseFits,
     noise: float,
@@ -91,7 +91,7 @@ def find_cues(
     Parameters
     ----------
     picture : (H, W) uint8 or float32
-        Brightness, with the markings lighter than the field (:func:`circlecal.paint.profiles.to_gray`).
+        GrayPicture, with the markings lighter than the field (:func:`circlecal.paint.profiles.to_gray`).
     mask : MarkingMask
         Gives the rough lines.
     ellipses : EllipseFits
@@ -171,7 +171,7 @@ def _beyond(chord: Array, half_chords: float, shape: tuple[int, ...]) -> Segment
 
 
 def _halfway_line(
-    picture: Brightness,
+    picture: GrayPicture,
     cue: LineCue | None,
     pieces: Sequence[LineCue],
     chord: Array,
@@ -278,7 +278,7 @@ def _before_crossed(points: Array, middle: Array, ends: Sequence[LineEnd], clear
 
 
 def _followed(
-    picture: Brightness, near: LineCue, step_px: float, growth: Array, noise: float, config: CuesConfig
+    picture: GrayPicture, near: LineCue, step_px: float, growth: Array, noise: float, config: CuesConfig
 ) -> list[LineCue]:
     """Pieces of a straight marking beyond its measured part, each expected where those before point to.
 
@@ -390,7 +390,7 @@ def _clipped(start: Array, end: Array, width: int, height: int, margin: float = 
 
 
 def _centre_mark(
-    picture: Brightness,
+    picture: GrayPicture,
     halfway: LineCue,
     fit: EllipseFit,
     template: FieldTemplate,

@@ -12,7 +12,8 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.projective import Array
-from circlecal.paint.profiles import SIGMA_FLOOR_PX, picture_noise
+from circlecal.paint.bands import SIGMA_FLOOR_PX
+from circlecal.paint.profiles import estimate_noise
 from circlecal.refusals import refuse
 from circlecal.results import CIRCLE_ID, EdgePoints, MarkingMask
 
@@ -124,7 +125,7 @@ def detect_edges(picture: NDArray[np.uint8], mask: MarkingMask, config: EdgesCon
     picture, region = picture[searched.window], searched.inside
     gx, gy = _gradients(picture, config.smoothing_px)
     places = _sampled(region)
-    noise = picture_noise(picture, places)
+    noise = estimate_noise(picture, places)
     low, high = _thresholds(config, noise, gx, gy, places)
     found = (cv2.Canny(gx, gy, low * GRADIENT_UNIT, high * GRADIENT_UNIT, L2gradient=True) > 0) & region
     found[[0, -1], :] = False

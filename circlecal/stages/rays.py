@@ -18,7 +18,8 @@ from circlecal.geometry.ellipses import Ellipse, ellipse_from_conic
 from circlecal.geometry.projective import Array
 from circlecal.geometry.ransac import ransac_conic
 from circlecal.observations import CircleEdge
-from circlecal.paint.profiles import Bands, Brightness, measure_bands, sample_profiles, smooth_along
+from circlecal.paint.bands import Bands, measure_bands, rise_above_noise
+from circlecal.paint.profiles import GrayPicture, sample_profiles, smooth_along
 from circlecal.refusals import Confidence, refuse
 from circlecal.results import CameraFit, EdgePoints, MarkingMask, RayPoints
 
@@ -60,7 +61,7 @@ class RaysConfig(BaseModel):
 
 
 def cast_rays(
-    picture: Brightness,
+    picture: GrayPicture,
     edges: EdgePoints,
     mask: MarkingMask,
     relative_width: float,
@@ -109,7 +110,7 @@ def cast_rays(
         inner_px=edges.points_px[inner],
         inner_sigma_px=edges.sigma_px[inner],
         center_line_px=second.points,
-        center_line_sigma_px=second.bands.sigma,
+        center_line_sigma_px=second.bands.sigma(edges.noise),
         rays=rays,
         rejected=len(rejected) + second.rejected,
         rejected_px=edges.points_px[rejected],
@@ -118,7 +119,7 @@ def cast_rays(
 
 
 def _first_look(
-    picture: Brightness,
+    picture: GrayPicture,
     rough: Ellipse,
     noise: float,
     relative_width: float,
@@ -128,13 +129,13 @@ def _first_look(
     """Robust ellipse through the band's middle near a rough one; None where too few rays meet a band."""
     unit = picture.shape[1] / 1920.0
     first = _centreline(picture, rough, noise, config.search_px * unit, relative_width, config, FIRST_STEP)
-    threshold = 3.0 * unit + 3.0 * first.bands.sigma
+    threshold = 3.0 * unit + 3.0 * first.bands.sigma(noise)
     fit = ransac_conic(first.points, threshold, rng, hypotheses=300, method="taubin", confidence=0.999)
     return None if fit is None or fit.inliers.sum() < 12 else ellipse_from_conic(fit.conic)
 
 
 def measure_along_model(
-    picture: Brightness,
+    picture: GrayPicture,
     fit: CameraFit,
     circle: Circle,
     template: FieldTemplate,
@@ -191,7 +192,7 @@ def measure_along_model(
         picture, points[inside], across[inside], predicted[inside], noise, search, config, 1.0
     )
     steady = _steady(bands.center, STEADY_PX * width / 1920.0)
-    return middle[steady], bands.sigma[steady]
+    return middle[steady], bands.sigma(noise)[steady]
 
 
 def _steady(offsets: Array, limit: float) -> NDArray[np.bool_]:
@@ -225,7 +226,7 @@ def even_angles(ellipse: Ellipse, spacing_px: float, maximum: int) -> Array:
 
 
 def _centreline(
-    picture: Brightness,
+    picture: GrayPicture,
     ellipse: Ellipse,
     noise: float,
     search_px: float,
@@ -245,7 +246,7 @@ def _centreline(
 
 
 def _bands_along(
-    picture: Brightness,
+    picture: GrayPicture,
     points: Array,
     normals: Array,
     predicted: Array,
@@ -261,11 +262,12 @@ def _bands_along(
     tap = min(0.5 * step, 1.0)
     offsets = np.arange(-reach, reach + 0.25, tap)
     profiles = smooth_along(sample_profiles(picture, points, normals, offsets), config.smoothing_samples / step)
-    bands = measure_bands(profiles, offsets, search_px, noise)
+    bands = measure_bands(profiles, offsets, search_px)
     low, high = config.width_ratio
-    plausible = bands.valid & (bands.width < high * predicted + 4.0) & (bands.width > low * predicted)
+    plausible = rise_above_noise(bands, noise)
+    plausible &= (bands.width < high * predicted + 4.0) & (bands.width > low * predicted)
     plausible &= _even_contrast(bands.contrast, plausible, config.contrast_ratio)
-    chosen = Bands(*(getattr(bands, name)[plausible] for name in Bands.__slots__))
+    chosen = bands.take(plausible)
     middle = points[plausible] + chosen.center[:, None] * normals[plausible]
     return middle, chosen, plausible
 

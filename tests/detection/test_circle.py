@@ -81,7 +81,7 @@ def test_measurement_finds_the_paint_from_a_rough_start(scene: Scene) -> None:
     gray = scene.image[:, :, 1].copy()
     circle = measure_circle(gray, start(scene, 1.5), 1.0, ProfilesConfig())
     assert abs(circle.angle_share.sum() - 1.0) < 1e-9
-    assert np.abs(sampson_distance(scene.conic, circle.marking_points)).mean() < 0.12
+    assert np.abs(sampson_distance(scene.conic, circle.curve.marking_points)).mean() < 0.12
     assert np.abs(sampson_distance(ellipse_conic(circle.ellipse), scene.circle_points())).mean() < 0.12
     hypothesis = describe_circle(circle, 1.0, 960)
     assert hypothesis.whole_share > 0.93
@@ -91,8 +91,8 @@ def test_measurement_finds_the_paint_from_a_rough_start(scene: Scene) -> None:
 def test_a_dark_marking_is_measured_as_such_only(scene: Scene) -> None:
     gray = 255 - scene.image[:, :, 1]
     light, dark = (measure_circle(gray, start(scene, 1.0), sign, ProfilesConfig()) for sign in (1.0, -1.0))
-    assert light.angle_share[light.band.supported].sum() < 0.3
-    assert dark.angle_share[dark.band.supported].sum() > 0.9
+    assert light.angle_share[light.curve.supported].sum() < 0.3
+    assert dark.angle_share[dark.curve.supported].sum() > 0.9
 
 
 def test_paint_on_the_field_is_wider_at_the_sides_than_a_drawn_ring() -> None:

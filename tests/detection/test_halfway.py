@@ -72,7 +72,7 @@ def test_segments_are_measured_one_by_one() -> None:
     segments = np.stack([segment(scene, (-8, 12), (8, 12)), segment(scene, (-8, 14), (8, 14))])
     found = measure_segments(gray, segments, 1.0, CONFIG.refinement)
     assert found is not None
-    share = [found.band.supported[found.pieces == k].mean() for k in (0, 1)]
+    share = [found.curve.supported[found.pieces == k].mean() for k in (0, 1)]
     assert share[0] > 0.9
     assert share[1] < 0.2
     assert measure_segments(gray, np.zeros((0, 2, 2)), 1.0, CONFIG.refinement) is None

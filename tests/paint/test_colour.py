@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from circlecal.paint.bands import BandProfile
+from circlecal.paint.bands import MeasuredCurve
 from circlecal.paint.colour import lie_on_one_surface, measure_paint_colour, segments_match_paint
 
 SEGMENTS = np.array([[[20.0, 100.0], [620.0, 100.0]], [[20.0, 200.0], [620.0, 210.0]]])
@@ -22,10 +22,11 @@ def picture(below: tuple[int, int, int]) -> np.ndarray:
     return image
 
 
-def band(width: float) -> BandProfile:
-    """A marking of this width that is seen at 90 places, in the middle of each profile."""
-    seen = np.ones(90, np.bool_)
-    return BandProfile(np.zeros(90), np.full(90, 100.0), np.full(90, width), seen, seen)
+def level_line(width: float, first: float, last: float) -> MeasuredCurve:
+    """A marking of this width along y = 100 that is seen at 90 places."""
+    points = np.stack([np.linspace(first, last, 90), np.full(90, 100.0)], axis=-1)
+    normals, seen = np.tile([0.0, 1.0], (90, 1)), np.ones(90, np.bool_)
+    return MeasuredCurve(points, normals, np.zeros(90), np.full(90, 100.0), np.full(90, width), seen, seen)
 
 
 def test_the_foot_of_a_board_is_no_marking() -> None:
@@ -45,15 +46,15 @@ def test_another_paint_than_the_circle_s_is_no_marking_of_the_field() -> None:
     image[99:102] = (230, 230, 230)
     image[199:202] = (50, 190, 200)
     image[149:152] = (80, 145, 88)
-    normals, points = np.tile([0.0, 1.0], (90, 1)), np.stack([np.linspace(20, 620, 90), np.full(90, 100.0)], axis=-1)
-    white = measure_paint_colour(image, points, normals, band(3.0))
+    line = level_line(3.0, 20, 620)
+    white = measure_paint_colour(image, line)
     assert white == pytest.approx([170, 100, 160], abs=1)
     lines = np.array([[[20.0, y], [620.0, y]] for y in (100.0, 150.0, 200.0, 300.0)])
     assert segments_match_paint(image, lines, white).tolist() == [True, True, False, True]
     assert segments_match_paint(image, lines, np.zeros(3)).all()
     assert segments_match_paint(image, lines[:0], white).shape == (0,)
-    nowhere = replace(band(3.0), supported=np.zeros(90, np.bool_))
-    assert measure_paint_colour(image, points, normals, nowhere).tolist() == [0.0, 0.0, 0.0]
+    nowhere = replace(line, supported=np.zeros(90, np.bool_))
+    assert measure_paint_colour(image, nowhere).tolist() == [0.0, 0.0, 0.0]
 
 
 @pytest.mark.parametrize("width", [3, 9, 25])
@@ -61,8 +62,7 @@ def test_wide_paint_is_told_from_the_surface_beyond_it(width: int) -> None:
     image = np.full((720, 1280, 3), (60, 130, 70), np.uint8)
     image[100 - width // 2 : 101 + width // 2] = (230, 230, 230)
     image[300 - width // 2 : 301 + width // 2] = (50, 190, 200)
-    normals, points = np.tile([0.0, 1.0], (90, 1)), np.stack([np.linspace(20, 1260, 90), np.full(90, 100.0)], axis=-1)
-    white = measure_paint_colour(image, points, normals, band(width))
+    white = measure_paint_colour(image, level_line(width, 20, 1260))
     assert white == pytest.approx([170, 100, 160], abs=1)
     lines = np.array([[[20.0, y], [1260.0, y]] for y in (100.0, 300.0)])
     # too faint beside the middle to tell
