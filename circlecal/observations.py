@@ -6,11 +6,34 @@ Pixels are those of the frame as stored (distorted). A picture, an annotation fi
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 from circlecal.geometry.projective import Array
 
 CircleEdge = Literal["outer", "inner", "center"]
+_EDGES: tuple[CircleEdge, ...] = get_args(CircleEdge)
+
+
+@dataclass(frozen=True, slots=True)
+class MarkingKey:
+    """Which marking something lies on: an element of the field template by name, and of circles and arcs the edge of
+    the paint, or its centreline; for what is no marking, its own name.
+
+    As text, the name and the edge with a blank between them.
+    """
+
+    name: str
+    edge: CircleEdge | None = None
+
+    def __str__(self) -> str:
+        return self.name if self.edge is None else f"{self.name} {self.edge}"
+
+    @classmethod
+    def parse(cls, text: str) -> MarkingKey:
+        """From text as results are written with."""
+        name, _, last = text.rpartition(" ")
+        edge = next((edge for edge in _EDGES if edge == last and name), None)
+        return cls(text) if edge is None else cls(name, edge)
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +56,11 @@ class CirclePoints:
     edge: CircleEdge
     points_px: Array
     sigma_px: Array
+
+    @property
+    def key(self) -> MarkingKey:
+        """The circle and its edge."""
+        return MarkingKey(self.circle, self.edge)
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +85,11 @@ class LinePoints:
     sigma_px: Array
     ends: tuple[LineEnd, ...] = ()
 
+    @property
+    def key(self) -> MarkingKey | None:
+        """The marking, where it is known."""
+        return None if self.line is None else MarkingKey(self.line)
+
 
 @dataclass(frozen=True, slots=True)
 class MarkPoint:
@@ -65,6 +98,11 @@ class MarkPoint:
     mark: str
     point_px: Array
     sigma_px: float
+
+    @property
+    def key(self) -> MarkingKey:
+        """The spot."""
+        return MarkingKey(self.mark)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +113,11 @@ class Keypoint:
     field_m: Array
     point_px: Array
     sigma_px: float
+
+    @property
+    def key(self) -> MarkingKey:
+        """The point, by its own name."""
+        return MarkingKey(self.name)
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionMo
 from circlecal.geometry.ellipses import Ellipse
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import Surface
-from circlecal.observations import CircleEdge, LineEnd, Observations
+from circlecal.observations import CircleEdge, LineEnd, MarkingKey, Observations
 from circlecal.refusals import Confidence, explain
 from circlecal.view import FieldView
 
@@ -365,13 +365,13 @@ class CameraFit:
         How many neighbouring residuals along the circle repeat each other (1 = white).
     max_sigma_px, max_sigma_m : float
         Largest predicted standard deviation over the visible field near ``reference_m``.
-    residuals_px, stated_sigma_px : dict
+    residuals_px, stated_sigma_px : dict of MarkingKey
         Root mean square residual by observation, and the standard deviation that the observation itself stated.
     theta : (P,) array
         The estimate as the parameter vector, in the order of ``parameters``.
     derived_points : tuple of DerivedPoint
         The eight points of the circle with their covariance.
-    rejected : tuple of str
+    rejected : tuple of MarkingKey
         Observations that contradict the others and were left out.
     named_lines : tuple of str
         Template lines that were recognised among the straight markings seen, and used.
@@ -395,12 +395,12 @@ class CameraFit:
     data_share: float
     max_sigma_px: float
     max_sigma_m: float
-    residuals_px: dict[str, float]
+    residuals_px: dict[MarkingKey, float]
     theta: Array
     residual_correlation: float = 1.0
-    stated_sigma_px: dict[str, float] = field(default_factory=dict)
+    stated_sigma_px: dict[MarkingKey, float] = field(default_factory=dict)
     derived_points: tuple[DerivedPoint, ...] = ()
-    rejected: tuple[str, ...] = ()
+    rejected: tuple[MarkingKey, ...] = ()
     named_lines: tuple[str, ...] = ()
     names_by_line: dict[int, str] = field(default_factory=dict)
     reference_m: Array = field(default_factory=lambda: np.zeros(2))

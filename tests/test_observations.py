@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from circlecal.observations import CirclePoints, LinePoints, Observations
+from circlecal.observations import CirclePoints, Keypoint, LinePoints, MarkingKey, MarkPoint, Observations
 
 
 def _with_sigma(points):
@@ -25,3 +25,27 @@ def test_observations_are_found_by_name():
 def test_observations_cannot_be_changed():
     with pytest.raises(AttributeError):
         Observations(640, 360).width = 3
+
+
+@pytest.mark.parametrize(
+    ("key", "text"),
+    [
+        (MarkingKey("centre_circle", "outer"), "centre_circle outer"),
+        (MarkingKey("Circle central", "center"), "Circle central center"),
+        (MarkingKey("halfway_line"), "halfway_line"),
+        (MarkingKey("center"), "center"),
+        (MarkingKey("corner 1"), "corner 1"),
+    ],
+)
+def test_keys_of_markings_are_texts_and_back(key, text):
+    assert str(key) == text
+    assert MarkingKey.parse(text) == key
+
+
+def test_what_is_seen_has_its_key():
+    points, sigma = np.zeros((2, 2)), np.ones(2)
+    assert str(CirclePoints("centre_circle", "inner", points, sigma).key) == "centre_circle inner"
+    assert LinePoints(None, points, sigma).key is None
+    assert LinePoints("halfway_line", points, sigma).key == MarkingKey("halfway_line")
+    assert MarkPoint("centre_mark", points[0], 1.0).key == MarkingKey("centre_mark")
+    assert Keypoint("corner 1", points[0], points[0], 1.0).key == MarkingKey("corner 1")

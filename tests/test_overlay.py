@@ -14,7 +14,7 @@ from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.homography import turn_homography
 from circlecal.geometry.projective import apply_homography, lift, normalise_line, transform_lines
 from circlecal.geometry.surface import Surface
-from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations
+from circlecal.observations import CirclePoints, LinePoints, MarkingKey, MarkPoint, Observations
 from circlecal.overlay.canvas import Canvas, clip_segments, text_size, wrap
 from circlecal.overlay.palette import CIRCLE, TEMPLATE
 from circlecal.results import (
@@ -143,9 +143,9 @@ def _calibration(camera=None, verdict=CALIBRATED):
         data_share=0.8,
         max_sigma_px=3.2,
         max_sigma_m=0.2,
-        residuals_px={"centre_circle center": 0.4, "halfway_line": 0.2},
+        residuals_px={MarkingKey("centre_circle", "center"): 0.4, MarkingKey("halfway_line"): 0.2},
         theta=theta,
-        rejected=("centre_mark",),
+        rejected=(MarkingKey("centre_mark"),),
         named_lines=("side_line_top",),
     )
     plane = HomographyFit(H, np.linalg.inv(H), turn_homography(H, np.zeros(2)), np.array([0.1, 0.2]), 300.0, 1e-9)

@@ -323,7 +323,9 @@ def test_extra_observations_are_used_with_the_picture(frames, easy):
     )
     found = run(frames.easy.image, CONFIG, extra=Observations(*SIZE, keypoints=keypoints), frame_id="easy")
     assert found.status == "calibrated"
-    assert {"point 0", "point 1", "point 2"} <= {*found.camera.residuals_px, *found.camera.rejected}
+    assert {"point 0", "point 1", "point 2"} <= {
+        str(key) for key in (*found.camera.residuals_px, *found.camera.rejected)
+    }
     assert found.camera.max_sigma_px < easy.camera.max_sigma_px
     assert error_px(frames.easy, found) < 3.0
 

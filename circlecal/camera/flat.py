@@ -14,6 +14,7 @@ from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionMo
 from circlecal.geometry.least_squares import StoppingRule
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import FLAT
+from circlecal.observations import MarkingKey
 
 ADJUSTED = ("log_focal", "pan", "tilt", "roll", "x", "y", "z", "kappa_1")
 """Parameters that are estimated."""
@@ -59,5 +60,5 @@ def flat_camera(camera: Camera, points_m: Array, pixels: Array, *, centred: bool
     sd = np.zeros(len(PARAMETERS))
     sd[[INDEX[name] for name in ADJUSTED]] = np.inf
     priors = Priors(start, sd, 1.0, np.inf, 0.0, np.inf, field.mean(axis=0))
-    points = FixedPoints(field, seen, np.ones(len(field)), ("",) * len(field))
+    points = FixedPoints(field, seen, np.ones(len(field)), (MarkingKey(""),) * len(field))
     return camera_of(minimise(Problem(stack_curves([]), points, priors, model), start[None], RULE).theta[0], model)

@@ -93,7 +93,7 @@ def rescale_and_reject(problem: Problem, state: State, least: CurvePoints) -> tu
 
 def _along_markings(curves: CurvePoints, state: State) -> list[Indices]:
     """Indices of the points of each marking, ordered along it."""
-    groups = [np.flatnonzero(curves.group == group) for group in range(len(curves.names))]
+    groups = [np.flatnonzero(curves.group == group) for group in range(len(curves.keys))]
     return [index[np.argsort(state.feet[0, index], kind="stable")] for index in groups]
 
 

@@ -11,7 +11,7 @@ from circlecal.field import FieldTemplate
 from circlecal.geometry.conic_fits import fit_conic
 from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.projective import Array, Indices, fit_line
-from circlecal.observations import LinePoints, Observations
+from circlecal.observations import CirclePoints, Keypoint, LinePoints, MarkingKey, MarkPoint, Observations
 
 ELLIPSE_POINTS = 240
 """Of so many points about is the ellipse along which neighbours are averaged."""
@@ -49,8 +49,8 @@ def observed_curves(observations: Observations, template: FieldTemplate, noise: 
         sigma = _with_model_noise(points, sigma, 2.0 * _extent(points), noise)
         radius = template.radius(known, seen.edge)
         by_width = relative[seen.edge] - relative[known.edge]
-        name = f"{seen.circle} {seen.edge}"
-        parts.append(circle_curve(name, points, sigma, np.asarray(known.center), radius, by_width, bloom[seen.edge]))
+        center = np.asarray(known.center)
+        parts.append(circle_curve(seen.key, points, sigma, center, radius, by_width, bloom[seen.edge]))
     for line in observations.lines:
         drawn = None if line.line is None else template.line_by_name.get(line.line)
         if drawn is None or len(line.points_px) == 0:
@@ -64,7 +64,7 @@ def thin_curves(curves: CurvePoints, along: Array | Indices, maximum: int, least
     """At most so many points of each marking, evenly in the order of ``along`` (N,), which then count for the
     others too: with sigmas that are the smaller, down to the model's own.
     """
-    count = np.bincount(curves.group, minlength=len(curves.names))
+    count = np.bincount(curves.group, minlength=len(curves.keys))
     order = np.lexsort((along, curves.group))
     group = curves.group[order]
     place = np.arange(len(order)) - (np.cumsum(count) - count)[group]
@@ -84,11 +84,11 @@ def thin_line(line: LinePoints, noise: NoiseModel) -> tuple[Array, Array]:
 def observed_points(observations: Observations, template: FieldTemplate) -> FixedPoints:
     """Marks and keypoints that were seen."""
     found = [
-        (m.mark, np.asarray(template.mark_by_name[m.mark].position), m.point_px, m.sigma_px)
+        (m.key, np.asarray(template.mark_by_name[m.mark].position), m.point_px, m.sigma_px)
         for m in observations.marks
         if m.mark in template.mark_by_name
     ]
-    found += [(k.name, k.field_m, k.point_px, k.sigma_px) for k in observations.keypoints]
+    found += [(k.key, k.field_m, k.point_px, k.sigma_px) for k in observations.keypoints]
     return FixedPoints(
         np.array([f[1] for f in found]).reshape(-1, 2),
         np.array([f[2] for f in found]).reshape(-1, 2),
@@ -97,13 +97,12 @@ def observed_points(observations: Observations, template: FieldTemplate) -> Fixe
     )
 
 
-def stated_sigmas(observations: Observations) -> dict[str, float]:
-    """Median standard deviation in pixels that each observation itself states, by the names of the residuals."""
-    stated = {f"{c.circle} {c.edge}": float(np.median(c.sigma_px)) for c in observations.circles if len(c.sigma_px)}
-    stated |= {s.line: float(np.median(s.sigma_px)) for s in observations.lines if s.line and len(s.sigma_px)}
-    return (
-        stated | {p.mark: p.sigma_px for p in observations.marks} | {k.name: k.sigma_px for k in observations.keypoints}
-    )
+def stated_sigmas(observations: Observations) -> dict[MarkingKey, float]:
+    """Median standard deviation in pixels that each observation itself states."""
+    curves: tuple[CirclePoints | LinePoints, ...] = (*observations.circles, *observations.lines)
+    points: tuple[MarkPoint | Keypoint, ...] = (*observations.marks, *observations.keypoints)
+    stated = {c.key: float(np.median(c.sigma_px)) for c in curves if c.key is not None and len(c.sigma_px)}
+    return stated | {p.key: p.sigma_px for p in points}
 
 
 def _with_model_noise(points: Array, sigma: Array, length_px: float, noise: NoiseModel) -> Array:

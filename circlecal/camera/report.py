@@ -21,6 +21,7 @@ from circlecal.geometry.camera import Camera
 from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, camera_of, homographies, project
 from circlecal.geometry.homography import compass_label, scale_homography
 from circlecal.geometry.projective import Array
+from circlecal.observations import MarkingKey
 from circlecal.results import CameraFit, DerivedPoint
 from circlecal.view import FieldView
 
@@ -32,11 +33,11 @@ def camera_fit(
     problem: Problem,
     state: State,
     scale: float,
-    rejected: tuple[str, ...],
+    rejected: tuple[MarkingKey, ...],
     named: dict[int, str],
     circle: Circle,
     template: FieldTemplate,
-    stated_sigma_px: dict[str, float],
+    stated_sigma_px: dict[MarkingKey, float],
 ) -> CameraFit:
     """Everything that is reported of the best start of ``state``."""
     model, theta = problem.model, state.theta[0]
@@ -80,7 +81,7 @@ def camera_fit(
 
 def _correlation(problem: Problem, state: State, circle: Circle) -> float:
     """How many neighbouring residuals along the circle repeat each other: 1 where they are white."""
-    circles = [k for k, name in enumerate(problem.curves.names) if name.startswith(circle.name + " ")]
+    circles = [k for k, key in enumerate(problem.curves.keys) if key.name == circle.name]
     factors = [1.0]
     for group in circles:
         index = np.flatnonzero(problem.curves.group == group)
@@ -105,14 +106,15 @@ def _derived_points(cameras: Array, camera: Camera, circle: Circle) -> tuple[Der
     )
 
 
-def residuals_px(problem: Problem, state: State) -> dict[str, float]:
+def residuals_px(problem: Problem, state: State) -> dict[MarkingKey, float]:
     """Root mean square residual of each observed marking, pixels; nothing is left out.
 
     Pieces of a marking, and the point where another one ends on it, count together.
     """
     curves, values = problem.curves, state.residuals[0] * problem.curves.sigma_px
-    names = np.array(curves.names)[curves.group]
-    found = {name: float(np.sqrt(np.mean(values[names == name] ** 2))) for name in dict.fromkeys(curves.names)}
-    for k, name in enumerate(problem.points.names):
-        found[name] = float(np.linalg.norm(state.point_values[0, 2 * k : 2 * k + 2]) * problem.points.sigma_px[k])
+    first = np.array([curves.keys.index(key) for key in curves.keys], dtype=np.int_)
+    marking = first[curves.group]
+    found = {curves.keys[k]: float(np.sqrt(np.mean(values[marking == k] ** 2))) for k in dict.fromkeys(first.tolist())}
+    for k, key in enumerate(problem.points.keys):
+        found[key] = float(np.linalg.norm(state.point_values[0, 2 * k : 2 * k + 2]) * problem.points.sigma_px[k])
     return found

@@ -16,6 +16,7 @@ import numpy as np
 from circlecal.geometry.camera import NEAREST_M
 from circlecal.geometry.camera_parameters import INDEX, ProjectionModel, level_points, project
 from circlecal.geometry.projective import Array, Indices, Mask
+from circlecal.observations import MarkingKey
 
 
 @dataclass(frozen=True)
@@ -42,8 +43,8 @@ class CurvePoints:
     shift : (N, 3, 2) array
         How much a line moves per metre of marking width, of length and of breadth of the field.
     group : (N,) int array
-        Index into ``names``.
-    names : tuple of str
+        Index into ``keys``.
+    keys : tuple of MarkingKey
         One per observed marking.
     """
 
@@ -56,7 +57,7 @@ class CurvePoints:
     direction: Array
     shift: Array
     group: Indices
-    names: tuple[str, ...]
+    keys: tuple[MarkingKey, ...]
 
     @cached_property
     def straight(self) -> Mask:
@@ -95,12 +96,12 @@ _BY_POINT = (
 
 @dataclass(frozen=True)
 class FixedPoints:
-    """M points of known field position: ``field_m`` (M, 2), ``points_px`` (M, 2), ``sigma_px`` (M,), their names."""
+    """M points of known field position: ``field_m`` (M, 2), ``points_px`` (M, 2), ``sigma_px`` (M,), their keys."""
 
     field_m: Array
     points_px: Array
     sigma_px: Array
-    names: tuple[str, ...]
+    keys: tuple[MarkingKey, ...]
 
     @cached_property
     def twice(self) -> tuple[Array, Array]:
@@ -116,8 +117,8 @@ class FixedPoints:
 
     def select(self, keep: Mask) -> FixedPoints:
         """The points at a mask."""
-        names = tuple(name for name, kept in zip(self.names, keep, strict=True) if kept)
-        return FixedPoints(self.field_m[keep], self.points_px[keep], self.sigma_px[keep], names)
+        keys = tuple(key for key, kept in zip(self.keys, keep, strict=True) if kept)
+        return FixedPoints(self.field_m[keep], self.points_px[keep], self.sigma_px[keep], keys)
 
 
 NO_POINTS = FixedPoints(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0), ())
@@ -125,7 +126,7 @@ NO_POINTS = FixedPoints(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0), ())
 
 def stack_curves(parts: list[CurvePoints]) -> CurvePoints:
     """One set from several, each of one marking."""
-    names = tuple(name for part in parts for name in part.names)
+    keys = tuple(key for part in parts for key in part.keys)
     group = (
         np.concatenate([np.full(len(part.points_px), k) for k, part in enumerate(parts)]) if parts else np.zeros(0, int)
     )
@@ -134,18 +135,18 @@ def stack_curves(parts: list[CurvePoints]) -> CurvePoints:
         name: np.concatenate([getattr(part, name) for part in parts]) if parts else np.zeros(empty.get(name, (0,)))
         for name in _BY_POINT
     }
-    return CurvePoints(**stacked, group=group, names=names)
+    return CurvePoints(**stacked, group=group, keys=keys)
 
 
 def join_curves(first: CurvePoints, second: CurvePoints) -> CurvePoints:
     """The markings of both."""
     stacked = {name: np.concatenate([getattr(first, name), getattr(second, name)]) for name in _BY_POINT}
-    group = np.concatenate([first.group, second.group + len(first.names)])
-    return CurvePoints(**stacked, group=group, names=(*first.names, *second.names))
+    group = np.concatenate([first.group, second.group + len(first.keys)])
+    return CurvePoints(**stacked, group=group, keys=(*first.keys, *second.keys))
 
 
 def circle_curve(
-    name: str,
+    key: MarkingKey,
     points_px: Array,
     sigma_px: Array,
     center: Array,
@@ -158,7 +159,7 @@ def circle_curve(
     full = np.full(n, 1.0)
     return CurvePoints(
         points_px, sigma_px, np.tile(center, (n, 1)), radius * full, radius_by_width * full, bloom_sign * full,
-        np.zeros((n, 2)), np.zeros((n, 3, 2)), np.zeros(n, dtype=int), (name,),
+        np.zeros((n, 2)), np.zeros((n, 3, 2)), np.zeros(n, dtype=int), (key,),
     )  # fmt: skip
 
 
@@ -171,7 +172,7 @@ def line_curve(name: str, points_px: Array, sigma_px: Array, ends_m: Array, shif
     zero = np.zeros(n)
     return CurvePoints(
         points_px, sigma_px, np.tile(ends_m[0], (n, 1)), zero, zero, zero,
-        np.tile(direction, (n, 1)), np.tile(shift, (n, 1, 1)), np.zeros(n, dtype=int), (name,),
+        np.tile(direction, (n, 1)), np.tile(shift, (n, 1, 1)), np.zeros(n, dtype=int), (MarkingKey(name),),
     )  # fmt: skip
 
 

@@ -75,7 +75,7 @@ def circle_starts(
         template.radius(circle, seen.edge), model, side,
     )  # fmt: skip
     found = [_standing_starts(problem, observations, circle), closed]
-    if len(problem.points.names) + sum(line.line is not None for line in observations.lines) >= MINIMAL:
+    if len(problem.points.keys) + sum(line.line is not None for line in observations.lines) >= MINIMAL:
         landmarks = seen_landmarks(observations, template, problem.points, usual)
         found.append(homography_starts(landmarks, problem.priors.center_m, model))
     grid = grid_starts(seen.ellipse, center, circle.radius_m, model, side)

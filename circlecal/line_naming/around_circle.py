@@ -34,7 +34,7 @@ from circlecal.line_naming.hypotheses import (
     naming_scene,
     try_names,
 )
-from circlecal.observations import Observations
+from circlecal.observations import MarkingKey, Observations
 
 Arcs = dict[int, str]
 """Names of arcs by number of the curve."""
@@ -249,7 +249,7 @@ def _fit_with(scene: NamingScene, trials: list[Trial], points: Array, arc: Arc) 
     model, template, unit = scene.problem.model, scene.template, scene.unit
     radius = template.radius(arc, "center")
     drawn = circle_curve(
-        arc.name, points, np.full(len(points), CURVE_SIGMA_PX * unit), np.array(arc.center), radius, 0, 0
+        MarkingKey(arc.name), points, np.full(len(points), CURVE_SIGMA_PX * unit), np.array(arc.center), radius, 0, 0
     )
     fuller = replace(
         scene,

@@ -17,6 +17,7 @@ from circlecal.camera.residuals import CurvePoints, curve_residuals, ground_feet
 from circlecal.field import FieldTemplate
 from circlecal.geometry.camera_parameters import ProjectionModel
 from circlecal.geometry.projective import Array, Indices, Mask
+from circlecal.observations import MarkingKey
 
 MOST_SEEDS, SEEDS_OF_ONE = 24, 8
 """How many seeds are grown, and how many where only the best hypothesis is wanted: the longest lines."""
@@ -130,7 +131,7 @@ def _pairs(segments: Array, ends: Array, shifts: Array, theta: Array, model: Pro
     zero = np.zeros(len(group))
     curves = CurvePoints(
         np.tile(segments.reshape(-1, 2), (T, 1)), zero + 1.0, ends[group, 0], zero, zero, zero,
-        (span / lengths[:, None])[group], shifts[group], group, ("",) * T,
+        (span / lengths[:, None])[group], shifts[group], group, (MarkingKey(""),) * T,
     )  # fmt: skip
     start = ground_feet(curves, theta[None], model)
     seen = curve_residuals(curves, theta[None], start, model, updates=0)

@@ -14,7 +14,7 @@ from circlecal.field import FieldTemplate
 from circlecal.geometry.projective import Array, Indices, Mask
 from circlecal.line_naming.association import Association, associate_lines
 from circlecal.line_naming.line_ends import passes_end, segment_ends
-from circlecal.observations import LinePoints, Observations
+from circlecal.observations import LinePoints, MarkingKey, Observations
 
 HYPOTHESES, GROWING = 6, 2
 """How many are fitted, and of how many the lines are matched anew."""
@@ -266,8 +266,8 @@ def _assume(scene: NamingScene, associations: list[Association]) -> CurvePoints:
         bloom_sign=np.concatenate([base.bloom_sign, still]),
         direction=joined(base.direction, direction),
         shift=joined(base.shift, shift),
-        group=np.concatenate([base.group, len(base.names) + scene.line]),
-        names=(*base.names, *(f"line {k}" for k in range(len(scene.segments)))),
+        group=np.concatenate([base.group, len(base.keys) + scene.line]),
+        keys=(*base.keys, *(MarkingKey(f"line {k}") for k in range(len(scene.segments)))),
     )
 
 
@@ -280,7 +280,7 @@ def _score(
     lengths = scene.lengths_px
     named = np.array([[k in association.names for k in range(len(lengths))] for association in associations])
     curves, known = problem.curves, len(scene.before_px)
-    member = (curves.group[:, None] == np.arange(len(curves.names))).astype(np.float64)
+    member = (curves.group[:, None] == np.arange(len(curves.keys))).astype(np.float64)
     rms = np.sqrt((state.residuals * curves.sigma_px) ** 2 @ member / member.sum(axis=0))
     passed = named & (rms[:, known:] < 2.5 * scene.unit)
     explained = (lengths * passed).sum(axis=1)

@@ -117,8 +117,8 @@ def _find_ends(
     away = np.abs(expected.values[0]) / np.hypot(spread, 1.0)
     vague = spread * sigmas[ending, 0] > SURE_PX * unit
     return tuple(
-        LinePoints(name, middles[k][None], sigmas[k])
-        for k, name, off, unsure in zip(ending, points.names, away, vague, strict=True)
+        LinePoints(key.name, middles[k][None], sigmas[k])
+        for k, key, off, unsure in zip(ending, points.keys, away, vague, strict=True)
         if off <= worst
         and (ends[k][0].crossed or (off <= BARE_SIGMAS and not unsure) or _is_crossed(*ends[k], observations, unit))
     )

@@ -7,6 +7,7 @@ import numpy as np
 from circlecal.field import FieldTemplate
 from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.projective import Array, dehomogenise, lift, normalise_line
+from circlecal.observations import MarkingKey
 from circlecal.overlay.canvas import Canvas, Picture, text_size, wrap
 from circlecal.overlay.palette import ACCEPTED, CIRCLE, GREY, INLIER, POINT, REFUSED, TANGENT, TEMPLATE, WHITE
 from circlecal.overlay.template_lines import draw_template
@@ -77,7 +78,7 @@ def verdict_facts(calibration: FrameCalibration) -> list[str]:
         if calibration.ellipses is not None and not calibration.ellipses.all():
             facts.append(f"without the circle, from {len(fit_camera.residuals_px)} lines, arcs and points")
         if fit_camera.rejected:
-            facts.append(f"left out {', '.join(fit_camera.rejected)}")
+            facts.append(f"left out {', '.join(map(str, fit_camera.rejected))}")
         facts.append(f"sigma {_short(fit_camera.max_sigma_px)} px, {_short(fit_camera.max_sigma_m)} m")
     elif calibration.homography is not None and calibration.homography.residuals_px.size:
         facts.append(f"DLT residual {_short(float(np.max(np.abs(calibration.homography.residuals_px))))} px")
@@ -127,11 +128,12 @@ def _draw_landmarks(canvas: Canvas, calibration: FrameCalibration) -> None:
     seen, left_out = calibration.observations, set(calibration.camera.rejected if calibration.camera else ())
     if seen is None:
         return
-    curves = [(f"{c.circle} {c.edge}", c.points_px) for c in seen.circles]
-    curves += [(line.line or "", line.points_px) for line in seen.lines]
-    points = [(m.mark, m.point_px) for m in seen.marks] + [(k.name, k.point_px) for k in seen.keypoints]
-    for name, pixels in (*curves, *((name, pixel[None]) for name, pixel in points)):
-        canvas.points(pixels, GREY if name in left_out else INLIER, 4.0)
+    drawn: list[tuple[MarkingKey | None, Array]] = [(c.key, c.points_px) for c in seen.circles]
+    drawn += [(line.key, line.points_px) for line in seen.lines]
+    drawn += [(mark.key, mark.point_px[None]) for mark in seen.marks]
+    drawn += [(point.key, point.point_px[None]) for point in seen.keypoints]
+    for key, pixels in drawn:
+        canvas.points(pixels, GREY if key in left_out else INLIER, 4.0)
 
 
 def _draw_what_was_seen(canvas: Canvas, calibration: FrameCalibration) -> None:

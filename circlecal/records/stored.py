@@ -8,7 +8,7 @@ import numpy as np
 
 from circlecal.geometry.ellipses import Ellipse
 from circlecal.geometry.projective import Array
-from circlecal.observations import CircleEdge
+from circlecal.observations import CircleEdge, MarkingKey
 from circlecal.records.record import (
     EllipseRecord,
     EstimateRecord,
@@ -97,14 +97,14 @@ def _camera(record: ResultRecord, estimate: EstimateRecord) -> CameraFit | None:
         data_share=_number(keys.data_share),
         max_sigma_px=_number(keys.max_sigma_px),
         max_sigma_m=_number(keys.max_sigma_m),
-        residuals_px={name: _number(value) for name, value in (residuals.camera or {}).items()},
+        residuals_px={MarkingKey.parse(name): _number(value) for name, value in (residuals.camera or {}).items()},
         theta=_array(keys.covariance.estimate),
         residual_correlation=_number(keys.residual_correlation),
         derived_points=tuple(
             DerivedPoint(p.label, _array(p.field_m), _array(p.image_px), _array(p.covariance))
             for p in keys.derived_points
         ),
-        rejected=tuple(keys.rejected_observations),
+        rejected=tuple(map(MarkingKey.parse, keys.rejected_observations)),
         named_lines=tuple(keys.named_lines),
         reference_m=_array(keys.reference_m or (0.0, 0.0)),
     )

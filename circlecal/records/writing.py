@@ -134,7 +134,7 @@ def _camera(fit: CameraFit) -> dict[str, Any]:
         "covariance": {"parameters": fit.parameters, "estimate": fit.theta, "matrix": fit.covariance},
         "derived_points": fit.derived_points,
         "named_lines": fit.named_lines,
-        "rejected_observations": fit.rejected,
+        "rejected_observations": tuple(map(str, fit.rejected)),
         "noise_scale": fit.noise_scale,
         "data_share": fit.data_share,
         "prior_dominated": fit.prior_dominated,
@@ -216,10 +216,11 @@ def _alternatives(calibration: FrameCalibration) -> list[dict[str, Any]]:
 
 def _residuals(calibration: FrameCalibration) -> dict[str, Any]:
     fits = () if calibration.ellipses is None else calibration.ellipses.all()
+    camera = calibration.camera
     return {
         "ellipses": {fit.edge: fit.rms_px for fit in fits},
         "homography": None if calibration.homography is None else calibration.homography.residuals_px,
-        "camera": None if calibration.camera is None else calibration.camera.residuals_px,
+        "camera": None if camera is None else {str(key): rms for key, rms in camera.residuals_px.items()},
     }
 
 

@@ -261,10 +261,10 @@ def frame_problem(
     seen = with_names(frame.observations, names, theta, template, model)
     seen = replace(
         seen,
-        marks=tuple(m for m in seen.marks if m.mark not in frame.rejected),
-        keypoints=tuple(k for k in seen.keypoints if k.name not in frame.rejected),
-        lines=tuple(line for line in seen.lines if line.line not in frame.rejected),
-        circles=tuple(c for c in seen.circles if f"{c.circle} {c.edge}" not in frame.rejected),
+        marks=tuple(mark for mark in seen.marks if mark.key not in frame.rejected),
+        keypoints=tuple(point for point in seen.keypoints if point.key not in frame.rejected),
+        lines=tuple(line for line in seen.lines if line.key not in frame.rejected),
+        circles=tuple(circle for circle in seen.circles if circle.key not in frame.rejected),
     )
     noise = NoiseModel(options.maximum_points, options.model_sigma_px * unit, options.correlation_px * unit)
     problem = Problem(

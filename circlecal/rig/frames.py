@@ -10,7 +10,7 @@ import numpy as np
 from circlecal.errors import InputError
 from circlecal.geometry.camera_parameters import PARAMETERS, ProjectionModel, camera_of, theta_of
 from circlecal.geometry.projective import Array
-from circlecal.observations import Observations
+from circlecal.observations import MarkingKey, Observations
 from circlecal.records.record import ResultRecord
 from circlecal.results import FrameCalibration
 
@@ -27,7 +27,7 @@ class RigFrame:
         What was seen; None where not even the circle was measured.
     theta, covariance : (P,), (P, P) arrays or None
         The camera's parameters where the frame is calibrated alone.
-    named_lines, rejected : tuples of str
+    named_lines, rejected : tuples of str and of MarkingKey
         Lines that were recognised, and observations that were left out.
     """
 
@@ -36,7 +36,7 @@ class RigFrame:
     theta: Array | None
     covariance: Array | None
     named_lines: tuple[str, ...] = ()
-    rejected: tuple[str, ...] = ()
+    rejected: tuple[MarkingKey, ...] = ()
 
     @property
     def size(self) -> tuple[int, int]:
@@ -80,4 +80,5 @@ def frame_of_record(record: ResultRecord, source: Path) -> RigFrame:
     if found is None or found.parameters != PARAMETERS or len(found.estimate) != len(PARAMETERS):
         raise InputError(f"{source}: the camera of {record.id} has other parameters than this version; calibrate again")
     theta, covariance = (np.array(values, dtype=np.float64) for values in (found.estimate, found.matrix))
-    return RigFrame(record.id, seen, theta, covariance, tuple(camera.named_lines), tuple(camera.rejected_observations))
+    rejected = tuple(map(MarkingKey.parse, camera.rejected_observations))
+    return RigFrame(record.id, seen, theta, covariance, tuple(camera.named_lines), rejected)

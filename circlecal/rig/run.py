@@ -314,9 +314,7 @@ def _leaves_the_arc(found: FrameCalibration, config: Config) -> bool:
     if found.camera is None:
         return False
     limit = config.rig.maximum_arc_residual_px * found.width / 1920.0
-    return any(
-        rms > limit for name, rms in found.camera.residuals_px.items() if name.startswith(f"{found.circle_name} ")
-    )
+    return any(rms > limit for key, rms in found.camera.residuals_px.items() if key.name == found.circle_name)
 
 
 def _is_annotated(record: ResultRow) -> bool:

@@ -26,7 +26,7 @@ from circlecal.geometry.camera_parameters import ProjectionModel, camera_of, the
 from circlecal.geometry.homography import dlt, projects_in_front, transfer_errors
 from circlecal.geometry.projective import Array, Mask
 from circlecal.geometry.surface import Surface
-from circlecal.observations import Observations
+from circlecal.observations import MarkingKey, Observations
 from circlecal.solvers.great_axis import DOWN, toward_camera
 from circlecal.solvers.interface import solver, unsolved
 from circlecal.solvers.primitives import (
@@ -160,8 +160,8 @@ def refined(
     model = _model(observations, circle)
     known = template.model_copy(update={"length_sd_m": 0.0, "width_sd_m": 0.0})
     curves = observed_curves(replace(observations, circles=()), template, NoiseModel(10**6, 0.0, 0.0))
-    names = tuple(str(k) for k in range(len(points.field_m)))
-    fixed = FixedPoints(points.field_m, points.image_px, points.sigma_px, names)
+    keys = tuple(MarkingKey(str(k)) for k in range(len(points.field_m)))
+    fixed = FixedPoints(points.field_m, points.image_px, points.sigma_px, keys)
     problem = Problem(curves, fixed, priors_of(WITHOUT_PRIORS, known, circle, model), model)
     state = minimise(problem, theta[None])
     return camera_of(state.theta[0], model).homography

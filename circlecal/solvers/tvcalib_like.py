@@ -47,7 +47,7 @@ def solve(observations: Observations, template: FieldTemplate, circle: Circle, r
     """AdamW from all starts at once; the camera with the smallest loss."""
     model = ProjectionModel(observations.width, observations.height, Surface("flat", circle.radius_m))
     curves = observed_curves(observations, template, NoiseModel(MAXIMUM_POINTS, 0.0, 0.0))
-    if len(curves.names) < 2:
+    if len(curves.keys) < 2:
         raise unsolved("needs_two_markings", "one marking alone leaves the camera undetermined")
     if len(curves.points_px) < len(RANGES):
         raise unsolved("too_few_points", f"{len(RANGES)} points are needed, {len(curves.points_px)} seen")
@@ -75,7 +75,7 @@ def standardisation(model: ProjectionModel) -> tuple[Array, Array]:
 def descend(curves: CurvePoints, model: ProjectionModel, mean: Array, sd: Array, z: Array) -> tuple[Array, Array]:
     """Parameters (B, P) and losses (B,) after ``STEPS`` steps of AdamW with a cosine schedule."""
     first, second = np.zeros_like(z), np.zeros_like(z)
-    share = 1.0 / (np.bincount(curves.group)[curves.group] * len(curves.names))
+    share = 1.0 / (np.bincount(curves.group)[curves.group] * len(curves.keys))
     unit = curves.sigma_px / (model.width / 2.0)
     best, best_loss = mean + sd * z, np.full(len(z), np.inf)
     feet = np.zeros((len(z), len(curves.points_px)))

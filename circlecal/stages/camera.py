@@ -7,7 +7,7 @@ crown and marking width enter with priors, and so does their uncertainty.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -35,7 +35,7 @@ from circlecal.geometry.surface import Surface
 from circlecal.line_naming.around_circle import name_lines_around_circle
 from circlecal.line_naming.hypotheses import name_lines
 from circlecal.line_naming.line_ends import add_line_ends, are_ended_on
-from circlecal.observations import CirclePoints, Observations
+from circlecal.observations import CirclePoints, MarkingKey, Observations
 from circlecal.refusals import refuse
 from circlecal.results import CameraFit
 
@@ -110,11 +110,11 @@ class _Task:
         observations = replace(given, lines=named, circles=(*given.circles, *circles))
         return replace(self, observations=observations, names=lines)
 
-    def without(self, names: set[str]) -> _Task:
+    def without(self, keys: Collection[MarkingKey]) -> _Task:
         """The task without some of its markings."""
         given = self.observations
-        circles = tuple(c for c in given.circles if f"{c.circle} {c.edge}" not in names)
-        lines = tuple(line for line in given.lines if line.line not in names)
+        circles = tuple(circle for circle in given.circles if circle.key not in keys)
+        lines = tuple(line for line in given.lines if line.key not in keys)
         return replace(self, observations=replace(given, circles=circles, lines=lines))
 
 
@@ -184,9 +184,9 @@ def estimate_camera(
     state = find_optima(problem, starts, config, camera_side)
     wrong_points = _contradicting_points(problem, state)
     wrong_markings = _contradicting_markings(task, problem, state, sight)
-    rejected = (*problem.points.select(wrong_points).names, *wrong_markings)
+    rejected = (*problem.points.select(wrong_points).keys, *wrong_markings)
     if rejected:
-        task = task.without(set(wrong_markings))
+        task = task.without(wrong_markings)
         problem = replace(problem, points=problem.points.select(~wrong_points), curves=task.curves())
         state = find_optima(problem, starts.after(state), config, camera_side)
     fit = _settle(task, problem, state, COARSE)
@@ -381,21 +381,21 @@ def _require_landmarks(task: _Task, landmarks: Landmarks) -> None:
 
 def _contradicting_points(problem: Problem, state: State) -> Mask:
     """Marks and keypoints (M,) that lie further from where the camera puts them than their sigma can explain."""
-    off = state.point_values[0].reshape(len(problem.points.names), 2)
+    off = state.point_values[0].reshape(len(problem.points.keys), 2)
     return np.asarray(np.linalg.norm(off, axis=-1) > OFF_SIGMAS, dtype=np.bool_)
 
 
-def _contradicting_markings(task: _Task, problem: Problem, state: State, sight: _Sight) -> list[str]:
+def _contradicting_markings(task: _Task, problem: Problem, state: State, sight: _Sight) -> list[MarkingKey]:
     """Named lines and arcs that lie far from where the camera puts them; never the circle that starts came from and the
     halfway line beside it, which the verdict judges.
     """
     curves, off = problem.curves, np.abs(state.residuals[0])
     least_px = WRONG_PX * problem.model.width / 1920.0
     found = set()
-    for group, name in enumerate(curves.names):
+    for group, key in enumerate(curves.keys):
         own = curves.group == group
-        carrying = name == task.template.halfway_line or name.startswith(f"{task.circle.name} ")
+        carrying = key.name in (task.template.halfway_line, task.circle.name)
         far = np.median(off[own]) > WRONG_SIGMAS and np.median((off * curves.sigma_px)[own]) > least_px
         if far and not (carrying and sight.ellipse is not None):
-            found.add(name)
-    return sorted(found)
+            found.add(key)
+    return sorted(found, key=str)

@@ -12,6 +12,7 @@ from circlecal.geometry.conics import circle_conic, sampson_distance, transform_
 from circlecal.geometry.homography import projects_in_front
 from circlecal.geometry.projective import Array, apply_homography, lift, normalise_line, transform_lines
 from circlecal.line_naming.line_ends import running_through
+from circlecal.observations import MarkingKey
 from circlecal.refusals import CHECKS, REFUSALS, Confidence, words_of_check
 from circlecal.results import Agreement, Attempt, CameraFit, Check, Cues, EllipseFits, Verdict
 
@@ -139,7 +140,7 @@ def judge(attempt: Attempt, template: FieldTemplate, circle: Circle, width: int,
     failed = next((c for c in checks if not c.passed), None)
     if failed is None:
         return Verdict("calibrated", None, None, None, tuple(checks))
-    marking = _worst_marking(camera, unit, config)[0] if camera is not None and camera.residuals_px else ""
+    marking = str(_worst_marking(camera, unit, config)[0]) if camera is not None and camera.residuals_px else ""
     return _refusal_by(failed, tuple(checks), marking)
 
 
@@ -183,7 +184,7 @@ def _refusal_by(check: Check, checks: tuple[Check, ...], marking: str = "") -> V
 
 def kinds_of_confirmation(camera: CameraFit, cues: Cues) -> int:
     """How many of these confirm circle and halfway line: the centre mark, several other lines."""
-    mark = cues.mark is not None and cues.mark.name not in camera.rejected
+    mark = cues.mark is not None and MarkingKey(cues.mark.name) not in camera.rejected
     return int(mark) + int(len(camera.named_lines) >= SEVERAL_LINES)
 
 
@@ -244,7 +245,7 @@ def _is_confirmed_by_homography(
 
 def _worst_of(camera: CameraFit, circle: Circle) -> float:
     """Largest residual of the circle's edges or centreline, px."""
-    return max((rms for name, rms in camera.residuals_px.items() if name.startswith(f"{circle.name} ")), default=0.0)
+    return max((rms for key, rms in camera.residuals_px.items() if key.name == circle.name), default=0.0)
 
 
 def _confirmations(cues: Cues, camera: CameraFit | None, unit: float) -> int:
@@ -252,8 +253,9 @@ def _confirmations(cues: Cues, camera: CameraFit | None, unit: float) -> int:
     if camera is None:
         return 0
     halfway = None if cues.halfway is None else cues.halfway.name
-    mark = cues.mark is not None and cues.mark.name not in camera.rejected
-    near = [name for name in camera.named_lines if camera.residuals_px.get(name, 0.0) <= LIKELY_RESIDUAL_PX * unit]
+    mark = cues.mark is not None and MarkingKey(cues.mark.name) not in camera.rejected
+    residuals, largest = camera.residuals_px, LIKELY_RESIDUAL_PX * unit
+    near = [name for name in camera.named_lines if residuals.get(MarkingKey(name), 0.0) <= largest]
     return int(mark) + sum(name != halfway for name in near)
 
 
@@ -279,8 +281,8 @@ def _landmark_checks(camera: CameraFit, unit: float, config: VerdictConfig) -> l
     return [*checks, _check("rejected_share", share, config.max_rejected_share)]
 
 
-def _worst_marking(camera: CameraFit, unit: float, config: VerdictConfig) -> tuple[str, float, float]:
-    """Name, rms residual and limit of the line, arc or point that leaves most of what it is allowed."""
+def _worst_marking(camera: CameraFit, unit: float, config: VerdictConfig) -> tuple[MarkingKey, float, float]:
+    """Key, rms residual and limit of the line, arc or point that leaves most of what it is allowed."""
     stated, least = camera.stated_sigma_px, config.max_line_residual_px * unit
     markings = ((k, rms, max(least, NOISE_SIGMAS * stated.get(k, 0.0))) for k, rms in camera.residuals_px.items())
     return max(markings, key=lambda marking: marking[1] / marking[2])
@@ -302,22 +304,22 @@ def _place_checks(camera: CameraFit, circle: Circle, reference_m: Array, config:
 
 def _residual_checks(camera: CameraFit, cues: Cues, circle: Circle, unit: float, config: VerdictConfig) -> list[Check]:
     checks = []
-    for name, rms in camera.residuals_px.items():
+    for key, rms in camera.residuals_px.items():
         # coarse observations (clicks, detections) may scatter by what they state themselves
-        stated = NOISE_SIGMAS * camera.stated_sigma_px.get(name, 0.0)
-        if name.startswith(circle.name + " "):
+        stated = NOISE_SIGMAS * camera.stated_sigma_px.get(key, 0.0)
+        if key.name == circle.name:
             checks.append(_check("circle_residual_px", rms, max(config.max_circle_residual_px * unit, stated)))
             structured = rms * np.sqrt(1.0 - 1.0 / max(camera.residual_correlation, 1.0))
             limit = max(config.max_structured_residual_px * unit, stated)
             checks.append(_check("structured_residual_px", structured, limit))
-        elif cues.halfway is not None and name == cues.halfway.name:
+        elif cues.halfway is not None and key.name == cues.halfway.name:
             checks.append(_check("line_residual_px", rms, max(config.max_line_residual_px * unit, stated)))
     if not _confirmations(cues, camera, unit):
         for rms in _end_residuals(camera, cues, circle):
             checks.append(_check("end_residual_px", rms, config.max_line_residual_px * unit))
-    if cues.mark is not None and cues.mark.name not in camera.rejected:
-        seen = camera.residuals_px.get(cues.mark.name, 0.0)
-        stated = NOISE_SIGMAS * camera.stated_sigma_px.get(cues.mark.name, 0.0)
+    if cues.mark is not None and MarkingKey(cues.mark.name) not in camera.rejected:
+        seen = camera.residuals_px.get(MarkingKey(cues.mark.name), 0.0)
+        stated = NOISE_SIGMAS * camera.stated_sigma_px.get(MarkingKey(cues.mark.name), 0.0)
         checks.append(_check("mark_distance_px", seen, max(config.max_mark_distance_px * unit, stated)))
     return checks
 
@@ -329,9 +331,9 @@ def _end_residuals(camera: CameraFit, cues: Cues, circle: Circle) -> list[float]
     own = () if cues.halfway is None or cues.halfway.name is None else (cues.halfway.name,)
     marks = () if cues.mark is None else (cues.mark.name,)
     known = {*own, *marks, *camera.named_lines, *(line.name for line in cues.lines)}
-    seen = {name: rms for name, rms in camera.residuals_px.items() if not name.startswith(f"{circle.name} ")}
+    seen = [(key.name, rms) for key, rms in camera.residuals_px.items() if key.name != circle.name]
     ends = cues.halfway is not None and cues.halfway.ends
-    return [rms for name, rms in seen.items() if name not in known] if ends else []
+    return [rms for name, rms in seen if name not in known] if ends else []
 
 
 def _reach_checks(camera: CameraFit, cues: Cues, template: FieldTemplate, config: VerdictConfig) -> list[Check]:
@@ -348,7 +350,7 @@ def _reach_checks(camera: CameraFit, cues: Cues, template: FieldTemplate, config
     checks = [_reach_check("line_reach", np.abs(along), config.max_line_reach)]
     for seen_end, past in ((line.start, along), (line.end, -along)):
         other = running_through(np.asarray(seen_end), line, template)
-        if other is not None and other.name in camera.residuals_px:
+        if other is not None and MarkingKey(other.name) in camera.residuals_px:
             limit = min(REACH_WITH_END, config.max_line_reach)
             checks.append(_reach_check("other_end_reach", past, limit))
     return checks

@@ -8,7 +8,7 @@ from circlecal.camera.observed import observed_points
 from circlecal.camera.problem import Problem, State
 from circlecal.camera.residuals import circle_curve, line_curve, stack_curves
 from circlecal.field import load_field
-from circlecal.observations import Observations
+from circlecal.observations import MarkingKey, Observations
 
 from .test_problem import MODEL, plain_theta, priors
 
@@ -21,7 +21,9 @@ def fitted(residuals_px, few_px=()):
     count, few = len(residuals_px), len(few_px)
     rng = np.random.default_rng(0)
     parts = [
-        circle_curve("circle", np.zeros((count, 2)), np.full(count, STATED_PX), np.zeros(2), 9.15, 0.0, 0.0),
+        circle_curve(
+            MarkingKey("circle"), np.zeros((count, 2)), np.full(count, STATED_PX), np.zeros(2), 9.15, 0.0, 0.0
+        ),
         line_curve("line", np.zeros((few, 2)), np.full(few, STATED_PX), np.array([[0.0, 0], [1, 0]]), np.zeros((3, 2))),
     ]
     curves = stack_curves(parts)

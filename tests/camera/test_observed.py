@@ -6,7 +6,7 @@ import pytest
 from circlecal.camera.observed import NoiseModel, observed_curves, observed_points
 from circlecal.field import load_field
 from circlecal.geometry.ellipses import Ellipse
-from circlecal.observations import CirclePoints, Keypoint, LinePoints, MarkPoint, Observations
+from circlecal.observations import CirclePoints, Keypoint, LinePoints, MarkingKey, MarkPoint, Observations
 
 SOCCER = load_field("soccer")
 ELLIPSE = Ellipse(np.array([900.0, 500.0]), (500.0, 150.0), 0.03)
@@ -30,7 +30,7 @@ def test_edges_of_the_circle_follow_the_laws(edge, radius, by_width, bloom):
     curves = observed_curves(
         Observations(1920, 1080, (CirclePoints("centre_circle", edge, points, np.full(30, 0.4)),)), SOCCER, EXACT
     )
-    assert curves.names == (f"centre_circle {edge}",)
+    assert curves.keys == (MarkingKey("centre_circle", edge),)
     np.testing.assert_allclose(curves.radius, radius)
     np.testing.assert_allclose(curves.radius_by_width, by_width)
     np.testing.assert_allclose(curves.bloom_sign, bloom)
@@ -51,7 +51,7 @@ def test_what_the_template_does_not_know_is_left_out():
     )
     assert observed_curves(seen, SOCCER, EXACT).names == ("halfway_line",)
     points = observed_points(seen, SOCCER)
-    assert points.names == ("centre_mark", "corner")
+    assert points.keys == (MarkingKey("centre_mark"), MarkingKey("corner"))
     np.testing.assert_allclose(points.field_m, [[0.0, 0.0], [52.5, 34.0]])
     np.testing.assert_allclose(points.sigma_px, [2.0, 3.0])
 

@@ -11,7 +11,7 @@ from circlecal.camera.residuals import ground_feet
 from circlecal.field import load_field
 from circlecal.geometry.camera_parameters import ProjectionModel, theta_of
 from circlecal.geometry.surface import Surface
-from circlecal.observations import LinePoints, Observations
+from circlecal.observations import LinePoints, MarkingKey, Observations
 from circlecal.synthetic.cameras import aimed_camera
 
 SOCCER = load_field("soccer")
@@ -30,4 +30,4 @@ def test_residuals_of_one_marking_count_together():
     problem = Problem(curves, observed_points(Observations(1920, 1080), SOCCER), priors, MODEL)
     theta = theta_of(camera, MODEL)[None]
     state = evaluate(problem, theta, ground_feet(curves, theta, MODEL))
-    assert residuals_px(problem, state) == {"side_line_top": pytest.approx(0.5, abs=0.1)}
+    assert residuals_px(problem, state) == {MarkingKey("side_line_top"): pytest.approx(0.5, abs=0.1)}

@@ -17,6 +17,7 @@ from circlecal.camera.residuals import (
 from circlecal.field import load_field
 from circlecal.geometry.camera_parameters import INDEX, ProjectionModel, project
 from circlecal.geometry.surface import Surface
+from circlecal.observations import MarkingKey
 
 from .conftest import STEPS, central_differences, random_thetas
 
@@ -29,7 +30,9 @@ def curves_near(theta, offset_px, rng, model=MODEL):
     parts = []
     for edge, by_width, bloom in (("outer", 0.0, 1.0), ("inner", -1.0, -1.0), ("center", -0.5, 0.0)):
         radius = SOCCER.radius(SOCCER.circles[0], edge)
-        parts.append(circle_curve(edge, np.zeros((20, 2)), np.full(20, 0.7), np.zeros(2), radius, by_width, bloom))
+        parts.append(
+            circle_curve(MarkingKey(edge), np.zeros((20, 2)), np.full(20, 0.7), np.zeros(2), radius, by_width, bloom)
+        )
     for name in ("halfway_line", "side_line_top", "big_rect_left_main"):
         line = SOCCER.line_by_name[name]
         parts.append(
@@ -72,7 +75,7 @@ def test_sizes_of_the_markings_enter_where_they_should():
     J = curve_residuals(curves, theta[None], feet[None], MODEL).jacobian[0]
 
     def moves(name, parameter):
-        return bool(np.abs(J[curves.group == curves.names.index(name), INDEX[parameter]]).max() > 1e-9)
+        return bool(np.abs(J[curves.group == curves.keys.index(MarkingKey(name)), INDEX[parameter]]).max() > 1e-9)
 
     expected = {
         "width": {"inner", "center", "side_line_top", "big_rect_left_main"},
@@ -81,7 +84,7 @@ def test_sizes_of_the_markings_enter_where_they_should():
         "breadth": {"side_line_top"},
     }
     for parameter, names in expected.items():
-        assert {name for name in curves.names if moves(name, parameter)} == names, parameter
+        assert {key.name for key in curves.keys if moves(key.name, parameter)} == names, parameter
 
 
 def test_bloom_moves_the_edges_outwards_by_itself():
@@ -164,7 +167,10 @@ def test_fixed_points_and_their_jacobian():
 def test_stacking_keeps_the_order_and_nothing_is_something():
     rng = np.random.default_rng(8)
     curves, _ = curves_near(random_thetas(1, rng)[0], 0.0, rng)
-    assert curves.names == ("outer", "inner", "center", "halfway_line", "side_line_top", "big_rect_left_main")
+    assert [str(key) for key in curves.keys] == [
+        "outer", "inner", "center", "halfway_line", "side_line_top", "big_rect_left_main",
+    ]  # fmt: skip
+
     assert np.bincount(curves.group).tolist() == [20, 20, 20, 9, 9, 9]
     empty = stack_curves([])
     assert empty.points_px.shape == (0, 2)

@@ -17,6 +17,7 @@ from circlecal.field import load_field
 from circlecal.formats.inputs import observe_network
 from circlecal.formats.pnlcalib import WRONG_RIGHT_END, keypoint_table, tangency_points
 from circlecal.geometry.camera import Camera
+from circlecal.observations import MarkingKey
 
 onnx = pytest.importorskip("onnx")
 pytest.importorskip("onnxruntime")
@@ -192,8 +193,8 @@ def test_keypoints_are_used_beside_the_picture_and_a_wrong_one_is_named(
     config = load_config(None, ["keypoints.source=onnx", f"keypoints.model={model}"])
     found = calibrate(frame_image, config=config).attempt
     assert found.is_calibrated and found.camera is not None
-    assert "kp_49" in found.camera.rejected
-    assert "kp_48" not in found.camera.rejected
+    assert MarkingKey("kp_49") in found.camera.rejected
+    assert MarkingKey("kp_48") not in found.camera.rejected
     assert {k.name for k in found.observations.keypoints} > {"kp_48", "kp_53", "kp_54"}
 
 

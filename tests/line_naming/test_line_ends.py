@@ -8,7 +8,7 @@ import pytest
 from circlecal.bench.scenarios import KNOWN
 from circlecal.field import load_field
 from circlecal.line_naming.line_ends import are_ended_on, passes_end, passes_point
-from circlecal.observations import LineEnd, LinePoints, Observations
+from circlecal.observations import LineEnd, LinePoints, MarkingKey, Observations
 from circlecal.stages.camera import estimate_camera
 from circlecal.synthetic.cameras import aimed_camera
 from circlecal.synthetic.markings import circle_points, line_points
@@ -47,7 +47,7 @@ def error_at(fit, point):
 def test_an_end_tells_how_far_the_touchline_is():
     without, given = fitted(seen()), fitted(seen([far_end()]))
     assert given.max_sigma_px < 0.6 * without.max_sigma_px
-    assert "side_line_top" in given.residuals_px
+    assert MarkingKey("side_line_top") in given.residuals_px
     assert error_at(given, [15.0, -30.0]) < 3.0 * given.max_sigma_px
 
 
@@ -55,7 +55,7 @@ def test_an_end_far_from_any_marking_is_not_used():
     """The edge of a banner or of a player, halfway between circle and touchline."""
     middle = LineEnd(CAMERA.project(np.array([0.0, -20.0])), False)
     given, without = fitted(seen([middle])), fitted(seen())
-    assert "side_line_top" not in given.residuals_px
+    assert MarkingKey("side_line_top") not in given.residuals_px
     np.testing.assert_allclose(given.theta, without.theta)
 
 
@@ -63,17 +63,17 @@ def test_an_end_far_from_any_marking_is_not_used():
 def test_an_end_beside_its_place_is_used_only_where_something_crosses(offset_px):
     """Worn paint ends early, and a board's edge runs on behind it."""
     crossed, bare = (fitted(seen([far_end(offset_px, crossed)])) for crossed in (True, False))
-    assert "side_line_top" in crossed.residuals_px
-    assert "side_line_top" not in bare.residuals_px
+    assert MarkingKey("side_line_top") in crossed.residuals_px
+    assert MarkingKey("side_line_top") not in bare.residuals_px
     assert error_at(bare, [15.0, -30.0]) < bare.max_sigma_px
-    assert "side_line_top" in fitted(seen([far_end(crossed=False)])).residuals_px
+    assert MarkingKey("side_line_top") in fitted(seen([far_end(crossed=False)])).residuals_px
 
 
 @pytest.mark.parametrize("beyond_m", [1.5, 3.0])
 def test_an_edge_beyond_the_end_is_no_touchline(beyond_m):
     board = nameless(-34.0 - beyond_m)
     fit = fitted(seen([far_end()], [board]))
-    assert "side_line_top" not in fit.named_lines
+    assert MarkingKey("side_line_top") not in fit.named_lines
     assert error_at(fit, [15.0, -30.0]) < 3.0 * fit.max_sigma_px
 
 

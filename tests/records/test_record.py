@@ -13,6 +13,7 @@ from circlecal.config import Config
 from circlecal.errors import InputError
 from circlecal.field import load_field
 from circlecal.geometry.camera import camera_from_soccernet
+from circlecal.observations import MarkingKey
 from circlecal.pipeline import run
 from circlecal.records.record import (
     SCHEMA_VERSION,
@@ -103,7 +104,7 @@ def test_what_was_reached_before_the_refusal_is_kept_apart(calibrated, template)
 
 
 def test_what_is_not_finite_is_null(calibrated, template):
-    fit = replace(calibrated.camera, max_sigma_px=float("nan"), residuals_px={"a": float("inf")})
+    fit = replace(calibrated.camera, max_sigma_px=float("nan"), residuals_px={MarkingKey("a"): float("inf")})
     record = round_trip(result_record(replace(calibrated, attempt=replace(calibrated.attempt, camera=fit)), template))
     assert record["camera"]["max_sigma_px"] is None
     assert record["residuals_px"]["camera"] == {"a": None}

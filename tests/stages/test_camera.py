@@ -10,7 +10,7 @@ from circlecal.camera.options import CameraConfig, priors_of
 from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel
 from circlecal.geometry.homography import SIDES
 from circlecal.geometry.surface import Surface
-from circlecal.observations import Keypoint
+from circlecal.observations import Keypoint, MarkingKey
 from circlecal.stages.camera import estimate_camera
 from circlecal.synthetic.cameras import aimed_camera
 
@@ -101,7 +101,8 @@ def test_a_crown_that_is_not_modelled_is_seen_in_the_residuals():
     flat = estimate_camera(given, SOCCER, CIRCLE, EXACT)
     roof = estimate_camera(given, SOCCER, CIRCLE, EXACT.model_copy(update={"crown_shape": "roof", "crown_sd_m": 0.3}))
     assert roof.surface.crown_m == pytest.approx(0.09, abs=2e-3)
-    assert flat.residuals_px["centre_circle center"] > 10 * roof.residuals_px["centre_circle center"]
+    paint = MarkingKey("centre_circle", "center")
+    assert flat.residuals_px[paint] > 10 * roof.residuals_px[paint]
 
 
 @pytest.mark.parametrize("shape", ["roof", "parabola"])

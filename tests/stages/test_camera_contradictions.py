@@ -7,7 +7,7 @@ import pytest
 
 from circlecal.bench.scenarios import KNOWN
 from circlecal.camera.options import CameraConfig
-from circlecal.observations import Keypoint, LinePoints, MarkPoint
+from circlecal.observations import Keypoint, LinePoints, MarkingKey, MarkPoint
 from circlecal.refusals import REFUSALS
 from circlecal.stages.camera import estimate_camera
 from circlecal.synthetic.cameras import aimed_camera
@@ -21,7 +21,7 @@ def test_a_wrong_mark_is_named_and_left_out():
     assert right.rejected == ()
     wrong = replace(given, marks=(MarkPoint("centre_mark", given.marks[0].point_px + np.array([0.0, 60.0]), 0.5),))
     fit = estimate_camera(wrong, SOCCER, CIRCLE, KNOWN)
-    assert fit.rejected == ("centre_mark",)
+    assert fit.rejected == (MarkingKey("centre_mark"),)
     assert departure(fit, MAIN, 9.0) < max(8.0, 3 * departure(right, MAIN, 9.0))
 
 
@@ -33,7 +33,7 @@ def test_a_wrong_keypoint_is_named_and_the_right_ones_kept():
         for name, at in places.items()
     )
     fit = estimate_camera(replace(given, keypoints=keypoints), SOCCER, CIRCLE, KNOWN)
-    assert fit.rejected == ("wrong one",)
+    assert fit.rejected == (MarkingKey("wrong one"),)
     assert departure(fit, MAIN) < 8.0
 
 

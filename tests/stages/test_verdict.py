@@ -10,7 +10,7 @@ from circlecal.geometry.conic_fits import fit_conic
 from circlecal.geometry.conics import circle_conic, transform_conic
 from circlecal.geometry.homography import turn_homography
 from circlecal.geometry.surface import FLAT, Surface
-from circlecal.observations import LineEnd
+from circlecal.observations import LineEnd, MarkingKey
 from circlecal.refusals import CHECKS, Confidence
 from circlecal.results import Attempt, CameraFit, Cues, EllipseFits, HomographyFit, MarkCue, MarkingMask, Verdict
 from circlecal.stages.verdict import VerdictConfig, is_confirmed, judge
@@ -21,6 +21,11 @@ CAMERA = view()
 CONFIG = VerdictConfig()
 LINE = line_cue(CAMERA)
 MARK = MarkCue("centre_mark", CAMERA.project(np.zeros(2)), 0.5, 30.0)
+
+
+def keyed(residuals):
+    """Residuals by the text of their markings."""
+    return {MarkingKey.parse(text): px for text, px in residuals.items()}
 
 
 def camera_fit(camera=CAMERA, **changes):
@@ -43,7 +48,9 @@ def camera_fit(camera=CAMERA, **changes):
         "residuals_px": {"centre_circle outer": 0.3, "halfway_line": 0.3, "centre_mark": 0.5},
         "theta": np.zeros(0),
     }
-    return CameraFit(**{**given, **changes})
+    given |= changes
+    rejected = tuple(map(MarkingKey.parse, given.pop("rejected", ())))
+    return CameraFit(**given | {"residuals_px": keyed(given["residuals_px"]), "rejected": rejected})
 
 
 def homography_fit(H):
@@ -109,7 +116,7 @@ def test_an_end_of_the_halfway_line_alone_must_fit_the_marking_that_it_lies_on()
     found = verdict(off, cues=Cues(line, None))
     assert found.code == "residual_too_large"
     assert "taken for the end of the halfway line" in found.reason
-    assert verdict(replace(off, residuals_px={"side_line_top": 1.5 * unit}), cues=Cues(line, None)).code is None
+    assert verdict(replace(off, residuals_px=keyed({"side_line_top": 1.5 * unit})), cues=Cues(line, None)).code is None
     # with another marking at its place the end is not what the size hangs on
     assert verdict(replace(off, named_lines=("side_line_bottom",)), cues=Cues(line, None)).code is None
 
@@ -228,7 +235,7 @@ def test_the_reach_of_the_halfway_line_is_that_on_the_crowned_and_grown_field(sh
     fit = camera_fit(wide, surface=surface, parameters=PARAMETERS, theta=theta, covariance=np.eye(len(PARAMETERS)))
     half = (SOCCER.width_m + breadth_m) / 2
     seen = wide.project(surface.lift(np.linspace([0.0, -half], [0.0, half], 201)))
-    fit = replace(fit, residuals_px={"side_line_top": 0.3, "side_line_bottom": 0.3})
+    fit = replace(fit, residuals_px=keyed({"side_line_top": 0.3, "side_line_bottom": 0.3}))
     found = verdict(fit, cues=Cues(replace(LINE, points_px=seen, sigma_px=np.full(201, 0.1)), MARK))
     reaches = [check.value for check in found.checks if check.name in {"line_reach", "other_end_reach"}]
     assert reaches == pytest.approx([0.95, 0.9, 0.9], abs=1e-6)  # of 95 % of the points
