@@ -12,6 +12,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from circlecal.field.view import FieldView
 from circlecal.geometry.camera import Camera, PlaneCamera
 from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel
 from circlecal.geometry.ellipses import Ellipse
@@ -19,7 +20,6 @@ from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import Surface
 from circlecal.observations import CircleEdge, LineEnd, MarkingKey, Observations
 from circlecal.refusals import Confidence, explain
-from circlecal.view import FieldView
 
 Status = Literal["calibrated", "refused"]
 CIRCLE_ID, HALFWAY_ID = 7, 18

@@ -22,7 +22,7 @@ LAYERS: tuple[frozenset[str], ...] = (
     frozenset({"errors", "__init__"}),
     frozenset({"geometry", "files", "refusals"}),
     frozenset({"field"}),
-    frozenset({"observations", "view"}),
+    frozenset({"observations"}),
     frozenset({"results"}),
     frozenset({"camera", "paint", "pictures"}),
     frozenset({"line_naming", "detection"}),
@@ -34,10 +34,9 @@ LAYERS: tuple[frozenset[str], ...] = (
     frozenset({"pipeline"}),
     frozenset({"overlay"}),
     frozenset({"api", "synthetic"}),
-    frozenset({"evaluation"}),
     frozenset({"batch"}),
     frozenset({"rig"}),
-    frozenset({"report", "bench"}),
+    frozenset({"report", "evaluation"}),
     frozenset({"cli"}),
 )
 """From the bottom to the top: a module may import what stands in a lower layer, and its own package."""

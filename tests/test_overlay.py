@@ -7,6 +7,7 @@ import pytest
 
 from circlecal import overlay
 from circlecal.field import load_field
+from circlecal.field.view import FieldView
 from circlecal.geometry.camera import Camera, PlaneCamera, image_center
 from circlecal.geometry.camera_parameters import PARAMETERS, ProjectionModel, theta_of
 from circlecal.geometry.conics import circle_conic, polar, transform_conic
@@ -38,7 +39,6 @@ from circlecal.results import (
     Segment,
     Verdict,
 )
-from circlecal.view import FieldView
 
 SOCCER = load_field("soccer")
 NAMES = [

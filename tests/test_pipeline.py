@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from circlecal.bench.detect import PROFILES, compare
 from circlecal.config import Config, load_config
 from circlecal.errors import ConfigError, InputError
+from circlecal.evaluation.bench.detect import PROFILES, compare
 from circlecal.geometry.homography import compass_label
 from circlecal.geometry.projective import apply_homography, normalise_line, transform_lines
 from circlecal.observations import Keypoint, Observations, join_observations

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from circlecal.bench.detect import compare
 from circlecal.config import load_config
+from circlecal.evaluation.bench.detect import compare
 from circlecal.field import load_field
 from circlecal.geometry.surface import FLAT
 from circlecal.observations import Observations

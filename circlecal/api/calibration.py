@@ -17,6 +17,7 @@ from circlecal import overlay
 from circlecal.api.transformer import ViewTransformer
 from circlecal.errors import InputError
 from circlecal.field import FieldTemplate, load_field
+from circlecal.field.view import FieldView
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.projective import Array
 from circlecal.pictures.files import as_bgr, read_image
@@ -25,7 +26,6 @@ from circlecal.records.record import Matrix, ResultRecord, to_mapping, write_res
 from circlecal.records.stored import stored_calibration
 from circlecal.refusals import explain
 from circlecal.results import Attempt, Check, Status
-from circlecal.view import FieldView
 
 if TYPE_CHECKING:
     from circlecal import results

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from circlecal.field import FieldTemplate
+from circlecal.field.view import FieldView
 from circlecal.geometry.projective import Array
-from circlecal.view import FieldView
 
 
 class ViewTransformer:

@@ -17,13 +17,13 @@ from circlecal.camera.covariance import (
 )
 from circlecal.camera.problem import Problem, State
 from circlecal.field import Circle, FieldTemplate
+from circlecal.field.view import FieldView
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, camera_of, homographies, project
 from circlecal.geometry.homography import compass_label, scale_homography
 from circlecal.geometry.projective import Array
 from circlecal.observations import MarkingKey
 from circlecal.results import CameraFit, DerivedPoint
-from circlecal.view import FieldView
 
 REACH_RADII = 2.5
 """How far from the circle's centre, or from what is seen instead, the field counts for the largest predicted error."""

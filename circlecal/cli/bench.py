@@ -11,9 +11,9 @@ import typer
 from circlecal.cli import options
 
 if TYPE_CHECKING:
-    from circlecal.bench.accuracy import Row
-    from circlecal.bench.annotations import AnnotationRow
-    from circlecal.bench.simulation import Summary
+    from circlecal.evaluation.bench.accuracy import Row
+    from circlecal.evaluation.bench.annotations import AnnotationRow
+    from circlecal.evaluation.bench.simulation import Summary
 
 app = typer.Typer(
     help="Print accuracy and speed tables, peers and statistical bounds in the same run.", no_args_is_help=True
@@ -28,11 +28,11 @@ def accuracy(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
     """Error of the camera on synthetic observations, beside the Cramer-Rao bound on the same draws."""
-    from circlecal.bench.accuracy import all_row_names, as_records, run_rows
-    from circlecal.bench.many_frames import chosen_rigs
-    from circlecal.bench.scenarios import chosen_rows
     from circlecal.cli.console import counted
     from circlecal.errors import ConfigError
+    from circlecal.evaluation.bench.accuracy import all_row_names, as_records, run_rows
+    from circlecal.evaluation.bench.many_frames import chosen_rigs
+    from circlecal.evaluation.bench.scenarios import chosen_rows
 
     names = [name.strip() for name in rows.split(",") if name.strip()]
     unknown = [n for n in names if n not in all_row_names()]
@@ -57,8 +57,8 @@ def ransac(
     """Robust ellipse fits under outliers, and their speed beside OpenCV and scikit-image."""
     from dataclasses import asdict
 
-    from circlecal.bench.ransac import OUTLIER_SHARES, robustness, speed
     from circlecal.cli.console import counted
+    from circlecal.evaluation.bench.ransac import OUTLIER_SHARES, robustness, speed
 
     with counted("draws", len(OUTLIER_SHARES) * draws) as advance:
         good = robustness(draws, seed, advance)
@@ -98,8 +98,8 @@ def detect(
     if picture is not None:
         _time_picture(picture, as_json)
         return
-    from circlecal.bench.detect import PROFILES, run_profiles
     from circlecal.cli.console import counted
+    from circlecal.evaluation.bench.detect import PROFILES, run_profiles
 
     names = [name.strip() for name in profiles.split(",") if name.strip()]
     with counted("frames", len(names or PROFILES) * count) as advance:
@@ -158,8 +158,8 @@ def detect(
 def _time_picture(path: Path, as_json: bool) -> None:
     from dataclasses import asdict
 
-    from circlecal.bench.chain_time import time_file
     from circlecal.config import Config
+    from circlecal.evaluation.bench.chain_time import time_file
 
     found = time_file(path, Config())
     if as_json:
@@ -196,8 +196,8 @@ def solvers(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")] = False,
 ) -> None:
     """Every published solver on every view, and the paper's statements that the runs do not confirm."""
-    from circlecal.bench.solvers import as_records, paper_statements, run_focals, run_solvers, scenario_count
     from circlecal.cli.console import counted
+    from circlecal.evaluation.bench.solvers import as_records, paper_statements, run_focals, run_solvers, scenario_count
 
     with counted("cameras", scenario_count(scenario or ()) * draws) as advance:
         found = run_solvers(solver or (), scenario or (), draws, seed, workers, advance)
@@ -276,8 +276,8 @@ def time_batch(
     """Throughput of a batch, what it adds to the calibrations, and how time and memory grow with the frames."""
     from dataclasses import asdict
 
-    from circlecal.bench.batch import run_scaling, run_throughput
     from circlecal.cli.console import counted
+    from circlecal.evaluation.bench.batch import run_scaling, run_throughput
 
     with counted("runs", 2 * repeats + (3 if tasks else 0)) as advance:
         rates = run_throughput(count, workers, repeats, seed, advance)
@@ -327,8 +327,8 @@ def score_annotations(
     """Annotated real frames, official metric at 1920x1080: published peers, then circlecal on the same frames."""
     from dataclasses import asdict
 
-    from circlecal.bench.annotations import run_annotations, set_names
     from circlecal.cli.console import counted
+    from circlecal.evaluation.bench.annotations import run_annotations, set_names
 
     names = [name.strip() for name in sets.split(",") if name.strip()] or set_names(path)
     chosen = options.chosen_config(config, settings)
@@ -375,9 +375,9 @@ def constants(
     """What each limit of the verdict separates: its check on right and on wrong answers to rendered frames."""
     from dataclasses import asdict
 
-    from circlecal.bench.constants import collect_answers, summarise_gates
-    from circlecal.bench.detect import PROFILES
     from circlecal.cli.console import counted
+    from circlecal.evaluation.bench.constants import collect_answers, summarise_gates
+    from circlecal.evaluation.bench.detect import PROFILES
 
     names = [name.strip() for name in profiles.split(",") if name.strip()]
     with counted("frames", len(names or PROFILES) * count) as advance:

@@ -24,9 +24,9 @@ def simulate(
     no_plots: Annotated[bool, typer.Option("--no-plots", help="Write the table only (needs no matplotlib).")] = False,
 ) -> None:
     """Run the paper's synthetic study, and the views that it leaves out, for any set of solvers."""
-    from circlecal.bench import simulation
-    from circlecal.bench.simulation_plots import require_matplotlib, write_plots
     from circlecal.cli import console
+    from circlecal.evaluation.bench import simulation
+    from circlecal.evaluation.bench.simulation_plots import require_matplotlib, write_plots
 
     plan = simulation.simulation_plan(solver or (), scenario or (), simulation.parse_noises(noise), cameras, seed)
     if not no_plots:

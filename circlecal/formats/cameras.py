@@ -16,13 +16,13 @@ import numpy as np
 from circlecal.camera.flat import flat_camera
 from circlecal.errors import InputError
 from circlecal.field import Circle, FieldTemplate
+from circlecal.field.view import FieldView
 from circlecal.formats.shapes import AnnotatedFrame, Shape
 from circlecal.geometry.camera import Camera, camera_from_homography, camera_from_soccernet
 from circlecal.geometry.homography import compass_label, dlt, scale_homography
 from circlecal.geometry.projective import Array
 from circlecal.records.record import ResultRecord
 from circlecal.results import FrameCalibration
-from circlecal.view import FieldView
 
 _GRID_M = 2.0
 _TANGENT_SAMPLES = 9

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from circlecal.field import FieldTemplate
+from circlecal.field.view import FieldView
 from circlecal.geometry.camera import PlaneCamera
 from circlecal.geometry.projective import Array, dehomogenise, normalise_line
 from circlecal.overlay.canvas import Canvas, Picture, text_size
@@ -25,7 +26,6 @@ from circlecal.overlay.palette import (
 )
 from circlecal.overlay.template_lines import draw_template, sigma_over_picture
 from circlecal.results import CameraFit, Check, Correspondences, FrameCalibration, HomographyFit
-from circlecal.view import FieldView
 
 _DIM = 0.55
 

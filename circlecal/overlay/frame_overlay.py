@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from circlecal.field import FieldTemplate
+from circlecal.field.view import FieldView
 from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.projective import Array, dehomogenise, lift, normalise_line
 from circlecal.observations import MarkingKey
@@ -13,7 +14,6 @@ from circlecal.overlay.palette import ACCEPTED, CIRCLE, GREY, INLIER, POINT, REF
 from circlecal.overlay.template_lines import draw_template
 from circlecal.refusals import explain
 from circlecal.results import Check, CircleCandidate, Correspondences, FrameCalibration, MarkingMask
-from circlecal.view import FieldView
 
 
 def draw_overlay(image_bgr: Picture, calibration: FrameCalibration, template: FieldTemplate) -> Picture:

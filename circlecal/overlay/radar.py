@@ -6,12 +6,12 @@ import cv2
 import numpy as np
 
 from circlecal.field import FieldTemplate
+from circlecal.field.view import FieldView
 from circlecal.geometry.projective import Array, Mask
 from circlecal.overlay.canvas import Canvas, Picture
 from circlecal.overlay.frame_overlay import check_size
 from circlecal.overlay.palette import CIRCLE, TEMPLATE
 from circlecal.results import FrameCalibration
-from circlecal.view import FieldView
 
 _BORDER_M = 3.0
 _UNSEEN = (52, 44, 40)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from circlecal.field import FieldTemplate
+from circlecal.field.view import FieldView
 from circlecal.geometry.projective import Array
 from circlecal.overlay.canvas import Canvas
 from circlecal.overlay.palette import CIRCLE, TEMPLATE, Color
-from circlecal.view import FieldView
 
 _MARGIN = 0.6
 """How far beyond the picture a marking is drawn, in its size: pixel coordinates far outside say nothing to an eye and

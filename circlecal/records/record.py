@@ -19,6 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field, InstanceOf, ValidationError, 
 from pydantic_core import PydanticSerializationError
 
 from circlecal.errors import InputError
+from circlecal.field.view import FieldView
 from circlecal.files import write_atomic
 from circlecal.geometry.camera import Camera, PlaneCamera, camera_from_soccernet
 from circlecal.geometry.camera_parameters import INDEX, PARAMETERS
@@ -26,7 +27,6 @@ from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import Surface, SurfaceShape
 from circlecal.observations import CircleEdge, CirclePoints, Keypoint, LineEnd, LinePoints, MarkPoint, Observations
 from circlecal.results import Status
-from circlecal.view import FieldView
 
 SCHEMA_VERSION = 1
 GIVE_A_RESULT = "give a result file of circlecal calibrate"

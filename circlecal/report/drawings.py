@@ -12,13 +12,13 @@ import numpy as np
 
 from circlecal.errors import CirclecalError
 from circlecal.field import FieldTemplate, load_field
+from circlecal.field.view import FieldView
 from circlecal.geometry.projective import Array
 from circlecal.overlay.canvas import Canvas
 from circlecal.overlay.palette import CIRCLE, INLIER, POINT, REFUSED, TEMPLATE, Color
 from circlecal.overlay.radar import radar_half
 from circlecal.overlay.template_lines import pixels_near_picture
 from circlecal.records.record import Pair, ResultRecord
-from circlecal.view import FieldView
 
 _TOLERANCE = 0.35
 """How far a drawn line may leave the exact curve, pixels at 1920 px width."""

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.field import FieldTemplate
+from circlecal.field.view import FieldView
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.projective import Array, apply_homography
 from circlecal.geometry.surface import Surface
 from circlecal.synthetic.cameras import halfway_length_px, inside_frame, other_lengths_px, visible_circle_deg
 from circlecal.synthetic.paint import CIRCLE_CLASS, HALFWAY_CLASS, PaintLayer, class_mask
 from circlecal.synthetic.scene import Scene
-from circlecal.view import FieldView
 
 MarkState = Literal["visible", "hidden", "not_painted", "outside"]
 Expectation = Literal["calibrate", "refuse"]

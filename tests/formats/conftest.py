@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from circlecal.field import FieldTemplate, load_field
+from circlecal.field.view import FieldView
 from circlecal.formats.cameras import CalibratedFrame
 from circlecal.formats.shapes import AnnotatedFrame, Shape
 from circlecal.geometry.camera import Camera
-from circlecal.view import FieldView
 
 
 @pytest.fixture(scope="session")

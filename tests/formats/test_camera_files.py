@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from circlecal.errors import InputError
+from circlecal.field.view import FieldView
 from circlecal.formats import broadtrack, tvcalib, worldcup
 from circlecal.formats.cameras import CameraFrame, center_camera
 from circlecal.formats.format import json_bytes
 from circlecal.formats.soccernet_camera import camera_keys
 from circlecal.geometry.surface import Surface
-from circlecal.view import FieldView
 
 POINTS = np.array([[0.0, 0.0], [9.0, 3.0], [-9.0, -3.0], [3.0, 8.0]])
 FILE = Path("00007.json")

@@ -9,6 +9,7 @@ import pytest
 
 from circlecal.errors import InputError
 from circlecal.field import load_field
+from circlecal.field.view import FieldView
 from circlecal.formats.format import json_bytes
 from circlecal.formats.meaning import SourcesConfig, observe
 from circlecal.formats.pnlcalib import (
@@ -20,7 +21,6 @@ from circlecal.formats.pnlcalib import (
     tangency_points,
     write,
 )
-from circlecal.view import FieldView
 
 FILE = Path("101.json")
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from circlecal.bench.scenarios import KNOWN
+from circlecal.evaluation.bench.scenarios import KNOWN
 from circlecal.field import load_field
 from circlecal.line_naming.line_ends import are_ended_on, passes_end, passes_point
 from circlecal.observations import LineEnd, LinePoints, MarkingKey, Observations

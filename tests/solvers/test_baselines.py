@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from circlecal.bench.simulation import SimulationPlan, simulate, summarise
+from circlecal.evaluation.bench.simulation import SimulationPlan, simulate, summarise
 
 DRAWS = 40
 

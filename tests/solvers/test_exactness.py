@@ -43,7 +43,7 @@ def test_iterative_methods(solver, scenario, main_cameras, faceoff_cameras):
 
 
 def worst(solver, scenario, main_cameras, faceoff_cameras):
-    from circlecal.bench.solver_scenarios import solver_scenarios
+    from circlecal.evaluation.bench.solver_scenarios import solver_scenarios
 
     chosen = solver_scenarios()[scenario]
     if scenario == "circle_and_arc":

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from circlecal.bench.scenarios import KNOWN
 from circlecal.errors import EstimationError
+from circlecal.evaluation.bench.scenarios import KNOWN
 from circlecal.field import load_field
 from circlecal.geometry.homography import transfer_errors
 from circlecal.observations import Observations

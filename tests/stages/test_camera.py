@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from circlecal.bench.scenarios import KNOWN, chosen_rows
 from circlecal.camera.options import CameraConfig, priors_of
+from circlecal.evaluation.bench.scenarios import KNOWN, chosen_rows
 from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel
 from circlecal.geometry.homography import SIDES
 from circlecal.geometry.surface import Surface

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from circlecal.bench.scenarios import KNOWN
 from circlecal.camera.options import CameraConfig
+from circlecal.evaluation.bench.scenarios import KNOWN
 from circlecal.observations import Keypoint, LinePoints, MarkingKey, MarkPoint
 from circlecal.refusals import REFUSALS
 from circlecal.stages.camera import estimate_camera

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from circlecal.bench.accuracy import mahalanobis, truth_grid
-from circlecal.bench.bounds import bound_covariance, bound_errors
-from circlecal.bench.scenarios import KNOWN, Draw, chosen_rows
+from circlecal.evaluation.bench.accuracy import mahalanobis, truth_grid
+from circlecal.evaluation.bench.bounds import bound_covariance, bound_errors
+from circlecal.evaluation.bench.scenarios import KNOWN, Draw, chosen_rows
 from circlecal.geometry.camera_parameters import ProjectionModel, theta_of
 from circlecal.geometry.homography import transfer_errors
 from circlecal.geometry.surface import Surface

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from circlecal.bench.ransac import OUTLIER_SHARES, contaminated_ellipse, robustness, speed
+from circlecal.evaluation.bench.ransac import OUTLIER_SHARES, contaminated_ellipse, robustness, speed
 from circlecal.geometry.ellipses import orthogonal_distance
 
 

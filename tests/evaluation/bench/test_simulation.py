@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from circlecal.bench import simulation_plots, solvers
-from circlecal.bench.simulation import (
+from circlecal.errors import ConfigError, MissingExtraError
+from circlecal.evaluation.bench import simulation_plots, solvers
+from circlecal.evaluation.bench.simulation import (
     COLUMNS,
     SimulationPlan,
     parse_noises,
@@ -18,9 +19,8 @@ from circlecal.bench.simulation import (
     summarise,
     write_csv,
 )
-from circlecal.bench.solver_scenarios import PAPER_SCENARIOS, chosen_scenarios, solver_scenarios
-from circlecal.bench.solvers import paper_statements, run_focals, run_solvers
-from circlecal.errors import ConfigError, MissingExtraError
+from circlecal.evaluation.bench.solver_scenarios import PAPER_SCENARIOS, chosen_scenarios, solver_scenarios
+from circlecal.evaluation.bench.solvers import paper_statements, run_focals, run_solvers
 from circlecal.geometry.conics import circle_conic, sampson_distance, transform_conic
 from circlecal.solvers import solver_names
 

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from circlecal.bench.simulation import Summary
 from circlecal.errors import MissingExtraError
+from circlecal.evaluation.bench.simulation import Summary
 from circlecal.files import write_atomic
 
 FORMATS = ("png", "svg")

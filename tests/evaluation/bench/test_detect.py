@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from circlecal.bench.detect import PROFILES, compare, profile_config, run_profiles
 from circlecal.config import Config, load_config
 from circlecal.errors import ConfigError
+from circlecal.evaluation.bench.detect import PROFILES, compare, profile_config, run_profiles
 from circlecal.pipeline import run
 from circlecal.synthetic.sampling import render_frame
 

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from circlecal.bench.chain_time import decoding_ms, timed_run
-from circlecal.bench.reachable import bound_px
 from circlecal.config import Config, load_config
 from circlecal.errors import ConfigError
+from circlecal.evaluation.bench.chain_time import decoding_ms, timed_run
+from circlecal.evaluation.bench.reachable import bound_px
 from circlecal.field import load_field
 from circlecal.geometry.camera_parameters import project
 from circlecal.geometry.projective import Array
@@ -39,8 +39,9 @@ class ProfileRow:
     90 % region. ``right`` is the share of frames that are good, or refused where the truth says that too little is in
     view. ``wrong_kinds`` counts what the wrong frames showed; a frame without a circle is wrong however near.
     ``bound_good`` is the share of all frames in which an estimator that reaches the Cramer-Rao bound of what they show
-    (:func:`circlecal.bench.reachable.bound_px`: from the truth, every line rightly named, at our noise and with our
-    priors) expects a mean reprojection error of at most 5 px; ``bound_median_px`` is the median of these expectations.
+    (:func:`circlecal.evaluation.bench.reachable.bound_px`: from the truth, every line rightly named, at our noise and
+    with our priors) expects a mean reprojection error of at most 5 px; ``bound_median_px`` is the median of these
+    expectations.
     """
 
     profile: str

@@ -2,7 +2,7 @@
 
 import json
 
-from circlecal.bench.batch import run_scaling
+from circlecal.evaluation.bench.batch import run_scaling
 
 
 def test_both_tables(run_circlecal):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from circlecal.bench.bounds import bound_covariance
 from circlecal.camera.options import CameraConfig
+from circlecal.evaluation.bench.bounds import bound_covariance
 from circlecal.field import Arc, Circle, FieldTemplate, Line
 from circlecal.geometry.camera_parameters import ProjectionModel, project, theta_of
 from circlecal.geometry.projective import Array, Mask

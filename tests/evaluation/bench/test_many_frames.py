@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from circlecal.bench.accuracy import all_row_names, run_rig_row
-from circlecal.bench.many_frames import chosen_rigs
-from circlecal.bench.other_frames import LEAST_FRAMES, matches, with_other_frames
 from circlecal.config import load_config
+from circlecal.evaluation.bench.accuracy import all_row_names, run_rig_row
+from circlecal.evaluation.bench.many_frames import chosen_rigs
+from circlecal.evaluation.bench.other_frames import LEAST_FRAMES, matches, with_other_frames
 from circlecal.observations import Observations
 from circlecal.pipeline import field_of
 from circlecal.synthetic.cameras import sample_camera

@@ -15,10 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
-from circlecal.bench import other_frames
 from circlecal.config import Config
 from circlecal.errors import InputError
 from circlecal.evaluation.aggregate import compare_frames, summarise_method
+from circlecal.evaluation.bench import other_frames
 from circlecal.evaluation.bootstrap import Interval, bootstrap_mean
 from circlecal.evaluation.reading import (
     CENTRAL_CLASS,

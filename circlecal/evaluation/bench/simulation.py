@@ -17,9 +17,9 @@ from zlib import crc32
 import numpy as np
 
 from circlecal.batch.workers import mapped_by_workers
-from circlecal.bench.bounds import bound_covariance, bound_errors
-from circlecal.bench.solver_scenarios import PAPER_SCENARIOS, Seen, SolverScenario, chosen_scenarios
 from circlecal.errors import ConfigError
+from circlecal.evaluation.bench.bounds import bound_covariance, bound_errors
+from circlecal.evaluation.bench.solver_scenarios import PAPER_SCENARIOS, Seen, SolverScenario, chosen_scenarios
 from circlecal.files import write_atomic
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.homography import mean_reprojection_error, reprojection_grid

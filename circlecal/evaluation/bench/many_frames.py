@@ -12,14 +12,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from circlecal.bench.bounds import bound_errors
-from circlecal.bench.scenarios import KNOWN, PRIORS, Draw, soccer
 from circlecal.camera.observed import NoiseModel, observed_curves, observed_points
 from circlecal.camera.options import CameraConfig, priors_of
 from circlecal.camera.problem import Problem
 from circlecal.camera.rig_options import RigConfig
 from circlecal.config import Config
 from circlecal.errors import EstimationError
+from circlecal.evaluation.bench.bounds import bound_errors
+from circlecal.evaluation.bench.scenarios import KNOWN, PRIORS, Draw, soccer
 from circlecal.geometry.camera_parameters import ProjectionModel, theta_of
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import FLAT, Surface

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from circlecal.bench.detect import GOOD_PX, PROFILES, WRONG_PX, compare, profile_config
 from circlecal.errors import ConfigError
+from circlecal.evaluation.bench.detect import GOOD_PX, PROFILES, WRONG_PX, compare, profile_config
 from circlecal.pipeline import Scene, Setting, calibrate_scene, field_of, frame_generator, prepare_scene, take_arcs
 from circlecal.refusals import CHECKS
 from circlecal.results import Attempt, Check, Interpretation

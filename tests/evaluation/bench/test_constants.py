@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from circlecal.bench.constants import Answer, collect_answers, summarise_gates
 from circlecal.errors import ConfigError
+from circlecal.evaluation.bench.constants import Answer, collect_answers, summarise_gates
 from circlecal.results import Check
 
 

@@ -3,6 +3,7 @@
 import json
 
 import pytest
+
 from evaluation.scenes import annotation_of, look_at_circle
 
 

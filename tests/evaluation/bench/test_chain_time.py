@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from circlecal.bench.chain_time import least, time_chain, time_file
 from circlecal.cli.app import app
 from circlecal.config import Config
 from circlecal.errors import InputError
+from circlecal.evaluation.bench.chain_time import least, time_chain, time_file
 from circlecal.synthetic.sampling import render_frame
 
 

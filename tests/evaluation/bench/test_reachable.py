@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from circlecal.bench.detect import expected_px
-from circlecal.bench.reachable import visible_observations
 from circlecal.config import Config, load_config
+from circlecal.evaluation.bench.detect import expected_px
+from circlecal.evaluation.bench.reachable import visible_observations
 from circlecal.field import load_field
 from circlecal.observations import Observations
 from circlecal.pipeline import run_observations

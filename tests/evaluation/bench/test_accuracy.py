@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from circlecal.bench.accuracy import as_records, closed_forms, run_rows
-from circlecal.bench.bounds import bound_covariance, bound_errors
-from circlecal.bench.scenarios import KNOWN, chosen_rows, row_names, scenarios, soccer
+from circlecal.evaluation.bench.accuracy import as_records, closed_forms, run_rows
+from circlecal.evaluation.bench.bounds import bound_covariance, bound_errors
+from circlecal.evaluation.bench.scenarios import KNOWN, chosen_rows, row_names, scenarios, soccer
 from circlecal.geometry.camera_parameters import INDEX
 from circlecal.geometry.homography import reprojection_grid
 from circlecal.observations import Observations

@@ -10,10 +10,10 @@ from itertools import pairwise
 import numpy as np
 from scipy.stats import chi2
 
-from circlecal.bench.bounds import bound_covariance, bound_errors
-from circlecal.bench.many_frames import RigScenario, chosen_rigs, rig_scenarios, run_draw
-from circlecal.bench.scenarios import Draw, Scenario, chosen_rows, row_names, soccer
 from circlecal.errors import EstimationError
+from circlecal.evaluation.bench.bounds import bound_covariance, bound_errors
+from circlecal.evaluation.bench.many_frames import RigScenario, chosen_rigs, rig_scenarios, run_draw
+from circlecal.evaluation.bench.scenarios import Draw, Scenario, chosen_rows, row_names, soccer
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.concentric import imaged_center, joint_conic

@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from circlecal.field import load_field
+from circlecal.field.view import FieldView
 from circlecal.geometry.camera import Camera, PlaneCamera, image_center
 from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel, camera_of, theta_of
 from circlecal.geometry.surface import FLAT, Surface
-from circlecal.view import FieldView
 from tests.folded import projected_without_fold
 
 WIDTH, HEIGHT = 1280, 720

@@ -7,9 +7,9 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from circlecal.bench.scenarios import soccer
-from circlecal.bench.simulation import SimulationPlan, Summary, simulate, summarise
-from circlecal.bench.solver_scenarios import EDGES, chosen_scenarios
+from circlecal.evaluation.bench.scenarios import soccer
+from circlecal.evaluation.bench.simulation import SimulationPlan, Summary, simulate, summarise
+from circlecal.evaluation.bench.solver_scenarios import EDGES, chosen_scenarios
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.conics import circle_conic, line_conic_meet, transform_conic
 from circlecal.geometry.homography import dlt, mean_reprojection_error, reprojection_grid

@@ -296,8 +296,8 @@ def template_from_mapping(content: Any, source: str, sizes: dict[str, float] | N
 
 def field_folder() -> Path:
     """Folder of the templates that come with the package."""
-    inside = Path(__file__).parent / "configs" / "fields"
-    return inside if inside.is_dir() else Path(__file__).parent.parent / "configs" / "fields"
+    inside = Path(__file__).parents[1] / "configs" / "fields"
+    return inside if inside.is_dir() else Path(__file__).parents[2] / "configs" / "fields"
 
 
 def field_names() -> list[str]:

@@ -12,9 +12,9 @@ from functools import cache, partial
 
 import numpy as np
 
-from circlecal.bench.scenarios import FACEOFF_PAIR, KNOWN, faceoff_camera, hockey, soccer
 from circlecal.camera.options import CameraConfig
 from circlecal.errors import ConfigError
+from circlecal.evaluation.bench.scenarios import FACEOFF_PAIR, KNOWN, faceoff_camera, hockey, soccer
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.projective import Array

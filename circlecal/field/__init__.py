@@ -1,0 +1,27 @@
+"""The field: its template here, and where a camera shows it in :mod:`circlecal.field.view`."""
+
+from circlecal.field.template import (
+    Arc,
+    Circle,
+    FieldTemplate,
+    Line,
+    Mark,
+    evaluate_size,
+    field_folder,
+    field_names,
+    load_field,
+    template_from_mapping,
+)
+
+__all__ = [
+    "Arc",
+    "Circle",
+    "FieldTemplate",
+    "Line",
+    "Mark",
+    "evaluate_size",
+    "field_folder",
+    "field_names",
+    "load_field",
+    "template_from_mapping",
+]
