@@ -201,7 +201,7 @@ def test_a_stage_imports_no_other_stage_and_only_the_mask_detects():
     wrong += [
         f"{_name(file)} imports {name}"
         for file in FILES
-        if _component(file) not in {"detection", "stages", "bench", "evaluation"}
+        if _component(file) not in {"detection", "stages", "evaluation"}
         for target, name, _ in _own(file)
         if target == "detection" and not name.startswith("circlecal.detection.keypoints.")
     ]

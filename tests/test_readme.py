@@ -13,7 +13,7 @@ from circlecal.refusals import REFUSALS
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-TABLES = (ROOT / "circlecal" / "bench" / "README.md").read_text(encoding="utf-8")
+TABLES = (ROOT / "circlecal" / "evaluation" / "bench" / "README.md").read_text(encoding="utf-8")
 COMMANDS = re.findall(r"^(?:\$| .*&&) circlecal (.+)$", README, flags=re.MULTILINE)
 
 
