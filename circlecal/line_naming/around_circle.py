@@ -18,7 +18,7 @@ from circlecal.camera.problem import COARSE, FAR_LOSS, Problem, State, minimise
 from circlecal.camera.residuals import circle_curve, curve_residuals, ground_feet, join_curves
 from circlecal.camera.viewing_coordinates import VIEWING, from_viewing, to_viewing
 from circlecal.field import Arc, FieldTemplate
-from circlecal.geometry.camera_parameters import ProjectionModel, camera_of
+from circlecal.geometry.camera_parameters import camera_of
 from circlecal.geometry.ellipses import Ellipse
 from circlecal.geometry.homography import SIDES
 from circlecal.geometry.projective import Array, Mask, lift
@@ -165,7 +165,7 @@ def _turn(scene: NamingScene, cameras: Array, side: str) -> tuple[list[Associati
     hypotheses: list[Association] = []
     found = []
     for theta in cameras:
-        seen = _on_ground(scene.segments[longest], theta, model) - center
+        seen = camera_of(theta, model).back_project(scene.segments[longest]) - center
         seen_normal, seen_offset = _normals(seen)
         turn = np.arctan2(normal[:, 1], normal[:, 0]) - np.arctan2(seen_normal[:, 1], seen_normal[:, 0])[:, None]
         around = np.repeat(to_viewing(theta[None], center), turn.size, axis=0)
@@ -203,11 +203,6 @@ def _stiffen(scene: NamingScene) -> NamingScene:
     problem = scene.problem
     stiff = replace(problem, priors=_usual(problem.priors), loss_scale=FAR_LOSS * problem.loss_scale)
     return replace(scene, problem=stiff)
-
-
-def _on_ground(segments: Array, theta: Array, model: ProjectionModel) -> Array:
-    """Field points (S, 2, 2) of the ends of segments; nan above the horizon."""
-    return np.asarray(camera_of(theta, model).back_project(segments.reshape(-1, 2)).reshape(-1, 2, 2))
 
 
 def _normals(ends: Array) -> tuple[Array, Array]:

@@ -213,5 +213,5 @@ def measure_circle_sectors(
     normals = np.stack([-along[:, 1], along[:, 0]], axis=-1) / np.maximum(np.hypot(*along.T), 1e-9)[:, None]
     across = np.abs((seen.along(outward[None, 0], outward[None, 1])[0].T * normals).sum(axis=-1))
     width = np.maximum(template.marking_width_m * across, LEAST_WIDTH_PX * model.width / 1920.0)
-    places = np.where(seen.depth[0][:, None] > 0, seen.pixels[0], -1.0)
+    places = np.where(seen.visible[0, :, None], seen.pixels[0], -1.0)
     return measure_sectors(picture, places, width[:, None] * normals)
