@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -40,24 +41,78 @@ class Profile(StrEnum):
     WOOD = "wood"
 
 
+class Clips(StrEnum):
+    """What the main camera does in a clip."""
+
+    STILL = "still"
+    ATTACK = "attack"
+    SWEEP = "sweep"
+    ZOOMS = "zooms"
+    CUTS = "cuts"
+    ALL = "all"
+
+
 def synth(
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder for the frames, masks and truth.")],
-    count: Annotated[int, typer.Option("--count", "-n", help="Number of frames.")] = 12,
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder for the frames or clips, masks and truth.")],
+    count: Annotated[
+        int | None, typer.Option("--count", "-n", help="Number of frames, or of clips. [default: 12, or 1]")
+    ] = None,
     seed: Annotated[int, typer.Option("--seed", help="Seed; a frame depends on it and on its number only.")] = 0,
     profile: Annotated[
         list[Profile] | None, typer.Option("--profile", "-p", help="What the frames show; repeatable. [default: all]")
     ] = None,
-    size: Annotated[str, typer.Option("--size", metavar="WIDTHxHEIGHT", help="Size of the frames.")] = "1920x1080",
+    size: Annotated[
+        str | None,
+        typer.Option("--size", metavar="WIDTHxHEIGHT", help="Size. [default: 1920x1080, of clips 1280x720]"),
+    ] = None,
     no_masks: Annotated[bool, typer.Option("--no-masks", help="Do not write masks.")] = False,
+    video: Annotated[
+        Clips | None,
+        typer.Option(
+            "--video", metavar="KIND", help="Clips of a standing camera: still, attack, sweep, zooms, cuts, all."
+        ),
+    ] = None,
+    seconds: Annotated[float, typer.Option("--seconds", help="Length of a clip.")] = 12.0,
+    rate: Annotated[float, typer.Option("--rate", help="Frames per second of a clip.")] = 25.0,
+    interlaced: Annotated[bool, typer.Option("--interlaced", help="Two fields in every frame of a clip.")] = False,
 ) -> None:
-    """Render frames of a synthetic match with exact truth, for tests and training."""
+    """Render frames or clips of a synthetic match with exact truth, for tests and training."""
     from circlecal.cli import console
     from circlecal.synthetic.dataset import write_dataset
 
+    if video is not None:
+        _write_clips(out, count or 1, seed, video, size or "1280x720", seconds, rate, profile, interlaced=interlaced)
+        return
+    count, size = 12 if count is None else count, size or "1920x1080"
     chosen = [p.value for p in profile or list(Profile)]
     with _progress(count) as report:
         ids = write_dataset(out, count, seed, chosen, _parsed_size(size), masks=not no_masks, report=report)
     console.print_line(f"{len(ids)} frames written to {out}")
+
+
+def _write_clips(
+    out: Path,
+    count: int,
+    seed: int,
+    kind: Clips,
+    size: str,
+    seconds: float,
+    rate: float,
+    profile: list[Profile] | None,
+    *,
+    interlaced: bool,
+) -> None:
+    from circlecal.cli import console
+    from circlecal.synthetic.video import CLIP_KINDS, ClipSpec, write_clips
+
+    width, height = _parsed_size(size)
+    spec = ClipSpec(width=width, height=height, seconds=seconds, rate=rate, interlaced=interlaced)
+    if profile:
+        spec = replace(spec, look=profile[0].value)
+    kinds = [name for name in CLIP_KINDS if kind in (name, Clips.ALL)]
+    with _progress(count * round(seconds * rate)) as report:
+        ids = write_clips(out, count, seed, spec, kinds, report=report)
+    console.print_line(f"{len(ids)} clip{'s' * (len(ids) != 1)} written to {out}")
 
 
 def _parsed_size(text: str) -> tuple[int, int]:

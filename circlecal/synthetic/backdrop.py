@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from circlecal.synthetic.ground import look_up
 from circlecal.synthetic.rays import CROWN_ENDS_M, Float32, PixelRays
+from circlecal.synthetic.recall import recall
 from circlecal.synthetic.scene import RenderConfig, Scene
 
 _RUN_OFF_M = 1.2
@@ -165,6 +166,7 @@ def _wall(along: Float32, height: Float32, config: RenderConfig, crowd: Float32,
     return stand
 
 
+@recall(1)
 def _boards(config: RenderConfig, rng: np.random.Generator) -> Float32:
     """A strip of advertising boards (48, 3456, 3), 72 m long."""
     strip: NDArray[Any] = np.zeros((48, 3456, 3), dtype=np.uint8)
@@ -187,6 +189,7 @@ def _boards(config: RenderConfig, rng: np.random.Generator) -> Float32:
     return strip.astype(np.float32)
 
 
+@recall(1)
 def _crowd(config: RenderConfig, rng: np.random.Generator) -> Float32:
     """A periodic crowd (448, 1120, 3): rows of seats, people with heads, coats and team colours."""
     rows, seats, tall, wide = 56, 160, 8, 7

@@ -62,15 +62,16 @@ def draw_figures(picture: Float32, scene: Scene, rng: np.random.Generator, light
     draw_goals(picture, hidden, scene)
     ordered = sorted(scene.players, key=lambda p: -scene.camera.depth(scene.surface.lift(p.position_m)))
     # looks first: what is drawn of a figure, and so how much randomness it takes, depends on the view
-    bodies = [_body(player, scene.config, rng) for player in ordered]
+    looks = [rng if player.look_seed is None else np.random.default_rng(player.look_seed) for player in ordered]
+    bodies = [_body(player, scene.config, look) for player, look in zip(ordered, looks, strict=True)]
     if scene.ball_m is not None:
         outline = _BALL_RADIUS_M * np.stack([np.cos(_CIRCLE), np.sin(_CIRCLE) + 1.0], axis=-1)
         ball = [_BodyPart(outline, np.array([225.0, 230.0, 230.0]))]
         _draw_upright(picture, hidden, ball, scene.ball_m, scene.camera, scene.surface, rng)
-    for player, parts in zip(ordered, bodies, strict=True):
+    for player, parts, look in zip(ordered, bodies, looks, strict=True):
         if light is not None:
             parts = _light(parts, _light_at(light, scene.camera.project(scene.surface.lift(player.position_m))))
-        _draw_upright(picture, hidden, parts, player.position_m, scene.camera, scene.surface, rng)
+        _draw_upright(picture, hidden, parts, player.position_m, scene.camera, scene.surface, look)
     return hidden
 
 

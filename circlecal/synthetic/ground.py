@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.synthetic.rays import FAR_M, Float32, PixelRays
+from circlecal.synthetic.recall import recall
 from circlecal.synthetic.scene import RenderConfig
 
 _LIST_COLUMNS = 1024  # OpenCV's remap takes no picture wider than 32767
@@ -21,6 +22,7 @@ _SUN_PATCH_M = (7.0, 2.5)
 _COARSE_STRIDE = 4
 
 
+@recall(16)
 def noise_texture(rng: np.random.Generator, size: int = 256) -> Float32:
     """Periodic smooth noise (size, size), mean 0 and standard deviation 1."""
     white = rng.standard_normal((size, size), dtype=np.float32)

@@ -41,29 +41,49 @@ class Rendering:
     truth: Truth
 
 
-def render(scene: Scene, rng: np.random.Generator) -> Rendering:
+@dataclass(frozen=True, slots=True)
+class Randomness:
+    """What random things are drawn from; a clip renews the first two for every frame from the same seeds.
+
+    Attributes
+    ----------
+    world : Generator
+        Texture, wear, crowd and boards, which stay with the field, and the looks of players who have none of their own.
+    graphics : Generator
+        What is laid over the picture.
+    sensor : Generator
+        Noise, and rain or snow.
+    """
+
+    world: np.random.Generator
+    graphics: np.random.Generator
+    sensor: np.random.Generator
+
+
+def render(scene: Scene, rng: np.random.Generator | Randomness) -> Rendering:
     """Draw a scene.
 
     Paint is composited in the picture's own grey levels, so that the half-way level of an edge lies on the edge.
     ``rng`` draws texture, noise, wear, crowd and the looks of the players; all else is the scene's. The truth of an
     interlaced frame is that of the moment between its two fields.
     """
+    chance = Randomness(rng, rng, rng) if isinstance(rng, np.random.Generator) else rng
     pan_px = scene.delivery.interlace_px
     if pan_px == 0.0:
-        image, layers, hidden = _expose(scene, rng)
+        image, layers, hidden = _expose(scene, chance)
     else:
-        again = copy.deepcopy(rng)
-        top, _, _ = _expose(replace(scene, camera=_pan(scene.camera, -pan_px / 2)), rng)
+        again = copy.deepcopy(chance)
+        top, _, _ = _expose(replace(scene, camera=_pan(scene.camera, -pan_px / 2)), chance)
         bottom, _, hidden = _expose(replace(scene, camera=_pan(scene.camera, pan_px / 2)), again)
         image, layers = weave(top, bottom), _layers(scene)
-    draw_graphics(image, hidden, scene, rng)
+    draw_graphics(image, hidden, scene, chance.graphics)
     image, truth = deliver(image, truth_of(scene, layers, hidden), scene.delivery)
     return Rendering(image, truth)
 
 
-def _expose(scene: Scene, rng: np.random.Generator) -> tuple[NDArray[np.uint8], list[PaintLayer], Float32]:
+def _expose(scene: Scene, chance: Randomness) -> tuple[NDArray[np.uint8], list[PaintLayer], Float32]:
     """Picture (H, W, 3) of one moment, the paint in it, and what hides that (H, W), 0..1."""
-    config = scene.config
+    config, rng = scene.config, chance.world
     rays = pixel_rays(scene.camera, scene.surface)
     layers = _layers(scene)
     light = draw_ground(rays, config, rng)
@@ -79,7 +99,7 @@ def _expose(scene: Scene, rng: np.random.Generator) -> tuple[NDArray[np.uint8], 
         light += share[..., None] * (_HAZE_BGR - light)
     draw_shadows(light, scene, shine)
     hidden = draw_figures(light, scene, rng, shine)
-    image = develop(light, config, rng)
+    image = develop(light, config, chance.sensor)
     return image, layers, hidden
 
 

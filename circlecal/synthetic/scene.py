@@ -187,6 +187,8 @@ class Player:
         Swing of the legs and of both arms in radians, and the lean of the body.
     width : float
         How much of the shoulders is seen, 0.6 (from the side) to 1.
+    look_seed : int or None
+        Seed of skin, hair and boots, of someone who is seen in several frames.
     """
 
     position_m: Array
@@ -194,6 +196,7 @@ class Player:
     team: int
     pose: Array
     width: float
+    look_seed: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
