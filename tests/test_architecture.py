@@ -311,6 +311,7 @@ ONE_DEFINITION = {
             "camera/viewing_coordinates.py",
             "evaluation/reading.py",
             "evaluation/soccernet_metric.py",
+            "synthetic/tripod.py",
         },
         re.compile(r"\brotation_matrix\(|\brotations\(|\.R @|@ (\w+\.)+(R|rotation)\b"),
     ),
@@ -318,7 +319,8 @@ ONE_DEFINITION = {
 """Where a formula is written down, and what gives it away elsewhere.
 
 ``evaluation`` reads cameras as the official metric does, with OpenCV's full lens model, and must not depend on what it
-judges; the viewing coordinates are other parameters of the same pose.
+judges; the viewing coordinates are other parameters of the same pose; a tripod puts its rotation together from head and
+lean.
 """
 
 

@@ -49,7 +49,7 @@ def test_what_the_template_does_not_know_is_left_out():
         (MarkPoint("no_such_mark", np.zeros(2), 1.0), MarkPoint("centre_mark", np.ones(2), 2.0)),
         (Keypoint("corner", np.array([52.5, 34.0]), np.array([5.0, 6.0]), 3.0),),
     )
-    assert observed_curves(seen, SOCCER, EXACT).names == ("halfway_line",)
+    assert observed_curves(seen, SOCCER, EXACT).keys == (MarkingKey("halfway_line"),)
     points = observed_points(seen, SOCCER)
     assert points.keys == (MarkingKey("centre_mark"), MarkingKey("corner"))
     np.testing.assert_allclose(points.field_m, [[0.0, 0.0], [52.5, 34.0]])

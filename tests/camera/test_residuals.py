@@ -174,4 +174,4 @@ def test_stacking_keeps_the_order_and_nothing_is_something():
     assert np.bincount(curves.group).tolist() == [20, 20, 20, 9, 9, 9]
     empty = stack_curves([])
     assert empty.points_px.shape == (0, 2)
-    assert empty.names == ()
+    assert empty.keys == ()

@@ -118,7 +118,7 @@ def test_plots_are_whole_and_reproducible(rows, tmp_path):
 
 def test_without_matplotlib_it_is_one_line(monkeypatch):
     monkeypatch.setattr(simulation_plots.importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(MissingExtraError, match=r"matplotlib is not installed; .*circlecal\[plot\]"):
+    with pytest.raises(MissingExtraError, match=r"matplotlib is not installed; .*'.\[plot\]'"):
         simulation_plots.require_matplotlib()
 
 
