@@ -288,6 +288,32 @@ REFUSALS = _by_code(
         Refusal("underdetermined", "the matches leave the homography open", "One off the axis is missing.", _SOLVER),
         Refusal("no_convergence", "the solver found no camera in front of the field", "Every start failed.", _SOLVER),
         Refusal("not_finite", "a given point is not finite", "It is damaged.", "Mend the file that it comes from."),
+        # frames of a clip
+        Refusal(
+            "no_tripod",
+            "no camera of the clip is known",
+            "Too few frames could be calibrated alone to tell where the camera stands.",
+            "A longer part of the clip with the circle in view, or a venue (--venue) from another part of the match.",
+        ),
+        Refusal(
+            "lost",
+            "the picture's markings are not where any known camera would show them",
+            "Another camera, a replay, a close-up, a graphic over the picture, or hardly any paint in view.",
+            "Nothing, if another camera took it. Otherwise a venue (--venue) that knows this camera.",
+        ),
+        Refusal(
+            "transition",
+            "two shots are mixed in this frame",
+            "A dissolve, a wipe or a cut within the frame.",
+            "Nothing: the next frames are answered again.",
+        ),
+        Refusal(
+            "paint_missing",
+            "too little paint is seen where the camera says it must be",
+            "The camera was followed to here, but the picture does not confirm it: fog, a player before the lens, a "
+            "graphic, or the way was lost.",
+            "Nothing; frames beside it may be answered.",
+        ),
         # files and the run
         Refusal(
             "unreadable_input",

@@ -36,6 +36,7 @@ LAYERS: tuple[frozenset[str], ...] = (
     frozenset({"api", "synthetic"}),
     frozenset({"batch"}),
     frozenset({"rig"}),
+    frozenset({"tracking"}),
     frozenset({"report", "evaluation"}),
     frozenset({"cli"}),
 )
@@ -311,6 +312,7 @@ ONE_DEFINITION = {
             "camera/viewing_coordinates.py",
             "evaluation/reading.py",
             "evaluation/soccernet_metric.py",
+            "rig/tripod.py",
             "synthetic/tripod.py",
         },
         re.compile(r"\brotation_matrix\(|\brotations\(|\.R @|@ (\w+\.)+(R|rotation)\b"),
@@ -319,7 +321,7 @@ ONE_DEFINITION = {
 """Where a formula is written down, and what gives it away elsewhere.
 
 ``evaluation`` reads cameras as the official metric does, with OpenCV's full lens model, and must not depend on what it
-judges; the viewing coordinates are other parameters of the same pose; a tripod puts its rotation together from head and
+judges; the viewing coordinates are other parameters of the same pose; tripods put their rotation together from head and
 lean.
 """
 

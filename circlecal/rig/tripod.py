@@ -1,0 +1,258 @@
+"""A camera that turns on a tripod: what all its frames share, what is each frame's own, and the derivatives of that.
+
+The pan axis stands nearly upright at a point A and leans by the rotation ``L = Rx(lean_x) Ry(lean_y)``. On the head the
+camera pans, tilts and rolls, so that the world-to-camera rotation is ``R = R(pan, tilt, roll) L^T``. Its entrance pupil
+lies before the axes, at ``C = A + (lever + lever_by_zoom z) R^T (0, 0, 1)``, where z is the logarithm of the focal
+length over the reference. Principal point and first radial coefficient are linear in z as well.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from circlecal.field.view import FieldView
+from circlecal.geometry.camera import rotation_matrix
+from circlecal.geometry.camera_parameters import (
+    ANGLES,
+    CROWN,
+    INDEX,
+    LOG_FOCAL,
+    PARAMETERS,
+    POSITION,
+    ProjectionModel,
+    camera_of,
+)
+from circlecal.geometry.projective import Array
+from circlecal.geometry.surface import Surface
+
+OWN = ("log_focal", "head_pan", "head_tilt", "bloom")
+"""Parameters of a frame: logarithm of the focal length in pixels, angles of the head in radians, bloom in pixels."""
+COMMON = (
+    "axis_x", "axis_y", "axis_z", "lean_x", "lean_y", "head_roll", "lever", "lever_by_zoom",
+    "pp_x", "pp_y", "pp_x_by_zoom", "pp_y_by_zoom", "kappa_1", "kappa_1_by_zoom", "kappa_2", "log_aspect",
+    "crown", "width", "length", "breadth",
+)  # fmt: skip
+"""Parameters of the tripod, its lens and its pitch: metres, radians, pixels, half-widths; ``by_zoom`` per unit of the
+logarithm of the focal length. The sizes are offsets from the template's.
+"""
+PLACE = {name: k for k, name in enumerate(COMMON)}
+HEAD = slice(0, 3)
+"""Of the own parameters those that place the picture."""
+_PIXELS = frozenset({"pp_x", "pp_y", "pp_x_by_zoom", "pp_y_by_zoom"})
+_DIRECT = ("pp_x", "pp_y", "kappa_1", "kappa_2", "log_aspect", "crown", "width", "length", "breadth")
+_ZOOMED = ("pp_x", "pp_y", "kappa_1")
+_TO = np.array([INDEX[name] for name in _DIRECT])
+_FROM = np.array([PLACE[name] for name in _DIRECT])
+_ZOOM_TO = np.array([INDEX[name] for name in _ZOOMED])
+_ZOOM_FROM = np.array([PLACE[f"{name}_by_zoom"] for name in _ZOOMED])
+_AXIS, _LEAN, _LEVER = slice(0, 3), slice(3, 5), slice(6, 8)
+_ROLL, _BLOOM = PLACE["head_roll"], INDEX["bloom"]
+
+
+@dataclass(frozen=True, slots=True)
+class TripodModel:
+    """From own and common parameters to the camera's.
+
+    Attributes
+    ----------
+    projection : ProjectionModel
+        Size of the pictures, and profile of the surface.
+    log_focal : float
+        Logarithm of the focal length in pixels at which lever, principal point and lens are quoted.
+    """
+
+    projection: ProjectionModel
+    log_focal: float
+
+    def thetas(self, own: Array, common: Array) -> Array:
+        """Parameter vectors of cameras (F, P) from own (F, O) and common (K,) or (F, K) parameters."""
+        common = np.broadcast_to(common, (len(own), len(COMMON)))
+        rotation = self._rotations(own, common)
+        zoom = own[:, :1] - self.log_focal
+        theta = np.zeros((len(own), len(PARAMETERS)))
+        theta[:, LOG_FOCAL] = own[:, 0]
+        theta[:, ANGLES] = angles_of(rotation)
+        theta[:, POSITION] = common[:, _AXIS] + self._lever(zoom, common) * rotation[:, 2]
+        theta[:, _TO] = common[:, _FROM]
+        theta[:, _ZOOM_TO] += zoom * common[:, _ZOOM_FROM]
+        if own.shape[1] > 3:
+            theta[:, _BLOOM] = own[:, 3]
+        return theta
+
+    def derivatives(self, own: Array, common: Array) -> tuple[Array, Array]:
+        """Derivatives of :meth:`thetas` by the own (F, P, O) and by the common parameters (F, P, K).
+
+        A rotation changes by ``dR = -[w]x R`` with w in camera coordinates: for each angle the axis about which it
+        turns. The camera's own angles turn about three axes E, so they change by ``E^-1 w``.
+        """
+        common = np.broadcast_to(common, (len(own), len(COMMON)))
+        F, D = own.shape
+        rotation, on_head = self._rotations(own, common), self._head(own, common)
+        zoom = own[:, :1] - self.log_focal
+        lever = self._lever(zoom, common)
+        axes = np.zeros((F, 3, D + len(COMMON)))
+        axes[:, :, 1], axes[:, :, 2] = on_head[:, :, 2], _tilt_axis(common[:, _ROLL])
+        axes[:, 2, D + _ROLL] = 1.0
+        axes[:, :, D + _LEAN.start], axes[:, :, D + _LEAN.start + 1] = rotation[:, :, 0], on_head[:, :, 1]
+        turn = np.stack(
+            [rotation[:, :, 2], _tilt_axis(angles_of(rotation)[:, 2]), np.tile([0.0, 0, 1], (F, 1))], axis=2
+        )
+        by = np.zeros((F, len(PARAMETERS), D + len(COMMON)))
+        by[:, ANGLES] = np.linalg.solve(turn, axes)
+        # d(R^T e) = R^T (w x e) along the optical axis e = (0, 0, 1)
+        beside = np.stack([axes[:, 1], -axes[:, 0], np.zeros_like(axes[:, 0])], axis=1)
+        by[:, POSITION] = lever[..., None] * (np.swapaxes(rotation, 1, 2) @ beside)
+        by[:, POSITION, 0] += common[:, _LEVER.stop - 1, None] * rotation[:, 2]
+        by[:, POSITION, D : D + 3] += np.eye(3)
+        by[:, POSITION, D + _LEVER.start] += rotation[:, 2]
+        by[:, POSITION, D + _LEVER.start + 1] += zoom * rotation[:, 2]
+        by[:, LOG_FOCAL, 0] = 1.0
+        by[:, _TO, D + _FROM] = 1.0
+        by[:, _ZOOM_TO, D + _ZOOM_FROM] = zoom
+        by[:, _ZOOM_TO, 0] = common[:, _ZOOM_FROM]
+        if D > 3:
+            by[:, _BLOOM, 3] = 1.0
+        return by[..., :D], by[..., D:]
+
+    def own_of(self, theta: Array, common: Array) -> Array:
+        """Own parameters (F, 4) of cameras (F, P): the head's angles that turn the tripod's camera the same way."""
+        rotation = rotation_matrix(*theta[:, ANGLES].T) @ _lean(common[_LEAN])
+        return np.column_stack([theta[:, LOG_FOCAL], angles_of(rotation)[:, :2], theta[:, _BLOOM]])
+
+    def _head(self, own: Array, common: Array) -> Array:
+        return rotation_matrix(own[:, 1], own[:, 2], common[:, _ROLL])
+
+    def _rotations(self, own: Array, common: Array) -> Array:
+        return np.asarray(self._head(own, common) @ np.swapaxes(_lean(np.moveaxis(common[:, _LEAN], -1, 0)), -1, -2))
+
+    @staticmethod
+    def _lever(zoom: Array, common: Array) -> Array:
+        return np.asarray(common[:, _LEVER.start, None] + zoom * common[:, _LEVER.start + 1, None])
+
+
+@dataclass(frozen=True, slots=True)
+class TripodEstimate:
+    """A camera on its tripod as frames have determined it, with its pitch.
+
+    Attributes
+    ----------
+    name : str
+        Of the camera, such as ``camera-1``.
+    size : (int, int)
+        Width and height of the pictures that pixels refer to.
+    log_focal : float
+        Logarithm of the focal length in pixels at which lever, principal point and lens are quoted.
+    surface : Surface
+        Profile of the pitch with the estimated crown.
+    mean, covariance : (K,), (K, K) arrays
+        Of the parameters :data:`COMMON`; a variance of 0 says that one is fixed.
+    head_low, head_high : (3,) arrays
+        Least and greatest logarithm of the focal length, pan and tilt among the frames: where it is known.
+    used, left_out : tuples of str
+        Frames that determined it, and frames of a false calibration.
+    """
+
+    name: str
+    size: tuple[int, int]
+    log_focal: float
+    surface: Surface
+    mean: Array
+    covariance: Array
+    head_low: Array
+    head_high: Array
+    used: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
+
+    @property
+    def model(self) -> TripodModel:
+        """The map from its parameters to cameras."""
+        width, height = self.size
+        return TripodModel(ProjectionModel(width, height, replace(self.surface, crown_m=1.0)), self.log_focal)
+
+    @property
+    def growth_m(self) -> Array:
+        """By how much the pitch is longer and broader than the template's (2,), metres."""
+        return self.mean[[PLACE["length"], PLACE["breadth"]]]
+
+    def sigma(self, name: str) -> float:
+        """Standard deviation of a parameter."""
+        return float(np.sqrt(self.covariance[PLACE[name], PLACE[name]]))
+
+    def scaled(self, size: tuple[int, int]) -> TripodEstimate:
+        """The camera for pictures of another size, in which it shows the same."""
+        factor = size[0] / self.size[0]
+        unit = np.array([factor if name in _PIXELS else 1.0 for name in COMMON])
+        shift = np.array([np.log(factor), 0.0, 0.0])
+        return replace(
+            self,
+            size=size,
+            log_focal=self.log_focal + float(np.log(factor)),
+            mean=self.mean * unit,
+            covariance=self.covariance * np.outer(unit, unit),
+            head_low=self.head_low + shift,
+            head_high=self.head_high + shift,
+        )
+
+    def view(self, own: Array, own_covariance: Array, cross: Array | None = None) -> FieldView:
+        """What a frame sees.
+
+        Parameters
+        ----------
+        own : (3,) array
+            Logarithm of the focal length, pan and tilt on the head.
+        own_covariance : (3, 3) array
+            Their covariance where the tripod is known exactly.
+        cross : (3, K) array, optional
+            How they follow the common parameters; 0 without.
+        """
+        model = self.model
+        theta = model.thetas(own[None], self.mean)[0]
+        by_own, by_common = (d[0] for d in model.derivatives(own[None], self.mean))
+        if cross is not None:
+            by_common = by_common + by_own @ cross
+        covariance = by_own @ own_covariance @ by_own.T + by_common @ self.covariance @ by_common.T
+        surface = replace(self.surface, crown_m=float(theta[CROWN]))
+        return FieldView(camera_of(theta, model.projection), surface, self.growth_m.copy(), covariance)
+
+
+@dataclass(frozen=True, slots=True)
+class Venue:
+    """What a run knows of its place: the name of the field template, and the cameras that stand there."""
+
+    field: str
+    tripods: tuple[TripodEstimate, ...] = ()
+
+    def tripod(self, name: str) -> TripodEstimate:
+        """The camera of that name.
+
+        Raises
+        ------
+        KeyError
+            There is none.
+        """
+        return {tripod.name: tripod for tripod in self.tripods}[name]
+
+
+def angles_of(rotation: Array) -> Array:
+    """Pan, tilt and roll (F, 3) of world-to-camera rotations (F, 3, 3) of cameras that do not look straight down."""
+    o = np.swapaxes(rotation, 1, 2)
+    pan = np.arctan2(o[:, 0, 2], -o[:, 1, 2])
+    cp, sp = np.cos(pan), np.sin(pan)
+    tilt = np.arctan2(np.hypot(o[:, 0, 2], o[:, 1, 2]), o[:, 2, 2])
+    roll = np.arctan2(-(cp * o[:, 0, 1] + sp * o[:, 1, 1]), cp * o[:, 0, 0] + sp * o[:, 1, 0])
+    return np.stack([pan, tilt, roll], axis=-1)
+
+
+def _tilt_axis(roll: Array) -> Array:
+    """Axis (F, 3) of the tilt in camera coordinates."""
+    return np.stack([np.cos(roll), -np.sin(roll), np.zeros_like(roll)], axis=-1)
+
+
+def _lean(lean: Array) -> Array:
+    """Rotations (..., 3, 3) from the head's axes to the field's, of angles (2, ...) about x and then y."""
+    (cx, cy), (sx, sy) = np.cos(lean), np.sin(lean)
+    zero = np.zeros_like(cx)
+    rows = [[cy, zero, sy], [sx * sy, cx, -sx * cy], [-cx * sy, sx, cx * cy]]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)

@@ -1,0 +1,91 @@
+"""The camera on its tripod against the renderer's, its derivatives against differences, and its change of size."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from circlecal.geometry.camera_parameters import INDEX, ProjectionModel, camera_of
+from circlecal.geometry.surface import Surface
+from circlecal.rig.tripod import COMMON, PLACE, TripodEstimate, TripodModel
+from circlecal.synthetic.tripod import Tripod, sample_tripod
+
+MODEL = TripodModel(ProjectionModel(1280, 720), float(np.log(1.5 * 1280)))
+
+
+def common_of(tripod: Tripod) -> np.ndarray:
+    common = np.zeros(len(COMMON))
+    common[:8] = [*tripod.position_m, *tripod.lean_rad, tripod.roll_rad, tripod.lever_m, tripod.lever_per_zoom_m]
+    common[PLACE["kappa_1"]], common[PLACE["kappa_1_by_zoom"]] = tripod.kappa, tripod.kappa_per_zoom
+    return common
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_cameras_are_those_of_the_rendered_tripod(seed: int) -> None:
+    tripod = sample_tripod(68.0, np.random.default_rng(seed))
+    pan, tilt, focal = 0.4, 1.7, 2.1
+    theta = MODEL.thetas(np.array([[np.log(focal * 1280), pan, tilt, 0.0]]), common_of(tripod))[0]
+    found, wanted = camera_of(theta, MODEL.projection), tripod.camera(pan, tilt, focal, 1280, 720)
+    np.testing.assert_allclose(found.R, wanted.R, atol=1e-12)
+    np.testing.assert_allclose(found.position_m, wanted.position_m, atol=1e-12)
+    np.testing.assert_allclose(found.kappa, wanted.kappa, atol=1e-12)
+
+
+def random_parameters(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    own = np.column_stack(
+        [rng.normal(7.5, 0.3, 4), rng.uniform(-0.7, 0.7, 4), rng.uniform(1.6, 1.9, 4), rng.normal(size=4)]
+    )
+    common = rng.normal(0.0, 0.02, len(COMMON))
+    common[:3], common[PLACE["lever"]] = [1.0, 80.0, -15.0], 0.8
+    return own, common
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_derivatives_are_those_of_differences(seed: int) -> None:
+    own, common = random_parameters(seed)
+    by_own, by_common = MODEL.derivatives(own, common)
+    for k in range(own.shape[1]):
+        step = 1e-6 * np.eye(4)[k]
+        difference = (MODEL.thetas(own + step, common) - MODEL.thetas(own - step, common)) / 2e-6
+        np.testing.assert_allclose(by_own[..., k], difference, atol=1e-7)
+    for k, name in enumerate(COMMON):
+        step = 1e-6 * np.eye(len(COMMON))[k]
+        difference = (MODEL.thetas(own, common + step) - MODEL.thetas(own, common - step)) / 2e-6
+        np.testing.assert_allclose(by_common[..., k], difference, atol=1e-7, err_msg=name)
+
+
+def test_own_parameters_come_back_from_cameras() -> None:
+    own, common = random_parameters(7)
+    np.testing.assert_allclose(MODEL.own_of(MODEL.thetas(own, common), common), own, atol=1e-9)
+
+
+def test_pictures_of_another_size_show_the_same() -> None:
+    own, common = random_parameters(9)
+    estimate = TripodEstimate(
+        "camera-1", (1280, 720), MODEL.log_focal, Surface("roof", crown_m=0.05), common, np.eye(len(COMMON)) * 1e-6,
+        own[:, :3].min(axis=0), own[:, :3].max(axis=0),
+    )  # fmt: skip
+    points = np.array([[0.0, 0.0], [9.15, 0.0], [0.0, -9.15]])
+    small = estimate.view(own[0, :3], np.zeros((3, 3)))
+    own[0, 0] += np.log(1.5)
+    large = estimate.scaled((1920, 1080)).view(own[0, :3], np.zeros((3, 3)))
+    np.testing.assert_allclose((small.project(points) + 0.5) * 1.5 - 0.5, large.project(points), atol=1e-6)
+
+
+def test_views_are_as_uncertain_as_the_tripod_and_the_head() -> None:
+    own, common = random_parameters(3)
+    covariance = np.zeros((len(COMMON), len(COMMON)))
+    covariance[0, 0] = 0.04
+    estimate = TripodEstimate(
+        "camera-1", (1280, 720), MODEL.log_focal, Surface(), common, covariance, own[0, :3], own[0, :3]
+    )
+    head = np.diag([0.0, 1e-6, 0.0])
+    found = estimate.view(own[0, :3], head).covariance
+    assert found is not None
+    assert found[INDEX["x"], INDEX["x"]] == pytest.approx(0.04, rel=0.01)
+    assert found[INDEX["pan"], INDEX["pan"]] == pytest.approx(1e-6, rel=0.05)
+    # a head that follows the axis so that the circle stays where it is seen
+    cross = np.zeros((3, len(COMMON)))
+    cross[1, 0] = 0.01
+    assert estimate.view(own[0, :3], head, cross).covariance[INDEX["pan"], INDEX["x"]] > 0.0003  # type: ignore[index]
