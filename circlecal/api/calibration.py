@@ -23,7 +23,7 @@ from circlecal.geometry.projective import Array
 from circlecal.pictures.files import as_bgr, read_image
 from circlecal.pictures.video import pictures_at
 from circlecal.records.record import Matrix, ResultRecord, to_mapping, write_result
-from circlecal.records.stored import stored_calibration
+from circlecal.records.stored import calibration_of_record
 from circlecal.refusals import explain
 from circlecal.results import Attempt, Check, Status
 
@@ -287,7 +287,7 @@ class Calibration:
     @cached_property
     def found(self) -> results.FrameCalibration:
         """Every intermediate, for those who know the stages; of a result file what it holds of them."""
-        return stored_calibration(self._record) if self._found is None else self._found
+        return calibration_of_record(self._record) if self._found is None else self._found
 
     @property
     def attempt(self) -> Attempt:

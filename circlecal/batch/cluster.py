@@ -15,8 +15,8 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from circlecal import __version__
-from circlecal.batch.task import F, Named, Task, failed, finish
-from circlecal.batch.workers import worker_surroundings
+from circlecal.batch.task import F, Named, Task, finish, record_failure
+from circlecal.batch.workers import prepare_surroundings
 from circlecal.errors import InputError, MissingExtraError
 from circlecal.records.log import Finished
 
@@ -31,7 +31,7 @@ _RECOUNT_SECONDS = 5.0
 _log = logging.getLogger(__name__)
 
 
-def finished_by_cluster(frames: Iterator[F], task: Task[F], scheduler: str) -> Generator[Finished]:
+def finish_on_cluster(frames: Iterator[F], task: Task[F], scheduler: str) -> Generator[Finished]:
     """Frames in the order in which they are finished.
 
     Parameters
@@ -63,7 +63,7 @@ def finished_by_cluster(frames: Iterator[F], task: Task[F], scheduler: str) -> G
             raise InputError(f"--scheduler {scheduler}: cannot be reached ({_first_line(error)}); {hint}") from error
         try:
             _require_workers(client, scheduler)
-            yield from _streamed(client, frames, task)
+            yield from _stream(client, frames, task)
         except lost_errors as error:
             lost = f"--scheduler {scheduler}: the connection was lost ({_first_line(error)})"
             raise InputError(f"{lost}; run the same command again to go on") from error
@@ -91,7 +91,7 @@ def _local_cluster(scheduler: str) -> Any:
         raise InputError(f"--scheduler {scheduler}: must be local:N with the number of workers, or tcp://host:port")
     from distributed import LocalCluster
 
-    with worker_surroundings():
+    with prepare_surroundings():
         return LocalCluster(
             n_workers=int(count), threads_per_worker=1, dashboard_address=None, silence_logs=logging.CRITICAL
         )
@@ -112,7 +112,7 @@ def _require_workers(client: Client, scheduler: str) -> None:
             raise InputError(f"--scheduler {scheduler}: worker {address} {there}, not {__version__}; install it")
 
 
-def _streamed(client: Client, frames: Iterator[F], task: Task[F]) -> Generator[Finished]:
+def _stream(client: Client, frames: Iterator[F], task: Task[F]) -> Generator[Finished]:
     """Keep each worker's queue short, and hand on what is finished."""
     from distributed import as_completed
 
@@ -147,15 +147,15 @@ def _result(future: Any, frame: F, task: Task[F]) -> Finished:
     except KilledWorker as error:
         _log.info("%s: %s", task.source(frame), error)
         reason = "several workers died on it (out of memory, or a damaged file)"
-        return Finished.of(failed(task, frame, "worker_died", f"{task.source(frame)}: {reason}"))
+        return Finished.of(record_failure(task, frame, "worker_died", f"{task.source(frame)}: {reason}"))
 
 
 def _finish_on_worker(frame: Named, packed: bytes) -> Finished:
-    return finish(_unpacked(packed), frame)
+    return finish(_unpack(packed), frame)
 
 
 @lru_cache(maxsize=4)
-def _unpacked(packed: bytes) -> Task[Any]:
+def _unpack(packed: bytes) -> Task[Any]:
     import cv2
 
     cv2.setNumThreads(1)

@@ -96,7 +96,7 @@ def _picture(frame: PictureFile) -> NDArray[np.uint8]:
     return read_image(frame.path)
 
 
-def calibrate_observed(
+def calibrate_observations(
     frame: ObservedFrame, config: Config, source: Path, convention: Convention = "official"
 ) -> FrameCalibration:
     """Calibrate a frame of an annotation file; see :func:`circlecal.pipeline.run_observations`."""
@@ -176,7 +176,7 @@ class FrameRun:
         template, circle = field_of(self.config)
         if isinstance(frame, FrameOfFile):
             picture = None if self.out is None else _picture_of(frame)
-            calibration = calibrate_observed(frame.observed, self.config, frame.path, self.convention)
+            calibration = calibrate_observations(frame.observed, self.config, frame.path, self.convention)
             record = result_record(calibration, template, digest=self.digest)
             if self.exports is not None:
                 in_force = in_convention(template, self.convention)

@@ -87,9 +87,9 @@ def run_batch(
         log.take_up(task.digest)
         expected = len(frames) if isinstance(frames, Sized) else total or 0
         progress = BatchProgress(total=expected)
-        waiting = _unfinished(frames, log.index, progress, on_progress)
+        waiting = _skip_finished(frames, log.index, progress, on_progress)
         try:
-            with contextlib.closing(_finished(waiting, task, workers, scheduler)) as finished:
+            with contextlib.closing(_finish_frames(waiting, task, workers, scheduler)) as finished:
                 for frame in finished:
                     log.append(frame)
                     progress.count(frame.row.status, frame.row.code)
@@ -100,7 +100,7 @@ def run_batch(
     return progress
 
 
-def _unfinished(
+def _skip_finished(
     frames: Iterable[F], index: ResultIndex, progress: BatchProgress, on_progress: Callable[[BatchProgress], None]
 ) -> Iterator[F]:
     """Frames without a record; the others are counted as they are met."""
@@ -120,11 +120,11 @@ def _unfinished(
         on_progress(progress)
 
 
-def _finished(frames: Iterator[F], task: Task[F], workers: int, scheduler: str | None) -> Generator[Finished]:
+def _finish_frames(frames: Iterator[F], task: Task[F], workers: int, scheduler: str | None) -> Generator[Finished]:
     if scheduler is None:
-        from circlecal.batch.workers import finished_by_workers
+        from circlecal.batch.workers import finish_on_workers
 
-        return finished_by_workers(frames, task, workers)
-    from circlecal.batch.cluster import finished_by_cluster
+        return finish_on_workers(frames, task, workers)
+    from circlecal.batch.cluster import finish_on_cluster
 
-    return finished_by_cluster(frames, task, scheduler)
+    return finish_on_cluster(frames, task, scheduler)

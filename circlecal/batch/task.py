@@ -8,7 +8,7 @@ from typing import Protocol, TypeVar
 from circlecal.errors import CirclecalError
 from circlecal.records.log import Finished
 from circlecal.records.record import ResultRecord
-from circlecal.records.writing import failed_record
+from circlecal.records.writing import failure_record
 from circlecal.results import Verdict
 
 _log = logging.getLogger(__name__)
@@ -49,15 +49,15 @@ def finish(task: Task[F], frame: F) -> Finished:
     try:
         return Finished.of(task.record(frame))
     except CirclecalError as error:
-        return Finished.of(failed(task, frame, "unreadable_input", str(error)))
+        return Finished.of(record_failure(task, frame, "unreadable_input", str(error)))
     except Exception as error:  # noqa: BLE001 - one bad frame never stops the rest
         _log.exception("%s: internal error", task.source(frame))
         reason = f"{task.source(frame)}: {type(error).__name__}: {error}"
-        return Finished.of(failed(task, frame, "internal_error", reason))
+        return Finished.of(record_failure(task, frame, "internal_error", reason))
 
 
-def failed(task: Task[F], frame: F, code: str, reason: str) -> ResultRecord:
+def record_failure(task: Task[F], frame: F, code: str, reason: str) -> ResultRecord:
     """Record of a frame that never reached the pipeline."""
     verdict = Verdict("refused", code, reason, "input")
     time_s = getattr(frame, "time_s", None)  # of a video
-    return failed_record(frame.id, task.source(frame), verdict, task.seed, task.digest, time_s)
+    return failure_record(frame.id, task.source(frame), verdict, task.seed, task.digest, time_s)

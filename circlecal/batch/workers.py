@@ -15,7 +15,7 @@ from multiprocessing import resource_tracker
 from typing import Any, TypeVar
 
 from circlecal import ONE_THREAD
-from circlecal.batch.task import F, Named, Task, failed, finish
+from circlecal.batch.task import F, Named, Task, finish, record_failure
 from circlecal.records.log import Finished
 
 _IN_FLIGHT_PER_WORKER = 2
@@ -23,7 +23,7 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 
-def finished_by_workers(frames: Iterator[F], task: Task[F], workers: int) -> Generator[Finished]:
+def finish_on_workers(frames: Iterator[F], task: Task[F], workers: int) -> Generator[Finished]:
     """Frames in the order in which they are finished; frames whose worker died are tried once more, each alone.
 
     Raises
@@ -33,21 +33,21 @@ def finished_by_workers(frames: Iterator[F], task: Task[F], workers: int) -> Gen
     """
     suspects: list[F] = []
     for first in frames:  # a new pool for what is left when a worker died
-        yield from _pooled(chain([first], frames), suspects, task, workers)
+        yield from _finish_in_pool(chain([first], frames), suspects, task, workers)
         for frame in suspects:
             died: list[F] = []
-            yield from _pooled(iter([frame]), died, task, 1)
+            yield from _finish_in_pool(iter([frame]), died, task, 1)
             if died:
                 reason = "the worker process died on it (out of memory, or a damaged file)"
-                yield Finished.of(failed(task, frame, "worker_died", f"{task.source(frame)}: {reason}"))
+                yield Finished.of(record_failure(task, frame, "worker_died", f"{task.source(frame)}: {reason}"))
         suspects.clear()
 
 
-def mapped_by_workers(function: Callable[[T], R], arguments: Iterable[T], workers: int) -> Generator[R]:
+def map_on_workers(function: Callable[[T], R], arguments: Iterable[T], workers: int) -> Generator[R]:
     """``map(function, arguments)`` by worker processes, in the order of the arguments."""
     executor = _executor(workers, None)
     try:
-        with worker_surroundings():
+        with prepare_surroundings():
             futures = [executor.submit(function, argument) for argument in arguments]
         for future in futures:  # Executor.map would cancel them when closed, which its own thread stumbles over
             yield future.result()
@@ -62,7 +62,7 @@ def _executor(workers: int, task: Task[Any] | None) -> ProcessPoolExecutor:
     return ProcessPoolExecutor(workers, mp_context=context, initializer=_start_worker, initargs=(task,))
 
 
-def _pooled(frames: Iterator[F], died: list[F], task: Task[F], workers: int) -> Generator[Finished]:
+def _finish_in_pool(frames: Iterator[F], died: list[F], task: Task[F], workers: int) -> Generator[Finished]:
     """Take frames until there are no more or a worker dies; those then in flight go to ``died``."""
     executor = _executor(workers, task)
     in_flight: dict[Future[Finished], F] = {}
@@ -73,7 +73,7 @@ def _pooled(frames: Iterator[F], died: list[F], task: Task[F], workers: int) -> 
             while more and len(in_flight) < workers * _IN_FLIGHT_PER_WORKER:
                 frame = next(frames, None)
                 more = frame is not None
-                if frame is not None and not _submitted(executor, frame, in_flight):
+                if frame is not None and not _submit(executor, frame, in_flight):
                     died.extend((frame, *in_flight.values()))
                     executor.shutdown()
                     return
@@ -94,10 +94,10 @@ def _pooled(frames: Iterator[F], died: list[F], task: Task[F], workers: int) -> 
     executor.shutdown()
 
 
-def _submitted(executor: ProcessPoolExecutor, frame: F, in_flight: dict[Future[Finished], F]) -> bool:
+def _submit(executor: ProcessPoolExecutor, frame: F, in_flight: dict[Future[Finished], F]) -> bool:
     """Hand a frame to the workers; False where one has died."""
     try:
-        with worker_surroundings():
+        with prepare_surroundings():
             in_flight[executor.submit(_finish_in_worker, frame)] = frame
     except BrokenProcessPool:
         return False
@@ -107,7 +107,7 @@ def _submitted(executor: ProcessPoolExecutor, frame: F, in_flight: dict[Future[F
 def _require_workers(executor: ProcessPoolExecutor) -> None:
     """Tell a worker that cannot even start from one that died on a frame."""
     try:
-        with worker_surroundings():
+        with prepare_surroundings():
             started = executor.submit(os.getpid)
         started.result()
     except BrokenProcessPool as error:
@@ -117,9 +117,9 @@ def _require_workers(executor: ProcessPoolExecutor) -> None:
 
 
 @contextlib.contextmanager
-def worker_surroundings() -> Iterator[None]:
+def prepare_surroundings() -> Iterator[None]:
     """What a worker inherits when it is started: no Ctrl-C (the parent ends it) and one thread for linear algebra."""
-    with _interrupt_held(), _one_thread():
+    with _hold_interrupt(), _one_thread():
         yield
 
 
@@ -138,7 +138,7 @@ def _one_thread() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _interrupt_held() -> Iterator[None]:
+def _hold_interrupt() -> Iterator[None]:
     """Hold a Ctrl-C back until the block ends; processes and threads started inside never get one.
 
     Ignoring it instead would lose it, and with it the user's wish to stop.

@@ -50,7 +50,7 @@ class RigConfig(BaseModel):
         description="Largest rms distance of such an arc from where the known camera puts the circle, pixels at "
         "1920 px width.",
     )
-    maximum_surprise: float = Field(
+    maximum_chi_square_increase: float = Field(
         30.0,
         gt=0,
         description="A frame that fits the others this much worse than alone (difference of the sums of squared "

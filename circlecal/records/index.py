@@ -32,7 +32,7 @@ class ResultIndex:
     """
 
     def __init__(self, path: Path) -> None:
-        self._database = _opened(path)
+        self._database = _open(path)
         self._page: dict[str, tuple[str, str | None]] = {}
         self._page_ends = ("", "")
         self._page_size = 1
@@ -49,7 +49,7 @@ class ResultIndex:
         self._database.execute("DELETE FROM covered")
         self._database.commit()
 
-    def covered(self) -> tuple[int, str | None]:
+    def read_coverage(self) -> tuple[int, str | None]:
         """Bytes of the results file that the rows stand for, and the configuration digest of them all."""
         found = self._database.execute("SELECT bytes, digest FROM covered").fetchone()
         return (0, None) if found is None else (int(found[0]), str(found[1]))
@@ -93,7 +93,7 @@ class ResultIndex:
                 yield FrameSummary(*row)
 
 
-def _opened(path: Path) -> sqlite3.Connection:
+def _open(path: Path) -> sqlite3.Connection:
     for attempt in (str(path), str(path), ""):
         database = None
         try:

@@ -132,7 +132,7 @@ class ResultLog:
         InputError
             A damaged line before the last.
         """
-        covered, known = self.index.covered()
+        covered, known = self.index.read_coverage()
         if not self._ends_a_line(covered):
             self.index.clear()
             covered, known = 0, None

@@ -34,7 +34,7 @@ from circlecal.results import (
 )
 
 
-def stored_calibration(record: ResultRecord) -> FrameCalibration:
+def calibration_of_record(record: ResultRecord) -> FrameCalibration:
     """The calibration of a record, without mask, edges, rays and cues, and with the inliers as the only edge points.
 
     A refused frame has the estimate that the verdict did not trust.

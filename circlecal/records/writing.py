@@ -70,7 +70,7 @@ def result_record(
     )
 
 
-def failed_record(
+def failure_record(
     frame_id: str, source: str, verdict: Verdict, seed: int, digest: str, time_s: float | None = None
 ) -> ResultRecord:
     """Record of a frame of a batch that never reached the pipeline, e.g. refused with ``unreadable_input``."""

@@ -25,10 +25,10 @@ from circlecal.rig.joint import (
     JointProblem,
     JointState,
     deletion_gains,
-    first_state,
     joint_problem,
     minimise_joint,
     shared_prior,
+    start_state,
 )
 from circlecal.rig.positions import group_positions
 
@@ -77,7 +77,7 @@ def estimate_rigs(
     circle: Circle,
     config: Config,
     cameras: Mapping[str, str] | None = None,
-    observed: Callable[[Collection[str]], Mapping[str, RigFrame]] | None = None,
+    read_frames: Callable[[Collection[str]], Mapping[str, RigFrame]] | None = None,
 ) -> list[Rig]:
     """The cameras that several frames share, those with the most frames first.
 
@@ -91,20 +91,20 @@ def estimate_rigs(
         Of the run; the sections ``camera`` and ``rig`` count.
     cameras : mapping, optional
         Name of the camera by frame, where it is known; otherwise frames are grouped by where their cameras stand.
-    observed : callable, optional
+    read_frames : callable, optional
         Gives the frames with what was seen of them for the names that are estimated together; where ``frames`` hold it
         already, None.
     """
     known = [f for f in frames if f.theta is not None and f.covariance is not None and f.observations is not None]
     rigs: list[Rig] = []
-    groups = _groups(known, config, cameras)
+    groups = _group_frames(known, config, cameras)
     while groups:
-        chosen = [(name, members, _best(members, turned, config)) for name, members, turned in groups]
+        chosen = [(name, members, _select_best(members, turned, config)) for name, members, turned in groups]
         wanted = {frame.id for _, _, best in chosen for frame, _ in best}
-        full = observed(wanted) if observed is not None else {frame.id: frame for frame in known}
+        full = read_frames(wanted) if read_frames is not None else {frame.id: frame for frame in known}
         groups = []
         for name, members, best in chosen:
-            rig = _estimate(name, [full[f.id] for f, _ in best], [t for _, t in best], template, circle, config)
+            rig = _estimate_rig(name, [full[f.id] for f, _ in best], [t for _, t in best], template, circle, config)
             if rig is None:
                 continue
             rigs.append(replace(rig, members=tuple(f.id for f in members)))
@@ -118,15 +118,15 @@ def estimate_rigs(
     return [replace(rig, name=f"camera-{number}") for number, rig in enumerate(rigs, start=1)]
 
 
-def _best(members: Sequence[RigFrame], turned: Sequence[bool], config: Config) -> list[tuple[RigFrame, bool]]:
+def _select_best(members: Sequence[RigFrame], turned: Sequence[bool], config: Config) -> list[tuple[RigFrame, bool]]:
     """The frames of a group that are estimated together, and whether each has to be turned: of the usual size."""
     sizes = [f.size for f in members]
     size = max(set(sizes), key=sizes.count)
     same = [(f, t) for f, t in zip(members, turned, strict=True) if f.size == size]
-    return [same[k] for k in best_frames([f for f, _ in same], config.rig.maximum_frames)]
+    return [same[k] for k in select_frames([f for f, _ in same], config.rig.maximum_frames)]
 
 
-def _groups(
+def _group_frames(
     frames: Sequence[RigFrame], config: Config, cameras: Mapping[str, str] | None
 ) -> list[tuple[str, list[RigFrame], list[bool]]]:
     """Name, frames, and whether each has to be turned, of every group that is large enough."""
@@ -149,7 +149,7 @@ def _groups(
     ]
 
 
-def _estimate(
+def _estimate_rig(
     name: str,
     frames: Sequence[RigFrame],
     turned: Sequence[bool],
@@ -160,29 +160,31 @@ def _estimate(
     """The joint fit of frames of a camera, without those that do not fit; None where too few are left."""
     thetas = np.array([frame.turned() if turn else frame.theta for frame, turn in zip(frames, turned, strict=True)])
     problems = [
-        frame_problem(frame, theta, template, circle, config, turned=turn)
+        problem_of_frame(frame, theta, template, circle, config, turned=turn)
         for frame, theta, turn in zip(frames, thetas, turned, strict=True)
     ]
     kept, left_out = list(range(len(frames))), list[str]()
     problem: JointProblem | None = None
     while len(kept) >= config.rig.least_frames:
-        problem = _joint([problems[k] for k in kept], config, frames[0].size[0], float(np.median(thetas[kept, 0])))
-        alone = np.array([_alone(p, thetas[k]) for p, k in zip(problem.frames, kept, strict=True)])
+        problem = _combine_problems(
+            [problems[k] for k in kept], config, frames[0].size[0], float(np.median(thetas[kept, 0]))
+        )
+        alone = np.array([_cost_alone(p, thetas[k]) for p, k in zip(problem.frames, kept, strict=True)])
         wide = problem.with_loss(WIDE_LOSS * config.camera.loss_scale)
-        state = minimise_joint(wide, first_state(wide, thetas[kept]), config.camera.iterations // 2)
-        state = minimise_joint(problem, first_state(problem, state.theta), config.camera.iterations)
-        surprise = state.costs - alone
-        if surprise.max() <= config.rig.maximum_surprise:
+        state = minimise_joint(wide, start_state(wide, thetas[kept]), config.camera.iterations // 2)
+        state = minimise_joint(problem, start_state(problem, state.theta), config.camera.iterations)
+        chi_square_increase = state.costs - alone
+        if chi_square_increase.max() <= config.rig.maximum_chi_square_increase:
             used = tuple(frames[k].id for k in kept)
             return Rig(name, frames[0].size, (), used, tuple(left_out), problem, state)
         # not the frame that fits worst, but the one without which everything fits best: the fewer must go
-        worst = int(np.argmax(surprise + deletion_gains(state)))
+        worst = int(np.argmax(chi_square_increase + deletion_gains(state)))
         left_out.append(frames[kept[worst]].id)
         del kept[worst]
     return None
 
 
-def _joint(problems: Sequence[Problem], config: Config, width: int, log_focal: float) -> JointProblem:
+def _combine_problems(problems: Sequence[Problem], config: Config, width: int, log_focal: float) -> JointProblem:
     rig, unit = config.rig, width / 1920.0
     position, point = rig.position_deviation_m, rig.principal_point_deviation_px * unit
     return joint_problem(
@@ -205,13 +207,13 @@ def _joint(problems: Sequence[Problem], config: Config, width: int, log_focal: f
     )
 
 
-def _alone(problem: Problem, theta: Array) -> float:
+def _cost_alone(problem: Problem, theta: Array) -> float:
     """Cost of a frame's observations where the frame is calibrated alone."""
     feet = sample_feet(problem.curves, theta[None], problem.model)
     return float(evaluate(problem, theta[None], feet, updates=4).cost[0])
 
 
-def best_frames(frames: Sequence[RigFrame], maximum: int) -> list[int]:
+def select_frames(frames: Sequence[RigFrame], maximum: int) -> list[int]:
     """Indices of the best determined frames, from the whole range of zooms in turn."""
     precision = np.array([-np.trace(f.covariance[4:7, 4:7]) for f in frames if f.covariance is not None])
     zoom = np.array([f.theta[0] for f in frames if f.theta is not None])
@@ -227,7 +229,7 @@ def best_frames(frames: Sequence[RigFrame], maximum: int) -> list[int]:
     return [int(k) for k in np.sort(chosen)]
 
 
-def frame_problem(
+def problem_of_frame(
     frame: RigFrame,
     theta: Array,
     template: FieldTemplate,
@@ -257,8 +259,8 @@ def frame_problem(
     unit = frame.size[0] / 1920.0
     options = config.camera
     model = ProjectionModel(*frame.size, Surface(options.usual_crown, circle.radius_m))
-    names = [turned_line(name, template) if turned else name for name in frame.named_lines]
-    seen = with_names(frame.observations, names, theta, template, model)
+    names = [find_opposite_line(name, template) if turned else name for name in frame.named_lines]
+    seen = restore_names(frame.observations, names, theta, template, model)
     seen = replace(
         seen,
         marks=tuple(mark for mark in seen.marks if mark.key not in frame.rejected),
@@ -281,7 +283,7 @@ def frame_problem(
     return rescale_sigmas(problem, state)[0]
 
 
-def with_names(
+def restore_names(
     observations: Observations, names: Sequence[str], theta: Array, template: FieldTemplate, model: ProjectionModel
 ) -> Observations:
     """Give recognised lines back their names: each to the seen line without one that lies where the camera puts it."""
@@ -309,7 +311,7 @@ def with_names(
     return replace(observations, lines=tuple(lines))
 
 
-def turned_line(name: str, template: FieldTemplate) -> str:
+def find_opposite_line(name: str, template: FieldTemplate) -> str:
     """The line that lies where another one does after the field is turned by 180 degrees."""
     ends = -template.line_ends(template.line_by_name[name])
     for line in template.lines:
@@ -319,7 +321,7 @@ def turned_line(name: str, template: FieldTemplate) -> str:
     return name
 
 
-def config_with(config: Config, prior: SharedPrior, width: int) -> Config:
+def config_with_prior(config: Config, prior: SharedPrior, width: int) -> Config:
     """The configuration for a frame of which other frames say something."""
     place = [prior.parameters.index(name) for name in ("x", "y", "z")]
     position = prior.mean[place]
@@ -336,13 +338,13 @@ def config_with(config: Config, prior: SharedPrior, width: int) -> Config:
     return config.model_copy(update={"camera": camera, "correspondences": correspondences})
 
 
-def surprise_of(prior: SharedPrior, theta: Array) -> float:
+def prior_chi_square(prior: SharedPrior, theta: Array) -> float:
     """How far a camera lies from what the others say: squared, in standard deviations, over all shared parameters."""
     values, _ = prior.residuals(theta[None])
     return float(values[0] @ values[0])
 
 
-def shared_values(rig: Rig) -> dict[str, tuple[float, float]]:
+def summarise_shared(rig: Rig) -> dict[str, tuple[float, float]]:
     """Means and standard deviations of the shared parameters, and of their changes with the zoom."""
     prior = rig.prior()
     names = (*prior.parameters, *(f"{name} by zoom" for name in prior.zoomed))

@@ -227,7 +227,7 @@ def joint_problem(
     )
 
 
-def first_state(problem: JointProblem, theta: Array) -> JointState:
+def start_state(problem: JointProblem, theta: Array) -> JointState:
     """State at parameter vectors (F, P) of the frames: what is shared starts at their median."""
     shared = np.median(theta[:, problem.shared], axis=0)
     common = np.concatenate([shared, np.zeros(len(problem.zoomed))])

@@ -47,7 +47,7 @@ def group_positions(
     centers: list[tuple[Array, Array]] = []
     open_frames = np.arange(len(positions))
     while len(open_frames) >= least_members:
-        center, covariance, agree = _best_group(positions[open_frames], covariances[open_frames])
+        center, covariance, agree = _find_largest_group(positions[open_frames], covariances[open_frames])
         if agree.sum() < least_members:
             break
         centers.append((center, covariance))
@@ -67,7 +67,7 @@ def group_positions(
     return groups, turned & (groups >= 0)
 
 
-def _best_group(positions: Array, covariances: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+def _find_largest_group(positions: Array, covariances: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Fused position of the group with the best seed, its covariance, and who agrees with it (N,)."""
     volume = np.linalg.slogdet(covariances)[1]
     seeds = np.argsort(volume, kind="stable")[:_SEEDS]

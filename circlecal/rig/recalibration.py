@@ -14,7 +14,7 @@ from circlecal.config import Config
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.projective import Array
 from circlecal.results import FrameCalibration
-from circlecal.rig.estimation import Rig, config_with, frame_problem, surprise_of
+from circlecal.rig.estimation import Rig, config_with_prior, prior_chi_square, problem_of_frame
 from circlecal.rig.frames import RigFrame, frame_of_calibration
 
 DECISIVE = 16.0
@@ -77,14 +77,14 @@ def recalibrate(
     alone = None if frame.theta is None else _cost(frame, frame.theta, template, circle, config, scale_of=frame)
     trials, reasons = [], []
     for rig in tried:
-        found = calibrate(config_with(config, rig.prior(frame.id), rig.size[0]))
+        found = calibrate(config_with_prior(config, rig.prior(frame.id), rig.size[0]))
         reason = _refusal(found, frame, rig)
         if reason is not None or found is None or found.camera is None:
             reasons.append(reason or "it cannot be calibrated again")
             continue
         seen = frame_of_calibration(found)
         cost = _cost(seen, found.camera.theta, template, circle, config, scale_of=frame)
-        if frame.id not in rig.used and alone is not None and cost - alone > config.rig.maximum_surprise:
+        if frame.id not in rig.used and alone is not None and cost - alone > config.rig.maximum_chi_square_increase:
             reasons.append(f"it fits {rig.name} much worse than a camera of its own")
             continue
         trials.append(_Trial(rig, found, cost))
@@ -104,7 +104,7 @@ def _refusal(found: FrameCalibration | None, frame: RigFrame, rig: Rig) -> str |
         return found.verdict.reason
     prior = rig.prior(frame.id)
     prior = prior if found.width == rig.size[0] else prior.scaled(found.width / rig.size[0])
-    if surprise_of(prior, found.camera.theta) > chi2.ppf(1.0 - UNLIKELY, len(prior.parameters)):
+    if prior_chi_square(prior, found.camera.theta) > chi2.ppf(1.0 - UNLIKELY, len(prior.parameters)):
         return f"its camera is another one than {rig.name}"
     return None
 
@@ -118,9 +118,9 @@ def _cost(
     cameras can be compared.
     """
     if scale_of.theta is not None:
-        problem = frame_problem(scale_of, scale_of.theta, template, circle, config)
+        problem = problem_of_frame(scale_of, scale_of.theta, template, circle, config)
     else:
-        problem = frame_problem(frame, theta, template, circle, config, grown=False)
+        problem = problem_of_frame(frame, theta, template, circle, config, grown=False)
     feet = sample_feet(problem.curves, theta[None], problem.model)
     state = evaluate(problem, theta[None], feet, updates=4)
     priors, _ = problem.priors.residuals(theta[None])

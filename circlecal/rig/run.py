@@ -31,7 +31,7 @@ from circlecal.records.log import read_records
 from circlecal.records.record import AloneRecord, ResultRecord, ResultRow, RigRecord
 from circlecal.records.writing import result_record
 from circlecal.results import FrameCalibration
-from circlecal.rig.estimation import Rig, config_with, estimate_rigs, shared_values
+from circlecal.rig.estimation import Rig, config_with_prior, estimate_rigs, summarise_shared
 from circlecal.rig.frames import RigFrame, frame_of_record
 from circlecal.rig.recalibration import Recalibration, recalibrate
 
@@ -80,7 +80,7 @@ class RigReport:
         """Counts, and position, roll and distortion (mean and standard deviation, None where fixed) of each camera."""
         cameras = []
         for rig in self.rigs:
-            values = shared_values(rig)
+            values = summarise_shared(rig)
             roll = values.get("roll")
             cameras.append(
                 {
@@ -155,10 +155,10 @@ def run_rig(
         frames.append(frame_of_record(record, results).without_points())
     seen_as = in_convention(template, convention) if annotated else template
 
-    def observed(wanted: Collection[str]) -> dict[str, RigFrame]:
+    def read_frames(wanted: Collection[str]) -> dict[str, RigFrame]:
         return {r.id: frame_of_record(r, results) for r in read_records(results) if r.id in wanted}
 
-    rigs = estimate_rigs(frames, seen_as, circle, config, cameras, observed)
+    rigs = estimate_rigs(frames, seen_as, circle, config, cameras, read_frames)
     prepare_folder(out)
     for rig in rigs:
         write_camera(out / f"{rig.name}.yaml", rig, config)
@@ -227,7 +227,7 @@ class RigTask:
         # a frame that the list leaves out is of none of them
         known = None if self.cameras is None else self.cameras.get(frame.id, "")
         found = recalibrate(seen, self.rigs, again, seen_as, circle, self.config, known)
-        return _written(frame.record, found, template, self.digest)
+        return _new_record(frame.record, found, template, self.digest)
 
 
 def read_cameras(path: Path) -> dict[str, str]:
@@ -277,7 +277,7 @@ class _Again:
         from_picture = refused and not annotated and source.is_file()
         if from_picture and self.measured is None:
             try:
-                self.measured = calibrate_frame(self._picture(source), with_short_arcs(config), self.mask)[1]
+                self.measured = calibrate_frame(self._picture(source), accept_short_arcs(config), self.mask)[1]
             except CirclecalError as error:
                 _log.warning("%s", error)
                 return None
@@ -297,7 +297,7 @@ class _Again:
         return PictureFile(self.frame.id, source, self.frame.id, time_s, picture)
 
 
-def with_short_arcs(config: Config) -> Config:
+def accept_short_arcs(config: Config) -> Config:
     """The configuration with a detector that measures arcs that only a known camera can tell from others."""
     rig, acceptance = config.rig, config.mask.detector.acceptance
     update = {
@@ -328,7 +328,7 @@ def _require_same_field(record: ResultRow, template: FieldTemplate, results: Pat
         )
 
 
-def _written(record: ResultRecord, found: Recalibration, template: FieldTemplate, digest: str) -> ResultRecord:
+def _new_record(record: ResultRecord, found: Recalibration, template: FieldTemplate, digest: str) -> ResultRecord:
     """The new record of a frame; the old one where nothing better was found."""
     written = record if found.calibration is None else result_record(found.calibration, template)
     rig = RigRecord(
@@ -347,10 +347,10 @@ def write_camera(path: Path, rig: Rig, config: Config) -> None:
     InputError
         The file cannot be written.
     """
-    camera = config_with(config, rig.prior(), rig.size[0]).camera
+    camera = config_with_prior(config, rig.prior(), rig.size[0]).camera
     if camera.shared is None or camera.position_m is None:
         raise ValueError(f"{rig.name} has no prior")
-    values = shared_values(rig)
+    values = summarise_shared(rig)
     about = {"camera": rig.name, "frames": list(rig.used), "left_out": list(rig.left_out)}
     settings: dict[str, Any] = {
         "position_m": list(camera.position_m),

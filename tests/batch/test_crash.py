@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from circlecal.records.log import INDEX_NAME, RESULTS_NAME, Finished, ResultLog
 from circlecal.records.record import ResultRecord
-from circlecal.records.writing import failed_record
+from circlecal.records.writing import failure_record
 from circlecal.results import Verdict
 
 from .runs import SURROUNDINGS, alive, assert_every_frame_once, batch_command, children, paint, records, wait_for
@@ -25,7 +25,7 @@ COUNT = 12
 
 def record(number: int) -> ResultRecord:
     verdict = Verdict("refused", "unreadable_input", "x" * number, "input")
-    return failed_record(f"f{number:03d}", "f.png", verdict, 0, DIGEST)
+    return failure_record(f"f{number:03d}", "f.png", verdict, 0, DIGEST)
 
 
 @pytest.fixture(scope="module")

@@ -18,7 +18,7 @@ from circlecal.errors import InputError
 from circlecal.pictures.files import find_frames
 from circlecal.records.index import ResultIndex
 from circlecal.records.log import INDEX_NAME, RESULTS_NAME, Finished, ResultLog
-from circlecal.records.writing import failed_record
+from circlecal.records.writing import failure_record
 from circlecal.results import Verdict
 
 from .runs import (
@@ -230,7 +230,7 @@ def test_a_full_disk_in_the_middle_and_resumed(tmp_path):
 
 
 def unreadable(name):
-    return failed_record(name, f"{name}.png", Verdict("refused", "unreadable_input", "is empty", "input"), 0, "digest")
+    return failure_record(name, f"{name}.png", Verdict("refused", "unreadable_input", "is empty", "input"), 0, "digest")
 
 
 def test_a_line_cut_by_a_full_disk_is_taken_back(tmp_path, monkeypatch):

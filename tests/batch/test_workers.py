@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from circlecal.batch.workers import mapped_by_workers, worker_surroundings
+from circlecal.batch.workers import map_on_workers, prepare_surroundings
 
 from .runs import PATIENCE_S, SURROUNDINGS, paint, wait_for
 
@@ -42,7 +42,7 @@ def test_ctrl_c_while_workers_are_started_is_kept_until_they_are():
     reached = []
 
     def started_and_interrupted():
-        with worker_surroundings():
+        with prepare_surroundings():
             signal.raise_signal(signal.SIGINT)
             reached.append("started")
 
@@ -56,16 +56,16 @@ def test_ctrl_c_while_workers_are_started_is_kept_until_they_are():
 
 
 def test_an_undisturbed_start_raises_nothing():
-    with worker_surroundings():
+    with prepare_surroundings():
         pass
     assert signal.getsignal(signal.SIGINT) is not signal.SIG_IGN
 
 
 FIRST_WORKER = """
 import multiprocessing, signal, sys
-from circlecal.batch.workers import worker_surroundings
+from circlecal.batch.workers import prepare_surroundings
 
-with worker_surroundings():
+with prepare_surroundings():
     process = multiprocessing.get_context("spawn").Process(target=signal.raise_signal, args=(signal.SIGINT,))
     process.start()
 process.join()
@@ -80,9 +80,9 @@ def test_a_worker_never_gets_ctrl_c():
 
 
 def test_mapped_in_order_and_without_ctrl_c():
-    assert list(mapped_by_workers(abs, [-3, 2, -1], 2)) == [3, 2, 1]
-    assert list(mapped_by_workers(signal.raise_signal, [signal.SIGINT], 1)) == [None]
-    half = mapped_by_workers(abs, range(100), 1)
+    assert list(map_on_workers(abs, [-3, 2, -1], 2)) == [3, 2, 1]
+    assert list(map_on_workers(signal.raise_signal, [signal.SIGINT], 1)) == [None]
+    half = map_on_workers(abs, range(100), 1)
     assert next(half) == 0
     half.close()
     wait_for(lambda: not multiprocessing.active_children())  # the pool's own thread may be the one that sees it end

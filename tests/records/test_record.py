@@ -26,7 +26,7 @@ from circlecal.records.record import (
     write_result,
 )
 from circlecal.records.summary import summarise
-from circlecal.records.writing import failed_record, result_record
+from circlecal.records.writing import failure_record, result_record
 from circlecal.results import Verdict
 
 FIXED_NAMES = """
@@ -127,7 +127,7 @@ def test_a_refused_result_is_read_back(tmp_path, refused, template):
     stored = read_result(tmp_path / "a.json")
     assert stored.status == "refused"
     assert stored.H_image_field is stored.camera is stored.view is None
-    record = failed_record("b", "b.jpg", Verdict("refused", "unreadable_input", "b.jpg: is empty", "input"), 0, "0")
+    record = failure_record("b", "b.jpg", Verdict("refused", "unreadable_input", "b.jpg: is empty", "input"), 0, "0")
     write_result(tmp_path / "b.json", record)
     assert read_result(tmp_path / "b.json").reason == "b.jpg: is empty"
 

@@ -14,7 +14,7 @@ from circlecal.field import load_field
 from circlecal.pipeline import run
 from circlecal.records.log import RESULTS_NAME
 from circlecal.records.record import ResultRecord, parse_sound_parts, result_line
-from circlecal.records.writing import failed_record, result_record
+from circlecal.records.writing import failure_record, result_record
 from circlecal.results import Verdict
 
 Record = dict[str, Any]
@@ -47,7 +47,9 @@ def named(light_record) -> Callable[..., Record]:
 
 
 def refused(name: str, code: str = "no_field", reason: str = "no playing field", stage: str = "mask") -> Record:
-    record = json.loads(result_line(failed_record(name, "gone.png", Verdict("refused", code, reason, stage), 0, "abc")))
+    record = json.loads(
+        result_line(failure_record(name, "gone.png", Verdict("refused", code, reason, stage), 0, "abc"))
+    )
     return record | {"image": {"width": 960, "height": 540}, "timings_ms": {"mask": 12.5}}
 
 

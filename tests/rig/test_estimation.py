@@ -8,12 +8,12 @@ import pytest
 from circlecal.geometry.homography import SIDES
 from circlecal.observations import LinePoints
 from circlecal.rig.estimation import (
-    best_frames,
-    config_with,
+    config_with_prior,
     estimate_rigs,
-    shared_values,
-    turned_line,
-    with_names,
+    find_opposite_line,
+    restore_names,
+    select_frames,
+    summarise_shared,
 )
 from circlecal.rig.frames import RigFrame
 
@@ -26,7 +26,7 @@ def rigs_of(frames, config=CONFIG, cameras=None):
 
 def position_of(rig):
     """Position (3,) and its standard deviations (3,), metres."""
-    values = shared_values(rig)
+    values = summarise_shared(rig)
     return np.array([values[name] for name in ("x", "y", "z")]).T
 
 
@@ -107,26 +107,26 @@ def test_the_best_frames_of_every_zoom_come_first(mixed):
         return replace(frame, theta=theta, covariance=covariance)
 
     frames = [like(7.0, 0.1), like(7.0, 0.2), like(7.01, 0.3), like(9.0, 5.0), like(8.0, 1.0)]
-    assert best_frames(frames, 3) == [0, 3, 4]
-    assert best_frames(frames, 4) == [0, 1, 3, 4]
-    assert best_frames(frames, 9) == [0, 1, 2, 3, 4]
+    assert select_frames(frames, 3) == [0, 3, 4]
+    assert select_frames(frames, 4) == [0, 1, 3, 4]
+    assert select_frames(frames, 9) == [0, 1, 2, 3, 4]
 
 
 def test_configuration_of_a_frame_knows_the_side(mixed):
     rigs = rigs_of(mixed[0])
     for rig, side in zip(rigs, ("main", "left_goal"), strict=True):
-        config = config_with(CONFIG, rig.prior(), 1920)
+        config = config_with_prior(CONFIG, rig.prior(), 1920)
         assert config.correspondences.camera_side == side
         assert side in SIDES
         assert config.camera.shared is not None
 
 
 def test_lines_of_the_turned_field():
-    assert turned_line("halfway_line", TEMPLATE) == "halfway_line"
-    other = {turned_line(line.name, TEMPLATE) for line in TEMPLATE.lines}
+    assert find_opposite_line("halfway_line", TEMPLATE) == "halfway_line"
+    other = {find_opposite_line(line.name, TEMPLATE) for line in TEMPLATE.lines}
     assert other == {line.name for line in TEMPLATE.lines}
     for line in TEMPLATE.lines:
-        assert turned_line(turned_line(line.name, TEMPLATE), TEMPLATE) == line.name
+        assert find_opposite_line(find_opposite_line(line.name, TEMPLATE), TEMPLATE) == line.name
 
 
 def test_recognised_lines_get_their_names_back(mixed):
@@ -137,9 +137,9 @@ def test_recognised_lines_get_their_names_back(mixed):
     from circlecal.geometry.surface import Surface
 
     model = ProjectionModel(1920, 1080, Surface("flat"))
-    assert with_names(bare, ["halfway_line"], frame.theta, TEMPLATE, model).lines[0].line == "halfway_line"
+    assert restore_names(bare, ["halfway_line"], frame.theta, TEMPLATE, model).lines[0].line == "halfway_line"
     far = replace(bare, lines=(replace(bare.lines[0], points_px=bare.lines[0].points_px + 80.0),))
-    assert with_names(far, ["halfway_line"], frame.theta, TEMPLATE, model).lines[0].line is None
+    assert restore_names(far, ["halfway_line"], frame.theta, TEMPLATE, model).lines[0].line is None
 
 
 def test_two_cameras_side_by_side_are_told_apart(mixed):

@@ -16,12 +16,12 @@ from circlecal.geometry.surface import Surface
 from circlecal.observations import Observations
 from circlecal.rig.joint import (
     evaluate_joint,
-    first_state,
     frame_information,
     joint_covariances,
     joint_problem,
     minimise_joint,
     shared_prior,
+    start_state,
 )
 from circlecal.synthetic.cameras import sample_camera
 from circlecal.synthetic.markings import circle_points, line_points
@@ -70,7 +70,7 @@ def scene():
 def joint(scene, zoom=ZOOM, deviation=DEVIATION):
     problems, truth = scene
     problem = joint_problem(problems, zoom, deviation, float(np.median(truth[:, 0])))
-    return problem, minimise_joint(problem, first_state(problem, truth))
+    return problem, minimise_joint(problem, start_state(problem, truth))
 
 
 def flat(problem, state):
@@ -117,7 +117,7 @@ def test_gradient_is_that_of_the_cost(scene):
 
 def test_optimum_has_no_gradient_and_no_worse_cost_than_the_truth(scene):
     problem, state = joint(scene)
-    start = first_state(problem, scene[1])
+    start = start_state(problem, scene[1])
     assert state.cost <= start.cost
     gradient = np.concatenate([state.g_o.ravel(), state.g_common + state.g_c.sum(axis=0)])
     size = np.sqrt(np.diag(dense_normal(state)))
@@ -180,7 +180,7 @@ def test_five_frames_are_better_than_one():
         truth = np.array([theta_of(camera, MODEL) for camera in cameras])
         alone = np.array([minimise(p, t[None]).theta[0] for p, t in zip(problems, truth, strict=True)])
         problem = joint_problem(problems, {}, {}, float(np.median(truth[:, 0])))
-        state = minimise_joint(problem, first_state(problem, alone))
+        state = minimise_joint(problem, start_state(problem, alone))
         errors = [np.linalg.norm(theta[:, 4:7] - truth[:, 4:7], axis=1).mean() for theta in (alone, state.theta)]
         gains.append(errors[1] / errors[0])
     assert np.median(gains) < 0.7
@@ -196,7 +196,7 @@ def test_covariance_holds_over_draws():
         problems = [problem_of(camera, rng) for camera in cameras]
         truth = np.array([theta_of(camera, MODEL) for camera in cameras])
         problem = joint_problem(problems, {}, {}, float(np.median(truth[:, 0])))
-        state = minimise_joint(problem, first_state(problem, truth))
+        state = minimise_joint(problem, start_state(problem, truth))
         told = shared_prior(problem, state)
         values, _ = told.residuals(truth[:1])
         inside.append(float(values[0] @ values[0]))
@@ -218,7 +218,7 @@ def test_zoom_that_moves_the_principal_point_is_found():
     errors = {}
     for name, zoom in (("fixed", {}), ("by zoom", {"pp_x": 30.0})):
         problem = joint_problem(problems, zoom, {}, float(mean))
-        state = minimise_joint(problem, first_state(problem, truth))
+        state = minimise_joint(problem, start_state(problem, truth))
         grid = np.stack(np.meshgrid(np.linspace(-12, 12, 7), np.linspace(-12, 12, 7)), axis=-1).reshape(-1, 2)
         errors[name] = np.mean(
             [

@@ -9,7 +9,7 @@ from circlecal.pipeline import run_observations
 from circlecal.rig.estimation import estimate_rigs
 from circlecal.rig.frames import RigFrame
 from circlecal.rig.recalibration import recalibrate
-from circlecal.rig.run import with_short_arcs
+from circlecal.rig.run import accept_short_arcs
 
 from .scenes import CIRCLE, CONFIG, TEMPLATE, calibrated, displaced, goal_views, main_views, seen_by
 
@@ -74,8 +74,8 @@ def test_no_camera_no_change(cameras):
 
 
 def test_detector_of_a_known_camera_asks_for_less():
-    relaxed, usual = with_short_arcs(CONFIG).mask.detector.acceptance, CONFIG.mask.detector.acceptance
+    relaxed, usual = accept_short_arcs(CONFIG).mask.detector.acceptance, CONFIG.mask.detector.acceptance
     assert relaxed.whole_share == CONFIG.rig.whole_share < usual.whole_share
     assert relaxed.share_of_lone_arc < usual.share_of_lone_arc
     strict = CONFIG.model_copy(update={"rig": CONFIG.rig.model_copy(update={"whole_share": 0.9})})
-    assert with_short_arcs(strict).mask.detector.acceptance.whole_share == usual.whole_share
+    assert accept_short_arcs(strict).mask.detector.acceptance.whole_share == usual.whole_share

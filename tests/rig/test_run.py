@@ -14,7 +14,7 @@ from circlecal.pipeline import run_observations
 from circlecal.records.camera_prior import prior_settings
 from circlecal.records.log import read_records
 from circlecal.records.record import result_line
-from circlecal.records.writing import failed_record, result_record
+from circlecal.records.writing import failure_record, result_record
 from circlecal.results import Verdict
 from circlecal.rig.frames import frame_of_record
 from circlecal.rig.run import read_cameras, run_rig
@@ -50,7 +50,7 @@ def records(views):
     ]
     return [
         *found,
-        failed_record("bad", "bad.jpg", Verdict("refused", "unreadable_input", "bad.jpg: no", "input"), 0, ""),
+        failure_record("bad", "bad.jpg", Verdict("refused", "unreadable_input", "bad.jpg: no", "input"), 0, ""),
     ]
 
 

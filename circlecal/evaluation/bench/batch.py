@@ -16,7 +16,7 @@ import numpy as np
 
 from circlecal.batch import BatchProgress, run_batch
 from circlecal.batch.frames import FrameRun
-from circlecal.batch.task import failed
+from circlecal.batch.task import record_failure
 from circlecal.config import load_config
 from circlecal.pictures.files import PictureFile, find_frames
 from circlecal.records.log import INDEX_NAME, RESULTS_NAME, ResultLog
@@ -111,7 +111,7 @@ class _Nothing:
         return f"{frame.id}.jpg"
 
     def record(self, frame: _Simulated) -> ResultRecord:
-        return failed(self, frame, "simulated", "simulated")
+        return record_failure(self, frame, "simulated", "simulated")
 
 
 def run_throughput(

@@ -25,9 +25,9 @@ from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import FLAT, Surface
 from circlecal.observations import CirclePoints, Observations
 from circlecal.results import CameraFit
-from circlecal.rig.estimation import config_with, estimate_rigs
+from circlecal.rig.estimation import config_with_prior, estimate_rigs
 from circlecal.rig.frames import RigFrame
-from circlecal.rig.joint import first_state, joint_covariances, joint_problem
+from circlecal.rig.joint import joint_covariances, joint_problem, start_state
 from circlecal.stages.camera import estimate_camera
 from circlecal.synthetic.cameras import sample_camera
 from circlecal.synthetic.markings import circle_points, line_points
@@ -120,7 +120,7 @@ def together(seen: Sequence[Observations], camera: CameraConfig) -> list[CameraF
     if not rigs:
         return [None] * len(frames)
     return [
-        _fit(observations, config_with(config, rigs[0].prior(frame.id), observations.width).camera)
+        _fit(observations, config_with_prior(config, rigs[0].prior(frame.id), observations.width).camera)
         for frame, observations in zip(frames, seen, strict=True)
     ]
 
@@ -171,4 +171,4 @@ def _bound_covariances(draws: Sequence[Draw]) -> Array:
         problems.append(Problem(curves, points, priors_of(draw.config, template, circle, model), model))
     theta = np.array(thetas)
     problem = joint_problem(problems, {}, {}, float(np.median(theta[:, 0])))
-    return joint_covariances(problem, first_state(problem, theta))
+    return joint_covariances(problem, start_state(problem, theta))

@@ -20,7 +20,7 @@ from circlecal.formats.cameras import CalibratedFrame
 from circlecal.geometry.projective import Array
 from circlecal.observations import Observations
 from circlecal.pipeline import in_convention, run_observations
-from circlecal.rig.estimation import config_with, estimate_rigs
+from circlecal.rig.estimation import config_with_prior, estimate_rigs
 from circlecal.rig.frames import frame_of_calibration
 
 INPUT = "circle and halfway line; camera of the match from its other frames"
@@ -111,7 +111,7 @@ def with_other_frames(
     for frame, seen in targets.items():
         others = [alone[name] for name in run_of.get(frame, ()) if name != frame and name in alone]
         rigs = estimate_rigs(others, official, circle, config, {other.id: "match" for other in others})
-        told = config_with(config, rigs[0].prior(), seen.width) if rigs else config
+        told = config_with_prior(config, rigs[0].prior(), seen.width) if rigs else config
         answer = CalibratedFrame.of(run_observations(seen, told, frame_id=frame), template, circle)
         if answer is not None and answer.flat is not None:
             found[frame] = Prediction(MetricCamera.from_camera(answer.flat))

@@ -16,7 +16,7 @@ from zlib import crc32
 
 import numpy as np
 
-from circlecal.batch.workers import mapped_by_workers
+from circlecal.batch.workers import map_on_workers
 from circlecal.errors import ConfigError
 from circlecal.evaluation.bench.bounds import bound_covariance, bound_errors
 from circlecal.evaluation.bench.solver_scenarios import PAPER_SCENARIOS, Seen, SolverScenario, chosen_scenarios
@@ -114,7 +114,7 @@ def simulate(
     """
     tasks = [(plan, name, index) for name in plan.scenarios for index in range(plan.cameras)]
     rows: list[SimulationRow] = []
-    found_in_order = map(rows_of_camera, tasks) if workers == 1 else mapped_by_workers(rows_of_camera, tasks, workers)
+    found_in_order = map(rows_of_camera, tasks) if workers == 1 else map_on_workers(rows_of_camera, tasks, workers)
     for (_, name, _), found in zip(tasks, found_in_order, strict=True):
         rows += found
         advance(name)
