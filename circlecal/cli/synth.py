@@ -39,6 +39,12 @@ class Profile(StrEnum):
     NO_HALFWAY = "no_halfway"
     ICE = "ice"
     WOOD = "wood"
+    WORLD_WHOLE = "world_whole"
+    WORLD_PART = "world_part"
+    WORLD_BANNERS = "world_banners"
+    WORLD_ENDS = "world_ends"
+    WORLD_PAINT = "world_paint"
+    ALTERED = "altered"
 
 
 class Clips(StrEnum):

@@ -88,6 +88,19 @@ def rugby_lines(length_m: float, width_m: float) -> tuple[Element, ...]:
     return (*outline, *both_ends(right))
 
 
+def hockey_lines(length_m: float = 91.4, width_m: float = 55.0) -> tuple[Element, ...]:
+    """Field hockey: outline, centre line, 22.9 m lines, shooting circles of 14.63 m about the goal posts."""
+    half, side = length_m / 2, width_m / 2
+    right: tuple[Element, ...] = (
+        line((half - 22.9, -side), (half - 22.9, side)),
+        arc(half, -1.83, 14.63, 180.0, 270.0),
+        arc(half, 1.83, 14.63, 90.0, 180.0),
+        line((half - 14.63, -1.83), (half - 14.63, 1.83)),
+        spot(half - 6.4, 0.0, 0.15),
+    )
+    return (*rectangle(-half, -side, half, side), line((0.0, -side), (0.0, side)), *both_ends(right))
+
+
 def basketball_lines(*, center: bool = True) -> tuple[Element, ...]:
     """Basketball: 28 x 15 m, lane, free-throw semicircle, three-point line."""
     three = float(np.degrees(np.arccos(6.6 / 6.75)))
@@ -152,6 +165,23 @@ def rugby_paint(template: FieldTemplate, rng: np.random.Generator) -> tuple[Extr
     ink = YELLOW if rng.random() < 0.7 else (BLUE, RED, WHITE)[rng.integers(3)]
     lines = rugby_lines(template.length_m - float(rng.uniform(0, 8)), template.width_m - float(rng.uniform(0, 6)))
     return (ExtraPaint(lines, float(rng.uniform(0.06, 0.1)), ink, float(rng.uniform(0.5, 0.85))),)
+
+
+def second_sport_paint(template: FieldTemplate, rng: np.random.Generator) -> tuple[ExtraPaint, ...]:
+    """The lines of rugby or field hockey on a soccer field, in a colour of their own."""
+    ink = (YELLOW, YELLOW, BLUE, RED)[rng.integers(4)]
+    length, width = template.length_m - float(rng.uniform(0, 8)), template.width_m - float(rng.uniform(0, 6))
+    lines = rugby_lines(length, width) if rng.random() < 0.5 else hockey_lines(min(length, 91.4), min(width, 55.0))
+    return (ExtraPaint(lines, float(rng.uniform(0.06, 0.1)), ink, float(rng.uniform(0.5, 0.85))),)
+
+
+def old_circle_paint(template: FieldTemplate, rng: np.random.Generator) -> tuple[ExtraPaint, ...]:
+    """What is left of a circle that was painted anew, some decimetres beside its old place."""
+    middle = template.circle_by_name[template.default_circle]
+    x, y = np.asarray(middle.center) + rng.normal(0.0, 0.15, 2)
+    radius = middle.radius_m + float(rng.normal(0.0, 0.08))
+    old = circle(float(x), float(y), radius)
+    return (ExtraPaint((old,), template.marking_width_m, WHITE, float(rng.uniform(0.08, 0.3))),)
 
 
 def hall_paint(template: FieldTemplate, rng: np.random.Generator) -> tuple[ExtraPaint, ...]:

@@ -93,6 +93,8 @@ def draw_graphics(image: Picture, hidden: Float32, scene: Scene, rng: np.random.
         _watermark(layer, rng)
     if graphics.ticker:
         _ticker(layer, rng)
+    for _ in range(graphics.banners):
+        _banner(layer, rng)
     if graphics.wipe:
         _wipe(layer, graphics.wipe, rng)
     if graphics.board:
@@ -151,6 +153,16 @@ def _ticker(layer: _Layer, rng: np.random.Generator) -> None:
     top = rng.uniform(0.9, 0.94)
     layer.box((0.0, top, 1.0, 1.0), _deep(rng))
     layer.text("  ".join(rng.permutation(_WORDS)), 0.01, top + 0.045, 0.028, (245, 245, 245))
+
+
+def _banner(layer: _Layer, rng: np.random.Generator) -> None:
+    """A level band at any height, mostly as wide as the picture: its edges are straight and stand still."""
+    top, height = float(rng.uniform(0.02, 0.93)), float(rng.uniform(0.04, 0.16))
+    left, right = (0.0, 1.0) if rng.random() < 0.7 else (float(rng.uniform(0.0, 0.2)), float(rng.uniform(0.6, 1.0)))
+    layer.box((left, top, right, top + height), _any(rng) if rng.random() < 0.5 else _deep(rng), 1.0)
+    if rng.random() < 0.5:
+        layer.box((left, top, right, top + 0.06 * height), (245, 245, 245))
+    layer.text(_WORDS[rng.integers(len(_WORDS))], left + 0.1, top + 0.7 * height, 0.4 * height, (245, 245, 245))
 
 
 def _watermark(layer: _Layer, rng: np.random.Generator) -> None:

@@ -203,6 +203,25 @@ def _graphics(rng: np.random.Generator, unit: float) -> Changes:
     }
 
 
+def _banners(rng: np.random.Generator, unit: float) -> Changes:
+    return {
+        "scorebug": True,
+        "graphics": {
+            "banners": int(rng.integers(1, 3)),
+            "logo": bool(rng.random() < 0.8),
+            "watermark": bool(rng.random() < 0.3),
+        },
+    }
+
+
+def _repaint(rng: np.random.Generator, unit: float) -> Changes:
+    return {
+        "wear": float(rng.uniform(0.2, 0.7)),
+        "wear_scale_m": float(rng.uniform(0.3, 2.0)),
+        "paint_opacity": float(rng.uniform(0.55, 0.9)),
+    }
+
+
 def _colours(rng: np.random.Generator, unit: float) -> Changes:
     turf = np.asarray(_ODD_TURFS[rng.integers(len(_ODD_TURFS))]) * rng.uniform(0.9, 1.1)
     pattern = rng.choice(("none", "stripes", "squares", "across", "oblique", "rings"))
@@ -349,6 +368,8 @@ _CHANGES: dict[str, Callable[[np.random.Generator, float], Changes]] = {
     "haze": _haze,
     "blur": _blur,
     "behind_goal": _near_stand,
+    "world_banners": _banners,
+    "world_paint": _repaint,
     "ice": _ice,
     "wood": _wood,
 }

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from circlecal.geometry.camera import Camera
+from circlecal.synthetic.alterations import alter
 from circlecal.synthetic.backdrop import draw_surroundings
 from circlecal.synthetic.decals import draw_decals
 from circlecal.synthetic.delivery import deliver, weave
@@ -78,7 +79,7 @@ def render(scene: Scene, rng: np.random.Generator | Randomness) -> Rendering:
         image, layers = weave(top, bottom), _layers(scene)
     draw_graphics(image, hidden, scene, chance.graphics)
     image, truth = deliver(image, truth_of(scene, layers, hidden), scene.delivery)
-    return Rendering(image, truth)
+    return Rendering(*alter(image, truth, scene.alteration, chance.graphics))
 
 
 def _expose(scene: Scene, chance: Randomness) -> tuple[NDArray[np.uint8], list[PaintLayer], Float32]:

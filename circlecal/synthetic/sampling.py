@@ -11,11 +11,12 @@ from circlecal.field import FieldTemplate, load_field
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import Surface
+from circlecal.synthetic.alterations import ALTERATIONS
 from circlecal.synthetic.cameras import sample_camera
 from circlecal.synthetic.decals import Decal, floor_decals, grass_decals, rink_decals
 from circlecal.synthetic.delivery import stretch
 from circlecal.synthetic.figures import body_extent_px
-from circlecal.synthetic.floors import hall_paint, rink_paint, rugby_paint
+from circlecal.synthetic.floors import hall_paint, old_circle_paint, rink_paint, rugby_paint, second_sport_paint
 from circlecal.synthetic.looks import archive_format, sample_config, sample_delivery
 from circlecal.synthetic.negatives import negative_scene
 from circlecal.synthetic.renderer import Rendering, render
@@ -47,6 +48,12 @@ SceneProfile = Literal[
     "no_halfway",
     "ice",
     "wood",
+    "world_whole",
+    "world_part",
+    "world_banners",
+    "world_ends",
+    "world_paint",
+    "altered",
 ]
 SCENE_PROFILES: tuple[SceneProfile, ...] = get_args(SceneProfile)
 PROFILE_BY_NAME: dict[str, SceneProfile] = {profile: profile for profile in SCENE_PROFILES}
@@ -56,7 +63,8 @@ PROFILE_BY_NAME: dict[str, SceneProfile] = {profile: profile for profile in SCEN
 class _Setting:
     """What sets a profile apart besides its look: the views it draws from, the field, the lens.
 
-    ``kappa`` and ``crown_m`` are (lowest, highest); ``scale`` the picture's size in sizes asked for.
+    ``kappa`` and ``crown_m`` are (lowest, highest); ``scale`` the picture's size in sizes asked for; ``is_any_size``
+    says whether the field is as large as the Laws allow, and as often flat as crowned.
     """
 
     views: tuple[CameraProfile, ...] = ("broadcast", "broadcast", "main", "partial")
@@ -64,9 +72,17 @@ class _Setting:
     kappa: tuple[float, float] = (0.0, 0.055)
     crown_m: tuple[float, float] = (0.02, 0.09)
     scale: int = 1
+    is_any_size: bool = False
 
 
 _USUAL: tuple[CameraProfile, ...] = ("broadcast", "broadcast", "broadcast", "main", "main")
+
+
+def _world(*views: CameraProfile) -> _Setting:
+    """Fields of any size, flat or crowned, through any broadcast lens."""
+    return _Setting(views, kappa=(-0.03, 0.08), crown_m=(0.0, 0.09), is_any_size=True)
+
+
 _SETTINGS: dict[str, _Setting] = {
     "easy": _Setting(_USUAL, kappa=(0.0, 0.03), crown_m=(0.0, 0.05)),
     "broadcast": _Setting(("broadcast",)),
@@ -84,7 +100,17 @@ _SETTINGS: dict[str, _Setting] = {
     "no_halfway": _Setting(("no_halfway",)),
     "ice": _Setting(("rink",), "ice-hockey", (-0.03, 0.05), (0.0, 0.0)),
     "wood": _Setting(("hall",), "futsal", (-0.08, 0.04), (0.0, 0.0)),
+    "world_whole": _world("broadcast", "broadcast", "main"),
+    "world_part": _world("partial", "short_arc"),
+    "world_banners": _world("broadcast", "broadcast", "main", "partial"),
+    "world_ends": _world("broadcast"),
+    "world_paint": _world("broadcast", "broadcast", "main", "partial"),
+    "altered": _Setting(("broadcast", "broadcast", "main", "partial", "tactical")),
 }
+LENGTH_M, WIDTH_M = (90.0, 120.0), (45.0, 90.0)
+"""What the Laws of the Game (Law 1) allow."""
+_FLAT_SHARE = 0.5
+"""Of the fields of any size: artificial turf is laid flat."""
 _RUGBY_SHARE = 0.5
 _MOST_PLAYERS = {"ice-hockey": 12, "futsal": 9}
 
@@ -119,6 +145,9 @@ def sample_scene(
         ``"behind_goal"`` and ``"oblique"``: cameras on the other sides and in the corners. ``"short_arc"``: 60-140
         degrees of the circle, with the halfway line and others. ``"no_halfway"``: a part of the circle and other lines.
         ``"ice"``: a hockey rink with all its circles. ``"wood"``: futsal on a hall's floor with the lines of others.
+        ``"world_..."``: fields of any size that the Laws allow, flat or crowned, with the whole circle, a part of it,
+        with banners over the picture, with players at the ends of lines, with the lines of a second sport and a circle
+        that was painted anew. ``"altered"``: pictures that no camera took (:mod:`circlecal.synthetic.alterations`).
     rng : Generator
         Randomness.
     width, height : int
@@ -134,7 +163,7 @@ def sample_scene(
     if profile not in SCENE_PROFILES:
         raise ValueError(f"unknown scene profile {profile!r}; known: {', '.join(SCENE_PROFILES)}")
     setting = _SETTINGS.get(profile, _Setting())
-    field = template or load_field(setting.field)
+    field = template or _sample_field(setting, rng)
     if profile == "negative":
         return negative_scene(rng, (width, height), field)
     stored = size = (width * setting.scale, height * setting.scale)
@@ -151,6 +180,8 @@ def sample_scene(
     camera = camera if stored == size else stretch(camera, *stored)
     config = sample_config(profile, rng, stored[0])
     players = players_in_view(profile, camera, field, surface, rng)
+    if profile == "world_ends":
+        players = (*players, *_at_line_ends(field, rng))
     painted = True
     if profile == "easy":
         players = _clear_of_mark(players, camera, field, surface)
@@ -170,6 +201,7 @@ def sample_scene(
         extras=_extras(profile, field, rng),
         decals=_decals(profile, field, rng),
         widths_m={"centre_line": 0.3, "blue_line_left": 0.3, "blue_line_right": 0.3} if profile == "ice" else {},
+        alteration=ALTERATIONS[rng.integers(len(ALTERATIONS))] if profile == "altered" else "",
     )
 
 
@@ -189,6 +221,8 @@ def _extras(profile: str, template: FieldTemplate, rng: np.random.Generator) -> 
         return rink_paint(template, rng)
     if profile == "wood":
         return hall_paint(template, rng)
+    if profile == "world_paint":
+        return (*second_sport_paint(template, rng), *old_circle_paint(template, rng))
     return rugby_paint(template, rng) if profile == "colours" and rng.random() < _RUGBY_SHARE else ()
 
 
@@ -200,11 +234,20 @@ def _decals(profile: str, template: FieldTemplate, rng: np.random.Generator) -> 
     return grass_decals(template.length_m, rng) if profile == "graphics" else ()
 
 
+def _sample_field(setting: _Setting, rng: np.random.Generator) -> FieldTemplate:
+    if not setting.is_any_size:
+        return load_field(setting.field)
+    sizes = {"length": float(rng.uniform(*LENGTH_M)), "width": float(rng.uniform(*WIDTH_M))}
+    return load_field(setting.field, sizes)
+
+
 def _sample_surface(setting: _Setting, template: FieldTemplate, rng: np.random.Generator) -> Surface:
     """Slopes of up to 1 % towards the touchlines, as fields are built; at most about a third of a metre of fall."""
     radius = template.circle_by_name[template.default_circle].radius_m
     if setting.crown_m == (0.0, 0.0):
         return Surface("roof", radius, 0.0)
+    if setting.is_any_size and rng.random() < _FLAT_SHARE:
+        return Surface("flat", radius, 0.0)
     if rng.random() < 0.7:
         return Surface("roof", radius, float(rng.uniform(*setting.crown_m)))
     return Surface("parabola", radius, float(rng.uniform(0.0, 0.025)))
@@ -239,6 +282,15 @@ def players_in_view(
     if len(spread):
         players[0] = replace(players[0], team=2)
     return tuple(players)
+
+
+def _at_line_ends(template: FieldTemplate, rng: np.random.Generator) -> tuple[Player, ...]:
+    """Players who stand on or a little inside the ends of the halfway line and of the penalty areas' lines."""
+    names = (template.halfway_line, "big_rect_left_main", "big_rect_right_main")
+    ends = np.concatenate([template.line_ends(template.line_by_name[name]) for name in names if name is not None])
+    inward = -np.sign(ends[:, 1]) * rng.exponential(1.0, len(ends))
+    places = ends + np.stack([rng.normal(0.0, 0.3, len(ends)), inward], axis=-1)
+    return tuple(sample_player(place, int(rng.integers(2)), rng) for place in places)
 
 
 def _clear_of_mark(

@@ -18,6 +18,9 @@ Channel = Annotated[float, Field(ge=0, le=255)]
 Color = tuple[Channel, Channel, Channel]
 
 
+Alteration = Literal["", "upside_down", "mirrored", "shuffled", "drawn"]
+
+
 class Graphics(BaseModel):
     """What is laid over the picture besides the score."""
 
@@ -31,6 +34,7 @@ class Graphics(BaseModel):
     watermark: bool = Field(default=False, description="Half transparent words.")
     wipe: float = Field(default=0.0, ge=0, le=1, description="Share of the width that a wipe covers.")
     board: bool = Field(default=False, description="Full screen of names over the picture.")
+    banners: int = Field(default=0, ge=0, le=10, description="Bands across the picture, at any height.")
 
 
 class RenderConfig(BaseModel):
@@ -225,6 +229,8 @@ class Scene:
         Markings that are not as wide as the others, metres.
     field_painted : bool
         Whether the field's own markings are there at all.
+    alteration : str
+        What is done to the finished picture so that no camera can have taken it; empty for nothing.
     """
 
     camera: Camera
@@ -240,6 +246,7 @@ class Scene:
     decals: tuple[Decal, ...] = ()
     widths_m: dict[str, float] = field(default_factory=dict)
     field_painted: bool = True
+    alteration: Alteration = ""
 
 
 def sample_player(position_m: Array, team: int, rng: np.random.Generator) -> Player:

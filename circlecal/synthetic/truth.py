@@ -35,6 +35,8 @@ class Truth:
     ----------
     camera : Camera
         With its lens.
+    template : FieldTemplate
+        The field as it is painted.
     surface : Surface
         With its crown.
     marking_width_m : float
@@ -58,7 +60,7 @@ class Truth:
     """
 
     camera: Camera
-    field_name: str
+    template: FieldTemplate
     surface: Surface
     marking_width_m: float
     imaged_center_px: Array
@@ -70,6 +72,11 @@ class Truth:
     halfway_px: float
     others_px: tuple[float, ...]
     classes: NDArray[np.uint8]
+
+    @property
+    def field_name(self) -> str:
+        """Name of the field template."""
+        return self.template.name
 
     @property
     def view(self) -> FieldView:
@@ -99,6 +106,7 @@ class Truth:
             "width": self.camera.width,
             "height": self.camera.height,
             "field": self.field_name,
+            "field_sizes": self.template.sizes,
             "expect": self.expect,
             "camera": {**self.camera.soccernet(), "kappa": [float(k) for k in self.camera.kappa]},
             "H_image_field": self.H_image_field.tolist(),
@@ -129,7 +137,7 @@ def truth_of(scene: Scene, layers: list[PaintLayer], hidden: NDArray[np.float32]
     classes[hidden > _HIDDEN_ALPHA] = 0
     return Truth(
         camera=camera,
-        field_name=template.name,
+        template=template,
         surface=surface,
         marking_width_m=scene.config.marking_width_m,
         imaged_center_px=FieldView(camera, surface).project(center),

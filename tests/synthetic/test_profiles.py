@@ -8,6 +8,7 @@ import pytest
 
 from circlecal.field import load_field
 from circlecal.geometry.surface import FLAT
+from circlecal.synthetic.alterations import ALTERATIONS, alter
 from circlecal.synthetic.cameras import aimed_camera, inside_frame
 from circlecal.synthetic.decals import Decal, draw_decals, plain
 from circlecal.synthetic.floors import rugby_paint
@@ -17,9 +18,11 @@ from circlecal.synthetic.paint import CIRCLE_CLASS
 from circlecal.synthetic.rays import pixel_rays
 from circlecal.synthetic.renderer import render
 from circlecal.synthetic.sampling import SCENE_PROFILES, profile_field, render_frame, sample_scene
+from circlecal.synthetic.scene import Graphics
 from tests.folded import projected_without_fold
 
-POSITIVE = [p for p in SCENE_PROFILES if p != "negative"]
+POSITIVE = [p for p in SCENE_PROFILES if p not in ("negative", "altered")]
+WORLD = [p for p in SCENE_PROFILES if p.startswith("world_")]
 SIZE = (960, 540)
 OFFSETS_PX = np.arange(-5.0, 5.01, 0.25)
 
@@ -149,6 +152,40 @@ def test_negatives_show_no_circle_and_say_what_they_are(kind):
 def test_negatives_are_varied():
     kinds = [sample_scene("negative", np.random.default_rng([7, seed]), *SIZE).kind for seed in range(150)]
     assert set(kinds) == set(NEGATIVE_KINDS)
+
+
+def test_fields_of_the_world_are_of_any_size_flat_or_crowned():
+    scenes = [sample_scene(p, np.random.default_rng([8, seed]), *SIZE) for p in WORLD for seed in range(8)]
+    width, length = (np.array([getattr(s.template, name) for s in scenes]) for name in ("width_m", "length_m"))
+    assert width.min() < 52 < 83 < width.max() <= 90
+    assert length.min() < 95 < 115 < length.max() <= 120
+    assert 0.2 < np.mean([s.surface.shape == "flat" for s in scenes]) < 0.8
+    kappa = np.array([s.camera.kappa[0] for s in scenes])
+    assert -0.03 <= kappa.min() < 0 < 0.05 < kappa.max() <= 0.08
+    truth = render(scenes[0], np.random.default_rng(0)).truth
+    assert truth.to_json()["field_sizes"]["width"] == scenes[0].template.width_m
+    assert truth.template == scenes[0].template
+
+
+def test_banners_cover_bands_of_the_picture():
+    scene = sample_scene("world_banners", np.random.default_rng(9), *SIZE)
+    assert scene.config.graphics.banners >= 1
+    bare = replace(scene, config=scene.config.model_copy(update={"graphics": Graphics(), "scorebug": False}))
+    with_banner, without = (render(s, np.random.default_rng(0)).image.astype(int) for s in (scene, bare))
+    changed = np.abs(with_banner - without).max(axis=2) > 8
+    assert changed.mean(axis=1).max() > 0.5
+
+
+@pytest.mark.parametrize("kind", ALTERATIONS)
+def test_altered_pictures_promise_nothing(kind):
+    shown = drawn("easy")
+    image, truth = alter(shown.image, shown.truth, kind, np.random.default_rng(0))
+    assert image.shape == shown.image.shape
+    assert not np.array_equal(image, shown.image)
+    assert (truth.kind, truth.expect, truth.visible_circle_deg) == (kind, "refuse", 0.0)
+    assert not truth.classes.any()
+    if kind == "shuffled":
+        assert image[: SIZE[1] // 2 * 2].sum() == shown.image[: SIZE[1] // 2 * 2].sum()
 
 
 def test_lines_of_other_sports_are_no_markings_of_the_field():

@@ -27,6 +27,8 @@ GOOD_PX = 5.0
 WRONG_PX = 20.0
 REACH_RADII = 22.0 / 9.15
 """Errors are averaged over the visible field this near to the circle's centre: 22 m in soccer."""
+ANY_SIZE_SD = {"length_sd_m": (120.0 - 90.0) / 12**0.5, "width_sd_m": (90.0 - 45.0) / 12**0.5}
+"""Standard deviations of the sizes that Law 1 allows, metres: 90-120 by 45-90 m, all alike."""
 CHI2_90 = 4.605
 """90 % point of chi-square with two degrees of freedom."""
 
@@ -142,12 +144,18 @@ def compare(truth: Truth, fit: CameraFit) -> tuple[float, float, float]:
 
 
 def expected_px(truth: Truth, config: Config) -> float:
-    """Mean reprojection error, px at 1920 px width, that the markings in view let one expect at best."""
-    return bound_px(truth, _visible(truth), load_field(truth.field_name), config.camera)
+    """Mean reprojection error, px at 1920 px width, that the markings in view let one expect at best.
+
+    Of a field of another size than its template's nothing is known before but what the Laws allow.
+    """
+    field = truth.template
+    if field.sizes != load_field(field.name).sizes:
+        field = field.model_copy(update=ANY_SIZE_SD)
+    return bound_px(truth, _visible(truth), field, config.camera)
 
 
 def _visible(truth: Truth) -> Array:
-    field = load_field(truth.field_name)
+    field = truth.template
     circle = field.circle_by_name[field.default_circle]
     step = circle.radius_m / 9.15
     axis = np.arange(-REACH_RADII * circle.radius_m, REACH_RADII * circle.radius_m + 0.5 * step, step)
