@@ -6,6 +6,7 @@ values that are not finite are errors that name the file and the key.
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import hashlib
 import json
@@ -25,6 +26,7 @@ from circlecal.camera.options import CameraConfig
 from circlecal.camera.rig_options import RigConfig
 from circlecal.detection.keypoints import KeypointsConfig
 from circlecal.errors import ConfigError
+from circlecal.field import load_field
 from circlecal.formats.meaning import SourcesConfig
 from circlecal.stages.correspondences import CorrespondencesConfig
 from circlecal.stages.cues import CuesConfig
@@ -168,7 +170,20 @@ def load_config(file: str | Path | Config | None = None, overrides: Sequence[str
     for override in overrides.items() if isinstance(overrides, Mapping) else overrides:
         key, told = _apply_override(content, override)
         origins[key] = told
-    return _validate(content, source, origins)
+    config = _validate(content, source, origins)
+    suited = None if file is not None else _name_suited_config(config.field)
+    return config if suited is None else load_config(suited, overrides)
+
+
+def _name_suited_config(field: FieldConfig) -> str | None:
+    """Name of the configuration that a field template asks for; None also where the template cannot be read, which
+    is said where it is used.
+    """
+    if field.template == FieldConfig().template:
+        return None
+    with contextlib.suppress(ConfigError):
+        return load_field(field.template, field.sizes).config
+    return None
 
 
 def _find_config(name_or_file: str | Path) -> Path:

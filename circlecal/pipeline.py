@@ -46,7 +46,7 @@ from circlecal.stages.edges import detect_edges
 from circlecal.stages.ellipse import fit_ellipses, fit_observed
 from circlecal.stages.faint_lines import find_faint_lines
 from circlecal.stages.homography import estimate_homography, homography_of_solver, turn_fit
-from circlecal.stages.mask import find_marking, replace_circle_by_arc
+from circlecal.stages.mask import find_marking, replace_circle_by_arc, suit_field
 from circlecal.stages.rays import cast_rays, measure_along_model
 from circlecal.stages.verdict import confirm, is_beyond_doubt, is_confirmed, judge, needs_confirmation
 
@@ -86,6 +86,8 @@ def field_of(config: Config) -> tuple[FieldTemplate, Circle]:
     template = load_field(config.field.template, config.field.sizes)
     name = config.field.circle or template.default_circle
     circle = template.circle_by_name.get(name)
+    if not name:
+        raise ConfigError(f"field.template: {template.name} has no circle, from which circlecal could calibrate")
     if circle is None:
         known = ", ".join(template.circle_by_name)
         raise ConfigError(f"field.circle: {name!r} is not a circle of {template.name}; known: {known}")
@@ -303,9 +305,8 @@ def measure(
         with setting.clock("mask"):
             refusal = None
             if marking is None:
-                marking, refusal = find_marking(
-                    scene.image, scene.given, config.mask, setting.rng, scene.gray, ruled_out
-                )
+                options = suit_field(config.mask, template)
+                marking, refusal = find_marking(scene.image, scene.given, options, setting.rng, scene.gray, ruled_out)
             attempt = replace(attempt, mask=marking)
         if refusal is not None:
             raise refusal

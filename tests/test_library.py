@@ -233,8 +233,8 @@ def test_a_wrong_option_names_itself(frame_image):
         circlecal.calibrate(frame_image, set={"camera.rol_sd_deg": 1})
     with pytest.raises(ConfigError, match="moon"):
         circlecal.calibrate(frame_image, "moon")
-    with pytest.raises(ConfigError, match="curling"):
-        circlecal.calibrate(frame_image, field="curling")
+    with pytest.raises(ConfigError, match="quidditch"):
+        circlecal.calibrate(frame_image, field="quidditch")
 
 
 def test_field_and_sizes(frame_image):

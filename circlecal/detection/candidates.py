@@ -229,7 +229,7 @@ class Candidates:
         image, segments = self._picture.image_bgr, drop_ruled_out_segments(segments, ruled_out, self._width)
         for _ in range(MOST_LINES):
             line = find_halfway(self._picture.gray, circle, segments, self._config)
-            if line is None or not self._config.one_paint:
+            if line is None or self._config.one_paint is False:
                 return line
             colours = (measure_paint_colour(image, marking.curve) for marking in (line, circle))
             if match_paint(*colours):

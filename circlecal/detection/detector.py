@@ -109,7 +109,7 @@ def detect(
     picture = Picture(image_bgr, to_gray(image_bgr) if gray is None else gray)
     best = _search(picture, config, rng, ruled_out)
     segments, choice = best.segments, best.choice
-    kept = _select_straight_markings(image_bgr, best, config.one_paint)
+    kept = _select_straight_markings(image_bgr, best, config.one_paint is not False)
     sketch = MarkingSketch(picture.gray, choice.circle, choice.halfway, segments[kept], best.sign, config.refinement)
     return Detection(
         region=best.region,
@@ -151,7 +151,7 @@ def _plan(picture: Picture, config: DetectorConfig, results: list[PassResult]) -
     also on the largest beside it; last ones where the ``results`` of all others hold no circle.
     """
     regions = [find_field_region(picture.image_bgr, config.field_region)]
-    signs = SIGNS[config.marking]
+    signs = SIGNS[config.marking or "light"]
     for sign in signs:
         yield first_pass(config, sign), regions[0]
     if not config.thorough:

@@ -146,13 +146,15 @@ class DetectorConfig(BaseModel):
 
     model_config = _STRICT
 
-    marking: Literal["light", "dark", "any"] = Field(
-        default="light",
-        description="Whether markings are lighter or darker than the surface; any tries both, light first.",
+    marking: Literal["light", "dark", "any"] | None = Field(
+        default=None,
+        description="Whether markings are lighter or darker than the surface; any tries both, light first; null as the"
+        " field template says.",
     )
-    one_paint: bool = Field(
-        default=True,
-        description="Whether the markings are all in one paint, so that what is painted in another is none of them.",
+    one_paint: bool | None = Field(
+        default=None,
+        description="Whether the markings are all in one paint, so that what is painted in another is none of them;"
+        " null where those of the field template are.",
     )
     detection_width_px: int = Field(
         default=960,

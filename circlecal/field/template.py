@@ -84,6 +84,9 @@ class _Element(BaseModel):
     name: str = Field(description="Unique name, snake case.")
     class_name: str | None = Field(None, description="SoccerNet class name, where there is one.")
     color: Literal["light", "dark", "red", "blue", "yellow"] = Field("light", description="Colour of the paint.")
+    width_m: Annotated[Size, Field(gt=0)] | None = Field(
+        None, description="Width of its paint where that is not the template's, metres."
+    )
 
 
 class Circle(_Element):
@@ -92,6 +95,11 @@ class Circle(_Element):
     center: Point = Field(description="Centre, metres.")
     radius_m: Annotated[Size, Field(gt=0)] = Field(description="Radius to the edge that the rules name, metres.")
     edge: Edge = Field("outer", description="Which edge of the paint the radius refers to.")
+    fill: Literal["none", "logo", "disc"] = Field(
+        "none",
+        description="What may lie inside: a logo up to the line, or the circle is the rim of a painted disc, which is "
+        "an edge and no line.",
+    )
 
 
 class Arc(Circle):
@@ -126,6 +134,12 @@ class FieldTemplate(BaseModel):
 
     name: str = Field(description="Name of the template.")
     title: str = Field(description="One line for people.")
+    config: str | None = Field(
+        None, description="Configuration that suits the sport, taken where the user names none; null for the defaults."
+    )
+    polarity: Literal["light", "dark", "any"] = Field(
+        "light", description="Whether the markings are lighter or darker than the surface; what is tried first."
+    )
     sizes: dict[str, float] = Field(
         description="Named sizes in metres that the elements are computed from; each can be set by the user."
     )
@@ -139,7 +153,9 @@ class FieldTemplate(BaseModel):
     )
     marking_width_m: Annotated[Size, Field(gt=0)] = Field(description="Width of the paint, metres.")
     marking_width_sd_m: Annotated[Size, Field(ge=0)] = Field(description="How uncertain that width is, metres.")
-    default_circle: str = Field(description="The circle that is meant when the user names none.")
+    default_circle: str = Field(
+        description="The circle or arc that is meant when the user names none; empty where the sport has none."
+    )
     halfway_line: str | None = Field(description="The line through the middle of the default circle, or null.")
     circles: tuple[Circle, ...] = Field(description="Full circles.")
     arcs: tuple[Arc, ...] = Field((), description="Parts of circles.")
@@ -152,8 +168,8 @@ class FieldTemplate(BaseModel):
         doubled = sorted({n for n in names if names.count(n) > 1})
         if doubled:
             raise ValueError(f"names used twice: {', '.join(doubled)}")
-        if self.default_circle not in {c.name for c in self.circles}:
-            raise ValueError(f"default_circle {self.default_circle!r} is not among the circles")
+        if self.default_circle not in {"", *(c.name for c in (*self.circles, *self.arcs))}:
+            raise ValueError(f"default_circle {self.default_circle!r} is not among the circles and arcs")
         if self.halfway_line is not None and self.halfway_line not in {line.name for line in self.lines}:
             raise ValueError(f"halfway_line {self.halfway_line!r} is not among the lines")
         return self
@@ -173,15 +189,29 @@ class FieldTemplate(BaseModel):
         """Spots by name."""
         return {mark.name: mark for mark in self.marks}
 
+    @cached_property
+    def is_in_one_paint(self) -> bool:
+        """Whether all markings have one colour, so that what is painted in another is none of them."""
+        return len({e.color for e in (*self.circles, *self.arcs, *self.lines, *self.marks)}) <= 1
+
+    def paint_width(self, element: _Element, marking_width_m: float | None = None) -> float:
+        """Width of an element's paint in metres: its own one, or the given one or the template's."""
+        usual = self.marking_width_m if marking_width_m is None else marking_width_m
+        return usual if element.width_m is None else element.width_m
+
     def radius(self, circle: Circle, edge: Edge, marking_width_m: float | None = None) -> float:
-        """Radius in metres of the outer or inner edge or of the centreline (``"center"``) of a circle's paint."""
-        width = self.marking_width_m if marking_width_m is None else marking_width_m
+        """Radius in metres of the outer or inner edge or of the centreline (``"center"``) of a circle's paint; the rim
+        of a disc is all of them.
+        """
+        if circle.fill == "disc":
+            return circle.radius_m
+        width = self.paint_width(circle, marking_width_m)
         position = {"outer": 0.5, "center": 0.0, "inner": -0.5}
         return circle.radius_m + (position[edge] - position[circle.edge]) * width
 
     def line_ends(self, line: Line, marking_width_m: float | None = None) -> Array:
         """Ends (2, 2) of the centreline of a straight marking, metres."""
-        width = self.marking_width_m if marking_width_m is None else marking_width_m
+        width = self.paint_width(line, marking_width_m)
         shift = np.asarray(line.paint, dtype=np.float64) * width / 2
         return np.array([line.start, line.end], dtype=np.float64) + shift
 
@@ -194,7 +224,8 @@ class FieldTemplate(BaseModel):
         """
         (x0, y0), (x1, y1) = line.start, line.end
         shift = np.zeros((3, 2))
-        shift[0] = np.asarray(line.paint, dtype=np.float64) / 2.0
+        if line.width_m is None:
+            shift[0] = np.asarray(line.paint, dtype=np.float64) / 2.0
         shift[1, 0] = np.sign(x0 + x1) / 2.0
         if y0 == y1 and abs(abs(y0) - self.width_m / 2) < 1e-6:
             shift[2, 1] = np.sign(y0) / 2.0

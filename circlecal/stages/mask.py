@@ -14,6 +14,7 @@ from circlecal.detection import Detection, DetectorConfig, detect
 from circlecal.detection.arcs import GAPLESS_SHARE
 from circlecal.detection.networks import SegmentationNetwork, load_network, segment
 from circlecal.errors import EstimationError
+from circlecal.field import FieldTemplate
 from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.projective import Array, fit_line, line_distance
 from circlecal.geometry.ransac import ransac_conic
@@ -114,6 +115,16 @@ def find_marking(
         found = detect(image, config.detector, rng, gray, ruled_out)
         return marking_from_detection(found)
     return marking_from_classes(given, config, rng)
+
+
+def suit_field(config: MaskConfig, template: FieldTemplate) -> MaskConfig:
+    """The options with what they leave open about the paint as a field template says."""
+    given = config.detector
+    told = {
+        "marking": given.marking or template.polarity,
+        "one_paint": template.is_in_one_paint if given.one_paint is None else given.one_paint,
+    }
+    return config.model_copy(update={"detector": given.model_copy(update=told)})
 
 
 def require_mask_network(config: MaskConfig) -> None:

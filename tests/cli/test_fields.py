@@ -1,0 +1,34 @@
+"""``circlecal fields``: the list, and a picture of each template."""
+
+import cv2
+import numpy as np
+from typer.testing import CliRunner
+
+from circlecal.cli.app import app
+from circlecal.field import field_names, load_field
+from circlecal.overlay.template_picture import PAINT_BGR, draw_template
+
+
+def test_every_template_is_drawn(tmp_path):
+    result = CliRunner().invoke(app, ["fields", "--draw", str(tmp_path)])
+    assert result.exit_code == 0, result.output
+    assert sorted(path.stem for path in tmp_path.glob("*.png")) == field_names()
+    assert all(cv2.imread(str(path)).std() > 5 for path in tmp_path.glob("*.png"))
+
+
+def test_lines_have_their_own_colour_and_width_and_discs_are_filled():
+    rink = draw_template(load_field("ice-hockey-nhl"))
+    rows = len(rink)
+    across = rink[rows // 2 + rows // 5]
+    red = np.count_nonzero((across == PAINT_BGR["red"]).all(axis=-1))
+    blue = np.count_nonzero((across == PAINT_BGR["blue"]).all(axis=-1))
+    assert 2 * 4 < blue < 2 * 14  # two lines of a foot
+    assert red > 4
+    house = draw_template(load_field("curling"))
+    assert np.count_nonzero((house == PAINT_BGR["blue"]).all(axis=-1)) > 500
+
+
+def test_what_cannot_be_calibrated_is_listed_as_such():
+    result = CliRunner().invoke(app, ["fields"], env={"COLUMNS": "200"})
+    line = next(line for line in result.output.splitlines() if "beach-soccer" in line)
+    assert "cannot be calibrated" in line
