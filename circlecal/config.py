@@ -110,7 +110,7 @@ class _Loader(yaml.SafeLoader):
     """Safe YAML in which a key given twice is an error and 1e-3 is a number."""
 
 
-def _mapping_without_doubles(loader: _Loader, node: yaml.MappingNode) -> dict[Any, Any]:
+def _construct_mapping(loader: _Loader, node: yaml.MappingNode) -> dict[Any, Any]:
     seen: set[Any] = set()
     for key_node, _ in node.value:
         key = loader.construct_object(key_node, deep=True)
@@ -122,7 +122,7 @@ def _mapping_without_doubles(loader: _Loader, node: yaml.MappingNode) -> dict[An
     return loader.construct_mapping(node, deep=True)
 
 
-_Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping_without_doubles)
+_Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _construct_mapping)
 _Loader.add_implicit_resolver(
     "tag:yaml.org,2002:float", re.compile(r"^[-+]?[0-9]+(\.[0-9]*)?[eE][-+]?[0-9]+$"), list("-+0123456789")
 )
@@ -210,7 +210,7 @@ def _read_mapping(path: Path) -> dict[str, Any]:
         return {}
     if not isinstance(content, dict):
         raise ConfigError(f"{path}: must be a mapping of sections, not {_kind(content)}")
-    return {key: {} if value is None and _nested_model(Config, key) else value for key, value in content.items()}
+    return {key: {} if value is None and _find_nested_model(Config, key) else value for key, value in content.items()}
 
 
 def _parse_yaml(text: str, source: str) -> Any:
@@ -321,14 +321,14 @@ def _unknown_key(key: str) -> str:
 def _fields_of(section: str) -> list[str]:
     model: type[BaseModel] = Config
     for part in section.split(".") if section else []:
-        nested = _nested_model(model, part)
+        nested = _find_nested_model(model, part)
         if nested is None:
             return []
         model = nested
     return list(model.model_fields)
 
 
-def _nested_model(model: type[BaseModel], name: str) -> type[BaseModel] | None:
+def _find_nested_model(model: type[BaseModel], name: str) -> type[BaseModel] | None:
     if name not in model.model_fields:
         return None
     annotation = model.model_fields[name].annotation
@@ -340,7 +340,7 @@ def _nested_model(model: type[BaseModel], name: str) -> type[BaseModel] | None:
 
 def _all_keys(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
     for name in model.model_fields:
-        nested = _nested_model(model, name)
+        nested = _find_nested_model(model, name)
         if nested is None:
             yield f"{prefix}{name}"
         else:

@@ -43,7 +43,7 @@ from circlecal.stages.confirm import is_circle_painted, look_for_markings
 from circlecal.stages.correspondences import derive_correspondences, is_turned, turn_correspondences
 from circlecal.stages.cues import cues_from_observations, find_cues
 from circlecal.stages.edges import detect_edges
-from circlecal.stages.ellipse import fit_ellipses, fit_observed
+from circlecal.stages.ellipse import fit_ellipses, fit_observations
 from circlecal.stages.faint_lines import find_faint_lines
 from circlecal.stages.homography import estimate_homography, homography_of_solver, turn_fit
 from circlecal.stages.mask import find_marking, replace_circle_by_arc, suit_field
@@ -94,7 +94,7 @@ def field_of(config: Config) -> tuple[FieldTemplate, Circle]:
     return template, circle
 
 
-def in_convention(template: FieldTemplate, convention: Convention) -> FieldTemplate:
+def apply_convention(template: FieldTemplate, convention: Convention) -> FieldTemplate:
     """The template as :func:`run_observations` takes it: with ``official`` no width of markings, and exact sizes."""
     if convention == "paint":
         return template
@@ -244,7 +244,7 @@ def run_observations(
         model has no paint width, and every field is of its size), ``paint`` on the centreline of the paint.
     """
     template, circle = field_of(config)
-    template = in_convention(template, convention)
+    template = apply_convention(template, convention)
     size = observations.width, observations.height
     setting = Setting(config, template, circle, *size, frame_generator(config.seed, frame_id))
     attempt = estimate(setting, take_observations(setting, Attempt(), observations))
@@ -291,7 +291,7 @@ def calibrate_scene(
         attempt = replace(attempt, observations=join_observations(attempt.observations, scene.extra))
     attempt = estimate(setting, attempt)
     for refinement in REFINEMENTS:
-        attempt = refinement.first_accepted(setting, scene, attempt) or attempt
+        attempt = refinement.try_out(setting, scene, attempt) or attempt
     return look_again(setting, scene, attempt)
 
 
@@ -327,7 +327,7 @@ def measure(
             observations = replace(observe(setting, ellipses, cues), curves=arcs)
             attempt = replace(attempt, cues=cues, observations=observations)
     except EstimationError as error:
-        return end_refused(attempt, error)
+        return refuse_attempt(attempt, error)
     return attempt
 
 
@@ -353,10 +353,10 @@ def take_observations(setting: Setting, attempt: Attempt, observations: Observat
     attempt, config = replace(attempt, observations=observations), setting.config
     with setting.clock("ellipse"):
         found, refusal = _try_stage(
-            lambda: fit_observed(observations, setting.circle.name, setting.width, config.ellipse, setting.rng)
+            lambda: fit_observations(observations, setting.circle.name, setting.width, config.ellipse, setting.rng)
         )
     if found is None and refusal is not None and (config.solver is not None or not config.camera.enabled):
-        return end_refused(attempt, refusal)
+        return refuse_attempt(attempt, refusal)
     with setting.clock("cues"):
         cues = cues_from_observations(observations, setting.template, setting.circle)
     return replace(attempt, ellipses=found or EllipseFits(None, None, None), cues=cues)
@@ -414,7 +414,7 @@ def estimate(setting: Setting, attempt: Attempt, earlier: CameraFit | None = Non
         elif attempt.homography is None and refusal is not None:
             raise refusal
     except EstimationError as error:
-        return end_refused(attempt, error)
+        return refuse_attempt(attempt, error)
     return _judge(setting, attempt)
 
 
@@ -491,7 +491,7 @@ class Retry:
     how: Callable[[Setting, Scene, Attempt], Iterator[Attempt]]
     accept: Callable[[Setting, Attempt, Attempt], bool]
 
-    def first_accepted(self, setting: Setting, scene: Scene, attempt: Attempt) -> Attempt | None:
+    def try_out(self, setting: Setting, scene: Scene, attempt: Attempt) -> Attempt | None:
         """The first of its attempts that is taken in the place of the one given; None where none is."""
         if not self.when(setting, attempt):
             return None
@@ -560,7 +560,7 @@ def _is_less_uncertain(setting: Setting, attempt: Attempt, refined: Attempt) -> 
 def reconsider(setting: Setting, scene: Scene, first: Attempt) -> Attempt:
     """The first attempt, or another interpretation of the picture where the first one is refused or doubtful."""
     for interpretation in OTHER_INTERPRETATIONS:
-        other = interpretation.first_accepted(setting, scene, first)
+        other = interpretation.try_out(setting, scene, first)
         if other is not None:
             return other
     if first.verdict is not None and first.verdict.stage == "mask" and first.code is not None and _arcs_of(first):
@@ -630,7 +630,7 @@ OTHER_INTERPRETATIONS = (
 """What else in the picture is taken for the circle; in this order."""
 
 
-def end_refused(attempt: Attempt, error: EstimationError) -> Attempt:
+def refuse_attempt(attempt: Attempt, error: EstimationError) -> Attempt:
     """The attempt, ended by a stage that gave up; where no circle was found, with the gates of the best candidate."""
     candidates = attempt.mask.candidates[:1] if attempt.mask is not None and error.stage == "mask" else ()
     checks = candidates[0].checks if candidates else ()

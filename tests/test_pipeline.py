@@ -19,7 +19,7 @@ from circlecal.records.writing import result_record
 from circlecal.refusals import REFUSALS, Confidence
 from circlecal.stages.correspondences import is_turned, turn_correspondences
 from circlecal.stages.homography import turn_fit
-from circlecal.synthetic.cameras import aimed_camera
+from circlecal.synthetic.cameras import aim_camera
 from circlecal.synthetic.markings import circle_points, line_points
 from circlecal.synthetic.renderer import Rendering
 from circlecal.synthetic.sampling import render_frame
@@ -337,7 +337,7 @@ def test_joining_keeps_everything(frames):
     assert (len(both.circles), len(both.lines), both.width) == (2, 2, SIZE[0])
 
 
-BOX = aimed_camera(np.array([3.0, 62.0, -17.0]), np.array([-40.0, -4.0, 0.0]), 1250.0, 0.01, *SIZE)
+BOX = aim_camera(np.array([3.0, 62.0, -17.0]), np.array([-40.0, -4.0, 0.0]), 1250.0, 0.01, *SIZE)
 BOX_LINES = ("big_rect_left_main", "big_rect_left_top", "side_line_left", "small_rect_left_main", "side_line_top")
 
 

@@ -9,7 +9,7 @@ from circlecal.field import load_field
 from circlecal.geometry.surface import FLAT
 from circlecal.observations import Observations
 from circlecal.pipeline import run, run_observations
-from circlecal.synthetic.cameras import aimed_camera
+from circlecal.synthetic.cameras import aim_camera
 from circlecal.synthetic.markings import circle_points, line_points
 from circlecal.synthetic.renderer import render
 from circlecal.synthetic.scene import RenderConfig, Scene
@@ -30,11 +30,11 @@ LOOK = RenderConfig(
     stand_height_m=3.0,
     shadow_count=0,
 )
-TOWARDS_GOAL = aimed_camera(np.array([-1.5, 0.3, -0.55]), np.array([0.3, 0.0, 0.0]), 470.0, 0.06, *SIZE, kappa=-0.06)
-ALONG_LINE = aimed_camera(np.array([0.4, 3.2, -0.9]), np.array([0.0, 0.2, 0.0]), 640.0, -0.09, *SIZE, kappa=0.03)
-ASLANT = aimed_camera(np.array([3.3, -0.9, -1.45]), np.array([0.0, 0.1, 0.0]), 435.0, 0.02, *SIZE, kappa=-0.08)
-CLOSE = aimed_camera(np.array([0.32, -1.41, -0.83]), np.array([-0.25, 0.05, 0.0]), 720.0, -0.1, *SIZE, kappa=-0.065)
-GOAL_AREA = aimed_camera(np.array([1.2, 0.5, -0.6]), np.array([4.2, -0.1, 0.0]), 480.0, 0.03, *SIZE, kappa=-0.05)
+TOWARDS_GOAL = aim_camera(np.array([-1.5, 0.3, -0.55]), np.array([0.3, 0.0, 0.0]), 470.0, 0.06, *SIZE, kappa=-0.06)
+ALONG_LINE = aim_camera(np.array([0.4, 3.2, -0.9]), np.array([0.0, 0.2, 0.0]), 640.0, -0.09, *SIZE, kappa=0.03)
+ASLANT = aim_camera(np.array([3.3, -0.9, -1.45]), np.array([0.0, 0.1, 0.0]), 435.0, 0.02, *SIZE, kappa=-0.08)
+CLOSE = aim_camera(np.array([0.32, -1.41, -0.83]), np.array([-0.25, 0.05, 0.0]), 720.0, -0.1, *SIZE, kappa=-0.065)
+GOAL_AREA = aim_camera(np.array([1.2, 0.5, -0.6]), np.array([4.2, -0.1, 0.0]), 480.0, 0.03, *SIZE, kappa=-0.05)
 
 
 def rendered(camera, template=ROBOCUP):

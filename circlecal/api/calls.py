@@ -22,7 +22,7 @@ from circlecal.observations import Keypoint, Observations, join_observations
 from circlecal.pictures.files import PictureFile, as_bgr, read_image
 from circlecal.pictures.masks import as_class_ids, read_mask
 from circlecal.pictures.video import Sampling, Video
-from circlecal.pipeline import Convention, field_of, in_convention, run, run_observations
+from circlecal.pipeline import Convention, apply_convention, field_of, run, run_observations
 from circlecal.records.writing import result_record
 
 Points = Mapping[Any, ArrayLike]
@@ -203,7 +203,7 @@ def calibrate_points(
     given: Points = {**circles, **(lines or {}), **(keypoints or {})}
     observations = observe_points(given, template, chosen, size, sigma_px)
     found = run_observations(observations, chosen, frame_id=id, convention=convention)
-    template = in_convention(template, convention)
+    template = apply_convention(template, convention)
     return Calibration(result_record(found, template), template, found=found)
 
 

@@ -35,7 +35,7 @@ from circlecal.pictures.files import (
 )
 from circlecal.pictures.masks import find_mask, read_mask
 from circlecal.pictures.remote import read_url
-from circlecal.pipeline import Convention, field_of, in_convention, run_observations
+from circlecal.pipeline import Convention, apply_convention, field_of, run_observations
 from circlecal.records.record import ResultRecord, write_result
 from circlecal.records.writing import result_record
 from circlecal.results import FrameCalibration
@@ -179,7 +179,7 @@ class FrameRun:
             calibration = calibrate_observations(frame.observed, self.config, frame.path, self.convention)
             record = result_record(calibration, template, digest=self.digest)
             if self.exports is not None:
-                in_force = in_convention(template, self.convention)
+                in_force = apply_convention(template, self.convention)
                 self.exports.add(record, in_force, circle, frame.image, frame.observed)
         else:
             picture, calibration = calibrate_frame(frame, self.config, self.mask, self.keypoints, self.format_name)

@@ -54,7 +54,7 @@ class Starts:
     grid: Array
     follow_grid: bool = False
 
-    def after(self, state: State) -> Starts:
+    def continue_from(self, state: State) -> Starts:
         """The starts once some have been followed: from where they led, too."""
         return replace(self, closed=np.concatenate([state.theta[:FEW_STARTS], self.closed]))
 

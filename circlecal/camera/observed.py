@@ -36,7 +36,7 @@ class NoiseModel:
     correlation_px: float
 
 
-def observed_curves(observations: Observations, template: FieldTemplate, noise: NoiseModel) -> CurvePoints:
+def curves_from_observations(observations: Observations, template: FieldTemplate, noise: NoiseModel) -> CurvePoints:
     """Circles and named lines of the template that were seen, thinned, with the model's own sigma added."""
     relative: dict[str, float] = {"outer": 0.5, "center": 0.0, "inner": -0.5}
     bloom: dict[str, float] = {"outer": 1.0, "center": 0.0, "inner": -1.0}
@@ -46,7 +46,7 @@ def observed_curves(observations: Observations, template: FieldTemplate, noise: 
         if known is None or len(seen.points_px) == 0:
             continue
         points, sigma = _thin_arc(seen.points_px, seen.sigma_px, noise.maximum_points)
-        sigma = _with_model_noise(points, sigma, 2.0 * _extent(points), noise)
+        sigma = _add_model_noise(points, sigma, 2.0 * _extent(points), noise)
         radius = template.radius(known, seen.edge)
         by_width = relative[seen.edge] - relative[known.edge]
         center = np.asarray(known.center)
@@ -78,10 +78,10 @@ def thin_curves(curves: CurvePoints, along: Array | Indices, maximum: int, least
 def thin_line(line: LinePoints, noise: NoiseModel) -> tuple[Array, Array]:
     """Points (N, 2) along a straight marking and their standard deviations (N,)."""
     points, sigma = _thin(line.points_px, line.sigma_px, noise.maximum_points)
-    return points, _with_model_noise(points, sigma, _extent(points), noise)
+    return points, _add_model_noise(points, sigma, _extent(points), noise)
 
 
-def observed_points(observations: Observations, template: FieldTemplate) -> FixedPoints:
+def points_from_observations(observations: Observations, template: FieldTemplate) -> FixedPoints:
     """Marks and keypoints that were seen."""
     found = [
         (m.key, np.asarray(template.mark_by_name[m.mark].position), m.point_px, m.sigma_px)
@@ -97,7 +97,7 @@ def observed_points(observations: Observations, template: FieldTemplate) -> Fixe
     )
 
 
-def stated_sigmas(observations: Observations) -> dict[MarkingKey, float]:
+def median_sigmas(observations: Observations) -> dict[MarkingKey, float]:
     """Median standard deviation in pixels that each observation itself states."""
     curves: tuple[CirclePoints | LinePoints, ...] = (*observations.circles, *observations.lines)
     points: tuple[MarkPoint | Keypoint, ...] = (*observations.marks, *observations.keypoints)
@@ -105,7 +105,7 @@ def stated_sigmas(observations: Observations) -> dict[MarkingKey, float]:
     return stated | {p.key: p.sigma_px for p in points}
 
 
-def _with_model_noise(points: Array, sigma: Array, length_px: float, noise: NoiseModel) -> Array:
+def _add_model_noise(points: Array, sigma: Array, length_px: float, noise: NoiseModel) -> Array:
     """Sigmas (N,) with the model's own error, grown so that points within one correlation length count as one."""
     if len(points) < 2 or noise.model_sigma_px == 0:
         return sigma

@@ -101,7 +101,7 @@ class SharedPrior:
             deviation_sd=self.deviation_sd[kept],
         )
 
-    def scaled(self, factor: float) -> SharedPrior:
+    def resize(self, factor: float) -> SharedPrior:
         """The same for pictures that are ``factor`` times as wide."""
         size = np.array([factor if name in _IN_PIXELS else 1.0 for name in (*self.parameters, *self.zoomed)])
         return replace(
@@ -160,7 +160,7 @@ class SharedPriorConfig(BaseModel):
             np.array(self.covariance),
             np.array(self.deviation_sd),
         )
-        return prior if width == self.width else prior.scaled(width / self.width)
+        return prior if width == self.width else prior.resize(width / self.width)
 
     @staticmethod
     def of(prior: SharedPrior, width: int) -> SharedPriorConfig:

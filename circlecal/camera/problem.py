@@ -25,7 +25,7 @@ from circlecal.geometry.least_squares import (
     Batch,
     Step,
     StoppingRule,
-    promised_decrease,
+    predict_decrease,
     solve_damped,
 )
 from circlecal.geometry.projective import Array, Indices, Mask
@@ -155,7 +155,7 @@ class Problem:
         theta[:, 0] = np.minimum(np.maximum(theta[:, 0], LOG_FOCAL_RANGE[0]), LOG_FOCAL_RANGE[1])
         if straight:
             full[:, :VIEWING] = (by_viewing @ full[:, :VIEWING, None])[..., 0]
-        return Step(theta, full, promised_decrease(block, slope, change))
+        return Step(theta, full, predict_decrease(block, slope, change))
 
     def follow(self, state: State, step: Step, index: Indices) -> State:
         """The starts at an index where a step has led them."""

@@ -71,7 +71,7 @@ def camera_fit(
         residuals_px=residuals_px(problem, state),
         theta=theta,
         stated_sigma_px=stated_sigma_px,
-        derived_points=_derived_points(cameras, camera, circle),
+        derived_points=_derive_points(cameras, camera, circle),
         rejected=rejected,
         named_lines=tuple(sorted(set(named.values()))),
         names_by_line=named,
@@ -89,7 +89,7 @@ def _correlation(problem: Problem, state: State, circle: Circle) -> float:
     return max(factors)
 
 
-def _derived_points(cameras: Array, camera: Camera, circle: Circle) -> tuple[DerivedPoint, ...]:
+def _derive_points(cameras: Array, camera: Camera, circle: Circle) -> tuple[DerivedPoint, ...]:
     """The circle's eight points, those in front of the camera, with the covariance that the camera's implies, from its
     homography and those of the cameras about it (K, 3, 3).
     """

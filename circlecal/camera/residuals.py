@@ -190,11 +190,11 @@ def curve_points(curves: CurvePoints, feet: Array, theta: Array) -> tuple[Array,
     """Field points (B, N, 2) at the foot parameters (B, N), and the unit tangents there, with the sizes of theta
     (B, P).
     """
-    places, tangents, _ = _on_markings(curves, feet, theta)
+    places, tangents, _ = _points_on_markings(curves, feet, theta)
     return np.swapaxes(places, 1, 2), np.swapaxes(tangents, 1, 2)
 
 
-def _on_markings(
+def _points_on_markings(
     curves: CurvePoints, feet: Array, theta: Array, points: FixedPoints = NO_POINTS
 ) -> tuple[Array, Array, Array]:
     """Field points at the foot parameters and the unit tangents there, (B, 2, N + 2 M), last each fixed point twice
@@ -247,7 +247,7 @@ def sample_feet(curves: CurvePoints, theta: Array, model: ProjectionModel, sampl
     straight = (curves.radius[first] == 0)[:, None]
     turn = np.linspace(0.0, 2 * np.pi, samples, endpoint=False)
     grid = np.where(straight, np.linspace(0.0, LONGEST_LINE_M, samples), turn)
-    places, *_ = _on_markings(markings, np.broadcast_to(grid.reshape(1, -1), (len(theta), grid.size)), theta)
+    places, *_ = _points_on_markings(markings, np.broadcast_to(grid.reshape(1, -1), (len(theta), grid.size)), theta)
     seen = project(theta, np.swapaxes(places, 1, 2), model)
     pixels = np.where(seen.visible[:, None], seen.xy, np.inf).reshape(len(theta), 2, *shape)
     nearest = np.empty((len(theta), len(curves.points_px)))
@@ -299,7 +299,7 @@ def curve_residuals(
     observed = np.concatenate([curves.points_px.T, points.twice[1]], axis=1)
     limit = np.where(curves.straight, *LARGEST_MOVE)
     for step in range(updates + 2):
-        places, tangents, outward = _on_markings(curves, feet, theta, points)
+        places, tangents, outward = _points_on_markings(curves, feet, theta, points)
         seen = project(theta, np.swapaxes(places, 1, 2), model)
         along = seen.along(tangents[:, 0], tangents[:, 1])[..., :count]
         difference = observed - seen.xy

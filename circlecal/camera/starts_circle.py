@@ -8,7 +8,7 @@ import numpy as np
 
 from circlecal.camera.multistart import Starts
 from circlecal.camera.problem import Problem
-from circlecal.camera.starts_landmarks import MINIMAL, homography_starts, seen_landmarks
+from circlecal.camera.starts_landmarks import MINIMAL, collect_landmarks, homography_starts
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera import Camera, camera_from_homography, image_center
 from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel, theta_of
@@ -74,9 +74,9 @@ def circle_starts(
         seen.conic, None if mark is None else lift(usual.undistort(mark.point_px)), line, direction, center,
         template.radius(circle, seen.edge), model, side,
     )  # fmt: skip
-    found = [_standing_starts(problem, observations, circle), closed]
+    found = [_fixed_position_starts(problem, observations, circle), closed]
     if len(problem.points.keys) + sum(line.line is not None for line in observations.lines) >= MINIMAL:
-        landmarks = seen_landmarks(observations, template, problem.points, usual)
+        landmarks = collect_landmarks(observations, template, problem.points, usual)
         found.append(homography_starts(landmarks, problem.priors.center_m, model))
     grid = grid_starts(seen.ellipse, center, circle.radius_m, model, side)
     return Starts(np.concatenate(found), grid, seen.follows_grid(problem))
@@ -85,7 +85,7 @@ def circle_starts(
 def arc_starts(problem: Problem, observations: Observations, template: FieldTemplate, side: str) -> Array:
     """Grids (B, P) about all circles and arcs that show an ellipse."""
     arcs = (template.circle_by_name[c.circle] for c in observations.circles if c.circle in template.circle_by_name)
-    fitted = [(arc, seen_ellipse(observations, arc, problem)) for arc in dict.fromkeys(arcs)]
+    fitted = [(arc, select_ellipse(observations, arc, problem)) for arc in dict.fromkeys(arcs)]
     grids = [
         grid_starts(found.ellipse, np.asarray(arc.center), arc.radius_m, problem.model, side)
         for arc, found in fitted
@@ -94,20 +94,20 @@ def arc_starts(problem: Problem, observations: Observations, template: FieldTemp
     return np.concatenate([np.zeros((0, len(PARAMETERS))), *grids])
 
 
-def _standing_starts(problem: Problem, observations: Observations, circle: Circle) -> Array:
+def _fixed_position_starts(problem: Problem, observations: Observations, circle: Circle) -> Array:
     """The start (0 or 1, P) of a camera whose place is known."""
     priors, seen = problem.priors, _longest_edge(observations, circle)
     if priors.standing_m is None or seen is None:
         return np.zeros((0, len(PARAMETERS)))
     points = problem.usual_lens.undistort(seen.points_px)
     position, roll = priors.standing_m, float(priors.mean[INDEX["roll"]])
-    theta = standing_start(points, np.asarray(circle.center), circle.radius_m, position, roll, problem.model)
+    theta = fixed_position_start(points, np.asarray(circle.center), circle.radius_m, position, roll, problem.model)
     if priors.shared is not None:
         theta[:, priors.shared.indices] = priors.shared.at(theta[:, 0])[0]
     return theta
 
 
-def seen_ellipse(observations: Observations, circle: Circle, problem: Problem) -> SeenEllipse | None:
+def select_ellipse(observations: Observations, circle: Circle, problem: Problem) -> SeenEllipse | None:
     """The edge of a circle with the most points, None where they make no ellipse."""
     seen = _longest_edge(observations, circle)
     if seen is None:
@@ -227,7 +227,7 @@ def grid_starts(ellipse: Ellipse, field_center: Array, radius: float, model: Pro
     return theta[position[:, :2] @ np.array(SIDES[side]) >= -1e-9]
 
 
-def standing_start(
+def fixed_position_start(
     points_px: Array, field_center: Array, radius: float, position_m: Array, roll_rad: float, model: ProjectionModel
 ) -> Array:
     """The camera (1, P) of a known position that sees points (N, 2) of a circle; none (0, P) where they are too few.

@@ -86,7 +86,9 @@ class Landmarks:
         return np.asarray(shown.mean(axis=0)) if len(shown) else np.zeros(2)
 
 
-def seen_landmarks(observations: Observations, template: FieldTemplate, points: FixedPoints, lens: Camera) -> Landmarks:
+def collect_landmarks(
+    observations: Observations, template: FieldTemplate, points: FixedPoints, lens: Camera
+) -> Landmarks:
     """Landmarks among the observations; lines without a name or without length are none.
 
     Parameters
@@ -137,7 +139,7 @@ def landmark_starts(problem: Problem, landmarks: Landmarks, arcs: Array, side: s
     positions = usual_positions(middle, side)
     if problem.priors.mean[INDEX["z"]] < 0:  # its priors know where the camera stands
         positions = np.concatenate([problem.priors.mean[None, 4:7], positions])
-    grid = np.concatenate([arcs, aimed_starts(landmarks, positions, problem.model)])
+    grid = np.concatenate([arcs, aim_cameras(landmarks, positions, problem.model)])
     return Starts(homography_starts(landmarks, middle, problem.model), grid)
 
 
@@ -227,7 +229,7 @@ def usual_positions(around_m: Array, side: str) -> Array:
     return np.asarray(offset[offset[:, :2] @ np.array(SIDES[side]) >= -1e-9] + np.r_[around_m, 0.0])
 
 
-def aimed_starts(landmarks: Landmarks, positions_m: Array, model: ProjectionModel) -> Array:
+def aim_cameras(landmarks: Landmarks, positions_m: Array, model: ProjectionModel) -> Array:
     """Level cameras (B, P) at given positions (B, 3), pointed and zoomed at the landmarks.
 
     Seen on the plane across the viewing direction, the landmarks must appear as in the picture up to scale and shift;

@@ -22,13 +22,13 @@ def to_viewing(theta: Array, center_m: Array) -> Array:
     camera.
     """
     _, offset, seen = _toward(theta, center_m)
-    return _viewing(theta, offset, seen)
+    return _viewing_coordinates(theta, offset, seen)
 
 
 def to_viewing_with_jacobian(theta: Array, center_m: Array) -> tuple[Array, Array]:
     """:func:`to_viewing` and :func:`viewing_jacobian` together."""
     R, offset, seen = _toward(theta, center_m)
-    return _viewing(theta, offset, seen), _jacobian(theta, R, offset, seen)
+    return _viewing_coordinates(theta, offset, seen), _jacobian(theta, R, offset, seen)
 
 
 def _toward(theta: Array, center_m: Array) -> tuple[Array, Array, Array]:
@@ -39,7 +39,7 @@ def _toward(theta: Array, center_m: Array) -> tuple[Array, Array, Array]:
     return R, offset, -(R @ offset[..., None])[..., 0]
 
 
-def _viewing(theta: Array, offset: Array, seen: Array) -> Array:
+def _viewing_coordinates(theta: Array, offset: Array, seen: Array) -> Array:
     level2 = offset[:, 0] ** 2 + offset[:, 1] ** 2
     viewing = np.empty((len(theta), VIEWING))
     viewing[:, 0], viewing[:, 3] = theta[:, 0], theta[:, 3]
@@ -64,8 +64,8 @@ def from_viewing(viewing: Array, center_m: Array) -> Array:
     ahead = -np.sqrt(np.maximum(level * level - x * x, 0.0))
     theta = np.empty((len(viewing), VIEWING))
     theta[:, 0], theta[:, 3] = log_focal, roll
-    theta[:, 1] = _wrapped(np.arctan2(towards_y, towards_x) - np.arctan2(ahead, x))
-    theta[:, 2] = _wrapped(np.arctan2(towards_z, ahead) - np.arctan2(z, y))
+    theta[:, 1] = _wrap_angle(np.arctan2(towards_y, towards_x) - np.arctan2(ahead, x))
+    theta[:, 2] = _wrap_angle(np.arctan2(towards_z, ahead) - np.arctan2(z, y))
     theta[:, 4] = center_m[0] - distance * towards_x
     theta[:, 5] = center_m[1] - distance * towards_y
     theta[:, 6] = -distance * towards_z
@@ -116,5 +116,5 @@ def _jacobian(theta: Array, R: Array, offset: Array, local: Array) -> Array:
         return np.asarray(inverse, dtype=np.float64)
 
 
-def _wrapped(angle: Array) -> Array:
+def _wrap_angle(angle: Array) -> Array:
     return (angle + np.pi) % (2 * np.pi) - np.pi

@@ -31,7 +31,7 @@ _UsageError: Any = typer.BadParameter.__base__  # typer has no public name for i
 
 
 @contextlib.contextmanager
-def _in_one_line() -> Iterator[None]:
+def _report_in_one_line() -> Iterator[None]:
     """Wrong use and Ctrl-C are told as every other error is; typer would draw a box, and end without a word."""
     try:
         yield
@@ -47,11 +47,11 @@ def _in_one_line() -> Iterator[None]:
 
 class _Commands(TyperGroup):
     def make_context(self, *arguments: Any, **named: Any) -> Any:
-        with _in_one_line():
+        with _report_in_one_line():
             return super().make_context(*arguments, **named)
 
     def invoke(self, ctx: Any) -> Any:
-        with _in_one_line():
+        with _report_in_one_line():
             return super().invoke(ctx)
 
 

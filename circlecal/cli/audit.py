@@ -43,9 +43,9 @@ def audit(
 
     if plot is not None:
         check_plot(plot)
-    chosen = options.parsed_size(size)
+    chosen = options.parse_size(size)
     assert chosen is not None
-    frames = audit_frames(read_keypoints(keypoints, chosen), center.value, options.chosen_config(config, settings))
+    frames = audit_frames(read_keypoints(keypoints, chosen), center.value, options.choose_config(config, settings))
     by_pair = distances_by_pair(frames)
     if plot is not None:
         plot_distances(by_pair, plot, f"Opposed keypoints of the circle, centre: {center.value}")

@@ -75,7 +75,7 @@ def batch(
     from circlecal.batch import run_batch
     from circlecal.batch.frames import FrameRun
     from circlecal.cli import console
-    from circlecal.cli.rig import RIG_FOLDER, shared_cameras
+    from circlecal.cli.rig import RIG_FOLDER, estimate_shared_cameras
     from circlecal.errors import InputError
     from circlecal.formats.exports import Exports
     from circlecal.pictures.inputs import absolute_input
@@ -87,10 +87,10 @@ def batch(
     if scheduler is not None:  # workers have another working folder
         inputs, out = [absolute_input(name) for name in inputs], out.absolute()
         mask, keypoints = (None if path is None else path.absolute() for path in (mask, keypoints))
-    chosen = options.chosen_config(
+    chosen = options.choose_config(
         config, settings, field, seed, radar=radar, no_overlay=no_overlay, camera_prior=camera_prior, solver=solver
     )
-    written_size = options.parsed_size(eval_size, "--eval-size")
+    written_size = options.parse_size(eval_size, "--eval-size")
     targets = [name for name in to or () if name != PARQUET_FORMAT]
     Exports(targets, out, written_size)  # an unknown format is told before the first frame
     if PARQUET_FORMAT in (to or ()):
@@ -101,12 +101,12 @@ def batch(
         None,
         mask,
         keypoints,
-        options.chosen_format(from_format),
-        options.parsed_size(size),
+        options.choose_format(from_format),
+        options.parse_size(size),
         convention.value,
     )
     failures: list[Exception] = []
-    frames, videos = options.chosen_frames_and_videos(inputs, run, out, console.reported(failures))
+    frames, videos = options.choose_frames_and_videos(inputs, run, out, console.error_reporter(failures))
     if not frames and not videos and not failures:
         named = ", ".join(map(str, inputs))
         raise InputError(f"{named}: no annotations found; give pictures, annotation files or folders of them")
@@ -134,7 +134,7 @@ def batch(
         _print_counts(counts, out / RESULTS_NAME, as_json=as_json, quiet=quiet)
     if rig:
         final = out / RIG_FOLDER
-        report = shared_cameras(
+        report = estimate_shared_cameras(
             out, run, final, workers=workers, as_json=as_json, quiet=quiet, restart=restart, outdated=True
         )
         refused = report.frames - report.calibrated
@@ -172,13 +172,13 @@ def _export(exports: Exports, run: FrameRun, frames: Sequence[PictureFile | Fram
     """Write the outside formats of everything that the folder holds."""
     from circlecal.formats.exports import export_records
     from circlecal.formats.inputs import FrameOfFile
-    from circlecal.pipeline import field_of, in_convention
+    from circlecal.pipeline import apply_convention, field_of
     from circlecal.records.log import read_records
 
     template, circle = field_of(run.config)
     annotated = {frame.id: frame for frame in frames if isinstance(frame, FrameOfFile)}
     records = read_records(out)
-    export_records(records, exports, template, circle, annotated, in_convention(template, run.convention))
+    export_records(records, exports, template, circle, annotated, apply_convention(template, run.convention))
 
 
 def _print_counts(counts: BatchProgress, results: Path, *, as_json: bool, quiet: bool) -> None:

@@ -28,17 +28,17 @@ def accuracy(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
     """Error of the camera on synthetic observations, beside the Cramer-Rao bound on the same draws."""
-    from circlecal.cli.console import counted
+    from circlecal.cli.console import count_steps
     from circlecal.errors import ConfigError
     from circlecal.evaluation.bench.accuracy import all_row_names, as_records, run_rows
-    from circlecal.evaluation.bench.many_frames import chosen_rigs
-    from circlecal.evaluation.bench.scenarios import chosen_rows
+    from circlecal.evaluation.bench.many_frames import select_rigs
+    from circlecal.evaluation.bench.scenarios import select_rows
 
     names = [name.strip() for name in rows.split(",") if name.strip()]
     unknown = [n for n in names if n not in all_row_names()]
     if unknown:
         raise ConfigError(f"--rows: {', '.join(unknown)} is unknown; known: {', '.join(all_row_names())}")
-    with counted("draws", (len(chosen_rows(names)) + len(chosen_rigs(names))) * draws) as advance:
+    with count_steps("draws", (len(select_rows(names)) + len(select_rigs(names))) * draws) as advance:
         found, closed = run_rows(names, draws, seed, advance)
     if as_json:
         _print_json({"rows": as_records(found), "closed_forms": dict(closed)})
@@ -57,10 +57,10 @@ def ransac(
     """Robust ellipse fits under outliers, and their speed beside OpenCV and scikit-image."""
     from dataclasses import asdict
 
-    from circlecal.cli.console import counted
+    from circlecal.cli.console import count_steps
     from circlecal.evaluation.bench.ransac import OUTLIER_SHARES, robustness, speed
 
-    with counted("draws", len(OUTLIER_SHARES) * draws) as advance:
+    with count_steps("draws", len(OUTLIER_SHARES) * draws) as advance:
         good = robustness(draws, seed, advance)
     fast = speed(seed)
     if as_json:
@@ -98,11 +98,11 @@ def detect(
     if picture is not None:
         _time_picture(picture, as_json)
         return
-    from circlecal.cli.console import counted
+    from circlecal.cli.console import count_steps
     from circlecal.evaluation.bench.detect import PROFILES, run_profiles
 
     names = [name.strip() for name in profiles.split(",") if name.strip()]
-    with counted("frames", len(names or PROFILES) * count) as advance:
+    with count_steps("frames", len(names or PROFILES) * count) as advance:
         found = run_profiles(names, count, seed, advance, width)
     if as_json:
         _print_json([asdict(r) for r in found])
@@ -130,10 +130,10 @@ def detect(
                 f"{r.good:.0%}",
                 f"{r.wrong:.1%}",
                 f"{r.right:.0%}",
-                _measured(r.median_px, ".2f"),
-                _measured(r.p90_px, ".2f"),
-                _measured(r.predicted_median_px, ".2f"),
-                _measured(r.coverage, ".0%"),
+                _format_figure(r.median_px, ".2f"),
+                _format_figure(r.p90_px, ".2f"),
+                _format_figure(r.predicted_median_px, ".2f"),
+                _format_figure(r.coverage, ".0%"),
                 f"{r.times_decoding:.1f}",
             ]
             for r in found
@@ -142,14 +142,14 @@ def detect(
     _table(
         "What the markings in view allow at best (Cramer-Rao bound from the truth, lines named right)",
         ["profile", "bound px", "bound good", "good"],
-        [[r.profile, _measured(r.bound_median_px, ".2f"), f"{r.bound_good:.0%}", f"{r.good:.0%}"] for r in found],
+        [[r.profile, _format_figure(r.bound_median_px, ".2f"), f"{r.bound_good:.0%}", f"{r.good:.0%}"] for r in found],
     )
     stages = list(dict.fromkeys(name for r in found for name in r.stage_ms))
     _table(
         "Median ms of each stage, one thread",
         ["profile", "decoding", *stages],
         [
-            [r.profile, f"{r.decoding_ms:.1f}", *(_measured(r.stage_ms.get(n, nan), ".1f") for n in stages)]
+            [r.profile, f"{r.decoding_ms:.1f}", *(_format_figure(r.stage_ms.get(n, nan), ".1f") for n in stages)]
             for r in found
         ],
     )
@@ -196,14 +196,14 @@ def solvers(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")] = False,
 ) -> None:
     """Every published solver on every view, and the paper's statements that the runs do not confirm."""
-    from circlecal.cli.console import counted
+    from circlecal.cli.console import count_steps
     from circlecal.evaluation.bench.solvers import as_records, paper_statements, run_focals, run_solvers, scenario_count
 
-    with counted("cameras", scenario_count(scenario or ()) * draws) as advance:
+    with count_steps("cameras", scenario_count(scenario or ()) * draws) as advance:
         found = run_solvers(solver or (), scenario or (), draws, seed, workers, advance)
     focals, statements = [], []
     if not no_statements:
-        with counted("cameras", 6 * draws) as advance:
+        with count_steps("cameras", 6 * draws) as advance:
             focals = run_focals(draws, seed, advance)
             statements = paper_statements(draws, seed, workers, advance)
     if as_json:
@@ -276,10 +276,10 @@ def time_batch(
     """Throughput of a batch, what it adds to the calibrations, and how time and memory grow with the frames."""
     from dataclasses import asdict
 
-    from circlecal.cli.console import counted
+    from circlecal.cli.console import count_steps
     from circlecal.evaluation.bench.batch import run_scaling, run_throughput
 
-    with counted("runs", 2 * repeats + (3 if tasks else 0)) as advance:
+    with count_steps("runs", 2 * repeats + (3 if tasks else 0)) as advance:
         rates = run_throughput(count, workers, repeats, seed, advance)
         scaling = run_scaling(tasks, workers, advance) if tasks else None
     if as_json:
@@ -327,12 +327,12 @@ def score_annotations(
     """Annotated real frames, official metric at 1920x1080: published peers, then circlecal on the same frames."""
     from dataclasses import asdict
 
-    from circlecal.cli.console import counted
+    from circlecal.cli.console import count_steps
     from circlecal.evaluation.bench.annotations import run_annotations, set_names
 
     names = [name.strip() for name in sets.split(",") if name.strip()] or set_names(path)
-    chosen = options.chosen_config(config, settings)
-    with counted("sets", len(names)) as advance:
+    chosen = options.choose_config(config, settings)
+    with count_steps("sets", len(names)) as advance:
         found = run_annotations(path, chosen, names, advance)
     if as_json:
         _print_json([asdict(r) for r in found])
@@ -375,12 +375,12 @@ def constants(
     """What each limit of the verdict separates: its check on right and on wrong answers to rendered frames."""
     from dataclasses import asdict
 
-    from circlecal.cli.console import counted
+    from circlecal.cli.console import count_steps
     from circlecal.evaluation.bench.constants import collect_answers, summarise_gates
     from circlecal.evaluation.bench.detect import PROFILES
 
     names = [name.strip() for name in profiles.split(",") if name.strip()]
-    with counted("frames", len(names or PROFILES) * count) as advance:
+    with count_steps("frames", len(names or PROFILES) * count) as advance:
         answers = collect_answers(names, count, seed, advance, width)
     rows = summarise_gates(answers)
     if as_json:
@@ -399,9 +399,9 @@ def constants(
                 row.name,
                 f"{row.limit:.3g}",
                 quantiles(row.right_quantiles),
-                _measured(row.right_passed, ".1%"),
+                _format_figure(row.right_passed, ".1%"),
                 quantiles(row.wrong_quantiles),
-                _measured(row.wrong_stopped, ".1%"),
+                _format_figure(row.wrong_stopped, ".1%"),
                 str(row.stopped_alone),
             ]
             for row in rows
@@ -409,7 +409,7 @@ def constants(
     )
 
 
-def _measured(value: float, form: str) -> str:
+def _format_figure(value: float, form: str) -> str:
     """A figure, or a dash where no frame gave one."""
     return "-" if isnan(value) else format(value, form)
 

@@ -53,21 +53,21 @@ def calibrate(
     from circlecal.records.summary import summarise
 
     console.configure_logging(quiet=quiet, verbose=verbose)
-    chosen = options.chosen_config(
+    chosen = options.choose_config(
         config, settings, field, seed, radar=radar, no_overlay=no_overlay, camera_prior=camera_prior, solver=solver
     )
-    exports = Exports(to or (), out, options.parsed_size(eval_size, "--eval-size"))
-    format_name = options.chosen_format(from_format)
-    run = FrameRun(chosen, out, exports, mask, keypoints, format_name, options.parsed_size(size), convention.value)
+    exports = Exports(to or (), out, options.parse_size(eval_size, "--eval-size"))
+    format_name = options.choose_format(from_format)
+    run = FrameRun(chosen, out, exports, mask, keypoints, format_name, options.parse_size(size), convention.value)
     failures: list[Exception] = []
-    frames = options.chosen_inputs(inputs, run, out, console.reported(failures))
+    frames = options.choose_inputs(inputs, run, out, console.error_reporter(failures))
     if not frames and not failures:
         named = ", ".join(map(str, inputs))
         raise InputError(f"{named}: no annotations found; give pictures, annotation files or folders of them")
     prepare_folder(out)
     summaries: list[FrameSummary] = []
     with console.progress_display(quiet=quiet or len(frames) <= 1) as show:
-        for record in _records(frames, run, show, console.reported(failures)):
+        for record in _records(frames, run, show, console.error_reporter(failures)):
             summaries.append(summarise(record))
             if json_lines:
                 console.print_line(result_line(record))
@@ -75,14 +75,14 @@ def calibrate(
     if summaries and not quiet:
         if not json_lines:
             console.print_summaries(summaries)
-        console.print_note(_written([summary.id for summary in summaries], out, chosen))
+        console.print_note(_name_files([summary.id for summary in summaries], out, chosen))
     if failures:
         raise typer.Exit(2)
     if any(summary.status != "calibrated" for summary in summaries):
         raise typer.Exit(1)
 
 
-def _written(ids: Sequence[str], out: Path, config: Config) -> str:
+def _name_files(ids: Sequence[str], out: Path, config: Config) -> str:
     """Which files the results are in."""
     from circlecal.pictures.files import OVERLAY_SUFFIX, RADAR_SUFFIX
 

@@ -19,5 +19,5 @@ def config(
     from circlecal.cli import console
     from circlecal.config import effective_yaml, json_schema
 
-    chosen = options.chosen_config(config, settings)
+    chosen = options.choose_config(config, settings)
     console.print_line(json.dumps(json_schema(), indent=2) if schema else effective_yaml(chosen).removesuffix("\n"))

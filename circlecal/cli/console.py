@@ -70,7 +70,7 @@ def print_note(text: str) -> None:
     stderr_console().print(f"circlecal: {text}", soft_wrap=True, highlight=False, markup=False)
 
 
-def reported(failures: list[Exception]) -> Callable[[Exception], None]:
+def error_reporter(failures: list[Exception]) -> Callable[[Exception], None]:
     """A function that prints an error as one line, and keeps it."""
 
     def report(error: Exception) -> None:
@@ -164,7 +164,7 @@ def _bar(console: Console, unit: str) -> Iterator[Callable[..., None]]:
 
 
 @contextlib.contextmanager
-def counted(unit: str, total: int) -> Iterator[Callable[[str], None]]:
+def count_steps(unit: str, total: int) -> Iterator[Callable[[str], None]]:
     """Show how far a run of ``total`` steps is; each call advances it by one and names what is worked on."""
     console = stderr_console()
     if console.is_terminal:
@@ -178,7 +178,7 @@ def counted(unit: str, total: int) -> Iterator[Callable[[str], None]]:
 
             yield advance
     else:
-        yield _counted_lines(unit, total)
+        yield _count_on_lines(unit, total)
 
 
 def _time_left(steps: int, rate: float) -> str:
@@ -194,7 +194,7 @@ def _is_due(now: float, last: float, start: float) -> bool:
     return now - last >= min(max(_PLAIN_SECONDS, _PLAIN_SHARE * (now - start)), _PLAIN_SECONDS_MOST)
 
 
-def _counted_lines(unit: str, total: int) -> Callable[[str], None]:
+def _count_on_lines(unit: str, total: int) -> Callable[[str], None]:
     start = last = time.monotonic()
     done = 0
 

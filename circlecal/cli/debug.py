@@ -33,11 +33,11 @@ def debug(
     from circlecal.records.writing import result_record
 
     console.configure_logging(quiet=quiet, verbose=verbose)
-    chosen = options.chosen_config(config, settings, field, seed, camera_prior=camera_prior)
+    chosen = options.choose_config(config, settings, field, seed, camera_prior=camera_prior)
     for image in images:
         if image.is_dir():
             raise InputError(f"{image}: is a folder; debug takes pictures")
-    frames = options.chosen_frames(images, out, mask)
+    frames = options.choose_frames(images, out, mask)
     prepare_folder(out)
     template, _ = field_of(chosen)
     summaries, written = [], []

@@ -60,7 +60,7 @@ def evaluate(
     from circlecal.evaluation.report import as_record, evaluate_annotations, evaluate_truth
 
     methods = _methods(predictions, compare or [])
-    chosen, given = options.parsed_size(size), options.parsed_size(pred_size, "--pred-size")
+    chosen, given = options.parse_size(size), options.parse_size(pred_size, "--pred-size")
     assert chosen is not None
     if holds_homographies(truth):
         against_truth = evaluate_truth(truth, methods, given)

@@ -121,7 +121,7 @@ def cpu_count() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def chosen_config(
+def choose_config(
     file: str | None,
     settings: Sequence[str] | None,
     field: str | None = None,
@@ -160,7 +160,7 @@ def chosen_config(
     return config
 
 
-def parsed_size(text: str | None, option: str = "--size") -> tuple[int, int] | None:
+def parse_size(text: str | None, option: str = "--size") -> tuple[int, int] | None:
     """Width and height from an option such as 1920x1080.
 
     Raises
@@ -179,7 +179,7 @@ def parsed_size(text: str | None, option: str = "--size") -> tuple[int, int] | N
     return int(width), int(height)
 
 
-def chosen_format(name: str | None) -> str | None:
+def choose_format(name: str | None) -> str | None:
     """Name of an annotation format, checked.
 
     Raises
@@ -194,7 +194,7 @@ def chosen_format(name: str | None) -> str | None:
     return name
 
 
-def chosen_frames(inputs: Sequence[Path], out: Path, mask: Path | None) -> list[PictureFile]:
+def choose_frames(inputs: Sequence[Path], out: Path, mask: Path | None) -> list[PictureFile]:
     """The frames among the inputs.
 
     Raises
@@ -215,7 +215,7 @@ def chosen_frames(inputs: Sequence[Path], out: Path, mask: Path | None) -> list[
     return frames
 
 
-def chosen_inputs(
+def choose_inputs(
     inputs: Sequence[Path], run: FrameRun, out: Path, report: Callable[[Exception], None]
 ) -> list[PictureFile | FrameOfFile]:
     """Pictures and frames of annotation files among the inputs; files that cannot be read are reported.
@@ -242,18 +242,18 @@ def _frames_of(
 ) -> list[PictureFile | FrameOfFile]:
     from circlecal.errors import InputError
     from circlecal.formats.inputs import read_frames, refuse_overwriting, split_inputs
-    from circlecal.pipeline import field_of, in_convention
+    from circlecal.pipeline import apply_convention, field_of
 
     if run.keypoints is not None and not run.keypoints.exists():
         raise InputError(f"{run.keypoints}: no such file or folder of keypoints")
     format_name = None if run.keypoints is not None else run.format_name
     pictures, files = split_inputs(inputs, format_name, exclude=[out])
-    frames = chosen_frames(pictures, out, run.mask) if pictures else []
+    frames = choose_frames(pictures, out, run.mask) if pictures else []
     if run.keypoints is not None and not frames:
         raise InputError(f"{run.keypoints}: --keypoints are used together with pictures, and no picture is given")
     annotated = read_frames(
         files,
-        in_convention(field_of(run.config)[0], run.convention),
+        apply_convention(field_of(run.config)[0], run.convention),
         run.config.sources,
         size=run.size,
         format_name=format_name,
@@ -264,15 +264,15 @@ def _frames_of(
     return [*frames, *annotated]
 
 
-def chosen_frames_and_videos(
+def choose_frames_and_videos(
     inputs: Sequence[str], run: FrameRun, out: Path, report: Callable[[Exception], None]
 ) -> tuple[list[PictureFile | FrameOfFile], list[Video]]:
-    """As :func:`chosen_inputs`, and the videos among the inputs.
+    """As :func:`choose_inputs`, and the videos among the inputs.
 
     Raises
     ------
     InputError
-        As :func:`chosen_inputs`, or a video that cannot be read.
+        As :func:`choose_inputs`, or a video that cannot be read.
     """
     from circlecal.errors import InputError
     from circlecal.formats.registry import annotation_suffixes

@@ -35,7 +35,7 @@ def report(
     if quiet:
         write_report(run, out, chosen)
         return
-    with console.counted("frames", len(run.rows)) as advance:
+    with console.count_steps("frames", len(run.rows)) as advance:
         written = write_report(run, out, chosen, advance)
     missing = written.frames - written.pictures
     without = f", {missing} without a picture (has it moved? --frames FOLDER)" if missing else ""

@@ -45,16 +45,16 @@ def rig(
     from circlecal.rig.run import read_cameras
 
     console.configure_logging(quiet=quiet, verbose=verbose)
-    run = FrameRun(options.chosen_config(config, settings, field, seed), mask=mask, convention=convention.value)
+    run = FrameRun(options.choose_config(config, settings, field, seed), mask=mask, convention=convention.value)
     given = None if cameras is None else read_cameras(cameras)
-    report = shared_cameras(
+    report = estimate_shared_cameras(
         results, run, out, workers=workers, restart=restart, as_json=as_json, quiet=quiet, cameras=given
     )
     if report.calibrated < report.frames:
         raise typer.Exit(1)
 
 
-def shared_cameras(
+def estimate_shared_cameras(
     results: Path,
     run: FrameRun,
     out: Path,

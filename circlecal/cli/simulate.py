@@ -31,7 +31,7 @@ def simulate(
     plan = simulation.simulation_plan(solver or (), scenario or (), simulation.parse_noises(noise), cameras, seed)
     if not no_plots:
         require_matplotlib()
-    with console.counted("cameras", len(plan.scenarios) * cameras) as advance:
+    with console.count_steps("cameras", len(plan.scenarios) * cameras) as advance:
         rows = simulation.simulate(plan, workers, advance)
     written = [simulation.write_csv(rows, out)]
     summaries = simulation.summarise(rows)

@@ -92,7 +92,7 @@ def synth(
     count, size = 12 if count is None else count, size or "1920x1080"
     chosen = [p.value for p in profile or list(Profile)]
     with _progress(count) as report:
-        ids = write_dataset(out, count, seed, chosen, _parsed_size(size), masks=not no_masks, report=report)
+        ids = write_dataset(out, count, seed, chosen, _parse_size(size), masks=not no_masks, report=report)
     console.print_line(f"{len(ids)} frames written to {out}")
 
 
@@ -111,7 +111,7 @@ def _write_clips(
     from circlecal.cli import console
     from circlecal.synthetic.video import CLIP_KINDS, ClipSpec, write_clips
 
-    width, height = _parsed_size(size)
+    width, height = _parse_size(size)
     spec = ClipSpec(width=width, height=height, seconds=seconds, rate=rate, interlaced=interlaced)
     if profile:
         spec = replace(spec, look=profile[0].value)
@@ -121,7 +121,7 @@ def _write_clips(
     console.print_line(f"{len(ids)} clip{'s' * (len(ids) != 1)} written to {out}")
 
 
-def _parsed_size(text: str) -> tuple[int, int]:
+def _parse_size(text: str) -> tuple[int, int]:
     from circlecal.errors import InputError
 
     width, _, height = text.lower().partition("x")

@@ -150,12 +150,12 @@ def summarise_method(
         mean_error_px=float(errors.mean()) if len(errors) else float("nan"),
         median_error_px=float(np.median(errors)) if len(errors) else float("nan"),
         uncovered=1.0 - len(errors) / points if points else 0.0,
-        held_out_px=held_out_median(method, official, held_out),
+        held_out_px=median_of_held_out_points(method, official, held_out),
         classes=_class_rows(list(official.values()), first),
     )
 
 
-def held_out_median(
+def median_of_held_out_points(
     method: MethodComparisons, official: Mapping[str, Comparison], held_out: Callable[[str], bool]
 ) -> float:
     """Median distance of the held-out points, those without a predicted element infinitely far; nan without any."""

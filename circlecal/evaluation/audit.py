@@ -99,15 +99,15 @@ def _audit(frame: AnnotatedFrame, center: Center, config: Config) -> AuditedFram
     if center == "kp":
         if CENTRE_MARK not in points:
             return AuditedFrame(frame.id, {}, f"no keypoint {CENTRE_MARK}")
-        return AuditedFrame(frame.id, opposed_distances(points, points[CENTRE_MARK]))
+        return AuditedFrame(frame.id, opposite_pair_distances(points, points[CENTRE_MARK]))
     camera, middle, reason = _own_center(frame, config)
     if camera is None or middle is None:
         return AuditedFrame(frame.id, {}, reason)
     undistorted = {number: camera.undistort(point) for number, point in points.items()}
-    return AuditedFrame(frame.id, opposed_distances(undistorted, middle))
+    return AuditedFrame(frame.id, opposite_pair_distances(undistorted, middle))
 
 
-def opposed_distances(points: Mapping[int, Array], center: Array) -> dict[tuple[int, int], float]:
+def opposite_pair_distances(points: Mapping[int, Array], center: Array) -> dict[tuple[int, int], float]:
     """Distance from the centre (2,) to the line through each opposed pair of keypoints (2,) that is there."""
     found = {}
     for first, second in OPPOSED:

@@ -65,7 +65,7 @@ def ground_errors(truth: Projector, predicted: Projector, width: int, height: in
     return min(errors, key=lambda e: float(np.median(e)) if len(e) else np.inf)
 
 
-def annotated_errors(annotated: Annotated, camera: Projector) -> Array:
+def errors_of_annotated_points(annotated: Annotated, camera: Projector) -> Array:
     """Distances (N,) in metres on the ground of the annotated points of circle and halfway line from their element.
 
     Points that the camera does not put on the ground are infinitely far.

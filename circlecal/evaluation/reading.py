@@ -45,7 +45,7 @@ class Prediction:
     H_image_field: Array | None = None
 
 
-def read_annotated(folder: Path, size: Size) -> dict[str, Annotated]:
+def read_annotated_points(folder: Path, size: Size) -> dict[str, Annotated]:
     """Annotated points (N, 2) in pixels at ``size``, by frame and class; empty classes are left out.
 
     Raises
@@ -128,7 +128,7 @@ def _soccernet(path: Path, keys: CameraKeys, size: Size, given: Size | None) -> 
         _pad(keys.tangential_distortion, 2),
         _pad(keys.thin_prism_distortion, 4),
     )
-    return camera.scaled(_factor(given or _size_of(path, keys), size))
+    return camera.resize(_factor(given or _size_of(path, keys), size))
 
 
 def _pad(values: list[float], count: int) -> Array:
@@ -161,7 +161,7 @@ def _further(frames: Sequence[CameraFrame], size: Size) -> dict[str, Prediction]
     for frame in frames:
         factor = _factor((frame.width, frame.height), size)
         if frame.camera is not None:
-            found[frame.id] = Prediction(MetricCamera.from_camera(frame.camera).scaled(factor))
+            found[frame.id] = Prediction(MetricCamera.from_camera(frame.camera).resize(factor))
         elif frame.H_image_field is not None:
             H = np.diag([*factor, 1.0]) @ frame.H_image_field
             found[frame.id] = Prediction(PlaneHomography(H), H)
@@ -176,7 +176,7 @@ def _own_result(path: Path, size: Size) -> dict[str, Prediction]:
     camera = None if frame is None else frame.flat
     if frame is None or camera is None:
         return {}
-    scaled = MetricCamera.from_camera(camera).scaled(_factor((stored.width, stored.height), size))
+    scaled = MetricCamera.from_camera(camera).resize(_factor((stored.width, stored.height), size))
     return {stored.id: Prediction(scaled)}
 
 

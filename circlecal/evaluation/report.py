@@ -13,8 +13,8 @@ from circlecal.errors import InputError
 from circlecal.evaluation.aggregate import MethodComparisons, Summary, compare_frames, summarise_method
 from circlecal.evaluation.bootstrap import Interval, bootstrap_mean
 from circlecal.evaluation.homography_metrics import HomographyScores, score_homography, template_homography
-from circlecal.evaluation.metres import annotated_errors, ground_errors
-from circlecal.evaluation.reading import Annotated, Prediction, is_central, read_annotated, read_predictions
+from circlecal.evaluation.metres import errors_of_annotated_points, ground_errors
+from circlecal.evaluation.reading import Annotated, Prediction, is_central, read_annotated_points, read_predictions
 from circlecal.evaluation.soccernet_metric import CLASSES
 from circlecal.formats.cameras import Size
 from circlecal.formats.worldcup import PICTURE
@@ -103,7 +103,7 @@ def evaluate_annotations(
     if unknown:
         raise InputError(f"--held-out {unknown[0]!r}: is no class of SoccerNet; known: {', '.join(CLASSES)}")
     hidden = {name.strip() for name in held_out}
-    annotated = read_annotated(truth, size)
+    annotated = read_annotated_points(truth, size)
     if central:
         annotated = {frame: classes for frame, classes in annotated.items() if is_central(classes)}
     if not annotated:
@@ -144,7 +144,7 @@ def _median_ground(method: MethodComparisons, predictions: Mapping[str, Predicti
     errors = [np.zeros(0)]
     for frame, classes in method.annotated.items():
         if frame in method.answered:
-            errors.append(annotated_errors(classes, predictions[frame].camera))
+            errors.append(errors_of_annotated_points(classes, predictions[frame].camera))
         else:
             count = sum(len(classes.get(name, ())) for name in ("Circle central", "Middle line"))
             errors.append(np.full(count, np.inf))

@@ -99,7 +99,7 @@ class MetricCamera:
             np.zeros(4),
         )  # fmt: skip
 
-    def scaled(self, factor: tuple[float, float]) -> MetricCamera:
+    def resize(self, factor: tuple[float, float]) -> MetricCamera:
         """This camera for pictures that are ``factor`` times as wide and as high."""
         by = np.array(factor)
         return MetricCamera(
@@ -194,7 +194,7 @@ class FrameComparison:
         return self.direct if better else self.turned
 
 
-def turned_class(name: str) -> str:
+def opposite_class(name: str) -> str:
     """Class of an element after the field is turned by 180 degrees about the centre mark.
 
     The posts of a goal are named as seen from in front of it, so the left one stays a left one.
@@ -327,7 +327,7 @@ def compare_frame(annotated: Mapping[str, Array], camera: Projector, width: int,
     """
     drawn = image_polylines(camera, width, height)
     present = {name: points for name, points in annotated.items() if len(points)}
-    turned = {turned_class(name): points for name, points in present.items()}
+    turned = {opposite_class(name): points for name, points in present.items()}
     return FrameComparison(_compare(present, drawn), _compare(turned, drawn))
 
 

@@ -189,7 +189,7 @@ def convert(
     for path in paths:
         if as_cameras and is_log(path):
             for record in read_records(path):
-                cameras += _stored_camera(record, as_cameras, template)
+                cameras += _camera_of_record(record, as_cameras, template)
             continue
         found, content = open_file(path, source)
         if isinstance(found, AnnotationFormat) and as_annotations:
@@ -197,7 +197,7 @@ def convert(
         elif isinstance(found, CameraFormat) and as_cameras:
             cameras += [_reduce(path, frame, as_cameras, template) for frame in found.read(path, content.raw, size)]
         elif found is RESULT and as_cameras:
-            cameras += _stored_camera(read_result(path), as_cameras, template)
+            cameras += _camera_of_record(read_result(path), as_cameras, template)
         else:
             raise InputError(f"{path}: there is no way from a {found.name} {found.kind} to {target}; {_pairs()}")
     if annotations and cameras:
@@ -226,7 +226,7 @@ def _reduce(path: Path, frame: CameraFrame, target: CameraFormat, template: Fiel
         raise InputError(f"{path}: {error}") from error
 
 
-def _stored_camera(record: ResultRecord, target: CameraFormat, template: FieldTemplate) -> list[CameraFrame]:
+def _camera_of_record(record: ResultRecord, target: CameraFormat, template: FieldTemplate) -> list[CameraFrame]:
     stored = CalibratedFrame.of(record, template, template.circle_by_name[template.default_circle])
     return [] if stored is None else [stored.reduce(target.holds)]
 

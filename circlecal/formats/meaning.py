@@ -187,7 +187,7 @@ class _Reading:
         name = normalise(shape.label)
         elements = _elements(self.template)
         if pnlcalib.keypoint_number(shape.label) is not None:
-            self._take_detected(shape)
+            self._take_detection(shape)
         elif name in elements:
             self._take_element(shape, elements[name])
         elif not self._take_place(shape, name) and name not in _SILENT and TANGENT not in name.split():
@@ -244,7 +244,7 @@ class _Reading:
         self._circle_keypoint(shape.label, circle.name, position, point, self.sigma_px)
         return True
 
-    def _take_detected(self, shape: Shape) -> None:
+    def _take_detection(self, shape: Shape) -> None:
         """A keypoint of PnLCalib."""
         number = pnlcalib.keypoint_number(shape.label) or 0
         confidence = 1.0 if shape.confidence is None else shape.confidence[0]

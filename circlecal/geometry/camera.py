@@ -153,11 +153,11 @@ class Camera:
 
     def depth(self, points_m: ArrayLike) -> Array:
         """Depth (...,) along the optical axis of field points (..., 2 or 3), in metres."""
-        return (self._lifted(points_m) - self.position_m) @ self.R[2]
+        return (self._add_height(points_m) - self.position_m) @ self.R[2]
 
     def project(self, points_m: ArrayLike, distort: bool = True) -> Array:
         """Pixels (..., 2) of field points (..., 2 or 3); nan behind the camera and where the lens folds back."""
-        local = (self._lifted(points_m) - self.position_m) @ self.R.T
+        local = (self._add_height(points_m) - self.position_m) @ self.R.T
         with np.errstate(divide="ignore", invalid="ignore"):
             normalised = np.where(local[..., 2:] > NEAREST_M, local[..., :2] / local[..., 2:], np.nan)
         pixels = normalised * self.focal_px + self.principal_point_px
@@ -209,7 +209,7 @@ class Camera:
         """
         return surface.meet(self.position_m, self.rays(pixels))
 
-    def turned(self) -> Camera:
+    def turn_field(self) -> Camera:
         """The same picture seen from the other side: the field turned by 180 degrees about the z axis."""
         pan = (self.angles_rad[0] + 2 * np.pi) % (2 * np.pi) - np.pi
         return replace(
@@ -241,7 +241,7 @@ class Camera:
         return offset, np.sum((offset * aspect) ** 2, axis=-1) / (self.width / 2.0) ** 2
 
     @staticmethod
-    def _lifted(points_m: ArrayLike) -> Array:
+    def _add_height(points_m: ArrayLike) -> Array:
         points = np.asarray(points_m, dtype=np.float64)
         if points.shape[-1] == 3:
             return points

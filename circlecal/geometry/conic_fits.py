@@ -265,10 +265,10 @@ def refine_conic(points: ArrayLike, conic: ArrayLike, sigma_px: ArrayLike | floa
     values, vectors = np.linalg.eigh(state.normal[0])
     known = vectors[:, values > RANK_TOLERANCE * values[-1]]
     covariance = (known / values[values > RANK_TOLERANCE * values[-1]]) @ known.T
-    return _denormalised_with_covariance(state.parameters[0], covariance, T)
+    return _denormalise_with_covariance(state.parameters[0], covariance, T)
 
 
-def _denormalised_with_covariance(coefficients: Array, covariance: Array, T: Array) -> tuple[Array, Array]:
+def _denormalise_with_covariance(coefficients: Array, covariance: Array, T: Array) -> tuple[Array, Array]:
     (k, _, u), (_, _, v), _ = T.tolist()
     by_scaled = np.diag([k * k, k * k, k * k, k, k, 1.0])
     by_scaled[3, :3], by_scaled[4, :3] = (2 * k * u, k * v, 0.0), (0.0, k * u, 2 * k * v)

@@ -84,13 +84,13 @@ class Batch:
         if len(index) == 0:
             return self
 
-        def changed(name: str) -> Array:
+        def replace_rows(name: str) -> Array:
             values = getattr(self, name).copy()
             values[index] = getattr(other, name)
             return np.asarray(values)
 
         names = _names(self)
-        return other if len(index) == len(getattr(self, names[0])) else type(self)(*map(changed, names))
+        return other if len(index) == len(getattr(self, names[0])) else type(self)(*map(replace_rows, names))
 
 
 def _names(batch: Batch) -> list[str]:
@@ -182,7 +182,7 @@ class DenseProblem(ABC):
     def step(self, state: NormalState, damping: Array) -> Step:
         """As in :class:`Problem`."""
         change = -solve_damped(state.normal, state.gradient, damping, self.gauge(state))
-        promise = promised_decrease(state.normal, state.gradient, change)
+        promise = predict_decrease(state.normal, state.gradient, change)
         return Step(self.move(state.parameters, change), change, promise)
 
     def promise(self, state: NormalState, step: Step) -> Array:
@@ -271,6 +271,6 @@ def solve_damped(normal: Array, gradient: Array, damping: Array, gauge: Array | 
     return np.asarray(found[..., 0], dtype=np.float64)
 
 
-def promised_decrease(normal: Array, gradient: Array, change: Array) -> Array:
+def predict_decrease(normal: Array, gradient: Array, change: Array) -> Array:
     """By how much a change (B, P) lowers the quadratic model ``cost + 2 g^T d + d^T N d`` of the cost (B,)."""
     return -np.asarray(((2.0 * gradient + (normal @ change[..., None])[..., 0]) * change).sum(axis=1))

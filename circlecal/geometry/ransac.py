@@ -131,7 +131,7 @@ def ransac_conic(
     everything = everything[np.isfinite(everything).all(axis=(1, 2))]
     best = _best_refit(everything, local, threshold, method) if len(everything) else None
     drawn = 0
-    while drawn < (needed := _samples_needed(best, hypotheses, confidence)):
+    while drawn < (needed := _count_samples(best, hypotheses, confidence)):
         batch = needed if confidence >= 1.0 else min(max(FIRST_BATCH, drawn), needed - drawn)
         sampled, drawn = sample_conics(local, batch, rng), drawn + batch
         costs = msac_costs(sampled, local, threshold)
@@ -146,7 +146,7 @@ def ransac_conic(
     return RobustConic(normalise_conic(T.T @ best.conic @ T), best.inliers, best.cost, drawn)
 
 
-def _samples_needed(best: RobustConic | None, most: int, confidence: float) -> int:
+def _count_samples(best: RobustConic | None, most: int, confidence: float) -> int:
     """How many samples of five points make one without outliers as sure as ``confidence``, at most ``most``.
 
     None where the fit to all points explains nearly all of them.

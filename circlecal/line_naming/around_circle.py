@@ -23,17 +23,17 @@ from circlecal.geometry.ellipses import Ellipse
 from circlecal.geometry.homography import SIDES
 from circlecal.geometry.projective import Array, Mask, lift
 from circlecal.line_naming.association import Association
-from circlecal.line_naming.expectation import overhanging_px, unseen_px
 from circlecal.line_naming.hypotheses import (
     FIT_ITERATIONS,
     Naming,
     NamingScene,
     Trial,
-    choose_trial,
-    extend,
-    naming_scene,
+    make_naming_scene,
+    match_further_lines,
+    select_trial,
     try_names,
 )
+from circlecal.line_naming.predicted_markings import missing_px, overhang_px
 from circlecal.observations import MarkingKey, Observations
 
 Arcs = dict[int, str]
@@ -98,20 +98,20 @@ def name_lines_around_circle(
     unnamed = [k for k, line in enumerate(observations.lines) if line.line is None and len(line.points_px) >= 8]
     if len(unnamed) + len(observations.curves) < FEWEST_NAMES or not unnamed:
         return None
-    cameras = _find_turnable(problem, ellipse)
+    cameras = _fit_cameras_around_circle(problem, ellipse)
     fitted = minimise(problem, cameras.theta[:1], COARSE)
-    scene = naming_scene(unnamed, problem, fitted, observations, template, noise)
+    scene = make_naming_scene(unnamed, problem, fitted, observations, template, noise)
     if template.halfway_line is not None:
         scene = replace(scene, known=(*scene.known, template.halfway_line))
-    hypotheses, turned = _turn(scene, cameras.theta, side)
+    hypotheses, turned = _match_directions(scene, cameras.theta, side)
     if not hypotheses:
         return None
-    likely = _best_of_each(try_names(_stiffen(scene), hypotheses, turned))
+    likely = _select_best_of_each(try_names(_stiffen(scene), hypotheses, turned))
     trials = try_names(scene, [trial.association for trial in likely], np.array([trial.theta for trial in likely]))
-    trials = extend(scene, trials, len(trials))
-    trials = [_against_the_picture(scene, trial) for trial in trials]
+    trials = match_further_lines(scene, trials, len(trials))
+    trials = [_subtract_contradictions(scene, trial) for trial in trials]
     trials, arcs = _add_curves(scene, trials, observations.curves)
-    best = choose_trial(trials, observations.width)
+    best = select_trial(trials, observations.width)
     if best is None:
         return None
     named = next(found for trial, found in zip(trials, arcs, strict=True) if trial is best)
@@ -124,7 +124,7 @@ def name_lines_around_circle(
     return Naming({unnamed[k]: name for k, name in best.association.names.items()}, best.theta, named)
 
 
-def _find_turnable(problem: Problem, ellipse: Ellipse) -> State:
+def _fit_cameras_around_circle(problem: Problem, ellipse: Ellipse) -> State:
     """Cameras at several distances and heights that see the circle about as it is seen, the best first.
 
     Without priors of their place they stay about where they start from along what the circle leaves open.
@@ -146,14 +146,14 @@ def _find_turnable(problem: Problem, ellipse: Ellipse) -> State:
     return found.best(int((found.cost < found.cost.min() + WORST_START).sum()))
 
 
-def _usual(priors: Priors) -> Priors:
+def _fix_lens(priors: Priors) -> Priors:
     """The same with all but the camera's pose and focal length fixed at what is expected."""
     sd = priors.sd.copy()
     sd[VIEWING:] = 0.0
     return replace(priors, sd=sd, mean=np.where(np.isfinite(priors.mean), priors.mean, 0.0))
 
 
-def _turn(scene: NamingScene, cameras: Array, side: str) -> tuple[list[Association], Array]:
+def _match_directions(scene: NamingScene, cameras: Array, side: str) -> tuple[list[Association], Array]:
     """Each long line as each marking that it may be, and cameras (B, P) turned so that both are parallel."""
     model, template = scene.problem.model, scene.template
     center = scene.problem.priors.center_m
@@ -174,7 +174,7 @@ def _turn(scene: NamingScene, cameras: Array, side: str) -> tuple[list[Associati
         turned[:, :7] = from_viewing(around, center)
         with np.errstate(invalid="ignore", divide="ignore"):
             ratio = seen_offset[:, None] / offset
-            possible = (ratio > OFFSET_RATIO[0]) & (ratio < OFFSET_RATIO[1]) & _beside(seen, turn, ends)
+            possible = (ratio > OFFSET_RATIO[0]) & (ratio < OFFSET_RATIO[1]) & _lie_beside(seen, turn, ends)
         possible &= ((turned[:, 4:6] - center) @ np.array(SIDES[side]) >= 0).reshape(turn.shape)
         hypotheses += [
             Association({int(longest[k]): template.lines[drawn[t]].name}, float(lengths[longest[k]]), 0.0)
@@ -184,7 +184,7 @@ def _turn(scene: NamingScene, cameras: Array, side: str) -> tuple[list[Associati
     return hypotheses, np.concatenate(found)
 
 
-def _beside(seen: Array, turn: Array, ends: Array) -> Mask:
+def _lie_beside(seen: Array, turn: Array, ends: Array) -> Mask:
     """Whether lines with the ends (S, 2, 2), turned by (S, T), lie beside markings with the ends (T, 2, 2), not beyond
     them.
     """
@@ -201,7 +201,7 @@ def _stiffen(scene: NamingScene) -> NamingScene:
     and a loss that pulls from far.
     """
     problem = scene.problem
-    stiff = replace(problem, priors=_usual(problem.priors), loss_scale=FAR_LOSS * problem.loss_scale)
+    stiff = replace(problem, priors=_fix_lens(problem.priors), loss_scale=FAR_LOSS * problem.loss_scale)
     return replace(scene, problem=stiff)
 
 
@@ -214,11 +214,11 @@ def _normals(ends: Array) -> tuple[Array, Array]:
     return normal * sign[:, None], offset * sign
 
 
-def _against_the_picture(scene: NamingScene, trial: Trial) -> Trial:
+def _subtract_contradictions(scene: NamingScene, trial: Trial) -> Trial:
     """The trial with what the picture should show under it and does not, and the other way round, in its score."""
     names, model, template = trial.association.names, scene.problem.model, scene.template
-    unseen = unseen_px(names, scene.segments, trial.theta, template, model)
-    beyond = overhanging_px(names, scene.segments, trial.theta, template, model)
+    unseen = missing_px(names, scene.segments, trial.theta, template, model)
+    beyond = overhang_px(names, scene.segments, trial.theta, template, model)
     return replace(trial, score=trial.score - unseen - OVERHANG_COST * beyond)
 
 
@@ -230,7 +230,7 @@ def _add_curves(scene: NamingScene, trials: list[Trial], curves: tuple[Array, ..
     for number, points in enumerate(curves):
         length = float(np.linalg.norm(points.max(axis=0) - points.min(axis=0)))
         for arc in scene.template.arcs:
-            fitted, share = _fit_with(scene, trials, points[:: max(1, len(points) // CURVE_POINTS)], arc)
+            fitted, share = _fit_with_arc(scene, trials, points[:: max(1, len(points) // CURVE_POINTS)], arc)
             for k, trial in enumerate(fitted):
                 gain = share[k] * length if share[k] >= CURVE_SHARE else 0.0
                 if gain > 0.0 and number not in arcs[k] and trial.score + gain > trials[k].score:
@@ -239,7 +239,7 @@ def _add_curves(scene: NamingScene, trials: list[Trial], curves: tuple[Array, ..
     return trials, arcs
 
 
-def _fit_with(scene: NamingScene, trials: list[Trial], points: Array, arc: Arc) -> tuple[list[Trial], Array]:
+def _fit_with_arc(scene: NamingScene, trials: list[Trial], points: Array, arc: Arc) -> tuple[list[Trial], Array]:
     """The trials fitted once more with points (N, 2) on an arc, and the share (B,) of these that then lie on it."""
     model, template, unit = scene.problem.model, scene.template, scene.unit
     radius = template.radius(arc, "center")
@@ -268,7 +268,7 @@ def _ends_on(template: FieldTemplate, arc: str, lines: set[str]) -> bool:
     return bool((np.abs(lift(drawn) @ coordinates.T) < TOUCH_M).all(axis=0).any())
 
 
-def _best_of_each(trials: list[Trial]) -> list[Trial]:
+def _select_best_of_each(trials: list[Trial]) -> list[Trial]:
     """The best trial of each pair of a line and a name, the best of these."""
     best: dict[tuple[tuple[int, str], ...], Trial] = {}
     for trial in trials:

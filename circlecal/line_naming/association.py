@@ -37,7 +37,7 @@ class Association:
 
     @property
     def score(self) -> float:
-        """Explained length less the surprise."""
+        """Explained length less what the squared Mahalanobis distances cost."""
         return self.length_px - 12.0 * self.cost
 
     def contradicts(self, other: Association) -> bool:
@@ -112,7 +112,7 @@ def associate_lines(
     seeds = seeds[np.argsort(-lengths[seeds[:, 0]], kind="stable")][: MOST_SEEDS if count > 1 else SEEDS_OF_ONE]
     if len(seeds) == 0:
         return []
-    chosen, costs = _grown(seeds, pairs, lengths, covariance, sigma_px)
+    chosen, costs = _grow(seeds, pairs, lengths, covariance, sigma_px)
     different: dict[frozenset[tuple[int, str]], Association] = {}
     for row, total in zip(chosen, costs, strict=True):
         named = {int(s): names[row[s]] for s in np.flatnonzero(row >= 0)}
@@ -169,7 +169,7 @@ def _inverse(matrices: Array, own: float) -> Array:
     return np.asarray(adjugate / np.maximum(a * d - b * b, own * own)[:, None, None])
 
 
-def _grown(seeds: Indices, pairs: _Pairs, lengths: Array, covariance: Array, sigma_px: float) -> tuple[Indices, Array]:
+def _grow(seeds: Indices, pairs: _Pairs, lengths: Array, covariance: Array, sigma_px: float) -> tuple[Indices, Array]:
     """From each seed (K, 2) on, match further lines under the camera that the matches so far imply.
 
     Returns the template line of each seen line, (K, S), -1 for none, and the squared Mahalanobis cost (K,).

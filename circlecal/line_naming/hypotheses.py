@@ -142,28 +142,30 @@ def name_lines(
     unnamed = [k for k, line in enumerate(observations.lines) if line.line is None and len(line.points_px) >= 8]
     if not unnamed:
         return nothing
-    scene = naming_scene(unnamed, problem, state, observations, template, noise, ends)
+    scene = make_naming_scene(unnamed, problem, state, observations, template, noise, ends)
     first = scene.hypotheses(state.theta[0], state.normal[0], HYPOTHESES)
     if not first:
         return nothing
-    trials = extend(scene, try_names(scene, first, np.repeat(state.theta[:1], len(first), axis=0)), GROWING)
-    best = choose_trial(trials, observations.width)
+    trials = match_further_lines(
+        scene, try_names(scene, first, np.repeat(state.theta[:1], len(first), axis=0)), GROWING
+    )
+    best = select_trial(trials, observations.width)
     if best is None or scene.leaves_longest(best.association):
         trials += _try_longest(scene, first, state.theta[:1])
-        best = choose_trial(trials, observations.width)
+        best = select_trial(trials, observations.width)
     if best is None:
         return nothing
     return Naming({unnamed[k]: name for k, name in best.association.names.items() if best.passed[k]}, best.theta)
 
 
-def extend(scene: NamingScene, trials: list[Trial], count: int) -> list[Trial]:
+def match_further_lines(scene: NamingScene, trials: list[Trial], count: int) -> list[Trial]:
     """The same hypotheses, the ``count`` best of them with the further lines that their cameras lead to."""
     trials = list(trials)
     growing = sorted(range(len(trials)), key=lambda k: -trials[k].score)[:count]
     for _ in range(ROUNDS - 1):
         growing = [k for k in growing if len(trials[k].association.names) < len(scene.segments)]
         further = {k: scene.hypotheses(trials[k].theta, trials[k].normal, 1) for k in growing}
-        more = {k: again[0] for k, again in further.items() if again and _extends(again[0], trials[k].association)}
+        more = {k: again[0] for k, again in further.items() if again and _is_extension(again[0], trials[k].association)}
         if not more:
             break
         growing = list(more)
@@ -181,11 +183,11 @@ def _try_longest(scene: NamingScene, hypotheses: list[Association], start: Array
     return try_names(scene, single, np.repeat(start, len(single), axis=0)) if single else []
 
 
-def _extends(again: Association, before: Association) -> bool:
+def _is_extension(again: Association, before: Association) -> bool:
     return again.names != before.names and again.length_px >= before.length_px
 
 
-def naming_scene(
+def make_naming_scene(
     unnamed: list[int],
     problem: Problem,
     state: State,
@@ -251,7 +253,7 @@ def _assume(scene: NamingScene, associations: list[Association]) -> CurvePoints:
             origin[b, s], direction[b, s] = ends[0], (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
             shift[b, s], used[b, s] = template.line_shift(drawn), True
 
-    def joined(known: Array, further: Array) -> Array:
+    def join_points(known: Array, further: Array) -> Array:
         """Behind each other along the points, for every hypothesis."""
         return np.concatenate([np.broadcast_to(known, (shape[0], *known.shape)), further[:, scene.line]], axis=1)
 
@@ -260,12 +262,12 @@ def _assume(scene: NamingScene, associations: list[Association]) -> CurvePoints:
     return CurvePoints(
         points_px=np.concatenate([base.points_px, scene.points_px]),
         sigma_px=np.concatenate([np.broadcast_to(base.sigma_px, (shape[0], len(base.sigma_px))), sigma], axis=1),
-        origin=joined(base.origin, origin),
+        origin=join_points(base.origin, origin),
         radius=np.concatenate([base.radius, still]),
         radius_by_width=np.concatenate([base.radius_by_width, still]),
         bloom_sign=np.concatenate([base.bloom_sign, still]),
-        direction=joined(base.direction, direction),
-        shift=joined(base.shift, shift),
+        direction=join_points(base.direction, direction),
+        shift=join_points(base.shift, shift),
         group=np.concatenate([base.group, len(base.keys) + scene.line]),
         keys=(*base.keys, *(MarkingKey(f"line {k}") for k in range(len(scene.segments)))),
     )
@@ -290,7 +292,7 @@ def _score(
     return passed, explained, explained - 2.0 * missed - scene.unit * (400.0 * worse + 15.0 * prior)
 
 
-def choose_trial(trials: list[Trial], width: int) -> Trial | None:
+def select_trial(trials: list[Trial], width: int) -> Trial | None:
     """The best trial, where it explains enough, and clearly more than any that contradicts it."""
     best = max(trials, key=lambda t: t.score)
     rival = max((t.score for t in trials if t.association.contradicts(best.association)), default=-np.inf)

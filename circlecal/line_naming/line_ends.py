@@ -69,7 +69,9 @@ def add_line_ends(
         ends = _find_ends(problem, state, observations, template, worst)
         if not ends:
             break
-        parts = [_one_point(template.line_by_name[str(m.line)], m.points_px[0], m.sigma_px, template) for m in ends]
+        parts = [
+            _curve_of_point(template.line_by_name[str(m.line)], m.points_px[0], m.sigma_px, template) for m in ends
+        ]
         # an end may lie far from where a vague camera expects it
         wide, start = with_loss(problem, state.best(), WIDE_LOSS * problem.loss_scale)
         wide, found = add_curves(wide, start, stack_curves(parts))
@@ -91,7 +93,7 @@ def _find_ends(
     drawn = [template.line_by_name[str(seen.line)] for _, seen in ends]
     sigma = np.array([SIGMA_PX * unit])
     lines = stack_curves(
-        [_one_point(line, end.point_px, sigma, template) for (end, _), line in zip(ends, drawn, strict=True)]
+        [_curve_of_point(line, end.point_px, sigma, template) for (end, _), line in zip(ends, drawn, strict=True)]
     )
     along = ground_feet(lines, theta, problem.model)
     place = lines.origin + along[0, :, None] * lines.direction
@@ -104,12 +106,12 @@ def _find_ends(
     middles = lines.points_px + steps
     # where both cross at a slant the paint ends anywhere within the other marking
     sigmas = np.hypot(sigma, np.linalg.norm(steps, axis=-1))[:, None]
-    others = [running_through(corners[k, int(far[k])], line, template) for k, line in enumerate(drawn)]
+    others = [find_line_through(corners[k, int(far[k])], line, template) for k, line in enumerate(drawn)]
     ending = [k for k, other in enumerate(others) if other is not None]
     if not ending:
         return ()
     points = stack_curves(
-        [_one_point(other, middles[k], sigmas[k], template) for k, other in enumerate(others) if other]
+        [_curve_of_point(other, middles[k], sigmas[k], template) for k, other in enumerate(others) if other]
     )
     expected = curve_residuals(points, theta, ground_feet(points, theta, problem.model), problem.model, updates=0)
     J = expected.jacobian[0]
@@ -137,7 +139,7 @@ def passes_end(segment: Array, end: LinePoints, unit: float) -> bool:
     return passes_point(segment, end.points_px[0], unit, NEAR_SIGMAS * float(end.sigma_px[0]) / unit)
 
 
-def are_ended_on(names: dict[int, str], ends: tuple[LinePoints, ...], observations: Observations) -> bool:
+def agree_with_ends(names: dict[int, str], ends: tuple[LinePoints, ...], observations: Observations) -> bool:
     """Whether lines (names by index) are nothing but markings on which ends were seen, and pass through those ends."""
     places = {point.line: point for point in ends}
     unit = observations.width / 1920.0
@@ -154,11 +156,11 @@ def segment_ends(points: Array) -> Array:
     return points[[np.argmin(position), np.argmax(position)]]
 
 
-def _one_point(line: Line, point_px: Array, sigma: Array, template: FieldTemplate) -> CurvePoints:
+def _curve_of_point(line: Line, point_px: Array, sigma: Array, template: FieldTemplate) -> CurvePoints:
     return line_curve(line.name, point_px[None], sigma, template.line_ends(line), template.line_shift(line))
 
 
-def running_through(point_m: Array, ending: Line, template: FieldTemplate) -> Line | None:
+def find_line_through(point_m: Array, ending: Line, template: FieldTemplate) -> Line | None:
     """The line of the template, other than the one that ends there, on which a point (2,) lies."""
     ends, _ = template.drawn_lines
     span, offset = ends[:, 1] - ends[:, 0], point_m - ends[:, 0]

@@ -32,7 +32,7 @@ _LEVELS = 12
 
 def mask_picture(image: Picture, mask: MarkingMask, zoom: int) -> Picture:
     """Marking mask over the dimmed frame, with the field region, the rough circle and line, and the candidates."""
-    canvas = Canvas.of(_with_field_region(image, mask), 0.7, zoom)
+    canvas = Canvas.of(_shade_outside_field(image, mask), 0.7, zoom)
     classes = mask.classes
     _paint_classes(canvas, classes)
     others = [c for c in mask.candidates[:_CANDIDATES] if mask.conic is None or not np.array_equal(c.conic, mask.conic)]
@@ -153,7 +153,7 @@ def cues_picture(image: Picture, cues: Cues, zoom: int) -> Picture:
     return canvas.header("5 cues", facts, legend)
 
 
-def _with_field_region(image: Picture, mask: MarkingMask) -> Picture:
+def _shade_outside_field(image: Picture, mask: MarkingMask) -> Picture:
     if mask.field_region is None:
         return image
     size = image.shape[1], image.shape[0]

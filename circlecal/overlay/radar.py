@@ -79,7 +79,7 @@ def warp_to_field(
     scale = min(px_per_m, _LARGEST_PX / float(2 * half.max()))
     width, height = np.maximum(np.round(2 * half * scale), 1).astype(int)
     grid = np.stack(np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5), axis=-1) / scale - half
-    near = _nearly_seen(view, grid)
+    near = _find_visible_cells(view, grid)
     lookup = np.full((height, width, 2), _NOWHERE, np.float32)
     lookup[near] = np.nan_to_num(view.project(grid[near]), nan=_NOWHERE)
     warped = cv2.remap(
@@ -88,7 +88,7 @@ def warp_to_field(
     return np.ascontiguousarray(warped, dtype=np.uint8), half, scale
 
 
-def _nearly_seen(view: FieldView, grid: Array) -> Mask:
+def _find_visible_cells(view: FieldView, grid: Array) -> Mask:
     """Which points of a grid (H, W, 2) the frame may show: a coarse look, widened by two of its cells."""
     coarse = grid[::_COARSE, ::_COARSE]
     wide = cv2.dilate(view.shows(view.project(coarse)).astype(np.uint8), np.ones((5, 5), np.uint8))

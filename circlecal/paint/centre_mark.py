@@ -98,7 +98,7 @@ def find_centre_mark(
     SeenMark or None
         None where no such disc is seen.
     """
-    seen = _rectified(picture, line, line_points_px, conic, diameter_radii / 2, blur_px, offset)
+    seen = _rectify(picture, line, line_points_px, conic, diameter_radii / 2, blur_px, offset)
     if seen is None:
         return None
     paint = 0.5 * width_radii / (diameter_radii / 2) * seen.half_px[1]
@@ -132,7 +132,7 @@ def find_centre_mark(
     return SeenMark(point, sigma, snr)
 
 
-def _rectified(
+def _rectify(
     picture: GrayPicture,
     line: Array,
     line_points_px: Array,
@@ -222,7 +222,7 @@ def _response(seen: _Rectified, blur_px: float, inner_px: float, side: float) ->
     values = (seen.values[:, used] - surface).astype(np.float32)
     half = int(np.ceil((2.0 * b + 2.0 * blur_px + 2.0) / _STEP_PX))
     t = np.arange(half + 1)[:, None] * _STEP_PX
-    disc = _blurred_disc(t, distance[used][None], b, a, blur_px)
+    disc = _disc_coverage(t, distance[used][None], b, a, blur_px)
     disc = np.concatenate([disc[:0:-1], disc])
     kernel = disc - disc.mean(axis=0)  # a change of the surface along the line has no response
     kernel /= float(np.maximum(kernel, 0.0).sum())  # the response is a mean brightness: never more than the paint's
@@ -269,7 +269,7 @@ def _bare_sides(
     return halves[0], halves[1]
 
 
-def _blurred_disc(t: Rows, s: Rows, b: float, a: float, blur_px: float) -> Array:
+def _disc_coverage(t: Rows, s: Rows, b: float, a: float, blur_px: float) -> Array:
     """Coverage of an ellipse with half axes ``b`` along t and ``a`` along s, its edge softened by the blur."""
     steps = np.linspace(-2.0, 2.0, 7)
     fine, weight = steps * blur_px, np.exp(-0.5 * steps**2)

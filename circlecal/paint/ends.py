@@ -71,7 +71,7 @@ def paint_ends(picture: GrayPicture, points_px: Array, middle_px: Array, clear_p
         if end is not None:
             low = int(end)
             point = path[low] + (end - low) * (path[low + 1] - path[low])
-            found.append(LineEnd(point, _crossed(beside, low)))
+            found.append(LineEnd(point, _is_crossed(beside, low)))
     return tuple(found)
 
 
@@ -101,7 +101,7 @@ def _brightness(picture: GrayPicture, path: Array, normal: Array, unit: float) -
     return paint, np.stack([left, right])
 
 
-def _crossed(beside: Array, end: int) -> bool:
+def _is_crossed(beside: Array, end: int) -> bool:
     """Whether on both sides of the end something brighter lies across than before and behind it."""
     across = beside[:, end - 1 : end + 5].max(axis=1)
     before = np.median(beside[:, max(end - 30, 0) : end - 4], axis=1)
@@ -131,12 +131,12 @@ def _end(contrast: Array) -> float | None:
         at = int(index[k])
         if at > last:
             break
-        if not _seen_again(contrast[at + FALL : at + SEARCHED], float(half[k])):
+        if not _is_resumed(contrast[at + FALL : at + SEARCHED], float(half[k])):
             return at - 1 + float((contrast[at - 1] - half[k]) / max(contrast[at - 1] - contrast[at], 1e-9))
     return None
 
 
-def _seen_again(behind: Array, half: float) -> bool:
+def _is_resumed(behind: Array, half: float) -> bool:
     """Whether a marking goes on behind a gap, with about its own contrast."""
     alike = (behind > 1.2 * half) & (behind < 3.0 * half)
     run = np.convolve(alike, np.ones(FOUND_AGAIN), mode="valid") if len(alike) >= FOUND_AGAIN else np.zeros(1)

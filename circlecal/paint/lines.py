@@ -93,7 +93,7 @@ def measure_lines(
     wide = []
     for line, index, label in zip(lines, which, np.flatnonzero(enough), strict=True):
         mine = np.flatnonzero(kept & (samples.piece == label))
-        cue = found[index] = _measured_line(line, ends[index], samples, mine, int(samples.drawn[label]))
+        cue = found[index] = _make_cue(line, ends[index], samples, mine, int(samples.drawn[label]))
         if cue.width_px > 1.5 * max(PLAIN_WIDTH_PX * unit, expected[index].max()):
             wide.append((index, cue.width_px))
     if wide:
@@ -162,7 +162,7 @@ def _band_samples(
     return _BandSamples(middles, edges, sigma.take(valid), piece.take(valid), drawn)
 
 
-def _measured_line(line: Array, ends: Array, samples: _BandSamples, mine: NDArray[np.int_], drawn: int) -> LineCue:
+def _make_cue(line: Array, ends: Array, samples: _BandSamples, mine: NDArray[np.int_], drawn: int) -> LineCue:
     points = samples.middles.take(mine, axis=1).T
     position = points @ (ends[1] - ends[0])
     first, last = points[position.argmin()], points[position.argmax()]

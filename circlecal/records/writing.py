@@ -207,7 +207,7 @@ def _correspondences(found: Correspondences) -> dict[str, Any]:
 def _alternatives(calibration: FrameCalibration) -> list[dict[str, Any]]:
     """The field turned by 180 degrees, which circle and halfway line cannot tell from the answer; only a prior can."""
     if calibration.camera is not None:
-        turned = calibration.camera.camera.turned()
+        turned = calibration.camera.camera.turn_field()
         return [{"kind": "turned_field", "H_image_field": turned.homography, "camera": turned.soccernet()}]
     if calibration.homography is not None:
         return [{"kind": "turned_field", "H_image_field": calibration.homography.H_image_field_turned, "camera": None}]

@@ -84,7 +84,7 @@ def template_layer(scene: Scene) -> str | None:
             own = CIRCLE if name == scene.circle else TEMPLATE
             paths.append(_stroke(outline, own if scene.accepted else REFUSED, dashed=not scene.accepted))
     else:
-        found = _found_ellipse(scene.record)
+        found = _ellipse_of_record(scene.record)
         if found is not None:
             paths.append(_stroke(_path([found + 0.5], _TOLERANCE * unit), CIRCLE, dashed=True))
     content = "".join(paths)
@@ -145,7 +145,7 @@ def _footprint(scene: Scene, half: Array) -> list[Array]:
     return [(contour[:, 0].astype(np.float64) + 0.5) * step - half for contour in contours if len(contour) > 2]
 
 
-def _found_ellipse(record: ResultRecord) -> Array | None:
+def _ellipse_of_record(record: ResultRecord) -> Array | None:
     """The fitted ellipse (N, 2) of a frame that got no further."""
     fit = None if record.ellipses is None else record.ellipses.found
     if fit is None:

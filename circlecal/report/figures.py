@@ -72,23 +72,23 @@ def histogram(calibrated: Sequence[float], refused: Sequence[float], typical: Se
     logarithmic = bool(positive.size and largest > max(_LOG_FROM * positive.min(), _TINY))
     floor = max(float(positive.min(initial=np.inf)), _SMALLEST_SHARE * largest)
 
-    def placed(of: Sequence[float] | Array) -> Array:
+    def place(of: Sequence[float] | Array) -> Array:
         array = np.asarray(of, dtype=np.float64)
         return np.log10(np.maximum(array, floor)) if logarithmic else array
 
-    low, high = float(placed(values).min()), float(placed(values).max())
+    low, high = float(place(values).min()), float(place(values).max())
     if not logarithmic:
         low = 0.0 if high > 0 and low < 0.5 * high else low
     if high - low < 1e-9 * max(1.0, abs(high)):
         low, high = low - 0.5 * max(abs(low), 1e-3), high + 0.5 * max(abs(high), 1e-3)
     edges = np.linspace(low, high, _BINS + 1)
-    counts = [np.histogram(placed(part), edges)[0] for part in (calibrated, refused)]
+    counts = [np.histogram(place(part), edges)[0] for part in (calibrated, refused)]
     limits = 10.0**edges if logarithmic else edges
     bars = tuple(
         Bar(float(limits[k]), float(limits[k + 1]), int(counts[0][k]), int(counts[1][k])) for k in range(_BINS)
     )
     median, p90 = (float(v) for v in np.percentile(typical or values, [50, 90]))
-    at = [float(np.clip((v - low) / (high - low), 0.0, 1.0)) for v in placed([median, p90])]
+    at = [float(np.clip((v - low) / (high - low), 0.0, 1.0)) for v in place([median, p90])]
     return Histogram(
         bars=bars,
         ticks=_log_ticks(low, high) if logarithmic else _linear_ticks(low, high),

@@ -32,7 +32,7 @@ class Originals:
     results: Path
     frames: Path | None
 
-    def decoded(self, rows: Sequence[FrameRow]) -> Iterator[Picture | None]:
+    def decode(self, rows: Sequence[FrameRow]) -> Iterator[Picture | None]:
         """Pictures of the frames that come from videos, None for any other; each video is gone through once."""
         for path, of_path in itertools.groupby(rows, key=lambda row: row.path if row.time_s is not None else None):
             times = [row.time_s or 0.0 for row in of_path]

@@ -141,7 +141,7 @@ def _frames(run: StoredRun, out: Path, options: ReportOptions) -> Iterator[tuple
         return written, frame_details(record, row)
 
     with ThreadPoolExecutor(workers) as pool:
-        for index, decoded in enumerate(originals.decoded(run.rows)):
+        for index, decoded in enumerate(originals.decode(run.rows)):
             waiting.append(pool.submit(write, index, decoded))
             if len(waiting) > 2 * workers:
                 yield waiting.popleft().result()

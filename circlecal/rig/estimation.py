@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from circlecal.camera.noise import rescale_sigmas
-from circlecal.camera.observed import NoiseModel, observed_curves, observed_points
+from circlecal.camera.observed import NoiseModel, curves_from_observations, points_from_observations
 from circlecal.camera.options import priors_of
 from circlecal.camera.priors import SharedPrior, SharedPriorConfig
 from circlecal.camera.problem import WIDE_LOSS, Problem, evaluate
@@ -158,7 +158,7 @@ def _estimate_rig(
     config: Config,
 ) -> Rig | None:
     """The joint fit of frames of a camera, without those that do not fit; None where too few are left."""
-    thetas = np.array([frame.turned() if turn else frame.theta for frame, turn in zip(frames, turned, strict=True)])
+    thetas = np.array([frame.turn_field() if turn else frame.theta for frame, turn in zip(frames, turned, strict=True)])
     problems = [
         problem_of_frame(frame, theta, template, circle, config, turned=turn)
         for frame, theta, turn in zip(frames, thetas, turned, strict=True)
@@ -270,8 +270,8 @@ def problem_of_frame(
     )
     noise = NoiseModel(options.maximum_points, options.model_sigma_px * unit, options.correlation_px * unit)
     problem = Problem(
-        observed_curves(seen, template, noise),
-        observed_points(seen, template),
+        curves_from_observations(seen, template, noise),
+        points_from_observations(seen, template),
         priors_of(options, template, circle, model),
         model,
         options.loss_scale,

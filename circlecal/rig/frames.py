@@ -47,13 +47,13 @@ class RigFrame:
         """The same without what was seen; only the picture's size stays."""
         return self if self.observations is None else replace(self, observations=Observations(*self.size))
 
-    def turned(self) -> Array:
+    def turn_field(self) -> Array:
         """Parameters (P,) of the same picture of the field turned by 180 degrees."""
         if self.theta is None:
             raise ValueError(f"{self.id} has no camera that could be turned")
         model = ProjectionModel(*self.size)
         theta = self.theta.copy()
-        theta[1:7] = theta_of(camera_of(theta, model).turned(), model)[1:7]
+        theta[1:7] = theta_of(camera_of(theta, model).turn_field(), model)[1:7]
         return theta
 
 

@@ -103,7 +103,7 @@ def _refusal(found: FrameCalibration | None, frame: RigFrame, rig: Rig) -> str |
     if found.status != "calibrated" or found.camera is None:
         return found.verdict.reason
     prior = rig.prior(frame.id)
-    prior = prior if found.width == rig.size[0] else prior.scaled(found.width / rig.size[0])
+    prior = prior if found.width == rig.size[0] else prior.resize(found.width / rig.size[0])
     if prior_chi_square(prior, found.camera.theta) > chi2.ppf(1.0 - UNLIKELY, len(prior.parameters)):
         return f"its camera is another one than {rig.name}"
     return None

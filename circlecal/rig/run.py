@@ -25,7 +25,7 @@ from circlecal.files import prepare_folder
 from circlecal.formats.registry import annotation_suffixes
 from circlecal.pictures.files import PictureFile, find_frames
 from circlecal.pictures.video import pictures_at
-from circlecal.pipeline import Convention, field_of, in_convention, run_observations
+from circlecal.pipeline import Convention, apply_convention, field_of, run_observations
 from circlecal.records.camera_prior import write_prior
 from circlecal.records.log import read_records
 from circlecal.records.record import AloneRecord, ResultRecord, ResultRow, RigRecord
@@ -153,7 +153,7 @@ def run_rig(
         annotated = annotated or _is_annotated(record)
         # what was seen of the frames that are estimated together is read again below: a run may be long
         frames.append(frame_of_record(record, results).without_points())
-    seen_as = in_convention(template, convention) if annotated else template
+    seen_as = apply_convention(template, convention) if annotated else template
 
     def read_frames(wanted: Collection[str]) -> dict[str, RigFrame]:
         return {r.id: frame_of_record(r, results) for r in read_records(results) if r.id in wanted}
@@ -221,7 +221,7 @@ class RigTask:
     def record(self, frame: RecordedFrame) -> ResultRecord:
         """The frame's new record; its old one where nothing better was found."""
         template, circle = field_of(self.config)
-        seen_as = in_convention(template, self.convention) if self.annotated else template
+        seen_as = apply_convention(template, self.convention) if self.annotated else template
         seen = frame_of_record(frame.record, Path(self.source(frame)))
         again = _Again(frame.record, seen, self.config, self.mask, self.convention)
         # a frame that the list leaves out is of none of them

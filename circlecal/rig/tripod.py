@@ -180,7 +180,7 @@ class TripodEstimate:
         """Standard deviation of a parameter."""
         return float(np.sqrt(self.covariance[PLACE[name], PLACE[name]]))
 
-    def scaled(self, size: tuple[int, int]) -> TripodEstimate:
+    def resize(self, size: tuple[int, int]) -> TripodEstimate:
         """The camera for pictures of another size, in which it shows the same."""
         factor = size[0] / self.size[0]
         unit = np.array([factor if name in _PIXELS else 1.0 for name in COMMON])

@@ -16,27 +16,27 @@ from circlecal.geometry.homography import camera_side_of, homography_from_circle
 from circlecal.geometry.projective import Array, lift
 from circlecal.observations import Observations
 from circlecal.solvers.great_axis import DOWN, toward_camera
-from circlecal.solvers.interface import solver, unsolved
+from circlecal.solvers.interface import failure, solver
 from circlecal.solvers.primitives import (
     SAME_CENTER_M,
     SeenLine,
     central_line,
     crossing_points,
-    known_points,
+    find_circle,
+    find_lines,
+    find_points,
     line_meets,
-    seen_circle,
-    seen_lines,
 )
 
 
 @solver
 def solve(observations: Observations, template: FieldTemplate, circle: Circle, rng: np.random.Generator) -> Array:
     """Find the imaged centre on the line, then the homography in closed form."""
-    seen = seen_circle(observations, template, circle.name, rng)
+    seen = find_circle(observations, template, circle.name, rng)
     line = central_line(observations, template, circle)
     crossings = crossing_points(seen.conic, line.image_line, DOWN)
     if crossings is None:
-        raise unsolved("line_misses_circle", "the halfway line misses the ellipse")
+        raise failure("line_misses_circle", "the halfway line misses the ellipse")
     along = toward_camera(line.direction)
     field, image = points_on_line(observations, template, line)
     s = (field - seen.center_m) @ along / seen.radius_m
@@ -47,7 +47,7 @@ def solve(observations: Observations, template: FieldTemplate, circle: Circle, r
         seen.conic, lift(middle + m * half), line.image_line, seen.center_m, seen.radius_m, line.direction
     )
     if H is None:
-        raise unsolved("center_outside", "the imaged centre lies outside the ellipse")
+        raise failure("center_outside", "the imaged centre lies outside the ellipse")
     return turn_homography(H, seen.center_m) if camera_side_of(H, "main") < 0 else H
 
 
@@ -58,13 +58,13 @@ def imaged_middle(s: Array, tau: Array) -> float:
     """
     slope = 1.0 - s * tau
     if len(s) == 0 or np.all(np.abs(slope) < 1e-9):
-        raise unsolved("no_point_on_line", "no point of the halfway line beside those of the circle was seen")
+        raise failure("no_point_on_line", "no point of the halfway line beside those of the circle was seen")
     m = float(slope @ (tau - s) / (slope @ slope))
     for _ in range(3):
         weight = 1.0 / (1.0 + m * s) ** 2
         m = float((weight * slope) @ (tau - s) / ((weight * slope) @ slope))
     if abs(m) >= 1.0:
-        raise unsolved("center_outside", "the points of the line put the centre outside the ellipse")
+        raise failure("center_outside", "the points of the line put the centre outside the ellipse")
     return m
 
 
@@ -72,10 +72,10 @@ def points_on_line(observations: Observations, template: FieldTemplate, line: Se
     """Field and image points (N, 2) on the line: marks, keypoints and its meets with other seen markings."""
     pairs = [
         (p.field_m, p.image_px)
-        for p in known_points(observations, template)
+        for p in find_points(observations, template)
         if abs(line.field_line @ np.r_[p.field_m, 1.0]) < SAME_CENTER_M
     ]
-    others = [seen for seen in seen_lines(observations, template) if seen.marking.name != line.marking.name]
+    others = [seen for seen in find_lines(observations, template) if seen.marking.name != line.marking.name]
     for other in others:
         pairs += line_meets([line, other])
     field = np.array([p[0] for p in pairs]).reshape(-1, 2)

@@ -21,7 +21,7 @@ from circlecal.geometry.conics import normalise_conic
 from circlecal.geometry.homography import camera_side_of, turn_homography
 from circlecal.geometry.projective import Array, Indices, Mask
 from circlecal.observations import Observations
-from circlecal.solvers.interface import intrinsics_solver, solver, unsolved
+from circlecal.solvers.interface import failure, intrinsics_solver, solver
 from circlecal.solvers.primitives import (
     SAME_CENTER_M,
     SeenCircle,
@@ -82,7 +82,7 @@ def intrinsics(
         pair, _ = _pair(view, template, circle, rng)
         found.append(focal_and_plane(pair, (view.width, view.height)).focal_px)
     if not found:
-        raise unsolved("needs_a_view", "at least one view is needed")
+        raise failure("needs_a_view", "at least one view is needed")
     x, y = image_center(views[0].width, views[0].height)
     focal = float(np.median(found))
     return np.array([[focal, 0.0, x], [0.0, focal, y], [0.0, 0.0, 1.0]])
@@ -163,7 +163,7 @@ def focal_and_plane(pair: tuple[SeenCircle, SeenCircle], size: tuple[int, int]) 
     log_focal, refined = _refine(pair, grid[place + 1], center, choices[chosen])
     refined[(log_focal <= low) | (log_focal >= high)] = np.inf
     if not refined.min(initial=np.inf) <= LARGEST_MISFIT**2:
-        raise unsolved("no_common_plane", "no focal length gives both circles one plane")
+        raise failure("no_common_plane", "no focal length gives both circles one plane")
     best = int(np.argmin(refined))
     focal, choice = float(np.exp(log_focal[best])), choices[chosen[best]]
     _, first, second = _misfits(pair, np.array([focal]), center, choice[None])

@@ -21,7 +21,7 @@ from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.least_squares import DenseProblem, NormalState, StoppingRule, minimise
 from circlecal.geometry.projective import Array, apply_homography, similarity_normalisation
 from circlecal.observations import Observations
-from circlecal.solvers.interface import solver, unsolved
+from circlecal.solvers.interface import failure, solver
 from circlecal.solvers.primitives import SeenCircle, separate_circles
 
 RULE = StoppingRule(1e-12)
@@ -61,7 +61,7 @@ def ellipse_match(seen: SeenCircle) -> EllipseMatch:
     conic = seen.conic if refined is None else refined[0]
     ellipse = ellipse_from_conic(conic)
     if ellipse is None:
-        raise unsolved("no_circle", "the circle's points fit no ellipse")
+        raise failure("no_circle", "the circle's points fit no ellipse")
     x, y = seen.center_m
     A = np.array([[seen.radius_m, 0.0, x], [0.0, seen.radius_m, y], [0.0, 0.0, 1.0]])
     B = ellipse.frame()
@@ -89,7 +89,7 @@ def first_order_homography(matches: list[EllipseMatch]) -> Array:
     system = np.array(rows)
     _, singular, vectors = np.linalg.svd(system / np.linalg.norm(system, axis=1, keepdims=True))
     if singular[7] <= RANK_TOLERANCE * singular[0]:
-        raise unsolved("degenerate", "the ellipses leave the homography undetermined")
+        raise failure("degenerate", "the ellipses leave the homography undetermined")
     return np.asarray(np.linalg.inv(T_image) @ vectors[8].reshape(3, 3) @ T_field)
 
 
@@ -142,5 +142,5 @@ def iterate(H: Array, matches: list[EllipseMatch]) -> Array:
     problem = WhitenedConics(tuple(matches), N)
     start = problem.evaluate(H.reshape(1, 9))
     if not np.isfinite(start.cost[0]):
-        raise unsolved("no_convergence", "the first-order homography maps a circle to no ellipse")
+        raise failure("no_convergence", "the first-order homography maps a circle to no ellipse")
     return minimise(problem, start, RULE).state.parameters.reshape(3, 3)

@@ -17,15 +17,15 @@ from circlecal.geometry.homography import dlt
 from circlecal.geometry.projective import Array, join, lift, meet
 from circlecal.observations import Observations
 from circlecal.solvers.great_axis import DOWN, axis_ends, toward_camera
-from circlecal.solvers.interface import solver, unsolved
+from circlecal.solvers.interface import failure, solver
 from circlecal.solvers.primitives import (
     SeenCircle,
     SeenLine,
     central_line,
     central_point,
     crossing_points,
-    seen_circle,
-    seen_lines,
+    find_circle,
+    find_lines,
 )
 
 PARALLEL = 1e-9
@@ -34,17 +34,17 @@ PARALLEL = 1e-9
 @solver
 def solve(observations: Observations, template: FieldTemplate, circle: Circle, rng: np.random.Generator) -> Array:
     """Four points, as in ``great_axis``, and three parallel lines through the vanishing point."""
-    seen = seen_circle(observations, template, circle.name, rng)
+    seen = find_circle(observations, template, circle.name, rng)
     line = central_line(observations, template, circle)
     crossings = crossing_points(seen.conic, line.image_line, DOWN)
     if crossings is None:
-        raise unsolved("line_misses_circle", "the halfway line misses the ellipse")
+        raise failure("line_misses_circle", "the halfway line misses the ellipse")
     ends = lift(axis_ends(seen))
     try:
         center = central_point(observations, template, circle)
     except EstimationError:
         center = meet(line.image_line, join(ends[0], ends[1]))
-    vanishing = vanishing_point(seen, line, seen_lines(observations, template), center)
+    vanishing = vanishing_point(seen, line, find_lines(observations, template), center)
     along = toward_camera(line.direction)
     across = np.array([along[1], -along[0]])
     field = seen.center_m + seen.radius_m * np.stack([across, -across, along, -along])
@@ -57,7 +57,7 @@ def solve(observations: Observations, template: FieldTemplate, circle: Circle, r
         np.stack([join(vanishing, ends[0]), join(vanishing, ends[1]), line.image_line]),
     )
     if solution is None:
-        raise unsolved("degenerate", "points and lines leave the homography undetermined")
+        raise failure("degenerate", "points and lines leave the homography undetermined")
     return solution.H
 
 

@@ -13,8 +13,8 @@ from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.homography import dlt
 from circlecal.geometry.projective import Array
 from circlecal.observations import Observations
-from circlecal.solvers.interface import solver, unsolved
-from circlecal.solvers.primitives import SeenCircle, SeenLine, central_line, crossing_points, seen_circle
+from circlecal.solvers.interface import failure, solver
+from circlecal.solvers.primitives import SeenCircle, SeenLine, central_line, crossing_points, find_circle
 
 RIGHT, DOWN = np.array([1.0, 0.0]), np.array([0.0, 1.0])
 
@@ -22,7 +22,7 @@ RIGHT, DOWN = np.array([1.0, 0.0]), np.array([0.0, 1.0])
 @solver
 def solve(observations: Observations, template: FieldTemplate, circle: Circle, rng: np.random.Generator) -> Array:
     """Four points: both ends of the great axis, and the halfway line's points on the ellipse (or the small axis')."""
-    seen = seen_circle(observations, template, circle.name, rng)
+    seen = find_circle(observations, template, circle.name, rng)
     try:
         line: SeenLine | None = central_line(observations, template, circle)
     except EstimationError:
@@ -36,7 +36,7 @@ def solve(observations: Observations, template: FieldTemplate, circle: Circle, r
     field = seen.center_m + seen.radius_m * np.stack([across, -across, along, -along])
     solution = dlt(field, np.concatenate([ends, crossings]))
     if solution is None:
-        raise unsolved("degenerate", "the four points leave the homography undetermined")
+        raise failure("degenerate", "the four points leave the homography undetermined")
     return solution.H
 
 
@@ -49,7 +49,7 @@ def axis_ends(seen: SeenCircle, longer: bool = True) -> Array:
     """Ends (2, 2) of an axis of the ellipse: the right one first of the longer, the lower one first of the shorter."""
     ellipse = ellipse_from_conic(seen.conic)
     if ellipse is None:
-        raise unsolved("no_circle", "the circle's points fit no ellipse")
+        raise failure("no_circle", "the circle's points fit no ellipse")
     turn = 0.0 if longer else np.pi / 2
     ends = ellipse.points(np.array([turn, turn + np.pi]))
     ahead = (ends[0] - ends[1]) @ (RIGHT if longer else DOWN)

@@ -15,8 +15,8 @@ from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.conics import circle_conic, polar, pole
 from circlecal.geometry.projective import Array, lift, similarity_normalisation
 from circlecal.observations import Observations
-from circlecal.solvers.interface import solver, unsolved
-from circlecal.solvers.primitives import SeenCircle, known_points, seen_circle, seen_lines
+from circlecal.solvers.interface import failure, solver
+from circlecal.solvers.primitives import SeenCircle, find_circle, find_lines, find_points
 
 RANK_TOLERANCE = 1e-6
 """Smallest ratio of the eighth to the first singular value of a system that determines the homography."""
@@ -27,11 +27,11 @@ def solve(observations: Observations, template: FieldTemplate, circle: Circle, r
     """Matches, and for each ellipse the polars of matched points and the poles of matched lines; then least squares."""
     names = dict.fromkeys(c.circle for c in observations.circles if c.circle in template.circle_by_name)
     if circle.name not in names:
-        raise unsolved("no_circle", f"no points of the circle {circle.name!r} were seen")
-    circles = [seen_circle(observations, template, name, rng) for name in names]
-    points, lines = known_points(observations, template), seen_lines(observations, template)
+        raise failure("no_circle", f"no points of the circle {circle.name!r} were seen")
+    circles = [find_circle(observations, template, name, rng) for name in names]
+    points, lines = find_points(observations, template), find_lines(observations, template)
     if not points and not lines:
-        raise unsolved("no_matches", "poles and polars need matched points or lines")
+        raise failure("no_matches", "poles and polars need matched points or lines")
     T_field, T_image = _normalisations(circles)
     field_points = [lift(p.field_m) for p in points]
     image_points = [lift(p.image_px) for p in points]
@@ -39,10 +39,10 @@ def solve(observations: Observations, template: FieldTemplate, circle: Circle, r
     image_lines = [line.image_line for line in lines]
     polars_field, polars_image, poles_field, poles_image = [], [], [], []
     for seen, k in product(circles, range(len(points))):
-        polars_field.append(polar(_on_field(seen), field_points[k]))
+        polars_field.append(polar(_field_coordinates(seen), field_points[k]))
         polars_image.append(polar(seen.conic, image_points[k]))
     for seen, k in product(circles, range(len(lines))):
-        poles_field.append(pole(_on_field(seen), field_lines[k]))
+        poles_field.append(pole(_field_coordinates(seen), field_lines[k]))
         poles_image.append(pole(seen.conic, image_lines[k]))
     x = np.array(field_points + poles_field).reshape(-1, 3) @ T_field.T
     y = np.array(image_points + poles_image).reshape(-1, 3) @ T_image.T
@@ -53,11 +53,11 @@ def solve(observations: Observations, template: FieldTemplate, circle: Circle, r
     ideal = np.linalg.svd(np.concatenate([point_rows(x, x), line_rows(a, a)]), compute_uv=False)
     _, _, vectors = np.linalg.svd(np.concatenate([point_rows(x, y), line_rows(a, b)]))
     if len(ideal) < 8 or ideal[7] <= RANK_TOLERANCE * ideal[0]:
-        raise unsolved("underdetermined", "the matches leave part of the homography free: one off the axis is needed")
+        raise failure("underdetermined", "the matches leave part of the homography free: one off the axis is needed")
     return np.asarray(np.linalg.inv(T_image) @ vectors[8].reshape(3, 3) @ T_field)
 
 
-def _on_field(seen: SeenCircle) -> Array:
+def _field_coordinates(seen: SeenCircle) -> Array:
     return circle_conic(seen.center_m, seen.radius_m)
 
 

@@ -19,7 +19,7 @@ from circlecal.geometry.concentric import imaged_center
 from circlecal.geometry.conics import normalise_conic
 from circlecal.geometry.projective import Array
 from circlecal.observations import Observations
-from circlecal.solvers.interface import intrinsics_solver, unsolved
+from circlecal.solvers.interface import failure, intrinsics_solver
 from circlecal.solvers.primitives import concentric_edges
 
 VIEWS = 3
@@ -33,7 +33,7 @@ def intrinsics(
 ) -> Array:
     """Calibration matrix (3, 3) of a camera with one zoom from at least three views of both edges of a circle."""
     if len(views) < VIEWS:
-        raise unsolved("needs_three_views", f"three views are needed, {len(views)} given")
+        raise failure("needs_three_views", f"three views are needed, {len(views)} given")
     width, height = views[0].width, views[0].height
     x, y = image_center(width, height)
     T = np.array([[width / 2.0, 0.0, x], [0.0, width / 2.0, y], [0.0, 0.0, 1.0]])
@@ -50,18 +50,18 @@ def intrinsics_from_pairs(pairs: Sequence[tuple[Array, Array]]) -> Array:
     for outer, inner in pairs:
         found = imaged_center(outer, inner)
         if found is None:
-            raise unsolved("no_real_center", "no real eigenvector lies inside the inner ellipse of a view")
+            raise failure("no_real_center", "no real eigenvector lies inside the inner ellipse of a view")
         rows += _view_rows(normalise_conic(outer), found.center)
     system = np.array(rows)
     _, singular, vectors = np.linalg.svd(system / np.linalg.norm(system, axis=1, keepdims=True))
     if singular[4] <= RANK_TOLERANCE * singular[0]:
-        raise unsolved("views_too_alike", "the views see the circle under the same direction")
+        raise failure("views_too_alike", "the views see the circle under the same direction")
     omega = np.zeros((3, 3))
     for value, (i, j) in zip(vectors[5], _ENTRIES, strict=True):
         omega[i, j] = omega[j, i] = value
     omega = omega * np.sign(omega[2, 2])
     if np.linalg.eigvalsh(omega)[0] <= 0:
-        raise unsolved("not_definite", "the image of the absolute conic is not definite")
+        raise failure("not_definite", "the image of the absolute conic is not definite")
     K = np.linalg.inv(np.linalg.cholesky(omega).T)
     return K / K[2, 2]
 

@@ -18,7 +18,7 @@ from circlecal.geometry.homography import dlt
 from circlecal.geometry.projective import Array, join, similarity_normalisation
 from circlecal.observations import Observations
 from circlecal.results import Correspondences
-from circlecal.solvers.interface import solver, unsolved
+from circlecal.solvers.interface import failure, solver
 from circlecal.solvers.primitives import SeenCircle, separate_circles
 from circlecal.stages.correspondences import correspondences_from_line
 
@@ -33,9 +33,9 @@ def solve(observations: Observations, template: FieldTemplate, circle: Circle, r
     line = vanishing_line(first.conic, second.conic)
     centers = [pole(c.conic, line) for c in (first, second)]
     if any(abs(c[2]) < 1e-12 * np.linalg.norm(c) for c in centers):
-        raise unsolved("degenerate", "an imaged centre lies at infinity")
+        raise failure("degenerate", "an imaged centre lies at infinity")
     derived = [
-        _derived(seen, center, other_seen, other)
+        _derive_correspondences(seen, center, other_seen, other)
         for seen, center, other_seen, other in (
             (first, centers[0], second, centers[1]),
             (second, centers[1], first, centers[0]),
@@ -50,11 +50,11 @@ def solve(observations: Observations, template: FieldTemplate, circle: Circle, r
         [t.image_line for t in tangents],
     )
     if solution is None:
-        raise unsolved("degenerate", "the derived points leave the homography undetermined")
+        raise failure("degenerate", "the derived points leave the homography undetermined")
     return solution.H
 
 
-def _derived(seen: SeenCircle, center: Array, other: SeenCircle, other_center: Array) -> Correspondences:
+def _derive_correspondences(seen: SeenCircle, center: Array, other: SeenCircle, other_center: Array) -> Correspondences:
     """Points and tangents of one circle; the other's centre says which way along the line of centres is which."""
     try:
         return correspondences_from_line(
@@ -67,7 +67,7 @@ def _derived(seen: SeenCircle, center: Array, other: SeenCircle, other_center: A
             toward=other_center[:2] / other_center[2],
         )
     except EstimationError as error:
-        raise unsolved(error.code, error.reason) from error
+        raise failure(error.code, error.reason) from error
 
 
 def vanishing_line(first: Array, second: Array) -> Array:
@@ -78,7 +78,7 @@ def vanishing_line(first: Array, second: Array) -> Array:
     """
     ellipse_a, ellipse_b = ellipse_from_conic(first), ellipse_from_conic(second)
     if ellipse_a is None or ellipse_b is None:
-        raise unsolved("no_circle", "an ellipse is degenerate")
+        raise failure("no_circle", "an ellipse is degenerate")
     T = np.linalg.inv(
         similarity_normalisation(np.concatenate([e.points(np.arange(4) * np.pi / 2) for e in (ellipse_a, ellipse_b)]))
     )
@@ -92,7 +92,7 @@ def vanishing_line(first: Array, second: Array) -> Array:
             if margin is not None and (best is None or margin > best[0]):
                 best = margin, candidate
     if best is None:
-        raise unsolved("no_vanishing_line", "no common chord of the ellipses can be the vanishing line")
+        raise failure("no_vanishing_line", "no common chord of the ellipses can be the vanishing line")
     return np.asarray(np.linalg.inv(T).T @ best[1])
 
 

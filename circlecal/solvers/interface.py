@@ -78,7 +78,7 @@ HomographyMethod = Callable[[Observations, FieldTemplate, Circle, np.random.Gene
 IntrinsicsMethod = Callable[[Sequence[Observations], FieldTemplate, Circle, np.random.Generator], Array]
 
 
-def unsolved(code: str, reason: str) -> EstimationError:
+def failure(code: str, reason: str) -> EstimationError:
     """The error by which a step inside a solver gives up; it never leaves the solver."""
     return EstimationError(STAGE, code, reason)
 

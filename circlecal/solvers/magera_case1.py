@@ -9,8 +9,8 @@ from circlecal.geometry.homography import dlt
 from circlecal.geometry.projective import Array
 from circlecal.observations import Observations
 from circlecal.results import Correspondences
-from circlecal.solvers.interface import solver, unsolved
-from circlecal.solvers.primitives import central_line, central_point, seen_circle
+from circlecal.solvers.interface import failure, solver
+from circlecal.solvers.primitives import central_line, central_point, find_circle
 from circlecal.stages.correspondences import correspondences_from_line
 
 PAPER_POINTS = 4
@@ -20,16 +20,16 @@ PAPER_POINTS = 4
 @solver
 def solve(observations: Observations, template: FieldTemplate, circle: Circle, rng: np.random.Generator) -> Array:
     """Derive a, b, d, e and their tangents (``v = l1 x E c``, ``l2 = v x c``, ``l3 = E v``), then the DLT."""
-    seen = seen_circle(observations, template, circle.name, rng)
+    seen = find_circle(observations, template, circle.name, rng)
     line = central_line(observations, template, circle)
     center = central_point(observations, template, circle)
     derived = correspondences_from_line(
         seen.conic, center, line.image_line, seen.center_m, seen.radius_m, line.direction
     )
-    return homography_of_derived(derived)
+    return homography_from_correspondences(derived)
 
 
-def homography_of_derived(derived: Correspondences) -> Array:
+def homography_from_correspondences(derived: Correspondences) -> Array:
     """DLT (3, 3) on the paper's four points and their tangents."""
     points, tangents = derived.points[:PAPER_POINTS], derived.tangents[:PAPER_POINTS]
     solution = dlt(
@@ -39,5 +39,5 @@ def homography_of_derived(derived: Correspondences) -> Array:
         [t.image_line for t in tangents],
     )
     if solution is None:
-        raise unsolved("degenerate", "the derived points and tangents leave the homography undetermined")
+        raise failure("degenerate", "the derived points and tangents leave the homography undetermined")
     return solution.H

@@ -11,24 +11,24 @@ import numpy as np
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.projective import Array
 from circlecal.observations import Observations
-from circlecal.solvers.interface import solver, unsolved
-from circlecal.solvers.magera_case1 import homography_of_derived
-from circlecal.solvers.primitives import SAME_CENTER_M, central_point, known_points, seen_circle
+from circlecal.solvers.interface import failure, solver
+from circlecal.solvers.magera_case1 import homography_from_correspondences
+from circlecal.solvers.primitives import SAME_CENTER_M, central_point, find_circle, find_points
 from circlecal.stages.correspondences import correspondences_from_point
 
 
 @solver
 def solve(observations: Observations, template: FieldTemplate, circle: Circle, rng: np.random.Generator) -> Array:
     """Take the known point that lies farthest from the centre in the picture: its direction is the best known."""
-    seen = seen_circle(observations, template, circle.name, rng)
+    seen = find_circle(observations, template, circle.name, rng)
     center = central_point(observations, template, circle)
     others = [
-        p for p in known_points(observations, template) if np.linalg.norm(p.field_m - circle.center) > SAME_CENTER_M
+        p for p in find_points(observations, template) if np.linalg.norm(p.field_m - circle.center) > SAME_CENTER_M
     ]
     if not others:
-        raise unsolved("no_point", "no point of known field position beside the centre was seen")
+        raise failure("no_point", "no point of known field position beside the centre was seen")
     point = max(others, key=lambda p: np.linalg.norm(p.image_px - center[:2] / center[2]) / p.sigma_px)
     derived = correspondences_from_point(
         seen.conic, center, point.image_px, point.field_m, seen.center_m, seen.radius_m
     )
-    return homography_of_derived(derived)
+    return homography_from_correspondences(derived)

@@ -12,9 +12,9 @@ from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.concentric import imaged_center
 from circlecal.geometry.projective import Array
 from circlecal.observations import Observations
-from circlecal.solvers.interface import solver, unsolved
-from circlecal.solvers.magera_case1 import homography_of_derived
-from circlecal.solvers.primitives import SAME_CENTER_M, central_line, concentric_edges, known_points
+from circlecal.solvers.interface import failure, solver
+from circlecal.solvers.magera_case1 import homography_from_correspondences
+from circlecal.solvers.primitives import SAME_CENTER_M, central_line, concentric_edges, find_points
 from circlecal.stages.correspondences import correspondences_from_line, correspondences_from_point
 
 
@@ -24,14 +24,14 @@ def solve(observations: Observations, template: FieldTemplate, circle: Circle, r
     outer, inner = concentric_edges(observations, template, circle, rng)
     found = imaged_center(outer.conic, inner.conic)
     if found is None:
-        raise unsolved("no_real_center", "no real eigenvector lies inside the inner ellipse")
+        raise failure("no_real_center", "no real eigenvector lies inside the inner ellipse")
     try:
         line = central_line(observations, template, circle)
     except EstimationError:
         point = next(
             (
                 p
-                for p in known_points(observations, template)
+                for p in find_points(observations, template)
                 if np.linalg.norm(p.field_m - circle.center) > SAME_CENTER_M
             ),
             None,
@@ -45,4 +45,4 @@ def solve(observations: Observations, template: FieldTemplate, circle: Circle, r
         derived = correspondences_from_line(
             outer.conic, found.center, line.image_line, outer.center_m, outer.radius_m, line.direction
         )
-    return homography_of_derived(derived)
+    return homography_from_correspondences(derived)

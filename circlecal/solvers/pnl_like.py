@@ -15,7 +15,7 @@ from math import comb
 
 import numpy as np
 
-from circlecal.camera.observed import NoiseModel, observed_curves
+from circlecal.camera.observed import NoiseModel, curves_from_observations
 from circlecal.camera.options import CameraConfig, priors_of
 from circlecal.camera.problem import Problem, minimise
 from circlecal.camera.residuals import FixedPoints
@@ -28,15 +28,15 @@ from circlecal.geometry.projective import Array, Mask
 from circlecal.geometry.surface import Surface
 from circlecal.observations import MarkingKey, Observations
 from circlecal.solvers.great_axis import DOWN, toward_camera
-from circlecal.solvers.interface import solver, unsolved
+from circlecal.solvers.interface import failure, solver
 from circlecal.solvers.primitives import (
     KnownPoint,
     central_line,
     crossing_points,
-    known_points,
+    find_circle,
+    find_lines,
+    find_points,
     line_meets,
-    seen_circle,
-    seen_lines,
 )
 
 SUBSET = 4
@@ -65,7 +65,7 @@ class Keypoints:
     image_px: Array
     sigma_px: Array
 
-    def kept(self, chosen: Mask) -> Keypoints:
+    def select(self, chosen: Mask) -> Keypoints:
         """The chosen ones."""
         return Keypoints(self.field_m[chosen], self.image_px[chosen], self.sigma_px[chosen])
 
@@ -75,18 +75,18 @@ def solve(observations: Observations, template: FieldTemplate, circle: Circle, r
     """Best subset, camera, refinement."""
     points = keypoints(observations, template, circle, rng)
     if len(points.field_m) < SUBSET:
-        raise unsolved("too_few_keypoints", f"four keypoints are needed, {len(points.field_m)} seen")
+        raise failure("too_few_keypoints", f"four keypoints are needed, {len(points.field_m)} seen")
     if spread_across(points.field_m) < COLLINEAR:
-        raise unsolved("collinear_keypoints", "all keypoints lie on one line")
+        raise failure("collinear_keypoints", "all keypoints lie on one line")
     inliers = consensus(points, rng)
-    kept = points.kept(inliers)
+    kept = points.select(inliers)
     solution = dlt(kept.field_m, kept.image_px)
     if solution is None:
-        raise unsolved("degenerate", "the keypoints leave the homography undetermined")
+        raise failure("degenerate", "the keypoints leave the homography undetermined")
     camera = camera_from_homography(solution.H, observations.width, observations.height)
     if camera is None or camera.position_m[2] >= 0:
         return solution.H
-    return refined(kept, theta_of(camera, _model(observations, circle)), observations, template, circle)
+    return refine(kept, theta_of(camera, _model(observations, circle)), observations, template, circle)
 
 
 def _model(observations: Observations, circle: Circle) -> ProjectionModel:
@@ -97,12 +97,12 @@ def keypoints(
     observations: Observations, template: FieldTemplate, circle: Circle, rng: np.random.Generator
 ) -> Keypoints:
     """Marks, keypoints, meets of lines, and the halfway line's points on the circle."""
-    found = known_points(observations, template)
+    found = find_points(observations, template)
     usual = float(np.median([p.sigma_px for p in found])) if found else 1.0
-    lines = seen_lines(observations, template)
+    lines = find_lines(observations, template)
     found += [KnownPoint(field, image, usual) for field, image in line_meets(lines)]
     try:
-        seen, line = seen_circle(observations, template, circle.name, rng), central_line(observations, template, circle)
+        seen, line = find_circle(observations, template, circle.name, rng), central_line(observations, template, circle)
     except EstimationError:
         crossings = None
     else:
@@ -147,19 +147,19 @@ def consensus(points: Keypoints, rng: np.random.Generator) -> Mask:
         if best is None or (int(inliers.sum()), -cost) > (best[0], -best[1]):
             best = int(inliers.sum()), cost, inliers
     if best is None or best[0] < SUBSET:
-        raise unsolved("no_consensus", "no four keypoints, no three of them on a line, agree with a homography")
+        raise failure("no_consensus", "no four keypoints, no three of them on a line, agree with a homography")
     if spread_across(points.field_m[best[2]]) < COLLINEAR:
-        raise unsolved("collinear_keypoints", "the keypoints that agree lie on one line")
+        raise failure("collinear_keypoints", "the keypoints that agree lie on one line")
     return best[2]
 
 
-def refined(
+def refine(
     points: Keypoints, theta: Array, observations: Observations, template: FieldTemplate, circle: Circle
 ) -> Array:
     """Homography of the camera that fits inlier keypoints and straight lines best."""
     model = _model(observations, circle)
     known = template.model_copy(update={"length_sd_m": 0.0, "width_sd_m": 0.0})
-    curves = observed_curves(replace(observations, circles=()), template, NoiseModel(10**6, 0.0, 0.0))
+    curves = curves_from_observations(replace(observations, circles=()), template, NoiseModel(10**6, 0.0, 0.0))
     keys = tuple(MarkingKey(str(k)) for k in range(len(points.field_m)))
     fixed = FixedPoints(points.field_m, points.image_px, points.sigma_px, keys)
     problem = Problem(curves, fixed, priors_of(WITHOUT_PRIORS, known, circle, model), model)

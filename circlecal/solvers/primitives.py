@@ -17,7 +17,7 @@ from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.projective import Array, fit_line, lift, meet
 from circlecal.geometry.ransac import ransac_conic
 from circlecal.observations import CircleEdge, CirclePoints, Observations
-from circlecal.solvers.interface import unsolved
+from circlecal.solvers.interface import failure
 
 OUTLIER_FACTOR = 3.0
 """A fit whose residuals are this many times their sigma (root mean square) has met outliers."""
@@ -59,7 +59,7 @@ class SeenLine:
     direction: Array
 
 
-def fitted_conic(points_px: Array, sigma_px: Array, rng: np.random.Generator) -> Array | None:
+def fit_normalised_conic(points_px: Array, sigma_px: Array, rng: np.random.Generator) -> Array | None:
     """Normalised ellipse (3, 3) of points (N, 2), or None."""
     conic = fit_conic(points_px, "direct")
     if conic is None or len(points_px) < RANSAC_MINIMUM_POINTS:
@@ -71,9 +71,9 @@ def fitted_conic(points_px: Array, sigma_px: Array, rng: np.random.Generator) ->
     return conic if robust is None else robust.conic
 
 
-def _seen(seen: CirclePoints, template: FieldTemplate, rng: np.random.Generator) -> SeenCircle | None:
+def _fit_edge(seen: CirclePoints, template: FieldTemplate, rng: np.random.Generator) -> SeenCircle | None:
     known = template.circle_by_name.get(seen.circle)
-    conic = fitted_conic(seen.points_px, seen.sigma_px, rng) if known is not None else None
+    conic = fit_normalised_conic(seen.points_px, seen.sigma_px, rng) if known is not None else None
     if known is None or conic is None or ellipse_from_conic(conic) is None:
         return None
     return SeenCircle(
@@ -87,22 +87,22 @@ def _seen(seen: CirclePoints, template: FieldTemplate, rng: np.random.Generator)
     )
 
 
-def seen_edge(
+def find_edge(
     observations: Observations, template: FieldTemplate, name: str, edge: CircleEdge, rng: np.random.Generator
 ) -> SeenCircle:
     """One edge of a circle; gives up with ``no_circle`` where it was not seen or fits no ellipse."""
     points = observations.circle(name, edge)
-    found = None if points is None else _seen(points, template, rng)
+    found = None if points is None else _fit_edge(points, template, rng)
     if found is None:
-        raise unsolved("no_circle", f"the {edge} edge of {name!r} was not seen, or its points fit no ellipse")
+        raise failure("no_circle", f"the {edge} edge of {name!r} was not seen, or its points fit no ellipse")
     return found
 
 
-def seen_circle(observations: Observations, template: FieldTemplate, name: str, rng: np.random.Generator) -> SeenCircle:
+def find_circle(observations: Observations, template: FieldTemplate, name: str, rng: np.random.Generator) -> SeenCircle:
     """The circle by its outer edge, else by its centreline, else by its inner edge."""
     edges: tuple[CircleEdge, ...] = ("outer", "center", "inner")
     edge: CircleEdge = next((e for e in edges if observations.circle(name, e) is not None), edges[0])
-    return seen_edge(observations, template, name, edge, rng)
+    return find_edge(observations, template, name, edge, rng)
 
 
 def separate_circles(observations: Observations, template: FieldTemplate, rng: np.random.Generator) -> list[SeenCircle]:
@@ -114,9 +114,9 @@ def separate_circles(observations: Observations, template: FieldTemplate, rng: n
     for name in dict.fromkeys(c.circle for c in observations.circles if c.circle in template.circle_by_name):
         center = np.asarray(template.circle_by_name[name].center)
         if all(np.linalg.norm(center - other.center_m) > SAME_CENTER_M for other in found):
-            found.append(seen_circle(observations, template, name, rng))
+            found.append(find_circle(observations, template, name, rng))
     if len(found) < 2:
-        raise unsolved("needs_two_circles", "two circles with different centres are needed")
+        raise failure("needs_two_circles", "two circles with different centres are needed")
     return found
 
 
@@ -125,12 +125,12 @@ def concentric_edges(
 ) -> tuple[SeenCircle, SeenCircle]:
     """Outer and inner edge of one circle; gives up with ``needs_two_edges``."""
     if observations.circle(circle.name, "outer") is None or observations.circle(circle.name, "inner") is None:
-        raise unsolved("needs_two_edges", "both edges of the marking are needed")
-    outer = seen_edge(observations, template, circle.name, "outer", rng)
-    return outer, seen_edge(observations, template, circle.name, "inner", rng)
+        raise failure("needs_two_edges", "both edges of the marking are needed")
+    outer = find_edge(observations, template, circle.name, "outer", rng)
+    return outer, find_edge(observations, template, circle.name, "inner", rng)
 
 
-def seen_lines(observations: Observations, template: FieldTemplate) -> list[SeenLine]:
+def find_lines(observations: Observations, template: FieldTemplate) -> list[SeenLine]:
     """All named straight markings with at least two points."""
     found = []
     for seen in observations.lines:
@@ -147,13 +147,13 @@ def seen_lines(observations: Observations, template: FieldTemplate) -> list[Seen
 def central_line(observations: Observations, template: FieldTemplate, circle: Circle) -> SeenLine:
     """A seen line through the circle's centre; gives up with ``no_line``."""
     center = np.r_[circle.center, 1.0]
-    for line in seen_lines(observations, template):
+    for line in find_lines(observations, template):
         if abs(line.field_line @ center) < SAME_CENTER_M:
             return line
-    raise unsolved("no_line", "no line through the circle's centre was seen")
+    raise failure("no_line", "no line through the circle's centre was seen")
 
 
-def known_points(observations: Observations, template: FieldTemplate) -> list[KnownPoint]:
+def find_points(observations: Observations, template: FieldTemplate) -> list[KnownPoint]:
     """Marks and keypoints."""
     marks = [
         KnownPoint(np.asarray(template.mark_by_name[m.mark].position, dtype=np.float64), m.point_px, m.sigma_px)
@@ -165,10 +165,10 @@ def known_points(observations: Observations, template: FieldTemplate) -> list[Kn
 
 def central_point(observations: Observations, template: FieldTemplate, circle: Circle) -> Array:
     """Imaged centre (3,) of the circle as a mark or keypoint shows it; gives up with ``no_center``."""
-    for point in known_points(observations, template):
+    for point in find_points(observations, template):
         if np.linalg.norm(point.field_m - circle.center) < SAME_CENTER_M:
             return lift(point.image_px)
-    raise unsolved("no_center", "the circle's centre was not seen")
+    raise failure("no_center", "the circle's centre was not seen")
 
 
 def line_meets(lines: list[SeenLine]) -> list[tuple[Array, Array]]:

@@ -11,14 +11,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from circlecal.camera.observed import NoiseModel, observed_curves
+from circlecal.camera.observed import NoiseModel, curves_from_observations
 from circlecal.camera.residuals import CurvePoints, curve_residuals, sample_feet
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel, camera_of
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import Surface
 from circlecal.observations import Observations
-from circlecal.solvers.interface import solver, unsolved
+from circlecal.solvers.interface import failure, solver
 
 RANGES = {
     "log_focal": (np.log(0.5), np.log(7.0)),
@@ -46,11 +46,11 @@ DECAYS = (0.9, 0.999)
 def solve(observations: Observations, template: FieldTemplate, circle: Circle, rng: np.random.Generator) -> Array:
     """AdamW from all starts at once; the camera with the smallest loss."""
     model = ProjectionModel(observations.width, observations.height, Surface("flat", circle.radius_m))
-    curves = observed_curves(observations, template, NoiseModel(MAXIMUM_POINTS, 0.0, 0.0))
+    curves = curves_from_observations(observations, template, NoiseModel(MAXIMUM_POINTS, 0.0, 0.0))
     if len(curves.keys) < 2:
-        raise unsolved("needs_two_markings", "one marking alone leaves the camera undetermined")
+        raise failure("needs_two_markings", "one marking alone leaves the camera undetermined")
     if len(curves.points_px) < len(RANGES):
-        raise unsolved("too_few_points", f"{len(RANGES)} points are needed, {len(curves.points_px)} seen")
+        raise failure("too_few_points", f"{len(RANGES)} points are needed, {len(curves.points_px)} seen")
     mean, sd = standardisation(model)
     z = np.zeros((len(STARTS), len(mean)))
     z[:, INDEX["x"]] = [start[0] for start in STARTS]
@@ -59,7 +59,7 @@ def solve(observations: Observations, template: FieldTemplate, circle: Circle, r
     theta, loss = descend(curves, model, mean, sd, z)
     best = int(np.argmin(loss))
     if not np.isfinite(loss[best]):
-        raise unsolved("no_convergence", "every start ended behind the camera")
+        raise failure("no_convergence", "every start ended behind the camera")
     return camera_of(theta[best], model).homography
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from circlecal.camera.multistart import COARSE_POINTS, Starts, find_optima
 from circlecal.camera.noise import rescale_and_reject, rescale_sigmas
-from circlecal.camera.observed import NoiseModel, observed_curves, observed_points, stated_sigmas
+from circlecal.camera.observed import NoiseModel, curves_from_observations, median_sigmas, points_from_observations
 from circlecal.camera.options import CameraConfig, noise_model, position_known, priors_of
 from circlecal.camera.problem import COARSE, FINAL, Problem, State, bend_surface, minimise, predict_step, resume
 from circlecal.camera.report import camera_fit
@@ -24,9 +24,9 @@ from circlecal.camera.starts_circle import (
     SeenEllipse,
     arc_starts,
     circle_starts,
-    seen_ellipse,
+    select_ellipse,
 )
-from circlecal.camera.starts_landmarks import Landmarks, landmark_starts, seen_landmarks
+from circlecal.camera.starts_landmarks import Landmarks, collect_landmarks, landmark_starts
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera_parameters import INDEX, ProjectionModel
 from circlecal.geometry.least_squares import StoppingRule
@@ -34,7 +34,7 @@ from circlecal.geometry.projective import Array, Mask
 from circlecal.geometry.surface import Surface
 from circlecal.line_naming.around_circle import name_lines_around_circle
 from circlecal.line_naming.hypotheses import name_lines
-from circlecal.line_naming.line_ends import add_line_ends, are_ended_on
+from circlecal.line_naming.line_ends import add_line_ends, agree_with_ends
 from circlecal.observations import CirclePoints, MarkingKey, Observations
 from circlecal.refusals import refuse
 from circlecal.results import CameraFit
@@ -85,7 +85,7 @@ class _Task:
 
     def curves(self) -> CurvePoints:
         """All named circles, arcs and lines."""
-        return observed_curves(self.observations, self.template, self.noise)
+        return curves_from_observations(self.observations, self.template, self.noise)
 
     def problem(self) -> Problem:
         """All that is seen, and the priors."""
@@ -93,7 +93,7 @@ class _Task:
         surface = Surface(self.config.usual_crown, reference_m)
         model = ProjectionModel(self.observations.width, self.observations.height, surface)
         priors = priors_of(self.config, self.template, self.circle, model)
-        points = observed_points(self.observations, self.template)
+        points = points_from_observations(self.observations, self.template)
         return Problem(self.curves(), points, priors, model, self.config.loss_scale)
 
     def rule(self, rule: StoppingRule, bar: float = np.inf) -> StoppingRule:
@@ -179,29 +179,29 @@ def estimate_camera(
         start leads to a camera above the ground.
     """
     task = _Task(observations, template, circle, config, camera_side, earlier)
-    sight = _viewing(task)
+    sight = _choose_sight(task)
     task, problem, starts = next(found for begin in _BEGINNINGS if (found := begin(task, sight)) is not None)
     state = find_optima(problem, starts, config, camera_side)
-    wrong_points = _contradicting_points(problem, state)
-    wrong_markings = _contradicting_markings(task, problem, state, sight)
+    wrong_points = _find_contradicting_points(problem, state)
+    wrong_markings = _find_contradicting_markings(task, problem, state, sight)
     rejected = (*problem.points.select(wrong_points).keys, *wrong_markings)
     if rejected:
         task = task.without(wrong_markings)
         problem = replace(problem, points=problem.points.select(~wrong_points), curves=task.curves())
-        state = find_optima(problem, starts.after(state), config, camera_side)
+        state = find_optima(problem, starts.continue_from(state), config, camera_side)
     fit = _settle(task, problem, state, COARSE)
     task, fit = _name_more_lines(task, problem.curves, fit)
     fit = _allow_wider_lens(task, _allow_parabola(task, fit))
-    stated = stated_sigmas(task.observations)
+    stated = median_sigmas(task.observations)
     return camera_fit(fit.problem, fit.state, fit.scale, rejected, task.names, circle, template, stated)
 
 
-def _viewing(task: _Task) -> _Sight:
+def _choose_sight(task: _Task) -> _Sight:
     problem = task.problem()
-    ellipse = seen_ellipse(task.observations, task.circle, problem)
+    ellipse = select_ellipse(task.observations, task.circle, problem)
     if ellipse is not None:
         return _Sight(problem, ellipse, None)
-    landmarks = seen_landmarks(task.observations, task.template, problem.points, problem.usual_lens)
+    landmarks = collect_landmarks(task.observations, task.template, problem.points, problem.usual_lens)
     _require_landmarks(task, landmarks)
     middle_m = landmarks.middle_m(problem.model)
     return _Sight(replace(problem, priors=replace(problem.priors, center_m=middle_m)), None, landmarks)
@@ -295,12 +295,12 @@ def _recognise(task: _Task, stated: CurvePoints, fit: _Fit) -> tuple[Problem, Ar
         # an end may be a cover's edge: only a whole structure of lines says so
         others = name_lines(fit.problem, fit.state, observations, template, noise)
         # and a line that passes through the end tells better where it runs
-        if len(set(others.names.values())) >= OVERRULING_LINES or are_ended_on(others.names, ends, observations):
+        if len(set(others.names.values())) >= OVERRULING_LINES or agree_with_ends(others.names, ends, observations):
             ends, found = (), others
     if not ends and not found.names:
         return None
     lines = (*ends, *(replace(observations.lines[k], line=name) for k, name in sorted(found.names.items())))
-    further = observed_curves(replace(observations, circles=(), lines=lines), template, task.noise)
+    further = curves_from_observations(replace(observations, circles=(), lines=lines), template, task.noise)
     return replace(fit.problem, curves=join_curves(stated, further)), found.theta[None], found.names
 
 
@@ -312,7 +312,7 @@ def _least_sigmas(task: _Task, curves: CurvePoints) -> CurvePoints | None:
         return None
     close_px = task.config.close_sigma_px * task.observations.width / 1920.0
     noise = replace(task.noise, model_sigma_px=min(task.noise.model_sigma_px, close_px))
-    return observed_curves(task.observations, task.template, noise)
+    return curves_from_observations(task.observations, task.template, noise)
 
 
 def _allow_parabola(task: _Task, fit: _Fit) -> _Fit:
@@ -379,13 +379,13 @@ def _require_landmarks(task: _Task, landmarks: Landmarks) -> None:
     )
 
 
-def _contradicting_points(problem: Problem, state: State) -> Mask:
+def _find_contradicting_points(problem: Problem, state: State) -> Mask:
     """Marks and keypoints (M,) that lie further from where the camera puts them than their sigma can explain."""
     off = state.point_values[0].reshape(len(problem.points.keys), 2)
     return np.asarray(np.linalg.norm(off, axis=-1) > OFF_SIGMAS, dtype=np.bool_)
 
 
-def _contradicting_markings(task: _Task, problem: Problem, state: State, sight: _Sight) -> list[MarkingKey]:
+def _find_contradicting_markings(task: _Task, problem: Problem, state: State, sight: _Sight) -> list[MarkingKey]:
     """Named lines and arcs that lie far from where the camera puts them; never the circle that starts came from and the
     halfway line beside it, which the verdict judges.
     """

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera_parameters import INDEX, project
 from circlecal.geometry.projective import Array
-from circlecal.line_naming.expectation import DrawnMarkings, drawn_markings
+from circlecal.line_naming.predicted_markings import PredictedMarkings, predict_markings
 from circlecal.paint.bands import measure_curve
 from circlecal.paint.matched_filter import CLEAR, EVEN_ANGLES, LEAST_WIDTH_PX, measure_sectors
 from circlecal.results import Agreement, CameraFit
@@ -87,7 +87,7 @@ def look_for_markings(
     wanted = [own, *(k for k, name in enumerate(names) if inner[k] and name not in known and k != own)]
     names, nodes, shifts = tuple(names[k] for k in wanted), nodes[wanted], shifts[wanted]
     sizes = fit.theta[[INDEX[name] for name in _SIZES]]
-    drawn = drawn_markings(fit.theta, nodes + np.einsum("s,ksi->ki", sizes, shifts)[:, None], model)
+    drawn = predict_markings(fit.theta, nodes + np.einsum("s,ksi->ki", sizes, shifts)[:, None], model)
     element, base, normal, spread, across = _sample_markings(
         drawn, _predict_sigmas(fit, drawn, shifts), SPACING_PX * unit
     )
@@ -146,7 +146,7 @@ def _count_painted(
     return np.asarray(np.bincount(owner, best), np.float64)
 
 
-def _predict_sigmas(fit: CameraFit, drawn: DrawnMarkings, shifts: Array) -> Array:
+def _predict_sigmas(fit: CameraFit, drawn: PredictedMarkings, shifts: Array) -> Array:
     """Standard deviation (K, N) of the places along their normals, pixels."""
     by_theta = drawn.by_theta.copy()
     by_theta[[INDEX[name] for name in _SIZES]] += np.einsum("ksi,ikn->skn", shifts, drawn.by_field)
@@ -156,7 +156,7 @@ def _predict_sigmas(fit: CameraFit, drawn: DrawnMarkings, shifts: Array) -> Arra
 
 
 def _sample_markings(
-    drawn: DrawnMarkings, sigma: Array, spacing_px: float
+    drawn: PredictedMarkings, sigma: Array, spacing_px: float
 ) -> tuple[NDArray[np.int_], Array, Array, Array, Array]:
     """Places at equal steps along what the picture may show of the markings: which marking (M,), pixels, normals
     (M, 2), sigma and pixels across per metre (M,).

@@ -137,9 +137,9 @@ def pinhole_center(conic: Array, line: Array, size: tuple[int, int]) -> Array | 
             continue
         roll = float(camera.angles_rad[2]) / USUAL_ROLL_RAD
         distance = np.log(np.linalg.norm(camera.position_m) / USUAL_DISTANCE_RADII) / USUAL_DISTANCE_LOG_SD
-        surprise = roll**2 + distance**2
-        if best is None or surprise < best[0]:
-            best = surprise, candidate.center
+        chi_square = roll**2 + distance**2
+        if best is None or chi_square < best[0]:
+            best = chi_square, candidate.center
     return None if best is None or best[0] > 16 else best[1]
 
 

@@ -128,7 +128,7 @@ def find_cues(
     measured = measure_lines(picture, segments, noise, config.search_px, config.spacing_px, rounds, widths)
     halfway, lines = None, [line for line in measured if line is not None]
     if chord is not None and near is not None:
-        surface = _with_margin(mask.field_region)
+        surface = _add_margin(mask.field_region)
         first, name = measured.pop(), template.halfway_line
         pieces, lines = _its_pieces(first, measured, picture.shape[1] / 1920.0)
         halfway = _halfway_line(picture, first, pieces, chord, growth, noise, name, surface, config)
@@ -166,7 +166,7 @@ def _line_cue(seen: LinePoints) -> LineCue:
 def _beyond(chord: Array, half_chords: float, shape: tuple[int, ...]) -> Segment | None:
     """The part in the picture of a chord's line, so many half chords to both sides of the chord's middle."""
     middle, half = 0.5 * (chord[0] + chord[1]), 0.5 * (chord[1] - chord[0])
-    inside = _clipped(middle - half_chords * half, middle + half_chords * half, shape[1], shape[0])
+    inside = _clip(middle - half_chords * half, middle + half_chords * half, shape[1], shape[0])
     return None if inside is None else Segment(*inside)
 
 
@@ -188,7 +188,7 @@ def _halfway_line(
         return None
     middle, half = 0.5 * (chord[0] + chord[1]), 0.5 * (chord[1] - chord[0])
     reach = float(np.linalg.norm(half))
-    visible = _clipped(middle - half, middle + half, picture.shape[1], picture.shape[0])
+    visible = _clip(middle - half, middle + half, picture.shape[1], picture.shape[0])
     if visible is None:
         support = cue.segment.support
         middle = 0.5 * (cue.segment.start + cue.segment.end)
@@ -199,7 +199,7 @@ def _halfway_line(
         support = float(inside.sum() / max(expected, 1.0))
     if support < COVERED_SHARE * config.minimum_support:
         return None
-    further = _followed(picture, cue, reach, growth, noise, config)
+    further = _follow(picture, cue, reach, growth, noise, config)
     if support < config.minimum_support and not further:
         return None
     for piece in pieces:
@@ -215,7 +215,7 @@ def _halfway_line(
     unit = max(picture.shape[1] / 1920.0, 0.5)
     clear = RIM_CLEARANCE_PX * unit if visible is not None else -RIM_CLEARANCE_PX * unit
     ends = paint_ends(picture, points, middle, reach + clear)
-    kept = _before_crossed(points, middle, ends, END_CLEARANCE_PX * unit)
+    kept = _find_before_crossing(points, middle, ends, END_CLEARANCE_PX * unit)
     return LineCue(name, cue.line, points[kept], sigma[kept], segment, cue.rms_px, ends, cue.width_px)
 
 
@@ -251,7 +251,7 @@ def _beyond_extent(line: Array, pieces: Sequence[LineCue], points: Array) -> Arr
     return np.maximum(np.maximum(own.min() - place, place - own.max()), 0.0)
 
 
-def _with_margin(region: NDArray[np.bool_] | None) -> NDArray[np.bool_] | None:
+def _add_margin(region: NDArray[np.bool_] | None) -> NDArray[np.bool_] | None:
     """The playing surface and what lies close around it, where its own markings may still run."""
     if region is None:
         return None
@@ -267,7 +267,7 @@ def _lie_on(surface: NDArray[np.bool_], points: Array, shape: tuple[int, ...]) -
     return surface[np.clip(y, 0, rows - 1), np.clip(x, 0, columns - 1)]
 
 
-def _before_crossed(points: Array, middle: Array, ends: Sequence[LineEnd], clear_px: float) -> NDArray[np.bool_]:
+def _find_before_crossing(points: Array, middle: Array, ends: Sequence[LineEnd], clear_px: float) -> NDArray[np.bool_]:
     """Which points (N, 2) do not lie behind a marking that the line runs into: there is none of its paint there."""
     kept = np.ones(len(points), np.bool_)
     for end in ends:
@@ -277,7 +277,7 @@ def _before_crossed(points: Array, middle: Array, ends: Sequence[LineEnd], clear
     return kept
 
 
-def _followed(
+def _follow(
     picture: GrayPicture, near: LineCue, step_px: float, growth: Array, noise: float, config: CuesConfig
 ) -> list[LineCue]:
     """Pieces of a straight marking beyond its measured part, each expected where those before point to.
@@ -303,7 +303,7 @@ def _followed(
         seen = iter(zip(rough, measured, widest.tolist(), strict=True))
         reached = []
         for side, pieces in zip(sides, ahead, strict=True):
-            kept, end = _gone_along(*side, [next(seen) for _ in pieces], step_px, LARGEST_SHIFT_PX * unit)
+            kept, end = _advance(*side, [next(seen) for _ in pieces], step_px, LARGEST_SHIFT_PX * unit)
             found += kept
             reached += [] if end is None else [end]
         sides = reached
@@ -315,14 +315,14 @@ def _pieces_ahead(start: Array, end: Array, step_px: float, most: int, shape: tu
     direction = (end - start) / np.hypot(*(end - start))
     pieces = []
     for k in range(most):
-        ahead = _clipped(end + (1.0 + k * step_px) * direction, end + (k + 1) * step_px * direction, shape[1], shape[0])
+        ahead = _clip(end + (1.0 + k * step_px) * direction, end + (k + 1) * step_px * direction, shape[1], shape[0])
         if ahead is None or np.hypot(*(ahead[1] - ahead[0])) < 0.25 * step_px:
             break
         pieces.append(Segment(*ahead))
     return pieces
 
 
-def _gone_along(
+def _advance(
     start: Array, end: Array, pieces: list[tuple[Segment, LineCue | None, float]], step_px: float, shift_px: float
 ) -> tuple[list[LineCue], tuple[Array, Array] | None]:
     """The pieces that go on from the line from ``start`` to ``end``, each with where it was looked for and how wide it
@@ -373,7 +373,7 @@ def _chord(conic: Array, line: Array) -> Array | None:
     return None if meets is None else dehomogenise(meets)
 
 
-def _clipped(start: Array, end: Array, width: int, height: int, margin: float = 2.0) -> tuple[Array, Array] | None:
+def _clip(start: Array, end: Array, width: int, height: int, margin: float = 2.0) -> tuple[Array, Array] | None:
     """The part of a segment inside the picture, or None."""
     first, last = 0.0, 1.0
     for at, step, size in zip(start.tolist(), (end - start).tolist(), (width, height), strict=True):

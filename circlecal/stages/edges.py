@@ -42,7 +42,7 @@ class EdgesConfig(BaseModel):
     )
 
     @model_validator(mode="after")
-    def _ordered(self) -> EdgesConfig:
+    def _check_order(self) -> EdgesConfig:
         if self.thresholds != "auto" and self.thresholds[0] >= self.thresholds[1]:
             raise ValueError("thresholds: the low one must be below the high one")
         return self
@@ -124,7 +124,7 @@ def detect_edges(picture: NDArray[np.uint8], mask: MarkingMask, config: EdgesCon
         raise refuse("edges", "no_edges")
     picture, region = picture[searched.window], searched.inside
     gx, gy = _gradients(picture, config.smoothing_px)
-    places = _sampled(region)
+    places = _sample_pixels(region)
     noise = estimate_noise(picture, places)
     low, high = _thresholds(config, noise, gx, gy, places)
     found = (cv2.Canny(gx, gy, low * GRADIENT_UNIT, high * GRADIENT_UNIT, L2gradient=True) > 0) & region
@@ -158,7 +158,7 @@ def _gradients(picture: NDArray[np.uint8], smoothing_px: float) -> tuple[NDArray
     return np.asarray(gx, np.int16), np.asarray(gy, np.int16)
 
 
-def _sampled(region: NDArray[np.bool_]) -> NDArray[np.int_]:
+def _sample_pixels(region: NDArray[np.bool_]) -> NDArray[np.int_]:
     """Flat indices of about as many pixels inside the region as are needed, evenly spread."""
     step = max(1, int(np.sqrt(cv2.countNonZero(region.view(np.uint8)) / ENOUGH_SAMPLES)))
     y, x = np.nonzero(region[2:-2:step, 2:-2:step])

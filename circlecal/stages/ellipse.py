@@ -97,7 +97,7 @@ def fit_ellipses(rays: RayPoints, width: int, config: EllipseConfig, rng: np.ran
     return fits
 
 
-def fit_observed(
+def fit_observations(
     observations: Observations, circle: str, width: int, config: EllipseConfig, rng: np.random.Generator
 ) -> EllipseFits:
     """Fit the edges of a circle from points that somebody else found; a handful of them is enough.

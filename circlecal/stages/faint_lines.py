@@ -108,7 +108,7 @@ def find_faint_lines(
             continue
         course = _course(fit, model, ends[index], shifts[index])
         shift = None if course is None else _best_shift(picture, course, model.width / 1920.0)
-        cue = None if course is None or shift is None else _measured(picture, course, shift, model.width / 1920.0)
+        cue = None if course is None or shift is None else _measure(picture, course, shift, model.width / 1920.0)
         if cue is not None and not any(_same(cue, other, model.width / 1920.0) for other in found):
             found.append(cue)
     return tuple(found)
@@ -155,7 +155,7 @@ def _best_shift(picture: NDArray[np.uint8], course: _Course, unit: float) -> Arr
     first = np.arange(-furthest, furthest + unit, unit) / reach[0]
     second = np.arange(-steps, steps + 1) * (turned / steps / reach[1])
     responses = _responses(picture, course, furthest + turned, unit)
-    modes = _joined(course.modes)
+    modes = _average_neighbours(course.modes)
     sums = np.array([_sums(responses, first[:, None] * modes[:, 0] + turn * modes[:, 1], unit) for turn in second])
     middle = np.median(sums)
     sums = (sums - middle) / max(1.4826 * float(np.median(np.abs(sums - middle))), 1e-9)
@@ -169,7 +169,7 @@ def _best_shift(picture: NDArray[np.uint8], course: _Course, unit: float) -> Arr
     return np.asarray(first[at] * course.modes[:, 0] + second[turn] * course.modes[:, 1])
 
 
-def _joined(values: Array) -> Array:
+def _average_neighbours(values: Array) -> Array:
     """Means (M // JOINED, ...) over neighbours."""
     count = len(values) // JOINED
     return np.asarray(values[: count * JOINED].reshape(count, JOINED, -1).mean(axis=1))
@@ -179,15 +179,15 @@ def _responses(picture: NDArray[np.uint8], course: _Course, furthest_px: float, 
     step = WIDTH_PX * unit / TAPS
     reach = furthest_px + 3.0 * WIDTH_PX * unit
     offsets = np.arange(-reach, reach + step, step)
-    profiles = _joined(sample_profiles(picture, course.places, course.normals, offsets).astype(np.float64))
+    profiles = _average_neighbours(sample_profiles(picture, course.places, course.normals, offsets).astype(np.float64))
     seen = np.isfinite(profiles)
     left, middle, right = paint_and_sides(np.where(seen, profiles, 0.0))
     seen = seen[:, : -4 * TAPS] & seen[:, 4 * TAPS :]
     shifts = offsets[2 * TAPS : -2 * TAPS]
-    return _Responses(_clipped(middle - left, seen), _clipped(middle - right, seen), seen, shifts)
+    return _Responses(_limit(middle - left, seen), _limit(middle - right, seen), seen, shifts)
 
 
-def _clipped(response: Array, seen: NDArray[np.bool_]) -> Array:
+def _limit(response: Array, seen: NDArray[np.bool_]) -> Array:
     usual = 1.4826 * float(np.median(np.abs(response[seen]))) if seen.any() else 0.0
     return np.asarray(np.where(seen, np.clip(response, -CLIPPED * usual, CLIPPED * usual), 0.0))
 
@@ -205,7 +205,7 @@ def _sums(responses: _Responses, shifts: Array, unit: float) -> Array:
     return np.asarray(np.minimum(left, right).sum(axis=1) / np.sqrt(np.maximum(count, len(rows) / 3)))
 
 
-def _measured(picture: NDArray[np.uint8], course: _Course, shift: Array, unit: float) -> LineCue | None:
+def _measure(picture: NDArray[np.uint8], course: _Course, shift: Array, unit: float) -> LineCue | None:
     """Points of a marking, each from the mean profile of a piece of it."""
     places = course.places + shift[:, None] * course.normals
     step = WIDTH_PX * unit / TAPS

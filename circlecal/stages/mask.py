@@ -164,7 +164,7 @@ def replace_circle_by_arc(marking: MarkingMask, arc: SeenArc) -> MarkingMask:
     """Take an arc for the circle, which other markings must confirm, and no line for the halfway line."""
     others = tuple(other for other in marking.arcs if other is not arc)
 
-    def drawn() -> NDArray[np.uint8]:
+    def draw() -> NDArray[np.uint8]:
         classes = marking.classes.copy()
         classes[(classes == CIRCLE_ID) | (classes == HALFWAY_ID)] = 0
         radius = max(1, round(ARC_RADIUS_PX * classes.shape[1] / 1920.0))
@@ -173,7 +173,7 @@ def replace_circle_by_arc(marking: MarkingMask, arc: SeenArc) -> MarkingMask:
         return classes
 
     return replace(
-        marking, drawn=drawn, conic=arc.conic, halfway=None, confidence=Confidence.TENTATIVE, arcs=others, band_px=None
+        marking, drawn=draw, conic=arc.conic, halfway=None, confidence=Confidence.TENTATIVE, arcs=others, band_px=None
     )
 
 

@@ -169,15 +169,15 @@ def measure_along_model(
     start, end = (circle.start_deg, circle.end_deg) if isinstance(circle, Arc) else (0.0, 360.0)
     angle = np.radians(np.linspace(start, end, 2881))
 
-    def seen(edge: CircleEdge, at: Array) -> Array:
+    def project_edge(edge: CircleEdge, at: Array) -> Array:
         ring = np.asarray(circle.center) + template.radius(circle, edge) * np.stack([np.cos(at), np.sin(at)], axis=-1)
         return fit.view.project(ring)
 
-    steps = np.linalg.norm(np.diff(seen("center", angle), axis=0), axis=-1)
+    steps = np.linalg.norm(np.diff(project_edge("center", angle), axis=0), axis=-1)
     length = np.concatenate([[0.0], np.cumsum(np.nan_to_num(steps))])
     count = int(np.clip(length[-1] / config.spacing_px, 64, 2 * config.maximum))
     angle = np.interp(np.arange(count) * length[-1] / count, length, angle)
-    points, normals = seen("center", angle), seen("outer", angle) - seen("inner", angle)
+    points, normals = project_edge("center", angle), project_edge("outer", angle) - project_edge("inner", angle)
     tangent = np.gradient(points, axis=0)
     across = np.stack([tangent[:, 1], -tangent[:, 0]], axis=-1)
     across /= np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), 1e-9)
@@ -240,7 +240,7 @@ def _centreline(
     height, width = picture.shape
     inside = ((points >= 0) & (points <= (width - 1, height - 1))).all(axis=1)
     angles, points, normals = angles[inside], points[inside], normals[inside]
-    predicted = _predicted_width(ellipse, points, normals, relative_width)
+    predicted = _predict_width(ellipse, points, normals, relative_width)
     middle, chosen, plausible = _bands_along(picture, points, normals, predicted, noise, search_px, config, step)
     return _Centreline(middle, chosen, angles[plausible], int((~plausible).sum()))
 
@@ -272,7 +272,7 @@ def _bands_along(
     return middle, chosen, plausible
 
 
-def _predicted_width(ellipse: Ellipse, points: Array, normals: Array, relative_width: float) -> Array:
+def _predict_width(ellipse: Ellipse, points: Array, normals: Array, relative_width: float) -> Array:
     """Width (N,) of the band along the normal in pixels, to first order: the ellipse scaled about its centre."""
     return relative_width * _along_normals(points - ellipse.center, normals)
 
@@ -320,7 +320,7 @@ def _pair_edges(
     inner, outer = inner[paired], outer[paired]
     gap = foot_distance[outer] - foot_distance[inner]
     middle = 0.5 * (foot_distance[outer] + foot_distance[inner])
-    predicted = _predicted_width(ellipse, feet[inner], normals[inner], relative_width)
+    predicted = _predict_width(ellipse, feet[inner], normals[inner], relative_width)
     low, high = config.width_ratio
     good = (gap > low * predicted) & (gap < high * predicted + 2.0)
     local_width, local_middle, known = _along(centreline, angles[inner])
@@ -337,7 +337,7 @@ def _along(centreline: _Centreline, angles: Array) -> tuple[Array, Array, NDArra
     turned = angles % (2 * np.pi)
     index = np.searchsorted(centreline.angles, turned)
     left, right = (index - 1) % len(centreline.angles), index % len(centreline.angles)
-    before, after = _wrapped(turned - centreline.angles[left]), _wrapped(centreline.angles[right] - turned)
+    before, after = _wrap_angle(turned - centreline.angles[left]), _wrap_angle(centreline.angles[right] - turned)
     share = before / np.maximum(before + after, 1e-12)
     width, middle = (
         values[left] + share * (values[right] - values[left])
@@ -346,5 +346,5 @@ def _along(centreline: _Centreline, angles: Array) -> tuple[Array, Array, NDArra
     return width, middle, np.minimum(np.abs(before), np.abs(after)) < np.radians(1.0)
 
 
-def _wrapped(angle: Array) -> Array:
+def _wrap_angle(angle: Array) -> Array:
     return (angle + np.pi) % (2 * np.pi) - np.pi

@@ -11,7 +11,7 @@ from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.conics import circle_conic, sampson_distance, transform_conic
 from circlecal.geometry.homography import projects_in_front
 from circlecal.geometry.projective import Array, apply_homography, lift, normalise_line, transform_lines
-from circlecal.line_naming.line_ends import running_through
+from circlecal.line_naming.line_ends import find_line_through
 from circlecal.observations import MarkingKey
 from circlecal.refusals import CHECKS, REFUSALS, Confidence, words_of_check
 from circlecal.results import Agreement, Attempt, CameraFit, Check, Cues, EllipseFits, Verdict
@@ -349,7 +349,7 @@ def _reach_checks(camera: CameraFit, cues: Cues, template: FieldTemplate, config
     along = (camera.view.to_field(cues.halfway.points_px) - middle) @ half / (half @ half)
     checks = [_reach_check("line_reach", np.abs(along), config.max_line_reach)]
     for seen_end, past in ((line.start, along), (line.end, -along)):
-        other = running_through(np.asarray(seen_end), line, template)
+        other = find_line_through(np.asarray(seen_end), line, template)
         if other is not None and MarkingKey(other.name) in camera.residuals_px:
             limit = min(REACH_WITH_END, config.max_line_reach)
             checks.append(_reach_check("other_end_reach", past, limit))

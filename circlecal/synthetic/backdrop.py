@@ -58,7 +58,7 @@ def draw_surroundings(picture: Float32, rays: PixelRays, scene: Scene, rng: np.r
         return
     part = slice(int(rows[0]), int(rows[-1]) + 1)
     directions = np.ascontiguousarray(rays.directions[:, part])
-    reach, along = _walls_met(directions, scene, enclosure)
+    reach, along = _meet_walls(directions, scene, enclosure)
     position = scene.camera.position_m.astype(np.float32)
     with np.errstate(invalid="ignore"):
         foot = np.clip(position[1] + reach * directions[1], -CROWN_ENDS_M, CROWN_ENDS_M)
@@ -72,7 +72,7 @@ def draw_surroundings(picture: Float32, rays: PixelRays, scene: Scene, rng: np.r
     np.copyto(picture[part][seen], wall, where=raised[seen][..., None])
 
 
-def _walls_met(directions: Float32, scene: Scene, enclosure: _Enclosure) -> tuple[Float32, Float32]:
+def _meet_walls(directions: Float32, scene: Scene, enclosure: _Enclosure) -> tuple[Float32, Float32]:
     """Reach (h, w) of the rays to the walls that the camera is inside of, and the place along them, metres."""
     position = scene.camera.position_m.astype(np.float32)
     reach = np.full(directions.shape[1:], np.inf, dtype=np.float32)

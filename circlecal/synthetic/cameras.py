@@ -46,7 +46,7 @@ class _Candidates:
     model: ProjectionModel
     theta: Array
 
-    def kept(self, chosen: NDArray[np.bool_]) -> _Candidates:
+    def select(self, chosen: NDArray[np.bool_]) -> _Candidates:
         """The chosen ones."""
         return replace(self, theta=self.theta[chosen])
 
@@ -143,12 +143,12 @@ def sample_camera(
         candidates = _aim(position, view, circle, rng, (width, height), kappa, surface)
         if like is not None:
             candidates.theta[:, INDEX["roll"]] = like.angles_rad[2]
-        candidates = _with_circle_as_wanted(candidates, view, points, arc_deg)
+        candidates = _select_circle_as_wanted(candidates, view, points, arc_deg)
         if view.only_circle:
             candidates = _without_others(candidates, points)
-        candidates = _with_halfway_line(candidates, view, points)
-        candidates = _with_other_markings(candidates, view, points)
-        candidates = _with_little_foreground(candidates, view, field)
+        candidates = _select_with_halfway_line(candidates, view, points)
+        candidates = _select_with_other_markings(candidates, view, points)
+        candidates = _select_with_little_foreground(candidates, view, field)
         if len(candidates.theta):
             return camera_of(candidates.theta[0], candidates.model)
     raise ValueError(
@@ -157,7 +157,7 @@ def sample_camera(
     )
 
 
-def aimed_camera(
+def aim_camera(
     position_m: Array, target_m: Array, focal_px: float, roll_rad: float, width: int, height: int, kappa: float = 0.0
 ) -> Camera:
     """Camera at a position (3,) with a target (3,) in the middle of its picture; z of both points down, metres."""
@@ -250,7 +250,7 @@ def _aim(
     theta[:, INDEX["crown"]] = surface.crown_m
     drawn = _Candidates(ProjectionModel(width, height, replace(surface, crown_m=1.0)), theta)
     bounds = np.asarray(view.focal_px) * width / _DESIGN_WIDTH
-    return drawn.kept((focal >= bounds[0]) & (focal <= bounds[1]))
+    return drawn.select((focal >= bounds[0]) & (focal <= bounds[1]))
 
 
 def _draw_cut_normal(rng: np.random.Generator, count: int) -> Array:
@@ -270,7 +270,7 @@ def _field_points(template: FieldTemplate) -> _FieldPoints:
     return _FieldPoints(_rim(template, angles), _halfway_points(template), other_markings(template))
 
 
-def _with_circle_as_wanted(
+def _select_circle_as_wanted(
     candidates: _Candidates, view: View, points: _FieldPoints, arc_deg: float | None
 ) -> _Candidates:
     """Those that show as much of the circle as asked for: a coarse look at all, a fine one at what is left."""
@@ -288,7 +288,7 @@ def _with_circle_as_wanted(
         spare = 2.0 * stride / _CIRCLE_SAMPLES if stride > 1 and lowest < 1.0 else 0.0
         wanted = (share >= lowest - spare) & (share <= highest + spare)
         contiguous = (runs == 1) | (arc_deg is None) | (stride > 1)
-        candidates = candidates.kept(np.asarray(wanted & contiguous))
+        candidates = candidates.select(np.asarray(wanted & contiguous))
     return candidates
 
 
@@ -305,34 +305,34 @@ def _visible_length(pixels: Array, width: int, height: int) -> Array:
     return np.asarray(np.sum(np.where(inside[..., 1:] & inside[..., :-1], step, 0.0), axis=-1))
 
 
-def _with_halfway_line(candidates: _Candidates, view: View, points: _FieldPoints) -> _Candidates:
+def _select_with_halfway_line(candidates: _Candidates, view: View, points: _FieldPoints) -> _Candidates:
     lowest, highest = view.halfway_px, view.halfway_most_px
     if lowest <= 0.0 and np.isinf(highest):
         return candidates
     length = _visible_length(candidates.project(points.halfway), candidates.model.width, candidates.model.height)
     unit = candidates.model.width / _DESIGN_WIDTH
-    return candidates.kept((length >= lowest * unit) & (length <= highest * unit))
+    return candidates.select((length >= lowest * unit) & (length <= highest * unit))
 
 
-def _with_other_markings(candidates: _Candidates, view: View, points: _FieldPoints) -> _Candidates:
+def _select_with_other_markings(candidates: _Candidates, view: View, points: _FieldPoints) -> _Candidates:
     if view.others_m <= 0.0:
         return candidates
     seen = candidates.inside(points.others).sum(axis=1)
-    return candidates.kept(np.asarray(seen * _OTHERS_STEP_M >= view.others_m))
+    return candidates.select(np.asarray(seen * _OTHERS_STEP_M >= view.others_m))
 
 
-def _with_little_foreground(candidates: _Candidates, view: View, template: FieldTemplate) -> _Candidates:
+def _select_with_little_foreground(candidates: _Candidates, view: View, template: FieldTemplate) -> _Candidates:
     if not np.isfinite(view.foreground_m):
         return candidates
     x, y = template.length_m / 6, template.width_m / 2 + view.foreground_m
     below = candidates.project(np.array([[-x, y], [0.0, y], [x, y]]))[..., 1]
-    return candidates.kept(np.asarray(~np.any(below < candidates.model.height, axis=1)))
+    return candidates.select(np.asarray(~np.any(below < candidates.model.height, axis=1)))
 
 
 def _without_others(candidates: _Candidates, points: _FieldPoints) -> _Candidates:
     for stride in (_COARSE_STRIDE, 1):
         seen = candidates.inside(points.others[::stride], -FULL_MARGIN_PX)
-        candidates = candidates.kept(np.asarray(~seen.any(axis=1)))
+        candidates = candidates.select(np.asarray(~seen.any(axis=1)))
     return candidates
 
 

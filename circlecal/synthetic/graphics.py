@@ -82,7 +82,7 @@ def draw_graphics(image: Picture, hidden: Float32, scene: Scene, rng: np.random.
     for _ in range(graphics.rings):
         _ring(layer, scene, rng)
     for _ in range(graphics.drawn_lines):
-        _drawn_line(layer, scene, rng)
+        _draw_line(layer, scene, rng)
     if config.scorebug:
         _scorebug(layer, rng)
     if graphics.logo:
@@ -182,7 +182,7 @@ def _ring(layer: _Layer, scene: Scene, rng: np.random.Generator) -> None:
     layer.curve(pixels, _INKS[rng.integers(len(_INKS))], rng.uniform(4, 9), float(rng.uniform(0.6, 1.0)))
 
 
-def _drawn_line(layer: _Layer, scene: Scene, rng: np.random.Generator) -> None:
+def _draw_line(layer: _Layer, scene: Scene, rng: np.random.Generator) -> None:
     """A line across the field for offside, or an arrow between two players."""
     ink = _INKS[rng.integers(len(_INKS))]
     thick, opacity = rng.uniform(3, 8), float(rng.uniform(0.6, 1.0))

@@ -84,7 +84,7 @@ def _coarsely(texture: Float32, rays: PixelRays, size_m: tuple[float, float]) ->
 
 
 def _turf(rays: PixelRays, config: RenderConfig, rng: np.random.Generator) -> Float32:
-    light = 1.0 + np.float32(config.stripe_contrast) * _mown(rays, config)
+    light = 1.0 + np.float32(config.stripe_contrast) * _mowing_pattern(rays, config)
     if config.texture:
         _add_octaves(light, rays, _TURF_OCTAVES_M, config.texture, rng)
     dry = None
@@ -166,7 +166,7 @@ def _tint(
     return np.asarray(cv2.merge(planes), dtype=np.float32)
 
 
-def _mown(rays: PixelRays, config: RenderConfig) -> Float32:
+def _mowing_pattern(rays: PixelRays, config: RenderConfig) -> Float32:
     if config.stripe_contrast == 0.0:
         return np.zeros(rays.depth_m.shape, dtype=np.float32)
     step = np.float32(np.pi / config.stripe_width_m)

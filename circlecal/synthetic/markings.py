@@ -129,7 +129,7 @@ def mark_point(
     return MarkPoint(mark, _noisy(pixel, sigma_px, rng), max(sigma_px, MIN_SIGMA_PX))
 
 
-def with_outliers(
+def add_outliers(
     points: CirclePoints, share: float, rng: np.random.Generator
 ) -> tuple[CirclePoints, NDArray[np.bool_]]:
     """Replace a share of the points by outliers; the order is lost.

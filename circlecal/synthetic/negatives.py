@@ -13,7 +13,7 @@ from circlecal.geometry.camera import Camera
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import FLAT, Surface
 from circlecal.synthetic.cameras import (
-    aimed_camera,
+    aim_camera,
     halfway_length_px,
     inside_frame,
     other_markings,
@@ -157,7 +157,7 @@ def _view_without_circle(
     for _ in range(_TRIES):
         position, target, focal = _AIMS[kind](rng, half)
         roll = float(rng.normal(0, 0.015))
-        camera = aimed_camera(position, target, focal * size[0] / 1920.0, roll, *size, kappa)
+        camera = aim_camera(position, target, focal * size[0] / 1920.0, roll, *size, kappa)
         if visible_circle_deg(camera, template, surface, margin_px=-4.0) > 0:
             continue
         if kind not in ("grass", "close_up") or not _sees_markings(camera, template, surface):
@@ -228,9 +228,7 @@ def _other_sport(kind: str, rng: np.random.Generator, size: tuple[int, int]) -> 
         if sport.from_end:
             position = np.array([side * distance, rng.uniform(-1, 1), position[2]])
         focal = rng.uniform(*sport.focal_px) * size[0] / 1920.0
-        camera = aimed_camera(
-            position, target, focal, float(rng.normal(0, 0.01)), *size, float(rng.uniform(-0.03, 0.03))
-        )
+        camera = aim_camera(position, target, focal, float(rng.normal(0, 0.01)), *size, float(rng.uniform(-0.03, 0.03)))
         if kind in ("rugby", "tennis", "volleyball") or visible_circle_deg(camera, template, FLAT, -4.0) == 0:
             break
     else:

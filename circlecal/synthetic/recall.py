@@ -25,7 +25,7 @@ def recall(count: int) -> Callable[[Callable[P, R]], Callable[P, R]]:
         kept: OrderedDict[Any, tuple[R, Any]] = OrderedDict()
 
         @wraps(draw)
-        def drawn(*args: P.args, **named: P.kwargs) -> R:
+        def draw_or_recall(*args: P.args, **named: P.kwargs) -> R:
             rng = next(value for value in (*args, *named.values()) if isinstance(value, np.random.Generator))
             others = tuple(value for value in args if value is not rng)
             names = tuple((name, value) for name, value in named.items() if value is not rng)
@@ -40,6 +40,6 @@ def recall(count: int) -> Callable[[Callable[P, R]], Callable[P, R]]:
                 kept.popitem(last=False)
             return result
 
-        return drawn
+        return draw_or_recall
 
     return decorate

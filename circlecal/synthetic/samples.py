@@ -14,7 +14,7 @@ import numpy as np
 
 from circlecal.geometry.surface import Surface
 from circlecal.pictures.files import MASK_SUFFIX
-from circlecal.synthetic.cameras import aimed_camera, soccer
+from circlecal.synthetic.cameras import aim_camera, soccer
 from circlecal.synthetic.dataset import write_frame
 from circlecal.synthetic.looks import sample_config
 from circlecal.synthetic.renderer import render
@@ -59,7 +59,7 @@ def _look_from(
 ) -> Scene:
     surface = Surface("roof", crown_m=crown_m)
     focal = focal_px * size[0] / 1920.0
-    camera = aimed_camera(np.array(position_m), np.array(target_m), focal, np.radians(roll_deg), *size, kappa)
+    camera = aim_camera(np.array(position_m), np.array(target_m), focal, np.radians(roll_deg), *size, kappa)
     calm = {"scorebug": False, "shade": 0.0, "jpeg_quality": 88, "wear": 0.15}
     config = sample_config(profile, rng, size[0]).model_copy(update={**calm, **(look or {})})
     players = players_in_view(profile, camera, soccer(), surface, rng)

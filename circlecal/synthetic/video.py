@@ -24,7 +24,7 @@ from circlecal.geometry.camera import Camera
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import Surface
 from circlecal.pictures.video_writer import write_video
-from circlecal.synthetic.cameras import aimed_camera
+from circlecal.synthetic.cameras import aim_camera
 from circlecal.synthetic.dataset import LARGEST_SIZE, SMALLEST_SIZE, TRUTH_FOLDER
 from circlecal.synthetic.looks import sample_config
 from circlecal.synthetic.negatives import NegativeKind, negative_scene
@@ -209,7 +209,7 @@ class Clip:
             np.random.default_rng([sensor, index]),
         )
         camera = self.camera_at(time_s, shot)
-        moving = self._in_motion(self._scene(shot, camera, time_s), shot, time_s)
+        moving = self._blur_motion(self._scene(shot, camera, time_s), shot, time_s)
         rendering = render(moving, chance)
         pan, tilt = shot.path.at(time_s)[:2] if shot.path is not None else (None, None)
         truth = None if shot.kind == "cut" else rendering.truth
@@ -257,7 +257,7 @@ class Clip:
         players = tuple(run.at(time_s, 0.55 * middle * (1.0, 0.3), half) for run in self.runs)
         return Scene(camera, self.template, self.surface, self.config, players, ball_m=middle + np.array([0.4, 0.8]))
 
-    def _in_motion(self, scene: Scene, shot: _Shot, time_s: float) -> Scene:
+    def _blur_motion(self, scene: Scene, shot: _Shot, time_s: float) -> Scene:
         """The scene with the blur of its moving camera, and with two fields where it is interlaced."""
         period = 1.0 / self.spec.rate
         speed = self._image_speed(shot, time_s)
@@ -475,7 +475,7 @@ def _replay(
     position = np.array([side * (half + rng.uniform(9, 22)), rng.uniform(-8, 8), -rng.uniform(4.0, 9.0)])
     target = np.array([side * (half - rng.uniform(10, 20)), rng.uniform(-4, 4), 0.0])
     kappa = float(rng.uniform(0.0, 0.04))
-    camera = aimed_camera(position, target, rng.uniform(0.7, 1.1) * spec.width, 0.0, spec.width, spec.height, kappa)
+    camera = aim_camera(position, target, rng.uniform(0.7, 1.1) * spec.width, 0.0, spec.width, spec.height, kappa)
     scene = Scene(camera, template, surface, config)
     return _Shot("replay", span[0] * spec.seconds, span[1] * spec.seconds, scene=scene)
 

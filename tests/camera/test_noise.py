@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from circlecal.camera.noise import rescale_and_reject
-from circlecal.camera.observed import observed_points
+from circlecal.camera.observed import points_from_observations
 from circlecal.camera.problem import Problem, State
 from circlecal.camera.residuals import circle_curve, line_curve, stack_curves
 from circlecal.field import load_field
@@ -34,7 +34,7 @@ def fitted(residuals_px, few_px=()):
     theta = plain_theta(rng)[None]
     slopes, no_priors = np.zeros((1, count + few, theta.shape[1])), (np.zeros((1, 0)), np.zeros((1, 0, theta.shape[1])))
     state = State(theta, feet[None], residuals[None], slopes, *no_priors, np.zeros(1), theta, slopes)
-    problem = Problem(curves, observed_points(Observations(1920, 1080), SOCCER), priors(), MODEL, 6.0)
+    problem = Problem(curves, points_from_observations(Observations(1920, 1080), SOCCER), priors(), MODEL, 6.0)
     return problem, state, curves.with_sigma(np.full(count + few, LEAST_PX))
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from circlecal.camera.observed import NoiseModel, observed_curves, observed_points
+from circlecal.camera.observed import NoiseModel, curves_from_observations, points_from_observations
 from circlecal.field import load_field
 from circlecal.geometry.ellipses import Ellipse
 from circlecal.observations import CirclePoints, Keypoint, LinePoints, MarkingKey, MarkPoint, Observations
@@ -27,7 +27,7 @@ def ring(count, rng=None, sigma=0.0):
 )
 def test_edges_of_the_circle_follow_the_laws(edge, radius, by_width, bloom):
     points = ring(30)
-    curves = observed_curves(
+    curves = curves_from_observations(
         Observations(1920, 1080, (CirclePoints("centre_circle", edge, points, np.full(30, 0.4)),)), SOCCER, EXACT
     )
     assert curves.keys == (MarkingKey("centre_circle", edge),)
@@ -49,8 +49,8 @@ def test_what_the_template_does_not_know_is_left_out():
         (MarkPoint("no_such_mark", np.zeros(2), 1.0), MarkPoint("centre_mark", np.ones(2), 2.0)),
         (Keypoint("corner", np.array([52.5, 34.0]), np.array([5.0, 6.0]), 3.0),),
     )
-    assert observed_curves(seen, SOCCER, EXACT).keys == (MarkingKey("halfway_line"),)
-    points = observed_points(seen, SOCCER)
+    assert curves_from_observations(seen, SOCCER, EXACT).keys == (MarkingKey("halfway_line"),)
+    points = points_from_observations(seen, SOCCER)
     assert points.keys == (MarkingKey("centre_mark"), MarkingKey("corner"))
     np.testing.assert_allclose(points.field_m, [[0.0, 0.0], [52.5, 34.0]])
     np.testing.assert_allclose(points.sigma_px, [2.0, 3.0])
@@ -61,7 +61,7 @@ def test_thinning_averages_and_keeps_the_information():
     sigma = 0.6
     points = ring(1200, rng, sigma)
     seen = Observations(1920, 1080, (CirclePoints("centre_circle", "outer", points, np.full(1200, sigma)),))
-    curves = observed_curves(seen, SOCCER, NoiseModel(120, 0.0, 0.0))
+    curves = curves_from_observations(seen, SOCCER, NoiseModel(120, 0.0, 0.0))
     assert len(curves.points_px) == 120
     np.testing.assert_allclose(curves.sigma_px, sigma / np.sqrt(10))
     angle = ELLIPSE.parameter(curves.points_px)
@@ -74,7 +74,7 @@ def test_thinning_of_an_arc_does_not_bridge_its_gap():
     angle = np.linspace(0.3, 2.6, 400)
     points = ELLIPSE.points(angle)
     seen = Observations(1920, 1080, (CirclePoints("centre_circle", "outer", points, np.ones(400)),))
-    curves = observed_curves(seen, SOCCER, NoiseModel(60, 0.0, 0.0))
+    curves = curves_from_observations(seen, SOCCER, NoiseModel(60, 0.0, 0.0))
     foot = ELLIPSE.points(ELLIPSE.parameter(curves.points_px))
     assert np.linalg.norm(curves.points_px - foot, axis=-1).max() < 1e-6
 
@@ -84,7 +84,7 @@ def test_thinned_lines_stay_on_their_line():
     along = rng.uniform(0, 800, 1000)
     points = np.stack([100 + along, 50 + 0.3 * along], axis=-1)
     seen = Observations(1920, 1080, lines=(LinePoints("halfway_line", points, np.full(1000, 0.5)),))
-    curves = observed_curves(seen, SOCCER, NoiseModel(50, 0.0, 0.0))
+    curves = curves_from_observations(seen, SOCCER, NoiseModel(50, 0.0, 0.0))
     assert len(curves.points_px) == 50
     np.testing.assert_allclose(curves.points_px[:, 1], 50 + 0.3 * (curves.points_px[:, 0] - 100), atol=1e-9)
     np.testing.assert_allclose(curves.sigma_px, 0.5 / np.sqrt(20))
@@ -95,7 +95,7 @@ def test_more_points_do_not_outvote_the_model_error():
     information = []
     for count in (100, 400, 1600):
         seen = Observations(1920, 1080, (CirclePoints("centre_circle", "outer", ring(count), np.full(count, 1e-3)),))
-        curves = observed_curves(seen, SOCCER, NoiseModel(10**6, 0.3, 60.0))
+        curves = curves_from_observations(seen, SOCCER, NoiseModel(10**6, 0.3, 60.0))
         information.append(float(np.sum(1 / curves.sigma_px**2)))
     assert information[1] == pytest.approx(information[0], rel=0.01)
     assert information[2] == pytest.approx(information[0], rel=0.01)

@@ -49,7 +49,7 @@ def test_mean_follows_the_zoom():
 
 def test_pixels_scale_with_the_width():
     told = prior()
-    half = told.scaled(0.5)
+    half = told.resize(0.5)
     theta = random_thetas(1, np.random.default_rng(1))
     smaller = theta.copy()
     smaller[:, 0] += np.log(0.5)

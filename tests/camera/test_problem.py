@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from circlecal.camera.observed import NoiseModel, observed_curves, observed_points
+from circlecal.camera.observed import NoiseModel, curves_from_observations, points_from_observations
 from circlecal.camera.priors import Priors
 from circlecal.camera.problem import FINAL, Problem, bend_surface, evaluate, minimise, predict_step
 from circlecal.camera.residuals import sample_feet
@@ -59,8 +59,8 @@ def plain_theta(rng):
 
 
 def problem_of(seen, chosen, loss_scale=6.0):
-    curves = observed_curves(seen, SOCCER, NoiseModel(10**6, 0.0, 0.0))
-    return Problem(curves, observed_points(seen, SOCCER), chosen, MODEL, loss_scale)
+    curves = curves_from_observations(seen, SOCCER, NoiseModel(10**6, 0.0, 0.0))
+    return Problem(curves, points_from_observations(seen, SOCCER), chosen, MODEL, loss_scale)
 
 
 def test_prior_residuals_and_their_jacobian():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from circlecal.camera.starts_circle import closed_form_starts, grid_starts, standing_start
+from circlecal.camera.starts_circle import closed_form_starts, fixed_position_start, grid_starts
 from circlecal.field import load_field
 from circlecal.geometry.camera_parameters import ProjectionModel, camera_of, project
 from circlecal.geometry.conics import circle_conic, transform_conic
@@ -11,7 +11,7 @@ from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.homography import SIDES
 from circlecal.geometry.projective import transform_lines
 from circlecal.geometry.surface import Surface
-from circlecal.synthetic.cameras import aimed_camera, sample_camera
+from circlecal.synthetic.cameras import aim_camera, sample_camera
 from circlecal.synthetic.markings import circle_points
 
 from .conftest import random_thetas
@@ -55,7 +55,7 @@ def test_without_a_line_there_is_no_closed_form():
 def test_grid_stands_on_the_stated_side_and_sees_the_circle(side):
     direction = np.array(SIDES[side])
     position = np.r_[60.0 * direction + 5.0 * direction[::-1], -16.0]
-    camera = aimed_camera(position, np.array([1.0, -1.0, 0.0]), 2600.0, 0.0, 1920, 1080)
+    camera = aim_camera(position, np.array([1.0, -1.0, 0.0]), 2600.0, 0.0, 1920, 1080)
     conic, _, _ = seen_by(camera)
     ellipse = ellipse_from_conic(conic)
     starts = grid_starts(ellipse, np.zeros(2), 9.15, MODEL, side)
@@ -70,7 +70,7 @@ def test_grid_stands_on_the_stated_side_and_sees_the_circle(side):
 
 def test_grid_is_about_the_circle_that_is_seen():
     center = np.array([-20.0, 7.0])
-    camera = aimed_camera(np.array([-15.0, 45.0, -12.0]), np.r_[center, 0.0], 2000.0, 0.0, 1920, 1080)
+    camera = aim_camera(np.array([-15.0, 45.0, -12.0]), np.r_[center, 0.0], 2000.0, 0.0, 1920, 1080)
     ellipse = ellipse_from_conic(seen_by(camera, center, 4.5)[0])
     starts = grid_starts(ellipse, center, 4.5, MODEL, "main")
     distance = np.linalg.norm(starts[:, 4:7] - np.r_[center, 0.0], axis=1) / 4.5
@@ -84,9 +84,9 @@ def test_known_position_finds_focal_length_and_aim(share):
     points = circle_points(camera, load_field("soccer"), "center", 200, 0.3, rng).points_px
     points = points[: int(share * len(points))]
     model = ProjectionModel(camera.width, camera.height)
-    theta = standing_start(points, np.zeros(2), 9.1, camera.position_m, camera.angles_rad[2], model)[0]
+    theta = fixed_position_start(points, np.zeros(2), 9.1, camera.position_m, camera.angles_rad[2], model)[0]
     assert theta[0] == pytest.approx(np.log(camera.focal_px[0]), abs=0.15)
     assert theta[1:4] == pytest.approx(camera.angles_rad, abs=0.02)
-    assert len(standing_start(points[:2], np.zeros(2), 9.1, camera.position_m, 0.0, model)) == 0
+    assert len(fixed_position_start(points[:2], np.zeros(2), 9.1, camera.position_m, 0.0, model)) == 0
     below = camera.position_m * np.array([1, 1, -1])
-    assert len(standing_start(points, np.zeros(2), 9.1, below, 0.0, model)) == 0
+    assert len(fixed_position_start(points, np.zeros(2), 9.1, below, 0.0, model)) == 0

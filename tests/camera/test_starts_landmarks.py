@@ -6,9 +6,9 @@ import pytest
 from circlecal.camera.residuals import FixedPoints
 from circlecal.camera.starts_landmarks import (
     Landmarks,
-    aimed_starts,
+    aim_cameras,
+    collect_landmarks,
     homography_starts,
-    seen_landmarks,
     usual_positions,
 )
 from circlecal.field import load_field
@@ -16,11 +16,11 @@ from circlecal.geometry.camera_parameters import ProjectionModel, camera_of
 from circlecal.geometry.projective import fit_line
 from circlecal.geometry.surface import Surface
 from circlecal.observations import LinePoints, Observations
-from circlecal.synthetic.cameras import aimed_camera
+from circlecal.synthetic.cameras import aim_camera
 
 SOCCER = load_field("soccer")
 MODEL = ProjectionModel(1920, 1080, Surface("flat"))
-BOX = aimed_camera(np.array([3.0, 62.0, -17.0]), np.array([-40.0, -4.0, 0.0]), 1900.0, 0.01, 1920, 1080)
+BOX = aim_camera(np.array([3.0, 62.0, -17.0]), np.array([-40.0, -4.0, 0.0]), 1900.0, 0.01, 1920, 1080)
 LINES = ("big_rect_left_main", "big_rect_left_top", "side_line_left", "small_rect_left_main", "side_line_top")
 POINTS = np.array([[-41.5, 0.0], [-36.0, -20.16], [-52.5, -20.16], [-47.0, -9.16], [-36.0, 20.16], [-47.0, 9.16]])
 GRID = np.stack(np.meshgrid(np.arange(-50.0, -25.0, 5.0), np.arange(-20.0, 15.0, 5.0)), axis=-1).reshape(-1, 2)
@@ -76,11 +76,11 @@ def test_too_few_or_mirrored_landmarks_give_none():
 
 
 def test_a_level_camera_at_a_known_position_is_aimed_almost_exactly():
-    level = aimed_camera(BOX.position_m, np.array([-40.0, -4.0, 0.0]), 1900.0, 0.0, 1920, 1080)
+    level = aim_camera(BOX.position_m, np.array([-40.0, -4.0, 0.0]), 1900.0, 0.0, 1920, 1080)
     positions = np.stack([level.position_m, [0.0, 300.0, -17.0]])
-    starts = aimed_starts(landmarks(POINTS[:2], LINES[:2], level), positions, MODEL)
+    starts = aim_cameras(landmarks(POINTS[:2], LINES[:2], level), positions, MODEL)
     assert error_px(starts[0], level) < 60.0
-    assert len(aimed_starts(landmarks(POINTS[:1], LINES[:1]), positions, MODEL)) == 0
+    assert len(aim_cameras(landmarks(POINTS[:1], LINES[:1]), positions, MODEL)) == 0
 
 
 def test_usual_positions_stand_on_the_side_and_above():
@@ -106,7 +106,7 @@ def test_lines_without_name_or_length_and_very_many_points_are_no_burden():
     )
     many = np.random.default_rng(0).uniform(-20, 20, (5000, 2))
     points = FixedPoints(many, BOX.project(many), np.ones(5000), ("p",) * 5000)
-    found = seen_landmarks(Observations(1920, 1080, lines=lines), SOCCER, points, BOX)
+    found = collect_landmarks(Observations(1920, 1080, lines=lines), SOCCER, points, BOX)
     assert len(found.lines_m) == 1
     assert 4 <= len(found.points_m) <= 24
     assert len(homography_starts(found, np.zeros(2), MODEL))

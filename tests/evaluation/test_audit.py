@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from circlecal.config import load_config
-from circlecal.evaluation.audit import OPPOSED, audit_frames, distances_by_pair, opposed_distances, pair_rows
+from circlecal.evaluation.audit import OPPOSED, audit_frames, distances_by_pair, opposite_pair_distances, pair_rows
 from circlecal.field import load_field
 from circlecal.formats.pnlcalib import keypoint_table, tangency_points
 from circlecal.formats.shapes import AnnotatedFrame, Shape
@@ -49,7 +49,7 @@ def test_injected_errors_in_pixels(config):
     (found,) = audit_frames([frame], "kp", config)
     assert found.distances_px[50, 52] == pytest.approx(3.0)
     assert found.distances_px[32, 35] == pytest.approx(5.0)
-    assert opposed_distances({32: np.zeros(2), 35: np.zeros(2)}, np.ones(2)) == {}
+    assert opposite_pair_distances({32: np.zeros(2), 35: np.zeros(2)}, np.ones(2)) == {}
 
 
 def test_our_center_does_not_follow_a_wrong_keypoint(config):

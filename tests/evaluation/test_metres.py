@@ -11,7 +11,7 @@ from circlecal.evaluation.homography_metrics import (
     score_homography,
     template_homography,
 )
-from circlecal.evaluation.metres import annotated_errors, field_positions, ground_errors
+from circlecal.evaluation.metres import errors_of_annotated_points, field_positions, ground_errors
 from circlecal.evaluation.soccernet_metric import MetricCamera, PlaneHomography, field_polylines
 from evaluation.scenes import SIZE, look_at_circle
 
@@ -38,7 +38,7 @@ def test_ground_error_of_a_shifted_camera_is_the_shift():
     errors = ground_errors(MetricCamera.from_camera(camera), MetricCamera.from_camera(moved), *SIZE)
     assert len(errors) > 100
     assert errors == pytest.approx(0.5, abs=1e-4)
-    turned = ground_errors(MetricCamera.from_camera(camera), MetricCamera.from_camera(camera.turned()), *SIZE)
+    turned = ground_errors(MetricCamera.from_camera(camera), MetricCamera.from_camera(camera.turn_field()), *SIZE)
     assert turned == pytest.approx(0.0, abs=1e-4)
 
 
@@ -47,8 +47,8 @@ def test_annotated_points_in_metres():
     radius = 9.15 + 0.1
     ring = np.array([[radius, 0, 0], [0, radius, 0], [-radius, 0, 0]])
     annotated = {"Circle central": camera.project(ring)[0], "Middle line": camera.project(np.array([[0.2, 3, 0]]))[0]}
-    assert annotated_errors(annotated, camera) == pytest.approx([0.1, 0.1, 0.1, 0.2], abs=1e-3)
-    assert len(annotated_errors({}, camera)) == 0
+    assert errors_of_annotated_points(annotated, camera) == pytest.approx([0.1, 0.1, 0.1, 0.2], abs=1e-3)
+    assert len(errors_of_annotated_points({}, camera)) == 0
 
 
 def test_areas():

@@ -12,8 +12,8 @@ from circlecal.evaluation.soccernet_metric import (
     compare_frame,
     field_polylines,
     image_polylines,
+    opposite_class,
     polyline_distances,
-    turned_class,
 )
 from evaluation.scenes import SIZE, annotation_of, look_at_circle
 
@@ -42,7 +42,7 @@ def test_sampling_steps():
 
 
 def test_labels_of_the_turned_field():
-    turned = {name: turned_class(name) for name in CLASSES}
+    turned = {name: opposite_class(name) for name in CLASSES}
     assert {turned[turned[name]] for name in CLASSES} == set(CLASSES)
     assert turned["Side line top"] == "Side line bottom"
     assert turned["Big rect. left top"] == "Big rect. right bottom"
@@ -134,7 +134,7 @@ def test_turned_labels_are_taken_unless_the_direct_ones_are_strictly_better():
 def test_a_camera_on_the_other_side_scores_as_well():
     camera = look_at_circle(x=10.0, pan=8.0)
     annotated = {k: np.array([(p["x"], p["y"]) for p in v]) * (959, 539) for k, v in annotation_of(camera).items()}
-    score = compare_frame(annotated, MetricCamera.from_camera(camera.turned()), *SIZE)
+    score = compare_frame(annotated, MetricCamera.from_camera(camera.turn_field()), *SIZE)
     assert score.direct.jaccard(5) < 0.5
     assert score.official(5).jaccard(5) == 1.0
 

@@ -13,12 +13,12 @@ from circlecal.formats.shapes import AnnotatedFrame, Shape
 from circlecal.pipeline import field_of, run_observations
 from circlecal.records.record import result_line
 from circlecal.records.writing import result_record
-from circlecal.synthetic.cameras import aimed_camera
+from circlecal.synthetic.cameras import aim_camera
 
 SIZE = (1280, 720)
 CONFIG = load_config("annotations", ["camera.starts=2", "camera.iterations=15"])
 TEMPLATE, _ = field_of(CONFIG)
-BOX = aimed_camera(np.array([3.0, 62.0, -17.0]), np.array([-40.0, -4.0, 0.0]), 1250.0, 0.01, *SIZE)
+BOX = aim_camera(np.array([3.0, 62.0, -17.0]), np.array([-40.0, -4.0, 0.0]), 1250.0, 0.01, *SIZE)
 FORMATS = ("soccernet", "extremities", "pnlcalib", "coco", "labelstudio", "labelme", "gamestate")
 WRONG = ("text", float("nan"), None, [], {}, 1e308, -3, True, [[]], "x" * 300)
 

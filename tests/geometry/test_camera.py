@@ -164,10 +164,10 @@ def test_homography_that_no_camera_has_gives_none():
 
 @given(cameras(aspect=1.2))
 def test_turned_camera_sees_the_turned_field(camera):
-    turned = camera.turned()
+    turned = camera.turn_field()
     np.testing.assert_allclose(turned.project(-FIELD), camera.project(FIELD), atol=1e-6)
     np.testing.assert_allclose(turned.homography, turn_homography(camera.homography, np.zeros(2)), rtol=1e-7, atol=1e-6)
-    back = turned.turned()
+    back = turned.turn_field()
     np.testing.assert_allclose(back.R, camera.R, atol=1e-12)
     np.testing.assert_allclose(back.position_m, camera.position_m)
     assert -np.pi <= turned.angles_rad[0] <= np.pi

@@ -11,7 +11,7 @@ from circlecal.geometry.least_squares import (
     NormalState,
     StoppingRule,
     minimise,
-    promised_decrease,
+    predict_decrease,
     solve_damped,
 )
 
@@ -114,7 +114,7 @@ def test_steps_solve_the_damped_normal_equations(damping):
     damped = N * (1 + damping * np.eye(4))
     np.testing.assert_allclose((damped @ found[..., None])[..., 0], g, atol=1e-9)
     expected = -(2 * (g * -found).sum(axis=1) + np.einsum("bi,bij,bj->b", found, N, found))
-    np.testing.assert_allclose(promised_decrease(N, g, -found), expected)
+    np.testing.assert_allclose(predict_decrease(N, g, -found), expected)
 
 
 def test_singular_normal_equations_are_solved_without_their_free_directions():

@@ -22,7 +22,7 @@ from circlecal.cli import main
 from circlecal.field import load_field
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.surface import FLAT, Surface
-from circlecal.synthetic.cameras import aimed_camera, sample_camera
+from circlecal.synthetic.cameras import aim_camera, sample_camera
 from circlecal.synthetic.negatives import negative_scene
 from circlecal.synthetic.renderer import Rendering, render
 from circlecal.synthetic.sampling import profile_field, render_frame
@@ -177,7 +177,7 @@ def _robot(name: str, folder: Path) -> Records:
         stand_height_m=3.0,
         shadow_count=0,
     )
-    scene = Scene(aimed_camera(np.array(position), np.array(target), *rest), field, FLAT, look)
+    scene = Scene(aim_camera(np.array(position), np.array(target), *rest), field, FLAT, look)
     return _pictured(render(scene, np.random.default_rng(5)), name, ("--config", "robocup"), folder)
 
 

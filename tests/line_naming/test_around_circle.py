@@ -10,11 +10,11 @@ from circlecal.errors import EstimationError
 from circlecal.field import load_field
 from circlecal.observations import CirclePoints, LinePoints, Observations
 from circlecal.stages.camera import estimate_camera
-from circlecal.synthetic.cameras import aimed_camera, inside_frame
+from circlecal.synthetic.cameras import aim_camera, inside_frame
 
 SOCCER = load_field("soccer")
 CIRCLE = SOCCER.circle_by_name["centre_circle"]
-CAMERA = aimed_camera(np.array([-10.0, 62.0, -18.0]), np.array([-31.0, -8.0, 0.0]), 2400.0, 0.01, 1920, 1080)
+CAMERA = aim_camera(np.array([-10.0, 62.0, -18.0]), np.array([-31.0, -8.0, 0.0]), 2400.0, 0.01, 1920, 1080)
 CONFIG = Config().camera.model_copy(update={"k1_mean": 0.0, "crown_m": 0.0})
 SIGMA_PX = 0.2
 
@@ -33,11 +33,11 @@ def seen(name, camera=CAMERA, step_px=4.0):
 def shortened(observed):
     """The same with no more of the lines than the penalty area is wide."""
 
-    def kept(line):
+    def cut_line(line):
         near = (np.abs(CAMERA.back_project(line.points_px)) < (19.0, np.inf)).all(axis=1)
         return replace(line, points_px=line.points_px[near], sigma_px=line.sigma_px[near])
 
-    return replace(observed, lines=(kept(observed.lines[0]), *observed.lines[1:]))
+    return replace(observed, lines=(cut_line(observed.lines[0]), *observed.lines[1:]))
 
 
 def observations(lines, curves=(), camera=CAMERA):
@@ -100,7 +100,7 @@ def test_the_other_side_gives_the_turned_field(box_view):
     fit = estimate_camera(observations(lines), SOCCER, CIRCLE, CONFIG, "opposite")
     assert set(fit.named_lines) == {"big_rect_right_main", "side_line_bottom", "big_rect_right_bottom"}
     assert fit.camera.position_m[1] < 0
-    assert error_px(replace(fit, camera=fit.camera.turned())) < 5.0
+    assert error_px(replace(fit, camera=fit.camera.turn_field())) < 5.0
 
 
 @pytest.mark.parametrize("lines", [[], ["side_line_top"], ["big_rect_left_main"]])

@@ -7,11 +7,11 @@ from circlecal.field import load_field
 from circlecal.geometry.camera_parameters import ProjectionModel, theta_of
 from circlecal.geometry.surface import Surface
 from circlecal.line_naming.association import Association, associate_lines
-from circlecal.synthetic.cameras import aimed_camera
+from circlecal.synthetic.cameras import aim_camera
 
 SOCCER = load_field("soccer")
 MODEL = ProjectionModel(1920, 1080, Surface("flat"))
-CAMERA = aimed_camera(np.array([-3.0, 62.0, -17.0]), np.array([-25.0, -4.0, 0.0]), 1500.0, 0.01, 1920, 1080)
+CAMERA = aim_camera(np.array([-3.0, 62.0, -17.0]), np.array([-25.0, -4.0, 0.0]), 1500.0, 0.01, 1920, 1080)
 KNOWN = ("halfway_line",)
 
 

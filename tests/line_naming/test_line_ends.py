@@ -7,15 +7,15 @@ import pytest
 
 from circlecal.evaluation.bench.scenarios import KNOWN
 from circlecal.field import load_field
-from circlecal.line_naming.line_ends import are_ended_on, passes_end, passes_point
+from circlecal.line_naming.line_ends import agree_with_ends, passes_end, passes_point
 from circlecal.observations import LineEnd, LinePoints, MarkingKey, Observations
 from circlecal.stages.camera import estimate_camera
-from circlecal.synthetic.cameras import aimed_camera
+from circlecal.synthetic.cameras import aim_camera
 from circlecal.synthetic.markings import circle_points, line_points
 
 SOCCER = load_field("soccer")
 CIRCLE = SOCCER.circle_by_name["centre_circle"]
-CAMERA = aimed_camera(np.array([-1.0, 62.0, -15.0]), np.array([1.0, -10.0, 0.0]), 2000.0, 0.0, 1920, 1080)
+CAMERA = aim_camera(np.array([-1.0, 62.0, -15.0]), np.array([1.0, -10.0, 0.0]), 2000.0, 0.0, 1920, 1080)
 FAR_END = np.array([0.0, -34.0 + SOCCER.marking_width_m])
 
 
@@ -102,7 +102,7 @@ def test_an_end_lies_anywhere_within_the_marking_that_it_meets():
 def test_a_line_through_an_end_says_where_that_marking_runs():
     observations = seen([], [nameless(-34.0 + 0.5 * SOCCER.marking_width_m), nameless(-30.0)])
     met = (LinePoints("side_line_top", CAMERA.project(FAR_END)[None], np.array([2.0])),)
-    assert are_ended_on({1: "side_line_top"}, met, observations)
-    assert not are_ended_on({2: "side_line_top"}, met, observations)
-    assert not are_ended_on({1: "side_line_bottom"}, met, observations)
-    assert not are_ended_on({}, met, observations)
+    assert agree_with_ends({1: "side_line_top"}, met, observations)
+    assert not agree_with_ends({2: "side_line_top"}, met, observations)
+    assert not agree_with_ends({1: "side_line_bottom"}, met, observations)
+    assert not agree_with_ends({}, met, observations)

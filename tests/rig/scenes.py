@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from circlecal.camera.covariance import posterior_covariance
-from circlecal.camera.observed import NoiseModel, observed_curves, observed_points
+from circlecal.camera.observed import NoiseModel, curves_from_observations, points_from_observations
 from circlecal.camera.options import priors_of
 from circlecal.camera.problem import Problem, minimise
 from circlecal.config import Config, load_config
@@ -17,7 +17,7 @@ from circlecal.geometry.surface import Surface
 from circlecal.observations import Observations
 from circlecal.pipeline import field_of
 from circlecal.rig.frames import RigFrame
-from circlecal.synthetic.cameras import aimed_camera, sample_camera
+from circlecal.synthetic.cameras import aim_camera, sample_camera
 from circlecal.synthetic.markings import circle_points, line_points
 
 CONFIG: Config = load_config(
@@ -40,8 +40,7 @@ def goal_views(count: int, rng: np.random.Generator) -> list[Camera]:
     position = np.array([-80.0, 4.0, -12.0])
     targets = rng.normal(0, 2, (count, 2))
     return [
-        aimed_camera(position, np.r_[target, 0.0], rng.uniform(3500, 6000), 0.01, 1920, 1080, 0.02)
-        for target in targets
+        aim_camera(position, np.r_[target, 0.0], rng.uniform(3500, 6000), 0.01, 1920, 1080, 0.02) for target in targets
     ]
 
 
@@ -62,7 +61,8 @@ def calibrated(name: str, camera: Camera, rng: np.random.Generator, sigma: float
     model = ProjectionModel(camera.width, camera.height, Surface("flat"))
     priors = priors_of(CONFIG.camera, TEMPLATE, CIRCLE, model)
     problem = Problem(
-        observed_curves(seen, TEMPLATE, NoiseModel(60, 0, 60)), observed_points(seen, TEMPLATE), priors, model,
+        curves_from_observations(seen, TEMPLATE, NoiseModel(60, 0, 60)), points_from_observations(seen, TEMPLATE),
+        priors, model,
         CONFIG.camera.loss_scale,
     )  # fmt: skip
     state = minimise(problem, theta_of(camera, model)[None])

@@ -90,7 +90,7 @@ def test_cameras_that_are_given_are_not_guessed(mixed):
 def test_turned_fields_agree(mixed):
     frames, _, goal = mixed
     own = [f for f in frames if f.id.startswith("g")]
-    turned = replace(own[0], theta=own[0].turned())
+    turned = replace(own[0], theta=own[0].turn_field())
     (rig,) = rigs_of([turned, *own[1:]])
     assert rig.used == ("g0", "g1", "g2")
     position, sigma = position_of(rig)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from circlecal.camera.covariance import posterior_covariance
-from circlecal.camera.observed import NoiseModel, observed_curves, observed_points
+from circlecal.camera.observed import NoiseModel, curves_from_observations, points_from_observations
 from circlecal.camera.priors import Priors
 from circlecal.camera.problem import Problem, minimise
 from circlecal.camera.residuals import sample_feet
@@ -54,7 +54,11 @@ def problem_of(camera, rng, sigma=0.5):
         (line_points(camera, SOCCER, "halfway_line", 40, sigma, rng),),
     )
     return Problem(
-        observed_curves(seen, SOCCER, NoiseModel(500, 0.0, 0.0)), observed_points(seen, SOCCER), priors(), MODEL, 6.0
+        curves_from_observations(seen, SOCCER, NoiseModel(500, 0.0, 0.0)),
+        points_from_observations(seen, SOCCER),
+        priors(),
+        MODEL,
+        6.0,
     )
 
 

@@ -69,7 +69,7 @@ def test_pictures_of_another_size_show_the_same() -> None:
     points = np.array([[0.0, 0.0], [9.15, 0.0], [0.0, -9.15]])
     small = estimate.view(own[0, :3], np.zeros((3, 3)))
     own[0, 0] += np.log(1.5)
-    large = estimate.scaled((1920, 1080)).view(own[0, :3], np.zeros((3, 3)))
+    large = estimate.resize((1920, 1080)).view(own[0, :3], np.zeros((3, 3)))
     np.testing.assert_allclose((small.project(points) + 0.5) * 1.5 - 0.5, large.project(points), atol=1e-6)
 
 

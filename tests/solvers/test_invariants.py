@@ -15,7 +15,7 @@ from circlecal.observations import Keypoint, Observations
 from circlecal.solvers import load_intrinsics_solver, solve_by_name
 from circlecal.solvers.chen_wu import circular_sections
 from circlecal.solvers.huang_self_polar import degenerate_lines, vanishing_line
-from circlecal.solvers.primitives import fitted_conic
+from circlecal.solvers.primitives import fit_normalised_conic
 
 from .conftest import ORIGIN, SIGMA, central_view, circle_under, hockey, proportional, scenario_view, soccer
 
@@ -38,7 +38,7 @@ def test_the_circle_maps_onto_the_fitted_ellipse(solver, main_cameras):
         if not result.solved:
             continue
         outer = seen.circle("centre_circle", "outer")
-        fitted = fitted_conic(outer.points_px, outer.sigma_px, RNG(0))
+        fitted = fit_normalised_conic(outer.points_px, outer.sigma_px, RNG(0))
         mapped = transform_conic(result.H_image_field, circle_conic(ORIGIN, template.radius(circle, "outer")))
         assert mapped == pytest.approx(normalise_conic(fitted), rel=1e-6)
 
@@ -48,7 +48,7 @@ def test_case_one_is_the_closed_form(main_cameras):
     template, circle = soccer()
     seen = scenario_view("true_centre", main_cameras[0], 1.0)
     outer = seen.circle("centre_circle", "outer")
-    conic = fitted_conic(outer.points_px, outer.sigma_px, RNG(0))
+    conic = fit_normalised_conic(outer.points_px, outer.sigma_px, RNG(0))
     line = join(*lift(seen.line("halfway_line").points_px))
     H = homography_from_circle(
         conic, lift(seen.marks[0].point_px), line, ORIGIN, template.radius(circle, "outer"), [0.0, 1.0]

@@ -11,7 +11,7 @@ from circlecal.field import load_field
 from circlecal.geometry.homography import transfer_errors
 from circlecal.observations import Observations
 from circlecal.stages.camera import estimate_camera
-from circlecal.synthetic.cameras import aimed_camera
+from circlecal.synthetic.cameras import aim_camera
 from circlecal.synthetic.markings import circle_points, line_points, mark_point
 
 SOCCER = load_field("soccer")
@@ -19,8 +19,8 @@ CIRCLE = SOCCER.circle_by_name["centre_circle"]
 HOCKEY = load_field("ice-hockey")
 EXACT = KNOWN.model_copy(update={"distance_log_sd": None, "elevation_sd_deg": None, "roll_sd_deg": 1e6})
 """Lens, principal point and surface known, and no opinion on the camera's place."""
-MAIN = aimed_camera(np.array([5.0, 60.0, -16.0]), np.array([0.8, 0.5, 0.0]), 3600.0, 0.01, 1920, 1080)
-WIDE = aimed_camera(np.array([-4.0, 62.0, -17.0]), np.array([-14.0, -8.0, 0.0]), 1700.0, 0.01, 1920, 1080)
+MAIN = aim_camera(np.array([5.0, 60.0, -16.0]), np.array([0.8, 0.5, 0.0]), 3600.0, 0.01, 1920, 1080)
+WIDE = aim_camera(np.array([-4.0, 62.0, -17.0]), np.array([-14.0, -8.0, 0.0]), 1700.0, 0.01, 1920, 1080)
 
 
 def seen(camera, *, edges=("outer",), line="halfway_line", lines=(), mark=False, sigma=0.0, seed=0, count=200,

@@ -11,7 +11,7 @@ from circlecal.geometry.conics import circle_conic, normalise_conic, transform_c
 from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.projective import transform_lines
 from circlecal.results import EllipseFit, EllipseFits, LineCue, MarkingMask, Segment
-from circlecal.synthetic.cameras import aimed_camera
+from circlecal.synthetic.cameras import aim_camera
 
 SOCCER = load_field("soccer")
 CIRCLE = SOCCER.circle_by_name["centre_circle"]
@@ -21,7 +21,7 @@ TURF, PAINT = 90.0, 210.0
 
 def view(position=(4.0, 58.0, -16.0), target=(0.5, 0.0, 0.0), focal=3000.0, size=(1280, 720), roll=0.005) -> Camera:
     """A camera that has the centre circle in the middle of its picture."""
-    return aimed_camera(np.array(position), np.array(target), focal, roll, *size)
+    return aim_camera(np.array(position), np.array(target), focal, roll, *size)
 
 
 def back_projected(camera: Camera) -> np.ndarray:

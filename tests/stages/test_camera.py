@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from circlecal.camera.options import CameraConfig, priors_of
-from circlecal.evaluation.bench.scenarios import KNOWN, chosen_rows
+from circlecal.evaluation.bench.scenarios import KNOWN, select_rows
 from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel
 from circlecal.geometry.homography import SIDES
 from circlecal.geometry.surface import Surface
 from circlecal.observations import Keypoint, MarkingKey
 from circlecal.stages.camera import estimate_camera
-from circlecal.synthetic.cameras import aimed_camera
+from circlecal.synthetic.cameras import aim_camera
 
 from .camera_views import CIRCLE, EXACT, HOCKEY, MAIN, SOCCER, WIDE, departure, seen
 
@@ -59,7 +59,7 @@ def test_circle_and_keypoints_are_exact():
 def test_two_circles_of_a_rink_are_exact():
     names = ("faceoff_left_top", "faceoff_left_bottom")
     circle = HOCKEY.circle_by_name[names[0]]
-    camera = aimed_camera(np.array([-12.0, 42.0, -14.0]), np.array([-20.0, 0.5, 0.0]), 2200.0, 0.01, 1920, 1080)
+    camera = aim_camera(np.array([-12.0, 42.0, -14.0]), np.array([-20.0, 0.5, 0.0]), 2200.0, 0.01, 1920, 1080)
     given = seen(camera, line=None, circles=names, template=HOCKEY, count=60)
     fit = estimate_camera(given, HOCKEY, circle, EXACT)
     assert departure(fit, camera, 8.0, (-20.0, 0.0)) < 1e-6
@@ -73,7 +73,7 @@ def test_circle_and_known_position_without_a_line_are_exact():
 
 def test_arc_and_penalty_line_are_exact():
     arc = SOCCER.circle_by_name["penalty_arc_left"]
-    camera = aimed_camera(np.array([-8.0, 55.0, -16.0]), np.array([-40.0, 0.0, 0.0]), 1800.0, 0.01, 1920, 1080)
+    camera = aim_camera(np.array([-8.0, 55.0, -16.0]), np.array([-40.0, 0.0, 0.0]), 1800.0, 0.01, 1920, 1080)
     angle = np.radians(np.linspace(arc.start_deg, arc.end_deg, 120))
     field = np.asarray(arc.center) + arc.radius_m * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     given = seen(camera, line=None, lines=("big_rect_left_main",), circles=("penalty_arc_left",))
@@ -135,20 +135,20 @@ def test_a_lens_unlike_others_is_told_by_the_frame(kappa, sigma):
 def test_cameras_on_every_side(side):
     toward = np.array(SIDES[side])
     position = np.r_[58.0 * toward + 4.0 * toward[::-1], -15.0]
-    camera = aimed_camera(position, np.array([0.5, 0.5, 0.0]), 3000.0, 0.01, 1920, 1080)
+    camera = aim_camera(position, np.array([0.5, 0.5, 0.0]), 3000.0, 0.01, 1920, 1080)
     fit = estimate_camera(seen(camera, line="halfway_line"), SOCCER, CIRCLE, EXACT, side)
     assert departure(fit, camera) < 1e-6
     opposite = next(s for s, d in SIDES.items() if np.allclose(d, -toward))
     other = estimate_camera(seen(camera), SOCCER, CIRCLE, EXACT, opposite)
     # the field turned by 180 degrees
     np.testing.assert_allclose(other.camera.position_m[:2], -position[:2], atol=1e-4)
-    np.testing.assert_allclose(other.camera.turned().position_m, position, atol=1e-4)
+    np.testing.assert_allclose(other.camera.turn_field().position_m, position, atol=1e-4)
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_never_upside_down_and_never_mirrored(seed):
     rng = np.random.default_rng(seed)
-    (scenario,) = chosen_rows(["8a" if seed % 2 else "7"])
+    (scenario,) = select_rows(["8a" if seed % 2 else "7"])
     draw = scenario.draw(rng)
     fit = estimate_camera(draw.observations, scenario.template, scenario.circle, draw.config)
     assert fit.camera.position_m[2] < 0

@@ -10,7 +10,7 @@ from circlecal.evaluation.bench.scenarios import KNOWN
 from circlecal.observations import Keypoint, LinePoints, MarkingKey, MarkPoint
 from circlecal.refusals import REFUSALS
 from circlecal.stages.camera import estimate_camera
-from circlecal.synthetic.cameras import aimed_camera
+from circlecal.synthetic.cameras import aim_camera
 
 from .camera_views import CIRCLE, MAIN, SOCCER, departure, refusal, seen
 
@@ -80,7 +80,7 @@ def test_noise_level_follows_the_residuals():
     assert trusting.noise_scale == 1.0
 
 
-BROADCAST = aimed_camera(np.array([-2.0, 66.0, -18.0]), np.array([-22.0, -6.0, 0.0]), 1500.0, 0.005, 1920, 1080)
+BROADCAST = aim_camera(np.array([-2.0, 66.0, -18.0]), np.array([-22.0, -6.0, 0.0]), 1500.0, 0.005, 1920, 1080)
 NAMING = CameraConfig(k1_mean=0.0, crown_shape="flat")
 PENALTY_AREA = ("side_line_top", "big_rect_left_main", "big_rect_left_top", "small_rect_left_main")
 
@@ -129,7 +129,7 @@ def test_a_single_line_gets_the_right_name_or_none(line, named):
 
 def beside_boards(aim_m, share, pieces):
     """The far part of the circle, the touchline, and the ``pieces`` of edges behind it."""
-    camera = aimed_camera(np.array([4.7, 60.1, -14.8]), np.array([1.5, aim_m, 0.0]), 3900.0, 0.0, 1920, 1080)
+    camera = aim_camera(np.array([4.7, 60.1, -14.8]), np.array([1.5, aim_m, 0.0]), 3900.0, 0.0, 1920, 1080)
     given = with_nameless(camera, ("side_line_top",))
     arc = given.circles[0]
     far = arc.points_px[:, 1] < np.quantile(arc.points_px[:, 1], share)
@@ -168,7 +168,7 @@ def test_the_touchline_gets_its_name_beside_edges_that_contradict_each_other():
 
 def test_nothing_is_named_where_the_camera_is_too_vague():
     """Straight behind the halfway line zoom and distance are all but free, and so is the place of a further line."""
-    camera = aimed_camera(np.array([0.5, 62.0, -14.0]), np.array([2.0, -10.0, 0.0]), 2000.0, 0.0, 1920, 1080)
+    camera = aim_camera(np.array([0.5, 62.0, -14.0]), np.array([2.0, -10.0, 0.0]), 2000.0, 0.0, 1920, 1080)
     fit = estimate_camera(with_nameless(camera, ("big_rect_right_main",)), SOCCER, CIRCLE, NAMING)
     assert fit.named_lines == ()
     assert fit.max_sigma_px > 30.0

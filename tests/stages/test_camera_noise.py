@@ -5,7 +5,7 @@ import pytest
 
 from circlecal.evaluation.bench.accuracy import mahalanobis, truth_grid
 from circlecal.evaluation.bench.bounds import bound_covariance, bound_errors
-from circlecal.evaluation.bench.scenarios import KNOWN, Draw, chosen_rows
+from circlecal.evaluation.bench.scenarios import KNOWN, Draw, select_rows
 from circlecal.geometry.camera_parameters import ProjectionModel, theta_of
 from circlecal.geometry.homography import transfer_errors
 from circlecal.geometry.surface import Surface
@@ -19,7 +19,7 @@ def pooled():
     """Errors over bounds, and draws inside the 90 % regions, of several rows of the benchmark: 48 draws in all."""
     ratios, inside = [], {}
     for name in ("5", "6", "17"):
-        scenario = next(s for s in chosen_rows([name]) if s.row == name)
+        scenario = next(s for s in select_rows([name]) if s.row == name)
         for index in range(16):
             rng = np.random.default_rng([11, index])
             draw = scenario.draw(rng)

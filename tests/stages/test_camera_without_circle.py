@@ -7,11 +7,11 @@ import pytest
 
 from circlecal.observations import CirclePoints, Keypoint, MarkingKey
 from circlecal.stages.camera import estimate_camera
-from circlecal.synthetic.cameras import aimed_camera
+from circlecal.synthetic.cameras import aim_camera
 
 from .camera_views import CIRCLE, EXACT, SOCCER, departure, refusal, seen
 
-BOX = aimed_camera(np.array([3.0, 62.0, -17.0]), np.array([-40.0, -4.0, 0.0]), 1900.0, 0.01, 1920, 1080)
+BOX = aim_camera(np.array([3.0, 62.0, -17.0]), np.array([-40.0, -4.0, 0.0]), 1900.0, 0.01, 1920, 1080)
 BOX_LINES = ("big_rect_left_main", "big_rect_left_top", "side_line_left", "small_rect_left_main")
 
 
@@ -42,7 +42,7 @@ def test_lines_and_points_without_the_circle_are_exact(lines, places):
 
 
 def test_a_camera_behind_the_goal_needs_no_side():
-    camera = aimed_camera(np.array([-75.0, -6.0, -14.0]), np.array([-44.0, 0.0, 0.0]), 1600.0, 0.01, 1920, 1080)
+    camera = aim_camera(np.array([-75.0, -6.0, -14.0]), np.array([-44.0, 0.0, 0.0]), 1600.0, 0.01, 1920, 1080)
     given = seen(camera, line=None, circles=(), lines=BOX_LINES)
     assert box_departure(estimate_camera(given, SOCCER, CIRCLE, EXACT), camera) < 1e-6
 

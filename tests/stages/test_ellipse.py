@@ -8,7 +8,7 @@ from circlecal.geometry.conics import normalise_conic, sampson_distance
 from circlecal.geometry.ellipses import Ellipse, ellipse_from_conic, orthogonal_distance
 from circlecal.observations import CirclePoints, Observations
 from circlecal.results import RayPoints
-from circlecal.stages.ellipse import EllipseConfig, fit_edge, fit_ellipses, fit_observed
+from circlecal.stages.ellipse import EllipseConfig, fit_edge, fit_ellipses, fit_observations
 
 ELLIPSE = Ellipse(np.array([900.0, 500.0]), (520.0, 160.0), 0.04)
 CONFIG = EllipseConfig()
@@ -182,11 +182,11 @@ def test_a_handful_of_given_points_is_enough():
     points = ELLIPSE.points(np.linspace(0.2, 5.0, 8))
     seen = CirclePoints("centre_circle", "outer", points, np.ones(8))
     other = CirclePoints("elsewhere", "inner", points + 300, np.ones(8))
-    found = fit_observed(Observations(1920, 1080, (other, seen)), "centre_circle", 1920, CONFIG, rng())
+    found = fit_observations(Observations(1920, 1080, (other, seen)), "centre_circle", 1920, CONFIG, rng())
     assert found.inner is None
     np.testing.assert_allclose(found.outer.ellipse.center, ELLIPSE.center, atol=1e-6)
     with pytest.raises(EstimationError) as refused:
         few = CirclePoints("centre_circle", "outer", points[:5], np.ones(5))
-        fit_observed(Observations(1920, 1080, (few,)), "centre_circle", 1920, CONFIG, rng())
+        fit_observations(Observations(1920, 1080, (few,)), "centre_circle", 1920, CONFIG, rng())
     assert refused.value.code == "no_ellipse"
     assert "centre_circle" in refused.value.reason

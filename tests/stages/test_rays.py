@@ -12,7 +12,7 @@ from circlecal.paint.profiles import to_gray
 from circlecal.results import MarkingMask
 from circlecal.stages.edges import EdgesConfig, detect_edges
 from circlecal.stages.rays import RaysConfig, cast_rays, even_angles, measure_along_model
-from circlecal.synthetic.cameras import aimed_camera
+from circlecal.synthetic.cameras import aim_camera
 from circlecal.synthetic.paint import paint_layers
 
 from .conftest import CIRCLE, SOCCER, WIDTH_M, Painted, developed, paint, view
@@ -230,7 +230,7 @@ def test_paint_that_would_fill_the_picture_is_not_measured():
 
     radius, focal, height, kappa = SOCCER.radius(CIRCLE, "outer"), 700.0, 0.174, -0.1
     place, ahead = np.array([-radius, 0.0, -height]), np.array([0.0, 0.0, -height])
-    camera = aimed_camera(place, ahead, focal, 0.0, 1280, 720, kappa)
+    camera = aim_camera(place, ahead, focal, 0.0, 1280, 720, kappa)
     assert np.isnan(camera.project(np.array([-SOCCER.radius(CIRCLE, "center"), 0.0]))).all()
     fit = camera_fit(camera)
     points, sigma = measure_along_model(np.full((720, 1280), 90, np.uint8), fit, CIRCLE, SOCCER, 1.5, RaysConfig())

@@ -5,7 +5,7 @@ import pytest
 
 from circlecal.geometry.surface import FLAT, Surface
 from circlecal.synthetic.cameras import (
-    aimed_camera,
+    aim_camera,
     halfway_length_px,
     inside_frame,
     other_markings,
@@ -108,7 +108,7 @@ def test_wrong_use():
 
 
 def test_aimed_camera_sees_its_target_in_the_middle():
-    camera = aimed_camera(np.array([5.0, 60.0, -15.0]), np.array([-20.0, 3.0, -1.0]), 3000.0, 0.02, 1280, 720)
+    camera = aim_camera(np.array([5.0, 60.0, -15.0]), np.array([-20.0, 3.0, -1.0]), 3000.0, 0.02, 1280, 720)
     np.testing.assert_allclose(camera.project([-20.0, 3.0, -1.0]), (639.5, 359.5), atol=1e-9)
     far, near = camera.project([[-20.0, 0.0, 0.0], [-20.0, 10.0, 0.0]])
     assert far[1] < near[1]

@@ -6,7 +6,7 @@ import pytest
 from circlecal.geometry.conics import circle_conic, sampson_distance, transform_conic
 from circlecal.geometry.surface import FLAT, Surface
 from circlecal.synthetic.cameras import inside_frame, sample_camera, soccer
-from circlecal.synthetic.markings import MIN_SIGMA_PX, circle_points, line_points, mark_point, with_outliers
+from circlecal.synthetic.markings import MIN_SIGMA_PX, add_outliers, circle_points, line_points, mark_point
 
 FULL = sample_camera("main", np.random.default_rng(1))
 PART = sample_camera("partial", np.random.default_rng(2))
@@ -76,7 +76,7 @@ def test_mark():
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.5])
 def test_outliers(share):
     points = circle_points(FULL, soccer(), "outer", 400, 0.0, np.random.default_rng(0))
-    mixed, inliers = with_outliers(points, share, np.random.default_rng(1))
+    mixed, inliers = add_outliers(points, share, np.random.default_rng(1))
     conic = transform_conic(FULL.homography, circle_conic((0.0, 0.0), 9.15))
     distance = np.abs(sampson_distance(conic, mixed.points_px))
     assert inliers.sum() == 400 - round(share * 400)
@@ -87,4 +87,4 @@ def test_outliers(share):
 def test_outlier_share_is_checked():
     points = circle_points(FULL, soccer(), "outer", 10, 0.0, np.random.default_rng(0))
     with pytest.raises(ValueError, match="share"):
-        with_outliers(points, 1.0, np.random.default_rng(0))
+        add_outliers(points, 1.0, np.random.default_rng(0))

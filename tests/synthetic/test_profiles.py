@@ -9,7 +9,7 @@ import pytest
 from circlecal.field import load_field
 from circlecal.geometry.surface import FLAT
 from circlecal.synthetic.alterations import ALTERATIONS, alter
-from circlecal.synthetic.cameras import aimed_camera, inside_frame
+from circlecal.synthetic.cameras import aim_camera, inside_frame
 from circlecal.synthetic.decals import Decal, draw_decals, plain
 from circlecal.synthetic.floors import rugby_paint
 from circlecal.synthetic.goals import draw_goals
@@ -215,7 +215,7 @@ def test_pictures_on_the_ground_lie_where_they_should():
 
 def test_goals_hide_markings_with_their_posts_only():
     scene = negative_scene(np.random.default_rng(2), SIZE, load_field("soccer"), "behind_net")
-    camera = aimed_camera(np.array([70.0, 1.0, -6.0]), np.array([52.0, 0.0, -1.0]), 900.0, 0.0, *SIZE)
+    camera = aim_camera(np.array([70.0, 1.0, -6.0]), np.array([52.0, 0.0, -1.0]), 900.0, 0.0, *SIZE)
     scene = replace(scene, camera=camera, players=())
     picture = np.zeros((SIZE[1], SIZE[0], 3), dtype=np.float32)
     hidden = np.zeros(picture.shape[:2], dtype=np.float32)
@@ -228,7 +228,7 @@ def test_goals_hide_markings_with_their_posts_only():
 
 def test_a_barrel_lens_does_not_fold_the_field_back():
     camera = replace(
-        aimed_camera(np.array([0.0, 60.0, -15.0]), np.zeros(3), 500.0, 0.0, *SIZE), kappa=np.array([-0.1, 0.0])
+        aim_camera(np.array([0.0, 60.0, -15.0]), np.zeros(3), 500.0, 0.0, *SIZE), kappa=np.array([-0.1, 0.0])
     )
     far_aside = np.array([[120.0, 20.0, 0.0], [0.0, 0.0, 0.0]])
     assert inside_frame(projected_without_fold(camera, far_aside), *SIZE).all()

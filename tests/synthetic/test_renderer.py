@@ -7,7 +7,7 @@ from scipy.ndimage import map_coordinates
 
 from circlecal.field import field_names, load_field
 from circlecal.geometry.surface import FLAT, Surface
-from circlecal.synthetic.cameras import aimed_camera, inside_frame, sample_camera, soccer
+from circlecal.synthetic.cameras import aim_camera, inside_frame, sample_camera, soccer
 from circlecal.synthetic.paint import CIRCLE_CLASS, CLASS_NAMES, HALFWAY_CLASS
 from circlecal.synthetic.renderer import render
 from circlecal.synthetic.sampling import SCENE_PROFILES, render_frame, sample_scene
@@ -194,7 +194,7 @@ def test_look_is_checked():
 
 def test_a_mark_that_a_barrel_lens_folds_into_the_picture_lies_outside_it():
     template = load_field("robocup")
-    camera = aimed_camera(np.array([-0.1, 0.3, -0.11]), np.array([3.0, 0.3, -0.11]), 435.0, 0.0, 800, 448, kappa=-0.08)
+    camera = aim_camera(np.array([-0.1, 0.3, -0.11]), np.array([3.0, 0.3, -0.11]), 435.0, 0.0, 800, 448, kappa=-0.08)
     assert inside_frame(projected_without_fold(camera, [0.0, 0.0]), 800, 448)
     rendering = render(Scene(camera, template, FLAT, RenderConfig()), np.random.default_rng(0))
     assert rendering.truth.center_mark == "outside"

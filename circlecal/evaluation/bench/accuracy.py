@@ -12,8 +12,8 @@ from scipy.stats import chi2
 
 from circlecal.errors import EstimationError
 from circlecal.evaluation.bench.bounds import bound_covariance, bound_errors
-from circlecal.evaluation.bench.many_frames import RigScenario, chosen_rigs, rig_scenarios, run_draw
-from circlecal.evaluation.bench.scenarios import Draw, Scenario, chosen_rows, row_names, soccer
+from circlecal.evaluation.bench.many_frames import RigScenario, rig_scenarios, run_draw, select_rigs
+from circlecal.evaluation.bench.scenarios import Draw, Scenario, row_names, select_rows, soccer
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.concentric import imaged_center, joint_conic
@@ -65,8 +65,8 @@ def run_rows(
     list of (str, float)
         The closed forms: noise-free maximum (row 1) and the paper's protocol with the true centre (row 2), pixels.
     """
-    rows = [run_row(s, draws, seed, advance) for s in chosen_rows(names)]
-    rows += [run_rig_row(s, draws, seed, advance) for s in chosen_rigs(names)]
+    rows = [run_row(s, draws, seed, advance) for s in select_rows(names)]
+    rows += [run_rig_row(s, draws, seed, advance) for s in select_rigs(names)]
     closed = closed_forms(draws, seed) if not names or {"1", "2"} & set(names) else []
     return rows, closed
 

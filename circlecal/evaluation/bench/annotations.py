@@ -26,7 +26,7 @@ from circlecal.evaluation.reading import (
     Annotated,
     Prediction,
     is_central,
-    read_annotated,
+    read_annotated_points,
     read_predictions,
     shows_circle_and_halfway,
 )
@@ -117,7 +117,7 @@ def run_annotations(
     rows = []
     for name in names or set_names(path):
         folder = path / name
-        rows += _set_rows(_Set(name, KINDS[2], read_annotated(folder / _TRUTH, SIZE), folder), config)
+        rows += _set_rows(_Set(name, KINDS[2], read_annotated_points(folder / _TRUTH, SIZE), folder), config)
         advance(name)
     return rows
 
@@ -138,7 +138,7 @@ def _set_rows(data: _Set, config: Config) -> list[AnnotationRow]:
     methods["circlecal", INPUTS[2]] = _solve(clicked, own)
     runs = other_frames.matches(_positions(data, methods))
     if runs:
-        methods["circlecal", other_frames.INPUT] = other_frames.with_other_frames(
+        methods["circlecal", other_frames.INPUT] = other_frames.calibrate_with_other_frames(
             alone, clicked, runs, template, circle, config
         )
     if (data.folder / _DETECTIONS).is_dir():

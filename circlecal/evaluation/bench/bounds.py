@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 
 from circlecal.camera.covariance import posterior_covariance
-from circlecal.camera.observed import NoiseModel, observed_curves, observed_points
+from circlecal.camera.observed import NoiseModel, curves_from_observations, points_from_observations
 from circlecal.camera.options import CameraConfig, priors_of
 from circlecal.camera.problem import Problem, evaluate
 from circlecal.camera.residuals import sample_feet
@@ -32,9 +32,9 @@ def bound_covariance(
     """
     model = ProjectionModel(camera.width, camera.height, Surface(config.usual_crown, circle.radius_m))
     theta = theta_of(camera, model, crown_m)
-    curves = observed_curves(observations, template, NoiseModel(10**6, 0.0, 0.0))
+    curves = curves_from_observations(observations, template, NoiseModel(10**6, 0.0, 0.0))
     priors = priors_of(config, template, circle, model)
-    problem = Problem(curves, observed_points(observations, template), priors, model)
+    problem = Problem(curves, points_from_observations(observations, template), priors, model)
     feet = sample_feet(curves, theta[None], model)
     state = evaluate(problem, theta[None], feet, updates=6)
     return posterior_covariance(state.normal[0], priors.sd)

@@ -49,7 +49,7 @@ def decoding_ms(encoded: NDArray[np.uint8], decodings: int = DECODINGS) -> float
     return min(_ms(lambda: cv2.imdecode(encoded, cv2.IMREAD_COLOR)) for _ in range(decodings))
 
 
-def timed_run(
+def time_run(
     image: NDArray[np.uint8], config: Config, frame_id: str, runs: int = RUNS
 ) -> tuple[FrameCalibration, float, dict[str, float]]:
     """The calibration of a picture, and the best time of several runs: of the whole and of each stage, milliseconds."""
@@ -88,7 +88,7 @@ def time_chain(name: str, encoded: NDArray[np.uint8], config: Config, runs: int 
         start = time.perf_counter()
         image = np.asarray(cv2.imdecode(encoded, cv2.IMREAD_COLOR), np.uint8)
         in_turn.append((time.perf_counter() - start) * 1e3)
-        turns.append(timed_run(image, config, name, 1))
+        turns.append(time_run(image, config, name, 1))
     found = turns[0][0]
     height, width = image.shape[:2]
     return ChainTime(

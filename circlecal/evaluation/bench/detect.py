@@ -11,7 +11,7 @@ import numpy as np
 
 from circlecal.config import Config, load_config
 from circlecal.errors import ConfigError
-from circlecal.evaluation.bench.chain_time import decoding_ms, timed_run
+from circlecal.evaluation.bench.chain_time import decoding_ms, time_run
 from circlecal.evaluation.bench.reachable import bound_px
 from circlecal.field import load_field
 from circlecal.geometry.camera_parameters import project
@@ -105,7 +105,7 @@ def _one_frame(profile: SceneProfile, seed: int, index: int, width: int) -> _Fra
     encoded = cv2.imencode(".jpg", rendering.image, [cv2.IMWRITE_JPEG_QUALITY, 92])[1]
     image = np.asarray(cv2.imdecode(encoded, cv2.IMREAD_COLOR), dtype=np.uint8)
     config = profile_config(profile, rendering.truth)
-    found, chain, stages = timed_run(image, config, f"{profile}-{index}", RUNS)
+    found, chain, stages = time_run(image, config, f"{profile}-{index}", RUNS)
     bound = expected_px(rendering.truth, config)
     times = decoding_ms(np.asarray(encoded), 5), chain, stages
     if found.status != "calibrated" or found.camera is None:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from circlecal.camera.observed import NoiseModel, observed_curves, observed_points
+from circlecal.camera.observed import NoiseModel, curves_from_observations, points_from_observations
 from circlecal.camera.options import CameraConfig, priors_of
 from circlecal.camera.problem import Problem
 from circlecal.camera.rig_options import RigConfig
@@ -68,7 +68,7 @@ def rig_scenarios() -> list[RigScenario]:
     ]
 
 
-def chosen_rigs(names: Sequence[str]) -> list[RigScenario]:
+def select_rigs(names: Sequence[str]) -> list[RigScenario]:
     """The rows that are named (``10`` stands for all of them); all where none is."""
     return [s for s in rig_scenarios() if not names or s.row in names or "10" in names]
 
@@ -166,8 +166,8 @@ def _bound_covariances(draws: Sequence[Draw]) -> Array:
         )
         theta = theta_of(draw.camera, model, draw.crown_m)
         thetas.append(theta)
-        curves = observed_curves(draw.observations, template, NoiseModel(10**6, 0.0, 0.0))
-        points = observed_points(draw.observations, template)
+        curves = curves_from_observations(draw.observations, template, NoiseModel(10**6, 0.0, 0.0))
+        points = points_from_observations(draw.observations, template)
         problems.append(Problem(curves, points, priors_of(draw.config, template, circle, model), model))
     theta = np.array(thetas)
     problem = joint_problem(problems, {}, {}, float(np.median(theta[:, 0])))

@@ -19,7 +19,7 @@ from circlecal.field import Circle, FieldTemplate
 from circlecal.formats.cameras import CalibratedFrame
 from circlecal.geometry.projective import Array
 from circlecal.observations import Observations
-from circlecal.pipeline import in_convention, run_observations
+from circlecal.pipeline import apply_convention, run_observations
 from circlecal.rig.estimation import config_with_prior, estimate_rigs
 from circlecal.rig.frames import frame_of_calibration
 
@@ -78,7 +78,7 @@ def matches(positions: Mapping[str, Array]) -> list[list[str]]:
     return found if sum(map(len, found)) >= _LEAST_SHARE * len(positions) else []
 
 
-def with_other_frames(
+def calibrate_with_other_frames(
     targets: Mapping[str, Observations],
     everything: Mapping[str, Observations],
     runs: Sequence[Sequence[str]],
@@ -105,7 +105,7 @@ def with_other_frames(
         if frame in everything:
             alone[frame] = frame_of_calibration(run_observations(everything[frame], config, frame_id=frame))
             advance(frame)
-    official = in_convention(template, "official")
+    official = apply_convention(template, "official")
     run_of = {frame: run for run in runs for frame in run}
     found = {}
     for frame, seen in targets.items():

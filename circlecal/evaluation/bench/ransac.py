@@ -56,7 +56,7 @@ def robustness(draws: int, seed: int, advance: Callable[[str], None] = lambda _:
 
 
 def _one_fit(share: float, sigma_px: float, rng: np.random.Generator) -> bool:
-    ellipse, points, inliers = contaminated_ellipse(400, share, sigma_px, rng)
+    ellipse, points, inliers = sample_contaminated_ellipse(400, share, sigma_px, rng)
     robust = ransac_conic(points, 4 * sigma_px, rng, hypotheses=HYPOTHESES)
     refined = None if robust is None else refine_conic(points[robust.inliers], robust.conic)
     start = fit_conic(points[inliers], "taubin")
@@ -71,7 +71,7 @@ def _one_fit(share: float, sigma_px: float, rng: np.random.Generator) -> bool:
     return rms(refined[0]) < max(1.5 * rms(oracle[0]), rms(oracle[0]) + 0.1)
 
 
-def contaminated_ellipse(
+def sample_contaminated_ellipse(
     count: int, share: float, sigma_px: float, rng: np.random.Generator
 ) -> tuple[Ellipse, Array, Mask]:
     """An ellipse as a main camera sees it, points on it with outliers first, and which are inliers."""
@@ -92,7 +92,7 @@ def speed(seed: int, runs: int = 7) -> list[Speed]:
     """Row 15: a thousand hypotheses scored on 800 points, one thread, everything in this run."""
     cv2.setNumThreads(1)
     rng = np.random.default_rng(seed)
-    _, points, _ = contaminated_ellipse(SPEED_POINTS, 0.3, 0.5, rng)
+    _, points, _ = sample_contaminated_ellipse(SPEED_POINTS, 0.3, 0.5, rng)
     T = similarity_normalisation(points)
     local, threshold = apply_homography(T, points), 2.0 * T[0, 0]
     ours = _best_ms(lambda: msac_costs(sample_conics(local, HYPOTHESES, rng), local, threshold), runs)

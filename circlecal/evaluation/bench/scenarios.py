@@ -253,7 +253,7 @@ def _radial(sd: float, mean: float = 0.0) -> CameraConfig:
     return KNOWN.model_copy(update={"distortion": "radial", "k1_mean": mean, "k1_sd": sd})
 
 
-def chosen_rows(names: Sequence[str]) -> list[Scenario]:
+def select_rows(names: Sequence[str]) -> list[Scenario]:
     """The scenarios of the named rows (``8`` stands for 8a, 8b and 8c); all where none is named."""
     return [s for s in scenarios() if not names or s.row in names or s.row.rstrip("abcd") in names]
 

@@ -19,7 +19,7 @@ import numpy as np
 from circlecal.batch.workers import map_on_workers
 from circlecal.errors import ConfigError
 from circlecal.evaluation.bench.bounds import bound_covariance, bound_errors
-from circlecal.evaluation.bench.solver_scenarios import PAPER_SCENARIOS, Seen, SolverScenario, chosen_scenarios
+from circlecal.evaluation.bench.solver_scenarios import PAPER_SCENARIOS, Seen, SolverScenario, select_scenarios
 from circlecal.files import write_atomic
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.homography import mean_reprojection_error, reprojection_grid
@@ -71,7 +71,7 @@ def simulation_plan(
     for name in solvers:
         load_solver(name)
     chosen = tuple(scenarios) or PAPER_SCENARIOS
-    chosen_scenarios(chosen)
+    select_scenarios(chosen)
     wrong = [n for n in noises_px if not 0.0 <= n <= LARGEST_NOISE_PX]
     if wrong or not noises_px:
         raise ConfigError(f"--noise: give numbers from 0 to {LARGEST_NOISE_PX:g} separated by commas, e.g. 0,1,5")
@@ -124,7 +124,7 @@ def simulate(
 def rows_of_camera(task: tuple[SimulationPlan, str, int]) -> list[SimulationRow]:
     """All noise levels and solvers on one camera of one scenario."""
     plan, name, index = task
-    scenario = chosen_scenarios((name,))[0]
+    scenario = select_scenarios((name,))[0]
     camera = scenario.camera(np.random.default_rng([plan.seed, index]))
     template = scenario.template
     grid = reprojection_grid(
@@ -136,7 +136,7 @@ def rows_of_camera(task: tuple[SimulationPlan, str, int]) -> list[SimulationRow]
         seen = scenario.observe(camera, noise_px, np.random.default_rng([plan.seed, index, crc32(name.encode())]))
         bound = 0.0 if noise_px == 0 else bound_px(scenario, camera, seen, grid, [plan.seed, index])
         for solver in plan.solvers:
-            status, error, seconds = solved_error(solver, scenario, camera, seen, grid, [plan.seed, index])
+            status, error, seconds = measure_error(solver, scenario, camera, seen, grid, [plan.seed, index])
             rows.append(SimulationRow(solver, name, noise_px, index, status, error, bound, seconds))
     return rows
 
@@ -152,7 +152,7 @@ def bound_px(scenario: SolverScenario, camera: Camera, seen: Seen, grid: Array, 
     return float(np.median(bound_errors(camera, covariance, grid, BOUND_DRAWS, rng)))
 
 
-def solved_error(
+def measure_error(
     solver: str, scenario: SolverScenario, camera: Camera, seen: Seen, grid: Array, seed: list[int]
 ) -> tuple[str, float | None, float]:
     """Status, mean reprojection error and seconds of one call."""

@@ -19,14 +19,14 @@ from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.projective import Array
 from circlecal.observations import CircleEdge, Keypoint, LinePoints, MarkPoint, Observations
-from circlecal.synthetic.cameras import aimed_camera, inside_frame, sample_camera
+from circlecal.synthetic.cameras import aim_camera, inside_frame, sample_camera
 from circlecal.synthetic.markings import (
     MIN_SIGMA_PX,
     Spacing,
+    add_outliers,
     circle_points,
     line_points,
     mark_point,
-    with_outliers,
 )
 from circlecal.synthetic.views import CameraProfile
 
@@ -140,13 +140,13 @@ def _dense_view(
         return _plain(trusted)
     given, kept = [], []
     for points in clean:
-        spoilt, inliers = with_outliers(points, outliers, rng)
+        spoilt, inliers = add_outliers(points, outliers, rng)
         given.append(spoilt)
         kept.append(replace(spoilt, points_px=spoilt.points_px[inliers], sigma_px=spoilt.sigma_px[inliers]))
     return Seen(replace(trusted, circles=tuple(given)), replace(trusted, circles=tuple(kept)))
 
 
-def _with_keypoints(camera: Camera, noise_px: float, rng: np.random.Generator, field_m: Array) -> Seen:
+def _view_with_keypoints(camera: Camera, noise_px: float, rng: np.random.Generator, field_m: Array) -> Seen:
     seen = _paper_view(camera, noise_px, rng, mark=False).observations
     sigma = max(noise_px, MIN_SIGMA_PX)
     pixels = camera.project(field_m) + noise_px * rng.standard_normal((len(field_m), 2))
@@ -161,7 +161,7 @@ def _known_point_view(camera: Camera, noise_px: float, rng: np.random.Generator)
     """The centre and one further point inside the circle, off the halfway line."""
     angle, distance = rng.uniform(0.0, 2 * np.pi), rng.uniform(3.0, 8.0)
     point = distance * np.array([np.cos(angle), np.sin(angle)])
-    return _with_keypoints(camera, noise_px, rng, np.stack([np.zeros(2), point]))
+    return _view_with_keypoints(camera, noise_px, rng, np.stack([np.zeros(2), point]))
 
 
 def _keypoints_view(camera: Camera, noise_px: float, rng: np.random.Generator) -> Seen:
@@ -169,7 +169,7 @@ def _keypoints_view(camera: Camera, noise_px: float, rng: np.random.Generator) -
     template, circle = soccer()
     angles = np.arange(8) * np.pi / 4
     rim = template.radius(circle, "outer") * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-    return _with_keypoints(camera, noise_px, rng, np.concatenate([np.zeros((1, 2)), rim]))
+    return _view_with_keypoints(camera, noise_px, rng, np.concatenate([np.zeros((1, 2)), rim]))
 
 
 def _faceoff_view(camera: Camera, noise_px: float, rng: np.random.Generator) -> Seen:
@@ -189,7 +189,7 @@ def _wide_camera(rng: np.random.Generator) -> Camera:
         distance, height, x = rng.uniform(45, 90), rng.uniform(8, 25), rng.uniform(-12, 12)
         position = np.array([x, np.sqrt(distance**2 - height**2 - x**2), -height])
         target = np.array([rng.uniform(10, 26), rng.uniform(-6, 8), 0.0])
-        camera = aimed_camera(
+        camera = aim_camera(
             position, target, rng.uniform(1000, 2600), np.radians(np.clip(rng.normal(), -2.5, 2.5)), 1920, 1080
         )
         if inside_frame(camera.project(rim), 1920, 1080, 8.0).all():
@@ -210,12 +210,12 @@ def _circle_and_arc_view(camera: Camera, noise_px: float, rng: np.random.Generat
     return _plain(_raise_sigmas(Observations(camera.width, camera.height, (circle, second)), LEAST_SIGMA_PX))
 
 
-def _shifted_camera(rng: np.random.Generator) -> Camera:
+def _sample_shifted_camera(rng: np.random.Generator) -> Camera:
     camera = sample_camera("main", rng)
     return replace(camera, principal_point_px=camera.principal_point_px + rng.normal(0.0, PRINCIPAL_POINT_SD_PX, 2))
 
 
-def _sampled(profile: CameraProfile, arc_deg: float | None = None, kappa: float = 0.0) -> Callable[..., Camera]:
+def _sampler(profile: CameraProfile, arc_deg: float | None = None, kappa: float = 0.0) -> Callable[..., Camera]:
     return partial(_sample, profile=profile, arc_deg=arc_deg, kappa=kappa)
 
 
@@ -232,7 +232,7 @@ def solver_scenarios() -> dict[str, SolverScenario]:
     """All of them by name."""
     template, circle = soccer()
     rink, faceoff = hockey()
-    main = _sampled("main")
+    main = _sampler("main")
 
     def view(
         name: str,
@@ -259,16 +259,16 @@ def solver_scenarios() -> dict[str, SolverScenario]:
         view("keypoints", "8 points per edge, centre and 8 named points of the circle", main, _keypoints_view),
         view("dense", "200 points per edge, unknown centre", main, partial(_dense_view, mark=False), 0.5),
         view("dense_mark", "200 points per edge and centre mark", main, _dense_view, 0.5),
-        view("partial", "40-80 % of the circle", _sampled("partial"), _dense_view, 0.5),
-        view("arc_120", "arc of 120 degrees", _sampled("arc", 120.0), _dense_view, 0.3),
-        view("arc_90", "arc of 90 degrees", _sampled("arc", 90.0), _dense_view, 0.3),
-        view("arc_60", "arc of 60 degrees", _sampled("arc", 60.0), _dense_view, 0.3),
-        view("low", "low and near cameras, roll 3 degrees", _sampled("hard"), _dense_view, 0.5),
+        view("partial", "40-80 % of the circle", _sampler("partial"), _dense_view, 0.5),
+        view("arc_120", "arc of 120 degrees", _sampler("arc", 120.0), _dense_view, 0.3),
+        view("arc_90", "arc of 90 degrees", _sampler("arc", 90.0), _dense_view, 0.3),
+        view("arc_60", "arc of 60 degrees", _sampler("arc", 60.0), _dense_view, 0.3),
+        view("low", "low and near cameras, roll 3 degrees", _sampler("hard"), _dense_view, 0.5),
         view(
             "wrong_width", "marking of 12 cm taken for 8 cm", main, partial(_dense_view, width_m=TRUE_WIDTH_M), 0.5
         ),
-        view("lens", "radial distortion 0.0038", _sampled("main", kappa=LENS_KAPPA), _dense_view, 0.5, lens),
-        view("principal_point", "principal point off by 10 px sd", _shifted_camera, _dense_view, 0.5, optics),
+        view("lens", "radial distortion 0.0038", _sampler("main", kappa=LENS_KAPPA), _dense_view, 0.5, lens),
+        view("principal_point", "principal point off by 10 px sd", _sample_shifted_camera, _dense_view, 0.5, optics),
         view("outliers", "30 % outliers", main, partial(_dense_view, outliers=OUTLIERS), 0.5),
         SolverScenario(
             "hockey_pair", "two hockey face-off circles, 50 points each", rink, faceoff, faceoff_camera, _faceoff_view,
@@ -279,7 +279,7 @@ def solver_scenarios() -> dict[str, SolverScenario]:
     return {scenario.name: scenario for scenario in found}
 
 
-def chosen_scenarios(names: tuple[str, ...]) -> list[SolverScenario]:
+def select_scenarios(names: tuple[str, ...]) -> list[SolverScenario]:
     """Scenarios by name; all where none is named.
 
     Raises

@@ -9,7 +9,7 @@ import numpy as np
 
 from circlecal.evaluation.bench.scenarios import soccer
 from circlecal.evaluation.bench.simulation import SimulationPlan, Summary, simulate, summarise
-from circlecal.evaluation.bench.solver_scenarios import EDGES, chosen_scenarios
+from circlecal.evaluation.bench.solver_scenarios import EDGES, select_scenarios
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.conics import circle_conic, line_conic_meet, transform_conic
 from circlecal.geometry.homography import dlt, mean_reprojection_error, reprojection_grid
@@ -66,14 +66,14 @@ def run_solvers(
     """
     for name in solvers:
         load_solver(name)
-    names = tuple(s.name for s in chosen_scenarios(tuple(scenarios)))
+    names = tuple(s.name for s in select_scenarios(tuple(scenarios)))
     plan = SimulationPlan(tuple(solvers) or solver_names(), names, (None,), draws, seed)
     return summarise(simulate(plan, workers, advance))
 
 
 def scenario_count(scenarios: Sequence[str]) -> int:
     """How many scenarios a run has."""
-    return len(chosen_scenarios(tuple(scenarios)))
+    return len(select_scenarios(tuple(scenarios)))
 
 
 def run_focals(draws: int, seed: int, advance: Callable[[str], None] = lambda _: None) -> list[FocalRow]:
@@ -133,7 +133,7 @@ def paper_statements(
         _linear_with(found, "magera_case3", "unknown_centre", "with the eigenvector centre of an 8 cm marking"),
         _center_noise(found),
         _unknown_center(found),
-        _printed_case_two(draws, seed),
+        _paper_case_two(draws, seed),
     ]
 
 
@@ -179,7 +179,7 @@ def _unknown_center(found: dict[tuple[str, str, float], Summary]) -> Statement:
     )
 
 
-def _printed_case_two(draws: int, seed: int) -> Statement:
+def _paper_case_two(draws: int, seed: int) -> Statement:
     printed: list[float] = []
     corrected: list[float] = []
     template, circle = soccer()

@@ -7,7 +7,7 @@ import pytest
 
 from circlecal.evaluation.bench.accuracy import as_records, closed_forms, run_rows
 from circlecal.evaluation.bench.bounds import bound_covariance, bound_errors
-from circlecal.evaluation.bench.scenarios import KNOWN, chosen_rows, row_names, scenarios, soccer
+from circlecal.evaluation.bench.scenarios import KNOWN, row_names, scenarios, select_rows, soccer
 from circlecal.geometry.camera_parameters import INDEX
 from circlecal.geometry.homography import reprojection_grid
 from circlecal.observations import Observations
@@ -78,10 +78,10 @@ def test_closed_forms_are_exact_without_noise(table):
 
 
 def test_names_select_rows():
-    assert [s.row for s in chosen_rows(["8"])] == ["8a", "8b", "8c"]
-    assert [s.row for s in chosen_rows(["8b", "17"])] == ["8b", "17"]
-    assert chosen_rows(["moon"]) == []
-    assert len(chosen_rows([])) == len(scenarios())
+    assert [s.row for s in select_rows(["8"])] == ["8a", "8b", "8c"]
+    assert [s.row for s in select_rows(["8b", "17"])] == ["8b", "17"]
+    assert select_rows(["moon"]) == []
+    assert len(select_rows([])) == len(scenarios())
     rows = [s.row for s in scenarios()]
     assert len(set(rows)) == len(rows)
     assert {"1", "2", "8", *rows} <= set(row_names())

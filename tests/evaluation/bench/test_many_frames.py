@@ -5,8 +5,8 @@ import pytest
 
 from circlecal.config import load_config
 from circlecal.evaluation.bench.accuracy import all_row_names, run_rig_row
-from circlecal.evaluation.bench.many_frames import chosen_rigs
-from circlecal.evaluation.bench.other_frames import LEAST_FRAMES, matches, with_other_frames
+from circlecal.evaluation.bench.many_frames import select_rigs
+from circlecal.evaluation.bench.other_frames import LEAST_FRAMES, calibrate_with_other_frames, matches
 from circlecal.observations import Observations
 from circlecal.pipeline import field_of
 from circlecal.synthetic.cameras import sample_camera
@@ -15,13 +15,13 @@ from circlecal.synthetic.markings import circle_points, line_points
 
 def test_row_names():
     assert {"10", "10w", "10d"} <= set(all_row_names())
-    assert [s.row for s in chosen_rigs(["10"])] == ["10", "10w", "10d"]
-    assert [s.row for s in chosen_rigs(["10d", "5"])] == ["10d"]
-    assert chosen_rigs(["5"]) == []
+    assert [s.row for s in select_rigs(["10"])] == ["10", "10w", "10d"]
+    assert [s.row for s in select_rigs(["10d", "5"])] == ["10d"]
+    assert select_rigs(["5"]) == []
 
 
 def test_frames_together_reach_the_bound():
-    row = run_rig_row(chosen_rigs(["10w"])[0], 2, 0)
+    row = run_rig_row(select_rigs(["10w"])[0], 2, 0)
     assert row.failed == row.wrong == 0.0
     assert row.median_px < 3 * row.bound_median_px
     assert 0.2 < row.efficiency < 2.5
@@ -63,7 +63,7 @@ def test_other_frames_tell_the_camera():
         lines = tuple(line for line in seen if len(line.points_px) >= 4)
         everything[str(k)] = Observations(1920, 1080, circles, lines)
         targets[str(k)] = Observations(1920, 1080, circles, tuple(s for s in lines if s.line == "halfway_line"))
-    found = with_other_frames({"0": targets["0"]}, everything, [list(everything)], template, circle, config)
+    found = calibrate_with_other_frames({"0": targets["0"]}, everything, [list(everything)], template, circle, config)
     camera = found["0"].camera
     assert camera.position_m == pytest.approx(first.position_m, abs=2.5)
-    assert with_other_frames({"0": targets["0"]}, everything, [], template, circle, config).keys() == {"0"}
+    assert calibrate_with_other_frames({"0": targets["0"]}, everything, [], template, circle, config).keys() == {"0"}

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from circlecal.evaluation.bench.ransac import OUTLIER_SHARES, contaminated_ellipse, robustness, speed
+from circlecal.evaluation.bench.ransac import OUTLIER_SHARES, robustness, sample_contaminated_ellipse, speed
 from circlecal.geometry.ellipses import orthogonal_distance
 
 
 def test_contaminated_points():
-    ellipse, points, inliers = contaminated_ellipse(400, 0.5, 0.5, np.random.default_rng(1))
+    ellipse, points, inliers = sample_contaminated_ellipse(400, 0.5, 0.5, np.random.default_rng(1))
     assert inliers.sum() == 200
     distance = np.abs(orthogonal_distance(ellipse, points))
     assert distance[inliers].max() < 4 * 0.5

@@ -19,7 +19,7 @@ from circlecal.evaluation.bench.simulation import (
     summarise,
     write_csv,
 )
-from circlecal.evaluation.bench.solver_scenarios import PAPER_SCENARIOS, chosen_scenarios, solver_scenarios
+from circlecal.evaluation.bench.solver_scenarios import PAPER_SCENARIOS, select_scenarios, solver_scenarios
 from circlecal.evaluation.bench.solvers import paper_statements, run_focals, run_solvers
 from circlecal.geometry.conics import circle_conic, sampson_distance, transform_conic
 from circlecal.solvers import solver_names
@@ -101,7 +101,7 @@ def test_plans_are_checked():
     with pytest.raises(ConfigError, match="known"):
         simulation_plan(["nobody"], [], [1.0], 1, 0)
     with pytest.raises(ConfigError, match="--scenario"):
-        chosen_scenarios(("nowhere",))
+        select_scenarios(("nowhere",))
 
 
 def test_plots_are_whole_and_reproducible(rows, tmp_path):

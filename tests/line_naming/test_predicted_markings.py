@@ -6,12 +6,12 @@ import pytest
 from circlecal.field import load_field
 from circlecal.geometry.camera_parameters import ProjectionModel, theta_of
 from circlecal.geometry.surface import Surface
-from circlecal.line_naming.expectation import overhanging_px, unseen_px
-from circlecal.synthetic.cameras import aimed_camera, inside_frame
+from circlecal.line_naming.predicted_markings import missing_px, overhang_px
+from circlecal.synthetic.cameras import aim_camera, inside_frame
 
 SOCCER = load_field("soccer")
 MODEL = ProjectionModel(1920, 1080, Surface("flat"))
-CAMERA = aimed_camera(np.array([-10.0, 62.0, -18.0]), np.array([-31.0, -8.0, 0.0]), 2400.0, 0.01, 1920, 1080)
+CAMERA = aim_camera(np.array([-10.0, 62.0, -18.0]), np.array([-31.0, -8.0, 0.0]), 2400.0, 0.01, 1920, 1080)
 THETA = theta_of(CAMERA, MODEL)
 LONG = (
     "side_line_top",
@@ -34,7 +34,7 @@ def length(segment):
 
 
 def unseen(names, segments):
-    return unseen_px(names, np.array(segments).reshape(-1, 2, 2), THETA, SOCCER, MODEL)
+    return missing_px(names, np.array(segments).reshape(-1, 2, 2), THETA, SOCCER, MODEL)
 
 
 def test_everything_long_is_seen():
@@ -60,24 +60,24 @@ def test_a_third_of_a_line_is_enough_and_a_tenth_is_not():
 
 def test_lines_outside_the_picture_and_short_ones_are_not_expected():
     assert unseen({}, []) < sum(length(visible(name)) for name in LONG) + 0.15 * 1920
-    away = aimed_camera(np.array([0.0, 62.0, -18.0]), np.array([0.0, 0.0, 0.0]), 9000.0, 0.0, 1920, 1080)
-    shown = unseen_px({}, np.zeros((0, 2, 2)), theta_of(away, MODEL), SOCCER, MODEL)
+    away = aim_camera(np.array([0.0, 62.0, -18.0]), np.array([0.0, 0.0, 0.0]), 9000.0, 0.0, 1920, 1080)
+    shown = missing_px({}, np.zeros((0, 2, 2)), theta_of(away, MODEL), SOCCER, MODEL)
     assert shown == pytest.approx(1080.0, rel=0.1)  # the halfway line from the top of the picture to its bottom
 
 
 def test_paint_too_thin_to_be_seen_is_not_expected():
     """A pitchside camera sees the touchline on the other side half a pixel wide, the penalty area's lines wider."""
-    low = aimed_camera(np.array([-10.0, 62.0, -4.0]), np.array([-36.0, 10.0, 0.0]), 2400.0, 0.0, 1920, 1080)
-    missing = unseen_px({}, np.zeros((0, 2, 2)), theta_of(low, MODEL), SOCCER, MODEL)
-    high = aimed_camera(np.array([-10.0, 62.0, -18.0]), np.array([-36.0, 10.0, 0.0]), 2400.0, 0.0, 1920, 1080)
+    low = aim_camera(np.array([-10.0, 62.0, -4.0]), np.array([-36.0, 10.0, 0.0]), 2400.0, 0.0, 1920, 1080)
+    missing = missing_px({}, np.zeros((0, 2, 2)), theta_of(low, MODEL), SOCCER, MODEL)
+    high = aim_camera(np.array([-10.0, 62.0, -18.0]), np.array([-36.0, 10.0, 0.0]), 2400.0, 0.0, 1920, 1080)
     far = high.project(np.linspace([-52.5, -34.0], [52.5, -34.0], 2000))
     assert length(far[inside_frame(far, 1920, 1080)][[0, -1]]) > 800
-    assert missing < unseen_px({}, np.zeros((0, 2, 2)), theta_of(high, MODEL), SOCCER, MODEL) - 800
+    assert missing < missing_px({}, np.zeros((0, 2, 2)), theta_of(high, MODEL), SOCCER, MODEL) - 800
 
 
 def test_lines_end_with_their_markings():
     segment = visible("big_rect_left_main")
-    assert overhanging_px({0: "big_rect_left_main"}, segment[None], THETA, SOCCER, MODEL) == 0.0
+    assert overhang_px({0: "big_rect_left_main"}, segment[None], THETA, SOCCER, MODEL) == 0.0
     longer = np.array([segment[0], segment[0] + 1.5 * (segment[1] - segment[0])])
-    beyond = overhanging_px({0: "big_rect_left_main"}, longer[None], THETA, SOCCER, MODEL)
+    beyond = overhang_px({0: "big_rect_left_main"}, longer[None], THETA, SOCCER, MODEL)
     assert 0.3 * length(segment) < beyond < 0.55 * length(segment)

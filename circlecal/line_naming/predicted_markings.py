@@ -26,7 +26,7 @@ END_SLACK_M = 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class DrawnMarkings:
+class PredictedMarkings:
     """N places along each of K markings before a camera.
 
     Attributes
@@ -51,7 +51,7 @@ class DrawnMarkings:
         return np.asarray(np.hypot(*self.by_field))
 
 
-def drawn_markings(theta: Array, places_m: Array, model: ProjectionModel) -> DrawnMarkings:
+def predict_markings(theta: Array, places_m: Array, model: ProjectionModel) -> PredictedMarkings:
     """Markings, by places (K, N, 2) along them on the field, as a camera (P,) shows them."""
     shape = places_m.shape[:2]
     seen = project(theta[None], places_m.reshape(1, -1, 2), model)
@@ -66,10 +66,10 @@ def drawn_markings(theta: Array, places_m: Array, model: ProjectionModel) -> Dra
     met = (np.maximum(first, last) > 0) & (np.minimum(first, last) < (model.width, model.height))
     shown = ahead[:, 1:] & ahead[:, :-1] & met.all(axis=-1)
     length = np.where(shown, np.hypot(*np.moveaxis(last - first, -1, 0)), 0.0)
-    return DrawnMarkings(pixels, normals, by_theta.reshape(-1, *shape), by_field.reshape(-1, *shape), length)
+    return PredictedMarkings(pixels, normals, by_theta.reshape(-1, *shape), by_field.reshape(-1, *shape), length)
 
 
-def unseen_px(
+def missing_px(
     names: dict[int, str], segments: Array, theta: Array, template: FieldTemplate, model: ProjectionModel
 ) -> float:
     """Length in pixels of the lines that a camera (P,) expects in the picture and that are not seen there.
@@ -85,7 +85,7 @@ def unseen_px(
     """
     ends = template.drawn_lines[0]
     share = np.linspace(0.0, 1.0, SAMPLES)
-    drawn = drawn_markings(theta, ends[:, :1] + share[:, None] * (ends[:, 1:] - ends[:, :1]), model)
+    drawn = predict_markings(theta, ends[:, :1] + share[:, None] * (ends[:, 1:] - ends[:, :1]), model)
     wide = drawn.across * max(template.marking_width_m, USUAL_WIDTH_M) > NARROWEST_PX
     length = drawn.length_px * (wide[:, 1:] & wide[:, :-1])
     expected = length.sum(axis=1)
@@ -95,14 +95,14 @@ def unseen_px(
         covered = np.zeros(SAMPLES, dtype=np.bool_)
         metres = share * np.linalg.norm(ends[k, 1] - ends[k, 0])
         for segment in found:
-            low, high = np.sort(_along(segment, k, theta, template, model))
+            low, high = np.sort(_position_along(segment, k, theta, template, model))
             covered |= (metres >= low) & (metres <= high)
         if length[k][covered[1:] | covered[:-1]].sum() < SEEN_SHARE * expected[k]:
             total += float(expected[k])
     return total
 
 
-def overhanging_px(
+def overhang_px(
     names: dict[int, str], segments: Array, theta: Array, template: FieldTemplate, model: ProjectionModel
 ) -> float:
     """Length in pixels of the seen lines that lies beyond the ends of their markings."""
@@ -110,14 +110,14 @@ def overhanging_px(
     for s, name in names.items():
         k = next(k for k, line in enumerate(template.lines) if line.name == name)
         points = segments[s, 0] + np.linspace(0.0, 1.0, SAMPLES)[:, None] * (segments[s, 1] - segments[s, 0])
-        along = _along(points, k, theta, template, model)
+        along = _position_along(points, k, theta, template, model)
         length = float(np.linalg.norm(template.drawn_lines[0][k, 1] - template.drawn_lines[0][k, 0]))
         beyond = (along < -END_SLACK_M) | (along > length + END_SLACK_M)
         total += float(beyond.mean() * np.linalg.norm(segments[s, 1] - segments[s, 0]))
     return total
 
 
-def _along(points: Array, k: int, theta: Array, template: FieldTemplate, model: ProjectionModel) -> Array:
+def _position_along(points: Array, k: int, theta: Array, template: FieldTemplate, model: ProjectionModel) -> Array:
     """Metres (N,) along a line of the template at which pixels (N, 2) lie."""
     line = template.lines[k]
     curve = line_curve(line.name, points, np.ones(len(points)), template.drawn_lines[0][k], template.drawn_lines[1][k])
