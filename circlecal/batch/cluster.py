@@ -7,12 +7,14 @@ frames that it was working on, and those are given to another.
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import pickle
 import time
-from collections.abc import Generator, Iterator
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Sequence
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from circlecal import __version__
 from circlecal.batch.task import F, Named, Task, finish, record_failure
@@ -29,6 +31,8 @@ _WORKER_SECONDS = 120
 _RECOUNT_SECONDS = 5.0
 
 _log = logging.getLogger(__name__)
+T = TypeVar("T")
+R = TypeVar("R")
 
 
 def finish_on_cluster(frames: Iterator[F], task: Task[F], scheduler: str) -> Generator[Finished]:
@@ -48,6 +52,44 @@ def finish_on_cluster(frames: Iterator[F], task: Task[F], scheduler: str) -> Gen
     InputError
         The scheduler cannot be reached, has no workers, or is lost; or circlecal there is another version.
     """
+    with _connect(scheduler) as client:
+        yield from _stream(client, frames, task)
+
+
+def map_on_cluster(function: Callable[[T], R], arguments: Sequence[T], scheduler: str) -> Generator[R]:
+    """``map(function, arguments)`` on a cluster, in the order of the arguments; a few of them are under way at a time.
+
+    Raises
+    ------
+    MissingExtraError, InputError
+        As :func:`finished_by_cluster`, or several workers die on an argument.
+    """
+    from distributed import KilledWorker
+
+    with _connect(scheduler) as client:
+        waiting: deque[Any] = deque()
+        rest = iter(arguments)
+        more = True
+        while more or waiting:
+            room = max(1, sum(client.nthreads().values())) * _IN_FLIGHT_PER_THREAD
+            while more and len(waiting) < room:
+                argument = next(rest, None)
+                more = argument is not None
+                if argument is not None:
+                    waiting.append(client.submit(function, argument, pure=False))
+            if not waiting:
+                return
+            try:
+                found: R = waiting.popleft().result()
+            except KilledWorker as error:
+                died = "several workers died on the same part (out of memory, or a damaged file)"
+                raise InputError(f"--scheduler {scheduler}: {died}; run the same command again to go on") from error
+            yield found
+
+
+@contextlib.contextmanager
+def _connect(scheduler: str) -> Iterator[Client]:
+    """A client with at least one worker."""
     try:
         import distributed
     except ImportError as error:
@@ -63,7 +105,7 @@ def finish_on_cluster(frames: Iterator[F], task: Task[F], scheduler: str) -> Gen
             raise InputError(f"--scheduler {scheduler}: cannot be reached ({_first_line(error)}); {hint}") from error
         try:
             _require_workers(client, scheduler)
-            yield from _stream(client, frames, task)
+            yield client
         except lost_errors as error:
             lost = f"--scheduler {scheduler}: the connection was lost ({_first_line(error)})"
             raise InputError(f"{lost}; run the same command again to go on") from error

@@ -71,7 +71,7 @@ def camera_fit(
         residuals_px=residuals_px(problem, state),
         theta=theta,
         stated_sigma_px=stated_sigma_px,
-        derived_points=_derive_points(cameras, camera, circle),
+        derived_points=derive_points(cameras, camera, circle),
         rejected=rejected,
         named_lines=tuple(sorted(set(named.values()))),
         names_by_line=named,
@@ -89,9 +89,16 @@ def _correlation(problem: Problem, state: State, circle: Circle) -> float:
     return max(factors)
 
 
-def _derive_points(cameras: Array, camera: Camera, circle: Circle) -> tuple[DerivedPoint, ...]:
-    """The circle's eight points, those in front of the camera, with the covariance that the camera's implies, from its
-    homography and those of the cameras about it (K, 3, 3).
+def derive_points(cameras: Array, camera: Camera, circle: Circle) -> tuple[DerivedPoint, ...]:
+    """The circle's eight points, those in front of the camera, with the covariance that the camera's implies.
+
+    Parameters
+    ----------
+    cameras : (1 + K, 3, 3) array
+        Homography of the camera, and those of the cameras about it that
+        :func:`circlecal.camera.covariance.spread_cameras` gives.
+    camera, circle : Camera, Circle
+        The camera, and the circle.
     """
     angle = np.radians(np.arange(0.0, 360.0, 45.0))
     outward = np.stack([np.cos(angle), np.sin(angle)], axis=-1)

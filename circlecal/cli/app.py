@@ -25,6 +25,7 @@ from circlecal.cli.report import report
 from circlecal.cli.rig import rig
 from circlecal.cli.simulate import simulate
 from circlecal.cli.synth import synth
+from circlecal.cli.track import track
 from circlecal.errors import InputError, InterruptedCommandError
 
 _UsageError: Any = typer.BadParameter.__base__  # typer has no public name for it
@@ -65,6 +66,7 @@ app = typer.Typer(
 )
 app.command()(calibrate)
 app.command()(batch)
+app.command()(track)
 app.command()(rig)
 app.command()(report)
 app.command()(debug)

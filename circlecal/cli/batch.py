@@ -34,14 +34,11 @@ def batch(
     workers: options.Workers = None,
     every: Annotated[
         str | None,
-        typer.Option("--every", metavar="TIME|N", help="Of videos: a frame a TIME, or each N-th. [default: 1s]"),
+        typer.Option("--every", metavar="TIME|N", help="Of videos: a frame a TIME, or each N-th. (default: 1s)"),
     ] = None,
     start: Annotated[str | None, typer.Option("--start", metavar="TIME", help="Of videos: from here, H:MM:SS.")] = None,
     end: Annotated[str | None, typer.Option("--end", metavar="TIME", help="Of videos: up to here.")] = None,
-    scheduler: Annotated[
-        str | None,
-        typer.Option("--scheduler", metavar="tcp://HOST:PORT|local:N", help="Run on this Dask cluster instead."),
-    ] = None,
+    scheduler: options.Scheduler = None,
     files: Annotated[
         bool, typer.Option("--files", help="Also write a result file and pictures per frame, like calibrate.")
     ] = False,
@@ -62,6 +59,7 @@ def batch(
     config: options.ConfigFile = None,
     settings: options.Settings = None,
     camera_prior: options.CameraPrior = None,
+    venue: options.VenueFile = None,
     solver: options.Solver = None,
     field: options.FieldName = None,
     seed: options.Seed = None,
@@ -88,7 +86,15 @@ def batch(
         inputs, out = [absolute_input(name) for name in inputs], out.absolute()
         mask, keypoints = (None if path is None else path.absolute() for path in (mask, keypoints))
     chosen = options.choose_config(
-        config, settings, field, seed, radar=radar, no_overlay=no_overlay, camera_prior=camera_prior, solver=solver
+        config,
+        settings,
+        field,
+        seed,
+        radar=radar,
+        no_overlay=no_overlay,
+        camera_prior=camera_prior,
+        venue=venue,
+        solver=solver,
     )
     written_size = options.parse_size(eval_size, "--eval-size")
     targets = [name for name in to or () if name != PARQUET_FORMAT]
@@ -113,8 +119,7 @@ def batch(
     sampling = Sampling.parse(every or DEFAULT_EVERY, start, end)
     if not videos and (every or start or end):
         raise InputError("--every, --start and --end choose frames of videos, and no video is given")
-    if not restart:
-        out = _folder_of_run(out, run.digest, ask=console.can_ask() and not quiet)
+    out = options.folder_of_run(out, run.digest, ask=console.can_ask() and not quiet, restart=restart)
     if files:
         run = replace(run, out=out)
     moments = (frame for video in videos for frame in video.frames(sampling, console.print_note))
@@ -146,26 +151,6 @@ def batch(
         raise typer.Exit(2)
     if refused:
         raise typer.Exit(1)
-
-
-def _folder_of_run(out: Path, digest: str, *, ask: bool) -> Path:
-    """The folder that was named, or a new one beside it where that holds another run and the user agrees."""
-    from circlecal.records.log import OtherRunError, ResultLog
-
-    try:
-        with ResultLog(out) as log:
-            log.take_up(digest)
-    except OtherRunError as error:
-        if not ask:
-            raise
-        count = 2
-        while (new := out.with_name(f"{out.name}-{count}")).exists():
-            count += 1
-        typer.echo(f"circlecal: {error}", err=True)
-        if not typer.confirm(f"Start a new run in {new}?", err=True):
-            raise typer.Exit(2) from None
-        return new
-    return out
 
 
 def _export(exports: Exports, run: FrameRun, frames: Sequence[PictureFile | FrameOfFile], out: Path) -> None:

@@ -180,10 +180,10 @@ def _time_picture(path: Path, as_json: bool) -> None:
 @app.command()
 def solvers(
     solver: Annotated[
-        list[str] | None, typer.Option("--solver", metavar="NAME", help="Solver; repeatable. [default: all]")
+        list[str] | None, typer.Option("--solver", metavar="NAME", help="Solver; repeatable. (default: all)")
     ] = None,
     scenario: Annotated[
-        list[str] | None, typer.Option("--scenario", metavar="NAME", help="View; repeatable. [default: all]")
+        list[str] | None, typer.Option("--scenario", metavar="NAME", help="View; repeatable. (default: all)")
     ] = None,
     draws: Annotated[int, typer.Option(min=2, help="Random cameras per view.")] = 100,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the draws.")] = 0,

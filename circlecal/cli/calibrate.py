@@ -34,6 +34,7 @@ def calibrate(
     config: options.ConfigFile = None,
     settings: options.Settings = None,
     camera_prior: options.CameraPrior = None,
+    venue: options.VenueFile = None,
     solver: options.Solver = None,
     field: options.FieldName = None,
     seed: options.Seed = None,
@@ -54,7 +55,15 @@ def calibrate(
 
     console.configure_logging(quiet=quiet, verbose=verbose)
     chosen = options.choose_config(
-        config, settings, field, seed, radar=radar, no_overlay=no_overlay, camera_prior=camera_prior, solver=solver
+        config,
+        settings,
+        field,
+        seed,
+        radar=radar,
+        no_overlay=no_overlay,
+        camera_prior=camera_prior,
+        venue=venue,
+        solver=solver,
     )
     exports = Exports(to or (), out, options.parse_size(eval_size, "--eval-size"))
     format_name = options.choose_format(from_format)

@@ -164,10 +164,12 @@ def _bar(console: Console, unit: str) -> Iterator[Callable[..., None]]:
 
 
 @contextlib.contextmanager
-def count_steps(unit: str, total: int) -> Iterator[Callable[[str], None]]:
+def count_steps(unit: str, total: int, *, quiet: bool = False) -> Iterator[Callable[[str], None]]:
     """Show how far a run of ``total`` steps is; each call advances it by one and names what is worked on."""
     console = stderr_console()
-    if console.is_terminal:
+    if quiet:
+        yield lambda label: None
+    elif console.is_terminal:
         with _bar(console, unit) as update:
             done = 0
 

@@ -64,7 +64,7 @@ EvalSize = Annotated[
 ]
 FromFormat = Annotated[
     str | None,
-    typer.Option("--from", metavar="FORMAT", help="Format of annotation files. [default: recognised by content]"),
+    typer.Option("--from", metavar="FORMAT", help="Format of annotation files. (default: recognised by content)"),
 ]
 Size = Annotated[
     str | None,
@@ -77,8 +77,8 @@ Mask = Annotated[
     typer.Option(
         "--mask",
         metavar="FILE|FOLDER",
-        help="Segmentation mask, or folder of masks named like the frames. [default: x.mask.png or masks/x.png "
-        "beside x.jpg]",
+        help="Segmentation mask, or folder of masks named like the frames. (default: x.mask.png or masks/x.png "
+        "beside x.jpg)",
     ),
 ]
 ConfigFile = Annotated[
@@ -94,7 +94,7 @@ ConfigFile = Annotated[
 Settings = Annotated[
     list[str] | None, typer.Option("--set", "-s", metavar="KEY=VALUE", help="Set section.key=value; repeatable.")
 ]
-Workers = Annotated[int | None, typer.Option("--workers", "-w", min=1, help="Worker processes. [default: one per CPU]")]
+Workers = Annotated[int | None, typer.Option("--workers", "-w", min=1, help="Worker processes. (default: one per CPU)")]
 FieldName = Annotated[
     str | None,
     typer.Option(
@@ -104,6 +104,14 @@ FieldName = Annotated[
 CameraPrior = Annotated[
     Path | None,
     typer.Option("--camera-prior", metavar="FILE", help="Known camera: a prior file, or the result of another frame."),
+]
+VenueFile = Annotated[
+    Path | None,
+    typer.Option("--venue", metavar="FILE", help="Cameras and pitch that are known: the venue.yaml of an earlier run."),
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option("--scheduler", metavar="tcp://HOST:PORT|local:N", help="Run on this Dask cluster instead."),
 ]
 Solver = Annotated[
     str | None, typer.Option("--solver", metavar="NAME", help="A published method instead of circlecal's camera.")
@@ -130,6 +138,7 @@ def choose_config(
     radar: bool = False,
     no_overlay: bool = False,
     camera_prior: Path | None = None,
+    venue: Path | None = None,
     solver: str | None = None,
 ) -> Config:
     """The configuration of a command, its field template and networks checked.
@@ -148,8 +157,12 @@ def choose_config(
         from circlecal.records.camera_prior import prior_settings
 
         overrides += prior_settings(camera_prior)
-    overrides += settings or ()
-    overrides += [] if field is None else [f"field.template={json.dumps(field)}"]
+    named_field = [] if field is None else [f"field.template={json.dumps(field)}"]
+    if venue is not None:
+        from circlecal.rig.venue import venue_settings
+
+        overrides += venue_settings(venue, field_of(load_config(file, [*(settings or ()), *named_field]))[0])
+    overrides += [*(settings or ()), *named_field]
     overrides += [] if seed is None else [f"seed={seed}"]
     overrides += [] if solver is None else [f"solver={json.dumps(solver)}"]
     overrides += ["output.radar=true"] if radar else []
@@ -158,6 +171,34 @@ def choose_config(
     field_of(config)
     require_networks(config)
     return config
+
+
+def folder_of_run(out: Path, digest: str, *, ask: bool, restart: bool) -> Path:
+    """The folder that was named, or a new one beside it where that holds another run and the user agrees.
+
+    Raises
+    ------
+    OtherRunError
+        It holds another run, which is not dropped by ``restart``, and nobody can be asked.
+    """
+    from circlecal.records.log import OtherRunError, ResultLog
+
+    if restart:
+        return out
+    try:
+        with ResultLog(out) as log:
+            log.take_up(digest)
+    except OtherRunError as error:
+        if not ask:
+            raise
+        count = 2
+        while (new := out.with_name(f"{out.name}-{count}")).exists():
+            count += 1
+        typer.echo(f"circlecal: {error}", err=True)
+        if not typer.confirm(f"Start a new run in {new}?", err=True):
+            raise typer.Exit(2) from None
+        return new
+    return out
 
 
 def parse_size(text: str | None, option: str = "--size") -> tuple[int, int] | None:
@@ -292,3 +333,32 @@ def choose_frames_and_videos(
     ids = url_names(named.urls, [frame.id for frame in frames])
     frames += [PictureFile(name, Path(name), name, url=url) for name, url in zip(ids, named.urls, strict=True)]
     return frames, videos
+
+
+def choose_videos(inputs: Sequence[str], report: Callable[[Exception], None]) -> list[Video]:
+    """The videos among the inputs, with different names; those that cannot be read are reported.
+
+    Raises
+    ------
+    InputError
+        There is none, or something else is named.
+    """
+    from circlecal.errors import InputError
+    from circlecal.pictures.files import distinct_names
+    from circlecal.pictures.inputs import expand_inputs
+    from circlecal.pictures.video import Video
+
+    named = expand_inputs(inputs)
+    if not named.videos:
+        raise InputError(f"{', '.join(inputs)}: holds no video; pictures go to circlecal calibrate and batch")
+    missing = next((path for path in named.paths if not path.exists()), None)
+    if missing is not None:
+        raise InputError(f"{missing}: no such file or folder")
+    videos = []
+    names = distinct_names([path.stem for path in named.videos])
+    for path, name in zip(named.videos, names, strict=True):
+        try:
+            videos.append(Video.open(path, name))
+        except InputError as error:
+            report(error)
+    return videos

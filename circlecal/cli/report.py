@@ -13,14 +13,14 @@ from circlecal.cli import options
 def report(
     results: Annotated[Path, typer.Argument(metavar="RESULTS", help="Folder written by circlecal batch or calibrate.")],
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Folder of the report. [default: RESULTS/circlecal-report]")
+        Path | None, typer.Option("--out", "-o", help="Folder of the report. (default: RESULTS/circlecal-report)")
     ] = None,
     frames: Annotated[
         Path | None, typer.Option("--frames", metavar="FOLDER", help="Where the pictures are, if they have moved.")
     ] = None,
     width: Annotated[int, typer.Option("--width", min=160, help="Largest width of the pictures, pixels.")] = 1280,
     title: Annotated[
-        str | None, typer.Option("--title", help="Title of the page. [default: the folder's name]")
+        str | None, typer.Option("--title", help="Title of the page. (default: the folder's name)")
     ] = None,
     quiet: options.Quiet = False,
     verbose: options.Verbose = False,

@@ -25,7 +25,7 @@ def rig(
     out: options.Out = Path("circlecal-rig"),
     cameras: Annotated[
         Path | None,
-        typer.Option("--cameras", metavar="FILE", help="CSV with id,camera. [default: by where the cameras stand]"),
+        typer.Option("--cameras", metavar="FILE", help="CSV with id,camera. (default: by where the cameras stand)"),
     ] = None,
     mask: options.Mask = None,
     convention: options.PointConvention = options.Convention.OFFICIAL,

@@ -10,11 +10,11 @@ import typer
 
 def simulate(
     solver: Annotated[
-        list[str] | None, typer.Option("--solver", metavar="NAME", help="Solver to run; repeatable. [default: all]")
+        list[str] | None, typer.Option("--solver", metavar="NAME", help="Solver to run; repeatable. (default: all)")
     ] = None,
     scenario: Annotated[
         list[str] | None,
-        typer.Option("--scenario", metavar="NAME", help="View to draw; repeatable. [default: the paper's three]"),
+        typer.Option("--scenario", metavar="NAME", help="View to draw; repeatable. (default: the paper's three)"),
     ] = None,
     noise: Annotated[str, typer.Option("--noise", metavar="PX,PX", help="Noise levels in pixels.")] = "0,1,2,5,10,25",
     cameras: Annotated[int, typer.Option("--cameras", min=1, help="Random cameras per view.")] = 100,

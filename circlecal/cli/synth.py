@@ -61,15 +61,15 @@ class Clips(StrEnum):
 def synth(
     out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder for the frames or clips, masks and truth.")],
     count: Annotated[
-        int | None, typer.Option("--count", "-n", help="Number of frames, or of clips. [default: 12, or 1]")
+        int | None, typer.Option("--count", "-n", help="Number of frames, or of clips. (default: 12, or 1)")
     ] = None,
     seed: Annotated[int, typer.Option("--seed", help="Seed; a frame depends on it and on its number only.")] = 0,
     profile: Annotated[
-        list[Profile] | None, typer.Option("--profile", "-p", help="What the frames show; repeatable. [default: all]")
+        list[Profile] | None, typer.Option("--profile", "-p", help="What the frames show; repeatable. (default: all)")
     ] = None,
     size: Annotated[
         str | None,
-        typer.Option("--size", metavar="WIDTHxHEIGHT", help="Size. [default: 1920x1080, of clips 1280x720]"),
+        typer.Option("--size", metavar="WIDTHxHEIGHT", help="Size. (default: 1920x1080, of clips 1280x720)"),
     ] = None,
     no_masks: Annotated[bool, typer.Option("--no-masks", help="Do not write masks.")] = False,
     video: Annotated[

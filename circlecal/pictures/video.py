@@ -46,6 +46,7 @@ _MISSING_SHARE, _MISSING_S = 0.02, 1.0
 said to lack something; headers round, or tell the length of the sound, by less."""
 _CLOCK = re.compile(r"(?:(?:(\d+):)?([0-5]?\d):)?(\d+(?:\.\d+)?)")
 _DURATION = re.compile(r"(\d+(?:\.\d+)?)\s*(ms|s|min|m|h)")
+_FRAME_TIME = re.compile(r"_(\d{2,})-(\d{2})-(\d{2}\.\d{3})$")
 _UNITS = {"ms": 0.001, "s": 1.0, "min": 60.0, "m": 60.0, "h": 3600.0}
 
 
@@ -102,6 +103,21 @@ def frame_id(name: str, time_s: float) -> str:
     minutes, seconds = divmod(seconds, 60)
     hours, minutes = divmod(minutes, 60)
     return f"{name}_{hours:02d}-{minutes:02d}-{seconds:02d}.{milliseconds:03d}"
+
+
+def frame_time(identifier: str) -> float:
+    """Time in seconds of a frame by its name, to a millisecond; see :func:`frame_id`.
+
+    Raises
+    ------
+    ValueError
+        It is no name of a frame of a video.
+    """
+    match = _FRAME_TIME.search(identifier)
+    if match is None:
+        raise ValueError(f"{identifier} names no time")
+    hours, minutes, seconds = match.groups()
+    return 3600.0 * int(hours) + 60.0 * int(minutes) + float(seconds)
 
 
 @dataclass(frozen=True, slots=True)

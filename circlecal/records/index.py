@@ -83,6 +83,12 @@ class ResultIndex:
         self._page = {name: (status, code) for name, status, code in rows}
         self._page_ends = frame_id, rows[-1][0] if len(rows) == self._page_size else _LAST_ID
 
+    def last_id(self, prefix: str) -> str | None:
+        """The last of the ids that begin so, in their order; None where there is none."""
+        query = "SELECT max(id) FROM frames WHERE id >= ? AND id < ?"
+        found = self._database.execute(query, (prefix, prefix + _LAST_ID)).fetchone()[0]
+        return None if found is None else str(found)
+
     def __len__(self) -> int:
         return int(self._database.execute("SELECT count(*) FROM frames").fetchone()[0])
 

@@ -75,17 +75,55 @@ class CheckRecord(_Part):
 
 
 class CovarianceRecord(_Part):
-    """Covariance of the camera's parameters."""
+    """Covariance of the camera's parameters: the matrix, or the rows of its lower Cholesky factor, which are short.
+
+    Parameters of the camera model that are not named are fixed.
+    """
 
     parameters: tuple[str, ...]
     estimate: list[Number] = []
-    matrix: list[list[Number]]
+    matrix: list[list[Number]] = []
+    factor: list[list[float]] | None = None
 
     @model_validator(mode="after")
     def _square(self) -> Self:
-        if {len(self.matrix), *map(len, self.matrix)} != {len(self.parameters)}:
-            raise ValueError(f"matrix is not {len(self.parameters)} x {len(self.parameters)}")
+        size = len(self.parameters)
+        if self.factor is not None:
+            if [len(row) for row in self.factor] != list(range(1, size + 1)):
+                raise ValueError(f"factor has no {size} rows with 1 to {size} numbers")
+        elif {len(self.matrix), *map(len, self.matrix)} != {size}:
+            raise ValueError(f"matrix is not {size} x {size}")
         return self
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the parameters are those of this version's camera model, all of them or some."""
+        return set(self.parameters) <= set(PARAMETERS)
+
+    def full(self) -> Array:
+        """Covariance (P, P) of all parameters of the camera model, zero where they are fixed."""
+        if self.factor is None:
+            own = _array(self.matrix)
+        else:
+            factor = np.zeros((len(self.factor), len(self.factor)))
+            for row, numbers in enumerate(self.factor):
+                factor[row, : len(numbers)] = numbers
+            own = factor @ factor.T
+        places = self._places
+        covariance = np.zeros((len(PARAMETERS), len(PARAMETERS)))
+        covariance[np.ix_(places, places)] = own
+        return covariance
+
+    def theta(self) -> Array:
+        """The estimate (P,) of all parameters of the camera model, zero where it is not written."""
+        theta = np.zeros(len(PARAMETERS))
+        if len(self.estimate) == len(self.parameters):
+            theta[self._places] = _array(self.estimate)
+        return theta
+
+    @property
+    def _places(self) -> list[int]:
+        return [INDEX[name] for name in self.parameters]
 
 
 class CameraRow(_Part):
@@ -147,11 +185,10 @@ class CameraRecord(CameraRow):
     def view(self, image: ImageRecord) -> FieldView | None:
         """The field before the camera; None where it has numbers that are not finite."""
         camera, known = self.pinhole(image), self.covariance
-        if camera is None or known is None or known.parameters != PARAMETERS:
+        if camera is None or known is None or not known.is_known:
             return None if camera is None else FieldView(camera, self.surface)
-        estimate = known.estimate if len(known.estimate) == len(PARAMETERS) else np.zeros(len(PARAMETERS))
-        growth = np.array([estimate[INDEX[name]] for name in ("length", "breadth")], dtype=np.float64)
-        return FieldView(camera, self.surface, growth, np.asarray(known.matrix, dtype=np.float64))
+        growth = known.theta()[[INDEX["length"], INDEX["breadth"]]]
+        return FieldView(camera, self.surface, growth, known.full())
 
 
 class EstimateRow(_Part):
@@ -345,11 +382,39 @@ class AloneRecord(_Part):
 
 
 class RigRecord(_Part):
-    """What ``circlecal rig`` did with a frame: its camera, or why it has none."""
+    """The standing camera that took a frame, from ``circlecal rig`` or ``track``; from ``rig`` why it has none, and the
+    verdict on it alone.
+    """
 
     camera: Text | None = None
     reason: Text | None = None
-    alone: AloneRecord
+    alone: AloneRecord | None = None
+
+
+class HeadRecord(_Part):
+    """How a tripod's head stands in a frame: its own angles, which differ from the camera's where its axis leans, and
+    the logarithm of the focal length in pixels; each with its standard deviation.
+    """
+
+    pan_degrees: Number
+    tilt_degrees: Number
+    log_focal: Number
+    pan_sigma_degrees: Number = None
+    tilt_sigma_degrees: Number = None
+    log_focal_sigma: Number = None
+
+
+class TrackRecord(_Part):
+    """What ``circlecal track`` knows of a frame beside its camera.
+
+    ``frame`` counts the frames of the video, ``shot`` its shots, both from 0, and ``carried_by`` names what the answer
+    rests on, the most important first. The name of its tripod is ``rig.camera``.
+    """
+
+    frame: int
+    shot: int
+    carried_by: list[str] = []
+    head: HeadRecord | None = None
 
 
 class ResultRow(_Part):
@@ -372,6 +437,7 @@ class ResultRow(_Part):
     seed: int | None = None
     config_digest: Text | None = None
     rig: RigRecord | None = None
+    track: TrackRecord | None = None
 
     @property
     def path(self) -> str | None:

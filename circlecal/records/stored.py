@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from circlecal.geometry.camera_parameters import PARAMETERS
 from circlecal.geometry.ellipses import Ellipse
 from circlecal.geometry.projective import Array
 from circlecal.observations import CircleEdge, MarkingKey
@@ -80,14 +81,15 @@ def _number(value: Number) -> float:
 def _camera(record: ResultRecord, estimate: EstimateRecord) -> CameraFit | None:
     keys, H_image_field = estimate.camera, estimate.H_image_field
     view = None if keys is None or record.image is None else keys.pinhole(record.image)
-    if keys is None or view is None or H_image_field is None or keys.covariance is None:
+    known = None if keys is None else keys.covariance
+    if keys is None or view is None or H_image_field is None or known is None:
         return None
     residuals = record.residuals_px or ResidualsRecord()
     return CameraFit(
         camera=view,
         surface=keys.surface,
-        parameters=keys.covariance.parameters,
-        covariance=_array(keys.covariance.matrix),
+        parameters=PARAMETERS if known.is_known else known.parameters,
+        covariance=known.full() if known.is_known else _array(known.matrix),
         H_image_field=_array(H_image_field),
         H_field_image=_array(record.H_field_image or np.linalg.inv(_array(H_image_field))),
         H_covariance=np.full((8, 8), np.nan) if record.H_covariance is None else _array(record.H_covariance),
@@ -98,7 +100,7 @@ def _camera(record: ResultRecord, estimate: EstimateRecord) -> CameraFit | None:
         max_sigma_px=_number(keys.max_sigma_px),
         max_sigma_m=_number(keys.max_sigma_m),
         residuals_px={MarkingKey.parse(name): _number(value) for name, value in (residuals.camera or {}).items()},
-        theta=_array(keys.covariance.estimate),
+        theta=known.theta() if known.is_known else _array(known.estimate),
         residual_correlation=_number(keys.residual_correlation),
         derived_points=tuple(
             DerivedPoint(p.label, _array(p.field_m), _array(p.image_px), _array(p.covariance))

@@ -45,7 +45,7 @@ def _facts(record: ResultRecord, row: FrameRow) -> Iterator[tuple[str, str]]:
         yield "lines", _list(camera.named_lines)
         yield "left out", _list(camera.rejected_observations)
     if row.camera is not None:
-        before = None if record.rig is None else record.rig.alone.code
+        before = None if record.rig is None or record.rig.alone is None else record.rig.alone.code
         yield "rig", row.camera + (f", refused alone ({before})" if row.gained else "")
     if row.time_ms is not None:
         yield "time", f"{short(row.time_ms)} ms"

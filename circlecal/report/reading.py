@@ -143,7 +143,7 @@ def _row(record: ResultRow) -> FrameRow:
         path=record.path,
         time_s=None if source is None else source.time_s,
         camera=None if rig is None else rig.camera,
-        alone=None if rig is None else rig.alone.status,
+        alone=None if rig is None or rig.alone is None else rig.alone.status,
     )
 
 

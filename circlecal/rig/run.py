@@ -67,7 +67,8 @@ class RigReport:
         rig = record.rig
         if rig is None:
             return
-        after, before = record.status == "calibrated", rig.alone.status == "calibrated"
+        after = record.status == "calibrated"
+        before = rig.alone is not None and rig.alone.status == "calibrated"
         self.calibrated += after
         if rig.camera is not None:
             self.by_camera.setdefault(rig.camera, []).append(record.id)

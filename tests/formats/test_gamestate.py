@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 from circlecal.errors import InputError
+from circlecal.formats import gamestate_camera
+from circlecal.formats.cameras import CameraFrame
 from circlecal.formats.exports import convert
 from circlecal.formats.meaning import SourcesConfig, read_observations
-from circlecal.formats.registry import calibration_formats, read_annotations
+from circlecal.formats.registry import annotation_formats, open_file, read_annotations
+from circlecal.geometry.camera import Camera, image_center
 
 
 def labels(*lines, images=({"image_id": "3001", "file_name": "000001.jpg", "width": 1920, "height": 1080},)):
@@ -51,11 +54,11 @@ def test_a_class_of_one_point_is_left_out_with_a_warning(tmp_path, soccer):
     assert "Side line top: is a line of one point" in frame.warnings[0]
 
 
-def test_it_becomes_other_annotations_but_is_not_written(tmp_path, soccer):
+def test_it_becomes_other_annotations_and_no_annotation_is_written(tmp_path, soccer):
     path = written(tmp_path, labels({"Side line top": [{"x": 0.5, "y": 0.25}, {"x": 0.75, "y": 0.5}]}))
     (made,) = convert([path], None, "soccernet", tmp_path / "out", soccer)
     assert json.loads(made.read_text())["Side line top"][0]["x"] == pytest.approx(0.5)
-    assert "gamestate" not in calibration_formats()
+    assert annotation_formats()["gamestate"].write is None
     with pytest.raises(InputError, match="no way from"):
         convert([made], None, "gamestate", tmp_path / "out", soccer)
 
@@ -78,3 +81,26 @@ def test_damage_is_one_line(tmp_path, change, words):
     with pytest.raises(InputError, match=words) as raised:
         read_annotations(written(tmp_path, content))
     assert "\n" not in str(raised.value)
+
+
+def test_cameras_come_back(tmp_path, soccer):
+    camera = Camera(
+        1280, 720, np.full(2, 1900.0), image_center(1280, 720), np.radians([12.0, 78.0, 0.5]),
+        np.array([0.3, 61.0, -14.0]), np.array([0.02, 0.0]),
+    )  # fmt: skip
+    path = tmp_path / "Labels-GameState.json"
+    path.write_bytes(gamestate_camera.write([CameraFrame("clip_1", 1280, 720, camera)], None))
+    found, _ = open_file(path)
+    assert found is gamestate_camera.FORMAT
+    (frame,) = gamestate_camera.read(path, path.read_bytes(), None)
+    assert (frame.id, frame.image) == ("clip_1", "clip_1.jpg")
+    np.testing.assert_allclose(frame.camera.project(np.eye(3)), camera.project(np.eye(3)), atol=1e-6)
+    assert path not in convert([path], None, "broadtrack", tmp_path / "out", soccer)
+
+
+def test_a_camera_without_its_image_is_told(tmp_path):
+    path = tmp_path / "Labels-GameState.json"
+    content = {"images": [], "annotations": [{"image_id": "1", "supercategory": "camera", "parameters": {}}]}
+    path.write_text(json.dumps(content))
+    with pytest.raises(InputError, match="1 is not in the file"):
+        gamestate_camera.read(path, path.read_bytes(), None)

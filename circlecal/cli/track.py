@@ -1,0 +1,156 @@
+"""``circlecal track``."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from circlecal.cli import options
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from circlecal.formats.exports import Exports
+    from circlecal.pictures.video import Video
+    from circlecal.tracking.run import ClipRun, TrackReport
+
+
+def track(
+    inputs: Annotated[list[str], typer.Argument(metavar="CLIP", help="Videos, folders of them, patterns, lists.")],
+    out: options.Out = Path("circlecal-track"),
+    workers: options.Workers = None,
+    every: Annotated[
+        str | None,
+        typer.Option("--every", metavar="TIME|N", help="A frame a TIME, or each N-th. (default: 1, every frame)"),
+    ] = None,
+    start: Annotated[str | None, typer.Option("--start", metavar="TIME", help="From here, H:MM:SS.")] = None,
+    end: Annotated[str | None, typer.Option("--end", metavar="TIME", help="Up to here.")] = None,
+    scheduler: options.Scheduler = None,
+    restart: Annotated[bool, typer.Option("--restart", help="Start over instead of going on.")] = False,
+    venue: options.VenueFile = None,
+    video: Annotated[bool, typer.Option("--video", help="Also write overlay.mp4.")] = False,
+    full: Annotated[
+        bool, typer.Option("--full", help="Write covariance matrices, derived points and checks of every frame too.")
+    ] = False,
+    to: Annotated[
+        list[str] | None,
+        typer.Option("--to", metavar="FORMAT", help="Also write all frames in this format, or parquet; repeatable."),
+    ] = None,
+    eval_size: options.EvalSize = None,
+    config: options.ConfigFile = None,
+    settings: options.Settings = None,
+    field: options.FieldName = None,
+    seed: options.Seed = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the counts and cameras as JSON.")] = False,
+    quiet: options.Quiet = False,
+    verbose: options.Verbose = False,
+) -> None:
+    """Find the camera of every frame of a clip, from its tripod; run it again to go on after a stop."""
+    from circlecal.cli import console
+    from circlecal.formats.exports import Exports
+    from circlecal.pictures.inputs import absolute_input
+    from circlecal.pictures.video import Sampling
+    from circlecal.pipeline import field_of
+    from circlecal.records.parquet import PARQUET_FORMAT, require_parquet
+    from circlecal.rig.venue import read_venue
+    from circlecal.tracking.run import DEFAULT_EVERY, ClipRun, run_track
+
+    console.configure_logging(quiet=quiet, verbose=verbose)
+    if scheduler is not None:  # workers have another working folder
+        inputs, out = [absolute_input(name) for name in inputs], out.absolute()
+    chosen = options.choose_config(config, settings, field, seed)
+    known = None if venue is None else read_venue(venue, field_of(chosen)[0])
+    run = ClipRun(chosen, Sampling.parse(every or DEFAULT_EVERY, start, end), known, full)
+    targets = [name for name in to or () if name != PARQUET_FORMAT]
+    exports = Exports(targets, out, options.parse_size(eval_size, "--eval-size"))
+    if PARQUET_FORMAT in (to or ()):
+        require_parquet()
+    failures: list[Exception] = []
+    videos = options.choose_videos(inputs, console.error_reporter(failures))
+    refused = 0
+    if videos:
+        out = options.folder_of_run(out, run.digest, ask=console.can_ask() and not quiet, restart=restart)
+        with console.progress_display(quiet=quiet) as show:
+            report = run_track(
+                videos,
+                run,
+                out,
+                workers=workers or options.cpu_count(),
+                scheduler=scheduler,
+                restart=restart,
+                on_progress=show,
+                on_note=console.print_note,
+                on_error=console.error_reporter(failures),
+            )
+        refused = report.progress.refused
+        _write_further(videos, run, exports, out, video=video, parquet=PARQUET_FORMAT in (to or ()), quiet=quiet)
+        _print_report(report, run, out, as_json=as_json, quiet=quiet)
+    if failures:
+        raise typer.Exit(2)
+    if refused:
+        raise typer.Exit(1)
+
+
+def _write_further(
+    videos: Sequence[Video], run: ClipRun, exports: Exports, out: Path, *, video: bool, parquet: bool, quiet: bool
+) -> None:
+    """Write what is made of the finished results: outside formats, and overlay videos."""
+    from itertools import groupby
+
+    from circlecal.cli import console
+    from circlecal.formats.exports import export_records
+    from circlecal.pipeline import field_of
+    from circlecal.records.parquet import PARQUET_NAME, write_parquet
+    from circlecal.tracking.overlay_video import OVERLAY_NAME, write_overlay_video
+    from circlecal.tracking.run import records_in_order
+
+    template, circle = field_of(run.config)
+    if exports.is_wanted:
+        export_records(records_in_order(out), exports, template, circle, {}, template)
+    if parquet:
+        write_parquet(records_in_order(out), out / PARQUET_NAME)
+    if not video:
+        return
+    by_path = {str(clip.path): clip for clip in videos}
+    for path, records in groupby(records_in_order(out), key=lambda record: record.path):
+        clip = by_path.get(path or "")
+        if clip is None:
+            continue
+        name = OVERLAY_NAME if len(videos) == 1 else f"{clip.name}.{OVERLAY_NAME}"
+        with console.count_steps("frames", clip.estimate_count(run.sampling), quiet=quiet) as advance:
+            write_overlay_video(out / name, clip, records, template, circle, advance)
+
+
+def _print_report(report: TrackReport, run: ClipRun, out: Path, *, as_json: bool, quiet: bool) -> None:
+    from circlecal.cli import console
+    from circlecal.pipeline import field_of
+    from circlecal.records.log import RESULTS_NAME
+    from circlecal.tracking.run import tripod_facts
+
+    counts, template = report.progress, field_of(run.config)[0]
+    cameras = [
+        {"clip": name, **facts} for name, venue in report.venues.items() for facts in tripod_facts(venue, template)
+    ]
+    if as_json:
+        console.print_line(json.dumps({**asdict(counts), "results": str(out / RESULTS_NAME), "cameras": cameras}))
+        return
+    if quiet:
+        return
+    if cameras:
+        console.print_table(
+            "Cameras",
+            ["clip", "camera", "frames", "x m", "y m", "z m", "pitch m"],
+            [
+                [c["clip"], c["camera"], str(c["frames"])]
+                + ["{:.2f} +- {:.2f}".format(*c[axis]) for axis in ("x_m", "y_m", "z_m")]
+                + ["{:.1f} x {:.1f}".format(*c["pitch_m"])]
+                for c in cameras
+            ],
+        )
+    console.print_line(
+        f"{counts.total} frames: {counts.calibrated} calibrated, {counts.refused} refused; see {out / RESULTS_NAME}"
+    )

@@ -1,0 +1,126 @@
+"""SoccerNet game state (``Labels-GameState.json``): one file with the cameras of all frames of a clip, in and out.
+
+``images`` (``image_id``, ``file_name``, ``width``, ``height``) and ``annotations``; those of the supercategory
+``camera`` (category 6) have ``parameters``, SoccerNet's camera at the size of the picture. The other annotations,
+players and lines of the pitch, are left alone. A refused frame is left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from circlecal.errors import InputError
+from circlecal.formats.cameras import CameraFrame, Size
+from circlecal.formats.format import (
+    CameraFormat,
+    Content,
+    FileModel,
+    Side,
+    json_bytes,
+    parse_content,
+    parse_value,
+    require_size,
+    stem_of,
+)
+from circlecal.formats.gamestate import SUPERCATEGORY as PITCH
+from circlecal.formats.soccernet_camera import CameraKeys
+from circlecal.pictures.files import distinct_names
+
+SUPERCATEGORY = "camera"
+CATEGORY = 6
+_Id = int | str
+
+
+class _Image(FileModel):
+    image_id: _Id
+    file_name: str
+    width: Side | None = None
+    height: Side | None = None
+
+
+class _Annotation(FileModel):
+    image_id: _Id
+    supercategory: str = ""
+    parameters: dict[str, Any] | None = None
+
+
+class _Labels(FileModel):
+    images: list[_Image]
+    annotations: list[_Annotation]
+
+
+def read(path: Path, content: bytes, size: Size | None) -> list[CameraFrame]:
+    """The cameras of a file, each at the size of its picture.
+
+    Raises
+    ------
+    InputError
+        No such file, one that contradicts itself, or the size of the pictures is not known.
+    """
+    labels = parse_content(_Labels, path, content)
+    names = distinct_names([stem_of(image.file_name) for image in labels.images])
+    images = {image.image_id: (name, image) for name, image in zip(names, labels.images, strict=True)}
+    frames = []
+    for number, annotation in enumerate(labels.annotations):
+        if annotation.supercategory != SUPERCATEGORY or annotation.parameters is None:
+            continue
+        if annotation.image_id not in images:
+            raise InputError(f"{path}: annotations.{number}.image_id: {annotation.image_id} is not in the file")
+        name, image = images[annotation.image_id]
+        keys = parse_value(CameraKeys, path, annotation.parameters, f"annotations.{number}.parameters")
+        camera = keys.camera(path, require_size(path, (image.width, image.height), size))
+        frames.append(CameraFrame(name, camera.width, camera.height, camera, image=image.file_name))
+    return frames
+
+
+def write(frames: Sequence[CameraFrame], size: Size | None) -> bytes:
+    """Content of a file.
+
+    Raises
+    ------
+    InputError
+        No camera fits a homography.
+    """
+    images: list[dict[str, Any]] = []
+    annotations: list[dict[str, Any]] = []
+    for number, frame in enumerate((frame.resize(size) for frame in frames), start=1):
+        camera, key = frame.require_camera(), f"{number:010d}"
+        images.append(
+            {
+                "is_labeled": True,
+                "image_id": key,
+                "file_name": frame.image or f"{frame.id}.jpg",
+                "height": camera.height,
+                "width": camera.width,
+                "has_labeled_person": False,
+                "has_labeled_pitch": False,
+                "has_labeled_camera": True,
+            }
+        )
+        annotations.append(
+            {
+                "id": key,
+                "image_id": key,
+                "supercategory": SUPERCATEGORY,
+                "category_id": CATEGORY,
+                "parameters": camera.soccernet(),
+            }
+        )
+    categories = [{"supercategory": SUPERCATEGORY, "id": CATEGORY, "name": SUPERCATEGORY}]
+    return json_bytes({"images": images, "annotations": annotations, "categories": categories})
+
+
+def _recognise(content: Content) -> bool:
+    """Cameras among the annotations, and no lines of a pitch, which would make it an annotation."""
+    annotations = content.mapping.get("annotations")
+    if not isinstance(annotations, list) or not isinstance(content.mapping.get("images"), list):
+        return False
+    kinds = {annotation.get("supercategory") for annotation in annotations if isinstance(annotation, dict)}
+    return SUPERCATEGORY in kinds and PITCH not in kinds
+
+
+FORMAT = CameraFormat(
+    name="gamestate", recognises=_recognise, read=read, write=write, file_name="Labels-GameState.json"
+)

@@ -1,0 +1,336 @@
+"""``venue.yaml``: the cameras around a pitch, and the pitch, as a run found them and the next one starts with them.
+
+Every value has its standard deviation beside it, and the file may be written or changed by hand: a person who has
+measured the pitch writes its length with a small ``sd``. Lengths are absolute; the template that they are compared with
+is that of the reader's configuration.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from circlecal.camera.priors import SHARED, ZOOMED, SharedPrior, SharedPriorConfig
+from circlecal.errors import InputError, reading_failure
+from circlecal.field import FieldTemplate
+from circlecal.files import write_atomic
+from circlecal.geometry.camera_parameters import INDEX
+from circlecal.geometry.homography import SIDES
+from circlecal.geometry.projective import Array
+from circlecal.geometry.surface import Surface, SurfaceShape
+from circlecal.rig.tripod import COMMON, PLACE, TripodEstimate, Venue
+
+VENUE_NAME = "venue.yaml"
+VENUE_VERSION = 1
+_UNITS = {
+    **dict.fromkeys(("lean_x", "lean_y", "head_roll"), "rad"),
+    **dict.fromkeys(("pp_x", "pp_y", "pp_x_by_zoom", "pp_y_by_zoom"), "px"),
+    **dict.fromkeys(("kappa_1", "kappa_1_by_zoom", "kappa_2", "log_aspect"), ""),
+}
+"""Of the tripod's parameters; all others are in metres."""
+_NAMES = {"width": "marking_width_m", "length": "pitch_length_m", "breadth": "pitch_width_m"}
+FILE_NAMES = tuple(
+    _NAMES.get(name, "_".join(part for part in (name, _UNITS.get(name, "m")) if part)) for name in COMMON
+)
+"""Names of the tripod's parameters in the file, with their units."""
+_SIZES = ("width", "length", "breadth")
+_HEAD_STEPS = 9
+"""Positions of the head, along pan and tilt each, over which a prior for single frames is averaged: enough that the
+mean of the sine over 90 degrees is met to a thousandth.
+"""
+_LEAST_SD = 1e-6
+"""Added to what is known exactly, metres, radians and pixels, so that the covariance can be inverted: far below what a
+picture shows.
+"""
+DEGREES = 180.0 / np.pi
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class KnownValue(_Part):
+    """A value with its standard deviation; 0 fixes it."""
+
+    mean: float
+    sd: float = Field(ge=0)
+
+
+class SurfacePart(_Part):
+    """Profile of the pitch, and the radius at which its crown is quoted, metres."""
+
+    shape: SurfaceShape
+    crown_radius_m: float = Field(gt=0)
+
+
+class Range(_Part):
+    """From where to where the head has been seen to move; focal lengths in pixels of the stated picture size."""
+
+    pan_deg: tuple[Finite, Finite]
+    tilt_deg: tuple[Finite, Finite]
+    focal_px: tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]]
+
+
+class TripodPart(_Part):
+    """One camera."""
+
+    name: str = Field(pattern=r"^[\w.-]+$")
+    picture_px: tuple[Annotated[int, Field(gt=0)], Annotated[int, Field(gt=0)]]
+    reference_focal_px: float = Field(gt=0)
+    surface: SurfacePart
+    parameters: dict[str, KnownValue]
+    correlation: list[list[Annotated[float, Field(ge=-1.0, le=1.0)]]] = []
+    range: Range
+    frames: list[str] = []
+    left_out: list[str] = []
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        unknown = sorted(set(self.parameters) - set(FILE_NAMES))
+        if unknown:
+            raise ValueError(f"parameters.{unknown[0]} is unknown; known: {', '.join(FILE_NAMES)}")
+        missing = [name for name in FILE_NAMES if name not in self.parameters]
+        if missing:
+            raise ValueError(f"parameters.{missing[0]} is missing")
+        if self.correlation and [len(row) for row in self.correlation] != list(range(1, len(FILE_NAMES))):
+            raise ValueError(f"correlation needs {len(FILE_NAMES) - 1} rows with 1 to {len(FILE_NAMES) - 1} numbers")
+        if np.linalg.eigvalsh(self.correlations()).min() < -1e-6:
+            raise ValueError("correlation is that of no distribution: it has a negative eigenvalue")
+        return self
+
+    def correlations(self) -> Array:
+        """Correlation matrix (K, K); what is not written is 0."""
+        matrix = np.eye(len(FILE_NAMES))
+        for row, numbers in enumerate(self.correlation, start=1):
+            matrix[row, :row] = matrix[:row, row] = numbers
+        return matrix
+
+    def estimate(self, template: FieldTemplate) -> TripodEstimate:
+        """The camera, its sizes as offsets from a template's."""
+        mean = np.array([self.parameters[name].mean for name in FILE_NAMES]) - _offsets(template)
+        sd = np.array([self.parameters[name].sd for name in FILE_NAMES])
+        low, high = (
+            np.array([np.log(self.range.focal_px[k]), *np.radians([self.range.pan_deg[k], self.range.tilt_deg[k]])])
+            for k in (0, 1)
+        )
+        return TripodEstimate(
+            name=self.name,
+            size=self.picture_px,
+            log_focal=float(np.log(self.reference_focal_px)),
+            surface=Surface(self.surface.shape, self.surface.crown_radius_m, float(mean[PLACE["crown"]])),
+            mean=mean,
+            covariance=self.correlations() * np.outer(sd, sd),
+            head_low=low,
+            head_high=high,
+            used=tuple(self.frames),
+            left_out=tuple(self.left_out),
+        )
+
+    @classmethod
+    def of(cls, tripod: TripodEstimate, template: FieldTemplate) -> Self:
+        """A camera as the file has it."""
+        mean = (tripod.mean + _offsets(template)).tolist()
+        sd = np.sqrt(np.diag(tripod.covariance))
+        size = np.where(sd > 0, sd, 1.0)
+        correlation = np.clip(tripod.covariance / np.outer(size, size), -1.0, 1.0)
+        low, high = tripod.head_low, tripod.head_high
+        pan, tilt = ((float(np.degrees(low[k])), float(np.degrees(high[k]))) for k in (1, 2))
+        return cls(
+            name=tripod.name,
+            picture_px=tripod.size,
+            reference_focal_px=float(np.exp(tripod.log_focal)),
+            surface=SurfacePart(shape=tripod.surface.shape, crown_radius_m=tripod.surface.reference_m),
+            parameters={
+                name: KnownValue(mean=m, sd=s) for name, m, s in zip(FILE_NAMES, mean, sd.tolist(), strict=True)
+            },
+            correlation=[correlation[row, :row].tolist() for row in range(1, len(FILE_NAMES))],
+            range=Range(pan_deg=pan, tilt_deg=tilt, focal_px=(float(np.exp(low[0])), float(np.exp(high[0])))),
+            frames=list(tripod.used),
+            left_out=list(tripod.left_out),
+        )
+
+
+class VenueFile(_Part):
+    """The whole file."""
+
+    venue_version: int
+    field: str
+    config_digest: str | None = None
+    tripods: list[TripodPart] = []
+
+    @model_validator(mode="after")
+    def _sound(self) -> Self:
+        if self.venue_version != VENUE_VERSION:
+            raise ValueError(f"venue_version is {self.venue_version}; this version reads {VENUE_VERSION}")
+        names = [tripod.name for tripod in self.tripods]
+        doubled = sorted({name for name in names if names.count(name) > 1})
+        if doubled:
+            raise ValueError(f"tripods: the name {doubled[0]} is used twice")
+        return self
+
+
+def read_venue(path: Path, template: FieldTemplate) -> Venue:
+    """Cameras and pitch from a venue file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    template : FieldTemplate
+        The field; sizes of the pitch become offsets from its.
+
+    Raises
+    ------
+    InputError
+        Unreadable, damaged, or of another field: one line with the file, the key and the mend.
+    """
+    content = read_venue_file(path)
+    if content.field != template.name:
+        raise InputError(f"{path}: field: is {content.field}, not {template.name}; give its --field")
+    return Venue(content.field, tuple(tripod.estimate(template) for tripod in content.tripods))
+
+
+def read_venue_file(path: Path) -> VenueFile:
+    """Content of a venue file.
+
+    Raises
+    ------
+    InputError
+        Unreadable or damaged.
+    """
+    import yaml
+
+    try:
+        content = yaml.load(path.read_text(encoding="utf-8"), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read: {reading_failure(error)}; give a {VENUE_NAME}") from error
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise InputError(f"{path}: is not YAML: {' '.join(str(error).split())}") from error
+    if not isinstance(content, dict) or "venue_version" not in content:
+        raise InputError(f"{path}: is no venue: venue_version is missing; circlecal track and rig write {VENUE_NAME}")
+    try:
+        return VenueFile.model_validate_json(json.dumps(content, default=str), strict=True)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(str(part) for part in first["loc"])
+        words = first["msg"].removeprefix("Value error, ")
+        raise InputError(f"{path}: {where}{': ' * bool(where)}{words}") from error
+
+
+def write_venue(path: Path, venue: Venue, template: FieldTemplate, config_digest: str | None = None) -> None:
+    """Write a venue file, with a summary for its reader on top.
+
+    Parameters
+    ----------
+    path, venue : Path, Venue
+        The file, and its content.
+    template : FieldTemplate
+        The field from whose sizes those of the tripods are offsets.
+    config_digest : str, optional
+        Of the run that found the venue.
+
+    Raises
+    ------
+    InputError
+        The file cannot be written.
+    """
+    import yaml
+
+    content = VenueFile(
+        venue_version=VENUE_VERSION,
+        field=venue.field,
+        config_digest=config_digest,
+        tripods=[TripodPart.of(tripod, template) for tripod in venue.tripods],
+    )
+    header = ["# A venue for --venue: where its cameras stand and turn, their lenses, and the pitch.", *_facts(content)]
+    body = yaml.safe_dump(content.model_dump(mode="json"), sort_keys=False, default_flow_style=None, width=120)
+    write_atomic(path, ("\n".join(header) + "\n" + body).encode())
+
+
+def venue_settings(path: Path, template: FieldTemplate) -> list[str]:
+    """Settings of the sections ``camera``, ``correspondences`` and ``field`` for single frames of the first camera of a
+    venue, as ``section.key=value``.
+
+    Raises
+    ------
+    InputError
+        As :func:`read_venue`, or the venue has no camera.
+    """
+    venue = read_venue(path, template)
+    if not venue.tripods:
+        raise InputError(f"{path}: tripods: is empty; a prior of single frames needs a camera")
+    tripod = venue.tripods[0]
+    prior = prior_of_tripod(tripod)
+    place = [prior.parameters.index(name) for name in ("x", "y", "z")]
+    position = prior.mean[place]
+    spread = np.sqrt(np.diag(prior.covariance)[place] + prior.deviation_sd[place] ** 2)
+    side = max(SIDES, key=lambda name: float(position[:2] @ np.array(SIDES[name])))
+    values: dict[str, Any] = {
+        "camera.shared": SharedPriorConfig.of(prior, tripod.size[0]).model_dump(mode="json"),
+        "camera.position_m": position.tolist(),
+        "camera.position_sd_m": spread.tolist(),
+        "camera.crown_shape": tripod.surface.shape,
+        "correspondences.camera_side": side,
+    }
+    return [f"{key}={json.dumps(value)}" for key, value in values.items()]
+
+
+def prior_of_tripod(tripod: TripodEstimate) -> SharedPrior:
+    """What a tripod says of a frame whose pan and tilt are not known.
+
+    Position, roll and lens follow the head. Over the range in which the head was seen they have a mean and a spread:
+    the spread becomes the deviation that a single frame is allowed, and what is uncertain of the tripod itself the
+    covariance.
+    """
+    low, high = tripod.head_low, tripod.head_high
+    pan, tilt = (np.linspace(low[k], high[k], _HEAD_STEPS) for k in (1, 2))
+    heads = np.stack(np.meshgrid([tripod.log_focal], pan, tilt, indexing="ij"), axis=-1).reshape(-1, 3)
+    thetas = tripod.model.thetas(heads, tripod.mean)
+    mapping = tripod.model.derivatives(heads, tripod.mean)[1].mean(axis=0)
+    variance = np.diag(mapping @ tripod.covariance @ mapping.T) + thetas.var(axis=0)
+    names = tuple(name for name in SHARED if variance[INDEX[name]] > 0)
+    zoomed = tuple(name for name in ZOOMED if name in names)
+    at, slopes = [INDEX[name] for name in names], [PLACE[f"{name}_by_zoom"] for name in zoomed]
+    both = np.concatenate([mapping[at], np.eye(len(tripod.mean))[slopes]])
+    covariance = both @ tripod.covariance @ both.T
+    covariance[np.diag_indices_from(covariance)] += _LEAST_SD**2
+    return SharedPrior(
+        parameters=names,
+        zoomed=zoomed,
+        log_focal=tripod.log_focal,
+        mean=np.concatenate([thetas.mean(axis=0)[at], tripod.mean[slopes]]),
+        covariance=covariance,
+        deviation_sd=thetas.std(axis=0)[at],
+    )
+
+
+def _offsets(template: FieldTemplate) -> Array:
+    """What is added to the tripod's parameters (K,) for the file, which has sizes where they have offsets."""
+    offsets = np.zeros(len(COMMON))
+    offsets[[PLACE[name] for name in _SIZES]] = template.marking_width_m, template.length_m, template.width_m
+    return offsets
+
+
+def _facts(content: VenueFile) -> list[str]:
+    """What a person wants to know of each camera, as comments."""
+
+    def told(tripod: TripodPart, name: str, factor: float = 1.0) -> str:
+        value = tripod.parameters[name]
+        return f"{factor * value.mean:.2f} +- {factor * value.sd:.2g}"
+
+    lines = []
+    for tripod in content.tripods:
+        x, y, z = (told(tripod, f"axis_{axis}_m") for axis in "xyz")
+        lines.append(f"# {tripod.name}, {len(tripod.frames)} frames: axis at ({x}, {y}, {z}) m; lever arm")
+        lines.append(
+            f"#   {told(tripod, 'lever_m')} m; lean {told(tripod, 'lean_x_rad', DEGREES)} and "
+            f"{told(tripod, 'lean_y_rad', DEGREES)} degrees; pitch {told(tripod, 'pitch_length_m')} x "
+            f"{told(tripod, 'pitch_width_m')} m"
+        )
+    return lines

@@ -1,0 +1,239 @@
+"""The record of a tracked frame: as short as a frame's answer is, since a match has 135,000 of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pydantic_core import to_json
+
+from circlecal import __version__
+from circlecal.camera.covariance import homography_vectors, imaged_points, push_forward, spread_cameras
+from circlecal.camera.report import derive_points
+from circlecal.field import Circle, FieldTemplate
+from circlecal.field.view import FieldView
+from circlecal.geometry.camera import Camera
+from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel, homographies, project, theta_of
+from circlecal.geometry.homography import scale_homography
+from circlecal.geometry.projective import Array
+from circlecal.records.record import SCHEMA_VERSION, ResultRecord, RigRecord, SourceRecord
+from circlecal.refusals import explain
+from circlecal.tracking.results import Head, TrackedFrame
+
+STAGE = "track"
+"""The stage that frames of a clip are refused by."""
+_DIGITS, _SIGMA_DIGITS = 11, 5
+"""Significant digits of estimates, which leaves a pixel exact to 1e-6, and of standard deviations."""
+_GRID_M = 6.0
+"""Step of the grid over the pitch on which the largest standard deviation is looked for."""
+_LEAST_EIGENVALUE = 1e-12
+"""Of a correlation matrix: less comes from rounding, and is raised to it before the Cholesky factor is taken."""
+
+
+@dataclass(frozen=True, slots=True)
+class RecordForm:
+    """What all records of a run have in common.
+
+    Attributes
+    ----------
+    template, circle : FieldTemplate, Circle
+        The field, and its circle.
+    seed, digest : int, str
+        Seed of the random draws, and digest of everything that the answers depend on beside the clip.
+    full : bool
+        Whether everything that follows from a camera is written out: covariance matrices, derived points, checks.
+    """
+
+    template: FieldTemplate
+    circle: Circle
+    seed: int
+    digest: str
+    full: bool = False
+
+
+def tracked_record(frame: TrackedFrame, frame_id: str, source: str, shot: int, form: RecordForm) -> ResultRecord:
+    """The record of a tracked frame.
+
+    Parameters
+    ----------
+    frame : TrackedFrame
+        What tracking says of it.
+    frame_id, source : str
+        Its name, and the clip as it was given.
+    shot : int
+        Number of its shot in the whole clip.
+    form : RecordForm
+        What all records of the run have in common.
+    """
+    accepted = frame.status == "calibrated"
+    H = None if frame.view is None else _homographies(frame.view)
+    camera = None if frame.view is None else _camera(frame, frame.view, form)
+    content: dict[str, Any] = {
+        "schema_version": SCHEMA_VERSION,
+        "version": __version__,
+        "id": "",
+        "image": {"width": frame.size[0], "height": frame.size[1]},
+        "field": {"template": form.template.name, "circle": form.circle.name, "sizes": form.template.sizes},
+        "status": frame.status,
+        "H_image_field": H[0] if accepted and H else None,
+        "H_field_image": H[1] if accepted and H else None,
+        "camera": camera if accepted else None,
+        "seed": form.seed,
+        "config_digest": form.digest,
+        "track": {
+            "frame": frame.index,
+            "shot": shot,
+            "carried_by": frame.carriers,
+            "head": None if frame.head is None else _head(frame.head),
+        },
+    }
+    if not accepted and H is not None:
+        content["rejected_estimate"] = {"H_image_field": H[0], "camera": camera}
+    if form.full:
+        content["checks"] = frame.checks
+        if accepted and frame.view is not None and camera is not None:
+            details = _details(frame.view, form)
+            camera["derived_points"] = details.pop("derived_points", ())
+            content |= details
+    numbers = ResultRecord.model_validate_json(to_json(content, inf_nan_mode="null", fallback=_plain))
+    code = None if accepted else frame.code or "lost"
+    refusal = None if code is None else explain(code, STAGE)
+    return numbers.model_copy(
+        update={
+            "id": frame_id,
+            "source": SourceRecord(path=source, time_s=frame.time_s),
+            "code": code,
+            "stage": None if code is None else STAGE,
+            "reason": None if refusal is None else frame.reason or refusal.words,
+            "help": None if refusal is None else refusal.help,
+            **({} if frame.tripod is None else {"rig": RigRecord(camera=frame.tripod)}),
+        }
+    )
+
+
+def _homographies(view: FieldView) -> tuple[Array, Array]:
+    H = view.camera.homography
+    return _round(H), _round(scale_homography(np.linalg.inv(H)))
+
+
+def _camera(frame: TrackedFrame, view: FieldView, form: RecordForm) -> dict[str, Any] | None:
+    if not isinstance(view.camera, Camera):
+        return None
+    theta = theta_of_view(view)
+    written = {
+        **{key: _round(value) for key, value in view.camera.soccernet().items()},
+        "crown_m": view.surface.crown_m,
+        "crown_shape": view.surface.shape,
+        "crown_radius_m": view.surface.reference_m,
+        "max_sigma_px": None if frame.sigma_px is None else _round(frame.sigma_px, _SIGMA_DIGITS),
+    }
+    if view.covariance is None:
+        return written
+    return {
+        **written,
+        "covariance": _covariance(theta, view.covariance, form.full),
+        "position_sigma_m": _round(np.sqrt(np.diag(view.covariance)[INDEX["x"] : INDEX["z"] + 1]), _SIGMA_DIGITS),
+        "max_sigma_m": _sigma_m(theta, view, form.template),
+    }
+
+
+def theta_of_view(view: FieldView) -> Array:
+    """Parameter vector (P,) of a view's camera, its surface and the sizes of its pitch.
+
+    Raises
+    ------
+    ValueError
+        The view has a homography only.
+    """
+    if not isinstance(view.camera, Camera):
+        raise ValueError("a homography alone has no parameters")
+    theta = theta_of(view.camera, ProjectionModel.of(view.camera, view.surface), view.surface.crown_m)
+    theta[[INDEX["length"], INDEX["breadth"]]] = view.growth_m
+    return theta
+
+
+def _covariance(theta: Array, covariance: Array, full: bool) -> dict[str, Any]:
+    if full:
+        return {"parameters": PARAMETERS, "estimate": theta, "matrix": covariance}
+    own = np.flatnonzero((np.diag(covariance) > 0) | (theta != 0))
+    factor = _round(_cholesky(covariance[np.ix_(own, own)]), _SIGMA_DIGITS)
+    return {
+        "parameters": [PARAMETERS[k] for k in own],
+        "estimate": _round(theta[own]),
+        "factor": [factor[row, : row + 1] for row in range(len(own))],
+    }
+
+
+def _cholesky(covariance: Array) -> Array:
+    """Lower triangular factor (K, K) of a covariance that may be singular, and have parameters without any variance."""
+    sd = np.sqrt(np.diag(covariance))
+    free = sd > 0
+    correlation = covariance[np.ix_(free, free)] / np.outer(sd[free], sd[free])
+    factor = np.zeros_like(covariance)
+    correlation[np.diag_indices_from(correlation)] += _LEAST_EIGENVALUE
+    try:
+        lower = np.linalg.cholesky(correlation)
+    except np.linalg.LinAlgError:
+        values, vectors = np.linalg.eigh(correlation)
+        # A = V D V^T = (D^(1/2) V^T)^T (D^(1/2) V^T) = R^T R with D^(1/2) V^T = Q R
+        root = np.sqrt(np.maximum(values, _LEAST_EIGENVALUE))[:, None] * vectors.T
+        lower = np.asarray(np.linalg.qr(root, mode="r")).T
+    factor[np.ix_(free, free)] = sd[free, None] * lower
+    return factor
+
+
+def _sigma_m(theta: Array, view: FieldView, template: FieldTemplate) -> float | None:
+    grid = view.visible_field(template, step_m=_GRID_M)
+    if view.covariance is None or not isinstance(view.camera, Camera) or not len(grid):
+        return None
+    model = ProjectionModel.of(view.camera, view.surface)
+    return float(_round(project(theta[None], grid[None], model).sigma(view.covariance)[1].max(), _SIGMA_DIGITS))
+
+
+def _head(head: Head) -> dict[str, Any]:
+    sigma = np.sqrt(np.diag(head.covariance))
+    return {
+        "pan_degrees": _round(np.degrees(head.pan_rad)),
+        "tilt_degrees": _round(np.degrees(head.tilt_rad)),
+        "log_focal": _round(head.log_focal),
+        "log_focal_sigma": _round(sigma[0], _SIGMA_DIGITS),
+        "pan_sigma_degrees": _round(np.degrees(sigma[1]), _SIGMA_DIGITS),
+        "tilt_sigma_degrees": _round(np.degrees(sigma[2]), _SIGMA_DIGITS),
+    }
+
+
+def _details(view: FieldView, form: RecordForm) -> dict[str, Any]:
+    """What follows from the camera and its covariance about the circle."""
+    if not isinstance(view.camera, Camera) or view.covariance is None:
+        return {}
+    theta, center = theta_of_view(view), np.asarray(form.circle.center, dtype=np.float64)
+    model = ProjectionModel.of(view.camera, view.surface)
+    cameras = homographies(np.concatenate([theta[None], spread_cameras(theta, view.covariance, center)]), model)
+    vectors, centers = homography_vectors(cameras), imaged_points(cameras, center[None])[:, 0]
+    turned = view.camera.turn_field()
+    return {
+        "H_covariance": push_forward(vectors[0], vectors[1:]),
+        "imaged_center": centers[0],
+        "imaged_center_source": "camera",
+        "imaged_center_covariance": push_forward(centers[0], centers[1:]),
+        "derived_points": derive_points(cameras, view.camera, form.circle),
+        "alternatives": [{"kind": "turned_field", "H_image_field": turned.homography, "camera": turned.soccernet()}],
+    }
+
+
+def _round(values: Any, digits: int = _DIGITS) -> Any:
+    """Numbers, also in lists and arrays, to so many significant digits; what is not finite stays."""
+    array = np.asarray(values, dtype=np.float64)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        magnitude = np.floor(np.log10(np.abs(array)))
+        scale = 10.0 ** (digits - 1 - np.where(np.isfinite(magnitude), magnitude, 0.0))
+        rounded = np.where(np.isfinite(scale), np.round(array * scale) / scale, array)
+    return float(rounded) if rounded.ndim == 0 else rounded
+
+
+def _plain(value: Any) -> Any:
+    """Arrays and numpy's numbers as JSON knows them."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    raise TypeError(f"{type(value).__name__} has no place in a record")

@@ -1,0 +1,103 @@
+"""``circlecal track``: what it writes and prints, its exit codes, and what it says about wrong use."""
+
+from __future__ import annotations
+
+import json
+
+import av
+import pytest
+
+import circlecal
+from circlecal.tracking import run as run_module
+from tests.tracking import scripted
+
+
+@pytest.fixture
+def clip(tmp_path, monkeypatch):
+    monkeypatch.setattr(run_module, "survey_clip", scripted.survey_clip)
+    monkeypatch.setattr(run_module, "track_frames", scripted.track_frames)
+    return scripted.write_clip(tmp_path / "clip.mp4")
+
+
+def test_everything_that_can_come_out(clip, tmp_path, run_circlecal):
+    out = tmp_path / "out"
+    outcome = run_circlecal("track", clip, "--out", out, "--video", "--to", "broadtrack", "--to", "gamestate")
+    assert outcome.code == 1, outcome.err
+    assert "30 frames: 28 calibrated, 2 refused" in outcome.out and "camera-1" in outcome.out
+    assert "30/30 frames" in outcome.err
+    assert len(json.loads((out / "broadtrack.json").read_text())) == 28
+    state = json.loads((out / "Labels-GameState.json").read_text())
+    assert len(state["annotations"]) == 28
+    with av.open(str(out / "overlay.mp4")) as video:
+        codec, frames = video.streams.video[0].codec_context.name, list(video.decode(video=0))
+    assert len(frames) == 30 and codec == "h264"
+    assert [float(frame.time) for frame in frames] == pytest.approx([k / scripted.RATE for k in range(30)])
+    calibrated, refused = (frames[k].to_ndarray(format="bgr24") for k in (3, 7))
+    assert calibrated[:150].max() > 150 > refused[:150].max(), "the template is drawn over answered frames alone"
+    run = circlecal.load(out)
+    assert len(run) == 30 and run[3].time_s == pytest.approx(0.3) and not run[7].ok
+    assert run_circlecal("track", clip, "--out", out).code == 1
+
+
+def test_other_commands_read_the_results(clip, tmp_path, run_circlecal):
+    out = tmp_path / "out"
+    run_circlecal("track", clip, "--out", out, "--quiet")
+    assert run_circlecal("convert", out / "results.jsonl", "--to", "gamestate", "--out", tmp_path / "given").code == 0
+    assert (tmp_path / "given" / "Labels-GameState.json").is_file()
+    assert run_circlecal("report", out).code == 0
+    first = circlecal.load(out)[0].save(tmp_path / "first.json")
+    outcome = run_circlecal("project", first, "--to", "image", "0", "0")
+    assert outcome.code == 0, outcome.err
+
+
+def test_counts_and_cameras_as_json(clip, tmp_path, run_circlecal):
+    outcome = run_circlecal("track", clip, "--out", tmp_path / "out", "--every", "10", "--json", "--quiet")
+    told = json.loads(outcome.out)
+    assert outcome.code == 0 and told["total"] == 3 and told["cameras"][0]["camera"] == "camera-1"
+    assert told["cameras"][0]["pitch_m"] == pytest.approx([103.5, 68.7])
+
+
+def test_several_clips_have_a_video_and_a_venue_each(clip, tmp_path, run_circlecal):
+    scripted.write_clip(tmp_path / "other.mp4", 12)
+    run_circlecal("track", clip, tmp_path / "other.mp4", "--out", tmp_path / "out", "--video", "--workers", "1")
+    written = {path.name for path in (tmp_path / "out").iterdir()}
+    assert {"clip.overlay.mp4", "other.overlay.mp4", "clip.venue.yaml", "other.venue.yaml"} <= written
+
+
+def test_a_venue_starts_the_next_run(clip, tmp_path, run_circlecal):
+    run_circlecal("track", clip, "--out", tmp_path / "out", "--quiet")
+    again = run_circlecal("track", clip, "--out", tmp_path / "again", "--venue", tmp_path / "out" / "venue.yaml")
+    assert again.code == 1 and "28 calibrated" in again.out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["missing.mp4"], "missing.mp4"),
+        (["--every", "soon"], "--every soon: must be a time"),
+        (["--venue", "nowhere.yaml"], "nowhere.yaml: cannot be read"),
+        (["--to", "nothing"], "--to nothing: is no format"),
+        (["--field", "chess"], "chess"),
+    ],
+)
+def test_wrong_use_is_one_line(clip, tmp_path, run_circlecal, arguments, told):
+    given = arguments if arguments[0].endswith(".mp4") else [clip, *arguments]
+    outcome = run_circlecal("track", *given, "--out", tmp_path / "out")
+    assert outcome.code == 2 and told in outcome.err and len(outcome.err.strip().splitlines()) == 1
+
+
+def test_pictures_are_no_clips(frame_file, tmp_path, run_circlecal):
+    outcome = run_circlecal("track", frame_file, "--out", tmp_path / "out")
+    assert outcome.code == 2 and "holds no video" in outcome.err
+
+
+def test_a_clip_that_cannot_be_read_does_not_stop_the_others(clip, tmp_path, run_circlecal):
+    (tmp_path / "broken.mp4").write_bytes(b"no video")
+    outcome = run_circlecal("track", tmp_path / "broken.mp4", clip, "--out", tmp_path / "out")
+    assert outcome.code == 2 and "broken.mp4" in outcome.err and "28 calibrated" in outcome.out
+
+
+@pytest.mark.parametrize(("command", "default"), [("track", "1, every frame"), ("batch", "1s")])
+def test_help_tells_the_default_of_every(run_circlecal, command, default):
+    shown = " ".join(run_circlecal(command, "--help").out.replace("│", " ").split())
+    assert f"(default: {default})" in shown

@@ -1,0 +1,100 @@
+"""The venue file: what is written comes back, damage is told in one line, and single frames get a prior from it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from circlecal.config import load_config
+from circlecal.errors import InputError
+from circlecal.field import load_field
+from circlecal.geometry.camera_parameters import theta_of
+from circlecal.rig.tripod import PLACE, Venue
+from circlecal.rig.venue import prior_of_tripod, read_venue, venue_settings, write_venue
+from tests.tracking.scripted import tripod
+
+SOCCER = load_field("soccer")
+
+
+@pytest.fixture
+def file(tmp_path):
+    write_venue(tmp_path / "venue.yaml", Venue("soccer", (tripod(),)), SOCCER, "0" * 12)
+    return tmp_path / "venue.yaml"
+
+
+def test_what_is_written_comes_back(file):
+    (found,), wanted = read_venue(file, SOCCER).tripods, tripod()
+    np.testing.assert_allclose(found.mean, wanted.mean, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(found.covariance, wanted.covariance, rtol=1e-9, atol=1e-18)
+    np.testing.assert_allclose([found.head_low, found.head_high], [wanted.head_low, wanted.head_high], rtol=1e-12)
+    assert (found.name, found.size, found.surface, found.used) == (
+        wanted.name, wanted.size, wanted.surface, wanted.used
+    )  # fmt: skip
+
+
+def test_lengths_are_absolute(file):
+    assert "pitch_length_m: {mean: 103.5" in file.read_text()
+    longer = load_field("soccer", {"length": 104.0})
+    assert read_venue(file, longer).tripods[0].growth_m[0] == pytest.approx(-0.5)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (("venue_version: 1", "venue_version: 7"), "venue_version is 7; this version reads 1"),
+        (("venue_version: 1", "version: 1"), "is no venue: venue_version is missing"),
+        (("field: soccer", "field: futsal"), "field: is futsal, not soccer"),
+        (("lever_m:", "arm_m:"), "tripods.0: parameters.arm_m is unknown"),
+        (("name: camera-1", "name: camera 1"), "tripods.0.name: String should match"),
+        (("field: soccer", "field: soccer\nsport: ball"), "sport: Extra inputs are not permitted"),
+        (("head_roll_rad: {mean: 0.0", "head_roll_rad: {mean: .nan"), "tripods.0.parameters.head_roll_rad.mean"),
+        (("shape: roof", "shape: dome"), "tripods.0.surface.shape"),
+        (("tripods:", "tripods: ["), "is not YAML"),
+    ],
+)
+def test_damage_is_told_in_one_line(file, change, told):
+    text = file.read_text()
+    assert change[0] in text
+    file.write_text(text.replace(*change))
+    with pytest.raises(InputError) as error:
+        read_venue(file, SOCCER)
+    assert told in str(error.value) and str(file) in str(error.value) and "\n" not in str(error.value)
+
+
+def test_a_correlation_must_be_one(file):
+    text = file.read_text()
+    head, rest = text.split("  correlation:\n", 1)
+    rows = rest.splitlines(keepends=True)
+    file.write_text(f"{head}  correlation:\n  - [1.0]\n  - [1.0, -1.0]\n{''.join(rows[2:])}")
+    with pytest.raises(InputError, match="negative eigenvalue"):
+        read_venue(file, SOCCER)
+
+
+def test_an_empty_venue_is_no_prior(tmp_path):
+    write_venue(tmp_path / "venue.yaml", Venue("soccer"), SOCCER)
+    assert read_venue(tmp_path / "venue.yaml", SOCCER).tripods == ()
+    with pytest.raises(InputError, match="tripods: is empty"):
+        venue_settings(tmp_path / "venue.yaml", SOCCER)
+
+
+@pytest.mark.parametrize("pan", [-0.5, 0.0, 0.6])
+def test_the_prior_of_single_frames_allows_the_cameras_of_the_tripod(pan):
+    """Wherever the head points: position, roll and lens lie within three of the prior's standard deviations."""
+    camera = tripod()
+    view = camera.view(np.array([camera.log_focal + 0.3, pan, 1.33]), np.zeros((3, 3)))
+    theta = theta_of(view.camera, camera.model.projection, view.surface.crown_m)
+    prior = prior_of_tripod(camera)
+    mean, covariance, _ = prior.at(theta[None, 0])
+    sizes = [name in ("length", "breadth", "width") for name in prior.parameters]
+    off = (theta[prior.indices] - mean[0]) / np.sqrt(np.diag(covariance[0]))
+    assert np.abs(off[~np.array(sizes)]).max() < 3.0
+    place = [prior.parameters.index(name) for name in ("x", "y", "z")]
+    assert np.sqrt(np.diag(covariance[0]))[place].max() < 1.0
+
+
+def test_the_configuration_takes_it(file):
+    config = load_config(None, venue_settings(file, SOCCER))
+    assert config.camera.shared is not None and config.correspondences.camera_side == "main"
+    growth = config.camera.shared.mean[config.camera.shared.parameters.index("length")]
+    assert growth == pytest.approx(tripod().mean[PLACE["length"]])
+    assert config.camera.position_m[1] == pytest.approx(62.0, abs=0.7)

@@ -1,0 +1,77 @@
+"""The record of a tracked frame: short, and as good as a long one for whoever reads it."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import circlecal
+from circlecal.config import load_config
+from circlecal.pipeline import field_of
+from circlecal.records.log import Finished
+from circlecal.records.record import ResultRecord, result_line
+from circlecal.tracking.records import RecordForm, tracked_record
+
+from .scripted import LOST_FRAMES, tracked
+
+LONGEST = 4096
+POINTS = np.array([[0.0, 0.0], [9.15, 0.0], [0.0, -34.0], [-20.0, 10.0]])
+
+
+def record_of(index: int, full: bool = False, size: tuple[int, int] = (1920, 1080)) -> ResultRecord:
+    form = RecordForm(*field_of(load_config()), 0, "0" * 12, full)
+    frame = tracked(index, index / 25.0, size)
+    written = tracked_record(frame, f"clip_{index}", "folder/clip.mp4", 2, form)
+    return ResultRecord.model_validate_json(result_line(written))
+
+
+@pytest.mark.parametrize("index", [3, LOST_FRAMES[0]])
+def test_a_line_is_short(index: int) -> None:
+    assert len(Finished.of(record_of(index)).line) <= LONGEST
+
+
+@pytest.mark.parametrize("full", [False, True])
+def test_points_and_their_sigmas_come_back(full: bool) -> None:
+    record, frame = record_of(3, full), tracked(3, 0.12, (1920, 1080))
+    found, wanted = record.view.project(POINTS, sigma=True), frame.view.project(POINTS, sigma=True)
+    np.testing.assert_allclose(found.points, wanted.points, atol=1e-5)
+    np.testing.assert_allclose(found.sigma, wanted.sigma, rtol=1e-3)
+    np.testing.assert_allclose(record.view.growth_m, frame.view.growth_m)
+    ground = record.view.to_field(found.points, sigma=True)
+    np.testing.assert_allclose(ground.points, POINTS, atol=1e-4)
+
+
+def test_everything_that_reads_results_reads_it(tmp_path) -> None:
+    file = tmp_path / "clip_3.json"
+    file.write_text(result_line(record_of(3)))
+    found = circlecal.load(file)
+    assert found.ok and found.time_s == 0.12 and found.sigma_px == 0.3 and found.sigma_m > 0
+    np.testing.assert_allclose(found.to_image(POINTS), tracked(3, 0.12, (1920, 1080)).view.project(POINTS), atol=1e-5)
+    identity = found.H_image_field @ found.H_field_image
+    np.testing.assert_allclose(identity / identity[2, 2], np.eye(3), atol=1e-6)
+    assert found.found.camera.theta.shape == found.found.camera.covariance.shape[:1]
+
+
+def test_full_records_hold_what_follows_from_the_camera() -> None:
+    record, short = record_of(3, full=True), record_of(3)
+    assert record.H_covariance is not None and short.H_covariance is None
+    assert len(record.camera.derived_points) == 8 and not short.camera.derived_points
+    assert record.checks and record.alternatives[0].kind == "turned_field"
+    np.testing.assert_allclose(record.camera.covariance.full(), short.camera.covariance.full(), rtol=1e-3, atol=1e-9)
+
+
+def test_a_lost_frame_says_why() -> None:
+    record = record_of(LOST_FRAMES[0])
+    assert (record.status, record.code, record.stage) == ("refused", "lost", "track")
+    assert record.reason and record.help and record.camera is None and record.view is None
+    content = json.loads(result_line(record))
+    assert content["track"] == {"frame": LOST_FRAMES[0], "shot": 2, "carried_by": [], "head": None}
+
+
+def test_a_covariance_that_is_singular_keeps_its_spread() -> None:
+    record, frame = record_of(3), tracked(3, 0.12, (1920, 1080))
+    covariance, wanted = record.camera.covariance.full(), frame.view.covariance
+    np.testing.assert_allclose(np.diag(covariance), np.diag(wanted), rtol=1e-3)
+    assert np.linalg.eigvalsh(covariance).min() > -1e-12

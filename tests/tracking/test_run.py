@@ -1,0 +1,181 @@
+"""Runs over clips: what the folder holds, going on after a stop, and the same answers from several processes."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+
+from circlecal.config import load_config
+from circlecal.errors import InputError
+from circlecal.pictures.video import Sampling, Video, frame_id, frame_time
+from circlecal.records.log import OtherRunError, read_records
+from circlecal.rig.venue import read_venue_file
+from circlecal.tracking import run as run_module
+from circlecal.tracking.run import ClipRun, Stretch, run_track, stretches_of
+
+from . import scripted
+
+
+@pytest.fixture
+def engine(monkeypatch):
+    monkeypatch.setattr(run_module, "survey_clip", scripted.survey_clip)
+    monkeypatch.setattr(run_module, "track_frames", scripted.track_frames)
+    return monkeypatch
+
+
+def clip_run(every: str = "1", **named) -> ClipRun:
+    return ClipRun(load_config(), Sampling.parse(every, **named))
+
+
+def open_clip(folder: Path, name: str = "clip", frames: int = 30) -> Video:
+    return Video.open(scripted.write_clip(folder / f"{name}.mp4", frames), name)
+
+
+def lines(out: Path) -> list[dict]:
+    return [json.loads(line) for line in (out / "results.jsonl").read_text().splitlines()]
+
+
+def test_every_frame_has_a_line_and_a_row(tmp_path, engine):
+    report = run_track([open_clip(tmp_path)], clip_run(), tmp_path / "out")
+    assert (report.progress.total, report.progress.calibrated, report.progress.refused) == (30, 28, 2)
+    found = lines(tmp_path / "out")
+    assert [round(line["source"]["time_s"] * scripted.RATE) for line in found] == list(range(30))
+    assert [line["track"]["shot"] for line in found] == [0] * 20 + [1] * 10
+    assert [line["track"]["frame"] for line in found] == list(range(30))
+    with (tmp_path / "out" / "cameras.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["status"] for row in rows].count("calibrated") == 28
+    assert rows[3]["tripod"] == "camera-1" and rows[3]["carried_by"] == "circle+lines"
+    assert float(rows[3]["time_s"]) == pytest.approx(0.3) and float(rows[3]["z_m"]) < -10
+    assert rows[7]["code"] == "lost" and rows[7]["pan_deg"] == ""
+    assert (tmp_path / "out" / "summary.csv").is_file()
+    venue = read_venue_file(tmp_path / "out" / "venue.yaml")
+    assert venue.config_digest == clip_run().digest and venue.tripods[0].frames == ["a", "b"]
+
+
+def test_every_takes_each_nth_frame_or_one_a_time(tmp_path, engine):
+    video = open_clip(tmp_path)
+    run_track([video], clip_run("5"), tmp_path / "fifth")
+    run_track([video], clip_run("500ms"), tmp_path / "half")
+    assert [line["track"]["frame"] for line in lines(tmp_path / "fifth")] == [0, 5, 10, 15, 20, 25]
+    assert [line["id"] for line in lines(tmp_path / "half")] == [line["id"] for line in lines(tmp_path / "fifth")]
+
+
+def test_a_stop_loses_nothing_and_nothing_is_done_twice(tmp_path, engine):
+    engine.setattr(run_module, "STRETCH_S", 1.0)
+    video, out = open_clip(tmp_path), tmp_path / "out"
+    whole = tmp_path / "whole"
+    run_track([video], clip_run(), whole)
+
+    def stop(progress):
+        if progress.finished == 14:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_track([video], clip_run(), out, on_progress=stop)
+    assert len(lines(out)) == 14 and (out / "cameras.csv").is_file()
+    with (out / "results.jsonl").open("ab") as file:  # as a power cut leaves it
+        file.write(b'{"schema_version": 1, "id": "clip_00')
+    decoded = []
+    engine.setattr(
+        run_module, "track_frames", lambda frames, *rest: scripted.track_frames(watch(frames, decoded), *rest)
+    )
+    engine.setattr(run_module, "survey_clip", lambda *given: pytest.fail("the venue is known"))
+    report = run_track([video], clip_run(), out)
+    assert report.progress.resumed == 14 and report.progress.finished == 30
+    assert lines(out) == lines(whole)
+    assert min(decoded) >= 0.0 and report.venues["clip"].tripods[0].name == "camera-1"
+    decoded.clear()
+    assert run_track([video], clip_run(), out).progress.finished == 30
+    assert not decoded, "a finished clip is not looked at again"
+
+
+def watch(frames, times):
+    for frame in frames:
+        times.append(frame.time_s)
+        yield frame
+
+
+def test_stretches_change_no_answer(tmp_path, engine):
+    video = open_clip(tmp_path)
+    run_track([video], clip_run(), tmp_path / "one")
+    engine.setattr(run_module, "STRETCH_S", 0.7)
+    engine.setattr(run_module, "MARGIN_S", 0.2)
+    run_track([video], clip_run(), tmp_path / "many")
+    assert lines(tmp_path / "many") == lines(tmp_path / "one")
+
+
+def test_stretches_lie_where_time_says(tmp_path):
+    video = open_clip(tmp_path)
+    long = Video(video.path, "long", *scripted.SIZE, 25.0, 150.0, None)
+    run = clip_run(start="50", end="140")
+    assert stretches_of(long, run) == [Stretch(long, 50, 60), Stretch(long, 60, 120), Stretch(long, 120, 140)]
+    assert stretches_of(long, run, 119.96)[0] == Stretch(long, 60, 120)
+    assert stretches_of(long, run, 139.97) == []
+    assert stretches_of(long, clip_run())[-1] == Stretch(long, 120, float("inf"))
+
+
+def test_another_configuration_is_another_run(tmp_path, engine):
+    video = open_clip(tmp_path, frames=12)
+    run_track([video], clip_run(), tmp_path / "out")
+    other = ClipRun(load_config(None, {"seed": 1}), Sampling.parse("1"))
+    with pytest.raises(OtherRunError):
+        run_track([video], other, tmp_path / "out")
+    run_track([video], other, tmp_path / "out", restart=True)
+    assert {line["seed"] for line in lines(tmp_path / "out")} == {1}
+    assert read_venue_file(tmp_path / "out" / "venue.yaml").config_digest == other.digest
+
+
+def test_one_bad_clip_does_not_stop_the_others(tmp_path, engine):
+    videos = [open_clip(tmp_path, "first", 12), open_clip(tmp_path, "second", 12)]
+
+    def fail(frames, venue, config):
+        for count, frame in enumerate(scripted.track_frames(frames, venue, config)):
+            if count == 5 and fail.armed:
+                fail.armed = False
+                raise ZeroDivisionError("mistake")
+            yield frame
+
+    fail.armed = True
+    engine.setattr(run_module, "track_frames", fail)
+    errors: list[Exception] = []
+    run_track(videos, clip_run(), tmp_path / "out", on_error=errors.append)
+    assert [str(e) for e in errors] and "first.mp4: internal error after 00:00:00.4" in str(errors[0])
+    found = [line["id"].split("_")[0] for line in lines(tmp_path / "out")]
+    assert found == ["first"] * 5 + ["second"] * 12
+    engine.setattr(run_module, "track_frames", scripted.track_frames)
+    run_track(videos, clip_run(), tmp_path / "out")
+    assert len(lines(tmp_path / "out")) == 24
+    assert len(list(read_records(tmp_path / "out"))) == 24
+
+
+def test_the_results_of_several_processes_are_those_of_one(tmp_path):
+    """With the real engine on clips that show nothing, since other processes know no scripted one."""
+    videos = [open_clip(tmp_path, name, 6) for name in ("first", "second")]
+    run_track(videos, clip_run(), tmp_path / "one")
+    run_track(videos, clip_run(), tmp_path / "two", workers=2)
+    assert lines(tmp_path / "one") == lines(tmp_path / "two")
+    assert {path.name for path in (tmp_path / "two").glob("*.yaml")} == {"first.venue.yaml", "second.venue.yaml"}
+
+
+def test_a_known_venue_is_part_of_the_digest(tmp_path, engine):
+    known = scripted.survey_clip(None, 1.0, load_config())
+    run = ClipRun(load_config(), Sampling.parse("1"), known)
+    assert run.digest != clip_run().digest
+    report = run_track([open_clip(tmp_path, frames=12)], run, tmp_path / "out")
+    assert report.venues["clip"] is known
+
+
+def test_times_come_back_from_names():
+    assert frame_time(frame_id("a_00-00-01.000_b", 3723.4567)) == pytest.approx(3723.457)
+    with pytest.raises(ValueError, match="names no time"):
+        frame_time("picture")
+
+
+def test_a_folder_that_cannot_be_written_is_told(tmp_path, engine):
+    (tmp_path / "out").write_text("a file")
+    with pytest.raises(InputError, match="is a file"):
+        run_track([open_clip(tmp_path)], clip_run(), tmp_path / "out")
