@@ -11,7 +11,7 @@ import difflib
 import hashlib
 import json
 import math
-import re
+import os
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
@@ -25,9 +25,11 @@ from pydantic_core import ErrorDetails
 from circlecal.camera.options import CameraConfig
 from circlecal.camera.rig_options import RigConfig
 from circlecal.detection.keypoints import KeypointsConfig
-from circlecal.errors import ConfigError
+from circlecal.errors import ConfigError, InputError
 from circlecal.field import load_field
+from circlecal.files import is_file, open_regular, read_text
 from circlecal.formats.meaning import SourcesConfig
+from circlecal.pictures.limits import DEFAULT_LIMITS, LimitsConfig
 from circlecal.stages.correspondences import CorrespondencesConfig
 from circlecal.stages.cues import CuesConfig
 from circlecal.stages.edges import EdgesConfig
@@ -36,6 +38,7 @@ from circlecal.stages.homography import HomographyConfig
 from circlecal.stages.mask import MaskConfig
 from circlecal.stages.rays import RaysConfig
 from circlecal.stages.verdict import VerdictConfig
+from circlecal.yaml_text import MAX_BYTES, YamlError, parse_yaml
 
 _STRICT = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 _COMMENT_WIDTH = 118
@@ -104,28 +107,9 @@ class Config(BaseModel):
     )
     rig: RigConfig = Field(RigConfig(), description="Rig: what many frames of one camera share (`circlecal rig`).")
     output: OutputConfig = Field(OutputConfig(), description="Output: what is written beside the result.")
-
-
-class _Loader(yaml.SafeLoader):
-    """Safe YAML in which a key given twice is an error and 1e-3 is a number."""
-
-
-def _construct_mapping(loader: _Loader, node: yaml.MappingNode) -> dict[Any, Any]:
-    seen: set[Any] = set()
-    for key_node, _ in node.value:
-        key = loader.construct_object(key_node, deep=True)
-        if not isinstance(key, str | int | float):
-            raise yaml.constructor.ConstructorError(None, None, "a key must be a name", key_node.start_mark)
-        if key in seen:
-            raise yaml.constructor.ConstructorError(None, None, f"key {key!r} is given twice", key_node.start_mark)
-        seen.add(key)
-    return loader.construct_mapping(node, deep=True)
-
-
-_Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _construct_mapping)
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float", re.compile(r"^[-+]?[0-9]+(\.[0-9]*)?[eE][-+]?[0-9]+$"), list("-+0123456789")
-)
+    limits: LimitsConfig = Field(
+        DEFAULT_LIMITS, description="Limits: how much of a file, a picture, time and memory a frame may take."
+    )
 
 
 def config_folder() -> Path:
@@ -188,23 +172,19 @@ def _name_suited_config(field: FieldConfig) -> str | None:
 
 def _find_config(name_or_file: str | Path) -> Path:
     path = Path(name_or_file)
-    if path.suffix in (".yaml", ".yml") or path.is_file():
+    if path.suffix in (".yaml", ".yml") or is_file(path):
         return path
     shipped = config_folder() / f"{name_or_file}.yaml"
-    if shipped.is_file():
+    if is_file(shipped):
         return shipped
     raise ConfigError(f"config {str(name_or_file)!r} is no file and no known name; known: {', '.join(config_names())}")
 
 
 def _read_mapping(path: Path) -> dict[str, Any]:
     try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError as error:
-        raise ConfigError(f"{path}: no such file; give a YAML file or one of: {', '.join(config_names())}") from error
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: is not UTF-8 text") from error
+        text = read_text(path, MAX_BYTES)
+    except InputError as error:
+        raise ConfigError(f"{error}; give a YAML file or one of: {', '.join(config_names())}") from error
     content = _parse_yaml(text, str(path))
     if content is None:
         return {}
@@ -215,12 +195,10 @@ def _read_mapping(path: Path) -> dict[str, Any]:
 
 def _parse_yaml(text: str, source: str) -> Any:
     try:
-        return yaml.load(text, Loader=_Loader)
-    except yaml.MarkedYAMLError as error:
-        where = f", line {error.problem_mark.line + 1}" if error.problem_mark else ""
-        raise ConfigError(f"{source}{where}: {error.problem or error.context or 'is not YAML'}") from error
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise ConfigError(f"{source}: is not YAML: {' '.join(str(error).split())}") from error
+        return parse_yaml(text)
+    except YamlError as error:
+        where = f", line {error.line}" if error.line else ""
+        raise ConfigError(f"{source}{where}: {error}") from error
 
 
 def _kind(value: Any) -> str:
@@ -350,9 +328,10 @@ def _all_keys(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
 def config_digest(config: Config) -> str:
     """Twelve hexadecimal digits over everything that can change an answer.
 
-    That is every section but ``output`` and ``rig``, and the content of the user's own files: a template, networks.
+    That is every section but ``output``, ``rig`` and ``limits``, and the content of the user's own files: a template,
+    networks.
     """
-    content = config.model_dump(mode="json", exclude={"output", "rig"})
+    content = config.model_dump(mode="json", exclude={"output", "rig", "limits"})
     template = config.field.template
     own_template = [("field", "template")] if template.endswith((".yaml", ".yml")) else []
     for name, key in (*own_template, *MODEL_KEYS):
@@ -363,18 +342,15 @@ def config_digest(config: Config) -> str:
 
 def _file_digest(name: str | None) -> str | None:
     """Digest of a file's content, or the name where there is no such file."""
-    try:
-        status = Path(name or "").stat()
-    except OSError:
+    if name is None or not is_file(Path(name)):
         return name
-    return (
-        name if name is None or not Path(name).is_file() else _content_digest(name, status.st_size, status.st_mtime_ns)
-    )
+    status = Path(name).stat()
+    return _content_digest(name, status.st_size, status.st_mtime_ns)
 
 
 @lru_cache(maxsize=16)
 def _content_digest(name: str, size: int, changed: int) -> str:
-    with Path(name).open("rb") as stream:
+    with open_regular(name) as descriptor, os.fdopen(os.dup(descriptor), "rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 

@@ -1,4 +1,8 @@
-"""Files that appear whole or not at all, and whether a file or folder that a run was given is still the one it was."""
+"""The one door for files: reading what comes from outside, writing files that appear whole or not at all.
+
+Whatever a name or a file can be (a pipe, a device, an endless or a missing file, a name that no file can have, links
+that lead in a circle) is one line that names it, never a hang and never more memory than the limit says.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +10,7 @@ import contextlib
 import errno
 import hashlib
 import os
+import stat
 import tempfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -14,6 +19,188 @@ from circlecal.errors import InputError
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _BLOCK = 1 << 20
+MAX_BYTES = 256 << 20
+"""The largest file that is read as a whole, unless the caller says otherwise: an uncompressed picture of 8K has 100 MB,
+the annotations of a season some tens.
+"""
+_MOST_NAME_BYTES = 100
+"""Of a file's name that the temporary file beside it repeats; file systems take 255 bytes."""
+
+
+def read_file(path: str | Path, most_bytes: int = MAX_BYTES, raise_limit: str = "split it or scale it down") -> bytes:
+    """Content of a regular file from outside.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    most_bytes : int
+        A larger file is refused before it is read.
+    raise_limit : str
+        What the user can do about a larger one.
+
+    Raises
+    ------
+    InputError
+        No file can have this name; missing, a folder, a pipe or a device, unreadable, or too large; links that lead in
+        a circle.
+    """
+    with open_regular(path) as descriptor:
+        size = os.fstat(descriptor).st_size
+        content = b""
+        if size <= most_bytes:
+            with os.fdopen(os.dup(descriptor), "rb") as file:
+                try:
+                    content = file.read(most_bytes + 1)  # it may grow, and files of /proc tell no size
+                except OSError as error:
+                    raise _unreadable(path, error) from error
+        if max(size, len(content)) > most_bytes:
+            raise InputError(f"{path}: has more than {size_in_words(most_bytes)}; {raise_limit}")
+    return content
+
+
+def read_text(path: str | Path, most_bytes: int = MAX_BYTES) -> str:
+    """UTF-8 text of a regular file from outside, without a byte order mark; line ends as they are.
+
+    Raises
+    ------
+    InputError
+        As :func:`read_file`, or no UTF-8.
+    """
+    try:
+        return read_file(path, most_bytes).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        where = f"{error.reason} at byte {error.start}"
+        raise InputError(f"{path}: cannot be read: is not UTF-8 text ({where}); save it as UTF-8") from error
+
+
+def read_lines(path: str | Path, start: int = 0, most_bytes: int = MAX_BYTES) -> Iterator[bytes]:
+    """Lines of a regular file from a byte on, with their ends; the last one may have none.
+
+    Raises
+    ------
+    InputError
+        As :func:`read_file`, or a line that is longer than ``most_bytes``.
+    """
+    with open_regular(path) as descriptor, os.fdopen(os.dup(descriptor), "rb") as file:
+        file.seek(start)
+        try:
+            while line := file.readline(most_bytes + 1):
+                if len(line) > most_bytes:
+                    raise InputError(f"{path}: has a line of more than {size_in_words(most_bytes)}")
+                yield line
+        except OSError as error:
+            raise _unreadable(path, error) from error
+
+
+@contextlib.contextmanager
+def open_regular(path: str | Path) -> Iterator[int]:
+    """Descriptor of a regular file; opening never waits, as it would for the other end of a pipe.
+
+    Raises
+    ------
+    InputError
+        As :func:`read_file`.
+    """
+    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
+    try:
+        descriptor = os.open(path, flags)
+    except (OSError, ValueError) as error:
+        raise _unreadable(path, error) from error
+    try:
+        kind = os.fstat(descriptor).st_mode
+        if stat.S_ISDIR(kind):
+            raise InputError(f"{path}: cannot be read: is a folder, not a file")
+        if not stat.S_ISREG(kind):
+            raise InputError(
+                f"{path}: cannot be read: is no regular file but a pipe or a device; copy its content into a file"
+            )
+        yield descriptor
+    finally:
+        os.close(descriptor)
+
+
+def require_regular(path: str | Path) -> None:
+    """See that a file which a library is going to read is one that :func:`read_file` would open.
+
+    Raises
+    ------
+    InputError
+        As :func:`read_file`.
+    """
+    with open_regular(path):
+        pass
+
+
+def exists(path: Path) -> bool:
+    """Whether there is such a file or folder; False also for names that no file can have."""
+    return _mode(path) is not None
+
+
+def is_file(path: Path) -> bool:
+    """Whether there is such a file that is no folder, pipe or device."""
+    mode = _mode(path)
+    return mode is not None and stat.S_ISREG(mode)
+
+
+def is_folder(path: Path) -> bool:
+    """Whether there is such a folder."""
+    mode = _mode(path)
+    return mode is not None and stat.S_ISDIR(mode)
+
+
+def _mode(path: Path) -> int | None:
+    try:
+        return path.stat().st_mode
+    except (OSError, ValueError):
+        return None
+
+
+def require_input(path: Path) -> None:
+    """See that there is such a file or folder.
+
+    Raises
+    ------
+    InputError
+        There is none, or there can be none of this name; links that lead in a circle.
+    """
+    try:
+        path.stat()
+    except (FileNotFoundError, NotADirectoryError) as error:
+        raise InputError(f"{path}: no such file or folder") from error
+    except (OSError, ValueError) as error:
+        raise _unreadable(path, error) from error
+
+
+def real_path(path: Path) -> Path:
+    """The path without links, also of what does not exist; one that cannot be followed as it is given."""
+    try:
+        return path.resolve()
+    except (OSError, ValueError, RuntimeError):
+        return path.absolute()
+
+
+def _unreadable(path: str | Path, error: Exception) -> InputError:
+    number = getattr(error, "errno", None)
+    if number == errno.ENOENT:
+        return InputError(f"{path}: cannot be read: no such file")
+    if number == errno.ENAMETOOLONG:
+        name = str(path)
+        return InputError(f"{name[:60]}...: cannot be read: the name is too long ({len(name)} characters)")
+    if number == errno.ELOOP:
+        return InputError(f"{path}: cannot be read: its links lead in a circle")
+    if isinstance(error, ValueError):  # NUL
+        return InputError(f"{path}: cannot be read: no file can have this name ({error})")
+    told = getattr(error, "strerror", None) or str(error)
+    return InputError(f"{path}: cannot be read: {told}; check its permissions")
+
+
+def size_in_words(count: int) -> str:
+    """A number of bytes for people."""
+    for unit, factor in (("GB", 1 << 30), ("MB", 1 << 20), ("KB", 1 << 10)):
+        if count >= factor:
+            return f"{count / factor:.4g} {unit}"
+    return f"{count} bytes"
 
 
 def write_atomic(path: Path, content: bytes) -> None:
@@ -54,13 +241,13 @@ def replacement(path: Path) -> Iterator[Path]:
     temporary: Path | None = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=f".{path.name[:100]}.", dir=path.parent)
+        handle, name = tempfile.mkstemp(prefix=f".{_short_name(path)}.", dir=path.parent)
         os.close(handle)
         temporary = Path(name)
         yield temporary
         temporary.chmod(0o666 & ~_umask())
         temporary.replace(path)
-    except OSError as error:
+    except (OSError, ValueError) as error:
         raise write_error(path, error) from error
     finally:
         if temporary is not None:
@@ -68,10 +255,15 @@ def replacement(path: Path) -> Iterator[Path]:
                 temporary.unlink()
 
 
-def write_error(path: Path, error: OSError) -> InputError:
+def _short_name(path: Path) -> str:
+    """The beginning of a file's name, short enough that a longer name with it still fits a file system."""
+    return os.fsdecode(os.fsencode(path.name)[:_MOST_NAME_BYTES])
+
+
+def write_error(path: Path, error: Exception) -> InputError:
     """The error for a file that cannot be written."""
-    mend = "free space or choose another --out" if error.errno in _FULL else "choose another --out"
-    return InputError(f"{path}: cannot be written: {error.strerror or error}; {mend}")
+    mend = "free space or choose another --out" if getattr(error, "errno", 0) in _FULL else "choose another --out"
+    return InputError(f"{path}: cannot be written: {getattr(error, 'strerror', None) or error}; {mend}")
 
 
 def prepare_folder(out: Path) -> Path:
@@ -89,7 +281,7 @@ def prepare_folder(out: Path) -> Path:
         probe.unlink()
     except FileExistsError as error:
         raise InputError(f"{out}: is a file, not a folder; choose another --out") from error
-    except OSError as error:
+    except (OSError, ValueError) as error:
         raise write_error(out, error) from error
     return out
 
@@ -110,15 +302,15 @@ def fingerprint(path: Path) -> str:
     """
     digest = hashlib.sha256()
     try:
-        if path.is_dir():
+        if is_folder(path):
             for name, size in sorted(_sizes(path, "")):
                 digest.update(f"{name}\0{size}\0".encode(errors="surrogateescape"))
         else:
-            with path.open("rb") as file:
-                while block := file.read(_BLOCK):
+            with open_regular(path) as descriptor:
+                while block := os.read(descriptor, _BLOCK):
                     digest.update(block)
     except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}; check its permissions") from error
+        raise _unreadable(path, error) from error
     return digest.hexdigest()
 
 

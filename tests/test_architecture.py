@@ -20,7 +20,8 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 
 LAYERS: tuple[frozenset[str], ...] = (
     frozenset({"errors", "__init__"}),
-    frozenset({"geometry", "files", "refusals"}),
+    frozenset({"geometry", "files", "names", "refusals"}),
+    frozenset({"yaml_text"}),
     frozenset({"field"}),
     frozenset({"observations"}),
     frozenset({"results"}),

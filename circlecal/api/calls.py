@@ -245,7 +245,7 @@ def calibrate_video(
     chosen = configure(config, field, set)
     template, _ = field_of(chosen)
     sampling = Sampling.parse(str(every), *(None if time is None else str(time) for time in (start, end)))
-    video = Video.open(Path(path), Path(path).stem)
+    video = Video.open(Path(path), Path(path).stem, chosen.limits)
     return _calibrations(video, sampling, chosen, template)
 
 

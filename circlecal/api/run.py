@@ -9,6 +9,7 @@ from typing import Any, overload
 
 from circlecal.api.calibration import Calibration
 from circlecal.field import FieldTemplate, load_field
+from circlecal.files import is_folder
 from circlecal.records.log import Place, find_results, is_log, read_records, scan_records
 from circlecal.records.parquet import table_row
 from circlecal.records.record import GIVE_A_RESULT, ResultRecord, ResultRow, parse_record, read_result
@@ -98,6 +99,6 @@ def load(path: str | Path, field: str | Path | None = None) -> Calibration | Any
     """
     file = Path(path)
     template = None if field is None else load_field(field)
-    if is_log(file) or (file.is_dir() and find_results(file)):
+    if is_log(file) or (is_folder(file) and find_results(file)):
         return Run(file, template)
     return Calibration(read_result(file), template)

@@ -33,6 +33,7 @@ from circlecal.pictures.files import (
     require_picture,
     write_image,
 )
+from circlecal.pictures.limits import LimitsConfig
 from circlecal.pictures.masks import find_mask, read_mask
 from circlecal.pictures.remote import read_url
 from circlecal.pipeline import Convention, apply_convention, field_of, run_observations
@@ -68,11 +69,11 @@ def calibrate_frame(
     InputError
         The picture, its mask or its keypoints are unusable.
     """
-    picture = _picture(frame)
+    picture = _picture(frame, config.limits)
     height, width = picture.shape[:2]
     mask_file = find_mask(frame, mask)
     _log.info("%s: %d x %d, mask: %s", frame.path, width, height, mask_file or "from the picture")
-    classes = None if mask_file is None else read_mask(mask_file, width, height)
+    classes = None if mask_file is None else read_mask(mask_file, width, height, config.limits)
     if keypoints is None:
         given = None
     else:
@@ -84,16 +85,16 @@ def calibrate_frame(
     return picture, found
 
 
-def _picture(frame: PictureFile) -> NDArray[np.uint8]:
+def _picture(frame: PictureFile, limits: LimitsConfig) -> NDArray[np.uint8]:
     if frame.picture is not None:
         return frame.picture
     if frame.time_s is not None:
         raise InputError(f"{frame.path}: the frame at {frame.time_s:.3f} s cannot be decoded; copy or convert it again")
     if frame.url is not None:
-        content = read_url(frame.url)
-        require_picture(frame.url, content)
+        content = read_url(frame.url, limits)
+        require_picture(frame.url, content, limits=limits)
         return decode_picture(frame.url, content)
-    return read_image(frame.path)
+    return read_image(frame.path, limits)
 
 
 def calibrate_observations(
@@ -175,7 +176,7 @@ class FrameRun:
         """
         template, circle = field_of(self.config)
         if isinstance(frame, FrameOfFile):
-            picture = None if self.out is None else _picture_of(frame)
+            picture = None if self.out is None else _picture_of(frame, self.config.limits)
             calibration = calibrate_observations(frame.observed, self.config, frame.path, self.convention)
             record = result_record(calibration, template, digest=self.digest)
             if self.exports is not None:
@@ -191,11 +192,11 @@ class FrameRun:
         return record
 
 
-def _picture_of(frame: FrameOfFile) -> NDArray[np.uint8] | None:
+def _picture_of(frame: FrameOfFile, limits: LimitsConfig) -> NDArray[np.uint8] | None:
     """The picture beside an annotation, where it is of the annotation's size."""
     if frame.picture is None:
         return None
-    picture = read_image(frame.picture)
+    picture = read_image(frame.picture, limits)
     size = picture.shape[1], picture.shape[0]
     if size == (frame.observed.width, frame.observed.height):
         return picture

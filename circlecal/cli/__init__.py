@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import io
 import os
 import signal
 import sys
@@ -10,8 +11,10 @@ from collections.abc import Sequence
 
 from circlecal import ONE_THREAD
 from circlecal.errors import CirclecalError, InterruptedCommandError
+from circlecal.names import show
 
-_SYSTEM_LIMITS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EACCES, errno.EPERM, errno.EROFS, errno.EMFILE)
+_LONGEST_LINE = 2000
+"""Characters of an error's line; damaged files may put any length into it."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -25,6 +28,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")  # a damaged picture is one line of ours
     for name, count in ONE_THREAD.items():
         os.environ.setdefault(name, count)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a terminal without a character gets its escape instead
+            stream.reconfigure(errors="backslashreplace")
     try:
         from circlecal.cli.app import app
 
@@ -37,11 +43,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except CirclecalError as error:
         _fail(str(error))
     except OSError as error:
-        if error.errno not in _SYSTEM_LIMITS:
+        if error.errno == errno.EPIPE:
             raise
-        _fail(f"{error.filename}: {error.strerror}" if error.filename else str(error.strerror))
+        _fail(f"{os.fsdecode(error.filename)}: {error.strerror}" if error.filename else str(error.strerror or error))
+    except MemoryError:
+        _fail("not enough memory; give smaller pictures or fewer workers")
 
 
 def _fail(reason: str) -> None:
-    print(f"circlecal: error: {' '.join(reason.split())}", file=sys.stderr)  # noqa: T201
+    line = show(reason)
+    cut = line if len(line) <= _LONGEST_LINE else f"{line[:_LONGEST_LINE]}..."
+    print(f"circlecal: error: {cut}", file=sys.stderr)  # noqa: T201
     sys.exit(2)

@@ -28,6 +28,7 @@ from circlecal.cli.synth import synth
 from circlecal.cli.track import track
 from circlecal.errors import InputError, InterruptedCommandError
 
+_TAKES_EMPTY_LISTS = "bench"
 _UsageError: Any = typer.BadParameter.__base__  # typer has no public name for it
 
 
@@ -47,9 +48,11 @@ def _report_in_one_line() -> Iterator[None]:
 
 
 class _Commands(TyperGroup):
-    def make_context(self, *arguments: Any, **named: Any) -> Any:
+    def make_context(self, info_name: str | None, args: list[str], *arguments: Any, **named: Any) -> Any:
+        if "" in args and args[0] != _TAKES_EMPTY_LISTS:  # as a path it would be the working folder
+            raise InputError("an argument is empty; name a file or folder, or leave it out")
         with _report_in_one_line():
-            return super().make_context(*arguments, **named)
+            return super().make_context(info_name, args, *arguments, **named)
 
     def invoke(self, ctx: Any) -> Any:
         with _report_in_one_line():

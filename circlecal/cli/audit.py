@@ -52,7 +52,7 @@ def audit(
     if as_json:
         for frame in frames:
             distances = {f"{a}-{b}": round(d, 4) for (a, b), d in frame.distances_px.items()}
-            console.print_line(json.dumps({"id": frame.id, "distances_px": distances, "reason": frame.reason}))
+            console.print_json(json.dumps({"id": frame.id, "distances_px": distances, "reason": frame.reason}))
         return
     if not quiet:
         _print_frames(frames)

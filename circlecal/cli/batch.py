@@ -63,6 +63,8 @@ def batch(
     solver: options.Solver = None,
     field: options.FieldName = None,
     seed: options.Seed = None,
+    max_pixels: options.MaxPixels = None,
+    max_bytes: options.MaxBytes = None,
     radar: options.Radar = False,
     no_overlay: options.NoOverlay = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the counts as JSON.")] = False,
@@ -95,6 +97,8 @@ def batch(
         camera_prior=camera_prior,
         venue=venue,
         solver=solver,
+        max_pixels=max_pixels,
+        max_bytes=max_bytes,
     )
     written_size = options.parse_size(eval_size, "--eval-size")
     targets = [name for name in to or () if name != PARQUET_FORMAT]
@@ -170,7 +174,7 @@ def _print_counts(counts: BatchProgress, results: Path, *, as_json: bool, quiet:
     from circlecal.cli import console
 
     if as_json:
-        console.print_line(json.dumps({**asdict(counts), "results": str(results)}))
+        console.print_json(json.dumps({**asdict(counts), "results": str(results)}))
     elif not quiet:
         console.print_line(
             f"{counts.total} frames: {counts.calibrated} calibrated, {counts.refused} refused"

@@ -38,6 +38,8 @@ def calibrate(
     solver: options.Solver = None,
     field: options.FieldName = None,
     seed: options.Seed = None,
+    max_pixels: options.MaxPixels = None,
+    max_bytes: options.MaxBytes = None,
     radar: options.Radar = False,
     no_overlay: options.NoOverlay = False,
     json_lines: options.Json = False,
@@ -64,6 +66,8 @@ def calibrate(
         camera_prior=camera_prior,
         venue=venue,
         solver=solver,
+        max_pixels=max_pixels,
+        max_bytes=max_bytes,
     )
     exports = Exports(to or (), out, options.parse_size(eval_size, "--eval-size"))
     format_name = options.choose_format(from_format)
@@ -79,7 +83,7 @@ def calibrate(
         for record in _records(frames, run, show, console.error_reporter(failures)):
             summaries.append(summarise(record))
             if json_lines:
-                console.print_line(result_line(record))
+                console.print_json(result_line(record))
     exports.finish()
     if summaries and not quiet:
         if not json_lines:

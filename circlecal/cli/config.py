@@ -20,4 +20,4 @@ def config(
     from circlecal.config import effective_yaml, json_schema
 
     chosen = options.choose_config(config, settings)
-    console.print_line(json.dumps(json_schema(), indent=2) if schema else effective_yaml(chosen).removesuffix("\n"))
+    console.print_text(json.dumps(json_schema(), indent=2) if schema else effective_yaml(chosen).removesuffix("\n"))

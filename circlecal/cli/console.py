@@ -10,6 +10,8 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from typing import TYPE_CHECKING
 
+from circlecal.names import show, show_json
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -31,7 +33,15 @@ def configure_logging(*, quiet: bool = False, verbose: bool = False) -> None:
 
     logger = logging.getLogger("circlecal")
     logger.setLevel(logging.ERROR if quiet else logging.DEBUG if verbose else logging.WARNING)
-    logger.handlers = [RichHandler(console=stderr_console(), show_path=False, show_time=verbose, markup=False)]
+    handler = RichHandler(console=stderr_console(), show_path=False, show_time=verbose, markup=False)
+    handler.addFilter(_show_names)
+    logger.handlers = [handler]
+
+
+def _show_names(record: logging.LogRecord) -> bool:
+    """Make the names in a log message harmless."""
+    record.msg, record.args = "\n".join(map(show, record.getMessage().split("\n"))), None
+    return True
 
 
 def print_table(title: str | None, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
@@ -43,31 +53,43 @@ def print_table(title: str | None, columns: Sequence[str], rows: Sequence[Sequen
     console = Console()
     if not console.is_terminal:
         if title:
-            print(f"# {title}")  # noqa: T201
+            print(f"# {show(title)}")  # noqa: T201
         for cells in (columns, *rows):
-            print("\t".join(cells))  # noqa: T201
+            print("\t".join(map(show, cells)))  # noqa: T201
         return
     table = Table(title=title)
     for column in columns:
         table.add_column(column, overflow="fold")
     for row in rows:
-        table.add_row(*(Text(cell, style=_COLOURS.get(cell, "")) for cell in row))
+        table.add_row(*(Text(show(cell), style=_COLOURS.get(cell, "")) for cell in row))
     console.print(table)
 
 
 def print_line(text: str) -> None:
     """Print one line on stdout."""
-    print(text)  # noqa: T201
+    print(show(text))  # noqa: T201
+
+
+def print_text(text: str) -> None:
+    """Print a text of several lines on stdout."""
+    for line in text.split("\n"):
+        print_line(line)
+
+
+def print_json(text: str) -> None:
+    """Print JSON on stdout, in the characters that it can show."""
+    encoding = (sys.stdout.encoding or "ascii").lower().replace("_", "-")
+    print(show_json(text, only_ascii=not encoding.startswith("utf")))  # noqa: T201
 
 
 def print_error(text: str) -> None:
     """Print one line on stderr, above a running progress bar."""
-    stderr_console().print(f"circlecal: error: {text}", soft_wrap=True, highlight=False, markup=False)
+    stderr_console().print(f"circlecal: error: {show(text)}", soft_wrap=True, highlight=False, markup=False)
 
 
 def print_note(text: str) -> None:
     """Print one line on stderr that is no error, such as where the results are."""
-    stderr_console().print(f"circlecal: {text}", soft_wrap=True, highlight=False, markup=False)
+    stderr_console().print(f"circlecal: {show(text)}", soft_wrap=True, highlight=False, markup=False)
 
 
 def error_reporter(failures: list[Exception]) -> Callable[[Exception], None]:
@@ -112,7 +134,7 @@ def print_summaries(summaries: Sequence[FrameSummary]) -> None:
     for text in dict.fromkeys(filter(None, helps)):
         frames = [s.id for s, its in zip(summaries, helps, strict=True) if its == text]
         named = ", ".join(frames[:_NAMED]) + f" and {len(frames) - _NAMED} more" * (len(frames) > _NAMED)
-        console.print(f"What helps ({named}): {text}", highlight=False, markup=False)
+        console.print(show(f"What helps ({named}): {text}"), highlight=False, markup=False)
 
 
 def number(value: float | None, decimals: int = 2) -> str:
@@ -158,7 +180,7 @@ def _bar(console: Console, unit: str) -> Iterator[Callable[..., None]]:
         def update(done: int, total: int, label: str, rate: float | None = None) -> None:
             rate = done / max(time.monotonic() - start, 1e-9) if rate is None else rate
             left = _time_left(total - done, rate)
-            bar.update(task, total=total, completed=done, counts=label, rate=f"{rate:.1f} {unit}/s", left=left)
+            bar.update(task, total=total, completed=done, counts=show(label), rate=f"{rate:.1f} {unit}/s", left=left)
 
         yield update
 
@@ -207,7 +229,7 @@ def _count_on_lines(unit: str, total: int) -> Callable[[str], None]:
         if done == total or _is_due(now, last, start):
             last = now
             rate = done / max(now - start, 1e-9)
-            line = f"{done}/{total} {unit}, {label}, {rate:.1f} {unit}/s, {_time_left(total - done, rate)}"
+            line = f"{done}/{total} {unit}, {show(label)}, {rate:.1f} {unit}/s, {_time_left(total - done, rate)}"
             print(line, file=sys.stderr, flush=True)  # noqa: T201
 
     return advance

@@ -19,6 +19,8 @@ def debug(
     camera_prior: options.CameraPrior = None,
     field: options.FieldName = None,
     seed: options.Seed = None,
+    max_pixels: options.MaxPixels = None,
+    max_bytes: options.MaxBytes = None,
     quiet: options.Quiet = False,
     verbose: options.Verbose = False,
 ) -> None:
@@ -26,16 +28,18 @@ def debug(
     from circlecal.batch.frames import calibrate_frame, write_stage_pictures
     from circlecal.cli import console
     from circlecal.errors import InputError
-    from circlecal.files import prepare_folder
+    from circlecal.files import is_folder, prepare_folder
     from circlecal.pipeline import field_of
     from circlecal.records.record import write_result
     from circlecal.records.summary import summarise
     from circlecal.records.writing import result_record
 
     console.configure_logging(quiet=quiet, verbose=verbose)
-    chosen = options.choose_config(config, settings, field, seed, camera_prior=camera_prior)
+    chosen = options.choose_config(
+        config, settings, field, seed, camera_prior=camera_prior, max_pixels=max_pixels, max_bytes=max_bytes
+    )
     for image in images:
-        if image.is_dir():
+        if is_folder(image):
             raise InputError(f"{image}: is a folder; debug takes pictures")
     frames = options.choose_frames(images, out, mask)
     prepare_folder(out)

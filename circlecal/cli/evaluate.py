@@ -65,7 +65,7 @@ def evaluate(
     if holds_homographies(truth):
         against_truth = evaluate_truth(truth, methods, given)
         if as_json:
-            console.print_line(json.dumps({"size": "1280x720", "methods": [as_record(r) for r in against_truth]}))
+            console.print_json(json.dumps({"size": "1280x720", "methods": [as_record(r) for r in against_truth]}))
         else:
             print_truth(against_truth)
         return
@@ -74,7 +74,7 @@ def evaluate(
     )
     if as_json:
         record = {"size": size, "threshold_px": threshold, "methods": [as_record(r) for r in reports]}
-        console.print_line(json.dumps(record))
+        console.print_json(json.dumps(record))
         return
     print_methods(f"SoccerNet calibration, {size}", reports, threshold)
     for report in reports:

@@ -116,6 +116,13 @@ Scheduler = Annotated[
 Solver = Annotated[
     str | None, typer.Option("--solver", metavar="NAME", help="A published method instead of circlecal's camera.")
 ]
+MaxPixels = Annotated[
+    int | None,
+    typer.Option("--max-pixels", metavar="N", help="Largest picture that is read, in pixels. [default: 50 million]"),
+]
+MaxBytes = Annotated[
+    int | None, typer.Option("--max-bytes", metavar="N", help="Largest picture file that is read. [default: 256 MB]")
+]
 Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Seed of the random draws.")]
 Radar = Annotated[bool, typer.Option("--radar", help="Also write the frame warped to the field plane.")]
 NoOverlay = Annotated[bool, typer.Option("--no-overlay", help="Do not write overlay pictures.")]
@@ -140,6 +147,8 @@ def choose_config(
     camera_prior: Path | None = None,
     venue: Path | None = None,
     solver: str | None = None,
+    max_pixels: int | None = None,
+    max_bytes: int | None = None,
 ) -> Config:
     """The configuration of a command, its field template and networks checked.
 
@@ -165,6 +174,8 @@ def choose_config(
     overrides += [*(settings or ()), *named_field]
     overrides += [] if seed is None else [f"seed={seed}"]
     overrides += [] if solver is None else [f"solver={json.dumps(solver)}"]
+    overrides += [] if max_pixels is None else [f"limits.max_pixels={max_pixels}"]
+    overrides += [] if max_bytes is None else [f"limits.max_bytes={max_bytes}"]
     overrides += ["output.radar=true"] if radar else []
     overrides += ["output.overlay=false"] if no_overlay else []
     config = load_config(file, overrides)
@@ -244,14 +255,15 @@ def choose_frames(inputs: Sequence[Path], out: Path, mask: Path | None) -> list[
         As :func:`circlecal.pictures.files.find_frames`, or the mask option does not fit.
     """
     from circlecal.errors import InputError
+    from circlecal.files import exists, is_folder, real_path
     from circlecal.pictures.files import find_frames
 
-    if mask is not None and not mask.exists():
+    if mask is not None and not exists(mask):
         raise InputError(f"{mask}: no such mask file or folder")
-    around_inputs = {folder for path in inputs for folder in (path.resolve(), *path.resolve().parents)}
-    apart = [path for path in (out, mask) if path is not None and path.resolve() not in around_inputs]
+    around_inputs = {folder for path in inputs for folder in (real_path(path), *real_path(path).parents)}
+    apart = [path for path in (out, mask) if path is not None and real_path(path) not in around_inputs]
     frames = find_frames(inputs, exclude=apart)
-    if mask is not None and mask.is_file() and len(frames) > 1:
+    if mask is not None and not is_folder(mask) and len(frames) > 1:
         raise InputError(f"{mask}: is one mask for {len(frames)} frames; give a folder of masks named like the frames")
     return frames
 
@@ -282,10 +294,11 @@ def _frames_of(
     inputs: Sequence[Path], run: FrameRun, out: Path, report: Callable[[Exception], None]
 ) -> list[PictureFile | FrameOfFile]:
     from circlecal.errors import InputError
+    from circlecal.files import exists
     from circlecal.formats.inputs import read_frames, refuse_overwriting, split_inputs
     from circlecal.pipeline import apply_convention, field_of
 
-    if run.keypoints is not None and not run.keypoints.exists():
+    if run.keypoints is not None and not exists(run.keypoints):
         raise InputError(f"{run.keypoints}: no such file or folder of keypoints")
     format_name = None if run.keypoints is not None else run.format_name
     pictures, files = split_inputs(inputs, format_name, exclude=[out])
@@ -316,6 +329,7 @@ def choose_frames_and_videos(
         As :func:`choose_inputs`, or a video that cannot be read.
     """
     from circlecal.errors import InputError
+    from circlecal.files import is_folder
     from circlecal.formats.registry import annotation_suffixes
     from circlecal.pictures.files import PictureFile, distinct_names
     from circlecal.pictures.inputs import expand_inputs
@@ -324,9 +338,9 @@ def choose_frames_and_videos(
 
     named = expand_inputs(inputs, annotation_suffixes())
     names = distinct_names([path.stem for path in named.videos])
-    videos = [Video.open(path, name) for path, name in zip(named.videos, names, strict=True)]
+    videos = [Video.open(path, name, run.config.limits) for path, name in zip(named.videos, names, strict=True)]
     for path in (run.mask, run.keypoints):
-        if videos and path is not None and not path.is_dir():
+        if videos and path is not None and not is_folder(path):
             raise InputError(f"{path}: is one file for all frames of a video; give a folder of files named like them")
     alone = (videos or named.urls) and not named.paths
     frames = [] if alone else _frames_of(named.paths, run, out, report)

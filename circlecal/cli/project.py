@@ -50,7 +50,7 @@ def project(
         for source, target, spread in answers:
             seen = math.isfinite(target[0])
             line = {given_unit: source, unit: target if seen else None, "sigma": _finite(spread)}
-            console.print_line(json.dumps(line if seen else {**line, "reason": missing}))
+            console.print_json(json.dumps(line if seen else {**line, "reason": missing}))
         return
     decimals = 3 if to is Target.FIELD else 2
     rows = [

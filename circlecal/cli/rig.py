@@ -92,7 +92,7 @@ def estimate_shared_cameras(
             raise
         report = once(True)
     if as_json:
-        console.print_line(json.dumps(report.summary(), allow_nan=False))
+        console.print_json(json.dumps(report.summary(), allow_nan=False))
     elif not quiet:
         print_report(report, out)
     return report

@@ -7,6 +7,7 @@ maps are in :mod:`circlecal.detection.keypoints`.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -18,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from circlecal.errors import ConfigError, MissingExtraError
+from circlecal.errors import ConfigError, InputError, MissingExtraError
+from circlecal.files import open_regular
 
 CLASS_LIMIT = 28
 """Largest SoccerNet class id."""
@@ -93,9 +95,10 @@ def load_network(model: str | None, provider: str, key: str) -> _Network:
         raise ConfigError(f"{key}: a network is wanted, and no model file is named; set {key} to an .onnx file")
     path = Path(model)
     try:
-        status = path.stat()
-    except OSError as error:
-        raise ConfigError(f"{key}: {model}: no such model file") from error
+        with open_regular(path) as descriptor:
+            status = os.fstat(descriptor)
+    except InputError as error:
+        raise ConfigError(f"{key}: no such model file: {error}") from error
     return _name_key(key, lambda: _load(str(path), status.st_mtime_ns, provider, cv2.getNumThreads()))
 
 

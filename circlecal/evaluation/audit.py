@@ -15,6 +15,7 @@ import numpy as np
 
 from circlecal.config import Config
 from circlecal.errors import InputError
+from circlecal.files import is_folder
 from circlecal.formats.cameras import Size
 from circlecal.formats.meaning import observe
 from circlecal.formats.pnlcalib import CENTRE_MARK, keypoint_number
@@ -68,7 +69,7 @@ def read_keypoints(path: Path, size: Size) -> list[AnnotatedFrame]:
     InputError
         Nothing there, or a file that is no prediction.
     """
-    files = sorted(path.rglob("*.json")) if path.is_dir() else [path]
+    files = sorted(path.rglob("*.json")) if is_folder(path) else [path]
     if not files:
         raise InputError(f"{path}: holds no keypoint file (<id>.json)")
     return [frame for file in files for frame in read_annotations(file, size, "pnlcalib")[1]]

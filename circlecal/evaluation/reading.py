@@ -11,6 +11,7 @@ import numpy as np
 from circlecal.errors import InputError
 from circlecal.evaluation.soccernet_metric import CLASSES, MetricCamera, PlaneHomography, Projector
 from circlecal.field import load_field
+from circlecal.files import is_file, is_folder
 from circlecal.formats import soccernet, soccernet_camera
 from circlecal.formats.cameras import CalibratedFrame, CameraFrame, Size
 from circlecal.formats.format import CameraFormat, parse_content
@@ -112,9 +113,9 @@ def read_predictions(folder: Path, size: Size, given_size: Size | None = None) -
 
 
 def _files(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
-    if not folder.is_dir():
+    if not is_folder(folder):
         raise InputError(f"{folder}: is no folder; give one with a file per frame")
-    return sorted(path for path in folder.rglob("*") if path.suffix in suffixes and path.is_file())
+    return sorted(path for path in folder.rglob("*") if path.suffix in suffixes and is_file(path))
 
 
 def _soccernet(path: Path, keys: CameraKeys, size: Size, given: Size | None) -> MetricCamera:

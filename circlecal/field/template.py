@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ast
 import operator
+import os
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -16,8 +17,10 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, ValidationInfo, model_validator
 
-from circlecal.errors import ConfigError, reading_failure
+from circlecal.errors import ConfigError, InputError
+from circlecal.files import is_file, open_regular
 from circlecal.geometry.projective import Array
+from circlecal.yaml_text import YamlError, read_yaml
 
 _OPERATORS: dict[type[ast.AST], Any] = {
     ast.Add: operator.add,
@@ -27,6 +30,9 @@ _OPERATORS: dict[type[ast.AST], Any] = {
     ast.USub: operator.neg,
     ast.UAdd: operator.pos,
 }
+
+LONGEST_SIZE = 200
+"""Characters of an expression of sizes; the longest one of the templates has 40, and long ones are slow to parse."""
 
 
 def evaluate_size(value: float | int | str, sizes: dict[str, float]) -> float:
@@ -56,9 +62,11 @@ def evaluate_size(value: float | int | str, sizes: dict[str, float]) -> float:
 
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise ValueError(f"a size must be a number or an expression, not {value!r}")
+    if isinstance(value, str) and len(value) > LONGEST_SIZE:
+        raise ValueError(f"a size is an expression of at most {LONGEST_SIZE} characters")
     try:
         result = float(value) if not isinstance(value, str) else visit(ast.parse(value, mode="eval"))
-    except (SyntaxError, ZeroDivisionError, OverflowError, RecursionError) as error:
+    except (SyntaxError, ArithmeticError, RecursionError, MemoryError) as error:
         raise ValueError(f"cannot evaluate {value!r}: {error}") from error
     if not np.isfinite(result):
         raise ValueError(f"{value!r} is not finite")
@@ -347,23 +355,23 @@ def load_field(name_or_file: str | Path, sizes: dict[str, float] | None = None) 
     path = Path(name_or_file)
     if path.suffix not in (".yaml", ".yml"):
         path = field_folder() / f"{name_or_file}.yaml"
-        if not path.is_file():
+        if not is_file(path):
             known = ", ".join(field_names())
             raise ConfigError(f"field {str(name_or_file)!r} is unknown; known: {known}, or give a .yaml file")
     try:
-        changed = path.stat().st_mtime_ns
+        with open_regular(path) as descriptor:
+            changed = os.fstat(descriptor).st_mtime_ns
         return _read_field(path, changed, tuple(sorted((sizes or {}).items())))
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: cannot be read: {reading_failure(error)}") from error
+    except InputError as error:
+        raise ConfigError(str(error)) from error
 
 
 @lru_cache(maxsize=32)
 def _read_field(path: Path, changed_ns: int, sizes: tuple[tuple[str, float], ...]) -> FieldTemplate:
     """One file read once, as long as it does not change."""
-    import yaml
-
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except yaml.YAMLError as error:
-        raise ConfigError(f"{path}: is not YAML: {' '.join(str(error).split())}") from error
+        content = read_yaml(path)
+    except YamlError as error:
+        where = f", line {error.line}" if error.line else ""
+        raise ConfigError(f"{path}{where}: is not YAML: {error}") from error
     return template_from_mapping(content, str(path), dict(sizes))

@@ -22,6 +22,7 @@ from circlecal.formats.cameras import Size, derive_shapes
 from circlecal.formats.format import MAX_POINTS, MAX_SIDE, AnnotationFormat, require_size, stem_of
 from circlecal.formats.shapes import AnnotatedFrame, Shape
 from circlecal.geometry.projective import Array
+from circlecal.names import show
 from circlecal.pictures.files import distinct_names
 
 _CORNER = 0.5
@@ -134,11 +135,11 @@ def write(frames: Sequence[AnnotatedFrame]) -> bytes:
     root = ElementTree.Element("annotations")
     ElementTree.SubElement(root, "version").text = "1.1"
     for number, frame in enumerate(frames):
-        keys = {"id": str(number), "name": frame.image or f"{frame.id}.jpg"}
+        keys = {"id": str(number), "name": show(frame.image or f"{frame.id}.jpg")}
         keys |= {"width": str(frame.width), "height": str(frame.height)}
         image = ElementTree.SubElement(root, "image", keys)
         for shape in frame.shapes:
-            common = {"label": shape.label, "source": "manual", "occluded": "0", "z_order": "0"}
+            common = {"label": show(shape.label), "source": "manual", "occluded": "0", "z_order": "0"}
             if shape.kind == "ellipse":
                 ElementTree.SubElement(image, "ellipse", {**common, **_ellipse_keys(shape.points_px)})
             else:

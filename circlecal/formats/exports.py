@@ -10,7 +10,7 @@ from typing import TypeVar
 
 from circlecal.errors import InputError
 from circlecal.field import Circle, FieldTemplate
-from circlecal.files import write_atomic
+from circlecal.files import real_path, write_atomic
 from circlecal.formats.cameras import CalibratedFrame, CameraFrame, Size
 from circlecal.formats.format import AnnotationFormat, CameraFormat
 from circlecal.formats.inputs import FrameOfFile
@@ -24,6 +24,7 @@ from circlecal.formats.registry import (
     require_format,
 )
 from circlecal.formats.shapes import AnnotatedFrame, ObservedFrame
+from circlecal.names import as_stem
 from circlecal.pictures.files import distinct_names
 from circlecal.records.log import is_log, read_records
 from circlecal.records.record import ResultRecord, read_result
@@ -213,8 +214,8 @@ def convert(
         contents = _camera_files(_number(cameras), as_cameras, folder, None)
     else:
         raise InputError(f"{paths[0]}: holds no accepted frame; nothing to convert")
-    sources = {path.resolve() for path in paths}
-    over = next((path for path in contents if path.resolve() in sources), None)
+    sources = {real_path(path) for path in paths}
+    over = next((path for path in contents if real_path(path) in sources), None)
     if over is not None:
         raise InputError(f"{over}: would be written over what it is made from; choose another --out")
     return _write(contents)
@@ -258,7 +259,7 @@ def _annotation_files(
         return {}
     if not target.per_frame:
         return {folder / target.file_name: target.write(frames)}
-    return {folder / target.file_name.format(id=f"{frame.id}{tag}"): target.write([frame]) for frame in frames}
+    return {folder / target.file_name.format(id=f"{as_stem(frame.id)}{tag}"): target.write([frame]) for frame in frames}
 
 
 def _camera_files(
@@ -267,7 +268,7 @@ def _camera_files(
     """Content by path; ``size`` is that of the pictures in which cameras count, their own when None."""
     if not target.per_frame:
         return {folder / target.file_name: target.write(frames, size)}
-    return {folder / target.file_name.format(id=frame.id): target.write([frame], size) for frame in frames}
+    return {folder / target.file_name.format(id=as_stem(frame.id)): target.write([frame], size) for frame in frames}
 
 
 def _write(contents: dict[Path, bytes]) -> list[Path]:

@@ -16,11 +16,13 @@ from typing import Annotated, Any, ClassVar, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from circlecal.errors import InputError
+from circlecal.files import read_file
 from circlecal.formats.cameras import CalibratedFrame, CameraFrame, CameraModel, Size
 from circlecal.formats.shapes import AnnotatedFrame
 
 Kind = Literal["annotation", "camera", "result"]
-MAX_BYTES = 256 * 1024 * 1024
+MAX_BYTES = 64 << 20
+"""Of a file; its values take some ten times the memory, and annotations of 100,000 frames have less."""
 MAX_POINTS = 10_000
 """More points in one shape than anybody clicks or detects; the limit keeps a broken file from filling the memory."""
 MAX_SHAPES = 2_000
@@ -58,12 +60,7 @@ class Content:
         InputError
             Missing, unreadable, empty, or far larger than any annotation.
         """
-        try:
-            if path.stat().st_size > MAX_BYTES:
-                raise InputError(f"{path}: is larger than {MAX_BYTES >> 20} MB; split it")
-            raw = path.read_bytes()
-        except OSError as error:
-            raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+        raw = read_file(path, MAX_BYTES, "split it")
         if not raw.strip():
             raise InputError(f"{path}: is empty; export it again")
         return cls(path, raw)
@@ -236,5 +233,5 @@ def stem_of(name: str) -> str:
 
 
 def json_bytes(record: Mapping[str, Any] | list[Any]) -> bytes:
-    """JSON text of a file; numbers keep all their digits."""
-    return (json.dumps(record, allow_nan=False, ensure_ascii=False) + "\n").encode()
+    """JSON text of a file; numbers keep all their digits, and bytes of names that are no text become escapes."""
+    return (json.dumps(record, allow_nan=False, ensure_ascii=False) + "\n").encode("utf-8", "backslashreplace")

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from circlecal.detection.keypoints import KeypointsConfig, find_keypoints
 from circlecal.errors import InputError
 from circlecal.field import FieldTemplate
+from circlecal.files import is_file, is_folder, real_path, require_input
 from circlecal.formats.cameras import Size
 from circlecal.formats.format import AnnotationFormat
 from circlecal.formats.meaning import SourcesConfig, observe
@@ -78,9 +79,8 @@ def split_inputs(
     pictures: list[Path] = []
     files: list[AnnotationFile] = []
     for given in inputs:
-        if not given.exists():
-            raise InputError(f"{given}: no such file or folder")
-        if given.is_dir():
+        require_input(given)
+        if is_folder(given):
             found = _files_in(given, exclude)
             held = [path for path in found if path.suffix.lower() in annotation_suffixes()]
             shows = any(path.suffix.lower() in PICTURE_SUFFIXES for path in found)
@@ -96,8 +96,8 @@ def split_inputs(
 
 
 def _files_in(folder: Path, excluded: Collection[Path]) -> list[Path]:
-    resolved = {path.resolve() for path in excluded}
-    return [path for path in walk(folder) if resolved.isdisjoint((path.resolve(), *path.resolve().parents))]
+    resolved = {real_path(path) for path in excluded}
+    return [path for path in walk(folder) if resolved.isdisjoint((real_path(path), *real_path(path).parents))]
 
 
 def read_frames(
@@ -161,7 +161,7 @@ def find_convertible(inputs: Sequence[Path], format_name: str | None, out: Path)
         require_format(format_name, {f.name: f for f in formats()}, "--from", "known format")
     files: list[Path] = []
     for given in inputs:
-        if given.is_dir():
+        if is_folder(given):
             found = _files_in(given, [out])
             files += [path for path in found if path.suffix.lower() in annotation_suffixes()]
         else:
@@ -181,9 +181,9 @@ def refuse_overwriting(frames: Sequence[FrameOfFile], out: Path) -> None:
     InputError
         One of them would.
     """
-    sources = {frame.path.resolve() for frame in frames}
+    sources = {real_path(frame.path) for frame in frames}
     for frame in frames:
-        if (out / f"{frame.observed.id}.json").resolve() in sources:
+        if real_path(out / f"{frame.observed.id}.json") in sources:
             raise InputError(f"{frame.path}: its result would be written over it; choose another --out")
 
 
@@ -228,11 +228,11 @@ def observations_beside(
 
 
 def _file_for(given: Path, frame: PictureFile) -> Path:
-    if not given.is_dir():
+    if not is_folder(given):
         return given
     names = dict.fromkeys((frame.mask_stem, frame.id, frame.stem))
     candidates = [given / f"{name}{suffix}" for name in names for suffix in annotation_suffixes()]
-    found = next((path for path in candidates if path.is_file()), None)
+    found = next((path for path in candidates if is_file(path)), None)
     if found is None:
         raise InputError(f"{given}: nothing for {frame.label}; looked for {frame.stem}.json")
     return found

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from circlecal.errors import InputError
+from circlecal.files import is_file, open_regular
 from circlecal.formats.cameras import Size
 from circlecal.formats.format import MAX_SHAPES, AnnotationFormat, CameraFormat, Content, Format, OutsideFormat
 from circlecal.formats.shapes import AnnotatedFrame
@@ -132,9 +134,9 @@ def parse_annotations(found: Format, content: Content, size: Size | None) -> lis
 
 def picture_beside(path: Path, image: str | None = None) -> Path | None:
     """The picture of an annotation file in the same folder: the one it names, or the one of its own name."""
-    names = [image.replace("\\", "/").rpartition("/")[2]] if image else []
+    names = [image.replace("\\", "/").rpartition("/")[2].strip(".")] if image else []
     names += [f"{path.stem}{suffix}" for suffix in PICTURE_SUFFIXES]
-    return next((path.with_name(name) for name in names if name and path.with_name(name).is_file()), None)
+    return next((path.parent / name for name in names if name and is_file(path.parent / name)), None)
 
 
 def size_beside(path: Path) -> Size | None:
@@ -142,6 +144,6 @@ def size_beside(path: Path) -> Size | None:
     picture = picture_beside(path)
     if picture is None:
         return None
-    with picture.open("rb") as file:
-        header = read_header(file.read(_HEADER_BYTES))
+    with open_regular(picture) as descriptor:
+        header = read_header(os.read(descriptor, _HEADER_BYTES))
     return None if header is None else (header.width, header.height)

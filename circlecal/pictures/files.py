@@ -19,11 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.errors import InputError
-from circlecal.files import write_atomic
+from circlecal.files import is_folder, read_file, real_path, require_input, size_in_words, write_atomic
+from circlecal.names import as_stem
 from circlecal.pictures.headers import MIN_SIDE, read_header
+from circlecal.pictures.limits import DEFAULT_LIMITS, LimitsConfig
 
 PICTURE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
-MAX_PIXELS = 100_000_000
 MASK_SUFFIX = ".mask.png"
 MASK_FOLDER = "masks"
 OVERLAY_SUFFIX, RADAR_SUFFIX, DEBUG_SUFFIX = ".overlay.jpg", ".radar.jpg", ".debug"
@@ -97,12 +98,12 @@ def find_frames(inputs: Sequence[str | Path], exclude: Sequence[Path] = ()) -> l
     InputError
         Missing input, unreadable folder, or nothing to calibrate.
     """
-    excluded = {path.resolve() for path in exclude}
+    excluded = {real_path(path) for path in exclude}
     found: dict[Path, tuple[Path, Path]] = {}
     masks = 0
     for given in map(Path, inputs):
         for path, relative in _pictures_of(given):
-            resolved = path.resolve()
+            resolved = real_path(path)
             if any(part in excluded for part in (resolved, *resolved.parents)):
                 continue
             if _is_mask(path, given):
@@ -118,9 +119,8 @@ def find_frames(inputs: Sequence[str | Path], exclude: Sequence[Path] = ()) -> l
 
 def _pictures_of(given: Path) -> Iterator[tuple[Path, Path]]:
     """Files of one input with their paths relative to the folder given."""
-    if not given.exists():
-        raise InputError(f"{given}: no such file or folder")
-    if not given.is_dir():
+    require_input(given)
+    if not is_folder(given):
         yield given, Path(given.name)
         return
     for path in walk(given):
@@ -145,7 +145,7 @@ def walk(folder: Path) -> Iterator[Path]:
     for entry in entries:
         if entry.name.startswith("."):
             continue
-        if not entry.is_dir():
+        if not is_folder(entry):
             yield entry
         elif entry.name not in OWN_FOLDERS and entry.suffix != DEBUG_SUFFIX and not entry.is_symlink():
             yield from walk(entry)
@@ -156,7 +156,7 @@ def _is_mask(path: Path, given: Path) -> bool:
     if path.name.lower().endswith(MASK_SUFFIX):
         return True
     folder = path.parent.absolute()
-    if folder.name != MASK_FOLDER or (given.is_dir() and folder != given.absolute()):
+    if folder.name != MASK_FOLDER or (is_folder(given) and folder != given.absolute()):
         return False
     return any(entry.suffix.lower() in PICTURE_SUFFIXES for entry in folder.parent.iterdir() if entry.is_file())
 
@@ -180,15 +180,15 @@ def _assign_ids(found: Sequence[tuple[Path, Path]]) -> list[PictureFile]:
 
 def _id_candidates(path: Path, relative: Path) -> list[str]:
     """Ids from the shortest to one that no other file has."""
-    stem = "__".join(relative.with_suffix("").parts).encode("utf-8", "backslashreplace").decode()
+    stem = "__".join(relative.with_suffix("").parts)
     suffixed = f"{stem}-{path.suffix[1:].lower()}" if path.suffix else stem
     parents = path.absolute().parts[1 : -len(relative.parts)]
     longer = ["__".join((*parents[-count:], suffixed)) for count in range(1, len(parents) + 1)]
-    exact = f"{suffixed}-{zlib.crc32(os.fsencode(path.resolve())):08x}"
-    return [stem, suffixed, *longer, exact]
+    exact = f"{suffixed}-{zlib.crc32(os.fsencode(real_path(path))):08x}"
+    return [as_stem(name) for name in (stem, suffixed, *longer, exact)]
 
 
-def read_image(path: str | Path) -> NDArray[np.uint8]:
+def read_image(path: str | Path, limits: LimitsConfig = DEFAULT_LIMITS) -> NDArray[np.uint8]:
     """Picture (H, W, 3), BGR, 8 bit, turned as its EXIF orientation says.
 
     Grey pictures are repeated to three channels, transparency is dropped, 10 to 16 bits are scaled to 8.
@@ -198,7 +198,7 @@ def read_image(path: str | Path) -> NDArray[np.uint8]:
     InputError
         Missing, a folder, empty, truncated, no picture, too small or too large; one line with the mend.
     """
-    return decode_picture(path, read_picture_bytes(path))
+    return decode_picture(path, read_picture_bytes(path, limits=limits))
 
 
 def decode_picture(path: str | Path, content: bytes) -> NDArray[np.uint8]:
@@ -213,7 +213,7 @@ def decode_picture(path: str | Path, content: bytes) -> NDArray[np.uint8]:
     return as_bgr(decoded, str(path))
 
 
-def read_picture_bytes(path: str | Path, min_side: int = MIN_SIDE) -> bytes:
+def read_picture_bytes(path: str | Path, min_side: int = MIN_SIDE, limits: LimitsConfig = DEFAULT_LIMITS) -> bytes:
     """Content of a picture file whose header was found sound.
 
     Raises
@@ -221,20 +221,14 @@ def read_picture_bytes(path: str | Path, min_side: int = MIN_SIDE) -> bytes:
     InputError
         As :func:`read_image`.
     """
-    path = Path(path)
-    try:
-        content = path.read_bytes()
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: no such file") from error
-    except IsADirectoryError as error:
-        raise InputError(f"{path}: is a folder, not a picture") from error
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}; check its permissions") from error
-    require_picture(path, content, min_side)
+    content = read_file(path, limits.max_bytes, "scale the picture down or raise --max-bytes")
+    require_picture(path, content, min_side, limits)
     return content
 
 
-def require_picture(path: str | Path, content: bytes, min_side: int = MIN_SIDE) -> None:
+def require_picture(
+    path: str | Path, content: bytes, min_side: int = MIN_SIDE, limits: LimitsConfig = DEFAULT_LIMITS
+) -> None:
     """See by its header that the content of a file is a sound picture; ``path`` is for messages.
 
     Raises
@@ -248,9 +242,10 @@ def require_picture(path: str | Path, content: bytes, min_side: int = MIN_SIDE) 
     if header is None:
         raise InputError(f"{path}: is no JPEG, PNG, BMP, TIFF or WebP picture; convert it to one of them")
     size = f"{header.width} x {header.height}"
-    if header.width * header.height > MAX_PIXELS:
-        limit = MAX_PIXELS // 1_000_000
-        raise InputError(f"{path}: has {size} pixels, more than {limit} million; scale it down")
+    if header.decoded_bytes > limits.max_decoded_bytes:
+        decoded = f"{size} pixels of {header.bits} bit, {size_in_words(header.decoded_bytes)} once decoded"
+        limit = f"more than {limits.max_pixels / 1e6:g} million of 8 bit"
+        raise InputError(f"{path}: has {decoded}, {limit}; scale it down or raise --max-pixels")
     if min(header.width, header.height) < min_side:
         raise InputError(f"{path}: has only {size} pixels; at least {min_side} on each side are needed")
     if header.truncated:
@@ -302,7 +297,7 @@ def _scale_to_8_bit(image: NDArray[np.uint16]) -> NDArray[np.uint8]:
     # cameras store 10, 12 or 14 bits in files of 16
     top = int(image.max(initial=0))
     full = next(limit for limit in (255, 1023, 4095, 16383, 65535) if top <= limit)
-    return np.round(image * (255.0 / full)).astype(np.uint8)
+    return np.asarray(cv2.convertScaleAbs(image, alpha=255.0 / full), np.uint8).reshape(image.shape)
 
 
 def write_image(path: Path, image: NDArray[np.uint8], jpeg_quality: int = 90) -> None:
@@ -321,14 +316,16 @@ def write_image(path: Path, image: NDArray[np.uint8], jpeg_quality: int = 90) ->
 
 
 def distinct_names(names: Sequence[str]) -> list[str]:
-    """The names, those that are not the first of their kind (or empty) numbered."""
+    """The names, fit to be those of files, and those that are not the first of their kind (or empty) numbered."""
     taken: set[str] = set()
+    last: dict[str, int] = {}
     found = []
-    for name in names:
-        candidate, number = name or "frame", 1
+    for name in map(as_stem, names):
+        candidate, number = name, last.get(name, 1)
         while candidate.casefold() in taken:
             number += 1
-            candidate = f"{name or 'frame'}-{number}"
+            candidate = f"{name}-{number}"
+        last[name] = number
         taken.add(candidate.casefold())
         found.append(candidate)
     return found

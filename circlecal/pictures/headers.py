@@ -6,16 +6,26 @@ import struct
 from dataclasses import dataclass
 
 MIN_SIDE = 64
+_BITS_PER_SAMPLE = 258
+"""Number of the tag of TIFF."""
 
 
 @dataclass(frozen=True, slots=True)
 class PictureHeader:
-    """What a file says of itself: format, size in pixels as stored (before any EXIF turn), whether it ends early."""
+    """What a file says of itself: format, size in pixels as stored (before any EXIF turn), whether it ends early, and
+    bits of one channel of a pixel.
+    """
 
     format: str
     width: int
     height: int
     truncated: bool
+    bits: int = 8
+
+    @property
+    def decoded_bytes(self) -> int:
+        """Memory that its three channels take once decoded."""
+        return 3 * self.width * self.height * -(-max(self.bits, 8) // 8)
 
 
 def read_header(content: bytes) -> PictureHeader | None:
@@ -55,7 +65,7 @@ def _jpeg_header(content: bytes) -> PictureHeader:
 
 
 def _png_header(content: bytes) -> PictureHeader:
-    width, height = struct.unpack_from(">II", content, 16)
+    width, height, bits = struct.unpack_from(">IIB", content, 16)
     position, complete = 8, False
     while position + 12 <= len(content):
         (length,) = struct.unpack_from(">I", content, position)
@@ -63,7 +73,7 @@ def _png_header(content: bytes) -> PictureHeader:
         if complete:
             break
         position += 12 + length
-    return PictureHeader("PNG", width, height, truncated=not complete)
+    return PictureHeader("PNG", width, height, truncated=not complete, bits=bits)
 
 
 def _bmp_header(content: bytes) -> PictureHeader:
@@ -88,16 +98,27 @@ def _tiff_header(content: bytes) -> PictureHeader:
         (offset,) = struct.unpack_from(f"{order}I", content, 4)
         (count,) = struct.unpack_from(f"{order}H", content, offset)
         start, size, value_at = offset + 2, 12, 8
-    values = {}
+    values, bits = {}, 8
     for index in range(min(count, 1000)):
         tag, kind = struct.unpack_from(f"{order}HH", content, start + index * size)
         if tag in (256, 257):
             (values[tag],) = struct.unpack_from(
                 f"{order}{'H' if kind == 3 else 'I'}", content, start + index * size + value_at
             )
+        elif tag == _BITS_PER_SAMPLE:
+            bits = _first_short(content, order, start + index * size + value_at, value_at // 2)
     if len(values) < 2:
         return PictureHeader("TIFF", MIN_SIDE, MIN_SIDE, truncated=True)
-    return PictureHeader("TIFF", values[256], values[257], truncated=False)
+    return PictureHeader("TIFF", values[256], values[257], truncated=False, bits=bits)
+
+
+def _first_short(content: bytes, order: str, value_at: int, room: int) -> int:
+    """First of the 16-bit numbers of a TIFF tag: in the tag itself where they find room (bytes), else elsewhere."""
+    letter = "I" if room == 4 else "Q"
+    (count,) = struct.unpack_from(f"{order}{letter}", content, value_at - room)
+    (at,) = struct.unpack_from(f"{order}{letter}", content, value_at) if 2 * count > room else (value_at,)
+    (first,) = struct.unpack_from(f"{order}H", content, at)
+    return int(first)
 
 
 def _webp_header(content: bytes) -> PictureHeader:

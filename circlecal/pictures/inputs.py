@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from circlecal.errors import InputError
+from circlecal.files import exists, is_folder, open_regular, read_text, real_path
 from circlecal.pictures.files import PICTURE_SUFFIXES, natural_order, walk
-from circlecal.pictures.remote import is_url
+from circlecal.pictures.remote import is_url, require_url
 
 VIDEO_SUFFIXES = (
     *(".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".mpg", ".mpeg", ".ts", ".m2ts", ".mts", ".wmv", ".flv"),
@@ -17,8 +19,12 @@ VIDEO_SUFFIXES = (
 )
 LIST_SUFFIX = ".txt"
 _PATTERN = re.compile(r"[*?\[]")
-_NUMBER = re.compile(r"%(?:0(\d+))?d")
+_NUMBER = re.compile(r"%(?:0([0-9]{1,9}))?d")
 _TRANSPORT_STREAM_BYTE = b"G"
+_MAX_LIST_BYTES = 32 << 20
+"""Of a list: room for some 300,000 paths."""
+_LONGEST_NUMBER = 18
+"""Digits of a frame's number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +55,7 @@ def expand_inputs(inputs: Sequence[str | Path], annotation_suffixes: Collection[
         for path in _expand(str(given)):
             if isinstance(path, str):
                 urls.append(path)
-            elif path.is_dir():
+            elif is_folder(path):
                 files = list(walk(path))
                 held = [file for file in files if _is_video(file)]
                 videos += held
@@ -59,7 +65,7 @@ def expand_inputs(inputs: Sequence[str | Path], annotation_suffixes: Collection[
                 videos.append(path)
             else:
                 paths.append(path)
-    distinct = list({path.resolve(): path for path in reversed(videos)}.values())[::-1]
+    distinct = list({real_path(path): path for path in reversed(videos)}.values())[::-1]
     return Inputs(list(dict.fromkeys(paths)), distinct, list(dict.fromkeys(urls)))
 
 
@@ -67,11 +73,12 @@ def _expand(text: str, within: bool = False) -> Iterator[Path | str]:
     """What a text names: paths, and URLs as text."""
     given = Path(text)
     if is_url(text):
+        require_url(text)
         yield text
     elif text.startswith("@"):
         yield from _read_list(Path(text[1:]), within)
-    elif given.exists():
-        if given.suffix.lower() == LIST_SUFFIX and given.is_file():
+    elif exists(given):
+        if given.suffix.lower() == LIST_SUFFIX and not is_folder(given):
             yield from _read_list(given, within)
         else:
             yield given
@@ -79,7 +86,10 @@ def _expand(text: str, within: bool = False) -> Iterator[Path | str]:
         yield from _find_sequence(given)
     elif _PATTERN.search(text):
         root = Path(given.anchor)
-        found = sorted(root.glob(str(given.relative_to(given.anchor))), key=lambda path: natural_order(str(path)))
+        try:
+            found = sorted(root.glob(str(given.relative_to(given.anchor))), key=lambda path: natural_order(str(path)))
+        except (OSError, ValueError, RecursionError, re.error) as error:
+            raise InputError(f"{given}: is no pattern of files: {error}") from error
         if not found:
             raise InputError(f"{given}: no file fits this pattern")
         yield from found
@@ -90,12 +100,7 @@ def _expand(text: str, within: bool = False) -> Iterator[Path | str]:
 def _read_list(path: Path, within: bool) -> Iterator[Path | str]:
     if within:
         raise InputError(f"{path}: is a list inside a list; name its files instead")
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: is no list of files: it is not UTF-8 text") from error
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}; a list has one path per line") from error
+    lines = read_text(path, _MAX_LIST_BYTES).splitlines()
     named = [line.strip() for line in lines if line.strip() and not line.lstrip().startswith("#")]
     if not named:
         raise InputError(f"{path}: lists nothing; a list has one path per line")
@@ -104,13 +109,14 @@ def _read_list(path: Path, within: bool) -> Iterator[Path | str]:
         if not name or name.startswith("#"):
             continue
         if is_url(name):
+            require_url(name)
             yield name
             continue
         beside = path.parent / name
-        found = beside if beside.exists() or _PATTERN.search(name) or _NUMBER.search(name) else Path(name)
+        found = beside if exists(beside) or _PATTERN.search(name) or _NUMBER.search(name) else Path(name)
         if path.is_absolute():
             found = found.absolute()
-        if not found.exists() and found != beside:
+        if not exists(found) and found != beside:
             raise InputError(f"{path}, line {number}: {name}: no such file or folder")
         yield from _expand(str(found), within=True)
 
@@ -118,9 +124,12 @@ def _read_list(path: Path, within: bool) -> Iterator[Path | str]:
 def _find_sequence(given: Path) -> Iterator[Path]:
     """Files of ``name_%05d.png``, by number."""
     match = _NUMBER.search(given.name)
-    if match is None or not given.parent.is_dir():
+    if match is None or not is_folder(given.parent):
         raise InputError(f"{given}: no such file or folder")
-    digits = f"\\d{{{int(match[1])},}}" if match[1] else "\\d+"
+    width = int(match[1] or 1)
+    if width > _LONGEST_NUMBER:
+        raise InputError(f"{given}: asks for numbers of {width} digits; at most {_LONGEST_NUMBER}")
+    digits = f"[0-9]{{{width},{_LONGEST_NUMBER}}}"
     before, after = given.name[: match.start()], given.name[match.end() :]
     fitting = re.compile(f"{re.escape(before)}({digits}){re.escape(after)}")
     found = [(int(fits[1]), path) for path in given.parent.iterdir() if (fits := fitting.fullmatch(path.name))]
@@ -134,8 +143,11 @@ def _is_video(path: Path) -> bool:
     suffix = path.suffix.lower()
     if suffix != ".ts":
         return suffix in VIDEO_SUFFIXES
-    with path.open("rb") as file:
-        return file.read(1) == _TRANSPORT_STREAM_BYTE
+    try:
+        with open_regular(path) as descriptor:
+            return os.read(descriptor, 1) == _TRANSPORT_STREAM_BYTE
+    except InputError:
+        return False
 
 
 def absolute_input(text: str) -> str:

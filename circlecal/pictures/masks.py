@@ -15,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.errors import InputError
+from circlecal.files import is_file, is_folder
 from circlecal.pictures.files import MASK_FOLDER, MASK_SUFFIX, PICTURE_SUFFIXES, PictureFile, decode, read_picture_bytes
+from circlecal.pictures.limits import DEFAULT_LIMITS, LimitsConfig
 from circlecal.results import CIRCLE_ID
 
 CLASS_COUNT = 28
@@ -80,13 +82,13 @@ def find_mask(frame: PictureFile, given: Path | None) -> Path | None:
         return None
     if given is None:
         beside = (frame.path.with_name(f"{stem}{MASK_SUFFIX}"), *_in_folder(frame.path.parent / MASK_FOLDER, stem))
-        return next((path for path in beside if path.is_file()), None)
-    if given.is_file():
+        return next((path for path in beside if is_file(path)), None)
+    if is_file(given):
         return given
-    if not given.is_dir():
+    if not is_folder(given):
         raise InputError(f"{given}: no such mask file or folder")
     names = dict.fromkeys((frame.mask_stem, frame.id, stem))
-    found = next((path for name in names for path in _in_folder(given, name) if path.is_file()), None)
+    found = next((path for name in names for path in _in_folder(given, name) if is_file(path)), None)
     if found is None:
         raise InputError(f"{given}: no mask for {frame.label}; looked for {stem}.png and {stem}{MASK_SUFFIX}")
     return found
@@ -96,7 +98,7 @@ def _in_folder(folder: Path, name: str) -> tuple[Path, ...]:
     return (folder / f"{name}.png", folder / f"{name}{MASK_SUFFIX}", *(folder / f"{name}{s}" for s in PICTURE_SUFFIXES))
 
 
-def read_mask(path: Path, width: int, height: int) -> NDArray[np.uint8]:
+def read_mask(path: Path, width: int, height: int, limits: LimitsConfig = DEFAULT_LIMITS) -> NDArray[np.uint8]:
     """Class ids (height, width) of a mask file.
 
     Raises
@@ -104,7 +106,7 @@ def read_mask(path: Path, width: int, height: int) -> NDArray[np.uint8]:
     InputError
         No picture, all black, all white, or values that are no mask's; one line that says what was found.
     """
-    stored = decode(path, read_picture_bytes(path, _MIN_SIDE), cv2.IMREAD_UNCHANGED)
+    stored = decode(path, read_picture_bytes(path, _MIN_SIDE, limits), cv2.IMREAD_UNCHANGED)
     return as_class_ids(stored, width, height, str(path))
 
 

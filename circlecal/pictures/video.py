@@ -20,8 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.errors import InputError
-from circlecal.pictures.files import MAX_PIXELS, PictureFile
+from circlecal.files import require_regular
+from circlecal.pictures.files import PictureFile
 from circlecal.pictures.headers import MIN_SIDE
+from circlecal.pictures.limits import DEFAULT_LIMITS, LimitsConfig
 
 if TYPE_CHECKING:
     import av
@@ -147,7 +149,7 @@ class Video:
     aspect: float | None
 
     @classmethod
-    def open(cls, path: Path, name: str) -> Video:
+    def open(cls, path: Path, name: str, limits: LimitsConfig = DEFAULT_LIMITS) -> Video:
         """Read the header and the first frame.
 
         Raises
@@ -157,8 +159,12 @@ class Video:
         """
         with _Decoder(path) as decoder:
             width, height = decoder.size
-            if min(width, height) < MIN_SIDE or width * height > MAX_PIXELS:
-                raise InputError(f"{path}: has frames of {width} x {height} pixels, which is too small or too large")
+            size = f"has frames of {width} x {height} pixels"
+            if min(width, height) < MIN_SIDE:
+                raise InputError(f"{path}: {size}; at least {MIN_SIDE} on each side are needed")
+            if width * height > limits.max_pixels:
+                limit = f"more than {limits.max_pixels / 1e6:g} million"
+                raise InputError(f"{path}: {size}, {limit}; scale it down or raise --max-pixels")
             return cls(path, name, width, height, decoder.rate, decoder.duration_s, decoder.aspect)
 
     def estimate_count(self, sampling: Sampling) -> int:
@@ -248,8 +254,7 @@ class _Decoder:
         from av.video.reformatter import VideoReformatter
 
         self._failures = (av.FFmpegError, OSError, ValueError)
-        if not self._path.exists():
-            raise InputError(f"{self._path}: no such file")
+        require_regular(self._path)
         try:
             self._container = av.open(str(self._path), metadata_errors="replace")
         except self._failures as error:

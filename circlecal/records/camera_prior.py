@@ -13,9 +13,13 @@ import json
 from pathlib import Path
 from typing import Any
 
-from circlecal.errors import InputError, reading_failure
-from circlecal.files import write_atomic
-from circlecal.records.record import GIVE_A_RESULT, ResultRow, parse_record
+from pydantic import ValidationError
+
+from circlecal.camera.options import CameraConfig
+from circlecal.errors import InputError
+from circlecal.files import read_file, write_atomic
+from circlecal.records.record import GIVE_A_RESULT, ResultRow, explain_damage, parse_record
+from circlecal.yaml_text import YamlError, read_yaml
 
 KEYS = (
     "position_m",
@@ -42,25 +46,36 @@ def prior_settings(path: Path) -> list[str]:
     InputError
         With the file, what is wrong and the mend.
     """
-    import yaml
-
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read: {reading_failure(error)}") from error
-    except yaml.YAMLError as error:
-        raise InputError(f"{path}: is neither YAML nor JSON: {' '.join(str(error).split())}") from error
-    if not isinstance(content, dict):
-        raise InputError(f"{path}: a camera prior is a mapping with position_m")
+    content = _read_mapping(path)
     known = _from_result(path) if "schema_version" in content else content
     known = {key: value for key, value in known.items() if key not in ABOUT_KEYS}
-    unknown = sorted(set(known) - set(KEYS))
-    if unknown:
-        raise InputError(f"{path}: {unknown[0]} is unknown in a camera prior; known: {', '.join(KEYS)}")
-    if "position_m" not in known:
+    unknown = next((key for key in known if key not in KEYS), None)
+    if unknown is not None:
+        raise InputError(f"{path}: {unknown} is unknown in a camera prior; known: {', '.join(KEYS)}")
+    if known.get("position_m") is None:
         raise InputError(f"{path}: position_m is missing; a camera prior needs at least the position")
     settings = {"position_sd_m": [DEFAULT_POSITION_SD_M] * 3, **known}
+    try:  # as the configuration is checked: text is never a number, and a date is text
+        CameraConfig.model_validate_json(json.dumps(settings, default=str), strict=True)
+    except ValidationError as error:
+        raise InputError(f"{path}: {explain_damage(error)}; see configs/default.yaml") from error
     return [f"camera.{key}={json.dumps(value)}" for key, value in settings.items()]
+
+
+def _read_mapping(path: Path) -> dict[str, Any]:
+    """The keys of a prior or of a result file, JSON or YAML."""
+    raw = read_file(path)
+    try:
+        content = json.loads(raw) if raw.lstrip()[:1] == b"{" else None
+    except (ValueError, RecursionError):
+        content = None  # YAML knows a mapping in braces too
+    try:
+        content = read_yaml(path) if content is None else content
+    except YamlError as error:
+        raise InputError(f"{path}: is neither YAML nor JSON: {error}") from error
+    if not isinstance(content, dict) or not all(isinstance(key, str) for key in content):
+        raise InputError(f"{path}: a camera prior is a mapping with position_m")
+    return content
 
 
 def write_prior(
@@ -93,7 +108,7 @@ def write_prior(
 
 
 def _from_result(path: Path) -> dict[str, Any]:
-    record = parse_record(path.read_bytes(), ResultRow, str(path), GIVE_A_RESULT)
+    record = parse_record(read_file(path), ResultRow, str(path), GIVE_A_RESULT)
     camera = record.camera
     if record.status != "calibrated" or camera is None:
         raise InputError(f"{path}: holds no calibrated camera; give the result of a calibrated frame")

@@ -12,8 +12,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self, overload
 
-from circlecal.errors import InputError, reading_failure
-from circlecal.files import write_error
+from circlecal.errors import InputError
+from circlecal.files import is_file, is_folder, read_file, read_lines, write_error
 from circlecal.records.index import ResultIndex
 from circlecal.records.record import (
     GIVE_A_RESULT,
@@ -184,11 +184,9 @@ class ResultLog:
             )
 
     def _lines(self, start: int) -> Iterator[tuple[int, bytes]]:
-        with self.path.open("rb") as file:
-            file.seek(start)
-            for line in file:
-                yield start, line
-                start += len(line)
+        for line in read_lines(self.path, start):
+            yield start, line
+            start += len(line)
 
     def last_line(self) -> bytes | None:
         """The line that was written last; None where there is none."""
@@ -252,9 +250,8 @@ def is_log(path: Path) -> bool:
     if path.suffix != ".jsonl":
         return False
     try:
-        with path.open("rb") as file:
-            return bool(is_record(file.readline()))
-    except OSError:
+        return bool(is_record(next(read_lines(path), b"")))
+    except InputError:
         return False
 
 
@@ -266,10 +263,10 @@ def find_results(path: Path) -> list[Path]:
     InputError
         There is none.
     """
-    if not path.is_dir():
+    if not is_folder(path):
         return [path]
     log = path / RESULTS_NAME
-    files = [log] if log.is_file() else sorted(path.glob("*.json"))
+    files = [log] if is_file(log) else sorted(path.glob("*.json"))
     if not files:
         raise InputError(f"{path}: holds no {RESULTS_NAME} and no result files; {_GIVE}")
     return files
@@ -306,13 +303,13 @@ def scan_records(path: Path, model: type[Record]) -> Iterator[tuple[Place, Recor
         Nothing there, or damaged, with file and line.
     """
     for file in find_results(path):
+        if file.suffix == ".jsonl":
+            yield from _scan_log(file, model)
+            continue
         try:
-            if file.suffix == ".jsonl":
-                yield from _scan_log(file, model)
-                continue
-            content = file.read_bytes()
-        except OSError as error:
-            raise InputError(f"{file}: cannot be read: {reading_failure(error)}; {_GIVE}") from error
+            content = read_file(file)
+        except InputError as error:
+            raise InputError(f"{error}; {_GIVE}") from error
         if file == path or is_record(content) is not False:
             mend = GIVE_A_RESULT if file == path else _MEND
             yield Place(file, 0, 0, len(content)), parse_record(content, model, str(file), mend)
@@ -320,11 +317,10 @@ def scan_records(path: Path, model: type[Record]) -> Iterator[tuple[Place, Recor
 
 def _scan_log(log: Path, model: type[Record]) -> Iterator[tuple[Place, Record]]:
     start = 0
-    with log.open("rb") as file:
-        for number, line in enumerate(file, start=1):
-            place = Place(log, number, start, len(line))
-            start += len(line)
-            if line.endswith(b"\n"):
-                yield place, parse_record(line, model, str(place), _MEND)
-            else:
-                _log.warning("%s: left out the torn last line", log)
+    for number, line in enumerate(read_lines(log), start=1):
+        place = Place(log, number, start, len(line))
+        start += len(line)
+        if line.endswith(b"\n"):
+            yield place, parse_record(line, model, str(place), _MEND)
+        else:
+            _log.warning("%s: left out the torn last line", log)

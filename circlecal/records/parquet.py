@@ -14,6 +14,7 @@ from typing import Any
 
 from circlecal.errors import MissingExtraError
 from circlecal.files import write_error
+from circlecal.names import as_text
 from circlecal.records.record import Number, ResultRecord
 from circlecal.records.summary import summarise
 
@@ -87,7 +88,12 @@ _COLUMNS: dict[str, tuple[str, _Read]] = {
 
 def table_row(record: ResultRecord) -> dict[str, Any]:
     """The row of one result, by column."""
-    return {name: read(record) for name, (_, read) in _COLUMNS.items()}
+    return {name: _cell(read(record)) for name, (_, read) in _COLUMNS.items()}
+
+
+def _cell(value: Any) -> Any:
+    """What Parquet can hold: its texts are UTF-8, which names need not be."""
+    return as_text(value) if isinstance(value, str) else value
 
 
 def require_parquet() -> None:
@@ -152,4 +158,4 @@ def write_parquet(records: Iterable[ResultRecord], path: Path) -> Path:
 def _chunks(records: Iterable[ResultRecord]) -> Iterator[dict[str, list[Any]]]:
     iterator = iter(records)
     while chunk := list(islice(iterator, _ROWS_AT_ONCE)):
-        yield {name: [read(record) for record in chunk] for name, (_, read) in _COLUMNS.items()}
+        yield {name: [_cell(read(record)) for record in chunk] for name, (_, read) in _COLUMNS.items()}

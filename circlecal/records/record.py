@@ -20,7 +20,7 @@ from pydantic_core import PydanticSerializationError
 
 from circlecal.errors import InputError
 from circlecal.field.view import FieldView
-from circlecal.files import write_atomic
+from circlecal.files import read_file, write_atomic
 from circlecal.geometry.camera import Camera, PlaneCamera, camera_from_soccernet
 from circlecal.geometry.camera_parameters import INDEX, PARAMETERS
 from circlecal.geometry.projective import Array
@@ -552,9 +552,9 @@ def read_result(path: Path) -> ResultRecord:
         Missing, no result of circlecal, of another version, or damaged.
     """
     try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}; {GIVE_A_RESULT}") from error
+        content = read_file(path)
+    except InputError as error:
+        raise InputError(f"{error}; {GIVE_A_RESULT}") from error
     return parse_record(content, ResultRecord, str(path), GIVE_A_RESULT)
 
 

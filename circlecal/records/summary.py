@@ -9,6 +9,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 from circlecal.files import write_atomic_parts
+from circlecal.names import as_cell, as_text
 from circlecal.records.record import ResultRow
 from circlecal.results import Status
 
@@ -45,7 +46,7 @@ def summarise(record: ResultRow) -> FrameSummary:
         rms_px=None if ellipses is None or ellipses.found is None else ellipses.found.rms_px,
         sigma_px=None if camera is None else camera.max_sigma_px,
         time_ms=timings.get("total", sum(time or 0.0 for time in timings.values())) if timings else None,
-        reason=reason and reason.encode("utf-8", "backslashreplace").decode(),  # names need not be text
+        reason=reason and as_text(reason),
     )
 
 
@@ -67,7 +68,9 @@ def _lines(rows: Iterable[FrameSummary]) -> Iterator[bytes]:
     writer.writerow(names)
     for row in rows:
         values = (getattr(row, name) for name in names)
-        writer.writerow([round(value, 3) if isinstance(value, float) else value for value in values])
+        writer.writerow(
+            [round(v, 3) if isinstance(v, float) else as_cell(v) if isinstance(v, str) else v for v in values]
+        )
         if text.tell() > _BLOCK:
             yield text.getvalue().encode()
             text.seek(0)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from circlecal.errors import InputError
+from circlecal.files import is_file
 from circlecal.overlay.canvas import Picture
 from circlecal.pictures.files import OVERLAY_SUFFIX, PICTURE_SUFFIXES, read_image
 from circlecal.pictures.video import pictures_at
@@ -60,7 +61,7 @@ class Originals:
     def _of_video(self, path: Path, times: Sequence[float]) -> Iterator[Picture | None]:
         found = 0
         try:
-            for picture in pictures_at(next(filter(Path.is_file, self._find_moved(path)), path), times):
+            for picture in pictures_at(next(filter(is_file, self._find_moved(path)), path), times):
                 found += 1
                 yield picture
         except InputError as error:
@@ -84,7 +85,7 @@ class Originals:
 
 def _readable(path: Path) -> Picture | None:
     try:
-        return read_image(path) if path.is_file() else None
+        return read_image(path) if is_file(path) else None
     except (InputError, OSError, ValueError) as error:
         _log.info("%s", error)
         return None

@@ -18,7 +18,7 @@ import numpy as np
 
 from circlecal import __version__
 from circlecal.errors import InputError
-from circlecal.files import prepare_folder
+from circlecal.files import is_file, is_folder, prepare_folder, read_file, real_path
 from circlecal.overlay.canvas import Picture
 from circlecal.pictures.files import REPORT_FOLDER, natural_order
 from circlecal.refusals import explain
@@ -91,7 +91,7 @@ def write_report(
         The results changed meanwhile, or the folder cannot be written or holds something else.
     """
     options = options or ReportOptions()
-    if options.frames is not None and not options.frames.is_dir():
+    if options.frames is not None and not is_folder(options.frames):
         raise InputError(f"{options.frames}: no such folder; give the one that the frames' pictures lie in")
     out = _empty(run.folder / REPORT_FOLDER if out is None else out)
     media: list[int] = []
@@ -117,7 +117,7 @@ def _empty(out: Path) -> Path:
     """The report's folder without what an older report left in it, and marked as one."""
     prepare_folder(out)
     page = out / PAGE_NAME
-    ours = page.is_file() and MARKER in page.read_text(encoding="utf-8", errors="replace")
+    ours = is_file(page) and MARKER.encode() in read_file(page)
     if not ours and any(out.iterdir()):
         raise InputError(f"{out}: holds other files; choose another --out")
     write_file(page, f'<!DOCTYPE html><title>unfinished</title>{MARKER}">The report is being written.\n'.encode())
@@ -201,7 +201,7 @@ def _page(run: StoredRun, options: ReportOptions) -> str:
     environment.filters.update(short=short, clock=clock, thousands=_thousands, coded=_mark_code)
     template = environment.get_template("index.html.j2")
     return template.render(
-        title=options.title or run.folder.resolve().name,
+        title=options.title or real_path(run.folder).name,
         circlecal_version=__version__,
         run=run,
         summary=_summary(run.rows),

@@ -8,6 +8,7 @@ from datetime import datetime
 from pathlib import Path
 
 from circlecal.errors import InputError
+from circlecal.files import is_file, is_folder
 from circlecal.pictures.files import natural_order
 from circlecal.records.log import Place, find_results, scan_records
 from circlecal.records.record import ResultRecord, ResultRow, parse_sound_parts
@@ -104,8 +105,8 @@ def read_run(results: Path) -> StoredRun:
     InputError
         No such folder, nothing in it, or a record that is none: in one line with the file, the line and the mend.
     """
-    folder = results.parent if results.is_file() else results
-    if not folder.is_dir():
+    folder = results.parent if is_file(results) else results
+    if not is_folder(folder):
         raise InputError(f"{results}: no such folder; give the --out folder of circlecal batch or calibrate")
     run = StoredRun(folder, [], datetime.now().astimezone(), Counter(), Counter(), Counter(), Counter(), {})
     for place, record in scan_records(results, ResultRow):

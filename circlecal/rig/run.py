@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import hashlib
+import io
 import json
 import logging
 import math
@@ -19,9 +20,9 @@ import numpy as np
 from circlecal.batch import BatchProgress, run_batch
 from circlecal.batch.frames import calibrate_frame
 from circlecal.config import Config, config_digest
-from circlecal.errors import CirclecalError, InputError, reading_failure
+from circlecal.errors import CirclecalError, InputError
 from circlecal.field import FieldTemplate
-from circlecal.files import prepare_folder
+from circlecal.files import is_file, is_folder, prepare_folder, read_text, real_path
 from circlecal.formats.registry import annotation_suffixes
 from circlecal.pictures.files import PictureFile, find_frames
 from circlecal.pictures.video import pictures_at
@@ -145,7 +146,7 @@ def run_rig(
     InputError
         The results are damaged or of another field, or a file cannot be written.
     """
-    if out.resolve() == (results if results.is_dir() else results.parent).resolve():
+    if real_path(out) == real_path(results if is_folder(results) else results.parent):
         raise InputError(f"{out}: holds the results of the run; choose another --out")
     template, circle = field_of(config)
     frames, annotated = [], False
@@ -240,10 +241,9 @@ def read_cameras(path: Path) -> dict[str, str]:
         Unreadable, without these columns, or a name that no file can have.
     """
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = list(csv.DictReader(file))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: cannot be read: {reading_failure(error)}; give a CSV file with id,camera") from error
+        rows = list(csv.DictReader(io.StringIO(read_text(path), newline="")))
+    except csv.Error as error:
+        raise InputError(f"{path}: cannot be read: {error}; give a CSV file with id,camera") from error
     found = {}
     for number, row in enumerate(rows, start=2):
         frame, camera = (row.get(name) or "" for name in ("id", "camera"))
@@ -275,7 +275,7 @@ class _Again:
     def __call__(self, config: Config) -> FrameCalibration | None:
         source = Path(self.record.path or "")
         refused, annotated = self.frame.theta is None, _is_annotated(self.record)
-        from_picture = refused and not annotated and source.is_file()
+        from_picture = refused and not annotated and is_file(source)
         if from_picture and self.measured is None:
             try:
                 self.measured = calibrate_frame(self._picture(source), accept_short_arcs(config), self.mask)[1]

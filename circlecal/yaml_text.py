@@ -1,0 +1,109 @@
+"""YAML that is safe to read: no code, no key twice, and no more values than a configuration can have."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from circlecal.files import read_text
+
+MAX_BYTES = 256 << 10
+"""The largest YAML file: the configuration with all its comments has 20 KB, and the parser takes 20 s for 1 MB."""
+_MOST_VALUES = 50_000
+"""Values after aliases (``*name``) are replaced by what they stand for: nine lines of aliases of aliases make 10^9."""
+
+
+class YamlError(ValueError):
+    """A text is not YAML that is read; its text is one line without the file.
+
+    Parameters
+    ----------
+    reason : str
+        What is wrong.
+    line : int or None
+        Where, counted from 1.
+    """
+
+    def __init__(self, reason: str, line: int | None = None) -> None:
+        super().__init__(" ".join(reason.split()))
+        self.line = line
+
+
+class _Loader(yaml.SafeLoader):
+    """Safe YAML in which a key given twice is an error and 1e-3 is a number."""
+
+    def get_single_node(self) -> yaml.Node | None:
+        node = super().get_single_node()
+        if node is not None and _count(node, {}, set()) > _MOST_VALUES:
+            raise yaml.constructor.ConstructorError(
+                None, None, f"its aliases stand for more than {_MOST_VALUES} values", node.start_mark
+            )
+        return node
+
+
+def _count(node: yaml.Node, known: dict[int, int], within: set[int]) -> int:
+    """Values of a node with its aliases replaced; each node is looked at once."""
+    if isinstance(node, yaml.ScalarNode):
+        return 1
+    if id(node) in within:
+        raise yaml.constructor.ConstructorError(None, None, "a value that holds itself", node.start_mark)
+    if id(node) not in known:
+        within.add(id(node))
+        pairs = isinstance(node, yaml.MappingNode)
+        children = [child for pair in node.value for child in pair] if pairs else node.value
+        known[id(node)] = 1 + sum(_count(child, known, within) for child in children)
+        within.remove(id(node))
+    return known[id(node)]
+
+
+def _mapping_without_doubles(loader: _Loader, node: yaml.MappingNode) -> dict[Any, Any]:
+    seen: set[Any] = set()
+    for key_node, _ in node.value:
+        key = loader.construct_object(key_node, deep=True)
+        if not isinstance(key, str | int | float):
+            raise yaml.constructor.ConstructorError(None, None, "a key must be a name", key_node.start_mark)
+        if key in seen:
+            raise yaml.constructor.ConstructorError(None, None, f"key {key!r} is given twice", key_node.start_mark)
+        seen.add(key)
+    return loader.construct_mapping(node, deep=True)
+
+
+_Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping_without_doubles)
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"^[-+]?[0-9]+(\.[0-9]*)?[eE][-+]?[0-9]+$"), list("-+0123456789")
+)
+
+
+def parse_yaml(text: str) -> Any:
+    """The value of a YAML text.
+
+    Raises
+    ------
+    YamlError
+        No YAML, a key twice, a value that holds itself, or more values than a configuration can have.
+    """
+    try:
+        return yaml.load(text, Loader=_Loader)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark
+        raise YamlError(error.problem or error.context or "is not YAML", mark.line + 1 if mark else None) from error
+    except RecursionError as error:
+        raise YamlError("is not YAML that is read: nested too deeply") from error
+    except (yaml.YAMLError, ValueError, TypeError, KeyError, IndexError, AttributeError, OverflowError) as error:
+        raise YamlError(f"is not YAML: {error}") from error
+
+
+def read_yaml(path: Path) -> Any:
+    """The value of a YAML file.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, is too large or no UTF-8.
+    YamlError
+        As :func:`parse_yaml`.
+    """
+    return parse_yaml(read_text(path, MAX_BYTES))
