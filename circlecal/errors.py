@@ -42,7 +42,7 @@ class EstimationError(CirclecalError):
     code : str
         Machine-readable reason, e.g. ``"arc_too_short"``.
     reason : str
-        The same in words, for people.
+        Reason in words, for people.
     """
 
     def __init__(self, stage: str, code: str, reason: str) -> None:

@@ -18,11 +18,11 @@ class Confidence(Enum):
     """How far a circle, a line or a name is believed."""
 
     ACCEPTED = "accepted"
-    """It stands by itself."""
+    """Used as it stands."""
     TENTATIVE = "tentative"
     """Another marking must confirm it."""
     REJECTED = "rejected"
-    """It is not used."""
+    """Not used."""
 
 
 @dataclass(frozen=True, slots=True)

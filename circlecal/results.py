@@ -183,7 +183,7 @@ class EllipseFit:
     covariance : (6, 6) array
         Of the coefficients ``x^2, xy, y^2, x, y, 1``.
     ellipse : Ellipse
-        The same as centre, axes and angle.
+        Centre, axes and angle of the conic.
     method : str
         Closed form that was refined: direct, algebraic or taubin.
     points_px : (N, 2) array, sigma_px (N,), inliers (N,) bool
@@ -226,7 +226,7 @@ class EllipseFits:
         return max(fits, key=lambda f: f.arc_deg)
 
     def all(self) -> tuple[EllipseFit, ...]:
-        """Those that were fitted."""
+        """The fitted edges, among outer, inner and centreline."""
         return tuple(f for f in (self.outer, self.inner, self.center) if f is not None)
 
 
@@ -376,7 +376,7 @@ class CameraFit:
     named_lines : tuple of str
         Template lines that were recognised among the straight markings seen, and used.
     names_by_line : dict
-        The same by the index of the seen line.
+        Template lines by the index of the seen line that each was recognised in.
     reference_m : (2,) array
         The field point about which distance and predicted errors are judged: the circle's centre, or the middle of what
         was seen instead of the circle.

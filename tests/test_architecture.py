@@ -300,6 +300,77 @@ def test_everything_public_has_a_docstring(file):
     assert not missing
 
 
+PARTICIPLE = re.compile(
+    r"(?!(bed|embed|exceed|feed|need|proceed|red|seed|shed|speed)$)\w+ed"
+    r"|begun|bent|blown|broken|built|chosen|drawn|fallen|found|frozen|given|gone|grown|held|kept|laid|lost|made|met|mown"
+    r"|seen|sent|shown|spoken|taken|thrown|told|torn|turned|woven|written"
+)
+TERMS = frozenset({"closed", "fixed", "imaged", "known", "shared"})
+"""Adjectives of the field's own terms: closed form, fixed position, imaged centre, known point, shared parameter."""
+VERBS = frozenset({"begin", "count", "draw", "find", "select", "skip", "solve"})
+"""May be followed by what they are done to: ``skip_finished``."""
+BOOLEAN = ("is_", "has_", "are_", "can_", "may_")
+
+
+def _is_participle(word: str) -> bool:
+    return word not in TERMS and PARTICIPLE.fullmatch(word) is not None
+
+
+def _participles(tree: ast.AST) -> list[tuple[int, str]]:
+    """Functions whose name begins or ends with a participle, other than properties and questions."""
+    found = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            name = node.name.strip("_")
+            is_property = any("property" in ast.unparse(decorator) for decorator in node.decorator_list)
+            words = name.split("_")
+            bare = _is_participle(words[0]) or (_is_participle(words[-1]) and words[0] not in VERBS)
+            if bare and not is_property and not name.startswith(BOOLEAN):
+                found.append((node.lineno, node.name))
+    return found
+
+
+def _leaning(tree: ast.AST) -> list[tuple[int, str]]:
+    """Docstrings, of constants and attributes too, that say only how they differ from a neighbour."""
+    texts = [
+        node.value for node in ast.walk(tree) if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+    ]
+    return [
+        (text.lineno + number, line.strip())
+        for text in texts
+        if isinstance(text.value, str)
+        for number, line in enumerate(text.value.splitlines())
+        if re.match(r"\s*The same (with|without|as|along|in|of|by|for|from)\b", line)
+        or (number == 0 and re.match(r"\s*(The same|Likewise|As (in )?:)", line))
+    ]
+
+
+def test_functions_are_verbs_or_nouns_and_texts_stand_by_themselves():
+    wrong = [
+        f"{_name(file)}:{line} {text}"
+        for file in FILES
+        for line, text in (*_participles(_tree(file)), *_leaning(_tree(file)))
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_participles_and_leaning_texts_are_recognised():
+    tree = ast.parse(
+        "def seen_edge(): 'The same on ice.'\n"
+        "def first_accepted(): ...\n"
+        "def skip_finished(): ...\n"
+        "def is_drawn(): ...\n"
+        "def imaged_center(): ...\n"
+        "class Prior:\n"
+        "    @property\n"
+        "    def found(self): 'What the same camera saw.'\n"
+        "    width = 1\n"
+        "    'As :attr:`x`.'\n"
+    )
+    assert {name for _, name in _participles(tree)} == {"seen_edge", "first_accepted"}
+    assert [line for line, _ in _leaning(tree)] == [1, 10]
+
+
 ONE_DEFINITION = {
     "lens": (
         {"geometry/camera.py", "evaluation/soccernet_metric.py"},

@@ -35,7 +35,7 @@ Picture = NDArray[np.uint8]
 _SHOWN_WIDTH_PX = 720
 """Width of the picture that a notebook shows; wider ones only make the notebook's file large."""
 _SHOWN_QUALITY = 80
-"""Its JPEG quality."""
+"""JPEG quality of the picture that a notebook shows."""
 
 
 class SurePoints(NamedTuple):
@@ -439,9 +439,9 @@ class Calibration:
             f"<td style='text-align:left'>{html.escape(fact)}</td></tr>"
             for name, fact in self._facts.items()
         )
-        return f"{self._shown_picture()}<table>{rows}</table>"
+        return f"{self._embed_picture()}<table>{rows}</table>"
 
-    def _shown_picture(self) -> str:
+    def _embed_picture(self) -> str:
         image = self.image
         if image is None or image.shape[1::-1] != self.size:
             return ""

@@ -1,4 +1,4 @@
-"""The same run on a Dask cluster: frames on shared storage, results streamed back to the one process that writes.
+"""A run on a Dask cluster: frames on shared storage, results streamed back to the one process that writes.
 
 The scheduler is one that runs already (``tcp://host:port``; Dask's own deployers start it by SSH, on Kubernetes, under
 SLURM) or one for this machine (``local:N``). Every task carries what it needs, so nothing is lost with a worker but the

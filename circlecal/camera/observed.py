@@ -131,7 +131,9 @@ def _thin(points: Array, sigma: Array, maximum: int) -> tuple[Array, Array]:
 
 
 def _thin_arc(points: Array, sigma: Array, maximum: int) -> tuple[Array, Array]:
-    """The same along an ellipse: the mean deviation of each group of neighbours is given to its middle point."""
+    """Means of neighbouring points of an arc: the middle one of each group, moved by the group's mean deviation from an
+    ellipse.
+    """
     size = -(-len(points) // maximum)
     # the ellipse only orders and levels neighbours
     conic = fit_conic(points[:: max(1, len(points) // ELLIPSE_POINTS)], "direct") if size > 1 else None

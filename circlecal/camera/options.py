@@ -147,7 +147,7 @@ def priors_of(config: CameraConfig, template: FieldTemplate, circle: Circle, mod
     )
 
 
-def position_known(config: CameraConfig) -> bool:
+def has_position(config: CameraConfig) -> bool:
     """Whether the camera's position has a prior."""
     shared = config.shared is not None and {"x", "y", "z"} <= set(config.shared.parameters)
     return shared or config.position_m is not None

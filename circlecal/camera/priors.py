@@ -102,7 +102,7 @@ class SharedPrior:
         )
 
     def resize(self, factor: float) -> SharedPrior:
-        """The same for pictures that are ``factor`` times as wide."""
+        """The prior for pictures that are ``factor`` times as wide."""
         size = np.array([factor if name in _IN_PIXELS else 1.0 for name in (*self.parameters, *self.zoomed)])
         return replace(
             self,

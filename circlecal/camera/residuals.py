@@ -85,7 +85,7 @@ class CurvePoints:
         return replace(self, **chosen)
 
     def with_sigma(self, sigma_px: Array) -> CurvePoints:
-        """The same points with other standard deviations."""
+        """These points with other standard deviations."""
         return replace(self, sigma_px=sigma_px)
 
 

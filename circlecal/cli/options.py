@@ -321,12 +321,12 @@ def _frames_of(
 def choose_frames_and_videos(
     inputs: Sequence[str], run: FrameRun, out: Path, report: Callable[[Exception], None]
 ) -> tuple[list[PictureFile | FrameOfFile], list[Video]]:
-    """As :func:`choose_inputs`, and the videos among the inputs.
+    """Pictures, frames of annotation files, and videos among the inputs.
 
     Raises
     ------
     InputError
-        As :func:`choose_inputs`, or a video that cannot be read.
+        Nothing was found that can be read, or a video cannot be read.
     """
     from circlecal.errors import InputError
     from circlecal.files import is_folder

@@ -97,7 +97,7 @@ class _Candidate:
         candidates: tuple[CircleHypothesis, ...],
         arcs: tuple[CircleHypothesis, ...] = (),
     ) -> Choice:
-        """This one as the circle."""
+        """The detector's answer with this hypothesis as the circle."""
         return Choice(self.circle, self.hypothesis, self.halfway, candidates, None, confidence, arcs)
 
 
@@ -239,7 +239,7 @@ class Candidates:
 
 
 def find_interpretations_of(ruled_out: tuple[Interpretation, ...], ellipse: EllipseBatch) -> tuple[Interpretation, ...]:
-    """Those whose circle is the first ellipse of the batch."""
+    """The ruled out interpretations whose circle is the first ellipse of the batch."""
     axes = np.array([ellipse.great_lengths[0], ellipse.small_lengths[0]])
     found = []
     for interpretation in ruled_out:

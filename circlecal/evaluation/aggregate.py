@@ -29,7 +29,7 @@ class Accuracy:
     final : float
         Completeness times that, i.e. JaC with misses as 0: the official final score.
     strict : float
-        The same without allowing the field to be turned.
+        Completeness times accuracy without allowing the field to be turned.
     precision, recall : float
         Means over the frames where they are defined.
     """

@@ -48,7 +48,7 @@ class PlaneHomography:
 
     @property
     def planar(self) -> bool:
-        """It knows the ground only."""
+        """True: a homography knows the ground only."""
         return True
 
     def project(self, points_m: Array) -> tuple[Array, Mask]:
@@ -87,7 +87,7 @@ class MetricCamera:
 
     @property
     def planar(self) -> bool:
-        """It knows the goals, too."""
+        """False: a camera knows the goals, too."""
         return False
 
     @staticmethod

@@ -42,9 +42,9 @@ CENTRE_MARK = 51
 CIRCLE_TANGENCY = frozenset({38, 39, 42, 43})
 ARC_TANGENCY = {37: "penalty_arc_left", 41: "penalty_arc_left", 40: "penalty_arc_right", 44: "penalty_arc_right"}
 CIRCLE_POINTS = frozenset({32, 35, 48, 49, 50, 53, 54})
-"""Those that lie on the centre circle at a known place."""
+"""Keypoints that lie on the centre circle at a known place."""
 VIRTUAL_CIRCLE_POINTS = (38, 39, 42, 43, 48, 49, 50, 51, 52, 53, 54)
-"""Those that no two markings meet at: the network has to imagine them, and circlecal derives them."""
+"""Keypoints at which no two markings meet: the network has to imagine them, and circlecal derives them."""
 LABEL = "kp_"
 
 

@@ -210,7 +210,7 @@ class Camera:
         return surface.meet(self.position_m, self.rays(pixels))
 
     def turn_field(self) -> Camera:
-        """The same picture seen from the other side: the field turned by 180 degrees about the z axis."""
+        """The camera that shows this picture of a field turned by 180 degrees about the z axis."""
         pan = (self.angles_rad[0] + 2 * np.pi) % (2 * np.pi) - np.pi
         return replace(
             self,

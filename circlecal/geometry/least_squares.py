@@ -180,21 +180,21 @@ class DenseProblem(ABC):
         return 0.0
 
     def step(self, state: NormalState, damping: Array) -> Step:
-        """As in :class:`Problem`."""
+        """Levenberg-Marquardt step ``d = -(N + damping diag N)^-1 g`` of every start."""
         change = -solve_damped(state.normal, state.gradient, damping, self.gauge(state))
         promise = predict_decrease(state.normal, state.gradient, change)
         return Step(self.move(state.parameters, change), change, promise)
 
     def promise(self, state: NormalState, step: Step) -> Array:
-        """As in :class:`Problem`: of the present step."""
+        """By how much the present step would lower a quadratic cost (B,)."""
         return step.promise
 
     def follow(self, state: NormalState, step: Step, index: Indices) -> NormalState:
-        """As in :class:`Problem`."""
+        """States where a step has led the starts at an index, evaluated anew."""
         return self.evaluate(step.parameters[index])
 
     def extrapolate(self, state: NormalState, step: Step) -> NormalState:
-        """As in :class:`Problem`; the cost is the one that was promised."""
+        """All starts after a step, at the cost that was promised: nothing is evaluated."""
         return replace(state, parameters=step.parameters, cost=np.maximum(state.cost - step.promise, 0.0))
 
 

@@ -33,17 +33,19 @@ from circlecal.line_naming.hypotheses import (
     select_trial,
     try_names,
 )
+from circlecal.line_naming.line_ends import FEWEST_POINTS
 from circlecal.line_naming.predicted_markings import missing_px, overhang_px
 from circlecal.observations import MarkingKey, Observations
 
 Arcs = dict[int, str]
 """Names of arcs by number of the curve."""
 DISTANCES, TILT_FACTORS = (4.0, 6.0, 9.0, 13.0), (0.7, 1.0, 1.4)
-"""Of the cameras from which hypotheses start: in radii of the circle, and the axis ratio of the ellipse that they see
-over that which is seen.
+"""Cameras from which hypotheses start: distances in radii of the circle, and the axis ratio of the ellipse that they
+see over that which is seen.
 """
 CIRCLE_POINTS, WORST_START = 48, 100.0
-"""Of the circle, from which hypotheses start, and by how much such a start may see it worse than another (chi-square).
+"""Points of the circle that cameras are fitted to before hypotheses start from them, and by how much such a camera may
+fit worse than the best (chi-square).
 """
 LONGEST = 5
 """So many lines are taken for every marking."""
@@ -62,7 +64,7 @@ CURVE_POINTS, CURVE_SIGMA_PX, CURVE_PX, CURVE_SHARE, ARC_SLACK = 40, 0.5, 3.0, 0
 hardly beyond its ends (radians).
 """
 OVERHANG_COST = 2.0
-"""Of each pixel of a line beyond the end of its marking, in pixels of explained line."""
+"""Pixels of explained line that one pixel of overhang beyond the end of a marking outweighs."""
 EXPLAINED_SHARE = 0.5
 """Least share of the length of all straight lines that are recognised."""
 
@@ -95,7 +97,9 @@ def name_lines_around_circle(
     Naming or None
         None where fewer than two markings are recognised, or other names explain about as much.
     """
-    unnamed = [k for k, line in enumerate(observations.lines) if line.line is None and len(line.points_px) >= 8]
+    unnamed = [
+        k for k, line in enumerate(observations.lines) if line.line is None and len(line.points_px) >= FEWEST_POINTS
+    ]
     if len(unnamed) + len(observations.curves) < FEWEST_NAMES or not unnamed:
         return None
     cameras = _fit_cameras_around_circle(problem, ellipse)
@@ -147,7 +151,7 @@ def _fit_cameras_around_circle(problem: Problem, ellipse: Ellipse) -> State:
 
 
 def _fix_lens(priors: Priors) -> Priors:
-    """The same with all but the camera's pose and focal length fixed at what is expected."""
+    """Priors that leave pose and focal length free and fix everything else at what is expected."""
     sd = priors.sd.copy()
     sd[VIEWING:] = 0.0
     return replace(priors, sd=sd, mean=np.where(np.isfinite(priors.mean), priors.mean, 0.0))
@@ -197,8 +201,8 @@ def _lie_beside(seen: Array, turn: Array, ends: Array) -> Mask:
 
 
 def _stiffen(scene: NamingScene) -> NamingScene:
-    """The same with all but the camera's pose and focal length at what the priors expect, which far starts would bend,
-    and a loss that pulls from far.
+    """The scene with everything but pose and focal length fixed, which far starts would bend, and with a loss that
+    pulls from far.
     """
     problem = scene.problem
     stiff = replace(problem, priors=_fix_lens(problem.priors), loss_scale=FAR_LOSS * problem.loss_scale)
@@ -217,9 +221,9 @@ def _normals(ends: Array) -> tuple[Array, Array]:
 def _subtract_contradictions(scene: NamingScene, trial: Trial) -> Trial:
     """The trial with what the picture should show under it and does not, and the other way round, in its score."""
     names, model, template = trial.association.names, scene.problem.model, scene.template
-    unseen = missing_px(names, scene.segments, trial.theta, template, model)
-    beyond = overhang_px(names, scene.segments, trial.theta, template, model)
-    return replace(trial, score=trial.score - unseen - OVERHANG_COST * beyond)
+    missing = missing_px(names, scene.segments, trial.theta, template, model)
+    overhang = overhang_px(names, scene.segments, trial.theta, template, model)
+    return replace(trial, score=trial.score - missing - OVERHANG_COST * overhang)
 
 
 def _add_curves(scene: NamingScene, trials: list[Trial], curves: tuple[Array, ...]) -> tuple[list[Trial], list[Arcs]]:

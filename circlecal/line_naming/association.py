@@ -21,8 +21,25 @@ from circlecal.observations import MarkingKey
 
 MOST_SEEDS, SEEDS_OF_ONE = 24, 8
 """How many seeds are grown, and how many where only the best hypothesis is wanted: the longest lines."""
-SEED_COST, MATCH_COST = 36.0, 16.0
-"""Largest squared Mahalanobis distance of a seed, and of a further match."""
+LARGEST_SEED_COST, LARGEST_MATCH_COST = 36.0, 16.0
+"""Largest squared Mahalanobis distance (two degrees of freedom) of a seed from a camera that may be far off, six
+standard deviations; and of a further match under a camera that a seed has corrected, four.
+"""
+PX_PER_COST = 12.0
+"""Pixels of explained line that one unit of squared Mahalanobis distance outweighs in a hypothesis' score."""
+PX_PER_MATCH_COST = 4.0
+"""Pixels of line that one unit of squared Mahalanobis distance outweighs where the next match is chosen: mostly the
+longest line comes first, since it corrects the camera most.
+"""
+FARTHEST_MATCH_SIGMAS, SAME_LINE_SIGMAS = 25.0, 4.0
+"""How far a new line may lie from its predicted marking, and how far another piece of a marking that has a line
+already, root mean square over both ends in standard deviations of a seen line: a piece of one line lies on it, whatever
+the camera.
+"""
+EXTENT_SLACK_SHARE, EXTENT_SLACK_M = 0.15, 3.0
+"""How far a seen line may reach beyond its predicted marking, in lengths of the marking plus metres: an uncertain
+camera slides along a line, too.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +55,7 @@ class Association:
     @property
     def score(self) -> float:
         """Explained length less what the squared Mahalanobis distances cost."""
-        return self.length_px - 12.0 * self.cost
+        return self.length_px - PX_PER_COST * self.cost
 
     def contradicts(self, other: Association) -> bool:
         """Whether the two name one seen line differently, or give one name to different lines only."""
@@ -108,7 +125,7 @@ def associate_lines(
             pairs.on_marking[s, names.index(name)] = False
     lengths = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=-1)
     cost = _mahalanobis(pairs.residuals[None], pairs.jacobians, covariance[None], sigma_px)[0]
-    seeds = np.argwhere(pairs.on_marking & (cost < SEED_COST))
+    seeds = np.argwhere(pairs.on_marking & (cost < LARGEST_SEED_COST))
     seeds = seeds[np.argsort(-lengths[seeds[:, 0]], kind="stable")][: MOST_SEEDS if count > 1 else SEEDS_OF_ONE]
     if len(seeds) == 0:
         return []
@@ -136,8 +153,7 @@ def _pairs(segments: Array, ends: Array, shifts: Array, theta: Array, model: Pro
     start = ground_feet(curves, theta[None], model)
     seen = curve_residuals(curves, theta[None], start, model, updates=0)
     feet = seen.feet[0].reshape(T, S, 2)
-    # uncertain cameras slide along a line too, so its ends are taken generously
-    slack = 0.15 * lengths[:, None, None] + 3.0
+    slack = EXTENT_SLACK_SHARE * lengths[:, None, None] + EXTENT_SLACK_M
     on_marking = ((feet > -slack) & (feet < lengths[:, None, None] + slack)).all(axis=-1)
     on_marking &= ~seen.behind[0].reshape(T, S, 2).any(axis=-1)
     return _Pairs(
@@ -200,12 +216,12 @@ def _next(
     """The next match of each hypothesis that has one."""
     cost = _mahalanobis(residuals, pairs.jacobians, spread, sigma_px)
     offset = np.sqrt(np.mean(residuals**2, axis=-1))
-    fits = pairs.on_marking & (cost < MATCH_COST) & (offset < 25.0 * sigma_px)
+    fits = pairs.on_marking & (cost < LARGEST_MATCH_COST) & (offset < FARTHEST_MATCH_SIGMAS * sigma_px)
     # a second piece of a known line must lie on it, a new line must be the only one that fits
     taken = (chosen[:, :, None] == np.arange(fits.shape[2])).any(axis=1)
-    fits &= (chosen < 0)[:, :, None] & (~taken[:, None] | (offset < 4.0 * sigma_px))
+    fits &= (chosen < 0)[:, :, None] & (~taken[:, None] | (offset < SAME_LINE_SIGMAS * sigma_px))
     fits &= fits.sum(axis=2, keepdims=True) == 1
-    worth = np.where(fits, lengths[None, :, None] - 4.0 * cost, -np.inf).reshape(len(rows), -1)
+    worth = np.where(fits, lengths[None, :, None] - PX_PER_MATCH_COST * cost, -np.inf).reshape(len(rows), -1)
     best = np.argmax(worth, axis=1)
     more = np.flatnonzero(fits.reshape(len(rows), -1)[np.arange(len(rows)), best])
     s, t = np.unravel_index(best[more], pairs.on_marking.shape)

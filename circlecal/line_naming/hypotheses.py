@@ -13,11 +13,11 @@ from circlecal.camera.residuals import CurvePoints, ground_feet
 from circlecal.field import FieldTemplate
 from circlecal.geometry.projective import Array, Indices, Mask
 from circlecal.line_naming.association import Association, associate_lines
-from circlecal.line_naming.line_ends import passes_end, segment_ends
+from circlecal.line_naming.line_ends import FEWEST_POINTS, passes_end, segment_ends
 from circlecal.observations import LinePoints, MarkingKey, Observations
 
 HYPOTHESES, GROWING = 6, 2
-"""How many are fitted, and of how many the lines are matched anew."""
+"""How many hypotheses are fitted, and of how many the lines are matched anew."""
 FIT_ITERATIONS = 20
 """Most steps of a fit that is only compared."""
 ROUNDS = 3
@@ -25,7 +25,22 @@ ROUNDS = 3
 MARGIN_WIDTHS = 0.12
 """A hypothesis must explain this many picture widths of line more than any that contradicts it."""
 UNUSED_SIGMA_PX = 1e5
-"""Of lines that a hypothesis leaves without a name."""
+"""Standard deviation of lines that a hypothesis leaves without a name: they count for nothing in its fit."""
+LINE_SIGMA_PX = 1.5
+"""Standard deviation of the ends of a seen line about the straight marking: lens and measuring, pixels at 1920 px
+width.
+"""
+ALLOWED_PX = 0.3
+"""By how much the root mean square residual of a known marking may grow under a hypothesis, pixels at 1920 px width."""
+PASSED_PX = 2.5
+"""Largest root mean square residual of a line that a fit passes through, pixels at 1920 px width."""
+PX_PER_MISSED_PX, PX_PER_RESIDUAL_PX, PX_PER_PRIOR = 2.0, 400.0, 15.0
+"""What outweighs one pixel of explained line, pixels at 1920 px width: each pixel of a named line that the fit misses,
+each pixel by which known markings fit worse than allowed, each unit of chi-square that the priors give: what is known
+is not given up for a name.
+"""
+LEAST_EXPLAINED_WIDTHS, LEAST_SCORE_WIDTHS = 0.15, 0.1
+"""Least length of named line, and least score, of a hypothesis that is believed, in picture widths."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +105,7 @@ class NamingScene:
     def hypotheses(self, theta: Array, normal: Array, count: int) -> list[Association]:
         """The most plausible names under a camera with its Gauss-Newton matrix."""
         covariance = posterior_covariance(normal, self.problem.priors.sd)
-        model, sigma_px = self.problem.model, 1.5 * self.unit
+        model, sigma_px = self.problem.model, LINE_SIGMA_PX * self.unit
         return associate_lines(
             self.segments, self.template, self.known, theta, covariance, model, sigma_px, count, self.elsewhere
         )
@@ -139,7 +154,9 @@ def name_lines(
         Without names where nothing is certain.
     """
     nothing = Naming({}, state.theta[0])
-    unnamed = [k for k, line in enumerate(observations.lines) if line.line is None and len(line.points_px) >= 8]
+    unnamed = [
+        k for k, line in enumerate(observations.lines) if line.line is None and len(line.points_px) >= FEWEST_POINTS
+    ]
     if not unnamed:
         return nothing
     scene = make_naming_scene(unnamed, problem, state, observations, template, noise, ends)
@@ -159,7 +176,7 @@ def name_lines(
 
 
 def match_further_lines(scene: NamingScene, trials: list[Trial], count: int) -> list[Trial]:
-    """The same hypotheses, the ``count`` best of them with the further lines that their cameras lead to."""
+    """The hypotheses, the ``count`` best of them with the further lines that their cameras lead to."""
     trials = list(trials)
     growing = sorted(range(len(trials)), key=lambda k: -trials[k].score)[:count]
     for _ in range(ROUNDS - 1):
@@ -206,7 +223,7 @@ def make_naming_scene(
     stated = np.bincount(group, problem.curves.sigma_px) / np.bincount(group)
     return NamingScene(
         problem=replace(problem, curves=curves),
-        allowed_px=np.where(np.bincount(group) == 1, stated, 0.3 * unit),
+        allowed_px=np.where(np.bincount(group) == 1, stated, ALLOWED_PX * unit),
         before_px=np.sqrt(np.bincount(group, residuals**2) / np.bincount(group)),
         points_px=np.concatenate([points for points, _ in thinned]),
         sigma_px=np.concatenate([sigma for _, sigma in thinned]),
@@ -284,18 +301,19 @@ def _score(
     curves, known = problem.curves, len(scene.before_px)
     member = (curves.group[:, None] == np.arange(len(curves.keys))).astype(np.float64)
     rms = np.sqrt((state.residuals * curves.sigma_px) ** 2 @ member / member.sum(axis=0))
-    passed = named & (rms[:, known:] < 2.5 * scene.unit)
+    passed = named & (rms[:, known:] < PASSED_PX * scene.unit)
     explained = (lengths * passed).sum(axis=1)
     missed = (lengths * named).sum(axis=1) - explained
     worse = np.maximum(0.0, rms[:, :known] - scene.before_px - scene.allowed_px).sum(axis=1) / scene.unit
     prior = (problem.priors.residuals(state.theta)[0] ** 2).sum(axis=1)
-    return passed, explained, explained - 2.0 * missed - scene.unit * (400.0 * worse + 15.0 * prior)
+    against = PX_PER_MISSED_PX * missed + scene.unit * (PX_PER_RESIDUAL_PX * worse + PX_PER_PRIOR * prior)
+    return passed, explained, explained - against
 
 
 def select_trial(trials: list[Trial], width: int) -> Trial | None:
     """The best trial, where it explains enough, and clearly more than any that contradicts it."""
     best = max(trials, key=lambda t: t.score)
     rival = max((t.score for t in trials if t.association.contradicts(best.association)), default=-np.inf)
-    if best.explained_px < 0.15 * width or best.score < 0.1 * width or best.score < rival + MARGIN_WIDTHS * width:
+    if best.explained_px < LEAST_EXPLAINED_WIDTHS * width:
         return None
-    return best
+    return None if best.score < max(LEAST_SCORE_WIDTHS * width, rival + MARGIN_WIDTHS * width) else best

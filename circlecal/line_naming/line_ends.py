@@ -23,7 +23,7 @@ from circlecal.geometry.projective import Array, fit_line, line_distance
 from circlecal.observations import LineEnd, LinePoints, Observations
 
 SIGMA_PX = 2.0
-"""Of an end along its line, pixels at 1920 px width."""
+"""Standard deviation of an end along its line, pixels at 1920 px width."""
 WORST_SIGMAS = (12.0, 4.0)
 """An end further than this from where the camera expects the other marking is a cover's edge: at first generously,
 since a vague camera's expectation bends.
@@ -40,6 +40,8 @@ angle between both.
 """
 NEAR_SIGMAS = 1.5
 """A line passes through another one's end within this many of the end's standard deviations."""
+FEWEST_POINTS = 8
+"""Points of a seen line that gets a name or crosses another line; fewer are a fragment."""
 TOUCH_M = 0.3
 """How far a line of the template may end from the one it runs into."""
 
@@ -175,7 +177,7 @@ def _is_crossed(end: LineEnd, line: LinePoints, observations: Observations, unit
     """Whether a nameless line is seen to pass through the end, across the line that ends there."""
     along = fit_line(line.points_px)[:2]
     for other in observations.lines:
-        if other.line is None and len(other.points_px) >= 8:
+        if other.line is None and len(other.points_px) >= FEWEST_POINTS:
             normal = fit_line(other.points_px)[:2]
             across = abs(normal[0] * along[1] - normal[1] * along[0]) > LEAST_SINE
             if across and passes_point(segment_ends(other.points_px), end.point_px, unit):

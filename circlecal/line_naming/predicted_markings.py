@@ -14,15 +14,15 @@ from circlecal.geometry.projective import Array
 FARTHEST_WIDTHS = 4.0
 """How far from the picture's corner the field counts as seen, in picture widths."""
 SAMPLES = 48
-"""Along each line of the template, and along each seen one."""
+"""Places along each line of the template, and along each seen one."""
 EXPECTED_WIDTHS = 0.15
 """A line of the template is expected to be seen where so much of it lies in the picture, in picture widths."""
 NARROWEST_PX, USUAL_WIDTH_M = 0.5, 0.1
 """Paint that is narrower in the picture is not expected to be seen; its width where the template's has none."""
 SEEN_SHARE = 0.25
-"""It is, where so much of that is."""
+"""A line of the template counts as seen where lines of its name cover this share of what lies in the picture."""
 END_SLACK_M = 2.0
-"""How far a line may be seen beyond the end of its marking."""
+"""How far a line may be seen beyond the end of its marking before it overhangs, metres."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -116,7 +116,7 @@ class Bands:
         return np.hypot(noise * self.sensitivity, SIGMA_FLOOR_PX)
 
     def take(self, kept: NDArray[np.bool_]) -> Bands:
-        """Those of some profiles (N,)."""
+        """The bands of some profiles (N,)."""
         return Bands(*(getattr(self, name)[kept] for name in Bands.__slots__))
 
 

@@ -159,7 +159,7 @@ def _ellipse_of_record(record: ResultRecord) -> Array | None:
 
 
 def _points(pairs: Sequence[Pair]) -> Array:
-    """Those of the points (N, 2) that are known."""
+    """Points (N, 2) without the ones that are not known."""
     points = np.asarray(pairs, dtype=np.float64).reshape(-1, 2)
     return points[np.isfinite(points).all(axis=1)]
 

@@ -44,11 +44,11 @@ class RigFrame:
         return (0, 0) if self.observations is None else (self.observations.width, self.observations.height)
 
     def without_points(self) -> RigFrame:
-        """The same without what was seen; only the picture's size stays."""
+        """The frame without what was seen; only the picture's size stays."""
         return self if self.observations is None else replace(self, observations=Observations(*self.size))
 
     def turn_field(self) -> Array:
-        """Parameters (P,) of the same picture of the field turned by 180 degrees."""
+        """Parameters (P,) of the camera that shows this picture of a field turned by 180 degrees."""
         if self.theta is None:
             raise ValueError(f"{self.id} has no camera that could be turned")
         model = ProjectionModel(*self.size)

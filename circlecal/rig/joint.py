@@ -131,7 +131,7 @@ class JointProblem:
         return found
 
     def extrapolate(self, state: JointState, step: Step) -> JointState:
-        """As :meth:`follow`: the frames' own parameters follow a moved position along a bent path."""
+        """The state after a step, evaluated: the frames' own parameters follow a moved position along a bent path."""
         return self.follow(state, step, np.zeros(1, dtype=np.int_))
 
 
@@ -156,7 +156,7 @@ class JointState:
     g_o, g_c : (F, O + D), (F, K + Z) arrays
         Gradients of each frame.
     H_common, g_common : (K + Z, K + Z), (K + Z,) arrays
-        The same of the shared priors.
+        Gauss-Newton matrix and gradient of the shared priors.
     """
 
     own: Array

@@ -29,7 +29,7 @@ class SolverResult:
     code : str
         ``"ok"``, or the machine-readable reason of the failure.
     reason : str
-        The same in words; empty for a success.
+        Reason of the failure in words; empty for a success.
     """
 
     H_image_field: Array | None

@@ -15,7 +15,7 @@ import numpy as np
 from circlecal.camera.multistart import COARSE_POINTS, Starts, find_optima
 from circlecal.camera.noise import rescale_and_reject, rescale_sigmas
 from circlecal.camera.observed import NoiseModel, curves_from_observations, median_sigmas, points_from_observations
-from circlecal.camera.options import CameraConfig, noise_model, position_known, priors_of
+from circlecal.camera.options import CameraConfig, has_position, noise_model, priors_of
 from circlecal.camera.problem import COARSE, FINAL, Problem, State, bend_surface, minimise, predict_step, resume
 from circlecal.camera.report import camera_fit
 from circlecal.camera.residuals import CurvePoints, ground_feet, join_curves
@@ -359,14 +359,14 @@ def _is_rotation_free(task: _Task) -> bool:
     given, center = task.observations, np.asarray(task.circle.center)
     others = any(c.circle != task.circle.name for c in given.circles) or any(s.line is not None for s in given.lines)
     others = others or any(np.linalg.norm(k.field_m - center) > 1e-6 for k in given.keypoints)
-    return not others and not position_known(task.config)
+    return not others and not has_position(task.config)
 
 
 def _require_landmarks(task: _Task, landmarks: Landmarks) -> None:
     """Refuse where points, lines and arcs determine no camera without the circle's ellipse."""
     circles, name = task.observations.circles, task.circle.name
     on_arcs = sum(min(5, len(c.points_px)) for c in circles)
-    enough = ENOUGH_WITH_POSITION if position_known(task.config) else ENOUGH
+    enough = ENOUGH_WITH_POSITION if has_position(task.config) else ENOUGH
     if len(landmarks) and 2 * len(landmarks) + on_arcs >= enough:
         return
     seen = max((len(c.points_px) for c in circles if c.circle == name), default=0)

@@ -139,9 +139,7 @@ def find_cues(
 
 
 def cues_from_observations(observations: Observations, template: FieldTemplate, circle: Circle) -> Cues:
-    """The same cues from points that somebody else found: named lines, the centre mark or a keypoint at the circle's
-    centre.
-    """
+    """Cues from points that somebody else found: named lines, the centre mark or a keypoint at the circle's centre."""
     lines = [_line_cue(seen) for seen in observations.lines if len(seen.points_px) >= 2]
     halfway = next((line for line in lines if line.name is not None and line.name == template.halfway_line), None)
     center = np.asarray(circle.center)

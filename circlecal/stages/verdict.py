@@ -23,7 +23,9 @@ BLOOM_PX = 3.0
 LIKELY_RESIDUAL_PX = 1.4
 """Largest rms distance from the projected circle of one that needs a confirmation, pixels at 1920 px width."""
 EXACT_RESIDUAL_PX, EXACT_ARC_DEG = 0.1, 130.0
-"""Such an rms distance, over so much of the circle, confirms it."""
+"""Largest rms distance from the projected circle (pixels at 1920 px width) and least arc (degrees) of one that needs no
+other confirmation.
+"""
 UNCONFIRMED_SIGMA = 0.75
 """Share of the usual uncertainty that is allowed where nothing else confirms it: nothing would contradict either."""
 REACH_SHARE = 0.95

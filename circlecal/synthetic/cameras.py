@@ -273,7 +273,7 @@ def _field_points(template: FieldTemplate) -> _FieldPoints:
 def _select_circle_as_wanted(
     candidates: _Candidates, view: View, points: _FieldPoints, arc_deg: float | None
 ) -> _Candidates:
-    """Those that show as much of the circle as asked for: a coarse look at all, a fine one at what is left."""
+    """Candidates that show as much of the circle as asked for: a coarse look at all, a fine one at what is left."""
     lowest, highest = view.visible_share
     if arc_deg is not None:
         # half a sample of slack on each side, so that the exact length keeps the tolerance

@@ -27,7 +27,7 @@ def line(start: Point, end: Point) -> Line:
 
 
 def rectangle(x0: float, y0: float, x1: float, y1: float) -> tuple[Line, ...]:
-    """Its four sides."""
+    """The four sides of a rectangle between two corners."""
     corners = ((x0, y0), (x1, y0), (x1, y1), (x0, y1))
     return tuple(line(corners[k], corners[(k + 1) % 4]) for k in range(4))
 

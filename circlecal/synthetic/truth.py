@@ -44,7 +44,7 @@ class Truth:
     imaged_center_px : (2,) array
         Where the circle's centre appears in the stored (distorted) picture; may lie outside it.
     imaged_center_undistorted_px : (2,) array
-        The same in undistorted pixels.
+        Where it appears in undistorted pixels.
     center_mark : str
         ``"visible"``, ``"hidden"`` (behind a player), ``"not_painted"`` or ``"outside"`` the frame.
     kind : str

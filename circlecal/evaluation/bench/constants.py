@@ -21,7 +21,7 @@ from circlecal.synthetic.sampling import PROFILE_BY_NAME, SceneProfile, render_f
 MOST_OTHERS = 3
 """Other interpretations of one picture that are looked at."""
 OTHER_SPORT = {"soccer": "futsal"}
-"""As which sport a picture is calibrated once more; all other sports' as soccer."""
+"""Sport as which a picture of each sport is calibrated once more; pictures of all others are calibrated as soccer."""
 
 
 @dataclass(frozen=True, slots=True)

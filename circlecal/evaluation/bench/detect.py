@@ -106,7 +106,7 @@ def _one_frame(profile: SceneProfile, seed: int, index: int, width: int) -> _Fra
     image = np.asarray(cv2.imdecode(encoded, cv2.IMREAD_COLOR), dtype=np.uint8)
     config = profile_config(profile, rendering.truth)
     found, chain, stages = time_run(image, config, f"{profile}-{index}", RUNS)
-    bound = expected_px(rendering.truth, config)
+    bound = predict_error_px(rendering.truth, config)
     times = decoding_ms(np.asarray(encoded), 5), chain, stages
     if found.status != "calibrated" or found.camera is None:
         return _FrameRow(None, None, None, bound, *times, refusable=rendering.truth.expect == "refuse")
@@ -143,7 +143,7 @@ def compare(truth: Truth, fit: CameraFit) -> tuple[float, float, float]:
     return error, float(sigma.mean()) * unit, float(np.mean(distance < CHI2_90))
 
 
-def expected_px(truth: Truth, config: Config) -> float:
+def predict_error_px(truth: Truth, config: Config) -> float:
     """Mean reprojection error, px at 1920 px width, that the markings in view let one expect at best.
 
     Of a field of another size than its template's nothing is known before but what the Laws allow.

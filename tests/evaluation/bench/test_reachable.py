@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from circlecal.config import Config, load_config
-from circlecal.evaluation.bench.detect import expected_px
+from circlecal.evaluation.bench.detect import predict_error_px
 from circlecal.evaluation.bench.reachable import visible_observations
 from circlecal.field import load_field
 from circlecal.observations import Observations
@@ -47,18 +47,18 @@ def test_exact_observations_lead_to_the_truth(truth):
 
 
 def test_less_in_view_is_less_to_expect(truth):
-    whole = expected_px(truth, Config())
+    whole = predict_error_px(truth, Config())
     assert 0 < whole < 20
     visible = replace(truth, center_mark="visible")
-    assert expected_px(visible, Config()) <= whole
+    assert predict_error_px(visible, Config()) <= whole
     columns = np.arange(truth.classes.shape[1])
     half = replace(truth, classes=np.where(columns < truth.imaged_center_px[0] + 40, truth.classes, 0).astype(np.uint8))
-    assert expected_px(half, Config()) > whole
+    assert predict_error_px(half, Config()) > whole
     known = load_config(None, ["camera.position_m=[0,60,-15]", "camera.position_sd_m=[0.1,0.1,0.1]"])
-    assert expected_px(truth, known) < whole
+    assert predict_error_px(truth, known) < whole
 
 
 def test_a_circle_alone_leaves_the_rotation_free(truth):
     alone = np.where(truth.classes == CIRCLE_CLASS, truth.classes, 0).astype(np.uint8)
-    assert expected_px(replace(truth, classes=alone), Config()) == float("inf")
-    assert expected_px(replace(truth, classes=np.zeros_like(alone)), Config()) == float("inf")
+    assert predict_error_px(replace(truth, classes=alone), Config()) == float("inf")
+    assert predict_error_px(replace(truth, classes=np.zeros_like(alone)), Config()) == float("inf")
