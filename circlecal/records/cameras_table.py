@@ -43,7 +43,7 @@ def _head(name: str) -> _Read:
     return read
 
 
-def _carried_by(record: ResultRecord) -> str | None:
+def _carriers(record: ResultRecord) -> str | None:
     track: TrackRecord | None = record.track
     return None if track is None else "+".join(track.carried_by)
 
@@ -57,7 +57,7 @@ COLUMNS: dict[str, _Read] = {
     "code": lambda record: record.code,
     "shot": _track("shot"),
     "tripod": lambda record: None if record.rig is None else record.rig.camera,
-    "carried_by": _carried_by,
+    "carried_by": _carriers,
     "width_px": lambda record: record.width,
     "height_px": lambda record: record.height,
     "pan_deg": _camera("pan_degrees"),

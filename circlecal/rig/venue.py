@@ -320,17 +320,17 @@ def _offsets(template: FieldTemplate) -> Array:
 def _facts(content: VenueFile) -> list[str]:
     """What a person wants to know of each camera, as comments."""
 
-    def told(tripod: TripodPart, name: str, factor: float = 1.0) -> str:
+    def describe(tripod: TripodPart, name: str, factor: float = 1.0) -> str:
         value = tripod.parameters[name]
         return f"{factor * value.mean:.2f} +- {factor * value.sd:.2g}"
 
     lines = []
     for tripod in content.tripods:
-        x, y, z = (told(tripod, f"axis_{axis}_m") for axis in "xyz")
+        x, y, z = (describe(tripod, f"axis_{axis}_m") for axis in "xyz")
         lines.append(f"# {tripod.name}, {len(tripod.frames)} frames: axis at ({x}, {y}, {z}) m; lever arm")
         lines.append(
-            f"#   {told(tripod, 'lever_m')} m; lean {told(tripod, 'lean_x_rad', DEGREES)} and "
-            f"{told(tripod, 'lean_y_rad', DEGREES)} degrees; pitch {told(tripod, 'pitch_length_m')} x "
-            f"{told(tripod, 'pitch_width_m')} m"
+            f"#   {describe(tripod, 'lever_m')} m; lean {describe(tripod, 'lean_x_rad', DEGREES)} and "
+            f"{describe(tripod, 'lean_y_rad', DEGREES)} degrees; pitch {describe(tripod, 'pitch_length_m')} x "
+            f"{describe(tripod, 'pitch_width_m')} m"
         )
     return lines

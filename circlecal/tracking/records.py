@@ -52,7 +52,7 @@ class RecordForm:
     full: bool = False
 
 
-def tracked_record(frame: TrackedFrame, frame_id: str, source: str, shot: int, form: RecordForm) -> ResultRecord:
+def record_of_track(frame: TrackedFrame, frame_id: str, source: str, shot: int, form: RecordForm) -> ResultRecord:
     """The record of a tracked frame.
 
     Parameters

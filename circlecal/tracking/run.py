@@ -36,7 +36,7 @@ from circlecal.records.summary import write_summary
 from circlecal.rig.tripod import PLACE, Venue
 from circlecal.rig.venue import VENUE_NAME, read_venue, read_venue_file, write_venue
 from circlecal.tracking.clip import ClipFrame, survey_clip, track_frames
-from circlecal.tracking.records import RecordForm, tracked_record
+from circlecal.tracking.records import RecordForm, record_of_track
 
 DEFAULT_EVERY = "1"
 """Of a clip every frame is tracked."""
@@ -202,7 +202,7 @@ def run_track(
             report.progress.resumed += 1
         on_progress(report.progress)
         last = _last_record(log)
-        parts = {video.name: stretches_of(video, run, _reached_s(log, video)) for video in videos}
+        parts = {video.name: stretches_of(video, run, _last_time_s(log, video)) for video in videos}
         try:
             with contextlib.closing(_surveys(videos, parts, run, out, workers, scheduler)) as surveys:
                 for video, venue in surveys:
@@ -311,7 +311,7 @@ def _last_record(log: ResultLog) -> ResultRow | None:
     return None if line is None else parse_record(line, ResultRow, str(log.path), GIVE_A_RESULT)
 
 
-def _reached_s(log: ResultLog, video: Video) -> float | None:
+def _last_time_s(log: ResultLog, video: Video) -> float | None:
     """Time of the last frame of a clip that is written, seconds."""
     name = log.index.last_id(f"{video.name}_")
     return None if name is None else frame_time(name)
@@ -328,7 +328,7 @@ def _surveys(
     """The venue of each clip that is not finished, or why there is none; from the file where it was found before."""
     todo = []
     for video in videos:
-        venue = _stored_venue(venue_path(out, video, videos), run)
+        venue = _read_venue(venue_path(out, video, videos), run)
         if venue is not None:
             yield video, venue
         elif parts[video.name]:
@@ -339,7 +339,7 @@ def _surveys(
         yield video, found
 
 
-def _stored_venue(path: Path, run: ClipRun) -> Venue | None:
+def _read_venue(path: Path, run: ClipRun) -> Venue | None:
     """The venue that this run wrote before; None where there is none, or one of another run."""
     if not path.is_file():
         return None
@@ -356,11 +356,11 @@ def _survey(run: ClipRun, video: Video) -> Venue | str:
     start, end = run.sampling.start_s, run.end_s(video)
     length = (end if math.isfinite(end) else start + STRETCH_S) - start
 
-    def shifted(times_s: Sequence[float]) -> Iterator[Any]:
+    def shift_times(times_s: Sequence[float]) -> Iterator[Any]:
         return pictures_at(video.path, [start + time for time in times_s])
 
     try:
-        return survey_clip(shifted, length, run.config_of(video), run.known)
+        return survey_clip(shift_times, length, run.config_of(video), run.known)
     except CirclecalError as error:
         return str(error)
     except Exception as error:  # noqa: BLE001 - one bad clip never stops the rest
@@ -473,7 +473,7 @@ def track_stretch(run: ClipRun, stretch: Stretch, venue: Venue, on_missing: OnMi
             is_cut = before is not None and frame.shot != before
             before, now = frame.shot, frame.time_s
             if stretch.start_s <= frame.time_s < stretch.end_s:
-                record = tracked_record(frame, frame_id(video.name, frame.time_s), str(video.path), frame.shot, form)
+                record = record_of_track(frame, frame_id(video.name, frame.time_s), str(video.path), frame.shot, form)
                 yield _Tracked(record, is_cut)
     except CirclecalError as error:
         raise InputError(str(error)) from error

@@ -12,7 +12,7 @@ from circlecal.config import load_config
 from circlecal.pipeline import field_of
 from circlecal.records.log import Finished
 from circlecal.records.record import ResultRecord, result_line
-from circlecal.tracking.records import RecordForm, tracked_record
+from circlecal.tracking.records import RecordForm, record_of_track
 
 from .scripted import LOST_FRAMES, tracked
 
@@ -23,7 +23,7 @@ POINTS = np.array([[0.0, 0.0], [9.15, 0.0], [0.0, -34.0], [-20.0, 10.0]])
 def record_of(index: int, full: bool = False, size: tuple[int, int] = (1920, 1080)) -> ResultRecord:
     form = RecordForm(*field_of(load_config()), 0, "0" * 12, full)
     frame = tracked(index, index / 25.0, size)
-    written = tracked_record(frame, f"clip_{index}", "folder/clip.mp4", 2, form)
+    written = record_of_track(frame, f"clip_{index}", "folder/clip.mp4", 2, form)
     return ResultRecord.model_validate_json(result_line(written))
 
 
