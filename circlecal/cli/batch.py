@@ -53,7 +53,11 @@ def batch(
     convention: options.PointConvention = options.Convention.OFFICIAL,
     to: Annotated[
         list[str] | None,
-        typer.Option("--to", metavar="FORMAT", help="Also write all frames in this format, or parquet; repeatable."),
+        typer.Option(
+            "--to",
+            metavar="FORMAT",
+            help=f"Also write all frames in this format; repeatable: {options.TARGETS}, parquet.",
+        ),
     ] = None,
     eval_size: options.EvalSize = None,
     config: options.ConfigFile = None,

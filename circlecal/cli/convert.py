@@ -16,7 +16,10 @@ def convert(
         list[Path],
         typer.Argument(metavar="INPUT", help="Annotation or camera files, results, results.jsonl, and folders."),
     ],
-    to: Annotated[str, typer.Option("--to", metavar="FORMAT", help="Format to write, of the same kind.")],
+    to: Annotated[
+        str,
+        typer.Option("--to", metavar="FORMAT", help=f"Format to write, of the same kind: {options.CONVERSIONS}."),
+    ],
     out: options.Out = Path("circlecal-out"),
     from_format: options.FromFormat = None,
     size: options.Size = None,

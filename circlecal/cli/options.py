@@ -40,6 +40,13 @@ class Convention(StrEnum):
     PAINT = "paint"
 
 
+_ANNOTATIONS = "coco, cvat, extremities, gamestate, labelme, labelstudio, pnlcalib, soccernet"
+TARGETS = "broadtrack, coco, cvat, gamestate, labelme, labelstudio, pnlcalib, soccernet, tvcalib, worldcup"
+CONVERSIONS = (
+    "coco, cvat, extremities, labelme, labelstudio, pnlcalib, soccernet for annotations, broadtrack, gamestate, "
+    "soccernet, tvcalib, worldcup for cameras, or parquet"
+)
+"""Names of formats, written down here so that ``--help`` imports nothing; a test compares them with the registry."""
 FrameInputs = Annotated[
     list[Path],
     typer.Argument(
@@ -56,7 +63,7 @@ PointConvention = Annotated[
 ]
 To = Annotated[
     list[str] | None,
-    typer.Option("--to", metavar="FORMAT", help="Also write the calibration in this format; repeatable."),
+    typer.Option("--to", metavar="FORMAT", help=f"Also write the calibration in this format; repeatable: {TARGETS}."),
 ]
 EvalSize = Annotated[
     str | None,
@@ -64,7 +71,11 @@ EvalSize = Annotated[
 ]
 FromFormat = Annotated[
     str | None,
-    typer.Option("--from", metavar="FORMAT", help="Format of annotation files. (default: recognised by content)"),
+    typer.Option(
+        "--from",
+        metavar="FORMAT",
+        help=f"Format of annotation files: {_ANNOTATIONS}. (default: recognised by content)",
+    ),
 ]
 Size = Annotated[
     str | None,
@@ -87,7 +98,7 @@ ConfigFile = Annotated[
         "--config",
         "-c",
         metavar="FILE|NAME",
-        help="YAML file, or a name such as broadcast.",
+        help="YAML file, or a name such as broadcast. (default: default)",
         autocompletion=complete_config,
     ),
 ]
@@ -98,7 +109,10 @@ Workers = Annotated[int | None, typer.Option("--workers", "-w", min=1, help="Wor
 FieldName = Annotated[
     str | None,
     typer.Option(
-        "--field", metavar="NAME|FILE", help="Field template; see circlecal fields.", autocompletion=complete_field
+        "--field",
+        metavar="NAME|FILE",
+        help="Field template; see circlecal fields. (default: soccer)",
+        autocompletion=complete_field,
     ),
 ]
 CameraPrior = Annotated[
@@ -114,16 +128,22 @@ Scheduler = Annotated[
     typer.Option("--scheduler", metavar="tcp://HOST:PORT|local:N", help="Run on this Dask cluster instead."),
 ]
 Solver = Annotated[
-    str | None, typer.Option("--solver", metavar="NAME", help="A published method instead of circlecal's camera.")
+    str | None,
+    typer.Option(
+        "--solver",
+        metavar="NAME",
+        help="A published method instead of circlecal's camera: great_axis, footyvision, magera_case1, magera_case2, "
+        "magera_case3, alvarez_caselles, gupta, chum_matas, chen_wu, huang_self_polar, tvcalib_like, pnl_like.",
+    ),
 ]
 MaxPixels = Annotated[
     int | None,
-    typer.Option("--max-pixels", metavar="N", help="Largest picture that is read, in pixels. [default: 50 million]"),
+    typer.Option("--max-pixels", metavar="N", help="Largest picture that is read, in pixels. (default: 50 million)"),
 ]
 MaxBytes = Annotated[
-    int | None, typer.Option("--max-bytes", metavar="N", help="Largest picture file that is read. [default: 256 MB]")
+    int | None, typer.Option("--max-bytes", metavar="N", help="Largest picture file that is read. (default: 256 MB)")
 ]
-Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Seed of the random draws.")]
+Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Seed of the random draws. (default: 0)")]
 Radar = Annotated[bool, typer.Option("--radar", help="Also write the frame warped to the field plane.")]
 NoOverlay = Annotated[bool, typer.Option("--no-overlay", help="Do not write overlay pictures.")]
 Json = Annotated[bool, typer.Option("--json", help="Print results as JSON, one line each.")]

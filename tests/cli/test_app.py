@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 import tomllib
@@ -12,6 +13,9 @@ import yaml
 
 from circlecal import __version__
 from circlecal.cli.app import app
+from circlecal.config import Config
+from circlecal.formats.registry import annotation_formats, calibration_formats, camera_formats
+from circlecal.solvers import solver_names
 
 ROOT = Path(__file__).parents[2]
 COMMANDS = [command.name or command.callback.__name__ for command in app.registered_commands]
@@ -29,6 +33,22 @@ def test_every_command_is_in_the_help_and_has_its_own(run_circlecal, command):
     outcome = run_circlecal(command, "--help")
     assert outcome.code == 0
     assert f"circlecal {command}" in outcome.out
+
+
+def test_help_names_formats_solvers_and_defaults(run_circlecal, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    read, cameras = annotation_formats(), camera_formats()
+    written = {name for name, form in read.items() if form.write is not None} | set(cameras)
+    named = {"calibrate": {*read, *calibration_formats(), *solver_names()}, "convert": {*written, "parquet"}}
+    named["calibrate"] -= {"circlecal", "circlecal_default"}
+    named["batch"] = named["calibrate"] | {"parquet"}
+    for command, names in named.items():
+        words = set(re.findall(r"[\w]+", run_circlecal(command, "--help").out))
+        assert names <= words, f"{command} --help lacks {sorted(names - words)}"
+    text = " ".join(run_circlecal("calibrate", "--help").out.split())
+    config = Config()
+    for default in (config.field.template, config.seed, "50 million", "256 MB"):
+        assert f"(default: {default})" in text
 
 
 @pytest.mark.parametrize("command", ["", *COMMANDS])
