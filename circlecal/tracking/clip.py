@@ -1,16 +1,52 @@
-"""A clip from its pictures to the camera of every frame: what its cameras are, and then one frame after the other."""
+"""A clip from its pictures to the camera of every frame: one frame after the other, then smoothed shot by shot."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.config import Config
+from circlecal.field import FieldTemplate
+from circlecal.field.view import FieldView
+from circlecal.geometry.projective import Array
+from circlecal.pipeline import field_of
+from circlecal.refusals import REFUSALS
+from circlecal.results import Check
 from circlecal.rig.tripod import Venue
-from circlecal.tracking.results import TrackedFrame
+from circlecal.tracking.looking import Look, LookedAt, Place
+from circlecal.tracking.motion import Flow, HeadMotion, estimate_motion, follow_corners
+from circlecal.tracking.results import Carrier, Head, TrackedFrame
+from circlecal.tracking.smoother import smooth_heads
+from circlecal.tracking.survey import PicturesAt, survey_clip
+
+__all__ = ["ClipFrame", "PicturesAt", "survey_clip", "track_frames"]
+
+WINDOW, OVERLAP = 400, 150
+"""Frames that are smoothed at once at most, and those that the next window shares with it."""
+DRIFT_SD = (2e-4, 3e-5, 3e-5)
+"""What the motion between neighbours leaves open beside its own standard deviation: logarithm of the focal length and
+radians.
+"""
+SEARCHES = (0, 1, 2, 3, 4, 6, 9, 14, 20)
+"""Frames after a cut in which the camera is searched for; later in every :data:`SEARCH_EVERY`-th."""
+SEARCH_EVERY = 25
+LEAST_GRASS = 0.15
+"""Share of the picture that the playing surface covers where a search is worth it."""
+FOLLOWED_FRAMES = 50
+"""So long a camera is followed by motion alone, frames."""
+EXPECTED_PLACES, BARE_SHARE = 60, 0.2
+"""A picture that should show so many places of paint and shows less than this share of them contradicts its camera."""
+PATIENCE = 12
+"""Frames in a row that contradict the camera before it is searched for again."""
+LARGEST_SIGMA_PX = 8.0
+"""Of the answer, over what is seen of the pitch, pixels at 1920 px width."""
+SHUTTER = 0.5
+"""Share of the time between frames during which the shutter is open."""
+MODEL_SHARE = 1.0
+"""Of the paint's own variance in one frame, what its neighbours repeat: paint, surface and lens stay what they are."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,30 +58,27 @@ class ClipFrame:
     picture: NDArray[np.uint8]
 
 
-PicturesAt = Callable[[Sequence[float]], Iterator[NDArray[np.uint8] | None]]
-"""Decodes the pictures at some growing times; None for one that is not there."""
+@dataclass(slots=True)
+class _Entry:
+    """What is kept of a frame until its shot is smoothed."""
 
-
-def survey_clip(pictures_at: PicturesAt, duration_s: float, config: Config, known: Venue | None = None) -> Venue:
-    """Find the cameras of a clip: frames here and there are calibrated alone, and then together.
-
-    Parameters
-    ----------
-    pictures_at : callable
-        Decodes pictures by their times.
-    duration_s : float
-        Length of the clip.
-    config : Config
-        Options.
-    known : Venue, optional
-        Cameras from earlier; they are taken over, and others are added.
-
-    Returns
-    -------
-    Venue
-        Without tripods where no camera could be determined.
-    """
-    return known or Venue(config.field.template)
+    index: int
+    time_s: float
+    size: tuple[int, int]
+    shot: int
+    place: Place | None = None
+    head: Array = field(default_factory=lambda: np.zeros(3))
+    information: Array = field(default_factory=lambda: np.zeros((3, 3)))
+    toward: Array = field(default_factory=lambda: np.zeros(3))
+    by_common: Array | None = None
+    motion: HeadMotion | None = None
+    """From the frame before."""
+    is_confirmed: bool = False
+    is_contradicted: bool = False
+    expected: int = 0
+    painted: int = 0
+    rms_px: float = np.inf
+    carriers: tuple[Carrier, ...] = ()
 
 
 def track_frames(frames: Iterable[ClipFrame], venue: Venue, config: Config) -> Iterator[TrackedFrame]:
@@ -65,6 +98,229 @@ def track_frames(frames: Iterable[ClipFrame], venue: Venue, config: Config) -> I
     TrackedFrame
         One for each frame; memory does not grow with the length of the clip.
     """
+    template, _ = field_of(config)
+    tracker = _Tracker(venue, config, template)
+    waiting: list[_Entry] = []
     for frame in frames:
-        height, width = frame.picture.shape[:2]
-        yield TrackedFrame(frame.index, frame.time_s, (width, height), 0, None, "refused", "no_tripod")
+        entry = tracker.follow(frame)
+        if waiting and entry.shot != waiting[-1].shot:
+            yield from _answer(waiting, len(waiting))
+            waiting = []
+        waiting.append(entry)
+        if len(waiting) >= WINDOW:
+            yield from _answer(waiting, WINDOW - OVERLAP)
+            waiting = waiting[WINDOW - OVERLAP :]
+    yield from _answer(waiting, len(waiting))
+
+
+class _Tracker:
+    """Goes through a clip; knows the last frame."""
+
+    def __init__(self, venue: Venue, config: Config, template: FieldTemplate) -> None:
+        self._venue, self._config, self._template = venue, config, template
+        self._places: dict[tuple[int, int], list[Place]] = {}
+        self._rng = np.random.default_rng(config.seed)
+        self._last: LookedAt | None = None
+        self._entry: _Entry | None = None
+        self._shot = 0
+        self._since_cut, self._unconfirmed, self._contradicted = 0, 0, 0
+        self._velocity = np.zeros(2)
+
+    def follow(self, frame: ClipFrame) -> _Entry:
+        """The next frame."""
+        picture = LookedAt.of(frame.picture, self._config.mask.detector.field_region)
+        entry = _Entry(frame.index, frame.time_s, picture.size, self._shot)
+        before, last = self._entry, self._last
+        flow = None
+        if last is not None and last.size == picture.size:
+            flow = follow_corners(last.small, picture.small, self._velocity)
+        look = None
+        if before is not None and before.place is not None and flow is not None:
+            look = self._continue(entry, before, picture, flow)
+        is_lost = look is None or self._contradicted >= PATIENCE or self._unconfirmed > FOLLOWED_FRAMES
+        if is_lost:
+            self._lose(entry, before)
+            if self._is_time_to_search() and picture.grass_share >= LEAST_GRASS:
+                self._find(entry, picture)
+            self._since_cut += 1
+        self._entry, self._last = entry, picture
+        return entry
+
+    def _continue(self, entry: _Entry, before: _Entry, picture: LookedAt, flow: Flow) -> Look | None:
+        """Follow the camera of the frame before; None where it cannot be followed."""
+        place = before.place
+        if place is None:
+            return None
+        tripod = place.tripod
+        motion = estimate_motion(flow, before.head, tripod.model, tripod.mean, self._rng, picture.small.factor)
+        if motion is None:
+            return None
+        head = before.head + motion.change
+        covariance = motion.covariance + np.diag(np.array([1e-3, 2e-4, 2e-4]) ** 2) * (1 + self._unconfirmed)
+        self._velocity = np.median(flow.after - flow.before, axis=0)
+        look = place.look(picture, head, covariance, before.by_common, SHUTTER * self._velocity)
+        entry.place, entry.motion = place, motion
+        _take(entry, look, head, covariance)
+        if entry.by_common is None:
+            entry.by_common = before.by_common
+        self._unconfirmed = 0 if look.is_confirmed else self._unconfirmed + 1
+        self._contradicted = self._contradicted + 1 if entry.is_contradicted else 0
+        return look
+
+    def _lose(self, entry: _Entry, before: _Entry | None) -> None:
+        if before is not None and before.place is not None:
+            self._shot += 1
+            self._since_cut = 0
+        entry.shot = self._shot
+        entry.place, entry.motion = None, None
+        entry.information, entry.toward = np.zeros((3, 3)), np.zeros(3)
+        entry.is_confirmed = False
+        self._velocity = np.zeros(2)
+        self._unconfirmed = self._contradicted = 0
+
+    def _is_time_to_search(self) -> bool:
+        return self._since_cut in SEARCHES or self._since_cut % SEARCH_EVERY == 0
+
+    def _find(self, entry: _Entry, picture: LookedAt) -> None:
+        """Search for each of the cameras; the one with the most paint has the frame."""
+        best: tuple[Place, Look] | None = None
+        for place in self._placed(picture.size):
+            look = place.find(picture)
+            if look is not None and (best is None or look.measured.painted.sum() > best[1].measured.painted.sum()):
+                best = place, look
+        if best is None:
+            return
+        entry.place, look = best
+        focal = float(np.exp(look.fit.head[0]))
+        _take(entry, look, look.fit.head, np.diag(np.array([0.05, 20.0 / focal, 20.0 / focal]) ** 2))
+
+    def _placed(self, size: tuple[int, int]) -> list[Place]:
+        if size not in self._places:
+            tripods = (t if t.size == size else t.scaled(size) for t in self._venue.tripods)
+            self._places[size] = [Place.of(tripod, self._template) for tripod in tripods]
+        return self._places[size]
+
+
+def _take(entry: _Entry, look: Look, expected: Array, covariance: Array) -> None:
+    """Keep what a look brought: of the paint alone, without what was expected."""
+    fit, measured = look.fit, look.measured
+    entry.head = fit.head
+    entry.expected, entry.painted = int(measured.expected.sum()), int(measured.painted.sum())
+    entry.is_confirmed = look.is_confirmed
+    entry.is_contradicted = entry.expected >= EXPECTED_PLACES and measured.painted_share < BARE_SHARE
+    entry.rms_px = fit.rms_px
+    if len(measured.marking) >= 8 and fit.inlier_share > 0.5 and not entry.is_contradicted:
+        entry.information = fit.information
+        entry.toward = np.asarray(np.linalg.solve(covariance, fit.head - expected))
+        entry.by_common = fit.by_common
+    else:
+        entry.head = expected
+    place = entry.place
+    rounds = 0 if place is None else int(measured.painted[place.drawn.radius > 0].sum())
+    carriers: list[Carrier] = []
+    if rounds >= 8:
+        carriers.append("circle")
+    if entry.painted - rounds >= 8:
+        carriers.append("lines")
+    entry.carriers = (*carriers, "motion") if entry.motion is not None else tuple(carriers)
+
+
+def _answer(entries: list[_Entry], count: int) -> Iterator[TrackedFrame]:
+    """The first frames of one shot, after all of them were smoothed together."""
+    if not entries:
+        return
+    tracked = [k for k, entry in enumerate(entries) if entry.place is not None]
+    smoothed: dict[int, tuple[Array, Array]] = {}
+    for chain in _chains(entries, tracked):
+        part = [entries[k] for k in chain]
+        heads = np.array([entry.head for entry in part])
+        changes, precision = np.zeros((len(part) - 1, 3)), np.zeros((len(part) - 1, 3, 3))
+        for j, entry in enumerate(part[1:]):
+            if entry.motion is not None:
+                changes[j] = entry.motion.change
+                precision[j] = np.linalg.inv(entry.motion.covariance + np.diag(np.square(DRIFT_SD)))
+        found = smooth_heads(
+            heads, np.array([e.information for e in part]), np.array([e.toward for e in part]), changes, precision
+        )
+        for j, k in enumerate(chain):
+            smoothed[k] = found.heads[j], found.covariances[j]
+    support = _frames_to_confirmed(entries)
+    for k, entry in enumerate(entries[:count]):
+        yield _refused(entry, "lost") if k not in smoothed else _tracked(entry, *smoothed[k], support[k])
+
+
+def _chains(entries: list[_Entry], tracked: list[int]) -> list[list[int]]:
+    """Runs of frames of one camera that follow each other."""
+    chains: list[list[int]] = []
+    for k in tracked:
+        if chains and chains[-1][-1] == k - 1 and entries[k].motion is not None:
+            chains[-1].append(k)
+        else:
+            chains.append([k])
+    return chains
+
+
+def _frames_to_confirmed(entries: list[_Entry]) -> list[int]:
+    """How many frames lie between each and the next one that its paint confirms, on either side, along the motion."""
+    far = 10**6
+    found = [far] * len(entries)
+    near = far
+    for k, entry in enumerate(entries):
+        near = near + 1 if entry.motion is not None else far
+        near = 0 if entry.is_confirmed else near
+        found[k] = near
+    near = far
+    for k in range(len(entries) - 1, -1, -1):
+        near = 0 if entries[k].is_confirmed else near + 1
+        found[k] = min(found[k], near)
+        if entries[k].motion is None:
+            near = far
+    return found
+
+
+def _refused(entry: _Entry, code: str) -> TrackedFrame:
+    return TrackedFrame(entry.index, entry.time_s, entry.size, entry.shot, None, "refused", code, REFUSALS[code].words)
+
+
+def _tracked(entry: _Entry, values: Array, covariance: Array, support: int) -> TrackedFrame:
+    """The answer of a frame that was followed, or why it is refused."""
+    place = entry.place
+    if place is None:
+        return _refused(entry, "lost")
+    tripod = place.tripod
+    covariance = covariance + _model_covariance(entry)
+    view = tripod.view(values, covariance, entry.by_common)
+    sigma_px = _largest_sigma(view, place)
+    limit = LARGEST_SIGMA_PX * place.unit
+    checks = (
+        Check("painted_share", entry.painted / max(entry.expected, 1), BARE_SHARE, not entry.is_contradicted),
+        Check("frames_to_confirmed", float(support), FOLLOWED_FRAMES, support <= FOLLOWED_FRAMES),
+        Check("sigma_px", sigma_px, limit, bool(sigma_px <= limit)),
+    )
+    head = Head(float(values[1]), float(values[2]), float(values[0]), covariance)
+    frame = TrackedFrame(
+        entry.index, entry.time_s, entry.size, entry.shot, tripod.name, "calibrated", None, None, view, head,
+        entry.carriers, checks, sigma_px,
+    )  # fmt: skip
+    if support > FOLLOWED_FRAMES or (entry.is_contradicted and support > PATIENCE):
+        return _refuse(frame, "paint_missing")
+    return frame if sigma_px <= limit else _refuse(frame, "too_uncertain")
+
+
+def _refuse(frame: TrackedFrame, code: str) -> TrackedFrame:
+    return replace(frame, status="refused", code=code, reason=REFUSALS[code].words)
+
+
+def _model_covariance(entry: _Entry) -> Array:
+    if not entry.information.any():
+        return np.zeros((3, 3))
+    return np.asarray(MODEL_SHARE * np.linalg.inv(entry.information + 1e-3 * np.eye(3)))
+
+
+def _largest_sigma(view: FieldView, place: Place) -> float:
+    """Largest standard deviation, pixels, over places of the pitch that the picture shows."""
+    points = view.visible_field(place.template, step_m=5.0)
+    if len(points) == 0:
+        return float("inf")
+    _, sigma = view.project(points, sigma=True)
+    return float("inf") if sigma is None else float(np.nanmax(sigma))

@@ -1,0 +1,90 @@
+"""One frame's head from the paint that it shows, with the tripod known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from circlecal.geometry.projective import Array
+from circlecal.rig.tripod import TripodEstimate
+from circlecal.tracking.markings import DrawnTemplate, MeasuredFrame
+from circlecal.tracking.tripod_fit import residuals_of, sigmas_of
+
+ROUNDS = 5
+LOSS_SCALE = 3.0
+"""Of the Geman-McClure loss, standard deviations."""
+
+
+@dataclass(frozen=True, slots=True)
+class HeadFit:
+    """A head as the paint of a frame has it.
+
+    Attributes
+    ----------
+    head : (3,) array
+        Logarithm of the focal length, pan and tilt.
+    information : (3, 3) array
+        Of the paint alone, for the tripod as it is.
+    by_common : (3, K) array
+        How the paint's head follows the common parameters.
+    rms_px : float
+        Root mean square of the weighted residuals.
+    inlier_share : float
+        Share of the paint that the camera explains.
+    """
+
+    head: Array
+    information: Array
+    by_common: Array
+    rms_px: float
+    inlier_share: float
+
+
+def fit_head(
+    measured: MeasuredFrame,
+    head: Array,
+    prior: Array,
+    tripod: TripodEstimate,
+    drawn: DrawnTemplate,
+) -> HeadFit:
+    """Fit the head to the paint from a start with a prior.
+
+    Parameters
+    ----------
+    measured : MeasuredFrame
+        Paint.
+    head, prior : (3,), (3, 3) arrays
+        Where the prior is, and its information.
+    tripod : TripodEstimate
+        The camera.
+    drawn : DrawnTemplate
+        The field.
+    """
+    model, common, unit = tripod.model, tripod.mean, tripod.size[0] / 1920.0
+    start = head
+    sigma = np.zeros(0)
+    information, by_common = np.zeros((3, 3)), np.zeros((3, len(common)))
+    rms, share = np.inf, 0.0
+    for step in range(ROUNDS):
+        theta = model.thetas(head[None], common)[0]
+        by_own, by_all = (d[0] for d in model.derivatives(head[None], common))
+        away, rows = residuals_of(measured, drawn, theta, model.projection)
+        if len(away) == 0:
+            break
+        if step in (0, 2):
+            sigma = sigmas_of(measured, away, unit)
+        values = away / sigma
+        weight = 1.0 / (1.0 + values**2 / LOSS_SCALE**2) ** 2
+        jacobian = (rows @ by_own) / sigma[:, None]
+        information = (jacobian * weight[:, None]).T @ jacobian
+        gradient = (jacobian * weight[:, None]).T @ values + prior @ (head - start)
+        change = -np.linalg.solve(information + prior + 1e-6 * np.eye(3), gradient)
+        head = head + np.clip(change, -0.1, 0.1)
+        if step == ROUNDS - 1 or np.abs(jacobian @ change).max() < 0.02:
+            mixed = (jacobian * weight[:, None]).T @ ((rows @ by_all) / sigma[:, None])
+            by_common = -np.linalg.solve(information + prior + 1e-6 * np.eye(3), mixed)
+            rms = float(np.sqrt((weight * away**2).sum() / max(weight.sum(), 1e-9)))
+            share = float((np.abs(values) < LOSS_SCALE).mean())
+            break
+    return HeadFit(head, information, by_common, rms, share)

@@ -1,0 +1,181 @@
+"""To look at a picture with a known tripod: the markings in view, their paint, and the head that it says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.detection.field_region import find_field_region
+from circlecal.detection.options import FieldRegionConfig
+from circlecal.field import FieldTemplate
+from circlecal.geometry.projective import Array
+from circlecal.paint.profiles import to_gray
+from circlecal.rig.tripod import PLACE, TripodEstimate
+from circlecal.tracking.head_fit import HeadFit, fit_head
+from circlecal.tracking.markings import DrawnTemplate, MeasuredFrame, drawn_template, measure_markings, place_markings
+from circlecal.tracking.motion import SmallPicture
+from circlecal.tracking.search import RidgePicture, find_ridges, search_heads
+
+LEAST_PLACES = 36
+"""Places with paint, 9 px apart at 1920 px width, that confirm a head: two or three markings."""
+LEAST_PAINTED, LEAST_EXPLAINED = 0.45, 0.75
+"""Share of the expected places that show paint, and of these that the head explains: of right heads 0.5 to 1 and 0.9 to
+1, of wrong ones 0.05 to 0.35.
+"""
+LARGEST_RMS_PX = 1.6
+"""Of the paint about the head's markings, pixels at 1920 px width."""
+LARGEST_HEAD_SIGMA_PX = 3.0
+"""Standard deviation by which the paint alone leaves the middle and the border of the picture open, pixels at 1920."""
+FOUND_SD_PX, FOUND_SD_ZOOM = 5.0, 0.012
+"""Of a head that was just found by searching, pixels at 1920 px width and logarithm of the focal length."""
+SMALL_WIDTH_PX = 320
+
+
+@dataclass(frozen=True)
+class LookedAt:
+    """A picture in the shapes that tracking needs it in.
+
+    Attributes
+    ----------
+    gray : (H, W) uint8
+        Brightness.
+    small : SmallPicture
+        Reduced, for motion.
+    grass : (h, w) uint8
+        Playing surface in a reduced picture.
+    grass_share : float
+        Share of the picture that it covers.
+    """
+
+    gray: NDArray[np.uint8]
+    small: SmallPicture
+    grass: NDArray[np.uint8]
+    grass_share: float
+
+    @classmethod
+    def of(cls, picture: NDArray[np.uint8], config: FieldRegionConfig) -> LookedAt:
+        """Prepare a BGR picture (H, W, 3)."""
+        gray = to_gray(picture)
+        height, width = gray.shape
+        step = max(1, width // (2 * SMALL_WIDTH_PX))
+        reduced = cv2.resize(
+            picture[::step, ::step], (SMALL_WIDTH_PX, round(SMALL_WIDTH_PX * height / width)),
+            interpolation=cv2.INTER_AREA,
+        )  # fmt: skip
+        region = find_field_region(np.asarray(reduced, np.uint8), config)
+        return cls(gray, SmallPicture.of(gray), region.hull, region.area_share)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height."""
+        return self.gray.shape[1], self.gray.shape[0]
+
+    @cached_property
+    def ridges(self) -> RidgePicture:
+        """For a search."""
+        return find_ridges(self.gray, self.grass)
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """What a look brought: the paint, and the head that it says."""
+
+    measured: MeasuredFrame
+    fit: HeadFit
+    is_confirmed: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A tripod before a field, as pictures are looked at with it."""
+
+    tripod: TripodEstimate
+    template: FieldTemplate
+    drawn: DrawnTemplate
+
+    @classmethod
+    def of(cls, tripod: TripodEstimate, template: FieldTemplate) -> Place:
+        """The tripod before the template's field."""
+        return cls(tripod, template, drawn_template(template))
+
+    @property
+    def unit(self) -> float:
+        """Width of the pictures over 1920."""
+        return self.tripod.size[0] / 1920.0
+
+    def look(
+        self,
+        picture: LookedAt,
+        head: Array,
+        covariance: Array,
+        by_common: Array | None = None,
+        blur_px: Array | None = None,
+    ) -> Look:
+        """Look where a head puts the markings, and fit it to their paint.
+
+        Parameters
+        ----------
+        picture : LookedAt
+            Of the tripod's size.
+        head, covariance : (3,), (3, 3) arrays
+            Where the head is expected to be.
+        by_common : (3, K) array, optional
+            How the expected head follows the common parameters.
+        blur_px : (2,) array, optional
+            Way of the picture while the shutter was open.
+        """
+        tripod = self.tripod
+        model = tripod.model
+        theta = model.thetas(head[None], tripod.mean)[0]
+        by_own, by_all = (d[0] for d in model.derivatives(head[None], tripod.mean))
+        width = self.template.marking_width_m + tripod.mean[PLACE["width"]]
+        places = place_markings(self.drawn, theta, model.projection, width)
+        if by_common is not None:
+            by_all = by_all + by_own @ by_common
+        spread = np.sqrt(
+            _variance(places.by_theta @ by_own, covariance) + _variance(places.by_theta @ by_all, tripod.covariance)
+        )
+        measured = measure_markings(
+            picture.gray, places, spread, self.unit, len(self.drawn.names), blur_px, picture.grass
+        )
+        fit = fit_head(measured, head, np.asarray(np.linalg.inv(covariance)), tripod, self.drawn)
+        return Look(measured, fit, self.is_confirmed(measured, fit))
+
+    def is_confirmed(self, measured: MeasuredFrame, fit: HeadFit) -> bool:
+        """Whether the paint that should be there is there, explained by the head, and places it."""
+        if len(measured.marking) < LEAST_PLACES or measured.painted_share < LEAST_PAINTED:
+            return False
+        if fit.inlier_share < LEAST_EXPLAINED or fit.rms_px > LARGEST_RMS_PX * self.unit:
+            return False
+        covariance = np.linalg.inv(fit.information + 1e-3 * np.eye(3))
+        sigma = np.sqrt(np.diag(covariance)) * (self.tripod.size[0] / 2, np.exp(fit.head[0]), np.exp(fit.head[0]))
+        return bool(sigma.max() < LARGEST_HEAD_SIGMA_PX * self.unit)
+
+    def find(self, picture: LookedAt) -> Look | None:
+        """Search for the head; None where the paint confirms none."""
+        best: Look | None = None
+        focal = FOUND_SD_PX * self.unit
+        for head in search_heads(picture.ridges, self.tripod, self.drawn, self.template):
+            spread = np.diag(np.array([FOUND_SD_ZOOM, *np.full(2, focal / np.exp(head[0]))]) ** 2)
+            look = self.look(picture, head, spread)
+            if len(look.measured.marking) < LEAST_PLACES // 2:
+                continue
+            look = self.look(picture, look.fit.head, spread / 16.0, look.fit.by_common)
+            if look.is_confirmed and (best is None or _is_better(look, best)):
+                best = look
+        return best
+
+
+def _is_better(first: Look, second: Look) -> bool:
+    worth = [
+        look.measured.painted.sum() * look.measured.painted_share * look.fit.inlier_share for look in (first, second)
+    ]
+    return bool(worth[0] > worth[1])
+
+
+def _variance(rows: Array, covariance: Array) -> Array:
+    return np.asarray(np.maximum(((rows @ covariance) * rows).sum(axis=1), 0.0))

@@ -1,0 +1,301 @@
+"""The markings that a predicted camera puts into view, and where the picture shows their paint.
+
+Places are spread evenly over all that the picture may show of the template. Each is projected with its derivatives, and
+the paint is looked for across the marking there. What is kept of a frame is small: places on the field, pixels, normals
+and standard deviations, from which the frame can be fitted again when its tripod is known better.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.camera.residuals import SIZES
+from circlecal.field import FieldTemplate
+from circlecal.geometry.camera_parameters import Projection, ProjectionModel, project
+from circlecal.geometry.projective import Array, Indices, Mask
+from circlecal.paint.bands import measure_curve
+from circlecal.paint.profiles import GrayPicture
+
+SPACING_PX = 9.0
+"""Distance of neighbouring places along a marking, pixels at 1920 px width: a third of what players and their shadows
+cover, so that what lies between them still has the neighbours that paint is known by.
+"""
+MOST_PLACES = 420
+"""More are not measured: a penalty area at 1920 px width shows about 4,000 px of markings."""
+MARGIN_PX = 3.0
+"""Places nearer to the picture's border are not measured, pixels."""
+ACROSS_PX = 5.0
+"""Least reach of a profile to both sides beyond the paint, pixels at 1920 px width."""
+FARTHEST_SIGMA_PX = 12.0
+"""A marking whose place is less certain than this, pixels at 1920 px width, is another one as likely."""
+NARROWEST_PX = 0.35
+"""Paint that is narrower in the picture, in pixels, is not expected to be seen."""
+PIECE = 24
+"""Places in a row within which paint has one usual contrast."""
+
+
+@dataclass(frozen=True, slots=True)
+class DrawnTemplate:
+    """Markings of a template as curves with a parameter.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Circles and arcs, then lines (K).
+    nodes : (K, N, 2) array
+        Points along each, metres.
+    shifts : (K, 3, 2) array
+        How each moves with the sizes of the field.
+    center, radius, first, last : (K, 2), (K,), (K,), (K,) arrays
+        Circles: centre, radius of the centreline, first and last angle. Lines have a radius of 0.
+    by_width : (K,) array
+        How much the radius of a centreline grows per metre of marking width.
+    """
+
+    names: tuple[str, ...]
+    nodes: Array
+    shifts: Array
+    center: Array
+    radius: Array
+    first: Array
+    last: Array
+    by_width: Array
+
+    def places(self, marking: Indices, share: Array) -> Array:
+        """Points (M, 2) at a share (M,) of the way along markings (M,), metres."""
+        angle = self.first[marking] + share * (self.last[marking] - self.first[marking])
+        on_circle = self.center[marking] + self.radius[marking, None] * np.stack([np.cos(angle), np.sin(angle)], -1)
+        start, end = self.nodes[marking, 0], self.nodes[marking, -1]
+        return np.where(self.radius[marking, None] > 0, on_circle, start + share[:, None] * (end - start))
+
+
+@lru_cache(maxsize=8)
+def _drawn(template_json: str) -> DrawnTemplate:
+    template = FieldTemplate.model_validate_json(template_json)
+    names, nodes, shifts = template.outlines
+    round_ones = (*template.circles, *template.arcs)
+    ends = [(0.0, 360.0)] * len(template.circles) + [(arc.start_deg, arc.end_deg) for arc in template.arcs]
+    K, C = len(names), len(round_ones)
+    center, radius, first, last, by_width = np.zeros((K, 2)), *np.zeros((4, K))
+    for k, (circle, (start, end)) in enumerate(zip(round_ones, ends, strict=True)):
+        center[k], radius[k] = circle.center, template.radius(circle, "center")
+        first[k], last[k] = np.radians(start), np.radians(end)
+        by_width[k] = template.radius(circle, "center", 1.0) - template.radius(circle, "center", 0.0)
+    shifts = shifts.copy()
+    # the arcs of the penalty areas move with the goal lines
+    shifts[:C, 1, 0] = np.where(np.abs(center[:C, 0]) > 1.0, np.sign(center[:C, 0]) / 2.0, 0.0)
+    return DrawnTemplate(names, nodes, shifts, center, radius, first, last, by_width)
+
+
+def drawn_template(template: FieldTemplate) -> DrawnTemplate:
+    """The markings of a template as curves."""
+    return _drawn(template.model_dump_json())
+
+
+@dataclass(frozen=True, slots=True)
+class Places:
+    """M places on the markings before a camera.
+
+    Attributes
+    ----------
+    marking : (M,) int array
+        Number of the marking.
+    field_m : (M, 2) array
+        Place on a field of the template's size.
+    pixels, normals : (M, 2) arrays
+        Where it is seen, and the unit vector across the marking.
+    width_px : (M,) array
+        Width of the paint there.
+    by_theta : (M, P) array
+        Derivative of the place along the normal by the camera's parameters, sizes of the field among them.
+    """
+
+    marking: Indices
+    field_m: Array
+    pixels: Array
+    normals: Array
+    width_px: Array
+    by_theta: Array
+
+
+def grown(drawn: DrawnTemplate, marking: Indices, field_m: Array, theta: Array) -> Array:
+    """Places (M, 2) of the template on a field with the sizes of ``theta`` (P,)."""
+    moved = field_m + np.einsum("s,msi->mi", theta[SIZES], drawn.shifts[marking])
+    swollen = theta[SIZES[0]] * drawn.by_width[marking]
+    round_ones = np.flatnonzero((drawn.radius[marking] > 0) & (swollen != 0))
+    if len(round_ones):
+        outward = field_m[round_ones] - drawn.center[marking[round_ones]]
+        moved[round_ones] += outward * (swollen[round_ones] / drawn.radius[marking[round_ones]])[:, None]
+    return np.asarray(moved)
+
+
+def rows_of(drawn: DrawnTemplate, marking: Indices, field_m: Array, seen: Projection, normals: Array) -> Array:
+    """Derivatives (M, P) along normals (M, 2) by all parameters of the first camera, sizes of the field among them."""
+    rows, by_field = (values[0] for values in seen.gradient(normals.T[None]))
+    rows[SIZES] = np.einsum("msi,im->sm", drawn.shifts[marking], by_field)
+    outward = np.where(
+        drawn.radius[marking, None] > 0,
+        (field_m - drawn.center[marking]) / np.maximum(drawn.radius[marking, None], 1e-9),
+        0.0,
+    )
+    rows[SIZES[0]] += drawn.by_width[marking] * (outward.T * by_field).sum(axis=0)
+    return np.asarray(rows.T)
+
+
+def place_markings(
+    drawn: DrawnTemplate, theta: Array, model: ProjectionModel, width_m: float, spacing_px: float = SPACING_PX
+) -> Places:
+    """Spread places evenly over what the picture may show of the markings.
+
+    Parameters
+    ----------
+    drawn : DrawnTemplate
+        The field.
+    theta : (P,) array
+        The camera.
+    model : ProjectionModel
+        Picture and surface.
+    width_m : float
+        Width of the paint, metres.
+    spacing_px : float
+        Distance of neighbours, pixels at 1920 px width.
+    """
+    K, N = drawn.nodes.shape[:2]
+    unit = model.width / 1920.0
+    flat = drawn.nodes.reshape(-1, 2)
+    marking_of = np.repeat(np.arange(K), N)
+    coarse = project(theta[None], grown(drawn, marking_of, flat, theta)[None], model)
+    pixels = np.where(coarse.visible[0, :, None], coarse.pixels[0], np.nan).reshape(K, N, 2)
+    first, last = pixels[:, :-1], pixels[:, 1:]
+    step = last - first
+    with np.errstate(invalid="ignore"):
+        met = (np.maximum(first, last) > 0) & (np.minimum(first, last) < (model.width, model.height))
+        near = np.abs(step).max(axis=-1) < 2.0 * model.width
+    length = np.where(met.all(axis=-1) & near, np.hypot(step[..., 0], step[..., 1]), 0.0).ravel()
+    end = np.cumsum(length)
+    spacing = max(spacing_px * unit, end[-1] / MOST_PLACES)
+    along = np.arange(0.5 * spacing, end[-1], spacing)
+    span = np.minimum(np.searchsorted(end, along, side="right"), len(length) - 1)
+    within = (along - (end[span] - length[span])) / np.maximum(length[span], 1e-9)
+    marking = span // (N - 1)
+    share = (span % (N - 1) + within) / (N - 1)
+    field_m = drawn.places(marking, share)
+    seen = project(theta[None], grown(drawn, marking, field_m, theta)[None], model)
+    # along the marking on the ground, and from there in the picture
+    direction = drawn.nodes[marking, -1] - drawn.nodes[marking, 0]
+    beside = field_m - drawn.center[marking]
+    tangent = np.where(drawn.radius[marking, None] > 0, np.stack([-beside[:, 1], beside[:, 0]], -1), direction)
+    tangent /= np.maximum(np.hypot(tangent[:, :1], tangent[:, 1:]), 1e-9)
+    image = seen.along(tangent[None, :, 0], tangent[None, :, 1])[0].T
+    normals = np.stack([-image[:, 1], image[:, 0]], axis=-1) / np.maximum(np.hypot(*image.T), 1e-9)[:, None]
+    across = seen.along(-tangent[None, :, 1], tangent[None, :, 0])[0].T
+    width_px = width_m * np.abs((across * normals).sum(axis=1))
+    found = seen.pixels[0]
+    inside = (found > MARGIN_PX).all(axis=1) & (
+        found < (model.width - 1 - MARGIN_PX, model.height - 1 - MARGIN_PX)
+    ).all(1)
+    inside &= seen.visible[0] & (width_px > NARROWEST_PX)
+    rows = rows_of(drawn, marking, field_m, seen, normals)
+    return Places(marking[inside], field_m[inside], found[inside], normals[inside], width_px[inside], rows[inside])
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredFrame:
+    """Paint that a picture shows of the markings.
+
+    Attributes
+    ----------
+    marking, field_m : (M,), (M, 2) arrays
+        Which marking, and where on it, on a field of the template's size.
+    points_px, normals : (M, 2) arrays
+        Middle of the paint, and the direction across it in which it was measured.
+    sigma_px : (M,) array
+        Standard deviation along the normal.
+    expected, painted : (K,) int arrays
+        Of each marking the number of places that the camera puts before grass, and of those that show paint.
+    """
+
+    marking: Indices
+    field_m: Array
+    points_px: Array
+    normals: Array
+    sigma_px: Array
+    expected: Indices
+    painted: Indices
+
+    @property
+    def painted_share(self) -> float:
+        """Share of the expected places that show paint, 0 where none is expected."""
+        return float(self.painted.sum() / max(self.expected.sum(), 1))
+
+
+def measure_markings(
+    picture: GrayPicture,
+    places: Places,
+    spread_px: Array,
+    unit: float,
+    count: int,
+    blur_px: Array | None = None,
+    grass: NDArray[np.uint8] | None = None,
+) -> MeasuredFrame:
+    """Look for paint at places.
+
+    Parameters
+    ----------
+    picture : (H, W) uint8
+        Gray levels.
+    places : Places
+        Where the camera puts the markings.
+    spread_px : (M,) array
+        Standard deviation of the places along their normals.
+    unit : float
+        Width of the picture over 1920.
+    count : int
+        Number K of markings.
+    blur_px : (2,) array, optional
+        Way of the picture while the shutter was open.
+    grass : (h, w) uint8, optional
+        Playing surface in a reduced picture: what is seen elsewhere is not the marking.
+
+    Returns
+    -------
+    MeasuredFrame
+    """
+    keep = spread_px < FARTHEST_SIGMA_PX * unit
+    if grass is not None:
+        height, width = picture.shape
+        rows, columns = grass.shape
+        at = (places.pixels * (columns / width, rows / height)).astype(int)
+        keep &= grass[np.clip(at[:, 1], 0, rows - 1), np.clip(at[:, 0], 0, columns - 1)] > 0
+    index = np.flatnonzero(keep)
+    marking, base, normals = places.marking[index], places.pixels[index], places.normals[index]
+    expected = np.bincount(marking, minlength=count)
+    if len(index) < 8:
+        empty = np.zeros((0, 2))
+        return MeasuredFrame(marking[:0], empty, empty, empty, np.zeros(0), expected, np.zeros(count, dtype=np.int_))
+    reach = max(ACROSS_PX * unit, 3.5) + 2.0 * spread_px[index] + places.width_px[index]
+    if blur_px is not None:
+        reach = reach + 0.5 * np.abs(normals @ blur_px)
+    start = np.searchsorted(marking, np.arange(count))
+    position = np.arange(len(index)) - start[marking]
+    pieces_of = np.where(expected > 0, (expected - 1) // PIECE + 1, 0)
+    pieces = position // PIECE + (np.cumsum(pieces_of) - pieces_of)[marking]
+    found = measure_curve(picture, base, normals, reach, pieces.astype(np.int64))
+    on: Mask = found.supported
+    # paint as wide as this camera shows it, blurred
+    blurred = 2.2 * unit + 1.0 + (np.abs(normals @ blur_px) if blur_px is not None else 0.0)
+    on = np.asarray(on & (found.width < 1.6 * places.width_px[index] + 2.0 * blurred), np.bool_)
+    painted = np.bincount(marking[on], minlength=count)
+    return MeasuredFrame(
+        marking[on],
+        places.field_m[index][on],
+        base[on] + found.offset[on, None] * normals[on],
+        normals[on],
+        np.full(np.count_nonzero(on), 0.1),
+        expected,
+        painted,
+    )

@@ -1,0 +1,198 @@
+"""The cameras of a clip: frames here and there alone, then together on their tripods, then all that these find."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.config import Config
+from circlecal.field import Circle, FieldTemplate
+from circlecal.geometry.projective import Array
+from circlecal.geometry.surface import Surface, SurfaceShape
+from circlecal.pipeline import field_of, run
+from circlecal.results import CameraFit
+from circlecal.rig.positions import group_positions
+from circlecal.rig.tripod import TripodEstimate, Venue
+from circlecal.tracking.looking import LookedAt, Place
+from circlecal.tracking.markings import DrawnTemplate, MeasuredFrame, drawn_template, measure_markings, place_markings
+from circlecal.tracking.tripod_fit import HeadedFrame, TripodFit, common_priors, fit_tripod, start_tripod
+
+PicturesAt = Callable[[Sequence[float]], Iterator[NDArray[np.uint8] | None]]
+"""Decodes, at some growing times, the first frame at or after each; None where there is none."""
+
+MOST_PICTURES, LEAST_STEP_S = 48, 0.4
+"""Pictures that are looked at, and the least time between them."""
+ENOUGH_ALONE = 14
+"""Frames that are calibrated alone; all others are found by the tripod that these determine."""
+SAME_PLACE_M = 0.8
+"""How far apart single frames put one camera, beyond their own uncertainty: the lever arm moves the pupil so far."""
+LEAST_FRAMES = 2
+"""Frames that make a tripod."""
+WORST_RMS_PX = 1.0
+"""A frame whose paint lies further from its tripod's markings, root mean square, pixels at 1920 px width, was
+calibrated wrongly: right ones have 0.05 to 0.4.
+"""
+LEAST_OWN_PLACES = 30
+ROUNDS = 2
+"""In which the tripods find further frames and learn from them."""
+SHAPES: tuple[SurfaceShape, ...] = ("roof", "parabola")
+DECISIVE = 10.0
+"""Difference in cost by which a parabola must be better than a roof."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Alone:
+    """A frame that was calibrated alone, with the paint of its markings."""
+
+    name: str
+    fit: CameraFit
+    measured: MeasuredFrame
+
+
+def survey_clip(pictures_at: PicturesAt, duration_s: float, config: Config, known: Venue | None = None) -> Venue:
+    """Find the cameras of a clip.
+
+    Parameters
+    ----------
+    pictures_at : callable
+        Decodes pictures by their times.
+    duration_s : float
+        Length of the clip.
+    config : Config
+        Options.
+    known : Venue, optional
+        Cameras from earlier; they are taken over where the clip shows them, and others are added.
+
+    Returns
+    -------
+    Venue
+        Without tripods where no camera could be determined.
+    """
+    template, circle = field_of(config)
+    drawn = drawn_template(template)
+    step = max(LEAST_STEP_S, duration_s / MOST_PICTURES)
+    times = np.arange(0.0, max(duration_s - 0.5 * step, 0.01), step)
+    pictures: dict[str, LookedAt] = {}
+    alone: list[_Alone] = []
+    for time_s, picture in zip(times, pictures_at([float(t) for t in times]), strict=False):
+        if picture is None:
+            continue
+        name = f"{time_s:.3f}"
+        pictures[name] = LookedAt.of(picture, config.mask.detector.field_region)
+        if len(alone) < ENOUGH_ALONE and not (known and known.tripods):
+            found = run(picture, config, frame_id=name)
+            if found.status == "calibrated" and found.camera is not None:
+                measured = _measure(pictures[name], found.camera, template, drawn)
+                if len(measured.marking) >= LEAST_OWN_PLACES:
+                    alone.append(_Alone(name, found.camera, measured))
+    tripods = list(known.tripods) if known is not None else _tripods(alone, config, template, circle, drawn)
+    return Venue(template.name, tuple(_extend(tripod, pictures, config, template, drawn) for tripod in tripods))
+
+
+def _measure(picture: LookedAt, fit: CameraFit, template: FieldTemplate, drawn: DrawnTemplate) -> MeasuredFrame:
+    places = place_markings(drawn, fit.theta, fit.model, template.marking_width_m)
+    variance = ((places.by_theta @ fit.covariance) * places.by_theta).sum(axis=1)
+    spread = np.sqrt(np.maximum(variance, 0.0))
+    unit = fit.model.width / 1920.0
+    return measure_markings(picture.gray, places, spread, unit, len(drawn.names), None, picture.grass)
+
+
+def _tripods(
+    alone: Sequence[_Alone], config: Config, template: FieldTemplate, circle: Circle, drawn: DrawnTemplate
+) -> list[TripodEstimate]:
+    """Tripods of frames that were calibrated alone, the one with the most frames first."""
+    if len(alone) < LEAST_FRAMES:
+        return []
+    theta = np.array([a.fit.theta for a in alone])
+    covariance = np.array([a.fit.covariance for a in alone])[:, 4:7, 4:7]
+    groups, turned = group_positions(theta[:, 4:7], covariance + SAME_PLACE_M**2 * np.eye(3), LEAST_FRAMES)
+    found = []
+    for number in range(groups.max() + 1):
+        members = [alone[int(k)] for k in np.flatnonzero((groups == number) & ~turned)]
+        if len(members) >= LEAST_FRAMES:
+            fit = _fit_alone(f"camera-{number + 1}", members, config, template, circle, drawn)
+            if fit is not None:
+                found.append(fit)
+    return found
+
+
+def _fit_alone(
+    name: str,
+    members: Sequence[_Alone],
+    config: Config,
+    template: FieldTemplate,
+    circle: Circle,
+    drawn: DrawnTemplate,
+) -> TripodEstimate | None:
+    """The tripod of frames, without those of a false calibration; None where too few are left."""
+    size = members[0].fit.model.width, members[0].fit.model.height
+    unit = size[0] / 1920.0
+    mean, sd = common_priors(config.camera, template, unit)
+    kept = list(members)
+    left_out: list[str] = []
+    while len(kept) >= LEAST_FRAMES:
+        best = None
+        for shape in SHAPES if config.camera.crown_shape == "auto" else (config.camera.crown_shape,):
+            theta = np.array([a.fit.theta for a in kept])
+            start = start_tripod(name, theta, size, Surface(shape, circle.radius_m, 1.0), mean, sd)
+            heads = start.model.own_of(theta, start.mean)[:, :3]
+            frames = [HeadedFrame(a.name, head, a.measured) for a, head in zip(kept, heads, strict=True)]
+            fit = fit_tripod(frames, start, mean, sd, drawn)
+            if best is None or fit.cost < best.cost - DECISIVE:
+                best = fit
+        if best is None:
+            return None
+        worst = int(np.argmax(best.rms_px))
+        if best.rms_px[worst] <= WORST_RMS_PX * unit:
+            return replace(best.estimate, left_out=tuple(left_out))
+        left_out.append(kept[worst].name)
+        del kept[worst]
+    return None
+
+
+def _extend(
+    tripod: TripodEstimate, pictures: dict[str, LookedAt], config: Config, template: FieldTemplate, drawn: DrawnTemplate
+) -> TripodEstimate:
+    """The tripod after it has found its other frames among the pictures, and learnt from them."""
+    unit = tripod.size[0] / 1920.0
+    mean, sd = common_priors(config.camera, template, unit)
+    sizes = {name: picture for name, picture in pictures.items() if picture.size == tripod.size}
+    heads: dict[str, Array] = {}
+    for _ in range(ROUNDS):
+        place = Place.of(tripod, template)
+        frames = []
+        for name, picture in sizes.items():
+            known = heads.get(name)
+            focal = float(np.exp(tripod.head_low[0]))
+            spread = np.diag(np.array([0.004, 3.0 * unit / focal, 3.0 * unit / focal]) ** 2)
+            look = place.find(picture) if known is None else place.look(picture, known, spread)
+            if look is not None and look.is_confirmed:
+                frames.append(HeadedFrame(name, look.fit.head, look.measured))
+        fit = _fit_found(frames, tripod, mean, sd, drawn)
+        if fit is None:
+            return tripod
+        left_out = (*tripod.left_out, *(f.name for f in frames if f.name not in fit.estimate.used))
+        tripod = replace(fit.estimate, left_out=tuple(dict.fromkeys(left_out)))
+        heads = dict(zip(fit.estimate.used, fit.heads, strict=True))
+    return tripod
+
+
+def _fit_found(
+    frames: list[HeadedFrame], tripod: TripodEstimate, mean: Array, sd: Array, drawn: DrawnTemplate
+) -> TripodFit | None:
+    """The tripod of found frames, without those that do not fit the others; with the better shape of the surface."""
+    kept = list(frames)
+    limit = WORST_RMS_PX * tripod.size[0] / 1920.0
+    while len(kept) >= LEAST_FRAMES:
+        fits = [
+            fit_tripod(kept, replace(tripod, surface=replace(tripod.surface, shape=s)), mean, sd, drawn) for s in SHAPES
+        ]
+        fit = fits[1] if fits[1].cost < fits[0].cost - DECISIVE else fits[0]
+        worst = int(np.argmax(fit.rms_px))
+        if fit.rms_px[worst] <= limit:
+            return fit
+        del kept[worst]
+    return None

@@ -1,0 +1,296 @@
+"""The tripod from frames whose markings were measured: heads and what all frames share, in one least-squares problem.
+
+Every frame has its focal length, pan and tilt; all else is common. The normal equations are an arrow: each frame's
+block is eliminated, and what is left is as large as the common part, however many frames there are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from circlecal.camera.options import CameraConfig
+from circlecal.field import FieldTemplate
+from circlecal.geometry.camera_parameters import INDEX, ProjectionModel, project
+from circlecal.geometry.projective import Array, Indices
+from circlecal.geometry.surface import Surface
+from circlecal.rig.tripod import COMMON, PLACE, TripodEstimate, TripodModel
+from circlecal.tracking.markings import DrawnTemplate, MeasuredFrame, grown, rows_of
+
+ITERATIONS = 25
+ARRIVED = 1e-5
+"""Share of the cost by which the last step must lower it for another one."""
+FIRST_DAMPING = 1e-4
+LOSS_SCALE = 4.0
+"""Of the Geman-McClure loss, standard deviations: paint that lies further off is something else."""
+LEAN_SD_DEG, ROLL_SD_DEG = 0.6, 0.6
+"""Priors of the pan axis's lean and of the camera's roll on the head: standing broadcast cameras show -0.8 to 0.7
+degrees of roll by the sine of pan.
+"""
+LEVER_M, LEVER_SD_M, LEVER_BY_ZOOM_SD_M = 0.6, 0.4, 0.2
+"""Prior of the lever arm, 0.1 to 1.3 m on real cameras, and of its change while the focal length grows e-fold."""
+POINT_BY_ZOOM_PX, KAPPA_BY_ZOOM = 4.0, 0.015
+"""Priors of how far principal point (pixels at 1920 px width) and radial distortion change with that."""
+MODEL_SIGMA_PX, CORRELATION_PX = 0.12, 60.0
+"""What paint, surface and lens leave of an ideal marking, pixels at 1920 px width, and over which length along it
+neighbours repeat that.
+"""
+LARGEST_STEP = 0.3
+"""Of the logarithm of focal length and of angles, in one iteration."""
+
+
+@dataclass(frozen=True, slots=True)
+class HeadedFrame:
+    """A measured frame with its head.
+
+    Attributes
+    ----------
+    name : str
+        Of the frame.
+    head : (3,) array
+        Logarithm of the focal length, pan and tilt on the head.
+    measured : MeasuredFrame
+        Its markings.
+    """
+
+    name: str
+    head: Array
+    measured: MeasuredFrame
+
+
+def common_priors(
+    config: CameraConfig, template: FieldTemplate, unit: float, at_zoom: bool = True
+) -> tuple[Array, Array]:
+    """Means and standard deviations (K,) of the common parameters before any frame; the axis has none."""
+    mean, sd = np.zeros(len(COMMON)), np.full(len(COMMON), np.inf)
+
+    def know(name: str, value: float, spread: float) -> None:
+        mean[PLACE[name]], sd[PLACE[name]] = value, spread
+
+    for name in ("lean_x", "lean_y"):
+        know(name, 0.0, np.radians(LEAN_SD_DEG))
+    know("head_roll", 0.0, np.radians(ROLL_SD_DEG))
+    know("lever", LEVER_M, LEVER_SD_M)
+    know("lever_by_zoom", 0.0, LEVER_BY_ZOOM_SD_M)
+    for name in ("pp_x", "pp_y"):
+        know(name, 0.0, config.principal_point_sd_px * unit)
+        know(f"{name}_by_zoom", 0.0, POINT_BY_ZOOM_PX * unit if at_zoom else 0.0)
+    radial = config.distortion == "radial"
+    know("kappa_1", config.k1_mean if radial else 0.0, config.k1_sd if radial else 0.0)
+    know("kappa_1_by_zoom", 0.0, KAPPA_BY_ZOOM if radial else 0.0)
+    know("kappa_2", 0.0, config.k2_sd if radial else 0.0)
+    know("log_aspect", float(np.log(config.aspect)), config.aspect_sd)
+    flat = config.crown_shape == "flat"
+    know("crown", 0.0 if flat else config.crown_m, 0.0 if flat else config.crown_sd_m)
+    know("width", 0.0, 0.0)
+    know("length", 0.0, template.length_sd_m)
+    know("breadth", 0.0, template.width_sd_m)
+    return mean, sd
+
+
+@dataclass(frozen=True, slots=True)
+class _Normal:
+    """Cost and blocks of the normal equations: own (F, 3, 3), mixed (F, 3, K), common (K, K), and their gradients."""
+
+    cost: float
+    H_oo: Array
+    H_oc: Array
+    H_cc: Array
+    g_o: Array
+    g_c: Array
+    costs: Array
+    rms_px: Array
+
+
+def residuals_of(
+    measured: MeasuredFrame, drawn: DrawnTemplate, theta: Array, model: ProjectionModel
+) -> tuple[Array, Array]:
+    """Distances (M,) of the paint from where a camera (P,) puts it, px, and their derivatives (M, P) by it."""
+    places = grown(drawn, measured.marking, measured.field_m, theta)
+    seen = project(theta[None], places[None], model)
+    away = ((measured.points_px - seen.pixels[0]) * measured.normals).sum(axis=1)
+    return away, -rows_of(drawn, measured.marking, measured.field_m, seen, measured.normals)
+
+
+def sigmas_of(measured: MeasuredFrame, residuals_px: Array, unit: float) -> Array:
+    """Standard deviations (M,) that the scatter of each marking's residuals asks for, with what neighbours repeat."""
+    if len(residuals_px) == 0:
+        return np.zeros(0)
+    scatter = max(0.08, 1.4826 * float(np.median(np.abs(residuals_px - np.median(residuals_px)))))
+    spacing = np.full(len(residuals_px), 9.0 * unit)
+    step = np.hypot(*np.diff(measured.points_px, axis=0).T)
+    near = np.flatnonzero((np.diff(measured.marking) == 0) & (step < 40.0 * unit))
+    if len(near):
+        spacing[:] = max(float(np.median(step[near])), 1.0)
+    repeats = np.maximum(CORRELATION_PX * unit / spacing, 1.0)
+    return np.sqrt(np.minimum(scatter, 0.6 * unit + 0.2) ** 2 * 2.0 + (MODEL_SIGMA_PX * unit) ** 2 * repeats)
+
+
+def _evaluate(
+    frames: Sequence[HeadedFrame],
+    heads: Array,
+    common: Array,
+    model: TripodModel,
+    drawn: DrawnTemplate,
+    sigmas: Sequence[Array],
+    loss_scale: float,
+) -> _Normal:
+    theta = model.thetas(heads, common)
+    by_own, by_common = model.derivatives(heads, common)
+    F, K = len(frames), len(COMMON)
+    H_oo, H_oc, H_cc, g_o, g_c = (np.zeros(s) for s in ((F, 3, 3), (F, 3, K), (K, K), (F, 3), (K,)))
+    costs, rms = np.zeros(F), np.zeros(F)
+    for k, frame in enumerate(frames):
+        away, rows = residuals_of(frame.measured, drawn, theta[k], model.projection)
+        values = away / sigmas[k]
+        squared = values * values
+        share = 1.0 / (1.0 + squared / loss_scale**2)
+        weight = share * share
+        jacobian = np.concatenate([rows @ by_own[k], rows @ by_common[k]], axis=1) / sigmas[k][:, None]
+        weighted = jacobian * weight[:, None]
+        H, g = weighted.T @ jacobian, weighted.T @ values
+        H_oo[k], H_oc[k], g_o[k] = H[:3, :3], H[:3, 3:], g[:3]
+        H_cc += H[3:, 3:]
+        g_c += g[3:]
+        costs[k] = float((squared * share).sum())
+        rms[k] = float(np.sqrt((weight * away**2).sum() / max(weight.sum(), 1e-9)))
+    return _Normal(float(costs.sum()), H_oo, H_oc, H_cc, g_o, g_c, costs, rms)
+
+
+@dataclass(frozen=True, slots=True)
+class TripodFit:
+    """A tripod with the heads (F, 3) of its frames, their root mean square residuals (F,), px, and the cost."""
+
+    estimate: TripodEstimate
+    heads: Array
+    rms_px: Array
+    cost: float
+
+
+def fit_tripod(
+    frames: Sequence[HeadedFrame],
+    start: TripodEstimate,
+    mean: Array,
+    sd: Array,
+    drawn: DrawnTemplate,
+    prior_precision: Array | None = None,
+    loss_scale: float = LOSS_SCALE,
+) -> TripodFit:
+    """Heads and common parameters of frames, from a start.
+
+    Parameters
+    ----------
+    frames : sequence of HeadedFrame
+        Measured frames with their heads.
+    start : TripodEstimate
+        Where the common parameters start.
+    mean, sd : (K,) arrays
+        Priors of the common parameters; a standard deviation of 0 fixes one at its mean.
+    drawn : DrawnTemplate
+        The field.
+    prior_precision : (K, K) array, optional
+        What earlier frames say, instead of ``sd``.
+    loss_scale : float
+        Of the robust loss.
+    """
+    unit = start.size[0] / 1920.0
+    model = start.model
+    free = np.flatnonzero(sd > 0)
+    precision = np.diag(1.0 / np.where(sd > 0, sd, np.inf) ** 2) if prior_precision is None else prior_precision
+    common = np.where(sd > 0, start.mean, mean)
+    heads = np.array([frame.head for frame in frames])
+    sigmas = [_sigmas(frame, head, common, model, drawn, unit) for frame, head in zip(frames, heads, strict=True)]
+    damping = FIRST_DAMPING
+
+    def prior_cost(values: Array) -> float:
+        return float((values - mean) @ precision @ (values - mean))
+
+    now = _evaluate(frames, heads, common, model, drawn, sigmas, loss_scale)
+    for iteration in range(ITERATIONS):
+        change_o, change_c = _step(now, precision, common - mean, free, damping)
+        shorten = max(1.0, float(np.abs(change_o).max(initial=0.0)) / LARGEST_STEP)
+        moved_heads, moved = heads + change_o / shorten, common + change_c / shorten
+        then = _evaluate(frames, moved_heads, moved, model, drawn, sigmas, loss_scale)
+        before, after = now.cost + prior_cost(common), then.cost + prior_cost(moved)
+        if after < before:
+            heads, common, now = moved_heads, moved, then
+            damping = max(damping / 10.0, 1e-10)
+            if before - after < ARRIVED * max(before, 1.0):
+                break
+        else:
+            damping *= 10.0
+            if damping > 1e4:
+                break
+        if iteration == 4:
+            sigmas = [_sigmas(f, h, common, model, drawn, unit) for f, h in zip(frames, heads, strict=True)]
+            now = _evaluate(frames, heads, common, model, drawn, sigmas, loss_scale)
+    covariance = np.zeros((len(COMMON), len(COMMON)))
+    covariance[np.ix_(free, free)] = _inverse(_reduced(now, precision, 0.0)[0][np.ix_(free, free)])
+    surface = replace(start.surface, crown_m=float(common[PLACE["crown"]]))
+    estimate = replace(
+        start,
+        surface=surface,
+        mean=common,
+        covariance=(covariance + covariance.T) / 2,
+        head_low=heads.min(axis=0),
+        head_high=heads.max(axis=0),
+        used=tuple(frame.name for frame in frames),
+    )
+    return TripodFit(estimate, heads, now.rms_px, now.cost + prior_cost(common))
+
+
+def _sigmas(
+    frame: HeadedFrame, head: Array, common: Array, model: TripodModel, drawn: DrawnTemplate, unit: float
+) -> Array:
+    away, _ = residuals_of(frame.measured, drawn, model.thetas(head[None], common)[0], model.projection)
+    return sigmas_of(frame.measured, away, unit)
+
+
+def _reduced(now: _Normal, precision: Array, damping: float) -> tuple[Array, Array]:
+    """The common block after the frames' own ones are eliminated, and their solved blocks (F, 3, K + 1)."""
+    own = now.H_oo + (damping * np.einsum("foo->fo", now.H_oo) + 1e-6)[:, :, None] * np.eye(3)
+    solved = np.linalg.solve(own, np.concatenate([now.H_oc, now.g_o[..., None]], axis=2))
+    whole = now.H_cc + precision
+    whole = whole + damping * np.diag(np.diag(whole))
+    return whole - np.einsum("foc,fod->cd", now.H_oc, solved[..., :-1]), solved
+
+
+def _step(now: _Normal, precision: Array, away: Array, free: Indices, damping: float) -> tuple[Array, Array]:
+    reduced, solved = _reduced(now, precision, damping)
+    gradient = now.g_c + precision @ away - np.einsum("foc,fo->c", now.H_oc, solved[..., -1])
+    change = np.zeros(len(away))
+    change[free] = -_inverse(reduced[np.ix_(free, free)]) @ gradient[free]
+    return -solved[..., -1] - solved[..., :-1] @ change, change
+
+
+def _inverse(matrix: Array) -> Array:
+    """Inverse of a normal matrix of quantities of very different size."""
+    size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    return np.asarray(np.linalg.pinv(matrix / np.outer(size, size), rcond=1e-13, hermitian=True) / np.outer(size, size))
+
+
+def start_tripod(
+    name: str, theta: Array, size: tuple[int, int], surface: Surface, mean: Array, sd: Array
+) -> TripodEstimate:
+    """A tripod to start from at cameras (F, P) that were calibrated alone.
+
+    The axis lies behind the entrance pupils by the lever arm that is expected; all else that is common is the median.
+    """
+    model = TripodModel(ProjectionModel(*size, replace(surface, crown_m=1.0)), float(np.median(theta[:, 0])))
+    common = mean.copy()
+    for parameter in ("pp_x", "pp_y", "kappa_1", "crown", "length", "breadth"):
+        if sd[PLACE[parameter]] > 0:
+            common[PLACE[parameter]] = np.median(theta[:, INDEX[parameter]])
+    common[PLACE["head_roll"]] = np.median(theta[:, INDEX["roll"]])
+    level = common.copy()
+    level[:3] = 0.0
+    # with the axis at the origin the model's positions are what the lever arm adds
+    beyond = model.thetas(model.own_of(theta, level)[:, :3], level)[:, 4:7]
+    common[:3] = np.median(theta[:, 4:7] - beyond, axis=0)
+    heads = model.own_of(theta, common)[:, :3]
+    covariance = np.diag(np.where(np.isfinite(sd), sd, 1.0) ** 2)
+    return TripodEstimate(
+        name, size, model.log_focal, surface, common, covariance, heads.min(axis=0), heads.max(axis=0)
+    )

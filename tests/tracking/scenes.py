@@ -1,0 +1,47 @@
+"""A tripod before a drawn pitch, for tests that need no renderer."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.field import FieldTemplate, load_field
+from circlecal.geometry.surface import Surface
+from circlecal.rig.tripod import COMMON, PLACE, TripodEstimate
+
+SIZE = (1280, 720)
+HEAD = np.array([np.log(1500.0), -0.35, 1.38])
+"""Sees a penalty area from the tripod of :func:`tripod`."""
+
+
+def template() -> FieldTemplate:
+    return load_field("soccer")
+
+
+def tripod() -> TripodEstimate:
+    common = np.zeros(len(COMMON))
+    common[:3], common[PLACE["lever"]], common[PLACE["kappa_1"]] = [1.0, 85.0, -16.0], 0.8, 0.02
+    common[PLACE["lean_x"]], common[PLACE["crown"]] = 0.005, 0.04
+    sd = np.zeros(len(COMMON))
+    sd[:3] = 0.01
+    return TripodEstimate(
+        "camera-1", SIZE, float(np.log(1500.0)), Surface("roof", 9.15, 0.04), common, np.diag(sd**2),
+        HEAD - np.array([0.1, 0.3, 0.03]), HEAD + np.array([0.1, 0.8, 0.03]),
+    )  # fmt: skip
+
+
+def draw(head: np.ndarray, rng: np.random.Generator) -> NDArray[np.uint8]:
+    """A green picture (H, W, 3) with stands over it, in which all markings are drawn."""
+    view = tripod().view(head, np.zeros((3, 3)))
+    shift, factor = 3, 4
+    picture = np.full((SIZE[1] * factor, SIZE[0] * factor, 3), (60, 120, 60), np.uint8)
+    for marking in view.markings(template()).values():
+        pixels = view.project(marking)
+        pixels = pixels[np.isfinite(pixels).all(axis=1)]
+        drawn = np.round(((pixels + 0.5) * factor - 0.5) * 2**shift).astype(np.int64)
+        drawn = np.clip(drawn, -(2**20), 2**20).astype(np.int32)
+        cv2.polylines(picture, [drawn.reshape(-1, 1, 2)], False, (230, 235, 230), 10, cv2.LINE_AA, shift)
+    picture = cv2.resize(picture, SIZE, interpolation=cv2.INTER_AREA)
+    noise = rng.normal(0.0, 3.0, picture.shape)
+    return np.clip(picture + noise, 0, 255).astype(np.uint8)

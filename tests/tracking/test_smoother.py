@@ -1,0 +1,38 @@
+"""The smoother against the dense solution of the same least squares."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from circlecal.tracking.smoother import smooth_heads
+
+
+def positive(rng: np.random.Generator, count: int) -> np.ndarray:
+    root = rng.normal(size=(count, 3, 3))
+    return root @ np.swapaxes(root, 1, 2) + 0.1 * np.eye(3)
+
+
+def test_heads_and_covariances_are_those_of_the_dense_system() -> None:
+    rng = np.random.default_rng(4)
+    count = 7
+    heads, seen = rng.normal(size=(count, 3)), rng.normal(size=(count, 3))
+    information, precision = positive(rng, count), positive(rng, count - 1)
+    information[3] = 0.0
+    changes = rng.normal(size=(count - 1, 3))
+    toward = np.einsum("nij,nj->ni", information, seen - heads)
+    found = smooth_heads(heads, information, toward, changes, precision)
+    matrix, right = np.zeros((3 * count, 3 * count)), np.zeros(3 * count)
+    for k in range(count):
+        own = slice(3 * k, 3 * k + 3)
+        matrix[own, own] += information[k]
+        right[own] += information[k] @ seen[k]
+    for k in range(count - 1):
+        rows = np.zeros((3, 3 * count))
+        rows[:, 3 * k : 3 * k + 3], rows[:, 3 * k + 3 : 3 * k + 6] = -np.eye(3), np.eye(3)
+        matrix += rows.T @ precision[k] @ rows
+        right += rows.T @ precision[k] @ changes[k]
+    np.testing.assert_allclose(found.heads.ravel(), np.linalg.solve(matrix, right), atol=1e-7)
+    covariance = np.linalg.inv(matrix)
+    for k in range(count):
+        own = slice(3 * k, 3 * k + 3)
+        np.testing.assert_allclose(found.covariances[k], covariance[own, own], atol=1e-7)
