@@ -196,7 +196,7 @@ class _Tracker:
 
     def _placed(self, size: tuple[int, int]) -> list[Place]:
         if size not in self._places:
-            tripods = (t if t.size == size else t.scaled(size) for t in self._venue.tripods)
+            tripods = (t if t.size == size else t.resize(size) for t in self._venue.tripods)
             self._places[size] = [Place.of(tripod, self._template) for tripod in tripods]
         return self._places[size]
 

@@ -122,7 +122,7 @@ class Places:
     by_theta: Array
 
 
-def grown(drawn: DrawnTemplate, marking: Indices, field_m: Array, theta: Array) -> Array:
+def grow_places(drawn: DrawnTemplate, marking: Indices, field_m: Array, theta: Array) -> Array:
     """Places (M, 2) of the template on a field with the sizes of ``theta`` (P,)."""
     moved = field_m + np.einsum("s,msi->mi", theta[SIZES], drawn.shifts[marking])
     swollen = theta[SIZES[0]] * drawn.by_width[marking]
@@ -168,7 +168,7 @@ def place_markings(
     unit = model.width / 1920.0
     flat = drawn.nodes.reshape(-1, 2)
     marking_of = np.repeat(np.arange(K), N)
-    coarse = project(theta[None], grown(drawn, marking_of, flat, theta)[None], model)
+    coarse = project(theta[None], grow_places(drawn, marking_of, flat, theta)[None], model)
     pixels = np.where(coarse.visible[0, :, None], coarse.pixels[0], np.nan).reshape(K, N, 2)
     first, last = pixels[:, :-1], pixels[:, 1:]
     step = last - first
@@ -184,7 +184,7 @@ def place_markings(
     marking = span // (N - 1)
     share = (span % (N - 1) + within) / (N - 1)
     field_m = drawn.places(marking, share)
-    seen = project(theta[None], grown(drawn, marking, field_m, theta)[None], model)
+    seen = project(theta[None], grow_places(drawn, marking, field_m, theta)[None], model)
     # along the marking on the ground, and from there in the picture
     direction = drawn.nodes[marking, -1] - drawn.nodes[marking, 0]
     beside = field_m - drawn.center[marking]

@@ -18,7 +18,7 @@ from circlecal.geometry.camera import lens_factor
 from circlecal.geometry.camera_parameters import KAPPA_1, POSITION, rotations
 from circlecal.geometry.projective import Array
 from circlecal.rig.tripod import TripodEstimate
-from circlecal.tracking.markings import DrawnTemplate, grown
+from circlecal.tracking.markings import DrawnTemplate, grow_places
 
 WIDTH_PX = 560
 """Width of the picture that is searched."""
@@ -154,7 +154,7 @@ def _pieces(drawn: DrawnTemplate, tripod: TripodEstimate) -> _Pieces:
         marking += [k] * count
         share.append(np.linspace(0.0, 1.0, count))
     index = np.array(marking)
-    places = grown(drawn, index, drawn.places(index, np.concatenate(share)), theta)
+    places = grow_places(drawn, index, drawn.places(index, np.concatenate(share)), theta)
     return _Pieces(tripod.surface.lift(places).T.astype(np.float32), np.diff(index) == 0)
 
 

@@ -17,7 +17,7 @@ from circlecal.geometry.camera_parameters import INDEX, ProjectionModel, project
 from circlecal.geometry.projective import Array, Indices
 from circlecal.geometry.surface import Surface
 from circlecal.rig.tripod import COMMON, PLACE, TripodEstimate, TripodModel
-from circlecal.tracking.markings import DrawnTemplate, MeasuredFrame, grown, rows_of
+from circlecal.tracking.markings import DrawnTemplate, MeasuredFrame, grow_places, rows_of
 
 ITERATIONS = 25
 ARRIVED = 1e-5
@@ -108,7 +108,7 @@ def residuals_of(
     measured: MeasuredFrame, drawn: DrawnTemplate, theta: Array, model: ProjectionModel
 ) -> tuple[Array, Array]:
     """Distances (M,) of the paint from where a camera (P,) puts it, px, and their derivatives (M, P) by it."""
-    places = grown(drawn, measured.marking, measured.field_m, theta)
+    places = grow_places(drawn, measured.marking, measured.field_m, theta)
     seen = project(theta[None], places[None], model)
     away = ((measured.points_px - seen.pixels[0]) * measured.normals).sum(axis=1)
     return away, -rows_of(drawn, measured.marking, measured.field_m, seen, measured.normals)
