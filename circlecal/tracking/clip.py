@@ -184,7 +184,7 @@ class _Tracker:
     def _find(self, entry: _Entry, picture: LookedAt) -> None:
         """Search for each of the cameras; the one with the most paint has the frame."""
         best: tuple[Place, Look] | None = None
-        for place in self._placed(picture.size):
+        for place in self._places_of(picture.size):
             look = place.find(picture)
             if look is not None and (best is None or look.measured.painted.sum() > best[1].measured.painted.sum()):
                 best = place, look
@@ -194,7 +194,7 @@ class _Tracker:
         focal = float(np.exp(look.fit.head[0]))
         _take(entry, look, look.fit.head, np.diag(np.array([0.05, 20.0 / focal, 20.0 / focal]) ** 2))
 
-    def _placed(self, size: tuple[int, int]) -> list[Place]:
+    def _places_of(self, size: tuple[int, int]) -> list[Place]:
         if size not in self._places:
             tripods = (t if t.size == size else t.resize(size) for t in self._venue.tripods)
             self._places[size] = [Place.of(tripod, self._template) for tripod in tripods]
@@ -244,9 +244,9 @@ def _answer(entries: list[_Entry], count: int) -> Iterator[TrackedFrame]:
         )
         for j, k in enumerate(chain):
             smoothed[k] = found.heads[j], found.covariances[j]
-    support = _frames_to_confirmed(entries)
+    support = _count_to_confirmation(entries)
     for k, entry in enumerate(entries[:count]):
-        yield _refused(entry, "lost") if k not in smoothed else _tracked(entry, *smoothed[k], support[k])
+        yield _refusal(entry, "lost") if k not in smoothed else _answer_frame(entry, *smoothed[k], support[k])
 
 
 def _chains(entries: list[_Entry], tracked: list[int]) -> list[list[int]]:
@@ -260,7 +260,7 @@ def _chains(entries: list[_Entry], tracked: list[int]) -> list[list[int]]:
     return chains
 
 
-def _frames_to_confirmed(entries: list[_Entry]) -> list[int]:
+def _count_to_confirmation(entries: list[_Entry]) -> list[int]:
     """How many frames lie between each and the next one that its paint confirms, on either side, along the motion."""
     far = 10**6
     found = [far] * len(entries)
@@ -278,15 +278,15 @@ def _frames_to_confirmed(entries: list[_Entry]) -> list[int]:
     return found
 
 
-def _refused(entry: _Entry, code: str) -> TrackedFrame:
+def _refusal(entry: _Entry, code: str) -> TrackedFrame:
     return TrackedFrame(entry.index, entry.time_s, entry.size, entry.shot, None, "refused", code, REFUSALS[code].words)
 
 
-def _tracked(entry: _Entry, values: Array, covariance: Array, support: int) -> TrackedFrame:
+def _answer_frame(entry: _Entry, values: Array, covariance: Array, support: int) -> TrackedFrame:
     """The answer of a frame that was followed, or why it is refused."""
     place = entry.place
     if place is None:
-        return _refused(entry, "lost")
+        return _refusal(entry, "lost")
     tripod = place.tripod
     covariance = covariance + _model_covariance(entry)
     view = tripod.view(values, covariance, entry.by_common)

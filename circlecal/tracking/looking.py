@@ -16,7 +16,7 @@ from circlecal.geometry.projective import Array
 from circlecal.paint.profiles import to_gray
 from circlecal.rig.tripod import PLACE, TripodEstimate
 from circlecal.tracking.head_fit import HeadFit, fit_head
-from circlecal.tracking.markings import DrawnTemplate, MeasuredFrame, drawn_template, measure_markings, place_markings
+from circlecal.tracking.markings import DrawnTemplate, MeasuredFrame, measure_markings, place_markings, template_curves
 from circlecal.tracking.motion import SmallPicture
 from circlecal.tracking.search import RidgePicture, find_ridges, search_heads
 
@@ -100,7 +100,7 @@ class Place:
     @classmethod
     def of(cls, tripod: TripodEstimate, template: FieldTemplate) -> Place:
         """The tripod before the template's field."""
-        return cls(tripod, template, drawn_template(template))
+        return cls(tripod, template, template_curves(template))
 
     @property
     def unit(self) -> float:

@@ -74,7 +74,7 @@ class DrawnTemplate:
 
 
 @lru_cache(maxsize=8)
-def _drawn(template_json: str) -> DrawnTemplate:
+def _read_curves(template_json: str) -> DrawnTemplate:
     template = FieldTemplate.model_validate_json(template_json)
     names, nodes, shifts = template.outlines
     round_ones = (*template.circles, *template.arcs)
@@ -91,9 +91,9 @@ def _drawn(template_json: str) -> DrawnTemplate:
     return DrawnTemplate(names, nodes, shifts, center, radius, first, last, by_width)
 
 
-def drawn_template(template: FieldTemplate) -> DrawnTemplate:
+def template_curves(template: FieldTemplate) -> DrawnTemplate:
     """The markings of a template as curves."""
-    return _drawn(template.model_dump_json())
+    return _read_curves(template.model_dump_json())
 
 
 @dataclass(frozen=True, slots=True)

@@ -168,12 +168,12 @@ def estimate_motion(
     world = _background(flow.before, head, model, common)
     steps = np.array([1e-3, 1e-3, 1e-3])
 
-    def seen(change: Array) -> Array:
+    def pixels_after(change: Array) -> Array:
         """Pixels (B, N, 2) after changes (B, 3)."""
         return _project(world, head + change, model, common)
 
-    here = seen(np.zeros((1, 3)))[0]
-    by = np.stack([(p - here) / s for p, s in zip(seen(np.diag(steps)), steps, strict=True)], axis=-1)
+    here = pixels_after(np.zeros((1, 3)))[0]
+    by = np.stack([(p - here) / s for p, s in zip(pixels_after(np.diag(steps)), steps, strict=True)], axis=-1)
     pairs = rng.integers(0, count, (HYPOTHESES, 2))
     rows = by[pairs].reshape(HYPOTHESES, 4, 3)
     wanted = (flow.after - here)[pairs].reshape(HYPOTHESES, 4, 1)
@@ -187,7 +187,7 @@ def estimate_motion(
     change = tried[int(np.argmin(score))]
     scale = limit
     for _ in range(5):
-        at = seen(change[None])[0]
+        at = pixels_after(change[None])[0]
         rest = flow.after - at
         size = np.hypot(*rest.T)
         near = size < limit * 2

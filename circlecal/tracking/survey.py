@@ -17,7 +17,7 @@ from circlecal.results import CameraFit
 from circlecal.rig.positions import group_positions
 from circlecal.rig.tripod import TripodEstimate, Venue
 from circlecal.tracking.looking import LookedAt, Place
-from circlecal.tracking.markings import DrawnTemplate, MeasuredFrame, drawn_template, measure_markings, place_markings
+from circlecal.tracking.markings import DrawnTemplate, MeasuredFrame, measure_markings, place_markings, template_curves
 from circlecal.tracking.tripod_fit import HeadedFrame, TripodFit, common_priors, fit_tripod, start_tripod
 
 PicturesAt = Callable[[Sequence[float]], Iterator[NDArray[np.uint8] | None]]
@@ -72,7 +72,7 @@ def survey_clip(pictures_at: PicturesAt, duration_s: float, config: Config, know
         Without tripods where no camera could be determined.
     """
     template, circle = field_of(config)
-    drawn = drawn_template(template)
+    drawn = template_curves(template)
     step = max(LEAST_STEP_S, duration_s / MOST_PICTURES)
     times = np.arange(0.0, max(duration_s - 0.5 * step, 0.01), step)
     pictures: dict[str, LookedAt] = {}
@@ -171,7 +171,7 @@ def _extend(
             look = place.find(picture) if known is None else place.look(picture, known, spread)
             if look is not None and look.is_confirmed:
                 frames.append(HeadedFrame(name, look.fit.head, look.measured))
-        fit = _fit_found(frames, tripod, mean, sd, drawn)
+        fit = _fit_members(frames, tripod, mean, sd, drawn)
         if fit is None:
             return tripod
         left_out = (*tripod.left_out, *(f.name for f in frames if f.name not in fit.estimate.used))
@@ -180,7 +180,7 @@ def _extend(
     return tripod
 
 
-def _fit_found(
+def _fit_members(
     frames: list[HeadedFrame], tripod: TripodEstimate, mean: Array, sd: Array, drawn: DrawnTemplate
 ) -> TripodFit | None:
     """The tripod of found frames, without those that do not fit the others; with the better shape of the surface."""

@@ -227,7 +227,7 @@ def fit_tripod(
             sigmas = [_sigmas(f, h, common, model, drawn, unit) for f, h in zip(frames, heads, strict=True)]
             now = _evaluate(frames, heads, common, model, drawn, sigmas, loss_scale)
     covariance = np.zeros((len(COMMON), len(COMMON)))
-    covariance[np.ix_(free, free)] = _inverse(_reduced(now, precision, 0.0)[0][np.ix_(free, free)])
+    covariance[np.ix_(free, free)] = _inverse(_eliminate(now, precision, 0.0)[0][np.ix_(free, free)])
     surface = replace(start.surface, crown_m=float(common[PLACE["crown"]]))
     estimate = replace(
         start,
@@ -248,7 +248,7 @@ def _sigmas(
     return sigmas_of(frame.measured, away, unit)
 
 
-def _reduced(now: _Normal, precision: Array, damping: float) -> tuple[Array, Array]:
+def _eliminate(now: _Normal, precision: Array, damping: float) -> tuple[Array, Array]:
     """The common block after the frames' own ones are eliminated, and their solved blocks (F, 3, K + 1)."""
     own = now.H_oo + (damping * np.einsum("foo->fo", now.H_oo) + 1e-6)[:, :, None] * np.eye(3)
     solved = np.linalg.solve(own, np.concatenate([now.H_oc, now.g_o[..., None]], axis=2))
@@ -258,7 +258,7 @@ def _reduced(now: _Normal, precision: Array, damping: float) -> tuple[Array, Arr
 
 
 def _step(now: _Normal, precision: Array, away: Array, free: Indices, damping: float) -> tuple[Array, Array]:
-    reduced, solved = _reduced(now, precision, damping)
+    reduced, solved = _eliminate(now, precision, damping)
     gradient = now.g_c + precision @ away - np.einsum("foc,fo->c", now.H_oc, solved[..., -1])
     change = np.zeros(len(away))
     change[free] = -_inverse(reduced[np.ix_(free, free)]) @ gradient[free]
