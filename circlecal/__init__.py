@@ -25,12 +25,14 @@ __all__ = [
     "calibrate_video",
     "load",
     "load_config",
+    "track",
 ]
 
 if TYPE_CHECKING:
     from circlecal.api import Calibration, Run, ViewTransformer, calibrate, calibrate_points, calibrate_video, load
     from circlecal.config import Config, load_config
     from circlecal.errors import CirclecalError, ConfigError, InputError
+    from circlecal.tracking.calls import track
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Environment variables that libraries of linear algebra read when they are loaded. The systems here are small, and
@@ -41,6 +43,7 @@ _HOMES = {
     **dict.fromkeys(("Config", "load_config"), "circlecal.config"),
     **dict.fromkeys(("Calibration", "Run", "ViewTransformer", "load"), "circlecal.api"),
     **dict.fromkeys(("calibrate", "calibrate_points", "calibrate_video"), "circlecal.api"),
+    "track": "circlecal.tracking.calls",
 }
 
 

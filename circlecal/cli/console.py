@@ -149,11 +149,11 @@ def progress_display(*, quiet: bool) -> Iterator[Callable[[BatchProgress], None]
     if quiet:
         yield lambda progress: None
     elif console.is_terminal:
-        start = time.monotonic()
+        read_clock = _stopwatch()
         with _bar(console, "frames") as update:
 
             def show(state: BatchProgress) -> None:
-                update(state.finished, state.total, _counts(state), _rate(state, start))
+                update(state.finished, state.total, _counts(state), _rate(state, read_clock()))
 
             yield show
     else:
@@ -236,15 +236,14 @@ def _count_on_lines(unit: str, total: int) -> Callable[[str], None]:
 
 
 def _plain_lines() -> Callable[[BatchProgress], None]:
-    start = time.monotonic()
-    last = start
+    read_clock, last = _stopwatch(), 0.0
 
     def update(state: BatchProgress) -> None:
         nonlocal last
-        now = time.monotonic()
-        if state.finished == state.total or _is_due(now, last, start):
+        now = read_clock()
+        if state.finished == state.total or _is_due(now, last, 0.0):
             last = now
-            rate = _rate(state, start)
+            rate = _rate(state, now)
             left = _time_left(state.total - state.finished, rate)
             line = (
                 f"{state.finished}/{state.total} frames, {_counts(state)}, {rate:.1f} frames/s{', ' * bool(left)}{left}"
@@ -254,8 +253,21 @@ def _plain_lines() -> Callable[[BatchProgress], None]:
     return update
 
 
-def _rate(state: BatchProgress, start: float) -> float:
-    return (state.finished - state.resumed) / max(time.monotonic() - start, 1e-9)
+def _stopwatch() -> Callable[[], float]:
+    """A function that tells the seconds since its first call; what comes before the first frame is in no rate."""
+    start: float | None = None
+
+    def read() -> float:
+        nonlocal start
+        now = time.monotonic()
+        start = now if start is None else start
+        return now - start
+
+    return read
+
+
+def _rate(state: BatchProgress, seconds: float) -> float:
+    return (state.finished - state.resumed) / max(seconds, 1e-9)
 
 
 def _counts(state: BatchProgress) -> str:

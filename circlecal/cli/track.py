@@ -87,6 +87,7 @@ def track(
                 scheduler=scheduler,
                 restart=restart,
                 on_progress=show,
+                on_survey=lambda name: None if quiet else console.print_note(f"{name}: looking for its cameras"),
                 on_note=console.print_note,
                 on_error=console.error_reporter(failures),
             )

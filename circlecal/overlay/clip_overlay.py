@@ -7,7 +7,7 @@ import math
 from circlecal.field import FieldTemplate
 from circlecal.field.view import FieldView
 from circlecal.overlay.canvas import Canvas, Picture
-from circlecal.overlay.palette import ACCEPTED, REFUSED, WHITE
+from circlecal.overlay.palette import REFUSED, TEMPLATE, WHITE
 from circlecal.overlay.template_lines import draw_template
 
 _TEXT = 0.75
@@ -44,7 +44,7 @@ def draw_clip_frame(
     top = canvas.height - 2.6 * height
     canvas.shade(0, top, canvas.width, canvas.height)
     left = canvas.text(_clock(time_s), 1.2 * height, top + 0.8 * height, WHITE, height, halo=False) + 3.0 * height
-    canvas.text("  ".join(facts), left, top + 0.8 * height, REFUSED if view is None else ACCEPTED, height, halo=False)
+    canvas.text("  ".join(facts), left, top + 0.8 * height, REFUSED if view is None else TEMPLATE, height, halo=False)
     return canvas.picture
 
 

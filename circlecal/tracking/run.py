@@ -162,6 +162,7 @@ def run_track(
     scheduler: str | None = None,
     restart: bool = False,
     on_progress: Callable[[BatchProgress], None] = lambda progress: None,
+    on_survey: Callable[[str], None] = lambda name: None,
     on_note: Callable[[str], None] = _log.warning,
     on_error: Callable[[Exception], None] = lambda error: None,
 ) -> TrackReport:
@@ -182,9 +183,10 @@ def run_track(
         Instead of ``workers``: address of a Dask scheduler, or ``local:N``.
     restart : bool
         Start over: drop what the folder holds.
-    on_progress, on_note, on_error : callables
-        Called after every frame with the counts; with one line about what a clip lacks, once for each clip; and with
-        the error of a clip that cannot be worked on, while the others go on.
+    on_progress, on_survey, on_note, on_error : callables
+        Called after every frame with the counts; with the name of each clip whose cameras are looked for; with one line
+        about what a clip lacks, once for each clip; and with the error of a clip that cannot be worked on, while the
+        others go on.
 
     Raises
     ------
@@ -200,17 +202,17 @@ def run_track(
         for row in log.index.rows():
             report.progress.count(row.status, row.code)
             report.progress.resumed += 1
-        on_progress(report.progress)
         last = _last_record(log)
         parts = {video.name: stretches_of(video, run, _last_time_s(log, video)) for video in videos}
         try:
-            with contextlib.closing(_surveys(videos, parts, run, out, workers, scheduler)) as surveys:
+            with contextlib.closing(_surveys(videos, parts, run, out, workers, scheduler, on_survey)) as surveys:
                 for video, venue in surveys:
                     if isinstance(venue, Venue):
                         report.venues[video.name] = venue
                     else:
                         on_error(InputError(venue))
             known = [(part, venue) for name, venue in report.venues.items() for part in parts[name]]
+            on_progress(report.progress)
             writer = _Writer(log, last, report.progress, on_progress)
             _track_all(known, run, workers, scheduler, writer, on_note, on_error)
         except BrokenProcessPool as error:
@@ -297,9 +299,7 @@ class _Writer:
             return
         self._shot = 0 if record.path != self._path else self._shot + tracked.is_cut
         self._path = record.path
-        if record.track is not None:
-            track = record.track.model_copy(update={"shot": self._shot})
-            record = record.model_copy(update={"track": track})
+        record = _with_shot(record, self._shot)
         self._log.append(Finished.of(record))
         self._progress.count(record.status, record.code)
         self._on_progress(self._progress)
@@ -324,6 +324,7 @@ def _surveys(
     out: Path,
     workers: int,
     scheduler: str | None,
+    on_survey: Callable[[str], None],
 ) -> Generator[tuple[Video, Venue | str]]:
     """The venue of each clip that is not finished, or why there is none; from the file where it was found before."""
     todo = []
@@ -332,6 +333,7 @@ def _surveys(
         if venue is not None:
             yield video, venue
         elif parts[video.name]:
+            on_survey(video.name)
             todo.append(video)
     for video, found in zip(todo, _map(partial(_survey, run), todo, workers, scheduler), strict=True):
         if isinstance(found, Venue):
@@ -481,6 +483,33 @@ def track_stretch(run: ClipRun, stretch: Stretch, venue: Venue, on_missing: OnMi
         _log.debug("internal error", exc_info=True)
         where = frame_id("", now)[1:].replace("-", ":")
         raise InputError(f"{video.path}: internal error after {where}: {type(error).__name__}: {error}") from error
+
+
+def track_video(run: ClipRun, video: Video, on_note: Callable[[str], None] = _log.warning) -> Iterator[ResultRecord]:
+    """Records of a clip in the order of time, each as soon as it is known, without a folder and in this process.
+
+    Raises
+    ------
+    InputError
+        The clip cannot be read, or as :func:`track_stretch`.
+    """
+    venue = _survey(run, video)
+    if not isinstance(venue, Venue):
+        raise InputError(venue)
+    end = math.inf if run.sampling.end_s is None else run.sampling.end_s
+    shot = 0
+    for tracked in track_stretch(
+        run, Stretch(video, run.sampling.start_s, end), venue, lambda _, missing: on_note(missing)
+    ):
+        shot += tracked.is_cut
+        yield _with_shot(tracked.record, shot)
+
+
+def _with_shot(record: ResultRecord, shot: int) -> ResultRecord:
+    """The record with the number of its shot in the whole clip."""
+    if record.track is None:
+        return record
+    return record.model_copy(update={"track": record.track.model_copy(update={"shot": shot})})
 
 
 def _decode(run: ClipRun, stretch: Stretch, on_missing: OnMissing) -> Iterator[ClipFrame]:

@@ -1,0 +1,70 @@
+"""Tracking a clip from Python."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from pathlib import Path
+
+from circlecal.api import Calibration
+from circlecal.api.calls import Settings, configure
+from circlecal.config import Config
+from circlecal.field import FieldTemplate
+from circlecal.pictures.video import Sampling, Video
+from circlecal.pipeline import field_of
+from circlecal.rig.venue import read_venue
+from circlecal.tracking.run import DEFAULT_EVERY, ClipRun, track_video
+
+_log = logging.getLogger(__name__)
+
+
+def track(
+    path: str | Path,
+    config: Config | str | Path | None = None,
+    *,
+    every: str | int = DEFAULT_EVERY,
+    start: str | float | None = None,
+    end: str | float | None = None,
+    venue: str | Path | None = None,
+    field: str | Path | None = None,
+    set: Settings | None = None,
+) -> Iterator[Calibration]:
+    """Find the camera of every frame of a clip, in the order of time.
+
+    The first frame comes after the survey of the clip, the others a few seconds of the clip behind what is decoded.
+
+    Parameters
+    ----------
+    path : path
+        The video.
+    config, field, set : optional
+        As for :func:`circlecal.calibrate`.
+    every : str or int
+        A number of frames, or a time such as ``"200ms"``; every frame by default.
+    start, end : str or float, optional
+        Times in the video: seconds, ``"1:30"`` or ``"0:01:30.5"``; a frame at ``end`` itself is left out.
+    venue : path, optional
+        Cameras and pitch that are known: the ``venue.yaml`` of an earlier run.
+
+    Yields
+    ------
+    Calibration
+        With ``time_s``. Its picture is read from the video again when it is asked for.
+
+    Raises
+    ------
+    InputError
+        No video, times that are none, or a damaged venue.
+    ConfigError
+        As for :func:`circlecal.calibrate`.
+    """
+    chosen = configure(config, field, set)
+    template, _ = field_of(chosen)
+    sampling = Sampling.parse(str(every), *(None if time is None else str(time) for time in (start, end)))
+    known = None if venue is None else read_venue(Path(venue), template)
+    video = Video.open(Path(path), Path(path).stem)
+    return _calibrations(video, ClipRun(chosen, sampling, known), template)
+
+
+def _calibrations(video: Video, run: ClipRun, template: FieldTemplate) -> Iterator[Calibration]:
+    return (Calibration(record, template) for record in track_video(run, video, _log.warning))
