@@ -228,6 +228,7 @@ def run_observations(
     frame_id: str,
     source: str | None = None,
     convention: Convention = "official",
+    earlier: CameraFit | None = None,
 ) -> FrameCalibration:
     """Calibrate from what somebody else saw: annotated points or detected keypoints, without a picture.
 
@@ -242,12 +243,14 @@ def run_observations(
     convention : {"official", "paint"}
         Where points on a marking lie: ``official`` takes them at the size that the rules name (the official metric's
         model has no paint width, and every field is of its size), ``paint`` on the centreline of the paint.
+    earlier : CameraFit, optional
+        As for :func:`estimate`.
     """
     template, circle = field_of(config)
     template = apply_convention(template, convention)
     size = observations.width, observations.height
     setting = Setting(config, template, circle, *size, frame_generator(config.seed, frame_id))
-    attempt = estimate(setting, take_observations(setting, Attempt(), observations))
+    attempt = estimate(setting, take_observations(setting, Attempt(), observations), earlier)
     return setting.calibration(attempt, frame_id, source)
 
 

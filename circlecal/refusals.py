@@ -67,6 +67,12 @@ REFUSALS = _by_code(
             "Nothing, if the frame shows no field. Otherwise give a mask (--mask), or the sport (--field).",
         ),
         Refusal(
+            "other_camera",
+            "its annotation says that another camera took it",
+            "A person said in the workbench that this frame is not of the camera that is calibrated.",
+            "Nothing; take the flag away in circlecal annotate if it was set by mistake.",
+        ),
+        Refusal(
             "no_circle_found",
             "no circle is seen",
             "The field is seen, but no circle of its markings.",

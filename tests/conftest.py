@@ -52,17 +52,25 @@ def frame_camera() -> Camera:
 @pytest.fixture(scope="session")
 def frame_image(frame_camera: Camera) -> np.ndarray:
     """Picture (540, 960, 3) of that camera."""
-    width, height = FRAME_SIZE
+    return paint_frame(frame_camera)
+
+
+def paint_frame(camera: Camera, markings: tuple[str, ...] | None = None) -> np.ndarray:
+    """Picture (H, W, 3) of the markings, of all and the centre mark where none are named."""
+    frame_camera, width, height = camera, camera.width, camera.height
     template = load_field("soccer")
     scale = 4  # anti-aliasing by painting large and reducing
     picture = np.full((height * scale, width * scale, 3), (60, 130, 70), np.uint8)
     half = template.marking_width_m / 2
-    for points in template.polylines(0.1).values():
+    for name, points in template.polylines(0.1).items():
+        if markings is not None and name not in markings:
+            continue
         tangent = np.gradient(points, axis=0)
         normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1) / np.linalg.norm(tangent, axis=1)[:, None]
         band = np.concatenate([points + half * normal, (points - half * normal)[::-1]])
         _paint(picture, frame_camera, np.split(band, 2), scale)
-    _paint_spot(picture, frame_camera, scale)
+    if markings is None:
+        _paint_spot(picture, frame_camera, scale)
     noise = np.random.default_rng(1).normal(0, 2, (height, width, 3))
     reduced = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
     return np.clip(cv2.GaussianBlur(reduced, (0, 0), 0.6) + noise, 0, 255).astype(np.uint8)

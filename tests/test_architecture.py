@@ -38,7 +38,8 @@ LAYERS: tuple[frozenset[str], ...] = (
     frozenset({"batch"}),
     frozenset({"rig"}),
     frozenset({"tracking"}),
-    frozenset({"report", "evaluation"}),
+    frozenset({"report", "workbench"}),
+    frozenset({"evaluation"}),
     frozenset({"cli"}),
 )
 """From the bottom to the top: a module may import what stands in a lower layer, and its own package."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from circlecal.api.calibration import Calibration
 from circlecal.config import Config, load_config
 from circlecal.errors import InputError
 from circlecal.field import FieldTemplate
+from circlecal.formats.annotation import Annotation
 from circlecal.formats.inputs import observations_beside, observe_network
 from circlecal.formats.meaning import REFERENCE_WIDTH_PX, observe
 from circlecal.formats.shapes import AnnotatedFrame, Shape
@@ -24,6 +26,7 @@ from circlecal.pictures.masks import as_class_ids, read_mask
 from circlecal.pictures.video import Sampling, Video
 from circlecal.pipeline import Convention, apply_convention, field_of, run, run_observations
 from circlecal.records.writing import result_record
+from circlecal.refusals import REFUSALS
 
 Points = Mapping[Any, ArrayLike]
 """Pixels by the name of a marking or point of the field, or by a field point in metres."""
@@ -144,6 +147,44 @@ def calibrate_picture(
     if given is not None:
         extra = given if extra is None else join_observations(extra, given)
     return run(picture, config, mask=mask, extra=extra, frame_id=frame_id, source=source)
+
+
+def calibrate_annotation(
+    annotation: Annotation, config: Config, *, nameless: bool = True, earlier: results.CameraFit | None = None
+) -> results.FrameCalibration:
+    """Calibrate a frame from its annotation alone: what was measured in it, and what a person said it is.
+
+    Parameters
+    ----------
+    annotation : Annotation
+        Of the workbench.
+    config : Config
+        Options of every stage; the annotation's own settings go over them.
+    nameless : bool
+        Whether lines that nobody named are recognised and used too.
+    earlier : CameraFit, optional
+        Camera of nearly the same annotation, from which the fit starts.
+
+    Returns
+    -------
+    FrameCalibration
+        Refused where the person says that there is no field, or another camera.
+
+    Raises
+    ------
+    ConfigError
+        The annotation's settings contradict the configuration.
+    """
+    chosen = load_config(config, annotation.settings) if annotation.settings else config
+    seen = observe(annotation.frame(nameless), field_of(chosen)[0], chosen.sources, "workbench", annotation.id)
+    observations, name, source = seen.observations, annotation.id, annotation.source
+    if annotation.flag is not None:
+        observations = Observations(annotation.width, annotation.height)
+    found = run_observations(observations, chosen, frame_id=name, source=source, convention="paint", earlier=earlier)
+    if annotation.flag is None:
+        return found
+    verdict = results.Verdict("refused", annotation.flag, REFUSALS[annotation.flag].words, "input")
+    return replace(found, attempt=results.Attempt(observations=observations, verdict=verdict))
 
 
 def calibrate_points(

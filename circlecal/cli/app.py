@@ -12,6 +12,7 @@ import typer
 from typer.core import TyperGroup
 
 from circlecal import __version__
+from circlecal.cli.annotate import annotate
 from circlecal.cli.audit import audit
 from circlecal.cli.batch import batch
 from circlecal.cli.calibrate import calibrate
@@ -72,6 +73,7 @@ app.command()(batch)
 app.command()(track)
 app.command()(rig)
 app.command()(report)
+app.command()(annotate)
 app.command()(debug)
 app.command()(convert)
 app.command()(evaluate)

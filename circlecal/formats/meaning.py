@@ -24,7 +24,7 @@ from circlecal.formats.shapes import ELLIPSE_SAMPLES, AnnotatedFrame, ObservedFr
 from circlecal.formats.soccernet import GOAL_CLASSES, UNKNOWN_CLASSES
 from circlecal.geometry.homography import compass_label
 from circlecal.geometry.projective import Array, meet
-from circlecal.observations import CirclePoints, Keypoint, LinePoints, MarkPoint, Observations
+from circlecal.observations import CirclePoints, Keypoint, LinePoints, MarkPoint, Observations, join_observations
 
 REFERENCE_WIDTH_PX = 1920.0
 """Width of the picture for which the standard deviations are given; they grow with the width."""
@@ -106,12 +106,15 @@ def observe(
     reading = _Reading(template, sources, sources.point_sigma_px(source, frame.width), file)
     reach = _REACH * max(frame.width, frame.height)
     computed = any(shape.kind == "line" and shape.confidence is not None for shape in frame.shapes)
-    for shape in frame.shapes:
+    measured = frame.observations
+    for shape in frame.shapes if measured is None else [s for s in frame.shapes if s.kind == "points"]:
         if np.abs(shape.points_px).max(initial=0.0) > reach:
             reading.warnings.append(f"{file}: {shape.label}: lies more than {_REACH} pictures away; left out")
         elif len(shape.points_px) and not _is_computed_from_lines(shape, computed):
             reading.take(shape)
     observations = reading.observations(frame.width, frame.height)
+    if measured is not None:
+        observations = join_observations(measured, observations)
     if sources.halfway_ends and annotation_formats()[source].marks_line_ends:
         observations = add_halfway_ends(observations, template)
     warnings = (*frame.warnings, *reading.warnings)

@@ -17,7 +17,8 @@ from circlecal.pictures.files import PICTURE_SUFFIXES
 from circlecal.pictures.headers import read_header
 
 MODULES = (
-    *("tvcalib", "soccernet_camera", "gamestate_camera", "gamestate", "coco", "labelme", "pnlcalib", "broadtrack"),
+    *("annotation", "tvcalib", "soccernet_camera", "gamestate_camera", "gamestate", "coco", "labelme", "pnlcalib"),
+    "broadtrack",
     *("labelstudio", "cvat", "worldcup", "extremities", "soccernet"),
 )
 """The files of this folder that end with ``FORMAT``, in the order in which they are asked whether a file is theirs:

@@ -67,6 +67,9 @@ class AnnotatedFrame:
         What was left out, one line each, naming file and field.
     original : mapping or None
         The file's own content, where a writer hands on what it does not change.
+    observations : Observations or None
+        Curves and lines with a standard deviation for each point, where the file has them: they count instead of the
+        shapes, which then only draw them.
     """
 
     id: str
@@ -76,6 +79,7 @@ class AnnotatedFrame:
     image: str | None = None
     warnings: tuple[str, ...] = ()
     original: Mapping[str, Any] | None = None
+    observations: Observations | None = None
 
     def resize(self, width: int, height: int) -> AnnotatedFrame:
         """The frame on a picture of another size; the corners of the picture stay its corners."""
@@ -83,7 +87,7 @@ class AnnotatedFrame:
             return self
         factor = np.array([width / self.width, height / self.height])
         shapes = tuple(replace(shape, points_px=(shape.points_px + 0.5) * factor - 0.5) for shape in self.shapes)
-        return replace(self, width=width, height=height, shapes=shapes)
+        return replace(self, width=width, height=height, shapes=shapes, observations=None)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,66 @@
+"""``circlecal annotate``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from circlecal.cli import options
+
+
+def annotate(
+    inputs: Annotated[
+        list[Path],
+        typer.Argument(metavar="INPUT", help="A folder of circlecal batch, pictures, folders of them, videos."),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", "-o", help="Folder of the annotations. [default: RUN/annotations, else circlecal-annotations]"
+        ),
+    ] = None,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page; 0 takes a free one.")] = 0,
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="Only print the address.")] = False,
+    every: Annotated[
+        str | None,
+        typer.Option("--every", metavar="TIME|N", help="Frames of videos: 1s, 500ms, or every Nth. [default: 1s]"),
+    ] = None,
+    config: options.ConfigFile = None,
+    settings: options.Settings = None,
+    camera_prior: options.CameraPrior = None,
+    field: options.FieldName = None,
+    quiet: options.Quiet = False,
+    verbose: options.Verbose = False,
+) -> None:
+    """Look at frames, name their markings and see them calibrated, in the browser; everything stays on this machine."""
+    from circlecal.cli import console
+    from circlecal.errors import MissingExtraError
+    from circlecal.pictures.video import DEFAULT_EVERY, Sampling
+
+    console.configure_logging(quiet=quiet, verbose=verbose)
+    try:
+        from circlecal.workbench.server import serve
+    except ModuleNotFoundError as error:
+        raise MissingExtraError(error.name or "starlette", "annotate") from error
+    from circlecal.workbench.frames import ANNOTATION_FOLDER, is_run, list_frames
+    from circlecal.workbench.session import Session
+    from circlecal.workbench.store import AnnotationStore
+
+    chosen = options.chosen_config(config, settings, field, camera_prior=camera_prior)
+    frames = list_frames(inputs, Sampling.parse(every or DEFAULT_EVERY))
+    runs = [path for path in inputs if is_run(path)]
+    folder = out or (runs[0] / ANNOTATION_FOLDER if runs else Path("circlecal-annotations"))
+    session = Session(frames, AnnotationStore(folder), chosen)
+
+    def tell(address: str) -> None:
+        console.print_line(address)
+        if not quiet:
+            console.print_note(
+                f"{len(frames)} {'frame' if len(frames) == 1 else 'frames'}; annotations go to {folder}; Ctrl-C ends"
+            )
+        if not no_browser:
+            typer.launch(address)
+
+    serve(session, port, tell)

@@ -1,0 +1,292 @@
+"""Annotations of the workbench (``circlecal annotate``): one JSON file per frame, with everything that is known of it.
+
+A file stands by itself: it holds what the picture was measured to show as well as what a person named or clicked, each
+point with its standard deviation, so that the same camera follows from it everywhere and no picture is needed again.
+Pixels are the package's: (0, 0) is the centre of the top-left pixel. Points lie on the middle of the paint.
+
+``markings[]`` has ``name`` (an element of the field template, a meet ``halfway_line x side_line_top``, a place on a
+circle ``centre_circle top``, or null while nobody knows), ``kind`` (``curve``, ``line``, ``point``), ``points_px``,
+``sigma_px``, ``source`` (``measured``, ``clicked``, ``imported``) and ``used``; what is not used is only offered. In
+other formats a marking has its SoccerNet class where there is one, and a line without a name is ``Line unknown``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from pydantic import Field, field_validator, model_validator
+
+from circlecal.errors import CirclecalError
+from circlecal.field import FieldTemplate, load_field
+from circlecal.formats.cameras import Size
+from circlecal.formats.format import (
+    MAX_POINTS,
+    MAX_SHAPES,
+    AnnotationFormat,
+    Bounded,
+    Content,
+    FileModel,
+    Side,
+    parse_content,
+)
+from circlecal.formats.shapes import AnnotatedFrame, Shape
+from circlecal.formats.soccernet import UNKNOWN_CLASSES
+from circlecal.geometry.projective import Array
+from circlecal.observations import CircleEdge, CirclePoints, LineEnd, LinePoints, Observations
+
+ANNOTATION_VERSION = 1
+UNKNOWN_LINE = UNKNOWN_CLASSES[1]
+CURVE_POINTS, LINE_POINTS = 36, 6
+"""Of a measured marking, in files of other programs: so many are drawn and moved by hand."""
+SETTINGS = ("field.sizes.length", "field.sizes.width", "camera.crown_m", "camera.k1_mean", "field.template")
+"""Options that an annotation may set for its frame."""
+
+Pair = Annotated[list[Bounded], Field(min_length=2, max_length=2)]
+Sigma = Annotated[float, Field(gt=0, le=1e4)]
+Flag = Literal["no_field", "other_camera"]
+"""What a person says of a frame as a whole: that it shows no field, or was not taken with this camera."""
+
+
+class MarkingEnd(FileModel):
+    """Where the paint of a line is seen to end, and whether another marking crosses it there."""
+
+    point_px: Pair
+    crossed: bool
+
+
+class AnnotatedMarking(FileModel):
+    """One marking of a frame, named or not."""
+
+    name: Annotated[str, Field(min_length=1, max_length=200)] | None = None
+    kind: Literal["curve", "line", "point"]
+    edge: CircleEdge = "center"
+    points_px: Annotated[list[Pair], Field(min_length=1, max_length=MAX_POINTS)]
+    sigma_px: Annotated[list[Sigma], Field(min_length=1, max_length=MAX_POINTS)]
+    ends: list[MarkingEnd] = Field([], max_length=8)
+    source: Literal["measured", "clicked", "imported"] = "clicked"
+    used: bool = True
+
+    @model_validator(mode="after")
+    def _as_many(self) -> Self:
+        if len(self.sigma_px) != len(self.points_px):
+            raise ValueError(f"{len(self.points_px)} points have {len(self.sigma_px)} standard deviations")
+        if self.kind == "point" and len(self.points_px) != 1:
+            raise ValueError(f"a point is one pixel, not {len(self.points_px)}")
+        return self
+
+    @property
+    def points(self) -> Array:
+        """Pixels (N, 2)."""
+        return np.array(self.points_px, dtype=np.float64)
+
+    @property
+    def sigma(self) -> Array:
+        """Standard deviations (N,) along the normal of the marking, pixels."""
+        return np.array(self.sigma_px, dtype=np.float64)
+
+
+class Annotation(FileModel):
+    """Everything that is known of one frame.
+
+    ``revision`` counts the changes; ``settings`` are options for this frame (:data:`SETTINGS`); ``touched`` says
+    whether a person has changed anything.
+    """
+
+    annotation_version: Literal[1] = 1
+    id: Annotated[str, Field(min_length=1)]
+    source: str | None = None
+    time_s: float | None = None
+    width: Side
+    height: Side
+    field: str = "soccer"
+    revision: Annotated[int, Field(ge=0)] = 0
+    touched: bool = False
+    flag: Flag | None = None
+    note: Annotated[str, Field(max_length=10_000)] = ""
+    settings: dict[str, float | str] = Field({})
+    markings: list[AnnotatedMarking] = Field([], max_length=MAX_SHAPES)
+
+    @field_validator("settings")
+    @classmethod
+    def _known(cls, given: dict[str, float | str]) -> dict[str, float | str]:
+        unknown = sorted(given.keys() - set(SETTINGS))
+        if unknown:
+            raise ValueError(f"{unknown[0]} cannot be set for one frame; known: {', '.join(SETTINGS)}")
+        return given
+
+    def observations(self, nameless: bool = True) -> Observations:
+        """Curves and lines that are used; points are shapes, since their place is the template's.
+
+        Parameters
+        ----------
+        nameless : bool
+            Whether lines without a name are among them.
+        """
+        circles, lines = [], []
+        for marking in self.markings:
+            if not marking.used:
+                continue
+            if marking.kind == "curve" and marking.name is not None:
+                circles.append(CirclePoints(marking.name, marking.edge, marking.points, marking.sigma))
+            elif marking.kind == "line" and (nameless or marking.name is not None) and len(marking.points_px) > 1:
+                ends = tuple(LineEnd(np.array(end.point_px), end.crossed) for end in marking.ends)
+                lines.append(LinePoints(marking.name, marking.points, marking.sigma, ends))
+        return Observations(self.width, self.height, tuple(circles), _join_lines(lines))
+
+    def frame(self, nameless: bool = True) -> AnnotatedFrame:
+        """The annotation as other formats and :func:`circlecal.formats.meaning.observe` take it."""
+        template = self._template()
+        shapes = tuple(shape for m in self.markings if m.used for shape in _shapes(m, template, nameless))
+        image = None if self.source is None else self.source.replace("\\", "/").rpartition("/")[2]
+        image = f"{self.id}.jpg" if self.time_s is not None else image
+        return AnnotatedFrame(self.id, self.width, self.height, shapes, image, observations=self.observations(nameless))
+
+    def _template(self) -> FieldTemplate | None:
+        try:
+            return load_field(self.field)
+        except CirclecalError:  # of somebody's own, and not here
+            return None
+
+
+def _join_lines(lines: Sequence[LinePoints]) -> tuple[LinePoints, ...]:
+    """The lines, those of one name as one."""
+    named: dict[str, LinePoints] = {}
+    nameless = []
+    for line in lines:
+        before = None if line.line is None else named.get(line.line)
+        if line.line is None:
+            nameless.append(line)
+        elif before is None:
+            named[line.line] = line
+        else:
+            points = np.concatenate([before.points_px, line.points_px])
+            sigma = np.concatenate([before.sigma_px, line.sigma_px])
+            named[line.line] = LinePoints(line.line, points, sigma, (*before.ends, *line.ends))
+    return (*named.values(), *nameless)
+
+
+def _shapes(marking: AnnotatedMarking, template: FieldTemplate | None, nameless: bool) -> list[Shape]:
+    if marking.name is None:
+        if marking.kind != "line" or not nameless:
+            return []
+        return [Shape(UNKNOWN_LINE, "line", _thin(marking.points, LINE_POINTS))]
+    label = official_name(marking.name, template)
+    if marking.kind == "point":
+        return [Shape(label, "points", marking.points)]
+    return [Shape(label, "line", _thin(marking.points, CURVE_POINTS if marking.kind == "curve" else LINE_POINTS))]
+
+
+def official_name(name: str, template: FieldTemplate | None) -> str:
+    """SoccerNet's class of an element of the template, or its own name where it has none."""
+    elements = () if template is None else (*template.circles, *template.arcs, *template.lines, *template.marks)
+    return next((e.class_name for e in elements if e.name == name and e.class_name is not None), name)
+
+
+def _thin(points: Array, count: int) -> Array:
+    """At most so many of the points (N, 2), the ends among them."""
+    if len(points) <= count:
+        return points
+    return points[np.unique(np.linspace(0, len(points) - 1, count).round().astype(int))]
+
+
+def markings_of(observations: Observations, source: Literal["measured", "imported"]) -> list[AnnotatedMarking]:
+    """Observations as markings of an annotation."""
+    found = [
+        _marking("curve", c.circle, c.points_px, c.sigma_px, source, edge=c.edge)
+        for c in observations.circles
+        if len(c.points_px)
+    ]
+    for line in observations.lines:
+        ends = [MarkingEnd(point_px=end.point_px.tolist(), crossed=end.crossed) for end in line.ends]
+        order = np.argsort(line.points_px @ _direction(line.points_px), kind="stable")
+        found.append(_marking("line", line.line, line.points_px[order], line.sigma_px[order], source, ends=ends))
+    points = [(mark.mark, mark.point_px, mark.sigma_px) for mark in observations.marks]
+    points += [(point.name, point.point_px, point.sigma_px) for point in observations.keypoints]
+    found += [_marking("point", name, px[None], np.array([sigma]), source) for name, px, sigma in points]
+    return found
+
+
+def _direction(points: Array) -> Array:
+    span = np.ptp(points, axis=0)
+    along = points[np.argmax(points[:, int(span[1] > span[0])])] - points[np.argmin(points[:, int(span[1] > span[0])])]
+    return np.asarray(along)
+
+
+def _marking(
+    kind: Literal["curve", "line", "point"],
+    name: str | None,
+    points: Array,
+    sigma: Array,
+    source: Literal["measured", "imported"],
+    *,
+    edge: CircleEdge = "center",
+    ends: list[MarkingEnd] | None = None,
+) -> AnnotatedMarking:
+    return AnnotatedMarking(
+        name=name,
+        kind=kind,
+        edge=edge,
+        points_px=np.round(points, 3).tolist(),
+        sigma_px=np.maximum(np.round(sigma, 4), 1e-3).tolist(),
+        ends=ends or [],
+        source=source,
+    )
+
+
+def annotation_of_shapes(frame: AnnotatedFrame, observations: Observations, field: str) -> Annotation:
+    """An annotation from what another program's file says of a frame, as it was understood."""
+    return Annotation(
+        id=frame.id,
+        source=frame.image,
+        width=frame.width,
+        height=frame.height,
+        field=field,
+        touched=True,
+        markings=markings_of(observations, "imported"),
+    )
+
+
+def parse_annotation(path: Path, content: bytes) -> Annotation:
+    """The annotation of a file.
+
+    Raises
+    ------
+    InputError
+        One line with the file, the field and what is wrong with it.
+    """
+    return parse_content(Annotation, path, content)
+
+
+def read(path: Path, content: bytes, size: Size | None) -> list[AnnotatedFrame]:
+    """The frame of a file.
+
+    Raises
+    ------
+    InputError
+        No annotation of the workbench.
+    """
+    return [parse_annotation(path, content).frame()]
+
+
+def annotation_bytes(annotation: Annotation) -> bytes:
+    """Content of a file."""
+    return (annotation.model_dump_json() + "\n").encode()
+
+
+def write(frames: Sequence[AnnotatedFrame]) -> bytes:
+    """Content of a file from shapes of another format, which must carry names of the template or SoccerNet's."""
+    from circlecal.formats.meaning import SourcesConfig, observe
+
+    (frame,) = frames
+    seen = observe(frame, load_field("soccer"), SourcesConfig(), FORMAT.name, frame.id).observations
+    return annotation_bytes(annotation_of_shapes(frame, seen, "soccer"))
+
+
+def _recognise(content: Content) -> bool:
+    return content.mapping.keys() >= {"annotation_version", "markings"}
+
+
+FORMAT = AnnotationFormat(name="workbench", recognises=_recognise, read=read, write=write, file_name="{id}.json")

@@ -1,0 +1,74 @@
+// From pixels to metres with the camera of a frame: what circlecal.geometry.camera and surface do, for one point.
+globalThis.circlecalCamera = (() => {
+  "use strict";
+  const ROUNDS = 12, TOLERANCE_M = 1e-6;
+
+  // Newton's iteration on the radius r of r (1 + k1 r^2 + k2 r^4) = target, in half widths of the picture
+  const undistort = (camera, x, y) => {
+    const [fx, fy] = camera.focal, [k1, k2] = camera.kappa;
+    const dx = x - camera.principal[0], dy = y - camera.principal[1];
+    const target = Math.hypot(dx, (dy * fx) / fy) / (camera.width / 2);
+    let r = target;
+    for (let round = 0; round < ROUNDS; round++) {
+      const r2 = r * r;
+      r -= (r * (1 + k1 * r2 + k2 * r2 * r2) - target) / (1 + 3 * k1 * r2 + 5 * k2 * r2 * r2);
+    }
+    if (!Number.isFinite(r) || r < 0) return null;
+    const factor = target > 0 ? r / target : 1;
+    return [(dx * factor) / fx, (dy * factor) / fy];
+  };
+
+  const drop = (camera, y) => {
+    const t = y / camera.reference;
+    return camera.shape === "parabola" ? camera.crown * t * t : camera.shape === "roof" ? camera.crown * Math.abs(t) : 0;
+  };
+  const slope = (camera, y) => {
+    const t = y / camera.reference;
+    return camera.shape === "parabola" ? (2 * camera.crown * t) / camera.reference
+      : camera.shape === "roof" ? (camera.crown * Math.sign(t)) / camera.reference : 0;
+  };
+
+  // The field point (metres) that is seen at a pixel; null above the horizon.
+  const toField = (camera, x, y) => {
+    if (!camera) return null;
+    const seen = undistort(camera, x, y);
+    if (!seen) return null;
+    const R = camera.R, [px, py, pz] = camera.position;
+    const ray = [0, 1, 2].map((k) => R[0][k] * seen[0] + R[1][k] * seen[1] + R[2][k]);
+    if (!(ray[2] * -pz > 0)) return null;
+    const reach = -pz / ray[2], flat = [px + reach * ray[0], py + reach * ray[1]], toward = [px - flat[0], py - flat[1]];
+    let share = 0;
+    for (let round = 0; round < ROUNDS; round++) {
+      const v = flat[1] + share * toward[1];
+      share -= (share * pz - drop(camera, v)) / (pz - slope(camera, v) * toward[1]);
+    }
+    const point = [flat[0] + share * toward[0], flat[1] + share * toward[1]];
+    return share < 1 && Math.abs(share * pz - drop(camera, point[1])) < TOLERANCE_M ? point : null;
+  };
+
+  // A value of a grid over the picture (sigma in px or m) at a pixel, bilinear; null where a neighbour is not known.
+  const atGrid = (grid, values, width, height, x, y) => {
+    if (!grid) return null;
+    const u = Math.min(Math.max(((x + 0.5) / width) * grid.columns - 0.5, 0), grid.columns - 1);
+    const v = Math.min(Math.max(((y + 0.5) / height) * grid.rows - 0.5, 0), grid.rows - 1);
+    const c = Math.min(Math.floor(u), grid.columns - 2), r = Math.min(Math.floor(v), grid.rows - 2);
+    const at = (dr, dc) => values[(r + dr) * grid.columns + c + dc];
+    const around = [at(0, 0), at(0, 1), at(1, 0), at(1, 1)];
+    if (around.some((value) => value === null || value === undefined)) return null;
+    const s = u - c, t = v - r;
+    return (1 - t) * ((1 - s) * around[0] + s * around[1]) + t * ((1 - s) * around[2] + s * around[3]);
+  };
+
+  // Transparent blue to yellow to red over 0.5 to 50 px at 1920 px width: a colour (RGBA) for a standard deviation.
+  const SCALE = [0.5, 2, 5, 15, 50];
+  const COLOURS = [[38, 120, 210], [40, 170, 150], [235, 205, 60], [240, 130, 40], [215, 45, 40]];
+  const heat = (sigma) => {
+    if (sigma === null || !Number.isFinite(sigma)) return [0, 0, 0, 0];
+    const place = SCALE.findIndex((limit) => sigma < limit);
+    if (place === 0) return [...COLOURS[0], 150];
+    if (place < 0) return [...COLOURS.at(-1), 165];
+    const share = Math.log(sigma / SCALE[place - 1]) / Math.log(SCALE[place] / SCALE[place - 1]);
+    return [...COLOURS[place].map((value, k) => Math.round(COLOURS[place - 1][k] + share * (value - COLOURS[place - 1][k]))), 155];
+  };
+  return { toField, atGrid, heat, SCALE, COLOURS };
+})();

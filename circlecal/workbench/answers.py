@@ -1,0 +1,357 @@
+"""What the page is told after each change: verdict, template, uncertainty, residuals, and what is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from circlecal.api.calls import calibrate_annotation
+from circlecal.config import Config
+from circlecal.field import FieldTemplate
+from circlecal.field.view import FieldView
+from circlecal.formats.annotation import AnnotatedMarking, Annotation
+from circlecal.geometry.camera import Camera
+from circlecal.geometry.projective import Array, meet
+from circlecal.observations import MarkingKey
+from circlecal.overlay.template_lines import pixels_near_picture
+from circlecal.pipeline import field_of
+from circlecal.refusals import explain
+from circlecal.results import CameraFit, FrameCalibration
+
+GRID = (32, 18)
+"""Columns and rows of the places at which the standard deviation is told; it changes slowly over a picture."""
+OFF_PX, OFF_SIGMAS = 3.0, 5.0
+"""A named marking whose points lie further off contradicts the rest: pixels at 1920 px width, and what its own standard
+deviation and the camera's allow.
+"""
+FIT_PX, FIT_SIGMAS = 2.5, 2.0
+"""A line without a name may be a marking that a camera puts so near to it: pixels at 1920 px width, and standard
+deviations of the marking's place.
+"""
+FIT_WIDEST_PX = 25.0
+"""But where its place is less certain than this, nothing is suggested, pixels at 1920 px width."""
+FIT_SAMPLES = 24
+"""Points of a line that are compared."""
+FEW_POINTS = 40
+"""Markings of so few points show a residual beside each point; of others so many points are compared."""
+STEP_M = 0.5
+"""Distance of the places along a drawn marking, metres: a chord of the circle then leaves it by 3 mm."""
+
+ADVICE = {
+    "no_circle": "Click the marking of the circle, or name three straight markings.",
+    "no_circle_found": "Click the circle's paint, or name three straight markings.",
+    "circle_support_too_low": "If one of the dashed ellipses is a marking, click it and name it on the field.",
+    "circle_off_marking": "If one of the dashed ellipses is a marking, click it and name it on the field.",
+    "no_ellipse": "Mark more of the circle, or name another straight marking.",
+    "rotation_free": "Name one straight marking: click it in the picture, then on the field.",
+    "too_uncertain": "Name a marking far from what is named so far: a touchline, a penalty area.",
+    "observations_contradict": "Take away the name that is marked as contradicting, or give it another one.",
+    "too_few_observations": "Name one more marking: another line, an arc or a crossing of two lines.",
+}
+"""What to click next, by the code of the refusal; what helps elsewhere is the refusal's own help."""
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """A calibration of an annotation.
+
+    Attributes
+    ----------
+    annotation : Annotation
+        What it was made from.
+    found : FrameCalibration
+        The calibration.
+    template : FieldTemplate
+        The field.
+    nameless : tuple of int
+        Which markings of the annotation are the nameless lines that were given, in their order; none where they were
+        left out.
+    """
+
+    annotation: Annotation
+    found: FrameCalibration
+    template: FieldTemplate
+    nameless: tuple[int, ...]
+
+    @property
+    def is_calibrated(self) -> bool:
+        """Whether the verdict accepts it."""
+        return self.found.status == "calibrated"
+
+    def recognised(self) -> dict[int, str]:
+        """Names that the estimate gave to nameless lines, by index of the marking."""
+        camera, seen = self.found.camera, self.found.observations
+        if camera is None or seen is None or not self.nameless:
+            return {}
+        first = len(seen.lines) - len(self.nameless)
+        return {self.nameless[k - first]: name for k, name in camera.names_by_line.items() if k >= first}
+
+
+def answer(annotation: Annotation, config: Config, *, nameless: bool, earlier: CameraFit | None = None) -> Answer:
+    """Calibrate an annotation.
+
+    Parameters
+    ----------
+    annotation, config : Annotation, Config
+        As for :func:`circlecal.api.calls.calibrate_annotation`.
+    nameless : bool
+        Whether lines without a name are recognised too, which takes longer.
+    earlier : CameraFit, optional
+        Camera of nearly the same annotation.
+
+    Raises
+    ------
+    ConfigError
+        The annotation's settings contradict the configuration.
+    """
+    found = calibrate_annotation(annotation, config, nameless=nameless, earlier=earlier)
+    given = [
+        k
+        for k, m in enumerate(annotation.markings)
+        if nameless and m.used and m.kind == "line" and m.name is None and len(m.points_px) > 1
+    ]
+    return Answer(annotation, found, field_of(config)[0], tuple(given))
+
+
+@dataclass(frozen=True, slots=True)
+class SeenMarking:
+    """A marking of the template before a camera: places along its centreline (N, 2), metres, and where they are seen,
+    pixels (N, 2), nan far outside the picture.
+    """
+
+    places: Array
+    pixels: Array
+
+
+def see_markings(view: FieldView | None, template: FieldTemplate) -> dict[str, SeenMarking]:
+    """The markings that a camera puts near its picture, by name."""
+    if view is None:
+        return {}
+    drawn = [(name, view.grow(places, template)) for name, places in template.polylines(STEP_M).items()]
+    ends = np.cumsum([len(places) for _, places in drawn])
+    pixels = np.split(pixels_near_picture(view, np.concatenate([places for _, places in drawn])), ends[:-1])
+    return {
+        name: SeenMarking(places, seen)
+        for (name, places), seen in zip(drawn, pixels, strict=True)
+        if np.isfinite(seen).all(axis=1).sum() > 1
+    }
+
+
+def describe(told: Answer) -> dict[str, Any]:
+    """An answer, ready for JSON; pixels are those of the picture, None is what is not known."""
+    found, view = told.found, told.found.view
+    drawn = see_markings(view, told.template)
+    verdict, camera = found.verdict, found.camera
+    recognised = told.recognised()
+    return {
+        "status": found.status,
+        "code": verdict.code,
+        "reason": verdict.reason,
+        "missing": missing(told),
+        "sigma_px": None if camera is None else _finite(camera.max_sigma_px),
+        "sigma_m": None if camera is None else _finite(camera.max_sigma_m),
+        "template": {name: runs for name, seen in drawn.items() if (runs := _runs(seen.pixels))},
+        "markings": _markings(told, recognised, drawn),
+        "suggested": {str(k): name for k, name in suggestions(told, drawn).items()},
+        "camera": None if view is None else describe_camera(view),
+        "sigma": None if view is None else sigma_grid(view),
+        "footprint": [] if view is None else _footprint(view),
+        "facts": list(_facts(told)),
+        "milliseconds": round(sum(found.timings_ms.values()), 1),
+    }
+
+
+def missing(told: Answer) -> str | None:
+    """What to do next, in a sentence; None where the frame is calibrated."""
+    code = told.found.verdict.code
+    if code is None:
+        return None
+    return ADVICE.get(code) or explain(code, told.found.verdict.stage).help
+
+
+def _runs(points: Array) -> list[list[list[float]]]:
+    """Pieces of a polyline (N, 2) between the points that are nan."""
+    finite = np.asarray(np.isfinite(points).all(axis=1))
+    pieces = np.split(np.arange(len(points)), np.flatnonzero(np.diff(finite.astype(np.int8))) + 1)
+    return [np.round(points[p], 1).tolist() for p in pieces if len(p) > 1 and finite[p[0]]]
+
+
+def _markings(told: Answer, recognised: dict[int, str], drawn: dict[str, SeenMarking]) -> list[dict[str, Any]]:
+    """Of each marking of the annotation: rms residual, residuals of few points, whether it contradicts the rest, and
+    the name that it was recognised by.
+    """
+    view, unit = told.found.view, told.annotation.width / 1920.0
+    camera = told.found.camera
+    rejected = set() if camera is None else set(camera.rejected)
+    found = []
+    for index, marking in enumerate(told.annotation.markings):
+        name = marking.name or recognised.get(index)
+        off = None
+        if view is not None and name is not None and marking.used:
+            off = _residuals(marking, view, drawn.get(name), told.template, name)
+        rms = None if off is None else float(np.sqrt(np.mean(off**2)))
+        own = MarkingKey(name or "", marking.edge if marking.kind == "curve" else None)
+        limit = max(OFF_PX * unit, OFF_SIGMAS * float(np.median(marking.sigma)))
+        wrong = own in rejected or (marking.name is not None and rms is not None and rms > limit)
+        found.append(
+            {
+                "rms_px": None if rms is None else _finite(rms),
+                "points_px": [_finite(v) for v in off] if off is not None and len(off) <= FEW_POINTS else None,
+                "contradicts": bool(wrong and marking.used and marking.name is not None),
+                "recognised": recognised.get(index),
+            }
+        )
+    return found
+
+
+def _residuals(
+    marking: AnnotatedMarking, view: FieldView, seen: SeenMarking | None, template: FieldTemplate, name: str
+) -> Array | None:
+    """Distances (N,) of the points, or of some of them where they are many, from where the view puts the marking."""
+    points = marking.points
+    if marking.kind == "point":
+        place = place_of(name, template)
+        return None if place is None else np.linalg.norm(points - view.project(place[None]), axis=1)
+    if len(points) > FEW_POINTS:
+        points = points[:: -(-len(points) // FEW_POINTS)]
+    return None if seen is None else distance_to_polyline(points, seen.pixels)
+
+
+def place_of(name: str, template: FieldTemplate) -> Array | None:
+    """The field point (2,) of a mark, or of the meet of two lines; None for another name."""
+    mark = template.mark_by_name.get(name)
+    if mark is not None:
+        return np.asarray(mark.position, dtype=np.float64)
+    first, _, second = name.partition(" x ")
+    if first not in template.line_by_name or second not in template.line_by_name:
+        return None
+    crossing = meet(*(template.line_coordinates(template.line_by_name[part]) for part in (first, second)))
+    return None if abs(crossing[2]) < 1e-9 else np.asarray(crossing[:2] / crossing[2])
+
+
+def distance_to_polyline(points: Array, polyline: Array) -> Array:
+    """Distances (N,) of points (N, 2) from a polyline (M, 2) with gaps of nan; inf where there is none of it."""
+    start, end = polyline[:-1], polyline[1:]
+    there = np.isfinite(start).all(axis=1) & np.isfinite(end).all(axis=1)
+    if not there.any():
+        return np.full(len(points), np.inf)
+    start, span = start[there], end[there] - start[there]
+    away = points[:, None] - start
+    share = np.clip((away * span).sum(axis=-1) / np.maximum((span * span).sum(axis=-1), 1e-12), 0.0, 1.0)
+    rest = away - share[..., None] * span
+    return np.asarray(np.sqrt((rest * rest).sum(axis=-1).min(axis=1)))
+
+
+def suggestions(told: Answer, drawn: dict[str, SeenMarking]) -> dict[int, str]:
+    """Names of nameless lines that lie where the camera puts a marking, by index; each where only one marking fits."""
+    view, template = told.found.view, told.template
+    if view is None or not told.is_calibrated:
+        return {}
+    unit = told.annotation.width / 1920.0
+    taken = {m.name for m in told.annotation.markings if m.name is not None and m.used}
+    nameless = [k for k, m in enumerate(told.annotation.markings) if m.kind == "line" and m.name is None and m.used]
+    free = {name: seen for name, seen in drawn.items() if name in template.line_by_name and name not in taken}
+    found: dict[int, str] = {}
+    if not nameless:
+        return found
+    sigmas = {name: _place_sigma(view, seen) for name, seen in free.items()}
+    for index in nameless:
+        points = told.annotation.markings[index].points
+        points = points[:: max(1, len(points) // FIT_SAMPLES)]
+        fitting = [
+            name
+            for name, seen in free.items()
+            if sigmas[name] < FIT_WIDEST_PX * unit
+            and np.quantile(distance_to_polyline(points, seen.pixels), 0.9) < FIT_PX * unit + FIT_SIGMAS * sigmas[name]
+        ]
+        if len(fitting) == 1:
+            found[index] = fitting[0]
+    return found
+
+
+def _place_sigma(view: FieldView, seen: SeenMarking) -> float:
+    """Median standard deviation of a marking's place in the picture, px; inf where it is not known."""
+    inside = np.flatnonzero(view.shows(np.nan_to_num(seen.pixels, nan=-1.0)))
+    if len(inside) == 0:
+        return float("inf")
+    some = seen.places[inside[:: max(1, len(inside) // FIT_SAMPLES)]]
+    sigma = view.project(some, sigma=True).sigma
+    return float("inf") if sigma is None else float(np.nanmedian(sigma))
+
+
+def describe_camera(view: FieldView) -> dict[str, Any] | None:
+    """Numbers from which a page goes from pixels to metres by itself; None for a homography alone."""
+    camera = view.camera
+    if not isinstance(camera, Camera):
+        return None
+    return {
+        "width": camera.width,
+        "focal": camera.focal_px.tolist(),
+        "principal": camera.principal_point_px.tolist(),
+        "R": camera.R.tolist(),
+        "position": camera.position_m.tolist(),
+        "kappa": camera.kappa.tolist(),
+        "shape": view.surface.shape,
+        "crown": view.surface.crown_m,
+        "reference": view.surface.reference_m,
+    }
+
+
+def sigma_grid(view: FieldView) -> dict[str, Any] | None:
+    """Standard deviations at the centres of a grid over the picture, px and m, row by row; None where not known."""
+    columns, rows = GRID
+    width, height = view.camera.width, view.camera.height
+    x, y = np.meshgrid((np.arange(columns) + 0.5) * width / columns, (np.arange(rows) + 0.5) * height / rows)
+    on_ground = view.to_field(np.stack([x, y], axis=-1).reshape(-1, 2) - 0.5, sigma=True)
+    in_picture = view.project(on_ground.points, sigma=True).sigma
+    if on_ground.sigma is None or in_picture is None:
+        return None
+    return {
+        "columns": columns,
+        "rows": rows,
+        "px": [_finite(v) for v in in_picture],
+        "m": [_finite(v) for v in on_ground.sigma],
+    }
+
+
+def _footprint(view: FieldView) -> list[list[float]]:
+    """The border of the picture on the field, where it shows the ground, metres."""
+    width, height = view.camera.width - 1.0, view.camera.height - 1.0
+    corners = np.array([[0.0, height], [0.0, 0.0], [width, 0.0], [width, height], [0.0, height]])
+    steps = np.linspace(0.0, 1.0, 24, endpoint=False)[:, None]
+    border = np.concatenate([a + steps * (b - a) for a, b in pairwise(corners)])
+    field = view.to_field(border)
+    near = field[np.isfinite(field).all(axis=1) & (np.abs(np.nan_to_num(field)) < 400.0).all(axis=1)]
+    return np.round(near, 2).tolist() if len(near) > 2 else []
+
+
+def _facts(told: Answer) -> Iterator[tuple[str, str]]:
+    camera = told.found.camera
+    if camera is None:
+        return
+    x, y, z = camera.camera.position_m
+    yield "camera", f"{x:.1f}, {y:.1f} m from the centre mark, {-z:.1f} m high"
+    pan, tilt, roll = np.degrees(camera.camera.angles_rad)
+    yield "pan, tilt, roll", f"{pan:.2f}°, {tilt:.2f}°, {roll:.2f}°"
+    yield "focal length", f"{camera.camera.focal_px[0]:.0f} px"
+    yield "lens", f"kappa {camera.camera.kappa[0]:.3f}"
+    yield (
+        "crown",
+        f"{100 * camera.surface.crown_m:.1f} cm at {camera.surface.reference_m:.2f} m ({camera.surface.shape})",
+    )
+    size = np.array([told.template.length_m, told.template.width_m]) + camera.view.growth_m
+    yield "field", f"{size[0]:.1f} x {size[1]:.1f} m"
+    yield "recognised", _words(sorted(set(told.recognised().values())))
+    yield "left out", _words([str(key) for key in camera.rejected])
+
+
+def _words(names: Sequence[str]) -> str:
+    return ", ".join(name.replace("_", " ") for name in names) or "nothing"
+
+
+def _finite(value: float) -> float | None:
+    return round(float(value), 4) if np.isfinite(value) else None

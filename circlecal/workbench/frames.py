@@ -1,0 +1,135 @@
+"""The frames that the workbench lists: of a run, of folders and pictures, of videos; and their pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.errors import InputError
+from circlecal.pictures.files import PictureFile, find_frames, read_image
+from circlecal.pictures.inputs import expand_inputs
+from circlecal.pictures.remote import is_url
+from circlecal.pictures.video import Sampling, Video, pictures_at
+from circlecal.records.log import RESULTS_NAME, read_records
+from circlecal.records.record import ResultRow
+
+DOUBTFUL_PX = 15.0
+"""A calibrated frame whose largest predicted error is more, pixels at 1920 px width, is worth a click."""
+ANNOTATION_FOLDER = "annotations"
+State = Literal["refused", "doubtful", "calibrated", "unknown"]
+
+
+@dataclass(frozen=True, slots=True)
+class ListedFrame:
+    """One frame of the list.
+
+    Attributes
+    ----------
+    file : PictureFile
+        Name, file and time.
+    state : {"refused", "doubtful", "calibrated", "unknown"}
+        What the run, or the annotation, says of it.
+    code, sigma_px : str or None, float or None
+        Why it was refused, and the largest predicted error.
+    annotated, flag : bool, str or None
+        Whether a person changed anything, and what is said of the frame as a whole.
+    """
+
+    file: PictureFile
+    state: State = "unknown"
+    code: str | None = None
+    sigma_px: float | None = None
+    annotated: bool = False
+    flag: str | None = None
+
+    def judged(self, status: str, code: str | None, sigma_px: float | None, width: int) -> ListedFrame:
+        """The frame with a verdict."""
+        return replace(self, state=state_of(status, sigma_px, width), code=code, sigma_px=sigma_px)
+
+
+def state_of(status: str, sigma_px: float | None, width: int) -> State:
+    """Refused, doubtful or calibrated, by verdict and largest predicted error (pixels of a picture this wide)."""
+    if status != "calibrated":
+        return "refused"
+    return "doubtful" if sigma_px is None or sigma_px > DOUBTFUL_PX * width / 1920.0 else "calibrated"
+
+
+def is_run(path: Path) -> bool:
+    """Whether a folder is that of a run."""
+    return path.is_dir() and (path / RESULTS_NAME).is_file()
+
+
+def list_frames(inputs: Sequence[Path], sampling: Sampling) -> list[ListedFrame]:
+    """Frames of runs, pictures, folders of them and videos.
+
+    Parameters
+    ----------
+    inputs : sequence of path
+        As the user names them.
+    sampling : Sampling
+        Which frames of videos.
+
+    Raises
+    ------
+    InputError
+        A missing input, a damaged run, or nothing to show.
+    """
+    found: list[ListedFrame] = []
+    others = []
+    for path in inputs:
+        if is_run(path):
+            found += _frames_of_run(path)
+        else:
+            others.append(path)
+    if others:
+        named = expand_inputs(others)
+        for path in named.paths:
+            if not path.exists():
+                raise InputError(f"{path}: no such file or folder")
+        pictures = find_frames(named.paths) if named.paths else []
+        found += [ListedFrame(frame) for frame in pictures]
+        for path in named.videos:
+            video = Video.open(path, path.stem)
+            found += [ListedFrame(replace(frame, picture=None)) for frame in video.frames(sampling)]
+    if not found:
+        raise InputError(f"{', '.join(map(str, inputs))}: holds no frames; give a run, pictures, a folder or a video")
+    return found
+
+
+def _frames_of_run(folder: Path) -> list[ListedFrame]:
+    rows = {record.id: record for record in read_records(folder, ResultRow)}
+    return [_listed(record) for record in rows.values() if record.path]
+
+
+def _listed(record: ResultRow) -> ListedFrame:
+    path, camera = record.path or "", record.estimated_camera
+    time_s = None if record.source is None else record.source.time_s
+    url = path if is_url(path) else None
+    file = PictureFile(record.id, Path(path), record.id, time_s=time_s, url=url)
+    sigma = None if camera is None else camera.max_sigma_px
+    middle = None if camera is None else camera.principal_point[0]
+    width = 1920 if middle is None else round(2.0 * middle) + 1
+    return ListedFrame(file).judged(record.status, record.code, sigma, width)
+
+
+def picture_of(frame: PictureFile) -> NDArray[np.uint8]:
+    """The picture of a listed frame, BGR.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, or has moved.
+    """
+    if frame.url is not None:
+        raise InputError(f"{frame.url}: is an address; the workbench reads local pictures only")
+    if frame.time_s is None:
+        return read_image(frame.path)
+    picture = next(pictures_at(frame.path, [frame.time_s]))
+    if picture is None:
+        raise InputError(f"{frame.path}: the frame at {frame.time_s:.3f} s cannot be decoded")
+    return picture

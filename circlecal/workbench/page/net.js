@@ -1,0 +1,23 @@
+// What the server is asked; every failure becomes an Error with one clear line.
+const ask = async (address, options = {}) => {
+  let answer;
+  try {
+    answer = await fetch(address, { cache: "no-store", ...options });
+  } catch {
+    throw new Error("The server does not answer: start circlecal annotate again; everything up to the last change is saved.");
+  }
+  const content = answer.headers.get("content-type")?.includes("json") ? await answer.json() : null;
+  if (answer.ok) return content;
+  const failure = new Error(content?.error || `the server answered ${answer.status}`);
+  failure.status = answer.status;
+  failure.current = content?.current;
+  throw failure;
+};
+const send = (address, method, body) => ask(address, { method, body: JSON.stringify(body), headers: { "Content-Type": "application/json" } });
+
+export const listing = () => ask("frames.json");
+export const show = (index) => ask(`frames/${index}.json`);
+export const save = (index, base, annotation) => send(`frames/${index}.json`, "PUT", { base, annotation });
+export const mark = (index, mode, points, name) => send(`frames/${index}/mark`, "POST", { mode, points, name });
+export const interpretations = (index) => ask(`frames/${index}/interpretations`);
+export const takeIn = (file) => ask(`import?name=${encodeURIComponent(file.name)}`, { method: "POST", body: file });

@@ -1,0 +1,374 @@
+// The workbench: what is chosen, what is changed, undo, saving, and everything around picture and field.
+import * as net from "./net.js";
+import { FieldMap } from "./field.js";
+import { FrameList } from "./list.js";
+import { Stage } from "./stage.js";
+
+const by = (id) => document.getElementById(id);
+const make = (tag, properties, ...inside) => { const node = Object.assign(document.createElement(tag), properties); node.append(...inside); return node; };
+const words = (name) => name.replaceAll("_", " ");
+const SETTLE_MS = 350;
+const PRIORS = [["field.sizes.length", "field length, m", 105], ["field.sizes.width", "field width, m", 68], ["camera.crown_m", "crown at the circle, m", 0.05], ["camera.k1_mean", "lens, kappa", 0.03]];
+
+let field = null, map = null, list = null, index = -1, annotation = null, answer = null;
+let chosen = -1, active = null, offers = [], preview = null, unsaved = false, saving = null, settling = 0, opening = 0;
+const past = [], future = [];
+
+const copy = (value) => structuredClone(value);
+const content = () => copy({ markings: annotation.markings, note: annotation.note, flag: annotation.flag, settings: annotation.settings });
+const kindOf = (name) => field.markings.find((m) => m.name === name)?.kind || "point";
+const trouble = (error) => { by("trouble-text").textContent = error.message; if (!by("trouble").open) by("trouble").showModal(); };
+const guarded = (act) => async (...given) => { try { return await act(...given); } catch (error) { trouble(error); return undefined; } };
+
+const stage = new Stage(by("stage"), {
+  marks: () => active !== null,
+  hover: (place) => tellUnder(place),
+  click: guarded((place, how) => clicked(place, how)),
+  follow: guarded((way) => followed(way)),
+  zoomed: () => { if (annotation) draw(); },
+});
+
+// --- changing, undoing, saving
+
+const change = (act) => {
+  const before = content();
+  act(annotation);
+  past.push(before);
+  if (past.length > 300) past.shift();
+  future.length = 0;
+  stored();
+};
+const stored = () => { unsaved = true; offers = []; draw(); push(); };
+const undo = (from, to) => {
+  if (!from.length) return;
+  to.push(content());
+  Object.assign(annotation, from.pop());
+  chosen = -1;
+  stored();
+};
+
+const push = guarded(async () => {
+  if (saving) return;  // the latest state follows when the one on its way has arrived
+  clearTimeout(settling);
+  try {
+    while (unsaved) {
+      unsaved = false;
+      const sent = content(), at = index;
+      saving = net.save(at, annotation.revision, { ...annotation, ...sent });
+      by("saved").textContent = "saving …";
+      const started = performance.now(), told = await saving;
+      if (at !== index) return;
+      annotation.revision = told.annotation.revision;
+      annotation.touched = true;
+      document.body.dataset.milliseconds = String(Math.round(performance.now() - started));
+      by("saved").textContent = "saved";
+      list.frames[at] = told.row;
+      if (!unsaved) { answer = told.answer; draw(); listed(); }
+    }
+    settling = setTimeout(settle, SETTLE_MS);
+  } catch (error) {
+    by("saved").textContent = "not saved";
+    if (error.status === 409) { conflict(error.current); return; }
+    unsaved = true;
+    throw error;
+  } finally {
+    saving = null;
+  }
+});
+const settle = guarded(async () => {
+  const at = index, revision = annotation.revision;
+  if (annotation.markings.some((m) => m.used && m.kind === "line" && !m.name)) {
+    const told = await net.show(at);
+    if (at !== index || unsaved || annotation.revision !== revision) return;
+    answer = told.answer;
+    list.frames[at] = told.row;
+    draw(); listed();
+  }
+  await offer();
+});
+const offer = async () => {
+  const at = index, revision = annotation.revision;
+  if (answer.status === "calibrated" || annotation.flag) return;
+  const found = await net.interpretations(at);
+  if (at !== index || annotation.revision !== revision || unsaved) return;
+  offers = found;
+  tell();
+};
+
+const conflict = (current) => {
+  by("conflict").showModal();
+  by("take-theirs").onclick = () => { by("conflict").close(); unsaved = false; open(index); };
+  by("keep-mine").onclick = () => { by("conflict").close(); annotation.revision = current.revision; stored(); };
+};
+
+// --- frames
+
+const open = guarded(async (wanted) => {
+  if (saving) await saving.catch(() => {});
+  const turn = ++opening;
+  clearTimeout(settling);
+  index = wanted; chosen = -1; active = null; offers = []; preview = null; past.length = future.length = 0; unsaved = false;
+  list.select(index);
+  by("busy").hidden = false;
+  by("frames").classList.remove("open");
+  by("show-frames").setAttribute("aria-expanded", "false");
+  let told;
+  try { told = await net.show(wanted); } finally { if (turn === opening) by("busy").hidden = true; }
+  if (turn !== opening) return;
+  annotation = told.annotation; answer = told.answer;
+  list.frames[wanted] = told.row;
+  by("title").textContent = annotation.id;
+  document.title = `${annotation.id} – circlecal workbench`;
+  stage.picture.alt = `The frame ${annotation.id}`;
+  stage.load(`frames/${wanted}.jpg`, annotation.width, annotation.height);
+  by("saved").textContent = annotation.touched ? "saved" : "";
+  by("note").value = annotation.note;
+  by("flag").value = annotation.flag || "";
+  priors();
+  draw(); listed();
+  history.replaceState(null, "", `#${encodeURIComponent(annotation.id)}`);
+  await offer();
+});
+const listed = () => {
+  list.keep(by("kind").value, by("search").value);
+  list.select(index);
+  const todo = list.frames.filter((f) => (f[1] === "refused" || f[1] === "doubtful") && !f[6]).length;
+  by("count").textContent = `${list.shown.length} of ${list.frames.length} ${list.frames.length === 1 ? "frame" : "frames"}, ${todo} to do`;
+};
+
+// --- naming and marking
+
+const named = (number, name) => change((a) => {
+  const marking = a.markings[number];
+  if (name === null || (marking.name === name && marking.used)) {
+    if (marking.source === "clicked" || marking.kind === "point") a.markings.splice(number, 1);
+    else if (marking.name === null) marking.used = false;
+    else { marking.name = null; if (marking.kind === "curve") marking.used = false; }
+  } else {
+    marking.name = name; marking.used = true;
+  }
+});
+const fitting = (marking, name) => kindOf(name) === marking.kind || (marking.kind === "point" && kindOf(name) !== "point" ? false : kindOf(name) === marking.kind);
+
+const pick = (name) => {
+  if (!annotation) return;
+  const marking = annotation.markings[chosen];
+  if (marking && fitting(marking, name)) { const number = chosen; chosen = -1; named(number, name); return; }
+  active = active === name ? null : name;
+  chosen = -1;
+  draw();
+};
+const add = (name, kind, points, sigma, joined) => change((a) => {
+  const own = joined ? a.markings.find((m) => m.name === name && m.source === "clicked" && m.kind === kind) : null;
+  if (own) { own.points_px.push(...points); own.sigma_px.push(...sigma); return; }
+  if (kind === "point") a.markings = a.markings.filter((m) => m.name !== name);
+  a.markings.push({ name, kind, edge: "center", points_px: points, sigma_px: sigma, ends: [], source: "clicked", used: true });
+});
+
+const clicked = async (place, { exact }) => {
+  if (!annotation || !stage.inside(place)) return;
+  const under = exact ? -1 : stage.markingAt(place, annotation.markings);
+  const there = annotation.markings[under];
+  if (active === null) { chosen = under === chosen ? -1 : under; draw(); return; }
+  if (there && there.source !== "clicked" && fitting(there, active) && kindOf(active) !== "point") { named(under, active); return; }
+  const name = active, kind = kindOf(name), at = index;
+  const mode = exact || !by("snap").checked || kind === "point" ? "exact" : "click";
+  const found = await net.mark(at, mode, [place], name);
+  if (at !== index) return;
+  add(name, kind, found.points, found.sigma, true);
+  if (mode !== "exact") await grow(name, kind, at);
+};
+// Two clicks on a line measure what lies between; the clicks on a circle measure the circle that they mean.
+const grow = async (name, kind, at) => {
+  const own = annotation.markings.find((m) => m.name === name && m.source === "clicked" && m.kind === kind);
+  if (!own || (kind === "line" && own.points_px.length !== 2) || (kind === "curve" && (own.points_px.length < 2 || own.points_px.length > 12))) return;
+  const found = await net.mark(at, kind === "line" ? "path" : "circle", own.points_px, name);
+  if (at !== index || !found.on_paint || found.points.length <= own.points_px.length) return;
+  change((a) => {
+    const again = a.markings.find((m) => m.name === name && m.source === "clicked" && m.kind === kind);
+    if (again) { again.points_px = found.points; again.sigma_px = found.sigma; again.source = "measured"; }
+  });
+};
+const followed = async (way) => {
+  const name = active, kind = kindOf(name), at = index;
+  if (kind === "point" || way.length < 2) return;
+  const found = await net.mark(at, by("snap").checked ? "path" : "exact", way.slice(0, 2000), name);
+  if (at === index) add(name, kind, found.points, found.sigma, true);
+};
+const nudge = (dx, dy) => change((a) => { const own = a.markings[chosen]; own.points_px = own.points_px.map(([x, y]) => [x + dx, y + dy]); });
+const accept = () => {
+  const fits = Object.entries(answer.suggested);
+  if (fits.length) change((a) => fits.forEach(([k, name]) => { a.markings[k].name = name; a.markings[k].used = true; }));
+  else if (offers.length) take(offers[0]);
+};
+const take = (offered) => change((a) => Object.entries(offered.names).forEach(([k, name]) => { a.markings[k].name = name; a.markings[k].used = true; }));
+
+// --- telling
+
+const draw = () => {
+  if (!annotation) return;
+  stage.draw({ annotation, answer, chosen, showTemplate: by("show-template").checked, circle: field.circle, preview });
+  stage.drawHeat(by("show-heat").checked ? answer.sigma : null, 1920 / annotation.width);
+  by("scale").hidden = !by("show-heat").checked;
+  const used = new Set(annotation.markings.filter((m) => m.used && m.name).map((m) => m.name));
+  map.draw(used, active, new Set(Object.values(answer.suggested)), answer.footprint);
+  tell();
+};
+const tell = () => {
+  const good = answer.status === "calibrated";
+  const verdict = by("verdict");
+  verdict.textContent = annotation.flag ? words(annotation.flag) : good ? `calibrated, sigma ${answer.sigma_px?.toFixed(1) ?? "?"} px, ${answer.sigma_m?.toFixed(2) ?? "?"} m` : `refused: ${answer.reason}`;
+  verdict.className = `chip ${good ? "yes" : "no"}`;
+  by("advice").className = good ? "yes" : "no";
+  by("missing").textContent = good ? "Calibrated. Look whether the template lies on the paint." : answer.missing || answer.reason || "";
+  const fits = Object.entries(answer.suggested);
+  const buttons = [];
+  if (fits.length) buttons.push(make("button", { type: "button", onclick: accept }, `Accept ${fits.length === 1 ? "the line that fits" : `${fits.length} lines that fit`}: ${[...new Set(fits.map(([, name]) => words(name)))].join(", ")} `, make("kbd", { textContent: "a" })));
+  else offers.forEach((offered, k) => {
+    const button = make("button", { type: "button", onclick: () => take(offered) }, `${k ? "Or" : "Perhaps"}: ${[...new Set(Object.values(offered.names))].map(words).join(", ")} `);
+    if (!k) button.append(make("kbd", { textContent: "a" }));
+    const show = (on) => { preview = on ? Object.keys(offered.names).flatMap((n) => [annotation.markings[n].points_px]) : null; stage.draw({ annotation, answer, chosen, showTemplate: by("show-template").checked, circle: field.circle, preview }); };
+    button.addEventListener("mouseenter", () => show(true)); button.addEventListener("mouseleave", () => show(false));
+    buttons.push(button);
+  });
+  by("offers").replaceChildren(...buttons);
+  by("active").textContent = active ? `marking: ${words(active)}` : chosen >= 0 ? "which marking is it?" : "";
+  by("hint").textContent = active ? "Click or drag along it in the picture; click it here again to stop." : chosen >= 0 ? "Click its marking here, or press its key." : "Click something in the picture, then its marking here. Or a marking first, then its paint.";
+  const order = annotation.markings.map((m, k) => k).sort((a, b) => (annotation.markings[a].name ? 0 : 1) - (annotation.markings[b].name ? 0 : 1));
+  const focused = document.activeElement?.dataset?.marking;
+  by("markings").replaceChildren(...order.map((k) => {
+    const marking = annotation.markings[k], told = answer.markings[k] || {};
+    const kind = told.contradicts ? "wrong" : !marking.used ? "offered" : marking.name ? "named" : "";
+    const title = marking.name ? words(marking.name) : told.recognised ? `${words(told.recognised)} (recognised)` : !marking.used ? `${marking.kind === "curve" ? "ellipse" : marking.kind}, not used` : `${marking.kind}, no name`;
+    const note = told.contradicts ? "contradicts" : told.rms_px !== null && told.rms_px !== undefined ? `${told.rms_px.toFixed(1)} px off` : `${marking.points_px.length} ${marking.points_px.length === 1 ? "point" : "points"}`;
+    const button = make("button", { type: "button", className: `pick ${kind}`, ariaPressed: String(k === chosen), onclick: () => { chosen = chosen === k ? -1 : k; active = null; draw(); } },
+      make("i", { className: "swatch" }), make("span", { textContent: title }), make("small", { textContent: note }));
+    button.dataset.marking = String(k);
+    const away = make("button", { type: "button", className: "away", ariaLabel: `Take ${title} away`, title: "Take away", textContent: "×", onclick: () => { chosen = -1; named(k, null); } });
+    return make("li", { className: kind }, button, away);
+  }));
+  if (focused !== undefined) document.querySelector(`[data-marking="${focused}"]`)?.focus();
+  by("facts").replaceChildren(...answer.facts.flatMap(([label, text]) => [make("dt", { textContent: label }), make("dd", { textContent: text })]));
+  by("undo").disabled = !past.length; by("redo").disabled = !future.length;
+};
+const tellUnder = (place) => {
+  if (!annotation || !place) { by("under").textContent = ""; map?.point(null); return; }
+  const at = circlecalCamera.toField(answer.camera, ...place);
+  const grid = answer.sigma, [w, h] = [annotation.width, annotation.height];
+  const px = grid && circlecalCamera.atGrid(grid, grid.px, w, h, ...place), m = grid && circlecalCamera.atGrid(grid, grid.m, w, h, ...place);
+  const spread = px === null || px === undefined ? "" : `, sigma ${px.toFixed(1)} px${m === null ? "" : `, ${m.toFixed(2)} m`}`;
+  by("under").textContent = `${place[0].toFixed(1)}, ${place[1].toFixed(1)} px` + (at ? `: ${at[0].toFixed(2)}, ${at[1].toFixed(2)} m${spread}` : answer.camera ? ": above the field" : "");
+  map.point(at && Math.abs(at[0]) < field.length && Math.abs(at[1]) < field.width ? at : null);
+};
+const priors = () => by("priors").replaceChildren(...PRIORS.map(([key, label, usual]) => {
+  const input = make("input", { type: "number", step: "any", placeholder: `usual ${usual}`, value: annotation.settings[key] ?? "" });
+  input.addEventListener("change", () => change((a) => { if (input.value === "") delete a.settings[key]; else a.settings[key] = Number(input.value); }));
+  return make("label", {}, label, input);
+}));
+
+// --- keys
+
+const step = (event) => ({ ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] })[event.key];
+const onKey = (event) => {
+  if (document.querySelector("dialog[open]") || !annotation) return;
+  if (event.target.matches("input:not([type=checkbox]):not([type=file]), select, textarea")) { if (event.key === "Escape") event.target.blur(); return; }
+  const command = event.ctrlKey || event.metaKey;
+  if (command) {
+    if (event.key.toLowerCase() === "z" && !event.shiftKey) undo(past, future);
+    else if (event.key.toLowerCase() === "y" || event.key.toLowerCase() === "z") undo(future, past);
+    else return;
+    event.preventDefault();
+    return;
+  }
+  if (event.altKey) return;
+  const onStage = document.activeElement === by("stage") || document.activeElement === document.body;
+  const arrow = step(event), marking = annotation.markings[chosen];
+  const own = field.markings.find((m) => m.key === event.key);
+  const tick = (id) => { by(id).checked = !by(id).checked; by(id).dispatchEvent(new Event("change")); };
+  if (event.key === " " && onStage) { stage.withSpace = true; }
+  else if (arrow && onStage) {
+    if (marking?.source === "clicked" || marking?.kind === "point") { const size = event.shiftKey ? 1 : 0.1; nudge(size * arrow[0], size * arrow[1]); }
+    else { const size = event.shiftKey ? 1 : 10; stage.moveCross(size * arrow[0], size * arrow[1]); tellUnder(stage.cross); draw(); }
+  } else if (event.key === "Enter" && onStage && stage.cross) guarded(clicked)(stage.cross, { exact: event.shiftKey });
+  else if (event.key === "Escape") { chosen = -1; active = null; draw(); }
+  else if (event.key === "[" || event.key === "]") { const n = annotation.markings.length; if (n) chosen = (chosen + (event.key === "]" ? 1 : chosen < 0 ? 0 : -1) + n) % n; active = null; draw(); }
+  else if (own) pick(own.name);
+  else if (event.key === "a") accept();
+  else if (event.key === "x" || event.key === "Delete" || event.key === "Backspace") { if (marking) { const k = chosen; chosen = -1; named(k, null); } }
+  else if (event.key === "n") { if (!list.step(1, (f) => (f[1] === "refused" || f[1] === "doubtful") && !f[6])) by("saved").textContent = "no further frame to do"; }
+  else if (event.key === "j" || event.key === "k") list.step(event.key === "j" ? 1 : -1);
+  else if (event.key === "v") tick("show-template");
+  else if (event.key === "m") tick("show-heat");
+  else if (event.key === "g") tick("show-magnifier");
+  else if (event.key === "s") tick("snap");
+  else if (event.key === "f") stage.fit();
+  else if (event.key === "+" || event.key === "=") stage.zoomAt(1.25);
+  else if (event.key === "-") stage.zoomAt(0.8);
+  else if (event.key === "?") by("keys").showModal();
+  else return;
+  event.preventDefault();
+};
+
+const setTheme = (name) => {
+  if (name) document.documentElement.dataset.theme = name;
+  const dark = name ? name === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
+  by("theme").setAttribute("aria-pressed", String(dark));
+  return dark;
+};
+
+const start = guarded(async () => {
+  const told = await net.listing();
+  field = told.field;
+  map = new FieldMap(by("field"), field, pick);
+  list = new FrameList(by("list"), by("rows"), open);
+  list.frames = told.frames;
+  by("folder").textContent = told.folder;
+  by("format").replaceChildren(...told.formats.map((name) => make("option", { value: name, textContent: name })));
+  by("scale").replaceChildren("sigma at 1920 px width: ", ...circlecalCamera.SCALE.flatMap((limit, k) => {
+    const swatch = make("i", {});
+    swatch.style.background = `rgb(${circlecalCamera.COLOURS[k].join(" ")})`;
+    return [swatch, `${limit} px `];
+  }), "good below 5, doubtful above 15");
+  setTheme(null);
+  const wanted = decodeURIComponent(location.hash.slice(1)), found = list.frames.findIndex((f) => f[0] === wanted);
+  listed();
+  await open(found < 0 ? list.shown[0] : found);
+  document.body.dataset.ready = "yes";
+});
+
+document.addEventListener("keydown", onKey);
+document.addEventListener("keyup", (event) => { if (event.key === " ") stage.withSpace = false; });
+by("undo").addEventListener("click", () => undo(past, future));
+by("redo").addEventListener("click", () => undo(future, past));
+by("previous").addEventListener("click", () => list.step(-1));
+by("next").addEventListener("click", () => list.step(1));
+by("next-refused").addEventListener("click", () => list.step(1, (f) => (f[1] === "refused" || f[1] === "doubtful") && !f[6]));
+by("kind").addEventListener("change", listed);
+by("search").addEventListener("input", listed);
+for (const id of ["show-template", "show-heat"]) by(id).addEventListener("change", draw);
+by("show-magnifier").addEventListener("change", () => { stage.magnify = by("show-magnifier").checked; stage.magnifier.hidden ||= !stage.magnify; });
+by("fit").addEventListener("click", () => stage.fit());
+by("larger").addEventListener("click", () => stage.zoomAt(1.4));
+by("smaller").addEventListener("click", () => stage.zoomAt(1 / 1.4));
+by("note").addEventListener("change", () => change((a) => { a.note = by("note").value; }));
+by("flag").addEventListener("change", () => change((a) => { a.flag = by("flag").value || null; }));
+by("reset").addEventListener("click", () => change((a) => {
+  a.markings = a.markings.filter((m) => m.source === "measured").map((m) => ({ ...m, name: m.kind === "line" ? null : m.name }));
+  a.flag = null; a.settings = {};
+}));
+by("theme").addEventListener("click", () => setTheme(setTheme(null) && document.documentElement.dataset.theme !== "light" ? "light" : document.documentElement.dataset.theme === "light" ? "dark" : "dark"));
+by("help").addEventListener("click", () => by("keys").showModal());
+by("close-keys").addEventListener("click", () => by("keys").close());
+by("close-trouble").addEventListener("click", () => by("trouble").close());
+by("show-frames").addEventListener("click", () => by("show-frames").setAttribute("aria-expanded", String(by("frames").classList.toggle("open"))));
+by("format").addEventListener("change", () => { by("export").href = `export/${by("format").value}`; });
+by("import").addEventListener("change", guarded(async () => {
+  const [file] = by("import").files;
+  if (!file) return;
+  const told = await net.takeIn(file);
+  by("import").value = "";
+  by("saved").textContent = `${told.taken} taken in, ${told.unknown} unknown`;
+  list.frames = (await net.listing()).frames;
+  await open(index);
+}));
+start();

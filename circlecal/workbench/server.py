@@ -1,0 +1,269 @@
+"""The workbench's server: the page and what it asks for, on this machine only.
+
+Every address begins with a token that nobody else knows; the Host header must be this machine, and a request that comes
+from another page (Origin, Sec-Fetch-Site) is refused. Frames are asked for by their number in the list, so no path
+comes from outside. The content security policy lets the page load what this server gives and nothing else.
+"""
+
+from __future__ import annotations
+
+import secrets
+import socket
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import uvicorn
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Route
+
+from circlecal.errors import CirclecalError
+from circlecal.formats.annotation import Annotation
+from circlecal.formats.registry import annotation_formats
+from circlecal.workbench.page_field import describe_field
+from circlecal.workbench.session import Session
+from circlecal.workbench.store import NewerError
+
+PAGE = Path(__file__).parent / "page"
+SHARED = tuple(Path(__file__).parents[1] / "report" / "assets" / name for name in ("report.css", "camera.js"))
+"""Of the report, whose look and mathematics the page shares."""
+LOCAL = "127.0.0.1"
+MOST_BYTES = 64 << 20
+"""Of one request; a file of annotations of a whole season is smaller."""
+POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+_TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css"}
+_HEADERS = {
+    "Content-Security-Policy": POLICY,
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
+
+
+class _Change(BaseModel):
+    """A changed annotation, and the revision that it was made from."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    base: int = Field(ge=0)
+    annotation: Annotation
+
+
+class _Mark(BaseModel):
+    """A click, a drag or the clicks on a circle."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    mode: str
+    name: str | None = None
+    points: list[tuple[float, float]] = Field(min_length=1, max_length=2000)
+
+
+def make_app(session: Session, token: str, port: int) -> Starlette:
+    """The application of a session.
+
+    Parameters
+    ----------
+    session : Session
+        Frames and annotations.
+    token : str
+        First part of every address.
+    port : int
+        On which it is served, as the Host header must say.
+    """
+    pages = {file.name: file.read_bytes() for file in (*PAGE.iterdir(), *SHARED)}
+
+    async def page(request: Request) -> Response:
+        name = request.path_params.get("name") or "index.html"
+        if name not in pages:
+            return _problem("there is no such page", 404)
+        return Response(pages[name], media_type=_TYPES[Path(name).suffix])
+
+    async def listing(request: Request) -> Response:
+        writable = sorted(name for name, f in annotation_formats().items() if f.write is not None)
+        field = describe_field(session.template)
+        return _json(
+            {"frames": session.listing(), "field": field, "formats": writable, "folder": str(session.store.folder)}
+        )
+
+    async def picture(request: Request) -> Response:
+        content = await run_in_threadpool(session.picture, request.path_params["index"])
+        return Response(content, media_type="image/jpeg")
+
+    async def show(request: Request) -> Response:
+        return _json(await run_in_threadpool(session.show, request.path_params["index"]))
+
+    async def save(request: Request) -> Response:
+        change = _Change.model_validate_json(await _body(request))
+        try:
+            saved = await run_in_threadpool(session.save, request.path_params["index"], change.annotation, change.base)
+        except NewerError as error:
+            return _json({"error": str(error), "current": error.current.model_dump(mode="json")}, 409)
+        return _json(saved)
+
+    async def mark(request: Request) -> Response:
+        wanted = _Mark.model_validate_json(await _body(request))
+        points = np.array(wanted.points, dtype=np.float64)
+        found = await run_in_threadpool(session.snap, request.path_params["index"], points, wanted.mode, wanted.name)
+        return _json(
+            {
+                "points": np.round(found.points, 3).tolist(),
+                "sigma": np.round(found.sigma, 4).tolist(),
+                "on_paint": found.on_paint,
+            }
+        )
+
+    async def interpretations(request: Request) -> Response:
+        found = await run_in_threadpool(session.interpretations, request.path_params["index"])
+        return _json([one.describe() for one in found])
+
+    async def export(request: Request) -> Response:
+        name, content = await run_in_threadpool(session.export, request.path_params["name"])
+        kind = {"Content-Disposition": f'attachment; filename="{name}"'}
+        return Response(content, media_type="application/octet-stream", headers=kind)
+
+    async def take_in(request: Request) -> Response:
+        content = await _body(request)
+        return _json(await run_in_threadpool(session.take_in, request.query_params.get("name", "file.json"), content))
+
+    prefix = f"/{token}"
+    routes = [
+        Route(f"{prefix}/", page),
+        Route(f"{prefix}/frames.json", listing),
+        Route(f"{prefix}/frames/{{index:int}}.jpg", picture),
+        Route(f"{prefix}/frames/{{index:int}}.json", show),
+        Route(f"{prefix}/frames/{{index:int}}.json", save, methods=["PUT"]),
+        Route(f"{prefix}/frames/{{index:int}}/mark", mark, methods=["POST"]),
+        Route(f"{prefix}/frames/{{index:int}}/interpretations", interpretations),
+        Route(f"{prefix}/export/{{name}}", export),
+        Route(f"{prefix}/import", take_in, methods=["POST"]),
+        Route(f"{prefix}/{{name}}", page),
+    ]
+    app = Starlette(
+        routes=routes,
+        exception_handlers={CirclecalError: _tell, ValidationError: _tell_invalid},
+    )
+    app.add_middleware(Guard, hosts=frozenset({f"{LOCAL}:{port}", f"localhost:{port}"}))
+    return app
+
+
+class Guard:
+    """Refuses what does not come from this machine's own page, and adds the headers that keep the page to itself."""
+
+    def __init__(self, app: Any, hosts: frozenset[str]) -> None:
+        self.app = app
+        self.hosts = hosts
+
+    async def __call__(self, scope: Any, receive: Any, send: Callable[[Any], Any]) -> None:
+        """Handle one request (ASGI)."""
+        if scope["type"] != "http":
+            await self.app(scope, receive, send)
+            return
+
+        async def send_safe(message: Any) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] = [
+                    *message["headers"],
+                    *((name.lower().encode(), value.encode()) for name, value in _HEADERS.items()),
+                ]
+            await send(message)
+
+        request = Request(scope)
+        if not self._is_own(request):
+            await _problem("this address answers its own page only", 403)(scope, receive, send_safe)
+            return
+        await self.app(scope, receive, send_safe)
+
+    def _is_own(self, request: Request) -> bool:
+        origin = request.headers.get("origin")
+        own_origin = origin is None or origin.removeprefix("http://") in self.hosts
+        site = request.headers.get("sec-fetch-site", "none")
+        return request.headers.get("host") in self.hosts and own_origin and site in ("none", "same-origin")
+
+
+async def _body(request: Request) -> bytes:
+    """What was sent.
+
+    Raises
+    ------
+    CirclecalError
+        It is too much.
+    """
+    parts, size = [], 0
+    async for part in request.stream():
+        size += len(part)
+        if size > MOST_BYTES:
+            raise CirclecalError(f"more than {MOST_BYTES >> 20} MB were sent")
+        parts.append(part)
+    return b"".join(parts)
+
+
+def _json(content: Any, status: int = 200) -> Response:
+    return JSONResponse(content, status)
+
+
+def _problem(text: str, status: int) -> Response:
+    return JSONResponse({"error": text}, status)
+
+
+def _tell(request: Request, error: Exception) -> Response:
+    return _problem(str(error), 400)
+
+
+def _tell_invalid(request: Request, error: Exception) -> Response:
+    if not isinstance(error, ValidationError):
+        return _problem(str(error), 400)
+    first = error.errors(include_url=False, include_context=False)[0]
+    return _problem(f"{'.'.join(map(str, first['loc']))}: {first['msg']}", 400)
+
+
+def bind(port: int) -> socket.socket:
+    """A socket on this machine's own address; port 0 takes a free one.
+
+    Raises
+    ------
+    CirclecalError
+        The port is taken.
+    """
+    found = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        found.bind((LOCAL, port))
+    except OSError as error:
+        found.close()
+        raise CirclecalError(f"--port {port}: {error.strerror}; choose another, or none for any free one") from error
+    return found
+
+
+def serve(session: Session, port: int, on_ready: Callable[[str], None]) -> None:
+    """Serve until Ctrl-C.
+
+    Parameters
+    ----------
+    session : Session
+        Frames and annotations.
+    port : int
+        On which; 0 for any free one.
+    on_ready : callable
+        Called with the address of the page.
+
+    Raises
+    ------
+    CirclecalError
+        The port is taken.
+    """
+    listener, token = bind(port), secrets.token_urlsafe(24)
+    port = listener.getsockname()[1]
+    app = make_app(session, token, port)
+    server = uvicorn.Server(uvicorn.Config(app, log_level="error", access_log=False, lifespan="off"))
+    on_ready(f"http://{LOCAL}:{port}/{token}/")
+    server.run([listener])

@@ -1,0 +1,295 @@
+"""What one server holds: the list of frames, the pictures that are open, and what is done to their annotations."""
+
+from __future__ import annotations
+
+import io
+import threading
+import zipfile
+from collections import OrderedDict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.config import Config
+from circlecal.errors import InputError
+from circlecal.field import FieldTemplate
+from circlecal.files import write_atomic
+from circlecal.formats.annotation import Annotation, markings_of
+from circlecal.formats.format import AnnotationFormat
+from circlecal.formats.meaning import observe
+from circlecal.formats.registry import annotation_formats, read_annotations, require_format
+from circlecal.formats.shapes import AnnotatedFrame
+from circlecal.geometry.projective import Array
+from circlecal.pipeline import field_of
+from circlecal.workbench.answers import Answer, answer, describe
+from circlecal.workbench.frames import ListedFrame, picture_of
+from circlecal.workbench.interpretations import Interpretation, interpret
+from circlecal.workbench.measuring import (
+    MeasuredPicture,
+    Snapped,
+    begin_annotation,
+    complete_circle,
+    follow_path,
+    measure_picture,
+    missed,
+    snap_click,
+)
+from circlecal.workbench.store import AnnotationStore
+
+HELD = 12
+"""Open pictures that are held, so that going back and forth measures nothing again; 1080p takes about 10 MB each."""
+JPEG_QUALITY = 93
+MOST_PATH_POINTS = 2000
+
+
+@dataclass(frozen=True, slots=True)
+class OpenFrame:
+    """A frame that was opened: its picture with what was measured, and the annotation to begin with."""
+
+    measured: MeasuredPicture
+    begun: Annotation
+
+
+class Session:
+    """Frames, annotations and configuration of one server.
+
+    Parameters
+    ----------
+    frames : sequence of ListedFrame
+        What is listed; refused and doubtful ones come first.
+    store : AnnotationStore
+        Where annotations are saved.
+    config : Config
+        Options of every stage.
+    """
+
+    def __init__(self, frames: Sequence[ListedFrame], store: AnnotationStore, config: Config) -> None:
+        order = {"refused": 0, "doubtful": 1, "unknown": 2, "calibrated": 3}
+        self.frames = sorted(frames, key=lambda frame: order[frame.state])
+        self.store = store
+        self.config = config
+        self._held: OrderedDict[int, OpenFrame] = OrderedDict()
+        self._lock = threading.Lock()
+        known = store.known()
+        for index, frame in enumerate(self.frames):
+            if store.path(frame.file.id).name in known:
+                self._take_up(index, frame)
+
+    def _take_up(self, index: int, frame: ListedFrame) -> None:
+        annotation = self.store.read(frame.file.id)
+        if annotation is not None:
+            self.frames[index] = replace(frame, annotated=annotation.touched, flag=annotation.flag)
+
+    @property
+    def template(self) -> FieldTemplate:
+        """The field."""
+        return field_of(self.config)[0]
+
+    def listing(self) -> list[list[Any]]:
+        """Rows of the list: id, state, code, sigma, time, annotated, flag."""
+        return [self._row(index) for index in range(len(self.frames))]
+
+    def open(self, index: int) -> OpenFrame:
+        """A frame, measured if it is not held.
+
+        Raises
+        ------
+        InputError
+            No such frame, or its picture cannot be read.
+        """
+        frame = self._frame(index)
+        with self._lock:
+            held = self._held.get(index)
+            if held is not None:
+                self._held.move_to_end(index)
+                return held
+        measured = measure_picture(picture_of(frame.file), self.config, frame.file)
+        held = OpenFrame(measured, begin_annotation(measured, self.config, frame.file))
+        with self._lock:
+            self._held[index] = held
+            while len(self._held) > HELD:
+                self._held.popitem(last=False)
+        return held
+
+    def _frame(self, index: int) -> ListedFrame:
+        if not 0 <= index < len(self.frames):
+            raise InputError(f"there is no frame {index}")
+        return self.frames[index]
+
+    def annotation(self, index: int) -> Annotation:
+        """What is known of a frame: its saved annotation, or what was measured."""
+        saved = self.store.read(self._frame(index).file.id)
+        if saved is None:
+            return self.open(index).begun
+        size = self.open(index).measured.picture.shape
+        if (saved.height, saved.width) != size[:2]:
+            name = self.store.path(saved.id)
+            raise InputError(
+                f"{name}: is of a picture of {saved.width} x {saved.height}, not of this one; move it away"
+            )
+        return saved
+
+    def picture(self, index: int) -> bytes:
+        """The picture as JPEG."""
+        return _jpeg(self.open(index).measured.picture)
+
+    def show(self, index: int) -> dict[str, Any]:
+        """All that the page shows of a frame."""
+        annotation = self.annotation(index)
+        return self._shown(index, annotation, answer(annotation, self.config, nameless=True))
+
+    def save(self, index: int, annotation: Annotation, base: int) -> dict[str, Any]:
+        """Save a changed annotation and calibrate it by what has a name; :meth:`settle` does the rest.
+
+        Raises
+        ------
+        NewerError
+            It was changed elsewhere.
+        InputError
+            It is not of this frame, or cannot be written.
+        ConfigError
+            Its settings are no settings.
+        """
+        own = self.open(index).begun
+        if (annotation.id, annotation.width, annotation.height) != (own.id, own.width, own.height):
+            raise InputError(f"{annotation.id}: is not the annotation of {own.id}")
+        told = answer(annotation, self.config, nameless=False)
+        saved = self.store.save(annotation, base)
+        return self._shown(index, saved, replace(told, annotation=saved))
+
+    def settle(self, index: int) -> dict[str, Any]:
+        """The answer with the lines that nobody named recognised too, as a batch gives it."""
+        return self.show(index)
+
+    def _shown(self, index: int, annotation: Annotation, told: Answer) -> dict[str, Any]:
+        frame, camera = self.frames[index], told.found.camera
+        sigma = None if camera is None else camera.max_sigma_px
+        judged = frame.judged(told.found.status, told.found.verdict.code, sigma, annotation.width)
+        self.frames[index] = replace(judged, annotated=annotation.touched, flag=annotation.flag)
+        return {
+            "annotation": annotation.model_dump(mode="json"),
+            "answer": describe(told),
+            "row": self._row(index),
+        }
+
+    def _row(self, index: int) -> list[Any]:
+        f = self.frames[index]
+        return [f.file.id, f.state, f.code, f.sigma_px, f.file.time_s, f.annotated, f.flag]
+
+    def interpretations(self, index: int) -> list[Interpretation]:
+        """The best two ways to name what was measured, of a frame that is not calibrated."""
+        return interpret(self.annotation(index), self.open(index).measured, self.config)
+
+    def snap(self, index: int, points: Array, mode: str, name: str | None) -> Snapped:
+        """Points on paint for a click, a drag or the clicks on a circle.
+
+        Parameters
+        ----------
+        index : int
+            Which frame.
+        points : (N, 2) array
+            Pixels.
+        mode : {"click", "exact", "path", "circle"}
+            What was done.
+        name : str or None
+            The marking that is meant.
+
+        Raises
+        ------
+        InputError
+            Points outside the picture, too many, or no such mode.
+        """
+        measured = self.open(index).measured
+        if not len(points) or len(points) > MOST_PATH_POINTS or not np.isfinite(points).all():
+            raise InputError(f"{len(points)} points are not what one clicks")
+        if not measured.shows(points).all():
+            raise InputError("a point lies outside the picture")
+        if mode == "exact":
+            return missed(measured, points)
+        if mode == "click":
+            return snap_click(measured, points[0])
+        if mode == "path":
+            return follow_path(measured, points)
+        if mode == "circle":
+            found = complete_circle(measured, points)
+            return missed(measured, points) if found is None else found
+        raise InputError(f"{mode}: is no way to mark something")
+
+    def export(self, name: str) -> tuple[str, bytes]:
+        """All annotations that people made in another format: name and content of a file, a ZIP of several.
+
+        Raises
+        ------
+        InputError
+            An unknown format, or nothing is annotated.
+        """
+        known = {key: f for key, f in annotation_formats().items() if f.write is not None}
+        require_format(name, known, "export", "format that can be written")
+        target: AnnotationFormat = known[name]
+        frames = [annotation.frame() for annotation in self._annotations()]
+        if not frames or target.write is None:
+            raise InputError("nothing is annotated yet")
+        if not target.per_frame:
+            return target.file_name, target.write(frames)
+        stream = io.BytesIO()
+        with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+            for frame in frames:
+                archive.writestr(target.file_name.format(id=self.store.path(frame.id).stem), target.write([frame]))
+        return f"{name}.zip", stream.getvalue()
+
+    def _annotations(self) -> Iterator[Annotation]:
+        for frame in self.frames:
+            annotation = self.store.read(frame.file.id) if frame.annotated else None
+            if annotation is not None:
+                yield annotation
+
+    def take_in(self, name: str, content: bytes) -> dict[str, int]:
+        """Take the frames of another program's file into the annotations, by their names.
+
+        Returns
+        -------
+        dict
+            How many frames were ``taken``, and how many are ``unknown`` here.
+
+        Raises
+        ------
+        InputError
+            The file is none of the known formats.
+        """
+        path = self.store.folder / "imported" / Path(name.replace("\\", "/")).name
+        write_atomic(path, content)
+        numbers = {frame.file.id: k for k, frame in enumerate(self.frames)}
+        numbers |= {frame.file.path.stem: k for k, frame in enumerate(self.frames) if frame.file.time_s is None}
+        sizes = {(self.open(k).begun.width, self.open(k).begun.height) for k in {numbers.get(path.stem, 0)}}
+        found, frames = read_annotations(path, next(iter(sizes)))
+        taken = 0
+        for frame in frames:
+            index = numbers.get(frame.id)
+            if index is not None:
+                self._merge(index, frame, found.name)
+                taken += 1
+        return {"taken": taken, "unknown": len(frames) - taken}
+
+    def _merge(self, index: int, frame: AnnotatedFrame, source: str) -> None:
+        """The imported markings in the place of those of the same names."""
+        current = self.annotation(index)
+        fitting = frame.resize(current.width, current.height)
+        seen = observe(fitting, self.template, self.config.sources, source, frame.id).observations
+        imported = markings_of(seen, "imported")
+        names = {marking.name for marking in imported if marking.name is not None}
+        kept = [m for m in current.markings if m.name is None or m.name not in names]
+        changed = current.model_copy(update={"markings": [*kept, *imported]})
+        saved = self.store.save(changed, current.revision)
+        self.frames[index] = replace(self.frames[index], annotated=True, flag=saved.flag)
+
+
+def _jpeg(picture: NDArray[np.uint8]) -> bytes:
+    done, content = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    if not done:
+        raise InputError("the picture cannot be shown")
+    return content.tobytes()

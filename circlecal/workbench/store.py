@@ -1,0 +1,96 @@
+"""Annotations on the disk: one file per frame, written whole at every change, never over a newer one."""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+from pathlib import Path
+
+from circlecal.errors import InputError
+from circlecal.files import prepare_folder, write_atomic
+from circlecal.formats.annotation import Annotation, annotation_bytes, parse_annotation
+
+_NOT_IN_NAMES = frozenset("/\\:\0")
+
+
+class NewerError(Exception):
+    """Somebody else, such as another window, saved the frame meanwhile."""
+
+    def __init__(self, current: Annotation) -> None:
+        super().__init__(f"{current.id}: was changed elsewhere (revision {current.revision})")
+        self.current = current
+
+
+class AnnotationStore:
+    """The annotations of a folder.
+
+    Parameters
+    ----------
+    folder : path
+        Where; made when the first annotation is saved.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._lock = threading.Lock()
+
+    def path(self, frame_id: str) -> Path:
+        """The file of a frame; names that are no names of files get a digest instead."""
+        plain = frame_id not in ("", ".", "..") and _NOT_IN_NAMES.isdisjoint(frame_id)
+        name = frame_id if plain else hashlib.sha256(frame_id.encode(errors="surrogateescape")).hexdigest()[:24]
+        return self.folder / f"{name}.json"
+
+    def read(self, frame_id: str) -> Annotation | None:
+        """The annotation of a frame; None where there is none.
+
+        Raises
+        ------
+        InputError
+            The file is damaged or cannot be read.
+        """
+        path = self.path(frame_id)
+        try:
+            content = path.read_bytes()
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+        return parse_annotation(path, content)
+
+    def save(self, annotation: Annotation, base: int) -> Annotation:
+        """Write a changed annotation.
+
+        Parameters
+        ----------
+        annotation : Annotation
+            The new content.
+        base : int
+            Revision that it was made from, 0 where there was none.
+
+        Returns
+        -------
+        Annotation
+            As it was written, with its revision.
+
+        Raises
+        ------
+        NewerError
+            The file has another revision.
+        InputError
+            It cannot be written.
+        """
+        with self._lock:
+            current = self.read(annotation.id)
+            if (0 if current is None else current.revision) != base:
+                if current is None:
+                    current = annotation.model_copy(update={"revision": 0})
+                raise NewerError(current)
+            saved = annotation.model_copy(update={"revision": base + 1, "touched": True})
+            if current is None:
+                prepare_folder(self.folder)
+            write_atomic(self.path(annotation.id), annotation_bytes(saved))
+            return saved
+
+    def known(self) -> set[str]:
+        """Names of the files that there are."""
+        return {path.name for path in self.folder.glob("*.json")} if self.folder.is_dir() else set()

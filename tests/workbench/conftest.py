@@ -1,0 +1,71 @@
+"""A frame that the chain refuses because nothing turns its circle, and a server of its own."""
+
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from circlecal.config import Config
+from circlecal.geometry.camera import Camera, image_center
+from circlecal.pictures.files import PictureFile
+from circlecal.workbench.measuring import MeasuredPicture, measure_picture
+from tests.conftest import paint_frame
+
+
+@pytest.fixture(scope="session")
+def wide_camera() -> Camera:
+    """A main camera that shows circle and far touchline."""
+    width, height = 960, 540
+    return Camera(
+        width=width,
+        height=height,
+        focal_px=np.array([1150.0, 1150.0]),
+        principal_point_px=image_center(width, height),
+        angles_rad=np.radians([-2.0, 77.0, 0.2]),
+        position_m=np.array([2.0, 66.0, -18.0]),
+        kappa=np.array([0.03, 0.0]),
+    )
+
+
+@pytest.fixture(scope="session")
+def open_image(wide_camera: Camera) -> np.ndarray:
+    """Circle and far touchline alone: the circle may be turned any way."""
+    return paint_frame(wide_camera, ("centre_circle", "side_line_top"))
+
+
+@pytest.fixture(scope="session")
+def open_frame(open_image) -> MeasuredPicture:
+    """That picture after the chain."""
+    return measure_picture(open_image, Config(), PictureFile("open", Path("open.png"), "open"))
+
+
+@pytest.fixture(scope="session")
+def folder(tmp_path_factory, open_image, frame_image) -> Path:
+    """A good picture, and the refused one several times: no test meets what another one changed."""
+    path = tmp_path_factory.mktemp("pictures")
+    for name in ("open", "windows", "keys"):
+        cv2.imwrite(str(path / f"{name}.png"), open_image)
+    cv2.imwrite(str(path / "good.png"), frame_image)
+    return path
+
+
+@pytest.fixture(scope="module")
+def serve() -> Iterator[Callable[..., tuple[subprocess.Popen[str], str]]]:
+    """Start a server; its process and the address that it prints."""
+    running: list[subprocess.Popen[str]] = []
+
+    def start(*arguments: object) -> tuple[subprocess.Popen[str], str]:
+        command = [sys.executable, "-m", "circlecal.cli", "annotate", "--no-browser", "-q", *map(str, arguments)]
+        server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        running.append(server)
+        assert server.stdout is not None
+        return server, server.stdout.readline().strip()
+
+    yield start
+    for server in running:
+        server.kill()
+        server.wait()

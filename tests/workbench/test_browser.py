@@ -1,0 +1,171 @@
+"""The workbench in a real browser: named, snapped, undone, kept, by keys alone, in two windows."""
+
+import json
+import os
+import signal
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from circlecal.field import load_field
+from circlecal.workbench.answers import distance_to_polyline
+from tests.report.browser import Browser, programs
+
+pytestmark = pytest.mark.skipif(programs() is None, reason="no Chromium")
+
+READY = "document.body.dataset.ready && document.getElementById('busy').hidden"
+SAVED = "document.getElementById('saved').textContent === 'saved'"
+VERDICT = "document.getElementById('verdict').textContent"
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    found = Browser(1400, 900)
+    yield found
+    found.close()
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory) -> Path:
+    return tmp_path_factory.mktemp("annotations")
+
+
+@pytest.fixture(scope="module")
+def server(serve, folder, out) -> tuple[subprocess.Popen[str], str]:
+    return serve(folder, "--out", out)
+
+
+def go_to(browser: Browser, address: str, name: str = "open") -> None:
+    browser.open(f"{address}#{name}")
+    browser.wait(READY)
+    browser.wait("document.getElementById('picture').complete")
+
+
+def press_at(browser: Browser, pixel, event: str = "click", alt: bool = False) -> None:
+    """Press and release the mouse at a pixel of the picture."""
+    box = browser.run(
+        "const box = document.getElementById('picture').getBoundingClientRect();"
+        "return [box.left, box.top, box.width / document.getElementById('picture').naturalWidth]"
+    )
+    x, y = box[0] + (pixel[0] + 0.5) * box[2], box[1] + (pixel[1] + 0.5) * box[2]
+    keys = 1 if alt else 0
+    for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
+        button = "none" if kind == "mouseMoved" else "left"
+        browser.devtools("Input.dispatchMouseEvent", type=kind, x=x, y=y, button=button, clickCount=1, modifiers=keys)
+
+
+def seen(camera, name: str) -> np.ndarray:
+    points = camera.project(load_field("soccer").polylines(0.5)[name])
+    inside = (points > 15).all(axis=1) & (points < (camera.width - 15, camera.height - 15)).all(axis=1)
+    return points[inside]
+
+
+def choose_on_field(browser: Browser, name: str) -> None:
+    browser.run(f"document.querySelector('#field [data-name={name}]').dispatchEvent(new MouseEvent('click'))")
+
+
+def stored(out: Path, name: str = "open") -> dict:
+    return json.loads((out / f"{name}.json").read_text())
+
+
+def test_nothing_sticks_out_of_the_window(browser, server):
+    for width, scheme in ((390, "dark"), (1400, "light")):
+        browser.resize(width, 900)
+        browser.prefer(scheme)
+        go_to(browser, server[1])
+        assert browser.run("return document.documentElement.scrollWidth") <= width
+        stage = browser.run(
+            "const b = document.getElementById('stage').getBoundingClientRect(); return [b.width, b.height]"
+        )
+        assert stage[0] > 300 and stage[1] > 200
+
+
+def test_two_clicks_calibrate_a_refused_frame_and_undo_takes_them_back(browser, server, out, wide_camera):
+    address = server[1]
+    go_to(browser, address)
+    browser.console()
+    browser.requests()
+    assert "refused" in browser.run(f"return {VERDICT}")
+    assert "Name one straight marking" in browser.run("return document.getElementById('missing').textContent")
+    press_at(browser, seen(wide_camera, "side_line_top")[10])
+    browser.wait("document.querySelector('.pick[aria-pressed=true]')")
+    choose_on_field(browser, "side_line_top")
+    browser.wait(f"{VERDICT}.startsWith('calibrated') && {SAVED}")
+    assert browser.run("return document.querySelectorAll('#drawing .drawn').length") > 2
+    browser.press("m")
+    assert browser.run("return !document.getElementById('heat').hidden")
+    browser.press("m")
+    browser.run("document.getElementById('undo').click()")
+    browser.wait(f"{VERDICT}.startsWith('refused') && {SAVED}")
+    browser.run("document.getElementById('redo').click()")
+    browser.wait(f"{VERDICT}.startsWith('calibrated') && {SAVED}")
+    assert "side_line_top" in {m["name"] for m in stored(out)["markings"]}
+    assert browser.console() == []
+    host = address.split("/")[2]
+    outside = [
+        r for r in browser.requests() if not r.startswith(("data:", "blob:", "chrome:", "about:")) and host not in r
+    ]
+    assert outside == []
+
+
+def test_a_click_snaps_to_paint_and_a_killed_server_loses_nothing(browser, server, serve, folder, out, wide_camera):
+    process, address = server
+    go_to(browser, address)
+    line = seen(wide_camera, "side_line_top")
+    choose_on_field(browser, "penalty_arc_left")
+    press_at(browser, line[40] + (0.0, 3.0))
+    browser.wait(f"document.getElementById('markings').textContent.includes('penalty arc left') && {SAVED}")
+    clicked = [m for m in stored(out)["markings"] if m["source"] == "clicked"]
+    assert distance_to_polyline(np.array(clicked[0]["points_px"]), line)[0] < 0.5
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    before = stored(out)
+    _, again = serve(folder, "--out", out)
+    go_to(browser, again)
+    assert stored(out) == before
+    assert "penalty arc left" in browser.run("return document.getElementById('markings').textContent")
+    browser.console()
+    two_windows(browser, again, out)
+    keys_alone(browser, again, out)
+
+
+def two_windows(browser, address, out):
+    """They do not overwrite each other."""
+    go_to(browser, address, "windows")
+    browser.run("const n = document.getElementById('note'); n.value = 'mine'; n.dispatchEvent(new Event('change'))")
+    browser.wait(SAVED)
+    # what the other window saved meanwhile
+    theirs = stored(out, "windows") | {"revision": 7, "note": "theirs"}
+    (out / "windows.json").write_text(json.dumps(theirs))
+    browser.run(
+        "const n = document.getElementById('note'); n.value = 'mine again'; n.dispatchEvent(new Event('change'))"
+    )
+    browser.wait("document.getElementById('conflict').open")
+    assert stored(out, "windows")["note"] == "theirs"
+    browser.run("document.getElementById('take-theirs').click()")
+    browser.wait(f"document.getElementById('note').value === 'theirs' && {READY}")
+    browser.console()  # the browser itself reports the answer 409
+
+
+def keys_alone(browser, address, out):
+    """They are enough, and everything has a name that can be read out."""
+    go_to(browser, address, "keys")
+    longest = browser.run(
+        "const all = [...document.querySelectorAll('.pick')];"
+        "return all.findIndex((b) => b.textContent.includes('line, no name'))"
+    )
+    assert longest >= 0
+    number = int(browser.run(f"return document.querySelectorAll('.pick')[{longest}].dataset.marking"))
+    browser.run("document.activeElement.blur()")
+    browser.press(*["]"] * (number + 1))
+    browser.press("t")
+    browser.wait(f"{VERDICT}.startsWith('calibrated') && {SAVED}")
+    nameless = browser.run(
+        "return [...document.querySelectorAll('button, input, select, textarea, [role=button], [role=listbox], a')]"
+        ".filter((e) => e.offsetParent !== null && !(e.getAttribute('aria-label') || e.textContent.trim()"
+        " || e.labels?.[0]?.textContent.trim())).map((e) => e.outerHTML)"
+    )
+    assert nameless == []

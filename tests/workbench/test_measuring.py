@@ -1,0 +1,121 @@
+import numpy as np
+import pytest
+
+from circlecal.config import Config
+from circlecal.field import load_field
+from circlecal.formats.annotation import Annotation
+from circlecal.pictures.files import PictureFile
+from circlecal.workbench.answers import answer, describe, distance_to_polyline
+from circlecal.workbench.interpretations import interpret, name_marking
+from circlecal.workbench.measuring import begin_annotation, complete_circle, follow_path, missed, snap_click
+from tests.workbench.conftest import Path
+
+
+@pytest.fixture(scope="module")
+def begun(open_frame) -> Annotation:
+    return begin_annotation(open_frame, Config(), PictureFile("open", Path("open.png"), "open"))
+
+
+def drawn(camera, name: str) -> np.ndarray:
+    return camera.project(load_field("soccer").polylines(0.2)[name])
+
+
+def test_a_refused_frame_keeps_what_was_measured(open_frame, begun):
+    assert open_frame.found.verdict.code == "rotation_free"
+    assert [m.name for m in begun.markings if m.kind == "curve"] == ["centre_circle"]
+    assert any(m.kind == "line" and m.name is None and m.used for m in begun.markings)
+
+
+@pytest.mark.parametrize("name", ["centre_circle", "side_line_top"])
+def test_a_click_near_paint_lands_on_its_middle(open_frame, wide_camera, name):
+    truth = drawn(wide_camera, name)
+    seen = truth[open_frame.shows(np.nan_to_num(truth, nan=-1.0))]
+    rng = np.random.default_rng(3)
+    for place in seen[rng.integers(0, len(seen), 12)]:
+        click = np.clip(place + rng.normal(0, 2, 2), 12, (947, 527))
+        found = snap_click(open_frame, click)
+        assert found.on_paint
+        assert distance_to_polyline(found.points, truth)[0] < 0.4
+        assert 0.05 < found.sigma[0] < 1.0
+
+
+def test_a_click_on_bare_grass_stays_where_it_is(open_frame):
+    click = np.array([480.0, 500.0])
+    found = snap_click(open_frame, click)
+    assert not found.on_paint
+    assert found.points[0] == pytest.approx(click)
+    assert found.sigma[0] == missed(open_frame, click[None]).sigma[0]
+
+
+def test_a_drag_follows_a_curve(open_frame, wide_camera):
+    truth = drawn(wide_camera, "centre_circle")
+    seen = truth[open_frame.shows(truth)]
+    path = seen[10:120:6] + np.random.default_rng(0).normal(0, 1.5, seen[10:120:6].shape)
+    found = follow_path(open_frame, path)
+    assert found.on_paint and len(found.points) > 20
+    assert np.median(distance_to_polyline(found.points, truth)) < 0.3
+
+
+def test_two_clicks_on_a_line_measure_what_lies_between(open_frame, wide_camera):
+    truth = drawn(wide_camera, "side_line_top")
+    seen = truth[open_frame.shows(np.nan_to_num(truth, nan=-1.0))]
+    found = follow_path(open_frame, seen[[20, -20]] + (0.0, 1.5))
+    assert len(found.points) > 50
+    assert np.median(distance_to_polyline(found.points, truth)) < 0.3
+
+
+def test_two_clicks_on_the_circle_measure_it_all(open_frame, wide_camera):
+    truth = drawn(wide_camera, "centre_circle")
+    found = complete_circle(open_frame, truth[[30, 90]])
+    assert found is not None and len(found.points) > 100
+    assert np.median(distance_to_polyline(found.points, truth)) < 0.3
+    assert complete_circle(open_frame, np.array([[50.0, 500.0], [900.0, 500.0]])) is None
+
+
+def test_one_name_calibrates_the_frame(begun, wide_camera):
+    assert not answer(begun, Config(), nameless=True).is_calibrated
+    line = next(k for k, m in enumerate(begun.markings) if m.kind == "line" and len(m.points_px) > 100)
+    told = answer(name_marking(begun, line, "side_line_top"), Config(), nameless=False)
+    assert told.is_calibrated
+    shown = describe(told)
+    assert shown["missing"] is None and shown["sigma_px"] < 15
+    assert shown["markings"][line]["rms_px"] < 1.0
+    assert np.abs(told.found.camera.camera.position_m - wide_camera.position_m).max() < 6.0
+
+
+def test_a_wrong_name_is_marked(begun):
+    markings = list(begun.markings)
+    line = next(k for k, m in enumerate(markings) if m.kind == "line" and len(m.points_px) > 100)
+    right = name_marking(begun, line, "side_line_top")
+    halfway = right.markings[line].model_copy(
+        update={
+            "name": "halfway_line",
+            "points_px": [[400.0, 300.0], [700.0, 310.0], [800.0, 313.0]],
+            "sigma_px": [0.3] * 3,
+        }
+    )
+    shown = describe(
+        answer(right.model_copy(update={"markings": [*right.markings, halfway]}), Config(), nameless=False)
+    )
+    assert shown["markings"][-1]["contradicts"] or shown["status"] == "refused"
+
+
+def test_an_interpretation_names_the_touchline(begun, open_frame):
+    offered = interpret(begun, open_frame, Config())
+    assert offered and len(offered) <= 2
+    assert any("side_line_top" in one.names.values() for one in offered)
+
+
+def test_a_flag_refuses_a_frame(begun):
+    told = answer(begun.model_copy(update={"flag": "no_field"}), Config(), nameless=True)
+    assert (told.found.status, told.found.verdict.code) == ("refused", "no_field")
+    assert describe(told)["template"] == {}
+
+
+def test_settings_of_a_frame_are_in_force(begun):
+    line = next(k for k, m in enumerate(begun.markings) if m.kind == "line" and len(m.points_px) > 100)
+    named = name_marking(begun, line, "side_line_top")
+    wider = named.model_copy(update={"settings": {"field.sizes.width": 74.0}})
+    usual, changed = (answer(a, Config(), nameless=False).found.camera for a in (named, wider))
+    assert usual is not None and changed is not None
+    assert abs(usual.camera.position_m[1] - changed.camera.position_m[1]) > 0.5

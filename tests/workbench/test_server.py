@@ -1,0 +1,131 @@
+import json
+import urllib.error
+import urllib.request
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+
+from circlecal.formats.annotation import parse_annotation
+from circlecal.formats.registry import read_annotations
+
+
+class Client:
+    """Asks a server, past any proxy."""
+
+    def __init__(self, address: str) -> None:
+        self.address = address
+        self._opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
+
+    def ask(self, path: str, method: str = "GET", body: object = None, **headers: str) -> tuple[int, bytes, dict]:
+        content = body if isinstance(body, bytes | None) else json.dumps(body).encode()
+        request = urllib.request.Request(self.address + path, content, headers, method=method)
+        try:
+            with self._opener.open(request, timeout=120) as answer:
+                return answer.status, answer.read(), dict(answer.headers)
+        except urllib.error.HTTPError as error:
+            return error.code, error.read(), dict(error.headers)
+
+    def json(self, path: str, method: str = "GET", body: object = None):
+        status, content, _ = self.ask(path, method, body)
+        assert status == 200, content
+        return json.loads(content)
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory) -> Path:
+    return tmp_path_factory.mktemp("annotations")
+
+
+@pytest.fixture(scope="module")
+def client(serve, folder, out) -> Client:
+    return Client(serve(folder, "--out", out)[1])
+
+
+def number_of(client: Client, name: str) -> int:
+    return [row[0] for row in client.json("frames.json")["frames"]].index(name)
+
+
+def test_strangers_are_refused(client):
+    parts = urlsplit(client.address)
+    stranger = Client(f"http://{parts.netloc}/")
+    assert stranger.ask("")[0] == 404
+    assert stranger.ask("guessed/")[0] == 404
+    assert client.ask("", Host="evil.example")[0] == 403
+    assert client.ask("frames.json", Origin="http://evil.example")[0] == 403
+    assert client.ask("frames.json", **{"Sec-Fetch-Site": "cross-site"})[0] == 403
+    assert parts.hostname == "127.0.0.1" and len(parts.path) > 30
+
+
+@pytest.mark.parametrize(
+    "path", ["../pyproject.toml", "..%2f..%2fpyproject.toml", "frames/..%2f0.jpg", "%2fetc%2fpasswd"]
+)
+def test_no_path_leads_out(client, path):
+    assert client.ask(path)[0] in (400, 404)
+
+
+def test_the_page_keeps_to_itself(client):
+    status, content, headers = client.ask("")
+    assert status == 200 and b"circlecal workbench" in content
+    policy = headers["content-security-policy"]
+    assert "default-src 'none'" in policy and "unsafe" not in policy
+    assert headers["referrer-policy"] == "no-referrer"
+
+
+def test_a_change_is_saved_and_another_window_does_not_overwrite_it(client, out):
+    index = number_of(client, "open")
+    shown = client.json(f"frames/{index}.json")
+    annotation = shown["annotation"]
+    assert shown["answer"]["status"] == "refused" and not (out / "open.json").exists()
+    line = next(m for m in annotation["markings"] if m["kind"] == "line" and len(m["points_px"]) > 100)
+    line["name"] = "side_line_top"
+    saved = client.json(f"frames/{index}.json", "PUT", {"base": 0, "annotation": annotation})
+    assert saved["answer"]["status"] == "calibrated" and saved["annotation"]["revision"] == 1
+    assert saved["row"][1] in ("calibrated", "doubtful") and saved["row"][5]
+    stored = parse_annotation(out / "open.json", (out / "open.json").read_bytes())
+    assert "side_line_top" in {m.name for m in stored.markings}
+    status, content, _ = client.ask(
+        f"frames/{index}.json", "PUT", {"base": 0, "annotation": annotation | {"note": "later"}}
+    )
+    assert status == 409 and json.loads(content)["current"]["revision"] == 1
+    assert parse_annotation(out / "open.json", (out / "open.json").read_bytes()).note == ""
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"id": "good"},
+        {"width": 10},
+        {"markings": [{"kind": "line", "points_px": [[1, 2]], "sigma_px": []}]},
+        {"settings": {"seed": 1}},
+    ],
+)
+def test_what_is_no_annotation_of_the_frame_is_refused_in_one_line(client, change):
+    index = number_of(client, "open")
+    annotation = client.json(f"frames/{index}.json")["annotation"]
+    status, content, _ = client.ask(
+        f"frames/{index}.json", "PUT", {"base": annotation["revision"], "annotation": annotation | change}
+    )
+    assert status == 400
+    assert "\n" not in json.loads(content)["error"]
+
+
+def test_clicks_are_answered(client):
+    index = number_of(client, "good")
+    assert client.json(f"frames/{index}/mark", "POST", {"mode": "exact", "points": [[5, 6]]})["points"] == [[5, 6]]
+    assert client.ask(f"frames/{index}/mark", "POST", {"mode": "exact", "points": [[5, 6000]]})[0] == 400
+    assert client.ask("frames/99.json")[0] == 400
+    assert client.ask(f"frames/{index}.jpg")[1][:2] == b"\xff\xd8"
+
+
+def test_annotations_go_out_and_come_back(client, tmp_path):
+    name, content = "labelstudio", client.ask("export/labelstudio")[1]
+    path = tmp_path / "labelstudio.json"
+    path.write_bytes(content)
+    _, frames = read_annotations(path, (960, 540), name)
+    labels = {shape.label for frame in frames for shape in frame.shapes}
+    assert {"Circle central", "Side line top"} <= labels
+    told = client.json("import?name=labelstudio.json", "POST", content)
+    assert told == {"taken": len(frames), "unknown": 0}
+    assert client.ask("import?name=x.json", "POST", b"{}")[0] == 400
+    assert client.ask("export/nothing")[0] == 400
