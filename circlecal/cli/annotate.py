@@ -48,7 +48,7 @@ def annotate(
     from circlecal.workbench.session import Session
     from circlecal.workbench.store import AnnotationStore
 
-    chosen = options.chosen_config(config, settings, field, camera_prior=camera_prior)
+    chosen = options.choose_config(config, settings, field, camera_prior=camera_prior)
     frames = list_frames(inputs, Sampling.parse(every or DEFAULT_EVERY))
     runs = [path for path in inputs if is_run(path)]
     folder = out or (runs[0] / ANNOTATION_FOLDER if runs else Path("circlecal-annotations"))

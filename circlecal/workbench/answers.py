@@ -82,7 +82,7 @@ class Answer:
         """Whether the verdict accepts it."""
         return self.found.status == "calibrated"
 
-    def recognised(self) -> dict[int, str]:
+    def recognise(self) -> dict[int, str]:
         """Names that the estimate gave to nameless lines, by index of the marking."""
         camera, seen = self.found.camera, self.found.observations
         if camera is None or seen is None or not self.nameless:
@@ -146,7 +146,7 @@ def describe(told: Answer) -> dict[str, Any]:
     found, view = told.found, told.found.view
     drawn = see_markings(view, told.template)
     verdict, camera = found.verdict, found.camera
-    recognised = told.recognised()
+    recognised = told.recognise()
     return {
         "status": found.status,
         "code": verdict.code,
@@ -345,7 +345,7 @@ def _facts(told: Answer) -> Iterator[tuple[str, str]]:
     )
     size = np.array([told.template.length_m, told.template.width_m]) + camera.view.growth_m
     yield "field", f"{size[0]:.1f} x {size[1]:.1f} m"
-    yield "recognised", _words(sorted(set(told.recognised().values())))
+    yield "recognised", _words(sorted(set(told.recognise().values())))
     yield "left out", _words([str(key) for key in camera.rejected])
 
 

@@ -47,7 +47,7 @@ class ListedFrame:
     annotated: bool = False
     flag: str | None = None
 
-    def judged(self, status: str, code: str | None, sigma_px: float | None, width: int) -> ListedFrame:
+    def with_verdict(self, status: str, code: str | None, sigma_px: float | None, width: int) -> ListedFrame:
         """The frame with a verdict."""
         return replace(self, state=state_of(status, sigma_px, width), code=code, sigma_px=sigma_px)
 
@@ -103,10 +103,10 @@ def list_frames(inputs: Sequence[Path], sampling: Sampling) -> list[ListedFrame]
 
 def _frames_of_run(folder: Path) -> list[ListedFrame]:
     rows = {record.id: record for record in read_records(folder, ResultRow)}
-    return [_listed(record) for record in rows.values() if record.path]
+    return [_row_of(record) for record in rows.values() if record.path]
 
 
-def _listed(record: ResultRow) -> ListedFrame:
+def _row_of(record: ResultRow) -> ListedFrame:
     path, camera = record.path or "", record.estimated_camera
     time_s = None if record.source is None else record.source.time_s
     url = path if is_url(path) else None
@@ -114,7 +114,7 @@ def _listed(record: ResultRow) -> ListedFrame:
     sigma = None if camera is None else camera.max_sigma_px
     middle = None if camera is None else camera.principal_point[0]
     width = 1920 if middle is None else round(2.0 * middle) + 1
-    return ListedFrame(file).judged(record.status, record.code, sigma, width)
+    return ListedFrame(file).with_verdict(record.status, record.code, sigma, width)
 
 
 def picture_of(frame: PictureFile) -> NDArray[np.uint8]:

@@ -121,10 +121,12 @@ def _try(
     told = Answer(named, found, template, ())
     names = {index: name} | suggestions(told, see_markings(found.view, template))
     explained = sum(length_px(annotation.markings[k]) for k in names)
-    return Interpretation(names, painted_share(found, measured, template, circle), explained)
+    return Interpretation(names, share_of_paint(found, measured, template, circle), explained)
 
 
-def painted_share(found: FrameCalibration, measured: MeasuredPicture, template: FieldTemplate, circle: Circle) -> float:
+def share_of_paint(
+    found: FrameCalibration, measured: MeasuredPicture, template: FieldTemplate, circle: Circle
+) -> float:
     """Share of the markings in view, those apart that the camera was fitted to, on which the picture shows paint."""
     if found.camera is None or found.observations is None:
         return 0.0

@@ -116,7 +116,7 @@ def begin_annotation(measured: MeasuredPicture, config: Config, frame: PictureFi
     found = measured.found
     seen = found.observations
     if seen is None:
-        markings = [*_lines_of_mask(measured, config), *_offered_curves(measured)]
+        markings = [*_lines_of_mask(measured, config), *_find_curves(measured)]
     else:
         names = found.camera.names_by_line if found.camera is not None and found.status == "calibrated" else {}
         lines = tuple(replace(line, line=line.line or names.get(k)) for k, line in enumerate(seen.lines))
@@ -142,7 +142,7 @@ def _lines_of_mask(measured: MeasuredPicture, config: Config) -> list[AnnotatedM
     return markings_of(Observations(measured.found.width, measured.found.height, lines=lines), "measured")
 
 
-def _offered_curves(measured: MeasuredPicture) -> Iterator[AnnotatedMarking]:
+def _find_curves(measured: MeasuredPicture) -> Iterator[AnnotatedMarking]:
     mask = measured.found.mask
     conics = [] if mask is None else [*(arc.conic for arc in mask.arcs), *(c.conic for c in mask.candidates)]
     kept: list[Ellipse] = []
@@ -219,12 +219,12 @@ def snap_click(measured: MeasuredPicture, click: Array) -> Snapped:
     score = score - 0.5 * np.abs(bands.center) / reach * np.abs(score)
     best = int(np.argmax(score))
     if not np.isfinite(score[best]):
-        return missed(measured, click[None])
+        return exact_clicks(measured, click[None])
     point = click + bands.center[best] * normals[best]
     return Snapped(point[None], bands.sigma(noise)[[best]], True)
 
 
-def missed(measured: MeasuredPicture, points: Array) -> Snapped:
+def exact_clicks(measured: MeasuredPicture, points: Array) -> Snapped:
     """Points (N, 2) exactly where they were clicked."""
     return Snapped(points, np.full(len(points), CLICKED_SIGMA_PX * max(measured.unit, 0.1)), False)
 
@@ -234,7 +234,7 @@ def follow_path(measured: MeasuredPicture, path: Array) -> Snapped:
     if len(path) == 2:
         lines = measure_lines(measured.light, [Segment(*path)], measured.noise, FOLLOW_PX, SPACING_PX, TWO_ROUNDS)
         line = lines[0]
-        return missed(measured, path) if line is None else Snapped(line.points_px, line.sigma_px, True)
+        return exact_clicks(measured, path) if line is None else Snapped(line.points_px, line.sigma_px, True)
     length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
     spacing = SPACING_PX * max(measured.unit, 0.5)
     at = np.arange(0.0, length[-1], spacing)
@@ -247,7 +247,7 @@ def follow_path(measured: MeasuredPicture, path: Array) -> Snapped:
     span = points[around[:, 1]] - points[around[:, 0]]
     normals = np.stack([-span[:, 1], span[:, 0]], axis=-1) / np.maximum(np.hypot(*span.T), 1e-9)[:, None]
     inside = measured.shows(points)
-    return _measure_along(measured, points[inside], normals[inside]) or missed(measured, path[[0, -1]])
+    return _measure_along(measured, points[inside], normals[inside]) or exact_clicks(measured, path[[0, -1]])
 
 
 def complete_circle(measured: MeasuredPicture, clicks: Array) -> Snapped | None:

@@ -34,9 +34,9 @@ from circlecal.workbench.measuring import (
     Snapped,
     begin_annotation,
     complete_circle,
+    exact_clicks,
     follow_path,
     measure_picture,
-    missed,
     snap_click,
 )
 from circlecal.workbench.store import AnnotationStore
@@ -141,7 +141,7 @@ class Session:
     def show(self, index: int) -> dict[str, Any]:
         """All that the page shows of a frame."""
         annotation = self.annotation(index)
-        return self._shown(index, annotation, answer(annotation, self.config, nameless=True))
+        return self._show(index, annotation, answer(annotation, self.config, nameless=True))
 
     def save(self, index: int, annotation: Annotation, base: int) -> dict[str, Any]:
         """Save a changed annotation and calibrate it by what has a name; :meth:`settle` does the rest.
@@ -160,16 +160,16 @@ class Session:
             raise InputError(f"{annotation.id}: is not the annotation of {own.id}")
         told = answer(annotation, self.config, nameless=False)
         saved = self.store.save(annotation, base)
-        return self._shown(index, saved, replace(told, annotation=saved))
+        return self._show(index, saved, replace(told, annotation=saved))
 
     def settle(self, index: int) -> dict[str, Any]:
         """The answer with the lines that nobody named recognised too, as a batch gives it."""
         return self.show(index)
 
-    def _shown(self, index: int, annotation: Annotation, told: Answer) -> dict[str, Any]:
+    def _show(self, index: int, annotation: Annotation, told: Answer) -> dict[str, Any]:
         frame, camera = self.frames[index], told.found.camera
         sigma = None if camera is None else camera.max_sigma_px
-        judged = frame.judged(told.found.status, told.found.verdict.code, sigma, annotation.width)
+        judged = frame.with_verdict(told.found.status, told.found.verdict.code, sigma, annotation.width)
         self.frames[index] = replace(judged, annotated=annotation.touched, flag=annotation.flag)
         return {
             "annotation": annotation.model_dump(mode="json"),
@@ -210,14 +210,14 @@ class Session:
         if not measured.shows(points).all():
             raise InputError("a point lies outside the picture")
         if mode == "exact":
-            return missed(measured, points)
+            return exact_clicks(measured, points)
         if mode == "click":
             return snap_click(measured, points[0])
         if mode == "path":
             return follow_path(measured, points)
         if mode == "circle":
             found = complete_circle(measured, points)
-            return missed(measured, points) if found is None else found
+            return exact_clicks(measured, points) if found is None else found
         raise InputError(f"{mode}: is no way to mark something")
 
     def export(self, name: str) -> tuple[str, bytes]:
