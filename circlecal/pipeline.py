@@ -23,8 +23,9 @@ from circlecal.errors import ConfigError, EstimationError, InputError
 from circlecal.field import Circle, FieldTemplate, load_field
 from circlecal.geometry.ellipses import encloses
 from circlecal.geometry.projective import Array
+from circlecal.line_naming.two_directions import FEWEST_LINES
 from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations, join_observations
-from circlecal.paint.profiles import to_gray
+from circlecal.paint.profiles import estimate_noise, to_gray
 from circlecal.pictures.interlacing import measure_row_motion, remove_combs
 from circlecal.refusals import REFUSALS, Confidence
 from circlecal.results import (
@@ -45,10 +46,18 @@ from circlecal.stages.cues import cues_from_observations, find_cues
 from circlecal.stages.edges import detect_edges
 from circlecal.stages.ellipse import fit_ellipses, fit_observations
 from circlecal.stages.faint_lines import find_faint_lines
+from circlecal.stages.field_lines import observe_field_lines, used_markings, without_worst_line
 from circlecal.stages.homography import estimate_homography, homography_of_solver, turn_fit
 from circlecal.stages.mask import find_marking, replace_circle_by_arc, suit_field
 from circlecal.stages.rays import cast_rays, measure_along_model
-from circlecal.stages.verdict import confirm, is_beyond_doubt, is_confirmed, judge, needs_confirmation
+from circlecal.stages.verdict import (
+    confirm,
+    confirm_field_lines,
+    is_beyond_doubt,
+    is_confirmed,
+    judge,
+    needs_confirmation,
+)
 
 Convention = Literal["official", "paint"]
 T = TypeVar("T")
@@ -61,6 +70,10 @@ fitted to a part of it leaves the paint beyond.
 """
 UNCERTAIN_PX = 12.0
 """Largest predicted error, pixels at 1920 px width, from which on fainter straight markings are looked for."""
+SURE_PX = 6.0
+"""Largest predicted error, pixels at 1920 px width, of a camera from straight markings alone that is taken before the
+circle was looked for thoroughly.
+"""
 ARC_ALONE = (
     "a part of a circle is seen without a line through its middle, and no other markings tell how it is turned, "
     "or that it is no penalty arc"
@@ -218,7 +231,10 @@ def run(
         raise InputError(f"{frame_id}: the mask is {mask.shape[1]}x{mask.shape[0]}, the picture {width}x{height}")
     setting = Setting(config, template, circle, width, height, frame_generator(config.seed, frame_id))
     scene = prepare_scene(setting, image, mask, extra)
-    return setting.calibration(reconsider(setting, scene, calibrate_scene(setting, scene)), frame_id, source)
+    attempt = look_for_field_lines(setting, scene)
+    if attempt is None:
+        attempt = reconsider(setting, scene, calibrate_scene(setting, scene))
+    return setting.calibration(attempt, frame_id, source)
 
 
 def run_observations(
@@ -622,6 +638,72 @@ REFINEMENTS = (
     Retry(_may_show_faint_lines, add_faint_lines, _is_less_uncertain),
 )
 """What is measured again within one attempt, where its camera says what to look for; in this order."""
+
+
+def _may_use_field_lines(setting: Setting) -> bool:
+    config = setting.config
+    return config.cues.field_lines and config.camera.enabled and config.solver is None
+
+
+def look_for_field_lines(setting: Setting, scene: Scene) -> Attempt | None:
+    """A camera from straight markings and arcs alone after one quick look that finds no circle; None where a circle is
+    seen, and where the lines leave the camera uncertain.
+    """
+    config = setting.config
+    source = config.mask.source
+    if not _may_use_field_lines(setting) or source not in ("auto", "detector") or scene.given is not None:
+        return None
+    quick = config.mask.model_copy(update={"detector": config.mask.detector.model_copy(update={"thorough": False})})
+    with setting.clock("mask"):
+        marking, refusal = find_marking(scene.image, None, quick, np.random.default_rng(config.seed), scene.gray)
+    if refusal is None:
+        return None
+    attempt = next(take_field_lines(setting, scene, Attempt(mask=marking)), None)
+    limit_px = SURE_PX * setting.width / 1920.0
+    is_sure = attempt is not None and attempt.camera is not None and attempt.camera.max_sigma_px < limit_px
+    return attempt if is_sure else None
+
+
+def _shows_field_lines(setting: Setting, first: Attempt) -> bool:
+    mask = first.mask
+    return not first.is_calibrated and _may_use_field_lines(setting) and mask is not None and mask.source == "detector"
+
+
+def take_field_lines(setting: Setting, scene: Scene, first: Attempt) -> Iterator[Attempt]:
+    """Attempts, all of them calibrated, with the straight markings and arcs that together look like a part of the
+    field, without the circle.
+    """
+    if first.mask is None or len(first.mask.lines) < FEWEST_LINES:
+        return
+    mask, template, circle, config = first.mask, setting.template, setting.circle, setting.config
+    with setting.clock("cues"):
+        picture = lighten_markings(scene.gray, mask, circle)
+        side, cues = config.correspondences.camera_side, config.cues
+        noise = estimate_noise(picture)
+        namings = observe_field_lines(picture, mask, noise, template, cues.search_px, cues.spacing_px, side)
+    for observations in namings:
+        attempt = _calibrate_field_lines(setting, scene, mask, observations)
+        if attempt.code == "residual_too_large" and attempt.camera is not None:
+            # the edge of a board beside a line, say
+            fewer = without_worst_line(observations, attempt.camera)
+            attempt = _calibrate_field_lines(setting, scene, mask, fewer)
+        if not attempt.is_calibrated or attempt.camera is None or attempt.verdict is None:
+            continue
+        with setting.clock("verdict"):
+            used = used_markings(observations, attempt.camera)
+            agreement = look_for_markings(picture, attempt.camera, template, circle, used, mask.field_region, used)
+            verdict = confirm_field_lines(attempt.verdict, attempt.camera, used, agreement)
+        if verdict.status == "calibrated":
+            yield replace(attempt, verdict=verdict)
+
+
+def _calibrate_field_lines(setting: Setting, scene: Scene, mask: MarkingMask, observations: Observations) -> Attempt:
+    """Estimate from named lines and arcs, and from what was given beside the picture."""
+    extra = scene.extra
+    seen = observations if extra is None else join_observations(observations, extra)
+    return estimate(setting, take_observations(setting, Attempt(mask=mask), seen))
+
+
 OTHER_INTERPRETATIONS = (
     Retry(_may_be_another_circle, interpret_otherwise, _is_better_circle),
     Retry(
@@ -629,6 +711,7 @@ OTHER_INTERPRETATIONS = (
         take_arcs,
         lambda setting, first, other: other.is_calibrated,
     ),
+    Retry(_shows_field_lines, take_field_lines, lambda setting, first, other: True),
 )
 """What else in the picture is taken for the circle; in this order."""
 

@@ -137,6 +137,12 @@ REFUSALS = _by_code(
         ),
         # what turns the circle
         Refusal(
+            "few_markings",
+            "too few straight markings are seen together to be sure which they are",
+            "Without the circle the field is recognised by its lines, and these may be another part of it too.",
+            f"Name the lines (annotation file) or give keypoints. {_OTHER_FRAMES}",
+        ),
+        Refusal(
             "rotation_free",
             "nothing shows how the circle is turned: no halfway line, and no other marking that can be only one",
             "A circle looks the same however it is turned. One line or point that is known would fix it.",
@@ -379,6 +385,7 @@ CHECKS: dict[str, tuple[str, str]] = {
         "the halfway line runs past the far side of the field: what was taken for its end is not its end",
     ),
     "found_share": ("markings_missing", ""),
+    "named_markings": ("few_markings", ""),
     "rejected_share": ("observations_contradict", ""),
     "mark_distance_px": ("mark_contradicts_circle", ""),
     "likely_residual_px": (

@@ -55,6 +55,7 @@ def look_for_markings(
     circle: Circle,
     known: frozenset[str],
     region: NDArray[np.bool_] | None,
+    carriers: frozenset[str] | None = None,
 ) -> Agreement:
     """Look for every marking of the template where the camera puts it, but for those that the camera was fitted to.
 
@@ -72,6 +73,8 @@ def look_for_markings(
         Markings that it was fitted to beside the circle.
     region : (h, w) bool or None
         The playing surface in a reduced picture.
+    carriers : frozenset of str, optional
+        Markings whose paint was seen, with which the width of the others' is compared; the circle when None.
 
     Returns
     -------
@@ -83,8 +86,8 @@ def look_for_markings(
     outline = np.array([template.length_m, template.width_m]) / 2 - template.marking_width_m
     on_outline = np.asarray((np.abs(nodes) >= outline).all(axis=1), np.bool_)
     inner = ~np.asarray(on_outline.any(axis=-1), np.bool_)
-    own = names.index(circle.name)
-    wanted = [own, *(k for k, name in enumerate(names) if inner[k] and name not in known and k != own)]
+    own = [k for k, name in enumerate(names) if name in (carriers or {circle.name})]
+    wanted = [*own, *(k for k, name in enumerate(names) if inner[k] and name not in known and k not in own)]
     names, nodes, shifts = tuple(names[k] for k in wanted), nodes[wanted], shifts[wanted]
     sizes = fit.theta[[INDEX[name] for name in _SIZES]]
     drawn = predict_markings(fit.theta, nodes + np.einsum("s,ksi->ki", sizes, shifts)[:, None], model)
@@ -92,7 +95,7 @@ def look_for_markings(
         drawn, _predict_sigmas(fit, drawn, shifts), SPACING_PX * unit
     )
     visible = np.asarray(((base > 0) & (base < (model.width - 1, model.height - 1))).all(axis=1), np.bool_)
-    mine = element == 0
+    mine = element < len(own)
     if not (visible & mine).any():
         return Agreement((), np.zeros(0), np.zeros(0))
     visible &= ~mine & np.asarray(across >= THINNEST[1] * np.quantile(across[visible & mine], THINNEST[0]))

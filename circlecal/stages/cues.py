@@ -57,6 +57,9 @@ class CuesConfig(BaseModel):
     halfway_line: bool = Field(True, description="Whether the halfway line is used.")
     centre_mark: bool = Field(True, description="Whether the centre mark is looked for.")
     further_lines: bool = Field(True, description="Whether other straight markings are measured.")
+    field_lines: bool = Field(
+        True, description="Whether a picture without the circle may be recognised by its straight markings."
+    )
     reach_half_chords: float = Field(
         1.25,
         ge=1,

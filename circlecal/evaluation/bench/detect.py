@@ -26,9 +26,12 @@ RUNS = 3
 GOOD_PX = 5.0
 WRONG_PX = 20.0
 REACH_RADII = 22.0 / 9.15
-"""Errors are averaged over the visible field this near to the circle's centre: 22 m in soccer."""
+"""Errors are averaged over the visible field this near to the circle's centre: 22 m in soccer; over all of the visible
+field where the circle is not seen."""
 ANY_SIZE_SD = {"length_sd_m": (120.0 - 90.0) / 12**0.5, "width_sd_m": (90.0 - 45.0) / 12**0.5}
 """Standard deviations of the sizes that Law 1 allows, metres: 90-120 by 45-90 m, all alike."""
+FIELD_KINDS = ("penalty_area", "corner", "goal_mouth", "behind_net")
+"""Kinds of frames without the circle that show the soccer field and its lines."""
 CHI2_90 = 4.605
 """90 % point of chi-square with two degrees of freedom."""
 
@@ -39,7 +42,9 @@ class ProfileRow:
 
     ``coverage`` is the share of the visible field's points, over all frames, whose true place lies in the reported
     90 % region. ``right`` is the share of frames that are good, or refused where the truth says that too little is in
-    view. ``wrong_kinds`` counts what the wrong frames showed; a frame without a circle is wrong however near.
+    view. ``wrong_kinds`` counts what the wrong frames showed. A soccer field seen without its circle may be calibrated
+    from its lines, and is then judged by the error over all of the field in view; what shows no soccer field is wrong
+    where it is calibrated at all.
     ``bound_good`` is the share of all frames in which an estimator that reaches the Cramer-Rao bound of what they show
     (:func:`circlecal.evaluation.bench.reachable.bound_px`: from the truth, every line rightly named, at our noise and
     with our priors) expects a mean reprojection error of at most 5 px; ``bound_median_px`` is the median of these
@@ -127,7 +132,7 @@ def compare(truth: Truth, fit: CameraFit) -> tuple[float, float, float]:
     """Mean and mean predicted error over the visible field near the circle, and the share inside the 90 % region."""
     camera = truth.camera
     surface, grid = truth.surface, _visible(truth)
-    if len(grid) == 0 or truth.visible_circle_deg == 0.0:
+    if len(grid) == 0 or (truth.visible_circle_deg == 0.0 and truth.kind not in FIELD_KINDS):
         return float("inf"), 0.0, 0.0
     seen = project(fit.theta[None], grid[None], fit.model)
     difference = seen.pixels[0] - camera.project(surface.lift(grid))
@@ -158,7 +163,8 @@ def _visible(truth: Truth) -> Array:
     field = truth.template
     circle = field.circle_by_name[field.default_circle]
     step = circle.radius_m / 9.15
-    axis = np.arange(-REACH_RADII * circle.radius_m, REACH_RADII * circle.radius_m + 0.5 * step, step)
+    reach = REACH_RADII * circle.radius_m if truth.visible_circle_deg > 0.0 else max(field.length_m, field.width_m) / 2
+    axis = np.arange(-reach, reach + 0.5 * step, step)
     grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
     grid = grid[(np.abs(grid) <= (field.length_m / 2, field.width_m / 2)).all(axis=1)]
     pixels = truth.camera.project(truth.surface.lift(grid))

@@ -1,0 +1,135 @@
+"""Straight markings where no circle carries the frame: measured, named together, and the arcs that go with them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from circlecal.field import Arc, FieldTemplate
+from circlecal.geometry.camera_parameters import ProjectionModel, project
+from circlecal.geometry.projective import Array, line_distance
+from circlecal.line_naming.two_directions import FieldHypothesis, propose_cameras
+from circlecal.observations import CirclePoints, LinePoints, Observations
+from circlecal.paint.lines import ONE_ROUND, measure_lines
+from circlecal.paint.profiles import GrayPicture
+from circlecal.results import CameraFit, LineCue, MarkingMask
+
+__all__ = ["observe_field_lines", "used_markings", "without_worst_line"]
+
+MOST_HYPOTHESES = 3
+"""How many namings of the lines are fitted, at most."""
+RIVAL_SHARE = 0.7
+"""Of the best one's score: namings with less are not fitted (of 33 real frames of penalty areas the right one had the
+best score in all that had any, and the next one with other names more than this share in two).
+"""
+ONE_LINE_PX = 4.0
+"""Pixels at 1920 px width from the longest piece of a marking within which others are pieces of it: lens and crown bend
+a touchline by so much, the edge of a board runs further off.
+"""
+ON_ARC_PX, ON_ARC_SHARE = 12.0, 0.8
+"""Pixels at 1920 px width from the place of an arc under the rough camera, and the share of a seen curve's points that
+lies within it, for the curve to be that arc.
+"""
+ARC_SIGMA_PX = 0.5
+"""Of the points of curves that the detector traced, pixels at 1920 px width."""
+
+
+def observe_field_lines(
+    picture: GrayPicture,
+    mask: MarkingMask,
+    noise: float,
+    template: FieldTemplate,
+    search_px: float,
+    spacing_px: float,
+    side: str,
+) -> list[Observations]:
+    """Observations with names for the straight markings and arcs of a picture, by the most plausible naming first.
+
+    Parameters
+    ----------
+    picture : (H, W) uint8 or float32
+        Brightness, with the markings lighter than the field.
+    mask : MarkingMask
+        Gives the rough lines and arcs.
+    noise : float
+        Grey-level noise of the picture.
+    template : FieldTemplate
+        The field.
+    search_px, spacing_px : float
+        How lines are measured, as of :func:`circlecal.paint.lines.measure_lines`.
+    side : str
+        Side of the field on which the camera stands.
+    """
+    height, width = picture.shape
+    model = ProjectionModel(width, height)
+    measured = measure_lines(picture, mask.lines, noise, search_px, spacing_px, ONE_ROUND)
+    lines = [line for line in measured if line is not None]
+    segments = np.array([(line.segment.start, line.segment.end) for line in lines]).reshape(-1, 2, 2)
+    found = propose_cameras(segments, template, model, side, MOST_HYPOTHESES)
+    return [
+        _observations(naming, lines, mask, template, model)
+        for naming in found
+        if naming.score > 0 and naming.score >= RIVAL_SHARE * found[0].score
+    ]
+
+
+def used_markings(observations: Observations, fit: CameraFit) -> frozenset[str]:
+    """Names of the lines and arcs that a camera was fitted to."""
+    names = {line.line for line in observations.lines} | {seen.circle for seen in observations.circles}
+    rejected = {key.name for key in fit.rejected}
+    return frozenset(name for name in (*names, *fit.named_lines) if name is not None and name not in rejected)
+
+
+def without_worst_line(observations: Observations, fit: CameraFit) -> Observations:
+    """The observations where the line that a camera explains worst has lost its name."""
+    named = [line.key for line in observations.lines if line.key is not None]
+    worst = max(named, key=lambda key: fit.residuals_px.get(key, 0.0), default=None)
+    lines = tuple(replace(line, line=None) if worst and line.key == worst else line for line in observations.lines)
+    return replace(observations, lines=lines)
+
+
+def _observations(
+    naming: FieldHypothesis,
+    lines: Sequence[LineCue],
+    mask: MarkingMask,
+    template: FieldTemplate,
+    model: ProjectionModel,
+) -> Observations:
+    """The lines with their names, and the curves that are an arc under the naming's camera."""
+    unit = model.width / 1920.0
+    longest: dict[str, LineCue] = {}
+    for k, name in naming.names.items():
+        if name not in longest or len(lines[k].points_px) > len(longest[name].points_px):
+            longest[name] = lines[k]
+    seen = []
+    for k, line in enumerate(lines):
+        own = naming.names.get(k)
+        if own is not None and line is not longest[own]:
+            off = np.median(np.abs(line_distance(longest[own].line, line.points_px)))
+            own = own if off < ONE_LINE_PX * unit else None
+        seen.append(LinePoints(own, line.points_px, line.sigma_px, line.ends))
+    arcs = []
+    for arc in mask.arcs:
+        sigma = np.full(len(arc.points_px), ARC_SIGMA_PX * unit)
+        arcs += [
+            CirclePoints(drawn.name, "center", arc.points_px, sigma)
+            for drawn in template.arcs
+            if _lies_on(arc.points_px, drawn, naming.theta, template, model)
+        ]
+    return Observations(model.width, model.height, tuple(arcs), tuple(seen))
+
+
+def _lies_on(points: Array, arc: Arc, theta: Array, template: FieldTemplate, model: ProjectionModel) -> bool:
+    """Whether nearly all pixels (N, 2) lie near where a camera (P,) puts an arc."""
+    angle = np.radians(np.linspace(arc.start_deg, arc.end_deg, 65))
+    ring = np.asarray(arc.center) + template.radius(arc, "center") * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    seen = project(theta[None], ring[None], model)
+    places = seen.pixels[0][seen.visible[0]]
+    if len(places) < 2:
+        return False
+    # nearest place, and half a step between two places at most beside it
+    step = float(np.linalg.norm(np.diff(places, axis=0), axis=-1).max())
+    off = np.linalg.norm(points[:, None] - places, axis=-1).min(axis=1)
+    return bool(np.mean(off < ON_ARC_PX * model.width / 1920.0 + step / 2) >= ON_ARC_SHARE)

@@ -1,0 +1,94 @@
+"""Straight markings without a circle: which line is which, and where the camera stands."""
+
+import numpy as np
+import pytest
+
+from circlecal.field import load_field
+from circlecal.geometry.camera_parameters import POSITION, ProjectionModel
+from circlecal.line_naming.two_directions import propose_cameras
+from circlecal.synthetic.cameras import aimed_camera
+
+SOCCER = load_field("soccer")
+MODEL = ProjectionModel(1920, 1080)
+LEFT = (
+    "big_rect_left_main",
+    "big_rect_left_top",
+    "big_rect_left_bottom",
+    "small_rect_left_main",
+    "small_rect_left_top",
+)
+OUTSIDE = ("side_line_left", "side_line_top")
+
+
+def see(camera, names, rng=None, noise_px=0.0, shortest_px=120.0):
+    """Names and ends (S, 2, 2) of what a camera shows of some lines."""
+    seen, ends = [], []
+    for name in names:
+        first, last = SOCCER.line_ends(SOCCER.line_by_name[name])
+        points = camera.project(np.linspace(first, last, 400))
+        with np.errstate(invalid="ignore"):
+            inside = (points >= 0).all(axis=1) & (points <= (1919, 1079)).all(axis=1)
+        if inside.any() and np.linalg.norm(np.ptp(points[inside], axis=0)) > shortest_px:
+            seen.append(name)
+            ends.append(points[inside][[0, -1]])
+    noise = 0.0 if rng is None else rng.normal(0.0, noise_px, (len(ends), 2, 2))
+    return seen, np.array(ends).reshape(-1, 2, 2) + noise
+
+
+def penalty_area_camera(x=-2.0, y=62.0, z=-16.0, target=(-43.0, -2.0, 0.0), focal_px=4200.0):
+    return aimed_camera(np.array([x, y, z]), np.array(target), focal_px, 0.0, 1920, 1080)
+
+
+def test_lines_of_a_penalty_area_get_their_names_and_the_camera_its_place():
+    names, segments = see(penalty_area_camera(), LEFT + OUTSIDE)
+    assert len(names) >= 5
+    best = propose_cameras(segments, SOCCER, MODEL, "main", 3)[0]
+    assert best.names == dict(enumerate(names))
+    assert best.theta[POSITION] == pytest.approx([-2.0, 62.0, -16.0], abs=0.2)
+
+
+def test_random_main_cameras_are_recognised_and_nothing_wrong_is_named():
+    rng = np.random.default_rng(7)
+    recognised = tried = 0
+    for _ in range(40):
+        target = (rng.uniform(-47.0, -38.0), rng.uniform(-8.0, 6.0), 0.0)
+        place = rng.uniform((-6.0, 50.0, -22.0), (6.0, 95.0, -10.0))
+        camera = penalty_area_camera(*place, target, rng.uniform(2200.0, 5000.0))
+        names, segments = see(camera, LEFT + OUTSIDE, rng, 0.5)
+        if len(names) < 6:
+            continue
+        tried += 1
+        found = propose_cameras(segments, SOCCER, MODEL, "main", 3)
+        recognised += bool(found) and all(names[k] == name for k, name in found[0].names.items())
+    assert tried >= 20
+    assert recognised >= 0.95 * tried
+
+
+def test_a_board_and_a_crease_get_no_name():
+    names, segments = see(penalty_area_camera(), LEFT + OUTSIDE)
+    others = np.array([[[100.0, 900.0], [500.0, 1040.0]], [[900.0, 40.0], [1500.0, 10.0]]])
+    best = propose_cameras(np.concatenate([others, segments]), SOCCER, MODEL, "main", 3)[0]
+    assert best.names == {k + 2: name for k, name in enumerate(names)}
+
+
+def test_a_camera_on_the_other_side_is_told_by_the_side_that_is_asked_for():
+    _, segments = see(penalty_area_camera(), LEFT + OUTSIDE)
+    best = propose_cameras(segments, SOCCER, MODEL, "opposite", 3)[0]
+    assert {name.replace("right", "left") for name in best.names.values()} >= {"big_rect_left_main"}
+    assert all("left" not in name for name in best.names.values() if "rect" in name)
+    assert best.theta[POSITION] == pytest.approx([2.0, -62.0, -16.0], abs=0.2)
+
+
+@pytest.mark.parametrize("names", [(), LEFT[:3], ("side_line_left", "big_rect_left_main", "small_rect_left_main")])
+def test_too_few_lines_or_one_direction_give_nothing(names):
+    _, segments = see(penalty_area_camera(), names)
+    assert propose_cameras(segments, SOCCER, MODEL, "main", 3) == []
+
+
+def test_degenerate_segments_neither_raise_nor_warn():
+    rng = np.random.default_rng(3)
+    pencil = np.array([[[960.0, 540.0], [960.0 + 300 * np.cos(a), 540.0 + 300 * np.sin(a)]] for a in range(6)])
+    parallel = np.array([[[100.0, y], [1800.0, y]] for y in (100.0, 300.0, 500.0, 700.0, 900.0)])
+    same = np.repeat(parallel[:1], 6, axis=0)
+    for segments in (pencil, parallel, same, rng.uniform(0, 1920, (12, 2, 2)), np.zeros((5, 2, 2))):
+        propose_cameras(segments, SOCCER, MODEL, "main", 3)

@@ -1,0 +1,62 @@
+"""Pictures without the circle: recognised by their straight markings and arcs, or refused."""
+
+import numpy as np
+import pytest
+
+from circlecal.config import Config, load_config
+from circlecal.evaluation.bench.detect import compare
+from circlecal.field import load_field
+from circlecal.geometry.surface import FLAT
+from circlecal.pipeline import run
+from circlecal.results import Agreement, Verdict
+from circlecal.stages.verdict import confirm_field_lines
+from circlecal.synthetic.cameras import aimed_camera
+from circlecal.synthetic.renderer import render
+from circlecal.synthetic.scene import RenderConfig, Scene
+
+SOCCER = load_field("soccer")
+SIZE = (1280, 720)
+AREA = aimed_camera(np.array([-2.0, 62.0, -16.0]), np.array([-42.0, -1.0, 0.0]), 2500.0, 0.01, *SIZE, kappa=0.02)
+EMPTY = aimed_camera(np.array([-2.0, 62.0, -16.0]), np.array([-22.0, 8.0, 0.0]), 4200.0, 0.0, *SIZE)
+
+
+def rendered(camera):
+    return render(Scene(camera, SOCCER, FLAT, RenderConfig(), kind="penalty_area"), np.random.default_rng(5))
+
+
+@pytest.fixture(scope="module")
+def picture():
+    return rendered(AREA)
+
+
+def test_a_penalty_area_is_calibrated_without_the_circle(picture):
+    assert picture.truth.visible_circle_deg == 0.0
+    found = run(picture.image, Config(), frame_id="area")
+    assert found.status == "calibrated", found.verdict
+    error, predicted, _ = compare(picture.truth, found.camera)
+    assert error < 3.0
+    assert predicted < 10.0
+    assert found.verdict.check("named_markings").value >= 5
+    assert np.linalg.norm(found.camera.camera.position_m - AREA.position_m) < 2.0
+
+
+def test_it_can_be_switched_off(picture):
+    found = run(picture.image, load_config(None, ["cues.field_lines=false"]), frame_id="area")
+    assert found.status == "refused"
+    assert found.verdict.stage == "mask"
+
+
+def test_bare_grass_with_hardly_a_line_stays_refused():
+    assert run(rendered(EMPTY).image, Config(), frame_id="empty").status == "refused"
+
+
+@pytest.mark.parametrize(
+    ("used", "share", "code"),
+    [(4, 1.0, "few_markings"), (5, 0.3, "markings_missing"), (5, 0.8, None), (8, 0.8, None)],
+)
+def test_few_or_missing_markings_refuse(picture, used, share, code):
+    found = run(picture.image, Config(), frame_id="area")
+    agreement = Agreement(("penalty_arc_left",), np.array([400.0]), np.array([share]))
+    names = frozenset(f"line {k}" for k in range(used))
+    verdict = confirm_field_lines(Verdict("calibrated", None, None, None), found.camera, names, agreement)
+    assert verdict.code == code
