@@ -46,7 +46,7 @@ from circlecal.stages.cues import cues_from_observations, find_cues
 from circlecal.stages.edges import detect_edges
 from circlecal.stages.ellipse import fit_ellipses, fit_observations
 from circlecal.stages.faint_lines import find_faint_lines
-from circlecal.stages.field_lines import observe_field_lines, used_markings, without_worst_line
+from circlecal.stages.field_lines import carriers, observe_field_lines, without_worst_line
 from circlecal.stages.homography import estimate_homography, homography_of_solver, turn_fit
 from circlecal.stages.mask import find_marking, replace_circle_by_arc, suit_field
 from circlecal.stages.rays import cast_rays, measure_along_model
@@ -690,11 +690,35 @@ def take_field_lines(setting: Setting, scene: Scene, first: Attempt) -> Iterator
         if not attempt.is_calibrated or attempt.camera is None or attempt.verdict is None:
             continue
         with setting.clock("verdict"):
-            used = used_markings(observations, attempt.camera)
+            used = carriers(observations, attempt.camera)
             agreement = look_for_markings(picture, attempt.camera, template, circle, used, mask.field_region, used)
             verdict = confirm_field_lines(attempt.verdict, attempt.camera, used, agreement)
         if verdict.status == "calibrated":
-            yield replace(attempt, verdict=verdict)
+            accepted = replace(attempt, verdict=verdict)
+            yield _with_curves(setting, picture, accepted, noise) or accepted
+
+
+def _with_curves(setting: Setting, picture: NDArray[np.uint8], attempt: Attempt, noise: float) -> Attempt | None:
+    """The attempt with the circle and the arcs measured where its camera puts them; None where that brings nothing."""
+    camera, observations, template, config = attempt.camera, attempt.observations, setting.template, setting.config
+    if camera is None or observations is None or attempt.verdict is None:
+        return None
+    found: list[CirclePoints] = []
+    with setting.clock("rays"):
+        for curve in (setting.circle, *template.arcs):
+            points, sigma = measure_along_model(picture, camera, curve, template, noise, config.rays)
+            if len(points) >= config.ellipse.minimum_points:
+                found.append(CirclePoints(curve.name, "center", points, sigma))
+    if not found:
+        return None
+    names = {curve.circle for curve in found}
+    others = tuple(circle for circle in observations.circles if circle.circle not in names)
+    fuller = replace(observations, circles=(*found, *others))
+    refined = estimate(setting, take_observations(setting, Attempt(mask=attempt.mask), fuller), camera)
+    if refined.verdict is None or not _is_less_uncertain(setting, attempt, refined):
+        return None
+    own = tuple(check for check in attempt.verdict.checks if check.name in ("named_markings", "found_share"))
+    return replace(refined, verdict=replace(refined.verdict, checks=(*refined.verdict.checks, *own)))
 
 
 def _calibrate_field_lines(setting: Setting, scene: Scene, mask: MarkingMask, observations: Observations) -> Attempt:

@@ -10,14 +10,14 @@ from circlecal.geometry.surface import FLAT
 from circlecal.pipeline import run
 from circlecal.results import Agreement, Verdict
 from circlecal.stages.verdict import confirm_field_lines
-from circlecal.synthetic.cameras import aimed_camera
+from circlecal.synthetic.cameras import aim_camera
 from circlecal.synthetic.renderer import render
 from circlecal.synthetic.scene import RenderConfig, Scene
 
 SOCCER = load_field("soccer")
 SIZE = (1280, 720)
-AREA = aimed_camera(np.array([-2.0, 62.0, -16.0]), np.array([-42.0, -1.0, 0.0]), 2500.0, 0.01, *SIZE, kappa=0.02)
-EMPTY = aimed_camera(np.array([-2.0, 62.0, -16.0]), np.array([-22.0, 8.0, 0.0]), 4200.0, 0.0, *SIZE)
+AREA = aim_camera(np.array([-2.0, 62.0, -16.0]), np.array([-42.0, -1.0, 0.0]), 2500.0, 0.01, *SIZE, kappa=0.02)
+EMPTY = aim_camera(np.array([-2.0, 62.0, -16.0]), np.array([-22.0, 8.0, 0.0]), 4200.0, 0.0, *SIZE)
 
 
 def rendered(camera):

@@ -146,7 +146,7 @@ def propose_cameras(
     views = _views(lines)
     if len(views.focal) == 0:
         return []
-    directed = _directed_length(views, ends, DIRECTED_PX / 960.0)
+    directed = _length_to_vanishing_points(views, ends, DIRECTED_PX / 960.0)
     views = views.take(directed >= DIRECTED_SHARE * directed.max())
     theta = _positions(views, lines, template, model, side)
     if len(theta) == 0:
@@ -185,7 +185,7 @@ def _views(lines: Array) -> _Views:
     return _Views(focal, R, pairs[p], pairs[q]).take(upright)
 
 
-def _directed_length(views: _Views, ends: Array, tolerance: float) -> Array:
+def _length_to_vanishing_points(views: _Views, ends: Array, tolerance: float) -> Array:
     """Summed length (V,) of the seen lines (S, 2, 2) that run to one of the two vanishing points of each view."""
     middle, half = ends.mean(axis=1), 0.5 * (ends[:, 1] - ends[:, 0])
     directed = np.zeros((len(views.focal), len(ends)), np.bool_)

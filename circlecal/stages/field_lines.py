@@ -16,7 +16,7 @@ from circlecal.paint.lines import ONE_ROUND, measure_lines
 from circlecal.paint.profiles import GrayPicture
 from circlecal.results import CameraFit, LineCue, MarkingMask
 
-__all__ = ["observe_field_lines", "used_markings", "without_worst_line"]
+__all__ = ["carriers", "observe_field_lines", "without_worst_line"]
 
 MOST_HYPOTHESES = 3
 """How many namings of the lines are fitted, at most."""
@@ -75,7 +75,7 @@ def observe_field_lines(
     ]
 
 
-def used_markings(observations: Observations, fit: CameraFit) -> frozenset[str]:
+def carriers(observations: Observations, fit: CameraFit) -> frozenset[str]:
     """Names of the lines and arcs that a camera was fitted to."""
     names = {line.line for line in observations.lines} | {seen.circle for seen in observations.circles}
     rejected = {key.name for key in fit.rejected}

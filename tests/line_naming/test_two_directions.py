@@ -6,7 +6,7 @@ import pytest
 from circlecal.field import load_field
 from circlecal.geometry.camera_parameters import POSITION, ProjectionModel
 from circlecal.line_naming.two_directions import propose_cameras
-from circlecal.synthetic.cameras import aimed_camera
+from circlecal.synthetic.cameras import aim_camera
 
 SOCCER = load_field("soccer")
 MODEL = ProjectionModel(1920, 1080)
@@ -36,7 +36,7 @@ def see(camera, names, rng=None, noise_px=0.0, shortest_px=120.0):
 
 
 def penalty_area_camera(x=-2.0, y=62.0, z=-16.0, target=(-43.0, -2.0, 0.0), focal_px=4200.0):
-    return aimed_camera(np.array([x, y, z]), np.array(target), focal_px, 0.0, 1920, 1080)
+    return aim_camera(np.array([x, y, z]), np.array(target), focal_px, 0.0, 1920, 1080)
 
 
 def test_lines_of_a_penalty_area_get_their_names_and_the_camera_its_place():

@@ -104,6 +104,7 @@ def test_a_good_camera_is_accepted_with_every_check():
         "confirmations",
         "likely_residual_px",
         "found_share",
+        "named_markings",
         "end_residual_px",
         "other_end_reach",
     }

@@ -30,8 +30,8 @@ REACH_RADII = 22.0 / 9.15
 field where the circle is not seen."""
 ANY_SIZE_SD = {"length_sd_m": (120.0 - 90.0) / 12**0.5, "width_sd_m": (90.0 - 45.0) / 12**0.5}
 """Standard deviations of the sizes that Law 1 allows, metres: 90-120 by 45-90 m, all alike."""
-FIELD_KINDS = ("penalty_area", "corner", "goal_mouth", "behind_net")
-"""Kinds of frames without the circle that show the soccer field and its lines."""
+FIELD_KINDS = ("penalty_area", "corner", "goal_mouth", "behind_net", "crowd", "close_up", "grass", "wipe", "board")
+"""Kinds of frames without the circle that show a soccer field, and perhaps enough of its lines."""
 CHI2_90 = 4.605
 """90 % point of chi-square with two degrees of freedom."""
 
