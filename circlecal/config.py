@@ -58,6 +58,15 @@ class FieldConfig(BaseModel):
     sizes: dict[str, float] = Field(
         {}, description="Sizes in metres over those of the template, e.g. {length: 100, marking: 0.1}."
     )
+    length_sd_m: float | None = Field(
+        None,
+        ge=0,
+        description="How far the field's length may be from the template's or the given one, metres; null: mostly very "
+        "near, or anywhere that the rules allow.",
+    )
+    width_sd_m: float | None = Field(
+        None, ge=0, description="How far its width may be, metres; null as for the length."
+    )
 
 
 class OutputConfig(BaseModel):

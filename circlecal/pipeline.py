@@ -97,6 +97,7 @@ def field_of(config: Config) -> tuple[FieldTemplate, Circle]:
         Where the template or its circle does not exist.
     """
     template = load_field(config.field.template, config.field.sizes)
+    template = template.model_copy(update=_known_sizes(config))
     name = config.field.circle or template.default_circle
     circle = template.circle_by_name.get(name)
     if not name:
@@ -105,6 +106,17 @@ def field_of(config: Config) -> tuple[FieldTemplate, Circle]:
         known = ", ".join(template.circle_by_name)
         raise ConfigError(f"field.circle: {name!r} is not a circle of {template.name}; known: {known}")
     return template, circle
+
+
+def _known_sizes(config: Config) -> dict[str, float | None]:
+    """What a configuration says of how much length and width of its template vary."""
+    changes: dict[str, float | None] = {}
+    for side, sd_m in (("length", config.field.length_sd_m), ("width", config.field.width_sd_m)):
+        if sd_m is not None or side in config.field.sizes:
+            changes[f"{side}_range_m"] = None
+        if sd_m is not None:
+            changes[f"{side}_sd_m"] = sd_m
+    return changes
 
 
 def apply_convention(template: FieldTemplate, convention: Convention) -> FieldTemplate:

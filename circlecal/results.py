@@ -340,6 +340,35 @@ class HomographyFit:
 
 
 @dataclass(frozen=True, slots=True)
+class FieldSize:
+    """How long and broad a field is.
+
+    Attributes
+    ----------
+    length_m, width_m, length_sd_m, width_sd_m : float
+        With their standard deviations, metres.
+    is_usual : bool
+        Whether the field is taken to be about as large as its template says; otherwise its size is estimated from what
+        was seen.
+    usual_share : float
+        How likely that is after what was seen, 0..1.
+    """
+
+    length_m: float
+    width_m: float
+    length_sd_m: float
+    width_sd_m: float
+    is_usual: bool
+    usual_share: float
+
+    def __str__(self) -> str:
+        sizes = (
+            f"length {self.length_m:.1f} +- {self.length_sd_m:.1f}, width {self.width_m:.1f} +- {self.width_sd_m:.1f}"
+        )
+        return f"{sizes} m, {'usual' if self.is_usual else 'estimated'}"
+
+
+@dataclass(frozen=True, slots=True)
 class CameraFit:
     """Stage ``camera``: maximum a posteriori pinhole camera with its covariance.
 
@@ -380,6 +409,8 @@ class CameraFit:
     reference_m : (2,) array
         The field point about which distance and predicted errors are judged: the circle's centre, or the middle of what
         was seen instead of the circle.
+    field_size : FieldSize or None
+        How long and broad the field is; None where it was not asked.
     """
 
     camera: Camera
@@ -404,6 +435,7 @@ class CameraFit:
     named_lines: tuple[str, ...] = ()
     names_by_line: dict[int, str] = field(default_factory=dict)
     reference_m: Array = field(default_factory=lambda: np.zeros(2))
+    field_size: FieldSize | None = None
 
     @property
     def view(self) -> FieldView:

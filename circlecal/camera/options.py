@@ -45,6 +45,15 @@ class CameraConfig(BaseModel):
         "auto",
         description="Profile of the pitch across its length; auto: a roof, unless the frame clearly shows a parabola.",
     )
+    usual_size_share: float = Field(
+        0.97,
+        ge=0,
+        le=1,
+        description="Share of fields that are of the template's size; the others are of any size that its rules allow.",
+    )
+    flat_share: float = Field(
+        0.25, ge=0, lt=1, description="Share of fields that are flat; the others have the crown of crown_m."
+    )
     roll_sd_deg: float = Field(3.0, ge=0, description="Prior of the camera's roll about 0, degrees.")
     position_m: Three | None = Field(
         None, description="Prior mean of the position (x, y, z; z negative above ground), metres, or null."

@@ -217,6 +217,14 @@ def with_loss(problem: Problem, state: State, loss_scale: float) -> tuple[Proble
     return reweight(replace(problem, loss_scale=loss_scale), state, problem.curves.sigma_px)
 
 
+def with_priors(problem: Problem, state: State, priors: Priors) -> tuple[Problem, State]:
+    """The problem with other priors, and the state in it: nothing that was seen is evaluated again."""
+    changed = replace(problem, priors=priors)
+    return changed, apply_loss(
+        changed, state.theta, state.feet, state.values, state.jacobian, *priors.residuals(state.theta)
+    )
+
+
 def add_curves(problem: Problem, state: State, curves: CurvePoints) -> tuple[Problem, State]:
     """The problem with further markings before the others, and the state in it: only the further ones are evaluated."""
     feet = ground_feet(curves, state.theta, problem.model)

@@ -16,6 +16,7 @@ from circlecal.camera.covariance import (
     spread_cameras,
 )
 from circlecal.camera.problem import Problem, State
+from circlecal.camera.spike_and_slab import Posterior
 from circlecal.field import Circle, FieldTemplate
 from circlecal.field.view import FieldView
 from circlecal.geometry.camera import Camera
@@ -23,7 +24,7 @@ from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, camera_of, h
 from circlecal.geometry.homography import compass_label, scale_homography
 from circlecal.geometry.projective import Array
 from circlecal.observations import MarkingKey
-from circlecal.results import CameraFit, DerivedPoint
+from circlecal.results import CameraFit, DerivedPoint, FieldSize
 
 REACH_RADII = 2.5
 """How far from the circle's centre, or from what is seen instead, the field counts for the largest predicted error."""
@@ -38,10 +39,16 @@ def camera_fit(
     circle: Circle,
     template: FieldTemplate,
     stated_sigma_px: dict[MarkingKey, float],
+    posterior: Posterior | None = None,
 ) -> CameraFit:
-    """Everything that is reported of the best start of ``state``."""
+    """Everything that is reported of the best start of ``state``.
+
+    ``posterior`` says what else the field may be like; it widens the covariance.
+    """
     model, theta = problem.model, state.theta[0]
     covariance = posterior_covariance(state.normal[0], problem.priors.sd)
+    if posterior is not None:
+        covariance = covariance + posterior.spread
     prior = state.prior_jacobian[0]
     center, reference = np.asarray(circle.center), problem.priors.center_m
     camera = camera_of(theta, model)
@@ -76,6 +83,20 @@ def camera_fit(
         named_lines=tuple(sorted(set(named.values()))),
         names_by_line=named,
         reference_m=reference,
+        field_size=None if posterior is None else _field_size(theta, covariance, template, posterior),
+    )
+
+
+def _field_size(theta: Array, covariance: Array, template: FieldTemplate, posterior: Posterior) -> FieldSize:
+    length, breadth = INDEX["length"], INDEX["breadth"]
+    length_sd, breadth_sd = np.sqrt(np.maximum(np.diag(covariance)[[length, breadth]], 0.0))
+    return FieldSize(
+        template.length_m + float(theta[length]),
+        template.width_m + float(theta[breadth]),
+        float(length_sd),
+        float(breadth_sd),
+        posterior.world.is_usual_size,
+        posterior.usual_share,
     )
 
 

@@ -159,6 +159,12 @@ class FieldTemplate(BaseModel):
     width_sd_m: Annotated[Size, Field(ge=0)] = Field(
         0.0, description="How much the width varies from field to field, metres."
     )
+    length_range_m: tuple[Size, Size] | None = Field(
+        None, description="Shortest and longest field that the rules allow, metres; null where all are of one length."
+    )
+    width_range_m: tuple[Size, Size] | None = Field(
+        None, description="Narrowest and widest field that the rules allow, metres; null where all are of one width."
+    )
     marking_width_m: Annotated[Size, Field(gt=0)] = Field(description="Width of the paint, metres.")
     marking_width_sd_m: Annotated[Size, Field(ge=0)] = Field(description="How uncertain that width is, metres.")
     default_circle: str = Field(

@@ -79,6 +79,8 @@ def verdict_facts(calibration: FrameCalibration) -> list[str]:
             facts.append(f"without the circle, from {len(fit_camera.residuals_px)} lines, arcs and points")
         if fit_camera.rejected:
             facts.append(f"left out {', '.join(map(str, fit_camera.rejected))}")
+        if fit_camera.field_size is not None and not fit_camera.field_size.is_usual:
+            facts.append(f"field: {fit_camera.field_size}")
         facts.append(f"sigma {_short(fit_camera.max_sigma_px)} px, {_short(fit_camera.max_sigma_m)} m")
     elif calibration.homography is not None and calibration.homography.residuals_px.size:
         facts.append(f"DLT residual {_short(float(np.max(np.abs(calibration.homography.residuals_px))))} px")

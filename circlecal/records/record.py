@@ -156,6 +156,17 @@ class DerivedPointRecord(_Part):
     covariance: tuple[Pair, Pair]
 
 
+class FieldSizeRecord(_Part):
+    """How long and broad the field is."""
+
+    length_m: float
+    width_m: float
+    length_sd_m: float
+    width_sd_m: float
+    is_usual: bool
+    usual_share: float
+
+
 class CameraRecord(CameraRow):
     """A camera: SoccerNet's keys at the frame's own size, and circlecal's own."""
 
@@ -168,6 +179,7 @@ class CameraRecord(CameraRow):
     prior_dominated: bool | None = None
     residual_correlation: Number = None
     reference_m: Pair | None = None
+    field_size: FieldSizeRecord | None = None
 
     @property
     def surface(self) -> Surface:

@@ -143,6 +143,7 @@ def _camera(fit: CameraFit) -> dict[str, Any]:
         "reference_m": fit.reference_m,
         "max_sigma_px": fit.max_sigma_px,
         "max_sigma_m": fit.max_sigma_m,
+        "field_size": fit.field_size,
     }
 
 

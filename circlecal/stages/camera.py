@@ -16,9 +16,29 @@ from circlecal.camera.multistart import COARSE_POINTS, Starts, find_optima
 from circlecal.camera.noise import rescale_and_reject, rescale_sigmas
 from circlecal.camera.observed import NoiseModel, curves_from_observations, median_sigmas, points_from_observations
 from circlecal.camera.options import CameraConfig, has_position, noise_model, priors_of
-from circlecal.camera.problem import COARSE, FINAL, Problem, State, bend_surface, minimise, predict_step, resume
+from circlecal.camera.problem import (
+    COARSE,
+    FINAL,
+    Problem,
+    State,
+    bend_surface,
+    minimise,
+    predict_step,
+    resume,
+    with_priors,
+)
 from circlecal.camera.report import camera_fit
 from circlecal.camera.residuals import CurvePoints, ground_feet, join_curves
+from circlecal.camera.spike_and_slab import (
+    Answer,
+    Posterior,
+    answers_in,
+    depends_on_size,
+    mix,
+    possible_worlds,
+    posterior_shares,
+    share_noise,
+)
 from circlecal.camera.starts_circle import (
     MINIMUM_CIRCLE_POINTS,
     SeenEllipse,
@@ -57,6 +77,14 @@ LENS_DOUBT, LENS_WIDER, LENS_EVIDENCE = 1.5, 4.0, 6.0
 """A radial distortion that lies so many standard deviations from what is usual is fitted with a prior so many times as
 wide, and believed where that explains the frame so much better (chi-square): what the wider prior costs, and as much.
 """
+DOUBTED_SHARE = 0.1
+"""Posterior probability of another size from which on the lines are named anew for such a field: of rendered fields of
+45-90 m all that were calibrated wrongly with the usual size showed more.
+"""
+SEVERAL_LINES = 2
+"""So many further markings at their places on a usual field leave little doubt about its size."""
+FEWEST_POINTS, NAMELESS_WIDTHS = 8, 0.2
+"""Points of a line that is worth a name, and length in picture widths of one that needs one."""
 CROWN_EVIDENCE = 3.0
 """By how much (half a chi-square) a parabolic pitch must explain a frame better than a roof to be believed."""
 
@@ -139,12 +167,15 @@ class _Fit:
         By how much these have grown.
     least : CurvePoints or None
         Points with the least standard deviations that they can have, where the residuals have told the noise.
+    posterior : Posterior or None
+        What is assumed of the field, and what else it may be like; None where there is no choice.
     """
 
     problem: Problem
     state: State
     scale: float = 1.0
     least: CurvePoints | None = None
+    posterior: Posterior | None = None
 
 
 def estimate_camera(
@@ -190,10 +221,78 @@ def estimate_camera(
         problem = replace(problem, points=problem.points.select(~wrong_points), curves=task.curves())
         state = find_optima(problem, starts.continue_from(state), config, camera_side)
     fit = _settle(task, problem, state, COARSE)
-    task, fit = _name_more_lines(task, problem.curves, fit)
-    fit = _allow_wider_lens(task, _allow_parabola(task, fit))
+    task, fit = _choose_world(task, problem.curves, fit, _complete(task, problem.curves, fit))
     stated = median_sigmas(task.observations)
-    return camera_fit(fit.problem, fit.state, fit.scale, rejected, task.names, circle, template, stated)
+    return camera_fit(fit.problem, fit.state, fit.scale, rejected, task.names, circle, template, stated, fit.posterior)
+
+
+def _complete(task: _Task, stated: CurvePoints, fit: _Fit) -> tuple[_Task, _Fit]:
+    """The fit with all that can be named, the lens and the shape of the pitch that it shows; ``stated`` are the curves
+    with their first sigmas.
+    """
+    task, fit = _name_more_lines(task, stated, fit)
+    return task, _allow_wider_lens(task, _allow_parabola(task, fit))
+
+
+def _choose_world(task: _Task, stated: CurvePoints, first: _Fit, usual: tuple[_Task, _Fit]) -> tuple[_Task, _Fit]:
+    """The best of the answers in all worlds, widened by the others.
+
+    Parameters
+    ----------
+    task, stated, first : _Task, CurvePoints, _Fit
+        Before further lines were named.
+    usual : tuple of _Task, _Fit
+        With the lines that a field of the usual size has.
+    """
+    config, template = task.config, task.template
+    priors = first.problem.priors
+    worlds = possible_worlds(template, priors, config.usual_size_share, config.flat_share)
+    if len(worlds) == 1:
+        return usual
+    rule, known = task.rule(COARSE), len(stated.keys)
+
+    def compare(cases: list[tuple[_Task, _Fit]]) -> list[tuple[Answer, tuple[_Task, _Fit]]]:
+        alike = share_noise([(fit.problem, fit.state.best()) for _, fit in cases])
+        return [
+            (answer, own)
+            for case, own in zip(alike, cases, strict=True)
+            for answer in answers_in(worlds, case, priors, template, known, rule)
+        ]
+
+    found = compare([usual])
+    any_size = next((world for world in worlds if not world.is_usual_size and not world.is_flat), None)
+    if any_size is not None and config.name_lines and _may_be_of_any_size(task, usual, [a for a, _ in found]):
+        wide, state = with_priors(first.problem, first.state.best(), any_size.priors(priors, priors, template))
+        start = replace(first, problem=wide, state=resume(wide, state, task.rule(COARSE)))
+        other = _complete(task, stated, start)
+        if depends_on_size(other[1].problem.curves) and other[0].names != usual[0].names:
+            found = compare([usual, other])
+    answers = [answer for answer, _ in found]
+    best, (chosen, fit) = max(found, key=lambda pair: pair[0].evidence)
+    state = best.state if best is found[0][0] else resume(best.problem, best.state, task.rule(FINAL))
+    return chosen, replace(fit, problem=best.problem, state=state, posterior=mix(answers, best))
+
+
+def _may_be_of_any_size(task: _Task, usual: tuple[_Task, _Fit], answers: list[Answer]) -> bool:
+    """Whether lines are worth a name on a field of another size: those named on the usual one fit such a field as well,
+    or long ones have no name there.
+    """
+    named, fit = usual
+    if depends_on_size(fit.problem.curves):
+        shares = posterior_shares(answers)
+        doubted = sum(q for a, q in zip(answers, shares, strict=True) if not a.world.is_usual_size) > DOUBTED_SHARE
+        if doubted:
+            return True
+    if len(set(named.names.values())) >= SEVERAL_LINES:
+        return False
+    least = NAMELESS_WIDTHS * task.observations.width
+    return any(
+        line.line is None
+        and k not in named.names
+        and len(line.points_px) >= FEWEST_POINTS
+        and np.linalg.norm(np.ptp(line.points_px, axis=0)) > least
+        for k, line in enumerate(task.observations.lines)
+    )
 
 
 def _choose_sight(task: _Task) -> _Sight:

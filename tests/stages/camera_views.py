@@ -17,8 +17,10 @@ from circlecal.synthetic.markings import circle_points, line_points, mark_point
 SOCCER = load_field("soccer")
 CIRCLE = SOCCER.circle_by_name["centre_circle"]
 HOCKEY = load_field("ice-hockey")
-EXACT = KNOWN.model_copy(update={"distance_log_sd": None, "elevation_sd_deg": None, "roll_sd_deg": 1e6})
-"""Lens, principal point and surface known, and no opinion on the camera's place."""
+EXACT = KNOWN.model_copy(
+    update={"distance_log_sd": None, "elevation_sd_deg": None, "roll_sd_deg": 1e6, "usual_size_share": 1.0}
+)
+"""Lens, principal point, surface and size of the field known, and no opinion on the camera's place."""
 MAIN = aim_camera(np.array([5.0, 60.0, -16.0]), np.array([0.8, 0.5, 0.0]), 3600.0, 0.01, 1920, 1080)
 WIDE = aim_camera(np.array([-4.0, 62.0, -17.0]), np.array([-14.0, -8.0, 0.0]), 1700.0, 0.01, 1920, 1080)
 

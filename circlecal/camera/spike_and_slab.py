@@ -1,0 +1,282 @@
+"""What a field may be like: of the usual size or of any that the rules allow, crowned or flat.
+
+Each hypothesis is a prior of its own. The usual size is a spike, any size a slab: a wide prior alone would give away
+what nearly all fields have in common, a narrow one alone would bend the camera where a field is another. What was seen
+chooses by the marginal likelihood, in Laplace's approximation (MacKay 2003, Information Theory, Inference, and
+Learning Algorithms, ch. 27),
+
+    log Z = -cost / 2 - log det(N) / 2 - sum(log sd) + log w
+
+with the Gauss-Newton matrix N at the optimum, standard deviations sd of the priors in which hypotheses differ, and the
+share w of fields that are like this. Hypotheses that name different lines are compared on all of them: a line that one
+of them leaves without a name is something else, which lies anywhere in the picture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from circlecal.camera.covariance import posterior_covariance
+from circlecal.camera.priors import Priors
+from circlecal.camera.problem import Problem, State, predict_step, resume, reweight, with_priors
+from circlecal.camera.residuals import CurvePoints
+from circlecal.field import FieldTemplate
+from circlecal.geometry.camera_parameters import INDEX, active_parameters
+from circlecal.geometry.least_squares import StoppingRule
+from circlecal.geometry.projective import Array, Indices
+from circlecal.observations import MarkingKey
+
+SIZES_AND_CROWN = LENGTH, BREADTH, CROWN = [INDEX[name] for name in ("length", "breadth", "crown")]
+FLAT_SD_M = 0.005
+"""Of the drop of a flat field at the circle's radius, metres: artificial turf is laid to a centimetre."""
+OTHER_LINE_SHARE, OTHER_END_SHARE = 0.15, 0.3
+"""Of the long straight lines and of the ends of lines that are seen on a field, those that are no marking's: banners,
+boards, other sports; feet, covers. Assumed; twice as many or half as many change the logarithm of the evidence by 0.8.
+"""
+ANYWHERE_PX = 600.0
+"""Where such a line's ends lie, pixels at 1920 px width: anywhere over so much."""
+OUT_OF_THE_QUESTION = 8.0
+"""By how much less the logarithm of a world's evidence may be in the linear model for its optimum to be looked for."""
+UNLIKELY_SHARE = 0.01
+"""Hypotheses less likely than this after what was seen do not widen the posterior."""
+
+
+@dataclass(frozen=True, slots=True)
+class World:
+    """What one hypothesis says of the field, and the share of fields that are like that."""
+
+    is_usual_size: bool
+    is_flat: bool
+    share: float
+
+    def priors(self, current: Priors, usual: Priors, template: FieldTemplate) -> Priors:
+        """Priors with sizes and crown as in this world, and all else as they are.
+
+        Parameters
+        ----------
+        current : Priors
+            What is kept but for sizes and crown.
+        usual : Priors
+            Of a crowned field of the usual size.
+        template : FieldTemplate
+            With the sizes that the rules allow.
+        """
+        mean, sd = current.mean.copy(), current.sd.copy()
+        mean[SIZES_AND_CROWN], sd[SIZES_AND_CROWN] = usual.mean[SIZES_AND_CROWN], usual.sd[SIZES_AND_CROWN]
+        extents = (template.length_m, template.length_range_m), (template.width_m, template.width_range_m)
+        for index, (size, extent) in zip((LENGTH, BREADTH), extents, strict=True):
+            if not self.is_usual_size and extent is not None and sd[index] > 0:
+                # mean and standard deviation of a uniform distribution
+                mean[index], sd[index] = np.mean(extent) - size, (extent[1] - extent[0]) / np.sqrt(12.0)
+        if self.is_flat and sd[CROWN] > 0:
+            mean[CROWN], sd[CROWN] = 0.0, FLAT_SD_M
+        return replace(current, mean=mean, sd=sd)
+
+
+USUAL = World(True, False, 1.0)
+"""What is assumed where nothing else can be told."""
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """The best camera in one world, as a problem and its optimum (the first start), and the logarithm of its evidence,
+    up to what all worlds have in common.
+    """
+
+    world: World
+    problem: Problem
+    state: State
+    evidence: float
+
+
+def possible_worlds(template: FieldTemplate, usual: Priors, usual_share: float, flat_share: float) -> tuple[World, ...]:
+    """All hypotheses, the usual one first.
+
+    Parameters
+    ----------
+    template : FieldTemplate
+        With the sizes that the rules allow.
+    usual : Priors
+        Of a crowned field of the usual size; what other frames of the camera say leaves no choice.
+    usual_share, flat_share : float
+        Shares of fields that have the template's size, and that are flat.
+    """
+    may_differ = (template.length_range_m is not None and usual.sd[LENGTH] > 0) or (
+        template.width_range_m is not None and usual.sd[BREADTH] > 0
+    )
+    sizes = [(True, usual_share), (False, 1.0 - usual_share)] if may_differ else [(True, 1.0)]
+    is_free = usual.sd[CROWN] > FLAT_SD_M and np.isfinite(usual.sd[CROWN])
+    crowns = [(False, 1.0 - flat_share), (True, flat_share)] if is_free else [(False, 1.0)]
+    worlds = (World(size, flat, p * q) for flat, q in crowns for size, p in sizes)
+    return (USUAL,) if usual.shared is not None else tuple(world for world in worlds if world.share > 0.0)
+
+
+def depends_on_size(curves: CurvePoints) -> bool:
+    """Whether any of the markings moves with the length or the breadth of the field."""
+    return bool(np.any(curves.shift[..., 1:, :]))
+
+
+def answers_in(
+    worlds: Sequence[World], case: tuple[Problem, State], usual: Priors, template: FieldTemplate, known: int,
+    rule: StoppingRule,
+) -> list[Answer]:  # fmt: skip
+    """The best camera in each world, from the same observations.
+
+    Parameters
+    ----------
+    worlds : sequence of World
+        Hypotheses.
+    case : tuple of Problem, State
+        What was seen, and the optimum in one of the worlds.
+    usual, template : Priors, FieldTemplate
+        As for :meth:`World.priors`.
+    known : int
+        So many of the markings are the same in all answers that are compared.
+    rule : StoppingRule
+        When an optimum is reached. Where the linear model says already that a world is out of the question, it is not
+        looked for.
+    """
+    problem, state = case
+    begun = [with_priors(problem, state, world.priors(problem.priors, usual, template)) for world in worlds]
+    arrived = [_has_priors(changed, problem) for changed, _ in begun]
+    ahead = [
+        Answer(world, changed, step, log_evidence(world, changed, step, known))
+        for world, (changed, here), is_there in zip(worlds, begun, arrived, strict=True)
+        for step in (here if is_there else predict_step(changed, here),)
+    ]
+    least = max(answer.evidence for answer in ahead) - OUT_OF_THE_QUESTION
+    found = []
+    for answer, (changed, here), is_there in zip(ahead, begun, arrived, strict=True):
+        if is_there or answer.evidence < least:
+            found.append(answer)
+            continue
+        end = resume(changed, here, rule)
+        found.append(Answer(answer.world, changed, end, log_evidence(answer.world, changed, end, known)))
+    return found
+
+
+def _has_priors(one: Problem, other: Problem) -> bool:
+    return bool((one.priors.mean == other.priors.mean).all() and (one.priors.sd == other.priors.sd).all())
+
+
+def log_evidence(world: World, problem: Problem, state: State, known: int) -> float:
+    """Logarithm of the evidence of an optimum, the first start, up to what all worlds have in common.
+
+    ``known`` markings are the same in all answers that are compared; the evidence that the others are none is taken
+    off.
+    """
+    active = active_parameters(problem.priors.sd)
+    block = state.normal[0][np.ix_(active, active)]
+    size = np.sqrt(np.maximum(np.diag(block), 1e-300))
+    _, determinant = np.linalg.slogdet(block / np.outer(size, size))
+    sd = problem.priors.sd[SIZES_AND_CROWN]
+    volume = 0.5 * determinant + np.log(size).sum() + np.log(sd[sd > 0]).sum()
+    evidence = -0.5 * float(state.cost[0]) - volume + np.log(world.share)
+    return float(evidence) - _log_evidence_of_others(problem, state, known)
+
+
+def _log_evidence_of_others(problem: Problem, state: State, known: int) -> float:
+    """Logarithm of the evidence that all markings but the first ``known`` are anything else: each line lies anywhere.
+
+    With the places u = (u_0, u_1) of a line's ends across it, uniform over the range R, points at the share t along it
+    with standard deviation s give the integral of exp(-chi2 / 2) du / R^2, which is
+    ``exp(-chi2_min / 2) 2 pi / (R^2 sqrt det A)``, ``A = sum a a^T / s^2``, ``a = (1 - t, t)``.
+    """
+    curves, total = problem.curves, 0.0
+    range_px = ANYWHERE_PX * problem.model.width / 1920.0
+    values = state.residuals[0]
+    # a residual beyond the loss's scale costs no more
+    robust = values / np.sqrt(1.0 + values**2 / problem.loss_scale**2)
+    for group in range(known, len(curves.keys)):
+        own = np.flatnonzero(curves.group == group)
+        sigma = curves.sigma_px[own]
+        if len(own) == 1:
+            prior = np.log(OTHER_END_SHARE / (1.0 - OTHER_END_SHARE))
+            total += prior + 0.5 * np.log(2.0 * np.pi) + float(np.log(sigma[0])) - np.log(range_px)
+            continue
+        t = state.feet[0, own]
+        t = (t - t.min()) / max(float(np.ptp(t)), 1e-9)
+        rows = np.column_stack([1.0 - t, t]) / sigma[:, None]
+        moved, *_ = np.linalg.lstsq(rows, robust[own], rcond=None)
+        least = float(((robust[own] - rows @ moved) ** 2).sum())
+        _, determinant = np.linalg.slogdet(rows.T @ rows)
+        prior = np.log(OTHER_LINE_SHARE / (1.0 - OTHER_LINE_SHARE))
+        total += prior - 0.5 * least + np.log(2.0 * np.pi) - 0.5 * determinant - 2.0 * np.log(range_px)
+    return float(total)
+
+
+def posterior_shares(answers: Sequence[Answer]) -> Array:
+    """Posterior probabilities (K,) of answers."""
+    evidence = np.array([answer.evidence for answer in answers])
+    weight = np.exp(evidence - evidence.max())
+    return np.asarray(weight / weight.sum())
+
+
+@dataclass(frozen=True, slots=True)
+class Posterior:
+    """What is assumed of the field after what was seen, and what else it may be like.
+
+    Attributes
+    ----------
+    world : World
+        The most likely one.
+    spread : (P, P) array
+        By how much the others widen the covariance of the best answer: the mixture's second moment about its parameters
+        less its own covariance C, ``sum w_k (C_k + d_k d_k^T) - C``.
+    usual_share : float
+        Posterior probability that the field is of the usual size.
+    """
+
+    world: World
+    spread: Array
+    usual_share: float
+
+
+def mix(answers: Sequence[Answer], best: Answer) -> Posterior:
+    """The mixture of all answers, of which one is reported."""
+    shares = posterior_shares(answers)
+    own = posterior_covariance(best.state.normal[0], best.problem.priors.sd)
+    spread = np.zeros_like(own)
+    for answer, share in zip(answers, shares, strict=True):
+        if answer is best or share < UNLIKELY_SHARE:
+            continue
+        away = answer.state.theta[0] - best.state.theta[0]
+        covariance = posterior_covariance(answer.state.normal[0], answer.problem.priors.sd)
+        spread += share * (covariance + np.outer(away, away) - own)
+    usual = sum(share for answer, share in zip(answers, shares, strict=True) if answer.world.is_usual_size)
+    return Posterior(best.world, spread, float(usual))
+
+
+_Place = tuple[MarkingKey, int, bytes]
+
+
+def share_noise(cases: Sequence[tuple[Problem, State]]) -> list[tuple[Problem, State]]:
+    """The problems with the least standard deviation that any of them gives each point that all of them have.
+
+    Standard deviations grow with the residuals, so a camera that explains a marking badly calls it noise; only with the
+    same noise can costs be compared.
+    """
+    least: dict[_Place, Array] = {}
+
+    def places(curves: CurvePoints) -> list[tuple[_Place, Indices]]:
+        own = [np.flatnonzero(curves.group == group) for group in range(len(curves.keys))]
+        return [
+            ((key, len(index), curves.points_px[index[:1]].tobytes()), index)
+            for key, index in zip(curves.keys, own, strict=True)
+            if len(index)
+        ]
+
+    for problem, _ in cases:
+        for name, index in places(problem.curves):
+            sigma = problem.curves.sigma_px[index]
+            least[name] = np.minimum(least[name], sigma) if name in least else sigma
+    shared = []
+    for problem, state in cases:
+        sigma = problem.curves.sigma_px.copy()
+        for name, index in places(problem.curves):
+            sigma[index] = least[name]
+        shared.append(reweight(problem, state, sigma))
+    return shared

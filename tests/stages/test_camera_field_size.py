@@ -1,0 +1,99 @@
+"""Fields of another size than their template's, flat and crowned: what was seen chooses, and sigma tells the rest."""
+
+import numpy as np
+import pytest
+
+from circlecal.camera.options import CameraConfig
+from circlecal.camera.priors import Priors
+from circlecal.camera.spike_and_slab import World, possible_worlds
+from circlecal.config import Config
+from circlecal.errors import ConfigError
+from circlecal.field import load_field
+from circlecal.geometry.camera_parameters import INDEX, PARAMETERS
+from circlecal.geometry.surface import Surface
+from circlecal.pipeline import field_of
+from circlecal.stages.camera import estimate_camera
+from circlecal.synthetic.cameras import aim_camera
+
+from .camera_views import CIRCLE, MAIN, SOCCER, seen
+
+DEFAULT = CameraConfig(model_sigma_px=0.1, correlation_px=10.0)
+WITH_TOUCHLINES = aim_camera(np.array([14.0, 82.0, -19.0]), np.array([2.0, 3.0, 0.0]), 1900.0, 0.01, 1920, 1080, 0.03)
+GROUND = Surface("roof", 9.15, 0.05)
+CROWN, LENGTH, BREADTH = INDEX["crown"], INDEX["length"], INDEX["breadth"]
+
+
+def estimated(width_m, lines, config=DEFAULT, camera=WITH_TOUCHLINES):
+    painted = load_field("soccer", {"width": width_m})
+    given = seen(camera, edges=("center",), lines=lines, template=painted, sigma=0.15, surface=GROUND)
+    return estimate_camera(given, SOCCER, CIRCLE, config)
+
+
+def priors():
+    mean, sd = np.zeros(len(PARAMETERS)), np.ones(len(PARAMETERS))
+    mean[CROWN], sd[CROWN] = 0.05, 0.03
+    return Priors(mean, sd, 60.0, 0.6, 0.2, 0.1, np.zeros(2))
+
+
+@pytest.mark.parametrize("width_m", [54.0, 78.0])
+def test_a_touchline_of_another_field_does_not_bend_the_camera(width_m):
+    fit = estimated(width_m, ("side_line_top",))
+    assert not fit.field_size.is_usual
+    assert abs(fit.field_size.width_m - width_m) < 3.0 * fit.field_size.width_sd_m < 6.0
+    away = fit.camera.position_m - WITH_TOUCHLINES.position_m
+    sd = np.sqrt(np.diag(fit.covariance)[4:7])
+    assert (np.abs(away) < 3.0 * sd).all()
+    assert np.linalg.norm(away) < 6.0
+    # the narrow prior alone stands tens of its standard deviations from where the camera is
+    usual = estimated(width_m, ("side_line_top",), DEFAULT.model_copy(update={"usual_size_share": 1.0}))
+    assert np.linalg.norm(usual.camera.position_m - WITH_TOUCHLINES.position_m) > 10.0
+
+
+def test_a_usual_field_stays_the_usual_one():
+    fit = estimated(68.0, ("side_line_top", "side_line_bottom"))
+    assert fit.field_size.is_usual
+    assert fit.field_size.usual_share > 0.95
+    assert abs(fit.field_size.width_m - 68.0) < 0.5
+    assert "usual" in str(fit.field_size)
+    assert "estimated" in str(estimated(54.0, ("side_line_top",)).field_size)
+
+
+def test_what_cannot_be_told_widens_sigma():
+    """Circle, halfway line and one touchline, seen from its plane: the size decides how far away the camera stands."""
+    camera = aim_camera(np.array([0.1, 66.0, -15.0]), np.array([0.0, -6.0, 0.0]), 2900.0, 0.0, 1920, 1080)
+    alone = estimated(68.0, ("side_line_top",), DEFAULT.model_copy(update={"usual_size_share": 1.0}), camera)
+    fit = estimated(68.0, ("side_line_top",), camera=camera)
+    assert fit.field_size.usual_share < 0.99
+    assert fit.max_sigma_px > alone.max_sigma_px
+
+
+def test_worlds_are_those_that_the_rules_allow():
+    worlds = possible_worlds(SOCCER, priors(), 0.9, 0.2)
+    kinds = [(w.is_usual_size, w.is_flat) for w in worlds]
+    assert kinds == [(True, False), (False, False), (True, True), (False, True)]
+    assert sum(w.share for w in worlds) == pytest.approx(1.0)
+    assert len(possible_worlds(SOCCER, priors(), 1.0, 0.0)) == 1
+    exact = SOCCER.model_copy(update={"length_range_m": None, "width_range_m": None})
+    assert all(w.is_usual_size for w in possible_worlds(exact, priors(), 0.9, 0.2))
+    any_flat = World(False, True, 0.1).priors(priors(), priors(), SOCCER)
+    assert (any_flat.mean[CROWN], any_flat.mean[LENGTH], any_flat.mean[BREADTH]) == (0.0, 0.0, -0.5)
+    assert any_flat.sd[BREADTH] == pytest.approx(45.0 / np.sqrt(12.0))
+    assert any_flat.sd[CROWN] < 0.01
+
+
+def test_circle_alone_needs_no_choice_of_size():
+    fit = estimate_camera(seen(MAIN, sigma=0.3), SOCCER, CIRCLE, DEFAULT)
+    assert fit.field_size.is_usual
+    assert fit.field_size.usual_share == pytest.approx(DEFAULT.usual_size_share, abs=0.02)
+
+
+def test_options_say_how_large_a_field_may_be():
+    template, _ = field_of(Config.model_validate({"field": {"length_sd_m": 3.0, "width_sd_m": 0.0}}))
+    assert (template.length_sd_m, template.width_sd_m) == (3.0, 0.0)
+    assert template.length_range_m is template.width_range_m is None
+    given, _ = field_of(Config.model_validate({"field": {"sizes": {"length": 100}}}))
+    assert given.length_m == 100
+    assert given.length_range_m is None
+    assert given.width_range_m == (45, 90)
+    with pytest.raises(ConfigError):
+        field_of(Config.model_validate({"field": {"circle": "moon"}}))
