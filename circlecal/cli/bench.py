@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from circlecal.evaluation.bench.accuracy import Row
     from circlecal.evaluation.bench.annotations import AnnotationRow
     from circlecal.evaluation.bench.simulation import Summary
+    from circlecal.evaluation.bench.track import TrackRow
 
 app = typer.Typer(
     help="Print accuracy and speed tables, peers and statistical bounds in the same run.", no_args_is_help=True
@@ -312,6 +313,92 @@ def time_batch(
             ["taken up: results scanned", f"{scaling.index_seconds:.3f}", ""],
             ["taken up: every frame passed over, summary written", f"{scaling.skip_seconds:.1f}", f"{taken:.0f}"],
             ["taken up without an index", f"{scaling.rebuild_seconds:.1f}", ""],
+        ],
+    )
+
+
+@app.command()
+def track(
+    path: Annotated[
+        Path | None,
+        typer.Argument(metavar="PATH", help="Folder of circlecal synth --video. (default: clips are rendered)"),
+    ] = None,
+    count: Annotated[int, typer.Option(min=1, help="Clips to render.")] = 5,
+    kinds: Annotated[str, typer.Option(help="Kinds of clips separated by commas; all when empty.")] = "",
+    seconds: Annotated[float, typer.Option(min=0.2, max=60.0, help="Length of a clip.")] = 10.0,
+    rate: Annotated[float, typer.Option(min=1.0, max=120.0, help="Frames per second.")] = 25.0,
+    width: Annotated[int, typer.Option(min=320, max=3840, help="Width of the frames, 16:9.")] = 1280,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the clips.")] = 0,
+    config: options.ConfigFile = None,
+    settings: options.Settings = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")] = False,
+) -> None:
+    """Every frame of rendered clips: answered, right, errors, jitter, cuts, tripods, and time beside decoding."""
+    from dataclasses import asdict
+
+    from circlecal.cli.console import count_steps
+    from circlecal.errors import ConfigError
+    from circlecal.evaluation.bench.track import clips_of, render_and_track, spec_of, track_folder
+    from circlecal.synthetic.video import CLIP_KINDS
+
+    wanted = [name.strip() for name in kinds.split(",") if name.strip()]
+    unknown = [name for name in wanted if name not in CLIP_KINDS]
+    if unknown:
+        raise ConfigError(f"--kinds: {', '.join(unknown)} is unknown; known: {', '.join(CLIP_KINDS)}")
+    chosen = options.choose_config(config, settings)
+    known = [name for name in CLIP_KINDS if name in wanted]
+    with count_steps("clips", count if path is None else len(clips_of(path))) as advance:
+        if path is None:
+            found = render_and_track(known, count, seed, spec_of(width, seconds, rate), chosen, advance)
+        else:
+            found = track_folder(path, chosen, advance)
+    if as_json:
+        _print_json([asdict(row) for row in found])
+        return
+    _print_tracking(found)
+
+
+def _print_tracking(rows: list[TrackRow]) -> None:
+    _table(
+        "Rendered clips: main camera, mean error over the pitch in view, px at 1920",
+        [
+            *("clip", "frames", "answered", "good", "wrong", "in cuts", "in replays", "median px", "p90 px"),
+            *("jitter px", "p90 jitter px", "in 90 % region", "tripods", "frames until found again"),
+        ],
+        [
+            [
+                r.clip,
+                str(r.frames),
+                f"{r.answered:.1%}",
+                f"{r.good:.1%}",
+                f"{r.wrong:.1%}",
+                str(r.in_cuts),
+                str(r.in_replays),
+                _format_figure(r.median_px, ".2f"),
+                _format_figure(r.p90_px, ".2f"),
+                _format_figure(r.jitter_median_px, ".3f"),
+                _format_figure(r.jitter_p90_px, ".3f"),
+                _format_figure(r.coverage, ".0%"),
+                str(r.tripods),
+                ", ".join(map(str, r.found_again)) or "-",
+            ]
+            for r in rows
+        ],
+    )
+    _table(
+        "Time on one thread, ms a frame; the survey once a clip",
+        ["clip", "width", "survey s", "decoding", "tracking", "record", "x decoding"],
+        [
+            [
+                r.clip,
+                str(r.width),
+                f"{r.time.survey_s:.1f}",
+                f"{r.time.decoding_ms:.1f}",
+                f"{r.time.tracking_ms:.1f}",
+                f"{r.time.record_ms:.1f}",
+                f"{r.time.times_decoding:.1f}",
+            ]
+            for r in rows
         ],
     )
 
