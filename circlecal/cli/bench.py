@@ -547,6 +547,57 @@ def _print_accuracy(rows: list[Row]) -> None:
     )
 
 
+@app.command()
+def fuzz(
+    count: Annotated[int, typer.Option(min=1, help="Damaged files in all.")] = 10_000,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the damage.")] = 0,
+    only: Annotated[str, typer.Option(help="Part of the name of the readers that are wanted.")] = "",
+    keep: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Keep files here on which something goes wrong.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+) -> None:
+    """Damaged files for every reader and command: tracebacks, hangs, memory and exit codes that must not be."""
+    from dataclasses import asdict
+
+    from circlecal.cli.console import count_steps
+    from circlecal.cli.in_process import run_command
+    from circlecal.errors import InputError
+    from circlecal.evaluation.bench.fuzz import HANG_S, MOST_MB, FuzzRow, is_supported, run_fuzz
+
+    if not is_supported():
+        raise InputError("bench fuzz: needs the timers of a Unix system")
+    with count_steps("files", count) as advance:
+        rows = run_fuzz(count, seed, run_command, only, keep, advance)
+    if as_json:
+        _print_json([asdict(row) for row in rows])
+    else:
+        every = FuzzRow("all")
+        for row in rows:
+            for name in ("inputs", "read", "refused", "tracebacks", "hangs", "over_memory", "wrong_exits"):
+                setattr(every, name, getattr(every, name) + getattr(row, name))
+        every.slowest_s, every.most_mb = max(row.slowest_s for row in rows), max(row.most_mb for row in rows)
+        _table(
+            "Damaged files",
+            [
+                *("reader", "files", "read", "refused", "tracebacks", f"over {HANG_S:g} s", f"over {MOST_MB:g} MB"),
+                *("wrong exit codes", "slowest s", "most MB"),
+            ],
+            [
+                [
+                    *(r.name, str(r.inputs), str(r.read), str(r.refused), str(r.tracebacks), str(r.hangs)),
+                    *(str(r.over_memory), str(r.wrong_exits), f"{r.slowest_s:.1f}", f"{r.most_mb:.0f}"),
+                ]
+                for r in (*rows, every)
+            ],
+        )
+    for row in rows:
+        for example in row.examples:
+            typer.echo(f"{row.name}: {example}", err=True)
+    if any(row.failures for row in rows):
+        raise typer.Exit(1)
+
+
 def _reach(row: Row) -> str:
     if row.reach_median_px == float("inf"):
         return "-"

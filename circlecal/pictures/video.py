@@ -46,8 +46,9 @@ _EDITED = "mov"
 _MISSING_SHARE, _MISSING_S = 0.02, 1.0
 """A video that ends by more than this share of its stated length and this many seconds early, or begins this late, is
 said to lack something; headers round, or tell the length of the sound, by less."""
-_CLOCK = re.compile(r"(?:(?:(\d+):)?([0-5]?\d):)?(\d+(?:\.\d+)?)")
-_DURATION = re.compile(r"(\d+(?:\.\d+)?)\s*(ms|s|min|m|h)")
+_CLOCK = re.compile(r"(?:(?:(\d{1,6}):)?([0-5]?\d):)?(\d{1,9}(?:\.\d{1,9})?)", re.ASCII)
+_DURATION = re.compile(r"(\d{1,9}(?:\.\d{1,9})?)\s*(ms|s|min|m|h)", re.ASCII)
+_COUNT = re.compile(r"\d{1,9}", re.ASCII)
 _FRAME_TIME = re.compile(r"_(\d{2,})-(\d{2})-(\d{2}\.\d{3})$")
 _UNITS = {"ms": 0.001, "s": 1.0, "min": 60.0, "m": 60.0, "h": 3600.0}
 
@@ -80,7 +81,7 @@ class Sampling:
         """
         match = _DURATION.fullmatch(every.strip())
         seconds = None if match is None else float(match[1]) * _UNITS[match[2]]
-        frames = int(every) if every.isascii() and every.isdigit() else None
+        frames = int(every) if _COUNT.fullmatch(every) else None
         if not frames and not (seconds and seconds >= _SHORTEST_PERIOD_S):
             raise InputError(f"--every {every}: must be a time such as 1s or 500ms, or a number of frames such as 25")
         start_s = 0.0 if start is None else _clock(start, "--start")
