@@ -10,9 +10,11 @@ import yaml
 
 from circlecal.files import read_text
 
-MAX_BYTES = 256 << 10
-"""The largest YAML file: the configuration with all its comments has 20 KB, and the parser takes 20 s for 1 MB."""
-_MOST_VALUES = 50_000
+MAX_BYTES = 1 << 20
+"""The largest YAML file: the configuration with all its comments has 20 KB, a venue of several cameras some hundred."""
+_DEEPEST = 60
+"""Levels of nesting: a venue has six, and the parser in C overflows the stack at some ten thousand."""
+_MOST_VALUES = 300_000
 """Values after aliases (``*name``) are replaced by what they stand for: nine lines of aliases of aliases make 10^9."""
 
 
@@ -32,7 +34,7 @@ class YamlError(ValueError):
         self.line = line
 
 
-class _Loader(yaml.SafeLoader):
+class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
     """Safe YAML in which a key given twice is an error and 1e-3 is a number."""
 
     def get_single_node(self) -> yaml.Node | None:
@@ -77,6 +79,24 @@ _Loader.add_implicit_resolver(
 )
 
 
+def _require_shallow(text: str) -> None:
+    """Go through a text without building anything of it, which needs no stack however deep it is.
+
+    Raises
+    ------
+    yaml.YAMLError
+        No YAML, or nested more deeply than any file of ours.
+    """
+    depth = 0
+    for event in yaml.parse(text, Loader=_Loader):
+        if isinstance(event, yaml.CollectionStartEvent):
+            depth += 1
+            if depth > _DEEPEST:
+                raise yaml.composer.ComposerError(None, None, "nested too deeply", None)
+        elif isinstance(event, yaml.CollectionEndEvent):
+            depth -= 1
+
+
 def parse_yaml(text: str) -> Any:
     """The value of a YAML text.
 
@@ -86,6 +106,7 @@ def parse_yaml(text: str) -> Any:
         No YAML, a key twice, a value that holds itself, or more values than a configuration can have.
     """
     try:
+        _require_shallow(text)
         return yaml.load(text, Loader=_Loader)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark

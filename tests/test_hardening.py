@@ -318,6 +318,8 @@ def test_aliases_that_expand_are_refused_at_once(run_circlecal, tmp_path):
     [
         "a: &a {b: *a}",
         "[" * 3000,
+        "- " * 100_000,
+        "[" * 400_000,
         "? [a]\n: 1",
         "? {a: 1}\n: 1",
         "<<: 1",
@@ -334,8 +336,8 @@ def test_yaml_that_is_none(text):
 
 def test_yaml_and_sizes_have_limits(tmp_path):
     path = tmp_path / "large.yaml"
-    path.write_text("# " + "x" * 300_000)
-    with pytest.raises(ConfigError, match="more than 256 KB"):
+    path.write_text("# " + "x" * 3_000_000)
+    with pytest.raises(ConfigError, match="more than 1 MB"):
         load_field(path)
     path.write_text("name: a\nsizes: {a: '" + "-" * 3000 + "1'}\n")
     with pytest.raises(ConfigError, match="at most 200 characters"):

@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from circlecal.camera.priors import SHARED, ZOOMED, SharedPrior, SharedPriorConfig
-from circlecal.errors import InputError, reading_failure
+from circlecal.errors import InputError
 from circlecal.field import FieldTemplate
 from circlecal.files import write_atomic
 from circlecal.geometry.camera_parameters import INDEX
@@ -23,6 +23,7 @@ from circlecal.geometry.homography import SIDES
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import Surface, SurfaceShape
 from circlecal.rig.tripod import COMMON, PLACE, TripodEstimate, Venue
+from circlecal.yaml_text import YamlError, read_yaml
 
 VENUE_NAME = "venue.yaml"
 VENUE_VERSION = 1
@@ -204,14 +205,11 @@ def read_venue_file(path: Path) -> VenueFile:
     InputError
         Unreadable or damaged.
     """
-    import yaml
-
     try:
-        content = yaml.load(path.read_text(encoding="utf-8"), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read: {reading_failure(error)}; give a {VENUE_NAME}") from error
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise InputError(f"{path}: is not YAML: {' '.join(str(error).split())}") from error
+        content = read_yaml(path)
+    except YamlError as error:
+        where = f", line {error.line}" if error.line else ""
+        raise InputError(f"{path}{where}: is not YAML: {error}; give a {VENUE_NAME}") from error
     if not isinstance(content, dict) or "venue_version" not in content:
         raise InputError(f"{path}: is no venue: venue_version is missing; circlecal track and rig write {VENUE_NAME}")
     try:

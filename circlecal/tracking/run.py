@@ -27,6 +27,7 @@ from circlecal.batch import SUMMARY_NAME, BatchProgress
 from circlecal.config import Config, config_digest
 from circlecal.errors import CirclecalError, InputError
 from circlecal.field import FieldTemplate
+from circlecal.files import is_file
 from circlecal.pictures.video import Sampling, Video, frame_id, frame_time, pictures_at
 from circlecal.pipeline import field_of
 from circlecal.records.cameras_table import CAMERAS_NAME, write_cameras
@@ -343,7 +344,7 @@ def _surveys(
 
 def _read_venue(path: Path, run: ClipRun) -> Venue | None:
     """The venue that this run wrote before; None where there is none, or one of another run."""
-    if not path.is_file():
+    if not is_file(path):
         return None
     try:
         if read_venue_file(path).config_digest == run.digest:

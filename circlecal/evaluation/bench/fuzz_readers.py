@@ -25,6 +25,7 @@ from circlecal.formats.meaning import observe
 from circlecal.formats.registry import annotation_formats, camera_formats, open_file, parse_annotations
 from circlecal.formats.shapes import AnnotatedFrame, Shape
 from circlecal.geometry.camera import Camera
+from circlecal.geometry.surface import Surface
 from circlecal.pictures.files import read_image
 from circlecal.pictures.inputs import expand_inputs
 from circlecal.pictures.masks import read_mask
@@ -37,7 +38,8 @@ from circlecal.records.log import ResultLog, read_records
 from circlecal.records.record import ResultRecord, result_line
 from circlecal.records.writing import result_record
 from circlecal.rig.run import read_cameras
-from circlecal.rig.venue import read_venue
+from circlecal.rig.tripod import COMMON, TripodEstimate, Venue
+from circlecal.rig.venue import read_venue, write_venue
 from circlecal.synthetic.cameras import aim_camera
 
 SIZE = (1280, 720)
@@ -87,7 +89,7 @@ def readers(command: Command | None) -> list[Reader]:
     """All of them; without commands where None is given."""
     found = [
         Reader("picture", _pictures, lambda path, _: read_image(path)),
-        Reader("mask", _masks, lambda path, _: read_mask(path, *SIZE)),
+        Reader("mask", _masks, lambda path, _: read_mask(path, _SIDE, _SIDE)),
         Reader("video", _videos, _read_video, 4),
         Reader("list of files", _lists, lambda path, _: expand_inputs([f"@{path}"])),
         Reader("URL", _urls, _read_urls),
@@ -95,7 +97,7 @@ def readers(command: Command | None) -> list[Reader]:
         Reader("--set", _settings, lambda path, _: load_config(None, _lines(path))),
         Reader("field template", _fields, lambda path, _: load_field(path)),
         Reader("camera prior", _priors, lambda path, _: load_config(None, prior_settings(path))),
-        Reader("venue", _priors, lambda path, _: read_venue(path, _field())),
+        Reader("venue", _venues, lambda path, _: read_venue(path, _field())),
         Reader("result file", _results, _read_result),
         Reader("results.jsonl", _logs, _read_log),
         Reader("cameras.csv", _camera_lists, lambda path, _: read_cameras(path)),
@@ -115,6 +117,7 @@ def _commands(run: Command) -> Iterator[Reader]:
         "calibrate": (_all_annotations, lambda path, out: [str(path), "--out", str(out), "--to", "soccernet", *quick]),
         "calibrate PICTURE": (_pictures, lambda path, out: [str(path), "--out", str(out), "--no-overlay"]),
         "calibrate --camera-prior": (_priors, lambda path, out: [*_small(out), "--camera-prior", str(path)]),
+        "calibrate --venue": (_venues, lambda path, out: [*_small(out), "--venue", str(path)]),
         "calibrate --config": (_configs, lambda path, out: [*_small(out), "--config", str(path)]),
         "calibrate --field": (_fields, lambda path, out: [*_small(out), "--field", str(path)]),
         "config": (_configs, lambda path, out: ["--config", str(path)]),
@@ -177,7 +180,7 @@ def _read_video(path: Path, out: Path) -> object:
 
 def _read_result(path: Path, out: Path) -> object:
     found = load(path)
-    found.to_field([[640.0, 360.0]])  # type: ignore[union-attr]
+    found.to_field([[640.0, 360.0]])
     return repr(found)
 
 
@@ -253,7 +256,7 @@ def _pictures() -> list[Seed]:
 @cache
 def _masks() -> list[Seed]:
     mask = np.where(_painted()[:, :, 0] > 200, np.uint8(255), np.uint8(0))
-    return [Seed(".png", _encode(".png", mask)), *_pictures()]
+    return [*(Seed(s, _encode(s, mask)) for s in (".png", ".bmp", ".tiff")), *_pictures()[:1]]
 
 
 @cache
@@ -267,7 +270,7 @@ def _videos() -> list[Seed]:
 
 
 def _lists() -> list[Seed]:
-    return [Seed(".txt", b"# frames\na.jpg\nx_%04d.png\n*.jpg\nhttps://server/a.jpg\n.\n")]
+    return [Seed(".txt", b"# frames\n.\n*\nhttps://server/a.jpg\n")]
 
 
 def _urls() -> list[Seed]:
@@ -293,6 +296,19 @@ def _fields() -> list[Seed]:
 def _priors() -> list[Seed]:
     text = b"position_m: [1, 60, -15]\nposition_sd_m: [0.1, 0.1, 0.2]\nroll_sd_deg: 1\nk1_mean: 0.02\nk1_sd: 0.01\n"
     return [Seed(".yaml", text), Seed(".json", b'{"position_m": [1, 60, -15]}'), *_results()]
+
+
+@cache
+def _venues() -> list[Seed]:
+    mean, sd = np.zeros(len(COMMON)), np.full(len(COMMON), 0.1)
+    mean[:3] = 0.0, 60.0, -15.0
+    low, high = np.array([7.0, -0.5, 1.3]), np.array([8.5, 0.5, 1.5])
+    surface = Surface("roof", 9.15, 0.05)
+    tripod = TripodEstimate("main", SIZE, 7.6, surface, mean, np.diag(sd**2), low, high, ("a", "b"))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "venue.yaml"
+        write_venue(path, Venue("soccer", (tripod,)), _field())
+        return [Seed(".yaml", path.read_bytes())]
 
 
 @cache
