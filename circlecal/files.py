@@ -262,7 +262,8 @@ def _short_name(path: Path) -> str:
 
 def write_error(path: Path, error: Exception) -> InputError:
     """The error for a file that cannot be written."""
-    mend = "free space or choose another --out" if getattr(error, "errno", 0) in _FULL else "choose another --out"
+    is_full = getattr(error, "errno", 0) in _FULL or "disk is full" in str(error)  # as SQLite says it
+    mend = "free space or choose another --out" if is_full else "choose another --out"
     return InputError(f"{path}: cannot be written: {getattr(error, 'strerror', None) or error}; {mend}")
 
 

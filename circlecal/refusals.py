@@ -334,6 +334,18 @@ REFUSALS = _by_code(
             "The reason names the mend: copy, convert or export it again.",
         ),
         Refusal(
+            "time_limit",
+            "the frame took longer than its limit",
+            "The picture is very large, or the machine very busy.",
+            "Scale the picture down, or raise limits.frame_seconds.",
+        ),
+        Refusal(
+            "out_of_memory",
+            "the frame takes more memory than there is",
+            "The picture is very large, or the workers are many.",
+            "Scale the picture down, use fewer workers, or raise limits.memory_mb.",
+        ),
+        Refusal(
             "worker_died",
             "the process that worked on this frame died",
             "It ran out of memory, or the file makes a library crash.",

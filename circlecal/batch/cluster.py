@@ -10,6 +10,9 @@ from __future__ import annotations
 import contextlib
 import logging
 import pickle
+import queue
+import re
+import tempfile
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
@@ -17,9 +20,10 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from circlecal import __version__
-from circlecal.batch.task import F, Named, Task, finish, record_failure
+from circlecal.batch.task import F, Named, Task, finish, limits_of, record_failure
 from circlecal.batch.workers import prepare_surroundings
 from circlecal.errors import InputError, MissingExtraError
+from circlecal.pictures.limits import DEFAULT_LIMITS
 from circlecal.records.log import Finished
 
 if TYPE_CHECKING:
@@ -29,6 +33,10 @@ _IN_FLIGHT_PER_THREAD = 2
 _CONNECT_SECONDS = 10
 _WORKER_SECONDS = 120
 _RECOUNT_SECONDS = 5.0
+_LOOK_SECONDS = 1.0
+"""While nothing is finished, so often the workers are looked for."""
+_ADDRESS = re.compile(r"tcp://(\[[0-9A-Fa-f:.]+\]|[^\s:/@\[\]]+):[0-9]{1,5}")
+_LOCAL = re.compile(r"local:([1-9][0-9]{0,3})")
 
 _log = logging.getLogger(__name__)
 T = TypeVar("T")
@@ -43,7 +51,7 @@ def finish_on_cluster(frames: Iterator[F], task: Task[F], scheduler: str) -> Gen
     frames, task : iterator, Task
         As for :func:`circlecal.batch.run_batch`; not more than a few frames per worker are under way.
     scheduler : str
-        ``tcp://host:port`` or another address that Dask knows, or ``local:N`` for N processes on this machine.
+        ``tcp://host:port``, or ``local:N`` for N processes on this machine.
 
     Raises
     ------
@@ -53,7 +61,7 @@ def finish_on_cluster(frames: Iterator[F], task: Task[F], scheduler: str) -> Gen
         The scheduler cannot be reached, has no workers, or is lost; or circlecal there is another version.
     """
     with _connect(scheduler) as client:
-        yield from _stream(client, frames, task)
+        yield from _stream(client, frames, task, scheduler)
 
 
 def map_on_cluster(function: Callable[[T], R], arguments: Sequence[T], scheduler: str) -> Generator[R]:
@@ -68,6 +76,7 @@ def map_on_cluster(function: Callable[[T], R], arguments: Sequence[T], scheduler
 
     with _connect(scheduler) as client:
         waiting: deque[Any] = deque()
+        patience = _Patience(client, scheduler, DEFAULT_LIMITS.server_seconds)
         rest = iter(arguments)
         more = True
         while more or waiting:
@@ -80,7 +89,7 @@ def map_on_cluster(function: Callable[[T], R], arguments: Sequence[T], scheduler
             if not waiting:
                 return
             try:
-                found: R = waiting.popleft().result()
+                found: R = _await(waiting.popleft(), patience)
             except KilledWorker as error:
                 died = "several workers died on the same part (out of memory, or a damaged file)"
                 raise InputError(f"--scheduler {scheduler}: {died}; run the same command again to go on") from error
@@ -95,9 +104,9 @@ def _connect(scheduler: str) -> Iterator[Client]:
     except ImportError as error:
         raise MissingExtraError("distributed", "distributed") from error
     lost_errors = (OSError, distributed.client.FutureCancelledError)
-    cluster = _local_cluster(scheduler)
-    _leave_errors_to_us()
-    try:
+    with contextlib.ExitStack() as stack:
+        cluster = _local_cluster(scheduler, stack)
+        _leave_errors_to_us()
         try:
             client = distributed.Client(cluster or scheduler, timeout=_CONNECT_SECONDS, set_as_default=False)
         except (OSError, ValueError) as error:
@@ -110,10 +119,7 @@ def _connect(scheduler: str) -> Iterator[Client]:
             lost = f"--scheduler {scheduler}: the connection was lost ({_first_line(error)})"
             raise InputError(f"{lost}; run the same command again to go on") from error
         finally:
-            client.close()
-    finally:
-        if cluster is not None:
-            cluster.close()
+            client.close(timeout=_CONNECT_SECONDS)
 
 
 def _leave_errors_to_us() -> None:
@@ -124,19 +130,30 @@ def _leave_errors_to_us() -> None:
             logging.getLogger(name).setLevel(logging.CRITICAL + 1)
 
 
-def _local_cluster(scheduler: str) -> Any:
-    """Scheduler and workers of this machine for ``local:N``; None for an address."""
-    kind, _, count = scheduler.partition(":")
-    if kind != "local" and "://" in scheduler:
+def _local_cluster(scheduler: str, stack: contextlib.ExitStack) -> Any:
+    """Scheduler and workers of this machine for ``local:N``, ended with the stack; None for an address."""
+    if _ADDRESS.fullmatch(scheduler):
         return None
-    if kind != "local" or not (count.isascii() and count.isdigit() and int(count) > 0):
-        raise InputError(f"--scheduler {scheduler}: must be local:N with the number of workers, or tcp://host:port")
+    count = _LOCAL.fullmatch(scheduler)
+    if count is None:
+        wanted = "must be local:N with the number of workers, or tcp://host:port"
+        raise InputError(f"--scheduler {scheduler}: {wanted}")
+    import dask
     from distributed import LocalCluster
 
+    # Dask leaves its folder behind
+    scratch = stack.enter_context(tempfile.TemporaryDirectory(prefix="circlecal-dask-", ignore_cleanup_errors=True))
+    stack.enter_context(dask.config.set({"temporary-directory": scratch}))
     with prepare_surroundings():
-        return LocalCluster(
-            n_workers=int(count), threads_per_worker=1, dashboard_address=None, silence_logs=logging.CRITICAL
+        cluster = LocalCluster(
+            n_workers=int(count[1]),
+            threads_per_worker=1,
+            dashboard_address=None,
+            silence_logs=logging.CRITICAL,
+            local_directory=scratch,
+            host="127.0.0.1",
         )
+    return stack.enter_context(cluster)
 
 
 def _require_workers(client: Client, scheduler: str) -> None:
@@ -154,13 +171,12 @@ def _require_workers(client: Client, scheduler: str) -> None:
             raise InputError(f"--scheduler {scheduler}: worker {address} {there}, not {__version__}; install it")
 
 
-def _stream(client: Client, frames: Iterator[F], task: Task[F]) -> Generator[Finished]:
+def _stream(client: Client, frames: Iterator[F], task: Task[F], scheduler: str) -> Generator[Finished]:
     """Keep each worker's queue short, and hand on what is finished."""
-    from distributed import as_completed
-
     packed = pickle.dumps(task)
-    in_flight: dict[Any, F] = {}
-    finished = as_completed(loop=client.loop)
+    patience = _Patience(client, scheduler, limits_of(task).server_seconds)
+    done: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    in_flight: dict[Any, tuple[F, Any]] = {}
     room, counted = 0, -_RECOUNT_SECONDS
     more = True
     while more or in_flight:
@@ -171,13 +187,56 @@ def _stream(client: Client, frames: Iterator[F], task: Task[F]) -> Generator[Fin
             more = frame is not None
             if frame is not None:
                 future = client.submit(_finish_on_worker, frame, packed, pure=False)
-                in_flight[future.key] = frame
-                finished.add(future)
+                in_flight[future.key] = frame, future  # Dask forgets a task whose future nobody holds
+                future.add_done_callback(done.put)
         if not in_flight:
             return
-        future = next(finished)
-        frame = in_flight.pop(future.key)
-        yield _result(future, frame, task)
+        try:
+            future = done.get(timeout=_LOOK_SECONDS)
+        except queue.Empty:
+            patience.look()
+        else:
+            yield _result(future, in_flight.pop(future.key)[0], task)
+
+
+def _await(future: Any, patience: _Patience) -> Any:
+    """The result of a future."""
+    while True:
+        try:
+            return future.result(timeout=_LOOK_SECONDS)
+        except TimeoutError:
+            if future.done():  # the error is the function's own
+                raise
+            patience.look()
+
+
+class _Patience:
+    """Looks after workers and scheduler while nothing is finished, and loses patience when they stay away."""
+
+    def __init__(self, client: Client, scheduler: str, seconds: float) -> None:
+        self._client, self._scheduler, self._seconds = client, scheduler, seconds
+        self._alone_since: float | None = None
+
+    def look(self) -> None:
+        """See that there are a scheduler and workers.
+
+        Raises
+        ------
+        InputError
+            There have been none for too long.
+        """
+        running = self._client.status == "running"
+        if running and self._client.nthreads():
+            self._alone_since = None
+            return
+        what = "all workers are lost" if running else "the scheduler is lost"
+        now = time.monotonic()
+        if self._alone_since is None:
+            self._alone_since = now
+            _log.warning("--scheduler %s: %s; waiting %g s for them", self._scheduler, what, self._seconds)
+        if now - self._alone_since > self._seconds:
+            mend = "start some with `dask worker` and run the same command again to go on"
+            raise InputError(f"--scheduler {self._scheduler}: {what}, and none came in {self._seconds:g} s; {mend}")
 
 
 def _result(future: Any, frame: F, task: Task[F]) -> Finished:

@@ -139,6 +139,11 @@ class FrameRun:
         """Seed of the random draws."""
         return self.config.seed
 
+    @property
+    def limits(self) -> LimitsConfig:
+        """What a frame may take."""
+        return self.config.limits
+
     @cached_property
     def digest(self) -> str:
         """Twelve hexadecimal digits over everything given for all frames together that can change an answer.

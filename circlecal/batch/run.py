@@ -94,8 +94,10 @@ def run_batch(
                     log.append(frame)
                     progress.count(frame.row.status, frame.row.code)
                     on_progress(progress)
+                log.require_in_place()
         finally:
-            write_summary(out / SUMMARY_NAME, log.index.rows())
+            if log.is_in_place:  # a folder that was moved away does not come back empty
+                write_summary(out / SUMMARY_NAME, log.index.rows())
         progress.total = progress.finished
     return progress
 

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import logging
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
+from circlecal.batch.limits import TimeLimitError, limit_time
 from circlecal.errors import CirclecalError
+from circlecal.pictures.limits import DEFAULT_LIMITS, LimitsConfig
 from circlecal.records.log import Finished
 from circlecal.records.record import ResultRecord
 from circlecal.records.writing import failure_record
 from circlecal.results import Verdict
 
 _log = logging.getLogger(__name__)
+_NO_MEMORY = "Insufficient memory"
+"""How OpenCV says it."""
 
 
 class Named(Protocol):
@@ -44,13 +48,36 @@ class Task(Protocol[F_contra]):
         """The finished frame's record; a :class:`circlecal.errors.CirclecalError` makes it an unreadable one."""
 
 
-def finish(task: Task[F], frame: F) -> Finished:
-    """Do what is to be done with a frame, also with one that cannot be read or on which we make a mistake."""
+def limits_of(task: Task[Any]) -> LimitsConfig:
+    """The limits of a task; the usual ones where it has none of its own."""
+    limits: LimitsConfig = getattr(task, "limits", DEFAULT_LIMITS)
+    return limits
+
+
+def finish(task: Task[F], frame: F, end_process: bool = False) -> Finished:
+    """Do what is to be done with a frame, also with one that cannot be read or on which we make a mistake.
+
+    A frame that takes too long or too much memory is a record too; ``end_process`` as of
+    :func:`circlecal.batch.limits.limit_time`.
+    """
+    seconds = limits_of(task).frame_seconds
     try:
-        return Finished.of(task.record(frame))
+        with limit_time(seconds, end_process):
+            return Finished.of(task.record(frame))
+    except TimeLimitError:
+        reason = f"{task.source(frame)}: took longer than {seconds:g} s; raise limits.frame_seconds, or scale it down"
+        return Finished.of(record_failure(task, frame, "time_limit", reason))
     except CirclecalError as error:
         return Finished.of(record_failure(task, frame, "unreadable_input", str(error)))
+    except OSError as error:
+        reason = f"{task.source(frame)}: cannot be read: {error.strerror or error}"
+        return Finished.of(record_failure(task, frame, "unreadable_input", reason))
     except Exception as error:  # noqa: BLE001 - one bad frame never stops the rest
+        if isinstance(error, MemoryError) or _NO_MEMORY in str(error):
+            limit = limits_of(task).memory_mb
+            told = "the machine has" if limit is None else f"its limit of {limit} MB (limits.memory_mb)"
+            reason = f"{task.source(frame)}: takes more memory than {told}; scale it down, or use fewer workers"
+            return Finished.of(record_failure(task, frame, "out_of_memory", reason))
         _log.exception("%s: internal error", task.source(frame))
         reason = f"{task.source(frame)}: {type(error).__name__}: {error}"
         return Finished.of(record_failure(task, frame, "internal_error", reason))

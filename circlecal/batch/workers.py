@@ -15,7 +15,8 @@ from multiprocessing import resource_tracker
 from typing import Any, TypeVar
 
 from circlecal import ONE_THREAD
-from circlecal.batch.task import F, Named, Task, finish, record_failure
+from circlecal.batch.limits import limit_memory
+from circlecal.batch.task import F, Named, Task, finish, limits_of, record_failure
 from circlecal.records.log import Finished
 
 _IN_FLIGHT_PER_WORKER = 2
@@ -38,7 +39,7 @@ def finish_on_workers(frames: Iterator[F], task: Task[F], workers: int) -> Gener
             died: list[F] = []
             yield from _finish_in_pool(iter([frame]), died, task, 1)
             if died:
-                reason = "the worker process died on it (out of memory, or a damaged file)"
+                reason = "the worker process died on it (out of memory, far beyond the time limit, or a damaged file)"
                 yield Finished.of(record_failure(task, frame, "worker_died", f"{task.source(frame)}: {reason}"))
         suspects.clear()
 
@@ -178,6 +179,8 @@ _worker_task: Task[Any] | None = None
 def _start_worker(task: Task[Any] | None) -> None:
     global _worker_task
     _worker_task = task
+    if task is not None and (memory_mb := limits_of(task).memory_mb) is not None:
+        limit_memory(memory_mb)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # on Windows nothing is inherited
     threading.Thread(target=_end_with_parent, daemon=True).start()
     import cv2
@@ -196,4 +199,4 @@ def _end_with_parent() -> None:
 def _finish_in_worker(frame: Named) -> Finished:
     if _worker_task is None:
         raise RuntimeError("the worker was not started")
-    return finish(_worker_task, frame)
+    return finish(_worker_task, frame, end_process=True)

@@ -115,15 +115,21 @@ def _records(
 ) -> Iterator[ResultRecord]:
     """Calibrate, write and yield each frame; one that cannot be read is one line on stderr and left out."""
     from circlecal.batch import BatchProgress
+    from circlecal.batch.limits import TimeLimitError, limit_time
     from circlecal.errors import InputError
 
     progress = BatchProgress(total=len(frames))
     show(progress)
     for frame in frames:
+        seconds = run.limits.frame_seconds
         try:
-            record = run.record(frame)
+            with limit_time(seconds):
+                record = run.record(frame)
         except InputError as error:
             report(error)
+            continue
+        except TimeLimitError:
+            report(InputError(f"{run.source(frame)}: took longer than {seconds:g} s; raise limits.frame_seconds"))
             continue
         progress.count(record.status, record.code)
         show(progress)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import os
+import sqlite3
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -92,6 +93,8 @@ class ResultLog:
             raise InputError(f"{folder}: is a file, not a folder; choose another --out") from error
         except OSError as error:
             raise write_error(self.path, error) from error
+        status = os.fstat(self._descriptor)
+        self._identity = status.st_dev, status.st_ino
         try:
             self._lock()
             self.index = ResultIndex(folder / INDEX_NAME)
@@ -210,6 +213,7 @@ class ResultLog:
         line = finished.line
         size = os.fstat(self._descriptor).st_size
         now = time.monotonic()
+        self.require_in_place()
         try:
             written = 0
             while written < len(line):
@@ -220,10 +224,36 @@ class ResultLog:
             with contextlib.suppress(OSError):
                 os.ftruncate(self._descriptor, size)
             raise write_error(self.path, error) from error
-        self.index.add([finished.row], size + len(line), finished.digest)
-        if now - self._synced >= _SYNC_SECONDS:
-            self.index.commit()
-            self._synced = now
+        try:
+            self.index.add([finished.row], size + len(line), finished.digest)
+            if now - self._synced >= _SYNC_SECONDS:
+                self.index.commit()
+                self._synced = now
+        except sqlite3.Error as error:  # the line itself is written; the index is made anew from it
+            raise write_error(self.path.with_name(INDEX_NAME), error) from error
+
+    @property
+    def is_in_place(self) -> bool:
+        """Whether the file that is written to is still the one of its name."""
+        try:
+            found = self.path.stat()
+        except OSError:
+            return False
+        return (found.st_dev, found.st_ino) == self._identity
+
+    def require_in_place(self) -> None:
+        """See that the results are where they will be looked for.
+
+        Raises
+        ------
+        InputError
+            The file or its folder was removed, renamed or replaced meanwhile.
+        """
+        if not self.is_in_place:
+            raise InputError(
+                f"{self.path}: was removed, renamed or replaced during the run, and its {len(self.index)} results with "
+                "it; move it back, or run the same command again to calibrate these frames anew"
+            )
 
 
 @dataclass(frozen=True, slots=True)

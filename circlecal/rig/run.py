@@ -25,6 +25,7 @@ from circlecal.field import FieldTemplate
 from circlecal.files import is_file, is_folder, prepare_folder, read_text, real_path
 from circlecal.formats.registry import annotation_suffixes
 from circlecal.pictures.files import PictureFile, find_frames
+from circlecal.pictures.limits import LimitsConfig
 from circlecal.pictures.video import pictures_at
 from circlecal.pipeline import Convention, apply_convention, field_of, run_observations
 from circlecal.records.camera_prior import write_prior
@@ -204,6 +205,11 @@ class RigTask:
     def seed(self) -> int:
         """Seed of the random draws."""
         return self.config.seed
+
+    @property
+    def limits(self) -> LimitsConfig:
+        """What a frame may take."""
+        return self.config.limits
 
     @cached_property
     def digest(self) -> str:

@@ -216,12 +216,14 @@ def run_track(
             on_progress(report.progress)
             writer = _Writer(log, last, report.progress, on_progress)
             _track_all(known, run, workers, scheduler, writer, on_note, on_error)
+            log.require_in_place()
         except BrokenProcessPool as error:
             died = "a worker process died (out of memory, or a damaged file)"
             raise InputError(f"{died}; run the same command again to go on, or with --workers 1") from error
         finally:
-            write_summary(out / SUMMARY_NAME, log.index.rows())
-            write_cameras(out / CAMERAS_NAME, records_in_order(out))
+            if log.is_in_place:
+                write_summary(out / SUMMARY_NAME, log.index.rows())
+                write_cameras(out / CAMERAS_NAME, records_in_order(out))
         report.progress.total = report.progress.finished
     return report
 

@@ -1,9 +1,12 @@
 """A real Dask scheduler with two worker processes: every frame once, whatever happens to a worker."""
 
+import contextlib
 import json
 import signal
+import socket
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -140,3 +143,51 @@ def test_a_missing_extra_is_one_line(run_circlecal, tmp_path, monkeypatch):
     outcome = run_circlecal("batch", frames, "--out", tmp_path / "out", "--scheduler", "local:1")
     assert outcome.code == 2
     assert "pip install '.[distributed]'" in outcome.err
+
+
+@pytest.mark.parametrize(
+    "scheduler",
+    ["tcp://127.0.0.1", "http://a:1", "inproc://a/1", "tls://a:1", "ucx://a:1", "ws://a:1", "tcp://a b:1", "tcp://:1"],
+)
+def test_an_address_is_checked_before_connecting(run_circlecal, tmp_path, scheduler):
+    frames = paint(tmp_path / "frames", 1)
+    start = time.monotonic()
+    outcome = run_circlecal("batch", frames, "--out", tmp_path / "out", "--scheduler", scheduler)
+    assert outcome.code == 2
+    assert "must be local:N with the number of workers, or tcp://host:port" in outcome.err
+    assert len(outcome.err.splitlines()) == 1
+    assert time.monotonic() - start < 10
+
+
+def test_all_workers_lost_is_said_and_ends(cluster, tmp_path):
+    frames, out = paint(tmp_path / "frames", 60), tmp_path / "out"
+    command = [*cluster_command(cluster, frames, out), "--set", "limits.server_seconds=2"]
+    wait_for(lambda: cluster.joined(2))
+    first, second = (worker.pid for worker in cluster.workers)
+    to = f"{first}, 9) or os.kill({second}"  # both in one step, so that none of them finishes the rest
+    run = start_signalling(command, tmp_path / "killing.py", after=5, number=signal.SIGKILL, to=to)
+    _, errors = run.communicate(timeout=PATIENCE_S)
+    assert run.returncode == 2, errors
+    assert "all workers are lost" in errors
+    assert "Traceback" not in errors
+    cluster.add_worker()
+    assert subprocess.run(cluster_command(cluster, frames, out), check=False, env=SURROUNDINGS).returncode == 1
+    assert_every_frame_once(out, 60)
+
+
+def test_nothing_is_left_in_the_temporary_folder_and_the_scheduler_listens_on_the_loopback_only(tmp_path, monkeypatch):
+    from circlecal.batch.cluster import _local_cluster
+
+    temporary = tmp_path / "tmp"
+    temporary.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(temporary))
+    with contextlib.ExitStack() as stack:
+        cluster = _local_cluster("local:1", stack)
+        assert cluster.scheduler_address.startswith("tcp://127.0.0.1:")
+        assert all(address.startswith("tcp://127.0.0.1:") for address in cluster.scheduler.workers)
+        port = int(cluster.scheduler_address.rpartition(":")[2])
+        other = socket.gethostbyname(socket.gethostname())
+        if not other.startswith("127."):
+            with pytest.raises(OSError), socket.create_connection((other, port), timeout=2):
+                pass
+    assert not list(temporary.iterdir())
