@@ -561,7 +561,7 @@ def fuzz(
     from dataclasses import asdict
 
     from circlecal.cli.console import count_steps
-    from circlecal.cli.in_process import run_command
+    from circlecal.cli.invoke import run_command
     from circlecal.errors import InputError
     from circlecal.evaluation.bench.fuzz import HANG_S, MOST_MB, FuzzRow, is_supported, run_fuzz
 
@@ -596,6 +596,64 @@ def fuzz(
             typer.echo(f"{row.name}: {example}", err=True)
     if any(row.failures for row in rows):
         raise typer.Exit(1)
+
+
+@app.command()
+def faults(
+    kills: Annotated[int, typer.Option(min=1, help="How often a batch is killed.")] = 100,
+    frames: Annotated[int, typer.Option(min=1, help="Frames of a batch.")] = 200,
+    workers: Annotated[int, typer.Option("--workers", "-w", min=1, help="Worker processes.")] = 2,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the moments.")] = 0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+) -> None:
+    """A batch killed with SIGKILL at random moments and taken up again: what is lost, and what is there twice."""
+    from dataclasses import asdict
+
+    from circlecal.cli.console import count_steps
+    from circlecal.evaluation.bench.faults import run_kills
+
+    with count_steps("kills", kills) as advance:
+        report = run_kills(kills, frames, workers, seed, advance)
+    if as_json:
+        _print_json(asdict(report))
+    else:
+        _table(
+            f"Killed at random moments; of {report.finished_runs} runs that ended {report.wrong_ends} ended wrongly",
+            ["killed", "times", "finished frames lost", "frames twice", "damaged lines"],
+            [[r.phase, str(r.kills), str(r.lost), str(r.doubled), str(r.damaged)] for r in report.rows],
+        )
+    if report.wrong_ends or any(r.lost or r.doubled or r.damaged for r in report.rows):
+        raise typer.Exit(1)
+
+
+@app.command()
+def soak(
+    count: Annotated[int, typer.Option(min=20, help="Small frames.")] = 20_000,
+    workers: Annotated[int, typer.Option("--workers", "-w", min=1, help="Worker processes.")] = 2,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the frames.")] = 0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+) -> None:
+    """A long batch of small frames: memory, open files and temporary files after a fifth of it and at its end."""
+    from dataclasses import asdict
+
+    from circlecal.cli.console import count_steps
+    from circlecal.evaluation.bench.soak import run_soak
+
+    with count_steps("frames", count) as advance:
+        report = run_soak(count, workers, seed, advance)
+    if as_json:
+        _print_json({**asdict(report), "growth": report.growth})
+        return
+    (memory, later), (files, open_later) = report.memory_mb, report.files
+    _table(
+        f"{report.frames} small frames on {workers} workers, {report.rate:.1f} frames/s",
+        ["", "after a fifth", "at the end", "growth"],
+        [
+            ["resident memory, MB", f"{memory:.0f}", f"{later:.0f}", f"{report.growth:+.1%}"],
+            ["open files", str(files), str(open_later), f"{open_later - files:+d}"],
+            ["temporary files", "", str(report.temporary), ""],
+        ],
+    )
 
 
 def _reach(row: Row) -> str:

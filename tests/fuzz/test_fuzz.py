@@ -2,7 +2,7 @@
 
 import pytest
 
-from circlecal.cli.in_process import run_command
+from circlecal.cli.invoke import run_command
 from circlecal.evaluation.bench.fuzz import is_supported, run_fuzz
 
 COUNT = 500

@@ -98,7 +98,7 @@ def run_fuzz(
             reader = next(turns)
             folder = Path(name) / "one"
             folder.mkdir()
-            path = _write_damaged(reader, np.random.default_rng([seed, number]), folder)
+            path = _write_damage(reader, np.random.default_rng([seed, number]), folder)
             row = rows[reader.name]
             before = row.failures
             _read(reader, path, folder / "out", row, number)
@@ -118,7 +118,7 @@ def _turns(known: list[Reader]) -> Iterator[Reader]:
         yield from (reader for reader in known if turn % reader.every == 0)
 
 
-def _write_damaged(reader: Reader, rng: np.random.Generator, folder: Path) -> Path:
+def _write_damage(reader: Reader, rng: np.random.Generator, folder: Path) -> Path:
     seeds = reader.seeds()
     chosen = seeds[int(rng.integers(len(seeds)))]
     path = folder / draw_name(chosen.suffix, rng)
@@ -152,7 +152,7 @@ def _read(reader: Reader, path: Path, out: Path, row: FuzzRow, number: int) -> N
         where = traceback.extract_tb(error.__traceback__)[-1]
         row.examples.append(f"{number}: {type(error).__name__}: {str(error)[:200]} ({where.filename}:{where.lineno})")
     row.slowest_s = max(row.slowest_s, time.monotonic() - start)
-    added = memory.added_mb()
+    added = memory.growth_mb()
     row.most_mb = max(row.most_mb, added)
     if added > MOST_MB:
         row.over_memory += 1
@@ -185,7 +185,7 @@ class _Memory:
         except OSError:
             self._before = float("inf")
 
-    def added_mb(self) -> float:
+    def growth_mb(self) -> float:
         return max(0.0, (self._value("VmHWM") - self._before) / 1024)
 
     def _value(self, key: str) -> float:

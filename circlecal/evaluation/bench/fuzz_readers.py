@@ -240,7 +240,7 @@ def _encode(suffix: str, picture: NDArray[np.uint8] | NDArray[np.uint16]) -> byt
     return bytes(cv2.imencode(suffix, picture)[1].tobytes())
 
 
-def _painted() -> NDArray[np.uint8]:
+def _ellipse_picture() -> NDArray[np.uint8]:
     picture = np.full((_SIDE, _SIDE, 3), (60, 130, 70), np.uint8)
     cv2.ellipse(picture, (48, 48), (40, 16), 0, 0, 360, (240, 240, 240), 2)
     return np.asarray(cv2.line(picture, (40, 0), (52, 95), (240, 240, 240), 2), np.uint8)
@@ -249,13 +249,13 @@ def _painted() -> NDArray[np.uint8]:
 @cache
 def _pictures() -> list[Seed]:
     suffixes = (".jpg", ".png", ".bmp", ".tiff", ".webp")
-    deep = [Seed(s, _encode(s, _painted().astype(np.uint16) * 257)) for s in (".png", ".tiff")]
-    return [*(Seed(suffix, _encode(suffix, _painted())) for suffix in suffixes), *deep]
+    deep = [Seed(s, _encode(s, _ellipse_picture().astype(np.uint16) * 257)) for s in (".png", ".tiff")]
+    return [*(Seed(suffix, _encode(suffix, _ellipse_picture())) for suffix in suffixes), *deep]
 
 
 @cache
 def _masks() -> list[Seed]:
-    mask = np.where(_painted()[:, :, 0] > 200, np.uint8(255), np.uint8(0))
+    mask = np.where(_ellipse_picture()[:, :, 0] > 200, np.uint8(255), np.uint8(0))
     return [*(Seed(s, _encode(s, mask)) for s in (".png", ".bmp", ".tiff")), *_pictures()[:1]]
 
 
@@ -265,7 +265,7 @@ def _videos() -> list[Seed]:
         path = Path(folder) / "v.mp4"
         with write_video(path, 25.0) as writer:
             for number in range(6):
-                writer.write(np.roll(_painted(), number, axis=1), number / 25.0)
+                writer.write(np.roll(_ellipse_picture(), number, axis=1), number / 25.0)
         return [Seed(".mp4", path.read_bytes()), Seed(".mkv", path.read_bytes()), *_pictures()[:1]]
 
 
