@@ -133,7 +133,8 @@ def short(value: float | None) -> str:
 @dataclass(frozen=True, slots=True)
 class Column:
     """Neighbouring frames ``first`` to ``last`` (positions in the run): how many of them were refused, mostly why, and
-    the median predicted sigma of the calibrated ones. ``place`` counts the columns.
+    the medians of predicted sigma, pan and focal length of the calibrated ones. ``place`` counts the columns, and
+    ``is_cut`` tells that a shot of a tracked clip begins in this one.
     """
 
     place: int
@@ -142,6 +143,9 @@ class Column:
     refused: int
     code: str | None
     sigma_px: float | None
+    pan_deg: float | None = None
+    focal_px: float | None = None
+    is_cut: bool = False
 
     @property
     def frames(self) -> int:
@@ -164,6 +168,20 @@ class Stretch:
 
 
 @dataclass(frozen=True, slots=True)
+class Curve:
+    """How the camera of a clip moves: what is drawn, its unit, its range, and for columns with a value their height.
+
+    ``heights`` holds a column, its value, and the value's place in the range, 0 to 1, each.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    heights: tuple[tuple[Column, float, float], ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Timeline:
     """One video, or all pictures: its name ("" for pictures), columns, refused stretches, and how many there are."""
 
@@ -179,6 +197,22 @@ class Timeline:
         """Smallest and largest of the columns' positive sigmas, pixels."""
         known = [column.sigma_px for column in self.columns if column.sigma_px]
         return (min(known), max(known)) if known else None
+
+    @property
+    def cuts(self) -> tuple[Column, ...]:
+        """Columns in which a shot of a tracked clip begins."""
+        return tuple(column for column in self.columns if column.is_cut)
+
+    @property
+    def curves(self) -> tuple[Curve, ...]:
+        """Pan and focal length along a clip; none for pictures, whose order says nothing."""
+        if not self.name:
+            return ()
+        wanted = (("pan", "degrees", "pan_deg", False), ("focal length", "px", "focal_px", True))
+        found = (
+            _curve(name, unit, [(c, getattr(c, key)) for c in self.columns], log) for name, unit, key, log in wanted
+        )
+        return tuple(curve for curve in found if curve is not None)
 
     def sigma_share(self, column: Column) -> float:
         """Where a column's sigma stands between smallest and largest, 0 to 1, on a logarithmic scale."""
@@ -207,18 +241,45 @@ def _timeline(name: str, first: int, last: int, rows: Sequence[FrameRow]) -> Tim
     return Timeline(name, first, last, columns, tuple(sorted(longest, key=lambda s: s.first)), len(stretches))
 
 
+def _curve(name: str, unit: str, values: Sequence[tuple[Column, float | None]], logarithmic: bool) -> Curve | None:
+    """A curve through the columns that have a value; None for fewer than two."""
+    known = [(column, value) for column, value in values if value is not None and (value > 0 or not logarithmic)]
+    if len(known) < 2:
+        return None
+    low, high = min(value for _, value in known), max(value for _, value in known)
+
+    def share(value: float) -> float:
+        if high <= low:
+            return 0.5
+        return float(np.log(value / low) / np.log(high / low)) if logarithmic else (value - low) / (high - low)
+
+    return Curve(name, unit, low, high, tuple((column, value, share(value)) for column, value in known))
+
+
 def _column(place: int, first: int, last: int, rows: Sequence[FrameRow]) -> Column:
     part = rows[first : last + 1]
     codes = _codes(part)
-    sigmas = [row.sigma_px for row in part if row.calibrated and row.sigma_px is not None]
     return Column(
         place,
         first,
         last,
         sum(not row.calibrated for row in part),
         codes[0][0] if codes else None,
-        float(np.median(sigmas)) if sigmas else None,
+        _median([row.sigma_px for row in part if row.calibrated]),
+        _median([row.pan_deg for row in part]),
+        _median([row.focal_px for row in part]),
+        any(_begins_shot(k, rows) for k in range(first, last + 1)),
     )
+
+
+def _begins_shot(k: int, rows: Sequence[FrameRow]) -> bool:
+    """Whether a shot of a tracked clip begins with a frame that is not the clip's first."""
+    return k > 0 and rows[k].path == rows[k - 1].path and rows[k].shot != rows[k - 1].shot
+
+
+def _median(values: Sequence[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return float(np.median(known)) if known else None
 
 
 def _stretches(first: int, last: int, rows: Sequence[FrameRow]) -> list[Stretch]:

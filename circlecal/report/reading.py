@@ -22,7 +22,8 @@ class FrameRow:
 
     ``sigma_px`` and ``sigma_m`` are the largest predicted standard deviations near the circle, ``rms_px`` that of the
     fitted ellipse's inliers; None where there is none. ``camera`` and ``alone`` (the verdict before) are those of
-    ``circlecal rig``.
+    ``circlecal rig``. ``pan_deg`` and ``focal_px`` are the camera's, None for a refused frame, and ``shot`` counts the
+    shots of a clip that was tracked.
     """
 
     id: str
@@ -39,6 +40,9 @@ class FrameRow:
     time_s: float | None
     camera: str | None = None
     alone: Status | None = None
+    pan_deg: float | None = None
+    focal_px: float | None = None
+    shot: int | None = None
 
     @property
     def gained(self) -> bool:
@@ -130,6 +134,7 @@ def read_run(results: Path) -> StoredRun:
 
 def _row(record: ResultRow) -> FrameRow:
     summary, camera, source, rig = summarise(record), record.estimated_camera, record.source, record.rig
+    accepted, track = record.camera, record.track
     return FrameRow(
         id=summary.id,
         status=summary.status,
@@ -145,6 +150,9 @@ def _row(record: ResultRow) -> FrameRow:
         time_s=None if source is None else source.time_s,
         camera=None if rig is None else rig.camera,
         alone=None if rig is None or rig.alone is None else rig.alone.status,
+        pan_deg=None if accepted is None else accepted.pan_degrees,
+        focal_px=None if accepted is None else accepted.x_focal_length,
+        shot=None if track is None else track.shot,
     )
 
 

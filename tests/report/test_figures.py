@@ -1,5 +1,7 @@
 """Histograms and timelines add up."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -88,3 +90,26 @@ def test_short_numbers(value, text):
 )
 def test_clock(seconds, text):
     assert clock(seconds) == text
+
+
+def clip_row(k: int, shot: int, pan: float | None, focal: float | None):
+    return replace(row(path="a.mp4", time=k / 25.0), pan_deg=pan, focal_px=focal, shot=shot)
+
+
+def test_a_tracked_clip_shows_how_its_camera_moves_and_where_it_was_cut():
+    rows = [clip_row(0, 0, -10.0, 1000.0), clip_row(1, 0, 0.0, 2000.0), clip_row(2, 0, None, None)]
+    rows += [clip_row(3, 1, 30.0, 4000.0)]
+    (timeline,) = timelines(rows)
+    assert [column.place for column in timeline.cuts] == [3]
+    pan, focal = timeline.curves
+    assert (pan.low, pan.high, focal.unit) == (-10.0, 30.0, "px")
+    assert [share for _, _, share in pan.heights] == pytest.approx([0.0, 0.25, 1.0])
+    assert [share for _, _, share in focal.heights] == pytest.approx([0.0, 0.5, 1.0])
+    assert [column.place for column, _, _ in pan.heights] == [0, 1, 3]
+
+
+def test_pictures_and_still_cameras_have_no_misleading_curves():
+    (pictures,) = timelines([replace(row(), pan_deg=1.0), replace(row(), pan_deg=2.0)])
+    assert pictures.curves == () and pictures.cuts == ()
+    (still,) = timelines([clip_row(0, 0, 5.0, 1000.0), clip_row(1, 0, 5.0, 1000.0)])
+    assert [share for _, _, share in still.curves[0].heights] == [0.5, 0.5]
