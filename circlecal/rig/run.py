@@ -36,6 +36,8 @@ from circlecal.results import FrameCalibration
 from circlecal.rig.estimation import Rig, config_with_prior, estimate_rigs, summarise_shared
 from circlecal.rig.frames import RigFrame, frame_of_record
 from circlecal.rig.recalibration import Recalibration, recalibrate
+from circlecal.rig.tripod_of_rig import venue_of_rigs
+from circlecal.rig.venue import VENUE_NAME, write_venue
 
 _log = logging.getLogger(__name__)
 
@@ -127,8 +129,8 @@ def run_rig(
     config : Config
         The configuration of the run.
     out : path
-        Folder of ``results.jsonl``, ``summary.csv`` and one prior file per camera; frames that it already holds are
-        skipped.
+        Folder of ``results.jsonl``, ``summary.csv``, ``venue.yaml`` and one prior file per camera; frames that it
+        already holds are skipped.
     workers : int
         Number of processes that calibrate the frames again.
     cameras : mapping, optional
@@ -165,6 +167,7 @@ def run_rig(
     prepare_folder(out)
     for rig in rigs:
         write_camera(out / f"{rig.name}.yaml", rig, config)
+    write_venue(out / VENUE_NAME, venue_of_rigs(rigs, template.name), template)
     task = RigTask(config, tuple(rigs), cameras, mask, convention, annotated)
     again = (RecordedFrame(record.id, record) for record in read_records(results))
     run_batch(again, task, out, workers=workers, total=len(frames), restart=restart, on_progress=on_progress)

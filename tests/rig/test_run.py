@@ -18,6 +18,7 @@ from circlecal.records.writing import failure_record, result_record
 from circlecal.results import Verdict
 from circlecal.rig.frames import frame_of_record
 from circlecal.rig.run import read_cameras, run_rig
+from circlecal.rig.venue import read_venue
 
 from .scenes import CONFIG, TEMPLATE, main_views, seen_by
 
@@ -68,6 +69,21 @@ def again(records, tmp_path_factory):
     (folder / "results.jsonl").write_text("".join(result_line(r) + "\n" for r in records))
     report = run_rig(folder, CONFIG, folder / "out")
     return folder / "out", report, {r.id: r for r in read_records(folder / "out")}
+
+
+def test_the_venue_holds_the_cameras(views, again):
+    folder, report, _ = again
+    venue = read_venue(folder / "venue.yaml", TEMPLATE)
+    (tripod,) = venue.tripods
+    assert (tripod.name, tripod.used) == (report.rigs[0].name, report.rigs[0].used)
+    position = np.mean([camera.position_m for camera in views], axis=0)
+    off = tripod.mean[:3] - position
+    assert off @ np.linalg.solve(tripod.covariance[:3, :3], off) < 16.0
+    assert tripod.sigma("lever") == pytest.approx(0.7) and tripod.sigma("axis_y") > 0.5
+    own = tripod.model.own_of(report.rigs[0].state.theta, tripod.mean)
+    np.testing.assert_allclose(
+        tripod.model.thetas(own, tripod.mean)[:, :7], report.rigs[0].state.theta[:, :7], atol=0.2
+    )
 
 
 def test_frames_refused_alone_succeed_with_the_camera(records, views, again):
