@@ -86,5 +86,5 @@ def test_masks_that_are_none(frame_image):
 
 
 def test_an_unknown_field(frame_image):
-    with pytest.raises(ConfigError, match="curling"):
-        circlecal.calibrate(frame_image, config=circlecal.load_config(None, ["field.template=curling"]))
+    with pytest.raises(ConfigError, match="quidditch"):
+        circlecal.calibrate(frame_image, config=circlecal.load_config(None, ["field.template=quidditch"]))

@@ -174,7 +174,7 @@ def test_wrong_use(run_circlecal, frame_file, tmp_path):
     only_error(run_circlecal("calibrate", frame_file, "--config", tmp_path / "none.yaml"), "none.yaml")
     only_error(run_circlecal("calibrate", frame_file, "--set", "edges.smothing_px=1"), "mean edges.smoothing_px?")
     only_error(run_circlecal("calibrate", frame_file, "--set", "edges.smoothing_px=.nan"), "finite")
-    only_error(run_circlecal("calibrate", frame_file, "--field", "curling"), "curling", "soccer")
+    only_error(run_circlecal("calibrate", frame_file, "--field", "quidditch"), "quidditch", "soccer")
     only_error(run_circlecal("calibrate", frame_file, "--set", "field.circle=moon"), "moon", "centre_circle")
     assert run_circlecal("calibrate").code == 2
     assert run_circlecal("calibrate", frame_file, "--bogus").code == 2
