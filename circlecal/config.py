@@ -55,6 +55,11 @@ class FieldConfig(BaseModel):
     circle: str | None = Field(
         None, description="Circle of the template that is seen; null: the template's default circle."
     )
+    any_circle: bool = Field(
+        False,
+        description="Whether every circle of the template may be the one that is seen, told by all other markings,"
+        " where none is named above and the default circle with its line does not calibrate.",
+    )
     sizes: dict[str, float] = Field(
         {}, description="Sizes in metres over those of the template, e.g. {length: 100, marking: 0.1}."
     )

@@ -21,6 +21,8 @@ from numpy.typing import NDArray
 from circlecal.config import Config, config_digest
 from circlecal.errors import ConfigError, EstimationError, InputError
 from circlecal.field import Circle, FieldTemplate, load_field
+from circlecal.field.view import FieldView
+from circlecal.geometry.camera import PlaneCamera
 from circlecal.geometry.ellipses import encloses
 from circlecal.geometry.projective import Array
 from circlecal.line_naming.two_directions import FEWEST_LINES
@@ -31,6 +33,7 @@ from circlecal.refusals import REFUSALS, Confidence
 from circlecal.results import (
     Attempt,
     CameraFit,
+    Check,
     Cues,
     EllipseFits,
     FrameCalibration,
@@ -48,6 +51,7 @@ from circlecal.stages.ellipse import fit_ellipses, fit_observations
 from circlecal.stages.faint_lines import find_faint_lines
 from circlecal.stages.field_lines import carriers, observe_field_lines, without_worst_line
 from circlecal.stages.homography import estimate_homography, homography_of_solver, turn_fit
+from circlecal.stages.identities import LEAST_SHARE, choose_placement, find_placements, measure_template
 from circlecal.stages.mask import find_marking, replace_circle_by_arc, suit_field
 from circlecal.stages.rays import cast_rays, measure_along_model
 from circlecal.stages.verdict import (
@@ -79,6 +83,12 @@ ARC_ALONE = (
     "or that it is no penalty arc"
 )
 """Why arcs are not enough."""
+PLACED_ROUNDS = 2
+"""How often the markings of a placed field are measured: where the placement puts them, and where the camera does."""
+LARGEST_MOVE_WIDTHS = 0.02
+"""Mean distance, picture widths, by which the camera may move the markings from where they were found: the placement
+knows no lens, which moves them by 0.001 to 0.013.
+"""
 UNDETERMINED = ("no_circle", "no_ellipse")
 """Refusals that say only that points, lines and arcs are too few without the circle."""
 
@@ -168,7 +178,7 @@ class Setting:
             width=self.width,
             height=self.height,
             field_name=self.template.name,
-            circle_name=self.circle.name,
+            circle_name=attempt.circle_name or self.circle.name,
             attempt=attempt,
             seed=self.config.seed,
             config_digest=config_digest(self.config),
@@ -547,7 +557,7 @@ def remeasure_along_camera(setting: Setting, scene: Scene, attempt: Attempt) -> 
     with setting.clock("rays"):
         picture = lighten_markings(scene.gray, mask, circle)
         for curve in (circle, *(template.arcs if is_turned_by_lines else ())):
-            points, sigma = measure_along_model(picture, camera, curve, template, edges.noise, config.rays)
+            points, sigma = measure_along_model(picture, camera.view, curve, template, edges.noise, config.rays)
             if len(points) >= config.ellipse.minimum_points:
                 found[curve.name] = CirclePoints(curve.name, "center", points, sigma)
     if circle.name not in found:
@@ -645,6 +655,58 @@ def take_arcs(setting: Setting, scene: Scene, first: Attempt) -> Iterator[Attemp
         yield calibrate_scene(setting, scene, marking=marking)
 
 
+def _may_place_field(setting: Setting, first: Attempt) -> bool:
+    """Whether any circle of the template may be the one seen, and what is looked for usually did not calibrate."""
+    field = setting.config.field
+    is_seen = first.mask is not None and first.mask.source == "detector"
+    is_open = first.verdict is not None and (not first.is_calibrated or needs_confirmation(first.verdict))
+    return field.any_circle and field.circle is None and is_seen and is_open and setting.config.camera.enabled
+
+
+def place_template(setting: Setting, scene: Scene, first: Attempt) -> Iterator[Attempt]:
+    """The attempt with the field laid over the picture by all that is painted, where that is possible in one way."""
+    mask, config, template = first.mask, setting.config, setting.template
+    if mask is None:
+        return
+    with setting.clock("cues"):
+        options = suit_field(config.mask, template).detector
+        side = config.correspondences.camera_side
+        placed = choose_placement(find_placements(scene.image, scene.gray, mask, options, template, side))
+    if placed is None:
+        return
+    told = replace(setting, circle=placed.circle)
+    mask = replace(mask, conic=placed.conic, halfway=None, confidence=Confidence.ACCEPTED, band_px=0.0)
+    picture = lighten_markings(scene.gray, mask, placed.circle)
+    attempt = Attempt(mask=mask, circle_name=placed.circle.name)
+    view = FieldView(PlaneCamera(setting.width, setting.height, placed.H_image_field))
+    try:
+        with setting.clock("edges"):
+            attempt = replace(attempt, edges=detect_edges(picture, mask, config.edges))
+    except EstimationError:
+        return
+    for _ in range(PLACED_ROUNDS):
+        attempt = _calibrate_view(told, picture, attempt, view)
+        if attempt.camera is None:
+            return
+        view = attempt.camera.view
+    if attempt.verdict is None or placed.distance_px(view, template) > LARGEST_MOVE_WIDTHS * setting.width:
+        return
+    found = Check("found_share", placed.found_share, LEAST_SHARE, placed.found_share >= LEAST_SHARE)
+    yield replace(attempt, verdict=replace(attempt.verdict, checks=(*attempt.verdict.checks, found)))
+
+
+def _calibrate_view(setting: Setting, picture: NDArray[np.uint8], attempt: Attempt, view: FieldView) -> Attempt:
+    """The attempt with every marking measured where a view puts it."""
+    mask, edges, template = attempt.mask, attempt.edges, setting.template
+    if mask is None or edges is None:
+        return attempt
+    with setting.clock("rays"):
+        circles, lines = measure_template(picture, view, template, mask.field_region, edges.noise, setting.config.rays)
+    observations = Observations(setting.width, setting.height, circles, lines)
+    seen = replace(attempt, verdict=None, camera=None, correspondences=None, homography=None)
+    return estimate(setting, take_observations(setting, seen, observations))
+
+
 REFINEMENTS = (
     Retry(_is_worth_remeasuring, remeasure_along_camera, lambda setting, attempt, refined: True),
     Retry(_may_show_faint_lines, add_faint_lines, _is_less_uncertain),
@@ -665,7 +727,8 @@ def look_for_field_lines(setting: Setting, scene: Scene) -> Attempt | None:
     source = config.mask.source
     if not _may_use_field_lines(setting) or source not in ("auto", "detector") or scene.given is not None:
         return None
-    quick = config.mask.model_copy(update={"detector": config.mask.detector.model_copy(update={"thorough": False})})
+    suited = suit_field(config.mask, setting.template)
+    quick = suited.model_copy(update={"detector": suited.detector.model_copy(update={"thorough": False})})
     with setting.clock("mask"):
         marking, refusal = find_marking(scene.image, None, quick, np.random.default_rng(config.seed), scene.gray)
     if refusal is None:
@@ -718,7 +781,7 @@ def _with_curves(setting: Setting, picture: NDArray[np.uint8], attempt: Attempt,
     found: list[CirclePoints] = []
     with setting.clock("rays"):
         for curve in (setting.circle, *template.arcs):
-            points, sigma = measure_along_model(picture, camera, curve, template, noise, config.rays)
+            points, sigma = measure_along_model(picture, camera.view, curve, template, noise, config.rays)
             if len(points) >= config.ellipse.minimum_points:
                 found.append(CirclePoints(curve.name, "center", points, sigma))
     if not found:
@@ -747,6 +810,7 @@ OTHER_INTERPRETATIONS = (
         take_arcs,
         lambda setting, first, other: other.is_calibrated,
     ),
+    Retry(_may_place_field, place_template, lambda setting, first, other: other.is_calibrated),
     Retry(_shows_field_lines, take_field_lines, lambda setting, first, other: True),
 )
 """What else in the picture is taken for the circle; in this order."""

@@ -540,6 +540,8 @@ class Attempt:
         What the camera is fitted to: everything that was measured, and what was given beside the picture.
     verdict : Verdict or None
         The answer of the last stage, or why an earlier one gave up.
+    circle_name : str or None
+        Circle of the template that the seen one was taken for, where it is another than the one looked for.
     """
 
     mask: MarkingMask | None = None
@@ -552,6 +554,7 @@ class Attempt:
     homography: HomographyFit | None = None
     camera: CameraFit | None = None
     verdict: Verdict | None = None
+    circle_name: str | None = None
 
     @property
     def fitted(self) -> Fitted | None:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from circlecal.field import Arc, Circle, FieldTemplate
+from circlecal.field.view import FieldView
 from circlecal.geometry.ellipses import Ellipse, ellipse_from_conic
 from circlecal.geometry.projective import Array
 from circlecal.geometry.ransac import ransac_conic
@@ -21,7 +22,7 @@ from circlecal.observations import CircleEdge
 from circlecal.paint.bands import Bands, measure_bands, rise_above_noise
 from circlecal.paint.profiles import GrayPicture, sample_profiles, smooth_along
 from circlecal.refusals import Confidence, refuse
-from circlecal.results import CameraFit, EdgePoints, MarkingMask, RayPoints
+from circlecal.results import EdgePoints, MarkingMask, RayPoints
 
 CLEAR_OF_ENDS_PX = 6.0
 """An arc ends on a line: nearer than this beyond the search its paint is not told from the line's, at 1920 px width."""
@@ -136,7 +137,7 @@ def _first_look(
 
 def measure_along_model(
     picture: GrayPicture,
-    fit: CameraFit,
+    view: FieldView,
     circle: Circle,
     template: FieldTemplate,
     noise: float,
@@ -151,8 +152,8 @@ def measure_along_model(
     ----------
     picture : (H, W) uint8 or float32
         Brightness, with the markings lighter than the field.
-    fit : CameraFit
-        The camera.
+    view : FieldView
+        Where the camera sees the field.
     circle, template : Circle, FieldTemplate
         What is looked for.
     noise : float
@@ -171,7 +172,7 @@ def measure_along_model(
 
     def project_edge(edge: CircleEdge, at: Array) -> Array:
         ring = np.asarray(circle.center) + template.radius(circle, edge) * np.stack([np.cos(at), np.sin(at)], axis=-1)
-        return fit.view.project(ring)
+        return view.project(ring)
 
     steps = np.linalg.norm(np.diff(project_edge("center", angle), axis=0), axis=-1)
     length = np.concatenate([[0.0], np.cumsum(np.nan_to_num(steps))])

@@ -191,7 +191,7 @@ def test_a_camera_that_is_a_little_off_leads_along_the_whole_circle(painted):
     off = view(position=(4.1, 40.3, -22.2), focal=2312.0)
     model = ProjectionModel(NEAR.width, NEAR.height, Surface("flat", CIRCLE.radius_m))
     fit = camera_fit(off, theta=theta_of(off, model))
-    points, sigma = measure_along_model(to_gray(painted.image), fit, CIRCLE, SOCCER, 1.5, RaysConfig())
+    points, sigma = measure_along_model(to_gray(painted.image), fit.view, CIRCLE, SOCCER, 1.5, RaysConfig())
     assert len(points) > 400
     assert sigma.shape == (len(points),)
     assert np.median(np.abs(distances(painted, points, "center"))) < 0.15
@@ -214,7 +214,7 @@ def test_an_arc_is_measured_between_its_ends():
     cv2.circle(image, (round(float(boot[0]) + 5), round(float(boot[1]))), 4, (240, 240, 240), -1)
     model = ProjectionModel(camera.width, camera.height, Surface("flat", arc.radius_m))
     fit = camera_fit(camera, theta=theta_of(camera, model))
-    points, _ = measure_along_model(to_gray(image), fit, arc, SOCCER, 1.5, RaysConfig())
+    points, _ = measure_along_model(to_gray(image), fit.view, arc, SOCCER, 1.5, RaysConfig())
     truth = camera.project(middle)
     distance = np.linalg.norm(points[:, None] - truth, axis=-1)
     assert len(points) > 100
@@ -233,5 +233,5 @@ def test_paint_that_would_fill_the_picture_is_not_measured():
     camera = aim_camera(place, ahead, focal, 0.0, 1280, 720, kappa)
     assert np.isnan(camera.project(np.array([-SOCCER.radius(CIRCLE, "center"), 0.0]))).all()
     fit = camera_fit(camera)
-    points, sigma = measure_along_model(np.full((720, 1280), 90, np.uint8), fit, CIRCLE, SOCCER, 1.5, RaysConfig())
+    points, sigma = measure_along_model(np.full((720, 1280), 90, np.uint8), fit.view, CIRCLE, SOCCER, 1.5, RaysConfig())
     assert (points.shape, sigma.shape) == ((0, 2), (0,))

@@ -1,0 +1,724 @@
+"""Which circle of the field a circle in the picture is, and how the field lies about it, told by everything else that
+is painted.
+
+A circle that is seen and a focal length leave two planes (the circular sections of the cone over its image), and on
+each the field may be turned about the circle. So every circle in the picture is taken for every circle and arc of the
+field, with many focal lengths and turns; under each such camera the template is laid over the ridges of the picture,
+and the one whose markings lie on ridges of their direction wins. Neither a halfway line nor a centre circle is needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.detection.options import DetectorConfig
+from circlecal.detection.picture import Scaling, reduce_picture
+from circlecal.detection.ridges import RidgePoints, find_ridges
+from circlecal.field import Circle, FieldTemplate
+from circlecal.field.view import FieldView
+from circlecal.geometry.conics import sampson_distance
+from circlecal.geometry.ellipses import ellipse_from_conic
+from circlecal.geometry.homography import SIDES
+from circlecal.geometry.projective import Array, Mask, lift
+from circlecal.observations import CirclePoints, LinePoints
+from circlecal.paint.lines import ONE_ROUND, measure_lines
+from circlecal.paint.profiles import GrayPicture
+from circlecal.results import MarkingMask, Segment
+from circlecal.stages.rays import RaysConfig, measure_along_model
+
+DIRECTIONS = 8
+"""Maps of ridges by direction; a ridge is in the map of its own and of both neighbouring ones."""
+FOCAL_WIDTHS, FOCALS = (0.6, 8.0), 16
+"""Range of the focal length, picture widths, and how many between, at equal ratios."""
+TURN_DEG = 2.5
+"""Between two turns of the field about a circle."""
+LARGEST_ROLL_DEG, ROLL_SD_DEG = 8.0, 2.0
+"""Of the cameras that are tried, and of a broadcast's camera."""
+HEIGHT_M = (0.3, 80.0)
+"""Of the cameras that are tried above the ground."""
+COARSE_SHARE, MIDDLE_SHARE, FINE_SHARE = 0.03, 0.012, 0.006
+"""Distance from a ridge at which a marking is not explained by it any more, picture widths: of the first cameras, whose
+turn is off by half a step, after their first fit, and after the last."""
+COLOURS = ("any", "blue", "other than blue")
+"""Of ridges that are told apart. Pictures hold colours at half their resolution, so thin red paint looks gray (in three
+rinks blue stood out by 24 to 48 levels on wide blue lines, red by 1 to 11 on circles of 2 in).
+"""
+WIDE_M = 0.2
+"""Least width of paint whose colour is told."""
+BESIDE_PX, LEAST_COLOUR, COLOUR_SHARE = 10.0, 10.0, 0.2
+"""Distance from a ridge at which the surface is looked at, pixels of the searched picture; grey levels, and share of
+what the paint changes most, by which blue must stand out from the mean of green and red.
+"""
+SEARCH_WIDTH_PX = 960
+"""Width of the searched picture (does not scale). At 720 far lines of 2 in are lost: four of ten frames with them."""
+STRUCTURE_PX = 2.5
+"""From a circle or a line within which a ridge belongs to it, pixels of the searched picture."""
+BREAK_EVEN = 0.4
+"""Share of a marking in view that must lie on ridges for it to speak for a camera: players, boards and logos hide the
+rest."""
+FOLLOWED, FIRST_KEPT, KEPT = 1500, 160, 24
+"""Best cameras, of which so many different ones are fitted to what is surely painted, and so many of these to all."""
+ALIKE_WIDTHS = 0.04
+"""Two cameras that put the field's nearest markings within this share of the picture's width are one."""
+FIRST_ROUNDS, ROUNDS = 5, 10
+"""Of the first and the last fit, in which the reach shrinks from one of these distances to the next."""
+OWN_PX, RIDGE_PX = 1.0, 1.5
+"""Standard deviations of the circle and of ridges under the fit, pixels of the searched picture."""
+STEP = 1e-5
+"""Of the numerical derivatives: radians, logarithm of the focal length, shares of the distance."""
+COARSE_NODES = 4
+"""Every so many nodes of an outline are looked at for the first cameras."""
+MOST_CIRCLES, SAME_CIRCLE = 5, 0.06
+"""Seen circles from which cameras start; share of the great half axis by which centre and axes of one may differ."""
+LEAST_EVIDENCE, LEAST_SHARE, RIVAL_RATIO = 0.3, 0.55, 1.35
+"""Evidence, picture widths, and share of the markings in view on ridges, without which a placed field is not believed;
+and by how much its evidence must exceed that of every other placement. Of 18 frames of other sports the right ones had
+0.39 to 1.78, 0.57 to 0.85 and ratios from 1.5; where the best was wrong it had 0.41 at most, and ratios up to 1.24.
+"""
+SHORTEST_LINE, LINE_SEARCH_PX, LINE_RMS_PX, LINE_SHARE = 0.06, 9.0, 2.5, 0.35
+"""A straight marking is measured where a placed field shows so much of it, picture widths; how far to both sides, and
+with what scatter, pixels at 1920 px width; and the share of it that must be seen.
+"""
+LINE_SPACING_PX, FEWEST_ON_CIRCLE = 2.0, 16
+"""Between two profiles across a line, pixels; points of a circle or an arc, fewer of which are left out."""
+LINE_NODES = 65
+"""Along a straight marking, which tell what of it the picture shows."""
+
+
+@dataclass(frozen=True, slots=True)
+class RidgeMaps:
+    """Where the nearest ridge of each direction is, in a reduced picture of (h, w) pixels.
+
+    Attributes
+    ----------
+    distance : (C, D, h, w) float32
+        Distance in pixels, for each of :data:`COLOURS`.
+    label : (C, D, h, w) int32
+        Index of the ridge's pixel among ``places``.
+    places : (M, 2) array
+        Pixels of ridges.
+    region : (h, w) bool
+        The playing surface.
+    scaling : Scaling
+        Way back to the full picture.
+    """
+
+    distance: NDArray[np.float32]
+    label: NDArray[np.int32]
+    places: Array
+    region: Mask
+    scaling: Scaling
+
+    @property
+    def width(self) -> int:
+        """Pixels of the reduced picture."""
+        return int(self.distance.shape[3])
+
+
+@dataclass(frozen=True, slots=True)
+class PlacedField:
+    """A field before a camera that a seen circle led to.
+
+    Attributes
+    ----------
+    circle : Circle
+        What the seen circle is taken for.
+    conic : (3, 3) array
+        The seen circle, pixels of the full picture.
+    H_image_field : (3, 3) array
+        Field (metres) to pixels of the full picture, without a lens.
+    evidence : float
+        Length of markings that lie on ridges beyond break-even, picture widths.
+    found_share : float
+        Share of the markings in view that lie on ridges.
+    """
+
+    circle: Circle
+    conic: Array
+    H_image_field: Array
+    evidence: float
+    found_share: float
+
+    def distance_px(self, view: FieldView, template: FieldTemplate) -> float:
+        """Mean distance in pixels between the markings in the picture under this placement and under a view."""
+        camera = view.camera
+        nodes = template.outlines[1].reshape(-1, 2)
+        here, ahead = _project(self.H_image_field[None], nodes)
+        there = view.project(nodes)
+        shown = ahead[0] & ((here[0] > 0) & (here[0] < (camera.width, camera.height))).all(axis=1)
+        off = np.linalg.norm(np.nan_to_num(there, nan=1e6) - here[0], axis=1)
+        return float(off[shown].mean()) if shown.any() else np.inf
+
+
+@dataclass(frozen=True, slots=True)
+class _Cameras:
+    """B cameras: rotations (B, 3, 3) and shifts (B, 3) from the field to the camera, logarithms of focal lengths (B,),
+    which circle of the template (B,) and of the picture (B,) each came from.
+    """
+
+    rotation: Array
+    shift: Array
+    log_focal: Array
+    own: NDArray[np.intp]
+    seen: NDArray[np.intp]
+
+    def take(self, index: NDArray[np.intp]) -> _Cameras:
+        return _Cameras(
+            self.rotation[index], self.shift[index], self.log_focal[index], self.own[index], self.seen[index]
+        )
+
+    def homographies(self, center: Array) -> Array:
+        """Field to pixels (B, 3, 3), positive depth before the camera."""
+        columns = np.stack([self.rotation[:, :, 0], self.rotation[:, :, 1], self.shift], axis=-1)
+        focal = np.exp(self.log_focal)[:, None]
+        x = focal * columns[:, 0] + center[0] * columns[:, 2]
+        y = focal * columns[:, 1] + center[1] * columns[:, 2]
+        return np.stack([x, y, columns[:, 2]], axis=1)
+
+
+def find_paint(
+    gray: NDArray[np.uint8], hull: NDArray[np.uint8], signs: Sequence[float], config: DetectorConfig
+) -> tuple[RidgePoints, Mask, Scaling]:
+    """Ridges of a reduced picture on the playing surface, the surface there, and the way back to the full picture.
+
+    Parameters
+    ----------
+    gray : (H, W) uint8
+        Brightness.
+    hull : (h, w) uint8
+        The playing surface, 255, at any size.
+    signs : sequence of float
+        +1 for markings lighter than the surface, -1 for darker ones, or both.
+    config : DetectorConfig
+    """
+    reduced, scaling = reduce_picture(gray, SEARCH_WIDTH_PX, SEARCH_WIDTH_PX)
+    rows, columns = reduced.shape
+    region = np.asarray(cv2.resize(hull, (columns, rows), interpolation=cv2.INTER_NEAREST), np.uint8)
+    found = [find_ridges(reduced, region, sign, config.ridges) for sign in signs]
+    ridges = RidgePoints(*(np.concatenate([getattr(r, n) for r in found]) for n in RidgePoints.__slots__))
+    return ridges, region > 0, scaling
+
+
+def select_structures(ridges: RidgePoints, conics: Sequence[Array], segments: Array) -> RidgePoints:
+    """The ridges that lie on circles or straight lines that were found, (3, 3) and (K, 2, 2) in the same picture: what
+    is painted, mostly, without legs and letters.
+    """
+    on = np.zeros(len(ridges), np.bool_)
+    for conic in conics:
+        on |= np.abs(sampson_distance(conic, ridges.points)) < STRUCTURE_PX
+    for start, end in segments:
+        span = end - start
+        length = np.linalg.norm(span)
+        offset = ridges.points - start
+        along = offset @ span / length
+        beside = np.abs(offset @ np.array([-span[1], span[0]])) / length
+        on |= (beside < STRUCTURE_PX) & (along > -STRUCTURE_PX) & (along < length + STRUCTURE_PX)
+    return RidgePoints(ridges.points[on], ridges.normals[on], ridges.chain[on])
+
+
+def tell_colours(image: NDArray[np.uint8], ridges: RidgePoints, scaling: Scaling) -> Mask:
+    """Which ridges (N,) may be each of :data:`COLOURS` (C, N), by what they add to the colours beside them."""
+    places = scaling.full(ridges.points)
+    beside = BESIDE_PX * float(scaling.factor.mean())
+    height, width = image.shape[:2]
+
+    def at(points: Array) -> Array:
+        x, y = np.clip(np.rint(points), 0, (width - 1, height - 1)).astype(np.intp).T
+        return image[y, x].astype(np.float64)
+
+    added = at(places) - 0.5 * (at(places + beside * ridges.normals) + at(places - beside * ridges.normals))
+    blue, green, red = added.T
+    least = np.maximum(LEAST_COLOUR, COLOUR_SHARE * np.abs(added).max(axis=1))
+    bluish = blue - 0.5 * (green + red) > least
+    return np.array([np.ones(len(ridges), np.bool_), bluish, ~bluish])
+
+
+def map_ridges(ridges: RidgePoints, region: Mask, scaling: Scaling, colours: Mask) -> RidgeMaps:
+    """Maps of ridges on a playing surface (h, w), for each colour that they may have (C, N)."""
+    rows, columns = region.shape
+    direction = np.floor(np.arctan2(*ridges.normals.T[::-1]) % np.pi * (DIRECTIONS / np.pi)).astype(int)
+    distance = np.full((len(colours), DIRECTIONS, rows, columns), columns, np.float32)
+    label = np.zeros(distance.shape, np.int32)
+    places = [np.zeros((1, 2))]
+    x, y = np.clip(np.rint(ridges.points), 0, (columns - 1, rows - 1)).astype(int).T
+    for c, k in np.ndindex(len(colours), DIRECTIONS):
+        near = colours[c] & np.isin((direction - k + 1) % DIRECTIONS, (0, 1, 2))
+        if not near.any():
+            continue
+        free = np.ones((rows, columns), np.uint8)
+        free[y[near], x[near]] = 0
+        away, nearest = cv2.distanceTransformWithLabels(free, cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL)
+        at = np.argwhere(free == 0)
+        place = np.zeros((len(at) + 1, 2))
+        place[nearest[at[:, 0], at[:, 1]]] = at[:, ::-1]
+        distance[c, k] = away
+        np.add(nearest, sum(len(part) for part in places), out=label[c, k])
+        places.append(place)
+    return RidgeMaps(distance, label, np.concatenate(places), region, scaling)
+
+
+def place_field(
+    conics: Sequence[Array],
+    structures: RidgeMaps,
+    maps: RidgeMaps,
+    template: FieldTemplate,
+    size: tuple[int, int],
+    side: str,
+) -> list[PlacedField]:
+    """Ways to lay a field over a picture, the one with most evidence first.
+
+    Parameters
+    ----------
+    conics : sequence of (3, 3) arrays
+        Circles that were seen, pixels of the full picture.
+    structures, maps : RidgeMaps
+        Of the ridges on circles and lines that were found, by which cameras are chosen, and of all.
+    template : FieldTemplate
+        The field.
+    size : (int, int)
+        Width and height of the full picture.
+    side : str
+        Side of the field from which the camera looks.
+
+    Returns
+    -------
+    list of PlacedField
+        Those that put the field in clearly different places.
+    """
+    factor = maps.scaling.factor
+    into = _into_full(maps.scaling)
+    small = [into.T @ conic @ into for conic in conics]
+    circles = (*template.circles, *template.arcs)
+    middle = (np.array(size) - 1) / 2
+    middle = (middle + 0.5) / factor - 0.5
+    cameras = _cameras_before_circles(small, circles, template, maps.width, middle, side)
+    if cameras is None:
+        return []
+    _, nodes, _ = template.outlines
+    few, paint = nodes[:, ::COARSE_NODES], _colours_of(template)
+    rough = COARSE_SHARE * maps.width * np.geomspace(1.0, MIDDLE_SHARE / COARSE_SHARE, FIRST_ROUNDS)
+    score = _score(cameras, few, paint, structures, middle, rough[0])[0]
+    best = cameras.take(_distinct(cameras, score, middle, nodes, maps, FOLLOWED)[:FIRST_KEPT])
+    best = _fit(best, small, circles, template, few, paint, structures, middle, rough)
+    score = _score(best, few, paint, maps, middle, rough[-1])[0]
+    best = best.take(_distinct(best, score, middle, nodes, maps, FIRST_KEPT)[:KEPT])
+    finer = maps.width * np.geomspace(MIDDLE_SHARE, FINE_SHARE, ROUNDS)
+    fitted = _fit(best, small, circles, template, nodes, paint, maps, middle, finer)
+    score, share = _score(fitted, nodes, paint, maps, middle, FINE_SHARE * maps.width)
+    order = _distinct(fitted, score, middle, nodes, maps, KEPT)
+    H = fitted.homographies(middle)
+    return [
+        PlacedField(
+            circles[fitted.own[k]], conics[fitted.seen[k]], into @ H[k], float(score[k]) / maps.width, float(share[k])
+        )
+        for k in order
+    ]
+
+
+def find_placements(
+    image: NDArray[np.uint8],
+    gray: NDArray[np.uint8],
+    mask: MarkingMask,
+    config: DetectorConfig,
+    template: FieldTemplate,
+    side: str,
+) -> list[PlacedField]:
+    """Ways to lay a field over a picture from what the detector found in it, the one with most evidence first.
+
+    Parameters
+    ----------
+    image, gray : (H, W, 3), (H, W) uint8
+        The picture and its brightness.
+    mask : MarkingMask
+        What the detector found.
+    config : DetectorConfig
+        Options of the detector.
+    template : FieldTemplate
+        The field.
+    side : str
+        Side of the field from which the camera looks.
+    """
+    conics = _distinct_circles(mask)
+    if not conics or mask.field_region is None:
+        return []
+    sign = 1.0 if mask.polarity is None else mask.polarity
+    hull = mask.field_region.astype(np.uint8) * 255
+    ridges, region, scaling = find_paint(gray, hull, (sign,), config)
+    if len(ridges) == 0:
+        return []
+    into = _into_full(scaling)
+    halfway = () if mask.halfway is None else (mask.halfway,)
+    segments = np.array([(s.start, s.end) for s in (*mask.lines, *halfway)]).reshape(-1, 2, 2)
+    segments = (segments + 0.5) / scaling.factor - 0.5
+    drawn = select_structures(ridges, [into.T @ conic @ into for conic in conics], segments)
+    structures, maps = (
+        map_ridges(found, region, scaling, tell_colours(image, found, scaling)) for found in (drawn, ridges)
+    )
+    return place_field(conics[:MOST_CIRCLES], structures, maps, template, gray.shape[::-1], side)
+
+
+def choose_placement(placed: Sequence[PlacedField]) -> PlacedField | None:
+    """The first placement, where it is clear; None where another one explains the picture nearly as well."""
+    if not placed or placed[0].evidence < LEAST_EVIDENCE or placed[0].found_share < LEAST_SHARE:
+        return None
+    is_clear = len(placed) == 1 or placed[0].evidence > RIVAL_RATIO * placed[1].evidence
+    return placed[0] if is_clear else None
+
+
+def measure_template(
+    picture: GrayPicture,
+    view: FieldView,
+    template: FieldTemplate,
+    region: Mask | None,
+    noise: float,
+    config: RaysConfig,
+) -> tuple[tuple[CirclePoints, ...], tuple[LinePoints, ...]]:
+    """Points on the circles, arcs and straight markings of a field where a view puts them.
+
+    Parameters
+    ----------
+    picture : (H, W) uint8 or float32
+        Brightness, with the markings lighter than the field.
+    view : FieldView
+        Where the field is seen.
+    template : FieldTemplate
+        The field.
+    region : (h, w) bool or None
+        The playing surface in a reduced picture.
+    noise : float
+        Grey-level noise of the picture.
+    config : RaysConfig
+        How circles are measured.
+    """
+    circles = []
+    for circle in (*template.circles, *template.arcs):
+        points, sigma = measure_along_model(picture, view, circle, template, noise, config)
+        on = _is_on(region, points, picture.shape)
+        if on.sum() >= FEWEST_ON_CIRCLE:
+            circles.append(CirclePoints(circle.name, "center", points[on], sigma[on]))
+    return tuple(circles), _measure_lines_of(picture, view, template, region, noise)
+
+
+def _measure_lines_of(
+    picture: GrayPicture, view: FieldView, template: FieldTemplate, region: Mask | None, noise: float
+) -> tuple[LinePoints, ...]:
+    width = picture.shape[1]
+    unit = width / 1920.0
+    share = np.linspace(0.0, 1.0, LINE_NODES)[:, None]
+    names, segments, widths = [], [], []
+    for line in template.lines:
+        first, last = template.line_ends(line)
+        shown = view.project(first + share * (last - first))
+        ahead = np.flatnonzero(np.isfinite(shown).all(axis=1))
+        visible = ahead[_is_on(region, shown[ahead], picture.shape)]
+        if len(visible) < 2:
+            continue
+        start, end = shown[visible[0]], shown[visible[-1]]
+        if np.linalg.norm(end - start) < SHORTEST_LINE * width:
+            continue
+        across = np.array([first[1] - last[1], last[0] - first[0]]) / np.linalg.norm(last - first)
+        paint = 0.5 * template.paint_width(line) * across
+        ends = (first + share[visible[[0, -1]]] * (last - first))[:, None] + np.array([paint, -paint])
+        normal = np.array([start[1] - end[1], end[0] - start[0]]) / np.linalg.norm(end - start)
+        names.append(line.name)
+        segments.append(Segment(start, end))
+        widths.append(np.abs((view.project(ends[:, 0]) - view.project(ends[:, 1])) @ normal))
+    found = measure_lines(
+        picture, segments, noise, LINE_SEARCH_PX, LINE_SPACING_PX, ONE_ROUND, np.array(widths).reshape(-1, 2)
+    )
+    return tuple(
+        LinePoints(name, cue.points_px, cue.sigma_px)
+        for name, segment, cue in zip(names, segments, found, strict=True)
+        if cue is not None
+        and cue.rms_px < LINE_RMS_PX * unit
+        and np.linalg.norm(cue.segment.end - cue.segment.start)
+        > LINE_SHARE * np.linalg.norm(segment.end - segment.start)
+    )
+
+
+def _is_on(region: Mask | None, points: Array, shape: tuple[int, ...]) -> Mask:
+    """Which pixels (N, 2) of a picture of this shape lie in it and on the surface (h, w)."""
+    inside = (points >= 0).all(axis=1) & (points <= (shape[1] - 1, shape[0] - 1)).all(axis=1)
+    if region is None:
+        return np.asarray(inside, np.bool_)
+    rows, columns = region.shape
+    at = np.clip((points * (columns / shape[1], rows / shape[0])).astype(int), 0, (columns - 1, rows - 1))
+    return np.asarray(inside & region[at[:, 1], at[:, 0]], np.bool_)
+
+
+def _distinct_circles(mask: MarkingMask) -> list[Array]:
+    """The circles, arcs and candidates of a mask, each once."""
+    seen = (
+        *(() if mask.conic is None else (mask.conic,)),
+        *(a.conic for a in mask.arcs),
+        *(c.conic for c in mask.candidates),
+    )
+    kept: list[Array] = []
+    shapes: list[Array] = []
+    for conic in seen:
+        ellipse = ellipse_from_conic(conic)
+        if ellipse is None:
+            continue
+        shape = np.r_[ellipse.center, ellipse.semi_axes]
+        if all(np.abs(shape - other).max() > SAME_CIRCLE * shape[2] for other in shapes):
+            shapes.append(shape)
+            kept.append(conic)
+    return kept
+
+
+def _into_full(scaling: Scaling) -> Array:
+    """Pixels of the searched picture to those of the full one (3, 3)."""
+    x, y = scaling.factor
+    return np.array([[x, 0.0, 0.5 * x - 0.5], [0.0, y, 0.5 * y - 0.5], [0.0, 0.0, 1.0]])
+
+
+def _colours_of(template: FieldTemplate) -> NDArray[np.intp]:
+    """Index (K,) among :data:`COLOURS` of each outline of the template."""
+    elements = (*template.circles, *template.arcs, *template.lines)
+    is_wide = [template.paint_width(element) > WIDE_M for element in elements]
+    told = [
+        "blue" if e.color == "blue" and wide else "other than blue" if e.color == "red" else "any"
+        for e, wide in zip(elements, is_wide, strict=True)
+    ]
+    return np.array([COLOURS.index(color) for color in told])
+
+
+def _cameras_before_circles(
+    conics: Sequence[Array],
+    circles: Sequence[Circle],
+    template: FieldTemplate,
+    width: int,
+    middle: Array,
+    side: str,
+) -> _Cameras | None:
+    """Every seen circle as every circle of the field, for all focal lengths and turns of upright cameras above ground."""
+    focal = width * np.geomspace(*FOCAL_WIDTHS, FOCALS)
+    turns = np.radians(np.arange(0.0, 360.0, TURN_DEG))
+    parts = []
+    for seen, conic in enumerate(conics):
+        normal, unit_center, log_focal = _circular_sections(conic, focal, middle)
+        right = np.array([1.0, 0.0, 0.0]) - normal * normal[:, :1]
+        right /= np.linalg.norm(right, axis=1, keepdims=True)
+        near = np.cross(normal, right)
+        for own, circle in enumerate(circles):
+            center_m = np.asarray(circle.center)
+            place = unit_center * template.radius(circle, "center")
+            x = np.cos(turns)[:, None, None] * right + np.sin(turns)[:, None, None] * near
+            y = -np.sin(turns)[:, None, None] * right + np.cos(turns)[:, None, None] * near
+            rotation = np.stack([x, y, np.broadcast_to(normal, x.shape)], axis=-1).reshape(-1, 3, 3)
+            shift = (place - center_m[0] * x - center_m[1] * y).reshape(-1, 3)
+            stands = -np.einsum("bij,bi->bj", rotation, shift)
+            kept = (stands[:, :2] @ np.array(SIDES[side]) >= 0) & (-stands[:, 2] > HEIGHT_M[0])
+            kept &= -stands[:, 2] < HEIGHT_M[1]
+            kept = np.flatnonzero(kept)
+            index = np.full(len(kept), own), np.full(len(kept), seen)
+            parts.append(_Cameras(rotation[kept], shift[kept], np.tile(log_focal, len(turns))[kept], *index))
+    if not parts or not sum(len(part.own) for part in parts):
+        return None
+    joined = (np.concatenate([getattr(part, name) for part in parts]) for name in _Cameras.__slots__)
+    return _Cameras(*joined)
+
+
+def _circular_sections(conic: Array, focal: Array, middle: Array) -> tuple[Array, Array, Array]:
+    """Planes on which an ellipse is the image of a circle, for upright cameras above them.
+
+    Chen, Q., Wu, H., Wada, T. (2004), *Camera calibration with two arbitrary coplanar circles*, section 2.
+
+    Returns
+    -------
+    normal, center : (K, 3) arrays
+        Unit normal away from the camera, and the centre of a circle of radius 1, in the camera's frame.
+    log_focal : (K,) array
+    """
+    K = np.zeros((len(focal), 3, 3))
+    K[:, 0, 0] = K[:, 1, 1] = focal
+    K[:, :2, 2], K[:, 2, 2] = middle, 1.0
+    cone = K.swapaxes(1, 2) @ conic @ K
+    cone *= -np.sign(np.linalg.det(cone))[:, None, None]
+    values, vectors = np.linalg.eigh(cone)
+    low, middle_value, high = values.T
+    g = np.sqrt(np.maximum(high - middle_value, 0.0) / (high - low))
+    h = np.sqrt(np.maximum(middle_value - low, 0.0) / (high - low))
+    along, across = vectors[:, :, 2] * g[:, None], vectors[:, :, 0] * h[:, None]
+    normal = np.concatenate([along + across, along - across])
+    cone, K, valid = np.tile(cone, (2, 1, 1)), np.tile(K, (2, 1, 1)), np.tile((low < 0) & (middle_value > 0), 2)
+    center = np.linalg.solve(cone, normal[..., None])[..., 0]
+    center *= np.where(center[:, 2:] < 0, -1.0, 1.0)
+    facing = np.sum(normal * center, axis=1)
+    normal *= np.where(facing < 0, -1.0, 1.0)[:, None]
+    center /= np.maximum(np.abs(facing), 1e-12)[:, None]
+    ellipse = ellipse_from_conic(conic)
+    if ellipse is None:
+        return np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
+    rim = np.linalg.solve(K, np.broadcast_to(lift(ellipse.points(np.zeros(1)))[0][:, None], (len(K), 3, 1)))[..., 0]
+    rim /= np.sum(normal * rim, axis=1, keepdims=True)
+    center /= np.maximum(np.linalg.norm(rim - center, axis=1, keepdims=True), 1e-12)
+    roll = np.degrees(np.arctan2(normal[:, 0], normal[:, 1]))
+    valid &= np.abs(roll) < LARGEST_ROLL_DEG
+    return normal[valid], center[valid], np.tile(np.log(focal), 2)[valid]
+
+
+def _project(H: Array, points: Array) -> tuple[Array, Mask]:
+    """Pixels (B, N, 2) of field points (N, 2), and which lie before the camera."""
+    homogeneous = lift(points) @ H.swapaxes(1, 2)
+    depth = homogeneous[..., 2]
+    ahead = depth > 1e-6
+    return homogeneous[..., :2] / np.where(ahead, depth, 1.0)[..., None], ahead
+
+
+def _look_up(
+    pixels: Array, ahead: Mask, maps: RidgeMaps
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp], Array, Array]:
+    """Direction, row and column of the maps at places (B, K, N, 2) along K markings, the length of marking that each
+    stands for (0 where the playing surface does not show it), and the normals (B, K, N, 2).
+    """
+    tangent = np.gradient(pixels, axis=2)
+    length = np.hypot(tangent[..., 0], tangent[..., 1])
+    normals = np.stack([-tangent[..., 1], tangent[..., 0]], axis=-1) / np.maximum(length, 1e-9)[..., None]
+    rows, columns = maps.region.shape
+    inside = ahead & (pixels >= 0).all(axis=-1) & (pixels <= (columns - 1, rows - 1)).all(axis=-1)
+    x, y = np.where(inside[..., None], np.rint(pixels), 0).astype(np.intp).transpose(3, 0, 1, 2)
+    direction = np.floor(np.arctan2(normals[..., 1], normals[..., 0]) % np.pi * (DIRECTIONS / np.pi)).astype(np.intp)
+    length = np.where(inside & maps.region[y, x], np.minimum(length, 0.1 * columns), 0.0)
+    return np.minimum(direction, DIRECTIONS - 1), y, x, length, normals
+
+
+def _score(
+    cameras: _Cameras,
+    nodes: Array,
+    paint: NDArray[np.intp],
+    maps: RidgeMaps,
+    middle: Array,
+    reach: float,
+    chunk: int = 4000,
+) -> tuple[Array, Array]:
+    """Length of markings on ridges beyond break-even (B,), pixels, and share of what is in view that lies on ridges."""
+    H = cameras.homographies(middle)
+    scores, shares = [], []
+    for begin in range(0, len(H), chunk):
+        pixels, ahead = _project(H[begin : begin + chunk], nodes.reshape(-1, 2))
+        shape = (len(pixels), *nodes.shape[:2])
+        direction, y, x, length, _ = _look_up(pixels.reshape(*shape, 2), ahead.reshape(shape), maps)
+        explained = np.maximum(0.0, 1.0 - maps.distance[paint[:, None], direction, y, x] / reach)
+        total = length.sum(axis=(1, 2))
+        found = (length * explained).sum(axis=(1, 2))
+        scores.append(found - BREAK_EVEN * total)
+        shares.append(found / np.maximum(total, 1e-9))
+    return np.concatenate(scores), np.concatenate(shares)
+
+
+def _distinct(
+    cameras: _Cameras, score: Array, middle: Array, nodes: Array, maps: RidgeMaps, most: int
+) -> NDArray[np.intp]:
+    """The best cameras, best first, each of those that show the field alike once."""
+    order = np.argsort(-score)[:most]
+    marked, ahead = _project(cameras.homographies(middle)[order], nodes.reshape(-1, 2)[:: COARSE_NODES**2])
+    rows, columns = maps.region.shape
+    shown = ahead & (marked > 0).all(axis=-1) & (marked < (columns, rows)).all(axis=-1)
+    marked, kept = np.where(shown[..., None], marked, 0.0), [0]
+    count = np.maximum(shown.sum(axis=1), 1)
+    for k in range(1, len(order)):
+        off = np.minimum(np.linalg.norm(marked[kept] - marked[k], axis=-1), columns) * shown[k]
+        if (off.sum(axis=1) > ALIKE_WIDTHS * columns * count[k]).all():
+            kept.append(k)
+    return order[kept]
+
+
+def _fit(
+    cameras: _Cameras,
+    conics: Sequence[Array],
+    circles: Sequence[Circle],
+    template: FieldTemplate,
+    nodes: Array,
+    paint: NDArray[np.intp],
+    maps: RidgeMaps,
+    middle: Array,
+    reaches: Array,
+) -> _Cameras:
+    """Cameras moved so that their circle stays where it is seen and the other markings come to lie on ridges within
+    reach, pixels, one round for each.
+    """
+    angle = np.linspace(0.0, 2 * np.pi, 48, endpoint=False)
+    ring = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    own = np.array([np.asarray(c.center) + template.radius(c, "center") * ring for c in circles])[cameras.own]
+    conic = np.array(conics)[cameras.seen]
+    for reach in reaches.tolist():
+        base = _residuals(cameras, own, conic, nodes, paint, maps, middle, reach, None)
+        moved = [
+            _residuals(_move(cameras, step), own, conic, nodes, paint, maps, middle, reach, base.targets)
+            for step in np.eye(7) * STEP
+        ]
+        J = np.stack([(other.values - base.values) / STEP for other in moved], axis=-1)
+        J = np.where(np.isfinite(J), J, 0.0)
+        normal = J.swapaxes(1, 2) @ J
+        normal += 1e-4 * np.eye(7) * np.trace(normal, axis1=1, axis2=2)[:, None, None] / 7 + 1e-9 * np.eye(7)
+        step = -np.linalg.solve(normal, J.swapaxes(1, 2) @ base.values[..., None])[..., 0]
+        cameras = _move(cameras, np.clip(step, -0.3, 0.3))
+    return cameras
+
+
+def _move(cameras: _Cameras, step: Array) -> _Cameras:
+    """Cameras after a step (7,) or (B, 7): turn of the camera, its shift as a share of its distance, and focal length."""
+    step = np.broadcast_to(step, (len(cameras.own), 7))
+    size = np.linalg.norm(step[:, :3], axis=1)
+    axis = step[:, :3] / np.maximum(size, 1e-15)[:, None]
+    cross = np.zeros((len(step), 3, 3))
+    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -axis[:, 2], axis[:, 1], -axis[:, 0]
+    cross -= cross.swapaxes(1, 2)
+    turn = np.eye(3) + np.sin(size)[:, None, None] * cross + (1 - np.cos(size))[:, None, None] * (cross @ cross)
+    distance = np.linalg.norm(cameras.shift, axis=1, keepdims=True)
+    return _Cameras(
+        turn @ cameras.rotation,
+        (turn @ cameras.shift[..., None])[..., 0] + distance * step[:, 3:6],
+        cameras.log_focal + step[:, 6],
+        cameras.own,
+        cameras.seen,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Residuals:
+    """Residuals (B, R), and the ridges with their weights that they refer to."""
+
+    values: Array
+    targets: tuple[Array, Array, Array]
+
+
+def _residuals(
+    cameras: _Cameras,
+    own: Array,
+    conic: Array,
+    nodes: Array,
+    paint: NDArray[np.intp],
+    maps: RidgeMaps,
+    middle: Array,
+    reach: float,
+    targets: tuple[Array, Array, Array] | None,
+) -> _Residuals:
+    H = cameras.homographies(middle)
+    rim = lift(own) @ H.swapaxes(1, 2)
+    rim /= np.where(np.abs(rim[..., 2:]) > 1e-9, rim[..., 2:], 1e-9)
+    polar = rim @ conic
+    off = np.sum(rim * polar, axis=-1) / np.maximum(2 * np.hypot(polar[..., 0], polar[..., 1]), 1e-12)
+    pixels, ahead = _project(H, nodes.reshape(-1, 2))
+    shape = (len(H), *nodes.shape[:2])
+    pixels = pixels.reshape(*shape, 2)
+    if targets is None:
+        direction, y, x, length, normals = _look_up(pixels, ahead.reshape(shape), maps)
+        distance = maps.distance[paint[:, None], direction, y, x]
+        trust = np.where(distance < reach, (1 - (distance / reach) ** 2), 0.0) * np.sqrt(length / 10.0)
+        targets = (
+            maps.places[maps.label[paint[:, None], direction, y, x]],
+            normals,
+            trust / (RIDGE_PX + 0.2 * reach),
+        )
+    nearest, normals, weight = targets
+    beside = np.sum((nearest - pixels) * normals, axis=-1) * weight
+    roll = np.degrees(np.arctan2(cameras.rotation[:, 0, 2], cameras.rotation[:, 1, 2])) / ROLL_SD_DEG
+    values = np.concatenate([off / OWN_PX, beside.reshape(len(H), -1), roll[:, None]], axis=1)
+    return _Residuals(np.nan_to_num(values), targets)

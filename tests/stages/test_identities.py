@@ -1,0 +1,85 @@
+"""Which circle of a rink or a court is the one seen: told by lines, arcs and other circles, without a halfway line."""
+
+import numpy as np
+import pytest
+
+from circlecal.config import load_config
+from circlecal.evaluation.bench.detect import compare
+from circlecal.field import load_field
+from circlecal.geometry.conics import circle_conic, sampson_distance, transform_conic
+from circlecal.geometry.surface import FLAT
+from circlecal.pipeline import run
+from circlecal.stages.identities import PlacedField, _cameras_before_circles, choose_placement
+from circlecal.synthetic.cameras import aimed_camera
+from circlecal.synthetic.renderer import render
+from circlecal.synthetic.scene import RenderConfig, Scene
+
+SIZE = (1280, 720)
+RINK = load_field("ice-hockey-nhl")
+ICE = RenderConfig(
+    ground="ice",
+    turf_bgr=(228.0, 225.0, 220.0),
+    marking_width_m=RINK.marking_width_m,
+    stripe_contrast=0.0,
+    texture=0.02,
+    shade=0.0,
+    haze=0.0,
+    wear=0.1,
+    noise=2.0,
+    board_distance_m=0.05,
+    board_height_m=1.1,
+    corner_m=8.0,
+    shadow_count=0,
+)
+RIGHT_END = aimed_camera(np.array([3.0, 36.0, -13.0]), np.array([19.0, 1.0, 0.0]), 1750.0, 0.01, *SIZE)
+LEFT_CIRCLE = aimed_camera(np.array([-2.0, 36.0, -12.0]), np.array([-16.0, 2.0, 0.0]), 2100.0, -0.01, *SIZE)
+
+
+def placed(evidence, found_share=0.7):
+    return PlacedField(RINK.circles[0], np.eye(3), np.eye(3), evidence, found_share)
+
+
+@pytest.mark.parametrize("camera", [RIGHT_END, LEFT_CIRCLE], ids=["right_end", "left_circle"])
+def test_an_end_zone_is_calibrated_without_centre_circle_and_halfway_line(camera):
+    assert not (np.abs(camera.project([[0.0, 0.0]]) - np.array(SIZE) / 2) < np.array(SIZE) / 2).all()
+    picture = render(Scene(camera, RINK, FLAT, ICE, widths_m={"blue_line_left": 0.3, "blue_line_right": 0.3}),
+                     np.random.default_rng(3))
+    config = load_config(None, ["field.template=ice-hockey-nhl"])
+    found = run(picture.image, config, frame_id="rink")
+    assert found.status == "calibrated", found.verdict
+    assert found.circle_name.startswith("faceoff_right" if camera is RIGHT_END else "faceoff_left")
+    assert compare(picture.truth, found.camera)[0] < 8.0
+    # one circle that is named is the only one that is looked for
+    named = load_config(None, ["field.template=ice-hockey-nhl", "field.any_circle=false"])
+    assert run(picture.image, named, frame_id="rink").status == "refused"
+
+
+def test_a_placement_is_chosen_only_where_it_is_clear():
+    assert choose_placement([]) is None
+    assert choose_placement([placed(1.0), placed(0.9)]) is None
+    assert choose_placement([placed(0.2)]) is None
+    assert choose_placement([placed(1.0, found_share=0.4)]) is None
+    assert choose_placement([placed(1.0), placed(0.5)]).evidence == 1.0
+
+
+def test_every_first_camera_sees_its_circle_where_the_picture_does():
+    circle = RINK.circle_by_name["faceoff_left_top"]
+    conic = transform_conic(LEFT_CIRCLE.homography(), circle_conic(circle.center, RINK.radius(circle, "center")))
+    middle = (np.array(SIZE) - 1) / 2
+    cameras = _cameras_before_circles([conic], RINK.circles, RINK, SIZE[0], middle, "main")
+    angle = np.linspace(0, 2 * np.pi, 40)
+    for k in range(0, len(cameras.own), 97):
+        own = RINK.circles[cameras.own[k]]
+        rim = np.asarray(own.center) + RINK.radius(own, "center") * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        seen = np.c_[rim, np.ones(len(rim))] @ cameras.homographies(middle)[k].T
+        assert np.abs(sampson_distance(conic, seen[:, :2] / seen[:, 2:])).max() < 1e-6
+        stands = -cameras.rotation[k].T @ cameras.shift[k]
+        assert stands[1] >= 0
+        assert stands[2] < 0
+    # one of them is nearly the camera that took the picture
+    off = np.linalg.norm(
+        -np.einsum("bij,bi->bj", cameras.rotation, cameras.shift) - LEFT_CIRCLE.position_m, axis=1
+    )
+    assert off.min() < 6.0
+
+
