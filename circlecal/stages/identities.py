@@ -496,7 +496,7 @@ def _cameras_before_circles(
     middle: Array,
     side: str,
 ) -> _Cameras | None:
-    """Every seen circle as every circle of the field, for all focal lengths and turns of upright cameras above ground."""
+    """Every seen circle as every circle of the field, for all focal lengths and turns of upright cameras."""
     focal = width * np.geomspace(*FOCAL_WIDTHS, FOCALS)
     turns = np.radians(np.arange(0.0, 360.0, TURN_DEG))
     parts = []
@@ -663,7 +663,7 @@ def _fit(
 
 
 def _move(cameras: _Cameras, step: Array) -> _Cameras:
-    """Cameras after a step (7,) or (B, 7): turn of the camera, its shift as a share of its distance, and focal length."""
+    """Cameras after a step (7,) or (B, 7): turn, shift as a share of the distance, logarithm of the focal length."""
     step = np.broadcast_to(step, (len(cameras.own), 7))
     size = np.linalg.norm(step[:, :3], axis=1)
     axis = step[:, :3] / np.maximum(size, 1e-15)[:, None]
