@@ -51,9 +51,8 @@ from circlecal.stages.ellipse import fit_ellipses, fit_observations
 from circlecal.stages.faint_lines import find_faint_lines
 from circlecal.stages.field_lines import carriers, observe_field_lines, without_worst_line
 from circlecal.stages.homography import estimate_homography, homography_of_solver, turn_fit
-from circlecal.stages.identities import LEAST_SHARE, choose_placement, find_placements, measure_template
-from circlecal.stages.mask import find_marking, replace_circle_by_arc, suit_field
-from circlecal.stages.rays import cast_rays, measure_along_model
+from circlecal.stages.mask import find_marking, find_placement, replace_circle_by_arc, suit_field
+from circlecal.stages.rays import cast_rays, measure_along_model, measure_template
 from circlecal.stages.verdict import (
     confirm,
     confirm_field_lines,
@@ -669,9 +668,8 @@ def place_template(setting: Setting, scene: Scene, first: Attempt) -> Iterator[A
     if mask is None:
         return
     with setting.clock("cues"):
-        options = suit_field(config.mask, template).detector
         side = config.correspondences.camera_side
-        placed = choose_placement(find_placements(scene.image, scene.gray, mask, options, template, side))
+        placed = find_placement(scene.image, scene.gray, mask, config.mask, template, side)
     if placed is None:
         return
     told = replace(setting, circle=placed.circle)
@@ -691,7 +689,7 @@ def place_template(setting: Setting, scene: Scene, first: Attempt) -> Iterator[A
         view = attempt.camera.view
     if attempt.verdict is None or placed.distance_px(view, template) > LARGEST_MOVE_WIDTHS * setting.width:
         return
-    found = Check("found_share", placed.found_share, LEAST_SHARE, placed.found_share >= LEAST_SHARE)
+    found = Check("found_share", placed.found_share, placed.least_share, True)
     yield replace(attempt, verdict=replace(attempt.verdict, checks=(*attempt.verdict.checks, found)))
 
 

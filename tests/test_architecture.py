@@ -388,6 +388,7 @@ ONE_DEFINITION = {
             "rig/tripod.py",
             "synthetic/tripod.py",
             "tracking/search.py",
+            "detection/placement.py",
         },
         re.compile(r"\brotation_matrix\(|\brotations\(|\.R @|@ (\w+\.)+(R|rotation)\b"),
     ),
@@ -396,7 +397,8 @@ ONE_DEFINITION = {
 
 ``evaluation`` reads cameras as the official metric does, with OpenCV's full lens model, and must not depend on what it
 judges; the viewing coordinates are other parameters of the same pose; tripods put their rotation together from head and
-lean, and the search for one projects thousands of heads in single precision.
+lean, and the search for one projects thousands of heads in single precision, as that for a field's placement does
+thousands of cameras, to whole pixels.
 """
 
 

@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from circlecal.detection import Detection, DetectorConfig, detect
 from circlecal.detection.arcs import GAPLESS_SHARE
 from circlecal.detection.networks import SegmentationNetwork, load_network, segment
+from circlecal.detection.placement import PlacedField, choose_placement, find_placements
 from circlecal.errors import EstimationError
 from circlecal.field import FieldTemplate
 from circlecal.geometry.ellipses import ellipse_from_conic
@@ -125,6 +126,33 @@ def suit_field(config: MaskConfig, template: FieldTemplate) -> MaskConfig:
         "one_paint": template.is_in_one_paint if given.one_paint is None else given.one_paint,
     }
     return config.model_copy(update={"detector": given.model_copy(update=told)})
+
+
+def find_placement(
+    image: NDArray[np.uint8],
+    gray: NDArray[np.uint8],
+    mask: MarkingMask,
+    config: MaskConfig,
+    template: FieldTemplate,
+    side: str,
+) -> PlacedField | None:
+    """The field laid over a picture by all that is painted, where that is possible in one way.
+
+    Parameters
+    ----------
+    image, gray : (H, W, 3), (H, W) uint8
+        BGR picture and its brightness.
+    mask : MarkingMask
+        What the built-in detector found.
+    config : MaskConfig
+        Options.
+    template : FieldTemplate
+        The field.
+    side : str
+        Side of the field from which the camera looks.
+    """
+    detector = suit_field(config, template).detector
+    return choose_placement(find_placements(image, gray, mask, detector, template, side))
 
 
 def require_mask_network(config: MaskConfig) -> None:

@@ -16,18 +16,27 @@ from pydantic import BaseModel, ConfigDict, Field
 from circlecal.field import Arc, Circle, FieldTemplate
 from circlecal.field.view import FieldView
 from circlecal.geometry.ellipses import Ellipse, ellipse_from_conic
-from circlecal.geometry.projective import Array
+from circlecal.geometry.projective import Array, Mask
 from circlecal.geometry.ransac import ransac_conic
-from circlecal.observations import CircleEdge
+from circlecal.observations import CircleEdge, CirclePoints, LinePoints
 from circlecal.paint.bands import Bands, measure_bands, rise_above_noise
+from circlecal.paint.lines import ONE_ROUND, measure_lines
 from circlecal.paint.profiles import GrayPicture, sample_profiles, smooth_along
 from circlecal.refusals import Confidence, refuse
-from circlecal.results import EdgePoints, MarkingMask, RayPoints
+from circlecal.results import EdgePoints, MarkingMask, RayPoints, Segment
 
 CLEAR_OF_ENDS_PX = 6.0
 """An arc ends on a line: nearer than this beyond the search its paint is not told from the line's, at 1920 px width."""
 STEADY_PX = 1.0
 """Largest distance of steady points from the running median along it, pixels at 1920 px width."""
+SHORTEST_LINE, LINE_SEARCH_PX, LINE_RMS_PX, LINE_SHARE = 0.06, 9.0, 2.5, 0.35
+"""A straight marking is measured where a placed field shows so much of it, picture widths; how far to both sides, and
+with what scatter, pixels at 1920 px width; and the share of it that must be seen.
+"""
+LINE_SPACING_PX, FEWEST_ON_CIRCLE = 2.0, 16
+"""Between two profiles across a line, pixels; points of a circle or an arc, fewer of which are left out."""
+LINE_NODES = 65
+"""Along a straight marking, which tell what of it the picture shows."""
 WIDEST = 0.25
 """Paint that a camera predicts wider, in picture widths, is no marking that could be measured."""
 FIRST_STEP = 4.0
@@ -349,3 +358,84 @@ def _along(centreline: _Centreline, angles: Array) -> tuple[Array, Array, NDArra
 
 def _wrap_angle(angle: Array) -> Array:
     return (angle + np.pi) % (2 * np.pi) - np.pi
+
+
+def measure_template(
+    picture: GrayPicture,
+    view: FieldView,
+    template: FieldTemplate,
+    region: Mask | None,
+    noise: float,
+    config: RaysConfig,
+) -> tuple[tuple[CirclePoints, ...], tuple[LinePoints, ...]]:
+    """Points on the circles, arcs and straight markings of a field where a view puts them.
+
+    Parameters
+    ----------
+    picture : (H, W) uint8 or float32
+        Brightness, with the markings lighter than the field.
+    view : FieldView
+        Where the field is seen.
+    template : FieldTemplate
+        The field.
+    region : (h, w) bool or None
+        The playing surface in a reduced picture.
+    noise : float
+        Grey-level noise of the picture.
+    config : RaysConfig
+        How circles are measured.
+    """
+    circles = []
+    for circle in (*template.circles, *template.arcs):
+        points, sigma = measure_along_model(picture, view, circle, template, noise, config)
+        on = _is_on(region, points, picture.shape)
+        if on.sum() >= FEWEST_ON_CIRCLE:
+            circles.append(CirclePoints(circle.name, "center", points[on], sigma[on]))
+    return tuple(circles), _measure_lines_of(picture, view, template, region, noise)
+
+
+def _measure_lines_of(
+    picture: GrayPicture, view: FieldView, template: FieldTemplate, region: Mask | None, noise: float
+) -> tuple[LinePoints, ...]:
+    width = picture.shape[1]
+    unit = width / 1920.0
+    share = np.linspace(0.0, 1.0, LINE_NODES)[:, None]
+    names, segments, widths = [], [], []
+    for line in template.lines:
+        first, last = template.line_ends(line)
+        shown = view.project(first + share * (last - first))
+        ahead = np.flatnonzero(np.isfinite(shown).all(axis=1))
+        visible = ahead[_is_on(region, shown[ahead], picture.shape)]
+        if len(visible) < 2:
+            continue
+        start, end = shown[visible[0]], shown[visible[-1]]
+        if np.linalg.norm(end - start) < SHORTEST_LINE * width:
+            continue
+        across = np.array([first[1] - last[1], last[0] - first[0]]) / np.linalg.norm(last - first)
+        paint = 0.5 * template.paint_width(line) * across
+        ends = (first + share[visible[[0, -1]]] * (last - first))[:, None] + np.array([paint, -paint])
+        normal = np.array([start[1] - end[1], end[0] - start[0]]) / np.linalg.norm(end - start)
+        names.append(line.name)
+        segments.append(Segment(start, end))
+        widths.append(np.abs((view.project(ends[:, 0]) - view.project(ends[:, 1])) @ normal))
+    found = measure_lines(
+        picture, segments, noise, LINE_SEARCH_PX, LINE_SPACING_PX, ONE_ROUND, np.array(widths).reshape(-1, 2)
+    )
+    return tuple(
+        LinePoints(name, cue.points_px, cue.sigma_px)
+        for name, segment, cue in zip(names, segments, found, strict=True)
+        if cue is not None
+        and cue.rms_px < LINE_RMS_PX * unit
+        and np.linalg.norm(cue.segment.end - cue.segment.start)
+        > LINE_SHARE * np.linalg.norm(segment.end - segment.start)
+    )
+
+
+def _is_on(region: Mask | None, points: Array, shape: tuple[int, ...]) -> Mask:
+    """Which pixels (N, 2) of a picture of this shape lie in it and on the surface (h, w)."""
+    inside = (points >= 0).all(axis=1) & (points <= (shape[1] - 1, shape[0] - 1)).all(axis=1)
+    if region is None:
+        return np.asarray(inside, np.bool_)
+    rows, columns = region.shape
+    at = np.clip((points * (columns / shape[1], rows / shape[0])).astype(int), 0, (columns - 1, rows - 1))
+    return np.asarray(inside & region[at[:, 1], at[:, 0]], np.bool_)

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from circlecal.config import load_config
+from circlecal.detection.placement import PlacedField, _cameras_before_circles, choose_placement
 from circlecal.field import load_field
 from circlecal.geometry.conics import circle_conic, sampson_distance, transform_conic
 from circlecal.geometry.surface import FLAT
 from circlecal.pipeline import run
-from circlecal.stages.identities import PlacedField, _cameras_before_circles, choose_placement
 from circlecal.synthetic.cameras import aim_camera
 from circlecal.synthetic.renderer import render
 from circlecal.synthetic.scene import RenderConfig, Scene
