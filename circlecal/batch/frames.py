@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -13,12 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal import overlay
-from circlecal.api.calls import calibrate_picture
+from circlecal.api.calls import calibrate_annotation, calibrate_picture
 from circlecal.config import Config, config_digest
 from circlecal.detection.keypoints import require_keypoint_networks
 from circlecal.errors import InputError
 from circlecal.field import FieldTemplate
 from circlecal.files import fingerprint
+from circlecal.formats.annotation import find_annotation
 from circlecal.formats.cameras import Size
 from circlecal.formats.exports import Exports
 from circlecal.formats.inputs import FrameOfFile, observations_beside
@@ -123,6 +124,8 @@ class FrameRun:
         Size of the pictures where an annotation file has none.
     convention : {"official", "paint"}
         Where annotated points lie.
+    annotations : path, optional
+        Folder of annotations of the workbench: a frame that has one is calibrated from it alone.
     """
 
     config: Config
@@ -133,6 +136,7 @@ class FrameRun:
     format_name: str | None = None
     size: Size | None = None
     convention: Convention = "official"
+    annotations: Path | None = None
 
     @property
     def seed(self) -> int:
@@ -188,13 +192,28 @@ class FrameRun:
                 in_force = apply_convention(template, self.convention)
                 self.exports.add(record, in_force, circle, frame.image, frame.observed)
         else:
-            picture, calibration = calibrate_frame(frame, self.config, self.mask, self.keypoints, self.format_name)
-            record = result_record(calibration, template, time_s=frame.time_s, digest=self.digest)
+            picture, record, calibration = self._calibrate_picture(frame, template)
             if self.exports is not None:
                 self.exports.add(record, template, circle, frame.path.name)
         if self.out is not None:
             write_outputs(picture, calibration, record, self.config, self.out)
         return record
+
+    def _calibrate_picture(
+        self, frame: PictureFile, template: FieldTemplate
+    ) -> tuple[NDArray[np.uint8] | None, ResultRecord, FrameCalibration]:
+        """From its annotation where a person made one, else from what it shows."""
+        beside = frame.path if frame.time_s is None and frame.url is None else None
+        stored = find_annotation(self.annotations, frame.id, beside)
+        if stored is None:
+            picture, calibration = calibrate_frame(frame, self.config, self.mask, self.keypoints, self.format_name)
+            return picture, result_record(calibration, template, time_s=frame.time_s, digest=self.digest), calibration
+        _log.info("%s: from its annotation", frame.path)
+        found = calibrate_annotation(stored.annotation, self.config)
+        calibration = replace(found, id=frame.id, source=frame.source)
+        record = result_record(calibration, template, time_s=frame.time_s, digest=self.digest)
+        record = record.model_copy(update={"annotation": stored.digest})
+        return None if self.out is None else _picture(frame, self.config.limits), record, calibration
 
 
 def _picture_of(frame: FrameOfFile, limits: LimitsConfig) -> NDArray[np.uint8] | None:

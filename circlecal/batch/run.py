@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Generator, Iterable, Iterator, Sized
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sized
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -47,6 +47,7 @@ def run_batch(
     scheduler: str | None = None,
     total: int | None = None,
     restart: bool = False,
+    annotations: Mapping[str, str] | None = None,
     on_progress: Callable[[BatchProgress], None] = lambda progress: None,
 ) -> BatchProgress:
     """Calibrate many frames in worker processes or on a cluster.
@@ -67,6 +68,9 @@ def run_batch(
         How many frames are expected, where ``frames`` has no length.
     restart : bool
         Start over: drop what the folder holds.
+    annotations : mapping, optional
+        Digests of annotations by the id of their frame: frames that were finished with another one, or without, are
+        calibrated again.
     on_progress : callable
         Called after the start and after every frame, in this process.
 
@@ -85,6 +89,8 @@ def run_batch(
     """
     with ResultLog(out, restart) as log:
         log.take_up(task.digest)
+        if annotations is not None:
+            _drop_old_frames(log, task.digest, annotations)
         expected = len(frames) if isinstance(frames, Sized) else total or 0
         progress = BatchProgress(total=expected)
         waiting = _skip_finished(frames, log.index, progress, on_progress)
@@ -100,6 +106,16 @@ def run_batch(
                 write_summary(out / SUMMARY_NAME, log.index.rows())
         progress.total = progress.finished
     return progress
+
+
+def _drop_old_frames(log: ResultLog, digest: str, annotations: Mapping[str, str]) -> None:
+    """Take out the frames that were calibrated with another annotation than there is now."""
+    used = log.index.annotations()
+    changed = {name for name in annotations.keys() | used.keys() if annotations.get(name) != used.get(name)}
+    outdated = {name for name in changed if log.index.find(name) is not None}
+    if outdated:
+        log.drop(outdated)
+        log.take_up(digest)
 
 
 def _skip_finished(

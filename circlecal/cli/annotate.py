@@ -44,7 +44,8 @@ def annotate(
         from circlecal.workbench.server import serve
     except ModuleNotFoundError as error:
         raise MissingExtraError(error.name or "starlette", "annotate") from error
-    from circlecal.workbench.frames import ANNOTATION_FOLDER, is_run, list_frames
+    from circlecal.formats.annotation import ANNOTATION_FOLDER
+    from circlecal.workbench.frames import is_run, list_frames
     from circlecal.workbench.session import Session
     from circlecal.workbench.store import AnnotationStore
 

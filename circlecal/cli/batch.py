@@ -48,6 +48,7 @@ def batch(
     ] = False,
     mask: options.Mask = None,
     keypoints: options.Keypoints = None,
+    annotations: options.Annotations = None,
     from_format: options.FromFormat = None,
     size: options.Size = None,
     convention: options.PointConvention = options.Convention.OFFICIAL,
@@ -81,6 +82,7 @@ def batch(
     from circlecal.cli import console
     from circlecal.cli.rig import RIG_FOLDER, estimate_shared_cameras
     from circlecal.errors import InputError
+    from circlecal.formats.annotation import ANNOTATION_FOLDER, digest_annotations
     from circlecal.formats.exports import Exports
     from circlecal.pictures.inputs import absolute_input
     from circlecal.pictures.video import DEFAULT_EVERY, Sampling
@@ -128,8 +130,7 @@ def batch(
     if not videos and (every or start or end):
         raise InputError("--every, --start and --end choose frames of videos, and no video is given")
     out = options.folder_of_run(out, run.digest, ask=console.can_ask() and not quiet, restart=restart)
-    if files:
-        run = replace(run, out=out)
+    run = replace(run, out=out if files else None, annotations=annotations or out / ANNOTATION_FOLDER)
     moments = (frame for video in videos for frame in video.frames(sampling, console.print_note))
     with console.progress_display(quiet=quiet) as show:
         counts = run_batch(
@@ -140,6 +141,7 @@ def batch(
             scheduler=scheduler,
             total=len(frames) + sum(video.estimate_count(sampling) for video in videos),
             restart=restart,
+            annotations=digest_annotations(run.annotations),
             on_progress=show,
         )
     refused, final = counts.refused, out

@@ -451,6 +451,63 @@ def _print_annotations(rows: list[AnnotationRow]) -> None:
         )
 
 
+@app.command("annotate")
+def click_frames(
+    path: Annotated[
+        Path | None,
+        typer.Argument(metavar="[FOLDER]", help="Real frames: images/ and truth/; rendered ones alone without."),
+    ] = None,
+    rendered: Annotated[int, typer.Option(min=0, help="Rendered frames of each kind.")] = 10,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the rendered frames and of the hand.")] = 0,
+    config: options.ConfigFile = None,
+    settings: options.Settings = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")] = False,
+) -> None:
+    """Clicks in the workbench until a refused or doubtful frame is calibrated and good, and the time of a change."""
+    from dataclasses import asdict
+
+    from circlecal.cli.console import count_steps
+    from circlecal.evaluation.bench.clicks import PROFILES, count_clicks, summarise_clicks
+
+    chosen = options.choose_config(config, settings)
+    real = 0 if path is None else len(list((path / "truth").glob("*.json")))
+    with count_steps("frames", real + len(PROFILES) * rendered) as advance:
+        rows = count_clicks(path, rendered, seed, advance, chosen)
+    summary = summarise_clicks(rows)
+    if as_json:
+        _print_json({"frames": [asdict(row) for row in rows], "groups": [asdict(group) for group in summary]})
+        return
+    _table(
+        "Refused and doubtful frames, clicked until calibrated and good",
+        ["frames of", "frames", "good already", "clicks: median", "90 %", "given up", "slowest change ms"],
+        [
+            [
+                group.name,
+                str(group.frames),
+                str(group.good_already),
+                _format_figure(group.median_clicks, "g"),
+                _format_figure(group.p90_clicks, "g"),
+                str(group.given_up),
+                _format_figure(group.slowest_ms, ".0f"),
+            ]
+            for group in summary
+        ],
+    )
+    _table(
+        "Frame by frame",
+        ["frame", "before", "clicks", "what was done"],
+        [
+            [
+                row.frame,
+                row.state,
+                "given up" if row.clicks is None else str(row.clicks),
+                ", then ".join(row.steps) or "-",
+            ]
+            for row in rows
+        ],
+    )
+
+
 @app.command()
 def constants(
     count: Annotated[int, typer.Option(min=1, help="Rendered frames per profile.")] = 10,

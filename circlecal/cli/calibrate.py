@@ -26,6 +26,7 @@ def calibrate(
     out: options.Out = Path("circlecal-out"),
     mask: options.Mask = None,
     keypoints: options.Keypoints = None,
+    annotations: options.Annotations = None,
     from_format: options.FromFormat = None,
     size: options.Size = None,
     convention: options.PointConvention = options.Convention.OFFICIAL,
@@ -51,6 +52,7 @@ def calibrate(
     from circlecal.cli import console
     from circlecal.errors import InputError
     from circlecal.files import prepare_folder
+    from circlecal.formats.annotation import ANNOTATION_FOLDER
     from circlecal.formats.exports import Exports
     from circlecal.records.record import result_line
     from circlecal.records.summary import summarise
@@ -71,7 +73,9 @@ def calibrate(
     )
     exports = Exports(to or (), out, options.parse_size(eval_size, "--eval-size"))
     format_name = options.choose_format(from_format)
-    run = FrameRun(chosen, out, exports, mask, keypoints, format_name, options.parse_size(size), convention.value)
+    written = annotations or out / ANNOTATION_FOLDER
+    size_given = options.parse_size(size)
+    run = FrameRun(chosen, out, exports, mask, keypoints, format_name, size_given, convention.value, written)
     failures: list[Exception] = []
     frames = options.choose_inputs(inputs, run, out, console.error_reporter(failures))
     if not frames and not failures:

@@ -13,13 +13,17 @@ from circlecal.cli import options
 
 def convert(
     inputs: Annotated[
-        list[Path],
-        typer.Argument(metavar="INPUT", help="Annotation or camera files, results, results.jsonl, and folders."),
-    ],
+        list[Path] | None,
+        typer.Argument(metavar="[INPUT]", help="Annotation or camera files, results, results.jsonl, and folders."),
+    ] = None,
     to: Annotated[
-        str,
+        str | None,
         typer.Option("--to", metavar="FORMAT", help=f"Format to write, of the same kind: {options.CONVERSIONS}."),
-    ],
+    ] = None,
+    labels: Annotated[
+        str | None,
+        typer.Option("--labels", metavar="PROGRAM", help="Write a label set: cvat, labelstudio or labelme."),
+    ] = None,
     out: options.Out = Path("circlecal-out"),
     from_format: options.FromFormat = None,
     size: options.Size = None,
@@ -30,6 +34,7 @@ def convert(
 ) -> None:
     """Rewrite annotations as annotations and cameras as cameras of another program, without calibrating."""
     from circlecal.cli import console
+    from circlecal.errors import InputError
     from circlecal.formats.exports import convert as convert_files
     from circlecal.formats.inputs import find_convertible
     from circlecal.pipeline import field_of
@@ -37,6 +42,12 @@ def convert(
     from circlecal.records.parquet import PARQUET_FORMAT, PARQUET_NAME, write_parquet
 
     console.configure_logging(quiet=quiet, verbose=verbose)
+    if labels is not None:
+        _write_label_set(labels, out, settings, field, quiet=quiet)
+    if not inputs or to is None:
+        if labels is not None and not inputs:
+            return
+        raise InputError("convert takes files and --to FORMAT, or --labels PROGRAM; see circlecal convert --help")
     if to == PARQUET_FORMAT:
         written = write_parquet(chain.from_iterable(map(read_records, inputs)), out / PARQUET_NAME)
         if not quiet:
@@ -47,3 +58,18 @@ def convert(
     for path in convert_files(files, from_format, to, out, template, options.parse_size(size)):
         if not quiet:
             console.print_line(str(path))
+
+
+def _write_label_set(program: str, out: Path, settings: list[str] | None, field: str | None, *, quiet: bool) -> None:
+    """The label set of a field for an annotation program."""
+    from circlecal.cli import console
+    from circlecal.files import write_atomic
+    from circlecal.formats.labels import LABEL_SETS, write_labels
+    from circlecal.formats.registry import require_format
+    from circlecal.pipeline import field_of
+
+    require_format(program, LABEL_SETS, "--labels", "program whose labels are known")
+    name, content = write_labels(program, field_of(options.choose_config(None, settings, field))[0])
+    write_atomic(out / name, content)
+    if not quiet:
+        console.print_line(str(out / name))

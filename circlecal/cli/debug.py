@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -14,6 +15,8 @@ def debug(
     images: Annotated[list[Path], typer.Argument(metavar="IMAGE", help="The pictures.")],
     out: options.Out = Path("circlecal-debug"),
     mask: options.Mask = None,
+    keypoints: options.Keypoints = None,
+    annotations: options.Annotations = None,
     config: options.ConfigFile = None,
     settings: options.Settings = None,
     camera_prior: options.CameraPrior = None,
@@ -25,10 +28,12 @@ def debug(
     verbose: options.Verbose = False,
 ) -> None:
     """Write one numbered picture per stage and a contact sheet of them all, for a refused picture too."""
+    from circlecal.api.calls import calibrate_annotation
     from circlecal.batch.frames import calibrate_frame, write_stage_pictures
     from circlecal.cli import console
     from circlecal.errors import InputError
     from circlecal.files import is_folder, prepare_folder
+    from circlecal.formats.annotation import ANNOTATION_FOLDER, find_annotation
     from circlecal.pipeline import field_of
     from circlecal.records.record import write_result
     from circlecal.records.summary import summarise
@@ -46,7 +51,12 @@ def debug(
     template, _ = field_of(chosen)
     summaries, written = [], []
     for frame in frames:
-        picture, calibration = calibrate_frame(frame, chosen, mask)
+        stored = find_annotation(annotations or out / ANNOTATION_FOLDER, frame.id, frame.path)
+        picture, calibration = calibrate_frame(frame, chosen, mask, keypoints)
+        if stored is not None:
+            by_hand = calibrate_annotation(stored.annotation, chosen).attempt
+            looked_at = replace(by_hand, mask=calibration.mask, edges=calibration.edges, rays=calibration.rays)
+            calibration = replace(calibration, attempt=looked_at)
         record = result_record(calibration, template)
         write_result(out / frame.id / "result.json", record)
         written += write_stage_pictures(picture, calibration, template, out / frame.id, chosen.output.jpeg_quality)

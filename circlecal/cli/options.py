@@ -40,11 +40,11 @@ class Convention(StrEnum):
     PAINT = "paint"
 
 
-_ANNOTATIONS = "coco, cvat, extremities, gamestate, labelme, labelstudio, pnlcalib, soccernet"
+_ANNOTATIONS = "coco, cvat, extremities, gamestate, labelme, labelstudio, pnlcalib, soccernet, workbench"
 TARGETS = "broadtrack, coco, cvat, gamestate, labelme, labelstudio, pnlcalib, soccernet, tvcalib, worldcup"
 CONVERSIONS = (
-    "coco, cvat, extremities, labelme, labelstudio, pnlcalib, soccernet for annotations, broadtrack, gamestate, "
-    "soccernet, tvcalib, worldcup for cameras, or parquet"
+    "coco, cvat, extremities, labelme, labelstudio, pnlcalib, soccernet, workbench for annotations, broadtrack, "
+    "gamestate, soccernet, tvcalib, worldcup for cameras, or parquet"
 )
 """Names of formats, written down here so that ``--help`` imports nothing; a test compares them with the registry."""
 FrameInputs = Annotated[
@@ -56,6 +56,14 @@ FrameInputs = Annotated[
 Keypoints = Annotated[
     Path | None,
     typer.Option("--keypoints", metavar="FILE|FOLDER", help="Keypoints and lines used together with the pictures."),
+]
+Annotations = Annotated[
+    Path | None,
+    typer.Option(
+        "--annotations",
+        metavar="FOLDER",
+        help="What was named in circlecal annotate. [default: OUT/annotations, and x.json beside x.jpg]",
+    ),
 ]
 PointConvention = Annotated[
     Convention,

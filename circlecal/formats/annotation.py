@@ -12,14 +12,16 @@ other formats a marking has its SoccerNet class where there is one, and a line w
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
-from circlecal.errors import CirclecalError
+from circlecal.errors import CirclecalError, InputError
 from circlecal.field import FieldTemplate, load_field
 from circlecal.formats.cameras import Size
 from circlecal.formats.format import (
@@ -36,6 +38,7 @@ from circlecal.formats.shapes import AnnotatedFrame, Shape
 from circlecal.formats.soccernet import UNKNOWN_CLASSES
 from circlecal.geometry.projective import Array
 from circlecal.observations import CircleEdge, CirclePoints, LineEnd, LinePoints, Observations
+from circlecal.records.record import ResultRecord
 
 ANNOTATION_VERSION = 1
 UNKNOWN_LINE = UNKNOWN_CLASSES[1]
@@ -43,6 +46,12 @@ CURVE_POINTS, LINE_POINTS = 36, 6
 """Of a measured marking, in files of other programs: so many are drawn and moved by hand."""
 SETTINGS = ("field.sizes.length", "field.sizes.width", "camera.crown_m", "camera.k1_mean", "field.template")
 """Options that an annotation may set for its frame."""
+
+ANNOTATION_FOLDER = "annotations"
+"""In the folder of a run."""
+_NOT_IN_NAMES = frozenset("/\\:\0")
+
+_BEGINNING = 200
 
 Pair = Annotated[list[Bounded], Field(min_length=2, max_length=2)]
 Sigma = Annotated[float, Field(gt=0, le=1e4)]
@@ -138,17 +147,29 @@ class Annotation(FileModel):
 
     def frame(self, nameless: bool = True) -> AnnotatedFrame:
         """The annotation as other formats and :func:`circlecal.formats.meaning.observe` take it."""
-        template = self._template()
+        template = _load_template(self.field)
         shapes = tuple(shape for m in self.markings if m.used for shape in _shapes(m, template, nameless))
         image = None if self.source is None else self.source.replace("\\", "/").rpartition("/")[2]
         image = f"{self.id}.jpg" if self.time_s is not None else image
         return AnnotatedFrame(self.id, self.width, self.height, shapes, image, observations=self.observations(nameless))
 
-    def _template(self) -> FieldTemplate | None:
-        try:
-            return load_field(self.field)
-        except CirclecalError:  # of somebody's own, and not here
-            return None
+
+def _load_template(name: str) -> FieldTemplate | None:
+    try:
+        return load_field(name)
+    except CirclecalError:  # of somebody's own, and not here
+        return None
+
+
+def draw_measured(record: ResultRecord, image: str | None) -> AnnotatedFrame:
+    """What a refused frame was measured to show, as shapes to go on from: the circle's points, and every line."""
+    seen, markings = record.seen, []
+    if seen is not None:
+        markings = [m for m in markings_of(seen, "measured") if m.kind != "curve" or m.edge == "center"]
+    field = "soccer" if record.field is None else str(record.field.template)
+    template = _load_template(field)
+    shapes = tuple(shape for m in markings for shape in _shapes(m, template, True))
+    return AnnotatedFrame(record.id, record.width, record.height, shapes, image)
 
 
 def _join_lines(lines: Sequence[LinePoints]) -> tuple[LinePoints, ...]:
@@ -247,6 +268,75 @@ def annotation_of_shapes(frame: AnnotatedFrame, observations: Observations, fiel
         touched=True,
         markings=markings_of(observations, "imported"),
     )
+
+
+def annotation_path(folder: Path, frame_id: str) -> Path:
+    """The file of a frame; names that are no names of files get a digest instead."""
+    plain = frame_id not in ("", ".", "..") and _NOT_IN_NAMES.isdisjoint(frame_id)
+    name = frame_id if plain else hashlib.sha256(frame_id.encode(errors="surrogateescape")).hexdigest()[:24]
+    return folder / f"{name}.json"
+
+
+@dataclass(frozen=True, slots=True)
+class StoredAnnotation:
+    """An annotation that a person made, and the digest of its file."""
+
+    annotation: Annotation
+    digest: str
+
+
+def find_annotation(folder: Path | None, frame_id: str, picture: Path | None = None) -> StoredAnnotation | None:
+    """What a person said of a frame in the workbench; None where nobody did.
+
+    Parameters
+    ----------
+    folder : path or None
+        Of annotations.
+    frame_id : str
+        The frame.
+    picture : path, optional
+        Its picture: ``x.json`` beside ``x.png`` is taken where the folder has none.
+
+    Raises
+    ------
+    InputError
+        The file is damaged or cannot be read.
+    """
+    path = None if folder is None else annotation_path(folder, frame_id)
+    if path is not None and path.is_file():
+        stored = _load_file(path)
+        return stored if stored.annotation.touched and stored.annotation.id == frame_id else None
+    beside = None if picture is None else picture.with_suffix(".json")
+    return _load_file(beside) if beside is not None and is_annotation_file(beside) else None
+
+
+def is_annotation_file(path: Path) -> bool:
+    """Whether a file is an annotation of the workbench, by its beginning."""
+    if not path.is_file():
+        return False
+    try:
+        with path.open("rb") as file:
+            return b'"annotation_version"' in file.read(_BEGINNING)
+    except OSError:
+        return False
+
+
+def digest_annotations(folder: Path | None) -> dict[str, str]:
+    """Digests of all that people said, by the id of the frame; files that are no annotations are passed over."""
+    found = {}
+    for path in [] if folder is None or not folder.is_dir() else sorted(folder.glob("*.json")):
+        try:
+            stored = _load_file(path)
+        except InputError:
+            continue
+        if stored.annotation.touched:
+            found[stored.annotation.id] = stored.digest
+    return found
+
+
+def _load_file(path: Path) -> StoredAnnotation:
+    content = Content.of(path).raw
+    return StoredAnnotation(parse_annotation(path, content), hashlib.sha256(content).hexdigest()[:12])
 
 
 def parse_annotation(path: Path, content: bytes) -> Annotation:

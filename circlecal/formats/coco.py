@@ -174,5 +174,6 @@ FORMAT = AnnotationFormat(
     read=read,
     write=write,
     derive=derive_shapes,
+    draws_measured=True,
     file_name="coco.json",
 )

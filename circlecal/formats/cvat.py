@@ -2,8 +2,8 @@
 
 ``<image name width height>`` with ``<points>``, ``<polyline>``, ``<polygon>``, ``<ellipse>`` and ``<skeleton>`` of
 named points. CVAT counts from the corner of the picture: pixel = theirs - 0.5. Boxes, masks and tags are left out. A
-file that declares a document type is refused unread, so no entity is ever expanded. A refused frame has an empty
-``<image>``.
+file that declares a document type is refused unread, so no entity is ever expanded. A refused frame has what was
+measured in it.
 """
 
 from __future__ import annotations
@@ -163,5 +163,6 @@ FORMAT = AnnotationFormat(
     read=read,
     write=write,
     derive=derive_shapes,
+    draws_measured=True,
     file_name="cvat.xml",
 )

@@ -11,6 +11,7 @@ from typing import TypeVar
 from circlecal.errors import InputError
 from circlecal.field import Circle, FieldTemplate
 from circlecal.files import real_path, write_atomic
+from circlecal.formats.annotation import draw_measured
 from circlecal.formats.cameras import CalibratedFrame, CameraFrame, Size
 from circlecal.formats.format import AnnotationFormat, CameraFormat
 from circlecal.formats.inputs import FrameOfFile
@@ -96,8 +97,7 @@ class Exports:
             return []
         frame = CalibratedFrame.of(record, template, circle, image)
         if frame is None:
-            self._refused.append(AnnotatedFrame(record.id, record.width, record.height, (), image))
-            return []
+            return self._add_refusal(draw_measured(record, image))
         written: list[Path] = []
         for target in self._targets:
             if isinstance(target, CameraFormat):
@@ -105,6 +105,16 @@ class Exports:
             elif target.derive is not None:
                 self._shapes[target.name].append(target.derive(frame, observed.original if observed else None))
             written += self._write(target) if target.per_frame else []
+        return written
+
+    def _add_refusal(self, measured: AnnotatedFrame) -> list[Path]:
+        """Take a refused frame with what was measured in it, for people to go on from."""
+        self._refused.append(measured)
+        per_frame = [t for t in self._targets if isinstance(t, AnnotationFormat) and t.per_frame]
+        written: list[Path] = []
+        for target in per_frame if measured.shapes else ():
+            if target.draws_measured:
+                written += _write(_annotation_files([measured], target, self._folder, f".{target.name}"))
         return written
 
     def finish(self) -> list[Path]:

@@ -140,6 +140,8 @@ class AnnotationFormat(OutsideFormat):
         Standard deviation of a point, pixels at 1920 px width, where the configuration has no other.
     marks_line_ends : bool
         Whether people mark where straight lines end.
+    draws_measured : bool
+        Whether a refused frame is written with what was measured in it, for people to go on from.
     """
 
     read: Callable[[Path, bytes, Size | None], list[AnnotatedFrame]]
@@ -147,6 +149,7 @@ class AnnotationFormat(OutsideFormat):
     derive: Callable[[CalibratedFrame, Mapping[str, Any] | None], AnnotatedFrame] | None = None
     sigma_px: float = 1.5
     marks_line_ends: bool = False
+    draws_measured: bool = False
     kind: ClassVar[Kind] = "annotation"
 
 

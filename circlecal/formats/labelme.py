@@ -2,7 +2,7 @@
 
 ``shapes`` (``label``, ``shape_type``, ``points``), ``imageWidth``, ``imageHeight``, ``imagePath``. LabelMe counts from
 the corner of the picture: pixel = theirs - 0.5. Points, lines, line strips and polygons are read; its circle is no
-ellipse and, like rectangles and masks, left out. A refused frame has no file.
+ellipse and, like rectangles and masks, left out. A refused frame has what was measured in it.
 """
 
 from __future__ import annotations
@@ -100,5 +100,6 @@ FORMAT = AnnotationFormat(
     read=read,
     write=write,
     derive=derive_shapes,
+    draws_measured=True,
     file_name="{id}.json",
 )

@@ -3,7 +3,7 @@
 ``annotations[].result[]`` with ``value`` in per cent of ``original_width`` and ``original_height``, counted from the
 corner of the picture: pixel = ``x / 100 W - 0.5``. Read are key points, polygons, vectors and ellipses (``x``, ``y`` is
 the centre, turned by ``rotation`` degrees clockwise in the picture, not in per cent). Of several annotations of a task
-the first that was not cancelled counts. A refused frame is a task without an annotation.
+the first that was not cancelled counts. A refused frame has what was measured in it.
 """
 
 from __future__ import annotations
@@ -196,5 +196,6 @@ FORMAT = AnnotationFormat(
     read=read,
     write=write,
     derive=derive_shapes,
+    draws_measured=True,
     file_name="labelstudio.json",
 )

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from circlecal.records.summary import FrameSummary
 
-_VERSION = 1
+_VERSION = 2
 _PAGE = 1000
 _LAST_ID = "\U0010ffff" * 4
 """After every id."""
@@ -83,6 +83,11 @@ class ResultIndex:
         self._page = {name: (status, code) for name, status, code in rows}
         self._page_ends = frame_id, rows[-1][0] if len(rows) == self._page_size else _LAST_ID
 
+    def annotations(self) -> dict[str, str]:
+        """Digests of the annotations that were used, by the id of the frame."""
+        rows = self._database.execute("SELECT id, annotation FROM frames WHERE annotation IS NOT NULL")
+        return {str(name): str(digest) for name, digest in rows}
+
     def last_id(self, prefix: str) -> str | None:
         """The last of the ids that begin so, in their order; None where there is none."""
         query = "SELECT max(id) FROM frames WHERE id >= ? AND id < ?"
@@ -109,7 +114,7 @@ def _open(path: Path) -> sqlite3.Connection:
             database.execute("PRAGMA synchronous = OFF")
             if database.execute("PRAGMA user_version").fetchone()[0] not in (0, _VERSION):
                 raise sqlite3.DatabaseError("of another version")
-            kinds = {"case": "INTEGER", "rms_px": "REAL", "sigma_px": "REAL", "time_ms": "REAL"}
+            kinds = {c.name: "REAL" for c in fields(FrameSummary) if "float" in str(c.type)} | {"case": "INTEGER"}
             columns = ", ".join(f'"{name}" {kinds.get(name, "TEXT")}' for name in _COLUMNS)
             database.execute(f"CREATE TABLE IF NOT EXISTS frames ({columns}, PRIMARY KEY (id)) WITHOUT ROWID")
             database.execute("CREATE TABLE IF NOT EXISTS covered (one INTEGER PRIMARY KEY, bytes INTEGER, digest TEXT)")

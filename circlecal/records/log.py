@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import logging
 import os
 import sqlite3
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Self, overload
 
 from circlecal.errors import InputError
-from circlecal.files import is_file, is_folder, read_file, read_lines, write_error
+from circlecal.files import is_file, is_folder, read_file, read_lines, replacement, write_error
 from circlecal.records.index import ResultIndex
 from circlecal.records.record import (
     GIVE_A_RESULT,
@@ -156,6 +157,23 @@ class ResultLog:
                 rows.clear()
         self.index.add(rows, end, digest)
         self.index.commit()
+
+    def drop(self, frame_ids: Collection[str]) -> None:
+        """Take frames out, so that they are calibrated again; whatever happens, the file is the old or the new one.
+
+        Raises
+        ------
+        InputError
+            The file cannot be written, or another run took it meanwhile.
+        """
+        with replacement(self.path) as temporary, temporary.open("wb") as file:
+            for _, line in self._lines(0):
+                if not line.endswith(b"\n") or json.loads(line)["id"] not in frame_ids:
+                    file.write(line)
+        os.close(self._descriptor)
+        self._descriptor = os.open(self.path, _APPEND, 0o666)
+        self._lock()
+        self.index.clear()
 
     def _ends_a_line(self, position: int) -> bool:
         if position == 0:

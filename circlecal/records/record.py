@@ -449,6 +449,7 @@ class ResultRow(_Part):
     seed: int | None = None
     config_digest: Text | None = None
     rig: RigRecord | None = None
+    annotation: Text | None = None
     track: TrackRecord | None = None
 
     @property

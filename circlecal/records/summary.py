@@ -10,7 +10,7 @@ from pathlib import Path
 
 from circlecal.files import write_atomic_parts
 from circlecal.names import as_cell, as_text
-from circlecal.records.record import ResultRow
+from circlecal.records.record import CameraRow, ResultRow
 from circlecal.results import Status
 
 _BLOCK = 1 << 16
@@ -21,7 +21,8 @@ class FrameSummary:
     """One row; numbers are None where there is none.
 
     ``rms_px`` is that of the fitted ellipse's inliers, ``sigma_px`` the largest predicted standard deviation near the
-    circle.
+    circle; ``time_s`` is the time in the video; position and focal length are the camera's, metres and pixels;
+    ``annotation`` is the digest of the annotation that was used.
     """
 
     id: str
@@ -32,6 +33,15 @@ class FrameSummary:
     sigma_px: float | None
     time_ms: float | None
     reason: str | None
+    time_s: float | None = None
+    x_m: float | None = None
+    y_m: float | None = None
+    height_m: float | None = None
+    pan_deg: float | None = None
+    tilt_deg: float | None = None
+    roll_deg: float | None = None
+    focal_px: float | None = None
+    annotation: str | None = None
 
 
 def summarise(record: ResultRow) -> FrameSummary:
@@ -47,7 +57,26 @@ def summarise(record: ResultRow) -> FrameSummary:
         sigma_px=None if camera is None else camera.max_sigma_px,
         time_ms=timings.get("total", sum(time or 0.0 for time in timings.values())) if timings else None,
         reason=reason and as_text(reason),
+        time_s=None if record.source is None else record.source.time_s,
+        annotation=record.annotation,
+        **_camera_columns(record.camera),
     )
+
+
+def _camera_columns(camera: CameraRow | None) -> dict[str, float | None]:
+    """Of an accepted camera, what its columns hold."""
+    if camera is None:
+        return {}
+    x, y, z = camera.position_meters
+    return {
+        "x_m": x,
+        "y_m": y,
+        "height_m": None if z is None else -z,
+        "pan_deg": camera.pan_degrees,
+        "tilt_deg": camera.tilt_degrees,
+        "roll_deg": camera.roll_degrees,
+        "focal_px": camera.x_focal_length,
+    }
 
 
 def write_summary(path: Path, rows: Iterable[FrameSummary]) -> None:

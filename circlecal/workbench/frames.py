@@ -20,7 +20,6 @@ from circlecal.records.record import ResultRow
 
 DOUBTFUL_PX = 15.0
 """A calibrated frame whose largest predicted error is more, pixels at 1920 px width, is worth a click."""
-ANNOTATION_FOLDER = "annotations"
 State = Literal["refused", "doubtful", "calibrated", "unknown"]
 
 

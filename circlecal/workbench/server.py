@@ -238,6 +238,7 @@ def bind(port: int) -> socket.socket:
     found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         found.bind((LOCAL, port))
+        found.listen()  # whoever is told the address can connect at once
     except OSError as error:
         found.close()
         raise CirclecalError(f"--port {port}: {error.strerror}; choose another, or none for any free one") from error

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
 import threading
 from pathlib import Path
 
 from circlecal.errors import InputError
 from circlecal.files import prepare_folder, write_atomic
-from circlecal.formats.annotation import Annotation, annotation_bytes, parse_annotation
-
-_NOT_IN_NAMES = frozenset("/\\:\0")
+from circlecal.formats.annotation import Annotation, annotation_bytes, annotation_path, parse_annotation
 
 
 class NewerError(Exception):
@@ -35,10 +32,8 @@ class AnnotationStore:
         self._lock = threading.Lock()
 
     def path(self, frame_id: str) -> Path:
-        """The file of a frame; names that are no names of files get a digest instead."""
-        plain = frame_id not in ("", ".", "..") and _NOT_IN_NAMES.isdisjoint(frame_id)
-        name = frame_id if plain else hashlib.sha256(frame_id.encode(errors="surrogateescape")).hexdigest()[:24]
-        return self.folder / f"{name}.json"
+        """The file of a frame."""
+        return annotation_path(self.folder, frame_id)
 
     def read(self, frame_id: str) -> Annotation | None:
         """The annotation of a frame; None where there is none.

@@ -150,10 +150,12 @@ def test_refused_frames_write_no_camera(run_circlecal, tmp_path):
     assert outcome.code == 1
     names = sorted(p.name for p in (tmp_path / "out").iterdir())
     assert names == [
-        "broadtrack.json", "coco.json", "cvat.xml", "few.json", "labelstudio.json", "per_sample_output.json"
+        "broadtrack.json", "coco.json", "cvat.xml", "few.json", "few.labelme.json", "labelstudio.json",
+        "per_sample_output.json",
     ]  # fmt: skip
     assert json.loads((tmp_path / "out" / "broadtrack.json").read_text()) == {}
-    assert len(json.loads((tmp_path / "out" / "coco.json").read_text())["images"]) == 1
+    coco = json.loads((tmp_path / "out" / "coco.json").read_text())
+    assert len(coco["images"]) == 1 and [c["name"] for c in coco["categories"][1:]] == ["Middle line"]
 
 
 def test_every_format_from_a_picture(run_circlecal, frame_file, tmp_path):

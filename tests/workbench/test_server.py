@@ -127,5 +127,5 @@ def test_annotations_go_out_and_come_back(client, tmp_path):
     assert {"Circle central", "Side line top"} <= labels
     told = client.json("import?name=labelstudio.json", "POST", content)
     assert told == {"taken": len(frames), "unknown": 0}
-    assert client.ask("import?name=x.json", "POST", b"{}")[0] == 400
+    assert client.ask("import?name=x.json", "POST", b"nonsense")[0] == 400
     assert client.ask("export/nothing")[0] == 400

@@ -1,0 +1,91 @@
+"""What people name goes into runs, and out to other programs."""
+
+import csv
+import json
+
+import cv2
+import pytest
+
+from circlecal.config import Config
+from circlecal.formats.annotation import annotation_bytes, parse_annotation
+from circlecal.formats.registry import read_annotations
+from circlecal.pictures.files import PictureFile
+from circlecal.workbench.interpretations import name_marking
+from circlecal.workbench.measuring import begin_annotation
+from circlecal.workbench.store import AnnotationStore, NewerError
+from tests.workbench.conftest import Path
+
+
+@pytest.fixture
+def pictures(tmp_path, open_image) -> Path:
+    path = tmp_path / "pictures"
+    path.mkdir()
+    cv2.imwrite(str(path / "open.png"), open_image)
+    return path
+
+
+@pytest.fixture
+def named(open_frame):
+    begun = begin_annotation(open_frame, Config(), PictureFile("open", Path("open.png"), "open"))
+    line = next(k for k, m in enumerate(begun.markings) if m.kind == "line" and len(m.points_px) > 100)
+    return name_marking(begun, line, "side_line_top")
+
+
+def records(out: Path) -> list[dict]:
+    return [json.loads(line) for line in (out / "results.jsonl").read_text().splitlines()]
+
+
+def test_a_run_goes_on_with_what_was_named_meanwhile(pictures, named, run_circlecal, tmp_path):
+    out = tmp_path / "run"
+    command = ("batch", pictures, "--out", out, "--workers", 1, "-q")
+    assert run_circlecal(*command).code == 1
+    assert [r["status"] for r in records(out)] == ["refused"]
+    store = AnnotationStore(out / "annotations")
+    saved = store.save(named, 0)
+    assert run_circlecal(*command).code == 0
+    (record,) = records(out)
+    assert record["status"] == "calibrated" and record["annotation"] and record["id"] == "open"
+    (row,) = csv.DictReader((out / "summary.csv").open())
+    assert row["annotation"] == record["annotation"] and float(row["height_m"]) > 5
+    before = (out / "results.jsonl").read_bytes()
+    assert run_circlecal(*command).code == 0
+    assert (out / "results.jsonl").read_bytes() == before
+    store.save(saved.model_copy(update={"flag": "other_camera"}), saved.revision)
+    assert run_circlecal(*command).code == 1
+    assert [r["code"] for r in records(out)] == ["other_camera"]
+
+
+def test_an_annotation_beside_its_picture_is_taken(pictures, named, run_circlecal, tmp_path):
+    (pictures / "open.json").write_bytes(annotation_bytes(named))
+    outcome = run_circlecal("calibrate", pictures / "open.png", "--out", tmp_path / "out", "--json")
+    assert outcome.code == 0, outcome.err
+    assert json.loads(outcome.out)["annotation"]
+    assert run_circlecal("debug", pictures / "open.png", "--out", tmp_path / "debug", "-q").code == 0
+
+
+@pytest.mark.parametrize("name", ["cvat", "labelstudio", "coco", "labelme"])
+def test_a_refused_frame_goes_out_with_what_was_measured(pictures, run_circlecal, tmp_path, name):
+    out = tmp_path / "out"
+    assert run_circlecal("calibrate", pictures / "open.png", "--out", out, "--to", name, "-q", "--no-overlay").code == 1
+    (path,) = [p for p in out.iterdir() if name in p.name]
+    (frame,) = read_annotations(path, (960, 540), name)[1]
+    assert {shape.label for shape in frame.shapes} == {"Circle central", "Line unknown"}
+
+
+@pytest.mark.parametrize("program", ["cvat", "labelstudio", "labelme"])
+def test_label_sets(run_circlecal, tmp_path, program):
+    outcome = run_circlecal("convert", "--labels", program, "--out", tmp_path)
+    assert outcome.code == 0, outcome.err
+    (path,) = tmp_path.iterdir()
+    assert "Small rect. right bottom" in path.read_text() and "Line unknown" in path.read_text()
+    assert run_circlecal("convert", "--labels", "paper", "--out", tmp_path).code == 2
+
+
+def test_saved_annotations_are_whole_and_newer_ones_stay(named, tmp_path):
+    store = AnnotationStore(tmp_path)
+    saved = store.save(named, 0)
+    assert parse_annotation(tmp_path / "open.json", (tmp_path / "open.json").read_bytes()) == saved
+    with pytest.raises(NewerError):
+        store.save(named, 0)
+    assert store.path("../../etc/passwd").parent == tmp_path
+    assert store.read("nobody") is None
