@@ -123,7 +123,7 @@ def count_clicks(
     """
     cv2.setNumThreads(1)
     chosen = config or Config()
-    rows = []
+    rows: list[ClickRow] = []
     for group, name, measured, truth, file in _frames(folder, rendered, seed, chosen):
         advance(name)
         begun = begin_annotation(measured, chosen, file)
@@ -214,7 +214,8 @@ def _click_frame(
     rng: np.random.Generator,
 ) -> ClickRow:
     template, _ = field_of(config)
-    clicks, steps = 0, []
+    clicks = 0
+    steps: list[str] = []
     update_ms = _time_change(annotation, config)
     while not is_good(told, truth, template):
         tries = list(_tries(annotation, told, measured, truth, config, rng))
