@@ -20,7 +20,8 @@ from circlecal.formats.soccernet_camera import CameraKeys
 from circlecal.formats.worldcup import SUFFIX as MATRIX_SUFFIX
 from circlecal.geometry.camera import rotation_matrix
 from circlecal.geometry.projective import Array
-from circlecal.records.record import read_result
+from circlecal.records.log import is_log, read_records
+from circlecal.records.record import ResultRecord, read_result
 
 USUAL_SIZES: tuple[Size, ...] = ((640, 360), (960, 540), (1280, 720), (1920, 1080), (3840, 2160))
 SIZE_TOLERANCE = 0.06
@@ -84,7 +85,8 @@ def read_predictions(folder: Path, size: Size, given_size: Size | None = None) -
     Parameters
     ----------
     folder : path
-        ``camera_<id>.json``, results of circlecal (``<id>.json``), or ``<id>.homographyMatrix``; also in subfolders.
+        ``camera_<id>.json``, results of circlecal (``<id>.json``, ``results.jsonl``), or
+        ``<id>.homographyMatrix``; also in subfolders.
     size : (int, int)
         At which is evaluated.
     given_size : (int, int), optional
@@ -106,7 +108,10 @@ def read_predictions(folder: Path, size: Size, given_size: Size | None = None) -
         elif isinstance(known, CameraFormat):
             found |= _further(known.read(path, content.raw, given_size), size)
         elif known is RESULT:
-            found |= _own_result(path, size)
+            found |= _own_result(read_result(path), size)
+    for log in filter(is_log, _files(folder, (".jsonl",))):
+        for record in read_records(log):
+            found |= _own_result(record, size)
     if not found:
         raise InputError(f"{folder}: holds no camera; camera_<id>.json, results or <id>{MATRIX_SUFFIX} are read")
     return found
@@ -169,9 +174,8 @@ def _further(frames: Sequence[CameraFrame], size: Size) -> dict[str, Prediction]
     return found
 
 
-def _own_result(path: Path, size: Size) -> dict[str, Prediction]:
+def _own_result(stored: ResultRecord, size: Size) -> dict[str, Prediction]:
     """A result of circlecal; where the surface is crowned, the flat camera nearest to what it shows."""
-    stored = read_result(path)
     template = load_field("soccer")
     frame = CalibratedFrame.of(stored, template, template.circle_by_name[template.default_circle])
     camera = None if frame is None else frame.flat

@@ -8,6 +8,7 @@ import av
 import pytest
 
 import circlecal
+from circlecal.evaluation.reading import read_predictions
 from circlecal.tracking import run as run_module
 from tests.tracking import scripted
 
@@ -101,3 +102,10 @@ def test_a_clip_that_cannot_be_read_does_not_stop_the_others(clip, tmp_path, run
 def test_help_tells_the_default_of_every(run_circlecal, command, default):
     shown = " ".join(run_circlecal(command, "--help").out.replace("│", " ").split())
     assert f"(default: {default})" in shown
+
+
+def test_evaluate_reads_the_run(clip, tmp_path, run_circlecal):
+    run_circlecal("track", clip, "--out", tmp_path / "out", "--quiet", "--every", "10")
+    names = {frame.id for frame in circlecal.load(tmp_path / "out")}
+    found = read_predictions(tmp_path / "out", (960, 540))
+    assert found.keys() == names and len(names) == 3
