@@ -93,9 +93,7 @@ class Config(BaseModel):
 
     model_config = _STRICT
 
-    seed: int = Field(
-        0, ge=0, le=2**32 - 1, description="Seed of all random draws; with the frame's id it fixes every answer."
-    )
+    seed: int = Field(0, ge=0, le=2**32 - 1, description="Seed of all random draws; every frame begins with it anew.")
     solver: str | None = Field(
         None,
         description="One of the published solvers instead of the closed forms and the camera stage; null for none.",

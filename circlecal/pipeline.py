@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Literal, TypeVar
-from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,9 +91,11 @@ UNDETERMINED = ("no_circle", "no_ellipse")
 """Refusals that say only that points, lines and arcs are too few without the circle."""
 
 
-def frame_generator(seed: int, frame_id: str) -> np.random.Generator:
-    """Random generator of one frame: neither the order of frames nor the number of workers changes an answer."""
-    return np.random.default_rng([seed, crc32(frame_id.encode("utf-8"))])
+def frame_generator(seed: int) -> np.random.Generator:
+    """Random generator of one frame, which every frame begins anew: neither its name, nor the order of frames, nor the
+    number of workers changes an answer.
+    """
+    return np.random.default_rng(seed)
 
 
 def field_of(config: Config) -> tuple[FieldTemplate, Circle]:
@@ -250,7 +251,7 @@ def run(
     height, width = image.shape[:2]
     if mask is not None and mask.shape != (height, width):
         raise InputError(f"{frame_id}: the mask is {mask.shape[1]}x{mask.shape[0]}, the picture {width}x{height}")
-    setting = Setting(config, template, circle, width, height, frame_generator(config.seed, frame_id))
+    setting = Setting(config, template, circle, width, height, frame_generator(config.seed))
     scene = prepare_scene(setting, image, mask, extra)
     attempt = look_for_field_lines(setting, scene)
     if attempt is None:
@@ -286,7 +287,7 @@ def run_observations(
     template, circle = field_of(config)
     template = apply_convention(template, convention)
     size = observations.width, observations.height
-    setting = Setting(config, template, circle, *size, frame_generator(config.seed, frame_id))
+    setting = Setting(config, template, circle, *size, frame_generator(config.seed))
     attempt = estimate(setting, take_observations(setting, Attempt(), observations), earlier)
     return setting.calibration(attempt, frame_id, source)
 

@@ -8,20 +8,25 @@ import resource
 import struct
 import subprocess
 import sys
+import threading
 import time
 import zlib
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
+import circlecal
 from circlecal.errors import CirclecalError, ConfigError, InputError
 from circlecal.field import load_field
 from circlecal.files import read_file
 from circlecal.names import as_cell, as_stem, show, show_json
 from circlecal.pictures.files import distinct_names, read_image
+from circlecal.pictures.inputs import expand_inputs
 from circlecal.pictures.limits import LimitsConfig
+from circlecal.pictures.remote import read_url
 from circlecal.records.camera_prior import prior_settings
 from circlecal.yaml_text import YamlError, parse_yaml
 
@@ -484,3 +489,160 @@ def test_every_reader_names_the_file(tmp_path):
             read(path if read is not load_field else path.rename(tmp_path / "x.yaml"))
         assert "x." in str(caught.value)
         assert "\n" not in str(caught.value)
+
+
+# what damaged files showed
+
+
+def test_a_result_with_ragged_matrices_is_damaged(run_circlecal, tmp_path, frame_file):
+    assert run_circlecal("calibrate", frame_file, "--out", tmp_path, "--no-overlay").code == 0
+    path = tmp_path / "good.json"
+    content = json.loads(path.read_text())
+    for change in ("H_covariance", "ellipse"):
+        damaged = json.loads(path.read_text())
+        if change == "ellipse":
+            damaged["ellipses"]["center"]["covariance"][0] = [1.0]
+        else:
+            damaged["H_covariance"].pop()
+        path.write_text(json.dumps(damaged))
+        only_line(run_circlecal("project", path, "--to", "field", 1, 2), "is no square matrix")
+        path.write_text(json.dumps(content))
+
+
+def test_a_line_longer_than_any_path(tmp_path):
+    path = tmp_path / "list.txt"
+    path.write_text("[" * 100_000)
+    start = time.monotonic()
+    with pytest.raises(InputError, match="than any path"):
+        expand_inputs([path])
+    assert time.monotonic() - start < 5
+
+
+# small pictures
+
+
+def test_small_pictures_are_calibrated_or_refused(frame_image):
+    rng = np.random.default_rng(3)
+    config = circlecal.load_config(None, {"camera.starts": 2, "camera.iterations": 10})
+    for _ in range(12):
+        width, height = rng.integers(64, 221, 2).tolist()
+        x, y = int(rng.integers(0, 960 - width)), int(rng.integers(0, 540 - height))
+        small = cv2.resize(frame_image, (width, height), interpolation=cv2.INTER_AREA)
+        for picture in (frame_image[y : y + height, x : x + width], small):
+            assert circlecal.calibrate(picture, config).status in ("calibrated", "refused")
+
+
+# the same picture under two names
+
+
+def test_a_name_changes_no_answer_wherever_it_is_asked(run_circlecal, tmp_path, frame_file):
+    other = tmp_path / "other" / "another name.png"
+    other.parent.mkdir()
+    other.write_bytes(frame_file.read_bytes())
+    assert run_circlecal("calibrate", frame_file, other, "--out", tmp_path / "c", "--no-overlay").code == 0
+    batch = ("batch", frame_file, other, "--out", tmp_path / "b", "--workers", 2)
+    assert run_circlecal(*batch).code == 0
+    lines = [json.loads(line) for line in (tmp_path / "b" / "results.jsonl").read_text().splitlines()]
+    files = [json.loads((tmp_path / "c" / f"{name}.json").read_text()) for name in ("good", "another name")]
+    own = json.loads(json.dumps(circlecal.calibrate(str(frame_file)).to_dict()))
+    answers = []
+    for found in (*lines, *files, own):
+        answers.append({key: value for key, value in found.items() if key not in ("id", "source", "timings_ms")})
+    assert all(answer == answers[0] for answer in answers[1:])
+
+
+def test_a_verdict_near_a_limit_says_so(run_circlecal, tmp_path, frame_file):
+    found = circlecal.calibrate(str(frame_file))
+    check = next(c for c in found.to_dict()["checks"] if c["name"] == "sigma_m")
+    near = circlecal.calibrate(str(frame_file), set={"verdict.max_sigma_m": check["value"] * 1.05})
+    assert any(text.startswith("sigma_m ") for text in near.near_limits)
+    assert not any(text.startswith("sigma_m ") for text in found.near_limits)
+    setting = f"verdict.max_sigma_m={check['value'] * 1.05}"
+    outcome = run_circlecal("calibrate", frame_file, "--set", setting, "--out", tmp_path / "o", "--no-overlay")
+    assert "good: calibrated, near a limit: " in outcome.err
+
+
+# writing
+
+
+def test_simulate_tries_to_write_first(run_circlecal, tmp_path, monkeypatch):
+    from circlecal.evaluation.bench import simulation
+
+    def never(*_, **__):
+        raise AssertionError("it computed first")
+
+    monkeypatch.setattr(simulation, "simulate", never)
+    (tmp_path / "file").write_text("")
+    only_line(run_circlecal("simulate", "--no-plots", "--out", tmp_path / "file"), "is a file")
+
+
+# servers
+
+
+class Server(BaseHTTPRequestHandler):
+    """Hangs, drips, sends elsewhere, or ends early, as the path says."""
+
+    content = b"0123456789" * 1000
+
+    def do_GET(self) -> None:
+        if self.path == "/hang":
+            time.sleep(3)
+        elif self.path == "/drip":
+            self.send_response(200)
+            self.end_headers()
+            for _ in range(30):
+                self.wfile.write(b"x")
+                self.wfile.flush()
+                time.sleep(0.1)
+        elif self.path == "/early":
+            start = int((self.headers.get("Range") or "bytes=0-")[6:-1])
+            self.send_response(206 if start else 200)
+            self.send_header("Content-Length", str(len(self.content) - start))
+            self.end_headers()
+            self.wfile.write(self.content[start : start + 4000])
+        elif self.path == "/large":
+            self.send_response(200)
+            self.send_header("Content-Length", str(1 << 40))
+            self.end_headers()
+        else:
+            self.send_response(302)
+            self.send_header("Location", self.path[1:])
+            self.end_headers()
+
+    def log_message(self, *details: object) -> None:
+        pass
+
+
+@pytest.fixture(scope="module")
+def server():
+    running = ThreadingHTTPServer(("127.0.0.1", 0), Server)
+    threading.Thread(target=running.serve_forever, daemon=True).start()
+    yield f"http://127.0.0.1:{running.server_address[1]}"
+    running.shutdown()
+
+
+LIMITS = LimitsConfig(server_seconds=0.7)
+
+
+@pytest.mark.parametrize("path", ["hang", "drip"])
+def test_a_server_that_hangs_has_a_limit_that_is_said(server, monkeypatch, path):
+    monkeypatch.setenv("no_proxy", "127.0.0.1")
+    start = time.monotonic()
+    with pytest.raises(InputError, match=r"after 0\.7 s; raise limits\.server_seconds"):
+        read_url(f"{server}/{path}", LIMITS)
+    assert time.monotonic() - start < 10
+
+
+def test_what_a_server_may_not_do(server, monkeypatch):
+    monkeypatch.setenv("no_proxy", "127.0.0.1")
+    assert read_url(f"{server}/early") == Server.content
+    with pytest.raises(InputError, match="more than 256 MB"):
+        read_url(f"{server}/large")
+    with pytest.raises(InputError, match="not allowed"):  # urllib says it by itself
+        read_url(f"{server}/file:///etc/passwd")
+    with pytest.raises(InputError, match="neither http nor https"):
+        read_url(f"{server}/ftp://127.0.0.1/x")
+    assert read_url(f"{server}/{server}/early") == Server.content  # private to private
+    monkeypatch.setattr("circlecal.pictures.remote._is_private", lambda host: host.startswith("10."))
+    with pytest.raises(InputError, match="a private address"):
+        read_url(f"{server}/http://10.0.0.1/x")

@@ -126,6 +126,11 @@ class Calibration:
         return self._record.reason
 
     @property
+    def near_limits(self) -> list[str]:
+        """Checks of the verdict that only just passed or failed, as ``sigma_px 5.62 of 6``."""
+        return self._record.near_limits
+
+    @property
     def help(self) -> str | None:
         """What helps against the refusal."""
         return None if self.code is None else explain(self.code, self._record.stage).help

@@ -86,6 +86,8 @@ def calibrate(
     with console.progress_display(quiet=quiet or len(frames) <= 1) as show:
         for record in _records(frames, run, show, console.error_reporter(failures)):
             summaries.append(summarise(record))
+            if record.near_limits and not quiet:
+                console.print_note(f"{record.id}: {record.status}, near a limit: {', '.join(record.near_limits)}")
             if json_lines:
                 console.print_json(result_line(record))
     exports.finish()

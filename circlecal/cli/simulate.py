@@ -27,10 +27,12 @@ def simulate(
     from circlecal.cli import console
     from circlecal.evaluation.bench import simulation
     from circlecal.evaluation.bench.simulation_plots import require_matplotlib, write_plots
+    from circlecal.files import prepare_folder
 
     plan = simulation.simulation_plan(solver or (), scenario or (), simulation.parse_noises(noise), cameras, seed)
     if not no_plots:
         require_matplotlib()
+    prepare_folder(out)
     with console.count_steps("cameras", len(plan.scenarios) * cameras) as advance:
         rows = simulation.simulate(plan, workers, advance)
     written = [simulation.write_csv(rows, out)]

@@ -23,6 +23,8 @@ _NUMBER = re.compile(r"%(?:0([0-9]{1,9}))?d")
 _TRANSPORT_STREAM_BYTE = b"G"
 _MAX_LIST_BYTES = 32 << 20
 """Of a list: room for some 300,000 paths."""
+_LONGEST_PATH = 4096
+"""Of Linux, characters; other systems take fewer."""
 _LONGEST_NUMBER = 18
 """Digits of a frame's number."""
 
@@ -72,6 +74,8 @@ def expand_inputs(inputs: Sequence[str | Path], annotation_suffixes: Collection[
 def _expand(text: str, within: bool = False) -> Iterator[Path | str]:
     """What a text names: paths, and URLs as text."""
     given = Path(text)
+    if len(text) > _LONGEST_PATH:  # patterns take a time that grows with the square of their length
+        raise InputError(f"{text[:60]}...: is longer ({len(text)} characters) than any path")
     if is_url(text):
         require_url(text)
         yield text

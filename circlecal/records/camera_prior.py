@@ -18,6 +18,7 @@ from pydantic import ValidationError
 from circlecal.camera.options import CameraConfig
 from circlecal.errors import InputError
 from circlecal.files import read_file, write_atomic
+from circlecal.names import show
 from circlecal.records.record import GIVE_A_RESULT, ResultRow, explain_damage, parse_record
 from circlecal.yaml_text import YamlError, read_yaml
 
@@ -51,7 +52,7 @@ def prior_settings(path: Path) -> list[str]:
     known = {key: value for key, value in known.items() if key not in ABOUT_KEYS}
     unknown = next((key for key in known if key not in KEYS), None)
     if unknown is not None:
-        raise InputError(f"{path}: {unknown} is unknown in a camera prior; known: {', '.join(KEYS)}")
+        raise InputError(f"{path}: {show(unknown)} is unknown in a camera prior; known: {', '.join(KEYS)}")
     if known.get("position_m") is None:
         raise InputError(f"{path}: position_m is missing; a camera prior needs at least the position")
     settings = {"position_sd_m": [DEFAULT_POSITION_SD_M] * 3, **known}

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Annotated, Any, Self, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, InstanceOf, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, InstanceOf, ValidationError, model_validator
 from pydantic_core import PydanticSerializationError
 
 from circlecal.errors import InputError
@@ -29,6 +29,8 @@ from circlecal.observations import CircleEdge, CirclePoints, Keypoint, LineEnd, 
 from circlecal.results import Status
 
 SCHEMA_VERSION = 1
+NEAR_SHARE = 0.1
+"""Of a limit: a value that is no further from it is said to be near."""
 GIVE_A_RESULT = "give a result file of circlecal calibrate"
 
 Text = InstanceOf[str]
@@ -37,6 +39,15 @@ Number = float | None
 Pair = tuple[Number, Number]
 Triple = tuple[Number, Number, Number]
 Matrix = tuple[Triple, Triple, Triple]
+
+
+def _require_square(rows: list[list[Number]]) -> list[list[Number]]:
+    if any(len(row) != len(rows) for row in rows):
+        raise ValueError(f"is no square matrix: {len(rows)} rows of {', '.join(sorted({str(len(r)) for r in rows}))}")
+    return rows
+
+
+SquareMatrix = Annotated[list[list[Number]], AfterValidator(_require_square)]
 
 
 class _Part(BaseModel):
@@ -229,7 +240,7 @@ class EllipseRecord(EllipseRow):
     center_px: Pair
     semi_axes_px: Pair
     angle_degrees: Number
-    covariance: list[list[Number]] | None = None
+    covariance: SquareMatrix | None = None
     method: str | None = None
     arc_degrees: Number = None
     hypotheses: int | None = None
@@ -473,7 +484,7 @@ class ResultRecord(ResultRow):
     checks: list[CheckRecord] = []
     H_image_field: Matrix | None = None
     H_field_image: Matrix | None = None
-    H_covariance: list[list[Number]] | None = None
+    H_covariance: SquareMatrix | None = None
     camera: CameraRecord | None = None
     rejected_estimate: EstimateRecord | None = None
     ellipses: EllipsesRecord | None = None
@@ -508,6 +519,20 @@ class ResultRecord(ResultRow):
         if self.rejected_estimate is None:
             return self.view
         return self._view(self.rejected_estimate.camera, self.rejected_estimate.H_image_field)
+
+    @property
+    def near_limits(self) -> list[str]:
+        """Checks that only just passed, or only just failed, as ``sigma_px 5.62 of 6``: another seed, release or
+        encoding of the picture may end on the other side. Counts, which are whole numbers, are left out.
+        """
+        return [
+            f"{check.name} {check.value:.3g} of {check.limit:.3g}"
+            for check in self.checks
+            if check.value is not None
+            and check.limit
+            and not (check.value.is_integer() and check.limit.is_integer())
+            and abs(check.value - check.limit) <= NEAR_SHARE * abs(check.limit)
+        ]
 
     @property
     def seen(self) -> Observations | None:

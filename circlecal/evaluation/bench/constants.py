@@ -104,7 +104,7 @@ def _answers_to_frame(profile: SceneProfile, seed: int, index: int, width: int) 
     for options in (config, config.model_copy(update={"field": other})):
         template, circle = field_of(options)
         height, columns = image.shape[:2]
-        setting = Setting(options, template, circle, columns, height, frame_generator(seed, f"{profile}-{index}"))
+        setting = Setting(options, template, circle, columns, height, frame_generator(seed))
         scene = prepare_scene(setting, image, None, None)
         attempts = _all_attempts(setting, scene) if options is config else [calibrate_scene(setting, scene)]
         for attempt in attempts:
