@@ -204,9 +204,9 @@ class Video:
             on_missing(f"{self.path}: {missing}; all else was read")
 
 
-def pictures_at(path: Path, times_s: Iterable[float]) -> Iterator[NDArray[np.uint8] | None]:
+def pictures_at(path: Path, times_s: Iterable[float], *, exact: bool = True) -> Iterator[NDArray[np.uint8] | None]:
     """Pictures (H, W, 3) of frames whose times :meth:`Video.frames` told, in any order (fastest where they grow); None
-    for one that is not there.
+    for one that is not there. Without ``exact`` any times, of which each means the first frame that is not before it.
 
     Raises
     ------
@@ -216,7 +216,7 @@ def pictures_at(path: Path, times_s: Iterable[float]) -> Iterator[NDArray[np.uin
     with _Decoder(path) as decoder:
         for time_s in times_s:
             found = decoder.go_to(time_s)
-            there = found is not None and found - time_s <= 0.5 / decoder.rate
+            there = found is not None and (not exact or found - time_s <= 0.5 / decoder.rate)
             yield decoder.picture() if there else None
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from circlecal.field.view import FieldView
-from circlecal.geometry.camera import rotation_matrix
+from circlecal.geometry.camera import lens_factor, rotation_matrix
 from circlecal.geometry.camera_parameters import (
     ANGLES,
     CROWN,
@@ -115,6 +115,24 @@ class TripodModel:
         if D > 3:
             by[:, _BLOOM, 3] = 1.0
         return by[..., :D], by[..., D:]
+
+    def project_world(self, own: Array, common: Array, world: Array) -> Array:
+        """Pixels (F, N, 2) of points (N, 3) of the world that need not lie on the field, before any camera or not."""
+        common = np.broadcast_to(common, (len(own), len(COMMON)))
+        rotation = self._rotations(own, common)
+        zoom = own[:, :1] - self.log_focal
+        position = common[:, _AXIS] + self._lever(zoom, common) * rotation[:, 2]
+        local = (world - position[:, None]) @ np.swapaxes(rotation, 1, 2)
+        normalised = local[..., :2] / np.maximum(local[..., 2:], 1e-3)
+        lens_of = {name: common[:, PLACE[name], None] for name in COMMON}
+        focal = np.exp(own[:, :1])
+        r2 = (normalised**2).sum(axis=-1) * (2.0 / self.projection.width * focal) ** 2
+        first = lens_of["kappa_1"] + zoom * lens_of["kappa_1_by_zoom"]
+        factor, _ = lens_factor(r2, first, lens_of["kappa_2"])
+        pixels = normalised * (focal * factor)[..., None]
+        pixels[..., 1] *= np.exp(lens_of["log_aspect"])
+        beside = [lens_of[name] + zoom * lens_of[f"{name}_by_zoom"] for name in ("pp_x", "pp_y")]
+        return np.asarray(pixels + self.projection.center + np.concatenate(beside, axis=1)[:, None])
 
     def own_of(self, theta: Array, common: Array) -> Array:
         """Own parameters (F, 4) of cameras (F, P): the head's angles that turn the tripod's camera the same way."""
@@ -253,6 +271,8 @@ def _tilt_axis(roll: Array) -> Array:
 def _lean(lean: Array) -> Array:
     """Rotations (..., 3, 3) from the head's axes to the field's, of angles (2, ...) about x and then y."""
     (cx, cy), (sx, sy) = np.cos(lean), np.sin(lean)
-    zero = np.zeros_like(cx)
-    rows = [[cy, zero, sy], [sx * sy, cx, -sx * cy], [-cx * sy, sx, cx * cy]]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    found = np.zeros((*np.shape(cx), 3, 3))
+    found[..., 0, 0], found[..., 0, 2] = cy, sy
+    found[..., 1, 0], found[..., 1, 1], found[..., 1, 2] = sx * sy, cx, -sx * cy
+    found[..., 2, 0], found[..., 2, 1], found[..., 2, 2] = -cx * sy, sx, cx * cy
+    return found

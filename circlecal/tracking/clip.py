@@ -26,19 +26,25 @@ __all__ = ["ClipFrame", "PicturesAt", "survey_clip", "track_frames"]
 
 WINDOW, OVERLAP = 400, 150
 """Frames that are smoothed at once at most, and those that the next window shares with it."""
-DRIFT_SD = (2e-4, 3e-5, 3e-5)
+DRIFT_SD = (2e-5, 5e-6, 5e-6)
 """What the motion between neighbours leaves open beside its own standard deviation: logarithm of the focal length and
 radians.
 """
 SEARCHES = (0, 1, 2, 3, 4, 6, 9, 14, 20)
 """Frames after a cut in which the camera is searched for; later in every :data:`SEARCH_EVERY`-th."""
 SEARCH_EVERY = 25
+GRASS_EVERY = 4
+"""The playing surface is looked for in every so many-th frame while the camera is followed."""
 LEAST_GRASS = 0.15
 """Share of the picture that the playing surface covers where a search is worth it."""
 FOLLOWED_FRAMES = 50
 """So long a camera is followed by motion alone, frames."""
 EXPECTED_PLACES, BARE_SHARE = 60, 0.2
 """A picture that should show so many places of paint and shows less than this share of them contradicts its camera."""
+DOUBTFUL_PLACES, DOUBTFUL_FRAMES = 40, 5
+"""A picture that should show so many places of paint, and is not confirmed by them, is answered only as near to a
+confirmed frame as this: through a blurred moment of a fast pan.
+"""
 PATIENCE = 12
 """Frames in a row that contradict the camera before it is searched for again."""
 LARGEST_SIGMA_PX = 8.0
@@ -128,7 +134,9 @@ class _Tracker:
 
     def follow(self, frame: ClipFrame) -> _Entry:
         """The next frame."""
-        picture = LookedAt.of(frame.picture, self._config.mask.detector.field_region)
+        is_followed = self._entry is not None and self._entry.is_confirmed and frame.index % GRASS_EVERY != 0
+        region = self._config.mask.detector.field_region
+        picture = LookedAt.of(frame.picture, region, self._last if is_followed else None)
         entry = _Entry(frame.index, frame.time_s, picture.size, self._shot)
         before, last = self._entry, self._last
         flow = None
@@ -139,6 +147,8 @@ class _Tracker:
             look = self._continue(entry, before, picture, flow)
         is_lost = look is None or self._contradicted >= PATIENCE or self._unconfirmed > FOLLOWED_FRAMES
         if is_lost:
+            if is_followed:
+                picture = LookedAt.of(frame.picture, region)
             self._lose(entry, before)
             if self._is_time_to_search() and picture.grass_share >= LEAST_GRASS:
                 self._find(entry, picture)
@@ -302,7 +312,7 @@ def _answer_frame(entry: _Entry, values: Array, covariance: Array, support: int)
         entry.index, entry.time_s, entry.size, entry.shot, tripod.name, "calibrated", None, None, view, head,
         entry.carriers, checks, sigma_px,
     )  # fmt: skip
-    if support > FOLLOWED_FRAMES or (entry.is_contradicted and support > PATIENCE):
+    if support > (DOUBTFUL_FRAMES if entry.expected >= DOUBTFUL_PLACES else FOLLOWED_FRAMES):
         return _refuse(frame, "paint_missing")
     return frame if sigma_px <= limit else _refuse(frame, "too_uncertain")
 

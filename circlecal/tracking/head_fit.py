@@ -75,13 +75,15 @@ def fit_head(
         if step in (0, 2):
             sigma = sigmas_of(measured, away, unit)
         values = away / sigma
-        weight = 1.0 / (1.0 + values**2 / LOSS_SCALE**2) ** 2
+        # at first what most of the paint says counts, however far off it is
+        scale = max(LOSS_SCALE, 2.0 * float(np.median(np.abs(values)))) if step < 2 else LOSS_SCALE
+        weight = 1.0 / (1.0 + values**2 / scale**2) ** 2
         jacobian = (rows @ by_own) / sigma[:, None]
         information = (jacobian * weight[:, None]).T @ jacobian
         gradient = (jacobian * weight[:, None]).T @ values + prior @ (head - start)
         change = -np.linalg.solve(information + prior + 1e-6 * np.eye(3), gradient)
         head = head + np.clip(change, -0.1, 0.1)
-        if step == ROUNDS - 1 or np.abs(jacobian @ change).max() < 0.02:
+        if step == ROUNDS - 1 or (step > 1 and np.abs(jacobian @ change).max() < 0.02):
             mixed = (jacobian * weight[:, None]).T @ ((rows @ by_all) / sigma[:, None])
             by_common = -np.linalg.solve(information + prior + 1e-6 * np.eye(3), mixed)
             rms = float(np.sqrt((weight * away**2).sum() / max(weight.sum(), 1e-9)))

@@ -57,9 +57,11 @@ class LookedAt:
     grass_share: float
 
     @classmethod
-    def of(cls, picture: NDArray[np.uint8], config: FieldRegionConfig) -> LookedAt:
-        """Prepare a BGR picture (H, W, 3)."""
+    def of(cls, picture: NDArray[np.uint8], config: FieldRegionConfig, beside: LookedAt | None = None) -> LookedAt:
+        """Prepare a BGR picture (H, W, 3); the playing surface is taken from a picture beside it where one is given."""
         gray = to_gray(picture)
+        if beside is not None and beside.gray.shape == gray.shape:
+            return cls(gray, SmallPicture.of(gray), beside.grass, beside.grass_share)
         height, width = gray.shape
         step = max(1, width // (2 * SMALL_WIDTH_PX))
         reduced = cv2.resize(
@@ -87,6 +89,15 @@ class Look:
     measured: MeasuredFrame
     fit: HeadFit
     is_confirmed: bool
+
+    @property
+    def worth(self) -> float:
+        """How much paint there is, as far as it should be there and is explained."""
+        return float(self.measured.painted.sum() * self.measured.painted_share * self.fit.inlier_share)
+
+    def is_better(self, other: Look) -> bool:
+        """Whether this look explains more paint."""
+        return self.worth > other.worth
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,26 +166,27 @@ class Place:
         sigma = np.sqrt(np.diag(covariance)) * (self.tripod.size[0] / 2, np.exp(fit.head[0]), np.exp(fit.head[0]))
         return bool(sigma.max() < LARGEST_HEAD_SIGMA_PX * self.unit)
 
+    def propose(self, picture: LookedAt) -> Array:
+        """Heads (N, 3) that may be the picture's, the likeliest first."""
+        return search_heads(picture.ridges, self.tripod, self.drawn, self.template)
+
+    def spread_of_found(self, head: Array) -> Array:
+        """Covariance (3, 3) of a proposed head."""
+        turn = FOUND_SD_PX * self.unit / np.exp(head[0])
+        return np.diag(np.array([FOUND_SD_ZOOM, turn, turn]) ** 2)
+
     def find(self, picture: LookedAt) -> Look | None:
         """Search for the head; None where the paint confirms none."""
         best: Look | None = None
-        focal = FOUND_SD_PX * self.unit
-        for head in search_heads(picture.ridges, self.tripod, self.drawn, self.template):
-            spread = np.diag(np.array([FOUND_SD_ZOOM, *np.full(2, focal / np.exp(head[0]))]) ** 2)
+        for head in self.propose(picture):
+            spread = self.spread_of_found(head)
             look = self.look(picture, head, spread)
             if len(look.measured.marking) < LEAST_PLACES // 2:
                 continue
             look = self.look(picture, look.fit.head, spread / 16.0, look.fit.by_common)
-            if look.is_confirmed and (best is None or _is_better(look, best)):
+            if look.is_confirmed and (best is None or look.is_better(best)):
                 best = look
         return best
-
-
-def _is_better(first: Look, second: Look) -> bool:
-    worth = [
-        look.measured.painted.sum() * look.measured.painted_share * look.fit.inlier_share for look in (first, second)
-    ]
-    return bool(worth[0] > worth[1])
 
 
 def _variance(rows: Array, covariance: Array) -> Array:

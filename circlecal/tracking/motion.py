@@ -19,7 +19,7 @@ from circlecal.rig.tripod import TripodModel
 
 WIDTH_PX = 640
 """Width of the reduced picture. With 480 fast pans lose a third of their corners, with 960 it takes twice the time."""
-CORNERS = 260
+CORNERS = 220
 QUALITY, APART_PX = 0.01, 9.0
 """Of the corners: share of the best one's strength, and distance between neighbours, reduced pixels."""
 WINDOW, LEVELS = (15, 15), 3
@@ -35,7 +35,7 @@ BACKGROUND_M = 110.0
 """How far the stands are taken to be away, where a corner is not on the ground, metres."""
 BIAS_SHARE = 0.004
 """Of the motion by which it is wrong: the distance of the stands is not known, and the pupil moves on its lever."""
-FLOOR_PX = 0.03
+FLOOR_PX = 0.01
 """What no number of corners lowers of the motion's standard deviation, reduced pixels."""
 
 
@@ -102,7 +102,7 @@ def follow_corners(first: SmallPicture, second: SmallPicture, expected: Array | 
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
     )
     back, again, _ = cv2.calcOpticalFlowPyrLK(
-        second.gray, first.gray, end, start.copy(), winSize=WINDOW, maxLevel=LEVELS, criteria=criteria,
+        second.gray, first.gray, end, start.copy(), winSize=WINDOW, maxLevel=0, criteria=criteria,
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
     )  # fmt: skip
     size = np.array(second.gray.shape[::-1], np.float32) - 1
@@ -170,7 +170,7 @@ def estimate_motion(
 
     def pixels_after(change: Array) -> Array:
         """Pixels (B, N, 2) after changes (B, 3)."""
-        return _project(world, head + change, model, common)
+        return model.project_world(head + change, common, world)
 
     here = pixels_after(np.zeros((1, 3)))[0]
     by = np.stack([(p - here) / s for p, s in zip(pixels_after(np.diag(steps)), steps, strict=True)], axis=-1)
@@ -216,9 +216,3 @@ def _background(pixels: Array, head: Array, model: TripodModel, common: Array) -
         ground = np.where(rays[:, 2] > 0, -camera.position_m[2] / rays[:, 2], np.inf)
     depth = np.minimum(ground, BACKGROUND_M / length)
     return np.asarray(camera.position_m + depth[:, None] * rays)
-
-
-def _project(world: Array, heads: Array, model: TripodModel, common: Array) -> Array:
-    """Pixels (B, N, 2) of points (N, 3) of the world for heads (B, 3)."""
-    thetas = model.thetas(heads, common)
-    return np.stack([camera_of(theta, model.projection).project(world) for theta in thetas])

@@ -362,7 +362,7 @@ def _survey(run: ClipRun, video: Video) -> Venue | str:
     length = (end if math.isfinite(end) else start + STRETCH_S) - start
 
     def shift_times(times_s: Sequence[float]) -> Iterator[Any]:
-        return pictures_at(video.path, [start + time for time in times_s])
+        return pictures_at(video.path, [start + time for time in times_s], exact=False)
 
     try:
         return survey_clip(shift_times, length, run.config_of(video), run.known)

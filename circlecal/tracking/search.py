@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from circlecal.field import FieldTemplate
 from circlecal.geometry.camera import lens_factor
-from circlecal.geometry.camera_parameters import KAPPA_1, POSITION, rotations
+from circlecal.geometry.camera_parameters import KAPPA_1, POSITION, PRINCIPAL, rotations
 from circlecal.geometry.projective import Array
 from circlecal.rig.tripod import TripodEstimate
 from circlecal.tracking.markings import DrawnTemplate, grow_places
@@ -183,8 +183,8 @@ def _score_some(
     half_widths = (2.0 / tripod.size[0]) * focal
     lens, _ = lens_factor((x * x + y * y) * half_widths**2, theta[:, KAPPA_1, None], 0.0)
     scale_px = np.clip(lens, 0.7, 1.5).astype(np.float32) * focal / np.float32(ridges.factor)
-    center = (tripod.model.projection.center / ridges.factor).astype(np.float32)
-    x, y = x * scale_px + center[0], y * scale_px + center[1]
+    center = ((tripod.model.projection.center + theta[:, PRINCIPAL] + 0.5) / ridges.factor - 0.5).astype(np.float32)
+    x, y = x * scale_px + center[:, :1], y * scale_px + center[:, 1:]
     # the middle of each piece stands for it
     mx, my = (x[:, 1:] + x[:, :-1]) * np.float32(0.5), (y[:, 1:] + y[:, :-1]) * np.float32(0.5)
     inside = ahead[:, 1:] & ahead[:, :-1] & (mx >= 0) & (my >= 0) & (mx < columns - 1) & (my < rows - 1)

@@ -16,28 +16,33 @@ from circlecal.pipeline import field_of, run
 from circlecal.results import CameraFit
 from circlecal.rig.positions import group_positions
 from circlecal.rig.tripod import TripodEstimate, Venue
-from circlecal.tracking.looking import LookedAt, Place
+from circlecal.tracking.looking import LEAST_PLACES, Look, LookedAt, Place
 from circlecal.tracking.markings import DrawnTemplate, MeasuredFrame, measure_markings, place_markings, template_curves
 from circlecal.tracking.tripod_fit import HeadedFrame, TripodFit, common_priors, fit_tripod, start_tripod
 
 PicturesAt = Callable[[Sequence[float]], Iterator[NDArray[np.uint8] | None]]
 """Decodes, at some growing times, the first frame at or after each; None where there is none."""
 
-MOST_PICTURES, LEAST_STEP_S = 48, 0.4
+MOST_PICTURES, LEAST_STEP_S = 48, 0.5
 """Pictures that are looked at, and the least time between them."""
-ENOUGH_ALONE = 14
+ENOUGH_ALONE = 10
 """Frames that are calibrated alone; all others are found by the tripod that these determine."""
 SAME_PLACE_M = 0.8
 """How far apart single frames put one camera, beyond their own uncertainty: the lever arm moves the pupil so far."""
 LEAST_FRAMES = 2
 """Frames that make a tripod."""
-WORST_RMS_PX = 1.0
+WORST_RMS_PX = 2.0
 """A frame whose paint lies further from its tripod's markings, root mean square, pixels at 1920 px width, was
-calibrated wrongly: right ones have 0.05 to 0.4.
+calibrated wrongly: rendered frames have 0.05 to 0.4, real ones up to 1.3, since real pitches fall in more ways than the
+models of the surface.
 """
 LEAST_OWN_PLACES = 30
-ROUNDS = 2
-"""In which the tripods find further frames and learn from them."""
+ROUNDS, LOOKS = 3, 3
+"""In which the tripods find further frames and learn from them; and looks at a frame while its tripod changes."""
+SLACK = 9.0
+"""How much more than its covariance says a tripod may change to meet a frame that looks elsewhere: the surface and the
+lens have other shapes than their models.
+"""
 SHAPES: tuple[SurfaceShape, ...] = ("roof", "parabola")
 DECISIVE = 10.0
 """Difference in cost by which a parabola must be better than a roof."""
@@ -88,8 +93,12 @@ def survey_clip(pictures_at: PicturesAt, duration_s: float, config: Config, know
                 measured = _measure(pictures[name], found.camera, template, drawn)
                 if len(measured.marking) >= LEAST_OWN_PLACES:
                     alone.append(_Alone(name, found.camera, measured))
-    tripods = list(known.tripods) if known is not None else _tripods(alone, config, template, circle, drawn)
-    return Venue(template.name, tuple(_extend(tripod, pictures, config, template, drawn) for tripod in tripods))
+    if known is not None and known.tripods:
+        starts = [(tripod, dict[str, Array]()) for tripod in known.tripods]
+    else:
+        starts = _tripods(alone, config, template, circle, drawn)
+    extended = (_extend(tripod, heads, pictures, config, template, drawn) for tripod, heads in starts)
+    return Venue(template.name, tuple(extended))
 
 
 def _measure(picture: LookedAt, fit: CameraFit, template: FieldTemplate, drawn: DrawnTemplate) -> MeasuredFrame:
@@ -102,8 +111,8 @@ def _measure(picture: LookedAt, fit: CameraFit, template: FieldTemplate, drawn: 
 
 def _tripods(
     alone: Sequence[_Alone], config: Config, template: FieldTemplate, circle: Circle, drawn: DrawnTemplate
-) -> list[TripodEstimate]:
-    """Tripods of frames that were calibrated alone, the one with the most frames first."""
+) -> list[tuple[TripodEstimate, dict[str, Array]]]:
+    """Tripods of frames that were calibrated alone, the one with the most frames first, and the heads by frame."""
     if len(alone) < LEAST_FRAMES:
         return []
     theta = np.array([a.fit.theta for a in alone])
@@ -115,7 +124,7 @@ def _tripods(
         if len(members) >= LEAST_FRAMES:
             fit = _fit_alone(f"camera-{number + 1}", members, config, template, circle, drawn)
             if fit is not None:
-                found.append(fit)
+                found.append((fit.estimate, dict(zip(fit.estimate.used, fit.heads, strict=True))))
     return found
 
 
@@ -126,7 +135,7 @@ def _fit_alone(
     template: FieldTemplate,
     circle: Circle,
     drawn: DrawnTemplate,
-) -> TripodEstimate | None:
+) -> TripodFit | None:
     """The tripod of frames, without those of a false calibration; None where too few are left."""
     size = members[0].fit.model.width, members[0].fit.model.height
     unit = size[0] / 1920.0
@@ -147,20 +156,24 @@ def _fit_alone(
             return None
         worst = int(np.argmax(best.rms_px))
         if best.rms_px[worst] <= WORST_RMS_PX * unit:
-            return replace(best.estimate, left_out=tuple(left_out))
+            return replace(best, estimate=replace(best.estimate, left_out=tuple(left_out)))
         left_out.append(kept[worst].name)
         del kept[worst]
     return None
 
 
 def _extend(
-    tripod: TripodEstimate, pictures: dict[str, LookedAt], config: Config, template: FieldTemplate, drawn: DrawnTemplate
+    tripod: TripodEstimate,
+    heads: dict[str, Array],
+    pictures: dict[str, LookedAt],
+    config: Config,
+    template: FieldTemplate,
+    drawn: DrawnTemplate,
 ) -> TripodEstimate:
     """The tripod after it has found its other frames among the pictures, and learnt from them."""
     unit = tripod.size[0] / 1920.0
     mean, sd = common_priors(config.camera, template, unit)
     sizes = {name: picture for name, picture in pictures.items() if picture.size == tripod.size}
-    heads: dict[str, Array] = {}
     for _ in range(ROUNDS):
         place = Place.of(tripod, template)
         frames = []
@@ -168,8 +181,8 @@ def _extend(
             known = heads.get(name)
             focal = float(np.exp(tripod.head_low[0]))
             spread = np.diag(np.array([0.004, 3.0 * unit / focal, 3.0 * unit / focal]) ** 2)
-            look = place.find(picture) if known is None else place.look(picture, known, spread)
-            if look is not None and look.is_confirmed:
+            look = _find_beyond(place, picture, mean, sd) if known is None else place.look(picture, known, spread)
+            if look is not None and (look.is_confirmed or known is not None):
                 frames.append(HeadedFrame(name, look.fit.head, look.measured))
         fit = _fit_members(frames, tripod, mean, sd, drawn)
         if fit is None:
@@ -178,6 +191,29 @@ def _extend(
         tripod = replace(fit.estimate, left_out=tuple(dict.fromkeys(left_out)))
         heads = dict(zip(fit.estimate.used, fit.heads, strict=True))
     return tripod
+
+
+def _find_beyond(place: Place, picture: LookedAt, mean: Array, sd: Array) -> Look | None:
+    """Search for the head where the tripod is known too little: it may change to meet the paint, as far as it may."""
+    best: Look | None = None
+    free = sd > 0
+    precision = np.zeros((len(sd), len(sd)))
+    precision[np.ix_(free, free)] = np.linalg.inv(SLACK * place.tripod.covariance[np.ix_(free, free)])
+    for head in place.propose(picture):
+        now = place
+        spread = place.spread_of_found(head)
+        for _ in range(LOOKS):
+            look = now.look(picture, head, spread)
+            if len(look.measured.marking) < LEAST_PLACES:
+                break
+            frame = HeadedFrame("", look.fit.head, look.measured)
+            fit = fit_tripod([frame], now.tripod, place.tripod.mean, sd, place.drawn, precision)
+            now = replace(now, tripod=replace(fit.estimate, covariance=place.tripod.covariance))
+            head, spread = fit.heads[0], spread / 4.0
+        else:
+            if look.is_confirmed and (best is None or look.is_better(best)):
+                best = look
+    return best
 
 
 def _fit_members(

@@ -17,14 +17,16 @@ from circlecal.geometry.camera_parameters import INDEX, ProjectionModel, project
 from circlecal.geometry.projective import Array, Indices
 from circlecal.geometry.surface import Surface
 from circlecal.rig.tripod import COMMON, PLACE, TripodEstimate, TripodModel
-from circlecal.tracking.markings import DrawnTemplate, MeasuredFrame, grow_places, rows_of
+from circlecal.tracking.markings import SPACING_PX, DrawnTemplate, MeasuredFrame, grow_places, rows_of
 
-ITERATIONS = 25
-ARRIVED = 1e-5
+ITERATIONS = 15
+ARRIVED = 1e-4
 """Share of the cost by which the last step must lower it for another one."""
 FIRST_DAMPING = 1e-4
-LOSS_SCALE = 4.0
+LOSS_SCALE = 2.0
 """Of the Geman-McClure loss, standard deviations: paint that lies further off is something else."""
+WIDE = 8.0
+"""By how much wider it is at first."""
 LEAN_SD_DEG, ROLL_SD_DEG = 0.6, 0.6
 """Priors of the pan axis's lean and of the camera's roll on the head: standing broadcast cameras show -0.8 to 0.7
 degrees of roll by the sine of pan.
@@ -33,10 +35,18 @@ LEVER_M, LEVER_SD_M, LEVER_BY_ZOOM_SD_M = 0.6, 0.4, 0.2
 """Prior of the lever arm, 0.1 to 1.3 m on real cameras, and of its change while the focal length grows e-fold."""
 POINT_BY_ZOOM_PX, KAPPA_BY_ZOOM = 4.0, 0.015
 """Priors of how far principal point (pixels at 1920 px width) and radial distortion change with that."""
-MODEL_SIGMA_PX, CORRELATION_PX = 0.12, 60.0
+MODEL_SIGMA_PX, CORRELATION_PX = 0.25, 60.0
 """What paint, surface and lens leave of an ideal marking, pixels at 1920 px width, and over which length along it
 neighbours repeat that.
 """
+FARTHEST_PX = 6.0
+"""Paint further off, pixels at 1920 px width, counts as so far off where frames of a false calibration are told."""
+LEAST_NOISE_PX = 0.05
+"""Of a measured middle, pixels."""
+NEIGHBOUR_PX = 40.0
+"""Places nearer to each other than this, pixels at 1920 px width, are neighbours."""
+NEIGHBOURS_ALIKE = 1.8
+"""By how much the smoothing along a marking makes its noise look smaller in the differences of neighbours."""
 LARGEST_STEP = 0.3
 """Of the logarithm of focal length and of angles, in one iteration."""
 
@@ -115,17 +125,21 @@ def residuals_of(
 
 
 def sigmas_of(measured: MeasuredFrame, residuals_px: Array, unit: float) -> Array:
-    """Standard deviations (M,) that the scatter of each marking's residuals asks for, with what neighbours repeat."""
+    """Standard deviations (M,) of a frame's paint along the normals, with what neighbours repeat of the model's error.
+
+    The noise is read off the differences of neighbours, which no camera explains: it is the same for every model.
+    """
     if len(residuals_px) == 0:
         return np.zeros(0)
-    scatter = max(0.08, 1.4826 * float(np.median(np.abs(residuals_px - np.median(residuals_px)))))
-    spacing = np.full(len(residuals_px), 9.0 * unit)
     step = np.hypot(*np.diff(measured.points_px, axis=0).T)
-    near = np.flatnonzero((np.diff(measured.marking) == 0) & (step < 40.0 * unit))
-    if len(near):
-        spacing[:] = max(float(np.median(step[near])), 1.0)
-    repeats = np.maximum(CORRELATION_PX * unit / spacing, 1.0)
-    return np.sqrt(np.minimum(scatter, 0.6 * unit + 0.2) ** 2 * 2.0 + (MODEL_SIGMA_PX * unit) ** 2 * repeats)
+    near = np.flatnonzero((np.diff(measured.marking) == 0) & (step < NEIGHBOUR_PX * unit))
+    noise, spacing = LEAST_NOISE_PX, SPACING_PX * unit
+    if len(near) >= 8:
+        spacing = max(float(np.median(step[near])), 1.0)
+        change = np.abs(np.diff(residuals_px)[near])
+        noise = max(LEAST_NOISE_PX, NEIGHBOURS_ALIKE * 1.4826 / np.sqrt(2.0) * float(np.median(change)))
+    repeats = max(CORRELATION_PX * unit / spacing, 1.0)
+    return np.full(len(residuals_px), np.sqrt(noise**2 + (MODEL_SIGMA_PX * unit) ** 2 * repeats))
 
 
 def _evaluate(
@@ -155,7 +169,8 @@ def _evaluate(
         H_cc += H[3:, 3:]
         g_c += g[3:]
         costs[k] = float((squared * share).sum())
-        rms[k] = float(np.sqrt((weight * away**2).sum() / max(weight.sum(), 1e-9)))
+        farthest = FARTHEST_PX * model.projection.width / 1920.0
+        rms[k] = float(np.sqrt(np.mean(np.minimum(np.abs(away), farthest) ** 2)))
     return _Normal(float(costs.sum()), H_oo, H_oc, H_cc, g_o, g_c, costs, rms)
 
 
@@ -176,7 +191,6 @@ def fit_tripod(
     sd: Array,
     drawn: DrawnTemplate,
     prior_precision: Array | None = None,
-    loss_scale: float = LOSS_SCALE,
 ) -> TripodFit:
     """Heads and common parameters of frames, from a start.
 
@@ -192,8 +206,6 @@ def fit_tripod(
         The field.
     prior_precision : (K, K) array, optional
         What earlier frames say, instead of ``sd``.
-    loss_scale : float
-        Of the robust loss.
     """
     unit = start.size[0] / 1920.0
     model = start.model
@@ -202,32 +214,33 @@ def fit_tripod(
     common = np.where(sd > 0, start.mean, mean)
     heads = np.array([frame.head for frame in frames])
     sigmas = [_sigmas(frame, head, common, model, drawn, unit) for frame, head in zip(frames, heads, strict=True)]
-    damping = FIRST_DAMPING
 
     def prior_cost(values: Array) -> float:
         return float((values - mean) @ precision @ (values - mean))
 
-    now = _evaluate(frames, heads, common, model, drawn, sigmas, loss_scale)
-    for iteration in range(ITERATIONS):
-        change_o, change_c = _step(now, precision, common - mean, free, damping)
-        shorten = max(1.0, float(np.abs(change_o).max(initial=0.0)) / LARGEST_STEP)
-        moved_heads, moved = heads + change_o / shorten, common + change_c / shorten
-        then = _evaluate(frames, moved_heads, moved, model, drawn, sigmas, loss_scale)
-        before, after = now.cost + prior_cost(common), then.cost + prior_cost(moved)
-        if after < before:
-            heads, common, now = moved_heads, moved, then
-            damping = max(damping / 10.0, 1e-10)
-            if before - after < ARRIVED * max(before, 1.0):
-                break
-        else:
-            damping *= 10.0
-            if damping > 1e4:
-                break
-        if iteration == 4:
-            sigmas = [_sigmas(f, h, common, model, drawn, unit) for f, h in zip(frames, heads, strict=True)]
-            now = _evaluate(frames, heads, common, model, drawn, sigmas, loss_scale)
+    for loss_scale in (WIDE * LOSS_SCALE, LOSS_SCALE):
+        damping = FIRST_DAMPING
+        now = _evaluate(frames, heads, common, model, drawn, sigmas, loss_scale)
+        for _ in range(ITERATIONS):
+            change_o, change_c = _step(now, precision, common - mean, free, damping)
+            shorten = max(1.0, float(np.abs(change_o).max(initial=0.0)) / LARGEST_STEP)
+            moved_heads, moved = heads + change_o / shorten, common + change_c / shorten
+            then = _evaluate(frames, moved_heads, moved, model, drawn, sigmas, loss_scale)
+            before, after = now.cost + prior_cost(common), then.cost + prior_cost(moved)
+            if after < before:
+                heads, common, now = moved_heads, moved, then
+                damping = max(damping / 10.0, 1e-10)
+                if before - after < ARRIVED * max(before, 1.0):
+                    break
+            else:
+                damping *= 10.0
+                if damping > 1e4:
+                    break
     covariance = np.zeros((len(COMMON), len(COMMON)))
     covariance[np.ix_(free, free)] = _inverse(_eliminate(now, precision, 0.0)[0][np.ix_(free, free)])
+    # where the models leave more than the noise, all is that much less certain
+    values = sum(len(frame.measured.marking) for frame in frames)
+    covariance *= max(1.0, now.cost / max(values - 3 * len(frames), 1))
     surface = replace(start.surface, crown_m=float(common[PLACE["crown"]]))
     estimate = replace(
         start,

@@ -89,3 +89,12 @@ def test_views_are_as_uncertain_as_the_tripod_and_the_head() -> None:
     cross = np.zeros((3, len(COMMON)))
     cross[1, 0] = 0.01
     assert estimate.view(own[0, :3], head, cross).covariance[INDEX["pan"], INDEX["x"]] > 0.0003  # type: ignore[index]
+
+
+def test_points_of_the_world_are_projected_as_those_of_the_field() -> None:
+    own, common = random_parameters(2)
+    points = np.array([[0.0, 0.0], [9.15, 3.0], [-20.0, -9.15]])
+    world = np.column_stack([points, np.zeros(3)])
+    found = MODEL.project_world(own[:, :3], common, world)
+    for theta, pixels in zip(MODEL.thetas(own, common), found, strict=True):
+        np.testing.assert_allclose(pixels, camera_of(theta, MODEL.projection).project(points), atol=1e-9)
