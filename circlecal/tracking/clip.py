@@ -41,9 +41,9 @@ FOLLOWED_FRAMES = 50
 """So long a camera is followed by motion alone, frames."""
 EXPECTED_PLACES, BARE_SHARE = 60, 0.2
 """A picture that should show so many places of paint and shows less than this share of them contradicts its camera."""
-DOUBTFUL_PLACES, DOUBTFUL_FRAMES = 40, 5
-"""A picture that should show so many places of paint, and is not confirmed by them, is answered only as near to a
-confirmed frame as this: through a blurred moment of a fast pan.
+DOUBTFUL_PLACES, DOUBTFUL_FRAMES = 40, 15
+"""A picture that should show so many places of paint, and is not confirmed by them, is answered only where confirmed
+frames lie as near as this on both sides: in a blurred moment of a fast pan.
 """
 PATIENCE = 12
 """Frames in a row that contradict the camera before it is searched for again."""
@@ -271,21 +271,22 @@ def _chains(entries: list[_Entry], tracked: list[int]) -> list[list[int]]:
 
 
 def _count_to_confirmation(entries: list[_Entry]) -> list[int]:
-    """How many frames lie between each and the next one that its paint confirms, on either side, along the motion."""
+    """How far each frame is from those that their paint confirms, along the motion, on the further side of the two.
+
+    A frame that only follows confirmed ones may already belong to another shot.
+    """
     far = 10**6
-    found = [far] * len(entries)
+    before, after = [far] * len(entries), [far] * len(entries)
     near = far
     for k, entry in enumerate(entries):
         near = near + 1 if entry.motion is not None else far
-        near = 0 if entry.is_confirmed else near
-        found[k] = near
+        before[k] = near = 0 if entry.is_confirmed else near
     near = far
     for k in range(len(entries) - 1, -1, -1):
-        near = 0 if entries[k].is_confirmed else near + 1
-        found[k] = min(found[k], near)
+        after[k] = near = 0 if entries[k].is_confirmed else near + 1
         if entries[k].motion is None:
             near = far
-    return found
+    return [max(pair) for pair in zip(before, after, strict=True)]
 
 
 def _refusal(entry: _Entry, code: str) -> TrackedFrame:

@@ -170,7 +170,7 @@ class Place:
         """Heads (N, 3) that may be the picture's, the likeliest first."""
         return search_heads(picture.ridges, self.tripod, self.drawn, self.template)
 
-    def spread_of_found(self, head: Array) -> Array:
+    def proposal_covariance(self, head: Array) -> Array:
         """Covariance (3, 3) of a proposed head."""
         turn = FOUND_SD_PX * self.unit / np.exp(head[0])
         return np.diag(np.array([FOUND_SD_ZOOM, turn, turn]) ** 2)
@@ -179,7 +179,7 @@ class Place:
         """Search for the head; None where the paint confirms none."""
         best: Look | None = None
         for head in self.propose(picture):
-            spread = self.spread_of_found(head)
+            spread = self.proposal_covariance(head)
             look = self.look(picture, head, spread)
             if len(look.measured.marking) < LEAST_PLACES // 2:
                 continue

@@ -201,7 +201,7 @@ def _find_beyond(place: Place, picture: LookedAt, mean: Array, sd: Array) -> Loo
     precision[np.ix_(free, free)] = np.linalg.inv(SLACK * place.tripod.covariance[np.ix_(free, free)])
     for head in place.propose(picture):
         now = place
-        spread = place.spread_of_found(head)
+        spread = place.proposal_covariance(head)
         for _ in range(LOOKS):
             look = now.look(picture, head, spread)
             if len(look.measured.marking) < LEAST_PLACES:
