@@ -32,7 +32,11 @@ radians.
 """
 SEARCHES = (0, 1, 2, 3, 4, 6, 9, 14, 20)
 """Frames after a cut in which the camera is searched for; later in every :data:`SEARCH_EVERY`-th."""
-SEARCH_EVERY = 25
+SEARCH_EVERY = 12
+GUESS_SD_PX, GUESS_SD_ZOOM = 8.0, 0.005
+"""Of a head that goes on turning as it did, where no motion could be measured: pixels at 1920 px width, and logarithm
+of the focal length. The paint must confirm it.
+"""
 GRASS_EVERY = 4
 """The playing surface is looked for in every so many-th frame while the camera is followed."""
 LEAST_GRASS = 0.15
@@ -130,7 +134,7 @@ class _Tracker:
         self._entry: _Entry | None = None
         self._shot = 0
         self._since_cut, self._unconfirmed, self._contradicted = 0, 0, 0
-        self._velocity = np.zeros(2)
+        self._velocity, self._change = np.zeros(2), np.zeros(3)
 
     def follow(self, frame: ClipFrame) -> _Entry:
         """The next frame."""
@@ -150,6 +154,8 @@ class _Tracker:
             if is_followed:
                 picture = LookedAt.of(frame.picture, region)
             self._lose(entry, before)
+            if last is None or picture.differs_from(last):
+                self._since_cut = 0
             if self._is_time_to_search() and picture.grass_share >= LEAST_GRASS:
                 self._find(entry, picture)
             self._since_cut += 1
@@ -163,12 +169,18 @@ class _Tracker:
             return None
         tripod = place.tripod
         motion = estimate_motion(flow, before.head, tripod.model, tripod.mean, self._rng, picture.small.factor)
+        is_guess = motion is None
         if motion is None:
-            return None
+            turn = GUESS_SD_PX * place.unit / float(np.exp(before.head[0]))
+            motion = HeadMotion(self._change, np.diag(np.square([GUESS_SD_ZOOM, turn, turn])), 0.0, 0)
         head = before.head + motion.change
         covariance = motion.covariance + np.diag(np.array([1e-3, 2e-4, 2e-4]) ** 2) * (1 + self._unconfirmed)
-        self._velocity = np.median(flow.after - flow.before, axis=0)
+        if not is_guess:
+            self._velocity = np.median(flow.after - flow.before, axis=0)
         look = place.look(picture, head, covariance, before.by_common, SHUTTER * self._velocity)
+        if is_guess and not look.is_confirmed:
+            return None
+        self._change = motion.change
         entry.place, entry.motion = place, motion
         _take(entry, look, head, covariance)
         if entry.by_common is None:
@@ -185,7 +197,7 @@ class _Tracker:
         entry.place, entry.motion = None, None
         entry.information, entry.toward = np.zeros((3, 3)), np.zeros(3)
         entry.is_confirmed = False
-        self._velocity = np.zeros(2)
+        self._velocity, self._change = np.zeros(2), np.zeros(3)
         self._unconfirmed = self._contradicted = 0
 
     def _is_time_to_search(self) -> bool:

@@ -33,6 +33,10 @@ LARGEST_HEAD_SIGMA_PX = 3.0
 FOUND_SD_PX, FOUND_SD_ZOOM = 5.0, 0.012
 """Of a head that was just found by searching, pixels at 1920 px width and logarithm of the focal length."""
 SMALL_WIDTH_PX = 320
+THUMBNAIL, CUT_LEVELS = (32, 18), 12.0
+"""Size of the pictures by which shots are told apart, and how far they differ on average across a cut, gray levels:
+neighbours in a fast pan by 2 to 8.
+"""
 
 
 @dataclass(frozen=True)
@@ -75,6 +79,13 @@ class LookedAt:
     def size(self) -> tuple[int, int]:
         """Width and height."""
         return self.gray.shape[1], self.gray.shape[0]
+
+    def differs_from(self, other: LookedAt) -> bool:
+        """Whether the other picture, shown before or after, belongs to another shot: hardly anything is alike."""
+        if self.gray.shape != other.gray.shape:
+            return True
+        own, before = (cv2.resize(p.small.gray, THUMBNAIL, interpolation=cv2.INTER_AREA) for p in (self, other))
+        return float(np.mean(cv2.absdiff(own, before))) > CUT_LEVELS
 
     @cached_property
     def ridges(self) -> RidgePicture:

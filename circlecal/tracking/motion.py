@@ -22,7 +22,7 @@ WIDTH_PX = 640
 CORNERS = 220
 QUALITY, APART_PX = 0.01, 9.0
 """Of the corners: share of the best one's strength, and distance between neighbours, reduced pixels."""
-WINDOW, LEVELS = (15, 15), 3
+WINDOW, LEVELS = (15, 15), 4
 THERE_AND_BACK_PX = 0.5
 """A corner that does not come back to where it was is lost, reduced pixels."""
 INLIER_PX = 0.8

@@ -39,6 +39,10 @@ MODEL_SIGMA_PX, CORRELATION_PX = 0.25, 60.0
 """What paint, surface and lens leave of an ideal marking, pixels at 1920 px width, and over which length along it
 neighbours repeat that.
 """
+WIDTH_SD_M = 0.015
+"""How far the width of the paint may be from the template's. Estimated with all else it trades with the length of the
+pitch, four to one, through differences of 0.02 px.
+"""
 FARTHEST_PX = 6.0
 """Paint further off, pixels at 1920 px width, counts as so far off where frames of a false calibration are told."""
 LEAST_NOISE_PX = 0.05
@@ -237,7 +241,12 @@ def fit_tripod(
                 if damping > 1e4:
                     break
     covariance = np.zeros((len(COMMON), len(COMMON)))
-    covariance[np.ix_(free, free)] = _inverse(_eliminate(now, precision, 0.0)[0][np.ix_(free, free)])
+    reduced = _eliminate(now, precision, 0.0)[0]
+    covariance[np.ix_(free, free)] = _inverse(reduced[np.ix_(free, free)])
+    # the paint's width is taken as it should be: all else follows if it is not (a parameter that is considered)
+    follows = np.zeros(len(COMMON))
+    follows[free] = -covariance[np.ix_(free, free)] @ reduced[free, PLACE["width"]]
+    covariance += np.outer(follows, follows) * WIDTH_SD_M**2
     # where the models leave more than the noise, all is that much less certain
     values = sum(len(frame.measured.marking) for frame in frames)
     covariance *= max(1.0, now.cost / max(values - 3 * len(frames), 1))
