@@ -20,7 +20,7 @@ from circlecal.errors import InputError
 from circlecal.files import read_file, write_atomic
 from circlecal.names import show
 from circlecal.records.record import GIVE_A_RESULT, ResultRow, explain_damage, parse_record
-from circlecal.yaml_text import YamlError, read_yaml
+from circlecal.yaml_text import YamlError, dump_yaml, read_yaml
 
 KEYS = (
     "position_m",
@@ -100,11 +100,10 @@ def write_prior(
     InputError
         The file cannot be written.
     """
-    import yaml
 
     lines = [f"# {name}: {mean:.5g} +- {sd:.2g}" for name, (mean, sd) in values.items()]
     header = "\n".join(["# A camera for --camera-prior: what its frames share (radians, metres, pixels).", *lines])
-    body = yaml.safe_dump({**about, **settings}, sort_keys=False, default_flow_style=None, width=120)
+    body = dump_yaml({**about, **settings})
     write_atomic(path, f"{header}\n{body}".encode())
 
 

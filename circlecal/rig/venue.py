@@ -23,7 +23,7 @@ from circlecal.geometry.homography import SIDES
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import Surface, SurfaceShape
 from circlecal.rig.tripod import COMMON, PLACE, TripodEstimate, Venue
-from circlecal.yaml_text import YamlError, read_yaml
+from circlecal.yaml_text import YamlError, dump_yaml, read_yaml
 
 VENUE_NAME = "venue.yaml"
 VENUE_VERSION = 1
@@ -238,8 +238,6 @@ def write_venue(path: Path, venue: Venue, template: FieldTemplate, config_digest
     InputError
         The file cannot be written.
     """
-    import yaml
-
     content = VenueFile(
         venue_version=VENUE_VERSION,
         field=venue.field,
@@ -247,7 +245,7 @@ def write_venue(path: Path, venue: Venue, template: FieldTemplate, config_digest
         tripods=[TripodPart.of(tripod, template) for tripod in venue.tripods],
     )
     header = ["# A venue for --venue: where its cameras stand and turn, their lenses, and the pitch.", *_facts(content)]
-    body = yaml.safe_dump(content.model_dump(mode="json"), sort_keys=False, default_flow_style=None, width=120)
+    body = dump_yaml(content.model_dump(mode="json"))
     write_atomic(path, ("\n".join(header) + "\n" + body).encode())
 
 

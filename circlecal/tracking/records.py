@@ -225,10 +225,8 @@ def _details(view: FieldView, form: RecordForm) -> dict[str, Any]:
 def _round(values: Any, digits: int = _DIGITS) -> Any:
     """Numbers, also in lists and arrays, to so many significant digits; what is not finite stays."""
     array = np.asarray(values, dtype=np.float64)
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        magnitude = np.floor(np.log10(np.abs(array)))
-        scale = 10.0 ** (digits - 1 - np.where(np.isfinite(magnitude), magnitude, 0.0))
-        rounded = np.where(np.isfinite(scale), np.round(array * scale) / scale, array)
+    # text rounds to digits that are exact decimals, and is faster than scaling for the few numbers of a camera
+    rounded = np.array([float(f"{value:.{digits}g}") for value in array.ravel().tolist()]).reshape(array.shape)
     return float(rounded) if rounded.ndim == 0 else rounded
 
 

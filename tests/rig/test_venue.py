@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,7 @@ from circlecal.errors import InputError
 from circlecal.field import load_field
 from circlecal.geometry.camera_parameters import theta_of
 from circlecal.rig.tripod import PLACE, Venue
-from circlecal.rig.venue import prior_of_tripod, read_venue, venue_settings, write_venue
+from circlecal.rig.venue import prior_of_tripod, read_venue, read_venue_file, venue_settings, write_venue
 from tests.tracking.scripted import tripod
 
 SOCCER = load_field("soccer")
@@ -30,6 +32,15 @@ def test_what_is_written_comes_back(file):
     assert (found.name, found.size, found.surface, found.used) == (
         wanted.name, wanted.size, wanted.surface, wanted.used
     )  # fmt: skip
+
+
+def test_a_digest_that_looks_like_a_number_stays_text(tmp_path):
+    for digest in ("123e45678901", "000000000000", "12e345678901"):
+        write_venue(
+            tmp_path / "venue.yaml", Venue("soccer", (replace(tripod(), used=("1e5", "0.400")),)), SOCCER, digest
+        )
+        found = read_venue_file(tmp_path / "venue.yaml")
+        assert found.config_digest == digest and found.tripods[0].frames == ["1e5", "0.400"]
 
 
 def test_lengths_are_absolute(file):
