@@ -27,6 +27,8 @@ _DIGITS, _SIGMA_DIGITS = 11, 5
 """Significant digits of estimates, which leaves a pixel exact to 1e-6, and of standard deviations."""
 _GRID_M = 6.0
 """Step of the grid over the pitch on which the largest standard deviation is looked for."""
+_USUAL = 3.0
+"""Standard deviations of itself and its template within which a pitch is one of the usual size."""
 _LEAST_EIGENVALUE = 1e-12
 """Of a correlation matrix: less comes from rounding, and is raised to it before the Cholesky factor is taken."""
 
@@ -132,9 +134,25 @@ def _camera(frame: TrackedFrame, view: FieldView, form: RecordForm) -> dict[str,
         return written
     return {
         **written,
+        "field_size": _field_size(view, view.covariance, form.template),
         "covariance": _covariance(theta, view.covariance, form.full),
         "position_sigma_m": _round(np.sqrt(np.diag(view.covariance)[INDEX["x"] : INDEX["z"] + 1]), _SIGMA_DIGITS),
         "max_sigma_m": _sigma_m(theta, view, form.template),
+    }
+
+
+def _field_size(view: FieldView, covariance: Array, template: FieldTemplate) -> dict[str, Any]:
+    """How long and broad the pitch is, which need not be what its template says; usual is what differs by chance."""
+    variance = np.diag(covariance)[[INDEX["length"], INDEX["breadth"]]]
+    sizes = _round(np.array([template.length_m, template.width_m]) + view.growth_m)
+    sds = _round(np.sqrt(variance), _SIGMA_DIGITS)
+    spread = np.sqrt(variance + np.array([template.length_sd_m, template.width_sd_m]) ** 2)
+    is_usual = bool((np.abs(view.growth_m) <= _USUAL * spread).all())
+    names = ("length_m", "width_m", "length_sd_m", "width_sd_m")
+    return {
+        **dict(zip(names, (*sizes, *sds), strict=True)),
+        "is_usual": is_usual,
+        "usual_share": float(is_usual),
     }
 
 

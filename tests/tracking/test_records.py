@@ -47,6 +47,8 @@ def test_everything_that_reads_results_reads_it(tmp_path) -> None:
     file = tmp_path / "clip_3.json"
     file.write_text(result_line(record_of(3)))
     found = circlecal.load(file)
+    size = found.to_dict()["camera"]["field_size"]
+    assert (size["length_m"], size["width_m"]) == pytest.approx((103.5, 68.7)) and size["length_sd_m"] > 0
     assert found.ok and found.time_s == 0.12 and found.sigma_px == 0.3 and found.sigma_m > 0
     np.testing.assert_allclose(found.to_image(POINTS), tracked(3, 0.12, (1920, 1080)).view.project(POINTS), atol=1e-5)
     identity = found.H_image_field @ found.H_field_image
