@@ -27,6 +27,7 @@ from circlecal.geometry.projective import Array
 from circlecal.line_naming.two_directions import FEWEST_LINES
 from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations, join_observations
 from circlecal.paint.profiles import estimate_noise, to_gray
+from circlecal.paint.spots import measure_spots
 from circlecal.pictures.interlacing import measure_row_motion, remove_combs
 from circlecal.refusals import REFUSALS, Confidence
 from circlecal.results import (
@@ -701,7 +702,8 @@ def _calibrate_view(setting: Setting, picture: NDArray[np.uint8], attempt: Attem
         return attempt
     with setting.clock("rays"):
         circles, lines = measure_template(picture, view, template, mask.field_region, edges.noise, setting.config.rays)
-    observations = Observations(setting.width, setting.height, circles, lines)
+        spots = measure_spots(picture, view, template.lone_marks, edges.noise)
+    observations = Observations(setting.width, setting.height, circles, lines, spots)
     seen = replace(attempt, verdict=None, camera=None, correspondences=None, homography=None)
     return estimate(setting, take_observations(setting, seen, observations))
 

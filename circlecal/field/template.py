@@ -204,6 +204,16 @@ class FieldTemplate(BaseModel):
         return {mark.name: mark for mark in self.marks}
 
     @cached_property
+    def lone_marks(self) -> tuple[Mark, ...]:
+        """Spots that no other marking runs through or near, by their own diameter."""
+        drawn = self.outlines[1].reshape(-1, 2)
+        return tuple(
+            mark
+            for mark in self.marks
+            if np.linalg.norm(drawn - mark.position, axis=1).min(initial=np.inf) > 1.5 * mark.diameter_m
+        )
+
+    @cached_property
     def is_in_one_paint(self) -> bool:
         """Whether all markings have one colour, so that what is painted in another is none of them."""
         return len({e.color for e in (*self.circles, *self.arcs, *self.lines, *self.marks)}) <= 1

@@ -33,8 +33,12 @@ SHORTEST_LINE, LINE_SEARCH_PX, LINE_RMS_PX, LINE_SHARE = 0.06, 9.0, 2.5, 0.35
 """A straight marking is measured where a placed field shows so much of it, picture widths; how far to both sides, and
 with what scatter, pixels at 1920 px width; and the share of it that must be seen.
 """
-LINE_SPACING_PX, FEWEST_ON_CIRCLE = 2.0, 16
-"""Between two profiles across a line, pixels; points of a circle or an arc, fewer of which are left out."""
+LINE_SPACING_PX = 2.0
+"""Between two profiles across a line, pixels."""
+FEWEST_ON_CIRCLE, CIRCLE_SHARE = 16, 0.25
+"""Points of a circle or an arc, fewer of which, or of a smaller share of what is in view of it, lie on something else:
+those on a logo within a centre circle were 0.05 of it.
+"""
 LINE_NODES = 65
 """Along a straight marking, which tell what of it the picture shows."""
 WIDEST = 0.25
@@ -385,11 +389,15 @@ def measure_template(
     config : RaysConfig
         How circles are measured.
     """
-    circles = []
+    circles, curves = [], template.polylines()
     for circle in (*template.circles, *template.arcs):
         points, sigma = measure_along_model(picture, view, circle, template, noise, config)
         on = _is_on(region, points, picture.shape)
-        if on.sum() >= FEWEST_ON_CIRCLE:
+        shown = view.project(curves[circle.name])
+        visible = np.asarray(np.isfinite(shown).all(axis=1), np.bool_)
+        visible[visible] = _is_on(region, shown[visible], picture.shape)
+        steps = np.linalg.norm(np.diff(shown, axis=0), axis=1)[visible[1:] & visible[:-1]]
+        if on.sum() >= max(FEWEST_ON_CIRCLE, CIRCLE_SHARE * steps.sum() / config.spacing_px):
             circles.append(CirclePoints(circle.name, "center", points[on], sigma[on]))
     return tuple(circles), _measure_lines_of(picture, view, template, region, noise)
 

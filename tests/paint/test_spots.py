@@ -1,0 +1,46 @@
+"""Spots that stand alone: measured where a view puts them, and only where they are as large as they should be."""
+
+import cv2
+import numpy as np
+import pytest
+
+from circlecal.field import load_field
+from circlecal.field.view import FieldView
+from circlecal.geometry.camera import PlaneCamera
+from circlecal.paint.spots import measure_spots
+
+RINK = load_field("ice-hockey-nhl")
+SPOT = RINK.mark_by_name["neutral_spot_left_top"]
+# 40 px along and 20 px across per metre, the spot in the middle of the picture
+H = np.array([[40.0, 0.0, 640 - 40 * SPOT.position[0]], [0.0, 20.0, 360 - 20 * SPOT.position[1]], [0.0, 0.0, 1.0]])
+VIEW = FieldView(PlaneCamera(1280, 720, H))
+
+
+def picture(center, scale=1.0):
+    drawn = np.full((720, 1280), 60, np.uint8)
+    axes = scale * SPOT.diameter_m / 2 * np.array([40.0, 20.0])
+    fixed = [tuple(round(16 * v) for v in pair) for pair in (center, axes)]
+    cv2.ellipse(drawn, fixed[0], fixed[1], 0, 0, 360, 160, cv2.FILLED, cv2.LINE_AA, 4)
+    return cv2.GaussianBlur(drawn, (0, 0), 1.0)
+
+
+def test_the_middle_of_a_spot_beside_its_place():
+    (found,) = measure_spots(picture((645.3, 357.6)), VIEW, [SPOT], 1.5)
+    assert found.mark == SPOT.name
+    np.testing.assert_allclose(found.point_px, (645.3, 357.6), atol=0.2)
+
+
+@pytest.mark.parametrize("center", [(700.0, 360.0), (640.0, 420.0)])
+def test_nothing_is_found_where_there_is_no_spot(center):
+    assert measure_spots(picture(center), VIEW, [SPOT], 1.5) == ()
+
+
+def test_another_blob_is_no_spot():
+    assert measure_spots(picture((640.0, 360.0), scale=2.0), VIEW, [SPOT], 1.5) == ()
+    assert measure_spots(picture((640.0, 360.0), scale=0.4), VIEW, [SPOT], 1.5) == ()
+
+
+def test_spots_on_lines_are_left_out():
+    lone = {mark.name for mark in RINK.lone_marks}
+    assert "centre_mark" not in lone
+    assert {"end_spot_left_top", "neutral_spot_right_bottom"} <= lone
