@@ -180,7 +180,14 @@ def calibrate_annotation(
     observations, name, source = seen.observations, annotation.id, annotation.source
     if annotation.flag is not None:
         observations = Observations(annotation.width, annotation.height)
-    found = run_observations(observations, chosen, frame_id=name, source=source, convention="paint", earlier=earlier)
+    try:
+        found = run_observations(
+            observations, chosen, frame_id=name, source=source, convention="paint", earlier=earlier
+        )
+    except np.linalg.LinAlgError:  # names that contradict each other so much that no camera is near any of them
+        found = run_observations(
+            Observations(annotation.width, annotation.height), chosen, frame_id=name, source=source
+        )
     if annotation.flag is None:
         return found
     verdict = results.Verdict("refused", annotation.flag, REFUSALS[annotation.flag].words, "input")

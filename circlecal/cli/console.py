@@ -165,7 +165,7 @@ def _bar(console: Console, unit: str) -> Iterator[Callable[..., None]]:
     from rich import progress as rich_progress
 
     bar = rich_progress.Progress(
-        rich_progress.TextColumn("{task.completed}/{task.total} " + unit),
+        rich_progress.TextColumn("{task.fields[done]} " + unit),
         rich_progress.BarColumn(),
         rich_progress.TextColumn("{task.fields[counts]}"),
         rich_progress.TextColumn("{task.fields[rate]}"),
@@ -175,12 +175,20 @@ def _bar(console: Console, unit: str) -> Iterator[Callable[..., None]]:
     )
     start = time.monotonic()
     with bar:
-        task = bar.add_task("", total=None, counts="", rate="", left="")
+        task = bar.add_task("", total=None, done="0", counts="", rate="", left="")
 
         def update(done: int, total: int, label: str, rate: float | None = None) -> None:
             rate = done / max(time.monotonic() - start, 1e-9) if rate is None else rate
             left = _time_left(total - done, rate)
-            bar.update(task, total=total, completed=done, counts=show(label), rate=f"{rate:.1f} {unit}/s", left=left)
+            bar.update(
+                task,
+                total=total,
+                completed=done,
+                done=f"{done}/{total}",
+                counts=show(label),
+                rate=f"{rate:.1f} {unit}/s",
+                left=left,
+            )
 
         yield update
 

@@ -215,8 +215,8 @@ def snap_click(measured: MeasuredPicture, click: Array) -> Snapped:
     noise = measured.noise / np.sqrt(len(steps))
     seen = rise_above_noise(bands, noise)
     # sharp and near: of two markings the one that was meant
-    score = np.where(seen, bands.contrast / np.sqrt(np.maximum(bands.width, 1.0)), -np.inf)
-    score = score - 0.5 * np.abs(bands.center) / reach * np.abs(score)
+    nearness = 1.0 - 0.5 * np.abs(bands.center) / reach
+    score = np.where(seen, nearness * bands.contrast / np.sqrt(np.maximum(bands.width, 1.0)), -np.inf)
     best = int(np.argmax(score))
     if not np.isfinite(score[best]):
         return exact_clicks(measured, click[None])

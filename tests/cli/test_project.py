@@ -68,3 +68,24 @@ def test_wrong_use(run_circlecal, result_file, tmp_path):
     assert run_circlecal("project", tmp_path / "none.json", "--to", "field", 1, 2).code == 2
     (tmp_path / "bad.json").write_text("{")
     assert run_circlecal("project", tmp_path / "bad.json", "--to", "field", 1, 2).code == 2
+
+
+def test_a_table_of_points_over_a_run(run_circlecal, result_file, blank_file, tmp_path, monkeypatch):
+    assert run_circlecal("calibrate", blank_file, "--out", tmp_path, "--no-overlay").code == 1
+    (tmp_path / "good.json").write_bytes(result_file.read_bytes())
+    rows = "frame,x,y\ngood,480,270\ngood,480,60\ngood,480,-3000\nblank,1,2\nnobody,1,2\n"
+    (tmp_path / "points.csv").write_text(rows)
+    outcome = run_circlecal("project", tmp_path, "--points", tmp_path / "points.csv", "--to", "field", "--json")
+    assert outcome.code == 0, outcome.err
+    found = [json.loads(line) for line in outcome.out.splitlines()]
+    assert found[0]["sigma_m"] > 0 and found[0]["note"] is None
+    assert [line["note"] for line in found[1:]] == [
+        "outside the field", "on or above the horizon", "refused: no_circle_found", "no such frame"
+    ]  # fmt: skip
+    monkeypatch.setattr("sys.stdin", iter(rows.splitlines(keepends=True)))
+    table = run_circlecal("project", tmp_path, "--points", "-", "--to", "field").out.splitlines()
+    assert table[0] == "frame,x_px,y_px,x_m,y_m,sigma_m,note"
+    assert table[2].endswith("outside the field") and len(table) == 6
+    (tmp_path / "points.csv").write_text("frame,x\ngood,1\n")
+    wrong = run_circlecal("project", tmp_path, "--points", tmp_path / "points.csv", "--to", "field")
+    assert wrong.code == 2 and "no column 'y'" in wrong.err

@@ -101,7 +101,8 @@ def test_a_wrong_name_is_marked(begun):
     shown = describe(
         answer(right.model_copy(update={"markings": [*right.markings, halfway]}), Config(), nameless=False)
     )
-    assert shown["markings"][-1]["contradicts"] or shown["status"] == "refused"
+    # three markings, one of them wrong: which one it is, nobody can tell
+    assert any(told["contradicts"] for told in shown["markings"]) or shown["status"] == "refused"
 
 
 def test_an_interpretation_names_the_touchline(begun, open_frame):

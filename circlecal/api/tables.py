@@ -1,0 +1,134 @@
+"""Tables of points of many frames, taken to the field or into their pictures with the results of a run."""
+
+from __future__ import annotations
+
+import csv
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from circlecal.errors import CirclecalError, InputError
+from circlecal.field import load_field
+from circlecal.geometry.projective import Array
+from circlecal.records.log import read_records
+from circlecal.records.record import ResultRecord
+
+OUTSIDE = "outside the field"
+_COLUMNS = ("frame", "x", "y")
+
+
+@dataclass(frozen=True, slots=True)
+class TablePoint:
+    """A point (2,) of a frame, as it was given."""
+
+    frame: str
+    x: float
+    y: float
+
+
+@dataclass(frozen=True, slots=True)
+class ProjectedPoint:
+    """Where a point is in the other frame, nan where it is nowhere; its standard deviation, nan where that is not
+    known; and a note, such as why it is nowhere.
+    """
+
+    given: TablePoint
+    x: float
+    y: float
+    sigma: float
+    note: str
+
+
+def read_points(lines: Iterable[str], name: str) -> list[TablePoint]:
+    """Points of a CSV table with the columns ``frame``, ``x`` and ``y``, in any order among others.
+
+    Parameters
+    ----------
+    lines : iterable of str
+        Of the table, the first with the names of the columns.
+    name : str
+        Named in errors.
+
+    Raises
+    ------
+    InputError
+        A column is missing, or a number is none; with the line.
+    """
+    table = csv.DictReader(lines)
+    missing = [column for column in _COLUMNS if column not in (table.fieldnames or ())]
+    if missing:
+        raise InputError(f"{name}, line 1: has no column {missing[0]!r}; name the columns {', '.join(_COLUMNS)}")
+    found = []
+    for row in table:
+        try:
+            x, y = float(row["x"]), float(row["y"])
+        except (TypeError, ValueError) as error:
+            raise InputError(f"{name}, line {table.line_num}: x and y must be numbers") from error
+        if not (np.isfinite(x) and np.isfinite(y)):
+            raise InputError(f"{name}, line {table.line_num}: x and y must be finite")
+        found.append(TablePoint(str(row["frame"]), x, y))
+    return found
+
+
+def project_table(results: Path, points: list[TablePoint], to: Literal["field", "image"]) -> Iterator[ProjectedPoint]:
+    """Take points to the field (metres) or into their pictures (pixels), in the order in which they were given.
+
+    Parameters
+    ----------
+    results : path
+        Folder of a run, its ``results.jsonl``, or a result file.
+    points : list of TablePoint
+        Pixels for ``field``, metres for ``image``.
+    to : {"field", "image"}
+        Where to.
+
+    Raises
+    ------
+    InputError
+        The results cannot be read.
+    """
+    of_frame: dict[str, list[int]] = defaultdict(list)
+    for index, point in enumerate(points):
+        of_frame[point.frame].append(index)
+    answers: dict[int, ProjectedPoint] = {}
+    for record in read_records(results):
+        indices = of_frame.get(record.id, [])
+        answers |= dict(zip(indices, _project_frame(record, [points[k] for k in indices], to), strict=True))
+    for index, point in enumerate(points):
+        yield answers.get(index) or ProjectedPoint(point, np.nan, np.nan, np.nan, "no such frame")
+
+
+def _project_frame(
+    record: ResultRecord, points: list[TablePoint], to: Literal["field", "image"]
+) -> list[ProjectedPoint]:
+    view = record.view
+    if not points:
+        return []
+    if record.status != "calibrated" or view is None:
+        return [ProjectedPoint(p, np.nan, np.nan, np.nan, f"refused: {record.code}") for p in points]
+    given = np.array([(p.x, p.y) for p in points])
+    found = (view.to_field if to == "field" else view.project)(given, sigma=True)
+    sigma = np.full(len(points), np.nan) if found.sigma is None else found.sigma
+    outside = are_outside(record, found.points if to == "field" else given)
+    nowhere = "on or above the horizon" if to == "field" else "behind the camera"
+    return [
+        ProjectedPoint(p, *place, spread, nowhere if np.isnan(place[0]) else OUTSIDE * out)
+        for p, place, spread, out in zip(points, found.points.tolist(), sigma.tolist(), outside.tolist(), strict=True)
+    ]
+
+
+def are_outside(record: ResultRecord, points_m: Array) -> Array:
+    """Whether field points (N, 2) lie outside the field of a record's template, bool (N,)."""
+    try:
+        template = None if record.field is None else load_field(record.field.template, record.field.sizes)
+    except CirclecalError:  # of somebody's own, and not here
+        template = None
+    if template is None:
+        return np.zeros(len(points_m), np.bool_)
+    growth = np.zeros(2) if record.view is None else record.view.growth_m
+    half = (np.array([template.length_m, template.width_m]) + growth) / 2.0
+    return np.asarray((np.abs(points_m) > half).any(axis=1))
