@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from circlecal.errors import CirclecalError, InputError
 from circlecal.field import load_field
@@ -121,14 +122,15 @@ def _project_frame(
     ]
 
 
-def are_outside(record: ResultRecord, points_m: Array) -> Array:
+def are_outside(record: ResultRecord, points_m: ArrayLike) -> Array:
     """Whether field points (N, 2) lie outside the field of a record's template, bool (N,)."""
     try:
         template = None if record.field is None else load_field(record.field.template, record.field.sizes)
     except CirclecalError:  # of somebody's own, and not here
         template = None
+    points = np.asarray(points_m, dtype=np.float64)
     if template is None:
-        return np.zeros(len(points_m), np.bool_)
+        return np.zeros(len(points), np.bool_)
     growth = np.zeros(2) if record.view is None else record.view.growth_m
     half = (np.array([template.length_m, template.width_m]) + growth) / 2.0
-    return np.asarray((np.abs(points_m) > half).any(axis=1))
+    return np.asarray((np.abs(points) > half).any(axis=1))

@@ -40,8 +40,6 @@ def project(
     as_json: options.Json = False,
 ) -> None:
     """Take points from the picture to the field or back, with the camera's lens where the result has a camera."""
-    import numpy as np
-
     from circlecal.api.tables import OUTSIDE, are_outside
     from circlecal.cli import console
     from circlecal.errors import InputError
@@ -64,7 +62,7 @@ def project(
     sigma = [None] * len(given) if mapped.sigma is None else mapped.sigma.tolist()
     unit, given_unit = ("m", "px") if to is Target.FIELD else ("px", "m")
     missing = "on or above the horizon" if to is Target.FIELD else "behind the camera"
-    outside = are_outside(stored, mapped.points if to is Target.FIELD else np.array(given)).tolist()
+    outside = are_outside(stored, mapped.points if to is Target.FIELD else given).tolist()
     notes = [OUTSIDE if out else "" for out in outside]
     answers = list(zip(given, mapped.points.tolist(), sigma, notes, strict=True))
     if as_json:
