@@ -117,7 +117,7 @@ def _project_frame(
     outside = are_outside(record, found.points if to == "field" else given)
     nowhere = "on or above the horizon" if to == "field" else "behind the camera"
     return [
-        ProjectedPoint(p, *place, spread, nowhere if np.isnan(place[0]) else OUTSIDE * out)
+        ProjectedPoint(p, place[0], place[1], spread, nowhere if np.isnan(place[0]) else OUTSIDE * out)
         for p, place, spread, out in zip(points, found.points.tolist(), sigma.tolist(), outside.tolist(), strict=True)
     ]
 
