@@ -15,7 +15,7 @@ from circlecal.geometry.surface import Surface, SurfaceShape
 from circlecal.pipeline import field_of, run
 from circlecal.results import CameraFit
 from circlecal.rig.positions import group_positions
-from circlecal.rig.tripod import TripodEstimate, Venue
+from circlecal.rig.tripod import PLACE, TripodEstimate, Venue
 from circlecal.tracking.looking import LEAST_PLACES, Look, LookedAt, Place
 from circlecal.tracking.markings import DrawnTemplate, MeasuredFrame, measure_markings, place_markings, template_curves
 from circlecal.tracking.tripod_fit import HeadedFrame, TripodFit, common_priors, fit_tripod, start_tripod
@@ -35,6 +35,11 @@ WORST_RMS_PX = 2.0
 """A frame whose paint lies further from its tripod's markings, root mean square, pixels at 1920 px width, was
 calibrated wrongly: rendered frames have 0.05 to 0.4, real ones up to 1.3, since real pitches fall in more ways than the
 models of the surface.
+"""
+USUAL_RMS, USUAL_PX = 1.1, 0.05
+"""A pitch has the template's size where that leaves the paint hardly further off: share of the root mean square
+distance, and pixels at 1920 px width. Nearly all have it, and length trades with the lens, the surface and the width
+of the paint.
 """
 LEAST_OWN_PLACES = 30
 ROUNDS, LOOKS = 3, 3
@@ -227,8 +232,20 @@ def _fit_members(
             fit_tripod(kept, replace(tripod, surface=replace(tripod.surface, shape=s)), mean, sd, drawn) for s in SHAPES
         ]
         fit = fits[1] if fits[1].cost < fits[0].cost - DECISIVE else fits[0]
+        fit = _prefer_usual_size(fit, kept, mean, sd, drawn)
         worst = int(np.argmax(fit.rms_px))
         if fit.rms_px[worst] <= limit:
             return fit
         del kept[worst]
     return None
+
+
+def _prefer_usual_size(
+    fit: TripodFit, frames: list[HeadedFrame], mean: Array, sd: Array, drawn: DrawnTemplate
+) -> TripodFit:
+    """The fit with a pitch of the template's size where that explains the paint about as well."""
+    usual = sd.copy()
+    usual[[PLACE["length"], PLACE["breadth"]]] = 0.0
+    fixed = fit_tripod(frames, fit.estimate, mean, usual, drawn)
+    limit = USUAL_RMS * float(np.mean(fit.rms_px)) + USUAL_PX * fit.estimate.size[0] / 1920.0
+    return fixed if float(np.mean(fixed.rms_px)) < limit else fit
