@@ -44,6 +44,8 @@ of the paint.
 LEAST_OWN_PLACES = 30
 ROUNDS, LOOKS = 3, 3
 """In which the tripods find further frames and learn from them; and looks at a frame while its tripod changes."""
+LEAST_GRASS = 0.15
+"""Share of the picture that the playing surface covers where a search is worth it."""
 SLACK = 9.0
 """How much more than its covariance says a tripod may change to meet a frame that looks elsewhere: the surface and the
 lens have other shapes than their models.
@@ -178,7 +180,7 @@ def _extend(
     """The tripod after it has found its other frames among the pictures, and learnt from them."""
     unit = tripod.size[0] / 1920.0
     mean, sd = common_priors(config.camera, template, unit)
-    sizes = {name: picture for name, picture in pictures.items() if picture.size == tripod.size}
+    sizes = {n: p for n, p in pictures.items() if p.size == tripod.size and p.grass_share >= LEAST_GRASS}
     for _ in range(ROUNDS):
         place = Place.of(tripod, template)
         frames = []
