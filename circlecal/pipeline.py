@@ -12,12 +12,13 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.config import Config, config_digest
+from circlecal.config import Config, config_digest, load_config
 from circlecal.errors import ConfigError, EstimationError, InputError
 from circlecal.field import Circle, FieldTemplate, load_field
 from circlecal.field.view import FieldView
@@ -284,13 +285,41 @@ def run_observations(
         model has no paint width, and every field is of its size), ``paint`` on the centreline of the paint.
     earlier : CameraFit, optional
         As for :func:`estimate`.
+
+    Returns
+    -------
+    FrameCalibration
+        What is too uncertain with default options for camera and verdict is tried with those of the configuration
+        ``annotations``, whose digest the answer then has.
     """
     template, circle = field_of(config)
     template = apply_convention(template, convention)
     size = observations.width, observations.height
-    setting = Setting(config, template, circle, *size, frame_generator(config.seed))
-    attempt = estimate(setting, take_observations(setting, Attempt(), observations), earlier)
-    return setting.calibration(attempt, frame_id, source)
+
+    def answer(chosen: Config) -> FrameCalibration:
+        setting = Setting(chosen, template, circle, *size, frame_generator(config.seed))
+        attempt = estimate(setting, take_observations(setting, Attempt(), observations), earlier)
+        return setting.calibration(attempt, frame_id, source)
+
+    first = answer(config)
+    if first.attempt.code != "too_uncertain" or convention != "official" or not _leaves_choice(config):
+        return first
+    other = answer(config.model_copy(update=_options_for_clicks()))
+    return other if other.status == "calibrated" else first
+
+
+def _leaves_choice(config: Config) -> bool:
+    """Whether nothing was said of cameras and limits, so that those for clicked points may be taken."""
+    usual = Config()
+    is_usual = config.camera == usual.camera and config.verdict == usual.verdict and config.solver is None
+    return is_usual and config.field.template == usual.field.template
+
+
+@lru_cache(maxsize=1)
+def _options_for_clicks() -> dict[str, object]:
+    """Camera and limits of the configuration ``annotations``: few clicks need to know where main cameras stand."""
+    preset = load_config("annotations")
+    return {"camera": preset.camera, "verdict": preset.verdict}
 
 
 def prepare_scene(

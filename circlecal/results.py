@@ -339,6 +339,12 @@ class HomographyFit:
     null_ratio: float
 
 
+CONTRADICTING_SIGMAS, CONTRADICTING_PX = 5.0, 8.0
+"""A single point further from its marking than so many of its standard deviations and pixels at 1920 px width
+contradicts the rest: clicks scatter by 1.5 px.
+"""
+
+
 @dataclass(frozen=True, slots=True)
 class FieldSize:
     """How long and broad a field is.
@@ -411,6 +417,8 @@ class CameraFit:
         was seen instead of the circle.
     field_size : FieldSize or None
         How long and broad the field is; None where it was not asked.
+    point_residuals_px : dict of MarkingKey
+        Signed distance (N,) of each point of markings with few points, pixels, in the order in which they were given.
     """
 
     camera: Camera
@@ -436,6 +444,19 @@ class CameraFit:
     names_by_line: dict[int, str] = field(default_factory=dict)
     reference_m: Array = field(default_factory=lambda: np.zeros(2))
     field_size: FieldSize | None = None
+    point_residuals_px: dict[MarkingKey, Array] = field(default_factory=dict)
+
+    @property
+    def contradicting_points(self) -> tuple[tuple[MarkingKey, int, float], ...]:
+        """Single points that contradict the rest, the worst first: marking, number from 1 on, distance in pixels."""
+        least_px = CONTRADICTING_PX * self.camera.width / 1920.0
+        found = [
+            (key, number + 1, abs(float(off)))
+            for key, distances in self.point_residuals_px.items()
+            for number, off in enumerate(distances)
+            if abs(off) > max(least_px, CONTRADICTING_SIGMAS * self.stated_sigma_px.get(key, 0.0))
+        ]
+        return tuple(sorted(found, key=lambda point: -point[2]))
 
     @property
     def view(self) -> FieldView:

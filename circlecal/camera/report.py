@@ -26,6 +26,8 @@ from circlecal.geometry.projective import Array
 from circlecal.observations import MarkingKey
 from circlecal.results import CameraFit, DerivedPoint, FieldSize
 
+MOST_CLICKS = 40
+"""Points on one marking up to which each has a distance of its own in the result: the detector measures hundreds."""
 REACH_RADII = 2.5
 """How far from the circle's centre, or from what is seen instead, the field counts for the largest predicted error."""
 
@@ -76,6 +78,7 @@ def camera_fit(
         max_sigma_px=float(sigma_px.max()) if len(grid) else float("inf"),
         max_sigma_m=float(sigma_m.max()) if len(grid) else float("inf"),
         residuals_px=residuals_px(problem, state),
+        point_residuals_px=point_residuals_px(problem, state),
         theta=theta,
         stated_sigma_px=stated_sigma_px,
         derived_points=derive_points(cameras, camera, circle),
@@ -132,6 +135,19 @@ def derive_points(cameras: Array, camera: Camera, circle: Circle) -> tuple[Deriv
         DerivedPoint(compass_label(toward), point, pixel, covariance)
         for toward, point, pixel, covariance in zip(outward, points, pixels[0], covariances, strict=True)
     )
+
+
+def point_residuals_px(problem: Problem, state: State) -> dict[MarkingKey, Array]:
+    """Signed distance (N,) of each point from its marking, pixels, in the order in which they were given; of markings
+    with few points, as people click them.
+    """
+    curves, values = problem.curves, state.residuals[0] * problem.curves.sigma_px
+    found: dict[MarkingKey, Array] = {}
+    for group, key in enumerate(curves.keys):
+        own = np.flatnonzero(curves.group == group)
+        if 0 < len(own) <= MOST_CLICKS:
+            found[key] = np.concatenate([found.get(key, np.zeros(0)), values[own]])
+    return found
 
 
 def residuals_px(problem: Problem, state: State) -> dict[MarkingKey, float]:

@@ -86,6 +86,10 @@ NODES = 65
 """Points along each marking of :attr:`FieldTemplate.outlines`."""
 
 
+AT_MIDDLE_M = 1e-6
+"""A centre this near to the long or the short axis lies on it, metres: rounding of arithmetic over sizes."""
+
+
 class _Element(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -256,6 +260,18 @@ class FieldTemplate(BaseModel):
             shift[1, 0] = 0.0
         return shift
 
+    def circle_shift(self, circle: Circle) -> Array:
+        """How a circle or an arc moves (3, 2) with the marking width, the length and the width of the field, metres per
+        metre: what belongs to one end goes with it, a corner with both sides; its radius is fixed.
+        """
+        shift = np.zeros((3, 2))
+        x, y = circle.center
+        if abs(x) > AT_MIDDLE_M:
+            shift[1, 0] = np.sign(x) / 2.0
+        if abs(abs(y) - self.width_m / 2) < AT_MIDDLE_M:
+            shift[2, 1] = np.sign(y) / 2.0
+        return shift
+
     @cached_property
     def drawn_lines(self) -> tuple[Array, Array]:
         """Ends (T, 2, 2) and shifts (T, 3, 2) of all straight markings, as of :meth:`line_ends` and
@@ -268,7 +284,7 @@ class FieldTemplate(BaseModel):
     @cached_property
     def outlines(self) -> tuple[tuple[str, ...], Array, Array]:
         """Names of all circles, arcs and lines, :data:`NODES` points along the centreline of each (K, N, 2), and shifts
-        (K, 3, 2) as of :meth:`line_shift`; circles do not move with the field's sizes.
+        (K, 3, 2) as of :meth:`line_shift` and :meth:`circle_shift`.
         """
         share = np.linspace(0.0, 1.0, NODES)[:, None]
         ends = [(0.0, 360.0)] * len(self.circles) + [(arc.start_deg, arc.end_deg) for arc in self.arcs]
@@ -281,9 +297,9 @@ class FieldTemplate(BaseModel):
         drawn, shifts = self.drawn_lines
         straight = drawn[:, :1] + share * (drawn[:, 1:] - drawn[:, :1])
         names = tuple(element.name for element in (*round_ones, *self.lines))
-        still = np.zeros((len(curves), 3, 2))
+        round_shifts = np.array([self.circle_shift(circle) for circle in round_ones]).reshape(-1, 3, 2)
         points = np.concatenate([np.array(curves).reshape(-1, NODES, 2), straight])
-        return names, points, np.concatenate([still, shifts])
+        return names, points, np.concatenate([round_shifts, shifts])
 
     def line_coordinates(self, line: Line) -> Array:
         """Homogeneous line (3,) of the centreline, ``a^2 + b^2 = 1``."""

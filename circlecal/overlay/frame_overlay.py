@@ -67,6 +67,10 @@ def check_size(image: Picture, calibration: FrameCalibration) -> None:
         )
 
 
+MOST_POINTS = 3
+"""Contradicting points that are named."""
+
+
 def verdict_facts(calibration: FrameCalibration) -> list[str]:
     """What the verdict rests on, in a few words each."""
     facts = [] if calibration.correspondences is None else [f"case {calibration.correspondences.case}"]
@@ -79,6 +83,8 @@ def verdict_facts(calibration: FrameCalibration) -> list[str]:
             facts.append(f"without the circle, from {len(fit_camera.residuals_px)} lines, arcs and points")
         if fit_camera.rejected:
             facts.append(f"left out {', '.join(map(str, fit_camera.rejected))}")
+        for key, number, off in fit_camera.contradicting_points[:MOST_POINTS]:
+            facts.append(f"{key}: point {number} lies {off:.0f} px off")
         if fit_camera.field_size is not None and not fit_camera.field_size.is_usual:
             facts.append(f"field: {fit_camera.field_size}")
         facts.append(f"sigma {_short(fit_camera.max_sigma_px)} px, {_short(fit_camera.max_sigma_m)} m")

@@ -316,11 +316,15 @@ class AlternativeRecord(_Part):
 
 
 class ResidualsRecord(_Part):
-    """Rms per fitted ellipse, one residual per row of the DLT, rms per observation of the camera."""
+    """Rms per fitted ellipse, one residual per row of the DLT, rms per observation of the camera.
+
+    ``points`` are the signed distances of single points where a marking has few.
+    """
 
     ellipses: dict[str, Number] = {}
     homography: list[Number] | None = None
     camera: dict[str, Number] | None = None
+    points: dict[str, list[Number]] | None = None
 
 
 class CirclePointsRecord(_Part):

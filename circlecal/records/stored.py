@@ -101,6 +101,7 @@ def _camera(record: ResultRecord, estimate: EstimateRecord) -> CameraFit | None:
         max_sigma_px=_number(keys.max_sigma_px),
         max_sigma_m=_number(keys.max_sigma_m),
         residuals_px={MarkingKey.parse(name): _number(value) for name, value in (residuals.camera or {}).items()},
+        point_residuals_px={MarkingKey.parse(name): _array(off) for name, off in (residuals.points or {}).items()},
         theta=known.theta() if known.is_known else _array(known.estimate),
         residual_correlation=_number(keys.residual_correlation),
         derived_points=tuple(

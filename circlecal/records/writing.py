@@ -222,6 +222,9 @@ def _residuals(calibration: FrameCalibration) -> dict[str, Any]:
         "ellipses": {fit.edge: fit.rms_px for fit in fits},
         "homography": None if calibration.homography is None else calibration.homography.residuals_px,
         "camera": None if camera is None else {str(key): rms for key, rms in camera.residuals_px.items()},
+        "points": None
+        if camera is None
+        else {str(key): _round(off, POINT_DECIMALS).tolist() for key, off in camera.point_residuals_px.items()},
     }
 
 

@@ -42,6 +42,8 @@ LEAST_FOUND = 0.15
 """Least share of the markings to be expected that is found: of right cameras at least twice as much (rendered frames
 of all kinds, worn paint and old video too), of a wrong circle's or line's less than a tenth.
 """
+LEAST_FOUND_ABOUT = 0.01
+"""Least such share where places are not well known: of a ring drawn on bare green nothing at all is found."""
 EXPECTED_WIDTHS, EXPECTED_WIDTHS_EACH = 0.12, 0.35
 """So much of them, in picture widths, must be expected for that, and more for each kind of confirmation."""
 FEWEST_NAMED = 5
@@ -213,7 +215,7 @@ def confirm(verdict: Verdict, camera: CameraFit, cues: Cues, agreement: Agreemen
     least = (EXPECTED_WIDTHS + kinds * EXPECTED_WIDTHS_EACH) * camera.camera.width
     if agreement.expected_px < least:
         return verdict
-    limit = LEAST_FOUND if agreement.certain else 0.0
+    limit = LEAST_FOUND if agreement.certain else LEAST_FOUND_ABOUT
     check = _check("found_share", agreement.found_share, limit, at_least=True)
     checks = (*verdict.checks, check)
     return replace(verdict, checks=checks) if check.passed else _refusal_by(check, checks)

@@ -97,3 +97,11 @@ def test_options_say_how_large_a_field_may_be():
     assert given.width_range_m == (45, 90)
     with pytest.raises(ConfigError):
         field_of(Config.model_validate({"field": {"circle": "moon"}}))
+
+
+def test_a_penalty_arc_is_expected_where_the_length_of_the_field_puts_it():
+    """Its centre is 11 m from the goal line, however far that is from the centre mark."""
+    names, _, shifts = SOCCER.outlines
+    assert shifts[names.index("penalty_arc_right"), 1, 0] == 0.5
+    assert shifts[names.index("penalty_arc_left"), 1, 0] == -0.5
+    assert not shifts[names.index("centre_circle")].any()

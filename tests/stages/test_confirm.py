@@ -113,6 +113,13 @@ def test_where_the_places_are_not_well_known_a_circle_is_only_doubted():
     assert loose.found_share > 0.7
 
 
+def test_where_nothing_at_all_is_found_even_about_their_places_a_ring_was_drawn():
+    camera, accepted = camera_fit(), verdict(camera_fit())
+    missing = Agreement(("a",), np.array([0.3 * camera.camera.width]), np.array([0.0]), certain=False)
+    refused = confirm(accepted, camera, Cues(None, None), missing)
+    assert (refused.status, refused.code) == ("refused", "markings_missing")
+
+
 def test_a_marking_behind_a_barrel_lens_is_not_expected_where_the_lens_model_folds_it_to():
     template = load_field("robocup")
     circle = template.circle_by_name["centre_circle"]
