@@ -281,7 +281,7 @@ def test_parts_within_the_parts_may_be_missing(complete):
 
 
 def test_every_optional_field_of_a_calibration_is_tried():
-    assert {f.name for f in fields(Attempt) if f.default is None} - {"verdict"} == set(STAGES)
+    assert {f.name for f in fields(Attempt) if f.default is None} - {"verdict", "circle_name"} == set(STAGES)
 
 
 @pytest.mark.parametrize("size", [(398, 224), (640, 360), (3840, 2160), (360, 640), (900, 200), (64, 48), (1, 1)])

@@ -172,6 +172,8 @@ class ResultLog:
                     file.write(line)
         os.close(self._descriptor)
         self._descriptor = os.open(self.path, _APPEND, 0o666)
+        status = os.fstat(self._descriptor)
+        self._identity = status.st_dev, status.st_ino
         self._lock()
         self.index.clear()
 

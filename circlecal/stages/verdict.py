@@ -65,7 +65,7 @@ class VerdictConfig(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     max_sigma_px: float = Field(
-        70.0,
+        64.0,
         gt=0,
         description="Largest predicted error of the field around the circle, or around what is seen instead of it, "
         "pixels at 1920 px width.",

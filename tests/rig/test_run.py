@@ -188,7 +188,7 @@ def test_wrong_results(run_circlecal, results, records, tmp_path):
     damaged = json.loads(result_line(records[0]))
     damaged["camera"]["covariance"] = {"parameters": ["x"]}
     (results / "results.jsonl").write_text(json.dumps(damaged) + "\n")
-    with pytest.raises(InputError, match=r"line 1: is no result: camera\.covariance\.matrix is missing"):
+    with pytest.raises(InputError, match=r"line 1: is no result: camera\.covariance: matrix is not 1 x 1"):
         list(read_records(results))
     damaged["camera"]["covariance"] = {"parameters": ["x"], "matrix": [[1.0]]}
     (results / "results.jsonl").write_text(json.dumps(damaged) + "\n")
