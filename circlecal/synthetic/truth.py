@@ -154,10 +154,7 @@ def truth_of(scene: Scene, layers: list[PaintLayer], hidden: NDArray[np.float32]
 
 def center_mark_name(template: FieldTemplate) -> str | None:
     """Name of the spot in the middle of the default circle, if the template has one."""
-    circle = template.circle_by_name.get(template.default_circle)
-    if circle is None:
-        return None
-    center = np.asarray(circle.center)
+    center = np.asarray(template.circle_by_name[template.default_circle].center)
     return next((m.name for m in template.marks if np.linalg.norm(np.asarray(m.position) - center) < 1e-6), None)
 
 

@@ -170,7 +170,7 @@ def test_the_same_seed_gives_the_same_frame():
     assert first.truth.to_json() == second.truth.to_json()
 
 
-@pytest.mark.parametrize("name", field_names())
+@pytest.mark.parametrize("name", [name for name in field_names() if load_field(name).circles])
 def test_every_field_template_can_be_painted(name):
     template = load_field(name)
     camera = sample_camera("broadcast", np.random.default_rng(2), *SMALL, template=soccer())
