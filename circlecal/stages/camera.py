@@ -78,8 +78,8 @@ LENS_DOUBT, LENS_WIDER, LENS_EVIDENCE = 1.5, 4.0, 6.0
 wide, and believed where that explains the frame so much better (chi-square): what the wider prior costs, and as much.
 """
 DOUBTED_SHARE = 0.1
-"""Posterior probability of another size from which on the lines are named anew for such a field: of rendered fields of
-45-90 m all that were calibrated wrongly with the usual size showed more.
+"""Posterior probability of another size from which on the lines are named anew for such a field: below it the second
+naming costs more time than it mends. Chosen without a measurement of its own.
 """
 SEVERAL_LINES = 2
 """So many further markings at their places on a usual field leave little doubt about its size."""

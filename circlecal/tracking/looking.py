@@ -146,7 +146,8 @@ class Place:
         head, covariance : (3,), (3, 3) arrays
             Where the head is expected to be.
         by_common : (3, K) array, optional
-            How the expected head follows the common parameters.
+            How the expected head follows the common parameters; where it was found in the picture itself, as the
+            markings in view make it follow, when None.
         blur_px : (2,) array, optional
             Way of the picture while the shutter was open.
         """
@@ -156,8 +157,9 @@ class Place:
         by_own, by_all = (d[0] for d in model.derivatives(head[None], tripod.mean))
         width = self.template.marking_width_m + tripod.mean[PLACE["width"]]
         places = place_markings(self.drawn, theta, model.projection, width)
-        if by_common is not None:
-            by_all = by_all + by_own @ by_common
+        if by_common is None:
+            by_common = _follow_common(places.by_theta @ by_own, places.by_theta @ by_all)
+        by_all = by_all + by_own @ by_common
         spread = np.sqrt(
             _variance(places.by_theta @ by_own, covariance) + _variance(places.by_theta @ by_all, tripod.covariance)
         )
@@ -198,6 +200,15 @@ class Place:
             if look.is_confirmed and (best is None or look.is_better(best)):
                 best = look
         return best
+
+
+def _follow_common(by_own: Array, by_common: Array) -> Array:
+    """How a head (3, K) that was fitted to the markings in view follows the common parameters: by least squares over
+    the places, with their derivatives by the head (M, 3) and by the common parameters (M, K).
+    """
+    if len(by_own) < by_own.shape[1]:
+        return np.zeros((by_own.shape[1], by_common.shape[1]))
+    return np.asarray(-np.linalg.lstsq(by_own, by_common, rcond=None)[0])
 
 
 def _variance(rows: Array, covariance: Array) -> Array:
