@@ -66,7 +66,7 @@ def test_results_cut_anywhere_with_an_index_of_any_age(states, tmp_path_factory,
 
 
 def test_killed_again_and_again(tmp_path):
-    count = 60
+    count = 24
     frames, out = paint(tmp_path / "frames", count), tmp_path / "out"
     generator = np.random.default_rng(7)
     for _ in range(4):
