@@ -9,7 +9,7 @@ of its own, so what is not taken leaves nothing behind.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -576,24 +576,39 @@ def _is_worth_remeasuring(setting: Setting, attempt: Attempt) -> bool:
     return attempt.ellipses.primary.arc_deg < PARTIAL_DEG or (refusal is not None and refusal.remeasure)
 
 
+def _measure_curves(
+    setting: Setting, picture: NDArray[np.uint8], camera: CameraFit, curves: Iterable[Circle], noise: float
+) -> dict[str, CirclePoints]:
+    """Circles and arcs, by name, measured where a camera puts them; without those of which too little is seen."""
+    config = setting.config
+    found = {}
+    with setting.clock("rays"):
+        for curve in curves:
+            points, sigma = measure_along_model(picture, camera.view, curve, setting.template, noise, config.rays)
+            if len(points) >= config.ellipse.minimum_points:
+                found[curve.name] = CirclePoints(curve.name, "center", points, sigma)
+    return found
+
+
+def _with_curves(observations: Observations, curves: Mapping[str, CirclePoints]) -> Observations:
+    """The observations with these circles and arcs in the place of those of their names."""
+    others = tuple(circle for circle in observations.circles if circle.circle not in curves)
+    return replace(observations, circles=(*curves.values(), *others))
+
+
 def remeasure_along_camera(setting: Setting, scene: Scene, attempt: Attempt) -> Iterator[Attempt]:
     """The circle, and the arcs of the field too where only further lines turn it, along the curves of the camera."""
     if attempt.fitted is None:
         return
     mask, edges, cues, observations, camera, _ = attempt.fitted
     is_turned_by_lines = cues.halfway is None and bool(camera.names_by_line)
-    circle, template, config = setting.circle, setting.template, setting.config
-    found: dict[str, CirclePoints] = {}
-    with setting.clock("rays"):
-        picture = lighten_markings(scene.gray, mask, circle)
-        for curve in (circle, *(template.arcs if is_turned_by_lines else ())):
-            points, sigma = measure_along_model(picture, camera.view, curve, template, edges.noise, config.rays)
-            if len(points) >= config.ellipse.minimum_points:
-                found[curve.name] = CirclePoints(curve.name, "center", points, sigma)
+    circle = setting.circle
+    picture = lighten_markings(scene.gray, mask, circle)
+    curves = (circle, *(setting.template.arcs if is_turned_by_lines else ()))
+    found = _measure_curves(setting, picture, camera, curves, edges.noise)
     if circle.name not in found:
         return
-    others = tuple(c for c in observations.circles if c.circle not in found)
-    again = replace(observations, circles=(*found.values(), *others))
+    again = _with_curves(observations, found)
     start = camera if is_turned_by_lines else None
     yield estimate(setting, replace(attempt, observations=again, verdict=None), start)
 
@@ -800,25 +815,18 @@ def take_field_lines(setting: Setting, scene: Scene, first: Attempt) -> Iterator
             verdict = confirm_field_lines(attempt.verdict, attempt.camera, used, agreement)
         if verdict.status == "calibrated":
             accepted = replace(attempt, verdict=verdict)
-            yield _with_curves(setting, picture, accepted, noise) or accepted
+            yield _add_curves(setting, picture, accepted, noise) or accepted
 
 
-def _with_curves(setting: Setting, picture: NDArray[np.uint8], attempt: Attempt, noise: float) -> Attempt | None:
+def _add_curves(setting: Setting, picture: NDArray[np.uint8], attempt: Attempt, noise: float) -> Attempt | None:
     """The attempt with the circle and the arcs measured where its camera puts them; None where that brings nothing."""
-    camera, observations, template, config = attempt.camera, attempt.observations, setting.template, setting.config
+    camera, observations = attempt.camera, attempt.observations
     if camera is None or observations is None or attempt.verdict is None:
         return None
-    found: list[CirclePoints] = []
-    with setting.clock("rays"):
-        for curve in (setting.circle, *template.arcs):
-            points, sigma = measure_along_model(picture, camera.view, curve, template, noise, config.rays)
-            if len(points) >= config.ellipse.minimum_points:
-                found.append(CirclePoints(curve.name, "center", points, sigma))
+    found = _measure_curves(setting, picture, camera, (setting.circle, *setting.template.arcs), noise)
     if not found:
         return None
-    names = {curve.circle for curve in found}
-    others = tuple(circle for circle in observations.circles if circle.circle not in names)
-    fuller = replace(observations, circles=(*found, *others))
+    fuller = _with_curves(observations, found)
     refined = estimate(setting, take_observations(setting, Attempt(mask=attempt.mask), fuller), camera)
     if refined.verdict is None or not _is_less_uncertain(setting, attempt, refined):
         return None

@@ -30,24 +30,26 @@ from circlecal.formats.soccernet import ClassPoint, shapes_of_classes
 from circlecal.pictures.files import distinct_names
 
 SUPERCATEGORY = "pitch"
-_Id = int | str
+FrameKey = int | str
 
 
-class _Image(FileModel):
-    image_id: _Id
+class GameStateImage(FileModel):
+    """A frame of the clip."""
+
+    image_id: FrameKey
     file_name: str
     width: Side | None = None
     height: Side | None = None
 
 
 class _Annotation(FileModel):
-    image_id: _Id
+    image_id: FrameKey
     supercategory: str = ""
     lines: dict[str, Annotated[list[ClassPoint], Field(max_length=MAX_POINTS)]] = Field({})
 
 
 class _Labels(FileModel):
-    images: list[_Image]
+    images: list[GameStateImage]
     annotations: list[_Annotation]
 
 
@@ -60,7 +62,7 @@ def read(path: Path, content: bytes, size: Size | None) -> list[AnnotatedFrame]:
         No such file, one that contradicts itself, or the size of the pictures is not known.
     """
     labels = parse_content(_Labels, path, content)
-    lines: dict[_Id, list[dict[str, list[ClassPoint]]]] = defaultdict(list)
+    lines: dict[FrameKey, list[dict[str, list[ClassPoint]]]] = defaultdict(list)
     known = {image.image_id for image in labels.images}
     for number, annotation in enumerate(labels.annotations):
         if annotation.supercategory != SUPERCATEGORY:

@@ -17,7 +17,6 @@ from circlecal.formats.format import (
     CameraFormat,
     Content,
     FileModel,
-    Side,
     json_bytes,
     parse_content,
     parse_value,
@@ -25,29 +24,22 @@ from circlecal.formats.format import (
     stem_of,
 )
 from circlecal.formats.gamestate import SUPERCATEGORY as PITCH
+from circlecal.formats.gamestate import FrameKey, GameStateImage
 from circlecal.formats.soccernet_camera import CameraKeys
 from circlecal.pictures.files import distinct_names
 
 SUPERCATEGORY = "camera"
 CATEGORY = 6
-_Id = int | str
-
-
-class _Image(FileModel):
-    image_id: _Id
-    file_name: str
-    width: Side | None = None
-    height: Side | None = None
 
 
 class _Annotation(FileModel):
-    image_id: _Id
+    image_id: FrameKey
     supercategory: str = ""
     parameters: dict[str, Any] | None = None
 
 
 class _Labels(FileModel):
-    images: list[_Image]
+    images: list[GameStateImage]
     annotations: list[_Annotation]
 
 

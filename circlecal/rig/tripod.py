@@ -38,8 +38,6 @@ COMMON = (
 logarithm of the focal length. The sizes are offsets from the template's.
 """
 PLACE = {name: k for k, name in enumerate(COMMON)}
-HEAD = slice(0, 3)
-"""Of the own parameters those that place the picture."""
 _PIXELS = frozenset({"pp_x", "pp_y", "pp_x_by_zoom", "pp_y_by_zoom"})
 _DIRECT = ("pp_x", "pp_y", "kappa_1", "kappa_2", "log_aspect", "crown", "width", "length", "breadth")
 _ZOOMED = ("pp_x", "pp_y", "kappa_1")
