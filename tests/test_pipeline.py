@@ -13,7 +13,9 @@ from circlecal.geometry.homography import compass_label
 from circlecal.geometry.projective import apply_homography, normalise_line, transform_lines
 from circlecal.observations import Keypoint, Observations, join_observations
 from circlecal.overlay import draw_overlay, stage_pictures
-from circlecal.pipeline import face_camera, field_of, frame_generator, run, run_observations
+from circlecal.pipeline import field_of, run, run_observations
+from circlecal.pipeline.attempts import face_camera
+from circlecal.pipeline.setting import frame_generator
 from circlecal.records.record import result_line
 from circlecal.records.writing import result_record
 from circlecal.refusals import REFUSALS, Confidence

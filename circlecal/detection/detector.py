@@ -59,6 +59,8 @@ class Detection:
         +1 where the markings are lighter than the surface, -1 where they are darker.
     arcs : tuple of CircleHypothesis
         Parts of circles without a line through their middle, longest first: the circle, or a penalty arc.
+    passes : tuple of PassResult
+        What each pass over the picture found, in the order of the search.
     """
 
     region: FieldRegion
@@ -71,6 +73,12 @@ class Detection:
     confidence: Confidence
     polarity: float
     arcs: tuple[CircleHypothesis, ...]
+    passes: tuple[PassResult, ...]
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether an accepted circle was found with its halfway line, so that no further pass is needed."""
+        return self.passes[-1].choice.is_complete
 
 
 def detect(
@@ -79,6 +87,7 @@ def detect(
     rng: np.random.Generator,
     gray: NDArray[np.uint8] | None = None,
     ruled_out: tuple[Interpretation, ...] = (),
+    earlier: Detection | None = None,
 ) -> Detection:
     """Find the field, its straight markings, the centre circle and the halfway line in one picture.
 
@@ -93,6 +102,8 @@ def detect(
         Gray levels of the frame, where they are known already.
     ruled_out : tuple of Interpretation
         What turned out wrong: such a circle is not found again with such a line.
+    earlier : Detection, optional
+        A quicker search of the picture, with nothing ruled out, which this one goes on with.
 
     Returns
     -------
@@ -106,8 +117,11 @@ def detect(
     """
     if image_bgr.ndim != 3 or image_bgr.shape[2] != 3 or image_bgr.dtype != np.uint8:
         raise ValueError(f"image_bgr must be (H, W, 3) uint8, not {image_bgr.shape} {image_bgr.dtype}")
+    if earlier is not None and earlier.is_complete:
+        return earlier
     picture = Picture(image_bgr, to_gray(image_bgr) if gray is None else gray)
-    best = _search(picture, config, rng, ruled_out)
+    passes = () if earlier is None else earlier.passes
+    best, passes = _search(picture, config, rng, ruled_out, passes)
     segments, choice = best.segments, best.choice
     kept = _select_straight_markings(image_bgr, best, config.one_paint is not False)
     sketch = MarkingSketch(picture.gray, choice.circle, choice.halfway, segments[kept], best.sign, config.refinement)
@@ -122,35 +136,45 @@ def detect(
         confidence=choice.confidence,
         polarity=best.sign,
         arcs=choice.arcs,
+        passes=passes,
     )
 
 
 def _search(
-    picture: Picture, config: DetectorConfig, rng: np.random.Generator, ruled_out: tuple[Interpretation, ...]
-) -> PassResult:
+    picture: Picture,
+    config: DetectorConfig,
+    rng: np.random.Generator,
+    ruled_out: tuple[Interpretation, ...],
+    earlier: tuple[PassResult, ...],
+) -> tuple[PassResult, tuple[PassResult, ...]]:
     """The first pass that finds an accepted circle with its halfway line, quick ones before slow ones; failing that,
-    the best.
+    the best. And all passes that were made, of which the ``earlier`` ones are known.
 
     A circle without that line may be one of several on the same floor, a face-off circle say.
     """
     results: list[PassResult] = []
-    for settings, region in _plan(picture, config, results):
-        result = run_pass(picture, region, config, settings, rng, ruled_out)
+    passes: list[PassResult] = []
+    known = iter(earlier)
+    for settings, region in _plan(picture, config, results, earlier):
+        result = next(known, None) or run_pass(picture, region, config, settings, rng, ruled_out)
+        passes.append(result)
         if result.choice.refusal == NO_FIELD or result.choice.is_complete:
-            return result
+            return result, tuple(passes)
         if result.choice.circle is not None or not settings.is_last_resort:
             results.append(result)
     best = max(results, key=_rank)
     arcs = [arc for result in results if result.sign == best.sign for arc in result.choice.arcs]
     distinct = select_arcs(arcs, best.choice.hypothesis, picture.gray.shape[1])
-    return replace(best, choice=replace(best.choice, arcs=distinct))
+    return replace(best, choice=replace(best.choice, arcs=distinct)), tuple(passes)
 
 
-def _plan(picture: Picture, config: DetectorConfig, results: list[PassResult]) -> Iterator[tuple[Pass, FieldRegion]]:
+def _plan(
+    picture: Picture, config: DetectorConfig, results: list[PassResult], earlier: tuple[PassResult, ...]
+) -> Iterator[tuple[Pass, FieldRegion]]:
     """Passes and the regions that they search, in order: quick ones on the largest surface, then quick and slow ones
     also on the largest beside it; last ones where the ``results`` of all others hold no circle.
     """
-    regions = [find_field_region(picture.image_bgr, config.field_region)]
+    regions = [earlier[0].region if earlier else find_field_region(picture.image_bgr, config.field_region)]
     signs = SIGNS[config.marking or "light"]
     for sign in signs:
         yield first_pass(config, sign), regions[0]

@@ -78,6 +78,7 @@ def find_marking(
     rng: np.random.Generator,
     gray: NDArray[np.uint8] | None = None,
     ruled_out: tuple[Interpretation, ...] = (),
+    first_look: Detection | None = None,
 ) -> tuple[MarkingMask, EstimationError | None]:
     """The marking mask of a frame, and the reason where it holds no circle.
 
@@ -95,6 +96,8 @@ def find_marking(
         Gray levels of the picture, where they are known already.
     ruled_out : tuple of Interpretation
         What the built-in detector shall not find again.
+    first_look : Detection, optional
+        What :func:`look_quickly` found, with which the built-in detector goes on where nothing is ruled out.
 
     Returns
     -------
@@ -113,9 +116,29 @@ def find_marking(
     if given is None and config.source == "file":
         return MarkingMask(np.zeros(image.shape[:2], dtype=np.uint8), "file"), refuse("mask", "no_mask")
     if given is None or config.source == "detector":
-        found = detect(image, config.detector, rng, gray, ruled_out)
-        return marking_from_detection(found)
+        earlier = None if ruled_out else first_look
+        return marking_from_detection(detect(image, config.detector, rng, gray, ruled_out, earlier))
     return marking_from_classes(given, config, rng)
+
+
+def look_quickly(
+    image: NDArray[np.uint8],
+    given: NDArray[np.uint8] | None,
+    config: MaskConfig,
+    rng: np.random.Generator,
+    gray: NDArray[np.uint8],
+) -> Detection | None:
+    """The quick passes of the built-in detector over a frame; None where its marking comes from elsewhere.
+
+    Parameters
+    ----------
+    image, given, config, rng, gray
+        As for :func:`find_marking`.
+    """
+    if config.source == "detector" or (config.source == "auto" and given is None):
+        quick = config.detector.model_copy(update={"thorough": False})
+        return detect(image, quick, rng, gray)
+    return None
 
 
 def suit_field(config: MaskConfig, template: FieldTemplate) -> MaskConfig:

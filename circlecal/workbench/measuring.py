@@ -22,7 +22,8 @@ from circlecal.paint.bands import measure_bands, rise_above_noise
 from circlecal.paint.lines import ONE_ROUND, TWO_ROUNDS, measure_lines
 from circlecal.paint.profiles import estimate_noise, sample_profiles, smooth_along, to_gray
 from circlecal.pictures.files import PictureFile
-from circlecal.pipeline import field_of, lighten_markings
+from circlecal.pipeline import field_of
+from circlecal.pipeline.setting import lighten_markings
 from circlecal.results import FrameCalibration, Segment
 
 SNAP_PX = 12.0

@@ -1,0 +1,12 @@
+"""The order of the stages, and what is tried again after a refusal: a frame goes in, every intermediate comes out.
+
+One attempt measures the picture and estimates a calibration from what was measured (``attempts``). ``refinements`` look
+at the picture once more where an attempt's own camera says what to look for; ``other_circles``, ``placed_field`` and
+``field_lines`` take something else in the picture for what is looked for. Each attempt is a value of its own, so what
+is not taken leaves nothing behind.
+"""
+
+from circlecal.pipeline.fields import Convention, apply_convention, field_of
+from circlecal.pipeline.run import run, run_observations
+
+__all__ = ["Convention", "apply_convention", "field_of", "run", "run_observations"]

@@ -1,0 +1,238 @@
+"""One attempt: what the picture shows of the circle and around it, and the camera and verdict from it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+
+from circlecal.errors import EstimationError
+from circlecal.geometry.projective import Array
+from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations
+from circlecal.pipeline.setting import Scene, Setting, lighten_markings
+from circlecal.refusals import Confidence
+from circlecal.results import (
+    Attempt,
+    CameraFit,
+    Cues,
+    EllipseFits,
+    Interpretation,
+    MarkingMask,
+    Verdict,
+)
+from circlecal.solvers import solve_by_name
+from circlecal.stages.camera import estimate_camera
+from circlecal.stages.confirm import is_circle_painted, look_for_markings
+from circlecal.stages.correspondences import derive_correspondences, is_turned, turn_correspondences
+from circlecal.stages.cues import cues_from_observations, find_cues
+from circlecal.stages.edges import detect_edges
+from circlecal.stages.ellipse import fit_ellipses, fit_observations
+from circlecal.stages.homography import estimate_homography, homography_of_solver, turn_fit
+from circlecal.stages.mask import find_marking, suit_field
+from circlecal.stages.rays import cast_rays
+from circlecal.stages.verdict import confirm, is_beyond_doubt, judge
+
+UNDETERMINED = ("no_circle", "no_ellipse")
+"""Refusals that say only that points, lines and arcs are too few without the circle."""
+
+
+T = TypeVar("T")
+
+
+def measure(
+    setting: Setting, scene: Scene, ruled_out: tuple[Interpretation, ...] = (), marking: MarkingMask | None = None
+) -> Attempt:
+    """What the picture shows of the circle and of what lies around it; refused where a stage gives up."""
+    config, template, circle = setting.config, setting.template, setting.circle
+    attempt = Attempt()
+    try:
+        with setting.clock("mask"):
+            refusal = None
+            if marking is None:
+                options = suit_field(config.mask, template)
+                marking, refusal = find_marking(
+                    scene.image, scene.given, options, setting.rng, scene.gray, ruled_out, scene.first_look
+                )
+            attempt = replace(attempt, mask=marking)
+        if refusal is not None:
+            raise refusal
+        with setting.clock("edges"):
+            picture = lighten_markings(scene.gray, marking, circle)
+            edges = detect_edges(picture, marking, config.edges)
+            attempt = replace(attempt, edges=edges)
+        with setting.clock("rays"):
+            relative_width = template.marking_width_m / template.radius(circle, "center")
+            rays = cast_rays(picture, edges, marking, relative_width, config.rays, setting.rng)
+            attempt = replace(attempt, rays=rays)
+        with setting.clock("ellipse"):
+            ellipses = fit_ellipses(rays, setting.width, config.ellipse, setting.rng)
+            attempt = replace(attempt, ellipses=ellipses, observations=observe(setting, ellipses, Cues(None, None)))
+        with setting.clock("cues"):
+            cues = find_cues(picture, marking, ellipses, edges.noise, template, config.cues, edges.blur_px)
+            arcs = tuple(arc.points_px for arc in marking.arcs)
+            observations = replace(observe(setting, ellipses, cues), curves=arcs)
+            attempt = replace(attempt, cues=cues, observations=observations)
+    except EstimationError as error:
+        return refuse_attempt(attempt, error)
+    return attempt
+
+
+def observe(setting: Setting, ellipses: EllipseFits, cues: Cues) -> Observations:
+    """What the picture showed, as observations.
+
+    The centreline's points already hold both edges, so the edges are given only where there is no centreline.
+    """
+    fits = (ellipses.center,) if ellipses.center is not None else (ellipses.outer, ellipses.inner)
+    circles = tuple(
+        CirclePoints(setting.circle.name, fit.edge, fit.points_px[fit.inliers], fit.sigma_px[fit.inliers])
+        for fit in fits
+        if fit is not None
+    )
+    seen = (*((cues.halfway,) if cues.halfway is not None else ()), *cues.lines)
+    lines = tuple(LinePoints(line.name, line.points_px, line.sigma_px, line.ends) for line in seen)
+    marks = () if cues.mark is None else (MarkPoint(cues.mark.name, cues.mark.point_px, cues.mark.sigma_px),)
+    return Observations(setting.width, setting.height, circles, lines, marks)
+
+
+def take_observations(setting: Setting, attempt: Attempt, observations: Observations) -> Attempt:
+    """An attempt with given observations in the place of measured ones; the camera can do without the circle."""
+    attempt, config = replace(attempt, observations=observations), setting.config
+    with setting.clock("ellipse"):
+        found, refusal = _try_stage(
+            lambda: fit_observations(observations, setting.circle.name, setting.width, config.ellipse, setting.rng)
+        )
+    if found is None and refusal is not None and (config.solver is not None or not config.camera.enabled):
+        return refuse_attempt(attempt, refusal)
+    with setting.clock("cues"):
+        cues = cues_from_observations(observations, setting.template, setting.circle)
+    return replace(attempt, ellipses=found or EllipseFits(None, None, None), cues=cues)
+
+
+def calibrate_extra(setting: Setting, attempt: Attempt, extra: Observations) -> Attempt:
+    """What was given beside a picture that was refused; the picture's own reason where that is too little."""
+    found = estimate(setting, take_observations(setting, replace(attempt, verdict=None), extra))
+    return replace(found, verdict=attempt.verdict) if found.code in UNDETERMINED else found
+
+
+def estimate(setting: Setting, attempt: Attempt, earlier: CameraFit | None = None) -> Attempt:
+    """Closed forms, camera and verdict from what was measured, or the refusal of the stage that gives up.
+
+    The camera can do without the closed forms, not the other way round.
+
+    Parameters
+    ----------
+    setting : Setting
+        The frame.
+    attempt : Attempt
+        With ellipses, cues and observations; returned unchanged where it is refused already.
+    earlier : CameraFit, optional
+        Camera of about the same observations, from which the fit starts.
+    """
+    if attempt.verdict is not None or attempt.ellipses is None or attempt.cues is None or attempt.observations is None:
+        return attempt
+    ellipses, cues, observations = attempt.ellipses, attempt.cues, attempt.observations
+    config, template, circle = setting.config, setting.template, setting.circle
+    attempt = replace(attempt, correspondences=None, homography=None, camera=None)
+    try:
+        if config.solver is not None:
+            return judge_attempt(setting, _solve(setting, config.solver, attempt, ellipses, observations))
+        refusal = None
+        if ellipses.all():
+            with setting.clock("correspondences"):
+                size = setting.width, setting.height
+                correspondences, refusal = _try_stage(
+                    lambda: derive_correspondences(
+                        ellipses, cues, template, circle, size, config.correspondences, observations.keypoints
+                    )
+                )
+            attempt = replace(attempt, correspondences=correspondences)
+            if correspondences is not None:
+                with setting.clock("homography"):
+                    homography, refusal = _try_stage(
+                        lambda: estimate_homography(correspondences, np.asarray(circle.center), config.homography)
+                    )
+                attempt = replace(attempt, homography=homography)
+        if config.camera.enabled:
+            with setting.clock("camera"):
+                side = config.correspondences.camera_side
+                camera = estimate_camera(observations, template, circle, config.camera, side, earlier)
+            attempt = face_camera(replace(attempt, camera=camera), np.asarray(circle.center))
+        elif attempt.homography is None and refusal is not None:
+            raise refusal
+    except EstimationError as error:
+        return refuse_attempt(attempt, error)
+    return judge_attempt(setting, attempt)
+
+
+def face_camera(attempt: Attempt, center_m: Array) -> Attempt:
+    """The attempt with its points, tangents and closed form named as the camera sees them.
+
+    A circle and a line look the same from both sides, and the closed form chose its side before the camera was known.
+    """
+    found, homography, camera = attempt.correspondences, attempt.homography, attempt.camera
+    if found is None or camera is None or not is_turned(found, camera.H_image_field, center_m):
+        return attempt
+    turned = None if homography is None else turn_fit(homography)
+    return replace(attempt, correspondences=turn_correspondences(found, center_m), homography=turned)
+
+
+def _solve(
+    setting: Setting, solver: str, attempt: Attempt, ellipses: EllipseFits, observations: Observations
+) -> Attempt:
+    """Answer of one of the published methods, from both edges of the marking where they were told apart."""
+    name = setting.circle.name
+    edges = (
+        CirclePoints(name, fit.edge, fit.points_px[fit.inliers], fit.sigma_px[fit.inliers])
+        for fit in (ellipses.outer, ellipses.inner)
+        if fit is not None and observations.circle(name, fit.edge) is None
+    )
+    seen = replace(observations, circles=(*observations.circles, *edges))
+    with setting.clock("homography"):
+        found = solve_by_name(solver, seen, setting.template, setting.circle, setting.rng)
+        if found.H_image_field is None:
+            raise EstimationError("homography", found.code, found.reason)
+        homography = homography_of_solver(found.H_image_field, np.asarray(setting.circle.center))
+    return replace(attempt, homography=homography)
+
+
+def judge_attempt(setting: Setting, attempt: Attempt) -> Attempt:
+    """The attempt with its verdict, before other markings were looked for."""
+    with setting.clock("verdict"):
+        verdict = judge(attempt, setting.template, setting.circle, setting.width, setting.config.verdict)
+    return replace(attempt, verdict=verdict)
+
+
+def look_again(setting: Setting, scene: Scene, attempt: Attempt) -> Attempt:
+    """The attempt after the picture was looked at where its camera puts the circle and the other markings."""
+    if attempt.fitted is None:
+        return attempt
+    mask, _, cues, observations, camera, _ = attempt.fitted
+    template, circle = setting.template, setting.circle
+    picture = lighten_markings(scene.gray, mask, circle)
+    if attempt.code == "circle_unconfirmed" and is_circle_painted(picture, camera, template, circle):
+        attempt = judge_attempt(setting, replace(attempt, mask=replace(mask, confidence=Confidence.ACCEPTED)))
+    with setting.clock("verdict"):
+        verdict = attempt.verdict
+        if verdict is None or verdict.status == "refused" or is_beyond_doubt(camera, cues, template):
+            return attempt
+        seen_names = {line.line for line in observations.lines} | {c.circle for c in observations.circles}
+        known = frozenset(name for name in (*seen_names, *camera.named_lines) if name is not None)
+        expected = look_for_markings(picture, camera, template, circle, known, mask.field_region)
+    return replace(attempt, verdict=confirm(verdict, camera, cues, expected))
+
+
+def refuse_attempt(attempt: Attempt, error: EstimationError) -> Attempt:
+    """The attempt, ended by a stage that gave up; where no circle was found, with the gates of the best candidate."""
+    candidates = attempt.mask.candidates[:1] if attempt.mask is not None and error.stage == "mask" else ()
+    checks = candidates[0].checks if candidates else ()
+    return replace(attempt, verdict=Verdict("refused", error.code, error.reason, error.stage, checks))
+
+
+def _try_stage(stage: Callable[[], T]) -> tuple[T | None, EstimationError | None]:
+    """Result of a closed form that the camera stage can do without, or why there is none."""
+    try:
+        return stage(), None
+    except EstimationError as error:
+        return None, error

@@ -1,0 +1,108 @@
+"""The camera from straight markings and arcs alone: frames that show a part of the field without its circle."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.line_naming.two_directions import FEWEST_LINES
+from circlecal.observations import Observations, join_observations
+from circlecal.paint.profiles import estimate_noise
+from circlecal.pipeline.attempts import estimate, take_observations
+from circlecal.pipeline.refinements import Retry, is_less_uncertain, measure_curves, replace_curves
+from circlecal.pipeline.setting import Scene, Setting, lighten_markings
+from circlecal.results import Attempt, MarkingMask
+from circlecal.stages.confirm import look_for_markings
+from circlecal.stages.field_lines import carriers, observe_field_lines, without_worst_line
+from circlecal.stages.mask import marking_from_detection
+from circlecal.stages.verdict import confirm_field_lines
+
+SURE_PX = 6.0
+"""Largest predicted error, pixels at 1920 px width, of a camera from straight markings alone that is taken before the
+circle was looked for thoroughly.
+"""
+
+
+def _may_use_field_lines(setting: Setting) -> bool:
+    config = setting.config
+    return config.cues.field_lines and config.camera.enabled and config.solver is None
+
+
+def look_for_field_lines(setting: Setting, scene: Scene) -> Attempt | None:
+    """A camera from straight markings and arcs alone after a first look that finds no circle; None where a circle is
+    seen, and where the lines leave the camera uncertain.
+    """
+    if scene.first_look is None or not _may_use_field_lines(setting):
+        return None
+    marking, refusal = marking_from_detection(scene.first_look)
+    if refusal is None:
+        return None
+    attempt = next(take_field_lines(setting, scene, Attempt(mask=marking)), None)
+    limit_px = SURE_PX * setting.width / 1920.0
+    is_sure = attempt is not None and attempt.camera is not None and attempt.camera.max_sigma_px < limit_px
+    return attempt if is_sure else None
+
+
+def _shows_field_lines(setting: Setting, first: Attempt) -> bool:
+    mask = first.mask
+    return not first.is_calibrated and _may_use_field_lines(setting) and mask is not None and mask.source == "detector"
+
+
+def take_field_lines(setting: Setting, scene: Scene, first: Attempt) -> Iterator[Attempt]:
+    """Attempts, all of them calibrated, with the straight markings and arcs that together look like a part of the
+    field, without the circle.
+    """
+    if first.mask is None or len(first.mask.lines) < FEWEST_LINES:
+        return
+    mask, template, circle, config = first.mask, setting.template, setting.circle, setting.config
+    with setting.clock("cues"):
+        picture = lighten_markings(scene.gray, mask, circle)
+        side, cues = config.correspondences.camera_side, config.cues
+        noise = estimate_noise(picture)
+        namings = observe_field_lines(picture, mask, noise, template, cues.search_px, cues.spacing_px, side)
+    for observations in namings:
+        tried = observations
+        attempt = _calibrate_field_lines(setting, scene, mask, tried)
+        if attempt.code == "residual_too_large" and attempt.camera is not None:
+            # the edge of a board beside a line, say
+            tried = without_worst_line(observations, attempt.camera)
+            attempt = _calibrate_field_lines(setting, scene, mask, tried)
+        if not attempt.is_calibrated or attempt.camera is None or attempt.verdict is None:
+            continue
+        with setting.clock("verdict"):
+            used = carriers(tried, attempt.camera)
+            agreement = look_for_markings(picture, attempt.camera, template, circle, used, mask.field_region, used)
+            verdict = confirm_field_lines(attempt.verdict, attempt.camera, used, agreement)
+        if verdict.status == "calibrated":
+            accepted = replace(attempt, verdict=verdict)
+            yield _add_curves(setting, picture, accepted, noise) or accepted
+
+
+def _add_curves(setting: Setting, picture: NDArray[np.uint8], attempt: Attempt, noise: float) -> Attempt | None:
+    """The attempt with the circle and the arcs measured where its camera puts them; None where that brings nothing."""
+    camera, observations = attempt.camera, attempt.observations
+    if camera is None or observations is None or attempt.verdict is None:
+        return None
+    found = measure_curves(setting, picture, camera, (setting.circle, *setting.template.arcs), noise)
+    if not found:
+        return None
+    fuller = replace_curves(observations, found)
+    refined = estimate(setting, take_observations(setting, Attempt(mask=attempt.mask), fuller), camera)
+    if refined.verdict is None or not is_less_uncertain(setting, attempt, refined):
+        return None
+    own = tuple(check for check in attempt.verdict.checks if check.name in ("named_markings", "found_share"))
+    return replace(refined, verdict=replace(refined.verdict, checks=(*refined.verdict.checks, *own)))
+
+
+def _calibrate_field_lines(setting: Setting, scene: Scene, mask: MarkingMask, observations: Observations) -> Attempt:
+    """Estimate from named lines and arcs, and from what was given beside the picture."""
+    extra = scene.extra
+    seen = observations if extra is None else join_observations(observations, extra)
+    return estimate(setting, take_observations(setting, Attempt(mask=mask), seen))
+
+
+FIELD_LINES = Retry(_shows_field_lines, take_field_lines, lambda setting, first, other: True)
+"""Tried where no circle calibrated."""

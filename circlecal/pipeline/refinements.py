@@ -1,0 +1,152 @@
+"""What is measured again within one attempt, where its own camera says what to look for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.field import Circle
+from circlecal.observations import CirclePoints, LinePoints, Observations, join_observations
+from circlecal.pipeline.attempts import calibrate_extra, estimate, look_again, measure
+from circlecal.pipeline.setting import Scene, Setting, lighten_markings
+from circlecal.refusals import REFUSALS
+from circlecal.results import Attempt, CameraFit, Interpretation, MarkingMask
+from circlecal.stages.faint_lines import find_faint_lines
+from circlecal.stages.rays import measure_along_model
+
+PARTIAL_DEG = 240.0
+"""Degrees of the circle; where less is seen, the circle is measured again along the camera's curve: an ellipse that was
+fitted to a part of it leaves the paint beyond.
+"""
+
+
+UNCERTAIN_PX = 12.0
+"""Largest predicted error, pixels at 1920 px width, from which on fainter straight markings are looked for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Retry:
+    """One thing to try after an attempt: when it is worth it, the attempts that it makes, which of them is taken."""
+
+    when: Callable[[Setting, Attempt], bool]
+    how: Callable[[Setting, Scene, Attempt], Iterator[Attempt]]
+    accept: Callable[[Setting, Attempt, Attempt], bool]
+
+    def try_out(self, setting: Setting, scene: Scene, attempt: Attempt) -> Attempt | None:
+        """The first of its attempts that is taken in the place of the one given; None where none is."""
+        if not self.when(setting, attempt):
+            return None
+        return next((new for new in self.how(setting, scene, attempt) if self.accept(setting, attempt, new)), None)
+
+
+def _is_worth_remeasuring(setting: Setting, attempt: Attempt) -> bool:
+    if attempt.camera is None or attempt.ellipses is None or not attempt.ellipses.all():
+        return False
+    refusal = REFUSALS.get(attempt.code or "")
+    return attempt.ellipses.primary.arc_deg < PARTIAL_DEG or (refusal is not None and refusal.remeasure)
+
+
+def measure_curves(
+    setting: Setting, picture: NDArray[np.uint8], camera: CameraFit, curves: Iterable[Circle], noise: float
+) -> dict[str, CirclePoints]:
+    """Circles and arcs, by name, measured where a camera puts them; without those of which too little is seen."""
+    config = setting.config
+    found = {}
+    with setting.clock("rays"):
+        for curve in curves:
+            points, sigma = measure_along_model(picture, camera.view, curve, setting.template, noise, config.rays)
+            if len(points) >= config.ellipse.minimum_points:
+                found[curve.name] = CirclePoints(curve.name, "center", points, sigma)
+    return found
+
+
+def replace_curves(observations: Observations, curves: Mapping[str, CirclePoints]) -> Observations:
+    """The observations with these circles and arcs in the place of those of their names."""
+    others = tuple(circle for circle in observations.circles if circle.circle not in curves)
+    return replace(observations, circles=(*curves.values(), *others))
+
+
+def remeasure_along_camera(setting: Setting, scene: Scene, attempt: Attempt) -> Iterator[Attempt]:
+    """The circle, and the arcs of the field too where only further lines turn it, along the curves of the camera."""
+    if attempt.fitted is None:
+        return
+    mask, edges, cues, observations, camera, _ = attempt.fitted
+    is_turned_by_lines = cues.halfway is None and bool(camera.names_by_line)
+    circle = setting.circle
+    picture = lighten_markings(scene.gray, mask, circle)
+    curves = (circle, *(setting.template.arcs if is_turned_by_lines else ()))
+    found = measure_curves(setting, picture, camera, curves, edges.noise)
+    if circle.name not in found:
+        return
+    again = replace_curves(observations, found)
+    start = camera if is_turned_by_lines else None
+    yield estimate(setting, replace(attempt, observations=again, verdict=None), start)
+
+
+def _may_show_faint_lines(setting: Setting, attempt: Attempt) -> bool:
+    if attempt.camera is None or attempt.cues is None or attempt.cues.halfway is None:
+        return False
+    is_uncertain = attempt.camera.max_sigma_px >= UNCERTAIN_PX * setting.width / 1920.0
+    is_usable = attempt.is_calibrated or attempt.code == "too_uncertain"
+    return is_uncertain and is_usable and setting.config.cues.further_lines
+
+
+def add_faint_lines(setting: Setting, scene: Scene, attempt: Attempt) -> Iterator[Attempt]:
+    """The attempt with straight markings that stand out only where an uncertain camera may put them."""
+    if attempt.fitted is None:
+        return
+    mask, _, cues, observations, camera, _ = attempt.fitted
+    with setting.clock("cues"):
+        picture = lighten_markings(scene.gray, mask, setting.circle)
+        found = find_faint_lines(picture, camera, setting.template, setting.circle)
+    if not found:
+        return
+    lines = (LinePoints(None, line.points_px, line.sigma_px) for line in found)
+    more = replace(observations, lines=(*observations.lines, *lines))
+    more_cues = replace(cues, lines=(*cues.lines, *found))
+    yield estimate(setting, replace(attempt, cues=more_cues, observations=more, verdict=None))
+
+
+def is_less_uncertain(setting: Setting, attempt: Attempt, refined: Attempt) -> bool:
+    """Whether the refined attempt is calibrated, and its worst field point surer than that of the first."""
+    if attempt.camera is None or refined.camera is None:
+        return False
+    return refined.is_calibrated and refined.camera.max_sigma_px < attempt.camera.max_sigma_px
+
+
+REFINEMENTS = (
+    Retry(_is_worth_remeasuring, remeasure_along_camera, lambda setting, attempt, refined: True),
+    Retry(_may_show_faint_lines, add_faint_lines, is_less_uncertain),
+)
+"""What is measured again within one attempt, where its camera says what to look for; in this order."""
+
+
+def calibrate_scene(
+    setting: Setting,
+    scene: Scene,
+    ruled_out: tuple[Interpretation, ...] = (),
+    marking: MarkingMask | None = None,
+) -> Attempt:
+    """One attempt: measure, estimate, refine, and look whether the other markings are there.
+
+    Parameters
+    ----------
+    setting, scene : Setting, Scene
+        The frame.
+    ruled_out : tuple of Interpretation
+        What the built-in detector shall not take for the circle and its line again.
+    marking : MarkingMask, optional
+        Where the circle is; found in the picture when None.
+    """
+    attempt = measure(setting, scene, ruled_out, marking)
+    if attempt.verdict is not None:
+        return attempt if scene.extra is None else calibrate_extra(setting, attempt, scene.extra)
+    if scene.extra is not None and attempt.observations is not None:
+        attempt = replace(attempt, observations=join_observations(attempt.observations, scene.extra))
+    attempt = estimate(setting, attempt)
+    for refinement in REFINEMENTS:
+        attempt = refinement.try_out(setting, scene, attempt) or attempt
+    return look_again(setting, scene, attempt)

@@ -1,0 +1,153 @@
+"""One frame in, one calibration out: the order in which interpretations of it are tried."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.config import Config, load_config
+from circlecal.errors import InputError
+from circlecal.observations import Observations
+from circlecal.pipeline.attempts import estimate, take_observations
+from circlecal.pipeline.field_lines import FIELD_LINES, look_for_field_lines
+from circlecal.pipeline.fields import Convention, apply_convention, field_of
+from circlecal.pipeline.other_circles import ARCS, OTHER_CIRCLES, mask_arcs
+from circlecal.pipeline.placed_field import PLACED_FIELD
+from circlecal.pipeline.refinements import calibrate_scene
+from circlecal.pipeline.setting import Scene, Setting, frame_generator, prepare_scene
+from circlecal.results import Attempt, CameraFit, FrameCalibration, Verdict
+
+ARC_ALONE = (
+    "a part of a circle is seen without a line through its middle, and no other markings tell how it is turned, "
+    "or that it is no penalty arc"
+)
+"""Why arcs are not enough."""
+
+
+OTHER_INTERPRETATIONS = (OTHER_CIRCLES, ARCS, PLACED_FIELD, FIELD_LINES)
+"""What else in the picture is taken for the circle; in this order."""
+
+
+def run(
+    image: NDArray[np.uint8],
+    config: Config,
+    *,
+    mask: NDArray[np.uint8] | None = None,
+    extra: Observations | None = None,
+    frame_id: str,
+    source: str | None = None,
+) -> FrameCalibration:
+    """Calibrate one frame.
+
+    Parameters
+    ----------
+    image : (H, W, 3) uint8
+        BGR picture.
+    config : Config
+        Options of every stage.
+    mask : (H, W) uint8, optional
+        Marking mask as SoccerNet class ids.
+    extra : Observations, optional
+        Keypoints, lines and marks from elsewhere, used together with what the picture shows.
+    frame_id : str
+        Name of the frame; with the seed it fixes all random draws.
+    source : str, optional
+        Path or URL as given, recorded in the result.
+
+    Returns
+    -------
+    FrameCalibration
+        With a refused verdict where a stage could not answer; nothing is raised for a frame.
+
+    Raises
+    ------
+    ConfigError
+        For an unknown field template or circle.
+    InputError
+        Where the mask is not of the picture's size.
+    """
+    template, circle = field_of(config)
+    height, width = image.shape[:2]
+    if mask is not None and mask.shape != (height, width):
+        raise InputError(f"{frame_id}: the mask is {mask.shape[1]}x{mask.shape[0]}, the picture {width}x{height}")
+    setting = Setting(config, template, circle, width, height, frame_generator(config.seed))
+    scene = prepare_scene(setting, image, mask, extra)
+    attempt = look_for_field_lines(setting, scene)
+    if attempt is None:
+        attempt = reconsider(setting, scene, calibrate_scene(setting, scene))
+    return setting.calibration(attempt, frame_id, source)
+
+
+def run_observations(
+    observations: Observations,
+    config: Config,
+    *,
+    frame_id: str,
+    source: str | None = None,
+    convention: Convention = "official",
+    earlier: CameraFit | None = None,
+) -> FrameCalibration:
+    """Calibrate from what somebody else saw: annotated points or detected keypoints, without a picture.
+
+    Parameters
+    ----------
+    observations : Observations
+        Circles, lines, marks and keypoints with their sigmas.
+    config : Config
+        Options of every stage.
+    frame_id, source : str
+        As in :func:`run`.
+    convention : {"official", "paint"}
+        Where points on a marking lie: ``official`` takes them at the size that the rules name (the official metric's
+        model has no paint width, and every field is of its size), ``paint`` on the centreline of the paint.
+    earlier : CameraFit, optional
+        As for :func:`estimate`.
+
+    Returns
+    -------
+    FrameCalibration
+        What is too uncertain with default options for camera and verdict is tried with those of the configuration
+        ``annotations``, whose digest the answer then has.
+    """
+    template, circle = field_of(config)
+    template = apply_convention(template, convention)
+    size = observations.width, observations.height
+
+    def answer(chosen: Config) -> FrameCalibration:
+        setting = Setting(chosen, template, circle, *size, frame_generator(config.seed))
+        attempt = estimate(setting, take_observations(setting, Attempt(), observations), earlier)
+        return setting.calibration(attempt, frame_id, source)
+
+    first = answer(config)
+    if first.attempt.code != "too_uncertain" or convention != "official" or not _leaves_choice(config):
+        return first
+    other = answer(config.model_copy(update=_options_for_clicks()))
+    return other if other.status == "calibrated" else first
+
+
+def _leaves_choice(config: Config) -> bool:
+    """Whether nothing was said of cameras and limits, so that those for clicked points may be taken."""
+    usual = Config()
+    is_usual = config.camera == usual.camera and config.verdict == usual.verdict and config.solver is None
+    return is_usual and config.field.template == usual.field.template
+
+
+@lru_cache(maxsize=1)
+def _options_for_clicks() -> dict[str, object]:
+    """Camera and limits of the configuration ``annotations``: few clicks need to know where main cameras stand."""
+    preset = load_config("annotations")
+    return {"camera": preset.camera, "verdict": preset.verdict}
+
+
+def reconsider(setting: Setting, scene: Scene, first: Attempt) -> Attempt:
+    """The first attempt, or another interpretation of the picture where the first one is refused or doubtful."""
+    for interpretation in OTHER_INTERPRETATIONS:
+        other = interpretation.try_out(setting, scene, first)
+        if other is not None:
+            return other
+    if first.verdict is not None and first.verdict.stage == "mask" and first.code is not None and mask_arcs(first):
+        return replace(first, verdict=Verdict("refused", "rotation_free", ARC_ALONE, "camera"))
+    return first

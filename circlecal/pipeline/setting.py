@@ -1,0 +1,123 @@
+"""What all attempts at one frame share: options, field and random draws; and the picture as the stages see it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.config import Config, config_digest
+from circlecal.detection import Detection
+from circlecal.field import Circle, FieldTemplate
+from circlecal.observations import Observations
+from circlecal.paint.profiles import to_gray
+from circlecal.pictures.interlacing import measure_row_motion, remove_combs
+from circlecal.results import Attempt, FrameCalibration, MarkingMask
+from circlecal.stages.mask import look_quickly, suit_field
+
+
+def frame_generator(seed: int) -> np.random.Generator:
+    """Random generator of one frame, which every frame begins anew: neither its name, nor the order of frames, nor the
+    number of workers changes an answer.
+    """
+    return np.random.default_rng(seed)
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """What stays the same over all attempts at one frame.
+
+    Attributes
+    ----------
+    config, template, circle : Config, FieldTemplate, Circle
+        Options, the field, and the circle of it that is looked for.
+    width, height : int
+        Size of the picture, pixels.
+    rng : numpy.random.Generator
+        For all random draws of the frame.
+    timings_ms : dict
+        Time spent in each stage so far.
+    """
+
+    config: Config
+    template: FieldTemplate
+    circle: Circle
+    width: int
+    height: int
+    rng: np.random.Generator
+    timings_ms: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def clock(self, stage: str) -> Iterator[None]:
+        """Add the time that is spent here to that of a stage."""
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            spent = (time.perf_counter() - start) * 1e3
+            self.timings_ms[stage] = round(self.timings_ms.get(stage, 0.0) + spent, 3)
+
+    def calibration(self, attempt: Attempt, frame_id: str, source: str | None) -> FrameCalibration:
+        """The attempt that was taken, with the frame's identity."""
+        return FrameCalibration(
+            id=frame_id,
+            width=self.width,
+            height=self.height,
+            field_name=self.template.name,
+            circle_name=attempt.circle_name or self.circle.name,
+            attempt=attempt,
+            seed=self.config.seed,
+            config_digest=config_digest(self.config),
+            timings_ms=self.timings_ms,
+            source=source,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """One picture as the stages see it.
+
+    Attributes
+    ----------
+    image : (H, W, 3) uint8
+        BGR picture, with both halves of an interlaced frame joined.
+    gray : (H, W) uint8
+        Its brightness.
+    given : (H, W) uint8 or None
+        The user's marking mask.
+    extra : Observations or None
+        What was given beside the picture.
+    first_look : Detection or None
+        What the quick passes of the built-in detector found; None where the marking comes from elsewhere.
+    """
+
+    image: NDArray[np.uint8]
+    gray: NDArray[np.uint8]
+    given: NDArray[np.uint8] | None
+    extra: Observations | None
+    first_look: Detection | None
+
+
+def prepare_scene(
+    setting: Setting, image: NDArray[np.uint8], given: NDArray[np.uint8] | None, extra: Observations | None
+) -> Scene:
+    """A picture with its brightness and a first look for its circle; both halves of an interlaced frame are joined."""
+    with setting.clock("mask"):
+        gray = to_gray(image)
+        motion = measure_row_motion(gray) if setting.config.mask.deinterlace else None
+        if motion is not None:
+            image = remove_combs(image, motion)
+            gray = to_gray(image)
+        options = suit_field(setting.config.mask, setting.template)
+        first_look = look_quickly(image, given, options, setting.rng, gray)
+    return Scene(image, gray, given, extra, first_look)
+
+
+def lighten_markings(gray: NDArray[np.uint8], mask: MarkingMask, circle: Circle) -> NDArray[np.uint8]:
+    """Brightness, inverted where the markings are darker than the surface, as it was seen or as the template says."""
+    dark = circle.color == "dark" if mask.polarity is None else mask.polarity < 0
+    return ~gray if dark else gray
