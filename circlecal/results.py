@@ -636,51 +636,6 @@ class FrameCalibration:
         return self.attempt.verdict or Verdict("refused", "no_homography", "no stage was run", None)
 
     @property
-    def mask(self) -> MarkingMask | None:
-        """Result of the stage ``mask``."""
-        return self.attempt.mask
-
-    @property
-    def edges(self) -> EdgePoints | None:
-        """Result of the stage ``edges``."""
-        return self.attempt.edges
-
-    @property
-    def rays(self) -> RayPoints | None:
-        """Result of the stage ``rays``."""
-        return self.attempt.rays
-
-    @property
-    def ellipses(self) -> EllipseFits | None:
-        """Result of the stage ``ellipse``."""
-        return self.attempt.ellipses
-
-    @property
-    def cues(self) -> Cues | None:
-        """Result of the stage ``cues``."""
-        return self.attempt.cues
-
-    @property
-    def observations(self) -> Observations | None:
-        """What the camera was fitted to."""
-        return self.attempt.observations
-
-    @property
-    def correspondences(self) -> Correspondences | None:
-        """Result of the stage ``correspondences``."""
-        return self.attempt.correspondences
-
-    @property
-    def homography(self) -> HomographyFit | None:
-        """Result of the stage ``homography``."""
-        return self.attempt.homography
-
-    @property
-    def camera(self) -> CameraFit | None:
-        """Result of the stage ``camera``."""
-        return self.attempt.camera
-
-    @property
     def status(self) -> Status:
         """``"calibrated"`` or ``"refused"``."""
         return self.verdict.status
@@ -688,10 +643,11 @@ class FrameCalibration:
     @property
     def view(self) -> FieldView | None:
         """Where the field is seen, through the camera or else the homography, also of a refused frame; None without."""
-        if self.camera is not None:
-            return self.camera.view
-        if self.homography is not None:
-            return FieldView(PlaneCamera(self.width, self.height, self.homography.H_image_field))
+        camera, homography = self.attempt.camera, self.attempt.homography
+        if camera is not None:
+            return camera.view
+        if homography is not None:
+            return FieldView(PlaneCamera(self.width, self.height, homography.H_image_field))
         return None
 
     @property
@@ -699,6 +655,7 @@ class FrameCalibration:
         """Field (metres) to undistorted pixels: of the camera where there is one, else the DLT; None when refused."""
         if self.status != "calibrated":
             return None
-        if self.camera is not None:
-            return self.camera.H_image_field
-        return None if self.homography is None else self.homography.H_image_field
+        camera, homography = self.attempt.camera, self.attempt.homography
+        if camera is not None:
+            return camera.H_image_field
+        return None if homography is None else homography.H_image_field

@@ -41,9 +41,9 @@ def moved(seen, line, number, by_px):
 def test_a_click_that_contradicts_the_rest_is_named():
     seen = clicks(("halfway_line", "side_line_top"))
     good = run_observations(seen, Config(), frame_id="good")
-    assert good.camera.contradicting_points == ()
+    assert good.attempt.camera.contradicting_points == ()
     found = run_observations(moved(seen, "side_line_top", 3, 17.0), Config(), frame_id="moved")
-    (key, number, off), *more = found.camera.contradicting_points
+    (key, number, off), *more = found.attempt.camera.contradicting_points
     assert (str(key), number, more) == ("side_line_top", 3, [])
     assert off == pytest.approx(17.0, abs=6.0)
     assert any("side_line_top: point 3 lies" in fact for fact in verdict_facts(found))
@@ -57,9 +57,9 @@ def test_single_distances_stand_in_the_record_and_come_back():
     assert len(distances["side_line_top"]) == 6
     rms = np.sqrt(np.mean(np.square(distances["side_line_top"])))
     assert rms == pytest.approx(record.residuals_px.camera["side_line_top"], abs=1e-3)
-    kept = found.camera.point_residuals_px[MarkingKey("side_line_top")]
+    kept = found.attempt.camera.point_residuals_px[MarkingKey("side_line_top")]
     np.testing.assert_allclose(kept, distances["side_line_top"], atol=1e-3)
-    back = calibration_of_record(record).camera.point_residuals_px[MarkingKey("side_line_top")]
+    back = calibration_of_record(record).attempt.camera.point_residuals_px[MarkingKey("side_line_top")]
     np.testing.assert_allclose(back, distances["side_line_top"])
 
 
@@ -69,7 +69,7 @@ def test_few_clicks_are_answered_with_the_options_for_clicks_where_none_are_name
     assert chosen.status == "calibrated"
     preset = load_config("annotations")
     named = run_observations(few, preset, frame_id="few")
-    np.testing.assert_allclose(chosen.camera.theta, named.camera.theta)
+    np.testing.assert_allclose(chosen.attempt.camera.theta, named.attempt.camera.theta)
     # whoever sets a limit means it
     strict = load_config(None, ["verdict.max_sigma_px=50"])
     assert run_observations(few, strict, frame_id="few").status == "refused"

@@ -33,11 +33,11 @@ def test_a_penalty_area_is_calibrated_without_the_circle(picture):
     assert picture.truth.visible_circle_deg == 0.0
     found = run(picture.image, Config(), frame_id="area")
     assert found.status == "calibrated", found.verdict
-    error, predicted, _ = compare(picture.truth, found.camera)
+    error, predicted, _ = compare(picture.truth, found.attempt.camera)
     assert error < 3.0
     assert predicted < 10.0
     assert found.verdict.check("named_markings").value >= 5
-    assert np.linalg.norm(found.camera.camera.position_m - AREA.position_m) < 2.0
+    assert np.linalg.norm(found.attempt.camera.camera.position_m - AREA.position_m) < 2.0
 
 
 def test_it_can_be_switched_off(picture):
@@ -58,5 +58,5 @@ def test_few_or_missing_markings_refuse(picture, used, share, code):
     found = run(picture.image, Config(), frame_id="area")
     agreement = Agreement(("penalty_arc_left",), np.array([400.0]), np.array([share]))
     names = frozenset(f"line {k}" for k in range(used))
-    verdict = confirm_field_lines(Verdict("calibrated", None, None, None), found.camera, names, agreement)
+    verdict = confirm_field_lines(Verdict("calibrated", None, None, None), found.attempt.camera, names, agreement)
     assert verdict.code == code

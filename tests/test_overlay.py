@@ -254,26 +254,42 @@ def test_parts_within_the_parts_may_be_missing(complete):
     image, c = complete
     empty, none = np.zeros((0, 2)), np.zeros(0)
     variants = [
-        _with(c, mask=MarkingMask(c.mask.classes, "file")),
-        _with(c, mask=replace(c.mask, conic=None), ellipses=None, camera=None, homography=None, cues=None),
+        _with(c, mask=MarkingMask(c.attempt.mask.classes, "file")),
+        _with(c, mask=replace(c.attempt.mask, conic=None), ellipses=None, camera=None, homography=None, cues=None),
         _with(c, edges=EdgePoints(empty, empty, none, none, 0.0, 0.0, (0.0, 0.0))),
         _with(c, rays=RayPoints(np.zeros(2), empty, none, empty, none, empty, none, 0, 0, empty)),
         _with(c, ellipses=EllipseFits(None, None, None)),
-        _with(c, ellipses=EllipseFits(replace(c.ellipses.outer, inliers=np.zeros(200, bool)), None, None)),
+        _with(c, ellipses=EllipseFits(replace(c.attempt.ellipses.outer, inliers=np.zeros(200, bool)), None, None)),
         _with(c, cues=Cues(None, None, ())),
-        _with(c, cues=Cues(None, replace(c.cues.mark, point_px=np.array([3.0, 3.0])))),
-        _with(c, correspondences=replace(c.correspondences, points=(), tangents=())),
-        _with(c, correspondences=replace(c.correspondences, vanishing_line=np.array([0.0, 0.0, 1.0]))),
-        _with(c, homography=replace(c.homography, residuals_px=none, H_image_field=-c.homography.H_image_field)),
-        _with(c, camera=replace(c.camera, covariance=np.eye(3), theta=np.zeros(3), parameters=("?",), residuals_px={})),
-        _with(c, camera=replace(c.camera, max_sigma_px=np.inf, max_sigma_m=np.nan, rejected=(), named_lines=())),
+        _with(c, cues=Cues(None, replace(c.attempt.cues.mark, point_px=np.array([3.0, 3.0])))),
+        _with(c, correspondences=replace(c.attempt.correspondences, points=(), tangents=())),
+        _with(c, correspondences=replace(c.attempt.correspondences, vanishing_line=np.array([0.0, 0.0, 1.0]))),
+        _with(
+            c,
+            homography=replace(
+                c.attempt.homography, residuals_px=none, H_image_field=-c.attempt.homography.H_image_field
+            ),
+        ),
+        _with(
+            c,
+            camera=replace(
+                c.attempt.camera, covariance=np.eye(3), theta=np.zeros(3), parameters=("?",), residuals_px={}
+            ),
+        ),
+        _with(
+            c, camera=replace(c.attempt.camera, max_sigma_px=np.inf, max_sigma_m=np.nan, rejected=(), named_lines=())
+        ),
         replace(_with(c, verdict=Verdict("refused", None, None, None)), timings_ms={}),
         replace(c, circle_name="penalty_arc_left"),
-        _with(c, edges=replace(c.edges, sigma_px=np.where(np.arange(200) % 3, np.nan, c.edges.sigma_px))),
-        _with(c, rays=replace(c.rays, center_px=np.full(2, np.nan)), ellipses=None),
-        _with(c, homography=replace(c.homography, H_image_field=np.full((3, 3), np.nan)), camera=None),
-        _with(c, camera=replace(c.camera, camera=replace(c.camera.camera, position_m=np.full(3, np.nan)))),
-        _with(c, correspondences=replace(c.correspondences, imaged_center=np.array([1.0, 1.0, 0.0]))),
+        _with(
+            c, edges=replace(c.attempt.edges, sigma_px=np.where(np.arange(200) % 3, np.nan, c.attempt.edges.sigma_px))
+        ),
+        _with(c, rays=replace(c.attempt.rays, center_px=np.full(2, np.nan)), ellipses=None),
+        _with(c, homography=replace(c.attempt.homography, H_image_field=np.full((3, 3), np.nan)), camera=None),
+        _with(
+            c, camera=replace(c.attempt.camera, camera=replace(c.attempt.camera.camera, position_m=np.full(3, np.nan)))
+        ),
+        _with(c, correspondences=replace(c.attempt.correspondences, imaged_center=np.array([1.0, 1.0, 0.0]))),
         replace(_with(c, verdict=replace(REFUSED, reason="größer als erlaubt " * 20)), id="Fußball ⚽ 12"),
     ]
     for variant in variants:
@@ -303,7 +319,7 @@ def test_every_field(complete, name):
 
 def test_a_camera_beside_a_goal_sees_part_of_the_field_behind_it():
     camera = replace(_camera(), angles_rad=np.array([np.pi / 2, 1.4, 0.0]), position_m=np.array([-30.0, 5.0, -4.0]))
-    calibration = _with(_calibration(), camera=replace(_calibration().camera, camera=camera))
+    calibration = _with(_calibration(), camera=replace(_calibration().attempt.camera, camera=camera))
     _draw_all(_image(camera), calibration)
     pixels = calibration.view.project([[-50.0, 0.0], [20.0, 0.0]])
     assert np.isnan(pixels[0]).all()
@@ -335,10 +351,10 @@ def test_template_is_drawn_where_the_camera_projects_it(complete):
     t = np.linspace(0, 2 * np.pi, 100)
     circle = 9.09 * np.stack([np.cos(t), np.sin(t)], axis=-1)
     depth = 0.05 * np.abs(circle[:, 1]) / 9.15
-    pixels = calibration.camera.camera.project(np.column_stack([circle, depth]))
+    pixels = calibration.attempt.camera.camera.project(np.column_stack([circle, depth]))
     assert _color_at(drawn, pixels, CIRCLE) > 0.9
     halfway = np.column_stack([np.zeros(40), np.linspace(-8.5, -4.5, 40)])
-    seen = calibration.camera.camera.project(np.column_stack([halfway, 0.05 * np.abs(halfway[:, 1]) / 9.15]))
+    seen = calibration.attempt.camera.camera.project(np.column_stack([halfway, 0.05 * np.abs(halfway[:, 1]) / 9.15]))
     assert _color_at(drawn, seen, TEMPLATE) > 0.9
     assert _color_at(drawn, pixels + np.array([0, 6]), CIRCLE) < 0.1
 
@@ -346,7 +362,7 @@ def test_template_is_drawn_where_the_camera_projects_it(complete):
 def test_fitted_breadth_moves_the_touchline_and_not_the_penalty_area(complete):
     _, calibration = complete
     grown = calibration.view.markings(SOCCER)
-    plain = FieldView(PlaneCamera(1280, 720, calibration.camera.H_image_field)).markings(SOCCER)
+    plain = FieldView(PlaneCamera(1280, 720, calibration.attempt.camera.H_image_field)).markings(SOCCER)
     moved = {name: float(np.abs(grown[name] - plain[name]).max()) for name in plain}
     assert moved["side_line_top"] == pytest.approx(1.0, abs=0.01)
     assert moved["halfway_line"] == pytest.approx(1.0, abs=0.01)
@@ -357,7 +373,7 @@ def test_view_falls_back_to_the_closed_form(complete):
     _, calibration = complete
     assert _with(calibration, camera=None, homography=None).view is None
     view = _with(calibration, camera=None).view
-    H = calibration.homography.H_image_field
+    H = calibration.attempt.homography.H_image_field
     points = np.array([[0.0, 0.0], [5.0, 3.0], [0.0, 80.0]])
     pixels = view.project(points)
     np.testing.assert_allclose(pixels[:2], apply_homography(H, points[:2]))

@@ -59,19 +59,19 @@ def easy(frames):
 
 def error_px(rendering, calibration):
     """Mean reprojection error near the circle in pixels at 1920 px width, in the stored picture."""
-    error, _, _ = compare(rendering.truth, calibration.camera)
+    error, _, _ = compare(rendering.truth, calibration.attempt.camera)
     return error
 
 
 def same(one, other):
     np.testing.assert_array_equal(one.H_image_field, other.H_image_field)
-    np.testing.assert_array_equal(one.camera.covariance, other.camera.covariance)
-    np.testing.assert_array_equal(one.ellipses.primary.conic, other.ellipses.primary.conic)
+    np.testing.assert_array_equal(one.attempt.camera.covariance, other.attempt.camera.covariance)
+    np.testing.assert_array_equal(one.attempt.ellipses.primary.conic, other.attempt.ellipses.primary.conic)
 
 
 def test_the_picture_alone_is_calibrated(frames, easy):
     assert easy.status == "calibrated"
-    assert easy.mask.source == "detector"
+    assert easy.attempt.mask.source == "detector"
     assert error_px(frames.easy, easy) < 3.0
     assert (easy.width, easy.height, easy.field_name, easy.circle_name) == (*SIZE, "soccer", "centre_circle")
 
@@ -79,7 +79,7 @@ def test_the_picture_alone_is_calibrated(frames, easy):
 def test_dark_markings_are_measured_as_the_detector_saw_them(frames):
     config = load_config(None, ["mask.detector.marking=any"])
     found = run(255 - frames.easy.image, config, frame_id="easy")
-    assert found.mask.polarity == -1.0
+    assert found.attempt.mask.polarity == -1.0
     assert found.status == "calibrated"
     assert error_px(frames.easy, found) < 3.0
 
@@ -87,7 +87,7 @@ def test_dark_markings_are_measured_as_the_detector_saw_them(frames):
 def test_a_frame_with_its_mask_is_calibrated(frames, easy):
     found = run(frames.easy.image, CONFIG, mask=frames.easy.truth.classes, frame_id="easy")
     assert found.status == "calibrated"
-    assert found.mask.source == "file"
+    assert found.attempt.mask.source == "file"
     assert error_px(frames.easy, found) < 3.0
     assert abs(error_px(frames.easy, found) - error_px(frames.easy, easy)) < 2.0
 
@@ -95,7 +95,7 @@ def test_a_frame_with_its_mask_is_calibrated(frames, easy):
 def test_the_centre_mark_need_not_be_seen(frames):
     found = run(frames.hidden.image, CONFIG, frame_id="hidden")
     assert found.status == "calibrated"
-    assert found.cues.mark is None
+    assert found.attempt.cues.mark is None
     assert error_px(frames.hidden, found) < 10.0
 
 
@@ -104,10 +104,10 @@ def test_every_intermediate_is_returned_and_timed(easy):
     assert all(ms > 0 for ms in easy.timings_ms.values())
     for stage in (*PICTURE_STAGES[:-1], "ellipses", "observations"):
         if stage != "ellipse":
-            assert getattr(easy, stage) is not None, stage
+            assert getattr(easy.attempt, stage) is not None, stage
     assert easy.verdict.checks
     assert all(check.passed for check in easy.verdict.checks)
-    np.testing.assert_array_equal(easy.H_image_field, easy.camera.H_image_field)
+    np.testing.assert_array_equal(easy.H_image_field, easy.attempt.camera.H_image_field)
 
 
 def test_grass_is_refused_with_a_reason(frames):
@@ -116,8 +116,8 @@ def test_grass_is_refused_with_a_reason(frames):
     assert found.verdict.stage == "mask"
     assert " " in found.verdict.reason
     assert found.H_image_field is None
-    assert found.camera is None
-    assert found.mask is not None
+    assert found.attempt.camera is None
+    assert found.attempt.mask is not None
     assert list(found.timings_ms) == ["mask"]
 
 
@@ -127,9 +127,9 @@ def test_a_refused_frame_keeps_what_was_reached(frames):
     image[:, :middle] = frames.grass[:, :middle]
     found = run(image, strict, mask=frames.easy.truth.classes, frame_id="half")
     assert (found.status, found.verdict.code, found.verdict.stage) == ("refused", "arc_too_short", "ellipse")
-    assert found.edges is not None
-    assert found.rays is not None
-    assert found.camera is None
+    assert found.attempt.edges is not None
+    assert found.attempt.rays is not None
+    assert found.attempt.camera is None
 
 
 @pytest.mark.parametrize("seed", [2, 5])
@@ -137,14 +137,14 @@ def test_other_markings_turn_a_circle_without_a_halfway_line(seed):
     rendering = render_frame("no_halfway", np.random.default_rng([5, seed]), *SIZE)
     found = run(rendering.image, load_config(None, ["cues.field_lines=false"]), frame_id="half")
     assert rendering.truth.expect == found.status[:9] == "calibrate"
-    assert found.cues.halfway is None
-    assert found.mask.confidence is Confidence.TENTATIVE
-    assert len(found.camera.named_lines) >= 2
+    assert found.attempt.cues.halfway is None
+    assert found.attempt.mask.confidence is Confidence.TENTATIVE
+    assert len(found.attempt.camera.named_lines) >= 2
     assert error_px(rendering, found) < 5.0
-    assert {c.circle for c in found.observations.circles} >= {"centre_circle"}
+    assert {c.circle for c in found.attempt.observations.circles} >= {"centre_circle"}
     quick = run(rendering.image, CONFIG, frame_id="half")
     assert error_px(rendering, quick) < 5.0
-    assert {c.circle for c in quick.observations.circles} >= {"centre_circle"}
+    assert {c.circle for c in quick.attempt.observations.circles} >= {"centre_circle"}
 
 
 def test_a_circle_with_one_line_beside_it_is_refused():
@@ -152,8 +152,8 @@ def test_a_circle_with_one_line_beside_it_is_refused():
     found = run(rendering.image, CONFIG, frame_id="half")
     assert rendering.truth.expect == "refuse"
     assert (found.status, found.verdict.code, found.verdict.stage) == ("refused", "rotation_free", "camera")
-    assert found.camera is None
-    assert found.mask.conic is None
+    assert found.attempt.camera is None
+    assert found.attempt.mask.conic is None
 
 
 def test_same_seed_same_answer_whatever_the_order(frames, easy):
@@ -183,10 +183,10 @@ def test_another_seed_changes_next_to_nothing(frames, easy):
 def test_without_the_camera_stage_the_closed_form_answers(frames):
     plain = load_config(None, ["camera.enabled=false", "verdict.max_circle_residual_px=6"])
     found = run(frames.easy.image, plain, frame_id="easy")
-    assert found.camera is None
+    assert found.attempt.camera is None
     assert found.status == "calibrated"
-    np.testing.assert_array_equal(found.H_image_field, found.homography.H_image_field)
-    assert found.correspondences.case == 1
+    np.testing.assert_array_equal(found.H_image_field, found.attempt.homography.H_image_field)
+    assert found.attempt.correspondences.case == 1
     assert "camera" not in found.timings_ms
 
 
@@ -202,7 +202,7 @@ def test_a_field_with_several_circles_is_answered_without_the_camera_stage(setti
     """Another circle than the first is tried there too, and nothing asks for a camera that no stage estimated."""
     rendering = render_frame("ice", np.random.default_rng([0, frame, PROFILES.index("ice")]))
     found = run(rendering.image, load_config("ice-hockey", settings), frame_id=f"ice-{frame}")
-    assert found.camera is None
+    assert found.attempt.camera is None
     assert found.status == "calibrated" or found.verdict.code in REFUSALS
 
 
@@ -226,9 +226,9 @@ def test_points_tangents_homography_and_camera_of_a_record_agree_about_the_side(
     found = run(rendering.image, load_config(None, [f"correspondences.camera_side={side}"]), frame_id=profile)
     template, circle = field_of(CONFIG)
     record = json.loads(result_line(result_record(found, template)))
-    if found.camera is None or record["correspondences"] is None:
+    if found.attempt.camera is None or record["correspondences"] is None:
         pytest.skip("this frame has no camera to compare with")
-    size = 2 * max(found.ellipses.primary.ellipse.semi_axes)
+    size = 2 * max(found.attempt.ellipses.primary.ellipse.semi_axes)
     off, tangents = points_of_record(record)
     assert off.max() < 0.2 * size
     assert tangents.max() < 0.5
@@ -236,8 +236,8 @@ def test_points_tangents_homography_and_camera_of_a_record_agree_about_the_side(
     for label, place in by_label.items():
         assert compass_label(place - np.asarray(circle.center)) == label
     np.testing.assert_allclose(
-        found.homography.H_field_image @ found.homography.H_image_field, np.eye(3) * (
-            found.homography.H_field_image @ found.homography.H_image_field
+        found.attempt.homography.H_field_image @ found.attempt.homography.H_image_field, np.eye(3) * (
+            found.attempt.homography.H_field_image @ found.attempt.homography.H_image_field
         )[2, 2], atol=1e-6,
     )  # fmt: skip
 
@@ -245,18 +245,18 @@ def test_points_tangents_homography_and_camera_of_a_record_agree_about_the_side(
 def test_what_the_closed_form_named_from_the_other_side_is_turned(easy):
     _, circle = field_of(CONFIG)
     center = np.asarray(circle.center)
-    turned = turn_correspondences(easy.correspondences, center)
+    turned = turn_correspondences(easy.attempt.correspondences, center)
     assert is_turned(turned, easy.H_image_field, center) and not is_turned(
-        easy.correspondences, easy.H_image_field, center
+        easy.attempt.correspondences, easy.H_image_field, center
     )
-    attempt = replace(easy.attempt, correspondences=turned, homography=turn_fit(easy.homography))
+    attempt = replace(easy.attempt, correspondences=turned, homography=turn_fit(easy.attempt.homography))
     again = face_camera(attempt, center)
-    for mine, first in zip(again.correspondences.points, easy.correspondences.points, strict=True):
+    for mine, first in zip(again.correspondences.points, easy.attempt.correspondences.points, strict=True):
         assert mine.label == first.label
         np.testing.assert_array_equal(mine.image_px, first.image_px)
-    for mine, first in zip(again.correspondences.tangents, easy.correspondences.tangents, strict=True):
+    for mine, first in zip(again.correspondences.tangents, easy.attempt.correspondences.tangents, strict=True):
         np.testing.assert_array_equal(mine.image_line, first.image_line)
-    np.testing.assert_allclose(again.homography.H_image_field, easy.homography.H_image_field)
+    np.testing.assert_allclose(again.homography.H_image_field, easy.attempt.homography.H_image_field)
 
 
 def test_a_mask_of_another_size_is_an_input_error(frames):
@@ -291,10 +291,10 @@ def test_observations_alone_are_calibrated(frames):
     )
     assert found.status == "calibrated"
     assert found.source == "somewhere"
-    assert found.mask is None
+    assert found.attempt.mask is None
     assert list(found.timings_ms) == PICTURE_STAGES[3:]
     field = np.array([[9.15, 0.0], [-9.15, 0.0], [0.0, 9.15], [0.0, -9.15]])
-    seen = found.camera.camera.project(field)
+    seen = found.attempt.camera.camera.project(field)
     assert np.abs(seen - camera.project(field)).max() < 4.0
 
 
@@ -307,8 +307,8 @@ def test_conventions_differ_by_the_paint(frames):
     middle = Observations(*SIZE, (circle_points(camera, template, "center", 80, 0.2, rng),), given.lines)
     paint = run_observations(middle, CONFIG, frame_id="a", convention="paint")
     official = run_observations(middle, CONFIG, frame_id="a")
-    assert paint.correspondences.radius_m == pytest.approx(template.radius(circle, "center"))
-    assert official.correspondences.radius_m == pytest.approx(circle.radius_m)
+    assert paint.attempt.correspondences.radius_m == pytest.approx(template.radius(circle, "center"))
+    assert official.attempt.correspondences.radius_m == pytest.approx(circle.radius_m)
 
 
 def test_too_few_observations_are_refused(frames):
@@ -333,9 +333,9 @@ def test_extra_observations_are_used_with_the_picture(frames, easy):
     found = run(frames.easy.image, CONFIG, extra=Observations(*SIZE, keypoints=keypoints), frame_id="easy")
     assert found.status == "calibrated"
     assert {"point 0", "point 1", "point 2"} <= {
-        str(key) for key in (*found.camera.residuals_px, *found.camera.rejected)
+        str(key) for key in (*found.attempt.camera.residuals_px, *found.attempt.camera.rejected)
     }
-    assert found.camera.max_sigma_px < easy.camera.max_sigma_px
+    assert found.attempt.camera.max_sigma_px < easy.attempt.camera.max_sigma_px
     assert error_px(frames.easy, found) < 3.0
 
 
@@ -360,14 +360,14 @@ def test_lines_without_the_circle_are_calibrated_and_written():
     template, _ = field_of(CONFIG)
     found = run_observations(box(template), CONFIG, frame_id="box", convention="paint")
     assert found.status == "calibrated", found.verdict
-    assert found.ellipses.all() == ()
-    assert (found.correspondences, found.homography) == (None, None)
+    assert found.attempt.ellipses.all() == ()
+    assert (found.attempt.correspondences, found.attempt.homography) == (None, None)
     field = np.array([[-36.0, -15.0], [-45.0, 0.0], [-50.0, -18.0]])
-    assert np.abs(found.camera.camera.project(field) - BOX.project(field)).max() < 4.0
+    assert np.abs(found.attempt.camera.camera.project(field) - BOX.project(field)).max() < 4.0
     record = json.loads(result_line(result_record(found, template)))
     assert record["status"] == "calibrated"
     assert record["ellipses"]["primary"] is None
-    assert record["camera"]["reference_m"] == pytest.approx(found.camera.reference_m)
+    assert record["camera"]["reference_m"] == pytest.approx(found.attempt.camera.reference_m)
 
 
 def test_a_frame_without_the_circle_needs_a_camera_and_has_no_published_solver():

@@ -46,8 +46,8 @@ def test_a_robots_picture_is_calibrated(camera):
     picture = rendered(camera)
     found = run(picture.image, CONFIG, frame_id="robot")
     assert found.status == "calibrated", found.verdict
-    assert compare(picture.truth, found.camera)[0] < 4.0
-    assert found.camera.camera.position_m[2] == pytest.approx(camera.position_m[2], abs=0.03)
+    assert compare(picture.truth, found.attempt.camera)[0] < 4.0
+    assert found.attempt.camera.camera.position_m[2] == pytest.approx(camera.position_m[2], abs=0.03)
 
 
 def test_a_part_of_the_circle_is_calibrated_with_its_mark_and_never_wrongly_without():
@@ -55,11 +55,11 @@ def test_a_part_of_the_circle_is_calibrated_with_its_mark_and_never_wrongly_with
     assert 150 < picture.truth.visible_circle_deg < 320
     found = run(picture.image, CONFIG, frame_id="close")
     assert found.status == "calibrated", found.verdict
-    assert found.cues.mark is not None
-    assert compare(picture.truth, found.camera)[0] < 4.0
+    assert found.attempt.cues.mark is not None
+    assert compare(picture.truth, found.attempt.camera)[0] < 4.0
     hidden = render(Scene(CLOSE, ROBOCUP, FLAT, LOOK, center_mark_painted=False), np.random.default_rng(5))
     without = run(hidden.image, CONFIG, frame_id="close")
-    assert without.status == "refused" or compare(hidden.truth, without.camera)[0] < 12.0
+    assert without.status == "refused" or compare(hidden.truth, without.attempt.camera)[0] < 12.0
 
 
 def test_near_paint_is_many_pixels_wide():
@@ -74,8 +74,8 @@ def test_without_the_circle_nothing_is_calibrated():
 def test_a_mask_of_the_markings_is_taken():
     picture = rendered(TOWARDS_GOAL)
     found = run(picture.image, CONFIG, mask=picture.truth.classes, frame_id="robot")
-    assert (found.status, found.mask.source) == ("calibrated", "file")
-    assert compare(picture.truth, found.camera)[0] < 4.0
+    assert (found.status, found.attempt.mask.source) == ("calibrated", "file")
+    assert compare(picture.truth, found.attempt.camera)[0] < 4.0
 
 
 def test_annotated_points_need_no_picture():
@@ -87,7 +87,7 @@ def test_annotated_points_need_no_picture():
     )
     found = run_observations(observations, CONFIG, frame_id="clicked", convention="paint")
     assert found.status == "calibrated", found.verdict
-    np.testing.assert_allclose(found.camera.camera.position_m, TOWARDS_GOAL.position_m, atol=0.05)
+    np.testing.assert_allclose(found.attempt.camera.camera.position_m, TOWARDS_GOAL.position_m, atol=0.05)
 
 
 def test_the_fields_of_the_humanoid_league_are_sizes_of_the_same_template():

@@ -235,7 +235,7 @@ class Calibration:
     @property
     def camera(self) -> Camera | None:
         """The camera with its lens; None for a refused frame, or where only a homography was asked for."""
-        fit = self.found.camera if self.ok else None
+        fit = self.found.attempt.camera if self.ok else None
         return None if fit is None else fit.camera
 
     @property

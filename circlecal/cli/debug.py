@@ -55,7 +55,9 @@ def debug(
         picture, calibration = calibrate_frame(frame, chosen, mask, keypoints)
         if stored is not None:
             by_hand = calibrate_annotation(stored.annotation, chosen).attempt
-            looked_at = replace(by_hand, mask=calibration.mask, edges=calibration.edges, rays=calibration.rays)
+            looked_at = replace(
+                by_hand, mask=calibration.attempt.mask, edges=calibration.attempt.edges, rays=calibration.attempt.rays
+            )
             calibration = replace(calibration, attempt=looked_at)
         record = result_record(calibration, template)
         write_result(out / frame.id / "result.json", record)

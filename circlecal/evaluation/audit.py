@@ -126,9 +126,9 @@ def _own_center(frame: AnnotatedFrame, config: Config) -> tuple[Camera | None, A
     template, _ = field_of(config)
     seen = observe(frame, template, config.sources, "pnlcalib", frame.id).observations
     result = run_observations(seen, config, frame_id=frame.id)
-    if result.status != "calibrated" or result.camera is None:
+    if result.status != "calibrated" or result.attempt.camera is None:
         return None, None, result.verdict.reason
-    return result.camera.camera, result.camera.imaged_center_px, None
+    return result.attempt.camera.camera, result.attempt.camera.imaged_center_px, None
 
 
 def distances_by_pair(frames: Sequence[AuditedFrame]) -> dict[tuple[int, int], Array]:

@@ -76,7 +76,7 @@ def camera_picture(
     canvas = Canvas.of(image, _DIM, zoom)
     sigma = sigma_over_picture(fit.view, template)
     low_high = None if sigma is None else _draw_heat(canvas, sigma)
-    seen = calibration.observations
+    seen = calibration.attempt.observations
     for circle in seen.circles if seen is not None else ():
         canvas.points(circle.points_px, INLIER, 2.2)
     for line in seen.lines if seen is not None else ():

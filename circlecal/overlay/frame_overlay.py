@@ -52,8 +52,8 @@ def draw_overlay(image_bgr: Picture, calibration: FrameCalibration, template: Fi
         draw_template(
             canvas, view, template, calibration.circle_name, TEMPLATE if accepted else REFUSED, dashed=not accepted
         )
-    if calibration.correspondences is not None:
-        draw_correspondences(canvas, calibration.correspondences)
+    if calibration.attempt.correspondences is not None:
+        draw_correspondences(canvas, calibration.attempt.correspondences)
     _draw_center(canvas, calibration, template, view)
     return canvas.picture
 
@@ -73,13 +73,14 @@ MOST_POINTS = 3
 
 def verdict_facts(calibration: FrameCalibration) -> list[str]:
     """What the verdict rests on, in a few words each."""
-    facts = [] if calibration.correspondences is None else [f"case {calibration.correspondences.case}"]
-    if calibration.ellipses is not None and calibration.ellipses.all():
-        fit = calibration.ellipses.primary
+    attempt = calibration.attempt
+    facts = [] if attempt.correspondences is None else [f"case {attempt.correspondences.case}"]
+    if attempt.ellipses is not None and attempt.ellipses.all():
+        fit = attempt.ellipses.primary
         facts.append(f"ellipse {fit.rms_px:.2f} px rms over {fit.arc_deg:.0f} deg")
-    if calibration.camera is not None:
-        fit_camera = calibration.camera
-        if calibration.ellipses is not None and not calibration.ellipses.all():
+    if attempt.camera is not None:
+        fit_camera = attempt.camera
+        if attempt.ellipses is not None and not attempt.ellipses.all():
             facts.append(f"without the circle, from {len(fit_camera.residuals_px)} lines, arcs and points")
         if fit_camera.rejected:
             facts.append(f"left out {', '.join(map(str, fit_camera.rejected))}")
@@ -88,8 +89,8 @@ def verdict_facts(calibration: FrameCalibration) -> list[str]:
         if fit_camera.field_size is not None and not fit_camera.field_size.is_usual:
             facts.append(f"field: {fit_camera.field_size}")
         facts.append(f"sigma {_short(fit_camera.max_sigma_px)} px, {_short(fit_camera.max_sigma_m)} m")
-    elif calibration.homography is not None and calibration.homography.residuals_px.size:
-        facts.append(f"DLT residual {_short(float(np.max(np.abs(calibration.homography.residuals_px))))} px")
+    elif attempt.homography is not None and attempt.homography.residuals_px.size:
+        facts.append(f"DLT residual {_short(float(np.max(np.abs(attempt.homography.residuals_px))))} px")
     return facts
 
 
@@ -124,16 +125,18 @@ def _piece(line: Array, point: Array, reach: float) -> Array:
 
 
 def _draw_inliers(canvas: Canvas, calibration: FrameCalibration) -> None:
-    if calibration.ellipses is not None:
-        for fit in calibration.ellipses.all():
+    ellipses = calibration.attempt.ellipses
+    if ellipses is not None:
+        for fit in ellipses.all():
             canvas.points(fit.points_px[fit.inliers], INLIER, 2.2)
-        if not calibration.ellipses.all():
+        if not ellipses.all():
             _draw_landmarks(canvas, calibration)
 
 
 def _draw_landmarks(canvas: Canvas, calibration: FrameCalibration) -> None:
     """Lines, arcs and points that stood for the circle, those left out in grey."""
-    seen, left_out = calibration.observations, set(calibration.camera.rejected if calibration.camera else ())
+    seen, camera = calibration.attempt.observations, calibration.attempt.camera
+    left_out = set(() if camera is None else camera.rejected)
     if seen is None:
         return
     drawn: list[tuple[MarkingKey | None, Array]] = [(c.key, c.points_px) for c in seen.circles]
@@ -146,7 +149,8 @@ def _draw_landmarks(canvas: Canvas, calibration: FrameCalibration) -> None:
 
 def _draw_what_was_seen(canvas: Canvas, calibration: FrameCalibration) -> None:
     """Of a frame without a homography: the ellipse or its candidates, and the halfway line."""
-    mask, ellipses, cues = calibration.mask, calibration.ellipses, calibration.cues
+    attempt = calibration.attempt
+    mask, ellipses, cues = attempt.mask, attempt.ellipses, attempt.cues
     if ellipses is not None and ellipses.all():
         canvas.conic(ellipses.primary.conic, CIRCLE, 1.6)
     elif mask is not None:
@@ -196,8 +200,8 @@ def _draw_center(
     circle = template.circle_by_name.get(calibration.circle_name)
     if view is not None and circle is not None:
         center = view.project(circle.center)
-    elif calibration.correspondences is not None:
-        center = dehomogenise(calibration.correspondences.imaged_center)
+    elif calibration.attempt.correspondences is not None:
+        center = dehomogenise(calibration.attempt.correspondences.imaged_center)
     else:
         return
     canvas.cross(center, CIRCLE)

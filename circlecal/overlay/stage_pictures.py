@@ -53,8 +53,9 @@ def stage_pictures(image: Picture, calibration: FrameCalibration, template: Fiel
     """
     check_size(image, calibration)
     c, circle, zoom = calibration, calibration.circle_name, _zoom_of(image)
-    mask, edges, rays, fits, cues = c.mask, c.edges, c.rays, c.ellipses, c.cues
-    found, plane, camera = c.correspondences, c.homography, c.camera
+    a = c.attempt
+    mask, edges, rays, fits, cues = a.mask, a.edges, a.rays, a.ellipses, a.cues
+    found, plane, camera = a.correspondences, a.homography, a.camera
     stages: dict[str, Callable[[], Picture] | None] = {
         "01-mask": None if mask is None else lambda: mask_picture(image, mask, zoom),
         "02-edges": None if edges is None else lambda: edges_picture(image, edges, zoom),

@@ -34,7 +34,7 @@ def result_record(
         Digest of everything that the answer depends on beside the frame; that of the configuration when None.
     """
     accepted = calibration.status == "calibrated"
-    fit = calibration.camera
+    fit = calibration.attempt.camera
     H_image_field, H_field_image = _homographies(calibration)
     camera = None if fit is None else _camera(fit)
     reached = H_image_field is not None or camera is not None
@@ -53,7 +53,7 @@ def result_record(
         **_circle_findings(calibration),
         "alternatives": _alternatives(calibration),
         "residuals_px": _residuals(calibration),
-        "observations": calibration.observations and write_observations(calibration.observations),
+        "observations": calibration.attempt.observations and write_observations(calibration.attempt.observations),
         "timings_ms": {stage: round(time, 3) for stage, time in calibration.timings_ms.items()},
         "seed": calibration.seed,
         "config_digest": digest or calibration.config_digest,
@@ -121,7 +121,8 @@ def write_observations(seen: Observations) -> dict[str, Any]:
 
 
 def _homographies(calibration: FrameCalibration) -> tuple[Array | None, Array | None]:
-    estimate = calibration.camera if calibration.camera is not None else calibration.homography
+    camera, homography = calibration.attempt.camera, calibration.attempt.homography
+    estimate = camera if camera is not None else homography
     return (None, None) if estimate is None else (estimate.H_image_field, estimate.H_field_image)
 
 
@@ -149,18 +150,18 @@ def _camera(fit: CameraFit) -> dict[str, Any]:
 
 def _circle_findings(calibration: FrameCalibration) -> dict[str, Any]:
     """Case, ellipses, imaged centre, vanishing line, correspondences and inliers."""
-    found = calibration.correspondences
-    fit = calibration.camera
+    attempt = calibration.attempt
+    found, fit, ellipses = attempt.correspondences, attempt.camera, attempt.ellipses
     center = fit.imaged_center_px if fit is not None else None if found is None else found.imaged_center[:2]
     return {
         "case": None if found is None else found.case,
-        "ellipses": None if calibration.ellipses is None else _ellipses(calibration.ellipses),
+        "ellipses": None if ellipses is None else _ellipses(ellipses),
         "imaged_center": center,
         "imaged_center_source": "camera" if fit is not None else None if found is None else found.center_source,
         "imaged_center_covariance": None if fit is None else fit.imaged_center_covariance,
         "vanishing_line": None if found is None else found.vanishing_line,
         "correspondences": None if found is None else _correspondences(found),
-        "inliers": None if calibration.ellipses is None else _inliers(calibration.ellipses),
+        "inliers": None if ellipses is None else _inliers(ellipses),
     }
 
 
@@ -207,20 +208,25 @@ def _correspondences(found: Correspondences) -> dict[str, Any]:
 
 def _alternatives(calibration: FrameCalibration) -> list[dict[str, Any]]:
     """The field turned by 180 degrees, which circle and halfway line cannot tell from the answer; only a prior can."""
-    if calibration.camera is not None:
-        turned = calibration.camera.camera.turn_field()
+    camera, homography = calibration.attempt.camera, calibration.attempt.homography
+    if camera is not None:
+        turned = camera.camera.turn_field()
         return [{"kind": "turned_field", "H_image_field": turned.homography, "camera": turned.soccernet()}]
-    if calibration.homography is not None:
-        return [{"kind": "turned_field", "H_image_field": calibration.homography.H_image_field_turned, "camera": None}]
+    if homography is not None:
+        return [{"kind": "turned_field", "H_image_field": homography.H_image_field_turned, "camera": None}]
     return []
 
 
 def _residuals(calibration: FrameCalibration) -> dict[str, Any]:
-    fits = () if calibration.ellipses is None else calibration.ellipses.all()
-    camera = calibration.camera
+    camera, homography, ellipses = (
+        calibration.attempt.camera,
+        calibration.attempt.homography,
+        calibration.attempt.ellipses,
+    )
+    fits = () if ellipses is None else ellipses.all()
     return {
         "ellipses": {fit.edge: fit.rms_px for fit in fits},
-        "homography": None if calibration.homography is None else calibration.homography.residuals_px,
+        "homography": None if homography is None else homography.residuals_px,
         "camera": None if camera is None else {str(key): rms for key, rms in camera.residuals_px.items()},
         "points": None
         if camera is None

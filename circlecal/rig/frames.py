@@ -59,10 +59,10 @@ class RigFrame:
 
 def frame_of_calibration(found: FrameCalibration) -> RigFrame:
     """A frame straight from the pipeline."""
-    fit = found.camera if found.status == "calibrated" else None
+    fit = found.attempt.camera if found.status == "calibrated" else None
     if fit is None:
-        return RigFrame(found.id, found.observations, None, None)
-    return RigFrame(found.id, found.observations, fit.theta, fit.covariance, fit.named_lines, fit.rejected)
+        return RigFrame(found.id, found.attempt.observations, None, None)
+    return RigFrame(found.id, found.attempt.observations, fit.theta, fit.covariance, fit.named_lines, fit.rejected)
 
 
 def frame_of_record(record: ResultRecord, source: Path) -> RigFrame:

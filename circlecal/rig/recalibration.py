@@ -79,11 +79,11 @@ def recalibrate(
     for rig in tried:
         found = calibrate(config_with_prior(config, rig.prior(frame.id), rig.size[0]))
         reason = _refusal(found, frame, rig)
-        if reason is not None or found is None or found.camera is None:
+        if reason is not None or found is None or found.attempt.camera is None:
             reasons.append(reason or "it cannot be calibrated again")
             continue
         seen = frame_of_calibration(found)
-        cost = _cost(seen, found.camera.theta, template, circle, config, scale_of=frame)
+        cost = _cost(seen, found.attempt.camera.theta, template, circle, config, scale_of=frame)
         if frame.id not in rig.used and alone is not None and cost - alone > config.rig.maximum_chi_square_increase:
             reasons.append(f"it fits {rig.name} much worse than a camera of its own")
             continue
@@ -100,11 +100,11 @@ def _refusal(found: FrameCalibration | None, frame: RigFrame, rig: Rig) -> str |
     """Why a calibration as a frame of a camera is not taken, or None."""
     if found is None:
         return "it cannot be calibrated again"
-    if found.status != "calibrated" or found.camera is None:
+    if found.status != "calibrated" or found.attempt.camera is None:
         return found.verdict.reason
     prior = rig.prior(frame.id)
     prior = prior if found.width == rig.size[0] else prior.resize(found.width / rig.size[0])
-    if prior_chi_square(prior, found.camera.theta) > chi2.ppf(1.0 - UNLIKELY, len(prior.parameters)):
+    if prior_chi_square(prior, found.attempt.camera.theta) > chi2.ppf(1.0 - UNLIKELY, len(prior.parameters)):
         return f"its camera is another one than {rig.name}"
     return None
 

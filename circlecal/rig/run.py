@@ -292,7 +292,7 @@ class _Again:
                 _log.warning("%s", error)
                 return None
             return None if _leaves_the_arc(self.measured, config) else self.measured
-        seen = self.frame.observations if self.measured is None else self.measured.observations
+        seen = self.frame.observations if self.measured is None else self.measured.attempt.observations
         if seen is None:
             return self.measured
         convention: Convention = self.convention if annotated else "paint"
@@ -321,10 +321,10 @@ def accept_short_arcs(config: Config) -> Config:
 
 def _leaves_the_arc(found: FrameCalibration, config: Config) -> bool:
     """Whether the circle of an accepted camera leaves what was measured: then the arc was another one."""
-    if found.camera is None:
+    if found.attempt.camera is None:
         return False
     limit = config.rig.maximum_arc_residual_px * found.width / 1920.0
-    return any(rms > limit for key, rms in found.camera.residuals_px.items() if key.name == found.circle_name)
+    return any(rms > limit for key, rms in found.attempt.camera.residuals_px.items() if key.name == found.circle_name)
 
 
 def _is_annotated(record: ResultRow) -> bool:

@@ -96,10 +96,10 @@ def survey_clip(pictures_at: PicturesAt, duration_s: float, config: Config, know
         pictures[name] = LookedAt.of(picture, config.mask.detector.field_region)
         if len(alone) < ENOUGH_ALONE and not (known and known.tripods):
             found = run(picture, config, frame_id=name)
-            if found.status == "calibrated" and found.camera is not None:
-                measured = _measure(pictures[name], found.camera, template, drawn)
+            if found.status == "calibrated" and found.attempt.camera is not None:
+                measured = _measure(pictures[name], found.attempt.camera, template, drawn)
                 if len(measured.marking) >= LEAST_OWN_PLACES:
-                    alone.append(_Alone(name, found.camera, measured))
+                    alone.append(_Alone(name, found.attempt.camera, measured))
     if known is not None and known.tripods:
         starts = [(tripod, dict[str, Array]()) for tripod in known.tripods]
     else:

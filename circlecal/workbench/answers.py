@@ -84,7 +84,7 @@ class Answer:
 
     def recognise(self) -> dict[int, str]:
         """Names that the estimate gave to nameless lines, by index of the marking."""
-        camera, seen = self.found.camera, self.found.observations
+        camera, seen = self.found.attempt.camera, self.found.attempt.observations
         if camera is None or seen is None or not self.nameless:
             return {}
         first = len(seen.lines) - len(self.nameless)
@@ -145,7 +145,7 @@ def describe(told: Answer) -> dict[str, Any]:
     """An answer, ready for JSON; pixels are those of the picture, None is what is not known."""
     found, view = told.found, told.found.view
     drawn = see_markings(view, told.template)
-    verdict, camera = found.verdict, found.camera
+    verdict, camera = found.verdict, found.attempt.camera
     recognised = told.recognise()
     return {
         "status": found.status,
@@ -185,7 +185,7 @@ def _markings(told: Answer, recognised: dict[int, str], drawn: dict[str, SeenMar
     the name that it was recognised by.
     """
     view, unit = told.found.view, told.annotation.width / 1920.0
-    camera = told.found.camera
+    camera = told.found.attempt.camera
     rejected = set() if camera is None else set(camera.rejected)
     found = []
     for index, marking in enumerate(told.annotation.markings):
@@ -330,7 +330,7 @@ def _footprint(view: FieldView) -> list[list[float]]:
 
 
 def _facts(told: Answer) -> Iterator[tuple[str, str]]:
-    camera = told.found.camera
+    camera = told.found.attempt.camera
     if camera is None:
         return
     x, y, z = camera.camera.position_m

@@ -116,7 +116,7 @@ def _try(
     """One line under one name; None where the verdict refuses the camera."""
     named = name_marking(annotation, index, name)
     found = calibrate_annotation(named, config, nameless=False)
-    if found.status != "calibrated" or found.camera is None:
+    if found.status != "calibrated" or found.attempt.camera is None:
         return None
     told = Answer(named, found, template, ())
     names = {index: name} | suggestions(told, see_markings(found.view, template))
@@ -128,9 +128,9 @@ def share_of_paint(
     found: FrameCalibration, measured: MeasuredPicture, template: FieldTemplate, circle: Circle
 ) -> float:
     """Share of the markings in view, those apart that the camera was fitted to, on which the picture shows paint."""
-    if found.camera is None or found.observations is None:
+    if found.attempt.camera is None or found.attempt.observations is None:
         return 0.0
-    seen = found.observations
+    seen = found.attempt.observations
     known = frozenset(line.line for line in seen.lines if line.line) | {c.circle for c in seen.circles}
-    region = None if measured.found.mask is None else measured.found.mask.field_region
-    return look_for_markings(measured.light, found.camera, template, circle, known, region).found_share
+    region = None if measured.found.attempt.mask is None else measured.found.attempt.mask.field_region
+    return look_for_markings(measured.light, found.attempt.camera, template, circle, known, region).found_share

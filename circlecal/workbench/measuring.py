@@ -104,8 +104,9 @@ def measure_picture(picture: NDArray[np.uint8], config: Config, frame: PictureFi
     """
     found = calibrate_picture(picture, config, aspect=frame.aspect, frame_id=frame.id, source=frame.source)
     gray, circle = to_gray(picture), field_of(config)[1]
-    light = gray if found.mask is None else lighten_markings(gray, found.mask, circle)
-    noise = estimate_noise(light) if found.edges is None else found.edges.noise
+    mask, edges = found.attempt.mask, found.attempt.edges
+    light = gray if mask is None else lighten_markings(gray, mask, circle)
+    noise = estimate_noise(light) if edges is None else edges.noise
     return MeasuredPicture(picture, light, noise, found)
 
 
@@ -115,11 +116,11 @@ def begin_annotation(measured: MeasuredPicture, config: Config, frame: PictureFi
     Where no circle was believed, ellipses that may be one are offered and not used.
     """
     found = measured.found
-    seen = found.observations
+    seen, camera = found.attempt.observations, found.attempt.camera
     if seen is None:
         markings = [*_lines_of_mask(measured, config), *_find_curves(measured)]
     else:
-        names = found.camera.names_by_line if found.camera is not None and found.status == "calibrated" else {}
+        names = camera.names_by_line if camera is not None and found.status == "calibrated" else {}
         lines = tuple(replace(line, line=line.line or names.get(k)) for k, line in enumerate(seen.lines))
         markings = markings_of(replace(seen, lines=lines), "measured")
     template, _ = field_of(config)
@@ -135,7 +136,7 @@ def begin_annotation(measured: MeasuredPicture, config: Config, frame: PictureFi
 
 
 def _lines_of_mask(measured: MeasuredPicture, config: Config) -> list[AnnotatedMarking]:
-    mask = measured.found.mask
+    mask = measured.found.attempt.mask
     rough = () if mask is None else (*mask.lines, *((mask.halfway,) if mask.halfway is not None else ()))
     cues = config.cues
     seen = measure_lines(measured.light, rough, measured.noise, cues.search_px, cues.spacing_px, ONE_ROUND)
@@ -144,7 +145,7 @@ def _lines_of_mask(measured: MeasuredPicture, config: Config) -> list[AnnotatedM
 
 
 def _find_curves(measured: MeasuredPicture) -> Iterator[AnnotatedMarking]:
-    mask = measured.found.mask
+    mask = measured.found.attempt.mask
     conics = [] if mask is None else [*(arc.conic for arc in mask.arcs), *(c.conic for c in mask.candidates)]
     kept: list[Ellipse] = []
     for conic in conics:
@@ -255,7 +256,7 @@ def complete_circle(measured: MeasuredPicture, clicks: Array) -> Snapped | None:
     """The marking of the ellipse that was meant by clicks (N, 2) on its paint: two choose one that was seen in the
     picture, five determine any; None where there is none.
     """
-    mask = measured.found.mask
+    mask = measured.found.attempt.mask
     conics = [] if mask is None else [*(c.conic for c in mask.candidates), *(arc.conic for arc in mask.arcs)]
     ellipses = [ellipse for conic in conics if (ellipse := ellipse_from_conic(conic)) is not None]
     near = [

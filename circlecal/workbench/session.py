@@ -167,7 +167,7 @@ class Session:
         return self.show(index)
 
     def _show(self, index: int, annotation: Annotation, told: Answer) -> dict[str, Any]:
-        frame, camera = self.frames[index], told.found.camera
+        frame, camera = self.frames[index], told.found.attempt.camera
         sigma = None if camera is None else camera.max_sigma_px
         judged = frame.with_verdict(told.found.status, told.found.verdict.code, sigma, annotation.width)
         self.frames[index] = replace(judged, annotated=annotation.touched, flag=annotation.flag)

@@ -57,7 +57,7 @@ def test_an_end_zone_is_calibrated_without_centre_circle_and_halfway_line(camera
     found = run(picture.image, config, frame_id="rink")
     assert found.status == "calibrated", found.verdict
     assert found.circle_name.startswith("faceoff_right" if camera is RIGHT_END else "faceoff_left")
-    assert markings_error_px(camera, found.camera.view) < 8.0
+    assert markings_error_px(camera, found.attempt.camera.view) < 8.0
     # one circle that is named is the only one that is looked for
     named = load_config(None, ["field.template=ice-hockey-nhl", "field.any_circle=false"])
     assert run(picture.image, named, frame_id="rink").status == "refused"

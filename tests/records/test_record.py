@@ -80,7 +80,7 @@ def test_the_camera_has_the_soccernet_keys_at_the_size_of_the_frame(calibrated, 
     assert {"crown_m", "crown_shape", "crown_radius_m", "covariance"} <= set(camera)
     again = camera_from_soccernet(camera, 960, 540)
     points = [[0.0, 0.0], [9.0, 3.0], [-9.0, -3.0]]
-    assert np.allclose(again.project(points), calibrated.camera.camera.project(points), atol=1e-9)
+    assert np.allclose(again.project(points), calibrated.attempt.camera.camera.project(points), atol=1e-9)
 
 
 def test_a_refused_frame_keeps_its_keys_but_no_homography(refused, template):
@@ -104,7 +104,7 @@ def test_what_was_reached_before_the_refusal_is_kept_apart(calibrated, template)
 
 
 def test_what_is_not_finite_is_null(calibrated, template):
-    fit = replace(calibrated.camera, max_sigma_px=float("nan"), residuals_px={MarkingKey("a"): float("inf")})
+    fit = replace(calibrated.attempt.camera, max_sigma_px=float("nan"), residuals_px={MarkingKey("a"): float("inf")})
     record = round_trip(result_record(replace(calibrated, attempt=replace(calibrated.attempt, camera=fit)), template))
     assert record["camera"]["max_sigma_px"] is None
     assert record["residuals_px"]["camera"] == {"a": None}
@@ -116,9 +116,9 @@ def test_written_and_read_back(tmp_path, calibrated, template):
     stored = read_result(path)
     assert (stored.id, stored.status, stored.width, stored.height) == ("good", "calibrated", 960, 540)
     assert np.array_equal(stored.H_image_field, calibrated.H_image_field)
-    assert stored.view.surface == calibrated.camera.surface
+    assert stored.view.surface == calibrated.attempt.camera.surface
     assert stored.view.surface.reference_m == 9.15
-    assert np.array_equal(stored.view.covariance, calibrated.camera.covariance)
+    assert np.array_equal(stored.view.covariance, calibrated.attempt.camera.covariance)
     assert [p.name for p in tmp_path.iterdir()] == ["good.json"]
 
 
@@ -178,7 +178,7 @@ def test_missing_results(tmp_path):
 
 def test_summary_of_every_kind(calibrated, refused, template):
     row = summarise(result_record(calibrated, template))
-    assert (row.id, row.status, row.case) == ("good", "calibrated", calibrated.correspondences.case)
+    assert (row.id, row.status, row.case) == ("good", "calibrated", calibrated.attempt.correspondences.case)
     assert row.sigma_px > 0
     assert row.rms_px > 0
     assert row.time_ms > 0

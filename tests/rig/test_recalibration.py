@@ -38,7 +38,7 @@ def test_a_frame_without_halfway_line_goes_to_the_camera_that_took_it(cameras):
     for rig, view in zip(rigs, views, strict=True):
         found = again(RigFrame("x", seen_by(view, rng, line=False), None, None), rigs)
         assert found.rig is rig, found.reason
-        assert found.calibration.camera.camera.position_m == pytest.approx(view.position_m, abs=2.0)
+        assert found.calibration.attempt.camera.camera.position_m == pytest.approx(view.position_m, abs=2.0)
 
 
 def test_two_cameras_at_one_place_are_not_decided(cameras):
@@ -55,7 +55,7 @@ def test_a_wrong_camera_is_mended(cameras):
     wrong = replace(wrong, observations=frames[0].observations)
     found = again(wrong, rigs)
     assert found.rig is rigs[0]
-    assert found.calibration.camera.camera.position_m == pytest.approx(frames[0].theta[4:7], abs=2.5)
+    assert found.calibration.attempt.camera.camera.position_m == pytest.approx(frames[0].theta[4:7], abs=2.5)
 
 
 def test_a_camera_of_its_own_keeps_its_frame(cameras):

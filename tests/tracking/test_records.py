@@ -53,7 +53,7 @@ def test_everything_that_reads_results_reads_it(tmp_path) -> None:
     np.testing.assert_allclose(found.to_image(POINTS), tracked(3, 0.12, (1920, 1080)).view.project(POINTS), atol=1e-5)
     identity = found.H_image_field @ found.H_field_image
     np.testing.assert_allclose(identity / identity[2, 2], np.eye(3), atol=1e-6)
-    assert found.found.camera.theta.shape == found.found.camera.covariance.shape[:1]
+    assert found.found.attempt.camera.theta.shape == found.found.attempt.camera.covariance.shape[:1]
 
 
 def test_full_records_hold_what_follows_from_the_camera() -> None:

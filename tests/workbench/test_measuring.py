@@ -84,7 +84,7 @@ def test_one_name_calibrates_the_frame(begun, wide_camera):
     shown = describe(told)
     assert shown["missing"] is None and shown["sigma_px"] < 15
     assert shown["markings"][line]["rms_px"] < 1.0
-    assert np.abs(told.found.camera.camera.position_m - wide_camera.position_m).max() < 6.0
+    assert np.abs(told.found.attempt.camera.camera.position_m - wide_camera.position_m).max() < 6.0
 
 
 def test_a_wrong_name_is_marked(begun):
@@ -121,6 +121,6 @@ def test_settings_of_a_frame_are_in_force(begun):
     line = next(k for k, m in enumerate(begun.markings) if m.kind == "line" and len(m.points_px) > 100)
     named = name_marking(begun, line, "side_line_top")
     wider = named.model_copy(update={"settings": {"field.sizes.width": 74.0}})
-    usual, changed = (answer(a, Config(), nameless=False).found.camera for a in (named, wider))
+    usual, changed = (answer(a, Config(), nameless=False).found.attempt.camera for a in (named, wider))
     assert usual is not None and changed is not None
     assert abs(usual.camera.position_m[1] - changed.camera.position_m[1]) > 0.5

@@ -128,7 +128,7 @@ def count_clicks(
         advance(name)
         begun = begin_annotation(measured, chosen, file)
         first = answer(begun, chosen, nameless=True)
-        sigma = None if measured.found.camera is None else measured.found.camera.max_sigma_px
+        sigma = None if measured.found.attempt.camera is None else measured.found.attempt.camera.max_sigma_px
         state = state_of(measured.found.status, sigma, begun.width)
         if state != "calibrated":
             rng = np.random.default_rng([seed, len(rows)])

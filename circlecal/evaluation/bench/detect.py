@@ -113,9 +113,9 @@ def _one_frame(profile: SceneProfile, seed: int, index: int, width: int) -> _Fra
     found, chain, stages = time_run(image, config, f"{profile}-{index}", RUNS)
     bound = predict_error_px(rendering.truth, config)
     times = decoding_ms(np.asarray(encoded), 5), chain, stages
-    if found.status != "calibrated" or found.camera is None:
+    if found.status != "calibrated" or found.attempt.camera is None:
         return _FrameRow(None, None, None, bound, *times, refusable=rendering.truth.expect == "refuse")
-    return _FrameRow(*compare(rendering.truth, found.camera), bound, *times, rendering.truth.kind or profile)
+    return _FrameRow(*compare(rendering.truth, found.attempt.camera), bound, *times, rendering.truth.kind or profile)
 
 
 def profile_config(profile: str, truth: Truth) -> Config:

@@ -61,7 +61,7 @@ def test_profiles_run_with_what_a_user_knows():
 def test_a_frame_without_a_circle_is_wrong_however_near():
     easy = render_frame("easy", np.random.default_rng(3), 1280, 720)
     found = run(easy.image, Config(), frame_id="easy")
-    error, _, _ = compare(replace(easy.truth, visible_circle_deg=0.0), found.camera)
+    error, _, _ = compare(replace(easy.truth, visible_circle_deg=0.0), found.attempt.camera)
     assert error == float("inf")
 
 
@@ -72,7 +72,7 @@ def test_comparison_takes_the_turned_field_for_the_same():
     for side in ("main", "opposite"):
         config = load_config(None, [f"correspondences.camera_side={side}"])
         found = run(rendering.image, config, frame_id="easy")
-        error, predicted, inside = compare(rendering.truth, found.camera)
+        error, predicted, inside = compare(rendering.truth, found.attempt.camera)
         errors.append(error)
         assert predicted > 0
         assert 0 <= inside <= 1

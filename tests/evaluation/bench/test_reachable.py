@@ -42,8 +42,8 @@ def test_exact_observations_lead_to_the_truth(truth):
     seen = visible_observations(truth, SOCCER)
     assert isinstance(seen, Observations)
     found = run_observations(seen, Config(), frame_id="exact", convention="paint")
-    assert found.camera is not None
-    np.testing.assert_allclose(found.camera.camera.position_m, truth.camera.position_m, atol=1.5)
+    assert found.attempt.camera is not None
+    np.testing.assert_allclose(found.attempt.camera.camera.position_m, truth.camera.position_m, atol=1.5)
 
 
 def test_less_in_view_is_less_to_expect(truth):
