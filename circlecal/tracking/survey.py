@@ -18,6 +18,7 @@ from circlecal.rig.positions import group_positions
 from circlecal.rig.tripod import PLACE, TripodEstimate, Venue
 from circlecal.tracking.looking import LEAST_PLACES, Look, LookedAt, Place
 from circlecal.tracking.markings import DrawnTemplate, MeasuredFrame, measure_markings, place_markings, template_curves
+from circlecal.tracking.paint_width import estimate_paint_width
 from circlecal.tracking.tripod_fit import HeadedFrame, TripodFit, common_priors, fit_tripod, start_tripod
 
 PicturesAt = Callable[[Sequence[float]], Iterator[NDArray[np.uint8] | None]]
@@ -146,7 +147,7 @@ def _fit_alone(
     """The tripod of frames, without those of a false calibration; None where too few are left."""
     size = members[0].fit.model.width, members[0].fit.model.height
     unit = size[0] / 1920.0
-    mean, sd = common_priors(config.camera, template, unit)
+    mean, sd = _priors(config, template, unit, [member.measured for member in members])
     kept = list(members)
     left_out: list[str] = []
     while len(kept) >= LEAST_FRAMES:
@@ -169,6 +170,19 @@ def _fit_alone(
     return None
 
 
+def _priors(
+    config: Config, template: FieldTemplate, unit: float, measured: Sequence[MeasuredFrame]
+) -> tuple[Array, Array]:
+    """Means and standard deviations (K,) of the common parameters, with how broad the paint looks in frames."""
+    mean, sd = common_priors(config.camera, template, unit)
+    seen = estimate_paint_width(measured, template.marking_width_m)
+    if seen is not None:
+        precision = np.array([sd[PLACE["width"]], seen[1]]) ** -2.0
+        mean[PLACE["width"]] = precision @ [0.0, seen[0] - template.marking_width_m] / precision.sum()
+        sd[PLACE["width"]] = precision.sum() ** -0.5
+    return mean, sd
+
+
 def _extend(
     tripod: TripodEstimate,
     heads: dict[str, Array],
@@ -179,7 +193,7 @@ def _extend(
 ) -> TripodEstimate:
     """The tripod after it has found its other frames among the pictures, and learnt from them."""
     unit = tripod.size[0] / 1920.0
-    mean, sd = common_priors(config.camera, template, unit)
+    mean, sd = _priors(config, template, unit, [])
     sizes = {n: p for n, p in pictures.items() if p.size == tripod.size and p.grass_share >= LEAST_GRASS}
     for _ in range(ROUNDS):
         place = Place.of(tripod, template)
@@ -191,6 +205,7 @@ def _extend(
             look = _find_beyond(place, picture, mean, sd) if known is None else place.look(picture, known, spread)
             if look is not None and (look.is_confirmed or known is not None):
                 frames.append(HeadedFrame(name, look.fit.head, look.measured))
+        mean, sd = _priors(config, template, unit, [frame.measured for frame in frames])
         fit = _fit_members(frames, tripod, mean, sd, drawn)
         if fit is None:
             return tripod

@@ -40,8 +40,8 @@ MODEL_SIGMA_PX, CORRELATION_PX = 0.25, 60.0
 neighbours repeat that.
 """
 WIDTH_SD_M = 0.015
-"""How far the width of the paint may be from the template's. Estimated with all else it trades with the length of the
-pitch, four to one, through differences of 0.02 px.
+"""How far the width of the paint may be from the template's, metres: the Laws of the Game allow at most 12 cm, and
+grounds have 9 to 12. It moves all centrelines, and trades with the length of the pitch, one to four.
 """
 FARTHEST_PX = 6.0
 """Paint further off, pixels at 1920 px width, counts as so far off where frames of a false calibration are told."""
@@ -98,7 +98,7 @@ def common_priors(
     know("log_aspect", float(np.log(config.aspect)), config.aspect_sd)
     flat = config.crown_shape == "flat"
     know("crown", 0.0 if flat else config.crown_m, 0.0 if flat else config.crown_sd_m)
-    know("width", 0.0, 0.0)
+    know("width", 0.0, WIDTH_SD_M)
     know("length", 0.0, template.length_sd_m)
     know("breadth", 0.0, template.width_sd_m)
     return mean, sd
@@ -143,7 +143,7 @@ def sigmas_of(measured: MeasuredFrame, residuals_px: Array, unit: float) -> Arra
         change = np.abs(np.diff(residuals_px)[near])
         noise = max(LEAST_NOISE_PX, NEIGHBOURS_ALIKE * 1.4826 / np.sqrt(2.0) * float(np.median(change)))
     repeats = max(CORRELATION_PX * unit / spacing, 1.0)
-    return np.full(len(residuals_px), np.sqrt(noise**2 + (MODEL_SIGMA_PX * unit) ** 2 * repeats))
+    return np.asarray(np.sqrt(noise**2 + ((MODEL_SIGMA_PX * unit) ** 2 + measured.bias_px**2) * repeats))
 
 
 def _evaluate(
@@ -243,10 +243,6 @@ def fit_tripod(
     covariance = np.zeros((len(COMMON), len(COMMON)))
     reduced = _eliminate(now, precision, 0.0)[0]
     covariance[np.ix_(free, free)] = _inverse(reduced[np.ix_(free, free)])
-    # the paint's width is taken as it should be: all else follows if it is not (a parameter that is considered)
-    follows = np.zeros(len(COMMON))
-    follows[free] = -covariance[np.ix_(free, free)] @ reduced[free, PLACE["width"]]
-    covariance += np.outer(follows, follows) * WIDTH_SD_M**2
     # where the models leave more than the noise, all is that much less certain
     values = sum(len(frame.measured.marking) for frame in frames)
     covariance *= max(1.0, now.cost / max(values - 3 * len(frames), 1))
