@@ -44,13 +44,38 @@ _STRICT = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 _COMMENT_WIDTH = 118
 
 
+AUTO = "auto"
+"""Stands for a field template that the picture tells."""
+TOLD_APART = (
+    "soccer",
+    "robocup",
+    "robocup-adult",
+    "robocup-msl",
+    "ice-hockey-nhl",
+    "ice-hockey",
+    "basketball",
+    "basketball-nba",
+    "basketball-ncaa",
+    "futsal",
+    "handball",
+)
+"""Templates of which real pictures were seen, and those that differ from them in their sizes."""
+
+
 class FieldConfig(BaseModel):
     """Which field is seen, and which of its circles."""
 
     model_config = _STRICT
 
     template: str = Field(
-        "soccer", description="Name of a field template (`circlecal fields` lists them), or a YAML file of your own."
+        "soccer",
+        description="Name of a field template (`circlecal fields` lists them), a YAML file of your own, or auto: the"
+        " one that a picture shows.",
+    )
+    among: tuple[str, ...] = Field(
+        TOLD_APART,
+        min_length=1,
+        description="Templates that auto chooses from; the first one is taken where its answer is beyond doubt.",
     )
     circle: str | None = Field(
         None, description="Circle of the template that is seen; null: the template's default circle."
@@ -180,6 +205,38 @@ def _name_suited_config(field: FieldConfig) -> str | None:
     with contextlib.suppress(ConfigError):
         return load_field(field.template, field.sizes).config
     return None
+
+
+def suit_config(config: Config, template: str) -> Config:
+    """The configuration for a field template: what the template asks for, under everything that was set to something
+    else than its default.
+
+    Parameters
+    ----------
+    config : Config
+        Of a field that is not known.
+    template : str
+        Name of a template or its file.
+
+    Raises
+    ------
+    ConfigError
+        The template does not exist, or what was set contradicts it.
+    """
+    changes = _differences(config, Config()) | {"field.template": template, "field.among": FieldConfig().among}
+    return load_config(load_field(template).config, changes)
+
+
+def _differences(given: BaseModel, usual: BaseModel, prefix: str = "") -> dict[str, Any]:
+    """Values by ``section.key`` in which one model differs from another of its kind."""
+    found: dict[str, Any] = {}
+    for name in type(given).model_fields:
+        value, other = getattr(given, name), getattr(usual, name)
+        if isinstance(value, BaseModel) and type(value) is type(other):
+            found |= _differences(value, other, f"{prefix}{name}.")
+        elif value != other:
+            found[f"{prefix}{name}"] = given.model_dump(mode="json", include={name})[name]
+    return found
 
 
 def _find_config(name_or_file: str | Path) -> Path:

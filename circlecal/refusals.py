@@ -256,6 +256,12 @@ REFUSALS = _by_code(
             another_interpretation=True,
         ),
         Refusal(
+            "field_open",
+            "several fields explain the picture about as well",
+            "With --field auto: another sport's template fits too, or none fits well enough to be believed.",
+            "Name the sport (--field); what was tried stands in the result under `fields`.",
+        ),
+        Refusal(
             "mark_contradicts_circle",
             "the centre mark is not where circle and line put it",
             "A boot, a ball or a logo was taken for the mark, or something else for the halfway line.",

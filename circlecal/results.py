@@ -12,6 +12,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from circlecal.field import FieldTemplate
 from circlecal.field.view import FieldView
 from circlecal.geometry.camera import Camera, PlaneCamera
 from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel
@@ -43,6 +44,12 @@ class Interpretation:
 
     conic: Array
     line: Segment | None
+
+    @property
+    def key(self) -> tuple[bytes, bytes]:
+        """What tells it from others."""
+        line = self.line
+        return self.conic.tobytes(), b"" if line is None else line.start.tobytes() + line.end.tobytes()
 
 
 @dataclass(frozen=True, slots=True)
@@ -598,6 +605,40 @@ class Attempt:
 
 
 @dataclass(frozen=True, slots=True)
+class FieldCandidate:
+    """What a frame looks like as one field among several that it may be.
+
+    Attributes
+    ----------
+    template, sport : str
+        Name of the field template, and the sport that it belongs to.
+    status, code : str, str or None
+        Verdict under this template.
+    evidence : float or None
+        Length of its markings that are painted where its camera puts them, beyond the length at which as much is
+        missing as a wrong camera's would be, picture widths; None where there is no camera.
+    found_share : float or None
+        Share of its markings in view that are painted.
+    explained_share : float or None
+        Share of what was found painted that are its markings.
+    max_sigma_px : float or None
+        Largest predicted standard deviation, pixels.
+    H_image_field : (3, 3) array or None
+        Field to pixels, where it was calibrated.
+    """
+
+    template: str
+    sport: str
+    status: Status
+    code: str | None
+    evidence: float | None = None
+    found_share: float | None = None
+    explained_share: float | None = None
+    max_sigma_px: float | None = None
+    H_image_field: Array | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class FrameCalibration:
     """Everything known about one frame: which one it is, how it was run, and the attempt that was taken.
 
@@ -617,6 +658,10 @@ class FrameCalibration:
         Seed of the random draws, and digest of the configuration.
     timings_ms : dict
         Time spent in each stage, over all attempts.
+    template : FieldTemplate or None
+        The field itself; None where the calibration was read from a file.
+    fields : tuple of FieldCandidate
+        Where the field was to be told by the picture: the templates that were tried, the one that was taken first.
     """
 
     id: str
@@ -629,6 +674,8 @@ class FrameCalibration:
     config_digest: str
     timings_ms: dict[str, float] = field(default_factory=dict)
     source: str | None = None
+    template: FieldTemplate | None = None
+    fields: tuple[FieldCandidate, ...] = ()
 
     @property
     def verdict(self) -> Verdict:

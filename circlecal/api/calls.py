@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from circlecal import results
 from circlecal.api.calibration import Calibration
-from circlecal.config import Config, load_config
+from circlecal.config import AUTO, Config, load_config
 from circlecal.errors import InputError
 from circlecal.field import FieldTemplate
 from circlecal.formats.annotation import Annotation
@@ -24,7 +24,7 @@ from circlecal.observations import Keypoint, Observations, join_observations
 from circlecal.pictures.files import PictureFile, as_bgr, read_image
 from circlecal.pictures.masks import as_class_ids, read_mask
 from circlecal.pictures.video import Sampling, Video
-from circlecal.pipeline import Convention, apply_convention, field_of, run, run_observations
+from circlecal.pipeline import Convention, apply_convention, calibrate_unknown_field, field_of, run, run_observations
 from circlecal.records.writing import result_record
 from circlecal.refusals import REFUSALS
 
@@ -59,7 +59,7 @@ def calibrate(
     config : Config, str or path, optional
         A configuration, the name of one that comes with circlecal such as ``"broadcast"``, or a YAML file.
     field : str or path, optional
-        Field template: a name such as ``"futsal"``, or a YAML file.
+        Field template: a name such as ``"futsal"``, or a YAML file; ``"auto"`` for the one that the picture shows.
     set : mapping, optional
         Options over the configuration, such as ``{"camera.roll_sd_deg": 1, "seed": 3}``.
     mask : array or path, optional
@@ -103,6 +103,7 @@ def calibrate(
     else:
         classes = read_mask(Path(mask), width, height)
     found = calibrate_picture(picture, chosen, mask=classes, given=given, frame_id=name, source=source)
+    template = found.template or template
     held = image if isinstance(image, np.ndarray) and image.shape == picture.shape else None
     return Calibration(result_record(found, template), template, found=found, image=held)
 
@@ -143,10 +144,11 @@ def calibrate_picture(
     """
     if aspect is not None and config.camera.aspect == 1.0:
         config = config.model_copy(update={"camera": config.camera.model_copy(update={"aspect": aspect})})
+    calibrate_one = calibrate_unknown_field if config.field.template == AUTO else run
     extra = observe_network(picture, config.keypoints, field_of(config)[0], config.sources)
     if given is not None:
         extra = given if extra is None else join_observations(extra, given)
-    return run(picture, config, mask=mask, extra=extra, frame_id=frame_id, source=source)
+    return calibrate_one(picture, config, mask=mask, extra=extra, frame_id=frame_id, source=source)
 
 
 def calibrate_annotation(
@@ -303,7 +305,8 @@ def _calibrations(video: Video, sampling: Sampling, config: Config, template: Fi
         if picture is None:
             continue
         found = calibrate_picture(picture, config, aspect=frame.aspect, frame_id=frame.id, source=frame.source)
-        yield Calibration(result_record(found, template, time_s=frame.time_s), template, found=found, image=picture)
+        seen = found.template or template
+        yield Calibration(result_record(found, seen, time_s=frame.time_s), seen, found=found, image=picture)
 
 
 def configure(config: Config | str | Path | None, field: str | Path | None, settings: Settings | None) -> Config:

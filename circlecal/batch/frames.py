@@ -194,6 +194,8 @@ class FrameRun:
         else:
             picture, record, calibration = self._calibrate_picture(frame, template)
             if self.exports is not None:
+                template = calibration.template or template
+                circle = template.circle_by_name.get(calibration.circle_name, circle)
                 self.exports.add(record, template, circle, frame.path.name)
         if self.out is not None:
             write_outputs(picture, calibration, record, self.config, self.out)
@@ -207,6 +209,7 @@ class FrameRun:
         stored = find_annotation(self.annotations, frame.id, beside)
         if stored is None:
             picture, calibration = calibrate_frame(frame, self.config, self.mask, self.keypoints, self.format_name)
+            template = calibration.template or template
             return picture, result_record(calibration, template, time_s=frame.time_s, digest=self.digest), calibration
         _log.info("%s: from its annotation", frame.path)
         found = calibrate_annotation(stored.annotation, self.config)
@@ -254,7 +257,7 @@ def write_outputs(
     InputError
         A file cannot be written.
     """
-    (template, _), output = field_of(config), config.output
+    template, output = calibration.template or field_of(config)[0], config.output
     write_result(out / f"{calibration.id}.json", record)
     if image is None:
         return

@@ -156,6 +156,76 @@ def detect(
     )
 
 
+@app.command()
+def sports(
+    pictures: Annotated[Path, typer.Argument(metavar="FOLDER", help="Pictures of any sports.")],
+    truth: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="A JSON file for each, with its sport. (default: truth beside FOLDER)"),
+    ] = None,
+    per_frame: Annotated[bool, typer.Option("--per-frame", help="Also what was tried for each frame.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+) -> None:
+    """Real frames whose field nobody names (--field auto): is the sport recognised, and does soccer lose nothing?"""
+    from dataclasses import asdict
+
+    from circlecal.cli.console import count_steps
+    from circlecal.evaluation.bench.sports import run_frames, summarise_sports
+    from circlecal.pictures.files import find_frames
+
+    folder = truth or pictures.parent / "truth"
+    with count_steps("frames", len(find_frames([pictures]))) as advance:
+        frames = run_frames(pictures, folder, advance)
+    rows = summarise_sports(frames)
+    if as_json:
+        _print_json({"frames": [asdict(f) for f in frames], "sports": [asdict(r) for r in rows]})
+        return
+    if per_frame:
+        _table(
+            "Frame by frame: template, verdict, evidence in picture widths, share found, share explained",
+            ["frame", "sport", "answer", "error px", "s", "tried"],
+            [
+                [
+                    f.id,
+                    f.sport,
+                    f.template if f.is_answered else str(f.code),
+                    "-" if f.error_px is None else f"{f.error_px:.1f}",
+                    f"{f.seconds:.1f}",
+                    "; ".join(f.tried),
+                ]
+                for f in frames
+            ],
+        )
+    _table(
+        "Fields told by the picture (--field auto)",
+        [
+            "sport",
+            "frames",
+            "answered",
+            "right sport",
+            "good",
+            "wrong",
+            "as if named",
+            "median s",
+            "worst s",
+        ],
+        [
+            [
+                r.sport,
+                str(r.frames),
+                str(r.answered),
+                f"{r.right_sport} ({r.right_sport / max(r.answered, 1):.0%})",
+                f"{r.good} of {r.with_reference}",
+                str(r.wrong),
+                f"{r.kept} of {r.frames}",
+                f"{r.median_s:.1f}",
+                f"{r.worst_s:.1f}",
+            ]
+            for r in rows
+        ],
+    )
+
+
 def _time_picture(path: Path, as_json: bool) -> None:
     from dataclasses import asdict
 

@@ -59,9 +59,10 @@ def debug(
                 by_hand, mask=calibration.attempt.mask, edges=calibration.attempt.edges, rays=calibration.attempt.rays
             )
             calibration = replace(calibration, attempt=looked_at)
-        record = result_record(calibration, template)
+        shown = calibration.template or template
+        record = result_record(calibration, shown)
         write_result(out / frame.id / "result.json", record)
-        written += write_stage_pictures(picture, calibration, template, out / frame.id, chosen.output.jpeg_quality)
+        written += write_stage_pictures(picture, calibration, shown, out / frame.id, chosen.output.jpeg_quality)
         summaries.append(summarise(record))
     if not quiet:
         console.print_summaries(summaries)

@@ -30,7 +30,7 @@ def complete_field(incomplete: str) -> list[str]:
     """Names of shipped field templates that begin so, for the shell."""
     from circlecal.field import field_names
 
-    return [name for name in field_names() if name.startswith(incomplete)]
+    return [name for name in ("auto", *field_names()) if name.startswith(incomplete)]
 
 
 class Convention(StrEnum):
@@ -119,7 +119,7 @@ FieldName = Annotated[
     typer.Option(
         "--field",
         metavar="NAME|FILE",
-        help="Field template; see circlecal fields. (default: soccer)",
+        help="Field template; see circlecal fields. auto: the one that the picture shows. (default: soccer)",
         autocompletion=complete_field,
     ),
 ]

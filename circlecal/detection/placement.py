@@ -51,7 +51,9 @@ BESIDE_PX, LEAST_COLOUR, COLOUR_SHARE = 10.0, 10.0, 0.2
 what the paint changes most, by which blue must stand out from the mean of green and red.
 """
 SEARCH_WIDTH_PX = 960
-"""Width of the searched picture (does not scale). At 720 far lines of 2 in are lost: four of ten frames with them."""
+"""Width of the searched picture (does not scale), where the detector's own is not smaller. At 720 far lines of 2 in are
+lost: four of ten frames with them.
+"""
 STRUCTURE_PX = 2.5
 """From a circle or a line within which a ridge belongs to it, pixels of the searched picture."""
 BREAK_EVEN = 0.4
@@ -189,7 +191,8 @@ def find_paint(
         +1 for markings lighter than the surface, -1 for darker ones, or both.
     config : DetectorConfig
     """
-    reduced, scaling = reduce_picture(gray, SEARCH_WIDTH_PX, SEARCH_WIDTH_PX)
+    width = min(SEARCH_WIDTH_PX, config.detection_width_px)
+    reduced, scaling = reduce_picture(gray, width, width)
     rows, columns = reduced.shape
     region = np.asarray(cv2.resize(hull, (columns, rows), interpolation=cv2.INTER_NEAREST), np.uint8)
     found = [find_ridges(reduced, region, sign, config.ridges) for sign in signs]
@@ -313,15 +316,27 @@ def place_field(
     ]
 
 
-def find_placements(
-    image: NDArray[np.uint8],
-    gray: NDArray[np.uint8],
-    mask: MarkingMask,
-    config: DetectorConfig,
-    template: FieldTemplate,
-    side: str,
-) -> list[PlacedField]:
-    """Ways to lay a field over a picture from what the detector found in it, the one with most evidence first.
+@dataclass(frozen=True, slots=True)
+class SeenPaint:
+    """What stands out from a playing surface as paint does, in a reduced picture.
+
+    Attributes
+    ----------
+    structures : RidgePoints
+        Ridges on circles and straight lines that were found.
+    drawn, maps : RidgeMaps
+        Of these, and of all ridges.
+    """
+
+    structures: RidgePoints
+    drawn: RidgeMaps
+    maps: RidgeMaps
+
+
+def see_paint(
+    image: NDArray[np.uint8], gray: NDArray[np.uint8], mask: MarkingMask, config: DetectorConfig
+) -> SeenPaint | None:
+    """The paint on the playing surface; None where there is neither.
 
     Parameters
     ----------
@@ -331,28 +346,97 @@ def find_placements(
         What the detector found.
     config : DetectorConfig
         Options of the detector.
+    """
+    if mask.field_region is None:
+        return None
+    sign = 1.0 if mask.polarity is None else mask.polarity
+    hull = mask.field_region.astype(np.uint8) * 255
+    ridges, region, scaling = find_paint(gray, hull, (sign,), config)
+    if len(ridges) == 0:
+        return None
+    into = _into_full(scaling)
+    halfway = () if mask.halfway is None else (mask.halfway,)
+    segments = np.array([(s.start, s.end) for s in (*mask.lines, *halfway)]).reshape(-1, 2, 2)
+    segments = (segments + 0.5) / scaling.factor - 0.5
+    structures = select_structures(ridges, [into.T @ conic @ into for conic in _distinct_circles(mask)], segments)
+    drawn, maps = (
+        map_ridges(found, region, scaling, tell_colours(image, found, scaling)) for found in (structures, ridges)
+    )
+    return SeenPaint(structures, drawn, maps)
+
+
+def find_placements(
+    mask: MarkingMask, paint: SeenPaint, size: tuple[int, int], template: FieldTemplate, side: str
+) -> list[PlacedField]:
+    """Ways to lay a field over a picture from what the detector found in it, the one with most evidence first.
+
+    Parameters
+    ----------
+    mask : MarkingMask
+        What the detector found.
+    paint : SeenPaint
+        What stands out from the playing surface.
+    size : (int, int)
+        Width and height of the picture.
     template : FieldTemplate
         The field.
     side : str
         Side of the field from which the camera looks.
     """
     conics = _distinct_circles(mask)
-    if not conics or mask.field_region is None:
-        return []
-    sign = 1.0 if mask.polarity is None else mask.polarity
-    hull = mask.field_region.astype(np.uint8) * 255
-    ridges, region, scaling = find_paint(gray, hull, (sign,), config)
-    if len(ridges) == 0:
-        return []
-    into = _into_full(scaling)
-    halfway = () if mask.halfway is None else (mask.halfway,)
-    segments = np.array([(s.start, s.end) for s in (*mask.lines, *halfway)]).reshape(-1, 2, 2)
-    segments = (segments + 0.5) / scaling.factor - 0.5
-    drawn = select_structures(ridges, [into.T @ conic @ into for conic in conics], segments)
-    structures, maps = (
-        map_ridges(found, region, scaling, tell_colours(image, found, scaling)) for found in (drawn, ridges)
+    return place_field(conics[:MOST_CIRCLES], paint.drawn, paint.maps, template, size, side) if conics else []
+
+
+@dataclass(frozen=True, slots=True)
+class ViewEvidence:
+    """How far paint and markings of a field that a camera shows go together.
+
+    Attributes
+    ----------
+    evidence : float
+        Length of markings that lie on ridges beyond break-even, picture widths.
+    found_share : float
+        Share of the markings in view that lie on ridges.
+    explained_share : float
+        Share of the ridges on circles and lines that were found which lie on markings; 1 where there are none.
+    """
+
+    evidence: float
+    found_share: float
+    explained_share: float
+
+
+def weigh_view(view: FieldView, template: FieldTemplate, paint: SeenPaint) -> ViewEvidence:
+    """What speaks for a camera: that what it predicts is painted, and what is painted is predicted."""
+    maps = paint.maps
+    reach = FINE_SHARE * maps.width
+    _, nodes, _ = template.outlines
+    grown = np.array([view.grow(outline, template) for outline in nodes])
+    pixels = view.project(grown)
+    ahead = np.array(np.isfinite(pixels).all(axis=-1))[None]
+    pixels = (np.nan_to_num(pixels, nan=-1e6)[None] + 0.5) / maps.scaling.factor - 0.5
+    direction, y, x, length, _ = _look_up(pixels, ahead, maps)
+    explained = np.maximum(0.0, 1.0 - maps.distance[_colours_of(template)[:, None], direction, y, x] / reach)
+    total, found = float(length.sum()), float((length * explained).sum())
+    return ViewEvidence(
+        (found - BREAK_EVEN * total) / maps.width,
+        found / max(total, 1e-9),
+        _share_on_markings(pixels[0], ahead[0], paint.structures.points, maps.region.shape, reach),
     )
-    return place_field(conics[:MOST_CIRCLES], structures, maps, template, gray.shape[::-1], side)
+
+
+def _share_on_markings(pixels: Array, ahead: Mask, points: Array, shape: tuple[int, ...], reach: float) -> float:
+    """Share of points (N, 2) that lie within reach, pixels, of outlines (K, M, 2)."""
+    if len(points) == 0:
+        return 1.0
+    strip = np.zeros(shape, np.uint8)
+    limit = 8 * max(shape)
+    for outline, shown in zip(pixels, ahead & (np.abs(pixels) < limit).all(axis=-1), strict=True):
+        drawn = np.rint(np.where(shown[:, None], outline, 0.0)).astype(np.int32)
+        runs = np.split(drawn, np.flatnonzero(np.diff(shown)) + 1)[1 - int(shown[:1].sum()) :: 2]
+        cv2.polylines(strip, [run.reshape(-1, 1, 2) for run in runs], False, 1, thickness=max(1, round(2 * reach)))
+    x, y = np.clip(np.rint(points), 0, (shape[1] - 1, shape[0] - 1)).astype(int).T
+    return float(strip[y, x].mean())
 
 
 def choose_placement(placed: Sequence[PlacedField]) -> PlacedField | None:

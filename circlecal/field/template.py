@@ -139,6 +139,10 @@ class Mark(_Element):
     diameter_m: Annotated[Size, Field(gt=0)] = Field(description="Diameter, metres.")
 
 
+Ground = Literal["grass", "ice", "floor", "any"]
+"""Playing surfaces by their colour: green (turf and green carpet), nearly white, everything else."""
+
+
 class FieldTemplate(BaseModel):
     """Everything painted on one kind of field."""
 
@@ -146,6 +150,10 @@ class FieldTemplate(BaseModel):
 
     name: str = Field(description="Name of the template.")
     title: str = Field(description="One line for people.")
+    sport: str | None = Field(None, description="The sport; its templates differ in their sizes. null: one of its own.")
+    ground: Ground = Field(
+        "any", description="What it is mostly painted on, told by the colour of a picture; where sports are told apart."
+    )
     config: str | None = Field(
         None, description="Configuration that suits the sport, taken where the user names none; null for the defaults."
     )

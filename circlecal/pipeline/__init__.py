@@ -6,7 +6,8 @@ at the picture once more where an attempt's own camera says what to look for; ``
 is not taken leaves nothing behind.
 """
 
+from circlecal.pipeline.field_choice import calibrate_unknown_field
 from circlecal.pipeline.fields import Convention, apply_convention, field_of
 from circlecal.pipeline.run import run, run_observations
 
-__all__ = ["Convention", "apply_convention", "field_of", "run", "run_observations"]
+__all__ = ["Convention", "apply_convention", "calibrate_unknown_field", "field_of", "run", "run_observations"]

@@ -52,9 +52,9 @@ def measure(
             refusal = None
             if marking is None:
                 options = suit_field(config.mask, template)
-                marking, refusal = find_marking(
-                    scene.image, scene.given, options, setting.rng, scene.gray, ruled_out, scene.first_look
-                )
+                key = ("marking", options.model_dump_json(), *(other.key for other in ruled_out))
+                look = scene.given, options, setting.rng, scene.gray, ruled_out, scene.first_look
+                marking, refusal = scene.looks.once(key, lambda: find_marking(scene.image, *look))
             attempt = replace(attempt, mask=marking)
         if refusal is not None:
             raise refusal

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from circlecal.config import Config
+from circlecal.config import AUTO, Config
 from circlecal.errors import ConfigError
 from circlecal.field import Circle, FieldTemplate, load_field
 
@@ -17,9 +17,14 @@ def field_of(config: Config) -> tuple[FieldTemplate, Circle]:
     Raises
     ------
     ConfigError
-        Where the template or its circle does not exist.
+        Where the template or its circle does not exist. Of a field that pictures are to tell it is the first template.
     """
-    template = load_field(config.field.template, config.field.sizes)
+    name = config.field.template
+    if name == AUTO:
+        if config.field.circle is not None or config.field.sizes:
+            raise ConfigError("field.template: auto goes with neither field.circle nor field.sizes; name the field")
+        name = config.field.among[0]
+    template = load_field(name, config.field.sizes)
     template = template.model_copy(update=_known_sizes(config))
     name = config.field.circle or template.default_circle
     circle = template.circle_by_name.get(name)

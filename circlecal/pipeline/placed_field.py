@@ -17,9 +17,9 @@ from circlecal.pipeline.attempts import estimate, take_observations
 from circlecal.pipeline.refinements import Retry
 from circlecal.pipeline.setting import Scene, Setting, lighten_markings
 from circlecal.refusals import Confidence
-from circlecal.results import Attempt, Check
+from circlecal.results import Attempt, Check, MarkingMask
 from circlecal.stages.edges import detect_edges
-from circlecal.stages.mask import find_placement
+from circlecal.stages.mask import MaskConfig, Paint, find_placement, look_for_paint, suit_field
 from circlecal.stages.rays import measure_template
 from circlecal.stages.verdict import needs_confirmation
 
@@ -41,14 +41,22 @@ def _may_place_field(setting: Setting, first: Attempt) -> bool:
     return field.any_circle and field.circle is None and is_seen and is_open and setting.config.camera.enabled
 
 
+def _look_for_paint(scene: Scene, mask: MarkingMask, options: MaskConfig) -> Paint | None:
+    """What stands out from the playing surface of a mask."""
+    key = ("paint", options.model_dump_json(), id(mask))
+    # the mask is kept beside, so that no other one takes its identity
+    return scene.looks.once(key, lambda: (mask, look_for_paint(scene.image, scene.gray, mask, options)))[1]
+
+
 def place_template(setting: Setting, scene: Scene, first: Attempt) -> Iterator[Attempt]:
     """The attempt with the field laid over the picture by all that is painted, where that is possible in one way."""
     mask, config, template = first.mask, setting.config, setting.template
     if mask is None:
         return
     with setting.clock("cues"):
-        side = config.correspondences.camera_side
-        placed = find_placement(scene.image, scene.gray, mask, config.mask, template, side)
+        paint = _look_for_paint(scene, mask, suit_field(config.mask, template))
+        size, side = (setting.width, setting.height), config.correspondences.camera_side
+        placed = find_placement(mask, paint, size, template, side)
     if placed is None:
         return
     told = replace(setting, circle=placed.circle)

@@ -17,7 +17,7 @@ from circlecal.pipeline.fields import Convention, apply_convention, field_of
 from circlecal.pipeline.other_circles import ARCS, OTHER_CIRCLES, mask_arcs
 from circlecal.pipeline.placed_field import PLACED_FIELD
 from circlecal.pipeline.refinements import calibrate_scene
-from circlecal.pipeline.setting import Scene, Setting, frame_generator, prepare_scene
+from circlecal.pipeline.setting import Looks, Scene, Setting, frame_generator, prepare_scene
 from circlecal.results import Attempt, CameraFit, FrameCalibration, Verdict
 
 ARC_ALONE = (
@@ -39,6 +39,7 @@ def run(
     extra: Observations | None = None,
     frame_id: str,
     source: str | None = None,
+    looks: Looks | None = None,
 ) -> FrameCalibration:
     """Calibrate one frame.
 
@@ -56,6 +57,8 @@ def run(
         Name of the frame; with the seed it fixes all random draws.
     source : str, optional
         Path or URL as given, recorded in the result.
+    looks : Looks, optional
+        What was found in the same picture under other templates.
 
     Returns
     -------
@@ -74,7 +77,7 @@ def run(
     if mask is not None and mask.shape != (height, width):
         raise InputError(f"{frame_id}: the mask is {mask.shape[1]}x{mask.shape[0]}, the picture {width}x{height}")
     setting = Setting(config, template, circle, width, height, frame_generator(config.seed))
-    scene = prepare_scene(setting, image, mask, extra)
+    scene = prepare_scene(setting, image, mask, extra, looks)
     attempt = look_for_field_lines(setting, scene)
     if attempt is None:
         attempt = reconsider(setting, scene, calibrate_scene(setting, scene))

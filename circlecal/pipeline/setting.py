@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,8 @@ from circlecal.paint.profiles import to_gray
 from circlecal.pictures.interlacing import measure_row_motion, remove_combs
 from circlecal.results import Attempt, FrameCalibration, MarkingMask
 from circlecal.stages.mask import look_quickly, suit_field
+
+T = TypeVar("T")
 
 
 def frame_generator(seed: int) -> np.random.Generator:
@@ -74,7 +77,21 @@ class Setting:
             config_digest=config_digest(self.config),
             timings_ms=self.timings_ms,
             source=source,
+            template=self.template,
         )
+
+
+class Looks:
+    """What was found in a picture, kept for further templates that ask for the same."""
+
+    def __init__(self) -> None:
+        self._found: dict[tuple[object, ...], object] = {}
+
+    def once(self, key: tuple[object, ...], look: Callable[[], T]) -> T:
+        """What a look finds, or found before under the same key."""
+        if key not in self._found:
+            self._found[key] = look()
+        return cast("T", self._found[key])
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +110,8 @@ class Scene:
         What was given beside the picture.
     first_look : Detection or None
         What the quick passes of the built-in detector found; None where the marking comes from elsewhere.
+    looks : Looks
+        What was found in the picture so far.
     """
 
     image: NDArray[np.uint8]
@@ -100,12 +119,21 @@ class Scene:
     given: NDArray[np.uint8] | None
     extra: Observations | None
     first_look: Detection | None
+    looks: Looks = field(default_factory=Looks)
 
 
 def prepare_scene(
-    setting: Setting, image: NDArray[np.uint8], given: NDArray[np.uint8] | None, extra: Observations | None
+    setting: Setting,
+    image: NDArray[np.uint8],
+    given: NDArray[np.uint8] | None,
+    extra: Observations | None,
+    looks: Looks | None = None,
 ) -> Scene:
-    """A picture with its brightness and a first look for its circle; both halves of an interlaced frame are joined."""
+    """A picture with its brightness and a first look for its circle; both halves of an interlaced frame are joined.
+
+    What was found in the same picture under another template serves this one, too.
+    """
+    looks = looks or Looks()
     with setting.clock("mask"):
         gray = to_gray(image)
         motion = measure_row_motion(gray) if setting.config.mask.deinterlace else None
@@ -113,8 +141,9 @@ def prepare_scene(
             image = remove_combs(image, motion)
             gray = to_gray(image)
         options = suit_field(setting.config.mask, setting.template)
-        first_look = look_quickly(image, given, options, setting.rng, gray)
-    return Scene(image, gray, given, extra, first_look)
+        key = ("first look", options.model_dump_json())
+        first_look = looks.once(key, lambda: look_quickly(image, given, options, setting.rng, gray))
+    return Scene(image, gray, given, extra, first_look, looks)
 
 
 def lighten_markings(gray: NDArray[np.uint8], mask: MarkingMask, circle: Circle) -> NDArray[np.uint8]:

@@ -315,6 +315,20 @@ class AlternativeRecord(_Part):
     camera: CameraRow | None = None
 
 
+class FieldCandidateRecord(_Part):
+    """A field template that a frame may show, and what speaks for it."""
+
+    template: Text
+    sport: Text
+    status: Status
+    code: str | None = None
+    evidence: Number = None
+    found_share: Number = None
+    explained_share: Number = None
+    max_sigma_px: Number = None
+    H_image_field: Matrix | None = None
+
+
 class ResidualsRecord(_Part):
     """Rms per fitted ellipse, one residual per row of the DLT, rms per observation of the camera.
 
@@ -499,6 +513,7 @@ class ResultRecord(ResultRow):
     correspondences: CorrespondencesRecord | None = None
     inliers: dict[str, InliersRecord] | None = None
     alternatives: list[AlternativeRecord] = []
+    fields: list[FieldCandidateRecord] | None = None
     residuals_px: ResidualsRecord | None = None
     observations: ObservationsRecord | None = None
 

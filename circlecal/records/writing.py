@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -44,6 +45,7 @@ def result_record(
         "id": "",
         "image": {"width": calibration.width, "height": calibration.height},
         "field": {"template": template.name, "circle": calibration.circle_name, "sizes": template.sizes},
+        "fields": [asdict(candidate) for candidate in calibration.fields] or None,
         "status": calibration.status,
         "H_image_field": H_image_field if accepted else None,
         "H_field_image": H_field_image if accepted else None,

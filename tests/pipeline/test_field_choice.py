@@ -1,0 +1,109 @@
+"""Which of several fields a picture shows: by the colour of the ground, then by what is painted."""
+
+import numpy as np
+import pytest
+
+from circlecal.config import Config, load_config, suit_config
+from circlecal.errors import ConfigError
+from circlecal.field import load_field
+from circlecal.pipeline import calibrate_unknown_field, field_of, run
+from circlecal.pipeline.field_choice import Answer, choose_answer
+from circlecal.records.record import ResultRecord, result_line
+from circlecal.records.writing import result_record
+from circlecal.results import Attempt, FieldCandidate, FrameCalibration, Verdict
+from circlecal.stages.mask import tell_grounds
+from circlecal.synthetic.sampling import render_frame
+
+AUTO = load_config(None, {"field.template": "auto", "field.among": ["soccer", "robocup", "futsal"]})
+SIZE = (640, 360)
+
+
+def answer(template, evidence=None, explained=1.0):
+    """An answer under a template, refused where there is no evidence."""
+    field = load_field(template)
+    status, code = ("refused", "no_circle_found") if evidence is None else ("calibrated", None)
+    attempt = Attempt(verdict=Verdict(status, code, None, None))
+    found = FrameCalibration("x", *SIZE, template, field.default_circle, attempt, 0, "", template=field)
+    return Answer(found, FieldCandidate(template, field.sport, status, code, evidence, 0.7, explained))
+
+
+@pytest.mark.parametrize(
+    ("bgr", "grounds"),
+    [
+        ((60, 130, 70), ("grass",)),
+        ((228, 225, 220), ("ice", "floor")),
+        ((110, 160, 200), ("floor",)),
+        ((160, 150, 90), ("floor",)),
+        ((110, 110, 110), ("grass", "floor", "ice")),
+    ],
+)
+def test_the_colour_of_the_ground_says_what_may_be_seen(bgr, grounds):
+    assert tell_grounds(np.full((*SIZE[::-1], 3), bgr, np.uint8)) == grounds
+
+
+def test_the_field_that_explains_most_is_taken_and_all_are_named():
+    found = choose_answer([answer("soccer", 0.4), answer("robocup"), answer("futsal", 1.0)])
+    assert (found.status, found.field_name) == ("calibrated", "futsal")
+    assert [candidate.template for candidate in found.fields] == ["futsal", "soccer", "robocup"]
+
+
+def test_two_sports_that_explain_it_alike_are_refused_with_both():
+    found = choose_answer([answer("soccer"), answer("futsal", 1.0), answer("handball", 0.9)])
+    assert (found.status, found.verdict.code) == ("refused", "field_open")
+    assert {"futsal", "handball"} <= {candidate.template for candidate in found.fields}
+
+
+def test_of_one_sport_the_usual_sizes_are_taken_where_others_fit_alike():
+    found = choose_answer([answer("soccer"), answer("basketball", 0.9), answer("basketball-nba", 1.0)])
+    assert (found.status, found.field_name) == ("calibrated", "basketball")
+    assert found.fields[1].template == "basketball-nba"
+
+
+def test_what_leaves_more_paint_unexplained_gives_way():
+    found = choose_answer([answer("soccer"), answer("basketball", 0.6, 0.9), answer("handball", 0.7, 0.3)])
+    assert (found.status, found.field_name) == ("calibrated", "basketball")
+
+
+def test_what_is_not_painted_is_believed_on_its_own_ground_only():
+    answers = [answer("soccer", -0.2), answer("futsal", 0.1, 0.5)]
+    assert choose_answer(answers).status == "calibrated"
+    found = choose_answer(answers, is_at_home=False)
+    assert (found.status, found.verdict.code, found.field_name) == ("refused", "field_open", "soccer")
+    refused = choose_answer([answer("soccer"), answer("futsal", 0.1, 0.5)], is_at_home=False)
+    assert (refused.verdict.code, refused.field_name) == ("no_circle_found", "soccer")
+
+
+def test_a_soccer_frame_is_answered_as_if_soccer_had_been_named():
+    picture = render_frame("easy", np.random.default_rng(3), 960, 540).image
+    found, named = calibrate_unknown_field(picture, AUTO, frame_id="x"), run(picture, Config(), frame_id="x")
+    assert found.status == named.status == "calibrated"
+    assert np.array_equal(found.attempt.camera.theta, named.attempt.camera.theta)
+    assert [candidate.template for candidate in found.fields] == ["soccer"]
+
+
+def test_a_hall_is_told_and_the_record_says_what_was_tried():
+    picture = render_frame("wood", np.random.default_rng(1), 960, 540).image
+    found = calibrate_unknown_field(picture, AUTO, frame_id="x")
+    assert (found.status, found.field_name) == ("calibrated", "futsal")
+    record = ResultRecord.model_validate_json(result_line(result_record(found, found.template)))
+    assert record.field.template == "futsal"
+    # a soccer field would explain the picture, too, but less of it
+    assert [(field.template, field.status) for field in record.fields] == [
+        ("futsal", "calibrated"),
+        ("soccer", "calibrated"),
+    ]
+    assert record.fields[0].evidence > 0.3
+
+
+def test_a_template_brings_its_options_under_those_that_were_set():
+    given = load_config(None, {"field.template": "auto", "camera.roll_sd_deg": 3.5})
+    suited = suit_config(given, "futsal")
+    assert suited.camera.roll_sd_deg == 3.5
+    assert suited == load_config("futsal", {"camera.roll_sd_deg": 3.5})
+
+
+def test_circle_and_sizes_belong_to_a_field_that_is_named():
+    for key, value in (("circle", "centre_circle"), ("sizes", {"length": 100})):
+        with pytest.raises(ConfigError, match="auto goes with neither"):
+            field_of(load_config(None, {"field.template": "auto", f"field.{key}": value}))
+    assert field_of(AUTO)[0].name == "soccer"
