@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import Annotated
+from urllib.parse import quote
 
 import typer
 
@@ -23,6 +24,9 @@ def annotate(
     ] = None,
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page; 0 takes a free one.")] = 0,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Only print the address.")] = False,
+    frame: Annotated[
+        str | None, typer.Option("--frame", metavar="ID", help="Frame to begin with. [default: the first to do]")
+    ] = None,
     every: Annotated[
         str | None,
         typer.Option("--every", metavar="TIME|N", help="Frames of videos: 1s, 500ms, or every Nth. [default: 1s]"),
@@ -36,7 +40,7 @@ def annotate(
 ) -> None:
     """Look at frames, name their markings and see them calibrated, in the browser; everything stays on this machine."""
     from circlecal.cli import console
-    from circlecal.errors import MissingExtraError
+    from circlecal.errors import InputError, MissingExtraError
     from circlecal.pictures.video import DEFAULT_EVERY, Sampling
 
     console.configure_logging(quiet=quiet, verbose=verbose)
@@ -45,6 +49,7 @@ def annotate(
     except ModuleNotFoundError as error:
         raise MissingExtraError(error.name or "starlette", "annotate") from error
     from circlecal.formats.annotation import ANNOTATION_FOLDER
+    from circlecal.report.pages import tell_workbench
     from circlecal.workbench.frames import is_run, list_frames
     from circlecal.workbench.session import Session
     from circlecal.workbench.store import AnnotationStore
@@ -55,7 +60,13 @@ def annotate(
     folder = out or (runs[0] / ANNOTATION_FOLDER if runs else Path("circlecal-annotations"))
     session = Session(frames, AnnotationStore(folder), chosen)
 
+    if frame is not None and all(frame != listed.file.id for listed in frames):
+        raise InputError(f"--frame {frame}: no such frame among the {len(frames)} that were given")
+
     def tell(address: str) -> None:
+        for run in runs:
+            tell_workbench(run, address)
+        address += "" if frame is None else f"#{quote(frame)}"
         console.print_line(address)
         if not quiet:
             console.print_note(
@@ -64,4 +75,8 @@ def annotate(
         if not no_browser:
             typer.launch(address)
 
-    serve(session, port, tell)
+    try:
+        serve(session, port, tell)
+    finally:
+        for run in runs:
+            tell_workbench(run, None)

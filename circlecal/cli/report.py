@@ -22,6 +22,10 @@ def report(
     title: Annotated[
         str | None, typer.Option("--title", help="Title of the page. (default: the folder's name)")
     ] = None,
+    against: Annotated[
+        Path | None,
+        typer.Option("--against", metavar="OTHER", help="Another run of the same frames: what got better, what worse."),
+    ] = None,
     quiet: options.Quiet = False,
     verbose: options.Verbose = False,
 ) -> None:
@@ -32,11 +36,12 @@ def report(
     console.configure_logging(quiet=quiet, verbose=verbose)
     chosen = ReportOptions(frames=frames, width=width, title=title)
     run = read_run(results)
+    other = None if against is None else read_run(against)
     if quiet:
-        write_report(run, out, chosen)
+        write_report(run, out, chosen, against=other)
         return
     with console.count_steps("frames", len(run.rows)) as advance:
-        written = write_report(run, out, chosen, advance)
+        written = write_report(run, out, chosen, advance, other)
     missing = written.frames - written.pictures
     without = f", {missing} without a picture (has it moved? --frames FOLDER)" if missing else ""
     console.print_line(f"{written.page}: {written.frames} frames{without}")

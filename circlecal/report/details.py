@@ -5,28 +5,68 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+from circlecal.overlay.page_view import describe_view, sigma_grid
+from circlecal.overlay.radar import radar_half
 from circlecal.records.record import CameraRecord, ResultRecord
+from circlecal.report.comparison import WORDS, Comparison
+from circlecal.report.drawings import Scene
 from circlecal.report.figures import clock, short
 from circlecal.report.reading import FrameRow
 
 _CASES = {1: "1 (line)", 2: "2 (point)", 3: "3 (two edges)"}
 
 
-def frame_details(record: ResultRecord, row: FrameRow) -> dict[str, Any]:
-    """Facts, checks and times of a frame, ready for JSON.
+SIGMA_GRID = (16, 9)
+"""Columns and rows of the places at which a frame's standard deviation is written: 2 kB of its details."""
+
+
+def frame_details(
+    record: ResultRecord, row: FrameRow, scene: Scene | None, compared: Comparison | None = None
+) -> dict[str, Any]:
+    """Facts, checks and times of a frame, and what tells metres and sigma under the pointer, ready for JSON.
+
+    Parameters
+    ----------
+    record, row : ResultRecord, FrameRow
+        The frame.
+    scene : Scene or None
+        What its record lets draw.
+    compared : Comparison, optional
+        Against another run.
 
     Returns
     -------
     dict
         ``facts``: pairs of label and text; ``checks``: name, value, limit, passed, the failed ones first; ``times``:
-        stage, milliseconds.
+        stage, milliseconds; ``size``: width and height, pixels; ``view`` and ``sigma`` as of
+        :mod:`circlecal.overlay.page_view`; ``radar``: half of the radar's extent, metres; ``other``: pairs of label
+        and text on the other run.
     """
+    view = None if scene is None else scene.view
     checks = [[_words(c.name), short(c.value), short(c.limit), c.passed] for c in record.checks]
     return {
         "facts": [[label, text] for label, text in _facts(record, row) if text],
         "checks": sorted(checks, key=lambda check: bool(check[3])),
         "times": [[stage, short(ms)] for stage, ms in (record.timings_ms or {}).items() if ms],
+        "size": None if scene is None else [scene.width, scene.height],
+        "view": None if view is None else describe_view(view),
+        "sigma": None if view is None else sigma_grid(view, SIGMA_GRID),
+        "radar": None if scene is None or scene.template is None else radar_half(scene.template).tolist(),
+        "other": [[label, text] for label, text in _against(compared)],
     }
+
+
+def _against(compared: Comparison | None) -> Iterator[tuple[str, str]]:
+    if compared is None:
+        return
+    yield "change", WORDS[compared.change][0]
+    if compared.other is None:
+        return
+    yield "there", "calibrated" if compared.other.calibrated else f"refused: {compared.other.code}"
+    if compared.other.sigma_px is not None:
+        yield "sigma there", f"{short(compared.other.sigma_px)} px"
+    if compared.apart_px is not None:
+        yield "cameras apart", f"{short(compared.apart_px)} px rms over the markings in view"
 
 
 def _facts(record: ResultRecord, row: FrameRow) -> Iterator[tuple[str, str]]:

@@ -15,7 +15,7 @@ from circlecal.field import FieldTemplate, load_field
 from circlecal.field.view import FieldView
 from circlecal.geometry.projective import Array
 from circlecal.overlay.canvas import Canvas
-from circlecal.overlay.palette import CIRCLE, INLIER, POINT, REFUSED, TEMPLATE, Color
+from circlecal.overlay.palette import CIRCLE, INLIER, POINT, PURPLE, REFUSED, TEMPLATE, Color
 from circlecal.overlay.radar import radar_half
 from circlecal.overlay.template_lines import pixels_near_picture
 from circlecal.records.record import Pair, ResultRecord
@@ -89,6 +89,17 @@ def template_layer(scene: Scene) -> str | None:
             paths.append(_stroke(_path([found + 0.5], _TOLERANCE * unit), CIRCLE, dashed=True))
     content = "".join(paths)
     return _svg(content, 0, 0, scene.width, scene.height) if content else None
+
+
+def other_layer(scene: Scene) -> str | None:
+    """The field template as another run's camera draws it, in one colour, dashed; None without a camera."""
+    if scene.view is None or scene.template is None:
+        return None
+    lines = (
+        _runs(pixels_near_picture(scene.view, line) + 0.5) for line in scene.view.markings(scene.template).values()
+    )
+    outline = "".join(_path(runs, _TOLERANCE * scene.width / 1920.0) for runs in lines)
+    return _svg(_stroke(outline, PURPLE, dashed=True), 0, 0, scene.width, scene.height) if outline else None
 
 
 def points_layer(scene: Scene) -> str | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import re
@@ -21,19 +22,24 @@ from circlecal.errors import InputError
 from circlecal.files import is_file, is_folder, prepare_folder, read_file, real_path
 from circlecal.overlay.canvas import Picture
 from circlecal.pictures.files import REPORT_FOLDER, natural_order
+from circlecal.records.record import result_line
 from circlecal.refusals import explain
+from circlecal.report.comparison import WORDS, Change, Comparison, compare, count_changes
 from circlecal.report.details import frame_details
 from circlecal.report.drawings import scene_of
 from circlecal.report.figures import Histogram, clock, histogram, short, timelines
 from circlecal.report.originals import Originals
 from circlecal.report.pictures import KINDS, PER_FOLDER, Media, write_file, write_media
 from circlecal.report.reading import FrameRow, StoredRun
+from circlecal.report.tripods import HEADS, plan_of
 
 PAGE_NAME = "index.html"
 MARKER = '<meta name="generator" content="circlecal report'
+ANNOTATE_NAME = "annotate.js"
+"""Tells the page where the workbench of the run is served, if it is."""
 DETAILS_PER_FILE = 50
 _CODE = re.compile(r"circlecal (?!not)[a-z]+|--[a-z-]+(?: FOLDER)?|\b[a-z]+\.[a-z_]+(?:=\w+|\.\w+)?|\b[a-z]+\.\*")
-_ASSETS = ("report.css", "report.js")
+_ASSETS = ("report.css", "base.js", "camera.js", "stage.js", "timeline.js", "report.js")
 _COLUMNS = ("id", "stage", "reason", "case", "sigma_px", "sigma_m", "rms_px", "time_ms", "time_s")
 
 
@@ -71,6 +77,7 @@ def write_report(
     out: Path | None = None,
     options: ReportOptions | None = None,
     on_frame: Callable[[str], None] = lambda name: None,
+    against: StoredRun | None = None,
 ) -> WrittenReport:
     """Write the report of a run.
 
@@ -84,6 +91,8 @@ def write_report(
         The defaults when None.
     on_frame : callable
         Called with the id after each frame, in this thread.
+    against : StoredRun, optional
+        Another run of the same frames, to compare with.
 
     Raises
     ------
@@ -96,18 +105,22 @@ def write_report(
     out = _empty(run.folder / REPORT_FOLDER if out is None else out)
     media: list[int] = []
     details: list[dict[str, Any]] = []
-    for row, (written, told) in zip(run.rows, _frames(run, out, options), strict=True):
+    compared: list[Comparison] = []
+    for row, (written, told, comparison) in zip(run.rows, _frames(run, out, options, against), strict=True):
         media.append(int(written))
         details.append(told)
+        if comparison is not None:
+            compared.append(comparison)
         on_frame(row.id)
         if len(details) == DETAILS_PER_FILE or len(media) == len(run.rows):
             block = (len(media) - 1) // DETAILS_PER_FILE
             write_file(out / "details" / f"{block:05d}.js", _script(f"circlecalDetails({block},", details, ")"))
             details.clear()
-    write_file(out / "frames.js", _script("circlecalFrames(", _listing(run, media), ")"))
+    write_file(out / "frames.js", _script("circlecalFrames(", _listing(run, media, compared), ")"))
+    write_file(out / ANNOTATE_NAME, _script("circlecalAnnotate(", None, ")"))
     for name in _ASSETS:
         write_file(out / name, resources.files("circlecal.report").joinpath("assets", name).read_bytes())
-    write_file(out / PAGE_NAME, _page(run, options).encode("utf-8", "replace"))
+    write_file(out / PAGE_NAME, _page(run, options, compared, against).encode("utf-8", "replace"))
     pictures = sum(bool(m & Media.FRAME) for m in media)
     drawings = sum(bool(m & (Media.TEMPLATE | Media.PLAN)) and not m & Media.FRAME for m in media)
     return WrittenReport(out / PAGE_NAME, len(run.rows), pictures, drawings)
@@ -121,24 +134,32 @@ def _empty(out: Path) -> Path:
     if not ours and any(out.iterdir()):
         raise InputError(f"{out}: holds other files; choose another --out")
     write_file(page, f'<!DOCTYPE html><title>unfinished</title>{MARKER}">The report is being written.\n'.encode())
-    for folder in ("details", *(name for name, _ in KINDS.values())):
+    for folder in ("details", "records", *(name for name, _ in KINDS.values())):
         shutil.rmtree(out / folder, ignore_errors=True)
     return out
 
 
-def _frames(run: StoredRun, out: Path, options: ReportOptions) -> Iterator[tuple[Media, dict[str, Any]]]:
+_Written = tuple[Media, dict[str, Any], Comparison | None]
+
+
+def _frames(run: StoredRun, out: Path, options: ReportOptions, against: StoredRun | None) -> Iterator[_Written]:
     """Write the files of every frame, in order: videos decoded here, one frame after the other, the rest in threads."""
     originals = Originals(run.folder, options.frames)
     workers = os.cpu_count() or 1
-    waiting: deque[Future[tuple[Media, dict[str, Any]]]] = deque()
+    waiting: deque[Future[_Written]] = deque()
 
-    def write(index: int, decoded: Picture | None) -> tuple[Media, dict[str, Any]]:
+    def write(index: int, decoded: Picture | None) -> _Written:
         row = run.rows[index]
         record = run.record(row)
         scene = scene_of(record)
+        other = None if against is None else against.row(row.id)
+        other_scene = None if against is None or other is None else scene_of(against.record(other))
+        compared = None if against is None else compare(row, scene, other, other_scene)
         picture, drawn = originals.picture(row, decoded, None if scene is None else (scene.width, scene.height))
-        written = write_media(out, index, scene, picture, drawn=drawn, width=options.width)
-        return written, frame_details(record, row)
+        written = write_media(out, index, scene, picture, drawn=drawn, width=options.width, other=other_scene)
+        name = out / "records" / f"{index // PER_FOLDER:03d}" / f"{index:06d}.js"
+        write_file(name, f"circlecalRecord({index},{result_line(record)});\n".encode("utf-8", "replace"))
+        return written, frame_details(record, row, scene, compared), compared
 
     with ThreadPoolExecutor(workers) as pool:
         for index, decoded in enumerate(originals.decode(run.rows)):
@@ -149,6 +170,20 @@ def _frames(run: StoredRun, out: Path, options: ReportOptions) -> Iterator[tuple
             yield waiting.popleft().result()
 
 
+def tell_workbench(run: Path, address: str | None) -> None:
+    """Tell the report of a run where its workbench is served, so that frames link to it; None when it has ended.
+
+    Without a report in its usual place nothing is written. Only the user who runs the workbench may read the file,
+    since the address holds its token.
+    """
+    path = run / REPORT_FOLDER / ANNOTATE_NAME
+    if not is_file(path):
+        return
+    with contextlib.suppress(OSError):
+        path.chmod(0o600)
+    write_file(path, _script("circlecalAnnotate(", address, ")"))
+
+
 def _script(before: str, content: Any, after: str) -> bytes:
     """JSON as a script, since pages opened from a folder may load scripts but no JSON."""
     return (
@@ -156,7 +191,7 @@ def _script(before: str, content: Any, after: str) -> bytes:
     )
 
 
-def _listing(run: StoredRun, media: list[int]) -> dict[str, Any]:
+def _listing(run: StoredRun, media: list[int], compared: list[Comparison]) -> dict[str, Any]:
     """The list of frames by columns, for the page's script."""
     codes = [row.code or "unknown" for row in run.rows if not row.calibrated]
     order = [code for code, _ in Counter(codes).most_common()]
@@ -168,12 +203,16 @@ def _listing(run: StoredRun, media: list[int]) -> dict[str, Any]:
     cameras = _cameras(run.rows)
     columns["camera"] = [cameras.index(row.camera) if row.camera is not None else -1 for row in run.rows]
     columns["gained"] = [int(row.gained) for row in run.rows]
+    columns["change"] = [int(one.change) for one in compared] or [-1] * len(run.rows)
+    columns["apart_px"] = [_round(one.apart_px) for one in compared] or [None] * len(run.rows)
     videos = list(dict.fromkeys(row.path for row in run.rows if row.time_s is not None))
     columns["video"] = [videos.index(row.path) if row.time_s is not None else -1 for row in run.rows]
     return {
         "codes": [[code, found.meaning, found.help] for code in order for found in [explain(code, stage[code])]],
         "videos": [Path(path or "").name for path in videos],
         "cameras": cameras,
+        "changes": [WORDS[change][0] for change in Change],
+        "folder": str(run.folder),
         "perFile": DETAILS_PER_FILE,
         "perFolder": PER_FOLDER,
         "columns": columns,
@@ -188,7 +227,7 @@ def _round(value: Any) -> Any:
     return float(f"{value:.5g}") if isinstance(value, float) else value
 
 
-def _page(run: StoredRun, options: ReportOptions) -> str:
+def _page(run: StoredRun, options: ReportOptions, compared: list[Comparison], against: StoredRun | None) -> str:
     import jinja2
 
     environment = jinja2.Environment(
@@ -209,6 +248,10 @@ def _page(run: StoredRun, options: ReportOptions) -> str:
         histograms=_histograms(run.rows),
         timelines=timelines(run.rows),
         cameras=_cameras(run.rows),
+        changes=count_changes(compared),
+        against="" if against is None else real_path(against.folder).name,
+        plan=plan_of(run.folder, run.rows, run.fields.most_common(1)[0][0]),
+        plan_heads=HEADS,
         rows=run.rows,
     )
 
@@ -260,7 +303,7 @@ def _reasons(rows: list[FrameRow]) -> Iterator[dict[str, Any]]:
         }
 
 
-def _histograms(rows: list[FrameRow]) -> list[tuple[str, str, str, Histogram]]:
+def _histograms(rows: list[FrameRow]) -> list[tuple[str, str, str, Histogram, str]]:
     wanted = (
         ("Predicted sigma", "px", "Largest predicted standard deviation of the field around what is seen.", "sigma_px"),
         ("Residual", "px", "Rms distance of the circle's points from the fitted ellipse.", "rms_px"),
@@ -269,10 +312,12 @@ def _histograms(rows: list[FrameRow]) -> list[tuple[str, str, str, Histogram]]:
     found = []
     for name, unit, meaning, column in wanted:
         values = {
-            accepted: [v for row in rows if row.calibrated == accepted and (v := getattr(row, column)) is not None]
+            accepted: [
+                v for row in rows if row.calibrated == accepted and (v := _round(getattr(row, column))) is not None
+            ]
             for accepted in (True, False)
         }
         drawn = histogram(values[True], values[False], () if column == "time_ms" else values[True])
         if drawn is not None:
-            found.append((name, unit, meaning, drawn))
+            found.append((name, unit, meaning, drawn, column))
     return found

@@ -11,7 +11,7 @@ import numpy as np
 from circlecal.files import write_error
 from circlecal.overlay.canvas import Picture
 from circlecal.overlay.radar import warp_to_field
-from circlecal.report.drawings import Scene, draw_on_thumbnail, plan_layer, points_layer, template_layer
+from circlecal.report.drawings import Scene, draw_on_thumbnail, other_layer, plan_layer, points_layer, template_layer
 
 THUMBNAIL_WIDTH = 320
 PER_FOLDER = 1000
@@ -31,6 +31,8 @@ class Media(IntFlag):
     PLAN = 32
     DRAWN = 64
     """The frame is the run's overlay picture, with the drawing in it."""
+    OTHER = 128
+    """The template as the other run's camera draws it."""
 
 
 KINDS = {
@@ -40,6 +42,7 @@ KINDS = {
     Media.POINTS: ("points", "svg"),
     Media.RADAR: ("radar", "jpg"),
     Media.PLAN: ("plan", "svg"),
+    Media.OTHER: ("other", "svg"),
 }
 """Folder and suffix of each kind of file."""
 
@@ -51,7 +54,14 @@ def media_path(out: Path, kind: Media, index: int) -> Path:
 
 
 def write_media(
-    out: Path, index: int, scene: Scene | None, picture: Picture | None, *, drawn: bool, width: int
+    out: Path,
+    index: int,
+    scene: Scene | None,
+    picture: Picture | None,
+    *,
+    drawn: bool,
+    width: int,
+    other: Scene | None = None,
 ) -> Media:
     """Write the pictures and drawings of one frame; return which there are.
 
@@ -65,6 +75,8 @@ def write_media(
         The frame, and whether the calibration is drawn in.
     width : int
         Largest width of the picture.
+    other : Scene, optional
+        What the other run's record lets draw.
 
     Raises
     ------
@@ -81,7 +93,7 @@ def write_media(
         written |= Media.THUMBNAIL | Media.FRAME | (Media.DRAWN if drawn else Media(0))
     if scene is None:
         return written
-    layers = {Media.PLAN: plan_layer(scene)}
+    layers = {Media.PLAN: plan_layer(scene), Media.OTHER: None if other is None else other_layer(other)}
     if not drawn or picture is None:
         layers |= {Media.TEMPLATE: template_layer(scene), Media.POINTS: points_layer(scene)}
         if picture is not None and scene.accepted and scene.view is not None and scene.template is not None:

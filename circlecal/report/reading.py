@@ -22,8 +22,8 @@ class FrameRow:
 
     ``sigma_px`` and ``sigma_m`` are the largest predicted standard deviations near the circle, ``rms_px`` that of the
     fitted ellipse's inliers; None where there is none. ``camera`` and ``alone`` (the verdict before) are those of
-    ``circlecal rig``. ``pan_deg`` and ``focal_px`` are the camera's, None for a refused frame, and ``shot`` counts the
-    shots of a clip that was tracked.
+    ``circlecal rig``. ``pan_deg`` and ``focal_px`` are the camera's, None for a refused frame, ``shot`` counts the
+    shots of a clip that was tracked, and ``position_m`` is where its camera stands: x, y and height.
     """
 
     id: str
@@ -43,6 +43,7 @@ class FrameRow:
     pan_deg: float | None = None
     focal_px: float | None = None
     shot: int | None = None
+    position_m: tuple[float, float, float] | None = None
 
     @property
     def gained(self) -> bool:
@@ -79,6 +80,11 @@ class StoredRun:
     seeds: Counter[str]
     fields: Counter[str]
     _places: dict[str, Place] = field(repr=False)
+    _by_id: dict[str, FrameRow] = field(default_factory=dict, repr=False)
+
+    def row(self, name: str) -> FrameRow | None:
+        """The row of a frame, by its id; None where the run does not have it."""
+        return self._by_id.get(name)
 
     def record(self, row: FrameRow) -> ResultRecord:
         """The record of a frame, read from the disk; what is damaged in it is left out.
@@ -128,7 +134,8 @@ def read_run(results: Path) -> StoredRun:
         raise InputError(f"{results}: holds no results; give the --out folder of circlecal batch or calibrate")
     newest = max(file.stat().st_mtime for file in find_results(results))
     run.written = datetime.fromtimestamp(newest).astimezone()
-    run.rows = sorted({row.id: row for row in run.rows}.values(), key=_order)
+    run._by_id.update((row.id, row) for row in run.rows)
+    run.rows = sorted(run._by_id.values(), key=_order)
     return run
 
 
@@ -153,6 +160,9 @@ def _row(record: ResultRow) -> FrameRow:
         pan_deg=None if accepted is None else accepted.pan_degrees,
         focal_px=None if accepted is None else accepted.x_focal_length,
         shot=None if track is None else track.shot,
+        position_m=None
+        if summary.x_m is None or summary.y_m is None or summary.height_m is None
+        else (summary.x_m, summary.y_m, summary.height_m),
     )
 
 

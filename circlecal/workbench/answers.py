@@ -14,16 +14,14 @@ from circlecal.config import Config
 from circlecal.field import FieldTemplate
 from circlecal.field.view import FieldView
 from circlecal.formats.annotation import AnnotatedMarking, Annotation
-from circlecal.geometry.camera import Camera
 from circlecal.geometry.projective import Array, meet
 from circlecal.observations import MarkingKey
+from circlecal.overlay.page_view import describe_view, sigma_grid
 from circlecal.overlay.template_lines import pixels_near_picture
 from circlecal.pipeline import field_of
 from circlecal.refusals import explain
 from circlecal.results import CameraFit, FrameCalibration
 
-GRID = (32, 18)
-"""Columns and rows of the places at which the standard deviation is told; it changes slowly over a picture."""
 OFF_PX, OFF_SIGMAS = 3.0, 5.0
 """A named marking whose points lie further off contradicts the rest: pixels at 1920 px width, and what its own standard
 deviation and the camera's allow.
@@ -157,7 +155,7 @@ def describe(told: Answer) -> dict[str, Any]:
         "template": {name: runs for name, seen in drawn.items() if (runs := _runs(seen.pixels))},
         "markings": _markings(told, recognised, drawn),
         "suggested": {str(k): name for k, name in suggestions(told, drawn).items()},
-        "camera": None if view is None else describe_camera(view),
+        "camera": None if view is None else describe_view(view),
         "sigma": None if view is None else sigma_grid(view),
         "footprint": [] if view is None else _footprint(view),
         "facts": list(_facts(told)),
@@ -281,41 +279,6 @@ def _place_sigma(view: FieldView, seen: SeenMarking) -> float:
     some = seen.places[inside[:: max(1, len(inside) // FIT_SAMPLES)]]
     sigma = view.project(some, sigma=True).sigma
     return float("inf") if sigma is None else float(np.nanmedian(sigma))
-
-
-def describe_camera(view: FieldView) -> dict[str, Any] | None:
-    """Numbers from which a page goes from pixels to metres by itself; None for a homography alone."""
-    camera = view.camera
-    if not isinstance(camera, Camera):
-        return None
-    return {
-        "width": camera.width,
-        "focal": camera.focal_px.tolist(),
-        "principal": camera.principal_point_px.tolist(),
-        "R": camera.R.tolist(),
-        "position": camera.position_m.tolist(),
-        "kappa": camera.kappa.tolist(),
-        "shape": view.surface.shape,
-        "crown": view.surface.crown_m,
-        "reference": view.surface.reference_m,
-    }
-
-
-def sigma_grid(view: FieldView) -> dict[str, Any] | None:
-    """Standard deviations at the centres of a grid over the picture, px and m, row by row; None where not known."""
-    columns, rows = GRID
-    width, height = view.camera.width, view.camera.height
-    x, y = np.meshgrid((np.arange(columns) + 0.5) * width / columns, (np.arange(rows) + 0.5) * height / rows)
-    on_ground = view.to_field(np.stack([x, y], axis=-1).reshape(-1, 2) - 0.5, sigma=True)
-    in_picture = view.project(on_ground.points, sigma=True).sigma
-    if on_ground.sigma is None or in_picture is None:
-        return None
-    return {
-        "columns": columns,
-        "rows": rows,
-        "px": [_finite(v) for v in in_picture],
-        "m": [_finite(v) for v in on_ground.sigma],
-    }
 
 
 def _footprint(view: FieldView) -> list[list[float]]:

@@ -39,6 +39,7 @@ POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
+_OWN_SITES = ("none", "same-origin")
 _TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css"}
 _HEADERS = {
     "Content-Security-Policy": POLICY,
@@ -187,7 +188,22 @@ class Guard:
         origin = request.headers.get("origin")
         own_origin = origin is None or origin.removeprefix("http://") in self.hosts
         site = request.headers.get("sec-fetch-site", "none")
-        return request.headers.get("host") in self.hosts and own_origin and site in ("none", "same-origin")
+        return request.headers.get("host") in self.hosts and own_origin and (site in _OWN_SITES or _is_link(request))
+
+
+def _is_link(request: Request) -> bool:
+    """Whether a person followed a link to the page, as from a report; the token is in it, and nothing is changed."""
+    wanted = ("GET", "navigate", "document")
+    return (
+        request.url.path.count("/") == 2
+        and request.url.path.endswith("/")
+        and wanted
+        == (
+            request.method,
+            request.headers.get("sec-fetch-mode"),
+            request.headers.get("sec-fetch-dest"),
+        )
+    )
 
 
 async def _body(request: Request) -> bytes:

@@ -2,14 +2,21 @@
 
 import json
 import re
+import shlex
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
+from circlecal.field.view import FieldView
+from circlecal.geometry.camera import Camera, PlaneCamera
+from circlecal.geometry.surface import Surface
+from circlecal.overlay.page_view import describe_view
 from circlecal.pictures.files import REPORT_FOLDER
+from circlecal.records.record import result_line
 from circlecal.report import ReportOptions, read_run, write_report
+from circlecal.report.pages import tell_workbench
 from tests.report.browser import Browser, programs
 from tests.report.conftest import refused, write_run
 from tests.report.test_pages import NASTY, contrast
@@ -45,8 +52,41 @@ def report(tmp_path_factory, named, frame_image) -> Path:
         *(named(f"v{t}", 3.0 + t, source={"path": "match.mp4", "time_s": float(t)}) for t in range(3)),
         refused("v3") | {"source": {"path": "match.mp4", "time_s": 3.0}},
     ]
-    run = read_run(write_run(folder / "run", records))
-    return write_report(run, None, ReportOptions(title="Cup final")).page
+    earlier = [refused("f1"), named("f2", 20.0), named("f10", 30.0), named("f3"), *records[4:6]]
+    run, other = read_run(write_run(folder / "run", records)), read_run(write_run(folder / "earlier", earlier))
+    return write_report(run, None, ReportOptions(title="Cup final"), against=other).page
+
+
+def point_at(browser: Browser, selector: str, share: tuple[float, float], *kinds: str, **more) -> None:
+    """Mouse events at a share of an element's width and height."""
+    box = browser.run(
+        "const e = document.querySelector(arguments[0]); e.scrollIntoView({ block: 'center' });"
+        "const b = e.getBoundingClientRect(); return [b.x, b.y, b.width, b.height]",
+        selector,
+    )
+    x, y = box[0] + share[0] * box[2], box[1] + share[1] * box[3]
+    for kind in kinds:
+        button = {"mouseMoved": "none", "mouseWheel": "none"}.get(kind, "left")
+        held = 1 if more.get("held") else 0
+        wheel = {"deltaX": 0, "deltaY": more.get("wheel", 0)} if kind == "mouseWheel" else {}
+        browser.devtools(
+            "Input.dispatchMouseEvent", type=kind, x=x, y=y, button=button, clickCount=1, buttons=held, **wheel
+        )
+
+
+@pytest.fixture(scope="module")
+def wide_lens() -> FieldView:
+    """A view with a strong lens and a crowned field, whose upper rows are above the horizon."""
+    camera = Camera(
+        width=1280,
+        height=720,
+        focal_px=np.array([900.0, 905.0]),
+        principal_point_px=np.array([650.0, 350.0]),
+        angles_rad=np.radians([12.0, 80.0, 1.5]),
+        position_m=np.array([4.0, 60.0, -14.0]),
+        kappa=np.array([0.12, -0.02]),
+    )
+    return FieldView(camera, Surface("parabola", 9.15, 0.06))
 
 
 @pytest.fixture
@@ -92,6 +132,9 @@ def test_all_frames_are_there_in_order(page):
         ("to", "2.5", ["f2"]),
         ("camera", "camera-1", ["f10"]),
         ("rig", "gained", ["f10"]),
+        ("change", "1", ["f1"]),
+        ("change", "2", ["f3"]),
+        ("change", "4", ["f2"]),
         ("q", "F1", ["f1", "f10"]),
         ("q", "uncertain 99", ["f4"]),
         ("q", "nothing like it", []),
@@ -199,6 +242,71 @@ def test_zoom_keeps_the_layers_together(page):
     np.testing.assert_allclose(after[0], after[1], atol=0.01)
     page.press("z")
     np.testing.assert_allclose(page.run(boxes), before)
+    # the wheel zooms about the pointer, a drag moves, and neither ever shows what is beside the picture
+    point_at(page, "#stage", (0.25, 0.5), "mouseMoved", "mouseWheel", wheel=-600)
+    wheeled = np.array(page.run(boxes))
+    zoom = wheeled[0, 2] / before[0, 2]
+    assert zoom == pytest.approx(np.exp(600 * 0.0016), rel=1e-3)
+    assert wheeled[0, 0] + 0.25 * wheeled[0, 2] == pytest.approx(before[0, 0] + 0.25 * before[0, 2], abs=1.0)
+    point_at(page, "#stage", (0.5, 0.5), "mouseMoved", "mousePressed")
+    point_at(page, "#stage", (0.6, 0.5), "mouseMoved", held=True)
+    point_at(page, "#stage", (0.6, 0.5), "mouseReleased")
+    dragged = np.array(page.run(boxes))
+    assert dragged[0, 0] - wheeled[0, 0] == pytest.approx(0.1 * before[0, 2], abs=1.0)
+    np.testing.assert_allclose(dragged[0], dragged[1], atol=0.01)
+    page.press("z")
+    np.testing.assert_allclose(page.run(boxes), before)
+
+
+def test_the_page_computes_metres_and_sigma_as_python_does(page, report, wide_lens):
+    page.run("location.hash = 'frame=1'")
+    page.wait(f"{OPEN} && document.querySelector('#facts dd')")
+    row = read_run(report.parents[1]).row("f1")
+    own = read_run(report.parents[1]).record(row).view
+    plane = FieldView(PlaneCamera(own.camera.width, own.camera.height, own.camera.homography))
+    script = "return arguments[1].map(([x, y]) => circlecalCamera.toField(arguments[0], x, y) || [null, null])"
+    for view in (own, wide_lens, plane):
+        x, y = np.meshgrid(np.linspace(0, view.camera.width - 1, 9), np.linspace(0, view.camera.height - 1, 7))
+        pixels = np.stack([x, y], axis=-1).reshape(-1, 2)
+        told = np.array(page.run(script, describe_view(view), pixels.tolist()), dtype=np.float64)
+        np.testing.assert_allclose(told, view.to_field(pixels), atol=1e-4, rtol=1e-6)
+    for share in ((0.5, 0.5), (0.3, 0.8)):
+        point_at(page, "#stage", share, "mouseMoved")
+        text = page.run("return document.getElementById('under').textContent")
+        numbers = [float(n) for n in re.findall(r"-?\d+\.?\d*", text)]
+        pixel = np.array(share) * (own.camera.width, own.camera.height) - 0.5
+        place, sigma = own.to_field(pixel, sigma=True)
+        np.testing.assert_allclose(numbers[:2], pixel, atol=1.0)
+        np.testing.assert_allclose(numbers[2:4], place, atol=0.05)
+        np.testing.assert_allclose(numbers[4], own.project(place, sigma=True).sigma, rtol=0.1)
+        np.testing.assert_allclose(numbers[5], sigma, rtol=0.1)
+    assert page.run("return document.querySelector('#radar .here').checkVisibility()")
+    page.press("m")
+    assert page.run("return document.querySelector('#stage .heat').checkVisibility()")
+
+
+def test_the_record_and_the_way_to_the_workbench(page, report):
+    page.run("location.hash = 'frame=1'")
+    page.wait(OPEN)
+    page.run("document.getElementById('show-record').click()")
+    page.wait("document.getElementById('record-text').textContent.startsWith('{')")
+    told = json.loads(page.run("return document.getElementById('record-text').textContent"))
+    stored = read_run(report.parents[1])
+    assert told == json.loads(result_line(stored.record(stored.row("f1"))))
+    page.press("k")
+    assert page.run("return document.getElementById('record').hidden")
+    command = page.run("return document.getElementById('command').textContent")
+    assert shlex.split(command) == ["circlecal", "annotate", str(report.parents[1]), "--frame", NASTY]
+    link = "return [document.getElementById('annotate').hidden, document.getElementById('annotate').href]"
+    assert page.run(link)[0]
+    for address, shown in (("http://127.0.0.1:4711/t0ken/", True), ("javascript:alert(1)", False), (None, False)):
+        tell_workbench(report.parents[1], address)
+        page.open(report)
+        page.run("location.hash = 'frame=1'")
+        page.wait(OPEN)
+        hidden, target = page.run(link)
+        assert hidden != shown
+        assert not shown or target == f"{address}#f1"
 
 
 def _pixels(page) -> np.ndarray:
@@ -231,7 +339,7 @@ def test_large_view_tells_why(page):
 
 def test_large_view_of_a_calibrated_frame(page):
     page.run("location.hash = 'frame=1'")
-    page.wait(f"{OPEN} && document.querySelectorAll('#more table').length === 2")
+    page.wait(f"{OPEN} && document.querySelectorAll('#more table').length === 3")
     text = page.run("return document.getElementById('large').innerText")
     for said in ("✓ calibrated", "predicted sigma", "m high", "pan, tilt, roll", "sigma px", "Radar"):
         assert said in text
@@ -267,9 +375,48 @@ def test_links_of_the_summary_filter(page):
     page.run("document.querySelector('.reasons a[href*=too_uncertain]').click()")
     page.wait("document.querySelectorAll('.card').length === 1")
     assert page.run(f"return {IDS}") == ["f4"]
-    page.run("document.querySelector('[data-range]').dispatchEvent(new MouseEvent('click', { bubbles: true }))")
+    page.run("document.querySelector('#filter button[type=reset]').click()")
+    page.wait("document.querySelectorAll('.card').length === 10")
+    bars = "[...document.querySelectorAll('.chart')][0].querySelectorAll('a')"
+    counts = page.run(f"return [...{bars}].map(a => a.getAttribute('aria-label').match(/show (\\d+)/)[1])")
+    assert sum(map(int, counts)) == 6
+    for k, count in enumerate(counts):
+        page.run(f"{bars}[{k}].dispatchEvent(new MouseEvent('click', {{ bubbles: true, cancelable: true }}))")
+        page.wait(f"location.hash.includes('bar=') && document.querySelectorAll('.card .name').length === {count}")
+    page.wait("!document.getElementById('bar').hidden")
+    assert page.run(f"return {IDS}") == ["f10"]
+    page.run("""
+        const keep = URL.createObjectURL;
+        URL.createObjectURL = (content) => { window.saved = content; return keep.call(URL, content); };
+        HTMLAnchorElement.prototype.click = () => {};
+        document.getElementById('ids').click();
+    """)
+    assert page.run("return window.saved.text()") == "f10\n"
+    page.run("document.getElementById('bar').click()")
+    page.wait("document.querySelectorAll('.card').length === 10")
+
+
+def test_every_moment_of_the_timeline_opens_its_frame(page):
+    pictures, video = ".match:nth-of-type(1) .strip", ".match:nth-of-type(2) .strip.sigma"
+    point_at(page, video, (0.6, 0.5), "mouseMoved", "mousePressed", "mouseReleased")
+    page.wait(OPEN)
+    assert page.run(f"return {TITLE}").startswith("v2 ")
+    page.press("Escape")
+    page.wait(f"!{OPEN}")
+    assert "0:02, v2: calibrated, sigma 5 px" in page.run("return document.querySelectorAll('.moment')[1].textContent")
+    page.run(f"document.querySelector('{pictures}').focus()")
+    page.press("ArrowRight", "ArrowRight")
+    assert page.run("return document.activeElement.getAttribute('aria-valuetext')").startswith("f2: calibrated")
+    page.press("Enter")
+    page.wait(OPEN)
+    assert page.run(f"return {TITLE}").startswith("f2 ")
+    page.press("Escape")
+    page.wait(f"!{OPEN}")
+    point_at(page, pictures, (0.1, 0.5), "mouseMoved", "mousePressed")
+    point_at(page, pictures, (0.4, 0.5), "mouseMoved", held=True)
+    point_at(page, pictures, (0.4, 0.5), "mouseReleased")
     page.wait("!document.getElementById('range').hidden")
-    assert page.run(f"return {IDS}") == [NASTY]
+    assert page.run(f"return {IDS}") == [NASTY, "f1", "f2"]
     page.run("document.getElementById('range').click()")
     page.wait("document.querySelectorAll('.card').length === 10")
 

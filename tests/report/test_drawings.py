@@ -106,14 +106,14 @@ def test_damaged_records_are_drawn_as_far_as_they_go(good_record, tmp_path, chan
             layer(scene)
     if "ellipses" not in change and "camera" not in change:
         (row,) = read_run(write_run(tmp_path, [record])).rows
-        assert frame_details(sound(record), row)["facts"]
+        assert frame_details(sound(record), row, scene)["facts"]
 
 
 def test_details_name_what_failed_first(good_record, tmp_path):
     checks = [{"name": "sigma_px", "value": 99.0, "limit": 60.0, "passed": False}]
     record = good_record | {"checks": good_record["checks"] + checks}
     (row,) = read_run(write_run(tmp_path, [record])).rows
-    told = frame_details(sound(record), row)
+    told = frame_details(sound(record), row, None)
     assert told["checks"][0] == ["sigma px", "99", "60", False]
     facts = dict(told["facts"])
     assert facts["picture"] == "960 x 540 px"

@@ -54,6 +54,10 @@ def test_strangers_are_refused(client):
     assert client.ask("", Host="evil.example")[0] == 403
     assert client.ask("frames.json", Origin="http://evil.example")[0] == 403
     assert client.ask("frames.json", **{"Sec-Fetch-Site": "cross-site"})[0] == 403
+    link = {"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "navigate", "Sec-Fetch-Dest": "document"}
+    assert client.ask("", **link)[0] == 200  # a person follows the link of a report
+    assert client.ask("frames.json", **link)[0] == 403
+    assert client.ask("", **link | {"Sec-Fetch-Dest": "iframe"})[0] == 403
     assert parts.hostname == "127.0.0.1" and len(parts.path) > 30
 
 

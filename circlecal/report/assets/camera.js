@@ -31,6 +31,10 @@ globalThis.circlecalCamera = (() => {
   // The field point (metres) that is seen at a pixel; null above the horizon.
   const toField = (camera, x, y) => {
     if (!camera) return null;
+    if (camera.homography) {
+      const [u, v, w] = camera.homography.map((row) => row[0] * x + row[1] * y + row[2]);
+      return w > 0 ? [u / w, v / w] : null;
+    }
     const seen = undistort(camera, x, y);
     if (!seen) return null;
     const R = camera.R, [px, py, pz] = camera.position;

@@ -1,41 +1,31 @@
 "use strict";
-// The list of frames and the large view. frames.js calls circlecalFrames, details/*.js call circlecalDetails.
+// The list of frames and the large view. frames.js calls circlecalFrames, details/*.js call circlecalDetails, records/*.js
+// circlecalRecord, annotate.js circlecalAnnotate.
 (() => {
-  const root = document.documentElement;
-  root.classList.add("scripted");
-  const stored = (() => { try { return localStorage.getItem("circlecal-theme"); } catch { return null; } })();
-  const dark = window.matchMedia("(prefers-color-scheme: dark)");
-  const setTheme = (name) => {
-    root.dataset.theme = name;
-    document.getElementById("theme")?.setAttribute("aria-pressed", String(name === "dark"));
-  };
-  setTheme(stored || (dark.matches ? "dark" : "light"));
-  dark.addEventListener("change", (event) => { if (!stored) setTheme(event.matches ? "dark" : "light"); });
-
+  const { element, make, short, clock, quote, saveFile, picture, nothing } = circlecalPage;
   const MEDIA = {
     thumbnails: [1, "jpg"], frames: [2, "jpg"], template: [4, "svg"],
-    points: [8, "svg"], radar: [16, "jpg"], plan: [32, "svg"],
+    points: [8, "svg"], radar: [16, "jpg"], plan: [32, "svg"], other: [128, "svg"],
   };
   const DRAWN = 64;
+  const LAYERS = { template: "Field template as calibrated", points: "Points of the circle", other: "Field template as the other run's camera draws it" };
   const PER_PAGE = 60;
-  const SORTS = { id: "id", verdict: "code", reason: "code", case: "case", sigma: "sigma_px", residual: "rms_px", time: "time_ms" };
-  const FIELDS = ["q", "verdict", "reason", "case", "camera", "rig", "from", "to", "sort", "down"];
+  const SORTS = { id: "id", verdict: "code", reason: "code", case: "case", sigma: "sigma_px", residual: "rms_px", time: "time_ms", apart: "apart_px" };
+  const FIELDS = ["q", "verdict", "reason", "case", "camera", "rig", "change", "from", "to", "sort", "down"];
   const byNumbers = new Intl.Collator("en", { numeric: true });
 
   let run = null;      // what frames.js holds
   let shown = [];      // positions of the frames that pass the filter, sorted
   let page = 0;
   let range = null;    // first and last position, from the timeline
+  let bar = null;      // column, smallest value, first larger value (null: no limit), from a histogram
+  let workbench = null;  // address of circlecal annotate, where it runs
   let open = -1;       // place in `shown` of the large view
   let cursor = 0;      // place in `shown` of the card that has or had the focus
+  let stage = null;    // the large picture
+  let markMoment = () => {};
   const details = new Map();
 
-  const element = (id) => document.getElementById(id);
-  const make = (name, properties = {}, ...children) => {
-    const made = Object.assign(document.createElement(name), properties);
-    made.append(...children);
-    return made;
-  };
   const cell = (column, k) => run.columns[column][k];
   const refused = (k) => cell("code", k) >= 0;
   const has = (k, kind) => (cell("media", k) & MEDIA[kind][0]) !== 0;
@@ -43,19 +33,6 @@
     const folder = String(Math.floor(k / run.perFolder)).padStart(3, "0");
     return `${kind}/${folder}/${String(k).padStart(6, "0")}.${MEDIA[kind][1]}`;
   };
-  const short = (value) => {
-    if (value === null) return "-";
-    const size = Math.abs(value);
-    return String(Number(value.toFixed(size >= 100 ? 0 : size >= 10 ? 1 : size >= 1 ? 2 : 3)));
-  };
-  const clock = (seconds) => {
-    const tenths = Math.round(seconds * 10), whole = Math.floor(tenths / 10);
-    const two = (n) => String(n).padStart(2, "0");
-    const hours = Math.floor(whole / 3600), minutes = Math.floor(whole / 60) % 60;
-    const text = hours ? `${hours}:${two(minutes)}:${two(whole % 60)}` : `${minutes}:${two(whole % 60)}`;
-    return tenths % 10 ? `${text}.${tenths % 10}` : text;
-  };
-
   // filter and sort
   const wanted = () => Object.fromEntries(new FormData(element("filter")));
   const select = () => {
@@ -71,6 +48,11 @@
       if (want.case && String(cell("case", k)) !== want.case) return false;
       if (want.camera && run.cameras[cell("camera", k)] !== want.camera) return false;
       if (want.rig && !cell("gained", k)) return false;
+      if (want.change && cell("change", k) !== Number(want.change)) return false;
+      if (bar) {
+        const value = cell(bar[0], k);
+        if (value === null || (bar[1] !== null && value < bar[1]) || (bar[2] !== null && value >= bar[2])) return false;
+      }
       if (range && (k < range[0] || k > range[1])) return false;
       if (limited) {
         const sigma = cell("sigma_px", k);
@@ -102,6 +84,7 @@
     const want = wanted(), parts = new URLSearchParams();
     for (const name of FIELDS) if (want[name]) parts.set(name, want[name]);
     if (range) parts.set("range", range.join("-"));
+    if (bar) parts.set("bar", bar.map((limit) => limit ?? "").join(":"));
     if (page) parts.set("page", String(page + 1));
     if (open >= 0) parts.set("frame", String(shown[open]));
     const text = parts.toString();
@@ -121,6 +104,8 @@
     }
     const ends = /^(\d+)-(\d+)$/.exec(parts.get("range") || "");
     range = ends ? [Number(ends[1]), Number(ends[2])] : null;
+    const limits = /^(sigma_px|rms_px|time_ms):([-+.\de]*):([-+.\de]*)$/.exec(parts.get("bar") || "");
+    bar = limits ? [limits[1], ...limits.slice(2).map((limit) => (limit === "" ? null : Number(limit)))] : null;
     refresh(Number(parts.get("page") || 1) - 1);
     const frame = parts.get("frame");
     const place = frame === null ? -1 : shown.indexOf(Number(frame));
@@ -138,6 +123,12 @@
     element("count").textContent = `${shown.length} of ${run.columns.id.length} frames: ${shown.length - no} calibrated, ${no} refused`;
     element("range").hidden = !range;
     if (range) element("range").textContent = `only ${cell("id", range[0])} to ${cell("id", Math.min(range[1], run.columns.id.length - 1))} – show all`;
+    element("bar").hidden = !bar;
+    if (bar) {
+      const [name, unit] = { sigma_px: ["sigma", "px"], rms_px: ["residual", "px"], time_ms: ["time", "ms"] }[bar[0]];
+      element("bar").textContent = `only ${name} ${bar[1] === null ? "below" : `${short(bar[1])} to`} ${bar[2] === null ? "any" : short(bar[2])} ${unit} – show all`;
+    }
+    element("ids").disabled = !shown.length;
   };
 
   const paint = () => {
@@ -156,14 +147,6 @@
     remember();
   };
 
-  const nothing = (text) => make("span", { className: "none", textContent: text });
-  const picture = (source, alt, lazy) => {
-    const made = make("img", { alt, decoding: "async" });
-    if (lazy) made.loading = "lazy";
-    made.addEventListener("error", () => made.replaceWith(nothing("picture missing")), { once: true });
-    made.src = source;
-    return made;
-  };
   const verdict = (k) => make("span", {
     className: `verdict ${refused(k) ? "no" : "yes"}`,
     textContent: refused(k) ? "✕ refused" : "✓ calibrated",
@@ -173,12 +156,13 @@
     const sigma = cell("sigma_px", k), number = cell("case", k);
     const said = refused(k) ? run.codes[cell("code", k)][0]
       : [sigma === null ? "no sigma" : `sigma ${short(sigma)} px`, ...(number === null ? [] : [`case ${number}`])].join(", ");
+    const change = cell("change", k) > 0 ? [make("span", { className: "say", textContent: run.changes[cell("change", k)] })] : [];
     const made = make("a", { className: "card", href: `#frame=${k}` },
       make("span", { className: "thumb" }, kind ? picture(file(k, kind), "", true) : nothing("no picture")),
       make("span", { className: "told" },
         make("span", { className: "name", textContent: cell("id", k) }),
         make("span", { className: "say" }, verdict(k)),
-        make("span", { className: "say", textContent: said })));
+        make("span", { className: "say", textContent: said }), ...change));
     made.addEventListener("click", (event) => {
       if (event.ctrlKey || event.metaKey || event.shiftKey) return;
       event.preventDefault();
@@ -217,49 +201,51 @@
     element("place").textContent = `${when}${open + 1} of ${shown.length}`;
     element("previous").disabled = open === 0;
     element("next").disabled = open === shown.length - 1;
-    stage(k);
+    show(k);
     radar(k);
     why(k);
     tell(k);
+    annotating(k);
+    markMoment(k);
+    showRecord(null);
     element("large-title").focus({ preventScroll: true });
     large.querySelector(".large-body").scrollTop = 0;
     remember();
   };
-  const stage = (k) => {
-    const box = element("stage");
-    const layers = [];
-    const drawn = (cell("media", k) & DRAWN) !== 0;
-    const shape = (event) => box.style.setProperty("--shape", String(event.target.naturalWidth / event.target.naturalHeight || 16 / 9));
+  const show = (k) => {
+    const layers = [], drawn = (cell("media", k) & DRAWN) !== 0;
     if (has(k, "frames")) layers.push(picture(file(k, "frames"), `Frame ${cell("id", k)}${drawn ? " with the calibration drawn in" : ""}`));
-    for (const kind of ["template", "points"]) {
-      if (has(k, kind)) layers.push(Object.assign(picture(file(k, kind), kind === "template" ? "Field template as calibrated" : "Points of the circle"), { className: `layer ${kind}` }));
+    for (const [kind, alt] of Object.entries(LAYERS)) {
+      element(`show-${kind}`).disabled = !has(k, kind);
+      if (has(k, kind)) layers.push(Object.assign(picture(file(k, kind), alt), { className: `layer ${kind}` }));
     }
-    if (layers.length) layers[0].addEventListener("load", shape, { once: true });
-    box.replaceChildren(...(layers.length ? layers : [nothing("no picture and nothing to draw")]));
-    element("show-template").disabled = !has(k, "template");
-    element("show-points").disabled = !has(k, "points");
+    stage.load(layers.length ? layers : [nothing("no picture and nothing to draw")]);
     element("missing").textContent = drawn ? "the run's overlay: the frame's own file is gone"
       : has(k, "frames") ? "" : "the frame's file is gone";
     layered();
   };
-  const look = (event) => {
-    const box = element("stage").getBoundingClientRect();
-    const share = (value, start, size) => String(Math.min(Math.max((value - start) / size, 0), 1));
-    element("stage").style.setProperty("--look-x", share(event.clientX, box.left, box.width));
-    element("stage").style.setProperty("--look-y", share(event.clientY, box.top, box.height));
-  };
-  const zoomed = () => element("stage").classList.toggle("zoomed", element("zoom").checked);
   const layered = () => {
-    for (const kind of ["template", "points"]) {
+    for (const kind of Object.keys(LAYERS)) {
       const on = element(`show-${kind}`).checked;
       for (const layer of document.querySelectorAll(`#stage .${kind}, #radar .${kind}`)) layer.hidden = !on;
     }
+    stage.showHeat(element("show-heat").checked);
+    element("heat-scale").hidden = stage.heat.hidden;
+  };
+  const under = (text, field) => {
+    element("under").textContent = text;
+    const here = document.querySelector("#radar .here"), half = stage.told?.radar;
+    if (!here || !half) return;
+    here.hidden = !field || Math.abs(field[0]) > half[0] || Math.abs(field[1]) > half[1];
+    if (here.hidden) return;
+    here.style.left = `${50 + (50 * field[0]) / half[0]}%`;
+    here.style.top = `${50 + (50 * field[1]) / half[1]}%`;
   };
   const radar = (k) => {
     const layers = [];
     if (has(k, "radar")) layers.push(picture(file(k, "radar"), "The frame seen from above"));
     if (has(k, "plan")) layers.push(Object.assign(picture(file(k, "plan"), "Field from above with the part that the frame shows"), { className: has(k, "radar") ? "layer template" : "layer" }));
-    const ground = make("div", { className: "ground" }, ...layers);
+    const ground = make("div", { className: "ground" }, ...layers, make("i", { className: "here", hidden: true }));
     layers.at(-1)?.addEventListener("load", (event) => ground.style.setProperty("--shape", String(event.target.naturalWidth / event.target.naturalHeight || 1.5)), { once: true });
     element("radar").replaceChildren(...(layers.length ? [make("h3", { textContent: "Radar: the field from above" }), ground] : []));
     layered();
@@ -289,11 +275,15 @@
     }
     const told = details.get(block)?.[k % run.perFile];
     if (!told) return;
+    stage.tell(told);
+    element("show-heat").disabled = !told.sigma;
+    layered();
     facts.replaceChildren(...told.facts.flatMap(([label, text]) => [make("dt", { textContent: label }), make("dd", { textContent: text })]));
     const table = (title, heads, rows) => rows.length ? [make("div", {}, make("h3", { textContent: title }), make("table", {},
       make("thead", {}, make("tr", {}, ...heads.map((head, n) => make("th", { scope: "col", className: n ? "number" : "", textContent: head })))),
       make("tbody", {}, ...rows.map((row) => make("tr", {}, ...row.map((text, n) => make("td", { className: n ? "number" : "", textContent: text })))))))] : [];
     more.replaceChildren(
+      ...table("Against the other run", ["", ""], told.other),
       ...table("Checks", ["check", "value", "limit", "passed"], told.checks.map(([name, value, limit, passed]) => [name, value, limit, passed ? "✓" : "✕ no"])),
       ...table("Time", ["stage", "ms"], told.times));
   };
@@ -302,13 +292,43 @@
     if (open >= 0 && Math.floor(shown[open] / run.perFile) === block) tell(shown[open]);
   };
 
-  const toggle = (kind) => {
-    const box = element(`show-${kind}`);
-    if (!box.disabled) { box.checked = !box.checked; layered(); }
+  // the whole record: one file each, read when it is asked for
+  const showRecord = (k) => {
+    const box = element("record");
+    box.hidden = k === null;
+    element("show-record").setAttribute("aria-expanded", String(k !== null));
+    if (k === null) return;
+    element("record-text").textContent = "reading …";
+    const name = `records/${String(Math.floor(k / run.perFolder)).padStart(3, "0")}/${String(k).padStart(6, "0")}.js`;
+    const script = make("script", { src: name });
+    script.addEventListener("error", () => { element("record-text").textContent = `${name} is missing`; });
+    script.addEventListener("load", () => script.remove());
+    document.head.append(script);
   };
-  const zoom = () => {
-    element("zoom").checked = !element("zoom").checked;
-    zoomed();
+  window.circlecalRecord = (k, record) => { if (shown[open] === k) element("record-text").textContent = JSON.stringify(record, null, 1); };
+
+  const annotating = (k) => {
+    element("command").textContent = `circlecal annotate ${quote(run.folder)} --frame ${quote(cell("id", k))}`;
+    const link = element("annotate");
+    link.hidden = !workbench;
+    if (workbench) link.href = `${workbench}#${encodeURIComponent(cell("id", k))}`;
+  };
+  window.circlecalAnnotate = (address) => { workbench = /^http:\/\/127\.0\.0\.1:\d+\/[\w-]+\/$/.test(address || "") ? address : null; };
+
+  const moment = (k) => {
+    const sigma = cell("sigma_px", k);
+    const time = cell("time_s", k) === null ? "" : `${clock(cell("time_s", k))}, `;
+    return `${time}${cell("id", k)}: ${refused(k) ? `refused, ${run.codes[cell("code", k)][0]}` : `calibrated${sigma === null ? "" : `, sigma ${short(sigma)} px`}`}`;
+  };
+  const openFrame = (k) => {
+    if (!shown.includes(k)) { element("filter").reset(); range = bar = null; refresh(); }
+    openAt(shown.indexOf(k));
+  };
+  const choose = (first, last) => { range = [first, last]; refresh(); remember(); element("frames").scrollIntoView(); };
+
+  const toggle = (id) => {
+    const box = element(id);
+    if (!box.disabled) { box.checked = !box.checked; layered(); }
   };
   const onKey = (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || !run) return;
@@ -319,9 +339,12 @@
     const step = { j: 1, k: -1, ArrowRight: 1, ArrowLeft: -1 }[event.key];
     if (large) {
       if (step) openAt(open + step);
-      else if (event.key === "t") toggle("template");
-      else if (event.key === "p") toggle("points");
-      else if (event.key === "z") zoom();
+      else if (event.key === "t") toggle("show-template");
+      else if (event.key === "p") toggle("show-points");
+      else if (event.key === "o") toggle("show-other");
+      else if (event.key === "m") toggle("show-heat");
+      else if (event.key === "z") stage.toggle();
+      else if (event.key === "+" || event.key === "-") stage.zoomBy(event.key === "+" ? 1.4 : 1 / 1.4);
       else return;
     } else if (event.key === "/") {
       element("filter").elements.q.focus();
@@ -345,8 +368,15 @@
     const changed = () => { clearTimeout(waiting); waiting = setTimeout(() => { refresh(); remember(); }, 80); };
     form.addEventListener("input", changed);
     form.addEventListener("submit", (event) => event.preventDefault());
-    form.addEventListener("reset", () => { range = null; setTimeout(() => { refresh(); remember(); }); });
+    form.addEventListener("reset", () => { range = bar = null; setTimeout(() => { refresh(); remember(); }); });
     element("range").addEventListener("click", () => { range = null; refresh(); remember(); form.elements.q.focus(); });
+    element("bar").addEventListener("click", () => { bar = null; refresh(); remember(); form.elements.q.focus(); });
+    element("ids").addEventListener("click", () => saveFile("ids.txt", shown.map((k) => `${cell("id", k)}\n`).join(""), "text/plain"));
+    element("show-record").addEventListener("click", () => showRecord(element("record").hidden ? shown[open] : null));
+    element("save-record").addEventListener("click", () => saveFile(`${cell("id", shown[open]).replaceAll("/", "_")}.json`, element("record-text").textContent, "application/json"));
+    element("copy").addEventListener("click", async () => {
+      try { await navigator.clipboard.writeText(element("command").textContent); element("copy").textContent = "Copied"; } catch { getSelection().selectAllChildren(element("command")); }
+    });
     element("back").addEventListener("click", () => turn(page - 1, (page - 1) * PER_PAGE));
     element("on").addEventListener("click", () => turn(page + 1, (page + 1) * PER_PAGE));
     element("previous").addEventListener("click", () => openAt(open - 1));
@@ -359,14 +389,16 @@
       remember();
     });
     element("large").addEventListener("click", (event) => { if (event.target === element("large")) element("large").close(); });
-    for (const kind of ["template", "points"]) element(`show-${kind}`).addEventListener("change", layered);
-    element("zoom").addEventListener("change", zoomed);
-    element("stage").addEventListener("click", (event) => { look(event); zoom(); });
-    element("stage").addEventListener("pointermove", (event) => { if (event.pointerType === "mouse") look(event); });
+    for (const name of [...Object.keys(LAYERS), "heat"]) element(`show-${name}`).addEventListener("change", layered);
+    element("zoom").addEventListener("change", () => stage.toggle());
     document.addEventListener("keydown", onKey);
-    for (const bar of document.querySelectorAll("[data-range]")) {
-      bar.addEventListener("click", () => { location.hash = `range=${bar.dataset.range}`; });
-    }
+    stage = new circlecalPage.Stage(element("stage"), { under, zoomed: (on) => { element("zoom").checked = on; } });
+    element("heat-scale").append("sigma at 1920 px width:", ...circlecalCamera.SCALE.flatMap((limit, k) => {
+      const swatch = make("i");
+      swatch.style.background = `rgb(${circlecalCamera.COLOURS[k].join(" ")})`;
+      return [swatch, `${limit} px`];
+    }));
+    markMoment = circlecalPage.timelines(moment, openFrame, choose);
     window.addEventListener("hashchange", () => {
       if (!location.hash.includes("=")) return;
       recall();
@@ -374,13 +406,4 @@
     });
     recall();
   };
-
-  document.addEventListener("DOMContentLoaded", () => {
-    setTheme(root.dataset.theme);
-    element("theme").addEventListener("click", () => {
-      const name = root.dataset.theme === "dark" ? "light" : "dark";
-      setTheme(name);
-      try { localStorage.setItem("circlecal-theme", name); } catch { /* private window */ }
-    });
-  });
 })();
