@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 
@@ -26,13 +27,23 @@ __all__ = ["ClipFrame", "PicturesAt", "survey_clip", "track_frames"]
 
 WINDOW, OVERLAP = 400, 150
 """Frames that are smoothed at once at most, and those that the next window shares with it."""
+HEAD_SD = (1e-3, 2e-4, 2e-4)
+"""By how much a head that follows the motion may be off, for each frame that was not confirmed: logarithm of the focal
+length and radians.
+"""
 DRIFT_SD = (2e-5, 5e-6, 5e-6)
 """What the motion between neighbours leaves open beside its own standard deviation: logarithm of the focal length and
 radians.
 """
-SEARCHES = (0, 1, 2, 3, 4, 6, 9, 14, 20)
-"""Frames after a cut in which the camera is searched for; later in every :data:`SEARCH_EVERY`-th."""
+SEARCHES = (0, 2, 5, 9, 14, 20)
+"""Frames after a cut in which the camera is searched for; later in every :data:`SEARCH_EVERY`-th. Those before it is
+found are followed backwards.
+"""
 SEARCH_EVERY = 12
+BACKWARD_FRAMES, BACKWARD_BYTES = 48, 120_000_000
+"""Frames without a confirmed camera whose pictures are kept at most, to be followed backwards from one that is found,
+and what their gray levels may take of the memory.
+"""
 GUESS_SD_PX, GUESS_SD_ZOOM = 8.0, 0.005
 """Of a head that goes on turning as it did, where no motion could be measured: pixels at 1920 px width, and logarithm
 of the focal length. The paint must confirm it.
@@ -90,6 +101,21 @@ class _Entry:
     rms_px: float = np.inf
     carriers: tuple[Carrier, ...] = ()
 
+    def forget(self, shot: int) -> None:
+        """Take back where the camera was thought to be: the frame begins another shot, and is lost so far."""
+        self.shot, self.place, self.motion = shot, None, None
+        self.information, self.toward, self.by_common = np.zeros((3, 3)), np.zeros(3), None
+        self.is_confirmed = self.is_contradicted = False
+
+
+@dataclass(frozen=True, slots=True)
+class _Kept:
+    """A frame that may be followed backwards: its picture, and how the corners of the frame before moved into it."""
+
+    entry: _Entry
+    picture: LookedAt
+    flow: Flow | None
+
 
 def track_frames(frames: Iterable[ClipFrame], venue: Venue, config: Config) -> Iterator[TrackedFrame]:
     """The camera of every frame, in order; a frame comes out when the frames up to a few seconds later are in.
@@ -135,6 +161,8 @@ class _Tracker:
         self._shot = 0
         self._since_cut, self._unconfirmed, self._contradicted = 0, 0, 0
         self._velocity, self._change = np.zeros(2), np.zeros(3)
+        self._behind: deque[_Kept] = deque()
+        """Frames since the last one whose camera was confirmed, of one shot."""
 
     def follow(self, frame: ClipFrame) -> _Entry:
         """The next frame."""
@@ -153,14 +181,58 @@ class _Tracker:
         if is_lost:
             if is_followed:
                 picture = LookedAt.of(frame.picture, region)
-            self._lose(entry, before)
-            if last is None or picture.differs_from(last):
-                self._since_cut = 0
+            self._lose(entry, before, last is not None and picture.differs_from(last))
             if self._is_time_to_search() and picture.grass_share >= LEAST_GRASS:
                 self._find(entry, picture)
             self._since_cut += 1
+            if entry.place is not None:
+                self._go_back(_Kept(entry, picture, flow))
+        self._keep(_Kept(entry, picture, flow))
         self._entry, self._last = entry, picture
         return entry
+
+    def _keep(self, kept: _Kept) -> None:
+        """Keep a frame for the way back, unless its camera is confirmed."""
+        if kept.entry.is_confirmed:
+            self._behind.clear()
+            return
+        self._behind.append(kept)
+        if len(self._behind) > min(BACKWARD_FRAMES, max(1, BACKWARD_BYTES // kept.picture.gray.size)):
+            self._behind.popleft()
+
+    def _go_back(self, found: _Kept) -> None:
+        """Follow the camera backwards from a frame in which it was found, through the frames in which it was not."""
+        later, unconfirmed = found, 0
+        while self._behind:
+            earlier = self._behind.pop()
+            look = self._step_back(later, earlier, unconfirmed)
+            if look is None:
+                return
+            unconfirmed = 0 if look.is_confirmed else unconfirmed + 1
+            if unconfirmed >= PATIENCE:
+                return
+            later = earlier
+
+    def _step_back(self, later: _Kept, earlier: _Kept, unconfirmed: int) -> Look | None:
+        """Follow the camera from a frame into the one before it; None where it cannot be followed."""
+        entry, place, flow = later.entry, later.entry.place, later.flow
+        if place is None or flow is None or later.picture.size != earlier.picture.size:
+            return None
+        tripod = place.tripod
+        back = Flow(flow.after, flow.before)
+        motion = estimate_motion(back, entry.head, tripod.model, tripod.mean, self._rng, later.picture.small.factor)
+        if motion is None:
+            return None
+        head = entry.head + motion.change
+        covariance = motion.covariance + np.diag(np.square(HEAD_SD)) * (1 + unconfirmed)
+        blur = SHUTTER * np.median(back.after - back.before, axis=0)
+        look = place.look(earlier.picture, head, covariance, entry.by_common, blur)
+        entry.motion = replace(motion, change=-motion.change)
+        earlier.entry.place = place
+        _take(earlier.entry, look, head, covariance, is_followed=True)
+        if earlier.entry.by_common is None:
+            earlier.entry.by_common = entry.by_common
+        return look
 
     def _continue(self, entry: _Entry, before: _Entry, picture: LookedAt, flow: Flow) -> Look | None:
         """Follow the camera of the frame before; None where it cannot be followed."""
@@ -174,7 +246,7 @@ class _Tracker:
             turn = GUESS_SD_PX * place.unit / float(np.exp(before.head[0]))
             motion = HeadMotion(self._change, np.diag(np.square([GUESS_SD_ZOOM, turn, turn])), 0.0, 0)
         head = before.head + motion.change
-        covariance = motion.covariance + np.diag(np.array([1e-3, 2e-4, 2e-4]) ** 2) * (1 + self._unconfirmed)
+        covariance = motion.covariance + np.diag(np.square(HEAD_SD)) * (1 + self._unconfirmed)
         if not is_guess:
             self._velocity = np.median(flow.after - flow.before, axis=0)
         look = place.look(picture, head, covariance, before.by_common, SHUTTER * self._velocity)
@@ -182,26 +254,31 @@ class _Tracker:
             return None
         self._change = motion.change
         entry.place, entry.motion = place, motion
-        _take(entry, look, head, covariance)
+        _take(entry, look, head, covariance, is_followed=True)
         if entry.by_common is None:
             entry.by_common = before.by_common
         self._unconfirmed = 0 if look.is_confirmed else self._unconfirmed + 1
         self._contradicted = self._contradicted + 1 if entry.is_contradicted else 0
         return look
 
-    def _lose(self, entry: _Entry, before: _Entry | None) -> None:
-        if before is not None and before.place is not None:
+    def _lose(self, entry: _Entry, before: _Entry | None, is_cut: bool) -> None:
+        """Begin a shot, or go on in one, whose camera is not known so far."""
+        was_followed = before is not None and before.place is not None
+        if was_followed or is_cut:
             self._shot += 1
             self._since_cut = 0
-        entry.shot = self._shot
-        entry.place, entry.motion = None, None
-        entry.information, entry.toward = np.zeros((3, 3)), np.zeros(3)
-        entry.is_confirmed = False
+        if is_cut:
+            self._behind.clear()
+        elif was_followed:
+            for kept in self._behind:
+                kept.entry.forget(self._shot)
+        entry.forget(self._shot)
         self._velocity, self._change = np.zeros(2), np.zeros(3)
         self._unconfirmed = self._contradicted = 0
 
     def _is_time_to_search(self) -> bool:
-        return self._since_cut in SEARCHES or self._since_cut % SEARCH_EVERY == 0
+        since = self._since_cut
+        return since in SEARCHES or (since > max(SEARCHES) and since % SEARCH_EVERY == 0)
 
     def _find(self, entry: _Entry, picture: LookedAt) -> None:
         """Search for each of the cameras; the one with the most paint has the frame."""
@@ -214,7 +291,8 @@ class _Tracker:
             return
         entry.place, look = best
         focal = float(np.exp(look.fit.head[0]))
-        _take(entry, look, look.fit.head, np.diag(np.array([0.05, 20.0 / focal, 20.0 / focal]) ** 2))
+        spread = np.diag(np.array([0.05, 20.0 / focal, 20.0 / focal]) ** 2)
+        _take(entry, look, look.fit.head, spread, is_followed=False)
 
     def _places_of(self, size: tuple[int, int]) -> list[Place]:
         if size not in self._places:
@@ -223,7 +301,7 @@ class _Tracker:
         return self._places[size]
 
 
-def _take(entry: _Entry, look: Look, expected: Array, covariance: Array) -> None:
+def _take(entry: _Entry, look: Look, expected: Array, covariance: Array, is_followed: bool) -> None:
     """Keep what a look brought: of the paint alone, without what was expected."""
     fit, measured = look.fit, look.measured
     entry.head = fit.head
@@ -244,7 +322,7 @@ def _take(entry: _Entry, look: Look, expected: Array, covariance: Array) -> None
         carriers.append("circle")
     if entry.painted - rounds >= 8:
         carriers.append("lines")
-    entry.carriers = (*carriers, "motion") if entry.motion is not None else tuple(carriers)
+    entry.carriers = (*carriers, "motion") if is_followed else tuple(carriers)
 
 
 def _answer(entries: list[_Entry], count: int) -> Iterator[TrackedFrame]:

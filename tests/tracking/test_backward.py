@@ -1,0 +1,60 @@
+"""Frames before the one in which the camera is found are followed backwards from it, up to the cut and no further."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from circlecal.config import Config
+from circlecal.rig.tripod import Venue
+from circlecal.tracking import clip
+from circlecal.tracking.clip import ClipFrame, track_frames
+from circlecal.tracking.results import TrackedFrame
+from tests.tracking.scenes import HEAD, SIZE, draw, tripod
+
+STEP = np.array([0.0, 0.002, 0.0])
+FOREIGN, PITCH = 2, 4
+
+
+@pytest.fixture(scope="module")
+def pictures() -> list[NDArray[np.uint8]]:
+    """A slow pan over a pitch."""
+    return [draw(HEAD + k * STEP, np.random.default_rng(1)) for k in range(PITCH)]
+
+
+def track(monkeypatch: pytest.MonkeyPatch, pictures: list[NDArray[np.uint8]], searched: int) -> list[TrackedFrame]:
+    """Tracked frames, where the camera is searched for in one frame after a cut alone."""
+    monkeypatch.setattr(clip, "SEARCHES", (searched,))
+    monkeypatch.setattr(clip, "SEARCH_EVERY", 1000)
+    frames = [ClipFrame(k, k / 25.0, picture) for k, picture in enumerate(pictures)]
+    return list(track_frames(frames, Venue("soccer", (tripod(),)), Config()))
+
+
+def test_frames_before_the_camera_is_found_are_answered(
+    monkeypatch: pytest.MonkeyPatch, pictures: list[NDArray[np.uint8]]
+) -> None:
+    frames = track(monkeypatch, pictures, PITCH - 2)
+    assert [frame.status for frame in frames] == ["calibrated"] * PITCH
+    for k, frame in enumerate(frames):
+        assert frame.head is not None
+        assert np.abs(frame.head.values - HEAD - k * STEP).max() < 4e-4
+    assert len({frame.shot for frame in frames}) == 1
+    assert "motion" in frames[0].carriers
+    assert "motion" not in frames[PITCH - 2].carriers
+
+
+def test_the_way_back_ends_at_a_cut(monkeypatch: pytest.MonkeyPatch, pictures: list[NDArray[np.uint8]]) -> None:
+    crowd = np.random.default_rng(2).integers(0, 255, (SIZE[1], SIZE[0], 3)).astype(np.uint8)
+    frames = track(monkeypatch, [crowd] * FOREIGN + pictures, 2)
+    assert [frame.status for frame in frames] == ["refused"] * FOREIGN + ["calibrated"] * PITCH
+    assert {frame.code for frame in frames[:FOREIGN]} == {"lost"}
+    assert frames[FOREIGN - 1].shot < frames[FOREIGN].shot
+
+
+def test_few_pictures_are_kept_for_the_way_back(
+    monkeypatch: pytest.MonkeyPatch, pictures: list[NDArray[np.uint8]]
+) -> None:
+    monkeypatch.setattr(clip, "BACKWARD_BYTES", 2 * SIZE[0] * SIZE[1])
+    frames = track(monkeypatch, pictures, PITCH - 1)
+    assert [frame.status for frame in frames] == ["refused"] * (PITCH - 3) + ["calibrated"] * 3
