@@ -105,6 +105,7 @@ def batch(
         solver=solver,
         max_pixels=max_pixels,
         max_bytes=max_bytes,
+        tells_field=not rig,
     )
     written_size = options.parse_size(eval_size, "--eval-size")
     targets = [name for name in to or () if name != PARQUET_FORMAT]

@@ -21,6 +21,10 @@ if TYPE_CHECKING:
     from circlecal.records.summary import FrameSummary
 
 
+FEW = 4
+"""Of no more refused pictures the ground is looked at."""
+
+
 def calibrate(
     inputs: options.FrameInputs,
     out: options.Out = Path("circlecal-out"),
@@ -70,6 +74,7 @@ def calibrate(
         solver=solver,
         max_pixels=max_pixels,
         max_bytes=max_bytes,
+        tells_field=True,
     )
     exports = Exports(to or (), out, options.parse_size(eval_size, "--eval-size"))
     format_name = options.choose_format(from_format)
@@ -88,6 +93,11 @@ def calibrate(
             summaries.append(summarise(record))
             if record.near_limits and not quiet:
                 console.print_note(f"{record.id}: {record.status}, near a limit: {', '.join(record.near_limits)}")
+            if not quiet:
+                for note in _field_notes(
+                    record, chosen, is_named=bool(field or config or settings) or len(frames) > FEW
+                ):
+                    console.print_note(note)
             if json_lines:
                 console.print_json(result_line(record))
     exports.finish()
@@ -99,6 +109,25 @@ def calibrate(
         raise typer.Exit(2)
     if any(summary.status != "calibrated" for summary in summaries):
         raise typer.Exit(1)
+
+
+def _field_notes(record: ResultRecord, config: Config, *, is_named: bool) -> Iterator[str]:
+    """What the field looks like where the picture told it; where nobody named it and the frame is refused on another
+    ground, that there are other sports.
+    """
+    from circlecal.pictures.files import PICTURE_SUFFIXES, read_image
+    from circlecal.pipeline.field_choice import is_on_strange_ground
+
+    if record.fields:
+        taken, *others = record.fields
+        if record.status == "calibrated" and taken.template != config.field.among[0]:
+            fitting = [other.template for other in others if other.status == "calibrated"]
+            also = f"; {', '.join(fitting)} would fit, too" if fitting else ""
+            yield f"{record.id}: looks like {taken.sport}; --field {taken.template}{also}"
+        return
+    is_open = record.status == "refused" and not is_named and record.path and record.path.endswith(PICTURE_SUFFIXES)
+    if is_open and is_on_strange_ground(read_image(record.path or "", config.limits), config):
+        yield f"{record.id}: its ground is no turf; --field auto tries other sports"
 
 
 def _name_files(ids: Sequence[str], out: Path, config: Config) -> str:

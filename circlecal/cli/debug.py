@@ -41,7 +41,14 @@ def debug(
 
     console.configure_logging(quiet=quiet, verbose=verbose)
     chosen = options.choose_config(
-        config, settings, field, seed, camera_prior=camera_prior, max_pixels=max_pixels, max_bytes=max_bytes
+        config,
+        settings,
+        field,
+        seed,
+        camera_prior=camera_prior,
+        max_pixels=max_pixels,
+        max_bytes=max_bytes,
+        tells_field=True,
     )
     for image in images:
         if is_folder(image):

@@ -177,16 +177,19 @@ def choose_config(
     solver: str | None = None,
     max_pixels: int | None = None,
     max_bytes: int | None = None,
+    tells_field: bool = False,
 ) -> Config:
     """The configuration of a command, its field template and networks checked.
 
     Raises
     ------
     ConfigError
-        As :func:`circlecal.config.load_config`.
+        As :func:`circlecal.config.load_config`, and where pictures are to tell the field to a command that needs to
+        know it before (all but those with ``tells_field``).
     """
     from circlecal.batch.frames import require_networks
-    from circlecal.config import load_config
+    from circlecal.config import AUTO, load_config
+    from circlecal.errors import ConfigError
     from circlecal.pipeline import field_of
 
     overrides: list[str] = []
@@ -208,6 +211,8 @@ def choose_config(
     overrides += ["output.overlay=false"] if no_overlay else []
     config = load_config(file, overrides)
     field_of(config)
+    if config.field.template == AUTO and (venue is not None or not tells_field):
+        raise ConfigError("--field auto is for calibrate, batch and debug, without --venue and --rig; name the field")
     require_networks(config)
     return config
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from circlecal.errors import InputError
-from circlecal.field import Circle, FieldTemplate
+from circlecal.field import Circle, FieldTemplate, load_field
 from circlecal.files import real_path, write_atomic
 from circlecal.formats.annotation import draw_measured
 from circlecal.formats.cameras import CalibratedFrame, CameraFrame, Size
@@ -154,7 +154,7 @@ def export_records(
     exports : Exports
         What to write; finished here.
     template, circle : FieldTemplate, Circle
-        As for :meth:`Exports.add`.
+        As for :meth:`Exports.add`; of frames that told their field themselves it is that.
     annotated : mapping
         By frame id, where frames came from annotation files.
     annotated_template : FieldTemplate
@@ -173,8 +173,16 @@ def export_records(
         if frame is not None:
             written += exports.add(record, annotated_template, circle, frame.image, frame.observed)
         else:
-            written += exports.add(record, template, circle, _picture_name(record))
+            written += exports.add(record, *_field_of_record(record, template, circle), _picture_name(record))
     return written + exports.finish()
+
+
+def _field_of_record(record: ResultRecord, template: FieldTemplate, circle: Circle) -> tuple[FieldTemplate, Circle]:
+    """The field that a picture told, or the one of the run."""
+    if not record.fields or record.field is None:
+        return template, circle
+    told = load_field(record.field.template)
+    return told, told.circle_by_name.get(record.field.circle or told.default_circle, circle)
 
 
 def _picture_name(record: ResultRecord) -> str | None:

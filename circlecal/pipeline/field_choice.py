@@ -18,6 +18,7 @@ from circlecal.config import Config, suit_config
 from circlecal.field import Ground, load_field
 from circlecal.observations import Observations
 from circlecal.paint.profiles import to_gray
+from circlecal.pipeline.fields import field_of
 from circlecal.pipeline.run import run
 from circlecal.pipeline.setting import Looks
 from circlecal.refusals import refuse
@@ -33,6 +34,8 @@ EXPLAINED_SHARE = 0.9
 """Share of what was found painted that a field must explain to be believed with less: a laboratory paints circle and
 line of a robots' field and no more. Right answers on real frames have 0.41 to 1, those of other sports 0.3 to 0.86.
 """
+STRANGE_GROUND = 0.5
+"""What evidence counts for a field on ground of another colour than its own."""
 RIVAL_RATIO = 1.35
 """By how much the evidence for a field must exceed that for another one; of two London frames the right basketball
 court had 0.76 of another league's at worst, and other sports have at most half.
@@ -82,12 +85,17 @@ def calibrate_unknown_field(
     grounds = tell_grounds(image)
     if _is_settled(first, grounds):
         return replace(first, fields=(candidate_of(first),))
-    answers = [_weigh(image, config, first)]
+    answers = [replace(_weigh(image, config, first), is_at_home=_is_on_its_ground(first, grounds))]
     for group in _group_by_ground(names[1:], grounds):
         answers += [_weigh(image, config, calibrate(name)) for name in group]
         if any(answer.weight > 0.0 for answer in answers[1:]):
             break
-    return choose_answer(answers, is_at_home=_is_on_its_ground(first, grounds))
+    return choose_answer(answers)
+
+
+def is_on_strange_ground(image: NDArray[np.uint8], config: Config) -> bool:
+    """Whether the colour of the ground in a BGR picture (H, W, 3) is not that of the field of a configuration."""
+    return field_of(config)[0].ground not in (*tell_grounds(image), "any")
 
 
 def _group_by_ground(names: Sequence[str], grounds: Sequence[Ground]) -> list[list[str]]:
@@ -119,28 +127,29 @@ def _is_settled(found: FrameCalibration, grounds: Sequence[Ground]) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """A calibration under one template, and what speaks for it."""
+    """A calibration under one template, what speaks for it, and whether the ground is one of that field."""
 
     found: FrameCalibration
     candidate: FieldCandidate
+    is_at_home: bool = True
 
     @property
     def weight(self) -> float:
         """Evidence, picture widths, times the share of the paint that is explained; 0 where it is not believed."""
         evidence, share = self.candidate.evidence or 0.0, self.candidate.explained_share or 0.0
         is_believed = evidence >= LEAST_EVIDENCE or (evidence > 0.0 and share >= EXPLAINED_SHARE)
-        return evidence * share if self.found.status == "calibrated" and is_believed else 0.0
+        if self.found.status != "calibrated" or not is_believed:
+            return 0.0
+        return evidence * share * (1.0 if self.is_at_home else STRANGE_GROUND)
 
 
-def choose_answer(answers: Sequence[Answer], *, is_at_home: bool = True) -> FrameCalibration:
+def choose_answer(answers: Sequence[Answer]) -> FrameCalibration:
     """The calibration for which what is painted speaks most, with all the others in its ``fields``.
 
     Parameters
     ----------
     answers : sequence of Answer
         Of at least one template, the one that is tried first at the head.
-    is_at_home : bool
-        Whether the picture's ground is that of the first template.
 
     Returns
     -------
@@ -153,7 +162,7 @@ def choose_answer(answers: Sequence[Answer], *, is_at_home: bool = True) -> Fram
     taken = rivals[0] if rivals else answers[0]
     others = sorted((a for a in answers if a is not taken), key=lambda answer: -answer.weight)
     found = replace(taken.found, fields=(taken.candidate, *(answer.candidate for answer in others)))
-    is_clear = len({answer.candidate.sport for answer in rivals}) == 1 or (not rivals and is_at_home)
+    is_clear = len({answer.candidate.sport for answer in rivals}) == 1 or (not rivals and taken.is_at_home)
     return found if is_clear or found.status == "refused" else _refuse(found)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from circlecal.refusals import explain
+from circlecal.synthetic.sampling import render_frame
 
 QUICK = ("--no-overlay", "--set", "camera.starts=1")
 
@@ -190,3 +191,17 @@ def test_a_full_disk(run_circlecal, frame_file, tmp_path, monkeypatch):
     monkeypatch.setattr("os.fsync", lambda descriptor: (_ for _ in ()).throw(OSError(28, "No space left on device")))
     only_error(run_circlecal("calibrate", frame_file, "--out", tmp_path / "out", *QUICK), "No space left", "good.json")
     assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_what_the_field_looks_like_is_said(run_circlecal, tmp_path):
+    hall = tmp_path / "hall.png"
+    cv2.imwrite(str(hall), render_frame("wood", np.random.default_rng(1), 960, 540).image)
+    outcome = run_circlecal(
+        "calibrate", hall, "--out", tmp_path, "--no-overlay", "--field", "auto", "--set", "field.among=[soccer, futsal]"
+    )
+    assert outcome.code == 0, outcome
+    assert "circlecal: hall: looks like futsal; --field futsal" in outcome.err
+    floor = tmp_path / "floor.png"
+    cv2.imwrite(str(floor), np.full((120, 160, 3), (110, 160, 200), np.uint8))
+    assert "--field auto tries other sports" in run_circlecal("calibrate", floor, "--out", tmp_path, "--no-overlay").err
+    only_error(run_circlecal("convert", floor, "--field", "auto", "--to", "tvcalib"), "name the field")

@@ -1,5 +1,7 @@
 """Which of several fields a picture shows: by the colour of the ground, then by what is painted."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -67,9 +69,9 @@ def test_what_leaves_more_paint_unexplained_gives_way():
 def test_what_is_not_painted_is_believed_on_its_own_ground_only():
     answers = [answer("soccer", -0.2), answer("futsal", 0.1, 0.5)]
     assert choose_answer(answers).status == "calibrated"
-    found = choose_answer(answers, is_at_home=False)
+    found = choose_answer([replace(answers[0], is_at_home=False), answers[1]])
     assert (found.status, found.verdict.code, found.field_name) == ("refused", "field_open", "soccer")
-    refused = choose_answer([answer("soccer"), answer("futsal", 0.1, 0.5)], is_at_home=False)
+    refused = choose_answer([replace(answer("soccer"), is_at_home=False), answers[1]])
     assert (refused.verdict.code, refused.field_name) == ("no_circle_found", "soccer")
 
 
