@@ -17,7 +17,9 @@ from circlecal.geometry.projective import apply_homography, lift, normalise_line
 from circlecal.geometry.surface import Surface
 from circlecal.observations import CirclePoints, LinePoints, MarkingKey, MarkPoint, Observations
 from circlecal.overlay.canvas import Canvas, clip_segments, text_size, wrap
+from circlecal.overlay.frame_overlay import LEGEND
 from circlecal.overlay.palette import CIRCLE, TEMPLATE
+from circlecal.overlay.quality import SCALE, rate_sigma
 from circlecal.results import (
     Attempt,
     CameraFit,
@@ -300,6 +302,14 @@ def test_every_optional_field_of_a_calibration_is_tried():
     assert {f.name for f in fields(Attempt) if f.default is None} - {"verdict", "circle_name"} == set(STAGES)
 
 
+def test_words_for_sigma_follow_the_width():
+    assert [rate_sigma(sigma, 1920) for sigma in (1.9, 2.0, 7.6, 15.0)] == ["excellent", "good", "usable", "poor"]
+    assert rate_sigma(1.0, 640) == "good"  # 3 px at 1920
+    assert [rate_sigma(sigma, 640) for sigma in (None, float("nan"), float("inf"))] == ["unknown"] * 3
+    for limit, word in (("2", "excellent"), ("5", "good"), ("15", "usable")):
+        assert f"{word} below {limit} px" in SCALE
+
+
 @pytest.mark.parametrize("size", [(398, 224), (640, 360), (3840, 2160), (360, 640), (900, 200), (64, 48), (1, 1)])
 def test_every_size_of_picture(size):
     camera = _camera(*size)
@@ -307,6 +317,12 @@ def test_every_size_of_picture(size):
     drawn, _, pictures = _draw_all(_image(camera), calibration)
     assert drawn.shape == (size[1], size[0], 3)
     if min(size) >= 200:
+        readable = overlay.draw_readable_overlay(_image(camera), calibration, SOCCER)
+        zoom = max(1, -(-1280 // size[0]))
+        assert readable.shape[1] == zoom * size[0] >= 1280
+        strip = readable[zoom * size[1] :]
+        for _, colour in LEGEND:  # the strip below explains every colour
+            assert (strip == colour).all(axis=2).sum() > 50
         assert all(picture.shape[1] >= 640 for picture in pictures.values())
         assert all(picture.shape[0] < 2.5 * picture.shape[1] for picture in pictures.values())
 

@@ -262,7 +262,7 @@ def write_outputs(
     if image is None:
         return
     if output.overlay:
-        picture = overlay.draw_overlay(image, calibration, template)
+        picture = overlay.draw_readable_overlay(image, calibration, template)
         write_image(out / f"{calibration.id}{OVERLAY_SUFFIX}", picture, output.jpeg_quality)
     if output.radar:
         radar = overlay.draw_radar(image, calibration, template, output.radar_px_per_m)

@@ -39,7 +39,7 @@ def accuracy(
     unknown = [n for n in names if n not in all_row_names()]
     if unknown:
         raise ConfigError(f"--rows: {', '.join(unknown)} is unknown; known: {', '.join(all_row_names())}")
-    with count_steps("draws", (len(select_rows(names)) + len(select_rigs(names))) * draws) as advance:
+    with count_steps("draw", (len(select_rows(names)) + len(select_rigs(names))) * draws) as advance:
         found, closed = run_rows(names, draws, seed, advance)
     if as_json:
         _print_json({"rows": as_records(found), "closed_forms": dict(closed)})
@@ -61,7 +61,7 @@ def ransac(
     from circlecal.cli.console import count_steps
     from circlecal.evaluation.bench.ransac import OUTLIER_SHARES, robustness, speed
 
-    with count_steps("draws", len(OUTLIER_SHARES) * draws) as advance:
+    with count_steps("draw", len(OUTLIER_SHARES) * draws) as advance:
         good = robustness(draws, seed, advance)
     fast = speed(seed)
     if as_json:
@@ -103,7 +103,7 @@ def detect(
     from circlecal.evaluation.bench.detect import PROFILES, run_profiles
 
     names = [name.strip() for name in profiles.split(",") if name.strip()]
-    with count_steps("frames", len(names or PROFILES) * count) as advance:
+    with count_steps("frame", len(names or PROFILES) * count) as advance:
         found = run_profiles(names, count, seed, advance, width)
     if as_json:
         _print_json([asdict(r) for r in found])
@@ -174,7 +174,7 @@ def sports(
     from circlecal.pictures.files import find_frames
 
     folder = truth or pictures.parent / "truth"
-    with count_steps("frames", len(find_frames([pictures]))) as advance:
+    with count_steps("frame", len(find_frames([pictures]))) as advance:
         frames = run_frames(pictures, folder, advance)
     rows = summarise_sports(frames)
     if as_json:
@@ -270,11 +270,11 @@ def solvers(
     from circlecal.cli.console import count_steps
     from circlecal.evaluation.bench.solvers import as_records, paper_statements, run_focals, run_solvers, scenario_count
 
-    with count_steps("cameras", scenario_count(scenario or ()) * draws) as advance:
+    with count_steps("camera", scenario_count(scenario or ()) * draws) as advance:
         found = run_solvers(solver or (), scenario or (), draws, seed, workers, advance)
     focals, statements = [], []
     if not no_statements:
-        with count_steps("cameras", 6 * draws) as advance:
+        with count_steps("camera", 6 * draws) as advance:
             focals = run_focals(draws, seed, advance)
             statements = paper_statements(draws, seed, workers, advance)
     if as_json:
@@ -350,7 +350,7 @@ def time_batch(
     from circlecal.cli.console import count_steps
     from circlecal.evaluation.bench.batch import run_scaling, run_throughput
 
-    with count_steps("runs", 2 * repeats + (3 if tasks else 0)) as advance:
+    with count_steps("run", 2 * repeats + (3 if tasks else 0)) as advance:
         rates = run_throughput(count, workers, repeats, seed, advance)
         scaling = run_scaling(tasks, workers, advance) if tasks else None
     if as_json:
@@ -417,7 +417,7 @@ def track(
         raise ConfigError(f"--kinds: {', '.join(unknown)} is unknown; known: {', '.join(CLIP_KINDS)}")
     chosen = options.choose_config(config, settings)
     known = [name for name in CLIP_KINDS if name in wanted]
-    with count_steps("clips", count if path is None else len(clips_of(path))) as advance:
+    with count_steps("clip", count if path is None else len(clips_of(path))) as advance:
         if path is None:
             found = render_and_track(known, count, seed, spec_of(width, seconds, rate), chosen, advance)
         else:
@@ -489,7 +489,7 @@ def score_annotations(
 
     names = [name.strip() for name in sets.split(",") if name.strip()] or set_names(path)
     chosen = options.choose_config(config, settings)
-    with count_steps("sets", len(names)) as advance:
+    with count_steps("set", len(names)) as advance:
         found = run_annotations(path, chosen, names, advance)
     if as_json:
         _print_json([asdict(r) for r in found])
@@ -541,7 +541,7 @@ def click_frames(
 
     chosen = options.choose_config(config, settings)
     real = 0 if path is None else len(list((path / "truth").glob("*.json")))
-    with count_steps("frames", real + len(PROFILES) * rendered) as advance:
+    with count_steps("frame", real + len(PROFILES) * rendered) as advance:
         rows = count_clicks(path, rendered, seed, advance, chosen)
     summary = summarise_clicks(rows)
     if as_json:
@@ -594,7 +594,7 @@ def constants(
     from circlecal.evaluation.bench.detect import PROFILES
 
     names = [name.strip() for name in profiles.split(",") if name.strip()]
-    with count_steps("frames", len(names or PROFILES) * count) as advance:
+    with count_steps("frame", len(names or PROFILES) * count) as advance:
         answers = collect_answers(names, count, seed, advance, width)
     rows = summarise_gates(answers)
     if as_json:
@@ -694,7 +694,7 @@ def fuzz(
 
     if not is_supported():
         raise InputError("bench fuzz: needs the timers of a Unix system")
-    with count_steps("files", count) as advance:
+    with count_steps("file", count) as advance:
         rows = run_fuzz(count, seed, run_command, only, keep, advance)
     if as_json:
         _print_json([asdict(row) for row in rows])
@@ -739,7 +739,7 @@ def faults(
     from circlecal.cli.console import count_steps
     from circlecal.evaluation.bench.faults import run_kills
 
-    with count_steps("kills", kills) as advance:
+    with count_steps("kill", kills) as advance:
         report = run_kills(kills, frames, workers, seed, advance)
     if as_json:
         _print_json(asdict(report))
@@ -766,7 +766,7 @@ def soak(
     from circlecal.cli.console import count_steps
     from circlecal.evaluation.bench.soak import run_soak
 
-    with count_steps("frames", count) as advance:
+    with count_steps("frame", count) as advance:
         report = run_soak(count, workers, seed, advance)
     if as_json:
         _print_json({**asdict(report), "growth": report.growth})

@@ -150,7 +150,7 @@ def progress_display(*, quiet: bool) -> Iterator[Callable[[BatchProgress], None]
         yield lambda progress: None
     elif console.is_terminal:
         read_clock = _stopwatch()
-        with _bar(console, "frames") as update:
+        with _bar(console, "frame") as update:
 
             def show(state: BatchProgress) -> None:
                 update(state.finished, state.total, _counts(state), _rate(state, read_clock()))
@@ -160,12 +160,17 @@ def progress_display(*, quiet: bool) -> Iterator[Callable[[BatchProgress], None]
         yield _plain_lines()
 
 
+def count_of(count: int, noun: str) -> str:
+    """A number with its noun: ``1 frame``, ``2 frames``."""
+    return f"{count} {noun}{'s' * (count != 1)}"
+
+
 @contextlib.contextmanager
 def _bar(console: Console, unit: str) -> Iterator[Callable[..., None]]:
     from rich import progress as rich_progress
 
     bar = rich_progress.Progress(
-        rich_progress.TextColumn("{task.fields[done]} " + unit),
+        rich_progress.TextColumn("{task.fields[done]}"),
         rich_progress.BarColumn(),
         rich_progress.TextColumn("{task.fields[counts]}"),
         rich_progress.TextColumn("{task.fields[rate]}"),
@@ -175,7 +180,7 @@ def _bar(console: Console, unit: str) -> Iterator[Callable[..., None]]:
     )
     start = time.monotonic()
     with bar:
-        task = bar.add_task("", total=None, done="0", counts="", rate="", left="")
+        task = bar.add_task("", total=None, done="", counts="", rate="", left="")
 
         def update(done: int, total: int, label: str, rate: float | None = None) -> None:
             rate = done / max(time.monotonic() - start, 1e-9) if rate is None else rate
@@ -184,9 +189,9 @@ def _bar(console: Console, unit: str) -> Iterator[Callable[..., None]]:
                 task,
                 total=total,
                 completed=done,
-                done=f"{done}/{total}",
+                done=f"{done}/{count_of(total, unit)}",
                 counts=show(label),
-                rate=f"{rate:.1f} {unit}/s",
+                rate=f"{rate:.1f} {unit}s/s",
                 left=left,
             )
 
@@ -195,7 +200,10 @@ def _bar(console: Console, unit: str) -> Iterator[Callable[..., None]]:
 
 @contextlib.contextmanager
 def count_steps(unit: str, total: int, *, quiet: bool = False) -> Iterator[Callable[[str], None]]:
-    """Show how far a run of ``total`` steps is; each call advances it by one and names what is worked on."""
+    """Show how far a run of ``total`` steps is; each call advances it by one and names what is worked on.
+
+    ``unit`` names one step, in the singular.
+    """
     console = stderr_console()
     if quiet:
         yield lambda label: None
@@ -237,7 +245,9 @@ def _count_on_lines(unit: str, total: int) -> Callable[[str], None]:
         if done == total or _is_due(now, last, start):
             last = now
             rate = done / max(now - start, 1e-9)
-            line = f"{done}/{total} {unit}, {show(label)}, {rate:.1f} {unit}/s, {_time_left(total - done, rate)}"
+            line = (
+                f"{done}/{count_of(total, unit)}, {show(label)}, {rate:.1f} {unit}s/s, {_time_left(total - done, rate)}"
+            )
             print(line, file=sys.stderr, flush=True)  # noqa: T201
 
     return advance
@@ -254,7 +264,8 @@ def _plain_lines() -> Callable[[BatchProgress], None]:
             rate = _rate(state, now)
             left = _time_left(state.total - state.finished, rate)
             line = (
-                f"{state.finished}/{state.total} frames, {_counts(state)}, {rate:.1f} frames/s{', ' * bool(left)}{left}"
+                f"{state.finished}/{count_of(state.total, 'frame')}, {_counts(state)}, {rate:.1f} frames/s"
+                f"{', ' * bool(left)}{left}"
             )
             print(line, file=sys.stderr, flush=True)  # noqa: T201
 

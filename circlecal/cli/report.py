@@ -40,8 +40,8 @@ def report(
     if quiet:
         write_report(run, out, chosen, against=other)
         return
-    with console.count_steps("frames", len(run.rows)) as advance:
+    with console.count_steps("frame", len(run.rows)) as advance:
         written = write_report(run, out, chosen, advance, other)
     missing = written.frames - written.pictures
     without = f", {missing} without a picture (has it moved? --frames FOLDER)" if missing else ""
-    console.print_line(f"{written.page}: {written.frames} frames{without}")
+    console.print_line(f"{written.page}: {console.count_of(written.frames, 'frame')}{without}")

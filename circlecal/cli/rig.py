@@ -117,6 +117,7 @@ def print_report(report: RigReport, out: Path) -> None:
     else:
         console.print_line("no camera was found that several calibrated frames agree on; the results stay as they were")
     console.print_line(
-        f"{report.frames} frames: {report.calibrated_alone} calibrated alone, {report.calibrated} now"
+        f"{console.count_of(report.frames, 'frame')}: {report.calibrated_alone} calibrated alone, "
+        f"{report.calibrated} now"
         f"{f' ({len(report.gained)} gained)' if report.gained else ''}; see {out}"
     )

@@ -33,7 +33,7 @@ def simulate(
     if not no_plots:
         require_matplotlib()
     prepare_folder(out)
-    with console.count_steps("cameras", len(plan.scenarios) * cameras) as advance:
+    with console.count_steps("camera", len(plan.scenarios) * cameras) as advance:
         rows = simulation.simulate(plan, workers, advance)
     written = [simulation.write_csv(rows, out)]
     summaries = simulation.summarise(rows)
@@ -55,4 +55,6 @@ def simulate(
             for s in summaries
         ],
     )
-    console.print_line(f"{len(rows)} rows and {len(written) - 1} pictures written to {out}")
+    console.print_line(
+        f"{console.count_of(len(rows), 'row')} and {console.count_of(len(written) - 1, 'picture')} written to {out}"
+    )

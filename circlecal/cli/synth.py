@@ -93,7 +93,7 @@ def synth(
     chosen = [p.value for p in profile or list(Profile)]
     with _progress(count) as report:
         ids = write_dataset(out, count, seed, chosen, _parse_size(size), masks=not no_masks, report=report)
-    console.print_line(f"{len(ids)} frames written to {out}")
+    console.print_line(f"{console.count_of(len(ids), 'frame')} written to {out}")
 
 
 def _write_clips(

@@ -126,7 +126,7 @@ def _write_further(
         if clip is None:
             continue
         name = OVERLAY_NAME if len(videos) == 1 else f"{clip.name}.{OVERLAY_NAME}"
-        with console.count_steps("frames", clip.estimate_count(run.sampling), quiet=quiet) as advance:
+        with console.count_steps("frame", clip.estimate_count(run.sampling), quiet=quiet) as advance:
             write_overlay_video(out / name, clip, records, template, circle, advance)
 
 
@@ -157,5 +157,6 @@ def _print_report(report: TrackReport, run: ClipRun, out: Path, *, as_json: bool
             ],
         )
     console.print_line(
-        f"{counts.total} frames: {counts.calibrated} calibrated, {counts.refused} refused; see {out / RESULTS_NAME}"
+        f"{console.count_of(counts.total, 'frame')}: {counts.calibrated} calibrated, "
+        f"{counts.refused} refused; see {out / RESULTS_NAME}"
     )

@@ -262,16 +262,24 @@ class Canvas:
 
     def header(self, title: str, facts: Sequence[str] = (), legend: Sequence[tuple[str, Color]] = ()) -> Picture:
         """The drawing with a strip above it: a title, facts and a legend of colours."""
+        return np.ascontiguousarray(np.vstack([self._strip(title, facts, legend), self.picture]))
+
+    def footer(self, facts: Sequence[str] = (), legend: Sequence[tuple[str, Color]] = ()) -> Picture:
+        """The drawing with a strip below it: facts and a legend of colours."""
+        return np.ascontiguousarray(np.vstack([self.picture, self._strip("", facts, legend)]))
+
+    def _strip(self, title: str, facts: Sequence[str], legend: Sequence[tuple[str, Color]]) -> Picture:
         size, gap = self.text_px, 0.75 * self.text_px
         width = self.width - 2 * gap
-        lines = wrap(title, size, width) + [line for fact in facts for line in wrap(fact, 0.8 * size, width)]
+        heads = wrap(title, size, width) if title else []
+        lines = heads + [line for fact in facts for line in wrap(fact, 0.8 * size, width)]
         rows = self._legend_rows(legend, width)
         strip = Canvas(
             np.full((round((len(lines) + len(rows)) * 1.75 * size + 1.2 * size), self.width, 3), 24, np.uint8)
         )
         top = gap
         for number, line in enumerate(lines):
-            first = number < len(wrap(title, size, width))
+            first = number < len(heads)
             strip.text(
                 line, gap, top, (255, 255, 255) if first else (200, 200, 200), size if first else 0.8 * size, halo=False
             )
@@ -285,7 +293,7 @@ class Canvas:
                 left += 1.4 * size
                 left += strip.text(text, left, top, (200, 200, 200), 0.8 * size, halo=False) + 1.4 * size
             top += 1.75 * size
-        return np.ascontiguousarray(np.vstack([strip.picture, self.picture]))
+        return strip.picture
 
     def _legend_rows(self, legend: Sequence[tuple[str, Color]], width: float) -> list[list[tuple[str, Color]]]:
         rows: list[list[tuple[str, Color]]] = []

@@ -11,9 +11,48 @@ from circlecal.geometry.projective import Array, dehomogenise, lift, normalise_l
 from circlecal.observations import MarkingKey
 from circlecal.overlay.canvas import Canvas, Picture, text_size, wrap
 from circlecal.overlay.palette import ACCEPTED, CIRCLE, GREY, INLIER, POINT, REFUSED, TANGENT, TEMPLATE, WHITE
+from circlecal.overlay.quality import SCALE, USUAL_WIDTH, rate_sigma
 from circlecal.overlay.template_lines import draw_template
 from circlecal.refusals import explain
 from circlecal.results import Check, CircleCandidate, Correspondences, FrameCalibration, MarkingMask
+
+READABLE_WIDTH = 1280
+"""Overlays to look at are at least so wide, pixels: labels of smaller ones cannot be read."""
+LEGEND = (
+    ("circle", CIRCLE),
+    ("other markings", TEMPLATE),
+    ("points that were used", INLIER),
+    ("derived points", POINT),
+    ("tangents", TANGENT),
+    ("seen, not used", GREY),
+)
+REFUSED_LEGEND = (("estimate that was refused (dashed)", REFUSED), *LEGEND[2:])
+
+
+def draw_readable_overlay(image_bgr: Picture, calibration: FrameCalibration, template: FieldTemplate) -> Picture:
+    """The overlay to look at: small pictures are enlarged first, and a strip below explains colours and sigma.
+
+    Parameters
+    ----------
+    image_bgr, calibration, template : (H, W, 3) uint8, FrameCalibration, FieldTemplate
+        As for :func:`draw_overlay`.
+
+    Returns
+    -------
+    (h, w, 3) uint8
+        At least 1280 px wide.
+    """
+    check_size(image_bgr, calibration)
+    zoom = max(1, -(-READABLE_WIDTH // image_bgr.shape[1]))
+    canvas = _draw_on(Canvas.of(image_bgr, zoom=zoom), calibration, template)
+    legend = LEGEND if calibration.status == "calibrated" else REFUSED_LEGEND
+    camera = calibration.attempt.camera
+    facts = [f"sigma, the largest predicted error of a marking, at 1920 px width: {SCALE}"]
+    if calibration.status == "calibrated" and camera is not None:
+        word = rate_sigma(camera.max_sigma_px, calibration.width)
+        at_usual = camera.max_sigma_px * USUAL_WIDTH / calibration.width
+        facts = [f"sigma {_short(at_usual)} px at 1920 px width is {word}: {SCALE}"]
+    return canvas.footer(facts, legend)
 
 
 def draw_overlay(image_bgr: Picture, calibration: FrameCalibration, template: FieldTemplate) -> Picture:
@@ -41,7 +80,11 @@ def draw_overlay(image_bgr: Picture, calibration: FrameCalibration, template: Fi
         Where the picture has another size than the calibrated frame.
     """
     check_size(image_bgr, calibration)
-    canvas = Canvas.of(image_bgr)
+    return _draw_on(Canvas.of(image_bgr), calibration, template).picture
+
+
+def _draw_on(canvas: Canvas, calibration: FrameCalibration, template: FieldTemplate) -> Canvas:
+    """Draw everything on a canvas with the frame."""
     accepted = calibration.status == "calibrated"
     view = calibration.view
     _draw_banner(canvas, calibration)
@@ -55,7 +98,7 @@ def draw_overlay(image_bgr: Picture, calibration: FrameCalibration, template: Fi
     if calibration.attempt.correspondences is not None:
         draw_correspondences(canvas, calibration.attempt.correspondences)
     _draw_center(canvas, calibration, template, view)
-    return canvas.picture
+    return canvas
 
 
 def check_size(image: Picture, calibration: FrameCalibration) -> None:
@@ -88,7 +131,8 @@ def verdict_facts(calibration: FrameCalibration) -> list[str]:
             facts.append(f"{key}: point {number} lies {off:.0f} px off")
         if fit_camera.field_size is not None and not fit_camera.field_size.is_usual:
             facts.append(f"field: {fit_camera.field_size}")
-        facts.append(f"sigma {_short(fit_camera.max_sigma_px)} px, {_short(fit_camera.max_sigma_m)} m")
+        word = rate_sigma(fit_camera.max_sigma_px, calibration.width)
+        facts.append(f"sigma {_short(fit_camera.max_sigma_px)} px ({word}), {_short(fit_camera.max_sigma_m)} m")
     elif attempt.homography is not None and attempt.homography.residuals_px.size:
         facts.append(f"DLT residual {_short(float(np.max(np.abs(attempt.homography.residuals_px))))} px")
     return facts
@@ -140,11 +184,13 @@ def _draw_landmarks(canvas: Canvas, calibration: FrameCalibration) -> None:
     if seen is None:
         return
     drawn: list[tuple[MarkingKey | None, Array]] = [(c.key, c.points_px) for c in seen.circles]
-    drawn += [(line.key, line.points_px) for line in seen.lines]
+    names = {} if camera is None else camera.names_by_line
+    named = {k: MarkingKey(name) for k, name in names.items()}
+    drawn += [(line.key or named.get(k), line.points_px) for k, line in enumerate(seen.lines)]
     drawn += [(mark.key, mark.point_px[None]) for mark in seen.marks]
     drawn += [(point.key, point.point_px[None]) for point in seen.keypoints]
     for key, pixels in drawn:
-        canvas.points(pixels, GREY if key in left_out else INLIER, 4.0)
+        canvas.points(pixels, GREY if key is None or key in left_out else INLIER, 4.0)
 
 
 def _draw_what_was_seen(canvas: Canvas, calibration: FrameCalibration) -> None:

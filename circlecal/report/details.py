@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from circlecal.overlay.page_view import describe_view, sigma_grid
+from circlecal.overlay.quality import rate_sigma
 from circlecal.overlay.radar import radar_half
 from circlecal.records.record import CameraRecord, ResultRecord
 from circlecal.report.comparison import WORDS, Comparison
@@ -76,7 +77,8 @@ def _facts(record: ResultRecord, row: FrameRow) -> Iterator[tuple[str, str]]:
         yield "case", _CASES.get(row.case, str(row.case))
     if row.sigma_px is not None:
         metres = "" if row.sigma_m is None else f", {short(row.sigma_m)} m"
-        yield "predicted sigma", f"{short(row.sigma_px)} px{metres} (largest)"
+        rated = "" if record.image is None else f", {rate_sigma(row.sigma_px, record.width)}"
+        yield "predicted sigma", f"{short(row.sigma_px)} px{metres} (largest{rated})"
     if row.rms_px is not None:
         arc = None if fit is None else fit.arc_degrees
         yield "ellipse", f"{short(row.rms_px)} px rms" + (f" over {arc:.0f}°" if arc is not None else "")

@@ -21,6 +21,7 @@ from circlecal import __version__
 from circlecal.errors import InputError
 from circlecal.files import is_file, is_folder, prepare_folder, read_file, real_path
 from circlecal.overlay.canvas import Picture
+from circlecal.overlay.quality import SCALE
 from circlecal.pictures.files import REPORT_FOLDER, natural_order
 from circlecal.records.record import result_line
 from circlecal.refusals import explain
@@ -252,6 +253,7 @@ def _page(run: StoredRun, options: ReportOptions, compared: list[Comparison], ag
         against="" if against is None else real_path(against.folder).name,
         plan=plan_of(run.folder, run.rows, run.fields.most_common(1)[0][0]),
         plan_heads=HEADS,
+        sigma_scale=SCALE,
         rows=run.rows,
     )
 

@@ -52,6 +52,19 @@ def test_the_last_line_and_what_was_there_before(clock, capsys):
     assert line == "4/4 frames, 3 calibrated, 1 refused (2 from before), 1.0 frames/s, 0:00 left"
 
 
+def test_one_of_a_thing_is_said_in_the_singular(clock, capsys):
+    assert [console.count_of(count, "frame") for count in (0, 1, 2)] == ["0 frames", "1 frame", "2 frames"]
+    progress = BatchProgress(total=1)
+    with console.progress_display(quiet=False) as show:
+        show(progress)
+        clock[0] += 1
+        show(finished(progress))
+    with console.count_steps("camera", 1) as advance:
+        advance("a")
+    told = capsys.readouterr().err
+    assert "1/1 frame, " in told and "1/1 camera, a" in told
+
+
 def test_a_bar_on_a_terminal(clock, monkeypatch):
     written = io.StringIO()
     terminal = Console(file=written, force_terminal=True, width=140, color_system=None)

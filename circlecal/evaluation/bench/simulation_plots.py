@@ -15,6 +15,11 @@ from circlecal.files import write_atomic
 FORMATS = ("png", "svg")
 LEAST_PX = 0.01
 """Smaller errors are drawn as this, on the logarithmic axis of a plot they would push all others together."""
+COLORS = (
+    "#1f77b4", "#ff7f0e", "#2ca02c", "#d62728", "#9467bd", "#8c564b", "#e377c2", "#7f7f7f", "#bcbd22", "#17becf",
+    "#1b3a6b", "#7a0045", "#a6761d", "#00664a",
+)  # fmt: skip
+"""One colour for each solver, the first ten those of matplotlib; no two solvers that are registered share one."""
 _MARKERS = "osv^D<>pPX*hd8"
 
 
@@ -55,18 +60,19 @@ def write_plots(summaries: Sequence[Summary], folder: Path) -> list[Path]:
 def _draw_solver(above: Any, below: Any, own: list[Summary], k: int) -> None:
     own = sorted(own, key=lambda s: s.noise_px)
     noise = [s.noise_px for s in own]
-    below.plot(noise, [100.0 * s.failed for s in own], marker=_MARKERS[k % len(_MARKERS)], color=f"C{k % 10}")
+    marker, color = _MARKERS[k % len(_MARKERS)], COLORS[k % len(COLORS)]
+    below.plot(noise, [100.0 * s.failed for s in own], marker=marker, color=color)
     answered = [
         (s.noise_px, max(s.q10_px, LEAST_PX), max(s.median_px, LEAST_PX), max(s.p90_px, LEAST_PX))
         for s in own
         if s.q10_px is not None and s.median_px is not None and s.p90_px is not None
     ]
-    if not answered:
+    if not answered:  # named all the same, since its failures are drawn
+        above.plot([], [], marker=marker, color=color, label=f"{own[0].solver} (no answer)")
         return
     x, low, middle, high = zip(*answered, strict=True)
-    style = "-" if k < 10 else "--"
-    above.plot(x, middle, style, marker=_MARKERS[k % len(_MARKERS)], color=f"C{k % 10}", label=own[0].solver)
-    above.fill_between(x, low, high, color=f"C{k % 10}", alpha=0.12, linewidth=0)
+    above.plot(x, middle, marker=marker, color=color, label=own[0].solver)
+    above.fill_between(x, low, high, color=color, alpha=0.12, linewidth=0)
 
 
 def _draw_bound(above: Any, own: list[Summary]) -> None:

@@ -116,6 +116,23 @@ def test_plots_are_whole_and_reproducible(rows, tmp_path):
     assert b"Cramer-Rao" in (tmp_path / "a" / "simulate_true_centre.svg").read_bytes() or first[0].stat().st_size > 9000
 
 
+def test_every_solver_has_a_colour_and_a_marker_of_its_own():
+    assert len(set(simulation_plots.COLORS)) == len(simulation_plots.COLORS) >= len(solver_names())
+    markers = [simulation_plots._MARKERS[k % len(simulation_plots._MARKERS)] for k in range(len(solver_names()))]
+    assert len(set(markers)) == len(markers)
+
+
+def test_solvers_without_an_answer_are_in_the_legend(rows, tmp_path):
+    pytest.importorskip("matplotlib")
+    silent = [
+        replace(s, q10_px=None, median_px=None, p90_px=None, failed=1.0) if s.solver == rows[0].solver else s
+        for s in summarise(rows)
+    ]
+    drawn = [path for path in simulation_plots.write_plots(silent, tmp_path) if path.suffix == ".svg"]
+    for path in drawn:
+        assert path.read_text().count(f"<!-- {rows[0].solver} (no answer) -->") == 1
+
+
 def test_without_matplotlib_it_is_one_line(monkeypatch):
     monkeypatch.setattr(simulation_plots.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(MissingExtraError, match=r"matplotlib is not installed; .*'.\[plot\]'"):
