@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ from circlecal.pictures.limits import DEFAULT_LIMITS, LimitsConfig
 
 if TYPE_CHECKING:
     import av
+    from av.container import InputContainer
 
 _log = logging.getLogger(__name__)
 
@@ -220,6 +221,17 @@ def pictures_at(path: Path, times_s: Iterable[float], *, exact: bool = True) -> 
             yield decoder.picture() if there else None
 
 
+def _open_container(path: Path) -> InputContainer:
+    """A video file, whatever encoding its titles have: PyAV before 19 must be told to replace what is no UTF-8, and
+    later releases take no such option.
+    """
+    import av
+
+    options: dict[str, Any] = {"metadata_errors": "replace"} if int(av.__version__.partition(".")[0]) < 19 else {}
+    container: InputContainer = av.open(str(path), "r", **options)
+    return container
+
+
 class _Decoder:
     """Goes through a video; stands at a frame, the first one to begin with, and knows its time."""
 
@@ -257,7 +269,7 @@ class _Decoder:
         self._failures = (av.FFmpegError, OSError, ValueError)
         require_regular(self._path)
         try:
-            self._container = av.open(str(self._path), metadata_errors="replace")
+            self._container = _open_container(self._path)
         except self._failures as error:
             raise InputError(
                 f"{self._path}: is no video that can be read, or is damaged; copy or convert it again"

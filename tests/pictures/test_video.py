@@ -108,6 +108,22 @@ def test_a_seek_that_leads_too_far_is_not_believed(tmp_path, monkeypatch):
     assert taken(path, "10s") == expected
 
 
+def test_a_title_that_is_no_utf8(tmp_path):
+    path = write_video(tmp_path / "match.mp4", "mp4v", 3)
+    titled = tmp_path / "titled.mkv"
+    with av.open(str(path)) as opened, av.open(str(titled), "w") as written:
+        written.metadata["title"] = "a title"
+        target = written.add_stream_from_template(opened.streams.video[0])
+        for packet in opened.demux(opened.streams.video[0]):
+            if packet.dts is not None:
+                packet.stream = target
+                written.mux(packet)
+    content = titled.read_bytes()
+    assert b"a title" in content
+    titled.write_bytes(content.replace(b"a title", b"\xff\xfe\xfd\xfc\xfb\xfa\xf9"))
+    assert len(taken(titled, "1")) == 3
+
+
 def test_long_stretches_are_skipped(tmp_path, monkeypatch):
     path = write_video(tmp_path / "match.avi", "MJPG", COUNT)
     grabbed = []
