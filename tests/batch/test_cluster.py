@@ -33,7 +33,12 @@ class DaskCluster:
         self.file = folder / "scheduler.json"
         self.folder = folder
         self.processes: list[subprocess.Popen] = []
-        options = ["--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(self.file)]
+        self.open_at("0")
+
+    def open_at(self, port: str) -> None:
+        """Start a scheduler and its workers."""
+        self.file.unlink(missing_ok=True)
+        options = ["--host", "127.0.0.1", "--port", port, "--no-dashboard", "--scheduler-file", str(self.file)]
         self.scheduler = self.start("distributed.cli.dask_scheduler", *options)
         wait_for(lambda: self.file.is_file() and self.file.read_text().strip().endswith("}"))
         self.address = json.loads(self.file.read_text())["address"]
@@ -85,7 +90,7 @@ def test_a_killed_worker_loses_nothing(cluster, tmp_path):
     assert not [record for record in records(out) if record["code"] in ("worker_died", "internal_error")]
 
 
-def test_a_lost_scheduler_is_one_line_and_the_run_goes_on_elsewhere(cluster, tmp_path):
+def test_a_lost_scheduler_is_one_line_and_the_same_command_goes_on_when_it_is_back(cluster, tmp_path):
     count = 60
     frames, out = paint(tmp_path / "frames", count), tmp_path / "out"
     command, script = cluster_command(cluster, frames, out), tmp_path / "killing.py"
@@ -97,7 +102,11 @@ def test_a_lost_scheduler_is_one_line_and_the_run_goes_on_elsewhere(cluster, tmp
     assert len(told) == 1
     assert "run the same command again" in told[0]
     assert 5 <= len(records(out)) < count
-    assert subprocess.run(batch_command(frames, out, "-q"), check=False, env=SURROUNDINGS).returncode == 1
+    address = cluster.address
+    cluster.open_at(address.rpartition(":")[2])
+    assert cluster.address == address
+    again = subprocess.run(command, check=False, capture_output=True, text=True, env=SURROUNDINGS, timeout=PATIENCE_S)
+    assert again.returncode == 1, again.stderr
     assert_every_frame_once(out, count)
 
 
