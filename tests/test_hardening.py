@@ -646,3 +646,26 @@ def test_what_a_server_may_not_do(server, monkeypatch):
     monkeypatch.setattr("circlecal.pictures.remote._is_private", lambda host: host.startswith("10."))
     with pytest.raises(InputError, match="a private address"):
         read_url(f"{server}/http://10.0.0.1/x")
+
+
+def test_another_kernel_of_linear_algebra_gives_the_same_answer(run_circlecal, tmp_path):
+    if (
+        b"Core"
+        not in subprocess.run(
+            [sys.executable, "-c", "import numpy"],
+            env={**os.environ, "OPENBLAS_VERBOSE": "2", "OPENBLAS_CORETYPE": "Nehalem"},
+            capture_output=True,
+            check=False,
+        ).stderr
+    ):
+        pytest.skip("this linear algebra has no kernels to choose from")
+    sample = Path(__file__).parents[1] / "samples" / "full_circle.jpg"
+    run_circlecal("calibrate", sample, "--out", tmp_path, "--no-overlay")
+    mine = json.loads((tmp_path / "full_circle.json").read_text())
+    done = run_process("calibrate", sample, "--out", tmp_path / "n", "--no-overlay", OPENBLAS_CORETYPE="Nehalem")
+    assert done.returncode == 0, done.stderr
+    other = json.loads((tmp_path / "n" / "full_circle.json").read_text())
+    points = np.array([[x, y, 1.0] for x in (-9.0, 0.0, 9.0) for y in (-9.0, 0.0, 9.0)])
+    pixels = [points @ np.array(found["H_image_field"]).T for found in (mine, other)]
+    first, second = (lifted[:, :2] / lifted[:, 2:] for lifted in pixels)
+    np.testing.assert_allclose(second, first, atol=1e-6)
