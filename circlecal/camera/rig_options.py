@@ -15,7 +15,10 @@ class RigConfig(BaseModel):
         40, ge=1, le=2000, description="Frames of one camera that are estimated together: the best determined ones."
     )
     same_position_m: float = Field(
-        0.3, ge=0, description="How far the positions of one camera may differ beyond their own uncertainty, metres."
+        0.8,
+        ge=0,
+        description="How far the positions of one camera may differ beyond their own uncertainty, metres: the lens "
+        "lies up to 1.3 m before the axis about which it turns.",
     )
     position_deviation_m: float = Field(
         0.05, ge=0, description="By how much the optical centre of one frame deviates from the camera's, metres."

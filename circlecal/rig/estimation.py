@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import chi2
 
 from circlecal.camera.noise import rescale_sigmas
 from circlecal.camera.observed import NoiseModel, curves_from_observations, points_from_observations
@@ -15,7 +16,7 @@ from circlecal.camera.problem import WIDE_LOSS, Problem, evaluate
 from circlecal.camera.residuals import curve_residuals, line_curve, sample_feet
 from circlecal.config import Config
 from circlecal.field import Circle, FieldTemplate
-from circlecal.geometry.camera_parameters import ProjectionModel
+from circlecal.geometry.camera_parameters import INDEX, POSITION, ProjectionModel
 from circlecal.geometry.homography import SIDES
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import Surface
@@ -25,6 +26,7 @@ from circlecal.rig.joint import (
     JointProblem,
     JointState,
     deletion_gains,
+    estimate_common,
     joint_problem,
     minimise_joint,
     shared_prior,
@@ -35,6 +37,10 @@ from circlecal.rig.positions import group_positions
 SAME_LINE_PX = 6.0
 """A recognised line is the seen one that lies this near to where the camera puts it, pixels at 1920 px width."""
 ZOOM_BINS = 5
+SAME_CAMERA = 0.99
+"""Share of cameras within which two estimates of one position lie."""
+LARGEST_LEVER_M = 3.0
+"""Twice the longest lever arm that standing cameras have shown: further apart two frames are of two cameras."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,10 +71,16 @@ class Rig:
     problem: JointProblem
     state: JointState
 
-    def prior(self, frame_id: str | None = None) -> SharedPrior:
-        """What the other frames say of a frame; of any other picture of this camera when None."""
-        without = self.used.index(frame_id) if frame_id in self.used else None
-        return shared_prior(self.problem, self.state, without)
+    def prior(self, frame_id: str | None = None, theta: Array | None = None) -> SharedPrior:
+        """What the other frames say of a frame; of any other picture of this camera when None. A camera (P,) that was
+        found for the frame alone tells where it points.
+        """
+        if frame_id in self.used:
+            return shared_prior(self.problem, self.state, self.used.index(frame_id))
+        # a camera elsewhere, or on the other side of the field, does not tell how this one points
+        if theta is not None and np.linalg.norm(theta[POSITION] - self.state.theta[0, POSITION]) > LARGEST_LEVER_M:
+            theta = None
+        return shared_prior(self.problem, self.state, None, theta)
 
 
 def estimate_rigs(
@@ -98,6 +110,7 @@ def estimate_rigs(
     known = [f for f in frames if f.theta is not None and f.covariance is not None and f.observations is not None]
     rigs: list[Rig] = []
     groups = _group_frames(known, config, cameras)
+    beside: dict[str, Rig] = {}
     while groups:
         chosen = [(name, members, _select_best(members, turned, config)) for name, members, turned in groups]
         wanted = {frame.id for _, _, best in chosen for frame, _ in best}
@@ -105,17 +118,28 @@ def estimate_rigs(
         groups = []
         for name, members, best in chosen:
             rig = _estimate_rig(name, [full[f.id] for f, _ in best], [t for _, t in best], template, circle, config)
-            if rig is None:
+            if rig is None or (name in beside and _stand_together(rig, beside[name], config)):
                 continue
             rigs.append(replace(rig, members=tuple(f.id for f in members)))
             # cameras that stand side by side were one group; those that were left out may be another one
             rest = [f for f in members if f.id in rig.left_out]
             if cameras is None and len(rest) >= config.rig.least_frames:
                 groups.append((name, rest, [False] * len(rest)))
+                beside[name] = rig
     if cameras is not None:
         return rigs
     rigs.sort(key=lambda rig: len(rig.members) - len(rig.left_out), reverse=True)
     return [replace(rig, name=f"camera-{number}") for number, rig in enumerate(rigs, start=1)]
+
+
+def _stand_together(first: Rig, second: Rig, config: Config) -> bool:
+    """Whether two rigs stand where one camera may stand: then the frames of the second one are false calibrations."""
+    found = [estimate_common(rig.problem, rig.state) for rig in (first, second)]
+    places = [[list(rig.problem.shared).index(INDEX[name]) for name in "xyz"] for rig in (first, second)]
+    apart = found[0][0][places[0]] - found[1][0][places[1]]
+    spread = sum(covariance[np.ix_(at, at)] for (_, covariance), at in zip(found, places, strict=True))
+    spread = spread + config.rig.same_position_m**2 * np.eye(3)
+    return bool(apart @ np.linalg.solve(spread, apart) < chi2.ppf(SAME_CAMERA, 3))
 
 
 def _select_best(members: Sequence[RigFrame], turned: Sequence[bool], config: Config) -> list[tuple[RigFrame, bool]]:
@@ -204,6 +228,7 @@ def _combine_problems(problems: Sequence[Problem], config: Config, width: int, l
             "kappa_1": rig.k1_deviation,
         },
         log_focal=log_focal,
+        turning=True,
     )
 
 

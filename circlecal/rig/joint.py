@@ -1,9 +1,10 @@
 """Many frames of one standing camera: what they share and what is each frame's own, in one least-squares problem.
 
-Every frame has its focal length, pan, tilt and bloom, and small deviations from what is shared. A frame's own
-parameters meet other frames' only through the shared ones, so the normal equations are an arrow: the own blocks are
-eliminated one by one (Schur complement), and what is left is as large as the shared part, however many frames there
-are.
+Every frame has its focal length, pan, tilt and bloom, and small deviations from what is shared. Where the camera turns
+on a tripod (:mod:`circlecal.rig.tripod`), pan, tilt and roll are those of the head, the shared position is that of the
+pan axis, and the axis's lean and the lever arm of the lens are shared as well. A frame's own parameters meet other
+frames' only through the shared ones, so the normal equations are an arrow: the own blocks are eliminated one by one
+(Schur complement), and what is left is as large as the shared part, however many frames there are.
 """
 
 from __future__ import annotations
@@ -16,12 +17,17 @@ import numpy as np
 from circlecal.camera.priors import SHARED, ZOOMED, Priors, SharedPrior
 from circlecal.camera.problem import Problem, evaluate
 from circlecal.camera.residuals import sample_feet
-from circlecal.geometry.camera_parameters import INDEX, PARAMETERS
+from circlecal.geometry.camera_parameters import ANGLES, INDEX, PARAMETERS, POSITION
 from circlecal.geometry.least_squares import Step, StoppingRule, minimise
 from circlecal.geometry.projective import Array, Indices, Mask
+from circlecal.rig.tripod import COMMON, LEAN_SD_DEG, LEVER_M, LEVER_SD_M, PLACE, TripodModel
 
 OWN = ("log_focal", "pan", "tilt", "bloom")
 """Parameters that belong to a frame."""
+TURNING = ("lean_x", "lean_y", "lever")
+"""Parameters by which a camera on a tripod turns otherwise than about one point: radians, radians, metres."""
+TURNING_MEAN = np.array([0.0, 0.0, LEVER_M])
+TURNING_SD = np.array([np.radians(LEAN_SD_DEG), np.radians(LEAN_SD_DEG), LEVER_SD_M])
 RULE = StoppingRule(1e-9, unit=np.inf)
 """Of a joint fit: frames add up, so what is worth a step is a share of the cost."""
 LARGEST_STEP = 0.5
@@ -48,6 +54,8 @@ class JointProblem:
         Priors of the changes with the zoom and of the deviations, about 0.
     log_focal : float
         Logarithm of the focal length at which the shared parameters are quoted.
+    turning : bool
+        Whether the camera turns on a tripod: then the common parameters end with :data:`TURNING` (T = 3, otherwise 0).
     """
 
     frames: tuple[Problem, ...]
@@ -59,6 +67,7 @@ class JointProblem:
     slope_sd: Array
     deviation_sd: Array
     log_focal: float
+    turning: bool = False
 
     @property
     def base(self) -> Array:
@@ -66,26 +75,75 @@ class JointProblem:
         return np.where(self.priors.sd == 0, self.priors.mean, 0.0)
 
     def thetas(self, own: Array, common: Array) -> Array:
-        """Parameter vectors (F, P) from own (F, O + D) and common (K + Z,) ones."""
+        """Parameter vectors (F, P) from own (F, O + D) and common (K + Z + T,) ones."""
+        theta = self.on_head(own, common)
+        if self.turning:
+            model, head, shared = self.tripod(theta, common)
+            turned = model.thetas(head, shared)
+            theta[:, ANGLES], theta[:, POSITION] = turned[:, ANGLES], turned[:, POSITION]
+        return theta
+
+    def mappings(self, own: Array, common: Array) -> tuple[Array, Array]:
+        """Derivatives of :meth:`thetas` by the own (F, P, O + D) and by the common parameters (F, P, K + Z + T)."""
+        F, K, Z, D = len(own), len(self.shared), len(self.zoomed), len(self.deviating)
+        first = len(self.own)
+        by_own = np.zeros((F, len(PARAMETERS), first + D))
+        by_own[:, self.own, np.arange(first)] = 1.0
+        by_own[:, self.zoomed, list(self.own).index(0)] = common[K : K + Z]
+        by_own[:, self.deviating, first + np.arange(D)] = 1.0
+        by_common = np.zeros((F, len(PARAMETERS), K + Z))
+        by_common[:, self.shared, np.arange(K)] = 1.0
+        theta = self.on_head(own, common)
+        by_common[:, self.zoomed, K + np.arange(Z)] = theta[:, :1] - self.log_focal
+        if not self.turning:
+            return by_own, by_common
+        by_head, by_turning = self.turn(theta, common)
+        return by_head @ by_own, np.concatenate([by_head @ by_common, by_turning], axis=2)
+
+    def turn(self, theta: Array, common: Array) -> tuple[Array, Array]:
+        """Derivatives of cameras on the tripod by the parameters (F, P) on its head, (F, P, P), and by :data:`TURNING`,
+        (F, P, T).
+        """
+        model, head, shared = self.tripod(theta, common)
+        by_own, by_shared = model.derivatives(head, shared)
+        turned = np.zeros((len(theta), len(PARAMETERS), len(PARAMETERS)))
+        turned[:] = np.eye(len(PARAMETERS))
+        moved = [INDEX[name] for name in ("pan", "tilt", "roll", "x", "y", "z")]
+        turned[:, :, moved] = 0.0
+        rows = np.array(moved)[:, None]
+        turned[:, rows, [INDEX["pan"], INDEX["tilt"]]] = by_own[:, moved, 1:]
+        common_columns = [PLACE[name] for name in ("head_roll", "axis_x", "axis_y", "axis_z")]
+        turned[:, rows, moved[2:]] = by_shared[:, rows, common_columns]
+        by_turning = np.zeros((len(theta), len(PARAMETERS), len(TURNING)))
+        by_turning[:, moved] = by_shared[:, rows, [PLACE[name] for name in TURNING]]
+        return turned, by_turning
+
+    def heads_of(self, theta: Array, common: Array) -> Array:
+        """Parameters (F, P) on the head of cameras (F, P), for the common parameters' lean and lever arm."""
+        if not self.turning:
+            return theta.copy()
+        found = theta.copy()
+        model, _, shared = self.tripod(theta, common)
+        found[:, ANGLES], found[:, POSITION] = model.head_of(theta, shared[0])
+        return found
+
+    def on_head(self, own: Array, common: Array) -> Array:
+        """Parameters (F, P) on the head of the tripod; of the camera where it turns about one point."""
+        K, Z = len(self.shared), len(self.zoomed)
         theta = np.tile(self.base, (len(own), 1))
         theta[:, self.own] = own[:, : len(self.own)]
-        theta[:, self.shared] = common[: len(self.shared)]
-        theta[:, self.zoomed] += (theta[:, :1] - self.log_focal) * common[len(self.shared) :]
+        theta[:, self.shared] = common[:K]
+        theta[:, self.zoomed] += (theta[:, :1] - self.log_focal) * common[K : K + Z]
         theta[:, self.deviating] += own[:, len(self.own) :]
         return theta
 
-    def mappings(self, theta: Array, common: Array) -> tuple[Array, Array]:
-        """Derivatives of parameter vectors (F, P) by the own (F, P, O + D) and by the common ones (F, P, K + Z)."""
-        F, P = theta.shape
-        K, Z, own, D = len(self.shared), len(self.zoomed), len(self.own), len(self.deviating)
-        by_own = np.zeros((F, P, own + D))
-        by_own[:, self.own, np.arange(own)] = 1.0
-        by_own[:, self.zoomed, list(self.own).index(0)] = common[K:]
-        by_own[:, self.deviating, own + np.arange(D)] = 1.0
-        by_common = np.zeros((F, P, K + Z))
-        by_common[:, self.shared, np.arange(K)] = 1.0
-        by_common[:, self.zoomed, K + np.arange(Z)] = theta[:, :1] - self.log_focal
-        return by_own, by_common
+    def tripod(self, theta: Array, common: Array) -> tuple[TripodModel, Array, Array]:
+        """The tripod's map, and its own (F, 3) and common (F, 20) parameters, of frames (F, P) on its head."""
+        shared = np.zeros((len(theta), len(COMMON)))
+        shared[:, :3], shared[:, PLACE["head_roll"]] = theta[:, POSITION], theta[:, INDEX["roll"]]
+        shared[:, [PLACE[name] for name in TURNING]] = common[len(self.shared) + len(self.zoomed) :]
+        head = theta[:, [INDEX["log_focal"], INDEX["pan"], INDEX["tilt"]]]
+        return TripodModel(self.frames[0].model, self.log_focal), head, shared
 
     def with_loss(self, loss_scale: float) -> JointProblem:
         """The problem under a robust loss of another scale."""
@@ -190,7 +248,11 @@ class JointState:
 
 
 def joint_problem(
-    problems: Sequence[Problem], slope_sd: Mapping[str, float], deviation_sd: Mapping[str, float], log_focal: float
+    problems: Sequence[Problem],
+    slope_sd: Mapping[str, float],
+    deviation_sd: Mapping[str, float],
+    log_focal: float,
+    turning: bool = False,
 ) -> JointProblem:
     """Frames with the same priors as one problem.
 
@@ -204,6 +266,8 @@ def joint_problem(
         How far a frame may deviate from a shared parameter, by name; 0 or missing for not at all.
     log_focal : float
         At which the shared parameters are quoted.
+    turning : bool
+        Whether the camera turns on a tripod.
     """
     priors = problems[0].priors
     free = {name for name, sd in zip(PARAMETERS, priors.sd, strict=True) if sd > 0}
@@ -224,13 +288,16 @@ def joint_problem(
         slope_sd=np.array([slope_sd[name] for name in zoomed]),
         deviation_sd=np.array([deviation_sd[name] for name in deviating]),
         log_focal=log_focal,
+        turning=turning,
     )
 
 
 def start_state(problem: JointProblem, theta: Array) -> JointState:
     """State at parameter vectors (F, P) of the frames: what is shared starts at their median."""
-    shared = np.median(theta[:, problem.shared], axis=0)
-    common = np.concatenate([shared, np.zeros(len(problem.zoomed))])
+    turning = TURNING_MEAN if problem.turning else np.zeros(0)
+    common = np.concatenate([np.zeros(len(problem.shared) + len(problem.zoomed)), turning])
+    theta = problem.heads_of(theta, common)
+    common[: len(problem.shared)] = np.median(theta[:, problem.shared], axis=0)
     own = np.concatenate([theta[:, problem.own], np.zeros((len(theta), len(problem.deviating)))], axis=1)
     start = problem.thetas(own, common)
     feet = tuple(sample_feet(f.curves, t[None], f.model) for f, t in zip(problem.frames, start, strict=True))
@@ -245,7 +312,7 @@ def evaluate_joint(
     states = [evaluate(f, t[None], h, updates) for f, t, h in zip(problem.frames, theta, feet, strict=True)]
     normal = np.stack([s.normal[0] for s in states])
     gradient = np.stack([s.gradient[0] for s in states])
-    by_own, by_common = problem.mappings(theta, common)
+    by_own, by_common = problem.mappings(own, common)
     deviation = own[:, len(problem.own) :] / problem.deviation_sd
     first = len(problem.own)
     left = np.swapaxes(by_own, 1, 2) @ normal
@@ -280,12 +347,14 @@ def _common_priors(problem: JointProblem, common: Array) -> tuple[Array, Array, 
     theta[problem.shared] = common[:K]
     values, jacobian = problem.priors.residuals(theta[None])
     jacobian = jacobian[0][:, problem.shared]
-    slopes = common[K:] / problem.slope_sd
+    sd = np.concatenate([problem.slope_sd, TURNING_SD if problem.turning else np.zeros(0)])
+    usual = np.concatenate([np.zeros(len(problem.slope_sd)), TURNING_MEAN if problem.turning else np.zeros(0)])
+    others = (common[K:] - usual) / sd
     normal = np.zeros((len(common), len(common)))
     normal[:K, :K] = jacobian.T @ jacobian
-    normal[K:, K:] = np.diag(problem.slope_sd**-2.0)
-    gradient = np.concatenate([jacobian.T @ values[0], slopes / problem.slope_sd])
-    return normal, gradient, float(values[0] @ values[0] + slopes @ slopes)
+    normal[K:, K:] = np.diag(sd**-2.0)
+    gradient = np.concatenate([jacobian.T @ values[0], others / sd])
+    return normal, gradient, float(values[0] @ values[0] + others @ others)
 
 
 def minimise_joint(problem: JointProblem, state: JointState, iterations: int = RULE.iterations) -> JointState:
@@ -328,8 +397,8 @@ def frame_information(state: JointState) -> tuple[Array, Array]:
     return precision, gradient
 
 
-def shared_prior(problem: JointProblem, state: JointState, without: int | None = None) -> SharedPrior:
-    """What the frames say of the camera; of all frames, or of all but one.
+def estimate_common(problem: JointProblem, state: JointState, without: int | None = None) -> tuple[Array, Array]:
+    """Mean (C,) and covariance (C, C) of the common parameters from all frames, or from all but one.
 
     A frame that is fitted under what the others say, linearised at the joint optimum, is fitted as in the joint
     problem: the others' gradient at the optimum is what balances its own.
@@ -338,16 +407,62 @@ def shared_prior(problem: JointProblem, state: JointState, without: int | None =
     kept = np.arange(len(state.costs)) != (-1 if without is None else without)
     covariance = _inverse(state.H_common + precision[kept].sum(axis=0))
     mean = state.common - covariance @ (state.g_common + gradient[kept].sum(axis=0))
+    return mean, (covariance + covariance.T) / 2
+
+
+def shared_prior(
+    problem: JointProblem, state: JointState, without: int | None = None, theta: Array | None = None
+) -> SharedPrior:
+    """What the frames say of the camera; of all frames, or of all but one.
+
+    Parameters
+    ----------
+    problem, state : JointProblem, JointState
+        The joint optimum.
+    without : int, optional
+        The frame that is left out, and that the prior is for.
+    theta : (P,) array, optional
+        A camera that points about where the one does that the prior is for. A camera on a tripod moves while it turns:
+        without any of both, how much it moved among the frames is part of the covariance.
+    """
+    mean, covariance = estimate_common(problem, state, without)
+    K, Z = len(problem.shared), len(problem.zoomed)
+    if problem.turning:
+        if theta is not None:
+            heads = problem.heads_of(theta[None], mean)
+        else:
+            heads = problem.on_head(state.own if without is None else state.own[[without]], mean)
+        heads[:, problem.shared] = mean[:K]
+        mean, covariance = _carry_to_heads(problem, mean, covariance, heads)
     deviation = np.zeros(len(PARAMETERS))
     deviation[problem.deviating] = problem.deviation_sd
     return SharedPrior(
         parameters=tuple(PARAMETERS[k] for k in problem.shared),
         zoomed=tuple(PARAMETERS[k] for k in problem.zoomed),
         log_focal=problem.log_focal,
-        mean=mean,
-        covariance=(covariance + covariance.T) / 2,
+        mean=mean[: K + Z],
+        covariance=covariance[: K + Z, : K + Z],
         deviation_sd=deviation[problem.shared],
     )
+
+
+def _carry_to_heads(problem: JointProblem, mean: Array, covariance: Array, heads: Array) -> tuple[Array, Array]:
+    """Shared parameters and slopes of the camera itself, mean (K + Z,) and covariance, over heads (F, P)."""
+    K, Z = len(problem.shared), len(problem.zoomed)
+    model, head, shared = problem.tripod(heads, mean)
+    turned = heads.copy()
+    found = model.thetas(head, shared)
+    turned[:, ANGLES], turned[:, POSITION] = found[:, ANGLES], found[:, POSITION]
+    by_head, by_turning = problem.turn(heads, mean)
+    rows = np.zeros((len(heads), K + Z, len(mean)))
+    rows[:, :K, :K] = by_head[:, problem.shared][:, :, problem.shared]
+    rows[:, K:, K : K + Z] = np.eye(Z)
+    rows[:, :K, K + Z :] = by_turning[:, problem.shared]
+    means = np.concatenate([turned[:, problem.shared], np.tile(mean[K : K + Z], (len(heads), 1))], axis=1)
+    total = (rows @ covariance @ np.swapaxes(rows, 1, 2)).mean(axis=0)
+    if len(means) > 1:
+        total = total + np.cov(means.T, bias=True)
+    return means.mean(axis=0), (total + total.T) / 2
 
 
 def deletion_gains(state: JointState) -> Array:

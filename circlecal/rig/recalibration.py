@@ -77,7 +77,7 @@ def recalibrate(
     alone = None if frame.theta is None else _cost(frame, frame.theta, template, circle, config, scale_of=frame)
     trials, reasons = [], []
     for rig in tried:
-        found = calibrate(config_with_prior(config, rig.prior(frame.id), rig.size[0]))
+        found = calibrate(config_with_prior(config, rig.prior(frame.id, frame.theta), rig.size[0]))
         reason = _refusal(found, frame, rig)
         if reason is not None or found is None or found.attempt.camera is None:
             reasons.append(reason or "it cannot be calibrated again")
@@ -102,7 +102,7 @@ def _refusal(found: FrameCalibration | None, frame: RigFrame, rig: Rig) -> str |
         return "it cannot be calibrated again"
     if found.status != "calibrated" or found.attempt.camera is None:
         return found.verdict.reason
-    prior = rig.prior(frame.id)
+    prior = rig.prior(frame.id, found.attempt.camera.theta)
     prior = prior if found.width == rig.size[0] else prior.resize(found.width / rig.size[0])
     if prior_chi_square(prior, found.attempt.camera.theta) > chi2.ppf(1.0 - UNLIKELY, len(prior.parameters)):
         return f"its camera is another one than {rig.name}"

@@ -27,8 +27,6 @@ from circlecal.geometry.camera_parameters import (
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import Surface
 
-OWN = ("log_focal", "head_pan", "head_tilt", "bloom")
-"""Parameters of a frame: logarithm of the focal length in pixels, angles of the head in radians, bloom in pixels."""
 COMMON = (
     "axis_x", "axis_y", "axis_z", "lean_x", "lean_y", "head_roll", "lever", "lever_by_zoom",
     "pp_x", "pp_y", "pp_x_by_zoom", "pp_y_by_zoom", "kappa_1", "kappa_1_by_zoom", "kappa_2", "log_aspect",
@@ -37,6 +35,10 @@ COMMON = (
 """Parameters of the tripod, its lens and its pitch: metres, radians, pixels, half-widths; ``by_zoom`` per unit of the
 logarithm of the focal length. The sizes are offsets from the template's.
 """
+LEAN_SD_DEG = 0.6
+"""Prior of the pan axis's lean: standing broadcast cameras show -0.8 to 0.7 degrees of roll by the sine of pan."""
+LEVER_M, LEVER_SD_M = 0.6, 0.4
+"""Prior of the lever arm, 0.1 to 1.3 m on real cameras."""
 PLACE = {name: k for k, name in enumerate(COMMON)}
 _PIXELS = frozenset({"pp_x", "pp_y", "pp_x_by_zoom", "pp_y_by_zoom"})
 _DIRECT = ("pp_x", "pp_y", "kappa_1", "kappa_2", "log_aspect", "crown", "width", "length", "breadth")
@@ -134,8 +136,14 @@ class TripodModel:
 
     def own_of(self, theta: Array, common: Array) -> Array:
         """Own parameters (F, 4) of cameras (F, P): the head's angles that turn the tripod's camera the same way."""
-        rotation = rotation_matrix(*theta[:, ANGLES].T) @ _lean(common[_LEAN])
-        return np.column_stack([theta[:, LOG_FOCAL], angles_of(rotation)[:, :2], theta[:, _BLOOM]])
+        angles, _ = self.head_of(theta, common)
+        return np.column_stack([theta[:, LOG_FOCAL], angles[:, :2], theta[:, _BLOOM]])
+
+    def head_of(self, theta: Array, common: Array) -> tuple[Array, Array]:
+        """Pan, tilt and roll (F, 3) on the head of cameras (F, P), and where its axes meet (F, 3)."""
+        rotation = rotation_matrix(*theta[:, ANGLES].T)
+        lever = self._lever(theta[:, :1] - self.log_focal, common[None])
+        return angles_of(rotation @ _lean(common[_LEAN])), theta[:, POSITION] - lever * rotation[:, 2]
 
     def _head(self, own: Array, common: Array) -> Array:
         return rotation_matrix(own[:, 1], own[:, 2], common[:, _ROLL])

@@ -16,7 +16,7 @@ from circlecal.field import FieldTemplate
 from circlecal.geometry.camera_parameters import INDEX, ProjectionModel, project
 from circlecal.geometry.projective import Array, Indices
 from circlecal.geometry.surface import Surface
-from circlecal.rig.tripod import COMMON, PLACE, TripodEstimate, TripodModel
+from circlecal.rig.tripod import COMMON, LEAN_SD_DEG, LEVER_M, LEVER_SD_M, PLACE, TripodEstimate, TripodModel
 from circlecal.tracking.markings import SPACING_PX, DrawnTemplate, MeasuredFrame, grow_places, rows_of
 
 ITERATIONS = 15
@@ -27,12 +27,10 @@ LOSS_SCALE = 2.0
 """Of the Geman-McClure loss, standard deviations: paint that lies further off is something else."""
 WIDE = 8.0
 """By how much wider it is at first."""
-LEAN_SD_DEG, ROLL_SD_DEG = 0.6, 0.6
-"""Priors of the pan axis's lean and of the camera's roll on the head: standing broadcast cameras show -0.8 to 0.7
-degrees of roll by the sine of pan.
-"""
-LEVER_M, LEVER_SD_M, LEVER_BY_ZOOM_SD_M = 0.6, 0.4, 0.2
-"""Prior of the lever arm, 0.1 to 1.3 m on real cameras, and of its change while the focal length grows e-fold."""
+ROLL_SD_DEG = 0.6
+"""Prior of the camera's roll on the head."""
+LEVER_BY_ZOOM_SD_M = 0.2
+"""Prior of the lever arm's change while the focal length grows e-fold."""
 POINT_BY_ZOOM_PX, KAPPA_BY_ZOOM = 4.0, 0.015
 """Priors of how far principal point (pixels at 1920 px width) and radial distortion change with that."""
 MODEL_SIGMA_PX, CORRELATION_PX = 0.25, 60.0

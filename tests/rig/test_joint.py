@@ -240,3 +240,30 @@ def test_foot_parameters_start_on_their_markings(scene):
         circle = frame.curves.radius > 0
         apart = np.abs(np.angle(np.exp(1j * (near - feet)[0, circle])))
         assert apart.max() < 0.05
+
+
+def test_derivatives_of_a_camera_that_turns_on_a_tripod(scene):
+    problems, truth = scene
+    problem = joint_problem(problems, ZOOM, DEVIATION, float(np.median(truth[:, 0])), turning=True)
+    rng = np.random.default_rng(4)
+    state = start_state(problem, truth)
+    own = state.own + rng.normal(0, 1e-3, state.own.shape)
+    common = state.common + np.r_[rng.normal(0, 1e-3, len(state.common) - 3), 0.004, -0.006, 0.3]
+    by_own, by_common = problem.mappings(own, common)
+    for k in range(own.shape[1]):
+        step = 1e-6 * (np.arange(own.shape[1]) == k)
+        difference = (problem.thetas(own + step, common) - problem.thetas(own - step, common)) / 2e-6
+        np.testing.assert_allclose(by_own[..., k], difference, atol=1e-6)
+    for k in range(len(common)):
+        step = 1e-6 * (np.arange(len(common)) == k)
+        difference = (problem.thetas(own, common + step) - problem.thetas(own, common - step)) / 2e-6
+        np.testing.assert_allclose(by_common[..., k], difference, atol=1e-6)
+
+
+def test_heads_of_cameras_on_a_tripod(scene):
+    problems, truth = scene
+    problem = joint_problem(problems, {}, {}, float(np.median(truth[:, 0])), turning=True)
+    state = start_state(problem, truth)
+    common = state.common + np.r_[np.zeros(len(state.common) - 3), 0.004, -0.006, 0.3]
+    heads = problem.heads_of(problem.thetas(state.own, common), common)
+    np.testing.assert_allclose(heads, problem.on_head(state.own, common), atol=1e-9)
