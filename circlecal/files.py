@@ -7,12 +7,13 @@ that lead in a circle) is one line that names it, never a hang and never more me
 from __future__ import annotations
 
 import contextlib
+import csv
 import errno
 import hashlib
 import os
 import stat
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from circlecal.errors import InputError
@@ -91,6 +92,34 @@ def read_lines(path: str | Path, start: int = 0, most_bytes: int = MAX_BYTES) ->
                 yield line
         except OSError as error:
             raise _unreadable(path, error) from error
+
+
+def read_table(lines: Iterable[str], name: str, columns: Sequence[str]) -> Iterator[tuple[int, dict[str, str]]]:
+    """Line numbers and rows of a CSV table, with the columns that are wanted; cells that a row lacks are empty.
+
+    Parameters
+    ----------
+    lines : iterable of str
+        Of the table with their ends, the first with the names of its columns, in any order among others.
+    name : str
+        Named in errors.
+    columns : sequence of str
+        That must be there.
+
+    Raises
+    ------
+    InputError
+        A column is missing, or the lines are no table.
+    """
+    table = csv.DictReader(lines, restval="")
+    try:
+        missing = [column for column in columns if column not in (table.fieldnames or ())]
+        if missing:
+            raise InputError(f"{name}, line 1: has no column {missing[0]!r}; name the columns {', '.join(columns)}")
+        for row in table:
+            yield table.line_num, {column: row[column] for column in columns}
+    except csv.Error as error:
+        raise InputError(f"{name}, line {table.line_num}: is no CSV table: {error}; save it as CSV again") from error
 
 
 @contextlib.contextmanager

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from circlecal.errors import CirclecalError, InputError
 from circlecal.field import load_field
+from circlecal.files import read_table
 from circlecal.geometry.projective import Array
 from circlecal.records.log import read_records
 from circlecal.records.record import ResultRecord
@@ -59,19 +59,15 @@ def read_points(lines: Iterable[str], name: str) -> list[TablePoint]:
     InputError
         A column is missing, or a number is none; with the line.
     """
-    table = csv.DictReader(lines)
-    missing = [column for column in _COLUMNS if column not in (table.fieldnames or ())]
-    if missing:
-        raise InputError(f"{name}, line 1: has no column {missing[0]!r}; name the columns {', '.join(_COLUMNS)}")
     found = []
-    for row in table:
+    for number, row in read_table(lines, name, _COLUMNS):
         try:
             x, y = float(row["x"]), float(row["y"])
-        except (TypeError, ValueError) as error:
-            raise InputError(f"{name}, line {table.line_num}: x and y must be numbers") from error
+        except ValueError as error:
+            raise InputError(f"{name}, line {number}: x and y must be numbers") from error
         if not (np.isfinite(x) and np.isfinite(y)):
-            raise InputError(f"{name}, line {table.line_num}: x and y must be finite")
-        found.append(TablePoint(str(row["frame"]), x, y))
+            raise InputError(f"{name}, line {number}: x and y must be finite")
+        found.append(TablePoint(row["frame"], x, y))
     return found
 
 

@@ -91,7 +91,9 @@ def _project_table(results: Path, points: Path, to: Target, *, as_json: bool) ->
     from circlecal.cli import console
     from circlecal.files import read_file
 
-    lines = sys.stdin if str(points) == "-" else io.StringIO(read_file(points).decode("utf-8-sig", "replace"))
+    lines = (
+        sys.stdin if str(points) == "-" else io.StringIO(read_file(points).decode("utf-8-sig", "replace"), newline="")
+    )
     unit, given_unit = ("m", "px") if to is Target.FIELD else ("px", "m")
     names = ("frame", f"x_{given_unit}", f"y_{given_unit}", f"x_{unit}", f"y_{unit}", f"sigma_{unit}", "note")
     if not as_json:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import hashlib
 import io
 import json
@@ -22,7 +21,7 @@ from circlecal.batch.frames import calibrate_frame
 from circlecal.config import Config, config_digest
 from circlecal.errors import CirclecalError, InputError
 from circlecal.field import FieldTemplate
-from circlecal.files import is_file, is_folder, prepare_folder, read_text, real_path
+from circlecal.files import is_file, is_folder, prepare_folder, read_table, read_text, real_path
 from circlecal.formats.registry import annotation_suffixes
 from circlecal.pictures.files import PictureFile, find_frames
 from circlecal.pictures.limits import LimitsConfig
@@ -249,13 +248,9 @@ def read_cameras(path: Path) -> dict[str, str]:
     InputError
         Unreadable, without these columns, or a name that no file can have.
     """
-    try:
-        rows = list(csv.DictReader(io.StringIO(read_text(path), newline="")))
-    except csv.Error as error:
-        raise InputError(f"{path}: cannot be read: {error}; give a CSV file with id,camera") from error
     found = {}
-    for number, row in enumerate(rows, start=2):
-        frame, camera = (row.get(name) or "" for name in ("id", "camera"))
+    for number, row in read_table(io.StringIO(read_text(path), newline=""), str(path), ("id", "camera")):
+        frame, camera = row["id"], row["camera"]
         if not frame or not camera:
             raise InputError(f"{path}, line {number}: needs the columns id and camera, both filled")
         if not re.fullmatch(r"[\w.-]+", camera) or camera.startswith("."):

@@ -168,7 +168,11 @@ def test_given_cameras(run_circlecal, results, tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "named"),
-    [("id,camera\n1,a/b\n", "line 2"), ("frame\n1\n", "columns id and camera"), ("id,camera\n", "names no camera")],
+    [
+        ("id,camera\n1,a/b\n", "line 2"),
+        ("frame\n1\n", "no column 'id'; name the columns id, camera"),
+        ("id,camera\n", "names no camera"),
+    ],
 )
 def test_wrong_camera_file(tmp_path, text, named):
     path = tmp_path / "c.csv"

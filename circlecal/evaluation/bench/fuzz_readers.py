@@ -128,6 +128,8 @@ def _commands(run: Command) -> Iterator[Reader]:
         "rig": (_logs, lambda path, out: [str(path), "--out", str(out), "--workers", "1"]),
         "audit": (_all_annotations, lambda path, out: [str(path), "--size", "1280x720"]),
         "debug": (_pictures, lambda path, out: [str(path), "--out", str(out)]),
+        "track": (_videos, lambda path, out: [str(path), "--out", str(out), "--workers", "1"]),
+        "project --points": (_points, lambda path, out: [_result_file(out), "--to", "field", "--points", str(path)]),
     }
     for name, (seeds, arguments) in given.items():
         yield Reader(f"circlecal {name}", seeds, _command_reader(run, name.split()[0], arguments), 4)
@@ -160,6 +162,14 @@ def _small(out: Path) -> list[str]:
         out.mkdir(parents=True, exist_ok=True)
         path.write_bytes(_encode(".png", np.full((_SIDE, _SIDE, 3), (60, 130, 70), np.uint8)))
     return [str(path), "--out", str(out), "--no-overlay"]
+
+
+def _result_file(out: Path) -> str:
+    """A result file."""
+    path = out / "stored.json"
+    out.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(_results()[0].content)
+    return str(path)
 
 
 def _lines(path: Path) -> list[str]:
@@ -327,6 +337,10 @@ def _logs() -> list[Seed]:
 
 def _camera_lists() -> list[Seed]:
     return [Seed(".csv", b"id,camera\na,main\nb,main\nc,left\n")]
+
+
+def _points() -> list[Seed]:
+    return [Seed(".csv", b"frame,x,y\na,640,360\na,10.5,-3\nb,1e3,inf\n")]
 
 
 def _times() -> list[Seed]:
