@@ -320,12 +320,6 @@ REFUSALS = _by_code(
             "Nothing, if another camera took it. Otherwise a venue (--venue) that knows this camera.",
         ),
         Refusal(
-            "transition",
-            "two shots are mixed in this frame",
-            "A dissolve, a wipe or a cut within the frame.",
-            "Nothing: the next frames are answered again.",
-        ),
-        Refusal(
             "paint_missing",
             "too little paint is seen where the camera says it must be",
             "The camera was followed to here, but the picture does not confirm it: fog, a player before the lens, a "

@@ -429,6 +429,8 @@ def track(
 
 
 def _print_tracking(rows: list[TrackRow]) -> None:
+    from circlecal.tracking.clock import STAGES
+
     _table(
         "Rendered clips: main camera, mean error over the pitch in view, px at 1920",
         [
@@ -457,7 +459,16 @@ def _print_tracking(rows: list[TrackRow]) -> None:
     )
     _table(
         "Time on one thread, ms a frame; the survey once a clip",
-        ["clip", "width", "survey s", "decoding", "tracking", "record", "x decoding"],
+        [
+            "clip",
+            "width",
+            "survey s",
+            "decoding",
+            "tracking",
+            *(f"- {stage}" for stage in STAGES),
+            "record",
+            "x decoding",
+        ],
         [
             [
                 r.clip,
@@ -465,6 +476,7 @@ def _print_tracking(rows: list[TrackRow]) -> None:
                 f"{r.time.survey_s:.1f}",
                 f"{r.time.decoding_ms:.1f}",
                 f"{r.time.tracking_ms:.1f}",
+                *(f"{r.time.stages_ms.get(stage, 0.0):.1f}" for stage in STAGES),
                 f"{r.time.record_ms:.1f}",
                 f"{r.time.times_decoding:.1f}",
             ]

@@ -17,6 +17,7 @@ from circlecal.pipeline import field_of
 from circlecal.refusals import REFUSALS
 from circlecal.results import Check
 from circlecal.rig.tripod import Venue
+from circlecal.tracking.clock import StageClock
 from circlecal.tracking.looking import Look, LookedAt, Place
 from circlecal.tracking.motion import Flow, HeadMotion, estimate_motion, follow_corners
 from circlecal.tracking.results import Carrier, Head, TrackedFrame
@@ -117,7 +118,9 @@ class _Kept:
     flow: Flow | None
 
 
-def track_frames(frames: Iterable[ClipFrame], venue: Venue, config: Config) -> Iterator[TrackedFrame]:
+def track_frames(
+    frames: Iterable[ClipFrame], venue: Venue, config: Config, clock: StageClock | None = None
+) -> Iterator[TrackedFrame]:
     """The camera of every frame, in order; a frame comes out when the frames up to a few seconds later are in.
 
     Parameters
@@ -128,6 +131,8 @@ def track_frames(frames: Iterable[ClipFrame], venue: Venue, config: Config) -> I
         The cameras that may have taken it.
     config : Config
         Options.
+    clock : StageClock, optional
+        Told how long the stages take.
 
     Yields
     ------
@@ -135,25 +140,31 @@ def track_frames(frames: Iterable[ClipFrame], venue: Venue, config: Config) -> I
         One for each frame; memory does not grow with the length of the clip.
     """
     template, _ = field_of(config)
-    tracker = _Tracker(venue, config, template)
     waiting: list[_Entry] = []
+    clock = clock or StageClock()
+    tracker = _Tracker(venue, config, template, clock)
+
+    def answer(count: int) -> list[TrackedFrame]:
+        with clock.measure("smoothing"):
+            return list(_answer(waiting, count))
+
     for frame in frames:
         entry = tracker.follow(frame)
         if waiting and entry.shot != waiting[-1].shot:
-            yield from _answer(waiting, len(waiting))
+            yield from answer(len(waiting))
             waiting = []
         waiting.append(entry)
         if len(waiting) >= WINDOW:
-            yield from _answer(waiting, WINDOW - OVERLAP)
+            yield from answer(WINDOW - OVERLAP)
             waiting = waiting[WINDOW - OVERLAP :]
-    yield from _answer(waiting, len(waiting))
+    yield from answer(len(waiting))
 
 
 class _Tracker:
     """Goes through a clip; knows the last frame."""
 
-    def __init__(self, venue: Venue, config: Config, template: FieldTemplate) -> None:
-        self._venue, self._config, self._template = venue, config, template
+    def __init__(self, venue: Venue, config: Config, template: FieldTemplate, clock: StageClock) -> None:
+        self._venue, self._config, self._template, self._clock = venue, config, template, clock
         self._places: dict[tuple[int, int], list[Place]] = {}
         self._rng = np.random.default_rng(config.seed)
         self._last: LookedAt | None = None
@@ -168,12 +179,14 @@ class _Tracker:
         """The next frame."""
         is_followed = self._entry is not None and self._entry.is_confirmed and frame.index % GRASS_EVERY != 0
         region = self._config.mask.detector.field_region
-        picture = LookedAt.of(frame.picture, region, self._last if is_followed else None)
+        with self._clock.measure("picture"):
+            picture = LookedAt.of(frame.picture, region, self._last if is_followed else None)
         entry = _Entry(frame.index, frame.time_s, picture.size, self._shot)
         before, last = self._entry, self._last
         flow = None
         if last is not None and last.size == picture.size:
-            flow = follow_corners(last.small, picture.small, self._velocity)
+            with self._clock.measure("motion"):
+                flow = follow_corners(last.small, picture.small, self._velocity)
         look = None
         if before is not None and before.place is not None and flow is not None:
             look = self._continue(entry, before, picture, flow)
@@ -183,10 +196,12 @@ class _Tracker:
                 picture = LookedAt.of(frame.picture, region)
             self._lose(entry, before, last is not None and picture.differs_from(last))
             if self._is_time_to_search() and picture.grass_share >= LEAST_GRASS:
-                self._find(entry, picture)
+                with self._clock.measure("search"):
+                    self._find(entry, picture)
             self._since_cut += 1
             if entry.place is not None:
-                self._go_back(_Kept(entry, picture, flow))
+                with self._clock.measure("backward"):
+                    self._go_back(_Kept(entry, picture, flow))
         self._keep(_Kept(entry, picture, flow))
         self._entry, self._last = entry, picture
         return entry
@@ -240,7 +255,8 @@ class _Tracker:
         if place is None:
             return None
         tripod = place.tripod
-        motion = estimate_motion(flow, before.head, tripod.model, tripod.mean, self._rng, picture.small.factor)
+        with self._clock.measure("motion"):
+            motion = estimate_motion(flow, before.head, tripod.model, tripod.mean, self._rng, picture.small.factor)
         is_guess = motion is None
         if motion is None:
             turn = GUESS_SD_PX * place.unit / float(np.exp(before.head[0]))
@@ -249,7 +265,8 @@ class _Tracker:
         covariance = motion.covariance + np.diag(np.square(HEAD_SD)) * (1 + self._unconfirmed)
         if not is_guess:
             self._velocity = np.median(flow.after - flow.before, axis=0)
-        look = place.look(picture, head, covariance, before.by_common, SHUTTER * self._velocity)
+        with self._clock.measure("paint"):
+            look = place.look(picture, head, covariance, before.by_common, SHUTTER * self._velocity)
         if is_guess and not look.is_confirmed:
             return None
         self._change = motion.change

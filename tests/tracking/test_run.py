@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import csv
 import json
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -91,6 +94,34 @@ def test_a_stop_loses_nothing_and_nothing_is_done_twice(tmp_path, engine):
     decoded.clear()
     assert run_track([video], clip_run(), out).progress.finished == 30
     assert not decoded, "a finished clip is not looked at again"
+
+
+KILLED = """
+import os, signal
+from pathlib import Path
+from circlecal.tracking import run as run_module
+from tests.tracking import scripted
+from tests.tracking.test_run import clip_run
+from circlecal.pictures.video import Video
+
+run_module.track_frames, run_module.survey_clip = scripted.track_frames, scripted.survey_clip
+run_module.STRETCH_S = 1.0
+kill = lambda progress: progress.finished == 14 and os.kill(os.getpid(), signal.SIGKILL)
+run_module.run_track([Video.open(Path("{clip}"), "clip")], clip_run(), Path("{out}"), on_progress=kill)
+"""
+
+
+def test_a_kill_loses_nothing_and_nothing_is_done_twice(tmp_path, engine):
+    engine.setattr(run_module, "STRETCH_S", 1.0)
+    video, out = open_clip(tmp_path), tmp_path / "out"
+    run_track([video], clip_run(), tmp_path / "whole")
+    script = KILLED.format(clip=video.path, out=out)
+    killed = subprocess.run([sys.executable, "-c", script], cwd=Path(__file__).parents[2], check=False)
+    assert killed.returncode == -signal.SIGKILL
+    left = lines(out)
+    assert 0 < len(left) <= 14
+    report = run_track([video], clip_run(), out)
+    assert report.progress.resumed == len(left) and lines(out) == lines(tmp_path / "whole")
 
 
 def watch(frames, times):

@@ -5,8 +5,8 @@ from __future__ import annotations
 import itertools
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -27,6 +27,7 @@ from circlecal.records.record import CameraRow
 from circlecal.synthetic.dataset import TRUTH_FOLDER
 from circlecal.synthetic.video import CLIP_KINDS, ClipKind, ClipSpec, ShotKind, write_clips
 from circlecal.tracking.clip import ClipFrame, survey_clip, track_frames
+from circlecal.tracking.clock import Stage, StageClock
 from circlecal.tracking.records import RecordForm, record_of_track, theta_of_view
 from circlecal.tracking.results import TrackedFrame
 
@@ -83,12 +84,15 @@ class ClipTruth(_Part):
 
 @dataclass(frozen=True, slots=True)
 class ClipTime:
-    """Where the time of a clip went: the survey in seconds, and milliseconds per frame of the rest."""
+    """Where the time of a clip went: the survey in seconds, and milliseconds per frame of the rest; stages are parts
+    of tracking.
+    """
 
     survey_s: float
     decoding_ms: float
     tracking_ms: float
     record_ms: float
+    stages_ms: Mapping[Stage, float] = field(default_factory=dict)
 
     @property
     def times_decoding(self) -> float:
@@ -212,7 +216,9 @@ def _track(video: Video, config: Config) -> tuple[list[TrackedFrame], ClipTime]:
     venue = survey_clip(lambda times: pictures_at(video.path, times), video.duration_s, config)
     survey_s = time.perf_counter() - start
     decoding, tracking = [0.0], [0.0]
-    frames = list(_time_steps(track_frames(_time_steps(_decode(video), decoding), venue, config), tracking))
+    clock = StageClock()
+    found = track_frames(_time_steps(_decode(video), decoding), venue, config, clock)
+    frames = list(_time_steps(found, tracking))
     start = time.perf_counter()
     form = RecordForm(*field_of(config), config.seed, "")
     for frame in frames:
@@ -220,7 +226,8 @@ def _track(video: Video, config: Config) -> tuple[list[TrackedFrame], ClipTime]:
     record_s = time.perf_counter() - start
     count = max(len(frames), 1)
     both_ms, decoding_ms = 1e3 * tracking[0] / count, 1e3 * decoding[0] / count
-    return frames, ClipTime(survey_s, decoding_ms, both_ms - decoding_ms, 1e3 * record_s / count)
+    stages_ms = {stage: 1e3 * spent / count for stage, spent in clock.spent_s.items()}
+    return frames, ClipTime(survey_s, decoding_ms, both_ms - decoding_ms, 1e3 * record_s / count, stages_ms)
 
 
 def _time_steps(steps: Iterator[T], spent_s: list[float]) -> Iterator[T]:
