@@ -108,6 +108,10 @@ def _negative(rng: np.random.Generator) -> Scene:
     return _look_from(rng, (0.0, 68.0, -19.0), (41.0, -4.0, 0.0), 3000.0, look={"turf_bgr": (42.0, 120.0, 74.0)})
 
 
+def _touchline_only(rng: np.random.Generator) -> Scene:
+    return _look_from(rng, (3.0, 62.0, -15.0), (19.0, -20.0, 0.0), 4200.0, look={"turf_bgr": (30.0, 124.0, 74.0)})
+
+
 _SAMPLES: dict[str, Callable[[np.random.Generator], Scene]] = {
     "full_circle": _full_circle,
     "partial_circle": _partial,
@@ -116,6 +120,7 @@ _SAMPLES: dict[str, Callable[[np.random.Generator], Scene]] = {
     "broadcast_view": _broadcast,
     "no_halfway_line": _no_halfway,
     "penalty_area": _negative,
+    "touchline_only": _touchline_only,
 }
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ from circlecal.formats.annotation import AnnotatedMarking, Annotation
 from circlecal.geometry.projective import Array, meet
 from circlecal.observations import MarkingKey
 from circlecal.overlay.page_view import describe_view, sigma_grid
+from circlecal.overlay.quality import rate_sigma
 from circlecal.overlay.template_lines import pixels_near_picture
 from circlecal.pipeline import field_of
 from circlecal.refusals import explain
@@ -32,6 +33,11 @@ deviations of the marking's place.
 """
 FIT_WIDEST_PX = 25.0
 """But where its place is less certain than this, nothing is suggested, pixels at 1920 px width."""
+ONE_LINE_PX, MOST_BEND = 3.0, 0.02
+"""Lines are pieces of one where a parabola through both leaves no point further off, pixels at 1920 px width, and bends
+by no larger share of its length: a strong broadcast lens (kappa 0.1) bends a line across the picture by 1.5 %, and the
+penalty area's line seen behind the goal area's leaves more than 10 px.
+"""
 FIT_SAMPLES = 24
 """Points of a line that are compared."""
 FEW_POINTS = 40
@@ -152,6 +158,7 @@ def describe(told: Answer) -> dict[str, Any]:
         "missing": missing(told),
         "sigma_px": None if camera is None else _finite(camera.max_sigma_px),
         "sigma_m": None if camera is None else _finite(camera.max_sigma_m),
+        "rating": rate_sigma(None if camera is None else camera.max_sigma_px, told.annotation.width),
         "template": {name: runs for name, seen in drawn.items() if (runs := _runs(seen.pixels))},
         "markings": _markings(told, recognised, drawn),
         "suggested": {str(k): name for k, name in suggestions(told, drawn).items()},
@@ -250,19 +257,24 @@ def suggestions(told: Answer, drawn: dict[str, SeenMarking]) -> dict[int, str]:
     if view is None or not told.is_calibrated:
         return {}
     unit = told.annotation.width / 1920.0
-    taken = {m.name for m in told.annotation.markings if m.name is not None and m.used}
     nameless = [k for k, m in enumerate(told.annotation.markings) if m.kind == "line" and m.name is None and m.used]
-    free = {name: seen for name, seen in drawn.items() if name in template.line_by_name and name not in taken}
+    taken = [m for m in told.annotation.markings if m.kind == "line" and m.name in template.line_by_name and m.used]
+    names = {m.name for m in taken}
+    lines = {name: seen for name, seen in drawn.items() if name in template.line_by_name and name not in names}
     found: dict[int, str] = {}
     if not nameless:
         return found
-    sigmas = {name: _place_sigma(view, seen) for name, seen in free.items()}
+    sigmas = {name: place_sigma(view, seen) for name, seen in lines.items()}
     for index in nameless:
         points = told.annotation.markings[index].points
+        piece_of = {m.name for m in taken if m.name is not None and continues(points, m.points, unit)}
+        if len(piece_of) == 1:
+            found[index] = piece_of.pop()
+            continue
         points = points[:: max(1, len(points) // FIT_SAMPLES)]
         fitting = [
             name
-            for name, seen in free.items()
+            for name, seen in lines.items()
             if sigmas[name] < FIT_WIDEST_PX * unit
             and np.quantile(distance_to_polyline(points, seen.pixels), 0.9) < FIT_PX * unit + FIT_SIGMAS * sigmas[name]
         ]
@@ -271,7 +283,25 @@ def suggestions(told: Answer, drawn: dict[str, SeenMarking]) -> dict[int, str]:
     return found
 
 
-def _place_sigma(view: FieldView, seen: SeenMarking) -> float:
+def continues(points: Array, others: Array, unit: float) -> bool:
+    """Whether two lines in a picture, points (N, 2) and (M, 2), are pieces of one, which the lens may bend a little.
+
+    ``unit`` is in pixels per pixel at 1920 px width.
+    """
+    both = np.concatenate(
+        [points[:: max(1, len(points) // FIT_SAMPLES)], others[:: max(1, len(others) // FIT_SAMPLES)]]
+    )
+    axes = np.linalg.svd(both - both.mean(axis=0), full_matrices=False)[2]
+    along, across = ((both - both.mean(axis=0)) @ axes.T).T
+    length = float(np.ptp(along))
+    if length <= 0.0:
+        return False
+    bend = np.polynomial.Polynomial.fit(along, across, 2)
+    sagitta = abs(float(bend.convert().coef[-1])) * (length / 2.0) ** 2 if len(bend.convert().coef) == 3 else 0.0
+    return bool(np.abs(across - bend(along)).max() < ONE_LINE_PX * unit and sagitta < MOST_BEND * length)
+
+
+def place_sigma(view: FieldView, seen: SeenMarking) -> float:
     """Median standard deviation of a marking's place in the picture, px; inf where it is not known."""
     inside = np.flatnonzero(view.shows(np.nan_to_num(seen.pixels, nan=-1.0)))
     if len(inside) == 0:

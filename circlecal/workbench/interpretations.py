@@ -15,33 +15,67 @@ import numpy as np
 from circlecal.api.calls import calibrate_annotation
 from circlecal.config import Config
 from circlecal.field import Circle, FieldTemplate
+from circlecal.field.view import FieldView
 from circlecal.formats.annotation import AnnotatedMarking, Annotation
+from circlecal.geometry.homography import SIDES
+from circlecal.geometry.projective import Array
 from circlecal.pipeline import field_of
 from circlecal.results import FrameCalibration
 from circlecal.stages.confirm import look_for_markings
-from circlecal.workbench.answers import Answer, see_markings, suggestions
+from circlecal.workbench.answers import Answer, continues, distance_to_polyline, place_sigma, see_markings, suggestions
 from circlecal.workbench.measuring import MeasuredPicture
 
-LONGEST = 3
-"""So many of the longest nameless lines are taken for every marking."""
+LONGEST = 2
+"""So many of the longest nameless lines are taken for every marking; pieces of one line count once."""
 SHOWN = 2
 """So many interpretations are offered."""
+ALIKE_M = 1.0
+"""Two interpretations that put the ground no further apart (median, metres) are one: the crown of the field moves two
+views of one scene by less, and two parallel markings of a field are at least 5 m apart.
+"""
+SURER = 0.8
+"""A further line is named where sigma becomes smaller than this share: less is not worth the risk of a wrong name."""
+NEAR_PX, NEAR_SIGMAS, NEAREST = 4.0, 3.0, 3
+"""Which markings a further line may be: so near to where the camera puts them, pixels at 1920 px width and standard
+deviations of their places, and of those so many.
+"""
+GROUND_GRID = (8, 5)
+"""Columns and rows of the places in the picture at which interpretations are compared."""
 
 
 @dataclass(frozen=True, slots=True)
 class Interpretation:
-    """Names by index of the marking, the share of the expected markings that the picture shows, and the length of
-    measured lines that are explained, pixels.
+    """Names for measured lines, and what speaks for them.
+
+    Attributes
+    ----------
+    names : dict of int to str
+        Names by index of the marking.
+    found_share : float
+        Share of the expected markings that the picture shows.
+    explained_px : float
+        Length of measured lines that are explained, pixels.
+    ground : (N, 2) array
+        Field points that the camera sees at fixed places of the picture, metres, nan above the horizon.
+    on_usual_side : bool
+        Whether the camera stands where ``correspondences.camera_side`` says.
     """
 
     names: dict[int, str]
     found_share: float
     explained_px: float
+    ground: Array
+    on_usual_side: bool
 
     @property
-    def score(self) -> float:
-        """By which the best is chosen."""
-        return self.explained_px * (0.25 + self.found_share)
+    def rank(self) -> tuple[bool, float]:
+        """By which the best is chosen: the smaller the better."""
+        return not self.on_usual_side, -self.explained_px * (0.25 + self.found_share)
+
+    def is_like(self, other: Interpretation) -> bool:
+        """Whether both put the same ground into the picture, as it is or turned by 180 degrees: nobody sees which."""
+        off = min(_median_distance(self.ground, sign * other.ground) for sign in (1.0, -1.0))
+        return off < ALIKE_M
 
     def describe(self) -> dict[str, Any]:
         """Ready for JSON."""
@@ -54,6 +88,8 @@ class Interpretation:
 
 def interpret(annotation: Annotation, measured: MeasuredPicture, config: Config) -> list[Interpretation]:
     """The best ways to name the lines of a frame, at most :data:`SHOWN`; none where it shows no circle.
+
+    One line is named first; what then lies on its place, or may lie there and makes the camera surer, is named too.
 
     Parameters
     ----------
@@ -68,28 +104,31 @@ def interpret(annotation: Annotation, measured: MeasuredPicture, config: Config)
     markings = annotation.markings
     if not any(m.kind == "curve" and m.name is not None and m.used for m in markings):
         return []
+    search = _Search(measured, config, template, circle)
     taken = {m.name for m in markings if m.name is not None and m.used}
-    lines = sorted(
-        (k for k, m in enumerate(markings) if m.kind == "line" and m.name is None and m.used),
-        key=lambda k: -length_px(markings[k]),
-    )[:LONGEST]
     found = [
         tried
-        for k in lines
+        for k in _longest_nameless(annotation)
         for line in template.lines
-        if line.name not in taken and (tried := _try(annotation, k, line.name, measured, config, template, circle))
+        if line.name not in taken and (tried := search.try_name(annotation, k, line.name))
     ]
-    best: list[Interpretation] = []
-    for tried in sorted(found, key=lambda i: -i.score):
-        if len(best) < SHOWN and all(_differ(tried, other) for other in best):
+    best: list[_Tried] = []
+    for tried in sorted(found, key=lambda t: t.offered.rank):
+        if len(best) < SHOWN and not any(tried.offered.is_like(other.offered) for other in best):
             best.append(tried)
-    return best
+    return sorted((search.extend(tried).offered for tried in best), key=lambda i: i.rank)
 
 
-def _differ(one: Interpretation, other: Interpretation) -> bool:
-    return any(one.names.get(k, name) != name for k, name in other.names.items()) or not (
-        one.names.keys() & other.names.keys()
-    )
+def _longest_nameless(annotation: Annotation) -> list[int]:
+    lines = [k for k, m in enumerate(annotation.markings) if m.kind == "line" and m.name is None and m.used]
+    found: list[int] = []
+    unit = annotation.width / 1920.0
+    for k in sorted(lines, key=lambda k: -length_px(annotation.markings[k])):
+        if len(found) < LONGEST and not any(
+            continues(annotation.markings[k].points, annotation.markings[other].points, unit) for other in found
+        ):
+            found.append(k)
+    return found
 
 
 def length_px(marking: AnnotatedMarking) -> float:
@@ -104,24 +143,94 @@ def name_marking(annotation: Annotation, index: int, name: str) -> Annotation:
     return annotation.model_copy(update={"markings": markings})
 
 
-def _try(
-    annotation: Annotation,
-    index: int,
-    name: str,
-    measured: MeasuredPicture,
-    config: Config,
-    template: FieldTemplate,
-    circle: Circle,
-) -> Interpretation | None:
-    """One line under one name; None where the verdict refuses the camera."""
-    named = name_marking(annotation, index, name)
-    found = calibrate_annotation(named, config, nameless=False)
-    if found.status != "calibrated" or found.attempt.camera is None:
-        return None
-    told = Answer(named, found, template, ())
-    names = {index: name} | suggestions(told, see_markings(found.view, template))
-    explained = sum(length_px(annotation.markings[k]) for k in names)
-    return Interpretation(names, share_of_paint(found, measured, template, circle), explained)
+@dataclass(frozen=True, slots=True)
+class _Tried:
+    """An interpretation with the annotation and the camera that it leads to."""
+
+    offered: Interpretation
+    annotation: Annotation
+    found: FrameCalibration
+
+    @property
+    def sigma_px(self) -> float:
+        """The largest predicted error."""
+        camera = self.found.attempt.camera
+        return float("inf") if camera is None else camera.max_sigma_px
+
+
+@dataclass(frozen=True, slots=True)
+class _Search:
+    """One frame whose lines are named in turn."""
+
+    measured: MeasuredPicture
+    config: Config
+    template: FieldTemplate
+    circle: Circle
+
+    def try_name(self, annotation: Annotation, index: int, name: str, before: _Tried | None = None) -> _Tried | None:
+        """One more line under one name, and what then fits; None where the verdict refuses the camera."""
+        names = ({} if before is None else before.offered.names) | {index: name}
+        named = name_marking(annotation, index, name)
+        earlier = None if before is None else before.found.attempt.camera
+        found = calibrate_annotation(named, self.config, nameless=False, earlier=earlier)
+        camera = found.attempt.camera
+        if found.status != "calibrated" or camera is None:
+            return None
+        told = Answer(named, found, self.template, ())
+        for k, fitting in suggestions(told, see_markings(found.view, self.template)).items():
+            names, named = names | {k: fitting}, name_marking(named, k, fitting)
+        explained = sum(length_px(annotation.markings[k]) for k in names)
+        share = share_of_paint(found, self.measured, self.template, self.circle)
+        side = np.asarray(SIDES[self.config.correspondences.camera_side])
+        usual = float(camera.camera.position_m[:2] @ side) > 0.0
+        return _Tried(Interpretation(names, share, explained, _ground_in(found.view), usual), named, found)
+
+    def extend(self, tried: _Tried) -> _Tried:
+        """Name further lines, one after the other, where one name alone is likely and makes the camera much surer."""
+        for index in _longest_nameless(tried.annotation):
+            if index in tried.offered.names:
+                continue
+            further = [
+                longer
+                for name in self._names_near(tried, index)
+                if (longer := self.try_name(tried.annotation, index, name, tried))
+                and longer.sigma_px < SURER * tried.sigma_px
+                and longer.offered.found_share >= tried.offered.found_share
+            ]
+            if further:
+                tried = min(further, key=lambda t: t.offered.rank)
+        return tried
+
+    def _names_near(self, tried: _Tried, index: int) -> list[str]:
+        """Names of the markings that may lie where a line was measured, the nearest first."""
+        view = tried.found.view
+        if view is None:
+            return []
+        points = tried.annotation.markings[index].points
+        drawn = see_markings(view, self.template)
+        taken = {m.name for m in tried.annotation.markings if m.name is not None and m.used}
+        near: list[tuple[float, str]] = []
+        for name, seen in drawn.items():
+            if name not in self.template.line_by_name or name in taken:
+                continue
+            off = float(np.quantile(distance_to_polyline(points, seen.pixels), 0.9))
+            if off < NEAR_PX * self.measured.unit + NEAR_SIGMAS * place_sigma(view, seen):
+                near.append((off, name))
+        return [name for _, name in sorted(near)[:NEAREST]]
+
+
+def _ground_in(view: FieldView | None) -> Array:
+    if view is None:
+        return np.full((GROUND_GRID[0] * GROUND_GRID[1], 2), np.nan)
+    shares = [(np.arange(count) + 0.5) / count for count in GROUND_GRID]
+    x, y = np.meshgrid(shares[0] * view.camera.width, shares[1] * view.camera.height)
+    return view.to_field(np.stack([x, y], axis=-1).reshape(-1, 2) - 0.5)
+
+
+def _median_distance(one: Array, other: Array) -> float:
+    off = np.linalg.norm(one - other, axis=1)
+    known = off[np.isfinite(off)]
+    return float(np.median(known)) if len(known) else float("inf")
 
 
 def share_of_paint(

@@ -1,14 +1,30 @@
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from circlecal.config import Config
 from circlecal.field import load_field
+from circlecal.field.view import FieldView
 from circlecal.formats.annotation import Annotation
-from circlecal.pictures.files import PictureFile
-from circlecal.workbench.answers import answer, describe, distance_to_polyline
+from circlecal.geometry.camera import camera_from_soccernet
+from circlecal.geometry.surface import Surface
+from circlecal.pictures.files import PictureFile, read_image
+from circlecal.pipeline import field_of
+from circlecal.workbench.answers import answer, continues, describe, distance_to_polyline
 from circlecal.workbench.interpretations import interpret, name_marking
-from circlecal.workbench.measuring import begin_annotation, complete_circle, exact_clicks, follow_path, snap_click
-from tests.workbench.conftest import Path
+from circlecal.workbench.measuring import (
+    begin_annotation,
+    complete_circle,
+    exact_clicks,
+    follow_path,
+    measure_picture,
+    snap_click,
+)
+
+SAMPLES = Path(__file__).parents[2] / "samples"
+FEW = ("halfway_line", "side_line_top", "big_rect_right_main", "big_rect_right_top", "small_rect_left_main")
 
 
 @pytest.fixture(scope="module")
@@ -105,10 +121,42 @@ def test_a_wrong_name_is_marked(begun):
     assert any(told["contradicts"] for told in shown["markings"]) or shown["status"] == "refused"
 
 
-def test_an_interpretation_names_the_touchline(begun, open_frame):
-    offered = interpret(begun, open_frame, Config())
-    assert offered and len(offered) <= 2
-    assert any("side_line_top" in one.names.values() for one in offered)
+def test_one_click_calibrates_the_sample_with_a_touchline(monkeypatch):
+    path = SAMPLES / "touchline_only.jpg"
+    file = PictureFile(path.stem, path, path.stem)
+    measured = measure_picture(read_image(path), Config(), file)
+    begun = begin_annotation(measured, Config(), file)
+    assert (measured.found.status, measured.found.verdict.code) == ("refused", "rotation_free")
+    # the offered names are found among all lines of the field; few of them are as good here, and quicker
+    template, circle = field_of(Config())
+    few = template.model_copy(update={"lines": tuple(line for line in template.lines if line.name in FEW)})
+    monkeypatch.setattr("circlecal.workbench.interpretations.field_of", lambda config: (few, circle))
+    offered = interpret(begun, measured, Config())
+    assert 1 <= len(offered) <= 2
+    named = begun
+    for index, name in offered[0].names.items():
+        assert name == "side_line_top"
+        named = name_marking(named, index, name)
+    assert len(offered[0].names) == 3  # all pieces of the line follow from one
+    told = answer(named, Config(), nameless=True)
+    truth = json.loads((SAMPLES / "truth" / "touchline_only.json").read_text())
+    camera = camera_from_soccernet(truth["camera"], truth["width"], truth["height"])
+    surface = Surface(truth["crown_shape"], truth["crown_reference_m"], truth["crown_m"])
+    assert told.is_calibrated
+    for name, limit_px in (("centre_circle", 2.0), ("side_line_top", 2.0), ("big_rect_right_main", 15.0)):
+        places = template.polylines(0.5)[name]
+        exact = FieldView(camera, surface).project(places)
+        seen = measured.shows(np.nan_to_num(exact, nan=-1.0))
+        assert seen.any()
+        assert distance_to_polyline(exact[seen], told.found.view.project(places)).max() < limit_px
+
+
+def test_pieces_of_one_line():
+    along = np.linspace(0.0, 600.0, 40)
+    line = np.stack([along, 300.0 - 0.04 * along + 1e-5 * (along - 300.0) ** 2], axis=1)
+    assert continues(line[:12], line[20:], 1.0)
+    assert not continues(line[:12], line[20:] + np.array([0.0, 12.0]), 1.0)
+    assert not continues(line[:20], np.stack([along[:20] + 300.0, 300.0 - 0.5 * along[:20]], axis=1), 1.0)
 
 
 def test_a_flag_refuses_a_frame(begun):
