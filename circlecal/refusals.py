@@ -256,6 +256,12 @@ REFUSALS = _by_code(
             another_interpretation=True,
         ),
         Refusal(
+            "circle_open",
+            "what is seen may be another circle of the field about as well",
+            "Two circles of the field, each with what lies around it, explain the picture alike.",
+            "Name the circle (field.circle), or give a keypoint; both cameras are in the result, `alternatives`.",
+        ),
+        Refusal(
             "field_open",
             "several fields explain the picture about as well",
             "With --field auto: another sport's template fits too, or none fits well enough to be believed.",

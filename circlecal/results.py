@@ -557,6 +557,25 @@ class Fitted(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
+class Rival:
+    """Another way to see the picture: its circle taken for another one of the field.
+
+    Attributes
+    ----------
+    circle_name : str
+        What the circle is taken for.
+    camera : CameraFit
+        The camera that follows.
+    evidence : float
+        Length of markings that are painted where this camera puts them, beyond break-even, picture widths.
+    """
+
+    circle_name: str
+    camera: CameraFit
+    evidence: float
+
+
+@dataclass(frozen=True, slots=True)
 class Attempt:
     """What the stages made of one frame with one circle: each stage's result, None where it was not reached.
 
@@ -570,6 +589,8 @@ class Attempt:
         The answer of the last stage, or why an earlier one gave up.
     circle_name : str or None
         Circle of the template that the seen one was taken for, where it is another than the one looked for.
+    rivals : tuple of Rival
+        What else it may be, the likeliest first, where that was asked.
     """
 
     mask: MarkingMask | None = None
@@ -583,6 +604,7 @@ class Attempt:
     camera: CameraFit | None = None
     verdict: Verdict | None = None
     circle_name: str | None = None
+    rivals: tuple[Rival, ...] = ()
 
     @property
     def fitted(self) -> Fitted | None:

@@ -21,6 +21,7 @@ from circlecal.detection.picture import Scaling, reduce_picture
 from circlecal.detection.ridges import RidgePoints, find_ridges
 from circlecal.field import Circle, FieldTemplate
 from circlecal.field.view import FieldView
+from circlecal.geometry.camera import Camera, lens_factor, pan_tilt_roll
 from circlecal.geometry.conics import sampson_distance
 from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.homography import SIDES
@@ -59,7 +60,7 @@ STRUCTURE_PX = 2.5
 BREAK_EVEN = 0.4
 """Share of a marking in view that must lie on ridges for it to speak for a camera: players, boards and logos hide the
 rest."""
-FOLLOWED, FIRST_KEPT, KEPT = 1500, 160, 24
+FOLLOWED, FIRST_KEPT, KEPT = 4000, 400, 40
 """Best cameras, of which so many different ones are fitted to what is surely painted, and so many of these to all."""
 ALIKE_WIDTHS = 0.04
 """Two cameras that put the field's nearest markings within this share of the picture's width are one."""
@@ -67,17 +68,19 @@ FIRST_ROUNDS, ROUNDS = 5, 10
 """Of the first and the last fit, in which the reach shrinks from one of these distances to the next."""
 OWN_PX, RIDGE_PX = 1.0, 1.5
 """Standard deviations of the circle and of ridges under the fit, pixels of the searched picture."""
+LARGEST_LENS, FURTHEST_LENS = 0.15, 4.0
+"""Largest distortion of the lens, and the squared distance from the middle, half widths, up to which it grows."""
+LENS, LENS_SD = 0.025, 0.03
+"""Radial distortion with which cameras start, in half widths of the picture, and its standard deviation about 0 in the
+fit: 18 reference cameras of other sports have -0.02 to 0.09, which moves far lines by up to 30 px of the searched
+picture.
+"""
 STEP = 1e-5
 """Of the numerical derivatives: radians, logarithm of the focal length, shares of the distance."""
 COARSE_NODES = 4
 """Every so many nodes of an outline are looked at for the first cameras."""
 MOST_CIRCLES, SAME_CIRCLE = 5, 0.06
 """Seen circles from which cameras start; share of the great half axis by which centre and axes of one may differ."""
-LEAST_EVIDENCE, LEAST_SHARE, RIVAL_RATIO = 0.3, 0.55, 1.35
-"""Evidence, picture widths, and share of the markings in view on ridges, without which a placed field is not believed;
-and by how much its evidence must exceed that of every other placement. Of 18 frames of other sports the right ones had
-0.39 to 1.78, 0.57 to 0.85 and ratios from 1.5; where the best was wrong it had 0.41 at most, and ratios up to 1.24.
-"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,8 +123,8 @@ class PlacedField:
         What the seen circle is taken for.
     conic : (3, 3) array
         The seen circle, pixels of the full picture.
-    H_image_field : (3, 3) array
-        Field (metres) to pixels of the full picture, without a lens.
+    view : FieldView
+        Where the full picture shows the field.
     evidence : float
         Length of markings that lie on ridges beyond break-even, picture widths.
     found_share : float
@@ -130,42 +133,26 @@ class PlacedField:
 
     circle: Circle
     conic: Array
-    H_image_field: Array
+    view: FieldView
     evidence: float
     found_share: float
-
-    @property
-    def least_share(self) -> float:
-        """Share of the markings in view that must lie on ridges."""
-        return LEAST_SHARE
-
-    def distance_px(self, view: FieldView, template: FieldTemplate) -> float:
-        """Mean distance in pixels between the markings in the picture under this placement and under a view."""
-        camera = view.camera
-        nodes = template.outlines[1].reshape(-1, 2)
-        here, ahead = _project(self.H_image_field[None], nodes)
-        there = view.project(nodes)
-        shown = ahead[0] & ((here[0] > 0) & (here[0] < (camera.width, camera.height))).all(axis=1)
-        off = np.linalg.norm(np.nan_to_num(there, nan=1e6) - here[0], axis=1)
-        return float(off[shown].mean()) if shown.any() else np.inf
 
 
 @dataclass(frozen=True, slots=True)
 class _Cameras:
-    """B cameras: rotations (B, 3, 3) and shifts (B, 3) from the field to the camera, logarithms of focal lengths (B,),
-    which circle of the template (B,) and of the picture (B,) each came from.
+    """B cameras: rotations (B, 3, 3) and shifts (B, 3) from the field to the camera, logarithms of focal lengths (B,)
+    and lenses (B,), which circle of the template (B,) and of the picture (B,) each came from.
     """
 
     rotation: Array
     shift: Array
     log_focal: Array
+    lens: Array
     own: NDArray[np.intp]
     seen: NDArray[np.intp]
 
     def take(self, index: NDArray[np.intp]) -> _Cameras:
-        return _Cameras(
-            self.rotation[index], self.shift[index], self.log_focal[index], self.own[index], self.seen[index]
-        )
+        return _Cameras(*(getattr(self, name)[index] for name in _Cameras.__slots__))
 
     def homographies(self, center: Array) -> Array:
         """Field to pixels (B, 3, 3), positive depth before the camera."""
@@ -174,6 +161,30 @@ class _Cameras:
         x = focal * columns[:, 0] + center[0] * columns[:, 2]
         y = focal * columns[:, 1] + center[1] * columns[:, 2]
         return np.stack([x, y, columns[:, 2]], axis=1)
+
+    def project(self, points: Array, middle: Array) -> tuple[Array, Mask]:
+        """Pixels (B, N, 2) of field points (N, 2) in a picture about its middle, and which lie before the camera."""
+        pixels, ahead = _project(self.homographies(middle), points)
+        return self.bend(pixels, middle), ahead
+
+    def bend(self, pixels: Array, middle: Array) -> Array:
+        """Pixels (B, N, 2) as the lenses show them."""
+        offset = pixels - middle
+        r2 = np.sum(offset * offset, axis=-1) / (middle[0] + 0.5) ** 2
+        factor, _ = lens_factor(np.minimum(r2, FURTHEST_LENS), self.lens[:, None], 0.0)
+        return np.asarray(offset * factor[..., None] + middle)
+
+    def view(self, index: int, size: tuple[int, int], scaling: Scaling) -> FieldView:
+        """What one of them shows in the full picture of ``size`` (width, height)."""
+        camera = Camera(
+            *size,
+            focal_px=np.exp(self.log_focal[index]) * scaling.factor,
+            principal_point_px=(np.array(size) - 1) / 2,
+            angles_rad=np.array(pan_tilt_roll(self.rotation[index])),
+            position_m=-self.rotation[index].T @ self.shift[index],
+            kappa=np.array([self.lens[index], 0.0]),
+        )
+        return FieldView(camera)
 
 
 def find_paint(
@@ -298,21 +309,25 @@ def place_field(
     _, nodes, _ = template.outlines
     few, paint = nodes[:, ::COARSE_NODES], _colours_of(template)
     rough = COARSE_SHARE * maps.width * np.geomspace(1.0, MIDDLE_SHARE / COARSE_SHARE, FIRST_ROUNDS)
-    score = _score(cameras, few, paint, structures, middle, rough[0])[0]
-    best = cameras.take(_distinct(cameras, score, middle, nodes, maps, FOLLOWED)[:FIRST_KEPT])
+    optional = _need_no_line(template)
+    score = _score(cameras, few, paint, optional, structures, middle, rough[0])[0]
+    best = cameras.take(_distinct(cameras, score, middle, nodes, maps, FOLLOWED, FIRST_KEPT))
     best = _fit(best, small, circles, template, few, paint, structures, middle, rough)
-    score = _score(best, few, paint, maps, middle, rough[-1])[0]
-    best = best.take(_distinct(best, score, middle, nodes, maps, FIRST_KEPT)[:KEPT])
+    score = _score(best, few, paint, optional, maps, middle, rough[-1])[0]
+    best = best.take(_distinct(best, score, middle, nodes, maps, FIRST_KEPT))
     finer = maps.width * np.geomspace(MIDDLE_SHARE, FINE_SHARE, ROUNDS)
     fitted = _fit(best, small, circles, template, nodes, paint, maps, middle, finer)
-    score, share = _score(fitted, nodes, paint, maps, middle, FINE_SHARE * maps.width)
+    score, share = _score(fitted, nodes, paint, optional, maps, middle, FINE_SHARE * maps.width)
     order = _distinct(fitted, score, middle, nodes, maps, KEPT)
-    H = fitted.homographies(middle)
     return [
         PlacedField(
-            circles[fitted.own[k]], conics[fitted.seen[k]], into @ H[k], float(score[k]) / maps.width, float(share[k])
+            circles[fitted.own[k]],
+            conics[fitted.seen[k]],
+            fitted.view(k, size, maps.scaling),
+            float(score[k]) / maps.width,
+            float(share[k]),
         )
-        for k in order
+        for k in order.tolist()
     ]
 
 
@@ -417,12 +432,21 @@ def weigh_view(view: FieldView, template: FieldTemplate, paint: SeenPaint) -> Vi
     pixels = (np.nan_to_num(pixels, nan=-1e6)[None] + 0.5) / maps.scaling.factor - 0.5
     direction, y, x, length, _ = _look_up(pixels, ahead, maps)
     explained = np.maximum(0.0, 1.0 - maps.distance[_colours_of(template)[:, None], direction, y, x] / reach)
-    total, found = float(length.sum()), float((length * explained).sum())
+    score, share = _sum_up(length, length * explained, _need_no_line(template))
     return ViewEvidence(
-        (found - BREAK_EVEN * total) / maps.width,
-        found / max(total, 1e-9),
+        float(score[0]) / maps.width,
+        float(share[0]),
         _share_on_markings(pixels[0], ahead[0], paint.structures.points, maps.region.shape, reach),
     )
+
+
+def mean_distance_px(view: FieldView, other: FieldView, template: FieldTemplate) -> float:
+    """Mean distance in pixels between the markings that one view shows and where another one shows them."""
+    nodes = template.outlines[1].reshape(-1, 2)
+    here, there = view.project(nodes), other.project(nodes)
+    shown = view.shows(here)
+    off = np.linalg.norm(np.nan_to_num(there, nan=1e6) - here, axis=1)
+    return float(off[shown].mean()) if shown.any() else np.inf
 
 
 def _share_on_markings(pixels: Array, ahead: Mask, points: Array, shape: tuple[int, ...], reach: float) -> float:
@@ -437,14 +461,6 @@ def _share_on_markings(pixels: Array, ahead: Mask, points: Array, shape: tuple[i
         cv2.polylines(strip, [run.reshape(-1, 1, 2) for run in runs], False, 1, thickness=max(1, round(2 * reach)))
     x, y = np.clip(np.rint(points), 0, (shape[1] - 1, shape[0] - 1)).astype(int).T
     return float(strip[y, x].mean())
-
-
-def choose_placement(placed: Sequence[PlacedField]) -> PlacedField | None:
-    """The first placement, where it is clear; None where another one explains the picture nearly as well."""
-    if not placed or placed[0].evidence < LEAST_EVIDENCE or placed[0].found_share < LEAST_SHARE:
-        return None
-    is_clear = len(placed) == 1 or placed[0].evidence > RIVAL_RATIO * placed[1].evidence
-    return placed[0] if is_clear else None
 
 
 def _distinct_circles(mask: MarkingMask) -> list[Array]:
@@ -484,6 +500,12 @@ def _colours_of(template: FieldTemplate) -> NDArray[np.intp]:
     return np.array([COLOURS.index(color) for color in told])
 
 
+def _need_no_line(template: FieldTemplate) -> Mask:
+    """Which outlines (K,) of the template may be the rim of a logo or of a disc, and show no line."""
+    round_ones = (*template.circles, *template.arcs)
+    return np.array([circle.fill != "none" for circle in round_ones] + [False] * len(template.lines), np.bool_)
+
+
 def _cameras_before_circles(
     conics: Sequence[Array],
     circles: Sequence[Circle],
@@ -513,7 +535,8 @@ def _cameras_before_circles(
             kept &= -stands[:, 2] < HEIGHT_M[1]
             kept = np.flatnonzero(kept)
             index = np.full(len(kept), own), np.full(len(kept), seen)
-            parts.append(_Cameras(rotation[kept], shift[kept], np.tile(log_focal, len(turns))[kept], *index))
+            lens = np.full(len(kept), LENS)
+            parts.append(_Cameras(rotation[kept], shift[kept], np.tile(log_focal, len(turns))[kept], lens, *index))
     if not parts or not sum(len(part.own) for part in parts):
         return None
     joined = (np.concatenate([getattr(part, name) for part in parts]) for name in _Cameras.__slots__)
@@ -588,32 +611,42 @@ def _score(
     cameras: _Cameras,
     nodes: Array,
     paint: NDArray[np.intp],
+    optional: Mask,
     maps: RidgeMaps,
     middle: Array,
     reach: float,
     chunk: int = 4000,
 ) -> tuple[Array, Array]:
     """Length of markings on ridges beyond break-even (B,), pixels, and share of what is in view that lies on ridges."""
-    H = cameras.homographies(middle)
     scores, shares = [], []
-    for begin in range(0, len(H), chunk):
-        pixels, ahead = _project(H[begin : begin + chunk], nodes.reshape(-1, 2))
+    for begin in range(0, len(cameras.own), chunk):
+        part = cameras.take(np.arange(begin, min(begin + chunk, len(cameras.own))))
+        pixels, ahead = part.project(nodes.reshape(-1, 2), middle)
         shape = (len(pixels), *nodes.shape[:2])
         direction, y, x, length, _ = _look_up(pixels.reshape(*shape, 2), ahead.reshape(shape), maps)
         explained = np.maximum(0.0, 1.0 - maps.distance[paint[:, None], direction, y, x] / reach)
-        total = length.sum(axis=(1, 2))
-        found = (length * explained).sum(axis=(1, 2))
-        scores.append(found - BREAK_EVEN * total)
-        shares.append(found / np.maximum(total, 1e-9))
+        score, share = _sum_up(length, length * explained, optional)
+        scores.append(score)
+        shares.append(share)
     return np.concatenate(scores), np.concatenate(shares)
 
 
+def _sum_up(length: Array, found: Array, optional: Mask) -> tuple[Array, Array]:
+    """Length of markings on ridges beyond break-even (B,), and share of what is in view that lies on ridges, from the
+    lengths in view and on ridges (B, K, N) and which of the K markings need not show as a line.
+    """
+    total, found = length.sum(axis=2), found.sum(axis=2)
+    is_left_out = optional & (found < BREAK_EVEN * total)
+    total, found = (np.where(is_left_out, 0.0, part).sum(axis=1) for part in (total, found))
+    return found - BREAK_EVEN * total, found / np.maximum(total, 1e-9)
+
+
 def _distinct(
-    cameras: _Cameras, score: Array, middle: Array, nodes: Array, maps: RidgeMaps, most: int
+    cameras: _Cameras, score: Array, middle: Array, nodes: Array, maps: RidgeMaps, most: int, wanted: int = KEPT
 ) -> NDArray[np.intp]:
-    """The best cameras, best first, each of those that show the field alike once."""
+    """The best cameras, best first, each of those that show the field alike once; at most so many as are wanted."""
     order = np.argsort(-score)[:most]
-    marked, ahead = _project(cameras.homographies(middle)[order], nodes.reshape(-1, 2)[:: COARSE_NODES**2])
+    marked, ahead = cameras.take(order).project(nodes.reshape(-1, 2)[:: COARSE_NODES**2], middle)
     rows, columns = maps.region.shape
     shown = ahead & (marked > 0).all(axis=-1) & (marked < (columns, rows)).all(axis=-1)
     marked, kept = np.where(shown[..., None], marked, 0.0), [0]
@@ -622,6 +655,8 @@ def _distinct(
         off = np.minimum(np.linalg.norm(marked[kept] - marked[k], axis=-1), columns) * shown[k]
         if (off.sum(axis=1) > ALIKE_WIDTHS * columns * count[k]).all():
             kept.append(k)
+            if len(kept) == wanted:
+                break
     return order[kept]
 
 
@@ -647,20 +682,20 @@ def _fit(
         base = _residuals(cameras, own, conic, nodes, paint, maps, middle, reach, None)
         moved = [
             _residuals(_move(cameras, step), own, conic, nodes, paint, maps, middle, reach, base.targets)
-            for step in np.eye(7) * STEP
+            for step in np.eye(8) * STEP
         ]
         J = np.stack([(other.values - base.values) / STEP for other in moved], axis=-1)
         J = np.where(np.isfinite(J), J, 0.0)
         normal = J.swapaxes(1, 2) @ J
-        normal += 1e-4 * np.eye(7) * np.trace(normal, axis1=1, axis2=2)[:, None, None] / 7 + 1e-9 * np.eye(7)
+        normal += 1e-4 * np.eye(8) * np.trace(normal, axis1=1, axis2=2)[:, None, None] / 8 + 1e-9 * np.eye(8)
         step = -np.linalg.solve(normal, J.swapaxes(1, 2) @ base.values[..., None])[..., 0]
         cameras = _move(cameras, np.clip(step, -0.3, 0.3))
     return cameras
 
 
 def _move(cameras: _Cameras, step: Array) -> _Cameras:
-    """Cameras after a step (7,) or (B, 7): turn, shift as a share of the distance, logarithm of the focal length."""
-    step = np.broadcast_to(step, (len(cameras.own), 7))
+    """Cameras after a step (8,) or (B, 8): turn, shift as a share of the distance, log of the focal length, lens."""
+    step = np.broadcast_to(step, (len(cameras.own), 8))
     size = np.linalg.norm(step[:, :3], axis=1)
     axis = step[:, :3] / np.maximum(size, 1e-15)[:, None]
     cross = np.zeros((len(step), 3, 3))
@@ -672,6 +707,7 @@ def _move(cameras: _Cameras, step: Array) -> _Cameras:
         turn @ cameras.rotation,
         (turn @ cameras.shift[..., None])[..., 0] + distance * step[:, 3:6],
         cameras.log_focal + step[:, 6],
+        np.clip(cameras.lens + step[:, 7], -LARGEST_LENS, LARGEST_LENS),
         cameras.own,
         cameras.seen,
     )
@@ -699,9 +735,11 @@ def _residuals(
     H = cameras.homographies(middle)
     rim = lift(own) @ H.swapaxes(1, 2)
     rim /= np.where(np.abs(rim[..., 2:]) > 1e-9, rim[..., 2:], 1e-9)
+    rim[..., :2] = cameras.bend(rim[..., :2], middle)
     polar = rim @ conic
     off = np.sum(rim * polar, axis=-1) / np.maximum(2 * np.hypot(polar[..., 0], polar[..., 1]), 1e-12)
     pixels, ahead = _project(H, nodes.reshape(-1, 2))
+    pixels = cameras.bend(pixels, middle)
     shape = (len(H), *nodes.shape[:2])
     pixels = pixels.reshape(*shape, 2)
     if targets is None:
@@ -716,5 +754,6 @@ def _residuals(
     nearest, normals, weight = targets
     beside = np.sum((nearest - pixels) * normals, axis=-1) * weight
     roll = np.degrees(np.arctan2(cameras.rotation[:, 0, 2], cameras.rotation[:, 1, 2])) / ROLL_SD_DEG
-    values = np.concatenate([off / OWN_PX, beside.reshape(len(H), -1), roll[:, None]], axis=1)
+    prior = np.stack([roll, (cameras.lens - LENS) / LENS_SD], axis=-1)
+    values = np.concatenate([off / OWN_PX, beside.reshape(len(H), -1), prior], axis=1)
     return _Residuals(np.nan_to_num(values), targets)

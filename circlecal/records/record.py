@@ -313,6 +313,8 @@ class AlternativeRecord(_Part):
     kind: str
     H_image_field: Matrix
     camera: CameraRow | None = None
+    circle: Text | None = None
+    evidence: Number = None
 
 
 class FieldCandidateRecord(_Part):

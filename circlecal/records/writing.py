@@ -209,6 +209,21 @@ def _correspondences(found: Correspondences) -> dict[str, Any]:
 
 
 def _alternatives(calibration: FrameCalibration) -> list[dict[str, Any]]:
+    """Other solutions of real ambiguities: the turned field, and what else the circle may be."""
+    others = [
+        {
+            "kind": "other_circle",
+            "circle": rival.circle_name,
+            "evidence": rival.evidence,
+            "H_image_field": rival.camera.H_image_field,
+            "camera": rival.camera.camera.soccernet(),
+        }
+        for rival in calibration.attempt.rivals
+    ]
+    return [*_turn_field(calibration), *others]
+
+
+def _turn_field(calibration: FrameCalibration) -> list[dict[str, Any]]:
     """The field turned by 180 degrees, which circle and halfway line cannot tell from the answer; only a prior can."""
     camera, homography = calibration.attempt.camera, calibration.attempt.homography
     if camera is not None:

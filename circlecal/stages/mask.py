@@ -19,8 +19,8 @@ from circlecal.detection.placement import (
     PlacedField,
     SeenPaint,
     ViewEvidence,
-    choose_placement,
     find_placements,
+    mean_distance_px,
     see_paint,
     weigh_view,
 )
@@ -35,6 +35,10 @@ from circlecal.results import CIRCLE_ID, HALFWAY_ID, CircleCandidate, Interpreta
 
 Paint = SeenPaint
 """What stands out from a playing surface as paint does."""
+FieldEvidence = ViewEvidence
+"""What speaks for a field before a camera."""
+Placement = PlacedField
+"""A field laid over a picture."""
 MODEL_KEY = "mask.model"
 ARC_RADIUS_PX = 3.0
 """Of the discs that stand for an arc's paint in the mask, pixels at 1920 px width."""
@@ -196,10 +200,15 @@ def weigh_field(view: FieldView, template: FieldTemplate, paint: Paint) -> ViewE
     return weigh_view(view, template, paint)
 
 
-def find_placement(
+def distance_between(view: FieldView, other: FieldView, template: FieldTemplate) -> float:
+    """Mean distance in pixels between the markings that one view shows and where another one shows them."""
+    return mean_distance_px(view, other, template)
+
+
+def lay_field(
     mask: MarkingMask, paint: Paint | None, size: tuple[int, int], template: FieldTemplate, side: str
-) -> PlacedField | None:
-    """The field laid over a picture by all that is painted, where that is possible in one way.
+) -> list[PlacedField]:
+    """Ways to lay a field over a picture by all that is painted, the one with most evidence first.
 
     Parameters
     ----------
@@ -214,7 +223,7 @@ def find_placement(
     side : str
         Side of the field from which the camera looks.
     """
-    return None if paint is None else choose_placement(find_placements(mask, paint, size, template, side))
+    return [] if paint is None else find_placements(mask, paint, size, template, side)
 
 
 def require_mask_network(config: MaskConfig) -> None:

@@ -4,11 +4,17 @@ import numpy as np
 import pytest
 
 from circlecal.config import load_config
-from circlecal.detection.placement import PlacedField, _cameras_before_circles, choose_placement
+from circlecal.detection.placement import PlacedField, ViewEvidence, _cameras_before_circles
 from circlecal.field import load_field
+from circlecal.field.view import FieldView
+from circlecal.geometry.camera_parameters import PARAMETERS
 from circlecal.geometry.conics import circle_conic, sampson_distance, transform_conic
 from circlecal.geometry.surface import FLAT
-from circlecal.pipeline import run
+from circlecal.pipeline import field_of, placed_field, run
+from circlecal.pipeline import setting as frame
+from circlecal.pipeline.placed_field import RIVAL_RATIO, _is_believed
+from circlecal.records.writing import result_record
+from circlecal.results import Attempt, CameraFit, MarkingMask, Verdict
 from circlecal.synthetic.cameras import aim_camera
 from circlecal.synthetic.renderer import render
 from circlecal.synthetic.scene import RenderConfig, Scene
@@ -42,10 +48,6 @@ def markings_error_px(camera, view):
     return np.linalg.norm(view.project(nodes[shown]) - seen[shown], axis=1).mean()
 
 
-def placed(evidence, found_share=0.7):
-    return PlacedField(RINK.circles[0], np.eye(3), np.eye(3), evidence, found_share)
-
-
 @pytest.mark.parametrize("camera", [RIGHT_END, LEFT_CIRCLE], ids=["right_end", "left_circle"])
 def test_an_end_zone_is_calibrated_without_centre_circle_and_halfway_line(camera):
     assert not (np.abs(camera.project([[0.0, 0.0]]) - np.array(SIZE) / 2) < np.array(SIZE) / 2).all()
@@ -58,17 +60,11 @@ def test_an_end_zone_is_calibrated_without_centre_circle_and_halfway_line(camera
     assert found.status == "calibrated", found.verdict
     assert found.circle_name.startswith("faceoff_right" if camera is RIGHT_END else "faceoff_left")
     assert markings_error_px(camera, found.attempt.camera.view) < 8.0
+    check = found.verdict.check("rival_ratio")
+    assert check is None or check.value >= RIVAL_RATIO
     # one circle that is named is the only one that is looked for
     named = load_config(None, ["field.template=ice-hockey-nhl", "field.any_circle=false"])
     assert run(picture.image, named, frame_id="rink").status == "refused"
-
-
-def test_a_placement_is_chosen_only_where_it_is_clear():
-    assert choose_placement([]) is None
-    assert choose_placement([placed(1.0), placed(0.9)]) is None
-    assert choose_placement([placed(0.2)]) is None
-    assert choose_placement([placed(1.0, found_share=0.4)]) is None
-    assert choose_placement([placed(1.0), placed(0.5)]).evidence == 1.0
 
 
 def test_every_first_camera_sees_its_circle_where_the_picture_does():
@@ -88,3 +84,64 @@ def test_every_first_camera_sees_its_circle_where_the_picture_does():
     # one of them is nearly the camera that took the picture
     off = np.linalg.norm(-np.einsum("bij,bi->bj", cameras.rotation, cameras.shift) - LEFT_CIRCLE.position_m, axis=1)
     assert off.min() < 6.0
+
+
+@pytest.mark.parametrize(
+    ("evidence", "found", "explained", "believed"),
+    [
+        (1.0, 0.7, 0.3, True),
+        (0.2, 0.7, 0.3, False),
+        (1.0, 0.4, 0.3, False),
+        (0.2, 0.5, 0.8, True),
+        (0.1, 0.5, 0.8, False),
+    ],
+)
+def test_a_placed_field_is_believed_where_it_is_painted_or_explains_what_is(evidence, found, explained, believed):
+    assert _is_believed(ViewEvidence(evidence, found, explained)) is believed
+
+
+def test_a_field_that_may_lie_in_two_ways_is_refused_with_both(monkeypatch):
+    """Of one face-off circle alone nothing tells which of four it is, whatever the evidence."""
+    weights = iter([1.0, 0.9])
+    monkeypatch.setattr(placed_field, "weigh_field", lambda *_: ViewEvidence(next(weights), 0.8, 0.8))
+    config = load_config(None, ["field.template=ice-hockey-nhl"])
+    template, circle = field_of(config)
+    setting = frame.Setting(config, template, circle, *SIZE, np.random.default_rng(0))
+    left, right = (
+        Attempt(circle_name=name, camera=fit(camera), verdict=Verdict("calibrated", None, None, None))
+        for name, camera in (("faceoff_left_top", LEFT_CIRCLE), ("faceoff_right_top", RIGHT_END))
+    )
+    placements = iter([left, right])
+    monkeypatch.setattr(placed_field, "_look_for_paint", lambda *_: object())
+    monkeypatch.setattr(placed_field, "_follow_placement", lambda *_: next(placements))
+    lain = [PlacedField(circle, np.eye(3), FieldView(camera), 1.0, 0.8) for camera in (LEFT_CIRCLE, RIGHT_END)]
+    monkeypatch.setattr(placed_field, "lay_field", lambda *_: lain)
+    scene = frame.Scene(np.zeros((*SIZE[::-1], 3), np.uint8), np.zeros(SIZE[::-1], np.uint8), None, None, None)
+    (found,) = placed_field.place_template(setting, scene, Attempt(mask=MarkingMask(scene.gray, "detector")))
+    assert (found.code, found.circle_name) == ("circle_open", "faceoff_left_top")
+    record = result_record(setting.calibration(found, "x", None), template)
+    others = [other for other in record.alternatives if other.kind == "other_circle"]
+    assert [(other.circle, other.evidence) for other in others] == [("faceoff_right_top", 0.9)]
+    assert record.field.circle == "faceoff_left_top"
+    assert record.rejected_estimate is not None
+
+
+def fit(camera):
+    """A camera as the stage `camera` would return it."""
+    return CameraFit(
+        camera=camera,
+        surface=FLAT,
+        parameters=PARAMETERS,
+        covariance=np.eye(len(PARAMETERS)),
+        H_image_field=camera.homography,
+        H_field_image=np.linalg.inv(camera.homography),
+        H_covariance=np.eye(8),
+        imaged_center_px=np.zeros(2),
+        imaged_center_covariance=np.eye(2),
+        noise_scale=1.0,
+        data_share=1.0,
+        max_sigma_px=1.0,
+        max_sigma_m=0.1,
+        residuals_px={},
+        theta=np.zeros(len(PARAMETERS)),
+    )

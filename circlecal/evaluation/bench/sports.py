@@ -1,8 +1,8 @@
 """``circlecal bench sports``: real frames of several sports whose field nobody names.
 
 Truth is a folder with a JSON file ``<frame id>.json`` for each frame, of which these keys are read: ``sport``, or else
-``field`` where that is text, the sport or a template of it (soccer where there is neither); ``expect``, which begins
-with ``refuse`` where nobody can calibrate the frame; and, where there are both, ``reference`` with ``camera``
+``field`` where that is text, the sport or a template of it (soccer where there is neither); ``expect``, which is
+``refuse`` where nobody can calibrate the frame; and, where there are both, ``reference`` with ``camera``
 (SoccerNet's keys) or ``H_image_field`` (field metres to pixels), and ``grid``, the field points (N, 2) at which it is
 compared.
 """
@@ -64,7 +64,7 @@ class SportFrame:
     def is_wrong(self) -> bool:
         """Whether an answer was given that should not be: of a frame to refuse, or far from the reference."""
         far = self.error_px is not None and self.error_px > WRONG_PX
-        return self.is_answered and (self.expect.startswith("refuse") or far)
+        return self.is_answered and (self.expect == "refuse" or far)
 
 
 def run_frames(
