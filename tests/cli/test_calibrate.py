@@ -30,7 +30,8 @@ def test_files_and_table(run_circlecal, frame_file, tmp_path):
     record = json.loads((out / "good.json").read_text())
     assert record["status"] == "calibrated"
     assert record["source"]["path"] == str(frame_file)
-    assert cv2.imread(str(out / "good.overlay.jpg")).shape[:2] == (540, 960)
+    height, width = cv2.imread(str(out / "good.overlay.jpg")).shape[:2]
+    assert width == 2 * 960 and height > 2 * 540  # enlarged, with a legend
     assert sorted(p.name for p in out.iterdir()) == ["good.json", "good.overlay.jpg"]
     header, row = (line.split("\t") for line in outcome.out.splitlines())
     assert header[:3] == ["id", "verdict", "case"]
