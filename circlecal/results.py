@@ -516,6 +516,32 @@ class Agreement:
 
 
 @dataclass(frozen=True, slots=True)
+class Evidence:
+    """What speaks against a camera.
+
+    Attributes
+    ----------
+    oblique_widths, alone_widths : float
+        Length of lines like the carriers' paint that lie surely on the field, where no marking is, picture widths: of
+        those that run along neither axis of the field, and of one that runs along an axis where it is the only one.
+        Several that do are the field of another sport.
+    painted_share : float
+        Share of the carriers that is painted where they must be in view.
+    reversal : float
+        By how much (half a chi-square) the width of the paint is better explained by a camera that has near and far
+        exchanged; far below zero where the paint confirms the camera.
+    rough_share : float
+        Share of the field that must be in view which is no playing surface but as rough as a crowd.
+    """
+
+    oblique_widths: float
+    alone_widths: float
+    painted_share: float
+    reversal: float
+    rough_share: float
+
+
+@dataclass(frozen=True, slots=True)
 class Check:
     """One gate of the verdict: name, measured value, limit, passed or not."""
 

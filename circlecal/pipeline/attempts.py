@@ -29,10 +29,11 @@ from circlecal.stages.correspondences import derive_correspondences, is_turned, 
 from circlecal.stages.cues import cues_from_observations, find_cues
 from circlecal.stages.edges import detect_edges
 from circlecal.stages.ellipse import fit_ellipses, fit_observations
+from circlecal.stages.evidence import measure_evidence
 from circlecal.stages.homography import estimate_homography, homography_of_solver, turn_fit
 from circlecal.stages.mask import find_marking, suit_field
 from circlecal.stages.rays import cast_rays
-from circlecal.stages.verdict import confirm, is_beyond_doubt, judge
+from circlecal.stages.verdict import confirm, is_beyond_doubt, judge, weigh_evidence
 
 UNDETERMINED = ("no_circle", "no_ellipse")
 """Refusals that say only that points, lines and arcs are too few without the circle."""
@@ -215,7 +216,12 @@ def look_again(setting: Setting, scene: Scene, attempt: Attempt) -> Attempt:
         attempt = judge_attempt(setting, replace(attempt, mask=replace(mask, confidence=Confidence.ACCEPTED)))
     with setting.clock("verdict"):
         verdict = attempt.verdict
-        if verdict is None or verdict.status == "refused" or is_beyond_doubt(camera, cues, template):
+        if verdict is None or verdict.status == "refused":
+            return attempt
+        carriers = frozenset(name for name in (circle.name, template.halfway_line) if name is not None)
+        verdict = weigh_evidence(verdict, camera, measure_evidence(picture, mask, camera, template, carriers))
+        attempt = replace(attempt, verdict=verdict)
+        if verdict.status == "refused" or is_beyond_doubt(camera, cues, template):
             return attempt
         seen_names = {line.line for line in observations.lines} | {c.circle for c in observations.circles}
         known = frozenset(name for name in (*seen_names, *camera.named_lines) if name is not None)

@@ -16,9 +16,10 @@ from circlecal.pipeline.refinements import Retry, is_less_uncertain, measure_cur
 from circlecal.pipeline.setting import Scene, Setting, lighten_markings
 from circlecal.results import Attempt, MarkingMask
 from circlecal.stages.confirm import look_for_markings
+from circlecal.stages.evidence import measure_evidence
 from circlecal.stages.field_lines import carriers, observe_field_lines, without_worst_line
 from circlecal.stages.mask import marking_from_detection
-from circlecal.stages.verdict import confirm_field_lines
+from circlecal.stages.verdict import confirm_field_lines, weigh_evidence
 
 SURE_PX = 6.0
 """Largest predicted error, pixels at 1920 px width, of a camera from straight markings alone that is taken before the
@@ -76,6 +77,9 @@ def take_field_lines(setting: Setting, scene: Scene, first: Attempt) -> Iterator
             used = carriers(tried, attempt.camera)
             agreement = look_for_markings(picture, attempt.camera, template, circle, used, mask.field_region, used)
             verdict = confirm_field_lines(attempt.verdict, attempt.camera, used, agreement)
+            if verdict.status == "calibrated":
+                evidence = measure_evidence(picture, mask, attempt.camera, template, used)
+                verdict = weigh_evidence(verdict, attempt.camera, evidence)
         if verdict.status == "calibrated":
             accepted = replace(attempt, verdict=verdict)
             yield _add_curves(setting, picture, accepted, noise) or accepted

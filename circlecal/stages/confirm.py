@@ -5,23 +5,20 @@ circle's camera are not), and whether its circle is painted nearly everywhere, h
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.field import Circle, FieldTemplate
-from circlecal.geometry.camera_parameters import INDEX, project
+from circlecal.geometry.camera_parameters import project
 from circlecal.geometry.projective import Array
-from circlecal.line_naming.predicted_markings import PredictedMarkings, predict_markings
+from circlecal.line_naming.marking_places import SPACING_PX, MarkingPlaces, lie_on_surface, place_markings
 from circlecal.paint.bands import measure_curve
 from circlecal.paint.matched_filter import CLEAR, EVEN_ANGLES, LEAST_WIDTH_PX, measure_sectors
 from circlecal.results import Agreement, CameraFit
 
 __all__ = ["is_circle_painted", "look_for_markings", "measure_circle_sectors"]
 
-SPACING_PX = 4.0
-"""Distance of the profiles along a marking, pixels at 1920 px width."""
 WELL_KNOWN_PX, LARGEST_SIGMA_PX = 4.0, 10.0
 """Standard deviations, pixels at 1920 px width: where a marking's place is less certain, it is looked for only where
 little else is to be expected, or not at all.
@@ -44,8 +41,6 @@ LEAST_SHARE, LEAST_SECTORS = 0.75, 18
 """A circle is painted with this share of its sectors, if the picture shows three quarters of them (no arc of another
 marking is as long, and ellipses stitched from other lines and streaks have half of them at most).
 """
-
-_SIZES = ("width", "length", "breadth")
 
 
 def look_for_markings(
@@ -82,55 +77,41 @@ def look_for_markings(
     """
     model = fit.model
     unit = model.width / 1920.0
-    names, nodes, shifts = template.outlines
+    names, nodes, _ = template.outlines
     outline = np.array([template.length_m, template.width_m]) / 2 - template.marking_width_m
     on_outline = np.asarray((np.abs(nodes) >= outline).all(axis=1), np.bool_)
     inner = ~np.asarray(on_outline.any(axis=-1), np.bool_)
     own = [k for k, name in enumerate(names) if name in (carriers or {circle.name})]
     wanted = [*own, *(k for k, name in enumerate(names) if inner[k] and name not in known and k not in own)]
-    names, nodes, shifts = tuple(names[k] for k in wanted), nodes[wanted], shifts[wanted]
-    sizes = fit.theta[[INDEX[name] for name in _SIZES]]
-    drawn = predict_markings(fit.theta, nodes + np.einsum("s,ksi->ki", sizes, shifts)[:, None], model)
-    element, base, normal, spread, across = _sample_markings(
-        drawn, _predict_sigmas(fit, drawn, shifts), SPACING_PX * unit
-    )
-    visible = np.asarray(((base > 0) & (base < (model.width - 1, model.height - 1))).all(axis=1), np.bool_)
-    mine = element < len(own)
+    places = place_markings(fit, template, wanted)
+    visible = lie_on_surface(places.base, None, model.width, model.height)
+    mine = places.element < len(own)
     if not (visible & mine).any():
         return Agreement((), np.zeros(0), np.zeros(0))
-    visible &= ~mine & np.asarray(across >= THINNEST[1] * np.quantile(across[visible & mine], THINNEST[0]))
-    if region is not None:
-        rows, columns = region.shape
-        at = np.clip((base * (columns / model.width, rows / model.height)).astype(int), 0, (columns - 1, rows - 1))
-        visible &= np.asarray(region[at[:, 1], at[:, 0]])
-    near = visible & (spread < WELL_KNOWN_PX * unit)
+    thinnest = THINNEST[1] * np.quantile(places.across[visible & mine], THINNEST[0])
+    visible = lie_on_surface(places.base, region, model.width, model.height) & ~mine & (places.across >= thinnest)
+    near = visible & (places.spread < WELL_KNOWN_PX * unit)
     certain = bool(np.count_nonzero(near) * SPACING_PX >= ENOUGH_WIDTHS * 1920.0)
-    visible = near if certain else visible & (spread < LARGEST_SIGMA_PX * unit)
+    visible = near if certain else visible & (places.spread < LARGEST_SIGMA_PX * unit)
     shifts_sd = (0.0,) if certain else UNCERTAIN_SHIFTS
-    count = np.bincount(element[visible], minlength=len(names))
-    visible &= count[element] * SPACING_PX >= SHORTEST_WIDTHS * 1920.0
-    kept, element = np.unique(element[visible], return_inverse=True)
+    count = np.bincount(places.element[visible], minlength=len(places.names))
+    visible &= count[places.element] * SPACING_PX >= SHORTEST_WIDTHS * 1920.0
+    kept, element = np.unique(places.element[visible], return_inverse=True)
     if len(kept) == 0:
         return Agreement((), np.zeros(0), np.zeros(0))
-    places = _Places(base[visible], normal[visible], spread[visible], template.marking_width_m * across[visible])
     count = np.bincount(element)
-    share = _count_painted(picture, places, element, shifts_sd, unit) / count
+    share = _count_painted(picture, places.take(visible), element, template.marking_width_m, shifts_sd, unit) / count
     length = count.astype(np.float64) * (SPACING_PX * unit)
-    return Agreement(tuple(names[k] for k in kept), length, share, certain)
-
-
-@dataclass(frozen=True, slots=True)
-class _Places:
-    """Where markings are expected: pixels, normals (M, 2), standard deviation there and width of the paint (M,)."""
-
-    base: Array
-    normal: Array
-    spread: Array
-    width: Array
+    return Agreement(tuple(places.names[k] for k in kept), length, share, certain)
 
 
 def _count_painted(
-    picture: NDArray[np.uint8], places: _Places, element: NDArray[np.intp], shifts_sd: Sequence[float], unit: float
+    picture: NDArray[np.uint8],
+    places: MarkingPlaces,
+    element: NDArray[np.intp],
+    width_m: float,
+    shifts_sd: Sequence[float],
+    unit: float,
 ) -> Array:
     """At how many places of each marking there is paint: piece by piece at the best of the shifts, which are given in
     standard deviations.
@@ -140,45 +121,13 @@ def _count_painted(
     pieces = position // PIECE + np.concatenate([[0], np.cumsum((count[:-1] - 1) // PIECE + 1)])[element]
     owner = element[np.searchsorted(pieces, np.arange(pieces[-1] + 1))]
     sigmas = SIGMAS if len(shifts_sd) == 1 else SIGMAS_BETWEEN
-    reach = max(ACROSS_PX * unit, 3.0) + sigmas * places.spread + places.width
+    reach = max(ACROSS_PX * unit, 3.0) + sigmas * places.spread + width_m * places.across
     best = np.zeros(len(owner))
     for shift in shifts_sd:
         moved = places.base + shift * places.spread[:, None] * places.normal
         found = measure_curve(picture, moved, places.normal, reach, pieces).supported
         best = np.maximum(best, np.bincount(pieces, found.astype(np.float64)))
     return np.asarray(np.bincount(owner, best), np.float64)
-
-
-def _predict_sigmas(fit: CameraFit, drawn: PredictedMarkings, shifts: Array) -> Array:
-    """Standard deviation (K, N) of the places along their normals, pixels."""
-    by_theta = drawn.by_theta.copy()
-    by_theta[[INDEX[name] for name in _SIZES]] += np.einsum("ksi,ikn->skn", shifts, drawn.by_field)
-    rows = by_theta.reshape(len(by_theta), -1)
-    variance = (rows * (fit.covariance @ rows)).sum(axis=0)
-    return np.sqrt(np.maximum(variance, 0.0)).reshape(by_theta.shape[1:])
-
-
-def _sample_markings(
-    drawn: PredictedMarkings, sigma: Array, spacing_px: float
-) -> tuple[NDArray[np.int_], Array, Array, Array, Array]:
-    """Places at equal steps along what the picture may show of the markings: which marking (M,), pixels, normals
-    (M, 2), sigma and pixels across per metre (M,).
-    """
-    markings, nodes = sigma.shape
-    length = drawn.length_px.ravel()
-    end = np.cumsum(length)
-    along = np.arange(0.5 * spacing_px, end[-1], spacing_px)
-    span = np.minimum(np.searchsorted(end, along, side="right"), len(length) - 1)
-    share = ((along - (end[span] - length[span])) / np.maximum(length[span], 1e-9))[:, None]
-    element = span // (nodes - 1)
-    node = element * nodes + span % (nodes - 1)
-
-    def between(values: Array) -> Array:
-        flat = values.reshape(markings * nodes, -1)
-        return np.asarray(flat[node] + share * (flat[node + 1] - flat[node]))
-
-    across = between(drawn.across)[:, 0]
-    return element, between(drawn.pixels), between(drawn.normals), between(sigma)[:, 0], across
 
 
 def is_circle_painted(picture: NDArray[np.uint8], fit: CameraFit, template: FieldTemplate, circle: Circle) -> bool:

@@ -100,7 +100,7 @@ def test_a_good_camera_is_accepted_with_every_check():
     found = verdict(camera_fit())
     assert (found.status, found.code, found.reason, found.stage) == ("calibrated", None, None, None)
     assert all(check.passed for check in found.checks)
-    assert {check.name for check in found.checks} == set(CHECKS) - WITHOUT_CIRCLE - OF_THE_DETECTOR - {
+    assert {check.name for check in found.checks} == set(CHECKS) - WITHOUT_CIRCLE - OF_THE_DETECTOR - OF_THE_PICTURE - {
         "confirmations",
         "likely_residual_px",
         "found_share",
@@ -123,6 +123,7 @@ def test_an_end_of_the_halfway_line_alone_must_fit_the_marking_that_it_lies_on()
 
 
 OF_THE_DETECTOR = {"marking_rms_px", "band_width", "painted_share", "whole_share"}
+OF_THE_PICTURE = {"unexplained_widths", "painted_share_of_carriers", "reversal", "rough_share"}
 WITHOUT_CIRCLE = {"field_in_front", "marking_residual_px", "rejected_share"}
 NO_FITS = EllipseFits(None, None, None)
 

@@ -1,0 +1,327 @@
+"""Whether the whole picture agrees with a camera: no other paint where bare field must be, field where the camera says
+so, and paint that narrows with the distance.
+
+What else the picture shows is weighed against what the camera says of it, whatever the camera was fitted to. Of right
+and wrong answers to rendered frames of all kinds and to real ones ``circlecal bench constants`` prints the values.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.field import FieldTemplate
+from circlecal.field.view import FieldView
+from circlecal.geometry.projective import Array, Mask
+from circlecal.line_naming.marking_places import SPACING_PX, MarkingPlaces, lie_on_surface, place_markings
+from circlecal.paint.bands import MeasuredCurve, measure_curve
+from circlecal.results import CameraFit, Evidence, MarkingMask
+
+__all__ = ["measure_evidence"]
+
+PIECE = 25
+"""Places in a row that are measured together."""
+KNOWN_PX = 8.0
+"""Paint is measured where the camera knows its place so well (standard deviation, pixels at 1920 px width)."""
+REACH_PX, LEAST_REACH_PX = 4.0, 3.0
+"""Reach of a profile beyond the paint and its uncertainty: pixels at 1920 px width, and pixels of the picture."""
+FEWEST_IN_PIECE, FEWEST_PIECES, NARROWEST_PX = 6, 6, 1.0
+"""Painted places of a piece whose width is told, pieces that tell how widths change, and predicted width of paint that
+is not all blur, pixels at 1920 px width.
+"""
+FEWEST_PLACES = 50
+"""Places of the carriers of which a share is told."""
+WIDTH_NOISE = 0.16
+"""Relative standard deviation of a piece's squared width (8 % of the width, on rendered and real frames)."""
+ROUNDS = 4
+"""Of the robust fit of widths."""
+EXPLAINED_PX, EXPLAINED_SIGMAS = 6.0, 3.0
+"""Paint so near to a marking of the template that runs alike is that marking: pixels at 1920 px width and standard
+deviations of the marking's place.
+"""
+ALIKE_SINE = 0.25
+"""Sine of the largest angle between paint and a marking that may be the same."""
+INSIDE_M, INSIDE_SIGMAS = 1.0, 2.0
+"""So far within the field's outline a place lies surely on the field: metres, and standard deviations."""
+CONTRASTS = 0.5, 2.5
+"""Of unexplained paint, over that of the carriers: what is fainter may be wear, mowing or shade, and what is
+stronger a board, a net or a graphic.
+"""
+PAINT_WIDTHS = (0.5, 2.0)
+"""Width of unexplained paint over that which a marking would have there; shade, boards and legs are wider."""
+SHARP_PX = 2.0
+"""Least width at which paint is seen, pixels at 1920 px width."""
+OBLIQUE_DEG = 4.0
+"""Angle to both axes of the field, degrees, from which on paint is no line of another sport: those run along the
+field's own.
+"""
+SHORTEST_WIDTHS = 0.03
+"""Shorter lines, picture widths, are not counted among those that run along the field's axes."""
+COLUMNS, FIELD_EVERY = 48, 4
+"""Of the grid of places at which the surface is looked at; every so many of those that show it tell how rough it is."""
+LEAST_OFF_SURFACE = 0.04
+"""Share of the picture off the surface below which nothing is asked: players and captions."""
+ROUGH_SIDE_PX, ROUGH_POINTS = 16.0, 3
+"""Side of the neighbourhood whose roughness is measured, pixels at 1920 px width, and points to each side of its
+middle.
+"""
+ROUGH_TIMES, ROUGH_LEVELS = 4.0, 3.0
+"""What is so many times rougher than the field, and so many gray levels, is no bare field: crowd, boards, letters."""
+
+
+def measure_evidence(
+    picture: NDArray[np.uint8], mask: MarkingMask, fit: CameraFit, template: FieldTemplate, carriers: frozenset[str]
+) -> Evidence:
+    """Weigh the whole picture against a camera.
+
+    Parameters
+    ----------
+    picture : (H, W) uint8
+        Brightness, with the markings lighter than the field.
+    mask : MarkingMask
+        Straight markings that were seen, and the playing surface.
+    fit : CameraFit
+        The camera with its covariance.
+    template : FieldTemplate
+        The field.
+    carriers : frozenset of str
+        Markings whose paint was surely seen: the circle and the halfway line, or what carries a camera without them.
+
+    Returns
+    -------
+    Evidence
+    """
+    places = place_markings(fit, template, range(len(template.outlines[0])))
+    kept = [k for k, name in enumerate(places.names) if name in carriers]
+    own = places.take(
+        np.isin(places.element, kept)
+        & (places.spread < KNOWN_PX * fit.model.width / 1920.0)
+        & lie_on_surface(places.base, mask.field_region, fit.model.width, fit.model.height)
+    )
+    painted = _measure_paint(picture, own, fit, template)
+    oblique, alone = _measure_other_paint(picture, mask, fit, template, places, painted)
+    reversal = 0.0 if painted is None else _reversal(painted, own, fit, template)
+    share = 1.0 if len(own.element) < FEWEST_PLACES else 0.0 if painted is None else float(painted.supported.mean())
+    return Evidence(oblique, alone, share, reversal, _rough_share(picture, mask, fit, template))
+
+
+def _measure_paint(
+    picture: NDArray[np.uint8], own: MarkingPlaces, fit: CameraFit, template: FieldTemplate
+) -> MeasuredCurve | None:
+    """The paint of the carriers where they are known well; None where they are seen nowhere."""
+    if len(own.element) == 0:
+        return None
+    unit = fit.model.width / 1920.0
+    reach = max(REACH_PX * unit, LEAST_REACH_PX) + 2.0 * own.spread + _paint_px(own, template)
+    pieces = _number_pieces(own.element)
+    painted = measure_curve(picture, own.base, own.normal, reach, pieces)
+    return painted if painted.supported.any() else None
+
+
+def _paint_px(own: MarkingPlaces, template: FieldTemplate) -> Array:
+    """Width (M,) of the paint at places of markings, pixels."""
+    elements = {element.name: element for element in (*template.circles, *template.arcs, *template.lines)}
+    widths = np.array([template.paint_width(elements[name]) for name in own.names])
+    return np.asarray(widths[own.element] * own.across)
+
+
+def _number_pieces(element: NDArray[np.int_]) -> NDArray[np.int64]:
+    """Number (M,) of each place's piece: :data:`PIECE` of one marking in a row."""
+    place = np.arange(len(element))
+    first = np.concatenate([[True], element[1:] != element[:-1]])
+    start = np.maximum.accumulate(np.where(first, place, 0))
+    new = first | ((place - start) % PIECE == 0)
+    return np.cumsum(new) - 1
+
+
+def _reversal(painted: MeasuredCurve, own: MarkingPlaces, fit: CameraFit, template: FieldTemplate) -> float:
+    """How much better exchanged near and far explain the paint's widths.
+
+    Blur adds to the width of paint in squares, ``m^2 = g w^2 + b``, with the predicted width ``w`` and ``g, b >= 0``.
+    Scale falls with the depth ``z``; a picture that was turned upside down or mirrored has scales that fall with ``1 /
+    z``, and its ``w^2`` are ``w^2 z^4`` of the camera that was fitted to it.
+    """
+    unit = fit.model.width / 1920.0
+    predicted = _paint_px(own, template)
+    seen = painted.supported & (predicted > NARROWEST_PX * unit)
+    pieces = _number_pieces(own.element)[seen]
+    count = np.bincount(pieces, minlength=1)
+    enough = count >= FEWEST_IN_PIECE
+    if np.count_nonzero(enough) < FEWEST_PIECES:
+        return 0.0
+    depth = fit.camera.depth(fit.view.to_field(own.base[seen]))
+    middle = [_median_by_piece(values, pieces, count)[enough] for values in (predicted[seen], painted.width[seen])]
+    depth = _median_by_piece(depth, pieces, count)[enough]
+    width, measured = middle[0] ** 2, middle[1] ** 2
+    known = np.isfinite(depth) & (depth > 0) & (measured > 0)
+    if np.count_nonzero(known) < FEWEST_PIECES:
+        return 0.0
+    width, measured, depth = width[known], measured[known], depth[known]
+    relative = depth / np.exp(np.mean(np.log(depth)))
+    return _misfit(width, measured) - _misfit(width * relative**4, measured)
+
+
+def _median_by_piece(values: Array, pieces: NDArray[np.int64], count: NDArray[np.int_]) -> Array:
+    """Middle value of each piece (K,); of pieces without places any value."""
+    order = np.lexsort((values, pieces))
+    start = np.cumsum(count) - count
+    return np.asarray(values[order][np.minimum(start + count // 2, len(values) - 1)])
+
+
+def _misfit(predicted: Array, measured: Array) -> float:
+    """Half the robust chi-square of ``measured = g predicted + b`` with ``g, b >= 0``, in relative errors."""
+    rows = np.stack([predicted, np.ones_like(predicted)], axis=-1) / measured[:, None]
+    weight = np.ones(len(rows))
+    off = np.zeros(len(rows))
+    for _ in range(ROUNDS):
+        weighted = rows * weight[:, None]
+        both = np.linalg.lstsq(weighted.T @ rows, weighted.sum(axis=0), rcond=None)[0]
+        alone = weighted.sum(axis=0) / np.maximum((weighted * rows).sum(axis=0), 1e-12)
+        tried = np.stack([np.maximum(both, 0.0), [alone[0], 0.0], [0.0, alone[1]]])
+        errors = (tried @ rows.T - 1.0) / WIDTH_NOISE
+        off = errors[np.argmin((weight * errors**2).sum(axis=1))]
+        weight = 1.0 / np.sqrt(1.0 + off**2)
+    return float((np.sqrt(1.0 + off**2) - 1.0).sum())
+
+
+def _measure_other_paint(
+    picture: NDArray[np.uint8],
+    mask: MarkingMask,
+    fit: CameraFit,
+    template: FieldTemplate,
+    places: MarkingPlaces,
+    painted: MeasuredCurve | None,
+) -> tuple[float, float]:
+    """Length of oblique lines on the field that are none of its markings, and of one along an axis that is the only
+    one, picture widths.
+    """
+    segments = [segment for segment in (*mask.lines, mask.halfway) if segment is not None]
+    if painted is None or not segments:
+        return 0.0, 0.0
+    width, height = fit.model.width, fit.model.height
+    unit = width / 1920.0
+    ends = np.array([(segment.start, segment.end) for segment in segments])
+    cells = _divide(ends, SPACING_PX * unit)
+    bare = ~_are_explained(cells, places, unit) & lie_on_surface(cells.points, mask.field_region, width, height)
+    bare[bare] = _lie_inside(fit.view, cells.points[bare], template)
+    if not bare.any():
+        return 0.0, 0.0
+    points, along, which = cells.points[bare], cells.along[cells.which[bare]], cells.which[bare]
+    normals = np.stack([-along[:, 1], along[:, 0]], axis=-1)
+    expected, angle = _paint_on_ground(fit.view, points, along, template.marking_width_m)
+    reach = REACH_PX * unit + LEAST_REACH_PX + PAINT_WIDTHS[1] * expected
+    seen = measure_curve(picture, points, normals, reach, _number_pieces(which))
+    ratio = seen.width / np.hypot(expected, SHARP_PX * unit)
+    contrast = seen.contrast / np.median(painted.contrast[painted.supported])
+    paint = seen.supported & (contrast > CONTRASTS[0]) & (contrast < CONTRASTS[1])
+    paint &= (ratio > PAINT_WIDTHS[0]) & (ratio < PAINT_WIDTHS[1])
+    oblique = paint & (np.abs(np.sin(2.0 * angle)) > np.sin(np.radians(2.0 * OBLIQUE_DEG)))
+    step = cells.step[which]
+    parallel = np.bincount(which[paint & ~oblique], step[paint & ~oblique], minlength=1) / width
+    is_alone = np.count_nonzero(parallel > SHORTEST_WIDTHS) == 1
+    return float(step[oblique].sum()) / width, float(parallel.max()) if is_alone else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Cells:
+    """S segments divided into M cells: start and direction (S, 2), length of a cell (S,) and their count (S,), and of
+    each cell its segment (M,) and middle (M, 2), pixels.
+    """
+
+    start: Array
+    along: Array
+    step: Array
+    count: NDArray[np.int_]
+    which: NDArray[np.int_]
+    points: Array
+
+
+def _divide(ends: Array, spacing_px: float) -> _Cells:
+    """Segments (S, 2, 2) in cells of about this length."""
+    span = ends[:, 1] - ends[:, 0]
+    length = np.maximum(np.hypot(span[:, 0], span[:, 1]), 1e-9)
+    count = np.maximum((length / spacing_px).astype(int), 1)
+    which = np.repeat(np.arange(len(ends)), count)
+    number = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
+    along, step = span / length[:, None], length / count
+    points = ends[which, 0] + ((number + 0.5) * step[which])[:, None] * along[which]
+    return _Cells(ends[:, 0], along, step, count, which, points)
+
+
+def _are_explained(cells: _Cells, places: MarkingPlaces, unit: float) -> Mask:
+    """Which cells (M,) lie on a marking that runs like their segment.
+
+    Each place of a marking that lies beside a segment covers an interval of it; how often a cell is covered is the sum
+    of what begins before it less what ends there.
+    """
+    offset = places.base[None] - cells.start[:, None]
+    normal = np.stack([-cells.along[:, 1], cells.along[:, 0]], axis=-1)
+    alike = np.abs(cells.along @ places.normal.T) < ALIKE_SINE
+    spread = EXPLAINED_SIGMAS * places.spread
+    beside = np.abs((offset @ normal[:, :, None])[..., 0]) < EXPLAINED_PX * unit + spread
+    segment, place = np.nonzero(alike & beside)
+    position = (offset[segment, place] * cells.along[segment]).sum(axis=-1) / cells.step[segment]
+    reach = (2.0 * SPACING_PX * unit + spread[place]) / cells.step[segment]
+    low, high = (
+        np.clip(edge, 0, cells.count[segment]).astype(int)
+        for edge in (np.floor(position - reach), np.ceil(position + reach))
+    )
+    # one more slot behind each segment takes the ends of what reaches beyond it
+    first = np.cumsum(cells.count + 1) - (cells.count + 1)
+    size = int((cells.count + 1).sum())
+    begun, ended = (np.bincount(first[segment] + edge, minlength=size) for edge in (low, high))
+    covered = np.cumsum(begun - ended) > 0
+    last = first + cells.count
+    return np.asarray(np.delete(covered, last), np.bool_)
+
+
+def _lie_inside(view: FieldView, points: Array, template: FieldTemplate) -> Mask:
+    """Which pixels (N, 2) show a place that lies surely within the field's outline."""
+    seen = view.to_field(points, sigma=True)
+    sigma = np.zeros(len(points)) if seen.sigma is None else np.nan_to_num(seen.sigma, nan=np.inf)
+    half = 0.5 * (np.array([template.length_m, template.width_m]) + view.growth_m)
+    margin = INSIDE_M + INSIDE_SIGMAS * sigma
+    with np.errstate(invalid="ignore"):
+        return np.asarray((np.abs(seen.points) + margin[:, None] < half).all(axis=1), np.bool_)
+
+
+def _paint_on_ground(view: FieldView, points: Array, along: Array, width_m: float) -> tuple[Array, Array]:
+    """Width (N,) in pixels that a marking along a line at pixels (N, 2) would have, and the line's angle (N,) on the
+    field, rad.
+    """
+    field = view.to_field(points)
+    ahead = view.to_field(points + along) - field
+    ahead /= np.maximum(np.hypot(ahead[:, :1], ahead[:, 1:]), 1e-12)
+    beside = view.project(field + width_m * np.stack([-ahead[:, 1], ahead[:, 0]], axis=-1)) - points
+    normals = np.stack([-along[:, 1], along[:, 0]], axis=-1)
+    return np.nan_to_num(np.abs((beside * normals).sum(axis=-1))), np.arctan2(ahead[:, 1], ahead[:, 0])
+
+
+def _rough_share(picture: NDArray[np.uint8], mask: MarkingMask, fit: CameraFit, template: FieldTemplate) -> float:
+    """Share of the field that must be in view and is no playing surface but rough."""
+    if mask.field_region is None:
+        return 0.0
+    height, width = picture.shape
+    step = width / COLUMNS
+    x, y = (np.arange(0.5 * step, size, step) for size in (width, height))
+    places = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    surface = lie_on_surface(places, mask.field_region, width, height)
+    if np.count_nonzero(~surface) < LEAST_OFF_SURFACE * len(places):
+        return 0.0
+    inside = _lie_inside(fit.view, places, template)
+    if not (inside & surface).any():
+        return 0.0
+    usual = float(np.median(_roughness(picture, places[inside & surface][::FIELD_EVERY])))
+    rough = _roughness(picture, places[inside & ~surface]) > ROUGH_TIMES * usual + ROUGH_LEVELS
+    return float(np.count_nonzero(rough) / np.count_nonzero(inside))
+
+
+def _roughness(picture: NDArray[np.uint8], places: Array) -> Array:
+    """Standard deviation (N,) of the gray levels around places (N, 2), at points that blur does not make alike."""
+    height, width = picture.shape
+    side = np.arange(-ROUGH_POINTS, ROUGH_POINTS + 1) * (ROUGH_SIDE_PX * width / 1920.0 / (2 * ROUGH_POINTS))
+    offsets = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+    at = np.clip(np.rint(places[:, None] + offsets).astype(int), 0, (width - 1, height - 1))
+    return np.asarray(picture[at[..., 1], at[..., 0]].std(axis=1), np.float64)

@@ -1,0 +1,123 @@
+"""What the whole picture says of a camera: paint that it does not explain, near and far, and what is no field."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from circlecal.geometry.camera_parameters import PARAMETERS, ProjectionModel, theta_of
+from circlecal.geometry.surface import Surface
+from circlecal.results import Evidence, MarkingMask, Segment, Verdict
+from circlecal.stages.evidence import measure_evidence
+from circlecal.stages.verdict import weigh_evidence
+
+from .conftest import CIRCLE, SOCCER, view
+from .test_verdict import camera_fit
+
+CAMERA = view(position=(3.0, 60.0, -18.0), target=(0.0, 2.0, 0.0), focal=1600.0)
+CARRIERS = frozenset({CIRCLE.name, "halfway_line"})
+OBLIQUE, ALONG = ((-12.0, -14.0), (-2.0, 14.0)), ((-14.0, 14.0), (14.0, 14.0))
+
+
+def fit_of(camera):
+    theta = theta_of(camera, ProjectionModel(camera.width, camera.height, Surface("flat", CIRCLE.radius_m)))
+    covariance = np.diag(np.where(np.arange(len(PARAMETERS)) < 4, 1e-8, 0.0))
+    return camera_fit(camera, theta=theta, covariance=covariance, parameters=PARAMETERS, named_lines=("side_line_top",))
+
+
+def paint(further=(), grows=0.0):
+    """Grass with the markings, and further lines; their paint may be wider with a power of the distance."""
+    surface = np.random.default_rng(0).normal(90, 3, (CAMERA.height, CAMERA.width))
+    picture = np.zeros_like(surface)
+    lines = [np.linspace(*map(np.asarray, ends), 200) for ends in further]
+    for points in (*SOCCER.polylines().values(), *lines):
+        across = np.stack([-np.gradient(points[:, 1]), np.gradient(points[:, 0])], axis=-1)
+        across *= 0.06 / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
+        across *= (np.maximum(CAMERA.depth(points), 5.0) / 60.0)[:, None] ** grows
+        near, far = points - across, points + across
+        strips = np.stack([near[:-1], near[1:], far[1:], far[:-1]], axis=1)
+        seen = (CAMERA.depth(strips.reshape(-1, 2)).reshape(-1, 4) > 5.0).all(axis=1)
+        for strip in np.round(16 * CAMERA.project(strips[seen])).astype(np.int32):
+            cv2.fillConvexPoly(picture, strip, (110.0,), cv2.LINE_AA, 4)
+    return (surface + cv2.GaussianBlur(picture, (0, 0), 0.8)).clip(0, 255).astype(np.uint8)
+
+
+def mask_of(further=(), region=None):
+    ends = [CAMERA.project(np.array(line)) for line in further]
+    drawn = np.zeros((CAMERA.height, CAMERA.width), np.uint8)
+    return MarkingMask(drawn, "detector", lines=tuple(Segment(*pair) for pair in ends), field_region=region)
+
+
+def weigh(evidence, camera):
+    return weigh_evidence(Verdict("calibrated", None, None, None), camera, evidence)
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return paint()
+
+
+def test_a_right_camera_finds_its_paint_and_nothing_against_it(plain):
+    halfway = SOCCER.line_ends(SOCCER.line_by_name["halfway_line"])
+    camera = fit_of(CAMERA)
+    found = measure_evidence(plain, mask_of((halfway,)), camera, SOCCER, CARRIERS)
+    assert found.oblique_widths == found.alone_widths == found.rough_share == 0.0
+    assert found.painted_share > 0.9 and found.reversal < -5.0
+    assert weigh(found, camera).status == "calibrated"
+
+
+def test_paint_across_the_field_that_is_no_marking_speaks_against_a_camera():
+    further = (OBLIQUE,)
+    camera = fit_of(CAMERA)
+    found = measure_evidence(paint(further), mask_of(further), camera, SOCCER, CARRIERS)
+    length = np.linalg.norm(np.subtract(*CAMERA.project(np.array(OBLIQUE)))) / CAMERA.width
+    assert found.oblique_widths == pytest.approx(length, rel=0.15)
+    assert weigh(replace(found, oblique_widths=0.25), camera).code == "paint_unexplained"
+
+
+def test_one_line_along_the_field_is_told_from_the_field_of_another_sport():
+    other = ((-14.0, 18.0), (14.0, 18.0))
+    camera = fit_of(CAMERA)
+    one = measure_evidence(paint((ALONG,)), mask_of((ALONG,)), camera, SOCCER, CARRIERS)
+    two = measure_evidence(paint((ALONG, other)), mask_of((ALONG, other)), camera, SOCCER, CARRIERS)
+    assert one.alone_widths > 0.3 and two.alone_widths == 0.0
+    assert one.oblique_widths == two.oblique_widths == 0.0
+    assert weigh(one, camera).status == "calibrated"
+    assert weigh(one, replace(camera, named_lines=())).code == "paint_unexplained"
+
+
+def test_a_segment_that_is_no_paint_says_nothing(plain):
+    found = measure_evidence(plain, mask_of((OBLIQUE, ALONG)), fit_of(CAMERA), SOCCER, CARRIERS)
+    assert found.oblique_widths == found.alone_widths == 0.0
+
+
+def test_paint_that_grows_with_the_distance_is_a_picture_turned_upside_down():
+    camera = fit_of(CAMERA)
+    found = measure_evidence(paint(grows=2.0), mask_of(), camera, SOCCER, CARRIERS)
+    assert found.reversal > 5.0
+    assert weigh(found, camera).code == "picture_contradicts"
+
+
+def test_a_crowd_where_the_field_must_be_speaks_against_a_camera(plain):
+    region = np.ones((72, 128), np.bool_)
+    region[:, 80:] = False
+    crowd = plain.copy()
+    crowd[:, 5 * CAMERA.width // 8 :] = np.random.default_rng(1).integers(
+        20, 230, (CAMERA.height, CAMERA.width - 5 * CAMERA.width // 8)
+    )
+    camera = fit_of(CAMERA)
+    shade = measure_evidence(plain, mask_of(region=region), camera, SOCCER, CARRIERS)
+    found = measure_evidence(crowd, mask_of(region=region), camera, SOCCER, CARRIERS)
+    assert shade.rough_share < 0.02
+    assert found.rough_share > 0.2
+    assert weigh(found, camera).code == "picture_contradicts"
+
+
+def test_a_circle_that_is_hardly_painted_speaks_against_a_camera():
+    bare = np.random.default_rng(2).normal(90, 3, (CAMERA.height, CAMERA.width)).astype(np.uint8)
+    camera = fit_of(CAMERA)
+    found = measure_evidence(bare, mask_of(), camera, SOCCER, CARRIERS)
+    assert found.painted_share < 0.2
+    assert weigh(found, camera).code == "markings_missing"
+    assert weigh(Evidence(0.0, 0.0, 1.0, 0.0, 0.0), camera).status == "calibrated"
