@@ -83,11 +83,10 @@ def batch(
     from circlecal.cli.rig import RIG_FOLDER, estimate_shared_cameras
     from circlecal.errors import InputError
     from circlecal.formats.annotation import ANNOTATION_FOLDER, digest_annotations
-    from circlecal.formats.exports import Exports
     from circlecal.pictures.inputs import absolute_input
     from circlecal.pictures.video import DEFAULT_EVERY, Sampling
     from circlecal.records.log import RESULTS_NAME, read_records
-    from circlecal.records.parquet import PARQUET_FORMAT, PARQUET_NAME, require_parquet, write_parquet
+    from circlecal.records.parquet import PARQUET_NAME, write_parquet
 
     console.configure_logging(quiet=quiet, verbose=verbose)
     if scheduler is not None:  # workers have another working folder
@@ -107,11 +106,7 @@ def batch(
         max_bytes=max_bytes,
         tells_field=not rig,
     )
-    written_size = options.parse_size(eval_size, "--eval-size")
-    targets = [name for name in to or () if name != PARQUET_FORMAT]
-    Exports(targets, out, written_size)  # an unknown format is told before the first frame
-    if PARQUET_FORMAT in (to or ()):
-        require_parquet()
+    exports = options.choose_exports(to, eval_size)
     run = FrameRun(
         chosen,
         None,
@@ -154,9 +149,9 @@ def batch(
             out, run, final, workers=workers, as_json=as_json, quiet=quiet, restart=restart, outdated=True
         )
         refused = report.frames - report.calibrated
-    if targets:
-        _export(Exports(targets, final, written_size), run, frames, final)
-    if PARQUET_FORMAT in (to or ()):
+    if exports.targets:
+        _export(exports.into(final), run, frames, final)
+    if exports.parquet:
         write_parquet(read_records(final), final / PARQUET_NAME)
     if failures:
         raise typer.Exit(2)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,6 +15,7 @@ import typer
 if TYPE_CHECKING:
     from circlecal.batch.frames import FrameRun
     from circlecal.config import Config
+    from circlecal.formats.exports import Exports
     from circlecal.formats.inputs import FrameOfFile
     from circlecal.pictures.files import PictureFile
     from circlecal.pictures.video import Video
@@ -262,6 +264,42 @@ def parse_size(text: str | None, option: str = "--size") -> tuple[int, int] | No
     if not plain:
         raise InputError(f"{option} {text!r} is not WIDTHxHEIGHT, such as 1920x1080")
     return int(width), int(height)
+
+
+@dataclass(frozen=True, slots=True)
+class ExportChoice:
+    """What ``--to`` and ``--eval-size`` ask for: names of formats, size of the pictures in which cameras count, and
+    whether a Parquet table is wanted too.
+    """
+
+    targets: tuple[str, ...]
+    size: tuple[int, int] | None
+    parquet: bool
+
+    def into(self, folder: Path) -> Exports:
+        """The formats, to be written into a folder."""
+        from circlecal.formats.exports import Exports
+
+        return Exports(self.targets, folder, self.size)
+
+
+def choose_exports(targets: Sequence[str] | None, eval_size: str | None) -> ExportChoice:
+    """The outside formats of a run; what cannot be written is told before the first frame.
+
+    Raises
+    ------
+    InputError, MissingExtraError
+        An unknown format or no size; Parquet without its library.
+    """
+    from circlecal.records.parquet import PARQUET_FORMAT, require_parquet
+
+    named = tuple(targets or ())
+    if PARQUET_FORMAT in named:
+        require_parquet()
+    others = tuple(name for name in named if name != PARQUET_FORMAT)
+    choice = ExportChoice(others, parse_size(eval_size, "--eval-size"), PARQUET_FORMAT in named)
+    choice.into(Path())
+    return choice
 
 
 def choose_format(name: str | None) -> str | None:

@@ -14,7 +14,6 @@ from circlecal.cli import options
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from circlecal.formats.exports import Exports
     from circlecal.pictures.video import Video
     from circlecal.tracking.run import ClipRun, TrackReport
 
@@ -55,11 +54,9 @@ def track(
 ) -> None:
     """Find the camera of every frame of a clip, from its tripod; run it again to go on after a stop."""
     from circlecal.cli import console
-    from circlecal.formats.exports import Exports
     from circlecal.pictures.inputs import absolute_input
     from circlecal.pictures.video import Sampling
     from circlecal.pipeline import field_of
-    from circlecal.records.parquet import PARQUET_FORMAT, require_parquet
     from circlecal.rig.venue import read_venue
     from circlecal.tracking.run import DEFAULT_EVERY, ClipRun, run_track
 
@@ -69,10 +66,7 @@ def track(
     chosen = options.choose_config(config, settings, field, seed)
     known = None if venue is None else read_venue(venue, field_of(chosen)[0])
     run = ClipRun(chosen, Sampling.parse(every or DEFAULT_EVERY, start, end), known, full)
-    targets = [name for name in to or () if name != PARQUET_FORMAT]
-    exports = Exports(targets, out, options.parse_size(eval_size, "--eval-size"))
-    if PARQUET_FORMAT in (to or ()):
-        require_parquet()
+    exports = options.choose_exports(to, eval_size)
     failures: list[Exception] = []
     videos = options.choose_videos(inputs, console.error_reporter(failures))
     refused = 0
@@ -92,7 +86,7 @@ def track(
                 on_error=console.error_reporter(failures),
             )
         refused = report.progress.refused
-        _write_further(videos, run, exports, out, video=video, parquet=PARQUET_FORMAT in (to or ()), quiet=quiet)
+        _write_further(videos, run, exports, out, video=video, quiet=quiet)
         _print_report(report, run, out, as_json=as_json, quiet=quiet)
     if failures:
         raise typer.Exit(2)
@@ -101,7 +95,7 @@ def track(
 
 
 def _write_further(
-    videos: Sequence[Video], run: ClipRun, exports: Exports, out: Path, *, video: bool, parquet: bool, quiet: bool
+    videos: Sequence[Video], run: ClipRun, exports: options.ExportChoice, out: Path, *, video: bool, quiet: bool
 ) -> None:
     """Write what is made of the finished results: outside formats, and overlay videos."""
     from itertools import groupby
@@ -114,9 +108,9 @@ def _write_further(
     from circlecal.tracking.run import records_in_order
 
     template, circle = field_of(run.config)
-    if exports.is_wanted:
-        export_records(records_in_order(out), exports, template, circle, {}, template)
-    if parquet:
+    if exports.targets:
+        export_records(records_in_order(out), exports.into(out), template, circle, {}, template)
+    if exports.parquet:
         write_parquet(records_in_order(out), out / PARQUET_NAME)
     if not video:
         return
