@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import nnls
 
 from circlecal.field import FieldTemplate
 from circlecal.field.view import FieldView
@@ -139,9 +140,10 @@ def _number_pieces(element: NDArray[np.int_]) -> NDArray[np.int64]:
 def _reversal(painted: MeasuredCurve, own: MarkingPlaces, fit: CameraFit, template: FieldTemplate) -> float:
     """How much better exchanged near and far explain the paint's widths.
 
-    Blur adds to the width of paint in squares, ``m^2 = g w^2 + b``, with the predicted width ``w`` and ``g, b >= 0``.
-    Scale falls with the depth ``z``; a picture that was turned upside down or mirrored has scales that fall with ``1 /
-    z``, and its ``w^2`` are ``w^2 z^4`` of the camera that was fitted to it.
+    Blur adds to the width of paint in squares, ``m^2 = g w^2 + b_x n_x^2 + b_y n_y^2``, with the predicted width ``w``,
+    the normal ``n`` and no negative coefficient: a pan blurs what it sweeps across, not what runs along with it. Scale
+    falls with the depth ``z``; a picture that was turned upside down or mirrored has scales that fall with ``1 / z``,
+    and its ``w^2`` are ``w^2 z^4`` of the camera that was fitted to it.
     """
     unit = fit.model.width / 1920.0
     predicted = _paint_px(own, template)
@@ -152,15 +154,15 @@ def _reversal(painted: MeasuredCurve, own: MarkingPlaces, fit: CameraFit, templa
     if np.count_nonzero(enough) < FEWEST_PIECES:
         return 0.0
     depth = fit.camera.depth(fit.view.to_field(own.base[seen]))
-    middle = [_median_by_piece(values, pieces, count)[enough] for values in (predicted[seen], painted.width[seen])]
-    depth = _median_by_piece(depth, pieces, count)[enough]
-    width, measured = middle[0] ** 2, middle[1] ** 2
+    each = (predicted[seen], painted.width[seen], depth, own.normal[seen, 0] ** 2)
+    width, measured, depth, across = (_median_by_piece(values, pieces, count)[enough] for values in each)
     known = np.isfinite(depth) & (depth > 0) & (measured > 0)
     if np.count_nonzero(known) < FEWEST_PIECES:
         return 0.0
-    width, measured, depth = width[known], measured[known], depth[known]
+    width, measured, depth, across = width[known] ** 2, measured[known] ** 2, depth[known], across[known]
     relative = depth / np.exp(np.mean(np.log(depth)))
-    return _misfit(width, measured) - _misfit(width * relative**4, measured)
+    blur = np.stack([across, 1.0 - across], axis=-1)
+    return _misfit(width, blur, measured) - _misfit(width * relative**4, blur, measured)
 
 
 def _median_by_piece(values: Array, pieces: NDArray[np.int64], count: NDArray[np.int_]) -> Array:
@@ -170,18 +172,16 @@ def _median_by_piece(values: Array, pieces: NDArray[np.int64], count: NDArray[np
     return np.asarray(values[order][np.minimum(start + count // 2, len(values) - 1)])
 
 
-def _misfit(predicted: Array, measured: Array) -> float:
-    """Half the robust chi-square of ``measured = g predicted + b`` with ``g, b >= 0``, in relative errors."""
-    rows = np.stack([predicted, np.ones_like(predicted)], axis=-1) / measured[:, None]
+def _misfit(predicted: Array, blur: Array, measured: Array) -> float:
+    """Half the robust chi-square of ``measured = g predicted + blur b`` with no negative coefficient, in relative
+    errors; ``blur`` is (N, 2).
+    """
+    rows = np.column_stack([predicted, blur]) / measured[:, None]
     weight = np.ones(len(rows))
     off = np.zeros(len(rows))
     for _ in range(ROUNDS):
-        weighted = rows * weight[:, None]
-        both = np.linalg.lstsq(weighted.T @ rows, weighted.sum(axis=0), rcond=None)[0]
-        alone = weighted.sum(axis=0) / np.maximum((weighted * rows).sum(axis=0), 1e-12)
-        tried = np.stack([np.maximum(both, 0.0), [alone[0], 0.0], [0.0, alone[1]]])
-        errors = (tried @ rows.T - 1.0) / WIDTH_NOISE
-        off = errors[np.argmin((weight * errors**2).sum(axis=1))]
+        root = np.sqrt(weight)
+        off = (rows @ nnls(rows * root[:, None], root)[0] - 1.0) / WIDTH_NOISE
         weight = 1.0 / np.sqrt(1.0 + off**2)
     return float((np.sqrt(1.0 + off**2) - 1.0).sum())
 

@@ -64,13 +64,14 @@ LEAST_PAINTED = 0.55
 """Least share of circle and halfway line that is painted where they must be in view: of those right answers at least
 0.68, of a rink's circle taken for a pitch's 0.46.
 """
-MOST_REVERSAL = 5.0
-"""By how much (half a chi-square) exchanged near and far may explain the width of the paint better: of those right
-answers at most 2.4, most have less than -5; of pictures turned upside down 8 to 60.
+MOST_REVERSAL = 3.0
+"""By how much (half a chi-square) exchanged near and far may explain the width of the paint better, and as much more
+for each further line that is named: of right answers without such lines at most 0.9 (rendered frames of all kinds, 54
+real frames of pans), with them at most 4.8; of pictures turned upside down or mirrored 3.8 to 8.6.
 """
-MOST_ROUGH = 0.1
-"""Most of the field in view that may be as rough as a crowd: of those right answers at most 0.08 (lettered banners), of
-pictures whose quarters were exchanged 0.08 to 0.37.
+MOST_ROUGH = 0.12
+"""Most of the field in view that may be as rough as a crowd: of right answers at most 0.09 (lettered banners, strips of
+advertising), of pictures whose quarters were exchanged 0.08 to 0.37.
 """
 SEVERAL_LINES = 2
 """One line is easily named wrongly."""
@@ -244,7 +245,7 @@ def weigh_evidence(verdict: Verdict, camera: CameraFit, evidence: Evidence) -> V
     own = (
         _check("unexplained_widths", unexplained, MOST_UNEXPLAINED),
         _check("painted_share_of_carriers", evidence.painted_share, LEAST_PAINTED, at_least=True),
-        _check("reversal", evidence.reversal, MOST_REVERSAL),
+        _check("reversal", evidence.reversal, MOST_REVERSAL * (1 + len(camera.named_lines))),
         _check("rough_share", evidence.rough_share, MOST_ROUGH),
     )
     checks = (*verdict.checks, *own)
