@@ -110,10 +110,11 @@ class Exports:
     def _add_refusal(self, measured: AnnotatedFrame) -> list[Path]:
         """Take a refused frame with what was measured in it, for people to go on from."""
         self._refused.append(measured)
-        per_frame = [t for t in self._targets if isinstance(t, AnnotationFormat) and t.per_frame]
+        # a format of cameras has an annotation of the same name that goes with it, or none
+        own = [annotation_formats().get(t.name) if isinstance(t, CameraFormat) else t for t in self._targets]
         written: list[Path] = []
-        for target in per_frame if measured.shapes else ():
-            if target.draws_measured:
+        for target in own if measured.shapes else ():
+            if target is not None and target.per_frame and target.draws_measured:
                 written += _write(_annotation_files([measured], target, self._folder, f".{target.name}"))
         return written
 

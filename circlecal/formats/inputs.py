@@ -14,6 +14,7 @@ from circlecal.detection.keypoints import KeypointsConfig, find_keypoints
 from circlecal.errors import InputError
 from circlecal.field import FieldTemplate
 from circlecal.files import is_file, is_folder, real_path, require_input
+from circlecal.formats.annotation import is_annotation_file
 from circlecal.formats.cameras import Size
 from circlecal.formats.format import AnnotationFormat
 from circlecal.formats.meaning import SourcesConfig, observe
@@ -32,6 +33,8 @@ from circlecal.formats.soccernet import LINE_CLASSES
 from circlecal.observations import Observations
 from circlecal.pictures.files import PICTURE_SUFFIXES, PictureFile, distinct_names, walk
 
+BESIDE_SUFFIXES = (".json", ".xml")
+"""Of annotations that programs put beside pictures."""
 _log = logging.getLogger(__name__)
 
 
@@ -147,6 +150,20 @@ def read_frames(
             _log.warning("%s", warning)
         read.append(FrameOfFile(observed, file.path, picture_beside(file.path, observed.image)))
     return read
+
+
+def find_ignored(frames: Sequence[PictureFile]) -> list[Path]:
+    """Annotations of other programs that lie beside pictures as ``x.json`` or ``x.xml``; the first one is opened."""
+    pictures = [frame.path for frame in frames if frame.url is None and frame.time_s is None]
+    beside = [path for picture in pictures for s in BESIDE_SUFFIXES if is_file(path := picture.with_suffix(s))]
+    beside = [path for path in dict.fromkeys(beside) if not is_annotation_file(path)]
+    if not beside:
+        return []
+    try:
+        found, _ = open_file(beside[0])
+    except InputError:
+        return []
+    return beside if isinstance(found, AnnotationFormat) else []
 
 
 def find_convertible(inputs: Sequence[Path], format_name: str | None, out: Path) -> list[Path]:

@@ -143,4 +143,5 @@ FORMAT = AnnotationFormat(
     write=write,
     file_name="{id}.json",
     marks_line_ends=True,
+    draws_measured=True,
 )

@@ -60,10 +60,20 @@ def test_an_annotation_beside_its_picture_is_taken(pictures, named, run_circleca
     outcome = run_circlecal("calibrate", pictures / "open.png", "--out", tmp_path / "out", "--json")
     assert outcome.code == 0, outcome.err
     assert json.loads(outcome.out)["annotation"]
+    assert "is not used" not in outcome.err
     assert run_circlecal("debug", pictures / "open.png", "--out", tmp_path / "debug", "-q").code == 0
 
 
-@pytest.mark.parametrize("name", ["cvat", "labelstudio", "coco", "labelme"])
+def test_annotations_of_other_programs_beside_pictures_are_said_to_be_ignored(pictures, run_circlecal, tmp_path):
+    (pictures / "open.json").write_text('{"Side line top": [{"x": 0.1, "y": 0.2}, {"x": 0.9, "y": 0.2}]}')
+    command = ("calibrate", pictures / "open.png", "--out", tmp_path / "out", "--no-overlay")
+    told = run_circlecal(*command)
+    assert told.code == 1
+    assert f"{pictures / 'open.json'}: an annotation beside its picture is not used" in told.err.replace("\n", "")
+    assert "is not used" not in run_circlecal(*command, "--keypoints", pictures).err
+
+
+@pytest.mark.parametrize("name", ["cvat", "labelstudio", "coco", "labelme", "soccernet"])
 def test_a_refused_frame_goes_out_with_what_was_measured(pictures, run_circlecal, tmp_path, name):
     out = tmp_path / "out"
     assert run_circlecal("calibrate", pictures / "open.png", "--out", out, "--to", name, "-q", "--no-overlay").code == 1
