@@ -7,6 +7,7 @@ and markings that are in view must be painted.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,19 +15,24 @@ import numpy as np
 
 from circlecal.api.calls import calibrate_annotation
 from circlecal.config import Config
-from circlecal.field import Circle, FieldTemplate
+from circlecal.field import Arc, Circle, FieldTemplate
 from circlecal.field.view import FieldView
 from circlecal.formats.annotation import AnnotatedMarking, Annotation
 from circlecal.geometry.homography import SIDES
 from circlecal.geometry.projective import Array
+from circlecal.observations import Observations
 from circlecal.pipeline import field_of
-from circlecal.results import FrameCalibration
+from circlecal.results import Agreement, CameraFit, FrameCalibration
 from circlecal.stages.confirm import look_for_markings
 from circlecal.workbench.answers import Answer, continues, distance_to_polyline, place_sigma, see_markings, suggestions
 from circlecal.workbench.measuring import MeasuredPicture
 
 LONGEST = 2
 """So many of the longest nameless lines are taken for every marking; pieces of one line count once."""
+MOST_CURVES, BESIDE, ALWAYS_BESIDE = 2, 3, ("side_line_top",)
+"""Of a picture in which no circle was believed: so many of its curves are taken for every circle and arc, with so many
+of the straight markings nearest to these, and the far touchline, which main cameras see longest.
+"""
 SHOWN = 2
 """So many interpretations are offered."""
 ALIKE_M = 1.0
@@ -53,6 +59,8 @@ class Interpretation:
         Names by index of the marking.
     found_share : float
         Share of the expected markings that the picture shows.
+    expected_px : float
+        Length of those, pixels.
     explained_px : float
         Length of measured lines that are explained, pixels.
     ground : (N, 2) array
@@ -63,14 +71,17 @@ class Interpretation:
 
     names: dict[int, str]
     found_share: float
+    expected_px: float
     explained_px: float
     ground: Array
     on_usual_side: bool
 
     @property
     def rank(self) -> tuple[bool, float]:
-        """By which the best is chosen: the smaller the better."""
-        return not self.on_usual_side, -self.explained_px * (0.25 + self.found_share)
+        """By which the best is chosen, the smaller the better: measured lines that are explained and markings that are
+        where they are expected count for it, expected ones that are missing against it, by their lengths.
+        """
+        return not self.on_usual_side, -self.explained_px - (2.0 * self.found_share - 1.0) * self.expected_px
 
     def is_like(self, other: Interpretation) -> bool:
         """Whether both put the same ground into the picture, as it is or turned by 180 degrees: nobody sees which."""
@@ -87,7 +98,7 @@ class Interpretation:
 
 
 def interpret(annotation: Annotation, measured: MeasuredPicture, config: Config) -> list[Interpretation]:
-    """The best ways to name the lines of a frame, at most :data:`SHOWN`; none where it shows no circle.
+    """The best ways to name the lines of a frame, at most :data:`SHOWN`; none where it shows no curve.
 
     One line is named first; what then lies on its place, or may lie there and makes the camera surer, is named too.
 
@@ -101,22 +112,47 @@ def interpret(annotation: Annotation, measured: MeasuredPicture, config: Config)
         Options of every stage.
     """
     template, circle = field_of(config)
-    markings = annotation.markings
-    if not any(m.kind == "curve" and m.name is not None and m.used for m in markings):
-        return []
     search = _Search(measured, config, template, circle)
-    taken = {m.name for m in markings if m.name is not None and m.used}
-    found = [
-        tried
-        for k in _longest_nameless(annotation)
-        for line in template.lines
-        if line.name not in taken and (tried := search.try_name(annotation, k, line.name))
-    ]
+    if any(m.kind == "curve" and m.name is not None and m.used for m in annotation.markings):
+        taken = {m.name for m in annotation.markings if m.name is not None and m.used}
+        lines = [line.name for line in template.lines if line.name not in taken]
+        found = [
+            tried
+            for k in _longest_nameless(annotation)
+            for name in lines
+            if (tried := search.try_name(annotation, k, name))
+        ]
+    else:
+        found = list(_try_curves(annotation, search))
     best: list[_Tried] = []
     for tried in sorted(found, key=lambda t: t.offered.rank):
         if len(best) < SHOWN and not any(tried.offered.is_like(other.offered) for other in best):
             best.append(tried)
     return sorted((search.extend(tried).offered for tried in best), key=lambda i: i.rank)
+
+
+def _try_curves(annotation: Annotation, search: _Search) -> Iterator[_Tried]:
+    """Curves that nobody named taken for a circle or an arc, together with the longest line."""
+    curves = [k for k, m in enumerate(annotation.markings) if m.kind == "curve" and m.name is None][:MOST_CURVES]
+    for k in curves:
+        for element in (*search.template.circles, *search.template.arcs):
+            named = name_marking(annotation, k, element.name)
+            for index in _longest_nameless(annotation)[:1]:
+                for name in _lines_beside(element, search.template):
+                    if tried := search.try_name(named, index, name, given={k: element.name}):
+                        yield tried
+
+
+def _lines_beside(element: Circle | Arc, template: FieldTemplate) -> list[str]:
+    """Straight markings that a picture of a circle or an arc may show longest: those nearest to its centre."""
+    center = np.asarray(element.center, dtype=np.float64)
+    off = {}
+    for line in template.lines:
+        a, b, c = template.line_coordinates(line)
+        off[line.name] = abs(float(a * center[0] + b * center[1] + c)) / float(np.hypot(a, b))
+    return sorted(off, key=lambda name: off[name])[:BESIDE] + [
+        line.name for line in template.lines if line.name in ALWAYS_BESIDE
+    ]
 
 
 def _longest_nameless(annotation: Annotation) -> list[int]:
@@ -167,9 +203,19 @@ class _Search:
     template: FieldTemplate
     circle: Circle
 
-    def try_name(self, annotation: Annotation, index: int, name: str, before: _Tried | None = None) -> _Tried | None:
-        """One more line under one name, and what then fits; None where the verdict refuses the camera."""
-        names = ({} if before is None else before.offered.names) | {index: name}
+    def try_name(
+        self,
+        annotation: Annotation,
+        index: int,
+        name: str,
+        before: _Tried | None = None,
+        given: dict[int, str] | None = None,
+    ) -> _Tried | None:
+        """One more line under one name, and what then fits; None where the verdict refuses the camera.
+
+        ``before`` is the interpretation that the line is added to, ``given`` what else was named in this one.
+        """
+        names = (given or {}) | ({} if before is None else before.offered.names) | {index: name}
         named = name_marking(annotation, index, name)
         earlier = None if before is None else before.found.attempt.camera
         found = calibrate_annotation(named, self.config, nameless=False, earlier=earlier)
@@ -180,10 +226,14 @@ class _Search:
         for k, fitting in suggestions(told, see_markings(found.view, self.template)).items():
             names, named = names | {k: fitting}, name_marking(named, k, fitting)
         explained = sum(length_px(annotation.markings[k]) for k in names)
-        share = share_of_paint(found, self.measured, self.template, self.circle)
+        seen = look_for_others(found, camera, self.measured, self.template, self.circle)
         side = np.asarray(SIDES[self.config.correspondences.camera_side])
         usual = float(camera.camera.position_m[:2] @ side) > 0.0
-        return _Tried(Interpretation(names, share, explained, _ground_in(found.view), usual), named, found)
+        return _Tried(
+            Interpretation(names, seen.found_share, seen.expected_px, explained, _ground_in(found.view), usual),
+            named,
+            found,
+        )
 
     def extend(self, tried: _Tried) -> _Tried:
         """Name further lines, one after the other, where one name alone is likely and makes the camera much surer."""
@@ -233,13 +283,11 @@ def _median_distance(one: Array, other: Array) -> float:
     return float(np.median(known)) if len(known) else float("inf")
 
 
-def share_of_paint(
-    found: FrameCalibration, measured: MeasuredPicture, template: FieldTemplate, circle: Circle
-) -> float:
-    """Share of the markings in view, those apart that the camera was fitted to, on which the picture shows paint."""
-    if found.attempt.camera is None or found.attempt.observations is None:
-        return 0.0
-    seen = found.attempt.observations
+def look_for_others(
+    found: FrameCalibration, camera: CameraFit, measured: MeasuredPicture, template: FieldTemplate, circle: Circle
+) -> Agreement:
+    """Look for the markings in view to which the camera was not fitted."""
+    seen = found.attempt.observations or Observations(found.width, found.height)
     known = frozenset(line.line for line in seen.lines if line.line) | {c.circle for c in seen.circles}
     region = None if measured.found.attempt.mask is None else measured.found.attempt.mask.field_region
-    return look_for_markings(measured.light, found.attempt.camera, template, circle, known, region).found_share
+    return look_for_markings(measured.light, camera, template, circle, known, region)

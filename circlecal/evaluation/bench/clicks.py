@@ -279,12 +279,16 @@ def _names(annotation: Annotation, truth: Truth, template: FieldTemplate) -> Ite
         if marking.name is not None or marking.kind == "point":
             continue
         for name, points in truth.items():
-            is_curve = name in template.circle_by_name
+            is_curve = _is_curve(name, template)
             if name in taken or is_curve != (marking.kind == "curve"):
                 continue
             if np.median(distance_to_polyline(marking.points, points)) < near_px:
                 yield _Try(name_marking(annotation, index, name), 2, f"name {name}")
                 break
+
+
+def _is_curve(name: str, template: FieldTemplate) -> bool:
+    return any(name == element.name for element in (*template.circles, *template.arcs))
 
 
 def _marks(
@@ -296,7 +300,7 @@ def _marks(
     for name in sorted(lengths, key=lambda key: -lengths[key]):
         if lengths[name] < LEAST_WIDTHS * annotation.width:
             continue
-        is_curve = name in template.circle_by_name
+        is_curve = _is_curve(name, template)
         for count in (2, WIDEST_CLICKS) if is_curve else (2,):
             seen = _click_marking(measured, truth[name], count, is_curve, rng)
             if seen is None:
