@@ -445,7 +445,7 @@ CONTRASTS = """
     };
     const hex = ([r, g, b]) => '#' + [r, g, b].map(v => v.toString(16).padStart(2, '0')).join('');
     const found = {};
-    const top = document.getElementById('large').open ? document.getElementById('large') : document.body;
+    const top = document.getElementById('large')?.open ? document.getElementById('large') : document.body;
     const walker = document.createTreeWalker(top, NodeFilter.SHOW_TEXT);
     const skipped = 'title, noscript, .unseen, :disabled' + (top === document.body ? ', dialog' : '');
     while (walker.nextNode()) {
@@ -456,7 +456,8 @@ CONTRASTS = """
       while (ground !== document.body && rgba(getComputedStyle(ground).backgroundColor)[3] === 0) {
         ground = ground.parentElement;
       }
-      const pair = [getComputedStyle(element).color, getComputedStyle(ground).backgroundColor];
+      const style = getComputedStyle(element);
+      const pair = [element.ownerSVGElement ? style.fill : style.color, getComputedStyle(ground).backgroundColor];
       found[pair.map(color => hex(rgba(color)))] = `${element.tagName}.${element.className}: ${text.slice(0, 30)}`;
     }
     return found;

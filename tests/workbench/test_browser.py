@@ -13,6 +13,8 @@ import pytest
 from circlecal.field import load_field
 from circlecal.workbench.answers import distance_to_polyline
 from tests.report.browser import Browser, programs
+from tests.report.test_browser import CONTRASTS
+from tests.report.test_pages import contrast
 
 pytestmark = pytest.mark.skipif(programs() is None, reason="no Chromium")
 
@@ -81,6 +83,36 @@ def test_nothing_sticks_out_of_the_window(browser, server):
             "const b = document.getElementById('stage').getBoundingClientRect(); return [b.width, b.height]"
         )
         assert stage[0] > 300 and stage[1] > 200
+        pairs = browser.run(CONTRASTS)
+        assert len(pairs) >= 3
+        for pair, where in pairs.items():
+            assert contrast(*pair.split(",")) >= 4.5, (where, pair, scheme)
+    ten_thousand_frames_are_as_quick_as_ten(browser)
+
+
+def ten_thousand_frames_are_as_quick_as_ten(browser):
+    """Only the rows in view exist, and keys, filters and search reach all of them."""
+    told = browser.run(
+        """
+        return import("./list.js").then(({ FrameList }) => {
+          const box = document.body.appendChild(document.createElement("div")), rows = document.createElement("div");
+          box.style.cssText = "height: 400px; overflow-y: auto; position: relative"; box.append(rows);
+          const opened = [], list = new FrameList(box, rows, (index) => opened.push(index));
+          const states = ["refused", "doubtful", "calibrated"];
+          list.frames = Array.from({ length: 10000 }, (_, k) => [`f${k}`, states[k % 3], null, 3.5, null, false, null]);
+          const started = performance.now();
+          list.keep("", ""); list.select(9000);
+          const nodes = rows.children.length, there = rows.textContent.includes("f9000");
+          list.step(1); list.keep("refused", "f99"); const few = list.shown.length; list.keep("", "");
+          const spent = performance.now() - started;
+          box.remove();
+          return { nodes, there, opened, few, spent };
+        });
+        """
+    )
+    assert told["nodes"] < 40 and told["there"] and told["opened"] == [9001]
+    assert told["few"] == sum(f"f{k}".startswith("f99") or "f99" in f"f{k}" for k in range(0, 10_000, 3))
+    assert told["spent"] < 5000
 
 
 def test_two_clicks_calibrate_a_refused_frame_and_undo_takes_them_back(browser, server, out, wide_camera):
