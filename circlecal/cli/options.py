@@ -374,7 +374,7 @@ def _frames_of(
     format_name = None if run.keypoints is not None else run.format_name
     pictures, files = split_inputs(inputs, format_name, exclude=[out])
     frames = choose_frames(pictures, out, run.mask) if pictures else []
-    tell_ignored(frames if run.keypoints is None else ())
+    note_unused_annotations(frames if run.keypoints is None else ())
     if run.keypoints is not None and not frames:
         raise InputError(f"{run.keypoints}: --keypoints are used together with pictures, and no picture is given")
     annotated = read_frames(
@@ -390,15 +390,15 @@ def _frames_of(
     return [*frames, *annotated]
 
 
-def tell_ignored(frames: Sequence[PictureFile]) -> None:
+def note_unused_annotations(frames: Sequence[PictureFile]) -> None:
     """Say that annotations of other programs lie beside pictures and are not used.
 
     They are not taken unasked, as masks are: beside pictures lies what they are evaluated with.
     """
     from circlecal.cli import console
-    from circlecal.formats.inputs import find_ignored
+    from circlecal.formats.inputs import find_unused_annotations
 
-    ignored = find_ignored(frames)
+    ignored = find_unused_annotations(frames)
     if ignored:
         more = f" and {len(ignored) - 1} more" if len(ignored) > 1 else ""
         console.print_note(

@@ -152,7 +152,7 @@ def read_frames(
     return read
 
 
-def find_ignored(frames: Sequence[PictureFile]) -> list[Path]:
+def find_unused_annotations(frames: Sequence[PictureFile]) -> list[Path]:
     """Annotations of other programs that lie beside pictures as ``x.json`` or ``x.xml``; the first one is opened."""
     pictures = [frame.path for frame in frames if frame.url is None and frame.time_s is None]
     beside = [path for picture in pictures for s in BESIDE_SUFFIXES if is_file(path := picture.with_suffix(s))]
