@@ -26,6 +26,10 @@ LEAST_PAINTED, LEAST_EXPLAINED = 0.45, 0.75
 """Share of the expected places that show paint, and of these that the head explains: of right heads 0.5 to 1 and 0.9 to
 1, of wrong ones 0.05 to 0.35.
 """
+LEAST_FOUND = 0.5
+"""Share of the expected places that show paint where a head was found by searching alone: a wrong one of a rendered
+clip, with the boards taken for the touchline, had 0.45, the right one 0.96.
+"""
 LARGEST_RMS_PX = 1.6
 """Of the paint about the head's markings, pixels at 1920 px width."""
 LARGEST_HEAD_SIGMA_PX = 3.0
@@ -181,7 +185,9 @@ class Place:
 
     def propose(self, picture: LookedAt) -> Array:
         """Heads (N, 3) that may be the picture's, the likeliest first."""
-        return search_heads(picture.ridges, self.tripod, self.drawn, self.template)
+        searched = search_heads(picture.ridges, self.tripod, self.drawn, self.template)
+        # a camera that hardly moves looks where it looked
+        return np.concatenate([searched, (self.tripod.head_low + self.tripod.head_high)[None] / 2.0])
 
     def proposal_covariance(self, head: Array) -> Array:
         """Covariance (3, 3) of a proposed head."""
@@ -197,7 +203,11 @@ class Place:
             if len(look.measured.marking) < LEAST_PLACES // 2:
                 continue
             look = self.look(picture, look.fit.head, spread / 16.0, look.fit.by_common)
-            if look.is_confirmed and (best is None or look.is_better(best)):
+            if (
+                look.is_confirmed
+                and look.measured.painted_share > LEAST_FOUND
+                and (best is None or look.is_better(best))
+            ):
                 best = look
         return best
 

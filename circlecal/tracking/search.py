@@ -32,8 +32,8 @@ STEP_PX, STEP_ZOOM = 12.0, 0.13
 """Of the grid: reduced pixels in pan and tilt, and of the logarithm of the focal length."""
 ZOOM_BEYOND = 0.3
 """How far beyond the zooms that are known already the grid goes."""
-FOLLOWED, KEPT = 24, 4
-"""Heads that are refined, and those that are returned at most."""
+FOLLOWED, KEPT, APART_PX = 24, 6, 4.0
+"""Heads that are refined, those that are returned at most, and how far these lie apart, reduced pixels."""
 LEVELS = 5
 LEAST_RIDGE_PX = 60
 """With less of ridges there is nothing to search, reduced pixels."""
@@ -106,15 +106,21 @@ def search_heads(ridges: RidgePicture, tripod: TripodEstimate, drawn: DrawnTempl
         heads = tried[np.arange(len(heads)), np.argmax(score, axis=1)]
         step = step * 0.55
     score = _scores(heads, places, ridges, tripod, FINE_PX)
-    order = np.argsort(-score, kind="stable")
-    kept: list[int] = []
-    for k in order:
-        apart = [np.abs(heads[k] - heads[j])[1:].max() * np.exp(heads[k, 0]) > 4 * ridges.factor for j in kept]
-        if all(apart):
-            kept.append(int(k))
+    return _keep_apart(heads[np.argsort(-score, kind="stable")], tripod.size[0], ridges.factor)
+
+
+def _keep_apart(heads: Array, width: int, factor: float) -> Array:
+    """The first heads (N, 3) of those (M, 3) that show different pictures."""
+    kept: list[Array] = []
+    for head in heads:
+        # by how much the picture moves at its middle, and at its border where only the zoom differs
+        focal = float(np.exp(head[0]))
+        by_head = np.array([width / 2.0, focal, focal])
+        if all((np.abs(head - other) * by_head).max() > APART_PX * factor for other in kept):
+            kept.append(head)
         if len(kept) == KEPT:
             break
-    return np.asarray(heads[kept])
+    return np.asarray(kept)
 
 
 def _grid(tripod: TripodEstimate, template: FieldTemplate) -> Array:

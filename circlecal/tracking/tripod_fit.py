@@ -39,7 +39,8 @@ neighbours repeat that.
 """
 WIDTH_SD_M = 0.015
 """How far the width of the paint may be from the template's, metres: the Laws of the Game allow at most 12 cm, and
-grounds have 9 to 12. It moves all centrelines, and trades with the length of the pitch, one to four.
+grounds have 9 to 12. It is never estimated with the rest, since it takes what the surface and the lens leave over (5 cm
+more on a real clip), but considered: a broader line moves all centrelines.
 """
 FARTHEST_PX = 6.0
 """Paint further off, pixels at 1920 px width, counts as so far off where frames of a false calibration are told."""
@@ -211,14 +212,17 @@ def fit_tripod(
     """
     unit = start.size[0] / 1920.0
     model = start.model
-    free = np.flatnonzero(sd > 0)
+    free = free_parameters(sd)
     precision = np.diag(1.0 / np.where(sd > 0, sd, np.inf) ** 2) if prior_precision is None else prior_precision
-    common = np.where(sd > 0, start.mean, mean)
+    common = mean.copy()
+    common[free] = start.mean[free]
     heads = np.array([frame.head for frame in frames])
     sigmas = [_sigmas(frame, head, common, model, drawn, unit) for frame, head in zip(frames, heads, strict=True)]
 
     def prior_cost(values: Array) -> float:
-        return float((values - mean) @ precision @ (values - mean))
+        away = np.zeros(len(COMMON))
+        away[free] = (values - mean)[free]
+        return float(away @ precision @ away)
 
     for loss_scale in (WIDE * LOSS_SCALE, LOSS_SCALE):
         damping = FIRST_DAMPING
@@ -240,10 +244,15 @@ def fit_tripod(
                     break
     covariance = np.zeros((len(COMMON), len(COMMON)))
     reduced = _eliminate(now, precision, 0.0)[0]
-    covariance[np.ix_(free, free)] = _inverse(reduced[np.ix_(free, free)])
+    covariance[np.ix_(free, free)] = inverse_of_normal(reduced[np.ix_(free, free)])
+    # all else follows where the paint is broader or narrower than it is taken to be (a parameter that is considered)
+    follows = np.zeros(len(COMMON))
+    follows[free] = -covariance[np.ix_(free, free)] @ reduced[free, PLACE["width"]]
+    follows[PLACE["width"]] = 1.0
     # where the models leave more than the noise, all is that much less certain
     values = sum(len(frame.measured.marking) for frame in frames)
     covariance *= max(1.0, now.cost / max(values - 3 * len(frames), 1))
+    covariance += np.outer(follows, follows) * sd[PLACE["width"]] ** 2
     surface = replace(start.surface, crown_m=float(common[PLACE["crown"]]))
     estimate = replace(
         start,
@@ -255,6 +264,13 @@ def fit_tripod(
         used=tuple(frame.name for frame in frames),
     )
     return TripodFit(estimate, heads, now.rms_px, now.cost + prior_cost(common))
+
+
+def free_parameters(sd: Array) -> Indices:
+    """Common parameters that are estimated, by their standard deviations (K,) before any frame."""
+    is_free = sd > 0
+    is_free[PLACE["width"]] = False
+    return np.asarray(np.flatnonzero(is_free), dtype=np.int_)
 
 
 def _sigmas(
@@ -277,11 +293,11 @@ def _step(now: _Normal, precision: Array, away: Array, free: Indices, damping: f
     reduced, solved = _eliminate(now, precision, damping)
     gradient = now.g_c + precision @ away - np.einsum("foc,fo->c", now.H_oc, solved[..., -1])
     change = np.zeros(len(away))
-    change[free] = -_inverse(reduced[np.ix_(free, free)]) @ gradient[free]
+    change[free] = -inverse_of_normal(reduced[np.ix_(free, free)]) @ gradient[free]
     return -solved[..., -1] - solved[..., :-1] @ change, change
 
 
-def _inverse(matrix: Array) -> Array:
+def inverse_of_normal(matrix: Array) -> Array:
     """Inverse of a normal matrix of quantities of very different size."""
     size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     return np.asarray(np.linalg.pinv(matrix / np.outer(size, size), rcond=1e-13, hermitian=True) / np.outer(size, size))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from circlecal.config import load_config
+from circlecal.tracking import search
 from circlecal.tracking.looking import LookedAt, Place
 from tests.tracking.scenes import HEAD, draw, template, tripod
 
@@ -46,3 +47,13 @@ def test_a_picture_without_paint_is_not_found() -> None:
     bare = np.clip(np.array([60.0, 120.0, 60.0]) + noise, 0, 255).astype(np.uint8)
     looked = LookedAt.of(bare, load_config().mask.detector.field_region)
     assert Place.of(tripod(), template()).find(looked) is None
+
+
+def test_heads_that_differ_in_zoom_alone_are_all_kept() -> None:
+    heads = HEAD + np.array([[0.0, 0.0, 0.0], [0.002, 0.0, 0.0], [0.06, 0.0, 0.0], [0.0, 0.02, 0.0]])
+    np.testing.assert_array_equal(search._keep_apart(heads, 1280, 2.0), heads[[0, 2, 3]])
+
+
+def test_where_the_head_was_seen_is_proposed(picture: LookedAt) -> None:
+    known = tripod()
+    assert Place.of(known, template()).propose(picture)[-1] == pytest.approx((known.head_low + known.head_high) / 2)

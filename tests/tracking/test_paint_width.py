@@ -48,8 +48,8 @@ def test_a_middle_may_be_off_where_paint_looks_broader_than_elsewhere() -> None:
     seen = np.hypot(paint, 2.0)
     moved = np.zeros(50)
     seen[:5], moved[:5] = np.hypot(seen[:5], 4.0), 4.0
-    seen[5] = np.hypot(1.0, 3.0)
+    seen[5:7] = np.hypot(1.0, [2.5, 5.0])
     sigmas = _bias_sigmas(seen, paint, moved)
     assert sigmas[:5] == pytest.approx(0.0, abs=1e-9)
-    assert sigmas[6:] == pytest.approx(0.0, abs=1e-9)
-    assert sigmas[5] == pytest.approx(0.3)
+    assert sigmas[7:] == pytest.approx(0.0, abs=1e-9)
+    assert sigmas[5:7] == pytest.approx([0.15, 0.25])
