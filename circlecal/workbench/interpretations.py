@@ -145,14 +145,10 @@ def _try_curves(annotation: Annotation, search: _Search) -> Iterator[_Tried]:
 
 def _lines_beside(element: Circle | Arc, template: FieldTemplate) -> list[str]:
     """Straight markings that a picture of a circle or an arc may show longest: those nearest to its centre."""
-    center = np.asarray(element.center, dtype=np.float64)
-    off = {}
-    for line in template.lines:
-        a, b, c = template.line_coordinates(line)
-        off[line.name] = abs(float(a * center[0] + b * center[1] + c)) / float(np.hypot(a, b))
-    return sorted(off, key=lambda name: off[name])[:BESIDE] + [
-        line.name for line in template.lines if line.name in ALWAYS_BESIDE
-    ]
+    drawn = template.polylines(1.0)
+    off = {line.name: float(np.hypot(*(drawn[line.name] - element.center).T).min()) for line in template.lines}
+    nearest = sorted(off, key=lambda name: off[name])[:BESIDE]
+    return list(dict.fromkeys([*nearest, *(name for name in ALWAYS_BESIDE if name in off)]))
 
 
 def _longest_nameless(annotation: Annotation) -> list[int]:

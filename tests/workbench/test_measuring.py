@@ -13,7 +13,7 @@ from circlecal.geometry.surface import Surface
 from circlecal.pictures.files import PictureFile, read_image
 from circlecal.pipeline import field_of
 from circlecal.workbench.answers import answer, continues, describe, distance_to_polyline
-from circlecal.workbench.interpretations import interpret, name_marking
+from circlecal.workbench.interpretations import _lines_beside, interpret, name_marking
 from circlecal.workbench.measuring import (
     begin_annotation,
     complete_circle,
@@ -172,3 +172,13 @@ def test_settings_of_a_frame_are_in_force(begun):
     usual, changed = (answer(a, Config(), nameless=False).found.attempt.camera for a in (named, wider))
     assert usual is not None and changed is not None
     assert abs(usual.camera.position_m[1] - changed.camera.position_m[1]) > 0.5
+
+
+def test_lines_that_a_curve_is_seen_with():
+    template = field_of(Config())[0]
+    for arc in template.arcs:
+        side = arc.name.rpartition("_")[2]
+        beside = _lines_beside(arc, template)
+        assert f"big_rect_{side}_main" in beside and "side_line_top" in beside
+        assert not [name for name in beside if {"left": "right", "right": "left"}[side] in name]
+    assert "halfway_line" in _lines_beside(template.circles[0], template)
