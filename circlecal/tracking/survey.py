@@ -113,10 +113,10 @@ def survey_clip(pictures_at: PicturesAt, duration_s: float, config: Config, know
                 if len(measured.marking) >= LEAST_OWN_PLACES:
                     alone.append(_Alone(name, found.attempt.camera, measured))
     if known is not None and known.tripods:
-        starts = [(tripod, dict[str, Array]()) for tripod in known.tripods]
+        extended = [_extend(tripod, {}, pictures, config, template, drawn, tripod) for tripod in known.tripods]
     else:
         starts = _tripods(alone, config, template, circle, drawn)
-    extended = (_extend(tripod, heads, pictures, config, template, drawn) for tripod, heads in starts)
+        extended = [_extend(tripod, heads, pictures, config, template, drawn) for tripod, heads in starts]
     return Venue(template.name, tuple(extended))
 
 
@@ -201,8 +201,11 @@ def _extend(
     config: Config,
     template: FieldTemplate,
     drawn: DrawnTemplate,
+    known: TripodEstimate | None = None,
 ) -> TripodEstimate:
-    """The tripod after it has found its other frames among the pictures, and learnt from them."""
+    """The tripod after it has found its other frames among the pictures, and learnt from them; what is known of it from
+    elsewhere stays known.
+    """
     unit = tripod.size[0] / 1920.0
     mean, sd = _priors(config, template, unit, [])
     sizes = {n: p for n, p in pictures.items() if p.size == tripod.size and p.grass_share >= LEAST_GRASS}
@@ -210,14 +213,14 @@ def _extend(
         place = Place.of(tripod, template)
         frames = []
         for name, picture in sizes.items():
-            known = heads.get(name)
+            seen = heads.get(name)
             focal = float(np.exp(tripod.head_low[0]))
             spread = np.diag(np.array([0.004, 3.0 * unit / focal, 3.0 * unit / focal]) ** 2)
-            look = _find_beyond(place, picture, mean, sd) if known is None else place.look(picture, known, spread)
-            if look is not None and (look.is_confirmed or known is not None):
+            look = _find_beyond(place, picture, mean, sd) if seen is None else place.look(picture, seen, spread)
+            if look is not None and (look.is_confirmed or seen is not None):
                 frames.append(HeadedFrame(name, look.fit.head, look.measured))
         mean, sd = _priors(config, template, unit, [frame.measured for frame in frames])
-        fit = _fit_members(frames, tripod, mean, sd, drawn)
+        fit = _fit_members(frames, tripod, mean, sd, drawn, known)
         if fit is None:
             return tripod
         left_out = (*tripod.left_out, *(f.name for f in frames if f.name not in fit.estimate.used))
@@ -229,9 +232,7 @@ def _extend(
 def _find_beyond(place: Place, picture: LookedAt, mean: Array, sd: Array) -> Look | None:
     """Search for the head where the tripod is known too little: it may change to meet the paint, as far as it may."""
     best: Look | None = None
-    free = free_parameters(sd)
-    precision = np.zeros((len(sd), len(sd)))
-    precision[np.ix_(free, free)] = inverse_of_normal(SLACK * place.tripod.covariance[np.ix_(free, free)])
+    precision = _loose_precision(place.tripod, sd)
     for head in place.propose(picture):
         now = place
         spread = place.proposal_covariance(head)
@@ -250,18 +251,44 @@ def _find_beyond(place: Place, picture: LookedAt, mean: Array, sd: Array) -> Loo
 
 
 def _fit_members(
-    frames: list[HeadedFrame], tripod: TripodEstimate, mean: Array, sd: Array, drawn: DrawnTemplate
+    frames: list[HeadedFrame],
+    tripod: TripodEstimate,
+    mean: Array,
+    sd: Array,
+    drawn: DrawnTemplate,
+    known: TripodEstimate | None = None,
 ) -> TripodFit | None:
-    """The tripod of found frames, without those that do not fit the others; with the better shape of the surface."""
+    """The tripod of found frames, without those that do not fit the others; with the better shape of the surface, where
+    it is not known from elsewhere.
+    """
     kept = list(frames)
     limit = WORST_RMS_PX * tripod.size[0] / 1920.0
     while len(kept) >= LEAST_FRAMES:
-        fit = _choose_shape_and_size(kept, tripod, mean, sd, drawn)
+        if known is None:
+            fit = _choose_shape_and_size(kept, tripod, mean, sd, drawn)
+        else:
+            fit = _learn_beside(known, kept, tripod, drawn)
         worst = int(np.argmax(fit.rms_px))
         if fit.rms_px[worst] <= limit:
             return fit
         del kept[worst]
     return None
+
+
+def _loose_precision(tripod: TripodEstimate, sd: Array) -> Array:
+    """Information (K, K) of a tripod's free parameters where it may change more than it says."""
+    free = free_parameters(sd)
+    precision = np.zeros((len(sd), len(sd)))
+    precision[np.ix_(free, free)] = inverse_of_normal(SLACK * tripod.covariance[np.ix_(free, free)])
+    return precision
+
+
+def _learn_beside(
+    known: TripodEstimate, frames: list[HeadedFrame], start: TripodEstimate, drawn: DrawnTemplate
+) -> TripodFit:
+    """The tripod from frames and from what is known of it from elsewhere."""
+    sd = np.sqrt(np.diag(known.covariance))
+    return fit_tripod(frames, start, known.mean, sd, drawn, _loose_precision(known, sd))
 
 
 def _choose_shape_and_size(
