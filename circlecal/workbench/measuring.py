@@ -36,6 +36,10 @@ FOLLOW_PX, SPACING_PX = 8.0, 3.0
 """How far to both sides of a dragged path paint is looked for, and how far apart, pixels at 1920 px width."""
 FEWEST, SEEN_SHARE = 5, 0.25
 """So many points, and such a share of the places that were looked at, are a marking."""
+ARC_GAP_PX = 30.0
+"""Of an arc that was seen, points so near to its drawn part are taken, pixels at 1920 px width: players hide as much of
+a line, and the ellipse goes on over other markings.
+"""
 OFFERED, APART_PX = 3, 8.0
 """How many ellipses of a picture without a circle are offered, and how far apart they lie, pixels at 1920 px width."""
 CONIC_POINTS = 5
@@ -146,13 +150,18 @@ def _lines_of_mask(measured: MeasuredPicture, config: Config) -> list[AnnotatedM
 
 def _find_curves(measured: MeasuredPicture) -> Iterator[AnnotatedMarking]:
     mask = measured.found.attempt.mask
-    conics = [] if mask is None else [*(arc.conic for arc in mask.arcs), *(c.conic for c in mask.candidates)]
+    drawn: list[tuple[Array, Array | None]] = [] if mask is None else [(arc.conic, arc.points_px) for arc in mask.arcs]
+    drawn += [] if mask is None else [(candidate.conic, None) for candidate in mask.candidates]
     kept: list[Ellipse] = []
-    for conic in conics:
+    for conic, part in drawn:
         ellipse = ellipse_from_conic(conic)
         if ellipse is None or len(kept) >= OFFERED or any(_alike(ellipse, other, measured.unit) for other in kept):
             continue
         seen = measure_ellipse(measured, ellipse)
+        if seen is not None and part is not None and len(part):  # beside an arc its ellipse meets other markings
+            apart = np.linalg.norm(seen.points[:, None] - part[None], axis=2).min(axis=1)
+            near = apart < ARC_GAP_PX * measured.unit
+            seen = Snapped(seen.points[near], seen.sigma[near], True) if near.sum() >= FEWEST else None
         if seen is not None:
             kept.append(ellipse)
             yield _as_marking(seen, "curve", None, used=False)
