@@ -45,6 +45,9 @@ class Profile(StrEnum):
     WORLD_ENDS = "world_ends"
     WORLD_PAINT = "world_paint"
     ALTERED = "altered"
+    RINK = "rink"
+    COURT = "court"
+    ROBOTS = "robots"
 
 
 class Clips(StrEnum):

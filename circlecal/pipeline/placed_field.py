@@ -57,6 +57,10 @@ RIVAL_RATIO, LISTED_RATIO = 1.3, 2.0
 """By how much the evidence for a placed field must exceed that for any other one, and up to which ratio others are
 listed. Right ones on those frames had ratios from 1.39.
 """
+LARGEST_RESIDUAL_PX = 2.0
+"""Root mean square distance of a marking from its place, pixels at 1920 px width, that at most one may exceed: of 15
+right cameras of other sports the second largest was 1.6 at most, of a court 2 m shorter than its template 3.2.
+"""
 ALIKE_WIDTHS = 0.02
 """Two cameras that put the markings within this share of the picture's width on average are one."""
 
@@ -152,7 +156,17 @@ def _follow_placement(setting: Setting, scene: Scene, mask: MarkingMask, placed:
             return None
         view = attempt.camera.view
     is_near = distance_between(placed.view, view, setting.template) <= LARGEST_MOVE_WIDTHS * setting.width
-    return attempt if is_near and attempt.is_calibrated else None
+    is_good = is_near and attempt.is_calibrated and _is_of_this_size(setting, attempt)
+    return attempt if is_good else None
+
+
+def _is_of_this_size(setting: Setting, attempt: Attempt) -> bool:
+    """Whether the markings lie where the camera puts them, but for one at most, which may be a line of something else:
+    on a field of another size several do not.
+    """
+    residuals = () if attempt.camera is None else attempt.camera.residuals_px.values()
+    off = sorted((rms for rms in residuals if rms > LARGEST_RESIDUAL_PX * setting.width / 1920.0), reverse=True)
+    return len(off) <= 1
 
 
 def _calibrate_view(setting: Setting, picture: NDArray[np.uint8], attempt: Attempt, view: FieldView) -> Attempt:

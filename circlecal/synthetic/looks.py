@@ -357,6 +357,54 @@ def _wood(rng: np.random.Generator, unit: float) -> Changes:
     }
 
 
+def _rink(rng: np.random.Generator, unit: float) -> Changes:
+    return {
+        **_ice(rng, unit),
+        "paint_opacity": float(rng.uniform(0.4, 0.75)),
+        "gloss": float(rng.uniform(0.02, 0.12)),
+        "glass": float(rng.uniform(0.5, 0.95)),
+        "round_logos": True,
+        "scorebug": True,
+        "defocus_px": float(unit * rng.uniform(0.8, 1.6)),
+        "motion_px": float(unit * rng.uniform(2.0, 9.0)) if rng.random() < 0.35 else 0.0,
+        "noise": float(rng.uniform(1.0, 3.0)),
+    }
+
+
+def _court(rng: np.random.Generator, unit: float) -> Changes:
+    return {
+        **_wood(rng, unit),
+        "gloss": float(rng.uniform(0.2, 0.5)),
+        "board_distance_m": float(rng.uniform(2.0, 4.0)),
+        "near_crowd": bool(rng.random() < 0.7),
+        "scorebug": True,
+        "defocus_px": float(unit * rng.uniform(0.8, 1.8)),
+        "motion_px": float(unit * rng.uniform(2.0, 6.0)) if rng.random() < 0.25 else 0.0,
+    }
+
+
+def _robots(rng: np.random.Generator, unit: float) -> Changes:
+    green = np.array([38.0, 92.0, 52.0]) * rng.uniform(0.6, 1.2)
+    return {
+        "turf_bgr": tuple(float(v) for v in green),
+        "paint_bgr": (float(rng.uniform(120, 235)), 228.0, 226.0),
+        "marking_width_m": 0.05,
+        "wear": float(rng.uniform(0.3, 0.7)),
+        "wear_scale_m": 0.03,
+        "texture": float(rng.uniform(0.05, 0.12)),
+        "stripe_contrast": 0.0,
+        "shade": 0.0,
+        "haze": 0.0,
+        "board_distance_m": float(rng.uniform(0.7, 2.0)),
+        "board_height_m": float(rng.uniform(0.4, 1.2)),
+        "stand_height_m": float(rng.uniform(0.0, 4.0)),
+        "defocus_px": float(unit * rng.uniform(1.5, 4.0)),
+        "motion_px": float(unit * rng.uniform(2.0, 8.0)) if rng.random() < 0.4 else 0.0,
+        "noise": float(rng.uniform(1.5, 5.0)),
+        "scorebug": False,
+    }
+
+
 _CHANGES: dict[str, Callable[[np.random.Generator, float], Changes]] = {
     "shade": _shade,
     "worn": _draw_wear,
@@ -372,4 +420,7 @@ _CHANGES: dict[str, Callable[[np.random.Generator, float], Changes]] = {
     "world_paint": _repaint,
     "ice": _ice,
     "wood": _wood,
+    "rink": _rink,
+    "court": _court,
+    "robots": _robots,
 }

@@ -18,6 +18,7 @@ from circlecal.synthetic.figures import draw_figures, draw_shadows
 from circlecal.synthetic.graphics import draw_graphics
 from circlecal.synthetic.ground import draw_ground, light_on_ground, look_up_at, noise_texture
 from circlecal.synthetic.optics import develop
+from circlecal.synthetic.other_sports import draw_glass
 from circlecal.synthetic.paint import PaintLayer, paint_layers
 from circlecal.synthetic.rays import Float32, PixelRays, pixel_rays
 from circlecal.synthetic.scene import RenderConfig, Scene
@@ -100,6 +101,8 @@ def _expose(scene: Scene, chance: Randomness) -> tuple[NDArray[np.uint8], list[P
         light += share[..., None] * (_HAZE_BGR - light)
     draw_shadows(light, scene, shine)
     hidden = draw_figures(light, scene, rng, shine)
+    if config.glass:
+        draw_glass(light, scene.camera, scene.template, scene.surface, config.glass, rng)
     image = develop(light, config, chance.sensor)
     return image, layers, hidden
 

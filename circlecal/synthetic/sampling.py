@@ -19,6 +19,7 @@ from circlecal.synthetic.figures import body_extent_px
 from circlecal.synthetic.floors import hall_paint, old_circle_paint, rink_paint, rugby_paint, second_sport_paint
 from circlecal.synthetic.looks import archive_format, sample_config, sample_delivery
 from circlecal.synthetic.negatives import negative_scene
+from circlecal.synthetic.other_sports import choose_circle, court_decals, court_paint, faceoff_paint, rink_logos, robots
 from circlecal.synthetic.renderer import Rendering, render
 from circlecal.synthetic.scene import ExtraPaint, Player, Scene, sample_player
 from circlecal.synthetic.views import CameraProfile
@@ -54,6 +55,9 @@ SceneProfile = Literal[
     "world_ends",
     "world_paint",
     "altered",
+    "rink",
+    "court",
+    "robots",
 ]
 SCENE_PROFILES: tuple[SceneProfile, ...] = get_args(SceneProfile)
 PROFILE_BY_NAME: dict[str, SceneProfile] = {profile: profile for profile in SCENE_PROFILES}
@@ -100,6 +104,9 @@ _SETTINGS: dict[str, _Setting] = {
     "no_halfway": _Setting(("no_halfway",)),
     "ice": _Setting(("rink",), "ice-hockey", (-0.03, 0.05), (0.0, 0.0)),
     "wood": _Setting(("hall",), "futsal", (-0.08, 0.04), (0.0, 0.0)),
+    "rink": _Setting(("rink_zone",), "ice-hockey-nhl", (-0.02, 0.07), (0.0, 0.0)),
+    "court": _Setting(("court",), "basketball-nba", (-0.02, 0.06), (0.0, 0.0)),
+    "robots": _Setting(("robot",), "robocup", (-0.09, 0.08), (0.0, 0.0)),
     "world_whole": _world("broadcast", "broadcast", "main"),
     "world_part": _world("partial", "short_arc"),
     "world_banners": _world("broadcast", "broadcast", "main", "partial"),
@@ -112,7 +119,10 @@ LENGTH_M, WIDTH_M = (90.0, 120.0), (45.0, 90.0)
 _FLAT_SHARE = 0.5
 """Of the fields of any size: artificial turf is laid flat."""
 _RUGBY_SHARE = 0.5
-_MOST_PLAYERS = {"ice-hockey": 12, "futsal": 9}
+_MOST_PLAYERS = {"ice-hockey": 12, "ice-hockey-nhl": 12, "basketball-nba": 12, "futsal": 9}
+
+
+_WIDE_LINES_M = {"centre_line": 0.3, "blue_line_left": 0.3, "blue_line_right": 0.3}
 
 
 def profile_field(profile: str) -> str:
@@ -145,6 +155,7 @@ def sample_scene(
         ``"behind_goal"`` and ``"oblique"``: cameras on the other sides and in the corners. ``"short_arc"``: 60-140
         degrees of the circle, with the halfway line and others. ``"no_halfway"``: a part of the circle and other lines.
         ``"ice"``: a hockey rink with all its circles. ``"wood"``: futsal on a hall's floor with the lines of others.
+        ``"rink"``, ``"court"`` and ``"robots"``: as hard as broadcasts (:mod:`circlecal.synthetic.other_sports`).
         ``"world_..."``: fields of any size that the Laws allow, flat or crowned, with the whole circle, a part of it,
         with banners over the picture, with players at the ends of lines, with the lines of a second sport and a circle
         that was painted anew. ``"altered"``: pictures that no camera took (:mod:`circlecal.synthetic.alterations`).
@@ -179,7 +190,7 @@ def sample_scene(
     camera = sample_camera(view, rng, *size, field, kappa=kappa, surface=surface)
     camera = camera if stored == size else stretch(camera, *stored)
     config = sample_config(profile, rng, stored[0])
-    players = players_in_view(profile, camera, field, surface, rng)
+    players = robots(field, rng) if profile == "robots" else players_in_view(profile, camera, field, surface, rng)
     if profile == "world_ends":
         players = (*players, *_at_line_ends(field, rng))
     painted = True
@@ -200,7 +211,7 @@ def sample_scene(
         delivery,
         extras=_extras(profile, field, rng),
         decals=_decals(profile, field, rng),
-        widths_m={"centre_line": 0.3, "blue_line_left": 0.3, "blue_line_right": 0.3} if profile == "ice" else {},
+        widths_m=_WIDE_LINES_M if profile in ("ice", "rink") else {},
         alteration=ALTERATIONS[rng.integers(len(ALTERATIONS))] if profile == "altered" else "",
     )
 
@@ -221,6 +232,10 @@ def _extras(profile: str, template: FieldTemplate, rng: np.random.Generator) -> 
         return rink_paint(template, rng)
     if profile == "wood":
         return hall_paint(template, rng)
+    if profile == "rink":
+        return faceoff_paint(template)
+    if profile == "court":
+        return court_paint(rng)
     if profile == "world_paint":
         return (*second_sport_paint(template, rng), *old_circle_paint(template, rng))
     return rugby_paint(template, rng) if profile == "colours" and rng.random() < _RUGBY_SHARE else ()
@@ -231,12 +246,17 @@ def _decals(profile: str, template: FieldTemplate, rng: np.random.Generator) -> 
         return rink_decals(template.length_m, rng)
     if profile == "wood":
         return floor_decals(rng)
+    if profile == "rink":
+        return rink_logos(template, rng)
+    if profile == "court":
+        return court_decals(template, rng)
     return grass_decals(template.length_m, rng) if profile == "graphics" else ()
 
 
 def _sample_field(setting: _Setting, rng: np.random.Generator) -> FieldTemplate:
     if not setting.is_any_size:
-        return load_field(setting.field)
+        field = load_field(setting.field)
+        return choose_circle(field, rng) if setting.field in ("ice-hockey-nhl", "basketball-nba") else field
     sizes = {"length": float(rng.uniform(*LENGTH_M)), "width": float(rng.uniform(*WIDTH_M))}
     return load_field(setting.field, sizes)
 

@@ -97,6 +97,9 @@ class RenderConfig(BaseModel):
     )
     board_height_m: float = Field(default=0.95, gt=0, description="Height of the advertising boards, metres.")
     round_logos: bool = Field(default=False, description="Round logos on the boards.")
+    glass: float = Field(
+        default=0.0, ge=0, le=1, description="How much the stanchions of glass on the near side hide; 0: no glass."
+    )
     corner_m: float = Field(default=0.0, ge=0, description="Radius of the corners of the boards; 0 for square ones.")
     stand_height_m: float = Field(default=21.0, ge=0, description="Height of the stands behind the boards.")
     sky_bgr: Color = Field(default=(28, 28, 28), description="Roof or sky above the stands.")

@@ -26,6 +26,9 @@ CameraProfile = Literal[
     "no_halfway",
     "rink",
     "hall",
+    "rink_zone",
+    "court",
+    "robot",
 ]
 CAMERA_PROFILES: tuple[CameraProfile, ...] = get_args(CameraProfile)
 
@@ -179,6 +182,39 @@ VIEWS: dict[str, View] = {
         visible_share=(0.75, 1.0),
         only_circle=False,
         azimuth_deg=((0.0, 0.0), (-40.0, 40.0), (75.0, 105.0)),
+    ),
+    "rink_zone": View(
+        distance_m=(28.0, 48.0),
+        height_m=(9.0, 17.0),
+        offset_m=20.0,
+        circle_half_widths=(0.14, 0.34),
+        aim_share=(0.4, 0.28),
+        visible_share=(0.6, 1.0),
+        only_circle=False,
+        halfway_px=0.0,
+        others_m=12.0,
+    ),
+    "court": View(
+        distance_m=(16.0, 32.0),
+        height_m=(5.0, 12.0),
+        offset_m=9.0,
+        circle_half_widths=(0.09, 0.24),
+        aim_share=(0.4, 0.25),
+        visible_share=(0.6, 1.0),
+        only_circle=False,
+        halfway_px=0.0,
+        others_m=8.0,
+    ),
+    "robot": View(
+        distance_m=(1.2, 3.6),
+        height_m=(0.4, 1.1),
+        offset_m=0.8,
+        roll_sd_deg=3.0,
+        circle_half_widths=(0.35, 0.95),
+        aim_share=(0.3, 0.25),
+        visible_share=(0.6, 1.0),
+        only_circle=False,
+        azimuth_deg=((250.0, 290.0),),
     ),
 }
 """The profile ``hard`` is ``low`` or ``near``."""

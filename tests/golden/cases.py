@@ -59,6 +59,9 @@ RENDERED = {
     "no_halfway": {0: LARGE, 1: SMALL},
     "ice": {0: LARGE, 1: SMALL},
     "wood": {1: LARGE, 2: SMALL},
+    "rink": {2: SMALL},
+    "court": {1: SMALL},
+    "robots": {1: SMALL},
 }
 """Sizes asked for by seed; ``archive`` has its own, and ``uhd`` is twice as large."""
 NEGATIVES = ("penalty_area", "goal_mouth", "crowd", "grass", "tennis", "rugby")
@@ -149,7 +152,7 @@ def _pictured(rendering: Rendering, name: str, arguments: Iterable[str], folder:
 def _rendered(profile: str, seed: int, size: tuple[int, int], folder: Path) -> Records:
     rendering = render_frame(profile, np.random.default_rng([seed, *profile.encode()]), *size)
     field = profile_field(profile)
-    arguments = [] if field == "soccer" else ["--config", field]
+    arguments = [] if field == "soccer" else ["--field", field]
     aspect = float(np.divide(*rendering.truth.camera.focal_px[::-1]))
     if abs(aspect - 1.0) > 1e-6:
         arguments += ["--set", f"camera.aspect={aspect:.9g}"]

@@ -33,7 +33,7 @@ def drawn(profile, seed=0):
 
 def rim(truth, angles):
     """Pixels (N, 2) of the circle's centreline by the truth alone."""
-    template = load_field(truth.field_name)
+    template = truth.template
     circle = template.circle_by_name[template.default_circle]
     radius = template.radius(circle, "center", truth.marking_width_m)
     surface = truth.surface

@@ -125,7 +125,7 @@ def profile_config(profile: str, truth: Truth) -> Config:
     oblong = abs(aspect - 1.0) > 1e-6
     if name == "soccer" and not oblong:
         return Config()
-    return load_config(None if name == "soccer" else name, [f"camera.aspect={aspect}"] if oblong else [])
+    return load_config(None, [f"field.template={name}", *([f"camera.aspect={aspect}"] if oblong else [])])
 
 
 def compare(truth: Truth, fit: CameraFit) -> tuple[float, float, float]:
@@ -166,6 +166,7 @@ def _visible(truth: Truth) -> Array:
     reach = REACH_RADII * circle.radius_m if truth.visible_circle_deg > 0.0 else max(field.length_m, field.width_m) / 2
     axis = np.arange(-reach, reach + 0.5 * step, step)
     grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+    grid += np.asarray(circle.center) if truth.visible_circle_deg > 0.0 else 0.0
     grid = grid[(np.abs(grid) <= (field.length_m / 2, field.width_m / 2)).all(axis=1)]
     pixels = truth.camera.project(truth.surface.lift(grid))
     x0, y0, x1, y1 = truth.picture_box_px

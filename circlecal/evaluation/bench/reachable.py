@@ -20,7 +20,8 @@ neighbouring points repeat of each other's error.
 """
 MARK_SIGMA_PX = 0.4
 _SPACING_PX = 4.0
-_STEP_M = 0.02
+_STEP_M, _SOCCER_RADIUS_M = 0.02, 9.15
+"""Between places along a marking of a soccer field, metres; as much smaller on others as their circle is."""
 _DRAWS = 400
 
 
@@ -89,13 +90,14 @@ def visible_observations(truth: Truth, template: FieldTemplate) -> Observations:
 
 def _middle(template: FieldTemplate, element: Circle | Line) -> Array:
     """Places (N, 2) along the middle of an element's paint, metres."""
+    step_m = _STEP_M * template.circle_by_name[template.default_circle].radius_m / _SOCCER_RADIUS_M
     if isinstance(element, Line):
         start, end = template.line_ends(element)
-        count = int(np.linalg.norm(end - start) / _STEP_M) + 2
+        count = int(np.linalg.norm(end - start) / step_m) + 2
         return np.asarray(np.linspace(start, end, count))
     radius = template.radius(element, "center")
     first, last = (element.start_deg, element.end_deg) if isinstance(element, Arc) else (0.0, 360.0)
-    count = int(np.radians(last - first) * radius / _STEP_M) + 2
+    count = int(np.radians(last - first) * radius / step_m) + 2
     angle = np.radians(np.linspace(first, last, count))
     return np.asarray(element.center) + radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
