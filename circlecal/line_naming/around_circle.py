@@ -59,6 +59,10 @@ FEWEST_NAMES, TOUCH_M = 2, 0.3
 """One line beside a circle can be several markings: so many different ones must be recognised, or one and the arc that
 ends on it, this near.
 """
+LONG_WIDTHS = 0.45
+"""One touchline is enough where so much of it is seen, picture widths: other markings are a sixth as long, and what
+they would have to show beside them is missing.
+"""
 CURVE_POINTS, CURVE_SIGMA_PX, CURVE_PX, CURVE_SHARE, ARC_SLACK = 40, 0.5, 3.0, 0.5, 0.15
 """A curve is an arc of the field where this share of its points lies so near to it (pixels at 1920 px width), and
 hardly beyond its ends (radians).
@@ -100,7 +104,11 @@ def name_lines_around_circle(
     unnamed = [
         k for k, line in enumerate(observations.lines) if line.line is None and len(line.points_px) >= FEWEST_POINTS
     ]
-    if len(unnamed) + len(observations.curves) < FEWEST_NAMES or not unnamed:
+    if not unnamed:
+        return None
+    reach = max(float(np.linalg.norm(np.ptp(observations.lines[k].points_px, axis=0))) for k in unnamed)
+    is_long = reach > LONG_WIDTHS * observations.width
+    if len(unnamed) + len(observations.curves) < FEWEST_NAMES and not is_long:
         return None
     cameras = _fit_cameras_around_circle(problem, ellipse)
     fitted = minimise(problem, cameras.theta[:1], COARSE)
@@ -120,7 +128,8 @@ def name_lines_around_circle(
         return None
     named = next(found for trial, found in zip(trials, arcs, strict=True) if trial is best)
     names = set(best.association.names.values())
-    if len(names) < FEWEST_NAMES and not any(_ends_on(template, arc, names) for arc in named.values()):
+    is_alone = len(names) < FEWEST_NAMES and not any(_ends_on(template, arc, names) for arc in named.values())
+    if is_alone and not (best.explained_px > LONG_WIDTHS * observations.width and _bound_field(template, names)):
         return None
     lengths = np.linalg.norm(scene.segments[:, 1] - scene.segments[:, 0], axis=-1)
     if best.explained_px < EXPLAINED_SHARE * lengths.sum():
@@ -263,6 +272,12 @@ def _fit_with_arc(scene: NamingScene, trials: list[Trial], points: Array, arc: A
     aside = np.abs((near.feet - middle + np.pi) % (2 * np.pi) - np.pi)
     on = (np.abs(near.values) * CURVE_SIGMA_PX < CURVE_PX) & (aside < half + ARC_SLACK) & ~near.behind
     return fitted, on.mean(axis=1)
+
+
+def _bound_field(template: FieldTemplate, lines: set[str]) -> bool:
+    """Whether lines run along a whole side of the field, as no other marking does."""
+    ends = np.array([template.line_ends(template.line_by_name[name]) for name in lines])
+    return bool((np.ptp(ends[..., 0], axis=1) > template.length_m - 2.0 * template.marking_width_m).all())
 
 
 def _ends_on(template: FieldTemplate, arc: str, lines: set[str]) -> bool:

@@ -141,3 +141,15 @@ def test_without_naming_the_rotation_stays_free(box_view):
     lines, _ = box_view
     with pytest.raises(EstimationError, match="nothing shows how the circle is turned"):
         estimate_camera(observations(lines), SOCCER, CIRCLE, CONFIG.model_copy(update={"name_lines": False}))
+
+
+def test_a_long_touchline_is_enough_where_no_other_marking_is_missing():
+    camera = aim_camera(np.array([0.0, 62.0, -18.0]), np.array([-15.5, -8.0, 0.0]), 5400.0, 0.01, 1920, 1080)
+    observed = observations(["side_line_top"], camera=camera)
+    fit = estimate_camera(observed, SOCCER, CIRCLE, CONFIG)
+    assert fit.named_lines == ("side_line_top",)
+    assert error_px(fit, camera) < fit.max_sigma_px
+    line = observed.lines[0]
+    short = replace(line, points_px=line.points_px[:150], sigma_px=line.sigma_px[:150])
+    with pytest.raises(EstimationError, match="turned"):
+        estimate_camera(replace(observed, lines=(short,)), SOCCER, CIRCLE, CONFIG)
