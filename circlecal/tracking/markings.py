@@ -44,10 +44,6 @@ may be off per pixel of further blur. A far touchline before a strip of another 
 three rendered clips its middles are off by 0.06 px where the blur is the usual one, by 0.3 with one pixel more, by
 0.8 with two and a half.
 """
-LARGEST_BIAS_PX = 0.25
-"""More is never allowed for: on a real clip of a low camera nothing else than a blurred far touchline tells the breadth
-of the pitch.
-"""
 PIECE = 24
 """Places in a row within which paint has one usual contrast."""
 
@@ -344,4 +340,4 @@ def _bias_sigmas(width_px: Array, paint_px: Array, moved_px: Array) -> Array:
         return np.zeros(0)
     blur = np.sqrt(np.maximum(width_px**2 - paint_px**2 - moved_px**2, 0.0))
     usual = float(np.percentile(blur, USUAL_BLUR))
-    return np.asarray(np.minimum(BIAS_BY_BLUR * np.maximum(blur - usual, 0.0), LARGEST_BIAS_PX))
+    return np.asarray(BIAS_BY_BLUR * np.maximum(blur - usual, 0.0))
