@@ -133,3 +133,27 @@ def test_annotations_go_out_and_come_back(client, tmp_path):
     assert told == {"taken": len(frames), "unknown": 0}
     assert client.ask("import?name=x.json", "POST", b"nonsense")[0] == 400
     assert client.ask("export/nothing")[0] == 400
+
+
+def test_a_frame_to_begin_with_must_be_there(folder, run_circlecal):
+    outcome = run_circlecal("annotate", folder / "good.png", "--frame", "nobody", "--no-browser")
+    assert (outcome.code, outcome.err.count("\n")) == (2, 1)
+    assert "--frame nobody: no such frame" in outcome.err
+
+
+def test_the_report_of_a_run_is_told_of_the_workbench_while_it_runs(folder, run_circlecal, tmp_path, monkeypatch):
+    out = tmp_path / "run"
+    assert run_circlecal("batch", folder / "good.png", "--out", out, "--no-overlay", "--workers", 1, "-q").code == 0
+    assert run_circlecal("report", out, "-q").code == 0
+    told = out / "circlecal-report" / "annotate.js"
+    seen = []
+
+    def serve(session, port, on_ready):
+        on_ready("http://127.0.0.1:4711/t0ken/")
+        seen.append((told.read_text(), told.stat().st_mode & 0o777))
+
+    monkeypatch.setattr("circlecal.workbench.server.serve", serve)
+    outcome = run_circlecal("annotate", out, "--frame", "good", "--no-browser", "-q")
+    assert outcome.out == "http://127.0.0.1:4711/t0ken/#good\n"
+    assert seen == [('circlecalAnnotate("http://127.0.0.1:4711/t0ken/");\n', 0o600)]
+    assert told.read_text() == "circlecalAnnotate(null);\n"
