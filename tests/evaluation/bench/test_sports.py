@@ -1,0 +1,51 @@
+"""Frames whose field nobody names, against what truth files say of them."""
+
+import json
+
+import numpy as np
+import pytest
+
+from circlecal.errors import ConfigError, InputError
+from circlecal.evaluation.bench.sports import SportFrame, run_frames, sport_of, summarise_sports
+
+
+def frame(sport, told, error_px=None, status="calibrated", expect="calibrate"):
+    return SportFrame("x", sport, expect, status, None, told, told, error_px, None, 1.0, ())
+
+
+def test_a_soccer_frame_is_told_and_kept(frame_file, frame_camera):
+    truth = frame_file.parent / "truth"
+    truth.mkdir()
+    grid = [[-5.0, -3.0], [4.0, 6.0], [9.0, -4.0]]
+    content = {"sport": "soccer", "reference": {"camera": frame_camera.soccernet()}, "grid": grid}
+    (truth / "good.json").write_text(json.dumps(content))
+    (found,) = run_frames(frame_file.parent, truth)
+    assert (found.told, found.template, found.kept) == ("soccer", "soccer", True)
+    assert found.error_px < 2.0
+    (truth / "good.json").write_text("[]")
+    with pytest.raises(InputError, match="must be a mapping"):
+        run_frames(frame_file.parent, truth)
+    with pytest.raises(InputError, match="no truth file"):
+        run_frames(frame_file.parent, frame_file.parent)
+
+
+def test_what_counts():
+    frames = [
+        frame("basketball", "basketball", 3.0),
+        frame("basketball", "handball", 50.0),
+        frame("basketball", "basketball", expect="refuse"),
+        frame("soccer", "soccer", status="refused"),
+    ]
+    basketball, soccer, everything = summarise_sports(frames)
+    assert (basketball.answered, basketball.right_sport, basketball.good, basketball.wrong) == (3, 2, 1, 2)
+    assert (soccer.frames, soccer.answered) == (1, 0)
+    assert (everything.frames, everything.wrong) == (4, 2)
+    assert np.isclose(everything.median_s, 1.0)
+
+
+def test_sports_are_named_as_templates_name_them():
+    assert sport_of({"field": "ice-hockey"}) == sport_of({"sport": "ice-hockey"}) == "ice hockey"
+    assert sport_of({"sport": "robocup"}) == "robot soccer"
+    assert sport_of({"field": {"length": 28}}) == "soccer"
+    with pytest.raises(ConfigError, match="is unknown"):
+        sport_of({"sport": "chess"})
