@@ -10,7 +10,7 @@ and the one whose markings lie on ridges of their direction wins. Neither a half
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -414,11 +414,14 @@ class ViewEvidence:
         Share of the markings in view that lie on ridges.
     explained_share : float
         Share of the ridges on circles and lines that were found which lie on markings; 1 where there are none.
+    surface_share : float
+        Share of the markings in the picture that lie on the playing surface; 1 where there are none.
     """
 
     evidence: float
     found_share: float
     explained_share: float
+    surface_share: float = 1.0
 
 
 def weigh_view(view: FieldView, template: FieldTemplate, paint: SeenPaint) -> ViewEvidence:
@@ -432,11 +435,13 @@ def weigh_view(view: FieldView, template: FieldTemplate, paint: SeenPaint) -> Vi
     pixels = (np.nan_to_num(pixels, nan=-1e6)[None] + 0.5) / maps.scaling.factor - 0.5
     direction, y, x, length, _ = _look_up(pixels, ahead, maps)
     explained = np.maximum(0.0, 1.0 - maps.distance[_colours_of(template)[:, None], direction, y, x] / reach)
+    in_picture = _look_up(pixels, ahead, replace(maps, region=np.ones_like(maps.region)))[3]
     score, share = _sum_up(length, length * explained, _need_no_line(template))
     return ViewEvidence(
         float(score[0]) / maps.width,
         float(share[0]),
         _share_on_markings(pixels[0], ahead[0], paint.structures.points, maps.region.shape, reach),
+        float(length.sum() / in_picture.sum()) if in_picture.any() else 1.0,
     )
 
 

@@ -49,6 +49,10 @@ LEAST_EVIDENCE, LEAST_SHARE = 0.3, 0.55
 believed: on 18 frames of other sports right ones had 0.5 to 1.8 and 0.57 to 0.85; where no right one was found, the
 best had 0.24 at most.
 """
+SURFACE_SHARE = 0.68
+"""Least share of the markings in the picture that lie on the playing surface: of eight right cameras of rinks and
+courts 0.77 to 1; of a rink that was laid into the stands 0.60.
+"""
 EXPLAINED_SHARE, EXPLAINED_EVIDENCE = 0.7, 0.15
 """Share of what was found painted that a placed field explains, with which less evidence is enough: a far half court
 behind its players has 0.75 and 0.18; wrong placements of those frames explain 0.51 at most.
@@ -101,6 +105,7 @@ def place_template(setting: Setting, scene: Scene, first: Attempt) -> Iterator[A
         for attempt in (_follow_placement(setting, scene, mask, placed) for placed in likely)
         if attempt is not None and attempt.camera is not None
     ]
+    answers = [answer for answer in answers if answer[0].surface_share >= SURFACE_SHARE]
     answers.sort(key=lambda answer: -answer[0].evidence)
     if not answers or not _is_believed(answers[0][0]):
         return

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from circlecal.config import load_config
-from circlecal.detection.placement import PlacedField, ViewEvidence, _cameras_before_circles
+from circlecal.detection.placement import PlacedField, ViewEvidence, _cameras_before_circles, see_paint, weigh_view
 from circlecal.field import load_field
 from circlecal.field.view import FieldView
 from circlecal.geometry.camera_parameters import PARAMETERS
@@ -124,6 +124,21 @@ def test_a_field_that_may_lie_in_two_ways_is_refused_with_both(monkeypatch):
     assert [(other.circle, other.evidence) for other in others] == [("faceoff_right_top", 0.9)]
     assert record.field.circle == "faceoff_left_top"
     assert record.rejected_estimate is not None
+
+
+def test_a_field_laid_into_the_stands_shows_little_of_itself_on_the_surface():
+    picture = render(Scene(RIGHT_END, RINK, FLAT, ICE), np.random.default_rng(3)).image
+    surface = np.zeros(SIZE[::-1], np.bool_)
+    surface[: SIZE[1] // 2] = True
+    options = load_config(None, ["field.template=ice-hockey-nhl"]).mask.detector
+    gray = np.asarray(picture.mean(axis=2), np.uint8)
+    weights = []
+    for region in (np.ones_like(surface), surface):
+        mask = MarkingMask(np.zeros(SIZE[::-1], np.uint8), "detector", field_region=region, polarity=-1.0)
+        paint = see_paint(picture, gray, mask, options)
+        weights.append(weigh_view(FieldView(RIGHT_END), RINK, paint).surface_share)
+    assert weights[0] == 1.0
+    assert weights[1] < 0.6
 
 
 def fit(camera):
