@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -22,3 +24,10 @@ def test_what_is_known_of_a_camera_stays_known(monkeypatch: pytest.MonkeyPatch) 
     off = np.abs(found.mean[:3] - tripod().mean[:3])
     assert off.max() < 3.0 * 0.01
     assert (np.sqrt(np.diag(found.covariance)[:3]) < 3.0 * 0.01 + 1e-6).all()
+
+
+def test_tripods_in_one_place_are_one() -> None:
+    first, second, other = (replace(tripod(), name=name) for name in ("camera-1", "camera-2", "camera-3"))
+    second = replace(second, mean=second.mean + np.eye(len(second.mean))[1] * 0.3, used=("a", "b"))
+    other = replace(other, mean=other.mean + np.eye(len(other.mean))[0] * 5.0)
+    assert [t.name for t in survey._keep_distinct([first, second, other])] == ["camera-2", "camera-3"]
