@@ -109,7 +109,7 @@ def _recognise(content: Content) -> bool:
     annotations = content.mapping.get("annotations")
     if not isinstance(annotations, list) or not isinstance(content.mapping.get("images"), list):
         return False
-    kinds = {annotation.get("supercategory") for annotation in annotations if isinstance(annotation, dict)}
+    kinds = [annotation.get("supercategory") for annotation in annotations if isinstance(annotation, dict)]
     return SUPERCATEGORY in kinds and PITCH not in kinds
 
 
