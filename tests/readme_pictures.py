@@ -82,7 +82,8 @@ def _photograph_workbench(browser: Browser, work: Path, folder: Path) -> Iterato
 
 @contextlib.contextmanager
 def _served(work: Path) -> Iterator[str]:
-    command = [*COMMAND, "annotate", "samples/touchline_only.jpg", "--no-browser", "-q"]
+    options = ["--set", "camera.name_lines=false", "--no-browser", "-q"]
+    command = [*COMMAND, "annotate", "samples/touchline_only.jpg", *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=work) as server:
         try:
             if server.stdout is None:

@@ -3,7 +3,8 @@
 A circle leaves a camera free to go round it, and focal length, distance and tilt vague. What a straight line is seen
 to be, as the paint on the ground, is then known up to that turn: a line at some distance from the circle's centre. So
 each long line is taken for every marking of the field in turn, which fixes the turn; circle and line together have
-the seven constraints of a pinhole camera. The other lines must then fall on markings too.
+the seven constraints of a pinhole camera. The other lines must then fall on markings too; a long touchline is enough by
+itself where nothing else that it would have to show is missing.
 """
 
 from __future__ import annotations

@@ -124,7 +124,8 @@ def test_a_wrong_name_is_marked(begun):
 def test_one_click_calibrates_the_sample_with_a_touchline(monkeypatch):
     path = SAMPLES / "touchline_only.jpg"
     file = PictureFile(path.stem, path, path.stem)
-    measured = measure_picture(read_image(path), Config(), file)
+    nothing_named = Config(camera=Config().camera.model_copy(update={"name_lines": False}))
+    measured = measure_picture(read_image(path), nothing_named, file)
     begun = begin_annotation(measured, Config(), file)
     assert (measured.found.status, measured.found.verdict.code) == ("refused", "rotation_free")
     # the offered names are found among all lines of the field; few of them are as good here, and quicker
