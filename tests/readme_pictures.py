@@ -82,8 +82,7 @@ def _photograph_workbench(browser: Browser, work: Path, folder: Path) -> Iterato
 
 @contextlib.contextmanager
 def _served(work: Path) -> Iterator[str]:
-    options = ["--set", "camera.name_lines=false", "--no-browser", "-q"]
-    command = [*COMMAND, "annotate", "samples/touchline_only.jpg", *options]
+    command = [*COMMAND, "annotate", "samples/touchline_only.jpg", "--no-browser", "-q"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=work) as server:
         try:
             if server.stdout is None:

@@ -25,7 +25,9 @@ def test_commands_run_in_order(tmp_path, monkeypatch, run_circlecal):
     assert len(COMMANDS) > 8
     for command in COMMANDS:
         outcome = run_circlecal(*shlex.split(command))
-        assert outcome.code == 0, f"{command}: {outcome.err}"
+        # one of the samples is refused as long as nobody names its markings
+        refused = command.startswith("batch samples ")
+        assert outcome.code == (1 if refused else 0), f"{command}: {outcome.err}"
     ignored = (ROOT / ".gitignore").read_text(encoding="utf-8").splitlines()
     written = [path for path in tmp_path.iterdir() if path.name != "samples"]
     kept = [path.name for path in written if not any(fnmatch(f"{path.name}/", pattern) for pattern in ignored)]

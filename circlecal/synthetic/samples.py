@@ -109,7 +109,7 @@ def _negative(rng: np.random.Generator) -> Scene:
 
 
 def _touchline_only(rng: np.random.Generator) -> Scene:
-    return _look_from(rng, (3.0, 62.0, -15.0), (19.0, -20.0, 0.0), 4200.0, look={"turf_bgr": (30.0, 124.0, 74.0)})
+    return _look_from(rng, (3.0, 62.0, -15.0), (18.5, -12.0, 0.0), 5600.0, look={"turf_bgr": (30.0, 124.0, 74.0)})
 
 
 _SAMPLES: dict[str, Callable[[np.random.Generator], Scene]] = {

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from circlecal.config import Config
+from circlecal.field import load_field
 from circlecal.geometry.camera import Camera, image_center
 from circlecal.pictures.files import PictureFile
 from circlecal.workbench.measuring import MeasuredPicture, measure_picture
@@ -33,8 +34,13 @@ def wide_camera() -> Camera:
 
 @pytest.fixture(scope="session")
 def open_image(wide_camera: Camera) -> np.ndarray:
-    """Circle and far touchline alone: the circle may be turned any way."""
-    return paint_frame(wide_camera, ("centre_circle", "side_line_top"))
+    """Circle and two fifths of the far touchline alone: the circle may be turned any way."""
+    picture = paint_frame(wide_camera, ("centre_circle", "side_line_top"))
+    rows = wide_camera.project(load_field("soccer").polylines(1.0)["side_line_top"])[:, 1]
+    width = picture.shape[1]
+    grass = picture[-30:, :].reshape(-1, 3).mean(axis=0)
+    picture[: int(np.nanmax(rows)) + 12, int(0.4 * width) :] = grass.round().astype(np.uint8)
+    return picture
 
 
 @pytest.fixture(scope="session")
