@@ -106,7 +106,7 @@ def test_samples(samples):
     truth = {i: json.loads(files[f"truth/{i}.json"]) for i in ids}
     assert truth["full_circle"]["center_mark"] == "visible"
     assert truth["hidden_mark"]["center_mark"] == "hidden"
-    assert {i for i, t in truth.items() if t["expect"] == "refuse"} == {"penalty_area"}
+    assert {i for i, t in truth.items() if t["expect"] == "refuse"} == {"penalty_area", "touchline_only"}
     assert truth["penalty_area"]["circle_pixels"] == 0
 
 
