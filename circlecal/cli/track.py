@@ -31,6 +31,7 @@ def track(
     scheduler: options.Scheduler = None,
     restart: Annotated[bool, typer.Option("--restart", help="Start over instead of going on.")] = False,
     venue: options.VenueFile = None,
+    annotations: options.Annotations = None,
     video: Annotated[bool, typer.Option("--video", help="Also write overlay.mp4.")] = False,
     full: Annotated[
         bool, typer.Option("--full", help="Write covariance matrices, derived points and checks of every frame too.")
@@ -54,6 +55,7 @@ def track(
 ) -> None:
     """Find the camera of every frame of a clip, from its tripod; run it again to go on after a stop."""
     from circlecal.cli import console
+    from circlecal.formats.annotation import ANNOTATION_FOLDER
     from circlecal.pictures.inputs import absolute_input
     from circlecal.pictures.video import Sampling
     from circlecal.pipeline import field_of
@@ -65,7 +67,9 @@ def track(
         inputs, out = [absolute_input(name) for name in inputs], out.absolute()
     chosen = options.choose_config(config, settings, field, seed)
     known = None if venue is None else read_venue(venue, field_of(chosen)[0])
-    run = ClipRun(chosen, Sampling.parse(every or DEFAULT_EVERY, start, end), known, full)
+    run = ClipRun(
+        chosen, Sampling.parse(every or DEFAULT_EVERY, start, end), known, full, annotations or out / ANNOTATION_FOLDER
+    )
     exports = options.choose_exports(to, eval_size)
     failures: list[Exception] = []
     videos = options.choose_videos(inputs, console.error_reporter(failures))

@@ -26,6 +26,7 @@ def track(
     start: str | float | None = None,
     end: str | float | None = None,
     venue: str | Path | None = None,
+    annotations: str | Path | None = None,
     field: str | Path | None = None,
     set: Settings | None = None,
 ) -> Iterator[Calibration]:
@@ -45,6 +46,8 @@ def track(
         Times in the video: seconds, ``"1:30"`` or ``"0:01:30.5"``; a frame at ``end`` itself is left out.
     venue : path, optional
         Cameras and pitch that are known: the ``venue.yaml`` of an earlier run.
+    annotations : path, optional
+        Folder of what was named in the workbench.
 
     Yields
     ------
@@ -63,7 +66,8 @@ def track(
     sampling = Sampling.parse(str(every), *(None if time is None else str(time) for time in (start, end)))
     known = None if venue is None else read_venue(Path(venue), template)
     video = Video.open(Path(path), Path(path).stem)
-    return _calibrations(video, ClipRun(chosen, sampling, known), template)
+    named = None if annotations is None else Path(annotations)
+    return _calibrations(video, ClipRun(chosen, sampling, known, annotations=named), template)
 
 
 def _calibrations(video: Video, run: ClipRun, template: FieldTemplate) -> Iterator[Calibration]:

@@ -15,7 +15,7 @@ import logging
 import math
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import pairwise
 from pathlib import Path
@@ -28,6 +28,7 @@ from circlecal.config import Config, config_digest
 from circlecal.errors import CirclecalError, InputError
 from circlecal.field import FieldTemplate
 from circlecal.files import is_file
+from circlecal.formats.annotation import digest_annotations
 from circlecal.pictures.video import Sampling, Video, frame_id, frame_time, pictures_at
 from circlecal.pipeline import field_of
 from circlecal.records.cameras_table import CAMERAS_NAME, write_cameras
@@ -36,6 +37,7 @@ from circlecal.records.record import GIVE_A_RESULT, ResultRecord, ResultRow, par
 from circlecal.records.summary import write_summary
 from circlecal.rig.tripod import PLACE, Venue
 from circlecal.rig.venue import VENUE_NAME, read_venue, read_venue_file, write_venue
+from circlecal.tracking.anchors import read_anchors
 from circlecal.tracking.clip import ClipFrame, survey_clip, track_frames
 from circlecal.tracking.records import RecordForm, record_of_track
 
@@ -76,12 +78,15 @@ class ClipRun:
         Cameras and pitch that are known from elsewhere.
     full : bool
         Whether records hold everything that follows from a camera.
+    annotations : path, optional
+        Folder of annotations of the workbench: the frames that a person named.
     """
 
     config: Config
     sampling: Sampling
     known: Venue | None = None
     full: bool = False
+    annotations: Path | None = None
 
     @cached_property
     def digest(self) -> str:
@@ -89,7 +94,9 @@ class ClipRun:
         known = self.known and [
             (t.name, t.size, t.log_focal, t.mean.tolist(), t.covariance.tolist()) for t in self.known.tripods
         ]
-        told = [config_digest(self.config), self.sampling.seconds, self.sampling.frames, known]
+        told: list[object] = [config_digest(self.config), self.sampling.seconds, self.sampling.frames, known]
+        named = digest_annotations(self.annotations)
+        told += [named] if named else []
         return hashlib.sha256(json.dumps(told).encode()).hexdigest()[:12]
 
     def form(self) -> RecordForm:
@@ -365,7 +372,10 @@ def _survey(run: ClipRun, video: Video) -> Venue | str:
         return pictures_at(video.path, [start + time for time in times_s], exact=False)
 
     try:
-        return survey_clip(shift_times, length, run.config_of(video), run.known)
+        config = run.config_of(video)
+        named = (a for a in read_anchors(video, run.annotations, config) if start <= a.time_s < end)
+        anchors = tuple(replace(anchor, time_s=anchor.time_s - start) for anchor in named)
+        return survey_clip(shift_times, length, config, run.known, anchors)
     except CirclecalError as error:
         return str(error)
     except Exception as error:  # noqa: BLE001 - one bad clip never stops the rest

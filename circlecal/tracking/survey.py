@@ -16,6 +16,7 @@ from circlecal.pipeline import field_of, run
 from circlecal.results import CameraFit
 from circlecal.rig.positions import group_positions
 from circlecal.rig.tripod import PLACE, TripodEstimate, Venue
+from circlecal.tracking.anchors import Anchor
 from circlecal.tracking.looking import LEAST_PLACES, Look, LookedAt, Place
 from circlecal.tracking.markings import DrawnTemplate, MeasuredFrame, measure_markings, place_markings, template_curves
 from circlecal.tracking.paint_width import estimate_paint_width
@@ -76,9 +77,17 @@ class _Alone:
     name: str
     fit: CameraFit
     measured: MeasuredFrame
+    is_named: bool = False
+    """Whether a person named what is seen in it; then it needs no second frame that agrees."""
 
 
-def survey_clip(pictures_at: PicturesAt, duration_s: float, config: Config, known: Venue | None = None) -> Venue:
+def survey_clip(
+    pictures_at: PicturesAt,
+    duration_s: float,
+    config: Config,
+    known: Venue | None = None,
+    anchors: Sequence[Anchor] = (),
+) -> Venue:
     """Find the cameras of a clip.
 
     Parameters
@@ -91,6 +100,8 @@ def survey_clip(pictures_at: PicturesAt, duration_s: float, config: Config, know
         Options.
     known : Venue, optional
         Cameras from earlier; they are taken over where the clip shows them, and others are added.
+    anchors : sequence of Anchor
+        Frames that a person named, by times like those of the pictures; one alone makes a camera.
 
     Returns
     -------
@@ -103,10 +114,17 @@ def survey_clip(pictures_at: PicturesAt, duration_s: float, config: Config, know
     times = np.arange(0.0, max(duration_s - 0.5 * step, 0.01), step)
     pictures: dict[str, LookedAt] = {}
     alone: list[_Alone] = []
+    for anchor in anchors:
+        name = f"{anchor.time_s:.3f}"
+        pictures[name] = LookedAt.of(anchor.picture, config.mask.detector.field_region)
+        measured = _measure(pictures[name], anchor.fit, template, drawn)
+        alone.append(_Alone(name, anchor.fit, measured, is_named=True))
     for time_s, picture in zip(times, pictures_at([float(t) for t in times]), strict=False):
         if picture is None:
             continue
         name = f"{time_s:.3f}"
+        if name in pictures:
+            continue
         pictures[name] = LookedAt.of(picture, config.mask.detector.field_region)
         if len(alone) < ENOUGH_ALONE and not (known and known.tripods):
             found = run(picture, config, frame_id=name)
@@ -144,19 +162,25 @@ def _tripods(
     alone: Sequence[_Alone], config: Config, template: FieldTemplate, circle: Circle, drawn: DrawnTemplate
 ) -> list[tuple[TripodEstimate, dict[str, Array]]]:
     """Tripods of frames that were calibrated alone, the one with the most frames first, and the heads by frame."""
-    if len(alone) < LEAST_FRAMES:
+    least = _least_frames(alone)
+    if len(alone) < least:
         return []
     theta = np.array([a.fit.theta for a in alone])
     covariance = np.array([a.fit.covariance for a in alone])[:, 4:7, 4:7]
-    groups, turned = group_positions(theta[:, 4:7], covariance + SAME_PLACE_M**2 * np.eye(3), LEAST_FRAMES)
+    groups, turned = group_positions(theta[:, 4:7], covariance + SAME_PLACE_M**2 * np.eye(3), least)
     found = []
     for number in range(groups.max() + 1):
         members = [alone[int(k)] for k in np.flatnonzero((groups == number) & ~turned)]
-        if len(members) >= LEAST_FRAMES:
+        if len(members) >= _least_frames(members):
             fit = _fit_alone(f"camera-{number + 1}", members, config, template, circle, drawn)
             if fit is not None:
                 found.append((fit.estimate, dict(zip(fit.estimate.used, fit.heads, strict=True))))
     return found
+
+
+def _least_frames(frames: Sequence[_Alone]) -> int:
+    """Frames that make a tripod: one where a person named what is seen in it."""
+    return 1 if any(frame.is_named for frame in frames) else LEAST_FRAMES
 
 
 def _fit_alone(
@@ -173,7 +197,7 @@ def _fit_alone(
     mean, sd = _priors(config, template, unit, [member.measured for member in members])
     kept = list(members)
     left_out: list[str] = []
-    while len(kept) >= LEAST_FRAMES:
+    while kept and len(kept) >= _least_frames(kept):
         best = None
         for shape in SHAPES if config.camera.crown_shape == "auto" else (config.camera.crown_shape,):
             theta = np.array([a.fit.theta for a in kept])

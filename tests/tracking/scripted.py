@@ -64,7 +64,9 @@ def tracked(index: int, time_s: float, size: tuple[int, int] = SIZE) -> TrackedF
     )
 
 
-def survey_clip(pictures_at: object, duration_s: float, config: Config, known: Venue | None = None) -> Venue:
+def survey_clip(
+    pictures_at: object, duration_s: float, config: Config, known: Venue | None = None, anchors: object = ()
+) -> Venue:
     return known or Venue(config.field.template, (replace(tripod(), used=("a", "b")),))
 
 

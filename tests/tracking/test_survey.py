@@ -3,15 +3,32 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 
 from circlecal.config import load_config
+from circlecal.field.view import FieldView
+from circlecal.formats.annotation import AnnotatedMarking, Annotation
+from circlecal.observations import Observations
+from circlecal.pictures.video import Sampling, Video
+from circlecal.pipeline import run_observations
 from circlecal.rig.tripod import Venue
 from circlecal.tracking import survey
+from circlecal.tracking.run import ClipRun, _survey
 from circlecal.tracking.survey import survey_clip
-from tests.tracking.scenes import HEAD, draw, tripod
+from tests.tracking.scenes import HEAD, SIZE, draw, template, tripod
+
+
+def _marking(view: FieldView, name: str) -> AnnotatedMarking:
+    """What a person would click of a line: places of it in the picture, each half a pixel off at most."""
+    points = view.project(view.markings(template())[name])
+    inside = points[(points > 5.0).all(axis=1) & (points < np.array(SIZE) - 5.0).all(axis=1)]
+    clicked = inside[np.linspace(0, len(inside) - 1, 8).astype(int)].round()
+    pairs = clicked.tolist()
+    return AnnotatedMarking(name=name, kind="line", points_px=pairs, sigma_px=[0.5] * 8, source="clicked")
 
 
 def test_what_is_known_of_a_camera_stays_known(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -31,3 +48,31 @@ def test_tripods_in_one_place_are_one() -> None:
     second = replace(second, mean=second.mean + np.eye(len(second.mean))[1] * 0.3, used=("a", "b"))
     other = replace(other, mean=other.mean + np.eye(len(other.mean))[0] * 5.0)
     assert [t.name for t in survey._keep_distinct([first, second, other])] == ["camera-2", "camera-3"]
+
+
+def test_one_frame_that_a_person_named_makes_a_camera(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(survey, "ROUNDS", 1)
+    heads = [HEAD + np.array([0.0, 0.004 * k, 0.0]) for k in range(2)]
+    pictures = [draw(head, np.random.default_rng(k)) for k, head in enumerate(heads)]
+    path = tmp_path / "clip.mp4"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("mpeg4", rate=10, width=SIZE[0], height=SIZE[1], pix_fmt="yuv420p")
+        stream.bit_rate = 20_000_000
+        for picture in pictures:
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="bgr24")))
+        container.mux(stream.encode(None))
+    view = tripod().view(heads[1], np.zeros((3, 3)))
+    names = ("side_line_left", "big_rect_left_main", "small_rect_left_main", "big_rect_left_top", "side_line_bottom")
+    markings = [_marking(view, name) for name in names]
+    named = Annotation(id="clip_00-00-00.100", width=SIZE[0], height=SIZE[1], touched=True, markings=markings)
+    (tmp_path / "named").mkdir()
+    (tmp_path / "named" / "clip_00-00-00.100.json").write_text(named.model_dump_json())
+    video = Video.open(path, "clip")
+    refused = run_observations(Observations(*SIZE), load_config(), frame_id="refused")
+    monkeypatch.setattr(survey, "run", lambda picture, config, frame_id: refused)
+    alone = ClipRun(load_config(), Sampling.parse("1"), annotations=tmp_path / "nobody")
+    told = replace(alone, annotations=tmp_path / "named")
+    assert alone.digest != told.digest
+    assert not _survey(alone, video).tripods
+    (found,) = _survey(told, video).tripods
+    assert np.abs(found.mean[:3] - tripod().mean[:3]).max() < 3.0

@@ -1,0 +1,74 @@
+"""Frames of a clip that a person named in the workbench: with them its survey begins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.api.calls import calibrate_annotation
+from circlecal.config import Config
+from circlecal.formats.annotation import digest_annotations, find_annotation
+from circlecal.pictures.video import Video, frame_id, frame_time, pictures_at
+from circlecal.results import CameraFit
+
+
+@dataclass(frozen=True, slots=True)
+class Anchor:
+    """A frame whose camera follows from what a person named in it.
+
+    Attributes
+    ----------
+    time_s : float
+        Time of the frame, seconds.
+    picture : (H, W, 3) uint8
+        BGR picture.
+    fit : CameraFit
+        Its camera.
+    """
+
+    time_s: float
+    picture: NDArray[np.uint8]
+    fit: CameraFit
+
+
+def read_anchors(video: Video, folder: Path | None, config: Config) -> tuple[Anchor, ...]:
+    """The anchors of a clip, in the order of time; frames that stay refused with what was named in them are none.
+
+    Parameters
+    ----------
+    video : Video
+        The clip.
+    folder : path or None
+        Of annotations.
+    config : Config
+        Options.
+
+    Raises
+    ------
+    InputError
+        An annotation or the video cannot be read.
+    ConfigError
+        The settings of an annotation contradict the configuration.
+    """
+    fits: dict[float, CameraFit] = {}
+    for name in digest_annotations(folder):
+        stored = find_annotation(folder, name)
+        try:
+            time_s = frame_time(name)
+        except ValueError:  # a picture
+            continue
+        if stored is None or name != frame_id(video.name, time_s):
+            continue
+        found = calibrate_annotation(stored.annotation, config)
+        if found.status == "calibrated" and found.attempt.camera is not None:
+            fits[time_s] = found.attempt.camera
+    times = sorted(fits)
+    pictures = zip(times, pictures_at(video.path, times), strict=True) if times else ()
+    return tuple(
+        Anchor(time_s, picture, fits[time_s])
+        for time_s, picture in pictures
+        if picture is not None and picture.shape[1::-1] == (fits[time_s].model.width, fits[time_s].model.height)
+    )
