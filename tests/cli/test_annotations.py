@@ -150,7 +150,7 @@ def test_refused_frames_write_no_camera(run_circlecal, tmp_path):
     assert outcome.code == 1
     names = sorted(p.name for p in (tmp_path / "out").iterdir())
     assert names == [
-        "broadtrack.json", "coco.json", "cvat.xml", "few.json", "few.labelme.json", "labelstudio.json",
+        "broadtrack.json", "coco.json", "cvat.xml", "few.json", "few.labelme.json", "few.soccernet.json", "labelstudio.json",
         "per_sample_output.json",
     ]  # fmt: skip
     assert json.loads((tmp_path / "out" / "broadtrack.json").read_text()) == {}
