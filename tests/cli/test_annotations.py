@@ -150,8 +150,8 @@ def test_refused_frames_write_no_camera(run_circlecal, tmp_path):
     assert outcome.code == 1
     names = sorted(p.name for p in (tmp_path / "out").iterdir())
     assert names == [
-        "broadtrack.json", "coco.json", "cvat.xml", "few.json", "few.labelme.json", "few.soccernet.json", "labelstudio.json",
-        "per_sample_output.json",
+        "broadtrack.json", "coco.json", "cvat.xml", "few.json", "few.labelme.json", "few.soccernet.json",
+        "labelstudio.json", "per_sample_output.json",
     ]  # fmt: skip
     assert json.loads((tmp_path / "out" / "broadtrack.json").read_text()) == {}
     coco = json.loads((tmp_path / "out" / "coco.json").read_text())
