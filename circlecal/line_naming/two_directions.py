@@ -15,7 +15,7 @@ which of them is right. Nothing but arithmetic on whole arrays: pairs of pairs t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -61,6 +61,10 @@ and from the marking whose name it gets. Lens, crown, and a field of another siz
 DIRECTED_SHARE = 0.7
 """Views with less than this share of the length that runs to the vanishing points of the best view are left out (of the
 right views on 33 real frames of penalty areas one has less than 0.8).
+"""
+LEVEL_FOCAL_WIDTHS, LEVEL_VIEWS = tuple(np.geomspace(0.7, 8.0, 14).tolist()), 60
+"""Focal lengths, picture widths, that are tried for level cameras, a fifth apart, which moves a height by less than
+:data:`SAME_HEIGHT`; and views of those that are looked at.
 """
 BEYOND_M = 3.0
 """How far a seen line may run past the end of its marking, metres on the ground, before the camera is refined."""
@@ -143,15 +147,16 @@ def propose_cameras(
     ends = (segments[used] - model.center) / half
     lines = np.cross(lift(ends[:, 0]), lift(ends[:, 1]))
     lines /= np.hypot(lines[:, 0], lines[:, 1])[:, None]
-    views = _views(lines)
-    if len(views.focal) == 0:
-        return []
-    directed = _length_to_vanishing_points(views, ends, DIRECTED_PX / 960.0)
-    views = views.take(directed >= DIRECTED_SHARE * directed.max())
-    theta = _positions(views, lines, template, model, side)
-    if len(theta) == 0:
-        return []
-    return _rank(theta, segments[used], used, template, model, most)
+    for views in (_views(lines), _level_views(lines, ends)):
+        if len(views.focal) == 0:
+            continue
+        directed = _length_to_vanishing_points(views, ends, DIRECTED_PX / 960.0)
+        views = views.take(directed >= DIRECTED_SHARE * directed.max())
+        theta = _positions(views, lines, template, model, side)
+        found = _rank(theta, segments[used], used, template, model, most) if len(theta) else []
+        if found:
+            return found
+    return []
 
 
 def _views(lines: Array) -> _Views:
@@ -185,17 +190,56 @@ def _views(lines: Array) -> _Views:
     return _Views(focal, R, pairs[p], pairs[q]).take(upright)
 
 
+def _level_views(lines: Array, ends: Array) -> _Views:
+    """Views of cameras without roll from one vanishing point, across the field, and focal lengths on a grid.
+
+    Lines along the field may be so nearly parallel in the picture that a lens bends them by more than their vanishing
+    point tells. Of the lines (S, 3) with their ends (S, 2, 2) those that run to the point along the field which is then
+    implied give a pair, the two that are furthest apart.
+    """
+    across = np.stack(np.triu_indices(len(lines), 1), axis=-1)
+    focal = 2.0 * np.tile(LEVEL_FOCAL_WIDTHS, len(across))
+    across = np.repeat(across, len(LEVEL_FOCAL_WIDTHS), axis=0)
+    meets = np.cross(lines[across[:, 0]], lines[across[:, 1]])
+    y_axis = meets * np.stack([1.0 / focal, 1.0 / focal, np.ones(len(focal))], axis=-1)
+    y_axis /= np.maximum(np.linalg.norm(y_axis, axis=-1, keepdims=True), 1e-12)
+    # level: the vertical has no part along the picture's rows, and points down in it
+    down = np.stack([np.zeros(len(focal)), y_axis[:, 2], -y_axis[:, 1]], axis=-1)
+    down *= np.sign(down[:, 1:2]) / np.maximum(np.linalg.norm(down, axis=-1, keepdims=True), 1e-12)
+    R = np.stack([np.cross(y_axis, down), y_axis, down], axis=-1)
+    tilt = np.degrees(np.arccos(np.clip(down[:, 2], -1.0, 1.0)))
+    views = _Views(focal, R, across, across).take((tilt > TILT_DEG[0]) & (tilt < TILT_DEG[1]))
+    if len(views.focal) == 0:
+        return views
+    directed = _find_directed(views, ends, DIRECTED_PX / 960.0)
+    runs_along = directed[0] & (np.arange(len(lines)) != views.across[:, :1])
+    runs_along &= np.arange(len(lines)) != views.across[:, 1:]
+    height = ends[..., 1].mean(axis=1)
+    highest = np.where(runs_along, height, np.inf).argmin(axis=1)
+    lowest = np.where(runs_along, height, -np.inf).argmax(axis=1)
+    length = (directed[0] | directed[1]) @ np.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1)
+    usable = runs_along.sum(axis=1) >= 2
+    best = np.argsort(-np.where(usable, length, 0.0), kind="stable")[: min(LEVEL_VIEWS, int(usable.sum()))]
+    return replace(views, along=np.stack([highest, lowest], axis=-1)).take(best)
+
+
 def _length_to_vanishing_points(views: _Views, ends: Array, tolerance: float) -> Array:
     """Summed length (V,) of the seen lines (S, 2, 2) that run to one of the two vanishing points of each view."""
+    along, across = _find_directed(views, ends, tolerance)
+    return np.asarray((along | across) @ np.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1))
+
+
+def _find_directed(views: _Views, ends: Array, tolerance: float) -> Mask:
+    """Which seen lines (S, 2, 2) run to each of the two vanishing points of each view, bool (2, V, S)."""
     middle, half = ends.mean(axis=1), 0.5 * (ends[:, 1] - ends[:, 0])
-    directed = np.zeros((len(views.focal), len(ends)), np.bool_)
+    directed = np.zeros((2, len(views.focal), len(ends)), np.bool_)
     for axis in (0, 1):
         x, y, z = (views.axes[:, k, axis, None] for k in range(3))
         # from the middle m of a line to the vanishing point v: (v_x, v_y) - v_z m, with K taken back
         toward = views.focal[:, None] * x - z * middle[:, 0], views.focal[:, None] * y - z * middle[:, 1]
         off = np.abs(toward[0] * half[:, 1] - toward[1] * half[:, 0]) / np.maximum(np.hypot(*toward), 1e-12)
-        directed |= off < tolerance
-    return np.asarray(directed @ (2.0 * np.hypot(*half.T)))
+        directed[axis] = off < tolerance
+    return directed
 
 
 def _positions(views: _Views, lines: Array, template: FieldTemplate, model: ProjectionModel, side: str) -> Array:

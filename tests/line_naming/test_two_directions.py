@@ -5,6 +5,7 @@ import pytest
 
 from circlecal.field import load_field
 from circlecal.geometry.camera_parameters import POSITION, ProjectionModel
+from circlecal.line_naming import two_directions
 from circlecal.line_naming.two_directions import propose_cameras
 from circlecal.synthetic.cameras import aim_camera
 
@@ -92,3 +93,16 @@ def test_degenerate_segments_neither_raise_nor_warn():
     same = np.repeat(parallel[:1], 6, axis=0)
     for segments in (pencil, parallel, same, rng.uniform(0, 1920, (12, 2, 2)), np.zeros((5, 2, 2))):
         propose_cameras(segments, SOCCER, MODEL, "main", 3)
+
+
+def test_where_the_lens_bends_nearly_parallel_lines_the_level_camera_names_them(monkeypatch):
+    names, segments = see(penalty_area_camera(-38.0, 59.0, -10.6, (-43.0, -6.0, 0.0), 5000.0), LEFT + OUTSIDE)
+    off = segments - MODEL.center
+    bent = MODEL.center + off * (1.0 - 0.02 * np.square(off / 960.0).sum(axis=-1, keepdims=True))
+    # as if no two vanishing points were at right angles
+    usual = two_directions._views
+    monkeypatch.setattr(two_directions, "_views", lambda lines: usual(lines[:0]))
+    best = propose_cameras(bent, SOCCER, MODEL, "main", 3)[0]
+    assert len(best.names) >= 5 and all(names[k] == name for k, name in best.names.items())
+    assert best.theta[POSITION] == pytest.approx([-38.0, 59.0, -10.6], abs=12.0)
+    assert not propose_cameras(bent[:3], SOCCER, MODEL, "main", 3)
