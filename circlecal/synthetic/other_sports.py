@@ -33,6 +33,7 @@ GLASS_M, BOARDS_M = 2.9, 1.1
 """Heights of the glass and of the boards below it."""
 _STANCHION_M = (1.2, 2.5)
 _VEIL = 0.07
+_FAR_PX = 2.0**20
 _ROBOT_M = (0.4, 0.9)
 _KEYS: dict[str, tuple[float, float]] = {"basketball": (5.8, 4.9), "basketball-nba": (5.79, 4.88)}
 """Depth and width of the key, metres."""
@@ -155,7 +156,9 @@ def draw_glass(
     foot, head = (_lift(x, side, height) for height in (BOARDS_M, GLASS_M))
     low, high = camera.project(foot), camera.project(head)
     shown = np.isfinite(low).all(axis=1) & np.isfinite(high).all(axis=1)
-    low, high = np.rint(low[shown]).astype(np.int32), np.rint(high[shown]).astype(np.int32)
+    # the drawing counts in 32 bits, and what nearly lies beside the camera is far out of the picture
+    ends = np.stack([low[shown], high[shown]])
+    low, high = np.rint(np.clip(ends, -_FAR_PX, _FAR_PX)).astype(np.int32)
     if len(low) < 2:
         return
     pane = np.zeros(light.shape[:2], np.float32)

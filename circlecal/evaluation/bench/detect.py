@@ -182,6 +182,8 @@ def _summary(profile: str, frames: list[_FrameRow]) -> ProfileRow:
     stages = max((f.stages for f in frames), key=len)
     bounds = np.array([f.bound_px for f in frames])
     nan = float("nan")
+    with np.errstate(invalid="ignore"):  # a negative that is calibrated has an infinite error
+        p90_px = float(np.percentile(errors, 90)) if len(errors) else nan
     return ProfileRow(
         profile=profile,
         frames=len(frames),
@@ -190,7 +192,7 @@ def _summary(profile: str, frames: list[_FrameRow]) -> ProfileRow:
         wrong=float(np.sum(errors > WRONG_PX)) / len(frames),
         right=float(np.sum(errors <= GOOD_PX) + sum(f.refusable for f in frames)) / len(frames),
         median_px=float(np.median(errors)) if len(errors) else nan,
-        p90_px=float(np.percentile(errors, 90)) if len(errors) else nan,
+        p90_px=p90_px,
         predicted_median_px=float(np.median(predicted)) if predicted else nan,
         coverage=float(np.mean(inside)) if inside else nan,
         bound_good=float(np.mean(bounds <= GOOD_PX)),
