@@ -1,6 +1,7 @@
 """A small frame that the whole chain calibrates, painted from the field template, and the command line in process."""
 
-from collections.abc import Callable
+import logging
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -105,6 +106,16 @@ def blank_file(frame_file: Path) -> Path:
     path = frame_file.with_name("blank.png")
     cv2.imwrite(str(path), np.full((120, 160, 3), (60, 130, 70), np.uint8))
     return path
+
+
+@pytest.fixture(autouse=True)
+def _logging_as_before() -> Iterator[None]:
+    """Commands say how much is logged, in this process for good."""
+    logger = logging.getLogger("circlecal")
+    level, handlers = logger.level, logger.handlers
+    yield
+    logger.setLevel(level)
+    logger.handlers = handlers
 
 
 @pytest.fixture

@@ -196,16 +196,16 @@ def _stream(client: Client, frames: Iterator[F], task: Task[F], scheduler: str) 
         except queue.Empty:
             patience.look()
         else:
-            yield _result(future, in_flight.pop(future.key)[0], task)
+            yield _result(future, in_flight.pop(future.key)[0], task, patience)
 
 
 def _await(future: Any, patience: _Patience) -> Any:
-    """The result of a future."""
+    """The result of a future, also of a finished one: what it found may have been lost with its worker."""
     while True:
         try:
             return future.result(timeout=_LOOK_SECONDS)
         except TimeoutError:
-            if future.done():  # the error is the function's own
+            if future.status == "error":  # the function's own
                 raise
             patience.look()
 
@@ -239,11 +239,11 @@ class _Patience:
             raise InputError(f"--scheduler {self._scheduler}: {what}, and none came in {self._seconds:g} s; {mend}")
 
 
-def _result(future: Any, frame: F, task: Task[F]) -> Finished:
+def _result(future: Any, frame: F, task: Task[F], patience: _Patience) -> Finished:
     from distributed import KilledWorker
 
     try:
-        finished: Finished = future.result()
+        finished: Finished = _await(future, patience)
         return finished
     except KilledWorker as error:
         _log.info("%s: %s", task.source(frame), error)

@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from circlecal.errors import InputError
+
 from .runs import (
     PATIENCE_S,
     SURROUNDINGS,
@@ -200,3 +202,24 @@ def test_nothing_is_left_in_the_temporary_folder_and_the_scheduler_listens_on_th
             with pytest.raises(OSError), socket.create_connection((other, port), timeout=2):
                 pass
     assert not list(temporary.iterdir())
+
+
+def test_what_was_finished_and_lost_with_all_workers_is_not_waited_for(monkeypatch):
+    from circlecal.batch import cluster
+
+    class Lost:
+        status = "finished"
+
+        def result(self, timeout: float | None = None) -> None:
+            assert timeout is not None
+            raise TimeoutError
+
+    class Alone:
+        status = "running"
+
+        def nthreads(self) -> dict[str, int]:
+            return {}
+
+    patience = cluster._Patience(Alone(), "tcp://a:1", 0.0)
+    with pytest.raises(InputError, match="all workers are lost"):
+        cluster._result(Lost(), None, None, patience)
