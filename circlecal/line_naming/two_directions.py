@@ -15,6 +15,7 @@ which of them is right. Nothing but arithmetic on whole arrays: pairs of pairs t
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -147,7 +148,7 @@ def propose_cameras(
     ends = (segments[used] - model.center) / half
     lines = np.cross(lift(ends[:, 0]), lift(ends[:, 1]))
     lines /= np.hypot(lines[:, 0], lines[:, 1])[:, None]
-    for views in (_views(lines), _level_views(lines, ends)):
+    for views in _all_views(lines, ends):
         if len(views.focal) == 0:
             continue
         directed = _length_to_vanishing_points(views, ends, DIRECTED_PX / 960.0)
@@ -157,6 +158,12 @@ def propose_cameras(
         if found:
             return found
     return []
+
+
+def _all_views(lines: Array, ends: Array) -> Iterator[_Views]:
+    """Views from two vanishing points, and where those lead nowhere from one."""
+    yield _views(lines)
+    yield _level_views(lines, ends)
 
 
 def _views(lines: Array) -> _Views:

@@ -12,10 +12,11 @@ from circlecal.errors import EstimationError
 from circlecal.geometry.projective import Array
 from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations
 from circlecal.pipeline.setting import Scene, Setting, lighten_markings
-from circlecal.refusals import Confidence
+from circlecal.refusals import Confidence, refuse
 from circlecal.results import (
     Attempt,
     CameraFit,
+    Check,
     Cues,
     EllipseFits,
     Interpretation,
@@ -233,6 +234,19 @@ def refuse_attempt(attempt: Attempt, error: EstimationError) -> Attempt:
     """The attempt, ended by a stage that gave up; where no circle was found, with the gates of the best candidate."""
     candidates = attempt.mask.candidates[:1] if attempt.mask is not None and error.stage == "mask" else ()
     checks = candidates[0].checks if candidates else ()
+    return replace(attempt, verdict=Verdict("refused", error.code, error.reason, error.stage, checks))
+
+
+def add_checks(attempt: Attempt, *checks: Check) -> Attempt:
+    """An attempt whose verdict has further checks."""
+    verdict = attempt.verdict
+    return attempt if verdict is None else replace(attempt, verdict=replace(verdict, checks=(*verdict.checks, *checks)))
+
+
+def refuse_as_open(attempt: Attempt, code: str) -> Attempt:
+    """An attempt that is refused after its verdict, and keeps its checks: the picture leaves something open."""
+    error = refuse("verdict", code)
+    checks = () if attempt.verdict is None else attempt.verdict.checks
     return replace(attempt, verdict=Verdict("refused", error.code, error.reason, error.stage, checks))
 
 

@@ -18,11 +18,11 @@ from circlecal.config import Config, suit_config
 from circlecal.field import Ground, load_field
 from circlecal.observations import Observations
 from circlecal.paint.profiles import to_gray
+from circlecal.pipeline.attempts import refuse_as_open
 from circlecal.pipeline.fields import field_of
 from circlecal.pipeline.run import run
 from circlecal.pipeline.setting import Looks
-from circlecal.refusals import refuse
-from circlecal.results import FieldCandidate, FrameCalibration, Verdict
+from circlecal.results import FieldCandidate, FrameCalibration
 from circlecal.stages.mask import look_for_paint, suit_field, tell_grounds, weigh_field
 from circlecal.stages.verdict import is_beyond_doubt, needs_confirmation
 
@@ -168,13 +168,9 @@ def choose_answer(answers: Sequence[Answer]) -> FrameCalibration:
     others = sorted((a for a in answers if a is not taken), key=lambda answer: -answer.weight)
     found = replace(taken.found, fields=(taken.candidate, *(answer.candidate for answer in others)))
     is_clear = len({answer.candidate.sport for answer in rivals}) == 1 or (not rivals and taken.is_at_home)
-    return found if is_clear or found.status == "refused" else _refuse(found)
-
-
-def _refuse(found: FrameCalibration) -> FrameCalibration:
-    error = refuse("verdict", "field_open")
-    verdict = Verdict("refused", error.code, error.reason, error.stage, found.verdict.checks)
-    return replace(found, attempt=replace(found.attempt, verdict=verdict))
+    if is_clear or found.status == "refused":
+        return found
+    return replace(found, attempt=refuse_as_open(found.attempt, "field_open"))
 
 
 def candidate_of(found: FrameCalibration) -> FieldCandidate:

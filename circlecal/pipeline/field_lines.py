@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from circlecal.line_naming.two_directions import FEWEST_LINES
 from circlecal.observations import Observations, join_observations
 from circlecal.paint.profiles import estimate_noise
-from circlecal.pipeline.attempts import estimate, take_observations
+from circlecal.pipeline.attempts import add_checks, estimate, take_observations
 from circlecal.pipeline.refinements import Retry, is_less_uncertain, measure_curves, replace_curves
 from circlecal.pipeline.setting import Scene, Setting, lighten_markings
 from circlecal.results import Attempt, MarkingMask
@@ -98,7 +98,7 @@ def _add_curves(setting: Setting, picture: NDArray[np.uint8], attempt: Attempt, 
     if refined.verdict is None or not is_less_uncertain(setting, attempt, refined):
         return None
     own = tuple(check for check in attempt.verdict.checks if check.name in ("named_markings", "found_share"))
-    return replace(refined, verdict=replace(refined.verdict, checks=(*refined.verdict.checks, *own)))
+    return add_checks(refined, *own)
 
 
 def _calibrate_field_lines(setting: Setting, scene: Scene, mask: MarkingMask, observations: Observations) -> Attempt:

@@ -12,11 +12,11 @@ from circlecal.errors import EstimationError
 from circlecal.field.view import FieldView
 from circlecal.observations import Observations
 from circlecal.paint.spots import measure_spots
-from circlecal.pipeline.attempts import estimate, take_observations
+from circlecal.pipeline.attempts import add_checks, estimate, refuse_as_open, take_observations
 from circlecal.pipeline.refinements import Retry
 from circlecal.pipeline.setting import Scene, Setting, lighten_markings
-from circlecal.refusals import Confidence, refuse
-from circlecal.results import Attempt, Check, MarkingMask, Rival, Verdict
+from circlecal.refusals import Confidence
+from circlecal.results import Attempt, Check, MarkingMask, Rival
 from circlecal.stages.edges import detect_edges
 from circlecal.stages.mask import (
     FieldEvidence,
@@ -125,9 +125,7 @@ def place_template(setting: Setting, scene: Scene, first: Attempt) -> Iterator[A
         check = Check("rival_ratio", ratio, RIVAL_RATIO, ratio >= RIVAL_RATIO)
         best = add_checks(best, check)
         if not check.passed:
-            error = refuse("verdict", "circle_open")
-            checks = () if best.verdict is None else best.verdict.checks
-            best = replace(best, verdict=Verdict("refused", error.code, error.reason, error.stage, checks))
+            best = refuse_as_open(best, "circle_open")
     yield best
 
 
@@ -135,12 +133,6 @@ def _is_believed(weighed: FieldEvidence) -> bool:
     """Whether enough of what a placed field predicts is painted, or it explains nearly all that is painted."""
     is_painted = weighed.evidence >= LEAST_EVIDENCE and weighed.found_share >= LEAST_SHARE
     return is_painted or (weighed.explained_share >= EXPLAINED_SHARE and weighed.evidence >= EXPLAINED_EVIDENCE)
-
-
-def add_checks(attempt: Attempt, *checks: Check) -> Attempt:
-    """An attempt whose verdict has further checks."""
-    verdict = attempt.verdict
-    return attempt if verdict is None else replace(attempt, verdict=replace(verdict, checks=(*verdict.checks, *checks)))
 
 
 def _follow_placement(setting: Setting, scene: Scene, mask: MarkingMask, placed: Placement) -> Attempt | None:

@@ -197,7 +197,7 @@ def _fit_alone(
     mean, sd = _priors(config, template, unit, [member.measured for member in members])
     kept = list(members)
     left_out: list[str] = []
-    while kept and len(kept) >= _least_frames(kept):
+    while len(kept) >= _least_frames(kept):
         best = None
         for shape in SHAPES if config.camera.crown_shape == "auto" else (config.camera.crown_shape,):
             theta = np.array([a.fit.theta for a in kept])
