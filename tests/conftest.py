@@ -1,7 +1,7 @@
 """A small frame that the whole chain calibrates, painted from the field template, and the command line in process."""
 
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -109,13 +109,11 @@ def blank_file(frame_file: Path) -> Path:
 
 
 @pytest.fixture(autouse=True)
-def _logging_as_before() -> Iterator[None]:
-    """Commands say how much is logged, in this process for good."""
+def _logging_of_a_library() -> None:
+    """Commands say how much is logged, in this process for good, and fixtures of a whole module run commands too."""
     logger = logging.getLogger("circlecal")
-    level, handlers = logger.level, logger.handlers
-    yield
-    logger.setLevel(level)
-    logger.handlers = handlers
+    logger.setLevel(logging.NOTSET)
+    logger.handlers = []
 
 
 @pytest.fixture
