@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import importlib
-import importlib.util
 from collections.abc import Iterator
 from typing import Annotated, Any
 
@@ -12,6 +10,7 @@ import typer
 from typer.core import TyperGroup
 
 from circlecal import __version__
+from circlecal.cli import bench
 from circlecal.cli.annotate import annotate
 from circlecal.cli.audit import audit
 from circlecal.cli.batch import batch
@@ -83,8 +82,7 @@ app.command()(config)
 app.command()(fields)
 app.command()(synth)
 app.command()(simulate)
-if importlib.util.find_spec("circlecal.cli.bench"):
-    app.add_typer(importlib.import_module("circlecal.cli.bench").app, name="bench")
+app.add_typer(bench.app, name="bench")
 
 
 def _print_version(wanted: bool) -> None:

@@ -107,6 +107,7 @@ def test_ctrl_c_outside_a_command_is_one_line(run_circlecal, monkeypatch):
         (["calibrate"], "Missing argument 'INPUT'"),
         (["calibrate", "x.jpg", "--seed", "-1"], "'--seed'"),
         (["bench", "detect", "--count", "0"], "'--count'"),
+        (["bench", "accuracy", "--seed", "-1"], "'--seed'"),
         (["synth", "out", "--profile", "moon"], "'moon' is not one of 'easy', 'broadcast'"),
         (["project", "x.json", "--to", "field", "a", "b"], "'X Y'"),
     ],

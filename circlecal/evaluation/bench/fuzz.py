@@ -10,7 +10,7 @@ import tempfile
 import time
 import traceback
 import types
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -65,6 +65,15 @@ class FuzzRow:
     def failures(self) -> int:
         """Files where something happened that must not."""
         return self.tracebacks + self.hangs + self.over_memory + self.wrong_exits
+
+
+def add_rows(name: str, rows: Sequence[FuzzRow]) -> FuzzRow:
+    """What all readers together made of their files, without examples."""
+    total = FuzzRow(name)
+    for count in ("inputs", "read", "refused", "tracebacks", "hangs", "over_memory", "wrong_exits"):
+        setattr(total, count, sum(getattr(row, count) for row in rows))
+    total.slowest_s, total.most_mb = max(row.slowest_s for row in rows), max(row.most_mb for row in rows)
+    return total
 
 
 def run_fuzz(
