@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-import errno
 import io
 import os
-import signal
 import sys
 from collections.abc import Sequence
 
 from circlecal import ONE_THREAD
-from circlecal.errors import CirclecalError, InterruptedCommandError
-from circlecal.names import show
-
-_LONGEST_LINE = 2000
-"""Characters of an error's line; damaged files may put any length into it."""
+from circlecal.cli.ending import exit_after
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -31,27 +25,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a terminal without a character gets its escape instead
             stream.reconfigure(errors="backslashreplace")
-    try:
+
+    def run() -> None:
         from circlecal.cli.app import app
 
         app(args=arguments, prog_name="circlecal")
-    except (InterruptedCommandError, KeyboardInterrupt):
-        if arguments is None:  # another one ends at once what is still being wound up
-            signal.signal(signal.SIGINT, signal.SIG_DFL)
-        print("circlecal: interrupted", file=sys.stderr)  # noqa: T201
-        sys.exit(130)
-    except CirclecalError as error:
-        _fail(str(error))
-    except OSError as error:
-        if error.errno == errno.EPIPE:
-            raise
-        _fail(f"{os.fsdecode(error.filename)}: {error.strerror}" if error.filename else str(error.strerror or error))
-    except MemoryError:
-        _fail("not enough memory; give smaller pictures or fewer workers")
 
-
-def _fail(reason: str) -> None:
-    line = show(reason)
-    cut = line if len(line) <= _LONGEST_LINE else f"{line[:_LONGEST_LINE]}..."
-    print(f"circlecal: error: {cut}", file=sys.stderr)  # noqa: T201
-    sys.exit(2)
+    exit_after(run, is_process=arguments is None)

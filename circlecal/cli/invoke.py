@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import contextlib
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+
+from circlecal.cli.ending import exit_after
 
 
-def run_command(arguments: Sequence[str]) -> tuple[int, str]:
+def run_command(command: Callable[..., object], arguments: Sequence[str]) -> tuple[int, str]:
     """Run a command line.
 
     Parameters
     ----------
+    command : callable
+        The program: :data:`circlecal.cli.app.app`, or the command at the root of a typer context.
     arguments : sequence of str
         Without the name of the program.
 
@@ -20,16 +24,16 @@ def run_command(arguments: Sequence[str]) -> tuple[int, str]:
     code, said : int, str
         Exit code, and what went to stderr.
     """
-    from circlecal.cli import console, main
+    from circlecal.cli.console import stderr_console
 
     out, err = io.StringIO(), io.StringIO()
-    console.stderr_console.cache_clear()
+    stderr_console.cache_clear()
     code: object = 0
     try:
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-            main(list(arguments))
+            exit_after(lambda: command(args=list(arguments), prog_name="circlecal"), is_process=False)
     except SystemExit as ended:
         code = ended.code or 0
     finally:
-        console.stderr_console.cache_clear()
+        stderr_console.cache_clear()
     return (code if isinstance(code, int) else 1), err.getvalue()

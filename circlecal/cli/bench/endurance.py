@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -70,6 +71,7 @@ def _print_scaling(scaling: Scaling) -> None:
 
 
 def fuzz(
+    context: typer.Context,
     count: Annotated[int, typer.Option(min=1, help="Damaged files in all.")] = 10_000,
     seed: Seed = 0,
     only: Annotated[str, typer.Option(help="Part of the name of the readers that are wanted.")] = "",
@@ -89,7 +91,7 @@ def fuzz(
     if not is_supported():
         raise InputError("bench fuzz: needs the timers of a Unix system")
     with count_steps("file", count) as advance:
-        rows = run_fuzz(count, seed, run_command, only, keep, advance)
+        rows = run_fuzz(count, seed, partial(run_command, context.find_root().command), only, keep, advance)
     if as_json:
         print_record([asdict(row) for row in rows])
     else:

@@ -1,0 +1,49 @@
+"""How the program ends: errors of a user in one line, and an exit code."""
+
+from __future__ import annotations
+
+import errno
+import os
+import signal
+import sys
+from collections.abc import Callable
+
+from circlecal.errors import CirclecalError, InterruptedCommandError
+from circlecal.names import show
+
+_LONGEST_LINE = 2000
+"""Characters of an error's line; damaged files may put any length into it."""
+
+
+def exit_after(run: Callable[[], object], *, is_process: bool) -> None:
+    """Run a command and exit: 0 all calibrated, 1 some refused, 2 wrong use or input, 130 interrupted.
+
+    Parameters
+    ----------
+    run : callable
+        The command.
+    is_process : bool
+        Whether the process has nothing else to do, so that a second Ctrl-C may end it at once.
+    """
+    try:
+        run()
+    except (InterruptedCommandError, KeyboardInterrupt):
+        if is_process:  # another one ends at once what is still being wound up
+            signal.signal(signal.SIGINT, signal.SIG_DFL)
+        print("circlecal: interrupted", file=sys.stderr)  # noqa: T201
+        sys.exit(130)
+    except CirclecalError as error:
+        _fail(str(error))
+    except OSError as error:
+        if error.errno == errno.EPIPE:
+            raise
+        _fail(f"{os.fsdecode(error.filename)}: {error.strerror}" if error.filename else str(error.strerror or error))
+    except MemoryError:
+        _fail("not enough memory; give smaller pictures or fewer workers")
+
+
+def _fail(reason: str) -> None:
+    line = show(reason)
+    cut = line if len(line) <= _LONGEST_LINE else f"{line[:_LONGEST_LINE]}..."
+    print(f"circlecal: error: {cut}", file=sys.stderr)  # noqa: T201
+    sys.exit(2)
