@@ -1,7 +1,7 @@
 """A small frame that the whole chain calibrates, painted from the field template, and the command line in process."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,9 +10,12 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
+from circlecal.batch import run as batch_run
+from circlecal.batch.task import F, Task, finish
 from circlecal.cli import main
 from circlecal.field import load_field
 from circlecal.geometry.camera import Camera, image_center
+from circlecal.records.log import Finished
 
 # the same examples every time, however slow the machine is
 settings.register_profile(
@@ -114,6 +117,16 @@ def _logging_of_a_library() -> None:
     logger = logging.getLogger("circlecal")
     logger.setLevel(logging.NOTSET)
     logger.handlers = []
+
+
+@pytest.fixture
+def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Frames of a batch are finished here, one after the other: a worker takes longer to start than they do."""
+
+    def finish_frames(frames: Iterator[F], task: Task[F], workers: int, scheduler: str | None) -> Iterator[Finished]:
+        return (finish(task, frame) for frame in frames)
+
+    monkeypatch.setattr(batch_run, "_finish_frames", finish_frames)
 
 
 @pytest.fixture

@@ -110,7 +110,7 @@ def test_nul_in_a_name(run_circlecal, tmp_path, name):
     only_line(run_circlecal("batch", tmp_path / "list.txt", "--out", tmp_path / "out"), "\\x00")
 
 
-def test_links_in_a_circle(run_circlecal, tmp_path, frame_image):
+def test_links_in_a_circle(run_circlecal, in_this_process, tmp_path, frame_image):
     for name in ("a.jpg", "b.json", "c.mp4", "d.txt"):
         (tmp_path / name).symlink_to(tmp_path / name)
         only_line(run_circlecal("calibrate", tmp_path / name, "--out", tmp_path / "out"), name, "circle")
@@ -169,7 +169,7 @@ def test_a_deep_folder_gives_an_id_that_a_file_can_have(run_circlecal, tmp_path,
 # names that are no text
 
 
-def test_a_name_that_is_no_utf8(run_circlecal, tmp_path, frame_file):
+def test_a_name_that_is_no_utf8(run_circlecal, in_this_process, tmp_path, frame_file):
     pytest.importorskip("pyarrow", reason="the extra parquet is not installed")
     folder = tmp_path / "in"
     folder.mkdir()
@@ -204,7 +204,7 @@ def test_a_terminal_that_lacks_characters(tmp_path, blank_file, encoding):
     assert json.loads(ended.stdout)["id"] == "\u4e2d\u00e9"
 
 
-def test_names_that_command_a_terminal(run_circlecal, tmp_path, blank_file):
+def test_names_that_command_a_terminal(run_circlecal, in_this_process, tmp_path, blank_file):
     name = "a\x1b[31m\nred\u202egpj.png"
     folder = tmp_path / "in"
     folder.mkdir()
@@ -245,7 +245,7 @@ def test_stems():
 # tables
 
 
-def test_a_spreadsheet_calculates_nothing(run_circlecal, tmp_path, blank_file):
+def test_a_spreadsheet_calculates_nothing(run_circlecal, in_this_process, tmp_path, blank_file):
     folder = tmp_path / "in"
     folder.mkdir()
     names = ["=cmd|' C'!A0", "+1+1", "@list", "-2+3", "plain"]
@@ -382,7 +382,7 @@ def test_pipes_at_every_option(run_circlecal, tmp_path, pipe, frame_file):
         assert len(outcome.err.splitlines()) == 1
 
 
-def test_a_pipe_among_pictures_is_a_record(run_circlecal, tmp_path, pipe, frame_file):
+def test_a_pipe_among_pictures_is_a_record(run_circlecal, in_this_process, tmp_path, pipe, frame_file):
     pipe("frames/p.png")
     outcome = run_circlecal("batch", frame_file.parent, "--out", tmp_path / "out", "--workers", 1)
     assert outcome.code == 1

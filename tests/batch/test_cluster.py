@@ -29,22 +29,24 @@ pytest.importorskip("distributed", reason="the extra distributed is not installe
 
 
 class DaskCluster:
-    """A scheduler and two workers, each a process of its own, started as `dask scheduler` and `dask worker` do."""
+    """A scheduler and workers, each a process of its own, started as `dask scheduler` and `dask worker` do."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, workers: int) -> None:
         self.file = folder / "scheduler.json"
         self.folder = folder
+        self.workers: list[subprocess.Popen] = []
         self.processes: list[subprocess.Popen] = []
-        self.open_at("0")
+        self.open_at("0", workers)
 
-    def open_at(self, port: str) -> None:
-        """Start a scheduler and its workers."""
+    def open_at(self, port: str, workers: int) -> None:
+        """Start a scheduler and workers of it."""
         self.file.unlink(missing_ok=True)
         options = ["--host", "127.0.0.1", "--port", port, "--no-dashboard", "--scheduler-file", str(self.file)]
         self.scheduler = self.start("distributed.cli.dask_scheduler", *options)
         wait_for(lambda: self.file.is_file() and self.file.read_text().strip().endswith("}"))
         self.address = json.loads(self.file.read_text())["address"]
-        self.workers = [self.add_worker(), self.add_worker()]
+        for _ in range(workers):
+            self.add_worker()
 
     def start(self, module: str, *arguments: str) -> subprocess.Popen:
         with (self.folder / "dask.log").open("a") as log:
@@ -53,8 +55,10 @@ class DaskCluster:
         self.processes.append(process)
         return process
 
-    def add_worker(self) -> subprocess.Popen:
-        return self.start("distributed.cli.dask_worker", self.address, "--no-nanny", "--no-dashboard", "--nthreads=1")
+    def add_worker(self) -> None:
+        """Start one more."""
+        options = ["--no-nanny", "--no-dashboard", "--nthreads=1"]
+        self.workers.append(self.start("distributed.cli.dask_worker", self.address, *options))
 
     def joined(self, count: int) -> bool:
         """Whether so many workers have told the scheduler that they are there."""
@@ -66,11 +70,18 @@ class DaskCluster:
             process.wait()
 
 
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DaskCluster]:
+    """One with two workers, which every test leaves as it found it."""
+    started = DaskCluster(tmp_path_factory.mktemp("dask"), 2)
+    yield started
+    started.close()
+
+
 @pytest.fixture
-def cluster(tmp_path: Path) -> Iterator[DaskCluster]:
-    folder = tmp_path / "dask"
-    folder.mkdir()
-    started = DaskCluster(folder)
+def own_cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DaskCluster]:
+    """One with a single worker, of which a test leaves nothing."""
+    started = DaskCluster(tmp_path_factory.mktemp("dask"), 1)
     yield started
     started.close()
 
@@ -87,13 +98,16 @@ def test_a_killed_worker_loses_nothing(cluster, tmp_path):
     run = start_signalling(command, script, after=5, number=signal.SIGKILL, to=cluster.workers[0].pid)
     _, errors = run.communicate(timeout=PATIENCE_S)
     assert run.returncode == 1, errors
-    assert cluster.workers[0].poll() == -signal.SIGKILL
+    assert cluster.workers.pop(0).poll() == -signal.SIGKILL
+    cluster.add_worker()
     assert_every_frame_once(out, count)
     assert not [record for record in records(out) if record["code"] in ("worker_died", "internal_error")]
 
 
-def test_a_lost_scheduler_is_one_line_and_the_same_command_goes_on_when_it_is_back(cluster, tmp_path):
-    count = 60
+def test_a_lost_scheduler_is_one_line_and_the_same_command_goes_on_when_it_is_back(
+    own_cluster, run_circlecal, tmp_path
+):
+    count, cluster = 60, own_cluster
     frames, out = paint(tmp_path / "frames", count), tmp_path / "out"
     command, script = cluster_command(cluster, frames, out), tmp_path / "killing.py"
     run = start_signalling(command, script, after=5, number=signal.SIGKILL, to=cluster.scheduler.pid)
@@ -105,10 +119,10 @@ def test_a_lost_scheduler_is_one_line_and_the_same_command_goes_on_when_it_is_ba
     assert "run the same command again" in told[0]
     assert 5 <= len(records(out)) < count
     address = cluster.address
-    cluster.open_at(address.rpartition(":")[2])
+    cluster.open_at(address.rpartition(":")[2], workers=1)
     assert cluster.address == address
-    again = subprocess.run(command, check=False, capture_output=True, text=True, env=SURROUNDINGS, timeout=PATIENCE_S)
-    assert again.returncode == 1, again.stderr
+    again = run_circlecal(*command[command.index("batch") :])
+    assert again.code == 1, again
     assert_every_frame_once(out, count)
 
 
@@ -120,15 +134,15 @@ def test_interrupted(cluster, tmp_path):
     assert run.returncode == 130, errors
     assert len(records(out)) == 3
     assert "Traceback" not in errors
-    assert all(process.poll() is None for process in cluster.processes)
+    assert all(process.poll() is None for process in (cluster.scheduler, *cluster.workers))
 
 
 def test_the_same_answers_as_on_this_machine(run_circlecal, cluster, frame_file, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    run_circlecal("batch", frame_file, "--out", "here", "--workers", 1)
+    here = json.loads(run_circlecal("calibrate", frame_file, "--out", "here", "--no-overlay", "--json").out)
     outcome = run_circlecal("batch", "frames", "--out", "there", "--scheduler", cluster.address, "--files")
     assert outcome.code == 0, outcome
-    assert records(Path("there"))[0]["H_image_field"] == records(Path("here"))[0]["H_image_field"]
+    assert records(Path("there"))[0]["H_image_field"] == here["H_image_field"]
     assert {path.name for path in Path("there").iterdir()} >= {"good.json", "good.overlay.jpg"}
 
 
@@ -170,19 +184,18 @@ def test_an_address_is_checked_before_connecting(run_circlecal, tmp_path, schedu
     assert time.monotonic() - start < 10
 
 
-def test_all_workers_lost_is_said_and_ends(cluster, tmp_path):
+def test_all_workers_lost_is_said_and_ends(own_cluster, run_circlecal, tmp_path):
     frames, out = paint(tmp_path / "frames", 60), tmp_path / "out"
-    command = [*cluster_command(cluster, frames, out), "--set", "limits.server_seconds=2"]
-    wait_for(lambda: cluster.joined(2))
-    first, second = (worker.pid for worker in cluster.workers)
-    to = f"{first}, 9) or os.kill({second}"  # both in one step, so that none of them finishes the rest
-    run = start_signalling(command, tmp_path / "killing.py", after=5, number=signal.SIGKILL, to=to)
+    command = cluster_command(own_cluster, frames, out)
+    impatient, script = [*command, "--set", "limits.server_seconds=2"], tmp_path / "killing.py"
+    wait_for(lambda: own_cluster.joined(1))
+    run = start_signalling(impatient, script, after=5, number=signal.SIGKILL, to=own_cluster.workers[0].pid)
     _, errors = run.communicate(timeout=PATIENCE_S)
     assert run.returncode == 2, errors
     assert "all workers are lost" in errors
     assert "Traceback" not in errors
-    cluster.add_worker()
-    assert subprocess.run(cluster_command(cluster, frames, out), check=False, env=SURROUNDINGS).returncode == 1
+    own_cluster.add_worker()
+    assert run_circlecal(*command[command.index("batch") :]).code == 1
     assert_every_frame_once(out, 60)
 
 

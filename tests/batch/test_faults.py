@@ -13,9 +13,9 @@ import cv2
 import numpy as np
 import pytest
 
-from circlecal.batch import SUMMARY_NAME, run, run_batch
+from circlecal.batch import SUMMARY_NAME, run_batch
 from circlecal.batch.limits import TimeLimitError, limit_memory, limit_time
-from circlecal.batch.task import finish, record_failure
+from circlecal.batch.task import record_failure
 from circlecal.errors import InputError
 from circlecal.pictures.limits import LimitsConfig
 from circlecal.records.index import ResultIndex
@@ -73,17 +73,6 @@ def ids(out: Path) -> list[str]:
     return [json.loads(line)["id"] for line in lines]
 
 
-@pytest.fixture
-def here(monkeypatch):
-    """Frames are finished in this process."""
-
-    def one_after_the_other(waiting, task, workers, scheduler):
-        for frame in waiting:
-            yield finish(task, frame)
-
-    monkeypatch.setattr(run, "_finish_frames", one_after_the_other)
-
-
 def act_after(count, action):
     def on_progress(progress):
         if progress.finished == count:
@@ -97,7 +86,7 @@ def act_after(count, action):
 
 @pytest.mark.parametrize("when", [5, COUNT])
 @pytest.mark.parametrize("how", ["rename", "remove", "unlink", "replace"])
-def test_results_that_go_away_during_the_run_are_noticed(tmp_path, here, when, how):
+def test_results_that_go_away_during_the_run_are_noticed(tmp_path, in_this_process, when, how):
     out = tmp_path / "out"
 
     def go_away():
@@ -121,7 +110,7 @@ def test_results_that_go_away_during_the_run_are_noticed(tmp_path, here, when, h
     assert ids(out) == [frame.id for frame in frames()]
 
 
-def test_the_input_goes_away_during_the_run(run_circlecal, tmp_path, frame_file, here):
+def test_the_input_goes_away_during_the_run(run_circlecal, tmp_path, frame_file, in_this_process):
     for name in ("b", "c"):
         shutil.copy(frame_file, frame_file.with_name(f"{name}.png"))
     from circlecal.batch.frames import FrameRun
@@ -143,7 +132,7 @@ def full(*_: object, **__: object) -> None:
 
 
 @pytest.mark.parametrize("at", ["results", "index", "summary"])
-def test_a_full_disk_at_every_kind_of_write_of_a_batch(tmp_path, here, at):
+def test_a_full_disk_at_every_kind_of_write_of_a_batch(tmp_path, in_this_process, at):
     out = tmp_path / "out"
     done = 0
     with pytest.MonkeyPatch.context() as patch, pytest.raises(InputError, match="free space") as caught:
@@ -201,7 +190,7 @@ def test_a_full_disk_at_every_file_of_a_command(run_circlecal, tmp_path, blank_f
 # frames that take too much
 
 
-def test_a_frame_that_takes_too_long_is_a_record(tmp_path, here):
+def test_a_frame_that_takes_too_long_is_a_record(tmp_path, in_this_process):
     counts = run_batch(frames(3), Action("f001", "sleep"), tmp_path, workers=1)
     assert counts.finished == 3
     found = {json.loads(line)["id"]: json.loads(line) for line in (tmp_path / RESULTS_NAME).read_text().splitlines()}
@@ -219,7 +208,7 @@ def test_a_worker_that_hangs_or_takes_too_much_memory(tmp_path, what, code):
 
 
 @pytest.mark.parametrize(("what", "code"), [("opencv", "out_of_memory"), ("os", "unreadable_input")])
-def test_what_libraries_and_the_system_say(tmp_path, here, what, code):
+def test_what_libraries_and_the_system_say(tmp_path, in_this_process, what, code):
     run_batch(frames(1), Action("f000", what), tmp_path, workers=1)
     assert json.loads((tmp_path / RESULTS_NAME).read_text())["code"] == code
 
@@ -251,7 +240,7 @@ def test_a_block_within_its_time_is_left_alone():
 # clocks
 
 
-def test_a_clock_that_is_set_back(tmp_path, here, monkeypatch):
+def test_a_clock_that_is_set_back(tmp_path, in_this_process, monkeypatch):
     now = [1e9]
 
     def earlier():
@@ -265,7 +254,7 @@ def test_a_clock_that_is_set_back(tmp_path, here, monkeypatch):
     assert ids(tmp_path) == [frame.id for frame in frames()]
 
 
-def test_two_runs_into_one_folder(tmp_path, here):
+def test_two_runs_into_one_folder(tmp_path, in_this_process):
     def second():
         with pytest.raises(InputError, match="another run is writing"):
             run_batch(frames(), Action(), tmp_path, workers=1)

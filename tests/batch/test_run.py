@@ -76,7 +76,9 @@ def test_same_answers_as_calibrate_whatever_the_workers(run_circlecal, frame_fil
         assert record["config_digest"] == expected["config_digest"]
 
 
-def test_another_configuration_at_a_terminal_goes_to_a_folder_of_its_own(run_circlecal, tmp_path, monkeypatch):
+def test_another_configuration_at_a_terminal_goes_to_a_folder_of_its_own(
+    run_circlecal, in_this_process, tmp_path, monkeypatch
+):
     frames, out = paint(tmp_path / "frames", 1), tmp_path / "out"
     run_circlecal("batch", frames, "--out", out, "--workers", 1)
     monkeypatch.setattr("circlecal.cli.console.can_ask", lambda: True)
@@ -90,7 +92,7 @@ def test_another_configuration_at_a_terminal_goes_to_a_folder_of_its_own(run_cir
     assert not (tmp_path / "out-3").exists()
 
 
-def test_other_inputs_for_all_frames_are_another_run(run_circlecal, frame_file, tmp_path):
+def test_other_inputs_for_all_frames_are_another_run(run_circlecal, in_this_process, frame_file, tmp_path):
     out, masks = tmp_path / "out", tmp_path / "given"
     masks.mkdir()
     cv2.imwrite(str(masks / "good.png"), np.zeros((540, 960), np.uint8))
@@ -105,7 +107,7 @@ def test_other_inputs_for_all_frames_are_another_run(run_circlecal, frame_file, 
     assert FrameRun(Config(), mask=masks).digest != masked
 
 
-def test_annotations_and_outside_formats_as_calibrate_writes_them(run_circlecal, frame_file, tmp_path):
+def test_annotations_and_outside_formats_as_calibrate_writes_them(run_circlecal, in_this_process, frame_file, tmp_path):
     one, many, targets = tmp_path / "one", tmp_path / "many", ["soccernet", "labelme", "coco", "broadtrack", "pnlcalib"]
     options = [argument for name in targets for argument in ("--to", name)]
     run_circlecal("calibrate", frame_file, "--out", one, "--no-overlay", *options)
@@ -132,7 +134,7 @@ def same(found, expected) -> bool:
     return found == (pytest.approx(expected, rel=1e-6, abs=1e-6) if isinstance(expected, float) else expected)
 
 
-def test_keypoints_beside_pictures(run_circlecal, frame_file, tmp_path):
+def test_keypoints_beside_pictures(run_circlecal, in_this_process, frame_file, tmp_path):
     one, many, keypoints = tmp_path / "one", tmp_path / "many", tmp_path / "keypoints"
     run_circlecal("calibrate", frame_file, "--out", keypoints, "--no-overlay", "--to", "labelme")
     given = [frame_file, "--keypoints", keypoints / "good.labelme.json", "--from", "labelme"]
@@ -142,7 +144,7 @@ def test_keypoints_beside_pictures(run_circlecal, frame_file, tmp_path):
     assert records(many)[0]["config_digest"] == json.loads(alone.out)["config_digest"]
 
 
-def test_an_index_that_is_lost_damaged_or_behind_is_made_anew(run_circlecal, tmp_path):
+def test_an_index_that_is_lost_damaged_or_behind_is_made_anew(run_circlecal, in_this_process, tmp_path):
     frames, out = paint(tmp_path / "frames", 5), tmp_path / "out"
     run_circlecal("batch", frames, "--out", out, "--workers", 1)
     index, results = out / INDEX_NAME, out / RESULTS_NAME
@@ -170,7 +172,7 @@ def test_an_index_that_is_lost_damaged_or_behind_is_made_anew(run_circlecal, tmp
     assert "(5 from before)" in resumed()
 
 
-def test_killed_in_the_middle_and_resumed(tmp_path):
+def test_killed_in_the_middle_and_resumed(run_circlecal, in_this_process, tmp_path):
     count, done = 40, 3
     frames, out = paint(tmp_path / "frames", count), tmp_path / "out"
     script = tmp_path / "killed.py"
@@ -183,13 +185,13 @@ def test_killed_in_the_middle_and_resumed(tmp_path):
     assert len(records(out)) == done
     with (out / RESULTS_NAME).open("ab") as file:
         file.write(b'{"id": "f040", "status": "calib')  # a line torn by the kill
-    resumed = subprocess.run(batch_command(frames, out), capture_output=True, text=True, check=False, env=SURROUNDINGS)
-    assert resumed.returncode == 1, resumed.stderr
-    assert f"({done} from before)" in resumed.stderr
+    resumed = run_circlecal("batch", frames, "--out", out)
+    assert resumed.code == 1, resumed
+    assert f"({done} from before)" in resumed.err
     assert_every_frame_once(out, count)
 
 
-def test_interrupted_and_resumed(tmp_path):
+def test_interrupted_and_resumed(run_circlecal, in_this_process, tmp_path):
     count, done = 40, 3
     frames, out = paint(tmp_path / "frames", count), tmp_path / "out"
     # as a terminal does: to the workers, too
@@ -200,11 +202,11 @@ def test_interrupted_and_resumed(tmp_path):
     assert errors.splitlines()[-1] == "circlecal: interrupted"
     assert len(records(out)) == done
     assert (out / SUMMARY_NAME).is_file()
-    assert subprocess.run(batch_command(frames, out, "-q"), check=False, env=SURROUNDINGS).returncode == 1
+    assert run_circlecal("batch", frames, "--out", out, "-q").code == 1
     assert_every_frame_once(out, count)
 
 
-def test_a_full_disk_in_the_middle_and_resumed(tmp_path):
+def test_a_full_disk_in_the_middle_and_resumed(run_circlecal, in_this_process, tmp_path):
     count = 40
     frames, out = paint(tmp_path / "frames", count), tmp_path / "out"
 
@@ -225,7 +227,7 @@ def test_a_full_disk_in_the_middle_and_resumed(tmp_path):
     assert f"{out / RESULTS_NAME}: cannot be written" in errors[0]
     assert "Traceback" not in full.stderr
     assert 0 < len(records(out)) < count
-    assert subprocess.run(batch_command(frames, out, "-q"), check=False, env=SURROUNDINGS).returncode == 1
+    assert run_circlecal("batch", frames, "--out", out, "-q").code == 1
     assert_every_frame_once(out, count)
 
 
@@ -304,7 +306,7 @@ def test_a_worker_that_dies_costs_one_frame(tmp_path):
     )
     out = tmp_path / "out"
     run = subprocess.run(
-        [sys.executable, script, *batch_command(frames, out)[3:]],
+        [sys.executable, script, *batch_command(frames, out, "--workers", "1")[3:]],
         capture_output=True,
         text=True,
         check=False,
@@ -327,7 +329,7 @@ def test_a_name_that_is_no_text(run_circlecal, tmp_path):
     assert "caf\\udce9,refused" in (out / SUMMARY_NAME).read_text()
 
 
-def test_ctrl_c_while_the_summary_is_written_leaves_the_old_one(run_circlecal, tmp_path, monkeypatch):
+def test_ctrl_c_while_the_summary_is_written_leaves_the_old_one(run_circlecal, in_this_process, tmp_path, monkeypatch):
     frames, out = paint(tmp_path / "frames", 2), tmp_path / "out"
     run_circlecal("batch", frames, "--out", out, "--workers", 1)
     before, rows = (out / SUMMARY_NAME).read_bytes(), ResultIndex.rows
@@ -347,7 +349,7 @@ def test_ctrl_c_while_the_summary_is_written_leaves_the_old_one(run_circlecal, t
     assert_every_frame_once(out, 3)
 
 
-def test_progress_counts(tmp_path):
+def test_progress_counts(in_this_process, tmp_path):
     frames = find_frames([paint(tmp_path / "frames", 3)])
     config = load_config(None, ["output.overlay=false"])
     seen: list[int] = []

@@ -35,7 +35,7 @@ def served(frame_file: Path) -> Iterator[str]:
     server.server_close()
 
 
-def test_pictures_of_a_server(run_circlecal, served, frame_file, tmp_path, monkeypatch):
+def test_pictures_of_a_server(run_circlecal, in_this_process, served, frame_file, tmp_path, monkeypatch):
     frame_file.with_name("no.png").write_text("no picture")
     frame_file.with_name("small.png").write_bytes(cv2.imencode(".png", cv2.imread(str(frame_file))[:20])[1].tobytes())
     names = tmp_path / "names.txt"
@@ -66,7 +66,7 @@ def test_ids():
     assert not any(map(is_url, ["a/b.jpg", "C:\\x.jpg", "@list", "/a://b"]))
 
 
-def test_no_server(run_circlecal, tmp_path):
+def test_no_server(run_circlecal, in_this_process, tmp_path):
     outcome = run_circlecal("batch", "http://127.0.0.1:9/x.jpg", "--out", tmp_path / "out", "--workers", 1)
     assert outcome.code == 1
     assert "cannot be fetched" in records(tmp_path / "out")[0]["reason"]

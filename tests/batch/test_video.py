@@ -28,7 +28,7 @@ def match(tmp_path: Path, frame_image: np.ndarray) -> Path:
     return path
 
 
-def test_a_match_with_a_cut(run_circlecal, match, tmp_path):
+def test_a_match_with_a_cut(run_circlecal, in_this_process, match, tmp_path):
     out = tmp_path / "out"
     outcome = run_circlecal("batch", match, "--every", "1s", "--out", out, "--workers", 1, "--files", "--to", "coco")
     assert outcome.code == 1
@@ -50,7 +50,7 @@ def test_a_match_with_a_cut(run_circlecal, match, tmp_path):
     assert len(records(out)) == 4
 
 
-def test_masks_of_a_video_are_named_like_its_frames(run_circlecal, match, frame_image, tmp_path):
+def test_masks_of_a_video_are_named_like_its_frames(run_circlecal, in_this_process, match, frame_image, tmp_path):
     masks, out = tmp_path / "given", tmp_path / "out"
     masks.mkdir()
     mask = (frame_image.min(axis=2) > 170).astype(np.uint8) * 255
@@ -65,7 +65,7 @@ def test_masks_of_a_video_are_named_like_its_frames(run_circlecal, match, frame_
     assert "one file for all frames of a video" in one.err
 
 
-def test_pixels_that_are_not_square(run_circlecal, frame_image, tmp_path):
+def test_pixels_that_are_not_square(run_circlecal, in_this_process, frame_image, tmp_path):
     match = write_h264(tmp_path / "match.mp4", [frame_image] * 3, aspect=Fraction(16, 15))
     run_circlecal("batch", match, "--every", "1s", "--out", tmp_path / "out", "--workers", 1)
     [record] = records(tmp_path / "out")
@@ -85,7 +85,7 @@ def test_pictures_and_videos_together(run_circlecal, tmp_path):
     assert sorted(record["id"] for record in records(out)) == expected
 
 
-def test_a_truncated_video_is_one_line_and_the_rest_goes_on(run_circlecal, tmp_path):
+def test_a_truncated_video_is_one_line_and_the_rest_goes_on(run_circlecal, in_this_process, tmp_path):
     path = write_video(tmp_path / "a.avi", "MJPG", 200)
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     other = write_video(tmp_path / "b.avi", "MJPG", 50)

@@ -44,7 +44,7 @@ def test_every_frame_is_a_row(run_circlecal, results, tmp_path):
     assert (rows["cut"]["code"], rows["cut"]["width"], rows["cut"]["time_ms"]) == ("unreadable_input", None, None)
 
 
-def test_beside_the_results_of_a_batch(run_circlecal, frame_file, tmp_path):
+def test_beside_the_results_of_a_batch(run_circlecal, in_this_process, frame_file, tmp_path):
     parquet = pytest.importorskip("pyarrow.parquet", reason="the extra parquet is not installed")
     out = tmp_path / "out"
     run_circlecal("batch", frame_file, "--out", out, "--workers", 1, "--to", "parquet", "--to", "soccernet")

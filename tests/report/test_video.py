@@ -78,7 +78,7 @@ def test_a_video_that_is_gone_or_none(tmp_path, named):
     assert all(Media.TEMPLATE in has for has in media(report))
 
 
-def test_from_the_video_to_the_report(tmp_path, video, run_circlecal):
+def test_from_the_video_to_the_report(tmp_path, video, run_circlecal, in_this_process):
     assert run_circlecal("batch", video, "--every", "2s", "--out", tmp_path / "run", "--workers", 1).code == 0
     assert run_circlecal("report", tmp_path / "run").out.endswith("index.html: 2 frames\n")
     assert listing(tmp_path / "run" / REPORT_FOLDER)["columns"]["time_s"] == [0.0, 2.0]

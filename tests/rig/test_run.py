@@ -228,7 +228,7 @@ def test_a_rig_goes_on_where_it_was_stopped(records, tmp_path):
         run_rig(tmp_path, CONFIG, tmp_path)
 
 
-def test_batch_does_both_passes(run_circlecal, frame_image, tmp_path):
+def test_batch_does_both_passes(run_circlecal, in_this_process, frame_image, tmp_path):
     for name in ("a", "b"):
         cv2.imwrite(str(tmp_path / f"{name}.png"), frame_image)
     arguments = ("batch", tmp_path, "--out", tmp_path / "run", "--workers", "1", "--rig", "--json")

@@ -35,7 +35,7 @@ def records(out: Path) -> list[dict]:
     return [json.loads(line) for line in (out / "results.jsonl").read_text().splitlines()]
 
 
-def test_a_run_goes_on_with_what_was_named_meanwhile(pictures, named, run_circlecal, tmp_path):
+def test_a_run_goes_on_with_what_was_named_meanwhile(pictures, named, run_circlecal, in_this_process, tmp_path):
     out = tmp_path / "run"
     command = ("batch", pictures, "--out", out, "--workers", 1, "-q")
     assert run_circlecal(*command).code == 1

@@ -141,7 +141,9 @@ def test_a_frame_to_begin_with_must_be_there(folder, run_circlecal):
     assert "--frame nobody: no such frame" in outcome.err
 
 
-def test_the_report_of_a_run_is_told_of_the_workbench_while_it_runs(folder, run_circlecal, tmp_path, monkeypatch):
+def test_the_report_of_a_run_is_told_of_the_workbench_while_it_runs(
+    folder, run_circlecal, in_this_process, tmp_path, monkeypatch
+):
     out = tmp_path / "run"
     assert run_circlecal("batch", folder / "good.png", "--out", out, "--no-overlay", "--workers", 1, "-q").code == 0
     assert run_circlecal("report", out, "-q").code == 0
