@@ -269,68 +269,6 @@ def map_ridges(ridges: RidgePoints, region: Mask, scaling: Scaling, colours: Mas
     return RidgeMaps(distance, label, np.concatenate(places), region, scaling)
 
 
-def place_field(
-    conics: Sequence[Array],
-    structures: RidgeMaps,
-    maps: RidgeMaps,
-    template: FieldTemplate,
-    size: tuple[int, int],
-    side: str,
-) -> list[PlacedField]:
-    """Ways to lay a field over a picture, the one with most evidence first.
-
-    Parameters
-    ----------
-    conics : sequence of (3, 3) arrays
-        Circles that were seen, pixels of the full picture.
-    structures, maps : RidgeMaps
-        Of the ridges on circles and lines that were found, by which cameras are chosen, and of all.
-    template : FieldTemplate
-        The field.
-    size : (int, int)
-        Width and height of the full picture.
-    side : str
-        Side of the field from which the camera looks.
-
-    Returns
-    -------
-    list of PlacedField
-        Those that put the field in clearly different places.
-    """
-    factor = maps.scaling.factor
-    into = _into_full(maps.scaling)
-    small = [into.T @ conic @ into for conic in conics]
-    circles = (*template.circles, *template.arcs)
-    middle = (np.array(size) - 1) / 2
-    middle = (middle + 0.5) / factor - 0.5
-    cameras = _cameras_before_circles(small, circles, template, maps.width, middle, side)
-    if cameras is None:
-        return []
-    _, nodes, _ = template.outlines
-    few, paint = nodes[:, ::COARSE_NODES], _colours_of(template)
-    rough = COARSE_SHARE * maps.width * np.geomspace(1.0, MIDDLE_SHARE / COARSE_SHARE, FIRST_ROUNDS)
-    optional = _need_no_line(template)
-    score = _score(cameras, few, paint, optional, structures, middle, rough[0])[0]
-    best = cameras.take(_distinct(cameras, score, middle, nodes, maps, FOLLOWED, FIRST_KEPT))
-    best = _fit(best, small, circles, template, few, paint, structures, middle, rough)
-    score = _score(best, few, paint, optional, maps, middle, rough[-1])[0]
-    best = best.take(_distinct(best, score, middle, nodes, maps, FIRST_KEPT))
-    finer = maps.width * np.geomspace(MIDDLE_SHARE, FINE_SHARE, ROUNDS)
-    fitted = _fit(best, small, circles, template, nodes, paint, maps, middle, finer)
-    score, share = _score(fitted, nodes, paint, optional, maps, middle, FINE_SHARE * maps.width)
-    order = _distinct(fitted, score, middle, nodes, maps, KEPT)
-    return [
-        PlacedField(
-            circles[fitted.own[k]],
-            conics[fitted.seen[k]],
-            fitted.view(k, size, maps.scaling),
-            float(score[k]) / maps.width,
-            float(share[k]),
-        )
-        for k in order.tolist()
-    ]
-
-
 @dataclass(frozen=True, slots=True)
 class SeenPaint:
     """What stands out from a playing surface as paint does, in a reduced picture.
@@ -380,17 +318,54 @@ def see_paint(
     return SeenPaint(structures, drawn, maps)
 
 
-def find_placements(
+@dataclass(frozen=True, slots=True)
+class RoughPlacements:
+    """Ways to lay a field over a picture after a search among all cameras, before the last fit.
+
+    Attributes
+    ----------
+    template : FieldTemplate
+        The field that was laid.
+    conics : tuple of (3, 3) arrays
+        Circles that were seen, pixels of the full picture.
+    cameras : _Cameras
+        The likeliest of clearly different ones.
+    """
+
+    template: FieldTemplate
+    conics: tuple[Array, ...]
+    cameras: _Cameras
+
+    def suit(self, template: FieldTemplate) -> _Cameras:
+        """The cameras before a field of other sizes: each sees the circle that lies nearest to its own one there."""
+        if template is self.template:
+            return self.cameras
+        here, there = ((*field.circles, *field.arcs) for field in (self.template, template))
+        old, new = (np.array([circle.center for circle in circles], np.float64) for circles in (here, there))
+        match = np.linalg.norm(old[:, None] - new, axis=-1).argmin(axis=1)
+        radii = [
+            template.radius(there[k], "center") / self.template.radius(circle, "center")
+            for circle, k in zip(here, match.tolist(), strict=True)
+        ]
+        cameras = self.cameras
+        own = match[cameras.own]
+        axes = cameras.rotation[:, :, :2]
+        center = cameras.shift + np.einsum("bij,bj->bi", axes, old[cameras.own])
+        scale = np.array(radii)[cameras.own, None]
+        return replace(cameras, shift=scale * center - np.einsum("bij,bj->bi", axes, new[own]), own=own)
+
+
+def search_placements(
     mask: MarkingMask, paint: SeenPaint, size: tuple[int, int], template: FieldTemplate, side: str
-) -> list[PlacedField]:
-    """Ways to lay a field over a picture from what the detector found in it, the one with most evidence first.
+) -> RoughPlacements | None:
+    """The likeliest ways to lay a field over a picture among all that its circles allow; None where there is none.
 
     Parameters
     ----------
     mask : MarkingMask
         What the detector found.
     paint : SeenPaint
-        What stands out from the playing surface.
+        What stands out from the playing surface; cameras are chosen by what is surely painted first.
     size : (int, int)
         Width and height of the picture.
     template : FieldTemplate
@@ -398,8 +373,81 @@ def find_placements(
     side : str
         Side of the field from which the camera looks.
     """
-    conics = _distinct_circles(mask)
-    return place_field(conics[:MOST_CIRCLES], paint.drawn, paint.maps, template, size, side) if conics else []
+    conics, maps = tuple(_distinct_circles(mask)[:MOST_CIRCLES]), paint.maps
+    if not conics:
+        return None
+    small, middle, circles = (
+        _move_conics(conics, maps.scaling),
+        _middle_of(size, maps.scaling),
+        _round_ones(template),
+    )
+    cameras = _cameras_before_circles(small, circles, template, maps.width, middle, side)
+    if cameras is None:
+        return None
+    _, nodes, _ = template.outlines
+    few, colours = nodes[:, ::COARSE_NODES], _colours_of(template)
+    rough = COARSE_SHARE * maps.width * np.geomspace(1.0, MIDDLE_SHARE / COARSE_SHARE, FIRST_ROUNDS)
+    optional = _need_no_line(template)
+    score = _score(cameras, few, colours, optional, paint.drawn, middle, rough[0])[0]
+    best = cameras.take(_distinct(cameras, score, middle, nodes, maps, FOLLOWED, FIRST_KEPT))
+    best = _fit(best, small, circles, template, few, colours, paint.drawn, middle, rough)
+    score = _score(best, few, colours, optional, maps, middle, rough[-1])[0]
+    return RoughPlacements(template, conics, best.take(_distinct(best, score, middle, nodes, maps, FIRST_KEPT)))
+
+
+def refine_placements(
+    rough: RoughPlacements, paint: SeenPaint, size: tuple[int, int], template: FieldTemplate
+) -> list[PlacedField]:
+    """Ways to lay a field over a picture, in clearly different places, the one with most evidence first.
+
+    Parameters
+    ----------
+    rough : RoughPlacements
+        Of this field, or of another one of the same sport, whose markings lie alike.
+    paint : SeenPaint
+        What stands out from the playing surface.
+    size : (int, int)
+        Width and height of the picture.
+    template : FieldTemplate
+        The field.
+    """
+    maps = paint.maps
+    small, middle, circles = (
+        _move_conics(rough.conics, maps.scaling),
+        _middle_of(size, maps.scaling),
+        _round_ones(template),
+    )
+    _, nodes, _ = template.outlines
+    colours, optional = _colours_of(template), _need_no_line(template)
+    finer = maps.width * np.geomspace(MIDDLE_SHARE, FINE_SHARE, ROUNDS)
+    fitted = _fit(rough.suit(template), small, circles, template, nodes, colours, maps, middle, finer)
+    score, share = _score(fitted, nodes, colours, optional, maps, middle, FINE_SHARE * maps.width)
+    order = _distinct(fitted, score, middle, nodes, maps, KEPT)
+    return [
+        PlacedField(
+            circles[fitted.own[k]],
+            rough.conics[fitted.seen[k]],
+            fitted.view(k, size, maps.scaling),
+            float(score[k]) / maps.width,
+            float(share[k]),
+        )
+        for k in order.tolist()
+    ]
+
+
+def _round_ones(template: FieldTemplate) -> tuple[Circle, ...]:
+    return (*template.circles, *template.arcs)
+
+
+def _move_conics(conics: Sequence[Array], scaling: Scaling) -> list[Array]:
+    """Conics (3, 3) in pixels of the searched picture."""
+    into = _into_full(scaling)
+    return [into.T @ conic @ into for conic in conics]
+
+
+def _middle_of(size: tuple[int, int], scaling: Scaling) -> Array:
+    """Middle of a full picture of this width and height, pixels of the searched one."""
+    return np.asarray(((np.array(size) - 1) / 2 + 0.5) / scaling.factor - 0.5)
 
 
 @dataclass(frozen=True, slots=True)
@@ -654,15 +702,20 @@ def _distinct(
     marked, ahead = cameras.take(order).project(nodes.reshape(-1, 2)[:: COARSE_NODES**2], middle)
     rows, columns = maps.region.shape
     shown = ahead & (marked > 0).all(axis=-1) & (marked < (columns, rows)).all(axis=-1)
-    marked, kept = np.where(shown[..., None], marked, 0.0), [0]
-    count = np.maximum(shown.sum(axis=1), 1)
-    for k in range(1, len(order)):
-        off = np.minimum(np.linalg.norm(marked[kept] - marked[k], axis=-1), columns) * shown[k]
-        if (off.sum(axis=1) > ALIKE_WIDTHS * columns * count[k]).all():
-            kept.append(k)
-            if len(kept) == wanted:
-                break
-    return order[kept]
+    x, y = np.where(shown, marked.transpose(2, 0, 1), 0.0).astype(np.float32)
+    weight, limit = shown.astype(np.float32), ALIKE_WIDTHS * columns * np.maximum(shown.sum(axis=1), 1)
+    kept = np.zeros(wanted, np.intp)
+    kept_x, kept_y = np.zeros((2, wanted, x.shape[1]), np.float32)
+    count = 0
+    for k in range(len(order)):
+        off = np.hypot(kept_x[:count] - x[k], kept_y[:count] - y[k])
+        if (np.minimum(off, columns, out=off) @ weight[k] <= limit[k]).any():
+            continue
+        kept[count], kept_x[count], kept_y[count] = k, x[k], y[k]
+        count += 1
+        if count == wanted:
+            break
+    return order[kept[:count]]
 
 
 def _fit(

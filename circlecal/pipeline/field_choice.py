@@ -38,6 +38,10 @@ EXPLAINED_SHARE = 0.9
 """Share of what was found painted that a field must explain to be believed with less: a laboratory paints circle and
 line of a robots' field and no more. Right answers on real frames have 0.41 to 1, those of other sports 0.3 to 0.86.
 """
+SETTLED_MARKINGS = 6
+"""Circles, arcs and lines that carry a camera, from which on another sport is no rival: circle, halfway line and border
+may be those of several sports.
+"""
 STRANGE_GROUND = 0.5
 """What evidence counts for a field on ground of another colour than its own."""
 RIVAL_RATIO = 1.35
@@ -79,9 +83,18 @@ def calibrate_unknown_field(
     """
     names, looks = config.field.among, Looks()
 
-    def calibrate(name: str) -> FrameCalibration:
+    def calibrate(name: str, *, is_sibling: bool = False) -> FrameCalibration:
         chosen = suit_config(config, name)
-        return run(image, chosen, mask=mask, extra=extra, frame_id=frame_id, source=source, looks=looks)
+        return run(
+            image,
+            chosen,
+            mask=mask,
+            extra=extra,
+            frame_id=frame_id,
+            source=source,
+            looks=looks,
+            is_sibling=is_sibling,
+        )
 
     first = calibrate(names[0])
     if extra is not None or len(names) == 1:
@@ -91,7 +104,12 @@ def calibrate_unknown_field(
         return replace(first, fields=(candidate_of(first),))
     answers = [replace(_weigh(image, config, first), is_at_home=_is_on_its_ground(first, grounds))]
     for group in _group_by_ground(names[1:], grounds):
-        answers += [_weigh(image, config, calibrate(name)) for name in group]
+        for name in group:
+            sport = _sport_of(name)
+            if any(answer.is_settled and answer.candidate.sport != sport for answer in answers):
+                continue
+            is_sibling = any(answer.candidate.sport == sport for answer in answers)
+            answers.append(_weigh(image, config, calibrate(name, is_sibling=is_sibling)))
         if any(answer.weight > 0.0 for answer in answers[1:]):
             break
     return choose_answer(answers)
@@ -147,6 +165,15 @@ class Answer:
             return 0.0
         return evidence * share * (1.0 if self.is_at_home else STRANGE_GROUND)
 
+    @property
+    def is_settled(self) -> bool:
+        """Whether no other sport need be tried: it explains nearly all that is painted by more markings than two sports
+        share.
+        """
+        share, camera = self.candidate.explained_share or 0.0, self.found.attempt.camera
+        is_rich = camera is not None and len(camera.residuals_px) >= SETTLED_MARKINGS
+        return self.weight > 0.0 and self.is_at_home and is_rich and share >= EXPLAINED_SHARE
+
 
 def choose_answer(answers: Sequence[Answer]) -> FrameCalibration:
     """The calibration for which what is painted speaks most, with all the others in its ``fields``.
@@ -173,10 +200,16 @@ def choose_answer(answers: Sequence[Answer]) -> FrameCalibration:
     return replace(found, attempt=refuse_as_open(found.attempt, "field_open"))
 
 
+def _sport_of(name: str) -> str:
+    """The sport of a template; a template that names none is one of its own."""
+    template = load_field(name)
+    return template.sport or template.name
+
+
 def candidate_of(found: FrameCalibration) -> FieldCandidate:
     """A calibration as one of the fields that a frame may show, before it is weighed."""
     template = found.template
-    sport = found.field_name if template is None or template.sport is None else template.sport
+    sport = found.field_name if template is None else template.sport or template.name
     camera = found.attempt.camera
     sigma = None if camera is None else camera.max_sigma_px
     return FieldCandidate(

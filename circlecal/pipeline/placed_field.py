@@ -26,6 +26,7 @@ from circlecal.stages.mask import (
     distance_between,
     lay_field,
     look_for_paint,
+    search_field,
     suit_field,
     weigh_field,
 )
@@ -96,7 +97,10 @@ def place_template(setting: Setting, scene: Scene, first: Attempt) -> Iterator[A
     with setting.clock("cues"):
         paint = _look_for_paint(scene, mask, suit_field(config.mask, template))
         size, side = (setting.width, setting.height), config.correspondences.camera_side
-        placements = lay_field(mask, paint, size, template, side)
+        # a field of other sizes of the same sport lies where the first one does
+        key = ("placements", template.sport or template.name, side, id(paint))
+        rough = scene.looks.once(key, lambda: (paint, search_field(mask, paint, size, template, side)))[1]
+        placements = lay_field(rough, paint, size, template)
     if paint is None or not placements:
         return
     likely = [placed for placed in placements[:MOST_PLACED] if placed.evidence > LEAST_PLACED * placements[0].evidence]

@@ -40,6 +40,7 @@ def run(
     frame_id: str,
     source: str | None = None,
     looks: Looks | None = None,
+    is_sibling: bool = False,
 ) -> FrameCalibration:
     """Calibrate one frame.
 
@@ -59,6 +60,9 @@ def run(
         Path or URL as given, recorded in the result.
     looks : Looks, optional
         What was found in the same picture under other templates.
+    is_sibling : bool
+        Whether a template of the same sport was tried on the picture before: this one then lies where that one was
+        laid, and nothing else in the picture is taken for the circle.
 
     Returns
     -------
@@ -78,9 +82,11 @@ def run(
         raise InputError(f"{frame_id}: the mask is {mask.shape[1]}x{mask.shape[0]}, the picture {width}x{height}")
     setting = Setting(config, template, circle, width, height, frame_generator(config.seed))
     scene = prepare_scene(setting, image, mask, extra, looks)
-    attempt = look_for_field_lines(setting, scene)
-    if attempt is None:
-        attempt = reconsider(setting, scene, calibrate_scene(setting, scene))
+    if is_sibling and config.field.any_circle:
+        attempt = calibrate_scene(setting, scene)
+        attempt = PLACED_FIELD.try_out(setting, scene, attempt) or attempt
+    else:
+        attempt = look_for_field_lines(setting, scene) or reconsider(setting, scene, calibrate_scene(setting, scene))
     return setting.calibration(attempt, frame_id, source)
 
 

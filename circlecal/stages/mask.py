@@ -17,10 +17,12 @@ from circlecal.detection.networks import SegmentationNetwork, load_network, segm
 from circlecal.detection.options import FieldRegionConfig
 from circlecal.detection.placement import (
     PlacedField,
+    RoughPlacements,
     SeenPaint,
     ViewEvidence,
-    find_placements,
     mean_distance_px,
+    refine_placements,
+    search_placements,
     see_paint,
     weigh_view,
 )
@@ -205,10 +207,11 @@ def distance_between(view: FieldView, other: FieldView, template: FieldTemplate)
     return mean_distance_px(view, other, template)
 
 
-def lay_field(
+def search_field(
     mask: MarkingMask, paint: Paint | None, size: tuple[int, int], template: FieldTemplate, side: str
-) -> list[PlacedField]:
-    """Ways to lay a field over a picture by all that is painted, the one with most evidence first.
+) -> RoughPlacements | None:
+    """Ways to lay a field over a picture before the last fit, which serve fields of other sizes, too; None where there
+    is none.
 
     Parameters
     ----------
@@ -223,7 +226,22 @@ def lay_field(
     side : str
         Side of the field from which the camera looks.
     """
-    return [] if paint is None else find_placements(mask, paint, size, template, side)
+    return None if paint is None else search_placements(mask, paint, size, template, side)
+
+
+def lay_field(
+    rough: RoughPlacements | None, paint: Paint | None, size: tuple[int, int], template: FieldTemplate
+) -> list[PlacedField]:
+    """Ways to lay a field over a picture by all that is painted, the one with most evidence first.
+
+    Parameters
+    ----------
+    rough : RoughPlacements or None
+        Of this field or of another one of its sport.
+    paint, size, template
+        As for :func:`search_field`.
+    """
+    return [] if paint is None or rough is None else refine_placements(rough, paint, size, template)
 
 
 def require_mask_network(config: MaskConfig) -> None:

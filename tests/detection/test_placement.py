@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from circlecal.config import load_config
-from circlecal.detection.placement import PlacedField, ViewEvidence, _cameras_before_circles, see_paint, weigh_view
+from circlecal.detection.placement import (
+    PlacedField,
+    RoughPlacements,
+    ViewEvidence,
+    _cameras_before_circles,
+    see_paint,
+    weigh_view,
+)
 from circlecal.field import load_field
 from circlecal.field.view import FieldView
 from circlecal.geometry.camera_parameters import PARAMETERS
@@ -115,6 +122,7 @@ def test_a_field_that_may_lie_in_two_ways_is_refused_with_both(monkeypatch):
     monkeypatch.setattr(placed_field, "_look_for_paint", lambda *_: object())
     monkeypatch.setattr(placed_field, "_follow_placement", lambda *_: next(placements))
     lain = [PlacedField(circle, np.eye(3), FieldView(camera), 1.0, 0.8) for camera in (LEFT_CIRCLE, RIGHT_END)]
+    monkeypatch.setattr(placed_field, "search_field", lambda *_: None)
     monkeypatch.setattr(placed_field, "lay_field", lambda *_: lain)
     scene = frame.Scene(np.zeros((*SIZE[::-1], 3), np.uint8), np.zeros(SIZE[::-1], np.uint8), None, None, None)
     (found,) = placed_field.place_template(setting, scene, Attempt(mask=MarkingMask(scene.gray, "detector")))
@@ -160,3 +168,32 @@ def fit(camera):
         residuals_px={},
         theta=np.zeros(len(PARAMETERS)),
     )
+
+
+def test_cameras_before_a_field_of_other_sizes_see_its_circle_where_the_picture_does():
+    """What was laid as one league's rink starts another league's at the same circle, at its size and place."""
+    circle = RINK.circle_by_name["faceoff_left_top"]
+    conic = transform_conic(LEFT_CIRCLE.homography, circle_conic(circle.center, RINK.radius(circle, "center")))
+    middle, other = (np.array(SIZE) - 1) / 2, load_field("ice-hockey")
+    cameras = _cameras_before_circles([conic], RINK.circles, RINK, SIZE[0], middle, "main")
+    suited = RoughPlacements(RINK, (conic,), cameras).suit(other)
+    angle = np.linspace(0, 2 * np.pi, 40)
+    for k in range(0, len(suited.own), 97):
+        assert other.circles[suited.own[k]].name == RINK.circles[cameras.own[k]].name
+        own = other.circles[suited.own[k]]
+        rim = np.asarray(own.center) + other.radius(own, "center") * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        seen = np.c_[rim, np.ones(len(rim))] @ suited.homographies(middle)[k].T
+        assert np.abs(sampson_distance(conic, seen[:, :2] / seen[:, 2:])).max() < 1e-6
+
+
+def test_fields_of_one_sport_are_searched_for_once(monkeypatch):
+    searches = []
+    monkeypatch.setattr(placed_field, "_look_for_paint", lambda scene, *_: scene.gray)
+    monkeypatch.setattr(placed_field, "search_field", lambda *given: searches.append(given[3].name))
+    gray = np.zeros(SIZE[::-1], np.uint8)
+    scene = frame.Scene(np.zeros((*SIZE[::-1], 3), np.uint8), gray, None, None, None)
+    for name in ("ice-hockey-nhl", "ice-hockey", "basketball"):
+        config = load_config(None, [f"field.template={name}"])
+        setting = frame.Setting(config, *field_of(config), *SIZE, np.random.default_rng(0))
+        assert not list(placed_field.place_template(setting, scene, Attempt(mask=MarkingMask(gray, "detector"))))
+    assert searches == ["ice-hockey-nhl", "basketball"]

@@ -8,11 +8,12 @@ import pytest
 from circlecal.config import Config, load_config, suit_config
 from circlecal.errors import ConfigError
 from circlecal.field import load_field
-from circlecal.pipeline import calibrate_unknown_field, field_of, run
-from circlecal.pipeline.field_choice import Answer, choose_answer
+from circlecal.observations import MarkingKey
+from circlecal.pipeline import calibrate_unknown_field, field_choice, field_of, run
+from circlecal.pipeline.field_choice import SETTLED_MARKINGS, Answer, choose_answer
 from circlecal.records.record import ResultRecord, result_line
 from circlecal.records.writing import result_record
-from circlecal.results import Attempt, FieldCandidate, FrameCalibration, Verdict
+from circlecal.results import Attempt, CameraFit, FieldCandidate, FrameCalibration, Verdict
 from circlecal.stages.mask import tell_grounds
 from circlecal.synthetic.sampling import render_frame
 
@@ -109,3 +110,33 @@ def test_circle_and_sizes_belong_to_a_field_that_is_named():
         with pytest.raises(ConfigError, match="auto goes with neither"):
             field_of(load_config(None, {"field.template": "auto", f"field.{key}": value}))
     assert field_of(AUTO)[0].name == "soccer"
+
+
+@pytest.mark.parametrize(
+    ("first", "tried"),
+    [
+        (answer("basketball", 1.0), ["basketball", "basketball-nba"]),
+        (answer("basketball", 1.0, 0.8), ["basketball", "basketball-nba", "futsal"]),
+        (answer("basketball"), ["basketball", "basketball-nba", "futsal"]),
+    ],
+    ids=["all is explained", "paint is left", "refused"],
+)
+def test_no_other_sport_is_tried_where_one_explains_all_that_is_painted(monkeypatch, first, tried):
+    """But other leagues of the sport are, which lie where the first one does."""
+    camera = CameraFit.__new__(CameraFit)
+    object.__setattr__(camera, "residuals_px", {MarkingKey(str(k)): 0.0 for k in range(SETTLED_MARKINGS)})
+    object.__setattr__(camera, "max_sigma_px", 1.0)
+    asked = []
+
+    def calibrate(image, config, *, is_sibling, **_):
+        asked.append((config.field.template, is_sibling))
+        return answer(config.field.template).found
+
+    attempt = replace(first.found.attempt, camera=camera)
+    answers = {"basketball": replace(first, found=replace(first.found, attempt=attempt))}
+    monkeypatch.setattr(field_choice, "run", calibrate)
+    monkeypatch.setattr(field_choice, "_weigh", lambda *given: answers.get(given[2].field_name, answer("soccer")))
+    among = ["soccer", "basketball", "basketball-nba", "futsal"]
+    config = load_config(None, {"field.template": "auto", "field.among": among})
+    calibrate_unknown_field(np.full((*SIZE[::-1], 3), (110, 160, 200), np.uint8), config, frame_id="x")
+    assert asked[1:] == [(name, name == "basketball-nba") for name in tried]
