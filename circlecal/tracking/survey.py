@@ -62,6 +62,7 @@ SLACK = 9.0
 """How much more than its covariance says a tripod may change to meet a frame that looks elsewhere: the surface and the
 lens have other shapes than their models.
 """
+SIZE = [PLACE["length"], PLACE["breadth"]]
 SHAPES: tuple[SurfaceShape, ...] = ("roof", "parabola")
 DECISIVE, DECISIVE_SHARE = 10.0, 0.05
 """Difference in cost by which a parabola must be better than a roof, and where the size of the pitch is free its share
@@ -333,12 +334,12 @@ def _choose_shape_and_size(
     """The fit with the better shape of the surface; with a pitch of the template's size where that explains the paint
     about as well.
     """
-    usual = sd.copy()
-    usual[[PLACE["length"], PLACE["breadth"]]] = 0.0
+    usual_mean, usual = mean.copy(), sd.copy()
+    usual_mean[SIZE], usual[SIZE] = 0.0, 0.0
     starts = [replace(tripod, surface=replace(tripod.surface, shape=shape)) for shape in SHAPES]
     roof, parabola = (fit_tripod(frames, start, mean, sd, drawn) for start in starts)
     free = parabola if parabola.cost < (1.0 - DECISIVE_SHARE) * roof.cost - DECISIVE else roof
-    roof, parabola = (fit_tripod(frames, fit.estimate, mean, usual, drawn) for fit in (roof, parabola))
+    roof, parabola = (fit_tripod(frames, fit.estimate, usual_mean, usual, drawn) for fit in (roof, parabola))
     fixed = parabola if parabola.cost < roof.cost - DECISIVE else roof
     limit = USUAL_RMS * float(np.mean(free.rms_px)) + USUAL_PX * tripod.size[0] / 1920.0
     return fixed if float(np.mean(fixed.rms_px)) < limit else free

@@ -76,7 +76,11 @@ class HeadedFrame:
 def common_priors(
     config: CameraConfig, template: FieldTemplate, unit: float, at_zoom: bool = True
 ) -> tuple[Array, Array]:
-    """Means and standard deviations (K,) of the common parameters before any frame; the axis has none."""
+    """Means and standard deviations (K,) of the common parameters before any frame; the axis has none.
+
+    The pitch may have any size that its rules allow. That most have the template's is another hypothesis, which is
+    fitted beside this one.
+    """
     mean, sd = np.zeros(len(COMMON)), np.full(len(COMMON), np.inf)
 
     def know(name: str, value: float, spread: float) -> None:
@@ -98,8 +102,16 @@ def common_priors(
     flat = config.crown_shape == "flat"
     know("crown", 0.0 if flat else config.crown_m, 0.0 if flat else config.crown_sd_m)
     know("width", 0.0, WIDTH_SD_M)
-    know("length", 0.0, template.length_sd_m)
-    know("breadth", 0.0, template.width_sd_m)
+    extents = (
+        ("length", template.length_m, template.length_sd_m, template.length_range_m),
+        ("breadth", template.width_m, template.width_sd_m, template.width_range_m),
+    )
+    for name, size, spread, extent in extents:
+        if extent is None or spread == 0.0:
+            know(name, 0.0, spread)
+        else:
+            # mean and standard deviation of a uniform distribution
+            know(name, sum(extent) / 2.0 - size, (extent[1] - extent[0]) / np.sqrt(12.0))
     return mean, sd
 
 

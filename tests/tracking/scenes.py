@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from circlecal.field import FieldTemplate, load_field
 from circlecal.geometry.surface import Surface
 from circlecal.rig.tripod import COMMON, PLACE, TripodEstimate
+from circlecal.tracking.markings import MeasuredFrame, place_markings, template_curves
 
 SIZE = (1280, 720)
 HEAD = np.array([np.log(1500.0), -0.35, 1.38])
@@ -45,3 +46,18 @@ def draw(head: np.ndarray, rng: np.random.Generator) -> NDArray[np.uint8]:
     picture = cv2.resize(picture, SIZE, interpolation=cv2.INTER_AREA)
     noise = rng.normal(0.0, 3.0, picture.shape)
     return np.clip(picture + noise, 0, 255).astype(np.uint8)
+
+
+def measure_ideal(head: np.ndarray, growth_m: np.ndarray, noise_px: float, rng: np.random.Generator) -> MeasuredFrame:
+    """What the paint of a frame shows of a pitch that is longer and broader than the template's, with noise across."""
+    drawn, camera = template_curves(template()), tripod()
+    common = camera.mean.copy()
+    common[[PLACE["length"], PLACE["breadth"]]] = growth_m
+    theta = camera.model.thetas(head[None], common)[0]
+    places = place_markings(drawn, theta, camera.model.projection, template().marking_width_m)
+    off = rng.normal(0.0, noise_px, len(places.marking))
+    count = np.bincount(places.marking, minlength=len(drawn.names))
+    return MeasuredFrame(
+        places.marking, places.field_m, places.pixels + off[:, None] * places.normals, places.normals,
+        places.width_px, places.scale_px_m, np.zeros(len(off)), count, count,
+    )  # fmt: skip

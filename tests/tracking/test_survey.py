@@ -15,11 +15,13 @@ from circlecal.formats.annotation import AnnotatedMarking, Annotation
 from circlecal.observations import Observations
 from circlecal.pictures.video import Sampling, Video
 from circlecal.pipeline import run_observations
-from circlecal.rig.tripod import Venue
+from circlecal.rig.tripod import PLACE, Venue
 from circlecal.tracking import survey
+from circlecal.tracking.markings import template_curves
 from circlecal.tracking.run import ClipRun, _survey
 from circlecal.tracking.survey import survey_clip
-from tests.tracking.scenes import HEAD, SIZE, draw, template, tripod
+from circlecal.tracking.tripod_fit import HeadedFrame, common_priors
+from tests.tracking.scenes import HEAD, SIZE, draw, measure_ideal, template, tripod
 
 
 def _marking(view: FieldView, name: str) -> AnnotatedMarking:
@@ -76,3 +78,26 @@ def test_one_frame_that_a_person_named_makes_a_camera(monkeypatch: pytest.Monkey
     assert not _survey(alone, video).tripods
     (found,) = _survey(told, video).tripods
     assert np.abs(found.mean[:3] - tripod().mean[:3]).max() < 3.0
+
+
+def _views_of_a_pitch(length_m: float, width_m: float) -> list[HeadedFrame]:
+    """Circle and penalty area of a pitch of any size, with the noise of a good picture and nothing that joins them."""
+    growth = np.array([length_m - template().length_m, width_m - template().width_m])
+    rng = np.random.default_rng(5)
+    pans = (0.0, -0.02, -0.42, -0.44)
+    heads = [np.array([np.log(2600.0 + 60.0 * k), pan, 1.38]) for k, pan in enumerate(pans)]
+    return [HeadedFrame(str(k), head, measure_ideal(head, growth, 0.1, rng)) for k, head in enumerate(heads)]
+
+
+@pytest.mark.parametrize("size_m", [(117.0, 48.0), (94.8, 70.7), (105.0, 68.0)])
+def test_a_pitch_may_have_any_size(size_m: tuple[float, float]) -> None:
+    frames = _views_of_a_pitch(*size_m)
+    mean, sd = common_priors(load_config().camera, template(), SIZE[0] / 1920.0)
+    start = replace(tripod(), mean=tripod().mean + np.where(np.arange(len(mean)) < 3, 0.2, 0.0))
+    fit = survey._choose_shape_and_size(frames, start, mean, sd, template_curves(template()))
+    found = np.array([template().length_m, template().width_m]) + fit.estimate.growth_m
+    off = np.abs(found - size_m)
+    sigmas = np.array([fit.estimate.sigma("length"), fit.estimate.sigma("breadth")])
+    assert (off < 3.0 * sigmas + 0.01).all()
+    assert off.max() < 0.3
+    assert abs(fit.estimate.mean[PLACE["lever"]] - tripod().mean[PLACE["lever"]]) < 0.3
