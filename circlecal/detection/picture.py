@@ -33,6 +33,16 @@ class Scaling:
         """Points (..., 2) of the detection picture in the full one."""
         return (points + 0.5) * self.factor - 0.5
 
+    def reduce(self, points: Array) -> Array:
+        """Points (..., 2) of the full picture in the detection picture."""
+        return np.asarray((points + 0.5) / self.factor - 0.5)
+
+    def reduce_conic(self, conic: Array) -> Array:
+        """A conic (3, 3) of the full picture in the detection picture."""
+        x, y = self.factor
+        into_full = np.array([[x, 0.0, 0.5 * x - 0.5], [0.0, y, 0.5 * y - 0.5], [0.0, 0.0, 1.0]])
+        return into_full.T @ conic @ into_full
+
     def full_segments(self, runs: list[StraightRun]) -> Array:
         """Ends (K, 2, 2) of the runs in pixels of the full picture."""
         return self.full(np.array([[run.start, run.end] for run in runs]).reshape(-1, 2, 2))
@@ -43,8 +53,7 @@ class Scaling:
 
     def detection_ellipses(self, batch: EllipseBatch) -> EllipseBatch:
         """Ellipses of the full picture in the detection picture."""
-        centers = (batch.centers + 0.5) / self.factor - 0.5
-        return EllipseBatch(centers, batch.great / self.factor, batch.small / self.factor)
+        return EllipseBatch(self.reduce(batch.centers), batch.great / self.factor, batch.small / self.factor)
 
 
 def reduce_picture(gray: NDArray[np.uint8], largest: int, smallest: int) -> tuple[NDArray[np.uint8], Scaling]:

@@ -22,8 +22,9 @@ from circlecal.pipeline.attempts import refuse_as_open
 from circlecal.pipeline.fields import field_of
 from circlecal.pipeline.run import run
 from circlecal.pipeline.setting import Looks
+from circlecal.placement import see_paint, weigh_view
 from circlecal.results import FieldCandidate, FrameCalibration
-from circlecal.stages.mask import look_for_paint, suit_field, tell_grounds, weigh_field
+from circlecal.stages.mask import suit_field, tell_grounds
 from circlecal.stages.verdict import is_beyond_doubt, needs_confirmation
 
 LEAST_EVIDENCE = 0.3
@@ -227,10 +228,10 @@ def _weigh(image: NDArray[np.uint8], config: Config, found: FrameCalibration) ->
     if found.status != "calibrated" or template is None or view is None or mask is None:
         return Answer(found, candidate)
     options = suit_config(config, found.field_name).mask
-    paint = look_for_paint(image, to_gray(image), mask, suit_field(options, template))
+    paint = see_paint(image, to_gray(image), mask, suit_field(options, template).detector)
     if paint is None:
         return Answer(found, candidate)
-    weighed = weigh_field(view, template, paint)
+    weighed = weigh_view(view, template, paint)
     told = replace(
         candidate,
         evidence=weighed.evidence,

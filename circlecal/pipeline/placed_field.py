@@ -15,21 +15,20 @@ from circlecal.paint.spots import measure_spots
 from circlecal.pipeline.attempts import add_checks, estimate, refuse_as_open, take_observations
 from circlecal.pipeline.refinements import Retry
 from circlecal.pipeline.setting import Scene, Setting, lighten_markings
+from circlecal.placement import (
+    PlacedField,
+    SeenPaint,
+    ViewEvidence,
+    mean_distance_px,
+    refine_placements,
+    search_placements,
+    see_paint,
+    weigh_view,
+)
 from circlecal.refusals import Confidence
 from circlecal.results import Attempt, Check, MarkingMask, Rival
 from circlecal.stages.edges import detect_edges
-from circlecal.stages.mask import (
-    FieldEvidence,
-    MaskConfig,
-    Paint,
-    Placement,
-    distance_between,
-    lay_field,
-    look_for_paint,
-    search_field,
-    suit_field,
-    weigh_field,
-)
+from circlecal.stages.mask import MaskConfig, suit_field
 from circlecal.stages.rays import measure_template
 from circlecal.stages.verdict import needs_confirmation
 
@@ -78,11 +77,11 @@ def _may_place_field(setting: Setting, first: Attempt) -> bool:
     return field.any_circle and field.circle is None and is_seen and is_open and setting.config.camera.enabled
 
 
-def _look_for_paint(scene: Scene, mask: MarkingMask, options: MaskConfig) -> Paint | None:
+def _look_for_paint(scene: Scene, mask: MarkingMask, options: MaskConfig) -> SeenPaint | None:
     """What stands out from the playing surface of a mask."""
     key = ("paint", options.model_dump_json(), id(mask))
     # the mask is kept beside, so that no other one takes its identity
-    return scene.looks.once(key, lambda: (mask, look_for_paint(scene.image, scene.gray, mask, options)))[1]
+    return scene.looks.once(key, lambda: (mask, see_paint(scene.image, scene.gray, mask, options.detector)))[1]
 
 
 def place_template(setting: Setting, scene: Scene, first: Attempt) -> Iterator[Attempt]:
@@ -96,16 +95,18 @@ def place_template(setting: Setting, scene: Scene, first: Attempt) -> Iterator[A
         return
     with setting.clock("cues"):
         paint = _look_for_paint(scene, mask, suit_field(config.mask, template))
+        if paint is None:
+            return
         size, side = (setting.width, setting.height), config.correspondences.camera_side
         # a field of other sizes of the same sport lies where the first one does
         key = ("placements", template.sport or template.name, side, id(paint))
-        rough = scene.looks.once(key, lambda: (paint, search_field(mask, paint, size, template, side)))[1]
-        placements = lay_field(rough, paint, size, template)
-    if paint is None or not placements:
+        rough = scene.looks.once(key, lambda: (paint, search_placements(mask, paint, size, template, side)))[1]
+        placements = [] if rough is None else refine_placements(rough, paint, size, template)
+    if not placements:
         return
     likely = [placed for placed in placements[:MOST_PLACED] if placed.evidence > LEAST_PLACED * placements[0].evidence]
     answers = [
-        (weigh_field(attempt.camera.view, template, paint), attempt)
+        (weigh_view(attempt.camera.view, template, paint), attempt)
         for attempt in (_follow_placement(setting, scene, mask, placed) for placed in likely)
         if attempt is not None and attempt.camera is not None
     ]
@@ -120,7 +121,7 @@ def place_template(setting: Setting, scene: Scene, first: Attempt) -> Iterator[A
         if attempt.camera is not None
         and other.evidence * LISTED_RATIO > weighed.evidence
         and best.camera is not None
-        and distance_between(best.camera.view, attempt.camera.view, template) > ALIKE_WIDTHS * setting.width
+        and mean_distance_px(best.camera.view, attempt.camera.view, template) > ALIKE_WIDTHS * setting.width
     )
     least = LEAST_SHARE if weighed.found_share >= LEAST_SHARE else 0.0
     best = add_checks(replace(best, rivals=rivals), Check("found_share", weighed.found_share, least, True))
@@ -133,13 +134,13 @@ def place_template(setting: Setting, scene: Scene, first: Attempt) -> Iterator[A
     yield best
 
 
-def _is_believed(weighed: FieldEvidence) -> bool:
+def _is_believed(weighed: ViewEvidence) -> bool:
     """Whether enough of what a placed field predicts is painted, or it explains nearly all that is painted."""
     is_painted = weighed.evidence >= LEAST_EVIDENCE and weighed.found_share >= LEAST_SHARE
     return is_painted or (weighed.explained_share >= EXPLAINED_SHARE and weighed.evidence >= EXPLAINED_EVIDENCE)
 
 
-def _follow_placement(setting: Setting, scene: Scene, mask: MarkingMask, placed: Placement) -> Attempt | None:
+def _follow_placement(setting: Setting, scene: Scene, mask: MarkingMask, placed: PlacedField) -> Attempt | None:
     """The calibrated attempt that a placement leads to; None where there is none, or it leads far away."""
     told = replace(setting, circle=placed.circle)
     mask = replace(mask, conic=placed.conic, halfway=None, confidence=Confidence.ACCEPTED, band_px=0.0)
@@ -156,7 +157,7 @@ def _follow_placement(setting: Setting, scene: Scene, mask: MarkingMask, placed:
         if attempt.camera is None:
             return None
         view = attempt.camera.view
-    is_near = distance_between(placed.view, view, setting.template) <= LARGEST_MOVE_WIDTHS * setting.width
+    is_near = mean_distance_px(placed.view, view, setting.template) <= LARGEST_MOVE_WIDTHS * setting.width
     is_good = is_near and attempt.is_calibrated and _is_of_this_size(setting, attempt)
     return attempt if is_good else None
 

@@ -15,32 +15,14 @@ from circlecal.detection.arcs import GAPLESS_SHARE
 from circlecal.detection.field_region import find_field_region, surface_colour
 from circlecal.detection.networks import SegmentationNetwork, load_network, segment
 from circlecal.detection.options import FieldRegionConfig
-from circlecal.detection.placement import (
-    PlacedField,
-    RoughPlacements,
-    SeenPaint,
-    ViewEvidence,
-    mean_distance_px,
-    refine_placements,
-    search_placements,
-    see_paint,
-    weigh_view,
-)
 from circlecal.errors import EstimationError
 from circlecal.field import FieldTemplate, Ground
-from circlecal.field.view import FieldView
 from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.projective import Array, fit_line, line_distance
 from circlecal.geometry.ransac import ransac_conic
 from circlecal.refusals import Confidence, refuse
 from circlecal.results import CIRCLE_ID, HALFWAY_ID, CircleCandidate, Interpretation, MarkingMask, SeenArc, Segment
 
-Paint = SeenPaint
-"""What stands out from a playing surface as paint does."""
-FieldEvidence = ViewEvidence
-"""What speaks for a field before a camera."""
-Placement = PlacedField
-"""A field laid over a picture."""
 MODEL_KEY = "mask.model"
 ARC_RADIUS_PX = 3.0
 """Of the discs that stand for an arc's paint in the mask, pixels at 1920 px width."""
@@ -188,60 +170,6 @@ def tell_grounds(image: NDArray[np.uint8]) -> tuple[Ground, ...]:
     if np.hypot(a, b) < LEAST_CHROMA:
         return ("ice", "floor") if level >= LEAST_ICE_LEVEL else ("grass", "floor", "ice")
     return ("grass",) if GREEN_HUE_DEG[0] <= hue <= GREEN_HUE_DEG[1] else ("floor",)
-
-
-def look_for_paint(
-    image: NDArray[np.uint8], gray: NDArray[np.uint8], mask: MarkingMask, options: MaskConfig
-) -> Paint | None:
-    """What stands out from the playing surface of a mask as paint does; None where there is neither."""
-    return see_paint(image, gray, mask, options.detector)
-
-
-def weigh_field(view: FieldView, template: FieldTemplate, paint: Paint) -> ViewEvidence:
-    """What speaks for a field before a camera: that its markings are painted, and that what is painted is theirs."""
-    return weigh_view(view, template, paint)
-
-
-def distance_between(view: FieldView, other: FieldView, template: FieldTemplate) -> float:
-    """Mean distance in pixels between the markings that one view shows and where another one shows them."""
-    return mean_distance_px(view, other, template)
-
-
-def search_field(
-    mask: MarkingMask, paint: Paint | None, size: tuple[int, int], template: FieldTemplate, side: str
-) -> RoughPlacements | None:
-    """Ways to lay a field over a picture before the last fit, which serve fields of other sizes, too; None where there
-    is none.
-
-    Parameters
-    ----------
-    mask : MarkingMask
-        What the built-in detector found.
-    paint : Paint or None
-        What stands out from the playing surface.
-    size : (int, int)
-        Width and height of the picture.
-    template : FieldTemplate
-        The field.
-    side : str
-        Side of the field from which the camera looks.
-    """
-    return None if paint is None else search_placements(mask, paint, size, template, side)
-
-
-def lay_field(
-    rough: RoughPlacements | None, paint: Paint | None, size: tuple[int, int], template: FieldTemplate
-) -> list[PlacedField]:
-    """Ways to lay a field over a picture by all that is painted, the one with most evidence first.
-
-    Parameters
-    ----------
-    rough : RoughPlacements or None
-        Of this field or of another one of its sport.
-    paint, size, template
-        As for :func:`search_field`.
-    """
-    return [] if paint is None or rough is None else refine_placements(rough, paint, size, template)
 
 
 def require_mask_network(config: MaskConfig) -> None:

@@ -4,14 +4,6 @@ import numpy as np
 import pytest
 
 from circlecal.config import load_config
-from circlecal.detection.placement import (
-    PlacedField,
-    RoughPlacements,
-    ViewEvidence,
-    _cameras_before_circles,
-    see_paint,
-    weigh_view,
-)
 from circlecal.field import load_field
 from circlecal.field.view import FieldView
 from circlecal.geometry.camera_parameters import PARAMETERS
@@ -20,6 +12,8 @@ from circlecal.geometry.surface import FLAT
 from circlecal.pipeline import field_of, placed_field, run
 from circlecal.pipeline import setting as frame
 from circlecal.pipeline.placed_field import RIVAL_RATIO, _is_believed
+from circlecal.placement import PlacedField, ViewEvidence, see_paint, weigh_view
+from circlecal.placement.camera_batch import cameras_before_circles
 from circlecal.records.writing import result_record
 from circlecal.results import Attempt, CameraFit, MarkingMask, Verdict
 from circlecal.synthetic.cameras import aim_camera
@@ -78,12 +72,12 @@ def test_every_first_camera_sees_its_circle_where_the_picture_does():
     circle = RINK.circle_by_name["faceoff_left_top"]
     conic = transform_conic(LEFT_CIRCLE.homography, circle_conic(circle.center, RINK.radius(circle, "center")))
     middle = (np.array(SIZE) - 1) / 2
-    cameras = _cameras_before_circles([conic], RINK.circles, RINK, SIZE[0], middle, "main")
+    cameras = cameras_before_circles([conic], RINK, SIZE[0], middle, "main")
     angle = np.linspace(0, 2 * np.pi, 40)
     for k in range(0, len(cameras.own), 97):
         own = RINK.circles[cameras.own[k]]
         rim = np.asarray(own.center) + RINK.radius(own, "center") * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-        seen = np.c_[rim, np.ones(len(rim))] @ cameras.homographies(middle)[k].T
+        seen = np.c_[rim, np.ones(len(rim))] @ cameras.homographies[k].T
         assert np.abs(sampson_distance(conic, seen[:, :2] / seen[:, 2:])).max() < 1e-6
         stands = -cameras.rotation[k].T @ cameras.shift[k]
         assert stands[1] >= 0
@@ -110,7 +104,7 @@ def test_a_placed_field_is_believed_where_it_is_painted_or_explains_what_is(evid
 def test_a_field_that_may_lie_in_two_ways_is_refused_with_both(monkeypatch):
     """Of one face-off circle alone nothing tells which of four it is, whatever the evidence."""
     weights = iter([1.0, 0.9])
-    monkeypatch.setattr(placed_field, "weigh_field", lambda *_: ViewEvidence(next(weights), 0.8, 0.8))
+    monkeypatch.setattr(placed_field, "weigh_view", lambda *_: ViewEvidence(next(weights), 0.8, 0.8))
     config = load_config(None, ["field.template=ice-hockey-nhl"])
     template, circle = field_of(config)
     setting = frame.Setting(config, template, circle, *SIZE, np.random.default_rng(0))
@@ -122,8 +116,8 @@ def test_a_field_that_may_lie_in_two_ways_is_refused_with_both(monkeypatch):
     monkeypatch.setattr(placed_field, "_look_for_paint", lambda *_: object())
     monkeypatch.setattr(placed_field, "_follow_placement", lambda *_: next(placements))
     lain = [PlacedField(circle, np.eye(3), FieldView(camera), 1.0, 0.8) for camera in (LEFT_CIRCLE, RIGHT_END)]
-    monkeypatch.setattr(placed_field, "search_field", lambda *_: None)
-    monkeypatch.setattr(placed_field, "lay_field", lambda *_: lain)
+    monkeypatch.setattr(placed_field, "search_placements", lambda *_: object())
+    monkeypatch.setattr(placed_field, "refine_placements", lambda *_: lain)
     scene = frame.Scene(np.zeros((*SIZE[::-1], 3), np.uint8), np.zeros(SIZE[::-1], np.uint8), None, None, None)
     (found,) = placed_field.place_template(setting, scene, Attempt(mask=MarkingMask(scene.gray, "detector")))
     assert (found.code, found.circle_name) == ("circle_open", "faceoff_left_top")
@@ -175,21 +169,21 @@ def test_cameras_before_a_field_of_other_sizes_see_its_circle_where_the_picture_
     circle = RINK.circle_by_name["faceoff_left_top"]
     conic = transform_conic(LEFT_CIRCLE.homography, circle_conic(circle.center, RINK.radius(circle, "center")))
     middle, other = (np.array(SIZE) - 1) / 2, load_field("ice-hockey")
-    cameras = _cameras_before_circles([conic], RINK.circles, RINK, SIZE[0], middle, "main")
-    suited = RoughPlacements(RINK, (conic,), cameras).suit(other)
+    cameras = cameras_before_circles([conic], RINK, SIZE[0], middle, "main")
+    suited = cameras.suit(RINK, other)
     angle = np.linspace(0, 2 * np.pi, 40)
     for k in range(0, len(suited.own), 97):
         assert other.circles[suited.own[k]].name == RINK.circles[cameras.own[k]].name
         own = other.circles[suited.own[k]]
         rim = np.asarray(own.center) + other.radius(own, "center") * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-        seen = np.c_[rim, np.ones(len(rim))] @ suited.homographies(middle)[k].T
+        seen = np.c_[rim, np.ones(len(rim))] @ suited.homographies[k].T
         assert np.abs(sampson_distance(conic, seen[:, :2] / seen[:, 2:])).max() < 1e-6
 
 
 def test_fields_of_one_sport_are_searched_for_once(monkeypatch):
     searches = []
     monkeypatch.setattr(placed_field, "_look_for_paint", lambda scene, *_: scene.gray)
-    monkeypatch.setattr(placed_field, "search_field", lambda *given: searches.append(given[3].name))
+    monkeypatch.setattr(placed_field, "search_placements", lambda *given: searches.append(given[3].name))
     gray = np.zeros(SIZE[::-1], np.uint8)
     scene = frame.Scene(np.zeros((*SIZE[::-1], 3), np.uint8), gray, None, None, None)
     for name in ("ice-hockey-nhl", "ice-hockey", "basketball"):

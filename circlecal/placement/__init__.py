@@ -1,0 +1,27 @@
+"""Where a whole field lies about a circle that was seen: which of its circles that is, told by everything else that is
+painted.
+
+A circle that is seen and a focal length leave two planes (the circular sections of the cone over its image), and on
+each the field may be turned about the circle. So every circle in the picture is taken for every circle and arc of the
+field, with many focal lengths and turns; under each such camera the template is laid over the ridges of the picture,
+and the one whose markings lie on ridges of their direction wins. Neither a halfway line nor a centre circle is needed.
+
+``paint_maps`` (what is painted, and where) -> ``evidence`` (how far a view goes together with it) -> ``camera_batch``
+(cameras before a circle) -> ``fit`` (cameras moved onto the paint) -> ``search``.
+"""
+
+from circlecal.placement.evidence import ViewEvidence, mean_distance_px, weigh_view
+from circlecal.placement.paint_maps import SeenPaint, see_paint
+from circlecal.placement.search import PlacedField, RoughPlacements, refine_placements, search_placements
+
+__all__ = [
+    "PlacedField",
+    "RoughPlacements",
+    "SeenPaint",
+    "ViewEvidence",
+    "mean_distance_px",
+    "refine_placements",
+    "search_placements",
+    "see_paint",
+    "weigh_view",
+]

@@ -1,0 +1,237 @@
+"""Many cameras at once, and those before which a circle of the field looks as one does in the picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.field import FieldTemplate
+from circlecal.field.view import FieldView
+from circlecal.geometry.camera import Camera, lens_factor, pan_tilt_roll
+from circlecal.geometry.ellipses import ellipse_from_conic
+from circlecal.geometry.homography import SIDES
+from circlecal.geometry.projective import Array, Mask, lift
+
+FOCAL_WIDTHS, FOCALS = (0.6, 8.0), 16
+"""Range of the focal length, picture widths, and how many between, at equal ratios."""
+TURN_DEG = 2.5
+"""Between two turns of the field about a circle."""
+LARGEST_ROLL_DEG = 8.0
+"""Of the cameras that are tried."""
+HEIGHT_M = (0.3, 80.0)
+"""Of the cameras that are tried above the ground."""
+LENS = 0.025
+"""Radial distortion with which cameras start, in half widths of the picture: the middle of what 18 reference cameras of
+other sports have, -0.02 to 0.09, which moves far lines by up to 30 px of the searched picture."""
+LARGEST_LENS, FURTHEST_LENS = 0.15, 4.0
+"""Largest distortion of the lens, and the squared distance from the middle, half widths, up to which it grows."""
+
+
+@dataclass(frozen=True, slots=True)
+class CameraBatch:
+    """Cameras before a field, all with the same picture.
+
+    Attributes
+    ----------
+    rotation, shift : (B, 3, 3), (B, 3) arrays
+        From the field to the camera.
+    log_focal, lens : (B,) arrays
+        Logarithm of the focal length in pixels, and radial distortion in half widths.
+    own, seen : (B,) arrays
+        Index of the template's circle and of the picture's that each came from.
+    middle : (2,) array
+        Of the picture, pixels.
+    """
+
+    rotation: Array
+    shift: Array
+    log_focal: Array
+    lens: Array
+    own: NDArray[np.intp]
+    seen: NDArray[np.intp]
+    middle: Array
+
+    def __len__(self) -> int:
+        return len(self.own)
+
+    def take(self, index: NDArray[np.intp] | slice) -> CameraBatch:
+        """Some of them."""
+        return CameraBatch(
+            self.rotation[index],
+            self.shift[index],
+            self.log_focal[index],
+            self.lens[index],
+            self.own[index],
+            self.seen[index],
+            self.middle,
+        )
+
+    @property
+    def homographies(self) -> Array:
+        """Field to pixels without lens (B, 3, 3), positive depth before the camera."""
+        columns = np.stack([self.rotation[:, :, 0], self.rotation[:, :, 1], self.shift], axis=-1)
+        focal = np.exp(self.log_focal)[:, None]
+        x = focal * columns[:, 0] + self.middle[0] * columns[:, 2]
+        y = focal * columns[:, 1] + self.middle[1] * columns[:, 2]
+        return np.stack([x, y, columns[:, 2]], axis=1)
+
+    def project(self, points: Array) -> tuple[Array, Mask]:
+        """Pixels (B, ..., 2) of field points (..., 2), and which (B, ...) lie before the camera."""
+        flat = lift(points.reshape(-1, 2)) @ self.homographies.swapaxes(1, 2)
+        depth = flat[..., 2]
+        ahead = depth > 1e-6
+        pixels = self.bend(flat[..., :2] / np.where(ahead, depth, 1.0)[..., None])
+        shape = (len(self), *points.shape[:-1])
+        return pixels.reshape(*shape, 2), ahead.reshape(shape)
+
+    def bend(self, pixels: Array) -> Array:
+        """Pixels (B, N, 2) as the lenses show them."""
+        offset = pixels - self.middle
+        r2 = np.sum(offset * offset, axis=-1) / (self.middle[0] + 0.5) ** 2
+        factor, _ = lens_factor(np.minimum(r2, FURTHEST_LENS), self.lens[:, None], 0.0)
+        return np.asarray(offset * factor[..., None] + self.middle)
+
+    def move(self, step: Array) -> CameraBatch:
+        """Cameras after a step (8,) or (B, 8): turn, shift as a share of the distance, log focal length, lens."""
+        step = np.broadcast_to(step, (len(self), 8))
+        size = np.linalg.norm(step[:, :3], axis=1)
+        axis = step[:, :3] / np.maximum(size, 1e-15)[:, None]
+        cross = np.zeros((len(step), 3, 3))
+        cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -axis[:, 2], axis[:, 1], -axis[:, 0]
+        cross -= cross.swapaxes(1, 2)
+        # Rodrigues' formula
+        turn = np.eye(3) + np.sin(size)[:, None, None] * cross + (1 - np.cos(size))[:, None, None] * (cross @ cross)
+        distance = np.linalg.norm(self.shift, axis=1, keepdims=True)
+        return replace(
+            self,
+            rotation=turn @ self.rotation,
+            shift=(turn @ self.shift[..., None])[..., 0] + distance * step[:, 3:6],
+            log_focal=self.log_focal + step[:, 6],
+            lens=np.clip(self.lens + step[:, 7], -LARGEST_LENS, LARGEST_LENS),
+        )
+
+    def suit(self, template: FieldTemplate, other: FieldTemplate) -> CameraBatch:
+        """Cameras before a template as they stand before another one of other sizes: each sees the circle that lies
+        nearest to its own one there.
+        """
+        here, there = ((*field.circles, *field.arcs) for field in (template, other))
+        old, new = (np.array([circle.center for circle in circles], np.float64) for circles in (here, there))
+        match = np.linalg.norm(old[:, None] - new, axis=-1).argmin(axis=1)
+        radii = [
+            other.radius(there[k], "center") / template.radius(circle, "center")
+            for circle, k in zip(here, match.tolist(), strict=True)
+        ]
+        own = match[self.own]
+        axes = self.rotation[:, :, :2]
+        center = self.shift + np.einsum("bij,bj->bi", axes, old[self.own])
+        scale = np.array(radii)[self.own, None]
+        return replace(self, shift=scale * center - np.einsum("bij,bj->bi", axes, new[own]), own=own)
+
+    def view(self, index: int, size: tuple[int, int], factor: Array) -> FieldView:
+        """What one of them shows in the full picture of ``size`` (width, height), ``factor`` (2,) times as large."""
+        camera = Camera(
+            *size,
+            focal_px=np.exp(self.log_focal[index]) * factor,
+            principal_point_px=(np.array(size) - 1) / 2,
+            angles_rad=np.array(pan_tilt_roll(self.rotation[index])),
+            position_m=-self.rotation[index].T @ self.shift[index],
+            kappa=np.array([self.lens[index], 0.0]),
+        )
+        return FieldView(camera)
+
+
+def cameras_before_circles(
+    conics: Sequence[Array], template: FieldTemplate, width: int, middle: Array, side: str
+) -> CameraBatch | None:
+    """Every seen circle as every circle and arc of the field, for all focal lengths and turns of upright cameras.
+
+    Parameters
+    ----------
+    conics : sequence of (3, 3) arrays
+        Circles that were seen.
+    template : FieldTemplate
+        The field.
+    width, middle : int, (2,) array
+        Of the picture, pixels.
+    side : str
+        Side of the field from which the cameras look.
+    """
+    focal = width * np.geomspace(*FOCAL_WIDTHS, FOCALS)
+    turns = np.radians(np.arange(0.0, 360.0, TURN_DEG))
+    parts = []
+    for seen, conic in enumerate(conics):
+        normal, unit_center, log_focal = _circular_sections(conic, focal, middle)
+        right = np.array([1.0, 0.0, 0.0]) - normal * normal[:, :1]
+        right /= np.linalg.norm(right, axis=1, keepdims=True)
+        near = np.cross(normal, right)
+        for own, circle in enumerate((*template.circles, *template.arcs)):
+            center_m = np.asarray(circle.center)
+            place = unit_center * template.radius(circle, "center")
+            x = np.cos(turns)[:, None, None] * right + np.sin(turns)[:, None, None] * near
+            y = -np.sin(turns)[:, None, None] * right + np.cos(turns)[:, None, None] * near
+            rotation = np.stack([x, y, np.broadcast_to(normal, x.shape)], axis=-1).reshape(-1, 3, 3)
+            shift = (place - center_m[0] * x - center_m[1] * y).reshape(-1, 3)
+            stands = -np.einsum("bij,bi->bj", rotation, shift)
+            kept = (stands[:, :2] @ np.array(SIDES[side]) >= 0) & (-stands[:, 2] > HEIGHT_M[0])
+            kept &= -stands[:, 2] < HEIGHT_M[1]
+            kept = np.flatnonzero(kept)
+            index = np.full(len(kept), own), np.full(len(kept), seen)
+            lens = np.full(len(kept), LENS)
+            focals = np.tile(log_focal, len(turns))[kept]
+            parts.append(CameraBatch(rotation[kept], shift[kept], focals, lens, *index, middle))
+    return _join(parts) if sum(map(len, parts)) else None
+
+
+def _join(parts: Sequence[CameraBatch]) -> CameraBatch:
+    """All cameras of several batches before one picture."""
+    return CameraBatch(
+        np.concatenate([part.rotation for part in parts]),
+        np.concatenate([part.shift for part in parts]),
+        np.concatenate([part.log_focal for part in parts]),
+        np.concatenate([part.lens for part in parts]),
+        np.concatenate([part.own for part in parts]),
+        np.concatenate([part.seen for part in parts]),
+        parts[0].middle,
+    )
+
+
+def _circular_sections(conic: Array, focal: Array, middle: Array) -> tuple[Array, Array, Array]:
+    """Planes on which an ellipse is the image of a circle, for upright cameras above them.
+
+    Chen, Q., Wu, H., Wada, T. (2004), *Camera calibration with two arbitrary coplanar circles*, section 2.
+
+    Returns
+    -------
+    normal, center : (K, 3) arrays
+        Unit normal away from the camera, and the centre of a circle of radius 1, in the camera's frame.
+    log_focal : (K,) array
+    """
+    K = np.zeros((len(focal), 3, 3))
+    K[:, 0, 0] = K[:, 1, 1] = focal
+    K[:, :2, 2], K[:, 2, 2] = middle, 1.0
+    cone = K.swapaxes(1, 2) @ conic @ K
+    cone *= -np.sign(np.linalg.det(cone))[:, None, None]
+    values, vectors = np.linalg.eigh(cone)
+    low, middle_value, high = values.T
+    g = np.sqrt(np.maximum(high - middle_value, 0.0) / (high - low))
+    h = np.sqrt(np.maximum(middle_value - low, 0.0) / (high - low))
+    along, across = vectors[:, :, 2] * g[:, None], vectors[:, :, 0] * h[:, None]
+    normal = np.concatenate([along + across, along - across])
+    cone, K, valid = np.tile(cone, (2, 1, 1)), np.tile(K, (2, 1, 1)), np.tile((low < 0) & (middle_value > 0), 2)
+    center = np.linalg.solve(cone, normal[..., None])[..., 0]
+    center *= np.where(center[:, 2:] < 0, -1.0, 1.0)
+    facing = np.sum(normal * center, axis=1)
+    normal *= np.where(facing < 0, -1.0, 1.0)[:, None]
+    center /= np.maximum(np.abs(facing), 1e-12)[:, None]
+    ellipse = ellipse_from_conic(conic)
+    if ellipse is None:
+        return np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
+    rim = np.linalg.solve(K, np.broadcast_to(lift(ellipse.points(np.zeros(1)))[0][:, None], (len(K), 3, 1)))[..., 0]
+    rim /= np.sum(normal * rim, axis=1, keepdims=True)
+    center /= np.maximum(np.linalg.norm(rim - center, axis=1, keepdims=True), 1e-12)
+    roll = np.degrees(np.arctan2(normal[:, 0], normal[:, 1]))
+    valid &= np.abs(roll) < LARGEST_ROLL_DEG
+    return normal[valid], center[valid], np.tile(np.log(focal), 2)[valid]

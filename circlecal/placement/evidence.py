@@ -1,0 +1,205 @@
+"""How far the paint of a picture and the markings that a view shows go together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.field import FieldTemplate
+from circlecal.field.view import FieldView
+from circlecal.geometry.projective import Array, Mask
+from circlecal.placement.paint_maps import COLOURS, DIRECTIONS, SeenPaint
+
+FINE_SHARE = 0.006
+"""Distance from a ridge at which a marking is not explained by it any more, picture widths."""
+BREAK_EVEN = 0.4
+"""Share of a marking in view that must lie on ridges for it to speak for a camera: players, boards and logos hide the
+rest."""
+WIDE_M = 0.2
+"""Least width of paint whose blue is told."""
+LONGEST_STEP = 0.1
+"""Between two nodes of an outline, picture widths: more of it counts no more, since what lies between is not known."""
+RIM_POINTS = 48
+"""Of a circle or an arc, all round."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outlines:
+    """What a template paints.
+
+    Attributes
+    ----------
+    nodes : (K, N, 2) array
+        Points along each marking, metres.
+    colours : (K,) array
+        Index of each among :data:`circlecal.placement.paint_maps.COLOURS`.
+    is_optional : (K,) array of bool
+        Whether it may be the rim of a logo or of a disc, and show no line.
+    rims : (C, M, 2) array
+        Points all round each circle and arc, metres.
+    """
+
+    nodes: Array
+    colours: NDArray[np.intp]
+    is_optional: Mask
+    rims: Array
+
+    @classmethod
+    def of(cls, template: FieldTemplate) -> Outlines:
+        """Those of a template."""
+        round_ones = (*template.circles, *template.arcs)
+        elements = (*round_ones, *template.lines)
+        angle = np.linspace(0, 2 * np.pi, RIM_POINTS, endpoint=False)
+        ring = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        return cls(
+            nodes=template.outlines[1],
+            colours=np.array([COLOURS.index(_colour_of(e.color, template.paint_width(e))) for e in elements]),
+            is_optional=np.array([c.fill != "none" for c in round_ones] + [False] * len(template.lines), np.bool_),
+            rims=np.array([np.asarray(c.center) + template.radius(c, "center") * ring for c in round_ones]),
+        )
+
+    def thin(self, step: int) -> Outlines:
+        """Every so many nodes of each marking."""
+        return replace(self, nodes=self.nodes[:, ::step])
+
+
+def _colour_of(color: str, width_m: float) -> str:
+    """How paint of the template's colour looks: narrow blue paint may look like any."""
+    if color == "blue" and width_m > WIDE_M:
+        return "blue"
+    return "other than blue" if color == "red" else "any"
+
+
+@dataclass(frozen=True, slots=True)
+class OutlineSamples:
+    """Places along K markings, N on each, as B views show them in a reduced picture.
+
+    Attributes
+    ----------
+    cell : tuple of arrays that broadcast to (B, K, N)
+        Colour, direction, row and column: what :class:`circlecal.placement.paint_maps.RidgeMaps` are read with.
+    length : (B, K, N) array
+        Length of marking that each stands for, pixels; 0 where the playing surface does not show it.
+    normals : (B, K, N, 2) array
+        Across the marking.
+    """
+
+    cell: tuple[NDArray[np.intp], ...]
+    length: Array
+    normals: Array
+
+
+def sample_outlines(pixels: Array, ahead: Mask, colours: NDArray[np.intp], region: Mask) -> OutlineSamples:
+    """Where markings lie on the maps.
+
+    Parameters
+    ----------
+    pixels : (B, K, N, 2) array
+        Places along them, pixels of the reduced picture.
+    ahead : (B, K, N) array of bool
+        Which lie before the camera.
+    colours : (K,) array
+        Of the markings.
+    region : (h, w) array of bool
+        The playing surface.
+    """
+    tangent = np.gradient(pixels, axis=2)
+    length = np.hypot(tangent[..., 0], tangent[..., 1])
+    normals = np.stack([-tangent[..., 1], tangent[..., 0]], axis=-1) / np.maximum(length, 1e-9)[..., None]
+    rows, columns = region.shape
+    inside = ahead & (pixels >= 0).all(axis=-1) & (pixels <= (columns - 1, rows - 1)).all(axis=-1)
+    x, y = np.where(inside[..., None], np.rint(pixels), 0).astype(np.intp).transpose(3, 0, 1, 2)
+    direction = np.floor(np.arctan2(normals[..., 1], normals[..., 0]) % np.pi * (DIRECTIONS / np.pi)).astype(np.intp)
+    length = np.where(inside & region[y, x], np.minimum(length, LONGEST_STEP * columns), 0.0)
+    return OutlineSamples((colours[:, None], np.minimum(direction, DIRECTIONS - 1), y, x), length, normals)
+
+
+def weigh_samples(
+    samples: OutlineSamples, distance: NDArray[np.float32], is_optional: Mask, reach: float
+) -> tuple[Array, Array]:
+    """Length of markings on ridges beyond break-even (B,), pixels, and share (B,) of what is in view on ridges.
+
+    Parameters
+    ----------
+    samples : OutlineSamples
+        Places along the markings.
+    distance : (C, D, h, w) float32
+        Distance of the nearest ridge, pixels.
+    is_optional : (K,) array of bool
+        Which markings count only where they show as a line.
+    reach : float
+        Distance at which a ridge does not explain a marking any more, pixels.
+    """
+    explained = np.maximum(0.0, 1.0 - distance[samples.cell] / reach)
+    total, found = samples.length.sum(axis=2), (samples.length * explained).sum(axis=2)
+    is_left_out = is_optional & (found < BREAK_EVEN * total)
+    total, found = (np.where(is_left_out, 0.0, part).sum(axis=1) for part in (total, found))
+    return found - BREAK_EVEN * total, found / np.maximum(total, 1e-9)
+
+
+@dataclass(frozen=True, slots=True)
+class ViewEvidence:
+    """How far paint and markings of a field that a camera shows go together.
+
+    Attributes
+    ----------
+    evidence : float
+        Length of markings that lie on ridges beyond break-even, picture widths.
+    found_share : float
+        Share of the markings in view that lie on ridges.
+    explained_share : float
+        Share of the ridges on circles and lines that were found which lie on markings; 1 where there are none.
+    surface_share : float
+        Share of the markings in the picture that lie on the playing surface; 1 where there are none.
+    """
+
+    evidence: float
+    found_share: float
+    explained_share: float
+    surface_share: float = 1.0
+
+
+def weigh_view(view: FieldView, template: FieldTemplate, paint: SeenPaint) -> ViewEvidence:
+    """What speaks for a camera: that what it predicts is painted, and what is painted is predicted."""
+    maps = paint.maps
+    reach = FINE_SHARE * maps.width
+    outlines = Outlines.of(template)
+    grown = np.array([view.grow(outline, template) for outline in outlines.nodes])
+    pixels = view.project(grown)
+    ahead = np.array(np.isfinite(pixels).all(axis=-1))[None]
+    pixels = maps.scaling.reduce(np.nan_to_num(pixels, nan=-1e6)[None])
+    samples = sample_outlines(pixels, ahead, outlines.colours, maps.region)
+    in_picture = sample_outlines(pixels, ahead, outlines.colours, np.ones_like(maps.region)).length
+    score, share = weigh_samples(samples, maps.distance, outlines.is_optional, reach)
+    return ViewEvidence(
+        float(score[0]) / maps.width,
+        float(share[0]),
+        _share_on_markings(pixels[0], ahead[0], paint.structures.points, maps.region.shape, reach),
+        float(samples.length.sum() / in_picture.sum()) if in_picture.any() else 1.0,
+    )
+
+
+def mean_distance_px(view: FieldView, other: FieldView, template: FieldTemplate) -> float:
+    """Mean distance in pixels between the markings that one view shows and where another one shows them."""
+    nodes = template.outlines[1].reshape(-1, 2)
+    here, there = view.project(nodes), other.project(nodes)
+    shown = view.shows(here)
+    off = np.linalg.norm(np.nan_to_num(there, nan=1e6) - here, axis=1)
+    return float(off[shown].mean()) if shown.any() else np.inf
+
+
+def _share_on_markings(pixels: Array, ahead: Mask, points: Array, shape: tuple[int, ...], reach: float) -> float:
+    """Share of points (N, 2) that lie within reach, pixels, of outlines (K, M, 2)."""
+    if len(points) == 0:
+        return 1.0
+    strip = np.zeros(shape, np.uint8)
+    limit = 8 * max(shape)
+    for outline, shown in zip(pixels, ahead & (np.abs(pixels) < limit).all(axis=-1), strict=True):
+        drawn = np.rint(np.where(shown[:, None], outline, 0.0)).astype(np.int32)
+        runs = np.split(drawn, np.flatnonzero(np.diff(shown)) + 1)[1 - int(shown[:1].sum()) :: 2]
+        cv2.polylines(strip, [run.reshape(-1, 1, 2) for run in runs], False, 1, thickness=max(1, round(2 * reach)))
+    x, y = np.clip(np.rint(points), 0, (shape[1] - 1, shape[0] - 1)).astype(int).T
+    return float(strip[y, x].mean())

@@ -1,0 +1,207 @@
+"""What stands out from a playing surface as paint does, as maps of the nearest ridge of each direction and colour."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.detection.options import DetectorConfig
+from circlecal.detection.picture import Scaling, reduce_picture
+from circlecal.detection.ridges import RidgePoints, find_ridges
+from circlecal.geometry.conics import sampson_distance
+from circlecal.geometry.ellipses import ellipse_from_conic
+from circlecal.geometry.projective import Array, Mask
+from circlecal.results import MarkingMask
+
+DIRECTIONS = 8
+"""Maps of ridges by direction; a ridge is in the map of its own and of both neighbouring ones."""
+COLOURS = ("any", "blue", "other than blue")
+"""Of ridges that are told apart. Pictures hold colours at half their resolution, so thin red paint looks gray (in three
+rinks blue stood out by 24 to 48 levels on wide blue lines, red by 1 to 11 on circles of 2 in).
+"""
+BESIDE_PX, LEAST_COLOUR, COLOUR_SHARE = 10.0, 10.0, 0.2
+"""Distance from a ridge at which the surface is looked at, pixels of the searched picture; grey levels, and share of
+what the paint changes most, by which blue must stand out from the mean of green and red.
+"""
+SEARCH_WIDTH_PX = 960
+"""Width of the searched picture (does not scale), where the detector's own is not smaller. At 720 far lines of 2 in are
+lost: four of ten frames with them.
+"""
+STRUCTURE_PX = 2.5
+"""From a circle or a line within which a ridge belongs to it, pixels of the searched picture."""
+SAME_CIRCLE = 0.06
+"""Share of the great half axis by which centre and axes of one seen circle may differ."""
+
+
+@dataclass(frozen=True, slots=True)
+class RidgeMaps:
+    """Where the nearest ridge of each direction is, in a reduced picture of (h, w) pixels.
+
+    Attributes
+    ----------
+    distance : (C, D, h, w) float32
+        Distance in pixels, for each of :data:`COLOURS`.
+    label : (C, D, h, w) int32
+        Index of the ridge's pixel among ``places``.
+    places : (M, 2) array
+        Pixels of ridges.
+    region : (h, w) bool
+        The playing surface.
+    scaling : Scaling
+        Way back to the full picture.
+    """
+
+    distance: NDArray[np.float32]
+    label: NDArray[np.int32]
+    places: Array
+    region: Mask
+    scaling: Scaling
+
+    @property
+    def width(self) -> int:
+        """Pixels of the reduced picture."""
+        return int(self.distance.shape[3])
+
+
+@dataclass(frozen=True, slots=True)
+class SeenPaint:
+    """What stands out from a playing surface as paint does, in a reduced picture.
+
+    Attributes
+    ----------
+    structures : RidgePoints
+        Ridges on circles and straight lines that were found.
+    drawn, maps : RidgeMaps
+        Of these, and of all ridges.
+    """
+
+    structures: RidgePoints
+    drawn: RidgeMaps
+    maps: RidgeMaps
+
+
+def see_paint(
+    image: NDArray[np.uint8], gray: NDArray[np.uint8], mask: MarkingMask, config: DetectorConfig
+) -> SeenPaint | None:
+    """The paint on the playing surface; None where there is neither.
+
+    Parameters
+    ----------
+    image, gray : (H, W, 3), (H, W) uint8
+        The picture and its brightness.
+    mask : MarkingMask
+        What the detector found.
+    config : DetectorConfig
+        Options of the detector.
+    """
+    if mask.field_region is None:
+        return None
+    sign = 1.0 if mask.polarity is None else mask.polarity
+    hull = mask.field_region.astype(np.uint8) * 255
+    ridges, region, scaling = _find_paint(gray, hull, sign, config)
+    if len(ridges) == 0:
+        return None
+    halfway = () if mask.halfway is None else (mask.halfway,)
+    segments = np.array([(s.start, s.end) for s in (*mask.lines, *halfway)]).reshape(-1, 2, 2)
+    structures = _select_structures(
+        ridges, [scaling.reduce_conic(conic) for conic in distinct_circles(mask)], scaling.reduce(segments)
+    )
+    drawn, maps = (
+        _map_ridges(found, region, scaling, _tell_colours(image, found, scaling)) for found in (structures, ridges)
+    )
+    return SeenPaint(structures, drawn, maps)
+
+
+def distinct_circles(mask: MarkingMask) -> list[Array]:
+    """The circles, arcs and candidates (3, 3) of a mask, each once, in pixels of the full picture."""
+    seen = (
+        *(() if mask.conic is None else (mask.conic,)),
+        *(a.conic for a in mask.arcs),
+        *(c.conic for c in mask.candidates),
+    )
+    kept: list[Array] = []
+    shapes: list[Array] = []
+    for conic in seen:
+        ellipse = ellipse_from_conic(conic)
+        if ellipse is None:
+            continue
+        shape = np.r_[ellipse.center, ellipse.semi_axes]
+        if all(np.abs(shape - other).max() > SAME_CIRCLE * shape[2] for other in shapes):
+            shapes.append(shape)
+            kept.append(conic)
+    return kept
+
+
+def _find_paint(
+    gray: NDArray[np.uint8], hull: NDArray[np.uint8], sign: float, config: DetectorConfig
+) -> tuple[RidgePoints, Mask, Scaling]:
+    """Ridges of a reduced picture (H, W) on the playing surface (h, w), 255, at any size; the surface there, and the
+    way back to the full picture. Markings are lighter than the surface, +1, or darker, -1.
+    """
+    width = min(SEARCH_WIDTH_PX, config.detection_width_px)
+    reduced, scaling = reduce_picture(gray, width, width)
+    rows, columns = reduced.shape
+    region = np.asarray(cv2.resize(hull, (columns, rows), interpolation=cv2.INTER_NEAREST), np.uint8)
+    return find_ridges(reduced, region, sign, config.ridges), region > 0, scaling
+
+
+def _select_structures(ridges: RidgePoints, conics: Sequence[Array], segments: Array) -> RidgePoints:
+    """The ridges that lie on circles or straight lines that were found, (3, 3) and (K, 2, 2) in the same picture: what
+    is painted, mostly, without legs and letters.
+    """
+    on = np.zeros(len(ridges), np.bool_)
+    for conic in conics:
+        on |= np.abs(sampson_distance(conic, ridges.points)) < STRUCTURE_PX
+    for start, end in segments:
+        span = end - start
+        length = np.linalg.norm(span)
+        offset = ridges.points - start
+        along = offset @ span / length
+        beside = np.abs(offset @ np.array([-span[1], span[0]])) / length
+        on |= (beside < STRUCTURE_PX) & (along > -STRUCTURE_PX) & (along < length + STRUCTURE_PX)
+    return RidgePoints(ridges.points[on], ridges.normals[on], ridges.chain[on])
+
+
+def _tell_colours(image: NDArray[np.uint8], ridges: RidgePoints, scaling: Scaling) -> Mask:
+    """Which ridges (N,) may be each of :data:`COLOURS` (C, N), by what they add to the colours beside them."""
+    places = scaling.full(ridges.points)
+    beside = BESIDE_PX * float(scaling.factor.mean())
+    height, width = image.shape[:2]
+
+    def at(points: Array) -> Array:
+        x, y = np.clip(np.rint(points), 0, (width - 1, height - 1)).astype(np.intp).T
+        return image[y, x].astype(np.float64)
+
+    added = at(places) - 0.5 * (at(places + beside * ridges.normals) + at(places - beside * ridges.normals))
+    blue, green, red = added.T
+    least = np.maximum(LEAST_COLOUR, COLOUR_SHARE * np.abs(added).max(axis=1))
+    bluish = blue - 0.5 * (green + red) > least
+    return np.array([np.ones(len(ridges), np.bool_), bluish, ~bluish])
+
+
+def _map_ridges(ridges: RidgePoints, region: Mask, scaling: Scaling, colours: Mask) -> RidgeMaps:
+    """Maps of ridges on a playing surface (h, w), for each colour that they may have (C, N)."""
+    rows, columns = region.shape
+    direction = np.floor(np.arctan2(*ridges.normals.T[::-1]) % np.pi * (DIRECTIONS / np.pi)).astype(int)
+    distance = np.full((len(colours), DIRECTIONS, rows, columns), columns, np.float32)
+    label = np.zeros(distance.shape, np.int32)
+    places = [np.zeros((1, 2))]
+    x, y = np.clip(np.rint(ridges.points), 0, (columns - 1, rows - 1)).astype(int).T
+    for c, k in np.ndindex(len(colours), DIRECTIONS):
+        near = colours[c] & np.isin((direction - k + 1) % DIRECTIONS, (0, 1, 2))
+        if not near.any():
+            continue
+        free = np.ones((rows, columns), np.uint8)
+        free[y[near], x[near]] = 0
+        away, nearest = cv2.distanceTransformWithLabels(free, cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL)
+        at = np.argwhere(free == 0)
+        place = np.zeros((len(at) + 1, 2))
+        place[nearest[at[:, 0], at[:, 1]]] = at[:, ::-1]
+        distance[c, k] = away
+        np.add(nearest, sum(len(part) for part in places), out=label[c, k])
+        places.append(place)
+    return RidgeMaps(distance, label, np.concatenate(places), region, scaling)

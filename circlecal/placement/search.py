@@ -1,0 +1,181 @@
+"""Ways to lay a field over a picture: all cameras first, of which the likeliest are fitted to all that is painted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.field import Circle, FieldTemplate
+from circlecal.field.view import FieldView
+from circlecal.geometry.projective import Array
+from circlecal.placement.camera_batch import CameraBatch, cameras_before_circles
+from circlecal.placement.evidence import FINE_SHARE, Outlines, sample_outlines, weigh_samples
+from circlecal.placement.fit import fit_cameras
+from circlecal.placement.paint_maps import RidgeMaps, SeenPaint, distinct_circles
+from circlecal.results import MarkingMask
+
+COARSE_SHARE, MIDDLE_SHARE = 0.03, 0.012
+"""Distance from a ridge at which a marking is not explained by it any more, picture widths: of the first cameras, whose
+turn is off by half a step, and after their first fit."""
+FOLLOWED, FIRST_KEPT, KEPT = 4000, 400, 40
+"""Best cameras, of which so many different ones are fitted to what is surely painted, and so many of these to all."""
+ALIKE_WIDTHS = 0.04
+"""Two cameras that put the field's nearest markings within this share of the picture's width are one."""
+FIRST_ROUNDS, ROUNDS = 5, 10
+"""Of the first and the last fit, in which the reach shrinks from one of these distances to the next."""
+COARSE_NODES = 4
+"""Every so many nodes of an outline are looked at for the first cameras."""
+MOST_CIRCLES = 5
+"""Seen circles from which cameras start."""
+AT_ONCE = 4000
+"""Cameras that are weighed at once, which bounds the memory."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlacedField:
+    """A field before a camera that a seen circle led to.
+
+    Attributes
+    ----------
+    circle : Circle
+        What the seen circle is taken for.
+    conic : (3, 3) array
+        The seen circle, pixels of the full picture.
+    view : FieldView
+        Where the full picture shows the field.
+    evidence : float
+        Length of markings that lie on ridges beyond break-even, picture widths.
+    found_share : float
+        Share of the markings in view that lie on ridges.
+    """
+
+    circle: Circle
+    conic: Array
+    view: FieldView
+    evidence: float
+    found_share: float
+
+
+@dataclass(frozen=True, slots=True)
+class RoughPlacements:
+    """Ways to lay a field over a picture after a search among all cameras, before the last fit.
+
+    Attributes
+    ----------
+    template : FieldTemplate
+        The field that was laid.
+    conics : tuple of (3, 3) arrays
+        Circles that were seen, pixels of the full picture.
+    cameras : CameraBatch
+        The likeliest of clearly different ones.
+    """
+
+    template: FieldTemplate
+    conics: tuple[Array, ...]
+    cameras: CameraBatch
+
+
+def search_placements(
+    mask: MarkingMask, paint: SeenPaint, size: tuple[int, int], template: FieldTemplate, side: str
+) -> RoughPlacements | None:
+    """The likeliest ways to lay a field over a picture among all that its circles allow; None where there is none.
+
+    Parameters
+    ----------
+    mask : MarkingMask
+        What the detector found.
+    paint : SeenPaint
+        What stands out from the playing surface; cameras are chosen by what is surely painted first.
+    size : (int, int)
+        Width and height of the picture.
+    template : FieldTemplate
+        The field.
+    side : str
+        Side of the field from which the camera looks.
+    """
+    conics, maps = tuple(distinct_circles(mask)[:MOST_CIRCLES]), paint.maps
+    small = [maps.scaling.reduce_conic(conic) for conic in conics]
+    middle = maps.scaling.reduce((np.array(size) - 1) / 2)
+    cameras = cameras_before_circles(small, template, maps.width, middle, side)
+    if cameras is None:
+        return None
+    outlines = Outlines.of(template)
+    few, nodes = outlines.thin(COARSE_NODES), outlines.nodes
+    reaches = COARSE_SHARE * maps.width * np.geomspace(1.0, MIDDLE_SHARE / COARSE_SHARE, FIRST_ROUNDS)
+    score, _ = _weigh_cameras(cameras, few, paint.drawn, reaches[0])
+    best = cameras.take(_distinct(cameras, score, nodes, maps, FOLLOWED, FIRST_KEPT))
+    best = fit_cameras(best, small, few, paint.drawn, reaches)
+    score, _ = _weigh_cameras(best, few, maps, reaches[-1])
+    return RoughPlacements(template, conics, best.take(_distinct(best, score, nodes, maps, FIRST_KEPT)))
+
+
+def refine_placements(
+    rough: RoughPlacements, paint: SeenPaint, size: tuple[int, int], template: FieldTemplate
+) -> list[PlacedField]:
+    """Ways to lay a field over a picture, in clearly different places, the one with most evidence first.
+
+    Parameters
+    ----------
+    rough : RoughPlacements
+        Of this field, or of another one of the same sport, whose markings lie alike.
+    paint : SeenPaint
+        What stands out from the playing surface.
+    size : (int, int)
+        Width and height of the picture.
+    template : FieldTemplate
+        The field.
+    """
+    maps, outlines = paint.maps, Outlines.of(template)
+    small = [maps.scaling.reduce_conic(conic) for conic in rough.conics]
+    cameras = rough.cameras if template is rough.template else rough.cameras.suit(rough.template, template)
+    reaches = maps.width * np.geomspace(MIDDLE_SHARE, FINE_SHARE, ROUNDS)
+    fitted = fit_cameras(cameras, small, outlines, maps, reaches)
+    score, share = _weigh_cameras(fitted, outlines, maps, FINE_SHARE * maps.width)
+    circles = (*template.circles, *template.arcs)
+    return [
+        PlacedField(
+            circles[fitted.own[k]],
+            rough.conics[fitted.seen[k]],
+            fitted.view(k, size, maps.scaling.factor),
+            float(score[k]) / maps.width,
+            float(share[k]),
+        )
+        for k in _distinct(fitted, score, outlines.nodes, maps, KEPT).tolist()
+    ]
+
+
+def _weigh_cameras(cameras: CameraBatch, outlines: Outlines, maps: RidgeMaps, reach: float) -> tuple[Array, Array]:
+    """Length of markings on ridges beyond break-even (B,), pixels, and share (B,) of what is in view on ridges."""
+    weights = []
+    for begin in range(0, len(cameras), AT_ONCE):
+        pixels, ahead = cameras.take(slice(begin, begin + AT_ONCE)).project(outlines.nodes)
+        samples = sample_outlines(pixels, ahead, outlines.colours, maps.region)
+        weights.append(weigh_samples(samples, maps.distance, outlines.is_optional, reach))
+    scores, shares = zip(*weights, strict=True)
+    return np.concatenate(scores), np.concatenate(shares)
+
+
+def _distinct(
+    cameras: CameraBatch, score: Array, nodes: Array, maps: RidgeMaps, most: int, wanted: int = KEPT
+) -> NDArray[np.intp]:
+    """The best cameras, best first, each of those that show the field alike once; at most so many as are wanted."""
+    order = np.argsort(-score)[:most]
+    marked, ahead = cameras.take(order).project(nodes.reshape(-1, 2)[:: COARSE_NODES**2])
+    rows, columns = maps.region.shape
+    shown = ahead & (marked > 0).all(axis=-1) & (marked < (columns, rows)).all(axis=-1)
+    x, y = np.where(shown, marked.transpose(2, 0, 1), 0.0).astype(np.float32)
+    weight, limit = shown.astype(np.float32), ALIKE_WIDTHS * columns * np.maximum(shown.sum(axis=1), 1)
+    kept = np.zeros(wanted, np.intp)
+    kept_x, kept_y = np.zeros((2, wanted, x.shape[1]), np.float32)
+    count = 0
+    for k in range(len(order)):
+        off = np.hypot(kept_x[:count] - x[k], kept_y[:count] - y[k])
+        if (np.minimum(off, columns, out=off) @ weight[k] <= limit[k]).any():
+            continue
+        kept[count], kept_x[count], kept_y[count] = k, x[k], y[k]
+        count += 1
+        if count == wanted:
+            break
+    return order[kept[:count]]
