@@ -182,10 +182,10 @@ def cameras_before_circles(
             lens = np.full(len(kept), LENS)
             focals = np.tile(log_focal, len(turns))[kept]
             parts.append(CameraBatch(rotation[kept], shift[kept], focals, lens, *index, middle))
-    return _join(parts) if sum(map(len, parts)) else None
+    return join_cameras(parts) if sum(map(len, parts)) else None
 
 
-def _join(parts: Sequence[CameraBatch]) -> CameraBatch:
+def join_cameras(parts: Sequence[CameraBatch]) -> CameraBatch:
     """All cameras of several batches before one picture."""
     return CameraBatch(
         np.concatenate([part.rotation for part in parts]),

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from circlecal.field import Circle, FieldTemplate
 from circlecal.field.view import FieldView
 from circlecal.geometry.projective import Array
-from circlecal.placement.camera_batch import CameraBatch, cameras_before_circles
+from circlecal.placement.camera_batch import CameraBatch, cameras_before_circles, join_cameras
 from circlecal.placement.evidence import FINE_SHARE, Outlines, sample_outlines, weigh_samples
 from circlecal.placement.fit import fit_cameras
 from circlecal.placement.paint_maps import RidgeMaps, SeenPaint, distinct_circles
@@ -19,8 +19,10 @@ from circlecal.results import MarkingMask
 COARSE_SHARE, MIDDLE_SHARE = 0.03, 0.012
 """Distance from a ridge at which a marking is not explained by it any more, picture widths: of the first cameras, whose
 turn is off by half a step, and after their first fit."""
-FOLLOWED, FIRST_KEPT, KEPT = 4000, 400, 40
-"""Best cameras, of which so many different ones are fitted to what is surely painted, and so many of these to all."""
+FOLLOWED, FIRST_KEPT, KEPT = 4000, 250, 40
+"""Best cameras by what is surely painted, and by all that may be (an arc of which too little is seen is among neither
+circles nor lines); of either so many different ones are fitted to it, and so many of these to all.
+"""
 ALIKE_WIDTHS = 0.04
 """Two cameras that put the field's nearest markings within this share of the picture's width are one."""
 FIRST_ROUNDS, ROUNDS = 5, 10
@@ -87,7 +89,7 @@ def search_placements(
     mask : MarkingMask
         What the detector found.
     paint : SeenPaint
-        What stands out from the playing surface; cameras are chosen by what is surely painted first.
+        What stands out from the playing surface; cameras are chosen by what is surely painted, and by all of it.
     size : (int, int)
         Width and height of the picture.
     template : FieldTemplate
@@ -104,11 +106,14 @@ def search_placements(
     outlines = Outlines.of(template)
     few, nodes = outlines.thin(COARSE_NODES), outlines.nodes
     reaches = COARSE_SHARE * maps.width * np.geomspace(1.0, MIDDLE_SHARE / COARSE_SHARE, FIRST_ROUNDS)
-    score, _ = _weigh_cameras(cameras, few, paint.drawn, reaches[0])
-    best = cameras.take(_distinct(cameras, score, nodes, maps, FOLLOWED, FIRST_KEPT))
-    best = fit_cameras(best, small, few, paint.drawn, reaches)
+    parts = []
+    for seen in (paint.drawn, maps):
+        score, _ = _weigh_cameras(cameras, few, seen, reaches[0])
+        first = cameras.take(_distinct(cameras, score, nodes, maps, FOLLOWED, FIRST_KEPT))
+        parts.append(fit_cameras(first, small, few, seen, reaches))
+    best = join_cameras(parts)
     score, _ = _weigh_cameras(best, few, maps, reaches[-1])
-    return RoughPlacements(template, conics, best.take(_distinct(best, score, nodes, maps, FIRST_KEPT)))
+    return RoughPlacements(template, conics, best.take(_distinct(best, score, nodes, maps, len(score))))
 
 
 def refine_placements(

@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from circlecal.field import Circle, FieldTemplate
+from circlecal.geometry.camera_parameters import LOG_FOCAL
 from circlecal.geometry.conics import circle_conic, sampson_distance, transform_conic
 from circlecal.geometry.homography import projects_in_front
 from circlecal.geometry.projective import Array, apply_homography, lift, normalise_line, transform_lines
@@ -20,6 +21,10 @@ NOISE_SIGMAS = 3.0
 """Residuals within this many of the observations' own standard deviations are noise."""
 BLOOM_PX = 3.0
 """By how much blur can drive both edges apart, pixels at 1920 px width."""
+LARGEST_FOCAL_SIGMA = 0.03
+"""Relative standard deviation of the focal length up to which the limit of the shortest one follows it; a camera that
+knows it less is not excused by that.
+"""
 LIKELY_RESIDUAL_PX = 1.4
 """Largest rms distance from the projected circle of one that needs a confirmation, pixels at 1920 px width."""
 EXACT_RESIDUAL_PX, EXACT_ARC_DEG = 0.1, 130.0
@@ -348,6 +353,9 @@ def _worst_marking(camera: CameraFit, unit: float, config: VerdictConfig) -> tup
 def _place_checks(camera: CameraFit, circle: Circle, reference_m: Array, config: VerdictConfig) -> list[Check]:
     view = camera.camera
     distance = float(np.linalg.norm(view.position_m - np.r_[reference_m, 0.0])) / circle.radius_m
+    # of a focal length that is known to a few per cent, what is by less below the limit is not
+    sigma = min(float(np.sqrt(camera.covariance[LOG_FOCAL, LOG_FOCAL])), LARGEST_FOCAL_SIGMA)
+    shortest = config.focal_widths[0] * float(np.exp(-NOISE_SIGMAS * sigma))
     return [
         _check("height_m", -float(view.position_m[2]), config.height_m[1]),
         _check("lowest_height_m", -float(view.position_m[2]), config.height_m[0], at_least=True),
@@ -355,7 +363,7 @@ def _place_checks(camera: CameraFit, circle: Circle, reference_m: Array, config:
         _check("nearest_radii", distance, config.distance_radii[0], at_least=True),
         _check("roll_deg", abs(float(np.degrees(view.angles_rad[2]))), config.max_roll_deg),
         _check("focal_widths", float(view.focal_px[0]) / view.width, config.focal_widths[1]),
-        _check("shortest_focal_widths", float(view.focal_px[0]) / view.width, config.focal_widths[0], at_least=True),
+        _check("shortest_focal_widths", float(view.focal_px[0]) / view.width, shortest, at_least=True),
     ]
 
 

@@ -6,15 +6,19 @@ from circlecal.detection.circle import (
     LEAST_RMS_PX,
     THINNEST_BAND,
     CircleHypothesis,
+    MeasuredCircle,
     check_circle,
     describe_circle,
     find_refusal,
+    measure_band_width,
     measure_circle,
 )
 from circlecal.detection.ellipse_batch import EllipseBatch, ellipse_conic
 from circlecal.detection.options import AcceptanceConfig, ProfilesConfig
 from circlecal.geometry.conics import sampson_distance
 from circlecal.geometry.ellipses import Ellipse, conic_from_ellipse, ellipse_from_conic
+from circlecal.geometry.projective import Array
+from circlecal.paint.bands import MeasuredCurve
 
 from .conftest import Scene, paint_scene
 
@@ -93,6 +97,29 @@ def test_a_dark_marking_is_measured_as_such_only(scene: Scene) -> None:
     light, dark = (measure_circle(gray, start(scene, 1.0), sign, ProfilesConfig()) for sign in (1.0, -1.0))
     assert light.angle_share[light.curve.supported].sum() < 0.3
     assert dark.angle_share[dark.curve.supported].sum() > 0.9
+
+
+def test_paint_that_is_widest_near_the_camera_is_no_drawn_ring() -> None:
+    """A robot sees the near part of its circle several times as wide as the far one, and wider than the sides."""
+    turn = np.linspace(0.0, 2 * np.pi, 400, endpoint=False)
+    ellipse = EllipseBatch(np.array([[960.0, 600.0]]), np.array([[540.0, 0.0]]), np.array([[0.0, 380.0]]))
+    outward = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+    points = np.array([960.0, 600.0]) + outward * (540.0, 380.0)
+    normals = outward / (540.0, 380.0)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    lowness = np.sin(turn)
+
+    def band_width(width: Array) -> float | None:
+        seen = np.ones(len(turn), np.bool_)
+        curve = MeasuredCurve(points, normals, np.zeros(len(turn)), np.full(len(turn), 90.0), width, seen, seen)
+        return measure_band_width(MeasuredCircle(ellipse, np.full(len(turn), 1 / len(turn)), curve, 1.0))
+
+    from_near = band_width(np.where(lowness > 0, 34.0 + 12.0 * lowness, 34.0 + 20.0 * lowness))
+    assert from_near is not None
+    assert from_near > 5 * THINNEST_BAND
+    rng = np.random.default_rng(0)
+    drawn = [band_width(10.0 + rng.normal(0.0, 0.1, len(turn)) + bend * lowness) for bend in (0.0, 0.5)]
+    assert all(width is not None and width < THINNEST_BAND for width in drawn)
 
 
 def test_paint_on_the_field_is_wider_at_the_sides_than_a_drawn_ring() -> None:

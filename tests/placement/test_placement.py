@@ -1,18 +1,32 @@
 """Which circle of a rink or a court is the one seen: told by lines, arcs and other circles, without a halfway line."""
 
+from dataclasses import replace
+
+import cv2
 import numpy as np
 import pytest
 
 from circlecal.config import load_config
+from circlecal.detection import DetectorConfig
 from circlecal.field import load_field
 from circlecal.field.view import FieldView
 from circlecal.geometry.camera_parameters import PARAMETERS
 from circlecal.geometry.conics import circle_conic, sampson_distance, transform_conic
 from circlecal.geometry.surface import FLAT
+from circlecal.observations import MarkingKey
 from circlecal.pipeline import field_of, placed_field, run
 from circlecal.pipeline import setting as frame
 from circlecal.pipeline.placed_field import RIVAL_RATIO, _is_believed
-from circlecal.placement import PlacedField, ViewEvidence, see_paint, weigh_view
+from circlecal.placement import (
+    PlacedField,
+    ViewEvidence,
+    mean_distance_px,
+    refine_placements,
+    search,
+    search_placements,
+    see_paint,
+    weigh_view,
+)
 from circlecal.placement.camera_batch import cameras_before_circles
 from circlecal.records.writing import result_record
 from circlecal.results import Attempt, CameraFit, MarkingMask, Verdict
@@ -178,6 +192,42 @@ def test_cameras_before_a_field_of_other_sizes_see_its_circle_where_the_picture_
         rim = np.asarray(own.center) + other.radius(own, "center") * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
         seen = np.c_[rim, np.ones(len(rim))] @ suited.homographies[k].T
         assert np.abs(sampson_distance(conic, seen[:, :2] / seen[:, 2:])).max() < 1e-6
+
+
+def test_a_court_is_laid_by_arcs_and_lines_that_the_detector_did_not_tell(monkeypatch):
+    """One circle was found and nothing else: what turns the court about it is among all that may be painted."""
+
+    def take_few(*given):
+        cameras = cameras_before_circles(*given)
+        return cameras.take(np.flatnonzero(cameras.own == 2))
+
+    monkeypatch.setattr(search, "cameras_before_circles", take_few)
+    monkeypatch.setattr(search, "FOLLOWED", 200)
+    monkeypatch.setattr(search, "FIRST_KEPT", 8)
+    court, size = load_field("basketball-nba"), (960, 540)
+    camera = aim_camera(np.array([4.0, 22.0, -9.0]), np.array([9.0, 0.0, 0.0]), 1100.0, 0.0, *size)
+    gray = np.random.default_rng(0).normal(150.0, 2.0, size[::-1]).astype(np.uint8)
+    for outline in court.outlines[1]:
+        drawn = np.rint(camera.project(outline) * 16).astype(np.int32)
+        cv2.polylines(gray, [drawn], False, 60, 2, cv2.LINE_AA, 4)
+    circle = court.circle_by_name["free_throw_circle_right"]
+    conic = transform_conic(camera.homography, circle_conic(circle.center, court.radius(circle, "center")))
+    surface = np.ones(size[::-1], np.bool_)
+    mask = MarkingMask(np.zeros_like(gray), "detector", conic, field_region=surface, polarity=-1.0)
+    paint = see_paint(np.dstack([gray] * 3), gray, mask, DetectorConfig())
+    rough = search_placements(mask, paint, size, court, "main")
+    best = refine_placements(rough, paint, size, court)[0]
+    assert best.circle.name == circle.name
+    assert mean_distance_px(FieldView(camera), best.view, court) < 4.0
+
+
+@pytest.mark.parametrize(("stray", "count", "is_taken"), [(1, 4, True), (2, 15, True), (2, 12, False), (3, 20, False)])
+def test_few_of_many_markings_may_lie_beside_the_paint(stray, count, is_taken):
+    config = load_config(None, ["field.template=basketball-nba"])
+    setting = frame.Setting(config, *field_of(config), 1920, 1080, np.random.default_rng(0))
+    residuals = {MarkingKey(str(k)): 9.0 if k < stray else 0.3 for k in range(count)}
+    attempt = Attempt(camera=replace(fit(LEFT_CIRCLE), residuals_px=residuals))
+    assert placed_field._is_of_this_size(setting, attempt) is is_taken
 
 
 def test_fields_of_one_sport_are_searched_for_once(monkeypatch):

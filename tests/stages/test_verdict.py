@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from circlecal.geometry.camera_parameters import INDEX, PARAMETERS
+from circlecal.geometry.camera_parameters import INDEX, LOG_FOCAL, PARAMETERS
 from circlecal.geometry.conic_fits import fit_conic
 from circlecal.geometry.conics import circle_conic, transform_conic
 from circlecal.geometry.homography import turn_homography
@@ -34,7 +34,7 @@ def camera_fit(camera=CAMERA, **changes):
         "camera": camera,
         "surface": FLAT,
         "parameters": (),
-        "covariance": np.zeros((0, 0)),
+        "covariance": np.zeros((len(PARAMETERS), len(PARAMETERS))),
         "H_image_field": H,
         "H_field_image": np.linalg.inv(H),
         "H_covariance": np.zeros((8, 8)),
@@ -202,6 +202,17 @@ def test_every_gate_has_a_code_and_words(camera, code, words, value):
     failed = [check for check in found.checks if not check.passed]
     assert CHECKS[failed[0].name][0] == code
     assert value is None or failed[0].value == pytest.approx(value, rel=0.01, nan_ok=True)
+
+
+@pytest.mark.parametrize(("sigma", "is_plausible"), [(0.003, False), (0.012, True), (0.5, True)])
+@pytest.mark.parametrize("focal", [0.292, 0.25])
+def test_a_focal_length_is_too_short_by_more_than_its_own_uncertainty(focal, sigma, is_plausible):
+    """A camera of a robot has 0.290 picture widths, and was measured to 0.292 +- 1.2 %."""
+    covariance = np.zeros((len(PARAMETERS), len(PARAMETERS)))
+    covariance[LOG_FOCAL, LOG_FOCAL] = sigma**2
+    short = camera_fit(replace(CAMERA, focal_px=np.full(2, focal * 1280.0)), covariance=covariance)
+    check = verdict(short).check("shortest_focal_widths")
+    assert check.passed is (is_plausible and focal > 0.27)
 
 
 def test_a_halfway_line_beyond_the_field_belongs_to_another_circle():
