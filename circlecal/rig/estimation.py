@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from circlecal.camera.noise import rescale_sigmas
 from circlecal.camera.observed import NoiseModel, curves_from_observations, points_from_observations
@@ -139,7 +139,7 @@ def _stand_together(first: Rig, second: Rig, config: Config) -> bool:
     apart = found[0][0][places[0]] - found[1][0][places[1]]
     spread = sum(covariance[np.ix_(at, at)] for (_, covariance), at in zip(found, places, strict=True))
     spread = spread + config.rig.same_position_m**2 * np.eye(3)
-    return bool(apart @ np.linalg.solve(spread, apart) < chi2.ppf(SAME_CAMERA, 3))
+    return bool(apart @ np.linalg.solve(spread, apart) < chdtri(3, 1.0 - SAME_CAMERA))
 
 
 def _select_best(members: Sequence[RigFrame], turned: Sequence[bool], config: Config) -> list[tuple[RigFrame, bool]]:

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from circlecal.geometry.projective import Array
 
 _SEEDS = 200
 _ROUNDS = 5
-_LIMIT = float(chi2.ppf(0.999, 3))
+_LIMIT = float(chdtri(3, 1e-3))
 """Squared Mahalanobis distance within which positions agree."""
 _ANYWHERE = 1.0 / (300.0 * 300.0 * 60.0)
 """Density of a position of which nothing is known, per cubic metre."""

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from circlecal.camera.problem import evaluate
 from circlecal.camera.residuals import sample_feet
@@ -104,7 +104,7 @@ def _refusal(found: FrameCalibration | None, frame: RigFrame, rig: Rig) -> str |
         return found.verdict.reason
     prior = rig.prior(frame.id, found.attempt.camera.theta)
     prior = prior if found.width == rig.size[0] else prior.resize(found.width / rig.size[0])
-    if prior_chi_square(prior, found.attempt.camera.theta) > chi2.ppf(1.0 - UNLIKELY, len(prior.parameters)):
+    if prior_chi_square(prior, found.attempt.camera.theta) > chdtri(len(prior.parameters), UNLIKELY):
         return f"its camera is another one than {rig.name}"
     return None
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 
 from circlecal.field import FieldTemplate
 from circlecal.field.view import FieldView
@@ -176,6 +175,8 @@ def _misfit(predicted: Array, blur: Array, measured: Array) -> float:
     """Half the robust chi-square of ``measured = g predicted + blur b`` with no negative coefficient, in relative
     errors; ``blur`` is (N, 2).
     """
+    from scipy.optimize import nnls  # takes as long to import as all of circlecal, and few frames come here
+
     rows = np.column_stack([predicted, blur]) / measured[:, None]
     weight = np.ones(len(rows))
     off = np.zeros(len(rows))

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.optimize import least_squares
 from scipy.special import erf
 
 from circlecal.geometry.projective import Array
@@ -57,6 +56,8 @@ def estimate_paint_width(frames: Sequence[MeasuredFrame], usual_m: float) -> tup
         Width by the template.
     """
     scale = np.concatenate([frame.scale_px_m for frame in frames]) if frames else np.zeros(0)
+    from scipy.optimize import least_squares  # slow to import
+
     seen = np.concatenate([frame.width_px for frame in frames]) if frames else np.zeros(0)
     broad = scale * usual_m > LEAST_PX
     if np.count_nonzero(broad) < LEAST_PLACES:

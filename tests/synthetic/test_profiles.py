@@ -61,9 +61,15 @@ def cross_profile(rendering):
     return contrast @ towards / np.linalg.norm(towards), int(shown.sum())
 
 
-@pytest.mark.parametrize("profile", POSITIVE)
-def test_paint_lies_on_the_projected_circle(profile):
-    profiles, sites = zip(*(cross_profile(drawn(profile, seed)) for seed in range(2)), strict=True)
+@pytest.fixture(scope="module", params=POSITIVE)
+def rendering(request):
+    """A frame of a profile, for all tests of it."""
+    return request.param, drawn(request.param)
+
+
+def test_paint_lies_on_the_projected_circle(rendering):
+    profile, first = rendering
+    profiles, sites = zip(*(cross_profile(found) for found in (first, drawn(profile, seed=1))), strict=True)
     for contrast, count in zip(profiles, sites, strict=True):
         assert count > 100
         peak = contrast.max()
@@ -72,9 +78,8 @@ def test_paint_lies_on_the_projected_circle(profile):
         assert abs(np.sum(high * OFFSETS_PX) / np.sum(high)) < 0.4
 
 
-@pytest.mark.parametrize("profile", POSITIVE)
-def test_truth_of_the_delivered_picture(profile):
-    truth = drawn(profile).truth
+def test_truth_of_the_delivered_picture(rendering):
+    profile, truth = rendering[0], rendering[1].truth
     x0, y0, x1, y1 = truth.picture_box_px
     assert -1 <= x0 < x1 <= truth.camera.width
     assert -1 <= y0 < y1 <= truth.camera.height

@@ -51,9 +51,9 @@ def open_frame(open_image) -> MeasuredPicture:
 
 @pytest.fixture(scope="session")
 def folder(tmp_path_factory, open_image, frame_image) -> Path:
-    """A good picture, and the refused one several times: no test meets what another one changed."""
+    """A good picture, and the refused one twice: no test meets what another one changed."""
     path = tmp_path_factory.mktemp("pictures")
-    for name in ("open", "windows", "keys"):
+    for name in ("open", "keys"):
         cv2.imwrite(str(path / f"{name}.png"), open_image)
     cv2.imwrite(str(path / "good.png"), frame_image)
     return path

@@ -166,17 +166,17 @@ def test_a_click_snaps_to_paint_and_a_killed_server_loses_nothing(browser, serve
 
 def two_windows(browser, address, out):
     """They do not overwrite each other."""
-    go_to(browser, address, "windows")
+    go_to(browser, address, "good")
     browser.run("const n = document.getElementById('note'); n.value = 'mine'; n.dispatchEvent(new Event('change'))")
     browser.wait(SAVED)
     # what the other window saved meanwhile
-    theirs = stored(out, "windows") | {"revision": 7, "note": "theirs"}
-    (out / "windows.json").write_text(json.dumps(theirs))
+    theirs = stored(out, "good") | {"revision": 7, "note": "theirs"}
+    (out / "good.json").write_text(json.dumps(theirs))
     browser.run(
         "const n = document.getElementById('note'); n.value = 'mine again'; n.dispatchEvent(new Event('change'))"
     )
     browser.wait("document.getElementById('conflict').open")
-    assert stored(out, "windows")["note"] == "theirs"
+    assert stored(out, "good")["note"] == "theirs"
     browser.run("document.getElementById('take-theirs').click()")
     browser.wait(f"document.getElementById('note').value === 'theirs' && {READY}")
     browser.console()  # the browser itself reports the answer 409

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from circlecal.errors import EstimationError
 from circlecal.evaluation.bench.bounds import bound_covariance, bound_errors
@@ -226,7 +226,7 @@ def _inside(difference: Array, covariance: Array) -> bool:
     # a camera moves the homography in seven directions; what is left of the eighth is the bend of that surface
     kept = values > 1e-6 * values[-1]
     projected = vectors[:, kept].T @ (difference / scale)
-    return bool(np.sum(projected**2 / values[kept]) < chi2.ppf(0.9, int(kept.sum())))
+    return bool(np.sum(projected**2 / values[kept]) < chdtri(int(kept.sum()), 0.1))
 
 
 def closed_forms(draws: int, seed: int) -> list[tuple[str, float]]:
