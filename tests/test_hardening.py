@@ -524,7 +524,7 @@ def test_a_line_longer_than_any_path(tmp_path):
 def test_small_pictures_are_calibrated_or_refused(frame_image):
     rng = np.random.default_rng(3)
     config = circlecal.load_config(None, {"camera.starts": 2, "camera.iterations": 10})
-    for _ in range(12):
+    for _ in range(8):
         width, height = rng.integers(64, 221, 2).tolist()
         x, y = int(rng.integers(0, 960 - width)), int(rng.integers(0, 540 - height))
         small = cv2.resize(frame_image, (width, height), interpolation=cv2.INTER_AREA)
