@@ -427,6 +427,7 @@ CHECKS: dict[str, tuple[str, str]] = {
     "named_markings": ("few_markings", ""),
     "rejected_share": ("observations_contradict", ""),
     "mark_distance_px": ("mark_contradicts_circle", ""),
+    "noise_beside_mark": ("mark_contradicts_circle", ""),
     "likely_residual_px": (
         "circle_unconfirmed",
         "too little of the circle is seen to be sure of it, and the best camera's circle does not lie exactly on it",

@@ -9,8 +9,10 @@ import pytest
 from circlecal.config import Config, load_config
 from circlecal.errors import ConfigError, InputError
 from circlecal.evaluation.bench.detect import PROFILES, compare
+from circlecal.field import load_field
 from circlecal.geometry.homography import compass_label
 from circlecal.geometry.projective import apply_homography, normalise_line, transform_lines
+from circlecal.geometry.surface import Surface
 from circlecal.observations import Keypoint, Observations, join_observations
 from circlecal.overlay import draw_overlay, stage_pictures
 from circlecal.pipeline import field_of, run, run_observations
@@ -22,9 +24,11 @@ from circlecal.refusals import REFUSALS, Confidence
 from circlecal.stages.correspondences import is_turned, turn_correspondences
 from circlecal.stages.homography import turn_fit
 from circlecal.synthetic.cameras import aim_camera
+from circlecal.synthetic.looks import sample_config
 from circlecal.synthetic.markings import circle_points, line_points
-from circlecal.synthetic.renderer import Rendering
+from circlecal.synthetic.renderer import Rendering, render
 from circlecal.synthetic.sampling import render_frame
+from circlecal.synthetic.scene import Scene
 
 CONFIG = Config()
 SIZE = (1280, 720)
@@ -407,3 +411,15 @@ def test_a_face_off_circle_is_not_taken_for_the_centre_circle():
     found = run(rendering.image, load_config("ice-hockey", []), frame_id="ice-19")
     assert found.status == "calibrated"
     assert error_px(rendering, found) < 3.0
+
+
+def test_markings_that_must_be_in_view_are_looked_for_although_the_centre_mark_is_seen():
+    """Circle, halfway line and centre mark on otherwise bare grass, where a penalty area would have to be."""
+    rng, soccer = np.random.default_rng(4), load_field("soccer")
+    bare = soccer.model_copy(update={"lines": (soccer.line_by_name["halfway_line"],), "arcs": ()})
+    camera = aim_camera(np.array([1.5, 74.0, -20.0]), np.array([16.0, 0.0, 0.0]), 1133.0, 0.007, *SIZE, 0.03)
+    look = sample_config("easy", rng, SIZE[0]).model_copy(update={"scorebug": False, "shade": 0.0})
+    picture = render(Scene(camera, bare, Surface("roof", crown_m=0.05), look, ()), rng).image
+    found = run(picture, CONFIG, frame_id="bare")
+    assert found.attempt.cues.mark is not None
+    assert found.attempt.code == "markings_missing"

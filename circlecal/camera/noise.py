@@ -44,12 +44,30 @@ def rescale_sigmas(problem: Problem, state: State) -> tuple[Problem, State, floa
     factor = np.ones(len(values))
     for ordered in _along_markings(curves, state):
         residual = np.clip(values[ordered], -LARGEST_RESIDUAL, LARGEST_RESIDUAL)
-        if len(residual) < FEWEST_POINTS:
-            continue
-        scatter = np.sqrt(np.mean(residual**2) * len(residual) / max(len(residual) - PLACED_BY_FIT, 1.0))
-        factor[ordered] = max(1.0, scatter) * np.sqrt(correlation_factor(residual))
+        if len(residual) >= FEWEST_POINTS:
+            factor[ordered] = max(1.0, _scatter(residual)) * np.sqrt(correlation_factor(residual))
     scale = float(np.sqrt(np.mean(factor**2))) if len(factor) else 1.0
     return *reweight(problem, state, curves.sigma_px * factor), scale
+
+
+def noise_of_misfit(problem: Problem, state: State, given_px: Array) -> tuple[Problem, State]:
+    """Given standard deviations (N,), grown only where residuals and their correlation show more than these.
+
+    Neighbours that repeat each other's small residuals are no noise beyond what was given, which holds them already;
+    by :func:`rescale_sigmas` they are, which is careful for a result and hides from a comparison what is explained.
+    """
+    problem, state = reweight(problem, state, given_px)
+    factor = np.ones(len(given_px))
+    for ordered in _along_markings(problem.curves, state):
+        if len(ordered) >= FEWEST_POINTS:
+            residual = np.clip(state.residuals[0, ordered], -LARGEST_RESIDUAL, LARGEST_RESIDUAL)
+            factor[ordered] = max(1.0, _scatter(residual) * np.sqrt(correlation_factor(residual)))
+    return reweight(problem, state, given_px * factor)
+
+
+def _scatter(residual: Array) -> float:
+    """How many standard deviations the residuals (N,) of a marking that the fit has placed scatter by."""
+    return float(np.sqrt(np.mean(residual**2) * len(residual) / max(len(residual) - PLACED_BY_FIT, 1.0)))
 
 
 def rescale_and_reject(problem: Problem, state: State, least: CurvePoints) -> tuple[Problem, State, float, CurvePoints]:

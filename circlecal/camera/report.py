@@ -50,7 +50,7 @@ def camera_fit(
     model, theta = problem.model, state.theta[0]
     covariance = posterior_covariance(state.normal[0], problem.priors.sd)
     if posterior is not None:
-        covariance = covariance + posterior.spread
+        covariance = posterior.widen(covariance)
     prior = state.prior_jacobian[0]
     center, reference = np.asarray(circle.center), problem.priors.center_m
     camera = camera_of(theta, model)

@@ -223,31 +223,40 @@ class Posterior:
     ----------
     world : World
         The most likely one.
-    spread : (P, P) array
-        By how much the others widen the covariance of the best answer: the mixture's second moment about its parameters
-        less its own covariance C, ``sum w_k (C_k + d_k d_k^T) - C``.
+    share : float
+        Its posterior probability.
+    others : (P, P) array
+        Second moment of all other answers about the reported one, ``sum w_k (C_k + d_k d_k^T)``: with the answer's own
+        covariance C the mixture's is ``share C + others``.
     usual_share : float
         Posterior probability that the field is of the usual size.
     """
 
     world: World
-    spread: Array
+    share: float
+    others: Array
     usual_share: float
 
+    def widen(self, covariance: Array) -> Array:
+        """The mixture's second moment (P, P) about the answer with this covariance."""
+        return self.share * covariance + self.others
 
-def mix(answers: Sequence[Answer], best: Answer) -> Posterior:
-    """The mixture of all answers, of which one is reported."""
+
+def mix(answers: Sequence[Answer], best: Answer, theta: Array) -> Posterior:
+    """The mixture of all answers, of which one is reported, with the parameters (P,)."""
     shares = posterior_shares(answers)
-    own = posterior_covariance(best.state.normal[0], best.problem.priors.sd)
-    spread = np.zeros_like(own)
-    for answer, share in zip(answers, shares, strict=True):
-        if answer is best or share < UNLIKELY_SHARE:
+    kept = [(a, q) for a, q in zip(answers, shares.tolist(), strict=True) if a is best or q >= UNLIKELY_SHARE]
+    total = sum(q for _, q in kept)
+    others, share = np.zeros((len(theta), len(theta))), 0.0
+    for answer, q in kept:
+        if answer is best:
+            share = q / total
             continue
-        away = answer.state.theta[0] - best.state.theta[0]
+        away = answer.state.theta[0] - theta
         covariance = posterior_covariance(answer.state.normal[0], answer.problem.priors.sd)
-        spread += share * (covariance + np.outer(away, away) - own)
-    usual = sum(share for answer, share in zip(answers, shares, strict=True) if answer.world.is_usual_size)
-    return Posterior(best.world, spread, float(usual))
+        others += q / total * (covariance + np.outer(away, away))
+    usual = sum(q for answer, q in zip(answers, shares.tolist(), strict=True) if answer.world.is_usual_size)
+    return Posterior(best.world, share, others, float(usual))
 
 
 _Place = tuple[MarkingKey, int, bytes]

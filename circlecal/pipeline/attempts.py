@@ -34,7 +34,7 @@ from circlecal.stages.evidence import measure_evidence
 from circlecal.stages.homography import estimate_homography, homography_of_solver, turn_fit
 from circlecal.stages.mask import find_marking, suit_field
 from circlecal.stages.rays import cast_rays
-from circlecal.stages.verdict import confirm, is_beyond_doubt, judge, weigh_evidence
+from circlecal.stages.verdict import confirm, judge, weigh_evidence
 
 UNDETERMINED = ("no_circle", "no_ellipse")
 """Refusals that say only that points, lines and arcs are too few without the circle."""
@@ -222,7 +222,7 @@ def look_again(setting: Setting, scene: Scene, attempt: Attempt) -> Attempt:
         carriers = frozenset(name for name in (circle.name, template.halfway_line) if name is not None)
         verdict = weigh_evidence(verdict, camera, measure_evidence(picture, mask, camera, template, carriers))
         attempt = replace(attempt, verdict=verdict)
-        if verdict.status == "refused" or is_beyond_doubt(camera, cues, template):
+        if verdict.status == "refused":
             return attempt
         seen_names = {line.line for line in observations.lines} | {c.circle for c in observations.circles}
         known = frozenset(name for name in (*seen_names, *camera.named_lines) if name is not None)

@@ -74,6 +74,11 @@ MOST_REVERSAL = 3.0
 for each further line that is named: of right answers without such lines at most 0.9 (rendered frames of all kinds, 54
 real frames of pans), with them at most 4.8; of pictures turned upside down or mirrored 3.8 to 8.6.
 """
+MOST_NOISE_BESIDE_MARK = 2.0
+"""By how much noise may have to grow for circle and halfway line where they contradict the centre mark and nothing else
+is there to decide: of rendered frames in which a foot was taken for the mark 1.0, of pictures of other perspectives
+that were put together, whose mark is one, 3.7.
+"""
 MOST_ROUGH = 0.12
 """Most of the field in view that may be as rough as a crowd: of right answers at most 0.09 (lettered banners, strips of
 advertising), of pictures whose quarters were exchanged 0.08 to 0.37.
@@ -386,6 +391,8 @@ def _residual_checks(camera: CameraFit, cues: Cues, circle: Circle, unit: float,
         seen = camera.residuals_px.get(MarkingKey(cues.mark.name), 0.0)
         stated = NOISE_SIGMAS * camera.stated_sigma_px.get(MarkingKey(cues.mark.name), 0.0)
         checks.append(_check("mark_distance_px", seen, max(config.max_mark_distance_px * unit, stated)))
+    if cues.mark is not None and MarkingKey(cues.mark.name) in camera.rejected and not camera.named_lines:
+        checks.append(_check("noise_beside_mark", camera.noise_scale, MOST_NOISE_BESIDE_MARK))
     return checks
 
 

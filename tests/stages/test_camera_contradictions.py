@@ -7,6 +7,7 @@ import pytest
 
 from circlecal.camera.options import CameraConfig
 from circlecal.evaluation.bench.scenarios import KNOWN
+from circlecal.geometry.surface import Surface
 from circlecal.observations import Keypoint, LinePoints, MarkingKey, MarkPoint
 from circlecal.refusals import REFUSALS
 from circlecal.stages.camera import estimate_camera
@@ -23,6 +24,21 @@ def test_a_wrong_mark_is_named_and_left_out():
     fit = estimate_camera(wrong, SOCCER, CIRCLE, KNOWN)
     assert fit.rejected == (MarkingKey("centre_mark"),)
     assert departure(fit, MAIN, 9.0) < max(8.0, 3 * departure(right, MAIN, 9.0))
+
+
+@pytest.mark.parametrize("along_px", [-6.0, 6.0])
+def test_a_mark_that_bends_the_camera_to_itself_is_left_out(along_px):
+    """A foot beside the centre mark: nothing else says how far away the camera stands, and the mark fits at once."""
+    camera = aim_camera(np.array([-8.0, 53.2, -15.8]), np.array([2.0, 9.0, 0.0]), 2750.0, 0.03, 1920, 1080, 0.028)
+    given = seen(camera, edges=("center",), mark=True, sigma=0.1, surface=Surface("roof", 9.15, 0.05))
+    right = estimate_camera(given, SOCCER, CIRCLE, CameraConfig())
+    assert right.rejected == ()
+    line = given.lines[0].points_px
+    along = (line[-1] - line[0]) / np.linalg.norm(line[-1] - line[0])
+    foot = MarkPoint("centre_mark", given.marks[0].point_px + along_px * along, 0.3)
+    fit = estimate_camera(replace(given, marks=(foot,)), SOCCER, CIRCLE, CameraConfig())
+    assert fit.rejected == (MarkingKey("centre_mark"),)
+    assert departure(fit, camera) < 5.0
 
 
 def test_a_wrong_keypoint_is_named_and_the_right_ones_kept():

@@ -1,5 +1,7 @@
 """Fields of another size than their template's, flat and crowned: what was seen chooses, and sigma tells the rest."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -105,3 +107,20 @@ def test_a_penalty_arc_is_expected_where_the_length_of_the_field_puts_it():
     assert shifts[names.index("penalty_arc_right"), 1, 0] == 0.5
     assert shifts[names.index("penalty_arc_left"), 1, 0] == -0.5
     assert not shifts[names.index("centre_circle")].any()
+
+
+def test_noise_is_not_grown_until_a_field_of_the_usual_size_fits():
+    """A part of the circle and one touchline, on a field 10.9 m broader than usual, which the usual one does not fit."""
+    camera = aim_camera(np.array([-10.3, 56.8, -16.4]), np.array([-10.0, -18.0, 0.0]), 4657.0, 0.025, 1920, 1080, 0.076)
+    painted = load_field("soccer", {"length": 115.7, "width": 78.9})
+    given = seen(
+        camera, edges=("center",), lines=("side_line_top",), mark=True, template=painted, sigma=0.05,
+        surface=Surface("parabola", 9.15, 0.023), count=600,
+    )  # fmt: skip
+    halfway, touchline = given.lines
+    fit = estimate_camera(
+        replace(given, lines=(halfway, replace(touchline, line=None))), SOCCER, CIRCLE, CameraConfig()
+    )
+    assert not fit.field_size.is_usual
+    assert abs(fit.field_size.width_m - 78.9) < 4.0 * fit.field_size.width_sd_m
+    assert np.linalg.norm(fit.camera.position_m - camera.position_m) < 6.0

@@ -107,6 +107,7 @@ def test_a_good_camera_is_accepted_with_every_check():
         "named_markings",
         "end_residual_px",
         "other_end_reach",
+        "noise_beside_mark",
     }
 
 
@@ -306,6 +307,14 @@ def test_a_circle_behind_the_camera():
 def test_a_rejected_mark_is_not_held_against_the_camera():
     camera = camera_fit(residuals_px={"centre_mark": 90.0}, rejected=("centre_mark",))
     assert verdict(camera).status == "calibrated"
+
+
+def test_a_rejected_mark_is_held_against_a_camera_that_does_not_explain_the_rest_either():
+    noisy = camera_fit(rejected=("centre_mark",), noise_scale=3.7)
+    assert verdict(noisy).code == "mark_contradicts_circle"
+    assert verdict(camera_fit(rejected=("centre_mark",))).status == "calibrated"
+    with_lines = camera_fit(rejected=("centre_mark",), noise_scale=3.7, named_lines=("side_line_top",))
+    assert verdict(with_lines).status == "calibrated"
 
 
 def test_other_lines_and_other_circles_are_no_gate():
