@@ -17,7 +17,8 @@ from circlecal.observations import Keypoint, Observations, join_observations
 from circlecal.overlay import draw_overlay, stage_pictures
 from circlecal.pipeline import field_of, run, run_observations
 from circlecal.pipeline.attempts import face_camera
-from circlecal.pipeline.setting import frame_generator
+from circlecal.pipeline.refinements import calibrate_scene
+from circlecal.pipeline.setting import Setting, frame_generator, prepare_scene
 from circlecal.records.record import result_line
 from circlecal.records.writing import result_record
 from circlecal.refusals import REFUSALS, Confidence
@@ -420,6 +421,7 @@ def test_markings_that_must_be_in_view_are_looked_for_although_the_centre_mark_i
     camera = aim_camera(np.array([1.5, 74.0, -20.0]), np.array([16.0, 0.0, 0.0]), 1133.0, 0.007, *SIZE, 0.03)
     look = sample_config("easy", rng, SIZE[0]).model_copy(update={"scorebug": False, "shade": 0.0})
     picture = render(Scene(camera, bare, Surface("roof", crown_m=0.05), look, ()), rng).image
-    found = run(picture, CONFIG, frame_id="bare")
-    assert found.attempt.cues.mark is not None
-    assert found.attempt.code == "markings_missing"
+    setting = Setting(CONFIG, *field_of(CONFIG), *SIZE, frame_generator(CONFIG.seed))
+    found = calibrate_scene(setting, prepare_scene(setting, picture, None, None))
+    assert found.cues.mark is not None
+    assert found.code == "markings_missing"

@@ -110,7 +110,7 @@ def test_a_penalty_arc_is_expected_where_the_length_of_the_field_puts_it():
 
 
 def test_noise_is_not_grown_until_a_field_of_the_usual_size_fits():
-    """A part of the circle and one touchline, on a field 10.9 m broader than usual, which the usual one does not fit."""
+    """A part of the circle and one touchline, on a field 10.9 m broader than usual: the usual does not fit."""
     camera = aim_camera(np.array([-10.3, 56.8, -16.4]), np.array([-10.0, -18.0, 0.0]), 4657.0, 0.025, 1920, 1080, 0.076)
     painted = load_field("soccer", {"length": 115.7, "width": 78.9})
     given = seen(
