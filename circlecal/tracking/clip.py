@@ -18,8 +18,8 @@ from circlecal.refusals import REFUSALS
 from circlecal.results import Check
 from circlecal.rig.tripod import Venue
 from circlecal.tracking.clock import StageClock
-from circlecal.tracking.looking import Look, LookedAt, Place
-from circlecal.tracking.motion import Flow, HeadMotion, estimate_motion, follow_corners
+from circlecal.tracking.looking import LEAST_PLACES, Look, LookedAt, Place
+from circlecal.tracking.motion import Flow, HeadMotion, estimate_motion, follow_corners, move_of_middle
 from circlecal.tracking.results import Carrier, Head, TrackedFrame
 from circlecal.tracking.smoother import smooth_heads
 from circlecal.tracking.survey import PicturesAt, survey_clip
@@ -45,10 +45,18 @@ BACKWARD_FRAMES, BACKWARD_BYTES = 48, 120_000_000
 """Frames without a confirmed camera whose pictures are kept at most, to be followed backwards from one that is found,
 and what their gray levels may take of the memory.
 """
-GUESS_SD_PX, GUESS_SD_ZOOM = 8.0, 0.005
-"""Of a head that goes on turning as it did, where no motion could be measured: pixels at 1920 px width, and logarithm
-of the focal length. The paint must confirm it.
+GUESS_SD_PX, GUESS_SD_ZOOM, GUESS_SHARE = 5.0, 0.004, 0.05
+"""Of a head that goes on turning as it did, where no motion could be measured: pixels at 1920 px width, logarithm of
+the focal length, and share of the motion. The paint must confirm it.
 """
+LEAST_WORTH = 15.0
+"""Places of paint, times the share that is seen and the share that is explained, for which a guess is followed where no
+motion could be measured: right ones have 40 to 200, wrong ones 3 to 15.
+"""
+SURPRISE = 3.0
+"""Standard deviations of the guess beyond which a motion is compared with it by the paint that either shows."""
+SECOND_LOOK = 16.0
+"""How much surer a head is after the paint was found once, as a share of its covariance."""
 GRASS_EVERY = 4
 """The playing surface is looked for in every so many-th frame while the camera is followed."""
 LEAST_GRASS = 0.15
@@ -116,6 +124,35 @@ class _Kept:
     entry: _Entry
     picture: LookedAt
     flow: Flow | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Followed:
+    """A look, the head (3,) and covariance (3, 3) that it began with, and the blur (2,) that it expected, pixels."""
+
+    look: Look
+    head: Array
+    covariance: Array
+    blur_px: Array
+
+    def look_again(self, place: Place, picture: LookedAt, by_common: Array | None) -> _Followed:
+        """Where the first look found the paint: what lies beside it is not taken for it any more."""
+        if len(self.look.measured.marking) < LEAST_PLACES // 2:
+            return self
+        covariance = self.covariance / SECOND_LOOK
+        head = self.look.fit.head
+        return _Followed(place.look(picture, head, covariance, by_common, self.blur_px), head, covariance, self.blur_px)
+
+
+def _should_show_more(look: Look) -> bool:
+    """Whether a picture should show paint, and does not confirm its head."""
+    return not look.is_confirmed and int(look.measured.expected.sum()) >= EXPECTED_PLACES
+
+
+def _surprises(motion: HeadMotion, guess: HeadMotion) -> bool:
+    """Whether a motion is far from that before it: the head has inertia, players have little."""
+    away = np.abs(motion.change - guess.change)[1:]
+    return bool((away > SURPRISE * np.sqrt(np.diag(guess.covariance))[1:]).any())
 
 
 def track_frames(
@@ -194,10 +231,14 @@ class _Tracker:
         if is_lost:
             if is_followed:
                 picture = LookedAt.of(frame.picture, region)
-            self._lose(entry, before, last is not None and picture.differs_from(last))
+            is_cut = last is not None and picture.differs_from(last)
+            self._lose(entry, before, is_cut)
             if self._is_time_to_search() and picture.grass_share >= LEAST_GRASS:
                 with self._clock.measure("search"):
                     self._find(entry, picture)
+                place = entry.place
+                if before is not None and place is not None and place is before.place and not is_cut:
+                    self._go_on(place, before, entry.head - before.head)
             self._since_cut += 1
             if entry.place is not None:
                 with self._clock.measure("backward"):
@@ -257,26 +298,45 @@ class _Tracker:
         tripod = place.tripod
         with self._clock.measure("motion"):
             motion = estimate_motion(flow, before.head, tripod.model, tripod.mean, self._rng, picture.small.factor)
-        is_guess = motion is None
-        if motion is None:
-            turn = GUESS_SD_PX * place.unit / float(np.exp(before.head[0]))
-            motion = HeadMotion(self._change, np.diag(np.square([GUESS_SD_ZOOM, turn, turn])), 0.0, 0)
-        head = before.head + motion.change
-        covariance = motion.covariance + np.diag(np.square(HEAD_SD)) * (1 + self._unconfirmed)
-        if not is_guess:
-            self._velocity = np.median(flow.after - flow.before, axis=0)
         with self._clock.measure("paint"):
-            look = place.look(picture, head, covariance, before.by_common, SHUTTER * self._velocity)
-        if is_guess and not look.is_confirmed:
+            followed = None if motion is None else self._look_along(place, picture, before, motion)
+            guess = self._guess_motion(place, before)
+            if motion is None or followed is None or _should_show_more(followed.look) or _surprises(motion, guess):
+                # blur leaves no corners but those of players and graphics, and the paint may know better
+                guessed = self._look_along(place, picture, before, guess).look_again(place, picture, before.by_common)
+                if guessed.look.is_confirmed or followed is None or not followed.look.is_confirmed:
+                    others = LEAST_WORTH if followed is None else followed.look.worth
+                    motion, followed = (guess, guessed) if guessed.look.worth > others else (motion, followed)
+        if motion is None or followed is None:
             return None
-        self._change = motion.change
+        look = followed.look
         entry.place, entry.motion = place, motion
-        _take(entry, look, head, covariance, is_followed=True)
+        _take(entry, look, followed.head, followed.covariance, is_followed=True)
         if entry.by_common is None:
             entry.by_common = before.by_common
+        sure = look.is_confirmed and before.is_confirmed
+        self._go_on(place, before, entry.head - before.head if sure else motion.change)
         self._unconfirmed = 0 if look.is_confirmed else self._unconfirmed + 1
         self._contradicted = self._contradicted + 1 if entry.is_contradicted else 0
         return look
+
+    def _look_along(self, place: Place, picture: LookedAt, before: _Entry, motion: HeadMotion) -> _Followed:
+        """Look where a motion takes the camera of the frame before."""
+        head = before.head + motion.change
+        covariance = motion.covariance + np.diag(np.square(HEAD_SD)) * (1 + self._unconfirmed)
+        blur = SHUTTER * move_of_middle(motion.change, before.head, place.tripod.model, place.tripod.mean)
+        return _Followed(place.look(picture, head, covariance, before.by_common, blur), head, covariance, blur)
+
+    def _guess_motion(self, place: Place, before: _Entry) -> HeadMotion:
+        """That the head goes on as it did."""
+        way = GUESS_SD_PX * place.unit + GUESS_SHARE * float(np.hypot(*self._velocity))
+        turn = way / float(np.exp(before.head[0]))
+        return HeadMotion(self._change, np.diag(np.square([GUESS_SD_ZOOM, turn, turn])), 0.0, 0)
+
+    def _go_on(self, place: Place, before: _Entry, change: Array) -> None:
+        """Expect the head to change as it did since the frame before."""
+        self._change = change
+        self._velocity = move_of_middle(change, before.head, place.tripod.model, place.tripod.mean)
 
     def _lose(self, entry: _Entry, before: _Entry | None, is_cut: bool) -> None:
         """Begin a shot, or go on in one, whose camera is not known so far."""

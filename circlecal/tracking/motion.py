@@ -207,6 +207,14 @@ def estimate_motion(
     return HeadMotion(change, covariance, inliers / count, inliers)
 
 
+def move_of_middle(change: Array, head: Array, model: TripodModel, common: Array) -> Array:
+    """How far (2,) what is seen in the middle of a picture moves, pixels, while the head (3,) changes (3,)."""
+    middle = model.projection.center
+    world = _background(middle[None], head, model, common)
+    before, after = model.project_world(np.stack([head, head + change]), common, world)[:, 0]
+    return np.asarray(after - before)
+
+
 def _background(pixels: Array, head: Array, model: TripodModel, common: Array) -> Array:
     """Where corners (N, 2) are taken to be in the world (N, 3), metres: on the ground, or in the stands."""
     camera = camera_of(model.thetas(head[None], common)[0], model.projection)

@@ -39,8 +39,8 @@ neighbours repeat that.
 """
 WIDTH_SD_M = 0.015
 """How far the width of the paint may be from the template's, metres: the Laws of the Game allow at most 12 cm, and
-grounds have 9 to 12. It is never estimated with the rest, since it takes what the surface and the lens leave over (5 cm
-more on a real clip), but considered: a broader line moves all centrelines.
+grounds have 9 to 12. It is estimated with the rest only where that is asked for, since it takes what the surface and
+the lens leave over (6 cm on a real clip), and else considered: a broader line moves all centrelines.
 """
 FARTHEST_PX = 6.0
 """Paint further off, pixels at 1920 px width, counts as so far off where frames of a false calibration are told."""
@@ -206,6 +206,7 @@ def fit_tripod(
     sd: Array,
     drawn: DrawnTemplate,
     prior_precision: Array | None = None,
+    is_width_free: bool = False,
 ) -> TripodFit:
     """Heads and common parameters of frames, from a start.
 
@@ -221,10 +222,12 @@ def fit_tripod(
         The field.
     prior_precision : (K, K) array, optional
         What earlier frames say, instead of ``sd``.
+    is_width_free : bool
+        Whether the width of the paint is estimated with the rest, instead of considered.
     """
     unit = start.size[0] / 1920.0
     model = start.model
-    free = free_parameters(sd)
+    free = free_parameters(sd, is_width_free)
     precision = np.diag(1.0 / np.where(sd > 0, sd, np.inf) ** 2) if prior_precision is None else prior_precision
     common = mean.copy()
     common[free] = start.mean[free]
@@ -259,8 +262,9 @@ def fit_tripod(
     covariance[np.ix_(free, free)] = inverse_of_normal(reduced[np.ix_(free, free)])
     # all else follows where the paint is broader or narrower than it is taken to be (a parameter that is considered)
     follows = np.zeros(len(COMMON))
-    follows[free] = -covariance[np.ix_(free, free)] @ reduced[free, PLACE["width"]]
-    follows[PLACE["width"]] = 1.0
+    if not is_width_free:
+        follows[free] = -covariance[np.ix_(free, free)] @ reduced[free, PLACE["width"]]
+        follows[PLACE["width"]] = 1.0
     # where the models leave more than the noise, all is that much less certain
     values = sum(len(frame.measured.marking) for frame in frames)
     covariance *= max(1.0, now.cost / max(values - 3 * len(frames), 1))
@@ -278,10 +282,10 @@ def fit_tripod(
     return TripodFit(estimate, heads, now.rms_px, now.cost + prior_cost(common))
 
 
-def free_parameters(sd: Array) -> Indices:
+def free_parameters(sd: Array, is_width_free: bool = False) -> Indices:
     """Common parameters that are estimated, by their standard deviations (K,) before any frame."""
     is_free = sd > 0
-    is_free[PLACE["width"]] = False
+    is_free[PLACE["width"]] &= is_width_free
     return np.asarray(np.flatnonzero(is_free), dtype=np.int_)
 
 

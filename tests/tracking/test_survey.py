@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import av
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from circlecal.config import load_config
 from circlecal.field.view import FieldView
@@ -17,6 +19,8 @@ from circlecal.pictures.video import Sampling, Video
 from circlecal.pipeline import run_observations
 from circlecal.rig.tripod import PLACE, Venue
 from circlecal.tracking import survey
+from circlecal.tracking.head_fit import HeadFit
+from circlecal.tracking.looking import Look
 from circlecal.tracking.markings import template_curves
 from circlecal.tracking.run import ClipRun, _survey
 from circlecal.tracking.survey import survey_clip
@@ -101,3 +105,31 @@ def test_a_pitch_may_have_any_size(size_m: tuple[float, float]) -> None:
     assert (off < 3.0 * sigmas + 0.01).all()
     assert off.max() < 0.3
     assert abs(fit.estimate.mean[PLACE["lever"]] - tripod().mean[PLACE["lever"]]) < 0.3
+
+
+def test_pictures_between_tell_the_size_of_the_pitch(monkeypatch: pytest.MonkeyPatch) -> None:
+    size_m, drawn, rng = (117.0, 48.0), template_curves(template()), np.random.default_rng(6)
+    growth = np.array(size_m) - (template().length_m, template().width_m)
+    members = [replace(f, name=f"{0.3 * k:.3f}") for k, f in enumerate(_views_of_a_pitch(*size_m))]
+    mean, sd = common_priors(load_config().camera, template(), SIZE[0] / 1920.0)
+    start = survey._choose_shape_and_size(members, tripod(), mean, sd, drawn).estimate
+    nothing = np.zeros((3, 3))
+
+    def look(place: object, picture: object, head: np.ndarray) -> Look:
+        return Look(measure_ideal(head, growth, 0.1, rng), HeadFit(head, nothing, nothing, 0.1, 1.0), True)
+
+    monkeypatch.setattr(survey, "_look_twice", look)
+    monkeypatch.setattr(survey, "MOST_MORE", 6)
+    blank = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
+    asked: list[float] = []
+
+    def pictures_at(times: Sequence[float]) -> Iterator[NDArray[np.uint8]]:
+        asked.extend(times)
+        return iter([blank] * len(times))
+
+    found = survey._learn_between(start, members, pictures_at, load_config(), template(), drawn)
+    assert asked == pytest.approx([0.1, 0.2, 0.4, 0.5, 0.7, 0.8])
+    assert found.sigma("length") < 0.8 * start.sigma("length")
+    assert abs(found.growth_m[0] - growth[0]) < 3.0 * found.sigma("length")
+    known = replace(start, covariance=0.0 * start.covariance)
+    assert survey._learn_between(known, members, pictures_at, load_config(), template(), drawn) is known

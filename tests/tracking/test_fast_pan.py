@@ -1,0 +1,55 @@
+"""A pan so fast that blur leaves no corners to follow, or only those of players and graphics: the paint goes on."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from circlecal.config import Config
+from circlecal.rig.tripod import Venue
+from circlecal.tracking import clip
+from circlecal.tracking.clip import ClipFrame, track_frames
+from circlecal.tracking.motion import HeadMotion, move_of_middle
+from tests.tracking.scenes import HEAD, SIZE, draw, tripod
+
+STEP = np.array([0.0, 0.02, 0.0])
+FRAMES, STEADY = 5, 2
+
+
+@pytest.fixture(scope="module")
+def pictures() -> list[NDArray[np.uint8]]:
+    """A pan over the penalty area by 30 px a frame."""
+    return [draw(HEAD + k * STEP, np.random.default_rng(1)) for k in range(FRAMES)]
+
+
+@pytest.mark.parametrize("motion", [None, np.zeros(3)])
+def test_a_camera_goes_on_turning_where_no_motion_is_seen(
+    motion: NDArray[np.float64] | None, pictures: list[NDArray[np.uint8]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = iter(range(1, FRAMES))
+
+    def estimate_motion(*_: object) -> HeadMotion | None:
+        if next(seen) < STEADY:
+            return HeadMotion(STEP, np.diag([1e-8, 1e-8, 1e-8]), 1.0, 100)
+        return None if motion is None else HeadMotion(motion, np.diag([1e-8, 1e-8, 1e-8]), 0.4, 20)
+
+    monkeypatch.setattr(clip, "estimate_motion", estimate_motion)
+    monkeypatch.setattr(clip, "SEARCHES", (0,))
+    frames = [ClipFrame(k, k / 25.0, picture) for k, picture in enumerate(pictures)]
+    found = list(track_frames(frames, Venue("soccer", (tripod(),)), Config()))
+    assert {frame.status for frame in found} == {"calibrated"}
+    assert len({frame.shot for frame in found}) == 1
+    for k, frame in enumerate(found):
+        assert frame.head is not None
+        assert np.abs(frame.head.values - HEAD - k * STEP).max() < 6e-4
+
+
+def test_the_middle_of_the_picture_moves_against_the_pan() -> None:
+    model, common = tripod().model, tripod().mean
+    moved = move_of_middle(np.array([0.0, 1e-3, 0.0]), HEAD, model, common)
+    middle = np.array(SIZE) / 2.0 - 0.5
+    view, turned = (tripod().view(HEAD + turn, np.zeros((3, 3))) for turn in (np.zeros(3), np.array([0.0, 1e-3, 0.0])))
+    ground = view.camera.back_project(middle)[None, :2]
+    assert moved == pytest.approx(turned.project(ground)[0] - view.project(ground)[0], abs=0.05)
+    assert moved[0] < -1.0
