@@ -13,7 +13,7 @@ other formats a marking has its SoccerNet class where there is one, and a line w
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, Self
@@ -321,17 +321,20 @@ def is_annotation_file(path: Path) -> bool:
         return False
 
 
-def digest_annotations(folder: Path | None) -> dict[str, str]:
-    """Digests of all that people said, by the id of the frame; files that are no annotations are passed over."""
-    found = {}
+def read_annotations(folder: Path | None) -> Iterator[StoredAnnotation]:
+    """All that people said, file by file; files that are no annotations are passed over."""
     for path in [] if folder is None or not folder.is_dir() else sorted(folder.glob("*.json")):
         try:
             stored = _load_file(path)
         except InputError:
             continue
         if stored.annotation.touched:
-            found[stored.annotation.id] = stored.digest
-    return found
+            yield stored
+
+
+def digest_annotations(folder: Path | None) -> dict[str, str]:
+    """Digests of all that people said, by the id of the frame."""
+    return {stored.annotation.id: stored.digest for stored in read_annotations(folder)}
 
 
 def _load_file(path: Path) -> StoredAnnotation:

@@ -62,11 +62,6 @@ class Exports:
         self._shapes: dict[str, list[AnnotatedFrame]] = defaultdict(list)
         self._refused: list[AnnotatedFrame] = []
 
-    @property
-    def is_wanted(self) -> bool:
-        """Whether there is any format to write."""
-        return bool(self._targets)
-
     def add(
         self,
         record: ResultRecord,

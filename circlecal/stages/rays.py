@@ -18,6 +18,7 @@ from circlecal.field.view import FieldView
 from circlecal.geometry.ellipses import Ellipse, ellipse_from_conic
 from circlecal.geometry.projective import Array, Mask
 from circlecal.geometry.ransac import ransac_conic
+from circlecal.line_naming.marking_places import lie_on_surface
 from circlecal.observations import CircleEdge, CirclePoints, LinePoints
 from circlecal.paint.bands import Bands, measure_bands, rise_above_noise
 from circlecal.paint.lines import ONE_ROUND, measure_lines
@@ -389,13 +390,14 @@ def measure_template(
     config : RaysConfig
         How circles are measured.
     """
+    height, width = picture.shape
     circles, curves = [], template.polylines()
     for circle in (*template.circles, *template.arcs):
         points, sigma = measure_along_model(picture, view, circle, template, noise, config)
-        on = _is_on(region, points, picture.shape)
+        on = lie_on_surface(points, region, width, height)
         shown = view.project(curves[circle.name])
         visible = np.asarray(np.isfinite(shown).all(axis=1), np.bool_)
-        visible[visible] = _is_on(region, shown[visible], picture.shape)
+        visible[visible] = lie_on_surface(shown[visible], region, width, height)
         steps = np.linalg.norm(np.diff(shown, axis=0), axis=1)[visible[1:] & visible[:-1]]
         if on.sum() >= max(FEWEST_ON_CIRCLE, CIRCLE_SHARE * steps.sum() / config.spacing_px):
             circles.append(CirclePoints(circle.name, "center", points[on], sigma[on]))
@@ -405,7 +407,7 @@ def measure_template(
 def _measure_lines_of(
     picture: GrayPicture, view: FieldView, template: FieldTemplate, region: Mask | None, noise: float
 ) -> tuple[LinePoints, ...]:
-    width = picture.shape[1]
+    height, width = picture.shape
     unit = width / 1920.0
     share = np.linspace(0.0, 1.0, LINE_NODES)[:, None]
     names, segments, widths = [], [], []
@@ -413,7 +415,7 @@ def _measure_lines_of(
         first, last = template.line_ends(line)
         shown = view.project(first + share * (last - first))
         ahead = np.flatnonzero(np.isfinite(shown).all(axis=1))
-        visible = ahead[_is_on(region, shown[ahead], picture.shape)]
+        visible = ahead[lie_on_surface(shown[ahead], region, width, height)]
         if len(visible) < 2:
             continue
         start, end = shown[visible[0]], shown[visible[-1]]
@@ -437,13 +439,3 @@ def _measure_lines_of(
         and np.linalg.norm(cue.segment.end - cue.segment.start)
         > LINE_SHARE * np.linalg.norm(segment.end - segment.start)
     )
-
-
-def _is_on(region: Mask | None, points: Array, shape: tuple[int, ...]) -> Mask:
-    """Which pixels (N, 2) of a picture of this shape lie in it and on the surface (h, w)."""
-    inside = (points >= 0).all(axis=1) & (points <= (shape[1] - 1, shape[0] - 1)).all(axis=1)
-    if region is None:
-        return np.asarray(inside, np.bool_)
-    rows, columns = region.shape
-    at = np.clip((points * (columns / shape[1], rows / shape[0])).astype(int), 0, (columns - 1, rows - 1))
-    return np.asarray(inside & region[at[:, 1], at[:, 0]], np.bool_)

@@ -295,11 +295,6 @@ def plan_clip(spec: ClipSpec, rng: np.random.Generator) -> Clip:
     return Clip(spec, tripod, template, surface, config, shots, runs, (world, graphics, sensor))
 
 
-def render_clip(spec: ClipSpec, rng: np.random.Generator) -> Iterator[tuple[NDArray[np.uint8], FrameTruth]]:
-    """Frames (H, W, 3), BGR, of a random clip and their truth; :func:`plan_clip` tells what they share."""
-    yield from plan_clip(spec, rng).frames()
-
-
 def write_clip(out: Path, clip_id: str, clip: Clip, *, report: Callable[[int], None] | None = None) -> Path:
     """Write ``<id>.mp4`` with the exact time of every frame, and ``truth/<id>.json``.
 

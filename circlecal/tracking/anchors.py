@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from circlecal.api.calls import calibrate_annotation
 from circlecal.config import Config
-from circlecal.formats.annotation import digest_annotations, find_annotation
+from circlecal.formats.annotation import read_annotations
 from circlecal.pictures.video import Video, frame_id, frame_time, pictures_at
 from circlecal.results import CameraFit
 
@@ -49,20 +49,20 @@ def read_anchors(video: Video, folder: Path | None, config: Config) -> tuple[Anc
     Raises
     ------
     InputError
-        An annotation or the video cannot be read.
+        The video cannot be read.
     ConfigError
         The settings of an annotation contradict the configuration.
     """
     fits: dict[float, CameraFit] = {}
-    for name in digest_annotations(folder):
-        stored = find_annotation(folder, name)
+    for stored in read_annotations(folder):
+        annotation = stored.annotation
         try:
-            time_s = frame_time(name)
+            time_s = frame_time(annotation.id)
         except ValueError:  # a picture
             continue
-        if stored is None or name != frame_id(video.name, time_s):
+        if annotation.id != frame_id(video.name, time_s):
             continue
-        found = calibrate_annotation(stored.annotation, config)
+        found = calibrate_annotation(annotation, config)
         if found.status == "calibrated" and found.attempt.camera is not None:
             fits[time_s] = found.attempt.camera
     times = sorted(fits)

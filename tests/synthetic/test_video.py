@@ -14,7 +14,7 @@ from circlecal.geometry.camera import camera_from_soccernet, rotation_matrix
 from circlecal.geometry.surface import Surface
 from circlecal.pictures.video import Sampling, Video
 from circlecal.synthetic.tripod import Tripod, sample_tripod
-from circlecal.synthetic.video import CLIP_KINDS, ClipSpec, plan_clip, render_clip
+from circlecal.synthetic.video import CLIP_KINDS, ClipSpec, plan_clip
 
 SIZE = (640, 360)
 
@@ -189,9 +189,9 @@ def test_pitches_of_any_size():
     assert 45 <= min(widths) < 52 < 83 < max(widths) <= 90
 
 
-def test_render_clip_is_repeatable():
+def test_a_clip_is_repeatable():
     spec = ClipSpec("attack", 320, 180, seconds=0.12)
-    first, second = (list(render_clip(spec, np.random.default_rng(1))) for _ in range(2))
+    first, second = (list(plan_clip(spec, np.random.default_rng(1)).frames()) for _ in range(2))
     assert len(first) == 3
     for (a, truth), (b, other) in zip(first, second, strict=True):
         np.testing.assert_array_equal(a, b)
