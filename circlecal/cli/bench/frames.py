@@ -162,10 +162,12 @@ def _format_quantiles(values: tuple[float, float, float]) -> str:
 
 
 def sports(
-    pictures: Annotated[Path, typer.Argument(metavar="FOLDER", help="Pictures of any sports.")],
+    pictures: Annotated[list[Path], typer.Argument(metavar="FOLDER...", help="Pictures of any sports.")],
     truth: Annotated[
         Path | None,
-        typer.Option(metavar="FOLDER", help="A JSON file for each, with its sport. (default: truth beside FOLDER)"),
+        typer.Option(
+            metavar="FOLDER", help="A JSON file for each, with its sport. (default: truth beside each of the folders)"
+        ),
     ] = None,
     per_frame: Annotated[bool, typer.Option("--per-frame", help="Also what was tried for each frame.")] = False,
     as_json: Json = False,
@@ -177,9 +179,10 @@ def sports(
     from circlecal.evaluation.bench.sports import run_frames, summarise_sports
     from circlecal.pictures.files import find_frames
 
-    folder = truth or pictures.parent / "truth"
-    with count_steps("frame", len(find_frames([pictures]))) as advance:
-        frames = run_frames(pictures, folder, advance)
+    with count_steps("frame", len(find_frames(pictures))) as advance:
+        frames = [
+            frame for folder in pictures for frame in run_frames(folder, truth or folder.parent / "truth", advance)
+        ]
     rows = summarise_sports(frames)
     if as_json:
         print_record({"frames": [asdict(f) for f in frames], "sports": [asdict(r) for r in rows]})

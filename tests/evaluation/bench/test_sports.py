@@ -4,8 +4,11 @@ import json
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from circlecal.cli.app import app
 from circlecal.errors import ConfigError, InputError
+from circlecal.evaluation.bench import sports
 from circlecal.evaluation.bench.sports import SportFrame, run_frames, sport_of, summarise_sports
 
 
@@ -27,6 +30,25 @@ def test_a_soccer_frame_is_told_and_kept(frame_file, frame_camera):
         run_frames(frame_file.parent, truth)
     with pytest.raises(InputError, match="no truth file"):
         run_frames(frame_file.parent, frame_file.parent)
+
+
+def test_the_frames_of_several_folders_are_one_table(tmp_path, monkeypatch):
+    """Each folder has its own truth beside it."""
+    folders = [tmp_path / name / "images" for name in ("halls", "pitches")]
+    for folder in folders:
+        folder.mkdir(parents=True)
+        (folder / "a.png").touch()
+    asked = []
+
+    def find(pictures, truth, advance):
+        asked.append((pictures, truth))
+        return [frame("soccer", "soccer")]
+
+    monkeypatch.setattr(sports, "run_frames", find)
+    told = CliRunner().invoke(app, ["bench", "sports", *map(str, folders), "--json"])
+    assert told.exit_code == 0, told.output
+    assert json.loads(told.stdout)["sports"][-1]["frames"] == 2
+    assert asked == [(folder, folder.parent / "truth") for folder in folders]
 
 
 def test_what_counts():
