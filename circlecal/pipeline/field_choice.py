@@ -20,6 +20,8 @@ from circlecal.observations import Observations
 from circlecal.paint.profiles import to_gray
 from circlecal.pipeline.attempts import refuse_as_open
 from circlecal.pipeline.fields import field_of
+from circlecal.pipeline.placed_field import EXPLAINED_EVIDENCE as PLACED_EVIDENCE
+from circlecal.pipeline.placed_field import EXPLAINED_SHARE as PLACED_SHARE
 from circlecal.pipeline.run import run
 from circlecal.pipeline.setting import Looks
 from circlecal.placement import see_paint, weigh_view
@@ -161,7 +163,8 @@ class Answer:
         """Evidence, picture widths, times the share of the paint that is explained; 0 where it is not believed."""
         evidence, share = self.candidate.evidence or 0.0, self.candidate.explained_share or 0.0
         is_painted = evidence >= LEAST_EVIDENCE and share >= LEAST_EXPLAINED
-        is_believed = is_painted or (evidence > 0.0 and share >= EXPLAINED_SHARE)
+        least = 0.0 if share >= EXPLAINED_SHARE else PLACED_EVIDENCE
+        is_believed = is_painted or (evidence > least and share >= PLACED_SHARE)
         if self.found.status != "calibrated" or not is_believed:
             return 0.0
         return evidence * share * (1.0 if self.is_at_home else STRANGE_GROUND)

@@ -67,6 +67,15 @@ def test_what_leaves_more_paint_unexplained_gives_way():
     assert (found.status, found.field_name) == ("calibrated", "basketball")
 
 
+@pytest.mark.parametrize(
+    ("evidence", "explained", "taken"), [(0.18, 0.75, True), (0.18, 0.6, False), (0.1, 0.75, False)]
+)
+def test_little_paint_is_believed_of_a_field_that_explains_most_of_it(evidence, explained, taken):
+    """A far half court behind its players, as where its field is named."""
+    found = choose_answer([answer("soccer"), answer("basketball-nba", evidence, explained)])
+    assert (found.field_name == "basketball-nba") is taken
+
+
 def test_what_is_not_painted_is_believed_on_its_own_ground_only():
     answers = [answer("soccer", -0.2), answer("futsal", 0.1, 0.5)]
     assert choose_answer(answers).status == "calibrated"
