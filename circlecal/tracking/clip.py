@@ -55,6 +55,12 @@ motion could be measured: right ones have 40 to 200, wrong ones 3 to 15.
 """
 SURPRISE = 3.0
 """Standard deviations of the guess beyond which a motion is compared with it by the paint that either shows."""
+STANDING_PX, GOING_PX = 0.3, 2.0
+"""Motion up to which a picture stands still, and from which on a head does not stop at once, pixels at 1920 px width:
+of a strip of graphics over a real pan the corners move by 0.0.
+"""
+GUESS_SHARE_OF_WORTH = 0.8
+"""A guess whose paint is worth so much of that along the motion is taken, being the less certain of the two."""
 SECOND_LOOK = 16.0
 """How much surer a head is after the paint was found once, as a share of its covariance."""
 GRASS_EVERY = 4
@@ -147,12 +153,6 @@ class _Followed:
 def _should_show_more(look: Look) -> bool:
     """Whether a picture should show paint, and does not confirm its head."""
     return not look.is_confirmed and int(look.measured.expected.sum()) >= EXPECTED_PLACES
-
-
-def _surprises(motion: HeadMotion, guess: HeadMotion) -> bool:
-    """Whether a motion is far from that before it: the head has inertia, players have little."""
-    away = np.abs(motion.change - guess.change)[1:]
-    return bool((away > SURPRISE * np.sqrt(np.diag(guess.covariance))[1:]).any())
 
 
 def track_frames(
@@ -301,12 +301,19 @@ class _Tracker:
         with self._clock.measure("paint"):
             followed = None if motion is None else self._look_along(place, picture, before, motion)
             guess = self._guess_motion(place, before)
-            if motion is None or followed is None or _should_show_more(followed.look) or _surprises(motion, guess):
+            if (
+                motion is None
+                or followed is None
+                or _should_show_more(followed.look)
+                or self._surprises(place, before, motion, guess)
+            ):
                 # blur leaves no corners but those of players and graphics, and the paint may know better
                 guessed = self._look_along(place, picture, before, guess).look_again(place, picture, before.by_common)
                 if guessed.look.is_confirmed or followed is None or not followed.look.is_confirmed:
-                    others = LEAST_WORTH if followed is None else followed.look.worth
-                    motion, followed = (guess, guessed) if guessed.look.worth > others else (motion, followed)
+                    others = LEAST_WORTH / GUESS_SHARE_OF_WORTH if followed is None else followed.look.worth
+                    motion, followed = (
+                        (guess, guessed) if guessed.look.worth > GUESS_SHARE_OF_WORTH * others else (motion, followed)
+                    )
         if motion is None or followed is None:
             return None
         look = followed.look
@@ -326,6 +333,17 @@ class _Tracker:
         covariance = motion.covariance + np.diag(np.square(HEAD_SD)) * (1 + self._unconfirmed)
         blur = SHUTTER * move_of_middle(motion.change, before.head, place.tripod.model, place.tripod.mean)
         return _Followed(place.look(picture, head, covariance, before.by_common, blur), head, covariance, blur)
+
+    def _surprises(self, place: Place, before: _Entry, motion: HeadMotion, guess: HeadMotion) -> bool:
+        """Whether a motion is far from the guess, or none where there was one: the head has inertia, players have
+        little, and graphics stand still.
+        """
+        away = np.abs(motion.change - guess.change)[1:]
+        if (away > SURPRISE * np.sqrt(np.diag(guess.covariance))[1:]).any():
+            return True
+        moved = move_of_middle(motion.change, before.head, place.tripod.model, place.tripod.mean)
+        still, moving = STANDING_PX * place.unit, GOING_PX * place.unit
+        return bool(np.hypot(*moved) < still and np.hypot(*self._velocity) > moving)
 
     def _guess_motion(self, place: Place, before: _Entry) -> HeadMotion:
         """That the head goes on as it did."""

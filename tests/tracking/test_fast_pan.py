@@ -13,13 +13,13 @@ from circlecal.tracking.clip import ClipFrame, track_frames
 from circlecal.tracking.motion import HeadMotion, move_of_middle
 from tests.tracking.scenes import HEAD, SIZE, draw, tripod
 
-STEP = np.array([0.0, 0.02, 0.0])
+STEP = np.array([0.0, 0.005, 0.0])
 FRAMES, STEADY = 5, 2
 
 
 @pytest.fixture(scope="module")
 def pictures() -> list[NDArray[np.uint8]]:
-    """A pan over the penalty area by 30 px a frame."""
+    """A pan over the penalty area by 7 px a frame."""
     return [draw(HEAD + k * STEP, np.random.default_rng(1)) for k in range(FRAMES)]
 
 
