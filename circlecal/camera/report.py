@@ -51,6 +51,7 @@ def camera_fit(
     covariance = posterior_covariance(state.normal[0], problem.priors.sd)
     if posterior is not None:
         covariance = posterior.widen(covariance)
+    is_fixed = not problem.priors.sd[[INDEX["length"], INDEX["breadth"]]].any()
     prior = state.prior_jacobian[0]
     center, reference = np.asarray(circle.center), problem.priors.center_m
     camera = camera_of(theta, model)
@@ -86,7 +87,7 @@ def camera_fit(
         named_lines=tuple(sorted(set(named.values()))),
         names_by_line=named,
         reference_m=reference,
-        field_size=None if posterior is None else _field_size(theta, covariance, template, posterior),
+        field_size=None if posterior is None or is_fixed else _field_size(theta, covariance, template, posterior),
     )
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from circlecal.camera.covariance import posterior_covariance
 from circlecal.camera.multistart import COARSE_POINTS, Starts, find_optima
 from circlecal.camera.noise import noise_of_misfit, rescale_and_reject, rescale_sigmas
 from circlecal.camera.observed import NoiseModel, curves_from_observations, median_sigmas, points_from_observations
@@ -34,11 +35,13 @@ from circlecal.camera.report import camera_fit
 from circlecal.camera.residuals import CurvePoints, ground_feet, join_curves
 from circlecal.camera.spike_and_slab import (
     UNLIKELY_SHARE,
+    USUAL,
     Answer,
     Posterior,
     World,
     answers_in,
     depends_on_size,
+    log_evidence,
     mix,
     possible_worlds,
     posterior_shares,
@@ -100,6 +103,10 @@ much (logarithm of the evidence) a field of any size must then be likelier to be
 of the usual size it reaches 0.3 in one, -2.6 in another and less in all others, whose misfit comes from the lens; of
 two frames of a field of another size 2.9 and 4.1; of a rendered part of a circle beside a touchline 78.9 m apart from
 the other one, 8.7.
+"""
+ALIKE_COST, DISTINCT_COST = 6.0, 30.0
+"""Two optima are both followed where their chi-square differs by less than the first, and would differ by more than the
+second if they lay in one valley.
 """
 FEWEST_POINTS, NAMELESS_WIDTHS = 8, 0.2
 """Points of a line that is worth a name, and length in picture widths of one that needs one."""
@@ -241,10 +248,46 @@ def estimate_camera(
         task = task.without(wrong_markings)
         problem = replace(problem, points=problem.points.select(~wrong_points), curves=task.curves())
         state = find_optima(problem, starts.continue_from(state), config, camera_side)
-    fit = _settle(task, problem, state, COARSE)
-    task, fit = _choose_world(task, problem.curves, fit, _complete(task, problem.curves, fit))
+    finished = [
+        _choose_world(task, problem.curves, fit, _complete(task, problem.curves, fit))
+        for fit in (_settle(task, problem, start, COARSE) for start in _distinct_optima(problem, state))
+    ]
+    task, fit = _choose_optimum(finished, len(problem.curves.keys)) if len(finished) > 1 else finished[0]
     stated = median_sigmas(task.observations)
     return camera_fit(fit.problem, fit.state, fit.scale, rejected, task.names, circle, template, stated, fit.posterior)
+
+
+def _distinct_optima(problem: Problem, state: State) -> list[State]:
+    """The best optimum, and one that explains what was seen as well with quite another camera: a circle that is seen
+    nearly edge-on has two. The camera of the turned field is none.
+    """
+    best, optima = state.best(), [state.best()]
+    for k in np.argsort(state.cost, kind="stable")[1:]:
+        rival = state.select(np.array([k]))
+        away = rival.theta[0] - best.theta[0]
+        place, other = best.theta[0, 4:6] - problem.priors.center_m, rival.theta[0, 4:6] - problem.priors.center_m
+        is_turned = np.linalg.norm(place + other) < np.linalg.norm(place - other)
+        is_alike = rival.cost[0] < best.cost[0] + ALIKE_COST
+        if is_alike and not is_turned and away @ best.normal[0] @ away > DISTINCT_COST:
+            return [*optima, rival]
+    return optima
+
+
+def _choose_optimum(finished: list[tuple[_Task, _Fit]], known: int) -> tuple[_Task, _Fit]:
+    """The likelier of two cameras, each with the lines that it names, widened by the other."""
+    alike = share_noise([(fit.problem, fit.state) for _, fit in finished])
+    worlds = [USUAL if fit.posterior is None else fit.posterior.world for _, fit in finished]
+    evidence = [log_evidence(world, *own, known) for world, own in zip(worlds, alike, strict=True)]
+    (task, fit), (_, other) = (finished[k] for k in np.argsort(evidence)[::-1])
+    share = 1.0 / (1.0 + float(np.exp(-abs(evidence[0] - evidence[1]))))
+    if share > 1.0 - UNLIKELY_SHARE:
+        return task, fit
+    mine, its = (f.posterior or Posterior(USUAL, 1.0, np.zeros_like(f.state.normal[0]), 1.0) for f in (fit, other))
+    away = other.state.theta[0] - fit.state.theta[0]
+    covariance = its.widen(posterior_covariance(other.state.normal[0], other.problem.priors.sd))
+    others = share * mine.others + (1.0 - share) * (covariance + np.outer(away, away))
+    usual = share * mine.usual_share + (1.0 - share) * its.usual_share
+    return task, replace(fit, posterior=Posterior(mine.world, share * mine.share, others, usual))
 
 
 def _complete(task: _Task, stated: CurvePoints, fit: _Fit) -> tuple[_Task, _Fit]:
