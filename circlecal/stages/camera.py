@@ -106,7 +106,8 @@ the other one, 8.7.
 """
 ALIKE_COST, DISTINCT_COST = 6.0, 30.0
 """Two optima are both followed where their chi-square differs by less than the first, and would differ by more than the
-second if they lay in one valley.
+second if they lay in one valley: odds of 20 : 1, and five standard deviations. In a rendered hall 12 m and 29 m from the
+circle differ by 0.2.
 """
 FEWEST_POINTS, NAMELESS_WIDTHS = 8, 0.2
 """Points of a line that is worth a name, and length in picture widths of one that needs one."""

@@ -7,6 +7,7 @@ import pytest
 
 from circlecal.camera.options import CameraConfig, priors_of
 from circlecal.evaluation.bench.scenarios import KNOWN, select_rows
+from circlecal.field import load_field
 from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel
 from circlecal.geometry.homography import SIDES
 from circlecal.geometry.surface import Surface
@@ -191,3 +192,22 @@ def test_covariance_is_in_the_order_of_its_parameters():
     np.testing.assert_allclose(fit.covariance, fit.covariance.T, rtol=1e-6, atol=1e-18)
     np.testing.assert_allclose(fit.H_image_field.ravel()[8], 1.0)
     assert [p.label for p in fit.derived_points][:3] == ["right", "bottom_right", "bottom"]
+
+
+@pytest.mark.parametrize("lines", [(), ("side_line_bottom",)])
+def test_two_cameras_that_see_a_flat_circle_alike_are_both_known(lines):
+    """From near the floor a near camera with a short lens sees circle and halfway line as a far one with a long lens
+    does: sigma covers both, or the line that only one of them names decides.
+    """
+    futsal = load_field("futsal")
+    circle = futsal.circle_by_name[futsal.default_circle]
+    camera = aim_camera(np.array([-16.7, 22.9, -3.57]), np.array([-5.0, 2.0, 0.0]), 2439.0, -0.019, 1920, 1080, 0.033)
+    given = seen(
+        camera, edges=("center",), lines=lines, template=futsal, sigma=0.1, circles=(circle.name,), count=300
+    )  # fmt: skip
+    halfway, *others = given.lines
+    given = replace(given, lines=(halfway, *(replace(line, line=None) for line in others)))
+    fit = estimate_camera(given, futsal, circle, CameraConfig())
+    assert fit.named_lines == lines
+    assert np.linalg.norm(fit.camera.position_m - camera.position_m) < (0.1 if lines else 1.0)
+    assert (fit.max_sigma_px < 5.0) if lines else (fit.max_sigma_px > 100.0)
