@@ -106,8 +106,8 @@ the other one, 8.7.
 """
 ALIKE_COST, DISTINCT_COST = 6.0, 30.0
 """Two optima are both followed where their chi-square differs by less than the first, and would differ by more than the
-second if they lay in one valley: odds of 20 : 1, and five standard deviations. In a rendered hall 12 m and 29 m from the
-circle differ by 0.2.
+second if they lay in one valley: odds of 20 : 1, and five standard deviations. In a rendered hall cameras 12 m and 29 m
+from the circle differ by 0.2.
 """
 FEWEST_POINTS, NAMELESS_WIDTHS = 8, 0.2
 """Points of a line that is worth a name, and length in picture widths of one that needs one."""
@@ -260,18 +260,15 @@ def estimate_camera(
 
 def _distinct_optima(problem: Problem, state: State) -> list[State]:
     """The best optimum, and one that explains what was seen as well with quite another camera: a circle that is seen
-    nearly edge-on has two. The camera of the turned field is none.
+    nearly edge-on has two. The camera of the turned field does not count.
     """
-    best, optima = state.best(), [state.best()]
-    for k in np.argsort(state.cost, kind="stable")[1:]:
-        rival = state.select(np.array([k]))
-        away = rival.theta[0] - best.theta[0]
-        place, other = best.theta[0, 4:6] - problem.priors.center_m, rival.theta[0, 4:6] - problem.priors.center_m
-        is_turned = np.linalg.norm(place + other) < np.linalg.norm(place - other)
-        is_alike = rival.cost[0] < best.cost[0] + ALIKE_COST
-        if is_alike and not is_turned and away @ best.normal[0] @ away > DISTINCT_COST:
-            return [*optima, rival]
-    return optima
+    best = state.best()
+    away, place = state.theta - best.theta, state.theta[:, 4:6] - problem.priors.center_m
+    own = best.theta[:, 4:6] - problem.priors.center_m
+    is_turned = np.linalg.norm(place + own, axis=1) < np.linalg.norm(place - own, axis=1)
+    is_distinct = ((away @ best.normal[0]) * away).sum(axis=1) > DISTINCT_COST
+    rivals = np.flatnonzero(is_distinct & ~is_turned & (state.cost < best.cost + ALIKE_COST))
+    return [best, state.select(rivals).best()] if len(rivals) else [best]
 
 
 def _choose_optimum(finished: list[tuple[_Task, _Fit]], known: int) -> tuple[_Task, _Fit]:
