@@ -152,7 +152,7 @@ def survey_clip(
     grown = {t.name: _extend(t, heads, pictures, config, template, drawn) for t, heads in starts}
     distinct = _keep_distinct([tripod for tripod, _ in grown.values()])
     learnt = [_learn_between(t, grown[t.name][1], pictures_at, config, template, drawn) for t in distinct]
-    return Venue(template.name, tuple(learnt))
+    return Venue(template.name, tuple(_keep_distinct(learnt)))
 
 
 def _keep_distinct(tripods: Sequence[TripodEstimate]) -> list[TripodEstimate]:

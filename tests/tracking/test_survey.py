@@ -56,6 +56,15 @@ def test_tripods_in_one_place_are_one() -> None:
     assert [t.name for t in survey._keep_distinct([first, second, other])] == ["camera-2", "camera-3"]
 
 
+def test_tripods_that_come_together_once_the_pitch_is_known_are_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    true = tripod()
+    apart = replace(true, name="camera-2", mean=true.mean + np.eye(len(true.mean))[0] * 5.0)
+    monkeypatch.setattr(survey, "_tripods", lambda *_: [(true, {}), (apart, {})])
+    monkeypatch.setattr(survey, "_extend", lambda found, *_: (found, []))
+    monkeypatch.setattr(survey, "_learn_between", lambda found, *_: replace(found, mean=true.mean))
+    assert len(survey_clip(lambda times: iter(()), 4.0, load_config()).tripods) == 1
+
+
 def test_one_frame_that_a_person_named_makes_a_camera(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(survey, "ROUNDS", 1)
     heads = [HEAD + np.array([0.0, 0.004 * k, 0.0]) for k in range(2)]
