@@ -495,11 +495,14 @@ class Agreement:
         How much of each lies where the picture shows the field and its place is known.
     share : (K,) array
         Share of that on which the picture shows a marking.
+    certain : bool
+        Whether their places are known well; otherwise they were looked for in a wider strip.
     """
 
     names: tuple[str, ...]
     length_px: Array
     share: Array
+    certain: bool = True
 
     @property
     def expected_px(self) -> float:

@@ -102,7 +102,7 @@ def look_for_markings(
     count = np.bincount(element)
     share = _count_painted(picture, places.take(visible), element, template.marking_width_m, shifts_sd, unit) / count
     length = count.astype(np.float64) * (SPACING_PX * unit)
-    return Agreement(tuple(places.names[k] for k in kept), length, share)
+    return Agreement(tuple(places.names[k] for k in kept), length, share, certain)
 
 
 def _count_painted(
