@@ -47,11 +47,12 @@ LEAST_FOUND = 0.15
 """Least share of the markings to be expected that is found: of right cameras at least twice as much (rendered frames
 of all kinds, worn paint and old video too), of a wrong circle's or line's less than a tenth.
 """
-LEAST_FOUND_ABOUT = 0.01
-"""Least such share where places are not well known but the centre mark or several lines confirm the circle: a right
-camera near the field's plane has 0.04 there, since thin paint is missed and its place is a guess; of a ring drawn on
-bare green nothing at all is found. Where nothing confirms the circle, right ones have 0.7 and 0.9 (one rendered and
-one real frame of 160), a penalty arc that was taken for the circle 0.05: there the other limit holds.
+LEAST_FOUND_CONFIRMED = 0.01
+"""Least such share where the centre mark and another line confirm circle and halfway line, or one kind of confirmation
+does and places are not well known: a right camera near the field's plane has 0.04 there, since thin paint is missed; of
+a ring drawn on bare green nothing at all is found. Where less confirms the circle the other limit holds: right cameras
+whose places are not well known have 0.7 and 0.9 (one rendered and one real frame of 160), a penalty arc that was taken
+for the circle 0.05, a picture put together from others, with a mark but no line, 0.13.
 """
 EXPECTED_WIDTHS, EXPECTED_WIDTHS_EACH = 0.12, 0.35
 """So much of them, in picture widths, must be expected for that, and more for each kind of confirmation."""
@@ -229,8 +230,12 @@ def _refusal_by(check: Check, checks: tuple[Check, ...], marking: str = "") -> V
 
 def kinds_of_confirmation(camera: CameraFit, cues: Cues) -> int:
     """How many of these confirm circle and halfway line: the centre mark, several other lines."""
-    mark = cues.mark is not None and MarkingKey(cues.mark.name) not in camera.rejected
-    return int(mark) + int(len(camera.named_lines) >= SEVERAL_LINES)
+    return int(_has_mark(camera, cues)) + int(len(camera.named_lines) >= SEVERAL_LINES)
+
+
+def _has_mark(camera: CameraFit, cues: Cues) -> bool:
+    """Whether the camera was fitted to a centre mark too."""
+    return cues.mark is not None and MarkingKey(cues.mark.name) not in camera.rejected
 
 
 def is_beyond_doubt(camera: CameraFit, cues: Cues, template: FieldTemplate) -> bool:
@@ -247,7 +252,10 @@ def confirm(verdict: Verdict, camera: CameraFit, cues: Cues, agreement: Agreemen
     least = (EXPECTED_WIDTHS + kinds * EXPECTED_WIDTHS_EACH) * camera.camera.width
     if agreement.expected_px < least:
         return verdict
-    limit = LEAST_FOUND if agreement.certain or kinds == 0 else LEAST_FOUND_ABOUT
+    is_confirmed_well = kinds > 0 and (
+        not agreement.certain or (_has_mark(camera, cues) and len(camera.named_lines) > 0)
+    )
+    limit = LEAST_FOUND_CONFIRMED if is_confirmed_well else LEAST_FOUND
     check = _check("found_share", agreement.found_share, limit, at_least=True)
     checks = (*verdict.checks, check)
     return replace(verdict, checks=checks) if check.passed else _refusal_by(check, checks)

@@ -127,7 +127,9 @@ def test_where_places_are_guesses_a_confirmed_circle_needs_little_and_another_on
     assert confirm(accepted, camera, Cues(None, None), thin).code == "markings_missing"
     nothing = replace(thin, share=np.zeros(1))
     assert confirm(accepted, camera, marked, nothing).code == "markings_missing"
-    assert confirm(accepted, camera, marked, replace(thin, certain=True)).code == "markings_missing"
+    known = replace(thin, certain=True)
+    assert confirm(accepted, camera, marked, known).code == "markings_missing"
+    assert confirm(accepted, camera_fit(named_lines=("side_line_top",)), marked, known).status == "calibrated"
 
 
 def test_a_marking_behind_a_barrel_lens_is_not_expected_where_the_lens_model_folds_it_to():
