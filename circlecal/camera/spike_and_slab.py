@@ -173,7 +173,8 @@ def log_evidence(world: World, problem: Problem, state: State, known: int) -> fl
     size = np.sqrt(np.maximum(np.diag(block), 1e-300))
     _, determinant = np.linalg.slogdet(block / np.outer(size, size))
     sd = problem.priors.sd[SIZES_AND_CROWN]
-    volume = 0.5 * determinant + np.log(size).sum() + np.log(sd[sd > 0]).sum()
+    proper = (sd > 0) & np.isfinite(sd)
+    volume = 0.5 * determinant + np.log(size).sum() + np.log(sd[proper]).sum()
     evidence = -0.5 * float(state.cost[0]) - volume + np.log(world.share)
     return float(evidence) - _log_evidence_of_others(problem, state, known)
 
