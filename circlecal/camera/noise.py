@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -40,12 +41,10 @@ def rescale_sigmas(problem: Problem, state: State) -> tuple[Problem, State, floa
     scale : float
         By how much they have grown, root mean square.
     """
-    curves, values = problem.curves, state.residuals[0]
-    factor = np.ones(len(values))
-    for ordered in _along_markings(curves, state):
-        residual = np.clip(values[ordered], -LARGEST_RESIDUAL, LARGEST_RESIDUAL)
-        if len(residual) >= FEWEST_POINTS:
-            factor[ordered] = max(1.0, _scatter(residual)) * np.sqrt(correlation_factor(residual))
+    curves = problem.curves
+    factor = np.ones(len(curves.sigma_px))
+    for ordered, scatter, repetition in _scatter_of_markings(curves, state):
+        factor[ordered] = max(1.0, scatter) * repetition
     scale = float(np.sqrt(np.mean(factor**2))) if len(factor) else 1.0
     return *reweight(problem, state, curves.sigma_px * factor), scale
 
@@ -58,16 +57,20 @@ def noise_of_misfit(problem: Problem, state: State, given_px: Array) -> tuple[Pr
     """
     problem, state = reweight(problem, state, given_px)
     factor = np.ones(len(given_px))
-    for ordered in _along_markings(problem.curves, state):
-        if len(ordered) >= FEWEST_POINTS:
-            residual = np.clip(state.residuals[0, ordered], -LARGEST_RESIDUAL, LARGEST_RESIDUAL)
-            factor[ordered] = max(1.0, _scatter(residual) * np.sqrt(correlation_factor(residual)))
+    for ordered, scatter, repetition in _scatter_of_markings(problem.curves, state):
+        factor[ordered] = max(1.0, scatter * repetition)
     return reweight(problem, state, given_px * factor)
 
 
-def _scatter(residual: Array) -> float:
-    """How many standard deviations the residuals (N,) of a marking that the fit has placed scatter by."""
-    return float(np.sqrt(np.mean(residual**2) * len(residual) / max(len(residual) - PLACED_BY_FIT, 1.0)))
+def _scatter_of_markings(curves: CurvePoints, state: State) -> Iterator[tuple[Indices, float, float]]:
+    """Of each marking with enough points: their indices in order, how many standard deviations their residuals scatter
+    by, and how many times that counts since neighbours repeat each other.
+    """
+    for ordered in _along_markings(curves, state):
+        residual = np.clip(state.residuals[0, ordered], -LARGEST_RESIDUAL, LARGEST_RESIDUAL)
+        if len(residual) >= FEWEST_POINTS:
+            power = np.mean(residual**2) * len(residual) / max(len(residual) - PLACED_BY_FIT, 1.0)
+            yield ordered, float(np.sqrt(power)), float(np.sqrt(correlation_factor(residual)))
 
 
 def rescale_and_reject(problem: Problem, state: State, least: CurvePoints) -> tuple[Problem, State, float, CurvePoints]:

@@ -175,7 +175,9 @@ def _misfit(predicted: Array, blur: Array, measured: Array) -> float:
     """Half the robust chi-square of ``measured = g predicted + blur b`` with no negative coefficient, in relative
     errors; ``blur`` is (N, 2).
     """
-    from scipy.optimize import nnls  # takes as long to import as all of circlecal, and few frames come here
+    from scipy.optimize import (
+        nnls,
+    )  # takes as long to import as all of circlecal; only a camera that was accepted asks for it
 
     rows = np.column_stack([predicted, blur]) / measured[:, None]
     weight = np.ones(len(rows))
