@@ -37,6 +37,20 @@ class RigConfig(BaseModel):
     k1_by_zoom: float = Field(
         0.01, ge=0, description="Prior of how much the radial distortion changes while the focal length grows e-fold."
     )
+    lever_m: float = Field(
+        0.6,
+        ge=-2.0,
+        le=5.0,
+        description="How far the optical centre usually lies before the axes about which the camera turns, metres: 0.1 "
+        "to 1.3 m on real cameras.",
+    )
+    lever_sd_m: float = Field(0.4, ge=0, description="Its standard deviation, metres; 0 where the lever arm is known.")
+    lean_sd_deg: float = Field(
+        0.6,
+        ge=0,
+        description="How far the pan axis usually leans, degrees: the roll of standing broadcast cameras changes by "
+        "-0.8 to 0.7 degrees by the sine of pan; 0 for an upright one.",
+    )
     whole_share: float = Field(
         0.15,
         ge=0.05,

@@ -14,6 +14,7 @@ from circlecal.camera.options import priors_of
 from circlecal.camera.priors import SharedPrior, SharedPriorConfig
 from circlecal.camera.problem import WIDE_LOSS, Problem, evaluate
 from circlecal.camera.residuals import curve_residuals, line_curve, sample_feet
+from circlecal.camera.rig_options import RigConfig
 from circlecal.config import Config
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera_parameters import INDEX, POSITION, ProjectionModel
@@ -25,6 +26,7 @@ from circlecal.rig.frames import RigFrame
 from circlecal.rig.joint import (
     JointProblem,
     JointState,
+    Turning,
     deletion_gains,
     estimate_common,
     joint_problem,
@@ -228,8 +230,14 @@ def _combine_problems(problems: Sequence[Problem], config: Config, width: int, l
             "kappa_1": rig.k1_deviation,
         },
         log_focal=log_focal,
-        turning=True,
+        turning=turning_of(rig),
     )
+
+
+def turning_of(config: RigConfig) -> Turning:
+    """What the options assume of how a camera turns."""
+    lean_sd = np.radians(config.lean_sd_deg)
+    return Turning(np.array([0.0, 0.0, config.lever_m]), np.array([lean_sd, lean_sd, config.lever_sd_m]))
 
 
 def _cost_alone(problem: Problem, theta: Array) -> float:

@@ -20,14 +20,12 @@ from circlecal.camera.residuals import sample_feet
 from circlecal.geometry.camera_parameters import ANGLES, INDEX, PARAMETERS, POSITION
 from circlecal.geometry.least_squares import Step, StoppingRule, minimise
 from circlecal.geometry.projective import Array, Indices, Mask
-from circlecal.rig.tripod import COMMON, LEAN_SD_DEG, LEVER_M, LEVER_SD_M, PLACE, TripodModel
+from circlecal.rig.tripod import COMMON, PLACE, TripodModel
 
 OWN = ("log_focal", "pan", "tilt", "bloom")
 """Parameters that belong to a frame."""
 TURNING = ("lean_x", "lean_y", "lever")
 """Parameters by which a camera on a tripod turns otherwise than about one point: radians, radians, metres."""
-TURNING_MEAN = np.array([0.0, 0.0, LEVER_M])
-TURNING_SD = np.array([np.radians(LEAN_SD_DEG), np.radians(LEAN_SD_DEG), LEVER_SD_M])
 RULE = StoppingRule(1e-9, unit=np.inf)
 """Of a joint fit: frames add up, so what is worth a step is a share of the cost."""
 LARGEST_STEP = 0.5
@@ -35,6 +33,35 @@ LARGEST_STEP = 0.5
 _CAUTIOUS = [INDEX[name] for name in ("log_focal", "pan", "tilt", "roll")]
 _POLISHING = 2
 """Steps of the frames' own parameters after each joint one: they follow a moved position along a bent path."""
+
+
+@dataclass(frozen=True, slots=True)
+class Turning:
+    """What is assumed of how a camera turns, before any frame.
+
+    Attributes
+    ----------
+    mean, sd : (3,) arrays
+        Of the parameters :data:`TURNING`; one with a standard deviation of 0 is not estimated.
+    """
+
+    mean: Array
+    sd: Array
+
+    @property
+    def free(self) -> Indices:
+        """Places of those that are estimated (T,)."""
+        return np.flatnonzero(self.sd > 0)
+
+    def values(self, estimated: Array) -> Array:
+        """All three, from those that are estimated (T,)."""
+        found = self.mean.copy()
+        found[self.free] = estimated
+        return found
+
+
+ABOUT_ONE_POINT = Turning(np.zeros(3), np.zeros(3))
+"""An upright camera without a lever arm."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,8 +81,8 @@ class JointProblem:
         Priors of the changes with the zoom and of the deviations, about 0.
     log_focal : float
         Logarithm of the focal length at which the shared parameters are quoted.
-    turning : bool
-        Whether the camera turns on a tripod: then the common parameters end with :data:`TURNING` (T = 3, otherwise 0).
+    turning : Turning
+        How the camera turns: the common parameters end with what is estimated of that (T).
     """
 
     frames: tuple[Problem, ...]
@@ -67,7 +94,12 @@ class JointProblem:
     slope_sd: Array
     deviation_sd: Array
     log_focal: float
-    turning: bool = False
+    turning: Turning = ABOUT_ONE_POINT
+
+    @property
+    def is_on_tripod(self) -> bool:
+        """Whether the camera turns otherwise than about one point."""
+        return bool(self.turning.mean.any() or self.turning.sd.any())
 
     @property
     def base(self) -> Array:
@@ -77,7 +109,7 @@ class JointProblem:
     def thetas(self, own: Array, common: Array) -> Array:
         """Parameter vectors (F, P) from own (F, O + D) and common (K + Z + T,) ones."""
         theta = self.on_head(own, common)
-        if self.turning:
+        if self.is_on_tripod:
             model, head, shared = self.tripod(theta, common)
             turned = model.thetas(head, shared)
             theta[:, ANGLES], theta[:, POSITION] = turned[:, ANGLES], turned[:, POSITION]
@@ -95,14 +127,14 @@ class JointProblem:
         by_common[:, self.shared, np.arange(K)] = 1.0
         theta = self.on_head(own, common)
         by_common[:, self.zoomed, K + np.arange(Z)] = theta[:, :1] - self.log_focal
-        if not self.turning:
+        if not self.is_on_tripod:
             return by_own, by_common
         by_head, by_turning = self.turn(theta, common)
         return by_head @ by_own, np.concatenate([by_head @ by_common, by_turning], axis=2)
 
     def turn(self, theta: Array, common: Array) -> tuple[Array, Array]:
-        """Derivatives of cameras on the tripod by the parameters (F, P) on its head, (F, P, P), and by :data:`TURNING`,
-        (F, P, T).
+        """Derivatives of cameras on the tripod by the parameters (F, P) on its head, (F, P, P), and by what is
+        estimated of how it turns, (F, P, T).
         """
         model, head, shared = self.tripod(theta, common)
         by_own, by_shared = model.derivatives(head, shared)
@@ -114,13 +146,14 @@ class JointProblem:
         turned[:, rows, [INDEX["pan"], INDEX["tilt"]]] = by_own[:, moved, 1:]
         common_columns = [PLACE[name] for name in ("head_roll", "axis_x", "axis_y", "axis_z")]
         turned[:, rows, moved[2:]] = by_shared[:, rows, common_columns]
-        by_turning = np.zeros((len(theta), len(PARAMETERS), len(TURNING)))
-        by_turning[:, moved] = by_shared[:, rows, [PLACE[name] for name in TURNING]]
+        estimated = [PLACE[TURNING[k]] for k in self.turning.free]
+        by_turning = np.zeros((len(theta), len(PARAMETERS), len(estimated)))
+        by_turning[:, moved] = by_shared[:, rows, estimated]
         return turned, by_turning
 
     def heads_of(self, theta: Array, common: Array) -> Array:
         """Parameters (F, P) on the head of cameras (F, P), for the common parameters' lean and lever arm."""
-        if not self.turning:
+        if not self.is_on_tripod:
             return theta.copy()
         found = theta.copy()
         model, _, shared = self.tripod(theta, common)
@@ -141,7 +174,8 @@ class JointProblem:
         """The tripod's map, and its own (F, 3) and common (F, 20) parameters, of frames (F, P) on its head."""
         shared = np.zeros((len(theta), len(COMMON)))
         shared[:, :3], shared[:, PLACE["head_roll"]] = theta[:, POSITION], theta[:, INDEX["roll"]]
-        shared[:, [PLACE[name] for name in TURNING]] = common[len(self.shared) + len(self.zoomed) :]
+        estimated = common[len(self.shared) + len(self.zoomed) :]
+        shared[:, [PLACE[name] for name in TURNING]] = self.turning.values(estimated)
         head = theta[:, [INDEX["log_focal"], INDEX["pan"], INDEX["tilt"]]]
         return TripodModel(self.frames[0].model, self.log_focal), head, shared
 
@@ -252,7 +286,7 @@ def joint_problem(
     slope_sd: Mapping[str, float],
     deviation_sd: Mapping[str, float],
     log_focal: float,
-    turning: bool = False,
+    turning: Turning = ABOUT_ONE_POINT,
 ) -> JointProblem:
     """Frames with the same priors as one problem.
 
@@ -266,8 +300,8 @@ def joint_problem(
         How far a frame may deviate from a shared parameter, by name; 0 or missing for not at all.
     log_focal : float
         At which the shared parameters are quoted.
-    turning : bool
-        Whether the camera turns on a tripod.
+    turning : Turning
+        What is assumed of how the camera turns.
     """
     priors = problems[0].priors
     free = {name for name, sd in zip(PARAMETERS, priors.sd, strict=True) if sd > 0}
@@ -292,9 +326,11 @@ def joint_problem(
     )
 
 
-def start_state(problem: JointProblem, theta: Array) -> JointState:
-    """State at parameter vectors (F, P) of the frames: what is shared starts at their median."""
-    turning = TURNING_MEAN if problem.turning else np.zeros(0)
+def start_state(problem: JointProblem, theta: Array, turning: Array | None = None) -> JointState:
+    """State at parameter vectors (F, P) of the frames: what is shared starts at their median, and how the camera turns
+    at its parameters :data:`TURNING` (3,), usual ones when None.
+    """
+    turning = (problem.turning.mean if turning is None else turning)[problem.turning.free]
     common = np.concatenate([np.zeros(len(problem.shared) + len(problem.zoomed)), turning])
     theta = problem.heads_of(theta, common)
     common[: len(problem.shared)] = np.median(theta[:, problem.shared], axis=0)
@@ -347,8 +383,9 @@ def _common_priors(problem: JointProblem, common: Array) -> tuple[Array, Array, 
     theta[problem.shared] = common[:K]
     values, jacobian = problem.priors.residuals(theta[None])
     jacobian = jacobian[0][:, problem.shared]
-    sd = np.concatenate([problem.slope_sd, TURNING_SD if problem.turning else np.zeros(0)])
-    usual = np.concatenate([np.zeros(len(problem.slope_sd)), TURNING_MEAN if problem.turning else np.zeros(0)])
+    turning, free = problem.turning, problem.turning.free
+    sd = np.concatenate([problem.slope_sd, turning.sd[free]])
+    usual = np.concatenate([np.zeros(len(problem.slope_sd)), turning.mean[free]])
     others = (common[K:] - usual) / sd
     normal = np.zeros((len(common), len(common)))
     normal[:K, :K] = jacobian.T @ jacobian
@@ -427,7 +464,7 @@ def shared_prior(
     """
     mean, covariance = estimate_common(problem, state, without)
     K, Z = len(problem.shared), len(problem.zoomed)
-    if problem.turning:
+    if problem.is_on_tripod:
         if theta is not None:
             heads = problem.heads_of(theta[None], mean)
         else:

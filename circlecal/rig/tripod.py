@@ -35,10 +35,6 @@ COMMON = (
 """Parameters of the tripod, its lens and its pitch: metres, radians, pixels, half-widths; ``by_zoom`` per unit of the
 logarithm of the focal length. The sizes are offsets from the template's.
 """
-LEAN_SD_DEG = 0.6
-"""Prior of the pan axis's lean: standing broadcast cameras show -0.8 to 0.7 degrees of roll by the sine of pan."""
-LEVER_M, LEVER_SD_M = 0.6, 0.4
-"""Prior of the lever arm, 0.1 to 1.3 m on real cameras."""
 PLACE = {name: k for k, name in enumerate(COMMON)}
 _PIXELS = frozenset({"pp_x", "pp_y", "pp_x_by_zoom", "pp_y_by_zoom"})
 _DIRECT = ("pp_x", "pp_y", "kappa_1", "kappa_2", "log_aspect", "crown", "width", "length", "breadth")

@@ -236,7 +236,7 @@ def _priors(
     config: Config, template: FieldTemplate, unit: float, measured: Sequence[MeasuredFrame]
 ) -> tuple[Array, Array]:
     """Means and standard deviations (K,) of the common parameters, with how broad the paint looks in frames."""
-    mean, sd = common_priors(config.camera, template, unit)
+    mean, sd = common_priors(config.camera, config.rig, template, unit)
     seen = estimate_paint_width(measured, template.marking_width_m)
     if seen is not None:
         # paint is no broader than the rules allow, however it looks

@@ -12,11 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from circlecal.camera.options import CameraConfig
+from circlecal.camera.rig_options import RigConfig
 from circlecal.field import FieldTemplate
 from circlecal.geometry.camera_parameters import INDEX, ProjectionModel, project
 from circlecal.geometry.projective import Array, Indices
 from circlecal.geometry.surface import Surface
-from circlecal.rig.tripod import COMMON, LEAN_SD_DEG, LEVER_M, LEVER_SD_M, PLACE, TripodEstimate, TripodModel
+from circlecal.rig.tripod import COMMON, PLACE, TripodEstimate, TripodModel
 from circlecal.tracking.markings import SPACING_PX, DrawnTemplate, MeasuredFrame, grow_places, rows_of
 
 ITERATIONS = 15
@@ -73,9 +74,7 @@ class HeadedFrame:
     measured: MeasuredFrame
 
 
-def common_priors(
-    config: CameraConfig, template: FieldTemplate, unit: float, at_zoom: bool = True
-) -> tuple[Array, Array]:
+def common_priors(config: CameraConfig, rig: RigConfig, template: FieldTemplate, unit: float) -> tuple[Array, Array]:
     """Means and standard deviations (K,) of the common parameters before any frame; the axis has none.
 
     The pitch may have any size that its rules allow. That most have the template's is another hypothesis, which is
@@ -87,13 +86,13 @@ def common_priors(
         mean[PLACE[name]], sd[PLACE[name]] = value, spread
 
     for name in ("lean_x", "lean_y"):
-        know(name, 0.0, np.radians(LEAN_SD_DEG))
+        know(name, 0.0, np.radians(rig.lean_sd_deg))
     know("head_roll", 0.0, np.radians(ROLL_SD_DEG))
-    know("lever", LEVER_M, LEVER_SD_M)
+    know("lever", rig.lever_m, rig.lever_sd_m)
     know("lever_by_zoom", 0.0, LEVER_BY_ZOOM_SD_M)
     for name in ("pp_x", "pp_y"):
         know(name, 0.0, config.principal_point_sd_px * unit)
-        know(f"{name}_by_zoom", 0.0, POINT_BY_ZOOM_PX * unit if at_zoom else 0.0)
+        know(f"{name}_by_zoom", 0.0, POINT_BY_ZOOM_PX * unit)
     radial = config.distortion == "radial"
     know("kappa_1", config.k1_mean if radial else 0.0, config.k1_sd if radial else 0.0)
     know("kappa_1_by_zoom", 0.0, KAPPA_BY_ZOOM if radial else 0.0)

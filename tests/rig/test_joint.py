@@ -15,6 +15,7 @@ from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionMo
 from circlecal.geometry.surface import Surface
 from circlecal.observations import Observations
 from circlecal.rig.joint import (
+    Turning,
     evaluate_joint,
     frame_information,
     joint_covariances,
@@ -30,6 +31,8 @@ SOCCER = load_field("soccer")
 MODEL = ProjectionModel(1920, 1080, Surface("flat"))
 ZOOM = {"pp_x": 10.0, "kappa_1": 0.01}
 DEVIATION = {"x": 0.1, "roll": 0.001}
+ON_TRIPOD = Turning(np.array([0.0, 0.0, 0.6]), np.array([0.01, 0.01, 0.4]))
+KNOWN_TRIPOD = Turning(np.array([0.004, -0.006, 0.3]), np.zeros(3))
 
 
 def priors():
@@ -244,7 +247,7 @@ def test_foot_parameters_start_on_their_markings(scene):
 
 def test_derivatives_of_a_camera_that_turns_on_a_tripod(scene):
     problems, truth = scene
-    problem = joint_problem(problems, ZOOM, DEVIATION, float(np.median(truth[:, 0])), turning=True)
+    problem = joint_problem(problems, ZOOM, DEVIATION, float(np.median(truth[:, 0])), turning=ON_TRIPOD)
     rng = np.random.default_rng(4)
     state = start_state(problem, truth)
     own = state.own + rng.normal(0, 1e-3, state.own.shape)
@@ -262,8 +265,23 @@ def test_derivatives_of_a_camera_that_turns_on_a_tripod(scene):
 
 def test_heads_of_cameras_on_a_tripod(scene):
     problems, truth = scene
-    problem = joint_problem(problems, {}, {}, float(np.median(truth[:, 0])), turning=True)
+    problem = joint_problem(problems, {}, {}, float(np.median(truth[:, 0])), turning=ON_TRIPOD)
     state = start_state(problem, truth)
     common = state.common + np.r_[np.zeros(len(state.common) - 3), 0.004, -0.006, 0.3]
     heads = problem.heads_of(problem.thetas(state.own, common), common)
     np.testing.assert_allclose(heads, problem.on_head(state.own, common), atol=1e-9)
+
+
+def test_what_is_known_of_a_tripod_is_not_estimated(scene):
+    problems, truth = scene
+    log_focal = float(np.median(truth[:, 0]))
+    known = joint_problem(problems, {}, {}, log_focal, turning=KNOWN_TRIPOD)
+    free = joint_problem(problems, {}, {}, log_focal, turning=ON_TRIPOD)
+    state = start_state(known, truth)
+    assert len(state.common) == len(known.shared) == len(start_state(free, truth).common) - 3
+    both = np.r_[state.common, KNOWN_TRIPOD.mean]
+    np.testing.assert_allclose(known.thetas(state.own, state.common), free.thetas(state.own, both))
+    by_own, by_common = known.mappings(state.own, state.common)
+    of_free = free.mappings(state.own, both)
+    np.testing.assert_allclose(by_own, of_free[0])
+    np.testing.assert_allclose(by_common, of_free[1][..., :-3])

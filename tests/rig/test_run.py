@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
+from circlecal.camera.rig_options import RigConfig
 from circlecal.errors import InputError
 from circlecal.geometry.homography import mean_reprojection_error, reprojection_grid
 from circlecal.observations import Observations
@@ -18,7 +19,7 @@ from circlecal.records.writing import failure_record, result_record
 from circlecal.results import Verdict
 from circlecal.rig.frames import frame_of_record
 from circlecal.rig.run import read_cameras, run_rig
-from circlecal.rig.tripod import LEVER_SD_M, PLACE
+from circlecal.rig.tripod import PLACE
 from circlecal.rig.venue import read_venue
 
 from .scenes import CONFIG, TEMPLATE, main_views, seen_by
@@ -84,7 +85,7 @@ def test_the_venue_holds_the_cameras(views, again):
     assert off @ np.linalg.solve(tripod.covariance[:3, :3], off) < 16.0
     # the views of these frames turn about one point; how far the lens lies before it moves the axis as much
     lever = tripod.mean[PLACE["lever"]]
-    assert abs(lever) < 3.0 * tripod.sigma("lever") and tripod.sigma("lever") < LEVER_SD_M
+    assert abs(lever) < 3.0 * tripod.sigma("lever") and tripod.sigma("lever") < RigConfig().lever_sd_m
     both = tripod.covariance[np.ix_([PLACE["lever"], PLACE["axis_y"]], [PLACE["lever"], PLACE["axis_y"]])]
     assert both[0, 1] / both[0, 0] == pytest.approx(0.95, abs=0.15)
     own = tripod.model.own_of(report.rigs[0].state.theta, tripod.mean)

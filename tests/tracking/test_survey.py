@@ -105,7 +105,7 @@ def _views_of_a_pitch(length_m: float, width_m: float) -> list[HeadedFrame]:
 @pytest.mark.parametrize("size_m", [(117.0, 48.0), (94.8, 70.7), (105.0, 68.0)])
 def test_a_pitch_may_have_any_size(size_m: tuple[float, float]) -> None:
     frames = _views_of_a_pitch(*size_m)
-    mean, sd = common_priors(load_config().camera, template(), SIZE[0] / 1920.0)
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
     start = replace(tripod(), mean=tripod().mean + np.where(np.arange(len(mean)) < 3, 0.2, 0.0))
     fit = survey._choose_shape_and_size(frames, start, mean, sd, template_curves(template()))
     found = np.array([template().length_m, template().width_m]) + fit.estimate.growth_m
@@ -120,7 +120,7 @@ def test_pictures_between_tell_the_size_of_the_pitch(monkeypatch: pytest.MonkeyP
     size_m, drawn, rng = (117.0, 48.0), template_curves(template()), np.random.default_rng(6)
     growth = np.array(size_m) - (template().length_m, template().width_m)
     members = [replace(f, name=f"{0.3 * k:.3f}") for k, f in enumerate(_views_of_a_pitch(*size_m))]
-    mean, sd = common_priors(load_config().camera, template(), SIZE[0] / 1920.0)
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
     start = survey._choose_shape_and_size(members, tripod(), mean, sd, drawn).estimate
     nothing = np.zeros((3, 3))
 

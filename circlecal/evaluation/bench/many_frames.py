@@ -20,14 +20,16 @@ from circlecal.config import Config
 from circlecal.errors import EstimationError
 from circlecal.evaluation.bench.bounds import bound_errors
 from circlecal.evaluation.bench.scenarios import KNOWN, PRIORS, Draw, soccer
-from circlecal.geometry.camera_parameters import ProjectionModel, theta_of
+from circlecal.geometry.camera import Camera
+from circlecal.geometry.camera_parameters import INDEX, POSITION, ProjectionModel, camera_of, theta_of
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import FLAT, Surface
 from circlecal.observations import CirclePoints, Observations
 from circlecal.results import CameraFit
-from circlecal.rig.estimation import config_with_prior, estimate_rigs
+from circlecal.rig.estimation import config_with_prior, estimate_rigs, turning_of
 from circlecal.rig.frames import RigFrame
-from circlecal.rig.joint import joint_covariances, joint_problem, start_state
+from circlecal.rig.joint import TURNING, Turning, joint_covariances, joint_problem, start_state
+from circlecal.rig.tripod import COMMON, PLACE, TripodModel
 from circlecal.stages.camera import estimate_camera
 from circlecal.synthetic.cameras import sample_camera
 from circlecal.synthetic.markings import circle_points, line_points
@@ -41,13 +43,22 @@ STANDING = RigConfig(
     k1_deviation=0.0,
     principal_point_by_zoom_px=0.0,
     k1_by_zoom=0.0,
+    lever_m=0.0,
+    lever_sd_m=0.0,
+    lean_sd_deg=0.0,
 )
-"""A camera that turns about exactly one point with one lens, as the bound takes it."""
+"""A camera that turns about exactly one point with one lens."""
+ON_TRIPOD = STANDING.model_copy(
+    update={name: RigConfig.model_fields[name].default for name in ("lever_m", "lever_sd_m", "lean_sd_deg")}
+)
+"""A camera with one lens on a tripod whose lean and lever arm are known as well as any."""
 
 
 @dataclass(frozen=True, slots=True)
 class RigScenario:
-    """One row: number, title, number of frames, profile of the cameras, what is known, and the figures to reach."""
+    """One row: number, title, number of frames, profile of the cameras, what is known of them and of how they turn, and
+    the figures to reach.
+    """
 
     row: str
     title: str
@@ -56,6 +67,7 @@ class RigScenario:
     config: CameraConfig
     from_priors: bool
     reach_px: tuple[float, float | None]
+    rig: RigConfig = STANDING
 
 
 def rig_scenarios() -> list[RigScenario]:
@@ -64,6 +76,7 @@ def rig_scenarios() -> list[RigScenario]:
     return [
         RigScenario("10", title, 5, "main", KNOWN, False, (0.15, 0.4)),
         RigScenario("10w", f"{title}, within 25 m of the halfway line", 5, "wide", KNOWN, False, (np.inf, None)),
+        RigScenario("10t", f"{title}, on a tripod", 5, "main", KNOWN, False, (np.inf, None), ON_TRIPOD),
         RigScenario("10d", f"{title}, lens, crown from their priors", 5, "main", PRIORS, True, (np.inf, None)),
     ]
 
@@ -94,23 +107,23 @@ def run_draw(
     grid: Callable[[Draw], Array],
 ) -> RigDraw:
     """One camera of a scenario: truth, estimates and bound."""
-    draws = _draws(scenario, rng)
-    covariances = _bound_covariances(draws)
+    draws, turning = _draws(scenario, rng)
+    covariances = _bound_covariances(draws, turning_of(scenario.rig), turning)
     bounds = [
         bound_errors(draw.camera, covariance, grid(draw), bound_draws, rng)
         for draw, covariance in zip(draws, covariances, strict=True)
     ]
     start = time.perf_counter()
-    fits = together([draw.observations for draw in draws], scenario.config)
+    fits = calibrate_together([draw.observations for draw in draws], scenario.config, scenario.rig)
     seconds = (time.perf_counter() - start) / len(draws)
     errors = [np.inf if fit is None else error(draw, fit) for draw, fit in zip(draws, fits, strict=True)]
     return RigDraw(draws, errors, bounds, fits, seconds)
 
 
-def together(seen: Sequence[Observations], camera: CameraConfig) -> list[CameraFit | None]:
+def calibrate_together(seen: Sequence[Observations], camera: CameraConfig, rig: RigConfig) -> list[CameraFit | None]:
     """Cameras of frames of one camera, estimated together; None where there is none."""
     template, circle = soccer()
-    config = Config(camera=camera, rig=STANDING)
+    config = Config(camera=camera, rig=rig)
     frames = []
     for k, observations in enumerate(seen):
         fit = _fit(observations, camera)
@@ -120,7 +133,7 @@ def together(seen: Sequence[Observations], camera: CameraConfig) -> list[CameraF
     if not rigs:
         return [None] * len(frames)
     return [
-        _fit(observations, config_with_prior(config, rigs[0].prior(frame.id), observations.width).camera)
+        _fit(observations, config_with_prior(config, rigs[0].prior(frame.id, frame.theta), observations.width).camera)
         for frame, observations in zip(frames, seen, strict=True)
     ]
 
@@ -133,7 +146,8 @@ def _fit(observations: Observations, camera: CameraConfig) -> CameraFit | None:
         return None
 
 
-def _draws(scenario: RigScenario, rng: np.random.Generator) -> list[Draw]:
+def _draws(scenario: RigScenario, rng: np.random.Generator) -> tuple[list[Draw], Array]:
+    """Frames of one camera, and how it turns (3,)."""
     template, _ = soccer()
     config, surface, kappa, shift = scenario.config, FLAT, 0.0, np.zeros(2)
     if scenario.from_priors:
@@ -144,8 +158,10 @@ def _draws(scenario: RigScenario, rng: np.random.Generator) -> list[Draw]:
     views = [first]
     while len(views) < scenario.frames:
         views.append(sample_camera(scenario.profile, rng, kappa=kappa, like=first))
+    prior = turning_of(scenario.rig)
+    turning = prior.mean + prior.sd * rng.normal(size=3)
     found = []
-    for view in views:
+    for view in _turn(views, turning) if turning.any() else views:
         camera = replace(view, principal_point_px=view.principal_point_px + shift)
         circles: tuple[CirclePoints, ...] = tuple(
             circle_points(camera, template, edge, 200, 0.5, rng, surface=surface) for edge in ("outer", "inner")
@@ -153,11 +169,25 @@ def _draws(scenario: RigScenario, rng: np.random.Generator) -> list[Draw]:
         lines = (line_points(camera, template, "halfway_line", 200, 0.5, rng, surface=surface),)
         seen = Observations(camera.width, camera.height, circles, lines)
         found.append(Draw(camera, seen, config, surface.crown_m))
-    return found
+    return found, turning
 
 
-def _bound_covariances(draws: Sequence[Draw]) -> Array:
-    """Covariances (F, P, P) of the frames' parameters at the truth: the inverse of the joint Fisher information."""
+def _turn(views: Sequence[Camera], turning: Array) -> list[Camera]:
+    """Cameras that point as the views do, on a tripod that stands where they do and turns as told (3,)."""
+    model = ProjectionModel(views[0].width, views[0].height, FLAT)
+    theta = np.array([theta_of(view, model) for view in views])
+    tripod = TripodModel(model, float(np.median(theta[:, 0])))
+    common = np.zeros(len(COMMON))
+    common[:3], common[PLACE["head_roll"]] = theta[0, POSITION], theta[0, INDEX["roll"]]
+    common[[PLACE[name] for name in TURNING]] = turning
+    common[[PLACE["kappa_1"], PLACE["kappa_2"]]] = theta[0, [INDEX["kappa_1"], INDEX["kappa_2"]]]
+    return [camera_of(turned, model) for turned in tripod.thetas(tripod.own_of(theta, common), common)]
+
+
+def _bound_covariances(draws: Sequence[Draw], prior: Turning, turning: Array) -> Array:
+    """Covariances (F, P, P) of the frames' parameters at the truth: the inverse of the joint Fisher information, for a
+    camera that turns as told (3,).
+    """
     template, circle = soccer()
     problems, thetas = [], []
     for draw in draws:
@@ -170,5 +200,5 @@ def _bound_covariances(draws: Sequence[Draw]) -> Array:
         points = points_from_observations(draw.observations, template)
         problems.append(Problem(curves, points, priors_of(draw.config, template, circle, model), model))
     theta = np.array(thetas)
-    problem = joint_problem(problems, {}, {}, float(np.median(theta[:, 0])))
-    return joint_covariances(problem, start_state(problem, theta))
+    problem = joint_problem(problems, {}, {}, float(np.median(theta[:, 0])), prior)
+    return joint_covariances(problem, start_state(problem, theta, turning))
