@@ -27,7 +27,7 @@ LAYERS: tuple[frozenset[str], ...] = (
     frozenset({"results"}),
     frozenset({"camera", "paint", "pictures"}),
     frozenset({"line_naming", "detection"}),
-    frozenset({"placement"}),
+    frozenset({"placement", "estimation"}),
     frozenset({"stages"}),
     frozenset({"records"}),
     frozenset({"formats"}),

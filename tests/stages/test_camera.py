@@ -9,13 +9,14 @@ from circlecal.camera.options import CameraConfig, priors_of
 from circlecal.camera.problem import evaluate, with_priors
 from circlecal.camera.residuals import ground_feet
 from circlecal.camera.spike_and_slab import USUAL, log_evidence
+from circlecal.estimation.task import Task
 from circlecal.evaluation.bench.scenarios import KNOWN, select_rows
 from circlecal.field import load_field
 from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel, theta_of
 from circlecal.geometry.homography import SIDES
 from circlecal.geometry.surface import Surface
 from circlecal.observations import Keypoint, MarkingKey
-from circlecal.stages.camera import _Task, estimate_camera
+from circlecal.stages.camera import estimate_camera
 from circlecal.synthetic.cameras import aim_camera
 
 from .camera_views import CIRCLE, EXACT, HOCKEY, MAIN, SOCCER, WIDE, departure, seen
@@ -217,7 +218,7 @@ def test_two_cameras_that_see_a_flat_circle_alike_are_both_known(lines):
 
 
 def test_evidence_is_told_where_other_frames_stand_for_the_priors():
-    problem = _Task(seen(MAIN, sigma=0.5), SOCCER, CIRCLE, CameraConfig(), "main", None).problem()
+    problem = Task(seen(MAIN, sigma=0.5), SOCCER, CIRCLE, CameraConfig(), "main", None).problem()
     theta = theta_of(MAIN, problem.model)[None]
     state = evaluate(problem, theta, ground_feet(problem.curves, theta, problem.model))
     sd = problem.priors.sd.copy()

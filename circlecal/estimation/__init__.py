@@ -1,0 +1,1 @@
+"""The camera of one frame, from everything that was seen: names, contradictions, optima and worlds."""

@@ -1,0 +1,150 @@
+"""From an optimum to a complete fit: noise as residuals show it, lines that can be named, lens, shape of the pitch."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from circlecal.camera.noise import rescale_and_reject, rescale_sigmas
+from circlecal.camera.observed import curves_from_observations
+from circlecal.camera.priors import Priors
+from circlecal.camera.problem import (
+    COARSE,
+    FINAL,
+    Problem,
+    State,
+    bend_surface,
+    minimise,
+    predict_step,
+    resume,
+    reweight,
+    with_priors,
+)
+from circlecal.camera.residuals import CurvePoints, ground_feet, join_curves
+from circlecal.estimation.task import Fit, Task, is_dense
+from circlecal.geometry.camera_parameters import INDEX
+from circlecal.geometry.least_squares import StoppingRule
+from circlecal.geometry.projective import Array
+from circlecal.line_naming.hypotheses import name_lines
+from circlecal.line_naming.line_ends import add_line_ends, agree_with_ends
+
+OVERRULING_LINES = 3
+"""So many different lines that get a name only without the seen ends of others show that those are none."""
+
+LENS_DOUBT, LENS_WIDER, LENS_EVIDENCE = 1.5, 4.0, 6.0
+"""A radial distortion that lies so many standard deviations from what is usual is fitted with a prior so many times as
+wide, and believed where that explains the frame so much better (chi-square): what the wider prior costs, and as much.
+"""
+
+CROWN_EVIDENCE = 3.0
+"""By how much (half a chi-square) a parabolic pitch must explain a frame better than a roof to be believed."""
+
+
+def complete(task: Task, stated: CurvePoints, fit: Fit) -> tuple[Task, Fit]:
+    """The fit with all that can be named, the lens and the shape of the pitch that it shows; ``stated`` are the curves
+    with their first sigmas.
+    """
+    task, fit = _name_more_lines(task, stated, fit)
+    return task, _allow_wider_lens(task, _allow_parabola(task, fit))
+
+
+def settle(task: Task, problem: Problem, state: State, rule: StoppingRule) -> Fit:
+    """Optimise once more with the sigmas that the residuals ask for."""
+    best, scale, given_px = state.best(), 1.0, problem.curves.sigma_px
+    if task.config.noise_from_residuals:
+        problem, best, scale = rescale_sigmas(problem, best)
+    return Fit(problem, resume(problem, best, task.rule(rule)), scale, given_px=given_px)
+
+
+def fit_anew(task: Task, fit: Fit, priors: Priors) -> Fit:
+    """The fit to the same markings with other priors, and with the noise that it then leaves."""
+    problem, state = with_priors(fit.problem, fit.state.best(), priors)
+    if fit.given_px is not None:
+        problem, state = reweight(problem, state, fit.given_px)
+    return settle(task, problem, resume(problem, state, task.rule(FINAL)), FINAL)
+
+
+def _name_more_lines(task: Task, stated: CurvePoints, fit: Fit) -> tuple[Task, Fit]:
+    """The fit with the straight markings that can be named and the ends of lines; without any, with the noise that the
+    points around the circle show. ``stated`` are the curves with their first sigmas.
+    """
+    more = _recognise(task, stated, fit) if task.config.name_lines else None
+    if more is not None:
+        problem, start, names = more
+        state = minimise(problem, start, task.rule(COARSE), ground_feet(problem.curves, start, problem.model))
+        return replace(task, names=task.names | names), settle(task, problem, state, FINAL)
+    problem, state, scale = fit.problem, fit.state, fit.scale
+    least = None if task.names else least_sigmas(task, stated)
+    if least is not None:
+        problem, state, scale, least = rescale_and_reject(problem, state, least)
+    return task, Fit(problem, resume(problem, state, task.rule(FINAL)), scale, least)
+
+
+def _recognise(task: Task, stated: CurvePoints, fit: Fit) -> tuple[Problem, Array, dict[int, str]] | None:
+    """The problem with the straight markings that can be named and the ends of lines beside the markings ``stated``, a
+    start (1, P) for it, and the names by index of the seen line; None where there is nothing more.
+    """
+    observations, template, noise = task.observations, task.template, task.coarse_noise
+    fuller, with_ends, ends = add_line_ends(fit.problem, fit.state, observations, template)
+    found = name_lines(fuller, with_ends, observations, template, noise, ends)
+    if ends and not found.names:
+        # an end may be a cover's edge: only a whole structure of lines says so
+        others = name_lines(fit.problem, fit.state, observations, template, noise)
+        # and a line that passes through the end tells better where it runs
+        if len(set(others.names.values())) >= OVERRULING_LINES or agree_with_ends(others.names, ends, observations):
+            ends, found = (), others
+    if not ends and not found.names:
+        return None
+    lines = (*ends, *(replace(observations.lines[k], line=name) for k, name in sorted(found.names.items())))
+    further = curves_from_observations(replace(observations, circles=(), lines=lines), template, task.noise)
+    return replace(fit.problem, curves=join_curves(stated, further)), found.theta[None], found.names
+
+
+def least_sigmas(task: Task, curves: CurvePoints) -> CurvePoints | None:
+    """The points with the sigmas of a frame that shows nothing far from the circle; None where they are too few to tell
+    their noise.
+    """
+    if not task.config.noise_from_residuals or not is_dense(curves):
+        return None
+    close_px = task.config.close_sigma_px * task.observations.width / 1920.0
+    noise = replace(task.noise, model_sigma_px=min(task.noise.model_sigma_px, close_px))
+    return curves_from_observations(task.observations, task.template, noise)
+
+
+def _allow_parabola(task: Task, fit: Fit) -> Fit:
+    """The fit with a parabolic pitch where it explains what was seen clearly better, else the one given."""
+    if task.config.crown_shape != "auto" or task.config.shared is not None:
+        return fit
+    curved, start = bend_surface(fit.problem, fit.state.best())
+    start = predict_step(curved, start)
+    if start.cost[0] > fit.state.cost[0]:  # far from enough: the linear model knows it to a fraction of the evidence
+        return fit
+    bar = float(fit.state.cost[0]) - CROWN_EVIDENCE
+    found = minimise(curved, start.theta, task.rule(FINAL, bar), start.feet)
+    if found.cost[0] > bar:
+        return fit
+    if fit.least is None:
+        return replace(settle(task, curved, found, FINAL), given_px=fit.given_px)
+    # what the roof left of the residuals was no noise
+    curved, found, scale, least = rescale_and_reject(curved, found, fit.least)
+    return Fit(curved, resume(curved, found, task.rule(FINAL)), scale, least)
+
+
+def _allow_wider_lens(task: Task, fit: Fit) -> Fit:
+    """The fit with little said of the radial distortion before, where what is usual clearly holds it back, else the one
+    given. A few clicked points cannot say so.
+    """
+    priors, kappa = fit.problem.priors, INDEX["kappa_1"]
+    off = abs(float(fit.state.theta[0, kappa]) - priors.mean[kappa])
+    if not 0 < priors.sd[kappa] < off / LENS_DOUBT or not is_dense(fit.problem.curves):
+        return fit
+    free = replace(fit.problem, priors=widen_lens(priors))
+    found = minimise(free, fit.state.theta[:1], task.rule(FINAL), fit.state.feet[:1])
+    is_clear = found.cost[0] < fit.state.cost[0] - LENS_EVIDENCE
+    return replace(fit, problem=free, state=found) if is_clear else fit
+
+
+def widen_lens(priors: Priors) -> Priors:
+    """Priors that say little of the radial distortion."""
+    wider = priors.sd.copy()
+    wider[INDEX["kappa_1"]] *= LENS_WIDER
+    return replace(priors, sd=wider)

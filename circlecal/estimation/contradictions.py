@@ -1,0 +1,87 @@
+"""Marks, keypoints, lines and arcs that are not what they were taken for: everything else says so."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from circlecal.camera.noise import noise_of_misfit
+from circlecal.camera.problem import (
+    COARSE,
+    Problem,
+    State,
+    bend_surface,
+    evaluate,
+    predict_step,
+    resume,
+    reweight,
+    with_priors,
+)
+from circlecal.estimation.completion import least_sigmas, widen_lens
+from circlecal.estimation.task import Sight, Task, is_dense
+from circlecal.geometry.projective import Mask
+from circlecal.observations import MarkingKey
+
+OFF_SIGMAS = 5.0
+"""A mark or keypoint further from where the camera puts it is wrong: normal errors go so far once in 270,000."""
+
+WORTH_LEAVING_OUT, LONE_SIGMAS = 4.0, 4.5
+"""By how much chi-square must fall without a mark that nothing else checks for it to be left out in earnest, and how
+many standard deviations from where the others put it it is something else then. Centre marks of 45 real frames lie 3.4
+off at most; a foot that was taken for one in a rendered frame 8.0, marks of pictures that no camera took mostly 6.9 to
+7.4.
+"""
+
+WRONG_SIGMAS, WRONG_PX = 10.0, 10.0
+"""A named line or arc whose points mostly lie further off, in both measures (pixels at 1920 px width), is not that."""
+
+
+def find_contradicting_points(problem: Problem, state: State) -> Mask:
+    """Marks and keypoints (M,) that lie further from where the camera puts them than their sigma can explain."""
+    off = state.point_values[0].reshape(len(problem.points.keys), 2)
+    return np.asarray(np.linalg.norm(off, axis=-1) > OFF_SIGMAS, dtype=np.bool_)
+
+
+def find_lone_contradiction(task: Task, problem: Problem, state: State) -> Mask:
+    """The one mark or keypoint (M,) that lies elsewhere than where everything else puts it.
+
+    A point that nothing checks bends the camera to itself and leaves no residual. With the noise that all else shows
+    when the point is left out, chi-square rises by the square of the distance, in standard deviations, from where the
+    others put it, when it is fitted too. The lens may be an unusual one, and the pitch a parabola.
+    """
+    nothing = np.zeros(len(problem.points.keys), dtype=np.bool_)
+    if len(nothing) != 1 or not is_dense(problem.curves):
+        return nothing
+    best, rule = state.best(), task.rule(COARSE)
+    without = replace(problem, points=problem.points.select(nothing))
+    start = evaluate(without, best.theta, best.feet)
+    if predict_step(without, start).cost[0] > best.cost[0] - WORTH_LEAVING_OUT:
+        return nothing
+    least = least_sigmas(task, problem.curves) or problem.curves
+    lens = widen_lens(problem.priors)
+    without, start = reweight(*with_priors(without, start, lens), least.sigma_px)
+    without, alone = noise_of_misfit(without, resume(without, start, rule), least.sigma_px)
+    together = replace(without, points=problem.points)
+    cases = [(without, alone), (together, evaluate(together, best.theta, best.feet))]
+    if task.config.crown_shape == "auto":
+        cases += [bend_surface(*case) for case in cases]
+    cost = [float(resume(*case, rule).cost[0]) for case in cases]
+    rise = min(cost[1::2]) - min(cost[::2])
+    return ~nothing if rise > LONE_SIGMAS**2 else nothing
+
+
+def find_contradicting_markings(task: Task, problem: Problem, state: State, sight: Sight) -> list[MarkingKey]:
+    """Named lines and arcs that lie far from where the camera puts them; never the circle that starts came from and the
+    halfway line beside it, which the verdict judges.
+    """
+    curves, off = problem.curves, np.abs(state.residuals[0])
+    least_px = WRONG_PX * problem.model.width / 1920.0
+    found = set()
+    for group, key in enumerate(curves.keys):
+        own = curves.group == group
+        carrying = key.name in (task.template.halfway_line, task.circle.name)
+        far = np.median(off[own]) > WRONG_SIGMAS and np.median((off * curves.sigma_px)[own]) > least_px
+        if far and not (carrying and sight.ellipse is not None):
+            found.add(key)
+    return sorted(found, key=str)
