@@ -19,7 +19,7 @@ from circlecal.pipeline import field_of, run, run_observations
 from circlecal.pipeline.attempts import face_camera
 from circlecal.pipeline.refinements import calibrate_scene
 from circlecal.pipeline.setting import Setting, frame_generator, prepare_scene
-from circlecal.records.record import result_line
+from circlecal.records.json_text import result_line
 from circlecal.records.writing import result_record
 from circlecal.refusals import REFUSALS, Confidence
 from circlecal.stages.correspondences import is_turned, turn_correspondences

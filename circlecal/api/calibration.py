@@ -22,7 +22,9 @@ from circlecal.geometry.camera import Camera
 from circlecal.geometry.projective import Array
 from circlecal.pictures.files import as_bgr, read_image
 from circlecal.pictures.video import pictures_at
-from circlecal.records.record import Matrix, ResultRecord, to_mapping, write_result
+from circlecal.records.json_text import to_mapping, write_result
+from circlecal.records.parts import Matrix
+from circlecal.records.record import ResultRecord
 from circlecal.records.stored import calibration_of_record
 from circlecal.refusals import explain
 from circlecal.results import Attempt, Check, Status

@@ -10,9 +10,10 @@ from typing import Any, overload
 from circlecal.api.calibration import Calibration
 from circlecal.field import FieldTemplate, load_field
 from circlecal.files import is_folder
+from circlecal.records.json_text import GIVE_A_RESULT, parse_record, read_result
 from circlecal.records.log import Place, find_results, is_log, read_records, scan_records
 from circlecal.records.parquet import table_row
-from circlecal.records.record import GIVE_A_RESULT, ResultRecord, ResultRow, parse_record, read_result
+from circlecal.records.record import ResultRecord, ResultRow
 
 
 class Run(Sequence[Calibration]):

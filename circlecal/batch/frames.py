@@ -38,7 +38,8 @@ from circlecal.pictures.limits import LimitsConfig
 from circlecal.pictures.masks import find_mask, read_mask
 from circlecal.pictures.remote import read_url
 from circlecal.pipeline import Convention, apply_convention, field_of, run_observations
-from circlecal.records.record import ResultRecord, write_result
+from circlecal.records.json_text import write_result
+from circlecal.records.record import ResultRecord
 from circlecal.records.writing import result_record
 from circlecal.results import FrameCalibration
 from circlecal.stages.mask import require_mask_network

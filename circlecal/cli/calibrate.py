@@ -58,7 +58,7 @@ def calibrate(
     from circlecal.files import prepare_folder
     from circlecal.formats.annotation import ANNOTATION_FOLDER
     from circlecal.formats.exports import Exports
-    from circlecal.records.record import result_line
+    from circlecal.records.json_text import result_line
     from circlecal.records.summary import summarise
 
     console.configure_logging(quiet=quiet, verbose=verbose)

@@ -35,7 +35,7 @@ def debug(
     from circlecal.files import is_folder, prepare_folder
     from circlecal.formats.annotation import ANNOTATION_FOLDER, find_annotation
     from circlecal.pipeline import field_of
-    from circlecal.records.record import write_result
+    from circlecal.records.json_text import write_result
     from circlecal.records.summary import summarise
     from circlecal.records.writing import result_record
 

@@ -43,7 +43,7 @@ def project(
     from circlecal.api.tables import OUTSIDE, are_outside
     from circlecal.cli import console
     from circlecal.errors import InputError
-    from circlecal.records.record import read_result
+    from circlecal.records.json_text import read_result
 
     if points is not None:
         if coordinates:

@@ -20,8 +20,9 @@ from circlecal.formats.soccernet_camera import CameraKeys
 from circlecal.formats.worldcup import SUFFIX as MATRIX_SUFFIX
 from circlecal.geometry.camera import rotation_matrix
 from circlecal.geometry.projective import Array
+from circlecal.records.json_text import read_result
 from circlecal.records.log import is_log, read_records
-from circlecal.records.record import ResultRecord, read_result
+from circlecal.records.record import ResultRecord
 
 USUAL_SIZES: tuple[Size, ...] = ((640, 360), (960, 540), (1280, 720), (1920, 1080), (3840, 2160))
 SIZE_TOLERANCE = 0.06

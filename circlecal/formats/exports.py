@@ -27,8 +27,9 @@ from circlecal.formats.registry import (
 from circlecal.formats.shapes import AnnotatedFrame, ObservedFrame
 from circlecal.names import as_stem
 from circlecal.pictures.files import distinct_names
+from circlecal.records.json_text import read_result
 from circlecal.records.log import is_log, read_records
-from circlecal.records.record import ResultRecord, read_result
+from circlecal.records.record import ResultRecord
 
 F = TypeVar("F", AnnotatedFrame, CameraFrame)
 

@@ -19,7 +19,8 @@ from circlecal.camera.options import CameraConfig
 from circlecal.errors import InputError
 from circlecal.files import read_file, write_atomic
 from circlecal.names import show
-from circlecal.records.record import GIVE_A_RESULT, ResultRow, explain_damage, parse_record
+from circlecal.records.json_text import GIVE_A_RESULT, explain_damage, parse_record
+from circlecal.records.record import ResultRow
 from circlecal.yaml_text import YamlError, dump_yaml, read_yaml
 
 KEYS = (

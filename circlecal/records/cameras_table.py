@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from circlecal.files import write_atomic_parts
-from circlecal.records.record import HeadRecord, ResultRecord, TrackRecord
+from circlecal.records.parts import HeadRecord, TrackRecord
+from circlecal.records.record import ResultRecord
 
 CAMERAS_NAME = "cameras.csv"
 _BLOCK = 1 << 16

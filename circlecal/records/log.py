@@ -17,15 +17,8 @@ from typing import Self, overload
 from circlecal.errors import InputError
 from circlecal.files import is_file, is_folder, read_file, read_lines, replacement, write_error
 from circlecal.records.index import ResultIndex
-from circlecal.records.record import (
-    GIVE_A_RESULT,
-    Record,
-    ResultRecord,
-    ResultRow,
-    is_record,
-    parse_record,
-    result_line,
-)
+from circlecal.records.json_text import GIVE_A_RESULT, Record, is_record, parse_record, result_line
+from circlecal.records.record import ResultRecord, ResultRow
 from circlecal.records.summary import FrameSummary, summarise
 
 RESULTS_NAME = "results.jsonl"

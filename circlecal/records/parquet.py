@@ -15,7 +15,8 @@ from typing import Any
 from circlecal.errors import MissingExtraError
 from circlecal.files import write_error
 from circlecal.names import as_text
-from circlecal.records.record import Number, ResultRecord
+from circlecal.records.parts import Number
+from circlecal.records.record import ResultRecord
 from circlecal.records.summary import summarise
 
 PARQUET_NAME = "results.parquet"

@@ -10,15 +10,8 @@ from circlecal.geometry.camera_parameters import PARAMETERS
 from circlecal.geometry.ellipses import Ellipse
 from circlecal.geometry.projective import Array
 from circlecal.observations import CircleEdge, MarkingKey
-from circlecal.records.record import (
-    EllipseRecord,
-    EstimateRecord,
-    InliersRecord,
-    Matrix,
-    Number,
-    ResidualsRecord,
-    ResultRecord,
-)
+from circlecal.records.parts import EllipseRecord, EstimateRecord, InliersRecord, Matrix, Number, ResidualsRecord
+from circlecal.records.record import ResultRecord
 from circlecal.results import (
     Attempt,
     CameraFit,

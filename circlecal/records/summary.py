@@ -10,7 +10,8 @@ from pathlib import Path
 
 from circlecal.files import write_atomic_parts
 from circlecal.names import as_cell, as_text
-from circlecal.records.record import CameraRow, ResultRow
+from circlecal.records.parts import CameraRow
+from circlecal.records.record import ResultRow
 from circlecal.results import Status
 
 _BLOCK = 1 << 16

@@ -12,7 +12,8 @@ from circlecal import __version__
 from circlecal.field import FieldTemplate
 from circlecal.geometry.projective import Array
 from circlecal.observations import Observations
-from circlecal.records.record import SCHEMA_VERSION, ResultRecord, SourceRecord
+from circlecal.records.parts import SourceRecord
+from circlecal.records.record import SCHEMA_VERSION, ResultRecord
 from circlecal.results import CameraFit, Correspondences, EllipseFit, EllipseFits, FrameCalibration, Verdict
 
 POINT_DECIMALS, OBSERVATION_DECIMALS = 3, 4

@@ -8,7 +8,8 @@ from typing import Any
 from circlecal.overlay.page_view import describe_view, sigma_grid
 from circlecal.overlay.quality import rate_sigma
 from circlecal.overlay.radar import radar_half
-from circlecal.records.record import CameraRecord, ResultRecord
+from circlecal.records.parts import CameraRecord
+from circlecal.records.record import ResultRecord
 from circlecal.report.comparison import WORDS, Comparison
 from circlecal.report.drawings import Scene
 from circlecal.report.figures import clock, short

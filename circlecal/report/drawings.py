@@ -18,7 +18,8 @@ from circlecal.overlay.canvas import Canvas
 from circlecal.overlay.palette import CIRCLE, INLIER, POINT, PURPLE, REFUSED, TEMPLATE, Color
 from circlecal.overlay.radar import radar_half
 from circlecal.overlay.template_lines import pixels_near_picture
-from circlecal.records.record import Pair, ResultRecord
+from circlecal.records.parts import Pair
+from circlecal.records.record import ResultRecord
 
 _TOLERANCE = 0.35
 """How far a drawn line may leave the exact curve, pixels at 1920 px width."""

@@ -23,7 +23,7 @@ from circlecal.files import is_file, is_folder, prepare_folder, read_file, real_
 from circlecal.overlay.canvas import Picture
 from circlecal.overlay.quality import SCALE
 from circlecal.pictures.files import REPORT_FOLDER, natural_order
-from circlecal.records.record import result_line
+from circlecal.records.json_text import result_line
 from circlecal.refusals import explain
 from circlecal.report.comparison import WORDS, Change, Comparison, compare, count_changes
 from circlecal.report.details import frame_details

@@ -10,8 +10,9 @@ from pathlib import Path
 from circlecal.errors import InputError
 from circlecal.files import is_file, is_folder
 from circlecal.pictures.files import natural_order
+from circlecal.records.json_text import parse_sound_parts
 from circlecal.records.log import Place, find_results, scan_records
-from circlecal.records.record import ResultRecord, ResultRow, parse_sound_parts
+from circlecal.records.record import ResultRecord, ResultRow
 from circlecal.records.summary import summarise
 from circlecal.results import Status
 

@@ -29,7 +29,8 @@ from circlecal.pictures.video import pictures_at
 from circlecal.pipeline import Convention, apply_convention, field_of, run_observations
 from circlecal.records.camera_prior import write_prior
 from circlecal.records.log import read_records
-from circlecal.records.record import AloneRecord, ResultRecord, ResultRow, RigRecord
+from circlecal.records.parts import AloneRecord, RigRecord
+from circlecal.records.record import ResultRecord, ResultRow
 from circlecal.records.writing import result_record
 from circlecal.results import FrameCalibration
 from circlecal.rig.estimation import Rig, config_with_prior, estimate_rigs, summarise_shared

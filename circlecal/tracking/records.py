@@ -17,7 +17,8 @@ from circlecal.geometry.camera import Camera
 from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel, homographies, project, theta_of
 from circlecal.geometry.homography import scale_homography
 from circlecal.geometry.projective import Array
-from circlecal.records.record import SCHEMA_VERSION, ResultRecord, RigRecord, SourceRecord
+from circlecal.records.parts import RigRecord, SourceRecord
+from circlecal.records.record import SCHEMA_VERSION, ResultRecord
 from circlecal.refusals import explain
 from circlecal.tracking.results import Head, TrackedFrame
 

@@ -32,8 +32,9 @@ from circlecal.formats.annotation import digest_annotations
 from circlecal.pictures.video import Sampling, Video, frame_id, frame_time, pictures_at
 from circlecal.pipeline import field_of
 from circlecal.records.cameras_table import CAMERAS_NAME, write_cameras
+from circlecal.records.json_text import GIVE_A_RESULT, parse_record
 from circlecal.records.log import Finished, Place, ResultLog, scan_records
-from circlecal.records.record import GIVE_A_RESULT, ResultRecord, ResultRow, parse_record
+from circlecal.records.record import ResultRecord, ResultRow
 from circlecal.records.summary import write_summary
 from circlecal.rig.tripod import PLACE, Venue
 from circlecal.rig.venue import VENUE_NAME, read_venue, read_venue_file, write_venue

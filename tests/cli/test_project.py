@@ -7,7 +7,7 @@ import pytest
 from circlecal.config import Config
 from circlecal.field import load_field
 from circlecal.pipeline import run
-from circlecal.records.record import write_result
+from circlecal.records.json_text import write_result
 from circlecal.records.writing import result_record
 
 

@@ -11,7 +11,7 @@ from circlecal.formats.meaning import read_observations
 from circlecal.formats.registry import annotation_formats, read_annotations
 from circlecal.formats.shapes import AnnotatedFrame, Shape
 from circlecal.pipeline import field_of, run_observations
-from circlecal.records.record import result_line
+from circlecal.records.json_text import result_line
 from circlecal.records.writing import result_record
 from circlecal.synthetic.cameras import aim_camera
 

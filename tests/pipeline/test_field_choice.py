@@ -11,7 +11,8 @@ from circlecal.field import load_field
 from circlecal.observations import MarkingKey
 from circlecal.pipeline import calibrate_unknown_field, field_choice, field_of, run
 from circlecal.pipeline.field_choice import SETTLED_MARKINGS, Answer, choose_answer
-from circlecal.records.record import ResultRecord, result_line
+from circlecal.records.json_text import result_line
+from circlecal.records.record import ResultRecord
 from circlecal.records.writing import result_record
 from circlecal.results import Attempt, CameraFit, FieldCandidate, FrameCalibration, Verdict
 from circlecal.stages.mask import tell_grounds

@@ -7,7 +7,7 @@ from hypothesis.extra.numpy import arrays
 from pydantic_core import to_json
 
 from circlecal.observations import CirclePoints, Keypoint, LineEnd, LinePoints, MarkPoint, Observations
-from circlecal.records.record import ImageRecord, ObservationsRecord
+from circlecal.records.parts import ImageRecord, ObservationsRecord
 from circlecal.records.writing import write_observations
 
 pixels = st.integers(0, 20).flatmap(lambda n: arrays(np.float64, (n, 2), elements=st.floats(-5000, 5000)))

@@ -15,16 +15,8 @@ from circlecal.field import load_field
 from circlecal.geometry.camera import camera_from_soccernet
 from circlecal.observations import MarkingKey
 from circlecal.pipeline import run
-from circlecal.records.record import (
-    SCHEMA_VERSION,
-    ResultRecord,
-    ResultRow,
-    parse_record,
-    parse_sound_parts,
-    read_result,
-    result_line,
-    write_result,
-)
+from circlecal.records.json_text import parse_record, parse_sound_parts, read_result, result_line, write_result
+from circlecal.records.record import SCHEMA_VERSION, ResultRecord, ResultRow
 from circlecal.records.summary import summarise
 from circlecal.records.writing import failure_record, result_record
 from circlecal.results import Verdict

@@ -12,8 +12,9 @@ import pytest
 from circlecal.config import Config
 from circlecal.field import load_field
 from circlecal.pipeline import run
+from circlecal.records.json_text import parse_sound_parts, result_line
 from circlecal.records.log import RESULTS_NAME
-from circlecal.records.record import ResultRecord, parse_sound_parts, result_line
+from circlecal.records.record import ResultRecord
 from circlecal.records.writing import failure_record, result_record
 from circlecal.results import Verdict
 

@@ -14,7 +14,7 @@ from circlecal.geometry.camera import Camera, PlaneCamera
 from circlecal.geometry.surface import Surface
 from circlecal.overlay.page_view import describe_view
 from circlecal.pictures.files import REPORT_FOLDER
-from circlecal.records.record import result_line
+from circlecal.records.json_text import result_line
 from circlecal.report import ReportOptions, read_run, write_report
 from circlecal.report.pages import tell_workbench
 from tests.report.browser import Browser, programs

@@ -13,8 +13,8 @@ from circlecal.geometry.homography import mean_reprojection_error, reprojection_
 from circlecal.observations import Observations
 from circlecal.pipeline import run_observations
 from circlecal.records.camera_prior import prior_settings
+from circlecal.records.json_text import result_line
 from circlecal.records.log import read_records
-from circlecal.records.record import result_line
 from circlecal.records.writing import failure_record, result_record
 from circlecal.results import Verdict
 from circlecal.rig.frames import frame_of_record

@@ -10,8 +10,9 @@ import pytest
 import circlecal
 from circlecal.config import load_config
 from circlecal.pipeline import field_of
+from circlecal.records.json_text import result_line
 from circlecal.records.log import Finished
-from circlecal.records.record import ResultRecord, result_line
+from circlecal.records.record import ResultRecord
 from circlecal.tracking.records import RecordForm, record_of_track
 
 from .scripted import LOST_FRAMES, tracked

@@ -34,8 +34,9 @@ from circlecal.pictures.video import Sampling, Video
 from circlecal.pictures.video_writer import write_video
 from circlecal.pipeline import field_of, run_observations
 from circlecal.records.camera_prior import prior_settings
+from circlecal.records.json_text import result_line
 from circlecal.records.log import ResultLog, read_records
-from circlecal.records.record import ResultRecord, result_line
+from circlecal.records.record import ResultRecord
 from circlecal.records.writing import result_record
 from circlecal.rig.run import read_cameras
 from circlecal.rig.tripod import COMMON, TripodEstimate, Venue

@@ -23,7 +23,7 @@ from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import Surface, SurfaceShape
 from circlecal.pictures.video import Sampling, Video, pictures_at
 from circlecal.pipeline import field_of
-from circlecal.records.record import CameraRow
+from circlecal.records.parts import CameraRow
 from circlecal.synthetic.dataset import TRUTH_FOLDER
 from circlecal.synthetic.video import CLIP_KINDS, ClipKind, ClipSpec, ShotKind, write_clips
 from circlecal.tracking.clip import ClipFrame, survey_clip, track_frames

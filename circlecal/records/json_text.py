@@ -1,0 +1,142 @@
+"""A result record as JSON text and as a file, and what is wrong with one."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import ValidationError
+from pydantic_core import PydanticSerializationError
+
+from circlecal.errors import InputError
+from circlecal.files import read_file, write_atomic
+from circlecal.records.record import SCHEMA_VERSION, ResultRecord, ResultRow
+
+GIVE_A_RESULT = "give a result file of circlecal calibrate"
+Record = TypeVar("Record", bound=ResultRow)
+
+
+def write_result(path: Path, record: ResultRecord) -> None:
+    """Write a result file, whole or not at all.
+
+    Raises
+    ------
+    InputError
+        The file cannot be written.
+    """
+    write_atomic(path, (result_line(record) + "\n").encode())
+
+
+def result_line(record: ResultRecord) -> str:
+    """The record on one line, with the keys that were given."""
+    try:
+        return record.model_dump_json(exclude_unset=True)
+    except PydanticSerializationError:  # a name that no encoding can write
+        return json.dumps(record.model_dump(exclude_unset=True), allow_nan=False, separators=(",", ":"))
+
+
+def read_result(path: Path) -> ResultRecord:
+    """Read a result file.
+
+    Raises
+    ------
+    InputError
+        Missing, no result of circlecal, of another version, or damaged.
+    """
+    try:
+        content = read_file(path)
+    except InputError as error:
+        raise InputError(f"{error}; {GIVE_A_RESULT}") from error
+    return parse_record(content, ResultRecord, str(path), GIVE_A_RESULT)
+
+
+def parse_record(content: bytes, model: type[Record], name: str, mend: str) -> Record:
+    """A record from its JSON text.
+
+    Parameters
+    ----------
+    content : bytes
+        The text.
+    model : type
+        :class:`ResultRecord`, or :class:`ResultRow` for no more than tables need.
+    name, mend : str
+        Where the text stands, and what to do about damage, for messages.
+
+    Raises
+    ------
+    InputError
+        No result of circlecal, of another version, or damaged.
+    """
+    try:
+        record = _validate(content, model)
+    except ValidationError as error:
+        version = _version_of(content)
+        if version in (None, SCHEMA_VERSION):
+            raise InputError(f"{name}: is no result: {explain_damage(error)}; {mend}") from error
+    else:
+        version = record.schema_version
+        if version == SCHEMA_VERSION:
+            return record
+    raise InputError(f"{name}: has schema_version {version}; this version reads {SCHEMA_VERSION}")
+
+
+def _validate(content: bytes, model: type[Record]) -> Record:
+    try:
+        return model.model_validate_json(content)
+    except ValidationError:
+        if b"\\ud" not in content:
+            raise
+    try:
+        value = json.loads(content)  # which takes a name that no encoding can write, as the model's parser does not
+    except (ValueError, RecursionError):
+        return model.model_validate_json(content)
+    return model.model_validate(value, strict=False)
+
+
+def parse_sound_parts(content: bytes) -> ResultRecord:
+    """A record from its JSON text without those of its keys whose content is damaged.
+
+    Raises
+    ------
+    ValueError
+        Not even what every record has is sound.
+    """
+    try:
+        return _validate(content, ResultRecord)
+    except ValidationError as error:
+        damaged = {problem["loc"][0] for problem in error.errors(include_url=False) if problem["loc"]}
+        value = json.loads(content)
+        return ResultRecord.model_validate({k: v for k, v in value.items() if k not in damaged}, strict=False)
+
+
+def is_record(content: bytes) -> bool | None:
+    """Whether a JSON text is meant to be a record, sound or not; None where it is no JSON."""
+    try:
+        value = json.loads(content)
+    except (ValueError, RecursionError):
+        return None
+    return isinstance(value, dict) and value.keys() >= {"schema_version", "status"}
+
+
+def _version_of(content: bytes) -> Any:
+    try:
+        value = json.loads(content)
+    except (ValueError, RecursionError):
+        return None
+    return value.get("schema_version") if isinstance(value, dict) else None
+
+
+def explain_damage(error: ValidationError) -> str:
+    """The first thing that is wrong with a record, as field and words."""
+    first = error.errors(include_url=False, include_context=False)[0]
+    where = ".".join(str(part) for part in first["loc"])
+    if first["type"] == "missing":
+        return f"{where} is missing"
+    return f"{where}{': ' * bool(where)}{first['msg'].removeprefix('Value error, ')}"
+
+
+def to_mapping(record: ResultRecord) -> dict[str, Any]:
+    """The record as JSON's own types."""
+    content: dict[str, Any] = json.loads(result_line(record))
+    return content

@@ -1,0 +1,221 @@
+"""What is derived from what was seen: points and tangents with their places on the field, homography, camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from circlecal.field.view import FieldView
+from circlecal.geometry.camera import Camera
+from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel
+from circlecal.geometry.projective import Array
+from circlecal.geometry.surface import Surface
+from circlecal.observations import MarkingKey
+
+CONTRADICTING_SIGMAS, CONTRADICTING_PX = 5.0, 8.0
+"""A single point further from its marking than so many of its standard deviations and pixels at 1920 px width
+contradicts the rest: clicks scatter by 1.5 px.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class PointCorrespondence:
+    """A derived point: label, field (2,) metres, image (2,) pixels, and its sigma where known."""
+
+    label: str
+    field_m: Array
+    image_px: Array
+    sigma_px: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class DerivedPoint:
+    """A point of the circle as the camera puts it: label, field (2,), undistorted pixel (2,), covariance (2, 2)."""
+
+    label: str
+    field_m: Array
+    image_px: Array
+    covariance: Array
+
+
+@dataclass(frozen=True, slots=True)
+class LineCorrespondence:
+    """A derived tangent: label, field line (3,), image line (3,), both normalised."""
+
+    label: str
+    field_line: Array
+    image_line: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Correspondences:
+    """Stage ``correspondences``: the paper's points and tangents.
+
+    Attributes
+    ----------
+    case : int
+        1 (line), 2 (point) or 3 (two edges).
+    conic : (3, 3) array, radius_m : float
+        The conic that they were derived from and the radius of its circle.
+    imaged_center : (3,) array
+        Homogeneous pixel, third entry 1.
+    center_source : str
+        ``"centre_mark"``, ``"pinhole"`` (square pixels and a known principal point) or ``"two_edges"``.
+    vanishing_line : (3,) array
+        Normalised.
+    points, tangents : tuples
+        Eight of each.
+    """
+
+    case: int
+    conic: Array
+    radius_m: float
+    imaged_center: Array
+    center_source: str
+    vanishing_line: Array
+    points: tuple[PointCorrespondence, ...]
+    tangents: tuple[LineCorrespondence, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class HomographyFit:
+    """Stage ``homography``: the DLT on points and lines, both directions, and the solution of the turned field."""
+
+    H_image_field: Array
+    H_field_image: Array
+    H_image_field_turned: Array
+    residuals_px: Array
+    condition: float
+    null_ratio: float
+
+
+@dataclass(frozen=True, slots=True)
+class FieldSize:
+    """How long and broad a field is.
+
+    Attributes
+    ----------
+    length_m, width_m, length_sd_m, width_sd_m : float
+        With their standard deviations, metres.
+    is_usual : bool
+        Whether the field is taken to be about as large as its template says; otherwise its size is estimated from what
+        was seen.
+    usual_share : float
+        How likely that is after what was seen, 0..1.
+    """
+
+    length_m: float
+    width_m: float
+    length_sd_m: float
+    width_sd_m: float
+    is_usual: bool
+    usual_share: float
+
+    def __str__(self) -> str:
+        sizes = (
+            f"length {self.length_m:.1f} +- {self.length_sd_m:.1f}, width {self.width_m:.1f} +- {self.width_sd_m:.1f}"
+        )
+        return f"{sizes} m, {'usual' if self.is_usual else 'estimated'}"
+
+
+@dataclass(frozen=True, slots=True)
+class CameraFit:
+    """Stage ``camera``: maximum a posteriori pinhole camera with its covariance.
+
+    Attributes
+    ----------
+    camera : Camera
+        The estimate.
+    surface : Surface
+        With the estimated crown, quoted at the circle's radius.
+    covariance : (P, P) array
+        Of the parameters in ``parameters`` (their names).
+    H_image_field, H_field_image : (3, 3) arrays
+        Of the plane tangent at the centre mark, undistorted pixels.
+    H_covariance : (8, 8) array
+        Of H_image_field scaled to H[2, 2] = 1, row-major without the last entry.
+    imaged_center_px, imaged_center_covariance : (2,), (2, 2) arrays
+        Image of the circle's centre (undistorted pixels).
+    noise_scale : float
+        Factor on the given sigmas that the residuals ask for.
+    data_share : float
+        Share of the predicted precision around the circle that the observations bring, 0..1.
+    residual_correlation : float
+        How many neighbouring residuals along the circle repeat each other (1 = white).
+    max_sigma_px, max_sigma_m : float
+        Largest predicted standard deviation over the visible field near ``reference_m``.
+    residuals_px, stated_sigma_px : dict of MarkingKey
+        Root mean square residual by observation, and the standard deviation that the observation itself stated.
+    theta : (P,) array
+        The estimate as the parameter vector, in the order of ``parameters``.
+    derived_points : tuple of DerivedPoint
+        The eight points of the circle with their covariance.
+    rejected : tuple of MarkingKey
+        Observations that contradict the others and were left out.
+    named_lines : tuple of str
+        Template lines that were recognised among the straight markings seen, and used.
+    names_by_line : dict
+        Template lines by the index of the seen line that each was recognised in.
+    reference_m : (2,) array
+        The field point about which distance and predicted errors are judged: the circle's centre, or the middle of what
+        was seen instead of the circle.
+    field_size : FieldSize or None
+        How long and broad the field is; None where it was not asked.
+    point_residuals_px : dict of MarkingKey
+        Signed distance (N,) of each point of markings with few points, pixels, in the order in which they were given.
+    """
+
+    camera: Camera
+    surface: Surface
+    parameters: tuple[str, ...]
+    covariance: Array
+    H_image_field: Array
+    H_field_image: Array
+    H_covariance: Array
+    imaged_center_px: Array
+    imaged_center_covariance: Array
+    noise_scale: float
+    data_share: float
+    max_sigma_px: float
+    max_sigma_m: float
+    residuals_px: dict[MarkingKey, float]
+    theta: Array
+    residual_correlation: float = 1.0
+    stated_sigma_px: dict[MarkingKey, float] = field(default_factory=dict)
+    derived_points: tuple[DerivedPoint, ...] = ()
+    rejected: tuple[MarkingKey, ...] = ()
+    named_lines: tuple[str, ...] = ()
+    names_by_line: dict[int, str] = field(default_factory=dict)
+    reference_m: Array = field(default_factory=lambda: np.zeros(2))
+    field_size: FieldSize | None = None
+    point_residuals_px: dict[MarkingKey, Array] = field(default_factory=dict)
+
+    @property
+    def contradicting_points(self) -> tuple[tuple[MarkingKey, int, float], ...]:
+        """Single points that contradict the rest, the worst first: marking, number from 1 on, distance in pixels."""
+        least_px = CONTRADICTING_PX * self.camera.width / 1920.0
+        found = [
+            (key, number + 1, abs(float(off)))
+            for key, distances in self.point_residuals_px.items()
+            for number, off in enumerate(distances)
+            if abs(off) > max(least_px, CONTRADICTING_SIGMAS * self.stated_sigma_px.get(key, 0.0))
+        ]
+        return tuple(sorted(found, key=lambda point: -point[2]))
+
+    @property
+    def view(self) -> FieldView:
+        """Where this camera sees the field."""
+        known = self.parameters == PARAMETERS and self.theta.shape == (len(PARAMETERS),)
+        growth_m = self.theta[[INDEX["length"], INDEX["breadth"]]] if known else np.zeros(2)
+        return FieldView(self.camera, self.surface, growth_m, self.covariance if known else None)
+
+    @property
+    def model(self) -> ProjectionModel:
+        """The model under which the parameters were estimated."""
+        return ProjectionModel.of(self.camera, self.surface)
+
+    @property
+    def prior_dominated(self) -> bool:
+        """Whether the priors bring the larger part of the predicted precision."""
+        return self.data_share < 0.5

@@ -1,0 +1,99 @@
+"""What the answer was checked against, and the verdict."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from circlecal.geometry.projective import Array
+from circlecal.refusals import explain
+
+Status = Literal["calibrated", "refused"]
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """Stage ``agreement``: markings that must be in view and that the camera was not fitted to.
+
+    Attributes
+    ----------
+    names : tuple of str
+        The template's.
+    length_px : (K,) array
+        How much of each lies where the picture shows the field and its place is known.
+    share : (K,) array
+        Share of that on which the picture shows a marking.
+    certain : bool
+        Whether their places are known well; otherwise they were looked for in a wider strip.
+    """
+
+    names: tuple[str, ...]
+    length_px: Array
+    share: Array
+    certain: bool = True
+
+    @property
+    def expected_px(self) -> float:
+        """Length of all of them."""
+        return float(self.length_px.sum())
+
+    @property
+    def found_share(self) -> float:
+        """Share of that which is drawn; 1 where nothing is expected."""
+        return float(self.length_px @ self.share) / self.expected_px if len(self.names) else 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """What speaks against a camera.
+
+    Attributes
+    ----------
+    oblique_widths, alone_widths : float
+        Length of lines like the carriers' paint that lie surely on the field, where no marking is, picture widths: of
+        those that run along neither axis of the field, and of one that runs along an axis where it is the only one.
+        Several that do are the field of another sport.
+    painted_share : float
+        Share of the carriers that is painted where they must be in view.
+    reversal : float
+        By how much (half a chi-square) the width of the paint is better explained by a camera that has near and far
+        exchanged; far below zero where the paint confirms the camera.
+    rough_share : float
+        Share of the field that must be in view which is no playing surface but as rough as a crowd.
+    """
+
+    oblique_widths: float
+    alone_widths: float
+    painted_share: float
+    reversal: float
+    rough_share: float
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One gate of the verdict: name, measured value, limit, passed or not."""
+
+    name: str
+    value: float
+    limit: float
+    passed: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """Stage ``verdict``: calibrated, or refused with a code, a reason in words and the stage that refused."""
+
+    status: Status
+    code: str | None
+    reason: str | None
+    stage: str | None
+    checks: tuple[Check, ...] = ()
+
+    @property
+    def help(self) -> str | None:
+        """What helps against a refusal; None where there is none."""
+        return None if self.code is None else explain(self.code, self.stage).help
+
+    def check(self, name: str) -> Check | None:
+        """The check of this name, where it was made."""
+        return next((check for check in self.checks if check.name == name), None)
