@@ -209,6 +209,8 @@ class _Tracker:
         self._shot = 0
         self._since_cut, self._unconfirmed, self._contradicted = 0, 0, 0
         self._velocity, self._change = np.zeros(2), np.zeros(3)
+        self._surface: Array | None = None
+        """Colour of the playing surface where the paint last confirmed a camera."""
         self._behind: deque[_Kept] = deque()
         """Frames since the last one whose camera was confirmed, of one shot."""
 
@@ -218,6 +220,8 @@ class _Tracker:
         region = self._config.mask.detector.field_region
         with self._clock.measure("picture"):
             picture = LookedAt.of(frame.picture, region, self._last if is_followed else None)
+            if not is_followed:
+                picture = picture.take_surface(self._surface, region)
         entry = _Entry(frame.index, frame.time_s, picture.size, self._shot)
         before, last = self._entry, self._last
         flow = None
@@ -230,12 +234,12 @@ class _Tracker:
         is_lost = look is None or self._contradicted >= PATIENCE or self._unconfirmed > FOLLOWED_FRAMES
         if is_lost:
             if is_followed:
-                picture = LookedAt.of(frame.picture, region)
+                picture = LookedAt.of(frame.picture, region).take_surface(self._surface, region)
             is_cut = last is not None and picture.differs_from(last)
             self._lose(entry, before, is_cut)
-            if self._is_time_to_search() and picture.grass_share >= LEAST_GRASS:
+            if self._is_time_to_search():
                 with self._clock.measure("search"):
-                    self._find(entry, picture)
+                    picture = self._find(entry, picture)
                 place = entry.place
                 if before is not None and place is not None and place is before.place and not is_cut:
                     self._go_on(place, before, entry.head - before.head)
@@ -243,6 +247,8 @@ class _Tracker:
             if entry.place is not None:
                 with self._clock.measure("backward"):
                     self._go_back(_Kept(entry, picture, flow))
+        if entry.is_confirmed:
+            self._surface = picture.colour
         self._keep(_Kept(entry, picture, flow))
         self._entry, self._last = entry, picture
         return entry
@@ -375,19 +381,26 @@ class _Tracker:
         since = self._since_cut
         return since in SEARCHES or (since > max(SEARCHES) and since % SEARCH_EVERY == 0)
 
-    def _find(self, entry: _Entry, picture: LookedAt) -> None:
-        """Search for each of the cameras; the one with the most paint has the frame."""
-        best: tuple[Place, Look] | None = None
-        for place in self._places_of(picture.size):
-            look = place.find(picture)
-            if look is not None and (best is None or look.measured.painted.sum() > best[1].measured.painted.sum()):
-                best = place, look
-        if best is None:
-            return
-        entry.place, look = best
-        focal = float(np.exp(look.fit.head[0]))
-        spread = np.diag(np.array([0.05, 20.0 / focal, 20.0 / focal]) ** 2)
-        _take(entry, look, look.fit.head, spread, is_followed=False)
+    def _find(self, entry: _Entry, picture: LookedAt) -> LookedAt:
+        """Search for each of the cameras; the one with the most paint has the frame. The picture is returned with the
+        surface on which a camera was found, while the colour of the playing surface is not known.
+        """
+        pictures = [picture]
+        if self._surface is None:
+            pictures.append(picture.take_other_surface(self._config.mask.detector.field_region))
+        for seen in pictures:
+            best: tuple[Place, Look] | None = None
+            for place in self._places_of(seen.size) if seen.grass_share >= LEAST_GRASS else ():
+                look = place.find(seen)
+                if look is not None and (best is None or look.measured.painted.sum() > best[1].measured.painted.sum()):
+                    best = place, look
+            if best is not None:
+                entry.place, look = best
+                focal = float(np.exp(look.fit.head[0]))
+                spread = np.diag(np.array([0.05, 20.0 / focal, 20.0 / focal]) ** 2)
+                _take(entry, look, look.fit.head, spread, is_followed=False)
+                return seen
+        return picture
 
     def _places_of(self, size: tuple[int, int]) -> list[Place]:
         if size not in self._places:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.detection.field_region import find_field_region
-from circlecal.detection.options import FieldRegionConfig
+from circlecal.detection.field_region import FieldRegion, find_field_region, surface_colour
+from circlecal.detection.options import FieldRegionConfig, RidgeConfig
 from circlecal.field import FieldTemplate
 from circlecal.geometry.projective import Array
 from circlecal.paint.profiles import to_gray
@@ -37,6 +37,10 @@ LARGEST_HEAD_SIGMA_PX = 3.0
 FOUND_SD_PX, FOUND_SD_ZOOM = 5.0, 0.012
 """Of a head that was just found by searching, pixels at 1920 px width and logarithm of the focal length."""
 SMALL_WIDTH_PX = 320
+OTHER_SURFACE = 15.0
+"""Distance of the median colours of two surfaces, levels of a and b of CIE Lab, from which on they are different ones:
+that of one pitch stays within 3 over a clip, the dark run-off before it is 40 away.
+"""
 THUMBNAIL, CUT_LEVELS = (32, 18), 12.0
 """Size of the pictures by which shots are told apart, and how far they differ on average across a cut, gray levels:
 neighbours in a fast pan by 2 to 8.
@@ -53,31 +57,61 @@ class LookedAt:
         Brightness.
     small : SmallPicture
         Reduced, for motion.
-    grass : (h, w) uint8
-        Playing surface in a reduced picture.
-    grass_share : float
-        Share of the picture that it covers.
+    reduced : (h, w, 3) uint8
+        Colours in a reduced picture.
+    region : FieldRegion
+        Playing surface in it.
     """
 
     gray: NDArray[np.uint8]
     small: SmallPicture
-    grass: NDArray[np.uint8]
-    grass_share: float
+    reduced: NDArray[np.uint8]
+    region: FieldRegion
 
     @classmethod
     def of(cls, picture: NDArray[np.uint8], config: FieldRegionConfig, beside: LookedAt | None = None) -> LookedAt:
         """Prepare a BGR picture (H, W, 3); the playing surface is taken from a picture beside it where one is given."""
         gray = to_gray(picture)
         if beside is not None and beside.gray.shape == gray.shape:
-            return cls(gray, SmallPicture.of(gray), beside.grass, beside.grass_share)
+            return cls(gray, SmallPicture.of(gray), beside.reduced, beside.region)
         height, width = gray.shape
         step = max(1, width // (2 * SMALL_WIDTH_PX))
         reduced = cv2.resize(
             picture[::step, ::step], (SMALL_WIDTH_PX, round(SMALL_WIDTH_PX * height / width)),
             interpolation=cv2.INTER_AREA,
         )  # fmt: skip
-        region = find_field_region(np.asarray(reduced, np.uint8), config)
-        return cls(gray, SmallPicture.of(gray), region.hull, region.area_share)
+        colours = np.asarray(reduced, np.uint8)
+        return cls(gray, SmallPicture.of(gray), colours, find_field_region(colours, config))
+
+    @property
+    def grass(self) -> NDArray[np.uint8]:
+        """Playing surface, not 0, in a reduced picture (h, w)."""
+        return self.region.hull
+
+    @property
+    def grass_share(self) -> float:
+        """Share of the picture that the playing surface covers."""
+        return self.region.area_share
+
+    @cached_property
+    def colour(self) -> Array | None:
+        """Median a and b (2,) of the playing surface in CIE Lab, levels; None where there is none."""
+        found = surface_colour(self.reduced, self.region)
+        return None if found is None else found[1:]
+
+    def take_other_surface(self, config: FieldRegionConfig) -> LookedAt:
+        """The picture with what is broadest beside the playing surface in the place of it: a smooth dark run-off that
+        fills the lower picture has more pixels of one colour than mown grass.
+        """
+        return replace(self, region=find_field_region(self.reduced, config, self.region))
+
+    def take_surface(self, colour: Array | None, config: FieldRegionConfig) -> LookedAt:
+        """The picture with the playing surface that is more like a colour (2,), where the first one is not."""
+        if colour is None or self.colour is None or np.hypot(*(self.colour - colour)) < OTHER_SURFACE:
+            return self
+        other = self.take_other_surface(config)
+        nearer = other.colour is not None and np.hypot(*(other.colour - colour)) < np.hypot(*(self.colour - colour))
+        return other if nearer else self
 
     @property
     def size(self) -> tuple[int, int]:
@@ -94,7 +128,7 @@ class LookedAt:
     @cached_property
     def ridges(self) -> RidgePicture:
         """For a search."""
-        return find_ridges(self.gray, self.grass)
+        return find_ridges(self.gray, self.grass, RidgeConfig())
 
 
 @dataclass(frozen=True, slots=True)

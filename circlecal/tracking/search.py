@@ -13,6 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from circlecal.detection.options import RidgeConfig
+from circlecal.detection.ridges import find_ridges as detect_ridges
 from circlecal.field import FieldTemplate
 from circlecal.geometry.camera import lens_factor
 from circlecal.geometry.camera_parameters import KAPPA_1, POSITION, PRINCIPAL, rotations
@@ -22,10 +24,12 @@ from circlecal.tracking.markings import DrawnTemplate, grow_places
 
 WIDTH_PX = 560
 """Width of the picture that is searched."""
-RIDGE_PX, RIDGE_SHARE, LEAST_RIDGE = 7, 5.0, 4.0
-"""Widest ridge, reduced pixels, how far it rises above the usual, in robust standard deviations, and at least, in gray
-levels.
+RIDGE_WIDTH_PX, LEAST_CHAIN_PX = 960, 20
+"""Width of the picture in which ridges are found, and how many points in a row make one: worn paint in the shadow of a
+rendered stand is found there, of which a threshold on the height above the surroundings found nothing.
 """
+NO_RIDGE_PX = 50.0
+"""Distance from the next ridge where there is none, reduced pixels."""
 COARSE_PX, FINE_PX = 7.0, 1.5
 """How near a marking must be to its ridge at first and at last, reduced pixels."""
 STEP_PX, STEP_ZOOM = 12.0, 0.13
@@ -56,7 +60,7 @@ class RidgePicture:
     factor: float
 
 
-def find_ridges(gray: NDArray[np.uint8], grass: NDArray[np.uint8]) -> RidgePicture:
+def find_ridges(gray: NDArray[np.uint8], grass: NDArray[np.uint8], config: RidgeConfig) -> RidgePicture:
     """Light thin ridges on the playing surface.
 
     Parameters
@@ -65,28 +69,23 @@ def find_ridges(gray: NDArray[np.uint8], grass: NDArray[np.uint8]) -> RidgePictu
         Picture.
     grass : (h, w) uint8
         Playing surface, not 0, at any size.
+    config : RidgeConfig
+        What counts as a ridge.
     """
     height, width = gray.shape
-    factor = width / WIDTH_PX
-    size = (WIDTH_PX, round(height / factor))
-    small = np.asarray(cv2.resize(gray, size, interpolation=cv2.INTER_AREA), np.uint8)
-    field = cv2.resize(grass, size, interpolation=cv2.INTER_NEAREST) > 0
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (RIDGE_PX, RIDGE_PX))
-    height_of = cv2.morphologyEx(small, cv2.MORPH_TOPHAT, kernel).astype(np.float32)
-    values = height_of[field]
-    if len(values) < 1000:
-        return RidgePicture(np.full(small.shape, 50.0, np.float32), 0.0, factor)
-    middle = float(np.median(values))
-    limit = max(middle + RIDGE_SHARE * 1.4826 * float(np.median(np.abs(values - middle))), LEAST_RIDGE)
-    ridge = ((height_of > limit) & field).astype(np.uint8)
-    # a thin ridge keeps its middle; a player is as high as wide and is thinned to little
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(ridge, connectivity=8)
-    long = np.maximum(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT]) >= 14
-    long[0] = False
-    kept = long[labels].astype(np.uint8)
-    distance = cv2.distanceTransform(1 - kept, cv2.DIST_L2, 3)
-    length = float(np.maximum(stats[long, cv2.CC_STAT_WIDTH], stats[long, cv2.CC_STAT_HEIGHT]).sum())
-    return RidgePicture(np.asarray(distance, np.float32), length, factor)
+    factor, finer = width / WIDTH_PX, min(1.0, RIDGE_WIDTH_PX / width)
+    size = (round(finer * width), round(finer * height))
+    reduced = np.asarray(cv2.resize(gray, size, interpolation=cv2.INTER_AREA), np.uint8)
+    region = np.where(cv2.resize(grass, size, interpolation=cv2.INTER_NEAREST) > 0, 255, 0).astype(np.uint8)
+    found = detect_ridges(reduced, region, 1.0, config)
+    points = found.points[found.chain >= LEAST_CHAIN_PX]
+    off = np.ones((round(height / factor), WIDTH_PX), np.uint8)
+    column, row = np.round((points + 0.5) / (finer * factor) - 0.5).astype(np.int64).T
+    off[np.clip(row, 0, len(off) - 1), np.clip(column, 0, WIDTH_PX - 1)] = 0
+    length = np.count_nonzero(off == 0)
+    if length == 0:
+        return RidgePicture(np.full(off.shape, NO_RIDGE_PX, np.float32), 0.0, factor)
+    return RidgePicture(np.asarray(cv2.distanceTransform(off, cv2.DIST_L2, 3), np.float32), float(length), factor)
 
 
 def search_heads(ridges: RidgePicture, tripod: TripodEstimate, drawn: DrawnTemplate, template: FieldTemplate) -> Array:

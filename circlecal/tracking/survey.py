@@ -130,7 +130,7 @@ def survey_clip(
     for anchor in anchors:
         name = f"{anchor.time_s:.3f}"
         pictures[name] = LookedAt.of(anchor.picture, config.mask.detector.field_region)
-        measured = _measure(pictures[name], anchor.fit, template, drawn)
+        pictures[name], measured = _measure_on_surface(pictures[name], anchor.fit, config, template, drawn)
         alone.append(_Alone(name, anchor.fit, measured, is_named=True))
     for time_s, picture in zip(times, pictures_at([float(t) for t in times]), strict=False):
         if picture is None:
@@ -142,16 +142,22 @@ def survey_clip(
         if len(alone) < ENOUGH_ALONE and not (known and known.tripods):
             found = run(picture, config, frame_id=name)
             if found.status == "calibrated" and found.attempt.camera is not None:
-                measured = _measure(pictures[name], found.attempt.camera, template, drawn)
+                pictures[name], measured = _measure_on_surface(
+                    pictures[name], found.attempt.camera, config, template, drawn
+                )
                 if len(measured.marking) >= LEAST_OWN_PLACES:
                     alone.append(_Alone(name, found.attempt.camera, measured))
+    colours = [colour for a in alone if (colour := pictures[a.name].colour) is not None]
+    usual = np.median(colours, axis=0) if colours else None
+    region = config.mask.detector.field_region
+    pictures = {name: picture.take_surface(usual, region) for name, picture in pictures.items()}
     if known is not None and known.tripods:
         extended = [_extend(tripod, {}, pictures, config, template, drawn, tripod)[0] for tripod in known.tripods]
         return Venue(template.name, tuple(extended))
     starts = _tripods(alone, config, template, circle, drawn)
     grown = {t.name: _extend(t, heads, pictures, config, template, drawn) for t, heads in starts}
     distinct = _keep_distinct([tripod for tripod, _ in grown.values()])
-    learnt = [_learn_between(t, grown[t.name][1], pictures_at, config, template, drawn) for t in distinct]
+    learnt = [_learn_between(t, grown[t.name][1], pictures_at, config, template, drawn, usual) for t in distinct]
     return Venue(template.name, tuple(_keep_distinct(learnt)))
 
 
@@ -171,6 +177,18 @@ def _measure(picture: LookedAt, fit: CameraFit, template: FieldTemplate, drawn: 
     spread = np.sqrt(np.maximum(variance, 0.0))
     unit = fit.model.width / 1920.0
     return measure_markings(picture.gray, places, spread, unit, len(drawn.names), None, picture.grass)
+
+
+def _measure_on_surface(
+    picture: LookedAt, fit: CameraFit, config: Config, template: FieldTemplate, drawn: DrawnTemplate
+) -> tuple[LookedAt, MeasuredFrame]:
+    """The paint of a calibrated frame's markings, and the picture with the surface on which they lie."""
+    measured = _measure(picture, fit, template, drawn)
+    if len(measured.marking) >= LEAST_OWN_PLACES:
+        return picture, measured
+    other = picture.take_other_surface(config.mask.detector.field_region)
+    beside = _measure(other, fit, template, drawn)
+    return (other, beside) if len(beside.marking) > len(measured.marking) else (picture, measured)
 
 
 def _tripods(
@@ -289,6 +307,7 @@ def _learn_between(
     config: Config,
     template: FieldTemplate,
     drawn: DrawnTemplate,
+    colour: Array | None = None,
 ) -> TripodEstimate:
     """The tripod after it has learnt from pictures between those that determined it, where the size of its pitch is
     known too little: where the circle is out of view, all places are as uncertain as the pitch is long.
@@ -301,7 +320,8 @@ def _learn_between(
     for time_s, head, picture in zip(times, heads, pictures_at(times), strict=False):
         if picture is None:
             continue
-        look = _look_twice(place, LookedAt.of(picture, config.mask.detector.field_region), head)
+        region = config.mask.detector.field_region
+        look = _look_twice(place, LookedAt.of(picture, region).take_surface(colour, region), head)
         if look.is_confirmed:
             frames.append(HeadedFrame(f"{time_s:.3f}", look.fit.head, look.measured))
     mean, sd = _priors(config, template, place.unit, [frame.measured for frame in frames])

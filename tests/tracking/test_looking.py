@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import cv2
 import numpy as np
 import pytest
 
@@ -57,3 +60,45 @@ def test_heads_that_differ_in_zoom_alone_are_all_kept() -> None:
 def test_where_the_head_was_seen_is_proposed(picture: LookedAt) -> None:
     known = tripod()
     assert Place.of(known, template()).propose(picture)[-1] == pytest.approx((known.head_low + known.head_high) / 2)
+
+
+def test_a_dark_run_off_is_not_taken_for_the_playing_surface() -> None:
+    config = load_config().mask.detector.field_region
+    drawn = draw(HEAD, np.random.default_rng(1))
+    grass = LookedAt.of(drawn, config).colour
+    # the mown pitch has many greens, the run-off one colour
+    rng = np.random.default_rng(2)
+    green = rng.integers(-14, 15, (36, 64, 3)) * np.array([1, 0, 1])
+    drawn = np.clip(drawn + np.kron(green, np.ones((20, 20, 1))), 0, 255).astype(np.uint8)
+    drawn[400:] = (44, 30, 30)
+    picture = LookedAt.of(drawn, config)
+    assert picture.grass[:60].mean() < 0.1 * picture.grass[80:].mean()
+    pitch = picture.take_surface(grass, config)
+    assert pitch.grass[20:60].mean() > 10 * pitch.grass[80:].mean()
+    assert pitch.take_surface(grass, config) is pitch
+
+
+def test_worn_paint_in_the_shadow_is_found_by_searching() -> None:
+    drawn = draw(HEAD, np.random.default_rng(1)).astype(np.float64)
+    bare = np.array([60.0, 120.0, 60.0])
+    # a twelfth of the contrast, on uneven grass, over the far half in the shadow of the stand
+    faint = bare + (drawn - bare) / 12.0 * (np.abs(drawn - bare).max(axis=-1, keepdims=True) > 30)
+    faint += 15.0 * cv2.GaussianBlur(np.random.default_rng(2).normal(0.0, 1.0, faint.shape), (0, 0), 1.5)[..., :1]
+    faint[:300] *= 0.5
+    picture = LookedAt.of(np.clip(faint, 0, 255).astype(np.uint8), load_config().mask.detector.field_region)
+    look = Place.of(tripod(), template()).find(picture)
+    assert look is not None
+    assert pixels(look.fit.head).max() < 1.0
+
+
+def test_a_false_ridge_on_a_few_places_of_a_marking_is_not_that_marking(picture: LookedAt) -> None:
+    place = Place.of(tripod(), template())
+    seen = place.look(picture, HEAD, np.diag(np.square([1e-3, 3e-4, 3e-4]))).measured
+    hidden = int(np.argmax(seen.painted))
+    at = seen.points_px[seen.marking == hidden]
+    gray = picture.gray.copy()
+    for x, y in at[len(at) // 5 :].astype(int):
+        gray[y - 12 : y + 13, x - 12 : x + 13] = 100
+    look = place.look(replace(picture, gray=gray), HEAD, np.diag(np.square([1e-3, 3e-4, 3e-4])))
+    assert look.measured.painted[hidden] == 0
+    assert hidden not in look.measured.marking
