@@ -23,17 +23,8 @@ from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import Surface
 from circlecal.observations import Observations
 from circlecal.rig.frames import RigFrame
-from circlecal.rig.joint import (
-    JointProblem,
-    JointState,
-    Turning,
-    deletion_gains,
-    estimate_common,
-    joint_problem,
-    minimise_joint,
-    shared_prior,
-    start_state,
-)
+from circlecal.rig.information import deletion_gains, estimate_common, shared_prior
+from circlecal.rig.joint import JointProblem, JointState, Turning, joint_problem, minimise_joint, start_state
 from circlecal.rig.positions import group_positions
 
 SAME_LINE_PX = 6.0

@@ -8,7 +8,8 @@ import numpy as np
 
 from circlecal.geometry.camera_parameters import INDEX, PARAMETERS
 from circlecal.rig.estimation import Rig
-from circlecal.rig.joint import TURNING, estimate_common
+from circlecal.rig.information import estimate_common
+from circlecal.rig.joint import TURNING
 from circlecal.rig.tripod import COMMON, PLACE, TripodEstimate, Venue
 
 _SAME_NAME = {"x": "axis_x", "y": "axis_y", "z": "axis_z", "roll": "head_roll"}

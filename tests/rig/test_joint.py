@@ -14,16 +14,8 @@ from circlecal.field import load_field
 from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel, camera_of, theta_of
 from circlecal.geometry.surface import Surface
 from circlecal.observations import Observations
-from circlecal.rig.joint import (
-    Turning,
-    evaluate_joint,
-    frame_information,
-    joint_covariances,
-    joint_problem,
-    minimise_joint,
-    shared_prior,
-    start_state,
-)
+from circlecal.rig.information import frame_information, joint_covariances, shared_prior
+from circlecal.rig.joint import Turning, evaluate_joint, joint_problem, minimise_joint, start_state
 from circlecal.synthetic.cameras import sample_camera
 from circlecal.synthetic.markings import circle_points, line_points
 

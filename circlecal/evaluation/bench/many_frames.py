@@ -28,7 +28,8 @@ from circlecal.observations import CirclePoints, Observations
 from circlecal.results import CameraFit
 from circlecal.rig.estimation import config_with_prior, estimate_rigs, turning_of
 from circlecal.rig.frames import RigFrame
-from circlecal.rig.joint import TURNING, Turning, joint_covariances, joint_problem, start_state
+from circlecal.rig.information import joint_covariances
+from circlecal.rig.joint import TURNING, Turning, joint_problem, start_state
 from circlecal.rig.tripod import COMMON, PLACE, TripodModel
 from circlecal.stages.camera import estimate_camera
 from circlecal.synthetic.cameras import sample_camera
