@@ -77,7 +77,7 @@ frames lie as near as this on both sides: in a blurred moment of a fast pan.
 """
 PATIENCE = 12
 """Frames in a row that contradict the camera before it is searched for again."""
-LARGEST_SIGMA_PX = 8.0
+LARGEST_SIGMA_PX = 12.0
 """Of the answer, over what is seen of the pitch, pixels at 1920 px width."""
 SHUTTER = 0.5
 """Share of the time between frames during which the shutter is open."""

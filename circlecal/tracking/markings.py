@@ -49,6 +49,12 @@ LEAST_SHARE = 0.35
 pan of 44 px smears, 12 of 60 places showed a false ridge, and 3 such frames of 58 made a pitch 0.6 m too short.
 Markings that are seen have 0.6 to 1, between players and in worn paint 0.45.
 """
+OPTICAL_BLUR_PX = 2.2
+"""Width that optics and encoding add to paint, pixels at 1920 px width."""
+SMEARED = 2.5
+"""Paint that moved across by so many of its own widths in the picture, blurred, while the shutter was open, is too pale
+to be expected.
+"""
 PIECE = 24
 """Places in a row within which paint has one usual contrast."""
 
@@ -300,6 +306,8 @@ def measure_markings(
         rows, columns = grass.shape
         at = (places.pixels * (columns / width, rows / height)).astype(int)
         keep &= grass[np.clip(at[:, 1], 0, rows - 1), np.clip(at[:, 0], 0, columns - 1)] > 0
+    if blur_px is not None:
+        keep &= np.abs(places.normals @ blur_px) < SMEARED * (places.width_px + OPTICAL_BLUR_PX * unit)
     index = np.flatnonzero(keep)
     marking, base, normals = places.marking[index], places.pixels[index], places.normals[index]
     expected = np.bincount(marking, minlength=count)
@@ -319,7 +327,7 @@ def measure_markings(
     found = measure_curve(picture, base, normals, reach, pieces.astype(np.int64))
     on: Mask = found.supported
     # paint as wide as this camera shows it, blurred
-    blurred = 2.2 * unit + 1.0 + (np.abs(normals @ blur_px) if blur_px is not None else 0.0)
+    blurred = OPTICAL_BLUR_PX * unit + 1.0 + (np.abs(normals @ blur_px) if blur_px is not None else 0.0)
     on = np.asarray(on & (found.width < 1.6 * places.width_px[index] + 2.0 * blurred), np.bool_)
     share = np.bincount(marking[on], minlength=count) / np.maximum(expected, 1)
     on &= share[marking] >= LEAST_SHARE

@@ -20,8 +20,11 @@ from circlecal.rig.tripod import TripodModel
 WIDTH_PX = 640
 """Width of the reduced picture. With 480 fast pans lose a third of their corners, with 960 it takes twice the time."""
 CORNERS = 220
-QUALITY, APART_PX = 0.01, 9.0
-"""Of the corners: share of the best one's strength, and distance between neighbours, reduced pixels."""
+QUALITY, APART_PX = 0.002, 9.0
+"""Of the corners: share of the best one's strength, and distance between neighbours, reduced pixels. The score on the
+screen stays sharp while a pan smears everything else: of one with 34 reduced pixels a frame, 26 corners had 0.01 of its
+strength, and 220 have 0.003.
+"""
 WINDOW, LEVELS = (15, 15), 4
 THERE_AND_BACK_PX = 0.5
 """A corner that does not come back to where it was is lost, reduced pixels."""

@@ -102,3 +102,13 @@ def test_a_false_ridge_on_a_few_places_of_a_marking_is_not_that_marking(picture:
     look = place.look(replace(picture, gray=gray), HEAD, np.diag(np.square([1e-3, 3e-4, 3e-4])))
     assert look.measured.painted[hidden] == 0
     assert hidden not in look.measured.marking
+
+
+def test_paint_that_the_shutter_smears_is_not_expected(picture: LookedAt) -> None:
+    place, spread = Place.of(tripod(), template()), np.diag(np.square([1e-3, 3e-4, 3e-4]))
+    sharp, smeared = (place.look(picture, HEAD, spread, None, np.array([way, 0.0])).measured for way in (0.0, 60.0))
+    upright = place.drawn.names.index("big_rect_left_main")
+    level = place.drawn.names.index("big_rect_left_bottom")
+    assert sharp.expected[upright] > 20
+    assert smeared.expected[upright] == 0
+    assert smeared.expected[level] == sharp.expected[level] > 20

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 
-from circlecal.tracking.motion import Flow, estimate_motion
+from circlecal.tracking.motion import Flow, SmallPicture, estimate_motion, follow_corners
 from tests.tracking.scenes import HEAD, tripod
 
 
@@ -35,3 +36,19 @@ def test_no_motion_is_told_where_corners_disagree() -> None:
     before = rng.uniform([0.0, 0.0], [1280.0, 720.0], (150, 2))
     wild = Flow(before, before + rng.normal(0.0, 40.0, (150, 2)))
     assert estimate_motion(wild, HEAD, model.model, model.mean, rng, 2.0) is None
+
+
+def test_a_sharp_score_does_not_take_the_corners_of_a_smeared_picture() -> None:
+    rng = np.random.default_rng(7)
+    way, shutter = 30, np.full((1, 15), 1.0 / 15.0)
+    stands = cv2.GaussianBlur(rng.uniform(0.0, 255.0, (360, 640 + way)), (0, 0), 2.0)
+    score = np.kron(rng.integers(0, 2, (4, 20)), np.full((6, 8), 255.0))
+    seen = []
+    for first in (0, way):
+        smeared = cv2.filter2D(stands, -1, shutter)[:, first : first + 640]
+        picture = 100.0 + 2.0 * (smeared - smeared.mean())
+        picture[20:44, 40:200] = score
+        seen.append(SmallPicture.of(np.clip(picture, 0, 255).astype(np.uint8)))
+    flow = follow_corners(*seen, expected=np.array([-way, 0.0]))
+    moved = np.abs(flow.after - flow.before + (way, 0.0)).max(axis=1) < 1.0
+    assert np.count_nonzero(moved) > 60
