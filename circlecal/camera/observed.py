@@ -13,6 +13,8 @@ from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.projective import Array, Indices, fit_line
 from circlecal.observations import CirclePoints, Keypoint, LinePoints, MarkingKey, MarkPoint, Observations
 
+LEAST_SIGMA_PX = 0.02
+"""No point of a picture is measured better, pixels."""
 ELLIPSE_POINTS = 240
 """Of so many points about is the ellipse along which neighbours are averaged."""
 
@@ -81,6 +83,19 @@ def thin_line(line: LinePoints, noise: NoiseModel) -> tuple[Array, Array]:
     return points, _add_model_noise(points, sigma, _extent(points), noise)
 
 
+def with_model_noise(curves: CurvePoints, sigma_px: Array, noise: NoiseModel, model_sigma_px: float) -> Array:
+    """Standard deviations (N,) with another error of the model than that of ``noise``, with which they are given."""
+    variance = sigma_px**2
+    for group in range(len(curves.keys)):
+        own = np.flatnonzero(curves.group == group)
+        if len(own) < 2:
+            continue
+        length_px = _extent(curves.points_px[own]) * (1.0 if curves.straight[own[0]] else 2.0)
+        change = model_sigma_px**2 - noise.model_sigma_px**2
+        variance[own] += change * _repeats(len(own), length_px, noise)
+    return np.sqrt(np.maximum(variance, LEAST_SIGMA_PX**2))
+
+
 def points_from_observations(observations: Observations, template: FieldTemplate) -> FixedPoints:
     """Marks and keypoints that were seen."""
     found = [
@@ -109,8 +124,12 @@ def _add_model_noise(points: Array, sigma: Array, length_px: float, noise: Noise
     """Sigmas (N,) with the model's own error, grown so that points within one correlation length count as one."""
     if len(points) < 2 or noise.model_sigma_px == 0:
         return sigma
-    repeats = max(1.0, noise.correlation_px * len(points) / max(length_px, 1e-6))
-    return np.hypot(sigma, noise.model_sigma_px * np.sqrt(repeats))
+    return np.hypot(sigma, noise.model_sigma_px * np.sqrt(_repeats(len(points), length_px, noise)))
+
+
+def _repeats(count: int, length_px: float, noise: NoiseModel) -> float:
+    """How many of so many points lie within one correlation length."""
+    return max(1.0, noise.correlation_px * count / max(length_px, 1e-6))
 
 
 def _extent(points: Array) -> float:

@@ -35,7 +35,9 @@ def choose_optimum(finished: list[tuple[Task, Fit]], known: int) -> tuple[Task, 
     """The likelier of two cameras, each with the lines that it names, widened by the other."""
     alike = share_noise([(fit.problem, fit.state) for _, fit in finished])
     worlds = [USUAL if fit.posterior is None else fit.posterior.world for _, fit in finished]
-    evidence = [log_evidence(world, *own, known) for world, own in zip(worlds, alike, strict=True)]
+    evidence = [
+        log_evidence(world, *own, finished[0][0].template, known) for world, own in zip(worlds, alike, strict=True)
+    ]
     (task, fit), (_, other) = (finished[k] for k in np.argsort(evidence)[::-1])
     share = 1.0 / (1.0 + float(np.exp(-abs(evidence[0] - evidence[1]))))
     if share > 1.0 - UNLIKELY_SHARE:

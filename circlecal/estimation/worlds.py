@@ -8,14 +8,17 @@ from dataclasses import replace
 import numpy as np
 
 from circlecal.camera.noise import noise_of_misfit
+from circlecal.camera.observed import with_model_noise
 from circlecal.camera.priors import Priors
 from circlecal.camera.problem import COARSE, FINAL, Problem, State, resume, reweight, with_priors
 from circlecal.camera.residuals import CurvePoints
 from circlecal.camera.spike_and_slab import (
+    CURVED_SHARE,
     UNLIKELY_SHARE,
     Answer,
     World,
     answers_in,
+    bend_answer,
     depends_on_size,
     mix,
     possible_worlds,
@@ -25,6 +28,7 @@ from circlecal.camera.spike_and_slab import (
 from circlecal.estimation.completion import complete, fit_anew
 from circlecal.estimation.task import Fit, Task
 from circlecal.field import FieldTemplate
+from circlecal.geometry.camera_parameters import INDEX
 
 DOUBTED_SHARE = 0.1
 """Posterior probability of another size from which on the lines are named anew for such a field: below it the second
@@ -34,13 +38,21 @@ naming costs more time than it mends. Chosen without a measurement of its own.
 SEVERAL_LINES = 2
 """So many further markings at their places on a usual field leave little doubt about its size."""
 
-MISFIT_SCALE, SIZE_EVIDENCE = 2.0, 3.0
-"""Where noise had to grow so many times for a field of the usual size, it may be the size that does not fit; by how
-much (logarithm of the evidence) a field of any size must then be likelier to be believed. Of 30 real frames of fields
-of the usual size it reaches 0.3 in one, -2.6 in another and less in all others, whose misfit comes from the lens; of
-two frames of a field of another size 2.9 and 4.1; of a rendered part of a circle beside a touchline 78.9 m apart from
-the other one, 8.7.
+MISFIT_SCALE = 2.0
+"""Where noise had to grow so many times for a field of the usual size, it may be the size that does not fit. With the
+noise that each size leaves, any size is likelier than the usual one by -2.1 (logarithm of the evidence) in one of 37
+real frames of fields of the usual size, by -3.5 in another and less in all others (but one whose lens would make a
+field of 108 m width of it, which no rule allows); in two frames of a field of another size by 2.6 and 3.9; in 12
+rendered parts of a circle beside a touchline of usual fields by -4.5 at most, of other sizes by 1 to 78 in six of nine.
 """
+
+QUIET_SIGMA_PX = 0.05
+"""What lens, crown and paint leave of a marking at the least, pixels at 1920 px width, where noise is told by what each
+size of the field leaves: with six times as much a circle beside a touchline 42.5 m away fits a usual field's 34 m.
+"""
+
+NOISE_ROUNDS = 2
+"""So often noise is told by residuals, and these by the noise, before sizes are compared: a third changes nothing."""
 
 FEWEST_POINTS, NAMELESS_WIDTHS = 8, 0.2
 """Points of a line that is worth a name, and length in picture widths of one that needs one."""
@@ -58,15 +70,19 @@ def choose_world(task: Task, stated: CurvePoints, first: Fit, usual: tuple[Task,
     """
     config, template = task.config, task.template
     priors = first.problem.priors
-    worlds = possible_worlds(template, priors, config.usual_size_share, config.flat_share)
+    may_curve = config.crown_shape == "auto"
+    worlds = possible_worlds(
+        template, priors, config.usual_size_share, config.flat_share, CURVED_SHARE if may_curve else 0.0
+    )
     if len(worlds) == 1:
         return usual
     cases, known = [usual], len(stated.keys)
 
-    def compare(noise: Callable[[Fit], tuple[Problem, State]]) -> list[tuple[Answer, _Case]]:
-        return _compare_worlds(worlds, cases, noise, priors, template, known)
+    def compare(noise: Callable[[_Case], tuple[Problem, State]]) -> list[tuple[Answer, _Case]]:
+        found = _compare_worlds(worlds, cases, noise, priors, template, known)
+        return [*found, *_on_parabola(found, priors, template, known)] if may_curve else found
 
-    found = compare(_with_reported_noise)
+    found, reported = compare(_with_reported_noise), _keep_noise
     any_size = next((world for world in worlds if not world.is_usual_size and not world.is_flat), None)
     if any_size is not None and config.name_lines and _may_be_of_any_size(task, usual, [a for a, _ in found]):
         wide, state = with_priors(first.problem, first.state.best(), any_size.priors(priors, priors, template))
@@ -79,10 +95,10 @@ def choose_world(task: Task, stated: CurvePoints, first: Fit, usual: tuple[Task,
         named, own = usual
         cases.append((named, fit_anew(named, own, any_size.priors(own.problem.priors, priors, template))))
         told = compare(_with_noise_of_misfit)
-        if _prefers_any_size(told):
-            found = told
+        if _doubt([a for a, _ in told]) > 0.5 and _is_allowed(told, template):
+            found, reported = told, _tell_noise
     best, (chosen, fit) = max(found, key=lambda pair: pair[0].evidence)
-    problem, state = reweight(best.problem, best.state, fit.problem.curves.sigma_px)
+    problem, state = reported(best, chosen, fit)
     state = resume(problem, state, task.rule(FINAL))
     posterior = mix([answer for answer, _ in found], best, state.theta[0])
     return chosen, replace(fit, problem=problem, state=state, posterior=posterior)
@@ -92,7 +108,7 @@ _Case = tuple[Task, Fit]
 
 
 def _compare_worlds(
-    worlds: tuple[World, ...], cases: list[_Case], noise: Callable[[Fit], tuple[Problem, State]], usual: Priors,
+    worlds: tuple[World, ...], cases: list[_Case], noise: Callable[[_Case], tuple[Problem, State]], usual: Priors,
     template: FieldTemplate, known: int,
 ) -> list[tuple[Answer, _Case]]:  # fmt: skip
     """The best answer in each world under each naming of the lines, and the case that it comes from.
@@ -100,7 +116,7 @@ def _compare_worlds(
     All are compared with the least noise that any of the cases leaves.
     """
     found: dict[tuple[World, frozenset[tuple[int, str]]], tuple[Answer, _Case]] = {}
-    for case, alike in zip(cases, share_noise([noise(fit) for _, fit in cases]), strict=True):
+    for case, alike in zip(cases, share_noise([noise(case) for case in cases]), strict=True):
         names = frozenset(case[0].names.items())
         for answer in answers_in(worlds, alike, usual, template, known, case[0].rule(COARSE)):
             key = answer.world, names
@@ -109,13 +125,36 @@ def _compare_worlds(
     return list(found.values())
 
 
-def _with_reported_noise(fit: Fit) -> tuple[Problem, State]:
+def _on_parabola(
+    found: list[tuple[Answer, _Case]], usual: Priors, template: FieldTemplate, known: int
+) -> list[tuple[Answer, _Case]]:
+    """The likely answers on roofs again, on parabolas: where a frame does not show clearly which it is, sigma tells."""
+    shares = posterior_shares([answer for answer, _ in found]).tolist()
+    bent = [
+        (bend_answer(answer, usual, template, known, case[0].rule(FINAL)), case)
+        for (answer, case), share in zip(found, shares, strict=True)
+        if share > UNLIKELY_SHARE and not answer.world.is_flat and answer.problem.model.surface.shape == "roof"
+    ]
+    return [(answer, case) for answer, case in bent if answer is not None]
+
+
+def _with_reported_noise(case: _Case) -> tuple[Problem, State]:
+    _, fit = case
     return fit.problem, fit.state.best()
 
 
-def _with_noise_of_misfit(fit: Fit) -> tuple[Problem, State]:
-    problem, state = _with_reported_noise(fit)
-    return (problem, state) if fit.given_px is None else noise_of_misfit(problem, state, fit.given_px)
+def _with_noise_of_misfit(case: _Case) -> tuple[Problem, State]:
+    """The case with no more noise than its own residuals show, however quiet."""
+    task, fit = case
+    problem, state = _with_reported_noise(case)
+    if fit.given_px is None:
+        return problem, state
+    quiet_px = QUIET_SIGMA_PX * task.observations.width / 1920.0
+    least_px = with_model_noise(problem.curves, fit.given_px, task.noise, quiet_px)
+    problem, state = reweight(problem, state, least_px)
+    for _ in range(NOISE_ROUNDS):
+        problem, state = noise_of_misfit(problem, resume(problem, state, task.rule(FINAL)), least_px)
+    return problem, resume(problem, state, task.rule(FINAL))
 
 
 def _may_hide_misfit(fit: Fit, answers: list[Answer]) -> bool:
@@ -130,10 +169,29 @@ def _doubt(answers: list[Answer]) -> float:
     return float(sum(q for a, q in zip(answers, shares, strict=True) if not a.world.is_usual_size))
 
 
-def _prefers_any_size(found: list[tuple[Answer, _Case]]) -> bool:
-    """Whether the best answer is one of a field of any size, and clearly."""
-    evidence = [max((a.evidence for a, _ in found if a.world.is_usual_size == usual)) for usual in (True, False)]
-    return evidence[1] - evidence[0] > SIZE_EVIDENCE
+def _is_allowed(found: list[tuple[Answer, _Case]], template: FieldTemplate) -> bool:
+    """Whether the best answer on a field of any size is one that the rules allow: else the misfit is not the size's."""
+    other = max((a for a, _ in found if not a.world.is_usual_size), key=lambda a: a.evidence)
+    extents = (template.length_m, template.length_range_m), (template.width_m, template.width_range_m)
+    growth = other.state.theta[0, [INDEX["length"], INDEX["breadth"]]].tolist()
+    return all(
+        extent is None or extent[0] <= size + grown <= extent[1]
+        for (size, extent), grown in zip(extents, growth, strict=True)
+    )
+
+
+def _keep_noise(best: Answer, task: Task, fit: Fit) -> tuple[Problem, State]:
+    """The answer with the noise that the fit to the same lines has."""
+    return reweight(best.problem, best.state, fit.problem.curves.sigma_px)
+
+
+def _tell_noise(best: Answer, task: Task, fit: Fit) -> tuple[Problem, State]:
+    """The answer with the noise that its own residuals show, where they show little that of a close view."""
+    if fit.given_px is None:
+        return _keep_noise(best, task, fit)
+    close_px = task.config.close_sigma_px * task.observations.width / 1920.0
+    least_px = with_model_noise(best.problem.curves, fit.given_px, task.noise, close_px)
+    return noise_of_misfit(best.problem, best.state, least_px)
 
 
 def _may_be_of_any_size(task: Task, usual: tuple[Task, Fit], answers: list[Answer]) -> bool:

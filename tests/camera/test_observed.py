@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from circlecal.camera.observed import NoiseModel, curves_from_observations, points_from_observations
+from circlecal.camera.observed import (
+    NoiseModel,
+    curves_from_observations,
+    points_from_observations,
+    with_model_noise,
+)
 from circlecal.field import load_field
 from circlecal.geometry.ellipses import Ellipse
 from circlecal.observations import CirclePoints, Keypoint, LinePoints, MarkingKey, MarkPoint, Observations
@@ -101,3 +106,16 @@ def test_more_points_do_not_outvote_the_model_error():
     assert information[2] == pytest.approx(information[0], rel=0.01)
     # about 2100 px of outline are some 35 independent lengths of 0.3 px each
     assert 25 < information[0] * 0.3**2 < 45
+
+
+def test_the_error_of_the_model_can_be_exchanged():
+    line = LinePoints("halfway_line", np.stack([np.linspace(0, 900, 300), np.zeros(300)], axis=-1), np.full(300, 0.2))
+    seen = Observations(1920, 1080, (CirclePoints("centre_circle", "center", ring(400), np.full(400, 0.1)),), (line,))
+    loud, quiet = NoiseModel(240, 0.3, 60.0), NoiseModel(240, 0.05, 60.0)
+    curves = curves_from_observations(seen, SOCCER, loud)
+    np.testing.assert_allclose(
+        with_model_noise(curves, curves.sigma_px, loud, 0.05),
+        curves_from_observations(seen, SOCCER, quiet).sigma_px,
+        rtol=0.05,
+    )
+    assert (with_model_noise(curves, 0.1 * curves.sigma_px, loud, 0.0) > 0.0).all()

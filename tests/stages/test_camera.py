@@ -224,4 +224,4 @@ def test_evidence_is_told_where_other_frames_stand_for_the_priors():
     sd = problem.priors.sd.copy()
     sd[INDEX["crown"]] = np.inf
     free = replace(problem.priors, sd=sd)
-    assert np.isfinite(log_evidence(USUAL, *with_priors(problem, state, free), len(problem.curves.keys)))
+    assert np.isfinite(log_evidence(USUAL, *with_priors(problem, state, free), SOCCER, len(problem.curves.keys)))

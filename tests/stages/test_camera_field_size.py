@@ -12,7 +12,7 @@ from circlecal.config import Config
 from circlecal.errors import ConfigError
 from circlecal.field import load_field
 from circlecal.geometry.camera_parameters import INDEX, PARAMETERS
-from circlecal.geometry.surface import Surface
+from circlecal.geometry.surface import FLAT, Surface
 from circlecal.pipeline import field_of
 from circlecal.stages.camera import estimate_camera
 from circlecal.synthetic.cameras import aim_camera
@@ -77,10 +77,38 @@ def test_worlds_are_those_that_the_rules_allow():
     assert len(possible_worlds(SOCCER, priors(), 1.0, 0.0)) == 1
     exact = SOCCER.model_copy(update={"length_range_m": None, "width_range_m": None})
     assert all(w.is_usual_size for w in possible_worlds(exact, priors(), 0.9, 0.2))
+    some_curved = possible_worlds(SOCCER, priors(), 0.9, 0.2, 0.25)
+    assert some_curved[0].share == pytest.approx(0.9 * 0.8 * 0.75)
+    curved = some_curved[0].curve()
+    assert curved.share == pytest.approx(0.9 * 0.8 * 0.25)
+    # a parabola's crown is as much less than a roof's as the circle's radius is less than half the width
+    assert curved.priors(priors(), priors(), SOCCER).mean[CROWN] == pytest.approx(0.05 * 9.15 / 34.0)
     any_flat = World(False, True, 0.1).priors(priors(), priors(), SOCCER)
     assert (any_flat.mean[CROWN], any_flat.mean[LENGTH], any_flat.mean[BREADTH]) == (0.0, 0.0, -0.5)
     assert any_flat.sd[BREADTH] == pytest.approx(45.0 / np.sqrt(12.0))
     assert any_flat.sd[CROWN] < 0.01
+
+
+def test_a_parabola_is_thought_of_before_a_far_camera_on_a_roof():
+    """Most of a circle on a pitch that falls little: a roof or a flat pitch fits it too, with a camera 145 m away."""
+    camera = aim_camera(np.array([6.0, 68.4, -12.6]), np.array([-4.0, 2.0, 0.0]), 7870.0, 0.0, 1920, 1080)
+    given = seen(camera, edges=("center",), sigma=0.1, surface=Surface("parabola", 9.15, 0.008))
+    whole = given.circles[0]
+    inside = whole.points_px[:, 0] < np.quantile(whole.points_px[:, 0], 0.7)
+    part = replace(whole, points_px=whole.points_px[inside], sigma_px=whole.sigma_px[inside])
+    fit = estimate_camera(replace(given, circles=(part,)), SOCCER, CIRCLE, DEFAULT)
+    sd = np.sqrt(np.diag(fit.covariance)[4:7])
+    assert (np.abs(fit.camera.position_m - camera.position_m) < 2.0 * sd).all()
+    assert fit.camera.position_m[1] < 100.0
+
+
+def test_a_camera_high_over_the_field_is_a_rare_one():
+    """Circle, halfway line and a touchline 26 m away: 34 m away it would lie beneath the camera."""
+    camera = aim_camera(np.array([-2.6, 60.7, -17.4]), np.array([-1.5, -4.0, 0.0]), 3305.0, 0.0, 1920, 1080)
+    painted = load_field("soccer", {"width": 52.0})
+    given = seen(camera, edges=("center",), lines=("side_line_top",), template=painted, sigma=1.0, surface=FLAT)
+    fit = estimate_camera(given, SOCCER, CIRCLE, CameraConfig())
+    assert fit.field_size.usual_share < 0.1
 
 
 def test_circle_alone_needs_no_choice_of_size():
