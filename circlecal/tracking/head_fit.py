@@ -12,6 +12,8 @@ from circlecal.tracking.markings import DrawnTemplate, MeasuredFrame
 from circlecal.tracking.tripod_fit import residuals_of, sigmas_of
 
 ROUNDS = 5
+LEAST_INFORMATION = 1e-6
+"""Of a head that no paint shows, so that its equations can be solved."""
 LOSS_SCALE = 3.0
 """Of the Geman-McClure loss, standard deviations."""
 
@@ -81,12 +83,32 @@ def fit_head(
         jacobian = (rows @ by_own) / sigma[:, None]
         information = (jacobian * weight[:, None]).T @ jacobian
         gradient = (jacobian * weight[:, None]).T @ values + prior @ (head - start)
-        change = -np.linalg.solve(information + prior + 1e-6 * np.eye(3), gradient)
+        change = -np.linalg.solve(information + prior + LEAST_INFORMATION * np.eye(3), gradient)
         head = head + np.clip(change, -0.1, 0.1)
         if step == ROUNDS - 1 or (step > 1 and np.abs(jacobian @ change).max() < 0.02):
-            mixed = (jacobian * weight[:, None]).T @ ((rows @ by_all) / sigma[:, None])
-            by_common = -np.linalg.solve(information + prior + 1e-6 * np.eye(3), mixed)
+            root = (np.sqrt(weight) / sigma)[:, None]
+            by_common = follow_common(root * (rows @ by_own), root * (rows @ by_all), prior)
             rms = float(np.sqrt((weight * away**2).sum() / max(weight.sum(), 1e-9)))
             share = float((np.abs(values) < LOSS_SCALE).mean())
             break
     return HeadFit(head, information, by_common, rms, share)
+
+
+def follow_common(by_own: Array, by_common: Array, prior: Array | None = None) -> Array:
+    """How a head (3, K) that is fitted to paint follows the common parameters.
+
+    Where these change by c, the least-squares head changes by ``-(J^T J + N)^-1 J^T C c``.
+
+    Parameters
+    ----------
+    by_own, by_common : (M, 3), (M, K) arrays
+        J and C: derivatives of the weighted residuals, or of the places, by the head and by the common parameters.
+    prior : (3, 3) array, optional
+        N, information about the head from elsewhere. Without it fewer than three rows say nothing.
+    """
+    if prior is not None:
+        root = np.linalg.cholesky(prior + LEAST_INFORMATION * np.eye(3)).T
+        by_own, by_common = np.vstack([by_own, root]), np.vstack([by_common, np.zeros((3, by_common.shape[1]))])
+    if len(by_own) < by_own.shape[1]:
+        return np.zeros((by_own.shape[1], by_common.shape[1]))
+    return np.asarray(-np.linalg.lstsq(by_own, by_common, rcond=None)[0])

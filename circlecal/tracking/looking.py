@@ -15,7 +15,7 @@ from circlecal.field import FieldTemplate
 from circlecal.geometry.projective import Array
 from circlecal.paint.profiles import to_gray
 from circlecal.rig.tripod import PLACE, TripodEstimate
-from circlecal.tracking.head_fit import HeadFit, fit_head
+from circlecal.tracking.head_fit import HeadFit, fit_head, follow_common
 from circlecal.tracking.markings import DrawnTemplate, MeasuredFrame, measure_markings, place_markings, template_curves
 from circlecal.tracking.motion import SmallPicture
 from circlecal.tracking.search import RidgePicture, find_ridges, search_heads
@@ -196,7 +196,7 @@ class Place:
         width = self.template.marking_width_m + tripod.mean[PLACE["width"]]
         places = place_markings(self.drawn, theta, model.projection, width)
         if by_common is None:
-            by_common = _follow_common(places.by_theta @ by_own, places.by_theta @ by_all)
+            by_common = follow_common(places.by_theta @ by_own, places.by_theta @ by_all)
         by_all = by_all + by_own @ by_common
         spread = np.sqrt(
             _variance(places.by_theta @ by_own, covariance) + _variance(places.by_theta @ by_all, tripod.covariance)
@@ -244,15 +244,6 @@ class Place:
             ):
                 best = look
         return best
-
-
-def _follow_common(by_own: Array, by_common: Array) -> Array:
-    """How a head (3, K) that was fitted to the markings in view follows the common parameters: by least squares over
-    the places, with their derivatives by the head (M, 3) and by the common parameters (M, K).
-    """
-    if len(by_own) < by_own.shape[1]:
-        return np.zeros((by_own.shape[1], by_common.shape[1]))
-    return np.asarray(-np.linalg.lstsq(by_own, by_common, rcond=None)[0])
 
 
 def _variance(rows: Array, covariance: Array) -> Array:

@@ -39,8 +39,10 @@ from circlecal.records.summary import write_summary
 from circlecal.rig.tripod import PLACE, Venue
 from circlecal.rig.venue import VENUE_NAME, read_venue, read_venue_file, write_venue
 from circlecal.tracking.anchors import read_anchors
-from circlecal.tracking.clip import ClipFrame, survey_clip, track_frames
+from circlecal.tracking.clip import track_frames
+from circlecal.tracking.entry import ClipFrame
 from circlecal.tracking.records import RecordForm, record_of_track
+from circlecal.tracking.survey import survey_clip
 
 DEFAULT_EVERY = "1"
 """Of a clip every frame is tracked."""

@@ -13,7 +13,7 @@ from circlecal.geometry.surface import Surface
 from circlecal.pictures.video_writer import write_video
 from circlecal.results import Check
 from circlecal.rig.tripod import COMMON, PLACE, TripodEstimate, Venue
-from circlecal.tracking.clip import ClipFrame
+from circlecal.tracking.entry import ClipFrame
 from circlecal.tracking.results import Head, TrackedFrame
 
 SIZE, RATE = (320, 180), 10.0

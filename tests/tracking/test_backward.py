@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 
 from circlecal.config import Config
 from circlecal.rig.tripod import Venue
-from circlecal.tracking import clip
-from circlecal.tracking.clip import ClipFrame, track_frames
+from circlecal.tracking import follower
+from circlecal.tracking.clip import track_frames
+from circlecal.tracking.entry import ClipFrame
 from circlecal.tracking.results import TrackedFrame
 from tests.tracking.scenes import HEAD, SIZE, draw, tripod
 
@@ -25,8 +26,8 @@ def pictures() -> list[NDArray[np.uint8]]:
 
 def track(monkeypatch: pytest.MonkeyPatch, pictures: list[NDArray[np.uint8]], searched: int) -> list[TrackedFrame]:
     """Tracked frames, where the camera is searched for in one frame after a cut alone."""
-    monkeypatch.setattr(clip, "SEARCHES", (searched,))
-    monkeypatch.setattr(clip, "SEARCH_EVERY", 1000)
+    monkeypatch.setattr(follower, "SEARCHES", (searched,))
+    monkeypatch.setattr(follower, "SEARCH_EVERY", 1000)
     frames = [ClipFrame(k, k / 25.0, picture) for k, picture in enumerate(pictures)]
     return list(track_frames(frames, Venue("soccer", (tripod(),)), Config()))
 
@@ -55,6 +56,6 @@ def test_the_way_back_ends_at_a_cut(monkeypatch: pytest.MonkeyPatch, pictures: l
 def test_few_pictures_are_kept_for_the_way_back(
     monkeypatch: pytest.MonkeyPatch, pictures: list[NDArray[np.uint8]]
 ) -> None:
-    monkeypatch.setattr(clip, "BACKWARD_BYTES", 2 * SIZE[0] * SIZE[1])
+    monkeypatch.setattr(follower, "BACKWARD_BYTES", 2 * SIZE[0] * SIZE[1])
     frames = track(monkeypatch, pictures, PITCH - 1)
     assert [frame.status for frame in frames] == ["refused"] * (PITCH - 3) + ["calibrated"] * 3

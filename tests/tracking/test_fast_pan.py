@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 
 from circlecal.config import Config
 from circlecal.rig.tripod import Venue
-from circlecal.tracking import clip
-from circlecal.tracking.clip import ClipFrame, track_frames
+from circlecal.tracking import follower
+from circlecal.tracking.clip import track_frames
+from circlecal.tracking.entry import ClipFrame
 from circlecal.tracking.motion import HeadMotion, move_of_middle
 from tests.tracking.scenes import HEAD, SIZE, draw, tripod
 
@@ -34,8 +35,8 @@ def test_a_camera_goes_on_turning_where_no_motion_is_seen(
             return HeadMotion(STEP, np.diag([1e-8, 1e-8, 1e-8]), 1.0, 100)
         return None if motion is None else HeadMotion(motion, np.diag([1e-8, 1e-8, 1e-8]), 0.4, 20)
 
-    monkeypatch.setattr(clip, "estimate_motion", estimate_motion)
-    monkeypatch.setattr(clip, "SEARCHES", (0,))
+    monkeypatch.setattr(follower, "estimate_motion", estimate_motion)
+    monkeypatch.setattr(follower, "SEARCHES", (0,))
     frames = [ClipFrame(k, k / 25.0, picture) for k, picture in enumerate(pictures)]
     found = list(track_frames(frames, Venue("soccer", (tripod(),)), Config()))
     assert {frame.status for frame in found} == {"calibrated"}

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from circlecal.tracking.looking import _follow_common
+from circlecal.tracking.head_fit import follow_common
 
 
 def test_what_the_head_makes_up_for_is_no_spread():
@@ -12,11 +12,11 @@ def test_what_the_head_makes_up_for_is_no_spread():
     made_up = rng.normal(size=(3, 2))
     own = rng.normal(size=(40, 1))
     by_common = np.column_stack([by_own @ made_up, own])
-    left = by_common + by_own @ _follow_common(by_own, by_common)
+    left = by_common + by_own @ follow_common(by_own, by_common)
     assert left[:, :2] == pytest.approx(0.0, abs=1e-12)
     assert by_own.T @ left[:, 2] == pytest.approx(0.0, abs=1e-12)
     assert np.linalg.norm(left[:, 2]) > 0.5 * np.linalg.norm(own)
 
 
 def test_fewer_places_than_unknowns_say_nothing():
-    assert not _follow_common(np.ones((2, 3)), np.ones((2, 4))).any()
+    assert not follow_common(np.ones((2, 3)), np.ones((2, 4))).any()

@@ -26,10 +26,12 @@ from circlecal.pipeline import field_of
 from circlecal.records.parts import CameraRow
 from circlecal.synthetic.dataset import TRUTH_FOLDER
 from circlecal.synthetic.video import CLIP_KINDS, ClipKind, ClipSpec, ShotKind, write_clips
-from circlecal.tracking.clip import ClipFrame, survey_clip, track_frames
+from circlecal.tracking.clip import track_frames
 from circlecal.tracking.clock import Stage, StageClock
+from circlecal.tracking.entry import ClipFrame
 from circlecal.tracking.records import RecordForm, record_of_track, theta_of_view
 from circlecal.tracking.results import TrackedFrame
+from circlecal.tracking.survey import survey_clip
 
 GOOD_PX, WRONG_PX = 5.0, 20.0
 """Mean errors up to and beyond which a frame counts as good and as wrong, pixels at 1920 px width."""

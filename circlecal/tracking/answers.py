@@ -1,0 +1,134 @@
+"""The answers of a shot: all its frames are smoothed together, and each is answered or refused."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from circlecal.field.view import FieldView
+from circlecal.geometry.projective import Array
+from circlecal.refusals import REFUSALS
+from circlecal.results import Check
+from circlecal.tracking.entry import BARE_SHARE, Entry
+from circlecal.tracking.looking import Place
+from circlecal.tracking.results import Head, TrackedFrame
+from circlecal.tracking.smoother import smooth_heads
+
+DRIFT_SD = (2e-5, 5e-6, 5e-6)
+"""What the motion between neighbours leaves open beside its own standard deviation: logarithm of the focal length and
+radians.
+"""
+FOLLOWED_FRAMES = 50
+"""So long a camera is followed by motion alone, frames."""
+DOUBTFUL_PLACES, DOUBTFUL_FRAMES = 40, 15
+"""A picture that should show so many places of paint, and is not confirmed by them, is answered only where confirmed
+frames lie as near as this on both sides: in a blurred moment of a fast pan.
+"""
+LARGEST_SIGMA_PX = 12.0
+"""Of the answer, over what is seen of the pitch, pixels at 1920 px width."""
+MODEL_SHARE = 1.0
+"""Of the paint's own variance in one frame, what its neighbours repeat: paint, surface and lens stay what they are."""
+
+
+def answer_shot(entries: list[Entry], count: int) -> Iterator[TrackedFrame]:
+    """The first frames of one shot, after all of them were smoothed together."""
+    if not entries:
+        return
+    tracked = [k for k, entry in enumerate(entries) if entry.place is not None]
+    smoothed: dict[int, tuple[Array, Array]] = {}
+    for chain in _chains(entries, tracked):
+        part = [entries[k] for k in chain]
+        heads = np.array([entry.head for entry in part])
+        changes, precision = np.zeros((len(part) - 1, 3)), np.zeros((len(part) - 1, 3, 3))
+        for j, entry in enumerate(part[1:]):
+            if entry.motion is not None:
+                changes[j] = entry.motion.change
+                precision[j] = np.linalg.inv(entry.motion.covariance + np.diag(np.square(DRIFT_SD)))
+        found = smooth_heads(
+            heads, np.array([e.information for e in part]), np.array([e.toward for e in part]), changes, precision
+        )
+        for j, k in enumerate(chain):
+            smoothed[k] = found.heads[j], found.covariances[j]
+    support = _count_to_confirmation(entries)
+    for k, entry in enumerate(entries[:count]):
+        yield _refusal(entry, "lost") if k not in smoothed else _answer_frame(entry, *smoothed[k], support[k])
+
+
+def _chains(entries: list[Entry], tracked: list[int]) -> list[list[int]]:
+    """Runs of frames of one camera that follow each other."""
+    chains: list[list[int]] = []
+    for k in tracked:
+        if chains and chains[-1][-1] == k - 1 and entries[k].motion is not None:
+            chains[-1].append(k)
+        else:
+            chains.append([k])
+    return chains
+
+
+def _count_to_confirmation(entries: list[Entry]) -> list[int]:
+    """How far each frame is from those that their paint confirms, along the motion, on the further side of the two.
+
+    A frame that only follows confirmed ones may already belong to another shot.
+    """
+    far = 10**6
+    before, after = [far] * len(entries), [far] * len(entries)
+    near = far
+    for k, entry in enumerate(entries):
+        near = near + 1 if entry.motion is not None else far
+        before[k] = near = 0 if entry.is_confirmed else near
+    near = far
+    for k in range(len(entries) - 1, -1, -1):
+        after[k] = near = 0 if entries[k].is_confirmed else near + 1
+        if entries[k].motion is None:
+            near = far
+    return [max(pair) for pair in zip(before, after, strict=True)]
+
+
+def _refusal(entry: Entry, code: str) -> TrackedFrame:
+    return TrackedFrame(entry.index, entry.time_s, entry.size, entry.shot, None, "refused", code, REFUSALS[code].words)
+
+
+def _answer_frame(entry: Entry, values: Array, covariance: Array, support: int) -> TrackedFrame:
+    """The answer of a frame that was followed, or why it is refused."""
+    place = entry.place
+    if place is None:
+        return _refusal(entry, "lost")
+    tripod = place.tripod
+    covariance = covariance + _model_covariance(entry)
+    view = tripod.view(values, covariance, entry.by_common)
+    sigma_px = _largest_sigma(view, place)
+    limit = LARGEST_SIGMA_PX * place.unit
+    checks = (
+        Check("painted_share", entry.painted / max(entry.expected, 1), BARE_SHARE, not entry.is_contradicted),
+        Check("frames_to_confirmed", float(support), FOLLOWED_FRAMES, support <= FOLLOWED_FRAMES),
+        Check("sigma_px", sigma_px, limit, bool(sigma_px <= limit)),
+    )
+    head = Head(float(values[1]), float(values[2]), float(values[0]), covariance)
+    frame = TrackedFrame(
+        entry.index, entry.time_s, entry.size, entry.shot, tripod.name, "calibrated", None, None, view, head,
+        entry.carriers, checks, sigma_px,
+    )  # fmt: skip
+    if support > (DOUBTFUL_FRAMES if entry.expected >= DOUBTFUL_PLACES else FOLLOWED_FRAMES):
+        return _refuse(frame, "paint_missing")
+    return frame if sigma_px <= limit else _refuse(frame, "too_uncertain")
+
+
+def _refuse(frame: TrackedFrame, code: str) -> TrackedFrame:
+    return replace(frame, status="refused", code=code, reason=REFUSALS[code].words)
+
+
+def _model_covariance(entry: Entry) -> Array:
+    if not entry.information.any():
+        return np.zeros((3, 3))
+    return np.asarray(MODEL_SHARE * np.linalg.inv(entry.information + 1e-3 * np.eye(3)))
+
+
+def _largest_sigma(view: FieldView, place: Place) -> float:
+    """Largest standard deviation, pixels, over places of the pitch that the picture shows."""
+    points = view.visible_field(place.template, step_m=5.0)
+    if len(points) == 0:
+        return float("inf")
+    _, sigma = view.project(points, sigma=True)
+    return float("inf") if sigma is None else float(np.nanmax(sigma))

@@ -1,0 +1,76 @@
+"""What is kept of a frame between its picture and its answer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.geometry.projective import Array
+from circlecal.tracking.looking import Look, Place
+from circlecal.tracking.motion import HeadMotion
+from circlecal.tracking.results import Carrier
+
+EXPECTED_PLACES, BARE_SHARE = 60, 0.2
+"""A picture that should show so many places of paint and shows less than this share of them contradicts its camera."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClipFrame:
+    """A decoded frame: its number from 0, its time in seconds, and its picture (H, W, 3), BGR."""
+
+    index: int
+    time_s: float
+    picture: NDArray[np.uint8]
+
+
+@dataclass(slots=True)
+class Entry:
+    """A frame until its shot is smoothed."""
+
+    index: int
+    time_s: float
+    size: tuple[int, int]
+    shot: int
+    place: Place | None = None
+    head: Array = field(default_factory=lambda: np.zeros(3))
+    information: Array = field(default_factory=lambda: np.zeros((3, 3)))
+    toward: Array = field(default_factory=lambda: np.zeros(3))
+    by_common: Array | None = None
+    motion: HeadMotion | None = None
+    """From the frame before."""
+    is_confirmed: bool = False
+    is_contradicted: bool = False
+    expected: int = 0
+    painted: int = 0
+    rms_px: float = np.inf
+    carriers: tuple[Carrier, ...] = ()
+
+    def forget(self, shot: int) -> None:
+        """Take back where the camera was thought to be: the frame begins another shot, and is lost so far."""
+        self.shot, self.place, self.motion = shot, None, None
+        self.information, self.toward, self.by_common = np.zeros((3, 3)), np.zeros(3), None
+        self.is_confirmed = self.is_contradicted = False
+
+    def take(self, look: Look, expected: Array, covariance: Array, is_followed: bool) -> None:
+        """Keep what a look brought: of the paint alone, without what was expected."""
+        fit, measured = look.fit, look.measured
+        self.head = fit.head
+        self.expected, self.painted = int(measured.expected.sum()), int(measured.painted.sum())
+        self.is_confirmed = look.is_confirmed
+        self.is_contradicted = self.expected >= EXPECTED_PLACES and measured.painted_share < BARE_SHARE
+        self.rms_px = fit.rms_px
+        if len(measured.marking) >= 8 and fit.inlier_share > 0.5 and not self.is_contradicted:
+            self.information = fit.information
+            self.toward = np.asarray(np.linalg.solve(covariance, fit.head - expected))
+            self.by_common = fit.by_common
+        else:
+            self.head = expected
+        rounds = 0 if self.place is None else int(measured.painted[self.place.drawn.radius > 0].sum())
+        carriers: list[Carrier] = []
+        if rounds >= 8:
+            carriers.append("circle")
+        if self.painted - rounds >= 8:
+            carriers.append("lines")
+        self.carriers = (*carriers, "motion") if is_followed else tuple(carriers)

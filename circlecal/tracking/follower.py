@@ -1,0 +1,302 @@
+"""Goes through a clip frame by frame: follows the camera, loses it, searches for it, and goes back from where it is."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from circlecal.config import Config
+from circlecal.field import FieldTemplate
+from circlecal.geometry.projective import Array
+from circlecal.rig.tripod import Venue
+from circlecal.tracking.answers import FOLLOWED_FRAMES
+from circlecal.tracking.clock import StageClock
+from circlecal.tracking.entry import EXPECTED_PLACES, ClipFrame, Entry
+from circlecal.tracking.looking import LEAST_PLACES, Look, LookedAt, Place
+from circlecal.tracking.motion import Flow, HeadMotion, estimate_motion, follow_corners, move_of_middle
+
+HEAD_SD = (1e-3, 2e-4, 2e-4)
+"""By how much a head that follows the motion may be off, for each frame that was not confirmed: logarithm of the focal
+length and radians.
+"""
+SEARCHES = (0, 2, 5, 9, 14, 20)
+"""Frames after a cut in which the camera is searched for; later in every :data:`SEARCH_EVERY`-th. Those before it is
+found are followed backwards.
+"""
+SEARCH_EVERY = 12
+BACKWARD_FRAMES, BACKWARD_BYTES = 48, 120_000_000
+"""Frames without a confirmed camera whose pictures are kept at most, to be followed backwards from one that is found,
+and what their gray levels may take of the memory.
+"""
+GUESS_SD_PX, GUESS_SD_ZOOM, GUESS_SHARE = 5.0, 0.004, 0.05
+"""Of a head that goes on turning as it did, where no motion could be measured: pixels at 1920 px width, logarithm of
+the focal length, and share of the motion. The paint must confirm it.
+"""
+LEAST_WORTH = 15.0
+"""Places of paint, times the share that is seen and the share that is explained, for which a guess is followed where no
+motion could be measured: right ones have 40 to 200, wrong ones 3 to 15.
+"""
+SURPRISE = 3.0
+"""Standard deviations of the guess beyond which a motion is compared with it by the paint that either shows."""
+STANDING_PX, GOING_PX = 0.3, 2.0
+"""Motion up to which a picture stands still, and from which on a head does not stop at once, pixels at 1920 px width:
+of a strip of graphics over a real pan the corners move by 0.0.
+"""
+GUESS_SHARE_OF_WORTH = 0.8
+"""A guess whose paint is worth so much of that along the motion is taken, being the less certain of the two."""
+SECOND_LOOK = 16.0
+"""How much surer a head is after the paint was found once, as a share of its covariance."""
+GRASS_EVERY = 4
+"""The playing surface is looked for in every so many-th frame while the camera is followed."""
+LEAST_GRASS = 0.15
+"""Share of the picture that the playing surface covers where a search is worth it."""
+PATIENCE = 12
+"""Frames in a row that contradict the camera before it is searched for again."""
+SHUTTER = 0.5
+"""Share of the time between frames during which the shutter is open."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Kept:
+    """A frame that may be followed backwards: its picture, and how the corners of the frame before moved into it."""
+
+    entry: Entry
+    picture: LookedAt
+    flow: Flow | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Followed:
+    """A look, the head (3,) and covariance (3, 3) that it began with, and the blur (2,) that it expected, pixels."""
+
+    look: Look
+    head: Array
+    covariance: Array
+    blur_px: Array
+
+    def look_again(self, place: Place, picture: LookedAt, by_common: Array | None) -> _Followed:
+        """Where the first look found the paint: what lies beside it is not taken for it any more."""
+        if len(self.look.measured.marking) < LEAST_PLACES // 2:
+            return self
+        covariance = self.covariance / SECOND_LOOK
+        head = self.look.fit.head
+        return _Followed(place.look(picture, head, covariance, by_common, self.blur_px), head, covariance, self.blur_px)
+
+
+def _should_show_more(look: Look) -> bool:
+    """Whether a picture should show paint, and does not confirm its head."""
+    return not look.is_confirmed and int(look.measured.expected.sum()) >= EXPECTED_PLACES
+
+
+class Follower:
+    """Goes through a clip; knows the last frame."""
+
+    def __init__(self, venue: Venue, config: Config, template: FieldTemplate, clock: StageClock) -> None:
+        self._venue, self._config, self._template, self._clock = venue, config, template, clock
+        self._places: dict[tuple[int, int], list[Place]] = {}
+        self._rng = np.random.default_rng(config.seed)
+        self._last: LookedAt | None = None
+        self._entry: Entry | None = None
+        self._shot = 0
+        self._since_cut, self._unconfirmed, self._contradicted = 0, 0, 0
+        self._velocity, self._change = np.zeros(2), np.zeros(3)
+        self._surface: Array | None = None
+        """Colour of the playing surface where the paint last confirmed a camera."""
+        self._behind: deque[_Kept] = deque()
+        """Frames since the last one whose camera was confirmed, of one shot."""
+
+    def follow(self, frame: ClipFrame) -> Entry:
+        """The next frame."""
+        is_followed = self._entry is not None and self._entry.is_confirmed and frame.index % GRASS_EVERY != 0
+        region = self._config.mask.detector.field_region
+        with self._clock.measure("picture"):
+            picture = LookedAt.of(frame.picture, region, self._last if is_followed else None)
+            if not is_followed:
+                picture = picture.take_surface(self._surface, region)
+        entry = Entry(frame.index, frame.time_s, picture.size, self._shot)
+        before, last = self._entry, self._last
+        flow = None
+        if last is not None and last.size == picture.size:
+            with self._clock.measure("motion"):
+                flow = follow_corners(last.small, picture.small, self._velocity)
+        look = None
+        if before is not None and before.place is not None and flow is not None:
+            look = self._continue(entry, before, picture, flow)
+        is_lost = look is None or self._contradicted >= PATIENCE or self._unconfirmed > FOLLOWED_FRAMES
+        if is_lost:
+            if is_followed:
+                picture = LookedAt.of(frame.picture, region).take_surface(self._surface, region)
+            is_cut = last is not None and picture.differs_from(last)
+            self._lose(entry, before, is_cut)
+            if self._is_time_to_search():
+                with self._clock.measure("search"):
+                    picture = self._find(entry, picture)
+                place = entry.place
+                if before is not None and place is not None and place is before.place and not is_cut:
+                    self._go_on(place, before, entry.head - before.head)
+            self._since_cut += 1
+            if entry.place is not None:
+                with self._clock.measure("backward"):
+                    self._go_back(_Kept(entry, picture, flow))
+        if entry.is_confirmed:
+            self._surface = picture.colour
+        self._keep(_Kept(entry, picture, flow))
+        self._entry, self._last = entry, picture
+        return entry
+
+    def _keep(self, kept: _Kept) -> None:
+        """Keep a frame for the way back, unless its camera is confirmed."""
+        if kept.entry.is_confirmed:
+            self._behind.clear()
+            return
+        self._behind.append(kept)
+        if len(self._behind) > min(BACKWARD_FRAMES, max(1, BACKWARD_BYTES // kept.picture.gray.size)):
+            self._behind.popleft()
+
+    def _go_back(self, found: _Kept) -> None:
+        """Follow the camera backwards from a frame in which it was found, through the frames in which it was not."""
+        later, unconfirmed = found, 0
+        while self._behind:
+            earlier = self._behind.pop()
+            look = self._step_back(later, earlier, unconfirmed)
+            if look is None:
+                return
+            unconfirmed = 0 if look.is_confirmed else unconfirmed + 1
+            if unconfirmed >= PATIENCE:
+                return
+            later = earlier
+
+    def _step_back(self, later: _Kept, earlier: _Kept, unconfirmed: int) -> Look | None:
+        """Follow the camera from a frame into the one before it; None where it cannot be followed."""
+        entry, place, flow = later.entry, later.entry.place, later.flow
+        if place is None or flow is None or later.picture.size != earlier.picture.size:
+            return None
+        tripod = place.tripod
+        back = Flow(flow.after, flow.before)
+        motion = estimate_motion(back, entry.head, tripod.model, tripod.mean, self._rng, later.picture.small.factor)
+        if motion is None:
+            return None
+        head = entry.head + motion.change
+        covariance = motion.covariance + np.diag(np.square(HEAD_SD)) * (1 + unconfirmed)
+        blur = SHUTTER * np.median(back.after - back.before, axis=0)
+        look = place.look(earlier.picture, head, covariance, entry.by_common, blur)
+        entry.motion = replace(motion, change=-motion.change)
+        earlier.entry.place = place
+        earlier.entry.take(look, head, covariance, is_followed=True)
+        if earlier.entry.by_common is None:
+            earlier.entry.by_common = entry.by_common
+        return look
+
+    def _continue(self, entry: Entry, before: Entry, picture: LookedAt, flow: Flow) -> Look | None:
+        """Follow the camera of the frame before; None where it cannot be followed."""
+        place = before.place
+        if place is None:
+            return None
+        tripod = place.tripod
+        with self._clock.measure("motion"):
+            motion = estimate_motion(flow, before.head, tripod.model, tripod.mean, self._rng, picture.small.factor)
+        with self._clock.measure("paint"):
+            followed = None if motion is None else self._look_along(place, picture, before, motion)
+            guess = self._guess_motion(place, before)
+            if (
+                motion is None
+                or followed is None
+                or _should_show_more(followed.look)
+                or self._surprises(place, before, motion, guess)
+            ):
+                # blur leaves no corners but those of players and graphics, and the paint may know better
+                guessed = self._look_along(place, picture, before, guess).look_again(place, picture, before.by_common)
+                if guessed.look.is_confirmed or followed is None or not followed.look.is_confirmed:
+                    others = LEAST_WORTH / GUESS_SHARE_OF_WORTH if followed is None else followed.look.worth
+                    motion, followed = (
+                        (guess, guessed) if guessed.look.worth > GUESS_SHARE_OF_WORTH * others else (motion, followed)
+                    )
+        if motion is None or followed is None:
+            return None
+        look = followed.look
+        entry.place, entry.motion = place, motion
+        entry.take(look, followed.head, followed.covariance, is_followed=True)
+        if entry.by_common is None:
+            entry.by_common = before.by_common
+        sure = look.is_confirmed and before.is_confirmed
+        self._go_on(place, before, entry.head - before.head if sure else motion.change)
+        self._unconfirmed = 0 if look.is_confirmed else self._unconfirmed + 1
+        self._contradicted = self._contradicted + 1 if entry.is_contradicted else 0
+        return look
+
+    def _look_along(self, place: Place, picture: LookedAt, before: Entry, motion: HeadMotion) -> _Followed:
+        """Look where a motion takes the camera of the frame before."""
+        head = before.head + motion.change
+        covariance = motion.covariance + np.diag(np.square(HEAD_SD)) * (1 + self._unconfirmed)
+        blur = SHUTTER * move_of_middle(motion.change, before.head, place.tripod.model, place.tripod.mean)
+        return _Followed(place.look(picture, head, covariance, before.by_common, blur), head, covariance, blur)
+
+    def _surprises(self, place: Place, before: Entry, motion: HeadMotion, guess: HeadMotion) -> bool:
+        """Whether a motion is far from the guess, or none where there was one: the head has inertia, players have
+        little, and graphics stand still.
+        """
+        away = np.abs(motion.change - guess.change)[1:]
+        if (away > SURPRISE * np.sqrt(np.diag(guess.covariance))[1:]).any():
+            return True
+        moved = move_of_middle(motion.change, before.head, place.tripod.model, place.tripod.mean)
+        still, moving = STANDING_PX * place.unit, GOING_PX * place.unit
+        return bool(np.hypot(*moved) < still and np.hypot(*self._velocity) > moving)
+
+    def _guess_motion(self, place: Place, before: Entry) -> HeadMotion:
+        """That the head goes on as it did."""
+        way = GUESS_SD_PX * place.unit + GUESS_SHARE * float(np.hypot(*self._velocity))
+        turn = way / float(np.exp(before.head[0]))
+        return HeadMotion(self._change, np.diag(np.square([GUESS_SD_ZOOM, turn, turn])), 0.0, 0)
+
+    def _go_on(self, place: Place, before: Entry, change: Array) -> None:
+        """Expect the head to change as it did since the frame before."""
+        self._change = change
+        self._velocity = move_of_middle(change, before.head, place.tripod.model, place.tripod.mean)
+
+    def _lose(self, entry: Entry, before: Entry | None, is_cut: bool) -> None:
+        """Begin a shot, or go on in one, whose camera is not known so far."""
+        was_followed = before is not None and before.place is not None
+        if was_followed or is_cut:
+            self._shot += 1
+            self._since_cut = 0
+        if is_cut:
+            self._behind.clear()
+        elif was_followed:
+            for kept in self._behind:
+                kept.entry.forget(self._shot)
+        entry.forget(self._shot)
+        self._velocity, self._change = np.zeros(2), np.zeros(3)
+        self._unconfirmed = self._contradicted = 0
+
+    def _is_time_to_search(self) -> bool:
+        since = self._since_cut
+        return since in SEARCHES or (since > max(SEARCHES) and since % SEARCH_EVERY == 0)
+
+    def _find(self, entry: Entry, picture: LookedAt) -> LookedAt:
+        """Search for each of the cameras; the one with the most paint has the frame. The picture is returned with the
+        surface on which a camera was found, while the colour of the playing surface is not known.
+        """
+        pictures = [picture]
+        if self._surface is None:
+            pictures.append(picture.take_other_surface(self._config.mask.detector.field_region))
+        for seen in pictures:
+            best: tuple[Place, Look] | None = None
+            for place in self._places_of(seen.size) if seen.grass_share >= LEAST_GRASS else ():
+                look = place.find(seen)
+                if look is not None and (best is None or look.measured.painted.sum() > best[1].measured.painted.sum()):
+                    best = place, look
+            if best is not None:
+                entry.place, look = best
+                focal = float(np.exp(look.fit.head[0]))
+                spread = np.diag(np.array([0.05, 20.0 / focal, 20.0 / focal]) ** 2)
+                entry.take(look, look.fit.head, spread, is_followed=False)
+                return seen
+        return picture
+
+    def _places_of(self, size: tuple[int, int]) -> list[Place]:
+        if size not in self._places:
+            tripods = (t if t.size == size else t.resize(size) for t in self._venue.tripods)
+            self._places[size] = [Place.of(tripod, self._template) for tripod in tripods]
+        return self._places[size]
