@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from circlecal.pictures.video import Video
-    from circlecal.tracking.run import ClipRun, TrackReport
+    from circlecal.tracking.run import TrackReport
+    from circlecal.tracking.stretches import ClipRun
 
 
 def track(
@@ -60,7 +61,8 @@ def track(
     from circlecal.pictures.video import Sampling
     from circlecal.pipeline import field_of
     from circlecal.rig.venue import read_venue
-    from circlecal.tracking.run import DEFAULT_EVERY, ClipRun, run_track
+    from circlecal.tracking.run import run_track
+    from circlecal.tracking.stretches import DEFAULT_EVERY, ClipRun
 
     console.configure_logging(quiet=quiet, verbose=verbose)
     if scheduler is not None:  # workers have another working folder

@@ -13,7 +13,7 @@ from circlecal.field import FieldTemplate
 from circlecal.pictures.video import Sampling, Video
 from circlecal.pipeline import field_of
 from circlecal.rig.venue import read_venue
-from circlecal.tracking.run import DEFAULT_EVERY, ClipRun, track_video
+from circlecal.tracking.stretches import DEFAULT_EVERY, ClipRun, track_video
 
 _log = logging.getLogger(__name__)
 

@@ -293,10 +293,13 @@ def _extend(
         fit = _fit_members(frames, tripod, mean, sd, drawn, known)
         if fit is None:
             return tripod, members
+        is_settled = set(fit.estimate.used) == set(tripod.used)
         left_out = (*tripod.left_out, *(f.name for f in frames if f.name not in fit.estimate.used))
         tripod = replace(fit.estimate, left_out=tuple(dict.fromkeys(left_out)))
         heads = dict(zip(fit.estimate.used, fit.heads, strict=True))
         members = [replace(f, head=heads[f.name]) for f in frames if f.name in heads]
+        if is_settled:
+            break
     return tripod, members
 
 
@@ -376,6 +379,8 @@ def _find_beyond(place: Place, picture: LookedAt, mean: Array, sd: Array) -> Loo
         else:
             if look.is_confirmed and (best is None or look.is_better(best)):
                 best = look
+                if look.is_sure:
+                    break
     return best
 
 

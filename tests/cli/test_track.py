@@ -9,14 +9,14 @@ import pytest
 
 import circlecal
 from circlecal.evaluation.reading import read_predictions
-from circlecal.tracking import run as run_module
+from circlecal.tracking import stretches
 from tests.tracking import scripted
 
 
 @pytest.fixture
 def clip(tmp_path, monkeypatch):
-    monkeypatch.setattr(run_module, "survey_clip", scripted.survey_clip)
-    monkeypatch.setattr(run_module, "track_frames", scripted.track_frames)
+    monkeypatch.setattr(stretches, "survey_clip", scripted.survey_clip)
+    monkeypatch.setattr(stretches, "track_frames", scripted.track_frames)
     return scripted.write_clip(tmp_path / "clip.mp4")
 
 

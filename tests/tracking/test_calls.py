@@ -7,15 +7,15 @@ import pytest
 
 import circlecal
 from circlecal.errors import InputError
-from circlecal.tracking import run as run_module
+from circlecal.tracking import stretches
 
 from . import scripted
 
 
 @pytest.fixture
 def clip(tmp_path, monkeypatch):
-    monkeypatch.setattr(run_module, "survey_clip", scripted.survey_clip)
-    monkeypatch.setattr(run_module, "track_frames", scripted.track_frames)
+    monkeypatch.setattr(stretches, "survey_clip", scripted.survey_clip)
+    monkeypatch.setattr(stretches, "track_frames", scripted.track_frames)
     return scripted.write_clip(tmp_path / "clip.mp4")
 
 

@@ -16,16 +16,17 @@ from circlecal.errors import InputError
 from circlecal.pictures.video import Sampling, Video, frame_id, frame_time
 from circlecal.records.log import OtherRunError, read_records
 from circlecal.rig.venue import read_venue_file
-from circlecal.tracking import run as run_module
-from circlecal.tracking.run import ClipRun, Stretch, run_track, stretches_of
+from circlecal.tracking import stretches
+from circlecal.tracking.run import run_track
+from circlecal.tracking.stretches import ClipRun, Stretch, stretches_of
 
 from . import scripted
 
 
 @pytest.fixture
 def engine(monkeypatch):
-    monkeypatch.setattr(run_module, "survey_clip", scripted.survey_clip)
-    monkeypatch.setattr(run_module, "track_frames", scripted.track_frames)
+    monkeypatch.setattr(stretches, "survey_clip", scripted.survey_clip)
+    monkeypatch.setattr(stretches, "track_frames", scripted.track_frames)
     return monkeypatch
 
 
@@ -68,7 +69,7 @@ def test_every_takes_each_nth_frame_or_one_a_time(tmp_path, engine):
 
 
 def test_a_stop_loses_nothing_and_nothing_is_done_twice(tmp_path, engine):
-    engine.setattr(run_module, "STRETCH_S", 1.0)
+    engine.setattr(stretches, "STRETCH_S", 1.0)
     video, out = open_clip(tmp_path), tmp_path / "out"
     whole = tmp_path / "whole"
     run_track([video], clip_run(), whole)
@@ -84,9 +85,9 @@ def test_a_stop_loses_nothing_and_nothing_is_done_twice(tmp_path, engine):
         file.write(b'{"schema_version": 1, "id": "clip_00')
     decoded = []
     engine.setattr(
-        run_module, "track_frames", lambda frames, *rest: scripted.track_frames(watch(frames, decoded), *rest)
+        stretches, "track_frames", lambda frames, *rest: scripted.track_frames(watch(frames, decoded), *rest)
     )
-    engine.setattr(run_module, "survey_clip", lambda *given: pytest.fail("the venue is known"))
+    engine.setattr(stretches, "survey_clip", lambda *given: pytest.fail("the venue is known"))
     report = run_track([video], clip_run(), out)
     assert report.progress.resumed == 14 and report.progress.finished == 30
     assert lines(out) == lines(whole)
@@ -99,20 +100,20 @@ def test_a_stop_loses_nothing_and_nothing_is_done_twice(tmp_path, engine):
 KILLED = """
 import os, signal
 from pathlib import Path
-from circlecal.tracking import run as run_module
+from circlecal.tracking import run as run_module, stretches
 from tests.tracking import scripted
 from tests.tracking.test_run import clip_run
 from circlecal.pictures.video import Video
 
-run_module.track_frames, run_module.survey_clip = scripted.track_frames, scripted.survey_clip
-run_module.STRETCH_S = 1.0
+stretches.track_frames, stretches.survey_clip = scripted.track_frames, scripted.survey_clip
+stretches.STRETCH_S = 1.0
 kill = lambda progress: progress.finished == 14 and os.kill(os.getpid(), signal.SIGKILL)
 run_module.run_track([Video.open(Path("{clip}"), "clip")], clip_run(), Path("{out}"), on_progress=kill)
 """
 
 
 def test_a_kill_loses_nothing_and_nothing_is_done_twice(tmp_path, engine):
-    engine.setattr(run_module, "STRETCH_S", 1.0)
+    engine.setattr(stretches, "STRETCH_S", 1.0)
     video, out = open_clip(tmp_path), tmp_path / "out"
     run_track([video], clip_run(), tmp_path / "whole")
     script = KILLED.format(clip=video.path, out=out)
@@ -133,8 +134,8 @@ def watch(frames, times):
 def test_stretches_change_no_answer(tmp_path, engine):
     video = open_clip(tmp_path)
     run_track([video], clip_run(), tmp_path / "one")
-    engine.setattr(run_module, "STRETCH_S", 0.7)
-    engine.setattr(run_module, "MARGIN_S", 0.2)
+    engine.setattr(stretches, "STRETCH_S", 0.7)
+    engine.setattr(stretches, "MARGIN_S", 0.2)
     run_track([video], clip_run(), tmp_path / "many")
     assert lines(tmp_path / "many") == lines(tmp_path / "one")
 
@@ -171,13 +172,13 @@ def test_one_bad_clip_does_not_stop_the_others(tmp_path, engine):
             yield frame
 
     fail.armed = True
-    engine.setattr(run_module, "track_frames", fail)
+    engine.setattr(stretches, "track_frames", fail)
     errors: list[Exception] = []
     run_track(videos, clip_run(), tmp_path / "out", on_error=errors.append)
     assert [str(e) for e in errors] and "first.mp4: internal error after 00:00:00.4" in str(errors[0])
     found = [line["id"].split("_")[0] for line in lines(tmp_path / "out")]
     assert found == ["first"] * 5 + ["second"] * 12
-    engine.setattr(run_module, "track_frames", scripted.track_frames)
+    engine.setattr(stretches, "track_frames", scripted.track_frames)
     run_track(videos, clip_run(), tmp_path / "out")
     assert len(lines(tmp_path / "out")) == 24
     assert len(list(read_records(tmp_path / "out"))) == 24

@@ -22,7 +22,7 @@ from circlecal.tracking import survey
 from circlecal.tracking.head_fit import HeadFit
 from circlecal.tracking.looking import Look
 from circlecal.tracking.markings import template_curves
-from circlecal.tracking.run import ClipRun, _survey
+from circlecal.tracking.stretches import ClipRun, survey_video
 from circlecal.tracking.survey import survey_clip
 from circlecal.tracking.tripod_fit import HeadedFrame, common_priors
 from tests.tracking.scenes import HEAD, SIZE, draw, measure_ideal, template, tripod
@@ -88,8 +88,8 @@ def test_one_frame_that_a_person_named_makes_a_camera(monkeypatch: pytest.Monkey
     alone = ClipRun(load_config(), Sampling.parse("1"), annotations=tmp_path / "nobody")
     told = replace(alone, annotations=tmp_path / "named")
     assert alone.digest != told.digest
-    assert not _survey(alone, video).tripods
-    (found,) = _survey(told, video).tripods
+    assert not survey_video(alone, video).tripods
+    (found,) = survey_video(told, video).tripods
     assert np.abs(found.mean[:3] - tripod().mean[:3]).max() < 3.0
 
 
