@@ -22,7 +22,7 @@ from circlecal.paint.profiles import to_gray
 from circlecal.refusals import Confidence
 from circlecal.results import Interpretation, Segment
 
-__all__ = ["Detection", "detect"]
+__all__ = ["Detection", "Sighting", "detect"]
 
 SIGNS = {"light": (1.0,), "dark": (-1.0,), "any": (1.0, -1.0)}
 """By the option ``marking``: +1 for markings lighter than the surface, -1 for darker ones, in the order of the search.
@@ -30,6 +30,31 @@ SIGNS = {"light": (1.0,), "dark": (-1.0,), "any": (1.0, -1.0)}
 ON_CIRCLE_PX, PLACES = 4.0, 9
 """Pixels at 1920 px width from the circle within which half of a segment's places, so many, make it a flat part of it.
 """
+
+
+@dataclass(frozen=True, slots=True)
+class Sighting:
+    """What all passes over one surface found of markings of one polarity.
+
+    Attributes
+    ----------
+    region : FieldRegion
+        The surface.
+    sign : float
+        +1 for markings lighter than it, -1 for darker ones.
+    lines : tuple of Segment
+        Straight markings, longest first.
+    candidates : tuple of CircleHypothesis
+        Measured ellipses, best first.
+    arcs : tuple of CircleHypothesis
+        Parts of circles, longest first.
+    """
+
+    region: FieldRegion
+    sign: float
+    lines: tuple[Segment, ...]
+    candidates: tuple[CircleHypothesis, ...]
+    arcs: tuple[CircleHypothesis, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +86,8 @@ class Detection:
         Parts of circles without a line through their middle, longest first: the circle, or a penalty arc.
     passes : tuple of PassResult
         What each pass over the picture found, in the order of the search.
+    sightings : tuple of Sighting
+        What was found on each surface and of each polarity, that of the answer first.
     """
 
     region: FieldRegion
@@ -74,6 +101,7 @@ class Detection:
     polarity: float
     arcs: tuple[CircleHypothesis, ...]
     passes: tuple[PassResult, ...]
+    sightings: tuple[Sighting, ...] = ()
 
     @property
     def is_complete(self) -> bool:
@@ -137,7 +165,33 @@ def detect(
         polarity=best.sign,
         arcs=choice.arcs,
         passes=passes,
+        sightings=_sort_sightings(picture, best, passes, config.one_paint is not False),
     )
+
+
+def _sort_sightings(
+    picture: Picture, best: PassResult, passes: tuple[PassResult, ...], one_paint: bool
+) -> tuple[Sighting, ...]:
+    """What the passes found, by surface and polarity; that of the best pass first."""
+    groups: dict[tuple[int, float], list[PassResult]] = {(id(best.region), best.sign): []}
+    for result in passes:
+        groups.setdefault((id(result.region), result.sign), []).append(result)
+    found = []
+    for results in groups.values():
+        last = results[-1]  # the most thorough one
+        kept = _select_straight_markings(picture.image_bgr, last, one_paint)
+        candidates = [candidate for result in results for candidate in result.choice.candidates]
+        arcs = [arc for result in results for arc in result.choice.arcs]
+        found.append(
+            Sighting(
+                last.region,
+                last.sign,
+                tuple(Segment(last.segments[i, 0], last.segments[i, 1], last.runs[i].support) for i in kept),
+                tuple(sorted(candidates, key=lambda candidate: -candidate.score)),
+                select_arcs(arcs, None, picture.gray.shape[1]),
+            )
+        )
+    return tuple(found)
 
 
 def _search(

@@ -33,6 +33,11 @@ class FieldRegionConfig(BaseModel):
         lt=1.0,
         description="A field smaller than this share of the picture is no field (`no_field`).",
     )
+    light: bool | None = Field(
+        default=None,
+        description="Whether of a colour's dark and light parts the light one is the surface, as ice is among dark"
+        " stands; null as the field template's ground says.",
+    )
 
 
 class RidgeConfig(BaseModel):

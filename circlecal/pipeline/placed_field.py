@@ -57,9 +57,14 @@ EXPLAINED_SHARE, EXPLAINED_EVIDENCE = 0.7, 0.15
 """Share of what was found painted that a placed field explains, with which less evidence is enough: a far half court
 behind its players has 0.75 and 0.18; wrong placements of those frames explain 0.51 at most.
 """
+PRECISE_MARKINGS, PRECISE_PX, PRECISE_EXPLAINED = 8, 0.5, 0.25
+"""Markings of which half lie within so many pixels at 1920 px width of their place, and share of what was found painted
+that is explained, with which any evidence is enough: refused right cameras of rendered rinks have 7 to 12 markings,
+0.14 to 0.24 px and 0.29 to 0.61, wrong ones at most 7, and 0.24.
+"""
 RIVAL_RATIO, LISTED_RATIO = 1.3, 2.0
-"""By how much the evidence for a placed field must exceed that for any other one, and up to which ratio others are
-listed. Right ones on those frames had ratios from 1.39.
+"""By how much the weight of a placed field must exceed that of any other one, and up to which ratio others are
+listed. Right ones on those frames have ratios from 1.5, by evidence alone from 1.2.
 """
 LARGEST_RESIDUAL_PX = 2.0
 """Root mean square distance of a marking from its place, pixels at 1920 px width, that few may exceed: of 15
@@ -68,6 +73,10 @@ right cameras of other sports the second largest was 1.6 at most, of a court 2 m
 STRAY_AMONG = 7
 """Among so many markings one may be the edge of a board, or half hidden: of a rendered court with 15 of them two are
 off by 9 and 2 px, and its camera by 0.4.
+"""
+DROPPED_AMONG, FEWEST_LEFT = 4, 5
+"""Among so many markings one that lies farther is left out of the fit, and so many markings stay: on rendered courts
+the edges of painted keys and of boards moved right cameras by 2 to 5 px.
 """
 ALIKE_WIDTHS = 0.02
 """Two cameras that put the markings within this share of the picture's width on average are one."""
@@ -92,56 +101,79 @@ def place_template(setting: Setting, scene: Scene, first: Attempt) -> Iterator[A
     """The attempt with the field laid over the picture by all that is painted.
 
     The likeliest placements are followed to their cameras, which know the lens, and what is painted where these put the
-    markings decides. Where two say alike, the attempt is refused as ``circle_open``.
+    markings decides. Where two say alike, the attempt is refused as ``circle_open``. Each surface and polarity is
+    searched until one answers.
     """
-    mask, config, template = first.mask, setting.config, setting.template
-    if mask is None:
-        return
+    mask = first.mask
+    for seen in () if mask is None else mask.sightings or (mask,):
+        best = _place_among(setting, scene, seen)
+        if best is not None:
+            yield best
+
+
+def _place_among(setting: Setting, scene: Scene, mask: MarkingMask) -> Attempt | None:
+    """The field laid over markings of one polarity on one surface; None where none is believed."""
+    config, template = setting.config, setting.template
     with setting.clock("cues"):
         paint = _look_for_paint(scene, mask, suit_field(config.mask, template))
         if paint is None:
-            return
+            return None
         size, side = (setting.width, setting.height), config.correspondences.camera_side
         # a field of other sizes of the same sport lies where the first one does
         key = ("placements", template.sport or template.name, side, id(paint))
         rough = scene.looks.once(key, lambda: (paint, search_placements(mask, paint, size, template, side)))[1]
         placements = [] if rough is None else refine_placements(rough, paint, size, template)
-    if not placements:
-        return
-    likely = [placed for placed in placements[:MOST_PLACED] if placed.evidence > LEAST_PLACED * placements[0].evidence]
+    least = max(0.0, LEAST_PLACED * placements[0].evidence) if placements else 0.0
+    likely = [placed for placed in placements[:MOST_PLACED] if placed.evidence > least]
     answers = [
         (weigh_view(attempt.camera.view, template, paint), attempt)
         for attempt in (_follow_placement(setting, scene, mask, placed) for placed in likely)
         if attempt is not None and attempt.camera is not None
     ]
     answers = [answer for answer in answers if answer[0].surface_share >= SURFACE_SHARE]
-    answers.sort(key=lambda answer: -answer[0].evidence)
-    if not answers or not _is_believed(answers[0][0]):
-        return
+    answers.sort(key=lambda answer: -_weigh_answer(*answer))
+    if not answers or not (_is_believed(answers[0][0]) or _is_precise(setting, *answers[0])):
+        return None
     (weighed, best), others = answers[0], answers[1:]
-    rivals = tuple(
-        Rival(attempt.circle_name or "", attempt.camera, other.evidence)
+    weight = _weigh_answer(weighed, best)
+    found = [
+        (weight / _weigh_answer(other, attempt), Rival(attempt.circle_name or "", attempt.camera, other.evidence))
         for other, attempt in others
         if attempt.camera is not None
-        and other.evidence * LISTED_RATIO > weighed.evidence
+        and _weigh_answer(other, attempt) * LISTED_RATIO > weight
         and best.camera is not None
         and mean_distance_px(best.camera.view, attempt.camera.view, template) > ALIKE_WIDTHS * setting.width
-    )
+    ]
+    ratios, rivals = tuple(ratio for ratio, _ in found), tuple(rival for _, rival in found)
     least = LEAST_SHARE if weighed.found_share >= LEAST_SHARE else 0.0
     best = add_checks(replace(best, rivals=rivals), Check("found_share", weighed.found_share, least, True))
     if rivals:
-        ratio = weighed.evidence / rivals[0].evidence
-        check = Check("rival_ratio", ratio, RIVAL_RATIO, ratio >= RIVAL_RATIO)
+        check = Check("rival_ratio", ratios[0], RIVAL_RATIO, ratios[0] >= RIVAL_RATIO)
         best = add_checks(best, check)
         if not check.passed:
             best = refuse_as_open(best, "circle_open")
-    yield best
+    return best
+
+
+def _weigh_answer(weighed: ViewEvidence, attempt: Attempt) -> float:
+    """Evidence for a camera, picture widths, times the root of the number of markings that carry it: a circle and a
+    line fit a wrong camera as well as the right one, many markings do not.
+    """
+    count = 0 if attempt.camera is None else len(attempt.camera.residuals_px)
+    return weighed.evidence * float(np.sqrt(max(1, count)))
 
 
 def _is_believed(weighed: ViewEvidence) -> bool:
     """Whether enough of what a placed field predicts is painted, or it explains nearly all that is painted."""
     is_painted = weighed.evidence >= LEAST_EVIDENCE and weighed.found_share >= LEAST_SHARE
     return is_painted or (weighed.explained_share >= EXPLAINED_SHARE and weighed.evidence >= EXPLAINED_EVIDENCE)
+
+
+def _is_precise(setting: Setting, weighed: ViewEvidence, attempt: Attempt) -> bool:
+    """Whether so many markings lie so exactly where the camera puts them that chance does not do it."""
+    residuals = [] if attempt.camera is None else list(attempt.camera.residuals_px.values())
+    is_exact = len(residuals) >= PRECISE_MARKINGS and np.median(residuals) <= PRECISE_PX * setting.width / 1920.0
+    return bool(is_exact and weighed.evidence > 0.0 and weighed.explained_share >= PRECISE_EXPLAINED)
 
 
 def _follow_placement(setting: Setting, scene: Scene, mask: MarkingMask, placed: PlacedField) -> Attempt | None:
@@ -185,7 +217,28 @@ def _calibrate_view(setting: Setting, picture: NDArray[np.uint8], attempt: Attem
         spots = measure_spots(picture, view, template.lone_marks, edges.noise)
     observations = Observations(setting.width, setting.height, circles, lines, spots)
     seen = replace(attempt, verdict=None, camera=None, correspondences=None, homography=None)
-    return estimate(setting, take_observations(setting, seen, observations))
+    return _leave_out_strays(setting, seen, estimate(setting, take_observations(setting, seen, observations)))
+
+
+def _leave_out_strays(setting: Setting, seen: Attempt, attempt: Attempt) -> Attempt:
+    """The attempt without the few markings that lie farthest from where its camera puts them, one after another: the
+    edge of a board or of a painted key may have been followed in their place.
+    """
+    camera, observations = attempt.camera, attempt.observations
+    left = 0 if camera is None else max(1, len(camera.residuals_px) // DROPPED_AMONG)
+    while left > 0 and camera is not None and observations is not None and len(camera.residuals_px) > FEWEST_LEFT:
+        worst, rms = max(camera.residuals_px.items(), key=lambda item: item[1])
+        if rms <= LARGEST_RESIDUAL_PX * setting.width / 1920.0 and attempt.code != "residual_too_large":
+            break
+        observations = replace(
+            observations,
+            circles=tuple(circle for circle in observations.circles if circle.circle != worst.name),
+            lines=tuple(line for line in observations.lines if line.line != worst.name),
+            marks=tuple(mark for mark in observations.marks if mark.mark != worst.name),
+        )
+        attempt = estimate(setting, take_observations(setting, seen, observations))
+        camera, left = attempt.camera, left - 1
+    return attempt
 
 
 PLACED_FIELD = Retry(

@@ -92,6 +92,9 @@ class MarkingMask:
         Width of the circle's marking where it is widest, where the detector measured it.
     arcs : tuple of SeenArc
         Other parts of circles; gapless ones may be the circle where other lines confirm it.
+    sightings : tuple of MarkingMask
+        What the detector saw on each surface of the picture and of each polarity, none of it taken for the circle; the
+        likeliest first.
     """
 
     drawn: NDArray[np.uint8] | Callable[[], NDArray[np.uint8]]
@@ -105,6 +108,7 @@ class MarkingMask:
     polarity: float | None = None
     band_px: float | None = None
     arcs: tuple[SeenArc, ...] = ()
+    sightings: tuple[MarkingMask, ...] = ()
 
     @property
     def classes(self) -> NDArray[np.uint8]:

@@ -12,7 +12,10 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from circlecal.detection import Detection, DetectorConfig, detect
 from circlecal.detection.arcs import GAPLESS_SHARE
+from circlecal.detection.circle import CircleHypothesis
+from circlecal.detection.detector import Sighting
 from circlecal.detection.field_region import find_field_region, surface_colour
+from circlecal.detection.marking_mask import MarkingSketch
 from circlecal.detection.networks import SegmentationNetwork, load_network, segment
 from circlecal.detection.options import FieldRegionConfig
 from circlecal.errors import EstimationError
@@ -156,6 +159,9 @@ def suit_field(config: MaskConfig, template: FieldTemplate) -> MaskConfig:
     told = {
         "marking": given.marking or template.polarity,
         "one_paint": template.is_in_one_paint if given.one_paint is None else given.one_paint,
+        "field_region": given.field_region.model_copy(
+            update={"light": template.ground == "ice" if given.field_region.light is None else given.field_region.light}
+        ),
     }
     return config.model_copy(update={"detector": given.model_copy(update=told)})
 
@@ -198,11 +204,32 @@ def marking_from_detection(found: Detection) -> tuple[MarkingMask, EstimationErr
         confidence=found.confidence,
         polarity=found.polarity,
         band_px=0.0 if found.sketch.circle is None else found.sketch.circle.widest_px,
-        arcs=tuple(SeenArc(arc.conic, arc.points, arc.least_share >= GAPLESS_SHARE) for arc in found.arcs),
+        arcs=_take_over_arcs(found.arcs),
+        sightings=tuple(_marking_from_sighting(sighting, found.sketch) for sighting in found.sightings),
     )
     if found.circle is None:
         return marking, refuse("mask", refusal)
     return marking, None
+
+
+def _take_over_arcs(arcs: tuple[CircleHypothesis, ...]) -> tuple[SeenArc, ...]:
+    return tuple(SeenArc(arc.conic, arc.points, arc.least_share >= GAPLESS_SHARE) for arc in arcs)
+
+
+def _marking_from_sighting(seen: Sighting, sketch: MarkingSketch) -> MarkingMask:
+    """Markings of one polarity on one surface, none of which is taken for the circle."""
+    ends = np.array([(line.start, line.end) for line in seen.lines]).reshape(-1, 2, 2)
+    return MarkingMask(
+        drawn=replace(sketch, circle=None, halfway=None, segments=ends, sign=seen.sign).draw,
+        source="detector",
+        lines=seen.lines,
+        field_region=seen.region.hull > 0,
+        candidates=tuple(CircleCandidate(c.conic, c.score, c.checks) for c in seen.candidates),
+        confidence=Confidence.REJECTED,
+        polarity=seen.sign,
+        band_px=0.0,
+        arcs=_take_over_arcs(seen.arcs),
+    )
 
 
 def replace_circle_by_arc(marking: MarkingMask, arc: SeenArc) -> MarkingMask:

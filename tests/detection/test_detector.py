@@ -12,6 +12,7 @@ from circlecal.detection.field_region import find_field_region
 from circlecal.detection.one_pass import FLAT_WIDTH_PX, FLATTEST, first_pass, flat_pass, run_pass, second_pass
 from circlecal.detection.picture import Picture
 from circlecal.geometry.conics import sampson_distance
+from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.projective import Array, lift
 from circlecal.refusals import Confidence
 
@@ -333,3 +334,17 @@ def test_a_drawn_line_through_the_middle_is_no_halfway_line(main_view: Scene) ->
     assert circle_error(found, main_view) < 0.3
     assert found.halfway is None
     assert halfway_error(run(image, DetectorConfig(one_paint=False)), main_view) > 5.0
+
+
+def test_what_each_surface_shows_of_either_polarity_is_kept_apart() -> None:
+    image = np.full((540, 960, 3), 120, np.uint8)
+    cv2.ellipse(image, (300, 330), (150, 60), 0, 0, 360, (250, 250, 250), 5, cv2.LINE_AA)
+    cv2.ellipse(image, (700, 330), (150, 60), 0, 0, 360, (20, 20, 20), 5, cv2.LINE_AA)
+    image = np.clip(image + np.random.default_rng(0).normal(0, 2, image.shape), 0, 255).astype(np.uint8)
+    found = run(image, CONFIG.model_copy(update={"marking": "any"}))
+    middles = {}
+    for sign, x in ((1.0, 300), (-1.0, 700)):
+        conics = [candidate.conic for seen in found.sightings if seen.sign == sign for candidate in seen.candidates]
+        middles[sign] = min(abs(ellipse_from_conic(conic).center[0] - x) for conic in conics)
+    assert max(middles.values()) < 3.0
+    assert found.sightings[0].sign == found.polarity

@@ -45,3 +45,17 @@ def test_what_fills_more_of_the_picture_may_not_be_the_field() -> None:
     field = find_field_region(image, config, track).hull_at(640, 360) > 0
     assert field[135:200].mean() > 0.95
     assert field[240:].mean() < 0.05
+
+
+def test_ice_is_the_light_part_of_what_has_its_colour() -> None:
+    """Dark stands are as gray as ice, and fill more of the picture."""
+    image = np.random.default_rng(3).normal((40, 38, 42), 12, (360, 640, 3)).clip(0, 255)
+    image[200:320, 100:] = np.random.default_rng(4).normal(215, 4, (120, 540, 3))
+    picture = image.astype(np.uint8)
+    ice = find_field_region(picture, FieldRegionConfig(light=True)).hull_at(640, 360) > 0
+    assert ice[205:315, 110:].mean() > 0.98
+    assert ice[:190].mean() < 0.02
+    assert find_field_region(picture, FieldRegionConfig()).hull_at(640, 360)[100:190].mean() > 100
+    # a calm surface has no two parts
+    calm = framed((235, 235, 235))
+    assert find_field_region(calm, FieldRegionConfig(light=True)).hull_at(640, 360)[135:].mean() > 0.95 * 255

@@ -13,10 +13,18 @@ from circlecal.field.view import FieldView
 from circlecal.geometry.camera_parameters import PARAMETERS
 from circlecal.geometry.conics import circle_conic, sampson_distance, transform_conic
 from circlecal.geometry.surface import FLAT
-from circlecal.observations import MarkingKey
+from circlecal.observations import LinePoints, MarkingKey, Observations
 from circlecal.pipeline import field_of, placed_field, run
 from circlecal.pipeline import setting as frame
-from circlecal.pipeline.placed_field import RIVAL_RATIO, _is_believed
+from circlecal.pipeline.placed_field import (
+    LARGEST_RESIDUAL_PX,
+    PRECISE_MARKINGS,
+    RIVAL_RATIO,
+    _is_believed,
+    _is_precise,
+    _leave_out_strays,
+    _weigh_answer,
+)
 from circlecal.placement import (
     PlacedField,
     ViewEvidence,
@@ -241,3 +249,70 @@ def test_fields_of_one_sport_are_searched_for_once(monkeypatch):
         setting = frame.Setting(config, *field_of(config), *SIZE, np.random.default_rng(0))
         assert not list(placed_field.place_template(setting, scene, Attempt(mask=MarkingMask(gray, "detector"))))
     assert searches == ["ice-hockey-nhl", "basketball"]
+
+
+def _fit_of(residuals):
+    """An attempt whose markings lie so many pixels from their places."""
+    keys = {MarkingKey(name): rms for name, rms in residuals.items()}
+    return Attempt(camera=replace(fit(LEFT_CIRCLE), residuals_px=keys), verdict=Verdict("calibrated", None, None, None))
+
+
+def test_many_markings_at_their_exact_places_are_evidence_where_paint_is_faint():
+    config = load_config(None, ["field.template=ice-hockey-nhl"])
+    setting = frame.Setting(config, *field_of(config), 1920, 1080, np.random.default_rng(0))
+    exact = {str(k): 0.2 for k in range(PRECISE_MARKINGS)}
+    faint = ViewEvidence(0.1, 0.48, 0.4)
+    assert not _is_believed(faint)
+    assert _is_precise(setting, faint, _fit_of(exact))
+    few = dict(list(exact.items())[1:])
+    assert not _is_precise(setting, faint, _fit_of(few))
+    assert not _is_precise(setting, faint, _fit_of(dict.fromkeys(exact, 1.0)))
+    assert not _is_precise(setting, replace(faint, explained_share=0.2), _fit_of(exact))
+
+
+def test_a_camera_that_carries_more_markings_weighs_more():
+    """A circle and a blue line fit a wrong camera as well as five markings the right one."""
+    many, few = (_fit_of({str(k): 0.3 for k in range(count)}) for count in (5, 2))
+    assert _weigh_answer(ViewEvidence(0.69, 0.8, 0.4), many) > RIVAL_RATIO * _weigh_answer(
+        ViewEvidence(0.57, 0.8, 0.4), few
+    )
+
+
+def test_the_few_markings_that_lie_farthest_are_left_out_of_the_fit(monkeypatch):
+    config = load_config(None, ["field.template=basketball-nba"])
+    setting = frame.Setting(config, *field_of(config), 1920, 1080, np.random.default_rng(0))
+    points, sigma = np.zeros((2, 2)), np.ones(2)
+
+    def measured(off):
+        lines = tuple(LinePoints(str(k), points, sigma) for k in range(9))
+        residuals = {str(k): 0.2 + off.get(k, 0.0) for k in range(9)}
+        return replace(_fit_of(residuals), observations=Observations(1920, 1080, (), lines))
+
+    def fit_rest(_, attempt):
+        kept = {line.line: rms[line.line] for line in attempt.observations.lines}
+        return replace(_fit_of(kept), observations=attempt.observations)
+
+    monkeypatch.setattr(placed_field, "take_observations", lambda _, seen, left: replace(seen, observations=left))
+    monkeypatch.setattr(placed_field, "estimate", fit_rest)
+    for off, left in (({3: 5.0, 7: 3.0}, 7), ({3: 5.0, 6: 4.0, 7: 3.0}, 7), ({3: 0.5}, 9)):
+        rms = {str(k): 0.2 + off.get(k, 0.0) for k in range(9)}
+        found = _leave_out_strays(setting, Attempt(), measured(off))
+        assert len(found.observations.lines) == left
+        is_clean = max(found.camera.residuals_px.values()) <= LARGEST_RESIDUAL_PX
+        assert is_clean is (len(off) < 3)
+
+
+def test_each_surface_and_polarity_is_searched_until_one_answers(monkeypatch):
+    config = load_config(None, ["field.template=basketball-nba"])
+    setting = frame.Setting(config, *field_of(config), *SIZE, np.random.default_rng(0))
+    gray = np.zeros(SIZE[::-1], np.uint8)
+    seen = tuple(MarkingMask(gray, "detector", polarity=sign) for sign in (1.0, -1.0, 1.0))
+    answers = {id(seen[1]): Attempt(circle_name="centre_circle")}
+    tried = []
+    monkeypatch.setattr(
+        placed_field, "_place_among", lambda _, __, mask: tried.append(mask.polarity) or answers.get(id(mask))
+    )
+    scene = frame.Scene(np.zeros((*SIZE[::-1], 3), np.uint8), gray, None, None, None)
+    mask = MarkingMask(gray, "detector", sightings=seen)
+    first = next(placed_field.place_template(setting, scene, Attempt(mask=mask)))
+    assert (first.circle_name, tried) == ("centre_circle", [1.0, -1.0])
