@@ -18,6 +18,9 @@ _STEP_M = 1.0
 _ITERATIONS = 12
 _SETTLED_PX = 1e-6
 _DERIVATIVE_STEP_M = 1e-2
+"""Distance of the grid's points, Newton steps at most, the error in pixels at which they end, and the step of their
+difference quotients.
+"""
 
 
 def field_positions(camera: Projector, pixels: Array, starts_m: Array) -> Array:

@@ -20,6 +20,7 @@ BLOCK = 128
 MOSTLY_EXPLAINED = 0.8
 """Above this share of inliers only samples that are better before any refit are followed (Chum, Matas and Kittler)."""
 NEARLY_ALL = 0.95
+"""Share of inliers above which a conic is taken as it is: no sample and no refit can gain more than noise."""
 FIRST_BATCH = 48
 """Hypotheses before the first look at the share of inliers."""
 SAFETY = 3.0

@@ -22,7 +22,7 @@ Rows = NDArray[np.floating[Any]]
 
 __all__ = ["SeenMark", "find_centre_mark", "half_chords"]
 
-_STEP_PX = 0.5
+_STEP_PX = 0.5  # pixels between two places that are compared: peaks are a disc wide, and refined between the places
 _MARGIN = 0.12  # half chords searched beyond the allowed range, to know the usual scatter
 _CONTRAST = (0.08, 2.5)  # of the disc, relative to the halfway line: both are the same paint
 _FAINTEST = 0.02  # of the line's contrast: scatter is never less
@@ -31,7 +31,7 @@ _FADED = 0.5  # of its own brightness: what is left of a disc just beyond its ed
 _AROUND_PX = 2.5  # how far around the disc the line and the surface must be bare
 _ASIDE_RADII = 2.0  # beside the disc, out to so many of its half axes, the surface is bare; players may stand beyond
 _INNERMOST = 0.75  # of the disc's half axis: beyond it, at least, the disc is looked for
-_SIGMA_FLOOR_PX = 0.3
+_SIGMA_FLOOR_PX = 0.3  # pixels; painted marks are no exact discs
 _BEND_POINTS = 15  # measured points of the line over which its bend is averaged
 
 

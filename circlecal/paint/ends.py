@@ -26,6 +26,7 @@ LOST, LOST_SHARE = 100, 0.3
 LEAST_LEVEL, LEAST_CROSSING = 8.0, 1.5
 """Grey levels by which a marking must stand out, and one that crosses it at its end."""
 BEND_SCALE_PX = 1.5
+"""Pixels at 1920 px width from the bend of the marking at which a place counts a quarter for that bend."""
 COARSELY = 32
 """Steps at once towards the border of the picture."""
 

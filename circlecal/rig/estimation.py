@@ -30,6 +30,7 @@ from circlecal.rig.positions import group_positions
 SAME_LINE_PX = 6.0
 """A recognised line is the seen one that lies this near to where the camera puts it, pixels at 1920 px width."""
 ZOOM_BINS = 5
+"""Frames are taken from so many parts of the range of zooms in turn: a change by zoom shows between them only."""
 SAME_CAMERA = 0.99
 """Share of cameras within which two estimates of one position lie."""
 LARGEST_LEVER_M = 3.0

@@ -14,6 +14,7 @@ from circlecal.geometry.projective import Array
 
 _SEEDS = 200
 _ROUNDS = 5
+"""The best determined positions are tried as the middle of a group, and moved to the mean of its members so often."""
 _LIMIT = float(chdtri(3, 1e-3))
 """Squared Mahalanobis distance within which positions agree."""
 _ANYWHERE = 1.0 / (300.0 * 300.0 * 60.0)

@@ -30,6 +30,7 @@ OUTLIER_SIGMAS = 6.0
 """Points farther than this from the given ellipse are left out of its refinement."""
 UNIT_CIRCLE = np.diag([1.0, 1.0, -1.0])
 RANK_TOLERANCE = 1e-9
+"""Least eighth singular value in shares of the first: below it the constraints leave more than one homography."""
 _BASIS = np.eye(9)[:8].reshape(8, 3, 3)
 
 

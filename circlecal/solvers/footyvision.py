@@ -29,6 +29,7 @@ from circlecal.solvers.primitives import (
 )
 
 PARALLEL = 1e-9
+"""Sine of the angle below which two lines of the field count as parallel; a template has them exactly so."""
 
 
 @solver

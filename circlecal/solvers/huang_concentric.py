@@ -24,6 +24,7 @@ from circlecal.solvers.primitives import concentric_edges
 
 VIEWS = 3
 RANK_TOLERANCE = 1e-9
+"""Least fifth singular value in shares of the first: below it the views do not determine the absolute conic."""
 _ENTRIES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 
 

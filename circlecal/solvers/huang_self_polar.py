@@ -23,6 +23,7 @@ from circlecal.solvers.primitives import SeenCircle, separate_circles
 from circlecal.stages.correspondences import correspondences_from_line
 
 REAL_TOLERANCE = 1e-6
+"""Largest imaginary part of a root that counts as real, in shares of the root: what rounding leaves."""
 
 
 @solver

@@ -43,6 +43,9 @@ SUBSET = 4
 SUBSETS = 120
 THRESHOLD_SIGMAS = 3.0
 LEAST_THRESHOLD_PX = 2.0
+"""Points of a sample, samples that are drawn where there are more, and the distance in standard deviations of a point,
+and in pixels at least, within which it agrees.
+"""
 COLLINEAR = 1e-3
 """Points whose spread across is below this share of their spread along count as collinear."""
 WITHOUT_PRIORS = CameraConfig(

@@ -24,7 +24,9 @@ OUTLIER_FACTOR = 3.0
 RANSAC_SIGMAS = 4.0
 RANSAC_HYPOTHESES = 300
 RANSAC_MINIMUM_POINTS = 12
+"""Distance of inliers in standard deviations, samples, and the fewest points among which outliers are looked for."""
 SAME_CENTER_M = 1e-6
+"""Places of a template nearer than this are one; its numbers are exact."""
 
 
 @dataclass(frozen=True, slots=True)

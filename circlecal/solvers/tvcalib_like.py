@@ -37,9 +37,11 @@ STARTS = ((0.0, 0.0), (-1.0, 0.0), (1.0, 0.0))
 STEPS = 400
 LEARNING_RATE = 0.05
 MAXIMUM_POINTS = 48
+"""Steps of the optimiser, the first one's size in standard deviations of the parameters, and points of a marking."""
 SEARCH_EVERY = 40
 """Steps after which the nearest points are looked for along the whole marking again."""
 DECAYS = (0.9, 0.999)
+"""Of the running means of gradient and squared gradient: the usual ones of Adam."""
 
 
 @solver

@@ -21,6 +21,7 @@ from circlecal.paint.profiles import GrayPicture
 from circlecal.results import Cues, EllipseFit, EllipseFits, LineCue, MarkCue, MarkingMask, Segment
 
 MOST_PIECES = 12
+"""Pieces by which the halfway line is followed on each side of the circle: more than a picture holds."""
 SHORT_ARC_DEG, SHORT_ARC_SPARE = 240.0, 0.25
 """Arcs shorter than this leave the place of the centre mark more open, by up to so many half chords."""
 PIECE_SUPPORT = 0.35

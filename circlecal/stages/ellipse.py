@@ -27,6 +27,7 @@ from circlecal.refusals import refuse
 from circlecal.results import EllipseFit, EllipseFits, RayPoints
 
 MINIMUM_GIVEN_POINTS = 6
+"""Points that a person gives are fitted from one more than an ellipse has parameters."""
 Method = Literal["direct", "algebraic", "taubin"]
 
 

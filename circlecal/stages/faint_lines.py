@@ -49,6 +49,7 @@ MEASURED_PX, WITHIN_PX = 60.0, 3.0
 LEAST_SIGMA_PX = 0.3
 """Standard deviation of a measured point at least."""
 FEWEST_POINTS = 8
+"""Of a faint marking that is believed: so many pieces show it each by itself."""
 SMOOTH_PX = 1.0
 """Scatter of the points about the gentle bend that lens and crown give a straight marking, at most: peaks of the
 surface's own texture jump about.
