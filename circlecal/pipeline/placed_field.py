@@ -13,7 +13,7 @@ from circlecal.field.view import FieldView
 from circlecal.observations import Observations
 from circlecal.paint.spots import measure_spots
 from circlecal.pipeline.attempts import add_checks, estimate, refuse_as_open, take_observations
-from circlecal.pipeline.refinements import Retry
+from circlecal.pipeline.refinements import Retry, is_less_uncertain
 from circlecal.pipeline.setting import Scene, Setting, lighten_markings
 from circlecal.placement import (
     PlacedField,
@@ -73,6 +73,10 @@ right cameras of other sports the second largest was 1.6 at most, of a court 2 m
 STRAY_AMONG = 7
 """Among so many markings one may be the edge of a board, or half hidden: of a rendered court with 15 of them two are
 off by 9 and 2 px, and its camera by 0.4.
+"""
+SURE_PX = 0.5
+"""Largest standard deviation of a marking, pixels at 1920 px width, of a camera that needs no further markings: courts
+that were rendered have 1.9 to 2.5 with a circle and a line or two, 0.1 to 0.5 with all that is painted.
 """
 DROPPED_AMONG, FEWEST_LEFT = 4, 5
 """Among so many markings one that lies farther is left out of the fit, and so many markings stay: on rendered courts
@@ -245,3 +249,40 @@ PLACED_FIELD = Retry(
     _may_place_field, place_template, lambda setting, first, other: other.is_calibrated or other.code == "circle_open"
 )
 """Tried on fields with several large circles, where nothing before calibrated or nothing else confirms it."""
+
+
+def _may_show_more_markings(setting: Setting, attempt: Attempt) -> bool:
+    """Whether a circle with few lines was calibrated where the field has many more markings."""
+    field, camera = setting.config.field, attempt.camera
+    is_seen = attempt.mask is not None and attempt.mask.source == "detector" and attempt.edges is not None
+    if not (attempt.is_calibrated and field.any_circle and is_seen) or camera is None:
+        return False
+    return attempt.circle_name is None and camera.max_sigma_px > SURE_PX * setting.width / 1920.0
+
+
+def take_in_markings(setting: Setting, scene: Scene, attempt: Attempt) -> Iterator[Attempt]:
+    """The attempt with every marking that lies where its camera puts it, and with the checks that it passed."""
+    if attempt.mask is None or attempt.camera is None or attempt.verdict is None:
+        return
+    picture = lighten_markings(scene.gray, attempt.mask, setting.circle)
+    view, fuller = attempt.camera.view, attempt
+    for _ in range(PLACED_ROUNDS):
+        fuller = _calibrate_view(setting, picture, fuller, view)
+        if fuller.camera is None:
+            return
+        view = fuller.camera.view
+    told = set() if fuller.verdict is None else {check.name for check in fuller.verdict.checks}
+    yield add_checks(fuller, *(check for check in attempt.verdict.checks if check.name not in told))
+
+
+def _is_fuller(setting: Setting, attempt: Attempt, fuller: Attempt) -> bool:
+    """Whether more markings agree with a surer camera, which stays within what the first one said of itself."""
+    if attempt.camera is None or fuller.camera is None or not is_less_uncertain(setting, attempt, fuller):
+        return False
+    moved = mean_distance_px(attempt.camera.view, fuller.camera.view, setting.template)
+    is_more = len(fuller.camera.residuals_px) > len(attempt.camera.residuals_px)
+    return is_more and moved <= LARGEST_MOVE_WIDTHS * setting.width and _is_of_this_size(setting, fuller)
+
+
+ALL_MARKINGS = Retry(_may_show_more_markings, take_in_markings, _is_fuller)
+"""Tried on fields with several large circles, where few of the markings carry a camera."""

@@ -38,6 +38,8 @@ from circlecal.placement import (
 from circlecal.placement.camera_batch import cameras_before_circles
 from circlecal.records.writing import result_record
 from circlecal.results import Attempt, CameraFit, MarkingMask, Verdict
+from circlecal.stages.edges import detect_edges
+from circlecal.stages.rays import measure_template
 from circlecal.synthetic.cameras import aim_camera
 from circlecal.synthetic.renderer import render
 from circlecal.synthetic.scene import RenderConfig, Scene
@@ -316,3 +318,37 @@ def test_each_surface_and_polarity_is_searched_until_one_answers(monkeypatch):
     mask = MarkingMask(gray, "detector", sightings=seen)
     first = next(placed_field.place_template(setting, scene, Attempt(mask=mask)))
     assert (first.circle_name, tried) == ("centre_circle", [1.0, -1.0])
+
+
+def test_a_circle_with_its_line_takes_in_all_other_markings(monkeypatch):
+    """Circle and halfway line leave a far corner uncertain; what else is painted there makes it sure."""
+    size, config = (960, 540), load_config(None, ["field.template=basketball-nba"])
+    court, circle = field_of(config)
+    camera = aim_camera(np.array([3.0, 22.0, -9.0]), np.array([2.0, 0.0, 0.0]), 800.0, 0.0, *size)
+    gray = np.random.default_rng(0).normal(150.0, 2.0, size[::-1]).astype(np.uint8)
+    for outline in court.outlines[1]:
+        drawn = np.rint(camera.project(outline) * 16).astype(np.int32)
+        cv2.polylines(gray, [drawn], False, 60, 2, cv2.LINE_AA, 4)
+    setting = frame.Setting(config, court, circle, *size, np.random.default_rng(0))
+    conic = transform_conic(camera.homography, circle_conic(circle.center, court.radius(circle, "center")))
+    surface = np.ones(size[::-1], np.bool_)
+    mask = MarkingMask(np.zeros_like(gray), "detector", conic, field_region=surface, polarity=-1.0)
+    seen = Attempt(mask=mask, edges=detect_edges(~gray, mask, config.edges))
+
+    def measure_two(*given):
+        circles, lines = measure_template(*given)
+        return tuple(c for c in circles if c.circle == circle.name), tuple(n for n in lines if n.line == "halfway_line")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(placed_field, "measure_template", measure_two)
+        first = placed_field._calibrate_view(setting, ~gray, seen, FieldView(camera))
+    assert first.is_calibrated, first.verdict
+    scene = frame.Scene(np.dstack([gray] * 3), gray, None, None, None)
+    fuller = placed_field.ALL_MARKINGS.try_out(setting, scene, first)
+    assert fuller is not None
+    assert len(fuller.camera.residuals_px) > 8
+    assert fuller.camera.max_sigma_px < 0.5 * first.camera.max_sigma_px
+    assert mean_distance_px(FieldView(camera), fuller.camera.view, court) < 0.5
+    # one that is sure already, or whose circle was named, is left alone
+    sure = replace(first, camera=replace(first.camera, max_sigma_px=0.1))
+    assert placed_field.ALL_MARKINGS.try_out(setting, scene, sure) is None
