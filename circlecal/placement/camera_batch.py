@@ -90,9 +90,12 @@ class CameraBatch:
     def bend(self, pixels: Array) -> Array:
         """Pixels (B, N, 2) as the lenses show them."""
         offset = pixels - self.middle
-        r2 = np.sum(offset * offset, axis=-1) / (self.middle[0] + 0.5) ** 2
+        x, y = offset[..., 0], offset[..., 1]
+        r2 = (x * x + y * y) / (self.middle[0] + 0.5) ** 2
         factor, _ = lens_factor(np.minimum(r2, FURTHEST_LENS), self.lens[:, None], 0.0)
-        return np.asarray(offset * factor[..., None] + self.middle)
+        offset *= factor[..., None]
+        offset += self.middle
+        return np.asarray(offset)
 
     def move(self, step: Array) -> CameraBatch:
         """Cameras after a step (8,) or (B, 8): turn, shift as a share of the distance, log focal length, lens."""

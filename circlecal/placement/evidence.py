@@ -110,9 +110,10 @@ def sample_outlines(pixels: Array, ahead: Mask, colours: NDArray[np.intp], regio
     length = np.hypot(tangent[..., 0], tangent[..., 1])
     normals = np.stack([-tangent[..., 1], tangent[..., 0]], axis=-1) / np.maximum(length, 1e-9)[..., None]
     rows, columns = region.shape
-    inside = ahead & (pixels >= 0).all(axis=-1) & (pixels <= (columns - 1, rows - 1)).all(axis=-1)
-    x, y = np.where(inside[..., None], np.rint(pixels), 0).astype(np.intp).transpose(3, 0, 1, 2)
-    direction = np.floor(np.arctan2(normals[..., 1], normals[..., 0]) % np.pi * (DIRECTIONS / np.pi)).astype(np.intp)
+    across, down = pixels[..., 0], pixels[..., 1]
+    inside = ahead & (across >= 0) & (across <= columns - 1) & (down >= 0) & (down <= rows - 1)
+    x, y = (np.rint(np.where(inside, at, 0.0)).astype(np.intp) for at in (across, down))
+    direction = (np.arctan2(normals[..., 1], normals[..., 0]) % np.pi * (DIRECTIONS / np.pi)).astype(np.intp)
     length = np.where(inside & region[y, x], np.minimum(length, LONGEST_STEP * columns), 0.0)
     return OutlineSamples((colours[:, None], np.minimum(direction, DIRECTIONS - 1), y, x), length, normals)
 

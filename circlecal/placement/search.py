@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -107,12 +108,12 @@ def search_placements(
     few, nodes = outlines.thin(COARSE_NODES), outlines.nodes
     reaches = COARSE_SHARE * maps.width * np.geomspace(1.0, MIDDLE_SHARE / COARSE_SHARE, FIRST_ROUNDS)
     parts = []
-    for seen in (paint.drawn, maps):
-        score, _ = _weigh_cameras(cameras, few, seen, reaches[0])
+    all_paint = (paint.drawn, maps)
+    for seen, (score, _) in zip(all_paint, _weigh_cameras(cameras, few, all_paint, reaches[0]), strict=True):
         first = cameras.take(_distinct(cameras, score, nodes, maps, FOLLOWED, FIRST_KEPT))
         parts.append(fit_cameras(first, small, few, seen, reaches))
     best = join_cameras(parts)
-    score, _ = _weigh_cameras(best, few, maps, reaches[-1])
+    ((score, _),) = _weigh_cameras(best, few, (maps,), reaches[-1])
     return RoughPlacements(template, conics, best.take(_distinct(best, score, nodes, maps, len(score))))
 
 
@@ -137,7 +138,7 @@ def refine_placements(
     cameras = rough.cameras if template is rough.template else rough.cameras.suit(rough.template, template)
     reaches = maps.width * np.geomspace(MIDDLE_SHARE, FINE_SHARE, ROUNDS)
     fitted = fit_cameras(cameras, small, outlines, maps, reaches)
-    score, share = _weigh_cameras(fitted, outlines, maps, FINE_SHARE * maps.width)
+    ((score, share),) = _weigh_cameras(fitted, outlines, (maps,), FINE_SHARE * maps.width)
     circles = (*template.circles, *template.arcs)
     return [
         PlacedField(
@@ -151,15 +152,19 @@ def refine_placements(
     ]
 
 
-def _weigh_cameras(cameras: CameraBatch, outlines: Outlines, maps: RidgeMaps, reach: float) -> tuple[Array, Array]:
-    """Length of markings on ridges beyond break-even (B,), pixels, and share (B,) of what is in view on ridges."""
+def _weigh_cameras(
+    cameras: CameraBatch, outlines: Outlines, seen: Sequence[RidgeMaps], reach: float
+) -> list[tuple[Array, Array]]:
+    """For each of several maps of one surface, length of markings on ridges beyond break-even (B,), pixels, and share
+    (B,) of what is in view on ridges.
+    """
     weights = []
     for begin in range(0, len(cameras), AT_ONCE):
         pixels, ahead = cameras.take(slice(begin, begin + AT_ONCE)).project(outlines.nodes)
-        samples = sample_outlines(pixels, ahead, outlines.colours, maps.region)
-        weights.append(weigh_samples(samples, maps.distance, outlines.is_optional, reach))
-    scores, shares = zip(*weights, strict=True)
-    return np.concatenate(scores), np.concatenate(shares)
+        samples = sample_outlines(pixels, ahead, outlines.colours, seen[0].region)
+        weights.append([weigh_samples(samples, maps.distance, outlines.is_optional, reach) for maps in seen])
+    of_maps = [zip(*of_one, strict=True) for of_one in zip(*weights, strict=True)]
+    return [(np.concatenate(scores), np.concatenate(shares)) for scores, shares in of_maps]
 
 
 def _distinct(
