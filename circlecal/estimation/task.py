@@ -86,6 +86,26 @@ class Task:
         lines = tuple(line for line in given.lines if line.key not in keys)
         return replace(self, observations=replace(given, circles=circles, lines=lines))
 
+    def without_marking(self, name: str, names: dict[int, str], by_end: bool) -> Task:
+        """The task without a marking: what was taken for it is nothing, nor, ``by_end``, where other lines end.
+
+        ``names`` are those that were given to lines, by their index, which stays what it is.
+        """
+        given = self.observations
+        circles = tuple(circle for circle in given.circles if circle.circle != name)
+        lines = tuple(
+            replace(
+                line,
+                line=None if hidden else line.line,
+                points_px=line.points_px[:0] if hidden else line.points_px,
+                sigma_px=line.sigma_px[:0] if hidden else line.sigma_px,
+                ends=() if by_end or hidden else line.ends,
+            )
+            for k, line in enumerate(given.lines)
+            for hidden in (names.get(k, line.line) == name,)
+        )
+        return replace(self, observations=replace(given, circles=circles, lines=lines))
+
 
 @dataclass(frozen=True, slots=True)
 class Sight:

@@ -9,9 +9,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from circlecal.camera.multistart import find_optima
 from circlecal.camera.observed import median_sigmas
-from circlecal.camera.options import CameraConfig
+from circlecal.camera.options import CameraConfig, has_position
 from circlecal.camera.problem import COARSE
 from circlecal.camera.report import camera_fit
 from circlecal.estimation.beginnings import begin, choose_sight
@@ -20,12 +22,13 @@ from circlecal.estimation.contradictions import (
     find_contradicting_markings,
     find_contradicting_points,
     find_lone_contradiction,
+    find_straining_marking,
 )
 from circlecal.estimation.optima import choose_optimum, distinct_optima
-from circlecal.estimation.task import Task
+from circlecal.estimation.task import Fit, Task
 from circlecal.estimation.worlds import choose_world
 from circlecal.field import Circle, FieldTemplate
-from circlecal.observations import Observations
+from circlecal.observations import MarkingKey, Observations
 from circlecal.results import CameraFit
 
 
@@ -60,21 +63,37 @@ def estimate_camera(
         ``no_circle`` where nothing else determines a camera, ``no_ellipse``, ``rotation_free``, ``no_camera`` where no
         start leads to a camera above the ground.
     """
-    task = Task(observations, template, circle, config, camera_side, earlier)
+    given = Task(observations, template, circle, config, camera_side, earlier)
+    task, fit, rejected = _estimate(given)
+    # where the camera's place was stated, it may be that which contradicts the lines
+    carrying = (circle.name, template.halfway_line)
+    straining = None if has_position(config) else find_straining_marking(fit.problem, fit.state, carrying)
+    if straining is not None:
+        key = MarkingKey(straining)
+        points = np.bincount(fit.problem.curves.group, minlength=len(fit.problem.curves.keys))
+        by_end = any(k == key and n == 1 for k, n in zip(fit.problem.curves.keys, points.tolist(), strict=True))
+        task, fit, more = _estimate(given.without_marking(straining, task.names, by_end))
+        rejected = (key, *more)
+    stated = median_sigmas(task.observations)
+    return camera_fit(fit.problem, fit.state, fit.scale, rejected, task.names, circle, template, stated, fit.posterior)
+
+
+def _estimate(task: Task) -> tuple[Task, Fit, tuple[MarkingKey, ...]]:
+    """The task with the names that were given to lines, the fit, and what contradicts it."""
+    config = task.config
     sight = choose_sight(task)
     task, problem, starts = begin(task, sight)
-    state = find_optima(problem, starts, config, camera_side)
+    state = find_optima(problem, starts, config, task.side)
     wrong_points = find_contradicting_points(problem, state) | find_lone_contradiction(task, problem, state)
     wrong_markings = find_contradicting_markings(task, problem, state, sight)
     rejected = (*problem.points.select(wrong_points).keys, *wrong_markings)
     if rejected:
         task = task.without(wrong_markings)
         problem = replace(problem, points=problem.points.select(~wrong_points), curves=task.curves())
-        state = find_optima(problem, starts.continue_from(state), config, camera_side)
+        state = find_optima(problem, starts.continue_from(state), config, task.side)
     finished = [
         choose_world(task, problem.curves, fit, complete(task, problem.curves, fit))
         for fit in (settle(task, problem, start, COARSE) for start in distinct_optima(problem, state))
     ]
     task, fit = choose_optimum(finished, len(problem.curves.keys)) if len(finished) > 1 else finished[0]
-    stated = median_sigmas(task.observations)
-    return camera_fit(fit.problem, fit.state, fit.scale, rejected, task.names, circle, template, stated, fit.posterior)
+    return task, fit, rejected

@@ -46,9 +46,11 @@ def test_a_touchline_of_another_field_does_not_bend_the_camera(width_m):
     sd = np.sqrt(np.diag(fit.covariance)[4:7])
     assert (np.abs(away) < 3.0 * sd).all()
     assert np.linalg.norm(away) < 6.0
-    # the narrow prior alone stands tens of its standard deviations from where the camera is
+    assert fit.rejected == ()
+    # where only the usual size is thought of, all else says that this is no touchline
     usual = estimated(width_m, ("side_line_top",), DEFAULT.model_copy(update={"usual_size_share": 1.0}))
-    assert np.linalg.norm(usual.camera.position_m - WITH_TOUCHLINES.position_m) > 10.0
+    assert [key.name for key in usual.rejected] == ["side_line_top"]
+    assert np.linalg.norm(usual.camera.position_m - WITH_TOUCHLINES.position_m) < 6.0
 
 
 def test_a_usual_field_stays_the_usual_one():
@@ -152,3 +154,15 @@ def test_noise_is_not_grown_until_a_field_of_the_usual_size_fits():
     assert not fit.field_size.is_usual
     assert abs(fit.field_size.width_m - 78.9) < 4.0 * fit.field_size.width_sd_m
     assert np.linalg.norm(fit.camera.position_m - camera.position_m) < 6.0
+
+
+def test_a_line_that_is_none_of_the_marking_that_it_was_taken_for_is_left_out_and_named():
+    """The penalty area's side, 16 px off, bends the camera between the goal line's parallel and the touchline."""
+    lines = ("side_line_top", "big_rect_right_main", "big_rect_right_top")
+    given = seen(WITH_TOUCHLINES, edges=("center",), lines=lines, sigma=0.3, surface=GROUND)
+    *others, side = given.lines
+    wrong = replace(given, lines=(*others, replace(side, points_px=side.points_px + np.array([0.0, 16.0]))))
+    fit = estimate_camera(wrong, SOCCER, CIRCLE, CameraConfig())
+    assert [key.name for key in fit.rejected] == ["big_rect_right_top"]
+    assert np.linalg.norm(fit.camera.position_m - WITH_TOUCHLINES.position_m) < 0.5
+    assert estimate_camera(given, SOCCER, CIRCLE, CameraConfig()).rejected == ()
