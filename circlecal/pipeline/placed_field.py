@@ -82,6 +82,11 @@ DROPPED_AMONG, FEWEST_LEFT = 4, 5
 """Among so many markings one that lies farther is left out of the fit, and so many markings stay: on rendered courts
 the edges of painted keys and of boards moved right cameras by 2 to 5 px.
 """
+STRAY_MEDIANS, LEAST_STRAY_PX = 5.0, 0.5
+"""In medians of all residuals, and pixels at 1920 px width, what counts as farther: of two real rinks the worst
+marking has 1.8 medians, the edge of a painted key on three rendered courts 5 to 20, and errors of 1.4 to 4 px fall
+to 0.2 to 1.8 without it.
+"""
 ALIKE_WIDTHS = 0.02
 """Two cameras that put the markings within this share of the picture's width on average are one."""
 
@@ -109,7 +114,7 @@ def place_template(setting: Setting, scene: Scene, first: Attempt) -> Iterator[A
     searched until one answers.
     """
     mask = first.mask
-    for seen in () if mask is None else mask.sightings or (mask,):
+    for seen in () if mask is None else (mask, *mask.sightings):
         best = _place_among(setting, scene, seen)
         if best is not None:
             yield best
@@ -228,11 +233,13 @@ def _leave_out_strays(setting: Setting, seen: Attempt, attempt: Attempt) -> Atte
     """The attempt without the few markings that lie farthest from where its camera puts them, one after another: the
     edge of a board or of a painted key may have been followed in their place.
     """
-    camera, observations = attempt.camera, attempt.observations
+    camera, observations, unit = attempt.camera, attempt.observations, setting.width / 1920.0
     left = 0 if camera is None else max(1, len(camera.residuals_px) // DROPPED_AMONG)
     while left > 0 and camera is not None and observations is not None and len(camera.residuals_px) > FEWEST_LEFT:
         worst, rms = max(camera.residuals_px.items(), key=lambda item: item[1])
-        if rms <= LARGEST_RESIDUAL_PX * setting.width / 1920.0 and attempt.code != "residual_too_large":
+        usual = STRAY_MEDIANS * float(np.median(list(camera.residuals_px.values())))
+        limit = np.clip(usual, LEAST_STRAY_PX * unit, LARGEST_RESIDUAL_PX * unit)
+        if rms <= limit and attempt.code != "residual_too_large":
             break
         observations = replace(
             observations,

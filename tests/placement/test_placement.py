@@ -296,7 +296,7 @@ def test_the_few_markings_that_lie_farthest_are_left_out_of_the_fit(monkeypatch)
 
     monkeypatch.setattr(placed_field, "take_observations", lambda _, seen, left: replace(seen, observations=left))
     monkeypatch.setattr(placed_field, "estimate", fit_rest)
-    for off, left in (({3: 5.0, 7: 3.0}, 7), ({3: 5.0, 6: 4.0, 7: 3.0}, 7), ({3: 0.5}, 9)):
+    for off, left in (({3: 5.0, 7: 3.0}, 7), ({3: 5.0, 6: 4.0, 7: 3.0}, 7), ({3: 0.5}, 9), ({3: 1.5}, 8)):
         rms = {str(k): 0.2 + off.get(k, 0.0) for k in range(9)}
         found = _leave_out_strays(setting, Attempt(), measured(off))
         assert len(found.observations.lines) == left
@@ -315,9 +315,9 @@ def test_each_surface_and_polarity_is_searched_until_one_answers(monkeypatch):
         placed_field, "_place_among", lambda _, __, mask: tried.append(mask.polarity) or answers.get(id(mask))
     )
     scene = frame.Scene(np.zeros((*SIZE[::-1], 3), np.uint8), gray, None, None, None)
-    mask = MarkingMask(gray, "detector", sightings=seen)
+    mask = MarkingMask(gray, "detector", polarity=1.0, sightings=seen)
     first = next(placed_field.place_template(setting, scene, Attempt(mask=mask)))
-    assert (first.circle_name, tried) == ("centre_circle", [1.0, -1.0])
+    assert (first.circle_name, tried) == ("centre_circle", [1.0, 1.0, -1.0])
 
 
 def test_a_circle_with_its_line_takes_in_all_other_markings(monkeypatch):
