@@ -45,6 +45,10 @@ SETTLED_MARKINGS = 6
 """Circles, arcs and lines that carry a camera, from which on another sport is no rival: circle, halfway line and border
 may be those of several sports.
 """
+EXPLAINED_ON_ICE = 0.5
+"""Share of what was found painted that a field of a floor must explain on a ground that looks like ice: a basketball
+court laid into a rink explained 0.36.
+"""
 STRANGE_GROUND = 0.5
 """What evidence counts for a field on ground of another colour than its own."""
 RIVAL_RATIO = 1.35
@@ -112,7 +116,9 @@ def calibrate_unknown_field(
             if any(answer.is_settled and answer.candidate.sport != sport for answer in answers):
                 continue
             is_sibling = any(answer.candidate.sport == sport for answer in answers)
-            answers.append(_weigh(image, config, calibrate(name, is_sibling=is_sibling)))
+            answer = _weigh(image, config, calibrate(name, is_sibling=is_sibling))
+            is_doubtful = grounds[0] == "ice" and load_field(name).ground != "ice"
+            answers.append(replace(answer, least_explained=EXPLAINED_ON_ICE) if is_doubtful else answer)
         if any(answer.weight > 0.0 for answer in answers[1:]):
             break
     return choose_answer(answers)
@@ -152,17 +158,20 @@ def _is_settled(found: FrameCalibration, grounds: Sequence[Ground]) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """A calibration under one template, what speaks for it, and whether the ground is one of that field."""
+    """A calibration under one template, what speaks for it, whether the ground is one of that field, and the least
+    share of the paint that it must explain.
+    """
 
     found: FrameCalibration
     candidate: FieldCandidate
     is_at_home: bool = True
+    least_explained: float = LEAST_EXPLAINED
 
     @property
     def weight(self) -> float:
         """Evidence, picture widths, times the share of the paint that is explained; 0 where it is not believed."""
         evidence, share = self.candidate.evidence or 0.0, self.candidate.explained_share or 0.0
-        is_painted = evidence >= LEAST_EVIDENCE and share >= LEAST_EXPLAINED
+        is_painted = evidence >= LEAST_EVIDENCE and share >= self.least_explained
         least = 0.0 if share >= EXPLAINED_SHARE else PLACED_EVIDENCE
         is_believed = is_painted or (evidence > least and share >= PLACED_SHARE)
         if self.found.status != "calibrated" or not is_believed:

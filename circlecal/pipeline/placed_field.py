@@ -62,6 +62,10 @@ PRECISE_MARKINGS, PRECISE_PX, PRECISE_EXPLAINED = 8, 0.5, 0.25
 that is explained, with which any evidence is enough: refused right cameras of rendered rinks have 7 to 12 markings,
 0.14 to 0.24 px and 0.29 to 0.61, wrong ones at most 7, and 0.24.
 """
+LIKELIEST, OTHER_SIGHTING = 2, 2.0
+"""First sightings, those of the detector's own answer; and what times the evidence is asked for on any other surface or
+of the other polarity: right cameras there have 1.06 and 1.95 on two rendered courts, a wrong one on a real rink 0.55.
+"""
 RIVAL_RATIO, LISTED_RATIO = 1.3, 2.0
 """By how much the weight of a placed field must exceed that of any other one, and up to which ratio others are
 listed. Right ones on those frames have ratios from 1.5, by evidence alone from 1.2.
@@ -114,14 +118,16 @@ def place_template(setting: Setting, scene: Scene, first: Attempt) -> Iterator[A
     searched until one answers.
     """
     mask = first.mask
-    for seen in () if mask is None else (mask, *mask.sightings):
-        best = _place_among(setting, scene, seen)
+    for rank, seen in enumerate(() if mask is None else (mask, *mask.sightings)):
+        best = _place_among(setting, scene, seen, 1.0 if rank < LIKELIEST else OTHER_SIGHTING)
         if best is not None:
             yield best
 
 
-def _place_among(setting: Setting, scene: Scene, mask: MarkingMask) -> Attempt | None:
-    """The field laid over markings of one polarity on one surface; None where none is believed."""
+def _place_among(setting: Setting, scene: Scene, mask: MarkingMask, factor: float) -> Attempt | None:
+    """The field laid over markings of one polarity on one surface; None where none is believed with the evidence that
+    is usually enough, times a factor.
+    """
     config, template = setting.config, setting.template
     with setting.clock("cues"):
         paint = _look_for_paint(scene, mask, suit_field(config.mask, template))
@@ -141,7 +147,7 @@ def _place_among(setting: Setting, scene: Scene, mask: MarkingMask) -> Attempt |
     ]
     answers = [answer for answer in answers if answer[0].surface_share >= SURFACE_SHARE]
     answers.sort(key=lambda answer: -_weigh_answer(*answer))
-    if not answers or not (_is_believed(answers[0][0]) or _is_precise(setting, *answers[0])):
+    if not answers or not (_is_believed(answers[0][0], factor) or _is_precise(setting, *answers[0])):
         return None
     (weighed, best), others = answers[0], answers[1:]
     weight = _weigh_answer(weighed, best)
@@ -172,10 +178,11 @@ def _weigh_answer(weighed: ViewEvidence, attempt: Attempt) -> float:
     return weighed.evidence * float(np.sqrt(max(1, count)))
 
 
-def _is_believed(weighed: ViewEvidence) -> bool:
+def _is_believed(weighed: ViewEvidence, factor: float = 1.0) -> bool:
     """Whether enough of what a placed field predicts is painted, or it explains nearly all that is painted."""
-    is_painted = weighed.evidence >= LEAST_EVIDENCE and weighed.found_share >= LEAST_SHARE
-    return is_painted or (weighed.explained_share >= EXPLAINED_SHARE and weighed.evidence >= EXPLAINED_EVIDENCE)
+    evidence = weighed.evidence / factor
+    is_painted = evidence >= LEAST_EVIDENCE and weighed.found_share >= LEAST_SHARE
+    return is_painted or (weighed.explained_share >= EXPLAINED_SHARE and evidence >= EXPLAINED_EVIDENCE)
 
 
 def _is_precise(setting: Setting, weighed: ViewEvidence, attempt: Attempt) -> bool:

@@ -63,6 +63,25 @@ def test_of_one_sport_the_usual_sizes_are_taken_where_others_fit_alike():
     assert found.fields[1].template == "basketball-nba"
 
 
+def test_a_court_on_what_looks_like_ice_must_explain_more_of_the_paint(monkeypatch):
+    """Half a court was laid into the middle of a rink whose circle is a blurred logo."""
+
+    def calibrate(image, config, **_):
+        return answer(config.field.template, None if config.field.template == "soccer" else 0.55).found
+
+    def weigh(image, config, found):
+        return answer(found.field_name, None if found.field_name == "soccer" else 0.55, 0.36)
+
+    monkeypatch.setattr(field_choice, "run", calibrate)
+    monkeypatch.setattr(field_choice, "_weigh", weigh)
+    among = load_config(None, {"field.template": "auto", "field.among": ["soccer", "basketball"]})
+    status = {}
+    for ground, bgr in (("ice", (228, 225, 220)), ("wood", (110, 160, 200))):
+        picture = np.full((*SIZE[::-1], 3), bgr, np.uint8)
+        status[ground] = calibrate_unknown_field(picture, among, frame_id="x").status
+    assert status == {"ice": "refused", "wood": "calibrated"}
+
+
 def test_what_leaves_more_paint_unexplained_gives_way():
     found = choose_answer([answer("soccer"), answer("basketball", 0.6, 0.9), answer("handball", 0.7, 0.3)])
     assert (found.status, found.field_name) == ("calibrated", "basketball")

@@ -18,6 +18,7 @@ from circlecal.pipeline import field_of, placed_field, run
 from circlecal.pipeline import setting as frame
 from circlecal.pipeline.placed_field import (
     LARGEST_RESIDUAL_PX,
+    OTHER_SIGHTING,
     PRECISE_MARKINGS,
     RIVAL_RATIO,
     _is_believed,
@@ -259,6 +260,13 @@ def _fit_of(residuals):
     return Attempt(camera=replace(fit(LEFT_CIRCLE), residuals_px=keys), verdict=Verdict("calibrated", None, None, None))
 
 
+def test_another_surface_or_polarity_asks_for_more_evidence():
+    weighed = ViewEvidence(0.55, 0.63, 0.36)
+    assert _is_believed(weighed)
+    assert not _is_believed(weighed, OTHER_SIGHTING)
+    assert _is_believed(replace(weighed, evidence=1.06), OTHER_SIGHTING)
+
+
 def test_many_markings_at_their_exact_places_are_evidence_where_paint_is_faint():
     config = load_config(None, ["field.template=ice-hockey-nhl"])
     setting = frame.Setting(config, *field_of(config), 1920, 1080, np.random.default_rng(0))
@@ -312,12 +320,14 @@ def test_each_surface_and_polarity_is_searched_until_one_answers(monkeypatch):
     answers = {id(seen[1]): Attempt(circle_name="centre_circle")}
     tried = []
     monkeypatch.setattr(
-        placed_field, "_place_among", lambda _, __, mask: tried.append(mask.polarity) or answers.get(id(mask))
+        placed_field,
+        "_place_among",
+        lambda _, __, mask, factor: tried.append((mask.polarity, factor)) or answers.get(id(mask)),
     )
     scene = frame.Scene(np.zeros((*SIZE[::-1], 3), np.uint8), gray, None, None, None)
     mask = MarkingMask(gray, "detector", polarity=1.0, sightings=seen)
     first = next(placed_field.place_template(setting, scene, Attempt(mask=mask)))
-    assert (first.circle_name, tried) == ("centre_circle", [1.0, 1.0, -1.0])
+    assert (first.circle_name, tried) == ("centre_circle", [(1.0, 1.0), (1.0, 1.0), (-1.0, OTHER_SIGHTING)])
 
 
 def test_a_circle_with_its_line_takes_in_all_other_markings(monkeypatch):
