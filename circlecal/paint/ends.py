@@ -25,13 +25,23 @@ LOST, LOST_SHARE = 100, 0.3
 """Pixels at 1920 px width over which the marking must keep this share of its level to be followed further."""
 LEAST_LEVEL, LEAST_CROSSING = 8.0, 1.5
 """Grey levels by which a marking must stand out, and one that crosses it at its end."""
+ASIDE_WIDTHS, LEAST_ASIDE_PX = (3.0, 4.0, 5.0, 6.0, 7.0, 8.0), 1.7
+"""How far beside an end a crossing marking must go on, in widths of the paint (at least so wide, pixels at 1920 px
+width): from 0.36 to 0.96 m, where a player who stands on the end does not reach.
+"""
+MOST_SLANT, SLANTS, PASSING_PX, SEEN_ASIDE = 0.35, 29, 6.0, 4
+"""Largest slope of it against the normal of the line that ends, how many slopes are tried, how far it may pass by the
+end (pixels at 1920 px width), and how many of these places must show it on each side.
+"""
 BEND_SCALE_PX = 1.5
 """Pixels at 1920 px width from the bend of the marking at which a place counts a quarter for that bend."""
 COARSELY = 32
 """Steps at once towards the border of the picture."""
 
 
-def paint_ends(picture: GrayPicture, points_px: Array, middle_px: Array, clear_px: float) -> tuple[LineEnd, ...]:
+def paint_ends(
+    picture: GrayPicture, points_px: Array, middle_px: Array, clear_px: float, growth: Array | None = None
+) -> tuple[LineEnd, ...]:
     """Ends, at most two, of a straight marking.
 
     Parameters
@@ -44,6 +54,8 @@ def paint_ends(picture: GrayPicture, points_px: Array, middle_px: Array, clear_p
         A point on the marking from which its ends are looked for, both ways.
     clear_px : float
         How far from there the marking does not end.
+    growth : (3,) array, optional
+        Width of its paint: coefficients of x, y and 1, pixels. Without them it is as wide as it must be to be seen.
 
     Returns
     -------
@@ -72,7 +84,9 @@ def paint_ends(picture: GrayPicture, points_px: Array, middle_px: Array, clear_p
         if end is not None:
             low = int(end)
             point = path[low] + (end - low) * (path[low + 1] - path[low])
-            found.append(LineEnd(point, _is_crossed(beside, low)))
+            paint_px = max(0.0 if growth is None else float(growth @ [*point, 1.0]), LEAST_ASIDE_PX * unit)
+            crossed = _is_crossed(beside, low) and _goes_on_aside(picture, point, side * along, paint_px, unit)
+            found.append(LineEnd(point, crossed))
     return tuple(found)
 
 
@@ -108,6 +122,28 @@ def _is_crossed(beside: Array, end: int) -> bool:
     before = np.median(beside[:, max(end - 30, 0) : end - 4], axis=1)
     behind = beside[:, end + 4 : end + 12].min(axis=1)
     return bool((across - np.maximum(before, behind) > LEAST_CROSSING).all())
+
+
+def _goes_on_aside(picture: GrayPicture, end_px: Array, outward: Array, paint_px: float, unit: float) -> bool:
+    """Whether what crosses an end is one straight marking that runs on, on both sides, over more than a player."""
+    normal = np.array([-outward[1], outward[0]])
+    aside = np.array([*(-w for w in ASIDE_WIDTHS[::-1]), *ASIDE_WIDTHS]) * paint_px
+    away = max(BESIDE_PX[1] * unit, paint_px)
+    reach = MOST_SLANT * float(aside.max()) + PASSING_PX * unit + away
+    along = np.arange(-reach, reach + unit, unit)
+    path = end_px + along[:, None] * outward
+    rows = sample_profiles(picture, path, np.broadcast_to(normal, path.shape), aside).T
+    smooth = np.stack([np.convolve(row, np.full(3, 1.0 / 3.0), mode="same") for row in np.nan_to_num(rows)])
+    step = round(away / unit)
+    # by how much each place is lighter than what lies before it and behind it
+    rise = smooth[:, step:-step] - np.maximum(smooth[:, : -2 * step], smooth[:, 2 * step :])
+    slopes = np.linspace(-MOST_SLANT, MOST_SLANT, SLANTS)[:, None, None]
+    passing = np.arange(-PASSING_PX, PASSING_PX + 1.0)[:, None] * unit
+    place = np.rint((slopes * aside + passing + reach - away) / unit).astype(int)
+    is_seen = rise[np.arange(len(aside)), np.clip(place, 0, rise.shape[1] - 1)] > LEAST_CROSSING
+    half = len(ASIDE_WIDTHS)
+    left, right = is_seen[..., :half].sum(axis=-1), is_seen[..., half:].sum(axis=-1)
+    return bool(((left >= SEEN_ASIDE) & (right >= SEEN_ASIDE)).any())
 
 
 def _end(contrast: Array) -> float | None:

@@ -216,7 +216,7 @@ def _halfway_line(
     segment = Segment(cue.segment.start, cue.segment.end, support)
     unit = max(picture.shape[1] / 1920.0, 0.5)
     clear = RIM_CLEARANCE_PX * unit if visible is not None else -RIM_CLEARANCE_PX * unit
-    ends = paint_ends(picture, points, middle, reach + clear)
+    ends = paint_ends(picture, points, middle, reach + clear, growth)
     kept = _find_before_crossing(points, middle, ends, END_CLEARANCE_PX * unit)
     return LineCue(name, cue.line, points[kept], sigma[kept], segment, cue.rms_px, ends, cue.width_px)
 

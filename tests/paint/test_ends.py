@@ -69,3 +69,15 @@ def test_points_that_run_on_over_something_else_do_not_matter():
     points[points[:, 1] < 240.0] += [9.0, 0.0]
     (found,) = paint_ends(picture, points, MIDDLE, 150.0)
     assert found.point_px[1] == pytest.approx(240.0, abs=1.0)
+
+
+def test_feet_on_the_end_are_no_crossing_line():
+    """Two light boots beside the end of a line 5 px wide, as a player wears them who stands there."""
+    picture = picture_of(200.0, crossing=False)
+    for x in (915, 923):
+        picture[197:202, x - 4 : x + 4] = 170.0
+    picture[197:202, 933:941] = 170.0
+    (found,) = paint_ends(picture, points_of(), MIDDLE, 150.0, np.array([0.0, 0.0, 5.0]))
+    assert not found.crossed
+    (true,) = paint_ends(picture_of(200.0), points_of(), MIDDLE, 150.0, np.array([0.0, 0.0, 5.0]))
+    assert true.crossed
