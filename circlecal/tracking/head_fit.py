@@ -12,6 +12,8 @@ from circlecal.tracking.markings import DrawnTemplate, MeasuredFrame
 from circlecal.tracking.tripod_fit import residuals_of, sigmas_of
 
 ROUNDS = 5
+CROSSING = 0.3
+"""Sine of the angle between a marking and the way of the picture from which on it crosses that."""
 LEAST_INFORMATION = 1e-6
 """Of a head that no paint shows, so that its equations can be solved."""
 LOSS_SCALE = 3.0
@@ -34,6 +36,8 @@ class HeadFit:
         Root mean square of the weighted residuals.
     inlier_share : float
         Share of the paint that the camera explains.
+    crossing : int
+        Number of explained places on markings that cross the way of the picture while the head pans.
     """
 
     head: Array
@@ -41,6 +45,7 @@ class HeadFit:
     by_common: Array
     rms_px: float
     inlier_share: float
+    crossing: int
 
 
 def fit_head(
@@ -67,7 +72,7 @@ def fit_head(
     start = head
     sigma = np.zeros(0)
     information, by_common = np.zeros((3, 3)), np.zeros((3, len(common)))
-    rms, share = np.inf, 0.0
+    rms, share, crossing = np.inf, 0.0, 0
     for step in range(ROUNDS):
         theta = model.thetas(head[None], common)[0]
         by_own, by_all = (d[0] for d in model.derivatives(head[None], common))
@@ -89,9 +94,12 @@ def fit_head(
             root = (np.sqrt(weight) / sigma)[:, None]
             by_common = follow_common(root * (rows @ by_own), root * (rows @ by_all), prior)
             rms = float(np.sqrt((weight * away**2).sum() / max(weight.sum(), 1e-9)))
-            share = float((np.abs(values) < LOSS_SCALE).mean())
+            explained = np.abs(values) < LOSS_SCALE
+            share = float(explained.mean())
+            by_pan = np.abs(rows @ by_own[:, 1]) / np.exp(head[0])
+            crossing = int(np.count_nonzero(explained & (by_pan > CROSSING)))
             break
-    return HeadFit(head, information, by_common, rms, share)
+    return HeadFit(head, information, by_common, rms, share, crossing)
 
 
 def follow_common(by_own: Array, by_common: Array, prior: Array | None = None) -> Array:

@@ -34,6 +34,10 @@ SURE_PAINTED, SURE_EXPLAINED = 0.7, 0.95
 """Shares of painted places and of explained ones from which on no other proposal is looked at: of ten right heads in
 faint paint 0.74 to 0.94 and 1, of wrong ones at most 0.41 and 1.
 """
+LEAST_CROSSING = 9
+"""Places on markings across the way of the picture while the head pans, where a head was found by searching alone: a
+touchline looks the same under any pan, but for what surface and lens make of it.
+"""
 LARGEST_RMS_PX = 1.6
 """Of the paint about the head's markings, pixels at 1920 px width."""
 LARGEST_HEAD_SIGMA_PX = 3.0
@@ -149,10 +153,15 @@ class Look:
         return float(self.measured.painted.sum() * self.measured.painted_share * self.fit.inlier_share)
 
     @property
+    def is_found(self) -> bool:
+        """Whether the paint alone tells the head, without one that is known beside it."""
+        return self.is_confirmed and self.fit.crossing >= LEAST_CROSSING
+
+    @property
     def is_sure(self) -> bool:
         """Whether no other head is worth a look."""
         seen = self.measured.painted_share
-        return self.is_confirmed and seen > SURE_PAINTED and self.fit.inlier_share > SURE_EXPLAINED
+        return self.is_found and seen > SURE_PAINTED and self.fit.inlier_share > SURE_EXPLAINED
 
     def is_better(self, other: Look) -> bool:
         """Whether this look explains more paint."""
@@ -247,11 +256,7 @@ class Place:
             if len(look.measured.marking) < LEAST_PLACES // 2:
                 continue
             look = self.look(picture, look.fit.head, spread / 16.0, look.fit.by_common)
-            if (
-                look.is_confirmed
-                and look.measured.painted_share > LEAST_FOUND
-                and (best is None or look.is_better(best))
-            ):
+            if look.is_found and look.measured.painted_share > LEAST_FOUND and (best is None or look.is_better(best)):
                 best = look
                 if look.is_sure:
                     break

@@ -377,7 +377,7 @@ def _find_beyond(place: Place, picture: LookedAt, mean: Array, sd: Array) -> Loo
             now = replace(now, tripod=replace(fit.estimate, covariance=place.tripod.covariance))
             head, spread = fit.heads[0], spread / 4.0
         else:
-            if look.is_confirmed and (best is None or look.is_better(best)):
+            if look.is_found and (best is None or look.is_better(best)):
                 best = look
                 if look.is_sure:
                     break

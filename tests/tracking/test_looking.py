@@ -112,3 +112,16 @@ def test_paint_that_the_shutter_smears_is_not_expected(picture: LookedAt) -> Non
     assert sharp.expected[upright] > 20
     assert smeared.expected[upright] == 0
     assert smeared.expected[level] == sharp.expected[level] > 20
+
+
+def test_a_touchline_confirms_a_head_that_is_known_and_finds_none() -> None:
+    head = np.array([8.7, -0.22, 1.435])
+    known = replace(tripod(), head_low=head - np.array([0.1, 0.3, 0.03]), head_high=head + np.array([0.1, 0.8, 0.03]))
+    place = Place.of(known, template())
+    picture = LookedAt.of(draw(head, np.random.default_rng(1)), load_config().mask.detector.field_region)
+    look = place.look(picture, head, np.diag(np.square([1e-3, 3e-4, 3e-4])))
+    shown = {name for name, count in zip(place.drawn.names, look.measured.painted, strict=True) if count > 6}
+    assert shown == {"side_line_top"}
+    assert look.is_confirmed
+    assert not look.is_found
+    assert place.find(picture) is None

@@ -125,7 +125,7 @@ def test_pictures_between_tell_the_size_of_the_pitch(monkeypatch: pytest.MonkeyP
     nothing = np.zeros((3, 3))
 
     def look(place: object, picture: object, head: np.ndarray) -> Look:
-        return Look(measure_ideal(head, growth, 0.1, rng), HeadFit(head, nothing, nothing, 0.1, 1.0), True)
+        return Look(measure_ideal(head, growth, 0.1, rng), HeadFit(head, nothing, nothing, 0.1, 1.0, 99), True)
 
     monkeypatch.setattr(survey, "_look_twice", look)
     monkeypatch.setattr(survey, "MOST_MORE", 6)
