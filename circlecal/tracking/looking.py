@@ -45,6 +45,10 @@ LARGEST_HEAD_SIGMA_PX = 3.0
 FOUND_SD_PX, FOUND_SD_ZOOM = 5.0, 0.012
 """Of a head that was just found by searching, pixels at 1920 px width and logarithm of the focal length."""
 SMALL_WIDTH_PX = 320
+BESIDE_GRASS_PX = 4
+"""By how much the playing surface is broader at its sides than its largest patches, pixels of 240 in a row: behind a
+halfway line near the picture's border the strip of grass is too small to count, and the line would lie beside it.
+"""
 OTHER_SURFACE = 15.0
 """Distance of the median colours of two surfaces, levels of a and b of CIE Lab, from which on they are different ones:
 that of one pitch stays within 3 over a clip, the dark run-off before it is 40 away.
@@ -91,10 +95,10 @@ class LookedAt:
         colours = np.asarray(reduced, np.uint8)
         return cls(gray, SmallPicture.of(gray), colours, find_field_region(colours, config))
 
-    @property
+    @cached_property
     def grass(self) -> NDArray[np.uint8]:
-        """Playing surface, not 0, in a reduced picture (h, w)."""
-        return self.region.hull
+        """Playing surface, not 0, in a reduced picture (h, w), with the lines at its sides."""
+        return np.asarray(cv2.dilate(self.region.hull, np.ones((1, 2 * BESIDE_GRASS_PX + 1), np.uint8)), np.uint8)
 
     @property
     def grass_share(self) -> float:
@@ -228,7 +232,7 @@ class Place:
 
     def is_confirmed(self, measured: MeasuredFrame, fit: HeadFit) -> bool:
         """Whether the paint that should be there is there, explained by the head, and places it."""
-        if len(measured.marking) < LEAST_PLACES or measured.painted_share < LEAST_PAINTED:
+        if len(measured.marking) < LEAST_PLACES or measured.painted_share < LEAST_PAINTED or measured.missing > 0:
             return False
         if fit.inlier_share < LEAST_EXPLAINED or fit.rms_px > LARGEST_RMS_PX * self.unit:
             return False

@@ -125,3 +125,27 @@ def test_a_touchline_confirms_a_head_that_is_known_and_finds_none() -> None:
     assert look.is_confirmed
     assert not look.is_found
     assert place.find(picture) is None
+
+
+def test_a_broad_marking_that_is_not_seen_contradicts_a_head() -> None:
+    head, config = np.array([8.0, 0.0, 1.37]), load_config().mask.detector.field_region
+    picture = LookedAt.of(draw(head, np.random.default_rng(1)), config)
+    place, spread = Place.of(tripod(), template()), np.diag(np.square([1e-3, 3e-4, 3e-4]))
+    seen = place.look(picture, head, spread)
+    assert seen.is_confirmed
+    hidden = place.drawn.names.index("halfway_line")
+    gray = picture.gray.copy()
+    for x, y in seen.measured.points_px[seen.measured.marking == hidden].astype(int):
+        gray[max(y - 12, 0) : y + 13, x - 12 : x + 13] = 95
+    look = place.look(replace(picture, gray=gray), head, spread)
+    assert look.measured.painted_share > 0.5
+    assert look.measured.missing == 1
+    assert not look.is_confirmed
+
+
+def test_a_line_near_the_border_lies_on_the_playing_surface() -> None:
+    config = load_config().mask.detector.field_region
+    drawn = draw(HEAD, np.random.default_rng(1))
+    drawn[:, :20] = (60, 120, 60)
+    drawn[:, 20:34] = (230, 235, 230)
+    assert (LookedAt.of(drawn, config).grass[40:100, 5] > 0).all()
