@@ -55,6 +55,10 @@ USUAL_RMS, USUAL_PX = 1.1, 0.05
 distance, and pixels at 1920 px width. Nearly all have it, and length trades with the lens, the surface and the width
 of the paint.
 """
+TOLD_SD_M, USUAL_SD_M = 0.5, 1.0
+"""Standard deviation of a size up to which frames tell it, and of the usual size where they do not, metres: penalty
+areas alone fit a pitch of any length, and one of 107.5 by 88 m was taken for the template's, 63 px off.
+"""
 LEAST_OWN_PLACES = 30
 ROUNDS, LOOKS = 3, 3
 """In which the tripods find further frames and learn from them; and looks at a frame while its tripod changes."""
@@ -431,11 +435,13 @@ def _choose_shape_and_size(
     """The fit with the better shape of the surface; with a pitch of the template's size where that explains the paint
     about as well.
     """
-    usual_mean, usual = mean.copy(), sd.copy()
-    usual_mean[SIZE], usual[SIZE] = 0.0, 0.0
     starts = [replace(tripod, surface=replace(tripod.surface, shape=shape)) for shape in SHAPES]
     roof, parabola = (fit_tripod(frames, start, mean, sd, drawn) for start in starts)
     free = parabola if parabola.cost < (1.0 - DECISIVE_SHARE) * roof.cost - DECISIVE else roof
+    usual_mean, usual = mean.copy(), sd.copy()
+    usual_mean[SIZE] = 0.0
+    told = np.sqrt(np.diag(free.estimate.covariance))[SIZE] < TOLD_SD_M
+    usual[SIZE] = np.where(told, 0.0, np.minimum(sd[SIZE], USUAL_SD_M))
     roof, parabola = (fit_tripod(frames, fit.estimate, usual_mean, usual, drawn) for fit in (roof, parabola))
     fixed = parabola if parabola.cost < roof.cost - DECISIVE else roof
     limit = USUAL_RMS * float(np.mean(free.rms_px)) + USUAL_PX * tripod.size[0] / 1920.0

@@ -116,6 +116,20 @@ def test_a_pitch_may_have_any_size(size_m: tuple[float, float]) -> None:
     assert abs(fit.estimate.mean[PLACE["lever"]] - tripod().mean[PLACE["lever"]]) < 0.3
 
 
+def test_penalty_areas_alone_do_not_tell_the_size_of_the_pitch() -> None:
+    growth, rng = np.array([2.5, 19.9]), np.random.default_rng(4)
+    heads = [np.array([8.0, -0.5 + 0.01 * k, 1.40]) for k in range(3)]
+    seen = [measure_ideal(head, growth, 0.1, rng) for head in heads]
+    frames = [HeadedFrame(str(k), head, m) for k, (head, m) in enumerate(zip(heads, seen, strict=True))]
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    moved = tripod().mean.copy()
+    moved[:2] += np.array([growth[0] / 2.0, 0.0])
+    fit = survey._choose_shape_and_size(frames, replace(tripod(), mean=moved), mean, sd, template_curves(template()))
+    sigma = np.array([fit.estimate.sigma("length"), fit.estimate.sigma("breadth")])
+    assert (np.abs(fit.estimate.growth_m - growth)[:1] < 3.0 * sigma[:1]).all()
+    assert sigma[0] > 0.3
+
+
 def test_pictures_between_tell_the_size_of_the_pitch(monkeypatch: pytest.MonkeyPatch) -> None:
     size_m, drawn, rng = (117.0, 48.0), template_curves(template()), np.random.default_rng(6)
     growth = np.array(size_m) - (template().length_m, template().width_m)
