@@ -13,7 +13,7 @@ from circlecal.field.view import FieldView
 from circlecal.observations import Observations
 from circlecal.paint.spots import measure_spots
 from circlecal.pipeline.attempts import add_checks, estimate, refuse_as_open, take_observations
-from circlecal.pipeline.refinements import Retry, is_less_uncertain
+from circlecal.pipeline.refinements import UNCERTAIN_PX, Retry, is_less_uncertain
 from circlecal.pipeline.setting import Scene, Setting, lighten_markings
 from circlecal.placement import (
     PlacedField,
@@ -100,7 +100,22 @@ def _may_place_field(setting: Setting, first: Attempt) -> bool:
     field = setting.config.field
     is_seen = first.mask is not None and first.mask.source == "detector"
     is_open = first.verdict is not None and (not first.is_calibrated or needs_confirmation(first.verdict))
+    is_open = is_open or _is_doubtful(setting, first)
     return field.any_circle and field.circle is None and is_seen and is_open and setting.config.camera.enabled
+
+
+def _is_doubtful(setting: Setting, attempt: Attempt) -> bool:
+    """Whether any circle of the template may be the one seen, and a camera that knows little of the field took one."""
+    camera, field = attempt.camera, setting.config.field
+    is_seen = attempt.mask is not None and attempt.mask.source == "detector"
+    if not (field.any_circle and field.circle is None and is_seen and attempt.is_calibrated) or camera is None:
+        return False
+    return camera.max_sigma_px > UNCERTAIN_PX * setting.width / 1920.0
+
+
+def refuse_doubtful(setting: Setting, attempt: Attempt) -> Attempt:
+    """The attempt, refused where a circle and a line may be any of the field's and nothing else was found."""
+    return refuse_as_open(attempt, "circle_unconfirmed") if _is_doubtful(setting, attempt) else attempt
 
 
 def _look_for_paint(scene: Scene, mask: MarkingMask, options: MaskConfig) -> SeenPaint | None:

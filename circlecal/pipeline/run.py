@@ -15,7 +15,7 @@ from circlecal.pipeline.attempts import estimate, take_observations
 from circlecal.pipeline.field_lines import FIELD_LINES, look_for_field_lines
 from circlecal.pipeline.fields import Convention, apply_convention, field_of
 from circlecal.pipeline.other_circles import ARCS, OTHER_CIRCLES, mask_arcs
-from circlecal.pipeline.placed_field import ALL_MARKINGS, PLACED_FIELD
+from circlecal.pipeline.placed_field import ALL_MARKINGS, PLACED_FIELD, refuse_doubtful
 from circlecal.pipeline.refinements import calibrate_scene
 from circlecal.pipeline.setting import Looks, Scene, Setting, frame_generator, prepare_scene
 from circlecal.results import Attempt, CameraFit, FrameCalibration, Verdict
@@ -87,7 +87,7 @@ def run(
         attempt = PLACED_FIELD.try_out(setting, scene, attempt) or attempt
     else:
         attempt = look_for_field_lines(setting, scene) or reconsider(setting, scene, calibrate_scene(setting, scene))
-        attempt = ALL_MARKINGS.try_out(setting, scene, attempt) or attempt
+        attempt = refuse_doubtful(setting, ALL_MARKINGS.try_out(setting, scene, attempt) or attempt)
     return setting.calibration(attempt, frame_id, source)
 
 

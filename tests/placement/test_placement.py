@@ -359,6 +359,11 @@ def test_a_circle_with_its_line_takes_in_all_other_markings(monkeypatch):
     assert len(fuller.camera.residuals_px) > 8
     assert fuller.camera.max_sigma_px < 0.5 * first.camera.max_sigma_px
     assert mean_distance_px(FieldView(camera), fuller.camera.view, court) < 0.5
+    # with nothing but an uncertain circle and line, they may be any of the field's
+    vague = replace(first, camera=replace(first.camera, max_sigma_px=25.0))
+    assert placed_field.PLACED_FIELD.when(setting, vague)
+    assert placed_field.refuse_doubtful(setting, vague).code == "circle_unconfirmed"
+    assert placed_field.refuse_doubtful(setting, fuller) is fuller
     # one that is sure already, or whose circle was named, is left alone
     sure = replace(first, camera=replace(first.camera, max_sigma_px=0.1))
     assert placed_field.ALL_MARKINGS.try_out(setting, scene, sure) is None
