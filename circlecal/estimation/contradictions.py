@@ -35,8 +35,11 @@ off at most; a foot that was taken for one in a rendered frame 8.0, marks of pic
 7.4.
 """
 
-UNKNOWN = 1e-9
-"""Least precision, in parts of that of all markings, of a direction that the others say nothing of."""
+LEAST_KNOWN = 1e-4
+"""Least precision that all other markings leave the camera in its weakest direction, in parts of that with the marking:
+where it is a hundred times less certain, a linear model does not tell how far it would move. Of two circles without any
+line one leaves 1e-12.
+"""
 LEAST_SINGULAR = 1e-3
 """Directions in which a marking tells a thousand times less than in its best one are left out."""
 
@@ -65,7 +68,8 @@ def find_straining_marking(problem: Problem, state: State, kept: Collection[str 
     problem, state : Problem, State
         A fit, of which the first start counts.
     kept : collection of str or None
-        Markings that are not left out: the circle, and the line through it where there is one.
+        Markings that are not left out: the circle, and the line through it where there is one. One without which the
+        others do not determine the camera is not left out either.
     """
     active = active_parameters(problem.priors.sd)
     normal = state.normal[0][np.ix_(active, active)]
@@ -74,14 +78,18 @@ def find_straining_marking(problem: Problem, state: State, kept: Collection[str 
     root = 1.0 / (1.0 + state.values[0] ** 2 / problem.loss_scale**2)
     rows, values = root[:, None] * state.jacobian[0][:, active] / size, root * state.values[0]
     names = np.array([key.name for key in problem.curves.keys])
+    normal = normal / np.outer(size, size)
+    weakest = float(np.linalg.eigvalsh(normal)[0])
     worst, found = LEAVE_ONE_OUT_SIGMAS, None
     for name in sorted(set(names.tolist()) - set(kept)):
         own = np.flatnonzero(names[problem.curves.group] == name)
-        others = normal / np.outer(size, size) - rows[own].T @ rows[own]
+        others = normal - rows[own].T @ rows[own]
+        if np.linalg.eigvalsh(others)[0] < LEAST_KNOWN * weakest:
+            continue
         left, singular, right = np.linalg.svd(rows[own], full_matrices=False)
         seen = singular > LEAST_SINGULAR * singular[0]
         left, singular, right = left[:, seen], singular[seen], right[seen]
-        spread = np.linalg.solve(others + UNKNOWN * np.eye(len(others)), right.T).T
+        spread = np.linalg.solve(others, right.T).T
         innovation = left.T @ values[own] / singular + spread @ (rows[own].T @ values[own])
         covariance = np.diag(1.0 / singular**2) + spread @ right.T
         square = float(innovation @ np.linalg.solve(covariance, innovation))

@@ -413,7 +413,8 @@ def test_every_moment_of_the_timeline_opens_its_frame(page):
     page.press("Escape")
     page.wait(f"!{OPEN}")
     point_at(page, pictures, (0.1, 0.5), "mouseMoved", "mousePressed")
-    point_at(page, pictures, (0.4, 0.5), "mouseMoved", held=True)
+    for share in (0.2, 0.3, 0.4):
+        point_at(page, pictures, (share, 0.5), "mouseMoved", held=True)
     point_at(page, pictures, (0.4, 0.5), "mouseReleased")
     page.wait("!document.getElementById('range').hidden")
     assert page.run(f"return {IDS}") == [NASTY, "f1", "f2"]

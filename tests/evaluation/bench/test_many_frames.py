@@ -15,7 +15,7 @@ from circlecal.synthetic.markings import circle_points, line_points
 
 def test_row_names():
     assert {"10", "10w", "10d"} <= set(all_row_names())
-    assert [s.row for s in select_rigs(["10"])] == ["10", "10w", "10d"]
+    assert [s.row for s in select_rigs(["10"])] == ["10", "10w", "10t", "10d"]
     assert [s.row for s in select_rigs(["10d", "5"])] == ["10d"]
     assert select_rigs(["5"]) == []
 
