@@ -5,7 +5,8 @@ Pixels are those of the frame as stored (distorted). A picture, an annotation fi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 from circlecal.geometry.projective import Array
@@ -135,6 +136,16 @@ class Observations:
     marks: tuple[MarkPoint, ...] = ()
     keypoints: tuple[Keypoint, ...] = ()
     curves: tuple[Array, ...] = ()
+
+    def without(self, keys: Collection[MarkingKey]) -> Observations:
+        """All but what was seen of some markings."""
+        return replace(
+            self,
+            circles=tuple(circle for circle in self.circles if circle.key not in keys),
+            lines=tuple(line for line in self.lines if line.key not in keys),
+            marks=tuple(mark for mark in self.marks if mark.key not in keys),
+            keypoints=tuple(point for point in self.keypoints if point.key not in keys),
+        )
 
     def circle(self, name: str, edge: CircleEdge) -> CirclePoints | None:
         """The points of one edge of one circle, or None."""

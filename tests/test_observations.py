@@ -49,3 +49,14 @@ def test_what_is_seen_has_its_key():
     assert LinePoints("halfway_line", points, sigma).key == MarkingKey("halfway_line")
     assert MarkPoint("centre_mark", points[0], 1.0).key == MarkingKey("centre_mark")
     assert Keypoint("corner 1", points[0], points[0], 1.0).key == MarkingKey("corner 1")
+
+
+def test_without_some_markings_all_others_stay_as_they_are():
+    points, sigma = np.zeros((2, 2)), np.ones(2)
+    outer, inner = (CirclePoints("center", edge, points, sigma) for edge in ("outer", "inner"))
+    line, nameless = (LinePoints(name, points, sigma) for name in ("halfway_line", None))
+    mark, point = MarkPoint("center_mark", points[0], 1.0), Keypoint("corner", points[0], points[0], 1.0)
+    seen = Observations(64, 64, (outer, inner), (line, nameless), (mark,), (point,))
+    assert seen.without({inner.key, line.key}) == Observations(64, 64, (outer,), (nameless,), (mark,), (point,))
+    assert seen.without({mark.key, point.key}) == Observations(64, 64, (outer, inner), (line, nameless))
+    assert seen.without(()) == seen

@@ -81,10 +81,7 @@ class Task:
 
     def without(self, keys: Collection[MarkingKey]) -> Task:
         """The task without some of its markings."""
-        given = self.observations
-        circles = tuple(circle for circle in given.circles if circle.key not in keys)
-        lines = tuple(line for line in given.lines if line.key not in keys)
-        return replace(self, observations=replace(given, circles=circles, lines=lines))
+        return replace(self, observations=self.observations.without(keys))
 
     def without_marking(self, name: str, names: dict[int, str], by_end: bool) -> Task:
         """The task without a marking: what was taken for it is nothing, nor, ``by_end``, where other lines end.

@@ -285,14 +285,7 @@ def problem_of_frame(
     options = config.camera
     model = ProjectionModel(*frame.size, Surface(options.usual_crown, circle.radius_m))
     names = [find_opposite_line(name, template) if turned else name for name in frame.named_lines]
-    seen = restore_names(frame.observations, names, theta, template, model)
-    seen = replace(
-        seen,
-        marks=tuple(mark for mark in seen.marks if mark.key not in frame.rejected),
-        keypoints=tuple(point for point in seen.keypoints if point.key not in frame.rejected),
-        lines=tuple(line for line in seen.lines if line.key not in frame.rejected),
-        circles=tuple(circle for circle in seen.circles if circle.key not in frame.rejected),
-    )
+    seen = restore_names(frame.observations, names, theta, template, model).without(frame.rejected)
     noise = NoiseModel(options.maximum_points, options.model_sigma_px * unit, options.correlation_px * unit)
     problem = Problem(
         curves_from_observations(seen, template, noise),
