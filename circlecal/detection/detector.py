@@ -165,21 +165,23 @@ def detect(
         polarity=best.sign,
         arcs=choice.arcs,
         passes=passes,
-        sightings=_sort_sightings(picture, best, passes, config.one_paint is not False),
+        sightings=_sort_sightings(picture, best, kept, passes, config.one_paint is not False),
     )
 
 
 def _sort_sightings(
-    picture: Picture, best: PassResult, passes: tuple[PassResult, ...], one_paint: bool
+    picture: Picture, best: PassResult, of_best: NDArray[np.int64], passes: tuple[PassResult, ...], one_paint: bool
 ) -> tuple[Sighting, ...]:
-    """What the passes found, by surface and polarity; that of the best pass first."""
+    """What the passes found, by surface and polarity; that of the best pass, whose straight markings are known by
+    index, first.
+    """
     groups: dict[tuple[int, float], list[PassResult]] = {(id(best.region), best.sign): []}
     for result in passes:
         groups.setdefault((id(result.region), result.sign), []).append(result)
     found = []
     for results in groups.values():
         last = results[-1]  # the most thorough one
-        kept = _select_straight_markings(picture.image_bgr, last, one_paint)
+        kept = of_best if last is best else _select_straight_markings(picture.image_bgr, last, one_paint)
         candidates = [candidate for result in results for candidate in result.choice.candidates]
         arcs = [arc for result in results for arc in result.choice.arcs]
         found.append(

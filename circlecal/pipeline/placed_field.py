@@ -97,20 +97,23 @@ ALIKE_WIDTHS = 0.02
 
 def _may_place_field(setting: Setting, first: Attempt) -> bool:
     """Whether any circle of the template may be the one seen, and what is looked for usually did not calibrate."""
-    field = setting.config.field
-    is_seen = first.mask is not None and first.mask.source == "detector"
+    if not (_may_be_any_circle(setting, first) and setting.config.camera.enabled):
+        return False
     is_open = first.verdict is not None and (not first.is_calibrated or needs_confirmation(first.verdict))
-    is_open = is_open or _is_doubtful(setting, first)
-    return field.any_circle and field.circle is None and is_seen and is_open and setting.config.camera.enabled
+    return is_open or _is_doubtful(setting, first)
+
+
+def _may_be_any_circle(setting: Setting, attempt: Attempt) -> bool:
+    """Whether the detector looked, and nobody named the circle of a template with several large ones."""
+    field, mask = setting.config.field, attempt.mask
+    return field.any_circle and field.circle is None and mask is not None and mask.source == "detector"
 
 
 def _is_doubtful(setting: Setting, attempt: Attempt) -> bool:
     """Whether any circle of the template may be the one seen, and a camera that knows little of the field took one."""
-    camera, field = attempt.camera, setting.config.field
-    is_seen = attempt.mask is not None and attempt.mask.source == "detector"
-    if not (field.any_circle and field.circle is None and is_seen and attempt.is_calibrated) or camera is None:
+    if not (_may_be_any_circle(setting, attempt) and attempt.is_calibrated) or attempt.camera is None:
         return False
-    return camera.max_sigma_px > UNCERTAIN_PX * setting.width / 1920.0
+    return attempt.camera.max_sigma_px > UNCERTAIN_PX * setting.width / 1920.0
 
 
 def refuse_doubtful(setting: Setting, attempt: Attempt) -> Attempt:
@@ -213,18 +216,18 @@ def _follow_placement(setting: Setting, scene: Scene, mask: MarkingMask, placed:
     mask = replace(mask, conic=placed.conic, halfway=None, confidence=Confidence.ACCEPTED, band_px=0.0)
     picture = lighten_markings(scene.gray, mask, placed.circle)
     attempt = Attempt(mask=mask, circle_name=placed.circle.name)
-    view = placed.view
     try:
         with setting.clock("edges"):
             attempt = replace(attempt, edges=detect_edges(picture, mask, setting.config.edges))
     except EstimationError:
         return None
-    for _ in range(PLACED_ROUNDS):
-        attempt = _calibrate_view(told, picture, attempt, view)
-        if attempt.camera is None:
-            return None
-        view = attempt.camera.view
-    is_near = mean_distance_px(placed.view, view, setting.template) <= LARGEST_MOVE_WIDTHS * setting.width
+    settled = _settle_view(told, picture, attempt, placed.view)
+    if settled is None or settled.camera is None:
+        return None
+    attempt = settled
+    is_near = (
+        mean_distance_px(placed.view, settled.camera.view, setting.template) <= LARGEST_MOVE_WIDTHS * setting.width
+    )
     is_good = is_near and attempt.is_calibrated and _is_of_this_size(setting, attempt)
     return attempt if is_good else None
 
@@ -236,6 +239,18 @@ def _is_of_this_size(setting: Setting, attempt: Attempt) -> bool:
     residuals = () if attempt.camera is None else tuple(attempt.camera.residuals_px.values())
     off = sum(rms > LARGEST_RESIDUAL_PX * setting.width / 1920.0 for rms in residuals)
     return off <= max(1, len(residuals) // STRAY_AMONG)
+
+
+def _settle_view(setting: Setting, picture: NDArray[np.uint8], attempt: Attempt, view: FieldView) -> Attempt | None:
+    """The attempt with every marking measured where a view puts it, and again where the camera that follows does; None
+    where there is no camera.
+    """
+    for _ in range(PLACED_ROUNDS):
+        attempt = _calibrate_view(setting, picture, attempt, view)
+        if attempt.camera is None:
+            return None
+        view = attempt.camera.view
+    return attempt
 
 
 def _calibrate_view(setting: Setting, picture: NDArray[np.uint8], attempt: Attempt, view: FieldView) -> Attempt:
@@ -263,12 +278,7 @@ def _leave_out_strays(setting: Setting, seen: Attempt, attempt: Attempt) -> Atte
         limit = np.clip(usual, LEAST_STRAY_PX * unit, LARGEST_RESIDUAL_PX * unit)
         if rms <= limit and attempt.code != "residual_too_large":
             break
-        observations = replace(
-            observations,
-            circles=tuple(circle for circle in observations.circles if circle.circle != worst.name),
-            lines=tuple(line for line in observations.lines if line.line != worst.name),
-            marks=tuple(mark for mark in observations.marks if mark.mark != worst.name),
-        )
+        observations = observations.without({worst})
         attempt = estimate(setting, take_observations(setting, seen, observations))
         camera, left = attempt.camera, left - 1
     return attempt
@@ -294,12 +304,9 @@ def take_in_markings(setting: Setting, scene: Scene, attempt: Attempt) -> Iterat
     if attempt.mask is None or attempt.camera is None or attempt.verdict is None:
         return
     picture = lighten_markings(scene.gray, attempt.mask, setting.circle)
-    view, fuller = attempt.camera.view, attempt
-    for _ in range(PLACED_ROUNDS):
-        fuller = _calibrate_view(setting, picture, fuller, view)
-        if fuller.camera is None:
-            return
-        view = fuller.camera.view
+    fuller = _settle_view(setting, picture, attempt, attempt.camera.view)
+    if fuller is None:
+        return
     told = set() if fuller.verdict is None else {check.name for check in fuller.verdict.checks}
     yield add_checks(fuller, *(check for check in attempt.verdict.checks if check.name not in told))
 

@@ -175,9 +175,8 @@ def _misfit(predicted: Array, blur: Array, measured: Array) -> float:
     """Half the robust chi-square of ``measured = g predicted + blur b`` with no negative coefficient, in relative
     errors; ``blur`` is (N, 2).
     """
-    from scipy.optimize import (
-        nnls,
-    )  # takes as long to import as all of circlecal; only a camera that was accepted asks for it
+    # takes as long to import as all of circlecal; only a camera that was accepted asks for it
+    from scipy.optimize import nnls
 
     rows = np.column_stack([predicted, blur]) / measured[:, None]
     weight = np.ones(len(rows))

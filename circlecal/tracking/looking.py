@@ -18,7 +18,7 @@ from circlecal.rig.tripod import PLACE, TripodEstimate
 from circlecal.tracking.head_fit import HeadFit, fit_head, follow_common
 from circlecal.tracking.markings import DrawnTemplate, MeasuredFrame, measure_markings, place_markings, template_curves
 from circlecal.tracking.motion import SmallPicture
-from circlecal.tracking.search import RidgePicture, find_ridges, search_heads
+from circlecal.tracking.search import RidgePicture, map_ridges, search_heads
 
 LEAST_PLACES = 36
 """Places with paint, 9 px apart at 1920 px width, that confirm a head: two or three markings."""
@@ -140,7 +140,7 @@ class LookedAt:
     @cached_property
     def ridges(self) -> RidgePicture:
         """For a search."""
-        return find_ridges(self.gray, self.grass, RidgeConfig())
+        return map_ridges(self.gray, self.grass, RidgeConfig())
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.detection.options import RidgeConfig
-from circlecal.detection.ridges import find_ridges as detect_ridges
+from circlecal.detection.ridges import find_ridges
 from circlecal.field import FieldTemplate
 from circlecal.geometry.camera import lens_factor
 from circlecal.geometry.camera_parameters import KAPPA_1, POSITION, PRINCIPAL, rotations
@@ -60,7 +60,7 @@ class RidgePicture:
     factor: float
 
 
-def find_ridges(gray: NDArray[np.uint8], grass: NDArray[np.uint8], config: RidgeConfig) -> RidgePicture:
+def map_ridges(gray: NDArray[np.uint8], grass: NDArray[np.uint8], config: RidgeConfig) -> RidgePicture:
     """Light thin ridges on the playing surface.
 
     Parameters
@@ -77,7 +77,7 @@ def find_ridges(gray: NDArray[np.uint8], grass: NDArray[np.uint8], config: Ridge
     size = (round(finer * width), round(finer * height))
     reduced = np.asarray(cv2.resize(gray, size, interpolation=cv2.INTER_AREA), np.uint8)
     region = np.where(cv2.resize(grass, size, interpolation=cv2.INTER_NEAREST) > 0, 255, 0).astype(np.uint8)
-    found = detect_ridges(reduced, region, 1.0, config)
+    found = find_ridges(reduced, region, 1.0, config)
     points = found.points[found.chain >= LEAST_CHAIN_PX]
     off = np.ones((round(height / factor), WIDTH_PX), np.uint8)
     column, row = np.round((points + 0.5) / (finer * factor) - 0.5).astype(np.int64).T

@@ -131,9 +131,10 @@ def survey_clip(
     times = np.arange(0.0, max(duration_s - 0.5 * step, 0.01), step)
     pictures: dict[str, LookedAt] = {}
     alone: list[_Alone] = []
+    region = config.mask.detector.field_region
     for anchor in anchors:
         name = f"{anchor.time_s:.3f}"
-        pictures[name] = LookedAt.of(anchor.picture, config.mask.detector.field_region)
+        pictures[name] = LookedAt.of(anchor.picture, region)
         pictures[name], measured = _measure_on_surface(pictures[name], anchor.fit, config, template, drawn)
         alone.append(_Alone(name, anchor.fit, measured, is_named=True))
     for time_s, picture in zip(times, pictures_at([float(t) for t in times]), strict=False):
@@ -142,7 +143,7 @@ def survey_clip(
         name = f"{time_s:.3f}"
         if name in pictures:
             continue
-        pictures[name] = LookedAt.of(picture, config.mask.detector.field_region)
+        pictures[name] = LookedAt.of(picture, region)
         if len(alone) < ENOUGH_ALONE and not (known and known.tripods):
             found = run(picture, config, frame_id=name)
             if found.status == "calibrated" and found.attempt.camera is not None:
@@ -153,7 +154,6 @@ def survey_clip(
                     alone.append(_Alone(name, found.attempt.camera, measured))
     colours = [colour for a in alone if (colour := pictures[a.name].colour) is not None]
     usual = np.median(colours, axis=0) if colours else None
-    region = config.mask.detector.field_region
     pictures = {name: picture.take_surface(usual, region) for name, picture in pictures.items()}
     if known is not None and known.tripods:
         extended = [_extend(tripod, {}, pictures, config, template, drawn, tripod)[0] for tripod in known.tripods]
@@ -323,11 +323,10 @@ def _learn_between(
         return tripod
     times, heads = _heads_between(members)
     place = Place.of(tripod, template)
-    frames = list(members)
+    frames, region = list(members), config.mask.detector.field_region
     for time_s, head, picture in zip(times, heads, pictures_at(times), strict=False):
         if picture is None:
             continue
-        region = config.mask.detector.field_region
         look = _look_twice(place, LookedAt.of(picture, region).take_surface(colour, region), head)
         if look.is_confirmed:
             frames.append(HeadedFrame(f"{time_s:.3f}", look.fit.head, look.measured))
