@@ -72,6 +72,10 @@ class RidgePoints:
     def __len__(self) -> int:
         return len(self.points)
 
+    def take(self, index: NDArray[np.bool_]) -> RidgePoints:
+        """Some of them."""
+        return RidgePoints(self.points[index], self.normals[index], self.chain[index])
+
 
 def find_ridges(gray: GrayPicture, region: NDArray[np.uint8], sign: float, config: RidgeConfig) -> RidgePoints:
     """Find ridge points inside a region.

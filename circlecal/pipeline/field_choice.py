@@ -22,11 +22,12 @@ from circlecal.pipeline.attempts import refuse_as_open
 from circlecal.pipeline.fields import field_of
 from circlecal.pipeline.placed_field import EXPLAINED_EVIDENCE as PLACED_EVIDENCE
 from circlecal.pipeline.placed_field import EXPLAINED_SHARE as PLACED_SHARE
+from circlecal.pipeline.placed_field import look_for_paint
 from circlecal.pipeline.run import run
-from circlecal.pipeline.setting import Looks
-from circlecal.placement import see_paint, weigh_view
+from circlecal.pipeline.setting import Looks, Scene
+from circlecal.placement import weigh_view
 from circlecal.results import FieldCandidate, FrameCalibration
-from circlecal.stages.mask import suit_field, tell_grounds
+from circlecal.stages.mask import tell_grounds
 from circlecal.stages.verdict import is_beyond_doubt, needs_confirmation
 
 LEAST_EVIDENCE = 0.3
@@ -109,14 +110,15 @@ def calibrate_unknown_field(
     grounds = tell_grounds(image)
     if _is_settled(first, grounds):
         return replace(first, fields=(candidate_of(first),))
-    answers = [replace(_weigh(image, config, first), is_at_home=_is_on_its_ground(first, grounds))]
+    scene = Scene(image, to_gray(image), None, None, None, looks)
+    answers = [replace(_weigh(scene, config, first), is_at_home=_is_on_its_ground(first, grounds))]
     for group in _group_by_ground(names[1:], grounds):
         for name in group:
             sport = _sport_of(name)
             if any(answer.is_settled and answer.candidate.sport != sport for answer in answers):
                 continue
             is_sibling = any(answer.candidate.sport == sport for answer in answers)
-            answer = _weigh(image, config, calibrate(name, is_sibling=is_sibling))
+            answer = _weigh(scene, config, calibrate(name, is_sibling=is_sibling))
             is_doubtful = grounds[0] == "ice" and load_field(name).ground != "ice"
             answers.append(replace(answer, least_explained=EXPLAINED_ON_ICE) if is_doubtful else answer)
         if any(answer.weight > 0.0 for answer in answers[1:]):
@@ -235,12 +237,11 @@ def candidate_of(found: FrameCalibration) -> FieldCandidate:
     )
 
 
-def _weigh(image: NDArray[np.uint8], config: Config, found: FrameCalibration) -> Answer:
+def _weigh(scene: Scene, config: Config, found: FrameCalibration) -> Answer:
     candidate, template, view, mask = candidate_of(found), found.template, found.view, found.attempt.mask
     if found.status != "calibrated" or template is None or view is None or mask is None:
         return Answer(found, candidate)
-    options = suit_config(config, found.field_name).mask
-    paint = see_paint(image, to_gray(image), mask, suit_field(options, template).detector)
+    paint = look_for_paint(scene, mask, suit_config(config, found.field_name), template)
     if paint is None:
         return Answer(found, candidate)
     weighed = weigh_view(view, template, paint)

@@ -8,7 +8,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from circlecal.config import Config
 from circlecal.errors import EstimationError
+from circlecal.field import FieldTemplate
 from circlecal.field.view import FieldView
 from circlecal.observations import Observations
 from circlecal.paint.spots import measure_spots
@@ -16,6 +18,7 @@ from circlecal.pipeline.attempts import add_checks, estimate, refuse_as_open, ta
 from circlecal.pipeline.refinements import UNCERTAIN_PX, Retry, is_less_uncertain
 from circlecal.pipeline.setting import Scene, Setting, lighten_markings
 from circlecal.placement import (
+    Outlines,
     PlacedField,
     SeenPaint,
     ViewEvidence,
@@ -23,12 +26,13 @@ from circlecal.placement import (
     refine_placements,
     search_placements,
     see_paint,
+    see_surface,
     weigh_view,
 )
 from circlecal.refusals import Confidence
 from circlecal.results import Attempt, Check, MarkingMask, Rival
 from circlecal.stages.edges import detect_edges
-from circlecal.stages.mask import MaskConfig, suit_field
+from circlecal.stages.mask import suit_field
 from circlecal.stages.rays import measure_template
 from circlecal.stages.verdict import needs_confirmation
 
@@ -43,6 +47,10 @@ sports the right one was among the first four, with 0.91 of it at least.
 LARGEST_MOVE_WIDTHS = 0.05
 """Mean distance, picture widths, by which the camera may move the markings from where they were found: right ones moved
 them by 0.001 to 0.038.
+"""
+LOST_WIDTHS = 0.12
+"""Mean distance, picture widths, after any round from which a placement is given up: on seven frames of other sports
+those that settled had moved by 0.061 at most.
 """
 LEAST_EVIDENCE, LEAST_SHARE = 0.3, 0.55
 """Evidence, picture widths, and share of the markings in view that are painted, without which a placed field is not
@@ -121,11 +129,18 @@ def refuse_doubtful(setting: Setting, attempt: Attempt) -> Attempt:
     return refuse_as_open(attempt, "circle_unconfirmed") if _is_doubtful(setting, attempt) else attempt
 
 
-def _look_for_paint(scene: Scene, mask: MarkingMask, options: MaskConfig) -> SeenPaint | None:
-    """What stands out from the playing surface of a mask."""
-    key = ("paint", options.model_dump_json(), id(mask))
-    # the mask is kept beside, so that no other one takes its identity
-    return scene.looks.once(key, lambda: (mask, see_paint(scene.image, scene.gray, mask, options.detector)))[1]
+def look_for_paint(scene: Scene, mask: MarkingMask, config: Config, template: FieldTemplate) -> SeenPaint | None:
+    """What stands out from the playing surface of a mask as paint of its polarity does; what was found on that surface
+    before, for another mask or another template, is not looked for again.
+    """
+    if mask.field_region is None:
+        return None
+    options, has_colours = suit_field(config.mask, template).detector, Outlines.of(template).has_colours
+    surface = np.packbits(mask.field_region).tobytes()
+    said = options.ridges.model_dump_json(), options.field_region.light, options.detection_width_px
+    key = ("surface", *said, has_colours, mask.polarity, surface)
+    ridges = scene.looks.once(key, lambda: see_surface(scene.image, scene.gray, mask, options, has_colours))
+    return None if ridges is None else see_paint(ridges, mask)
 
 
 def place_template(setting: Setting, scene: Scene, first: Attempt) -> Iterator[Attempt]:
@@ -135,26 +150,28 @@ def place_template(setting: Setting, scene: Scene, first: Attempt) -> Iterator[A
     markings decides. Where two say alike, the attempt is refused as ``circle_open``. Each surface and polarity is
     searched until one answers.
     """
-    mask = first.mask
+    mask, tried = first.mask, set[tuple[object, ...]]()
     for rank, seen in enumerate(() if mask is None else (mask, *mask.sightings)):
-        best = _place_among(setting, scene, seen, 1.0 if rank < LIKELIEST else OTHER_SIGHTING)
+        with setting.clock("cues"):
+            paint = look_for_paint(scene, seen, setting.config, setting.template)
+        if paint is None or paint.key in tried:
+            continue
+        tried.add(paint.key)
+        best = _place_among(setting, scene, seen, paint, 1.0 if rank < LIKELIEST else OTHER_SIGHTING)
         if best is not None:
             yield best
 
 
-def _place_among(setting: Setting, scene: Scene, mask: MarkingMask, factor: float) -> Attempt | None:
-    """The field laid over markings of one polarity on one surface; None where none is believed with the evidence that
-    is usually enough, times a factor.
+def _place_among(setting: Setting, scene: Scene, mask: MarkingMask, paint: SeenPaint, factor: float) -> Attempt | None:
+    """The field laid over paint of one polarity on one surface; None where none is believed with the evidence that is
+    usually enough, times a factor.
     """
-    config, template = setting.config, setting.template
+    template, side = setting.template, setting.config.correspondences.camera_side
     with setting.clock("cues"):
-        paint = _look_for_paint(scene, mask, suit_field(config.mask, template))
-        if paint is None:
-            return None
-        size, side = (setting.width, setting.height), config.correspondences.camera_side
+        size = setting.width, setting.height
         # a field of other sizes of the same sport lies where the first one does
-        key = ("placements", template.sport or template.name, side, id(paint))
-        rough = scene.looks.once(key, lambda: (paint, search_placements(mask, paint, size, template, side)))[1]
+        key = ("placements", template.sport or template.name, side, *paint.key)
+        rough = scene.looks.once(key, lambda: search_placements(paint, size, template, side))
         placements = [] if rough is None else refine_placements(rough, paint, size, template)
     least = max(0.0, LEAST_PLACED * placements[0].evidence) if placements else 0.0
     likely = [placed for placed in placements[:MOST_PLACED] if placed.evidence > least]
@@ -243,13 +260,16 @@ def _is_of_this_size(setting: Setting, attempt: Attempt) -> bool:
 
 def _settle_view(setting: Setting, picture: NDArray[np.uint8], attempt: Attempt, view: FieldView) -> Attempt | None:
     """The attempt with every marking measured where a view puts it, and again where the camera that follows does; None
-    where there is no camera.
+    where there is no camera, or one that leads far away.
     """
+    there = view
     for _ in range(PLACED_ROUNDS):
-        attempt = _calibrate_view(setting, picture, attempt, view)
+        attempt = _calibrate_view(setting, picture, attempt, there)
         if attempt.camera is None:
             return None
-        view = attempt.camera.view
+        there = attempt.camera.view
+        if mean_distance_px(view, there, setting.template) > LOST_WIDTHS * setting.width:
+            return None
     return attempt
 
 

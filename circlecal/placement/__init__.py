@@ -10,18 +10,21 @@ and the one whose markings lie on ridges of their direction wins. Neither a half
 (cameras before a circle) -> ``fit`` (cameras moved onto the paint) -> ``search``.
 """
 
-from circlecal.placement.evidence import ViewEvidence, mean_distance_px, weigh_view
-from circlecal.placement.paint_maps import SeenPaint, see_paint
+from circlecal.placement.evidence import Outlines, ViewEvidence, mean_distance_px, weigh_view
+from circlecal.placement.paint_maps import SeenPaint, SurfaceRidges, see_paint, see_surface
 from circlecal.placement.search import PlacedField, RoughPlacements, refine_placements, search_placements
 
 __all__ = [
+    "Outlines",
     "PlacedField",
     "RoughPlacements",
     "SeenPaint",
+    "SurfaceRidges",
     "ViewEvidence",
     "mean_distance_px",
     "refine_placements",
     "search_placements",
     "see_paint",
+    "see_surface",
     "weigh_view",
 ]

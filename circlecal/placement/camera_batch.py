@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 
 from circlecal.field import FieldTemplate
 from circlecal.field.view import FieldView
-from circlecal.geometry.camera import Camera, lens_factor, pan_tilt_roll
+from circlecal.geometry.camera import Camera, pan_tilt_roll
 from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.homography import SIDES
 from circlecal.geometry.projective import Array, Mask, lift
 
+Pixels = NDArray[np.float32]
+"""Coordinates in pictures, and what is computed from them for thousands of cameras."""
 FOCAL_WIDTHS, FOCALS = (0.6, 8.0), 16
 """Range of the focal length, picture widths, and how many between, at equal ratios."""
 TURN_DEG = 2.5
@@ -28,6 +30,62 @@ LENS = 0.025
 other sports have, -0.02 to 0.09, which moves far lines by up to 30 px of the searched picture."""
 LARGEST_LENS, FURTHEST_LENS = 0.15, 4.0
 """Largest distortion of the lens, and the squared distance from the middle, half widths, up to which it grows."""
+AHEAD = 1e-6
+"""Least depth, metres, of what lies before a camera."""
+
+
+@dataclass(frozen=True, slots=True)
+class Projection:
+    """Where points lie before B cameras, in single precision, which is a hundredth of a pixel.
+
+    Attributes
+    ----------
+    pixels : (2, B, P) float32
+        x and y of the picture.
+    ahead : (B, P) array of bool
+        Which lie before the camera.
+    local : (3, B, P) float32
+        In the camera's frame, metres.
+    offset : (2, B, P) float32
+        From the middle of the picture before the lens bends it, half widths.
+    square, factor : (B, P) float32
+        Of its length, no more than :data:`FURTHEST_LENS`, and by what the lens multiplies it.
+    """
+
+    pixels: Pixels
+    ahead: Mask
+    local: Pixels
+    offset: Pixels
+    square: Pixels
+    factor: Pixels
+
+    def derive(self, cameras: CameraBatch, directions: Pixels) -> Pixels:
+        """How far a step of :meth:`CameraBatch.move` carries each point along directions (2, B, P), per unit of each of
+        its eight parts: (8, B, P).
+        """
+        along = np.einsum("xbp,xbp->bp", directions, self.offset)
+        bend = np.where(self.square < FURTHEST_LENS, 2 * cameras.lens.astype(np.float32)[:, None] * along, 0.0)
+        half_width = np.float32(cameras.half_width)
+        # of the pixel by the offset: half_width (factor I + 2 lens offset offset^T)
+        by_offset = half_width * (self.factor * directions + bend * self.offset)
+        depth = np.where(self.ahead, self.local[2], np.float32(1.0))
+        focal = (np.exp(cameras.log_focal) / cameras.half_width).astype(np.float32)[:, None]
+        by_x, by_y = by_offset * (focal / depth)
+        by_z = -(by_x * self.local[0] + by_y * self.local[1]) / depth
+        x, y, z = self.local
+        distance = np.linalg.norm(cameras.shift, axis=1).astype(np.float32)[:, None]
+        return np.stack(
+            [
+                y * by_z - z * by_y,
+                z * by_x - x * by_z,
+                x * by_y - y * by_x,
+                distance * by_x,
+                distance * by_y,
+                distance * by_z,
+                np.einsum("xbp,xbp->bp", by_offset, self.offset),
+                half_width * along * self.square,
+            ]
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,24 +136,28 @@ class CameraBatch:
         y = focal * columns[:, 1] + self.middle[1] * columns[:, 2]
         return np.stack([x, y, columns[:, 2]], axis=1)
 
-    def project(self, points: Array) -> tuple[Array, Mask]:
-        """Pixels (B, ..., 2) of field points (..., 2), and which (B, ...) lie before the camera."""
-        flat = lift(points.reshape(-1, 2)) @ self.homographies.swapaxes(1, 2)
-        depth = flat[..., 2]
-        ahead = depth > 1e-6
-        pixels = self.bend(flat[..., :2] / np.where(ahead, depth, 1.0)[..., None])
-        shape = (len(self), *points.shape[:-1])
-        return pixels.reshape(*shape, 2), ahead.reshape(shape)
+    @property
+    def half_width(self) -> float:
+        """Half the width of the picture, pixels."""
+        return float(self.middle[0]) + 0.5
 
-    def bend(self, pixels: Array) -> Array:
-        """Pixels (B, N, 2) as the lenses show them."""
-        offset = pixels - self.middle
-        x, y = offset[..., 0], offset[..., 1]
-        r2 = (x * x + y * y) / (self.middle[0] + 0.5) ** 2
-        factor, _ = lens_factor(np.minimum(r2, FURTHEST_LENS), self.lens[:, None], 0.0)
-        offset *= factor[..., None]
-        offset += self.middle
-        return np.asarray(offset)
+    def project(self, points: Array) -> Projection:
+        """Where field points (P, 2), or (B, P, 2) for each camera its own, lie in the picture."""
+        columns = np.stack([self.rotation[:, :, 0], self.rotation[:, :, 1], self.shift]).astype(np.float32)
+        first, second, origin = columns.transpose(0, 2, 1)[..., None]  # (3, B, 1) each
+        flat = np.asarray(points, np.float32)
+        local = first * flat[..., 0] + second * flat[..., 1] + origin
+        ahead = local[2] > AHEAD
+        depth = np.where(ahead, local[2], np.float32(1.0))
+        offset = local[:2] / depth
+        offset *= (np.exp(self.log_focal) / self.half_width).astype(np.float32)[:, None]
+        square = np.minimum(offset[0] * offset[0] + offset[1] * offset[1], np.float32(FURTHEST_LENS))
+        factor = square * self.lens.astype(np.float32)[:, None]
+        factor += 1.0
+        pixels = offset * factor
+        pixels *= np.float32(self.half_width)
+        pixels += self.middle.astype(np.float32)[:, None, None]
+        return Projection(pixels, ahead, local, offset, square, factor)
 
     def move(self, step: Array) -> CameraBatch:
         """Cameras after a step (8,) or (B, 8): turn, shift as a share of the distance, log focal length, lens."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from circlecal.field import FieldTemplate
 from circlecal.field.view import FieldView
 from circlecal.geometry.projective import Array, Mask
+from circlecal.placement.camera_batch import Pixels
 from circlecal.placement.paint_maps import COLOURS, DIRECTIONS, SeenPaint
 
 FINE_SHARE = 0.006
@@ -61,6 +62,11 @@ class Outlines:
             rims=np.array([np.asarray(c.center) + template.radius(c, "center") * ring for c in round_ones]),
         )
 
+    @property
+    def has_colours(self) -> bool:
+        """Whether the colour of any of them is told apart."""
+        return bool(self.colours.any())
+
     def thin(self, step: int) -> Outlines:
         """Every so many nodes of each marking."""
         return replace(self, nodes=self.nodes[:, ::step])
@@ -79,25 +85,32 @@ class OutlineSamples:
 
     Attributes
     ----------
-    cell : tuple of arrays that broadcast to (B, K, N)
-        Colour, direction, row and column: what :class:`circlecal.placement.paint_maps.RidgeMaps` are read with.
-    length : (B, K, N) array
+    cell : (B, K, N) array
+        Index of colour, direction, row and column in the flat maps of ridges.
+    length : (B, K, N) float32
         Length of marking that each stands for, pixels; 0 where the playing surface does not show it.
-    normals : (B, K, N, 2) array
-        Across the marking.
+    tangents : (2, B, K, N) float32
+        From place to place along the marking, pixels.
     """
 
-    cell: tuple[NDArray[np.intp], ...]
-    length: Array
-    normals: Array
+    cell: NDArray[np.intp]
+    length: Pixels
+    tangents: Pixels
+
+    @property
+    def normals(self) -> Pixels:
+        """Unit vectors across the marking (2, B, K, N)."""
+        along_x, along_y = self.tangents
+        scale = np.maximum(np.sqrt(along_x * along_x + along_y * along_y), np.float32(1e-9))
+        return np.stack([-along_y, along_x]) / scale
 
 
-def sample_outlines(pixels: Array, ahead: Mask, colours: NDArray[np.intp], region: Mask) -> OutlineSamples:
+def sample_outlines(pixels: Pixels, ahead: Mask, colours: NDArray[np.intp], region: Mask) -> OutlineSamples:
     """Where markings lie on the maps.
 
     Parameters
     ----------
-    pixels : (B, K, N, 2) array
+    pixels : (2, B, K, N) array
         Places along them, pixels of the reduced picture.
     ahead : (B, K, N) array of bool
         Which lie before the camera.
@@ -106,16 +119,17 @@ def sample_outlines(pixels: Array, ahead: Mask, colours: NDArray[np.intp], regio
     region : (h, w) array of bool
         The playing surface.
     """
-    tangent = np.gradient(pixels, axis=2)
-    length = np.hypot(tangent[..., 0], tangent[..., 1])
-    normals = np.stack([-tangent[..., 1], tangent[..., 0]], axis=-1) / np.maximum(length, 1e-9)[..., None]
+    along_x, along_y = tangents = np.gradient(pixels, axis=3)
+    length = np.minimum(np.sqrt(along_x * along_x + along_y * along_y), np.float32(LONGEST_STEP * region.shape[1]))
     rows, columns = region.shape
-    across, down = pixels[..., 0], pixels[..., 1]
+    across, down = pixels
     inside = ahead & (across >= 0) & (across <= columns - 1) & (down >= 0) & (down <= rows - 1)
-    x, y = (np.rint(np.where(inside, at, 0.0)).astype(np.intp) for at in (across, down))
-    direction = (np.arctan2(normals[..., 1], normals[..., 0]) % np.pi * (DIRECTIONS / np.pi)).astype(np.intp)
-    length = np.where(inside & region[y, x], np.minimum(length, LONGEST_STEP * columns), 0.0)
-    return OutlineSamples((colours[:, None], np.minimum(direction, DIRECTIONS - 1), y, x), length, normals)
+    x, y = (np.rint(np.where(inside, at, np.float32(0.0))).astype(np.intp) for at in (across, down))
+    place = y * columns + x
+    length *= inside & region.ravel().take(place)
+    turn = np.arctan2(along_x, -along_y) * np.float32(DIRECTIONS / np.pi)  # of the normal
+    direction = np.floor(turn).astype(np.intp) % DIRECTIONS
+    return OutlineSamples((colours[:, None] * DIRECTIONS + direction) * region.size + place, length, tangents)
 
 
 def weigh_samples(
@@ -134,10 +148,13 @@ def weigh_samples(
     reach : float
         Distance at which a ridge does not explain a marking any more, pixels.
     """
-    explained = np.maximum(0.0, 1.0 - distance[samples.cell] / reach)
-    total, found = samples.length.sum(axis=2), (samples.length * explained).sum(axis=2)
-    is_left_out = is_optional & (found < BREAK_EVEN * total)
-    total, found = (np.where(is_left_out, 0.0, part).sum(axis=1) for part in (total, found))
+    explained = distance.ravel().take(samples.cell)
+    explained *= np.float32(-1.0 / reach)
+    explained += 1.0
+    np.maximum(explained, 0.0, out=explained)
+    of_markings = samples.length.sum(axis=2, dtype=np.float64), np.einsum("bkn,bkn->bk", samples.length, explained)
+    is_left_out = is_optional & (of_markings[1] < BREAK_EVEN * of_markings[0])
+    total, found = (np.where(is_left_out, 0.0, part).sum(axis=1) for part in of_markings)
     return found - BREAK_EVEN * total, found / np.maximum(total, 1e-9)
 
 
@@ -172,8 +189,9 @@ def weigh_view(view: FieldView, template: FieldTemplate, paint: SeenPaint) -> Vi
     pixels = view.project(grown)
     ahead = np.array(np.isfinite(pixels).all(axis=-1))[None]
     pixels = maps.scaling.reduce(np.nan_to_num(pixels, nan=-1e6)[None])
-    samples = sample_outlines(pixels, ahead, outlines.colours, maps.region)
-    in_picture = sample_outlines(pixels, ahead, outlines.colours, np.ones_like(maps.region)).length
+    planes = np.moveaxis(pixels, -1, 0).astype(np.float32)
+    samples = sample_outlines(planes, ahead, outlines.colours, maps.region)
+    in_picture = sample_outlines(planes, ahead, outlines.colours, np.ones_like(maps.region)).length
     score, share = weigh_samples(samples, maps.distance, outlines.is_optional, reach)
     return ViewEvidence(
         float(score[0]) / maps.width,

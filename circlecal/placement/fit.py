@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from circlecal.geometry.projective import Array, Mask, lift
-from circlecal.placement.camera_batch import LENS, CameraBatch
+from circlecal.geometry.projective import Array, lift
+from circlecal.placement.camera_batch import LENS, CameraBatch, Pixels, Projection
 from circlecal.placement.evidence import Outlines, sample_outlines
 from circlecal.placement.paint_maps import RidgeMaps
 
@@ -20,20 +19,10 @@ ROLL_SD_DEG = 2.0
 """Of a broadcast's camera."""
 LENS_SD = 0.03
 """Standard deviation of the radial distortion, half widths."""
-STEP, LARGEST_STEP = 1e-5, 0.3
-"""Of the numerical derivatives, and largest of a round: radians, logarithm of the focal length, shares of the distance.
-"""
+LARGEST_STEP = 0.3
+"""Of a round: radians, logarithm of the focal length, shares of the distance."""
 DAMPING = 1e-4
 """Share of the normal matrix' mean diagonal that is added to it (Levenberg)."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Targets:
-    """Ridges (B, K, N, 2) that markings are drawn to, across them (B, K, N, 2), and weights (B, K, N)."""
-
-    places: Array
-    normals: Array
-    weights: Array
 
 
 def fit_cameras(
@@ -55,39 +44,60 @@ def fit_cameras(
         Distance up to which a ridge draws a marking, pixels, for each step.
     """
     conic = np.array(conics)[cameras.seen]
+    shape = outlines.nodes.shape[:2]
     for reach in reaches.tolist():
-        pixels, ahead = cameras.project(outlines.nodes)
-        targets = _choose_targets(pixels, ahead, outlines, maps, reach)
-        base = _residuals(cameras, pixels, conic, outlines, targets)
-        moved = [cameras.move(step) for step in np.eye(8) * STEP]
-        changed = [_residuals(other, other.project(outlines.nodes)[0], conic, outlines, targets) for other in moved]
-        J = np.stack([(values - base) / STEP for values in changed], axis=-1)
-        J = np.where(np.isfinite(J), J, 0.0)
-        normal = J.swapaxes(1, 2) @ J
+        seen = cameras.project(outlines.nodes.reshape(-1, 2))
+        parts = (
+            _compare_rims(cameras, conic, outlines),
+            _compare_markings(cameras, seen, shape, outlines, maps, reach),
+            _compare_priors(cameras),
+        )
+        residuals, J = (np.concatenate(part, axis=-1) for part in zip(*parts, strict=True))
+        J = J.transpose(1, 0, 2)
+        normal = (J @ J.swapaxes(1, 2)).astype(np.float64)
         normal += DAMPING * np.eye(8) * np.trace(normal, axis1=1, axis2=2)[:, None, None] / 8 + 1e-9 * np.eye(8)
-        step = -np.linalg.solve(normal, J.swapaxes(1, 2) @ base[..., None])[..., 0]
+        step = -np.linalg.solve(normal, (J @ residuals[..., None]).astype(np.float64))[..., 0]
         cameras = cameras.move(np.clip(step, -LARGEST_STEP, LARGEST_STEP))
     return cameras
 
 
-def _choose_targets(pixels: Array, ahead: Mask, outlines: Outlines, maps: RidgeMaps, reach: float) -> _Targets:
-    """The nearest ridges of markings (B, K, N, 2) within reach, pixels; the nearer, the more they count."""
-    samples = sample_outlines(pixels, ahead, outlines.colours, maps.region)
-    distance = maps.distance[samples.cell]
-    trust = np.where(distance < reach, (1 - (distance / reach) ** 2), 0.0) * np.sqrt(samples.length / FULL_LENGTH_PX)
-    weights = trust / (RIDGE_PX + REACH_SHARE * reach)
-    return _Targets(maps.places[maps.label[samples.cell]], samples.normals, weights)
+def _compare_markings(
+    cameras: CameraBatch, seen: Projection, shape: tuple[int, ...], outlines: Outlines, maps: RidgeMaps, reach: float
+) -> tuple[Pixels, Pixels]:
+    """Residuals (B, P) of markings (K, N) beside the nearest ridges within reach, pixels, of which the nearer count
+    more, and their derivatives (8, B, P).
+    """
+    count = len(cameras)
+    outlined = seen.pixels.reshape(2, count, *shape)
+    samples = sample_outlines(outlined, seen.ahead.reshape(count, *shape), outlines.colours, maps.region)
+    distance = maps.distance.ravel().take(samples.cell)
+    trust = np.where(distance < reach, (1 - (distance / np.float32(reach)) ** 2), np.float32(0.0))
+    weights = trust * np.sqrt(samples.length / np.float32(FULL_LENGTH_PX)) / np.float32(RIDGE_PX + REACH_SHARE * reach)
+    normals = (samples.normals * weights).reshape(2, count, -1)
+    places = np.moveaxis(maps.places[maps.label.ravel().take(samples.cell)], -1, 0).reshape(2, count, -1)
+    beside = np.einsum("xbp,xbp->bp", places.astype(np.float32) - seen.pixels, normals)
+    return beside, -seen.derive(cameras, normals)
 
 
-def _residuals(cameras: CameraBatch, pixels: Array, conic: Array, outlines: Outlines, targets: _Targets) -> Array:
-    """Residuals (B, R): the circle beside the seen one, markings (B, K, N, 2) beside their ridges, roll and lens."""
-    rim = lift(outlines.rims[cameras.own]) @ cameras.homographies.swapaxes(1, 2)
-    rim /= np.where(np.abs(rim[..., 2:]) > 1e-9, rim[..., 2:], 1e-9)
-    rim[..., :2] = cameras.bend(rim[..., :2])
-    polar = rim @ conic
-    # Sampson's distance
-    off = np.sum(rim * polar, axis=-1) / np.maximum(2 * np.hypot(polar[..., 0], polar[..., 1]), 1e-12)
-    beside = np.sum((targets.places - pixels) * targets.normals, axis=-1) * targets.weights
-    roll = np.degrees(np.arctan2(cameras.rotation[:, 0, 2], cameras.rotation[:, 1, 2])) / ROLL_SD_DEG
-    prior = np.stack([roll, (cameras.lens - LENS) / LENS_SD], axis=-1)
-    return np.nan_to_num(np.concatenate([off / OWN_PX, beside.reshape(len(cameras), -1), prior], axis=1))
+def _compare_rims(cameras: CameraBatch, conic: Array, outlines: Outlines) -> tuple[Pixels, Pixels]:
+    """Residuals (B, M) of the circle beside the seen one (B, 3, 3), and their derivatives (8, B, M)."""
+    rim = cameras.project(outlines.rims[cameras.own])
+    points = lift(np.moveaxis(rim.pixels, 0, -1).astype(np.float64))
+    polar = points @ conic
+    slope = np.maximum(np.hypot(polar[..., 0], polar[..., 1]), 1e-12)
+    # Sampson's distance, whose gradient beside the curve is the curve's normal
+    off = np.where(rim.ahead, np.sum(points * polar, axis=-1) / (2 * slope * OWN_PX), 0.0)
+    normals = np.where(rim.ahead[..., None], polar[..., :2] / (slope * OWN_PX)[..., None], 0.0)
+    return off.astype(np.float32), rim.derive(cameras, np.moveaxis(normals, -1, 0).astype(np.float32))
+
+
+def _compare_priors(cameras: CameraBatch) -> tuple[Pixels, Pixels]:
+    """Residuals (B, 2) of roll and lens, and their derivatives (8, B, 2)."""
+    x, y, z = cameras.rotation[:, :, 2].T
+    level = np.maximum(x * x + y * y, 1e-12)
+    roll = np.degrees(np.arctan2(x, y))
+    J = np.zeros((8, len(cameras), 2), np.float32)
+    # of arctan2(x, y) by a turn w, which moves the axis (x, y, z) by its cross product with w
+    J[:3, :, 0] = np.degrees(np.stack([x * z / level, y * z / level, -np.ones_like(x)])) / ROLL_SD_DEG
+    J[7, :, 1] = 1 / LENS_SD
+    return np.stack([roll / ROLL_SD_DEG, (cameras.lens - LENS) / LENS_SD], axis=-1).astype(np.float32), J

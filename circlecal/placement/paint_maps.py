@@ -73,35 +73,83 @@ class RidgeMaps:
 
 
 @dataclass(frozen=True, slots=True)
-class SeenPaint:
-    """What stands out from a playing surface as paint does, in a reduced picture.
+class SurfaceRidges:
+    """All that stands out from a playing surface as paint of one polarity does, in a reduced picture.
 
     Attributes
     ----------
-    structures : RidgePoints
-        Ridges on circles and straight lines that were found.
-    drawn, maps : RidgeMaps
-        Of these, and of all ridges.
+    ridges : RidgePoints
+        Pixels of the reduced picture.
+    colours : (C, N) array of bool
+        Which ridges may be each of :data:`COLOURS`.
+    maps : RidgeMaps
+        Of all ridges.
     """
 
-    structures: RidgePoints
-    drawn: RidgeMaps
+    ridges: RidgePoints
+    colours: Mask
     maps: RidgeMaps
 
 
-def see_paint(
-    image: NDArray[np.uint8], gray: NDArray[np.uint8], mask: MarkingMask, config: DetectorConfig
-) -> SeenPaint | None:
-    """The paint on the playing surface; None where there is neither.
+@dataclass(frozen=True, slots=True)
+class SeenPaint:
+    """What stands out from a playing surface as paint does, and what of it is painted most surely.
+
+    Attributes
+    ----------
+    surface : SurfaceRidges
+        All that stands out.
+    conics : tuple of (3, 3) arrays
+        Circles that were found, each once, pixels of the full picture.
+    is_structure : (N,) array of bool
+        Which ridges lie on circles and straight lines that were found.
+    """
+
+    surface: SurfaceRidges
+    conics: tuple[Array, ...]
+    is_structure: Mask
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """What tells it from other paint of the same picture."""
+        circles = tuple(conic.tobytes() for conic in self.conics)
+        return id(self.surface), circles, np.packbits(self.is_structure).tobytes()
+
+    @property
+    def maps(self) -> RidgeMaps:
+        """Of all ridges."""
+        return self.surface.maps
+
+    @property
+    def structures(self) -> RidgePoints:
+        """Ridges on circles and straight lines that were found."""
+        return self.surface.ridges.take(self.is_structure)
+
+    def map_structures(self) -> RidgeMaps:
+        """Maps of the ridges on circles and straight lines that were found."""
+        maps = self.surface.maps
+        return _map_ridges(self.structures, maps.region, maps.scaling, self.surface.colours[:, self.is_structure])
+
+
+def see_surface(
+    image: NDArray[np.uint8],
+    gray: NDArray[np.uint8],
+    mask: MarkingMask,
+    config: DetectorConfig,
+    has_colours: bool = True,
+) -> SurfaceRidges | None:
+    """The ridges of the playing surface of a mask; None where it has no surface, or nothing stands out from it.
 
     Parameters
     ----------
     image, gray : (H, W, 3), (H, W) uint8
         The picture and its brightness.
     mask : MarkingMask
-        What the detector found.
+        What the detector found, of which surface and polarity are used.
     config : DetectorConfig
         Options of the detector.
+    has_colours : bool
+        Whether colours of paint are told apart; else there is the first of :data:`COLOURS` alone.
     """
     if mask.field_region is None:
         return None
@@ -110,15 +158,18 @@ def see_paint(
     ridges, region, scaling = _find_paint(gray, hull, sign, config)
     if len(ridges) == 0:
         return None
+    colours = _tell_colours(image, ridges, scaling) if has_colours else np.ones((1, len(ridges)), np.bool_)
+    return SurfaceRidges(ridges, colours, _map_ridges(ridges, region, scaling, colours))
+
+
+def see_paint(surface: SurfaceRidges, mask: MarkingMask) -> SeenPaint:
+    """The paint on a playing surface, of which what lies on the circles and lines of a mask is painted most surely."""
+    scaling = surface.maps.scaling
     halfway = () if mask.halfway is None else (mask.halfway,)
     segments = np.array([(s.start, s.end) for s in (*mask.lines, *halfway)]).reshape(-1, 2, 2)
-    structures = _select_structures(
-        ridges, [scaling.reduce_conic(conic) for conic in distinct_circles(mask)], scaling.reduce(segments)
-    )
-    drawn, maps = (
-        _map_ridges(found, region, scaling, _tell_colours(image, found, scaling)) for found in (structures, ridges)
-    )
-    return SeenPaint(structures, drawn, maps)
+    conics = tuple(distinct_circles(mask))
+    reduced = [scaling.reduce_conic(conic) for conic in conics]
+    return SeenPaint(surface, conics, _lie_on_structures(surface.ridges, reduced, scaling.reduce(segments)))
 
 
 def distinct_circles(mask: MarkingMask) -> list[Array]:
@@ -157,9 +208,9 @@ def _find_paint(
     return find_ridges(reduced, region, sign, options), region > 0, scaling
 
 
-def _select_structures(ridges: RidgePoints, conics: Sequence[Array], segments: Array) -> RidgePoints:
-    """The ridges that lie on circles or straight lines that were found, (3, 3) and (K, 2, 2) in the same picture: what
-    is painted, mostly, without legs and letters.
+def _lie_on_structures(ridges: RidgePoints, conics: Sequence[Array], segments: Array) -> Mask:
+    """Which ridges (N,) lie on circles or straight lines that were found, (3, 3) and (K, 2, 2) in the same picture:
+    what is painted, mostly, without legs and letters.
     """
     on = np.zeros(len(ridges), np.bool_)
     for conic in conics:
@@ -171,7 +222,7 @@ def _select_structures(ridges: RidgePoints, conics: Sequence[Array], segments: A
         along = offset @ span / length
         beside = np.abs(offset @ np.array([-span[1], span[0]])) / length
         on |= (beside < STRUCTURE_PX) & (along > -STRUCTURE_PX) & (along < length + STRUCTURE_PX)
-    return RidgePoints(ridges.points[on], ridges.normals[on], ridges.chain[on])
+    return on
 
 
 def _tell_colours(image: NDArray[np.uint8], ridges: RidgePoints, scaling: Scaling) -> Mask:

@@ -14,8 +14,7 @@ from circlecal.geometry.projective import Array
 from circlecal.placement.camera_batch import CameraBatch, cameras_before_circles, join_cameras
 from circlecal.placement.evidence import FINE_SHARE, Outlines, sample_outlines, weigh_samples
 from circlecal.placement.fit import fit_cameras
-from circlecal.placement.paint_maps import RidgeMaps, SeenPaint, distinct_circles
-from circlecal.results import MarkingMask
+from circlecal.placement.paint_maps import RidgeMaps, SeenPaint
 
 COARSE_SHARE, MIDDLE_SHARE = 0.03, 0.012
 """Distance from a ridge at which a marking is not explained by it any more, picture widths: of the first cameras, whose
@@ -32,7 +31,7 @@ COARSE_NODES = 4
 """Every so many nodes of an outline are looked at for the first cameras."""
 MOST_CIRCLES = 5
 """Seen circles from which cameras start."""
-AT_ONCE = 4000
+AT_ONCE = 250
 """Cameras that are weighed at once, which bounds the memory."""
 
 
@@ -81,16 +80,15 @@ class RoughPlacements:
 
 
 def search_placements(
-    mask: MarkingMask, paint: SeenPaint, size: tuple[int, int], template: FieldTemplate, side: str
+    paint: SeenPaint, size: tuple[int, int], template: FieldTemplate, side: str
 ) -> RoughPlacements | None:
     """The likeliest ways to lay a field over a picture among all that its circles allow; None where there is none.
 
     Parameters
     ----------
-    mask : MarkingMask
-        What the detector found.
     paint : SeenPaint
-        What stands out from the playing surface; cameras are chosen by what is surely painted, and by all of it.
+        What stands out from the playing surface, and the circles there; cameras are chosen by what is surely painted,
+        and by all of it.
     size : (int, int)
         Width and height of the picture.
     template : FieldTemplate
@@ -98,7 +96,7 @@ def search_placements(
     side : str
         Side of the field from which the camera looks.
     """
-    conics, maps = tuple(distinct_circles(mask)[:MOST_CIRCLES]), paint.maps
+    conics, maps = paint.conics[:MOST_CIRCLES], paint.maps
     small = [maps.scaling.reduce_conic(conic) for conic in conics]
     middle = maps.scaling.reduce((np.array(size) - 1) / 2)
     cameras = cameras_before_circles(small, template, maps.width, middle, side)
@@ -108,7 +106,7 @@ def search_placements(
     few, nodes = outlines.thin(COARSE_NODES), outlines.nodes
     reaches = COARSE_SHARE * maps.width * np.geomspace(1.0, MIDDLE_SHARE / COARSE_SHARE, FIRST_ROUNDS)
     parts = []
-    all_paint = (paint.drawn, maps)
+    all_paint = (paint.map_structures(), maps)
     for seen, (score, _) in zip(all_paint, _weigh_cameras(cameras, few, all_paint, reaches[0]), strict=True):
         first = cameras.take(_distinct(cameras, score, nodes, maps, FOLLOWED, FIRST_KEPT))
         parts.append(fit_cameras(first, small, few, seen, reaches))
@@ -160,7 +158,10 @@ def _weigh_cameras(
     """
     weights = []
     for begin in range(0, len(cameras), AT_ONCE):
-        pixels, ahead = cameras.take(slice(begin, begin + AT_ONCE)).project(outlines.nodes)
+        part = cameras.take(slice(begin, begin + AT_ONCE))
+        shape = len(part), *outlines.nodes.shape[:2]
+        shown = part.project(outlines.nodes.reshape(-1, 2))
+        pixels, ahead = shown.pixels.reshape(2, *shape), shown.ahead.reshape(shape)
         samples = sample_outlines(pixels, ahead, outlines.colours, seen[0].region)
         weights.append([weigh_samples(samples, maps.distance, outlines.is_optional, reach) for maps in seen])
     of_maps = [zip(*of_one, strict=True) for of_one in zip(*weights, strict=True)]
@@ -172,16 +173,18 @@ def _distinct(
 ) -> NDArray[np.intp]:
     """The best cameras, best first, each of those that show the field alike once; at most so many as are wanted."""
     order = np.argsort(-score)[:most]
-    marked, ahead = cameras.take(order).project(nodes.reshape(-1, 2)[:: COARSE_NODES**2])
+    marked = cameras.take(order).project(nodes.reshape(-1, 2)[:: COARSE_NODES**2])
     rows, columns = maps.region.shape
-    shown = ahead & (marked > 0).all(axis=-1) & (marked < (columns, rows)).all(axis=-1)
-    x, y = np.where(shown, marked.transpose(2, 0, 1), 0.0).astype(np.float32)
+    (x, y), size = marked.pixels, np.array([[[columns]], [[rows]]])
+    shown = marked.ahead & (marked.pixels > 0).all(axis=0) & (marked.pixels < size).all(axis=0)
+    x, y = np.where(shown, x, 0.0), np.where(shown, y, 0.0)
     weight, limit = shown.astype(np.float32), ALIKE_WIDTHS * columns * np.maximum(shown.sum(axis=1), 1)
     kept = np.zeros(wanted, np.intp)
     kept_x, kept_y = np.zeros((2, wanted, x.shape[1]), np.float32)
     count = 0
     for k in range(len(order)):
-        off = np.hypot(kept_x[:count] - x[k], kept_y[:count] - y[k])
+        across, down = kept_x[:count] - x[k], kept_y[:count] - y[k]
+        off = np.sqrt(across * across + down * down)
         if (np.minimum(off, columns, out=off) @ weight[k] <= limit[k]).any():
             continue
         kept[count], kept_x[count], kept_y[count] = k, x[k], y[k]

@@ -1,6 +1,6 @@
 """Which circle of a rink or a court is the one seen: told by lines, arcs and other circles, without a halfway line."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -34,6 +34,7 @@ from circlecal.placement import (
     search,
     search_placements,
     see_paint,
+    see_surface,
     weigh_view,
 )
 from circlecal.placement.camera_batch import cameras_before_circles
@@ -64,6 +65,17 @@ ICE = RenderConfig(
 )
 RIGHT_END = aim_camera(np.array([3.0, 36.0, -13.0]), np.array([19.0, 1.0, 0.0]), 1750.0, 0.01, *SIZE)
 LEFT_CIRCLE = aim_camera(np.array([-2.0, 36.0, -12.0]), np.array([-16.0, 2.0, 0.0]), 2100.0, -0.01, *SIZE)
+
+
+@dataclass(frozen=True)
+class Paint:
+    """What was seen, as far as it is told apart."""
+
+    name: str
+
+    @property
+    def key(self):
+        return (self.name,)
 
 
 def markings_error_px(camera, view):
@@ -138,7 +150,7 @@ def test_a_field_that_may_lie_in_two_ways_is_refused_with_both(monkeypatch):
         for name, camera in (("faceoff_left_top", LEFT_CIRCLE), ("faceoff_right_top", RIGHT_END))
     )
     placements = iter([left, right])
-    monkeypatch.setattr(placed_field, "_look_for_paint", lambda *_: object())
+    monkeypatch.setattr(placed_field, "look_for_paint", lambda *_: Paint("seen"))
     monkeypatch.setattr(placed_field, "_follow_placement", lambda *_: next(placements))
     lain = [PlacedField(circle, np.eye(3), FieldView(camera), 1.0, 0.8) for camera in (LEFT_CIRCLE, RIGHT_END)]
     monkeypatch.setattr(placed_field, "search_placements", lambda *_: object())
@@ -162,7 +174,7 @@ def test_a_field_laid_into_the_stands_shows_little_of_itself_on_the_surface():
     weights = []
     for region in (np.ones_like(surface), surface):
         mask = MarkingMask(np.zeros(SIZE[::-1], np.uint8), "detector", field_region=region, polarity=-1.0)
-        paint = see_paint(picture, gray, mask, options)
+        paint = see_paint(see_surface(picture, gray, mask, options), mask)
         weights.append(weigh_view(FieldView(RIGHT_END), RINK, paint).surface_share)
     assert weights[0] == 1.0
     assert weights[1] < 0.6
@@ -223,10 +235,11 @@ def test_a_court_is_laid_by_arcs_and_lines_that_the_detector_did_not_tell(monkey
         cv2.polylines(gray, [drawn], False, 60, 2, cv2.LINE_AA, 4)
     circle = court.circle_by_name["free_throw_circle_right"]
     conic = transform_conic(camera.homography, circle_conic(circle.center, court.radius(circle, "center")))
-    surface = np.ones(size[::-1], np.bool_)
-    mask = MarkingMask(np.zeros_like(gray), "detector", conic, field_region=surface, polarity=-1.0)
-    paint = see_paint(np.dstack([gray] * 3), gray, mask, DetectorConfig())
-    rough = search_placements(mask, paint, size, court, "main")
+    ground = np.ones(size[::-1], np.bool_)
+    mask = MarkingMask(np.zeros_like(gray), "detector", conic, field_region=ground, polarity=-1.0)
+    surface = see_surface(np.dstack([gray] * 3), gray, mask, DetectorConfig(), has_colours=False)
+    paint = see_paint(surface, mask)
+    rough = search_placements(paint, size, court, "main")
     best = refine_placements(rough, paint, size, court)[0]
     assert best.circle.name == circle.name
     assert mean_distance_px(FieldView(camera), best.view, court) < 4.0
@@ -243,8 +256,8 @@ def test_few_of_many_markings_may_lie_beside_the_paint(stray, count, is_taken):
 
 def test_fields_of_one_sport_are_searched_for_once(monkeypatch):
     searches = []
-    monkeypatch.setattr(placed_field, "_look_for_paint", lambda scene, *_: scene.gray)
-    monkeypatch.setattr(placed_field, "search_placements", lambda *given: searches.append(given[3].name))
+    monkeypatch.setattr(placed_field, "look_for_paint", lambda *_: Paint("seen"))
+    monkeypatch.setattr(placed_field, "search_placements", lambda *given: searches.append(given[2].name))
     gray = np.zeros(SIZE[::-1], np.uint8)
     scene = frame.Scene(np.zeros((*SIZE[::-1], 3), np.uint8), gray, None, None, None)
     for name in ("ice-hockey-nhl", "ice-hockey", "basketball"):
@@ -322,12 +335,26 @@ def test_each_surface_and_polarity_is_searched_until_one_answers(monkeypatch):
     monkeypatch.setattr(
         placed_field,
         "_place_among",
-        lambda _, __, mask, factor: tried.append((mask.polarity, factor)) or answers.get(id(mask)),
+        lambda _, __, mask, ___, factor: tried.append((mask.polarity, factor)) or answers.get(id(mask)),
     )
+    # the first surface shows the detector's answer and all that was found on it
+    monkeypatch.setattr(placed_field, "look_for_paint", lambda _, mask, *__: Paint(str(id(mask))))
     scene = frame.Scene(np.zeros((*SIZE[::-1], 3), np.uint8), gray, None, None, None)
     mask = MarkingMask(gray, "detector", polarity=1.0, sightings=seen)
     first = next(placed_field.place_template(setting, scene, Attempt(mask=mask)))
     assert (first.circle_name, tried) == ("centre_circle", [(1.0, 1.0), (1.0, 1.0), (-1.0, OTHER_SIGHTING)])
+
+
+def test_what_was_seen_alike_before_is_not_searched_again(monkeypatch):
+    config = load_config(None, ["field.template=basketball-nba"])
+    setting = frame.Setting(config, *field_of(config), *SIZE, np.random.default_rng(0))
+    gray, tried = np.zeros(SIZE[::-1], np.uint8), []
+    monkeypatch.setattr(placed_field, "look_for_paint", lambda *_: Paint("seen"))
+    monkeypatch.setattr(placed_field, "_place_among", lambda *given: tried.append(given[4]))
+    scene = frame.Scene(np.zeros((*SIZE[::-1], 3), np.uint8), gray, None, None, None)
+    mask = MarkingMask(gray, "detector", sightings=(MarkingMask(gray, "detector"),))
+    assert not list(placed_field.place_template(setting, scene, Attempt(mask=mask)))
+    assert tried == [1.0]
 
 
 def test_a_circle_with_its_line_takes_in_all_other_markings(monkeypatch):
@@ -341,8 +368,8 @@ def test_a_circle_with_its_line_takes_in_all_other_markings(monkeypatch):
         cv2.polylines(gray, [drawn], False, 60, 2, cv2.LINE_AA, 4)
     setting = frame.Setting(config, court, circle, *size, np.random.default_rng(0))
     conic = transform_conic(camera.homography, circle_conic(circle.center, court.radius(circle, "center")))
-    surface = np.ones(size[::-1], np.bool_)
-    mask = MarkingMask(np.zeros_like(gray), "detector", conic, field_region=surface, polarity=-1.0)
+    ground = np.ones(size[::-1], np.bool_)
+    mask = MarkingMask(np.zeros_like(gray), "detector", conic, field_region=ground, polarity=-1.0)
     seen = Attempt(mask=mask, edges=detect_edges(~gray, mask, config.edges))
 
     def measure_two(*given):
@@ -367,3 +394,47 @@ def test_a_circle_with_its_line_takes_in_all_other_markings(monkeypatch):
     # one that is sure already, or whose circle was named, is left alone
     sure = replace(first, camera=replace(first.camera, max_sigma_px=0.1))
     assert placed_field.ALL_MARKINGS.try_out(setting, scene, sure) is None
+
+
+def test_derivatives_of_first_cameras_are_those_of_their_pictures():
+    circle = RINK.circle_by_name["faceoff_left_top"]
+    conic = transform_conic(LEFT_CIRCLE.homography, circle_conic(circle.center, RINK.radius(circle, "center")))
+    cameras = cameras_before_circles([conic], RINK, SIZE[0], (np.array(SIZE) - 1) / 2, "main")
+    cameras = cameras.take(np.arange(0, len(cameras), 301))
+    nodes = RINK.outlines[1].reshape(-1, 2)[::17]
+    seen = cameras.project(nodes)
+    shown = seen.ahead & (np.abs(seen.pixels) < SIZE[0]).all(axis=0) & (seen.local[2] > 5.0)
+    directions = np.random.default_rng(0).normal(size=seen.pixels.shape).astype(np.float32)
+    told = seen.derive(cameras, directions)
+    step = 1e-3
+    for k, unit in enumerate(np.eye(8)):
+        ahead, behind = (cameras.move(sign * step * unit).project(nodes).pixels for sign in (1, -1))
+        along = ((ahead - behind) / (2 * step) * directions).sum(axis=0)
+        np.testing.assert_allclose(told[k][shown], along[shown], rtol=0.03, atol=2.0)
+
+
+def test_first_cameras_show_the_field_as_cameras_do():
+    circle = RINK.circle_by_name["faceoff_left_top"]
+    conic = transform_conic(LEFT_CIRCLE.homography, circle_conic(circle.center, RINK.radius(circle, "center")))
+    cameras = cameras_before_circles([conic], RINK, SIZE[0], (np.array(SIZE) - 1) / 2, "main")
+    nodes = RINK.outlines[1].reshape(-1, 2)
+    for k in range(0, len(cameras), 1501):
+        view = cameras.view(k, SIZE, np.ones(2))
+        there = view.project(nodes)
+        shown = view.shows(there)
+        seen = cameras.take(slice(k, k + 1)).project(nodes)
+        np.testing.assert_allclose(seen.pixels[:, 0].T[shown], there[shown], atol=0.02)
+        assert seen.ahead[0][shown].all()
+
+
+def test_ridges_of_a_surface_are_found_once_for_all_masks_and_templates(monkeypatch):
+    looks = []
+    monkeypatch.setattr(placed_field, "see_surface", lambda *given: looks.append(given[4]))
+    gray, ground = np.zeros(SIZE[::-1], np.uint8), np.ones(SIZE[::-1], np.bool_)
+    scene = frame.Scene(np.zeros((*SIZE[::-1], 3), np.uint8), gray, None, None, None)
+    for name in ("basketball", "basketball-nba", "ice-hockey", "ice-hockey-nhl"):
+        config = load_config(None, [f"field.template={name}"])
+        for conic in (np.diag([1.0, 1.0, -1.0]), np.diag([1.0, 2.0, -1.0])):
+            mask = MarkingMask(gray, "detector", conic, field_region=ground.copy(), polarity=-1.0)
+            placed_field.look_for_paint(scene, mask, config, load_field(name))
+    assert looks == [False, True]
