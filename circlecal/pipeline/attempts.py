@@ -118,7 +118,9 @@ def calibrate_extra(setting: Setting, attempt: Attempt, extra: Observations) -> 
     return replace(found, verdict=attempt.verdict) if found.code in UNDETERMINED else found
 
 
-def estimate(setting: Setting, attempt: Attempt, earlier: CameraFit | None = None) -> Attempt:
+def estimate(
+    setting: Setting, attempt: Attempt, earlier: CameraFit | None = None, *, is_strain_left_out: bool = True
+) -> Attempt:
     """Closed forms, camera and verdict from what was measured, or the refusal of the stage that gives up.
 
     The camera can do without the closed forms, not the other way round.
@@ -131,6 +133,8 @@ def estimate(setting: Setting, attempt: Attempt, earlier: CameraFit | None = Non
         With ellipses, cues and observations; returned unchanged where it is refused already.
     earlier : CameraFit, optional
         Camera of about the same observations, from which the fit starts.
+    is_strain_left_out : bool
+        As for :func:`circlecal.stages.camera.estimate_camera`.
     """
     if attempt.verdict is not None or attempt.ellipses is None or attempt.cues is None or attempt.observations is None:
         return attempt
@@ -159,7 +163,8 @@ def estimate(setting: Setting, attempt: Attempt, earlier: CameraFit | None = Non
         if config.camera.enabled:
             with setting.clock("camera"):
                 side = config.correspondences.camera_side
-                camera = estimate_camera(observations, template, circle, config.camera, side, earlier)
+                options = config.camera, side, earlier, is_strain_left_out
+                camera = estimate_camera(observations, template, circle, *options)
             attempt = face_camera(replace(attempt, camera=camera), np.asarray(circle.center))
         elif attempt.homography is None and refusal is not None:
             raise refusal

@@ -39,6 +39,7 @@ def estimate_camera(
     config: CameraConfig,
     camera_side: str = "main",
     earlier: CameraFit | None = None,
+    is_strain_left_out: bool = True,
 ) -> CameraFit:
     """Maximum a posteriori camera.
 
@@ -56,6 +57,9 @@ def estimate_camera(
         Which of the two solutions of the turned field is returned.
     earlier : CameraFit, optional
         Of about the same observations: the only start, and its names of the same lines hold.
+    is_strain_left_out : bool
+        Whether a marking that changes the answer by more than its noise allows is not what it was taken for; else it
+        may be painted some centimetres off.
 
     Raises
     ------
@@ -67,7 +71,8 @@ def estimate_camera(
     task, fit, rejected = _estimate(given)
     # where the camera's place was stated, it may be that which contradicts the lines
     carrying = (circle.name, template.halfway_line)
-    straining = None if has_position(config) else find_straining_marking(fit.problem, fit.state, carrying)
+    is_asked = is_strain_left_out and not has_position(config)
+    straining = find_straining_marking(fit.problem, fit.state, carrying) if is_asked else None
     if straining is not None:
         key = MarkingKey(straining)
         points = np.bincount(fit.problem.curves.group, minlength=len(fit.problem.curves.keys))

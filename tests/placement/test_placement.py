@@ -13,9 +13,10 @@ from circlecal.field.view import FieldView
 from circlecal.geometry.camera_parameters import PARAMETERS
 from circlecal.geometry.conics import circle_conic, sampson_distance, transform_conic
 from circlecal.geometry.surface import FLAT
-from circlecal.observations import LinePoints, MarkingKey, Observations
+from circlecal.observations import CirclePoints, LinePoints, MarkingKey, Observations
 from circlecal.pipeline import field_of, placed_field, run
 from circlecal.pipeline import setting as frame
+from circlecal.pipeline.attempts import estimate
 from circlecal.pipeline.placed_field import (
     LARGEST_RESIDUAL_PX,
     OTHER_SIGHTING,
@@ -311,7 +312,7 @@ def test_the_few_markings_that_lie_farthest_are_left_out_of_the_fit(monkeypatch)
         residuals = {str(k): 0.2 + off.get(k, 0.0) for k in range(9)}
         return replace(_fit_of(residuals), observations=Observations(1920, 1080, (), lines))
 
-    def fit_rest(_, attempt):
+    def fit_rest(_, attempt, **__):
         kept = {line.line: rms[line.line] for line in attempt.observations.lines}
         return replace(_fit_of(kept), observations=attempt.observations)
 
@@ -438,3 +439,29 @@ def test_ridges_of_a_surface_are_found_once_for_all_masks_and_templates(monkeypa
             mask = MarkingMask(gray, "detector", conic, field_region=ground.copy(), polarity=-1.0)
             placed_field.look_for_paint(scene, mask, config, load_field(name))
     assert looks == [False, True]
+
+
+def test_a_placed_field_keeps_a_marking_that_strains_the_camera():
+    """All that is painted said what it is: a circle that is painted too small still tells where the far end lies."""
+    rng, angle = np.random.default_rng(0), np.linspace(0, 2 * np.pi, 600)
+    ring = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    sigma, circles = np.full(600, 0.2), []
+    for name, smaller in (("faceoff_right_bottom", 0.0), ("faceoff_right_top", 0.3)):
+        circle = RINK.circle_by_name[name]
+        place = np.asarray(circle.center) + (RINK.radius(circle, "center") - smaller) * ring
+        seen = RIGHT_END.project(place) + rng.normal(0, 0.2, (600, 2))
+        circles.append(CirclePoints(name, "center", seen, sigma))
+    ends = RINK.line_ends(next(line for line in RINK.lines if line.name == "goal_line_right"))
+    line = RIGHT_END.project(np.linspace(*ends, 600)) + rng.normal(0, 0.2, (600, 2))
+    inside = ((line > 0) & (line < SIZE)).all(axis=1)
+    lines = (LinePoints("goal_line_right", line[inside], sigma[inside]),)
+    config = load_config(None, ["field.template=ice-hockey-nhl"])
+    template = field_of(config)[0]
+    circle = template.circle_by_name["faceoff_right_bottom"]
+    setting = frame.Setting(config, template, circle, *SIZE, np.random.default_rng(0))
+    seen = Attempt(mask=MarkingMask(np.zeros(SIZE[::-1], np.uint8), "detector"))
+    found = placed_field._calibrate_observations(setting, seen, Observations(*SIZE, tuple(circles), lines))
+    assert {key.name for key in found.camera.residuals_px} >= {"faceoff_right_bottom", "faceoff_right_top"}
+    assert markings_error_px(RIGHT_END, found.camera.view) < 6.0
+    left = estimate(setting, placed_field.take_observations(setting, seen, found.observations))
+    assert "faceoff_right_top" not in {key.name for key in left.camera.residuals_px}
