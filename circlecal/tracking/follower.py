@@ -110,11 +110,11 @@ class Follower:
     def follow(self, frame: ClipFrame) -> Entry:
         """The next frame."""
         is_followed = self._entry is not None and self._entry.is_confirmed and frame.index % GRASS_EVERY != 0
-        region = self._config.mask.detector.field_region
+        detector = self._config.mask.detector
         with self._clock.measure("picture"):
-            picture = LookedAt.of(frame.picture, region, self._last if is_followed else None)
+            picture = LookedAt.of(frame.picture, detector, self._last if is_followed else None)
             if not is_followed:
-                picture = picture.take_surface(self._surface, region)
+                picture = picture.take_surface(self._surface)
         entry = Entry(frame.index, frame.time_s, picture.size, self._shot)
         before, last = self._entry, self._last
         flow = None
@@ -127,7 +127,7 @@ class Follower:
         is_lost = look is None or self._contradicted >= PATIENCE or self._unconfirmed > FOLLOWED_FRAMES
         if is_lost:
             if is_followed:
-                picture = LookedAt.of(frame.picture, region).take_surface(self._surface, region)
+                picture = LookedAt.of(frame.picture, detector).take_surface(self._surface)
             is_cut = last is not None and picture.differs_from(last)
             self._lose(entry, before, is_cut)
             if self._is_time_to_search():
@@ -280,7 +280,7 @@ class Follower:
         """
         pictures = [picture]
         if self._surface is None:
-            pictures.append(picture.take_other_surface(self._config.mask.detector.field_region))
+            pictures.append(picture.take_other_surface())
         for seen in pictures:
             best: tuple[Place, Look] | None = None
             for place in self._places_of(seen.size) if seen.grass_share >= LEAST_GRASS else ():

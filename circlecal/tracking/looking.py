@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.detection.field_region import FieldRegion, find_field_region, surface_colour
-from circlecal.detection.options import FieldRegionConfig, RidgeConfig
+from circlecal.detection.options import DetectorConfig
 from circlecal.field import FieldTemplate
 from circlecal.geometry.projective import Array
 from circlecal.paint.profiles import to_gray
@@ -73,19 +73,22 @@ class LookedAt:
         Colours in a reduced picture.
     region : FieldRegion
         Playing surface in it.
+    detector : DetectorConfig
+        How surface and ridges are found.
     """
 
     gray: NDArray[np.uint8]
     small: SmallPicture
     reduced: NDArray[np.uint8]
     region: FieldRegion
+    detector: DetectorConfig
 
     @classmethod
-    def of(cls, picture: NDArray[np.uint8], config: FieldRegionConfig, beside: LookedAt | None = None) -> LookedAt:
+    def of(cls, picture: NDArray[np.uint8], detector: DetectorConfig, beside: LookedAt | None = None) -> LookedAt:
         """Prepare a BGR picture (H, W, 3); the playing surface is taken from a picture beside it where one is given."""
         gray = to_gray(picture)
         if beside is not None and beside.gray.shape == gray.shape:
-            return cls(gray, SmallPicture.of(gray), beside.reduced, beside.region)
+            return cls(gray, SmallPicture.of(gray), beside.reduced, beside.region, detector)
         height, width = gray.shape
         step = max(1, width // (2 * SMALL_WIDTH_PX))
         reduced = cv2.resize(
@@ -93,7 +96,7 @@ class LookedAt:
             interpolation=cv2.INTER_AREA,
         )  # fmt: skip
         colours = np.asarray(reduced, np.uint8)
-        return cls(gray, SmallPicture.of(gray), colours, find_field_region(colours, config))
+        return cls(gray, SmallPicture.of(gray), colours, find_field_region(colours, detector.field_region), detector)
 
     @cached_property
     def grass(self) -> NDArray[np.uint8]:
@@ -111,17 +114,17 @@ class LookedAt:
         found = surface_colour(self.reduced, self.region)
         return None if found is None else found[1:]
 
-    def take_other_surface(self, config: FieldRegionConfig) -> LookedAt:
+    def take_other_surface(self) -> LookedAt:
         """The picture with what is broadest beside the playing surface in the place of it: a smooth dark run-off that
         fills the lower picture has more pixels of one colour than mown grass.
         """
-        return replace(self, region=find_field_region(self.reduced, config, self.region))
+        return replace(self, region=find_field_region(self.reduced, self.detector.field_region, self.region))
 
-    def take_surface(self, colour: Array | None, config: FieldRegionConfig) -> LookedAt:
+    def take_surface(self, colour: Array | None) -> LookedAt:
         """The picture with the playing surface that is more like a colour (2,), where the first one is not."""
         if colour is None or self.colour is None or np.hypot(*(self.colour - colour)) < OTHER_SURFACE:
             return self
-        other = self.take_other_surface(config)
+        other = self.take_other_surface()
         nearer = other.colour is not None and np.hypot(*(other.colour - colour)) < np.hypot(*(self.colour - colour))
         return other if nearer else self
 
@@ -140,7 +143,7 @@ class LookedAt:
     @cached_property
     def ridges(self) -> RidgePicture:
         """For a search."""
-        return map_ridges(self.gray, self.grass, RidgeConfig())
+        return map_ridges(self.gray, self.grass, self.detector.ridges)
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,8 +32,11 @@ ACROSS_PX = 5.0
 """Least reach of a profile to both sides beyond the paint, pixels at 1920 px width."""
 FARTHEST_SIGMA_PX = 12.0
 """A marking whose place is less certain than this, pixels at 1920 px width, is another one as likely."""
-NARROWEST_PX = 0.35
-"""Paint that is narrower in the picture, in pixels, is not expected to be seen."""
+NARROWEST_PX, FAINTEST_PX = 0.35, 0.15
+"""Paint that is narrower in the picture than the first, in pixels, need not be seen, so that its absence says nothing;
+narrower than the second it is not looked for. The far touchline of a rendered pitch 88 m broad, 0.26 px at 1280 px
+width, shows at 52 of 52 places, and nothing else tells how broad that pitch is.
+"""
 GOAL_REACH_M, GOAL_DEPTH_M = 5.0, 0.3
 """How far to both sides of its middle a goal line is not measured, metres, and how near to the end of the field a place
 counts as lying on it. Beside posts and net the paint of rendered frames is off by 0.13 px, elsewhere by 0.01.
@@ -226,7 +229,7 @@ def place_markings(
     inside = (found > MARGIN_PX).all(axis=1) & (
         found < (model.width - 1 - MARGIN_PX, model.height - 1 - MARGIN_PX)
     ).all(1)
-    inside &= seen.visible[0] & (width_px > NARROWEST_PX) & ~_lie_in_goals(field_m, drawn)
+    inside &= seen.visible[0] & (width_px > FAINTEST_PX) & ~_lie_in_goals(field_m, drawn)
     rows = rows_of(drawn, marking, field_m, seen, normals)
     return Places(
         marking[inside], field_m[inside], found[inside], normals[inside], width_px[inside], scale[inside], rows[inside]
@@ -254,7 +257,8 @@ class MeasuredFrame:
     bias_px : (M,) array
         By how much the middle may be off along the normal, a standard deviation, because of what lies beside the paint.
     expected, painted : (K,) int arrays
-        Of each marking the number of places that the camera puts before grass, and of those that show paint.
+        Of each marking the number of places that the camera puts before grass and that are broad enough to be expected
+        to show paint, and of those that do.
     missing : int
         Number of markings that should be seen broadly and are not seen at all.
     """
@@ -318,7 +322,9 @@ def measure_markings(
         keep &= np.abs(places.normals @ blur_px) < SMEARED * (places.width_px + OPTICAL_BLUR_PX * unit)
     index = np.flatnonzero(keep)
     marking, base, normals = places.marking[index], places.pixels[index], places.normals[index]
-    expected = np.bincount(marking, minlength=count)
+    is_expected = places.width_px[index] > NARROWEST_PX
+    looked_for = np.bincount(marking, minlength=count)
+    expected = np.bincount(marking[is_expected], minlength=count)
     if len(index) < 8:
         empty = np.zeros((0, 2))
         none = np.zeros(0)
@@ -330,18 +336,18 @@ def measure_markings(
         reach = reach + 0.5 * np.abs(normals @ blur_px)
     start = np.searchsorted(marking, np.arange(count))
     position = np.arange(len(index)) - start[marking]
-    pieces_of = np.where(expected > 0, (expected - 1) // PIECE + 1, 0)
+    pieces_of = np.where(looked_for > 0, (looked_for - 1) // PIECE + 1, 0)
     pieces = position // PIECE + (np.cumsum(pieces_of) - pieces_of)[marking]
     found = measure_curve(picture, base, normals, reach, pieces.astype(np.int64))
     on: Mask = found.supported
     # paint as wide as this camera shows it, blurred
     blurred = OPTICAL_BLUR_PX * unit + 1.0 + (np.abs(normals @ blur_px) if blur_px is not None else 0.0)
     on = np.asarray(on & (found.width < 1.6 * places.width_px[index] + 2.0 * blurred), np.bool_)
-    share = np.bincount(marking[on], minlength=count) / np.maximum(expected, 1)
+    share = np.bincount(marking[on], minlength=count) / np.maximum(looked_for, 1)
     broad = np.bincount(marking[places.width_px[index] > BROAD_PX], minlength=count)
     missing = int(np.count_nonzero((broad >= MISSED_PLACES) & (share < MISSED_SHARE)))
     on &= share[marking] >= LEAST_SHARE
-    painted = np.bincount(marking[on], minlength=count)
+    painted = np.bincount(marking[on & is_expected], minlength=count)
     moved = np.abs(normals[on] @ blur_px) if blur_px is not None else np.zeros(np.count_nonzero(on))
     return MeasuredFrame(
         marking[on],

@@ -43,6 +43,9 @@ WIDTH_SD_M = 0.015
 grounds have 9 to 12. It is estimated with the rest only where that is asked for, since it takes what the surface and
 the lens leave over (6 cm on a real clip), and else considered: a broader line moves all centrelines.
 """
+LEAST_LEVER_M = 0.0
+"""Least lever arm, metres: the entrance pupil of a camera lies before the axes of its head, on real ones by 0.1 to 1.3.
+"""
 FARTHEST_PX = 6.0
 """Paint further off, pixels at 1920 px width, counts as so far off where frames of a false calibration are told."""
 LEAST_NOISE_PX = 0.05
@@ -138,10 +141,11 @@ def residuals_of(
     return away, -rows_of(drawn, measured.marking, measured.field_m, seen, measured.normals)
 
 
-def sigmas_of(measured: MeasuredFrame, residuals_px: Array, unit: float) -> Array:
+def sigmas_of(measured: MeasuredFrame, residuals_px: Array, unit: float, alike: float = 1.0) -> Array:
     """Standard deviations (M,) of a frame's paint along the normals, with what neighbours repeat of the model's error.
 
-    The noise is read off the differences of neighbours, which no camera explains: it is the same for every model.
+    The noise is read off the differences of neighbours, which no camera explains: it is the same for every model. What
+    the models leave does not average out over a number of frames that are ``alike`` in it.
     """
     if len(residuals_px) == 0:
         return np.zeros(0)
@@ -153,7 +157,8 @@ def sigmas_of(measured: MeasuredFrame, residuals_px: Array, unit: float) -> Arra
         change = np.abs(np.diff(residuals_px)[near])
         noise = max(LEAST_NOISE_PX, NEIGHBOURS_ALIKE * 1.4826 / np.sqrt(2.0) * float(np.median(change)))
     repeats = max(CORRELATION_PX * unit / spacing, 1.0)
-    return np.asarray(np.sqrt(noise**2 + ((MODEL_SIGMA_PX * unit) ** 2 + measured.bias_px**2) * repeats))
+    model = MODEL_SIGMA_PX * unit * np.sqrt(alike)
+    return np.asarray(np.sqrt(noise**2 + (model**2 + measured.bias_px**2) * repeats))
 
 
 def _evaluate(
@@ -206,6 +211,7 @@ def fit_tripod(
     drawn: DrawnTemplate,
     prior_precision: Array | None = None,
     is_width_free: bool = False,
+    alike: float = 1.0,
 ) -> TripodFit:
     """Heads and common parameters of frames, from a start.
 
@@ -223,6 +229,8 @@ def fit_tripod(
         What earlier frames say, instead of ``sd``.
     is_width_free : bool
         Whether the width of the paint is estimated with the rest, instead of considered.
+    alike : float
+        Number of frames that repeat the same error of the models.
     """
     unit = start.size[0] / 1920.0
     model = start.model
@@ -231,7 +239,9 @@ def fit_tripod(
     common = mean.copy()
     common[free] = start.mean[free]
     heads = np.array([frame.head for frame in frames])
-    sigmas = [_sigmas(frame, head, common, model, drawn, unit) for frame, head in zip(frames, heads, strict=True)]
+    sigmas = [
+        _sigmas(frame, head, common, model, drawn, unit, alike) for frame, head in zip(frames, heads, strict=True)
+    ]
 
     def prior_cost(values: Array) -> float:
         away = np.zeros(len(COMMON))
@@ -256,6 +266,13 @@ def fit_tripod(
                 damping *= 10.0
                 if damping > 1e4:
                     break
+    lever = PLACE["lever"]
+    if lever in free and common[lever] < LEAST_LEVER_M <= mean[lever]:
+        mean, sd, common = mean.copy(), sd.copy(), common.copy()
+        mean[lever], sd[lever] = LEAST_LEVER_M, 0.0
+        held = [replace(frame, head=head) for frame, head in zip(frames, heads, strict=True)]
+        start = replace(start, mean=common)
+        return fit_tripod(held, start, mean, sd, drawn, prior_precision, is_width_free, alike)
     covariance = np.zeros((len(COMMON), len(COMMON)))
     reduced = _eliminate(now, precision, 0.0)[0]
     covariance[np.ix_(free, free)] = inverse_of_normal(reduced[np.ix_(free, free)])
@@ -281,6 +298,18 @@ def fit_tripod(
     return TripodFit(estimate, heads, now.rms_px, now.cost + prior_cost(common))
 
 
+def count_alike(fit: TripodFit) -> float:
+    """Number of a fit's frames that repeat the same error of the models.
+
+    All frames show the same paint on the same surface through the same lens. Where these are as the models have them,
+    as in rendered clips, only the noise is left, and that differs from frame to frame; what is left beyond it is the
+    models' own error, and all frames repeat it.
+    """
+    usual = MODEL_SIGMA_PX * fit.estimate.size[0] / 1920.0
+    excess = (float(np.mean(fit.rms_px)) / usual) ** 2 - 1.0
+    return 1.0 + (len(fit.heads) - 1) * min(max(excess, 0.0), 1.0)
+
+
 def free_parameters(sd: Array, is_width_free: bool = False) -> Indices:
     """Common parameters that are estimated, by their standard deviations (K,) before any frame."""
     is_free = sd > 0
@@ -289,10 +318,10 @@ def free_parameters(sd: Array, is_width_free: bool = False) -> Indices:
 
 
 def _sigmas(
-    frame: HeadedFrame, head: Array, common: Array, model: TripodModel, drawn: DrawnTemplate, unit: float
+    frame: HeadedFrame, head: Array, common: Array, model: TripodModel, drawn: DrawnTemplate, unit: float, alike: float
 ) -> Array:
     away, _ = residuals_of(frame.measured, drawn, model.thetas(head[None], common)[0], model.projection)
-    return sigmas_of(frame.measured, away, unit)
+    return sigmas_of(frame.measured, away, unit, alike)
 
 
 def _eliminate(now: _Normal, precision: Array, damping: float) -> tuple[Array, Array]:

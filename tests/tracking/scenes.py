@@ -48,11 +48,14 @@ def draw(head: np.ndarray, rng: np.random.Generator) -> NDArray[np.uint8]:
     return np.clip(picture + noise, 0, 255).astype(np.uint8)
 
 
-def measure_ideal(head: np.ndarray, growth_m: np.ndarray, noise_px: float, rng: np.random.Generator) -> MeasuredFrame:
+def measure_ideal(
+    head: np.ndarray, growth_m: np.ndarray, noise_px: float, rng: np.random.Generator, lever_m: float = 0.8
+) -> MeasuredFrame:
     """What the paint of a frame shows of a pitch that is longer and broader than the template's, with noise across."""
     drawn, camera = template_curves(template()), tripod()
     common = camera.mean.copy()
     common[[PLACE["length"], PLACE["breadth"]]] = growth_m
+    common[PLACE["lever"]] = lever_m
     theta = camera.model.thetas(head[None], common)[0]
     places = place_markings(drawn, theta, camera.model.projection, template().marking_width_m)
     off = rng.normal(0.0, noise_px, len(places.marking))

@@ -24,7 +24,7 @@ from circlecal.tracking.looking import Look
 from circlecal.tracking.markings import template_curves
 from circlecal.tracking.stretches import ClipRun, survey_video
 from circlecal.tracking.survey import survey_clip
-from circlecal.tracking.tripod_fit import HeadedFrame, common_priors
+from circlecal.tracking.tripod_fit import HeadedFrame, common_priors, count_alike, fit_tripod
 from tests.tracking.scenes import HEAD, SIZE, draw, measure_ideal, template, tripod
 
 
@@ -114,6 +114,49 @@ def test_a_pitch_may_have_any_size(size_m: tuple[float, float]) -> None:
     assert (off < 3.0 * sigmas + 0.01).all()
     assert off.max() < 0.3
     assert abs(fit.estimate.mean[PLACE["lever"]] - tripod().mean[PLACE["lever"]]) < 0.3
+
+
+def _views_of_badly_painted_markings(seed: int, scatter_px: float) -> list[HeadedFrame]:
+    """From one penalty area over the circle to the other, each marking beside its place by the same in all frames."""
+    rng = np.random.default_rng(5)
+    heads = [np.array([np.log(2000.0 + 30.0 * k), pan, 1.38]) for k, pan in enumerate(np.linspace(0.1, -0.5, 8))]
+    seen = [measure_ideal(head, np.zeros(2), 0.1, rng) for head in heads]
+    off = np.random.default_rng(seed).normal(0.0, scatter_px, len(template_curves(template()).names))
+    moved = [replace(m, points_px=m.points_px + off[m.marking, None] * m.normals) for m in seen]
+    return [HeadedFrame(str(k), head, m) for k, (head, m) in enumerate(zip(heads, moved, strict=True))]
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_what_painters_leave_is_not_taken_for_the_size_of_the_pitch(seed: int) -> None:
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    frames = _views_of_badly_painted_markings(seed, 1.4)
+    fit = survey._choose_shape_and_size(frames, tripod(), mean, sd, template_curves(template()))
+    np.testing.assert_array_equal(fit.estimate.growth_m, 0.0)
+
+
+def test_what_frames_repeat_does_not_average_out() -> None:
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    sd[PLACE["width"]] = 0.0
+    frames, drawn = _views_of_badly_painted_markings(1, 1.4), template_curves(template())
+    fit = fit_tripod(frames, tripod(), mean, sd, drawn)
+    assert count_alike(fit) == len(frames)
+    alike = fit_tripod(frames, tripod(), mean, sd, drawn, alike=count_alike(fit))
+    assert alike.estimate.sigma("length") > 1.5 * fit.estimate.sigma("length")
+    assert count_alike(fit_tripod(_views_of_a_pitch(105.0, 68.0), tripod(), mean, sd, drawn)) == 1.0
+
+
+def test_a_lever_arm_points_ahead() -> None:
+    rng = np.random.default_rng(3)
+    heads = [np.array([np.log(2600.0), pan, 1.38]) for pan in (0.1, 0.0, -0.2, -0.4)]
+    frames = [HeadedFrame(str(head[1]), head, measure_ideal(head, np.zeros(2), 0.1, rng, -1.0)) for head in heads]
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    sd[[PLACE["length"], PLACE["breadth"]]] = mean[[PLACE["length"], PLACE["breadth"]]] = 0.0
+    fit = fit_tripod(frames, tripod(), mean, sd, template_curves(template()))
+    assert fit.estimate.mean[PLACE["lever"]] == 0.0
+    # where somebody has measured it, it is taken as it is
+    mean[PLACE["lever"]] = -1.0
+    fit = fit_tripod(frames, tripod(), mean, sd, template_curves(template()))
+    assert fit.estimate.mean[PLACE["lever"]] < -0.5
 
 
 def test_penalty_areas_alone_do_not_tell_the_size_of_the_pitch() -> None:
