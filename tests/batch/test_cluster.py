@@ -104,26 +104,42 @@ def test_a_killed_worker_loses_nothing(cluster, tmp_path):
     assert not [record for record in records(out) if record["code"] in ("worker_died", "internal_error")]
 
 
-def test_a_lost_scheduler_is_one_line_and_the_same_command_goes_on_when_it_is_back(
+def test_all_workers_lost_then_the_scheduler_lost_are_one_line_each_and_the_run_goes_on(
     own_cluster, run_circlecal, tmp_path
 ):
-    count, cluster = 60, own_cluster
+    """One run, interrupted by both losses one after the other: nothing of it is lost or done twice."""
+    count, cluster = 40, own_cluster
     frames, out = paint(tmp_path / "frames", count), tmp_path / "out"
-    command, script = cluster_command(cluster, frames, out), tmp_path / "killing.py"
+    command = cluster_command(cluster, frames, out)
+    impatient, script = [*command, "--set", "limits.server_seconds=2"], tmp_path / "killing.py"
+    wait_for(lambda: cluster.joined(1))
+    run = start_signalling(impatient, script, after=5, number=signal.SIGKILL, to=cluster.workers[0].pid)
+    _, errors = run.communicate(timeout=PATIENCE_S)
+    assert run.returncode == 2, errors
+    assert "all workers are lost" in only_error(errors)
+    first = len(records(out))
+    assert 5 <= first < count - 5
+
+    cluster.add_worker()
     run = start_signalling(command, script, after=5, number=signal.SIGKILL, to=cluster.scheduler.pid)
     _, errors = run.communicate(timeout=PATIENCE_S)
     assert run.returncode == 2, errors
-    assert "Traceback" not in errors
-    told = [line for line in errors.splitlines() if line.startswith("circlecal: error: ")]
-    assert len(told) == 1
-    assert "run the same command again" in told[0]
-    assert 5 <= len(records(out)) < count
+    assert "run the same command again" in only_error(errors)
+    assert first + 5 <= len(records(out)) < count
+
     address = cluster.address
     cluster.open_at(address.rpartition(":")[2], workers=1)
     assert cluster.address == address
     again = run_circlecal(*command[command.index("batch") :])
     assert again.code == 1, again
     assert_every_frame_once(out, count)
+
+
+def only_error(errors: str) -> str:
+    """The one line that a command that ended with an error has said."""
+    assert "Traceback" not in errors
+    [told] = [line for line in errors.splitlines() if line.startswith("circlecal: error: ")]
+    return told
 
 
 def test_interrupted(cluster, tmp_path):
@@ -182,21 +198,6 @@ def test_an_address_is_checked_before_connecting(run_circlecal, tmp_path, schedu
     assert "must be local:N with the number of workers, or tcp://host:port" in outcome.err
     assert len(outcome.err.splitlines()) == 1
     assert time.monotonic() - start < 10
-
-
-def test_all_workers_lost_is_said_and_ends(own_cluster, run_circlecal, tmp_path):
-    frames, out = paint(tmp_path / "frames", 60), tmp_path / "out"
-    command = cluster_command(own_cluster, frames, out)
-    impatient, script = [*command, "--set", "limits.server_seconds=2"], tmp_path / "killing.py"
-    wait_for(lambda: own_cluster.joined(1))
-    run = start_signalling(impatient, script, after=5, number=signal.SIGKILL, to=own_cluster.workers[0].pid)
-    _, errors = run.communicate(timeout=PATIENCE_S)
-    assert run.returncode == 2, errors
-    assert "all workers are lost" in errors
-    assert "Traceback" not in errors
-    own_cluster.add_worker()
-    assert run_circlecal(*command[command.index("batch") :]).code == 1
-    assert_every_frame_once(out, 60)
 
 
 def test_nothing_is_left_in_the_temporary_folder_and_the_scheduler_listens_on_the_loopback_only(tmp_path, monkeypatch):
