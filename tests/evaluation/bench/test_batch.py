@@ -4,13 +4,13 @@ import json
 
 
 def test_both_tables_and_memory_stays(run_circlecal):
-    outcome = run_circlecal("bench", "batch", "--count", 2, "--repeats", 1, "--tasks", 1000, "--json")
+    outcome = run_circlecal("bench", "batch", "--count", 2, "--repeats", 1, "--tasks", 400, "--json")
     assert outcome.code == 0, outcome
     found = json.loads(outcome.out)
     one, two = found["throughput"]
     assert (one["workers"], one["speedup"], two["workers"]) == (1, 1.0, 2)
     assert min(one["rate"], two["rate"], two["speedup"]) > 0
-    assert found["scaling"]["frames"] == 1000
+    assert found["scaling"]["frames"] == 400
     early, late, taken = found["scaling"]["memory_mb"]
     assert late < early + 20
     assert taken < early + 20
