@@ -73,16 +73,28 @@ def _tree(file: Path) -> ast.Module:
     return ast.parse(file.read_text(encoding="utf-8"), filename=str(file))
 
 
+@cache
+def _nodes(file: Path) -> list[ast.AST]:
+    return list(ast.walk(_tree(file)))
+
+
+@cache
+def _formulas(file: Path) -> list[tuple[int, str]]:
+    """Line and text of every operation and call."""
+    return [(n.lineno, ast.unparse(n)) for n in _nodes(file) if isinstance(n, ast.BinOp | ast.Call)]
+
+
 def _component(file: Path) -> str:
     """The top-level module or package that a file belongs to."""
     return file.relative_to(PACKAGE).parts[0].removesuffix(".py")
 
 
+@cache
 def _modules(file: Path) -> list[tuple[str, int]]:
     """Dotted name and line of everything that a file imports, also inside functions and for type checkers only."""
     found: list[tuple[str, int]] = []
     package = ["circlecal", *file.relative_to(PACKAGE).parts[:-1]]
-    for node in ast.walk(_tree(file)):
+    for node in _nodes(file):
         if isinstance(node, ast.Import):
             found += [(alias.name, node.lineno) for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
@@ -187,7 +199,7 @@ def test_stages_see_no_paths():
         wrong += [f"{_name(file)} imports {m}" for m in _foreign(file) & {"pathlib", "os", "io", "shutil", "tempfile"}]
         wrong += [
             f"{_name(file)}:{node.lineno} opens a file"
-            for node in ast.walk(_tree(file))
+            for node in _nodes(file)
             if isinstance(node, ast.Call)
             and ast.unparse(node.func) in {"open", "cv2.imread", "cv2.imwrite", "np.load", "np.save"}
         ]
@@ -230,7 +242,7 @@ def test_only_the_command_line_prints_and_exits():
         f"{_name(file)}:{node.lineno} {ast.unparse(node.func)}"
         for file in FILES
         if _component(file) != "cli"
-        for node in ast.walk(_tree(file))
+        for node in _nodes(file)
         if isinstance(node, ast.Call) and ast.unparse(node.func) in {"print", "sys.exit", "exit", "quit"}
     ]
     wrong += [
@@ -243,7 +255,7 @@ def test_no_bare_except():
     wrong = [
         f"{_name(file)}:{node.lineno}"
         for file in FILES
-        for node in ast.walk(_tree(file))
+        for node in _nodes(file)
         if isinstance(node, ast.ExceptHandler) and (node.type is None or ast.unparse(node.type) == "BaseException")
         if node.type is None or not any(isinstance(inner, ast.Raise) for inner in ast.walk(node))
     ]
@@ -254,7 +266,7 @@ def test_no_random_numbers_without_a_generator():
     wrong = [
         f"{_name(file)}:{node.lineno} {ast.unparse(node.func)}"
         for file in FILES
-        for node in ast.walk(_tree(file))
+        for node in _nodes(file)
         if isinstance(node, ast.Call)
         for called in [ast.unparse(node.func)]
         if (
@@ -277,7 +289,7 @@ def test_module_and_class_names_say_what_they_are():
     wrong += [
         f"{_name(file)}:{node.lineno} {node.name}"
         for file in FILES
-        for node in ast.walk(_tree(file))
+        for node in _nodes(file)
         if isinstance(node, ast.ClassDef) and weak(node.name)
     ]
     assert not wrong, "\n".join(wrong)
@@ -408,10 +420,10 @@ thousands of cameras, to whole pixels.
 def test_lens_surface_and_projection_are_defined_once(formula):
     homes, telltale = ONE_DEFINITION[formula]
     found = {
-        str(file.relative_to(PACKAGE)): f"{_name(file)}:{node.lineno} {ast.unparse(node)}"
+        str(file.relative_to(PACKAGE)): f"{_name(file)}:{line} {text}"
         for file in FILES
-        for node in ast.walk(_tree(file))
-        if isinstance(node, ast.BinOp | ast.Call) and telltale.search(ast.unparse(node))
+        for line, text in _formulas(file)
+        if telltale.search(text)
     }
     assert set(found) <= homes, "\n".join(found[file] for file in set(found) - homes)
     assert next(iter(sorted(homes))) in found, "the formula is no longer recognised where it belongs"
