@@ -34,6 +34,7 @@ from circlecal.stages.evidence import measure_evidence
 from circlecal.stages.homography import estimate_homography, homography_of_solver, turn_fit
 from circlecal.stages.mask import find_marking, suit_field
 from circlecal.stages.rays import cast_rays
+from circlecal.stages.surroundings import measure_surroundings
 from circlecal.stages.verdict import confirm, judge, weigh_evidence
 
 UNDETERMINED = ("no_circle", "no_ellipse")
@@ -225,7 +226,8 @@ def look_again(setting: Setting, scene: Scene, attempt: Attempt) -> Attempt:
         if verdict is None or verdict.status == "refused":
             return attempt
         carriers = frozenset(name for name in (circle.name, template.halfway_line) if name is not None)
-        verdict = weigh_evidence(verdict, camera, measure_evidence(picture, mask, camera, template, carriers))
+        evidence = measure_evidence(picture, mask, camera, template, carriers)
+        verdict = weigh_evidence(verdict, camera, evidence, measure_surroundings(picture, mask, camera, template))
         attempt = replace(attempt, verdict=verdict)
         if verdict.status == "refused":
             return attempt

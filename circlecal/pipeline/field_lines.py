@@ -19,6 +19,7 @@ from circlecal.stages.confirm import look_for_markings
 from circlecal.stages.evidence import measure_evidence
 from circlecal.stages.field_lines import carriers, observe_field_lines, without_worst_line
 from circlecal.stages.mask import marking_from_detection
+from circlecal.stages.surroundings import measure_surroundings
 from circlecal.stages.verdict import confirm_field_lines, weigh_evidence
 
 SURE_PX = 6.0
@@ -79,7 +80,8 @@ def take_field_lines(setting: Setting, scene: Scene, first: Attempt) -> Iterator
             verdict = confirm_field_lines(attempt.verdict, attempt.camera, used, agreement)
             if verdict.status == "calibrated":
                 evidence = measure_evidence(picture, mask, attempt.camera, template, used)
-                verdict = weigh_evidence(verdict, attempt.camera, evidence)
+                ground = measure_surroundings(picture, mask, attempt.camera, template)
+                verdict = weigh_evidence(verdict, attempt.camera, evidence, ground)
         if verdict.status == "calibrated":
             accepted = replace(attempt, verdict=verdict)
             yield _add_curves(setting, picture, accepted, noise) or accepted

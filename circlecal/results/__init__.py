@@ -29,7 +29,7 @@ from circlecal.results.seen import (
     SeenArc,
     Segment,
 )
-from circlecal.results.verdict import Agreement, Check, Evidence, Status, Verdict
+from circlecal.results.verdict import Agreement, Check, Evidence, Status, Surroundings, Verdict
 
 __all__ = [
     "CIRCLE_ID",
@@ -62,5 +62,6 @@ __all__ = [
     "SeenArc",
     "Segment",
     "Status",
+    "Surroundings",
     "Verdict",
 ]

@@ -44,8 +44,31 @@ class Agreement:
 
 
 @dataclass(frozen=True, slots=True)
+class Surroundings:
+    """What the ground in the picture says against a camera.
+
+    Attributes
+    ----------
+    rough_share : float
+        Share of the field that must be in view which is no playing surface but as rough as a crowd.
+    above_share, beyond_share : float
+        Shares of the picture that are playing surface above the horizon, and surely far beyond the field's border.
+    near_share : float
+        Share of the picture that is no playing surface and lies before the field, on the camera's side.
+    seam_share : float
+        Share of the picture's width or height along which two rows or columns meet as no lens lets them.
+    """
+
+    rough_share: float
+    above_share: float
+    beyond_share: float
+    near_share: float
+    seam_share: float
+
+
+@dataclass(frozen=True, slots=True)
 class Evidence:
-    """What speaks against a camera.
+    """What the paint in the picture says against a camera.
 
     Attributes
     ----------
@@ -55,18 +78,18 @@ class Evidence:
         Several that do are the field of another sport.
     painted_share : float
         Share of the carriers that is painted where they must be in view.
+    bare_widths : float
+        By how much the paint of the halfway line ends too early, where nothing hides it, picture widths.
     reversal : float
         By how much (half a chi-square) the width of the paint is better explained by a camera that has near and far
         exchanged; far below zero where the paint confirms the camera.
-    rough_share : float
-        Share of the field that must be in view which is no playing surface but as rough as a crowd.
     """
 
     oblique_widths: float
     alone_widths: float
     painted_share: float
+    bare_widths: float
     reversal: float
-    rough_share: float
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,5 +1,5 @@
-"""Whether the whole picture agrees with a camera: no other paint where bare field must be, field where the camera says
-so, and paint that narrows with the distance.
+"""Whether the paint of the whole picture agrees with a camera: paint where it must be, narrower with the distance, and
+no other where bare field must be.
 
 What else the picture shows is weighed against what the camera says of it, whatever the camera was fitted to. Of right
 and wrong answers to rendered frames of all kinds and to real ones ``circlecal bench constants`` prints the values.
@@ -16,7 +16,9 @@ from circlecal.field import FieldTemplate
 from circlecal.field.view import FieldView
 from circlecal.geometry.projective import Array, Mask
 from circlecal.line_naming.marking_places import SPACING_PX, MarkingPlaces, lie_on_surface, place_markings
+from circlecal.line_naming.on_field import lie_inside
 from circlecal.paint.bands import MeasuredCurve, measure_curve
+from circlecal.paint.roughness import measure_roughness
 from circlecal.results import CameraFit, Evidence, MarkingMask
 
 __all__ = ["measure_evidence"]
@@ -43,8 +45,6 @@ deviations of the marking's place.
 """
 ALIKE_SINE = 0.25
 """Sine of the largest angle between paint and a marking that may be the same."""
-INSIDE_M, INSIDE_SIGMAS = 1.0, 2.0
-"""So far within the field's outline a place lies surely on the field: metres, and standard deviations."""
 CONTRASTS = 0.5, 2.5
 """Of unexplained paint, over that of the carriers: what is fainter may be wear, mowing or shade, and what is
 stronger a board, a net or a graphic.
@@ -59,16 +59,16 @@ field's own.
 """
 SHORTEST_WIDTHS = 0.03
 """Shorter lines, picture widths, are not counted among those that run along the field's axes."""
-COLUMNS, FIELD_EVERY = 48, 4
-"""Of the grid of places at which the surface is looked at; every so many of those that show it tell how rough it is."""
-LEAST_OFF_SURFACE = 0.04
-"""Share of the picture off the surface below which nothing is asked: players and captions."""
-ROUGH_SIDE_PX, ROUGH_POINTS = 16.0, 3
-"""Side of the neighbourhood whose roughness is measured, pixels at 1920 px width, and points to each side of its
-middle.
+BESIDE_PX, BARE_TIMES, BARE_LEVELS = 12.0, 2.0, 3.0
+"""A place without paint is in full view where the ground so far off it to both sides (pixels at 1920 px width) is at
+most so many times as rough as beside paint, and so many gray levels: else a player or a shadow's edge hides it.
 """
-ROUGH_TIMES, ROUGH_LEVELS = 4.0, 3.0
-"""What is so many times rougher than the field, and so many gray levels, is no bare field: crowd, boards, letters."""
+PAN_PX = 24.0
+"""Paint that a pan has blurred is looked for so far to both sides, pixels at 1920 px width, before it is missed."""
+REVERSALS = (4, 8, 12, 16)
+"""Powers of the depth by which squared widths are changed: the camera that is fitted to a picture turned upside down
+sees less perspective than there is, since the circle tells it no other.
+"""
 
 
 def measure_evidence(
@@ -104,7 +104,8 @@ def measure_evidence(
     oblique, alone = _measure_other_paint(picture, mask, fit, template, places, painted)
     reversal = 0.0 if painted is None else _reversal(painted, own, fit, template)
     share = 1.0 if len(own.element) < FEWEST_PLACES else 0.0 if painted is None else float(painted.supported.mean())
-    return Evidence(oblique, alone, share, reversal, _rough_share(picture, mask, fit, template))
+    bare = 0.0 if painted is None else _bare_end_px(picture, painted, own, fit, template) / fit.model.width
+    return Evidence(oblique, alone, share, bare, reversal)
 
 
 def _measure_paint(
@@ -136,13 +137,35 @@ def _number_pieces(element: NDArray[np.int_]) -> NDArray[np.int64]:
     return np.cumsum(new) - 1
 
 
+def _bare_end_px(
+    picture: NDArray[np.uint8], painted: MeasuredCurve, own: MarkingPlaces, fit: CameraFit, template: FieldTemplate
+) -> float:
+    """By how much the halfway line's paint ends too early, in full view; what is hidden is skipped."""
+    line = [k for k, name in enumerate(own.names) if name == template.halfway_line]
+    index = np.flatnonzero(np.isin(own.element, line))
+    missed = index[~painted.supported[index]]
+    if len(missed) in (0, len(index)):
+        return 0.0
+    unit = fit.model.width / 1920.0
+    pieces = _number_pieces(own.element[missed])
+    blurred = measure_curve(picture, own.base[missed], own.normal[missed], np.full(len(missed), PAN_PX * unit), pieces)
+    beside = own.normal[index] * (0.5 * _paint_px(own, template)[index] + BESIDE_PX * unit)[:, None]
+    rough = np.maximum(*(measure_roughness(picture, own.base[index] + side * beside) for side in (-1.0, 1.0)))
+    is_painted = painted.supported[index]
+    is_bare = ~is_painted & (rough < BARE_TIMES * float(np.median(rough[is_painted])) + BARE_LEVELS)
+    is_bare[~is_painted] &= ~blurred.supported
+    # bare places between two painted ones are one part; worn paint comes back, a line that is another one does not
+    parts = np.bincount(np.cumsum(is_painted), is_bare)
+    return float(max(parts[0], parts[-1])) * SPACING_PX * unit
+
+
 def _reversal(painted: MeasuredCurve, own: MarkingPlaces, fit: CameraFit, template: FieldTemplate) -> float:
     """How much better exchanged near and far explain the paint's widths.
 
     Blur adds to the width of paint in squares, ``m^2 = g w^2 + b_x n_x^2 + b_y n_y^2``, with the predicted width ``w``,
     the normal ``n`` and no negative coefficient: a pan blurs what it sweeps across, not what runs along with it. Scale
     falls with the depth ``z``; a picture that was turned upside down or mirrored has scales that fall with ``1 / z``,
-    and its ``w^2`` are ``w^2 z^4`` of the camera that was fitted to it.
+    and its ``w^2`` are ``w^2 z^4`` of the camera that was fitted to it, or more (:data:`REVERSALS`).
     """
     unit = fit.model.width / 1920.0
     predicted = _paint_px(own, template)
@@ -161,7 +184,7 @@ def _reversal(painted: MeasuredCurve, own: MarkingPlaces, fit: CameraFit, templa
     width, measured, depth, across = width[known] ** 2, measured[known] ** 2, depth[known], across[known]
     relative = depth / np.exp(np.mean(np.log(depth)))
     blur = np.stack([across, 1.0 - across], axis=-1)
-    return _misfit(width, blur, measured) - _misfit(width * relative**4, blur, measured)
+    return _misfit(width, blur, measured) - min(_misfit(width * relative**k, blur, measured) for k in REVERSALS)
 
 
 def _median_by_piece(values: Array, pieces: NDArray[np.int64], count: NDArray[np.int_]) -> Array:
@@ -207,7 +230,7 @@ def _measure_other_paint(
     ends = np.array([(segment.start, segment.end) for segment in segments])
     cells = _divide(ends, SPACING_PX * unit)
     bare = ~_are_explained(cells, places, unit) & lie_on_surface(cells.points, mask.field_region, width, height)
-    bare[bare] = _lie_inside(fit.view, cells.points[bare], template)
+    bare[bare] = lie_inside(fit.view, cells.points[bare], template)
     if not bare.any():
         return 0.0, 0.0
     points, along, which = cells.points[bare], cells.along[cells.which[bare]], cells.which[bare]
@@ -279,16 +302,6 @@ def _are_explained(cells: _Cells, places: MarkingPlaces, unit: float) -> Mask:
     return np.asarray(np.delete(covered, last), np.bool_)
 
 
-def _lie_inside(view: FieldView, points: Array, template: FieldTemplate) -> Mask:
-    """Which pixels (N, 2) show a place that lies surely within the field's outline."""
-    seen = view.to_field(points, sigma=True)
-    sigma = np.zeros(len(points)) if seen.sigma is None else np.nan_to_num(seen.sigma, nan=np.inf)
-    half = 0.5 * (np.array([template.length_m, template.width_m]) + view.growth_m)
-    margin = INSIDE_M + INSIDE_SIGMAS * sigma
-    with np.errstate(invalid="ignore"):
-        return np.asarray((np.abs(seen.points) + margin[:, None] < half).all(axis=1), np.bool_)
-
-
 def _paint_on_ground(view: FieldView, points: Array, along: Array, width_m: float) -> tuple[Array, Array]:
     """Width (N,) in pixels that a marking along a line at pixels (N, 2) would have, and the line's angle (N,) on the
     field, rad.
@@ -299,31 +312,3 @@ def _paint_on_ground(view: FieldView, points: Array, along: Array, width_m: floa
     beside = view.project(field + width_m * np.stack([-ahead[:, 1], ahead[:, 0]], axis=-1)) - points
     normals = np.stack([-along[:, 1], along[:, 0]], axis=-1)
     return np.nan_to_num(np.abs((beside * normals).sum(axis=-1))), np.arctan2(ahead[:, 1], ahead[:, 0])
-
-
-def _rough_share(picture: NDArray[np.uint8], mask: MarkingMask, fit: CameraFit, template: FieldTemplate) -> float:
-    """Share of the field that must be in view and is no playing surface but rough."""
-    if mask.field_region is None:
-        return 0.0
-    height, width = picture.shape
-    step = width / COLUMNS
-    x, y = (np.arange(0.5 * step, size, step) for size in (width, height))
-    places = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    surface = lie_on_surface(places, mask.field_region, width, height)
-    if np.count_nonzero(~surface) < LEAST_OFF_SURFACE * len(places):
-        return 0.0
-    inside = _lie_inside(fit.view, places, template)
-    if not (inside & surface).any():
-        return 0.0
-    usual = float(np.median(_roughness(picture, places[inside & surface][::FIELD_EVERY])))
-    rough = _roughness(picture, places[inside & ~surface]) > ROUGH_TIMES * usual + ROUGH_LEVELS
-    return float(np.count_nonzero(rough) / np.count_nonzero(inside))
-
-
-def _roughness(picture: NDArray[np.uint8], places: Array) -> Array:
-    """Standard deviation (N,) of the gray levels around places (N, 2), at points that blur does not make alike."""
-    height, width = picture.shape
-    side = np.arange(-ROUGH_POINTS, ROUGH_POINTS + 1) * (ROUGH_SIDE_PX * width / 1920.0 / (2 * ROUGH_POINTS))
-    offsets = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
-    at = np.clip(np.rint(places[:, None] + offsets).astype(int), 0, (width - 1, height - 1))
-    return np.asarray(picture[at[..., 1], at[..., 0]].std(axis=1), np.float64)

@@ -15,7 +15,7 @@ from circlecal.geometry.projective import Array, apply_homography, lift, normali
 from circlecal.line_naming.line_ends import find_line_through
 from circlecal.observations import MarkingKey
 from circlecal.refusals import CHECKS, REFUSALS, Confidence, words_of_check
-from circlecal.results import Agreement, Attempt, CameraFit, Check, Cues, EllipseFits, Evidence, Verdict
+from circlecal.results import Agreement, Attempt, CameraFit, Check, Cues, EllipseFits, Evidence, Surroundings, Verdict
 
 NOISE_SIGMAS = 3.0
 """Residuals within this many of the observations' own standard deviations are noise."""
@@ -54,8 +54,8 @@ a ring drawn on bare green nothing at all is found. Where less confirms the circ
 whose places are not well known have 0.7 and 0.9 (one rendered and one real frame of 160), a penalty arc that was taken
 for the circle 0.05, a picture put together from others, with a mark but no line, 0.13.
 """
-EXPECTED_WIDTHS, EXPECTED_WIDTHS_EACH = 0.12, 0.35
-"""So much of them, in picture widths, must be expected for that, and more for each kind of confirmation."""
+EXPECTED_WIDTHS, EXPECTED_WIDTHS_MORE = 0.12, 0.2
+"""So much of them, in picture widths, must be expected for that, and more where something confirms the circle."""
 FEWEST_NAMED = 5
 """Different lines and arcs that carry a camera without the circle: of four, two along the field and two across it, one
 constraint of eight is left to tell a wrong naming (of 33 real frames with lines left out at random, only cameras from
@@ -87,6 +87,23 @@ that were put together, whose mark is one, 3.7.
 MOST_ROUGH = 0.12
 """Most of the field in view that may be as rough as a crowd: of right answers at most 0.09 (lettered banners, strips of
 advertising), of pictures whose quarters were exchanged 0.08 to 0.37.
+"""
+LONGEST_BARE = 0.08
+"""By how much the paint of the halfway line may end too early in full view, picture widths: of right answers at most
+0.042, of pictures whose quarters were exchanged, and of lines drawn on green, 0.10 to 0.28.
+"""
+MOST_BEYOND, MOST_BEYOND_LINES = 0.05, 0.25
+"""Most of the picture that may be playing surface above the horizon or far beyond the field's border; beyond it where a
+further line tells the border, since there may be another field beside it. Of right answers 0.002 at most, of pictures
+whose quarters were exchanged 0.09 to 0.5.
+"""
+MOST_BEFORE = 0.4
+"""Most of the picture that may lie before the field and be no playing surface: of right answers to real frames at most
+0.22 (spectators, dugouts), of pictures whose halves were exchanged 0.1 to 0.6.
+"""
+MOST_OF_SEAM = 0.4
+"""Share of the picture's width or height along which two rows or columns may meet in a step that no lens leaves: of 260
+right answers at most 0.22, of pictures whose quarters were exchanged 0.41 to 0.91 in 13 of 20.
 """
 SEVERAL_LINES = 2
 """One line is easily named wrongly."""
@@ -249,7 +266,7 @@ def is_beyond_doubt(camera: CameraFit, cues: Cues, template: FieldTemplate) -> b
 def confirm(verdict: Verdict, camera: CameraFit, cues: Cues, agreement: Agreement) -> Verdict:
     """The verdict on an accepted camera after a look at the markings that it was not fitted to."""
     kinds = kinds_of_confirmation(camera, cues)
-    least = (EXPECTED_WIDTHS + kinds * EXPECTED_WIDTHS_EACH) * camera.camera.width
+    least = (EXPECTED_WIDTHS + (EXPECTED_WIDTHS_MORE if kinds else 0.0)) * camera.camera.width
     if agreement.expected_px < least:
         return verdict
     is_confirmed_well = kinds > 0 and (
@@ -261,14 +278,19 @@ def confirm(verdict: Verdict, camera: CameraFit, cues: Cues, agreement: Agreemen
     return replace(verdict, checks=checks) if check.passed else _refusal_by(check, checks)
 
 
-def weigh_evidence(verdict: Verdict, camera: CameraFit, evidence: Evidence) -> Verdict:
-    """The verdict on an accepted camera after all of the picture was weighed against it."""
+def weigh_evidence(verdict: Verdict, camera: CameraFit, evidence: Evidence, ground: Surroundings) -> Verdict:
+    """The verdict on an accepted camera after all of the picture, its paint and its ground, was weighed against it."""
     unexplained = evidence.oblique_widths + (0.0 if camera.named_lines else evidence.alone_widths)
     own = (
         _check("unexplained_widths", unexplained, MOST_UNEXPLAINED),
         _check("painted_share_of_carriers", evidence.painted_share, LEAST_PAINTED, at_least=True),
         _check("reversal", evidence.reversal, MOST_REVERSAL * (1 + len(camera.named_lines))),
-        _check("rough_share", evidence.rough_share, MOST_ROUGH),
+        _check("bare_widths", evidence.bare_widths, LONGEST_BARE),
+        _check("rough_share", ground.rough_share, MOST_ROUGH),
+        _check("above_share", ground.above_share, MOST_BEYOND),
+        _check("beyond_share", ground.beyond_share, MOST_BEYOND_LINES if camera.named_lines else MOST_BEYOND),
+        _check("near_share", ground.near_share, MOST_BEFORE),
+        _check("seam_share", ground.seam_share, MOST_OF_SEAM),
     )
     checks = (*verdict.checks, *own)
     failed = next((check for check in own if not check.passed), None)

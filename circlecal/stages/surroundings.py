@@ -1,0 +1,125 @@
+"""Whether the ground that a picture shows can be that of a camera: field where it must be, none above the horizon or
+far beyond the border, and one picture, not several put together.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.field import FieldTemplate
+from circlecal.geometry.projective import Array, Mask
+from circlecal.line_naming.marking_places import lie_on_surface
+from circlecal.line_naming.on_field import INSIDE_SIGMAS, half_field, is_surely_inside, to_ground
+from circlecal.paint.roughness import measure_roughness
+from circlecal.results import CameraFit, MarkingMask, Surroundings
+
+__all__ = ["measure_surroundings"]
+
+RUN_OFF_M = 10.0
+"""Playing surface reaches no further beyond the border than this, metres, unless there is another field beside it."""
+IN_FRONT_M = 3.0
+"""Ground that lies so far off the field on the camera's side is none of it, metres."""
+COLUMNS, FIELD_EVERY = 48, 4
+"""Of the grid of places at which the surface is looked at; every so many of those that show it tell how rough it is."""
+LEAST_OFF_SURFACE = 0.04
+"""Share of the picture off the surface below which nothing is asked: players and captions."""
+ROUGH_TIMES, ROUGH_LEVELS = 4.0, 3.0
+"""What is so many times rougher than the field, and so many gray levels, is no bare field: crowd, boards, letters."""
+STEP_TIMES, STEP_LEVELS = 2, 2
+"""A step from one row to the next stands out when it is so many times as high as those beside it, and so many gray
+levels more: lenses and scaling spread what a camera sees over several pixels.
+"""
+STEP_SAMPLES, STEP_BLOCKS, STEP_SHARE = 256, 32, 0.3
+"""Places along a row at which steps are looked at, blocks of them, and share of a block that steps where a seam is: in
+smooth places nothing stands out on either side of it.
+"""
+MARGIN = 0.2
+"""Nearer to the picture's border than this share of its size, a step is that of a caption's bar."""
+PLAIN_LEVELS = 1.5
+"""Standard deviation of a block of a row, gray levels, that is a caption's or a bar's: cameras see rougher things."""
+ALONE_SHARE = 0.5
+"""A seam stands out so much that no other row has more than this share of its steps: a caption has two edges, and
+interlaced or scaled pictures step in many rows.
+"""
+
+
+def measure_surroundings(
+    picture: NDArray[np.uint8], mask: MarkingMask, fit: CameraFit, template: FieldTemplate
+) -> Surroundings:
+    """Compare the ground in a picture with what a camera says of it.
+
+    Parameters
+    ----------
+    picture : (H, W) uint8
+        Brightness.
+    mask : MarkingMask
+        With the playing surface; without it only seams are looked for.
+    fit : CameraFit
+        The camera with its covariance.
+    template : FieldTemplate
+        The field.
+    """
+    seam = _seam_share(picture)
+    if mask.field_region is None:
+        return Surroundings(0.0, 0.0, 0.0, 0.0, seam)
+    height, width = picture.shape
+    step = width / COLUMNS
+    x, y = (np.arange(0.5 * step, size, step) for size in (width, height))
+    places = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    surface = lie_on_surface(places, mask.field_region, width, height)
+    ground, sigma = to_ground(fit.view, places)
+    half = half_field(fit.view, template)
+    inside = is_surely_inside(ground, sigma, half)
+    is_ground = np.asarray(np.isfinite(ground).all(axis=1))
+    ground, sigma = np.where(is_ground[:, None], ground, 0.0), np.where(is_ground, sigma, 0.0)
+    off = ground - np.clip(ground, -half, half)
+    beyond = is_ground & (np.abs(off).max(axis=1) - INSIDE_SIGMAS * sigma > RUN_OFF_M)
+    towards = (off * (fit.camera.position_m[:2] - (ground - off))).sum(axis=1)
+    in_front = is_ground & (towards > 0.0) & (np.hypot(off[:, 0], off[:, 1]) > IN_FRONT_M)
+    return Surroundings(
+        rough_share=_rough_share(picture, places, surface, inside),
+        above_share=float(np.mean(surface & ~is_ground)),
+        beyond_share=float(np.mean(surface & beyond)),
+        near_share=float(np.mean(~surface & in_front)),
+        seam_share=seam,
+    )
+
+
+def _rough_share(picture: NDArray[np.uint8], places: Array, surface: Mask, inside: Mask) -> float:
+    """Share of the field that must be in view, at places (N, 2), and is no playing surface but rough."""
+    if np.count_nonzero(~surface) < LEAST_OFF_SURFACE * len(places) or not (inside & surface).any():
+        return 0.0
+    usual = float(np.median(measure_roughness(picture, places[inside & surface][::FIELD_EVERY])))
+    rough = measure_roughness(picture, places[inside & ~surface]) > ROUGH_TIMES * usual + ROUGH_LEVELS
+    return float(np.count_nonzero(rough) / np.count_nonzero(inside))
+
+
+def _seam_share(picture: NDArray[np.uint8]) -> float:
+    """Share of the picture's width or height over which two rows or columns meet as no lens would let them."""
+    height, width = picture.shape
+    rows = picture[:, :: max(width // STEP_SAMPLES, 1)]
+    columns = picture[:: max(height // STEP_SAMPLES, 1)].T
+    return max(_worst_seam(rows), _worst_seam(columns))
+
+
+def _worst_seam(rows: NDArray[np.uint8]) -> float:
+    """Largest share of blocks of samples (N, K) that step from one row to the next, away from the border."""
+    first = int(MARGIN * len(rows))
+    rows = np.ascontiguousarray(rows[first : len(rows) - first]).astype(np.int16)
+    if len(rows) < 4 or rows.shape[1] < STEP_BLOCKS:
+        return 0.0
+    rise = np.abs(np.diff(rows, axis=0))
+    stands_out = rise[1:-1] > STEP_TIMES * np.maximum(rise[:-2], rise[2:]) + STEP_LEVELS
+    starts = np.arange(STEP_BLOCKS) * rows.shape[1] // STEP_BLOCKS
+    size = np.diff(np.append(starts, rows.shape[1]))
+    steps = np.add.reduceat(stands_out, starts, axis=1, dtype=np.int32) > STEP_SHARE * size
+    share = steps.mean(axis=1)
+    worst = int(np.argmax(share))
+    others = np.delete(share, np.s_[max(worst - 1, 0) : worst + 2])
+    if others.max(initial=0.0) > ALONE_SHARE * share[worst]:
+        return 0.0
+    meeting = rows[worst + 1 : worst + 3].astype(np.float64)
+    mean, squares = (np.add.reduceat(values, starts, axis=1) / size for values in (meeting, meeting**2))
+    is_rough = (squares - mean**2 > PLAIN_LEVELS**2).all(axis=0)
+    return float(np.mean(steps[worst] & is_rough))

@@ -1,0 +1,112 @@
+"""What the ground in a picture says of a camera: where field is seen, and where none is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from circlecal.results import MarkingMask, Surroundings
+from circlecal.stages.surroundings import measure_surroundings
+
+from .conftest import SOCCER, view
+from .test_evidence import CAMERA, NO_PAINT, fit_of, weigh
+
+SIZE = CAMERA.height, CAMERA.width
+LOW = view(position=(3.0, 60.0, -12.0), target=(0.0, -60.0, 0.0), focal=1600.0)
+"""Its horizon lies in the picture."""
+
+
+def picture(seed=0):
+    return np.random.default_rng(seed).normal(90, 3, SIZE).astype(np.uint8)
+
+
+def mask_of(region):
+    return MarkingMask(np.zeros(SIZE, np.uint8), "detector", field_region=region)
+
+
+def region_of(camera, beyond_m):
+    """The surface that reaches so far beyond the field's border."""
+    y, x = np.meshgrid(*(np.linspace(0.5, size - 0.5, count) for size, count in zip(SIZE, (72, 128), strict=True)),
+                       indexing="ij")  # fmt: skip
+    ground = fit_of(camera).view.to_field(np.stack([x, y], axis=-1).reshape(-1, 2)).reshape(72, 128, 2)
+    with np.errstate(invalid="ignore"):
+        return (np.abs(ground) < (52.5 + beyond_m, 34.0 + beyond_m)).all(axis=-1)
+
+
+def weigh_ground(ground, camera):
+    return weigh(NO_PAINT, camera, ground)
+
+
+@pytest.mark.parametrize("camera", [CAMERA, LOW])
+def test_nothing_speaks_against_a_right_camera(camera):
+    fit = fit_of(camera)
+    found = measure_surroundings(picture(), mask_of(region_of(camera, 6.0)), fit, SOCCER)
+    assert found.above_share == found.beyond_share == found.rough_share == 0.0
+    assert weigh_ground(found, fit).status == "calibrated"
+
+
+def test_surface_above_the_horizon_speaks_against_a_camera():
+    region = region_of(LOW, 6.0)
+    region[:10] = True
+    fit = fit_of(LOW)
+    found = measure_surroundings(picture(), mask_of(region), fit, SOCCER)
+    assert found.above_share > 0.1
+    assert weigh_ground(found, fit).code == "picture_contradicts"
+
+
+def test_surface_far_beyond_the_border_speaks_against_a_camera_without_further_lines():
+    fit = fit_of(LOW)
+    found = measure_surroundings(picture(), mask_of(region_of(LOW, 60.0)), fit, SOCCER)
+    assert 0.05 < found.beyond_share < 0.25 and found.above_share == 0.0
+    assert weigh_ground(found, fit).status == "calibrated"
+    assert weigh_ground(found, replace(fit, named_lines=())).code == "picture_contradicts"
+
+
+def test_a_stand_before_the_field_that_fills_half_of_the_picture_speaks_against_a_camera():
+    region = region_of(CAMERA, 6.0)
+    camera = view(position=(3.0, 60.0, -12.0), target=(0.0, 40.0, 0.0), focal=700.0)
+    fit = fit_of(camera)
+    seen = measure_surroundings(picture(), mask_of(region_of(camera, 6.0)), fit, SOCCER)
+    assert seen.near_share > 0.4
+    assert weigh_ground(seen, fit).code == "picture_contradicts"
+    assert measure_surroundings(picture(), mask_of(region), fit_of(CAMERA), SOCCER).near_share == 0.0
+
+
+def test_a_picture_that_is_put_together_has_a_seam():
+    rng = np.random.default_rng(1)
+    smooth = (90 + 60 * np.linspace(0, 1, SIZE[0])[:, None] + rng.normal(0, 3, SIZE)).astype(np.uint8)
+    exchanged = np.roll(smooth, SIZE[0] // 2, axis=0)
+    fit, nothing = fit_of(CAMERA), mask_of(None)
+    assert measure_surroundings(smooth, nothing, fit, SOCCER).seam_share < 0.3
+    found = measure_surroundings(exchanged, nothing, fit, SOCCER)
+    assert found.seam_share > 0.8
+    assert weigh_ground(found, fit).code == "picture_contradicts"
+
+
+def test_a_bar_and_a_caption_are_no_seam():
+    bars, caption = picture(), picture()
+    bars[:, : SIZE[1] // 4] = bars[:, -SIZE[1] // 4 :] = 0
+    caption[-SIZE[0] // 6 :] = 200
+    for seen in (bars, caption):
+        assert measure_surroundings(seen, mask_of(None), fit_of(CAMERA), SOCCER).seam_share < 0.3
+
+
+def test_without_a_surface_only_seams_are_looked_for():
+    found = measure_surroundings(picture(), mask_of(None), fit_of(CAMERA), SOCCER)
+    assert found == Surroundings(0.0, 0.0, 0.0, 0.0, found.seam_share)
+
+
+def test_a_crowd_where_the_field_must_be_speaks_against_a_camera():
+    region = np.ones((72, 128), np.bool_)
+    region[:, 80:] = False
+    plain = picture()
+    crowd = plain.copy()
+    crowd[:, 5 * CAMERA.width // 8 :] = np.random.default_rng(1).integers(
+        20, 230, (CAMERA.height, CAMERA.width - 5 * CAMERA.width // 8)
+    )
+    camera = fit_of(CAMERA)
+    shade = measure_surroundings(plain, mask_of(region), camera, SOCCER)
+    found = measure_surroundings(crowd, mask_of(region), camera, SOCCER)
+    assert shade.rough_share < 0.02
+    assert found.rough_share > 0.2
+    assert weigh(NO_PAINT, camera, found).code == "picture_contradicts"
