@@ -14,7 +14,7 @@ from circlecal.results import Check
 from circlecal.tracking.entry import BARE_SHARE, Entry
 from circlecal.tracking.looking import Place
 from circlecal.tracking.results import Head, TrackedFrame
-from circlecal.tracking.smoother import smooth_heads
+from circlecal.tracking.smoother import smooth_robustly
 
 DRIFT_SD = (2e-5, 5e-6, 5e-6)
 """What the motion between neighbours leaves open beside its own standard deviation: logarithm of the focal length and
@@ -46,7 +46,7 @@ def answer_shot(entries: list[Entry], count: int) -> Iterator[TrackedFrame]:
             if entry.motion is not None:
                 changes[j] = entry.motion.change
                 precision[j] = np.linalg.inv(entry.motion.covariance + np.diag(np.square(DRIFT_SD)))
-        found = smooth_heads(
+        found = smooth_robustly(
             heads, np.array([e.information for e in part]), np.array([e.toward for e in part]), changes, precision
         )
         for j, k in enumerate(chain):

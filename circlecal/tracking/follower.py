@@ -140,7 +140,7 @@ class Follower:
             if entry.place is not None:
                 with self._clock.measure("backward"):
                     self._go_back(_Kept(entry, picture, flow))
-        if entry.is_confirmed:
+        if entry.is_confirmed and not is_followed:
             self._surface = picture.colour
         self._keep(_Kept(entry, picture, flow))
         self._entry, self._last = entry, picture

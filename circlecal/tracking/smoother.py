@@ -12,6 +12,11 @@ import numpy as np
 
 from circlecal.geometry.projective import Array
 
+CAUCHY, ROUNDS = 3.0, 3
+"""Mahalanobis distance at which a motion counts half, and how often the weights are told anew. In a rendered clip a
+motion that rests on 21 corners, of players perhaps, is off by four standard deviations and shakes frames by 0.5 pixels.
+"""
+
 
 @dataclass(frozen=True, slots=True)
 class Smoothed:
@@ -67,3 +72,22 @@ def smooth_heads(
         moved[k] = inverse @ left_right[k] + back @ moved[k + 1]
         covariances[k] = inverse + back @ covariances[k + 1] @ back.T
     return Smoothed(heads + moved, (covariances + np.swapaxes(covariances, 1, 2)) / 2)
+
+
+def smooth_robustly(
+    heads: Array, information: Array, toward: Array, changes: Array, precision: Array, anchor: float = 1e-9
+) -> Smoothed:
+    """Most likely heads of a chain of frames, where some motions may be those of players.
+
+    Motions that lie further from what the paint of both frames says than their covariance allows get Cauchy's
+    weight, and the chain is smoothed again. The arguments are those of :func:`smooth_heads`.
+    """
+    found = smooth_heads(heads, information, toward, changes, precision, anchor)
+    for _ in range(ROUNDS):
+        away = np.diff(found.heads, axis=0) - changes
+        squared = np.einsum("ni,nij,nj->n", away, precision, away)
+        if not (squared > CAUCHY**2).any():
+            break
+        weight = 1.0 / (1.0 + squared / CAUCHY**2)
+        found = smooth_heads(heads, information, toward, changes, precision * weight[:, None, None], anchor)
+    return found

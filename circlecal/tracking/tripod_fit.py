@@ -18,7 +18,7 @@ from circlecal.geometry.camera_parameters import INDEX, ProjectionModel, project
 from circlecal.geometry.projective import Array, Indices
 from circlecal.geometry.surface import Surface
 from circlecal.rig.tripod import COMMON, PLACE, TripodEstimate, TripodModel
-from circlecal.tracking.markings import SPACING_PX, DrawnTemplate, MeasuredFrame, grow_places, rows_of
+from circlecal.tracking.markings import FAINT_BIAS_PX, SPACING_PX, DrawnTemplate, MeasuredFrame, grow_places, rows_of
 
 ITERATIONS = 15
 ARRIVED = 1e-4
@@ -175,6 +175,7 @@ def _evaluate(
     F, K = len(frames), len(COMMON)
     H_oo, H_oc, H_cc, g_o, g_c = (np.zeros(s) for s in ((F, 3, 3), (F, 3, K), (K, K), (F, 3), (K,)))
     costs, rms = np.zeros(F), np.zeros(F)
+    faint = FAINT_BIAS_PX * model.projection.width / 1920.0
     for k, frame in enumerate(frames):
         away, rows = residuals_of(frame.measured, drawn, theta[k], model.projection)
         values = away / sigmas[k]
@@ -189,13 +190,16 @@ def _evaluate(
         g_c += g[3:]
         costs[k] = float((squared * share).sum())
         farthest = FARTHEST_PX * model.projection.width / 1920.0
-        rms[k] = float(np.sqrt(np.mean(np.minimum(np.abs(away), farthest) ** 2)))
+        told = away[frame.measured.bias_px < faint] if (frame.measured.bias_px < faint).any() else away
+        rms[k] = float(np.sqrt(np.mean(np.minimum(np.abs(told), farthest) ** 2)))
     return _Normal(float(costs.sum()), H_oo, H_oc, H_cc, g_o, g_c, costs, rms)
 
 
 @dataclass(frozen=True, slots=True)
 class TripodFit:
-    """A tripod with the heads (F, 3) of its frames, their root mean square residuals (F,), px, and the cost."""
+    """A tripod with the heads (F, 3) of its frames, their root mean square residuals (F,), px, without those of paint
+    too faint to be expected, and the cost.
+    """
 
     estimate: TripodEstimate
     heads: Array

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from circlecal.tracking.smoother import smooth_heads
+from circlecal.tracking.smoother import smooth_heads, smooth_robustly
 
 
 def positive(rng: np.random.Generator, count: int) -> np.ndarray:
@@ -36,3 +36,23 @@ def test_heads_and_covariances_are_those_of_the_dense_system() -> None:
     for k in range(count):
         own = slice(3 * k, 3 * k + 3)
         np.testing.assert_allclose(found.covariances[k], covariance[own, own], atol=1e-7)
+
+
+def test_a_motion_of_players_does_not_shake_the_camera() -> None:
+    rng = np.random.default_rng(2)
+    count, step, noise = 40, np.array([0.0, 0.002, 0.0]), 2e-4
+    true = np.arange(count)[:, None] * step
+    heads = true + rng.normal(0.0, noise, true.shape)
+    information = np.tile(np.eye(3) / noise**2, (count, 1, 1))
+    precision = np.tile(np.eye(3) / (0.5 * noise) ** 2, (count - 1, 1, 1))
+    changes = np.diff(true, axis=0) + rng.normal(0.0, 0.5 * noise, (count - 1, 3))
+    changes[20, 1] += 20.0 * noise
+    arguments = heads, information, np.zeros((count, 3)), changes, precision
+    plain, found = smooth_heads(*arguments), smooth_robustly(*arguments)
+    near = slice(19, 23)
+    assert np.abs(plain.heads - true)[near, 1].max() > 4.0 * noise
+    assert np.abs(found.heads - true)[near, 1].max() < 2.0 * noise
+    # where all motions agree with the paint they keep their weight
+    changes[20, 1] -= 20.0 * noise
+    away = np.abs(smooth_robustly(*arguments).heads - smooth_heads(*arguments).heads).max()
+    assert away < 0.5 * noise
