@@ -100,10 +100,12 @@ def _recognise(task: Task, stated: CurvePoints, fit: Fit) -> tuple[Problem, Arra
 
 
 def least_sigmas(task: Task, curves: CurvePoints) -> CurvePoints | None:
-    """The points with the sigmas of a frame that shows nothing far from the circle; None where they are too few to tell
-    their noise.
+    """The points with the sigmas of a frame that shows nothing far from the circle; None where there is more, or they
+    are too few to tell their noise.
     """
-    if not task.config.noise_from_residuals or not is_dense(curves):
+    around = {task.circle.name, task.template.halfway_line}
+    is_close = all(key.name in around for key in curves.keys)
+    if not (is_close and task.config.noise_from_residuals and is_dense(curves)):
         return None
     close_px = task.config.close_sigma_px * task.observations.width / 1920.0
     noise = replace(task.noise, model_sigma_px=min(task.noise.model_sigma_px, close_px))

@@ -41,6 +41,8 @@ from circlecal.placement import (
 from circlecal.placement.camera_batch import cameras_before_circles
 from circlecal.records.writing import result_record
 from circlecal.results import Attempt, CameraFit, MarkingMask, Verdict
+from circlecal.stages import camera as camera_stage
+from circlecal.stages.camera import estimate_camera
 from circlecal.stages.edges import detect_edges
 from circlecal.stages.rays import measure_template
 from circlecal.synthetic.cameras import aim_camera
@@ -441,27 +443,49 @@ def test_ridges_of_a_surface_are_found_once_for_all_masks_and_templates(monkeypa
     assert looks == [False, True]
 
 
-def test_a_placed_field_keeps_a_marking_that_strains_the_camera():
-    """All that is painted said what it is: a circle that is painted too small still tells where the far end lies."""
+def _observe_rink(camera, names, line):
+    """Circles and a line of the rink as a camera sees them, to a fifth of a pixel."""
     rng, angle = np.random.default_rng(0), np.linspace(0, 2 * np.pi, 600)
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    sigma, circles = np.full(600, 0.2), []
-    for name, smaller in (("faceoff_right_bottom", 0.0), ("faceoff_right_top", 0.3)):
-        circle = RINK.circle_by_name[name]
-        place = np.asarray(circle.center) + (RINK.radius(circle, "center") - smaller) * ring
-        seen = RIGHT_END.project(place) + rng.normal(0, 0.2, (600, 2))
-        circles.append(CirclePoints(name, "center", seen, sigma))
-    ends = RINK.line_ends(next(line for line in RINK.lines if line.name == "goal_line_right"))
-    line = RIGHT_END.project(np.linspace(*ends, 600)) + rng.normal(0, 0.2, (600, 2))
-    inside = ((line > 0) & (line < SIZE)).all(axis=1)
-    lines = (LinePoints("goal_line_right", line[inside], sigma[inside]),)
+    ends = RINK.line_ends(next(drawn for drawn in RINK.lines if drawn.name == line))
+
+    def see(places):
+        points = camera.project(places) + rng.normal(0, 0.2, places.shape)
+        shown = points[((points > 0) & (points < SIZE)).all(axis=1)]
+        return shown, np.full(len(shown), 0.2)
+
+    circles = [RINK.circle_by_name[name] for name in names]
+    rims = [np.asarray(circle.center) + RINK.radius(circle, "center") * ring for circle in circles]
+    seen = tuple(CirclePoints(name, "center", *see(rim)) for name, rim in zip(names, rims, strict=True))
+    return Observations(*SIZE, seen, (LinePoints(line, *see(np.linspace(*ends, 600))),))
+
+
+def test_no_marking_of_a_placed_field_is_left_out_for_straining_the_camera(monkeypatch):
+    """All that is painted said what each is: a circle that is painted too small still tells where the far end lies."""
+    asked = []
+    monkeypatch.setattr(camera_stage, "find_straining_marking", lambda *_: asked.append("strain"))
+    names = ("faceoff_right_bottom", "faceoff_right_top")
+    observations = _observe_rink(RIGHT_END, names, "goal_line_right")
     config = load_config(None, ["field.template=ice-hockey-nhl"])
-    template = field_of(config)[0]
-    circle = template.circle_by_name["faceoff_right_bottom"]
-    setting = frame.Setting(config, template, circle, *SIZE, np.random.default_rng(0))
+    setting = frame.Setting(config, RINK, RINK.circle_by_name[names[0]], *SIZE, np.random.default_rng(0))
     seen = Attempt(mask=MarkingMask(np.zeros(SIZE[::-1], np.uint8), "detector"))
-    found = placed_field._calibrate_observations(setting, seen, Observations(*SIZE, tuple(circles), lines))
-    assert {key.name for key in found.camera.residuals_px} >= {"faceoff_right_bottom", "faceoff_right_top"}
-    assert markings_error_px(RIGHT_END, found.camera.view) < 6.0
-    left = estimate(setting, placed_field.take_observations(setting, seen, found.observations))
-    assert "faceoff_right_top" not in {key.name for key in left.camera.residuals_px}
+    found = placed_field._calibrate_observations(setting, seen, observations)
+    assert {key.name for key in found.camera.residuals_px} == {*names, "goal_line_right"}
+    assert markings_error_px(RIGHT_END, found.camera.view) < 3.0
+    assert asked == []
+    estimate(setting, placed_field.take_observations(setting, seen, observations))
+    assert asked == ["strain"]
+
+
+def test_markings_all_over_the_picture_hold_all_that_the_model_leaves():
+    """Only what lies close to the circle is as sure as its points: a lens bends what is far from it."""
+    names = ("faceoff_right_bottom", "faceoff_right_top")
+    config = load_config(None, ["field.template=ice-hockey-nhl"]).camera
+    sigmas = []
+    for close in (0.1, 0.01):
+        options = config.model_copy(update={"close_sigma_px": close})
+        fit = estimate_camera(
+            _observe_rink(RIGHT_END, names, "goal_line_right"), RINK, RINK.circle_by_name[names[0]], options
+        )
+        sigmas.append(fit.max_sigma_px)
+    assert sigmas[0] == sigmas[1] > 0.1
