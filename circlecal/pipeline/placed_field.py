@@ -44,6 +44,10 @@ MOST_PLACED, LEAST_PLACED = 6, 0.6
 """So many placements lead to cameras, where their evidence is no smaller a share of the largest: of 18 frames of other
 sports the right one was among the first four, with 0.91 of it at least.
 """
+MOST_OF_SIBLING = 2
+"""So many lead to cameras where a field of other sizes of the sport was laid already: this one lies there too, or is
+not the one that is seen.
+"""
 LARGEST_MOVE_WIDTHS = 0.05
 """Mean distance, picture widths, by which the camera may move the markings from where they were found: right ones moved
 them by 0.001 to 0.038.
@@ -151,20 +155,27 @@ def place_template(setting: Setting, scene: Scene, first: Attempt) -> Iterator[A
     searched until one answers.
     """
     mask, tried = first.mask, set[tuple[object, ...]]()
+    # a field of other sizes of the same sport lies where the first one does
+    sport = "laid", setting.template.sport or setting.template.name
+    laid = scene.looks.recall(sport)
     for rank, seen in enumerate(() if mask is None else (mask, *mask.sightings)):
         with setting.clock("cues"):
             paint = look_for_paint(scene, seen, setting.config, setting.template)
-        if paint is None or paint.key in tried:
+        if paint is None or paint.key in tried or laid not in (None, paint.key):
             continue
         tried.add(paint.key)
-        best = _place_among(setting, scene, seen, paint, 1.0 if rank < LIKELIEST else OTHER_SIGHTING)
+        most = MOST_PLACED if laid is None else MOST_OF_SIBLING
+        best = _place_among(setting, scene, seen, paint, 1.0 if rank < LIKELIEST else OTHER_SIGHTING, most)
         if best is not None:
+            scene.looks.keep(sport, paint.key)
             yield best
 
 
-def _place_among(setting: Setting, scene: Scene, mask: MarkingMask, paint: SeenPaint, factor: float) -> Attempt | None:
-    """The field laid over paint of one polarity on one surface; None where none is believed with the evidence that is
-    usually enough, times a factor.
+def _place_among(
+    setting: Setting, scene: Scene, mask: MarkingMask, paint: SeenPaint, factor: float, most: int
+) -> Attempt | None:
+    """The field laid over paint of one polarity on one surface by one of so many placements at most; None where none is
+    believed with the evidence that is usually enough, times a factor.
     """
     template, side = setting.template, setting.config.correspondences.camera_side
     with setting.clock("cues"):
@@ -174,7 +185,7 @@ def _place_among(setting: Setting, scene: Scene, mask: MarkingMask, paint: SeenP
         rough = scene.looks.once(key, lambda: search_placements(paint, size, template, side))
         placements = [] if rough is None else refine_placements(rough, paint, size, template)
     least = max(0.0, LEAST_PLACED * placements[0].evidence) if placements else 0.0
-    likely = [placed for placed in placements[:MOST_PLACED] if placed.evidence > least]
+    likely = [placed for placed in placements[:most] if placed.evidence > least]
     answers = [
         (weigh_view(attempt.camera.view, template, paint), attempt)
         for attempt in (_follow_placement(setting, scene, mask, placed) for placed in likely)

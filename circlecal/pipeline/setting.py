@@ -93,6 +93,14 @@ class Looks:
             self._found[key] = look()
         return cast("T", self._found[key])
 
+    def keep(self, key: tuple[object, ...], found: object) -> None:
+        """Keep what was found under a key, in the place of what was found before."""
+        self._found[key] = found
+
+    def recall(self, key: tuple[object, ...]) -> object | None:
+        """What was found under a key; None where nothing was."""
+        return self._found.get(key)
+
 
 @dataclass(frozen=True, slots=True)
 class Scene:

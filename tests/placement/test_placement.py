@@ -338,7 +338,7 @@ def test_each_surface_and_polarity_is_searched_until_one_answers(monkeypatch):
     monkeypatch.setattr(
         placed_field,
         "_place_among",
-        lambda _, __, mask, ___, factor: tried.append((mask.polarity, factor)) or answers.get(id(mask)),
+        lambda _, __, mask, ___, factor, ____: tried.append((mask.polarity, factor)) or answers.get(id(mask)),
     )
     # the first surface shows the detector's answer and all that was found on it
     monkeypatch.setattr(placed_field, "look_for_paint", lambda _, mask, *__: Paint(str(id(mask))))
@@ -489,3 +489,23 @@ def test_markings_all_over_the_picture_hold_all_that_the_model_leaves():
         )
         sigmas.append(fit.max_sigma_px)
     assert sigmas[0] == sigmas[1] > 0.1
+
+
+def test_a_field_of_other_sizes_is_laid_where_the_first_of_its_sport_lies(monkeypatch):
+    gray, tried = np.zeros(SIZE[::-1], np.uint8), []
+    masks = [MarkingMask(gray, "detector", polarity=sign) for sign in (1.0, -1.0)]
+    scene = frame.Scene(np.zeros((*SIZE[::-1], 3), np.uint8), gray, None, None, None)
+    monkeypatch.setattr(placed_field, "look_for_paint", lambda _, mask, *__: Paint(str(mask.polarity)))
+
+    def answer_dark(setting, _, mask, __, ___, most):
+        tried.append((setting.template.name, mask.polarity, most))
+        return Attempt() if mask.polarity < 0 else None
+
+    monkeypatch.setattr(placed_field, "_place_among", answer_dark)
+    for name in ("ice-hockey-nhl", "ice-hockey", "basketball"):
+        config = load_config(None, [f"field.template={name}"])
+        setting = frame.Setting(config, *field_of(config), *SIZE, np.random.default_rng(0))
+        next(placed_field.place_template(setting, scene, Attempt(mask=replace(masks[0], sightings=tuple(masks)))))
+    usual, sibling = placed_field.MOST_PLACED, placed_field.MOST_OF_SIBLING
+    rink = [("ice-hockey-nhl", 1.0, usual), ("ice-hockey-nhl", -1.0, usual), ("ice-hockey", -1.0, sibling)]
+    assert tried == [*rink, ("basketball", 1.0, usual), ("basketball", -1.0, usual)]
