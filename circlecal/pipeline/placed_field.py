@@ -61,6 +61,10 @@ LEAST_EVIDENCE, LEAST_SHARE = 0.3, 0.55
 believed: on 18 frames of other sports right ones had 0.5 to 1.8 and 0.57 to 0.85; where no right one was found, the
 best had 0.24 at most.
 """
+WANDERED_TIMES, WANDERED_WIDTHS = 2.0, 0.1
+"""How many times the evidence of its placement, and picture widths more, a camera may find: right ones of 13 frames
+went from 0.07 to 0.17 and from 0.69 to 1.05; a court with the key of another one but of another size from 0.21 to 0.60.
+"""
 SURFACE_SHARE = 0.68
 """Least share of the markings in the picture that lie on the playing surface: of eight right cameras of rinks and
 courts 0.77 to 1; of a rink that was laid into the stands 0.60.
@@ -186,12 +190,16 @@ def _place_among(
         placements = [] if rough is None else refine_placements(rough, paint, size, template)
     least = max(0.0, LEAST_PLACED * placements[0].evidence) if placements else 0.0
     likely = [placed for placed in placements[:most] if placed.evidence > least]
-    answers = [
-        (weigh_view(attempt.camera.view, template, paint), attempt)
-        for attempt in (_follow_placement(setting, scene, mask, placed) for placed in likely)
+    followed = [
+        (weigh_view(attempt.camera.view, template, paint), attempt, placed)
+        for placed, attempt in ((placed, _follow_placement(setting, scene, mask, placed)) for placed in likely)
         if attempt is not None and attempt.camera is not None
     ]
-    answers = [answer for answer in answers if answer[0].surface_share >= SURFACE_SHARE]
+    answers = [
+        (weighed, attempt)
+        for weighed, attempt, placed in followed
+        if weighed.surface_share >= SURFACE_SHARE and not _has_wandered(weighed, placed)
+    ]
     answers.sort(key=lambda answer: -_weigh_answer(*answer))
     if not answers or not (_is_believed(answers[0][0], factor) or _is_precise(setting, *answers[0])):
         return None
@@ -214,6 +222,11 @@ def _place_among(
         if not check.passed:
             best = refuse_as_open(best, "circle_open")
     return best
+
+
+def _has_wandered(weighed: ViewEvidence, placed: PlacedField) -> bool:
+    """Whether a camera found so much more paint than the placement that it comes from that it lies on other paint."""
+    return weighed.evidence > WANDERED_TIMES * max(0.0, placed.evidence) + WANDERED_WIDTHS
 
 
 def _weigh_answer(weighed: ViewEvidence, attempt: Attempt) -> float:

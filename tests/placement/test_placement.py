@@ -509,3 +509,9 @@ def test_a_field_of_other_sizes_is_laid_where_the_first_of_its_sport_lies(monkey
     usual, sibling = placed_field.MOST_PLACED, placed_field.MOST_OF_SIBLING
     rink = [("ice-hockey-nhl", 1.0, usual), ("ice-hockey-nhl", -1.0, usual), ("ice-hockey", -1.0, sibling)]
     assert tried == [*rink, ("basketball", 1.0, usual), ("basketball", -1.0, usual)]
+
+
+@pytest.mark.parametrize(("placed", "found", "wandered"), [(0.07, 0.17, False), (0.7, 1.1, False), (0.2, 0.6, True)])
+def test_a_camera_that_finds_much_more_paint_than_its_placement_lies_on_other_paint(placed, found, wandered):
+    lain = PlacedField(RINK.circles[0], np.eye(3), FieldView(RIGHT_END), placed, 0.5)
+    assert placed_field._has_wandered(ViewEvidence(found, 0.6, 0.5), lain) is wandered
