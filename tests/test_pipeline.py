@@ -15,13 +15,14 @@ from circlecal.geometry.projective import apply_homography, normalise_line, tran
 from circlecal.geometry.surface import Surface
 from circlecal.observations import Keypoint, Observations, join_observations
 from circlecal.overlay import draw_overlay, stage_pictures
-from circlecal.pipeline import field_of, run, run_observations
+from circlecal.pipeline import attempts, field_of, refinements, run, run_observations
 from circlecal.pipeline.attempts import face_camera
 from circlecal.pipeline.refinements import calibrate_scene
 from circlecal.pipeline.setting import Setting, frame_generator, prepare_scene
 from circlecal.records.json_text import result_line
 from circlecal.records.writing import result_record
 from circlecal.refusals import REFUSALS, Confidence
+from circlecal.stages.camera import estimate_camera
 from circlecal.stages.correspondences import is_turned, turn_correspondences
 from circlecal.stages.homography import turn_fit
 from circlecal.synthetic.cameras import aim_camera
@@ -425,3 +426,23 @@ def test_markings_that_must_be_in_view_are_looked_for_although_the_centre_mark_i
     found = calibrate_scene(setting, prepare_scene(setting, picture, None, None))
     assert found.cues.mark is not None
     assert found.code == "markings_missing"
+
+
+@pytest.mark.parametrize("is_found", [True, False])
+def test_a_part_of_the_circle_is_measured_along_a_draft_and_no_draft_is_an_answer(monkeypatch, is_found):
+    """Other sizes of the field are tried once only."""
+    drafts = []
+
+    def count(*args):
+        drafts.append(args[-1])
+        return estimate_camera(*args)
+
+    monkeypatch.setattr(attempts, "estimate_camera", count)
+    if not is_found:
+        monkeypatch.setattr(refinements, "measure_curves", lambda *_: {})
+    image = render_frame("partial", np.random.default_rng(1), *SIZE).image
+    setting = Setting(CONFIG, *field_of(CONFIG), *SIZE, frame_generator(CONFIG.seed))
+    attempt = calibrate_scene(setting, prepare_scene(setting, image, None, None))
+    assert attempt.ellipses.primary.arc_deg < refinements.PARTIAL_DEG
+    assert attempt.is_calibrated
+    assert drafts[:2] == [True, False] and not any(drafts[1:])

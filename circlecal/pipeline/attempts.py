@@ -120,7 +120,12 @@ def calibrate_extra(setting: Setting, attempt: Attempt, extra: Observations) -> 
 
 
 def estimate(
-    setting: Setting, attempt: Attempt, earlier: CameraFit | None = None, *, is_strain_left_out: bool = True
+    setting: Setting,
+    attempt: Attempt,
+    earlier: CameraFit | None = None,
+    *,
+    is_strain_left_out: bool = True,
+    is_draft: bool = False,
 ) -> Attempt:
     """Closed forms, camera and verdict from what was measured, or the refusal of the stage that gives up.
 
@@ -134,7 +139,7 @@ def estimate(
         With ellipses, cues and observations; returned unchanged where it is refused already.
     earlier : CameraFit, optional
         Camera of about the same observations, from which the fit starts.
-    is_strain_left_out : bool
+    is_strain_left_out, is_draft : bool
         As for :func:`circlecal.stages.camera.estimate_camera`.
     """
     if attempt.verdict is not None or attempt.ellipses is None or attempt.cues is None or attempt.observations is None:
@@ -164,7 +169,7 @@ def estimate(
         if config.camera.enabled:
             with setting.clock("camera"):
                 side = config.correspondences.camera_side
-                options = config.camera, side, earlier, is_strain_left_out
+                options = config.camera, side, earlier, is_strain_left_out, is_draft
                 camera = estimate_camera(observations, template, circle, *options)
             attempt = face_camera(replace(attempt, camera=camera), np.asarray(circle.center))
         elif attempt.homography is None and refusal is not None:

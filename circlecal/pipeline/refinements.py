@@ -42,6 +42,15 @@ class Retry:
         return next((new for new in self.how(setting, scene, attempt) if self.accept(setting, attempt, new)), None)
 
 
+def _is_draft(attempt: Attempt) -> bool:
+    """Whether the first camera is only what the circle is measured again along: where a halfway line turns it, names of
+    other lines do not matter then.
+    """
+    if attempt.ellipses is None or not attempt.ellipses.all() or attempt.cues is None or attempt.cues.halfway is None:
+        return False
+    return attempt.ellipses.primary.arc_deg < PARTIAL_DEG
+
+
 def _is_worth_remeasuring(setting: Setting, attempt: Attempt) -> bool:
     if attempt.camera is None or attempt.ellipses is None or not attempt.ellipses.all():
         return False
@@ -80,6 +89,8 @@ def remeasure_along_camera(setting: Setting, scene: Scene, attempt: Attempt) -> 
     curves = (circle, *(setting.template.arcs if is_turned_by_lines else ()))
     found = measure_curves(setting, picture, camera, curves, edges.noise)
     if circle.name not in found:
+        if _is_draft(attempt):
+            yield estimate(setting, replace(attempt, verdict=None))
         return
     again = replace_curves(observations, found)
     start = camera if is_turned_by_lines else None
@@ -146,7 +157,7 @@ def calibrate_scene(
         return attempt if scene.extra is None else calibrate_extra(setting, attempt, scene.extra)
     if scene.extra is not None and attempt.observations is not None:
         attempt = replace(attempt, observations=join_observations(attempt.observations, scene.extra))
-    attempt = estimate(setting, attempt)
+    attempt = estimate(setting, attempt, is_draft=_is_draft(attempt))
     for refinement in REFINEMENTS:
         attempt = refinement.try_out(setting, scene, attempt) or attempt
     return look_again(setting, scene, attempt)

@@ -40,6 +40,7 @@ def estimate_camera(
     camera_side: str = "main",
     earlier: CameraFit | None = None,
     is_strain_left_out: bool = True,
+    is_draft: bool = False,
 ) -> CameraFit:
     """Maximum a posteriori camera.
 
@@ -60,6 +61,9 @@ def estimate_camera(
     is_strain_left_out : bool
         Whether a marking that changes the answer by more than its noise allows is not what it was taken for; else it
         may be painted some centimetres off.
+    is_draft : bool
+        Whether the circle is measured again along this camera's curve, and the camera estimated anew: then no other
+        size or shape of the field is tried, and nothing is left out that strains the answer.
 
     Raises
     ------
@@ -68,10 +72,10 @@ def estimate_camera(
         start leads to a camera above the ground.
     """
     given = Task(observations, template, circle, config, camera_side, earlier)
-    task, fit, rejected = _estimate(given)
+    task, fit, rejected = _estimate(given, is_draft)
     # where the camera's place was stated, it may be that which contradicts the lines
     carrying = (circle.name, template.halfway_line)
-    is_asked = is_strain_left_out and not has_position(config)
+    is_asked = is_strain_left_out and not is_draft and not has_position(config)
     straining = find_straining_marking(fit.problem, fit.state, carrying) if is_asked else None
     if straining is not None:
         key = MarkingKey(straining)
@@ -83,7 +87,7 @@ def estimate_camera(
     return camera_fit(fit.problem, fit.state, fit.scale, rejected, task.names, circle, template, stated, fit.posterior)
 
 
-def _estimate(task: Task) -> tuple[Task, Fit, tuple[MarkingKey, ...]]:
+def _estimate(task: Task, is_draft: bool = False) -> tuple[Task, Fit, tuple[MarkingKey, ...]]:
     """The task with the names that were given to lines, the fit, and what contradicts it."""
     config = task.config
     sight = choose_sight(task)
@@ -96,6 +100,9 @@ def _estimate(task: Task) -> tuple[Task, Fit, tuple[MarkingKey, ...]]:
         task = task.without(wrong_markings)
         problem = replace(problem, points=problem.points.select(~wrong_points), curves=task.curves())
         state = find_optima(problem, starts.continue_from(state), config, task.side)
+    if is_draft:
+        task, fit = complete(task, problem.curves, settle(task, problem, state, COARSE))
+        return task, fit, rejected
     finished = [
         choose_world(task, problem.curves, fit, complete(task, problem.curves, fit))
         for fit in (settle(task, problem, start, COARSE) for start in distinct_optima(problem, state))

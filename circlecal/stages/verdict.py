@@ -43,9 +43,10 @@ SURE_LINES = 4
 """So many further lines at their places leave no doubt about the size of the field."""
 MINIMUM_WIDTH_M = 1e-3
 """Narrower markings are the zero-width lines of an annotation's model."""
-LEAST_FOUND = 0.15
-"""Least share of the markings to be expected that is found: of right cameras at least twice as much (rendered frames
-of all kinds, worn paint and old video too), of a wrong circle's or line's less than a tenth.
+LEAST_FOUND, FOUND_SURELY = 0.25, 0.3
+"""Least share of the markings to be expected that is found, and from which on nothing else is tried: of right cameras
+0.58 (47 real and rendered frames), of a wrong circle's or line's mostly less than a tenth, of a basketball court's as a
+pitch's 0.13 to 0.2.
 """
 LEAST_FOUND_CONFIRMED = 0.01
 """Least such share where the centre mark and another line confirm circle and halfway line, or one kind of confirmation
@@ -312,7 +313,7 @@ def confirm_field_lines(verdict: Verdict, camera: CameraFit, used: frozenset[str
 def needs_confirmation(verdict: Verdict) -> bool:
     """Whether an accepted circle may be another one: hardly any other marking is where it would have to be."""
     found = verdict.check("found_share")
-    return verdict.status == "calibrated" and found is not None and found.value < 2 * LEAST_FOUND
+    return verdict.status == "calibrated" and found is not None and found.value < FOUND_SURELY
 
 
 def is_confirmed(attempt: Attempt, template: FieldTemplate, circle: Circle, width: int, config: VerdictConfig) -> bool:
@@ -323,7 +324,7 @@ def is_confirmed(attempt: Attempt, template: FieldTemplate, circle: Circle, widt
         H = None if attempt.homography is None else attempt.homography.H_image_field
         return H is not None and _is_confirmed_by_homography(H, attempt.cues, template, circle, width, config)
     found = attempt.verdict.check("found_share")
-    is_there = found is not None and found.value >= 2 * LEAST_FOUND
+    is_there = found is not None and found.value >= FOUND_SURELY
     return is_there or kinds_of_confirmation(attempt.camera, attempt.cues) > 0
 
 

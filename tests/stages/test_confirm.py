@@ -110,11 +110,11 @@ def test_where_the_places_are_not_well_known_markings_are_looked_for_around_them
 
 def test_a_circle_with_hardly_any_of_its_other_markings_is_another_one():
     camera, accepted = camera_fit(), verdict(camera_fit())
-    for share in (0.0, 0.05, 0.14):
+    for share in (0.0, 0.05, 0.14, 0.24):
         missing = Agreement(("a",), np.array([0.3 * camera.camera.width]), np.array([share]))
         refused = confirm(accepted, camera, Cues(None, None), missing)
         assert (refused.status, refused.code) == ("refused", "markings_missing")
-    few = Agreement(("a",), np.array([0.3 * camera.camera.width]), np.array([0.2]))
+    few = Agreement(("a",), np.array([0.3 * camera.camera.width]), np.array([0.27]))
     doubted = confirm(accepted, camera, Cues(None, None), few)
     assert doubted.status == "calibrated" and needs_confirmation(doubted) and not needs_confirmation(accepted)
 
