@@ -37,8 +37,6 @@ where it is shifted.
 """
 THINNEST = 0.2, 0.6
 """Paint must be as wide in the picture as this share of the quantile of the circle's own, which was seen."""
-WIDE_PX = 0.8
-"""Paint that is so wide is seen, however wide the circle's is, pixels at 1920 px width."""
 LEAST_SHARE, LEAST_SECTORS = 0.75, 18
 """A circle is painted with this share of its sectors, if the picture shows three quarters of them (no arc of another
 marking is as long, and ellipses stitched from other lines and streaks have half of them at most).
@@ -91,7 +89,6 @@ def look_for_markings(
     if not (visible & mine).any():
         return Agreement((), np.zeros(0), np.zeros(0))
     thinnest = THINNEST[1] * np.quantile(places.across[visible & mine], THINNEST[0])
-    thinnest = np.minimum(thinnest, WIDE_PX * unit / template.marking_width_m)
     visible = lie_on_surface(places.base, region, model.width, model.height) & ~mine & (places.across >= thinnest)
     near = visible & (places.spread < WELL_KNOWN_PX * unit)
     certain = bool(np.count_nonzero(near) * SPACING_PX >= ENOUGH_WIDTHS * 1920.0)
