@@ -38,6 +38,13 @@ wide, and believed where that explains the frame so much better (chi-square): wh
 CROWN_EVIDENCE = 3.0
 """By how much (half a chi-square) a parabolic pitch must explain a frame better than a roof to be believed."""
 
+MOST_BESIDE = 1
+"""Markings beside the circle and its halfway line with which noise is still told by what they leave: one more line has
+its place free, several hold each other by the lens, the surface and painted widths, whose errors the noise then has to
+cover. Of 20 rendered courts, which show many, 61 % of the ground lay in the 90 % region with the noise of a close view
+and 97 % without; a circle and one touchline come out alike in five profiles of 20 frames.
+"""
+
 
 def complete(task: Task, stated: CurvePoints, fit: Fit) -> tuple[Task, Fit]:
     """The fit with all that can be named, the lens and the shape of the pitch that it shows; ``stated`` are the curves
@@ -100,11 +107,11 @@ def _recognise(task: Task, stated: CurvePoints, fit: Fit) -> tuple[Problem, Arra
 
 
 def least_sigmas(task: Task, curves: CurvePoints) -> CurvePoints | None:
-    """The points with the sigmas of a frame that shows nothing far from the circle; None where there is more, or they
-    are too few to tell their noise.
+    """The points with the sigmas of a frame that shows little beside the circle; None where there is more, or they are
+    too few to tell their noise.
     """
     around = {task.circle.name, task.template.halfway_line}
-    is_close = all(key.name in around for key in curves.keys)
+    is_close = len({key.name for key in curves.keys} - around) <= MOST_BESIDE
     if not (is_close and task.config.noise_from_residuals and is_dense(curves)):
         return None
     close_px = task.config.close_sigma_px * task.observations.width / 1920.0
