@@ -175,7 +175,7 @@ def _evaluate(
     F, K = len(frames), len(COMMON)
     H_oo, H_oc, H_cc, g_o, g_c = (np.zeros(s) for s in ((F, 3, 3), (F, 3, K), (K, K), (F, 3), (K,)))
     costs, rms = np.zeros(F), np.zeros(F)
-    faint = FAINT_BIAS_PX * model.projection.width / 1920.0
+    faint, farthest = (px * model.projection.width / 1920.0 for px in (FAINT_BIAS_PX, FARTHEST_PX))
     for k, frame in enumerate(frames):
         away, rows = residuals_of(frame.measured, drawn, theta[k], model.projection)
         values = away / sigmas[k]
@@ -189,8 +189,8 @@ def _evaluate(
         H_cc += H[3:, 3:]
         g_c += g[3:]
         costs[k] = float((squared * share).sum())
-        farthest = FARTHEST_PX * model.projection.width / 1920.0
-        told = away[frame.measured.bias_px < faint] if (frame.measured.bias_px < faint).any() else away
+        is_clear = frame.measured.bias_px < faint
+        told = away[is_clear] if is_clear.any() else away
         rms[k] = float(np.sqrt(np.mean(np.minimum(np.abs(told), farthest) ** 2)))
     return _Normal(float(costs.sum()), H_oo, H_oc, H_cc, g_o, g_c, costs, rms)
 
