@@ -275,6 +275,16 @@ class Calibration:
         """Largest predicted standard deviation on the field near the circle, metres."""
         return None if self._record.camera is None else self._record.camera.max_sigma_m
 
+    @property
+    def region(self) -> results.HomographyRegion | None:
+        """Where the true homography lies; None where no camera was estimated, or hardly any of the field is in view.
+
+        ``region.distance(H)`` of the truth is distributed as chi-square with ``region.directions`` degrees of freedom:
+        below ``scipy.stats.chi2.ppf(0.9, region.directions)`` in 90 of 100 frames.
+        """
+        fit = self.found.attempt.camera if self.ok else None
+        return None if fit is None else fit.region
+
     # --- what it was made of
 
     @cached_property

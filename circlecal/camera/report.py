@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -24,12 +25,17 @@ from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, camera_of, h
 from circlecal.geometry.homography import compass_label, scale_homography
 from circlecal.geometry.projective import Array
 from circlecal.observations import MarkingKey
-from circlecal.results import CameraFit, DerivedPoint, FieldSize
+from circlecal.results import CameraFit, DerivedPoint, FieldSize, HomographyRegion
 
 MOST_CLICKS = 40
 """Points on one marking up to which each has a distance of its own in the result: the detector measures hundreds."""
 REACH_RADII = 2.5
 """How far from the circle's centre, or from what is seen instead, the field counts for the largest predicted error."""
+
+FEWEST_POINTS = 20
+"""Field points in view, square metres, below which four of them lie too close together to tell a homography."""
+MOVING = [INDEX[k] for k in ("log_focal", "pan", "tilt", "roll", "x", "y", "z", "pp_x", "pp_y", "log_aspect")]
+"""Parameters that move the homography of the tangent plane, with undistorted pixels."""
 
 
 def camera_fit(
@@ -88,7 +94,33 @@ def camera_fit(
         names_by_line=named,
         reference_m=reference,
         field_size=None if posterior is None or is_fixed else _field_size(theta, covariance, template, posterior),
+        region=homography_region(cameras, grid, covariance),
     )
+
+
+def homography_region(cameras: Array, grid_m: Array, covariance: Array) -> HomographyRegion | None:
+    """Region of the true homography; None where hardly any of the field is in view.
+
+    Parameters
+    ----------
+    cameras : (1 + K, 3, 3) array
+        Homography of the camera, and those of the cameras about it that
+        :func:`circlecal.camera.covariance.spread_cameras` gives.
+    grid_m : (N, 2) array
+        Field points in view; four that are seen far from each other are taken.
+    covariance : (P, P) array
+        Of the camera's parameters, 0 for those that are fixed.
+    """
+    if len(grid_m) < FEWEST_POINTS:
+        return None
+    points = grid_m[spread_quadrilateral(imaged_points(cameras[:1], grid_m)[0])]
+    with np.errstate(over="ignore", invalid="ignore"):
+        pixels = imaged_points(cameras, points).reshape(len(cameras), -1)
+        spread = push_forward(pixels[0], pixels[1:])
+    if not np.isfinite(spread).all():
+        return None
+    free = int(np.count_nonzero(np.diag(covariance)[MOVING] > 0))
+    return HomographyRegion(points, pixels[0].reshape(-1, 2), spread, min(free, pixels.shape[1]))
 
 
 def _field_size(theta: Array, covariance: Array, template: FieldTemplate, posterior: Posterior) -> FieldSize:
@@ -112,6 +144,22 @@ def _correlation(problem: Problem, state: State, circle: Circle) -> float:
         index = np.flatnonzero(problem.curves.group == group)
         factors.append(correlation_factor(state.residuals[0, index[np.argsort(state.feet[0, index])]]))
     return max(factors)
+
+
+def spread_quadrilateral(points: Array) -> Array:
+    """Indices (4,) of points (N, 2) far from each other, no three of them near a line."""
+    first = np.argmax(np.linalg.norm(points - points.mean(axis=0), axis=1))
+    second = np.argmax(np.linalg.norm(points - points[first], axis=1))
+    chosen = [first, second]
+    for _ in range(2):
+        ends = points[chosen]
+        # twice the areas of the triangles that a point forms with each pair of those chosen before
+        areas = [
+            np.abs((b - a)[0] * (points - a)[:, 1] - (b - a)[1] * (points - a)[:, 0])
+            for a, b in itertools.combinations(ends, 2)
+        ]
+        chosen.append(np.argmax(np.min(areas, axis=0)))
+    return np.array(chosen)
 
 
 def derive_points(cameras: Array, camera: Camera, circle: Circle) -> tuple[DerivedPoint, ...]:

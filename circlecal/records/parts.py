@@ -21,6 +21,8 @@ Number = float | None
 Pair = tuple[Number, Number]
 Triple = tuple[Number, Number, Number]
 Matrix = tuple[Triple, Triple, Triple]
+FourPoints = Annotated[list[tuple[float, float]], Field(min_length=4, max_length=4)]
+EightNumbers = Annotated[list[float], Field(min_length=8, max_length=8)]
 
 
 def _require_square(rows: list[list[Number]]) -> list[list[Number]]:
@@ -160,6 +162,15 @@ class FieldSizeRecord(RecordPart):
     width_sd_m: float
     is_usual: bool
     usual_share: float
+
+
+class RegionRecord(RecordPart):
+    """Where the true homography lies."""
+
+    field_m: FourPoints
+    image_px: FourPoints
+    covariance: Annotated[list[EightNumbers], Field(min_length=8, max_length=8)]
+    directions: Annotated[int, Field(ge=1, le=8)]
 
 
 class CameraRecord(CameraRow):

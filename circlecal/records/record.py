@@ -35,6 +35,7 @@ from circlecal.records.parts import (
     ObservationsRecord,
     Pair,
     RecordPart,
+    RegionRecord,
     ResidualsRecord,
     RigRecord,
     SourceRecord,
@@ -96,6 +97,7 @@ class ResultRecord(ResultRow):
     H_image_field: Matrix | None = None
     H_field_image: Matrix | None = None
     H_covariance: SquareMatrix | None = None
+    region: RegionRecord | None = None
     camera: CameraRecord | None = None
     rejected_estimate: EstimateRecord | None = None
     ellipses: EllipsesRecord | None = None

@@ -10,7 +10,15 @@ from circlecal.geometry.camera_parameters import PARAMETERS
 from circlecal.geometry.ellipses import Ellipse
 from circlecal.geometry.projective import Array
 from circlecal.observations import CircleEdge, MarkingKey
-from circlecal.records.parts import EllipseRecord, EstimateRecord, InliersRecord, Matrix, Number, ResidualsRecord
+from circlecal.records.parts import (
+    EllipseRecord,
+    EstimateRecord,
+    InliersRecord,
+    Matrix,
+    Number,
+    RegionRecord,
+    ResidualsRecord,
+)
 from circlecal.records.record import ResultRecord
 from circlecal.results import (
     Attempt,
@@ -23,6 +31,7 @@ from circlecal.results import (
     FieldSize,
     FrameCalibration,
     HomographyFit,
+    HomographyRegion,
     LineCorrespondence,
     PointCorrespondence,
     Verdict,
@@ -105,6 +114,13 @@ def _camera(record: ResultRecord, estimate: EstimateRecord) -> CameraFit | None:
         named_lines=tuple(keys.named_lines),
         reference_m=_array(keys.reference_m or (0.0, 0.0)),
         field_size=None if keys.field_size is None else FieldSize(**keys.field_size.model_dump()),
+        region=None if record.region is None else _region(record.region),
+    )
+
+
+def _region(region: RegionRecord) -> HomographyRegion:
+    return HomographyRegion(
+        _array(region.field_m), _array(region.image_px), _array(region.covariance), region.directions
     )
 
 

@@ -51,6 +51,7 @@ def result_record(
         "H_image_field": H_image_field if accepted else None,
         "H_field_image": H_field_image if accepted else None,
         "H_covariance": fit.H_covariance if accepted and fit is not None else None,
+        "region": fit.region if accepted and fit is not None else None,
         "camera": camera if accepted else None,
         "rejected_estimate": {"H_image_field": H_image_field, "camera": camera} if reached and not accepted else None,
         **_circle_findings(calibration),

@@ -10,6 +10,7 @@ from circlecal.results.estimates import (
     DerivedPoint,
     FieldSize,
     HomographyFit,
+    HomographyRegion,
     LineCorrespondence,
     PointCorrespondence,
 )
@@ -51,6 +52,7 @@ __all__ = [
     "Fitted",
     "FrameCalibration",
     "HomographyFit",
+    "HomographyRegion",
     "Interpretation",
     "LineCorrespondence",
     "LineCue",

@@ -9,7 +9,7 @@ import numpy as np
 from circlecal.field.view import FieldView
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel
-from circlecal.geometry.projective import Array
+from circlecal.geometry.projective import Array, apply_homography
 from circlecal.geometry.surface import Surface
 from circlecal.observations import MarkingKey
 
@@ -120,6 +120,41 @@ class FieldSize:
 
 
 @dataclass(frozen=True, slots=True)
+class HomographyRegion:
+    """Where the true homography lies, told by the pixels of four field points, far from each other in the picture.
+
+    Four points and their pixels are a homography (Baker, Datta and Kanade, Parameterizing Homographies, 2006). In their
+    pixels the region is an ellipsoid; in the entries of H it is bent where zoom can stand for distance.
+
+    Attributes
+    ----------
+    field_m, image_px : (4, 2) arrays
+        Points of the plane tangent at the centre mark, and where the estimate sees them, undistorted pixels.
+    covariance : (8, 8) array
+        Of ``image_px``, point by point.
+    directions : int
+        In how many directions the camera's parameters move the homography: 7 with square pixels and a known principal
+        point, at most 8.
+    """
+
+    field_m: Array
+    image_px: Array
+    covariance: Array
+    directions: int
+
+    def distance(self, H_image_field: Array) -> float:
+        """Squared Mahalanobis distance of a homography (3, 3), along the ``directions`` of largest variance.
+
+        That of the truth is distributed as chi-square with ``directions`` degrees of freedom.
+        """
+        values, vectors = np.linalg.eigh(self.covariance)
+        # an eighth direction is not free but the bend of the seven, and its variance would be taken for knowledge
+        values, vectors = values[-self.directions :], vectors[:, -self.directions :]
+        off = (apply_homography(H_image_field, self.field_m) - self.image_px).ravel() @ vectors
+        return float(np.sum(off**2 / np.maximum(values, np.finfo(np.float64).tiny)))
+
+
+@dataclass(frozen=True, slots=True)
 class CameraFit:
     """Stage ``camera``: maximum a posteriori pinhole camera with its covariance.
 
@@ -134,7 +169,9 @@ class CameraFit:
     H_image_field, H_field_image : (3, 3) arrays
         Of the plane tangent at the centre mark, undistorted pixels.
     H_covariance : (8, 8) array
-        Of H_image_field scaled to H[2, 2] = 1, row-major without the last entry.
+        Of H_image_field scaled to H[2, 2] = 1, row-major without the last entry: for linear propagation.
+    region : HomographyRegion or None
+        Where the true homography lies; None where hardly any of the field is in view.
     imaged_center_px, imaged_center_covariance : (2,), (2, 2) arrays
         Image of the circle's centre (undistorted pixels).
     noise_scale : float
@@ -190,6 +227,7 @@ class CameraFit:
     reference_m: Array = field(default_factory=lambda: np.zeros(2))
     field_size: FieldSize | None = None
     point_residuals_px: dict[MarkingKey, Array] = field(default_factory=dict)
+    region: HomographyRegion | None = None
 
     @property
     def contradicting_points(self) -> tuple[tuple[MarkingKey, int, float], ...]:

@@ -6,12 +6,14 @@ import pytest
 from circlecal.camera.observed import curves_from_observations, points_from_observations
 from circlecal.camera.options import CameraConfig, noise_model, priors_of
 from circlecal.camera.problem import Problem, evaluate
-from circlecal.camera.report import residuals_px
+from circlecal.camera.report import residuals_px, spread_quadrilateral
 from circlecal.camera.residuals import ground_feet
+from circlecal.evaluation.bench.scenarios import select_rows
 from circlecal.field import load_field
 from circlecal.geometry.camera_parameters import ProjectionModel, theta_of
 from circlecal.geometry.surface import Surface
 from circlecal.observations import LinePoints, MarkingKey, Observations
+from circlecal.stages.camera import estimate_camera
 from circlecal.synthetic.cameras import aim_camera
 
 SOCCER = load_field("soccer")
@@ -31,3 +33,29 @@ def test_residuals_of_one_marking_count_together():
     theta = theta_of(camera, MODEL)[None]
     state = evaluate(problem, theta, ground_feet(curves, theta, MODEL))
     assert residuals_px(problem, state) == {MarkingKey("side_line_top"): pytest.approx(0.5, abs=0.1)}
+
+
+def test_region_of_short_arcs_holds_the_truth():
+    """Zoom can stand for distance there: in the entries of H the truth lay in the 90 % region in two of three draws."""
+    (scenario,) = select_rows(["8c"])
+    draws = [scenario.draw(np.random.default_rng([3, index])) for index in range(24)]
+    distances = []
+    for draw in draws:
+        fit = estimate_camera(draw.observations, scenario.template, scenario.circle, draw.config)
+        assert fit.region is not None
+        assert fit.region.directions == 7
+        assert fit.region.distance(fit.H_image_field) == pytest.approx(0.0, abs=1e-9)
+        distances.append(fit.region.distance(draw.camera.homography))
+    # of a chi-square variable with 7 degrees of freedom: median 6.35, 90 % below 12.0
+    assert np.sum(np.array(distances) < 12.017) >= 18
+    assert 3.5 < np.median(distances) < 9.0
+
+
+def test_four_points_of_a_region_lie_far_apart():
+    grid = np.stack(np.meshgrid(np.arange(0.0, 160.0, 10.0), np.arange(0.0, 90.0, 10.0)), axis=-1).reshape(-1, 2)
+    corners = grid[spread_quadrilateral(grid)]
+    assert sorted(map(tuple, corners.tolist())) == [(0.0, 0.0), (0.0, 80.0), (150.0, 0.0), (150.0, 80.0)]
+    triangle = grid[grid[:, 0] <= 1.8 * grid[:, 1]]
+    a, b, c, d = triangle[spread_quadrilateral(triangle)]
+    for p, q, r in ((a, b, c), (a, b, d), (a, c, d), (b, c, d)):
+        assert abs(np.linalg.det(np.stack([q - p, r - p]))) > 2000.0

@@ -17,6 +17,7 @@ from circlecal.observations import MarkingKey
 from circlecal.pipeline import run
 from circlecal.records.json_text import parse_record, parse_sound_parts, read_result, result_line, write_result
 from circlecal.records.record import SCHEMA_VERSION, ResultRecord, ResultRow
+from circlecal.records.stored import calibration_of_record
 from circlecal.records.summary import summarise
 from circlecal.records.writing import failure_record, result_record
 from circlecal.results import Verdict
@@ -108,6 +109,9 @@ def test_written_and_read_back(tmp_path, calibrated, template):
     stored = read_result(path)
     assert (stored.id, stored.status, stored.width, stored.height) == ("good", "calibrated", 960, 540)
     assert np.array_equal(stored.H_image_field, calibrated.H_image_field)
+    given, back = calibrated.attempt.camera.region, calibration_of_record(stored).attempt.camera.region
+    assert back.directions == given.directions == 8
+    assert back.distance(given.covariance[:3, :3]) == given.distance(given.covariance[:3, :3])
     assert stored.view.surface == calibrated.attempt.camera.surface
     assert stored.view.surface.reference_m == 9.15
     assert np.array_equal(stored.view.covariance, calibrated.attempt.camera.covariance)

@@ -209,7 +209,7 @@ def mahalanobis(draw: Draw, fit: CameraFit, circle: Circle) -> dict[str, bool]:
     center = np.asarray(circle.center)
     position = slice(4, 7)
     found = {
-        "homography": _inside(H.ravel()[:8] - fit.H_image_field.ravel()[:8], fit.H_covariance),
+        "homography": _in_region(fit, H),
         "imaged centre": _inside(apply_homography(H, center) - fit.imaged_center_px, fit.imaged_center_covariance),
         "position": _inside(draw.camera.position_m - fit.camera.position_m, fit.covariance[position, position]),
     }
@@ -219,11 +219,14 @@ def mahalanobis(draw: Draw, fit: CameraFit, circle: Circle) -> dict[str, bool]:
     return found
 
 
+def _in_region(fit: CameraFit, H: Array) -> bool:
+    return fit.region is not None and fit.region.distance(H) < chdtri(fit.region.directions, 0.1)
+
+
 def _inside(difference: Array, covariance: Array) -> bool:
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    normal = covariance / np.outer(scale, scale)
-    values, vectors = np.linalg.eigh(normal)
-    # a camera moves the homography in seven directions; what is left of the eighth is the bend of that surface
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    # what is fixed has no spread
     kept = values > 1e-6 * values[-1]
     projected = vectors[:, kept].T @ (difference / scale)
     return bool(np.sum(projected**2 / values[kept]) < chdtri(int(kept.sum()), 0.1))
