@@ -99,6 +99,19 @@ class FieldConfig(BaseModel):
     )
 
 
+class LearningConfig(BaseModel):
+    """What the frames of a run that were calibrated alone tell those that were refused."""
+
+    model_config = _STRICT
+
+    enabled: bool = Field(
+        True,
+        description="Whether frames of a batch that are refused are calibrated again, told what the others of their"
+        " folder or video agree on: the colour of the paint, and with the field `auto` the field.",
+    )
+    least_frames: int = Field(3, ge=2, le=1000, description="Fewer frames that agree tell nothing.")
+
+
 class OutputConfig(BaseModel):
     """What is written beside the result; nothing here changes an answer."""
 
@@ -141,6 +154,9 @@ class Config(BaseModel):
     sources: SourcesConfig = Field(
         default_factory=SourcesConfig,
         description="Sources: how far annotations and detections from files are trusted.",
+    )
+    learning: LearningConfig = Field(
+        LearningConfig(), description="Learning: what the frames of one run (`circlecal batch`) tell each other."
     )
     rig: RigConfig = Field(RigConfig(), description="Rig: what many frames of one camera share (`circlecal rig`).")
     output: OutputConfig = Field(OutputConfig(), description="Output: what is written beside the result.")

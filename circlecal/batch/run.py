@@ -7,19 +7,25 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Si
 from dataclasses import dataclass
 from pathlib import Path
 
-from circlecal.batch.task import F, Task
+from circlecal.batch.learning import LearnedRun, learn_from
+from circlecal.batch.task import FAILED_CODES, F, Task
 from circlecal.records.index import ResultIndex
-from circlecal.records.log import Finished, ResultLog
+from circlecal.records.log import Finished, ResultLog, read_records
+from circlecal.records.record import ResultRow
 from circlecal.records.summary import write_summary
 
 SUMMARY_NAME = "summary.csv"
+FEWEST_AT_ONCE, SHARE_AT_ONCE = 200, 0.1
+"""Frames that were calibrated again, and share of the run's, that are written to the results together, since the whole
+file is written anew."""
 
 
 @dataclass(slots=True)
 class BatchProgress:
     """How far a batch is: frames in all, finished before this run and in this run, and the verdicts of them all.
 
-    ``total`` is an estimate where the frames come from a video.
+    ``total`` is an estimate where the frames come from a video; ``learnt`` are those of the calibrated ones that were
+    refused until the others of the run told them something.
     """
 
     total: int
@@ -29,6 +35,8 @@ class BatchProgress:
     refused: int = 0
     unreadable: int = 0
 
+    learnt: int = 0
+
     def count(self, status: str, code: str | None) -> None:
         """Take a frame into the counts."""
         self.finished += 1
@@ -36,6 +44,12 @@ class BatchProgress:
         self.refused += status != "calibrated"
         self.unreadable += code == "unreadable_input"
         self.total = max(self.total, self.finished)
+
+    def count_again(self, before: str, after: str) -> None:
+        """Move a frame from one verdict to another."""
+        self.calibrated += (after == "calibrated") - (before == "calibrated")
+        self.refused = self.finished - self.calibrated
+        self.learnt += after == "calibrated" and before != "calibrated"
 
 
 def run_batch(
@@ -101,11 +115,51 @@ def run_batch(
                     progress.count(frame.row.status, frame.row.code)
                     on_progress(progress)
                 log.require_in_place()
+            again = learn_from(task, read_records(log.path, ResultRow))
+            if again is not None:
+                _calibrate_again(log, again, workers, scheduler, progress, on_progress)
         finally:
             if log.is_in_place:  # a folder that was moved away does not come back empty
                 write_summary(out / SUMMARY_NAME, log.index.rows())
         progress.total = progress.finished
     return progress
+
+
+def _calibrate_again(
+    log: ResultLog,
+    task: LearnedRun,
+    workers: int,
+    scheduler: str | None,
+    progress: BatchProgress,
+    on_progress: Callable[[BatchProgress], None],
+) -> None:
+    """Calibrate refused frames with what the others agree on, and put the new lines in the place of the old ones.
+
+    What is finished stays, whatever ends the run.
+    """
+    frames = task.choose(read_records(log.path))
+    done: list[Finished] = []
+
+    def write() -> None:
+        if done:
+            log.replace(done)
+            log.take_up(task.digest)
+            done.clear()
+
+    try:
+        with contextlib.closing(_finish_frames(frames, task, workers, scheduler)) as finished:
+            for frame in finished:
+                before = log.index.find(frame.row.id)
+                if before is None or frame.row.code in FAILED_CODES:  # it keeps its first record
+                    continue
+                progress.count_again(before[0], frame.row.status)
+                done.append(frame)
+                on_progress(progress)
+                if len(done) >= max(FEWEST_AT_ONCE, SHARE_AT_ONCE * len(log.index)):
+                    write()
+    finally:
+        if log.is_in_place:
+            write()
 
 
 def _drop_old_frames(log: ResultLog, digest: str, annotations: Mapping[str, str]) -> None:

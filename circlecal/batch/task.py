@@ -14,6 +14,8 @@ from circlecal.records.writing import failure_record
 from circlecal.results import Verdict
 
 _log = logging.getLogger(__name__)
+FAILED_CODES = frozenset({"unreadable_input", "time_limit", "out_of_memory", "worker_died", "internal_error"})
+"""Of frames that never reached the end of the pipeline."""
 _NO_MEMORY = "Insufficient memory"
 """How OpenCV says it."""
 

@@ -179,6 +179,8 @@ def _print_counts(counts: BatchProgress, results: Path, *, as_json: bool, quiet:
         console.print_json(json.dumps({**asdict(counts), "results": str(results)}))
     elif not quiet:
         console.print_line(
-            f"{console.count_of(counts.total, 'frame')}: {counts.calibrated} calibrated, {counts.refused} refused"
+            f"{console.count_of(counts.total, 'frame')}: {counts.calibrated} calibrated"
+            f"{f' ({counts.learnt} of them by what the others show)' if counts.learnt else ''}"
+            f", {counts.refused} refused"
             f"{f' ({counts.unreadable} of them unreadable)' if counts.unreadable else ''}; see {results}"
         )

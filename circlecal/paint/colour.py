@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from circlecal.geometry.projective import Array
 from circlecal.paint.bands import MeasuredCurve
 
-__all__ = ["lie_on_one_surface", "match_paint", "measure_paint_colour", "segments_match_paint"]
+__all__ = ["lie_on_one_surface", "match_paint", "measure_added_colours", "measure_paint_colour", "segments_match_paint"]
 
 _ENOUGH = 128  # places along a marking whose median is its colour
 _SAMPLES = 48  # along each segment
@@ -58,7 +58,7 @@ def measure_paint_colour(image_bgr: NDArray[np.uint8], curve: MeasuredCurve) -> 
         return np.zeros(3)
     on = on[:: max(1, len(on) // _ENOUGH)]
     middle, normals = curve.points[on] + curve.offset[on, None] * curve.normals[on], curve.normals[on]
-    return np.asarray(np.median(_measure_added_colours(image_bgr, middle, normals, curve.width[on]), axis=0))
+    return np.asarray(np.median(measure_added_colours(image_bgr, middle, normals, curve.width[on]), axis=0))
 
 
 def segments_match_paint(image_bgr: NDArray[np.uint8], segments: Array, colour: Array) -> NDArray[np.bool_]:
@@ -70,7 +70,7 @@ def segments_match_paint(image_bgr: NDArray[np.uint8], segments: Array, colour: 
     places = _sample_segments(segments)
     narrow, wide = (
         np.median(
-            _measure_added_colours(image_bgr, *places, np.full(1, width)).reshape(len(segments), _SAMPLES, 3), axis=1
+            measure_added_colours(image_bgr, *places, np.full(1, width)).reshape(len(segments), _SAMPLES, 3), axis=1
         )
         for width in (0.0, _WIDE_PX1280 * image_bgr.shape[1] / 1280.0)
     )
@@ -96,7 +96,7 @@ def _sample_segments(segments: Array) -> tuple[Array, Array]:
     return points.reshape(-1, 2), np.repeat(normal, _SAMPLES, axis=0)
 
 
-def _measure_added_colours(image_bgr: NDArray[np.uint8], points: Array, normals: Array, widths: Array) -> Array:
+def measure_added_colours(image_bgr: NDArray[np.uint8], points: Array, normals: Array, widths: Array) -> Array:
     """Colour (N, 3) of each place less that of its sides, beyond markings of these widths (N,) or (1,)."""
     x, y = np.clip(np.rint(points), 0, (image_bgr.shape[1] - 1, image_bgr.shape[0] - 1)).astype(np.int64).T
     return np.asarray(image_bgr[y, x] - _colours_beside(image_bgr, points, normals, widths).mean(axis=(1, 2)))

@@ -12,6 +12,8 @@ from circlecal.geometry.projective import Array
 
 GrayPicture = NDArray[np.uint8 | np.float32]
 """Gray levels (H, W): as they are decoded, or with fractions."""
+BRIGHTNESS_BGR = (0.114, 0.587, 0.299)
+"""Weights of blue, green and red in the brightness (ITU-R BT.601)."""
 Profiles = NDArray[np.float32]
 """Gray levels (N, S) of N profiles; they are stored side by side, so that ``.T`` is contiguous."""
 

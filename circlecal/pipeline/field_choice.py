@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from circlecal.config import Config, suit_config
 from circlecal.field import Ground, load_field
 from circlecal.observations import Observations
-from circlecal.paint.profiles import to_gray
+from circlecal.paint.brightness import brightness_of_paint
 from circlecal.pipeline.attempts import refuse_as_open
 from circlecal.pipeline.fields import field_of
 from circlecal.pipeline.placed_field import EXPLAINED_EVIDENCE as PLACED_EVIDENCE
@@ -110,7 +110,8 @@ def calibrate_unknown_field(
     grounds = tell_grounds(image)
     if _is_settled(first, grounds):
         return replace(first, fields=(candidate_of(first),))
-    scene = Scene(image, to_gray(image), None, None, None, looks)
+    brightness = brightness_of_paint(image, config.mask.paint_bgr, config.mask.other_paint_bgr)
+    scene = Scene(image, brightness, None, None, None, looks)
     answers = [replace(_weigh(scene, config, first), is_at_home=_is_on_its_ground(first, grounds))]
     for group in _group_by_ground(names[1:], grounds):
         for name in group:

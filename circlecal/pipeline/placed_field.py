@@ -145,7 +145,8 @@ def look_for_paint(scene: Scene, mask: MarkingMask, config: Config, template: Fi
         return None
     options, has_colours = suit_field(config.mask, template).detector, Outlines.of(template).has_colours
     surface = np.packbits(mask.field_region).tobytes()
-    said = options.ridges.model_dump_json(), options.field_region.light, options.detection_width_px
+    told = config.mask.paint_bgr, config.mask.other_paint_bgr
+    said = options.ridges.model_dump_json(), options.field_region.light, options.detection_width_px, told
     key = ("surface", *said, has_colours, mask.polarity, surface)
     ridges = scene.looks.once(key, lambda: see_surface(scene.image, scene.gray, mask, options, has_colours))
     return None if ridges is None else see_paint(ridges, mask)

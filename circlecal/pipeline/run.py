@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from circlecal.config import Config, load_config
 from circlecal.errors import InputError
 from circlecal.observations import Observations
+from circlecal.paint.brightness import measure_paint
 from circlecal.pipeline.attempts import estimate, take_observations
 from circlecal.pipeline.field_lines import FIELD_LINES, look_for_field_lines
 from circlecal.pipeline.fields import Convention, apply_convention, field_of
@@ -88,7 +89,16 @@ def run(
     else:
         attempt = look_for_field_lines(setting, scene) or reconsider(setting, scene, calibrate_scene(setting, scene))
         attempt = refuse_doubtful(setting, ALL_MARKINGS.try_out(setting, scene, attempt) or attempt)
-    return setting.calibration(attempt, frame_id, source)
+    return replace(setting.calibration(attempt, frame_id, source), paint_bgr=_measure_paint(setting, scene, attempt))
+
+
+def _measure_paint(setting: Setting, scene: Scene, attempt: Attempt) -> tuple[float, float, float] | None:
+    """Colour of the paint in an accepted picture, where all markings of the field have one."""
+    template, camera, mask = setting.template, attempt.camera, attempt.mask
+    if not (attempt.is_calibrated and template.is_in_one_paint) or camera is None or mask is None:
+        return None
+    circle = template.circle_by_name.get(attempt.circle_name or setting.circle.name, setting.circle)
+    return measure_paint(scene.image, camera.view, circle, template) if mask.source == "detector" else None
 
 
 def run_observations(

@@ -15,7 +15,7 @@ from circlecal.config import Config, config_digest
 from circlecal.detection import Detection
 from circlecal.field import Circle, FieldTemplate
 from circlecal.observations import Observations
-from circlecal.paint.profiles import to_gray
+from circlecal.paint.brightness import brightness_of_paint
 from circlecal.pictures.interlacing import measure_row_motion, remove_combs
 from circlecal.results import Attempt, FrameCalibration, MarkingMask
 from circlecal.stages.mask import look_quickly, suit_field
@@ -143,11 +143,12 @@ def prepare_scene(
     """
     looks = looks or Looks()
     with setting.clock("mask"):
-        gray = to_gray(image)
+        told = setting.config.mask
+        gray = brightness_of_paint(image, told.paint_bgr, told.other_paint_bgr)
         motion = measure_row_motion(gray) if setting.config.mask.deinterlace else None
         if motion is not None:
             image = remove_combs(image, motion)
-            gray = to_gray(image)
+            gray = brightness_of_paint(image, told.paint_bgr, told.other_paint_bgr)
         options = suit_field(setting.config.mask, setting.template)
         key = ("first look", options.model_dump_json())
         first_look = looks.once(key, lambda: look_quickly(image, given, options, setting.rng, gray))

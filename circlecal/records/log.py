@@ -8,7 +8,7 @@ import logging
 import os
 import sqlite3
 import time
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -159,10 +159,25 @@ class ResultLog:
         InputError
             The file cannot be written, or another run took it meanwhile.
         """
+        self._rewrite(dict.fromkeys(frame_ids, b""))
+
+    def replace(self, frames: Collection[Finished]) -> None:
+        """Put other lines in the place of those of some frames; whatever happens, the file is the old or the new one.
+
+        Raises
+        ------
+        InputError
+            The file cannot be written, or another run took it meanwhile.
+        """
+        self._rewrite({frame.row.id: frame.line for frame in frames})
+
+    def _rewrite(self, lines: Mapping[str, bytes]) -> None:
+        """Write the file anew with these lines in the place of those of their frames."""
+        self.require_in_place()
         with replacement(self.path) as temporary, temporary.open("wb") as file:
             for _, line in self._lines(0):
-                if not line.endswith(b"\n") or json.loads(line)["id"] not in frame_ids:
-                    file.write(line)
+                name = json.loads(line)["id"] if line.endswith(b"\n") else None
+                file.write(lines.get(name, line) if name is not None else line)
         os.close(self._descriptor)
         self._descriptor = os.open(self.path, _APPEND, 0o666)
         status = os.fstat(self._descriptor)

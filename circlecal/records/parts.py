@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, InstanceOf, model_validator
@@ -417,6 +417,27 @@ class AloneRecord(RecordPart):
     status: Status
     code: Text | None = None
     reason: Text | None = None
+
+
+class PaintRecord(RecordPart):
+    """The paint of the markings as a frame shows it: what it adds to blue, green and red of the surface, and whether
+    that makes it lighter or darker.
+    """
+
+    added_bgr: Triple
+    polarity: Literal["light", "dark"]
+
+
+class LearntRecord(RecordPart):
+    """What a frame that was refused alone was told by the others of its run: their field, the colour of their paint,
+    how many frames agree on it; whether it was calibrated with it, and the verdict on it alone.
+    """
+
+    field: Text
+    added_bgr: Triple
+    frames: int
+    taken: bool
+    alone: AloneRecord
 
 
 class RigRecord(RecordPart):

@@ -30,9 +30,11 @@ from circlecal.records.parts import (
     FieldRecord,
     ImageRecord,
     InliersRecord,
+    LearntRecord,
     Matrix,
     Number,
     ObservationsRecord,
+    PaintRecord,
     Pair,
     RecordPart,
     RegionRecord,
@@ -74,6 +76,8 @@ class ResultRow(RecordPart):
     rig: RigRecord | None = None
     annotation: Text | None = None
     track: TrackRecord | None = None
+    paint: PaintRecord | None = None
+    learnt: LearntRecord | None = None
 
     @property
     def path(self) -> str | None:

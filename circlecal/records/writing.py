@@ -12,6 +12,7 @@ from circlecal import __version__
 from circlecal.field import FieldTemplate
 from circlecal.geometry.projective import Array
 from circlecal.observations import Observations
+from circlecal.paint.profiles import BRIGHTNESS_BGR
 from circlecal.records.parts import SourceRecord
 from circlecal.records.record import SCHEMA_VERSION, ResultRecord
 from circlecal.results import CameraFit, Correspondences, EllipseFit, EllipseFits, FrameCalibration, Verdict
@@ -62,6 +63,7 @@ def result_record(
         "seed": calibration.seed,
         "config_digest": digest or calibration.config_digest,
         "checks": calibration.verdict.checks,
+        "paint": None if calibration.paint_bgr is None else _paint(calibration.paint_bgr),
     }
     # what is not finite becomes null on this way; names need not be text, and stay out of it
     numbers = ResultRecord.model_validate_json(to_json(content, inf_nan_mode="null", fallback=_plain))
@@ -92,6 +94,11 @@ def failure_record(
         seed=seed,
         config_digest=digest,
     )
+
+
+def _paint(added_bgr: tuple[float, float, float]) -> dict[str, Any]:
+    """Colour and polarity of the paint."""
+    return {"added_bgr": added_bgr, "polarity": "light" if np.dot(BRIGHTNESS_BGR, added_bgr) > 0.0 else "dark"}
 
 
 def _verdict(verdict: Verdict) -> dict[str, Any]:

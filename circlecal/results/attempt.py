@@ -154,6 +154,9 @@ class FrameCalibration:
         The field itself; None where the calibration was read from a file.
     fields : tuple of FieldCandidate
         Where the field was to be told by the picture: the templates that were tried, the one that was taken first.
+    paint_bgr : (float, float, float) or None
+        What the circle's paint adds to blue, green and red of the surface, where a picture was calibrated under a
+        template all of whose markings are in one paint.
     """
 
     id: str
@@ -168,6 +171,7 @@ class FrameCalibration:
     source: str | None = None
     template: FieldTemplate | None = None
     fields: tuple[FieldCandidate, ...] = ()
+    paint_bgr: tuple[float, float, float] | None = None
 
     @property
     def verdict(self) -> Verdict:

@@ -80,6 +80,14 @@ class MaskConfig(BaseModel):
     deinterlace: bool = Field(
         True, description="Join the two halves of an interlaced frame's rows where they show different moments."
     )
+    paint_bgr: tuple[float, float, float] | None = Field(
+        None,
+        description="What the paint adds to blue, green and red of the surface, in any strength: markings are told by"
+        " this colour and not by their brightness; `circlecal batch` fills it in with what it learns.",
+    )
+    other_paint_bgr: tuple[tuple[float, float, float], ...] = Field(
+        (), description="The same of other lines on this floor, which then show as little as they can."
+    )
     detector: DetectorConfig = Field(DetectorConfig(), description="Options of the built-in detector.")
 
 
@@ -157,7 +165,8 @@ def suit_field(config: MaskConfig, template: FieldTemplate) -> MaskConfig:
     """The options with what they leave open about the paint as a field template says."""
     given = config.detector
     told = {
-        "marking": given.marking or template.polarity,
+        # along the colour of its paint a marking is light
+        "marking": (given.marking or template.polarity) if config.paint_bgr is None else "light",
         "one_paint": template.is_in_one_paint if given.one_paint is None else given.one_paint,
         "field_region": given.field_region.model_copy(
             update={"light": template.ground == "ice" if given.field_region.light is None else given.field_region.light}

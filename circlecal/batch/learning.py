@@ -1,0 +1,254 @@
+"""What the frames of a run that were calibrated alone tell those that were refused: which field the run shows, where
+each frame was to tell that itself, and the colour of its paint.
+
+Nothing is learnt while frames come in: after all of them were calibrated alone, what they agree on is told to the
+refused ones, so neither the order of the frames nor the number of workers changes an answer. A frame that is calibrated
+alone stays as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from circlecal.batch.frames import FrameRun, calibrate_frame, write_outputs
+from circlecal.config import AUTO, Config, suit_config
+from circlecal.field import load_field
+from circlecal.paint.colour import match_paint
+from circlecal.pictures.files import PictureFile
+from circlecal.pictures.limits import LimitsConfig
+from circlecal.pictures.remote import is_url
+from circlecal.pictures.video import Video, pictures_at
+from circlecal.pipeline import field_of
+from circlecal.records.parts import AloneRecord, LearntRecord
+from circlecal.records.record import ResultRecord, ResultRow
+from circlecal.records.writing import result_record
+
+AGREEING_SHARE = 0.75
+"""Least share of a run's calibrated frames that show the paint which they are taken to share."""
+GRAY_COSINE = 0.9
+"""Cosine to gray of a paint's colour up to which it tells more than brightness: white lines on grass in 35 real
+broadcast frames have 0.95 to 1 (0.89 in a blurred one), where the contrast over the noise is the same; blue and yellow
+lines on wood below 0.3.
+"""
+_GRAY = np.full(3, 3**-0.5)
+Colour = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Lesson:
+    """What a run's calibrated frames agree on.
+
+    Attributes
+    ----------
+    field : str
+        Name of the field template.
+    added_bgr : (float, float, float)
+        What the paint adds to blue, green and red of the surface.
+    frames : int
+        How many frames agree.
+    """
+
+    field: str
+    added_bgr: Colour
+    frames: int
+
+    @property
+    def is_coloured(self) -> bool:
+        """Whether the colour tells the paint better than its brightness does."""
+        colour = np.asarray(self.added_bgr)
+        return bool(colour @ _GRAY < GRAY_COSINE * np.linalg.norm(colour))
+
+
+@dataclass(frozen=True, slots=True)
+class RefusedFrame:
+    """A frame that is calibrated again, by its record."""
+
+    id: str
+    record: ResultRecord
+
+    @property
+    def time_s(self) -> float | None:
+        """Time in its video."""
+        return None if self.record.source is None else self.record.source.time_s
+
+
+def learn(rows: Iterable[ResultRow], config: Config) -> dict[str, Lesson]:
+    """What the frames of each folder and each video agree on, by its name; nothing where too few frames agree.
+
+    Parameters
+    ----------
+    rows : iterable of ResultRow
+        All frames of a run.
+    config : Config
+        Its configuration, of which the section ``learning`` is used.
+    """
+    seen: dict[str, list[tuple[str, Colour]]] = {}
+    for row in rows:
+        is_alone = row.learnt is None or not row.learnt.taken
+        if row.status == "calibrated" and is_alone and row.paint is not None and row.field is not None:
+            blue, green, red = (float(value or 0.0) for value in row.paint.added_bgr)
+            seen.setdefault(_group_of(row), []).append((row.field.template, (blue, green, red)))
+    found = {}
+    for group, told in sorted(seen.items()):
+        lesson = _agree(told, config.learning.least_frames)
+        is_new = config.field.template == AUTO and lesson is not None and lesson.field != config.field.among[0]
+        if lesson is not None and (lesson.is_coloured or is_new):
+            found[group] = lesson
+    return found
+
+
+def _agree(told: list[tuple[str, Colour]], least: int) -> Lesson | None:
+    """The field and the paint of frames that agree on both; None where they do not."""
+    fields = {name for name, _ in told}
+    if len(fields) != 1 or len(told) < least:
+        return None
+    colours = np.array(sorted(colour for _, colour in told))
+    lengths = np.linalg.norm(colours, axis=1, keepdims=True)
+    middle = np.median(colours / np.maximum(lengths, 1e-9), axis=0) * float(np.median(lengths))
+    agree = match_paint(colours, middle)
+    if agree.sum() < max(least, AGREEING_SHARE * len(told)):
+        return None
+    blue, green, red = np.round(np.median(colours[agree], axis=0), 1).tolist()
+    return Lesson(fields.pop(), (blue, green, red), int(agree.sum()))
+
+
+def _group_of(row: ResultRow) -> str:
+    """What a frame shares its field with: the video, or the other pictures of its folder."""
+    path, time_s = row.path or "", None if row.source is None else row.source.time_s
+    return path if time_s is not None else path.rpartition("/")[0] if is_url(path) else str(Path(path).parent)
+
+
+@dataclass(frozen=True)
+class LearnedRun:
+    """Calibrating the refused frames of a run again with what the others agree on, in any process.
+
+    Attributes
+    ----------
+    run : FrameRun
+        How the frames were calibrated alone.
+    lessons : mapping
+        As :func:`learn` gives them.
+    """
+
+    run: FrameRun
+    lessons: Mapping[str, Lesson]
+
+    @property
+    def seed(self) -> int:
+        """Seed of the random draws."""
+        return self.run.seed
+
+    @property
+    def limits(self) -> LimitsConfig:
+        """What a frame may take."""
+        return self.run.limits
+
+    @cached_property
+    def digest(self) -> str:
+        """That of the run: what is learnt follows from its frames."""
+        return self.run.digest
+
+    def source(self, frame: RefusedFrame) -> str:
+        """File of a frame."""
+        return str(frame.record.path)
+
+    def choose(self, records: Iterable[ResultRecord]) -> Iterator[RefusedFrame]:
+        """The frames that something is to be told to, and that were not told the same before."""
+        for record in records:
+            lesson, told = self.lessons.get(_group_of(record)), record.learnt
+            alone = record.status if told is None else told.alone.status
+            is_open = alone == "refused" and record.stage != "input" and record.annotation is None
+            if lesson is not None and is_open and (told is None or _differ(told, lesson)):
+                yield RefusedFrame(record.id, record)
+
+    def record(self, frame: RefusedFrame) -> ResultRecord:
+        """The frame's record with what it was told; that of the frame alone where it does not help.
+
+        Raises
+        ------
+        InputError
+            The picture cannot be read any more, or a file cannot be written.
+        """
+        lesson, told = self.lessons[_group_of(frame.record)], frame.record.learnt
+        file = _find_file(frame)
+        again = self._calibrate(file, self._tell(lesson))
+        taken = again.status == "calibrated" and _shows(again, lesson)
+        if taken:
+            record = again
+        elif told is not None and told.taken:  # told something else, which no longer holds
+            record = self._calibrate(file, self.run.config)
+        else:
+            record = frame.record
+        before = frame.record if told is None else told.alone
+        learnt = LearntRecord(
+            field=lesson.field,
+            added_bgr=lesson.added_bgr,
+            frames=lesson.frames,
+            taken=taken,
+            alone=AloneRecord(status=before.status, code=before.code, reason=before.reason),
+        )
+        return record.model_copy(update={"learnt": learnt, "config_digest": self.digest})
+
+    def _tell(self, lesson: Lesson) -> Config:
+        """The configuration of a frame that is told the field and the colour of its paint."""
+        config = self.run.config
+        chosen = suit_config(config, lesson.field) if config.field.template == AUTO else config
+        if not lesson.is_coloured:
+            return chosen
+        return chosen.model_copy(update={"mask": chosen.mask.model_copy(update={"paint_bgr": lesson.added_bgr})})
+
+    def _calibrate(self, file: PictureFile, config: Config) -> ResultRecord:
+        picture, found = calibrate_frame(file, config, None)
+        template = found.template or field_of(config)[0]
+        record = result_record(found, template, time_s=file.time_s, digest=self.digest)
+        if self.run.out is not None and found.status == "calibrated":
+            write_outputs(picture, found, record, config, self.run.out)
+        return record
+
+
+def learn_from(run: object, rows: Iterable[ResultRow]) -> LearnedRun | None:
+    """How the refused frames of a run are calibrated again; None where nothing is learnt.
+
+    Parameters
+    ----------
+    run : object
+        How they were calibrated alone; of anything but a :class:`circlecal.batch.frames.FrameRun` nothing is learnt.
+    rows : iterable of ResultRow
+        All frames of the run.
+    """
+    if not isinstance(run, FrameRun):
+        return None
+    config = run.config
+    is_told = run.mask is not None or run.keypoints is not None or config.mask.paint_bgr is not None
+    if is_told or not config.learning.enabled:
+        return None
+    lessons = learn(rows, config)
+    return LearnedRun(run, lessons) if lessons else None
+
+
+def _differ(told: LearntRecord, lesson: Lesson) -> bool:
+    return (told.field, told.added_bgr, told.frames) != (lesson.field, lesson.added_bgr, lesson.frames)
+
+
+def _shows(record: ResultRecord, lesson: Lesson) -> bool:
+    """Whether an answer has the paint of the run."""
+    if record.paint is None:
+        return not load_field(lesson.field).is_in_one_paint
+    return bool(match_paint(np.array(record.paint.added_bgr, np.float64), np.array(lesson.added_bgr)))
+
+
+def _find_file(frame: RefusedFrame) -> PictureFile:
+    """The picture of a frame, which of a video is decoded."""
+    path = frame.record.path or ""
+    if is_url(path):
+        return PictureFile(frame.id, Path(frame.id), frame.id, url=path)
+    file = PictureFile(frame.id, Path(path), frame.id, time_s=frame.time_s)
+    if frame.time_s is None:
+        return file
+    aspect = Video.open(file.path, frame.id).aspect
+    return replace(file, picture=next(pictures_at(file.path, [frame.time_s]), None), aspect=aspect)
