@@ -8,13 +8,13 @@ the logarithm of the focal length.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from circlecal.geometry.camera_parameters import INDEX, PARAMETERS
+from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, active_parameters
 from circlecal.geometry.projective import Array, Indices
 
 SHARED = (
@@ -29,6 +29,7 @@ KNOWN_POSITION_SD_M = 1.0
 """A position known to this along each axis, metres, is where the search starts. Separates cameras of a rig, whose
 position five frames determine to 0.1 m (Cramer-Rao bound), from a vague prior of the venue.
 """
+_GROWTH = [INDEX["length"], INDEX["breadth"]]
 _POSITION = slice(INDEX["x"], INDEX["z"] + 1)
 
 
@@ -189,6 +190,8 @@ class Priors:
         Gaussian prior of the angle under which the camera looks down on it; sd inf for none.
     center_m : (2,) array
         What the camera looks at: the circle's centre, or the middle of what was seen instead of the circle.
+    center_by_growth : (2,) array
+        By how much that moves along x per metre that the field is longer, and along y per metre that it is broader.
     shared : SharedPrior or None
         What other frames of the same camera say; the parameters that it covers have no other prior.
     """
@@ -200,6 +203,7 @@ class Priors:
     elevation_rad: float
     elevation_sd_rad: float
     center_m: Array
+    center_by_growth: Array = field(default_factory=lambda: np.zeros(2))
     shared: SharedPrior | None = None
 
     @property
@@ -207,6 +211,20 @@ class Priors:
         """Where the camera stands (3,), metres, if that is known well."""
         known = self.shared is not None or (self.sd[_POSITION] <= KNOWN_POSITION_SD_M).all()
         return self.mean[_POSITION] if known else None
+
+    @cached_property
+    def active(self) -> Indices:
+        """Indices of the parameters that are estimated."""
+        return active_parameters(self.sd)
+
+    @cached_property
+    def is_camera_free(self) -> bool:
+        """Whether focal length, angles and place are all estimated."""
+        return bool((self.sd[: _POSITION.stop] > 0).all())
+
+    def center_of(self, theta: Array) -> Array:
+        """What the cameras look at, (B, 2) metres, on the field of the size that theta (B, P) has."""
+        return np.asarray(self.center_m + self.center_by_growth * theta[:, _GROWTH])
 
     def residuals(self, theta: Array) -> tuple[Array, Array]:
         """Normalised residuals (B, K) and their Jacobian (B, K, P)."""

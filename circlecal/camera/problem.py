@@ -19,7 +19,7 @@ from circlecal.camera.residuals import (
 from circlecal.camera.viewing_coordinates import VIEWING, from_viewing, to_viewing_with_jacobian
 from circlecal.geometry import least_squares
 from circlecal.geometry.camera import Camera
-from circlecal.geometry.camera_parameters import INDEX, ProjectionModel, active_parameters, camera_of
+from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel, camera_of
 from circlecal.geometry.least_squares import (
     LEAST_DAMPING,
     Batch,
@@ -46,6 +46,8 @@ BEHIND = 1e3
 """Residual, standard deviations, of a point whose marking lies behind the camera: more than any loss looks at."""
 _CAUTIOUS = np.array([[1, 0, 0, 1, 1, 1, 1], [1, 1, 1, 1, 0, 0, 0]], dtype=np.float64)
 """Which of the first parameters the largest step is about: in viewing coordinates, and in others."""
+_IDENTITY = np.eye(len(PARAMETERS))
+_PLACE, _GROWTH = [INDEX["x"], INDEX["y"]], [INDEX["length"], INDEX["breadth"]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,48 +116,40 @@ class Problem:
         """Some of the hypotheses about the curves, where there are several."""
         return self if self.curves.sigma_px.ndim == 1 else replace(self, curves=self.curves.hypotheses(index))
 
-    def promise(self, state: State, step: Step) -> Array:
-        """By how much an undamped step would lower a quadratic cost (B,): the present one may be short."""
-        active = active_parameters(self.priors.sd)
-        slope = state.gradient[:, active]
-        change = solve_damped(state.normal[:, active[:, None], active], slope, np.full(len(slope), LEAST_DAMPING))
-        return np.asarray((change * slope).sum(axis=1))
-
     def step(self, state: State, damping: Array) -> Step:
         """One damped step, taken in the coordinates in which the weak direction is straight."""
-        center, active = self.priors.center_m, active_parameters(self.priors.sd)
-        straight = bool((self.priors.sd[:VIEWING] > 0).all())
-        gradient, normal = state.gradient, state.normal
+        priors, active, theta = self.priors, self.priors.active, state.theta
+        gradient, normal = state.gradient[..., None], state.normal
         usable: Mask = np.zeros(len(damping), dtype=bool)
-        viewing = state.theta[:, :VIEWING]
-        if straight:
-            viewing, by_viewing = to_viewing_with_jacobian(state.theta, center)
+        viewing, by_straight = theta[:, :VIEWING], _IDENTITY
+        if priors.is_camera_free:
+            viewing, by_viewing = to_viewing_with_jacobian(theta, priors.center_of(theta))
             usable = np.isfinite(viewing.sum(axis=1) + by_viewing.sum(axis=(1, 2)))
+            by_straight = np.tile(_IDENTITY, (len(theta), 1, 1))
+            by_straight[:, :VIEWING, :VIEWING] = by_viewing
+            by_straight[:, _PLACE, _GROWTH] = priors.center_by_growth
             if not usable.all():
-                by_viewing[~usable] = np.eye(VIEWING)
+                by_straight[~usable] = _IDENTITY
             # by the chain rule the gradient becomes T^T g and the matrix T^T N T
-            turned = np.swapaxes(by_viewing, 1, 2)
-            gradient, normal = gradient.copy(), normal.copy()
-            gradient[:, :VIEWING] = (turned @ gradient[:, :VIEWING, None])[..., 0]
-            normal[:, :VIEWING] = turned @ normal[:, :VIEWING]
-            normal[:, :, :VIEWING] = normal[:, :, :VIEWING] @ by_viewing
-        block, slope = normal[:, active[:, None], active], gradient[:, active]
-        change = -solve_damped(block, slope, damping)
-        full = np.zeros_like(state.theta)
+            turned = np.swapaxes(by_straight, 1, 2)
+            gradient, normal = turned @ gradient, turned @ normal @ by_straight
+        block, slope = normal[:, active[:, None], active], gradient[:, active, 0]
+        both = np.concatenate([damping, np.full(len(damping), LEAST_DAMPING)])
+        change, undamped = np.split(-solve_damped(np.tile(block, (2, 1, 1)), np.tile(slope, (2, 1)), both), 2)
+        full = np.zeros_like(theta)
         full[:, active] = change
         size = np.abs(full[:, :VIEWING])
         largest = np.where(usable[:, None], size * _CAUTIOUS[0], size * _CAUTIOUS[1]).max(axis=1)
         shortening = np.maximum(largest / LARGEST_STEP, 1.0)[:, None]
         change, full = change / shortening, full / shortening
-        theta = state.theta + full
-        if usable.all():
-            theta[:, :VIEWING] = from_viewing(viewing + full[:, :VIEWING], center)
-        elif usable.any():
-            theta[usable, :VIEWING] = from_viewing(viewing[usable] + full[usable, :VIEWING], center)
-        theta[:, 0] = np.minimum(np.maximum(theta[:, 0], LOG_FOCAL_RANGE[0]), LOG_FOCAL_RANGE[1])
-        if straight:
-            full[:, :VIEWING] = (by_viewing @ full[:, :VIEWING, None])[..., 0]
-        return Step(theta, full, predict_decrease(block, slope, change))
+        there = theta + full
+        if usable.any():
+            seen = from_viewing(viewing + full[:, :VIEWING], priors.center_of(there))
+            there[:, :VIEWING] = seen if usable.all() else np.where(usable[:, None], seen, there[:, :VIEWING])
+        there[:, 0] = np.minimum(np.maximum(there[:, 0], LOG_FOCAL_RANGE[0]), LOG_FOCAL_RANGE[1])
+        full = (by_straight @ full[..., None])[..., 0]
+        # what an undamped step promises is the same in all coordinates
+        return Step(there, full, predict_decrease(block, slope, change), -(undamped * slope).sum(axis=1))
 
     def follow(self, state: State, step: Step, index: Indices) -> State:
         """The starts at an index where a step has led them."""

@@ -75,6 +75,15 @@ class CurvePoints:
         origin, direction = (np.swapaxes(v, -1, -2).copy() for v in (self.origin, self.direction))
         return origin, direction, np.moveaxis(self.shift, -3, -1).copy()
 
+    @property
+    def common_shift(self) -> Array:
+        """By how much most markings move (2,): along x per metre of length and along y per metre of breadth; of lines
+        only across them.
+        """
+        moves = np.stack([self.shift[:, 1, 0], self.shift[:, 2, 1]])
+        across = np.stack([np.abs(self.direction[:, 0]) < 0.5, np.abs(self.direction[:, 1]) < 0.5])
+        return np.array([np.median(m[a]) if a.any() else 0.0 for m, a in zip(moves, across, strict=True)])
+
     def select(self, keep: Indices) -> CurvePoints:
         """The points at an index or mask."""
         return replace(self, group=self.group[keep], **{name: getattr(self, name)[keep] for name in _BY_POINT})

@@ -18,8 +18,8 @@ VIEWING = 7
 
 
 def to_viewing(theta: Array, center_m: Array) -> Array:
-    """Viewing coordinates (B, 7) of parameter vectors (B, P); not finite where the circle's centre lies behind the
-    camera.
+    """Viewing coordinates (B, 7) of parameter vectors (B, P) about a centre (2,), or one for each (B, 2); not finite
+    where it lies behind the camera.
     """
     _, offset, seen = _toward(theta, center_m)
     return _viewing_coordinates(theta, offset, seen)
@@ -66,8 +66,8 @@ def from_viewing(viewing: Array, center_m: Array) -> Array:
     theta[:, 0], theta[:, 3] = log_focal, roll
     theta[:, 1] = _wrap_angle(np.arctan2(towards_y, towards_x) - np.arctan2(ahead, x))
     theta[:, 2] = _wrap_angle(np.arctan2(towards_z, ahead) - np.arctan2(z, y))
-    theta[:, 4] = center_m[0] - distance * towards_x
-    theta[:, 5] = center_m[1] - distance * towards_y
+    theta[:, 4] = center_m[..., 0] - distance * towards_x
+    theta[:, 5] = center_m[..., 1] - distance * towards_y
     theta[:, 6] = -distance * towards_z
     return theta
 

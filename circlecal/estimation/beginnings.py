@@ -37,8 +37,9 @@ def choose_sight(task: Task) -> Sight:
         return Sight(problem, ellipse, None)
     landmarks = collect_landmarks(task.observations, task.template, problem.points, problem.usual_lens)
     _require_landmarks(task, landmarks)
-    middle_m = landmarks.middle_m(problem.model)
-    return Sight(replace(problem, priors=replace(problem.priors, center_m=middle_m)), None, landmarks)
+    middle_m, by_growth = landmarks.middle_m(problem.model), problem.curves.common_shift
+    priors = replace(problem.priors, center_m=middle_m, center_by_growth=by_growth)
+    return Sight(replace(problem, priors=priors), None, landmarks)
 
 
 def begin(task: Task, sight: Sight) -> Beginning:

@@ -29,6 +29,7 @@ from circlecal.estimation.completion import complete, fit_anew
 from circlecal.estimation.task import Fit, Task
 from circlecal.field import FieldTemplate
 from circlecal.geometry.camera_parameters import INDEX
+from circlecal.geometry.least_squares import StoppingRule
 
 DOUBTED_SHARE = 0.1
 """Posterior probability of another size from which on the lines are named anew for such a field: below it the second
@@ -59,6 +60,14 @@ size of the field leaves: with six times as much a circle beside a touchline 42.
 
 NOISE_ROUNDS = 2
 """So often noise is told by residuals, and these by the noise, before sizes are compared: a third changes nothing."""
+
+FINE = replace(COARSE, tolerance=0.05, last_step=True)
+"""For roofs against parabolas, whose evidence differs by less than that of other worlds."""
+
+ROUGH = StoppingRule(1e-3, unit=np.inf)
+"""For the optimum whose residuals tell the noise: a thousandth of chi-square changes it by half as much. A loss that is
+so narrow makes the last steps to the optimum many and short.
+"""
 
 FEWEST_POINTS, NAMELESS_WIDTHS = 8, 0.2
 """Points of a line that is worth a name, and length in picture widths of one that needs one."""
@@ -138,7 +147,7 @@ def _on_parabola(
     """The likely answers on roofs again, on parabolas: where a frame does not show clearly which it is, sigma tells."""
     shares = posterior_shares([answer for answer, _ in found]).tolist()
     bent = [
-        (bend_answer(answer, usual, template, known, case[0].rule(FINAL)), case)
+        (bend_answer(answer, usual, template, known, case[0].rule(FINE)), case)
         for (answer, case), share in zip(found, shares, strict=True)
         if share > UNLIKELY_SHARE and not answer.world.is_flat and answer.problem.model.surface.shape == "roof"
     ]
@@ -160,8 +169,8 @@ def _with_noise_of_misfit(case: _Case) -> tuple[Problem, State]:
     least_px = with_model_noise(problem.curves, fit.given_px, task.noise, quiet_px)
     problem, state = reweight(problem, state, least_px)
     for _ in range(NOISE_ROUNDS):
-        problem, state = noise_of_misfit(problem, resume(problem, state, task.rule(FINAL)), least_px)
-    return problem, resume(problem, state, task.rule(FINAL))
+        problem, state = noise_of_misfit(problem, resume(problem, state, task.rule(ROUGH)), least_px)
+    return problem, resume(problem, state, task.rule(COARSE))
 
 
 def _may_hide_misfit(fit: Fit, answers: list[Answer]) -> bool:

@@ -123,11 +123,14 @@ class Step(Batch):
         What the step changes of the parameters, to first order.
     promise : (B,) array
         By how much it lowers the cost if that is quadratic.
+    full_promise : (B,) array
+        By how much the undamped step would: the present one may be short. It tells whether a start has arrived.
     """
 
     parameters: Array
     change: Array
     promise: Array
+    full_promise: Array
 
 
 S = TypeVar("S", bound=State)
@@ -138,9 +141,6 @@ class Problem(Protocol[S]):
 
     def step(self, state: S, damping: Array) -> Step:
         """The step with a share ``damping`` (B,) of the diagonal added to the normal equations."""
-
-    def promise(self, state: S, step: Step) -> Array:
-        """By how much the present step, or the undamped one, would lower a quadratic cost (B,)."""
 
     def follow(self, state: S, step: Step, index: Indices) -> S:
         """The starts at an index where a step has led them: residuals and normal equations anew."""
@@ -180,14 +180,12 @@ class DenseProblem(ABC):
         return 0.0
 
     def step(self, state: NormalState, damping: Array) -> Step:
-        """Levenberg-Marquardt step ``d = -(N + damping diag N)^-1 g`` of every start."""
+        """Levenberg-Marquardt step ``d = -(N + damping diag N)^-1 g`` of every start; what it promises stands for
+        the undamped one.
+        """
         change = -solve_damped(state.normal, state.gradient, damping, self.gauge(state))
         promise = predict_decrease(state.normal, state.gradient, change)
-        return Step(self.move(state.parameters, change), change, promise)
-
-    def promise(self, state: NormalState, step: Step) -> Array:
-        """By how much the present step would lower a quadratic cost (B,)."""
-        return step.promise
+        return Step(self.move(state.parameters, change), change, promise, promise)
 
     def follow(self, state: NormalState, step: Step, index: Indices) -> NormalState:
         """States where a step has led the starts at an index, evaluated anew."""
@@ -225,7 +223,7 @@ def minimise(problem: Problem[S], state: S, rule: StoppingRule) -> Solution[S]:
     arrived = beaten = settled = np.zeros(len(damping), dtype=bool)
     for iteration in range(rule.iterations):
         step = problem.step(state, damping)
-        promise = problem.promise(state, step)
+        promise = step.full_promise
         left = promise * np.clip(promise / before, rule.contraction, 1.0) if rule.contraction < 1.0 else promise
         settled = left <= rule.tolerance * np.minimum(state.cost, rule.unit)
         arrived = settled | (damping > LAST_DAMPING) | (state.cost < EXACT)
@@ -245,7 +243,8 @@ def minimise(problem: Problem[S], state: S, rule: StoppingRule) -> Solution[S]:
         # the nearer the cost falls to what was promised, the less damped is the next step
         kept = gain / np.maximum(step.promise[going], 1e-300)
         sure = (kept > NEARLY_ALL) & trusted[going]
-        damping[going] *= np.where(sure, 0.1, np.where(kept > SOME, 1.0, np.where(better, 4.0, 8.0)))
+        change = np.where(sure, 0.1, np.where(kept > SOME, 1.0, np.where(better, 4.0, 8.0)))
+        damping[going] = np.maximum(damping[going] * change, LEAST_DAMPING)
         trusted[going], before[going] = better, np.maximum(promise[going], 1e-300)
         state = state.put(going[better], proposal.select(better))
     return Solution(state, rule.iterations, _ends(state, settled, arrived, beaten))

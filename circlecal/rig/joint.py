@@ -208,11 +208,8 @@ class JointProblem:
         bend += 2.0 * np.einsum("fo,foc,c->", own_change, state.H_oc, change)
         full = np.concatenate([own_change.ravel(), change])
         now = np.concatenate([state.own.ravel(), state.common])
-        return Step((now + full)[None], full[None], np.array([-2.0 * slope - float(bend)]))
-
-    def promise(self, state: JointState, step: Step) -> Array:
-        """Of the present step (1,)."""
-        return step.promise
+        promise = np.array([-2.0 * slope - float(bend)])
+        return Step((now + full)[None], full[None], promise, promise)
 
     def follow(self, state: JointState, step: Step, index: Indices) -> JointState:
         """The frames where a step has led them, each with its own parameters adjusted to what is shared."""

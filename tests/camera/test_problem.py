@@ -8,7 +8,7 @@ import pytest
 
 from circlecal.camera.observed import NoiseModel, curves_from_observations, points_from_observations
 from circlecal.camera.priors import Priors
-from circlecal.camera.problem import FINAL, Problem, bend_surface, evaluate, minimise, predict_step
+from circlecal.camera.problem import COARSE, FINAL, Problem, bend_surface, evaluate, minimise, predict_step
 from circlecal.camera.residuals import sample_feet
 from circlecal.field import load_field
 from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel, project
@@ -161,3 +161,30 @@ def test_the_fit_to_the_other_profile_of_the_pitch_is_predicted(seed):
     assert gain > 10.0
     assert expected.cost[0] == pytest.approx(found.cost[0], abs=0.1 * gain)
     assert expected.theta[0, INDEX["crown"]] == pytest.approx(found.theta[0, INDEX["crown"]], abs=5e-3)
+
+
+def test_a_camera_that_sees_one_end_goes_along_when_the_length_of_the_field_changes():
+    theta = np.zeros(len(PARAMETERS))
+    theta[:7] = np.log(1800.0), 0.5, np.arctan2(85.0, 16.0), 0.0, 3.0, 65.0, -16.0
+    names = ["side_line_right", *(f"{box}_rect_right_{side}" for box in ("small", "big") for side in ("main", "top"))]
+    ends = np.array([SOCCER.line_ends(SOCCER.line_by_name[name]) for name in names])
+    field = ends[:, :1] + np.linspace(0.2, 0.8, 12)[:, None] * (ends[:, 1:] - ends[:, :1])
+    pixels = project(theta[None], field.reshape(1, -1, 2), MODEL).pixels[0].reshape(len(names), -1, 2)
+    lines = tuple(LinePoints(name, points, np.full(12, 0.2)) for name, points in zip(names, pixels, strict=True))
+    problem = problem_of(Observations(1920, 1080, (), lines, ()), priors(length=8.0))
+    by_growth = problem.curves.common_shift
+    np.testing.assert_allclose(by_growth, [0.5, 0.0])
+    # only the prior tells the length: all that is seen moves with it, and the camera has to follow
+    longer = theta.copy()
+    longer[INDEX["length"]], longer[INDEX["x"]] = 20.0, theta[INDEX["x"]] + 10.0
+    middle_m = np.array([44.0, -10.0])
+
+    def length_after(iterations, by_growth):
+        looking = replace(problem.priors, center_m=middle_m, center_by_growth=by_growth)
+        told = replace(problem, priors=replace(looking, distance_log_sd=np.inf, elevation_sd_rad=np.inf))
+        rule = replace(COARSE, tolerance=1e-3, iterations=iterations)
+        found = minimise(told, longer[None], rule, sample_feet(told.curves, longer[None], MODEL))
+        return float(found.theta[0, INDEX["length"]])
+
+    assert length_after(1, by_growth) == pytest.approx(0.0, abs=0.1)
+    assert length_after(20, np.zeros(2)) > 1.0
