@@ -54,7 +54,8 @@ class Surroundings:
     above_share, beyond_share : float
         Shares of the picture that are playing surface above the horizon, and surely far beyond the field's border.
     near_share : float
-        Share of the picture that is no playing surface and lies before the field, on the camera's side.
+        Share of the picture that is no playing surface and lies before the field, on the camera's side; 0 where it is
+        as plain as a parapet.
     seam_share : float
         Share of the picture's width or height along which two rows or columns meet as no lens lets them.
     """

@@ -4,6 +4,7 @@ far beyond the border, and one picture, not several put together.
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,6 +27,10 @@ LEAST_OFF_SURFACE = 0.04
 """Share of the picture off the surface below which nothing is asked: players and captions."""
 ROUGH_TIMES, ROUGH_LEVELS = 4.0, 3.0
 """What is so many times rougher than the field, and so many gray levels, is no bare field: crowd, boards, letters."""
+PARAPET_SHARE = 0.2
+"""Share of what is seen before the field that is rough, below which it is a parapet or a roof under the camera: of a
+right answer behind a parapet 0.03, of pictures whose halves were exchanged, with crowds there, 0.36 and 0.8.
+"""
 STEP_TIMES, STEP_LEVELS = 2, 2
 """A step from one row to the next stands out when it is so many times as high as those beside it, and so many gray
 levels more: lenses and scaling spread what a camera sees over several pixels.
@@ -77,22 +82,42 @@ def measure_surroundings(
     beyond = is_ground & (np.abs(off).max(axis=1) - INSIDE_SIGMAS * sigma > RUN_OFF_M)
     towards = (off * (fit.camera.position_m[:2] - (ground - off))).sum(axis=1)
     in_front = is_ground & (towards > 0.0) & (np.hypot(off[:, 0], off[:, 1]) > IN_FRONT_M)
+    above = surface & ~is_ground
+    if template.ground != "grass":
+        above &= _joins(inside, surface.reshape(len(y), len(x)))
+    is_rough = _find_rough(picture, places, surface, inside)
     return Surroundings(
-        rough_share=_rough_share(picture, places, surface, inside),
-        above_share=float(np.mean(surface & ~is_ground)),
+        rough_share=float(np.count_nonzero(inside & is_rough) / max(int(np.count_nonzero(inside)), 1)),
+        above_share=float(np.mean(above)),
         beyond_share=float(np.mean(surface & beyond)),
-        near_share=float(np.mean(~surface & in_front)),
+        near_share=_near_share(in_front & ~surface, is_rough),
         seam_share=seam,
     )
 
 
-def _rough_share(picture: NDArray[np.uint8], places: Array, surface: Mask, inside: Mask) -> float:
-    """Share of the field that must be in view, at places (N, 2), and is no playing surface but rough."""
+def _near_share(before: Mask, is_rough: Mask) -> float:
+    """Share of places (N,) before the field that are none; none of them where nearly all are plain."""
+    share = float(np.mean(before))
+    return share if float(np.mean(before & is_rough)) > PARAPET_SHARE * share else 0.0
+
+
+def _joins(inside: Mask, surface: Mask) -> Mask:
+    """Which places (N,) belong to a piece of the surface (H, W) that reaches where the field surely is (N,).
+
+    Ceilings have a floor's colour, not grass's, and walls between them and the floor.
+    """
+    pieces = cv2.connectedComponents(surface.astype(np.uint8))[1].ravel()
+    return np.asarray((pieces > 0) & np.isin(pieces, pieces[inside]), np.bool_)
+
+
+def _find_rough(picture: NDArray[np.uint8], places: Array, surface: Mask, inside: Mask) -> Mask:
+    """Which places (N, 2) are no playing surface but as rough as a crowd."""
+    rough = np.zeros(len(places), np.bool_)
     if np.count_nonzero(~surface) < LEAST_OFF_SURFACE * len(places) or not (inside & surface).any():
-        return 0.0
+        return rough
     usual = float(np.median(measure_roughness(picture, places[inside & surface][::FIELD_EVERY])))
-    rough = measure_roughness(picture, places[inside & ~surface]) > ROUGH_TIMES * usual + ROUGH_LEVELS
-    return float(np.count_nonzero(rough) / np.count_nonzero(inside))
+    rough[~surface] = measure_roughness(picture, places[~surface]) > ROUGH_TIMES * usual + ROUGH_LEVELS
+    return rough
 
 
 def _seam_share(picture: NDArray[np.uint8]) -> float:

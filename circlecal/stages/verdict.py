@@ -99,8 +99,8 @@ further line tells the border, since there may be another field beside it. Of ri
 whose quarters were exchanged 0.09 to 0.5.
 """
 MOST_BEFORE = 0.4
-"""Most of the picture that may lie before the field and be no playing surface: of right answers to real frames at most
-0.22 (spectators, dugouts), of pictures whose halves were exchanged 0.1 to 0.6.
+"""Most of the picture that may lie before the field and be no playing surface, unless it is plain: of right answers to
+real frames at most 0.22 (spectators, dugouts), of pictures whose halves were exchanged 0.1 to 0.6.
 """
 MOST_OF_SEAM = 0.4
 """Share of the picture's width or height along which two rows or columns may meet in a step that no lens leaves: of 260
@@ -159,6 +159,12 @@ class VerdictConfig(BaseModel):
     height_m: tuple[float, float] = Field((1.5, 150.0), description="Plausible height of a camera, metres.")
     distance_radii: tuple[float, float] = Field(
         (1.1, 40.0), description="Plausible distance from the circle, or from what is seen instead, in its radii."
+    )
+    stands_m: float = Field(
+        60.0,
+        gt=0,
+        description="No camera stands further away than the field's diagonal and this, metres: 185 m at a soccer "
+        "pitch. The furthest of 40 real frames stood at 114 m.",
     )
     max_roll_deg: float = Field(20.0, gt=0, le=180, description="Largest plausible roll, degrees.")
     focal_widths: tuple[float, float] = Field(
@@ -221,12 +227,12 @@ def _camera_checks(
     """Checks of a camera: where it stands, how well it explains what was seen, how surely it is known."""
     if ellipses.all():
         checks = _orientation_checks(camera.H_image_field, circle)
-        checks += _place_checks(camera, circle, np.asarray(circle.center), config)
+        checks += _place_checks(camera, circle, np.asarray(circle.center), template, config)
         checks += _residual_checks(camera, cues, circle, unit, config)
         checks += _reach_checks(camera, cues, template, config)
     else:
         checks = _landmark_checks(camera, unit, config)
-        checks += _place_checks(camera, circle, camera.reference_m, config)
+        checks += _place_checks(camera, circle, camera.reference_m, template, config)
     alone = is_tentative and bool(ellipses.all()) and _confirmations(cues, camera, unit) == 0
     limit_px = config.max_sigma_px * (UNCONFIRMED_SIGMA if alone else 1.0)
     checks.append(_check("sigma_px", camera.max_sigma_px, limit_px * unit))
@@ -390,8 +396,12 @@ def _worst_marking(camera: CameraFit, unit: float, config: VerdictConfig) -> tup
     return max(markings, key=lambda marking: marking[1] / marking[2])
 
 
-def _place_checks(camera: CameraFit, circle: Circle, reference_m: Array, config: VerdictConfig) -> list[Check]:
+def _place_checks(
+    camera: CameraFit, circle: Circle, reference_m: Array, template: FieldTemplate, config: VerdictConfig
+) -> list[Check]:
     view = camera.camera
+    furthest_m = float(np.hypot(template.length_m, template.width_m)) + config.stands_m
+    furthest = min(config.distance_radii[1], furthest_m / circle.radius_m)
     distance = float(np.linalg.norm(view.position_m - np.r_[reference_m, 0.0])) / circle.radius_m
     # of a focal length that is known to a few per cent, what is by less below the limit is not
     sigma = min(float(np.sqrt(camera.covariance[LOG_FOCAL, LOG_FOCAL])), LARGEST_FOCAL_SIGMA)
@@ -399,7 +409,7 @@ def _place_checks(camera: CameraFit, circle: Circle, reference_m: Array, config:
     return [
         _check("height_m", -float(view.position_m[2]), config.height_m[1]),
         _check("lowest_height_m", -float(view.position_m[2]), config.height_m[0], at_least=True),
-        _check("distance_radii", distance, config.distance_radii[1]),
+        _check("distance_radii", distance, furthest),
         _check("nearest_radii", distance, config.distance_radii[0], at_least=True),
         _check("roll_deg", abs(float(np.degrees(view.angles_rad[2]))), config.max_roll_deg),
         _check("focal_widths", float(view.focal_px[0]) / view.width, config.focal_widths[1]),

@@ -65,11 +65,24 @@ def test_surface_far_beyond_the_border_speaks_against_a_camera_without_further_l
 def test_a_stand_before_the_field_that_fills_half_of_the_picture_speaks_against_a_camera():
     region = region_of(CAMERA, 6.0)
     camera = view(position=(3.0, 60.0, -12.0), target=(0.0, 40.0, 0.0), focal=700.0)
-    fit = fit_of(camera)
-    seen = measure_surroundings(picture(), mask_of(region_of(camera, 6.0)), fit, SOCCER)
-    assert seen.near_share > 0.4
-    assert weigh_ground(seen, fit).code == "picture_contradicts"
+    fit, seen = fit_of(camera), region_of(camera, 6.0)
+    is_field = np.repeat(np.repeat(seen, SIZE[0] // 72 + 1, axis=0), SIZE[1] // 128 + 1, axis=1)[: SIZE[0], : SIZE[1]]
+    crowd = np.where(is_field, picture(), np.random.default_rng(1).integers(20, 230, SIZE)).astype(np.uint8)
+    stand = measure_surroundings(crowd, mask_of(seen), fit, SOCCER)
+    assert stand.near_share > 0.4
+    assert weigh_ground(stand, fit).code == "picture_contradicts"
+    parapet = measure_surroundings(picture(), mask_of(seen), fit, SOCCER)
+    assert parapet.near_share == 0.0
     assert measure_surroundings(picture(), mask_of(region), fit_of(CAMERA), SOCCER).near_share == 0.0
+
+
+def test_a_ceiling_of_the_colour_of_the_floor_does_not_speak_against_a_camera():
+    ceiling, joined = region_of(LOW, 6.0), region_of(LOW, 6.0)
+    ceiling[:10], joined[:40] = True, True
+    fit, hall = fit_of(LOW), SOCCER.model_copy(update={"ground": "floor"})
+    assert measure_surroundings(picture(), mask_of(ceiling), fit, SOCCER).above_share > 0.1
+    assert measure_surroundings(picture(), mask_of(ceiling), fit, hall).above_share == 0.0
+    assert measure_surroundings(picture(), mask_of(joined), fit, hall).above_share > 0.1
 
 
 def test_a_picture_that_is_put_together_has_a_seam():

@@ -165,6 +165,7 @@ FAILURES = {
     "too high": (camera_fit(position(4.0, 58.0, -200.0)), "implausible_camera", "higher than", 200.0),
     "too low": (camera_fit(position(4.0, 58.0, -1.0)), "implausible_camera", "lower than", 1.0),
     "too far": (camera_fit(position(4.0, 500.0, -60.0)), "implausible_camera", "further away than", 55.04),
+    "beyond the stands": (camera_fit(position(4.0, 190.0, -60.0)), "implausible_camera", "further away than", 21.78),
     "too near": (camera_fit(view(position=(0.5, 1.0, -9.0), focal=900.0)), "implausible_camera", "closer than", 0.9913),
     "rolled": (
         camera_fit(replace(CAMERA, angles_rad=CAMERA.angles_rad + np.radians([0.0, 0.0, -35.0]))),
