@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from circlecal import results
 from circlecal.api.calibration import Calibration
-from circlecal.config import AUTO, Config, load_config
+from circlecal.config import Config, load_config
 from circlecal.errors import InputError
 from circlecal.field import FieldTemplate
 from circlecal.formats.annotation import Annotation
@@ -24,7 +24,7 @@ from circlecal.observations import Keypoint, Observations, join_observations
 from circlecal.pictures.files import PictureFile, as_bgr, read_image
 from circlecal.pictures.masks import as_class_ids, read_mask
 from circlecal.pictures.video import Sampling, Video
-from circlecal.pipeline import Convention, apply_convention, calibrate_unknown_field, field_of, run, run_observations
+from circlecal.pipeline import Convention, apply_convention, calibrate_image, field_of, run_observations
 from circlecal.records.writing import result_record
 from circlecal.refusals import REFUSALS
 
@@ -144,11 +144,10 @@ def calibrate_picture(
     """
     if aspect is not None and config.camera.aspect == 1.0:
         config = config.model_copy(update={"camera": config.camera.model_copy(update={"aspect": aspect})})
-    calibrate_one = calibrate_unknown_field if config.field.template == AUTO else run
     extra = observe_network(picture, config.keypoints, field_of(config)[0], config.sources)
     if given is not None:
         extra = given if extra is None else join_observations(extra, given)
-    return calibrate_one(picture, config, mask=mask, extra=extra, frame_id=frame_id, source=source)
+    return calibrate_image(picture, config, mask=mask, extra=extra, frame_id=frame_id, source=source)
 
 
 def calibrate_annotation(

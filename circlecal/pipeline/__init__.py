@@ -2,12 +2,21 @@
 
 One attempt measures the picture and estimates a calibration from what was measured (``attempts``). ``refinements`` look
 at the picture once more where an attempt's own camera says what to look for; ``other_circles``, ``placed_field`` and
-``field_lines`` take something else in the picture for what is looked for. Each attempt is a value of its own, so what
-is not taken leaves nothing behind.
+``field_lines`` take something else in the picture for what is looked for, ``field_choice`` another field, ``paints``
+the lines of one colour alone. Each attempt is a value of its own, so what is not taken leaves nothing behind.
 """
 
 from circlecal.pipeline.field_choice import calibrate_unknown_field
 from circlecal.pipeline.fields import Convention, apply_convention, field_of
+from circlecal.pipeline.paints import calibrate_image
 from circlecal.pipeline.run import run, run_observations
 
-__all__ = ["Convention", "apply_convention", "calibrate_unknown_field", "field_of", "run", "run_observations"]
+__all__ = [
+    "Convention",
+    "apply_convention",
+    "calibrate_image",
+    "calibrate_unknown_field",
+    "field_of",
+    "run",
+    "run_observations",
+]

@@ -421,11 +421,12 @@ class AloneRecord(RecordPart):
 
 class PaintRecord(RecordPart):
     """The paint of the markings as a frame shows it: what it adds to blue, green and red of the surface, and whether
-    that makes it lighter or darker.
+    that makes it lighter or darker; and the other paints on the floor, where it was told apart from them by its colour.
     """
 
     added_bgr: Triple
     polarity: Literal["light", "dark"]
+    others_bgr: list[Triple] = Field(default_factory=list)
 
 
 class LearntRecord(RecordPart):

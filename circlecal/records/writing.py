@@ -63,7 +63,7 @@ def result_record(
         "seed": calibration.seed,
         "config_digest": digest or calibration.config_digest,
         "checks": calibration.verdict.checks,
-        "paint": None if calibration.paint_bgr is None else _paint(calibration.paint_bgr),
+        "paint": _paint(calibration),
     }
     # what is not finite becomes null on this way; names need not be text, and stay out of it
     numbers = ResultRecord.model_validate_json(to_json(content, inf_nan_mode="null", fallback=_plain))
@@ -96,9 +96,13 @@ def failure_record(
     )
 
 
-def _paint(added_bgr: tuple[float, float, float]) -> dict[str, Any]:
-    """Colour and polarity of the paint."""
-    return {"added_bgr": added_bgr, "polarity": "light" if np.dot(BRIGHTNESS_BGR, added_bgr) > 0.0 else "dark"}
+def _paint(calibration: FrameCalibration) -> dict[str, Any] | None:
+    """Colour and polarity of the paint, and the colours of the others where it was told apart from them."""
+    added, others = calibration.paint_bgr, calibration.other_paints_bgr
+    if added is None:
+        return None
+    polarity = "light" if np.dot(BRIGHTNESS_BGR, added) > 0.0 else "dark"
+    return {"added_bgr": added, "polarity": polarity} | ({"others_bgr": others} if others else {})
 
 
 def _verdict(verdict: Verdict) -> dict[str, Any]:

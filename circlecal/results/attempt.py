@@ -172,6 +172,7 @@ class FrameCalibration:
     template: FieldTemplate | None = None
     fields: tuple[FieldCandidate, ...] = ()
     paint_bgr: tuple[float, float, float] | None = None
+    other_paints_bgr: tuple[tuple[float, float, float], ...] = ()
 
     @property
     def verdict(self) -> Verdict:

@@ -18,6 +18,7 @@ from circlecal.detection.field_region import find_field_region, surface_colour
 from circlecal.detection.marking_mask import MarkingSketch
 from circlecal.detection.networks import SegmentationNetwork, load_network, segment
 from circlecal.detection.options import FieldRegionConfig
+from circlecal.detection.paints import find_paints
 from circlecal.errors import EstimationError
 from circlecal.field import FieldTemplate, Ground
 from circlecal.geometry.ellipses import ellipse_from_conic
@@ -87,6 +88,11 @@ class MaskConfig(BaseModel):
     )
     other_paint_bgr: tuple[tuple[float, float, float], ...] = Field(
         (), description="The same of other lines on this floor, which then show as little as they can."
+    )
+    tell_paints: bool = Field(
+        True,
+        description="Whether on a floor with lines of several colours those of each colour are looked at by themselves,"
+        " where all together are refused.",
     )
     detector: DetectorConfig = Field(DetectorConfig(), description="Options of the built-in detector.")
 
@@ -185,6 +191,13 @@ def tell_grounds(image: NDArray[np.uint8]) -> tuple[Ground, ...]:
     if np.hypot(a, b) < LEAST_CHROMA:
         return ("ice", "floor") if level >= LEAST_ICE_LEVEL else ("grass", "floor", "ice")
     return ("grass",) if GREEN_HUE_DEG[0] <= hue <= GREEN_HUE_DEG[1] else ("floor",)
+
+
+def tell_paints(image: NDArray[np.uint8], config: MaskConfig) -> tuple[Array, ...]:
+    """What each paint on the playing surface of a BGR picture (H, W, 3) adds to its blue, green and red (3,), the one
+    with most lines first.
+    """
+    return find_paints(image, config.detector.field_region)
 
 
 def require_mask_network(config: MaskConfig) -> None:

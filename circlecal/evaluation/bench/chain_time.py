@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from circlecal.config import Config
 from circlecal.errors import InputError
-from circlecal.pipeline import run
+from circlecal.pipeline import calibrate_image
 from circlecal.results import FrameCalibration
 
 DECODINGS = 15
@@ -56,7 +56,7 @@ def time_run(
     found, whole = [], []
     for _ in range(runs):
         start = time.perf_counter()
-        found.append(run(image, config, frame_id=frame_id))
+        found.append(calibrate_image(image, config, frame_id=frame_id))
         whole.append((time.perf_counter() - start) * 1e3)
     return found[0], min(whole), least(calibration.timings_ms for calibration in found)
 

@@ -1,0 +1,143 @@
+"""Lines of several colours on one floor: those of each colour by themselves, where all together are refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.config import AUTO, Config
+from circlecal.geometry.projective import Array
+from circlecal.observations import Observations
+from circlecal.paint.brightness import brightness_of_paint
+from circlecal.paint.colour import match_paint
+from circlecal.pipeline.attempts import refuse_as_open
+from circlecal.pipeline.field_choice import calibrate_unknown_field
+from circlecal.pipeline.run import run
+from circlecal.pipeline.setting import frame_generator
+from circlecal.placement import mean_distance_px
+from circlecal.results import FrameCalibration
+from circlecal.stages.mask import MaskConfig, look_quickly, suit_field, tell_grounds, tell_paints
+
+MOST_TRIED = 2
+"""Paints that are followed, those with the clearest circles: in rendered halls the right one is the first."""
+ALIKE_WIDTHS = 0.02
+"""Two cameras that put the markings within this share of the picture's width on average are one."""
+
+
+def calibrate_image(
+    image: NDArray[np.uint8],
+    config: Config,
+    *,
+    mask: NDArray[np.uint8] | None = None,
+    extra: Observations | None = None,
+    frame_id: str,
+    source: str | None = None,
+) -> FrameCalibration:
+    """Calibrate one frame, whose field is named or to be told, by all that is painted or by the lines of one colour.
+
+    Parameters
+    ----------
+    image, config, mask, extra, frame_id, source : optional
+        As for :func:`circlecal.pipeline.run`.
+
+    Raises
+    ------
+    ConfigError
+        For an unknown field template or circle.
+    InputError
+        Where the mask is not of the picture's size.
+    """
+    calibrate = calibrate_unknown_field if config.field.template == AUTO else run
+
+    def answer(chosen: Config) -> FrameCalibration:
+        return calibrate(image, chosen, mask=mask, extra=extra, frame_id=frame_id, source=source)
+
+    return calibrate_by_paint(image, config, answer(config), answer)
+
+
+def calibrate_by_paint(
+    image: NDArray[np.uint8], config: Config, first: FrameCalibration, calibrate: Callable[[Config], FrameCalibration]
+) -> FrameCalibration:
+    """A refused answer, or that of the lines of one colour.
+
+    Every paint on the floor is looked at along its own colour, in which the others show least, and counts only where
+    the circle that is found has that colour. Where two paints lead to two cameras the frame stays refused.
+
+    Parameters
+    ----------
+    image : (H, W, 3) uint8
+        BGR picture.
+    config : Config
+        Options.
+    first : FrameCalibration
+        The answer of all lines together.
+    calibrate : callable
+        Calibrates the picture under another configuration.
+    """
+    if first.status == "calibrated" or not _may_have_paints(image, first, config):
+        return first
+    answers = []
+    for paint, told in _find_likely_paints(image, first, config):
+        found = calibrate(config.model_copy(update={"mask": told}))
+        added = found.paint_bgr
+        if found.status == "calibrated" and added is not None and match_paint(np.array(added), paint):
+            others = told.other_paint_bgr
+            answers.append(replace(found, other_paints_bgr=others, config_digest=first.config_digest))
+    return _choose(answers, first)
+
+
+def _find_likely_paints(
+    image: NDArray[np.uint8], first: FrameCalibration, config: Config
+) -> list[tuple[Array, MaskConfig]]:
+    """The paints with the best ellipses at a quick look, each with the options that show it alone, the best first."""
+    paints, likely = tell_paints(image, config.mask), []
+    if len(paints) < 2 or first.template is None:
+        return []
+    for index, paint in enumerate(paints):
+        others = tuple(_as_numbers(other) for k, other in enumerate(paints) if k != index)
+        told = config.mask.model_copy(update={"paint_bgr": _as_numbers(paint), "other_paint_bgr": others})
+        brightness = brightness_of_paint(image, told.paint_bgr, others)
+        options = suit_field(told, first.template)
+        look = look_quickly(image, None, options, frame_generator(config.seed), brightness)
+        if look is not None and look.candidates:
+            likely.append((look.candidates[0].score, index, paint, told))
+    ranked = sorted(likely, key=lambda item: (-item[0], item[1]))
+    return [(paint, told) for _, _, paint, told in ranked[:MOST_TRIED]]
+
+
+def _may_have_paints(image: NDArray[np.uint8], first: FrameCalibration, config: Config) -> bool:
+    """Whether a floor may have lines of several colours of which the field has one, and nobody told which."""
+    mask, template = first.attempt.mask, first.template
+    if not config.mask.tell_paints or config.mask.paint_bgr is not None or mask is None or mask.source != "detector":
+        return False
+    if config.field.template == AUTO:
+        return "floor" in tell_grounds(image)
+    return template is not None and template.is_in_one_paint and template.ground in ("floor", "any")
+
+
+def _choose(answers: list[FrameCalibration], first: FrameCalibration) -> FrameCalibration:
+    """The surest answer, where all say the same; the first one where there is none."""
+    if not answers:
+        return first
+    taken = min(answers, key=_sigma_px)
+    for other in answers:
+        view, template = other.view, taken.template
+        if other is taken or taken.view is None or view is None or template is None:
+            continue
+        is_same_field = other.field_name == taken.field_name
+        if not is_same_field or mean_distance_px(taken.view, view, template) > ALIKE_WIDTHS * taken.width:
+            code = "circle_open" if is_same_field else "field_open"
+            return replace(taken, attempt=refuse_as_open(taken.attempt, code))
+    return taken
+
+
+def _sigma_px(found: FrameCalibration) -> float:
+    return np.inf if found.attempt.camera is None else found.attempt.camera.max_sigma_px
+
+
+def _as_numbers(colour: Array) -> tuple[float, float, float]:
+    blue, green, red = np.round(colour, 1).tolist()
+    return blue, green, red

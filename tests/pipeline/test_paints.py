@@ -1,0 +1,103 @@
+"""Lines of several colours on one floor."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from circlecal.config import config_digest, load_config
+from circlecal.detection.options import FieldRegionConfig
+from circlecal.detection.paints import find_paints
+from circlecal.field import load_field
+from circlecal.paint.brightness import brightness_of_paint
+from circlecal.pipeline import calibrate_image
+from circlecal.records.writing import result_record
+from circlecal.synthetic.floors import (
+    BLACK,
+    BLUE,
+    GREEN,
+    RED,
+    WHITE,
+    YELLOW,
+    basketball_lines,
+    handball_lines,
+    tennis_lines,
+    volleyball_lines,
+)
+from circlecal.synthetic.renderer import render
+from circlecal.synthetic.sampling import sample_scene
+from circlecal.synthetic.scene import ExtraPaint
+
+INKS = (WHITE, YELLOW, RED, BLUE, BLACK, GREEN)
+FLOOR = np.array([95.0, 145.0, 185.0])
+
+
+@pytest.fixture(scope="module")
+def hall():
+    """Futsal in red among the lines of basketball, handball, volleyball and tennis, each in its colour."""
+    rng = np.random.default_rng([901, 10])
+    scene = sample_scene("wood", rng, 1280, 720, load_field("futsal"))
+    inks = [INKS[k] for k in rng.permutation(6)]
+    free = next(k for k in range(6) if np.abs(np.array(inks[k]) - scene.config.turf_bgr).max() > 75)
+    inks[5], inks[free] = inks[free], inks[5]
+    sports = basketball_lines(), handball_lines(), volleyball_lines(), tennis_lines()
+    extras = tuple(ExtraPaint(lines, 0.05, inks[k], 0.9) for k, lines in enumerate(sports))
+    config = scene.config.model_copy(update={"paint_bgr": inks[5], "gloss": 0.1})
+    scene = replace(scene, config=config, extras=extras)
+    return render(scene, rng).image, scene
+
+
+def test_the_lines_of_one_colour_answer_where_those_of_five_sports_are_refused(hall):
+    image, scene = hall
+    together = calibrate_image(image, load_config("futsal", ["mask.tell_paints=false"]), frame_id="hall")
+    assert together.status == "refused"
+    found = calibrate_image(image, load_config("futsal"), frame_id="hall")
+    assert found.status == "calibrated"
+    points = np.array([[0.0, 0.0], [3.0, 0.0], [-3.0, 0.0], [0.0, 3.0], [0.0, -3.0]])
+    there = scene.camera.project(scene.surface.lift(points))
+    assert np.linalg.norm(found.view.project(points) - there, axis=1).max() < 2.0
+    record = result_record(found, found.template)
+    assert np.argmin(np.abs(record.paint.added_bgr)) == 2  # red paint takes blue and green from the floor
+    assert record.paint.polarity == "dark"
+    assert record.paint.others_bgr
+    assert record.config_digest != result_record(together, together.template).config_digest  # of other options
+    assert record.config_digest == config_digest(load_config("futsal"))
+
+
+def draw_floor(*inks: tuple[float, float, float]) -> np.ndarray:
+    """Three lines of each ink on a wooden floor."""
+    image = np.full((360, 640, 3), FLOOR, np.float64)
+    rng = np.random.default_rng(0)
+    for ink in inks * 3:
+        first, last = rng.uniform((20, 60), (620, 340), (2, 2))
+        cv2.line(image, np.rint(first).astype(int), np.rint(last).astype(int), ink, 3, cv2.LINE_AA)
+    return np.clip(image + rng.normal(0, 1.5, image.shape), 0, 255).astype(np.uint8)
+
+
+def test_every_paint_of_a_floor_is_found():
+    inks = (225.0, 230.0, 230.0), (40.0, 140.0, 200.0), (45.0, 40.0, 180.0), (170.0, 80.0, 35.0)
+    found = find_paints(draw_floor(*inks), FieldRegionConfig())
+    assert len(found) == 4
+    for ink in inks:
+        added = np.array(ink) - FLOOR
+        cosines = [added @ paint / np.linalg.norm(added) / np.linalg.norm(paint) for paint in found]
+        assert max(cosines) > 0.97
+    assert find_paints(np.full((360, 640, 3), 120, np.uint8), FieldRegionConfig()) == ()
+
+
+def test_along_a_colour_its_paint_is_light_and_others_hardly_show():
+    image = np.full((1, 3, 3), FLOOR).astype(np.uint8)
+    yellow, red = np.array([-60.0, -2.0, 5.0]), np.array([-50.0, -105.0, -5.0])
+    image[0, 1] = FLOOR + yellow
+    image[0, 2] = FLOOR + red
+    gray = brightness_of_paint(image, None)[0].astype(int)
+    assert abs(gray[1] - gray[0]) < 10
+    alone = brightness_of_paint(image, yellow)[0].astype(int)
+    assert alone[1] - alone[0] > 50
+    apart = brightness_of_paint(image, yellow, [red])[0].astype(int)
+    assert apart[1] - apart[0] > 25
+    assert abs(apart[2] - apart[0]) < 0.15 * (apart[1] - apart[0])
+    for colour in ((255.0, 255.0, 255.0), (-1.0, 2.0, -3.0)):
+        ends = np.array([[[0, 0, 0], [255, 255, 255], [255, 0, 255], [0, 255, 0]]], np.uint8)
+        assert brightness_of_paint(ends, colour).dtype == np.uint8
