@@ -81,6 +81,18 @@ class Choice:
 
 
 @dataclass(frozen=True, slots=True)
+class _Measured:
+    """A measured ellipse before its halfway line is looked for: what speaks against it with one, and whether something
+    else may confirm it.
+    """
+
+    circle: MeasuredCircle
+    hypothesis: CircleHypothesis
+    refusal: str | None
+    is_tentative: bool
+
+
+@dataclass(frozen=True, slots=True)
 class _Candidate:
     """A measured ellipse: what speaks against it as the circle, its halfway line, and itself where it may be an arc."""
 
@@ -115,8 +127,6 @@ class Candidates:
     sign : float
         +1 where markings are lighter than the surface, -1 where they are darker.
     config : DetectorConfig
-    ruled_out : tuple of Interpretation
-        What turned out wrong.
     """
 
     def __init__(
@@ -127,14 +137,16 @@ class Candidates:
         scaling: Scaling,
         sign: float,
         config: DetectorConfig,
-        ruled_out: tuple[Interpretation, ...],
     ) -> None:
         self._picture, self._raster, self._segments, self._scaling = picture, raster, segments, scaling
-        self._sign, self._config, self._ruled_out = sign, config, ruled_out
+        self._sign, self._config = sign, config
         self._width = picture.gray.shape[1]
         self._shorter: Array | None = None
+        # what does not depend on what is ruled out is measured once
+        self._measured: dict[bytes, _Measured] = {}
+        self._usual: dict[bytes, _Candidate] = {}
 
-    def choose(self, batch: EllipseBatch, most: int) -> Choice:
+    def choose(self, batch: EllipseBatch, most: int, ruled_out: tuple[Interpretation, ...] = ()) -> Choice:
         """Measure the ellipses in order until one is accepted with its halfway line; failing that, take the first that
         is accepted without it, or the best one that something else may confirm.
 
@@ -144,10 +156,12 @@ class Candidates:
             Best first, in pixels of the picture that was searched.
         most : int
             Most of them that are measured, beside those that are ruled out.
+        ruled_out : tuple of Interpretation
+            What turned out wrong.
         """
         measured: list[_Candidate] = []
-        for index in range(min(len(batch), most + len(self._ruled_out))):
-            found = self._measure(self._scaling.full_ellipses(batch.take(np.array([index]))))
+        for index in range(min(len(batch), most + len(ruled_out))):
+            found = self._weigh(self._scaling.full_ellipses(batch.take(np.array([index]))), ruled_out)
             if found is None:
                 continue
             if found.refusal is None and found.halfway is not None:
@@ -168,14 +182,26 @@ class Candidates:
         refusal = "no_circle_found" if is_hopeless else best_first[0].refusal or ""
         return Choice(candidates=hypotheses, refusal=refusal, arcs=arcs)
 
-    def _measure(self, start: EllipseBatch) -> _Candidate | None:
+    def _weigh(self, start: EllipseBatch, ruled_out: tuple[Interpretation, ...]) -> _Candidate | None:
         """The one ellipse of the batch; None where it is ruled out with any halfway line."""
+        key = start.centers.tobytes() + start.great.tobytes() + start.small.tobytes()
+        if key not in self._measured:
+            self._measured[key] = self._measure(start)
+        measured = self._measured[key]
+        of_this = find_interpretations_of(ruled_out, measured.circle.ellipse)
+        if any(interpretation.line is None for interpretation in of_this):
+            return None
+        if of_this:
+            return self._add_halfway(measured, of_this)
+        if key not in self._usual:
+            self._usual[key] = self._add_halfway(measured, ())
+        return self._usual[key]
+
+    def _measure(self, start: EllipseBatch) -> _Measured:
+        """The one ellipse of the batch, measured, and what speaks for it without a halfway line."""
         config, width, gray = self._config, self._width, self._picture.gray
         circle = measure_circle(gray, start, self._sign, config.refinement)
         circle = move_onto_straight_arcs(gray, circle, self._segments, config.refinement)
-        ruled_out = find_interpretations_of(self._ruled_out, circle.ellipse)
-        if any(interpretation.line is None for interpretation in ruled_out):
-            return None
         inside = measure_support(self._scaling.detection_ellipses(circle.ellipse), self._raster).field[0]
         hypothesis = describe_circle(circle, float(inside), width)
         hypothesis = replace(hypothesis, checks=check_circle(hypothesis, True, width, config.acceptance))
@@ -188,16 +214,24 @@ class Candidates:
             share, sectors = measure_painted_share(gray, ellipse_from_conic(hypothesis.conic), circle.sign)
             hypothesis = replace(hypothesis, painted_share=share if sectors >= FEWEST_SECTORS else 0.0)
             tentative = is_tentative(hypothesis, width, config.acceptance)
-        if refusal is not None and not tentative:
+        return _Measured(circle, hypothesis, refusal, tentative)
+
+    def _add_halfway(self, measured: _Measured, ruled_out: tuple[Interpretation, ...]) -> _Candidate:
+        """What was measured, with its halfway line, which is none of those that are ruled out with it."""
+        circle, hypothesis, refusal = measured.circle, measured.hypothesis, measured.refusal
+        config, width = self._config, self._width
+        if refusal is not None and not measured.is_tentative:
             return _Candidate(circle, hypothesis, refusal, arc=find_longest_arc(circle, hypothesis, width))
         halfway = self._find_halfway(circle, ruled_out, thorough=refusal is not None)
         is_through = halfway is not None and not halfway.outside
         hypothesis = replace(hypothesis, checks=check_circle(hypothesis, is_through, width, config.acceptance))
         refusal = find_refusal(hypothesis.checks)
-        arc = hypothesis if halfway is None and tentative and hypothesis.painted_share == 0.0 else None
+        is_alone = halfway is None and measured.is_tentative and hypothesis.painted_share == 0.0
         if refusal is not None and halfway is not None and not is_drawn_on_both_sides(circle, halfway.line):
             halfway = None
-        return _Candidate(circle, hypothesis, refusal, halfway, arc, is_ruled_out=bool(ruled_out))
+        return _Candidate(
+            circle, hypothesis, refusal, halfway, hypothesis if is_alone else None, is_ruled_out=bool(ruled_out)
+        )
 
     def _find_halfway(
         self, circle: MeasuredCircle, ruled_out: tuple[Interpretation, ...], *, thorough: bool

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from circlecal.detection.arcs import select_arcs
 from circlecal.detection.circle import CircleHypothesis
-from circlecal.detection.field_region import FieldRegion, find_field_region
+from circlecal.detection.field_region import FieldRegion
 from circlecal.detection.marking_mask import MarkingSketch
-from circlecal.detection.one_pass import NO_FIELD, Pass, PassResult, first_pass, flat_pass, run_pass, second_pass
+from circlecal.detection.one_pass import NO_FIELD, Pass, PassResult, PictureSearch, first_pass, flat_pass, second_pass
 from circlecal.detection.options import DetectorConfig
 from circlecal.detection.picture import Picture
 from circlecal.geometry.conics import sampson_distance
@@ -86,6 +86,8 @@ class Detection:
         Parts of circles without a line through their middle, longest first: the circle, or a penalty arc.
     passes : tuple of PassResult
         What each pass over the picture found, in the order of the search.
+    search : PictureSearch
+        The picture with all that was found in it, for further interpretations.
     sightings : tuple of Sighting
         What was found on each surface and of each polarity, that of the answer first.
     """
@@ -101,6 +103,7 @@ class Detection:
     polarity: float
     arcs: tuple[CircleHypothesis, ...]
     passes: tuple[PassResult, ...]
+    search: PictureSearch
     sightings: tuple[Sighting, ...] = ()
 
     @property
@@ -131,7 +134,8 @@ def detect(
     ruled_out : tuple of Interpretation
         What turned out wrong: such a circle is not found again with such a line.
     earlier : Detection, optional
-        A quicker search of the picture, with nothing ruled out, which this one goes on with.
+        A quicker search of the picture with the same options, and nothing ruled out: what it found is not looked for
+        again.
 
     Returns
     -------
@@ -145,11 +149,14 @@ def detect(
     """
     if image_bgr.ndim != 3 or image_bgr.shape[2] != 3 or image_bgr.dtype != np.uint8:
         raise ValueError(f"image_bgr must be (H, W, 3) uint8, not {image_bgr.shape} {image_bgr.dtype}")
-    if earlier is not None and earlier.is_complete:
+    if earlier is not None and earlier.is_complete and not ruled_out:
         return earlier
-    picture = Picture(image_bgr, to_gray(image_bgr) if gray is None else gray)
-    passes = () if earlier is None else earlier.passes
-    best, passes = _search(picture, config, rng, ruled_out, passes)
+    if earlier is not None:
+        search = earlier.search
+    else:
+        search = PictureSearch(Picture(image_bgr, to_gray(image_bgr) if gray is None else gray))
+    picture = search.picture
+    best, passes = _run_passes(search, config, rng, ruled_out)
     segments, choice = best.segments, best.choice
     kept = _select_straight_markings(image_bgr, best, config.one_paint is not False)
     sketch = MarkingSketch(picture.gray, choice.circle, choice.halfway, segments[kept], best.sign, config.refinement)
@@ -165,6 +172,7 @@ def detect(
         polarity=best.sign,
         arcs=choice.arcs,
         passes=passes,
+        search=search,
         sightings=_sort_sightings(picture, best, kept, passes, config.one_paint is not False),
     )
 
@@ -196,23 +204,21 @@ def _sort_sightings(
     return tuple(found)
 
 
-def _search(
-    picture: Picture,
+def _run_passes(
+    search: PictureSearch,
     config: DetectorConfig,
     rng: np.random.Generator,
     ruled_out: tuple[Interpretation, ...],
-    earlier: tuple[PassResult, ...],
 ) -> tuple[PassResult, tuple[PassResult, ...]]:
     """The first pass that finds an accepted circle with its halfway line, quick ones before slow ones; failing that,
-    the best. And all passes that were made, of which the ``earlier`` ones are known.
+    the best. And all passes that were made.
 
     A circle without that line may be one of several on the same floor, a face-off circle say.
     """
     results: list[PassResult] = []
     passes: list[PassResult] = []
-    known = iter(earlier)
-    for settings, region in _plan(picture, config, results, earlier):
-        result = next(known, None) or run_pass(picture, region, config, settings, rng, ruled_out)
+    for settings, region in _plan(search, config, results):
+        result = search.run_pass(region, config, settings, rng, ruled_out)
         passes.append(result)
         if result.choice.refusal == NO_FIELD or result.choice.is_complete:
             return result, tuple(passes)
@@ -220,24 +226,24 @@ def _search(
             results.append(result)
     best = max(results, key=_rank)
     arcs = [arc for result in results if result.sign == best.sign for arc in result.choice.arcs]
-    distinct = select_arcs(arcs, best.choice.hypothesis, picture.gray.shape[1])
+    distinct = select_arcs(arcs, best.choice.hypothesis, search.picture.gray.shape[1])
     return replace(best, choice=replace(best.choice, arcs=distinct)), tuple(passes)
 
 
 def _plan(
-    picture: Picture, config: DetectorConfig, results: list[PassResult], earlier: tuple[PassResult, ...]
+    search: PictureSearch, config: DetectorConfig, results: list[PassResult]
 ) -> Iterator[tuple[Pass, FieldRegion]]:
     """Passes and the regions that they search, in order: quick ones on the largest surface, then quick and slow ones
     also on the largest beside it; last ones where the ``results`` of all others hold no circle.
     """
-    regions = [earlier[0].region if earlier else find_field_region(picture.image_bgr, config.field_region)]
+    regions = [search.find_region(0, config)]
     signs = SIGNS[config.marking or "light"]
     for sign in signs:
         yield first_pass(config, sign), regions[0]
     if not config.thorough:
         return
     # the stands, or the track before the field, may fill more of the picture
-    other = find_field_region(picture.image_bgr, config.field_region, regions[0])
+    other = search.find_region(1, config)
     if other.area_share >= config.field_region.area_share:
         regions.append(other)
         for sign in signs:

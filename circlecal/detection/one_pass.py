@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from circlecal.detection.arcs import SAME_ARC, lie_near_conics
 from circlecal.detection.candidates import Candidates, Choice
+from circlecal.detection.ellipse_batch import EllipseBatch
 from circlecal.detection.ellipse_search import EllipseSearch, search_ellipses
-from circlecal.detection.field_region import FieldRegion
+from circlecal.detection.field_region import FieldRegion, find_field_region
 from circlecal.detection.lines import StraightRun, find_straight_runs
 from circlecal.detection.options import DetectorConfig, RidgeConfig
 from circlecal.detection.picture import Picture, Scaling, reduce_picture
@@ -19,7 +19,7 @@ from circlecal.detection.ridges import RidgePoints, RidgeRaster, find_ridges
 from circlecal.geometry.projective import Array
 from circlecal.results import Interpretation
 
-__all__ = ["NO_FIELD", "Pass", "PassResult", "first_pass", "flat_pass", "run_pass", "second_pass"]
+__all__ = ["NO_FIELD", "Pass", "PassResult", "PictureSearch", "first_pass", "flat_pass", "second_pass"]
 
 NO_FIELD = "no_field"
 SHORTEST_RUN = 0.10
@@ -131,60 +131,99 @@ class PassResult:
     sign: float
 
 
-def run_pass(
-    picture: Picture,
-    region: FieldRegion,
-    config: DetectorConfig,
-    settings: Pass,
-    rng: np.random.Generator,
-    ruled_out: tuple[Interpretation, ...],
-) -> PassResult:
-    """Find ridges and straight runs, and the circle where there is a field."""
-    gray, scaling = reduce_picture(picture.gray, settings.width_px, config.enlarged_width_px)
-    rows, columns = gray.shape
-    hull = region.hull_at(columns, rows)
-    if settings.margin:
-        side = 2 * max(1, round(settings.margin * columns)) + 1
-        hull = np.asarray(cv2.dilate(hull, np.ones((side, side), np.uint8)), np.uint8)
-    ridges = find_ridges(gray, hull, settings.sign, settings.ridges)
-    runs = find_straight_runs(ridges, (columns, rows), SHORTEST_RUN * columns)
-    segments = scaling.full_segments(runs)
-    result = PassResult(region, ridges, runs, segments, Choice(refusal=NO_FIELD), scaling, settings.sign)
-    if region.area_share < config.field_region.area_share:
-        return result
-    return replace(result, choice=_find_circle(picture, result, hull, config, settings, rng, ruled_out))
+class PassSearch:
+    """What one pass found, whatever may be ruled out: ridges, straight runs, and ellipses where there is a field."""
+
+    def __init__(
+        self,
+        picture: Picture,
+        region: FieldRegion,
+        config: DetectorConfig,
+        settings: Pass,
+        rng: np.random.Generator,
+    ) -> None:
+        self.region, self.settings, self._rng = region, settings, rng
+        gray, scaling = reduce_picture(picture.gray, settings.width_px, config.enlarged_width_px)
+        rows, columns = gray.shape
+        hull = region.hull_at(columns, rows)
+        if settings.margin:
+            side = 2 * max(1, round(settings.margin * columns)) + 1
+            hull = np.asarray(cv2.dilate(hull, np.ones((side, side), np.uint8)), np.uint8)
+        ridges = find_ridges(gray, hull, settings.sign, settings.ridges)
+        runs = find_straight_runs(ridges, (columns, rows), SHORTEST_RUN * columns)
+        segments = scaling.full_segments(runs)
+        self._seen = PassResult(region, ridges, runs, segments, Choice(refusal=NO_FIELD), scaling, settings.sign)
+        self._has_field = region.area_share >= config.field_region.area_share
+        if not self._has_field:
+            return
+        self._hull, self._same_arc_px = hull, SAME_ARC * picture.gray.shape[1]
+        self._usable = np.ones(len(ridges), np.bool_)
+        for run in runs:
+            if run.length >= SHORTEST_LINE * columns:
+                self._usable[run.members] = False
+        raster = RidgeRaster(ridges, hull)
+        self._batch = search_ellipses(ridges, self._usable, raster, settings.ellipses, rng)
+        self._beside: EllipseBatch | None = None
+        self._candidates = Candidates(picture, raster, segments, scaling, settings.sign, config)
+
+    def choose(self, ruled_out: tuple[Interpretation, ...] = ()) -> PassResult:
+        """The pass with its circle among ellipses through all ridges that are not straight, or else among those beside
+        the arcs found.
+        """
+        if not self._has_field:
+            return self._seen
+        if len(self._batch) == 0:
+            return replace(self._seen, choice=Choice())
+        most = self.settings.measured
+        choice = self._candidates.choose(self._batch, most, ruled_out)
+        if choice.circle is not None or not self.settings.is_near_tried:
+            return replace(self._seen, choice=choice)
+        if self._beside is None:
+            self._beside = self._search_beside(choice)
+        if len(self._beside) == 0:
+            return replace(self._seen, choice=choice)
+        again = self._candidates.choose(self._beside, most, ruled_out)
+        arcs = (*choice.arcs, *again.arcs)
+        return replace(self._seen, choice=replace(again if again.circle is not None else choice, arcs=arcs))
+
+    def _search_beside(self, choice: Choice) -> EllipseBatch:
+        """Ellipses through points near each other that belong to none of the arcs found."""
+        ridges, usual = self._seen.ridges, self.settings.ellipses
+        arcs = [arc.conic for arc in choice.arcs]
+        left = self._usable & ~lie_near_conics(self._seen.scaling.full(ridges.points), arcs, self._same_arc_px)
+        others = RidgeRaster(RidgePoints(ridges.points[left], ridges.normals[left], ridges.chain[left]), self._hull)
+        fewer = replace(usual, draws=usual.draws // SECOND_EFFORT, kept=usual.kept // SECOND_EFFORT)
+        return search_ellipses(ridges, left, others, fewer, self._rng, near=True)
 
 
-def _find_circle(
-    picture: Picture,
-    result: PassResult,
-    hull: NDArray[np.uint8],
-    config: DetectorConfig,
-    settings: Pass,
-    rng: np.random.Generator,
-    ruled_out: tuple[Interpretation, ...],
-) -> Choice:
-    """The circle among ellipses through all ridges that are not straight; then among those beside the arcs found."""
-    ridges, scaling = result.ridges, result.scaling
-    usable = np.ones(len(ridges), np.bool_)
-    for run in result.runs:
-        if run.length >= SHORTEST_LINE * hull.shape[1]:
-            usable[run.members] = False
-    raster = RidgeRaster(ridges, hull)
-    batch = search_ellipses(ridges, usable, raster, settings.ellipses, rng)
-    if len(batch) == 0:
-        return Choice()
-    candidates = Candidates(picture, raster, result.segments, scaling, settings.sign, config, ruled_out)
-    choice = candidates.choose(batch, settings.measured)
-    if choice.circle is not None or not settings.is_near_tried:
-        return choice
-    arcs = [arc.conic for arc in choice.arcs]
-    left = usable & ~lie_near_conics(scaling.full(ridges.points), arcs, SAME_ARC * picture.gray.shape[1])
-    others = RidgeRaster(RidgePoints(ridges.points[left], ridges.normals[left], ridges.chain[left]), hull)
-    usual = settings.ellipses
-    fewer = replace(usual, draws=usual.draws // SECOND_EFFORT, kept=usual.kept // SECOND_EFFORT)
-    batch = search_ellipses(ridges, left, others, fewer, rng, near=True)
-    if len(batch) == 0:
-        return choice
-    again = candidates.choose(batch, settings.measured)
-    return replace(again if again.circle is not None else choice, arcs=(*choice.arcs, *again.arcs))
+@dataclass(frozen=True, slots=True)
+class PictureSearch:
+    """A picture with the surfaces and all that passes found in it, which further interpretations of it share."""
+
+    picture: Picture
+    regions: list[FieldRegion] = field(default_factory=list)
+    passes: list[PassSearch] = field(default_factory=list)
+
+    def find_region(self, number: int, config: DetectorConfig) -> FieldRegion:
+        """The largest surface (0), or the largest beside it (1)."""
+        while len(self.regions) <= number:
+            self.regions.append(find_field_region(self.picture.image_bgr, config.field_region, *self.regions[:1]))
+        return self.regions[number]
+
+    def run_pass(
+        self,
+        region: FieldRegion,
+        config: DetectorConfig,
+        settings: Pass,
+        rng: np.random.Generator,
+        ruled_out: tuple[Interpretation, ...] = (),
+    ) -> PassResult:
+        """Find ridges and straight runs, and the circle where there is a field; what is known already is not looked for
+        again.
+        """
+        known = (found for found in self.passes if found.region is region and found.settings == settings)
+        search = next(known, None)
+        if search is None:
+            search = PassSearch(self.picture, region, config, settings, rng)
+            self.passes.append(search)
+        return search.choose(ruled_out)

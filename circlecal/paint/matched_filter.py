@@ -53,18 +53,19 @@ def measure_sectors(picture: NDArray[np.uint8], places: Array, widths: Array) ->
         At most :data:`SECTORS` of them, in order: those of which the picture shows half.
     """
     offsets = np.arange(-REACH, REACH + 0.5 / TAPS, 1.0 / TAPS)
-    response = _ridge_response(sample_profiles(picture, places, widths, offsets))
+    # whole rows of places, one for each shift across the curve
+    response = _ridge_response(sample_profiles(picture, places, widths, offsets).T)
     shift = offsets[2 * TAPS : -2 * TAPS]
-    inside = np.asarray(np.isfinite(response).all(axis=1), np.bool_)
-    usual = float(np.median(np.abs(response[inside]))) if inside.any() else 1.0
-    response = np.clip(np.where(inside[:, None], response, 0.0), -CLIPPED * usual, CLIPPED * usual)
+    inside = np.asarray(np.isfinite(response).all(axis=0), np.bool_)
+    usual = CLIPPED * float(np.median(np.abs(response[:, inside]))) if inside.any() else CLIPPED
+    response = np.minimum(np.maximum(response if inside.all() else np.where(inside, response, 0.0), -usual), usual)
     count = inside.reshape(SECTORS, SAMPLES).sum(axis=1)
-    mean = response.reshape(SECTORS, SAMPLES, -1).sum(axis=1)[2 * count >= SAMPLES]
-    mean /= np.maximum(count[2 * count >= SAMPLES], 1)[:, None]
-    surface = mean[:, np.abs(shift) >= OFF_CURVE]
-    level = np.median(surface, axis=1)
-    scatter = 1.4826 * np.median(np.abs(surface - level[:, None]), axis=1) + FLOOR
-    return np.asarray((mean[:, np.abs(shift) <= AT_CURVE].max(axis=1) - level) / scatter)
+    shown = 2 * count >= SAMPLES
+    mean = response.reshape(-1, SECTORS, SAMPLES).sum(axis=2)[:, shown] / count[shown]
+    surface = mean[np.abs(shift) >= OFF_CURVE]
+    level = np.median(surface, axis=0)
+    scatter = 1.4826 * np.median(np.abs(surface - level), axis=0) + FLOOR
+    return np.asarray((mean[np.abs(shift) <= AT_CURVE].max(axis=0) - level) / scatter)
 
 
 def measure_painted_share(picture: NDArray[np.uint8], ellipse: Ellipse | None, sign: float) -> tuple[float, int]:
@@ -97,15 +98,24 @@ def paint_and_sides(profiles: NDArray[np.floating[Any]]) -> tuple[Array, Array, 
         Across the paint, :data:`TAPS` samples per width of it; the places are the samples but the first and last
         2 TAPS.
     """
-    total = np.cumsum(np.insert(profiles.astype(np.float64), 0, 0.0, axis=-1), axis=-1)
-    means = (total[..., TAPS:] - total[..., :-TAPS]) / TAPS  # of TAPS samples from each on
-    size = profiles.shape[-1] - 4 * TAPS
-    # half a width of blur lies between the paint and the surface that it is compared with
-    left, middle, right = (means[..., start : start + size] for start in (0, 3 * TAPS // 2, 3 * TAPS))
+    rows = np.moveaxis(profiles.astype(np.float64), -1, 0)
+    left, middle, right = (np.moveaxis(part, 0, -1) for part in _paint_and_sides_of_rows(rows))
     return left, middle, right
 
 
-def _ridge_response(profiles: NDArray[np.float32]) -> Array:
-    """Mean over the paint's width less the lighter one of both sides (N, S - 4 TAPS), from profiles (N, S)."""
-    left, middle, right = paint_and_sides(profiles)
+def _paint_and_sides_of_rows(rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """Means of TAPS rows (S, ...) left of a place, on it and right of it, (S - 4 TAPS, ...) each."""
+    last = len(rows) - TAPS + 1
+    means = rows[:last] / TAPS
+    for k in range(1, TAPS):
+        means += rows[k : last + k] / TAPS
+    size = len(rows) - 4 * TAPS
+    # half a width of blur lies between the paint and the surface that it is compared with
+    left, middle, right = (means[start : start + size] for start in (0, 3 * TAPS // 2, 3 * TAPS))
+    return left, middle, right
+
+
+def _ridge_response(rows: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Mean over the paint's width less the lighter one of both sides (S - 4 TAPS, N), from rows (S, N) of samples."""
+    left, middle, right = _paint_and_sides_of_rows(rows)
     return np.asarray(middle - np.maximum(left, right))

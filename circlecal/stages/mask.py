@@ -123,7 +123,7 @@ def find_marking(
     ruled_out : tuple of Interpretation
         What the built-in detector shall not find again.
     first_look : Detection, optional
-        What :func:`look_quickly` found, with which the built-in detector goes on where nothing is ruled out.
+        What :func:`look_quickly` found, with which the built-in detector goes on.
 
     Returns
     -------
@@ -142,8 +142,7 @@ def find_marking(
     if given is None and config.source == "file":
         return MarkingMask(np.zeros(image.shape[:2], dtype=np.uint8), "file"), refuse("mask", "no_mask")
     if given is None or config.source == "detector":
-        earlier = None if ruled_out else first_look
-        return marking_from_detection(detect(image, config.detector, rng, gray, ruled_out, earlier))
+        return marking_from_detection(detect(image, config.detector, rng, gray, ruled_out, first_look))
     return marking_from_classes(given, config, rng)
 
 

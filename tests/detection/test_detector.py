@@ -6,15 +6,16 @@ import pytest
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from circlecal.detection import Detection, DetectorConfig, circle, detect
+from circlecal.detection import Detection, DetectorConfig, candidates, circle, detect, one_pass
 from circlecal.detection.arcs import GAPLESS_SHARE
 from circlecal.detection.field_region import find_field_region
-from circlecal.detection.one_pass import FLAT_WIDTH_PX, FLATTEST, first_pass, flat_pass, run_pass, second_pass
+from circlecal.detection.one_pass import FLAT_WIDTH_PX, FLATTEST, PictureSearch, first_pass, flat_pass, second_pass
 from circlecal.detection.picture import Picture
 from circlecal.geometry.conics import sampson_distance
 from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.projective import Array, lift
 from circlecal.refusals import Confidence
+from circlecal.results import Interpretation
 
 from .conftest import GRASS, HALFWAY_AND_CIRCLE, PENALTY_AREA, RADIUS_M, Scene, level, paint_scene, ring
 
@@ -29,7 +30,7 @@ def points_of_first_pass(image: np.ndarray, config: DetectorConfig) -> Array:
     """Ridge points (N, 2) of the first pass, px of the full picture."""
     region = find_field_region(image, config.field_region)
     picture = Picture(image, np.ascontiguousarray(image[:, :, 1]))
-    found = run_pass(picture, region, config, first_pass(config, 1.0), np.random.default_rng(7), ())
+    found = PictureSearch(picture).run_pass(region, config, first_pass(config, 1.0), np.random.default_rng(7))
     return found.scaling.full(found.ridges.points)
 
 
@@ -348,3 +349,22 @@ def test_what_each_surface_shows_of_either_polarity_is_kept_apart() -> None:
         middles[sign] = min(abs(ellipse_from_conic(conic).center[0] - x) for conic in conics)
     assert max(middles.values()) < 3.0
     assert found.sightings[0].sign == found.polarity
+
+
+def test_a_further_interpretation_shares_what_was_found_and_measured(main_view: Scene, monkeypatch) -> None:
+    calls = []
+    first = run(main_view.image)
+    for module, name in ((one_pass, "find_ridges"), (one_pass, "search_ellipses"), (candidates, "measure_circle")):
+        usual = getattr(module, name)
+        monkeypatch.setattr(
+            module, name, lambda *a, usual=usual, name=name, **k: (calls.append(name), usual(*a, **k))[1]
+        )
+    assert first.circle is not None
+    wrong = (Interpretation(first.circle.conic, None),)
+    second = detect(main_view.image, CONFIG, np.random.default_rng(7), ruled_out=wrong, earlier=first)
+    assert "find_ridges" in calls  # the passes that were not needed before
+    calls.clear()
+    third = detect(main_view.image, CONFIG, np.random.default_rng(7), ruled_out=wrong, earlier=second)
+    assert calls == []
+    assert third.refusal == second.refusal
+    assert [c.score for c in third.candidates] == [c.score for c in second.candidates]
