@@ -252,7 +252,7 @@ def is_tentative(circle: CircleHypothesis, width: int, config: AcceptanceConfig)
     """Whether a circle of a picture of this width that is not accepted by itself may be the one, should another marking
     at its place, or the centre mark, confirm it: worn, mostly hidden, or a short arc.
     """
-    if circle.band_width is not None and circle.band_width < THINNEST_BAND:
+    if not config.even_width and circle.band_width is not None and circle.band_width < THINNEST_BAND:
         return False
     if circle.rms_px > _largest_rms(circle, width, config) or circle.whole_share < TENTATIVE_WHOLE_SHARE:
         return False
@@ -317,7 +317,7 @@ def check_circle(
     elif not is_nearly_whole and not has_halfway:
         share = config.share_of_lone_arc
     whole = config.whole_share_with_line if has_halfway else config.whole_share
-    band = circle.band_width
+    band = None if config.even_width else circle.band_width
     return (
         Check("marking_rms_px", circle.rms_px, rms, circle.rms_px <= rms),
         *(() if band is None else (Check("band_width", band, THINNEST_BAND, band >= THINNEST_BAND),)),

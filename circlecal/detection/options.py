@@ -100,6 +100,11 @@ class AcceptanceConfig(BaseModel):
 
     model_config = _STRICT
 
+    even_width: bool = Field(
+        default=False,
+        description="Whether a marking may be as wide everywhere in the picture, as rims are, and rings that were drawn"
+        " into it.",
+    )
     share: float = Field(
         default=0.74, ge=0.0, le=1.0, description="Smallest share of the visible circle that is drawn."
     )
@@ -155,6 +160,11 @@ class DetectorConfig(BaseModel):
         default=None,
         description="Whether markings are lighter or darker than the surface; any tries both, light first; null as the"
         " field template says.",
+    )
+    rims: bool | None = Field(
+        default=None,
+        description="Whether the circle may be the rim of a painted disc or of a logo, which is an edge and no line,"
+        " and is looked for where no line is found; null as the field template says.",
     )
     one_paint: bool | None = Field(
         default=None,

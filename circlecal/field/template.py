@@ -110,7 +110,7 @@ class Circle(_Element):
     fill: Literal["none", "logo", "disc"] = Field(
         "none",
         description="What may lie inside: a logo up to the line, or the circle is the rim of a painted disc, which is "
-        "an edge and no line.",
+        "an edge and no line. Rims are looked for where no line is found.",
     )
 
 

@@ -56,17 +56,19 @@ def measure(
             if marking is None:
                 options = suit_field(config.mask, template)
                 key = ("marking", options.model_dump_json(), *(other.key for other in ruled_out))
-                look = scene.given, options, setting.rng, scene.gray, ruled_out, scene.first_look
+                look = scene.given, options, setting.rng, scene.marked, ruled_out, scene.first_look
                 marking, refusal = scene.looks.once(key, lambda: find_marking(scene.image, *look))
             attempt = replace(attempt, mask=marking)
         if refusal is not None:
             raise refusal
         with setting.clock("edges"):
-            picture = lighten_markings(scene.gray, marking, circle)
+            picture = lighten_markings(scene.marked, marking, circle)
             edges = detect_edges(picture, marking, config.edges)
             attempt = replace(attempt, edges=edges)
         with setting.clock("rays"):
+            # a rim has no width, and no two edges
             relative_width = template.marking_width_m / template.radius(circle, "center")
+            relative_width = 0.0 if circle.fill == "disc" else relative_width
             rays = cast_rays(picture, edges, marking, relative_width, config.rays, setting.rng)
             attempt = replace(attempt, rays=rays)
         with setting.clock("ellipse"):
@@ -223,7 +225,7 @@ def look_again(setting: Setting, scene: Scene, attempt: Attempt) -> Attempt:
         return attempt
     mask, _, cues, observations, camera, _ = attempt.fitted
     template, circle = setting.template, setting.circle
-    picture = lighten_markings(scene.gray, mask, circle)
+    picture = lighten_markings(scene.marked, mask, circle)
     if attempt.code == "circle_unconfirmed" and is_circle_painted(picture, camera, template, circle):
         attempt = judge_attempt(setting, replace(attempt, mask=replace(mask, confidence=Confidence.ACCEPTED)))
     with setting.clock("verdict"):
@@ -231,8 +233,9 @@ def look_again(setting: Setting, scene: Scene, attempt: Attempt) -> Attempt:
         if verdict is None or verdict.status == "refused":
             return attempt
         carriers = frozenset(name for name in (circle.name, template.halfway_line) if name is not None)
+        ground = picture if scene.relief is None else scene.gray
         evidence = measure_evidence(picture, mask, camera, template, carriers)
-        verdict = weigh_evidence(verdict, camera, evidence, measure_surroundings(picture, mask, camera, template))
+        verdict = weigh_evidence(verdict, camera, evidence, measure_surroundings(ground, mask, camera, template))
         attempt = replace(attempt, verdict=verdict)
         if verdict.status == "refused":
             return attempt

@@ -61,7 +61,7 @@ def take_field_lines(setting: Setting, scene: Scene, first: Attempt) -> Iterator
         return
     mask, template, circle, config = first.mask, setting.template, setting.circle, setting.config
     with setting.clock("cues"):
-        picture = lighten_markings(scene.gray, mask, circle)
+        picture = lighten_markings(scene.marked, mask, circle)
         side, cues = config.correspondences.camera_side, config.cues
         noise = estimate_noise(picture)
         namings = observe_field_lines(picture, mask, noise, template, cues.search_px, cues.spacing_px, side)

@@ -148,7 +148,7 @@ def look_for_paint(scene: Scene, mask: MarkingMask, config: Config, template: Fi
     told = config.mask.paint_bgr, config.mask.other_paint_bgr
     said = options.ridges.model_dump_json(), options.field_region.light, options.detection_width_px, told
     key = ("surface", *said, has_colours, mask.polarity, surface)
-    ridges = scene.looks.once(key, lambda: see_surface(scene.image, scene.gray, mask, options, has_colours))
+    ridges = scene.looks.once(key, lambda: see_surface(scene.image, scene.marked, mask, options, has_colours))
     return None if ridges is None else see_paint(ridges, mask)
 
 
@@ -256,7 +256,7 @@ def _follow_placement(setting: Setting, scene: Scene, mask: MarkingMask, placed:
     """The calibrated attempt that a placement leads to; None where there is none, or it leads far away."""
     told = replace(setting, circle=placed.circle)
     mask = replace(mask, conic=placed.conic, halfway=None, confidence=Confidence.ACCEPTED, band_px=0.0)
-    picture = lighten_markings(scene.gray, mask, placed.circle)
+    picture = lighten_markings(scene.marked, mask, placed.circle)
     attempt = Attempt(mask=mask, circle_name=placed.circle.name)
     try:
         with setting.clock("edges"):
@@ -356,7 +356,7 @@ def take_in_markings(setting: Setting, scene: Scene, attempt: Attempt) -> Iterat
     """The attempt with every marking that lies where its camera puts it, and with the checks that it passed."""
     if attempt.mask is None or attempt.camera is None or attempt.verdict is None:
         return
-    picture = lighten_markings(scene.gray, attempt.mask, setting.circle)
+    picture = lighten_markings(scene.marked, attempt.mask, setting.circle)
     fuller = _settle_view(setting, picture, attempt, attempt.camera.view)
     if fuller is None:
         return

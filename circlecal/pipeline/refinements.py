@@ -85,7 +85,7 @@ def remeasure_along_camera(setting: Setting, scene: Scene, attempt: Attempt) -> 
     mask, edges, cues, observations, camera, _ = attempt.fitted
     is_turned_by_lines = cues.halfway is None and bool(camera.names_by_line)
     circle = setting.circle
-    picture = lighten_markings(scene.gray, mask, circle)
+    picture = lighten_markings(scene.marked, mask, circle)
     curves = (circle, *(setting.template.arcs if is_turned_by_lines else ()))
     found = measure_curves(setting, picture, camera, curves, edges.noise)
     if circle.name not in found:
@@ -111,7 +111,7 @@ def add_faint_lines(setting: Setting, scene: Scene, attempt: Attempt) -> Iterato
         return
     mask, _, cues, observations, camera, _ = attempt.fitted
     with setting.clock("cues"):
-        picture = lighten_markings(scene.gray, mask, setting.circle)
+        picture = lighten_markings(scene.marked, mask, setting.circle)
         found = find_faint_lines(picture, camera, setting.template, setting.circle)
     if not found:
         return

@@ -13,6 +13,7 @@ from circlecal.errors import InputError
 from circlecal.observations import Observations
 from circlecal.paint.brightness import measure_paint
 from circlecal.pipeline.attempts import estimate, take_observations
+from circlecal.pipeline.discs import DISCS
 from circlecal.pipeline.field_lines import FIELD_LINES, look_for_field_lines
 from circlecal.pipeline.fields import Convention, apply_convention, field_of
 from circlecal.pipeline.other_circles import ARCS, OTHER_CIRCLES, mask_arcs
@@ -28,7 +29,7 @@ ARC_ALONE = (
 """Why arcs are not enough."""
 
 
-OTHER_INTERPRETATIONS = (PLACED_FIELD, OTHER_CIRCLES, ARCS, FIELD_LINES)
+OTHER_INTERPRETATIONS = (PLACED_FIELD, OTHER_CIRCLES, ARCS, FIELD_LINES, DISCS)
 """What else in the picture is taken for the circle; in this order."""
 
 

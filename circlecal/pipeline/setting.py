@@ -112,6 +112,8 @@ class Scene:
         BGR picture, with both halves of an interlaced frame joined.
     gray : (H, W) uint8
         Its brightness.
+    relief : (H, W) uint8 or None
+        In its place for all that is painted: lines and edges as light bands, where a disc's rim is looked for.
     given : (H, W) uint8 or None
         The user's marking mask.
     extra : Observations or None
@@ -128,6 +130,12 @@ class Scene:
     extra: Observations | None
     first_look: Detection | None
     looks: Looks = field(default_factory=Looks)
+    relief: NDArray[np.uint8] | None = None
+
+    @property
+    def marked(self) -> NDArray[np.uint8]:
+        """The picture (H, W) in which markings are measured."""
+        return self.gray if self.relief is None else self.relief
 
 
 def prepare_scene(

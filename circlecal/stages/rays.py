@@ -9,6 +9,8 @@ from its flux.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
@@ -44,6 +46,9 @@ LINE_NODES = 65
 """Along a straight marking, which tell what of it the picture shows."""
 WIDEST = 0.25
 """Paint that a camera predicts wider, in picture widths, is no marking that could be measured."""
+RIM_PX = 4.5
+"""Width, pixels at 1920 px width, in which the rim of a disc shows where edges stand out as bands: three times what the
+filter and the usual blur of a picture add up to."""
 FIRST_STEP = 4.0
 """The first look at the rough ellipse takes profiles this many times as far apart."""
 
@@ -94,7 +99,7 @@ def cast_rays(
     mask : MarkingMask
         Its rough ellipse gives the first centre; the centre need not be inside the picture.
     relative_width : float
-        Marking width over the radius of its centreline.
+        Marking width over the radius of its centreline; 0 of the rim of a disc, which has one edge.
     config : RaysConfig
         Options.
     rng : numpy.random.Generator
@@ -117,6 +122,9 @@ def cast_rays(
     second = _centreline(picture, center_fit, edges.noise, config.refine_px * unit, relative_width, config, 1.0)
     if len(second.points) < 12:
         raise refuse("rays", "no_band")
+    if relative_width == 0.0:
+        nothing = np.zeros((0, 2))
+        edges = replace(edges, points_px=nothing, normals=nothing, contrast=nothing[:, 0], sigma_px=nothing[:, 0])
     outer, inner, rays, rejected = _pair_edges(edges, center_fit, second, relative_width, config, unit)
     return RayPoints(
         center_px=center_fit.center,
@@ -198,6 +206,8 @@ def measure_along_model(
     across /= np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), 1e-9)
     predicted = np.abs(np.sum(across * normals, axis=-1))
     inside = np.isfinite(points).all(axis=1) & ((points >= 0) & (points <= (width - 1, height - 1))).all(axis=1)
+    if circle.fill == "disc":
+        predicted = np.full(count, RIM_PX * width / 1920.0)
     inside &= predicted < WIDEST * width
     if isinstance(circle, Arc):
         clear = search + CLEAR_OF_ENDS_PX * width / 1920.0
@@ -256,6 +266,8 @@ def _centreline(
     inside = ((points >= 0) & (points <= (width - 1, height - 1))).all(axis=1)
     angles, points, normals = angles[inside], points[inside], normals[inside]
     predicted = _predict_width(ellipse, points, normals, relative_width)
+    if relative_width == 0.0:
+        predicted = np.full(len(points), RIM_PX * width / 1920.0)
     middle, chosen, plausible = _bands_along(picture, points, normals, predicted, noise, search_px, config, step)
     return _Centreline(middle, chosen, angles[plausible], int((~plausible).sum()))
 

@@ -87,6 +87,16 @@ def plain(bgr: Array) -> NDArray[np.float32]:
     return canvas.astype(np.float32)
 
 
+def disc(bgr: Array, right_bgr: Array | None = None) -> NDArray[np.float32]:
+    """A disc that touches the sides of its square, its right half in another colour where one is given."""
+    canvas = _blank()
+    middle = _TEXELS // 2
+    cv2.circle(canvas, (middle, middle), middle, [*(float(v) for v in np.clip(bgr, 0, 255)), 255.0], -1, cv2.LINE_AA)
+    if right_bgr is not None:
+        canvas[:, middle:, :3] = np.clip(right_bgr, 0, 255)
+    return canvas.astype(np.float32)
+
+
 def half_disc(bgr: Array, *, towards_right: bool) -> NDArray[np.float32]:
     """The half of a disc that lies to the right or left of its straight side, which is in the middle."""
     canvas = _blank()
