@@ -125,7 +125,7 @@ class Problem:
         if priors.is_camera_free:
             viewing, by_viewing = to_viewing_with_jacobian(theta, priors.center_of(theta))
             usable = np.isfinite(viewing.sum(axis=1) + by_viewing.sum(axis=(1, 2)))
-            by_straight = np.tile(_IDENTITY, (len(theta), 1, 1))
+            by_straight = np.repeat(_IDENTITY[None], len(theta), axis=0)
             by_straight[:, :VIEWING, :VIEWING] = by_viewing
             by_straight[:, _PLACE, _GROWTH] = priors.center_by_growth
             if not usable.all():
@@ -134,8 +134,9 @@ class Problem:
             turned = np.swapaxes(by_straight, 1, 2)
             gradient, normal = turned @ gradient, turned @ normal @ by_straight
         block, slope = normal[:, active[:, None], active], gradient[:, active, 0]
-        both = np.concatenate([damping, np.full(len(damping), LEAST_DAMPING)])
-        change, undamped = np.split(-solve_damped(np.tile(block, (2, 1, 1)), np.tile(slope, (2, 1)), both), 2)
+        count, both = len(damping), np.append(damping, np.full(len(damping), LEAST_DAMPING))
+        changes = -solve_damped(np.concatenate([block, block]), np.concatenate([slope, slope]), both)
+        change, undamped = changes[:count], changes[count:]
         full = np.zeros_like(theta)
         full[:, active] = change
         size = np.abs(full[:, :VIEWING])

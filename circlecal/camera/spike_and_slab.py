@@ -252,27 +252,29 @@ def _log_evidence_of_others(problem: Problem, state: State, known: int) -> float
     with standard deviation s give the integral of exp(-chi2 / 2) du / R^2, which is
     ``exp(-chi2_min / 2) 2 pi / (R^2 sqrt det A)``, ``A = sum a a^T / s^2``, ``a = (1 - t, t)``.
     """
-    curves, total = problem.curves, 0.0
+    curves = problem.curves
+    own = np.flatnonzero(curves.group >= known)
+    if len(own) == 0:
+        return 0.0
+    own = own[np.argsort(curves.group[own], kind="stable")]
+    _, first, count = np.unique(curves.group[own], return_index=True, return_counts=True)
+    is_line = count > 1
     range_px = ANYWHERE_PX * problem.model.width / 1920.0
-    values = state.residuals[0]
+    values, sigma, t = state.residuals[0, own], curves.sigma_px[own], state.feet[0, own]
     # a residual beyond the loss's scale costs no more
     robust = values / np.sqrt(1.0 + values**2 / problem.loss_scale**2)
-    for group in range(known, len(curves.keys)):
-        own = np.flatnonzero(curves.group == group)
-        sigma = curves.sigma_px[own]
-        if len(own) == 1:
-            prior = np.log(OTHER_END_SHARE / (1.0 - OTHER_END_SHARE))
-            total += prior + 0.5 * np.log(2.0 * np.pi) + float(np.log(sigma[0])) - np.log(range_px)
-            continue
-        t = state.feet[0, own]
-        t = (t - t.min()) / max(float(np.ptp(t)), 1e-9)
-        rows = np.column_stack([1.0 - t, t]) / sigma[:, None]
-        moved, *_ = np.linalg.lstsq(rows, robust[own], rcond=None)
-        least = float(((robust[own] - rows @ moved) ** 2).sum())
-        _, determinant = np.linalg.slogdet(rows.T @ rows)
-        prior = np.log(OTHER_LINE_SHARE / (1.0 - OTHER_LINE_SHARE))
-        total += prior - 0.5 * least + np.log(2.0 * np.pi) - 0.5 * determinant - 2.0 * np.log(range_px)
-    return float(total)
+    low, high = np.minimum.reduceat(t, first), np.maximum.reduceat(t, first)
+    t = (t - np.repeat(low, count)) / np.repeat(np.maximum(high - low, 1e-9), count)
+    near, far = (1.0 - t) / sigma, t / sigma
+    products = np.stack([near * near, near * far, far * far, near * robust, far * robust, robust * robust])
+    aa, ab, bb, ar, br, rr = np.add.reduceat(products, first, axis=1)[:, is_line]
+    determinant = aa * bb - ab * ab
+    least = rr - (bb * ar * ar - 2.0 * ab * ar * br + aa * br * br) / determinant
+    lines = np.log(OTHER_LINE_SHARE / (1.0 - OTHER_LINE_SHARE)) + np.log(2.0 * np.pi) - 2.0 * np.log(range_px)
+    lines = lines - 0.5 * least - 0.5 * np.log(determinant)
+    ends = np.log(OTHER_END_SHARE / (1.0 - OTHER_END_SHARE)) + 0.5 * np.log(2.0 * np.pi) - np.log(range_px)
+    ends = ends + np.log(sigma[first[~is_line]])
+    return float(lines.sum() + ends.sum())
 
 
 def posterior_shares(answers: Sequence[Answer]) -> Array:

@@ -85,7 +85,10 @@ def _jacobian(theta: Array, R: Array, offset: Array, local: Array) -> Array:
     x, y, z = offset.T
     level2 = np.maximum(x * x + y * y, 1e-12)
     distance2 = level2 + z * z
+    level = np.sqrt(level2)
     ahead = local[:, 2] > 0
+    is_ahead = bool(ahead.all())
+    depth = local[:, 2] if is_ahead else np.where(ahead, local[:, 2], 1.0)
     c, s = np.cos(theta[:, 3]), np.sin(theta[:, 3])
     change = np.zeros((len(theta), 3, VIEWING))
     change[:, :, 1] = R[:, :, 1] * x[:, None] - R[:, :, 0] * y[:, None]
@@ -93,18 +96,17 @@ def _jacobian(theta: Array, R: Array, offset: Array, local: Array) -> Array:
     change[:, 2, 2] = -(s * local[:, 0] + c * local[:, 1])
     change[:, 0, 3], change[:, 1, 3] = local[:, 1], -local[:, 0]
     change[:, :, 4:7] = -R
-    normalised = local[:, :2] / np.where(ahead, local[:, 2], 1.0)[:, None]
-    per_depth = (np.exp(theta[:, 0]) / np.where(ahead, local[:, 2], 1.0))[:, None, None]
+    normalised = local[:, :2, None] / depth[:, None, None]
+    focal = np.exp(theta[:, 0])[:, None, None]
     forward = np.zeros((len(theta), VIEWING, VIEWING))
-    forward[:, 1:3] = per_depth * (change[:, :2] - normalised[..., None] * change[:, 2:])
-    forward[:, 1:3, 0] = np.exp(theta[:, :1]) * normalised
+    forward[:, 1:3] = focal / depth[:, None, None] * (change[:, :2] - normalised * change[:, 2:])
+    forward[:, 1:3, :1] = focal * normalised
     forward[:, 0, 0] = forward[:, 3, 3] = 1.0
     forward[:, 4, 4:7] = offset / distance2[:, None]
     forward[:, 5, 4], forward[:, 5, 5] = y / level2, -x / level2
-    level = np.sqrt(level2)
     forward[:, 6, 4:6] = offset[:, :2] * (z / (level * distance2))[:, None]
     forward[:, 6, 6] = -level / distance2
-    if not ahead.all():
+    if not is_ahead:
         forward[~ahead] = np.eye(VIEWING)
     try:
         return np.asarray(np.linalg.inv(forward), dtype=np.float64)

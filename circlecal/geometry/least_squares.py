@@ -10,6 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields, replace
 from enum import Enum
+from functools import cache
 from typing import Generic, Protocol, Self, TypeVar
 
 import numpy as np
@@ -77,7 +78,7 @@ class Batch:
 
     def select(self, index: Indices | Mask) -> Self:
         """The starts at an index or mask."""
-        return type(self)(*(getattr(self, name)[index] for name in _names(self)))
+        return type(self)(*(getattr(self, name)[index] for name in _names(type(self))))
 
     def put(self, index: Indices, other: Self) -> Self:
         """The batch with others (K) at an index (K,) of distinct starts."""
@@ -89,12 +90,13 @@ class Batch:
             values[index] = getattr(other, name)
             return np.asarray(values)
 
-        names = _names(self)
+        names = _names(type(self))
         return other if len(index) == len(getattr(self, names[0])) else type(self)(*map(replace_rows, names))
 
 
-def _names(batch: Batch) -> list[str]:
-    return [f.name for f in fields(batch)]  # type: ignore[arg-type]  # every subclass is a dataclass
+@cache
+def _names(kind: type[Batch]) -> tuple[str, ...]:
+    return tuple(f.name for f in fields(kind))  # type: ignore[arg-type]  # every subclass is a dataclass
 
 
 class State(Protocol):
