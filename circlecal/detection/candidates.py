@@ -8,6 +8,7 @@ import numpy as np
 
 from circlecal.detection.arcs import find_longest_arc, move_onto_straight_arcs
 from circlecal.detection.circle import (
+    LEAST_FIRST_SHARE,
     TENTATIVE_WHOLE_SHARE,
     CircleHypothesis,
     MeasuredCircle,
@@ -201,7 +202,8 @@ class Candidates:
         """The one ellipse of the batch, measured, and what speaks for it without a halfway line."""
         config, width, gray = self._config, self._width, self._picture.gray
         circle = measure_circle(gray, start, self._sign, config.refinement)
-        circle = move_onto_straight_arcs(gray, circle, self._segments, config.refinement)
+        if circle.seen_share >= LEAST_FIRST_SHARE:
+            circle = move_onto_straight_arcs(gray, circle, self._segments, config.refinement)
         inside = measure_support(self._scaling.detection_ellipses(circle.ellipse), self._raster).field[0]
         hypothesis = describe_circle(circle, float(inside), width)
         hypothesis = replace(hypothesis, checks=check_circle(hypothesis, True, width, config.acceptance))

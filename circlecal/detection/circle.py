@@ -22,6 +22,7 @@ from circlecal.refusals import CHECKS
 from circlecal.results import Check
 
 __all__ = [
+    "LEAST_FIRST_SHARE",
     "CircleHypothesis",
     "MeasuredCircle",
     "check_circle",
@@ -40,6 +41,10 @@ ROUNDS = 2
 """Of profiles and fit, the first on every other sample."""
 LEAST_REACH_PX = 3.0
 """Half length of a profile in pixels of the picture, which both sides of the paint need in small pictures."""
+LEAST_FIRST_SHARE = 0.08
+"""Share of the samples in the picture that show a marking in the first round below which there is no second one: of
+1,569 ellipses in 81 real pictures of several sports 410 had less, and none of these was a circle or an arc.
+"""
 FEWEST_TO_FIT = 12
 """Samples that move the ellipse between two rounds; five fix it."""
 PIECES = 8
@@ -149,6 +154,11 @@ class MeasuredCircle:
     sign: float
 
     @property
+    def seen_share(self) -> float:
+        """Share of the samples in the picture that show a marking."""
+        return float(np.count_nonzero(self.curve.supported)) / max(1, int(np.count_nonzero(self.curve.inside)))
+
+    @property
     def widest_px(self) -> float:
         """Width of the marking where it is widest; 0 where it is not seen."""
         width = np.sort(self.curve.width[self.curve.supported])
@@ -158,7 +168,7 @@ class MeasuredCircle:
 def measure_circle(
     gray: NDArray[np.uint8], ellipse: EllipseBatch, sign: float, config: ProfilesConfig
 ) -> MeasuredCircle:
-    """Follow the marking along an ellipse and fit the ellipse to it, in a few rounds.
+    """Follow the marking along an ellipse and fit the ellipse to it, in a few rounds, or in one where it shows nothing.
 
     Parameters
     ----------
@@ -184,6 +194,8 @@ def measure_circle(
         reaches = max(reach, LEAST_REACH_PX) + config.width_share * depth
         pieces = np.arange(len(points)) * PIECES // len(points)
         circle = MeasuredCircle(ellipse, share, measure_curve(gray, points, normals, reaches, pieces, sign), sign)
+        if circle.seen_share < LEAST_FIRST_SHARE:
+            break
         marking = circle.curve.marking_points
         if turn + 1 < ROUNDS and len(marking) >= FEWEST_TO_FIT:
             ellipse = adjust_ellipses(ellipse, marking[None], np.ones((1, len(marking))))
@@ -213,10 +225,9 @@ def describe_circle(circle: MeasuredCircle, field_share: float, width: int) -> C
     """Shares, residual and conic of a measured circle in a picture of the given width."""
     curve = circle.curve
     on = curve.supported
-    seen = max(1, int(np.count_nonzero(curve.inside)))
     visible = float(circle.angle_share[curve.inside].sum())
     whole = float(circle.angle_share[on].sum())
-    picture_share = float(np.count_nonzero(on)) / seen
+    picture_share = circle.seen_share
     rms = float(np.sqrt(np.mean(curve.offset[on] ** 2))) if on.any() else float("inf")
     return CircleHypothesis(
         conic=ellipse_conic(circle.ellipse),

@@ -8,9 +8,8 @@ scales with the diagonal of the normal equations (Marquardt 1963).
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from enum import Enum
-from functools import cache
 from typing import Generic, Protocol, Self, TypeVar
 
 import numpy as np
@@ -78,7 +77,7 @@ class Batch:
 
     def select(self, index: Indices | Mask) -> Self:
         """The starts at an index or mask."""
-        return type(self)(*(getattr(self, name)[index] for name in _names(type(self))))
+        return type(self)(*(getattr(self, name)[index] for name in _names(self)))
 
     def put(self, index: Indices, other: Self) -> Self:
         """The batch with others (K) at an index (K,) of distinct starts."""
@@ -90,13 +89,12 @@ class Batch:
             values[index] = getattr(other, name)
             return np.asarray(values)
 
-        names = _names(type(self))
+        names = _names(self)
         return other if len(index) == len(getattr(self, names[0])) else type(self)(*map(replace_rows, names))
 
 
-@cache
-def _names(kind: type[Batch]) -> tuple[str, ...]:
-    return tuple(f.name for f in fields(kind))  # type: ignore[arg-type]  # every subclass is a dataclass
+def _names(batch: Batch) -> tuple[str, ...]:
+    return tuple(batch.__dataclass_fields__)  # type: ignore[attr-defined]  # every subclass is a dataclass
 
 
 class State(Protocol):
