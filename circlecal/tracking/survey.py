@@ -250,8 +250,8 @@ def _fit_alone(
                 best = fit
         if best is None:
             return None
-        worst = int(np.argmax(best.rms_px))
-        if best.rms_px[worst] <= WORST_RMS_PX * unit:
+        worst = int(np.argmax(best.clear_rms_px))
+        if best.clear_rms_px[worst] <= WORST_RMS_PX * unit:
             return replace(best, estimate=replace(best.estimate, left_out=tuple(left_out)))
         left_out.append(kept[worst].name)
         del kept[worst]
@@ -335,12 +335,14 @@ def _learn_between(
         if look.is_confirmed:
             frames.append(HeadedFrame(f"{time_s:.3f}", look.fit.head, look.measured))
     mean, sd = _priors(config, template, place.unit, [frame.measured for frame in frames])
-    is_settled = np.diag(tripod.covariance)[SIZE] == 0.0
-    mean[SIZE], sd[SIZE] = np.where(is_settled, tripod.mean[SIZE], mean[SIZE]), np.where(is_settled, 0.0, sd[SIZE])
+    size_sd = np.sqrt(np.diag(tripod.covariance)[SIZE])
+    is_settled, is_usual = size_sd == 0.0, (size_sd > TOLD_SD_M) & (size_sd <= USUAL_SD_M)
+    mean[SIZE] = np.select([is_settled, is_usual], [tripod.mean[SIZE], np.zeros(2)], mean[SIZE])
+    sd[SIZE] = np.select([is_settled, is_usual], [np.zeros(2), np.full(2, USUAL_SD_M)], sd[SIZE])
     alike = count_alike(fit_tripod(frames, tripod, mean, sd, drawn))
     for _ in range(2):
         fit = fit_tripod(frames, tripod, mean, sd, drawn, alike=alike)
-        heads_of = zip(frames, fit.heads, fit.rms_px, strict=True)
+        heads_of = zip(frames, fit.heads, fit.clear_rms_px, strict=True)
         kept = [replace(frame, head=head) for frame, head, rms in heads_of if rms <= WORST_RMS_PX * place.unit]
         if len(kept) in (0, len(frames)):
             break
@@ -412,8 +414,8 @@ def _fit_members(
             fit = _choose_shape_and_size(kept, tripod, mean, sd, drawn)
         else:
             fit = _learn_beside(known, kept, tripod, drawn)
-        worst = int(np.argmax(fit.rms_px))
-        if fit.rms_px[worst] <= limit:
+        worst = int(np.argmax(fit.clear_rms_px))
+        if fit.clear_rms_px[worst] <= limit:
             return fit
         del kept[worst]
     return None
@@ -467,7 +469,7 @@ def _choose_shape_and_size(
 def _loses_a_frame(fit: TripodFit, other: TripodFit) -> bool:
     """Whether a fit takes a frame for falsely calibrated that another one explains."""
     limit = WORST_RMS_PX * fit.estimate.size[0] / 1920.0
-    return bool(((fit.rms_px > limit) & (other.rms_px <= limit)).any())
+    return bool(((fit.clear_rms_px > limit) & (other.clear_rms_px <= limit)).any())
 
 
 def _fit_roughly(

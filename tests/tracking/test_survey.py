@@ -134,6 +134,24 @@ def test_what_painters_leave_is_not_taken_for_the_size_of_the_pitch(seed: int) -
     np.testing.assert_array_equal(fit.estimate.growth_m, 0.0)
 
 
+def test_boards_behind_a_touchline_do_not_broaden_the_pitch() -> None:
+    frames, drawn, rng = [], template_curves(template()), np.random.default_rng(7)
+    far = drawn.names.index("side_line_top")
+    for k, frame in enumerate(_views_of_badly_painted_markings(1, 0.8)):
+        seen = frame.measured
+        on_it = np.flatnonzero(seen.marking == far)
+        # here and there the foot of the boards is seen instead, 3 m behind the line
+        hidden = on_it[rng.random(len(on_it)) > (0.8 if k in (2, 3, 4) else 0.0)]
+        kept = np.setdiff1d(np.arange(len(seen.marking)), hidden)
+        moved = seen.points_px - np.where(seen.marking == far, 8.0, 0.0)[:, None] * (0.0, 1.0)
+        by_place = {"marking": seen.marking, "field_m": seen.field_m, "points_px": moved, "normals": seen.normals,
+                    "width_px": seen.width_px, "scale_px_m": seen.scale_px_m, "bias_px": seen.bias_px}  # fmt: skip
+        frames.append(replace(frame, measured=replace(seen, **{name: v[kept] for name, v in by_place.items()})))
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    fit = survey._choose_shape_and_size(frames, tripod(), mean, sd, drawn)
+    np.testing.assert_array_equal(fit.estimate.growth_m, 0.0)
+
+
 def test_what_frames_repeat_does_not_average_out() -> None:
     mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
     sd[PLACE["width"]] = 0.0
