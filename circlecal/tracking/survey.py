@@ -63,6 +63,14 @@ TOLD_SD_M, USUAL_SD_M = 0.5, 1.0
 """Standard deviation of a size up to which frames tell it, and of the usual size where they do not, metres: penalty
 areas alone fit a pitch of any length, and one of 107.5 by 88 m was taken for the template's, 63 px off.
 """
+OPEN_SD_M, OUTER_FRAMES = 0.3, 3
+"""Standard deviation of a length from which on others are tried, metres, and frames to each side by which: where a clip
+ends as a penalty area comes into view, its lines are too uncertain to be looked for, and it tells nothing.
+"""
+LENGTH_STEP_M, LENGTH_SD_M, LEAST_MORE_WORTH = 0.5, 0.25, 40.0
+"""Of the lengths that are tried, what is left open of the one that is found, metres, and places of paint by which it
+must show more than half of all lengths do: 90 and 270 on two clips of one ground; without a penalty area in view 15.
+"""
 LEAST_OWN_PLACES = 30
 ROUNDS, LOOKS = 3, 3
 """In which the tripods find further frames and learn from them; and looks at a frame while its tripod changes."""
@@ -163,7 +171,7 @@ def survey_clip(
         extended = [_extend(tripod, {}, pictures, config, template, drawn, tripod)[0] for tripod in known.tripods]
         return Venue(template.name, tuple(extended))
     starts = _tripods(alone, config, template, circle, drawn)
-    grown = {t.name: _extend(t, heads, pictures, config, template, drawn) for t, heads in starts}
+    grown = {t.name: _extend_and_measure(t, heads, pictures, config, template, drawn) for t, heads in starts}
     distinct = _keep_distinct([tripod for tripod, _ in grown.values()])
     learnt = [_learn_between(t, grown[t.name][1], pictures_at, config, template, drawn, usual) for t in distinct]
     return Venue(template.name, tuple(_keep_distinct(learnt)))
@@ -309,6 +317,64 @@ def _extend(
         if is_settled:
             break
     return tripod, members
+
+
+def _extend_and_measure(
+    tripod: TripodEstimate,
+    heads: dict[str, Array],
+    pictures: dict[str, LookedAt],
+    config: Config,
+    template: FieldTemplate,
+    drawn: DrawnTemplate,
+) -> tuple[TripodEstimate, list[HeadedFrame]]:
+    """The tripod with all its frames, before a pitch whose length was searched for where these do not tell it."""
+    tripod, members = _extend(tripod, heads, pictures, config, template, drawn)
+    longer = _search_length(tripod, members, pictures, template)
+    if longer is None:
+        return tripod, members
+    return _extend(longer, {frame.name: frame.head for frame in members}, pictures, config, template, drawn)
+
+
+def _search_length(
+    tripod: TripodEstimate, members: Sequence[HeadedFrame], pictures: dict[str, LookedAt], template: FieldTemplate
+) -> TripodEstimate | None:
+    """The tripod before a pitch of the length at which the penalty areas show the most paint; None where the length is
+    known, or none shows clearly more than the others.
+    """
+    extent = template.length_range_m
+    if extent is None or tripod.sigma("length") < OPEN_SD_M:
+        return None
+    by_pan = sorted(members, key=lambda frame: float(frame.head[1]))
+    outer = {frame.name: frame for frame in (*by_pan[:OUTER_FRAMES], *by_pan[-OUTER_FRAMES:])}
+    growths = np.arange(extent[0], extent[1] + LENGTH_STEP_M / 2.0, LENGTH_STEP_M) - template.length_m
+    worth = np.array([_worth_of_length(g, tripod, outer, pictures, template) for g in growths])
+    best = int(np.argmax(worth))
+    if worth[best] < float(np.median(worth)) + LEAST_MORE_WORTH:
+        return None
+    return _hold_length(tripod, float(growths[best]))
+
+
+def _worth_of_length(
+    growth_m: float,
+    tripod: TripodEstimate,
+    frames: dict[str, HeadedFrame],
+    pictures: dict[str, LookedAt],
+    template: FieldTemplate,
+) -> float:
+    """How much paint frames show of a pitch that is longer than the template's."""
+    place = Place.of(_hold_length(tripod, growth_m), template)
+    looks = (place.look(pictures[n], f.head, place.proposal_covariance(f.head)) for n, f in frames.items())
+    return sum(look.worth for look in looks)
+
+
+def _hold_length(tripod: TripodEstimate, growth_m: float) -> TripodEstimate:
+    """The tripod before a pitch that is longer than the template's, which leaves little of its length open."""
+    length = PLACE["length"]
+    mean, covariance = tripod.mean.copy(), tripod.covariance.copy()
+    mean[length] = growth_m
+    covariance[length] = covariance[:, length] = 0.0
+    covariance[length, length] = LENGTH_SD_M**2
+    return replace(tripod, mean=mean, covariance=covariance)
 
 
 def _learn_between(

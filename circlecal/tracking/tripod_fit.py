@@ -18,7 +18,15 @@ from circlecal.geometry.camera_parameters import INDEX, ProjectionModel, project
 from circlecal.geometry.projective import Array, Indices
 from circlecal.geometry.surface import Surface
 from circlecal.rig.tripod import COMMON, PLACE, TripodEstimate, TripodModel
-from circlecal.tracking.markings import FAINT_BIAS_PX, SPACING_PX, DrawnTemplate, MeasuredFrame, grow_places, rows_of
+from circlecal.tracking.markings import (
+    CLEAR_PX_M,
+    FAINT_BIAS_PX,
+    SPACING_PX,
+    DrawnTemplate,
+    MeasuredFrame,
+    grow_places,
+    rows_of,
+)
 
 ITERATIONS = 15
 ARRIVED = 1e-4
@@ -48,11 +56,10 @@ LEAST_LEVER_M = 0.0
 """
 FARTHEST_PX = 6.0
 """Paint further off, pixels at 1920 px width, counts as so far off where frames of a false calibration are told."""
-CLEAR_PX_M, LEAST_CLEAR = 10.0, 20
-"""Scale across a marking, pixels at 1920 px width per metre, from which on what lies beside the paint is not taken for
-it, and places of that which tell of a frame. The foot of the boards behind a far touchline, at 6 of these, was 6 px off
-in right frames of a real clip, and a pitch 2.6 m too broad the better one with it; circle and penalty area in one
-picture, at 14 and more, are 20 px off where the length is by 1.8 m.
+LEAST_CLEAR = 20
+"""Places on markings that are not mistaken for what lies beside them, by which a frame is told. The foot of the boards
+behind a far touchline was 6 px off in right frames of a real clip, and a pitch 2.6 m too broad the better one with it;
+circle and penalty area in one picture are 20 px off where the length is by 1.8 m.
 """
 LEAST_NOISE_PX = 0.05
 """Of a measured middle, pixels."""

@@ -20,7 +20,7 @@ from circlecal.pipeline import run_observations
 from circlecal.rig.tripod import PLACE, Venue
 from circlecal.tracking import survey
 from circlecal.tracking.head_fit import HeadFit
-from circlecal.tracking.looking import Look
+from circlecal.tracking.looking import Look, LookedAt
 from circlecal.tracking.markings import template_curves
 from circlecal.tracking.stretches import ClipRun, survey_video
 from circlecal.tracking.survey import survey_clip
@@ -150,6 +150,21 @@ def test_boards_behind_a_touchline_do_not_broaden_the_pitch() -> None:
     mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
     fit = survey._choose_shape_and_size(frames, tripod(), mean, sd, drawn)
     np.testing.assert_array_equal(fit.estimate.growth_m, 0.0)
+
+
+def test_a_penalty_area_that_comes_into_view_tells_a_length_that_was_open() -> None:
+    length, heads = PLACE["length"], [HEAD + np.array([0.0, 0.01 * k, 0.0]) for k in range(2)]
+    pictures = [draw(head, np.random.default_rng(k)) for k, head in enumerate(heads)]
+    looked_at = {str(k): LookedAt.of(p, load_config().mask.detector) for k, p in enumerate(pictures)}
+    members = [HeadedFrame(str(k), head, measure_ideal(head, np.zeros(2), 0.1, np.random.default_rng(k)))
+               for k, head in enumerate(heads)]  # fmt: skip
+    wrong = tripod()
+    wrong.mean[length], wrong.covariance[length, length] = 6.0, 3.0**2
+    found = survey._search_length(wrong, members, looked_at, template())
+    assert found is not None
+    assert abs(found.mean[length]) <= survey.LENGTH_STEP_M / 2.0
+    wrong.covariance[length, length] = 0.1**2
+    assert survey._search_length(wrong, members, looked_at, template()) is None
 
 
 def test_what_frames_repeat_does_not_average_out() -> None:
