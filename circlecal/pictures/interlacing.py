@@ -68,6 +68,12 @@ def remove_combs(image: NDArray[np.uint8], motion: Array) -> NDArray[np.uint8]:
     return whole
 
 
+def join_fields(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The BGR picture (H, W, 3) of one moment: of an interlaced frame the one between its fields, else the frame."""
+    motion = measure_row_motion(image[..., 1])
+    return image if motion is None else remove_combs(image, motion)
+
+
 def _is_combed(brightness: NDArray[np.uint8]) -> bool:
     rows = np.linspace(0, brightness.shape[0] - 5, ROWS).astype(np.int64)
     a, b, c, e = (brightness[rows + k].astype(np.int16) for k in (0, 1, 2, 4))

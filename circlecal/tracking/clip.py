@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
 from circlecal.config import Config
+from circlecal.pictures.interlacing import join_fields
 from circlecal.pipeline import field_of
 from circlecal.rig.tripod import Venue
 from circlecal.tracking.answers import answer_shot
@@ -48,6 +50,9 @@ def track_frames(
             return list(answer_shot(waiting, count))
 
     for frame in frames:
+        if config.mask.deinterlace:
+            with clock.measure("picture"):
+                frame = replace(frame, picture=join_fields(frame.picture))
         entry = follower.follow(frame)
         if waiting and entry.shot != waiting[-1].shot:
             yield from answer(len(waiting))

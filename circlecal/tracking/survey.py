@@ -14,6 +14,7 @@ from circlecal.config import Config
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import Surface, SurfaceShape
+from circlecal.pictures.interlacing import join_fields
 from circlecal.pipeline import field_of, run
 from circlecal.results import CameraFit
 from circlecal.rig.positions import group_positions
@@ -139,6 +140,7 @@ def survey_clip(
     """
     template, circle = field_of(config)
     drawn = template_curves(template)
+    pictures_at = _without_combs(pictures_at) if config.mask.deinterlace else pictures_at
     step = max(LEAST_STEP_S, duration_s / MOST_PICTURES)
     times = np.arange(0.0, max(duration_s - 0.5 * step, 0.01), step)
     pictures: dict[str, LookedAt] = {}
@@ -175,6 +177,16 @@ def survey_clip(
     distinct = _keep_distinct([tripod for tripod, _ in grown.values()])
     learnt = [_learn_between(t, grown[t.name][1], pictures_at, config, template, drawn, usual) for t in distinct]
     return Venue(template.name, tuple(_keep_distinct(learnt)))
+
+
+def _without_combs(pictures_at: PicturesAt) -> PicturesAt:
+    """Decodes pictures of one moment each, also from interlaced frames."""
+
+    def decode(times: Sequence[float]) -> Iterator[NDArray[np.uint8] | None]:
+        for picture in pictures_at(times):
+            yield None if picture is None else join_fields(picture)
+
+    return decode
 
 
 def _keep_distinct(tripods: Sequence[TripodEstimate]) -> list[TripodEstimate]:
