@@ -102,6 +102,7 @@ def _answer_frame(entry: Entry, values: Array, covariance: Array, support: int) 
     limit = LARGEST_SIGMA_PX * place.unit
     checks = (
         Check("painted_share", entry.painted / max(entry.expected, 1), BARE_SHARE, not entry.is_contradicted),
+        Check("missing_markings", float(entry.missing), 0.0, entry.missing == 0),
         Check("frames_to_confirmed", float(support), FOLLOWED_FRAMES, support <= FOLLOWED_FRAMES),
         Check("sigma_px", sigma_px, limit, bool(sigma_px <= limit)),
     )
@@ -110,7 +111,7 @@ def _answer_frame(entry: Entry, values: Array, covariance: Array, support: int) 
         entry.index, entry.time_s, entry.size, entry.shot, tripod.name, "calibrated", None, None, view, head,
         entry.carriers, checks, sigma_px,
     )  # fmt: skip
-    if support > (DOUBTFUL_FRAMES if entry.expected >= DOUBTFUL_PLACES else FOLLOWED_FRAMES):
+    if entry.missing > 0 or support > (DOUBTFUL_FRAMES if entry.expected >= DOUBTFUL_PLACES else FOLLOWED_FRAMES):
         return _refuse(frame, "paint_missing")
     return frame if sigma_px <= limit else _refuse(frame, "too_uncertain")
 

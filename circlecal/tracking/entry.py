@@ -42,6 +42,8 @@ class Entry:
     """From the frame before."""
     is_confirmed: bool = False
     is_contradicted: bool = False
+    missing: int = 0
+    """Number of markings that must be seen broadly and are not seen where the camera puts them."""
     expected: int = 0
     painted: int = 0
     rms_px: float = np.inf
@@ -51,14 +53,14 @@ class Entry:
         """Take back where the camera was thought to be: the frame begins another shot, and is lost so far."""
         self.shot, self.place, self.motion = shot, None, None
         self.information, self.toward, self.by_common = np.zeros((3, 3)), np.zeros(3), None
-        self.is_confirmed = self.is_contradicted = False
+        self.is_confirmed, self.is_contradicted, self.missing = False, False, 0
 
     def take(self, look: Look, expected: Array, covariance: Array, is_followed: bool) -> None:
         """Keep what a look brought: of the paint alone, without what was expected."""
         fit, measured = look.fit, look.measured
         self.head = fit.head
         self.expected, self.painted = int(measured.expected.sum()), int(measured.painted.sum())
-        self.is_confirmed = look.is_confirmed
+        self.is_confirmed, self.missing = look.is_confirmed, measured.missing
         self.is_contradicted = self.expected >= EXPECTED_PLACES and measured.painted_share < BARE_SHARE
         self.rms_px = fit.rms_px
         if len(measured.marking) >= 8 and fit.inlier_share > 0.5 and not self.is_contradicted:

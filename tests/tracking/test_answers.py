@@ -1,0 +1,30 @@
+"""Which frames of a shot are answered."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from circlecal.tracking.answers import answer_shot
+from circlecal.tracking.entry import Entry
+from circlecal.tracking.looking import Place
+from circlecal.tracking.motion import HeadMotion
+from tests.tracking.scenes import HEAD, SIZE, template, tripod
+
+
+def _entries(missing: list[int]) -> list[Entry]:
+    """Frames of a still camera that see the penalty area well, but for markings that should be there."""
+    place, still = Place.of(tripod(), template()), HeadMotion(np.zeros(3), np.eye(3) * 1e-8, 1.0, 100)
+    return [
+        Entry(k, k / 25.0, SIZE, 0, place, HEAD, np.eye(3) * 1e8, np.zeros(3), np.zeros((3, 20)), still if k else None,
+              is_confirmed=not count, missing=count, expected=200, painted=180)
+        for k, count in enumerate(missing)
+    ]  # fmt: skip
+
+
+def test_a_broad_marking_that_is_not_there_refuses_its_frame() -> None:
+    answered = list(answer_shot(_entries([0, 0, 0]), 3))
+    assert [frame.status for frame in answered] == ["calibrated"] * 3
+    answered = list(answer_shot(_entries([0, 1, 0]), 3))
+    assert [(frame.status, frame.code) for frame in answered] == [
+        ("calibrated", None), ("refused", "paint_missing"), ("calibrated", None),
+    ]  # fmt: skip
