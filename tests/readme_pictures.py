@@ -26,6 +26,8 @@ MOST_BYTES = 200_000
 """Of one picture."""
 WIDTH = 1280
 """Of pages, CSS pixels."""
+DRAWN = ("australian-football", "curling", "field-hockey", "lacrosse", "netball", "wrestling")
+"""Fields that no sample shows."""
 READY = "document.body.dataset.ready && document.getElementById('busy').hidden"
 
 
@@ -44,6 +46,11 @@ def write_pictures(folder: Path) -> list[Path]:
             _keep(
                 cv2.imread(str(next((work / "debug").rglob("*sheet*")))), folder / "hidden_mark.debug-sheet.overlay.jpg"
             ),
+        ]
+        _run(work, "fields", "--draw", "fields")
+        kept += [
+            _keep(cv2.imread(str(work / "fields" / f"{field}.png")), folder / f"{field}.field.overlay.jpg", (480, 85))
+            for field in DRAWN
         ]
         browser = Browser(WIDTH, 720)
         try:
@@ -100,11 +107,11 @@ def _photograph(browser: Browser, path: Path) -> Path:
     return _keep(picture, path)
 
 
-def _keep(picture: np.ndarray | None, path: Path) -> Path:
-    """Write a JPEG of at most :data:`MOST_BYTES`, smaller and coarser until it is."""
+def _keep(picture: np.ndarray | None, path: Path, first: tuple[int, int] = (WIDTH, 85)) -> Path:
+    """Write a JPEG of at most :data:`MOST_BYTES`, of a width and a quality, smaller and coarser until it is."""
     if picture is None:
         raise RuntimeError(f"{path}: was not drawn")
-    for width, quality in ((WIDTH, 85), (WIDTH, 70), (1000, 70), (800, 65)):
+    for width, quality in (first, (WIDTH, 70), (1000, 70), (800, 65)):
         share = min(1.0, width / picture.shape[1])
         smaller = cv2.resize(picture, None, fx=share, fy=share, interpolation=cv2.INTER_AREA)
         content = cv2.imencode(".jpg", smaller, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes()

@@ -16,11 +16,14 @@ from circlecal.stages.verdict import is_confirmed
 
 
 def _may_be_a_disc(setting: Setting, attempt: Attempt) -> bool:
-    """Whether the detector looked for a band in vain, and the circle may have none."""
+    """Whether the detector looked for a band in vain, and the circle may have none; not again for every paint, since
+    edges of all colours count.
+    """
     is_detected = attempt.mask is not None and attempt.mask.source == "detector"
     wanted = setting.config.mask.detector.rims
     is_possible = setting.circle.fill != "none" if wanted is None else wanted
-    return is_detected and is_possible and not attempt.is_calibrated
+    is_first = setting.config.mask.paint_bgr is None
+    return is_detected and is_possible and is_first and not attempt.is_calibrated
 
 
 def take_rims(setting: Setting, scene: Scene, first: Attempt) -> Iterator[Attempt]:

@@ -118,9 +118,12 @@ def class_mask(layers: list[PaintLayer], width: int, height: int) -> NDArray[np.
 
 
 def _elements(template: FieldTemplate) -> Iterator[Circle | Line | Mark]:
+    """From the bottom to the top: lines are painted on discs."""
+    discs = [circle for circle in template.circles if circle.fill == "disc"]
+    yield from sorted(discs, key=lambda circle: -circle.radius_m)
     yield from template.lines
     yield from template.arcs
-    yield from template.circles
+    yield from (circle for circle in template.circles if circle.fill != "disc")
     yield from template.marks
 
 
@@ -137,7 +140,7 @@ def _outline(template: FieldTemplate, element: Circle | Line | Mark, width_m: fl
         inner, outer, middle, span = 0.0, element.diameter_m / 2, element.position, (0.0, 2 * np.pi)
     else:
         inner, outer = template.radius(element, "inner", width_m), template.radius(element, "outer", width_m)
-        middle = element.center
+        inner, middle = 0.0 if element.fill == "disc" else inner, element.center
         span = (
             (np.radians(element.start_deg), np.radians(element.end_deg))
             if isinstance(element, Arc)
@@ -251,7 +254,9 @@ def _ring_share(
     template: FieldTemplate, element: Circle, width_m: float, field: Array, gradient: _Gradient
 ) -> tuple[Array, Array]:
     center = np.asarray(element.center)
-    outer, _ = _disc_share(center, template.radius(element, "outer", width_m), field, gradient)
+    outer, rim = _disc_share(center, template.radius(element, "outer", width_m), field, gradient)
+    if element.fill == "disc":
+        return outer, rim
     inner, _ = _disc_share(center, template.radius(element, "inner", width_m), field, gradient)
     band = outer - inner
     middle = _disc_share(center, template.radius(element, "center", width_m), field, gradient)[1]
