@@ -2,6 +2,7 @@ import cv2
 import numpy as np
 import pytest
 
+from circlecal.detection import circle
 from circlecal.detection.circle import (
     LEAST_RMS_PX,
     THINNEST_BAND,
@@ -18,7 +19,7 @@ from circlecal.detection.options import AcceptanceConfig, ProfilesConfig
 from circlecal.geometry.conics import sampson_distance
 from circlecal.geometry.ellipses import Ellipse, conic_from_ellipse, ellipse_from_conic
 from circlecal.geometry.projective import Array
-from circlecal.paint.bands import MeasuredCurve
+from circlecal.paint.bands import MeasuredCurve, measure_curve
 
 from .conftest import Scene, paint_scene
 
@@ -137,3 +138,16 @@ def test_paint_on_the_field_is_wider_at_the_sides_than_a_drawn_ring() -> None:
     assert ring.band_width is not None
     assert ring.band_width < THINNEST_BAND
     assert refusal(ring, has_halfway=True) == "width_unlike_marking"
+
+
+@pytest.mark.parametrize(("is_painted", "rounds"), [(False, 1), (True, 2)])
+def test_only_an_ellipse_along_which_something_is_painted_gets_a_second_round(is_painted, rounds, monkeypatch) -> None:
+    picture = np.random.default_rng(1).normal(110, 3, (540, 960))
+    if is_painted:
+        cv2.ellipse(picture, (480, 270), (200, 70), 0, 0, 360, 220, 3, cv2.LINE_AA)
+    ellipse = EllipseBatch(np.array([[480.0, 270.0]]), np.array([[200.0, 0.0]]), np.array([[0.0, 70.0]]))
+    measured = []
+    monkeypatch.setattr(circle, "measure_curve", lambda *given: (measured.append(1), measure_curve(*given))[1])
+    found = measure_circle(picture.clip(0, 255).astype(np.uint8), ellipse, 1.0, ProfilesConfig())
+    assert len(measured) == rounds
+    assert (found.seen_share > 0.9) is is_painted
