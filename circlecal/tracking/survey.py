@@ -416,7 +416,7 @@ def _learn_between(
     size_sd = np.sqrt(np.diag(tripod.covariance)[SIZE])
     is_settled, is_usual = size_sd == 0.0, (size_sd > TOLD_SD_M) & (size_sd <= USUAL_SD_M)
     mean[SIZE] = np.select([is_settled, is_usual], [tripod.mean[SIZE], np.zeros(2)], mean[SIZE])
-    sd[SIZE] = np.select([is_settled, is_usual], [np.zeros(2), np.full(2, USUAL_SD_M)], sd[SIZE])
+    sd[SIZE] = np.where(is_settled | is_usual, 0.0, sd[SIZE])
     alike = count_alike(fit_tripod(frames, tripod, mean, sd, drawn))
     for _ in range(2):
         fit = fit_tripod(frames, tripod, mean, sd, drawn, alike=alike)
@@ -429,7 +429,10 @@ def _learn_between(
     if kept and sd[WIDTH] < WIDTH_MEASURED_SD_M:
         free = fit_tripod(kept, best, mean, sd, drawn, is_width_free=True, alike=alike).estimate
         best = free if abs(free.mean[WIDTH] - mean[WIDTH]) < WIDTH_AGREES * sd[WIDTH] else best
-    return replace(best, left_out=tripod.left_out)
+    # what the frames left open is held at the usual size, and stays as open
+    covariance = best.covariance.copy()
+    covariance[SIZE, SIZE] += np.where(is_usual, USUAL_SD_M**2, 0.0)
+    return replace(best, covariance=covariance, left_out=tripod.left_out)
 
 
 def _heads_between(members: Sequence[HeadedFrame]) -> tuple[list[float], list[Array]]:

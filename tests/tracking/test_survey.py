@@ -232,3 +232,23 @@ def test_pictures_between_tell_the_size_of_the_pitch(monkeypatch: pytest.MonkeyP
     assert abs(found.growth_m[0] - growth[0]) < 3.0 * found.sigma("length")
     known = replace(start, covariance=0.0 * start.covariance)
     assert survey._learn_between(known, members, pictures_at, load_config(), template(), drawn) is known
+
+
+def test_a_size_that_frames_left_open_stays_usual_and_open(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn, rng, breadth = template_curves(template()), np.random.default_rng(6), PLACE["breadth"]
+    members = [replace(f, name=f"{0.3 * k:.3f}") for k, f in enumerate(_views_of_a_pitch(105.0, 68.6))]
+    start = tripod()
+    start.covariance[breadth, breadth] = survey.USUAL_SD_M**2
+    nothing = np.zeros((3, 3))
+
+    def look(place: object, picture: object, head: np.ndarray) -> Look:
+        return Look(
+            measure_ideal(head, np.array([0.0, 0.6]), 0.1, rng), HeadFit(head, nothing, nothing, 0.1, 1.0, 99), True
+        )
+
+    monkeypatch.setattr(survey, "_look_twice", look)
+    monkeypatch.setattr(survey, "MOST_MORE", 3)
+    blank = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
+    found = survey._learn_between(start, members, lambda t: iter([blank] * len(t)), load_config(), template(), drawn)
+    assert found.growth_m[1] == 0.0
+    assert found.sigma("breadth") == pytest.approx(survey.USUAL_SD_M)
