@@ -16,6 +16,7 @@ from circlecal.observations import CirclePoints, Keypoint, LinePoints, MarkingKe
 LEAST_SIGMA_PX = 0.02
 """No point of a picture is measured better, pixels."""
 ELLIPSE_POINTS = 240
+FEWEST_OF_ELLIPSE = 20
 """Of so many points about is the ellipse along which neighbours are averaged."""
 
 
@@ -96,20 +97,42 @@ def with_model_noise(curves: CurvePoints, sigma_px: Array, noise: NoiseModel, mo
     return np.sqrt(np.maximum(variance, LEAST_SIGMA_PX**2))
 
 
-def points_from_observations(observations: Observations, template: FieldTemplate) -> FixedPoints:
-    """Marks and keypoints that were seen."""
+def points_from_observations(observations: Observations, template: FieldTemplate, relief_m: float = 0.0) -> FixedPoints:
+    """Marks and keypoints that were seen; the ground at a mark is so much (metres, one standard deviation) higher or
+    lower than its profile.
+    """
+    marks = [m for m in observations.marks if m.mark in template.mark_by_name]
+    relief_px = relief_m * _pixels_per_height(observations, template) if marks and relief_m > 0.0 else 0.0
     found = [
-        (m.key, np.asarray(template.mark_by_name[m.mark].position), m.point_px, m.sigma_px)
-        for m in observations.marks
-        if m.mark in template.mark_by_name
+        (m.key, np.asarray(template.mark_by_name[m.mark].position), m.point_px, m.sigma_px, relief_px) for m in marks
     ]
-    found += [(k.key, k.field_m, k.point_px, k.sigma_px) for k in observations.keypoints]
+    found += [(k.key, k.field_m, k.point_px, k.sigma_px, 0.0) for k in observations.keypoints]
+    sigma_px = np.array([f[3] for f in found], dtype=np.float64)
     return FixedPoints(
         np.array([f[1] for f in found]).reshape(-1, 2),
         np.array([f[2] for f in found]).reshape(-1, 2),
-        np.array([f[3] for f in found], dtype=np.float64),
+        sigma_px,
         tuple(f[0] for f in found),
+        np.hypot(sigma_px, [f[4] for f in found]) if relief_px > 0.0 else None,
     )
+
+
+def _pixels_per_height(observations: Observations, template: FieldTemplate) -> float:
+    """By how many pixels a point is seen higher that lies a metre higher, by the ellipse of the circle seen best.
+
+    With semi-axes a > b of a circle's image and its radius R, a / R pixels show a metre across the view, and sin(e) =
+    b / a the angle e under which the ground is seen, on which what stands upright is foreshortened by cos(e).
+    """
+    most = max(observations.circles, key=lambda circle: len(circle.points_px), default=None)
+    known = None if most is None else template.circle_by_name.get(most.circle)
+    if most is None or known is None or len(most.points_px) < FEWEST_OF_ELLIPSE:
+        return 0.0
+    conic = fit_conic(most.points_px[:: max(1, len(most.points_px) // ELLIPSE_POINTS)], "direct")
+    ellipse = None if conic is None else ellipse_from_conic(conic)
+    if ellipse is None:
+        return 0.0
+    longer, shorter = ellipse.semi_axes
+    return float(np.sqrt(longer**2 - shorter**2)) / known.radius_m
 
 
 def median_sigmas(observations: Observations) -> dict[MarkingKey, float]:

@@ -45,6 +45,13 @@ class CameraConfig(BaseModel):
         "auto",
         description="Profile of the pitch across its length; auto: a roof, unless the frame clearly shows a parabola.",
     )
+    relief_m: float = Field(
+        0.015,
+        ge=0,
+        description="How far grass at a mark lies above or below the profile of the field, one standard deviation, "
+        "metres. In five real clips the centre mark is seen 0.1 to 1.2 px, 1.3 cm rms, off where all frames together "
+        "put it, always the same way.",
+    )
     usual_size_share: float = Field(
         0.97,
         ge=0,
@@ -114,6 +121,11 @@ class CameraConfig(BaseModel):
     def usual_crown(self) -> SurfaceShape:
         """The profile that is tried first."""
         return "roof" if self.crown_shape == "auto" else self.crown_shape
+
+
+def relief_of(config: CameraConfig, template: FieldTemplate) -> float:
+    """How far a mark lies above or below the profile of the field, metres: floors, ice and flat fields have none."""
+    return config.relief_m if template.ground == "grass" and config.crown_shape != "flat" else 0.0
 
 
 def noise_model(config: CameraConfig, width: int) -> NoiseModel:

@@ -105,12 +105,17 @@ _BY_POINT = (
 
 @dataclass(frozen=True)
 class FixedPoints:
-    """M points of known field position: ``field_m`` (M, 2), ``points_px`` (M, 2), ``sigma_px`` (M,), their keys."""
+    """M points of known field position: ``field_m`` (M, 2), ``points_px`` (M, 2), ``sigma_px`` (M,), their keys.
+
+    ``upright_px`` (M,) are their standard deviations along the picture's vertical, where the ground may be higher or
+    lower than its profile; None where they do not differ from ``sigma_px``.
+    """
 
     field_m: Array
     points_px: Array
     sigma_px: Array
     keys: tuple[MarkingKey, ...]
+    upright_px: Array | None = None
 
     @cached_property
     def twice(self) -> tuple[Array, Array]:
@@ -121,13 +126,15 @@ class FixedPoints:
     def across(self) -> Array:
         """Image vectors (2, 2 M) along which the points count, each along x and along y, over sigma."""
         found = np.zeros((2, 2 * len(self.sigma_px)))
-        found[0, 0::2] = found[1, 1::2] = 1.0 / self.sigma_px
+        upright_px = self.sigma_px if self.upright_px is None else self.upright_px
+        found[0, 0::2], found[1, 1::2] = 1.0 / self.sigma_px, 1.0 / upright_px
         return found
 
     def select(self, keep: Mask) -> FixedPoints:
         """The points at a mask."""
         keys = tuple(key for key, kept in zip(self.keys, keep, strict=True) if kept)
-        return FixedPoints(self.field_m[keep], self.points_px[keep], self.sigma_px[keep], keys)
+        upright_px = None if self.upright_px is None else self.upright_px[keep]
+        return FixedPoints(self.field_m[keep], self.points_px[keep], self.sigma_px[keep], keys, upright_px)
 
 
 NO_POINTS = FixedPoints(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0), ())

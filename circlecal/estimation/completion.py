@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from circlecal.camera.noise import rescale_and_reject, rescale_sigmas
 from circlecal.camera.observed import curves_from_observations
 from circlecal.camera.priors import Priors
@@ -156,7 +158,18 @@ def _allow_wider_lens(task: Task, fit: Fit) -> Fit:
     if predict_step(free, start).cost[0] > bar + LENS_MARGIN:
         return fit
     found = resume(free, start, task.rule(FINAL))
-    return replace(fit, problem=free, state=found) if found.cost[0] < bar else fit
+    is_lens = found.theta[0, kappa] > strongest_barrel(found.theta[0], free.model.width)
+    return replace(fit, problem=free, state=found) if found.cost[0] < bar and is_lens else fit
+
+
+def strongest_barrel(theta: Array, width: int) -> float:
+    """Radial distortion, half-widths, of a fisheye lens with this focal length: other lenses bend lines less.
+
+    Where a rectilinear lens shows f tan(t), an equidistant one shows f t = f tan(t) (1 - tan(t)^2 / 3 + ...), which
+    with the focal length F in half-widths is a first coefficient of -1 / (3 F^2).
+    """
+    focal = 2.0 * float(np.exp(theta[INDEX["log_focal"]])) / width
+    return -1.0 / (3.0 * focal**2)
 
 
 def widen_lens(priors: Priors) -> Priors:

@@ -9,7 +9,7 @@ import numpy as np
 
 from circlecal.camera.multistart import COARSE_POINTS
 from circlecal.camera.observed import NoiseModel, curves_from_observations, points_from_observations
-from circlecal.camera.options import CameraConfig, noise_model, priors_of
+from circlecal.camera.options import CameraConfig, noise_model, priors_of, relief_of
 from circlecal.camera.problem import Problem, State
 from circlecal.camera.residuals import CurvePoints
 from circlecal.camera.spike_and_slab import Posterior
@@ -62,7 +62,7 @@ class Task:
         surface = Surface(self.config.usual_crown, reference_m)
         model = ProjectionModel(self.observations.width, self.observations.height, surface)
         priors = priors_of(self.config, self.template, self.circle, model)
-        points = points_from_observations(self.observations, self.template)
+        points = points_from_observations(self.observations, self.template, relief_of(self.config, self.template))
         return Problem(self.curves(), points, priors, model, self.config.loss_scale)
 
     def rule(self, rule: StoppingRule, bar: float = np.inf) -> StoppingRule:

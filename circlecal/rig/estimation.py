@@ -10,7 +10,7 @@ from scipy.special import chdtri
 
 from circlecal.camera.noise import rescale_sigmas
 from circlecal.camera.observed import NoiseModel, curves_from_observations, points_from_observations
-from circlecal.camera.options import priors_of
+from circlecal.camera.options import priors_of, relief_of
 from circlecal.camera.priors import SharedPrior, SharedPriorConfig
 from circlecal.camera.problem import WIDE_LOSS, Problem, evaluate
 from circlecal.camera.residuals import curve_residuals, line_curve, sample_feet
@@ -289,7 +289,7 @@ def problem_of_frame(
     noise = NoiseModel(options.maximum_points, options.model_sigma_px * unit, options.correlation_px * unit)
     problem = Problem(
         curves_from_observations(seen, template, noise),
-        points_from_observations(seen, template),
+        points_from_observations(seen, template, relief_of(options, template)),
         priors_of(options, template, circle, model),
         model,
         options.loss_scale,

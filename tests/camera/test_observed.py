@@ -9,9 +9,11 @@ from circlecal.camera.observed import (
     points_from_observations,
     with_model_noise,
 )
+from circlecal.camera.options import CameraConfig, relief_of
 from circlecal.field import load_field
 from circlecal.geometry.ellipses import Ellipse
 from circlecal.observations import CirclePoints, Keypoint, LinePoints, MarkingKey, MarkPoint, Observations
+from circlecal.synthetic.cameras import aim_camera
 
 SOCCER = load_field("soccer")
 ELLIPSE = Ellipse(np.array([900.0, 500.0]), (500.0, 150.0), 0.03)
@@ -119,3 +121,26 @@ def test_the_error_of_the_model_can_be_exchanged():
         rtol=0.05,
     )
     assert (with_model_noise(curves, 0.1 * curves.sigma_px, loud, 0.0) > 0.0).all()
+
+
+def test_a_mark_on_grass_may_lie_higher_or_lower_than_the_profile():
+    camera = aim_camera(np.array([-4.0, 60.0, -16.0]), np.zeros(3), 2600.0, 0.0, 1920, 1080)
+    angle = np.linspace(0, 2 * np.pi, 200, endpoint=False)
+    rim = camera.project(9.09 * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
+    seen = Observations(
+        1920,
+        1080,
+        (CirclePoints("centre_circle", "center", rim, np.ones(200)),),
+        marks=(MarkPoint("centre_mark", camera.project([0.0, 0.0]), 0.4),),
+        keypoints=(Keypoint("corner", np.array([52.5, 34.0]), np.array([5.0, 6.0]), 3.0),),
+    )
+    points = points_from_observations(seen, SOCCER, relief_m=0.02)
+    higher = camera.project(np.array([[0.0, 0.0, -0.02], [0.0, 0.0, 0.0]]))
+    rise_px = np.linalg.norm(higher[0] - higher[1])
+    np.testing.assert_allclose(points.sigma_px, [0.4, 3.0])
+    np.testing.assert_allclose(points.upright_px, [np.hypot(0.4, rise_px), 3.0], rtol=0.01)
+    np.testing.assert_allclose(points.across[:, 0], [1.0 / 0.4, 0.0])
+    np.testing.assert_allclose(points.across[:, 1], [0.0, 1.0 / points.upright_px[0]])
+    assert points_from_observations(seen, SOCCER).upright_px is None
+    assert relief_of(CameraConfig(), SOCCER) > 0.0
+    assert relief_of(CameraConfig(crown_shape="flat"), SOCCER) == relief_of(CameraConfig(), load_field("futsal")) == 0.0

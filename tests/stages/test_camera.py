@@ -9,6 +9,7 @@ from circlecal.camera.options import CameraConfig, priors_of
 from circlecal.camera.problem import evaluate, with_priors
 from circlecal.camera.residuals import ground_feet
 from circlecal.camera.spike_and_slab import USUAL, log_evidence
+from circlecal.estimation.completion import strongest_barrel
 from circlecal.estimation.task import Task
 from circlecal.evaluation.bench.scenarios import KNOWN, select_rows
 from circlecal.field import load_field
@@ -134,6 +135,18 @@ def test_a_lens_unlike_others_is_told_by_the_frame(kappa, sigma):
     usual = seen(replace(WIDE, kappa=np.array([0.03, 0.0])), edges=("center",), mark=True, sigma=sigma)
     fit = estimate_camera(usual, SOCCER, CIRCLE, CameraConfig(crown_m=0.0))
     assert fit.covariance[INDEX["kappa_1"], INDEX["kappa_1"]] < 0.015**2
+
+
+def test_no_lens_is_believed_that_bends_lines_more_than_a_fisheye(monkeypatch):
+    """A circle that was not painted round looks like a lens; this one bends it far more than a lens so long can."""
+    given = seen(replace(MAIN, kappa=np.array([-0.12, 0.0])), edges=("center",), mark=True, sigma=1.0)
+    guarded = estimate_camera(given, SOCCER, CIRCLE, CameraConfig(crown_m=0.0))
+    fisheye = strongest_barrel(guarded.theta, MAIN.width)
+    assert fisheye == pytest.approx(-1.0 / (3.0 * (2.0 * guarded.camera.focal_px[0] / MAIN.width) ** 2))
+    monkeypatch.setattr("circlecal.estimation.completion.strongest_barrel", lambda *_: -np.inf)
+    believed = estimate_camera(given, SOCCER, CIRCLE, CameraConfig(crown_m=0.0))
+    assert believed.camera.kappa[0] < fisheye
+    assert guarded.camera.kappa[0] > believed.camera.kappa[0] + 0.01
 
 
 @pytest.mark.parametrize("side", sorted(SIDES))
