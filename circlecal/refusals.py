@@ -442,6 +442,7 @@ CHECKS: dict[str, tuple[str, str]] = {
     ),
     "confirmations": ("circle_unconfirmed", ""),
     "sigma_px": ("too_uncertain", ""),
+    "mean_sigma_px": ("too_uncertain", ""),
     "sigma_m": ("too_uncertain", ""),
     "height_m": ("implausible_camera", "the camera would hang higher than cameras do"),
     "lowest_height_m": ("implausible_camera", "the camera would stand lower than cameras do"),

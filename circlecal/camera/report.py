@@ -95,6 +95,7 @@ def camera_fit(
         reference_m=reference,
         field_size=None if posterior is None or is_fixed else _field_size(theta, covariance, template, posterior),
         region=homography_region(cameras, grid, covariance),
+        mean_sigma_px=float(sigma_px.mean()) if len(grid) else float("inf"),
     )
 
 

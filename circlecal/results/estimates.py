@@ -182,6 +182,8 @@ class CameraFit:
         How many neighbouring residuals along the circle repeat each other (1 = white).
     max_sigma_px, max_sigma_m : float
         Largest predicted standard deviation over the visible field near ``reference_m``.
+    mean_sigma_px : float
+        Mean of it there.
     residuals_px, stated_sigma_px : dict of MarkingKey
         Root mean square residual by observation, and the standard deviation that the observation itself stated.
     theta : (P,) array
@@ -228,6 +230,7 @@ class CameraFit:
     field_size: FieldSize | None = None
     point_residuals_px: dict[MarkingKey, Array] = field(default_factory=dict)
     region: HomographyRegion | None = None
+    mean_sigma_px: float = 0.0
 
     @property
     def contradicting_points(self) -> tuple[tuple[MarkingKey, int, float], ...]:

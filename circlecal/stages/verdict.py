@@ -121,6 +121,12 @@ class VerdictConfig(BaseModel):
         description="Largest predicted error of the field around the circle, or around what is seen instead of it, "
         "pixels at 1920 px width.",
     )
+    max_mean_sigma_px: float = Field(
+        24.0,
+        gt=0,
+        description="Largest mean of the predicted error there, pixels at 1920 px width: of right answers to real "
+        "frames at most 20.8, of a rendered one that is 36 px off 28.",
+    )
     max_sigma_m: float = Field(3.0, gt=0, description="Largest predicted error on the ground there, metres.")
     max_circle_residual_px: float = Field(
         2.0,
@@ -236,6 +242,7 @@ def _camera_checks(
     alone = is_tentative and bool(ellipses.all()) and _confirmations(cues, camera, unit) == 0
     limit_px = config.max_sigma_px * (UNCONFIRMED_SIGMA if alone else 1.0)
     checks.append(_check("sigma_px", camera.max_sigma_px, limit_px * unit))
+    checks.append(_check("mean_sigma_px", camera.mean_sigma_px, config.max_mean_sigma_px * unit))
     checks.append(_check("sigma_m", camera.max_sigma_m, config.max_sigma_m))
     return [*checks, *_edge_checks(camera, ellipses, template, circle, config)]
 

@@ -191,6 +191,7 @@ FAILURES = {
     "line": (camera_fit(residuals_px={"halfway_line": 1.5}), "residual_too_large", "the halfway line that", 1.5),
     "mark": (camera_fit(residuals_px={"centre_mark": 9.0}), "mark_contradicts_circle", "the centre mark is not", 9.0),
     "uncertain px": (camera_fit(max_sigma_px=70.0), "too_uncertain", "too little is seen", 70.0),
+    "uncertain on average": (camera_fit(mean_sigma_px=20.0), "too_uncertain", "too little is seen", 20.0),
     "uncertain m": (camera_fit(max_sigma_m=4.0), "too_uncertain", "too little is seen", 4.0),
     "not a number": (camera_fit(max_sigma_m=float("nan")), "too_uncertain", "too little is seen", float("nan")),
     "mirrored": (
