@@ -92,7 +92,7 @@ def calibrate_unknown_field(
     names, looks = config.field.among, Looks()
 
     def calibrate(name: str, *, is_sibling: bool = False) -> FrameCalibration:
-        chosen = suit_config(config, name)
+        chosen = _leave_logos(suit_config(config, name), name)
         return run(
             image,
             chosen,
@@ -125,6 +125,18 @@ def calibrate_unknown_field(
         if any(answer.weight > 0.0 for answer in answers[1:]):
             break
     return choose_answer(answers)
+
+
+def _leave_logos(config: Config, name: str) -> Config:
+    """The options without a search for the rims of logos, which every court and rink may have: while fields are only
+    compared, the rims of discs are looked for where the circle is one.
+    """
+    template, detector = load_field(name), config.mask.detector
+    has_logo = template.circle_by_name[template.default_circle].fill not in ("none", "disc")
+    if not has_logo or detector.rims is not None:
+        return config
+    plain = config.mask.model_copy(update={"detector": detector.model_copy(update={"rims": False})})
+    return config.model_copy(update={"mask": plain})
 
 
 def is_on_strange_ground(image: NDArray[np.uint8], config: Config) -> bool:

@@ -21,8 +21,10 @@ from circlecal.placement import mean_distance_px
 from circlecal.results import FrameCalibration
 from circlecal.stages.mask import MaskConfig, look_quickly, suit_field, tell_grounds, tell_paints
 
-MOST_TRIED = 2
-"""Paints that are followed, those with the clearest circles: in rendered halls the right one is the first."""
+MOST_TRIED, MOST_OF_UNKNOWN_FIELD = 2, 1
+"""Paints that are followed, those with the clearest circles: in rendered halls the right one is the first. Where the
+field is not known each of them costs a look at every template, 20 s for a hall that stays refused.
+"""
 ALIKE_WIDTHS = 0.02
 """Two cameras that put the markings within this share of the picture's width on average are one."""
 
@@ -105,7 +107,8 @@ def _find_likely_paints(
         if look is not None and look.candidates:
             likely.append((look.candidates[0].score, index, paint, told))
     ranked = sorted(likely, key=lambda item: (-item[0], item[1]))
-    return [(paint, told) for _, _, paint, told in ranked[:MOST_TRIED]]
+    most = MOST_OF_UNKNOWN_FIELD if config.field.template == AUTO else MOST_TRIED
+    return [(paint, told) for _, _, paint, told in ranked[:most]]
 
 
 def _may_have_paints(image: NDArray[np.uint8], first: FrameCalibration, config: Config) -> bool:
