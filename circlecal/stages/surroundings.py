@@ -85,7 +85,7 @@ def measure_surroundings(
     above = surface & ~is_ground
     if template.ground != "grass":
         above &= _joins(inside, surface.reshape(len(y), len(x)))
-    is_rough = _find_rough(picture, places, surface, inside)
+    is_rough = _find_rough(picture, places, surface, inside, inside | in_front)
     return Surroundings(
         rough_share=float(np.count_nonzero(inside & is_rough) / max(int(np.count_nonzero(inside)), 1)),
         above_share=float(np.mean(above)),
@@ -110,13 +110,14 @@ def _joins(inside: Mask, surface: Mask) -> Mask:
     return np.asarray((pieces > 0) & np.isin(pieces, pieces[inside]), np.bool_)
 
 
-def _find_rough(picture: NDArray[np.uint8], places: Array, surface: Mask, inside: Mask) -> Mask:
-    """Which places (N, 2) are no playing surface but as rough as a crowd."""
+def _find_rough(picture: NDArray[np.uint8], places: Array, surface: Mask, inside: Mask, asked: Mask) -> Mask:
+    """Which of the places (N, 2) that are asked for (N,) are no playing surface but as rough as a crowd."""
     rough = np.zeros(len(places), np.bool_)
     if np.count_nonzero(~surface) < LEAST_OFF_SURFACE * len(places) or not (inside & surface).any():
         return rough
     usual = float(np.median(measure_roughness(picture, places[inside & surface][::FIELD_EVERY])))
-    rough[~surface] = measure_roughness(picture, places[~surface]) > ROUGH_TIMES * usual + ROUGH_LEVELS
+    looked = asked & ~surface
+    rough[looked] = measure_roughness(picture, places[looked]) > ROUGH_TIMES * usual + ROUGH_LEVELS
     return rough
 
 
