@@ -56,10 +56,10 @@ LEAST_SHARE = 0.35
 pan of 44 px smears, 12 of 60 places showed a false ridge, and 3 such frames of 58 made a pitch 0.6 m too short.
 Markings that are seen have 0.6 to 1, between players and in worn paint 0.45.
 """
-BROAD_PX, MISSED_PLACES, MISSED_SHARE = 2.0, 24, 0.25
+BROAD_PX, MISSED_PLACES, MISSED_SHARE = 2.0, 24, 0.35
 """A marking whose paint is broader than so many pixels at so many places, and shows in less than this share of all, is
 not where the camera puts it: in real clips the halfway line, 12 px beside its place and 7 px broad, while circle and
-touchline agreed; it showed at 0 to 0.18 of its places where it crossed its own, right ones show at 0.38 and more.
+touchline agreed; it showed at 0 to 0.3 of its places where it crossed its own, right ones show at 0.38 and more.
 """
 JUMP_PX, LEAST_ALIKE = 2.5, 0.75
 """Step between neighbouring places along a thin marking, pixels at 1920 px width, that no camera makes, and share of

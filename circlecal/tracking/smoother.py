@@ -1,7 +1,7 @@
-"""The heads of all frames of a shot at once: what each frame's paint says, and how the head moved between them.
+"""The heads of all frames of a shot at once: what each frame's paint says, how the head moved, and that it has inertia.
 
-The normal equations are block-tridiagonal: a frame meets only its neighbours. They are solved forward and backward, as
-by the smoother of Rauch, Tung and Striebel (1965), in the form with information matrices.
+A frame meets only its neighbours, so the normal equations are banded, and are solved by Cholesky's factorisation of the
+band.
 """
 
 from __future__ import annotations
@@ -9,13 +9,30 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.ndimage import uniform_filter1d
 
 from circlecal.geometry.projective import Array
 
 CAUCHY, ROUNDS = 3.0, 3
-"""Mahalanobis distance at which a motion counts half, and how often the weights are told anew. In a rendered clip a
-motion that rests on 21 corners, of players perhaps, is off by four standard deviations and shakes frames by 0.5 pixels.
+"""Mahalanobis distance at which a motion, or a change of the acceleration, counts half, and how often the weights are
+told anew. In a rendered clip a motion that rests on 21 corners, of players perhaps, is off by four standard deviations
+and shakes frames by 0.5 pixels.
 """
+JERK = np.array([-1.0, 3.0, -3.0, 1.0])
+"""Third difference of four neighbours: the change of the acceleration."""
+LEAST_JERK_SHARE = 0.3
+"""Least variance of the change of the acceleration, as a share of what the noise of the measured motions alone makes of
+it: noise that is faster than some five frames is told from slower pans. Over three rendered clips the median jitter
+falls from 0.022 to 0.044 px without it to 0.013 to 0.017; with 0.1 fast pans lag, and their jitter is 1.2 times that.
+"""
+JERK_FRAMES, CLEAR_SHARE = 7, 1.5
+"""Frames about one from which the head's own change of acceleration is told, and by how many times that of the noise
+their mean square must be exceeded: a zoom that begins at once must not be smoothed. Told from the whole shot, 90 % of
+the jitter lay below 0.18 px in a clip of zooms, so 0.09, and 0.11 without inertia.
+"""
+CHI2_MEDIAN = 0.455
+"""Median of chi-square with one degree of freedom."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,12 +44,18 @@ class Smoothed:
 
 
 def smooth_heads(
-    heads: Array, information: Array, toward: Array, changes: Array, precision: Array, anchor: float = 1e-9
+    heads: Array,
+    information: Array,
+    toward: Array,
+    changes: Array,
+    precision: Array,
+    steadiness: Array | None = None,
+    anchor: float = 1e-9,
 ) -> Smoothed:
     """Most likely heads of a chain of frames.
 
-    Minimised is the sum over frames of ``(x - m)^T N (x - m)`` and over neighbours of
-    ``(x' - x - d)^T W (x' - x - d)``.
+    Minimised is the sum over frames of ``(x - m)^T N (x - m)``, over neighbours of ``(x' - x - d)^T W (x' - x - d)``,
+    and over four frames in a row of ``S (x''' - 3 x'' + 3 x' - x)^2`` for each component.
 
     Parameters
     ----------
@@ -44,50 +67,85 @@ def smooth_heads(
         ``N (m - head)``, the pull of what each frame shows.
     changes, precision : (N - 1, 3), (N - 1, 3, 3) arrays
         Motions d between neighbours and their information W; 0 where the motion is not known.
+    steadiness : (N - 3, 3) array, optional
+        S, what is known of the third differences; nothing without.
     anchor : float
         Share of a unit of information about ``heads`` that keeps frames without any where they are.
     """
     count = len(heads)
-    diagonal = information + anchor * np.eye(3)
+    # blocks[d, k] couples frames k and k + d
+    blocks = np.zeros((len(JERK), count, 3, 3))
+    blocks[0] = information + anchor * np.eye(3)
     right = toward.copy()
     # with x = head + y: y' - y = d - (head' - head)
-    gap = changes - np.diff(heads, axis=0)
-    pull = (precision @ gap[..., None])[..., 0]
-    diagonal[:-1] += precision
-    diagonal[1:] += precision
+    pull = (precision @ (changes - np.diff(heads, axis=0))[..., None])[..., 0]
+    blocks[0, :-1] += precision
+    blocks[0, 1:] += precision
+    blocks[1, :-1] -= precision
     right[:-1] -= pull
     right[1:] += pull
-    left_matrix, left_right = np.empty_like(diagonal), np.empty_like(right)
-    left_matrix[0], left_right[0] = diagonal[0], right[0]
-    for k in range(1, count):
-        gain = np.linalg.solve(left_matrix[k - 1], precision[k - 1]).T
-        left_matrix[k] = diagonal[k] - gain @ precision[k - 1]
-        left_right[k] = right[k] + gain @ left_right[k - 1]
-    moved, covariances = np.empty_like(right), np.empty_like(diagonal)
-    inverse = np.linalg.inv(left_matrix[-1])
-    moved[-1], covariances[-1] = inverse @ left_right[-1], inverse
-    for k in range(count - 2, -1, -1):
-        inverse = np.linalg.inv(left_matrix[k])
-        back = inverse @ precision[k]
-        moved[k] = inverse @ left_right[k] + back @ moved[k + 1]
-        covariances[k] = inverse + back @ covariances[k + 1] @ back.T
-    return Smoothed(heads + moved, (covariances + np.swapaxes(covariances, 1, 2)) / 2)
+    if steadiness is not None and len(steadiness):
+        jerk = steadiness * np.diff(heads, 3, axis=0)
+        last, axes = len(steadiness), np.arange(3)
+        for a, first in enumerate(JERK):
+            right[a : a + last] -= first * jerk
+            for b in range(a, len(JERK)):
+                blocks[b - a, a : a + last, axes, axes] += first * JERK[b] * steadiness.T
+    factor = cholesky_banded(_to_band(blocks), check_finite=False)
+    moved = cho_solve_banded((factor, False), right.ravel(), check_finite=False)
+    inverse = cho_solve_banded((factor, False), np.eye(3 * count), overwrite_b=True, check_finite=False)
+    at = np.arange(count)
+    covariances = inverse.reshape(count, 3, count, 3)[at, :, at]
+    return Smoothed(heads + moved.reshape(count, 3), (covariances + np.swapaxes(covariances, 1, 2)) / 2)
+
+
+def _to_band(blocks: Array) -> Array:
+    """Upper band (U + 1, 3 N) of a symmetric matrix, in LAPACK's order, of blocks (D, N, 3, 3) on and above its
+    diagonal.
+    """
+    reach, count = blocks.shape[:2]
+    widest = 3 * reach - 1
+    band = np.zeros((widest + 1, count, 3))
+    for d in range(reach):
+        for i in range(3):
+            for j in range(i if d == 0 else 0, 3):
+                band[widest - (3 * d + j - i), d:, j] = blocks[d, : count - d, i, j]
+    return band.reshape(widest + 1, 3 * count)
 
 
 def smooth_robustly(
     heads: Array, information: Array, toward: Array, changes: Array, precision: Array, anchor: float = 1e-9
 ) -> Smoothed:
-    """Most likely heads of a chain of frames, where some motions may be those of players.
+    """Most likely heads of a chain of frames, where some motions may be those of players, of a head with inertia.
 
-    Motions that lie further from what the paint of both frames says than their covariance allows get Cauchy's
-    weight, and the chain is smoothed again. The arguments are those of :func:`smooth_heads`.
+    Motions that lie further from what the paint of both frames says than their covariance allows get Cauchy's weight,
+    as do changes of the acceleration where a pan begins or ends, and the chain is smoothed again. The arguments are
+    those of :func:`smooth_heads`.
     """
-    found = smooth_heads(heads, information, toward, changes, precision, anchor)
+    found = smooth_heads(heads, information, toward, changes, precision, None, anchor)
+    steadiness = _estimate_steadiness(found.heads, precision)
     for _ in range(ROUNDS):
         away = np.diff(found.heads, axis=0) - changes
         squared = np.einsum("ni,nij,nj->n", away, precision, away)
-        if not (squared > CAUCHY**2).any():
-            break
         weight = 1.0 / (1.0 + squared / CAUCHY**2)
-        found = smooth_heads(heads, information, toward, changes, precision * weight[:, None, None], anchor)
+        jerk = steadiness * np.diff(found.heads, 3, axis=0) ** 2
+        steady = steadiness / (1.0 + jerk / CAUCHY**2)
+        found = smooth_heads(heads, information, toward, changes, precision * weight[:, None, None], steady, anchor)
     return found
+
+
+def _estimate_steadiness(heads: Array, precision: Array) -> Array:
+    """Information (N - 3, 3) about the third differences of a chain's heads (N, 3).
+
+    Their variance less what the noise of the motions, with information (N - 1, 3, 3), makes of it is that of the head.
+    A third difference is a second difference of motions: ``n = c + 4 c' + c''``.
+    """
+    if len(heads) < len(JERK):
+        return np.zeros((0, 3))
+    variance = 1.0 / np.maximum(np.diagonal(precision, axis1=1, axis2=2), 1e-9)
+    noise = variance[:-2] + 4.0 * variance[1:-1] + variance[2:]
+    third = np.diff(heads, 3, axis=0) ** 2
+    # motions may be better than they say
+    noise *= np.clip(np.median(third, axis=0) / CHI2_MEDIAN / np.median(noise, axis=0), 1e-3, 1.0)
+    around = uniform_filter1d(third, JERK_FRAMES, axis=0, mode="nearest")
+    return np.asarray(1.0 / (np.maximum(around - CLEAR_SHARE * noise, 0.0) + LEAST_JERK_SHARE * noise))
