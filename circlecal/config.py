@@ -107,7 +107,8 @@ class LearningConfig(BaseModel):
     enabled: bool = Field(
         True,
         description="Whether frames of a batch that are refused are calibrated again, told what the others of their"
-        " folder or video agree on: the colour of the paint, and with the field `auto` the field.",
+        " folder or video agree on: the colour of the paint, and with the field `auto` the field; and whether a clip is"
+        " tracked along the colour of the paint on which its first frames agree.",
     )
     least_frames: int = Field(3, ge=2, le=1000, description="Fewer frames that agree tell nothing.")
 
@@ -156,7 +157,8 @@ class Config(BaseModel):
         description="Sources: how far annotations and detections from files are trusted.",
     )
     learning: LearningConfig = Field(
-        LearningConfig(), description="Learning: what the frames of one run (`circlecal batch`) tell each other."
+        LearningConfig(),
+        description="Learning: what frames of one run (`circlecal batch`, `track`) tell each other.",
     )
     rig: RigConfig = Field(RigConfig(), description="Rig: what many frames of one camera share (`circlecal rig`).")
     output: OutputConfig = Field(OutputConfig(), description="Output: what is written beside the result.")

@@ -19,6 +19,7 @@ from circlecal.batch.frames import FrameRun, calibrate_frame, write_outputs
 from circlecal.config import AUTO, Config, suit_config
 from circlecal.field import load_field
 from circlecal.paint.colour import match_paint
+from circlecal.paint.shared_paint import Colour, agree_on_paint, is_coloured
 from circlecal.pictures.files import PictureFile
 from circlecal.pictures.limits import LimitsConfig
 from circlecal.pictures.remote import is_url
@@ -27,16 +28,7 @@ from circlecal.pipeline import field_of
 from circlecal.records.parts import AloneRecord, LearntRecord
 from circlecal.records.record import ResultRecord, ResultRow
 from circlecal.records.writing import result_record
-
-AGREEING_SHARE = 0.75
-"""Least share of a run's calibrated frames that show the paint which they are taken to share."""
-GRAY_COSINE = 0.9
-"""Cosine to gray of a paint's colour up to which it tells more than brightness: white lines on grass in 35 real
-broadcast frames have 0.95 to 1 (0.89 in a blurred one), where the contrast over the noise is the same; blue and yellow
-lines on wood below 0.3.
-"""
-_GRAY = np.full(3, 3**-0.5)
-Colour = tuple[float, float, float]
+from circlecal.stages.mask import tell_paint
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,8 +52,7 @@ class Lesson:
     @property
     def is_coloured(self) -> bool:
         """Whether the colour tells the paint better than its brightness does."""
-        colour = np.asarray(self.added_bgr)
-        return bool(colour @ _GRAY < GRAY_COSINE * np.linalg.norm(colour))
+        return is_coloured(self.added_bgr)
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,16 +96,8 @@ def learn(rows: Iterable[ResultRow], config: Config) -> dict[str, Lesson]:
 def _agree(told: list[tuple[str, Colour]], least: int) -> Lesson | None:
     """The field and the paint of frames that agree on both; None where they do not."""
     fields = {name for name, _ in told}
-    if len(fields) != 1 or len(told) < least:
-        return None
-    colours = np.array(sorted(colour for _, colour in told))
-    lengths = np.linalg.norm(colours, axis=1, keepdims=True)
-    middle = np.median(colours / np.maximum(lengths, 1e-9), axis=0) * float(np.median(lengths))
-    agree = match_paint(colours, middle)
-    if agree.sum() < max(least, AGREEING_SHARE * len(told)):
-        return None
-    blue, green, red = np.round(np.median(colours[agree], axis=0), 1).tolist()
-    return Lesson(fields.pop(), (blue, green, red), int(agree.sum()))
+    agreed = agree_on_paint([colour for _, colour in told], least)
+    return None if len(fields) != 1 or agreed is None else Lesson(fields.pop(), *agreed)
 
 
 def _group_of(row: ResultRow) -> str:
@@ -200,7 +183,7 @@ class LearnedRun:
         chosen = suit_config(config, lesson.field) if config.field.template == AUTO else config
         if not lesson.is_coloured:
             return chosen
-        return chosen.model_copy(update={"mask": chosen.mask.model_copy(update={"paint_bgr": lesson.added_bgr})})
+        return chosen.model_copy(update={"mask": tell_paint(chosen.mask, lesson.added_bgr)})
 
     def _calibrate(self, file: PictureFile, config: Config) -> ResultRecord:
         picture, found = calibrate_frame(file, config, None)

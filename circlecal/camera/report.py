@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,12 +16,21 @@ from circlecal.camera.covariance import (
     push_forward,
     spread_cameras,
 )
+from circlecal.camera.painters import placement_covariance
 from circlecal.camera.problem import Problem, State
 from circlecal.camera.spike_and_slab import Posterior
 from circlecal.field import Circle, FieldTemplate
 from circlecal.field.view import FieldView
 from circlecal.geometry.camera import Camera
-from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, camera_of, homographies, project
+from circlecal.geometry.camera_parameters import (
+    INDEX,
+    PARAMETERS,
+    Projection,
+    ProjectionModel,
+    camera_of,
+    homographies,
+    project,
+)
 from circlecal.geometry.homography import compass_label, scale_homography
 from circlecal.geometry.projective import Array
 from circlecal.observations import MarkingKey
@@ -51,7 +60,8 @@ def camera_fit(
 ) -> CameraFit:
     """Everything that is reported of the best start of ``state``.
 
-    ``posterior`` says what else the field may be like; it widens the covariance.
+    ``posterior`` says what else the field may be like; it widens the covariance. What painters' errors add to it stays
+    beside it, so that what is decided about markings is decided by what was seen.
     """
     model, theta = problem.model, state.theta[0]
     covariance = posterior_covariance(state.normal[0], problem.priors.sd)
@@ -59,16 +69,11 @@ def camera_fit(
         covariance = posterior.widen(covariance)
     is_fixed = not problem.priors.sd[[INDEX["length"], INDEX["breadth"]]].any()
     prior = state.prior_jacobian[0]
-    center, reference = np.asarray(circle.center), problem.priors.center_m
+    reference = problem.priors.center_m
     camera = camera_of(theta, model)
     H = camera.homography
-    # the camera itself first, then those about it
-    cameras = homographies(np.concatenate([theta[None], spread_cameras(theta, covariance, reference)]), model)
-    vectors, centers = homography_vectors(cameras), imaged_points(cameras, center[None])[:, 0]
     surface = replace(model.surface, crown_m=float(theta[INDEX["crown"]]))
-    grid = FieldView(camera, surface).visible_field(template, reference, REACH_RADII * circle.radius_m)
-    seen = project(theta[None], grid[None], model)
-    sigma_px, sigma_m = seen.sigma(covariance)
+    told = _tell_spread(theta, covariance, model, reference, circle, template)
     return CameraFit(
         camera=camera,
         surface=surface,
@@ -76,26 +81,88 @@ def camera_fit(
         covariance=covariance,
         H_image_field=H,
         H_field_image=scale_homography(np.linalg.inv(H)),
-        H_covariance=push_forward(vectors[0], vectors[1:]),
-        imaged_center_px=centers[0],
-        imaged_center_covariance=push_forward(centers[0], centers[1:]),
+        H_covariance=told.H_covariance,
+        imaged_center_px=told.imaged_center_px,
+        imaged_center_covariance=told.imaged_center_covariance,
         noise_scale=scale,
-        data_share=data_share(seen, covariance, prior.T @ prior),
+        data_share=data_share(told.seen, covariance, prior.T @ prior),
         residual_correlation=_correlation(problem, state, circle),
-        max_sigma_px=float(sigma_px.max()) if len(grid) else float("inf"),
-        max_sigma_m=float(sigma_m.max()) if len(grid) else float("inf"),
+        max_sigma_px=told.max_sigma_px,
+        max_sigma_m=told.max_sigma_m,
         residuals_px=residuals_px(problem, state),
         point_residuals_px=point_residuals_px(problem, state),
         theta=theta,
         stated_sigma_px=stated_sigma_px,
-        derived_points=derive_points(cameras, camera, circle),
+        derived_points=told.derived_points,
         rejected=rejected,
         named_lines=tuple(sorted(set(named.values()))),
         names_by_line=named,
         reference_m=reference,
         field_size=None if posterior is None or is_fixed else _field_size(theta, covariance, template, posterior),
-        region=homography_region(cameras, grid, covariance),
-        mean_sigma_px=float(sigma_px.mean()) if len(grid) else float("inf"),
+        region=told.region,
+        mean_sigma_px=told.mean_sigma_px,
+        placement_covariance=placement_covariance(problem, state, covariance, template.placement_sd_m),
+    )
+
+
+def widen_camera(fit: CameraFit, circle: Circle, template: FieldTemplate) -> CameraFit:
+    """The camera with painters' errors in its covariance and in everything that follows from that."""
+    if fit.placement_covariance is None:
+        return fit
+    covariance = fit.covariance + fit.placement_covariance
+    told = _tell_spread(fit.theta, covariance, fit.model, fit.reference_m, circle, template)
+    return replace(
+        fit,
+        covariance=covariance,
+        H_covariance=told.H_covariance,
+        imaged_center_covariance=told.imaged_center_covariance,
+        max_sigma_px=told.max_sigma_px,
+        max_sigma_m=told.max_sigma_m,
+        mean_sigma_px=told.mean_sigma_px,
+        derived_points=told.derived_points,
+        region=told.region,
+        placement_covariance=None,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Spread:
+    """What the covariance of a camera says of everything that is derived from it, and the field points in view."""
+
+    seen: Projection
+    H_covariance: Array
+    imaged_center_px: Array
+    imaged_center_covariance: Array
+    max_sigma_px: float
+    max_sigma_m: float
+    mean_sigma_px: float
+    derived_points: tuple[DerivedPoint, ...]
+    region: HomographyRegion | None
+
+
+def _tell_spread(
+    theta: Array, covariance: Array, model: ProjectionModel, reference_m: Array, circle: Circle, template: FieldTemplate
+) -> _Spread:
+    camera = camera_of(theta, model)
+    # the camera itself first, then those about it
+    cameras = homographies(np.concatenate([theta[None], spread_cameras(theta, covariance, reference_m)]), model)
+    vectors = homography_vectors(cameras)
+    centers = imaged_points(cameras, np.asarray(circle.center)[None])[:, 0]
+    surface = replace(model.surface, crown_m=float(theta[INDEX["crown"]]))
+    grid = FieldView(camera, surface).visible_field(template, reference_m, REACH_RADII * circle.radius_m)
+    seen = project(theta[None], grid[None], model)
+    sigma_px, sigma_m = seen.sigma(covariance)
+    is_seen = len(grid) > 0
+    return _Spread(
+        seen,
+        push_forward(vectors[0], vectors[1:]),
+        centers[0],
+        push_forward(centers[0], centers[1:]),
+        float(sigma_px.max()) if is_seen else float("inf"),
+        float(sigma_m.max()) if is_seen else float("inf"),
+        float(sigma_px.mean()) if is_seen else float("inf"),
+        derive_points(cameras, camera, circle),
+        homography_region(cameras, grid, covariance),
     )
 
 

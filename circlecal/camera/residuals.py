@@ -242,14 +242,16 @@ def _points_on_markings(
 
 @dataclass(frozen=True, slots=True)
 class Residuals:
-    """Normalised residuals (B, N + 2 M), their Jacobian (B, N + 2 M, P), the foot parameters (B, N), and which curve
-    points are behind the camera (B, N).
+    """Normalised residuals (B, N + 2 M), their Jacobian (B, N + 2 M, P), the foot parameters (B, N), which curve
+    points are behind the camera (B, N), and how the residuals change per metre by which a marking lies elsewhere
+    (B, 2, N + 2 M).
     """
 
     values: Array
     jacobian: Array
     feet: Array
     behind: Mask
+    by_place: Array
 
 
 def sample_feet(curves: CurvePoints, theta: Array, model: ProjectionModel, samples: int = FOOT_SAMPLES) -> Array:
@@ -340,4 +342,4 @@ def curve_residuals(
     rows[:, SIZES, :count] = (on_curves[:, None] * curves.rows[2]).sum(axis=2)
     rows[:, SIZES[0], :count] += curves.radius_by_width * (on_curves * outward).sum(axis=1)
     rows[:, INDEX["bloom"], :count] = -bloom
-    return Residuals(values, np.swapaxes(rows, 1, 2), feet, seen.depth[:, :count] < NEAREST_M)
+    return Residuals(values, np.swapaxes(rows, 1, 2), feet, seen.depth[:, :count] < NEAREST_M, field)

@@ -124,6 +124,10 @@ def _field_notes(record: ResultRecord, config: Config, *, is_named: bool) -> Ite
             fitting = [other.template for other in others if other.status == "calibrated"]
             also = f"; {', '.join(fitting)} would fit, too" if fitting else ""
             yield f"{record.id}: looks like {taken.sport}; --field {taken.template}{also}"
+        if record.sport is not None:
+            name, share = record.sport.name, record.sport.probability or 0.0
+            told = "nothing tells which sport it shows" if name is None else f"looks like {name} ({share:.0%} sure)"
+            yield f"{record.id}: refused; {told}"
         return
     is_open = record.status == "refused" and not is_named and record.path and record.path.endswith(PICTURE_SUFFIXES)
     if is_open and is_on_strange_ground(read_image(record.path or "", config.limits), config):

@@ -10,6 +10,7 @@ from __future__ import annotations
 import ast
 import operator
 import os
+from collections.abc import Callable
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -179,6 +180,9 @@ class FieldTemplate(BaseModel):
     )
     marking_width_m: Annotated[Size, Field(gt=0)] = Field(description="Width of the paint, metres.")
     marking_width_sd_m: Annotated[Size, Field(ge=0)] = Field(description="How uncertain that width is, metres.")
+    placement_sd_m: Annotated[Size, Field(ge=0)] = Field(
+        0.0, description="How far each marking may lie from where the sizes put it, along x and along y, metres."
+    )
     default_circle: str = Field(
         description="The circle or arc that is meant when the user names none; empty where the sport has none."
     )
@@ -199,6 +203,24 @@ class FieldTemplate(BaseModel):
         if self.halfway_line is not None and self.halfway_line not in {line.name for line in self.lines}:
             raise ValueError(f"halfway_line {self.halfway_line!r} is not among the lines")
         return self
+
+    def move_markings(self, shift_of: Callable[[str], tuple[float, float]]) -> FieldTemplate:
+        """This field with each marking elsewhere, by so many metres along x and along y as its name says."""
+
+        def move(element: Any, *keys: str) -> Any:
+            dx, dy = shift_of(element.name)
+            places = {key: getattr(element, key) for key in keys}
+            return element.model_copy(update={key: (x + dx, y + dy) for key, (x, y) in places.items()})
+
+        elsewhere = {
+            "circles": tuple(move(circle, "center") for circle in self.circles),
+            "arcs": tuple(move(arc, "center") for arc in self.arcs),
+            "lines": tuple(move(line, "start", "end") for line in self.lines),
+            "marks": tuple(move(mark, "position") for mark in self.marks),
+        }
+        # a copy would keep what was derived from the old places
+        kept = {name: getattr(self, name) for name in type(self).model_fields}
+        return FieldTemplate.model_construct(**(kept | elsewhere))
 
     @cached_property
     def circle_by_name(self) -> dict[str, Circle]:

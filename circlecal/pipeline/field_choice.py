@@ -20,12 +20,13 @@ from circlecal.observations import Observations
 from circlecal.paint.brightness import brightness_of_paint
 from circlecal.pipeline.attempts import refuse_as_open
 from circlecal.pipeline.fields import field_of
+from circlecal.pipeline.likely_sport import Trial, tell_sport
 from circlecal.pipeline.placed_field import EXPLAINED_EVIDENCE as PLACED_EVIDENCE
 from circlecal.pipeline.placed_field import EXPLAINED_SHARE as PLACED_SHARE
-from circlecal.pipeline.placed_field import look_for_paint
+from circlecal.pipeline.placed_field import look_for_paint, recall_evidence
 from circlecal.pipeline.run import run
 from circlecal.pipeline.setting import Looks, Scene
-from circlecal.placement import weigh_view
+from circlecal.placement import ViewEvidence, weigh_view
 from circlecal.results import FieldCandidate, FrameCalibration
 from circlecal.stages.mask import tell_grounds
 from circlecal.stages.verdict import is_beyond_doubt, needs_confirmation
@@ -124,7 +125,11 @@ def calibrate_unknown_field(
             answers.append(replace(answer, least_explained=EXPLAINED_ON_ICE) if is_doubtful else answer)
         if any(answer.weight > 0.0 for answer in answers[1:]):
             break
-    return choose_answer(answers)
+    chosen = choose_answer(answers)
+    if chosen.status == "calibrated":
+        return chosen
+    trials = [Trial(answer.found, answer.candidate) for answer in answers]
+    return replace(chosen, sport=tell_sport(image, config, grounds, trials))
 
 
 def _leave_logos(config: Config, name: str) -> Config:
@@ -253,15 +258,18 @@ def candidate_of(found: FrameCalibration) -> FieldCandidate:
 def _weigh(scene: Scene, config: Config, found: FrameCalibration) -> Answer:
     candidate, template, view, mask = candidate_of(found), found.template, found.view, found.attempt.mask
     if found.status != "calibrated" or template is None or view is None or mask is None:
-        return Answer(found, candidate)
+        laid = recall_evidence(scene, found.field_name)
+        return Answer(found, candidate if laid is None else _with_evidence(candidate, laid))
     paint = look_for_paint(scene, mask, suit_config(config, found.field_name), template)
     if paint is None:
         return Answer(found, candidate)
-    weighed = weigh_view(view, template, paint)
-    told = replace(
+    return Answer(found, _with_evidence(candidate, weigh_view(view, template, paint)))
+
+
+def _with_evidence(candidate: FieldCandidate, weighed: ViewEvidence) -> FieldCandidate:
+    return replace(
         candidate,
         evidence=weighed.evidence,
         found_share=weighed.found_share,
         explained_share=weighed.explained_share,
     )
-    return Answer(found, told)

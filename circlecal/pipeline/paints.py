@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.config import AUTO, Config
+from circlecal.field import load_field
 from circlecal.geometry.projective import Array
 from circlecal.observations import Observations
 from circlecal.paint.brightness import brightness_of_paint
@@ -18,12 +19,20 @@ from circlecal.pipeline.field_choice import calibrate_unknown_field
 from circlecal.pipeline.run import run
 from circlecal.pipeline.setting import frame_generator
 from circlecal.placement import mean_distance_px
-from circlecal.results import FrameCalibration
+from circlecal.results import FrameCalibration, LikelySport
 from circlecal.stages.mask import MaskConfig, look_quickly, suit_field, tell_grounds, tell_paints
 
 MOST_TRIED, MOST_OF_UNKNOWN_FIELD = 2, 1
 """Paints that are followed, those with the clearest circles: in rendered halls the right one is the first. Where the
 field is not known each of them costs a look at every template, 20 s for a hall that stays refused.
+"""
+LEAST_CIRCLE = 0.15
+"""Score of the best ellipse along a paint's colour, without which it is not followed: as where a field is laid over a
+picture; the right paint of a rendered hall has 0.72.
+"""
+GREY, SAME_SIGN = 0.97, 0.3
+"""Cosine from which on two colours are one, and from which on both are lighter, or darker, than the floor. Grey paint
+that is alone with its sign is what the brightness shows, so nothing new is seen along its colour.
 """
 ALIKE_WIDTHS = 0.02
 """Two cameras that put the markings within this share of the picture's width on average are one."""
@@ -99,16 +108,29 @@ def _find_likely_paints(
     if len(paints) < 2 or first.template is None:
         return []
     for index, paint in enumerate(paints):
+        if _shows_in_brightness(paint, [other for k, other in enumerate(paints) if k != index]):
+            continue
         others = tuple(_as_numbers(other) for k, other in enumerate(paints) if k != index)
         told = config.mask.model_copy(update={"paint_bgr": _as_numbers(paint), "other_paint_bgr": others})
         brightness = brightness_of_paint(image, told.paint_bgr, others)
         options = suit_field(told, first.template)
         look = look_quickly(image, None, options, frame_generator(config.seed), brightness)
-        if look is not None and look.candidates:
+        if look is not None and look.candidates and look.candidates[0].score >= LEAST_CIRCLE:
             likely.append((look.candidates[0].score, index, paint, told))
     ranked = sorted(likely, key=lambda item: (-item[0], item[1]))
     most = MOST_OF_UNKNOWN_FIELD if config.field.template == AUTO else MOST_TRIED
     return [(paint, told) for _, _, paint, told in ranked[:most]]
+
+
+def _shows_in_brightness(paint: Array, others: list[Array]) -> bool:
+    """Whether what a paint adds to blue, green and red (3,) is grey, and no other paint is as light or as dark."""
+    grey = np.ones(3)
+    is_alone = all(_cosine(paint, other) < SAME_SIGN for other in others)
+    return abs(_cosine(paint, grey)) > GREY and is_alone
+
+
+def _cosine(one: Array, other: Array) -> float:
+    return float(one @ other / max(float(np.linalg.norm(one) * np.linalg.norm(other)), 1e-9))
 
 
 def _may_have_paints(image: NDArray[np.uint8], first: FrameCalibration, config: Config) -> bool:
@@ -117,8 +139,16 @@ def _may_have_paints(image: NDArray[np.uint8], first: FrameCalibration, config: 
     if not config.mask.tell_paints or config.mask.paint_bgr is not None or mask is None or mask.source != "detector":
         return False
     if config.field.template == AUTO:
-        return "floor" in tell_grounds(image)
+        return "floor" in tell_grounds(image) and _is_in_one_paint(first.sport, config)
     return template is not None and template.is_in_one_paint and template.ground in ("floor", "any")
+
+
+def _is_in_one_paint(sport: LikelySport | None, config: Config) -> bool:
+    """Whether the sport that a picture looks like, or any where it looks like none, has its lines in one colour."""
+    if sport is None or sport.name is None:
+        return True
+    fields = [load_field(name) for name in config.field.among]
+    return any(field.is_in_one_paint for field in fields if field.sport == sport.name)
 
 
 def _choose(answers: list[FrameCalibration], first: FrameCalibration) -> FrameCalibration:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -48,6 +48,19 @@ MOST_OF_SIBLING = 2
 """So many lead to cameras where a field of other sizes of the sport was laid already: this one lies there too, or is
 not the one that is seen.
 """
+LEAST_CIRCLE = 0.15
+"""Score that the best candidate of a surface needs where no arc is seen there, without which no field is laid over
+it: of 14 right cameras of real and rendered rinks and courts 0.38 to 0.93, of a tennis court and two halls without a
+circle in view 0.05 to 0.12.
+"""
+LEAST_PLACED_EXPLAINED = 0.2
+"""So much of the paint a placement must explain to lead to a camera, which takes most of the time: those that led to
+answers on 13 frames of other sports explained 0.36 to 1, those that were believed beside them 0.27 at least; on a
+tennis court and in two halls without a court in view most explain 0.06 to 0.19.
+"""
+SAME_WIDTHS = 0.0005
+"""Two placements on one surface that put the markings within this share of the picture's width on average lead to one
+camera."""
 LARGEST_MOVE_WIDTHS = 0.05
 """Mean distance, picture widths, by which the camera may move the markings from where they were found: right ones moved
 them by 0.001 to 0.038.
@@ -159,28 +172,37 @@ def place_template(setting: Setting, scene: Scene, first: Attempt) -> Iterator[A
     markings decides. Where two say alike, the attempt is refused as ``circle_open``. Each surface and polarity is
     searched until one answers.
     """
-    mask, tried = first.mask, set[tuple[object, ...]]()
+    mask, tried, followed = first.mask, set[tuple[object, ...]](), list[tuple[SeenPaint, FieldView]]()
     # a field of other sizes of the same sport lies where the first one does
     sport = "laid", setting.template.sport or setting.template.name
     laid = scene.looks.recall(sport)
     for rank, seen in enumerate(() if mask is None else (mask, *mask.sightings)):
+        if not has_circle(seen):
+            continue
         with setting.clock("cues"):
             paint = look_for_paint(scene, seen, setting.config, setting.template)
         if paint is None or paint.key in tried or laid not in (None, paint.key):
             continue
         tried.add(paint.key)
         most = MOST_PLACED if laid is None else MOST_OF_SIBLING
-        best = _place_among(setting, scene, seen, paint, 1.0 if rank < LIKELIEST else OTHER_SIGHTING, most)
+        factor = 1.0 if rank < LIKELIEST else OTHER_SIGHTING
+        best = _place_among(setting, scene, seen, paint, factor, most, followed)
         if best is not None:
             scene.looks.keep(sport, paint.key)
             yield best
 
 
 def _place_among(
-    setting: Setting, scene: Scene, mask: MarkingMask, paint: SeenPaint, factor: float, most: int
+    setting: Setting,
+    scene: Scene,
+    mask: MarkingMask,
+    paint: SeenPaint,
+    factor: float,
+    most: int,
+    earlier: list[tuple[SeenPaint, FieldView]],
 ) -> Attempt | None:
-    """The field laid over paint of one polarity on one surface by one of so many placements at most; None where none is
-    believed with the evidence that is usually enough, times a factor.
+    """The field laid over paint of one polarity on one surface by one of so many placements at most, but for those that
+    were followed earlier; None where none is believed with the evidence that is usually enough, times a factor.
     """
     template, side = setting.template, setting.config.correspondences.camera_side
     with setting.clock("cues"):
@@ -189,8 +211,15 @@ def _place_among(
         key = ("placements", template.sport or template.name, side, *paint.key)
         rough = scene.looks.once(key, lambda: search_placements(paint, size, template, side))
         placements = [] if rough is None else refine_placements(rough, paint, size, template)
+    if placements:
+        keep_evidence(scene, template, weigh_view(placements[0].view, template, paint))
     least = max(0.0, LEAST_PLACED * placements[0].evidence) if placements else 0.0
-    likely = [placed for placed in placements[:most] if placed.evidence > least]
+    likely = [
+        placed
+        for placed in placements[:most]
+        if placed.evidence > least and _is_worth_following(setting, placed, paint, earlier)
+    ]
+    earlier += [(paint, placed.view) for placed in likely]
     followed = [
         (weigh_view(attempt.camera.view, template, paint), attempt, placed)
         for placed, attempt in ((placed, _follow_placement(setting, scene, mask, placed)) for placed in likely)
@@ -223,6 +252,36 @@ def _place_among(
         if not check.passed:
             best = refuse_as_open(best, "circle_open")
     return best
+
+
+def has_circle(mask: MarkingMask) -> bool:
+    """Whether what was seen on a surface holds anything that may be a circle of a field."""
+    scores = (candidate.score for candidate in mask.candidates)
+    return mask.conic is not None or bool(mask.arcs) or max(scores, default=0.0) >= LEAST_CIRCLE
+
+
+def _is_worth_following(
+    setting: Setting, placed: PlacedField, paint: SeenPaint, earlier: Sequence[tuple[SeenPaint, FieldView]]
+) -> bool:
+    """Whether a placement explains some of the paint, and was not followed on this surface before."""
+    if weigh_view(placed.view, setting.template, paint).explained_share < LEAST_PLACED_EXPLAINED:
+        return False
+    views = (view for other, view in earlier if other.surface is paint.surface)
+    limit = SAME_WIDTHS * setting.width
+    return all(mean_distance_px(placed.view, view, setting.template) > limit for view in views)
+
+
+def keep_evidence(scene: Scene, template: FieldTemplate, weighed: ViewEvidence) -> None:
+    """Keep what speaks for a template that was laid over the picture, believed or not, where nothing spoke more."""
+    key, best = ("evidence", template.name), recall_evidence(scene, template.name)
+    if best is None or weighed.evidence * weighed.explained_share > best.evidence * best.explained_share:
+        scene.looks.keep(key, weighed)
+
+
+def recall_evidence(scene: Scene, template: str) -> ViewEvidence | None:
+    """What speaks most for a template that was laid over the picture; None where it was not."""
+    found = scene.looks.recall(("evidence", template))
+    return found if isinstance(found, ViewEvidence) else None
 
 
 def _has_wandered(weighed: ViewEvidence, placed: PlacedField) -> bool:

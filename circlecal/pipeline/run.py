@@ -17,6 +17,7 @@ from circlecal.pipeline.discs import DISCS
 from circlecal.pipeline.field_lines import FIELD_LINES, look_for_field_lines
 from circlecal.pipeline.fields import Convention, apply_convention, field_of
 from circlecal.pipeline.other_circles import ARCS, OTHER_CIRCLES, mask_arcs
+from circlecal.pipeline.painters import cover_painters
 from circlecal.pipeline.placed_field import ALL_MARKINGS, PLACED_FIELD, refuse_doubtful
 from circlecal.pipeline.refinements import calibrate_scene
 from circlecal.pipeline.setting import Looks, Scene, Setting, frame_generator, prepare_scene
@@ -90,6 +91,7 @@ def run(
     else:
         attempt = look_for_field_lines(setting, scene) or reconsider(setting, scene, calibrate_scene(setting, scene))
         attempt = refuse_doubtful(setting, ALL_MARKINGS.try_out(setting, scene, attempt) or attempt)
+    attempt = cover_painters(setting, attempt)
     return replace(setting.calibration(attempt, frame_id, source), paint_bgr=_measure_paint(setting, scene, attempt))
 
 
@@ -140,6 +142,7 @@ def run_observations(
     def answer(chosen: Config) -> FrameCalibration:
         setting = Setting(chosen, template, circle, *size, frame_generator(config.seed))
         attempt = estimate(setting, take_observations(setting, Attempt(), observations), earlier)
+        attempt = cover_painters(setting, attempt)
         return setting.calibration(attempt, frame_id, source)
 
     first = answer(config)

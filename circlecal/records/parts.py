@@ -326,6 +326,13 @@ class FieldCandidateRecord(RecordPart):
     H_image_field: Matrix | None = None
 
 
+class SportRecord(RecordPart):
+    """The sport that a refused frame looks like, null where nothing tells, and how sure that is."""
+
+    name: Text | None = None
+    probability: Number = None
+
+
 class ResidualsRecord(RecordPart):
     """Rms per fitted ellipse, one residual per row of the DLT, rms per observation of the camera.
 

@@ -41,6 +41,7 @@ from circlecal.records.parts import (
     ResidualsRecord,
     RigRecord,
     SourceRecord,
+    SportRecord,
     SquareMatrix,
     Text,
     TrackRecord,
@@ -113,6 +114,7 @@ class ResultRecord(ResultRow):
     inliers: dict[str, InliersRecord] | None = None
     alternatives: list[AlternativeRecord] = Field(default_factory=list)
     fields: list[FieldCandidateRecord] | None = None
+    sport: SportRecord | None = None
     residuals_px: ResidualsRecord | None = None
     observations: ObservationsRecord | None = None
 

@@ -48,6 +48,7 @@ def result_record(
         "image": {"width": calibration.width, "height": calibration.height},
         "field": {"template": template.name, "circle": calibration.circle_name, "sizes": template.sizes},
         "fields": [asdict(candidate) for candidate in calibration.fields] or None,
+        "sport": calibration.sport and asdict(calibration.sport),
         "status": calibration.status,
         "H_image_field": H_image_field if accepted else None,
         "H_field_image": H_field_image if accepted else None,

@@ -3,7 +3,7 @@
 Arrays are float64 unless said; nothing here computes. A field that is None was not reached or not determined.
 """
 
-from circlecal.results.attempt import Attempt, FieldCandidate, Fitted, FrameCalibration, Rival
+from circlecal.results.attempt import Attempt, FieldCandidate, Fitted, FrameCalibration, LikelySport, Rival
 from circlecal.results.estimates import (
     CameraFit,
     Correspondences,
@@ -54,6 +54,7 @@ __all__ = [
     "HomographyFit",
     "HomographyRegion",
     "Interpretation",
+    "LikelySport",
     "LineCorrespondence",
     "LineCue",
     "MarkCue",

@@ -108,7 +108,8 @@ class FieldCandidate:
         Verdict under this template.
     evidence : float or None
         Length of its markings that are painted where its camera puts them, beyond the length at which as much is
-        missing as a wrong camera's would be, picture widths; None where there is no camera.
+        missing as a wrong camera's would be, picture widths; of a refused frame that of the best camera under which
+        the whole template was laid over the picture; None where there is no camera.
     found_share : float or None
         Share of its markings in view that are painted.
     explained_share : float or None
@@ -128,6 +129,22 @@ class FieldCandidate:
     explained_share: float | None = None
     max_sigma_px: float | None = None
     H_image_field: Array | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class LikelySport:
+    """Which sport a frame looks like that no field calibrated.
+
+    Attributes
+    ----------
+    name : str or None
+        As the templates call it; None where nothing tells.
+    probability : float
+        How sure that is, 0 to 1; of None, that it is none of the sports that were tried.
+    """
+
+    name: str | None
+    probability: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,6 +171,8 @@ class FrameCalibration:
         The field itself; None where the calibration was read from a file.
     fields : tuple of FieldCandidate
         Where the field was to be told by the picture: the templates that were tried, the one that was taken first.
+    sport : LikelySport or None
+        The sport that the picture looks like, where its field was to be told and it is refused.
     paint_bgr : (float, float, float) or None
         What the circle's paint adds to blue, green and red of the surface, where a picture was calibrated under a
         template all of whose markings are in one paint.
@@ -171,6 +190,7 @@ class FrameCalibration:
     source: str | None = None
     template: FieldTemplate | None = None
     fields: tuple[FieldCandidate, ...] = ()
+    sport: LikelySport | None = None
     paint_bgr: tuple[float, float, float] | None = None
     other_paints_bgr: tuple[tuple[float, float, float], ...] = ()
 

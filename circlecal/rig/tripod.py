@@ -239,10 +239,21 @@ class TripodEstimate:
 
 @dataclass(frozen=True, slots=True)
 class Venue:
-    """What a run knows of its place: the name of the field template, and the cameras that stand there."""
+    """What a run knows of its place.
+
+    Attributes
+    ----------
+    field : str
+        Name of the field template.
+    tripods : tuple of TripodEstimate
+        The cameras that stand there.
+    paint_bgr : (float, float, float) or None
+        What the paint adds to blue, green and red of its surface, where this tells it better than its brightness.
+    """
 
     field: str
     tripods: tuple[TripodEstimate, ...] = ()
+    paint_bgr: tuple[float, float, float] | None = None
 
     def tripod(self, name: str) -> TripodEstimate:
         """The camera of that name.

@@ -163,6 +163,7 @@ class VenueFile(_Part):
     venue_version: int
     field: str
     config_digest: str | None = None
+    paint_bgr: tuple[Finite, Finite, Finite] | None = None
     tripods: list[TripodPart] = []
 
     @model_validator(mode="after")
@@ -194,7 +195,7 @@ def read_venue(path: Path, template: FieldTemplate) -> Venue:
     content = read_venue_file(path)
     if content.field != template.name:
         raise InputError(f"{path}: field: is {content.field}, not {template.name}; give its --field")
-    return Venue(content.field, tuple(tripod.estimate(template) for tripod in content.tripods))
+    return Venue(content.field, tuple(tripod.estimate(template) for tripod in content.tripods), content.paint_bgr)
 
 
 def read_venue_file(path: Path) -> VenueFile:
@@ -242,6 +243,7 @@ def write_venue(path: Path, venue: Venue, template: FieldTemplate, config_digest
         venue_version=VENUE_VERSION,
         field=venue.field,
         config_digest=config_digest,
+        paint_bgr=venue.paint_bgr,
         tripods=[TripodPart.of(tripod, template) for tripod in venue.tripods],
     )
     header = ["# A venue for --venue: where its cameras stand and turn, their lenses, and the pitch.", *_facts(content)]
@@ -250,8 +252,8 @@ def write_venue(path: Path, venue: Venue, template: FieldTemplate, config_digest
 
 
 def venue_settings(path: Path, template: FieldTemplate) -> list[str]:
-    """Settings of the sections ``camera``, ``correspondences`` and ``field`` for single frames of the first camera of a
-    venue, as ``section.key=value``.
+    """Settings of the sections ``camera``, ``correspondences``, ``field`` and ``mask`` for single frames of the first
+    camera of a venue, as ``section.key=value``.
 
     Raises
     ------
@@ -274,6 +276,8 @@ def venue_settings(path: Path, template: FieldTemplate) -> list[str]:
         "camera.crown_shape": tripod.surface.shape,
         "correspondences.camera_side": side,
     }
+    if venue.paint_bgr is not None:
+        values["mask.paint_bgr"] = list(venue.paint_bgr)
     return [f"{key}={json.dumps(value)}" for key, value in values.items()]
 
 

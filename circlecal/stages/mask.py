@@ -84,7 +84,7 @@ class MaskConfig(BaseModel):
     paint_bgr: tuple[float, float, float] | None = Field(
         None,
         description="What the paint adds to blue, green and red of the surface, in any strength: markings are told by"
-        " this colour and not by their brightness; `circlecal batch` fills it in with what it learns.",
+        " this colour and not by their brightness; `circlecal batch` and `track` fill it in with what they learn.",
     )
     other_paint_bgr: tuple[tuple[float, float, float], ...] = Field(
         (), description="The same of other lines on this floor, which then show as little as they can."
@@ -178,6 +178,15 @@ def suit_field(config: MaskConfig, template: FieldTemplate) -> MaskConfig:
         ),
     }
     return config.model_copy(update={"detector": given.model_copy(update=told)})
+
+
+def tell_paint(config: MaskConfig, added_bgr: tuple[float, float, float] | None) -> MaskConfig:
+    """The options with what the paint adds to blue, green and red of its surface, where the options leave it open and
+    somebody knows it.
+    """
+    if added_bgr is None or config.paint_bgr is not None:
+        return config
+    return config.model_copy(update={"paint_bgr": added_bgr})
 
 
 def tell_grounds(image: NDArray[np.uint8]) -> tuple[Ground, ...]:

@@ -247,6 +247,19 @@ def _camera_checks(
     return [*checks, *_edge_checks(camera, ellipses, template, circle, config)]
 
 
+def renew_sigmas(verdict: Verdict, camera: CameraFit) -> Verdict:
+    """The verdict on a camera whose uncertainty has changed since, refused where that is too large now."""
+    values = {"sigma_px": camera.max_sigma_px, "mean_sigma_px": camera.mean_sigma_px, "sigma_m": camera.max_sigma_m}
+    checks = tuple(
+        _check(check.name, values[check.name], check.limit) if check.name in values else check
+        for check in verdict.checks
+    )
+    failing = [check for check in checks if check.name in values and not check.passed]
+    if verdict.status == "calibrated" and failing:
+        return _refusal_by(failing[0], checks)
+    return replace(verdict, checks=checks)
+
+
 def _orientation_checks(H: Array, circle: Circle) -> list[Check]:
     rim = np.asarray(circle.center, dtype=np.float64) + circle.radius_m * _ring()
     return [

@@ -117,7 +117,7 @@ def _layers(scene: Scene) -> list[PaintLayer]:
     skipped = frozenset() if scene.center_mark_painted or mark is None else frozenset({mark})
     return paint_layers(
         scene.camera,
-        scene.template,
+        scene.painted or scene.template,
         scene.surface,
         scene.config.marking_width_m,
         skipped,

@@ -20,6 +20,7 @@ from circlecal.synthetic.floors import hall_paint, old_circle_paint, rink_paint,
 from circlecal.synthetic.looks import archive_format, sample_config, sample_delivery
 from circlecal.synthetic.negatives import negative_scene
 from circlecal.synthetic.other_sports import choose_circle, court_decals, court_paint, faceoff_paint, rink_logos, robots
+from circlecal.synthetic.painters import displace_markings
 from circlecal.synthetic.renderer import Rendering, render
 from circlecal.synthetic.scene import ExtraPaint, Player, Scene, sample_player
 from circlecal.synthetic.views import CameraProfile
@@ -213,6 +214,7 @@ def sample_scene(
         decals=_decals(profile, field, rng),
         widths_m=_WIDE_LINES_M if profile in ("ice", "rink") else {},
         alteration=ALTERATIONS[rng.integers(len(ALTERATIONS))] if profile == "altered" else "",
+        painted=displace_markings(field, rng),
     )
 
 

@@ -230,6 +230,8 @@ class Scene:
         Pictures on the ground, under all paint.
     widths_m : dict
         Markings that are not as wide as the others, metres.
+    painted : FieldTemplate or None
+        The field's own markings where painters put them; None where they lie as the template has them.
     field_painted : bool
         Whether the field's own markings are there at all.
     alteration : str
@@ -248,6 +250,7 @@ class Scene:
     extras: tuple[ExtraPaint, ...] = ()
     decals: tuple[Decal, ...] = ()
     widths_m: dict[str, float] = field(default_factory=dict)
+    painted: FieldTemplate | None = None
     field_painted: bool = True
     alteration: Alteration = ""
 

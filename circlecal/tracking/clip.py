@@ -12,6 +12,7 @@ from circlecal.rig.tripod import Venue
 from circlecal.tracking.answers import answer_shot
 from circlecal.tracking.clock import StageClock
 from circlecal.tracking.entry import ClipFrame, Entry
+from circlecal.tracking.first_look import suit_tracking
 from circlecal.tracking.follower import Follower
 from circlecal.tracking.results import TrackedFrame
 
@@ -41,6 +42,7 @@ def track_frames(
         One for each frame; memory does not grow with the length of the clip.
     """
     template, _ = field_of(config)
+    config = suit_tracking(config, venue.paint_bgr)
     waiting: list[Entry] = []
     clock = clock or StageClock()
     follower = Follower(venue, config, template, clock)

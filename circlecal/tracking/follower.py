@@ -110,9 +110,9 @@ class Follower:
     def follow(self, frame: ClipFrame) -> Entry:
         """The next frame."""
         is_followed = self._entry is not None and self._entry.is_confirmed and frame.index % GRASS_EVERY != 0
-        detector = self._config.mask.detector
+        mask = self._config.mask
         with self._clock.measure("picture"):
-            picture = LookedAt.of(frame.picture, detector, self._last if is_followed else None)
+            picture = LookedAt.of(frame.picture, mask, self._last if is_followed else None)
             if not is_followed:
                 picture = picture.take_surface(self._surface)
         entry = Entry(frame.index, frame.time_s, picture.size, self._shot)
@@ -127,7 +127,7 @@ class Follower:
         is_lost = look is None or self._contradicted >= PATIENCE or self._unconfirmed > FOLLOWED_FRAMES
         if is_lost:
             if is_followed:
-                picture = LookedAt.of(frame.picture, detector).take_surface(self._surface)
+                picture = LookedAt.of(frame.picture, mask).take_surface(self._surface)
             is_cut = last is not None and picture.differs_from(last)
             self._lose(entry, before, is_cut)
             if self._is_time_to_search():

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.detection.field_region import FieldRegion, find_field_region, surface_colour
-from circlecal.detection.options import DetectorConfig
 from circlecal.field import FieldTemplate
 from circlecal.geometry.projective import Array
-from circlecal.paint.profiles import to_gray
+from circlecal.paint.brightness import brightness_of_paint
 from circlecal.rig.tripod import PLACE, TripodEstimate
+from circlecal.stages.mask import MaskConfig
 from circlecal.tracking.head_fit import HeadFit, fit_head, follow_common
 from circlecal.tracking.markings import DrawnTemplate, MeasuredFrame, measure_markings, place_markings, template_curves
 from circlecal.tracking.motion import SmallPicture
@@ -66,29 +66,29 @@ class LookedAt:
     Attributes
     ----------
     gray : (H, W) uint8
-        Brightness.
+        Brightness, along the colour of the paint where that is known.
     small : SmallPicture
         Reduced, for motion.
     reduced : (h, w, 3) uint8
         Colours in a reduced picture.
     region : FieldRegion
         Playing surface in it.
-    detector : DetectorConfig
-        How surface and ridges are found.
+    mask : MaskConfig
+        How paint, surface and ridges are found.
     """
 
     gray: NDArray[np.uint8]
     small: SmallPicture
     reduced: NDArray[np.uint8]
     region: FieldRegion
-    detector: DetectorConfig
+    mask: MaskConfig
 
     @classmethod
-    def of(cls, picture: NDArray[np.uint8], detector: DetectorConfig, beside: LookedAt | None = None) -> LookedAt:
+    def of(cls, picture: NDArray[np.uint8], mask: MaskConfig, beside: LookedAt | None = None) -> LookedAt:
         """Prepare a BGR picture (H, W, 3); the playing surface is taken from a picture beside it where one is given."""
-        gray = to_gray(picture)
+        gray = brightness_of_paint(picture, mask.paint_bgr, mask.other_paint_bgr)
         if beside is not None and beside.gray.shape == gray.shape:
-            return cls(gray, SmallPicture.of(gray), beside.reduced, beside.region, detector)
+            return cls(gray, SmallPicture.of(gray), beside.reduced, beside.region, mask)
         height, width = gray.shape
         step = max(1, width // (2 * SMALL_WIDTH_PX))
         reduced = cv2.resize(
@@ -96,7 +96,8 @@ class LookedAt:
             interpolation=cv2.INTER_AREA,
         )  # fmt: skip
         colours = np.asarray(reduced, np.uint8)
-        return cls(gray, SmallPicture.of(gray), colours, find_field_region(colours, detector.field_region), detector)
+        region = find_field_region(colours, mask.detector.field_region)
+        return cls(gray, SmallPicture.of(gray), colours, region, mask)
 
     @cached_property
     def grass(self) -> NDArray[np.uint8]:
@@ -118,7 +119,7 @@ class LookedAt:
         """The picture with what is broadest beside the playing surface in the place of it: a smooth dark run-off that
         fills the lower picture has more pixels of one colour than mown grass.
         """
-        return replace(self, region=find_field_region(self.reduced, self.detector.field_region, self.region))
+        return replace(self, region=find_field_region(self.reduced, self.mask.detector.field_region, self.region))
 
     def take_surface(self, colour: Array | None) -> LookedAt:
         """The picture with the playing surface that is more like a colour (2,), where the first one is not."""
@@ -143,7 +144,7 @@ class LookedAt:
     @cached_property
     def ridges(self) -> RidgePicture:
         """For a search."""
-        return map_ridges(self.gray, self.grass, self.detector.ridges)
+        return map_ridges(self.gray, self.grass, self.mask.detector.ridges)
 
 
 @dataclass(frozen=True, slots=True)

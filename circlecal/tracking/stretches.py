@@ -82,6 +82,7 @@ class ClipRun:
             (t.name, t.size, t.log_focal, t.mean.tolist(), t.covariance.tolist()) for t in self.known.tripods
         ]
         told: list[object] = [config_digest(self.config), self.sampling.seconds, self.sampling.frames, known]
+        told += [self.known.paint_bgr] if self.known and self.known.paint_bgr else []
         named = digest_annotations(self.annotations)
         told += [named] if named else []
         return hashlib.sha256(json.dumps(told).encode()).hexdigest()[:12]

@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
 from circlecal.config import Config
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import Surface, SurfaceShape
-from circlecal.pictures.interlacing import join_fields
-from circlecal.pipeline import field_of, run
-from circlecal.results import CameraFit
+from circlecal.pipeline import field_of
 from circlecal.rig.positions import group_positions
 from circlecal.rig.tripod import PLACE, TripodEstimate, Venue
 from circlecal.tracking.anchors import Anchor
+from circlecal.tracking.first_look import (
+    Alone,
+    PicturesAt,
+    join_fields_of,
+    learn_paint,
+    look_through,
+    suit_tracking,
+)
 from circlecal.tracking.looking import LEAST_PLACES, Look, LookedAt, Place
-from circlecal.tracking.markings import DrawnTemplate, MeasuredFrame, measure_markings, place_markings, template_curves
+from circlecal.tracking.markings import DrawnTemplate, MeasuredFrame, template_curves
 from circlecal.tracking.paint_width import estimate_paint_width
 from circlecal.tracking.tripod_fit import (
     HeadedFrame,
@@ -34,15 +39,10 @@ from circlecal.tracking.tripod_fit import (
     start_tripod,
 )
 
-PicturesAt = Callable[[Sequence[float]], Iterator[NDArray[np.uint8] | None]]
-"""Decodes, at some growing times, the first frame at or after each; None where there is none."""
-
 MOST_PICTURES, LEAST_STEP_S = 48, 0.2
 """Pictures that are looked at, and the least time between them: with 0.5 s a clip of 4 s gave too few to tell the
 length of its pitch (48 % of its frames answered, with 0.2 s 93 %).
 """
-ENOUGH_ALONE = 10
-"""Frames that are calibrated alone; all others are found by the tripod that these determine."""
 SAME_PLACE_M = 0.8
 """How far apart single frames put one camera, beyond their own uncertainty: the lever arm moves the pupil so far."""
 LEAST_FRAMES = 2
@@ -72,7 +72,6 @@ LENGTH_STEP_M, LENGTH_SD_M, LEAST_MORE_WORTH = 0.5, 0.25, 40.0
 """Of the lengths that are tried, what is left open of the one that is found, metres, and places of paint by which it
 must show more than half of all lengths do: 90 and 270 on two clips of one ground; without a penalty area in view 15.
 """
-LEAST_OWN_PLACES = 30
 ROUNDS, LOOKS = 3, 3
 """In which the tripods find further frames and learn from them; and looks at a frame while its tripod changes."""
 LEAST_GRASS = 0.15
@@ -98,17 +97,6 @@ DECISIVE, DECISIVE_SHARE = 10.0, 0.05
 of the cost: on real clips the better shape has 9 to 48 % less where penalty areas are in view; with the circle alone in
 view 3 % chose the wrong one, and with it a pitch that is 4 m too broad.
 """
-
-
-@dataclass(frozen=True, slots=True)
-class _Alone:
-    """A frame that was calibrated alone, with the paint of its markings."""
-
-    name: str
-    fit: CameraFit
-    measured: MeasuredFrame
-    is_named: bool = False
-    """Whether a person named what is seen in it; then it needs no second frame that agrees."""
 
 
 def survey_clip(
@@ -140,53 +128,26 @@ def survey_clip(
     """
     template, circle = field_of(config)
     drawn = template_curves(template)
-    pictures_at = _without_combs(pictures_at) if config.mask.deinterlace else pictures_at
+    pictures_at = join_fields_of(pictures_at) if config.mask.deinterlace else pictures_at
     step = max(LEAST_STEP_S, duration_s / MOST_PICTURES)
-    times = np.arange(0.0, max(duration_s - 0.5 * step, 0.01), step)
-    pictures: dict[str, LookedAt] = {}
-    alone: list[_Alone] = []
-    detector = config.mask.detector
-    for anchor in anchors:
-        name = f"{anchor.time_s:.3f}"
-        pictures[name] = LookedAt.of(anchor.picture, detector)
-        pictures[name], measured = _measure_on_surface(pictures[name], anchor.fit, config, template, drawn)
-        alone.append(_Alone(name, anchor.fit, measured, is_named=True))
-    for time_s, picture in zip(times, pictures_at([float(t) for t in times]), strict=False):
-        if picture is None:
-            continue
-        name = f"{time_s:.3f}"
-        if name in pictures:
-            continue
-        pictures[name] = LookedAt.of(picture, detector)
-        if len(alone) < ENOUGH_ALONE and not (known and known.tripods):
-            found = run(picture, config, frame_id=name)
-            if found.status == "calibrated" and found.attempt.camera is not None:
-                pictures[name], measured = _measure_on_surface(
-                    pictures[name], found.attempt.camera, config, template, drawn
-                )
-                if len(measured.marking) >= LEAST_OWN_PLACES:
-                    alone.append(_Alone(name, found.attempt.camera, measured))
-    colours = [colour for a in alone if (colour := pictures[a.name].colour) is not None]
-    usual = np.median(colours, axis=0) if colours else None
-    pictures = {name: picture.take_surface(usual) for name, picture in pictures.items()}
-    if known is not None and known.tripods:
+    times = np.arange(0.0, max(duration_s - 0.5 * step, 0.01), step).tolist()
+    is_known = known is not None and len(known.tripods) > 0
+    paint = None if known is None else known.paint_bgr
+    config = suit_tracking(config, paint)
+    look = look_through(pictures_at, times, config, drawn, anchors, is_known=is_known)
+    learnt_paint = learn_paint(look, config)
+    if learnt_paint is not None:
+        paint, config = learnt_paint, suit_tracking(config, learnt_paint)
+        look = look_through(pictures_at, times, config, drawn, anchors)
+    alone, usual, pictures = look.alone, look.surface_colour, look.with_one_surface()
+    if known is not None and is_known:
         extended = [_extend(tripod, {}, pictures, config, template, drawn, tripod)[0] for tripod in known.tripods]
-        return Venue(template.name, tuple(extended))
+        return Venue(template.name, tuple(extended), paint)
     starts = _tripods(alone, config, template, circle, drawn)
     grown = {t.name: _extend_and_measure(t, heads, pictures, config, template, drawn) for t, heads in starts}
     distinct = _keep_distinct([tripod for tripod, _ in grown.values()])
     learnt = [_learn_between(t, grown[t.name][1], pictures_at, config, template, drawn, usual) for t in distinct]
-    return Venue(template.name, tuple(_keep_distinct(learnt)))
-
-
-def _without_combs(pictures_at: PicturesAt) -> PicturesAt:
-    """Decodes pictures of one moment each, also from interlaced frames."""
-
-    def decode(times: Sequence[float]) -> Iterator[NDArray[np.uint8] | None]:
-        for picture in pictures_at(times):
-            yield None if picture is None else join_fields(picture)
-
-    return decode
+    return Venue(template.name, tuple(_keep_distinct(learnt)), paint)
 
 
 def _keep_distinct(tripods: Sequence[TripodEstimate]) -> list[TripodEstimate]:
@@ -199,28 +160,8 @@ def _keep_distinct(tripods: Sequence[TripodEstimate]) -> list[TripodEstimate]:
     return kept
 
 
-def _measure(picture: LookedAt, fit: CameraFit, template: FieldTemplate, drawn: DrawnTemplate) -> MeasuredFrame:
-    places = place_markings(drawn, fit.theta, fit.model, template.marking_width_m)
-    variance = ((places.by_theta @ fit.covariance) * places.by_theta).sum(axis=1)
-    spread = np.sqrt(np.maximum(variance, 0.0))
-    unit = fit.model.width / 1920.0
-    return measure_markings(picture.gray, places, spread, unit, len(drawn.names), None, picture.grass)
-
-
-def _measure_on_surface(
-    picture: LookedAt, fit: CameraFit, config: Config, template: FieldTemplate, drawn: DrawnTemplate
-) -> tuple[LookedAt, MeasuredFrame]:
-    """The paint of a calibrated frame's markings, and the picture with the surface on which they lie."""
-    measured = _measure(picture, fit, template, drawn)
-    if len(measured.marking) >= LEAST_OWN_PLACES:
-        return picture, measured
-    other = picture.take_other_surface()
-    beside = _measure(other, fit, template, drawn)
-    return (other, beside) if len(beside.marking) > len(measured.marking) else (picture, measured)
-
-
 def _tripods(
-    alone: Sequence[_Alone], config: Config, template: FieldTemplate, circle: Circle, drawn: DrawnTemplate
+    alone: Sequence[Alone], config: Config, template: FieldTemplate, circle: Circle, drawn: DrawnTemplate
 ) -> list[tuple[TripodEstimate, dict[str, Array]]]:
     """Tripods of frames that were calibrated alone, the one with the most frames first, and the heads by frame."""
     least = _least_frames(alone)
@@ -239,14 +180,14 @@ def _tripods(
     return found
 
 
-def _least_frames(frames: Sequence[_Alone]) -> int:
+def _least_frames(frames: Sequence[Alone]) -> int:
     """Frames that make a tripod: one where a person named what is seen in it."""
     return 1 if any(frame.is_named for frame in frames) else LEAST_FRAMES
 
 
 def _fit_alone(
     name: str,
-    members: Sequence[_Alone],
+    members: Sequence[Alone],
     config: Config,
     template: FieldTemplate,
     circle: Circle,
@@ -405,11 +346,11 @@ def _learn_between(
         return tripod
     times, heads = _heads_between(members)
     place = Place.of(tripod, template)
-    frames, detector = list(members), config.mask.detector
+    frames = list(members)
     for time_s, head, picture in zip(times, heads, pictures_at(times), strict=False):
         if picture is None:
             continue
-        look = _look_twice(place, LookedAt.of(picture, detector).take_surface(colour), head)
+        look = _look_twice(place, LookedAt.of(picture, config.mask).take_surface(colour), head)
         if look.is_confirmed:
             frames.append(HeadedFrame(f"{time_s:.3f}", look.fit.head, look.measured))
     mean, sd = _priors(config, template, place.unit, [frame.measured for frame in frames])

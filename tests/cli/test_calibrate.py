@@ -204,5 +204,8 @@ def test_what_the_field_looks_like_is_said(run_circlecal, tmp_path):
     assert "circlecal: hall: looks like futsal; --field futsal" in outcome.err
     floor = tmp_path / "floor.png"
     cv2.imwrite(str(floor), np.full((120, 160, 3), (110, 160, 200), np.uint8))
+    told = run_circlecal("calibrate", floor, "--out", tmp_path, "--no-overlay", "--field", "auto")
+    assert "circlecal: floor: refused; nothing tells which sport it shows" in told.err
+    assert json.loads((tmp_path / "floor.json").read_text())["sport"]["name"] is None
     assert "--field auto tries other sports" in run_circlecal("calibrate", floor, "--out", tmp_path, "--no-overlay").err
     only_error(run_circlecal("convert", floor, "--field", "auto", "--to", "tvcalib"), "name the field")

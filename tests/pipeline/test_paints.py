@@ -1,6 +1,7 @@
 """Lines of several colours on one floor."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -12,7 +13,9 @@ from circlecal.detection.paints import find_paints
 from circlecal.field import load_field
 from circlecal.paint.brightness import brightness_of_paint
 from circlecal.pipeline import calibrate_image
+from circlecal.pipeline import paints as module
 from circlecal.records.writing import result_record
+from circlecal.results import LikelySport
 from circlecal.synthetic.floors import (
     BLACK,
     BLUE,
@@ -101,3 +104,35 @@ def test_along_a_colour_its_paint_is_light_and_others_hardly_show():
     for colour in ((255.0, 255.0, 255.0), (-1.0, 2.0, -3.0)):
         ends = np.array([[[0, 0, 0], [255, 255, 255], [255, 0, 255], [0, 255, 0]]], np.uint8)
         assert brightness_of_paint(ends, colour).dtype == np.uint8
+
+
+@pytest.mark.parametrize(
+    ("paints", "count"),
+    [
+        ([(60.0, 61.0, 70.0), (-18.0, -18.0, -21.0)], 0),
+        ([(60.0, 61.0, 70.0), (-10.0, 60.0, 70.0)], 2),
+        ([(-18.0, -18.0, -21.0), (-79.0, -8.0, 2.0)], 2),
+        ([(-79.0, -8.0, 2.0), (60.0, 61.0, 70.0)], 1),
+    ],
+    ids=["white and shade", "white and yellow", "black and yellow", "yellow and white"],
+)
+def test_what_the_brightness_shows_alone_is_not_looked_at_again(monkeypatch, paints, count):
+    """White lines on a floor with dark seams are what all lines together are; two light paints hide each other."""
+    looked = []
+
+    def look(image, _, options, *__):
+        looked.append(options.paint_bgr)
+        return SimpleNamespace(candidates=[SimpleNamespace(score=0.7)])
+
+    monkeypatch.setattr(module, "tell_paints", lambda *_: tuple(np.array(paint) for paint in paints))
+    monkeypatch.setattr(module, "look_quickly", look)
+    picture = np.zeros((36, 64, 3), np.uint8)
+    first = SimpleNamespace(template=load_field("futsal"))
+    assert len(module._find_likely_paints(picture, first, load_config("futsal"))) == count == len(looked)
+
+
+def test_a_sport_in_several_paints_is_not_looked_for_in_one():
+    config = load_config(None, {"field.template": "auto"})
+    assert module._is_in_one_paint(LikelySport("basketball", 0.7), config)
+    assert module._is_in_one_paint(LikelySport(None, 0.7), config)
+    assert not module._is_in_one_paint(LikelySport("ice hockey", 0.7), config)

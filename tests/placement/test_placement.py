@@ -40,7 +40,7 @@ from circlecal.placement import (
 )
 from circlecal.placement.camera_batch import cameras_before_circles
 from circlecal.records.writing import result_record
-from circlecal.results import Attempt, CameraFit, MarkingMask, Verdict
+from circlecal.results import Attempt, CameraFit, CircleCandidate, MarkingMask, Verdict
 from circlecal.stages import camera as camera_stage
 from circlecal.stages.camera import estimate_camera
 from circlecal.stages.edges import detect_edges
@@ -79,6 +79,10 @@ class Paint:
     @property
     def key(self):
         return (self.name,)
+
+    @property
+    def surface(self):
+        return self.name
 
 
 def markings_error_px(camera, view):
@@ -143,8 +147,11 @@ def test_a_placed_field_is_believed_where_it_is_painted_or_explains_what_is(evid
 
 def test_a_field_that_may_lie_in_two_ways_is_refused_with_both(monkeypatch):
     """Of one face-off circle alone nothing tells which of four it is, whatever the evidence."""
-    weights = iter([1.0, 0.9])
-    monkeypatch.setattr(placed_field, "weigh_view", lambda *_: ViewEvidence(next(weights), 0.8, 0.8))
+
+    def weigh(view, *_):
+        return ViewEvidence(1.0 if view.camera is LEFT_CIRCLE else 0.9, 0.8, 0.8)
+
+    monkeypatch.setattr(placed_field, "weigh_view", weigh)
     config = load_config(None, ["field.template=ice-hockey-nhl"])
     template, circle = field_of(config)
     setting = frame.Setting(config, template, circle, *SIZE, np.random.default_rng(0))
@@ -159,13 +166,41 @@ def test_a_field_that_may_lie_in_two_ways_is_refused_with_both(monkeypatch):
     monkeypatch.setattr(placed_field, "search_placements", lambda *_: object())
     monkeypatch.setattr(placed_field, "refine_placements", lambda *_: lain)
     scene = frame.Scene(np.zeros((*SIZE[::-1], 3), np.uint8), np.zeros(SIZE[::-1], np.uint8), None, None, None)
-    (found,) = placed_field.place_template(setting, scene, Attempt(mask=MarkingMask(scene.gray, "detector")))
+    seen = MarkingMask(scene.gray, "detector", conic=np.eye(3))
+    (found,) = placed_field.place_template(setting, scene, Attempt(mask=seen))
     assert (found.code, found.circle_name) == ("circle_open", "faceoff_left_top")
     record = result_record(setting.calibration(found, "x", None), template)
     others = [other for other in record.alternatives if other.kind == "other_circle"]
     assert [(other.circle, other.evidence) for other in others] == [("faceoff_right_top", 0.9)]
     assert record.field.circle == "faceoff_left_top"
     assert record.rejected_estimate is not None
+
+
+@pytest.mark.parametrize(
+    ("explained", "score", "count"), [(0.8, 0.5, 1), (0.1, 0.5, 0), (0.8, 0.05, 0)], ids=["seen", "paint", "circle"]
+)
+def test_what_explains_little_or_has_no_circle_leads_to_no_camera(monkeypatch, explained, score, count):
+    """A camera takes most of the time; two sightings of one surface lead to one."""
+    config = load_config(None, ["field.template=ice-hockey-nhl"])
+    template, circle = field_of(config)
+    setting = frame.Setting(config, template, circle, *SIZE, np.random.default_rng(0))
+    followed = []
+
+    class Sighting(Paint):
+        surface = "one"
+
+    paints = iter([Sighting("first"), Sighting("second")])
+    monkeypatch.setattr(placed_field, "weigh_view", lambda *_: ViewEvidence(1.0, 0.8, explained))
+    monkeypatch.setattr(placed_field, "look_for_paint", lambda *_: next(paints))
+    monkeypatch.setattr(placed_field, "_follow_placement", lambda *given: followed.append(given))
+    monkeypatch.setattr(placed_field, "search_placements", lambda *_: object())
+    lain = [PlacedField(circle, np.eye(3), FieldView(LEFT_CIRCLE), 1.0, 0.8)]
+    monkeypatch.setattr(placed_field, "refine_placements", lambda *_: lain)
+    scene = frame.Scene(np.zeros((*SIZE[::-1], 3), np.uint8), np.zeros(SIZE[::-1], np.uint8), None, None, None)
+    seen = MarkingMask(scene.gray, "detector", candidates=(CircleCandidate(np.eye(3), score, ()),))
+    first = replace(seen, sightings=(seen,))
+    assert list(placed_field.place_template(setting, scene, Attempt(mask=first))) == []
+    assert len(followed) == count
 
 
 def test_a_field_laid_into_the_stands_shows_little_of_itself_on_the_surface():
@@ -266,7 +301,9 @@ def test_fields_of_one_sport_are_searched_for_once(monkeypatch):
     for name in ("ice-hockey-nhl", "ice-hockey", "basketball"):
         config = load_config(None, [f"field.template={name}"])
         setting = frame.Setting(config, *field_of(config), *SIZE, np.random.default_rng(0))
-        assert not list(placed_field.place_template(setting, scene, Attempt(mask=MarkingMask(gray, "detector"))))
+        assert not list(
+            placed_field.place_template(setting, scene, Attempt(mask=MarkingMask(gray, "detector", np.eye(3))))
+        )
     assert searches == ["ice-hockey-nhl", "basketball"]
 
 
@@ -332,18 +369,18 @@ def test_each_surface_and_polarity_is_searched_until_one_answers(monkeypatch):
     config = load_config(None, ["field.template=basketball-nba"])
     setting = frame.Setting(config, *field_of(config), *SIZE, np.random.default_rng(0))
     gray = np.zeros(SIZE[::-1], np.uint8)
-    seen = tuple(MarkingMask(gray, "detector", polarity=sign) for sign in (1.0, -1.0, 1.0))
+    seen = tuple(MarkingMask(gray, "detector", np.eye(3), polarity=sign) for sign in (1.0, -1.0, 1.0))
     answers = {id(seen[1]): Attempt(circle_name="centre_circle")}
     tried = []
     monkeypatch.setattr(
         placed_field,
         "_place_among",
-        lambda _, __, mask, ___, factor, ____: tried.append((mask.polarity, factor)) or answers.get(id(mask)),
+        lambda _, __, mask, ___, factor, *____: tried.append((mask.polarity, factor)) or answers.get(id(mask)),
     )
     # the first surface shows the detector's answer and all that was found on it
     monkeypatch.setattr(placed_field, "look_for_paint", lambda _, mask, *__: Paint(str(id(mask))))
     scene = frame.Scene(np.zeros((*SIZE[::-1], 3), np.uint8), gray, None, None, None)
-    mask = MarkingMask(gray, "detector", polarity=1.0, sightings=seen)
+    mask = MarkingMask(gray, "detector", np.eye(3), polarity=1.0, sightings=seen)
     first = next(placed_field.place_template(setting, scene, Attempt(mask=mask)))
     assert (first.circle_name, tried) == ("centre_circle", [(1.0, 1.0), (1.0, 1.0), (-1.0, OTHER_SIGHTING)])
 
@@ -355,7 +392,8 @@ def test_what_was_seen_alike_before_is_not_searched_again(monkeypatch):
     monkeypatch.setattr(placed_field, "look_for_paint", lambda *_: Paint("seen"))
     monkeypatch.setattr(placed_field, "_place_among", lambda *given: tried.append(given[4]))
     scene = frame.Scene(np.zeros((*SIZE[::-1], 3), np.uint8), gray, None, None, None)
-    mask = MarkingMask(gray, "detector", sightings=(MarkingMask(gray, "detector"),))
+    mask = MarkingMask(gray, "detector", np.eye(3))
+    mask = replace(mask, sightings=(mask,))
     assert not list(placed_field.place_template(setting, scene, Attempt(mask=mask)))
     assert tried == [1.0]
 
@@ -468,7 +506,7 @@ def test_no_marking_of_a_placed_field_is_left_out_for_straining_the_camera(monke
     observations = _observe_rink(RIGHT_END, names, "goal_line_right")
     config = load_config(None, ["field.template=ice-hockey-nhl"])
     setting = frame.Setting(config, RINK, RINK.circle_by_name[names[0]], *SIZE, np.random.default_rng(0))
-    seen = Attempt(mask=MarkingMask(np.zeros(SIZE[::-1], np.uint8), "detector"))
+    seen = Attempt(mask=MarkingMask(np.zeros(SIZE[::-1], np.uint8), "detector", np.eye(3)))
     found = placed_field._calibrate_observations(setting, seen, observations)
     assert {key.name for key in found.camera.residuals_px} == {*names, "goal_line_right"}
     assert markings_error_px(RIGHT_END, found.camera.view) < 3.0
@@ -493,11 +531,11 @@ def test_markings_all_over_the_picture_hold_all_that_the_model_leaves():
 
 def test_a_field_of_other_sizes_is_laid_where_the_first_of_its_sport_lies(monkeypatch):
     gray, tried = np.zeros(SIZE[::-1], np.uint8), []
-    masks = [MarkingMask(gray, "detector", polarity=sign) for sign in (1.0, -1.0)]
+    masks = [MarkingMask(gray, "detector", np.eye(3), polarity=sign) for sign in (1.0, -1.0)]
     scene = frame.Scene(np.zeros((*SIZE[::-1], 3), np.uint8), gray, None, None, None)
     monkeypatch.setattr(placed_field, "look_for_paint", lambda _, mask, *__: Paint(str(mask.polarity)))
 
-    def answer_dark(setting, _, mask, __, ___, most):
+    def answer_dark(setting, _, mask, __, ___, most, ____):
         tried.append((setting.template.name, mask.polarity, most))
         return Attempt() if mask.polarity < 0 else None
 

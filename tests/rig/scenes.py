@@ -23,7 +23,7 @@ from circlecal.synthetic.markings import circle_points, line_points
 CONFIG: Config = load_config(
     None,
     ["camera.starts=2", "camera.iterations=30", "camera.crown_shape=flat", "camera.maximum_points=60",
-     "camera.model_sigma_px=0", "camera.name_lines=false"],
+     "camera.model_sigma_px=0", "camera.name_lines=false", "camera.principal_point_sd_px=5"],
 )  # fmt: skip
 TEMPLATE, CIRCLE = field_of(CONFIG)
 KAPPA = 0.03

@@ -19,7 +19,9 @@ from circlecal.synthetic.cameras import aim_camera
 
 from .camera_views import CIRCLE, MAIN, SOCCER, seen
 
-DEFAULT = CameraConfig(model_sigma_px=0.1, correlation_px=10.0)
+CENTRED = CameraConfig(principal_point_sd_px=5.0)
+"""The principal point of all cameras that are drawn here is the middle of the picture."""
+DEFAULT = CENTRED.model_copy(update={"model_sigma_px": 0.1, "correlation_px": 10.0})
 WITH_TOUCHLINES = aim_camera(np.array([14.0, 82.0, -19.0]), np.array([2.0, 3.0, 0.0]), 1900.0, 0.01, 1920, 1080, 0.03)
 GROUND = Surface("roof", 9.15, 0.05)
 CROWN, LENGTH, BREADTH = INDEX["crown"], INDEX["length"], INDEX["breadth"]
@@ -109,8 +111,19 @@ def test_a_camera_high_over_the_field_is_a_rare_one():
     camera = aim_camera(np.array([-2.6, 60.7, -17.4]), np.array([-1.5, -4.0, 0.0]), 3305.0, 0.0, 1920, 1080)
     painted = load_field("soccer", {"width": 52.0})
     given = seen(camera, edges=("center",), lines=("side_line_top",), template=painted, sigma=1.0, surface=FLAT)
-    fit = estimate_camera(given, SOCCER, CIRCLE, CameraConfig())
+    fit = estimate_camera(given, SOCCER, CIRCLE, CENTRED)
     assert fit.field_size.usual_share < 0.1
+
+
+def test_a_principal_point_off_the_middle_is_no_other_field_and_no_other_place():
+    """As far off as a real camera's: a circle and a touchline must not be explained by where the camera stands."""
+    view = aim_camera(np.array([0.2, 67.6, -19.6]), np.array([-14.0, -6.0, 0.0]), 4577.0, -0.003, 1920, 1080, 0.03)
+    camera = replace(view, principal_point_px=view.principal_point_px + np.array([15.0, 32.0]))
+    given = seen(camera, edges=("center",), lines=("side_line_top",), sigma=0.1, surface=Surface("roof", 9.15, 0.0))
+    fit = estimate_camera(given, SOCCER, CIRCLE, CameraConfig())
+    sd = np.sqrt(np.diag(fit.covariance)[4:7])
+    assert (np.abs(fit.camera.position_m - camera.position_m) < 2.0 * sd).all()
+    assert abs(fit.field_size.width_m - 68.0) < 2.0 * fit.field_size.width_sd_m
 
 
 def test_circle_alone_needs_no_choice_of_size():

@@ -16,7 +16,7 @@ from tests.tracking.scenes import HEAD, draw, template, tripod
 
 @pytest.fixture(scope="module")
 def picture() -> LookedAt:
-    return LookedAt.of(draw(HEAD, np.random.default_rng(1)), load_config().mask.detector)
+    return LookedAt.of(draw(HEAD, np.random.default_rng(1)), load_config().mask)
 
 
 def pixels(head: np.ndarray) -> np.ndarray:
@@ -48,7 +48,7 @@ def test_the_camera_is_found_from_nowhere(picture: LookedAt) -> None:
 def test_a_picture_without_paint_is_not_found() -> None:
     noise = np.random.default_rng(2).normal(0.0, 4.0, (720, 1280, 3))
     bare = np.clip(np.array([60.0, 120.0, 60.0]) + noise, 0, 255).astype(np.uint8)
-    looked = LookedAt.of(bare, load_config().mask.detector)
+    looked = LookedAt.of(bare, load_config().mask)
     assert Place.of(tripod(), template()).find(looked) is None
 
 
@@ -63,7 +63,7 @@ def test_where_the_head_was_seen_is_proposed(picture: LookedAt) -> None:
 
 
 def test_a_dark_run_off_is_not_taken_for_the_playing_surface() -> None:
-    config = load_config().mask.detector
+    config = load_config().mask
     drawn = draw(HEAD, np.random.default_rng(1))
     grass = LookedAt.of(drawn, config).colour
     # the mown pitch has many greens, the run-off one colour
@@ -85,7 +85,7 @@ def test_worn_paint_in_the_shadow_is_found_by_searching() -> None:
     faint = bare + (drawn - bare) / 12.0 * (np.abs(drawn - bare).max(axis=-1, keepdims=True) > 30)
     faint += 15.0 * cv2.GaussianBlur(np.random.default_rng(2).normal(0.0, 1.0, faint.shape), (0, 0), 1.5)[..., :1]
     faint[:300] *= 0.5
-    picture = LookedAt.of(np.clip(faint, 0, 255).astype(np.uint8), load_config().mask.detector)
+    picture = LookedAt.of(np.clip(faint, 0, 255).astype(np.uint8), load_config().mask)
     look = Place.of(tripod(), template()).find(picture)
     assert look is not None
     assert pixels(look.fit.head).max() < 1.0
@@ -118,7 +118,7 @@ def test_a_touchline_confirms_a_head_that_is_known_and_finds_none() -> None:
     head = np.array([8.7, -0.22, 1.435])
     known = replace(tripod(), head_low=head - np.array([0.1, 0.3, 0.03]), head_high=head + np.array([0.1, 0.8, 0.03]))
     place = Place.of(known, template())
-    picture = LookedAt.of(draw(head, np.random.default_rng(1)), load_config().mask.detector)
+    picture = LookedAt.of(draw(head, np.random.default_rng(1)), load_config().mask)
     look = place.look(picture, head, np.diag(np.square([1e-3, 3e-4, 3e-4])))
     shown = {name for name, count in zip(place.drawn.names, look.measured.painted, strict=True) if count > 6}
     assert shown == {"side_line_top"}
@@ -130,7 +130,7 @@ def test_a_touchline_confirms_a_head_that_is_known_and_finds_none() -> None:
 @pytest.mark.parametrize("hidden_share", [1.0, 0.7])
 def test_a_broad_marking_that_is_not_seen_contradicts_a_head(hidden_share: float) -> None:
     # a line that crosses its own paint shows at a part of its places
-    head, config = np.array([8.0, 0.0, 1.37]), load_config().mask.detector
+    head, config = np.array([8.0, 0.0, 1.37]), load_config().mask
     picture = LookedAt.of(draw(head, np.random.default_rng(1)), config)
     place, spread = Place.of(tripod(), template()), np.diag(np.square([1e-3, 3e-4, 3e-4]))
     seen = place.look(picture, head, spread)
@@ -147,7 +147,7 @@ def test_a_broad_marking_that_is_not_seen_contradicts_a_head(hidden_share: float
 
 
 def test_a_line_near_the_border_lies_on_the_playing_surface() -> None:
-    config = load_config().mask.detector
+    config = load_config().mask
     drawn = draw(HEAD, np.random.default_rng(1))
     drawn[:, :20] = (60, 120, 60)
     drawn[:, 20:34] = (230, 235, 230)
@@ -155,9 +155,10 @@ def test_a_line_near_the_border_lies_on_the_playing_surface() -> None:
 
 
 def test_ridges_are_found_as_the_user_has_them(picture: LookedAt) -> None:
-    broad = picture.detector.ridges.model_copy(update={"sigma_px": 4.0})
-    other = LookedAt.of(draw(HEAD, np.random.default_rng(1)), picture.detector.model_copy(update={"ridges": broad}))
-    expected = search.map_ridges(other.gray, other.grass, broad)
+    detector = picture.mask.detector
+    broad = detector.model_copy(update={"ridges": detector.ridges.model_copy(update={"sigma_px": 4.0})})
+    other = LookedAt.of(draw(HEAD, np.random.default_rng(1)), picture.mask.model_copy(update={"detector": broad}))
+    expected = search.map_ridges(other.gray, other.grass, broad.ridges)
     assert other.ridges.length_px == expected.length_px
     assert other.ridges.length_px != picture.ridges.length_px
 

@@ -18,7 +18,7 @@ from circlecal.observations import Observations
 from circlecal.pictures.video import Sampling, Video
 from circlecal.pipeline import run_observations
 from circlecal.rig.tripod import PLACE, Venue
-from circlecal.tracking import survey
+from circlecal.tracking import first_look, survey
 from circlecal.tracking.head_fit import HeadFit
 from circlecal.tracking.looking import Look, LookedAt
 from circlecal.tracking.markings import template_curves
@@ -84,7 +84,7 @@ def test_one_frame_that_a_person_named_makes_a_camera(monkeypatch: pytest.Monkey
     (tmp_path / "named" / "clip_00-00-00.100.json").write_text(named.model_dump_json())
     video = Video.open(path, "clip")
     refused = run_observations(Observations(*SIZE), load_config(), frame_id="refused")
-    monkeypatch.setattr(survey, "run", lambda picture, config, frame_id: refused)
+    monkeypatch.setattr(first_look, "calibrate_image", lambda picture, config, frame_id: refused)
     alone = ClipRun(load_config(), Sampling.parse("1"), annotations=tmp_path / "nobody")
     told = replace(alone, annotations=tmp_path / "named")
     assert alone.digest != told.digest
@@ -155,7 +155,7 @@ def test_boards_behind_a_touchline_do_not_broaden_the_pitch() -> None:
 def test_a_penalty_area_that_comes_into_view_tells_a_length_that_was_open() -> None:
     length, heads = PLACE["length"], [HEAD + np.array([0.0, 0.01 * k, 0.0]) for k in range(2)]
     pictures = [draw(head, np.random.default_rng(k)) for k, head in enumerate(heads)]
-    looked_at = {str(k): LookedAt.of(p, load_config().mask.detector) for k, p in enumerate(pictures)}
+    looked_at = {str(k): LookedAt.of(p, load_config().mask) for k, p in enumerate(pictures)}
     members = [HeadedFrame(str(k), head, measure_ideal(head, np.zeros(2), 0.1, np.random.default_rng(k)))
                for k, head in enumerate(heads)]  # fmt: skip
     wrong = tripod()

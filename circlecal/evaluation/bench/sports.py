@@ -37,7 +37,7 @@ LARGEST_PX = 2000.0
 
 @dataclass(frozen=True, slots=True)
 class SportFrame:
-    """One frame: its sport and what was answered.
+    """One frame: its sport and what was answered; ``told`` is the sport that the answer or the refusal names.
 
     ``error_px`` is the mean distance from the reference at 1920 px width, None without one. ``kept`` says of a frame
     of the first template whether it was answered as if that had been named; None for others.
@@ -49,7 +49,7 @@ class SportFrame:
     status: str
     code: str | None
     template: str
-    told: str
+    told: str | None
     error_px: float | None
     kept: bool | None
     seconds: float
@@ -59,6 +59,13 @@ class SportFrame:
     def is_answered(self) -> bool:
         """Whether it was calibrated."""
         return self.status == "calibrated"
+
+    @property
+    def is_told(self) -> bool:
+        """Whether the right sport is named; of a frame that nobody can calibrate none need be, since it may show no
+        field at all.
+        """
+        return self.told == self.sport or (self.told is None and self.expect == "refuse")
 
     @property
     def is_wrong(self) -> bool:
@@ -102,6 +109,8 @@ def _run_frame(name: str, picture: Path, truth: dict[str, Any], config: Config) 
         alone = calibrate_picture(image, load_config(None, {"field.template": usual.name}), frame_id=name)
         kept = alone.status == found.status and (found.status == "refused" or found.field_name == usual.name)
     template = found.template or usual
+    likely = None if found.sport is None else found.sport.name
+    told = (template.sport or template.name) if found.status == "calibrated" else likely
     return SportFrame(
         name,
         sport,
@@ -109,7 +118,7 @@ def _run_frame(name: str, picture: Path, truth: dict[str, Any], config: Config) 
         found.status,
         found.verdict.code,
         found.field_name,
-        template.sport or template.name,
+        told,
         _error_px(found, truth),
         kept,
         seconds,
@@ -164,14 +173,16 @@ def _mean_distance(here: Array, there: Array) -> float:
 
 @dataclass(frozen=True, slots=True)
 class SportRow:
-    """Counts over the frames of one sport, or of all: how many were answered, with the right sport, rightly (within
-    :data:`GOOD_PX` of the reference, of those with one), wrongly, and the median and largest seconds.
+    """Counts over the frames of one sport, or of all: how many were answered, with the right sport; how many name the
+    right sport, refused ones too; how many were answered rightly (within :data:`GOOD_PX` of the reference, of those
+    with one), wrongly; and the median and largest seconds.
     """
 
     sport: str
     frames: int
     answered: int
     right_sport: int
+    sport_told: int
     with_reference: int
     good: int
     wrong: int
@@ -196,6 +207,7 @@ def _summary(name: str, frames: Sequence[SportFrame]) -> SportRow:
         len(frames),
         len(answered),
         sum(frame.told == frame.sport for frame in answered),
+        sum(frame.is_told for frame in frames),
         len(errors),
         sum(error <= GOOD_PX for error in errors),
         sum(frame.is_wrong for frame in frames),

@@ -62,7 +62,16 @@ def test_what_counts():
     assert (basketball.answered, basketball.right_sport, basketball.good, basketball.wrong) == (3, 2, 1, 2)
     assert (soccer.frames, soccer.answered) == (1, 0)
     assert (everything.frames, everything.wrong) == (4, 2)
+    assert (basketball.sport_told, soccer.sport_told) == (2, 1)
     assert np.isclose(everything.median_s, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("told", "expect", "is_told"),
+    [("basketball", "refuse", True), (None, "refuse", True), (None, "calibrate", False), ("futsal", "refuse", False)],
+)
+def test_a_frame_that_shows_no_field_need_not_be_told(told, expect, is_told):
+    assert frame("basketball", told, status="refused", expect=expect).is_told is is_told
 
 
 def test_sports_are_named_as_templates_name_them():

@@ -1,0 +1,41 @@
+"""Markings that lie elsewhere than the template has them."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from circlecal.camera.covariance import posterior_covariance
+from circlecal.camera.observed import NoiseModel, curves_from_observations, points_from_observations
+from circlecal.camera.painters import placement_covariance
+from circlecal.camera.problem import minimise
+from circlecal.geometry.camera_parameters import PARAMETERS, project
+
+from .test_problem import MODEL, SOCCER, observed, plain_theta, priors, problem_of
+
+
+def test_markings_that_lie_elsewhere_move_the_camera_as_far_as_its_covariance_says():
+    theta = plain_theta(np.random.default_rng(4))
+    seen, chosen = observed(theta, np.random.default_rng(5), sigma=0.05), priors()
+    base = problem_of(seen, chosen, loss_scale=np.inf)
+    state = minimise(base, theta[None])
+    step_m = 1e-3
+    grid = np.stack(np.meshgrid(np.linspace(-12, 12, 5), np.linspace(-12, 12, 5)), axis=-1).reshape(-1, 2)
+
+    def pixels(parameters):
+        return project(parameters[None], grid[None], MODEL).pixels[0].ravel()
+
+    moved = []
+    for name in ("centre_circle", "halfway_line", "centre_mark"):
+        for shift in ((step_m, 0.0), (0.0, step_m)):
+            template = SOCCER.move_markings(
+                lambda other, name=name, shift=shift: shift if other == name else (0.0, 0.0)
+            )
+            curves = curves_from_observations(seen, template, NoiseModel(10**6, 0.0, 0.0))
+            problem = replace(base, curves=curves, points=points_from_observations(seen, template))
+            moved.append(pixels(minimise(problem, state.theta).theta[0]) - pixels(state.theta[0]))
+    expected = (np.array(moved) ** 2).sum(axis=0)
+    covariance = posterior_covariance(state.normal[0], chosen.sd)
+    added = placement_covariance(base, state, covariance, step_m)
+    by_theta = project(state.theta[:1], grid[None], MODEL).jacobians()[0][0].reshape(-1, len(PARAMETERS))
+    np.testing.assert_allclose(((by_theta @ added) * by_theta).sum(axis=1), expected, rtol=0.05, atol=1e-5)
+    assert placement_covariance(base, state, covariance, 0.0) is None

@@ -1,0 +1,48 @@
+"""What painters' errors leave open of a camera."""
+
+import importlib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from circlecal.config import load_config
+from circlecal.evaluation.bench.scenarios import select_rows
+from circlecal.pipeline import field_of, run_observations
+from circlecal.pipeline.painters import cover_painters
+from circlecal.pipeline.setting import Setting, frame_generator
+
+RUN = importlib.import_module("circlecal.pipeline.run")  # the package has a function of that name
+
+
+@pytest.fixture
+def without(monkeypatch):
+    """Two face-off circles of a rink, before painters' errors are counted."""
+    (scenario,) = select_rows(["17"])
+    seen = scenario.draw(np.random.default_rng(3)).observations
+    config = load_config("ice-hockey", ["field.circle=faceoff_left_top"])
+    monkeypatch.setattr(RUN, "cover_painters", lambda setting, attempt: attempt)
+    setting = Setting(config, *field_of(config), seen.width, seen.height, frame_generator(0))
+    return seen, config, setting, run_observations(seen, config, frame_id="rink").attempt
+
+
+def test_they_widen_what_is_told_and_change_no_answer(without, monkeypatch):
+    seen, config, _, before = without
+    monkeypatch.setattr(RUN, "cover_painters", cover_painters)
+    after = run_observations(seen, config, frame_id="rink").attempt
+    np.testing.assert_array_equal(after.camera.H_image_field, before.camera.H_image_field)
+    assert after.camera.max_sigma_px > 1.5 * before.camera.max_sigma_px
+    assert after.camera.max_sigma_m > 1.5 * before.camera.max_sigma_m
+    assert np.trace(after.camera.region.covariance) > 1.5**2 * np.trace(before.camera.region.covariance)
+    assert after.camera.placement_covariance is None
+    assert after.verdict.check("sigma_px").value == after.camera.max_sigma_px
+    assert after.verdict.check("sigma_m").value == after.camera.max_sigma_m
+
+
+def test_a_camera_that_they_leave_too_uncertain_is_refused(without):
+    *_, setting, before = without
+    assert before.is_calibrated
+    camera = replace(before.camera, placement_covariance=before.camera.placement_covariance * 1e6)
+    after = cover_painters(setting, replace(before, camera=camera))
+    assert (after.verdict.status, after.verdict.code) == ("refused", "too_uncertain")
+    assert len(after.verdict.checks) == len(before.verdict.checks)
