@@ -18,6 +18,10 @@ beyond which a point is no measurement of the marking.
 """
 FEWEST_POINTS, PLACED_BY_FIT = 8, 3.0
 """Of a marking, points that can tell their scatter; and how many of them the fit takes to place the marking."""
+PLACED_CIRCLE, PLACED_LINE = 5.0, 2.0
+"""Constraints of an ellipse and of a straight line: so many points that do not repeat each other lie on it anyway."""
+MOST_TAKEN = 0.5
+"""Largest share of such points that the fit is thought to take: of fewer, scatter tells nothing."""
 NEIGHBOURS = 15
 """Points along a marking whose median its middle one is compared with: a sixteenth of a marking of 240 points."""
 OFF_SIGMAS, OFF_PX = 4.0, 0.15
@@ -76,6 +80,9 @@ def _scatter_of_markings(curves: CurvePoints, state: State) -> Iterator[tuple[In
 def rescale_and_reject(problem: Problem, state: State, least: CurvePoints) -> tuple[Problem, State, float, CurvePoints]:
     """The noise that the residuals show, without the points that leave their neighbours.
 
+    Of n points each of which repeats k others, n / k tell something of their own, and the fit passes near as many of
+    them as the marking has constraints p: the mean square of the residuals is that of the errors times 1 - p k / n.
+
     Parameters
     ----------
     problem, state : Problem, State
@@ -101,8 +108,10 @@ def rescale_and_reject(problem: Problem, state: State, least: CurvePoints) -> tu
         near = beside < OFF_SIGMAS * 1.4826 * np.median(beside) + OFF_PX * problem.model.width / 1920.0
         kept[ordered] = near
         values = (off_px / least.sigma_px)[ordered[near]]
-        scatter = np.sqrt(np.mean(np.clip(values, -LARGEST_RESIDUAL, LARGEST_RESIDUAL) ** 2))
-        factor[ordered] = max(1.0, scatter * np.sqrt(correlation_factor(values)))
+        repeated, placed = correlation_factor(values), PLACED_LINE if least.straight[ordered[0]] else PLACED_CIRCLE
+        left = 1.0 - min(placed * repeated / len(values), MOST_TAKEN)
+        power = np.mean(np.clip(values, -LARGEST_RESIDUAL, LARGEST_RESIDUAL) ** 2) / left
+        factor[ordered] = max(1.0, float(np.sqrt(power * repeated)))
     chosen, rows = np.flatnonzero(kept), np.ones(state.values.shape[1], dtype=np.bool_)
     rows[: len(kept)] = kept
     fewer = replace(state, feet=state.feet[:, kept], values=state.values[:, rows], jacobian=state.jacobian[:, rows])

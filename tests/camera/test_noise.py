@@ -70,3 +70,17 @@ def test_few_points_tell_nothing():
     problem, _, _, _ = rescale_and_reject(*fitted(np.zeros(100), few))
     assert np.count_nonzero(problem.curves.group == 1) == 3
     np.testing.assert_allclose(problem.curves.sigma_px, LEAST_PX)
+
+
+def test_what_the_fit_takes_of_errors_that_repeat_themselves_is_noise_too():
+    """Errors along a circle that repeat themselves over 12 of 240 points, after an ellipse has passed near them."""
+    turn = np.arange(240) * (2.0 * np.pi / 240)
+    ellipse = np.stack([np.ones(240), *(f(k * turn) for k in (1, 2) for f in (np.cos, np.sin))], axis=1)
+    told = []
+    for seed in range(20):
+        white = np.random.default_rng(seed).normal(0.0, 0.1, 240)
+        errors = np.real(np.fft.ifft(np.fft.fft(white) * np.fft.fft(np.full(12, 1.0), 240)))
+        left = errors - ellipse @ np.linalg.lstsq(ellipse, errors, rcond=None)[0]
+        told.append(rescale_and_reject(*fitted(left))[0].curves.sigma_px[0])
+    # averaged over a long piece, the sum of 12 white errors has the standard deviation of one, 12 times over
+    assert np.median(told) == pytest.approx(12 * 0.1, rel=0.2)
