@@ -32,9 +32,11 @@ from circlecal.line_naming.line_ends import add_line_ends, agree_with_ends
 OVERRULING_LINES = 3
 """So many different lines that get a name only without the seen ends of others show that those are none."""
 
-LENS_DOUBT, LENS_WIDER, LENS_EVIDENCE = 1.5, 4.0, 6.0
+LENS_DOUBT, LENS_WIDER, LENS_EVIDENCE = 1.5, 4.0, 13.0
 """A radial distortion that lies so many standard deviations from what is usual is fitted with a prior so many times as
-wide, and believed where that explains the frame so much better (chi-square): what the wider prior costs, and as much.
+wide, and believed where that explains the frame so much better (chi-square). Five real frames of one pan are explained
+better by 7 to 12.5 with a barrel of -0.015 to -0.032, where all frames of the clip show 0.005: the ground is uneven.
+Rendered lenses that are unusual by more than two standard deviations explain 34 to 44.
 """
 
 LENS_MARGIN = 1.0

@@ -7,6 +7,7 @@ import pytest
 
 from circlecal.camera.options import CameraConfig
 from circlecal.evaluation.bench.scenarios import KNOWN
+from circlecal.geometry.camera_parameters import INDEX
 from circlecal.geometry.surface import Surface
 from circlecal.observations import Keypoint, LinePoints, MarkingKey, MarkPoint
 from circlecal.refusals import REFUSALS
@@ -188,3 +189,15 @@ def test_nothing_is_named_where_the_camera_is_too_vague():
     fit = estimate_camera(with_nameless(camera, ("big_rect_right_main",)), SOCCER, CIRCLE, NAMING)
     assert fit.named_lines == ()
     assert fit.max_sigma_px > 30.0
+
+
+@pytest.mark.parametrize(("kappa", "sigma", "is_held"), [(-0.02, 2.0, True), (-0.04, 1.0, False)])
+def test_an_unusual_lens_is_believed_where_much_speaks_for_it(kappa, sigma, is_held):
+    """With little evidence the usual lens holds it back, as it must what uneven ground looks like."""
+    camera = aim_camera(np.array([-1.0, 54.5, -13.2]), np.array([-1.0, -2.0, 0.0]), 2000.0, -0.006, 1920, 1080, kappa)
+    ground, far = Surface("roof", 9.15, 0.03), ("side_line_top",)
+    given = seen(camera, edges=("center",), lines=far, mark=True, sigma=sigma, surface=ground, count=400)
+    fit = estimate_camera(given, SOCCER, CIRCLE, CameraConfig())
+    found, sd = fit.theta[INDEX["kappa_1"]], np.sqrt(fit.covariance[INDEX["kappa_1"], INDEX["kappa_1"]])
+    assert abs(found - kappa) < 1.5 * sd
+    assert (found > kappa + 0.4 * sd) == is_held
