@@ -30,10 +30,12 @@ PLACES = np.array([[0.0, 0.0], [3.0, 0.0], [-3.0, 0.0], [0.0, 3.0], [0.0, -3.0]]
 
 @pytest.fixture(scope="module")
 def hall() -> tuple[list[NDArray[np.uint8]], list[Array]]:
-    """Pictures of a camera that pans over a hall, and where the middle and four points of the circle are in each."""
+    """Pictures of a camera that pans over a hall whose lines lie where the template has them, and where in each the
+    middle and four points of the circle are.
+    """
     scene = sample_scene("wood", np.random.default_rng([77, 10]), 640, 360)
     look = {"turf_bgr": FLOOR, "paint_bgr": PAINT, "gloss": 0.1, "patchiness": 0.02, "texture": 0.015, "noise": 0.6}
-    scene = replace(scene, config=scene.config.model_copy(update=look), extras=())
+    scene = replace(scene, config=scene.config.model_copy(update=look), extras=(), painted=None)
     pictures, there = [], []
     for index in range(COUNT):
         turn = np.array([np.radians(0.6) * (index - COUNT / 2), 0.0, 0.0])
