@@ -16,7 +16,7 @@ from circlecal.camera.covariance import (
     push_forward,
     spread_cameras,
 )
-from circlecal.camera.painters import placement_covariance
+from circlecal.camera.painters import painters_covariance
 from circlecal.camera.problem import Problem, State
 from circlecal.camera.spike_and_slab import Posterior
 from circlecal.field import Circle, FieldTemplate
@@ -101,15 +101,15 @@ def camera_fit(
         field_size=None if posterior is None or is_fixed else _field_size(theta, covariance, template, posterior),
         region=told.region,
         mean_sigma_px=told.mean_sigma_px,
-        placement_covariance=placement_covariance(problem, state, covariance, template.placement_sd_m),
+        painters_covariance=painters_covariance(problem, state, covariance, template),
     )
 
 
 def widen_camera(fit: CameraFit, circle: Circle, template: FieldTemplate) -> CameraFit:
     """The camera with painters' errors in its covariance and in everything that follows from that."""
-    if fit.placement_covariance is None:
+    if fit.painters_covariance is None:
         return fit
-    covariance = fit.covariance + fit.placement_covariance
+    covariance = fit.covariance + fit.painters_covariance
     told = _tell_spread(fit.theta, covariance, fit.model, fit.reference_m, circle, template)
     return replace(
         fit,
@@ -121,7 +121,7 @@ def widen_camera(fit: CameraFit, circle: Circle, template: FieldTemplate) -> Cam
         mean_sigma_px=told.mean_sigma_px,
         derived_points=told.derived_points,
         region=told.region,
-        placement_covariance=None,
+        painters_covariance=None,
     )
 
 

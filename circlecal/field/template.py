@@ -183,6 +183,9 @@ class FieldTemplate(BaseModel):
     placement_sd_m: Annotated[Size, Field(ge=0)] = Field(
         0.0, description="How far each marking may lie from where the sizes put it, along x and along y, metres."
     )
+    wander_sd_m: Annotated[Size, Field(ge=0)] = Field(
+        0.0, description="How far the middle of worn or taped paint wanders across its marking, metres."
+    )
     default_circle: str = Field(
         description="The circle or arc that is meant when the user names none; empty where the sport has none."
     )

@@ -16,7 +16,7 @@ from circlecal.stages.verdict import renew_sigmas
 def cover_painters(setting: Setting, attempt: Attempt) -> Attempt:
     """The attempt with painters' errors in its uncertainty, refused where that then is too large."""
     camera, template = attempt.camera, setting.template
-    if camera is None or camera.placement_covariance is None:
+    if camera is None or camera.painters_covariance is None:
         return attempt
     circle = template.circle_by_name.get(attempt.circle_name or setting.circle.name, setting.circle)
     wider = widen_camera(camera, circle, template)

@@ -203,7 +203,7 @@ class CameraFit:
         How long and broad the field is; None where it was not asked.
     point_residuals_px : dict of MarkingKey
         Signed distance (N,) of each point of markings with few points, pixels, in the order in which they were given.
-    placement_covariance : (P, P) array or None
+    painters_covariance : (P, P) array or None
         What painters' errors add to the covariance while they are not in it; None where there are none.
     """
 
@@ -233,7 +233,7 @@ class CameraFit:
     point_residuals_px: dict[MarkingKey, Array] = field(default_factory=dict)
     region: HomographyRegion | None = None
     mean_sigma_px: float = 0.0
-    placement_covariance: Array | None = None
+    painters_covariance: Array | None = None
 
     @property
     def contradicting_points(self) -> tuple[tuple[MarkingKey, int, float], ...]:

@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from circlecal.camera import painters
 from circlecal.camera.covariance import posterior_covariance
 from circlecal.camera.observed import NoiseModel, curves_from_observations, points_from_observations
-from circlecal.camera.painters import placement_covariance
+from circlecal.camera.painters import painters_covariance
 from circlecal.camera.problem import minimise
 from circlecal.geometry.camera_parameters import PARAMETERS, project
 
@@ -35,7 +36,34 @@ def test_markings_that_lie_elsewhere_move_the_camera_as_far_as_its_covariance_sa
             moved.append(pixels(minimise(problem, state.theta).theta[0]) - pixels(state.theta[0]))
     expected = (np.array(moved) ** 2).sum(axis=0)
     covariance = posterior_covariance(state.normal[0], chosen.sd)
-    added = placement_covariance(base, state, covariance, step_m)
+    added = painters_covariance(base, state, covariance, SOCCER.model_copy(update={"placement_sd_m": step_m}))
     by_theta = project(state.theta[:1], grid[None], MODEL).jacobians()[0][0].reshape(-1, len(PARAMETERS))
     np.testing.assert_allclose(((by_theta @ added) * by_theta).sum(axis=1), expected, rtol=0.05, atol=1e-5)
-    assert placement_covariance(base, state, covariance, 0.0) is None
+    assert painters_covariance(base, state, covariance, SOCCER) is None
+
+
+def test_paint_that_wanders_all_around_a_circle_is_a_larger_circle(monkeypatch):
+    theta = plain_theta(np.random.default_rng(4))
+    seen, chosen = observed(theta, np.random.default_rng(5), sigma=0.05), priors()
+    seen = replace(seen, marks=())
+    base = problem_of(seen, chosen, loss_scale=np.inf)
+    state = minimise(base, theta[None])
+    step_m = 1e-3
+    straight, across = base.curves.straight, np.array([step_m, 0.0])
+    curves = replace(base.curves, radius=np.where(straight, 0.0, base.curves.radius + step_m))
+    larger = minimise(replace(base, curves=curves), state.theta).theta[0]
+    beside = replace(base.curves, origin=base.curves.origin + straight[:, None] * across)
+    moved = minimise(replace(base, curves=beside), state.theta).theta[0]
+    covariance = posterior_covariance(state.normal[0], chosen.sd)
+    wandering = SOCCER.model_copy(update={"wander_sd_m": step_m})
+    monkeypatch.setattr(painters, "PIECE_M", 1e3)
+    added = painters_covariance(base, state, covariance, wandering)
+    grid = np.array([[10.0, 0.0], [-10.0, 5.0], [0.0, -12.0], [0.0, 12.0]])
+    pixels = [project(t[None], grid[None], MODEL).pixels[0].ravel() for t in (state.theta[0], larger, moved)]
+    by_theta = project(state.theta[:1], grid[None], MODEL).jacobians()[0][0].reshape(-1, len(PARAMETERS))
+    expected = (pixels[1] - pixels[0]) ** 2 + (pixels[2] - pixels[0]) ** 2
+    np.testing.assert_allclose(((by_theta @ added) * by_theta).sum(axis=1), expected, rtol=0.05, atol=1e-5)
+    # pieces that wander each for itself do so less together
+    monkeypatch.setattr(painters, "PIECE_M", 0.5)
+    pieces = painters_covariance(base, state, covariance, wandering)
+    assert np.trace(by_theta @ pieces @ by_theta.T) < 0.5 * np.trace(by_theta @ added @ by_theta.T)

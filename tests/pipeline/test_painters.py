@@ -34,7 +34,7 @@ def test_they_widen_what_is_told_and_change_no_answer(without, monkeypatch):
     assert after.camera.max_sigma_px > 1.5 * before.camera.max_sigma_px
     assert after.camera.max_sigma_m > 1.5 * before.camera.max_sigma_m
     assert np.trace(after.camera.region.covariance) > 1.5**2 * np.trace(before.camera.region.covariance)
-    assert after.camera.placement_covariance is None
+    assert after.camera.painters_covariance is None
     assert after.verdict.check("sigma_px").value == after.camera.max_sigma_px
     assert after.verdict.check("sigma_m").value == after.camera.max_sigma_m
 
@@ -42,7 +42,7 @@ def test_they_widen_what_is_told_and_change_no_answer(without, monkeypatch):
 def test_a_camera_that_they_leave_too_uncertain_is_refused(without):
     *_, setting, before = without
     assert before.is_calibrated
-    camera = replace(before.camera, placement_covariance=before.camera.placement_covariance * 1e6)
+    camera = replace(before.camera, painters_covariance=before.camera.painters_covariance * 1e6)
     after = cover_painters(setting, replace(before, camera=camera))
     assert (after.verdict.status, after.verdict.code) == ("refused", "too_uncertain")
     assert len(after.verdict.checks) == len(before.verdict.checks)
