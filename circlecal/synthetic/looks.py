@@ -11,6 +11,8 @@ from circlecal.synthetic.scene import Color, Delivery, RenderConfig
 
 Changes = dict[str, Any]
 
+_COMPRESSED_SHARE = 0.7
+"""Of the frames of other sports: single pictures of them are mostly taken from videos."""
 _DEFOCUS_PX = {"easy": (0.4, 0.8), "hard": (0.8, 1.8)}
 _TEAMS: tuple[Color, ...] = (
     (235, 235, 235),
@@ -106,6 +108,8 @@ def sample_delivery(profile: str, rng: np.random.Generator, size: tuple[int, int
     """How a picture reaches a file of a size."""
     if profile == "archive":
         return _archive_delivery(rng, size)
+    if profile in ("rink", "court", "robots") and rng.random() < _COMPRESSED_SHARE:
+        return Delivery(chroma_step=2, block_quality=int(rng.integers(30, 75)))
     return _bars(rng, size) if profile == "letterbox" else Delivery()
 
 
@@ -366,7 +370,7 @@ def _rink(rng: np.random.Generator, unit: float) -> Changes:
         "round_logos": True,
         "scorebug": True,
         "defocus_px": float(unit * rng.uniform(0.8, 1.6)),
-        "motion_px": float(unit * rng.uniform(2.0, 9.0)) if rng.random() < 0.35 else 0.0,
+        "motion_px": float(unit * rng.uniform(2.0, 14.0)) if rng.random() < 0.35 else 0.0,
         "noise": float(rng.uniform(1.0, 3.0)),
     }
 
@@ -388,8 +392,10 @@ def _robots(rng: np.random.Generator, unit: float) -> Changes:
     return {
         "turf_bgr": tuple(float(v) for v in green),
         "paint_bgr": (float(rng.uniform(120, 235)), 228.0, 226.0),
+        # chalk or thin paint on artificial turf, between the blades of which the ground shows
+        "paint_opacity": float(rng.uniform(0.12, 0.8)),
         "marking_width_m": 0.05,
-        "wear": float(rng.uniform(0.3, 0.7)),
+        "wear": float(rng.uniform(0.3, 0.8)),
         "wear_scale_m": 0.03,
         "texture": float(rng.uniform(0.05, 0.12)),
         "stripe_contrast": 0.0,
