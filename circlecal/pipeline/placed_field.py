@@ -12,7 +12,7 @@ from circlecal.config import Config
 from circlecal.errors import EstimationError
 from circlecal.field import FieldTemplate
 from circlecal.field.view import FieldView
-from circlecal.observations import Observations
+from circlecal.observations import MarkingKey, Observations
 from circlecal.paint.spots import measure_spots
 from circlecal.pipeline.attempts import add_checks, estimate, refuse_as_open, take_observations
 from circlecal.pipeline.refinements import UNCERTAIN_PX, Retry, is_less_uncertain
@@ -47,6 +47,10 @@ sports the right one was among the first four, with 0.91 of it at least.
 MOST_OF_SIBLING = 2
 """So many lead to cameras where a field of other sizes of the sport was laid already: this one lies there too, or is
 not the one that is seen.
+"""
+FEWEST_CARRYING = 3
+"""Markings that carry a placed field at least: both circles of either end of a rink look alike, and were taken for
+those of the other end. Right cameras of eight real rinks and an NBA court have 3 to 6.
 """
 LEAST_CIRCLE = 0.15
 """Score that the best candidate of a surface needs where no arc is seen there, without which no field is laid over
@@ -233,6 +237,8 @@ def _place_among(
     answers.sort(key=lambda answer: -_weigh_answer(*answer))
     if not answers or not (_is_believed(answers[0][0], factor) or _is_precise(setting, *answers[0])):
         return None
+    if _count_carrying(answers[0][1]) < FEWEST_CARRYING:
+        return None
     (weighed, best), others = answers[0], answers[1:]
     weight = _weigh_answer(weighed, best)
     found = [
@@ -293,8 +299,12 @@ def _weigh_answer(weighed: ViewEvidence, attempt: Attempt) -> float:
     """Evidence for a camera, picture widths, times the root of the number of markings that carry it: a circle and a
     line fit a wrong camera as well as the right one, many markings do not.
     """
-    count = 0 if attempt.camera is None else len(attempt.camera.residuals_px)
-    return weighed.evidence * float(np.sqrt(max(1, count)))
+    return weighed.evidence * float(np.sqrt(max(1, _count_carrying(attempt))))
+
+
+def _count_carrying(attempt: Attempt) -> int:
+    """How many markings carry the camera of an attempt."""
+    return 0 if attempt.camera is None else len(attempt.camera.residuals_px)
 
 
 def _is_believed(weighed: ViewEvidence, factor: float = 1.0) -> bool:
@@ -367,7 +377,8 @@ def _calibrate_view(setting: Setting, picture: NDArray[np.uint8], attempt: Attem
         spots = measure_spots(picture, view, template.lone_marks, edges.noise)
     observations = Observations(setting.width, setting.height, circles, lines, spots)
     seen = replace(attempt, verdict=None, camera=None, correspondences=None, homography=None)
-    return _leave_out_strays(setting, seen, _calibrate_observations(setting, seen, observations))
+    found = _calibrate_observations(setting, seen, observations)
+    return _leave_out_strays(setting, seen, _leave_out_mark(setting, seen, found))
 
 
 def _calibrate_observations(setting: Setting, seen: Attempt, observations: Observations) -> Attempt:
@@ -376,6 +387,18 @@ def _calibrate_observations(setting: Setting, seen: Attempt, observations: Obser
     two end zones of rinks cameras were wrong by 11 and 17 px, with it by 5 and 4 px.
     """
     return estimate(setting, take_observations(setting, seen, observations), is_strain_left_out=False)
+
+
+def _leave_out_mark(setting: Setting, seen: Attempt, attempt: Attempt) -> Attempt:
+    """The attempt without the circle's mark where the camera contradicts it and other markings than the circle and a
+    line decide: spots are painted centimetres off, and skates are taken for them.
+    """
+    camera, cues, observations = attempt.camera, attempt.cues, attempt.observations
+    if attempt.code != "mark_contradicts_circle" or camera is None or cues is None or observations is None:
+        return attempt
+    if cues.mark is None or _count_carrying(attempt) < FEWEST_CARRYING:
+        return attempt
+    return _calibrate_observations(setting, seen, observations.without({MarkingKey(cues.mark.name)}))
 
 
 def _leave_out_strays(setting: Setting, seen: Attempt, attempt: Attempt) -> Attempt:

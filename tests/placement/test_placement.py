@@ -40,7 +40,7 @@ from circlecal.placement import (
 )
 from circlecal.placement.camera_batch import cameras_before_circles
 from circlecal.records.writing import result_record
-from circlecal.results import Attempt, CameraFit, CircleCandidate, MarkingMask, Verdict
+from circlecal.results import Attempt, CameraFit, CircleCandidate, Cues, MarkCue, MarkingMask, Verdict
 from circlecal.stages import camera as camera_stage
 from circlecal.stages.camera import estimate_camera
 from circlecal.stages.edges import detect_edges
@@ -155,8 +155,13 @@ def test_a_field_that_may_lie_in_two_ways_is_refused_with_both(monkeypatch):
     config = load_config(None, ["field.template=ice-hockey-nhl"])
     template, circle = field_of(config)
     setting = frame.Setting(config, template, circle, *SIZE, np.random.default_rng(0))
+    carrying = {MarkingKey(str(k)): 0.1 for k in range(3)}
     left, right = (
-        Attempt(circle_name=name, camera=fit(camera), verdict=Verdict("calibrated", None, None, None))
+        Attempt(
+            circle_name=name,
+            camera=replace(fit(camera), residuals_px=carrying),
+            verdict=Verdict("calibrated", None, None, None),
+        )
         for name, camera in (("faceoff_left_top", LEFT_CIRCLE), ("faceoff_right_top", RIGHT_END))
     )
     placements = iter([left, right])
@@ -553,3 +558,43 @@ def test_a_field_of_other_sizes_is_laid_where_the_first_of_its_sport_lies(monkey
 def test_a_camera_that_finds_much_more_paint_than_its_placement_lies_on_other_paint(placed, found, wandered):
     lain = PlacedField(RINK.circles[0], np.eye(3), FieldView(RIGHT_END), placed, 0.5)
     assert placed_field._has_wandered(ViewEvidence(found, 0.6, 0.5), lain) is wandered
+
+
+def test_two_circles_alone_are_no_end_of_a_rink(monkeypatch):
+    """They look alike at both ends; with the goal line the end is told."""
+    config = load_config(None, ["field.template=ice-hockey-nhl"])
+    template, circle = field_of(config)
+    setting = frame.Setting(config, template, circle, *SIZE, np.random.default_rng(0))
+    scene = frame.Scene(np.zeros((*SIZE[::-1], 3), np.uint8), np.zeros(SIZE[::-1], np.uint8), None, None, None)
+    lain = [PlacedField(circle, np.eye(3), FieldView(LEFT_CIRCLE), 1.0, 0.8)]
+    monkeypatch.setattr(placed_field, "weigh_view", lambda *_: ViewEvidence(1.0, 0.8, 0.8))
+    monkeypatch.setattr(placed_field, "look_for_paint", lambda *_: Paint("seen"))
+    monkeypatch.setattr(placed_field, "search_placements", lambda *_: object())
+    monkeypatch.setattr(placed_field, "refine_placements", lambda *_: lain)
+    seen = MarkingMask(scene.gray, "detector", conic=np.eye(3))
+    count = {}
+    for names in (
+        ("faceoff_left_top", "faceoff_left_bottom"),
+        ("faceoff_left_top", "faceoff_left_bottom", "goal_line"),
+    ):
+        camera = replace(fit(LEFT_CIRCLE), residuals_px={MarkingKey(name): 0.1 for name in names})
+        attempt = Attempt(camera=camera, verdict=Verdict("calibrated", None, None, None))
+        monkeypatch.setattr(placed_field, "_follow_placement", lambda *_, attempt=attempt: attempt)
+        count[len(names)] = len(list(placed_field.place_template(setting, scene, Attempt(mask=seen))))
+    assert count == {2: 0, 3: 1}
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_a_mark_beside_its_place_is_left_out_where_other_markings_decide(monkeypatch, count):
+    """Spots are painted centimetres off; a circle and a line alone leave open what is wrong."""
+    config = load_config(None, ["field.template=ice-hockey-nhl"])
+    setting = frame.Setting(config, *field_of(config), *SIZE, np.random.default_rng(0))
+    mark = MarkCue("faceoff_spot", np.zeros(2), 1.0, 9.0)
+    camera = replace(fit(LEFT_CIRCLE), residuals_px={MarkingKey(str(k)): 0.1 for k in range(count)})
+    refused = Verdict("refused", "mark_contradicts_circle", None, "camera")
+    empty = Observations(*SIZE, (), (), ())
+    attempt = Attempt(camera=camera, cues=Cues(None, mark), observations=empty, verdict=refused)
+    again = []
+    monkeypatch.setattr(placed_field, "_calibrate_observations", lambda *given: again.append(given) or attempt)
+    assert placed_field._leave_out_mark(setting, attempt, attempt) is attempt
+    assert len(again) == (count > 2)
