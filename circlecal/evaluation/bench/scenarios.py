@@ -182,7 +182,7 @@ def scenarios() -> list[Scenario]:
         row("5", "full circle, 200 points per edge, sigma 0.5", _soccer_draw("main", 200, 0.5), 0.5, 3.0),
         row(
             "5d",
-            "the same, default lens, crown and principal point",
+            "the same, lens and crown of the defaults, principal point to 5 px",
             _soccer_draw("main", 200, 0.5, config=default),
             np.inf,
         ),
