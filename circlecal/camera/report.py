@@ -16,7 +16,7 @@ from circlecal.camera.covariance import (
     push_forward,
     spread_cameras,
 )
-from circlecal.camera.painters import painters_covariance
+from circlecal.camera.painters import follow_errors
 from circlecal.camera.problem import Problem, State
 from circlecal.camera.spike_and_slab import Posterior
 from circlecal.field import Circle, FieldTemplate
@@ -74,6 +74,7 @@ def camera_fit(
     H = camera.homography
     surface = replace(model.surface, crown_m=float(theta[INDEX["crown"]]))
     told = _tell_spread(theta, covariance, model, reference, circle, template)
+    painted = follow_errors(problem, state, covariance, template)
     return CameraFit(
         camera=camera,
         surface=surface,
@@ -101,7 +102,8 @@ def camera_fit(
         field_size=None if posterior is None or is_fixed else _field_size(theta, covariance, template, posterior),
         region=told.region,
         mean_sigma_px=told.mean_sigma_px,
-        painters_covariance=painters_covariance(problem, state, covariance, template),
+        painters_covariance=None if painted is None else painted.covariance,
+        painted_sigma_px={} if painted is None else painted.residual_px,
     )
 
 

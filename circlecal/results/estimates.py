@@ -205,6 +205,8 @@ class CameraFit:
         Signed distance (N,) of each point of markings with few points, pixels, in the order in which they were given.
     painters_covariance : (P, P) array or None
         What painters' errors add to the covariance while they are not in it; None where there are none.
+    painted_sigma_px : dict of MarkingKey
+        Part of each observation's residual that painters' errors may bring, pixels; empty where they make none.
     """
 
     camera: Camera
@@ -234,6 +236,7 @@ class CameraFit:
     region: HomographyRegion | None = None
     mean_sigma_px: float = 0.0
     painters_covariance: Array | None = None
+    painted_sigma_px: dict[MarkingKey, float] = field(default_factory=dict)
 
     @property
     def contradicting_points(self) -> tuple[tuple[MarkingKey, int, float], ...]:

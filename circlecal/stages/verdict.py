@@ -411,9 +411,15 @@ def _landmark_checks(camera: CameraFit, unit: float, config: VerdictConfig) -> l
 
 def _worst_marking(camera: CameraFit, unit: float, config: VerdictConfig) -> tuple[MarkingKey, float, float]:
     """Key, rms residual and limit of the line, arc or point that leaves most of what it is allowed."""
-    stated, least = camera.stated_sigma_px, config.max_line_residual_px * unit
-    markings = ((k, rms, max(least, NOISE_SIGMAS * stated.get(k, 0.0))) for k, rms in camera.residuals_px.items())
+    least = config.max_line_residual_px * unit
+    markings = ((key, rms, max(least, _allowed_px(camera, key))) for key, rms in camera.residuals_px.items())
     return max(markings, key=lambda marking: marking[1] / marking[2])
+
+
+def _allowed_px(camera: CameraFit, key: MarkingKey) -> float:
+    """Residual that an observation may have by its own noise and by painters' errors, pixels."""
+    stated, painted = camera.stated_sigma_px.get(key, 0.0), camera.painted_sigma_px.get(key, 0.0)
+    return NOISE_SIGMAS * float(np.hypot(stated, painted))
 
 
 def _place_checks(
@@ -450,8 +456,10 @@ def _residual_checks(camera: CameraFit, cues: Cues, circle: Circle, unit: float,
         elif cues.halfway is not None and key.name == cues.halfway.name:
             checks.append(_check("line_residual_px", rms, max(config.max_line_residual_px * unit, stated)))
     if not _confirmations(cues, camera, unit):
-        for rms in _end_residuals(camera, cues, circle):
-            checks.append(_check("end_residual_px", rms, config.max_line_residual_px * unit))
+        for key in _keys_of_ends(camera, cues, circle):
+            painted = NOISE_SIGMAS * camera.painted_sigma_px.get(key, 0.0)
+            limit = max(config.max_line_residual_px * unit, painted)
+            checks.append(_check("end_residual_px", camera.residuals_px[key], limit))
     if cues.mark is not None and MarkingKey(cues.mark.name) not in camera.rejected:
         seen = camera.residuals_px.get(MarkingKey(cues.mark.name), 0.0)
         stated = NOISE_SIGMAS * camera.stated_sigma_px.get(MarkingKey(cues.mark.name), 0.0)
@@ -461,16 +469,15 @@ def _residual_checks(camera: CameraFit, cues: Cues, circle: Circle, unit: float,
     return checks
 
 
-def _end_residuals(camera: CameraFit, cues: Cues, circle: Circle) -> list[float]:
-    """How far the seen ends of the halfway line lie from the markings that they must lie on, px: where nothing else
-    says how large the field is, an end that does not fit is none.
+def _keys_of_ends(camera: CameraFit, cues: Cues, circle: Circle) -> list[MarkingKey]:
+    """Markings on which the seen ends of the halfway line must lie: where nothing else says how large the field is, an
+    end that does not fit is none.
     """
     own = () if cues.halfway is None or cues.halfway.name is None else (cues.halfway.name,)
     marks = () if cues.mark is None else (cues.mark.name,)
-    known = {*own, *marks, *camera.named_lines, *(line.name for line in cues.lines)}
-    seen = [(key.name, rms) for key, rms in camera.residuals_px.items() if key.name != circle.name]
+    known = {*own, *marks, circle.name, *camera.named_lines, *(line.name for line in cues.lines)}
     ends = cues.halfway is not None and cues.halfway.ends
-    return [rms for name, rms in seen if name not in known] if ends else []
+    return [key for key in camera.residuals_px if key.name not in known] if ends else []
 
 
 def _reach_checks(camera: CameraFit, cues: Cues, template: FieldTemplate, config: VerdictConfig) -> list[Check]:

@@ -3,11 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from circlecal.camera import painters
 from circlecal.camera.covariance import posterior_covariance
 from circlecal.camera.observed import NoiseModel, curves_from_observations, points_from_observations
-from circlecal.camera.painters import painters_covariance
+from circlecal.camera.painters import follow_errors
 from circlecal.camera.problem import minimise
 from circlecal.geometry.camera_parameters import PARAMETERS, project
 
@@ -25,7 +26,7 @@ def test_markings_that_lie_elsewhere_move_the_camera_as_far_as_its_covariance_sa
     def pixels(parameters):
         return project(parameters[None], grid[None], MODEL).pixels[0].ravel()
 
-    moved = []
+    moved, residuals = [], []
     for name in ("centre_circle", "halfway_line", "centre_mark"):
         for shift in ((step_m, 0.0), (0.0, step_m)):
             template = SOCCER.move_markings(
@@ -33,13 +34,19 @@ def test_markings_that_lie_elsewhere_move_the_camera_as_far_as_its_covariance_sa
             )
             curves = curves_from_observations(seen, template, NoiseModel(10**6, 0.0, 0.0))
             problem = replace(base, curves=curves, points=points_from_observations(seen, template))
-            moved.append(pixels(minimise(problem, state.theta).theta[0]) - pixels(state.theta[0]))
+            there = minimise(problem, state.theta)
+            moved.append(pixels(there.theta[0]) - pixels(state.theta[0]))
+            residuals.append((there.values - state.values)[0, : len(base.curves.sigma_px)] * base.curves.sigma_px)
     expected = (np.array(moved) ** 2).sum(axis=0)
     covariance = posterior_covariance(state.normal[0], chosen.sd)
-    added = painters_covariance(base, state, covariance, SOCCER.model_copy(update={"placement_sd_m": step_m}))
+    added = follow_errors(base, state, covariance, SOCCER.model_copy(update={"placement_sd_m": step_m}))
     by_theta = project(state.theta[:1], grid[None], MODEL).jacobians()[0][0].reshape(-1, len(PARAMETERS))
-    np.testing.assert_allclose(((by_theta @ added) * by_theta).sum(axis=1), expected, rtol=0.05, atol=1e-5)
-    assert painters_covariance(base, state, covariance, SOCCER) is None
+    np.testing.assert_allclose(((by_theta @ added.covariance) * by_theta).sum(axis=1), expected, rtol=0.05, atol=1e-5)
+    squared = (np.array(residuals) ** 2).sum(axis=0)
+    for group, key in enumerate(base.curves.keys):
+        own = base.curves.group == group
+        assert added.residual_px[key] == pytest.approx(np.sqrt(squared[own].mean()), rel=0.05)
+    assert follow_errors(base, state, covariance, SOCCER) is None
 
 
 def test_paint_that_wanders_all_around_a_circle_is_a_larger_circle(monkeypatch):
@@ -57,7 +64,7 @@ def test_paint_that_wanders_all_around_a_circle_is_a_larger_circle(monkeypatch):
     covariance = posterior_covariance(state.normal[0], chosen.sd)
     wandering = SOCCER.model_copy(update={"wander_sd_m": step_m})
     monkeypatch.setattr(painters, "PIECE_M", 1e3)
-    added = painters_covariance(base, state, covariance, wandering)
+    added = follow_errors(base, state, covariance, wandering).covariance
     grid = np.array([[10.0, 0.0], [-10.0, 5.0], [0.0, -12.0], [0.0, 12.0]])
     pixels = [project(t[None], grid[None], MODEL).pixels[0].ravel() for t in (state.theta[0], larger, moved)]
     by_theta = project(state.theta[:1], grid[None], MODEL).jacobians()[0][0].reshape(-1, len(PARAMETERS))
@@ -65,5 +72,5 @@ def test_paint_that_wanders_all_around_a_circle_is_a_larger_circle(monkeypatch):
     np.testing.assert_allclose(((by_theta @ added) * by_theta).sum(axis=1), expected, rtol=0.05, atol=1e-5)
     # pieces that wander each for itself do so less together
     monkeypatch.setattr(painters, "PIECE_M", 0.5)
-    pieces = painters_covariance(base, state, covariance, wandering)
+    pieces = follow_errors(base, state, covariance, wandering).covariance
     assert np.trace(by_theta @ pieces @ by_theta.T) < 0.5 * np.trace(by_theta @ added @ by_theta.T)
