@@ -412,11 +412,11 @@ def _landmark_checks(camera: CameraFit, unit: float, config: VerdictConfig) -> l
 def _worst_marking(camera: CameraFit, unit: float, config: VerdictConfig) -> tuple[MarkingKey, float, float]:
     """Key, rms residual and limit of the line, arc or point that leaves most of what it is allowed."""
     least = config.max_line_residual_px * unit
-    markings = ((key, rms, max(least, _allowed_px(camera, key))) for key, rms in camera.residuals_px.items())
+    markings = ((key, rms, max(least, _largest_residual_px(camera, key))) for key, rms in camera.residuals_px.items())
     return max(markings, key=lambda marking: marking[1] / marking[2])
 
 
-def _allowed_px(camera: CameraFit, key: MarkingKey) -> float:
+def _largest_residual_px(camera: CameraFit, key: MarkingKey) -> float:
     """Residual that an observation may have by its own noise and by painters' errors, pixels."""
     stated, painted = camera.stated_sigma_px.get(key, 0.0), camera.painted_sigma_px.get(key, 0.0)
     return NOISE_SIGMAS * float(np.hypot(stated, painted))
