@@ -14,6 +14,8 @@ GrayPicture = NDArray[np.uint8 | np.float32]
 """Gray levels (H, W): as they are decoded, or with fractions."""
 BRIGHTNESS_BGR = (0.114, 0.587, 0.299)
 """Weights of blue, green and red in the brightness (ITU-R BT.601)."""
+MOST_COLUMNS = 32_000
+"""Places that OpenCV looks up in one row: its limit is 32766."""
 Profiles = NDArray[np.float32]
 """Gray levels (N, S) of N profiles; they are stored side by side, so that ``.T`` is contiguous."""
 
@@ -21,6 +23,18 @@ Profiles = NDArray[np.float32]
 def to_gray(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Gray picture (H, W) of a BGR one (H, W, 3), as ITU-R BT.601 weighs the three colours."""
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
+
+
+def interpolate(picture: NDArray[Any], x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[Any]:
+    """A picture (H, W) at any number of places (S, N), bilinearly; beyond its border it repeats its outer pixels."""
+
+    def look_up(part: slice) -> NDArray[Any]:
+        return np.asarray(cv2.remap(picture, x[:, part], y[:, part], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+
+    count = x.shape[1]
+    if count <= MOST_COLUMNS:
+        return look_up(slice(None))
+    return np.concatenate([look_up(slice(k, k + MOST_COLUMNS)) for k in range(0, count, MOST_COLUMNS)], axis=1)
 
 
 def sample_profiles(
@@ -42,7 +56,7 @@ def sample_profiles(
         return np.zeros((0, len(offsets)), np.float32)
     lever = np.stack([offsets, np.ones(len(offsets))], axis=-1).astype(np.float32)
     x, y = (lever @ np.stack(pair).astype(np.float32) for pair in zip(normals.T, points_px.T, strict=True))
-    values = np.asarray(cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float32)
+    values = interpolate(picture, x, y).astype(np.float32, copy=False)
     ends = ((x[0], width), (x[-1], width), (y[0], height), (y[-1], height))
     if not repeat_border and any(end.min() < 0 or end.max() > size - 1 for end, size in ends):
         values[(x < 0) | (y < 0) | (x > width - 1) | (y > height - 1)] = np.nan

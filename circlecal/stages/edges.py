@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.projective import Array
 from circlecal.paint.bands import SIGMA_FLOOR_PX
-from circlecal.paint.profiles import estimate_noise
+from circlecal.paint.profiles import estimate_noise, interpolate
 from circlecal.refusals import refuse
 from circlecal.results import CIRCLE_ID, EdgePoints, MarkingMask
 
@@ -189,7 +189,7 @@ def _sub_pixel(gx: NDArray[np.int16], gy: NDArray[np.int16], pixels: Array, norm
     steps = np.array([-1.0, 0.0, 1.0], np.float32)[:, None]
     (x0, y0), (nx, ny) = pixels.T.astype(np.float32), normals.T.astype(np.float32)
     x, y = x0 + steps * nx, y0 + steps * ny
-    across, down = (cv2.remap(g, x, y, cv2.INTER_LINEAR).astype(np.float32) for g in (gx, gy))
+    across, down = (interpolate(g, x, y).astype(np.float32) for g in (gx, gy))
     before, here, after = np.sqrt(across * across + down * down).astype(np.float64) / GRADIENT_UNIT
     curvature = 2 * here - before - after
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from circlecal.paint.profiles import estimate_noise, sample_profiles, smooth_along, to_gray
+from circlecal.paint.profiles import estimate_noise, interpolate, sample_profiles, smooth_along, to_gray
 
 
 def test_gray_is_what_the_standard_weighs():
@@ -25,6 +25,12 @@ def test_samples_are_bilinear_and_nan_outside():
     assert np.isnan(values[2]).tolist() == [False, False, True]
     beyond = sample_profiles(picture, points, normals, offsets, repeat_border=True)
     np.testing.assert_allclose(beyond[1], [60.0, 62.0, 68.0], atol=1e-4)
+
+
+def test_any_number_of_places_is_looked_up():
+    rows, columns = np.mgrid[:40, :50].astype(np.float32)
+    x, y = np.random.default_rng(0).uniform(1.0, 38.0, (2, 2, 70_001)).astype(np.float32)
+    np.testing.assert_allclose(interpolate(2 * columns + 3 * rows, x, y), 2 * x + 3 * y, atol=0.2)
 
 
 def test_smoothing_takes_the_noise_down_and_skips_gaps():

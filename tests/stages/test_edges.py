@@ -35,6 +35,12 @@ def distance_from_step(points, shift, slope=0.3):
     return (points @ [1.0, slope]) / np.hypot(1, slope) - 100.0 - shift
 
 
+def test_a_picture_full_of_edges_has_no_limit():
+    noise = np.random.default_rng(0).integers(0, 256, (480, 480), dtype=np.uint8)
+    found = detect_edges(noise, whole(noise), EdgesConfig(thresholds=(1.0, 2.0)))
+    assert len(found.points_px) > 2**15
+
+
 @pytest.mark.parametrize("shift", [0.0, 0.2, 0.5, 0.7])
 def test_points_of_a_step_lie_on_it(shift):
     image = slanted_step(shift)
