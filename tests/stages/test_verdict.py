@@ -107,6 +107,7 @@ def test_a_good_camera_is_accepted_with_every_check():
         "named_markings",
         "end_residual_px",
         "other_end_reach",
+        "crossed_end_reach",
         "noise_beside_mark",
     }
 
@@ -244,6 +245,19 @@ def test_a_halfway_line_whose_end_was_used_may_not_run_past_the_other_end():
     assert "past the far side" in found.reason
     for name in ("side_line_bottom", "side_line_left"):
         assert verdict(camera_fit(residuals_px={**residuals, name: 0.5}), cues=cues).status == "calibrated"
+
+
+@pytest.mark.parametrize(("end_m", "crossed", "code"), [(-34.0, True, None), (-41.0, True, "line_beyond_field"),
+                                                        (-41.0, False, None), (34.0, True, None)])  # fmt: skip
+def test_a_line_that_the_halfway_line_crosses_is_the_border_of_the_field(end_m, crossed, code):
+    wide = view(focal=1400.0)
+    ends = (LineEnd(wide.project(np.array([[0.0, end_m]]))[0], crossed),)
+    fit = camera_fit(wide, residuals_px={"centre_circle center": 0.3, "halfway_line": 0.3, "side_line_top": 0.5})
+    found = verdict(fit, cues=Cues(replace(LINE, ends=ends), MARK))
+    checks = [check for check in found.checks if check.name == "crossed_end_reach"]
+    assert len(checks) == (crossed and end_m < 0.0)
+    assert all(check.passed == (code is None) for check in checks)
+    assert found.code == code or (code is None and "crosses" not in (found.reason or ""))
 
 
 @pytest.mark.parametrize("shape", ["roof", "parabola"])
