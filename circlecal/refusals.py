@@ -416,7 +416,7 @@ CHECKS: dict[str, tuple[str, str]] = {
         "line_beyond_field",
         "the halfway line runs past the far side of the field: what was taken for its end is not its end",
     ),
-    "crossed_end_reach": (
+    "crossed_end_beyond": (
         "line_beyond_field",
         "the halfway line crosses another line well beyond what was taken for the field's border",
     ),

@@ -107,7 +107,7 @@ def test_a_good_camera_is_accepted_with_every_check():
         "named_markings",
         "end_residual_px",
         "other_end_reach",
-        "crossed_end_reach",
+        "crossed_end_beyond",
         "noise_beside_mark",
     }
 
@@ -254,7 +254,7 @@ def test_a_line_that_the_halfway_line_crosses_is_the_border_of_the_field(end_m, 
     ends = (LineEnd(wide.project(np.array([[0.0, end_m]]))[0], crossed),)
     fit = camera_fit(wide, residuals_px={"centre_circle center": 0.3, "halfway_line": 0.3, "side_line_top": 0.5})
     found = verdict(fit, cues=Cues(replace(LINE, ends=ends), MARK))
-    checks = [check for check in found.checks if check.name == "crossed_end_reach"]
+    checks = [check for check in found.checks if check.name == "crossed_end_beyond"]
     assert len(checks) == (crossed and end_m < 0.0)
     assert all(check.passed == (code is None) for check in checks)
     assert found.code == code or (code is None and "crosses" not in (found.reason or ""))
