@@ -64,36 +64,34 @@ def follow_errors(problem: Problem, state: State, covariance: Array, template: F
     curves, points = problem.curves, problem.points
     seen = curve_residuals(curves, state.theta[:1], state.feet[:1], problem.model, 0, points)
     by_place, jacobian = seen.by_place[0], seen.jacobian[0]
-    placement, wander = _by_placement(problem, by_place), _by_wander(curves, state.feet[0], by_place, PIECE_M)
+    keys = [curves.keys[group] for group in curves.group.tolist()] + [key for key in points.keys for _ in range(2)]
+    names = [key.name for key in keys]
+    placement, wander = _by_placement(names, by_place), _by_wander(curves, names, state.feet[0], by_place)
     errors = np.concatenate([placement_sd_m * placement, wander_sd_m * wander], axis=1)
-    weight = 1.0 / (1.0 + seen.values[0] ** 2 / problem.loss_scale**2) ** 2
+    weight = problem.share_of_loss(seen.values[0]) ** 2
     moved = covariance @ (weight[:, None] * jacobian).T @ errors
     sigma_px = np.concatenate([curves.sigma_px, np.repeat(points.sigma_px, 2)])
     squared = sigma_px**2 * ((errors - jacobian @ moved) ** 2).sum(axis=1)
-    keys = [curves.keys[group] for group in curves.group.tolist()] + [key for key in points.keys for _ in range(2)]
     own = {key: np.array([other == key for other in keys]) for key in dict.fromkeys(keys)}
     residual_px = {key: float(np.sqrt(squared[rows].mean())) for key, rows in own.items()}
     return PaintersErrors(np.asarray(moved @ moved.T), residual_px)
 
 
-def _by_placement(problem: Problem, by_place: Array) -> Array:
+def _by_placement(names: list[str], by_place: Array) -> Array:
     """Derivatives (N + 2 M, 2 K) of the residuals by where each of K markings lies with all its edges, along x and y,
-    from those by each point's own place (2, N + 2 M).
+    from those by each point's own place (2, N + 2 M) and the names of the points' markings.
     """
-    curves = problem.curves
-    names = [curves.keys[group].name for group in curves.group.tolist()]
-    names += [key.name for key in problem.points.keys for _ in range(2)]
     return (_members(names)[:, :, None] * by_place.T[:, None]).reshape(len(names), -1)
 
 
-def _by_wander(curves: CurvePoints, feet: Array, by_place: Array, piece_m: float) -> Array:
+def _by_wander(curves: CurvePoints, names: list[str], feet: Array, by_place: Array) -> Array:
     """Derivatives (N + 2 M, L) of the residuals by how far each of L pieces of a marking lies across it."""
     count = len(feet)
     along = np.where(curves.straight, feet, feet % (2 * np.pi)) * curves.scale
     normal_x = np.where(curves.straight, -curves.direction[:, 1], np.cos(feet))
     normal_y = np.where(curves.straight, curves.direction[:, 0], np.sin(feet))
-    names = [curves.keys[group].name for group in curves.group.tolist()]
-    pieces = [f"{name} {piece}" for name, piece in zip(names, (along // piece_m).astype(int).tolist(), strict=True)]
+    numbers = (along // PIECE_M).astype(int).tolist()
+    pieces = [f"{name} {number}" for name, number in zip(names, numbers, strict=False)]
     across = by_place[0, :count] * normal_x + by_place[1, :count] * normal_y
     found = np.zeros((by_place.shape[1], len(set(pieces))))
     found[:count] = _members(pieces) * across[:, None]

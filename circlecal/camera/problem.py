@@ -112,6 +112,10 @@ class Problem:
         theta[0] = np.log(self.model.width * 2.0)
         return camera_of(theta, self.model)
 
+    def share_of_loss(self, values: Array) -> Array:
+        """By how much the loss takes residuals down, ``1 / (1 + r^2 / s^2)``; its square is their weight."""
+        return np.asarray(1.0 / (1.0 + values * values / self.loss_scale**2))
+
     def hypotheses(self, index: Indices) -> Problem:
         """Some of the hypotheses about the curves, where there are several."""
         return self if self.curves.sigma_px.ndim == 1 else replace(self, curves=self.curves.hypotheses(index))
@@ -187,7 +191,7 @@ def apply_loss(
     the weight ``w = 1 / (1 + r^2 / s^2)^2`` that the Gauss-Newton matrix has too. Priors are not robust.
     """
     squared = values * values
-    share = 1.0 / (1.0 + squared / problem.loss_scale**2)
+    share = problem.share_of_loss(values)
     weight = share * share
     rows, prior_rows = np.swapaxes(jacobian, 1, 2), np.swapaxes(prior_jacobian, 1, 2)
     gradient = rows @ (weight * values)[..., None] + prior_rows @ prior_values[..., None]

@@ -85,16 +85,16 @@ def tell_sport(
         Without a name where none is likelier than :data:`SURE`.
     """
     scores: dict[str, float] = {}
-    circles = [circle for trial in trials if (circle := _paint_share(trial.found)) is not None]
+    circles = [_paint_share(trial.found) for trial in trials]
+    first = next((circle for circle in circles if circle is not None), None)
     has_rink_paint = grounds[0] == "ice" and any(map(is_rink_paint, tell_paints(image, config.mask)))
-    for trial in trials:
+    for trial, circle in zip(trials, circles, strict=True):
         template = trial.found.template
         if template is None:
             continue
         score = USUAL if trial is trials[0] else 0.0
         score += _weigh_ground(template.ground, grounds) + _weigh_markings(trial) + _weigh_evidence(trial.candidate)
-        own = _paint_share(trial.found)
-        score += _weigh_width(template, (own,) if own is not None else circles[:1])
+        score += _weigh_width(template, circle or first)
         score += RINK_PAINT if has_rink_paint and template.ground == "ice" else 0.0
         scores[trial.candidate.sport] = max(score, scores.get(trial.candidate.sport, -np.inf))
     weights = np.exp(np.array([*scores.values(), UNKNOWN]))
@@ -143,10 +143,10 @@ def _paint_share(found: FrameCalibration) -> tuple[float, float] | None:
     return mask.band_px / float(ellipse.semi_axes[0]), sd
 
 
-def _weigh_width(template: FieldTemplate, seen: Sequence[tuple[float, float]]) -> float:
-    """Logarithm of the likelihood of circles' paint for the likeliest circle of a template; 0 where none was seen."""
-    if not seen:
+def _weigh_width(template: FieldTemplate, seen: tuple[float, float] | None) -> float:
+    """Logarithm of the likelihood of a circle's paint for the likeliest circle of a template; 0 where none was seen."""
+    if seen is None:
         return 0.0
+    share, sd = seen
     usual = np.log([template.paint_width(c) / template.radius(c, "center") for c in template.circles])
-    best = [float(np.max(-0.5 * ((np.log(share) - usual) / sd) ** 2)) for share, sd in seen]
-    return max(LEAST_OF_CIRCLE, OF_CIRCLE + best[0])
+    return max(LEAST_OF_CIRCLE, OF_CIRCLE + float(np.max(-0.5 * ((np.log(share) - usual) / sd) ** 2)))

@@ -16,6 +16,7 @@ from circlecal.paint.brightness import brightness_of_paint
 from circlecal.paint.colour import match_paint
 from circlecal.pipeline.attempts import refuse_as_open
 from circlecal.pipeline.field_choice import calibrate_unknown_field
+from circlecal.pipeline.placed_field import LEAST_CIRCLE
 from circlecal.pipeline.run import run
 from circlecal.pipeline.setting import frame_generator
 from circlecal.placement import mean_distance_px
@@ -25,10 +26,6 @@ from circlecal.stages.mask import MaskConfig, look_quickly, suit_field, tell_gro
 MOST_TRIED, MOST_OF_UNKNOWN_FIELD = 2, 1
 """Paints that are followed, those with the clearest circles: in rendered halls the right one is the first. Where the
 field is not known each of them costs a look at every template, 20 s for a hall that stays refused.
-"""
-LEAST_CIRCLE = 0.15
-"""Score of the best ellipse along a paint's colour, without which it is not followed: as where a field is laid over a
-picture; the right paint of a rendered hall has 0.72.
 """
 GREY, SAME_SIGN = 0.97, 0.3
 """Cosine from which on two colours are one, and from which on both are lighter, or darker, than the floor. Grey paint

@@ -495,18 +495,19 @@ def _reach_checks(camera: CameraFit, cues: Cues, template: FieldTemplate, config
         return []
     start, end = camera.view.grow(np.array([line.start, line.end]), template)
     middle, half = 0.5 * (start + end), 0.5 * (end - start)
-    along = (camera.view.to_field(cues.halfway.points_px) - middle) @ half / (half @ half)
+    crossed_px = np.array([seen.point_px for seen in cues.halfway.ends if seen.crossed]).reshape(-1, 2)
+    along, crossed = (
+        (camera.view.to_field(points_px) - middle) @ half / (half @ half)
+        for points_px in (cues.halfway.points_px, crossed_px)
+    )
     checks = [_reach_check("line_reach", np.abs(along), config.max_line_reach)]
-    for seen_end, past in ((line.start, along), (line.end, -along)):
+    for seen_end, side in ((line.start, -1.0), (line.end, 1.0)):
         other = find_line_through(np.asarray(seen_end), line, template)
         if other is not None and MarkingKey(other.name) in camera.residuals_px:
             limit = min(REACH_WITH_END, config.max_line_reach)
-            checks.append(_reach_check("other_end_reach", past, limit))
-            outward = (np.asarray(seen_end) - 0.5 * (np.asarray(line.start) + np.asarray(line.end))) @ half
-            crossed = np.array([seen.point_px for seen in cues.halfway.ends if seen.crossed]).reshape(-1, 2)
-            reach = np.sign(outward) * ((camera.view.to_field(crossed) - middle) @ half) / (half @ half)
-            beyond = [max(value - 1.0, 0.0) for value in reach.tolist() if value > 0.0]
-            checks += [_check("crossed_end_beyond", value, CROSSED_BEYOND) for value in beyond]
+            checks.append(_reach_check("other_end_reach", -side * along, limit))
+            reaches = (value for value in (side * crossed).tolist() if value > 0.0)
+            checks += [_check("crossed_end_beyond", max(reach - 1.0, 0.0), CROSSED_BEYOND) for reach in reaches]
     return checks
 
 

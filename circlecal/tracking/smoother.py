@@ -72,6 +72,20 @@ def smooth_heads(
     anchor : float
         Share of a unit of information about ``heads`` that keeps frames without any where they are.
     """
+    found, factor = _solve_chain(heads, information, toward, changes, precision, steadiness, anchor)
+    return Smoothed(found, _invert_chain(factor))
+
+
+def _solve_chain(
+    heads: Array,
+    information: Array,
+    toward: Array,
+    changes: Array,
+    precision: Array,
+    steadiness: Array | None,
+    anchor: float,
+) -> tuple[Array, Array]:
+    """Most likely heads (N, 3), and the factor of the banded normal equations; arguments as of :func:`smooth_heads`."""
     count = len(heads)
     # blocks[d, k] couples frames k and k + d
     blocks = np.zeros((len(JERK), count, 3, 3))
@@ -93,10 +107,16 @@ def smooth_heads(
                 blocks[b - a, a : a + last, axes, axes] += first * JERK[b] * steadiness.T
     factor = cholesky_banded(_to_band(blocks), check_finite=False)
     moved = cho_solve_banded((factor, False), right.ravel(), check_finite=False)
+    return heads + moved.reshape(count, 3), factor
+
+
+def _invert_chain(factor: Array) -> Array:
+    """Covariances (N, 3, 3) of the heads from the factor (U + 1, 3 N) of their normal equations."""
+    count = factor.shape[1] // 3
     inverse = cho_solve_banded((factor, False), np.eye(3 * count), overwrite_b=True, check_finite=False)
     at = np.arange(count)
     covariances = inverse.reshape(count, 3, count, 3)[at, :, at]
-    return Smoothed(heads + moved.reshape(count, 3), (covariances + np.swapaxes(covariances, 1, 2)) / 2)
+    return np.asarray((covariances + np.swapaxes(covariances, 1, 2)) / 2)
 
 
 def _to_band(blocks: Array) -> Array:
@@ -122,16 +142,17 @@ def smooth_robustly(
     as do changes of the acceleration where a pan begins or ends, and the chain is smoothed again. The arguments are
     those of :func:`smooth_heads`.
     """
-    found = smooth_heads(heads, information, toward, changes, precision, None, anchor)
-    steadiness = _estimate_steadiness(found.heads, precision)
+    found, factor = _solve_chain(heads, information, toward, changes, precision, None, anchor)
+    steadiness = _estimate_steadiness(found, precision)
     for _ in range(ROUNDS):
-        away = np.diff(found.heads, axis=0) - changes
+        away = np.diff(found, axis=0) - changes
         squared = np.einsum("ni,nij,nj->n", away, precision, away)
         weight = 1.0 / (1.0 + squared / CAUCHY**2)
-        jerk = steadiness * np.diff(found.heads, 3, axis=0) ** 2
+        jerk = steadiness * np.diff(found, 3, axis=0) ** 2
         steady = steadiness / (1.0 + jerk / CAUCHY**2)
-        found = smooth_heads(heads, information, toward, changes, precision * weight[:, None, None], steady, anchor)
-    return found
+        trusted = precision * weight[:, None, None]
+        found, factor = _solve_chain(heads, information, toward, changes, trusted, steady, anchor)
+    return Smoothed(found, _invert_chain(factor))
 
 
 def _estimate_steadiness(heads: Array, precision: Array) -> Array:
