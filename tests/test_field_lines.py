@@ -9,7 +9,7 @@ from circlecal.field import load_field
 from circlecal.geometry.surface import FLAT
 from circlecal.pipeline import run
 from circlecal.results import Agreement, Verdict
-from circlecal.stages.verdict import confirm_field_lines
+from circlecal.stages.verdict_on_picture import confirm_field_lines
 from circlecal.synthetic.cameras import aim_camera
 from circlecal.synthetic.renderer import render
 from circlecal.synthetic.scene import RenderConfig, Scene

@@ -35,7 +35,8 @@ from circlecal.stages.homography import estimate_homography, homography_of_solve
 from circlecal.stages.mask import find_marking, suit_field
 from circlecal.stages.rays import cast_rays
 from circlecal.stages.surroundings import measure_surroundings
-from circlecal.stages.verdict import confirm, judge, weigh_evidence
+from circlecal.stages.verdict import judge
+from circlecal.stages.verdict_on_picture import confirm, weigh_evidence
 
 UNDETERMINED = ("no_circle", "no_ellipse")
 """Refusals that say only that points, lines and arcs are too few without the circle."""

@@ -12,7 +12,7 @@ from circlecal.pipeline.placed_field import PLACED_FIELD
 from circlecal.pipeline.refinements import Retry, calibrate_scene
 from circlecal.pipeline.setting import Scene, Setting
 from circlecal.results import Attempt
-from circlecal.stages.verdict import is_confirmed
+from circlecal.stages.verdict_on_picture import is_confirmed
 
 
 def _may_be_a_disc(setting: Setting, attempt: Attempt) -> bool:
@@ -48,7 +48,8 @@ def _is_believed(setting: Setting, first: Attempt, other: Attempt) -> bool:
     if not other.is_calibrated or setting.circle.fill == "disc":
         return other.is_calibrated
     template, circle = other_field(setting)
-    return is_confirmed(other, template, circle, setting.width, setting.config.verdict)
+    near_px = setting.config.verdict.max_mark_distance_px * setting.width / 1920.0
+    return is_confirmed(other, template, circle, near_px)
 
 
 def other_field(setting: Setting) -> tuple[FieldTemplate, Circle]:

@@ -29,7 +29,7 @@ from circlecal.pipeline.setting import Looks, Scene
 from circlecal.placement import ViewEvidence, weigh_view
 from circlecal.results import FieldCandidate, FrameCalibration
 from circlecal.stages.mask import tell_grounds
-from circlecal.stages.verdict import is_beyond_doubt, needs_confirmation
+from circlecal.stages.verdict_on_picture import is_beyond_doubt, needs_confirmation
 
 LEAST_EVIDENCE = 0.3
 """Length of markings that lie where they should beyond break-even, picture widths, without which no answer is believed

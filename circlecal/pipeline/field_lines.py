@@ -20,7 +20,7 @@ from circlecal.stages.evidence import measure_evidence
 from circlecal.stages.field_lines import carriers, observe_field_lines, without_worst_line
 from circlecal.stages.mask import marking_from_detection
 from circlecal.stages.surroundings import measure_surroundings
-from circlecal.stages.verdict import confirm_field_lines, weigh_evidence
+from circlecal.stages.verdict_on_picture import confirm_field_lines, weigh_evidence
 
 SURE_PX = 6.0
 """Largest predicted error, pixels at 1920 px width, of a camera from straight markings alone that is taken before the

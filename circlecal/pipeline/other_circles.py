@@ -10,7 +10,7 @@ from circlecal.pipeline.setting import Scene, Setting
 from circlecal.refusals import REFUSALS
 from circlecal.results import Attempt, Interpretation, MarkingMask
 from circlecal.stages.mask import replace_circle_by_arc
-from circlecal.stages.verdict import is_confirmed, needs_confirmation
+from circlecal.stages.verdict_on_picture import is_confirmed, needs_confirmation
 
 MOST_INTERPRETATIONS = 3
 """How many other circles or lines of a picture are tried; rendered rinks, the fields with most circles, need two."""
@@ -41,7 +41,8 @@ def _is_better_circle(setting: Setting, first: Attempt, other: Attempt) -> bool:
     """Whether another circle is believed: other markings confirm it, or it lies about one that was too small."""
     if not other.is_calibrated:
         return False
-    if is_confirmed(other, setting.template, setting.circle, setting.width, setting.config.verdict):
+    near_px = setting.config.verdict.max_mark_distance_px * setting.width / 1920.0
+    if is_confirmed(other, setting.template, setting.circle, near_px):
         return True
     small = None if first.mask is None else first.mask.conic
     large = None if other.mask is None else other.mask.conic

@@ -34,7 +34,7 @@ from circlecal.results import Attempt, Check, MarkingMask, Rival
 from circlecal.stages.edges import detect_edges
 from circlecal.stages.mask import suit_field
 from circlecal.stages.rays import measure_template
-from circlecal.stages.verdict import needs_confirmation
+from circlecal.stages.verdict_on_picture import needs_confirmation
 
 PLACED_ROUNDS = 3
 """How often the markings of a placed field are measured: where the placement puts them, and where the camera does; the

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
 from circlecal.geometry.projective import Array
-from circlecal.refusals import explain
+from circlecal.refusals import CHECKS, explain, words_of_check
 
 Status = Literal["calibrated", "refused"]
 
@@ -102,6 +103,12 @@ class Check:
     limit: float
     passed: bool
 
+    @classmethod
+    def of(cls, name: str, value: float, limit: float, *, at_least: bool = False) -> Check:
+        """The check of a value, which must be finite, against the largest accepted one, or the least."""
+        passed = math.isfinite(value) and (value >= limit if at_least else value <= limit)
+        return cls(name, float(value), float(limit), bool(passed))
+
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
@@ -112,6 +119,11 @@ class Verdict:
     reason: str | None
     stage: str | None
     checks: tuple[Check, ...] = ()
+
+    @classmethod
+    def refusal_by(cls, check: Check, checks: tuple[Check, ...], marking: str = "") -> Verdict:
+        """The refusal of a frame by a failed check, with all checks, in words that name the marking."""
+        return cls("refused", CHECKS[check.name][0], words_of_check(check.name, marking), "verdict", checks)
 
     @property
     def help(self) -> str | None:

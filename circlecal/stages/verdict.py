@@ -11,11 +11,11 @@ from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera_parameters import LOG_FOCAL
 from circlecal.geometry.conics import circle_conic, sampson_distance, transform_conic
 from circlecal.geometry.homography import projects_in_front
-from circlecal.geometry.projective import Array, apply_homography, lift, normalise_line, transform_lines
+from circlecal.geometry.projective import Array
 from circlecal.line_naming.line_ends import find_line_through
 from circlecal.observations import MarkingKey
-from circlecal.refusals import CHECKS, REFUSALS, Confidence, words_of_check
-from circlecal.results import Agreement, Attempt, CameraFit, Check, Cues, EllipseFits, Evidence, Surroundings, Verdict
+from circlecal.refusals import REFUSALS, Confidence
+from circlecal.results import Attempt, CameraFit, Check, Cues, EllipseFits, Verdict
 
 NOISE_SIGMAS = 3.0
 """Residuals within this many of the observations' own standard deviations are noise."""
@@ -48,71 +48,11 @@ SURE_LINES = 4
 """So many further lines at their places leave no doubt about the size of the field."""
 MINIMUM_WIDTH_M = 1e-3
 """Narrower markings are the zero-width lines of an annotation's model."""
-LEAST_FOUND, FOUND_SURELY = 0.25, 0.3
-"""Least share of the markings to be expected that is found, and from which on nothing else is tried: of right cameras
-0.58 (47 real and rendered frames), of a wrong circle's or line's mostly less than a tenth, of a basketball court's as a
-pitch's 0.13 to 0.2.
-"""
-LEAST_FOUND_CONFIRMED = 0.01
-"""Least such share where the centre mark and another line confirm circle and halfway line, or one kind of confirmation
-does and places are not well known: a right camera near the field's plane has 0.04 there, since thin paint is missed; of
-a ring drawn on bare green nothing at all is found. Where less confirms the circle the other limit holds: right cameras
-whose places are not well known have 0.7 and 0.9 (one rendered and one real frame of 160), a penalty arc that was taken
-for the circle 0.05, a picture put together from others, with a mark but no line, 0.13.
-"""
-EXPECTED_WIDTHS, EXPECTED_WIDTHS_MORE = 0.12, 0.2
-"""So much of them, in picture widths, must be expected for that, and more where something confirms the circle."""
-FEWEST_NAMED = 5
-"""Different lines and arcs that carry a camera without the circle: of four, two along the field and two across it, one
-constraint of eight is left to tell a wrong naming (of 33 real frames with lines left out at random, only cameras from
-four markings were wrong).
-"""
-LEAST_FOUND_OF_FIELD = 0.5
-"""Least share of the other markings to be expected that is found for such a camera: right ones on those frames have
-0.57 to 1.
-"""
-MOST_UNEXPLAINED = 0.22
-"""Most paint on the field that no marking explains, picture widths: on 190 right answers to rendered frames of all
-kinds at most 0.18 oblique to the field's axes (real frames 0.05), on wrong ones up to 0.3. Lines of other sports run
-along those axes (up to 1.9 on a hall's floor); one alone counts where no further line confirms the camera.
-"""
-LEAST_PAINTED = 0.55
-"""Least share of circle and halfway line that is painted where they must be in view: of those right answers at least
-0.68, of a rink's circle taken for a pitch's 0.46.
-"""
-MOST_REVERSAL = 3.0
-"""By how much (half a chi-square) exchanged near and far may explain the width of the paint better, and as much more
-for each further line that is named: of right answers without such lines at most 0.9 (rendered frames of all kinds, 54
-real frames of pans), with them at most 4.8; of pictures turned upside down or mirrored 3.8 to 8.6.
-"""
 MOST_NOISE_BESIDE_MARK = 2.0
 """By how much noise may have to grow for circle and halfway line where they contradict the centre mark and nothing else
 is there to decide: of rendered frames in which a foot was taken for the mark 1.0, of pictures of other perspectives
 that were put together, whose mark is one, 3.7.
 """
-MOST_ROUGH = 0.12
-"""Most of the field in view that may be as rough as a crowd: of right answers at most 0.09 (lettered banners, strips of
-advertising), of pictures whose quarters were exchanged 0.08 to 0.37.
-"""
-LONGEST_BARE = 0.08
-"""By how much the paint of the halfway line may end too early in full view, picture widths: of right answers at most
-0.042, of pictures whose quarters were exchanged, and of lines drawn on green, 0.10 to 0.28.
-"""
-MOST_BEYOND, MOST_BEYOND_LINES = 0.05, 0.25
-"""Most of the picture that may be playing surface above the horizon or far beyond the field's border; beyond it where a
-further line tells the border, since there may be another field beside it. Of right answers 0.002 at most, of pictures
-whose quarters were exchanged 0.09 to 0.5.
-"""
-MOST_BEFORE = 0.4
-"""Most of the picture that may lie before the field and be no playing surface, unless it is plain: of right answers to
-real frames at most 0.22 (spectators, dugouts), of pictures whose halves were exchanged 0.1 to 0.6.
-"""
-MOST_OF_SEAM = 0.4
-"""Share of the picture's width or height along which two rows or columns may meet in a step that no lens leaves: of 260
-right answers at most 0.22, of pictures whose quarters were exchanged 0.41 to 0.91 in 13 of 20.
-"""
-SEVERAL_LINES = 2
-"""One line is easily named wrongly."""
 
 
 class VerdictConfig(BaseModel):
@@ -210,19 +150,19 @@ def judge(attempt: Attempt, template: FieldTemplate, circle: Circle, width: int,
         H = homography.H_image_field
         residual = _circle_residual(ellipses, H, template, circle)
         checks = _orientation_checks(H, circle)
-        checks.append(_check("circle_residual_px", residual, config.max_circle_residual_px * unit))
+        checks.append(Check.of("circle_residual_px", residual, config.max_circle_residual_px * unit))
     else:
         return Verdict("refused", "no_homography", REFUSALS["no_homography"].words, "verdict")
     if is_tentative and ellipses.all():
         if camera is not None:
-            checks.append(_check("likely_residual_px", _worst_of(camera, circle), LIKELY_RESIDUAL_PX * unit))
+            checks.append(Check.of("likely_residual_px", _worst_of(camera, circle), LIKELY_RESIDUAL_PX * unit))
         exact = camera is not None and _exact(ellipses, camera, circle, unit)
-        checks.append(_check("confirmations", float(_confirmations(cues, camera, unit) + exact), 1.0, at_least=True))
+        checks.append(Check.of("confirmations", float(_confirmations(cues, camera, unit) + exact), 1.0, at_least=True))
     failed = next((c for c in checks if not c.passed), None)
     if failed is None:
         return Verdict("calibrated", None, None, None, tuple(checks))
     marking = str(_worst_marking(camera, unit, config)[0]) if camera is not None and camera.residuals_px else ""
-    return _refusal_by(failed, tuple(checks), marking)
+    return Verdict.refusal_by(failed, tuple(checks), marking)
 
 
 def _camera_checks(
@@ -246,9 +186,9 @@ def _camera_checks(
         checks += _place_checks(camera, circle, camera.reference_m, template, config)
     alone = is_tentative and bool(ellipses.all()) and _confirmations(cues, camera, unit) == 0
     limit_px = config.max_sigma_px * (UNCONFIRMED_SIGMA if alone else 1.0)
-    checks.append(_check("sigma_px", camera.max_sigma_px, limit_px * unit))
-    checks.append(_check("mean_sigma_px", camera.mean_sigma_px, config.max_mean_sigma_px * unit))
-    checks.append(_check("sigma_m", camera.max_sigma_m, config.max_sigma_m))
+    checks.append(Check.of("sigma_px", camera.max_sigma_px, limit_px * unit))
+    checks.append(Check.of("mean_sigma_px", camera.mean_sigma_px, config.max_mean_sigma_px * unit))
+    checks.append(Check.of("sigma_m", camera.max_sigma_m, config.max_sigma_m))
     return [*checks, *_edge_checks(camera, ellipses, template, circle, config)]
 
 
@@ -256,124 +196,21 @@ def renew_sigmas(verdict: Verdict, camera: CameraFit) -> Verdict:
     """The verdict on a camera whose uncertainty has changed since, refused where that is too large now."""
     values = {"sigma_px": camera.max_sigma_px, "mean_sigma_px": camera.mean_sigma_px, "sigma_m": camera.max_sigma_m}
     checks = tuple(
-        _check(check.name, values[check.name], check.limit) if check.name in values else check
+        Check.of(check.name, values[check.name], check.limit) if check.name in values else check
         for check in verdict.checks
     )
     failing = [check for check in checks if check.name in values and not check.passed]
     if verdict.status == "calibrated" and failing:
-        return _refusal_by(failing[0], checks)
+        return Verdict.refusal_by(failing[0], checks)
     return replace(verdict, checks=checks)
 
 
 def _orientation_checks(H: Array, circle: Circle) -> list[Check]:
     rim = np.asarray(circle.center, dtype=np.float64) + circle.radius_m * _ring()
     return [
-        _check("circle_in_front", 1.0 if projects_in_front(H, rim) else 0.0, 1.0, at_least=True),
-        _check("not_mirrored", float(np.linalg.det(H)), 0.0, at_least=True),
+        Check.of("circle_in_front", 1.0 if projects_in_front(H, rim) else 0.0, 1.0, at_least=True),
+        Check.of("not_mirrored", float(np.linalg.det(H)), 0.0, at_least=True),
     ]
-
-
-def _refusal_by(check: Check, checks: tuple[Check, ...], marking: str = "") -> Verdict:
-    return Verdict("refused", CHECKS[check.name][0], words_of_check(check.name, marking), "verdict", checks)
-
-
-def kinds_of_confirmation(camera: CameraFit, cues: Cues) -> int:
-    """How many of these confirm circle and halfway line: the centre mark, several other lines."""
-    return int(_has_mark(camera, cues)) + int(len(camera.named_lines) >= SEVERAL_LINES)
-
-
-def _has_mark(camera: CameraFit, cues: Cues) -> bool:
-    """Whether the camera was fitted to a centre mark too."""
-    return cues.mark is not None and MarkingKey(cues.mark.name) not in camera.rejected
-
-
-def is_beyond_doubt(camera: CameraFit, cues: Cues, template: FieldTemplate) -> bool:
-    """Whether nothing else need be looked for: the centre mark is seen where there is one circle only, or more lines
-    too.
-    """
-    kinds = kinds_of_confirmation(camera, cues)
-    return kinds == 2 or (kinds == 1 and cues.mark is not None and len(template.circles) == 1)
-
-
-def confirm(verdict: Verdict, camera: CameraFit, cues: Cues, agreement: Agreement) -> Verdict:
-    """The verdict on an accepted camera after a look at the markings that it was not fitted to."""
-    kinds = kinds_of_confirmation(camera, cues)
-    least = (EXPECTED_WIDTHS + (EXPECTED_WIDTHS_MORE if kinds else 0.0)) * camera.camera.width
-    if agreement.expected_px < least:
-        return verdict
-    is_confirmed_well = kinds > 0 and (
-        not agreement.certain or (_has_mark(camera, cues) and len(camera.named_lines) > 0)
-    )
-    limit = LEAST_FOUND_CONFIRMED if is_confirmed_well else LEAST_FOUND
-    check = _check("found_share", agreement.found_share, limit, at_least=True)
-    checks = (*verdict.checks, check)
-    return replace(verdict, checks=checks) if check.passed else _refusal_by(check, checks)
-
-
-def weigh_evidence(verdict: Verdict, camera: CameraFit, evidence: Evidence, ground: Surroundings) -> Verdict:
-    """The verdict on an accepted camera after all of the picture, its paint and its ground, was weighed against it."""
-    unexplained = evidence.oblique_widths + (0.0 if camera.named_lines else evidence.alone_widths)
-    own = (
-        _check("unexplained_widths", unexplained, MOST_UNEXPLAINED),
-        _check("painted_share_of_carriers", evidence.painted_share, LEAST_PAINTED, at_least=True),
-        _check("reversal", evidence.reversal, MOST_REVERSAL * (1 + len(camera.named_lines))),
-        _check("bare_widths", evidence.bare_widths, LONGEST_BARE),
-        _check("rough_share", ground.rough_share, MOST_ROUGH),
-        _check("above_share", ground.above_share, MOST_BEYOND),
-        _check("beyond_share", ground.beyond_share, MOST_BEYOND_LINES if camera.named_lines else MOST_BEYOND),
-        _check("near_share", ground.near_share, MOST_BEFORE),
-        _check("seam_share", ground.seam_share, MOST_OF_SEAM),
-    )
-    checks = (*verdict.checks, *own)
-    failed = next((check for check in own if not check.passed), None)
-    return replace(verdict, checks=checks) if failed is None else _refusal_by(failed, checks)
-
-
-def confirm_field_lines(verdict: Verdict, camera: CameraFit, used: frozenset[str], agreement: Agreement) -> Verdict:
-    """The verdict on a camera from straight markings that were named together, without the circle: enough different
-    markings carry it, and of the others that must be in view most are there.
-    """
-    count = _check("named_markings", float(len(used)), float(FEWEST_NAMED), at_least=True)
-    checks = (*verdict.checks, count)
-    if agreement.expected_px >= EXPECTED_WIDTHS * camera.camera.width:
-        checks = (*checks, _check("found_share", agreement.found_share, LEAST_FOUND_OF_FIELD, at_least=True))
-    failed = next((check for check in checks if not check.passed), None)
-    return replace(verdict, checks=checks) if failed is None else _refusal_by(failed, checks)
-
-
-def needs_confirmation(verdict: Verdict) -> bool:
-    """Whether an accepted circle may be another one: hardly any other marking is where it would have to be."""
-    found = verdict.check("found_share")
-    return verdict.status == "calibrated" and found is not None and found.value < FOUND_SURELY
-
-
-def is_confirmed(attempt: Attempt, template: FieldTemplate, circle: Circle, width: int, config: VerdictConfig) -> bool:
-    """Whether a circle that was not the first choice is believed: other markings, or the centre mark, confirm it."""
-    if attempt.verdict is None or attempt.cues is None:
-        return False
-    if attempt.camera is None:
-        H = None if attempt.homography is None else attempt.homography.H_image_field
-        return H is not None and _is_confirmed_by_homography(H, attempt.cues, template, circle, width, config)
-    found = attempt.verdict.check("found_share")
-    is_there = found is not None and found.value >= FOUND_SURELY
-    return is_there or kinds_of_confirmation(attempt.camera, attempt.cues) > 0
-
-
-def _is_confirmed_by_homography(
-    H: Array, cues: Cues, template: FieldTemplate, circle: Circle, width: int, config: VerdictConfig
-) -> bool:
-    """Whether the centre mark, or several further lines, are seen where a homography alone puts them.
-
-    It knows no lens, so everything may be as far off as the centre mark may.
-    """
-    near_px = config.max_mark_distance_px * width / 1920.0
-    if cues.mark is not None:
-        return bool(np.linalg.norm(apply_homography(H, np.asarray(circle.center)) - cues.mark.point_px) <= near_px)
-    lines = [line for line in template.lines if line.name != template.halfway_line]
-    drawn = normalise_line(transform_lines(H, np.array([template.line_coordinates(line) for line in lines])))
-    # root mean square distance of each seen line's points from the nearest drawn one
-    seen = [np.sqrt(np.mean((lift(cue.points_px) @ drawn.T) ** 2, axis=0)).min(initial=np.inf) for cue in cues.lines]
-    return sum(rms <= near_px for rms in seen) >= SEVERAL_LINES
 
 
 def _worst_of(camera: CameraFit, circle: Circle) -> float:
@@ -399,19 +236,14 @@ def _exact(ellipses: EllipseFits, camera: CameraFit, circle: Circle, unit: float
     return ellipses.primary.arc_deg >= EXACT_ARC_DEG and 0.0 < _worst_of(camera, circle) <= EXACT_RESIDUAL_PX * unit
 
 
-def _check(name: str, value: float, limit: float, *, at_least: bool = False) -> Check:
-    passed = np.isfinite(value) and (value >= limit if at_least else value <= limit)
-    return Check(name, float(value), float(limit), bool(passed))
-
-
 def _landmark_checks(camera: CameraFit, unit: float, config: VerdictConfig) -> list[Check]:
     """Of a frame without the circle: every line, arc and point must lie where the others put it."""
-    checks = [_check("field_in_front", float(camera.camera.depth(camera.reference_m)), 0.0, at_least=True)]
+    checks = [Check.of("field_in_front", float(camera.camera.depth(camera.reference_m)), 0.0, at_least=True)]
     if camera.residuals_px:
         _, rms, limit = _worst_marking(camera, unit, config)
-        checks.append(_check("marking_residual_px", rms, limit))
+        checks.append(Check.of("marking_residual_px", rms, limit))
     share = len(camera.rejected) / max(len(camera.rejected) + len(camera.residuals_px), 1)
-    return [*checks, _check("rejected_share", share, config.max_rejected_share)]
+    return [*checks, Check.of("rejected_share", share, config.max_rejected_share)]
 
 
 def _worst_marking(camera: CameraFit, unit: float, config: VerdictConfig) -> tuple[MarkingKey, float, float]:
@@ -438,13 +270,13 @@ def _place_checks(
     sigma = min(float(np.sqrt(camera.covariance[LOG_FOCAL, LOG_FOCAL])), LARGEST_FOCAL_SIGMA)
     shortest = config.focal_widths[0] * float(np.exp(-NOISE_SIGMAS * sigma))
     return [
-        _check("height_m", -float(view.position_m[2]), config.height_m[1]),
-        _check("lowest_height_m", -float(view.position_m[2]), config.height_m[0], at_least=True),
-        _check("distance_radii", distance, furthest),
-        _check("nearest_radii", distance, config.distance_radii[0], at_least=True),
-        _check("roll_deg", abs(float(np.degrees(view.angles_rad[2]))), config.max_roll_deg),
-        _check("focal_widths", float(view.focal_px[0]) / view.width, config.focal_widths[1]),
-        _check("shortest_focal_widths", float(view.focal_px[0]) / view.width, shortest, at_least=True),
+        Check.of("height_m", -float(view.position_m[2]), config.height_m[1]),
+        Check.of("lowest_height_m", -float(view.position_m[2]), config.height_m[0], at_least=True),
+        Check.of("distance_radii", distance, furthest),
+        Check.of("nearest_radii", distance, config.distance_radii[0], at_least=True),
+        Check.of("roll_deg", abs(float(np.degrees(view.angles_rad[2]))), config.max_roll_deg),
+        Check.of("focal_widths", float(view.focal_px[0]) / view.width, config.focal_widths[1]),
+        Check.of("shortest_focal_widths", float(view.focal_px[0]) / view.width, shortest, at_least=True),
     ]
 
 
@@ -454,23 +286,23 @@ def _residual_checks(camera: CameraFit, cues: Cues, circle: Circle, unit: float,
         # coarse observations (clicks, detections) may scatter by what they state themselves
         stated = NOISE_SIGMAS * camera.stated_sigma_px.get(key, 0.0)
         if key.name == circle.name:
-            checks.append(_check("circle_residual_px", rms, max(config.max_circle_residual_px * unit, stated)))
+            checks.append(Check.of("circle_residual_px", rms, max(config.max_circle_residual_px * unit, stated)))
             structured = rms * np.sqrt(1.0 - 1.0 / max(camera.residual_correlation, 1.0))
             limit = max(config.max_structured_residual_px * unit, stated)
-            checks.append(_check("structured_residual_px", structured, limit))
+            checks.append(Check.of("structured_residual_px", structured, limit))
         elif cues.halfway is not None and key.name == cues.halfway.name:
-            checks.append(_check("line_residual_px", rms, max(config.max_line_residual_px * unit, stated)))
+            checks.append(Check.of("line_residual_px", rms, max(config.max_line_residual_px * unit, stated)))
     if not _confirmations(cues, camera, unit):
         for key in _keys_of_ends(camera, cues, circle):
             painted = NOISE_SIGMAS * camera.painted_sigma_px.get(key, 0.0)
             limit = max(config.max_line_residual_px * unit, painted)
-            checks.append(_check("end_residual_px", camera.residuals_px[key], limit))
+            checks.append(Check.of("end_residual_px", camera.residuals_px[key], limit))
     if cues.mark is not None and MarkingKey(cues.mark.name) not in camera.rejected:
         seen = camera.residuals_px.get(MarkingKey(cues.mark.name), 0.0)
         stated = NOISE_SIGMAS * camera.stated_sigma_px.get(MarkingKey(cues.mark.name), 0.0)
-        checks.append(_check("mark_distance_px", seen, max(config.max_mark_distance_px * unit, stated)))
+        checks.append(Check.of("mark_distance_px", seen, max(config.max_mark_distance_px * unit, stated)))
     if cues.mark is not None and MarkingKey(cues.mark.name) in camera.rejected and not camera.named_lines:
-        checks.append(_check("noise_beside_mark", camera.noise_scale, MOST_NOISE_BESIDE_MARK))
+        checks.append(Check.of("noise_beside_mark", camera.noise_scale, MOST_NOISE_BESIDE_MARK))
     return checks
 
 
@@ -507,14 +339,14 @@ def _reach_checks(camera: CameraFit, cues: Cues, template: FieldTemplate, config
             limit = min(REACH_WITH_END, config.max_line_reach)
             checks.append(_reach_check("other_end_reach", -side * along, limit))
             reaches = (value for value in (side * crossed).tolist() if value > 0.0)
-            checks += [_check("crossed_end_beyond", max(reach - 1.0, 0.0), CROSSED_BEYOND) for reach in reaches]
+            checks += [Check.of("crossed_end_beyond", max(reach - 1.0, 0.0), CROSSED_BEYOND) for reach in reaches]
     return checks
 
 
 def _reach_check(name: str, along: Array, limit: float) -> Check:
     """How far a line runs, by its points along it in half widths of the field."""
     reach = np.sort(np.nan_to_num(along, nan=np.inf))
-    return _check(name, float(reach[int(REACH_SHARE * (len(reach) - 1))]), limit)
+    return Check.of(name, float(reach[int(REACH_SHARE * (len(reach) - 1))]), limit)
 
 
 def _edge_checks(
@@ -533,8 +365,8 @@ def _edge_checks(
     gap, predicted = float(np.nanmedian(seen)), float(np.nanmedian(across))
     bloom = BLOOM_PX * camera.camera.width / 1920.0
     return [
-        _check("widest_edge_gap", gap / (predicted + bloom), config.edge_gap_ratio[1]),
-        _check("narrowest_edge_gap", gap / predicted, config.edge_gap_ratio[0], at_least=True),
+        Check.of("widest_edge_gap", gap / (predicted + bloom), config.edge_gap_ratio[1]),
+        Check.of("narrowest_edge_gap", gap / predicted, config.edge_gap_ratio[0], at_least=True),
     ]
 
 

@@ -14,7 +14,7 @@ from circlecal.geometry.surface import Surface
 from circlecal.paint.matched_filter import CLEAR, SECTORS
 from circlecal.results import Agreement, Attempt, Cues, MarkCue
 from circlecal.stages.confirm import is_circle_painted, look_for_markings, measure_circle_sectors
-from circlecal.stages.verdict import LEAST_FOUND, VerdictConfig, confirm, is_confirmed, needs_confirmation
+from circlecal.stages.verdict_on_picture import LEAST_FOUND, confirm, is_confirmed, needs_confirmation
 from tests.folded import projected_without_fold
 
 from .conftest import CIRCLE, SOCCER, view
@@ -45,7 +45,7 @@ def painted(template=RINK, without=(), camera=CAMERA):
 
 def believed(verdict, camera, cues):
     attempt = Attempt(cues=cues, camera=camera, verdict=verdict)
-    return is_confirmed(attempt, RINK, CENTRE, CAMERA.width, VerdictConfig())
+    return is_confirmed(attempt, RINK, CENTRE, 12.0 * CAMERA.width / 1920.0)
 
 
 def test_painted_markings_are_found_whatever_their_shape():

@@ -10,7 +10,7 @@ from circlecal.geometry.camera_parameters import PARAMETERS, ProjectionModel, th
 from circlecal.geometry.surface import Surface
 from circlecal.results import Evidence, MarkingMask, Segment, Surroundings, Verdict
 from circlecal.stages.evidence import measure_evidence
-from circlecal.stages.verdict import weigh_evidence
+from circlecal.stages.verdict_on_picture import weigh_evidence
 
 from .conftest import CIRCLE, SOCCER, view
 from .test_verdict import camera_fit

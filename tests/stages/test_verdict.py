@@ -13,12 +13,14 @@ from circlecal.geometry.surface import FLAT, Surface
 from circlecal.observations import LineEnd, MarkingKey
 from circlecal.refusals import CHECKS, Confidence
 from circlecal.results import Attempt, CameraFit, Cues, EllipseFits, HomographyFit, MarkCue, MarkingMask, Verdict
-from circlecal.stages.verdict import VerdictConfig, is_confirmed, judge
+from circlecal.stages.verdict import VerdictConfig, judge
+from circlecal.stages.verdict_on_picture import is_confirmed
 
 from .conftest import CIRCLE, SOCCER, fit_of, fits_of, line_cue, true_conic, view
 
 CAMERA = view()
 CONFIG = VerdictConfig()
+NEAR_PX = CONFIG.max_mark_distance_px * CAMERA.width / 1920.0
 LINE = line_cue(CAMERA)
 MARK = MarkCue("centre_mark", CAMERA.project(np.zeros(2)), 0.5, 30.0)
 
@@ -358,7 +360,7 @@ def solved(cues):
 
 def test_a_solvers_second_circle_is_confirmed_by_what_lies_where_its_homography_puts_it():
     def confirmed(cues):
-        return is_confirmed(solved(cues), SOCCER, CIRCLE, CAMERA.width, CONFIG)
+        return is_confirmed(solved(cues), SOCCER, CIRCLE, NEAR_PX)
 
     assert confirmed(Cues(LINE, MARK))
     assert not confirmed(Cues(LINE, replace(MARK, point_px=MARK.point_px + np.array([20.0, 0.0]))))
@@ -372,7 +374,7 @@ def test_a_solvers_second_circle_is_confirmed_by_what_lies_where_its_homography_
     moved = tuple(replace(cue, points_px=cue.points_px + np.array([0.0, 30.0])) for cue in seen)
     assert not confirmed(Cues(LINE, None, moved))
     assert not confirmed(Cues(LINE, None))
-    assert not is_confirmed(Attempt(), SOCCER, CIRCLE, CAMERA.width, CONFIG)
+    assert not is_confirmed(Attempt(), SOCCER, CIRCLE, NEAR_PX)
 
 
 def test_nothing_estimated():

@@ -1,0 +1,174 @@
+"""The verdict on an accepted camera after a look at the rest of the picture: at the markings that the camera was not
+fitted to, at paint that no marking explains, and at the ground around the field.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from circlecal.field import Circle, FieldTemplate
+from circlecal.geometry.projective import Array, apply_homography, lift, normalise_line, transform_lines
+from circlecal.observations import MarkingKey
+from circlecal.results import Agreement, Attempt, CameraFit, Check, Cues, Evidence, Surroundings, Verdict
+
+LEAST_FOUND, FOUND_SURELY = 0.25, 0.3
+"""Least share of the markings to be expected that is found, and from which on nothing else is tried: of right cameras
+0.58 (47 real and rendered frames), of a wrong circle's or line's mostly less than a tenth, of a basketball court's as a
+pitch's 0.13 to 0.2.
+"""
+LEAST_FOUND_CONFIRMED = 0.01
+"""Least such share where the centre mark and another line confirm circle and halfway line, or one kind of confirmation
+does and places are not well known: a right camera near the field's plane has 0.04 there, since thin paint is missed; of
+a ring drawn on bare green nothing at all is found. Where less confirms the circle the other limit holds: right cameras
+whose places are not well known have 0.7 and 0.9 (one rendered and one real frame of 160), a penalty arc that was taken
+for the circle 0.05, a picture put together from others, with a mark but no line, 0.13.
+"""
+EXPECTED_WIDTHS, EXPECTED_WIDTHS_MORE = 0.12, 0.2
+"""So much of them, in picture widths, must be expected for that, and more where something confirms the circle."""
+FEWEST_NAMED = 5
+"""Different lines and arcs that carry a camera without the circle: of four, two along the field and two across it, one
+constraint of eight is left to tell a wrong naming (of 33 real frames with lines left out at random, only cameras from
+four markings were wrong).
+"""
+LEAST_FOUND_OF_FIELD = 0.5
+"""Least share of the other markings to be expected that is found for such a camera: right ones on those frames have
+0.57 to 1.
+"""
+MOST_UNEXPLAINED = 0.22
+"""Most paint on the field that no marking explains, picture widths: on 190 right answers to rendered frames of all
+kinds at most 0.18 oblique to the field's axes (real frames 0.05), on wrong ones up to 0.3. Lines of other sports run
+along those axes (up to 1.9 on a hall's floor); one alone counts where no further line confirms the camera.
+"""
+LEAST_PAINTED = 0.55
+"""Least share of circle and halfway line that is painted where they must be in view: of those right answers at least
+0.68, of a rink's circle taken for a pitch's 0.46.
+"""
+MOST_REVERSAL = 3.0
+"""By how much (half a chi-square) exchanged near and far may explain the width of the paint better, and as much more
+for each further line that is named: of right answers without such lines at most 0.9 (rendered frames of all kinds, 54
+real frames of pans), with them at most 4.8; of pictures turned upside down or mirrored 3.8 to 8.6.
+"""
+MOST_ROUGH = 0.12
+"""Most of the field in view that may be as rough as a crowd: of right answers at most 0.09 (lettered banners, strips of
+advertising), of pictures whose quarters were exchanged 0.08 to 0.37.
+"""
+LONGEST_BARE = 0.08
+"""By how much the paint of the halfway line may end too early in full view, picture widths: of right answers at most
+0.042, of pictures whose quarters were exchanged, and of lines drawn on green, 0.10 to 0.28.
+"""
+MOST_BEYOND, MOST_BEYOND_LINES = 0.05, 0.25
+"""Most of the picture that may be playing surface above the horizon or far beyond the field's border; beyond it where a
+further line tells the border, since there may be another field beside it. Of right answers 0.002 at most, of pictures
+whose quarters were exchanged 0.09 to 0.5.
+"""
+MOST_BEFORE = 0.4
+"""Most of the picture that may lie before the field and be no playing surface, unless it is plain: of right answers to
+real frames at most 0.22 (spectators, dugouts), of pictures whose halves were exchanged 0.1 to 0.6.
+"""
+MOST_OF_SEAM = 0.4
+"""Share of the picture's width or height along which two rows or columns may meet in a step that no lens leaves: of 260
+right answers at most 0.22, of pictures whose quarters were exchanged 0.41 to 0.91 in 13 of 20.
+"""
+SEVERAL_LINES = 2
+"""One line is easily named wrongly."""
+
+
+def kinds_of_confirmation(camera: CameraFit, cues: Cues) -> int:
+    """How many of these confirm circle and halfway line: the centre mark, several other lines."""
+    return int(_has_mark(camera, cues)) + int(len(camera.named_lines) >= SEVERAL_LINES)
+
+
+def _has_mark(camera: CameraFit, cues: Cues) -> bool:
+    """Whether the camera was fitted to a centre mark too."""
+    return cues.mark is not None and MarkingKey(cues.mark.name) not in camera.rejected
+
+
+def is_beyond_doubt(camera: CameraFit, cues: Cues, template: FieldTemplate) -> bool:
+    """Whether nothing else need be looked for: the centre mark is seen where there is one circle only, or more lines
+    too.
+    """
+    kinds = kinds_of_confirmation(camera, cues)
+    return kinds == 2 or (kinds == 1 and cues.mark is not None and len(template.circles) == 1)
+
+
+def confirm(verdict: Verdict, camera: CameraFit, cues: Cues, agreement: Agreement) -> Verdict:
+    """The verdict on an accepted camera after a look at the markings that it was not fitted to."""
+    kinds = kinds_of_confirmation(camera, cues)
+    least = (EXPECTED_WIDTHS + (EXPECTED_WIDTHS_MORE if kinds else 0.0)) * camera.camera.width
+    if agreement.expected_px < least:
+        return verdict
+    is_confirmed_well = kinds > 0 and (
+        not agreement.certain or (_has_mark(camera, cues) and len(camera.named_lines) > 0)
+    )
+    limit = LEAST_FOUND_CONFIRMED if is_confirmed_well else LEAST_FOUND
+    check = Check.of("found_share", agreement.found_share, limit, at_least=True)
+    checks = (*verdict.checks, check)
+    return replace(verdict, checks=checks) if check.passed else Verdict.refusal_by(check, checks)
+
+
+def weigh_evidence(verdict: Verdict, camera: CameraFit, evidence: Evidence, ground: Surroundings) -> Verdict:
+    """The verdict on an accepted camera after all of the picture, its paint and its ground, was weighed against it."""
+    unexplained = evidence.oblique_widths + (0.0 if camera.named_lines else evidence.alone_widths)
+    own = (
+        Check.of("unexplained_widths", unexplained, MOST_UNEXPLAINED),
+        Check.of("painted_share_of_carriers", evidence.painted_share, LEAST_PAINTED, at_least=True),
+        Check.of("reversal", evidence.reversal, MOST_REVERSAL * (1 + len(camera.named_lines))),
+        Check.of("bare_widths", evidence.bare_widths, LONGEST_BARE),
+        Check.of("rough_share", ground.rough_share, MOST_ROUGH),
+        Check.of("above_share", ground.above_share, MOST_BEYOND),
+        Check.of("beyond_share", ground.beyond_share, MOST_BEYOND_LINES if camera.named_lines else MOST_BEYOND),
+        Check.of("near_share", ground.near_share, MOST_BEFORE),
+        Check.of("seam_share", ground.seam_share, MOST_OF_SEAM),
+    )
+    checks = (*verdict.checks, *own)
+    failed = next((check for check in own if not check.passed), None)
+    return replace(verdict, checks=checks) if failed is None else Verdict.refusal_by(failed, checks)
+
+
+def confirm_field_lines(verdict: Verdict, camera: CameraFit, used: frozenset[str], agreement: Agreement) -> Verdict:
+    """The verdict on a camera from straight markings that were named together, without the circle: enough different
+    markings carry it, and of the others that must be in view most are there.
+    """
+    count = Check.of("named_markings", float(len(used)), float(FEWEST_NAMED), at_least=True)
+    checks = (*verdict.checks, count)
+    if agreement.expected_px >= EXPECTED_WIDTHS * camera.camera.width:
+        checks = (*checks, Check.of("found_share", agreement.found_share, LEAST_FOUND_OF_FIELD, at_least=True))
+    failed = next((check for check in checks if not check.passed), None)
+    return replace(verdict, checks=checks) if failed is None else Verdict.refusal_by(failed, checks)
+
+
+def needs_confirmation(verdict: Verdict) -> bool:
+    """Whether an accepted circle may be another one: hardly any other marking is where it would have to be."""
+    found = verdict.check("found_share")
+    return verdict.status == "calibrated" and found is not None and found.value < FOUND_SURELY
+
+
+def is_confirmed(attempt: Attempt, template: FieldTemplate, circle: Circle, near_px: float) -> bool:
+    """Whether a circle that was not the first choice is believed: other markings, or the centre mark, confirm it.
+
+    A homography without a camera may be ``near_px`` off at the centre mark, pixels of the picture.
+    """
+    if attempt.verdict is None or attempt.cues is None:
+        return False
+    if attempt.camera is None:
+        H = None if attempt.homography is None else attempt.homography.H_image_field
+        return H is not None and _is_confirmed_by_homography(H, attempt.cues, template, circle, near_px)
+    found = attempt.verdict.check("found_share")
+    is_there = found is not None and found.value >= FOUND_SURELY
+    return is_there or kinds_of_confirmation(attempt.camera, attempt.cues) > 0
+
+
+def _is_confirmed_by_homography(H: Array, cues: Cues, template: FieldTemplate, circle: Circle, near_px: float) -> bool:
+    """Whether the centre mark, or several further lines, are seen where a homography alone puts them.
+
+    It knows no lens, so everything may be as far off as the centre mark may.
+    """
+    if cues.mark is not None:
+        return bool(np.linalg.norm(apply_homography(H, np.asarray(circle.center)) - cues.mark.point_px) <= near_px)
+    lines = [line for line in template.lines if line.name != template.halfway_line]
+    drawn = normalise_line(transform_lines(H, np.array([template.line_coordinates(line) for line in lines])))
+    # root mean square distance of each seen line's points from the nearest drawn one
+    seen = [np.sqrt(np.mean((lift(cue.points_px) @ drawn.T) ** 2, axis=0)).min(initial=np.inf) for cue in cues.lines]
+    return sum(rms <= near_px for rms in seen) >= SEVERAL_LINES
