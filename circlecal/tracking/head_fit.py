@@ -12,8 +12,6 @@ from circlecal.tracking.markings import DrawnTemplate, MeasuredFrame
 from circlecal.tracking.tripod_fit import residuals_of, sigmas_of
 
 ROUNDS = 5
-CROSSING = 0.3
-"""Sine of the angle between a marking and the way of the picture from which on it crosses that."""
 LEAST_INFORMATION = 1e-6
 """Of a head that no paint shows, so that its equations can be solved."""
 LOSS_SCALE = 3.0
@@ -36,8 +34,8 @@ class HeadFit:
         Root mean square of the weighted residuals.
     inlier_share : float
         Share of the paint that the camera explains.
-    crossing : int
-        Number of explained places on markings that cross the way of the picture while the head pans.
+    crossing : float
+        How far the explained paint tells the pan, as a number of places: see :func:`count_crossing`.
     """
 
     head: Array
@@ -45,7 +43,7 @@ class HeadFit:
     by_common: Array
     rms_px: float
     inlier_share: float
-    crossing: int
+    crossing: float
 
 
 def fit_head(
@@ -72,7 +70,7 @@ def fit_head(
     start = head
     sigma = np.zeros(0)
     information, by_common = np.zeros((3, 3)), np.zeros((3, len(common)))
-    rms, share, crossing = np.inf, 0.0, 0
+    rms, share, crossing = np.inf, 0.0, 0.0
     for step in range(ROUNDS):
         theta = model.thetas(head[None], common)[0]
         by_own, by_all = (d[0] for d in model.derivatives(head[None], common))
@@ -96,10 +94,35 @@ def fit_head(
             rms = float(np.sqrt((weight * away**2).sum() / max(weight.sum(), 1e-9)))
             explained = np.abs(values) < LOSS_SCALE
             share = float(explained.mean())
-            by_pan = np.abs(rows @ by_own[:, 1]) / np.exp(head[0])
-            crossing = int(np.count_nonzero(explained & (by_pan > CROSSING)))
+            by_angle = rows @ by_own / np.exp(head[0])
+            from_middle = measured.points_px - model.projection.center
+            crossing = count_crossing(by_angle[explained], measured.normals[explained], from_middle[explained])
             break
     return HeadFit(head, information, by_common, rms, share, crossing)
+
+
+def count_crossing(by_own: Array, normals: Array, from_middle_px: Array) -> float:
+    """How far places of paint tell the pan where zoom, tilt and roll are open: the number of places that tell it as
+    well and lie on a marking square to the way of the picture while the head pans.
+
+    A line slides along itself under a pan, or tilts a little: it tells nothing. Lines in two directions tell the pan
+    even where both are seen nearly along that way, as a penalty area is from far beside it.
+
+    Parameters
+    ----------
+    by_own : (M, 3) array
+        Derivatives of the places along their normals by the head, focal lengths.
+    normals, from_middle_px : (M, 2), (M, 2) arrays
+        The direction across the marking, and where the place is seen, from the middle of the picture.
+    """
+    if len(by_own) <= by_own.shape[1] + 1:
+        return 0.0
+    by_roll = normals[:, 1] * from_middle_px[:, 0] - normals[:, 0] * from_middle_px[:, 1]
+    others = np.column_stack([by_own[:, [0, 2]], by_roll])
+    others = others / np.maximum(np.linalg.norm(others, axis=0), 1e-9)
+    by_pan = by_own[:, 1]
+    left = by_pan - others @ np.linalg.lstsq(others, by_pan, rcond=None)[0]
+    return float(left @ left)
 
 
 def follow_common(by_own: Array, by_common: Array, prior: Array | None = None) -> Array:

@@ -10,7 +10,9 @@ import pytest
 
 from circlecal.config import load_config
 from circlecal.tracking import search
-from circlecal.tracking.looking import LookedAt, Place
+from circlecal.tracking.head_fit import count_crossing
+from circlecal.tracking.looking import LEAST_CROSSING, LookedAt, Place
+from circlecal.tracking.markings import place_markings, template_curves
 from tests.tracking.scenes import HEAD, draw, template, tripod
 
 
@@ -125,6 +127,21 @@ def test_a_touchline_confirms_a_head_that_is_known_and_finds_none() -> None:
     assert look.is_confirmed
     assert not look.is_found
     assert place.find(picture) is None
+
+
+def test_lines_in_two_directions_tell_the_pan_and_those_in_one_do_not() -> None:
+    # from far beside a penalty area all its lines are seen within 17 degrees of the way of the picture under a pan
+    common = tripod().mean.copy()
+    common[:3] = [0.5, 81.0, -10.3]
+    head, model, drawn = np.array([8.23, -0.52, 1.46]), tripod().model, template_curves(template())
+    places = place_markings(drawn, model.thetas(head[None], common)[0], model.projection, 0.12)
+    by_angle = places.by_theta @ model.derivatives(head[None], common)[0][0] / np.exp(head[0])
+    from_middle = places.pixels - model.projection.center
+    assert np.count_nonzero(np.abs(by_angle[:, 1]) > 0.3) < 9
+    along = np.isin(places.marking, [drawn.names.index(name) for name in ("side_line_bottom", "side_line_top")])
+    assert np.count_nonzero(along) > 80
+    assert count_crossing(by_angle, places.normals, from_middle) > 2.0 * LEAST_CROSSING
+    assert count_crossing(by_angle[along], places.normals[along], from_middle[along]) < 0.5 * LEAST_CROSSING
 
 
 @pytest.mark.parametrize("hidden_share", [1.0, 0.7])
