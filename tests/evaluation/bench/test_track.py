@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from circlecal.config import load_config
 from circlecal.errors import InputError
+from circlecal.evaluation.bench import track
 from circlecal.evaluation.bench.track import ClipTime, ClipTruth, clips_of, compare
 from circlecal.field.view import FieldView
 from circlecal.geometry.camera import Camera, image_center
@@ -83,6 +86,17 @@ def test_a_folder_without_clips_or_truth_is_told(tmp_path):
     (tmp_path / "truth" / "clip.json").write_text("{}")
     with pytest.raises(InputError, match="id: Field required"):
         clips_of(tmp_path)
+
+
+def test_pictures_between_frames_are_surveyed_as_track_does(monkeypatch):
+    """Half of all times fall more than half a frame before the next one; without their pictures a survey is half."""
+    asked = []
+    monkeypatch.setattr(track, "pictures_at", lambda path, times, exact=True: asked.append(exact) or iter(()))
+    monkeypatch.setattr(track, "survey_clip", lambda pictures_at, *_: list(pictures_at([0.1])) and None)
+    monkeypatch.setattr(track, "track_frames", lambda *_: iter(()))
+    video = SimpleNamespace(path="clip.mp4", name="clip", duration_s=1.0, rate=25.0, frames=lambda _: iter(()))
+    track._track(video, load_config())
+    assert asked == [False]
 
 
 def test_it_renders_tracks_and_prints(run_circlecal):
