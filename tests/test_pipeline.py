@@ -202,12 +202,11 @@ def test_without_camera_and_line_there_is_no_answer(frames):
     assert found.verdict.code == "no_line_or_point"
 
 
-@pytest.mark.parametrize("frame", [1, 19])
-def test_a_field_with_several_circles_is_answered_without_the_camera_stage(frame):
+def test_a_field_with_several_circles_is_answered_without_the_camera_stage():
     """Another circle than the first is tried there too, and nothing asks for a camera that no stage estimated."""
-    rendering = render_frame("ice", np.random.default_rng([0, frame, PROFILES.index("ice")]))
-    for setting in ("solver=great_axis", "solver=magera_case1", "camera.enabled=false"):
-        found = run(rendering.image, load_config("ice-hockey", [setting]), frame_id=f"ice-{frame}")
+    rendering = render_frame("ice", np.random.default_rng([0, 19, PROFILES.index("ice")]))
+    for setting in ("solver=great_axis", "camera.enabled=false"):
+        found = run(rendering.image, load_config("ice-hockey", [setting]), frame_id="ice-19")
         assert found.attempt.camera is None
         assert found.status == "calibrated" or found.verdict.code in REFUSALS
 

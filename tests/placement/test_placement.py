@@ -107,9 +107,10 @@ def test_an_end_zone_is_calibrated_without_centre_circle_and_halfway_line(camera
     assert markings_error_px(camera, found.attempt.camera.view) < 8.0
     check = found.verdict.check("rival_ratio")
     assert check is None or check.value >= RIVAL_RATIO
-    # one circle that is named is the only one that is looked for
-    named = load_config(None, ["field.template=ice-hockey-nhl", "field.any_circle=false"])
-    assert run(picture.image, named, frame_id="rink").status == "refused"
+    if camera is LEFT_CIRCLE:
+        # one circle that is named is the only one that is looked for
+        named = load_config(None, ["field.template=ice-hockey-nhl", "field.any_circle=false"])
+        assert run(picture.image, named, frame_id="rink").status == "refused"
 
 
 def test_every_first_camera_sees_its_circle_where_the_picture_does():
