@@ -214,7 +214,9 @@ def choose_config(
     config = load_config(file, overrides)
     field_of(config)
     if config.field.template == AUTO and (venue is not None or not tells_field):
-        raise ConfigError("--field auto is for calibrate, batch and debug, without --venue and --rig; name the field")
+        raise ConfigError(
+            "--field auto is for calibrate, batch, debug and track, without --venue and --rig; name the field"
+        )
     require_networks(config)
     return config
 

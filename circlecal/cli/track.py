@@ -56,27 +56,31 @@ def track(
 ) -> None:
     """Find the camera of every frame of a clip, from its tripod; run it again to go on after a stop."""
     from circlecal.cli import console
+    from circlecal.config import AUTO
     from circlecal.formats.annotation import ANNOTATION_FOLDER
     from circlecal.pictures.inputs import absolute_input
     from circlecal.pictures.video import Sampling
     from circlecal.pipeline import field_of
     from circlecal.rig.venue import read_venue
+    from circlecal.tracking.field_of_clip import name_field
     from circlecal.tracking.run import run_track
     from circlecal.tracking.stretches import DEFAULT_EVERY, ClipRun
 
     console.configure_logging(quiet=quiet, verbose=verbose)
     if scheduler is not None:  # workers have another working folder
         inputs, out = [absolute_input(name) for name in inputs], out.absolute()
-    chosen = options.choose_config(config, settings, field, seed)
+    chosen = options.choose_config(config, settings, field, seed, tells_field=venue is None)
     known = None if venue is None else read_venue(venue, field_of(chosen)[0])
-    run = ClipRun(
-        chosen, Sampling.parse(every or DEFAULT_EVERY, start, end), known, full, annotations or out / ANNOTATION_FOLDER
-    )
-    exports = options.choose_exports(to, eval_size)
+    sampling, exports = Sampling.parse(every or DEFAULT_EVERY, start, end), options.choose_exports(to, eval_size)
     failures: list[Exception] = []
     videos = options.choose_videos(inputs, console.error_reporter(failures))
     refused = 0
     if videos:
+        if chosen.field.template == AUTO:
+            chosen = name_field(videos, sampling, chosen)
+            if not quiet:
+                console.print_note(f"--field auto: {chosen.field.template}")
+        run = ClipRun(chosen, sampling, known, full, annotations or out / ANNOTATION_FOLDER)
         out = options.folder_of_run(out, run.digest, ask=console.can_ask() and not quiet, restart=restart)
         with console.progress_display(quiet=quiet) as show:
             report = run_track(

@@ -8,11 +8,13 @@ from pathlib import Path
 
 from circlecal.api import Calibration
 from circlecal.api.calls import Settings, configure
-from circlecal.config import Config
+from circlecal.config import AUTO, Config
+from circlecal.errors import ConfigError
 from circlecal.field import FieldTemplate
 from circlecal.pictures.video import Sampling, Video
 from circlecal.pipeline import field_of
 from circlecal.rig.venue import read_venue
+from circlecal.tracking.field_of_clip import name_field
 from circlecal.tracking.stretches import DEFAULT_EVERY, ClipRun, track_video
 
 _log = logging.getLogger(__name__)
@@ -39,7 +41,7 @@ def track(
     path : path
         The video.
     config, field, set : optional
-        As for :func:`circlecal.calibrate`.
+        As for :func:`circlecal.calibrate`; of the field ``auto`` some frames of the clip are looked at first.
     every : str or int
         A number of frames, or a time such as ``"200ms"``; every frame by default.
     start, end : str or float, optional
@@ -62,10 +64,14 @@ def track(
         As for :func:`circlecal.calibrate`.
     """
     chosen = configure(config, field, set)
-    template, _ = field_of(chosen)
     sampling = Sampling.parse(str(every), *(None if time is None else str(time) for time in (start, end)))
-    known = None if venue is None else read_venue(Path(venue), template)
     video = Video.open(Path(path), Path(path).stem)
+    if venue is None:
+        chosen = name_field([video], sampling, chosen)
+    elif chosen.field.template == AUTO:
+        raise ConfigError("field auto goes without a venue; name the field")
+    template, _ = field_of(chosen)
+    known = None if venue is None else read_venue(Path(venue), template)
     named = None if annotations is None else Path(annotations)
     return _calibrations(video, ClipRun(chosen, sampling, known, annotations=named), template)
 
