@@ -40,6 +40,20 @@ def test_the_motion_between_both_halves_is_found(shift_px: float) -> None:
     assert middle - (200.0, 72.0) == pytest.approx((shift_px, 0.0), abs=0.2)
 
 
+@pytest.mark.parametrize("shift_px", [-30.0, 18.0])
+def test_a_fast_pan_behind_a_graphic_that_stands_still(shift_px: float) -> None:
+    # broad light and shade over a lawn look alike under such motions, and the score has the sharpest edges
+    frame = _woven(shift_px, 2.0)
+    shade = 60.0 * np.cos(np.linspace(0.0, np.pi, frame.shape[1]))
+    frame = np.clip(0.5 * frame + 60.0 + shade, 0, 255).astype(np.uint8)
+    score = np.random.default_rng(1).integers(0, 2, (20, 30)) * 255
+    frame[10:50, 20:80] = np.kron(score, np.ones((2, 2)))
+    motion = measure_row_motion(frame)
+    assert motion is not None
+    middle = motion @ (200.0, 72.0, 1.0)
+    assert middle - (200.0, 72.0) == pytest.approx((shift_px, 0.0), abs=0.6)
+
+
 def test_the_whole_picture_shows_the_moment_between_both_halves() -> None:
     woven = _woven(5.0)
     motion = measure_row_motion(woven)
