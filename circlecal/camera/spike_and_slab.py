@@ -174,12 +174,16 @@ def answers_in(
         for step in (here if is_there else predict_step(changed, here),)
     ]
     least = max(answer.evidence for answer in ahead) - OUT_OF_THE_QUESTION
-    found = []
+    found: list[Answer] = []
+    reached: dict[bool, State] = {}
     for answer, (changed, here), is_there in zip(ahead, begun, arrived, strict=True):
         if is_there or answer.evidence < least:
             found.append(answer)
             continue
-        end = resume(changed, here, rule)
+        # a flat field of any size is like the crowned one of any size
+        is_usual = answer.world.is_usual_size
+        start = with_priors(problem, reached[is_usual], changed.priors)[1] if is_usual in reached else here
+        reached[is_usual] = end = resume(changed, start, rule)
         found.append(Answer(answer.world, changed, end, log_evidence(answer.world, changed, end, template, known)))
     return found
 

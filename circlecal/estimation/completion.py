@@ -76,7 +76,7 @@ def fit_anew(task: Task, fit: Fit, priors: Priors) -> Fit:
     problem, state = with_priors(fit.problem, fit.state.best(), priors)
     if fit.given_px is not None:
         problem, state = reweight(problem, state, fit.given_px)
-    return settle(task, problem, resume(problem, state, task.rule(FINAL)), FINAL)
+    return settle(task, problem, resume(problem, state, task.rule(COARSE)), FINAL)
 
 
 def _name_more_lines(task: Task, stated: CurvePoints, fit: Fit) -> tuple[Task, Fit]:

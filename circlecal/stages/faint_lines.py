@@ -8,6 +8,7 @@ pixel wide, stands out of two thousand pixels where it does not in fifty.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,7 +55,9 @@ SMOOTH_PX = 1.0
 """Scatter of the points about the gentle bend that lens and crown give a straight marking, at most: peaks of the
 surface's own texture jump about.
 """
-_SIZES = ("width", "length", "breadth")
+FEWEST_NODES = 3
+"""Of a marking in the picture."""
+_SIZES = [INDEX[name] for name in ("width", "length", "breadth")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,44 +107,51 @@ def find_faint_lines(
     model = fit.model
     ends, shifts = template.drawn_lines
     found: list[LineCue] = []
-    for index, line in enumerate(template.lines):
-        if line.name == template.halfway_line:
-            continue
-        course = _course(fit, model, ends[index], shifts[index])
-        shift = None if course is None else _best_shift(picture, course, model.width / 1920.0)
-        cue = None if course is None or shift is None else _measure(picture, course, shift, model.width / 1920.0)
+    others = np.array([line.name != template.halfway_line for line in template.lines], dtype=np.bool_)
+    for course in _courses(fit, model, ends[others], shifts[others]):
+        shift = _best_shift(picture, course, model.width / 1920.0)
+        cue = None if shift is None else _measure(picture, course, shift, model.width / 1920.0)
         if cue is not None and not any(_same(cue, other, model.width / 1920.0) for other in found):
             found.append(cue)
     return tuple(found)
 
 
-def _course(fit: CameraFit, model: ProjectionModel, ends: Array, shift: Array) -> _Course | None:
-    """The part in the picture of a marking between two ends (2, 2) that moves with the field's sizes by ``shift`` (3,
-    2); None where it is short.
+def _courses(fit: CameraFit, model: ProjectionModel, ends: Array, shifts: Array) -> Iterator[_Course]:
+    """The parts in the picture of markings between two ends (K, 2, 2) that move with the field's sizes by shifts (K, 3,
+    2); without those that are short.
     """
-    spacing_px = SPACING_PX * model.width / 1920.0
-    start, span = ends[0] + fit.theta[[INDEX[name] for name in _SIZES]] @ shift, ends[1] - ends[0]
+    starts, spans = ends[:, 0] + fit.theta[_SIZES] @ shifts, ends[:, 1] - ends[:, 0]
     share = np.linspace(0.0, 1.0, NODES)
-    seen = project(fit.theta[None], (start + span * share[:, None])[None], model)
-    pixels = seen.pixels[0]
-    ahead = seen.visible[0]
-    inside = np.flatnonzero(ahead & ((pixels >= 0) & (pixels <= (model.width - 1, model.height - 1))).all(axis=1))
-    if len(inside) < 3:
-        return None
-    part = slice(inside[0], inside[-1] + 1)
-    if not ahead[part].all():
-        return None
-    length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(pixels[part], axis=0).T))])
+    nodes = starts[:, None] + spans[:, None] * share[:, None]
+    seen = project(fit.theta[None], nodes.reshape(1, -1, 2), model)
+    pixels, ahead = seen.pixels[0].reshape(nodes.shape), seen.visible[0].reshape(nodes.shape[:2])
+    inside = ahead & ((pixels >= 0) & (pixels <= (model.width - 1, model.height - 1))).all(axis=2)
+    for k in np.flatnonzero(np.count_nonzero(inside, axis=1) >= FEWEST_NODES):
+        first, last = np.flatnonzero(inside[k])[[0, -1]]
+        part = slice(first, last + 1)
+        if ahead[k, part].all():
+            course = _course(fit, model, pixels[k, part], share[part], (starts[k], spans[k], shifts[k]))
+            if course is not None:
+                yield course
+
+
+def _course(
+    fit: CameraFit, model: ProjectionModel, pixels: Array, share: Array, marking: tuple[Array, Array, Array]
+) -> _Course | None:
+    """The part of a marking (start, span, shift) that lies at pixels (N, 2), by its shares (N,) of the whole."""
+    spacing_px = SPACING_PX * model.width / 1920.0
+    length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(pixels, axis=0).T))])
     if length[-1] < SHORTEST_WIDTHS * model.width:
         return None
-    along = np.interp(np.arange(0.5 * spacing_px, length[-1], spacing_px), length, share[part])
+    start, span, shift = marking
+    along = np.interp(np.arange(0.5 * spacing_px, length[-1], spacing_px), length, share)
     seen = project(fit.theta[None], (start + span * along[:, None])[None], model)
     places = seen.pixels[0]
     tangents = np.gradient(places, axis=0)
     tangents /= np.maximum(np.hypot(tangents[:, :1], tangents[:, 1:]), 1e-9)
     normals = np.stack([-tangents[:, 1], tangents[:, 0]], axis=-1)
     by_theta, by_field = (rows[0] for rows in seen.gradient(normals.T[None]))
-    by_theta[[INDEX[name] for name in _SIZES]] += shift @ by_field
+    by_theta[_SIZES] += shift @ by_field
     joint = by_theta.T @ fit.covariance @ by_theta
     values, vectors = np.linalg.eigh(joint)
     return _Course(places, normals, (vectors[:, -2:] * np.sqrt(np.maximum(values[-2:], 0.0)))[:, ::-1])

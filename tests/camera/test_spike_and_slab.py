@@ -1,0 +1,45 @@
+"""Fields of any size and shape: how the optimum on each of them is looked for."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from circlecal.camera import spike_and_slab
+from circlecal.camera.problem import COARSE, FINAL, minimise, resume
+from circlecal.camera.spike_and_slab import answers_in, possible_worlds
+from circlecal.geometry.camera_parameters import project
+from circlecal.observations import LinePoints
+
+from .test_problem import MODEL, SOCCER, observed, plain_theta, priors, problem_of
+
+BROADER_M = 4.0
+"""By how much the far touchline lies beyond its usual place."""
+
+
+def test_a_flat_field_begins_where_the_crowned_one_of_its_size_ended(monkeypatch):
+    """And arrives where it would from the usual field, in fewer steps."""
+    rng = np.random.default_rng(3)
+    theta = plain_theta(rng)
+    seen = observed(theta, rng, sigma=0.3)
+    touchline = np.stack([np.linspace(-15.0, 15.0, 40), np.full(40, -34.0 - BROADER_M)], axis=-1)
+    pixels = project(theta[None], touchline[None], MODEL).pixels[0] + rng.normal(0.0, 0.3, (40, 2))
+    seen = replace(seen, lines=(*seen.lines, LinePoints("side_line_top", pixels, np.full(40, 0.3))))
+    usual = priors(crown=0.03, length=1.0, breadth=0.7)
+    problem = problem_of(seen, usual)
+    state = minimise(problem, theta[None])
+    worlds = possible_worlds(SOCCER, usual, 0.8, 0.3)
+    assert [(w.is_usual_size, w.is_flat) for w in worlds] == [(s, f) for f in (False, True) for s in (True, False)]
+    starts, ends = [], []
+
+    def follow(problem, start, rule):
+        starts.append(start.theta[0])
+        ends.append(resume(problem, start, rule))
+        return ends[-1]
+
+    monkeypatch.setattr(spike_and_slab, "resume", follow)
+    monkeypatch.setattr(spike_and_slab, "OUT_OF_THE_QUESTION", np.inf)
+    found = answers_in(worlds, (problem, state), usual, SOCCER, len(problem.curves.keys), COARSE)
+    _, any_crowned, _, any_flat = found
+    np.testing.assert_array_equal(starts[-1], any_crowned.state.theta[0])
+    alone = resume(any_flat.problem, minimise(any_flat.problem, theta[None]), FINAL)
+    assert abs(any_flat.state.cost[0] - alone.cost[0]) < COARSE.tolerance
