@@ -9,7 +9,7 @@ the picture's noise (:func:`rise_above_noise`), and one for curves that may be c
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil
 from typing import Any
 
@@ -118,6 +118,11 @@ class Bands:
     def take(self, kept: NDArray[np.bool_]) -> Bands:
         """The bands of some profiles (N,)."""
         return Bands(*(getattr(self, name)[kept] for name in Bands.__slots__))
+
+    def stretch(self, times: Array) -> Bands:
+        """The bands of profiles whose normals were so many times (N,) as long as a unit of the offsets."""
+        lengths = {name: getattr(self, name) * times for name in ("center", "left", "right", "sensitivity")}
+        return replace(self, **lengths)
 
 
 def measure_bands(profiles: Profiles, offsets: Array, search: float) -> Bands:

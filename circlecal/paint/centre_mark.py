@@ -31,6 +31,7 @@ _FADED = 0.5  # of its own brightness: what is left of a disc just beyond its ed
 _AROUND_PX = 2.5  # how far around the disc the line and the surface must be bare
 _ASIDE_RADII = 2.0  # beside the disc, out to so many of its half axes, the surface is bare; players may stand beyond
 _INNERMOST = 0.75  # of the disc's half axis: beyond it, at least, the disc is looked for
+_LARGE_SHARE = 0.1  # of the searched stretch: a robot's disc covers 0.15 of it, a pitch's 0.06
 _SIGMA_FLOOR_PX = 0.3  # pixels; painted marks are no exact discs
 _BEND_POINTS = 15  # measured points of the line over which its bend is averaged
 
@@ -50,7 +51,8 @@ class _Rectified:
 
     ``values`` (T, S) are brightnesses over what is ``usual`` (S,) in their column.
     ``position`` (T,) along the line and ``across`` (S,) in px; ``base`` (T, 2) the places on the line, ``length`` its
-    half chord in px; ``half_px`` the disc's half axes along and across.
+    half chord in px; ``half_px`` the disc's half axes along and across in the middle of the allowed range,
+    ``halves_px`` (T, 2) at each place.
     """
 
     values: Array
@@ -60,6 +62,7 @@ class _Rectified:
     base: Array
     length: float
     half_px: tuple[float, float]
+    halves_px: Array
 
 
 def find_centre_mark(
@@ -162,6 +165,8 @@ def _rectify(
     radius = half_chords(conic, base, direction)
     if not np.isfinite(radius).all():
         return None
+    # along a chord whose ends stay the field's scale at the disc is 1 - place^2
+    halves = radius_radii * np.stack([(1.0 - (position / length) ** 2) * length, radius], axis=-1)
     offsets = 0.5 * (offset[0] + offset[1])
     half = (radius_radii * (1.0 - offsets**2) * length, radius_radii * float(np.median(radius)))
     reach = max(3.0 * half[1], half[1] + 8.0)
@@ -176,7 +181,7 @@ def _rectify(
     known = np.isfinite(values).any(axis=0)
     values, across = values[:, known], across[known]
     usual = (np.nanmedian if np.isnan(values).any() else np.median)(values, axis=0)
-    return _Rectified(values - usual, usual, position[whole], across, base[whole], length, half)
+    return _Rectified(values - usual, usual, position[whole], across, base[whole], length, half, halves[whole])
 
 
 def _bend(line: Array, points_px: Array, places: Array, wanted: Array) -> Array:
@@ -239,7 +244,7 @@ def _bare_sides(
 
     A player may stand beside the disc, or cover its one half, if the other half is beyond doubt.
     """
-    b, a = seen.half_px
+    b, a = float(seen.halves_px[peak, 0]), seen.half_px[1]
     values = seen.values
     distance, rise = np.abs(seen.across), seen.position - seen.position[peak]
     edge = b + 1.5 * blur_px
@@ -250,18 +255,23 @@ def _bare_sides(
     paint = distance <= 1.0
     if min(float(values[rows][:, paint].mean()) for rows in (on, *beyond)) < -_HIDDEN * line_contrast:
         return False, False
+    is_large = np.count_nonzero(on) > _LARGE_SHARE * len(on)
     halves, bare = [], []
     for side in (-1.0, 1.0):
         beside = side * seen.across
         rim = a + 1.5 * blur_px + 1.0
         disc = (beside > inner_px) & (beside <= a + blur_px)
         aside = (beside > rim) & (beside <= max(_ASIDE_RADII * a, rim + 2.0 * _AROUND_PX))
-        seen_here = float(values[on][:, disc].mean())
-        around = [float(values[rows][:, disc].mean()) for rows in beyond]
+        surface = values[on][:, aside]
+        level = float(np.median(surface[np.isfinite(surface)]))
+        is_bare = bool(abs(level) <= _FADED * line_contrast)
+        # a large disc is usual in its own columns, bare surface beside it is not
+        level = level if is_bare and is_large else 0.0
+        seen_here = float(values[on][:, disc].mean()) - level
+        around = [float(values[rows][:, disc].mean()) - level for rows in beyond]
         # brightness that goes on is a player; shade beside the disc dims it too, and may be as deep as it is bright
         halves.append(max(around) <= _FADED * seen_here and min(around) >= -seen_here)
-        surface = values[on][:, aside]
-        bare.append(bool(abs(float(np.median(surface[np.isfinite(surface)]))) <= _FADED * line_contrast))
+        bare.append(is_bare)
     if not any(half and clear for half, clear in zip(halves, bare, strict=True)):
         return False, False
     if not all(half or not clear for half, clear in zip(halves, bare, strict=True)):

@@ -27,7 +27,7 @@ from circlecal.solvers import solve_by_name
 from circlecal.stages.camera import estimate_camera
 from circlecal.stages.confirm import is_circle_painted, look_for_markings
 from circlecal.stages.correspondences import derive_correspondences, is_turned, turn_correspondences
-from circlecal.stages.cues import cues_from_observations, find_cues
+from circlecal.stages.cues import cues_from_observations, find_cues, leave_out_other_paints
 from circlecal.stages.edges import detect_edges
 from circlecal.stages.ellipse import fit_ellipses, fit_observations
 from circlecal.stages.evidence import measure_evidence
@@ -77,12 +77,20 @@ def measure(
             attempt = replace(attempt, ellipses=ellipses, observations=observe(setting, ellipses, Cues(None, None)))
         with setting.clock("cues"):
             cues = find_cues(picture, marking, ellipses, edges.noise, template, config.cues, edges.blur_px)
+            if _has_one_paint(setting, scene, marking):
+                cues = leave_out_other_paints(scene.image, cues, ellipses, marking.band_px)
             arcs = tuple(arc.points_px for arc in marking.arcs)
             observations = replace(observe(setting, ellipses, cues), curves=arcs)
             attempt = replace(attempt, cues=cues, observations=observations)
     except EstimationError as error:
         return refuse_attempt(attempt, error)
     return attempt
+
+
+def _has_one_paint(setting: Setting, scene: Scene, marking: MarkingMask) -> bool:
+    """Whether all lines of the field have the circle's paint, which the detector found as a band."""
+    is_painted = marking.source == "detector" and scene.relief is None
+    return is_painted and bool(suit_field(setting.config.mask, setting.template).detector.one_paint)
 
 
 def observe(setting: Setting, ellipses: EllipseFits, cues: Cues) -> Observations:

@@ -12,10 +12,11 @@ from circlecal.field import Circle
 from circlecal.observations import CirclePoints, LinePoints, Observations, join_observations
 from circlecal.pipeline.attempts import calibrate_extra, estimate, look_again, measure
 from circlecal.pipeline.setting import Scene, Setting, lighten_markings
+from circlecal.placement import mean_distance_px
 from circlecal.refusals import REFUSALS
 from circlecal.results import Attempt, CameraFit, Interpretation, MarkingMask
 from circlecal.stages.faint_lines import find_faint_lines
-from circlecal.stages.rays import measure_along_model
+from circlecal.stages.rays import WIDE_PX, measure_along_model, predict_paint_widths
 
 PARTIAL_DEG = 240.0
 """Degrees of the circle; where less is seen, the circle is measured again along the camera's curve: an ellipse that was
@@ -23,6 +24,11 @@ fitted to a part of it leaves the paint beyond.
 """
 
 
+MOST_ROUNDS, SETTLED_PX = 4, 0.5
+"""How often the circle is measured again while the camera moves the markings by more than this on average, pixels at
+1920 px width: paint that is wider than the search leads there step by step. Of 60 rendered robots' fields 46 instead of
+43 come out within 5 px, and none instead of one beyond 20 px.
+"""
 UNCERTAIN_PX = 12.0
 """Largest predicted error, pixels at 1920 px width, from which on fainter straight markings are looked for."""
 
@@ -55,7 +61,14 @@ def _is_worth_remeasuring(setting: Setting, attempt: Attempt) -> bool:
     if attempt.camera is None or attempt.ellipses is None or not attempt.ellipses.all():
         return False
     refusal = REFUSALS.get(attempt.code or "")
-    return attempt.ellipses.primary.arc_deg < PARTIAL_DEG or (refusal is not None and refusal.remeasure)
+    is_partial = attempt.ellipses.primary.arc_deg < PARTIAL_DEG
+    return is_partial or (refusal is not None and refusal.remeasure) or _is_wide(setting, attempt.camera)
+
+
+def _is_wide(setting: Setting, camera: CameraFit) -> bool:
+    """Whether the paint of the circle is somewhere wider in the picture than a search of a few pixels reaches."""
+    widths = predict_paint_widths(camera.view, setting.circle, setting.template)
+    return bool(widths.max(initial=0.0) > WIDE_PX * setting.width / 1920.0)
 
 
 def measure_curves(
@@ -76,6 +89,22 @@ def replace_curves(observations: Observations, curves: Mapping[str, CirclePoints
     """The observations with these circles and arcs in the place of those of their names."""
     others = tuple(circle for circle in observations.circles if circle.circle not in curves)
     return replace(observations, circles=(*curves.values(), *others))
+
+
+def remeasure_until_settled(setting: Setting, scene: Scene, attempt: Attempt) -> Iterator[Attempt]:
+    """The circle measured again along the curves of one camera after the other, where its paint is wide, until they
+    settle.
+    """
+    last = attempt
+    for _ in range(MOST_ROUNDS):
+        again = next(remeasure_along_camera(setting, scene, last), None)
+        before, last = last.camera, again or last
+        if again is None or again.camera is None or before is None or not _is_wide(setting, again.camera):
+            break
+        if mean_distance_px(before.view, again.camera.view, setting.template) < SETTLED_PX * setting.width / 1920.0:
+            break
+    if last is not attempt:
+        yield last
 
 
 def remeasure_along_camera(setting: Setting, scene: Scene, attempt: Attempt) -> Iterator[Attempt]:
@@ -129,7 +158,7 @@ def is_less_uncertain(setting: Setting, attempt: Attempt, refined: Attempt) -> b
 
 
 REFINEMENTS = (
-    Retry(_is_worth_remeasuring, remeasure_along_camera, lambda setting, attempt, refined: True),
+    Retry(_is_worth_remeasuring, remeasure_until_settled, lambda setting, attempt, refined: True),
     Retry(_may_show_faint_lines, add_faint_lines, is_less_uncertain),
 )
 """What is measured again within one attempt, where its camera says what to look for; in this order."""

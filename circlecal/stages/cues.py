@@ -15,6 +15,7 @@ from circlecal.geometry.conics import line_conic_meet, pole
 from circlecal.geometry.projective import Array, dehomogenise, fit_line, join, lift, line_distance
 from circlecal.observations import CircleEdge, LineEnd, LinePoints, Observations
 from circlecal.paint.centre_mark import find_centre_mark, half_chords
+from circlecal.paint.colour import match_paint, measure_added_colours
 from circlecal.paint.ends import paint_ends
 from circlecal.paint.lines import ONE_ROUND, TWO_ROUNDS, WIDE_ROUND, measure_lines
 from circlecal.paint.profiles import GrayPicture
@@ -140,6 +141,41 @@ def find_cues(
     if config.centre_mark and halfway is not None and "centre_mark" in template.mark_by_name:
         mark = _centre_mark(picture, halfway, fit, template, blur_px, config)
     return Cues(halfway=halfway, mark=mark, lines=tuple(lines))
+
+
+def leave_out_other_paints(image: NDArray[np.uint8], cues: Cues, ellipses: EllipseFits, band_px: float | None) -> Cues:
+    """The cues without further lines of another colour than the circle's paint: those of another sport on the same
+    floor, and streaks of light beside them. Lines too faint to tell are kept.
+
+    The detector has compared the colours along rough segments, which miss paint of a pixel or two; the measured points
+    do not.
+
+    Parameters
+    ----------
+    image : (H, W, 3) uint8
+        BGR picture.
+    cues : Cues
+        What was measured.
+    ellipses : EllipseFits
+        With the middle of the circle's paint, without which nothing is compared.
+    band_px : float or None
+        Width of the circle's paint where it is widest, pixels.
+    """
+    fit = ellipses.center
+    if fit is None or not cues.lines:
+        return cues
+    points = fit.points_px[fit.inliers]
+    normals = fit.ellipse.normals(fit.ellipse.parameter(points))
+    colour = np.median(measure_added_colours(image, points, normals, np.full(1, band_px or 0.0)), axis=0)
+    kept = tuple(line for line in cues.lines if match_paint(_measure_added_colour(image, line), colour))
+    return replace(cues, lines=kept)
+
+
+def _measure_added_colour(image: NDArray[np.uint8], line: LineCue) -> Array:
+    """What the paint of a line adds to blue, green and red of its surface: medians (3,) over its points."""
+    normals = np.broadcast_to(line.line[:2] / np.hypot(*line.line[:2]), line.points_px.shape)
+    added = measure_added_colours(image, line.points_px, normals, np.full(1, line.width_px))
+    return np.asarray(np.median(added, axis=0))
 
 
 def cues_from_observations(observations: Observations, template: FieldTemplate, circle: Circle) -> Cues:

@@ -30,8 +30,17 @@ from circlecal.results import EdgePoints, MarkingMask, RayPoints, Segment
 
 CLEAR_OF_ENDS_PX = 6.0
 """An arc ends on a line: nearer than this beyond the search its paint is not told from the line's, at 1920 px width."""
-STEADY_PX = 1.0
-"""Largest distance of steady points from the running median along it, pixels at 1920 px width."""
+STEADY_PX, STEADY_SHARE = 1.0, 0.05
+"""Largest distance of steady points from the running median along it, pixels at 1920 px width, or in widths of paint:
+the middle of worn paint wanders by 0.03 of its width (40 rendered robots' fields, measured along the true curve).
+"""
+ROUND = 72
+"""Places round a circle at which the width of its paint is predicted."""
+WIDE_SEARCHES, WIDE_PX = 2.0, 16.0
+"""Paint of more than so many searches, and of more than so many pixels at 1920 px width, is wide: its profiles are
+stretched by as much as it is wider, so that they hold the ground on both sides of it, and its middle is looked for as
+much farther away. Rendered robots' fields have 33 to 80 px where they are nearest.
+"""
 SHORTEST_LINE, LINE_SEARCH_PX, LINE_RMS_PX, LINE_SHARE = 0.06, 9.0, 2.5, 0.35
 """A straight marking is measured where a placed field shows so much of it, picture widths; how far to both sides, and
 with what scatter, pixels at 1920 px width; and the share of it that must be seen.
@@ -213,15 +222,31 @@ def measure_along_model(
         clear = search + CLEAR_OF_ENDS_PX * width / 1920.0
         along = np.arange(count) * length[-1] / count
         inside &= (along > clear) & (along < length[-1] - clear)
-    middle, bands, _ = _bands_along(
+    middle, bands, plausible = _bands_along(
         picture, points[inside], across[inside], predicted[inside], noise, search, config, 1.0
     )
-    steady = _steady(bands.center, STEADY_PX * width / 1920.0)
+    limit = np.maximum(STEADY_PX * width / 1920.0, STEADY_SHARE * predicted[inside][plausible])
+    steady = _steady(bands.center, limit)
     return middle[steady], bands.sigma(noise)[steady]
 
 
-def _steady(offsets: Array, limit: float) -> NDArray[np.bool_]:
-    """Which offsets (N,) from a curve lie near the running median of their neighbourhood."""
+def predict_paint_widths(view: FieldView, circle: Circle, template: FieldTemplate) -> Array:
+    """Width (N,) of a circle's paint in the picture, pixels, at places all round that the picture shows; empty of the
+    rim of a disc, which has none.
+    """
+    if circle.fill == "disc":
+        return np.zeros(0)
+    angle = np.linspace(0.0, 2 * np.pi, ROUND, endpoint=False)
+    ring = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    outer, inner = (
+        view.project(np.asarray(circle.center) + template.radius(circle, edge) * ring) for edge in ("outer", "inner")
+    )
+    shown = view.shows(outer) & view.shows(inner)
+    return np.asarray(np.linalg.norm(outer - inner, axis=1)[shown])
+
+
+def _steady(offsets: Array, limit: Array) -> NDArray[np.bool_]:
+    """Which offsets (N,) from a curve lie within limits (N,) of the running median of their neighbourhood."""
     if len(offsets) < 16:
         return np.zeros(len(offsets), dtype=np.bool_)
     from scipy.ndimage import median_filter
@@ -285,11 +310,15 @@ def _bands_along(
     """Middles (K, 2) and measurements of the bands across a curve that are as wide and as bright as the marking, and
     which of the curve's points (N,) they belong to.
     """
-    reach = search_px + 0.5 * (float(predicted.max()) if len(predicted) else 0.0) + 4.0
+    wide = max(WIDE_SEARCHES * search_px, WIDE_PX * picture.shape[1] / 1920.0)
+    widest = float(predicted.max(initial=0.0))
+    # where paint is wide its middle may lie so far off that the ends of shorter profiles are painted, too
+    reach = search_px + 0.5 * min(widest, wide) + 4.0 + (search_px if widest > wide else 0.0)
+    stretch = np.maximum(1.0, predicted / wide)
     tap = min(0.5 * step, 1.0)
     offsets = np.arange(-reach, reach + 0.25, tap)
-    profiles = smooth_along(sample_profiles(picture, points, normals, offsets), config.smoothing_samples / step)
-    bands = measure_bands(profiles, offsets, search_px)
+    sampled = sample_profiles(picture, points, stretch[:, None] * normals, offsets)
+    bands = measure_bands(smooth_along(sampled, config.smoothing_samples / step), offsets, search_px).stretch(stretch)
     low, high = config.width_ratio
     plausible = rise_above_noise(bands, noise)
     plausible &= (bands.width < high * predicted + 4.0) & (bands.width > low * predicted)

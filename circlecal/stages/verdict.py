@@ -15,6 +15,7 @@ from circlecal.geometry.projective import Array
 from circlecal.line_naming.line_ends import find_line_through
 from circlecal.observations import MarkingKey
 from circlecal.refusals import REFUSALS, Confidence
+from circlecal.stages.rays import predict_paint_widths
 from circlecal.results import Attempt, CameraFit, Check, Cues, EllipseFits, Verdict
 
 NOISE_SIGMAS = 3.0
@@ -30,6 +31,10 @@ LIKELY_RESIDUAL_PX = 1.4
 EXACT_RESIDUAL_PX, EXACT_ARC_DEG = 0.1, 130.0
 """Largest rms distance from the projected circle (pixels at 1920 px width) and least arc (degrees) of one that needs no
 other confirmation.
+"""
+RESIDUAL_WIDTHS, EXACT_WIDTHS = 0.05, 0.015
+"""Both limits in widths of the circle's paint, where that is more: the middle of worn paint wanders by a share of its
+width, 0.03 along the true circles of 40 rendered robots' fields, whose paint is up to 80 px wide at 1920 px width.
 """
 UNCONFIRMED_SIGMA = 0.75
 """Share of the usual uncertainty that is allowed where nothing else confirms it: nothing would contradict either."""
@@ -155,8 +160,9 @@ def judge(attempt: Attempt, template: FieldTemplate, circle: Circle, width: int,
         return Verdict("refused", "no_homography", REFUSALS["no_homography"].words, "verdict")
     if is_tentative and ellipses.all():
         if camera is not None:
-            checks.append(Check.of("likely_residual_px", _worst_of(camera, circle), LIKELY_RESIDUAL_PX * unit))
-        exact = camera is not None and _exact(ellipses, camera, circle, unit)
+            likely = max(LIKELY_RESIDUAL_PX * unit, RESIDUAL_WIDTHS * _mean_width_px(camera, circle, template))
+            checks.append(Check.of("likely_residual_px", _worst_of(camera, circle), likely))
+        exact = camera is not None and _exact(ellipses, camera, template, circle, unit)
         checks.append(Check.of("confirmations", float(_confirmations(cues, camera, unit) + exact), 1.0, at_least=True))
     failed = next((c for c in checks if not c.passed), None)
     if failed is None:
@@ -179,7 +185,8 @@ def _camera_checks(
     if ellipses.all():
         checks = _orientation_checks(camera.H_image_field, circle)
         checks += _place_checks(camera, circle, np.asarray(circle.center), template, config)
-        checks += _residual_checks(camera, cues, circle, unit, config)
+        width_px = _mean_width_px(camera, circle, template)
+        checks += _residual_checks(camera, cues, circle, RESIDUAL_WIDTHS * width_px, unit, config)
         checks += _reach_checks(camera, cues, template, config)
     else:
         checks = _landmark_checks(camera, unit, config)
@@ -229,11 +236,18 @@ def _confirmations(cues: Cues, camera: CameraFit | None, unit: float) -> int:
     return int(mark) + sum(name != halfway for name in near)
 
 
-def _exact(ellipses: EllipseFits, camera: CameraFit, circle: Circle, unit: float) -> bool:
+def _mean_width_px(camera: CameraFit, circle: Circle, template: FieldTemplate) -> float:
+    """Mean width of the circle's paint where the picture shows it, pixels."""
+    widths = predict_paint_widths(camera.view, circle, template)
+    return float(widths.mean()) if len(widths) else 0.0
+
+
+def _exact(ellipses: EllipseFits, camera: CameraFit, template: FieldTemplate, circle: Circle, unit: float) -> bool:
     """Whether more of the circle than a penalty arc has lies where the camera puts it so exactly that nothing that was
     pieced together does.
     """
-    return ellipses.primary.arc_deg >= EXACT_ARC_DEG and 0.0 < _worst_of(camera, circle) <= EXACT_RESIDUAL_PX * unit
+    exact = max(EXACT_RESIDUAL_PX * unit, EXACT_WIDTHS * _mean_width_px(camera, circle, template))
+    return ellipses.primary.arc_deg >= EXACT_ARC_DEG and 0.0 < _worst_of(camera, circle) <= exact
 
 
 def _landmark_checks(camera: CameraFit, unit: float, config: VerdictConfig) -> list[Check]:
@@ -280,15 +294,19 @@ def _place_checks(
     ]
 
 
-def _residual_checks(camera: CameraFit, cues: Cues, circle: Circle, unit: float, config: VerdictConfig) -> list[Check]:
+def _residual_checks(
+    camera: CameraFit, cues: Cues, circle: Circle, wander_px: float, unit: float, config: VerdictConfig
+) -> list[Check]:
+    """Residuals of the circle, whose paint may wander by so many pixels, of the halfway line and of the mark."""
     checks = []
     for key, rms in camera.residuals_px.items():
         # coarse observations (clicks, detections) may scatter by what they state themselves
         stated = NOISE_SIGMAS * camera.stated_sigma_px.get(key, 0.0)
         if key.name == circle.name:
-            checks.append(Check.of("circle_residual_px", rms, max(config.max_circle_residual_px * unit, stated)))
+            limit = max(config.max_circle_residual_px * unit, stated, wander_px)
+            checks.append(Check.of("circle_residual_px", rms, limit))
             structured = rms * np.sqrt(1.0 - 1.0 / max(camera.residual_correlation, 1.0))
-            limit = max(config.max_structured_residual_px * unit, stated)
+            limit = max(config.max_structured_residual_px * unit, stated, wander_px)
             checks.append(Check.of("structured_residual_px", structured, limit))
         elif cues.halfway is not None and key.name == cues.halfway.name:
             checks.append(Check.of("line_residual_px", rms, max(config.max_line_residual_px * unit, stated)))

@@ -10,8 +10,10 @@ from circlecal.geometry.camera import Camera
 from circlecal.geometry.conics import circle_conic, normalise_conic, transform_conic
 from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.projective import transform_lines
+from circlecal.geometry.surface import FLAT
 from circlecal.results import EllipseFit, EllipseFits, LineCue, MarkingMask, Segment
 from circlecal.synthetic.cameras import aim_camera
+from circlecal.synthetic.paint import paint_layers
 
 SOCCER = load_field("soccer")
 CIRCLE = SOCCER.circle_by_name["centre_circle"]
@@ -142,3 +144,11 @@ def line_cue(camera: Camera, name="halfway_line", template=SOCCER, sigma_px=0.1)
     line = transform_lines(camera.homography, template.line_coordinates(drawn))
     line = line / np.hypot(line[0], line[1])
     return LineCue(name, line, seen, np.full(len(seen), sigma_px), Segment(seen[0], seen[-1]), 0.0)
+
+
+def paint_field(camera, field):
+    """Picture (H, W, 3) of all markings of a field."""
+    coverage = np.zeros((camera.height, camera.width))
+    for layer in paint_layers(camera, field, FLAT, field.marking_width_m):
+        coverage[layer.rows, layer.columns] = np.maximum(coverage[layer.rows, layer.columns], layer.coverage)
+    return developed(coverage, noise=1.5)

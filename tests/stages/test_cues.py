@@ -7,14 +7,16 @@ import numpy as np
 import pytest
 
 from circlecal.field import load_field
-from circlecal.geometry.projective import line_distance
+from circlecal.geometry.conics import circle_conic, transform_conic
+from circlecal.geometry.projective import line_distance, transform_lines
 from circlecal.observations import Keypoint, LinePoints, MarkPoint, Observations
+from circlecal.paint.centre_mark import find_centre_mark
 from circlecal.paint.lines import measure_lines
 from circlecal.paint.profiles import to_gray
-from circlecal.results import EllipseFits, Segment
-from circlecal.stages.cues import CuesConfig, cues_from_observations, find_cues
+from circlecal.results import Cues, EllipseFits, LineCue, Segment
+from circlecal.stages.cues import CuesConfig, cues_from_observations, find_cues, leave_out_other_paints
 
-from .conftest import CIRCLE, SOCCER, fit_of, line_cue, paint, view
+from .conftest import CIRCLE, SOCCER, fit_of, line_cue, paint, paint_field, view
 
 CONFIG = CuesConfig()
 SEARCHED = CONFIG.search_px, CONFIG.spacing_px
@@ -293,3 +295,32 @@ def test_halfway_line_outside_the_circle_only():
     assert found is not None
     truth = camera.project(np.stack([np.zeros(50), np.linspace(12, 18, 50)], axis=-1))
     assert np.abs(line_distance(found.line, truth)).max() < 0.3
+
+
+def test_a_line_in_another_paint_is_left_out(painted):
+    """Of two lines beside the circle one is white as the circle is, the other red; both were measured alike."""
+    image = painted.image.copy()
+    lines = []
+    for x, colour in ((200, (210, 210, 210)), (260, (90, 90, 210))):
+        cv2.line(image, (x, 100), (x, 300), colour, 3)
+        points = np.stack([np.full(100, float(x)), np.linspace(101.0, 299.0, 100)], axis=-1)
+        ends = Segment(points[0], points[-1])
+        lines.append(LineCue(None, np.array([1.0, 0.0, -x]), points, np.full(100, 0.1), ends, 0.1, width_px=3.0))
+    fits = EllipseFits(None, None, fit_of(painted.conic(), "center"))
+    kept = leave_out_other_paints(image, Cues(None, None, tuple(lines)), fits, 5.0)
+    assert kept.lines == (lines[0],)
+    assert leave_out_other_paints(image, Cues(None, None, tuple(lines)), EllipseFits(None, None, None), 5.0).lines
+
+
+def test_a_mark_that_fills_much_of_the_stretch_in_question_is_found():
+    """So near that the disc is a tenth of the chord: what is usual in its columns is half disc, half ground."""
+    field = load_field("robocup")
+    camera = view(position=(0.1, 1.6, -0.7), target=(0.0, 0.05, 0.0), focal=1000.0)
+    image = paint_field(camera, field)
+    circle = field.circle_by_name["centre_circle"]
+    conic = transform_conic(camera.homography, circle_conic(circle.center, field.radius(circle, "center")))
+    line = transform_lines(camera.homography, np.array([[1.0, 0.0, 0.0]]))[0]
+    points = camera.project(np.stack([np.zeros(300), np.linspace(-0.7, 0.7, 300)], axis=-1))
+    sizes = 0.1 / 0.75, 0.05 / 0.75
+    seen = find_centre_mark(to_gray(image), line, points, conic, *sizes, 1.0, (0.0, 0.6), 4.0)
+    assert np.linalg.norm(seen.point_px - camera.project(np.zeros(2))) < 1.0

@@ -5,17 +5,18 @@ import numpy as np
 import pytest
 
 from circlecal.errors import EstimationError
+from circlecal.field import load_field
 from circlecal.geometry.camera_parameters import ProjectionModel, theta_of
 from circlecal.geometry.ellipses import conic_from_ellipse, ellipse_from_conic, orthogonal_distance
 from circlecal.geometry.surface import FLAT, Surface
 from circlecal.paint.profiles import to_gray
 from circlecal.results import MarkingMask
 from circlecal.stages.edges import EdgesConfig, detect_edges
-from circlecal.stages.rays import RaysConfig, cast_rays, even_angles, measure_along_model
+from circlecal.stages.rays import RaysConfig, cast_rays, even_angles, measure_along_model, predict_paint_widths
 from circlecal.synthetic.cameras import aim_camera
 from circlecal.synthetic.paint import paint_layers
 
-from .conftest import CIRCLE, SOCCER, WIDTH_M, Painted, developed, paint, view
+from .conftest import CIRCLE, SOCCER, WIDTH_M, Painted, developed, paint, paint_field, view
 
 NEAR = view(position=(4.0, 40.0, -22.0), focal=2300.0)
 RELATIVE = WIDTH_M / SOCCER.radius(CIRCLE, "center")
@@ -235,3 +236,20 @@ def test_paint_that_would_fill_the_picture_is_not_measured():
     fit = camera_fit(camera)
     points, sigma = measure_along_model(np.full((720, 1280), 90, np.uint8), fit.view, CIRCLE, SOCCER, 1.5, RaysConfig())
     assert (points.shape, sigma.shape) == ((0, 2), (0,))
+
+
+def test_paint_that_is_wider_than_the_search_is_measured_in_its_middle():
+    """A robots' circle: 5 cm of paint are up to 60 px wide, and the camera that leads there is off by 15 px."""
+    from .test_verdict import camera_fit
+
+    field = load_field("robocup")
+    circle = field.circle_by_name["centre_circle"]
+    camera = view(position=(0.1, 1.6, -0.7), target=(0.0, 0.05, 0.0), focal=1000.0)
+    image = paint_field(camera, field)
+    off = view(position=(0.1, 1.61, -0.7), target=(0.0, 0.06, 0.0), focal=1000.0)
+    assert predict_paint_widths(camera_fit(camera).view, circle, field).max() > 40.0
+    rays = RaysConfig(search_px=15, refine_px=12)
+    points, _ = measure_along_model(to_gray(image), camera_fit(off).view, circle, field, 1.5, rays)
+    away = np.linalg.norm(camera_fit(camera).view.to_field(points), axis=1) - circle.radius_m
+    assert len(points) > 600
+    assert np.abs(away).max() < 0.1 * field.marking_width_m

@@ -387,3 +387,16 @@ def test_a_marking_that_lies_elsewhere_confirms_nothing():
     bare = Cues(LINE, None)
     off = camera_fit(named_lines=("side_line_top",), residuals_px={"centre_circle outer": 0.3, "side_line_top": 2.0})
     assert verdict(off, cues=bare, confidence=TENTATIVE).code == "circle_unconfirmed"
+
+
+def test_the_paint_of_a_wide_circle_may_wander_by_a_share_of_its_width():
+    """A residual that is too large for paint of a few pixels is none where the paint is a hundred times as wide."""
+    camera = camera_fit(residuals_px={"centre_circle center": 3.0})
+    attempt = Attempt(None, ellipses=fits_of(CAMERA), cues=Cues(LINE, MARK), camera=camera)
+    wide = SOCCER.model_copy(update={"marking_width_m": 2.5})
+    limits = [
+        judge(attempt, field, CIRCLE, CAMERA.width, CONFIG).check("circle_residual_px").limit
+        for field in (SOCCER, wide)
+    ]
+    assert limits[0] == pytest.approx(CONFIG.max_circle_residual_px * CAMERA.width / 1920.0)
+    assert limits[1] > 3.0
