@@ -265,7 +265,7 @@ def _bare_sides(
         surface = values[on][:, aside]
         level = float(np.median(surface[np.isfinite(surface)]))
         is_bare = bool(abs(level) <= _FADED * line_contrast)
-        # a large disc is usual in its own columns, bare surface beside it is not
+        # what a large disc adds is added to the ground beside it, which is as uneven as worn paint is faint
         level = level if is_bare and is_large else 0.0
         seen_here = float(values[on][:, disc].mean()) - level
         around = [float(values[rows][:, disc].mean()) - level for rows in beyond]

@@ -7,16 +7,15 @@ import numpy as np
 import pytest
 
 from circlecal.field import load_field
-from circlecal.geometry.conics import circle_conic, transform_conic
-from circlecal.geometry.projective import line_distance, transform_lines
+from circlecal.geometry.projective import line_distance
 from circlecal.observations import Keypoint, LinePoints, MarkPoint, Observations
-from circlecal.paint.centre_mark import find_centre_mark
+from circlecal.paint.centre_mark import _bare_sides, _Rectified
 from circlecal.paint.lines import measure_lines
 from circlecal.paint.profiles import to_gray
 from circlecal.results import Cues, EllipseFits, LineCue, Segment
 from circlecal.stages.cues import CuesConfig, cues_from_observations, find_cues, leave_out_other_paints
 
-from .conftest import CIRCLE, SOCCER, fit_of, line_cue, paint, paint_field, view
+from .conftest import CIRCLE, SOCCER, fit_of, line_cue, paint, view
 
 CONFIG = CuesConfig()
 SEARCHED = CONFIG.search_px, CONFIG.spacing_px
@@ -312,15 +311,11 @@ def test_a_line_in_another_paint_is_left_out(painted):
     assert leave_out_other_paints(image, Cues(None, None, tuple(lines)), EllipseFits(None, None, None), 5.0).lines
 
 
-def test_a_mark_that_fills_much_of_the_stretch_in_question_is_found():
-    """So near that the disc is a tenth of the chord: what is usual in its columns is half disc, half ground."""
-    field = load_field("robocup")
-    camera = view(position=(0.1, 1.6, -0.7), target=(0.0, 0.05, 0.0), focal=1000.0)
-    image = paint_field(camera, field)
-    circle = field.circle_by_name["centre_circle"]
-    conic = transform_conic(camera.homography, circle_conic(circle.center, field.radius(circle, "center")))
-    line = transform_lines(camera.homography, np.array([[1.0, 0.0, 0.0]]))[0]
-    points = camera.project(np.stack([np.zeros(300), np.linspace(-0.7, 0.7, 300)], axis=-1))
-    sizes = 0.1 / 0.75, 0.05 / 0.75
-    seen = find_centre_mark(to_gray(image), line, points, conic, *sizes, 1.0, (0.0, 0.6), 4.0)
-    assert np.linalg.norm(seen.point_px - camera.project(np.zeros(2))) < 1.0
+def test_a_large_faint_mark_lies_on_the_ground_beside_it():
+    """The ground around the disc is darker than usual by more than half of what the disc adds to it."""
+    position, across = np.arange(0.0, 120.0, 0.5), np.arange(-30.0, 30.25, 0.5)
+    along, aside = position[:, None] - 60.0, across[None]
+    values = -6.0 * (np.abs(along) < 30.0) + 9.0 * ((along / 15.0) ** 2 + (aside / 12.0) ** 2 < 1.0)
+    halves = np.tile([15.0, 12.0], (len(position), 1))
+    seen = _Rectified(values, 0.0 * across, position, across, np.zeros((len(position), 2)), 200.0, (15.0, 12.0), halves)
+    assert _bare_sides(seen, 120, 1.0, 6.0, 20.0) == (True, True)
