@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 
 from circlecal.field import Circle
 from circlecal.observations import CirclePoints, LinePoints, Observations, join_observations
+from circlecal.paint.predicted_width import WIDE_PX, predict_paint_widths
 from circlecal.pipeline.attempts import calibrate_extra, estimate, look_again, measure
 from circlecal.pipeline.setting import Scene, Setting, lighten_markings
 from circlecal.placement import mean_distance_px
 from circlecal.refusals import REFUSALS
 from circlecal.results import Attempt, CameraFit, Interpretation, MarkingMask
 from circlecal.stages.faint_lines import find_faint_lines
-from circlecal.stages.rays import WIDE_PX, measure_along_model, predict_paint_widths
+from circlecal.stages.rays import measure_along_model
 
 PARTIAL_DEG = 240.0
 """Degrees of the circle; where less is seen, the circle is measured again along the camera's curve: an ellipse that was
@@ -91,7 +92,7 @@ def replace_curves(observations: Observations, curves: Mapping[str, CirclePoints
     return replace(observations, circles=(*curves.values(), *others))
 
 
-def remeasure_until_settled(setting: Setting, scene: Scene, attempt: Attempt) -> Iterator[Attempt]:
+def remeasure_wide_paint(setting: Setting, scene: Scene, attempt: Attempt) -> Iterator[Attempt]:
     """The circle measured again along the curves of one camera after the other, where its paint is wide, until they
     settle.
     """
@@ -158,7 +159,7 @@ def is_less_uncertain(setting: Setting, attempt: Attempt, refined: Attempt) -> b
 
 
 REFINEMENTS = (
-    Retry(_is_worth_remeasuring, remeasure_until_settled, lambda setting, attempt, refined: True),
+    Retry(_is_worth_remeasuring, remeasure_wide_paint, lambda setting, attempt, refined: True),
     Retry(_may_show_faint_lines, add_faint_lines, is_less_uncertain),
 )
 """What is measured again within one attempt, where its camera says what to look for; in this order."""

@@ -24,6 +24,7 @@ from circlecal.line_naming.marking_places import lie_on_surface
 from circlecal.observations import CircleEdge, CirclePoints, LinePoints
 from circlecal.paint.bands import Bands, measure_bands, rise_above_noise
 from circlecal.paint.lines import ONE_ROUND, measure_lines
+from circlecal.paint.predicted_width import WIDE_PX
 from circlecal.paint.profiles import GrayPicture, sample_profiles, smooth_along
 from circlecal.refusals import Confidence, refuse
 from circlecal.results import EdgePoints, MarkingMask, RayPoints, Segment
@@ -34,12 +35,9 @@ STEADY_PX, STEADY_SHARE = 1.0, 0.05
 """Largest distance of steady points from the running median along it, pixels at 1920 px width, or in widths of paint:
 the middle of worn paint wanders by 0.03 of its width (40 rendered robots' fields, measured along the true curve).
 """
-ROUND = 72
-"""Places round a circle at which the width of its paint is predicted."""
-WIDE_SEARCHES, WIDE_PX = 2.0, 16.0
-"""Paint of more than so many searches, and of more than so many pixels at 1920 px width, is wide: its profiles are
-stretched by as much as it is wider, so that they hold the ground on both sides of it, and its middle is looked for as
-much farther away. Rendered robots' fields have 33 to 80 px where they are nearest.
+WIDE_SEARCHES = 2.0
+"""The profiles of wide paint of more than so many searches are stretched by as much as it is wider, so that they hold
+the ground on both sides of it, and its middle is looked for as much farther away.
 """
 SHORTEST_LINE, LINE_SEARCH_PX, LINE_RMS_PX, LINE_SHARE = 0.06, 9.0, 2.5, 0.35
 """A straight marking is measured where a placed field shows so much of it, picture widths; how far to both sides, and
@@ -228,21 +226,6 @@ def measure_along_model(
     limit = np.maximum(STEADY_PX * width / 1920.0, STEADY_SHARE * predicted[inside][plausible])
     steady = _steady(bands.center, limit)
     return middle[steady], bands.sigma(noise)[steady]
-
-
-def predict_paint_widths(view: FieldView, circle: Circle, template: FieldTemplate) -> Array:
-    """Width (N,) of a circle's paint in the picture, pixels, at places all round that the picture shows; empty of the
-    rim of a disc, which has none.
-    """
-    if circle.fill == "disc":
-        return np.zeros(0)
-    angle = np.linspace(0.0, 2 * np.pi, ROUND, endpoint=False)
-    ring = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    outer, inner = (
-        view.project(np.asarray(circle.center) + template.radius(circle, edge) * ring) for edge in ("outer", "inner")
-    )
-    shown = view.shows(outer) & view.shows(inner)
-    return np.asarray(np.linalg.norm(outer - inner, axis=1)[shown])
 
 
 def _steady(offsets: Array, limit: Array) -> NDArray[np.bool_]:

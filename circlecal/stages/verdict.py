@@ -14,8 +14,8 @@ from circlecal.geometry.homography import projects_in_front
 from circlecal.geometry.projective import Array
 from circlecal.line_naming.line_ends import find_line_through
 from circlecal.observations import MarkingKey
+from circlecal.paint.predicted_width import predict_paint_widths
 from circlecal.refusals import REFUSALS, Confidence
-from circlecal.stages.rays import predict_paint_widths
 from circlecal.results import Attempt, CameraFit, Check, Cues, EllipseFits, Verdict
 
 NOISE_SIGMAS = 3.0
