@@ -31,7 +31,7 @@ _FADED = 0.5  # of its own brightness: what is left of a disc just beyond its ed
 _AROUND_PX = 2.5  # how far around the disc the line and the surface must be bare
 _ASIDE_RADII = 2.0  # beside the disc, out to so many of its half axes, the surface is bare; players may stand beyond
 _INNERMOST = 0.75  # of the disc's half axis: beyond it, at least, the disc is looked for
-_LARGE_SHARE = 0.1  # of the searched stretch: a robot's disc covers 0.15 of it, a pitch's 0.06
+_LARGE_SHARE = 0.1  # of the searched stretch: by the templates' sizes a robot's disc covers 0.15 of it, a pitch's 0.06
 _SIGMA_FLOOR_PX = 0.3  # pixels; painted marks are no exact discs
 _BEND_POINTS = 15  # measured points of the line over which its bend is averaged
 

@@ -27,8 +27,8 @@ fitted to a part of it leaves the paint beyond.
 
 MOST_ROUNDS, SETTLED_PX = 4, 0.5
 """How often the circle is measured again while the camera moves the markings by more than this on average, pixels at
-1920 px width: paint that is wider than the search leads there step by step. Of 60 rendered robots' fields 46 instead of
-43 come out within 5 px, and none instead of one beyond 20 px.
+1920 px width: paint that is wider than the search leads there step by step. An experiment that always measured again,
+on 60 rendered robots' fields, brought 46 instead of 43 within 5 px, and none instead of one beyond 20 px.
 """
 UNCERTAIN_PX = 12.0
 """Largest predicted error, pixels at 1920 px width, from which on fainter straight markings are looked for."""
