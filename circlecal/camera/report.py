@@ -146,8 +146,10 @@ def _tell_spread(
     theta: Array, covariance: Array, model: ProjectionModel, reference_m: Array, circle: Circle, template: FieldTemplate
 ) -> _Spread:
     camera = camera_of(theta, model)
-    # the camera itself first, then those about it
-    cameras = homographies(np.concatenate([theta[None], spread_cameras(theta, covariance, reference_m)]), model)
+    # the camera itself first, then those about it: of one that is hardly known they may lie beyond all numbers, which
+    # makes its standard deviations as large
+    with np.errstate(over="ignore", invalid="ignore"):
+        cameras = homographies(np.concatenate([theta[None], spread_cameras(theta, covariance, reference_m)]), model)
     vectors = homography_vectors(cameras)
     centers = imaged_points(cameras, np.asarray(circle.center)[None])[:, 0]
     surface = replace(model.surface, crown_m=float(theta[INDEX["crown"]]))

@@ -1,12 +1,14 @@
 """What is reported of a fit."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from circlecal.camera.observed import curves_from_observations, points_from_observations
 from circlecal.camera.options import CameraConfig, noise_model, priors_of
 from circlecal.camera.problem import Problem, evaluate
-from circlecal.camera.report import residuals_px, spread_quadrilateral
+from circlecal.camera.report import residuals_px, spread_quadrilateral, widen_camera
 from circlecal.camera.residuals import ground_feet
 from circlecal.evaluation.bench.scenarios import select_rows
 from circlecal.field import load_field
@@ -49,6 +51,15 @@ def test_region_of_short_arcs_holds_the_truth():
     # of a chi-square variable with 7 degrees of freedom: median 6.35, 90 % below 12.0
     assert np.sum(np.array(distances) < 12.017) >= 18
     assert 3.5 < np.median(distances) < 9.0
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_camera_that_painters_leave_open_is_told_as_that_without_a_warning():
+    (scenario,) = select_rows(["8c"])
+    draw = scenario.draw(np.random.default_rng([3, 0]))
+    fit = estimate_camera(draw.observations, scenario.template, scenario.circle, draw.config)
+    open_to = replace(fit, painters_covariance=np.diag(np.where(np.diag(fit.covariance) > 0.0, 1e12, 0.0)))
+    assert widen_camera(open_to, scenario.circle, scenario.template).max_sigma_px > 1e4
 
 
 def test_four_points_of_a_region_lie_far_apart():
