@@ -54,6 +54,15 @@ def test_a_fast_pan_behind_a_graphic_that_stands_still(shift_px: float) -> None:
     assert middle - (200.0, 72.0) == pytest.approx((shift_px, 0.0), abs=0.6)
 
 
+def test_a_black_border_that_stands_still_hides_no_motion_of_a_hazy_picture() -> None:
+    frame = _woven(7.0, 2.0)
+    frame = np.clip(0.06 * frame + 90.0, 0, 255).astype(np.uint8)
+    frame[:, :10] = frame[:, -10:] = 0
+    motion = measure_row_motion(frame)
+    assert motion is not None
+    assert (motion @ (200.0, 72.0, 1.0))[0] - 200.0 == pytest.approx(7.0, abs=0.4)
+
+
 def test_the_whole_picture_shows_the_moment_between_both_halves() -> None:
     woven = _woven(5.0)
     motion = measure_row_motion(woven)
