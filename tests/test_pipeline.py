@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -444,3 +445,11 @@ def test_a_part_of_the_circle_is_measured_along_a_draft_and_no_draft_is_an_answe
     assert attempt.ellipses.primary.arc_deg < refinements.PARTIAL_DEG
     assert attempt.is_calibrated
     assert drafts[:2] == [True, False] and not any(drafts[1:])
+
+
+@pytest.mark.parametrize(("field", "is_compared"), [("soccer", False), ("futsal", True), ("ice-hockey", False)])
+def test_colours_of_lines_are_compared_where_one_paint_adds_one_colour(field, is_compared):
+    """Mown stripes change what white paint adds to grass, and a rink has several paints."""
+    setting = SimpleNamespace(config=load_config(None, [f"field.template={field}"]), template=load_field(field))
+    scene, marking = SimpleNamespace(relief=None), SimpleNamespace(source="detector")
+    assert attempts._has_one_paint(setting, scene, marking) is is_compared

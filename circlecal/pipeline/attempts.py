@@ -88,8 +88,10 @@ def measure(
 
 
 def _has_one_paint(setting: Setting, scene: Scene, marking: MarkingMask) -> bool:
-    """Whether all lines of the field have the circle's paint, which the detector found as a band."""
-    is_painted = marking.source == "detector" and scene.relief is None
+    """Whether all lines of the field have the circle's paint, which the detector found as a band, and adds one
+    colour to its ground: to grass it adds another one in every mown stripe.
+    """
+    is_painted = marking.source == "detector" and scene.relief is None and setting.template.ground != "grass"
     return is_painted and bool(suit_field(setting.config.mask, setting.template).detector.one_paint)
 
 
