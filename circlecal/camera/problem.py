@@ -160,6 +160,18 @@ class Problem:
         """The starts at an index where a step has led them."""
         return evaluate(self.hypotheses(index), step.parameters[index], state.feet[index])
 
+    def bend(self, state: State, step: Step, proposal: State) -> State:
+        """States whose gradient holds by how much the residuals that a step led to differ from the linear model, with
+        the weights that they had before it.
+        """
+        change = step.change[..., None]
+        off = proposal.values - state.values - (state.jacobian @ change)[..., 0]
+        prior_off = proposal.prior_values - state.prior_values - (state.prior_jacobian @ change)[..., 0]
+        share = self.share_of_loss(state.values)
+        more = (np.swapaxes(state.jacobian, 1, 2) @ (share * share * off)[..., None])[..., 0]
+        more += (np.swapaxes(state.prior_jacobian, 1, 2) @ prior_off[..., None])[..., 0]
+        return replace(state, gradient=state.gradient + more)
+
     def extrapolate(self, state: State, step: Step) -> State:
         """All starts after a step in the linear model."""
         values, prior_values = (

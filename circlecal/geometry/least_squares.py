@@ -28,6 +28,11 @@ NEARLY_ALL, SOME = 0.7, 0.25
 """Shares of its promise that a step keeps where the cost is nearly quadratic, and where it still is somewhat."""
 ABOUT_RIGHT = 3.0
 """A start may lower its cost by so many times what its undamped step promises, where the cost is far from quadratic."""
+BENT_TIMES, BENT_CHANGE = 3.0, 0.2
+"""A step that makes the cost so many times as large at most is tried again along the bend of its valley; and by what
+the damping changes where that kept its promise. Of 2,200 evaluations on eleven real frames, 1,600 are left: with 1.5 or
+10 times 1,740 or 1,610, with a damping that changes by 0.4 or not at all 1,640 or 1,820.
+"""
 
 
 class End(Enum):
@@ -145,6 +150,11 @@ class Problem(Protocol[S]):
     def follow(self, state: S, step: Step, index: Indices) -> S:
         """The starts at an index where a step has led them: residuals and normal equations anew."""
 
+    def bend(self, state: S, step: Step, proposal: S) -> S | None:
+        """States whose steps take in by how much the residuals that a step led to differ from the linear model; None
+        where residuals are not kept.
+        """
+
     def extrapolate(self, state: S, step: Step) -> S:
         """All starts after a step in the linear model: nothing is evaluated."""
 
@@ -191,6 +201,10 @@ class DenseProblem(ABC):
         """States where a step has led the starts at an index, evaluated anew."""
         return self.evaluate(step.parameters[index])
 
+    def bend(self, state: NormalState, step: Step, proposal: NormalState) -> NormalState | None:
+        """Residuals are not kept."""
+        return None
+
     def extrapolate(self, state: NormalState, step: Step) -> NormalState:
         """All starts after a step, at the cost that was promised: nothing is evaluated."""
         return replace(state, parameters=step.parameters, cost=np.maximum(state.cost - step.promise, 0.0))
@@ -208,6 +222,10 @@ class Solution(Generic[S]):
 def minimise(problem: Problem[S], state: S, rule: StoppingRule) -> Solution[S]:
     """Levenberg-Marquardt from every start at once; each keeps its own damping.
 
+    A step that raises the cost is tried once more with what it told of the second derivative of the residuals along it,
+    before a shorter one is: in a narrow valley that bends, straight steps are short (Transtrum and Sethna 2012,
+    *Improvements to the Levenberg-Marquardt algorithm for nonlinear least-squares minimization*, section 3).
+
     Parameters
     ----------
     problem : Problem
@@ -220,9 +238,12 @@ def minimise(problem: Problem[S], state: S, rule: StoppingRule) -> Solution[S]:
     damping = np.full(len(state.cost), FIRST_DAMPING)
     trusted: Mask = np.ones(len(damping), dtype=bool)
     before = np.full(len(damping), 1e-100)
-    arrived = beaten = settled = np.zeros(len(damping), dtype=bool)
+    bent = arrived = beaten = settled = np.zeros(len(damping), dtype=bool)
+    aim, straight = state, None
     for iteration in range(rule.iterations):
-        step = problem.step(state, damping)
+        step = problem.step(aim, damping)
+        if straight is not None:
+            step = _keep_promise(step, straight, bent)
         promise = step.full_promise
         left = promise * np.clip(promise / before, rule.contraction, 1.0) if rule.contraction < 1.0 else promise
         settled = left <= rule.tolerance * np.minimum(state.cost, rule.unit)
@@ -240,14 +261,37 @@ def minimise(problem: Problem[S], state: S, rule: StoppingRule) -> Solution[S]:
         proposal = problem.follow(state, step, going)
         gain = state.cost[going] - proposal.cost
         better = np.asarray(gain > 0)
-        # the nearer the cost falls to what was promised, the less damped is the next step
         kept = gain / np.maximum(step.promise[going], 1e-300)
-        sure = (kept > NEARLY_ALL) & trusted[going]
-        change = np.where(sure, 0.1, np.where(kept > SOME, 1.0, np.where(better, 4.0, 8.0)))
+        change = _change_damping(kept, better, trusted[going], bent[going])
+        again = ~better & ~bent[going] & (proposal.cost < BENT_TIMES * state.cost[going])
+        index = going[again]
+        turned = problem.bend(state.select(index), step.select(index), proposal.select(again)) if len(index) else None
+        bent = np.zeros(len(damping), dtype=bool)
+        if turned is not None:
+            bent[index], change[again] = True, 1.0
         damping[going] = np.maximum(damping[going] * change, LEAST_DAMPING)
         trusted[going], before[going] = better, np.maximum(promise[going], 1e-300)
         state = state.put(going[better], proposal.select(better))
+        aim, straight = (state, None) if turned is None else (state.put(index, turned), step)
     return Solution(state, rule.iterations, _ends(state, settled, arrived, beaten))
+
+
+def _change_damping(kept: Array, better: Mask, trusted: Mask, bent: Mask) -> Array:
+    """By what the damping of each start changes: the nearer its cost falls to what was promised, the less damped is the
+    next step.
+    """
+    sure = (kept > NEARLY_ALL) & (trusted | bent)
+    less = np.where(bent, BENT_CHANGE, 0.1)
+    return np.where(sure, less, np.where(kept > SOME, 1.0, np.where(better, 4.0, 8.0)))
+
+
+def _keep_promise(step: Step, straight: Step, bent: Mask) -> Step:
+    """The steps, of which those along a bend promise what the straight ones before them did."""
+    promise, full = (
+        np.where(bent, before, now)
+        for before, now in ((straight.promise, step.promise), (straight.full_promise, step.full_promise))
+    )
+    return replace(step, promise=promise, full_promise=full)
 
 
 def _ends(state: State, settled: Mask, arrived: Mask, beaten: Mask) -> tuple[End, ...]:

@@ -219,6 +219,10 @@ class JointProblem:
             found = _polish(self, found)
         return found
 
+    def bend(self, state: JointState, step: Step, proposal: JointState) -> JointState | None:
+        """The frames' starts are near: steps are straight."""
+        return None
+
     def extrapolate(self, state: JointState, step: Step) -> JointState:
         """The state after a step, evaluated: the frames' own parameters follow a moved position along a bent path."""
         return self.follow(state, step, np.zeros(1, dtype=np.int_))

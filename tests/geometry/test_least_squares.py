@@ -46,6 +46,16 @@ class Wall(Valley):
         return replace(state, cost=np.where(parameters[:, 0] == self.start, state.cost, np.inf))
 
 
+@dataclass(frozen=True, slots=True)
+class KeptValley(Valley):
+    """The valley with residuals that are kept: they depart from the linear model by ``-10 dx^2`` in the first one."""
+
+    def bend(self, state, step, proposal):
+        x = state.parameters[:, 0]
+        off = -10 * step.change[:, 0] ** 2
+        return replace(state, gradient=state.gradient + off[:, None] * np.stack([-20 * x, 10 + 0 * x], axis=-1))
+
+
 STARTS = np.array([[-1.2, 1.0], [0.0, 0.0], [3.0, -2.0], [1.0, 1.0]])
 
 
@@ -59,6 +69,12 @@ def test_every_start_ends_in_the_valley_and_says_why():
     assert found.ends == (End.SETTLED,) * 4
     assert 0 < found.iterations < 200
     assert solve(Valley(), STARTS).ends == (End.EXACT,) * 4
+
+
+def test_steps_follow_the_bend_of_a_valley():
+    straight, bent = (solve(valley, STARTS[:3]) for valley in (Valley(2.0), KeptValley(2.0)))
+    np.testing.assert_allclose(bent.state.parameters, 1.0, atol=1e-4)
+    assert bent.iterations < 0.8 * straight.iterations
 
 
 def test_starts_do_not_disturb_each_other():
