@@ -312,6 +312,26 @@ def test_the_last_pass_has_more_pixels_and_flatter_ellipses() -> None:
     assert last.ridges == second_pass(CONFIG, 1.0).ridges
 
 
+def test_bare_surfaces_are_left_alone_by_the_last_passes() -> None:
+    bare = run(paint_scene(markings=(), noise=2.0).image)
+    assert bare.refusal == "no_circle_found"
+    assert len(bare.passes) == 2
+    arc = run(paint_scene(markings=PENALTY_AREA, pan_deg=24.0, noise=2.0).image)
+    assert arc.circle is None
+    assert len(arc.passes) == 3
+
+
+def test_a_bare_surface_beside_that_of_a_circle_is_searched_quickly() -> None:
+    scene = paint_scene(width=1280, height=400, focal_px=1600.0, noise=1.0)
+    beside = np.full((320, 1280, 3), (70, 70, 95), np.uint8)
+    beside += np.random.default_rng(1).integers(0, 12, beside.shape, np.uint8)
+    worn_circle = np.concatenate([worn(scene, 0.4), beside])
+    found = run(worn_circle)
+    assert found.confidence is Confidence.TENTATIVE
+    assert len({id(result.region) for result in found.passes}) == 2
+    assert [result.region is found.region for result in found.passes] == [False, True, True]
+
+
 def test_a_line_in_another_paint_than_the_circle_is_not_its_halfway_line() -> None:
     """A ring that an analyst draws may have the line of another marking through its middle."""
     ring_only, line_only = (paint_scene(markings=HALFWAY_AND_CIRCLE[k : k + 1], noise=0.0).image for k in (0, 1))
