@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from circlecal.geometry.ellipses import Ellipse
 from circlecal.geometry.projective import Array
-from circlecal.paint.profiles import sample_profiles
+from circlecal.paint.profiles import median, sample_profiles
 
 SECTORS, SAMPLES = 24, 30
 """Of the whole curve, and places in each."""
@@ -57,7 +57,8 @@ def measure_sectors(picture: NDArray[np.uint8], places: Array, widths: Array) ->
     response = _ridge_response(sample_profiles(picture, places, widths, offsets).T)
     shift = offsets[2 * TAPS : -2 * TAPS]
     inside = np.asarray(np.isfinite(response).all(axis=0), np.bool_)
-    usual = CLIPPED * float(np.median(np.abs(response[:, inside]))) if inside.any() else CLIPPED
+    # shifts by a share of the paint's width say the same
+    usual = CLIPPED * median(np.abs(response[::TAPS, inside]).ravel()) if inside.any() else CLIPPED
     response = np.minimum(np.maximum(response if inside.all() else np.where(inside, response, 0.0), -usual), usual)
     count = inside.reshape(SECTORS, SAMPLES).sum(axis=1)
     shown = 2 * count >= SAMPLES

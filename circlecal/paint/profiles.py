@@ -16,6 +16,10 @@ BRIGHTNESS_BGR = (0.114, 0.587, 0.299)
 """Weights of blue, green and red in the brightness (ITU-R BT.601)."""
 MOST_COLUMNS = 32_000
 """Places that OpenCV looks up in one row: its limit is 32766."""
+NOISE_STEPS = 8, 4
+"""Rows and columns from one pixel to the next at which a whole picture's noise is measured: those of 1280 by 720 pixels
+are 29,000, from which the noise is known to 1 %.
+"""
 Profiles = NDArray[np.float32]
 """Gray levels (N, S) of N profiles; they are stored side by side, so that ``.T`` is contiguous."""
 
@@ -94,12 +98,14 @@ def estimate_noise(picture: GrayPicture, places: NDArray[np.int_] | None = None)
     ----------
     picture : (H, W) uint8 or float32
     places : (N,) array of int, optional
-        Flat indices of the pixels that are looked at, none of them at the picture's border; every other one without
-        them, or where they are few.
+        Flat indices of the pixels that are looked at, none of them at the picture's border; without them, or where
+        they are few, those of every so many rows and columns.
     """
     if places is None or len(places) < 100:
-        second_difference = np.array([1, -2, 1], dtype=np.float32)
-        values = np.abs(cv2.sepFilter2D(picture, cv2.CV_32F, second_difference, second_difference)[::2, ::2]).ravel()
+        last, (row, column) = picture.shape[0] - 2, NOISE_STEPS
+        before, here, after = (picture[k : k + last : row].astype(np.float32) for k in range(3))
+        rows = before + after - 2 * here
+        values = np.abs(rows[:, :-2] - 2 * rows[:, 1:-1] + rows[:, 2:])[:, ::column].ravel()
     else:
         flat, width = picture.ravel(), picture.shape[1]
         around = places + np.array([-width, 0, width])[:, None, None] + np.array([-1, 0, 1])[:, None]
