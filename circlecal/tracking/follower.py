@@ -200,15 +200,12 @@ class Follower:
         with self._clock.measure("paint"):
             followed = None if motion is None else self._look_along(place, picture, before, motion)
             guess = self._guess_motion(place, before)
-            if (
-                motion is None
-                or followed is None
-                or _should_show_more(followed.look)
-                or self._surprises(place, before, motion, guess)
-            ):
+            is_surprise = motion is None or self._surprises(place, before, motion, guess)
+            if followed is None or is_surprise or _should_show_more(followed.look):
                 # blur leaves no corners but those of players and graphics, and the paint may know better
                 guessed = self._look_along(place, picture, before, guess).look_again(place, picture, before.by_common)
-                if guessed.look.is_confirmed or followed is None or not followed.look.is_confirmed:
+                may_be_better = followed is None or (is_surprise and not followed.look.is_confirmed)
+                if guessed.look.is_confirmed or may_be_better:
                     others = LEAST_WORTH / GUESS_SHARE_OF_WORTH if followed is None else followed.look.worth
                     motion, followed = (
                         (guess, guessed) if guessed.look.worth > GUESS_SHARE_OF_WORTH * others else (motion, followed)

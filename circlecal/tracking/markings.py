@@ -7,7 +7,7 @@ and standard deviations, from which the frame can be fitted again when its tripo
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -41,6 +41,8 @@ GOAL_REACH_M, GOAL_DEPTH_M = 5.0, 0.3
 """How far to both sides of its middle a goal line is not measured, metres, and how near to the end of the field a place
 counts as lying on it. Beside posts and net the paint of rendered frames is off by 0.13 px, elsewhere by 0.01.
 """
+BORDER_M = 0.3
+"""How near to the end of the field the middle of a line round it lies, metres: half of the widest paint."""
 USUAL_BLUR, BIAS_BY_BLUR = 30.0, 0.3
 """Percentile of the blurs along a picture's markings that is the picture's own, and by how much the middle of a marking
 may be off per pixel of further blur. A far touchline before a strip of another colour looks broad on one side: over
@@ -113,6 +115,13 @@ class DrawnTemplate:
         on_circle = self.center[marking] + self.radius[marking, None] * np.stack([np.cos(angle), np.sin(angle)], -1)
         start, end = self.nodes[marking, 0], self.nodes[marking, -1]
         return np.where(self.radius[marking, None] > 0, on_circle, start + share[:, None] * (end - start))
+
+    @property
+    def border(self) -> Indices:
+        """Numbers of the lines round the field, beside which boards and strips of another colour lie."""
+        extent = np.abs(self.nodes).max(axis=(0, 1))
+        on_border = (np.abs(self.nodes) > extent - BORDER_M).all(axis=1).any(axis=1)
+        return np.flatnonzero(on_border & (self.radius == 0))
 
 
 @lru_cache(maxsize=8)
@@ -291,6 +300,12 @@ class MeasuredFrame:
     def painted_share(self) -> float:
         """Share of the expected places that show paint, 0 where none is expected."""
         return float(self.painted.sum() / max(self.expected.sum(), 1))
+
+    def leave_out(self, marking: int) -> MeasuredFrame:
+        """The frame without the paint of one marking."""
+        kept = self.marking != marking
+        per_place = ("marking", "field_m", "points_px", "normals", "width_px", "scale_px_m", "bias_px")
+        return replace(self, **{name: getattr(self, name)[kept] for name in per_place})
 
 
 def measure_markings(

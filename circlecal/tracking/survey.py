@@ -52,10 +52,15 @@ WORST_RMS_PX = 2.0
 calibrated wrongly: rendered frames have 0.05 to 0.4, real ones up to 1.3, since real pitches fall in more ways than the
 models of the surface.
 """
-USUAL_COST, ROUGH_SHARE, ROUGH_PX = 20.0, 1.55, 0.05
-"""A pitch has the template's size where that costs no more than this. The first is what the prior has for it, twice the
-logarithm: of professional pitches five in six have that size, and of all that the Laws allow frames tell the others to
-0.3 m. Where the models leave more in all frames than noise, costs say little; then the root mean square distance may be
+USUAL_COSTS = {(0, 1): 11.0, (1,): 1.0, (0,): -np.inf}
+"""A pitch has the template's length and width, its width alone or its length alone, for certain, where that costs no
+more than this: what the prior has for it, twice the logarithm, less that of hundred to one. Of professional pitches
+five in six have that size; of the others every second is as wide and every third as long; and frames tell each to 0.3 m
+of the 30 and 45 m that the Laws allow. A length of 104.4 m beside a width of 61.3 m costs 8 at 105 m, and was held
+there, 22 px off before a penalty area; so a length alone is held by no cost.
+"""
+ROUGH_SHARE, ROUGH_PX = 1.55, 0.05
+"""Where the models leave more in all frames than noise, costs say little; then the root mean square distance may be
 up to that share, and so many pixels at 1920 px width, more: length and width take what lens, surface and painters leave
 of the models. With them free, three real pitches of 105 by 68 m came out as 106.6 by 66.7, 104.1 by 68.3 and 104.2 by
 67.7 m with 1.3 to 1.5 times less of the distance. One of 103 by 67.5 m has 1.4 times less, and is lost to them.
@@ -357,8 +362,10 @@ def _learn_between(
     size_sd = np.sqrt(np.diag(tripod.covariance)[SIZE])
     is_settled, is_usual = size_sd == 0.0, (size_sd > TOLD_SD_M) & (size_sd <= USUAL_SD_M)
     mean[SIZE] = np.select([is_settled, is_usual], [tripod.mean[SIZE], np.zeros(2)], mean[SIZE])
-    sd[SIZE] = np.where(is_settled | is_usual, 0.0, sd[SIZE])
-    alike = count_alike(fit_tripod(frames, tripod, mean, sd, drawn))
+    # a size that the frames left open stays near the usual one, and place and lens follow it
+    sd[SIZE] = np.select([is_settled, is_usual], [0.0, USUAL_SD_M], sd[SIZE])
+    frames, *both = _leave_out_false_line(frames, tripod, mean, sd, drawn)
+    alike = count_alike(both[1 if tripod.surface.shape == "parabola" else 0])
     for _ in range(2):
         fit = fit_tripod(frames, tripod, mean, sd, drawn, alike=alike)
         heads_of = zip(frames, fit.heads, fit.clear_rms_px, strict=True)
@@ -370,10 +377,7 @@ def _learn_between(
     if kept and sd[WIDTH] < WIDTH_MEASURED_SD_M:
         free = fit_tripod(kept, best, mean, sd, drawn, is_width_free=True, alike=alike).estimate
         best = free if abs(free.mean[WIDTH] - mean[WIDTH]) < WIDTH_AGREES * sd[WIDTH] else best
-    # what the frames left open is held at the usual size, and stays as open
-    covariance = best.covariance.copy()
-    covariance[SIZE, SIZE] += np.where(is_usual, USUAL_SD_M**2, 0.0)
-    return replace(best, covariance=covariance, left_out=tripod.left_out)
+    return replace(best, left_out=tripod.left_out)
 
 
 def _heads_between(members: Sequence[HeadedFrame]) -> tuple[list[float], list[Array]]:
@@ -465,7 +469,7 @@ def _choose_shape_and_size(
     """The fit with the better shape of the surface; with a pitch of the template's size, or at least of its width or
     its length, where that explains the paint about as well.
     """
-    roof, parabola = (_fit_roughly(frames, tripod, shape, mean, sd, drawn) for shape in SHAPES)
+    frames, roof, parabola = _leave_out_false_line(frames, tripod, mean, sd, drawn)
     alike = min(count_alike(roof), count_alike(parabola))
     if alike > 1.0:
         roof, parabola = (fit_tripod(frames, f.estimate, mean, sd, drawn, alike=alike) for f in (roof, parabola))
@@ -474,7 +478,7 @@ def _choose_shape_and_size(
     roughness = (alike - 1.0) / max(len(frames) - 1, 1)
     beyond = (ROUGH_SHARE - 1.0) * float(np.mean(free.rms_px)) + ROUGH_PX * tripod.size[0] / 1920.0
     farthest = float(np.mean(free.rms_px)) + roughness * beyond
-    for usual in ([0, 1], [1], [0]):
+    for usual, most_cost in USUAL_COSTS.items():
         is_usual = np.isin([0, 1], usual)
         usual_mean, usual_sd = mean.copy(), sd.copy()
         usual_mean[SIZE] = np.where(is_usual, 0.0, mean[SIZE])
@@ -482,10 +486,36 @@ def _choose_shape_and_size(
         usual_sd[SIZE] = np.where(is_usual, known_sd, sd[SIZE])
         fits = [fit_tripod(frames, f.estimate, usual_mean, usual_sd, drawn, alike=alike) for f in (roof, parabola)]
         fixed = fits[1] if fits[1].cost < fits[0].cost - DECISIVE else fits[0]
-        is_near = float(np.mean(fixed.rms_px)) < farthest and not _loses_a_frame(fixed, free)
-        if is_near or fixed.cost < free.cost + USUAL_COST:
+        if fixed.cost < free.cost:  # which a freer fit cannot be, but for the optimum that it found
+            free = fit_tripod(frames, fixed.estimate, mean, sd, drawn, alike=alike)
+        is_near = float(np.mean(fixed.rms_px)) < farthest and roughness > 0.0 and not _loses_a_frame(fixed, free)
+        if is_near or fixed.cost < free.cost + most_cost:
             return fixed
     return free
+
+
+def _leave_out_false_line(
+    frames: list[HeadedFrame], tripod: TripodEstimate, mean: Array, sd: Array, drawn: DrawnTemplate
+) -> tuple[list[HeadedFrame], TripodFit, TripodFit]:
+    """Frames without the one line round the field that is to blame for all that the models leave beyond noise, and
+    their fits with a roof and with a parabola; as they are, where no line is.
+
+    In its place the foot of the boards was found, or where the grass changes its colour.
+    """
+
+    def fit_both(seen: list[HeadedFrame]) -> tuple[TripodFit, TripodFit]:
+        roof, parabola = (_fit_roughly(seen, tripod, shape, mean, sd, drawn) for shape in SHAPES)
+        return roof, parabola
+
+    fits = fit_both(frames)
+    if min(map(count_alike, fits)) > 1.0:
+        seen = np.unique(np.concatenate([frame.measured.marking for frame in frames]))
+        for line in np.intersect1d(drawn.border, seen).tolist():
+            others = [replace(frame, measured=frame.measured.leave_out(line)) for frame in frames]
+            fits_of_others = fit_both(others)
+            if min(map(count_alike, fits_of_others)) == 1.0:
+                return others, *fits_of_others
+    return frames, *fits
 
 
 def _loses_a_frame(fit: TripodFit, other: TripodFit) -> bool:

@@ -234,7 +234,7 @@ def test_pictures_between_tell_the_size_of_the_pitch(monkeypatch: pytest.MonkeyP
     assert survey._learn_between(known, members, pictures_at, load_config(), template(), drawn) is known
 
 
-def test_a_size_that_frames_left_open_stays_usual_and_open(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_size_that_frames_left_open_stays_near_the_usual_one(monkeypatch: pytest.MonkeyPatch) -> None:
     drawn, rng, breadth = template_curves(template()), np.random.default_rng(6), PLACE["breadth"]
     members = [replace(f, name=f"{0.3 * k:.3f}") for k, f in enumerate(_views_of_a_pitch(105.0, 68.6))]
     start = tripod()
@@ -250,5 +250,22 @@ def test_a_size_that_frames_left_open_stays_usual_and_open(monkeypatch: pytest.M
     monkeypatch.setattr(survey, "MOST_MORE", 3)
     blank = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
     found = survey._learn_between(start, members, lambda t: iter([blank] * len(t)), load_config(), template(), drawn)
-    assert found.growth_m[1] == 0.0
-    assert found.sigma("breadth") == pytest.approx(survey.USUAL_SD_M)
+    assert found.growth_m[1] == pytest.approx(0.6, abs=3.0 * found.sigma("breadth"))
+    assert 0.0 < found.sigma("breadth") < survey.USUAL_SD_M
+
+
+def test_boards_behind_a_goal_line_do_not_lengthen_the_pitch() -> None:
+    growth, rng, drawn = np.array([7.0, -1.0]), np.random.default_rng(8), template_curves(template())
+    heads = [np.array([np.log(2000.0 + 30.0 * k), pan, 1.38]) for k, pan in enumerate(np.linspace(0.1, -0.5, 8))]
+    goal_line = drawn.names.index("side_line_left")
+    frames = []
+    for k, head in enumerate(heads):
+        seen = measure_ideal(head, growth, 0.1, rng)
+        away = np.where(seen.marking == goal_line, 5.0, 0.0)[:, None] * seen.normals
+        frames.append(HeadedFrame(str(k), head, replace(seen, points_px=seen.points_px + away)))
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    sd[PLACE["width"]] = 0.0
+    fit = survey._choose_shape_and_size(frames, tripod(), mean, sd, drawn)
+    sigma = np.array([fit.estimate.sigma("length"), fit.estimate.sigma("breadth")])
+    assert (np.abs(fit.estimate.growth_m - growth) < 3.0 * sigma + 0.02).all()
+    assert sigma.max() < 0.2
