@@ -13,7 +13,7 @@ from circlecal.camera.residuals import CurvePoints, ground_feet
 from circlecal.field import FieldTemplate
 from circlecal.geometry.projective import Array, Indices, Mask
 from circlecal.line_naming.association import Association, associate_lines
-from circlecal.line_naming.line_ends import FEWEST_POINTS, passes_end, segment_ends
+from circlecal.line_naming.line_ends import FEWEST_POINTS, find_passed_lines, passes_end, segment_ends
 from circlecal.observations import LinePoints, MarkingKey, Observations
 
 HYPOTHESES, GROWING = 6, 2
@@ -73,7 +73,8 @@ class NamingScene:
     known : tuple of str
         Names that are given.
     elsewhere : frozenset of (int, str)
-        Names that a nameless line cannot have, since another line is seen to end on that marking somewhere else.
+        Names that a nameless line cannot have, since another line is seen to end on that marking somewhere else, or to
+        run on beyond this one.
     """
 
     problem: Problem
@@ -236,7 +237,8 @@ def make_naming_scene(
             for k, segment in enumerate(segments)
             for point in ends
             if not passes_end(segment, point, unit)
-        ),
+        )
+        | find_passed_lines(observations, unnamed, template),
     )
 
 

@@ -6,6 +6,8 @@ several parallel edges is the marking: the one through that point.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from circlecal.camera.covariance import posterior_covariance
@@ -30,16 +32,16 @@ since a vague camera's expectation bends.
 """
 WORST_COST = 25.0
 """By how much chi-square may grow per end that is used."""
-SURE_PX, BARE_SIGMAS = 25.0, 2.0
-"""An end at which nothing is seen to cross needs a prediction as sharp as this, pixels at 1920 px width, and lies no
-further from it.
-"""
 NEAR_PX, BEND_SHARE, LEAST_SINE = 3.0, 0.008, 0.15
 """How far a seen line may pass by an end: pixels at 1920 px width, and share of its distance; and the sine of the least
 angle between both.
 """
 NEAR_SIGMAS = 1.5
 """A line passes through another one's end within this many of the end's standard deviations."""
+PASSED_PX, PLACE_PX, PASSED_SHARE, MET_SHARE = 20.0, 2.0, 0.6, 0.25
+"""A line runs on beyond another where it is seen at this share of the places, so many pixels apart, within so many
+pixels at 1920 px width on both sides of it; and by which share of its length that one may be drawn on to meet it.
+"""
 FEWEST_POINTS = 8
 """Points of a seen line that gets a name or crosses another line; fewer are a fragment."""
 TOUCH_M = 0.3
@@ -119,12 +121,10 @@ def _find_ends(
     J = expected.jacobian[0]
     spread = np.sqrt(((J @ posterior_covariance(state.normal[0], problem.priors.sd)) * J).sum(axis=1))
     away = np.abs(expected.values[0]) / np.hypot(spread, 1.0)
-    vague = spread * sigmas[ending, 0] > SURE_PX * unit
     return tuple(
         LinePoints(key.name, middles[k][None], sigmas[k])
-        for k, key, off, unsure in zip(ending, points.keys, away, vague, strict=True)
-        if off <= worst
-        and (ends[k][0].crossed or (off <= BARE_SIGMAS and not unsure) or _is_crossed(*ends[k], observations, unit))
+        for k, key, off in zip(ending, points.keys, away, strict=True)
+        if off <= worst and (ends[k][0].crossed or _is_crossed(*ends[k], observations, unit))
     )
 
 
@@ -149,6 +149,43 @@ def agree_with_ends(names: dict[int, str], ends: tuple[LinePoints, ...], observa
         name in places and passes_end(segment_ends(observations.lines[k].points_px), places[name], unit)
         for k, name in names.items()
     )
+
+
+def find_passed_lines(
+    observations: Observations, unnamed: Sequence[int], template: FieldTemplate
+) -> frozenset[tuple[int, str]]:
+    """Names that nameless lines (by place among the ``unnamed`` ones) cannot have: a named line runs on beyond them,
+    and ends where it meets those markings.
+
+    Other sports' touchlines run along the field's own, nearer to its middle; players hide the end of the halfway line.
+    """
+    reach = PASSED_PX * observations.width / 1920.0
+    found = set()
+    for seen in observations.lines:
+        drawn = template.line_by_name.get(seen.line or "")
+        if drawn is None or len(seen.points_px) < FEWEST_POINTS:
+            continue
+        others = (find_line_through(corner, drawn, template) for corner in template.line_ends(drawn))
+        names = [other.name for other in others if other is not None]
+        for place, k in enumerate(unnamed):
+            if names and _runs_on_beyond(seen.points_px, segment_ends(observations.lines[k].points_px), reach):
+                found |= {(place, name) for name in names}
+    return frozenset(found)
+
+
+def _runs_on_beyond(points: Array, segment: Array, reach_px: float) -> bool:
+    """Whether points (N, 2) along a line go on for so far on both sides of where it meets a segment (2, 2)."""
+    line, other = fit_line(points), fit_line(segment)
+    meeting = np.cross(line, other)
+    if abs(meeting[2]) < LEAST_SINE:
+        return False
+    crossing = meeting[:2] / meeting[2]
+    span = segment[1] - segment[0]
+    share = float((crossing - segment[0]) @ span / (span @ span))
+    along = (points - crossing) @ np.array([line[1], -line[0]])
+    counts = [np.unique(np.floor(side[(side > 0.0) & (side < reach_px)] / PLACE_PX)) for side in (along, -along)]
+    is_met = -MET_SHARE < share < 1.0 + MET_SHARE
+    return is_met and min(len(count) for count in counts) >= PASSED_SHARE * reach_px / PLACE_PX
 
 
 def segment_ends(points: Array) -> Array:

@@ -246,7 +246,8 @@ def look_again(setting: Setting, scene: Scene, attempt: Attempt) -> Attempt:
         carriers = frozenset(name for name in (circle.name, template.halfway_line) if name is not None)
         ground = picture if scene.relief is None else scene.gray
         evidence = measure_evidence(picture, mask, camera, template, carriers)
-        verdict = weigh_evidence(verdict, camera, evidence, measure_surroundings(ground, mask, camera, template))
+        surroundings = measure_surroundings(ground, mask, camera, template)
+        verdict = weigh_evidence(verdict, camera, evidence, surroundings, template)
         attempt = replace(attempt, verdict=verdict)
         if verdict.status == "refused":
             return attempt

@@ -7,7 +7,7 @@ import pytest
 
 from circlecal.evaluation.bench.scenarios import KNOWN
 from circlecal.field import load_field
-from circlecal.line_naming.line_ends import agree_with_ends, passes_end, passes_point
+from circlecal.line_naming.line_ends import agree_with_ends, find_passed_lines, passes_end, passes_point
 from circlecal.observations import LineEnd, LinePoints, MarkingKey, Observations
 from circlecal.stages.camera import estimate_camera
 from circlecal.synthetic.cameras import aim_camera
@@ -61,12 +61,12 @@ def test_an_end_far_from_any_marking_is_not_used():
 
 @pytest.mark.parametrize("offset_px", [-20.0, 20.0])
 def test_an_end_beside_its_place_is_used_only_where_something_crosses(offset_px):
-    """Worn paint ends early, and a board's edge runs on behind it."""
+    """Worn paint ends early, and a board's edge runs on behind it; feet hide the end, where it is expected too."""
     crossed, bare = (fitted(seen([far_end(offset_px, crossed)])) for crossed in (True, False))
     assert MarkingKey("side_line_top") in crossed.residuals_px
     assert MarkingKey("side_line_top") not in bare.residuals_px
     assert error_at(bare, [15.0, -30.0]) < bare.max_sigma_px
-    assert MarkingKey("side_line_top") in fitted(seen([far_end(crossed=False)])).residuals_px
+    assert MarkingKey("side_line_top") not in fitted(seen([far_end(crossed=False)])).residuals_px
 
 
 @pytest.mark.parametrize("beyond_m", [1.5, 3.0])
@@ -106,3 +106,14 @@ def test_a_line_through_an_end_says_where_that_marking_runs():
     assert not agree_with_ends({2: "side_line_top"}, met, observations)
     assert not agree_with_ends({1: "side_line_bottom"}, met, observations)
     assert not agree_with_ends({}, met, observations)
+
+
+def test_a_line_that_the_halfway_line_runs_beyond_is_no_touchline():
+    """Another sport's, along the field: the halfway line ends at its own touchline, which players hide."""
+    inner, outer = nameless(-26.0), nameless(-34.0 + 0.5 * SOCCER.marking_width_m)
+    beside = replace(inner, points_px=inner.points_px + np.array([900.0, 0.0]))
+    halfway = line_points(CAMERA, SOCCER, "halfway_line", 1200, 0.4, np.random.default_rng(1))
+    observations = replace(seen([], [inner, outer, beside]), lines=(halfway, inner, outer, beside))
+    sides = {(0, "side_line_top"), (0, "side_line_bottom")}
+    assert find_passed_lines(observations, [1, 2, 3], SOCCER) == sides
+    assert "side_line_top" not in fitted(replace(observations, lines=(halfway, inner))).named_lines

@@ -6,8 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
+from circlecal.field import load_field
 from circlecal.geometry.camera_parameters import PARAMETERS, ProjectionModel, theta_of
 from circlecal.geometry.surface import Surface
+from circlecal.observations import MarkingKey
 from circlecal.results import Evidence, MarkingMask, Segment, Surroundings, Verdict
 from circlecal.stages.evidence import measure_evidence
 from circlecal.stages.verdict_on_picture import weigh_evidence
@@ -53,8 +55,8 @@ NO_PAINT = Evidence(0.0, 0.0, 1.0, 0.0, 0.0)
 NO_GROUND = Surroundings(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def weigh(evidence, camera, ground=NO_GROUND):
-    return weigh_evidence(Verdict("calibrated", None, None, None), camera, evidence, ground)
+def weigh(evidence, camera, ground=NO_GROUND, template=SOCCER):
+    return weigh_evidence(Verdict("calibrated", None, None, None), camera, evidence, ground, template)
 
 
 @pytest.fixture(scope="module")
@@ -143,3 +145,18 @@ def test_a_picture_turned_upside_down_is_told_where_its_camera_sees_little_persp
     camera = replace(fit_of(CAMERA), camera=distant)
     found = measure_evidence(paint(grows=2.0), mask_of(), camera, SOCCER, CARRIERS)
     assert found.reversal > 3.0
+
+
+def test_a_floor_has_other_sports_arcs_and_walls_of_its_colour():
+    """Where two of its lines carry the camera; a pitch's carry none of that."""
+    hall = load_field("futsal")
+    lines = {MarkingKey(name): 0.3 for name in ("halfway_line", "side_line_top", "side_line_left")}
+    carried, alone = (replace(fit_of(CAMERA), residuals_px=seen) for seen in (lines, {}))
+    for evidence, ground in (
+        (replace(NO_PAINT, oblique_widths=0.6), NO_GROUND),
+        (NO_PAINT, replace(NO_GROUND, above_share=0.4)),
+        (NO_PAINT, replace(NO_GROUND, beyond_share=0.4)),
+    ):
+        assert weigh(evidence, carried, ground, hall).status == "calibrated"
+        assert weigh(evidence, alone, ground, hall).status == "refused"
+        assert weigh(evidence, carried, ground).status == "refused"
