@@ -59,11 +59,13 @@ five in six have that size; of the others every second is as wide and every thir
 of the 30 and 45 m that the Laws allow. A length of 104.4 m beside a width of 61.3 m costs 8 at 105 m, and was held
 there, 22 px off before a penalty area; so a length alone is held by no cost.
 """
-ROUGH_SHARE, ROUGH_PX = 1.55, 0.05
+ROUGH_SHARE, ROUGH_PX, ROUGH_COSTS = 1.55, 0.05, 2.5
 """Where the models leave more in all frames than noise, costs say little; then the root mean square distance may be
 up to that share, and so many pixels at 1920 px width, more: length and width take what lens, surface and painters leave
 of the models. With them free, three real pitches of 105 by 68 m came out as 106.6 by 66.7, 104.1 by 68.3 and 104.2 by
-67.7 m with 1.3 to 1.5 times less of the distance. One of 103 by 67.5 m has 1.4 times less, and is lost to them.
+67.7 m with 1.3 to 1.5 times less of the distance. One of 103 by 67.5 m has 1.4 times less, and is lost to them. And
+the cost may be so many times as high: of real pitches of the template's size 1.0 to 1.35 times, of one of 100.1 m ten
+times, of a rendered one whose far touchline was lost with the usual width 17 times.
 """
 TOLD_SD_M, USUAL_SD_M = 0.5, 1.0
 """Standard deviation of a size up to which frames tell it, and of the usual size where they do not, metres: penalty
@@ -488,7 +490,8 @@ def _choose_shape_and_size(
         fixed = fits[1] if fits[1].cost < fits[0].cost - DECISIVE else fits[0]
         if fixed.cost < free.cost:  # which a freer fit cannot be, but for the optimum that it found
             free = fit_tripod(frames, fixed.estimate, mean, sd, drawn, alike=alike)
-        is_near = float(np.mean(fixed.rms_px)) < farthest and roughness > 0.0 and not _loses_a_frame(fixed, free)
+        is_near = float(np.mean(fixed.rms_px)) < farthest and fixed.cost < ROUGH_COSTS * free.cost
+        is_near = is_near and roughness > 0.0 and not _loses_a_frame(fixed, free)
         if is_near or fixed.cost < free.cost + most_cost:
             return fixed
     return free
