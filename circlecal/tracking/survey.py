@@ -67,9 +67,10 @@ of the models. With them free, three real pitches of 105 by 68 m came out as 106
 the cost may be so many times as high: of real pitches of the template's size 1.0 to 1.35 times, of one of 100.1 m ten
 times, of a rendered one whose far touchline was lost with the usual width 17 times.
 """
-TOLD_SD_M, USUAL_SD_M = 0.5, 1.0
+TOLD_SD_M, USUAL_SD_M, FAR_SIGMAS = 0.5, 1.0, 3.0
 """Standard deviation of a size up to which frames tell it, and of the usual size where they do not, metres: penalty
-areas alone fit a pitch of any length, and one of 107.5 by 88 m was taken for the template's, 63 px off.
+areas alone fit a pitch of any length, and one of 107.5 by 88 m was taken for the template's, 63 px off. What lies so
+many of the latter away is another size: one of 118.9 m, told to 0.503 m, was drawn towards 105 m by 0.6 m.
 """
 OPEN_SD_M, OUTER_FRAMES = 0.3, 3
 """Standard deviation of a length from which on others are tried, metres, and frames to each side by which: where a clip
@@ -362,7 +363,8 @@ def _learn_between(
             frames.append(HeadedFrame(f"{time_s:.3f}", look.fit.head, look.measured))
     mean, sd = _priors(config, template, place.unit, [frame.measured for frame in frames])
     size_sd = np.sqrt(np.diag(tripod.covariance)[SIZE])
-    is_settled, is_usual = size_sd == 0.0, (size_sd > TOLD_SD_M) & (size_sd <= USUAL_SD_M)
+    is_settled, is_open = size_sd == 0.0, (size_sd > TOLD_SD_M) & (size_sd <= USUAL_SD_M)
+    is_usual = is_open & (np.abs(tripod.mean[SIZE]) < FAR_SIGMAS * USUAL_SD_M)
     mean[SIZE] = np.select([is_settled, is_usual], [tripod.mean[SIZE], np.zeros(2)], mean[SIZE])
     # a size that the frames left open stays near the usual one, and place and lens follow it
     sd[SIZE] = np.select([is_settled, is_usual], [0.0, USUAL_SD_M], sd[SIZE])
