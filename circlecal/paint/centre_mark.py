@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.geometry.conics import line_conic_meet, pole
-from circlecal.geometry.projective import Array, Mask, dehomogenise, line_distance, normalise_line
+from circlecal.geometry.projective import Array, dehomogenise, line_distance, normalise_line
 from circlecal.paint.profiles import GrayPicture, sample_profiles
 
 Rows = NDArray[np.floating[Any]]
@@ -31,10 +31,7 @@ _FADED = 0.5  # of its own brightness: what is left of a disc just beyond its ed
 _AROUND_PX = 2.5  # how far around the disc the line and the surface must be bare
 _ASIDE_RADII = 2.0  # beside the disc, out to so many of its half axes, the surface is bare; players may stand beyond
 _INNERMOST = 0.75  # of the disc's half axis: beyond it, at least, the disc is looked for
-_RESOLVED_PX = 3.0  # both half axes of a disc whose shape the picture shows, pixels of the picture
-_SHAPE_AXES, _SMOOTHED_AXES = 1.6, 0.3  # half axes around a disc in which its shape is compared, and that are smoothed
-_ALIKE = 0.8  # least correlation with a disc on each side of the line: of 119 robots' marks 89, no shadow and no foot
-_SHAPE_SIGMA = 0.2  # half axes by which a place is off where half of what is seen there is the disc, on those fields
+_LARGE_SHARE = 0.1  # of the searched stretch: by the templates' sizes a robot's disc covers 0.15 of it, a pitch's 0.06
 _SIGMA_FLOOR_PX = 0.3  # pixels; painted marks are no exact discs
 _BEND_POINTS = 15  # measured points of the line over which its bend is averaged
 
@@ -110,13 +107,11 @@ def find_centre_mark(
     paint = 0.5 * width_radii / (diameter_radii / 2) * seen.half_px[1]
     inner = min(paint + blur_px, _INNERMOST * seen.half_px[1])
     line_contrast = _line_contrast(seen)
-    allowed = (seen.position >= offset[0] * seen.length) & (seen.position <= offset[1] * seen.length)
-    if min(seen.half_px) >= _RESOLVED_PX:
-        return _find_shape(seen, allowed, blur_px, inner, line_contrast)
     left, right = (_response(seen, blur_px, inner, side) for side in (-1.0, 1.0))
     if left is None or right is None or line_contrast <= 0:
         return None
     response = np.minimum(left, right)
+    allowed = (seen.position >= offset[0] * seen.length) & (seen.position <= offset[1] * seen.length)
     peak = int(np.argmax(np.where(allowed, response, -np.inf)))
     if not 1 <= peak < len(response) - 1 or not allowed[peak - 1 : peak + 2].all():
         return None
@@ -135,13 +130,9 @@ def find_centre_mark(
         return None
     shown = sum(response for response, bare in zip((left, right), sides, strict=True) if bare)
     place = _peak_position(seen.position, np.asarray(shown), peak)
-    return _mark_at(seen, place, (seen.half_px[0] + blur_px) / snr, snr)
-
-
-def _mark_at(seen: _Rectified, place: float, sigma_px: float, snr: float) -> SeenMark:
-    """The mark at a place along the line, known to so many pixels there."""
+    sigma = float(np.hypot(_SIGMA_FLOOR_PX, (seen.half_px[0] + blur_px) / snr))
     point = np.array([np.interp(place, seen.position, seen.base[:, axis]) for axis in range(2)])
-    return SeenMark(point, float(np.hypot(_SIGMA_FLOOR_PX, sigma_px)), snr)
+    return SeenMark(point, sigma, snr)
 
 
 def _rectify(
@@ -191,50 +182,6 @@ def _rectify(
     values, across = values[:, known], across[known]
     usual = (np.nanmedian if np.isnan(values).any() else np.median)(values, axis=0)
     return _Rectified(values - usual, usual, position[whole], across, base[whole], length, half, halves[whole])
-
-
-def _find_shape(
-    seen: _Rectified, allowed: Mask, blur_px: float, inner_px: float, line_contrast: float
-) -> SeenMark | None:
-    """The mark whose shape the picture shows: where what stands out on both sides of the line is most like a disc.
-
-    Worn paint has gaps as large as parts of such a disc, so that single places do not tell where it ends.
-    """
-    sides = [_compare_shape(seen, blur_px, inner_px, side) for side in (-1.0, 1.0)]
-    if line_contrast <= 0 or any(side is None for side in sides):
-        return None
-    alike, contrast = (np.array(found) for found in zip(*(side for side in sides if side is not None), strict=True))
-    least = np.where(allowed, alike.min(axis=0), -1.0)
-    peak = int(np.argmax(least))
-    low, high = (share * line_contrast for share in _CONTRAST)
-    if not 1 <= peak < len(least) - 1 or not allowed[peak - 1 : peak + 2].all() or least[peak] < _ALIKE:
-        return None
-    if contrast[:, peak].min() < low or contrast[:, peak].max() > high:
-        return None
-    snr = float(least[peak] / np.sqrt(1.0 - min(float(least[peak]), 0.999) ** 2))
-    place = _peak_position(seen.position, alike.sum(axis=0), peak)
-    return _mark_at(seen, place, _SHAPE_SIGMA * seen.half_px[0] / snr, snr)
-
-
-def _compare_shape(seen: _Rectified, blur_px: float, inner_px: float, side: float) -> tuple[Array, Array] | None:
-    """Correlation (T,) with a disc that is centred at each row, on one side of the line beyond its paint, and the
-    disc's contrast (T,); gaps that are small beside the disc are smoothed away.
-    """
-    b, a = seen.half_px
-    distance = side * seen.across
-    used = (distance > min(inner_px, a)) & (distance <= _SHAPE_AXES * a + 1.5 * blur_px)
-    half = int(np.ceil((_SHAPE_AXES * b + 1.5 * blur_px) / _STEP_PX))
-    if np.count_nonzero(used) < 3 or len(seen.values) <= 2 * half + 4:
-        return None
-    t = np.arange(-half, half + 1)[:, None] * _STEP_PX
-    size = tuple(max(1, int(_SMOOTHED_AXES * axis / _STEP_PX)) | 1 for axis in (a, b))
-    sharp = _disc_coverage(t, distance[used][None], b, a, blur_px).astype(np.float32)
-    disc = cv2.blur(sharp, size, borderType=cv2.BORDER_REPLICATE)
-    values = cv2.blur(np.nan_to_num(seen.values[:, used]).astype(np.float32), size, borderType=cv2.BORDER_REPLICATE)
-    offset = disc - disc.mean()
-    alike = cv2.matchTemplate(values, disc, cv2.TM_CCOEFF_NORMED)[:, 0]
-    contrast = cv2.matchTemplate(values, offset, cv2.TM_CCORR)[:, 0] / float((offset * offset).sum())
-    return np.pad(alike.astype(np.float64), half, constant_values=-1.0), np.pad(contrast.astype(np.float64), half)
 
 
 def _bend(line: Array, points_px: Array, places: Array, wanted: Array) -> Array:
@@ -308,6 +255,7 @@ def _bare_sides(
     paint = distance <= 1.0
     if min(float(values[rows][:, paint].mean()) for rows in (on, *beyond)) < -_HIDDEN * line_contrast:
         return False, False
+    is_large = np.count_nonzero(on) > _LARGE_SHARE * len(on)
     halves, bare = [], []
     for side in (-1.0, 1.0):
         beside = side * seen.across
@@ -317,8 +265,10 @@ def _bare_sides(
         surface = values[on][:, aside]
         level = float(np.median(surface[np.isfinite(surface)]))
         is_bare = bool(abs(level) <= _FADED * line_contrast)
-        seen_here = float(values[on][:, disc].mean())
-        around = [float(values[rows][:, disc].mean()) for rows in beyond]
+        # what a large disc adds is added to the ground beside it, which is as uneven as worn paint is faint
+        level = level if is_bare and is_large else 0.0
+        seen_here = float(values[on][:, disc].mean()) - level
+        around = [float(values[rows][:, disc].mean()) - level for rows in beyond]
         # brightness that goes on is a player; shade beside the disc dims it too, and may be as deep as it is bright
         halves.append(max(around) <= _FADED * seen_here and min(around) >= -seen_here)
         bare.append(is_bare)
