@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,11 +10,9 @@ from numpy.typing import NDArray
 
 from circlecal.config import Config
 from circlecal.errors import EstimationError
-from circlecal.field import Circle, FieldTemplate
+from circlecal.field import FieldTemplate
 from circlecal.field.view import FieldView
-from circlecal.geometry.projective import Array
 from circlecal.observations import MarkingKey, Observations
-from circlecal.paint.local_energy import local_energy
 from circlecal.paint.spots import measure_spots
 from circlecal.pipeline.attempts import add_checks, estimate, refuse_as_open, take_observations
 from circlecal.pipeline.refinements import UNCERTAIN_PX, Retry, is_less_uncertain
@@ -24,7 +22,6 @@ from circlecal.placement import (
     PlacedField,
     SeenPaint,
     ViewEvidence,
-    add_rims,
     mean_distance_px,
     refine_placements,
     search_placements,
@@ -36,7 +33,7 @@ from circlecal.refusals import Confidence
 from circlecal.results import Attempt, CameraFit, Check, MarkingMask, Rival
 from circlecal.stages.edges import detect_edges
 from circlecal.stages.mask import suit_field
-from circlecal.stages.rays import measure_logo_rims, measure_template
+from circlecal.stages.rays import measure_template
 from circlecal.stages.verdict_on_picture import needs_confirmation
 
 PLACED_ROUNDS = 3
@@ -218,24 +215,6 @@ def place_template(setting: Setting, scene: Scene, first: Attempt) -> Iterator[A
         if best is not None:
             scene.looks.keep(sport, paint.key)
             yield best
-
-
-def place_about_rims(
-    setting: Setting, scene: Scene, first: Attempt, relief: NDArray[np.uint8], rims: Sequence[Array]
-) -> Attempt | None:
-    """The attempt with the field laid over the picture's paint about rims (3, 3) of logos, which a picture with edges
-    as bands shows; None where the field has no circle that a logo may fill, or nothing is believed.
-    """
-    mask, any_logo = first.mask, any(circle.fill == "logo" for circle in setting.template.circles)
-    if mask is None or not (rims and any_logo and _may_place_field(setting, first)):
-        return None
-    with setting.clock("cues"):
-        paint = look_for_paint(scene, mask, setting.config, setting.template)
-        if paint is None:
-            return None
-        options = suit_field(setting.config.mask, setting.template).detector
-        paint = add_rims(paint, relief, mask, rims, options)
-    return _place_among(setting, scene, mask, paint, 1.0, MOST_PLACED, [])
 
 
 def _place_among(
@@ -426,7 +405,7 @@ def _follow_placement(setting: Setting, scene: Scene, mask: MarkingMask, placed:
             attempt = replace(attempt, edges=detect_edges(picture, mask, setting.config.edges))
     except EstimationError:
         return None
-    settled = _settle_view(told, picture, attempt, placed.view, _see_rims(scene))
+    settled = _settle_view(told, picture, attempt, placed.view)
     if settled is None or settled.camera is None:
         return None
     attempt = settled
@@ -454,19 +433,13 @@ def _allow_painters(camera: CameraFit, key: MarkingKey, limit_px: float) -> floa
     return float(np.hypot(limit_px, PAINTERS_SIGMAS * camera.painted_sigma_px.get(key, 0.0)))
 
 
-def _settle_view(
-    setting: Setting,
-    picture: NDArray[np.uint8],
-    attempt: Attempt,
-    view: FieldView,
-    look_at_rims: Callable[[], NDArray[np.uint8]] | None = None,
-) -> Attempt | None:
+def _settle_view(setting: Setting, picture: NDArray[np.uint8], attempt: Attempt, view: FieldView) -> Attempt | None:
     """The attempt with every marking measured where a view puts it, and again where the camera that follows does; None
     where there is no camera, or one that leads far away.
     """
     there = view
     for _ in range(PLACED_ROUNDS):
-        attempt = _calibrate_view(setting, picture, attempt, there, look_at_rims)
+        attempt = _calibrate_view(setting, picture, attempt, there)
         if attempt.camera is None:
             return None
         there = attempt.camera.view
@@ -475,41 +448,18 @@ def _settle_view(
     return attempt
 
 
-def _calibrate_view(
-    setting: Setting,
-    picture: NDArray[np.uint8],
-    attempt: Attempt,
-    view: FieldView,
-    look_at_rims: Callable[[], NDArray[np.uint8]] | None = None,
-) -> Attempt:
-    """The attempt with every marking measured where a view puts it; a circle that a logo fills, and that shows no band,
-    in a picture in which edges are bands.
-    """
+def _calibrate_view(setting: Setting, picture: NDArray[np.uint8], attempt: Attempt, view: FieldView) -> Attempt:
+    """The attempt with every marking measured where a view puts it."""
     mask, edges, template = attempt.mask, attempt.edges, setting.template
     if mask is None or edges is None:
         return attempt
     with setting.clock("rays"):
-        region, rays = mask.field_region, setting.config.rays
-        circles, lines = measure_template(picture, view, template, region, edges.noise, rays)
-        known = {seen.circle for seen in circles}
-        filled = [c for c in template.circles if c.fill == "logo" and c.name not in known and _is_in_view(view, c)]
-        if look_at_rims is not None and filled:
-            circles = (*circles, *measure_logo_rims(look_at_rims(), view, template, filled, region, rays))
+        circles, lines = measure_template(picture, view, template, mask.field_region, edges.noise, setting.config.rays)
         spots = measure_spots(picture, view, template.lone_marks, edges.noise, template.placement_sd_m)
     observations = Observations(setting.width, setting.height, circles, lines, spots)
     seen = replace(attempt, verdict=None, camera=None, correspondences=None, homography=None)
     found = _calibrate_observations(setting, seen, observations)
     return _leave_out_strays(setting, seen, _leave_out_mark(setting, seen, found))
-
-
-def _is_in_view(view: FieldView, circle: Circle) -> bool:
-    """Whether a view shows the middle of a circle."""
-    return bool(view.shows(view.project(np.array([circle.center])))[0])
-
-
-def _see_rims(scene: Scene) -> Callable[[], NDArray[np.uint8]] | None:
-    """What shows the edges of a picture as bands; None where these are looked at anyway."""
-    return None if scene.relief is not None else lambda: scene.looks.once(("rims",), lambda: local_energy(scene.image))
 
 
 def _calibrate_observations(setting: Setting, seen: Attempt, observations: Observations) -> Attempt:
@@ -536,30 +486,20 @@ def _leave_out_strays(setting: Setting, seen: Attempt, attempt: Attempt) -> Atte
     """The attempt without the few markings that lie farthest from where its camera puts them, one after another: the
     edge of a board or of a painted key may have been followed in their place.
     """
-    camera, observations = attempt.camera, attempt.observations
+    camera, observations, unit = attempt.camera, attempt.observations, setting.width / 1920.0
     left = 0 if camera is None else max(1, len(camera.residuals_px) // DROPPED_AMONG)
     while left > 0 and camera is not None and observations is not None and len(camera.residuals_px) > FEWEST_LEFT:
-        worst, beyond = _find_worst(setting, camera)
-        if beyond <= 1.0 and attempt.code != "residual_too_large":
+        usual = STRAY_MEDIANS * float(np.median(list(camera.residuals_px.values())))
+        limit_px = float(np.clip(usual, LEAST_STRAY_PX * unit, LARGEST_RESIDUAL_PX * unit))
+        limits = {key: _allow_painters(camera, key, limit_px) for key in camera.residuals_px}
+        beyond = {key: camera.residuals_px[key] / limit for key, limit in limits.items()}
+        worst = max(beyond, key=lambda key: beyond[key])
+        if beyond[worst] <= 1.0 and attempt.code != "residual_too_large":
             break
         observations = observations.without({worst})
-        rest = _calibrate_observations(setting, seen, observations)
-        if rest.camera is None or _find_worst(setting, rest.camera)[1] > max(1.0, beyond):
-            break  # without it others lie farther
-        attempt, camera, left = rest, rest.camera, left - 1
+        attempt = _calibrate_observations(setting, seen, observations)
+        camera, left = attempt.camera, left - 1
     return attempt
-
-
-def _find_worst(setting: Setting, camera: CameraFit) -> tuple[MarkingKey, float]:
-    """The marking that lies farthest from where a camera puts it, in parts of what the others and painters' errors let
-    one expect, and so many of these.
-    """
-    unit = setting.width / 1920.0
-    usual = STRAY_MEDIANS * float(np.median(list(camera.residuals_px.values())))
-    limit_px = float(np.clip(usual, LEAST_STRAY_PX * unit, LARGEST_RESIDUAL_PX * unit))
-    beyond = {key: rms / _allow_painters(camera, key, limit_px) for key, rms in camera.residuals_px.items()}
-    worst = max(beyond, key=lambda key: beyond[key])
-    return worst, beyond[worst]
 
 
 PLACED_FIELD = Retry(
@@ -582,7 +522,7 @@ def take_in_markings(setting: Setting, scene: Scene, attempt: Attempt) -> Iterat
     if attempt.mask is None or attempt.camera is None or attempt.verdict is None:
         return
     picture = lighten_markings(scene.marked, attempt.mask, setting.circle)
-    fuller = _settle_view(setting, picture, attempt, attempt.camera.view, _see_rims(scene))
+    fuller = _settle_view(setting, picture, attempt, attempt.camera.view)
     if fuller is None:
         return
     told = set() if fuller.verdict is None else {check.name for check in fuller.verdict.checks}

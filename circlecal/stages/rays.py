@@ -9,7 +9,6 @@ from its flux.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -26,7 +25,7 @@ from circlecal.observations import CircleEdge, CirclePoints, LinePoints
 from circlecal.paint.bands import Bands, measure_bands, rise_above_noise
 from circlecal.paint.lines import ONE_ROUND, measure_lines
 from circlecal.paint.predicted_width import WIDE_PX
-from circlecal.paint.profiles import GrayPicture, estimate_noise, sample_profiles, smooth_along
+from circlecal.paint.profiles import GrayPicture, sample_profiles, smooth_along
 from circlecal.refusals import Confidence, refuse
 from circlecal.results import EdgePoints, MarkingMask, RayPoints, Segment
 
@@ -415,69 +414,18 @@ def measure_template(
     config : RaysConfig
         How circles are measured.
     """
-    seen = (
-        _observe_circle(picture, view, circle, template, region, noise, config)
-        for circle in (*template.circles, *template.arcs)
-    )
-    circles = tuple(CirclePoints(circle, "center", points, sigma) for circle, points, sigma in filter(None, seen))
-    return circles, _measure_lines_of(picture, view, template, region, noise)
-
-
-def measure_logo_rims(
-    relief: GrayPicture,
-    view: FieldView,
-    template: FieldTemplate,
-    circles: Sequence[Circle],
-    region: Mask | None,
-    config: RaysConfig,
-) -> tuple[CirclePoints, ...]:
-    """Points on the outer edges of circles that a logo may fill up to their line, which then is no band.
-
-    Whether the logo ends at either edge of the line or beyond it the picture does not tell, so that no point is surer
-    than half the paint's width.
-
-    Parameters
-    ----------
-    relief : (H, W) uint8
-        Lines and edges as light bands (:func:`circlecal.paint.local_energy.local_energy`).
-    view, template, region, config
-        As for :func:`measure_template`.
-    circles : sequence of Circle
-        Those of the template that are looked for.
-    """
-    noise, found = estimate_noise(relief), []
-    for circle in circles:
-        rim = circle.model_copy(update={"fill": "disc", "radius_m": template.radius(circle, "outer")})
-        seen = _observe_circle(relief, view, rim, template, region, noise, config)
-        if seen is None:
-            continue
-        name, points, sigma = seen
-        scale = float(np.ptp(points, axis=0).max()) / (2 * rim.radius_m)  # pixels per metre at least
-        common = 0.5 * template.paint_width(circle) * scale
-        found.append(CirclePoints(name, "outer", points, np.hypot(sigma, common)))
-    return tuple(found)
-
-
-def _observe_circle(
-    picture: GrayPicture,
-    view: FieldView,
-    circle: Circle,
-    template: FieldTemplate,
-    region: Mask | None,
-    noise: float,
-    config: RaysConfig,
-) -> tuple[str, Array, Array] | None:
-    """Name, points and sigmas of a circle or an arc on the playing surface; None where too little of it is seen."""
     height, width = picture.shape
-    points, sigma = measure_along_model(picture, view, circle, template, noise, config)
-    on = lie_on_surface(points, region, width, height)
-    shown = view.project(template.polylines()[circle.name])
-    visible = np.asarray(np.isfinite(shown).all(axis=1), np.bool_)
-    visible[visible] = lie_on_surface(shown[visible], region, width, height)
-    steps = np.linalg.norm(np.diff(shown, axis=0), axis=1)[visible[1:] & visible[:-1]]
-    if on.sum() < max(FEWEST_ON_CIRCLE, CIRCLE_SHARE * steps.sum() / config.spacing_px):
-        return None
-    return circle.name, points[on], sigma[on]
+    circles, curves = [], template.polylines()
+    for circle in (*template.circles, *template.arcs):
+        points, sigma = measure_along_model(picture, view, circle, template, noise, config)
+        on = lie_on_surface(points, region, width, height)
+        shown = view.project(curves[circle.name])
+        visible = np.asarray(np.isfinite(shown).all(axis=1), np.bool_)
+        visible[visible] = lie_on_surface(shown[visible], region, width, height)
+        steps = np.linalg.norm(np.diff(shown, axis=0), axis=1)[visible[1:] & visible[:-1]]
+        if on.sum() >= max(FEWEST_ON_CIRCLE, CIRCLE_SHARE * steps.sum() / config.spacing_px):
+            circles.append(CirclePoints(circle.name, "center", points[on], sigma[on]))
+    return tuple(circles), _measure_lines_of(picture, view, template, region, noise)
 
 
 def _measure_lines_of(

@@ -14,7 +14,6 @@ from circlecal.geometry.camera_parameters import PARAMETERS
 from circlecal.geometry.conics import circle_conic, sampson_distance, transform_conic
 from circlecal.geometry.surface import FLAT
 from circlecal.observations import CirclePoints, LinePoints, MarkingKey, Observations
-from circlecal.paint.local_energy import local_energy
 from circlecal.pipeline import field_of, placed_field, run
 from circlecal.pipeline import setting as frame
 from circlecal.pipeline.attempts import estimate
@@ -31,7 +30,6 @@ from circlecal.pipeline.placed_field import (
 from circlecal.placement import (
     PlacedField,
     ViewEvidence,
-    add_rims,
     mean_distance_px,
     refine_placements,
     search,
@@ -428,22 +426,6 @@ def test_a_spot_in_the_middle_of_a_circle_does_not_tell_which_circle_it_is():
     assert _choose([(weighed, LEFT_CIRCLE, (*circles, "neutral_spot_left_top"))]).is_calibrated
 
 
-def test_no_marking_is_left_out_without_which_others_lie_farther(monkeypatch):
-    config = load_config(None, ["field.template=ice-hockey-nhl"])
-    setting = frame.Setting(config, *field_of(config), 1920, 1080, np.random.default_rng(0))
-    lines = tuple(LinePoints(str(k), np.zeros((2, 2)), np.ones(2)) for k in range(7))
-    residuals = {str(k): 4.0 if k == 3 else 0.2 for k in range(7)}
-    attempt = replace(_fit_of(residuals), observations=Observations(1920, 1080, (), lines))
-    for beyond, left in ((700.0, 7), (0.3, 6)):
-        rest = {name: beyond if name == "5" else 0.2 for name in residuals if name != "3"}
-        monkeypatch.setattr(
-            placed_field,
-            "_calibrate_observations",
-            lambda _, __, observations, rest=rest: replace(_fit_of(rest), observations=observations),
-        )
-        assert len(_leave_out_strays(setting, Attempt(), attempt).camera.residuals_px) == left
-
-
 def test_each_surface_and_polarity_is_searched_until_one_answers(monkeypatch):
     config = load_config(None, ["field.template=basketball-nba"])
     setting = frame.Setting(config, *field_of(config), *SIZE, np.random.default_rng(0))
@@ -531,40 +513,6 @@ def test_derivatives_of_first_cameras_are_those_of_their_pictures():
         ahead, behind = (cameras.move(sign * step * unit).project(nodes).pixels for sign in (1, -1))
         along = ((ahead - behind) / (2 * step) * directions).sum(axis=0)
         np.testing.assert_allclose(told[k][shown], along[shown], rtol=0.03, atol=2.0)
-
-
-def test_rims_of_logos_are_seen_as_circles_that_may_be_filled_alone():
-    circle = RINK.circle_by_name["centre_circle"]
-    conic = transform_conic(LEFT_CIRCLE.homography, circle_conic((-16.0, 2.0), RINK.radius(circle, "center")))
-    given = [conic], RINK, SIZE[0], (np.array(SIZE) - 1) / 2, "main"
-    rims, circles = cameras_before_circles(*given, are_rims=True), cameras_before_circles(*given)
-    assert {RINK.circles[own].name for own in set(rims.own.tolist())} == {"centre_circle"}
-    assert len(set(circles.own.tolist())) == len(RINK.circles)
-
-
-def test_the_rim_of_a_logo_is_paint_in_the_place_of_the_circles():
-    """A dark disc has no ridge; with its rim the surface shows it, but not the edge of another thing."""
-    picture = np.full((360, 640, 3), 220, np.uint8)
-    cv2.ellipse(picture, (320, 180), (150, 60), 0, 0, 360, (120, 60, 60), cv2.FILLED, cv2.LINE_AA)
-    cv2.rectangle(picture, (20, 20), (120, 80), (120, 60, 60), cv2.FILLED)
-    picture = cv2.GaussianBlur(picture, (0, 0), 1.0)
-    cv2.line(picture, (40, 300), (600, 320), (120, 60, 60), 2, cv2.LINE_AA)
-    picture = (picture + np.random.default_rng(0).normal(0.0, 2.0, picture.shape)).clip(0, 255).astype(np.uint8)
-    gray, ground = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), np.ones(picture.shape[:2], np.bool_)
-    mask = MarkingMask(np.zeros_like(gray), "detector", field_region=ground, polarity=-1.0)
-    paint = see_paint(see_surface(picture, gray, mask, DetectorConfig()), mask)
-    rim = np.diag([1 / 150.0**2, 1 / 60.0**2, -1.0])
-    shift = np.array([[1.0, 0.0, -320.0], [0.0, 1.0, -180.0], [0.0, 0.0, 1.0]])
-    seen = add_rims(paint, local_energy(picture), mask, [shift.T @ rim @ shift], DetectorConfig())
-    assert seen.are_rims
-    assert len(seen.conics) == 1
-    more = seen.maps.scaling.full(seen.surface.ridges.points[len(paint.surface.ridges) :])
-    assert len(more) > 400
-    assert np.abs(sampson_distance(seen.conics[0], more)).max() < 3.0
-    assert seen.is_structure[len(paint.surface.ridges) :].all()
-    x, y = np.rint(seen.maps.scaling.reduce(np.array([[320.0, 120.0]]))[0]).astype(int)
-    here, there = (found.maps.distance[0].min(axis=0)[y, x] for found in (seen, paint))
-    assert here < 3.0 < 20.0 < there
 
 
 def test_first_cameras_show_the_field_as_cameras_do():

@@ -6,17 +6,14 @@ import pytest
 
 from circlecal.errors import EstimationError
 from circlecal.field import load_field
-from circlecal.field.view import FieldView
-from circlecal.geometry.camera import PlaneCamera
 from circlecal.geometry.camera_parameters import ProjectionModel, theta_of
 from circlecal.geometry.ellipses import conic_from_ellipse, ellipse_from_conic, orthogonal_distance
 from circlecal.geometry.surface import FLAT, Surface
-from circlecal.paint.local_energy import local_energy
 from circlecal.paint.predicted_width import predict_paint_widths
 from circlecal.paint.profiles import to_gray
 from circlecal.results import MarkingMask
 from circlecal.stages.edges import EdgesConfig, detect_edges
-from circlecal.stages.rays import RaysConfig, cast_rays, even_angles, measure_along_model, measure_logo_rims
+from circlecal.stages.rays import RaysConfig, cast_rays, even_angles, measure_along_model
 from circlecal.synthetic.cameras import aim_camera
 from circlecal.synthetic.paint import paint_layers
 
@@ -257,19 +254,3 @@ def test_paint_that_is_wider_than_the_search_is_measured_in_its_middle():
     away = np.linalg.norm(camera_fit(camera).view.to_field(points), axis=1) - circle.radius_m
     assert len(points) > 900
     assert np.abs(away).max() < 0.1 * field.marking_width_m
-
-
-def test_a_circle_that_a_logo_fills_is_measured_by_its_rim():
-    """It ends at either edge of the line, so that no point is surer than half of that."""
-    rink, scale = load_field("ice-hockey-nhl"), 40.0
-    circle = rink.circle_by_name["centre_circle"]
-    seen_from = FieldView(PlaneCamera(640, 480, np.array([[scale, 0.0, 320.0], [0.0, scale, 240.0], [0.0, 0.0, 1.0]])))
-    picture = np.full((480, 640, 3), 220, np.uint8)
-    cv2.circle(picture, (320, 240), round(scale * rink.radius(circle, "outer")), (90, 60, 160), cv2.FILLED, cv2.LINE_AA)
-    given = seen_from, rink, [circle], None, RaysConfig()
-    (found,) = measure_logo_rims(local_energy(cv2.GaussianBlur(picture, (0, 0), 1.0)), *given)
-    assert (found.circle, found.edge) == ("centre_circle", "outer")
-    off = np.linalg.norm(found.points_px - (320.0, 240.0), axis=1) / scale - rink.radius(circle, "outer")
-    assert np.abs(np.median(off)) < 0.02
-    assert found.sigma_px.min() >= 0.45 * scale * rink.marking_width_m
-    assert measure_logo_rims(local_energy(np.full_like(picture, 220)), *given) == ()
