@@ -85,7 +85,8 @@ went from 0.07 to 0.17 and from 0.69 to 1.05; a court with the key of another on
 """
 SURFACE_SHARE = 0.68
 """Least share of the markings in the picture that lie on the playing surface: of eight right cameras of rinks and
-courts 0.77 to 1; of a rink that was laid into the stands 0.60.
+courts 0.77 to 1; of a rink that was laid into the stands 0.60, of a rendered court whose other circle and one more
+marking were taken for the centre circle and its own 0.16.
 """
 EXPLAINED_SHARE, EXPLAINED_EVIDENCE = 0.7, 0.15
 """Share of what was found painted that a placed field explains, with which less evidence is enough: a far half court
@@ -441,10 +442,21 @@ def take_in_markings(setting: Setting, scene: Scene, attempt: Attempt) -> Iterat
         return
     picture = lighten_markings(scene.marked, attempt.mask, setting.circle)
     fuller = _settle_view(setting, picture, attempt, attempt.camera.view)
-    if fuller is None:
+    if fuller is None or not _lies_on_surface(setting, scene, attempt.mask, fuller):
         return
     told = set() if fuller.verdict is None else {check.name for check in fuller.verdict.checks}
     yield add_checks(fuller, *(check for check in attempt.verdict.checks if check.name not in told))
+
+
+def _lies_on_surface(setting: Setting, scene: Scene, mask: MarkingMask, attempt: Attempt) -> bool:
+    """Whether a camera leaves the markings in the picture on the playing surface of a mask: one marking more that fits
+    by chance makes a wrong camera look sure, but it lays the rest of the field into the stands.
+    """
+    with setting.clock("cues"):
+        paint = look_for_paint(scene, mask, setting.config, setting.template)
+    if paint is None or attempt.camera is None:
+        return True
+    return weigh_view(attempt.camera.view, setting.template, paint).surface_share >= SURFACE_SHARE
 
 
 def _is_fuller(setting: Setting, attempt: Attempt, fuller: Attempt) -> bool:

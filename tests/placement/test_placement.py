@@ -433,6 +433,14 @@ def test_a_circle_with_its_line_takes_in_all_other_markings(monkeypatch):
     assert len(fuller.camera.residuals_px) > 8
     assert fuller.camera.max_sigma_px < 0.5 * first.camera.max_sigma_px
     assert mean_distance_px(FieldView(camera), fuller.camera.view, court) < 0.5
+    # a camera that agrees with more markings, but lays most of the field beside the playing surface, is not taken
+    stripe = np.zeros_like(ground)
+    stripe[5 * size[1] // 12 : 7 * size[1] // 12] = True
+    with monkeypatch.context() as patch:
+        patch.setattr(placed_field, "_settle_view", lambda *_: fuller)
+        assert placed_field.ALL_MARKINGS.try_out(setting, scene, first) is not None
+        beside = replace(first, mask=replace(mask, field_region=stripe))
+        assert placed_field.ALL_MARKINGS.try_out(setting, scene, beside) is None
     # with nothing but an uncertain circle and line, they may be any of the field's
     vague = replace(first, camera=replace(first.camera, max_sigma_px=25.0))
     assert placed_field.PLACED_FIELD.when(setting, vague)
