@@ -37,12 +37,11 @@ NARROWEST_PX, FAINTEST_PX = 0.35, 0.15
 narrower than the second it is not looked for. The far touchline of a rendered pitch 88 m broad, 0.26 px at 1280 px
 width, shows at 52 of 52 places, and nothing else tells how broad that pitch is.
 """
-GOAL_REACH_M, GOAL_DEPTH_M = 5.0, 0.3
+GOAL_REACH_M, BORDER_M = 5.0, 0.3
 """How far to both sides of its middle a goal line is not measured, metres, and how near to the end of the field a place
-counts as lying on it. Beside posts and net the paint of rendered frames is off by 0.13 px, elsewhere by 0.01.
+or a line counts as lying on its border. Beside posts and net the paint of rendered frames is off by 0.13 px, elsewhere
+by 0.01.
 """
-BORDER_M = 0.3
-"""How near to the end of the field the middle of a line round it lies, metres: half of the widest paint."""
 USUAL_BLUR, BIAS_BY_BLUR = 30.0, 0.3
 """Percentile of the blurs along a picture's markings that is the picture's own, and by how much the middle of a marking
 may be off per pixel of further blur. A far touchline before a strip of another colour looks broad on one side: over
@@ -260,7 +259,7 @@ def place_markings(
 
 def _lie_in_goals(field_m: Array, drawn: DrawnTemplate) -> Mask:
     """Which places (M, 2) lie between and beside the posts of a goal, whose net and shadow hide the line."""
-    end = drawn.nodes[..., 0].max() - GOAL_DEPTH_M
+    end = drawn.nodes[..., 0].max() - BORDER_M
     return np.asarray((np.abs(field_m[:, 0]) > end) & (np.abs(field_m[:, 1]) < GOAL_REACH_M), np.bool_)
 
 
