@@ -12,7 +12,7 @@ from scipy.interpolate import PchipInterpolator
 from circlecal.config import Config
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.projective import Array
-from circlecal.geometry.surface import Surface, SurfaceShape
+from circlecal.geometry.surface import Surface
 from circlecal.pipeline import field_of
 from circlecal.rig.positions import group_positions
 from circlecal.rig.tripod import PLACE, TripodEstimate, Venue
@@ -28,6 +28,14 @@ from circlecal.tracking.first_look import (
 from circlecal.tracking.looking import LEAST_PLACES, Look, LookedAt, Place
 from circlecal.tracking.markings import DrawnTemplate, MeasuredFrame, template_curves
 from circlecal.tracking.paint_width import estimate_paint_width
+from circlecal.tracking.pitch import (
+    DECISIVE,
+    SHAPES,
+    choose_pitch,
+    hold_size,
+    leave_out_false_line,
+    search_length,
+)
 from circlecal.tracking.tripod_fit import (
     HeadedFrame,
     TripodFit,
@@ -52,34 +60,6 @@ WORST_RMS_PX = 2.0
 calibrated wrongly: rendered frames have 0.05 to 0.4, real ones up to 1.3, since real pitches fall in more ways than the
 models of the surface.
 """
-USUAL_COSTS = {(0, 1): 11.0, (1,): 1.0, (0,): -np.inf}
-"""A pitch has the template's length and width, its width alone or its length alone, for certain, where that costs no
-more than this: what the prior has for it, twice the logarithm, less that of hundred to one. Of professional pitches
-five in six have that size; of the others every second is as wide and every third as long; and frames tell each to 0.3 m
-of the 30 and 45 m that the Laws allow. A length of 104.4 m beside a width of 61.3 m costs 8 at 105 m, and was held
-there, 22 px off before a penalty area; so a length alone is held by no cost.
-"""
-ROUGH_SHARE, ROUGH_PX, ROUGH_COSTS = 1.55, 0.05, 2.5
-"""Where the models leave more in all frames than noise, costs say little; then the root mean square distance may be
-up to that share, and so many pixels at 1920 px width, more: length and width take what lens, surface and painters leave
-of the models. With them free, three real pitches of 105 by 68 m came out as 106.6 by 66.7, 104.1 by 68.3 and 104.2 by
-67.7 m with 1.3 to 1.5 times less of the distance. One of 103 by 67.5 m has 1.4 times less, and is lost to them. And
-the cost may be so many times as high: of real pitches of the template's size 1.0 to 1.35 times, of one of 100.1 m ten
-times, of a rendered one whose far touchline was lost with the usual width 17 times.
-"""
-TOLD_SD_M, USUAL_SD_M, FAR_SIGMAS = 0.5, 1.0, 3.0
-"""Standard deviation of a size up to which frames tell it, and of the usual size where they do not, metres: penalty
-areas alone fit a pitch of any length, and one of 107.5 by 88 m was taken for the template's, 63 px off. What lies so
-many of the latter away is another size: one of 118.9 m, told to 0.503 m, was drawn towards 105 m by 0.6 m.
-"""
-OPEN_SD_M, OUTER_FRAMES = 0.3, 3
-"""Standard deviation of a length from which on others are tried, metres, and frames to each side by which: where a clip
-ends as a penalty area comes into view, its lines are too uncertain to be looked for, and it tells nothing.
-"""
-LENGTH_STEP_M, LENGTH_SD_M, LEAST_MORE_WORTH = 0.5, 0.25, 40.0
-"""Of the lengths that are tried, what is left open of the one that is found, metres, and places of paint by which it
-must show more than half of all lengths do: 90 and 270 on two clips of one ground; without a penalty area in view 15.
-"""
 ROUNDS, LOOKS = 3, 3
 """In which the tripods find further frames and learn from them; and looks at a frame while its tripod changes."""
 LEAST_GRASS = 0.15
@@ -98,13 +78,7 @@ SLACK = 9.0
 """How much more than its covariance says a tripod may change to meet a frame that looks elsewhere: the surface and the
 lens have other shapes than their models.
 """
-SIZE, WIDTH = [PLACE["length"], PLACE["breadth"]], PLACE["width"]
-SHAPES: tuple[SurfaceShape, ...] = ("roof", "parabola")
-DECISIVE, DECISIVE_SHARE = 10.0, 0.05
-"""Difference in cost by which a parabola must be better than a roof, and where the size of the pitch is free its share
-of the cost: on real clips the better shape has 9 to 48 % less where penalty areas are in view; with the circle alone in
-view 3 % chose the wrong one, and with it a pitch that is 4 m too broad.
-"""
+WIDTH = PLACE["width"]
 
 
 def survey_clip(
@@ -290,52 +264,10 @@ def _extend_and_measure(
 ) -> tuple[TripodEstimate, list[HeadedFrame]]:
     """The tripod with all its frames, before a pitch whose length was searched for where these do not tell it."""
     tripod, members = _extend(tripod, heads, pictures, config, template, drawn)
-    longer = _search_length(tripod, members, pictures, template)
+    longer = search_length(tripod, members, pictures, template)
     if longer is None:
         return tripod, members
     return _extend(longer, {frame.name: frame.head for frame in members}, pictures, config, template, drawn)
-
-
-def _search_length(
-    tripod: TripodEstimate, members: Sequence[HeadedFrame], pictures: dict[str, LookedAt], template: FieldTemplate
-) -> TripodEstimate | None:
-    """The tripod before a pitch of the length at which the penalty areas show the most paint; None where the length is
-    known, or none shows clearly more than the others.
-    """
-    extent = template.length_range_m
-    if extent is None or tripod.sigma("length") < OPEN_SD_M:
-        return None
-    by_pan = sorted(members, key=lambda frame: float(frame.head[1]))
-    outer = {frame.name: frame for frame in (*by_pan[:OUTER_FRAMES], *by_pan[-OUTER_FRAMES:])}
-    growths = np.arange(extent[0], extent[1] + LENGTH_STEP_M / 2.0, LENGTH_STEP_M) - template.length_m
-    worth = np.array([_worth_of_length(g, tripod, outer, pictures, template) for g in growths])
-    best = int(np.argmax(worth))
-    if worth[best] < float(np.median(worth)) + LEAST_MORE_WORTH:
-        return None
-    return _hold_length(tripod, float(growths[best]))
-
-
-def _worth_of_length(
-    growth_m: float,
-    tripod: TripodEstimate,
-    frames: dict[str, HeadedFrame],
-    pictures: dict[str, LookedAt],
-    template: FieldTemplate,
-) -> float:
-    """How much paint frames show of a pitch that is longer than the template's."""
-    place = Place.of(_hold_length(tripod, growth_m), template)
-    looks = (place.look(pictures[n], f.head, place.proposal_covariance(f.head)) for n, f in frames.items())
-    return sum(look.worth for look in looks)
-
-
-def _hold_length(tripod: TripodEstimate, growth_m: float) -> TripodEstimate:
-    """The tripod before a pitch that is longer than the template's, which leaves little of its length open."""
-    length = PLACE["length"]
-    mean, covariance = tripod.mean.copy(), tripod.covariance.copy()
-    mean[length] = growth_m
-    covariance[length] = covariance[:, length] = 0.0
-    covariance[length, length] = LENGTH_SD_M**2
-    return replace(tripod, mean=mean, covariance=covariance)
 
 
 def _learn_between(
@@ -362,14 +294,9 @@ def _learn_between(
         if look.is_confirmed:
             frames.append(HeadedFrame(f"{time_s:.3f}", look.fit.head, look.measured))
     mean, sd = _priors(config, template, place.unit, [frame.measured for frame in frames])
-    size_sd = np.sqrt(np.diag(tripod.covariance)[SIZE])
-    is_settled, is_open = size_sd == 0.0, (size_sd > TOLD_SD_M) & (size_sd <= USUAL_SD_M)
-    is_usual = is_open & (np.abs(tripod.mean[SIZE]) < FAR_SIGMAS * USUAL_SD_M)
-    mean[SIZE] = np.select([is_settled, is_usual], [tripod.mean[SIZE], np.zeros(2)], mean[SIZE])
-    # a size that the frames left open stays near the usual one, and place and lens follow it
-    sd[SIZE] = np.select([is_settled, is_usual], [0.0, USUAL_SD_M], sd[SIZE])
-    frames, *both = _leave_out_false_line(frames, tripod, mean, sd, drawn)
-    alike = count_alike(both[1 if tripod.surface.shape == "parabola" else 0])
+    mean, sd = hold_size(tripod, mean, sd)
+    frames, (fit,) = leave_out_false_line(frames, [tripod], mean, sd, drawn)
+    alike = count_alike(fit)
     for _ in range(2):
         fit = fit_tripod(frames, tripod, mean, sd, drawn, alike=alike)
         heads_of = zip(frames, fit.heads, fit.clear_rms_px, strict=True)
@@ -441,7 +368,7 @@ def _fit_members(
     limit = WORST_RMS_PX * tripod.size[0] / 1920.0
     while len(kept) >= LEAST_FRAMES:
         if known is None:
-            fit = _choose_shape_and_size(kept, tripod, mean, sd, drawn)
+            fit = choose_pitch(kept, tripod, mean, sd, drawn, limit)
         else:
             fit = _learn_beside(known, kept, tripod, drawn)
         worst = int(np.argmax(fit.clear_rms_px))
@@ -465,72 +392,3 @@ def _learn_beside(
     """The tripod from frames and from what is known of it from elsewhere."""
     sd = np.sqrt(np.diag(known.covariance))
     return fit_tripod(frames, start, known.mean, sd, drawn, _loose_precision(known, sd))
-
-
-def _choose_shape_and_size(
-    frames: list[HeadedFrame], tripod: TripodEstimate, mean: Array, sd: Array, drawn: DrawnTemplate
-) -> TripodFit:
-    """The fit with the better shape of the surface; with a pitch of the template's size, or at least of its width or
-    its length, where that explains the paint about as well.
-    """
-    frames, roof, parabola = _leave_out_false_line(frames, tripod, mean, sd, drawn)
-    alike = min(count_alike(roof), count_alike(parabola))
-    if alike > 1.0:
-        roof, parabola = (fit_tripod(frames, f.estimate, mean, sd, drawn, alike=alike) for f in (roof, parabola))
-    free = parabola if parabola.cost < (1.0 - DECISIVE_SHARE) * roof.cost - DECISIVE else roof
-    told = np.sqrt(np.diag(free.estimate.covariance))[SIZE] < TOLD_SD_M
-    roughness = (alike - 1.0) / max(len(frames) - 1, 1)
-    beyond = (ROUGH_SHARE - 1.0) * float(np.mean(free.rms_px)) + ROUGH_PX * tripod.size[0] / 1920.0
-    farthest = float(np.mean(free.rms_px)) + roughness * beyond
-    for usual, most_cost in USUAL_COSTS.items():
-        is_usual = np.isin([0, 1], usual)
-        usual_mean, usual_sd = mean.copy(), sd.copy()
-        usual_mean[SIZE] = np.where(is_usual, 0.0, mean[SIZE])
-        known_sd = np.where(told, 0.0, np.minimum(sd[SIZE], USUAL_SD_M))
-        usual_sd[SIZE] = np.where(is_usual, known_sd, sd[SIZE])
-        fits = [fit_tripod(frames, f.estimate, usual_mean, usual_sd, drawn, alike=alike) for f in (roof, parabola)]
-        fixed = fits[1] if fits[1].cost < fits[0].cost - DECISIVE else fits[0]
-        if fixed.cost < free.cost:  # which a freer fit cannot be, but for the optimum that it found
-            free = fit_tripod(frames, fixed.estimate, mean, sd, drawn, alike=alike)
-        is_near = float(np.mean(fixed.rms_px)) < farthest and fixed.cost < ROUGH_COSTS * free.cost
-        is_near = is_near and roughness > 0.0 and not _loses_a_frame(fixed, free)
-        if is_near or fixed.cost < free.cost + most_cost:
-            return fixed
-    return free
-
-
-def _leave_out_false_line(
-    frames: list[HeadedFrame], tripod: TripodEstimate, mean: Array, sd: Array, drawn: DrawnTemplate
-) -> tuple[list[HeadedFrame], TripodFit, TripodFit]:
-    """Frames without the one line round the field that is to blame for all that the models leave beyond noise, and
-    their fits with a roof and with a parabola; as they are, where no line is.
-
-    In its place the foot of the boards was found, or where the grass changes its colour.
-    """
-
-    def fit_both(seen: list[HeadedFrame]) -> tuple[TripodFit, TripodFit]:
-        roof, parabola = (_fit_roughly(seen, tripod, shape, mean, sd, drawn) for shape in SHAPES)
-        return roof, parabola
-
-    fits = fit_both(frames)
-    if min(map(count_alike, fits)) > 1.0:
-        seen = np.unique(np.concatenate([frame.measured.marking for frame in frames]))
-        for line in np.intersect1d(drawn.border, seen).tolist():
-            others = [replace(frame, measured=frame.measured.leave_out(line)) for frame in frames]
-            fits_of_others = fit_both(others)
-            if min(map(count_alike, fits_of_others)) == 1.0:
-                return others, *fits_of_others
-    return frames, *fits
-
-
-def _loses_a_frame(fit: TripodFit, other: TripodFit) -> bool:
-    """Whether a fit takes a frame for falsely calibrated that another one explains."""
-    limit = WORST_RMS_PX * fit.estimate.size[0] / 1920.0
-    return bool(((fit.clear_rms_px > limit) & (other.clear_rms_px <= limit)).any())
-
-
-def _fit_roughly(
-    frames: list[HeadedFrame], tripod: TripodEstimate, shape: SurfaceShape, mean: Array, sd: Array, drawn: DrawnTemplate
-) -> TripodFit:
-    """The tripod before a surface of some shape, as if no two frames had an error of the models in common."""
-    return fit_tripod(frames, replace(tripod, surface=replace(tripod.surface, shape=shape)), mean, sd, drawn)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +12,7 @@ from circlecal.field import FieldTemplate, load_field
 from circlecal.geometry.surface import Surface
 from circlecal.rig.tripod import COMMON, PLACE, TripodEstimate
 from circlecal.tracking.markings import MeasuredFrame, place_markings, template_curves
+from circlecal.tracking.tripod_fit import HeadedFrame
 
 SIZE = (1280, 720)
 HEAD = np.array([np.log(1500.0), -0.35, 1.38])
@@ -64,3 +67,22 @@ def measure_ideal(
         places.marking, places.field_m, places.pixels + off[:, None] * places.normals, places.normals,
         places.width_px, places.scale_px_m, np.zeros(len(off)), count, count,
     )  # fmt: skip
+
+
+def views_of_a_pitch(length_m: float, width_m: float) -> list[HeadedFrame]:
+    """Circle and penalty area of a pitch of any size, with the noise of a good picture and nothing that joins them."""
+    growth = np.array([length_m - template().length_m, width_m - template().width_m])
+    rng = np.random.default_rng(5)
+    pans = (0.0, -0.02, -0.42, -0.44)
+    heads = [np.array([np.log(2600.0 + 60.0 * k), pan, 1.38]) for k, pan in enumerate(pans)]
+    return [HeadedFrame(str(k), head, measure_ideal(head, growth, 0.1, rng)) for k, head in enumerate(heads)]
+
+
+def views_of_badly_painted_markings(seed: int, scatter_px: float) -> list[HeadedFrame]:
+    """From one penalty area over the circle to the other, each marking beside its place by the same in all frames."""
+    rng = np.random.default_rng(5)
+    heads = [np.array([np.log(2000.0 + 30.0 * k), pan, 1.38]) for k, pan in enumerate(np.linspace(0.1, -0.5, 8))]
+    seen = [measure_ideal(head, np.zeros(2), 0.1, rng) for head in heads]
+    off = np.random.default_rng(seed).normal(0.0, scatter_px, len(template_curves(template()).names))
+    moved = [replace(m, points_px=m.points_px + off[m.marking, None] * m.normals) for m in seen]
+    return [HeadedFrame(str(k), head, m) for k, (head, m) in enumerate(zip(heads, moved, strict=True))]

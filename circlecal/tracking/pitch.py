@@ -1,0 +1,242 @@
+"""The pitch before a tripod: the shape of its surface, and its length and width, by the frames that tell them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.field import FieldTemplate
+from circlecal.geometry.projective import Array
+from circlecal.geometry.surface import SurfaceShape
+from circlecal.rig.tripod import PLACE, TripodEstimate
+from circlecal.tracking.looking import LookedAt, Place
+from circlecal.tracking.markings import DrawnTemplate
+from circlecal.tracking.tripod_fit import HeadedFrame, TripodFit, count_alike, fit_tripod
+
+SHAPES: tuple[SurfaceShape, ...] = ("roof", "parabola")
+DECISIVE, DECISIVE_SHARE = 10.0, 0.05
+"""Difference in cost by which a parabola must be better than a roof, and where the size of the pitch is free its share
+of the cost: on real clips the better shape has 9 to 48 % less where penalty areas are in view; with the circle alone in
+view 3 % chose the wrong one, and with it a pitch that is 4 m too broad.
+"""
+SIZE = [PLACE["length"], PLACE["breadth"]]
+TOLD_SD_M, USUAL_SD_M, FAR_SIGMAS = 0.5, 1.0, 3.0
+"""Standard deviation of a size up to which frames tell it, and of the usual size where they do not, metres: penalty
+areas alone fit a pitch of any length, and one of 107.5 by 88 m was taken for the template's, 63 px off. What lies so
+many of the latter away is another size: one of 118.9 m, told to 0.503 m, was drawn towards 105 m by 0.6 m.
+"""
+OPEN_SD_M, OUTER_FRAMES = 0.3, 3
+"""Standard deviation of a length from which on others are tried, metres, and frames to each side by which: where a clip
+ends as a penalty area comes into view, its lines are too uncertain to be looked for, and it tells nothing.
+"""
+LENGTH_STEP_M, LENGTH_SD_M, LEAST_MORE_WORTH = 0.5, 0.25, 40.0
+"""Of the lengths that are tried, what is left open of the one that is found, metres, and places of paint by which it
+must show more than half of all lengths do: 90 and 270 on two clips of one ground; without a penalty area in view 15.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class UsualSize:
+    """A hypothesis of the size of a pitch.
+
+    Attributes
+    ----------
+    is_usual : (bool, bool)
+        Whether the length, and whether the width, is the template's.
+    most_cost : float
+        By how much more it may cost than a pitch of any size and is taken for certain.
+    """
+
+    is_usual: tuple[bool, bool]
+    most_cost: float
+
+
+USUAL_SIZES = (
+    UsualSize((True, True), 11.0),
+    UsualSize((False, True), 1.0),
+    UsualSize((True, False), -np.inf),
+)
+"""Sizes in the order in which they are tried. What each may cost is what the prior has for it, twice the logarithm,
+less that of hundred to one. Of professional pitches five in six have the template's size; of the others every second is
+as wide and every third as long; and frames tell each to 0.3 m of the 30 and 45 m that the Laws allow. A length of
+104.4 m beside a width of 61.3 m costs 8 at 105 m, and was held there, 22 px off before a penalty area; so a length
+alone is held by no cost.
+"""
+ROUGH_SHARE, ROUGH_PX, ROUGH_COSTS = 1.55, 0.05, 2.5
+"""Where the models leave more in all frames than noise, costs say little; then the root mean square distance may be
+up to that share, and so many pixels at 1920 px width, more: length and width take what lens, surface and painters leave
+of the models. With them free, three real pitches of 105 by 68 m came out as 106.6 by 66.7, 104.1 by 68.3 and 104.2 by
+67.7 m with 1.3 to 1.5 times less of the distance. One of 103 by 67.5 m has 1.4 times less, and is lost to them. And
+the cost may be so many times as high: of real pitches of the template's size 1.0 to 1.35 times, of one of 100.1 m ten
+times, of a rendered one whose far touchline was lost with the usual width 17 times.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class _Allowance:
+    """How much farther from the paint than a pitch of any size one of a usual size may lie where the models are rough.
+
+    Attributes
+    ----------
+    is_rough : bool
+        Whether the models leave more in all frames than noise.
+    farthest_px : float
+        Largest root mean square distance.
+    limit_px : float
+        Of a frame: beyond it the frame counts as falsely calibrated.
+    """
+
+    is_rough: bool
+    farthest_px: float
+    limit_px: float
+
+    @classmethod
+    def of(cls, free: TripodFit, alike: float, count: int, limit_px: float) -> _Allowance:
+        """By the fit of ``count`` frames with a pitch of any size and what their errors have in common."""
+        roughness = (alike - 1.0) / max(count - 1, 1)
+        away = float(np.mean(free.rms_px))
+        beyond = (ROUGH_SHARE - 1.0) * away + ROUGH_PX * free.estimate.size[0] / 1920.0
+        return cls(roughness > 0.0, away + roughness * beyond, limit_px)
+
+    def allows(self, fixed: TripodFit, free: TripodFit) -> bool:
+        """Whether the fit of a usual size explains the paint about as well, and every frame that the free one does."""
+        loses = (fixed.clear_rms_px > self.limit_px) & (free.clear_rms_px <= self.limit_px)
+        is_near = float(np.mean(fixed.rms_px)) < self.farthest_px and fixed.cost < ROUGH_COSTS * free.cost
+        return self.is_rough and is_near and not loses.any()
+
+
+def choose_pitch(
+    frames: list[HeadedFrame], tripod: TripodEstimate, mean: Array, sd: Array, drawn: DrawnTemplate, limit_px: float
+) -> TripodFit:
+    """The fit with the better shape of the surface; with a pitch of the template's size, or at least of its width or
+    its length, where that explains the paint about as well.
+
+    Parameters
+    ----------
+    frames : list of HeadedFrame
+        What they show.
+    tripod : TripodEstimate
+        Where the fit starts.
+    mean, sd : (K,) array
+        Prior of what all frames share.
+    drawn : DrawnTemplate
+        Markings of the field.
+    limit_px : float
+        A frame whose paint lies further from its markings, root mean square, counts as falsely calibrated.
+    """
+    frames, shaped = leave_out_false_line(frames, _of_shapes(tripod, SHAPES), mean, sd, drawn)
+    alike = min(map(count_alike, shaped))
+    if alike > 1.0:
+        shaped = [fit_tripod(frames, f.estimate, mean, sd, drawn, alike=alike) for f in shaped]
+    roof, parabola = shaped
+    free = parabola if parabola.cost < (1.0 - DECISIVE_SHARE) * roof.cost - DECISIVE else roof
+    is_told = np.sqrt(np.diag(free.estimate.covariance))[SIZE] < TOLD_SD_M
+    allowance = _Allowance.of(free, alike, len(frames), limit_px)
+    for hypothesis in USUAL_SIZES:
+        usual_mean, usual_sd = _prior_of(hypothesis, is_told, mean, sd)
+        fits = [fit_tripod(frames, f.estimate, usual_mean, usual_sd, drawn, alike=alike) for f in shaped]
+        fixed = fits[1] if fits[1].cost < fits[0].cost - DECISIVE else fits[0]
+        if fixed.cost < free.cost:  # which a freer fit cannot be, but for the optimum that it found
+            free = fit_tripod(frames, fixed.estimate, mean, sd, drawn, alike=alike)
+        if allowance.allows(fixed, free) or fixed.cost < free.cost + hypothesis.most_cost:
+            return fixed
+    return free
+
+
+def _prior_of(hypothesis: UsualSize, is_told: NDArray[np.bool_], mean: Array, sd: Array) -> tuple[Array, Array]:
+    """Prior of what all frames share before a pitch of a usual size: certain where the frames tell the size."""
+    is_usual = np.array(hypothesis.is_usual)
+    usual_mean, usual_sd = mean.copy(), sd.copy()
+    usual_mean[SIZE] = np.where(is_usual, 0.0, mean[SIZE])
+    usual_sd[SIZE] = np.where(is_usual, np.where(is_told, 0.0, np.minimum(sd[SIZE], USUAL_SD_M)), sd[SIZE])
+    return usual_mean, usual_sd
+
+
+def hold_size(tripod: TripodEstimate, mean: Array, sd: Array) -> tuple[Array, Array]:
+    """Prior (K,), (K,) of what all frames share, with the size of the pitch as a tripod leaves it: settled where it is
+    certain, and near the usual one, so that place and lens follow it, where the frames of the tripod left it open.
+    """
+    size_sd = np.sqrt(np.diag(tripod.covariance)[SIZE])
+    is_settled, is_open = size_sd == 0.0, (size_sd > TOLD_SD_M) & (size_sd <= USUAL_SD_M)
+    is_usual = is_open & (np.abs(tripod.mean[SIZE]) < FAR_SIGMAS * USUAL_SD_M)
+    mean, sd = mean.copy(), sd.copy()
+    mean[SIZE] = np.select([is_settled, is_usual], [tripod.mean[SIZE], np.zeros(2)], mean[SIZE])
+    sd[SIZE] = np.select([is_settled, is_usual], [0.0, USUAL_SD_M], sd[SIZE])
+    return mean, sd
+
+
+def leave_out_false_line(
+    frames: list[HeadedFrame], starts: Sequence[TripodEstimate], mean: Array, sd: Array, drawn: DrawnTemplate
+) -> tuple[list[HeadedFrame], list[TripodFit]]:
+    """Frames without the one line round the field that is to blame for all that the models leave beyond noise, and
+    their fits from each start; as they are, where no line is.
+
+    In its place the foot of the boards was found, or where the grass changes its colour. The fits are made as if no two
+    frames had an error of the models in common.
+    """
+
+    def fit(seen: list[HeadedFrame]) -> list[TripodFit]:
+        return [fit_tripod(seen, start, mean, sd, drawn) for start in starts]
+
+    fits = fit(frames)
+    if min(map(count_alike, fits)) > 1.0:
+        seen = np.unique(np.concatenate([frame.measured.marking for frame in frames]))
+        for line in np.intersect1d(drawn.border, seen).tolist():
+            others = [replace(frame, measured=frame.measured.leave_out(line)) for frame in frames]
+            fits_of_others = fit(others)
+            if min(map(count_alike, fits_of_others)) == 1.0:
+                return others, fits_of_others
+    return frames, fits
+
+
+def _of_shapes(tripod: TripodEstimate, shapes: Sequence[SurfaceShape]) -> list[TripodEstimate]:
+    """A tripod before surfaces of other shapes."""
+    return [replace(tripod, surface=replace(tripod.surface, shape=shape)) for shape in shapes]
+
+
+def search_length(
+    tripod: TripodEstimate,
+    members: Sequence[HeadedFrame],
+    pictures: Mapping[str, LookedAt],
+    template: FieldTemplate,
+) -> TripodEstimate | None:
+    """The tripod before a pitch of the length at which the penalty areas show the most paint; None where the length is
+    known, or none shows clearly more than the others.
+    """
+    extent = template.length_range_m
+    if extent is None or tripod.sigma("length") < OPEN_SD_M:
+        return None
+    by_pan = sorted(members, key=lambda frame: float(frame.head[1]))
+    outer = {frame.name: frame for frame in (*by_pan[:OUTER_FRAMES], *by_pan[-OUTER_FRAMES:])}
+    growths = np.arange(extent[0], extent[1] + LENGTH_STEP_M / 2.0, LENGTH_STEP_M) - template.length_m
+    worth = np.array([_worth_of_length(g, tripod, outer, pictures, template) for g in growths])
+    best = int(np.argmax(worth))
+    if worth[best] < float(np.median(worth)) + LEAST_MORE_WORTH:
+        return None
+    return _hold_length(tripod, float(growths[best]))
+
+
+def _worth_of_length(
+    growth_m: float,
+    tripod: TripodEstimate,
+    frames: Mapping[str, HeadedFrame],
+    pictures: Mapping[str, LookedAt],
+    template: FieldTemplate,
+) -> float:
+    """How much paint frames show of a pitch that is longer than the template's."""
+    place = Place.of(_hold_length(tripod, growth_m), template)
+    looks = (place.look(pictures[n], f.head, place.proposal_covariance(f.head)) for n, f in frames.items())
+    return sum(look.worth for look in looks)
+
+
+def _hold_length(tripod: TripodEstimate, growth_m: float) -> TripodEstimate:
+    """The tripod before a pitch that is longer than the template's, which leaves little of its length open."""
+    length = PLACE["length"]
+    mean, covariance = tripod.mean.copy(), tripod.covariance.copy()
+    mean[length] = growth_m
+    covariance[length] = covariance[:, length] = 0.0
+    covariance[length, length] = LENGTH_SD_M**2
+    return replace(tripod, mean=mean, covariance=covariance)

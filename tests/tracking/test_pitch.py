@@ -1,0 +1,114 @@
+"""Shape and size of the pitch before a tripod."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from circlecal.config import load_config
+from circlecal.rig.tripod import PLACE
+from circlecal.tracking import pitch
+from circlecal.tracking.looking import LookedAt
+from circlecal.tracking.markings import template_curves
+from circlecal.tracking.survey import WORST_RMS_PX
+from circlecal.tracking.tripod_fit import HeadedFrame, common_priors
+from tests.tracking.scenes import (
+    HEAD,
+    SIZE,
+    draw,
+    measure_ideal,
+    template,
+    tripod,
+    views_of_a_pitch,
+    views_of_badly_painted_markings,
+)
+
+LIMIT_PX = WORST_RMS_PX * SIZE[0] / 1920.0
+
+
+@pytest.mark.parametrize("size_m", [(117.0, 48.0), (94.8, 70.7), (105.0, 68.0)])
+def test_a_pitch_may_have_any_size(size_m: tuple[float, float]) -> None:
+    frames = views_of_a_pitch(*size_m)
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    start = replace(tripod(), mean=tripod().mean + np.where(np.arange(len(mean)) < 3, 0.2, 0.0))
+    fit = pitch.choose_pitch(frames, start, mean, sd, template_curves(template()), LIMIT_PX)
+    found = np.array([template().length_m, template().width_m]) + fit.estimate.growth_m
+    off = np.abs(found - size_m)
+    sigmas = np.array([fit.estimate.sigma("length"), fit.estimate.sigma("breadth")])
+    assert (off < 3.0 * sigmas + 0.01).all()
+    assert off.max() < 0.3
+    assert abs(fit.estimate.mean[PLACE["lever"]] - tripod().mean[PLACE["lever"]]) < 0.3
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_what_painters_leave_is_not_taken_for_the_size_of_the_pitch(seed: int) -> None:
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    frames = views_of_badly_painted_markings(seed, 1.4)
+    fit = pitch.choose_pitch(frames, tripod(), mean, sd, template_curves(template()), LIMIT_PX)
+    np.testing.assert_array_equal(fit.estimate.growth_m, 0.0)
+
+
+def test_boards_behind_a_touchline_do_not_broaden_the_pitch() -> None:
+    frames, drawn, rng = [], template_curves(template()), np.random.default_rng(7)
+    far = drawn.names.index("side_line_top")
+    for k, frame in enumerate(views_of_badly_painted_markings(1, 0.8)):
+        seen = frame.measured
+        on_it = np.flatnonzero(seen.marking == far)
+        # here and there the foot of the boards is seen instead, 3 m behind the line
+        hidden = on_it[rng.random(len(on_it)) > (0.8 if k in (2, 3, 4) else 0.0)]
+        kept = np.setdiff1d(np.arange(len(seen.marking)), hidden)
+        moved = seen.points_px - np.where(seen.marking == far, 8.0, 0.0)[:, None] * (0.0, 1.0)
+        by_place = {"marking": seen.marking, "field_m": seen.field_m, "points_px": moved, "normals": seen.normals,
+                    "width_px": seen.width_px, "scale_px_m": seen.scale_px_m, "bias_px": seen.bias_px}  # fmt: skip
+        frames.append(replace(frame, measured=replace(seen, **{name: v[kept] for name, v in by_place.items()})))
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    fit = pitch.choose_pitch(frames, tripod(), mean, sd, drawn, LIMIT_PX)
+    np.testing.assert_array_equal(fit.estimate.growth_m, 0.0)
+
+
+def test_boards_behind_a_goal_line_do_not_lengthen_the_pitch() -> None:
+    growth, rng, drawn = np.array([7.0, -1.0]), np.random.default_rng(8), template_curves(template())
+    heads = [np.array([np.log(2000.0 + 30.0 * k), pan, 1.38]) for k, pan in enumerate(np.linspace(0.1, -0.5, 8))]
+    goal_line = drawn.names.index("side_line_left")
+    frames = []
+    for k, head in enumerate(heads):
+        seen = measure_ideal(head, growth, 0.1, rng)
+        away = np.where(seen.marking == goal_line, 5.0, 0.0)[:, None] * seen.normals
+        frames.append(HeadedFrame(str(k), head, replace(seen, points_px=seen.points_px + away)))
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    sd[PLACE["width"]] = 0.0
+    fit = pitch.choose_pitch(frames, tripod(), mean, sd, drawn, LIMIT_PX)
+    sigma = np.array([fit.estimate.sigma("length"), fit.estimate.sigma("breadth")])
+    assert (np.abs(fit.estimate.growth_m - growth) < 3.0 * sigma + 0.02).all()
+    assert sigma.max() < 0.2
+
+
+def test_penalty_areas_alone_do_not_tell_the_size_of_the_pitch() -> None:
+    growth, rng = np.array([2.5, 19.9]), np.random.default_rng(4)
+    heads = [np.array([8.0, -0.5 + 0.01 * k, 1.40]) for k in range(3)]
+    seen = [measure_ideal(head, growth, 0.1, rng) for head in heads]
+    frames = [HeadedFrame(str(k), head, m) for k, (head, m) in enumerate(zip(heads, seen, strict=True))]
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    moved = tripod().mean.copy()
+    moved[:2] += np.array([growth[0] / 2.0, 0.0])
+    fit = pitch.choose_pitch(frames, replace(tripod(), mean=moved), mean, sd, template_curves(template()), LIMIT_PX)
+    sigma = np.array([fit.estimate.sigma("length"), fit.estimate.sigma("breadth")])
+    assert (np.abs(fit.estimate.growth_m - growth)[:1] < 3.0 * sigma[:1]).all()
+    assert sigma[0] > 0.3
+
+
+def test_a_penalty_area_that_comes_into_view_tells_a_length_that_was_open() -> None:
+    length, heads = PLACE["length"], [HEAD + np.array([0.0, 0.01 * k, 0.0]) for k in range(2)]
+    pictures = [draw(head, np.random.default_rng(k)) for k, head in enumerate(heads)]
+    looked_at = {str(k): LookedAt.of(p, load_config().mask) for k, p in enumerate(pictures)}
+    members = [HeadedFrame(str(k), head, measure_ideal(head, np.zeros(2), 0.1, np.random.default_rng(k)))
+               for k, head in enumerate(heads)]  # fmt: skip
+    wrong = tripod()
+    wrong.mean[length], wrong.covariance[length, length] = 6.0, 3.0**2
+    found = pitch.search_length(wrong, members, looked_at, template())
+    assert found is not None
+    assert abs(found.mean[length]) <= pitch.LENGTH_STEP_M / 2.0
+    wrong.covariance[length, length] = 0.1**2
+    assert pitch.search_length(wrong, members, looked_at, template()) is None

@@ -1,0 +1,43 @@
+"""A tripod from frames whose markings were measured."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from circlecal.config import load_config
+from circlecal.rig.tripod import PLACE
+from circlecal.tracking.markings import template_curves
+from circlecal.tracking.tripod_fit import HeadedFrame, common_priors, count_alike, fit_tripod
+from tests.tracking.scenes import (
+    SIZE,
+    measure_ideal,
+    template,
+    tripod,
+    views_of_a_pitch,
+    views_of_badly_painted_markings,
+)
+
+
+def test_what_frames_repeat_does_not_average_out() -> None:
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    sd[PLACE["width"]] = 0.0
+    frames, drawn = views_of_badly_painted_markings(1, 1.4), template_curves(template())
+    fit = fit_tripod(frames, tripod(), mean, sd, drawn)
+    assert count_alike(fit) == len(frames)
+    alike = fit_tripod(frames, tripod(), mean, sd, drawn, alike=count_alike(fit))
+    assert alike.estimate.sigma("length") > 1.5 * fit.estimate.sigma("length")
+    assert count_alike(fit_tripod(views_of_a_pitch(105.0, 68.0), tripod(), mean, sd, drawn)) == 1.0
+
+
+def test_a_lever_arm_points_ahead() -> None:
+    rng = np.random.default_rng(3)
+    heads = [np.array([np.log(2600.0), pan, 1.38]) for pan in (0.1, 0.0, -0.2, -0.4)]
+    frames = [HeadedFrame(str(head[1]), head, measure_ideal(head, np.zeros(2), 0.1, rng, -1.0)) for head in heads]
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    sd[[PLACE["length"], PLACE["breadth"]]] = mean[[PLACE["length"], PLACE["breadth"]]] = 0.0
+    fit = fit_tripod(frames, tripod(), mean, sd, template_curves(template()))
+    assert fit.estimate.mean[PLACE["lever"]] == 0.0
+    # where somebody has measured it, it is taken as it is
+    mean[PLACE["lever"]] = -1.0
+    fit = fit_tripod(frames, tripod(), mean, sd, template_curves(template()))
+    assert fit.estimate.mean[PLACE["lever"]] < -0.5
