@@ -195,11 +195,9 @@ def hall_paint(template: FieldTemplate, rng: np.random.Generator) -> tuple[Extra
 
 
 def rink_paint(template: FieldTemplate, rng: np.random.Generator) -> tuple[ExtraPaint, ...]:
-    """Face-off spots, hash marks, creases and the referee's semicircle of a hockey rink."""
+    """Hash marks, brackets, creases and the referee's semicircle of a hockey rink, whose template has the spots."""
     end = template.length_m / 2 - 10.0
-    blue_line = template.length_m / 2 - 22.86
     side = template.width_m / 2
-    spots = [spot(end, y, 0.6) for y in (-7.0, 7.0)] + [spot(blue_line - 1.5, y, 0.6) for y in (-7.0, 7.0)]
     hashes = [
         line((end + dx, y + sign * 4.5), (end + dx, y + sign * 5.1))
         for y in (-7.0, 7.0)
@@ -214,4 +212,4 @@ def rink_paint(template: FieldTemplate, rng: np.random.Generator) -> tuple[Extra
     ]
     crease = [arc(template.length_m / 2 - 4.0, 0.0, 1.8, 90.0, 270.0)]
     referee = (arc(0.0, side, 3.0, 180.0, 360.0),)
-    return (ExtraPaint((*both_ends([*spots, *hashes, *brackets, *crease]), *referee), 0.05, RED, 0.75),)
+    return (ExtraPaint((*both_ends([*hashes, *brackets, *crease]), *referee), 0.05, RED, 0.75),)

@@ -6,12 +6,12 @@ import cv2
 import numpy as np
 import pytest
 
-from circlecal.field import load_field
+from circlecal.field import Mark, load_field
 from circlecal.geometry.surface import FLAT
 from circlecal.synthetic.alterations import ALTERATIONS, alter
 from circlecal.synthetic.cameras import aim_camera, inside_frame
 from circlecal.synthetic.decals import Decal, draw_decals, plain
-from circlecal.synthetic.floors import rugby_paint
+from circlecal.synthetic.floors import rink_paint, rugby_paint
 from circlecal.synthetic.goals import draw_goals
 from circlecal.synthetic.negatives import NEGATIVE_KINDS, negative_scene
 from circlecal.synthetic.paint import CIRCLE_CLASS
@@ -273,3 +273,9 @@ def test_both_fields_show_the_same_players_and_score():
     calm = delivery.model_copy(update={"interlace_px": 0.0})
     still = render(replace(scene, delivery=calm, config=config), np.random.default_rng(0)).image.astype(float)
     assert teeth == pytest.approx(np.abs(still[1:-1] - (still[:-2] + still[2:]) / 2).mean(), rel=0.05)
+
+
+def test_a_rinks_spots_are_painted_once():
+    """They are the template's: rounder numbers would paint those of the neutral zone a second time, 15 cm off."""
+    (paint,) = rink_paint(load_field("ice-hockey"), np.random.default_rng(0))
+    assert not any(isinstance(element, Mark) for element in paint.elements)
