@@ -15,6 +15,7 @@ from circlecal.field.view import FieldView
 from circlecal.observations import MarkingKey, Observations
 from circlecal.paint.spots import measure_spots
 from circlecal.pipeline.attempts import add_checks, estimate, refuse_as_open, take_observations
+from circlecal.pipeline.painters import cover_painters
 from circlecal.pipeline.refinements import UNCERTAIN_PX, Retry, is_less_uncertain
 from circlecal.pipeline.setting import Scene, Setting, lighten_markings
 from circlecal.placement import (
@@ -27,6 +28,7 @@ from circlecal.placement import (
     search_placements,
     see_paint,
     see_surface,
+    share_on_surface,
     weigh_view,
 )
 from circlecal.refusals import Confidence
@@ -85,8 +87,8 @@ went from 0.07 to 0.17 and from 0.69 to 1.05; a court with the key of another on
 """
 SURFACE_SHARE = 0.68
 """Least share of the markings in the picture that lie on the playing surface: of eight right cameras of rinks and
-courts 0.77 to 1; of a rink that was laid into the stands 0.60, of a rendered court whose other circle and one more
-marking were taken for the centre circle and its own 0.16.
+courts 0.77 to 1; of a rink that was laid into the stands 0.60, of three rendered courts whose other circle with its
+line and one more marking were taken for the centre circle and its own 0.05 to 0.30.
 """
 EXPLAINED_SHARE, EXPLAINED_EVIDENCE = 0.7, 0.15
 """Share of what was found painted that a placed field explains, with which less evidence is enough: a far half court
@@ -145,10 +147,17 @@ def _may_be_any_circle(setting: Setting, attempt: Attempt) -> bool:
 
 
 def _is_doubtful(setting: Setting, attempt: Attempt) -> bool:
-    """Whether any circle of the template may be the one seen, and a camera that knows little of the field took one."""
+    """Whether any circle of the template may be the one seen, and a camera that knows little of the field took one; of
+    one that a circle and a line or two carry, painters' errors count, and where it lays the other markings.
+    """
     if not (_may_be_any_circle(setting, attempt) and attempt.is_calibrated) or attempt.camera is None:
         return False
-    return attempt.camera.max_sigma_px > UNCERTAIN_PX * setting.width / 1920.0
+    limit_px = UNCERTAIN_PX * setting.width / 1920.0
+    if attempt.circle_name is not None or _count_carrying(attempt) > FEWEST_CARRYING:
+        return attempt.camera.max_sigma_px > limit_px
+    wider = cover_painters(setting, attempt).camera
+    is_vague = wider is not None and wider.max_sigma_px > limit_px
+    return is_vague or not _lies_on_surface(setting, attempt)
 
 
 def refuse_doubtful(setting: Setting, attempt: Attempt) -> Attempt:
@@ -442,21 +451,21 @@ def take_in_markings(setting: Setting, scene: Scene, attempt: Attempt) -> Iterat
         return
     picture = lighten_markings(scene.marked, attempt.mask, setting.circle)
     fuller = _settle_view(setting, picture, attempt, attempt.camera.view)
-    if fuller is None or not _lies_on_surface(setting, scene, attempt.mask, fuller):
+    if fuller is None or not _lies_on_surface(setting, fuller):
         return
     told = set() if fuller.verdict is None else {check.name for check in fuller.verdict.checks}
     yield add_checks(fuller, *(check for check in attempt.verdict.checks if check.name not in told))
 
 
-def _lies_on_surface(setting: Setting, scene: Scene, mask: MarkingMask, attempt: Attempt) -> bool:
-    """Whether a camera leaves the markings in the picture on the playing surface of a mask: one marking more that fits
-    by chance makes a wrong camera look sure, but it lays the rest of the field into the stands.
+def _lies_on_surface(setting: Setting, attempt: Attempt) -> bool:
+    """Whether a camera leaves the markings in the picture on the playing surface: a circle and a line of the field, or
+    one marking more that fits by chance, make a wrong camera look sure, but it lays the rest of the field into the
+    stands.
     """
-    with setting.clock("cues"):
-        paint = look_for_paint(scene, mask, setting.config, setting.template)
-    if paint is None or attempt.camera is None:
+    region = None if attempt.mask is None else attempt.mask.field_region
+    if region is None or attempt.camera is None:
         return True
-    return weigh_view(attempt.camera.view, setting.template, paint).surface_share >= SURFACE_SHARE
+    return share_on_surface(attempt.camera.view, setting.template, region) >= SURFACE_SHARE
 
 
 def _is_fuller(setting: Setting, attempt: Attempt, fuller: Attempt) -> bool:

@@ -10,7 +10,7 @@ and the one whose markings lie on ridges of their direction wins. Neither a half
 (cameras before a circle) -> ``fit`` (cameras moved onto the paint) -> ``search``.
 """
 
-from circlecal.placement.evidence import Outlines, ViewEvidence, mean_distance_px, weigh_view
+from circlecal.placement.evidence import Outlines, ViewEvidence, mean_distance_px, share_on_surface, weigh_view
 from circlecal.placement.paint_maps import SeenPaint, SurfaceRidges, see_paint, see_surface
 from circlecal.placement.search import PlacedField, RoughPlacements, refine_placements, search_placements
 
@@ -26,5 +26,6 @@ __all__ = [
     "search_placements",
     "see_paint",
     "see_surface",
+    "share_on_surface",
     "weigh_view",
 ]

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from circlecal.detection.picture import Scaling
 from circlecal.field import FieldTemplate
 from circlecal.field.view import FieldView
 from circlecal.geometry.projective import Array, Mask
@@ -185,20 +186,43 @@ def weigh_view(view: FieldView, template: FieldTemplate, paint: SeenPaint) -> Vi
     maps = paint.maps
     reach = FINE_SHARE * maps.width
     outlines = Outlines.of(template)
-    grown = np.array([view.grow(outline, template) for outline in outlines.nodes])
-    pixels = view.project(grown)
-    ahead = np.array(np.isfinite(pixels).all(axis=-1))[None]
-    pixels = maps.scaling.reduce(np.nan_to_num(pixels, nan=-1e6)[None])
-    planes = np.moveaxis(pixels, -1, 0).astype(np.float32)
-    samples = sample_outlines(planes, ahead, outlines.colours, maps.region)
-    in_picture = sample_outlines(planes, ahead, outlines.colours, np.ones_like(maps.region)).length
+    pixels, ahead = _show_outlines(view, template, outlines, maps.scaling)
+    samples, surface_share = _sample_on_surface(pixels, ahead, outlines, maps.region)
     score, share = weigh_samples(samples, maps.distance, outlines.is_optional, reach)
     return ViewEvidence(
         float(score[0]) / maps.width,
         float(share[0]),
-        _share_on_markings(pixels[0], ahead[0], paint.structures.points, maps.region.shape, reach),
-        float(samples.length.sum() / in_picture.sum()) if in_picture.any() else 1.0,
+        _share_on_markings(pixels, ahead, paint.structures.points, maps.region.shape, reach),
+        surface_share,
     )
+
+
+def share_on_surface(view: FieldView, template: FieldTemplate, region: Mask) -> float:
+    """Share of the markings in the picture that lie on the playing surface (h, w), at any size; 1 where there are
+    none.
+    """
+    outlines = Outlines.of(template)
+    scaling = Scaling(np.array([view.camera.width, view.camera.height]) / region.shape[::-1])
+    return _sample_on_surface(*_show_outlines(view, template, outlines, scaling), outlines, region)[1]
+
+
+def _show_outlines(
+    view: FieldView, template: FieldTemplate, outlines: Outlines, scaling: Scaling
+) -> tuple[Array, Mask]:
+    """Places (K, N, 2) along K markings in a reduced picture, and which of them lie before the camera (K, N)."""
+    pixels = view.project(np.array([view.grow(outline, template) for outline in outlines.nodes]))
+    ahead = np.array(np.isfinite(pixels).all(axis=-1), np.bool_)
+    return scaling.reduce(np.nan_to_num(pixels, nan=-1e6)), ahead
+
+
+def _sample_on_surface(pixels: Array, ahead: Mask, outlines: Outlines, region: Mask) -> tuple[OutlineSamples, float]:
+    """Where the markings of one view lie on the playing surface (h, w), and the share of those in the picture that do;
+    1 where there are none.
+    """
+    planes = np.moveaxis(pixels[None], -1, 0).astype(np.float32)
+    samples = sample_outlines(planes, ahead[None], outlines.colours, region)
+    in_picture = sample_outlines(planes, ahead[None], outlines.colours, np.ones_like(region)).length
+    return samples, float(samples.length.sum() / in_picture.sum()) if in_picture.any() else 1.0
 
 
 def mean_distance_px(view: FieldView, other: FieldView, template: FieldTemplate) -> float:

@@ -437,7 +437,7 @@ def test_a_circle_with_its_line_takes_in_all_other_markings(monkeypatch):
     stripe = np.zeros_like(ground)
     stripe[5 * size[1] // 12 : 7 * size[1] // 12] = True
     with monkeypatch.context() as patch:
-        patch.setattr(placed_field, "_settle_view", lambda *_: fuller)
+        patch.setattr(placed_field, "_settle_view", lambda *given: replace(fuller, mask=given[2].mask))
         assert placed_field.ALL_MARKINGS.try_out(setting, scene, first) is not None
         beside = replace(first, mask=replace(mask, field_region=stripe))
         assert placed_field.ALL_MARKINGS.try_out(setting, scene, beside) is None
@@ -446,6 +446,15 @@ def test_a_circle_with_its_line_takes_in_all_other_markings(monkeypatch):
     assert placed_field.PLACED_FIELD.when(setting, vague)
     assert placed_field.refuse_doubtful(setting, vague).code == "circle_unconfirmed"
     assert placed_field.refuse_doubtful(setting, fuller) is fuller
+    # so they may where they lay most of the field beside the playing surface, or where painters' errors leave much open
+    told = replace(first, camera=replace(first.camera, max_sigma_px=0.1, painters_covariance=None))
+    assert placed_field.refuse_doubtful(setting, told) is told
+    assert placed_field.refuse_doubtful(setting, replace(told, mask=beside.mask)).code == "circle_unconfirmed"
+    many = {MarkingKey(f"line_{k}"): 0.1 for k in range(6)}
+    carried = replace(told, mask=beside.mask, camera=replace(told.camera, residuals_px=many))
+    assert placed_field.refuse_doubtful(setting, carried) is carried
+    painters = replace(told, camera=replace(told.camera, painters_covariance=100.0 * told.camera.covariance))
+    assert placed_field.refuse_doubtful(setting, painters).code == "circle_unconfirmed"
     # one that is sure already, or whose circle was named, is left alone
     sure = replace(first, camera=replace(first.camera, max_sigma_px=0.1))
     assert placed_field.ALL_MARKINGS.try_out(setting, scene, sure) is None
