@@ -265,6 +265,7 @@ def _fit_with_arc(scene: NamingScene, trials: list[Trial], points: Array, arc: A
         problem=replace(scene.problem, curves=join_curves(scene.problem.curves, drawn)),
         before_px=np.append(scene.before_px, np.inf),
         allowed_px=np.append(scene.allowed_px, 0.0),
+        painted_px=np.append(scene.painted_px, 0.0),
     )
     fitted = try_names(fuller, [trial.association for trial in trials], np.array([trial.theta for trial in trials]))
     cameras = np.array([trial.theta for trial in fitted])

@@ -8,6 +8,7 @@ import numpy as np
 
 from circlecal.camera.covariance import posterior_covariance
 from circlecal.camera.observed import NoiseModel, thin_curves, thin_line
+from circlecal.camera.painters import follow_errors, measure_displacements
 from circlecal.camera.problem import COARSE, WIDE_LOSS, Problem, State, minimise
 from circlecal.camera.residuals import CurvePoints, ground_feet
 from circlecal.field import FieldTemplate
@@ -18,6 +19,10 @@ from circlecal.observations import LinePoints, MarkingKey, Observations
 
 HYPOTHESES, GROWING = 6, 2
 """How many hypotheses are fitted, and of how many the lines are matched anew."""
+RIVALS = 6
+"""So many of the longest lines are also tried alone where markings may be painted beside their places: more lines come
+near one then than hypotheses hold, and each may be it.
+"""
 FIT_ITERATIONS = 20
 """Most steps of a fit that is only compared."""
 ROUNDS = 3
@@ -39,6 +44,8 @@ PX_PER_MISSED_PX, PX_PER_RESIDUAL_PX, PX_PER_PRIOR = 2.0, 400.0, 15.0
 each pixel by which known markings fit worse than allowed, each unit of chi-square that the priors give: what is known
 is not given up for a name.
 """
+LEAST_PAINTED_PX = 1e-6
+"""Smaller painters' errors, pixels, are none."""
 LEAST_EXPLAINED_WIDTHS, LEAST_SCORE_WIDTHS = 0.15, 0.1
 """Least length of named line, and least score, of a hypothesis that is believed, in picture widths."""
 
@@ -62,8 +69,9 @@ class NamingScene:
     ----------
     problem : Problem
         With the markings whose names are known, thinned.
-    before_px, allowed_px : (G,) arrays
-        Root mean square residual of each of them before any line gets a name, and by how much it may grow.
+    before_px, allowed_px, painted_px : (G,) arrays
+        Root mean square residual of each of them before any line gets a name, by how much it may grow, and by how much
+        a painter's error of one standard deviation lets it.
     points_px, sigma_px, line : (N, 2), (N,), (N,) arrays
         Thinned points of the nameless lines, and which line each belongs to.
     segments : (S, 2, 2) array
@@ -75,11 +83,14 @@ class NamingScene:
     elsewhere : frozenset of (int, str)
         Names that a nameless line cannot have, since another line is seen to end on that marking somewhere else, or to
         run on beyond this one.
+    painters_covariance : (P, P) array
+        What painters' errors of the known markings add to the covariance of the camera.
     """
 
     problem: Problem
     before_px: Array
     allowed_px: Array
+    painted_px: Array
     points_px: Array
     sigma_px: Array
     line: Indices
@@ -87,6 +98,7 @@ class NamingScene:
     template: FieldTemplate
     known: tuple[str, ...]
     elsewhere: frozenset[tuple[int, str]]
+    painters_covariance: Array
 
     @property
     def unit(self) -> float:
@@ -106,6 +118,7 @@ class NamingScene:
     def hypotheses(self, theta: Array, normal: Array, count: int) -> list[Association]:
         """The most plausible names under a camera with its Gauss-Newton matrix."""
         covariance = posterior_covariance(normal, self.problem.priors.sd)
+        covariance = covariance + self.painters_covariance
         model, sigma_px = self.problem.model, LINE_SIGMA_PX * self.unit
         return associate_lines(
             self.segments, self.template, self.known, theta, covariance, model, sigma_px, count, self.elsewhere
@@ -167,6 +180,8 @@ def name_lines(
     trials = match_further_lines(
         scene, try_names(scene, first, np.repeat(state.theta[:1], len(first), axis=0)), GROWING
     )
+    if scene.painted_px.any():
+        trials += _try_alone(scene, first, state.theta[:1])
     best = select_trial(trials, observations.width)
     if best is None or scene.leaves_longest(best.association):
         trials += _try_longest(scene, first, state.theta[:1])
@@ -201,6 +216,15 @@ def _try_longest(scene: NamingScene, hypotheses: list[Association], start: Array
     return try_names(scene, single, np.repeat(start, len(single), axis=0)) if single else []
 
 
+def _try_alone(scene: NamingScene, hypotheses: list[Association], start: Array) -> list[Trial]:
+    """Each of the longest lines alone under every name that a hypothesis gives."""
+    names = sorted({name for hypothesis in hypotheses for name in hypothesis.names.values()})
+    longest = np.argsort(-scene.lengths_px, kind="stable")[:RIVALS].tolist()
+    pairs = [(k, name) for k in longest for name in names if (k, name) not in scene.elsewhere]
+    single = [Association({k: name}, float(scene.lengths_px[k]), 0.0) for k, name in pairs]
+    return try_names(scene, single, np.repeat(start, len(single), axis=0)) if single else []
+
+
 def _is_extension(again: Association, before: Association) -> bool:
     return again.names != before.names and again.length_px >= before.length_px
 
@@ -222,9 +246,13 @@ def make_naming_scene(
     unit = observations.width / 1920.0
     residuals, group = state.residuals[0] * problem.curves.sigma_px, problem.curves.group
     stated = np.bincount(group, problem.curves.sigma_px) / np.bincount(group)
+    covariance = posterior_covariance(state.normal[0], problem.priors.sd)
+    painters = follow_errors(problem, state, covariance, template)
     return NamingScene(
         problem=replace(problem, curves=curves),
         allowed_px=np.where(np.bincount(group) == 1, stated, ALLOWED_PX * unit),
+        painted_px=measure_displacements(problem, state, template),
+        painters_covariance=np.zeros_like(covariance) if painters is None else painters.covariance,
         before_px=np.sqrt(np.bincount(group, residuals**2) / np.bincount(group)),
         points_px=np.concatenate([points for points, _ in thinned]),
         sigma_px=np.concatenate([sigma for _, sigma in thinned]),
@@ -306,9 +334,12 @@ def _score(
     passed = named & (rms[:, known:] < PASSED_PX * scene.unit)
     explained = (lengths * passed).sum(axis=1)
     missed = (lengths * named).sum(axis=1) - explained
-    worse = np.maximum(0.0, rms[:, :known] - scene.before_px - scene.allowed_px).sum(axis=1) / scene.unit
+    worse = np.maximum(0.0, rms[:, :known] - scene.before_px - scene.allowed_px)
+    # a marking that is painted elsewhere is as likely as its painter's error
+    painted = PX_PER_PRIOR * (worse / np.maximum(scene.painted_px, LEAST_PAINTED_PX)) ** 2
+    strain = np.minimum(PX_PER_RESIDUAL_PX * worse / scene.unit, painted).sum(axis=1)
     prior = (problem.priors.residuals(state.theta)[0] ** 2).sum(axis=1)
-    against = PX_PER_MISSED_PX * missed + scene.unit * (PX_PER_RESIDUAL_PX * worse + PX_PER_PRIOR * prior)
+    against = PX_PER_MISSED_PX * missed + scene.unit * (strain + PX_PER_PRIOR * prior)
     return passed, explained, explained - against
 
 

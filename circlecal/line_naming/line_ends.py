@@ -42,6 +42,10 @@ PASSED_PX, PLACE_PX, PASSED_SHARE, MET_SHARE = 20.0, 2.0, 0.6, 0.25
 """A line runs on beyond another where it is seen at this share of the places, so many pixels apart, within so many
 pixels at 1920 px width on both sides of it; and by which share of its length that one may be drawn on to meet it.
 """
+DRAWN_ON = 1.0
+"""Lengths of its own by which a line may be drawn on to pass through an end: streaks of a floor 130 and 190 px long
+that pass by chance were 550 and 800 px away from ends at which players hid the halfway line.
+"""
 FEWEST_POINTS = 8
 """Points of a seen line that gets a name or crosses another line; fewer are a fragment."""
 TOUCH_M = 0.3
@@ -136,6 +140,12 @@ def passes_point(segment: Array, point_px: Array, unit: float, near_px: float = 
     return abs(float(line_distance(fit_line(segment), point_px[None])[0])) < near_px * unit + BEND_SHARE * away
 
 
+def _is_near(segment: Array, point_px: Array) -> bool:
+    """Whether a seen line with the ends (2, 2) is drawn on to a point (2,) by no more than so many of its lengths."""
+    nearest = float(np.linalg.norm(segment - point_px, axis=1).min())
+    return nearest < DRAWN_ON * float(np.linalg.norm(segment[1] - segment[0]))
+
+
 def passes_end(segment: Array, end: LinePoints, unit: float) -> bool:
     """Whether a seen line passes an end of :func:`add_line_ends` within what is known of it, or would if drawn on."""
     return passes_point(segment, end.points_px[0], unit, NEAR_SIGMAS * float(end.sigma_px[0]) / unit)
@@ -215,8 +225,9 @@ def _is_crossed(end: LineEnd, line: LinePoints, observations: Observations, unit
     along = fit_line(line.points_px)[:2]
     for other in observations.lines:
         if other.line is None and len(other.points_px) >= FEWEST_POINTS:
+            segment = segment_ends(other.points_px)
             normal = fit_line(other.points_px)[:2]
             across = abs(normal[0] * along[1] - normal[1] * along[0]) > LEAST_SINE
-            if across and passes_point(segment_ends(other.points_px), end.point_px, unit):
+            if across and _is_near(segment, end.point_px) and passes_point(segment, end.point_px, unit):
                 return True
     return False

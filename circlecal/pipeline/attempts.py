@@ -8,6 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from circlecal.camera.report import widen_camera
 from circlecal.errors import EstimationError
 from circlecal.geometry.projective import Array
 from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations
@@ -253,7 +254,8 @@ def look_again(setting: Setting, scene: Scene, attempt: Attempt) -> Attempt:
             return attempt
         seen_names = {line.line for line in observations.lines} | {c.circle for c in observations.circles}
         known = frozenset(name for name in (*seen_names, *camera.named_lines) if name is not None)
-        expected = look_for_markings(picture, camera, template, circle, known, mask.field_region)
+        wider = widen_camera(camera, circle, template)
+        expected = look_for_markings(picture, wider, template, circle, known, mask.field_region)
     return replace(attempt, verdict=confirm(verdict, camera, cues, expected))
 
 

@@ -8,11 +8,19 @@ import pytest
 from circlecal.camera import painters
 from circlecal.camera.covariance import posterior_covariance
 from circlecal.camera.observed import NoiseModel, curves_from_observations, points_from_observations
-from circlecal.camera.painters import follow_errors
+from circlecal.camera.painters import estimate_with_errors, follow_errors, measure_displacements
 from circlecal.camera.problem import minimise
-from circlecal.geometry.camera_parameters import PARAMETERS, project
+from circlecal.geometry.camera_parameters import PARAMETERS, ProjectionModel, project, theta_of
+from circlecal.geometry.surface import Surface
+from circlecal.observations import Observations
+from circlecal.synthetic.cameras import aim_camera
+from circlecal.synthetic.markings import circle_points, line_points
+from circlecal.synthetic.painters import displace_markings
 
 from .test_problem import MODEL, SOCCER, observed, plain_theta, priors, problem_of
+
+WIDE = aim_camera(np.array([-4.0, 62.0, -17.0]), np.array([4.0, -4.0, 0.0]), 1700.0, 0.01, 1920, 1080)
+FLAT = ProjectionModel(1920, 1080, Surface())
 
 
 def test_markings_that_lie_elsewhere_move_the_camera_as_far_as_its_covariance_says():
@@ -74,3 +82,63 @@ def test_paint_that_wanders_all_around_a_circle_is_a_larger_circle(monkeypatch):
     monkeypatch.setattr(painters, "PIECE_M", 0.5)
     pieces = follow_errors(base, state, covariance, wandering).covariance
     assert np.trace(by_theta @ pieces @ by_theta.T) < 0.5 * np.trace(by_theta @ added @ by_theta.T)
+
+
+PAINTED_SD_M = 0.04
+"""Of the displaced markings: many times what noise leaves of them."""
+
+
+def draw_painted(seed, names=("side_line_top", "big_rect_right_main")):
+    """A camera, the fit to markings that were painted elsewhere, its problem, and the template that knows it."""
+    rng = np.random.default_rng(seed)
+    painted = SOCCER.model_copy(update={"placement_sd_m": PAINTED_SD_M})
+    moved = displace_markings(painted, rng)
+    circle = circle_points(WIDE, moved, "center", 200, 0.05, rng)
+    lines = tuple(line_points(WIDE, moved, name, 60, 0.05, rng) for name in ("halfway_line", *names))
+    seen = Observations(1920, 1080, (circle,), lines)
+    start = theta_of(WIDE, FLAT)
+    chosen = replace(priors(), distance_log_sd=np.inf, elevation_sd_rad=np.inf)
+    problem = replace(problem_of(seen, chosen, loss_scale=np.inf), model=FLAT)
+    return problem, minimise(problem, start[None]), painted
+
+
+def error_px(theta, reach_m=18.0):
+    grid = np.random.default_rng(0).uniform(-reach_m, reach_m, (60, 2))
+    return float(np.linalg.norm(project(theta[None], grid[None], FLAT).pixels[0] - WIDE.project(grid), axis=1).mean())
+
+
+def test_errors_that_are_estimated_with_the_camera_bend_it_less():
+    errors = []
+    for seed in range(12):
+        problem, state, painted = draw_painted(seed)
+        covariance = posterior_covariance(state.normal[0], problem.priors.sd)
+        told = estimate_with_errors(problem, state, covariance, painted)
+        errors.append((error_px(state.theta[0]), error_px(told.theta)))
+    before, after = np.array(errors).T
+    assert after.mean() < 0.8 * before.mean()
+
+
+def test_paint_that_only_wanders_moves_no_camera_and_widens_it():
+    problem, state, _ = draw_painted(0)
+    covariance = posterior_covariance(state.normal[0], problem.priors.sd)
+    wandering = SOCCER.model_copy(update={"wander_sd_m": 0.01})
+    told = estimate_with_errors(problem, state, covariance, wandering)
+    np.testing.assert_array_equal(told.theta, state.theta[0])
+    assert (np.diag(told.covariance) >= np.diag(covariance)).all()
+    assert np.trace(told.covariance) > 1.5 * np.trace(covariance)
+    assert estimate_with_errors(problem, state, covariance, SOCCER) is None
+
+
+def test_a_painters_error_moves_a_marking_across_itself_by_so_many_pixels():
+    problem, state, painted = draw_painted(0)
+    moved_px = measure_displacements(problem, state, painted)
+    number = next(k for k, key in enumerate(problem.curves.keys) if key.name == "side_line_top")
+    seen = problem.curves.points_px[problem.curves.group == number]
+    ground = np.linspace(seen[0], seen[-1], 30)
+    places = np.stack([np.zeros(30), np.full(30, -SOCCER.width_m / 2)], axis=-1)
+    places[:, 0] = np.linspace(*WIDE.back_project(ground[[0, -1]])[:, 0], 30)
+    shifted = WIDE.project(places + np.array([0.0, PAINTED_SD_M])) - WIDE.project(places)
+    along = WIDE.project(places + np.array([0.1, 0.0])) - WIDE.project(places)
+    normal = np.stack([-along[:, 1], along[:, 0]], axis=-1) / np.linalg.norm(along, axis=1, keepdims=True)
+    assert moved_px[number] == pytest.approx(np.sqrt(np.mean((shifted * normal).sum(axis=1) ** 2)), rel=0.1)
+    assert not measure_displacements(problem, state, SOCCER).any()

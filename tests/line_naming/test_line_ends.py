@@ -7,6 +7,7 @@ import pytest
 
 from circlecal.evaluation.bench.scenarios import KNOWN
 from circlecal.field import load_field
+from circlecal.line_naming import line_ends
 from circlecal.line_naming.line_ends import agree_with_ends, find_passed_lines, passes_end, passes_point
 from circlecal.observations import LineEnd, LinePoints, MarkingKey, Observations
 from circlecal.stages.camera import estimate_camera
@@ -117,3 +118,14 @@ def test_a_line_that_the_halfway_line_runs_beyond_is_no_touchline():
     sides = {(0, "side_line_top"), (0, "side_line_bottom")}
     assert find_passed_lines(observations, [1, 2, 3], SOCCER) == sides
     assert "side_line_top" not in fitted(replace(observations, lines=(halfway, inner))).named_lines
+
+
+@pytest.mark.parametrize(("away_m", "is_believed"), [(4.0, True), (25.0, False)])
+def test_a_line_passes_an_end_only_where_it_is_seen_near_it(away_m, is_believed):
+    """A streak of a floor that is drawn on by three of its lengths passes through an end by chance."""
+    points = CAMERA.project(np.stack([np.linspace(away_m, away_m + 8.0, 40), np.full(40, -34.0)], axis=-1))
+    streak = LinePoints(None, points, np.full(40, 0.4))
+    given = Observations(
+        1920, 1080, (), (line_points(CAMERA, SOCCER, "halfway_line", 60, 0.4, np.random.default_rng(0)), streak)
+    )
+    assert line_ends._is_crossed(far_end(crossed=False), given.lines[0], given, 1.0) is is_believed
