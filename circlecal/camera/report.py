@@ -16,7 +16,7 @@ from circlecal.camera.covariance import (
     push_forward,
     spread_cameras,
 )
-from circlecal.camera.painters import estimate_with_errors, follow_errors
+from circlecal.camera.painters import follow_errors
 from circlecal.camera.problem import Problem, State
 from circlecal.camera.spike_and_slab import Posterior
 from circlecal.field import Circle, FieldTemplate
@@ -102,38 +102,28 @@ def camera_fit(
         field_size=None if posterior is None or is_fixed else _field_size(theta, covariance, template, posterior),
         region=told.region,
         mean_sigma_px=told.mean_sigma_px,
-        beside_errors=estimate_with_errors(problem, state, covariance, template),
+        painters_covariance=None if painted is None else painted.covariance,
         painted_sigma_px={} if painted is None else painted.residual_px,
     )
 
 
 def widen_camera(fit: CameraFit, circle: Circle, template: FieldTemplate) -> CameraFit:
-    """The camera that was estimated together with painters' errors, with them in its covariance and in everything that
-    follows from both. Residuals stay those of the camera that takes all markings to lie where the sizes put them.
-    """
-    if fit.beside_errors is None:
+    """The camera with painters' errors in its covariance and in everything that follows from that."""
+    if fit.painters_covariance is None:
         return fit
-    theta, covariance = fit.beside_errors.theta, fit.beside_errors.covariance
-    camera = camera_of(theta, fit.model)
-    H = camera.homography
-    told = _tell_spread(theta, covariance, fit.model, fit.reference_m, circle, template)
+    covariance = fit.covariance + fit.painters_covariance
+    told = _tell_spread(fit.theta, covariance, fit.model, fit.reference_m, circle, template)
     return replace(
         fit,
-        camera=camera,
-        surface=replace(fit.surface, crown_m=float(theta[INDEX["crown"]])),
         covariance=covariance,
-        H_image_field=H,
-        H_field_image=scale_homography(np.linalg.inv(H)),
         H_covariance=told.H_covariance,
-        imaged_center_px=told.imaged_center_px,
         imaged_center_covariance=told.imaged_center_covariance,
-        theta=theta,
         max_sigma_px=told.max_sigma_px,
         max_sigma_m=told.max_sigma_m,
         mean_sigma_px=told.mean_sigma_px,
         derived_points=told.derived_points,
         region=told.region,
-        beside_errors=None,
+        painters_covariance=None,
     )
 
 

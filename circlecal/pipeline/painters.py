@@ -1,5 +1,4 @@
-"""The last word on a camera: it is estimated once more together with painters' errors, and what these leave open comes
-on top of what the picture does.
+"""The last word on a camera: what painters' errors leave open comes on top of what the picture does.
 
 Which marking is which, and whether a frame is believed, is decided before, by what was seen.
 """
@@ -15,11 +14,9 @@ from circlecal.stages.verdict import renew_sigmas
 
 
 def cover_painters(setting: Setting, attempt: Attempt) -> Attempt:
-    """The attempt with the camera that was estimated together with painters' errors, refused where these leave it too
-    uncertain.
-    """
+    """The attempt with painters' errors in its uncertainty, refused where that then is too large."""
     camera, template = attempt.camera, setting.template
-    if camera is None or camera.beside_errors is None:
+    if camera is None or camera.painters_covariance is None:
         return attempt
     circle = template.circle_by_name.get(attempt.circle_name or setting.circle.name, setting.circle)
     wider = widen_camera(camera, circle, template)

@@ -12,7 +12,6 @@ from circlecal.results.estimates import (
     HomographyFit,
     HomographyRegion,
     LineCorrespondence,
-    PaintedCamera,
     PointCorrespondence,
 )
 from circlecal.results.seen import (
@@ -60,7 +59,6 @@ __all__ = [
     "LineCue",
     "MarkCue",
     "MarkingMask",
-    "PaintedCamera",
     "PointCorrespondence",
     "RayPoints",
     "Rival",

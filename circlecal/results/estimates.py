@@ -155,14 +155,6 @@ class HomographyRegion:
 
 
 @dataclass(frozen=True, slots=True)
-class PaintedCamera:
-    """Parameters (P,) of a camera that was estimated together with painters' errors, and their covariance (P, P)."""
-
-    theta: Array
-    covariance: Array
-
-
-@dataclass(frozen=True, slots=True)
 class CameraFit:
     """Stage ``camera``: maximum a posteriori pinhole camera with its covariance.
 
@@ -211,9 +203,8 @@ class CameraFit:
         How long and broad the field is; None where it was not asked.
     point_residuals_px : dict of MarkingKey
         Signed distance (N,) of each point of markings with few points, pixels, in the order in which they were given.
-    beside_errors : PaintedCamera or None
-        The camera that was estimated together with painters' errors, while this one takes all markings to lie where the
-        sizes put them; None where painters make none.
+    painters_covariance : (P, P) array or None
+        What painters' errors add to the covariance while they are not in it; None where there are none.
     painted_sigma_px : dict of MarkingKey
         Part of each observation's residual that painters' errors may bring, pixels; empty where they make none.
     """
@@ -244,7 +235,7 @@ class CameraFit:
     point_residuals_px: dict[MarkingKey, Array] = field(default_factory=dict)
     region: HomographyRegion | None = None
     mean_sigma_px: float = 0.0
-    beside_errors: PaintedCamera | None = None
+    painters_covariance: Array | None = None
     painted_sigma_px: dict[MarkingKey, float] = field(default_factory=dict)
 
     @property

@@ -8,7 +8,7 @@ import pytest
 from circlecal.camera import painters
 from circlecal.camera.covariance import posterior_covariance
 from circlecal.camera.observed import NoiseModel, curves_from_observations, points_from_observations
-from circlecal.camera.painters import estimate_with_errors, follow_errors, measure_displacements
+from circlecal.camera.painters import follow_errors, measure_displacements
 from circlecal.camera.problem import minimise
 from circlecal.geometry.camera_parameters import PARAMETERS, ProjectionModel, project, theta_of
 from circlecal.geometry.surface import Surface
@@ -100,33 +100,6 @@ def draw_painted(seed, names=("side_line_top", "big_rect_right_main")):
     chosen = replace(priors(), distance_log_sd=np.inf, elevation_sd_rad=np.inf)
     problem = replace(problem_of(seen, chosen, loss_scale=np.inf), model=FLAT)
     return problem, minimise(problem, start[None]), painted
-
-
-def error_px(theta, reach_m=18.0):
-    grid = np.random.default_rng(0).uniform(-reach_m, reach_m, (60, 2))
-    return float(np.linalg.norm(project(theta[None], grid[None], FLAT).pixels[0] - WIDE.project(grid), axis=1).mean())
-
-
-def test_errors_that_are_estimated_with_the_camera_bend_it_less():
-    errors = []
-    for seed in range(12):
-        problem, state, painted = draw_painted(seed)
-        covariance = posterior_covariance(state.normal[0], problem.priors.sd)
-        told = estimate_with_errors(problem, state, covariance, painted)
-        errors.append((error_px(state.theta[0]), error_px(told.theta)))
-    before, after = np.array(errors).T
-    assert after.mean() < 0.8 * before.mean()
-
-
-def test_paint_that_only_wanders_moves_no_camera_and_widens_it():
-    problem, state, _ = draw_painted(0)
-    covariance = posterior_covariance(state.normal[0], problem.priors.sd)
-    wandering = SOCCER.model_copy(update={"wander_sd_m": 0.01})
-    told = estimate_with_errors(problem, state, covariance, wandering)
-    np.testing.assert_array_equal(told.theta, state.theta[0])
-    assert (np.diag(told.covariance) >= np.diag(covariance)).all()
-    assert np.trace(told.covariance) > 1.5 * np.trace(covariance)
-    assert estimate_with_errors(problem, state, covariance, SOCCER) is None
 
 
 def test_a_painters_error_moves_a_marking_across_itself_by_so_many_pixels():

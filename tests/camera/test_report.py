@@ -15,7 +15,6 @@ from circlecal.field import load_field
 from circlecal.geometry.camera_parameters import ProjectionModel, theta_of
 from circlecal.geometry.surface import Surface
 from circlecal.observations import LinePoints, MarkingKey, Observations
-from circlecal.results import PaintedCamera
 from circlecal.stages.camera import estimate_camera
 from circlecal.synthetic.cameras import aim_camera
 
@@ -59,8 +58,8 @@ def test_a_camera_that_painters_leave_open_is_told_as_that_without_a_warning():
     (scenario,) = select_rows(["8c"])
     draw = scenario.draw(np.random.default_rng([3, 0]))
     fit = estimate_camera(draw.observations, scenario.template, scenario.circle, draw.config)
-    open_to = PaintedCamera(fit.theta, np.diag(np.where(np.diag(fit.covariance) > 0.0, 1e12, 0.0)))
-    assert widen_camera(replace(fit, beside_errors=open_to), scenario.circle, scenario.template).max_sigma_px > 1e4
+    open_to = replace(fit, painters_covariance=np.diag(np.where(np.diag(fit.covariance) > 0.0, 1e12, 0.0)))
+    assert widen_camera(open_to, scenario.circle, scenario.template).max_sigma_px > 1e4
 
 
 def test_four_points_of_a_region_lie_far_apart():

@@ -28,19 +28,15 @@ def without(monkeypatch):
     return seen, config, setting, run_observations(seen, config, frame_id="rink").attempt
 
 
-def test_they_widen_what_is_told_and_move_the_camera_within_it(without, monkeypatch):
-    seen, config, setting, before = without
+def test_they_widen_what_is_told_and_change_no_answer(without, monkeypatch):
+    seen, config, _, before = without
     monkeypatch.setattr(RUN, "cover_painters", cover_painters)
     after = run_observations(seen, config, frame_id="rink").attempt
-    corners = np.asarray(setting.circle.center) + setting.circle.radius_m * np.array([[1, 1], [-1, 1], [-1, -1]])
-    moved_px = np.linalg.norm(after.camera.view.project(corners) - before.camera.view.project(corners), axis=1)
-    assert (moved_px > 0.0).all()
-    assert moved_px.max() < 3.0 * after.camera.max_sigma_px
-    np.testing.assert_array_equal(after.camera.theta, before.camera.beside_errors.theta)
+    np.testing.assert_array_equal(after.camera.H_image_field, before.camera.H_image_field)
     assert after.camera.max_sigma_px > 1.5 * before.camera.max_sigma_px
-    assert after.camera.max_sigma_m > 1.3 * before.camera.max_sigma_m
-    assert np.trace(after.camera.region.covariance) > 1.3**2 * np.trace(before.camera.region.covariance)
-    assert after.camera.beside_errors is None
+    assert after.camera.max_sigma_m > 1.5 * before.camera.max_sigma_m
+    assert np.trace(after.camera.region.covariance) > 1.5**2 * np.trace(before.camera.region.covariance)
+    assert after.camera.painters_covariance is None
     assert after.verdict.check("sigma_px").value == after.camera.max_sigma_px
     assert after.verdict.check("sigma_m").value == after.camera.max_sigma_m
 
@@ -48,8 +44,8 @@ def test_they_widen_what_is_told_and_move_the_camera_within_it(without, monkeypa
 def test_a_camera_that_they_leave_too_uncertain_is_refused(without):
     *_, setting, before = without
     assert before.is_calibrated
-    open_to = replace(before.camera.beside_errors, covariance=before.camera.beside_errors.covariance * 1e6)
-    after = cover_painters(setting, replace(before, camera=replace(before.camera, beside_errors=open_to)))
+    camera = replace(before.camera, painters_covariance=before.camera.painters_covariance * 1e6)
+    after = cover_painters(setting, replace(before, camera=camera))
     assert (after.verdict.status, after.verdict.code) == ("refused", "too_uncertain")
     assert len(after.verdict.checks) == len(before.verdict.checks)
 
@@ -69,4 +65,4 @@ def test_other_markings_are_looked_for_where_painters_errors_leave_them(without,
     attempt = replace(before, mask=MarkingMask(nothing, "file"), edges=edges)
     attempts.look_again(setting, SimpleNamespace(marked=nothing, relief=None, gray=nothing), attempt)
     (fit,) = looked
-    np.testing.assert_array_equal(fit.covariance, before.camera.beside_errors.covariance)
+    np.testing.assert_allclose(fit.covariance, before.camera.covariance + before.camera.painters_covariance)
