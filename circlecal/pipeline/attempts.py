@@ -26,7 +26,7 @@ from circlecal.results import (
 )
 from circlecal.solvers import solve_by_name
 from circlecal.stages.camera import estimate_camera
-from circlecal.stages.confirm import is_circle_painted, look_for_markings
+from circlecal.stages.confirm import are_others_painted, is_circle_painted, look_for_markings
 from circlecal.stages.correspondences import derive_correspondences, is_turned, turn_correspondences
 from circlecal.stages.cues import cues_from_observations, find_cues, leave_out_other_paints
 from circlecal.stages.edges import detect_edges
@@ -238,7 +238,13 @@ def look_again(setting: Setting, scene: Scene, attempt: Attempt) -> Attempt:
     mask, _, cues, observations, camera, _ = attempt.fitted
     template, circle = setting.template, setting.circle
     picture = lighten_markings(scene.marked, mask, circle)
-    if attempt.code == "circle_unconfirmed" and is_circle_painted(picture, camera, template, circle):
+    wider = widen_camera(camera, circle, template)
+    seen_names = {line.line for line in observations.lines} | {c.circle for c in observations.circles}
+    known = frozenset(name for name in (*seen_names, *camera.named_lines) if name is not None)
+    if attempt.code == "circle_unconfirmed" and (
+        is_circle_painted(picture, camera, template, circle)
+        or are_others_painted(picture, wider, template, circle, known, mask.field_region)
+    ):
         attempt = judge_attempt(setting, replace(attempt, mask=replace(mask, confidence=Confidence.ACCEPTED)))
     with setting.clock("verdict"):
         verdict = attempt.verdict
@@ -248,14 +254,11 @@ def look_again(setting: Setting, scene: Scene, attempt: Attempt) -> Attempt:
         ground = picture if scene.relief is None else scene.gray
         evidence = measure_evidence(picture, mask, camera, template, carriers)
         surroundings = measure_surroundings(ground, mask, camera, template)
-        verdict = weigh_evidence(verdict, camera, evidence, surroundings, template)
+        expected = look_for_markings(picture, wider, template, circle, known, mask.field_region)
+        verdict = weigh_evidence(verdict, camera, evidence, surroundings, template, expected)
         attempt = replace(attempt, verdict=verdict)
         if verdict.status == "refused":
             return attempt
-        seen_names = {line.line for line in observations.lines} | {c.circle for c in observations.circles}
-        known = frozenset(name for name in (*seen_names, *camera.named_lines) if name is not None)
-        wider = widen_camera(camera, circle, template)
-        expected = look_for_markings(picture, wider, template, circle, known, mask.field_region)
     return replace(attempt, verdict=confirm(verdict, camera, cues, expected))
 
 

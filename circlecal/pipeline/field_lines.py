@@ -81,7 +81,7 @@ def take_field_lines(setting: Setting, scene: Scene, first: Attempt) -> Iterator
             if verdict.status == "calibrated":
                 evidence = measure_evidence(picture, mask, attempt.camera, template, used)
                 ground = measure_surroundings(picture, mask, attempt.camera, template)
-                verdict = weigh_evidence(verdict, attempt.camera, evidence, ground, template)
+                verdict = weigh_evidence(verdict, attempt.camera, evidence, ground, template, agreement)
         if verdict.status == "calibrated":
             accepted = replace(attempt, verdict=verdict)
             yield _add_curves(setting, picture, accepted, noise) or accepted

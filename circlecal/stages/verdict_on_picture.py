@@ -64,9 +64,10 @@ further line tells the border, since there may be another field beside it. Of ri
 whose quarters were exchanged 0.09 to 0.5.
 """
 FLOOR_LINES, MOST_FLOOR = 2, 0.5
-"""Further markings of a field on a floor that must carry the camera, with which so much of the picture may be floor
-above the horizon or beyond the border: walls have a floor's colour. Of right answers in 100 rendered halls up to 0.39,
-and oblique paint up to 0.64: other sports' arcs, as much more of which is allowed for each further marking.
+"""Further markings of a field on a floor that must carry the camera, or be found where it puts them, with which so much
+of the picture may be floor above the horizon or beyond the border: walls and ceilings have a floor's colour. Of right
+answers in 100 rendered halls up to 0.39, and oblique paint up to 0.64: other sports' arcs, as much more of which is
+allowed for each further marking that carries the camera.
 """
 MOST_BEFORE = 0.4
 """Most of the picture that may lie before the field and be no playing surface, unless it is plain: of right answers to
@@ -114,26 +115,43 @@ def confirm(verdict: Verdict, camera: CameraFit, cues: Cues, agreement: Agreemen
 
 
 def weigh_evidence(
-    verdict: Verdict, camera: CameraFit, evidence: Evidence, ground: Surroundings, template: FieldTemplate
+    verdict: Verdict,
+    camera: CameraFit,
+    evidence: Evidence,
+    ground: Surroundings,
+    template: FieldTemplate,
+    agreement: Agreement,
 ) -> Verdict:
-    """The verdict on an accepted camera after all of the picture, its paint and its ground, was weighed against it."""
+    """The verdict on an accepted camera after all of the picture, its paint and its ground, was weighed against it.
+
+    Paint that lies where the camera puts it, although it was not fitted to it, carries it like a further line.
+    """
     unexplained = evidence.oblique_widths + (0.0 if camera.named_lines else evidence.alone_widths)
     further = 0 if template.ground == "grass" else _count_further_lines(camera, template)
     most_beyond = MOST_BEYOND_LINES if camera.named_lines else MOST_BEYOND
+    carrying = 0 if template.ground == "grass" else further + _count_found(agreement)
+    is_floor = carrying >= FLOOR_LINES
     own = (
         Check.of("unexplained_widths", unexplained, MOST_UNEXPLAINED * (1 + further)),
         Check.of("painted_share_of_carriers", evidence.painted_share, LEAST_PAINTED, at_least=True),
         Check.of("reversal", evidence.reversal, MOST_REVERSAL * (1 + len(camera.named_lines))),
         Check.of("bare_widths", evidence.bare_widths, LONGEST_BARE),
         Check.of("rough_share", ground.rough_share, MOST_ROUGH),
-        Check.of("above_share", ground.above_share, MOST_FLOOR if further >= FLOOR_LINES else MOST_BEYOND),
-        Check.of("beyond_share", ground.beyond_share, MOST_FLOOR if further >= FLOOR_LINES else most_beyond),
+        Check.of("above_share", ground.above_share, MOST_FLOOR if is_floor else MOST_BEYOND),
+        Check.of("beyond_share", ground.beyond_share, MOST_FLOOR if is_floor else most_beyond),
         Check.of("near_share", ground.near_share, MOST_BEFORE),
         Check.of("seam_share", ground.seam_share, MOST_OF_SEAM),
     )
     checks = (*verdict.checks, *own)
     failed = next((check for check in own if not check.passed), None)
     return replace(verdict, checks=checks) if failed is None else Verdict.refusal_by(failed, checks)
+
+
+def _count_found(agreement: Agreement) -> int:
+    """How many markings to which the camera was not fitted are found where it puts them; none where most are not."""
+    if agreement.found_share < LEAST_FOUND_OF_FIELD:
+        return 0
+    return int(np.count_nonzero(agreement.share >= LEAST_FOUND_OF_FIELD))
 
 
 def _count_further_lines(camera: CameraFit, template: FieldTemplate) -> int:

@@ -13,7 +13,7 @@ from circlecal.geometry.camera_parameters import PARAMETERS, ProjectionModel, th
 from circlecal.geometry.surface import Surface
 from circlecal.paint.matched_filter import CLEAR, SECTORS
 from circlecal.results import Agreement, Attempt, Cues, MarkCue
-from circlecal.stages.confirm import is_circle_painted, look_for_markings, measure_circle_sectors
+from circlecal.stages.confirm import are_others_painted, is_circle_painted, look_for_markings, measure_circle_sectors
 from circlecal.stages.verdict_on_picture import LEAST_FOUND, confirm, is_confirmed, needs_confirmation
 from tests.folded import projected_without_fold
 
@@ -24,6 +24,9 @@ RINK = load_field("ice-hockey")
 CENTRE = RINK.circle_by_name["centre_circle"]
 CAMERA = view(position=(3.0, 42.0, -16.0), target=(0.0, 0.0, 0.0), focal=950.0)
 KNOWN = frozenset({"centre_line"})
+PITCH = load_field("robocup")
+LOW = view(position=(-2.2, 0.3, -0.6), target=(1.0, 0.2, 0.0), focal=700.0)
+PENALTY_AREAS = tuple(line.name for line in PITCH.lines if "rect" in line.name)
 
 
 def fit_of(camera, sd=1e-4):
@@ -185,3 +188,12 @@ def test_a_circle_that_is_mostly_out_of_view_says_nothing():
     away = view(target=(0.0, 400.0, 0.0))
     assert len(measure_circle_sectors(picture_of_circle(camera=near), fit_of(away), SOCCER, CIRCLE)) == 0
     assert not is_circle_painted(picture_of_circle(camera=near), fit_of(away), SOCCER, CIRCLE)
+
+
+@pytest.mark.parametrize(("without", "is_confirmed_so"), [((), True), (PENALTY_AREAS, False)])
+def test_thin_markings_where_the_camera_puts_them_confirm_a_circle(without, is_confirmed_so):
+    """A robot's camera shows the far penalty area a third as wide as the circle before it."""
+    wanted = PITCH, PITCH.circle_by_name["centre_circle"], frozenset({"halfway_line"}), None
+    fit = fit_of(LOW)
+    assert look_for_markings(painted(PITCH, without, LOW), fit, *wanted).expected_px < 0.1 * LOW.width
+    assert are_others_painted(painted(PITCH, without, LOW), fit, *wanted) is is_confirmed_so

@@ -10,7 +10,7 @@ from circlecal.field import load_field
 from circlecal.geometry.camera_parameters import PARAMETERS, ProjectionModel, theta_of
 from circlecal.geometry.surface import Surface
 from circlecal.observations import MarkingKey
-from circlecal.results import Evidence, MarkingMask, Segment, Surroundings, Verdict
+from circlecal.results import Agreement, Evidence, MarkingMask, Segment, Surroundings, Verdict
 from circlecal.stages.evidence import measure_evidence
 from circlecal.stages.verdict_on_picture import weigh_evidence
 
@@ -55,8 +55,11 @@ NO_PAINT = Evidence(0.0, 0.0, 1.0, 0.0, 0.0)
 NO_GROUND = Surroundings(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def weigh(evidence, camera, ground=NO_GROUND, template=SOCCER):
-    return weigh_evidence(Verdict("calibrated", None, None, None), camera, evidence, ground, template)
+NOTHING_MORE = Agreement((), np.zeros(0), np.zeros(0))
+
+
+def weigh(evidence, camera, ground=NO_GROUND, template=SOCCER, agreement=NOTHING_MORE):
+    return weigh_evidence(Verdict("calibrated", None, None, None), camera, evidence, ground, template, agreement)
 
 
 @pytest.fixture(scope="module")
@@ -160,3 +163,14 @@ def test_a_floor_has_other_sports_arcs_and_walls_of_its_colour():
         assert weigh(evidence, carried, ground, hall).status == "calibrated"
         assert weigh(evidence, alone, ground, hall).status == "refused"
         assert weigh(evidence, carried, ground).status == "refused"
+
+
+@pytest.mark.parametrize(
+    ("share", "status"),
+    [((0.9, 0.6), "calibrated"), ((0.9, 0.1, 0.1), "refused"), ((0.9, 0.4), "refused")],
+)
+def test_markings_that_are_found_on_a_floor_carry_its_camera_too(share, status):
+    hall, walls = load_field("futsal"), replace(NO_GROUND, above_share=0.4)
+    found = Agreement(tuple("abc"[: len(share)]), np.full(len(share), 80.0), np.array(share))
+    assert weigh(NO_PAINT, fit_of(CAMERA), walls, hall, found).status == status
+    assert weigh(NO_PAINT, fit_of(CAMERA), walls, SOCCER, found).status == "refused"
