@@ -238,7 +238,8 @@ def look_again(setting: Setting, scene: Scene, attempt: Attempt) -> Attempt:
     mask, _, cues, observations, camera, _ = attempt.fitted
     template, circle = setting.template, setting.circle
     picture = lighten_markings(scene.marked, mask, circle)
-    wider = widen_camera(camera, circle, template)
+    # a field with several circles is laid over the picture as a whole where too little is found
+    wider = widen_camera(camera, circle, template) if len(template.circles) == 1 else camera
     seen_names = {line.line for line in observations.lines} | {c.circle for c in observations.circles}
     known = frozenset(name for name in (*seen_names, *camera.named_lines) if name is not None)
     if attempt.code == "circle_unconfirmed" and (

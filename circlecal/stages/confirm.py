@@ -148,8 +148,10 @@ def are_others_painted(
     region: NDArray[np.bool_] | None,
 ) -> bool:
     """Whether other markings show where the camera puts them, however thin they are there; the parameters are those of
-    :func:`look_for_markings`.
+    :func:`look_for_markings`. A field with several circles is rather laid over the picture as a whole.
     """
+    if len(template.circles) > 1:
+        return False
     found = look_for_markings(picture, fit, template, circle, known, region, thinnest=THINNEST_SEEN)
     enough_px = ENOUGH_WIDTHS * fit.model.width
     return found.certain and found.expected_px >= enough_px and found.found_share >= CONFIRMING_SHARE

@@ -63,6 +63,9 @@ def test_other_markings_are_looked_for_where_painters_errors_leave_them(without,
     nothing = np.zeros((4, 4), np.uint8)
     edges = EdgePoints(*(np.zeros(0) for _ in range(4)), noise=1.0, blur_px=1.0, thresholds=(1.0, 2.0))
     attempt = replace(before, mask=MarkingMask(nothing, "file"), edges=edges)
-    attempts.look_again(setting, SimpleNamespace(marked=nothing, relief=None, gray=nothing), attempt)
-    (fit,) = looked
+    single = replace(setting, template=setting.template.model_copy(update={"circles": (setting.circle,)}))
+    for given in (single, setting):
+        attempts.look_again(given, SimpleNamespace(marked=nothing, relief=None, gray=nothing), attempt)
+    fit, plain = looked
+    assert plain is before.camera
     np.testing.assert_allclose(fit.covariance, before.camera.covariance + before.camera.painters_covariance)

@@ -197,3 +197,5 @@ def test_thin_markings_where_the_camera_puts_them_confirm_a_circle(without, is_c
     fit = fit_of(LOW)
     assert look_for_markings(painted(PITCH, without, LOW), fit, *wanted).expected_px < 0.1 * LOW.width
     assert are_others_painted(painted(PITCH, without, LOW), fit, *wanted) is is_confirmed_so
+    several = PITCH.model_copy(update={"circles": (*PITCH.circles, *RINK.circles)})
+    assert not are_others_painted(painted(PITCH, without, LOW), fit, several, *wanted[1:])
