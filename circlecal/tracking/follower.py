@@ -55,7 +55,9 @@ LEAST_GRASS = 0.15
 PATIENCE = 12
 """Frames in a row that contradict the camera before it is searched for again."""
 SHUTTER = 0.5
-"""Share of the time between frames during which the shutter is open."""
+"""Share of the time between neighbouring frames of the video, all of which need not be looked at, during which the
+shutter is open.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +85,11 @@ class _Followed:
         covariance = self.covariance / SECOND_LOOK
         head = self.look.fit.head
         return _Followed(place.look(picture, head, covariance, by_common, self.blur_px), head, covariance, self.blur_px)
+
+
+def _blur_px(moved_px: Array, before: Entry, after: Entry) -> Array:
+    """Way (2,) of the picture while the shutter was open, where it moved so far (2,) from one frame to another."""
+    return np.asarray(SHUTTER / max(after.index - before.index, 1) * moved_px)
 
 
 def _should_show_more(look: Look) -> bool:
@@ -180,7 +187,7 @@ class Follower:
             return None
         head = entry.head + motion.change
         covariance = motion.covariance + np.diag(np.square(HEAD_SD)) * (1 + unconfirmed)
-        blur = SHUTTER * np.median(back.after - back.before, axis=0)
+        blur = _blur_px(np.median(back.after - back.before, axis=0), earlier.entry, entry)
         look = place.look(earlier.picture, head, covariance, entry.by_common, blur)
         entry.motion = replace(motion, change=-motion.change)
         earlier.entry.place = place
@@ -198,12 +205,13 @@ class Follower:
         with self._clock.measure("motion"):
             motion = estimate_motion(flow, before.head, tripod.model, tripod.mean, self._rng, picture.small.factor)
         with self._clock.measure("paint"):
-            followed = None if motion is None else self._look_along(place, picture, before, motion)
+            followed = None if motion is None else self._look_along(place, picture, before, entry, motion)
             guess = self._guess_motion(place, before)
             is_surprise = motion is None or self._surprises(place, before, motion, guess)
             if followed is None or is_surprise or _should_show_more(followed.look):
                 # blur leaves no corners but those of players and graphics, and the paint may know better
-                guessed = self._look_along(place, picture, before, guess).look_again(place, picture, before.by_common)
+                guessed = self._look_along(place, picture, before, entry, guess)
+                guessed = guessed.look_again(place, picture, before.by_common)
                 may_be_better = followed is None or (is_surprise and not followed.look.is_confirmed)
                 if guessed.look.is_confirmed or may_be_better:
                     others = LEAST_WORTH / GUESS_SHARE_OF_WORTH if followed is None else followed.look.worth
@@ -223,11 +231,14 @@ class Follower:
         self._contradicted = self._contradicted + 1 if entry.is_contradicted else 0
         return look
 
-    def _look_along(self, place: Place, picture: LookedAt, before: Entry, motion: HeadMotion) -> _Followed:
+    def _look_along(
+        self, place: Place, picture: LookedAt, before: Entry, entry: Entry, motion: HeadMotion
+    ) -> _Followed:
         """Look where a motion takes the camera of the frame before."""
         head = before.head + motion.change
         covariance = motion.covariance + np.diag(np.square(HEAD_SD)) * (1 + self._unconfirmed)
-        blur = SHUTTER * move_of_middle(motion.change, before.head, place.tripod.model, place.tripod.mean)
+        moved = move_of_middle(motion.change, before.head, place.tripod.model, place.tripod.mean)
+        blur = _blur_px(moved, before, entry)
         return _Followed(place.look(picture, head, covariance, before.by_common, blur), head, covariance, blur)
 
     def _surprises(self, place: Place, before: Entry, motion: HeadMotion, guess: HeadMotion) -> bool:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -11,6 +13,7 @@ from circlecal.rig.tripod import Venue
 from circlecal.tracking import follower
 from circlecal.tracking.clip import track_frames
 from circlecal.tracking.entry import ClipFrame
+from circlecal.tracking.looking import Look, Place
 from circlecal.tracking.motion import HeadMotion, move_of_middle
 from tests.tracking.scenes import HEAD, SIZE, draw, tripod
 
@@ -44,6 +47,24 @@ def test_a_camera_goes_on_turning_where_no_motion_is_seen(
     for k, frame in enumerate(found):
         assert frame.head is not None
         assert np.abs(frame.head.values - HEAD - k * STEP).max() < 6e-4
+
+
+@pytest.mark.parametrize("every", [1, 6])
+def test_pictures_blur_by_the_way_between_neighbouring_frames_of_the_video(
+    every: int, pictures: list[NDArray[np.uint8]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    blurs: list[NDArray[np.float64]] = []
+    look = Place.look
+
+    def note_blur(place: Place, *given: Any) -> Look:
+        if len(given) == 5:
+            blurs.append(given[-1])
+        return look(place, *given)
+
+    monkeypatch.setattr(Place, "look", note_blur)
+    frames = [ClipFrame(k * every, k / 25.0, picture) for k, picture in enumerate(pictures[:2])]
+    list(track_frames(frames, Venue("soccer", (tripod(),)), Config()))
+    assert blurs[-1][0] == pytest.approx(-follower.SHUTTER * 7.0 / every, abs=0.5 / every)
 
 
 def test_the_middle_of_the_picture_moves_against_the_pan() -> None:
