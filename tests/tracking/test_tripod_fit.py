@@ -29,6 +29,21 @@ def test_what_frames_repeat_does_not_average_out() -> None:
     assert count_alike(fit_tripod(views_of_a_pitch(105.0, 68.0), tripod(), mean, sd, drawn)) == 1.0
 
 
+def test_only_what_frames_repeat_does_not_average_out_where_little_is_left() -> None:
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    sd[PLACE["width"]] = 0.0
+    heads = [np.array([np.log(2600.0), pan, 1.38]) for pan in (0.0, -0.42)]
+
+    def sigma_m(is_repeated: bool) -> float:
+        rng = np.random.default_rng(7)
+        frames = [measure_ideal(head, np.zeros(2), 0.1, rng) for head in heads for _ in range(8)]
+        frames = [frames[k // 8 * 8] if is_repeated else frame for k, frame in enumerate(frames)]
+        headed = [HeadedFrame(str(k), heads[k // 8], frame) for k, frame in enumerate(frames)]
+        return fit_tripod(headed, tripod(), mean, sd, template_curves(template())).estimate.sigma("length")
+
+    assert sigma_m(True) > 1.5 * sigma_m(False)
+
+
 def test_a_lever_arm_points_ahead() -> None:
     rng = np.random.default_rng(3)
     heads = [np.array([np.log(2600.0), pan, 1.38]) for pan in (0.1, 0.0, -0.2, -0.4)]
