@@ -29,7 +29,7 @@ SIGMA_PX = 0.5
 
 
 def measure_spots(
-    picture: NDArray[np.uint8], view: FieldView, marks: Sequence[Mark], noise: float
+    picture: NDArray[np.uint8], view: FieldView, marks: Sequence[Mark], noise: float, placement_sd_m: float = 0.0
 ) -> tuple[MarkPoint, ...]:
     """Spots that are seen where a view puts them, as large as they should be.
 
@@ -43,12 +43,16 @@ def measure_spots(
         What is looked for.
     noise : float
         Grey-level noise of the picture.
+    placement_sd_m : float
+        By how much a spot is painted beside its place, metres, along either axis of the field.
     """
-    found = (_measure_spot(picture, view, mark, noise) for mark in marks)
+    found = (_measure_spot(picture, view, mark, noise, placement_sd_m) for mark in marks)
     return tuple(spot for spot in found if spot is not None)
 
 
-def _measure_spot(picture: NDArray[np.uint8], view: FieldView, mark: Mark, noise: float) -> MarkPoint | None:
+def _measure_spot(
+    picture: NDArray[np.uint8], view: FieldView, mark: Mark, noise: float, placement_sd_m: float
+) -> MarkPoint | None:
     height, width = picture.shape
     unit, radius = width / 1920.0, mark.diameter_m / 2
     rim = np.asarray(mark.position) + radius * np.array([[0.0, 0.0], [1, 0], [-1, 0], [0, 1], [0, -1]])
@@ -66,7 +70,8 @@ def _measure_spot(picture: NDArray[np.uint8], view: FieldView, mark: Mark, noise
     contrast = float(np.percentile(window, 100 * (1 - 0.3 * np.pi * half.prod() / window.size))) - surface
     if contrast < max(LEAST_CONTRAST, NOISE_TIMES * noise):
         return None
-    return _middle_of(window - surface > PAINTED * contrast, low, half, mark.name, SIGMA_PX * unit)
+    sigma_px = float(np.hypot(SIGMA_PX * unit, placement_sd_m * half.max() / radius))
+    return _middle_of(window - surface > PAINTED * contrast, low, half, mark.name, sigma_px)
 
 
 def _middle_of(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +32,7 @@ from circlecal.placement import (
     weigh_view,
 )
 from circlecal.refusals import Confidence
-from circlecal.results import Attempt, Check, MarkingMask, Rival
+from circlecal.results import Attempt, CameraFit, Check, MarkingMask, Rival
 from circlecal.stages.edges import detect_edges
 from circlecal.stages.mask import suit_field
 from circlecal.stages.rays import measure_template
@@ -85,6 +85,11 @@ WANDERED_TIMES, WANDERED_WIDTHS = 2.0, 0.1
 """How many times the evidence of its placement, and picture widths more, a camera may find: right ones of 13 frames
 went from 0.07 to 0.17 and from 0.69 to 1.05; a court with the key of another one but of another size from 0.21 to 0.60.
 """
+MOST_BARE = 0.12
+"""Length in view of a marking that is not painted there, picture widths, with which a camera comes near none that finds
+all its markings painted: those that take one end of a rink for the other have a goal line of 0.3 to 0.6 there, right
+ones of ten rendered rinks none. On courts the edges of painted keys hide lines of right cameras, too.
+"""
 SURFACE_SHARE = 0.68
 """Least share of the markings in the picture that lie on the playing surface: of eight right cameras of rinks and
 courts 0.77 to 1; of a rink that was laid into the stands 0.60, of three rendered courts whose other circle with its
@@ -111,6 +116,10 @@ LARGEST_RESIDUAL_PX = 2.0
 """Root mean square distance of a marking from its place, pixels at 1920 px width, that few may exceed: of 15
 right cameras of other sports the second largest was 1.6 at most, of a court 2 m shorter than its template 3.2.
 """
+PAINTERS_SIGMAS = 2.0
+"""Standard deviations of painters' errors that a residual may have beside that: spots of rendered rinks, 3 cm beside
+their place, are 2 to 6 px off in right cameras, which their circles decide.
+"""
 STRAY_AMONG = 7
 """Among so many markings one may be the edge of a board, or half hidden: of a rendered court with 15 of them two are
 off by 9 and 2 px, and its camera by 0.4.
@@ -130,6 +139,17 @@ to 0.2 to 1.8 without it.
 """
 ALIKE_WIDTHS = 0.02
 """Two cameras that put the markings within this share of the picture's width on average are one."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Followed:
+    """A placement that was followed: the paint on which it was found, where it shows the field, and the camera it led
+    to with what speaks for it; None where it led to none that may be right.
+    """
+
+    paint: SeenPaint
+    view: FieldView
+    answer: tuple[ViewEvidence, Attempt] | None
 
 
 def _may_place_field(setting: Setting, first: Attempt) -> bool:
@@ -187,7 +207,7 @@ def place_template(setting: Setting, scene: Scene, first: Attempt) -> Iterator[A
     markings decides. Where two say alike, the attempt is refused as ``circle_open``. Each surface and polarity is
     searched until one answers.
     """
-    mask, tried, followed = first.mask, set[tuple[object, ...]](), list[tuple[SeenPaint, FieldView]]()
+    mask, tried, followed = first.mask, set[tuple[object, ...]](), list[_Followed]()
     # a field of other sizes of the same sport lies where the first one does
     sport = "laid", setting.template.sport or setting.template.name
     laid = scene.looks.recall(sport)
@@ -214,43 +234,86 @@ def _place_among(
     paint: SeenPaint,
     factor: float,
     most: int,
-    earlier: list[tuple[SeenPaint, FieldView]],
+    followed: list[_Followed],
 ) -> Attempt | None:
     """The field laid over paint of one polarity on one surface by one of so many placements at most, but for those that
-    were followed earlier; None where none is believed with the evidence that is usually enough, times a factor.
+    were followed before, to which the others are added; None where none is believed with the evidence that is usually
+    enough, times a factor.
     """
-    template, side = setting.template, setting.config.correspondences.camera_side
+    earlier = [other for other in followed if other.paint.surface is paint.surface]
     with setting.clock("cues"):
-        size = setting.width, setting.height
-        # a field of other sizes of the same sport lies where the first one does
-        key = ("placements", template.sport or template.name, side, *paint.key)
-        rough = scene.looks.once(key, lambda: search_placements(paint, size, template, side))
-        placements = [] if rough is None else refine_placements(rough, paint, size, template)
-    if placements:
-        keep_evidence(scene, template, weigh_view(placements[0].view, template, paint))
-    least = max(0.0, LEAST_PLACED * placements[0].evidence) if placements else 0.0
-    likely = [
-        placed
-        for placed in placements[:most]
-        if placed.evidence > least and _is_worth_following(setting, placed, paint, earlier)
-    ]
-    earlier += [(paint, placed.view) for placed in likely]
-    followed = [
-        (weigh_view(attempt.camera.view, template, paint), attempt, placed)
-        for placed, attempt in ((placed, _follow_placement(setting, scene, mask, placed)) for placed in likely)
-        if attempt is not None and attempt.camera is not None
-    ]
-    answers = [
-        (weighed, attempt)
-        for weighed, attempt, placed in followed
-        if weighed.surface_share >= SURFACE_SHARE and not _has_wandered(weighed, placed)
-    ]
+        placements = _find_placements(setting, scene, paint)
+    now = _follow_likely(setting, scene, mask, paint, placements[:most], earlier)
+    followed += now
+    return _choose_answer(setting, now, earlier, factor)
+
+
+def _find_placements(setting: Setting, scene: Scene, paint: SeenPaint) -> list[PlacedField]:
+    """The likeliest ways to lay the field over paint of one polarity on one surface, the one with most evidence first;
+    none of which much less speaks.
+    """
+    template, side, size = setting.template, setting.config.correspondences.camera_side, (setting.width, setting.height)
+    # a field of other sizes of the same sport lies where the first one does
+    key = ("placements", template.sport or template.name, side, *paint.key)
+    rough = scene.looks.once(key, lambda: search_placements(paint, size, template, side))
+    placements = [] if rough is None else refine_placements(rough, paint, size, template)
+    if not placements:
+        return []
+    keep_evidence(scene, template, weigh_view(placements[0].view, template, paint))
+    least = max(0.0, LEAST_PLACED * placements[0].evidence)
+    return [placed for placed in placements if placed.evidence > least]
+
+
+def _follow_likely(
+    setting: Setting,
+    scene: Scene,
+    mask: MarkingMask,
+    paint: SeenPaint,
+    placements: Sequence[PlacedField],
+    earlier: Sequence[_Followed],
+) -> list[_Followed]:
+    """Placements that explain some of the paint, followed, but for those that were followed on this surface before."""
+    followed = []
+    views = [other.view for other in earlier]
+    for placed in placements:
+        if not _is_worth_following(setting, placed, paint, views):
+            continue
+        attempt = _follow_placement(setting, scene, mask, placed)
+        answer = None
+        if attempt is not None and attempt.camera is not None:
+            weighed = weigh_view(attempt.camera.view, setting.template, paint)
+            answer = (weighed, attempt) if _may_be_right(weighed, placed) else None
+        followed.append(_Followed(paint, placed.view, answer))
+    return followed
+
+
+def _may_be_right(weighed: ViewEvidence, placed: PlacedField) -> bool:
+    """Whether a camera that a placement led to lays the field on the playing surface and on the placement's paint."""
+    return weighed.surface_share >= SURFACE_SHARE and not _has_wandered(weighed, placed)
+
+
+def _choose_answer(
+    setting: Setting, followed: Sequence[_Followed], earlier: Sequence[_Followed], factor: float
+) -> Attempt | None:
+    """The answer for which most speaks, refused as open where another one comes near it, also one that was not believed
+    on this surface before; None where such a one outweighs it, and where none is believed with the evidence that is
+    usually enough, times a factor.
+    """
+    template = setting.template
+    answers = [other.answer for other in followed if other.answer is not None]
     answers.sort(key=lambda answer: -_weigh_answer(*answer))
     if not answers or not (_is_believed(answers[0][0], factor) or _is_precise(setting, *answers[0])):
         return None
-    if _count_carrying(answers[0][1]) < FEWEST_CARRYING:
+    if _count_telling(answers[0][1], template) < FEWEST_CARRYING:
         return None
     (weighed, best), others = answers[0], answers[1:]
+    before = [other.answer for other in earlier if other.answer is not None]
+    if any(_weigh_answer(*other) > _weigh_answer(weighed, best) for other in before):
+        return None
+    others += before
+    if weighed.bare_widths <= MOST_BARE:
+        others = [other for other in others if other[0].bare_widths <= MOST_BARE]
+    others.sort(key=lambda answer: -_weigh_answer(*answer))
     weight = _weigh_answer(weighed, best)
     found = [
         (weight / _weigh_answer(other, attempt), Rival(attempt.circle_name or "", attempt.camera, other.evidence))
@@ -277,15 +340,12 @@ def has_circle(mask: MarkingMask) -> bool:
     return mask.conic is not None or bool(mask.arcs) or max(scores, default=0.0) >= LEAST_CIRCLE
 
 
-def _is_worth_following(
-    setting: Setting, placed: PlacedField, paint: SeenPaint, earlier: Sequence[tuple[SeenPaint, FieldView]]
-) -> bool:
+def _is_worth_following(setting: Setting, placed: PlacedField, paint: SeenPaint, earlier: Sequence[FieldView]) -> bool:
     """Whether a placement explains some of the paint, and was not followed on this surface before."""
     if weigh_view(placed.view, setting.template, paint).explained_share < LEAST_PLACED_EXPLAINED:
         return False
-    views = (view for other, view in earlier if other.surface is paint.surface)
     limit = SAME_WIDTHS * setting.width
-    return all(mean_distance_px(placed.view, view, setting.template) > limit for view in views)
+    return all(mean_distance_px(placed.view, view, setting.template) > limit for view in earlier)
 
 
 def keep_evidence(scene: Scene, template: FieldTemplate, weighed: ViewEvidence) -> None:
@@ -316,6 +376,18 @@ def _weigh_answer(weighed: ViewEvidence, attempt: Attempt) -> float:
 def _count_carrying(attempt: Attempt) -> int:
     """How many markings carry the camera of an attempt."""
     return 0 if attempt.camera is None else len(attempt.camera.residuals_px)
+
+
+def _count_telling(attempt: Attempt, template: FieldTemplate) -> int:
+    """How many markings carry the camera of an attempt, without spots in the middle of a circle: they lie there
+    whichever circle it is.
+    """
+    centers = np.array([circle.center for circle in (*template.circles, *template.arcs)], np.float64)
+    middles = {
+        mark.name for mark in template.marks if np.linalg.norm(centers - mark.position, axis=1).min() < mark.diameter_m
+    }
+    keys = () if attempt.camera is None else attempt.camera.residuals_px
+    return sum(key.name not in middles for key in keys)
 
 
 def _is_believed(weighed: ViewEvidence, factor: float = 1.0) -> bool:
@@ -358,9 +430,17 @@ def _is_of_this_size(setting: Setting, attempt: Attempt) -> bool:
     """Whether the markings lie where the camera puts them, but for one, or one of several, which may be a line of
     something else: on a field of another size more of them do not.
     """
-    residuals = () if attempt.camera is None else tuple(attempt.camera.residuals_px.values())
-    off = sum(rms > LARGEST_RESIDUAL_PX * setting.width / 1920.0 for rms in residuals)
-    return off <= max(1, len(residuals) // STRAY_AMONG)
+    camera = attempt.camera
+    if camera is None:
+        return True
+    limit_px = LARGEST_RESIDUAL_PX * setting.width / 1920.0
+    off = sum(rms > _allow_painters(camera, key, limit_px) for key, rms in camera.residuals_px.items())
+    return off <= max(1, len(camera.residuals_px) // STRAY_AMONG)
+
+
+def _allow_painters(camera: CameraFit, key: MarkingKey, limit_px: float) -> float:
+    """Largest residual of a marking, pixels, where painters' errors come on top of a limit without them."""
+    return float(np.hypot(limit_px, PAINTERS_SIGMAS * camera.painted_sigma_px.get(key, 0.0)))
 
 
 def _settle_view(setting: Setting, picture: NDArray[np.uint8], attempt: Attempt, view: FieldView) -> Attempt | None:
@@ -385,7 +465,7 @@ def _calibrate_view(setting: Setting, picture: NDArray[np.uint8], attempt: Attem
         return attempt
     with setting.clock("rays"):
         circles, lines = measure_template(picture, view, template, mask.field_region, edges.noise, setting.config.rays)
-        spots = measure_spots(picture, view, template.lone_marks, edges.noise)
+        spots = measure_spots(picture, view, template.lone_marks, edges.noise, template.placement_sd_m)
     observations = Observations(setting.width, setting.height, circles, lines, spots)
     seen = replace(attempt, verdict=None, camera=None, correspondences=None, homography=None)
     found = _calibrate_observations(setting, seen, observations)
@@ -419,10 +499,12 @@ def _leave_out_strays(setting: Setting, seen: Attempt, attempt: Attempt) -> Atte
     camera, observations, unit = attempt.camera, attempt.observations, setting.width / 1920.0
     left = 0 if camera is None else max(1, len(camera.residuals_px) // DROPPED_AMONG)
     while left > 0 and camera is not None and observations is not None and len(camera.residuals_px) > FEWEST_LEFT:
-        worst, rms = max(camera.residuals_px.items(), key=lambda item: item[1])
         usual = STRAY_MEDIANS * float(np.median(list(camera.residuals_px.values())))
-        limit = np.clip(usual, LEAST_STRAY_PX * unit, LARGEST_RESIDUAL_PX * unit)
-        if rms <= limit and attempt.code != "residual_too_large":
+        limit_px = float(np.clip(usual, LEAST_STRAY_PX * unit, LARGEST_RESIDUAL_PX * unit))
+        limits = {key: _allow_painters(camera, key, limit_px) for key in camera.residuals_px}
+        beyond = {key: camera.residuals_px[key] / limit for key, limit in limits.items()}
+        worst = max(beyond, key=lambda key: beyond[key])
+        if beyond[worst] <= 1.0 and attempt.code != "residual_too_large":
             break
         observations = observations.without({worst})
         attempt = _calibrate_observations(setting, seen, observations)

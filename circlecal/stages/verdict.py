@@ -20,6 +20,10 @@ from circlecal.results import Attempt, CameraFit, Check, Cues, EllipseFits, Verd
 
 NOISE_SIGMAS = 3.0
 """Residuals within this many of the observations' own standard deviations are noise."""
+CIRCLE_SIGMAS = 2.0
+"""Standard deviations of painters' errors that a residual of the circle may have, where other markings hold the camera:
+the right camera of a rendered rink has 1.6 to 1.8, those that took the other circle for it 2.7 to 2.8.
+"""
 BLOOM_PX = 3.0
 """By how much blur can drive both edges apart, pixels at 1920 px width."""
 LARGEST_FOCAL_SIGMA = 0.03
@@ -303,10 +307,11 @@ def _residual_checks(
         # coarse observations (clicks, detections) may scatter by what they state themselves
         stated = NOISE_SIGMAS * camera.stated_sigma_px.get(key, 0.0)
         if key.name == circle.name:
-            limit = max(config.max_circle_residual_px * unit, stated, wander_px)
+            painted = CIRCLE_SIGMAS * camera.painted_sigma_px.get(key, 0.0)
+            limit = max(config.max_circle_residual_px * unit, stated, wander_px, painted)
             checks.append(Check.of("circle_residual_px", rms, limit))
             structured = rms * np.sqrt(1.0 - 1.0 / max(camera.residual_correlation, 1.0))
-            limit = max(config.max_structured_residual_px * unit, stated, wander_px)
+            limit = max(config.max_structured_residual_px * unit, stated, wander_px, painted)
             checks.append(Check.of("structured_residual_px", structured, limit))
         elif cues.halfway is not None and key.name == cues.halfway.name:
             checks.append(Check.of("line_residual_px", rms, max(config.max_line_residual_px * unit, stated)))

@@ -30,6 +30,13 @@ def test_the_middle_of_a_spot_beside_its_place():
     np.testing.assert_allclose(found.point_px, (645.3, 357.6), atol=0.2)
 
 
+def test_a_spot_is_as_sure_as_it_is_painted():
+    """3 cm beside its place are 1.2 px where a metre is 40 px wide; else the ragged rim alone counts."""
+    for placement_sd_m, sigma_px in ((0.0, 0.5 * 1280 / 1920), (0.03, np.hypot(0.5 * 1280 / 1920, 1.2))):
+        (found,) = measure_spots(picture((645.3, 357.6)), VIEW, [SPOT], 1.5, placement_sd_m)
+        assert found.sigma_px == pytest.approx(sigma_px)
+
+
 @pytest.mark.parametrize("center", [(700.0, 360.0), (640.0, 420.0)])
 def test_nothing_is_found_where_there_is_no_spot(center):
     assert measure_spots(picture(center), VIEW, [SPOT], 1.5) == ()

@@ -371,6 +371,61 @@ def test_the_few_markings_that_lie_farthest_are_left_out_of_the_fit(monkeypatch)
         assert is_clean is (len(off) < 3)
 
 
+def test_residuals_that_painters_errors_bring_are_those_of_no_other_field():
+    config = load_config(None, ["field.template=ice-hockey-nhl"])
+    setting = frame.Setting(config, *field_of(config), 1920, 1080, np.random.default_rng(0))
+    beside = _fit_of({"blue_line_left": 0.3, "end_spot_left_top": 5.0, "neutral_spot_left_top": 4.0})
+    assert not placed_field._is_of_this_size(setting, beside)
+    painted = dict.fromkeys(beside.camera.residuals_px, 2.5)
+    assert placed_field._is_of_this_size(
+        setting, replace(beside, camera=replace(beside.camera, painted_sigma_px=painted))
+    )
+
+
+def _choose(answers, earlier=()):
+    """What is chosen among answers, and those that were not believed earlier, given as evidence and markings."""
+    config = load_config(None, ["field.template=ice-hockey-nhl"])
+    setting = frame.Setting(config, *field_of(config), *SIZE, np.random.default_rng(0))
+
+    def follow(evidence, camera, markings):
+        attempt = _fit_of(dict.fromkeys(markings, 0.1))
+        attempt = replace(attempt, camera=replace(attempt.camera, camera=camera))
+        return placed_field._Followed(Paint("seen"), FieldView(camera), (evidence, attempt))
+
+    now, before = ([follow(*given) for given in part] for part in (answers, earlier))
+    return placed_field._choose_answer(setting, now, before, 1.0)
+
+
+END = ("faceoff_right_top", "faceoff_right_bottom", "blue_line_right")
+OTHER_END = ("faceoff_left_top", "faceoff_left_bottom", "goal_line_left")
+
+
+def test_an_end_with_a_line_that_is_not_painted_comes_near_no_other():
+    right, wrong = ViewEvidence(1.1, 0.85, 0.5), ViewEvidence(0.9, 0.72, 0.5)
+    found = _choose([(right, RIGHT_END, END), (wrong, LEFT_CIRCLE, OTHER_END)])
+    assert found.code == "circle_open"
+    bare = replace(wrong, bare_widths=0.5)
+    assert _choose([(right, RIGHT_END, END), (bare, LEFT_CIRCLE, OTHER_END)]).is_calibrated
+    # where the answer itself shows lines that are not painted, they tell nothing
+    both = [(replace(right, bare_widths=0.5), RIGHT_END, END), (bare, LEFT_CIRCLE, OTHER_END)]
+    assert _choose(both).code == "circle_open"
+
+
+def test_what_was_not_believed_before_still_stands_beside_an_answer():
+    weaker, stronger = ViewEvidence(0.6, 0.7, 0.5), ViewEvidence(0.8, 0.9, 0.5)
+    assert _choose([(weaker, LEFT_CIRCLE, OTHER_END)]).is_calibrated
+    assert _choose([(weaker, LEFT_CIRCLE, OTHER_END)], [(stronger, RIGHT_END, END[:2])]) is None
+    near = replace(stronger, evidence=0.7)
+    assert _choose([(weaker, LEFT_CIRCLE, OTHER_END)], [(near, RIGHT_END, END[:2])]).code == "circle_open"
+
+
+def test_a_spot_in_the_middle_of_a_circle_does_not_tell_which_circle_it_is():
+    weighed = ViewEvidence(1.0, 0.8, 0.8)
+    circles = ("faceoff_left_top", "faceoff_left_bottom")
+    assert _choose([(weighed, LEFT_CIRCLE, (*circles, "end_spot_left_top"))]) is None
+    assert _choose([(weighed, LEFT_CIRCLE, (*circles, "neutral_spot_left_top"))]).is_calibrated
+
+
 def test_each_surface_and_polarity_is_searched_until_one_answers(monkeypatch):
     config = load_config(None, ["field.template=basketball-nba"])
     setting = frame.Setting(config, *field_of(config), *SIZE, np.random.default_rng(0))

@@ -400,3 +400,12 @@ def test_the_paint_of_a_wide_circle_may_wander_by_a_share_of_its_width():
     ]
     assert limits[0] == pytest.approx(CONFIG.max_circle_residual_px * CAMERA.width / 1920.0)
     assert limits[1] > 3.0
+
+
+@pytest.mark.parametrize(("off_px", "status"), [(1.3, "calibrated"), (1.9, "refused")])
+def test_a_circle_may_lie_beside_its_place_as_painters_put_it(off_px, status):
+    """Where other markings hold the camera, all of the circle lies as far off, which is no noise of its points."""
+    told = {MarkingKey("centre_circle", "center"): 0.8}
+    given = {"residuals_px": {"centre_circle center": off_px}, "residual_correlation": 100.0}
+    assert verdict(camera_fit(**given, painted_sigma_px=told)).status == status
+    assert verdict(camera_fit(**given)).status == "refused"
