@@ -64,10 +64,10 @@ further line tells the border, since there may be another field beside it. Of ri
 whose quarters were exchanged 0.09 to 0.5.
 """
 FLOOR_LINES, MOST_FLOOR = 2, 0.5
-"""Further markings of a field on a floor that must carry the camera, or be found where it puts them, with which so much
-of the picture may be floor above the horizon or beyond the border: walls and ceilings have a floor's colour. Of right
-answers in 100 rendered halls up to 0.39, and oblique paint up to 0.64: other sports' arcs, as much more of which is
-allowed for each further marking that carries the camera.
+"""Further lines and marks of a field on a floor that must carry the camera, or be found where it puts them, with which
+so much of the picture may be floor above the horizon or beyond the border: walls and ceilings have a floor's colour. Of
+right answers in 100 rendered halls up to 0.39, and oblique paint up to 0.64: other sports' arcs, as much more of which
+is allowed for each further line that carries the camera.
 """
 MOST_BEFORE = 0.4
 """Most of the picture that may lie before the field and be no playing surface, unless it is plain: of right answers to
@@ -76,6 +76,10 @@ real frames at most 0.22 (spectators, dugouts), of pictures whose halves were ex
 MOST_OF_SEAM = 0.4
 """Share of the picture's width or height along which two rows or columns may meet in a step that no lens leaves: of 260
 right answers at most 0.22, of pictures whose quarters were exchanged 0.41 to 0.91 in 13 of 20.
+"""
+LOWEST_FREE_M = 1.5
+"""A camera that stands lower, metres, sees boards and walls around the field above its horizon, on grass too: those of
+rendered robots' fields reach to 1 m and have a rail of the carpet's colour.
 """
 SEVERAL_LINES = 2
 """One line is easily named wrongly."""
@@ -127,10 +131,11 @@ def weigh_evidence(
     Paint that lies where the camera puts it, although it was not fitted to it, carries it like a further line.
     """
     unexplained = evidence.oblique_widths + (0.0 if camera.named_lines else evidence.alone_widths)
-    further = 0 if template.ground == "grass" else _count_further_lines(camera, template)
+    lines = _count_further_lines(camera, template)
+    further = 0 if template.ground == "grass" else lines
+    carried = lines + _count_marks(camera, template) + _count_found(agreement)
     most_beyond = MOST_BEYOND_LINES if camera.named_lines else MOST_BEYOND
-    carrying = 0 if template.ground == "grass" else further + _count_found(agreement)
-    is_floor = carrying >= FLOOR_LINES
+    is_floor = _may_have_walls(camera, template) and carried >= FLOOR_LINES
     own = (
         Check.of("unexplained_widths", unexplained, MOST_UNEXPLAINED * (1 + further)),
         Check.of("painted_share_of_carriers", evidence.painted_share, LEAST_PAINTED, at_least=True),
@@ -147,6 +152,11 @@ def weigh_evidence(
     return replace(verdict, checks=checks) if failed is None else Verdict.refusal_by(failed, checks)
 
 
+def _may_have_walls(camera: CameraFit, template: FieldTemplate) -> bool:
+    """Whether what has the surface's colour above the horizon may be a wall or a ceiling."""
+    return template.ground != "grass" or float(-camera.camera.position_m[2]) < LOWEST_FREE_M
+
+
 def _count_found(agreement: Agreement) -> int:
     """How many markings to which the camera was not fitted are found where it puts them; none where most are not."""
     if agreement.found_share < LEAST_FOUND_OF_FIELD:
@@ -158,6 +168,11 @@ def _count_further_lines(camera: CameraFit, template: FieldTemplate) -> int:
     """How many lines beside the halfway line carry a camera, by their points or by an end of another one on them."""
     seen = {key.name for key in camera.residuals_px} & set(template.line_by_name)
     return len(seen - {template.halfway_line})
+
+
+def _count_marks(camera: CameraFit, template: FieldTemplate) -> int:
+    """How many marks carry a camera: with its circle, that in its middle tells where the horizon is."""
+    return len({key.name for key in camera.residuals_px} & set(template.mark_by_name))
 
 
 def confirm_field_lines(verdict: Verdict, camera: CameraFit, used: frozenset[str], agreement: Agreement) -> Verdict:

@@ -172,5 +172,18 @@ def test_a_floor_has_other_sports_arcs_and_walls_of_its_colour():
 def test_markings_that_are_found_on_a_floor_carry_its_camera_too(share, status):
     hall, walls = load_field("futsal"), replace(NO_GROUND, above_share=0.4)
     found = Agreement(tuple("abc"[: len(share)]), np.full(len(share), 80.0), np.array(share))
-    assert weigh(NO_PAINT, fit_of(CAMERA), walls, hall, found).status == status
-    assert weigh(NO_PAINT, fit_of(CAMERA), walls, SOCCER, found).status == "refused"
+    alone = replace(fit_of(CAMERA), residuals_px={})
+    assert weigh(NO_PAINT, alone, walls, hall, found).status == status
+    assert weigh(NO_PAINT, alone, walls, SOCCER, found).status == "refused"
+
+
+def test_a_low_camera_sees_walls_above_its_horizon_on_grass_too():
+    lines = {MarkingKey(name): 0.3 for name in ("halfway_line", "side_line_top", "centre_mark")}
+    walls = replace(NO_GROUND, above_share=0.4)
+    low, high = (
+        replace(fit_of(view(position=(3.0, 42.0, height), target=(0.0, 0.0, 0.0), focal=950.0)), residuals_px=lines)
+        for height in (-0.8, -16.0)
+    )
+    assert weigh(NO_PAINT, low, walls).status == "calibrated"
+    assert weigh(NO_PAINT, high, walls).status == "refused"
+    assert weigh(NO_PAINT, replace(low, residuals_px={}), walls).status == "refused"
