@@ -19,6 +19,7 @@ from circlecal.camera.covariance import (
 from circlecal.camera.painters import follow_errors
 from circlecal.camera.problem import Problem, State
 from circlecal.camera.spike_and_slab import Posterior
+from circlecal.camera.valley import widen_valley
 from circlecal.field import Circle, FieldTemplate
 from circlecal.field.view import FieldView
 from circlecal.geometry.camera import Camera
@@ -57,14 +58,16 @@ def camera_fit(
     template: FieldTemplate,
     stated_sigma_px: dict[MarkingKey, float],
     posterior: Posterior | None = None,
+    growth: float = 1.0,
 ) -> CameraFit:
     """Everything that is reported of the best start of ``state``.
 
-    ``posterior`` says what else the field may be like; it widens the covariance. What painters' errors add to it stays
+    ``posterior`` says what else the field may be like, and ``growth`` how many times the variance along the valley of
+    zoom and distance is what the linear model says; both widen the covariance. What painters' errors add to it stays
     beside it, so that what is decided about markings is decided by what was seen.
     """
     model, theta = problem.model, state.theta[0]
-    covariance = posterior_covariance(state.normal[0], problem.priors.sd)
+    covariance = widen_valley(posterior_covariance(state.normal[0], problem.priors.sd), growth)
     if posterior is not None:
         covariance = posterior.widen(covariance)
     is_fixed = not problem.priors.sd[[INDEX["length"], INDEX["breadth"]]].any()

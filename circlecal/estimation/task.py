@@ -129,6 +129,8 @@ class Fit:
         What is assumed of the field, and what else it may be like; None where there is no choice.
     given_px : (N,) array or None
         Standard deviations of the points before their residuals told more; None where they did not.
+    growth : float
+        How many times the variance along the valley of zoom and distance is what the linear model says.
     """
 
     problem: Problem
@@ -137,6 +139,7 @@ class Fit:
     least: CurvePoints | None = None
     posterior: Posterior | None = None
     given_px: Array | None = None
+    growth: float = 1.0
 
 
 def is_dense(curves: CurvePoints) -> bool:

@@ -25,6 +25,7 @@ from circlecal.camera.spike_and_slab import (
     posterior_shares,
     share_noise,
 )
+from circlecal.camera.valley import explore_valley
 from circlecal.estimation.completion import complete, fit_anew
 from circlecal.estimation.task import Fit, Task
 from circlecal.field import FieldTemplate
@@ -90,7 +91,7 @@ def choose_world(task: Task, stated: CurvePoints, first: Fit, usual: tuple[Task,
         template, priors, config.usual_size_share, config.flat_share, CURVED_SHARE if may_curve else 0.0
     )
     if len(worlds) == 1:
-        return usual
+        return usual[0], _explore(task, usual[1])
     cases, known = [usual], len(stated.keys)
 
     def compare(noise: Callable[[_Case], tuple[Problem, State]]) -> list[tuple[Answer, _Case]]:
@@ -115,9 +116,15 @@ def choose_world(task: Task, stated: CurvePoints, first: Fit, usual: tuple[Task,
             found, reported = told, _tell_noise
     best, (chosen, fit) = max(found, key=lambda pair: pair[0].evidence)
     problem, state = reported(best, chosen, fit)
-    state = resume(problem, state, task.rule(FINAL))
-    posterior = mix([answer for answer, _ in found], best, state.theta[0])
-    return chosen, replace(fit, problem=problem, state=state, posterior=posterior)
+    fit = _explore(task, replace(fit, problem=problem, state=resume(problem, state, task.rule(FINAL))))
+    posterior = mix([answer for answer, _ in found], best, fit.state.theta[0])
+    return chosen, replace(fit, posterior=posterior)
+
+
+def _explore(task: Task, fit: Fit) -> Fit:
+    """The fit at the optimum along its valley."""
+    state, growth = explore_valley(fit.problem, fit.state, task.rule(FINAL))
+    return replace(fit, state=state, growth=growth)
 
 
 _Case = tuple[Task, Fit]

@@ -82,6 +82,9 @@ class Evidence:
         Share of the carriers that is painted where they must be in view.
     bare_widths : float
         By how much the paint of the halfway line ends too early, where nothing hides it, picture widths.
+    worn_widths : float
+        Longest stretch between the paint of a circle that is bare where nothing hides it, picture widths; told where
+        the halfway line ends too early.
     reversal : float
         By how much (half a chi-square) the width of the paint is better explained by a camera that has near and far
         exchanged; far below zero where the paint confirms the camera.
@@ -91,6 +94,7 @@ class Evidence:
     alone_widths: float
     painted_share: float
     bare_widths: float
+    worn_widths: float
     reversal: float
 
 

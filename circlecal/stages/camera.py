@@ -84,7 +84,9 @@ def estimate_camera(
         task, fit, more = _estimate(given.without_marking(straining, task.names, by_end))
         rejected = (key, *more)
     stated = median_sigmas(task.observations)
-    return camera_fit(fit.problem, fit.state, fit.scale, rejected, task.names, circle, template, stated, fit.posterior)
+    return camera_fit(
+        fit.problem, fit.state, fit.scale, rejected, task.names, circle, template, stated, fit.posterior, fit.growth
+    )
 
 
 def _estimate(task: Task, is_draft: bool = False) -> tuple[Task, Fit, tuple[MarkingKey, ...]]:

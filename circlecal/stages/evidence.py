@@ -51,6 +51,10 @@ stronger a board, a net or a graphic.
 """
 PAINT_WIDTHS = (0.5, 2.0)
 """Width of unexplained paint over that which a marking would have there; shade, boards and legs are wider."""
+OLD_COAT_M = 0.6
+"""Paint so near to a circle that runs along it is an old coat of it: grounds are painted anew some decimetres beside,
+and 0.43 picture widths of old coats in a rendered frame refused a camera that is 1.3 px off.
+"""
 SHARP_PX = 2.0
 """Least width at which paint is seen, pixels at 1920 px width."""
 OBLIQUE_DEG = 4.0
@@ -63,6 +67,8 @@ BESIDE_PX, BARE_TIMES, BARE_LEVELS = 12.0, 2.0, 3.0
 """A place without paint is in full view where the ground so far off it to both sides (pixels at 1920 px width) is at
 most so many times as rough as beside paint, and so many gray levels: else a player or a shadow's edge hides it.
 """
+LARGEST_WORN = 0.25
+"""Share of a circle that worn paint may leave bare in one stretch; where more is, another curve was taken for it."""
 PAN_PX = 24.0
 """Paint that a pan has blurred is looked for so far to both sides, pixels at 1920 px width, before it is missed."""
 REVERSALS = (4, 8, 12, 16)
@@ -104,8 +110,11 @@ def measure_evidence(
     oblique, alone = _measure_other_paint(picture, mask, fit, template, places, painted)
     reversal = 0.0 if painted is None else _reversal(painted, own, fit, template)
     share = 1.0 if len(own.element) < FEWEST_PLACES else 0.0 if painted is None else float(painted.supported.mean())
-    bare = 0.0 if painted is None else _bare_end_px(picture, painted, own, fit, template) / fit.model.width
-    return Evidence(oblique, alone, share, bare, reversal)
+    bare, worn = 0.0, 0.0
+    if painted is not None:
+        circles = frozenset(circle.name for circle in template.circles)
+        bare, worn = _measure_bare_ends(picture, painted, own, fit, template, circles)
+    return Evidence(oblique, alone, share, bare / fit.model.width, worn / fit.model.width, reversal)
 
 
 def _measure_paint(
@@ -137,15 +146,46 @@ def _number_pieces(element: NDArray[np.int_]) -> NDArray[np.int64]:
     return np.cumsum(new) - 1
 
 
-def _bare_end_px(
-    picture: NDArray[np.uint8], painted: MeasuredCurve, own: MarkingPlaces, fit: CameraFit, template: FieldTemplate
-) -> float:
-    """By how much the halfway line's paint ends too early, in full view; what is hidden is skipped."""
-    line = [k for k, name in enumerate(own.names) if name == template.halfway_line]
-    index = np.flatnonzero(np.isin(own.element, line))
+def _measure_bare_ends(
+    picture: NDArray[np.uint8],
+    painted: MeasuredCurve,
+    own: MarkingPlaces,
+    fit: CameraFit,
+    template: FieldTemplate,
+    circles: frozenset[str],
+) -> tuple[float, float]:
+    """By how much the halfway line's paint ends too early, in full view, and the longest such stretch of a circle
+    between its paint, pixels; what is hidden is skipped.
+    """
+    spacing_px = SPACING_PX * fit.model.width / 1920.0
+    on_line = np.array([name == template.halfway_line for name in own.names])[own.element]
+    parts = _bare_parts(picture, painted, own, np.flatnonzero(on_line), fit, template)
+    ends = max(parts[0], parts[-1])
+    if ends == 0:
+        return 0.0, 0.0
+    worn = 0
+    for k in (k for k, name in enumerate(own.names) if name in circles):
+        index = np.flatnonzero(own.element == k)
+        inner = _bare_parts(picture, painted, own, index, fit, template)[1:-1].max(initial=0)
+        worn = max(worn, inner if inner < LARGEST_WORN * len(index) else 0)
+    return float(ends) * spacing_px, float(worn) * spacing_px
+
+
+def _bare_parts(
+    picture: NDArray[np.uint8],
+    painted: MeasuredCurve,
+    own: MarkingPlaces,
+    index: NDArray[np.intp],
+    fit: CameraFit,
+    template: FieldTemplate,
+) -> NDArray[np.intp]:
+    """How many of a marking's places are bare in full view before its first painted one, behind each, and at its end.
+
+    Worn paint comes back, a line that is another one does not.
+    """
     missed = index[~painted.supported[index]]
     if len(missed) in (0, len(index)):
-        return 0.0
+        return np.zeros(2, np.intp)
     unit = fit.model.width / 1920.0
     pieces = _number_pieces(own.element[missed])
     blurred = measure_curve(picture, own.base[missed], own.normal[missed], np.full(len(missed), PAN_PX * unit), pieces)
@@ -154,9 +194,7 @@ def _bare_end_px(
     is_painted = painted.supported[index]
     is_bare = ~is_painted & (rough < BARE_TIMES * float(np.median(rough[is_painted])) + BARE_LEVELS)
     is_bare[~is_painted] &= ~blurred.supported
-    # bare places between two painted ones are one part; worn paint comes back, a line that is another one does not
-    parts = np.bincount(np.cumsum(is_painted), is_bare)
-    return float(max(parts[0], parts[-1])) * SPACING_PX * unit
+    return np.bincount(np.cumsum(is_painted), is_bare, minlength=2).astype(np.intp)
 
 
 def _reversal(painted: MeasuredCurve, own: MarkingPlaces, fit: CameraFit, template: FieldTemplate) -> float:
@@ -242,6 +280,7 @@ def _measure_other_paint(
     contrast = seen.contrast / np.median(painted.contrast[painted.supported])
     paint = seen.supported & (contrast > CONTRASTS[0]) & (contrast < CONTRASTS[1])
     paint &= (ratio > PAINT_WIDTHS[0]) & (ratio < PAINT_WIDTHS[1])
+    paint &= ~_are_old_coats(fit.view.to_field(points), angle, template)
     oblique = paint & (np.abs(np.sin(2.0 * angle)) > np.sin(np.radians(2.0 * OBLIQUE_DEG)))
     step = cells.step[which]
     parallel = np.bincount(which[paint & ~oblique], step[paint & ~oblique], minlength=1) / width
@@ -300,6 +339,18 @@ def _are_explained(cells: _Cells, places: MarkingPlaces, unit: float) -> Mask:
     covered = np.cumsum(begun - ended) > 0
     last = first + cells.count
     return np.asarray(np.delete(covered, last), np.bool_)
+
+
+def _are_old_coats(field_m: Array, angle: Array, template: FieldTemplate) -> Mask:
+    """Which places (N, 2) of the field, on lines at these angles (N,), rad, lie beside a circle and run along it."""
+    along = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    found = np.zeros(len(field_m), np.bool_)
+    for circle in template.circles:
+        outward = field_m - np.asarray(circle.center)
+        distance = np.maximum(np.hypot(outward[:, 0], outward[:, 1]), 1e-9)
+        runs_along = np.abs((along * outward).sum(axis=-1)) < ALIKE_SINE * distance
+        found |= runs_along & (np.abs(distance - template.radius(circle, "center")) < OLD_COAT_M)
+    return found
 
 
 def _paint_on_ground(view: FieldView, points: Array, along: Array, width_m: float) -> tuple[Array, Array]:

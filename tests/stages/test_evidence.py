@@ -1,6 +1,7 @@
 """What the whole picture says of a camera: paint that it does not explain, near and far, and what is no field."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -51,7 +52,7 @@ def mask_of(further=(), region=None):
     return MarkingMask(drawn, "detector", lines=tuple(Segment(*pair) for pair in ends), field_region=region)
 
 
-NO_PAINT = Evidence(0.0, 0.0, 1.0, 0.0, 0.0)
+NO_PAINT = Evidence(0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 NO_GROUND = Surroundings(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -140,6 +141,30 @@ def test_a_halfway_line_that_breaks_off_in_full_view_speaks_against_a_camera(pla
     assert broken.painted_share > 0.6
     assert weigh(broken, camera).code == "markings_missing"
     assert weigh(covered, camera).status == "calibrated"
+
+
+def test_a_halfway_line_may_break_off_where_the_circle_is_worn_off_for_as_long(plain):
+    camera, rng = fit_of(CAMERA), np.random.default_rng(3)
+    first, last = CAMERA.project(np.array([(0.0, 23.0), (0.0, 33.5)]))
+    left, right = (CAMERA.project(CIRCLE.radius_m * np.array([(np.cos(a), np.sin(a))]))[0] for a in (1.8, 3.1))
+    worn = plain.copy()
+    for box in (
+        np.s_[int(first[1]) : int(last[1]), int(first[0]) - 120 : int(first[0]) + 120],
+        np.s_[int(right[1]) : int(left[1]), int(right[0]) - 20 : int(left[0])],
+    ):
+        worn[box] = rng.normal(90, 3, worn[box].shape)
+    found = measure_evidence(worn, mask_of(), camera, SOCCER, CARRIERS)
+    assert found.worn_widths > found.bare_widths > 0.08
+    assert weigh(found, camera).status == "calibrated"
+
+
+@pytest.mark.parametrize(("beside_m", "is_coat"), [(0.4, True), (1.2, False)])
+def test_an_old_coat_of_the_circle_is_no_paint_that_nothing_explains(beside_m, is_coat):
+    camera, angle = replace(fit_of(CAMERA), named_lines=()), np.linspace(2.2, 4.0, 10)
+    ring = (CIRCLE.radius_m + beside_m) * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    chords = tuple(pairwise(ring))
+    found = measure_evidence(paint(chords), mask_of(chords), camera, SOCCER, CARRIERS)
+    assert (found.oblique_widths < 0.02) == is_coat
 
 
 def test_a_picture_turned_upside_down_is_told_where_its_camera_sees_little_perspective():

@@ -98,6 +98,17 @@ def test_a_likely_circle_may_confirm_itself():
     )
 
 
+@pytest.mark.parametrize(
+    ("residual_px", "arc_deg", "confirms"),
+    [(0.08, 150.0, True), (0.15, 150.0, False), (0.15, 190.0, True), (0.25, 360.0, False)],
+)
+def test_more_of_a_circle_may_be_less_exact(residual_px, arc_deg, confirms):
+    camera = camera_fit(residuals_px={"centre_circle outer": residual_px * CAMERA.width / 1920.0})
+    fits = EllipseFits(replace(fit_of(true_conic(CAMERA), "outer"), arc_deg=arc_deg), None, None)
+    found = verdict(camera, fits=fits, cues=Cues(LINE, None), confidence=TENTATIVE)
+    assert (found.status == "calibrated") == confirms
+
+
 def test_a_good_camera_is_accepted_with_every_check():
     found = verdict(camera_fit())
     assert (found.status, found.code, found.reason, found.stage) == ("calibrated", None, None, None)
