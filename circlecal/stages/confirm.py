@@ -40,7 +40,7 @@ THINNEST = 0.2, 0.6
 THINNEST_SEEN, CONFIRMING_SHARE = 0.2, 0.35
 """Where nothing is held against a camera that is not found, paint of a third of that width is looked for too; and the
 share of such markings that confirms a circle. Of eight right cameras to rendered robots' fields that nothing else
-confirmed four have 0.40 to 0.77, while a penalty arc that was taken for the circle, and pictures put together from
+confirmed three have 0.40 to 0.70, while a penalty arc that was taken for the circle, and pictures put together from
 others, have 0.05 to 0.13 of markings as wide as the circle's.
 """
 LEAST_SHARE, LEAST_SECTORS = 0.75, 18
