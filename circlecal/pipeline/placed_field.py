@@ -185,6 +185,21 @@ def refuse_doubtful(setting: Setting, attempt: Attempt) -> Attempt:
     return refuse_as_open(attempt, "circle_unconfirmed") if _is_doubtful(setting, attempt) else attempt
 
 
+def refuse_bare_field(setting: Setting, scene: Scene, attempt: Attempt) -> Attempt:
+    """The attempt, refused where any circle of the template may be the one seen, a line or two carry the camera with
+    it, and more of the markings that it puts into view is bare than painted.
+    """
+    mask, camera = attempt.mask, attempt.camera
+    is_open = attempt.is_calibrated and _may_be_any_circle(setting, attempt) and attempt.circle_name is None
+    if not is_open or mask is None or camera is None or _count_carrying(attempt) > FEWEST_CARRYING:
+        return attempt
+    with setting.clock("cues"):
+        paint = look_for_paint(scene, mask, setting.config, setting.template)
+    if paint is None or weigh_view(camera.view, setting.template, paint).evidence > 0.0:
+        return attempt
+    return refuse_as_open(attempt, "circle_unconfirmed")
+
+
 def look_for_paint(scene: Scene, mask: MarkingMask, config: Config, template: FieldTemplate) -> SeenPaint | None:
     """What stands out from the playing surface of a mask as paint of its polarity does; what was found on that surface
     before, for another mask or another template, is not looked for again.

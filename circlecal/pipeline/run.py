@@ -18,7 +18,7 @@ from circlecal.pipeline.field_lines import FIELD_LINES, look_for_field_lines
 from circlecal.pipeline.fields import Convention, apply_convention, field_of
 from circlecal.pipeline.other_circles import ARCS, OTHER_CIRCLES, mask_arcs
 from circlecal.pipeline.painters import cover_painters
-from circlecal.pipeline.placed_field import ALL_MARKINGS, PLACED_FIELD, refuse_doubtful
+from circlecal.pipeline.placed_field import ALL_MARKINGS, PLACED_FIELD, refuse_bare_field, refuse_doubtful
 from circlecal.pipeline.refinements import calibrate_scene
 from circlecal.pipeline.setting import Looks, Scene, Setting, frame_generator, prepare_scene
 from circlecal.results import Attempt, CameraFit, FrameCalibration, Verdict
@@ -89,10 +89,15 @@ def run(
         attempt = calibrate_scene(setting, scene)
         attempt = PLACED_FIELD.try_out(setting, scene, attempt) or attempt
     else:
-        attempt = look_for_field_lines(setting, scene) or reconsider(setting, scene, calibrate_scene(setting, scene))
+        attempt = look_for_field_lines(setting, scene) or _calibrate_circle(setting, scene)
         attempt = refuse_doubtful(setting, ALL_MARKINGS.try_out(setting, scene, attempt) or attempt)
     attempt = cover_painters(setting, attempt)
     return replace(setting.calibration(attempt, frame_id, source), paint_bgr=_measure_paint(setting, scene, attempt))
+
+
+def _calibrate_circle(setting: Setting, scene: Scene) -> Attempt:
+    """By what is likeliest the circle, or by what else it may be."""
+    return reconsider(setting, scene, refuse_bare_field(setting, scene, calibrate_scene(setting, scene)))
 
 
 def _measure_paint(setting: Setting, scene: Scene, attempt: Attempt) -> tuple[float, float, float] | None:

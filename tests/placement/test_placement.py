@@ -510,6 +510,12 @@ def test_a_circle_with_its_line_takes_in_all_other_markings(monkeypatch):
     assert placed_field.refuse_doubtful(setting, carried) is carried
     painters = replace(told, camera=replace(told.camera, painters_covariance=100.0 * told.camera.covariance))
     assert placed_field.refuse_doubtful(setting, painters).code == "circle_unconfirmed"
+    # and where more of what they put into view is bare than painted
+    assert placed_field.refuse_bare_field(setting, scene, told) is told
+    with monkeypatch.context() as patch:
+        patch.setattr(placed_field, "weigh_view", lambda *_: ViewEvidence(-0.1, 0.3, 0.3))
+        assert placed_field.refuse_bare_field(setting, scene, told).code == "circle_unconfirmed"
+        assert placed_field.refuse_bare_field(setting, scene, carried) is carried
     # one that is sure already, or whose circle was named, is left alone
     sure = replace(first, camera=replace(first.camera, max_sigma_px=0.1))
     assert placed_field.ALL_MARKINGS.try_out(setting, scene, sure) is None
