@@ -19,11 +19,11 @@ from circlecal.field import Ground, load_field
 from circlecal.observations import Observations
 from circlecal.paint.brightness import brightness_of_paint
 from circlecal.pipeline.attempts import refuse_as_open
+from circlecal.pipeline.field_paint import look_for_paint, recall_evidence
 from circlecal.pipeline.fields import field_of
 from circlecal.pipeline.likely_sport import Trial, tell_sport
 from circlecal.pipeline.placed_field import EXPLAINED_EVIDENCE as PLACED_EVIDENCE
 from circlecal.pipeline.placed_field import EXPLAINED_SHARE as PLACED_SHARE
-from circlecal.pipeline.placed_field import look_for_paint, recall_evidence
 from circlecal.pipeline.run import run
 from circlecal.pipeline.setting import Looks, Scene
 from circlecal.placement import ViewEvidence, weigh_view

@@ -16,7 +16,7 @@ from circlecal.paint.brightness import brightness_of_paint
 from circlecal.paint.colour import match_paint
 from circlecal.pipeline.attempts import refuse_as_open
 from circlecal.pipeline.field_choice import calibrate_unknown_field
-from circlecal.pipeline.placed_field import LEAST_CIRCLE
+from circlecal.pipeline.field_paint import LEAST_CIRCLE
 from circlecal.pipeline.run import run
 from circlecal.pipeline.setting import frame_generator
 from circlecal.placement import mean_distance_px

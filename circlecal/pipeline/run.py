@@ -14,11 +14,13 @@ from circlecal.observations import Observations
 from circlecal.paint.brightness import measure_paint
 from circlecal.pipeline.attempts import estimate, take_observations
 from circlecal.pipeline.discs import DISCS
+from circlecal.pipeline.doubtful_circle import refuse_bare_field, refuse_doubtful
 from circlecal.pipeline.field_lines import FIELD_LINES, look_for_field_lines
 from circlecal.pipeline.fields import Convention, apply_convention, field_of
 from circlecal.pipeline.other_circles import ARCS, OTHER_CIRCLES, mask_arcs
 from circlecal.pipeline.painters import cover_painters
-from circlecal.pipeline.placed_field import ALL_MARKINGS, PLACED_FIELD, refuse_bare_field, refuse_doubtful
+from circlecal.pipeline.placed_field import PLACED_FIELD
+from circlecal.pipeline.placed_view import ALL_MARKINGS
 from circlecal.pipeline.refinements import calibrate_scene
 from circlecal.pipeline.setting import Looks, Scene, Setting, frame_generator, prepare_scene
 from circlecal.results import Attempt, CameraFit, FrameCalibration, Verdict

@@ -14,19 +14,18 @@ from circlecal.geometry.camera_parameters import PARAMETERS
 from circlecal.geometry.conics import circle_conic, sampson_distance, transform_conic
 from circlecal.geometry.surface import FLAT
 from circlecal.observations import CirclePoints, LinePoints, MarkingKey, Observations
-from circlecal.pipeline import field_of, placed_field, run
+from circlecal.pipeline import doubtful_circle, field_of, field_paint, placed_field, placed_view, run
 from circlecal.pipeline import setting as frame
 from circlecal.pipeline.attempts import estimate
 from circlecal.pipeline.placed_field import (
-    LARGEST_RESIDUAL_PX,
     OTHER_SIGHTING,
     PRECISE_MARKINGS,
     RIVAL_RATIO,
     _is_believed,
     _is_precise,
-    _leave_out_strays,
     _weigh_answer,
 )
+from circlecal.pipeline.placed_view import LARGEST_RESIDUAL_PX, _leave_out_strays
 from circlecal.placement import (
     PlacedField,
     ViewEvidence,
@@ -167,7 +166,7 @@ def test_a_field_that_may_lie_in_two_ways_is_refused_with_both(monkeypatch):
     )
     placements = iter([left, right])
     monkeypatch.setattr(placed_field, "look_for_paint", lambda *_: Paint("seen"))
-    monkeypatch.setattr(placed_field, "_follow_placement", lambda *_: next(placements))
+    monkeypatch.setattr(placed_field, "follow_placement", lambda *_: next(placements))
     lain = [PlacedField(circle, np.eye(3), FieldView(camera), 1.0, 0.8) for camera in (LEFT_CIRCLE, RIGHT_END)]
     monkeypatch.setattr(placed_field, "search_placements", lambda *_: object())
     monkeypatch.setattr(placed_field, "refine_placements", lambda *_: lain)
@@ -198,7 +197,7 @@ def test_what_explains_little_or_has_no_circle_leads_to_no_camera(monkeypatch, e
     paints = iter([Sighting("first"), Sighting("second")])
     monkeypatch.setattr(placed_field, "weigh_view", lambda *_: ViewEvidence(1.0, 0.8, explained))
     monkeypatch.setattr(placed_field, "look_for_paint", lambda *_: next(paints))
-    monkeypatch.setattr(placed_field, "_follow_placement", lambda *given: followed.append(given))
+    monkeypatch.setattr(placed_field, "follow_placement", lambda *given: followed.append(given))
     monkeypatch.setattr(placed_field, "search_placements", lambda *_: object())
     lain = [PlacedField(circle, np.eye(3), FieldView(LEFT_CIRCLE), 1.0, 0.8)]
     monkeypatch.setattr(placed_field, "refine_placements", lambda *_: lain)
@@ -295,7 +294,7 @@ def test_few_of_many_markings_may_lie_beside_the_paint(stray, count, is_taken):
     setting = frame.Setting(config, *field_of(config), 1920, 1080, np.random.default_rng(0))
     residuals = {MarkingKey(str(k)): 9.0 if k < stray else 0.3 for k in range(count)}
     attempt = Attempt(camera=replace(fit(LEFT_CIRCLE), residuals_px=residuals))
-    assert placed_field._is_of_this_size(setting, attempt) is is_taken
+    assert placed_view._is_of_this_size(setting, attempt) is is_taken
 
 
 def test_fields_of_one_sport_are_searched_for_once(monkeypatch):
@@ -361,8 +360,8 @@ def test_the_few_markings_that_lie_farthest_are_left_out_of_the_fit(monkeypatch)
         kept = {line.line: rms[line.line] for line in attempt.observations.lines}
         return replace(_fit_of(kept), observations=attempt.observations)
 
-    monkeypatch.setattr(placed_field, "take_observations", lambda _, seen, left: replace(seen, observations=left))
-    monkeypatch.setattr(placed_field, "estimate", fit_rest)
+    monkeypatch.setattr(placed_view, "take_observations", lambda _, seen, left: replace(seen, observations=left))
+    monkeypatch.setattr(placed_view, "estimate", fit_rest)
     for off, left in (({3: 5.0, 7: 3.0}, 7), ({3: 5.0, 6: 4.0, 7: 3.0}, 7), ({3: 0.5}, 9), ({3: 1.5}, 8)):
         rms = {str(k): 0.2 + off.get(k, 0.0) for k in range(9)}
         found = _leave_out_strays(setting, Attempt(), measured(off))
@@ -375,9 +374,9 @@ def test_residuals_that_painters_errors_bring_are_those_of_no_other_field():
     config = load_config(None, ["field.template=ice-hockey-nhl"])
     setting = frame.Setting(config, *field_of(config), 1920, 1080, np.random.default_rng(0))
     beside = _fit_of({"blue_line_left": 0.3, "end_spot_left_top": 5.0, "neutral_spot_left_top": 4.0})
-    assert not placed_field._is_of_this_size(setting, beside)
+    assert not placed_view._is_of_this_size(setting, beside)
     painted = dict.fromkeys(beside.camera.residuals_px, 2.5)
-    assert placed_field._is_of_this_size(
+    assert placed_view._is_of_this_size(
         setting, replace(beside, camera=replace(beside.camera, painted_sigma_px=painted))
     )
 
@@ -479,11 +478,11 @@ def test_a_circle_with_its_line_takes_in_all_other_markings(monkeypatch):
         return tuple(c for c in circles if c.circle == circle.name), tuple(n for n in lines if n.line == "halfway_line")
 
     with monkeypatch.context() as patch:
-        patch.setattr(placed_field, "measure_template", measure_two)
-        first = placed_field._calibrate_view(setting, ~gray, seen, FieldView(camera))
+        patch.setattr(placed_view, "measure_template", measure_two)
+        first = placed_view._calibrate_view(setting, ~gray, seen, FieldView(camera))
     assert first.is_calibrated, first.verdict
     scene = frame.Scene(np.dstack([gray] * 3), gray, None, None, None)
-    fuller = placed_field.ALL_MARKINGS.try_out(setting, scene, first)
+    fuller = placed_view.ALL_MARKINGS.try_out(setting, scene, first)
     assert fuller is not None
     assert len(fuller.camera.residuals_px) > 8
     assert fuller.camera.max_sigma_px < 0.5 * first.camera.max_sigma_px
@@ -492,33 +491,33 @@ def test_a_circle_with_its_line_takes_in_all_other_markings(monkeypatch):
     stripe = np.zeros_like(ground)
     stripe[5 * size[1] // 12 : 7 * size[1] // 12] = True
     with monkeypatch.context() as patch:
-        patch.setattr(placed_field, "_settle_view", lambda *given: replace(fuller, mask=given[2].mask))
-        assert placed_field.ALL_MARKINGS.try_out(setting, scene, first) is not None
+        patch.setattr(placed_view, "_settle_view", lambda *given: replace(fuller, mask=given[2].mask))
+        assert placed_view.ALL_MARKINGS.try_out(setting, scene, first) is not None
         beside = replace(first, mask=replace(mask, field_region=stripe))
-        assert placed_field.ALL_MARKINGS.try_out(setting, scene, beside) is None
+        assert placed_view.ALL_MARKINGS.try_out(setting, scene, beside) is None
     # with nothing but an uncertain circle and line, they may be any of the field's
     vague = replace(first, camera=replace(first.camera, max_sigma_px=25.0))
     assert placed_field.PLACED_FIELD.when(setting, vague)
-    assert placed_field.refuse_doubtful(setting, vague).code == "circle_unconfirmed"
-    assert placed_field.refuse_doubtful(setting, fuller) is fuller
+    assert doubtful_circle.refuse_doubtful(setting, vague).code == "circle_unconfirmed"
+    assert doubtful_circle.refuse_doubtful(setting, fuller) is fuller
     # so they may where they lay most of the field beside the playing surface, or where painters' errors leave much open
     told = replace(first, camera=replace(first.camera, max_sigma_px=0.1, painters_covariance=None))
-    assert placed_field.refuse_doubtful(setting, told) is told
-    assert placed_field.refuse_doubtful(setting, replace(told, mask=beside.mask)).code == "circle_unconfirmed"
+    assert doubtful_circle.refuse_doubtful(setting, told) is told
+    assert doubtful_circle.refuse_doubtful(setting, replace(told, mask=beside.mask)).code == "circle_unconfirmed"
     many = {MarkingKey(f"line_{k}"): 0.1 for k in range(6)}
     carried = replace(told, mask=beside.mask, camera=replace(told.camera, residuals_px=many))
-    assert placed_field.refuse_doubtful(setting, carried) is carried
+    assert doubtful_circle.refuse_doubtful(setting, carried) is carried
     painters = replace(told, camera=replace(told.camera, painters_covariance=100.0 * told.camera.covariance))
-    assert placed_field.refuse_doubtful(setting, painters).code == "circle_unconfirmed"
+    assert doubtful_circle.refuse_doubtful(setting, painters).code == "circle_unconfirmed"
     # and where more of what they put into view is bare than painted
-    assert placed_field.refuse_bare_field(setting, scene, told) is told
+    assert doubtful_circle.refuse_bare_field(setting, scene, told) is told
     with monkeypatch.context() as patch:
-        patch.setattr(placed_field, "weigh_view", lambda *_: ViewEvidence(-0.1, 0.3, 0.3))
-        assert placed_field.refuse_bare_field(setting, scene, told).code == "circle_unconfirmed"
-        assert placed_field.refuse_bare_field(setting, scene, carried) is carried
+        patch.setattr(doubtful_circle, "weigh_view", lambda *_: ViewEvidence(-0.1, 0.3, 0.3))
+        assert doubtful_circle.refuse_bare_field(setting, scene, told).code == "circle_unconfirmed"
+        assert doubtful_circle.refuse_bare_field(setting, scene, carried) is carried
     # one that is sure already, or whose circle was named, is left alone
     sure = replace(first, camera=replace(first.camera, max_sigma_px=0.1))
-    assert placed_field.ALL_MARKINGS.try_out(setting, scene, sure) is None
+    assert placed_view.ALL_MARKINGS.try_out(setting, scene, sure) is None
 
 
 def test_derivatives_of_first_cameras_are_those_of_their_pictures():
@@ -554,14 +553,14 @@ def test_first_cameras_show_the_field_as_cameras_do():
 
 def test_ridges_of_a_surface_are_found_once_for_all_masks_and_templates(monkeypatch):
     looks = []
-    monkeypatch.setattr(placed_field, "see_surface", lambda *given: looks.append(given[4]))
+    monkeypatch.setattr(field_paint, "see_surface", lambda *given: looks.append(given[4]))
     gray, ground = np.zeros(SIZE[::-1], np.uint8), np.ones(SIZE[::-1], np.bool_)
     scene = frame.Scene(np.zeros((*SIZE[::-1], 3), np.uint8), gray, None, None, None)
     for name in ("basketball", "basketball-nba", "ice-hockey", "ice-hockey-nhl"):
         config = load_config(None, [f"field.template={name}"])
         for conic in (np.diag([1.0, 1.0, -1.0]), np.diag([1.0, 2.0, -1.0])):
             mask = MarkingMask(gray, "detector", conic, field_region=ground.copy(), polarity=-1.0)
-            placed_field.look_for_paint(scene, mask, config, load_field(name))
+            field_paint.look_for_paint(scene, mask, config, load_field(name))
     assert looks == [False, True]
 
 
@@ -591,11 +590,11 @@ def test_no_marking_of_a_placed_field_is_left_out_for_straining_the_camera(monke
     config = load_config(None, ["field.template=ice-hockey-nhl"])
     setting = frame.Setting(config, RINK, RINK.circle_by_name[names[0]], *SIZE, np.random.default_rng(0))
     seen = Attempt(mask=MarkingMask(np.zeros(SIZE[::-1], np.uint8), "detector", np.eye(3)))
-    found = placed_field._calibrate_observations(setting, seen, observations)
+    found = placed_view._calibrate_observations(setting, seen, observations)
     assert {key.name for key in found.camera.residuals_px} == {*names, "goal_line_right"}
     assert markings_error_px(RIGHT_END, found.camera.view) < 3.0
     assert asked == []
-    estimate(setting, placed_field.take_observations(setting, seen, observations))
+    estimate(setting, placed_view.take_observations(setting, seen, observations))
     assert asked == ["strain"]
 
 
@@ -658,7 +657,7 @@ def test_two_circles_alone_are_no_end_of_a_rink(monkeypatch):
     ):
         camera = replace(fit(LEFT_CIRCLE), residuals_px={MarkingKey(name): 0.1 for name in names})
         attempt = Attempt(camera=camera, verdict=Verdict("calibrated", None, None, None))
-        monkeypatch.setattr(placed_field, "_follow_placement", lambda *_, attempt=attempt: attempt)
+        monkeypatch.setattr(placed_field, "follow_placement", lambda *_, attempt=attempt: attempt)
         count[len(names)] = len(list(placed_field.place_template(setting, scene, Attempt(mask=seen))))
     assert count == {2: 0, 3: 1}
 
@@ -674,6 +673,6 @@ def test_a_mark_beside_its_place_is_left_out_where_other_markings_decide(monkeyp
     empty = Observations(*SIZE, (), (), ())
     attempt = Attempt(camera=camera, cues=Cues(None, mark), observations=empty, verdict=refused)
     again = []
-    monkeypatch.setattr(placed_field, "_calibrate_observations", lambda *given: again.append(given) or attempt)
-    assert placed_field._leave_out_mark(setting, attempt, attempt) is attempt
+    monkeypatch.setattr(placed_view, "_calibrate_observations", lambda *given: again.append(given) or attempt)
+    assert placed_view._leave_out_mark(setting, attempt, attempt) is attempt
     assert len(again) == (count > 2)
