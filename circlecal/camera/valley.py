@@ -17,8 +17,10 @@ from circlecal.geometry.camera_parameters import LOG_FOCAL
 from circlecal.geometry.least_squares import StoppingRule
 from circlecal.geometry.projective import Array
 
-OPEN_SD = 0.03
-"""Standard deviation of the logarithm of the focal length from which on the valley is looked at."""
+OPEN_SD, LOST_SD = 0.03, 0.5
+"""Standard deviation of the logarithm of the focal length from which on the valley is looked at, and from which on it
+has no other side: such a camera is refused.
+"""
 REACH = 1.5
 """Standard deviations to either side."""
 LEAST_GROWTH, MOST_GROWTH = 1.5, 9.0
@@ -46,7 +48,7 @@ def explore_valley(problem: Problem, state: State, rule: StoppingRule) -> tuple[
     for _ in range(MOST_MOVES + 1):
         covariance = posterior_covariance(best.normal[0], problem.priors.sd)
         sd = float(np.sqrt(covariance[LOG_FOCAL, LOG_FOCAL]))
-        if not OPEN_SD < sd < np.inf:
+        if not OPEN_SD < sd < LOST_SD:
             return best, 1.0
         step = REACH * covariance[LOG_FOCAL] / sd
         sides = [_hold_focal(problem, best.theta[0] + side * step, best.feet, rule) for side in (-1.0, 1.0)]

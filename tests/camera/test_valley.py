@@ -44,9 +44,11 @@ def test_a_valley_that_is_flatter_than_its_matrix_says_widens_the_covariance(fit
     assert growth == pytest.approx(4.0, rel=0.2)
 
 
-def test_a_camera_that_is_well_known_is_not_looked_at(fitted, monkeypatch):
+@pytest.mark.parametrize(("limit", "sd"), [("OPEN_SD", 10.0), ("LOST_SD", 0.0)])
+def test_a_camera_that_is_well_known_or_lost_is_not_looked_at(limit, sd, fitted, monkeypatch):
     problem, state = fitted
-    monkeypatch.setattr(valley, "OPEN_SD", 10.0)
+    monkeypatch.setattr(valley, "OPEN_SD", 0.0)
+    monkeypatch.setattr(valley, limit, sd)
     monkeypatch.setattr(valley, "_hold_focal", None)
     found, growth = explore_valley(problem, state, FINAL)
     np.testing.assert_array_equal(found.theta, state.theta)
