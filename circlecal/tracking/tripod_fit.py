@@ -218,8 +218,10 @@ def _evaluate(
 
 
 def _rms(away: Array, farthest: float) -> float:
-    """Root mean square of distances (M,), none of which counts more than the farthest."""
-    return float(np.sqrt(np.mean(np.minimum(np.abs(away), farthest) ** 2)))
+    """Root mean square of distances (M,), none of which counts more than the farthest; 0 of none: a frame may show
+    nothing but a line that is left out.
+    """
+    return float(np.sqrt(np.mean(np.minimum(np.abs(away), farthest) ** 2))) if len(away) else 0.0
 
 
 @dataclass(frozen=True, slots=True)

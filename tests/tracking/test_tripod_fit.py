@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from circlecal.config import load_config
@@ -56,3 +58,16 @@ def test_a_lever_arm_points_ahead() -> None:
     mean[PLACE["lever"]] = -1.0
     fit = fit_tripod(frames, tripod(), mean, sd, template_curves(template()))
     assert fit.estimate.mean[PLACE["lever"]] < -0.5
+
+
+def test_a_frame_that_shows_nothing_but_a_line_that_is_left_out_takes_nothing_from_the_others() -> None:
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    frames, drawn = views_of_a_pitch(105.0, 68.0), template_curves(template())
+    bare = frames[0].measured
+    for line in np.unique(bare.marking).tolist():
+        bare = bare.leave_out(line)
+    alone = fit_tripod(frames[1:], tripod(), mean, sd, drawn)
+    fit = fit_tripod([replace(frames[0], measured=bare), *frames[1:]], tripod(), mean, sd, drawn)
+    assert len(bare.marking) == 0 and fit.rms_px[0] == 0.0
+    np.testing.assert_allclose(fit.estimate.mean, alone.estimate.mean, atol=1e-3)
+    assert np.isfinite(count_alike(fit))
