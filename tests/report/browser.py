@@ -105,6 +105,11 @@ class Browser:
                 raise AssertionError(f"never true: {condition}")
             time.sleep(0.03)
 
+    def settle(self) -> None:
+        """Wait until two more frames are drawn: what closed no longer lies over what a mouse points at."""
+        script = "const done = arguments[0]; requestAnimationFrame(() => requestAnimationFrame(() => done()));"
+        self._call("POST", f"{self._session}/execute/async", {"script": script, "args": []})
+
     def press(self, *keys: str) -> None:
         """Press keys one after the other where the focus is."""
         actions = [{"type": kind, "value": KEYS.get(key, key)} for key in keys for kind in ("keyDown", "keyUp")]

@@ -412,6 +412,7 @@ def test_every_moment_of_the_timeline_opens_its_frame(page):
     assert page.run(f"return {TITLE}").startswith("f2 ")
     page.press("Escape")
     page.wait(f"!{OPEN}")
+    page.settle()
     point_at(page, pictures, (0.1, 0.5), "mouseMoved", "mousePressed")
     for share in (0.2, 0.3, 0.4):
         point_at(page, pictures, (share, 0.5), "mouseMoved", held=True)
