@@ -8,9 +8,7 @@ from circlecal.pipeline.painters import cover_painters
 from circlecal.pipeline.placed_view import FEWEST_CARRYING, count_carrying, lies_on_surface
 from circlecal.pipeline.refinements import UNCERTAIN_PX
 from circlecal.pipeline.setting import Scene, Setting
-from circlecal.placement import (
-    weigh_view,
-)
+from circlecal.placement import weigh_view
 from circlecal.results import Attempt
 
 

@@ -7,13 +7,7 @@ import numpy as np
 from circlecal.config import Config
 from circlecal.field import FieldTemplate
 from circlecal.pipeline.setting import Scene
-from circlecal.placement import (
-    Outlines,
-    SeenPaint,
-    ViewEvidence,
-    see_paint,
-    see_surface,
-)
+from circlecal.placement import Outlines, SeenPaint, ViewEvidence, see_paint, see_surface
 from circlecal.results import MarkingMask
 from circlecal.stages.mask import suit_field
 

@@ -15,11 +15,7 @@ from circlecal.paint.spots import measure_spots
 from circlecal.pipeline.attempts import add_checks, estimate, take_observations
 from circlecal.pipeline.refinements import Retry, is_less_uncertain
 from circlecal.pipeline.setting import Scene, Setting, lighten_markings
-from circlecal.placement import (
-    PlacedField,
-    mean_distance_px,
-    share_on_surface,
-)
+from circlecal.placement import PlacedField, mean_distance_px, share_on_surface
 from circlecal.refusals import Confidence
 from circlecal.results import Attempt, CameraFit, MarkingMask
 from circlecal.stages.edges import detect_edges

@@ -112,8 +112,7 @@ def measure_evidence(
     share = 1.0 if len(own.element) < FEWEST_PLACES else 0.0 if painted is None else float(painted.supported.mean())
     bare, worn = 0.0, 0.0
     if painted is not None:
-        circles = frozenset(circle.name for circle in template.circles)
-        bare, worn = _measure_bare_ends(picture, painted, own, fit, template, circles)
+        bare, worn = _measure_bare_ends(picture, painted, own, fit, template)
     return Evidence(oblique, alone, share, bare / fit.model.width, worn / fit.model.width, reversal)
 
 
@@ -152,7 +151,6 @@ def _measure_bare_ends(
     own: MarkingPlaces,
     fit: CameraFit,
     template: FieldTemplate,
-    circles: frozenset[str],
 ) -> tuple[float, float]:
     """By how much the halfway line's paint ends too early, in full view, and the longest such stretch of a circle
     between its paint, pixels; what is hidden is skipped.
@@ -164,6 +162,7 @@ def _measure_bare_ends(
     if ends == 0:
         return 0.0, 0.0
     worn = 0
+    circles = {circle.name for circle in template.circles}
     for k in (k for k, name in enumerate(own.names) if name in circles):
         index = np.flatnonzero(own.element == k)
         inner = _bare_parts(picture, painted, own, index, fit, template)[1:-1].max(initial=0)
@@ -273,14 +272,15 @@ def _measure_other_paint(
         return 0.0, 0.0
     points, along, which = cells.points[bare], cells.along[cells.which[bare]], cells.which[bare]
     normals = np.stack([-along[:, 1], along[:, 0]], axis=-1)
-    expected, angle = _paint_on_ground(fit.view, points, along, template.marking_width_m)
+    field_m = fit.view.to_field(points)
+    expected, angle = _paint_on_ground(fit.view, points, field_m, along, template.marking_width_m)
     reach = REACH_PX * unit + LEAST_REACH_PX + PAINT_WIDTHS[1] * expected
     seen = measure_curve(picture, points, normals, reach, _number_pieces(which))
     ratio = seen.width / np.hypot(expected, SHARP_PX * unit)
     contrast = seen.contrast / np.median(painted.contrast[painted.supported])
     paint = seen.supported & (contrast > CONTRASTS[0]) & (contrast < CONTRASTS[1])
     paint &= (ratio > PAINT_WIDTHS[0]) & (ratio < PAINT_WIDTHS[1])
-    paint &= ~_are_old_coats(fit.view.to_field(points), angle, template)
+    paint &= ~_are_old_coats(field_m, angle, template)
     oblique = paint & (np.abs(np.sin(2.0 * angle)) > np.sin(np.radians(2.0 * OBLIQUE_DEG)))
     step = cells.step[which]
     parallel = np.bincount(which[paint & ~oblique], step[paint & ~oblique], minlength=1) / width
@@ -353,13 +353,14 @@ def _are_old_coats(field_m: Array, angle: Array, template: FieldTemplate) -> Mas
     return found
 
 
-def _paint_on_ground(view: FieldView, points: Array, along: Array, width_m: float) -> tuple[Array, Array]:
-    """Width (N,) in pixels that a marking along a line at pixels (N, 2) would have, and the line's angle (N,) on the
-    field, rad.
+def _paint_on_ground(
+    view: FieldView, points: Array, field_m: Array, along: Array, width_m: float
+) -> tuple[Array, Array]:
+    """Width (N,) in pixels that a marking along a line at pixels (N, 2), places (N, 2) of the field, would have, and
+    the line's angle (N,) on the field, rad.
     """
-    field = view.to_field(points)
-    ahead = view.to_field(points + along) - field
+    ahead = view.to_field(points + along) - field_m
     ahead /= np.maximum(np.hypot(ahead[:, :1], ahead[:, 1:]), 1e-12)
-    beside = view.project(field + width_m * np.stack([-ahead[:, 1], ahead[:, 0]], axis=-1)) - points
+    beside = view.project(field_m + width_m * np.stack([-ahead[:, 1], ahead[:, 0]], axis=-1)) - points
     normals = np.stack([-along[:, 1], along[:, 0]], axis=-1)
     return np.nan_to_num(np.abs((beside * normals).sum(axis=-1))), np.arctan2(ahead[:, 1], ahead[:, 0])
