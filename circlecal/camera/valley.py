@@ -45,7 +45,7 @@ def explore_valley(problem: Problem, state: State, rule: StoppingRule) -> tuple[
         When an optimum is reached.
     """
     best = state.best()
-    for _ in range(MOST_MOVES + 1):
+    for moves in range(MOST_MOVES + 1):
         covariance = posterior_covariance(best.normal[0], problem.priors.sd)
         sd = float(np.sqrt(covariance[LOG_FOCAL, LOG_FOCAL]))
         if not OPEN_SD < sd < LOST_SD:
@@ -53,7 +53,7 @@ def explore_valley(problem: Problem, state: State, rule: StoppingRule) -> tuple[
         step = REACH * covariance[LOG_FOCAL] / sd
         sides = [_hold_focal(problem, best.theta[0] + side * step, best.feet, rule) for side in (-1.0, 1.0)]
         lower = min(sides, key=lambda other: float(other.cost[0]))
-        if not GAINS[0] <= float(best.cost[0] - lower.cost[0]) <= GAINS[1]:
+        if moves == MOST_MOVES or not GAINS[0] <= float(best.cost[0] - lower.cost[0]) <= GAINS[1]:
             break
         problem, moved = with_priors(problem, lower, problem.priors)
         best = resume(problem, moved, rule)

@@ -309,7 +309,7 @@ def fit_tripod(
         start = replace(start, mean=common)
         return fit_tripod(held, start, mean, sd, drawn, prior_precision, is_width_free, alike)
     told = now
-    if alike == 1.0 and float(np.mean(now.rms_px)) <= MODEL_SIGMA_PX * unit:
+    if len(frames) > 1 and alike == 1.0 and float(np.mean(now.rms_px)) <= MODEL_SIGMA_PX * unit:
         # only noise is left, and the little that frames repeat of it can be told
         repeats = _count_repeats(frames, heads, common, model, drawn)
         sigmas = [_sigmas(f, head, common, model, drawn, unit, repeats) for f, head in zip(frames, heads, strict=True)]

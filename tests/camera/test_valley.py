@@ -34,6 +34,18 @@ def test_an_optimiser_that_stopped_early_is_led_to_the_optimum(fitted, monkeypat
     assert growth == 1.0
 
 
+def test_where_no_move_is_left_the_growth_is_that_of_the_sides_of_what_is_returned(fitted, monkeypatch):
+    problem, state = fitted
+    monkeypatch.setattr(valley, "OPEN_SD", 0.0)
+    monkeypatch.setattr(valley, "MOST_MOVES", 0)
+    covariance = posterior_covariance(state.normal[0], problem.priors.sd)
+    aside = state.theta + 0.8 * covariance[LOG_FOCAL] / np.sqrt(covariance[LOG_FOCAL, LOG_FOCAL])
+    stopped = evaluate(problem, aside, state.feet, 2)
+    found, growth = explore_valley(problem, stopped, FINAL)
+    np.testing.assert_array_equal(found.theta, stopped.theta)
+    assert growth > 2.0
+
+
 def test_a_valley_that_is_flatter_than_its_matrix_says_widens_the_covariance(fitted, monkeypatch):
     problem, state = fitted
     monkeypatch.setattr(valley, "OPEN_SD", 0.0)
