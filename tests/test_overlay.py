@@ -17,7 +17,7 @@ from circlecal.geometry.projective import apply_homography, lift, normalise_line
 from circlecal.geometry.surface import Surface
 from circlecal.observations import CirclePoints, LinePoints, MarkingKey, MarkPoint, Observations
 from circlecal.overlay.canvas import Canvas, clip_segments, text_size, wrap
-from circlecal.overlay.frame_overlay import LEGEND
+from circlecal.overlay.frame_overlay import legend_of
 from circlecal.overlay.palette import CIRCLE, TEMPLATE
 from circlecal.overlay.quality import SCALE, rate_sigma
 from circlecal.results import (
@@ -310,6 +310,18 @@ def test_words_for_sigma_follow_the_width():
         assert f"{word} below {limit} px" in SCALE
 
 
+def test_the_legend_names_what_is_drawn_and_nothing_else(complete):
+    _, calibration = complete
+    full = [words for words, _ in legend_of(calibration)]
+    assert full == ["circle", "other markings", "points that were used", "derived points", "tangents"]
+    without = _with(calibration, correspondences=None)
+    assert [words for words, _ in legend_of(without)] == full[:3]
+    refused = legend_of(_with(calibration, verdict=REFUSED))
+    assert refused[0][0] == "estimate that was refused (dashed)"
+    nothing = replace(calibration, attempt=Attempt(verdict=REFUSED))
+    assert legend_of(nothing) == []
+
+
 @pytest.mark.parametrize("size", [(398, 224), (640, 360), (2560, 1440), (360, 640), (900, 200), (64, 48), (1, 1)])
 def test_every_size_of_picture(size):
     camera = _camera(*size)
@@ -321,7 +333,7 @@ def test_every_size_of_picture(size):
         zoom = max(1, -(-1280 // size[0]))
         assert readable.shape[1] == zoom * size[0] >= 1280
         strip = readable[zoom * size[1] :]
-        for _, colour in LEGEND:  # the strip below explains every colour
+        for _, colour in legend_of(calibration):  # the strip below explains every colour
             assert (strip == colour).all(axis=2).sum() > 50
         assert all(picture.shape[1] >= 640 for picture in pictures.values())
         assert all(picture.shape[0] < 2.5 * picture.shape[1] for picture in pictures.values())

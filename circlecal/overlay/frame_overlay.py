@@ -10,23 +10,14 @@ from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.projective import Array, dehomogenise, lift, normalise_line
 from circlecal.observations import MarkingKey
 from circlecal.overlay.canvas import Canvas, Picture, text_size, wrap
-from circlecal.overlay.palette import ACCEPTED, CIRCLE, GREY, INLIER, POINT, REFUSED, TANGENT, TEMPLATE, WHITE
+from circlecal.overlay.palette import ACCEPTED, CIRCLE, GREY, INLIER, POINT, REFUSED, TANGENT, TEMPLATE, WHITE, Color
 from circlecal.overlay.quality import SCALE, USUAL_WIDTH, rate_sigma
 from circlecal.overlay.template_lines import draw_template
 from circlecal.refusals import explain
-from circlecal.results import Check, CircleCandidate, Correspondences, FrameCalibration, MarkingMask
+from circlecal.results import Attempt, Check, CircleCandidate, Correspondences, FrameCalibration, MarkingMask
 
 READABLE_WIDTH = 1280
 """Overlays to look at are at least so wide, pixels: labels of smaller ones cannot be read."""
-LEGEND = (
-    ("circle", CIRCLE),
-    ("other markings", TEMPLATE),
-    ("points that were used", INLIER),
-    ("derived points", POINT),
-    ("tangents", TANGENT),
-    ("seen, not used", GREY),
-)
-REFUSED_LEGEND = (("estimate that was refused (dashed)", REFUSED), *LEGEND[2:])
 
 
 def draw_readable_overlay(image_bgr: Picture, calibration: FrameCalibration, template: FieldTemplate) -> Picture:
@@ -45,14 +36,13 @@ def draw_readable_overlay(image_bgr: Picture, calibration: FrameCalibration, tem
     check_size(image_bgr, calibration)
     zoom = max(1, -(-READABLE_WIDTH // image_bgr.shape[1]))
     canvas = _draw_on(Canvas.of(image_bgr, zoom=zoom), calibration, template)
-    legend = LEGEND if calibration.status == "calibrated" else REFUSED_LEGEND
     camera = calibration.attempt.camera
-    facts = [f"sigma, the largest predicted error of a marking, at 1920 px width: {SCALE}"]
+    facts = [] if camera is None else [f"sigma, the largest predicted error of a marking, at 1920 px width: {SCALE}"]
     if calibration.status == "calibrated" and camera is not None:
         word = rate_sigma(camera.max_sigma_px, calibration.width)
         at_usual = camera.max_sigma_px * USUAL_WIDTH / calibration.width
         facts = [f"sigma {_short(at_usual)} px at 1920 px width is {word}: {SCALE}"]
-    return canvas.footer(facts, legend)
+    return canvas.footer(facts, legend_of(calibration))
 
 
 def draw_overlay(image_bgr: Picture, calibration: FrameCalibration, template: FieldTemplate) -> Picture:
@@ -99,6 +89,40 @@ def _draw_on(canvas: Canvas, calibration: FrameCalibration, template: FieldTempl
         draw_correspondences(canvas, calibration.attempt.correspondences)
     _draw_center(canvas, calibration, template, view)
     return canvas
+
+
+def legend_of(calibration: FrameCalibration) -> list[tuple[str, Color]]:
+    """Words and colours of what the overlay of a frame shows; nothing that it does not show."""
+    attempt = calibration.attempt
+    fits = [] if attempt.ellipses is None else attempt.ellipses.all()
+    seen, found = attempt.observations, attempt.correspondences
+    stands_in = not fits and attempt.ellipses is not None and seen is not None
+    if calibration.view is None:
+        field = _legend_without_homography(attempt)
+    elif calibration.status == "calibrated":
+        field = [("circle", CIRCLE), ("other markings", TEMPLATE)]
+    else:
+        field = [("estimate that was refused (dashed)", REFUSED)]
+    rest = [
+        ("points that were used", INLIER, bool(fits) or stands_in),
+        ("derived points", POINT, found is not None and len(found.points) > 0),
+        ("tangents", TANGENT, found is not None and len(found.tangents) > 0),
+        ("seen, not used", GREY, stands_in),
+    ]
+    return field + [(words, color) for words, color, is_shown in rest if is_shown]
+
+
+def _legend_without_homography(attempt: Attempt) -> list[tuple[str, Color]]:
+    """Words and colours of what a frame without a homography shows."""
+    mask, ellipses, cues = attempt.mask, attempt.ellipses, attempt.cues
+    legend = []
+    if ellipses is not None and ellipses.all():
+        legend = [("ellipse", CIRCLE)]
+    elif mask is not None and (mask.conic is not None or any(arc.gapless for arc in mask.arcs) or mask.candidates):
+        legend = [("what looks most like the circle", CIRCLE)]
+    if (cues is not None and cues.halfway is not None) or (mask is not None and mask.halfway is not None):
+        legend.append(("halfway line", TEMPLATE))
+    return legend
 
 
 def check_size(image: Picture, calibration: FrameCalibration) -> None:
