@@ -50,6 +50,12 @@ may have been looked for; pixels at 1920 px width.
 LARGEST_BEND = 0.03
 """Sine of the angle between neighbouring pieces of a straight marking: lens and crown bend it less than that."""
 
+HALO_PX, BESIDE_PX, HALO_SHARE = 4, 8, 1.0 / 3.0
+"""A sharpened picture has a dark halo beside a light line: within the first so many pixels at 1280 px width lies paint
+of the opposite sign, and the halo has at most this share of its contrast. Beyond the second the surface lies bare. In a
+rendered hall the halo of a white line has 0.10 of it; a black line and a white one side by side have about 0.9.
+"""
+
 
 class CuesConfig(BaseModel):
     """Options of the stage ``cues``."""
@@ -145,7 +151,7 @@ def find_cues(
 
 def leave_out_other_paints(image: NDArray[np.uint8], cues: Cues, ellipses: EllipseFits, band_px: float | None) -> Cues:
     """The cues without further lines of another colour than the circle's paint: those of another sport on the same
-    floor, and streaks of light beside them. Lines too faint to tell are kept.
+    floor, streaks of light beside them, and their halos. Lines too faint to tell are kept.
 
     The detector has compared the colours along rough segments, which miss paint of a pixel or two; the measured points
     do not.
@@ -167,8 +173,29 @@ def leave_out_other_paints(image: NDArray[np.uint8], cues: Cues, ellipses: Ellip
     points = fit.points_px[fit.inliers]
     normals = fit.ellipse.normals(fit.ellipse.parameter(points))
     colour = np.median(measure_added_colours(image, points, normals, np.full(1, band_px or 0.0)), axis=0)
-    kept = tuple(line for line in cues.lines if match_paint(_measure_added_colour(image, line), colour))
+    kept = tuple(
+        line
+        for line in cues.lines
+        if match_paint(_measure_added_colour(image, line), colour) and not _is_halo(image, line, colour)
+    )
     return replace(cues, lines=kept)
+
+
+def _is_halo(image: NDArray[np.uint8], line: LineCue, colour: Array) -> bool:
+    """Whether a line that looks like paint of a colour (3,) is what sharpening left beside paint of the opposite sign:
+    by the picture across the line, the median over its points, along that colour.
+    """
+    scale = max(1.0, image.shape[1] / 1280.0)
+    away_px = np.arange(-BESIDE_PX, BESIDE_PX + 1)
+    normal = line.line[:2] / np.hypot(*line.line[:2])
+    places = line.points_px[:, None] + scale * away_px[:, None] * normal
+    x, y = np.clip(np.rint(places), 0, (image.shape[1] - 1, image.shape[0] - 1)).astype(np.int64).transpose(2, 0, 1)
+    profile = np.median(image[y, x] @ (colour / max(float(np.linalg.norm(colour)), 1e-9)), axis=0)
+    profile -= np.median(profile)
+    own, opposite = (
+        float(values[np.abs(away_px) <= reach].max()) for values, reach in ((profile, 1), (-profile, HALO_PX))
+    )
+    return own < HALO_SHARE * opposite
 
 
 def _measure_added_colour(image: NDArray[np.uint8], line: LineCue) -> Array:

@@ -296,6 +296,21 @@ def test_halfway_line_outside_the_circle_only():
     assert np.abs(line_distance(found.line, truth)).max() < 0.3
 
 
+def test_the_halo_of_a_dark_line_is_no_light_line(painted):
+    """Sharpening brightens the grass beside a dark line; a light line with a dark one at its side is a line."""
+    image = painted.image.copy()
+    for x, added in ((200, -60.0), (201, -60.0), (198, 12.0), (203, 12.0), (260, 70.0), (261, 70.0), (258, -60.0)):
+        image[100:301, x] = np.clip(image[100:301, x] + added, 0, 255).astype(np.uint8)
+    lines = []
+    for x in (198, 260.5):
+        points = np.stack([np.full(100, float(x)), np.linspace(101.0, 299.0, 100)], axis=-1)
+        ends = Segment(points[0], points[-1])
+        lines.append(LineCue(None, np.array([1.0, 0.0, -x]), points, np.full(100, 0.1), ends, 0.1, width_px=1.0))
+    fits = EllipseFits(None, None, fit_of(painted.conic(), "center"))
+    kept = leave_out_other_paints(image, Cues(None, None, tuple(lines)), fits, 5.0)
+    assert [float(line.points_px[0, 0]) for line in kept.lines] == [260.5]
+
+
 def test_a_line_in_another_paint_is_left_out(painted):
     """Of two lines beside the circle one is white as the circle is, the other red; both were measured alike."""
     image = painted.image.copy()
