@@ -77,6 +77,27 @@ def follow_errors(problem: Problem, state: State, covariance: Array, template: F
     return PaintersErrors(np.asarray(moved @ moved.T), residual_px)
 
 
+def marginalise(problem: Problem, state: State, covariance: Array, template: FieldTemplate) -> Array:
+    """Covariance (P, P) of a fit that weighs its points by painters' errors too, from that of noise and priors alone.
+
+    The errors, of which R are the derivatives of the residuals, make the residuals' covariance ``I + R R^T``. With
+    ``G = J^T R`` the covariance C becomes ``C + C G (I + R^T R - G^T C G)^-1 G^T C``.
+    """
+    placement_sd_m, wander_sd_m = template.placement_sd_m, template.wander_sd_m
+    if placement_sd_m == 0.0 and wander_sd_m == 0.0:
+        return covariance
+    curves, points = problem.curves, problem.points
+    seen = curve_residuals(curves, state.theta[:1], state.feet[:1], problem.model, 0, points)
+    by_place, jacobian = seen.by_place[0], seen.jacobian[0]
+    keys = [curves.keys[group] for group in curves.group.tolist()] + [key for key in points.keys for _ in range(2)]
+    names = [key.name for key in keys]
+    placement, wander = _by_placement(names, by_place), _by_wander(curves, names, state.feet[0], by_place)
+    errors = np.concatenate([placement_sd_m * placement, wander_sd_m * wander], axis=1)
+    moved = covariance @ jacobian.T @ errors
+    left = np.eye(errors.shape[1]) + errors.T @ (errors - jacobian @ moved)
+    return np.asarray(covariance + moved @ np.linalg.solve(left, moved.T))
+
+
 def measure_displacements(problem: Problem, state: State, template: FieldTemplate) -> Array:
     """By how much a painter's error of one standard deviation moves each marking (G,) across itself, pixels."""
     curves, count = problem.curves, len(problem.curves.keys)

@@ -36,7 +36,9 @@ class Truth:
     camera : Camera
         With its lens.
     template : FieldTemplate
-        The field as it is painted.
+        The field as it is meant to be.
+    painted : FieldTemplate
+        The field with its markings where the painters' errors put them; the template where there are none.
     surface : Surface
         With its crown.
     marking_width_m : float
@@ -61,6 +63,7 @@ class Truth:
 
     camera: Camera
     template: FieldTemplate
+    painted: FieldTemplate
     surface: Surface
     marking_width_m: float
     imaged_center_px: Array
@@ -138,6 +141,7 @@ def truth_of(scene: Scene, layers: list[PaintLayer], hidden: NDArray[np.float32]
     return Truth(
         camera=camera,
         template=template,
+        painted=scene.painted or template,
         surface=surface,
         marking_width_m=scene.config.marking_width_m,
         imaged_center_px=FieldView(camera, surface).project(center),

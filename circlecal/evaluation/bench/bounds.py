@@ -9,6 +9,7 @@ import numpy as np
 from circlecal.camera.covariance import posterior_covariance
 from circlecal.camera.observed import NoiseModel, curves_from_observations, points_from_observations
 from circlecal.camera.options import CameraConfig, priors_of
+from circlecal.camera.painters import marginalise
 from circlecal.camera.problem import Problem, evaluate
 from circlecal.camera.residuals import sample_feet
 from circlecal.field import Circle, FieldTemplate
@@ -26,9 +27,10 @@ def bound_covariance(
     template: FieldTemplate,
     circle: Circle,
     config: CameraConfig,
+    with_painters: bool = False,
 ) -> Array:
     """Covariance (P, P) of the parameters at the truth: inverse of the Fisher information of the data plus the
-    priors' precision.
+    priors' precision; ``with_painters`` for paint that lies elsewhere than the template has it, which nobody knows.
     """
     model = ProjectionModel(camera.width, camera.height, Surface(config.usual_crown, circle.radius_m))
     theta = theta_of(camera, model, crown_m)
@@ -37,7 +39,8 @@ def bound_covariance(
     problem = Problem(curves, points_from_observations(observations, template), priors, model)
     feet = sample_feet(curves, theta[None], model)
     state = evaluate(problem, theta[None], feet, updates=6)
-    return posterior_covariance(state.normal[0], priors.sd)
+    covariance = posterior_covariance(state.normal[0], priors.sd)
+    return marginalise(problem, state, covariance, template) if with_painters else covariance
 
 
 def bound_errors(camera: Camera, covariance: Array, grid_m: Array, draws: int, rng: np.random.Generator) -> Array:

@@ -30,7 +30,8 @@ def bound_px(truth: Truth, grid_m: Array, template: FieldTemplate, config: Camer
 
     The observations are what the truth knows to be seen of the template's markings: their unoccluded places inside the
     picture, every line rightly named, at the noise that the measurement of edges has. Lens, principal point, crown and
-    the camera's place have the priors of ``config``. No detection, no result and no wear of the paint enters.
+    the camera's place have the priors of ``config``. Painters' errors, where they were drawn, are as large as the
+    template says and known to nobody. No detection, no result and no wear of the paint enters.
 
     Parameters
     ----------
@@ -53,7 +54,9 @@ def bound_px(truth: Truth, grid_m: Array, template: FieldTemplate, config: Camer
         return float("inf")
     camera, surface = truth.camera, truth.surface
     shaped = config.model_copy(update={"crown_shape": surface.shape})
-    covariance = bound_covariance(camera, surface.crown_m, seen, template, circle, shaped)
+    has_errors = truth.painted != truth.template
+    placed = truth.painted if has_errors else template
+    covariance = bound_covariance(camera, surface.crown_m, seen, placed, circle, shaped, has_errors)
     model = ProjectionModel.of(camera, surface)
     theta = theta_of(camera, model, surface.crown_m)
     jacobian = project(theta[None], grid_m[None], model).jacobians()[0][0]
@@ -70,10 +73,10 @@ def visible_observations(truth: Truth, template: FieldTemplate) -> Observations:
     surface = truth.surface
     unit = camera.width / 1920.0
     spread = unit * np.sqrt(CORRELATION_PX / _SPACING_PX)
-    elements: tuple[Circle | Line, ...] = (*template.circles, *template.arcs, *template.lines)
+    elements: tuple[Circle | Line, ...] = (*truth.painted.circles, *truth.painted.arcs, *truth.painted.lines)
     circles, lines = [], []
     for element in elements:
-        pixels = camera.project(surface.lift(_middle(template, element)))
+        pixels = camera.project(surface.lift(_middle(truth.painted, element)))
         pixels = pixels[_is_uncovered(truth, pixels, class_id(template, element))]
         pixels = _thin(pixels, _SPACING_PX * unit)
         if len(pixels) < 2:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from circlecal.config import Config, load_config
-from circlecal.evaluation.bench.detect import predict_error_px
-from circlecal.evaluation.bench.reachable import visible_observations
+from circlecal.evaluation.bench.detect import PROFILES, predict_error_px, profile_config
+from circlecal.evaluation.bench.reachable import bound_px, visible_observations
 from circlecal.field import load_field
 from circlecal.observations import Observations
 from circlecal.pipeline import run_observations
@@ -62,3 +62,26 @@ def test_a_circle_alone_leaves_the_rotation_free(truth):
     alone = np.where(truth.classes == CIRCLE_CLASS, truth.classes, 0).astype(np.uint8)
     assert predict_error_px(replace(truth, classes=alone), Config()) == float("inf")
     assert predict_error_px(replace(truth, classes=np.zeros_like(alone)), Config()) == float("inf")
+
+
+@pytest.fixture(scope="module")
+def rink():
+    """A rink of which a goal line's paint lies beside the template's."""
+    return render_frame("rink", np.random.default_rng([8282, 69, PROFILES.index("rink")]), 1280, 720).truth
+
+
+def test_displaced_paint_is_seen_where_it_lies(rink):
+    assert rink.painted != rink.template
+    seen = visible_observations(rink, rink.template)
+    beside = visible_observations(replace(rink, painted=rink.template), rink.template)
+    assert sum(len(c.points_px) for c in (*seen.circles, *seen.lines)) > 1.1 * sum(
+        len(c.points_px) for c in (*beside.circles, *beside.lines)
+    )
+
+
+def test_painters_errors_limit_what_can_be_expected(rink):
+    config = profile_config("rink", rink)
+    known = replace(rink, painted=rink.painted.model_copy(update={"placement_sd_m": 0.0, "wander_sd_m": 0.0}))
+    grid = np.array([rink.template.circle_by_name[rink.template.default_circle].center])
+    unknown_px, known_px = (bound_px(truth, grid, truth.template, config.camera) for truth in (rink, known))
+    assert 2 * known_px < unknown_px < 3.0
