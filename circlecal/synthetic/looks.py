@@ -168,7 +168,9 @@ def _shade(rng: np.random.Generator, unit: float) -> Changes:
     return {
         "shade": float(rng.uniform(0.45, 0.75)),
         "shade_edge_m": float(rng.uniform(-8, 9)),
-        "shade_tilt": float(rng.normal(0.0, 0.7)) if rng.random() < 0.6 else float(rng.uniform(-2.0, 2.0)),
+        "shade_tilt": float(np.clip(rng.normal(0.0, 0.7), -2.0, 2.0))
+        if rng.random() < 0.6
+        else float(rng.uniform(-2.0, 2.0)),
         "shade_depth_m": float(rng.uniform(6, 22)) if rng.random() < 0.3 else 400.0,
         "shade_soft_m": float(rng.uniform(0.2, 1.5)),
         "sun_patches": float(rng.uniform(0.2, 0.7)) if rng.random() < 0.3 else 0.0,

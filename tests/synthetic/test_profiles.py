@@ -13,6 +13,7 @@ from circlecal.synthetic.cameras import aim_camera, inside_frame
 from circlecal.synthetic.decals import Decal, draw_decals, plain
 from circlecal.synthetic.floors import rink_paint, rugby_paint
 from circlecal.synthetic.goals import draw_goals
+from circlecal.synthetic.looks import sample_config
 from circlecal.synthetic.negatives import NEGATIVE_KINDS, negative_scene
 from circlecal.synthetic.paint import CIRCLE_CLASS
 from circlecal.synthetic.rays import pixel_rays
@@ -279,3 +280,9 @@ def test_a_rinks_spots_are_painted_once():
     """They are the template's: rounder numbers would paint those of the neutral zone a second time, 15 cm off."""
     (paint,) = rink_paint(load_field("ice-hockey"), np.random.default_rng(0))
     assert not any(isinstance(element, Mark) for element in paint.elements)
+
+
+def test_every_look_of_shade_can_be_rendered():
+    """Slopes are drawn from a normal distribution, whose tails lie beyond what the renderer takes."""
+    slopes = [sample_config("shade", np.random.default_rng(seed), 1280).shade_tilt for seed in range(1500)]
+    assert max(np.abs(slopes)) == 2.0
