@@ -203,6 +203,9 @@ class CameraFit:
         How long and broad the field is; None where it was not asked.
     point_residuals_px : dict of MarkingKey
         Signed distance (N,) of each point of markings with few points, pixels, in the order in which they were given.
+    bulk_residuals_px : dict of MarkingKey
+        Root mean square residual of each line and curve without the few points that lie far off all others; empty where
+        a record was read, which does not keep it.
     painters_covariance : (P, P) array or None
         What painters' errors add to the covariance while they are not in it; None where there are none.
     painted_sigma_px : dict of MarkingKey
@@ -233,6 +236,7 @@ class CameraFit:
     reference_m: Array = field(default_factory=lambda: np.zeros(2))
     field_size: FieldSize | None = None
     point_residuals_px: dict[MarkingKey, Array] = field(default_factory=dict)
+    bulk_residuals_px: dict[MarkingKey, float] = field(default_factory=dict)
     region: HomographyRegion | None = None
     mean_sigma_px: float = 0.0
     painters_covariance: Array | None = None

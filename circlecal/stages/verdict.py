@@ -310,6 +310,7 @@ def _residual_checks(
         # coarse observations (clicks, detections) may scatter by what they state themselves
         stated = NOISE_SIGMAS * camera.stated_sigma_px.get(key, 0.0)
         if key.name == circle.name:
+            rms = camera.bulk_residuals_px.get(key, rms)
             painted = CIRCLE_SIGMAS * camera.painted_sigma_px.get(key, 0.0)
             limit = max(config.max_circle_residual_px * unit, stated, wander_px, painted)
             checks.append(Check.of("circle_residual_px", rms, limit))

@@ -8,7 +8,7 @@ import pytest
 from circlecal.camera.observed import curves_from_observations, points_from_observations
 from circlecal.camera.options import CameraConfig, noise_model, priors_of
 from circlecal.camera.problem import Problem, evaluate
-from circlecal.camera.report import residuals_px, spread_quadrilateral, widen_camera
+from circlecal.camera.report import bulk_residuals_px, residuals_px, spread_quadrilateral, widen_camera
 from circlecal.camera.residuals import ground_feet
 from circlecal.evaluation.bench.scenarios import select_rows
 from circlecal.field import load_field
@@ -35,6 +35,28 @@ def test_residuals_of_one_marking_count_together():
     theta = theta_of(camera, MODEL)[None]
     state = evaluate(problem, theta, ground_feet(curves, theta, MODEL))
     assert residuals_px(problem, state) == {MarkingKey("side_line_top"): pytest.approx(0.5, abs=0.1)}
+
+
+@pytest.mark.parametrize(("strays", "is_left_out"), [(0, True), (5, True), (6, True), (12, False)])
+def test_bulk_of_a_marking_leaves_out_a_few_points_that_stand_apart(strays, is_left_out):
+    """Points of a touchline with 0.4 px of noise, and some measured on a player, 10 px off."""
+    camera = aim_camera(np.array([-4.0, 60.0, -16.0]), np.array([0.0, -10.0, 0.0]), 2600.0, 0.0, 1920, 1080)
+    along = camera.project(np.stack([np.linspace(-15.0, 10.0, 200), np.full(200, -34.0)], axis=-1))
+    along[:, 1] += np.random.default_rng(1).normal(0.0, 0.4, 200)
+    along[:strays, 1] += 10.0
+    lines = (LinePoints("side_line_top", along, np.full(200, 0.5)),)
+    config = CameraConfig()
+    curves = curves_from_observations(Observations(1920, 1080, lines=lines), SOCCER, noise_model(config, 1920))
+    priors = priors_of(config, SOCCER, SOCCER.circle_by_name["centre_circle"], MODEL)
+    problem = Problem(curves, points_from_observations(Observations(1920, 1080), SOCCER), priors, MODEL)
+    theta = theta_of(camera, MODEL)[None]
+    state = evaluate(problem, theta, ground_feet(curves, theta, MODEL))
+    key = MarkingKey("side_line_top")
+    if strays == 0:
+        assert bulk_residuals_px(problem, state)[key] == residuals_px(problem, state)[key]
+    else:
+        assert residuals_px(problem, state)[key] > 1.4
+        assert (bulk_residuals_px(problem, state)[key] < 0.5) == is_left_out
 
 
 def test_region_of_short_arcs_holds_the_truth():
