@@ -7,14 +7,17 @@ the errors by ``C J^T R``.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from circlecal.camera.covariance import posterior_covariance
 from circlecal.camera.problem import Problem, State
 from circlecal.camera.residuals import CurvePoints, curve_residuals
 from circlecal.field import FieldTemplate
-from circlecal.geometry.projective import Array
+from circlecal.geometry import least_squares
+from circlecal.geometry.least_squares import Step, StoppingRule
+from circlecal.geometry.projective import Array, Indices
 from circlecal.observations import MarkingKey
 
 PIECE_M = 0.5
@@ -23,9 +26,15 @@ the truth lay in the 90 % region in 85 % without, in 93 to 95 % with 1 mm over 0
 """
 
 
+RULE = StoppingRule(0.003, iterations=8)
+"""A painter's error is known to a tenth of its standard deviation at best: what is left of the cost is less."""
+WEIGHINGS = 2
+"""How often the errors are told anew with the weights that points have beside them."""
+
+
 @dataclass(frozen=True, slots=True)
 class PaintersErrors:
-    """What painters' errors do to a fit.
+    """What painters' errors do to a fit that does not weigh its points by them.
 
     Attributes
     ----------
@@ -37,6 +46,33 @@ class PaintersErrors:
 
     covariance: Array
     residual_px: dict[MarkingKey, float]
+
+
+def knows_painters_errors(template: FieldTemplate) -> bool:
+    """Whether paint may lie elsewhere than a field template has it."""
+    return max(template.placement_sd_m, template.radius_sd_m, template.wander_sd_m) > 0.0
+
+
+def _names(problem: Problem) -> list[MarkingKey]:
+    """The marking of each residual (N + 2 M,)."""
+    curves = problem.curves
+    return [curves.keys[group] for group in curves.group.tolist()] + [k for k in problem.points.keys for _ in range(2)]
+
+
+def _by_errors(problem: Problem, state: State, template: FieldTemplate) -> Array:
+    """Derivatives (N + 2 M, E) of the residuals by painters' errors, each in its standard deviations."""
+    curves = problem.curves
+    seen = curve_residuals(curves, state.theta[:1], state.feet[:1], problem.model, 0, problem.points)
+    by_place, names = seen.by_place[0], [key.name for key in _names(problem)]
+    parts = []
+    if template.placement_sd_m > 0.0:
+        parts.append(template.placement_sd_m * _by_placement(names, by_place))
+    if template.radius_sd_m > 0.0:
+        radii = _radius_names(names, template)
+        parts.append(template.radius_sd_m * _by_radius(curves, radii, state.feet[0], by_place))
+    if template.wander_sd_m > 0.0:
+        parts.append(template.wander_sd_m * _by_wander(curves, names, state.feet[0], by_place))
+    return np.concatenate(parts, axis=1)
 
 
 def follow_errors(problem: Problem, state: State, covariance: Array, template: FieldTemplate) -> PaintersErrors | None:
@@ -58,55 +94,108 @@ def follow_errors(problem: Problem, state: State, covariance: Array, template: F
     PaintersErrors or None
         None where painters make no errors.
     """
-    placement_sd_m, wander_sd_m = template.placement_sd_m, template.wander_sd_m
-    if placement_sd_m == 0.0 and wander_sd_m == 0.0:
+    if not knows_painters_errors(template):
         return None
-    curves, points = problem.curves, problem.points
-    seen = curve_residuals(curves, state.theta[:1], state.feet[:1], problem.model, 0, points)
-    by_place, jacobian = seen.by_place[0], seen.jacobian[0]
-    keys = [curves.keys[group] for group in curves.group.tolist()] + [key for key in points.keys for _ in range(2)]
-    names = [key.name for key in keys]
-    placement, wander = _by_placement(names, by_place), _by_wander(curves, names, state.feet[0], by_place)
-    errors = np.concatenate([placement_sd_m * placement, wander_sd_m * wander], axis=1)
-    weight = problem.share_of_loss(seen.values[0]) ** 2
+    errors, jacobian = _by_errors(problem, state, template), state.jacobian[0]
+    weight = problem.share_of_loss(state.values[0]) ** 2
     moved = covariance @ (weight[:, None] * jacobian).T @ errors
-    sigma_px = np.concatenate([curves.sigma_px, np.repeat(points.sigma_px, 2)])
+    sigma_px = np.concatenate([problem.curves.sigma_px, np.repeat(problem.points.sigma_px, 2)])
     squared = sigma_px**2 * ((errors - jacobian @ moved) ** 2).sum(axis=1)
+    keys = _names(problem)
     own = {key: np.array([other == key for other in keys]) for key in dict.fromkeys(keys)}
     residual_px = {key: float(np.sqrt(squared[rows].mean())) for key, rows in own.items()}
     return PaintersErrors(np.asarray(moved @ moved.T), residual_px)
 
 
-def marginalise(problem: Problem, state: State, covariance: Array, template: FieldTemplate) -> Array:
-    """Covariance (P, P) of a fit that weighs its points by painters' errors too, from that of noise and priors alone.
-
-    The errors, of which R are the derivatives of the residuals, make the residuals' covariance ``I + R R^T``. With
-    ``G = J^T R`` the covariance C becomes ``C + C G (I + R^T R - G^T C G)^-1 G^T C``.
+@dataclass(frozen=True, slots=True)
+class _Weighed(State):
+    """One camera with the painters' errors that suit it best: the cost is that of the errors too, the gradient and the
+    Gauss-Newton matrix are those that are left when the errors follow the camera. They add ``added`` (1, P, P) to its
+    covariance.
     """
-    placement_sd_m, wander_sd_m = template.placement_sd_m, template.wander_sd_m
-    if placement_sd_m == 0.0 and wander_sd_m == 0.0:
-        return covariance
-    curves, points = problem.curves, problem.points
-    seen = curve_residuals(curves, state.theta[:1], state.feet[:1], problem.model, 0, points)
-    by_place, jacobian = seen.by_place[0], seen.jacobian[0]
-    keys = [curves.keys[group] for group in curves.group.tolist()] + [key for key in points.keys for _ in range(2)]
-    names = [key.name for key in keys]
-    placement, wander = _by_placement(names, by_place), _by_wander(curves, names, state.feet[0], by_place)
-    errors = np.concatenate([placement_sd_m * placement, wander_sd_m * wander], axis=1)
-    moved = covariance @ jacobian.T @ errors
-    left = np.eye(errors.shape[1]) + errors.T @ (errors - jacobian @ moved)
-    return np.asarray(covariance + moved @ np.linalg.solve(left, moved.T))
+
+    added: Array
+
+
+@dataclass(frozen=True, slots=True)
+class _WeighedProblem:
+    """A camera's problem in which each painter's error of one standard deviation is a parameter with a normal prior.
+
+    Implements :class:`circlecal.geometry.least_squares.Problem`.
+    """
+
+    problem: Problem
+    template: FieldTemplate
+
+    def weigh(self, fit: State) -> _Weighed:
+        """The camera of ``fit`` with painters' errors.
+
+        Residuals are ``r + R e``. With the weights w of the loss, ``M = I + R^T w R`` and ``G = J^T w R`` the errors
+        are ``e = -M^-1 R^T w r``, the gradient becomes ``J^T w r - G M^-1 R^T w r`` and the Gauss-Newton matrix
+        ``J^T w J - G M^-1 G^T``, to which the priors' come.
+        """
+        problem, R = self.problem, _by_errors(self.problem, fit, self.template)
+        values, jacobian, prior, offset = fit.values[0], fit.jacobian[0], fit.prior_jacobian[0], np.zeros(len(R))
+        for _ in range(WEIGHINGS):
+            weight = problem.share_of_loss(values + offset)[:, None] ** 2
+            M = np.eye(R.shape[1]) + (weight * R).T @ R
+            error = -np.linalg.solve(M, (weight * R).T @ values)
+            offset = R @ error
+        rows = (weight * jacobian).T
+        G, alone = rows @ R, rows @ jacobian + prior.T @ prior
+        normal = alone - G @ np.linalg.solve(M, G.T)
+        gradient = rows @ (values + offset) + prior.T @ fit.prior_values[0]
+        loss = (values + offset) ** 2 * problem.share_of_loss(values + offset)
+        cost = loss.sum() + (fit.prior_values[0] ** 2).sum() + (error**2).sum()
+        wider, narrower = (posterior_covariance(matrix, problem.priors.sd) for matrix in (normal, alone))
+        return _Weighed(
+            fit.theta, fit.feet, fit.values, fit.jacobian, fit.prior_values, fit.prior_jacobian,
+            np.array([cost]), gradient[None], normal[None], (wider - narrower)[None],
+        )  # fmt: skip
+
+    def step(self, state: _Weighed, damping: Array) -> Step:
+        """The step of a camera that its errors follow."""
+        return self.problem.step(state, damping)
+
+    def follow(self, state: _Weighed, step: Step, index: Indices) -> _Weighed:
+        """The camera where a step has led it."""
+        return self.weigh(self.problem.follow(state, step, index))
+
+    def bend(self, state: _Weighed, step: Step, proposal: _Weighed) -> None:
+        """Steps are short."""
+        return
+
+    def extrapolate(self, state: _Weighed, step: Step) -> _Weighed:
+        """The camera after a step; what it explains is not told."""
+        return replace(state, theta=step.parameters)
+
+
+def weigh_errors(problem: Problem, state: State, template: FieldTemplate) -> tuple[State, Array]:
+    """The fit that weighs its points by painters' errors too, and what these add to the covariance (P, P).
+
+    Parameters
+    ----------
+    problem, state : Problem, State
+        A fit without painters' errors, of which the first start counts.
+    template : FieldTemplate
+        Says by how much markings lie elsewhere, and by how much their paint wanders across them.
+    """
+    whole = _WeighedProblem(problem, template)
+    start = whole.weigh(state.select(np.zeros(1, dtype=np.int_)))
+    found = least_squares.minimise(whole, start, RULE).state
+    return found, found.added[0]
 
 
 def measure_displacements(problem: Problem, state: State, template: FieldTemplate) -> Array:
-    """By how much a painter's error of one standard deviation moves each marking (G,) across itself, pixels."""
+    """By how much painters' errors of one standard deviation move each marking (G,) across itself, pixels."""
     curves, count = problem.curves, len(problem.curves.keys)
-    if template.placement_sd_m == 0.0:
+    if max(template.placement_sd_m, template.radius_sd_m) == 0.0:
         return np.zeros(count)
     by_place = curve_residuals(curves, state.theta[:1], state.feet[:1], problem.model, 0).by_place[0]
-    squared = (by_place**2).sum(axis=0) * curves.sigma_px**2
+    sd_m = np.hypot(template.placement_sd_m, np.where(curves.straight, 0.0, template.radius_sd_m))
+    squared = (by_place**2).sum(axis=0) * (sd_m * curves.sigma_px) ** 2
     mean = np.bincount(curves.group, squared, count) / np.maximum(np.bincount(curves.group, minlength=count), 1)
-    return np.asarray(template.placement_sd_m * np.sqrt(mean))
+    return np.asarray(np.sqrt(mean))
 
 
 def _by_placement(names: list[str], by_place: Array) -> Array:
@@ -114,6 +203,21 @@ def _by_placement(names: list[str], by_place: Array) -> Array:
     from those by each point's own place (2, N + 2 M) and the names of the points' markings.
     """
     return (_members(names)[:, :, None] * by_place.T[:, None]).reshape(len(names), -1)
+
+
+def _radius_names(names: list[str], template: FieldTemplate) -> list[str]:
+    """A name for the radius of each circle and arc, and one for what has none."""
+    radii = {circle.name: circle.radius_m for circle in (*template.circles, *template.arcs)}
+    return [f"{radii[name]:.3f} m" if name in radii else "straight" for name in names]
+
+
+def _by_radius(curves: CurvePoints, radius_names: list[str], feet: Array, by_place: Array) -> Array:
+    """Derivatives (N + 2 M, K) of the residuals by each of K radii: circles of one size are drawn with one compass."""
+    count = len(feet)
+    outward = np.zeros(by_place.shape[1])
+    outward[:count] = by_place[0, :count] * np.cos(feet) + by_place[1, :count] * np.sin(feet)
+    outward[:count][curves.straight] = 0.0
+    return _members(radius_names) * outward[:, None]
 
 
 def _by_wander(curves: CurvePoints, names: list[str], feet: Array, by_place: Array) -> Array:

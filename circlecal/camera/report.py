@@ -16,7 +16,7 @@ from circlecal.camera.covariance import (
     push_forward,
     spread_cameras,
 )
-from circlecal.camera.painters import follow_errors
+from circlecal.camera.painters import follow_errors, knows_painters_errors, weigh_errors
 from circlecal.camera.problem import Problem, State
 from circlecal.camera.spike_and_slab import Posterior
 from circlecal.camera.valley import widen_valley
@@ -35,7 +35,7 @@ from circlecal.geometry.camera_parameters import (
 from circlecal.geometry.homography import compass_label, scale_homography
 from circlecal.geometry.projective import Array
 from circlecal.observations import MarkingKey
-from circlecal.results import CameraFit, DerivedPoint, FieldSize, HomographyRegion
+from circlecal.results import CameraFit, DerivedPoint, FieldSize, HomographyRegion, PaintersFit
 
 MOST_CLICKS = 40
 """Points on one marking up to which each has a distance of its own in the result: the detector measures hundreds."""
@@ -111,28 +111,47 @@ def camera_fit(
         field_size=None if posterior is None or is_fixed else _field_size(theta, covariance, template, posterior),
         region=told.region,
         mean_sigma_px=told.mean_sigma_px,
-        painters_covariance=None if painted is None else painted.covariance,
+        painters=_weigh_painters(problem, state, template),
         painted_sigma_px={} if painted is None else painted.residual_px,
     )
 
 
-def widen_camera(fit: CameraFit, circle: Circle, template: FieldTemplate) -> CameraFit:
-    """The camera with painters' errors in its covariance and in everything that follows from that."""
-    if fit.painters_covariance is None:
+def _weigh_painters(problem: Problem, state: State, template: FieldTemplate) -> PaintersFit | None:
+    if not knows_painters_errors(template):
+        return None
+    weighed, covariance = weigh_errors(problem, state, template)
+    theta = weighed.theta[0]
+    return PaintersFit(theta, covariance, residuals_px(problem, weighed), point_residuals_px(problem, weighed))
+
+
+def weigh_painters(fit: CameraFit, circle: Circle, template: FieldTemplate) -> CameraFit:
+    """The camera that weighs what was seen by painters' errors too, with them in its covariance and in everything that
+    follows from both.
+    """
+    if fit.painters is None:
         return fit
-    covariance = fit.covariance + fit.painters_covariance
-    told = _tell_spread(fit.theta, covariance, fit.model, fit.reference_m, circle, template)
+    theta, covariance = fit.painters.theta, fit.covariance + fit.painters.covariance
+    camera = camera_of(theta, fit.model)
+    told = _tell_spread(theta, covariance, fit.model, fit.reference_m, circle, template)
     return replace(
         fit,
+        theta=theta,
+        camera=camera,
+        surface=replace(fit.surface, crown_m=float(theta[INDEX["crown"]])),
         covariance=covariance,
+        H_image_field=camera.homography,
+        H_field_image=scale_homography(np.linalg.inv(camera.homography)),
         H_covariance=told.H_covariance,
+        imaged_center_px=told.imaged_center_px,
         imaged_center_covariance=told.imaged_center_covariance,
         max_sigma_px=told.max_sigma_px,
         max_sigma_m=told.max_sigma_m,
         mean_sigma_px=told.mean_sigma_px,
         derived_points=told.derived_points,
         region=told.region,
-        painters_covariance=None,
+        residuals_px=fit.painters.residuals_px,
+        point_residuals_px=fit.painters.point_residuals_px,
+        painters=None,
     )
 
 

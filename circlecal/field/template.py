@@ -183,6 +183,10 @@ class FieldTemplate(BaseModel):
     placement_sd_m: Annotated[Size, Field(ge=0)] = Field(
         0.0, description="How far each marking may lie from where the sizes put it, along x and along y, metres."
     )
+    radius_sd_m: Annotated[Size, Field(ge=0)] = Field(
+        0.0,
+        description="By how much the radius that circles and arcs of one size share may differ from that size, metres.",
+    )
     wander_sd_m: Annotated[Size, Field(ge=0)] = Field(
         0.0, description="How far the middle of worn or taped paint wanders across its marking, metres."
     )
@@ -207,17 +211,24 @@ class FieldTemplate(BaseModel):
             raise ValueError(f"halfway_line {self.halfway_line!r} is not among the lines")
         return self
 
-    def move_markings(self, shift_of: Callable[[str], tuple[float, float]]) -> FieldTemplate:
-        """This field with each marking elsewhere, by so many metres along x and along y as its name says."""
+    def move_markings(
+        self, shift_of: Callable[[str], tuple[float, float]], growth_of: Callable[[float], float] = lambda _: 0.0
+    ) -> FieldTemplate:
+        """This field with each marking elsewhere, by so many metres along x and along y as its name says, and with
+        circles and arcs whose radii are larger by so many metres as their radius says.
+        """
 
         def move(element: Any, *keys: str) -> Any:
             dx, dy = shift_of(element.name)
             places = {key: getattr(element, key) for key in keys}
             return element.model_copy(update={key: (x + dx, y + dy) for key, (x, y) in places.items()})
 
+        def redraw(circle: Any) -> Any:
+            return move(circle, "center").model_copy(update={"radius_m": circle.radius_m + growth_of(circle.radius_m)})
+
         elsewhere = {
-            "circles": tuple(move(circle, "center") for circle in self.circles),
-            "arcs": tuple(move(arc, "center") for arc in self.arcs),
+            "circles": tuple(redraw(circle) for circle in self.circles),
+            "arcs": tuple(redraw(arc) for arc in self.arcs),
             "lines": tuple(move(line, "start", "end") for line in self.lines),
             "marks": tuple(move(mark, "position") for mark in self.marks),
         }

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from circlecal.camera.report import widen_camera
+from circlecal.camera.report import weigh_painters
 from circlecal.errors import EstimationError
 from circlecal.geometry.projective import Array
 from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations
@@ -239,7 +239,7 @@ def look_again(setting: Setting, scene: Scene, attempt: Attempt) -> Attempt:
     template, circle = setting.template, setting.circle
     picture = lighten_markings(scene.marked, mask, circle)
     # a field with several circles is laid over the picture as a whole where too little is found
-    wider = widen_camera(camera, circle, template) if len(template.circles) == 1 else camera
+    wider = weigh_painters(camera, circle, template) if len(template.circles) == 1 else camera
     seen_names = {line.line for line in observations.lines} | {c.circle for c in observations.circles}
     known = frozenset(name for name in (*seen_names, *camera.named_lines) if name is not None)
     if attempt.code == "circle_unconfirmed" and (

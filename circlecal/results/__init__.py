@@ -12,6 +12,7 @@ from circlecal.results.estimates import (
     HomographyFit,
     HomographyRegion,
     LineCorrespondence,
+    PaintersFit,
     PointCorrespondence,
 )
 from circlecal.results.seen import (
@@ -59,6 +60,7 @@ __all__ = [
     "LineCue",
     "MarkCue",
     "MarkingMask",
+    "PaintersFit",
     "PointCorrespondence",
     "RayPoints",
     "Rival",

@@ -155,6 +155,28 @@ class HomographyRegion:
 
 
 @dataclass(frozen=True, slots=True)
+class PaintersFit:
+    """An estimate that weighs what was seen by painters' errors too.
+
+    Attributes
+    ----------
+    theta : (P,) array
+        The parameter vector.
+    covariance : (P, P) array
+        What painters' errors add to the covariance of the parameters.
+    residuals_px : dict of MarkingKey
+        Root mean square residual by observation.
+    point_residuals_px : dict of MarkingKey
+        Signed distance (N,) of each point of markings with few points, pixels.
+    """
+
+    theta: Array
+    covariance: Array
+    residuals_px: dict[MarkingKey, float]
+    point_residuals_px: dict[MarkingKey, Array]
+
+
+@dataclass(frozen=True, slots=True)
 class CameraFit:
     """Stage ``camera``: maximum a posteriori pinhole camera with its covariance.
 
@@ -206,8 +228,9 @@ class CameraFit:
     bulk_residuals_px : dict of MarkingKey
         Root mean square residual of each line and curve without the few points that lie far off all others; empty where
         a record was read, which does not keep it.
-    painters_covariance : (P, P) array or None
-        What painters' errors add to the covariance while they are not in it; None where there are none.
+    painters : PaintersFit or None
+        The estimate that weighs what was seen by painters' errors too, while it is not this one; None where there are
+        none.
     painted_sigma_px : dict of MarkingKey
         Part of each observation's residual that painters' errors may bring, pixels; empty where they make none.
     """
@@ -239,7 +262,7 @@ class CameraFit:
     bulk_residuals_px: dict[MarkingKey, float] = field(default_factory=dict)
     region: HomographyRegion | None = None
     mean_sigma_px: float = 0.0
-    painters_covariance: Array | None = None
+    painters: PaintersFit | None = None
     painted_sigma_px: dict[MarkingKey, float] = field(default_factory=dict)
 
     @property

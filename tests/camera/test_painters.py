@@ -8,8 +8,11 @@ import pytest
 from circlecal.camera import painters
 from circlecal.camera.covariance import posterior_covariance
 from circlecal.camera.observed import NoiseModel, curves_from_observations, points_from_observations
-from circlecal.camera.painters import follow_errors, measure_displacements
-from circlecal.camera.problem import minimise
+from circlecal.camera.options import priors_of
+from circlecal.camera.painters import follow_errors, measure_displacements, weigh_errors
+from circlecal.camera.problem import Problem, minimise
+from circlecal.config import load_config
+from circlecal.field import load_field
 from circlecal.geometry.camera_parameters import PARAMETERS, ProjectionModel, project, theta_of
 from circlecal.geometry.surface import Surface
 from circlecal.observations import Observations
@@ -115,3 +118,66 @@ def test_a_painters_error_moves_a_marking_across_itself_by_so_many_pixels():
     normal = np.stack([-along[:, 1], along[:, 0]], axis=-1) / np.linalg.norm(along, axis=1, keepdims=True)
     assert moved_px[number] == pytest.approx(np.sqrt(np.mean((shifted * normal).sum(axis=1) ** 2)), rel=0.1)
     assert not measure_displacements(problem, state, SOCCER).any()
+
+
+GRID = np.stack(np.meshgrid(np.linspace(-20, 20, 9), np.linspace(-30, 20, 9)), axis=-1).reshape(-1, 2)
+
+
+def error_px(theta):
+    """Differences (81, 2) from the true camera over the field, pixels."""
+    return project(theta[None], GRID[None], FLAT).pixels[0] - WIDE.project(GRID)
+
+
+def test_a_fit_that_weighs_painters_errors_is_nearer_to_the_truth_and_knows_how_near():
+    names = ("side_line_top", "big_rect_right_main", "big_rect_right_top", "big_rect_left_top")
+    plain, weighed, inside = [], [], []
+    for seed in range(40):
+        problem, state, painted = draw_painted(seed, names)
+        found, added = weigh_errors(problem, state, painted)
+        plain.append(np.sqrt(np.mean(error_px(state.theta[0]) ** 2)))
+        off = error_px(found.theta[0])
+        weighed.append(np.sqrt(np.mean(off**2)))
+        covariance = posterior_covariance(state.normal[0], problem.priors.sd) + added
+        by_theta = project(found.theta[:1], GRID[None], FLAT).jacobians()[0][0]
+        spread = by_theta @ covariance @ np.swapaxes(by_theta, 1, 2)
+        inside.append(np.mean(np.einsum("ni,nij,nj->n", off, np.linalg.inv(spread), off) < 4.605))
+    assert np.median(weighed) < 0.75 * np.median(plain)
+    assert np.mean(np.array(weighed) < plain) > 0.75
+    # of the points 90 % lie in their regions, and points of one frame do so together
+    assert 0.8 < np.mean(inside) < 0.97
+
+
+def test_small_painters_errors_leave_the_fit_where_it_is():
+    problem, state, painted = draw_painted(3)
+    found, added = weigh_errors(problem, state, painted.model_copy(update={"placement_sd_m": 1e-6}))
+    np.testing.assert_allclose(error_px(found.theta[0]), error_px(state.theta[0]), atol=0.02)
+    assert np.abs(added).max() < 1e-3 * np.abs(posterior_covariance(state.normal[0], problem.priors.sd)).max()
+
+
+def test_radii_that_are_all_larger_are_one_error():
+    """Two circles 4 cm larger than the rules have them, and two lines where they belong."""
+    rink = load_field("ice-hockey").model_copy(update={"marking_width_sd_m": 0.0})
+    rng = np.random.default_rng(7)
+    view = aim_camera(np.array([-18.0, 34.0, -11.0]), np.array([-20.0, 0.0, 0.0]), 1500.0, 0.0, 1920, 1080)
+    drawn = rink.move_markings(lambda _: (0.0, 0.0), lambda _: 0.04)
+    circles = ("faceoff_left_top", "faceoff_left_bottom")
+    seen = Observations(
+        1920,
+        1080,
+        tuple(circle_points(view, drawn, "center", 200, 0.1, rng, circle=name) for name in circles),
+        tuple(line_points(view, drawn, name, 60, 0.1, rng) for name in ("goal_line_left", "blue_line_left")),
+    )
+    model = ProjectionModel(1920, 1080, Surface())
+    chosen = priors_of(load_config(None, ["field.template=ice-hockey"]).camera, rink, rink.circles[1], model)
+    curves = curves_from_observations(seen, rink, NoiseModel(10**6, 0.0, 0.0))
+    problem = Problem(curves, points_from_observations(seen, rink), chosen, model)
+    state = minimise(problem, theta_of(view, model)[None])
+    known = rink.model_copy(update={"placement_sd_m": 0.003})
+    found, _ = weigh_errors(problem, state, known)
+    ignorant, _ = weigh_errors(problem, state, known.model_copy(update={"radius_sd_m": 0.0}))
+    there = np.array([[-26.0, -6.0], [-26.0, 6.0], [-12.0, 0.0], [-18.0, 10.0]])
+    errors = [
+        np.linalg.norm(project(theta[None], there[None], model).pixels[0] - view.project(there), axis=1).mean()
+        for theta in (state.theta[0], ignorant.theta[0], found.theta[0])
+    ]
+    assert errors[2] < 0.5 * min(errors[0], errors[1])

@@ -8,13 +8,14 @@ import pytest
 from circlecal.camera.observed import curves_from_observations, points_from_observations
 from circlecal.camera.options import CameraConfig, noise_model, priors_of
 from circlecal.camera.problem import Problem, evaluate
-from circlecal.camera.report import bulk_residuals_px, residuals_px, spread_quadrilateral, widen_camera
+from circlecal.camera.report import bulk_residuals_px, residuals_px, spread_quadrilateral, weigh_painters
 from circlecal.camera.residuals import ground_feet
 from circlecal.evaluation.bench.scenarios import select_rows
 from circlecal.field import load_field
 from circlecal.geometry.camera_parameters import ProjectionModel, theta_of
 from circlecal.geometry.surface import Surface
 from circlecal.observations import LinePoints, MarkingKey, Observations
+from circlecal.results import PaintersFit
 from circlecal.stages.camera import estimate_camera
 from circlecal.synthetic.cameras import aim_camera
 
@@ -80,8 +81,9 @@ def test_a_camera_that_painters_leave_open_is_told_as_that_without_a_warning():
     (scenario,) = select_rows(["8c"])
     draw = scenario.draw(np.random.default_rng([3, 0]))
     fit = estimate_camera(draw.observations, scenario.template, scenario.circle, draw.config)
-    open_to = replace(fit, painters_covariance=np.diag(np.where(np.diag(fit.covariance) > 0.0, 1e12, 0.0)))
-    assert widen_camera(open_to, scenario.circle, scenario.template).max_sigma_px > 1e4
+    wide = np.diag(np.where(np.diag(fit.covariance) > 0.0, 1e12, 0.0))
+    open_to = replace(fit, painters=PaintersFit(fit.theta, wide, fit.residuals_px, fit.point_residuals_px))
+    assert weigh_painters(open_to, scenario.circle, scenario.template).max_sigma_px > 1e4
 
 
 def test_four_points_of_a_region_lie_far_apart():

@@ -28,15 +28,20 @@ def without(monkeypatch):
     return seen, config, setting, run_observations(seen, config, frame_id="rink").attempt
 
 
-def test_they_widen_what_is_told_and_change_no_answer(without, monkeypatch):
+def test_they_are_weighed_in_what_is_told_and_in_the_answer(without, monkeypatch):
     seen, config, _, before = without
     monkeypatch.setattr(RUN, "cover_painters", cover_painters)
     after = run_observations(seen, config, frame_id="rink").attempt
-    np.testing.assert_array_equal(after.camera.H_image_field, before.camera.H_image_field)
-    assert after.camera.max_sigma_px > 1.5 * before.camera.max_sigma_px
-    assert after.camera.max_sigma_m > 1.5 * before.camera.max_sigma_m
-    assert np.trace(after.camera.region.covariance) > 1.5**2 * np.trace(before.camera.region.covariance)
-    assert after.camera.painters_covariance is None
+    np.testing.assert_array_equal(after.camera.theta, before.camera.painters.theta)
+    assert not np.array_equal(after.camera.H_image_field, before.camera.H_image_field)
+    np.testing.assert_allclose(after.camera.H_image_field, after.camera.camera.homography)
+    there_and_back = after.camera.H_field_image @ after.camera.H_image_field
+    np.testing.assert_allclose(there_and_back / there_and_back[2, 2], np.eye(3), atol=1e-8)
+    assert after.camera.residuals_px == before.camera.painters.residuals_px
+    assert after.camera.max_sigma_px > 1.1 * before.camera.max_sigma_px
+    assert after.camera.max_sigma_m > 1.1 * before.camera.max_sigma_m
+    assert np.trace(after.camera.region.covariance) > 1.1**2 * np.trace(before.camera.region.covariance)
+    assert after.camera.painters is None
     assert after.verdict.check("sigma_px").value == after.camera.max_sigma_px
     assert after.verdict.check("sigma_m").value == after.camera.max_sigma_m
 
@@ -44,7 +49,8 @@ def test_they_widen_what_is_told_and_change_no_answer(without, monkeypatch):
 def test_a_camera_that_they_leave_too_uncertain_is_refused(without):
     *_, setting, before = without
     assert before.is_calibrated
-    camera = replace(before.camera, painters_covariance=before.camera.painters_covariance * 1e6)
+    painters = replace(before.camera.painters, covariance=before.camera.painters.covariance * 1e6)
+    camera = replace(before.camera, painters=painters)
     after = cover_painters(setting, replace(before, camera=camera))
     assert (after.verdict.status, after.verdict.code) == ("refused", "too_uncertain")
     assert len(after.verdict.checks) == len(before.verdict.checks)
@@ -68,4 +74,4 @@ def test_other_markings_are_looked_for_where_painters_errors_leave_them(without,
         attempts.look_again(given, SimpleNamespace(marked=nothing, relief=None, gray=nothing), attempt)
     fit, plain = looked
     assert plain is before.camera
-    np.testing.assert_allclose(fit.covariance, before.camera.covariance + before.camera.painters_covariance)
+    np.testing.assert_allclose(fit.covariance, before.camera.covariance + before.camera.painters.covariance)

@@ -39,7 +39,7 @@ from circlecal.placement import (
 )
 from circlecal.placement.camera_batch import cameras_before_circles
 from circlecal.records.writing import result_record
-from circlecal.results import Attempt, CameraFit, CircleCandidate, Cues, MarkCue, MarkingMask, Verdict
+from circlecal.results import Attempt, CameraFit, CircleCandidate, Cues, MarkCue, MarkingMask, PaintersFit, Verdict
 from circlecal.stages import camera as camera_stage
 from circlecal.stages.camera import estimate_camera
 from circlecal.stages.edges import detect_edges
@@ -501,13 +501,14 @@ def test_a_circle_with_its_line_takes_in_all_other_markings(monkeypatch):
     assert doubtful_circle.refuse_doubtful(setting, vague).code == "circle_unconfirmed"
     assert doubtful_circle.refuse_doubtful(setting, fuller) is fuller
     # so they may where they lay most of the field beside the playing surface, or where painters' errors leave much open
-    told = replace(first, camera=replace(first.camera, max_sigma_px=0.1, painters_covariance=None))
+    told = replace(first, camera=replace(first.camera, max_sigma_px=0.1, painters=None))
     assert doubtful_circle.refuse_doubtful(setting, told) is told
     assert doubtful_circle.refuse_doubtful(setting, replace(told, mask=beside.mask)).code == "circle_unconfirmed"
     many = {MarkingKey(f"line_{k}"): 0.1 for k in range(6)}
     carried = replace(told, mask=beside.mask, camera=replace(told.camera, residuals_px=many))
     assert doubtful_circle.refuse_doubtful(setting, carried) is carried
-    painters = replace(told, camera=replace(told.camera, painters_covariance=100.0 * told.camera.covariance))
+    open_to = PaintersFit(told.camera.theta, 100.0 * told.camera.covariance, {}, {})
+    painters = replace(told, camera=replace(told.camera, painters=open_to))
     assert doubtful_circle.refuse_doubtful(setting, painters).code == "circle_unconfirmed"
     # and where more of what they put into view is bare than painted
     assert doubtful_circle.refuse_bare_field(setting, scene, told) is told

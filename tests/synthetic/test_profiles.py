@@ -34,9 +34,9 @@ def drawn(profile, seed=0):
 
 def rim(truth, angles):
     """Pixels (N, 2) of the circle's centreline by the truth alone."""
-    template = truth.template
-    circle = template.circle_by_name[template.default_circle]
-    radius = template.radius(circle, "center", truth.marking_width_m)
+    painted = truth.painted
+    circle = painted.circle_by_name[painted.default_circle]
+    radius = painted.radius(circle, "center", truth.marking_width_m)
     surface = truth.surface
     ring = np.asarray(circle.center) + radius * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     return truth.camera.project(surface.lift(ring))

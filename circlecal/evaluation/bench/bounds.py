@@ -9,7 +9,7 @@ import numpy as np
 from circlecal.camera.covariance import posterior_covariance
 from circlecal.camera.observed import NoiseModel, curves_from_observations, points_from_observations
 from circlecal.camera.options import CameraConfig, priors_of
-from circlecal.camera.painters import marginalise
+from circlecal.camera.painters import knows_painters_errors, weigh_errors
 from circlecal.camera.problem import Problem, evaluate
 from circlecal.camera.residuals import sample_feet
 from circlecal.field import Circle, FieldTemplate
@@ -40,7 +40,9 @@ def bound_covariance(
     feet = sample_feet(curves, theta[None], model)
     state = evaluate(problem, theta[None], feet, updates=6)
     covariance = posterior_covariance(state.normal[0], priors.sd)
-    return marginalise(problem, state, covariance, template) if with_painters else covariance
+    if not (with_painters and knows_painters_errors(template)):
+        return covariance
+    return covariance + weigh_errors(problem, state, template)[1]
 
 
 def bound_errors(camera: Camera, covariance: Array, grid_m: Array, draws: int, rng: np.random.Generator) -> Array:

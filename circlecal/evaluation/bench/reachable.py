@@ -54,9 +54,8 @@ def bound_px(truth: Truth, grid_m: Array, template: FieldTemplate, config: Camer
         return float("inf")
     camera, surface = truth.camera, truth.surface
     shaped = config.model_copy(update={"crown_shape": surface.shape})
-    has_errors = truth.painted != truth.template
-    placed = truth.painted if has_errors else template
-    covariance = bound_covariance(camera, surface.crown_m, seen, placed, circle, shaped, has_errors)
+    placed = template if truth.painted == truth.template else truth.painted
+    covariance = bound_covariance(camera, surface.crown_m, seen, placed, circle, shaped, with_painters=True)
     model = ProjectionModel.of(camera, surface)
     theta = theta_of(camera, model, surface.crown_m)
     jacobian = project(theta[None], grid_m[None], model).jacobians()[0][0]

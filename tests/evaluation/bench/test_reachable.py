@@ -81,7 +81,9 @@ def test_displaced_paint_is_seen_where_it_lies(rink):
 
 def test_painters_errors_limit_what_can_be_expected(rink):
     config = profile_config("rink", rink)
-    known = replace(rink, painted=rink.painted.model_copy(update={"placement_sd_m": 0.0, "wander_sd_m": 0.0}))
+    known = replace(
+        rink, painted=rink.painted.model_copy(update={"placement_sd_m": 0.0, "radius_sd_m": 0.0, "wander_sd_m": 0.0})
+    )
     grid = np.array([rink.template.circle_by_name[rink.template.default_circle].center])
     unknown_px, known_px = (bound_px(truth, grid, truth.template, config.camera) for truth in (rink, known))
     assert 2 * known_px < unknown_px < 3.0
