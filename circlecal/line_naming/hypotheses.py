@@ -262,9 +262,9 @@ def make_naming_scene(
         known=tuple(line.line for line in observations.lines if line.line is not None),
         elsewhere=frozenset(
             (k, str(point.line))
-            for k, segment in enumerate(segments)
+            for k, line in enumerate(lines)
             for point in ends
-            if not passes_end(segment, point, unit)
+            if not passes_end(line.points_px, point, unit)
         )
         | find_passed_lines(observations, unnamed, template),
     )

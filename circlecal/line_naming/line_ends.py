@@ -38,9 +38,14 @@ angle between both.
 """
 NEAR_SIGMAS = 1.5
 """A line passes through another one's end within this many of the end's standard deviations."""
-PASSED_PX, PLACE_PX, PASSED_SHARE, MET_SHARE = 20.0, 2.0, 0.6, 0.25
+PASSED_PX, PLACE_PX, PASSED_SHARE, MET_LENGTHS = 20.0, 2.0, 0.6, 3.0
 """A line runs on beyond another where it is seen at this share of the places, so many pixels apart, within so many
-pixels at 1920 px width on both sides of it; and by which share of its length that one may be drawn on to meet it.
+pixels at 1920 px width on both sides of it; and by how many of its lengths that one may be drawn on to meet it. The
+side of a penalty area ends two lengths before the halfway line that a rendered field of 40 m was made to end on it.
+"""
+PIECE_SHARE = 0.2
+"""Share of a line's length to both sides of a point by which it is judged whether the line passes: by its own ends a
+touchline that runs through the whole picture lay 2.3 px beside the end of the halfway line on it.
 """
 DRAWN_ON = 1.0
 """Lengths of its own by which a line may be drawn on to pass through an end: streaks of a floor 130 and 190 px long
@@ -146,9 +151,23 @@ def _is_near(segment: Array, point_px: Array) -> bool:
     return nearest < DRAWN_ON * float(np.linalg.norm(segment[1] - segment[0]))
 
 
-def passes_end(segment: Array, end: LinePoints, unit: float) -> bool:
-    """Whether a seen line passes an end of :func:`add_line_ends` within what is known of it, or would if drawn on."""
+def passes_end(points_px: Array, end: LinePoints, unit: float) -> bool:
+    """Whether a seen line (N, 2) passes an end of :func:`add_line_ends` within what is known of it, or would if drawn
+    on.
+    """
+    segment = segment_ends(_piece_beside(points_px, end.points_px[0]))
     return passes_point(segment, end.points_px[0], unit, NEAR_SIGMAS * float(end.sigma_px[0]) / unit)
+
+
+def _piece_beside(points_px: Array, point_px: Array) -> Array:
+    """The points (M, 2) of a seen line around a point (2,) that it passes, since the lens bends a long line; all of its
+    points where it ends before.
+    """
+    first, last = segment_ends(points_px)
+    along = (points_px - point_px) @ (last - first) / np.linalg.norm(last - first)
+    beside = np.abs(along) < PIECE_SHARE * np.ptp(along)
+    is_inside = min(along.max(), -along.min()) > 0.0
+    return points_px[beside] if is_inside and np.count_nonzero(beside) >= FEWEST_POINTS else points_px
 
 
 def agree_with_ends(names: dict[int, str], ends: tuple[LinePoints, ...], observations: Observations) -> bool:
@@ -156,8 +175,7 @@ def agree_with_ends(names: dict[int, str], ends: tuple[LinePoints, ...], observa
     places = {point.line: point for point in ends}
     unit = observations.width / 1920.0
     return bool(names) and all(
-        name in places and passes_end(segment_ends(observations.lines[k].points_px), places[name], unit)
-        for k, name in names.items()
+        name in places and passes_end(observations.lines[k].points_px, places[name], unit) for k, name in names.items()
     )
 
 
@@ -192,10 +210,13 @@ def _runs_on_beyond(points: Array, segment: Array, reach_px: float) -> bool:
     crossing = meeting[:2] / meeting[2]
     span = segment[1] - segment[0]
     share = float((crossing - segment[0]) @ span / (span @ span))
+    lengths = max(-share, share - 1.0, 0.0)
+    # where it meets the other line is the less sure the further that one is drawn on
+    unsure = BEND_SHARE * lengths * float(np.linalg.norm(span))
     along = (points - crossing) @ np.array([line[1], -line[0]])
-    counts = [np.unique(np.floor(side[(side > 0.0) & (side < reach_px)] / PLACE_PX)) for side in (along, -along)]
-    is_met = -MET_SHARE < share < 1.0 + MET_SHARE
-    return is_met and min(len(count) for count in counts) >= PASSED_SHARE * reach_px / PLACE_PX
+    beyond = (side - unsure for side in (along, -along))
+    counts = [np.unique(np.floor(side[(side > 0.0) & (side < reach_px)] / PLACE_PX)) for side in beyond]
+    return lengths < MET_LENGTHS and min(len(count) for count in counts) >= PASSED_SHARE * reach_px / PLACE_PX
 
 
 def segment_ends(points: Array) -> Array:

@@ -11,7 +11,7 @@ from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera_parameters import LOG_FOCAL
 from circlecal.geometry.conics import circle_conic, sampson_distance, transform_conic
 from circlecal.geometry.homography import projects_in_front
-from circlecal.geometry.projective import Array
+from circlecal.geometry.projective import Array, Mask
 from circlecal.line_naming.line_ends import find_line_through
 from circlecal.observations import MarkingKey
 from circlecal.paint.predicted_width import predict_paint_widths
@@ -46,6 +46,10 @@ UNCONFIRMED_SIGMA = 0.75
 """Share of the usual uncertainty that is allowed where nothing else confirms it: nothing would contradict either."""
 REACH_SHARE = 0.95
 """Share of the halfway line's points that lie within its reach; a few may lie on something behind its end."""
+STRAY_MEDIANS, LEAST_STRAY_PX = 5.0, 0.5
+"""In medians of all distances from the camera's line, and pixels at 1920 px width, from where on a point of the halfway
+line lies on something else: of 14 points on a player behind its end, on a rendered field, seven lie farther.
+"""
 REACH_WITH_END = 1.05
 """Half widths of the field that the halfway line may run where the camera was fitted to one of its ends: not past the
 other one.
@@ -359,6 +363,7 @@ def _reach_checks(camera: CameraFit, cues: Cues, template: FieldTemplate, config
         (camera.view.to_field(points_px) - middle) @ half / (half @ half)
         for points_px in (cues.halfway.points_px, crossed_px)
     )
+    along = along[_lie_on_line(camera, cues.halfway.points_px, middle, half, along)]
     checks = [_reach_check("line_reach", np.abs(along), config.max_line_reach)]
     for seen_end, side in ((line.start, -1.0), (line.end, 1.0)):
         other = find_line_through(np.asarray(seen_end), line, template)
@@ -368,6 +373,17 @@ def _reach_checks(camera: CameraFit, cues: Cues, template: FieldTemplate, config
             reaches = (value for value in (side * crossed).tolist() if value > 0.0)
             checks += [Check.of("crossed_end_beyond", max(reach - 1.0, 0.0), CROSSED_BEYOND) for reach in reaches]
     return checks
+
+
+def _lie_on_line(camera: CameraFit, points_px: Array, middle: Array, half: Array, along: Array) -> Mask:
+    """Which points (N, 2) lie as near to the camera's line as most of them do: a player who stands behind its end hides
+    it, and edges of his are followed in its place.
+    """
+    off_px = np.linalg.norm(camera.view.project(middle + along[:, None] * half) - points_px, axis=1)
+    off_px = np.nan_to_num(off_px, nan=np.inf)
+    return np.asarray(
+        off_px <= max(STRAY_MEDIANS * float(np.median(off_px)), LEAST_STRAY_PX * camera.camera.width / 1920)
+    )
 
 
 def _reach_check(name: str, along: Array, limit: float) -> Check:

@@ -94,10 +94,22 @@ def test_lines_that_pass():
 
 def test_an_end_lies_anywhere_within_the_marking_that_it_meets():
     """Near the camera a marking is wide in the picture, and the end is known no better than that."""
-    segment = np.array([[100.0, 200.0], [900.0, 200.0]])
+    segment = np.stack([np.linspace(100.0, 900.0, 81), np.full(81, 200.0)], axis=-1)
     far, near = (LinePoints("side_line_top", np.array([[500.0, 205.0]]), np.array([s])) for s in (2.0, 4.0))
     assert not passes_end(segment, far, 1.0)
     assert passes_end(segment, near, 1.0)
+
+
+def test_a_long_line_passes_an_end_where_the_lens_bends_it():
+    """By 3 px in the middle of the picture."""
+    x = np.linspace(0.0, 1280.0, 641)
+    touchline = np.stack([x, 650.0 + 3.0 * (1.0 - ((x - 640.0) / 640.0) ** 2)], axis=-1)
+    middle, beside = (LinePoints("side_line_bottom", np.array([[640.0, y]]), np.array([1.3])) for y in (653.0, 650.0))
+    assert passes_end(touchline, middle, 1.0)
+    assert not passes_end(touchline, beside, 1.0)
+    # a line that ends before goes on as its own ends say
+    short = touchline[touchline[:, 0] < 500.0]
+    assert passes_end(short, LinePoints("side_line_bottom", np.array([[640.0, 654.4]]), np.array([1.3])), 1.0)
 
 
 def test_a_line_through_an_end_says_where_that_marking_runs():
@@ -112,11 +124,15 @@ def test_a_line_through_an_end_says_where_that_marking_runs():
 def test_a_line_that_the_halfway_line_runs_beyond_is_no_touchline():
     """Another sport's, along the field: the halfway line ends at its own touchline, which players hide."""
     inner, outer = nameless(-26.0), nameless(-34.0 + 0.5 * SOCCER.marking_width_m)
-    beside = replace(inner, points_px=inner.points_px + np.array([900.0, 0.0]))
+    length = np.ptp(inner.points_px[:, 0])
+    beside = replace(inner, points_px=inner.points_px + np.array([5.0 * length, 0.0]))
     halfway = line_points(CAMERA, SOCCER, "halfway_line", 1200, 0.4, np.random.default_rng(1))
     observations = replace(seen([], [inner, outer, beside]), lines=(halfway, inner, outer, beside))
     sides = {(0, "side_line_top"), (0, "side_line_bottom")}
     assert find_passed_lines(observations, [1, 2, 3], SOCCER) == sides
+    # drawn on by one of its lengths it meets the halfway line as well
+    nearer = replace(inner, points_px=inner.points_px + np.array([1.5 * length, 0.0]))
+    assert find_passed_lines(replace(observations, lines=(halfway, nearer)), [1], SOCCER) == sides
     assert "side_line_top" not in fitted(replace(observations, lines=(halfway, inner))).named_lines
 
 

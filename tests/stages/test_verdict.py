@@ -260,6 +260,19 @@ def test_a_halfway_line_whose_end_was_used_may_not_run_past_the_other_end():
         assert verdict(camera_fit(residuals_px={**residuals, name: 0.5}), cues=cues).status == "calibrated"
 
 
+@pytest.mark.parametrize(("scatter_px", "is_line"), [(0.05, True), (6.0, False)])
+def test_points_beside_the_line_behind_its_end_lie_on_a_player(scatter_px, is_line):
+    rng = np.random.default_rng(0)
+    own, behind = (CAMERA.project(np.linspace([0.0, a], [0.0, b], n)) for a, b, n in ((-10, 33, 180), (36, 39, 20)))
+    points = np.concatenate(
+        [own + rng.normal(0.0, 0.05, own.shape), behind + rng.normal(0.0, scatter_px, behind.shape)]
+    )
+    cues = Cues(replace(LINE, points_px=points, sigma_px=np.full(200, 0.1)), MARK)
+    fit = camera_fit(residuals_px={"centre_circle center": 0.3, "halfway_line": 0.3, "side_line_top": 0.5})
+    check = verdict(fit, cues=cues).check("other_end_reach")
+    assert check.passed is not is_line
+
+
 @pytest.mark.parametrize(("end_m", "crossed", "code"), [(-34.0, True, None), (-41.0, True, "line_beyond_field"),
                                                         (-41.0, False, None), (34.0, True, None)])  # fmt: skip
 def test_a_line_that_the_halfway_line_crosses_is_the_border_of_the_field(end_m, crossed, code):
