@@ -28,6 +28,7 @@ __all__ = [
     "measure_bands",
     "measure_curve",
     "rise_above_noise",
+    "stand_out",
 ]
 
 PEAK_SHARE = 0.4
@@ -188,6 +189,33 @@ def measure_bands(profiles: Profiles, offsets: Array, search: float) -> Bands:
         sensitivity=np.sqrt(np.maximum(squares, 0.0) * step) / (mass * step),
         whole=known & (before >= 0) & (after < len(offsets)),
     )
+
+
+def stand_out(profiles: Profiles, offsets: Array, beside: tuple[float, float]) -> Profiles:
+    """By how much each place (N, S) is lighter than the lighter one of both its sides, zero where it is not.
+
+    A strip of lighter ground has the paint's brightness, but no darker ground right beside each of its places.
+
+    Parameters
+    ----------
+    profiles : (N, S) array
+        Gray levels; nan stays nan.
+    offsets : (S,) array
+        Evenly spaced positions along the normal.
+    beside : tuple of float
+        From where to where the ground beside a place is looked at, in the unit of the offsets. Places whose sides the
+        profile does not hold stand out by nothing.
+    """
+    step = float(offsets[1] - offsets[0])
+    first, last = (max(1, round(distance / step)) for distance in beside)
+    values = np.ascontiguousarray(profiles.T, np.float32)
+    sums = np.cumsum(np.concatenate([np.zeros((1, values.shape[1]), np.float32), values]), axis=0)
+    means = (sums[last - first + 1 :] - sums[: first - last - 1]) / np.float32(last - first + 1)
+    inner = slice(last, len(values) - last)
+    sides = np.maximum(means[: len(values) - 2 * last], means[last + first :])
+    result = np.where(np.isfinite(values), np.float32(0.0), values)
+    result[inner] = np.maximum(values[inner] - sides, np.float32(0.0))
+    return result.T
 
 
 def rise_above_noise(bands: Bands, noise: float) -> NDArray[np.bool_]:

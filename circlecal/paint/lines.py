@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.geometry.projective import Array, line_distance
-from circlecal.paint.bands import measure_bands, rise_above_noise
+from circlecal.paint.bands import measure_bands, rise_above_noise, stand_out
 from circlecal.paint.profiles import GrayPicture, sample_profiles, smooth_along
 from circlecal.results import LineCue, Segment
 
@@ -33,6 +33,24 @@ SMOOTHING_REACH = 3
 PLAIN_WIDTH_PX = 8.0
 """Across markings wider than this (at 1920 px width) the profiles are drawn out: they must show the surface beside it.
 """
+BESIDE_PX = (3.3, 5.4)
+"""Where the ground right beside thin paint is looked at, from its middle, pixels at 1920 px width: far paint is 2 to 4
+wide.
+"""
+THIN_PX, STRIP_PX = 5.0, 12.0
+"""Width of thin paint at the most, and of what such paint may have been taken for, pixels at 1920 px width. Paint at
+the rim of a lighter strip stands out along 1 to 11 times as much of the line as strip and paint together do, and
+scatters less about it; paint that is wider stands out along 0.1 to 0.95 times as much (169 lines of rendered frames).
+"""
+EXPECTED_PX = 3.0
+"""Width that is expected of thin paint at the most, where one is expected, pixels at 1920 px width."""
+LEAST_UNIT = 2 / 3
+"""Pixels per pixel at 1920 px width, at the least, for these lengths: smaller pictures are blurred as much, in pixels,
+as those of 1280 px width.
+"""
+STANDS_OUT_SHARE = 0.5
+"""Of its width, over which thin paint stands out above the ground right beside it: 0.5 to 0.6 along 100 rendered lines.
+"""
 
 
 def measure_lines(
@@ -48,7 +66,8 @@ def measure_lines(
 
     Each profile gives the two crossings of half the band's height; the line is fitted to both edges together, so
     their common bias (bloom) cancels, and the points that are kept are the flux-weighted middles. All markings are
-    measured together; those that turn out to be wide once more.
+    measured together; those that turn out to be wide once more, and thin ones against the ground right beside them: far
+    touchlines lie at the rim of a lighter or darker strip, whose edge would be taken for one of theirs.
 
     Parameters
     ----------
@@ -102,7 +121,45 @@ def measure_lines(
         wider = measure_lines(picture, again, noise, search_px, spacing_px, rounds[-1:], widths)
         for (index, _), again_seen in zip(wide, wider, strict=True):
             found[index] = again_seen or found[index]
+    blurred = max(unit, LEAST_UNIT)
+    may_be_thin = (expected.max(axis=1) <= EXPECTED_PX * blurred).tolist()
+    thin = [
+        (k, cue)
+        for k, cue in enumerate(found)
+        if cue is not None and may_be_thin[k] and cue.width_px <= STRIP_PX * blurred
+    ]
+    reach_px = rounds[-1][0] * search_px * unit
+    standing = _measure_standing(picture, [cue for _, cue in thin], noise, reach_px, spacing_px)
+    for (k, cue), narrower in zip(thin, standing, strict=True):
+        found[k] = _choose_thinner(cue, narrower, THIN_PX * blurred)
     return found
+
+
+def _measure_standing(
+    picture: GrayPicture, cues: Sequence[LineCue], noise: float, reach_px: float, spacing_px: float
+) -> list[LineCue | None]:
+    """Thin markings measured by how they stand out above the ground right beside them; None where they do not."""
+    if not cues:
+        return []
+    ends = np.array([(cue.segment.start, cue.segment.end) for cue in cues])
+    samples = _band_samples(picture, ends, np.zeros((len(cues), 2)), noise, reach_px, spacing_px, 1.0, stands_out=True)
+    lines, kept = _robust_lines(samples, len(cues), max(1.0, 1.5 * picture.shape[1] / 1920.0))
+    own = [np.flatnonzero(kept & (samples.piece == k)) for k in range(len(cues))]
+    return [
+        _make_cue(lines[k], ends[k], samples, mine, int(samples.drawn[k])) if len(mine) >= FEWEST_POINTS[0] else None
+        for k, mine in enumerate(own)
+    ]
+
+
+def _choose_thinner(cue: LineCue, standing: LineCue | None, thin_px: float) -> LineCue:
+    """The marking as it stands out above the ground right beside it, where it does so along as much of its length, and
+    where it is no thin one along a straighter line.
+    """
+    if standing is None or len(standing.points_px) < len(cue.points_px):
+        return cue
+    if cue.width_px > thin_px and standing.rms_px > cue.rms_px:
+        return cue
+    return replace(standing, width_px=min(cue.width_px, standing.width_px / STANDS_OUT_SHARE))
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,9 +183,11 @@ def _band_samples(
     reach_px: float,
     spacing_px: float,
     step: float,
+    *,
+    stands_out: bool = False,
 ) -> _BandSamples:
     """Profiles across straight pieces with these ends (K, 2, 2) and expected widths there (K, 2); ``step`` 1 is the
-    full density.
+    full density. Bands lie above the surface, or above the ground right beside each of their places.
     """
     unit = picture.shape[1] / 1920.0
     first, span = ends[:, 0].T, (ends[:, 1] - ends[:, 0]).T
@@ -153,6 +212,10 @@ def _band_samples(
         stretch = np.maximum(1.0, (along[6] + share * along[7]) / (PLAIN_WIDTH_PX * unit))
         normals = normals * stretch
     profiles = smooth_along(sample_profiles(picture, base.T, normals.T, offsets), 1.0)
+    if stands_out:
+        nearest, farthest = BESIDE_PX
+        blurred = max(unit, LEAST_UNIT)
+        profiles = stand_out(profiles, offsets, (nearest * blurred, farthest * blurred))
     bands = measure_bands(profiles, offsets, reach_px)
     valid = np.flatnonzero(own & rise_above_noise(bands, noise) & (bands.width < 24 * max(unit, 0.5)))
     base, normals = base.take(valid, axis=1), normals.take(valid, axis=1)

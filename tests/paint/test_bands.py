@@ -17,6 +17,7 @@ from circlecal.paint.bands import (
     measure_bands,
     measure_curve,
     rise_above_noise,
+    stand_out,
 )
 from circlecal.paint.profiles import sample_profiles, to_gray
 
@@ -126,6 +127,19 @@ def test_a_search_narrower_than_the_samples_looks_at_the_nearest_one():
     offsets = np.arange(-13.7, 13.9, 1.0)
     bands = measure_bands(band(0.3, 3.0, 1.0, offsets=offsets)[None], offsets, 0.2)
     assert rise_above_noise(bands, 1.0).all() and bands.center[0] == pytest.approx(0.3, abs=0.1)
+
+
+def test_paint_stands_out_above_a_strip_of_light_ground():
+    """The strip's rim is lighter than one side only; the paint on it is lighter than both."""
+    offsets = np.arange(-12.0, 12.25, 0.5)
+    ground = np.where((offsets > -1.5) & (offsets < 7.0), 100.0, 70.0)
+    paint = 30.0 * np.exp(-0.5 * offsets**2)
+    standing = stand_out((ground + paint)[None].astype(np.float32), offsets, (3.0, 5.0))[0]
+    assert offsets[np.argmax(standing)] == pytest.approx(0.0, abs=0.5)
+    assert standing[np.abs(offsets) > 3.0].max() < 0.5 * standing.max()
+    gap = ground.copy()
+    gap[3] = np.nan
+    assert np.isnan(stand_out(gap[None].astype(np.float32), offsets, (3.0, 5.0))[0, 3])
 
 
 def test_dark_markings_are_light_ones_of_the_negative():

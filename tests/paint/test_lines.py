@@ -51,6 +51,19 @@ def test_markings_measured_together_are_those_measured_alone():
         np.testing.assert_allclose(line.line, alone.line, rtol=1e-6)
 
 
+def test_paint_at_the_rim_of_a_lighter_strip_is_measured_for_itself():
+    """Far touchlines run along mown strips: the middle of band and strip together is 0.9 to 1.8 px off."""
+    y, x = np.mgrid[:480, :800]
+    down = LINES[0] @ np.stack([x.ravel(), y.ravel(), np.ones(x.size)])
+    light = TURF + 22.0 * (np.abs(down + 2.6) < 3.5) + 18.0 * np.exp(-0.5 * (down / 0.9) ** 2)
+    light += np.random.default_rng(5).normal(0.0, NOISE, x.size)
+    picture = np.clip(np.rint(light), 0, 255).astype(np.uint8).reshape(x.shape)
+    (cue,) = measure_lines(picture, ROUGH[:1], NOISE, *SEARCHED)
+    off = cue.points_px @ LINES[0, :2] + LINES[0, 2]
+    assert abs(np.median(off)) < 0.35
+    assert cue.width_px < 4.0
+
+
 def test_nothing_to_measure():
     assert measure_lines(painted(), [], NOISE, *SEARCHED) == []
     point = Segment(np.array([50.0, 50.0]), np.array([53.0, 50.0]))
