@@ -1,6 +1,8 @@
-"""How wide the paint of a circle is in the picture, where a camera shows it."""
+"""How wide the paint of circles and lines is in the picture, where a camera shows it."""
 
 from __future__ import annotations
+
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -8,13 +10,15 @@ from circlecal.field import Circle, FieldTemplate
 from circlecal.field.view import FieldView
 from circlecal.geometry.projective import Array
 
-__all__ = ["WIDE_PX", "predict_paint_widths"]
+__all__ = ["WIDE_PX", "predict_line_widths", "predict_paint_widths"]
 
 WIDE_PX = 16.0
 """Paint of more than so many pixels at 1920 px width is wide. Rendered robots' fields have 33 to 80 px where they are
 nearest."""
 ROUND = 72
 """Places round a circle at which the width of its paint is predicted."""
+ALONG = 65
+"""Places along a line at which the width of its paint is predicted."""
 
 
 def predict_paint_widths(view: FieldView, circle: Circle, template: FieldTemplate) -> Array:
@@ -30,3 +34,33 @@ def predict_paint_widths(view: FieldView, circle: Circle, template: FieldTemplat
     )
     shown = view.shows(outer) & view.shows(inner)
     return np.asarray(np.linalg.norm(outer - inner, axis=1)[shown])
+
+
+def predict_line_widths(
+    project: Callable[[Array], Array], names: Sequence[str], seen_px: Array, template: FieldTemplate
+) -> Array:
+    """Width (K,) of the paint of straight markings in the picture, pixels; zero of those that it does not show.
+
+    Parameters
+    ----------
+    project : callable
+        Pixels (N, 2) of places (N, 2) on the field, nan where they are not in view.
+    names : sequence of str
+        The markings.
+    seen_px : (K, 2) array
+        Where each is seen: the width is that of its nearest place.
+    template : FieldTemplate
+        The field.
+    """
+    ends = np.array([(template.line_by_name[name].start, template.line_by_name[name].end) for name in names])
+    span = ends[:, 1] - ends[:, 0]
+    normal = np.stack([-span[:, 1], span[:, 0]], axis=-1) / np.linalg.norm(span, axis=-1, keepdims=True)
+    middle = ends[:, 0, None] + np.linspace(0.0, 1.0, ALONG)[:, None] * span[:, None]
+    half = 0.5 * template.marking_width_m * normal[:, None]
+    rims = np.stack([middle - half, middle + half])
+    pixels = project(rims.reshape(-1, 2)).reshape(rims.shape)
+    is_visible = np.asarray(np.isfinite(pixels).all(axis=(0, 3)), np.bool_)
+    away = np.where(is_visible, np.linalg.norm(pixels.mean(axis=0) - seen_px[:, None], axis=-1), np.inf)
+    nearest = np.arange(len(ends)), np.argmin(away, axis=1)
+    widths = np.linalg.norm(pixels[0] - pixels[1], axis=-1)[nearest]
+    return np.where(is_visible[nearest], widths, 0.0)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from circlecal.field import Circle
 from circlecal.observations import CirclePoints, LinePoints, Observations, join_observations
-from circlecal.paint.predicted_width import WIDE_PX, predict_paint_widths
+from circlecal.paint.predicted_width import WIDE_PX, predict_line_widths, predict_paint_widths
 from circlecal.pipeline.attempts import calibrate_extra, estimate, look_again, measure
 from circlecal.pipeline.setting import Scene, Setting, lighten_markings
 from circlecal.placement import mean_distance_px
@@ -34,6 +34,10 @@ LOST_WIDTHS = 0.12
 """Mean distance, picture widths, by which one round may move the markings for another one to follow: in 64 rendered
 frames of four profiles those of wide paint in calibrated frames moved them by 0.003 at most, of one refused frame by
 0.034; in a picture without a field, where rounds led nowhere, all that had a camera by 0.24 or more.
+"""
+BROADEST, GAUSSIAN_FWHM = 2.0, 2.355
+"""Times the width that the camera predicts for its paint, blurred as the picture is, from which on a line is no marking
+but a kerb or a part of a board; and the full width at half the peak of a Gaussian blur, in its standard deviations.
 """
 UNCERTAIN_PX = 12.0
 """Largest predicted error, pixels at 1920 px width, from which on fainter straight markings are looked for."""
@@ -133,6 +137,39 @@ def remeasure_along_camera(setting: Setting, scene: Scene, attempt: Attempt) -> 
     yield estimate(setting, replace(attempt, observations=again, verdict=None), start)
 
 
+def _find_broad_lines(setting: Setting, attempt: Attempt) -> frozenset[int]:
+    """Numbers among the further lines of those that are named, and far broader than the paint that they would be."""
+    if attempt.fitted is None:
+        return frozenset()
+    _, edges, cues, _, camera, _ = attempt.fitted
+    first = 0 if cues.halfway is None else 1
+    names = {k - first: name for k, name in camera.names_by_line.items() if 0 <= k - first < len(cues.lines)}
+    if not names:
+        return frozenset()
+    lines = [cues.lines[k] for k in names]
+    seen_px = np.array([0.5 * (line.segment.start + line.segment.end) for line in lines])
+    paint_px = predict_line_widths(camera.view.project, list(names.values()), seen_px, setting.template)
+    largest_px = BROADEST * np.hypot(paint_px, GAUSSIAN_FWHM * edges.blur_px)
+    is_broad = np.array([line.width_px for line in lines]) > largest_px
+    return frozenset(k for k, broad in zip(names, is_broad.tolist(), strict=True) if broad)
+
+
+def _names_broad_lines(setting: Setting, attempt: Attempt) -> bool:
+    return bool(_find_broad_lines(setting, attempt))
+
+
+def leave_out_broad_lines(setting: Setting, scene: Scene, attempt: Attempt) -> Iterator[Attempt]:
+    """The attempt without lines that were named and are far broader than the paint that they would be."""
+    broad = _find_broad_lines(setting, attempt)
+    if attempt.cues is None or attempt.observations is None or not broad:
+        return
+    first = 0 if attempt.cues.halfway is None else 1
+    lines = tuple(line for k, line in enumerate(attempt.cues.lines) if k not in broad)
+    kept = tuple(line for k, line in enumerate(attempt.observations.lines) if k - first not in broad)
+    cues, observations = replace(attempt.cues, lines=lines), replace(attempt.observations, lines=kept)
+    yield estimate(setting, replace(attempt, cues=cues, observations=observations, verdict=None))
+
+
 def _may_show_faint_lines(setting: Setting, attempt: Attempt) -> bool:
     if attempt.camera is None or attempt.cues is None or attempt.cues.halfway is None:
         return False
@@ -166,6 +203,7 @@ def is_less_uncertain(setting: Setting, attempt: Attempt, refined: Attempt) -> b
 
 REFINEMENTS = (
     Retry(_is_worth_remeasuring, remeasure_wide_paint, lambda setting, attempt, refined: True),
+    Retry(_names_broad_lines, leave_out_broad_lines, lambda setting, attempt, refined: True),
     Retry(_may_show_faint_lines, add_faint_lines, is_less_uncertain),
 )
 """What is measured again within one attempt, where its camera says what to look for; in this order."""

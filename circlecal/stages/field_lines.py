@@ -13,6 +13,7 @@ from circlecal.geometry.projective import Array, line_distance
 from circlecal.line_naming.two_directions import FieldHypothesis, propose_cameras
 from circlecal.observations import CirclePoints, LinePoints, Observations
 from circlecal.paint.lines import ONE_ROUND, measure_lines
+from circlecal.paint.predicted_width import predict_line_widths
 from circlecal.paint.profiles import GrayPicture
 from circlecal.results import CameraFit, LineCue, MarkingMask
 
@@ -40,8 +41,6 @@ WIDEST = 2.0
 line is no marking but a part of a board: right names of 6 real and rendered frames have at most 1.4, two pieces of
 advertising boards taken for the far touchline 3.8 and 4.3.
 """
-WIDTH_SAMPLES = 65
-"""Places along a marking at which the width of its paint is predicted."""
 
 
 def observe_field_lines(
@@ -146,20 +145,13 @@ def _predict_widths(
     naming: FieldHypothesis, lines: Sequence[LineCue], template: FieldTemplate, model: ProjectionModel
 ) -> Array:
     """Width (K,), pixels, of the paint of each named marking under the naming's camera, where its line is seen."""
-    ends = np.array([(template.line_by_name[n].start, template.line_by_name[n].end) for n in naming.names.values()])
     seen = np.array([0.5 * (lines[k].segment.start + lines[k].segment.end) for k in naming.names])
-    span = ends[:, 1] - ends[:, 0]
-    normal = np.stack([-span[:, 1], span[:, 0]], axis=-1) / np.linalg.norm(span, axis=-1, keepdims=True)
-    middle = ends[:, 0, None] + np.linspace(0.0, 1.0, WIDTH_SAMPLES)[:, None] * span[:, None]
-    half = 0.5 * template.marking_width_m * normal[:, None]
-    rims = np.stack([middle - half, middle + half])
-    projected = project(naming.theta[None], rims.reshape(1, -1, 2), model)
-    pixels = projected.pixels[0].reshape(rims.shape)
-    is_visible = projected.visible[0].reshape(rims.shape[:-1]).all(axis=0)
-    away = np.where(is_visible, np.linalg.norm(pixels.mean(axis=0) - seen[:, None], axis=-1), np.inf)
-    nearest = np.arange(len(ends)), np.argmin(away, axis=1)
-    widths = np.linalg.norm(pixels[0] - pixels[1], axis=-1)[nearest]
-    return np.where(is_visible[nearest], widths, 0.0)
+
+    def project_visible(places: Array) -> Array:
+        projected = project(naming.theta[None], places[None], model)
+        return np.where(projected.visible[0][:, None], projected.pixels[0], np.nan)
+
+    return predict_line_widths(project_visible, list(naming.names.values()), seen, template)
 
 
 def _lies_on(points: Array, arc: Arc, theta: Array, template: FieldTemplate, model: ProjectionModel) -> bool:

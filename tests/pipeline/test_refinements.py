@@ -2,10 +2,13 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
+from circlecal.observations import LinePoints, Observations
 from circlecal.pipeline import refinements
 from circlecal.pipeline.refinements import MOST_ROUNDS, remeasure_wide_paint
+from circlecal.results import Attempt, Cues, LineCue, Segment
 
 
 @pytest.mark.parametrize(("moved_px", "rounds"), [(100.0, MOST_ROUNDS), (0.1, 1), (900.0, 1)])
@@ -23,3 +26,28 @@ def test_wide_paint_is_measured_again_until_cameras_settle_or_leave_it(monkeypat
     last = list(remeasure_wide_paint(setting, None, SimpleNamespace(camera=SimpleNamespace(view=None))))
     assert len(made) == rounds
     assert last == made[-1:]
+
+
+def test_lines_far_broader_than_their_paint_are_left_out(monkeypatch):
+    """A kerb along the far touchline was named with it, 8 px wide where the paint would be one and the blur three."""
+    nowhere, sure = np.zeros((9, 2)), np.ones(9)
+    rows = [Segment(np.array([9.0, y]), np.array([99.0, y])) for y in (40.0, 60.0)]
+    broad, thin = (
+        LineCue(None, np.ones(3), nowhere, sure, row, 0.3, width_px=width)
+        for row, width in zip(rows, (8.0, 3.0), strict=True)
+    )
+    seen = [LinePoints(name, nowhere, sure) for name in ("halfway_line", None, None)]
+    attempt = Attempt(
+        cues=Cues(
+            LineCue("halfway_line", np.ones(3), np.zeros((9, 2)), np.ones(9), broad.segment, 0.1), None, (broad, thin)
+        ),
+        observations=Observations(1280, 720, (), tuple(seen)),
+    )
+    camera = SimpleNamespace(names_by_line={1: "side_line_top", 2: "side_line_top"}, view=SimpleNamespace(project=None))
+    fitted = (None, SimpleNamespace(blur_px=1.2), attempt.cues, attempt.observations, camera, None)
+    monkeypatch.setattr(Attempt, "fitted", property(lambda self: fitted))
+    monkeypatch.setattr(refinements, "predict_line_widths", lambda *_: np.array([1.0, 1.0]))
+    monkeypatch.setattr(refinements, "estimate", lambda setting, attempt: attempt)
+    (left,) = refinements.leave_out_broad_lines(SimpleNamespace(template=None), None, attempt)
+    assert left.cues.lines == (thin,)
+    assert left.observations.lines == (seen[0], seen[2])
