@@ -137,6 +137,13 @@ def test_a_lens_unlike_others_is_told_by_the_frame(kappa, sigma):
     assert fit.covariance[INDEX["kappa_1"], INDEX["kappa_1"]] < 0.015**2
 
 
+def test_a_lens_is_told_by_what_would_be_noise_without_it():
+    bent = replace(MAIN, kappa=np.array([-0.1, 0.0]))
+    fit = estimate_camera(seen(bent, edges=("center",), mark=True, sigma=0.1), SOCCER, CIRCLE, CameraConfig())
+    assert fit.camera.kappa[0] == pytest.approx(-0.1, abs=0.02)
+    assert fit.noise_scale < 2.0
+
+
 def test_no_lens_is_believed_that_bends_lines_more_than_a_fisheye(monkeypatch):
     """A circle that was not painted round looks like a lens; this one bends it far more than a lens so long can."""
     given = seen(replace(MAIN, kappa=np.array([-0.12, 0.0])), edges=("center",), mark=True, sigma=1.0)
