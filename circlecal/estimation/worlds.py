@@ -31,6 +31,7 @@ from circlecal.estimation.task import Fit, Task
 from circlecal.field import FieldTemplate
 from circlecal.geometry.camera_parameters import INDEX
 from circlecal.geometry.least_squares import StoppingRule
+from circlecal.geometry.projective import Array
 
 DOUBTED_SHARE = 0.1
 """Posterior probability of another size from which on the lines are named anew for such a field: below it the second
@@ -71,7 +72,9 @@ so narrow makes the last steps to the optimum many and short.
 """
 
 FEWEST_POINTS, NAMELESS_WIDTHS = 8, 0.2
-"""Points of a line that is worth a name, and length in picture widths of one that needs one."""
+"""Points of a line that is worth a name, and the length over which all those without one are seen, picture widths, from
+which on they ask for one: two lines of a penalty area of a field of another length are 0.25 to 0.4 long together.
+"""
 
 
 def choose_world(task: Task, stated: CurvePoints, first: Fit, usual: tuple[Task, Fit]) -> tuple[Task, Fit]:
@@ -226,11 +229,15 @@ def _may_be_of_any_size(task: Task, usual: tuple[Task, Fit], answers: list[Answe
         return True
     if len(set(named.names.values())) >= SEVERAL_LINES:
         return False
-    least = NAMELESS_WIDTHS * task.observations.width
-    return any(
-        line.line is None
-        and k not in named.names
-        and len(line.points_px) >= FEWEST_POINTS
-        and np.linalg.norm(np.ptp(line.points_px, axis=0)) > least
+    nameless = (
+        _length_of_view_px(line.points_px)
         for k, line in enumerate(task.observations.lines)
+        if line.line is None and k not in named.names and len(line.points_px) >= FEWEST_POINTS
     )
+    return sum(nameless) > NAMELESS_WIDTHS * task.observations.width
+
+
+def _length_of_view_px(points_px: Array) -> float:
+    """Length over which a line is seen, pixels, by its points (N, 2) in order: without its gaps."""
+    steps = np.linalg.norm(np.diff(points_px, axis=0), axis=1)
+    return float(np.median(steps)) * len(points_px)

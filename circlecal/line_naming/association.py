@@ -15,7 +15,7 @@ import numpy as np
 
 from circlecal.camera.residuals import CurvePoints, curve_residuals, ground_feet
 from circlecal.field import FieldTemplate
-from circlecal.geometry.camera_parameters import ProjectionModel
+from circlecal.geometry.camera_parameters import INDEX, ProjectionModel
 from circlecal.geometry.projective import Array, Indices, Mask
 from circlecal.observations import MarkingKey
 
@@ -36,10 +36,11 @@ FARTHEST_MATCH_SIGMAS, SAME_LINE_SIGMAS = 25.0, 4.0
 already, root mean square over both ends in standard deviations of a seen line: a piece of one line lies on it, whatever
 the camera.
 """
-EXTENT_SLACK_SHARE, EXTENT_SLACK_M = 0.15, 3.0
-"""How far a seen line may reach beyond its predicted marking, in lengths of the marking plus metres: an uncertain
-camera slides along a line, too.
+EXTENT_SLACK_SHARE, EXTENT_SLACK_M, EXTENT_SIGMAS = 0.15, 3.0, 2.0
+"""How far a seen line may reach beyond its predicted marking, in lengths of the marking plus metres plus standard
+deviations of the field's sizes: an uncertain camera slides along a line, too, and a penalty area along its own lines.
 """
+_SIZES = [INDEX[name] for name in ("width", "length", "breadth")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +119,8 @@ def associate_lines(
     if len(segments) == 0 or not lines:
         return []
     ends, shifts = (geometry[drawn] for geometry in template.drawn_lines)
-    pairs = _pairs(segments, ends, shifts, theta, model)
+    slide_m = EXTENT_SIGMAS * _slide_sd(ends, shifts, covariance)
+    pairs = _pairs(segments, ends, shifts, theta, model, slide_m)
     names = [line.name for line in lines]
     for s, name in elsewhere:
         if name in names:
@@ -140,7 +142,15 @@ def associate_lines(
     return sorted(different.values(), key=lambda a: a.score, reverse=True)[:count]
 
 
-def _pairs(segments: Array, ends: Array, shifts: Array, theta: Array, model: ProjectionModel) -> _Pairs:
+def _slide_sd(ends: Array, shifts: Array, covariance: Array) -> Array:
+    """Standard deviation (T,), metres, of how far the field's sizes slide each marking (T, 2, 2) along itself."""
+    span = ends[:, 1] - ends[:, 0]
+    along = np.einsum("tsx,tx->ts", shifts, span / np.linalg.norm(span, axis=-1, keepdims=True))
+    return np.asarray(np.sqrt(np.einsum("ts,su,tu->t", along, covariance[np.ix_(_SIZES, _SIZES)], along)))
+
+
+def _pairs(segments: Array, ends: Array, shifts: Array, theta: Array, model: ProjectionModel, slide_m: Array) -> _Pairs:
+    """All pairs; a line may reach beyond its marking by the usual slack and as far as that may slide (T,), metres."""
     S, T = len(segments), len(ends)
     span = ends[:, 1] - ends[:, 0]
     lengths = np.hypot(span[:, 0], span[:, 1])
@@ -153,7 +163,7 @@ def _pairs(segments: Array, ends: Array, shifts: Array, theta: Array, model: Pro
     start = ground_feet(curves, theta[None], model)
     seen = curve_residuals(curves, theta[None], start, model, updates=0)
     feet = seen.feet[0].reshape(T, S, 2)
-    slack = EXTENT_SLACK_SHARE * lengths[:, None, None] + EXTENT_SLACK_M
+    slack = EXTENT_SLACK_SHARE * lengths[:, None, None] + EXTENT_SLACK_M + slide_m[:, None, None]
     on_marking = ((feet > -slack) & (feet < lengths[:, None, None] + slack)).all(axis=-1)
     on_marking &= ~seen.behind[0].reshape(T, S, 2).any(axis=-1)
     return _Pairs(

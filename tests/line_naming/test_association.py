@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from circlecal.field import load_field
-from circlecal.geometry.camera_parameters import ProjectionModel, theta_of
+from circlecal.geometry.camera_parameters import INDEX, ProjectionModel, theta_of
 from circlecal.geometry.surface import Surface
 from circlecal.line_naming.association import Association, associate_lines
 from circlecal.synthetic.cameras import aim_camera
@@ -48,6 +48,19 @@ def test_best_hypothesis_names_every_line_of_a_broadcast_view():
     assert found[0].names == dict(enumerate(names))
     assert found[0].length_px == pytest.approx(np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1).sum())
     assert [a.score for a in found] == sorted((a.score for a in found), reverse=True)
+
+
+def test_a_penalty_area_may_lie_elsewhere_along_its_lines_where_the_length_is_unknown():
+    longer = load_field("soccer", {"length": 120.0})
+    ends = longer.line_ends(longer.line_by_name["big_rect_left_top"])
+    camera = aim_camera(np.array([-3.0, 62.0, -17.0]), np.array([-35.0, -15.0, 0.0]), 1500.0, 0.01, 1920, 1080)
+    theta = theta_of(camera, MODEL)
+    covariance = covariance_of(theta)
+    segment = camera.project(ends)[None]
+    assert associate_lines(segment, SOCCER, KNOWN, theta, covariance, MODEL, 1.5) == []
+    covariance[INDEX["length"], INDEX["length"]] = 8.0**2
+    (best, *_) = associate_lines(segment, SOCCER, KNOWN, theta, covariance, MODEL, 1.5)
+    assert best.names == {0: "big_rect_left_top"}
 
 
 def test_known_names_and_lines_elsewhere_are_not_given():

@@ -126,6 +126,19 @@ def test_a_principal_point_off_the_middle_is_no_other_field_and_no_other_place()
     assert abs(fit.field_size.width_m - 68.0) < 2.0 * fit.field_size.width_sd_m
 
 
+def test_short_lines_of_a_penalty_area_together_ask_for_another_size():
+    """A part of the circle, the far touchline and a corner of a penalty area 5 m nearer and 5 m further across."""
+    camera = aim_camera(np.array([-11.3, 72.0, -13.6]), np.array([-15.0, -12.0, 0.0]), 4194.0, 0.02, 1920, 1080)
+    painted = load_field("soccer", {"length": 96.0, "width": 78.0})
+    names = ("side_line_top", "big_rect_left_top", "big_rect_left_main")
+    given = seen(camera, edges=("center",), lines=names, template=painted, sigma=0.2, surface=FLAT)
+    lines = tuple(line if line.line == "halfway_line" else replace(line, line=None) for line in given.lines)
+    fit = estimate_camera(replace(given, lines=lines), SOCCER, CIRCLE, CENTRED)
+    assert "big_rect_left_top" in fit.named_lines
+    assert abs(fit.field_size.width_m - 78.0) < 3.0 * fit.field_size.width_sd_m
+    assert fit.field_size.width_sd_m < 0.5
+
+
 def test_circle_alone_needs_no_choice_of_size():
     fit = estimate_camera(seen(MAIN, sigma=0.3), SOCCER, CIRCLE, DEFAULT)
     assert fit.field_size.is_usual
