@@ -15,6 +15,7 @@ from circlecal.detection.circle import (
     check_circle,
     describe_circle,
     find_refusal,
+    hide_samples,
     is_drawn_on_both_sides,
     is_tentative,
     measure_circle,
@@ -204,6 +205,7 @@ class Candidates:
         circle = measure_circle(gray, start, self._sign, config.refinement)
         if circle.seen_share >= LEAST_FIRST_SHARE:
             circle = move_onto_straight_arcs(gray, circle, self._segments, config.refinement)
+        circle = hide_samples(circle, self._picture.covered)
         inside = measure_support(self._scaling.detection_ellipses(circle.ellipse), self._raster).field[0]
         hypothesis = describe_circle(circle, float(inside), width)
         hypothesis = replace(hypothesis, checks=check_circle(hypothesis, True, width, config.acceptance))

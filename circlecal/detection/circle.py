@@ -8,7 +8,7 @@ penalty arc is 0.28 to 0.35 of the whole ellipse.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from circlecal.detection.ellipse_batch import EllipseBatch, adjust_ellipses, ellipse_conic, unit_frame
 from circlecal.detection.options import AcceptanceConfig, ProfilesConfig
 from circlecal.geometry.ellipses import ellipse_from_conic
-from circlecal.geometry.projective import Array, lift, normalise_line, transform_lines
+from circlecal.geometry.projective import Array, Mask, lift, normalise_line, transform_lines
 from circlecal.paint.bands import MeasuredCurve, measure_curve
 from circlecal.refusals import CHECKS
 from circlecal.results import Check
@@ -28,6 +28,7 @@ __all__ = [
     "check_circle",
     "describe_circle",
     "find_refusal",
+    "hide_samples",
     "is_drawn_on_both_sides",
     "is_tentative",
     "measure_circle",
@@ -200,6 +201,17 @@ def measure_circle(
         if turn + 1 < ROUNDS and len(marking) >= FEWEST_TO_FIT:
             ellipse = adjust_ellipses(ellipse, marking[None], np.ones((1, len(marking))))
     return circle
+
+
+def hide_samples(circle: MeasuredCircle, covered: Mask | None) -> MeasuredCircle:
+    """The circle without the samples that graphics cover (H, W): they are as good as outside the picture."""
+    if covered is None:
+        return circle
+    height, width = covered.shape
+    x, y = np.rint(circle.curve.points).astype(np.int64).T
+    seen = ~covered[np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)]
+    curve = replace(circle.curve, inside=circle.curve.inside & seen, supported=circle.curve.supported & seen)
+    return replace(circle, curve=curve)
 
 
 def _space_evenly(ellipse: EllipseBatch, spacing_px: float, most: int) -> tuple[Array, Array, Array]:

@@ -16,7 +16,7 @@ from circlecal.detection.one_pass import NO_FIELD, Pass, PassResult, PictureSear
 from circlecal.detection.options import DetectorConfig
 from circlecal.detection.picture import Picture
 from circlecal.geometry.conics import sampson_distance
-from circlecal.geometry.projective import Array
+from circlecal.geometry.projective import Array, Mask
 from circlecal.paint.colour import lie_on_one_surface, measure_paint_colour, segments_match_paint
 from circlecal.paint.profiles import to_gray
 from circlecal.refusals import Confidence
@@ -125,6 +125,7 @@ def detect(
     gray: NDArray[np.uint8] | None = None,
     ruled_out: tuple[Interpretation, ...] = (),
     earlier: Detection | None = None,
+    covered: Mask | None = None,
 ) -> Detection:
     """Find the field, its straight markings, the centre circle and the halfway line in one picture.
 
@@ -142,6 +143,8 @@ def detect(
     earlier : Detection, optional
         A quicker search of the picture with the same options, and nothing ruled out: what it found is not looked for
         again.
+    covered : (H, W) bool, optional
+        What graphics cover: no share of a circle is missed there.
 
     Returns
     -------
@@ -160,7 +163,7 @@ def detect(
     if earlier is not None:
         search = earlier.search
     else:
-        search = PictureSearch(Picture(image_bgr, to_gray(image_bgr) if gray is None else gray))
+        search = PictureSearch(Picture(image_bgr, to_gray(image_bgr) if gray is None else gray, covered))
     picture = search.picture
     best, passes = _run_passes(search, config, rng, ruled_out)
     segments, choice = best.segments, best.choice

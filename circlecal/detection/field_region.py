@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.detection.options import FieldRegionConfig
+from circlecal.geometry.projective import Mask
 
-__all__ = ["FieldRegion", "find_field_region"]
+__all__ = ["FieldRegion", "find_field_region", "uncover"]
 
 WIDTH_PX = 240
 """Width of the reduced picture in which the colours are counted (does not scale); a study of 42 broadcast
@@ -60,6 +61,16 @@ class FieldRegion:
     def hull_at(self, width: int, height: int) -> NDArray[np.uint8]:
         """Hull at another picture size: (height, width) uint8, 0 or 255."""
         return np.asarray(cv2.resize(self.hull, (width, height), interpolation=cv2.INTER_NEAREST), np.uint8)
+
+
+def uncover(region: FieldRegion, covered: Mask | None) -> FieldRegion:
+    """The field without what graphics cover (H, W) of the picture."""
+    if covered is None:
+        return region
+    height, width = region.hull.shape
+    hidden = cv2.resize(covered.astype(np.uint8), (width, height), interpolation=cv2.INTER_AREA)
+    hull = np.where(hidden > 0, 0, region.hull).astype(np.uint8)
+    return FieldRegion(hull=hull, area_share=region.area_share)
 
 
 def find_field_region(

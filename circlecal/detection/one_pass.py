@@ -11,7 +11,7 @@ from circlecal.detection.arcs import SAME_ARC, lie_near_conics
 from circlecal.detection.candidates import Candidates, Choice
 from circlecal.detection.ellipse_batch import EllipseBatch
 from circlecal.detection.ellipse_search import EllipseSearch, search_ellipses
-from circlecal.detection.field_region import FieldRegion, find_field_region
+from circlecal.detection.field_region import FieldRegion, find_field_region, uncover
 from circlecal.detection.lines import StraightRun, find_straight_runs
 from circlecal.detection.options import DetectorConfig, RidgeConfig
 from circlecal.detection.picture import Picture, Scaling, reduce_picture
@@ -207,7 +207,8 @@ class PictureSearch:
     def find_region(self, number: int, config: DetectorConfig) -> FieldRegion:
         """The largest surface (0), or the largest beside it (1)."""
         while len(self.regions) <= number:
-            self.regions.append(find_field_region(self.picture.image_bgr, config.field_region, *self.regions[:1]))
+            found = find_field_region(self.picture.image_bgr, config.field_region, *self.regions[:1])
+            self.regions.append(uncover(found, self.picture.covered))
         return self.regions[number]
 
     def run_pass(

@@ -10,17 +10,20 @@ from numpy.typing import NDArray
 
 from circlecal.detection.ellipse_batch import EllipseBatch
 from circlecal.detection.lines import StraightRun
-from circlecal.geometry.projective import Array
+from circlecal.geometry.projective import Array, Mask
 
 __all__ = ["Picture", "Scaling", "reduce_picture"]
 
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """The full picture: its colours (H, W, 3) in the order blue, green, red, and its gray levels (H, W)."""
+    """The full picture: its colours (H, W, 3) in the order blue, green, red, its gray levels (H, W), and where graphics
+    cover it (H, W), if they do anywhere.
+    """
 
     image_bgr: NDArray[np.uint8]
     gray: NDArray[np.uint8]
+    covered: Mask | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,6 +16,7 @@ from circlecal.detection import Detection
 from circlecal.field import Circle, FieldTemplate
 from circlecal.observations import Observations
 from circlecal.paint.brightness import brightness_of_paint
+from circlecal.pictures.graphics import cover_bands, fill_bands, find_bands
 from circlecal.pictures.interlacing import measure_row_motion, remove_combs
 from circlecal.results import Attempt, FrameCalibration, MarkingMask
 from circlecal.stages.mask import look_quickly, suit_field
@@ -156,10 +157,14 @@ def prepare_scene(
         motion = measure_row_motion(gray) if setting.config.mask.deinterlace else None
         if motion is not None:
             image = remove_combs(image, motion)
+        bands = find_bands(image) if told.leave_out_graphics else ()
+        covered = cover_bands(image.shape, bands) if bands else None
+        if motion is not None or bands:
+            image = fill_bands(image, bands)
             gray = brightness_of_paint(image, told.paint_bgr, told.other_paint_bgr)
         options = suit_field(setting.config.mask, setting.template)
         key = ("first look", options.model_dump_json())
-        first_look = looks.once(key, lambda: look_quickly(image, given, options, setting.rng, gray))
+        first_look = looks.once(key, lambda: look_quickly(image, given, options, setting.rng, gray, covered))
     return Scene(image, gray, given, extra, first_look, looks)
 
 

@@ -22,7 +22,7 @@ from circlecal.detection.paints import find_paints
 from circlecal.errors import EstimationError
 from circlecal.field import FieldTemplate, Ground
 from circlecal.geometry.ellipses import ellipse_from_conic
-from circlecal.geometry.projective import Array, fit_line, line_distance
+from circlecal.geometry.projective import Array, Mask, fit_line, line_distance
 from circlecal.geometry.ransac import ransac_conic
 from circlecal.refusals import Confidence, refuse
 from circlecal.results import CIRCLE_ID, HALFWAY_ID, CircleCandidate, Interpretation, MarkingMask, SeenArc, Segment
@@ -80,6 +80,9 @@ class MaskConfig(BaseModel):
     )
     deinterlace: bool = Field(
         True, description="Join the two halves of an interlaced frame's rows where they show different moments."
+    )
+    leave_out_graphics: bool = Field(
+        True, description="Leave out level boxes of graphics: their edges are no markings, and hide some."
     )
     paint_bgr: tuple[float, float, float] | None = Field(
         None,
@@ -152,6 +155,7 @@ def look_quickly(
     config: MaskConfig,
     rng: np.random.Generator,
     gray: NDArray[np.uint8],
+    covered: Mask | None = None,
 ) -> Detection | None:
     """The quick passes of the built-in detector over a frame; None where its marking comes from elsewhere.
 
@@ -159,10 +163,12 @@ def look_quickly(
     ----------
     image, given, config, rng, gray
         As for :func:`find_marking`.
+    covered : (H, W) bool, optional
+        What graphics cover.
     """
     if config.source == "detector" or (config.source == "auto" and given is None):
         quick = config.detector.model_copy(update={"thorough": False})
-        return detect(image, quick, rng, gray)
+        return detect(image, quick, rng, gray, covered=covered)
     return None
 
 

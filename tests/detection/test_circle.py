@@ -11,6 +11,7 @@ from circlecal.detection.circle import (
     check_circle,
     describe_circle,
     find_refusal,
+    hide_samples,
     measure_band_width,
     measure_circle,
 )
@@ -151,3 +152,18 @@ def test_only_an_ellipse_along_which_something_is_painted_gets_a_second_round(is
     found = measure_circle(picture.clip(0, 255).astype(np.uint8), ellipse, 1.0, ProfilesConfig())
     assert len(measured) == rounds
     assert (found.seen_share > 0.9) is is_painted
+
+
+def test_what_graphics_cover_is_not_missed(scene: Scene) -> None:
+    """Half of the circle lies under a band of graphics; of what is left all is painted."""
+    gray = scene.image[:, :, 1].copy()
+    circle = measure_circle(gray, start(scene, 0.0), 1.0, ProfilesConfig())
+    covered = np.zeros(gray.shape, dtype=np.bool_)
+    covered[: int(circle.ellipse.centers[0, 1])] = True
+    half = hide_samples(circle, covered)
+    assert hide_samples(circle, None) is circle
+    assert np.count_nonzero(half.curve.inside) == pytest.approx(0.5 * np.count_nonzero(circle.curve.inside), rel=0.1)
+    described = describe_circle(half, 1.0, gray.shape[1])
+    assert described.picture_share > 0.9
+    assert described.sector_share > 0.9
+    assert described.whole_share == pytest.approx(0.5, abs=0.1)

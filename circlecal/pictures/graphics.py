@@ -1,0 +1,164 @@
+"""Bands of graphics that a broadcaster lays over the picture: level boxes whose edges run along one row of pixels.
+
+Their edges are the straightest and strongest lines of the picture, and cross the field where nothing is painted. What
+is seen of the field ends at them as it does at the picture's border.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.geometry.projective import Mask
+
+__all__ = ["Band", "cover_bands", "fill_bands", "find_bands"]
+
+LEAST_STEP = 16
+"""Gray levels by which an edge steps from one row to the next but one."""
+EVERY, JOINED, JOINED_SHARE = 4, 12, 0.9
+"""Each so many-th column is looked at, so many of them together, and the share of these that must step alike."""
+LEAST_LENGTH = 0.35
+"""Picture widths over which an edge runs along one row: a line on the field that is so level is bent by the lens."""
+HEIGHTS = (0.025, 0.3)
+"""Least and largest height of a band, picture heights."""
+TRIM = 0.02
+"""Largest height of a stripe along the upper edge, picture heights."""
+OVERLAP = 0.8
+"""Share of the shorter edge's columns that lie below or above the other edge."""
+PLAIN_LEVELS, PLAIN_SHARE = 14.0, 0.5
+"""Share of a band's places within so many gray levels of its median, in each colour: the ground of a box is plain, that
+of the field between two level lines is as well, but has the colour of the field outside.
+"""
+UNLIKE_LEVELS = 24.0
+"""Gray levels by which the box must differ from what lies above and below it, in the most different colour."""
+SMOOTHED_PX = 121
+"""Columns over which the colours are averaged that fill a band's place."""
+RIM_PX, OUTSIDE_PX = 3, 3
+"""Rows of a band's rim that compression smears, and rows outside from which its place is filled."""
+
+
+@dataclass(frozen=True, slots=True)
+class Band:
+    """A level box over the picture: first and last rows and columns, all within it."""
+
+    top: int
+    bottom: int
+    left: int
+    right: int
+
+
+def find_bands(image: NDArray[np.uint8]) -> tuple[Band, ...]:
+    """Level boxes over a picture (H, W, 3), from top to bottom."""
+    gray = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    height, width = gray.shape
+    if height < 64 or width < 4 * EVERY * JOINED:
+        return ()
+    edges = _find_level_edges(np.asarray(gray, np.uint8))
+    found: list[Band] = []
+    for k, (top, left, right) in enumerate(edges):
+        if found and top <= found[-1].bottom:
+            continue
+        for bottom, other_left, other_right in reversed(edges[k + 1 :]):
+            if not HEIGHTS[0] * height <= bottom - top <= HEIGHTS[1] * height:
+                continue
+            overlap = min(right, other_right) - max(left, other_left)
+            if overlap < OVERLAP * min(right - left, other_right - other_left):
+                continue
+            band = Band(_uppermost(edges[:k], top, height), bottom, min(left, other_left), max(right, other_right))
+            if _is_box(image, band):
+                found.append(band)
+                break
+    return tuple(found)
+
+
+def fill_bands(image: NDArray[np.uint8], bands: tuple[Band, ...]) -> NDArray[np.uint8]:
+    """A copy of the picture in which each band's columns go evenly from what is above it to what is below it."""
+    if not bands:
+        return image
+    filled = image.copy()
+    for band in bands:
+        first, last = band.top - RIM_PX, band.bottom + RIM_PX
+        columns = slice(max(band.left - RIM_PX, 0), band.right + RIM_PX + 1)
+        above = _rows_outside(image, first - OUTSIDE_PX, columns)
+        below = _rows_outside(image, last + 1, columns)
+        # paint beside the band would leave streaks in its place
+        above, below = (None if rows is None else _smooth(rows) for rows in (above, below))
+        above = below if above is None else above
+        below = above if below is None else below
+        if above is None or below is None:
+            continue
+        rows = np.arange(max(first, 0), min(last + 1, len(image)))
+        share = ((rows - first) / max(last - first, 1))[:, None, None]
+        filled[rows, columns] = np.rint((1.0 - share) * above + share * below).astype(np.uint8)
+    return filled
+
+
+def cover_bands(shape: tuple[int, ...], bands: tuple[Band, ...]) -> Mask:
+    """Which places (H, W) of a picture the bands cover, with their rims."""
+    covered = np.zeros(shape[:2], dtype=np.bool_)
+    for band in bands:
+        rows = slice(max(band.top - RIM_PX, 0), band.bottom + RIM_PX + 1)
+        covered[rows, max(band.left - RIM_PX, 0) : band.right + RIM_PX + 1] = True
+    return covered
+
+
+def _find_level_edges(gray: NDArray[np.uint8]) -> list[tuple[int, int, int]]:
+    """Rows along which the picture steps, with the first and last column where it does, from top to bottom."""
+    width = gray.shape[1]
+    values = np.ascontiguousarray(gray[:, ::EVERY]).astype(np.int16)
+    step = values[2:] - values[:-2]
+    columns = np.zeros(step.shape, dtype=np.bool_)
+    for sign in (1, -1):
+        alike = (sign * step > LEAST_STEP).astype(np.float32)
+        columns |= np.asarray(cv2.boxFilter(alike, cv2.CV_32F, (JOINED, 1)) > JOINED_SHARE, np.bool_)
+    rows = np.flatnonzero(EVERY * np.count_nonzero(columns, axis=1) >= LEAST_LENGTH * width)
+    reach = EVERY * JOINED // 2
+    ends = [EVERY * np.flatnonzero(columns[row])[[0, -1]] for row in rows]
+    return [
+        (int(row) + 1, max(int(first) - reach, 0), min(int(last) + reach, width - 1))
+        for row, (first, last) in zip(rows, ends, strict=True)
+    ]
+
+
+def _uppermost(edges: list[tuple[int, int, int]], top: int, height: int) -> int:
+    """The first row of a box whose upper edge is trimmed by narrow stripes."""
+    for row, _, _ in reversed(edges):
+        if top - row > TRIM * height:
+            break
+        top = row
+    return top
+
+
+def _is_box(image: NDArray[np.uint8], band: Band) -> bool:
+    """Whether the inside of a band is plain, and unlike what lies outside."""
+    columns = slice(band.left, band.right + 1, 4)
+    inside = image[band.top + RIM_PX : band.bottom - RIM_PX : 2, columns].reshape(-1, 3).astype(np.float64)
+    if len(inside) == 0:
+        return False
+    usual = np.median(inside, axis=0)
+    plain = (np.abs(inside - usual) < PLAIN_LEVELS).all(axis=1)
+    outside = [
+        rows
+        for rows in (
+            _rows_outside(image, band.top - RIM_PX - OUTSIDE_PX, columns),
+            _rows_outside(image, band.bottom + RIM_PX + 1, columns),
+        )
+        if rows is not None
+    ]
+    unlike = all(np.abs(np.median(rows, axis=0) - usual).max() > UNLIKE_LEVELS for rows in outside)
+    return bool(plain.mean() >= PLAIN_SHARE and unlike and outside)
+
+
+def _smooth(row: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A row of colours (C, 3) without what is narrower than :data:`SMOOTHED_PX` columns."""
+    return np.asarray(cv2.blur(row[None], (SMOOTHED_PX, 1))[0], np.float64)
+
+
+def _rows_outside(image: NDArray[np.uint8], first: int, columns: slice) -> NDArray[np.float64] | None:
+    """Mean (C, 3) of some rows; None where they lie outside the picture."""
+    if first < 0 or first + OUTSIDE_PX > len(image):
+        return None
+    return np.asarray(image[first : first + OUTSIDE_PX, columns].mean(axis=0), np.float64)

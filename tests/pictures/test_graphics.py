@@ -1,0 +1,66 @@
+"""Level boxes of graphics over the picture, and the field that goes on behind them."""
+
+import numpy as np
+import pytest
+
+from circlecal.pictures.graphics import Band, cover_bands, fill_bands, find_bands
+
+TURF, BOX = (60, 130, 70), (120, 40, 30)
+
+
+def field(tilt=0.0, seed=3):
+    """Picture (360, 640) of turf with a stripe of paint, 6 px wide, that falls by ``tilt`` rows per column."""
+    y, x = np.mgrid[:360, :640]
+    image = np.array(TURF, np.float64) + np.random.default_rng(seed).normal(0.0, 2.0, (360, 640, 1))
+    image[np.abs(y - 90 - tilt * x) < 3.0] = 215.0
+    return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+
+
+def with_box(image, top=200, bottom=240, left=0, right=639):
+    """The picture under a box with a light upper edge and some letters."""
+    image = image.copy()
+    image[top : bottom + 1, left : right + 1] = BOX
+    image[top : top + 3, left : right + 1] = 245
+    image[top + 15 : top + 28, left + 30 : left + 120 : 3] = 245
+    return image
+
+
+@pytest.mark.parametrize(("left", "right"), [(0, 639), (150, 520)])
+def test_a_box_is_found_where_it_is(left, right):
+    (band,) = find_bands(with_box(field(0.05), left=left, right=right))
+    assert abs(band.top - 200) <= 3
+    assert abs(band.bottom - 240) <= 3
+    assert max(abs(band.left - left), abs(band.right - right)) <= 24
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.002, 0.05])
+def test_paint_on_the_field_is_no_box(tilt):
+    assert find_bands(field(tilt)) == ()
+
+
+def test_a_level_strip_of_the_field_between_two_lines_is_no_box():
+    image = field()
+    image[150:156] = 215
+    assert find_bands(image) == ()
+
+
+def test_small_pictures_have_none():
+    assert find_bands(np.zeros((20, 30, 3), np.uint8)) == ()
+
+
+def test_the_place_of_a_box_is_filled_from_above_and_below():
+    plain, boxed = field(0.05), with_box(field(0.05))
+    bands = find_bands(boxed)
+    filled = fill_bands(boxed, bands)
+    covered = cover_bands(boxed.shape, bands)
+    assert covered[200:241].all()
+    assert not covered[:190].any()
+    assert np.array_equal(filled[~covered], plain[~covered])
+    assert np.abs(filled[covered].astype(int) - np.array(TURF)).max() < 12
+    assert fill_bands(boxed, ()) is boxed
+
+
+def test_a_box_at_the_border_takes_its_colour_from_the_other_side():
+    boxed = with_box(field(0.05), top=320, bottom=359)
+    filled = fill_bands(boxed, (Band(320, 359, 0, 639),))
+    assert np.abs(filled[320:].astype(int) - np.array(TURF)).max() < 12
