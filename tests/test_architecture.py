@@ -404,7 +404,7 @@ ONE_DEFINITION = {
             "tracking/search.py",
             "placement/camera_batch.py",
         },
-        re.compile(r"\brotation_matrix\(|\brotations\(|\.R @|@ (\w+\.)+(R|rotation)\b"),
+        re.compile(r"\brotation_matrix\(|\brotations_by\(|\brotations\(|\.R @|@ (\w+\.)+(R|rotation)\b"),
     ),
 }
 """Where a formula is written down, and what gives it away elsewhere.

@@ -129,22 +129,21 @@ class Problem:
         if priors.is_camera_free:
             viewing, by_viewing = to_viewing_with_jacobian(theta, priors.center_of(theta))
             usable = np.isfinite(viewing.sum(axis=1) + by_viewing.sum(axis=(1, 2)))
-            by_straight = np.repeat(_IDENTITY[None], len(theta), axis=0)
+            by_straight = np.empty(normal.shape)
+            by_straight[:] = _IDENTITY
             by_straight[:, :VIEWING, :VIEWING] = by_viewing
             by_straight[:, _PLACE, _GROWTH] = priors.center_by_growth
             if not usable.all():
                 by_straight[~usable] = _IDENTITY
             # by the chain rule the gradient becomes T^T g and the matrix T^T N T
-            turned = np.swapaxes(by_straight, 1, 2)
+            turned = by_straight.swapaxes(1, 2)
             gradient, normal = turned @ gradient, turned @ normal @ by_straight
         block, slope = normal[:, active[:, None], active], gradient[:, active, 0]
-        count, both = len(damping), np.append(damping, np.full(len(damping), LEAST_DAMPING))
-        changes = -solve_damped(np.concatenate([block, block]), np.concatenate([slope, slope]), both)
-        change, undamped = changes[:count], changes[count:]
-        full = np.zeros_like(theta)
+        change, undamped = _solve_both(block, slope, damping)
+        full = np.zeros(theta.shape)
         full[:, active] = change
         size = np.abs(full[:, :VIEWING])
-        largest = np.where(usable[:, None], size * _CAUTIOUS[0], size * _CAUTIOUS[1]).max(axis=1)
+        largest = (size * _CAUTIOUS[np.where(usable, 0, 1)]).max(axis=1)
         shortening = np.maximum(largest / LARGEST_STEP, 1.0)[:, None]
         change, full = change / shortening, full / shortening
         there = theta + full
@@ -181,6 +180,18 @@ class Problem:
         return apply_loss(self, step.parameters, state.feet, values, state.jacobian, prior_values, state.prior_jacobian)
 
 
+def _solve_both(block: Array, slope: Array, damping: Array) -> tuple[Array, Array]:
+    """Changes (B, Q) by steps of some damping (B,), and by those as good as undamped."""
+    count = len(damping)
+    if (damping == LEAST_DAMPING).all():
+        change = -solve_damped(block, slope, damping)
+        return change, change
+    both = np.full(2 * count, LEAST_DAMPING)
+    both[:count] = damping
+    changes = -solve_damped(np.concatenate([block, block]), np.concatenate([slope, slope]), both)
+    return changes[:count], changes[count:]
+
+
 def evaluate(problem: Problem, theta: Array, feet: Array, updates: int = 0) -> State:
     """Cost, gradient and Gauss-Newton matrix of each start (B, P), the feet (B, N) moved ``updates`` times before."""
     seen = curve_residuals(problem.curves, theta, feet, problem.model, updates, problem.points)
@@ -203,9 +214,9 @@ def apply_loss(
     the weight ``w = 1 / (1 + r^2 / s^2)^2`` that the Gauss-Newton matrix has too. Priors are not robust.
     """
     squared = values * values
-    share = problem.share_of_loss(values)
+    share = 1.0 / (1.0 + squared / problem.loss_scale**2)
     weight = share * share
-    rows, prior_rows = np.swapaxes(jacobian, 1, 2), np.swapaxes(prior_jacobian, 1, 2)
+    rows, prior_rows = jacobian.swapaxes(1, 2), prior_jacobian.swapaxes(1, 2)
     gradient = rows @ (weight * values)[..., None] + prior_rows @ prior_values[..., None]
     normal = (rows * weight[:, None]) @ jacobian + prior_rows @ prior_jacobian
     cost = (squared * share).sum(axis=1) + (prior_values * prior_values).sum(axis=1)
@@ -224,8 +235,11 @@ def reweight(problem: Problem, state: State, sigma_px: Array) -> tuple[Problem, 
 
 
 def with_loss(problem: Problem, state: State, loss_scale: float) -> tuple[Problem, State]:
-    """The problem under a loss of another scale, and the state in it."""
-    return reweight(replace(problem, loss_scale=loss_scale), state, problem.curves.sigma_px)
+    """The problem under a loss of another scale, and the state in it: nothing that was seen is evaluated again."""
+    changed = replace(problem, loss_scale=loss_scale)
+    return changed, apply_loss(
+        changed, state.theta, state.feet, state.values, state.jacobian, state.prior_values, state.prior_jacobian
+    )
 
 
 def with_priors(problem: Problem, state: State, priors: Priors) -> tuple[Problem, State]:

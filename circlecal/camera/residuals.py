@@ -70,6 +70,16 @@ class CurvePoints:
         return np.where(self.straight, 1.0, np.maximum(self.radius, 1e-9))
 
     @cached_property
+    def has_lines(self) -> bool:
+        """Whether any of the points is on a line."""
+        return bool(self.straight.any())
+
+    @cached_property
+    def largest_move(self) -> Array:
+        """Of the feet (N,) in one Newton step."""
+        return np.where(self.straight, *LARGEST_MOVE)
+
+    @cached_property
     def rows(self) -> tuple[Array, Array, Array]:
         """Origin and direction (..., 2, N) and shift (..., 3, 2, N), each coordinate in one piece."""
         origin, direction = (np.swapaxes(v, -1, -2).copy() for v in (self.origin, self.direction))
@@ -221,13 +231,14 @@ def _points_on_markings(
     outward = np.empty((B, 2, N))
     np.cos(feet, out=outward[:, 0])
     np.sin(feet, out=outward[:, 1])
-    lines = bool(curves.straight.any())
+    lines = curves.has_lines
     if lines:
         outward *= ~curves.straight
     places, tangents = np.zeros((2, B, 2, N + 2 * len(points.sigma_px)))
-    places[..., N:] = points.twice[0]
-    on_curves = places[..., :N]
-    radius = curves.radius + curves.radius_by_width * theta[:, SIZES[:1]]
+    on_curves, at_points = places[..., :N], places[..., N:]
+    if at_points.size:
+        at_points[:] = points.twice[0]
+    radius = curves.radius + curves.radius_by_width * theta[:, INDEX["width"], None]
     np.multiply(radius[:, None], outward, out=on_curves)
     on_curves += origin
     if lines:
@@ -314,15 +325,18 @@ def curve_residuals(
         M points that are seen in the same view, each along x and along y.
     """
     count = feet.shape[1]
-    observed = np.concatenate([curves.points_px.T, points.twice[1]], axis=1)
-    limit = np.where(curves.straight, *LARGEST_MOVE)
+    observed = curves.points_px.T
+    if len(points.sigma_px):
+        observed = np.concatenate([observed, points.twice[1]], axis=1)
+    limit = curves.largest_move
     for step in range(updates + 2):
         places, tangents, outward = _points_on_markings(curves, feet, theta, points)
         seen = project(theta, np.swapaxes(places, 1, 2), model)
         along = seen.along(tangents[:, 0], tangents[:, 1])[..., :count]
+        along_x, along_y = along[:, 0], along[:, 1]
         difference = observed - seen.xy
-        length2 = np.maximum((along * along).sum(axis=1), 1e-18)
-        beside = (difference[..., :count] * along).sum(axis=1)
+        length2 = np.maximum(along_x * along_x + along_y * along_y, 1e-18)
+        beside = difference[:, 0, :count] * along_x + difference[:, 1, :count] * along_y
         feet = feet + np.minimum(np.maximum(beside / (length2 * curves.scale), -limit), limit)
         length = np.sqrt(length2)
         if step >= updates and (np.abs(beside) < NEAR_PX * length).all():
@@ -330,16 +344,18 @@ def curve_residuals(
     sigma = curves.sigma_px
     # the normal's positive side is the outside of a circle
     unit = np.where(curves.straight | seen.upward[:, :count], 1.0, -1.0) / (length * sigma)
-    normal = np.empty_like(difference)
-    np.multiply(along[:, 1], unit, out=normal[:, 0, :count])
-    np.multiply(along[:, 0], -unit, out=normal[:, 1, :count])
-    normal[:, :, count:] = points.across
+    inward = np.empty_like(difference)
+    np.multiply(along_y, -unit, out=inward[:, 0, :count])
+    np.multiply(along_x, unit, out=inward[:, 1, :count])
+    inward[:, :, count:] = -points.across
     bloom = curves.bloom_sign / sigma
-    values = (normal * difference).sum(axis=1)
+    values = -(inward[:, 0] * difference[:, 0] + inward[:, 1] * difference[:, 1])
     values[:, :count] -= bloom * theta[:, INDEX["bloom"], None]
-    rows, field = seen.gradient(-normal)
-    on_curves = field[..., :count]
-    rows[:, SIZES, :count] = (on_curves[:, None] * curves.rows[2]).sum(axis=2)
-    rows[:, SIZES[0], :count] += curves.radius_by_width * (on_curves * outward).sum(axis=1)
+    rows, field = seen.gradient(inward)
+    field_x, field_y, shift = field[:, :1, :count], field[:, 1:, :count], curves.rows[2]
+    if curves.has_lines:
+        rows[:, SIZES, :count] = field_x * shift[..., 0, :] + field_y * shift[..., 1, :]
+    outside = field_x[:, 0] * outward[:, 0] + field_y[:, 0] * outward[:, 1]
+    rows[:, SIZES[0], :count] += curves.radius_by_width * outside
     rows[:, INDEX["bloom"], :count] = -bloom
     return Residuals(values, np.swapaxes(rows, 1, 2), feet, seen.depth[:, :count] < NEAREST_M, field)

@@ -15,6 +15,7 @@ from circlecal.geometry.projective import Array
 
 VIEWING = 7
 """The first seven parameters are replaced: log focal length, u, v, roll, log distance, azimuth, elevation."""
+_FOCAL_AND_ROLL = slice(0, 4, 3)
 
 
 def to_viewing(theta: Array, center_m: Array) -> Array:
@@ -40,20 +41,30 @@ def _toward(theta: Array, center_m: Array) -> tuple[Array, Array, Array]:
 
 
 def _viewing_coordinates(theta: Array, offset: Array, seen: Array) -> Array:
-    level2 = offset[:, 0] ** 2 + offset[:, 1] ** 2
+    log_focal, roll = _columns(theta[:, _FOCAL_AND_ROLL])
+    x, y, z = _columns(offset)
+    right, down, depth = _columns(np.where(seen[:, 2:] > 0, seen, np.nan))
+    level2, focal = x * x + y * y, np.exp(log_focal)
     viewing = np.empty((len(theta), VIEWING))
-    viewing[:, 0], viewing[:, 3] = theta[:, 0], theta[:, 3]
-    ahead = np.where(seen[:, 2:] > 0, seen[:, 2:], np.nan)
-    viewing[:, 1:3] = np.exp(theta[:, :1]) * seen[:, :2] / ahead
-    viewing[:, 4] = 0.5 * np.log(level2 + offset[:, 2] ** 2)
-    viewing[:, 5] = np.arctan2(offset[:, 0], offset[:, 1])
-    viewing[:, 6] = np.arctan2(-offset[:, 2], np.sqrt(level2))
+    viewing[:, 0], viewing[:, 3] = log_focal, roll
+    viewing[:, 1], viewing[:, 2] = focal * right / depth, focal * down / depth
+    viewing[:, 4] = 0.5 * np.log(level2 + z * z)
+    viewing[:, 5] = np.arctan2(x, y)
+    viewing[:, 6] = np.arctan2(-z, np.sqrt(level2))
     return viewing
+
+
+def _columns(rows: Array) -> list[Array] | list[float]:
+    """Columns of (B, K); those of a single row as plain numbers, since numpy's calls take many times as long as what
+    they work out there.
+    """
+    return rows[0].tolist() if len(rows) == 1 else list(rows.T)
 
 
 def from_viewing(viewing: Array, center_m: Array) -> Array:
     """Inverse of :func:`to_viewing`: log focal length, pan, tilt, roll, x, y, z (B, 7) of an upright camera."""
-    log_focal, u, v, roll, log_distance, azimuth, elevation = viewing.T
+    log_focal, u, v, roll, log_distance, azimuth, elevation = _columns(viewing)
+    center_x, center_y = _columns(center_m.reshape(-1, 2))
     distance, level = np.exp(log_distance), np.cos(elevation)
     towards_x, towards_y, towards_z = -np.sin(azimuth) * level, -np.cos(azimuth) * level, np.sin(elevation)
     focal = np.exp(log_focal)
@@ -66,8 +77,8 @@ def from_viewing(viewing: Array, center_m: Array) -> Array:
     theta[:, 0], theta[:, 3] = log_focal, roll
     theta[:, 1] = _wrap_angle(np.arctan2(towards_y, towards_x) - np.arctan2(ahead, x))
     theta[:, 2] = _wrap_angle(np.arctan2(towards_z, ahead) - np.arctan2(z, y))
-    theta[:, 4] = center_m[..., 0] - distance * towards_x
-    theta[:, 5] = center_m[..., 1] - distance * towards_y
+    theta[:, 4] = center_x - distance * towards_x
+    theta[:, 5] = center_y - distance * towards_y
     theta[:, 6] = -distance * towards_z
     return theta
 
@@ -82,30 +93,33 @@ def viewing_jacobian(theta: Array, center_m: Array) -> Array:
 
 
 def _jacobian(theta: Array, R: Array, offset: Array, local: Array) -> Array:
-    x, y, z = offset.T
+    ahead = local[:, 2] > 0
+    is_ahead = bool(ahead.all())
+    log_focal, roll = _columns(theta[:, _FOCAL_AND_ROLL])
+    x, y, z = _columns(offset)
+    right, down, depth = _columns(local if is_ahead else np.where(ahead[:, None], local, 1.0))
     level2 = np.maximum(x * x + y * y, 1e-12)
     distance2 = level2 + z * z
     level = np.sqrt(level2)
-    ahead = local[:, 2] > 0
-    is_ahead = bool(ahead.all())
-    depth = local[:, 2] if is_ahead else np.where(ahead, local[:, 2], 1.0)
-    c, s = np.cos(theta[:, 3]), np.sin(theta[:, 3])
-    change = np.zeros((len(theta), 3, VIEWING))
-    change[:, :, 1] = R[:, :, 1] * x[:, None] - R[:, :, 0] * y[:, None]
-    change[:, 0, 2], change[:, 1, 2] = s * local[:, 2], c * local[:, 2]
-    change[:, 2, 2] = -(s * local[:, 0] + c * local[:, 1])
-    change[:, 0, 3], change[:, 1, 3] = local[:, 1], -local[:, 0]
-    change[:, :, 4:7] = -R
-    normalised = local[:, :2, None] / depth[:, None, None]
-    focal = np.exp(theta[:, 0])[:, None, None]
+    focal, c, s = np.exp(log_focal), np.cos(roll), np.sin(roll)
+    r00, r01, r02, r10, r11, r12, r20, r21, r22 = _columns(R.reshape(-1, 9))
+    # of the centre before the camera by pan, tilt, roll, x, y, z: to the right, down, and ahead
+    change = (
+        (r01 * x - r00 * y, s * depth, down, -r00, -r01, -r02),
+        (r11 * x - r10 * y, c * depth, -right, -r10, -r11, -r12),
+        (r21 * x - r20 * y, -(s * right + c * down), 0.0, -r20, -r21, -r22),
+    )
     forward = np.zeros((len(theta), VIEWING, VIEWING))
-    forward[:, 1:3] = focal / depth[:, None, None] * (change[:, :2] - normalised * change[:, 2:])
-    forward[:, 1:3, :1] = focal * normalised
+    scale = focal / depth
+    for row, normalised in ((1, right / depth), (2, down / depth)):
+        forward[:, row, 0] = focal * normalised
+        for column in range(1, VIEWING):
+            forward[:, row, column] = scale * (change[row - 1][column - 1] - normalised * change[2][column - 1])
     forward[:, 0, 0] = forward[:, 3, 3] = 1.0
-    forward[:, 4, 4:7] = offset / distance2[:, None]
+    forward[:, 4, 4], forward[:, 4, 5], forward[:, 4, 6] = x / distance2, y / distance2, z / distance2
     forward[:, 5, 4], forward[:, 5, 5] = y / level2, -x / level2
-    forward[:, 6, 4:6] = offset[:, :2] * (z / (level * distance2))[:, None]
-    forward[:, 6, 6] = -level / distance2
+    rise = z / (level * distance2)
+    forward[:, 6, 4], forward[:, 6, 5], forward[:, 6, 6] = x * rise, y * rise, -level / distance2
     if not is_ahead:
         forward[~ahead] = np.eye(VIEWING)
     try:

@@ -28,13 +28,26 @@ _LEAST_FACTOR = 4.0 / 9.0
 
 def rotation_matrix(pan_rad: ArrayLike, tilt_rad: ArrayLike, roll_rad: ArrayLike) -> Array:
     """World-to-camera rotations (..., 3, 3), ``(Rz(pan) Rx(tilt) Rz(roll))^T`` multiplied out, of angles (...)."""
-    pan, tilt, roll = (np.asarray(angle, dtype=np.float64) for angle in (pan_rad, tilt_rad, roll_rad))
-    cp, ct, cr, sp, st, sr = (f(angle) for f in (np.cos, np.sin) for angle in (pan, tilt, roll))
-    R = np.empty((*pan.shape, 3, 3))
-    R[..., 0, 0], R[..., 0, 1], R[..., 0, 2] = cr * cp - sr * ct * sp, cr * sp + sr * ct * cp, sr * st
-    R[..., 1, 0], R[..., 1, 1], R[..., 1, 2] = -sr * cp - cr * ct * sp, -sr * sp + cr * ct * cp, cr * st
-    R[..., 2, 0], R[..., 2, 1], R[..., 2, 2] = st * sp, -st * cp, ct
-    return R
+    return rotations_by(np.stack(np.broadcast_arrays(pan_rad, tilt_rad, roll_rad), axis=-1).astype(np.float64))
+
+
+def rotations_by(angles: Array) -> Array:
+    """:func:`rotation_matrix` of pan, tilt and roll (..., 3), radians."""
+    (cp, ct, cr), (sp, st, sr) = np.cos(angles.T), np.sin(angles.T)
+    if angles.size == 3:
+        # one camera: plain numbers, since numpy's calls take many times as long as what they work out
+        cp, ct, cr, sp, st, sr = (value.item() for value in (cp, ct, cr, sp, st, sr))
+    entries = (
+        cr * cp - sr * ct * sp, cr * sp + sr * ct * cp, sr * st,
+        -sr * cp - cr * ct * sp, -sr * sp + cr * ct * cp, cr * st,
+        st * sp, -st * cp, ct,
+    )  # fmt: skip
+    if angles.size == 3:
+        return np.array(entries).reshape(*angles.shape, 3)
+    R = np.empty((*angles.shape[:-1], 9))
+    for k, entry in enumerate(entries):
+        R[..., k] = entry.T
+    return R.reshape(*angles.shape, 3)
 
 
 def lens_factor(r2: Array, k1: Array | float, k2: Array | float) -> tuple[Array, Array]:
@@ -133,7 +146,7 @@ class Camera:
     @property
     def R(self) -> Array:
         """World-to-camera rotation (3, 3), as OpenCV takes it."""
-        return rotation_matrix(*self.angles_rad)
+        return rotations_by(self.angles_rad)
 
     @property
     def t(self) -> Array:

@@ -23,7 +23,7 @@ from circlecal.geometry.camera import (
     lens_factor,
     lens_fold,
     plane_homography,
-    rotation_matrix,
+    rotations_by,
 )
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import Surface
@@ -97,7 +97,7 @@ def theta_of(camera: Camera, model: ProjectionModel, crown_m: float = 0.0) -> Ar
 
 def rotations(theta: Array) -> Array:
     """World-to-camera rotations (B, 3, 3)."""
-    return rotation_matrix(*theta[:, ANGLES].T)
+    return rotations_by(theta[:, ANGLES])
 
 
 def homographies(theta: Array, model: ProjectionModel) -> Array:

@@ -82,6 +82,8 @@ class Batch:
 
     def select(self, index: Indices | Mask) -> Self:
         """The starts at an index or mask."""
+        if index.dtype == np.bool_ and index.all():
+            return self
         return type(self)(*(getattr(self, name)[index] for name in _names(self)))
 
     def put(self, index: Indices, other: Self) -> Self:
@@ -245,7 +247,9 @@ def minimise(problem: Problem[S], state: S, rule: StoppingRule) -> Solution[S]:
         if straight is not None:
             step = _keep_promise(step, straight, bent)
         promise = step.full_promise
-        left = promise * np.clip(promise / before, rule.contraction, 1.0) if rule.contraction < 1.0 else promise
+        left = promise
+        if rule.contraction < 1.0:
+            left = promise * np.minimum(np.maximum(promise / before, rule.contraction), 1.0)
         settled = left <= rule.tolerance * np.minimum(state.cost, rule.unit)
         arrived = settled | (damping > LAST_DAMPING) | (state.cost < EXACT)
         beaten = state.cost - ABOUT_RIGHT * promise > min(state.cost.min() + HOPELESS, rule.bar)

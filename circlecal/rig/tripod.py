@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from circlecal.field.view import FieldView
-from circlecal.geometry.camera import lens_factor, rotation_matrix
+from circlecal.geometry.camera import lens_factor, rotation_matrix, rotations_by
 from circlecal.geometry.camera_parameters import (
     ANGLES,
     CROWN,
@@ -137,7 +137,7 @@ class TripodModel:
 
     def head_of(self, theta: Array, common: Array) -> tuple[Array, Array]:
         """Pan, tilt and roll (F, 3) on the head of cameras (F, P), and where its axes meet (F, 3)."""
-        rotation = rotation_matrix(*theta[:, ANGLES].T)
+        rotation = rotations_by(theta[:, ANGLES])
         lever = self._lever(theta[:, :1] - self.log_focal, common[None])
         return angles_of(rotation @ _lean(common[_LEAN])), theta[:, POSITION] - lever * rotation[:, 2]
 
