@@ -152,9 +152,21 @@ def _course(
     normals = np.stack([-tangents[:, 1], tangents[:, 0]], axis=-1)
     by_theta, by_field = (rows[0] for rows in seen.gradient(normals.T[None]))
     by_theta[_SIZES] += shift @ by_field
-    joint = by_theta.T @ fit.covariance @ by_theta
-    values, vectors = np.linalg.eigh(joint)
-    return _Course(places, normals, (vectors[:, -2:] * np.sqrt(np.maximum(values[-2:], 0.0)))[:, ::-1])
+    return _Course(places, normals, main_modes(by_theta, fit.covariance))
+
+
+def main_modes(by_theta: Array, covariance: Array) -> Array:
+    """The two main modes (M, 2) of shifts with derivatives (P, M) by parameters of this covariance (P, P), as long as
+    their standard deviation.
+
+    With ``covariance = L L^T`` and ``A = L^T by_theta`` the shifts' covariance ``A^T A`` (M, M), of rank P at most, has
+    the eigenvectors ``A^T u`` of the small matrix ``A A^T``.
+    """
+    size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
+    rows = (vectors * np.sqrt(np.maximum(values, 0.0))).T @ (size[:, None] * by_theta)
+    _, axes = np.linalg.eigh(rows @ rows.T)
+    return np.asarray(rows.T @ axes[:, :-3:-1])
 
 
 def _best_shift(picture: NDArray[np.uint8], course: _Course, unit: float) -> Array | None:

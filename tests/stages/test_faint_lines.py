@@ -6,7 +6,7 @@ import pytest
 
 from circlecal.geometry.camera_parameters import PARAMETERS, ProjectionModel, theta_of
 from circlecal.geometry.surface import Surface
-from circlecal.stages.faint_lines import find_faint_lines
+from circlecal.stages.faint_lines import find_faint_lines, main_modes
 
 from .conftest import CIRCLE, SOCCER, view
 from .test_verdict import camera_fit
@@ -62,3 +62,15 @@ def test_two_lines_that_may_each_be_the_one_say_nothing():
     twice = lower.copy()
     twice[:255] = upper[24:279]  # the same line 24 px higher, on a surface of its own
     assert find_faint_lines(twice, fit_of(), SOCCER, CIRCLE) == ()
+
+
+def test_the_main_modes_are_those_of_the_shifts_covariance():
+    rng = np.random.default_rng(5)
+    by_theta = rng.normal(size=(17, 60))
+    root = rng.normal(size=(17, 17)) * 10.0 ** rng.uniform(-4, 2, (17, 1))
+    root[3] = 0.0  # a parameter that is fixed
+    covariance = root @ root.T
+    values, vectors = np.linalg.eigh(by_theta.T @ covariance @ by_theta)
+    modes = main_modes(by_theta, covariance)
+    for mode, value, vector in zip(modes.T, values[:-3:-1], vectors.T[:-3:-1], strict=True):
+        np.testing.assert_allclose(np.outer(mode, mode), value * np.outer(vector, vector), rtol=0, atol=1e-9 * value)
