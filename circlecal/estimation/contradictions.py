@@ -88,17 +88,19 @@ def find_straining_marking(problem: Problem, state: State, kept: Collection[str 
     worst, found = LEAVE_ONE_OUT_SIGMAS, None
     for name in sorted(set(names.tolist()) - set(kept)):
         own = np.flatnonzero(names[problem.curves.group] == name)
-        others = normal - rows[own].T @ rows[own]
+        own_normal, gradient = rows[own].T @ rows[own], rows[own].T @ values[own]
+        others = normal - own_normal
         if np.linalg.eigvalsh(others)[0] < LEAST_KNOWN * weakest:
             continue
-        left, singular, right = np.linalg.svd(rows[own], full_matrices=False)
-        seen = singular > LEAST_SINGULAR * singular[0]
-        left, singular, right = left[:, seen], singular[seen], right[seen]
-        spread = np.linalg.solve(others, right.T).T
-        innovation = left.T @ values[own] / singular + spread @ (rows[own].T @ values[own])
-        covariance = np.diag(1.0 / singular**2) + spread @ right.T
+        # the singular directions of the rows, from a matrix that does not grow with them
+        precision, directions = np.linalg.eigh(own_normal)
+        seen = precision > LEAST_SINGULAR**2 * precision[-1]
+        precision, directions = precision[seen], directions[:, seen].T
+        spread = np.linalg.solve(others, directions.T).T
+        innovation = directions @ gradient / precision + spread @ gradient
+        covariance = np.diag(1.0 / precision) + spread @ directions.T
         square = float(innovation @ np.linalg.solve(covariance, innovation))
-        sigmas = _normal_deviate(square, len(singular))
+        sigmas = _normal_deviate(square, len(precision))
         if sigmas > worst:
             worst, found = sigmas, name
     return found

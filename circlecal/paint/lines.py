@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from circlecal.geometry.projective import Array, line_distance
 from circlecal.paint.bands import measure_bands, rise_above_noise, stand_out
-from circlecal.paint.profiles import GrayPicture, sample_profiles, smooth_along
+from circlecal.paint.profiles import GrayPicture, median_of_rows, sample_profiles, smooth_along
 from circlecal.results import LineCue, Segment
 
 __all__ = ["ONE_ROUND", "TWO_ROUNDS", "WIDE_ROUND", "Rounds", "measure_lines"]
@@ -231,7 +231,7 @@ def _make_cue(line: Array, ends: Array, samples: _BandSamples, mine: NDArray[np.
     first, last = points[position.argmin()], points[position.argmax()]
     distance = line_distance(line, points)
     across = samples.edges[1] - samples.edges[0]
-    width = float(np.median(np.hypot(across[0].take(mine), across[1].take(mine))))
+    width = float(median_of_rows(np.hypot(across[0].take(mine), across[1].take(mine))))
     segment = Segment(first, last, len(points) / drawn)
     rms = sqrt(float(distance @ distance) / len(points))
     return LineCue(None, line, points, samples.sigma.take(mine), segment, rms, width_px=width)

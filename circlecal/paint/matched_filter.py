@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from circlecal.geometry.ellipses import Ellipse
 from circlecal.geometry.projective import Array
-from circlecal.paint.profiles import median, sample_profiles
+from circlecal.paint.profiles import median, median_of_rows, sample_profiles
 
 SECTORS, SAMPLES = 24, 30
 """Of the whole curve, and places in each."""
@@ -64,8 +64,8 @@ def measure_sectors(picture: NDArray[np.uint8], places: Array, widths: Array) ->
     shown = 2 * count >= SAMPLES
     mean = response.reshape(-1, SECTORS, SAMPLES).sum(axis=2)[:, shown] / count[shown]
     surface = mean[np.abs(shift) >= OFF_CURVE]
-    level = np.median(surface, axis=0)
-    scatter = 1.4826 * np.median(np.abs(surface - level), axis=0) + FLOOR
+    level = median_of_rows(surface)
+    scatter = 1.4826 * median_of_rows(np.abs(surface - level)) + FLOOR
     return np.asarray((mean[np.abs(shift) <= AT_CURVE].max(axis=0) - level) / scatter)
 
 

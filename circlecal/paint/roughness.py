@@ -19,6 +19,10 @@ def measure_roughness(picture: NDArray[np.uint8], places: Array) -> Array:
     """Standard deviation (N,) of the gray levels around places (N, 2), at points that blur does not make alike."""
     height, width = picture.shape
     side = np.arange(-ROUGH_POINTS, ROUGH_POINTS + 1) * (ROUGH_SIDE_PX * width / 1920.0 / (2 * ROUGH_POINTS))
-    offsets = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
-    at = np.clip(np.rint(places[:, None] + offsets).astype(int), 0, (width - 1, height - 1))
-    return np.asarray(picture[at[..., 1], at[..., 0]].std(axis=1), np.float64)
+    # of the square around a place each row and each column is looked up once
+    columns, rows = (
+        np.minimum(np.maximum(np.rint(places[:, k, None] + side), 0.0), size - 1.0).astype(np.int64)
+        for k, size in enumerate((width, height))
+    )
+    at = rows[:, :, None] * width + columns[:, None]
+    return np.asarray(picture.ravel().take(at.reshape(len(places), len(side) ** 2)).std(axis=1), np.float64)

@@ -125,18 +125,20 @@ def _seam_share(picture: NDArray[np.uint8]) -> float:
     """Share of the picture's width or height over which two rows or columns meet as no lens would let them."""
     height, width = picture.shape
     rows = picture[:, :: max(width // STEP_SAMPLES, 1)]
-    columns = picture[:: max(height // STEP_SAMPLES, 1)].T
+    columns = np.asarray(cv2.transpose(picture[:: max(height // STEP_SAMPLES, 1)]), np.uint8)
     return max(_worst_seam(rows), _worst_seam(columns))
 
 
 def _worst_seam(rows: NDArray[np.uint8]) -> float:
     """Largest share of blocks of samples (N, K) that step from one row to the next, away from the border."""
     first = int(MARGIN * len(rows))
-    rows = np.ascontiguousarray(rows[first : len(rows) - first]).astype(np.int16)
+    rows = np.ascontiguousarray(rows[first : len(rows) - first])
     if len(rows) < 4 or rows.shape[1] < STEP_BLOCKS:
         return 0.0
-    rise = np.abs(np.diff(rows, axis=0))
-    stands_out = rise[1:-1] > STEP_TIMES * np.maximum(rise[:-2], rise[2:]) + STEP_LEVELS
+    rise = np.asarray(cv2.absdiff(rows[1:], rows[:-1]), np.uint8)
+    # bytes that are full are full on either side: no rise stands out above the highest level
+    usual = cv2.convertScaleAbs(np.maximum(rise[:-2], rise[2:]), alpha=STEP_TIMES, beta=STEP_LEVELS)
+    stands_out = rise[1:-1] > usual
     starts = np.arange(STEP_BLOCKS) * rows.shape[1] // STEP_BLOCKS
     size = np.diff(np.append(starts, rows.shape[1]))
     steps = np.add.reduceat(stands_out, starts, axis=1, dtype=np.int32) > STEP_SHARE * size
