@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from circlecal.camera.viewing_coordinates import columns_of
 from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, active_parameters
 from circlecal.geometry.projective import Array, Indices
 
@@ -31,6 +32,7 @@ position five frames determine to 0.1 m (Cramer-Rao bound), from a vague prior o
 """
 _GROWTH = [INDEX["length"], INDEX["breadth"]]
 _POSITION = slice(INDEX["x"], INDEX["z"] + 1)
+_X_Y_Z = range(_POSITION.start, _POSITION.stop)
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,35 +237,39 @@ class Priors:
         return np.concatenate([values, shared], axis=1), np.concatenate([jacobian, by_theta], axis=1)
 
     @cached_property
-    def _linear(self) -> tuple[Indices, Array, Array]:
-        """Which parameters have a prior of their own (K,), whether the place has (2,), and the Jacobian (K or more, P)
-        without the place's.
+    def _linear(self) -> tuple[Indices, Array, Array, Array]:
+        """Which parameters have a prior of their own (K,), their means and standard deviations, and the Jacobian (K or
+        more, P) without the place's.
         """
         used = np.flatnonzero((self.sd > 0) & np.isfinite(self.sd))
         place = np.isfinite([self.distance_log_sd, self.elevation_sd_rad])
         jacobian = np.zeros((len(used) + int(place.sum()), len(PARAMETERS)))
         jacobian[np.arange(len(used)), used] = 1.0 / self.sd[used]
-        return used, place, jacobian
+        return used, self.mean[used], self.sd[used], jacobian
 
     def _of_parameters_and_place(self, theta: Array) -> tuple[Array, Array]:
-        used, place, linear = self._linear
-        jacobian = np.repeat(linear[None], len(theta), axis=0)
-        values = np.empty(jacobian.shape[:2])
-        values[:, : len(used)] = (theta[:, used] - self.mean[used]) / self.sd[used]
-        if not place.any():
+        used, mean, sd, linear = self._linear
+        jacobian = np.empty((len(theta), *linear.shape))
+        jacobian[:] = linear
+        values, row = np.empty(jacobian.shape[:2]), len(used)
+        values[:, :row] = (theta[:, used] - mean) / sd
+        if row == len(linear):
             return values, jacobian
-        offset = theta[:, _POSITION].copy()
-        offset[:, :2] -= self.center_m
-        level2 = np.maximum(offset[:, 0] ** 2 + offset[:, 1] ** 2, 1e-12)
-        distance2 = np.maximum(level2 + offset[:, 2] ** 2, 1e-6)
-        row = len(used)
-        if place[0]:
+        x, y, z = columns_of(theta[:, _POSITION])
+        x, y = x - self.center_m[0], y - self.center_m[1]
+        level2 = np.maximum(x * x + y * y, 1e-12)
+        distance2 = np.maximum(level2 + z * z, 1e-6)
+        if np.isfinite(self.distance_log_sd):
             values[:, row] = (0.5 * np.log(distance2) - np.log(self.distance_m)) / self.distance_log_sd
-            jacobian[:, row, _POSITION] = offset / (distance2 * self.distance_log_sd)[:, None]
+            scale = distance2 * self.distance_log_sd
+            for column, offset in zip(_X_Y_Z, (x, y, z), strict=True):
+                jacobian[:, row, column] = offset / scale
             row += 1
-        if place[1]:
+        if np.isfinite(self.elevation_sd_rad):
             level = np.sqrt(level2)
-            values[:, row] = (np.arctan2(-offset[:, 2], level) - self.elevation_rad) / self.elevation_sd_rad
-            by_offset = np.column_stack([offset[:, :2] * (offset[:, 2] / level)[:, None], -level])
-            jacobian[:, row, _POSITION] = by_offset / (distance2 * self.elevation_sd_rad)[:, None]
+            rise = z / level
+            values[:, row] = (np.arctan2(-z, level) - self.elevation_rad) / self.elevation_sd_rad
+            scale = distance2 * self.elevation_sd_rad
+            for column, by_offset in zip(_X_Y_Z, (x * rise, y * rise, -level), strict=True):
+                jacobian[:, row, column] = by_offset / scale
         return values, jacobian

@@ -117,8 +117,9 @@ class Problem:
         return np.asarray(1.0 / (1.0 + values * values / self.loss_scale**2))
 
     def hypotheses(self, index: Indices) -> Problem:
-        """Some of the hypotheses about the curves, where there are several."""
-        return self if self.curves.sigma_px.ndim == 1 else replace(self, curves=self.curves.hypotheses(index))
+        """Some of the hypotheses about the curves, in their order, where there are several."""
+        is_all = self.curves.sigma_px.ndim == 1 or len(index) == len(self.curves.sigma_px)
+        return self if is_all else replace(self, curves=self.curves.hypotheses(index))
 
     def step(self, state: State, damping: Array) -> Step:
         """One damped step, taken in the coordinates in which the weak direction is straight."""

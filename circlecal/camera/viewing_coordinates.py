@@ -41,9 +41,9 @@ def _toward(theta: Array, center_m: Array) -> tuple[Array, Array, Array]:
 
 
 def _viewing_coordinates(theta: Array, offset: Array, seen: Array) -> Array:
-    log_focal, roll = _columns(theta[:, _FOCAL_AND_ROLL])
-    x, y, z = _columns(offset)
-    right, down, depth = _columns(np.where(seen[:, 2:] > 0, seen, np.nan))
+    log_focal, roll = columns_of(theta[:, _FOCAL_AND_ROLL])
+    x, y, z = columns_of(offset)
+    right, down, depth = columns_of(np.where(seen[:, 2:] > 0, seen, np.nan))
     level2, focal = x * x + y * y, np.exp(log_focal)
     viewing = np.empty((len(theta), VIEWING))
     viewing[:, 0], viewing[:, 3] = log_focal, roll
@@ -54,7 +54,7 @@ def _viewing_coordinates(theta: Array, offset: Array, seen: Array) -> Array:
     return viewing
 
 
-def _columns(rows: Array) -> list[Array] | list[float]:
+def columns_of(rows: Array) -> list[Array] | list[float]:
     """Columns of (B, K); those of a single row as plain numbers, since numpy's calls take many times as long as what
     they work out there.
     """
@@ -63,8 +63,8 @@ def _columns(rows: Array) -> list[Array] | list[float]:
 
 def from_viewing(viewing: Array, center_m: Array) -> Array:
     """Inverse of :func:`to_viewing`: log focal length, pan, tilt, roll, x, y, z (B, 7) of an upright camera."""
-    log_focal, u, v, roll, log_distance, azimuth, elevation = _columns(viewing)
-    center_x, center_y = _columns(center_m.reshape(-1, 2))
+    log_focal, u, v, roll, log_distance, azimuth, elevation = columns_of(viewing)
+    center_x, center_y = columns_of(center_m.reshape(-1, 2))
     distance, level = np.exp(log_distance), np.cos(elevation)
     towards_x, towards_y, towards_z = -np.sin(azimuth) * level, -np.cos(azimuth) * level, np.sin(elevation)
     focal = np.exp(log_focal)
@@ -95,14 +95,14 @@ def viewing_jacobian(theta: Array, center_m: Array) -> Array:
 def _jacobian(theta: Array, R: Array, offset: Array, local: Array) -> Array:
     ahead = local[:, 2] > 0
     is_ahead = bool(ahead.all())
-    log_focal, roll = _columns(theta[:, _FOCAL_AND_ROLL])
-    x, y, z = _columns(offset)
-    right, down, depth = _columns(local if is_ahead else np.where(ahead[:, None], local, 1.0))
+    log_focal, roll = columns_of(theta[:, _FOCAL_AND_ROLL])
+    x, y, z = columns_of(offset)
+    right, down, depth = columns_of(local if is_ahead else np.where(ahead[:, None], local, 1.0))
     level2 = np.maximum(x * x + y * y, 1e-12)
     distance2 = level2 + z * z
     level = np.sqrt(level2)
     focal, c, s = np.exp(log_focal), np.cos(roll), np.sin(roll)
-    r00, r01, r02, r10, r11, r12, r20, r21, r22 = _columns(R.reshape(-1, 9))
+    r00, r01, r02, r10, r11, r12, r20, r21, r22 = columns_of(R.reshape(-1, 9))
     # of the centre before the camera by pan, tilt, roll, x, y, z: to the right, down, and ahead
     change = (
         (r01 * x - r00 * y, s * depth, down, -r00, -r01, -r02),

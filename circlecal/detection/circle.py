@@ -48,6 +48,8 @@ LEAST_FIRST_SHARE = 0.08
 """
 FEWEST_TO_FIT = 12
 """Samples that move the ellipse between two rounds; five fix it."""
+_KNOTS = np.arange(361) * (2 * np.pi / 360)
+_SINES, _COSINES = (f((_KNOTS[:-1] + _KNOTS[1:]) / 2) for f in (np.sin, np.cos))
 PIECES = 8
 """Of the curve, between which the contrast may differ: that of the far side is 40 to 80 % of that of the near side."""
 
@@ -216,13 +218,11 @@ def hide_samples(circle: MeasuredCircle, covered: Mask | None) -> MeasuredCircle
 
 def _space_evenly(ellipse: EllipseBatch, spacing_px: float, most: int) -> tuple[Array, Array, Array]:
     """Points and outward normals (N, 2) at equal distances along the ellipse, and their share of the angle."""
-    knots = np.arange(361) * (2 * np.pi / 360)
     great, small = float(ellipse.great_lengths[0]), float(ellipse.small_lengths[0])
-    middle = (knots[:-1] + knots[1:]) / 2
-    speed = np.hypot(great * np.sin(middle), small * np.cos(middle)) * (2 * np.pi / 360)
+    speed = np.hypot(great * _SINES, small * _COSINES) * (2 * np.pi / 360)
     length = np.concatenate([[0.0], np.cumsum(speed)])
-    count = int(np.clip(length[-1] / spacing_px, FEWEST_PROFILES, most))
-    edges = np.interp(np.arange(count + 1) * (length[-1] / count), length, knots)
+    count = int(min(max(length[-1] / spacing_px, FEWEST_PROFILES), most))
+    edges = np.interp(np.arange(count + 1) * (length[-1] / count), length, _KNOTS)
     angle = (edges[:-1] + edges[1:]) / 2
     cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
     points = ellipse.centers[0] + cosine * ellipse.great[0] + sine * ellipse.small[0]

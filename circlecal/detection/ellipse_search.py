@@ -276,13 +276,12 @@ def _find_distinct(batch: EllipseBatch, count: int, tolerance: float) -> NDArray
     """Greedy choice; ellipses whose centres and half axes differ by little more than this share are the same."""
     shape = np.column_stack([batch.centers, batch.great_lengths, batch.small_lengths])
     scale = tolerance * np.column_stack([batch.great_lengths, batch.small_lengths] * 2) + 1.0
-    alike = (np.abs(shape[:, None] - shape[None]) / scale[:, None]).max(axis=-1) <= 1.0
     chosen: list[int] = []
     free = np.ones(len(batch), np.bool_)
     while len(chosen) < count and free.any():
         best = int(np.argmax(free))
         chosen.append(best)
-        free &= ~alike[best]
+        free &= (np.abs(shape[best] - shape) / scale[best]).max(axis=-1) > 1.0
     return np.array(chosen, np.int64)
 
 

@@ -12,6 +12,7 @@ A field point (x, y) becomes a pixel u in five steps; the derivatives refer to t
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,8 +65,16 @@ class ProjectionModel:
 
     @property
     def center(self) -> Array:
-        """Image centre (2,)."""
-        return image_center(self.width, self.height)
+        """Image centre (2,), not to be written to."""
+        return _center_of(self.width, self.height)
+
+
+@lru_cache(maxsize=64)
+def _center_of(width: int, height: int) -> Array:
+    """Centre of pictures of a size, which each projection asks for."""
+    center = image_center(width, height)
+    center.setflags(write=False)
+    return center
 
 
 def camera_of(theta: Array, model: ProjectionModel) -> Camera:
