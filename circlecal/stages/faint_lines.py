@@ -157,7 +157,7 @@ def _course(
 
 def main_modes(by_theta: Array, covariance: Array) -> Array:
     """The two main modes (M, 2) of shifts with derivatives (P, M) by parameters of this covariance (P, P), as long as
-    their standard deviation.
+    their standard deviation, and negative where the line begins: shifts are tried in the order of their sign.
 
     With ``covariance = L L^T`` and ``A = L^T by_theta`` the shifts' covariance ``A^T A`` (M, M), of rank P at most, has
     the eigenvectors ``A^T u`` of the small matrix ``A A^T``.
@@ -166,7 +166,8 @@ def main_modes(by_theta: Array, covariance: Array) -> Array:
     values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
     rows = (vectors * np.sqrt(np.maximum(values, 0.0))).T @ (size[:, None] * by_theta)
     _, axes = np.linalg.eigh(rows @ rows.T)
-    return np.asarray(rows.T @ axes[:, :-3:-1])
+    modes = rows.T @ axes[:, :-3:-1]
+    return np.asarray(np.where(modes[0] > 0.0, -modes, modes))
 
 
 def _best_shift(picture: NDArray[np.uint8], course: _Course, unit: float) -> Array | None:
