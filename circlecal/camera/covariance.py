@@ -15,12 +15,12 @@ LARGEST_INVERSE = 1e11
 def posterior_covariance(normal: Array, sd: Array) -> Array:
     """Covariance (P, P) from the Gauss-Newton matrix (P, P) with its priors; zero for parameters that are fixed."""
     active = active_parameters(sd)
-    block = normal[np.ix_(active, active)]
+    block = normal[active[:, None], active]
     size = np.sqrt(np.maximum(np.diag(block), 1e-300))
     scale = np.outer(size, size)
     inverse = _inverse(block / scale) / scale
     covariance = np.zeros((len(PARAMETERS), len(PARAMETERS)))
-    covariance[np.ix_(active, active)] = inverse
+    covariance[active[:, None], active] = inverse
     return covariance
 
 

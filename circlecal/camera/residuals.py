@@ -331,7 +331,7 @@ def curve_residuals(
     limit = curves.largest_move
     for step in range(updates + 2):
         places, tangents, outward = _points_on_markings(curves, feet, theta, points)
-        seen = project(theta, np.swapaxes(places, 1, 2), model)
+        seen = project(theta, places.swapaxes(1, 2), model)
         along = seen.along(tangents[:, 0], tangents[:, 1])[..., :count]
         along_x, along_y = along[:, 0], along[:, 1]
         difference = observed - seen.xy
@@ -347,15 +347,17 @@ def curve_residuals(
     inward = np.empty_like(difference)
     np.multiply(along_y, -unit, out=inward[:, 0, :count])
     np.multiply(along_x, unit, out=inward[:, 1, :count])
-    inward[:, :, count:] = -points.across
+    if len(points.sigma_px):
+        inward[:, :, count:] = -points.across
     bloom = curves.bloom_sign / sigma
     values = -(inward[:, 0] * difference[:, 0] + inward[:, 1] * difference[:, 1])
     values[:, :count] -= bloom * theta[:, INDEX["bloom"], None]
     rows, field = seen.gradient(inward)
     field_x, field_y, shift = field[:, :1, :count], field[:, 1:, :count], curves.rows[2]
     if curves.has_lines:
-        rows[:, SIZES, :count] = field_x * shift[..., 0, :] + field_y * shift[..., 1, :]
+        by_size = field_x * shift[..., 0, :] + field_y * shift[..., 1, :]
+        rows[:, SIZES[0], :count], rows[:, SIZES[1] : SIZES[2] + 1, :count] = by_size[:, 0], by_size[:, 1:]
     outside = field_x[:, 0] * outward[:, 0] + field_y[:, 0] * outward[:, 1]
     rows[:, SIZES[0], :count] += curves.radius_by_width * outside
     rows[:, INDEX["bloom"], :count] = -bloom
-    return Residuals(values, np.swapaxes(rows, 1, 2), feet, seen.depth[:, :count] < NEAREST_M, field)
+    return Residuals(values, rows.swapaxes(1, 2), feet, seen.depth[:, :count] < NEAREST_M, field)

@@ -216,7 +216,7 @@ def log_evidence(world: World, problem: Problem, state: State, template: FieldTe
     off. A camera high over the field of the template, or steeply above its border, is a rare one.
     """
     active = active_parameters(problem.priors.sd)
-    block = state.normal[0][np.ix_(active, active)]
+    block = state.normal[0][active[:, None], active]
     size = np.sqrt(np.maximum(np.diag(block), 1e-300))
     _, determinant = np.linalg.slogdet(block / np.outer(size, size))
     sd = problem.priors.sd[SIZES_AND_CROWN]

@@ -77,7 +77,7 @@ def find_straining_marking(problem: Problem, state: State, kept: Collection[str 
         others do not determine the camera is not left out either.
     """
     active = active_parameters(problem.priors.sd)
-    normal = state.normal[0][np.ix_(active, active)]
+    normal = state.normal[0][active[:, None], active]
     size = np.sqrt(np.diag(normal))
     # a residual beyond the loss's scale has no say
     root = 1.0 / (1.0 + state.values[0] ** 2 / problem.loss_scale**2)

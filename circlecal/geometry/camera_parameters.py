@@ -214,7 +214,8 @@ class Projection:
         """
         theta, n, lens, r2 = self.theta, self.normalised, self.lens, self.r2
         local, offset = self.local, self.offset
-        rows = np.zeros((len(theta), len(PARAMETERS), local.shape[2]))
+        rows = np.empty((len(theta), len(PARAMETERS), local.shape[2]))
+        rows[:, CROWN + 1 :] = 0.0  # sizes and bloom come last
         # 5: u = F L n + u0, so d(v.u) = L w.dn + w.n dL + v.du0 with w = F v
         scaled = toward * self.focal
         outward = scaled * n
@@ -232,7 +233,7 @@ class Projection:
         np.multiply(by_normalised, self.inverse_depth[:, None], out=g[:, :2])
         g[:, 2] = -(g[:, 0] * n[:, 0] + g[:, 1] * n[:, 1])
         # 2: dp = R (dX - dC) and dR; a rotation R^T about an axis e changes p by -e x p, with e before the camera
-        world = np.swapaxes(self.rotation, 1, 2) @ g
+        world = self.rotation.swapaxes(1, 2) @ g
         np.negative(world, out=rows[:, POSITION])
         # pan: e = R (0, 0, 1), so -g.(e x p) = -(R^T g).((0, 0, 1) x o)
         rows[:, PAN] = world[:, 0] * offset[:, 1] - world[:, 1] * offset[:, 0]

@@ -168,7 +168,7 @@ def _pairs(segments: Array, ends: Array, shifts: Array, theta: Array, model: Pro
     on_marking &= ~seen.behind[0].reshape(T, S, 2).any(axis=-1)
     return _Pairs(
         np.swapaxes(seen.values[0].reshape(T, S, 2), 0, 1),
-        np.swapaxes(seen.jacobian[0].reshape(T, S, 2, -1), 0, 1),
+        np.ascontiguousarray(np.swapaxes(seen.jacobian[0].reshape(T, S, 2, -1), 0, 1)),
         on_marking.T,
     )
 
@@ -214,7 +214,7 @@ def _grow(seeds: Indices, pairs: _Pairs, lengths: Array, covariance: Array, sigm
         gain = inverse @ pushed
         total[rows] += (r * (inverse @ r[..., None])[..., 0]).sum(axis=1)
         step = -(np.swapaxes(gain, 1, 2) @ r[..., None])[..., 0]
-        residuals[rows] += np.einsum("stip,kp->ksti", pairs.jacobians, step)
+        residuals[rows] += (step @ pairs.jacobians.reshape(-1, step.shape[1]).T).reshape(len(rows), S, T, 2)
         spread[rows] -= np.swapaxes(pushed, 1, 2) @ gain
         rows, s, t = _next(rows, pairs, residuals[rows], spread[rows], chosen[rows], lengths, sigma_px)
     return chosen, total
