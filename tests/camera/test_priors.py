@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from circlecal.camera.priors import SharedPrior, SharedPriorConfig
+from circlecal.camera.priors import Priors, SharedPrior, SharedPriorConfig
+from circlecal.geometry.camera_parameters import PARAMETERS
 
 from .conftest import STEPS, central_differences, random_thetas
 
@@ -99,3 +100,19 @@ def test_contradictions_are_refused(change):
     SharedPriorConfig(**right)
     with pytest.raises(ValidationError):
         SharedPriorConfig(**(right | change))
+
+
+@pytest.mark.parametrize(("distance_sd", "elevation_sd"), [(0.4, 0.2), (0.4, np.inf), (np.inf, 0.2), (np.inf, np.inf)])
+def test_priors_of_parameters_and_place_have_the_right_derivatives_one_by_one_and_together(distance_sd, elevation_sd):
+    sd = np.where(np.arange(len(PARAMETERS)) % 4 == 1, np.inf, 2.0)
+    sd[11] = 0.0
+    told = Priors(np.zeros(len(PARAMETERS)), sd, 80.0, distance_sd, 0.25, elevation_sd, np.array([0.5, -0.3]))
+    theta = random_thetas(3, np.random.default_rng(4))
+    values, jacobian = told.residuals(theta)
+    assert values.shape[1] == 12 + np.isfinite(distance_sd) + np.isfinite(elevation_sd)
+    for k in range(len(theta)):
+        alone, by_alone = told.residuals(theta[k : k + 1])
+        np.testing.assert_array_equal(alone[0], values[k])
+        np.testing.assert_array_equal(by_alone[0], jacobian[k])
+        numeric = central_differences(lambda t: told.residuals(t[None])[0][0], theta[k], STEPS)
+        np.testing.assert_allclose(jacobian[k], numeric, rtol=1e-5, atol=1e-6)

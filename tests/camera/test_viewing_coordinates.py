@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from circlecal.camera.viewing_coordinates import VIEWING, from_viewing, to_viewing, viewing_jacobian
+from circlecal.camera.viewing_coordinates import (
+    VIEWING,
+    from_viewing,
+    to_viewing,
+    to_viewing_with_jacobian,
+    viewing_jacobian,
+)
 from circlecal.geometry.camera_parameters import PARAMETERS
 
 
@@ -65,3 +71,15 @@ def test_straight_above_the_centre_there_is_no_derivative():
     found = viewing_jacobian(theta, np.zeros(2))
     assert np.isnan(found[0]).all()
     assert np.isfinite(found[1]).all()
+
+
+def test_one_camera_by_itself_gives_what_it_gives_among_others():
+    theta, center = _cameras(np.random.default_rng(3)), np.array([0.3, -0.2])
+    theta[7, 5] = -60.0  # what it looks at lies behind it
+    viewing, jacobian = to_viewing_with_jacobian(theta, center)
+    assert np.isnan(viewing[7]).any()
+    for k in range(len(theta)):
+        alone, by_alone = to_viewing_with_jacobian(theta[k : k + 1], center)
+        np.testing.assert_allclose(alone[0], viewing[k], rtol=1e-14)
+        np.testing.assert_allclose(by_alone[0], jacobian[k], rtol=1e-12, atol=1e-15)
+        np.testing.assert_allclose(from_viewing(alone, center)[0], from_viewing(viewing, center)[k], rtol=1e-13)

@@ -31,6 +31,7 @@ def test_rotations_are_those_of_the_pinhole_camera(pan, tilt, roll):
     theta = np.zeros((1, len(PARAMETERS)))
     theta[0, 1:4] = pan, tilt, roll
     np.testing.assert_allclose(rotations(theta)[0], rotation_matrix(pan, tilt, roll), atol=1e-14)
+    np.testing.assert_allclose(rotations(theta.repeat(3, axis=0))[1], rotations(theta)[0], atol=1e-14)
 
 
 @pytest.mark.parametrize("shape", SHAPES)

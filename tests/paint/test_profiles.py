@@ -4,7 +4,15 @@ import cv2
 import numpy as np
 import pytest
 
-from circlecal.paint.profiles import estimate_noise, interpolate, sample_profiles, smooth_along, to_gray
+from circlecal.paint.profiles import (
+    estimate_noise,
+    interpolate,
+    median_of_rows,
+    sample_profiles,
+    smooth_along,
+    to_gray,
+)
+from circlecal.paint.roughness import measure_roughness
 
 
 def test_gray_is_what_the_standard_weighs():
@@ -59,3 +67,20 @@ def test_noise_of_a_picture(noise):
     picture[:, 160:] += rng.normal(0, 30, (240, 160)).astype(np.float32)
     assert estimate_noise(picture, np.flatnonzero(left)) == pytest.approx(noise, rel=0.15)
     assert estimate_noise(np.full((50, 50), 7.0, np.float32)) == 0.5
+
+
+@pytest.mark.parametrize("shape", [(1,), (2,), (7,), (8, 3), (9, 2, 2)])
+def test_medians_are_those_of_numpy(shape):
+    rows = np.random.default_rng(1).normal(size=shape)
+    np.testing.assert_array_equal(median_of_rows(rows), np.median(rows, axis=0))
+
+
+def test_roughness_is_the_scatter_around_a_place_and_ends_at_the_border():
+    picture = np.random.default_rng(2).integers(0, 255, (60, 1920), dtype=np.uint8)
+    places = np.array([[100.4, 30.2], [-5.0, 58.0], [1919.0, 0.0]])
+    side = np.arange(-3, 4) * (16.0 / 6.0)
+    for place, found in zip(places, measure_roughness(picture, places), strict=True):
+        columns = np.clip(np.rint(place[0] + side), 0, 1919).astype(int)
+        rows = np.clip(np.rint(place[1] + side), 0, 59).astype(int)
+        assert found == pytest.approx(picture[np.ix_(rows, columns)].std(), rel=1e-12)
+    assert measure_roughness(picture, np.zeros((0, 2))).shape == (0,)
