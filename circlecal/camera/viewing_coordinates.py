@@ -8,6 +8,8 @@ angles, and the pixel of the circle's centre it is nearly a line.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from circlecal.geometry.camera_parameters import rotations
@@ -27,9 +29,19 @@ def to_viewing(theta: Array, center_m: Array) -> Array:
 
 
 def to_viewing_with_jacobian(theta: Array, center_m: Array) -> tuple[Array, Array]:
-    """:func:`to_viewing` and :func:`viewing_jacobian` together."""
-    R, offset, seen = _toward(theta, center_m)
-    return _viewing_coordinates(theta, offset, seen), _jacobian(theta, R, offset, seen)
+    """:func:`to_viewing` and :func:`viewing_jacobian` together, not to be written to."""
+    return _look_from(theta.tobytes(), theta.shape[1], center_m.astype(np.float64, copy=False).tobytes())
+
+
+@lru_cache(maxsize=4)
+def _look_from(theta: bytes, width: int, center_m: bytes) -> tuple[Array, Array]:
+    """Viewing coordinates and their Jacobian, kept for the next steps: two of five begin where the last one did."""
+    rows, center = np.frombuffer(theta).reshape(-1, width), np.frombuffer(center_m).reshape(-1, 2)
+    R, offset, seen = _toward(rows, center)
+    found = _viewing_coordinates(rows, offset, seen), _jacobian(rows, R, offset, seen)
+    for values in found:
+        values.setflags(write=False)
+    return found
 
 
 def _toward(theta: Array, center_m: Array) -> tuple[Array, Array, Array]:
