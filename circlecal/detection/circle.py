@@ -224,13 +224,16 @@ def _space_evenly(ellipse: EllipseBatch, spacing_px: float, most: int) -> tuple[
     count = int(min(max(length[-1] / spacing_px, FEWEST_PROFILES), most))
     edges = np.interp(np.arange(count + 1) * (length[-1] / count), length, _KNOTS)
     angle = (edges[:-1] + edges[1:]) / 2
-    cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
-    points = ellipse.centers[0] + cosine * ellipse.great[0] + sine * ellipse.small[0]
-    tangent = cosine * ellipse.small[0] - sine * ellipse.great[0]
-    tangent /= np.hypot(tangent[:, :1], tangent[:, 1:])
-    normals = np.stack([tangent[:, 1], -tangent[:, 0]], axis=-1)
-    normals *= np.sign(((points - ellipse.centers[0]) * normals).sum(axis=-1, keepdims=True))
-    return points, normals, np.diff(edges) / (2 * np.pi)
+    cosine, sine = np.cos(angle), np.sin(angle)
+    # whole rows of x and of y
+    center, great_axis, small_axis = ellipse.centers[0, :, None], ellipse.great[0, :, None], ellipse.small[0, :, None]
+    points = center + cosine * great_axis + sine * small_axis
+    x, y = cosine * small_axis - sine * great_axis
+    length_px = np.hypot(x, y)
+    normals = np.stack([y / length_px, -(x / length_px)])
+    off = points - center
+    normals *= np.sign(off[0] * normals[0] + off[1] * normals[1])
+    return points.T.copy(), normals.T.copy(), np.diff(edges) / (2 * np.pi)
 
 
 def describe_circle(circle: MeasuredCircle, field_share: float, width: int) -> CircleHypothesis:

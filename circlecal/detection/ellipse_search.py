@@ -173,8 +173,8 @@ def draw_ellipses(
     unit = width / 2.0
     origin = np.array([(width - 1) / 2, (height - 1) / 2])
     triples = (_draw_near_triples if near else _draw_triples)(ridges, index, width, search.draws, rng)
-    rows = np.concatenate([(ridges.points - origin) / unit, ridges.normals], axis=1).astype(np.float32)
-    drawn = np.ascontiguousarray(np.moveaxis(rows[triples], -1, 0))
+    rows = np.concatenate([((ridges.points - origin) / unit).T, ridges.normals.T]).astype(np.float32)
+    drawn = rows.take(triples, axis=1)
     mu, agreement = find_pencil_parameter(drawn[:2], drawn[2:])
     good = np.flatnonzero(agreement >= np.cos(np.deg2rad(TANGENT_TOLERANCE_DEG)))
     kept = drawn[..., good].astype(np.float64)

@@ -316,7 +316,8 @@ def measure_curve(
         +1 for a light marking, -1 for a dark one.
     """
     height, width = picture.shape
-    inside = np.asarray(((points >= 0) & (points <= (width - 1, height - 1))).all(axis=1), np.bool_)
+    x, y = points[:, 0], points[:, 1]
+    inside = (x >= 0) & (y >= 0) & (x <= width - 1) & (y <= height - 1)
     half = max(LEAST_TAPS, int(np.ceil(median(reach_px) / TAP_PX)))
     tap_px = reach_px / half
     offsets = np.arange(-half, half + 1.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import cv2
@@ -72,7 +73,7 @@ def smooth_along(profiles: Profiles, sigma_samples: float) -> Profiles:
     if sigma_samples <= 0 or len(profiles) < 3:
         return profiles
     values = np.ascontiguousarray(profiles.T, np.float32)
-    kernel = cv2.getGaussianKernel(2 * int(np.ceil(2.5 * sigma_samples)) + 1, sigma_samples, cv2.CV_32F)
+    kernel = _gaussian(sigma_samples)
     known = np.isfinite(values)
     if known.all():
         return _filter_rows(values, kernel).T
@@ -80,6 +81,12 @@ def smooth_along(profiles: Profiles, sigma_samples: float) -> Profiles:
     weight = _filter_rows(known.astype(np.float32), kernel)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(known, total / weight, np.float32(np.nan)).T
+
+
+@lru_cache(maxsize=32)
+def _gaussian(sigma: float) -> cv2.typing.MatLike:
+    """Kernel (K, 1), of which few are asked for again and again."""
+    return cv2.getGaussianKernel(2 * int(np.ceil(2.5 * sigma)) + 1, sigma, cv2.CV_32F)
 
 
 def _filter_rows(values: NDArray[np.float32], kernel: cv2.typing.MatLike) -> NDArray[np.float32]:
