@@ -26,6 +26,7 @@ from circlecal.pipeline.placed_field import (
     _weigh_answer,
 )
 from circlecal.pipeline.placed_view import LARGEST_RESIDUAL_PX, _leave_out_strays
+from circlecal.pipeline.template_markings import measure_template
 from circlecal.placement import (
     PlacedField,
     ViewEvidence,
@@ -43,7 +44,6 @@ from circlecal.results import Attempt, CameraFit, CircleCandidate, Cues, MarkCue
 from circlecal.stages import camera as camera_stage
 from circlecal.stages.camera import estimate_camera
 from circlecal.stages.edges import detect_edges
-from circlecal.stages.rays import measure_template
 from circlecal.synthetic.cameras import aim_camera
 from circlecal.synthetic.renderer import render
 from circlecal.synthetic.scene import RenderConfig, Scene
