@@ -13,7 +13,7 @@ from circlecal.observations import CirclePoints, LinePoints, Observations, join_
 from circlecal.paint.predicted_width import WIDE_PX, predict_paint_widths
 from circlecal.pipeline.attempts import calibrate_extra, estimate, look_again, measure
 from circlecal.pipeline.setting import Scene, Setting, lighten_markings
-from circlecal.pipeline.template_markings import measure_line
+from circlecal.pipeline.template_markings import measure_straight_markings
 from circlecal.placement import mean_distance_px
 from circlecal.refusals import REFUSALS
 from circlecal.results import Attempt, CameraFit, Interpretation, MarkingMask
@@ -152,10 +152,11 @@ def _measure_halfway(
     if line is None or all(seen.line != line.name for seen in observations.lines):
         return observations
     with setting.clock("cues"):
-        found = measure_line(picture, camera.view, template, line, region, noise, setting.config.rays)
-    if found is None:
+        options = region, noise, setting.config.rays
+        found = measure_straight_markings(picture, camera.view, template, (line,), *options)
+    if not found:
         return observations
-    lines = (replace(found, ends=seen.ends) if seen.line == line.name else seen for seen in observations.lines)
+    lines = (replace(found[0], ends=seen.ends) if seen.line == line.name else seen for seen in observations.lines)
     return replace(observations, lines=tuple(lines))
 
 

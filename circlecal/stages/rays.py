@@ -43,6 +43,10 @@ FEWEST_WIDE, RAGGED_SHARE = 16, 0.005
 middle between its edges, in widths: those of worn paint scatter by 0.005 to 0.01 about the true circles of 14 rendered
 robots' fields, by their flux 0.02 to 0.06.
 """
+EDGED_SHARE = 0.5
+"""Paint that shows both edges at a smaller share of the places at which it is a band has none: rinks' centre lines are
+checkered.
+"""
 BLURRED_PX = 7.2
 """Width of a narrower line as defocus and motion leave it, pixels at 1920 px width."""
 WIDEST = 0.25
@@ -283,9 +287,10 @@ def _measure_steady(
     wide = np.flatnonzero(width > WIDE_PX * unit)
     if len(wide) >= FEWEST_WIDE:
         middle, found = measure_edge_pairs(picture, points[wide], across[wide], width[wide], search_px)
-        # of paint that is nearer on one side the middle of the picture is not that of the paint
-        offset[wide] = np.where(found, middle - sides[:, wide].mean(axis=0), np.nan)
-        sigma[wide] = np.hypot(SIGMA_FLOOR_PX, RAGGED_SHARE * width[wide])
+        if np.count_nonzero(found) >= EDGED_SHARE * np.count_nonzero(plausible[wide]):
+            # of paint that is nearer on one side the middle of the picture is not that of the paint
+            offset[wide] = np.where(found, middle - sides[:, wide].mean(axis=0), np.nan)
+            sigma[wide] = np.hypot(SIGMA_FLOOR_PX, RAGGED_SHARE * width[wide])
     seen = np.flatnonzero(np.isfinite(offset))
     limit = np.maximum(STEADY_PX * unit, STEADY_SHARE * predicted[seen])
     kept = seen[_steady(offset[seen], limit)]
