@@ -40,8 +40,9 @@ NEAR_SIGMAS = 1.5
 """A line passes through another one's end within this many of the end's standard deviations."""
 PASSED_PX, PLACE_PX, PASSED_SHARE, MET_LENGTHS = 20.0, 2.0, 0.6, 3.0
 """A line runs on beyond another where it is seen at this share of the places, so many pixels apart, within so many
-pixels at 1920 px width on both sides of it; and by how many of its lengths that one may be drawn on to meet it. The
-side of a penalty area ends two lengths before the halfway line that a rendered field of 40 m was made to end on it.
+pixels at 1920 px width on both sides of it, and as much farther off where lettering on the floor hides the crossing;
+and by how many of its lengths that one may be drawn on to meet it. The side of a penalty area ends two lengths before
+the halfway line that a rendered field of 40 m was made to end on it.
 """
 PIECE_SHARE = 0.2
 """Share of a line's length to both sides of a point by which it is judged whether the line passes: by its own ends a
@@ -215,8 +216,16 @@ def _runs_on_beyond(points: Array, segment: Array, reach_px: float) -> bool:
     unsure = BEND_SHARE * lengths * float(np.linalg.norm(span))
     along = (points - crossing) @ np.array([line[1], -line[0]])
     beyond = (side - unsure for side in (along, -along))
-    counts = [np.unique(np.floor(side[(side > 0.0) & (side < reach_px)] / PLACE_PX)) for side in beyond]
-    return lengths < MET_LENGTHS and min(len(count) for count in counts) >= PASSED_SHARE * reach_px / PLACE_PX
+    counts = [_count_places(side[side > 0.0], reach_px) for side in beyond]
+    return lengths < MET_LENGTHS and min(counts) >= PASSED_SHARE * reach_px / PLACE_PX
+
+
+def _count_places(beyond: Array, reach_px: float) -> int:
+    """Places at which a line is seen beyond another one (N,), pixels, from the first of them on, which something that
+    lies where both meet may hide for as long.
+    """
+    first = float(beyond.min(initial=np.inf))
+    return len(np.unique(np.floor(beyond[beyond < first + reach_px] / PLACE_PX))) if first < reach_px else 0
 
 
 def segment_ends(points: Array) -> Array:
