@@ -188,7 +188,8 @@ def find_passed_lines(
 
     Other sports' touchlines run along the field's own, nearer to its middle; players hide the end of the halfway line.
     """
-    reach = PASSED_PX * observations.width / 1920.0
+    unit = observations.width / 1920.0
+    reach = PASSED_PX * unit
     found = set()
     for seen in observations.lines:
         drawn = template.line_by_name.get(seen.line or "")
@@ -196,10 +197,17 @@ def find_passed_lines(
             continue
         others = (find_line_through(corner, drawn, template) for corner in template.line_ends(drawn))
         names = [other.name for other in others if other is not None]
-        for place, k in enumerate(unnamed):
-            if names and _runs_on_beyond(seen.points_px, segment_ends(observations.lines[k].points_px), reach):
+        for place, k in enumerate(unnamed) if names else ():
+            segment = segment_ends(observations.lines[k].points_px)
+            if not _has_end_on(seen, segment, unit) and _runs_on_beyond(seen.points_px, segment, reach):
                 found |= {(place, name) for name in names}
     return frozenset(found)
+
+
+def _has_end_on(line: LinePoints, segment: Array, unit: float) -> bool:
+    """Whether the paint of a line was seen to end on a segment (2, 2): what lies behind it is none of it."""
+    points = (end.point_px for end in line.ends)
+    return any(_is_near(segment, point) and passes_point(segment, point, unit) for point in points)
 
 
 def _runs_on_beyond(points: Array, segment: Array, reach_px: float) -> bool:
