@@ -198,16 +198,17 @@ def find_passed_lines(
         others = (find_line_through(corner, drawn, template) for corner in template.line_ends(drawn))
         names = [other.name for other in others if other is not None]
         for place, k in enumerate(unnamed) if names else ():
-            segment = segment_ends(observations.lines[k].points_px)
-            if not _has_end_on(seen, segment, unit) and _runs_on_beyond(seen.points_px, segment, reach):
+            points_px = observations.lines[k].points_px
+            is_end = _has_end_on(seen, points_px, unit)
+            if not is_end and _runs_on_beyond(seen.points_px, segment_ends(points_px), reach):
                 found |= {(place, name) for name in names}
     return frozenset(found)
 
 
-def _has_end_on(line: LinePoints, segment: Array, unit: float) -> bool:
-    """Whether the paint of a line was seen to end on a segment (2, 2): what lies behind it is none of it."""
-    points = (end.point_px for end in line.ends)
-    return any(_is_near(segment, point) and passes_point(segment, point, unit) for point in points)
+def _has_end_on(line: LinePoints, points_px: Array, unit: float) -> bool:
+    """Whether the paint of a line was seen to end on another one (N, 2): what lies behind it is none of it."""
+    pieces = ((segment_ends(_piece_beside(points_px, end.point_px)), end.point_px) for end in line.ends)
+    return any(_is_near(segment, point) and passes_point(segment, point, unit) for segment, point in pieces)
 
 
 def _runs_on_beyond(points: Array, segment: Array, reach_px: float) -> bool:
