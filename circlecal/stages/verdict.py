@@ -171,7 +171,9 @@ def judge(attempt: Attempt, template: FieldTemplate, circle: Circle, width: int,
             likely = max(LIKELY_RESIDUAL_PX * unit, RESIDUAL_WIDTHS * mean_paint_width(camera.view, circle, template))
             checks.append(Check.of("likely_residual_px", _worst_of(camera, circle), likely))
         exact = camera is not None and _exact(ellipses, camera, template, circle, unit)
-        checks.append(Check.of("confirmations", float(_confirmations(cues, camera, unit) + exact), 1.0, at_least=True))
+        checks.append(
+            Check.of("confirmations", float(_confirmations(cues, camera, circle, unit) + exact), 1.0, at_least=True)
+        )
     failed = next((c for c in checks if not c.passed), None)
     if failed is None:
         return Verdict("calibrated", None, None, None, tuple(checks))
@@ -199,7 +201,7 @@ def _camera_checks(
     else:
         checks = _landmark_checks(camera, unit, config)
         checks += _place_checks(camera, circle, camera.reference_m, template, config)
-    alone = is_tentative and bool(ellipses.all()) and _confirmations(cues, camera, unit) == 0
+    alone = is_tentative and bool(ellipses.all()) and _confirmations(cues, camera, circle, unit) == 0
     limit_px = config.max_sigma_px * (UNCONFIRMED_SIGMA if alone else 1.0)
     checks.append(Check.of("sigma_px", camera.max_sigma_px, limit_px * unit))
     checks.append(Check.of("mean_sigma_px", camera.mean_sigma_px, config.max_mean_sigma_px * unit))
@@ -233,8 +235,8 @@ def _worst_of(camera: CameraFit, circle: Circle) -> float:
     return max((rms for key, rms in camera.residuals_px.items() if key.name == circle.name), default=0.0)
 
 
-def _confirmations(cues: Cues, camera: CameraFit | None, unit: float) -> int:
-    """Markings besides circle and halfway line that lie where the camera puts them."""
+def _confirmations(cues: Cues, camera: CameraFit | None, circle: Circle, unit: float) -> int:
+    """Markings besides circle and halfway line that lie where the camera puts them; arcs only beside both."""
     if camera is None:
         return 0
     halfway = None if cues.halfway is None else cues.halfway.name
@@ -242,7 +244,9 @@ def _confirmations(cues: Cues, camera: CameraFit | None, unit: float) -> int:
     residuals, largest = camera.residuals_px, LIKELY_RESIDUAL_PX * unit
     told = {line.name for line in cues.lines if line.name is not None and MarkingKey(line.name) in residuals}
     near = [name for name in {*camera.named_lines, *told} if residuals.get(MarkingKey(name), 0.0) <= largest]
-    return int(mark) + sum(name != halfway for name in near)
+    others = (key for key in residuals if key.edge is not None and key.name != circle.name and halfway is not None)
+    arcs = sum(residuals[key] <= largest for key in others)
+    return int(mark) + sum(name != halfway for name in near) + arcs
 
 
 def _exact(ellipses: EllipseFits, camera: CameraFit, template: FieldTemplate, circle: Circle, unit: float) -> bool:
@@ -316,7 +320,7 @@ def _residual_checks(
             checks.append(Check.of("structured_residual_px", structured, limit))
         elif cues.halfway is not None and key.name == cues.halfway.name:
             checks.append(Check.of("line_residual_px", rms, max(config.max_line_residual_px * unit, stated)))
-    if not _confirmations(cues, camera, unit):
+    if not _confirmations(cues, camera, circle, unit):
         for key in _keys_of_ends(camera, cues, circle):
             painted = NOISE_SIGMAS * camera.painted_sigma_px.get(key, 0.0)
             limit = max(config.max_line_residual_px * unit, painted)
