@@ -231,8 +231,9 @@ def _orientation_checks(H: Array, circle: Circle) -> list[Check]:
 
 
 def _worst_of(camera: CameraFit, circle: Circle) -> float:
-    """Largest residual of the circle's edges or centreline, px."""
-    return max((rms for key, rms in camera.residuals_px.items() if key.name == circle.name), default=0.0)
+    """Largest residual of the circle's edges or centreline, px, without what lies on players."""
+    own = ((key, rms) for key, rms in camera.residuals_px.items() if key.name == circle.name)
+    return max((camera.bulk_residuals_px.get(key, rms) for key, rms in own), default=0.0)
 
 
 def _confirmations(cues: Cues, camera: CameraFit | None, circle: Circle, unit: float) -> int:
