@@ -165,8 +165,8 @@ def are_others_painted(
 
 
 def is_circle_painted(picture: NDArray[np.uint8], fit: CameraFit, template: FieldTemplate, circle: Circle) -> bool:
-    """Whether paint shows nearly everywhere along the predicted circle, or both edges of wide paint along a third of it;
-    the parameters are those of :func:`measure_circle_sectors`.
+    """Whether paint shows nearly everywhere along the predicted circle, or both edges of wide paint along a third of
+    it; the parameters are those of :func:`measure_circle_sectors`.
     """
     sectors = measure_circle_sectors(picture, fit, template, circle)
     is_painted = len(sectors) >= LEAST_SECTORS and float(np.mean(sectors > CLEAR)) >= LEAST_SHARE
