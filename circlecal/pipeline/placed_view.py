@@ -115,7 +115,9 @@ def _calibrate_view(setting: Setting, picture: NDArray[np.uint8], attempt: Attem
     if mask is None or edges is None:
         return attempt
     with setting.clock("rays"):
-        circles, lines = measure_template(picture, view, template, mask.field_region, edges.noise, setting.config.rays)
+        options = mask.field_region, edges.noise, setting.config.rays
+        follows = not setting.config.field.any_circle
+        circles, lines = measure_template(picture, view, template, *options, follows_curves=follows)
         spots = measure_spots(picture, view, template.lone_marks, edges.noise, template.placement_sd_m)
     observations = Observations(setting.width, setting.height, circles, lines, spots)
     seen = replace(attempt, verdict=None, camera=None, correspondences=None, homography=None)

@@ -473,8 +473,8 @@ def test_a_circle_with_its_line_takes_in_all_other_markings(monkeypatch):
     mask = MarkingMask(np.zeros_like(gray), "detector", conic, field_region=ground, polarity=-1.0)
     seen = Attempt(mask=mask, edges=detect_edges(~gray, mask, config.edges))
 
-    def measure_two(*given):
-        circles, lines = measure_template(*given)
+    def measure_two(*given, **options):
+        circles, lines = measure_template(*given, **options)
         return tuple(c for c in circles if c.circle == circle.name), tuple(n for n in lines if n.line == "halfway_line")
 
     with monkeypatch.context() as patch:
