@@ -85,6 +85,11 @@ class FieldConfig(BaseModel):
         description="Whether every circle of the template may be the one that is seen, told by all other markings,"
         " where none is named above and the default circle with its line does not calibrate.",
     )
+    all_markings: bool = Field(
+        False,
+        description="Whether every marking of the template is measured where a camera from circle and halfway line puts"
+        " it, and those that agree are taken in.",
+    )
     sizes: dict[str, float] = Field(
         {}, description="Sizes in metres over those of the template, e.g. {length: 100, marking: 0.1}."
     )

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from circlecal.camera.residuals import CurvePoints, curve_residuals, ground_feet
+from circlecal.camera.residuals import CurvePoints, curve_points, curve_residuals, ground_feet
 from circlecal.field import FieldTemplate
-from circlecal.geometry.camera_parameters import INDEX, ProjectionModel
+from circlecal.geometry.camera_parameters import INDEX, ProjectionModel, project
 from circlecal.geometry.projective import Array, Indices, Mask
 from circlecal.observations import MarkingKey
 
@@ -165,7 +165,9 @@ def _pairs(segments: Array, ends: Array, shifts: Array, theta: Array, model: Pro
     feet = seen.feet[0].reshape(T, S, 2)
     slack = EXTENT_SLACK_SHARE * lengths[:, None, None] + EXTENT_SLACK_M + slide_m[:, None, None]
     on_marking = ((feet > -slack) & (feet < lengths[:, None, None] + slack)).all(axis=-1)
-    on_marking &= ~seen.behind[0].reshape(T, S, 2).any(axis=-1)
+    # beyond where a barrel lens folds back, markings far aside of the picture seem to run through it
+    places, _ = curve_points(curves, seen.feet, theta[None])
+    on_marking &= project(theta[None], places, model).visible[0].reshape(T, S, 2).all(axis=-1)
     return _Pairs(
         np.swapaxes(seen.values[0].reshape(T, S, 2), 0, 1),
         np.ascontiguousarray(np.swapaxes(seen.jacobian[0].reshape(T, S, 2, -1), 0, 1)),

@@ -40,8 +40,9 @@ NEAR_SIGMAS = 1.5
 """A line passes through another one's end within this many of the end's standard deviations."""
 PASSED_PX, PLACE_PX, PASSED_SHARE, MET_LENGTHS = 20.0, 2.0, 0.6, 3.0
 """A line runs on beyond another where it is seen at this share of the places, so many pixels apart, within so many
-pixels at 1920 px width on both sides of it; and by how many of its lengths that one may be drawn on to meet it. The
-side of a penalty area ends two lengths before the halfway line that a rendered field of 40 m was made to end on it.
+pixels at 1920 px width on both sides of it, and as much farther off where lettering on the floor hides the crossing;
+and by how many of its lengths that one may be drawn on to meet it. The side of a penalty area ends two lengths before
+the halfway line that a rendered field of 40 m was made to end on it.
 """
 PIECE_SHARE = 0.2
 """Share of a line's length to both sides of a point by which it is judged whether the line passes: by its own ends a
@@ -187,7 +188,8 @@ def find_passed_lines(
 
     Other sports' touchlines run along the field's own, nearer to its middle; players hide the end of the halfway line.
     """
-    reach = PASSED_PX * observations.width / 1920.0
+    unit = observations.width / 1920.0
+    reach = PASSED_PX * unit
     found = set()
     for seen in observations.lines:
         drawn = template.line_by_name.get(seen.line or "")
@@ -195,10 +197,18 @@ def find_passed_lines(
             continue
         others = (find_line_through(corner, drawn, template) for corner in template.line_ends(drawn))
         names = [other.name for other in others if other is not None]
-        for place, k in enumerate(unnamed):
-            if names and _runs_on_beyond(seen.points_px, segment_ends(observations.lines[k].points_px), reach):
+        for place, k in enumerate(unnamed) if names else ():
+            points_px = observations.lines[k].points_px
+            is_end = _has_end_on(seen, points_px, unit)
+            if not is_end and _runs_on_beyond(seen.points_px, segment_ends(points_px), reach):
                 found |= {(place, name) for name in names}
     return frozenset(found)
+
+
+def _has_end_on(line: LinePoints, points_px: Array, unit: float) -> bool:
+    """Whether the paint of a line was seen to end on another one (N, 2): what lies behind it is none of it."""
+    pieces = ((segment_ends(_piece_beside(points_px, end.point_px)), end.point_px) for end in line.ends)
+    return any(_is_near(segment, point) and passes_point(segment, point, unit) for segment, point in pieces)
 
 
 def _runs_on_beyond(points: Array, segment: Array, reach_px: float) -> bool:
@@ -215,8 +225,16 @@ def _runs_on_beyond(points: Array, segment: Array, reach_px: float) -> bool:
     unsure = BEND_SHARE * lengths * float(np.linalg.norm(span))
     along = (points - crossing) @ np.array([line[1], -line[0]])
     beyond = (side - unsure for side in (along, -along))
-    counts = [np.unique(np.floor(side[(side > 0.0) & (side < reach_px)] / PLACE_PX)) for side in beyond]
-    return lengths < MET_LENGTHS and min(len(count) for count in counts) >= PASSED_SHARE * reach_px / PLACE_PX
+    counts = [_count_places(side[side > 0.0], reach_px) for side in beyond]
+    return lengths < MET_LENGTHS and min(counts) >= PASSED_SHARE * reach_px / PLACE_PX
+
+
+def _count_places(beyond: Array, reach_px: float) -> int:
+    """Places at which a line is seen beyond another one (N,), pixels, from the first of them on, which something that
+    lies where both meet may hide for as long.
+    """
+    first = float(beyond.min(initial=np.inf))
+    return len(np.unique(np.floor(beyond[beyond < first + reach_px] / PLACE_PX))) if first < reach_px else 0
 
 
 def segment_ends(points: Array) -> Array:

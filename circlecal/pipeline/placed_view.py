@@ -11,15 +11,16 @@ from numpy.typing import NDArray
 from circlecal.errors import EstimationError
 from circlecal.field.view import FieldView
 from circlecal.observations import MarkingKey, Observations
+from circlecal.paint.predicted_width import RESIDUAL_WIDTHS, mean_paint_width
 from circlecal.paint.spots import measure_spots
-from circlecal.pipeline.attempts import add_checks, estimate, take_observations
+from circlecal.pipeline.attempts import add_checks, estimate, look_again, take_observations
 from circlecal.pipeline.refinements import Retry, is_less_uncertain
 from circlecal.pipeline.setting import Scene, Setting, lighten_markings
+from circlecal.pipeline.template_markings import measure_template
 from circlecal.placement import PlacedField, mean_distance_px, share_on_surface
 from circlecal.refusals import Confidence
 from circlecal.results import Attempt, CameraFit, MarkingMask
 from circlecal.stages.edges import detect_edges
-from circlecal.stages.rays import measure_template
 
 PLACED_ROUNDS = 3
 """How often the markings of a placed field are measured: where the placement puts them, and where the camera does; the
@@ -62,6 +63,8 @@ STRAY_MEDIANS, LEAST_STRAY_PX = 5.0, 0.5
 marking has 1.8 medians, the edge of a painted key on three rendered courts 5 to 20, and errors of 1.4 to 4 px fall
 to 0.2 to 1.8 without it.
 """
+FEWEST_MORE = 2
+"""Markings that a camera which was refused must find beside those that it was fitted to."""
 SURFACE_SHARE = 0.68
 """Least share of the markings in the picture that lie on the playing surface: of eight right cameras of rinks and
 courts 0.77 to 1; of a rink that was laid into the stands 0.60, of three rendered courts whose other circle with its
@@ -112,7 +115,9 @@ def _calibrate_view(setting: Setting, picture: NDArray[np.uint8], attempt: Attem
     if mask is None or edges is None:
         return attempt
     with setting.clock("rays"):
-        circles, lines = measure_template(picture, view, template, mask.field_region, edges.noise, setting.config.rays)
+        options = mask.field_region, edges.noise, setting.config.rays
+        follows = not setting.config.field.any_circle
+        circles, lines = measure_template(picture, view, template, *options, follows_curves=follows)
         spots = measure_spots(picture, view, template.lone_marks, edges.noise, template.placement_sd_m)
     observations = Observations(setting.width, setting.height, circles, lines, spots)
     seen = replace(attempt, verdict=None, camera=None, correspondences=None, homography=None)
@@ -149,7 +154,11 @@ def _leave_out_strays(setting: Setting, seen: Attempt, attempt: Attempt) -> Atte
     while left > 0 and camera is not None and observations is not None and len(camera.residuals_px) > FEWEST_LEFT:
         usual = STRAY_MEDIANS * float(np.median(list(camera.residuals_px.values())))
         limit_px = float(np.clip(usual, LEAST_STRAY_PX * unit, LARGEST_RESIDUAL_PX * unit))
-        limits = {key: _allow_painters(camera, key, limit_px) for key in camera.residuals_px}
+        wander_px = RESIDUAL_WIDTHS * mean_paint_width(camera.view, setting.circle, setting.template)
+        limits = {
+            key: _allow_painters(camera, key, limit_px + (wander_px if key.name == setting.circle.name else 0.0))
+            for key in camera.residuals_px
+        }
         beyond = {key: camera.residuals_px[key] / limit for key, limit in limits.items()}
         worst = max(beyond, key=lambda key: beyond[key])
         if beyond[worst] <= 1.0 and attempt.code != "residual_too_large":
@@ -183,21 +192,29 @@ def count_carrying(attempt: Attempt) -> int:
 
 
 def _may_show_more_markings(setting: Setting, attempt: Attempt) -> bool:
-    """Whether a circle with few lines was calibrated where the field has many more markings."""
+    """Whether a circle with few lines carries a camera where the field has many more markings; one that was refused
+    only where it cannot be another circle, since the whole field was laid over the picture else.
+    """
     field, camera = setting.config.field, attempt.camera
     is_seen = attempt.mask is not None and attempt.mask.source == "detector" and attempt.edges is not None
-    if not (attempt.is_calibrated and field.any_circle and is_seen) or camera is None:
+    if not (field.all_markings and is_seen) or camera is None or attempt.circle_name is not None:
         return False
-    return attempt.circle_name is None and camera.max_sigma_px > SURE_PX * setting.width / 1920.0
+    is_unsure = camera.max_sigma_px > SURE_PX * setting.width / 1920.0
+    return is_unsure if attempt.is_calibrated else not field.any_circle
 
 
 def take_in_markings(setting: Setting, scene: Scene, attempt: Attempt) -> Iterator[Attempt]:
-    """The attempt with every marking that lies where its camera puts it, and with the checks that it passed."""
+    """The attempt with every marking that lies where its camera puts it, and with the checks that it passed, or those
+    of a new look at the picture where it had been refused.
+    """
     if attempt.mask is None or attempt.camera is None or attempt.verdict is None:
         return
     picture = lighten_markings(scene.marked, attempt.mask, setting.circle)
     fuller = _settle_view(setting, picture, attempt, attempt.camera.view)
     if fuller is None or not lies_on_surface(setting, fuller):
+        return
+    if not attempt.is_calibrated:
+        yield look_again(setting, scene, fuller)
         return
     told = set() if fuller.verdict is None else {check.name for check in fuller.verdict.checks}
     yield add_checks(fuller, *(check for check in attempt.verdict.checks if check.name not in told))
@@ -219,9 +236,10 @@ def _is_fuller(setting: Setting, attempt: Attempt, fuller: Attempt) -> bool:
     if attempt.camera is None or fuller.camera is None or not is_less_uncertain(setting, attempt, fuller):
         return False
     moved = mean_distance_px(attempt.camera.view, fuller.camera.view, setting.template)
-    is_more = len(fuller.camera.residuals_px) > len(attempt.camera.residuals_px)
+    more = len(fuller.camera.residuals_px) - len(attempt.camera.residuals_px)
+    is_more = more >= (1 if attempt.is_calibrated else FEWEST_MORE)
     return is_more and moved <= LARGEST_MOVE_WIDTHS * setting.width and _is_of_this_size(setting, fuller)
 
 
 ALL_MARKINGS = Retry(_may_show_more_markings, take_in_markings, _is_fuller)
-"""Tried on fields with several large circles, where few of the markings carry a camera."""
+"""Tried where few of the markings carry a camera."""

@@ -13,6 +13,7 @@ from circlecal.observations import CirclePoints, LinePoints, Observations, join_
 from circlecal.paint.predicted_width import WIDE_PX, predict_line_widths, predict_paint_widths
 from circlecal.pipeline.attempts import calibrate_extra, estimate, look_again, measure
 from circlecal.pipeline.setting import Scene, Setting, lighten_markings
+from circlecal.pipeline.template_markings import measure_straight_markings
 from circlecal.placement import mean_distance_px
 from circlecal.refusals import REFUSALS
 from circlecal.results import Attempt, CameraFit, Interpretation, MarkingMask
@@ -133,6 +134,8 @@ def remeasure_along_camera(setting: Setting, scene: Scene, attempt: Attempt) -> 
             yield estimate(setting, replace(attempt, verdict=None))
         return
     again = replace_curves(observations, found)
+    if _is_wide(setting, camera):
+        again = _measure_halfway(setting, picture, camera, again, mask.field_region, edges.noise)
     start = camera if is_turned_by_lines else None
     yield estimate(setting, replace(attempt, observations=again, verdict=None), start)
 
@@ -168,6 +171,30 @@ def leave_out_broad_lines(setting: Setting, scene: Scene, attempt: Attempt) -> I
     kept = tuple(line for k, line in enumerate(attempt.observations.lines) if k - first not in broad)
     cues, observations = replace(attempt.cues, lines=lines), replace(attempt.observations, lines=kept)
     yield estimate(setting, replace(attempt, cues=cues, observations=observations, verdict=None))
+
+
+def _measure_halfway(
+    setting: Setting,
+    picture: NDArray[np.uint8],
+    camera: CameraFit,
+    observations: Observations,
+    region: NDArray[np.bool_] | None,
+    noise: float,
+) -> Observations:
+    """The observations with the halfway line measured where a camera puts it, whose paint is wide like the circle's;
+    its ends stay.
+    """
+    template = setting.template
+    line = template.line_by_name.get(template.halfway_line or "")
+    if line is None or all(seen.line != line.name for seen in observations.lines):
+        return observations
+    with setting.clock("cues"):
+        options = region, noise, setting.config.rays
+        found = measure_straight_markings(picture, camera.view, template, (line,), *options)
+    if not found:
+        return observations
+    lines = (replace(found[0], ends=seen.ends) if seen.line == line.name else seen for seen in observations.lines)
+    return replace(observations, lines=tuple(lines))
 
 
 def _may_show_faint_lines(setting: Setting, attempt: Attempt) -> bool:

@@ -20,14 +20,13 @@ from circlecal.field.view import FieldView
 from circlecal.geometry.ellipses import Ellipse, ellipse_from_conic
 from circlecal.geometry.projective import Array, Mask
 from circlecal.geometry.ransac import ransac_conic
-from circlecal.line_naming.marking_places import lie_on_surface
-from circlecal.observations import CircleEdge, CirclePoints, LinePoints
-from circlecal.paint.bands import Bands, measure_bands, rise_above_noise
-from circlecal.paint.lines import ONE_ROUND, measure_lines
+from circlecal.observations import CircleEdge
+from circlecal.paint.bands import SIGMA_FLOOR_PX, Bands, measure_bands, rise_above_noise
+from circlecal.paint.edge_pairs import measure_edge_pairs
 from circlecal.paint.predicted_width import WIDE_PX
 from circlecal.paint.profiles import GrayPicture, sample_profiles, smooth_along
 from circlecal.refusals import Confidence, refuse
-from circlecal.results import EdgePoints, LineCue, MarkingMask, RayPoints, Segment
+from circlecal.results import EdgePoints, MarkingMask, RayPoints
 
 CLEAR_OF_ENDS_PX = 6.0
 """An arc ends on a line: nearer than this beyond the search its paint is not told from the line's, at 1920 px width."""
@@ -39,20 +38,17 @@ WIDE_SEARCHES = 2.0
 """The profiles of wide paint of more than so many searches are stretched by as much as it is wider, so that they hold
 the ground on both sides of it, and its middle is looked for as much farther away.
 """
-SHORTEST_LINE, LINE_SEARCH_PX, LINE_RMS_PX, LINE_SHARE = 0.06, 9.0, 2.5, 0.35
-"""A straight marking is measured where a placed field shows so much of it, picture widths; how far to both sides, and
-with what scatter, pixels at 1920 px width; and the share of it that must be seen.
+FEWEST_WIDE, RAGGED_SHARE = 16, 0.005
+"""Places of wide paint in a row of places, fewer of which are measured like thin paint; and standard deviation of a
+middle between its edges, in widths: those of worn paint scatter by 0.005 to 0.01 about the true circles of 14 rendered
+robots' fields, by their flux 0.02 to 0.06.
 """
-LINE_SPACING_PX, DENSE_SHARE = 2.0, 0.25
-"""Between two profiles across a line, pixels, and least share of a line's places at which paint is measured: 17 streaks
-of the ice in 0.11 of a rendered rink's length were taken for the goal line, which exchanged its ends.
+EDGED_SHARE = 0.5
+"""Paint that shows both edges at a smaller share of the places at which it is a band has none: rinks' centre lines are
+checkered.
 """
-FEWEST_ON_CIRCLE, CIRCLE_SHARE = 16, 0.25
-"""Points of a circle or an arc, fewer of which, or of a smaller share of what is in view of it, lie on something else:
-those on a logo within a centre circle were 0.05 of it.
-"""
-LINE_NODES = 65
-"""Along a straight marking, which tell what of it the picture shows."""
+BLURRED_PX = 7.2
+"""Width of a narrower line as defocus and motion leave it, pixels at 1920 px width."""
 WIDEST = 0.25
 """Paint that a camera predicts wider, in picture widths, is no marking that could be measured."""
 RIM_PX = 4.5
@@ -209,25 +205,96 @@ def measure_along_model(
     length = np.concatenate([[0.0], np.cumsum(np.nan_to_num(steps))])
     count = int(np.clip(length[-1] / config.spacing_px, 64, 2 * config.maximum))
     angle = np.interp(np.arange(count) * length[-1] / count, length, angle)
-    points, normals = project_edge("center", angle), project_edge("outer", angle) - project_edge("inner", angle)
-    tangent = np.gradient(points, axis=0)
-    across = np.stack([tangent[:, 1], -tangent[:, 0]], axis=-1)
-    across /= np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), 1e-9)
-    predicted = np.abs(np.sum(across * normals, axis=-1))
-    inside = np.isfinite(points).all(axis=1) & ((points >= 0) & (points <= (width - 1, height - 1))).all(axis=1)
+    points = project_edge("center", angle)
+    across = _normals_of(points)
+    sides = np.stack([_along_normals(project_edge(edge, angle) - points, across) for edge in ("inner", "outer")])
     if circle.fill == "disc":
-        predicted = np.full(count, RIM_PX * width / 1920.0)
-    inside &= predicted < WIDEST * width
+        sides = np.array([[-0.5], [0.5]]) * np.full(count, RIM_PX * width / 1920.0)
+    inside = _lie_in_picture(points, sides, width, height)
     if isinstance(circle, Arc):
         clear = search + CLEAR_OF_ENDS_PX * width / 1920.0
         along = np.arange(count) * length[-1] / count
         inside &= (along > clear) & (along < length[-1] - clear)
-    middle, bands, plausible = _bands_along(
-        picture, points[inside], across[inside], predicted[inside], noise, search, config, 1.0
-    )
-    limit = np.maximum(STEADY_PX * width / 1920.0, STEADY_SHARE * predicted[inside][plausible])
-    steady = _steady(bands.center, limit)
-    return middle[steady], bands.sigma(noise)[steady]
+    return _measure_steady(picture, points[inside], across[inside], sides[:, inside], search, noise, config)
+
+
+def measure_along_curve(
+    picture: GrayPicture, points: Array, sides: Array, search_px: float, noise: float, config: RaysConfig
+) -> tuple[Array, Array]:
+    """Middle of the paint along any curve, as :func:`measure_along_model` measures it.
+
+    Parameters
+    ----------
+    picture : (H, W) uint8 or float32
+        Brightness, with the markings lighter than the field.
+    points : (N, 2) array
+        Places along the curve, pixels.
+    sides : (2, N, 2) array
+        Both edges of the paint there.
+    search_px : float
+        How far to both sides the paint may lie.
+    noise : float
+        Grey-level noise of the picture.
+    config : RaysConfig
+
+    Returns
+    -------
+    points_px : (K, 2) array
+    sigma_px : (K,) array
+    """
+    across = _normals_of(points)
+    away = np.stack([_along_normals(side - points, across) for side in sides])
+    inside = _lie_in_picture(points, away, picture.shape[1], picture.shape[0])
+    given = picture, points[inside], across[inside], away[:, inside]
+    return _measure_steady(*given, search_px, noise, config, BLURRED_PX * picture.shape[1] / 1920.0)
+
+
+def _lie_in_picture(points: Array, sides: Array, width: int, height: int) -> Mask:
+    """Which places (N, 2) lie in the picture, with paint between sides (2, N) that is not too wide to be a marking."""
+    inside = np.isfinite(points).all(axis=1) & ((points >= 0) & (points <= (width - 1, height - 1))).all(axis=1)
+    return np.asarray(inside & (np.abs(sides[1] - sides[0]) < WIDEST * width), np.bool_)
+
+
+def _normals_of(points: Array) -> Array:
+    """Unit normals (N, 2) of a curve through points (N, 2)."""
+    tangent = np.gradient(points, axis=0)
+    across = np.stack([tangent[:, 1], -tangent[:, 0]], axis=-1)
+    return np.asarray(across / np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), 1e-9))
+
+
+def _measure_steady(
+    picture: GrayPicture,
+    points: Array,
+    across: Array,
+    sides: Array,
+    search_px: float,
+    noise: float,
+    config: RaysConfig,
+    least_px: float = 0.0,
+) -> tuple[Array, Array]:
+    """Middles (K, 2) of the paint across places (N, 2), and their sigmas (K,), without those that leave their
+    neighbours' offset. Where paint is wide between its sides (2, N) its edges tell the middle; blur leaves it at least
+    so wide.
+    """
+    if len(points) == 0:
+        return np.zeros((0, 2)), np.zeros(0)
+    unit = picture.shape[1] / 1920.0
+    width = np.abs(sides[1] - sides[0])
+    predicted = np.maximum(width, least_px)
+    _, bands, plausible = _bands_along(picture, points, across, predicted, noise, search_px, config, 1.0)
+    offset, sigma = np.full(len(points), np.nan), np.zeros(len(points))
+    offset[plausible], sigma[plausible] = bands.center, bands.sigma(noise)
+    wide = np.flatnonzero(width > WIDE_PX * unit)
+    if len(wide) >= FEWEST_WIDE:
+        middle, found = measure_edge_pairs(picture, points[wide], across[wide], width[wide], search_px)
+        if np.count_nonzero(found) >= EDGED_SHARE * np.count_nonzero(plausible[wide]):
+            # of paint that is nearer on one side the middle of the picture is not that of the paint
+            offset[wide] = np.where(found, middle - sides[:, wide].mean(axis=0), np.nan)
+            sigma[wide] = np.hypot(SIGMA_FLOOR_PX, RAGGED_SHARE * width[wide])
+    seen = np.flatnonzero(np.isfinite(offset))
+    limit = np.maximum(STEADY_PX * unit, STEADY_SHARE * predicted[seen])
+    kept = seen[_steady(offset[seen], limit)]
+    return points[kept] + offset[kept, None] * across[kept], sigma[kept]
 
 
 def _steady(offsets: Array, limit: Array) -> NDArray[np.bool_]:
@@ -389,83 +456,3 @@ def _along(centreline: _Centreline, angles: Array) -> tuple[Array, Array, NDArra
 
 def _wrap_angle(angle: Array) -> Array:
     return (angle + np.pi) % (2 * np.pi) - np.pi
-
-
-def measure_template(
-    picture: GrayPicture,
-    view: FieldView,
-    template: FieldTemplate,
-    region: Mask | None,
-    noise: float,
-    config: RaysConfig,
-) -> tuple[tuple[CirclePoints, ...], tuple[LinePoints, ...]]:
-    """Points on the circles, arcs and straight markings of a field where a view puts them.
-
-    Parameters
-    ----------
-    picture : (H, W) uint8 or float32
-        Brightness, with the markings lighter than the field.
-    view : FieldView
-        Where the field is seen.
-    template : FieldTemplate
-        The field.
-    region : (h, w) bool or None
-        The playing surface in a reduced picture.
-    noise : float
-        Grey-level noise of the picture.
-    config : RaysConfig
-        How circles are measured.
-    """
-    height, width = picture.shape
-    circles, curves = [], template.polylines()
-    for circle in (*template.circles, *template.arcs):
-        points, sigma = measure_along_model(picture, view, circle, template, noise, config)
-        on = lie_on_surface(points, region, width, height)
-        shown = view.project(curves[circle.name])
-        visible = np.asarray(np.isfinite(shown).all(axis=1), np.bool_)
-        visible[visible] = lie_on_surface(shown[visible], region, width, height)
-        steps = np.linalg.norm(np.diff(shown, axis=0), axis=1)[visible[1:] & visible[:-1]]
-        if on.sum() >= max(FEWEST_ON_CIRCLE, CIRCLE_SHARE * steps.sum() / config.spacing_px):
-            circles.append(CirclePoints(circle.name, "center", points[on], sigma[on]))
-    return tuple(circles), _measure_lines_of(picture, view, template, region, noise)
-
-
-def _measure_lines_of(
-    picture: GrayPicture, view: FieldView, template: FieldTemplate, region: Mask | None, noise: float
-) -> tuple[LinePoints, ...]:
-    height, width = picture.shape
-    unit = width / 1920.0
-    share = np.linspace(0.0, 1.0, LINE_NODES)[:, None]
-    names, segments, widths = [], [], []
-    for line in template.lines:
-        first, last = template.line_ends(line)
-        shown = view.project(first + share * (last - first))
-        ahead = np.flatnonzero(np.isfinite(shown).all(axis=1))
-        visible = ahead[lie_on_surface(shown[ahead], region, width, height)]
-        if len(visible) < 2:
-            continue
-        start, end = shown[visible[0]], shown[visible[-1]]
-        if np.linalg.norm(end - start) < SHORTEST_LINE * width:
-            continue
-        across = np.array([first[1] - last[1], last[0] - first[0]]) / np.linalg.norm(last - first)
-        paint = 0.5 * template.paint_width(line) * across
-        ends = (first + share[visible[[0, -1]]] * (last - first))[:, None] + np.array([paint, -paint])
-        normal = np.array([start[1] - end[1], end[0] - start[0]]) / np.linalg.norm(end - start)
-        names.append(line.name)
-        segments.append(Segment(start, end))
-        widths.append(np.abs((view.project(ends[:, 0]) - view.project(ends[:, 1])) @ normal))
-    found = measure_lines(
-        picture, segments, noise, LINE_SEARCH_PX, LINE_SPACING_PX, ONE_ROUND, np.array(widths).reshape(-1, 2)
-    )
-    return tuple(
-        LinePoints(name, cue.points_px, cue.sigma_px)
-        for name, segment, cue in zip(names, segments, found, strict=True)
-        if cue is not None and cue.rms_px < LINE_RMS_PX * unit and _is_seen(cue, segment)
-    )
-
-
-def _is_seen(cue: LineCue, segment: Segment) -> bool:
-    """Whether enough of a line was measured: between its ends, and place by place."""
-    length = float(np.linalg.norm(segment.end - segment.start))
-    between = float(np.linalg.norm(cue.segment.end - cue.segment.start))
-    return between > LINE_SHARE * length and LINE_SPACING_PX * len(cue.points_px) > DENSE_SHARE * length

@@ -14,7 +14,7 @@ from circlecal.geometry.homography import projects_in_front
 from circlecal.geometry.projective import Array, Mask
 from circlecal.line_naming.line_ends import find_line_through
 from circlecal.observations import MarkingKey
-from circlecal.paint.predicted_width import predict_paint_widths
+from circlecal.paint.predicted_width import RESIDUAL_WIDTHS, mean_paint_width
 from circlecal.refusals import REFUSALS, Confidence
 from circlecal.results import Attempt, CameraFit, Check, Cues, EllipseFits, Verdict
 
@@ -38,10 +38,8 @@ other confirmation; of more of the circle less exactness is asked, since what is
 shorter. Worn circles that are seen for 190 to 325 degrees lie 0.11 to 0.16 off; of 200 rendered pictures without a
 circle none comes so far.
 """
-RESIDUAL_WIDTHS, EXACT_WIDTHS = 0.05, 0.015
-"""Both limits in widths of the circle's paint, where that is more: the middle of worn paint wanders by a share of its
-width, 0.03 along the true circles of 40 rendered robots' fields, whose paint is up to 80 px wide at 1920 px width.
-"""
+EXACT_WIDTHS = 0.015
+"""The limit of exactness in widths of the circle's paint, where that is more."""
 UNCONFIRMED_SIGMA = 0.75
 """Share of the usual uncertainty that is allowed where nothing else confirms it: nothing would contradict either."""
 REACH_SHARE = 0.95
@@ -170,10 +168,12 @@ def judge(attempt: Attempt, template: FieldTemplate, circle: Circle, width: int,
         return Verdict("refused", "no_homography", REFUSALS["no_homography"].words, "verdict")
     if is_tentative and ellipses.all():
         if camera is not None:
-            likely = max(LIKELY_RESIDUAL_PX * unit, RESIDUAL_WIDTHS * _mean_width_px(camera, circle, template))
+            likely = max(LIKELY_RESIDUAL_PX * unit, RESIDUAL_WIDTHS * mean_paint_width(camera.view, circle, template))
             checks.append(Check.of("likely_residual_px", _worst_of(camera, circle), likely))
         exact = camera is not None and _exact(ellipses, camera, template, circle, unit)
-        checks.append(Check.of("confirmations", float(_confirmations(cues, camera, unit) + exact), 1.0, at_least=True))
+        checks.append(
+            Check.of("confirmations", float(_confirmations(cues, camera, circle, unit) + exact), 1.0, at_least=True)
+        )
     failed = next((c for c in checks if not c.passed), None)
     if failed is None:
         return Verdict("calibrated", None, None, None, tuple(checks))
@@ -195,13 +195,13 @@ def _camera_checks(
     if ellipses.all():
         checks = _orientation_checks(camera.H_image_field, circle)
         checks += _place_checks(camera, circle, np.asarray(circle.center), template, config)
-        width_px = _mean_width_px(camera, circle, template)
+        width_px = mean_paint_width(camera.view, circle, template)
         checks += _residual_checks(camera, cues, circle, RESIDUAL_WIDTHS * width_px, unit, config)
         checks += _reach_checks(camera, cues, template, config)
     else:
         checks = _landmark_checks(camera, unit, config)
         checks += _place_checks(camera, circle, camera.reference_m, template, config)
-    alone = is_tentative and bool(ellipses.all()) and _confirmations(cues, camera, unit) == 0
+    alone = is_tentative and bool(ellipses.all()) and _confirmations(cues, camera, circle, unit) == 0
     limit_px = config.max_sigma_px * (UNCONFIRMED_SIGMA if alone else 1.0)
     checks.append(Check.of("sigma_px", camera.max_sigma_px, limit_px * unit))
     checks.append(Check.of("mean_sigma_px", camera.mean_sigma_px, config.max_mean_sigma_px * unit))
@@ -231,32 +231,30 @@ def _orientation_checks(H: Array, circle: Circle) -> list[Check]:
 
 
 def _worst_of(camera: CameraFit, circle: Circle) -> float:
-    """Largest residual of the circle's edges or centreline, px."""
-    return max((rms for key, rms in camera.residuals_px.items() if key.name == circle.name), default=0.0)
+    """Largest residual of the circle's edges or centreline, px, without what lies on players."""
+    own = ((key, rms) for key, rms in camera.residuals_px.items() if key.name == circle.name)
+    return max((camera.bulk_residuals_px.get(key, rms) for key, rms in own), default=0.0)
 
 
-def _confirmations(cues: Cues, camera: CameraFit | None, unit: float) -> int:
-    """Markings besides circle and halfway line that lie where the camera puts them."""
+def _confirmations(cues: Cues, camera: CameraFit | None, circle: Circle, unit: float) -> int:
+    """Markings besides circle and halfway line that lie where the camera puts them; arcs only beside both."""
     if camera is None:
         return 0
     halfway = None if cues.halfway is None else cues.halfway.name
     mark = cues.mark is not None and MarkingKey(cues.mark.name) not in camera.rejected
     residuals, largest = camera.residuals_px, LIKELY_RESIDUAL_PX * unit
-    near = [name for name in camera.named_lines if residuals.get(MarkingKey(name), 0.0) <= largest]
-    return int(mark) + sum(name != halfway for name in near)
-
-
-def _mean_width_px(camera: CameraFit, circle: Circle, template: FieldTemplate) -> float:
-    """Mean width of the circle's paint where the picture shows it, pixels."""
-    widths = predict_paint_widths(camera.view, circle, template)
-    return float(widths.mean()) if len(widths) else 0.0
+    told = {line.name for line in cues.lines if line.name is not None and MarkingKey(line.name) in residuals}
+    near = [name for name in {*camera.named_lines, *told} if residuals.get(MarkingKey(name), 0.0) <= largest]
+    others = (key for key in residuals if key.edge is not None and key.name != circle.name and halfway is not None)
+    arcs = sum(residuals[key] <= largest for key in others)
+    return int(mark) + sum(name != halfway for name in near) + arcs
 
 
 def _exact(ellipses: EllipseFits, camera: CameraFit, template: FieldTemplate, circle: Circle, unit: float) -> bool:
     """Whether more of the circle than a penalty arc has lies where the camera puts it so exactly that nothing that was
     pieced together does.
     """
-    exact = np.maximum(EXACT_RESIDUALS_PX * unit, EXACT_WIDTHS * _mean_width_px(camera, circle, template))
+    exact = np.maximum(EXACT_RESIDUALS_PX * unit, EXACT_WIDTHS * mean_paint_width(camera.view, circle, template))
     worst = _worst_of(camera, circle)
     return worst > 0.0 and bool(((ellipses.primary.arc_deg >= EXACT_ARCS_DEG) & (worst <= exact)).any())
 
@@ -323,7 +321,7 @@ def _residual_checks(
             checks.append(Check.of("structured_residual_px", structured, limit))
         elif cues.halfway is not None and key.name == cues.halfway.name:
             checks.append(Check.of("line_residual_px", rms, max(config.max_line_residual_px * unit, stated)))
-    if not _confirmations(cues, camera, unit):
+    if not _confirmations(cues, camera, circle, unit):
         for key in _keys_of_ends(camera, cues, circle):
             painted = NOISE_SIGMAS * camera.painted_sigma_px.get(key, 0.0)
             limit = max(config.max_line_residual_px * unit, painted)

@@ -29,7 +29,10 @@ CIRCLE_CLASS, UNKNOWN_LINE_CLASS, HALFWAY_CLASS = 7, 17, 18
 
 PSF_SIGMA_PX = 0.5
 
-_STEP_M = 0.25
+_STEP_M, _STEP_RADII = 0.25, 0.04
+"""Between two corners of an outline, metres, and radii of a curve: chords of so many leave the rim by 0.0002 radii. Of
+the centre circle of a robots' field chords of 0.25 m cut up to 9 mm off paint that is 50 mm wide.
+"""
 _MARGIN_PX = 120.0
 _JACOBIAN_STEP_M = 1e-3
 _MARK_SUBPIXELS = 3
@@ -146,7 +149,8 @@ def _outline(template: FieldTemplate, element: Circle | Line | Mark, width_m: fl
             if isinstance(element, Arc)
             else (0.0, 2 * np.pi)
         )
-    angles = np.linspace(*span, max(16, int(np.ceil((span[1] - span[0]) * outer / _STEP_M)) + 1))
+    step_rad = min(_STEP_M / outer, _STEP_RADII)
+    angles = np.linspace(*span, int(np.ceil((span[1] - span[0]) / step_rad)) + 1)
     ring = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     return np.asarray(middle) + outer * ring, np.asarray(middle) + inner * ring
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from circlecal.field import load_field
-from circlecal.geometry.camera_parameters import INDEX, ProjectionModel, theta_of
+from circlecal.geometry.camera_parameters import INDEX, ProjectionModel, project, theta_of
 from circlecal.geometry.surface import Surface
 from circlecal.line_naming.association import Association, associate_lines
 from circlecal.synthetic.cameras import aim_camera
@@ -88,3 +88,16 @@ def test_two_pieces_of_one_line_get_one_name():
     theta = theta_of(CAMERA, MODEL)
     found = associate_lines(pieces, SOCCER, KNOWN, theta, covariance_of(theta), MODEL, 1.5)
     assert found[0].names == {0: "side_line_top", 1: "side_line_top"}
+
+
+def test_no_line_is_named_where_a_lens_folds_back():
+    """A goal line far aside of the picture seems to run through it beyond the fold of a barrel lens."""
+    futsal, model = load_field("futsal"), ProjectionModel(1280, 720, Surface("flat"))
+    camera = aim_camera(np.array([0.0, 14.0, -6.0]), np.array([2.0, 0.0, 0.0]), 700.0, 0.0, 1280, 720, -0.3)
+    theta = theta_of(camera, model)
+    line = futsal.line_by_name["side_line_left"]
+    seen = project(theta[None], np.linspace(line.start, line.end, 400)[None], model)
+    inside = ((seen.pixels[0] > 0) & (seen.pixels[0] < (1279, 719))).all(axis=1) & (seen.depth[0] > 0)
+    assert inside.any() and not seen.visible[0, inside].any()
+    segments = seen.pixels[0][inside][None, [0, -1]]
+    assert not associate_lines(segments, futsal, KNOWN, theta, covariance_of(theta), model, 1.5)

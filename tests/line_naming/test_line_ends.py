@@ -134,6 +134,13 @@ def test_a_line_that_the_halfway_line_runs_beyond_is_no_touchline():
     nearer = replace(inner, points_px=inner.points_px + np.array([1.5 * length, 0.0]))
     assert find_passed_lines(replace(observations, lines=(halfway, nearer)), [1], SOCCER) == sides
     assert "side_line_top" not in fitted(replace(observations, lines=(halfway, inner))).named_lines
+    # lettering on the floor hides the crossing
+    away = np.abs(halfway.points_px[:, 1] - np.interp(halfway.points_px[:, 0], *inner.points_px.T))
+    clear = replace(halfway, points_px=halfway.points_px[away > 12.0], sigma_px=halfway.sigma_px[away > 12.0])
+    assert find_passed_lines(replace(observations, lines=(clear, inner)), [1], SOCCER) == sides
+    # where its paint was seen to end, what goes on behind it is something else
+    ending = replace(halfway, ends=(LineEnd(CAMERA.project(np.array([0.0, -26.0])), False),))
+    assert not find_passed_lines(replace(observations, lines=(ending, inner)), [1], SOCCER)
 
 
 @pytest.mark.parametrize(("away_m", "is_believed"), [(4.0, True), (25.0, False)])

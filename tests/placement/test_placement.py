@@ -26,6 +26,7 @@ from circlecal.pipeline.placed_field import (
     _weigh_answer,
 )
 from circlecal.pipeline.placed_view import LARGEST_RESIDUAL_PX, _leave_out_strays
+from circlecal.pipeline.template_markings import measure_template
 from circlecal.placement import (
     PlacedField,
     ViewEvidence,
@@ -43,7 +44,6 @@ from circlecal.results import Attempt, CameraFit, CircleCandidate, Cues, MarkCue
 from circlecal.stages import camera as camera_stage
 from circlecal.stages.camera import estimate_camera
 from circlecal.stages.edges import detect_edges
-from circlecal.stages.rays import measure_template
 from circlecal.synthetic.cameras import aim_camera
 from circlecal.synthetic.renderer import render
 from circlecal.synthetic.scene import RenderConfig, Scene
@@ -473,8 +473,8 @@ def test_a_circle_with_its_line_takes_in_all_other_markings(monkeypatch):
     mask = MarkingMask(np.zeros_like(gray), "detector", conic, field_region=ground, polarity=-1.0)
     seen = Attempt(mask=mask, edges=detect_edges(~gray, mask, config.edges))
 
-    def measure_two(*given):
-        circles, lines = measure_template(*given)
+    def measure_two(*given, **options):
+        circles, lines = measure_template(*given, **options)
         return tuple(c for c in circles if c.circle == circle.name), tuple(n for n in lines if n.line == "halfway_line")
 
     with monkeypatch.context() as patch:

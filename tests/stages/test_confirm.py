@@ -12,12 +12,20 @@ from circlecal.field import load_field
 from circlecal.geometry.camera_parameters import PARAMETERS, ProjectionModel, theta_of
 from circlecal.geometry.surface import Surface
 from circlecal.paint.matched_filter import CLEAR, SECTORS
+from circlecal.paint.profiles import to_gray
 from circlecal.results import Agreement, Attempt, Cues, MarkCue
-from circlecal.stages.confirm import are_others_painted, is_circle_painted, look_for_markings, measure_circle_sectors
+from circlecal.stages.confirm import (
+    LEAST_EDGED,
+    are_others_painted,
+    count_edged_sectors,
+    is_circle_painted,
+    look_for_markings,
+    measure_circle_sectors,
+)
 from circlecal.stages.verdict_on_picture import LEAST_FOUND, confirm, is_confirmed, needs_confirmation
 from tests.folded import projected_without_fold
 
-from .conftest import CIRCLE, SOCCER, view
+from .conftest import CIRCLE, SOCCER, paint_field, view
 from .test_verdict import camera_fit, verdict
 
 RINK = load_field("ice-hockey")
@@ -199,3 +207,15 @@ def test_thin_markings_where_the_camera_puts_them_confirm_a_circle(without, is_c
     assert are_others_painted(painted(PITCH, without, LOW), fit, *wanted) is is_confirmed_so
     several = PITCH.model_copy(update={"circles": (*PITCH.circles, *RINK.circles)})
     assert not are_others_painted(painted(PITCH, without, LOW), fit, several, *wanted[1:])
+
+
+def test_both_edges_of_wide_paint_show_a_circle_that_is_cut_by_the_picture():
+    """Of a robots' circle from near the picture holds too little ground for faint paint to stand out."""
+    field = load_field("robocup")
+    circle = field.circle_by_name["centre_circle"]
+    camera = view(position=(0.1, 1.3, -0.9), target=(0.2, 0.1, 0.0), focal=1100.0)
+    picture = to_gray(paint_field(camera, field))
+    assert count_edged_sectors(picture, fit_of(camera), field, circle) >= LEAST_EDGED
+    assert is_circle_painted(picture, fit_of(camera), field, circle)
+    for other in (np.roll(picture, 30, axis=0), picture[:, ::-1].copy(), np.full_like(picture, 90)):
+        assert count_edged_sectors(other, fit_of(camera), field, circle) < LEAST_EDGED

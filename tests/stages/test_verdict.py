@@ -82,6 +82,17 @@ def test_a_likely_circle_needs_the_mark_or_another_marking():
         assert verdict(camera, cues=cues, confidence=TENTATIVE).code == "circle_unconfirmed"
 
 
+@pytest.mark.parametrize(("residual_px", "confirms"), [(0.3, True), (3.0, False)])
+@pytest.mark.parametrize("marking", ["side_line_top", "penalty_arc_left center"])
+def test_markings_that_were_measured_where_the_camera_puts_them_confirm_a_likely_circle(marking, residual_px, confirms):
+    camera = camera_fit(residuals_px={marking: residual_px * CAMERA.width / 1920.0})
+    cues = Cues(LINE, None, (line_cue(CAMERA, "side_line_top"),))
+    found = verdict(camera, cues=cues, confidence=TENTATIVE)
+    assert (found.code != "circle_unconfirmed") == confirms
+    without_line = verdict(camera, cues=Cues(None, None), confidence=TENTATIVE)
+    assert without_line.code == "circle_unconfirmed"
+
+
 def test_a_likely_circle_may_confirm_itself():
     bare = Cues(LINE, None)
     exact = camera_fit(residuals_px={"centre_circle outer": 0.05})

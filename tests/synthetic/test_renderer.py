@@ -8,7 +8,7 @@ from scipy.ndimage import map_coordinates
 from circlecal.field import field_names, load_field
 from circlecal.geometry.surface import FLAT, Surface
 from circlecal.synthetic.cameras import aim_camera, inside_frame, sample_camera, soccer
-from circlecal.synthetic.paint import CIRCLE_CLASS, CLASS_NAMES, HALFWAY_CLASS
+from circlecal.synthetic.paint import CIRCLE_CLASS, CLASS_NAMES, HALFWAY_CLASS, paint_layers
 from circlecal.synthetic.renderer import render
 from circlecal.synthetic.sampling import SCENE_PROFILES, render_frame, sample_scene
 from circlecal.synthetic.scene import RenderConfig, Scene
@@ -199,3 +199,15 @@ def test_a_mark_that_a_barrel_lens_folds_into_the_picture_lies_outside_it():
     assert inside_frame(projected_without_fold(camera, [0.0, 0.0]), 800, 448)
     rendering = render(Scene(camera, template, FLAT, RenderConfig()), np.random.default_rng(0))
     assert rendering.truth.center_mark == "outside"
+
+
+def test_wide_paint_of_a_small_circle_is_cut_off_nowhere():
+    field = load_field("robocup")
+    circle = field.circle_by_name["centre_circle"]
+    camera = aim_camera(np.array([0.0, 1.2, -0.9]), np.array([0.0, 0.7, 0.0]), 1500.0, 0.0, 640, 360)
+    layer = next(layer for layer in paint_layers(camera, field, FLAT, 0.05) if layer.name == circle.name)
+    coverage = np.zeros((360, 640))
+    coverage[layer.rows, layer.columns] = layer.coverage
+    ground = camera.back_project(np.stack(np.meshgrid(np.arange(640.0), np.arange(360.0)), axis=-1), FLAT)
+    off_m = np.abs(np.hypot(*np.moveaxis(ground, -1, 0)) - circle.radius_m)
+    assert (coverage[off_m < 0.4 * 0.05] > 0.95).all()
