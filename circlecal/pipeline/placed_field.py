@@ -9,22 +9,31 @@ import numpy as np
 
 from circlecal.field import FieldTemplate
 from circlecal.field.view import FieldView
+from circlecal.geometry.projective import Array
 from circlecal.pipeline.attempts import add_checks, refuse_as_open
 from circlecal.pipeline.doubtful_circle import is_doubtful, may_be_any_circle
 from circlecal.pipeline.field_paint import has_circle, keep_evidence, look_for_paint
-from circlecal.pipeline.placed_view import FEWEST_CARRYING, SURFACE_SHARE, count_carrying, follow_placement
+from circlecal.pipeline.placed_view import (
+    FEWEST_CARRYING,
+    SURFACE_SHARE,
+    count_carrying,
+    follow_placement,
+    see_rims,
+)
 from circlecal.pipeline.refinements import Retry
 from circlecal.pipeline.setting import Scene, Setting
 from circlecal.placement import (
     PlacedField,
     SeenPaint,
     ViewEvidence,
+    add_rims,
     mean_distance_px,
     refine_placements,
     search_placements,
     weigh_view,
 )
 from circlecal.results import Attempt, Check, MarkingMask, Rival
+from circlecal.stages.mask import suit_field
 from circlecal.stages.verdict_on_picture import needs_confirmation
 
 MOST_PLACED, LEAST_PLACED = 6, 0.6
@@ -122,6 +131,27 @@ def place_template(setting: Setting, scene: Scene, first: Attempt) -> Iterator[A
         if best is not None:
             scene.looks.keep(sport, paint.key)
             yield best
+
+
+def place_about_rims(setting: Setting, scene: Scene, first: Attempt, rims: Sequence[Array]) -> Attempt | None:
+    """The attempt with the field laid over the picture's paint about rims (3, 3) of logos; None where the field has no
+    circle that a logo may fill, or nothing is believed.
+    """
+    mask, any_logo = first.mask, any(circle.fill == "logo" for circle in setting.template.circles)
+    if mask is None or not (rims and any_logo and _may_place_field(setting, first)):
+        return None
+    options, tried = suit_field(setting.config.mask, setting.template).detector, set[int]()
+    for seen in (mask, *mask.sightings):
+        with setting.clock("cues"):
+            paint = look_for_paint(scene, seen, setting.config, setting.template)
+            if paint is None or id(paint.surface) in tried:
+                continue
+            tried.add(id(paint.surface))
+            paint = add_rims(paint, see_rims(scene), seen, rims, options)
+        best = _place_among(setting, scene, seen, paint, 1.0, MOST_PLACED, [])
+        if best is not None:
+            return best
+    return None
 
 
 def _place_among(

@@ -18,16 +18,14 @@ from pydantic import BaseModel, ConfigDict, Field
 from circlecal.field import Arc, Circle, FieldTemplate
 from circlecal.field.view import FieldView
 from circlecal.geometry.ellipses import Ellipse, ellipse_from_conic
-from circlecal.geometry.projective import Array, Mask
+from circlecal.geometry.projective import Array
 from circlecal.geometry.ransac import ransac_conic
-from circlecal.line_naming.marking_places import lie_on_surface
-from circlecal.observations import CircleEdge, CirclePoints, LinePoints
+from circlecal.observations import CircleEdge
 from circlecal.paint.bands import Bands, measure_bands, rise_above_noise
-from circlecal.paint.lines import ONE_ROUND, measure_lines
 from circlecal.paint.predicted_width import WIDE_PX
 from circlecal.paint.profiles import GrayPicture, sample_profiles, smooth_along
 from circlecal.refusals import Confidence, refuse
-from circlecal.results import EdgePoints, LineCue, MarkingMask, RayPoints, Segment
+from circlecal.results import EdgePoints, MarkingMask, RayPoints
 
 CLEAR_OF_ENDS_PX = 6.0
 """An arc ends on a line: nearer than this beyond the search its paint is not told from the line's, at 1920 px width."""
@@ -39,20 +37,6 @@ WIDE_SEARCHES = 2.0
 """The profiles of wide paint of more than so many searches are stretched by as much as it is wider, so that they hold
 the ground on both sides of it, and its middle is looked for as much farther away.
 """
-SHORTEST_LINE, LINE_SEARCH_PX, LINE_RMS_PX, LINE_SHARE = 0.06, 9.0, 2.5, 0.35
-"""A straight marking is measured where a placed field shows so much of it, picture widths; how far to both sides, and
-with what scatter, pixels at 1920 px width; and the share of it that must be seen.
-"""
-LINE_SPACING_PX, DENSE_SHARE = 2.0, 0.25
-"""Between two profiles across a line, pixels, and least share of a line's places at which paint is measured: 17 streaks
-of the ice in 0.11 of a rendered rink's length were taken for the goal line, which exchanged its ends.
-"""
-FEWEST_ON_CIRCLE, CIRCLE_SHARE = 16, 0.25
-"""Points of a circle or an arc, fewer of which, or of a smaller share of what is in view of it, lie on something else:
-those on a logo within a centre circle were 0.05 of it.
-"""
-LINE_NODES = 65
-"""Along a straight marking, which tell what of it the picture shows."""
 WIDEST = 0.25
 """Paint that a camera predicts wider, in picture widths, is no marking that could be measured."""
 RIM_PX = 4.5
@@ -198,6 +182,37 @@ def measure_along_model(
     """
     height, width = picture.shape
     search = 2 * config.refine_px * width / 1920.0
+    points, across, predicted = sample_curve(view, circle, template, config)
+    count = len(points)
+    inside = np.isfinite(points).all(axis=1) & ((points >= 0) & (points <= (width - 1, height - 1))).all(axis=1)
+    if circle.fill == "disc":
+        predicted = np.full(count, RIM_PX * width / 1920.0)
+    inside &= predicted < WIDEST * width
+    if isinstance(circle, Arc):
+        clear = search + CLEAR_OF_ENDS_PX * width / 1920.0
+        steps = np.nan_to_num(np.linalg.norm(np.diff(points, axis=0), axis=-1))
+        along = np.concatenate([[0.0], np.cumsum(steps)])
+        inside &= (along > clear) & (along < along[-1] - clear)
+    middle, bands, plausible = _bands_along(
+        picture, points[inside], across[inside], predicted[inside], noise, search, config, 1.0
+    )
+    limit = np.maximum(STEADY_PX * width / 1920.0, STEADY_SHARE * predicted[inside][plausible])
+    steady = select_steady(bands.center, limit)
+    return middle[steady], bands.sigma(noise)[steady]
+
+
+def sample_curve(
+    view: FieldView, circle: Circle, template: FieldTemplate, config: RaysConfig
+) -> tuple[Array, Array, Array]:
+    """Places along the middle of a circle's or an arc's paint at even distances in the picture, nan behind the camera.
+
+    Returns
+    -------
+    points, outward : (N, 2) arrays
+        Pixels, and unit vectors across the curve, away from the centre.
+    width_px : (N,) array
+        Of the paint there.
+    """
     start, end = (circle.start_deg, circle.end_deg) if isinstance(circle, Arc) else (0.0, 360.0)
     angle = np.radians(np.linspace(start, end, 2881))
 
@@ -213,24 +228,11 @@ def measure_along_model(
     tangent = np.gradient(points, axis=0)
     across = np.stack([tangent[:, 1], -tangent[:, 0]], axis=-1)
     across /= np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), 1e-9)
-    predicted = np.abs(np.sum(across * normals, axis=-1))
-    inside = np.isfinite(points).all(axis=1) & ((points >= 0) & (points <= (width - 1, height - 1))).all(axis=1)
-    if circle.fill == "disc":
-        predicted = np.full(count, RIM_PX * width / 1920.0)
-    inside &= predicted < WIDEST * width
-    if isinstance(circle, Arc):
-        clear = search + CLEAR_OF_ENDS_PX * width / 1920.0
-        along = np.arange(count) * length[-1] / count
-        inside &= (along > clear) & (along < length[-1] - clear)
-    middle, bands, plausible = _bands_along(
-        picture, points[inside], across[inside], predicted[inside], noise, search, config, 1.0
-    )
-    limit = np.maximum(STEADY_PX * width / 1920.0, STEADY_SHARE * predicted[inside][plausible])
-    steady = _steady(bands.center, limit)
-    return middle[steady], bands.sigma(noise)[steady]
+    paint = np.sum(across * normals, axis=-1)
+    return points, np.where(paint[:, None] < 0, -across, across), np.abs(paint)
 
 
-def _steady(offsets: Array, limit: Array) -> NDArray[np.bool_]:
+def select_steady(offsets: Array, limit: Array) -> NDArray[np.bool_]:
     """Which offsets (N,) from a curve lie within limits (N,) of the running median of their neighbourhood."""
     if len(offsets) < 16:
         return np.zeros(len(offsets), dtype=np.bool_)
@@ -389,83 +391,3 @@ def _along(centreline: _Centreline, angles: Array) -> tuple[Array, Array, NDArra
 
 def _wrap_angle(angle: Array) -> Array:
     return (angle + np.pi) % (2 * np.pi) - np.pi
-
-
-def measure_template(
-    picture: GrayPicture,
-    view: FieldView,
-    template: FieldTemplate,
-    region: Mask | None,
-    noise: float,
-    config: RaysConfig,
-) -> tuple[tuple[CirclePoints, ...], tuple[LinePoints, ...]]:
-    """Points on the circles, arcs and straight markings of a field where a view puts them.
-
-    Parameters
-    ----------
-    picture : (H, W) uint8 or float32
-        Brightness, with the markings lighter than the field.
-    view : FieldView
-        Where the field is seen.
-    template : FieldTemplate
-        The field.
-    region : (h, w) bool or None
-        The playing surface in a reduced picture.
-    noise : float
-        Grey-level noise of the picture.
-    config : RaysConfig
-        How circles are measured.
-    """
-    height, width = picture.shape
-    circles, curves = [], template.polylines()
-    for circle in (*template.circles, *template.arcs):
-        points, sigma = measure_along_model(picture, view, circle, template, noise, config)
-        on = lie_on_surface(points, region, width, height)
-        shown = view.project(curves[circle.name])
-        visible = np.asarray(np.isfinite(shown).all(axis=1), np.bool_)
-        visible[visible] = lie_on_surface(shown[visible], region, width, height)
-        steps = np.linalg.norm(np.diff(shown, axis=0), axis=1)[visible[1:] & visible[:-1]]
-        if on.sum() >= max(FEWEST_ON_CIRCLE, CIRCLE_SHARE * steps.sum() / config.spacing_px):
-            circles.append(CirclePoints(circle.name, "center", points[on], sigma[on]))
-    return tuple(circles), _measure_lines_of(picture, view, template, region, noise)
-
-
-def _measure_lines_of(
-    picture: GrayPicture, view: FieldView, template: FieldTemplate, region: Mask | None, noise: float
-) -> tuple[LinePoints, ...]:
-    height, width = picture.shape
-    unit = width / 1920.0
-    share = np.linspace(0.0, 1.0, LINE_NODES)[:, None]
-    names, segments, widths = [], [], []
-    for line in template.lines:
-        first, last = template.line_ends(line)
-        shown = view.project(first + share * (last - first))
-        ahead = np.flatnonzero(np.isfinite(shown).all(axis=1))
-        visible = ahead[lie_on_surface(shown[ahead], region, width, height)]
-        if len(visible) < 2:
-            continue
-        start, end = shown[visible[0]], shown[visible[-1]]
-        if np.linalg.norm(end - start) < SHORTEST_LINE * width:
-            continue
-        across = np.array([first[1] - last[1], last[0] - first[0]]) / np.linalg.norm(last - first)
-        paint = 0.5 * template.paint_width(line) * across
-        ends = (first + share[visible[[0, -1]]] * (last - first))[:, None] + np.array([paint, -paint])
-        normal = np.array([start[1] - end[1], end[0] - start[0]]) / np.linalg.norm(end - start)
-        names.append(line.name)
-        segments.append(Segment(start, end))
-        widths.append(np.abs((view.project(ends[:, 0]) - view.project(ends[:, 1])) @ normal))
-    found = measure_lines(
-        picture, segments, noise, LINE_SEARCH_PX, LINE_SPACING_PX, ONE_ROUND, np.array(widths).reshape(-1, 2)
-    )
-    return tuple(
-        LinePoints(name, cue.points_px, cue.sigma_px)
-        for name, segment, cue in zip(names, segments, found, strict=True)
-        if cue is not None and cue.rms_px < LINE_RMS_PX * unit and _is_seen(cue, segment)
-    )
-
-
-def _is_seen(cue: LineCue, segment: Segment) -> bool:
-    """Whether enough of a line was measured: between its ends, and place by place."""
-    length = float(np.linalg.norm(segment.end - segment.start))
-    between = float(np.linalg.norm(cue.segment.end - cue.segment.start))
-    return between > LINE_SHARE * length and LINE_SPACING_PX * len(cue.points_px) > DENSE_SHARE * length

@@ -11,8 +11,7 @@ from circlecal.geometry.ellipses import conic_from_ellipse, ellipse_from_conic, 
 from circlecal.geometry.surface import FLAT, Surface
 from circlecal.paint.predicted_width import predict_paint_widths
 from circlecal.paint.profiles import to_gray
-from circlecal.results import LineCue, MarkingMask, Segment
-from circlecal.stages import rays as rays_stage
+from circlecal.results import MarkingMask
 from circlecal.stages.edges import EdgesConfig, detect_edges
 from circlecal.stages.rays import RaysConfig, cast_rays, even_angles, measure_along_model
 from circlecal.synthetic.cameras import aim_camera
@@ -255,15 +254,3 @@ def test_paint_that_is_wider_than_the_search_is_measured_in_its_middle():
     away = np.linalg.norm(camera_fit(camera).view.to_field(points), axis=1) - circle.radius_m
     assert len(points) > 900
     assert np.abs(away).max() < 0.1 * field.marking_width_m
-
-
-@pytest.mark.parametrize(("count", "is_seen"), [(60, True), (17, False)])
-def test_a_line_is_seen_where_enough_of_its_places_are(count, is_seen):
-    places = np.stack([np.linspace(100.0, 400.0, count), np.full(count, 50.0)], axis=-1)
-    cue = LineCue(
-        "goal_line_left", np.array([0.0, 1.0, -50.0]), places, np.full(count, 0.1), Segment(places[0], places[-1]), 0.0
-    )
-    whole = Segment(np.array([90.0, 50.0]), np.array([410.0, 50.0]))
-    assert rays_stage._is_seen(cue, whole) is is_seen
-    longer = Segment(np.array([90.0, 50.0]), np.array([1200.0, 50.0]))
-    assert not rays_stage._is_seen(cue, longer)
