@@ -18,6 +18,8 @@ SEARCH_PX = 14.0
 """How far from its place a spot may lie, pixels at 1920 px width."""
 SMALLEST_PX = 3.0
 """Radii of the spot in the picture, along and across, of which the smaller one must be half as large, pixels."""
+LARGEST_WIDTHS = 0.1
+"""Larger radius, picture widths: a spot of which a wrong camera says so is not looked for."""
 RING = 1.25, 1.7
 """Where the bare ground around a spot is looked at, radii of the spot: beyond the blur of its rim."""
 PAINTED = 0.5
@@ -89,9 +91,12 @@ def _measure_spot(
         return None
     axes = 0.5 * np.stack([seen[1] - seen[2], seen[3] - seen[4]], axis=-1)
     half = np.hypot(*axes.T)
-    if half.max() < SMALLEST_PX or abs(np.linalg.det(axes)) < half.max() * SMALLEST_PX / 2:
+    if (
+        not SMALLEST_PX <= half.max() <= LARGEST_WIDTHS * width
+        or abs(np.linalg.det(axes)) < half.max() * SMALLEST_PX / 2
+    ):
         return None
-    reach = np.hypot(*axes) * RING[1] + SEARCH_PX * unit
+    reach = half * RING[1] + SEARCH_PX * unit
     low, high = np.floor(seen[0] - reach).astype(int), np.ceil(seen[0] + reach).astype(int) + 1
     low, high = np.maximum(low, 0), np.minimum(high, (width, height))
     disc, ring = _draw_kernels(axes)

@@ -34,6 +34,8 @@ LINE_NODES = 65
 """Along a straight marking, which tell what of it the picture shows."""
 INSIDE_PAINTS = 2.0
 """How far inside its outer edge a logo may end, widths of the line: with a gap as wide as that between both."""
+WIDEST_LINE = 0.03
+"""Width of such a line in the picture, picture widths, beyond which the ground inside it is not looked at."""
 STEADY_RIM_PX, RIM_SIGMA_PX = 1.5, 0.3
 """Largest distance of steady points of a rim from the running median along it, and what an edge is measured to, pixels
 at 1920 px width."""
@@ -117,7 +119,7 @@ def _measure_rim(
     if shown.sum() < FEWEST_ON_CIRCLE:
         return None
     points, outward = points[shown], outward[shown]
-    paint_px = float(np.nanmax(paint))
+    paint_px = min(float(np.nanmax(paint)), WIDEST_LINE * width)
     inner = np.full(len(points), search + INSIDE_PAINTS * paint_px)
     places, found = measure_outer_edges(image, points, outward, inner, search)
     beside = np.sum((places - points) * outward, axis=1)[found]

@@ -7,6 +7,7 @@ import pytest
 from circlecal.field import load_field
 from circlecal.field.view import FieldView
 from circlecal.geometry.camera import PlaneCamera
+from circlecal.paint import spots
 from circlecal.paint.spots import measure_spots
 
 RINK = load_field("ice-hockey-nhl")
@@ -62,6 +63,14 @@ def test_a_leg_before_a_spot_does_not_move_it(left_px, is_found):
     assert bool(found) is is_found
     if is_found:
         np.testing.assert_allclose(found[0].point_px, (645.3, 357.6), atol=1.0)
+
+
+def test_a_spot_of_which_a_wrong_camera_says_that_it_fills_the_picture_is_not_looked_for(monkeypatch):
+    """Else the shape that is looked for would be as large as the memory."""
+    near = FieldView(PlaneCamera(1280, 720, np.diag([500.0, 500.0, 1.0]) @ H))
+    monkeypatch.setattr(spots, "_draw_kernels", lambda axes: pytest.fail("drawn"))
+    image = np.full((720, 1280, 3), 60, np.uint8)
+    assert measure_spots(image[..., 0], image, near, [SPOT], 1.5) == ()
 
 
 def test_spots_on_lines_are_left_out():
