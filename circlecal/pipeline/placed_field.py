@@ -209,14 +209,17 @@ def _follow_likely(
         answer = None
         if attempt is not None and attempt.camera is not None:
             weighed = weigh_view(attempt.camera.view, setting.template, paint)
-            answer = (weighed, attempt) if _may_be_right(weighed, placed) else None
+            answer = (weighed, attempt) if _may_be_right(setting, weighed, attempt, placed) else None
         followed.append(_Followed(paint, placed.view, answer))
     return followed
 
 
-def _may_be_right(weighed: ViewEvidence, placed: PlacedField) -> bool:
-    """Whether a camera that a placement led to lays the field on the playing surface and on the placement's paint."""
-    return weighed.surface_share >= SURFACE_SHARE and not _has_wandered(weighed, placed)
+def _may_be_right(setting: Setting, weighed: ViewEvidence, attempt: Attempt, placed: PlacedField) -> bool:
+    """Whether a camera that a placement led to lays the field on the playing surface and on the placement's paint; on
+    other paint only where many markings lie so exactly there that chance does not do it.
+    """
+    is_there = not _has_wandered(weighed, placed) or _is_precise(setting, weighed, attempt)
+    return weighed.surface_share >= SURFACE_SHARE and is_there
 
 
 def _choose_answer(

@@ -672,7 +672,14 @@ def test_a_field_of_other_sizes_is_laid_where_the_first_of_its_sport_lies(monkey
 @pytest.mark.parametrize(("placed", "found", "wandered"), [(0.07, 0.17, False), (0.7, 1.1, False), (0.2, 0.6, True)])
 def test_a_camera_that_finds_much_more_paint_than_its_placement_lies_on_other_paint(placed, found, wandered):
     lain = PlacedField(RINK.circles[0], np.eye(3), FieldView(RIGHT_END), placed, 0.5)
-    assert placed_field._has_wandered(ViewEvidence(found, 0.6, 0.5), lain) is wandered
+    weighed = ViewEvidence(found, 0.6, 0.5)
+    assert placed_field._has_wandered(weighed, lain) is wandered
+    # unless many markings lie exactly where it puts them: a rim of a logo leads there from somewhat off
+    config = load_config(None, ["field.template=ice-hockey-nhl"])
+    setting = frame.Setting(config, *field_of(config), *SIZE, np.random.default_rng(0))
+    few, many = (_fit_of({str(k): 0.2 for k in range(count)}) for count in (3, PRECISE_MARKINGS))
+    assert placed_field._may_be_right(setting, weighed, few, lain) is not wandered
+    assert placed_field._may_be_right(setting, weighed, many, lain)
 
 
 def test_two_circles_alone_are_no_end_of_a_rink(monkeypatch):
