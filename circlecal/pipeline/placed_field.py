@@ -11,7 +11,7 @@ from circlecal.field import FieldTemplate
 from circlecal.field.view import FieldView
 from circlecal.geometry.projective import Array
 from circlecal.pipeline.attempts import add_checks, refuse_as_open
-from circlecal.pipeline.doubtful_circle import is_doubtful, may_be_any_circle
+from circlecal.pipeline.doubtful_circle import CIRCLE_TOLD, is_doubtful, may_be_any_circle
 from circlecal.pipeline.field_paint import has_circle, keep_evidence, look_for_paint
 from circlecal.pipeline.placed_view import (
     FEWEST_CARRYING,
@@ -234,9 +234,11 @@ def _choose_answer(
     answers.sort(key=lambda answer: -_weigh_answer(*answer))
     if not answers or not (_is_believed(answers[0][0], factor) or _is_precise(setting, *answers[0])):
         return None
-    if _count_telling(answers[0][1], template) < FEWEST_CARRYING:
-        return None
     (weighed, best), others = answers[0], answers[1:]
+    if _count_telling(best, template) < FEWEST_CARRYING:
+        if not _is_circle_told(setting, followed[0].paint, weighed, best):
+            return None
+        best = add_checks(best, Check(CIRCLE_TOLD, 1.0, 1.0, True))
     before = [other.answer for other in earlier if other.answer is not None]
     if any(_weigh_answer(*other) > _weigh_answer(weighed, best) for other in before):
         return None
@@ -282,6 +284,25 @@ def _weigh_answer(weighed: ViewEvidence, attempt: Attempt) -> float:
     line fit a wrong camera as well as the right one, many markings do not.
     """
     return weighed.evidence * float(np.sqrt(max(1, count_carrying(attempt))))
+
+
+def _is_circle_told(setting: Setting, paint: SeenPaint, weighed: ViewEvidence, attempt: Attempt) -> bool:
+    """Whether the paint contradicts the same camera about every other circle that looks alike: there lines end
+    elsewhere, or lie beside the playing surface.
+    """
+    template, camera = setting.template, attempt.camera
+    own = template.circle_by_name.get(attempt.circle_name or "")
+    if own is None or camera is None or count_carrying(attempt) < FEWEST_CARRYING:
+        return False
+    alike = [c for c in template.circles if c is not own and (c.radius_m, c.color) == (own.radius_m, own.color)]
+    for other in alike:
+        shift = np.append(np.subtract(other.center, own.center), 0.0)
+        moved = replace(camera.camera, position_m=camera.camera.position_m + shift)
+        there = weigh_view(replace(camera.view, camera=moved), template, paint)
+        is_possible = there.surface_share >= SURFACE_SHARE and there.bare_widths <= MOST_BARE
+        if is_possible and there.evidence * RIVAL_RATIO > weighed.evidence:
+            return False
+    return True
 
 
 def _count_telling(attempt: Attempt, template: FieldTemplate) -> int:

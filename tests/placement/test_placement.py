@@ -383,14 +383,14 @@ def test_residuals_that_painters_errors_bring_are_those_of_no_other_field():
     )
 
 
-def _choose(answers, earlier=()):
+def _choose(answers, earlier=(), circle=None):
     """What is chosen among answers, and those that were not believed earlier, given as evidence and markings."""
     config = load_config(None, ["field.template=ice-hockey-nhl"])
     setting = frame.Setting(config, *field_of(config), *SIZE, np.random.default_rng(0))
 
     def follow(evidence, camera, markings):
         attempt = _fit_of(dict.fromkeys(markings, 0.1))
-        attempt = replace(attempt, camera=replace(attempt.camera, camera=camera))
+        attempt = replace(attempt, camera=replace(attempt.camera, camera=camera), circle_name=circle)
         return placed_field._Followed(Paint("seen"), FieldView(camera), (evidence, attempt))
 
     now, before = ([follow(*given) for given in part] for part in (answers, earlier))
@@ -680,6 +680,41 @@ def test_a_camera_that_finds_much_more_paint_than_its_placement_lies_on_other_pa
     few, many = (_fit_of({str(k): 0.2 for k in range(count)}) for count in (3, PRECISE_MARKINGS))
     assert placed_field._may_be_right(setting, weighed, few, lain) is not wandered
     assert placed_field._may_be_right(setting, weighed, many, lain)
+
+
+@pytest.mark.parametrize(
+    ("there", "is_told"),
+    [
+        (ViewEvidence(0.55, 0.8, 0.5), False),
+        (ViewEvidence(0.4, 0.8, 0.5), True),
+        (ViewEvidence(0.55, 0.8, 0.5, surface_share=0.6), True),
+        (ViewEvidence(0.55, 0.8, 0.5, bare_widths=0.4), True),
+    ],
+)
+def test_one_circle_with_a_line_is_told_where_the_paint_contradicts_it_about_all_others(monkeypatch, there, is_told):
+    """Moved to another circle the same camera finds as much, or less, or lays the field into the stands."""
+    told = "faceoff_left_top", "goal_line_left", "end_spot_left_top"
+    looked = []
+
+    def weigh(view, *_):
+        looked.append(view.camera.position_m - LEFT_CIRCLE.position_m)
+        return there
+
+    monkeypatch.setattr(placed_field, "weigh_view", weigh)
+    found = _choose([(ViewEvidence(0.6, 0.8, 0.5), LEFT_CIRCLE, told)], circle="faceoff_left_top")
+    assert (found is not None) is is_told
+    if is_told:
+        assert len(looked) == 3  # the centre circle is blue
+        assert all(np.linalg.norm(shift) > 10.0 for shift in looked)
+        config = load_config(None, ["field.template=ice-hockey-nhl"])
+        setting = frame.Setting(config, *field_of(config), *SIZE, np.random.default_rng(0))
+        seen = MarkingMask(np.zeros(SIZE[::-1], np.uint8), "detector")
+        vague = replace(found, mask=seen, camera=replace(found.camera, max_sigma_px=20.0, mean_sigma_px=5.0))
+        assert not doubtful_circle.is_doubtful(setting, vague)
+        vaguer = replace(vague, camera=replace(vague.camera, mean_sigma_px=20.0))
+        assert doubtful_circle.is_doubtful(setting, vaguer)
+    # without the spot in its middle a circle and a line fit many cameras
+    assert _choose([(ViewEvidence(0.6, 0.8, 0.5), LEFT_CIRCLE, told[:2])], circle="faceoff_left_top") is None
 
 
 def test_two_circles_alone_are_no_end_of_a_rink(monkeypatch):
