@@ -112,8 +112,10 @@ def _measure_rim(
     height, width = image.shape[:2]
     search = 2 * config.refine_px * width / 1920.0
     rim = circle.model_copy(update={"fill": "disc", "radius_m": template.radius(circle, "outer")})
-    points, outward, _ = sample_curve(view, rim, template, config)
+    points, outward, _, _ = sample_curve(view, rim, template, config)
     paint = sample_curve(view, circle, template, config)[2]
+    if np.nanmedian(paint) < 0.0:  # a view turns all of a circle alike
+        outward, paint = -outward, -paint
     shown = np.asarray(np.isfinite(points).all(axis=1), np.bool_)
     shown[shown] = lie_on_surface(points[shown], region, width, height)
     if shown.sum() < FEWEST_ON_CIRCLE:

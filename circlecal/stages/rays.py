@@ -182,17 +182,15 @@ def measure_along_model(
     """
     height, width = picture.shape
     search = 2 * config.refine_px * width / 1920.0
-    points, across, predicted = sample_curve(view, circle, template, config)
-    count = len(points)
+    points, across, width_px, along = sample_curve(view, circle, template, config)
+    predicted, count = np.abs(width_px), len(points)
     inside = np.isfinite(points).all(axis=1) & ((points >= 0) & (points <= (width - 1, height - 1))).all(axis=1)
     if circle.fill == "disc":
         predicted = np.full(count, RIM_PX * width / 1920.0)
     inside &= predicted < WIDEST * width
     if isinstance(circle, Arc):
         clear = search + CLEAR_OF_ENDS_PX * width / 1920.0
-        steps = np.nan_to_num(np.linalg.norm(np.diff(points, axis=0), axis=-1))
-        along = np.concatenate([[0.0], np.cumsum(steps)])
-        inside &= (along > clear) & (along < along[-1] - clear)
+        inside &= (along[:-1] > clear) & (along[:-1] < along[-1] - clear)
     middle, bands, plausible = _bands_along(
         picture, points[inside], across[inside], predicted[inside], noise, search, config, 1.0
     )
@@ -203,15 +201,17 @@ def measure_along_model(
 
 def sample_curve(
     view: FieldView, circle: Circle, template: FieldTemplate, config: RaysConfig
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, Array, Array, Array]:
     """Places along the middle of a circle's or an arc's paint at even distances in the picture, nan behind the camera.
 
     Returns
     -------
-    points, outward : (N, 2) arrays
-        Pixels, and unit vectors across the curve, away from the centre.
+    points, across : (N, 2) arrays
+        Pixels, and unit vectors across the curve.
     width_px : (N,) array
-        Of the paint there.
+        Of the paint there; negative where the vectors point to the centre.
+    along : (N + 1,) array
+        How far along the curve the places are, pixels, and how long it is.
     """
     start, end = (circle.start_deg, circle.end_deg) if isinstance(circle, Arc) else (0.0, 360.0)
     angle = np.radians(np.linspace(start, end, 2881))
@@ -228,8 +228,7 @@ def sample_curve(
     tangent = np.gradient(points, axis=0)
     across = np.stack([tangent[:, 1], -tangent[:, 0]], axis=-1)
     across /= np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), 1e-9)
-    paint = np.sum(across * normals, axis=-1)
-    return points, np.where(paint[:, None] < 0, -across, across), np.abs(paint)
+    return points, across, np.sum(across * normals, axis=-1), np.arange(count + 1) * length[-1] / count
 
 
 def select_steady(offsets: Array, limit: Array) -> NDArray[np.bool_]:
