@@ -76,6 +76,11 @@ class RidgePoints:
         """Some of them."""
         return RidgePoints(self.points[index], self.normals[index], self.chain[index])
 
+    def join(self, other: RidgePoints) -> RidgePoints:
+        """These, and others of a picture of this size behind them."""
+        points, normals = np.concatenate([self.points, other.points]), np.concatenate([self.normals, other.normals])
+        return RidgePoints(points, normals, np.concatenate([self.chain, other.chain]))
+
 
 def find_ridges(gray: GrayPicture, region: NDArray[np.uint8], sign: float, config: RidgeConfig) -> RidgePoints:
     """Find ridge points inside a region.

@@ -6,13 +6,21 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from circlecal.field import Circle, FieldTemplate
-from circlecal.paint.local_energy import local_energy
+from circlecal.geometry.projective import Array
+from circlecal.pipeline.attempts import measure
 from circlecal.pipeline.other_circles import interpret_otherwise
-from circlecal.pipeline.placed_field import PLACED_FIELD
+from circlecal.pipeline.placed_field import PLACED_FIELD, place_about_rims
+from circlecal.pipeline.placed_view import see_rims
 from circlecal.pipeline.refinements import Retry, calibrate_scene
 from circlecal.pipeline.setting import Scene, Setting
-from circlecal.results import Attempt
+from circlecal.placement import distinct_circles
+from circlecal.results import Attempt, Interpretation
 from circlecal.stages.verdict_on_picture import is_confirmed
+
+MOST_LOOKS, RIMS_OF_LOOK = 3, 2
+"""How often rims are looked for, each time without those that were taken for the circle before, and how many of each
+look may be the rim of a logo.
+"""
 
 
 def _may_be_a_disc(setting: Setting, attempt: Attempt) -> bool:
@@ -28,17 +36,31 @@ def _may_be_a_disc(setting: Setting, attempt: Attempt) -> bool:
 
 def take_rims(setting: Setting, scene: Scene, first: Attempt) -> Iterator[Attempt]:
     """Attempts with the rim of a disc as the circle, in a picture where edges show as bands; of a logo that reaches the
-    outer edge of its line, that edge. Where any circle of the field may be the one seen and that is a disc, the whole
-    field is laid over the rims too.
+    outer edge of its line, that edge. Where any circle of the field may be the one seen, the whole field is laid over
+    the rims too, if that is a disc, or over all that is painted about the rims, if it is a logo.
     """
     told = _tell_rims(setting)
-    relief = Scene(scene.image, scene.gray, None, scene.extra, None, relief=local_energy(scene.image))
+    relief = Scene(scene.image, scene.gray, None, scene.extra, None, relief=see_rims(scene))
     attempt = calibrate_scene(told, relief)
     yield attempt
     yield from interpret_otherwise(told, relief, attempt)
-    placed = PLACED_FIELD.try_out(told, relief, attempt) if setting.circle.fill == "disc" else None
+    if setting.circle.fill == "disc":
+        placed = PLACED_FIELD.try_out(told, relief, attempt)
+    else:
+        placed = place_about_rims(setting, scene, first, _find_rims(told, relief, attempt))
     if placed is not None:
         yield placed
+
+
+def _find_rims(setting: Setting, relief: Scene, attempt: Attempt) -> list[Array]:
+    """What may be the rim of a logo: what the attempt found, and what is found without that; a logo holds other rims,
+    too.
+    """
+    masks, ruled_out = [attempt.mask], list[Interpretation]()
+    while len(masks) < MOST_LOOKS and masks[-1] is not None and masks[-1].conic is not None:
+        ruled_out.append(Interpretation(masks[-1].conic, None))
+        masks.append(measure(setting, relief, tuple(ruled_out)).mask)
+    return [conic for mask in masks if mask is not None for conic in distinct_circles(mask)[:RIMS_OF_LOOK]]
 
 
 def _is_believed(setting: Setting, first: Attempt, other: Attempt) -> bool:

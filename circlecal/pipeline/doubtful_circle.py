@@ -11,6 +11,11 @@ from circlecal.pipeline.setting import Scene, Setting
 from circlecal.placement import weigh_view
 from circlecal.results import Attempt
 
+CIRCLE_TOLD = "circle_told"
+"""Check of a camera of which the paint tells which circle it lies about, though a circle and a line carry it: no other
+circle of the field may be the one seen, so that what it leaves open on average counts, not at the worst place.
+"""
+
 
 def may_be_any_circle(setting: Setting, attempt: Attempt) -> bool:
     """Whether the detector looked, and nobody named the circle of a template with several large ones."""
@@ -25,6 +30,8 @@ def is_doubtful(setting: Setting, attempt: Attempt) -> bool:
     if not (may_be_any_circle(setting, attempt) and attempt.is_calibrated) or attempt.camera is None:
         return False
     limit_px = UNCERTAIN_PX * setting.width / 1920.0
+    if attempt.verdict is not None and attempt.verdict.check(CIRCLE_TOLD) is not None:
+        return attempt.camera.mean_sigma_px > limit_px
     if attempt.circle_name is not None or count_carrying(attempt) > FEWEST_CARRYING:
         return attempt.camera.max_sigma_px > limit_px
     wider = cover_painters(setting, attempt).camera

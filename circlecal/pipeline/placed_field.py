@@ -9,22 +9,31 @@ import numpy as np
 
 from circlecal.field import FieldTemplate
 from circlecal.field.view import FieldView
+from circlecal.geometry.projective import Array
 from circlecal.pipeline.attempts import add_checks, refuse_as_open
-from circlecal.pipeline.doubtful_circle import is_doubtful, may_be_any_circle
+from circlecal.pipeline.doubtful_circle import CIRCLE_TOLD, is_doubtful, may_be_any_circle
 from circlecal.pipeline.field_paint import has_circle, keep_evidence, look_for_paint
-from circlecal.pipeline.placed_view import FEWEST_CARRYING, SURFACE_SHARE, count_carrying, follow_placement
+from circlecal.pipeline.placed_view import (
+    FEWEST_CARRYING,
+    SURFACE_SHARE,
+    count_carrying,
+    follow_placement,
+    see_rims,
+)
 from circlecal.pipeline.refinements import Retry
 from circlecal.pipeline.setting import Scene, Setting
 from circlecal.placement import (
     PlacedField,
     SeenPaint,
     ViewEvidence,
+    add_rims,
     mean_distance_px,
     refine_placements,
     search_placements,
     weigh_view,
 )
 from circlecal.results import Attempt, Check, MarkingMask, Rival
+from circlecal.stages.mask import suit_field
 from circlecal.stages.verdict_on_picture import needs_confirmation
 
 MOST_PLACED, LEAST_PLACED = 6, 0.6
@@ -124,6 +133,27 @@ def place_template(setting: Setting, scene: Scene, first: Attempt) -> Iterator[A
             yield best
 
 
+def place_about_rims(setting: Setting, scene: Scene, first: Attempt, rims: Sequence[Array]) -> Attempt | None:
+    """The attempt with the field laid over the picture's paint about rims (3, 3) of logos; None where the field has no
+    circle that a logo may fill, or nothing is believed.
+    """
+    mask, any_logo = first.mask, any(circle.fill == "logo" for circle in setting.template.circles)
+    if mask is None or not (rims and any_logo and _may_place_field(setting, first)):
+        return None
+    options, tried = suit_field(setting.config.mask, setting.template).detector, set[int]()
+    for seen in (mask, *mask.sightings):
+        with setting.clock("cues"):
+            paint = look_for_paint(scene, seen, setting.config, setting.template)
+            if paint is None or id(paint.surface) in tried:
+                continue
+            tried.add(id(paint.surface))
+            paint = add_rims(paint, see_rims(scene), seen, rims, options)
+        best = _place_among(setting, scene, seen, paint, 1.0, MOST_PLACED, [])
+        if best is not None:
+            return best
+    return None
+
+
 def _place_among(
     setting: Setting,
     scene: Scene,
@@ -179,14 +209,17 @@ def _follow_likely(
         answer = None
         if attempt is not None and attempt.camera is not None:
             weighed = weigh_view(attempt.camera.view, setting.template, paint)
-            answer = (weighed, attempt) if _may_be_right(weighed, placed) else None
+            answer = (weighed, attempt) if _may_be_right(setting, weighed, attempt, placed) else None
         followed.append(_Followed(paint, placed.view, answer))
     return followed
 
 
-def _may_be_right(weighed: ViewEvidence, placed: PlacedField) -> bool:
-    """Whether a camera that a placement led to lays the field on the playing surface and on the placement's paint."""
-    return weighed.surface_share >= SURFACE_SHARE and not _has_wandered(weighed, placed)
+def _may_be_right(setting: Setting, weighed: ViewEvidence, attempt: Attempt, placed: PlacedField) -> bool:
+    """Whether a camera that a placement led to lays the field on the playing surface and on the placement's paint; on
+    other paint only where many markings lie so exactly there that chance does not do it.
+    """
+    is_there = not _has_wandered(weighed, placed) or _is_precise(setting, weighed, attempt)
+    return weighed.surface_share >= SURFACE_SHARE and is_there
 
 
 def _choose_answer(
@@ -201,9 +234,11 @@ def _choose_answer(
     answers.sort(key=lambda answer: -_weigh_answer(*answer))
     if not answers or not (_is_believed(answers[0][0], factor) or _is_precise(setting, *answers[0])):
         return None
-    if _count_telling(answers[0][1], template) < FEWEST_CARRYING:
-        return None
     (weighed, best), others = answers[0], answers[1:]
+    if _count_telling(best, template) < FEWEST_CARRYING:
+        if not _is_circle_told(setting, followed[0].paint, weighed, best):
+            return None
+        best = add_checks(best, Check(CIRCLE_TOLD, 1.0, 1.0, True))
     before = [other.answer for other in earlier if other.answer is not None]
     if any(_weigh_answer(*other) > _weigh_answer(weighed, best) for other in before):
         return None
@@ -249,6 +284,25 @@ def _weigh_answer(weighed: ViewEvidence, attempt: Attempt) -> float:
     line fit a wrong camera as well as the right one, many markings do not.
     """
     return weighed.evidence * float(np.sqrt(max(1, count_carrying(attempt))))
+
+
+def _is_circle_told(setting: Setting, paint: SeenPaint, weighed: ViewEvidence, attempt: Attempt) -> bool:
+    """Whether the paint contradicts the same camera about every other circle that looks alike: there lines end
+    elsewhere, or lie beside the playing surface.
+    """
+    template, camera = setting.template, attempt.camera
+    own = template.circle_by_name.get(attempt.circle_name or "")
+    if own is None or camera is None or count_carrying(attempt) < FEWEST_CARRYING:
+        return False
+    alike = [c for c in template.circles if c is not own and (c.radius_m, c.color) == (own.radius_m, own.color)]
+    for other in alike:
+        shift = np.append(np.subtract(other.center, own.center), 0.0)
+        moved = replace(camera.camera, position_m=camera.camera.position_m + shift)
+        there = weigh_view(replace(camera.view, camera=moved), template, paint)
+        is_possible = there.surface_share >= SURFACE_SHARE and there.bare_widths <= MOST_BARE
+        if is_possible and there.evidence * RIVAL_RATIO > weighed.evidence:
+            return False
+    return True
 
 
 def _count_telling(attempt: Attempt, template: FieldTemplate) -> int:

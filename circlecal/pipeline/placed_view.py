@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 
 from circlecal.errors import EstimationError
 from circlecal.field.view import FieldView
-from circlecal.observations import MarkingKey, Observations
+from circlecal.observations import CirclePoints, MarkingKey, Observations
+from circlecal.paint.local_energy import local_energy
 from circlecal.paint.predicted_width import RESIDUAL_WIDTHS, mean_paint_width
 from circlecal.paint.spots import measure_spots
 from circlecal.pipeline.attempts import add_checks, estimate, look_again, take_observations
+from circlecal.pipeline.logo_rims import measure_logo_rims
 from circlecal.pipeline.refinements import Retry, is_less_uncertain
 from circlecal.pipeline.setting import Scene, Setting, lighten_markings
 from circlecal.pipeline.template_markings import measure_template
@@ -83,7 +85,7 @@ def follow_placement(setting: Setting, scene: Scene, mask: MarkingMask, placed: 
             attempt = replace(attempt, edges=detect_edges(picture, mask, setting.config.edges))
     except EstimationError:
         return None
-    settled = _settle_view(told, picture, attempt, placed.view)
+    settled = _settle_view(told, scene, picture, attempt, placed.view)
     if settled is None or settled.camera is None:
         return None
     attempt = settled
@@ -94,13 +96,15 @@ def follow_placement(setting: Setting, scene: Scene, mask: MarkingMask, placed: 
     return attempt if is_good else None
 
 
-def _settle_view(setting: Setting, picture: NDArray[np.uint8], attempt: Attempt, view: FieldView) -> Attempt | None:
+def _settle_view(
+    setting: Setting, scene: Scene, picture: NDArray[np.uint8], attempt: Attempt, view: FieldView
+) -> Attempt | None:
     """The attempt with every marking measured where a view puts it, and again where the camera that follows does; None
     where there is no camera, or one that leads far away.
     """
     there = view
     for _ in range(PLACED_ROUNDS):
-        attempt = _calibrate_view(setting, picture, attempt, there)
+        attempt = _calibrate_view(setting, scene, picture, attempt, there)
         if attempt.camera is None:
             return None
         there = attempt.camera.view
@@ -109,7 +113,9 @@ def _settle_view(setting: Setting, picture: NDArray[np.uint8], attempt: Attempt,
     return attempt
 
 
-def _calibrate_view(setting: Setting, picture: NDArray[np.uint8], attempt: Attempt, view: FieldView) -> Attempt:
+def _calibrate_view(
+    setting: Setting, scene: Scene, picture: NDArray[np.uint8], attempt: Attempt, view: FieldView
+) -> Attempt:
     """The attempt with every marking measured where a view puts it."""
     mask, edges, template = attempt.mask, attempt.edges, setting.template
     if mask is None or edges is None:
@@ -118,11 +124,31 @@ def _calibrate_view(setting: Setting, picture: NDArray[np.uint8], attempt: Attem
         options = mask.field_region, edges.noise, setting.config.rays
         follows = not setting.config.field.any_circle
         circles, lines = measure_template(picture, view, template, *options, follows_curves=follows)
-        spots = measure_spots(picture, view, template.lone_marks, edges.noise, template.placement_sd_m)
+        circles = (*circles, *_measure_rims(setting, scene, mask, view, circles))
+        spots = measure_spots(picture, scene.image, view, template.lone_marks, edges.noise, template.placement_sd_m)
     observations = Observations(setting.width, setting.height, circles, lines, spots)
     seen = replace(attempt, verdict=None, camera=None, correspondences=None, homography=None)
     found = _calibrate_observations(setting, seen, observations)
     return _leave_out_strays(setting, seen, _leave_out_mark(setting, seen, found))
+
+
+def _measure_rims(
+    setting: Setting, scene: Scene, mask: MarkingMask, view: FieldView, found: Sequence[CirclePoints]
+) -> tuple[CirclePoints, ...]:
+    """Circles that a logo fills up to their line, so that no band was found, by their rims where a view puts them."""
+    if scene.relief is not None:  # edges are bands there anyway
+        return ()
+    known, template = {circle.circle for circle in found}, setting.template
+    filled = [circle for circle in template.circles if circle.fill == "logo" and circle.name not in known]
+    shown = [circle for circle in filled if view.shows(view.project(np.array([circle.center])))[0]]
+    if not shown:
+        return ()
+    return measure_logo_rims(scene.image, view, template, shown, mask.field_region, setting.config.rays)
+
+
+def see_rims(scene: Scene) -> NDArray[np.uint8]:
+    """The picture (H, W) in which edges are bands, too."""
+    return scene.looks.once(("rims",), lambda: local_energy(scene.image))
 
 
 def _calibrate_observations(setting: Setting, seen: Attempt, observations: Observations) -> Attempt:
@@ -210,7 +236,7 @@ def take_in_markings(setting: Setting, scene: Scene, attempt: Attempt) -> Iterat
     if attempt.mask is None or attempt.camera is None or attempt.verdict is None:
         return
     picture = lighten_markings(scene.marked, attempt.mask, setting.circle)
-    fuller = _settle_view(setting, picture, attempt, attempt.camera.view)
+    fuller = _settle_view(setting, scene, picture, attempt, attempt.camera.view)
     if fuller is None or not lies_on_surface(setting, fuller):
         return
     if not attempt.is_calibrated:

@@ -11,7 +11,14 @@ and the one whose markings lie on ridges of their direction wins. Neither a half
 """
 
 from circlecal.placement.evidence import Outlines, ViewEvidence, mean_distance_px, share_on_surface, weigh_view
-from circlecal.placement.paint_maps import SeenPaint, SurfaceRidges, see_paint, see_surface
+from circlecal.placement.paint_maps import (
+    SeenPaint,
+    SurfaceRidges,
+    add_rims,
+    distinct_circles,
+    see_paint,
+    see_surface,
+)
 from circlecal.placement.search import PlacedField, RoughPlacements, refine_placements, search_placements
 
 __all__ = [
@@ -21,6 +28,8 @@ __all__ = [
     "SeenPaint",
     "SurfaceRidges",
     "ViewEvidence",
+    "add_rims",
+    "distinct_circles",
     "mean_distance_px",
     "refine_placements",
     "search_placements",

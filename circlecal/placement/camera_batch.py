@@ -209,7 +209,7 @@ class CameraBatch:
 
 
 def cameras_before_circles(
-    conics: Sequence[Array], template: FieldTemplate, width: int, middle: Array, side: str
+    conics: Sequence[Array], template: FieldTemplate, width: int, middle: Array, side: str, are_rims: bool = False
 ) -> CameraBatch | None:
     """Every seen circle as every circle and arc of the field, for all focal lengths and turns of upright cameras.
 
@@ -223,6 +223,8 @@ def cameras_before_circles(
         Of the picture, pixels.
     side : str
         Side of the field from which the cameras look.
+    are_rims : bool
+        Whether what was seen are rims, which only a circle that may be filled has.
     """
     focal = width * np.geomspace(*FOCAL_WIDTHS, FOCALS)
     turns = np.radians(np.arange(0.0, 360.0, TURN_DEG))
@@ -233,6 +235,8 @@ def cameras_before_circles(
         right /= np.linalg.norm(right, axis=1, keepdims=True)
         near = np.cross(normal, right)
         for own, circle in enumerate((*template.circles, *template.arcs)):
+            if are_rims and circle.fill == "none":
+                continue
             center_m = np.asarray(circle.center)
             place = unit_center * template.radius(circle, "center")
             x = np.cos(turns)[:, None, None] * right + np.sin(turns)[:, None, None] * near

@@ -103,17 +103,20 @@ class SeenPaint:
         Circles that were found, each once, pixels of the full picture.
     is_structure : (N,) array of bool
         Which ridges lie on circles and straight lines that were found.
+    are_rims : bool
+        Whether those circles are rims of logos, which no other circle of the field can be.
     """
 
     surface: SurfaceRidges
     conics: tuple[Array, ...]
     is_structure: Mask
+    are_rims: bool = False
 
     @property
     def key(self) -> tuple[object, ...]:
         """What tells it from other paint of the same picture."""
         circles = tuple(conic.tobytes() for conic in self.conics)
-        return id(self.surface), circles, np.packbits(self.is_structure).tobytes()
+        return id(self.surface), circles, np.packbits(self.is_structure).tobytes(), self.are_rims
 
     @property
     def maps(self) -> RidgeMaps:
@@ -170,6 +173,36 @@ def see_paint(surface: SurfaceRidges, mask: MarkingMask) -> SeenPaint:
     conics = tuple(distinct_circles(mask))
     reduced = [scaling.reduce_conic(conic) for conic in conics]
     return SeenPaint(surface, conics, _lie_on_structures(surface.ridges, reduced, scaling.reduce(segments)))
+
+
+def add_rims(
+    paint: SeenPaint, relief: NDArray[np.uint8], mask: MarkingMask, rims: Sequence[Array], config: DetectorConfig
+) -> SeenPaint:
+    """The paint with what lies on rims of logos in the place of its circles, as painted as a line.
+
+    Parameters
+    ----------
+    paint : SeenPaint
+        What stands out from the surface of a mask.
+    relief : (H, W) uint8
+        The picture with lines and edges as light bands.
+    mask : MarkingMask
+        What the detector found, of which the surface is used.
+    rims : sequence of (3, 3) arrays
+        Rims of logos, pixels of the full picture.
+    config : DetectorConfig
+        Options of the detector.
+    """
+    if mask.field_region is None:
+        return paint
+    ridges, region, scaling = _find_paint(relief, mask.field_region.astype(np.uint8) * 255, 1.0, config)
+    on = _lie_on_structures(ridges, [scaling.reduce_conic(conic) for conic in rims], np.zeros((0, 2, 2)))
+    old, new = paint.surface, ridges.take(on)
+    both = old.ridges.join(new)
+    colours = np.concatenate([old.colours, np.ones((len(old.colours), len(new)), np.bool_)], axis=1)
+    surface = SurfaceRidges(both, colours, _map_ridges(both, region, scaling, colours))
+    is_structure = np.concatenate([paint.is_structure, np.ones(len(new), np.bool_)])
+    return SeenPaint(surface, tuple(rims), is_structure, are_rims=True)
 
 
 def distinct_circles(mask: MarkingMask) -> list[Array]:

@@ -99,7 +99,7 @@ def search_placements(
     conics, maps = paint.conics[:MOST_CIRCLES], paint.maps
     small = [maps.scaling.reduce_conic(conic) for conic in conics]
     middle = maps.scaling.reduce((np.array(size) - 1) / 2)
-    cameras = cameras_before_circles(small, template, maps.width, middle, side)
+    cameras = cameras_before_circles(small, template, maps.width, middle, side, paint.are_rims)
     if cameras is None:
         return None
     outlines = Outlines.of(template)

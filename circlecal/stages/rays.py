@@ -194,6 +194,30 @@ def measure_along_model(
     """
     height, width = picture.shape
     search = 2 * config.refine_px * width / 1920.0
+    points, across, sides, along = sample_curve(view, circle, template, config)
+    if circle.fill == "disc":
+        sides = np.array([[-0.5], [0.5]]) * np.full(len(points), RIM_PX * width / 1920.0)
+    inside = _lie_in_picture(points, sides, width, height)
+    if isinstance(circle, Arc):
+        clear = search + CLEAR_OF_ENDS_PX * width / 1920.0
+        inside &= (along[:-1] > clear) & (along[:-1] < along[-1] - clear)
+    return _measure_steady(picture, points[inside], across[inside], sides[:, inside], search, noise, config)
+
+
+def sample_curve(
+    view: FieldView, circle: Circle, template: FieldTemplate, config: RaysConfig
+) -> tuple[Array, Array, Array, Array]:
+    """Places along the middle of a circle's or an arc's paint at even distances in the picture, nan behind the camera.
+
+    Returns
+    -------
+    points, across : (N, 2) arrays
+        Pixels, and unit vectors across the curve.
+    sides : (2, N) array
+        Where the inner and the outer edge of the paint lie, pixels along these vectors, which may point either way.
+    along : (N + 1,) array
+        How far along the curve the places are, pixels, and how long it is.
+    """
     start, end = (circle.start_deg, circle.end_deg) if isinstance(circle, Arc) else (0.0, 360.0)
     angle = np.radians(np.linspace(start, end, 2881))
 
@@ -208,14 +232,7 @@ def measure_along_model(
     points = project_edge("center", angle)
     across = _normals_of(points)
     sides = np.stack([_along_normals(project_edge(edge, angle) - points, across) for edge in ("inner", "outer")])
-    if circle.fill == "disc":
-        sides = np.array([[-0.5], [0.5]]) * np.full(count, RIM_PX * width / 1920.0)
-    inside = _lie_in_picture(points, sides, width, height)
-    if isinstance(circle, Arc):
-        clear = search + CLEAR_OF_ENDS_PX * width / 1920.0
-        along = np.arange(count) * length[-1] / count
-        inside &= (along > clear) & (along < length[-1] - clear)
-    return _measure_steady(picture, points[inside], across[inside], sides[:, inside], search, noise, config)
+    return points, across, sides, np.arange(count + 1) * length[-1] / count
 
 
 def measure_along_curve(
@@ -293,11 +310,11 @@ def _measure_steady(
             sigma[wide] = np.hypot(SIGMA_FLOOR_PX, RAGGED_SHARE * width[wide])
     seen = np.flatnonzero(np.isfinite(offset))
     limit = np.maximum(STEADY_PX * unit, STEADY_SHARE * predicted[seen])
-    kept = seen[_steady(offset[seen], limit)]
+    kept = seen[select_steady(offset[seen], limit)]
     return points[kept] + offset[kept, None] * across[kept], sigma[kept]
 
 
-def _steady(offsets: Array, limit: Array) -> NDArray[np.bool_]:
+def select_steady(offsets: Array, limit: Array) -> NDArray[np.bool_]:
     """Which offsets (N,) from a curve lie within limits (N,) of the running median of their neighbourhood."""
     if len(offsets) < 16:
         return np.zeros(len(offsets), dtype=np.bool_)

@@ -14,6 +14,7 @@ from circlecal.geometry.camera_parameters import PARAMETERS
 from circlecal.geometry.conics import circle_conic, sampson_distance, transform_conic
 from circlecal.geometry.surface import FLAT
 from circlecal.observations import CirclePoints, LinePoints, MarkingKey, Observations
+from circlecal.paint.local_energy import local_energy
 from circlecal.pipeline import doubtful_circle, field_of, field_paint, placed_field, placed_view, run
 from circlecal.pipeline import setting as frame
 from circlecal.pipeline.attempts import estimate
@@ -30,6 +31,7 @@ from circlecal.pipeline.template_markings import measure_template
 from circlecal.placement import (
     PlacedField,
     ViewEvidence,
+    add_rims,
     mean_distance_px,
     refine_placements,
     search,
@@ -381,14 +383,14 @@ def test_residuals_that_painters_errors_bring_are_those_of_no_other_field():
     )
 
 
-def _choose(answers, earlier=()):
+def _choose(answers, earlier=(), circle=None):
     """What is chosen among answers, and those that were not believed earlier, given as evidence and markings."""
     config = load_config(None, ["field.template=ice-hockey-nhl"])
     setting = frame.Setting(config, *field_of(config), *SIZE, np.random.default_rng(0))
 
     def follow(evidence, camera, markings):
         attempt = _fit_of(dict.fromkeys(markings, 0.1))
-        attempt = replace(attempt, camera=replace(attempt.camera, camera=camera))
+        attempt = replace(attempt, camera=replace(attempt.camera, camera=camera), circle_name=circle)
         return placed_field._Followed(Paint("seen"), FieldView(camera), (evidence, attempt))
 
     now, before = ([follow(*given) for given in part] for part in (answers, earlier))
@@ -472,6 +474,7 @@ def test_a_circle_with_its_line_takes_in_all_other_markings(monkeypatch):
     ground = np.ones(size[::-1], np.bool_)
     mask = MarkingMask(np.zeros_like(gray), "detector", conic, field_region=ground, polarity=-1.0)
     seen = Attempt(mask=mask, edges=detect_edges(~gray, mask, config.edges))
+    scene = frame.Scene(np.dstack([gray] * 3), gray, None, None, None)
 
     def measure_two(*given, **options):
         circles, lines = measure_template(*given, **options)
@@ -479,9 +482,8 @@ def test_a_circle_with_its_line_takes_in_all_other_markings(monkeypatch):
 
     with monkeypatch.context() as patch:
         patch.setattr(placed_view, "measure_template", measure_two)
-        first = placed_view._calibrate_view(setting, ~gray, seen, FieldView(camera))
+        first = placed_view._calibrate_view(setting, scene, ~gray, seen, FieldView(camera))
     assert first.is_calibrated, first.verdict
-    scene = frame.Scene(np.dstack([gray] * 3), gray, None, None, None)
     fuller = placed_view.ALL_MARKINGS.try_out(setting, scene, first)
     assert fuller is not None
     assert len(fuller.camera.residuals_px) > 8
@@ -491,7 +493,7 @@ def test_a_circle_with_its_line_takes_in_all_other_markings(monkeypatch):
     stripe = np.zeros_like(ground)
     stripe[5 * size[1] // 12 : 7 * size[1] // 12] = True
     with monkeypatch.context() as patch:
-        patch.setattr(placed_view, "_settle_view", lambda *given: replace(fuller, mask=given[2].mask))
+        patch.setattr(placed_view, "_settle_view", lambda *given: replace(fuller, mask=given[3].mask))
         assert placed_view.ALL_MARKINGS.try_out(setting, scene, first) is not None
         beside = replace(first, mask=replace(mask, field_region=stripe))
         assert placed_view.ALL_MARKINGS.try_out(setting, scene, beside) is None
@@ -536,6 +538,40 @@ def test_derivatives_of_first_cameras_are_those_of_their_pictures():
         ahead, behind = (cameras.move(sign * step * unit).project(nodes).pixels for sign in (1, -1))
         along = ((ahead - behind) / (2 * step) * directions).sum(axis=0)
         np.testing.assert_allclose(told[k][shown], along[shown], rtol=0.03, atol=2.0)
+
+
+def test_rims_of_logos_are_seen_as_circles_that_may_be_filled_alone():
+    circle = RINK.circle_by_name["centre_circle"]
+    conic = transform_conic(LEFT_CIRCLE.homography, circle_conic((-16.0, 2.0), RINK.radius(circle, "center")))
+    given = [conic], RINK, SIZE[0], (np.array(SIZE) - 1) / 2, "main"
+    rims, circles = cameras_before_circles(*given, are_rims=True), cameras_before_circles(*given)
+    assert {RINK.circles[own].name for own in set(rims.own.tolist())} == {"centre_circle"}
+    assert len(set(circles.own.tolist())) == len(RINK.circles)
+
+
+def test_the_rim_of_a_logo_is_paint_in_the_place_of_the_circles():
+    """A dark disc has no ridge; with its rim the surface shows it, but not the edge of another thing."""
+    picture = np.full((360, 640, 3), 220, np.uint8)
+    cv2.ellipse(picture, (320, 180), (150, 60), 0, 0, 360, (120, 60, 60), cv2.FILLED, cv2.LINE_AA)
+    cv2.rectangle(picture, (20, 20), (120, 80), (120, 60, 60), cv2.FILLED)
+    picture = cv2.GaussianBlur(picture, (0, 0), 1.0)
+    cv2.line(picture, (40, 300), (600, 320), (120, 60, 60), 2, cv2.LINE_AA)
+    picture = (picture + np.random.default_rng(0).normal(0.0, 2.0, picture.shape)).clip(0, 255).astype(np.uint8)
+    gray, ground = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), np.ones(picture.shape[:2], np.bool_)
+    mask = MarkingMask(np.zeros_like(gray), "detector", field_region=ground, polarity=-1.0)
+    paint = see_paint(see_surface(picture, gray, mask, DetectorConfig()), mask)
+    rim = np.diag([1 / 150.0**2, 1 / 60.0**2, -1.0])
+    shift = np.array([[1.0, 0.0, -320.0], [0.0, 1.0, -180.0], [0.0, 0.0, 1.0]])
+    seen = add_rims(paint, local_energy(picture), mask, [shift.T @ rim @ shift], DetectorConfig())
+    assert seen.are_rims
+    assert len(seen.conics) == 1
+    more = seen.maps.scaling.full(seen.surface.ridges.points[len(paint.surface.ridges) :])
+    assert len(more) > 400
+    assert np.abs(sampson_distance(seen.conics[0], more)).max() < 3.0
+    assert seen.is_structure[len(paint.surface.ridges) :].all()
+    x, y = np.rint(seen.maps.scaling.reduce(np.array([[320.0, 120.0]]))[0]).astype(int)
+    here, there = (found.maps.distance[0].min(axis=0)[y, x] for found in (seen, paint))
+    assert here < 3.0 < 20.0 < there
 
 
 def test_first_cameras_show_the_field_as_cameras_do():
@@ -636,7 +672,49 @@ def test_a_field_of_other_sizes_is_laid_where_the_first_of_its_sport_lies(monkey
 @pytest.mark.parametrize(("placed", "found", "wandered"), [(0.07, 0.17, False), (0.7, 1.1, False), (0.2, 0.6, True)])
 def test_a_camera_that_finds_much_more_paint_than_its_placement_lies_on_other_paint(placed, found, wandered):
     lain = PlacedField(RINK.circles[0], np.eye(3), FieldView(RIGHT_END), placed, 0.5)
-    assert placed_field._has_wandered(ViewEvidence(found, 0.6, 0.5), lain) is wandered
+    weighed = ViewEvidence(found, 0.6, 0.5)
+    assert placed_field._has_wandered(weighed, lain) is wandered
+    # unless many markings lie exactly where it puts them: a rim of a logo leads there from somewhat off
+    config = load_config(None, ["field.template=ice-hockey-nhl"])
+    setting = frame.Setting(config, *field_of(config), *SIZE, np.random.default_rng(0))
+    few, many = (_fit_of({str(k): 0.2 for k in range(count)}) for count in (3, PRECISE_MARKINGS))
+    assert placed_field._may_be_right(setting, weighed, few, lain) is not wandered
+    assert placed_field._may_be_right(setting, weighed, many, lain)
+
+
+@pytest.mark.parametrize(
+    ("there", "is_told"),
+    [
+        (ViewEvidence(0.55, 0.8, 0.5), False),
+        (ViewEvidence(0.4, 0.8, 0.5), True),
+        (ViewEvidence(0.55, 0.8, 0.5, surface_share=0.6), True),
+        (ViewEvidence(0.55, 0.8, 0.5, bare_widths=0.4), True),
+    ],
+)
+def test_one_circle_with_a_line_is_told_where_the_paint_contradicts_it_about_all_others(monkeypatch, there, is_told):
+    """Moved to another circle the same camera finds as much, or less, or lays the field into the stands."""
+    told = "faceoff_left_top", "goal_line_left", "end_spot_left_top"
+    looked = []
+
+    def weigh(view, *_):
+        looked.append(view.camera.position_m - LEFT_CIRCLE.position_m)
+        return there
+
+    monkeypatch.setattr(placed_field, "weigh_view", weigh)
+    found = _choose([(ViewEvidence(0.6, 0.8, 0.5), LEFT_CIRCLE, told)], circle="faceoff_left_top")
+    assert (found is not None) is is_told
+    if is_told:
+        assert len(looked) == 3  # the centre circle is blue
+        assert all(np.linalg.norm(shift) > 10.0 for shift in looked)
+        config = load_config(None, ["field.template=ice-hockey-nhl"])
+        setting = frame.Setting(config, *field_of(config), *SIZE, np.random.default_rng(0))
+        seen = MarkingMask(np.zeros(SIZE[::-1], np.uint8), "detector")
+        vague = replace(found, mask=seen, camera=replace(found.camera, max_sigma_px=20.0, mean_sigma_px=5.0))
+        assert not doubtful_circle.is_doubtful(setting, vague)
+        vaguer = replace(vague, camera=replace(vague.camera, mean_sigma_px=20.0))
+        assert doubtful_circle.is_doubtful(setting, vaguer)
+    # without the spot in its middle a circle and a line fit many cameras
+    assert _choose([(ViewEvidence(0.6, 0.8, 0.5), LEFT_CIRCLE, told[:2])], circle="faceoff_left_top") is None
 
 
 def test_two_circles_alone_are_no_end_of_a_rink(monkeypatch):
