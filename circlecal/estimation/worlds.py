@@ -41,18 +41,13 @@ naming costs more time than it mends. Chosen without a measurement of its own.
 SEVERAL_LINES = 2
 """So many further markings at their places on a usual field leave little doubt about its size."""
 
-MISFIT_SCALE = 2.0
-"""Where noise had to grow so many times for a field of the usual size, it may be the size that does not fit. With the
-noise that each size leaves, any size is likelier than the usual one by -2.1 (logarithm of the evidence) in one of 37
-real frames of fields of the usual size, by -3.5 in another and less in all others (but one whose lens would make a
-field of 108 m width of it, which no rule allows); in two frames of a field of another size by 2.6 and 3.9; in 12
-rendered parts of a circle beside a touchline of usual fields by -4.5 at most, of other sizes by 1 to 78 in six of nine.
-"""
-
 TOLD_SHARE = 0.15
-"""Posterior probability of another size, told with that noise, from which on it counts: of 37 real frames of usual
-fields one has 0.11 and all others less than 0.03; four of nine rendered ones of other sizes, 0.2 to 0.7, whose errors
-would not be covered.
+"""Posterior probability of another size, told with no more noise than the residuals show, from which on it counts: of
+37 real frames of usual fields one has 0.11 and all others less than 0.03; of rendered fields of other sizes, whose
+errors would not be covered, most have 0.2 to 1. With that noise any size is likelier than the usual one by -2.1 (the
+logarithm of the evidence) in one of these real frames, by -3.5 in another and less in all others (but one whose lens
+would make a field of 108 m width of it, which no rule allows), by 1 to 78 in eight rendered parts of a circle beside a
+touchline.
 """
 
 QUIET_SIGMA_PX = 0.05
@@ -184,9 +179,8 @@ def _with_noise_of_misfit(case: _Case) -> tuple[Problem, State]:
 
 
 def _may_hide_misfit(fit: Fit, answers: list[Answer]) -> bool:
-    """Whether noise was taken to have grown where it may be the size of the field that does not fit."""
-    has_grown = fit.given_px is not None and fit.scale > MISFIT_SCALE
-    return has_grown and depends_on_size(fit.problem.curves) and _doubt(answers) > UNLIKELY_SHARE
+    """Whether noise was told by residuals where it may be the size of the field that does not fit."""
+    return fit.given_px is not None and depends_on_size(fit.problem.curves) and _doubt(answers) > UNLIKELY_SHARE
 
 
 def _doubt(answers: list[Answer]) -> float:
