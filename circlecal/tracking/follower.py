@@ -15,7 +15,7 @@ from circlecal.tracking.answers import FOLLOWED_FRAMES
 from circlecal.tracking.clock import StageClock
 from circlecal.tracking.entry import EXPECTED_PLACES, ClipFrame, Entry
 from circlecal.tracking.looking import LEAST_PLACES, Look, LookedAt, Place
-from circlecal.tracking.motion import Flow, HeadMotion, estimate_motion, follow_corners, move_of_middle
+from circlecal.tracking.motion import SHUTTER, Flow, HeadMotion, estimate_motion, follow_corners, move_of_middle
 
 HEAD_SD = (1e-3, 2e-4, 2e-4)
 """By how much a head that follows the motion may be off, for each frame that was not confirmed: logarithm of the focal
@@ -54,10 +54,6 @@ LEAST_GRASS = 0.15
 """Share of the picture that the playing surface covers where a search is worth it."""
 PATIENCE = 12
 """Frames in a row that contradict the camera before it is searched for again."""
-SHUTTER = 0.5
-"""Share of the time between neighbouring frames of the video, all of which need not be looked at, during which the
-shutter is open.
-"""
 
 
 @dataclass(frozen=True, slots=True)
