@@ -48,6 +48,11 @@ GUESS_SHARE_OF_WORTH = 0.8
 """A guess whose paint is worth so much of that along the motion is taken, being the less certain of the two."""
 SECOND_LOOK = 16.0
 """How much surer a head is after the paint was found once, as a share of its covariance."""
+WIDE_PX = 1.0
+"""Standard deviation of the place of a head, pixels at 1920 px width, from which on the paint is looked at again where
+it was found: in a fast pan that only paint tells, profiles reach over the run-off beyond a far touchline, whose middle
+then is off by half a pixel.
+"""
 GRASS_EVERY = 4
 """The playing surface is looked for in every so many-th frame while the camera is followed."""
 LEAST_GRASS = 0.15
@@ -73,6 +78,11 @@ class _Followed:
     head: Array
     covariance: Array
     blur_px: Array
+
+    @property
+    def reach_px(self) -> float:
+        """How far from the markings the paint was looked for because of where the head may turn, pixels."""
+        return float(np.sqrt(np.diag(self.covariance)[1:].max()) * np.exp(self.head[0]))
 
     def look_again(self, place: Place, picture: LookedAt, by_common: Array | None) -> _Followed:
         """Where the first look found the paint: what lies beside it is not taken for it any more."""
@@ -216,6 +226,9 @@ class Follower:
                     )
         if motion is None or followed is None:
             return None
+        if followed.reach_px > WIDE_PX * place.unit:
+            with self._clock.measure("paint"):
+                followed = followed.look_again(place, picture, before.by_common)
         look = followed.look
         entry.place, entry.motion = place, motion
         entry.take(look, followed.head, followed.covariance, is_followed=True)
