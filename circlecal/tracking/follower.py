@@ -15,7 +15,7 @@ from circlecal.tracking.answers import FOLLOWED_FRAMES
 from circlecal.tracking.clock import StageClock
 from circlecal.tracking.entry import EXPECTED_PLACES, ClipFrame, Entry
 from circlecal.tracking.looking import LEAST_PLACES, Look, LookedAt, Place
-from circlecal.tracking.motion import Flow, HeadMotion, estimate_motion, follow_corners, move_of_middle
+from circlecal.tracking.motion import SHUTTER, Flow, HeadMotion, estimate_motion, follow_corners, move_of_middle
 
 HEAD_SD = (1e-3, 2e-4, 2e-4)
 """By how much a head that follows the motion may be off, for each frame that was not confirmed: logarithm of the focal
@@ -48,16 +48,17 @@ GUESS_SHARE_OF_WORTH = 0.8
 """A guess whose paint is worth so much of that along the motion is taken, being the less certain of the two."""
 SECOND_LOOK = 16.0
 """How much surer a head is after the paint was found once, as a share of its covariance."""
+WIDE_PX = 1.0
+"""Standard deviation of the place of a head, pixels at 1920 px width, from which on the paint is looked at again where
+it was found: in a fast pan that only paint tells, profiles reach over the run-off beyond a far touchline, whose middle
+then is off by half a pixel.
+"""
 GRASS_EVERY = 4
 """The playing surface is looked for in every so many-th frame while the camera is followed."""
 LEAST_GRASS = 0.15
 """Share of the picture that the playing surface covers where a search is worth it."""
 PATIENCE = 12
 """Frames in a row that contradict the camera before it is searched for again."""
-SHUTTER = 0.5
-"""Share of the time between neighbouring frames of the video, all of which need not be looked at, during which the
-shutter is open.
-"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +78,11 @@ class _Followed:
     head: Array
     covariance: Array
     blur_px: Array
+
+    @property
+    def reach_px(self) -> float:
+        """How far from the markings the paint was looked for because of where the head may turn, pixels."""
+        return float(np.sqrt(np.diag(self.covariance)[1:].max()) * np.exp(self.head[0]))
 
     def look_again(self, place: Place, picture: LookedAt, by_common: Array | None) -> _Followed:
         """Where the first look found the paint: what lies beside it is not taken for it any more."""
@@ -220,6 +226,9 @@ class Follower:
                     )
         if motion is None or followed is None:
             return None
+        if followed.reach_px > WIDE_PX * place.unit:
+            with self._clock.measure("paint"):
+                followed = followed.look_again(place, picture, before.by_common)
         look = followed.look
         entry.place, entry.motion = place, motion
         entry.take(look, followed.head, followed.covariance, is_followed=True)

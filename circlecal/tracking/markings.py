@@ -19,6 +19,7 @@ from circlecal.geometry.camera_parameters import Projection, ProjectionModel, pr
 from circlecal.geometry.projective import Array, Indices, Mask
 from circlecal.paint.bands import measure_curve
 from circlecal.paint.profiles import GrayPicture
+from circlecal.tracking.one_line import JUMP_PX, keep_one_line
 
 SPACING_PX = 9.0
 """Distance of neighbouring places along a marking, pixels at 1920 px width: a third of what players and their shadows
@@ -62,11 +63,6 @@ BROAD_PX, MISSED_PLACES, MISSED_SHARE = 2.0, 24, 0.35
 not where the camera puts it: in real clips the halfway line, 12 px beside its place and 7 px broad, while circle and
 touchline agreed; it showed at 0 to 0.3 of its places where it crossed its own, right ones show at 0.38 and more.
 """
-JUMP_PX, LEAST_ALIKE = 2.5, 0.75
-"""Step between neighbouring places along a thin marking, pixels at 1920 px width, that no camera makes, and share of
-the places on one side of such steps below which a marking is two things: in a real clip 45 places of a far touchline
-and 40 on the foot of the boards 6 px behind it.
-"""
 CLEAR_PX_M = 10.0
 """Scale across a marking, pixels at 1920 px width per metre, from which on what lies beside the paint is not taken for
 it: a circle and the penalty areas have 12 to 60, far touchlines 3 to 9.
@@ -83,6 +79,8 @@ halfway line that a rendered pan of 7 to 11 px smears no place is found, where a
 """
 PIECE = 24
 """Places in a row within which paint has one usual contrast."""
+BEND_STEP_RAD = 0.02
+"""Angle on a circle between places from which its curvature in the picture is told."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,6 +162,8 @@ class Places:
         Where it is seen, and the unit vector across the marking.
     width_px, scale_px_m : (M,) arrays
         Width of the paint there, and pixels per metre across the marking.
+    curvature : (M,) array
+        Of the marking in the picture, per pixel: positive where it bends towards the normal.
     by_theta : (M, P) array
         Derivative of the place along the normal by the camera's parameters, sizes of the field among them.
     """
@@ -174,7 +174,17 @@ class Places:
     normals: Array
     width_px: Array
     scale_px_m: Array
+    curvature: Array
     by_theta: Array
+
+    def shift_by_motion(self, moved_px: Array) -> Array:
+        """How far the middle of smeared paint lies from the marking (M,), along the normals, pixels.
+
+        While the picture moves by m (2,), a curve that bends by k leaves paint at ``k (t m . T)^2 / 2`` beside its
+        tangent T, for t from -1/2 to 1/2: on average at ``k (m . T)^2 / 24``, on the inner side.
+        """
+        along = self.normals[:, 0] * moved_px[1] - self.normals[:, 1] * moved_px[0]
+        return np.asarray(self.curvature * along**2 / 24.0)
 
 
 def grow_places(drawn: DrawnTemplate, marking: Indices, field_m: Array, theta: Array) -> Array:
@@ -256,9 +266,31 @@ def place_markings(
     ).all(1)
     inside &= seen.visible[0] & (width_px > FAINTEST_PX) & ~_lie_in_goals(field_m, drawn)
     rows = rows_of(drawn, marking, field_m, seen, normals)
-    return Places(
-        marking[inside], field_m[inside], found[inside], normals[inside], width_px[inside], scale[inside], rows[inside]
-    )
+    bend = _curvatures(drawn, marking, field_m, normals, theta, model)
+    found_places = marking, field_m, found, normals, width_px, scale, bend, rows
+    return Places(*(values[inside] for values in found_places))
+
+
+def _curvatures(
+    drawn: DrawnTemplate, marking: Indices, field_m: Array, normals: Array, theta: Array, model: ProjectionModel
+) -> Array:
+    """Curvature (M,) of markings at places in the picture, per pixel, positive towards the normals; 0 of lines."""
+    curvature = np.zeros(len(marking))
+    at = np.flatnonzero(drawn.radius[marking] > 0)
+    if len(at) == 0:
+        return curvature
+    center = drawn.center[marking[at]]
+    beside = field_m[at] - center
+    turn = np.array([[-BEND_STEP_RAD], [0.0], [BEND_STEP_RAD]])
+    x = np.cos(turn) * beside[:, 0] - np.sin(turn) * beside[:, 1]
+    y = np.sin(turn) * beside[:, 0] + np.cos(turn) * beside[:, 1]
+    around = (np.stack([x, y], axis=-1) + center).reshape(-1, 2)
+    on_field = grow_places(drawn, np.tile(marking[at], len(turn)), around, theta)
+    before, here, after = project(theta[None], on_field[None], model).pixels[0].reshape(len(turn), -1, 2)
+    step = (after - before) / 2.0
+    bent = ((after - 2.0 * here + before) * normals[at]).sum(axis=1)
+    curvature[at] = bent / np.maximum((step**2).sum(axis=1), 1e-9)
+    return curvature
 
 
 def _lie_in_goals(field_m: Array, drawn: DrawnTemplate) -> Mask:
@@ -382,16 +414,18 @@ def measure_markings(
     missing = int(np.count_nonzero((broad >= MISSED_PLACES) & (share < MISSED_SHARE)))
     on &= share[marking] >= LEAST_SHARE
     is_thin = on & (places.scale_px_m[index] < CLEAR_PX_M * unit)
-    kept, is_double = _keep_one_line(is_thin, found.offset, marking, JUMP_PX * unit, count)
+    kept, is_double = keep_one_line(is_thin, found.offset, marking, JUMP_PX * unit, count)
     on &= kept | ~is_thin
     expected = np.where(is_double, 0, expected)
     painted = np.bincount(marking[on & is_expected], minlength=count)
-    moved = np.abs(normals[on] @ blur_px) if blur_px is not None else np.zeros(np.count_nonzero(on))
-    bias = _bias_sigmas(found.width[on], places.width_px[index][on], moved)
+    shift, moved = np.zeros((2, np.count_nonzero(on)))
+    if blur_px is not None:
+        shift, moved = places.shift_by_motion(blur_px)[index][on], np.abs(normals[on] @ blur_px)
+    bias = np.hypot(_bias_sigmas(found.width[on], places.width_px[index][on], moved), shift)
     return MeasuredFrame(
         marking[on],
         places.field_m[index][on],
-        base[on] + found.offset[on, None] * normals[on],
+        base[on] + (found.offset[on] - shift)[:, None] * normals[on],
         normals[on],
         found.width[on],
         places.scale_px_m[index][on],
@@ -400,29 +434,6 @@ def measure_markings(
         painted,
         missing,
     )
-
-
-def _keep_one_line(on: Mask, offset_px: Array, marking: Indices, jump_px: float, count: int) -> tuple[Mask, Mask]:
-    """Which places (M,) with paint lie on the one line of their marking, and which markings (K,) are two lines.
-
-    Along a marking the paint's offsets from the prediction change slowly, whatever is wrong with the camera. The sum of
-    all steps up to a place tells on which line it lies.
-    """
-    at = np.flatnonzero(on)
-    is_double = np.zeros(count, np.bool_)
-    if len(at) < 2:
-        return on, is_double
-    step = np.diff(offset_px[at])
-    is_jump = (np.abs(step) > jump_px) & (np.diff(marking[at]) == 0)
-    level = np.concatenate([[0.0], np.cumsum(np.where(is_jump, step, 0.0))])
-    kept = on.copy()
-    for k in np.unique(marking[at[1:]][is_jump]):
-        own = np.flatnonzero(marking[at] == k)
-        alike = np.abs(level[own][:, None] - level[own]) < jump_px
-        best = alike[int(np.argmax(alike.sum(axis=1)))]
-        is_double[k] = best.mean() < LEAST_ALIKE
-        kept[at[own]] = False if is_double[k] else best
-    return kept, is_double
 
 
 def _bias_sigmas(width_px: Array, paint_px: Array, moved_px: Array) -> Array:

@@ -38,6 +38,10 @@ BACKGROUND_M = 110.0
 """How far the stands are taken to be away, where a corner is not on the ground, metres."""
 BIAS_SHARE = 0.004
 """Of the motion by which it is wrong: the distance of the stands is not known, and the pupil moves on its lever."""
+SHUTTER = 0.5
+"""Share of the time between neighbouring frames of the video, all of which need not be looked at, during which the
+shutter is open.
+"""
 FLOOR_PX = 0.01
 """What no number of corners lowers of the motion's standard deviation, reduced pixels."""
 

@@ -12,8 +12,12 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import erf
 
+from circlecal.config import Config
+from circlecal.field import FieldTemplate
 from circlecal.geometry.projective import Array
+from circlecal.rig.tripod import PLACE
 from circlecal.tracking.markings import MeasuredFrame
+from circlecal.tracking.tripod_fit import common_priors
 
 WIDTH_SD_M = 0.005
 """Of a width from how broad the paint looks, metres: in five rendered clips it is off by 0, 0, -4, 5 and -5 mm."""
@@ -83,3 +87,16 @@ def estimate_paint_width(frames: Sequence[MeasuredFrame], usual_m: float) -> tup
     if weight.sum() < LEAST_PLACES or formal > WIDTH_SD_M:
         return None
     return width_m, float(np.hypot(WIDTH_SD_M, formal))
+
+
+def priors_of_frames(
+    config: Config, template: FieldTemplate, unit: float, measured: Sequence[MeasuredFrame]
+) -> tuple[Array, Array]:
+    """Means and standard deviations (K,) of the common parameters, with how broad the paint looks in frames."""
+    mean, sd = common_priors(config.camera, config.rig, template, unit)
+    seen = estimate_paint_width(measured, template.marking_width_m)
+    if seen is not None:
+        # paint is no broader than the rules allow, however it looks
+        mean[PLACE["width"]] = min(seen[0] - template.marking_width_m, 0.0)
+        sd[PLACE["width"]] = seen[1]
+    return mean, sd

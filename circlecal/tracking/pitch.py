@@ -17,6 +17,11 @@ from circlecal.tracking.markings import DrawnTemplate
 from circlecal.tracking.tripod_fit import HeadedFrame, TripodFit, count_alike, fit_tripod
 
 SHAPES: tuple[SurfaceShape, ...] = ("roof", "parabola")
+WORST_RMS_PX = 2.0
+"""A frame whose paint lies further from its tripod's markings, root mean square, pixels at 1920 px width, was
+calibrated wrongly: rendered frames have 0.05 to 0.4, real ones up to 1.3, since real pitches fall in more ways than the
+models of the surface.
+"""
 DECISIVE, DECISIVE_SHARE = 10.0, 0.05
 """Difference in cost by which a parabola must be better than a roof, and where the size of the pitch is free its share
 of the cost: on real clips the better shape has 9 to 48 % less where penalty areas are in view; with the circle alone in

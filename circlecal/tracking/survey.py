@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
 from circlecal.config import Config
 from circlecal.field import Circle, FieldTemplate
@@ -15,8 +13,9 @@ from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import Surface
 from circlecal.pipeline import field_of
 from circlecal.rig.positions import group_positions
-from circlecal.rig.tripod import PLACE, TripodEstimate, Venue
+from circlecal.rig.tripod import TripodEstimate, Venue
 from circlecal.tracking.anchors import Anchor
+from circlecal.tracking.closer_look import learn_closely
 from circlecal.tracking.first_look import (
     Alone,
     PicturesAt,
@@ -26,21 +25,18 @@ from circlecal.tracking.first_look import (
     suit_tracking,
 )
 from circlecal.tracking.looking import LEAST_PLACES, Look, LookedAt, Place
-from circlecal.tracking.markings import DrawnTemplate, MeasuredFrame, template_curves
-from circlecal.tracking.paint_width import estimate_paint_width
+from circlecal.tracking.markings import DrawnTemplate, template_curves
+from circlecal.tracking.paint_width import priors_of_frames
 from circlecal.tracking.pitch import (
     DECISIVE,
     SHAPES,
+    WORST_RMS_PX,
     choose_pitch,
-    hold_size,
-    leave_out_false_line,
     search_length,
 )
 from circlecal.tracking.tripod_fit import (
     HeadedFrame,
     TripodFit,
-    common_priors,
-    count_alike,
     fit_tripod,
     free_parameters,
     inverse_of_normal,
@@ -55,30 +51,14 @@ SAME_PLACE_M = 0.8
 """How far apart single frames put one camera, beyond their own uncertainty: the lever arm moves the pupil so far."""
 LEAST_FRAMES = 2
 """Frames that make a tripod."""
-WORST_RMS_PX = 2.0
-"""A frame whose paint lies further from its tripod's markings, root mean square, pixels at 1920 px width, was
-calibrated wrongly: rendered frames have 0.05 to 0.4, real ones up to 1.3, since real pitches fall in more ways than the
-models of the surface.
-"""
 ROUNDS, LOOKS = 3, 3
 """In which the tripods find further frames and learn from them; and looks at a frame while its tripod changes."""
 LEAST_GRASS = 0.15
 """Share of the picture that the playing surface covers where a search is worth it."""
-WELL_KNOWN_M, NEAR_S, MOST_MORE, MOST_BETWEEN = 0.02, 0.5, 72, 4
-"""Standard deviation of the pitch's size from which on no further pictures are looked at; they lie between pictures of
-one shot, so near to each other, at most so many, and at most so many between two. Before a penalty area 0.1 m of length
-are 2 to 5 px at 1920 px width.
-"""
-WIDTH_MEASURED_SD_M, WIDTH_AGREES = 0.01, 2.5
-"""A width of the paint that its blur tells better than this, metres, is estimated with the rest, unless that leads away
-from it by more standard deviations: then it takes what lens and surface leave over (12 on a real clip). Over three
-rendered clips its error falls from 4 to 2 mm, and that of the pitch's length in one of them from 0.13 to 0.01 m.
-"""
 SLACK = 9.0
 """How much more than its covariance says a tripod may change to meet a frame that looks elsewhere: the surface and the
 lens have other shapes than their models.
 """
-WIDTH = PLACE["width"]
 
 
 def survey_clip(
@@ -87,6 +67,7 @@ def survey_clip(
     config: Config,
     known: Venue | None = None,
     anchors: Sequence[Anchor] = (),
+    period_s: float = 0.0,
 ) -> Venue:
     """Find the cameras of a clip.
 
@@ -102,6 +83,8 @@ def survey_clip(
         Cameras from earlier; they are taken over where the clip shows them, and others are added.
     anchors : sequence of Anchor
         Frames that a person named, by times like those of the pictures; one alone makes a camera.
+    period_s : float
+        Time between two frames of the video: how far a turning head smears their paint. 0 where it is not known.
 
     Returns
     -------
@@ -128,7 +111,9 @@ def survey_clip(
     starts = _tripods(alone, config, template, circle, drawn)
     grown = {t.name: _extend_and_measure(t, heads, pictures, config, template, drawn) for t, heads in starts}
     distinct = _keep_distinct([tripod for tripod, _ in grown.values()])
-    learnt = [_learn_between(t, grown[t.name][1], pictures_at, config, template, drawn, usual) for t in distinct]
+    learnt = [
+        learn_closely(t, grown[t.name][1], pictures, pictures_at, config, drawn, usual, period_s) for t in distinct
+    ]
     return Venue(template.name, tuple(_keep_distinct(learnt)), paint)
 
 
@@ -178,7 +163,7 @@ def _fit_alone(
     """The tripod of frames, without those of a false calibration; None where too few are left."""
     size = members[0].fit.model.width, members[0].fit.model.height
     unit = size[0] / 1920.0
-    mean, sd = _priors(config, template, unit, [member.measured for member in members])
+    mean, sd = priors_of_frames(config, template, unit, [member.measured for member in members])
     kept = list(members)
     left_out: list[str] = []
     while len(kept) >= _least_frames(kept):
@@ -201,19 +186,6 @@ def _fit_alone(
     return None
 
 
-def _priors(
-    config: Config, template: FieldTemplate, unit: float, measured: Sequence[MeasuredFrame]
-) -> tuple[Array, Array]:
-    """Means and standard deviations (K,) of the common parameters, with how broad the paint looks in frames."""
-    mean, sd = common_priors(config.camera, config.rig, template, unit)
-    seen = estimate_paint_width(measured, template.marking_width_m)
-    if seen is not None:
-        # paint is no broader than the rules allow, however it looks
-        mean[PLACE["width"]] = min(seen[0] - template.marking_width_m, 0.0)
-        sd[PLACE["width"]] = seen[1]
-    return mean, sd
-
-
 def _extend(
     tripod: TripodEstimate,
     heads: dict[str, Array],
@@ -227,7 +199,7 @@ def _extend(
     elsewhere stays known. And these frames.
     """
     unit = tripod.size[0] / 1920.0
-    mean, sd = _priors(config, template, unit, [])
+    mean, sd = priors_of_frames(config, template, unit, [])
     sizes = {n: p for n, p in pictures.items() if p.size == tripod.size and p.grass_share >= LEAST_GRASS}
     members: list[HeadedFrame] = []
     for _ in range(ROUNDS):
@@ -240,7 +212,7 @@ def _extend(
             look = _find_beyond(place, picture, mean, sd) if seen is None else place.look(picture, seen, spread)
             if look is not None and (look.is_confirmed or seen is not None):
                 frames.append(HeadedFrame(name, look.fit.head, look.measured))
-        mean, sd = _priors(config, template, unit, [frame.measured for frame in frames])
+        mean, sd = priors_of_frames(config, template, unit, [frame.measured for frame in frames])
         fit = _fit_members(frames, tripod, mean, sd, drawn, known)
         if fit is None:
             return tripod, members
@@ -268,66 +240,6 @@ def _extend_and_measure(
     if longer is None:
         return tripod, members
     return _extend(longer, {frame.name: frame.head for frame in members}, pictures, config, template, drawn)
-
-
-def _learn_between(
-    tripod: TripodEstimate,
-    members: list[HeadedFrame],
-    pictures_at: PicturesAt,
-    config: Config,
-    template: FieldTemplate,
-    drawn: DrawnTemplate,
-    colour: Array | None = None,
-) -> TripodEstimate:
-    """The tripod after it has learnt from pictures between those that determined it, where the size of its pitch is
-    known too little: where the circle is out of view, all places are as uncertain as the pitch is long.
-    """
-    if max(tripod.sigma("length"), tripod.sigma("breadth")) < WELL_KNOWN_M:
-        return tripod
-    times, heads = _heads_between(members)
-    place = Place.of(tripod, template)
-    frames = list(members)
-    for time_s, head, picture in zip(times, heads, pictures_at(times), strict=False):
-        if picture is None:
-            continue
-        look = _look_twice(place, LookedAt.of(picture, config.mask).take_surface(colour), head)
-        if look.is_confirmed:
-            frames.append(HeadedFrame(f"{time_s:.3f}", look.fit.head, look.measured))
-    mean, sd = _priors(config, template, place.unit, [frame.measured for frame in frames])
-    mean, sd = hold_size(tripod, mean, sd)
-    frames, (fit,) = leave_out_false_line(frames, [tripod], mean, sd, drawn)
-    alike = count_alike(fit)
-    for _ in range(2):
-        fit = fit_tripod(frames, tripod, mean, sd, drawn, alike=alike)
-        heads_of = zip(frames, fit.heads, fit.clear_rms_px, strict=True)
-        kept = [replace(frame, head=head) for frame, head, rms in heads_of if rms <= WORST_RMS_PX * place.unit]
-        if len(kept) in (0, len(frames)):
-            break
-        frames = kept
-    best = fit.estimate
-    if kept and sd[WIDTH] < WIDTH_MEASURED_SD_M:
-        free = fit_tripod(kept, best, mean, sd, drawn, is_width_free=True, alike=alike).estimate
-        best = free if abs(free.mean[WIDTH] - mean[WIDTH]) < WIDTH_AGREES * sd[WIDTH] else best
-    return replace(best, left_out=tripod.left_out)
-
-
-def _heads_between(members: Sequence[HeadedFrame]) -> tuple[list[float], list[Array]]:
-    """Times between those of frames near each other, evenly, and where the head may have been then."""
-    known = sorted((float(frame.name), tuple(frame.head)) for frame in members)
-    at = np.array([time for time, _ in known])
-    gaps = [(a, b) for a, b in pairwise(at) if b - a < NEAR_S]
-    if not gaps:
-        return [], []
-    pieces = 1 + min(MOST_BETWEEN, max(1, MOST_MORE // len(gaps)))
-    times = [float(a + (b - a) * k / pieces) for a, b in gaps for k in range(1, pieces)]
-    return times, list(PchipInterpolator(at, np.array([head for _, head in known]))(times))
-
-
-def _look_twice(place: Place, picture: LookedAt, head: Array) -> Look:
-    """Look about where the head may be, and again where the paint then says."""
-    spread = place.proposal_covariance(head)
-    look = place.look(picture, head, spread)
-    return place.look(picture, look.fit.head, spread / 16.0, look.fit.by_common)
 
 
 def _find_beyond(place: Place, picture: LookedAt, mean: Array, sd: Array) -> Look | None:

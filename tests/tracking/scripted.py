@@ -65,7 +65,12 @@ def tracked(index: int, time_s: float, size: tuple[int, int] = SIZE) -> TrackedF
 
 
 def survey_clip(
-    pictures_at: object, duration_s: float, config: Config, known: Venue | None = None, anchors: object = ()
+    pictures_at: object,
+    duration_s: float,
+    config: Config,
+    known: Venue | None = None,
+    anchors: object = (),
+    period_s: float = 0.0,
 ) -> Venue:
     return known or Venue(config.field.template, (replace(tripod(), used=("a", "b")),))
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from circlecal.config import Config
 from circlecal.rig.tripod import Venue
-from circlecal.tracking import follower
+from circlecal.tracking import follower, motion
 from circlecal.tracking.clip import track_frames
 from circlecal.tracking.entry import ClipFrame
 from circlecal.tracking.looking import Look, Place
@@ -64,7 +64,7 @@ def test_pictures_blur_by_the_way_between_neighbouring_frames_of_the_video(
     monkeypatch.setattr(Place, "look", note_blur)
     frames = [ClipFrame(k * every, k / 25.0, picture) for k, picture in enumerate(pictures[:2])]
     list(track_frames(frames, Venue("soccer", (tripod(),)), Config()))
-    assert blurs[-1][0] == pytest.approx(-follower.SHUTTER * 7.0 / every, abs=0.5 / every)
+    assert blurs[-1][0] == pytest.approx(-motion.SHUTTER * 7.0 / every, abs=0.5 / every)
 
 
 def test_the_middle_of_the_picture_moves_against_the_pan() -> None:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import av
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from circlecal.config import load_config
 from circlecal.field.view import FieldView
@@ -17,15 +15,11 @@ from circlecal.formats.annotation import AnnotatedMarking, Annotation
 from circlecal.observations import Observations
 from circlecal.pictures.video import Sampling, Video
 from circlecal.pipeline import run_observations
-from circlecal.rig.tripod import PLACE, Venue
-from circlecal.tracking import first_look, pitch, survey
-from circlecal.tracking.head_fit import HeadFit
-from circlecal.tracking.looking import Look
-from circlecal.tracking.markings import template_curves
+from circlecal.rig.tripod import Venue
+from circlecal.tracking import first_look, survey
 from circlecal.tracking.stretches import ClipRun, survey_video
 from circlecal.tracking.survey import survey_clip
-from circlecal.tracking.tripod_fit import common_priors
-from tests.tracking.scenes import HEAD, SIZE, draw, measure_ideal, template, tripod, views_of_a_pitch
+from tests.tracking.scenes import HEAD, SIZE, draw, template, tripod
 
 
 def _marking(view: FieldView, name: str) -> AnnotatedMarking:
@@ -61,7 +55,7 @@ def test_tripods_that_come_together_once_the_pitch_is_known_are_one(monkeypatch:
     apart = replace(true, name="camera-2", mean=true.mean + np.eye(len(true.mean))[0] * 5.0)
     monkeypatch.setattr(survey, "_tripods", lambda *_: [(true, {}), (apart, {})])
     monkeypatch.setattr(survey, "_extend", lambda found, *_: (found, []))
-    monkeypatch.setattr(survey, "_learn_between", lambda found, *_: replace(found, mean=true.mean))
+    monkeypatch.setattr(survey, "learn_closely", lambda found, *_: replace(found, mean=true.mean))
     assert len(survey_clip(lambda times: iter(()), 4.0, load_config()).tripods) == 1
 
 
@@ -91,51 +85,3 @@ def test_one_frame_that_a_person_named_makes_a_camera(monkeypatch: pytest.Monkey
     assert not survey_video(alone, video).tripods
     (found,) = survey_video(told, video).tripods
     assert np.abs(found.mean[:3] - tripod().mean[:3]).max() < 3.0
-
-
-def test_pictures_between_tell_the_size_of_the_pitch(monkeypatch: pytest.MonkeyPatch) -> None:
-    size_m, drawn, rng = (117.0, 48.0), template_curves(template()), np.random.default_rng(6)
-    growth = np.array(size_m) - (template().length_m, template().width_m)
-    members = [replace(f, name=f"{0.3 * k:.3f}") for k, f in enumerate(views_of_a_pitch(*size_m))]
-    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
-    start = pitch.choose_pitch(members, tripod(), mean, sd, drawn, survey.WORST_RMS_PX).estimate
-    nothing = np.zeros((3, 3))
-
-    def look(place: object, picture: object, head: np.ndarray) -> Look:
-        return Look(measure_ideal(head, growth, 0.1, rng), HeadFit(head, nothing, nothing, 0.1, 1.0, 99), True)
-
-    monkeypatch.setattr(survey, "_look_twice", look)
-    monkeypatch.setattr(survey, "MOST_MORE", 6)
-    blank = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
-    asked: list[float] = []
-
-    def pictures_at(times: Sequence[float]) -> Iterator[NDArray[np.uint8]]:
-        asked.extend(times)
-        return iter([blank] * len(times))
-
-    found = survey._learn_between(start, members, pictures_at, load_config(), template(), drawn)
-    assert asked == pytest.approx([0.1, 0.2, 0.4, 0.5, 0.7, 0.8])
-    assert found.sigma("length") < 0.8 * start.sigma("length")
-    assert abs(found.growth_m[0] - growth[0]) < 3.0 * found.sigma("length")
-    known = replace(start, covariance=0.0 * start.covariance)
-    assert survey._learn_between(known, members, pictures_at, load_config(), template(), drawn) is known
-
-
-def test_a_size_that_frames_left_open_stays_near_the_usual_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    drawn, rng, breadth = template_curves(template()), np.random.default_rng(6), PLACE["breadth"]
-    members = [replace(f, name=f"{0.3 * k:.3f}") for k, f in enumerate(views_of_a_pitch(105.0, 68.6))]
-    start = tripod()
-    start.covariance[breadth, breadth] = pitch.USUAL_SD_M**2
-    nothing = np.zeros((3, 3))
-
-    def look(place: object, picture: object, head: np.ndarray) -> Look:
-        return Look(
-            measure_ideal(head, np.array([0.0, 0.6]), 0.1, rng), HeadFit(head, nothing, nothing, 0.1, 1.0, 99), True
-        )
-
-    monkeypatch.setattr(survey, "_look_twice", look)
-    monkeypatch.setattr(survey, "MOST_MORE", 3)
-    blank = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
-    found = survey._learn_between(start, members, lambda t: iter([blank] * len(t)), load_config(), template(), drawn)
-    assert found.growth_m[1] == pytest.approx(0.6, abs=3.0 * found.sigma("breadth"))
-    assert 0.0 < found.sigma("breadth") < pitch.USUAL_SD_M

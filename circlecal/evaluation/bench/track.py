@@ -215,7 +215,9 @@ def track_folder(folder: Path, config: Config, advance: Callable[[str], None] = 
 
 def _track(video: Video, config: Config) -> tuple[list[TrackedFrame], ClipTime]:
     start = time.perf_counter()
-    venue = survey_clip(lambda times: pictures_at(video.path, times, exact=False), video.duration_s, config)
+    venue = survey_clip(
+        lambda times: pictures_at(video.path, times, exact=False), video.duration_s, config, period_s=1.0 / video.rate
+    )
     survey_s = time.perf_counter() - start
     decoding, tracking = [0.0], [0.0]
     clock = StageClock()

@@ -92,7 +92,7 @@ def test_pictures_between_frames_are_surveyed_as_track_does(monkeypatch):
     """Half of all times fall more than half a frame before the next one; without their pictures a survey is half."""
     asked = []
     monkeypatch.setattr(track, "pictures_at", lambda path, times, exact=True: asked.append(exact) or iter(()))
-    monkeypatch.setattr(track, "survey_clip", lambda pictures_at, *_: list(pictures_at([0.1])) and None)
+    monkeypatch.setattr(track, "survey_clip", lambda pictures_at, *_, **__: list(pictures_at([0.1])) and None)
     monkeypatch.setattr(track, "track_frames", lambda *_: iter(()))
     video = SimpleNamespace(path="clip.mp4", name="clip", duration_s=1.0, rate=25.0, frames=lambda _: iter(()))
     track._track(video, load_config())

@@ -1,0 +1,261 @@
+"""The last look of a survey: the paint of all frames is measured again from where their tripod has it, with that of
+pictures between them, for one last fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+from circlecal.config import Config
+from circlecal.field import FieldTemplate
+from circlecal.geometry.projective import Array
+from circlecal.pipeline import field_of
+from circlecal.rig.tripod import PLACE, TripodEstimate, Venue
+from circlecal.tracking.clock import StageClock
+from circlecal.tracking.entry import ClipFrame
+from circlecal.tracking.first_look import PicturesAt
+from circlecal.tracking.follower import Follower
+from circlecal.tracking.looking import Look, LookedAt, Place
+from circlecal.tracking.markings import DrawnTemplate, MeasuredFrame
+from circlecal.tracking.motion import SHUTTER, move_of_middle
+from circlecal.tracking.paint_width import priors_of_frames
+from circlecal.tracking.pitch import WORST_RMS_PX, hold_size, leave_out_false_line
+from circlecal.tracking.tripod_fit import HeadedFrame, count_alike, fit_tripod
+
+WELL_KNOWN_M, NEAR_S, MOST_MORE, MOST_BETWEEN = 0.02, 0.5, 72, 4
+"""Standard deviation of the pitch's size from which on no further pictures are looked at; they lie between pictures of
+one shot, so near to each other, at most so many, and at most so many between two. Before a penalty area 0.1 m of length
+are 2 to 5 px at 1920 px width.
+"""
+WIDTH_MEASURED_SD_M, WIDTH_AGREES = 0.01, 2.5
+"""A width of the paint that its blur tells better than this, metres, is estimated with the rest, unless that leads away
+from it by more standard deviations: then it takes what lens and surface leave over (12 on a real clip). Over three
+rendered clips its error falls from 4 to 2 mm, and that of the pitch's length in one of them from 0.13 to 0.01 m.
+"""
+LONGEST_GAP_S, MOST_FOLLOWED, MEASURED_EVERY = 3.0, 120, 2
+"""Gaps between frames of a tripod that are longer than those, up to the first, seconds, are followed frame by frame, at
+most so many frames in all, and every so many-th is measured: a fast pan is what blurs pictures beyond finding, and what
+shows circle and penalty area together. Without them two rendered clips leave the length of the pitch open by 0.07 and
+0.19 m.
+"""
+BIAS_BY_SMEAR = 0.1
+"""By how much the middle of paint that moves while the shutter is open may be off, per pixel of its way across it: in
+fast pans of four rendered clips, encoded, middles are off by two to four times as much as elsewhere, to one side along
+a whole marking. Without it the mean error of frames is 0.39, 0.12, 0.26 and 0.77 px at 1920 px width, with it 0.20,
+0.11, 0.24 and 0.51; with 0.3 it is 0.15, 0.42, 0.16 and 0.18, but 1.1 in the second with a quarter of its frames: a
+fast pan from the circle to a penalty area may be all that tells the length of the pitch.
+"""
+WIDTH = PLACE["width"]
+
+
+def measure_closely(
+    tripod: TripodEstimate,
+    members: Sequence[HeadedFrame],
+    pictures: Mapping[str, LookedAt],
+    template: FieldTemplate,
+    period_s: float,
+) -> list[HeadedFrame]:
+    """The frames of a tripod, their paint measured again from where the tripod now puts the markings; those without a
+    picture as they are.
+    """
+    place, path = Place.of(tripod, template), _HeadPath.of(members)
+    closely = []
+    for frame in members:
+        if frame.name not in pictures:
+            closely.append(frame)
+            continue
+        time_s = float(frame.name)
+        look = _look_closely(place, pictures[frame.name], frame.head, path.blur_px(time_s, tripod, period_s))
+        closely.append(HeadedFrame(frame.name, look.fit.head, look.measured))
+    return closely
+
+
+def learn_closely(
+    tripod: TripodEstimate,
+    members: list[HeadedFrame],
+    pictures: Mapping[str, LookedAt],
+    pictures_at: PicturesAt,
+    config: Config,
+    drawn: DrawnTemplate,
+    colour: Array | None = None,
+    period_s: float = 0.0,
+) -> TripodEstimate:
+    """The tripod by its frames, measured closely, and by pictures between them where the size of its pitch is known too
+    little: where the circle is out of view, all places are as uncertain as the pitch is long.
+
+    The frames are measured twice: a touchline that lies two pixels beside its place is not measured closely at first.
+    """
+    template, _ = field_of(config)
+    members = measure_closely(tripod, members, pictures, template, period_s)
+    nearer = _fit_closely(tripod, members, [], config, template, drawn)
+    frames = measure_closely(nearer, members, pictures, template, period_s)
+    smeared: list[HeadedFrame] = []
+    if max(tripod.sigma("length"), tripod.sigma("breadth")) >= WELL_KNOWN_M:
+        place, path = Place.of(nearer, template), _HeadPath.of(frames)
+        if period_s > 0.0:
+            smeared = _follow_gaps(place, path, pictures_at, config, colour, period_s)
+        frames = frames + _look_between(place, path, pictures_at, config, colour, period_s)
+    return _fit_closely(replace(tripod, mean=nearer.mean), frames, smeared, config, template, drawn)
+
+
+def _look_between(
+    place: Place,
+    path: _HeadPath,
+    pictures_at: PicturesAt,
+    config: Config,
+    colour: Array | None,
+    period_s: float,
+) -> list[HeadedFrame]:
+    """Frames between those of a path that are near each other, in which the paint confirms the head."""
+    frames, times = [], path.times_between()
+    for time_s, picture in zip(times, pictures_at(times), strict=False):
+        if picture is None:
+            continue
+        seen = LookedAt.of(picture, config.mask).take_surface(colour)
+        look = _look_closely(place, seen, path.at(time_s), path.blur_px(time_s, place.tripod, period_s))
+        if look.is_confirmed:
+            frames.append(HeadedFrame(f"{time_s:.3f}", look.fit.head, look.measured))
+    return frames
+
+
+def _follow_gaps(
+    place: Place,
+    path: _HeadPath,
+    pictures_at: PicturesAt,
+    config: Config,
+    colour: Array | None,
+    period_s: float,
+) -> list[HeadedFrame]:
+    """Frames of the longer gaps in a path, as the head was followed through these from frame to frame."""
+    found: list[HeadedFrame] = []
+    left = MOST_FOLLOWED
+    for start, end in path.gaps():
+        # the first frame that is not before a time is that of the time
+        times = (np.arange(start, end + 0.5 * period_s, period_s) - 0.25 * period_s).clip(0.0).tolist()
+        if len(times) > left:
+            continue
+        left -= len(times)
+        follower = Follower(Venue(place.template.name, (place.tripod,)), config, place.template, StageClock())
+        pictures = [picture for picture in pictures_at(times) if picture is not None]
+        entries = [follower.follow(ClipFrame(k, times[k], picture)) for k, picture in enumerate(pictures)]
+        for k in range(1, len(entries) - 1, MEASURED_EVERY):
+            before, entry, after = entries[k - 1 : k + 2]
+            if not entry.is_confirmed or before.place is None or after.place is None or before.shot != after.shot:
+                continue
+            turn = SHUTTER * (after.head - before.head) / 2.0
+            blur = move_of_middle(turn, entry.head, place.tripod.model, place.tripod.mean)
+            seen = LookedAt.of(pictures[k], config.mask).take_surface(colour)
+            look = _look_closely(place, seen, entry.head, blur)
+            if look.is_confirmed:
+                found.append(HeadedFrame(f"{start + k * period_s:.3f}", look.fit.head, look.measured))
+    return found
+
+
+def _fit_closely(
+    tripod: TripodEstimate,
+    sharp: list[HeadedFrame],
+    smeared: list[HeadedFrame],
+    config: Config,
+    template: FieldTemplate,
+    drawn: DrawnTemplate,
+) -> TripodEstimate:
+    """The tripod by closely measured frames, without those of a false camera; the width of the paint with the rest
+    where its blur tells it. Whether a line is a false one, and what the models leave, the sharp frames tell.
+    """
+    unit = tripod.size[0] / 1920.0
+    mean, sd = priors_of_frames(config, template, unit, [frame.measured for frame in sharp])
+    mean, sd = hold_size(tripod, mean, sd)
+    kept, (fit,) = leave_out_false_line(sharp, [tripod], mean, sd, drawn)
+    alike = count_alike(fit)
+    frames = [*kept, *(_leave_out_alike(frame, sharp, kept) for frame in smeared)]
+    for _ in range(2):
+        fit = fit_tripod(frames, tripod, mean, sd, drawn, alike=alike)
+        heads_of = zip(frames, fit.heads, fit.clear_rms_px, strict=True)
+        kept = [replace(frame, head=head) for frame, head, rms in heads_of if rms <= WORST_RMS_PX * unit]
+        if len(kept) in (0, len(frames)):
+            break
+        frames = kept
+    best = fit.estimate
+    if kept and sd[WIDTH] < WIDTH_MEASURED_SD_M:
+        free = fit_tripod(kept, best, mean, sd, drawn, is_width_free=True, alike=alike).estimate
+        best = free if abs(free.mean[WIDTH] - mean[WIDTH]) < WIDTH_AGREES * sd[WIDTH] else best
+    return replace(best, left_out=tripod.left_out)
+
+
+def _leave_out_alike(frame: HeadedFrame, before: Sequence[HeadedFrame], after: Sequence[HeadedFrame]) -> HeadedFrame:
+    """A frame without the marking that others, as they were before and after it, do without."""
+    seen_before, seen_after = ({int(k) for f in frames for k in f.measured.marking} for frames in (before, after))
+    measured = frame.measured
+    for marking in seen_before - seen_after:
+        measured = measured.leave_out(marking)
+    return replace(frame, measured=measured)
+
+
+@dataclass(frozen=True, slots=True)
+class _HeadPath:
+    """How the head turns between frames: their times (N,), seconds, in order, and heads (N, 3)."""
+
+    times_s: Array
+    heads: Array
+
+    @classmethod
+    def of(cls, members: Sequence[HeadedFrame]) -> _HeadPath:
+        """Through the heads of frames."""
+        known = {float(frame.name): frame.head for frame in members}
+        times = sorted(known)
+        return cls(np.array(times), np.array([known[time] for time in times]).reshape(-1, 3))
+
+    def at(self, time_s: float) -> Array:
+        """Where the head (3,) may be at a time."""
+        return np.asarray(self._curve(time_s))
+
+    def blur_px(self, time_s: float, tripod: TripodEstimate, period_s: float) -> Array | None:
+        """Way (2,) of the picture while the shutter is open; None where no frames near the time tell it."""
+        after = int(np.clip(np.searchsorted(self.times_s, time_s), 1, max(len(self.times_s) - 1, 1)))
+        if period_s == 0.0 or len(self.times_s) < 2 or self.times_s[after] - self.times_s[after - 1] >= NEAR_S:
+            return None
+        turn = SHUTTER * period_s * self._curve.derivative()(time_s)
+        return move_of_middle(turn, self.at(time_s), tripod.model, tripod.mean)
+
+    def times_between(self) -> list[float]:
+        """Times between those of frames near each other, evenly."""
+        gaps = [(a, b) for a, b in pairwise(self.times_s) if b - a < NEAR_S]
+        if not gaps:
+            return []
+        pieces = 1 + min(MOST_BETWEEN, max(1, MOST_MORE // len(gaps)))
+        return [float(a + (b - a) * k / pieces) for a, b in gaps for k in range(1, pieces)]
+
+    def gaps(self) -> list[tuple[float, float]]:
+        """Times of the frames on both sides of longer gaps, those with the largest turn between them first."""
+        between = [k for k, gap_s in enumerate(np.diff(self.times_s)) if NEAR_S <= gap_s <= LONGEST_GAP_S]
+        turn = np.abs(np.diff(self.heads[:, 1]))
+        between.sort(key=lambda k: -turn[k])
+        return [(float(self.times_s[k]), float(self.times_s[k + 1])) for k in between]
+
+    @property
+    def _curve(self) -> PchipInterpolator:
+        return PchipInterpolator(self.times_s, self.heads)
+
+
+def _look_closely(place: Place, picture: LookedAt, head: Array, blur_px: Array | None = None) -> Look:
+    """Look about where the head may be, again where the paint then says, and at last no further beside the markings
+    than that leaves open: the dark run-off beyond a far touchline tilts the surface of a longer profile.
+    """
+    spread = place.proposal_covariance(head)
+    look = place.look(picture, head, spread, None, blur_px)
+    nearer = spread / 16.0
+    look = place.look(picture, look.fit.head, nearer, look.fit.by_common, blur_px)
+    nearest = np.asarray(np.linalg.inv(look.fit.information + np.linalg.inv(nearer)))
+    look = place.look(picture, look.fit.head, nearest, look.fit.by_common, blur_px)
+    return look if blur_px is None else replace(look, measured=_doubt_smear(look.measured, blur_px))
+
+
+def _doubt_smear(measured: MeasuredFrame, blur_px: Array) -> MeasuredFrame:
+    """The paint, with what the encoder makes of smeared paint as a further error of its middle."""
+    bias = np.hypot(measured.bias_px, BIAS_BY_SMEAR * np.abs(measured.normals @ blur_px))
+    return replace(measured, bias_px=bias)

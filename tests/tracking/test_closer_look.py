@@ -1,0 +1,163 @@
+"""The last look of a survey: how near to its marking the paint is measured, beside other ground and while it moves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from circlecal.config import load_config
+from circlecal.rig.tripod import PLACE
+from circlecal.synthetic.optics import motion_kernel
+from circlecal.tracking import closer_look, pitch
+from circlecal.tracking.closer_look import learn_closely, measure_closely
+from circlecal.tracking.head_fit import HeadFit
+from circlecal.tracking.looking import Look, LookedAt, Place
+from circlecal.tracking.markings import MeasuredFrame, place_markings, template_curves
+from circlecal.tracking.tripod_fit import HeadedFrame, common_priors, residuals_of
+from tests.tracking.scenes import HEAD, SIZE, draw, measure_ideal, template, tripod, views_of_a_pitch
+
+CIRCLE_HEAD = np.array([np.log(2200.0), -0.01, 1.38])
+"""Sees the circle from the tripod of the scenes."""
+MASK = load_config().mask
+
+
+def _far_side_off_px(measured: MeasuredFrame, head: np.ndarray, name: str) -> float:
+    """How far the middle of a marking's paint beyond the long axis lies above its true place, pixels."""
+    drawn, true = template_curves(template()), tripod()
+    theta = true.model.thetas(head[None], true.mean)[0]
+    away, _ = residuals_of(measured, drawn, theta, true.model.projection)
+    own = (measured.marking == drawn.names.index(name)) & (measured.field_m[:, 1] < -6.0)
+    assert np.count_nonzero(own) > 15
+    return float(np.median((away * -np.sign(measured.normals[:, 1]))[own]))
+
+
+def _darken_beyond_far_line(picture: NDArray[np.uint8], head: np.ndarray) -> NDArray[np.uint8]:
+    """The picture with paler paint, and with darker ground from some way beyond the far touchline on."""
+    grass = np.array([60.0, 120.0, 60.0])
+    picture = np.asarray(grass + 0.2 * (picture - grass), np.float64)
+    beyond = np.array([[x, -template().width_m / 2 - 4.0] for x in np.linspace(-80.0, 80.0, 161)])
+    edge = tripod().view(head, np.zeros((3, 3))).project(beyond)
+    edge = edge[np.isfinite(edge).all(axis=1)]
+    mask = np.zeros(picture.shape[:2], np.float32)
+    above = np.vstack([edge, [[edge[-1, 0], -9.0], [edge[0, 0], -9.0]]])
+    cv2.fillPoly(mask, [np.clip(above, -(2**14), 2**14).round().astype(np.int32)], 1.0)
+    mask = cv2.GaussianBlur(mask, (0, 0), 0.8)
+    return np.asarray(picture * (1.0 - 0.3 * mask[..., None]), np.uint8)
+
+
+def test_other_ground_beyond_a_line_does_not_draw_its_middle() -> None:
+    picture = _darken_beyond_far_line(draw(HEAD, np.random.default_rng(3)), HEAD)
+    seen = LookedAt.of(picture, MASK)
+    place = Place.of(tripod(), template())
+    far = place.look(seen, HEAD, place.proposal_covariance(HEAD)).measured
+    (near,) = measure_closely(tripod(), [HeadedFrame("0.000", HEAD, far)], {"0.000": seen}, template(), 0.04)
+    assert _far_side_off_px(far, HEAD, "side_line_top") > 0.15
+    assert abs(_far_side_off_px(near.measured, HEAD, "side_line_top")) < 0.07
+
+
+def test_smeared_paint_of_a_circle_lies_inside_it() -> None:
+    blur = np.array([60.0, 0.0])
+    picture = cv2.filter2D(draw(CIRCLE_HEAD, np.random.default_rng(4)), -1, motion_kernel(float(blur[0]), 0.0))
+    drawn, true = template_curves(template()), tripod()
+    theta = true.model.thetas(CIRCLE_HEAD[None], true.mean)[0]
+    places = place_markings(drawn, theta, true.model.projection, template().marking_width_m)
+    own = (places.marking == drawn.names.index("centre_circle")) & (places.field_m[:, 1] < -6.0)
+    inward = places.shift_by_motion(blur)[own] * np.sign(places.normals[own, 1])
+    place = Place.of(true, template())
+    seen = LookedAt.of(np.asarray(picture, np.uint8), MASK)
+    measured = place.look(seen, CIRCLE_HEAD, np.eye(3) * 1e-9, None, blur).measured
+    assert np.median(inward) > 0.1
+    assert abs(_far_side_off_px(measured, CIRCLE_HEAD, "centre_circle")) < 0.4 * np.median(inward)
+
+
+def test_smear_makes_the_paint_less_certain() -> None:
+    measured = [measure_ideal(HEAD, np.zeros(2), 0.1, np.random.default_rng(k)) for k in range(3)]
+    turned = np.array([0.0, 0.01, 0.0])
+    members = [HeadedFrame(f"{0.1 * k:.3f}", HEAD + k * turned, seen) for k, seen in enumerate(measured)]
+    path = closer_look._HeadPath.of(members)
+    blur = path.blur_px(0.1, tripod(), 0.04)
+    assert blur is not None
+    assert abs(blur[0]) == pytest.approx(0.5 * 0.04 / 0.1 * 0.01 * 1500.0, rel=0.1)
+    assert path.blur_px(0.1, tripod(), 0.0) is None
+    doubted = closer_look._doubt_smear(members[1].measured, blur)
+    across = np.abs(members[1].measured.normals @ blur)
+    assert (doubted.bias_px >= closer_look.BIAS_BY_SMEAR * across - 1e-9).all()
+
+
+def test_pictures_between_tell_the_size_of_the_pitch(monkeypatch: pytest.MonkeyPatch) -> None:
+    size_m, drawn, rng = (117.0, 48.0), template_curves(template()), np.random.default_rng(6)
+    growth = np.array(size_m) - (template().length_m, template().width_m)
+    members = [replace(f, name=f"{0.3 * k:.3f}") for k, f in enumerate(views_of_a_pitch(*size_m))]
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    start = pitch.choose_pitch(members, tripod(), mean, sd, drawn, pitch.WORST_RMS_PX).estimate
+    nothing = np.zeros((3, 3))
+
+    def look(place: object, picture: object, head: np.ndarray, blur_px: object) -> Look:
+        return Look(measure_ideal(head, growth, 0.1, rng), HeadFit(head, nothing, nothing, 0.1, 1.0, 99), True)
+
+    monkeypatch.setattr(closer_look, "_look_closely", look)
+    monkeypatch.setattr(closer_look, "MOST_MORE", 6)
+    blank = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
+    asked: list[float] = []
+
+    def pictures_at(times: Sequence[float]) -> Iterator[NDArray[np.uint8]]:
+        asked.extend(times)
+        return iter([blank] * len(times))
+
+    found = learn_closely(start, members, {}, pictures_at, load_config(), drawn)
+    assert asked == pytest.approx([0.1, 0.2, 0.4, 0.5, 0.7, 0.8])
+    assert found.sigma("length") < 0.8 * start.sigma("length")
+    assert abs(found.growth_m[0] - growth[0]) < 3.0 * found.sigma("length")
+    asked.clear()
+    known = replace(start, covariance=0.0 * start.covariance)
+    learn_closely(known, members, {}, pictures_at, load_config(), drawn)
+    assert not asked
+
+
+def test_a_size_that_frames_left_open_stays_near_the_usual_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn, rng, breadth = template_curves(template()), np.random.default_rng(6), PLACE["breadth"]
+    members = [replace(f, name=f"{0.3 * k:.3f}") for k, f in enumerate(views_of_a_pitch(105.0, 68.6))]
+    start = tripod()
+    start.covariance[breadth, breadth] = pitch.USUAL_SD_M**2
+    nothing = np.zeros((3, 3))
+
+    def look(place: object, picture: object, head: np.ndarray, blur_px: object) -> Look:
+        return Look(
+            measure_ideal(head, np.array([0.0, 0.6]), 0.1, rng), HeadFit(head, nothing, nothing, 0.1, 1.0, 99), True
+        )
+
+    monkeypatch.setattr(closer_look, "_look_closely", look)
+    monkeypatch.setattr(closer_look, "MOST_MORE", 3)
+    blank = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
+    found = learn_closely(start, members, {}, lambda t: iter([blank] * len(t)), load_config(), drawn)
+    assert found.growth_m[1] == pytest.approx(0.6, abs=3.0 * found.sigma("breadth"))
+    assert 0.0 < found.sigma("breadth") < pitch.USUAL_SD_M
+
+
+def test_a_fast_pan_between_frames_is_followed(monkeypatch: pytest.MonkeyPatch) -> None:
+    way = HEAD + np.linspace(0.0, 1.0, 8)[:, None] * (0.0, 0.06, 0.0)
+    pictures = [draw(head, np.random.default_rng(k)) for k, head in enumerate(way)]
+    asked: list[float] = []
+
+    def pictures_at(times: Sequence[float]) -> Iterator[NDArray[np.uint8]]:
+        asked.extend(times)
+        return (pictures[int(np.ceil(time_s / 0.1 - 1e-6))] for time_s in times)
+
+    measured = [measure_ideal(head, np.zeros(2), 0.1, np.random.default_rng(1)) for head in (way[0], way[-1])]
+    ends = [HeadedFrame("0.000", way[0], measured[0]), HeadedFrame("0.700", way[-1], measured[1])]
+    path = closer_look._HeadPath.of(ends)
+    assert path.gaps() == [(0.0, 0.7)]
+    place = Place.of(tripod(), template())
+    found = closer_look._follow_gaps(place, path, pictures_at, load_config(), None, 0.1)
+    assert [frame.name for frame in found] == ["0.100", "0.300", "0.500"]
+    for frame, true in zip(found, way[1:-1:2], strict=True):
+        np.testing.assert_allclose(frame.head, true, atol=4e-4)
+    monkeypatch.setattr(closer_look, "MOST_FOLLOWED", 5)
+    asked.clear()
+    assert not closer_look._follow_gaps(place, path, pictures_at, load_config(), None, 0.1)
+    assert not asked
