@@ -104,7 +104,10 @@ def _observations(
     template: FieldTemplate,
     model: ProjectionModel,
 ) -> Observations:
-    """The lines with their names, and the curves that are an arc under the naming's camera."""
+    """The lines with their names, and the curves that are an arc under the naming's camera.
+
+    A line that was named and is far too wide is none, so that nothing names it later.
+    """
     unit = model.width / 1920.0
     names = _names_of_paint(naming, lines, template, model)
     longest: dict[str, LineCue] = {}
@@ -114,6 +117,8 @@ def _observations(
     seen = []
     for k, line in enumerate(lines):
         own = names.get(k)
+        if own is None and k in naming.names:
+            continue
         if own is not None and line is not longest[own]:
             off = np.median(np.abs(line_distance(longest[own].line, line.points_px)))
             own = own if off < ONE_LINE_PX * unit else None

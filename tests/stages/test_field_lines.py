@@ -17,7 +17,7 @@ CAMERA = aim_camera(np.array([-2.0, 62.0, -16.0]), np.array([-42.0, -1.0, 0.0]),
 WIDTHS_PX = {"side_line_left": 3, "big_rect_left_main": 3, "big_rect_left_top": 3, "side_line_top": 11}
 
 
-def test_a_line_far_wider_than_its_paint_would_be_has_no_name(monkeypatch):
+def test_a_line_far_wider_than_its_paint_would_be_is_left_out(monkeypatch):
     """A board's lettering lies along the far touchline."""
     picture = np.full((720, 1280), 90, np.uint8)
     segments = []
@@ -32,4 +32,4 @@ def test_a_line_far_wider_than_its_paint_would_be_has_no_name(monkeypatch):
     monkeypatch.setattr(field_lines, "propose_cameras", lambda *_: [naming])
     mask = MarkingMask(picture, "detector", lines=tuple(segments))
     (found,) = observe_field_lines(picture, mask, 1.0, SOCCER, 8.0, 2.0, "near")
-    assert [line.line for line in found.lines] == ["side_line_left", "big_rect_left_main", "big_rect_left_top", None]
+    assert [line.line for line in found.lines] == ["side_line_left", "big_rect_left_main", "big_rect_left_top"]
