@@ -20,8 +20,11 @@ LEAST_STEP = 16
 """Gray levels by which an edge steps from one row to the next but one."""
 EVERY, JOINED, JOINED_SHARE = 4, 12, 0.9
 """Each so many-th column is looked at, so many of them together, and the share of these that must step alike."""
-LEAST_LENGTH = 0.35
-"""Picture widths over which an edge runs along one row: a line on the field that is so level is bent by the lens."""
+LEAST_LENGTH, MOST_EDGES = 0.35, 24
+"""Picture widths over which an edge runs along one row, where a line on the field is bent by the lens; and how many
+edges there may be: a wall of level stripes has no boxes. With these limits 32 of 40 rendered pictures under one or two
+boxes show one, none of 60 others and of 45 real soccer pictures; the caption in a real picture of a court is found.
+"""
 HEIGHTS = (0.025, 0.3)
 """Least and largest height of a band, picture heights."""
 TRIM = 0.02
@@ -58,19 +61,13 @@ def find_bands(image: NDArray[np.uint8]) -> tuple[Band, ...]:
         return ()
     edges = _find_level_edges(np.asarray(gray, np.uint8))
     found: list[Band] = []
-    for k, (top, left, right) in enumerate(edges):
-        if found and top <= found[-1].bottom:
+    for k, upper in enumerate(edges):
+        if found and upper.top <= found[-1].bottom:
             continue
-        for bottom, other_left, other_right in reversed(edges[k + 1 :]):
-            if not HEIGHTS[0] * height <= bottom - top <= HEIGHTS[1] * height:
-                continue
-            overlap = min(right, other_right) - max(left, other_left)
-            if overlap < OVERLAP * min(right - left, other_right - other_left):
-                continue
-            band = Band(_uppermost(edges[:k], top, height), bottom, min(left, other_left), max(right, other_right))
-            if _is_box(image, band):
-                found.append(band)
-                break
+        lower = (edge for edge in reversed(edges[k + 1 :]) if _is_opposite(upper, edge, height))
+        top = _uppermost(edges[:k], upper.top, height)
+        boxes = (Band(top, edge.bottom, min(upper.left, edge.left), max(upper.right, edge.right)) for edge in lower)
+        found += [box for box in boxes if _is_box(image, box)][:1]
     return tuple(found)
 
 
@@ -105,8 +102,8 @@ def cover_bands(shape: tuple[int, ...], bands: tuple[Band, ...]) -> Mask:
     return covered
 
 
-def _find_level_edges(gray: NDArray[np.uint8]) -> list[tuple[int, int, int]]:
-    """Rows along which the picture steps, with the first and last column where it does, from top to bottom."""
+def _find_level_edges(gray: NDArray[np.uint8]) -> list[Band]:
+    """Where the picture steps along rows, from top to bottom; none where it does so everywhere."""
     width = gray.shape[1]
     values = np.ascontiguousarray(gray[:, ::EVERY]).astype(np.int16)
     step = values[2:] - values[:-2]
@@ -115,20 +112,27 @@ def _find_level_edges(gray: NDArray[np.uint8]) -> list[tuple[int, int, int]]:
         alike = (sign * step > LEAST_STEP).astype(np.float32)
         columns |= np.asarray(cv2.boxFilter(alike, cv2.CV_32F, (JOINED, 1)) > JOINED_SHARE, np.bool_)
     rows = np.flatnonzero(EVERY * np.count_nonzero(columns, axis=1) >= LEAST_LENGTH * width)
-    reach = EVERY * JOINED // 2
-    ends = [EVERY * np.flatnonzero(columns[row])[[0, -1]] for row in rows]
-    return [
-        (int(row) + 1, max(int(first) - reach, 0), min(int(last) + reach, width - 1))
-        for row, (first, last) in zip(rows, ends, strict=True)
-    ]
+    edges, reach = [], EVERY * JOINED // 2
+    for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if len(rows) else ():
+        seen = EVERY * np.flatnonzero(columns[run].any(axis=0))
+        left, right = max(int(seen[0]) - reach, 0), min(int(seen[-1]) + reach, width - 1)
+        edges.append(Band(int(run[0]) + 1, int(run[-1]) + 1, left, right))
+    return edges if len(edges) <= MOST_EDGES else []
 
 
-def _uppermost(edges: list[tuple[int, int, int]], top: int, height: int) -> int:
+def _is_opposite(upper: Band, lower: Band, height: int) -> bool:
+    """Whether two edges may be the upper and the lower one of one box."""
+    overlap = min(upper.right, lower.right) - max(upper.left, lower.left)
+    shorter = min(upper.right - upper.left, lower.right - lower.left)
+    return HEIGHTS[0] * height <= lower.bottom - upper.top <= HEIGHTS[1] * height and overlap >= OVERLAP * shorter
+
+
+def _uppermost(edges: list[Band], top: int, height: int) -> int:
     """The first row of a box whose upper edge is trimmed by narrow stripes."""
-    for row, _, _ in reversed(edges):
-        if top - row > TRIM * height:
+    for edge in reversed(edges):
+        if top - edge.top > TRIM * height:
             break
-        top = row
+        top = edge.top
     return top
 
 

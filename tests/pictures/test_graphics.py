@@ -64,3 +64,10 @@ def test_a_box_at_the_border_takes_its_colour_from_the_other_side():
     boxed = with_box(field(0.05), top=320, bottom=359)
     filled = fill_bands(boxed, (Band(320, 359, 0, 639),))
     assert np.abs(filled[320:].astype(int) - np.array(TURF)).max() < 12
+
+
+def test_a_striped_picture_has_no_boxes():
+    image = field()
+    image[::8] = 230
+    image[4::8] = 20
+    assert find_bands(image) == ()
