@@ -110,11 +110,11 @@ def follow_errors(problem: Problem, state: State, covariance: Array, template: F
 @dataclass(frozen=True, slots=True)
 class _Weighed(State):
     """One camera with the painters' errors that suit it best: the cost is that of the errors too, the gradient and the
-    Gauss-Newton matrix are those that are left when the errors follow the camera. They add ``added`` (1, P, P) to its
-    covariance.
+    Gauss-Newton matrix are those that are left when the errors follow the camera; ``alone`` (1, P, P) is that of the
+    camera without errors.
     """
 
-    added: Array
+    alone: Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,10 +147,9 @@ class _WeighedProblem:
         gradient = rows @ (values + offset) + prior.T @ fit.prior_values[0]
         loss = (values + offset) ** 2 * problem.share_of_loss(values + offset)
         cost = loss.sum() + (fit.prior_values[0] ** 2).sum() + (error**2).sum()
-        wider, narrower = (posterior_covariance(matrix, problem.priors.sd) for matrix in (normal, alone))
         return _Weighed(
             fit.theta, fit.feet, fit.values, fit.jacobian, fit.prior_values, fit.prior_jacobian,
-            np.array([cost]), gradient[None], normal[None], (wider - narrower)[None],
+            np.array([cost]), gradient[None], normal[None], alone[None],
         )  # fmt: skip
 
     def step(self, state: _Weighed, damping: Array) -> Step:
@@ -183,7 +182,10 @@ def weigh_errors(problem: Problem, state: State, template: FieldTemplate) -> tup
     whole = _WeighedProblem(problem, template)
     start = whole.weigh(state.select(np.zeros(1, dtype=np.int_)))
     found = least_squares.minimise(whole, start, RULE).state
-    return found, found.added[0]
+    if not np.isfinite(found.normal).all():
+        return state, np.zeros_like(state.normal[0])
+    wider, narrower = (posterior_covariance(m[0], problem.priors.sd) for m in (found.normal, found.alone))
+    return found, wider - narrower
 
 
 def measure_displacements(problem: Problem, state: State, template: FieldTemplate) -> Array:

@@ -181,3 +181,15 @@ def test_radii_that_are_all_larger_are_one_error():
         for theta in (state.theta[0], ignorant.theta[0], found.theta[0])
     ]
     assert errors[2] < 0.5 * min(errors[0], errors[1])
+
+
+def test_a_step_that_leads_nowhere_leaves_the_fit_where_it_is(monkeypatch):
+    theta = plain_theta(np.random.default_rng(4))
+    seen, chosen = observed(theta, np.random.default_rng(5), sigma=0.05), priors()
+    base = problem_of(seen, chosen, loss_scale=np.inf)
+    state = minimise(base, theta[None])
+    nowhere = replace(state, values=np.full_like(state.values, np.nan), jacobian=np.full_like(state.jacobian, np.nan))
+    monkeypatch.setattr(Problem, "follow", lambda self, state, step, index: nowhere)
+    found, added = weigh_errors(base, state, SOCCER.model_copy(update={"placement_sd_m": 0.02}))
+    np.testing.assert_array_equal(found.theta[0], state.theta[0])
+    assert np.isfinite(added).all()
