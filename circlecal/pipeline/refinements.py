@@ -157,8 +157,8 @@ def _find_broad_lines(setting: Setting, attempt: Attempt) -> frozenset[int]:
     return frozenset(k for k, broad in zip(names, is_broad.tolist(), strict=True) if broad)
 
 
-def _names_broad_lines(setting: Setting, attempt: Attempt) -> bool:
-    return bool(_find_broad_lines(setting, attempt))
+def _names_lines(setting: Setting, attempt: Attempt) -> bool:
+    return attempt.camera is not None and bool(attempt.camera.names_by_line)
 
 
 def leave_out_broad_lines(setting: Setting, scene: Scene, attempt: Attempt) -> Iterator[Attempt]:
@@ -230,7 +230,7 @@ def is_less_uncertain(setting: Setting, attempt: Attempt, refined: Attempt) -> b
 
 REFINEMENTS = (
     Retry(_is_worth_remeasuring, remeasure_wide_paint, lambda setting, attempt, refined: True),
-    Retry(_names_broad_lines, leave_out_broad_lines, lambda setting, attempt, refined: True),
+    Retry(_names_lines, leave_out_broad_lines, lambda setting, attempt, refined: True),
     Retry(_may_show_faint_lines, add_faint_lines, is_less_uncertain),
 )
 """What is measured again within one attempt, where its camera says what to look for; in this order."""

@@ -157,7 +157,7 @@ def prepare_scene(
         motion = measure_row_motion(gray) if setting.config.mask.deinterlace else None
         if motion is not None:
             image = remove_combs(image, motion)
-        bands = find_bands(image) if told.leave_out_graphics else ()
+        bands = looks.once(("bands",), lambda: find_bands(image)) if told.leave_out_graphics else ()
         covered = cover_bands(image.shape, bands) if bands else None
         if motion is not None or bands:
             image = fill_bands(image, bands)
