@@ -62,8 +62,8 @@ class Association:
         """Whether the two name one seen line differently, or give one name to different lines only."""
         if any(other.names.get(k, name) != name for k, name in self.names.items()):
             return True
-        shared = set(self.names.items()) & set(other.names.items())
-        return any(name in other.names.values() and (k, name) not in shared for k, name in self.names.items())
+        shared = {name for _, name in set(self.names.items()) & set(other.names.items())}
+        return bool(set(self.names.values()) & set(other.names.values()) - shared)
 
 
 @dataclass(frozen=True, slots=True)

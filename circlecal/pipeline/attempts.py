@@ -78,7 +78,7 @@ def measure(
             attempt = replace(attempt, ellipses=ellipses, observations=observe(setting, ellipses, Cues(None, None)))
         with setting.clock("cues"):
             cues = find_cues(picture, marking, ellipses, edges.noise, template, config.cues, edges.blur_px)
-            if _has_one_paint(setting, scene, marking):
+            if has_one_paint(setting, scene, marking):
                 cues = leave_out_other_paints(scene.image, cues, ellipses, marking.band_px)
             arcs = tuple(arc.points_px for arc in marking.arcs)
             observations = replace(observe(setting, ellipses, cues), curves=arcs)
@@ -88,7 +88,7 @@ def measure(
     return attempt
 
 
-def _has_one_paint(setting: Setting, scene: Scene, marking: MarkingMask) -> bool:
+def has_one_paint(setting: Setting, scene: Scene, marking: MarkingMask) -> bool:
     """Whether all lines of the field have the circle's paint, which the detector found as a band, and adds one
     colour to its ground: to grass it adds another one in every mown stripe.
     """

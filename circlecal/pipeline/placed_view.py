@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from circlecal.errors import EstimationError
 from circlecal.field.view import FieldView
-from circlecal.observations import CirclePoints, MarkingKey, Observations
+from circlecal.observations import CirclePoints, LineEnd, MarkingKey, Observations
 from circlecal.paint.local_energy import local_energy
 from circlecal.paint.predicted_width import RESIDUAL_WIDTHS, mean_paint_width
 from circlecal.paint.spots import measure_spots
-from circlecal.pipeline.attempts import add_checks, estimate, look_again, take_observations
+from circlecal.pipeline.attempts import add_checks, estimate, has_one_paint, look_again, take_observations
+from circlecal.pipeline.false_lines import leave_out_other_paints, leave_out_short_borders
 from circlecal.pipeline.logo_rims import measure_logo_rims
 from circlecal.pipeline.refinements import Retry, is_less_uncertain
 from circlecal.pipeline.setting import Scene, Setting, lighten_markings
@@ -102,9 +103,9 @@ def _settle_view(
     """The attempt with every marking measured where a view puts it, and again where the camera that follows does; None
     where there is no camera, or one that leads far away.
     """
-    there = view
+    there, ends = view, _ends_of_halfway(attempt)
     for _ in range(PLACED_ROUNDS):
-        attempt = _calibrate_view(setting, scene, picture, attempt, there)
+        attempt = _calibrate_view(setting, scene, picture, attempt, there, ends)
         if attempt.camera is None:
             return None
         there = attempt.camera.view
@@ -113,10 +114,20 @@ def _settle_view(
     return attempt
 
 
+def _ends_of_halfway(attempt: Attempt) -> tuple[LineEnd, ...]:
+    """Where the paint of the halfway line was seen to end."""
+    return () if attempt.cues is None or attempt.cues.halfway is None else attempt.cues.halfway.ends
+
+
 def _calibrate_view(
-    setting: Setting, scene: Scene, picture: NDArray[np.uint8], attempt: Attempt, view: FieldView
+    setting: Setting,
+    scene: Scene,
+    picture: NDArray[np.uint8],
+    attempt: Attempt,
+    view: FieldView,
+    ends: Sequence[LineEnd],
 ) -> Attempt:
-    """The attempt with every marking measured where a view puts it."""
+    """The attempt with every marking measured where a view puts it, but for lines that are none of the field."""
     mask, edges, template = attempt.mask, attempt.edges, setting.template
     if mask is None or edges is None:
         return attempt
@@ -125,6 +136,9 @@ def _calibrate_view(
         follows = not setting.config.field.any_circle
         circles, lines = measure_template(picture, view, template, *options, follows_curves=follows)
         circles = (*circles, *_measure_rims(setting, scene, mask, view, circles))
+        lines = leave_out_short_borders(view, template, np.asarray(setting.circle.center), lines, ends)
+        if has_one_paint(setting, scene, mask):
+            lines = leave_out_other_paints(scene.image, view, template, circles, lines, edges.blur_px)
         spots = measure_spots(picture, scene.image, view, template.lone_marks, edges.noise, template.placement_sd_m)
     observations = Observations(setting.width, setting.height, circles, lines, spots)
     seen = replace(attempt, verdict=None, camera=None, correspondences=None, homography=None)
@@ -173,7 +187,8 @@ def _leave_out_mark(setting: Setting, seen: Attempt, attempt: Attempt) -> Attemp
 
 def _leave_out_strays(setting: Setting, seen: Attempt, attempt: Attempt) -> Attempt:
     """The attempt without the few markings that lie farthest from where its camera puts them, one after another: the
-    edge of a board or of a painted key may have been followed in their place.
+    edge of a board or of a painted key may have been followed in their place. The circle about which the field lies
+    stays: a camera that contradicts it is none of this field (of a school yard, that of a longer court).
     """
     camera, observations, unit = attempt.camera, attempt.observations, setting.width / 1920.0
     left = 0 if camera is None else max(1, len(camera.residuals_px) // DROPPED_AMONG)
@@ -185,7 +200,9 @@ def _leave_out_strays(setting: Setting, seen: Attempt, attempt: Attempt) -> Atte
             key: _allow_painters(camera, key, limit_px + (wander_px if key.name == setting.circle.name else 0.0))
             for key in camera.residuals_px
         }
-        beyond = {key: camera.residuals_px[key] / limit for key, limit in limits.items()}
+        beyond = {
+            key: camera.residuals_px[key] / limit for key, limit in limits.items() if key.name != setting.circle.name
+        }
         worst = max(beyond, key=lambda key: beyond[key])
         if beyond[worst] <= 1.0 and attempt.code != "residual_too_large":
             break

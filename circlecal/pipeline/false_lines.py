@@ -1,0 +1,147 @@
+"""Straight markings that were measured where a view puts them, and are no paint of this field: streaks of light along a
+floor, other sports' lines beside the field's own, and lines that the halfway line runs beyond.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.field import FieldTemplate
+from circlecal.field.view import FieldView
+from circlecal.geometry.projective import Array, fit_line
+from circlecal.line_naming.line_ends import find_line_through, lies_short_of_end
+from circlecal.observations import CirclePoints, LineEnd, LinePoints
+from circlecal.paint.colour import match_paint, measure_added_colours
+from circlecal.paint.predicted_width import mean_paint_width, predict_line_widths
+
+__all__ = ["leave_out_other_paints", "leave_out_short_borders"]
+
+LEAST_STRENGTH = 0.2
+"""Share of the contrast of the circle's or the halfway line's paint, at the width that the view predicts, that the
+paint of another line has at least: of 416 lines of 160 rendered halls true ones have 0.25 at least, four of seven
+false ones (streaks of light on the floor, 5 to 32 px off) 0.09 to 0.16.
+"""
+GAUSSIAN_FWHM = 2.355
+"""Full width at half the peak of a Gaussian blur, in its standard deviations."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Paint:
+    """What a marking adds to the blue, green and red of its surface (3,), and which share of its full contrast paint of
+    its width keeps in the blurred picture.
+    """
+
+    colour: Array
+    kept: float
+
+    @property
+    def strength(self) -> float:
+        """Its full contrast, grey levels."""
+        return float(np.linalg.norm(self.colour)) / max(self.kept, 1e-6)
+
+
+def leave_out_other_paints(
+    image: NDArray[np.uint8],
+    view: FieldView,
+    template: FieldTemplate,
+    circles: Sequence[CirclePoints],
+    lines: Sequence[LinePoints],
+    blur_px: float,
+) -> tuple[LinePoints, ...]:
+    """The lines that may have the paint of the circles and the halfway line; all of them where none of these is seen.
+
+    Parameters
+    ----------
+    image : (H, W, 3) uint8
+        BGR picture.
+    view : FieldView
+        Where the markings were measured.
+    template : FieldTemplate
+        A field with all markings in one paint.
+    circles, lines : sequence of CirclePoints, LinePoints
+        What was measured, with names.
+    blur_px : float
+        Standard deviation of the picture's blur, pixels.
+    """
+    if not lines:
+        return ()
+    places = np.array([line.points_px[len(line.points_px) // 2] for line in lines])
+    widths = predict_line_widths(view.project, [line.line or "" for line in lines], places, template)
+    paints = [
+        _measure_paint(
+            image, line.points_px, np.broadcast_to(fit_line(line.points_px)[:2], line.points_px.shape), w, blur_px
+        )
+        for line, w in zip(lines, widths.tolist(), strict=True)
+    ]
+    known = [paint for line, paint in zip(lines, paints, strict=True) if line.line == template.halfway_line]
+    known += [_measure_circle_paint(image, view, template, circle, blur_px) for circle in circles]
+    if not known:
+        return tuple(lines)
+    own = max(known, key=lambda paint: paint.strength)
+    return tuple(
+        line
+        for line, paint in zip(lines, paints, strict=True)
+        if line.line == template.halfway_line
+        or (paint.strength >= LEAST_STRENGTH * own.strength and match_paint(paint.colour, own.colour))
+    )
+
+
+def _measure_circle_paint(
+    image: NDArray[np.uint8], view: FieldView, template: FieldTemplate, seen: CirclePoints, blur_px: float
+) -> _Paint:
+    """The paint of a circle or an arc that was measured where a view puts it."""
+    circle = next(c for c in (*template.circles, *template.arcs) if c.name == seen.circle)
+    outward = seen.points_px - view.project(np.asarray(circle.center))
+    # across the curve: the direction in which the view's own distance from the centre grows
+    places = view.to_field(seen.points_px) - circle.center
+    step = 0.01 * places
+    normals = view.project(circle.center + places + step) - view.project(circle.center + places - step)
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = np.where(length > 0.0, normals, outward) / np.where(length > 0.0, length, 1.0)
+    return _measure_paint(image, seen.points_px, normals, mean_paint_width(view, circle, template), blur_px)
+
+
+def _measure_paint(image: NDArray[np.uint8], points: Array, normals: Array, width_px: float, blur_px: float) -> _Paint:
+    """The paint at places (N, 2) with normals (N, 2) of a marking of a predicted width, by medians."""
+    added = measure_added_colours(image, points, normals, np.full(1, width_px))
+    kept = width_px / max(float(np.hypot(width_px, GAUSSIAN_FWHM * blur_px)), 1e-6)
+    return _Paint(np.median(added, axis=0), kept)
+
+
+def leave_out_short_borders(
+    view: FieldView,
+    template: FieldTemplate,
+    center_m: Array,
+    lines: Sequence[LinePoints],
+    ends: Sequence[LineEnd],
+) -> tuple[LinePoints, ...]:
+    """The lines without those on which the halfway line should end, and beyond which its paint was seen to end.
+
+    Parameters
+    ----------
+    view : FieldView
+        Where the lines were measured.
+    template : FieldTemplate
+        The field.
+    center_m : (2,) array
+        A place on the halfway line between its ends, metres.
+    lines : sequence of LinePoints
+        What was measured, with names.
+    ends : sequence of LineEnd
+        Where the paint of the halfway line was seen to end.
+    """
+    halfway = template.line_by_name.get(template.halfway_line or "")
+    if halfway is None or not ends:
+        return tuple(lines)
+    others = (find_line_through(corner, halfway, template) for corner in template.line_ends(halfway))
+    borders = {other.name for other in others if other is not None}
+    center_px, unit = view.project(center_m), view.camera.width / 1920.0
+    return tuple(
+        line
+        for line in lines
+        if line.line not in borders or not lies_short_of_end(line.points_px, ends, center_px, unit)
+    )
