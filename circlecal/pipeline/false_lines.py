@@ -25,6 +25,8 @@ LEAST_STRENGTH = 0.2
 paint of another line has at least: of 416 lines of 160 rendered halls true ones have 0.25 at least, four of seven
 false ones (streaks of light on the floor, 5 to 32 px off) 0.09 to 0.16.
 """
+STEP = 0.01
+"""Share of a circle's radius by which two places lie beside its curve, between which its normal runs."""
 GAUSSIAN_FWHM = 2.355
 """Full width at half the peak of a Gaussian blur, in its standard deviations."""
 
@@ -95,14 +97,14 @@ def _measure_circle_paint(
 ) -> _Paint:
     """The paint of a circle or an arc that was measured where a view puts it."""
     circle = next(c for c in (*template.circles, *template.arcs) if c.name == seen.circle)
-    outward = seen.points_px - view.project(np.asarray(circle.center))
-    # across the curve: the direction in which the view's own distance from the centre grows
-    places = view.to_field(seen.points_px) - circle.center
-    step = 0.01 * places
-    normals = view.project(circle.center + places + step) - view.project(circle.center + places - step)
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    normals = np.where(length > 0.0, normals, outward) / np.where(length > 0.0, length, 1.0)
-    return _measure_paint(image, seen.points_px, normals, mean_paint_width(view, circle, template), blur_px)
+    outward_m = view.to_field(seen.points_px) - circle.center
+    across = view.project(circle.center + (1.0 + STEP) * outward_m) - view.project(
+        circle.center + (1.0 - STEP) * outward_m
+    )
+    length = np.linalg.norm(across, axis=1)
+    shown = length > 0.0
+    width_px = mean_paint_width(view, circle, template)
+    return _measure_paint(image, seen.points_px[shown], across[shown] / length[shown, None], width_px, blur_px)
 
 
 def _measure_paint(image: NDArray[np.uint8], points: Array, normals: Array, width_px: float, blur_px: float) -> _Paint:

@@ -125,9 +125,11 @@ def _calibrate_view(
     picture: NDArray[np.uint8],
     attempt: Attempt,
     view: FieldView,
-    ends: Sequence[LineEnd],
+    ends: Sequence[LineEnd] = (),
 ) -> Attempt:
-    """The attempt with every marking measured where a view puts it, but for lines that are none of the field."""
+    """The attempt with every marking measured where a view puts it, but for lines that are none of the field; ``ends``
+    are those of the halfway line's paint.
+    """
     mask, edges, template = attempt.mask, attempt.edges, setting.template
     if mask is None or edges is None:
         return attempt

@@ -37,6 +37,11 @@ def test_association_compares_names():
     assert one.contradicts(Association({2: "a"}, 100.0, 0.0))
     assert not one.contradicts(Association({1: "b", 3: "d"}, 100.0, 0.0))
     assert not one.contradicts(one)
+    # two pieces of one line, and one of them
+    pieces = Association({0: "a", 1: "a"}, 900.0, 0.0)
+    assert not pieces.contradicts(Association({1: "a"}, 500.0, 0.0))
+    assert not Association({1: "a"}, 500.0, 0.0).contradicts(pieces)
+    assert pieces.contradicts(Association({2: "a"}, 500.0, 0.0))
 
 
 def test_best_hypothesis_names_every_line_of_a_broadcast_view():

@@ -8,7 +8,13 @@ import pytest
 from circlecal.evaluation.bench.scenarios import KNOWN
 from circlecal.field import load_field
 from circlecal.line_naming import line_ends
-from circlecal.line_naming.line_ends import agree_with_ends, find_passed_lines, passes_end, passes_point
+from circlecal.line_naming.line_ends import (
+    agree_with_ends,
+    find_passed_lines,
+    lies_short_of_end,
+    passes_end,
+    passes_point,
+)
 from circlecal.observations import LineEnd, LinePoints, MarkingKey, Observations
 from circlecal.stages.camera import estimate_camera
 from circlecal.synthetic.cameras import aim_camera
@@ -152,3 +158,11 @@ def test_a_line_passes_an_end_only_where_it_is_seen_near_it(away_m, is_believed)
         1920, 1080, (), (line_points(CAMERA, SOCCER, "halfway_line", 60, 0.4, np.random.default_rng(0)), streak)
     )
     assert line_ends._is_crossed(far_end(crossed=False), given.lines[0], given, 1.0) is is_believed
+
+
+@pytest.mark.parametrize(("y_m", "is_short"), [(-34.0, False), (-31.0, True), (-36.0, False), (31.0, False)])
+def test_a_line_before_the_end_of_the_halfway_line_is_no_border(y_m, is_short):
+    """A streak of light before the far touchline; what lies behind the end, or on the other side, is none either."""
+    middle = CAMERA.project(np.zeros(2))
+    assert lies_short_of_end(nameless(y_m).points_px, (far_end(),), middle, 1.0) is is_short
+    assert not lies_short_of_end(nameless(y_m).points_px, (), middle, 1.0)

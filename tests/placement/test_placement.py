@@ -370,6 +370,15 @@ def test_the_few_markings_that_lie_farthest_are_left_out_of_the_fit(monkeypatch)
         assert len(found.observations.lines) == left
         is_clean = max(found.camera.residuals_px.values()) <= LARGEST_RESIDUAL_PX
         assert is_clean is (len(off) < 3)
+    # the circle about which the field lies is no stray
+    circle = CirclePoints(setting.circle.name, "center", points, sigma)
+    beside = measured({})
+    off_circle = {**beside.camera.residuals_px, MarkingKey(circle.circle, "center"): 5.0}
+    seen = replace(beside.observations, circles=(circle,))
+    found = _leave_out_strays(
+        setting, Attempt(), replace(beside, camera=replace(beside.camera, residuals_px=off_circle), observations=seen)
+    )
+    assert found.observations.circles == (circle,)
 
 
 def test_residuals_that_painters_errors_bring_are_those_of_no_other_field():
