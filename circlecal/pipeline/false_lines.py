@@ -83,12 +83,12 @@ def leave_out_other_paints(
     known += [_measure_circle_paint(image, view, template, circle, blur_px) for circle in circles]
     if not known:
         return tuple(lines)
-    own = max(known, key=lambda paint: paint.strength)
+    least = LEAST_STRENGTH * max(paint.strength for paint in known)
     return tuple(
         line
         for line, paint in zip(lines, paints, strict=True)
         if line.line == template.halfway_line
-        or (paint.strength >= LEAST_STRENGTH * own.strength and match_paint(paint.colour, own.colour))
+        or (paint.strength >= least and any(match_paint(paint.colour, own.colour) for own in known))
     )
 
 

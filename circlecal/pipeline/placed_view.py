@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from circlecal.errors import EstimationError
 from circlecal.field.view import FieldView
+from circlecal.geometry.conics import sampson_distance
 from circlecal.observations import CirclePoints, LineEnd, MarkingKey, Observations
 from circlecal.paint.local_energy import local_energy
 from circlecal.paint.predicted_width import RESIDUAL_WIDTHS, mean_paint_width
@@ -44,6 +45,10 @@ those that settled had moved by 0.061 at most.
 LARGEST_RESIDUAL_PX = 2.0
 """Root mean square distance of a marking from its place, pixels at 1920 px width, that few may exceed: of 15
 right cameras of other sports the second largest was 1.6 at most, of a court 2 m shorter than its template 3.2.
+"""
+ROUND = 72
+"""Places round a circle at which a camera's circle is compared with the one that was seen: of a school yard that was
+taken for a longer court it lay 5.6 px beside it, pixels at 1920 px width, of a rendered court 0.6.
 """
 PAINTERS_SIGMAS = 2.0
 """Standard deviations of painters' errors that a residual may have beside that: spots of rendered rinks, 3 cm beside
@@ -94,7 +99,22 @@ def follow_placement(setting: Setting, scene: Scene, mask: MarkingMask, placed: 
         mean_distance_px(placed.view, settled.camera.view, setting.template) <= LARGEST_MOVE_WIDTHS * setting.width
     )
     is_good = is_near and attempt.is_calibrated and _is_of_this_size(setting, attempt)
-    return attempt if is_good else None
+    return attempt if is_good and _draws_circle(setting, settled.camera, placed) else None
+
+
+def _draws_circle(setting: Setting, camera: CameraFit, placed: PlacedField) -> bool:
+    """Whether a camera was fitted to the circle about which the field was laid, or draws it where it was seen: one
+    edge of its paint or the middle lies there.
+    """
+    if any(key.name == placed.circle.name for key in camera.residuals_px):
+        return True
+    angle = np.linspace(0.0, 2 * np.pi, ROUND, endpoint=False)
+    ring = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    radii = [setting.template.radius(placed.circle, edge) for edge in ("outer", "center", "inner")]
+    drawn = [camera.view.project(np.asarray(placed.circle.center) + radius * ring) for radius in radii]
+    off_px = [np.abs(sampson_distance(placed.conic, curve[camera.view.shows(curve)])) for curve in drawn]
+    nearest_px = min((float(np.sqrt(np.mean(off**2))) for off in off_px if len(off)), default=0.0)
+    return nearest_px <= LARGEST_RESIDUAL_PX * setting.width / 1920.0
 
 
 def _settle_view(
@@ -139,7 +159,8 @@ def _calibrate_view(
         circles, lines = measure_template(picture, view, template, *options, follows_curves=follows)
         circles = (*circles, *_measure_rims(setting, scene, mask, view, circles))
         lines = leave_out_short_borders(view, template, np.asarray(setting.circle.center), lines, ends)
-        if has_one_paint(setting, scene, mask):
+        # beside painted keys lines lie between two surfaces
+        if has_one_paint(setting, scene, mask) and not setting.config.field.any_circle:
             lines = leave_out_other_paints(scene.image, view, template, circles, lines, edges.blur_px)
         spots = measure_spots(picture, scene.image, view, template.lone_marks, edges.noise, template.placement_sd_m)
     observations = Observations(setting.width, setting.height, circles, lines, spots)
@@ -189,8 +210,7 @@ def _leave_out_mark(setting: Setting, seen: Attempt, attempt: Attempt) -> Attemp
 
 def _leave_out_strays(setting: Setting, seen: Attempt, attempt: Attempt) -> Attempt:
     """The attempt without the few markings that lie farthest from where its camera puts them, one after another: the
-    edge of a board or of a painted key may have been followed in their place. The circle about which the field lies
-    stays: a camera that contradicts it is none of this field (of a school yard, that of a longer court).
+    edge of a board or of a painted key may have been followed in their place.
     """
     camera, observations, unit = attempt.camera, attempt.observations, setting.width / 1920.0
     left = 0 if camera is None else max(1, len(camera.residuals_px) // DROPPED_AMONG)
@@ -202,9 +222,7 @@ def _leave_out_strays(setting: Setting, seen: Attempt, attempt: Attempt) -> Atte
             key: _allow_painters(camera, key, limit_px + (wander_px if key.name == setting.circle.name else 0.0))
             for key in camera.residuals_px
         }
-        beyond = {
-            key: camera.residuals_px[key] / limit for key, limit in limits.items() if key.name != setting.circle.name
-        }
+        beyond = {key: camera.residuals_px[key] / limit for key, limit in limits.items()}
         worst = max(beyond, key=lambda key: beyond[key])
         if beyond[worst] <= 1.0 and attempt.code != "residual_too_large":
             break

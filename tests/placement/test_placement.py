@@ -370,15 +370,6 @@ def test_the_few_markings_that_lie_farthest_are_left_out_of_the_fit(monkeypatch)
         assert len(found.observations.lines) == left
         is_clean = max(found.camera.residuals_px.values()) <= LARGEST_RESIDUAL_PX
         assert is_clean is (len(off) < 3)
-    # the circle about which the field lies is no stray
-    circle = CirclePoints(setting.circle.name, "center", points, sigma)
-    beside = measured({})
-    off_circle = {**beside.camera.residuals_px, MarkingKey(circle.circle, "center"): 5.0}
-    seen = replace(beside.observations, circles=(circle,))
-    found = _leave_out_strays(
-        setting, Attempt(), replace(beside, camera=replace(beside.camera, residuals_px=off_circle), observations=seen)
-    )
-    assert found.observations.circles == (circle,)
 
 
 def test_residuals_that_painters_errors_bring_are_those_of_no_other_field():
@@ -764,3 +755,17 @@ def test_a_mark_beside_its_place_is_left_out_where_other_markings_decide(monkeyp
     monkeypatch.setattr(placed_view, "_calibrate_observations", lambda *given: again.append(given) or attempt)
     assert placed_view._leave_out_mark(setting, attempt, attempt) is attempt
     assert len(again) == (count > 2)
+
+
+@pytest.mark.parametrize(("radius_share", "is_drawn"), [(1.0, True), (1.1, False)])
+def test_a_camera_that_leaves_out_its_own_circle_draws_it_where_it_was_seen(radius_share, is_drawn):
+    """Of a school yard whose circle was left out as a stray: as a longer court it was 38 px off."""
+    circle = RINK.circle_by_name["faceoff_left_top"]
+    seen = circle_conic(np.asarray(circle.center), radius_share * RINK.radius(circle, "center"))
+    conic = transform_conic(LEFT_CIRCLE.homography, seen)
+    setting = frame.Setting(load_config(None), RINK, circle, LEFT_CIRCLE.width, LEFT_CIRCLE.height, None)
+    camera = _fit_of({"blue_line_left": 0.3}).camera
+    lain = PlacedField(circle, conic, FieldView(LEFT_CIRCLE), 1.0, 0.8)
+    assert placed_view._draws_circle(setting, camera, lain) is is_drawn
+    carried = replace(camera, residuals_px={MarkingKey(circle.name, "center"): 0.2})
+    assert placed_view._draws_circle(setting, carried, lain)
