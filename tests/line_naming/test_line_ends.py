@@ -5,8 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from circlecal.camera.problem import evaluate
+from circlecal.camera.residuals import ground_feet, join_curves
+from circlecal.estimation.task import Task
 from circlecal.evaluation.bench.scenarios import KNOWN
 from circlecal.field import load_field
+from circlecal.geometry.camera_parameters import theta_of
 from circlecal.line_naming import line_ends
 from circlecal.line_naming.line_ends import (
     agree_with_ends,
@@ -166,3 +170,24 @@ def test_a_line_before_the_end_of_the_halfway_line_is_no_border(y_m, is_short):
     middle = CAMERA.project(np.zeros(2))
     assert lies_short_of_end(nameless(y_m).points_px, (far_end(),), middle, 1.0) is is_short
     assert not lies_short_of_end(nameless(y_m).points_px, (), middle, 1.0)
+
+
+def test_a_missed_end_is_reached_by_a_camera_that_stands_farther():
+    """From a third of the distance the fit stays where a lens and perspective together explain the circle."""
+    near = CAMERA.position_m / 3.0
+    closer = replace(CAMERA, position_m=near, focal_px=CAMERA.focal_px / 3.0)
+    task = Task(
+        seen([far_end()]), SOCCER, CIRCLE, KNOWN.model_copy(update={"k1_sd": 0.05, "k1_mean": 0.0}), "bottom", None
+    )
+    problem = task.problem()
+    end = line_ends._curve_of_point(
+        SOCCER.line_by_name["side_line_top"], far_end().point_px, np.full(1, line_ends.SIGMA_PX), SOCCER
+    )
+    problem = replace(problem, curves=join_curves(end, problem.curves))
+    theta = theta_of(closer, problem.model)[None]
+    stuck = evaluate(problem, theta, ground_feet(problem.curves, theta, problem.model))
+    assert abs(stuck.values[0, 0]) > line_ends.MISSED_SIGMAS
+    reached = line_ends._reach_ends(problem, stuck, 1)
+    assert abs(reached.values[0, 0]) < 2.0
+    assert np.linalg.norm(reached.theta[0, 4:7] - CAMERA.position_m) < 0.1 * np.linalg.norm(CAMERA.position_m)
+    assert line_ends._reach_ends(problem, reached, 1) is reached
