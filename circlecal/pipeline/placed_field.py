@@ -32,7 +32,7 @@ from circlecal.placement import (
     search_placements,
     weigh_view,
 )
-from circlecal.results import Attempt, Check, MarkingMask, Rival
+from circlecal.results import Attempt, CameraFit, Check, MarkingMask, Rival
 from circlecal.stages.mask import suit_field
 from circlecal.stages.verdict_on_picture import needs_confirmation
 
@@ -253,7 +253,7 @@ def _choose_answer(
         if attempt.camera is not None
         and _weigh_answer(other, attempt) * LISTED_RATIO > weight
         and best.camera is not None
-        and mean_distance_px(best.camera.view, attempt.camera.view, template) > ALIKE_WIDTHS * setting.width
+        and not _are_alike(setting, best.camera, attempt.camera)
     ]
     ratios, rivals = tuple(ratio for ratio, _ in found), tuple(rival for _, rival in found)
     least = LEAST_SHARE if weighed.found_share >= LEAST_SHARE else 0.0
@@ -264,6 +264,15 @@ def _choose_answer(
         if not check.passed:
             best = refuse_as_open(best, "circle_open")
     return best
+
+
+def _are_alike(setting: Setting, camera: CameraFit, other: CameraFit) -> bool:
+    """Whether two cameras show the markings in one place, also where one of them has the field turned by half: no
+    marking tells one from the other, and of a camera behind an end both may stand on its side.
+    """
+    turned = replace(other.view, camera=other.camera.turn_field())
+    off_px = [mean_distance_px(camera.view, view, setting.template) for view in (other.view, turned)]
+    return min(off_px) <= ALIKE_WIDTHS * setting.width
 
 
 def _is_worth_following(setting: Setting, placed: PlacedField, paint: SeenPaint, earlier: Sequence[FieldView]) -> bool:

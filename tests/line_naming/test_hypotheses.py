@@ -6,10 +6,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from circlecal.camera.multistart import find_optima
 from circlecal.config import load_config
+from circlecal.estimation.beginnings import begin, choose_sight
+from circlecal.estimation.task import Task
 from circlecal.field import load_field
 from circlecal.line_naming import hypotheses
 from circlecal.line_naming.association import Association
+from circlecal.line_naming.hypotheses import Trial, select_trial
 from circlecal.observations import Observations
 from circlecal.stages.camera import estimate_camera
 from circlecal.synthetic.cameras import aim_camera
@@ -45,3 +49,40 @@ def test_the_longest_lines_are_tried_alone_under_every_name_that_they_can_have(m
     given = [Association({0: "side_line_left", 1: "side_line_top"}, 14.0, 1.0)]
     alone = hypotheses._try_alone(scene, given, np.zeros((1, 17)))
     assert [tried.names for tried in alone] == [{1: "side_line_top"}, {2: "side_line_left"}, {2: "side_line_top"}]
+
+
+def test_rivals_are_compared_by_what_painters_errors_leave_of_their_strain(monkeypatch):
+    """A streak of light beside the far touchline of a rendered hall, which was taken for it, 35 px off."""
+    costs = {(): 63.0, (0,): 78.1, (1,): 69.2}
+    monkeypatch.setattr(hypotheses, "_weighed_cost", lambda scene, tried, theta: costs[tuple(tried.names)])
+    model = SimpleNamespace(width=1280)
+    scene = SimpleNamespace(lengths_px=np.array([369.0, 314.0]), unit=2 / 3, problem=SimpleNamespace(model=model))
+
+    def trial(k, explained_px, score):
+        named = Association({k: "side_line_top"}, explained_px, 0.0)
+        return Trial(named, np.arange(2) == k, explained_px, score, np.zeros(17), np.eye(17))
+
+    streak, touchline = trial(1, 314.0, 250.0), trial(0, 369.0, -104.0)
+    assert select_trial([streak, touchline], 1280) is streak
+    weighed = hypotheses._weigh_rivals(scene, [streak, touchline], streak)
+    assert [round(tried.score) for tried in weighed] == [252, 218]
+    assert select_trial(weighed, 1280) is None
+    # one that explains too little is no rival, and nothing is weighed
+    short = trial(0, 60.0, -104.0)
+    assert hypotheses._weigh_rivals(scene, [streak, short], streak) == [streak, short]
+
+
+def test_a_name_strains_known_markings_by_no_more_than_the_circle_is_off():
+    """Painted four centimetres off, each of circle and line is some two standard deviations beside its place."""
+    seen = look_with_circle_off(0.04)
+    circle, config = FUTSAL.circle_by_name["centre_circle"], load_config("futsal").camera
+    task = Task(seen, FUTSAL, circle, config, "main", None)
+    sight = choose_sight(task)
+    task, problem, starts = begin(task, sight)
+    state = find_optima(problem, starts, config, task.side).best()
+    scene = hypotheses.make_naming_scene([1], problem, state, seen, FUTSAL, task.coarse_noise)
+    named = Association({0: "side_line_top"}, 1.0, 0.0)
+    alone, with_line = (
+        hypotheses._weighed_cost(scene, tried, state.theta[0]) for tried in (Association({}, 0.0, 0.0), named)
+    )
+    assert 0.0 < with_line - alone < 15.0

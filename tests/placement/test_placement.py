@@ -769,3 +769,15 @@ def test_a_camera_that_leaves_out_its_own_circle_draws_it_where_it_was_seen(radi
     assert placed_view._draws_circle(setting, camera, lain) is is_drawn
     carried = replace(camera, residuals_px={MarkingKey(circle.name, "center"): 0.2})
     assert placed_view._draws_circle(setting, carried, lain)
+
+
+def test_the_field_turned_by_half_is_no_rival():
+    """Of a camera behind an end both stand on its side, and no marking tells one from the other."""
+    setting = frame.Setting(load_config(None), RINK, RINK.circles[0], *SIZE, None)
+    camera = fit(RIGHT_END)
+    turned = replace(camera, camera=RIGHT_END.turn_field())
+    assert placed_field._are_alike(setting, camera, turned)
+    assert not placed_field._are_alike(setting, camera, replace(camera, camera=LEFT_CIRCLE))
+    evidence = ViewEvidence(0.8, 0.8, 0.5)
+    found = _choose([(evidence, RIGHT_END, END), (evidence, RIGHT_END.turn_field(), OTHER_END)])
+    assert found is not None and found.is_calibrated and not found.rivals
