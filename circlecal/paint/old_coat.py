@@ -49,15 +49,17 @@ strength about their usual values.
 """
 USUAL_BLUR_PX, USUAL_STRENGTH = 0.8, 0.3
 """Standard deviation of a picture's blur, and light of an old coat over that of the new paint, before they are told."""
-STRENGTHS = (0.06, 0.65)
-"""Of an old coat that is believed: fainter ones move nothing, and of two like ones nobody knows which is the new one."""
+STRENGTHS, MOST_GROWTH_M = (0.12, 0.65), 0.25
+"""Of an old coat that is believed: fainter ones move nothing, and of two like ones nobody knows which is the new one.
+And by how much its radius may differ: a compass is set a few centimetres wrong, what lies farther is another circle.
+"""
 LEAST_GAIN = 87.0
 """By how much the second band must lower the chi-square, in units of what is left per sample: on 33 of 34 rendered
 circles with an old coat by 104 to 5,800, on 40 without one by 72 at most where its strength is one of those.
 """
-FAINT, LEAST_FAINT_GAIN, LEAST_FIRST_GAIN = 0.05, 3.0, 35.0
-"""A faint coat of this strength at the best of the places where starts are lowers it by so much, or nothing is followed:
-on those circles by 6 to 283, while on 22 of the 40 others every such coat makes it larger. And the gain after the
+FAINT, LEAST_FAINT_GAIN, LEAST_FIRST_GAIN = 0.05, -3.0, 35.0
+"""A faint coat of this strength at the best of the places where starts are does not worsen it by more, or nothing is
+followed: on 20 of those circles it changes it by 0 to 400, on 28 of 40 others by -120 to -4. And the gain after the
 first steps, below which the best start is not followed further.
 """
 OUTLINE, FAR_PX = 720, 20_000.0
@@ -65,8 +67,8 @@ OUTLINE, FAR_PX = 720, 20_000.0
 FIRST_RULE = StoppingRule(1e-3, unit=np.inf, iterations=3)
 RULE = StoppingRule(1e-4, unit=np.inf, iterations=12)
 """Of all starts, and of the best one after that."""
-_STEPS, _RELATIVE = (0.01, 0.01, 0.01, 0.01, 0.01), (1, 2, 3)
-"""Differences of place (pixels), blur, width and strength (shares of them) and place beside, which tell derivatives."""
+_STEPS, _RELATIVE = (0.01,) * 6, (1, 2, 3, 4)
+"""Differences of place (pixels), blurs, width and strength (shares of them) and place beside, which tell derivatives."""
 _PHI_AT = np.linspace(-5.0, 5.0, 2001)
 _PHI = np.array([0.5 * (1.0 + erf(z / 2.0**0.5)) for z in _PHI_AT.tolist()])
 
@@ -85,6 +87,8 @@ class CoatProfiles:
         Where the samples lie, pixels outwards from the camera's curve.
     level : (B, S) array
         Gray levels.
+    turn : (B, 2) array
+        Squares of the profiles' directions along the picture's rows and columns: a pan blurs along the rows.
     noise : float
         Their standard deviation from sample to sample.
     """
@@ -93,6 +97,7 @@ class CoatProfiles:
     scale: Array
     offset_px: Array
     level: Array
+    turn: Array
     noise: float
 
 
@@ -110,8 +115,10 @@ class OldCoat:
         Gray levels that the new paint adds there.
     place_m, beside_m : (B,) arrays
         How far outside the camera's curve the new paint's middle lies there, and how far outside that the old one's.
-    width_m, blur_px : float
-        Width of the paint, and standard deviation of the blur.
+    blur_px : (B,) array
+        Standard deviation of the blur across the curve there.
+    width_m : float
+        Width of the paint.
     strength : float
         The old paint's light over that of the new one.
     gain : float
@@ -123,24 +130,22 @@ class OldCoat:
     light: Array
     place_m: Array
     beside_m: Array
+    blur_px: Array
     width_m: float
-    blur_px: float
     strength: float
     gain: float
 
     @property
     def is_told(self) -> bool:
-        """Whether it stands out, and is surely the fainter one of both."""
-        return self.gain >= LEAST_GAIN and STRENGTHS[0] <= self.strength <= STRENGTHS[1]
+        """Whether it stands out, is surely the fainter one of both, and a circle of about the same size."""
+        is_fainter = STRENGTHS[0] <= self.strength <= STRENGTHS[1]
+        return self.gain >= LEAST_GAIN and is_fainter and abs(float(self.beside_m.mean())) <= MOST_GROWTH_M
 
     def shine(self, angle: Array, outside_m: Array) -> Array:
         """Gray levels (N,) that it adds at places so far outside the camera's curve, by their angle (N,)."""
-        values = np.stack([self.scale, self.light, self.place_m, self.beside_m])
-        scale, light, place, beside = (
-            np.interp(angle, self.angle, row, period=2.0 * np.pi) for row in values
-        )
-        away = beside * scale
-        added = _old_band((outside_m - place) * scale, self.width_m * scale, away, self.blur_px)
+        values = self.scale, self.light, self.place_m, self.beside_m, self.blur_px
+        scale, light, place, beside, blur = (np.interp(angle, self.angle, row, period=2.0 * np.pi) for row in values)
+        added = _old_band((outside_m - place) * scale, self.width_m * scale, beside * scale, blur)
         return np.asarray(light * self.strength * added)
 
 
@@ -191,7 +196,8 @@ def sample_coats(picture: GrayPicture, view: FieldView, circle: Circle, template
     level = np.median(level[seen], axis=1)
     noise = 1.4826 / np.sqrt(2.0) * float(np.median(np.abs(np.diff(level, axis=1))))
     at = np.flatnonzero(known)[seen]
-    return CoatProfiles(angle.mean(axis=1)[at], scale[at], reach[at, None] * share, level, max(noise, 0.3))
+    turn = (across[at] ** 2).mean(axis=1)
+    return CoatProfiles(angle.mean(axis=1)[at], scale[at], reach[at, None] * share, level, turn, max(noise, 0.3))
 
 
 def find_old_coat(profiles: CoatProfiles, width_m: float) -> OldCoat | None:
@@ -221,8 +227,8 @@ def _gain(alone: float, both: float, profiles: CoatProfiles) -> float:
 
 
 class _Coats(DenseProblem):
-    """One band of paint round a camera's curve, or two: harmonics of its place, logarithms of blur and width over their
-    usual values, and the same of the old one's strength, and its place. The light of each sector, and the ground's with
+    """One band of paint round a camera's curve, or two: harmonics of its place, logarithms of blur along rows and columns
+    and of width over their usual values, and the same of the old one's strength, and its place. The light of each sector, and the ground's with
     its slope, are fitted within it.
     """
 
@@ -232,7 +238,7 @@ class _Coats(DenseProblem):
         slope = profiles.offset_px / np.abs(profiles.offset_px).max(axis=1, keepdims=True)
         self._ground = np.linalg.qr(np.stack([np.ones_like(slope), slope], axis=-1))[0]
         self._level = self._leave_out_ground(profiles.level)
-        self._prior = np.append(np.full(2 * ORDER + 1, PLACE_SD_M), (BLUR_SD, WIDTH_SD))
+        self._prior = np.append(np.full(2 * ORDER + 1, PLACE_SD_M), (BLUR_SD, BLUR_SD, WIDTH_SD))
         if has_old:
             self._prior = np.concatenate([self._prior, [STRENGTH_SD], np.full(3, PLACE_SD_M)])
         self.expected = np.zeros(len(self._prior))
@@ -253,11 +259,11 @@ class _Coats(DenseProblem):
         residual, slope = off[0], (off[1:] - off[0]) / np.array(_STEPS)[:, None, None, None]
         scale, waves = self._profiles.scale, self._waves
         by_place, by_beside = (
-            slope[k][:, None] * (wave.T * scale)[:, :, None] for k, wave in ((0, waves), (4, waves[:, :3]))
+            slope[k][:, None] * (wave.T * scale)[:, :, None] for k, wave in ((0, waves), (5, waves[:, :3]))
         )
-        shape = [by_place, slope[1][:, None], slope[2][:, None]]
+        shape = [by_place, *(slope[k][:, None] for k in (1, 2, 3))]
         if self._has_old:
-            shape += [slope[3][:, None], by_beside]
+            shape += [slope[4][:, None], by_beside]
         flat = np.concatenate(shape, axis=1).reshape(count, parameters.shape[1], -1)
         residual = residual.reshape(count, -1)
         weighted = flat / (1.0 + (residual / ROBUST) ** 2)[:, None]
@@ -271,32 +277,36 @@ class _Coats(DenseProblem):
 
     def describe(self, parameters: Array, gain: float) -> OldCoat:
         """The old coat that parameters (P,) stand for."""
-        place, blur, width, strength, beside = self._read(parameters[None])
-        light = self._fit_light(self._draw(place, blur, width, strength, beside))[0]
-        scale = self._profiles.scale
-        sizes = float(width[0, 0] / scale[0]), float(blur[0, 0, 0]), float(strength[0, 0, 0])
-        return OldCoat(self._profiles.angle, scale, light, place[0] / scale, beside[0] / scale, *sizes, gain)
+        bands = self._read(parameters[None])
+        place, along_rows, along_columns, width, strength, beside = (values[0] for values in bands)
+        light = self._fit_light(self._draw(*bands))[0]
+        profiles, scale = self._profiles, self._profiles.scale
+        blur = _turn_blur(along_rows, along_columns, profiles.turn)[:, 0]
+        sizes = blur, float(width[0] / scale[0]), float(strength[0, 0])
+        return OldCoat(profiles.angle, scale, light, place / scale, beside / scale, *sizes, gain)
 
     def _loss(self, residual: Array, parameters: Array) -> Array:
         robust = ROBUST**2 * np.log1p((residual / ROBUST) ** 2).sum(axis=-1)
         return np.asarray(robust + ((parameters / self._prior) ** 2).sum(axis=-1))
 
-    def _read(self, parameters: Array) -> tuple[Array, Array, Array, Array, Array]:
-        """Place (K, B), blur (K, 1, 1) and width (K, B) of the band, strength (K, 1, 1) and place beside it (K, B) of
-        the old one; pixels.
+    def _read(self, parameters: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
+        """Place (K, B), blur along rows and along columns (K, 1, 1) and width (K, B) of the band, strength (K, 1, 1) and
+        place beside it (K, B) of the old one; pixels.
         """
         first, scale = 2 * ORDER + 1, self._profiles.scale
         place = parameters[:, :first] @ self._waves.T * scale
-        blur = USUAL_BLUR_PX * np.exp(parameters[:, first])
-        width = self._width_m * np.exp(parameters[:, first + 1, None]) * scale
+        rows, columns = (USUAL_BLUR_PX * np.exp(parameters[:, k, None, None]) for k in (first, first + 1))
+        width = self._width_m * np.exp(parameters[:, first + 2, None]) * scale
         if not self._has_old:
-            return place, blur[:, None, None], width, np.zeros((len(place), 1, 1)), np.zeros_like(place)
-        strength = USUAL_STRENGTH * np.exp(parameters[:, first + 2])
-        beside = parameters[:, first + 3 :] @ self._waves[:, :3].T * scale
-        return place, blur[:, None, None], width, strength[:, None, None], beside
+            return place, rows, columns, width, np.zeros((len(place), 1, 1)), np.zeros_like(place)
+        strength = USUAL_STRENGTH * np.exp(parameters[:, first + 3, None, None])
+        return place, rows, columns, width, strength, parameters[:, first + 4 :] @ self._waves[:, :3].T * scale
 
-    def _draw(self, place: Array, blur: Array, width: Array, strength: Array, beside: Array) -> Array:
+    def _draw(
+        self, place: Array, along_rows: Array, along_columns: Array, width: Array, strength: Array, beside: Array
+    ) -> Array:
         """Bands (K, B, S) of the light of one gray level, without their means and slopes."""
+        blur = _turn_blur(along_rows, along_columns, self._profiles.turn)
         x = self._profiles.offset_px - place[..., None]
         band = _blurred_band(x, width[..., None], blur)
         if self._has_old:
@@ -308,15 +318,20 @@ class _Coats(DenseProblem):
         light = (band * self._level).sum(axis=-1) / np.maximum((band * band).sum(axis=-1), 1e-9)
         return np.asarray(np.maximum(light, 0.0))
 
-    def _residuals(self, place: Array, blur: Array, width: Array, strength: Array, beside: Array) -> Array:
+    def _residuals(self, *bands: Array) -> Array:
         """What bands leave of the profiles (K, B, S), standard deviations."""
-        band = self._draw(place, blur, width, strength, beside)
+        band = self._draw(*bands)
         return np.asarray((self._level - self._fit_light(band)[..., None] * band) / self._profiles.noise)
 
     def _leave_out_ground(self, values: Array) -> Array:
         """Profiles (..., B, S) without their means and slopes."""
         ground = self._ground
         return np.asarray(values - np.einsum("bsi,...bi->...bs", ground, np.einsum("bsi,...bs->...bi", ground, values)))
+
+
+def _turn_blur(along_rows: Array, along_columns: Array, turn: Array) -> Array:
+    """Blur (..., B, 1) across profiles that are turned so against the picture's rows."""
+    return np.asarray(np.sqrt(along_rows**2 * turn[:, :1] + along_columns**2 * turn[:, 1:]))
 
 
 def _old_band(x: Array, width: Array, away: Array, blur: Array | float) -> Array:
