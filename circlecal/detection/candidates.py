@@ -263,7 +263,12 @@ class Candidates:
         return self._shorter
 
     def _find_in_paint(
-        self, circle: MeasuredCircle, segments: Array, ruled_out: tuple[Interpretation, ...], *, is_any_paint: bool = False
+        self,
+        circle: MeasuredCircle,
+        segments: Array,
+        ruled_out: tuple[Interpretation, ...],
+        *,
+        is_any_paint: bool = False,
     ) -> MeasuredLine | None:
         """The first line through the circle's middle that is in the circle's paint, or in any."""
         image, segments = self._picture.image_bgr, drop_ruled_out_segments(segments, ruled_out, self._width)

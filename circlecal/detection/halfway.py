@@ -10,7 +10,16 @@ from numpy.typing import NDArray
 from circlecal.detection.circle import LEAST_REACH_PX, MOST_PROFILES, SPACING_PX, MeasuredCircle
 from circlecal.detection.ellipse_batch import unit_frame
 from circlecal.detection.options import DetectorConfig, ProfilesConfig
-from circlecal.geometry.projective import Array, Mask, fit_line, join, lift, line_distance, normalise_line, transform_lines
+from circlecal.geometry.projective import (
+    Array,
+    Mask,
+    fit_line,
+    join,
+    lift,
+    line_distance,
+    normalise_line,
+    transform_lines,
+)
 from circlecal.paint.bands import MeasuredCurve, local_width, measure_curve
 
 __all__ = ["MeasuredLine", "MeasuredSegments", "find_halfway", "find_segments_through_middle", "measure_segments"]
@@ -253,11 +262,11 @@ def _follow(
         reach = np.maximum(refinement.narrow_reach_px * width / 1920.0, LEAST_REACH_PX) + local_width(curve)
         curve = _measure_between(gray, start, end, share, reach, pieces, circle.sign)
     before, behind = chords < -1.0, chords > 1.0
-    shares = [_drawn_share(curve, part) for part in (before, behind, (before | behind) if is_outside else inner)]
+    shares = [_measure_share(curve, part) for part in (before, behind, (before | behind) if is_outside else inner)]
     return MeasuredLine(line, curve, shares[2], is_outside, (shares[0], shares[1]))
 
 
-def _drawn_share(curve: MeasuredCurve, part: Mask) -> float:
+def _measure_share(curve: MeasuredCurve, part: Mask) -> float:
     """Share of a part (N,) of a curve that is drawn, of what the picture shows of it."""
     visible = curve.inside & part
     return float(np.count_nonzero(curve.supported & visible)) / max(1, int(np.count_nonzero(visible)))

@@ -68,7 +68,7 @@ FIRST_RULE = StoppingRule(1e-3, unit=np.inf, iterations=3)
 RULE = StoppingRule(1e-4, unit=np.inf, iterations=12)
 """Of all starts, and of the best one after that."""
 _STEPS, _RELATIVE = (0.01,) * 6, (1, 2, 3, 4)
-"""Differences of place (pixels), blurs, width and strength (shares of them) and place beside, which tell derivatives."""
+"""Differences of place (pixels), blurs, width and strength (shares) and place beside, which tell derivatives."""
 _PHI_AT = np.linspace(-5.0, 5.0, 2001)
 _PHI = np.array([0.5 * (1.0 + erf(z / 2.0**0.5)) for z in _PHI_AT.tolist()])
 
@@ -171,8 +171,9 @@ def sample_coats(picture: GrayPicture, view: FieldView, circle: Circle, template
     edges = 2.0 * np.pi * np.arange(SECTORS) / SECTORS
     angle = edges[:, None] + 2.0 * np.pi / SECTORS * (np.arange(PLACES) + 0.5) / PLACES
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    center = np.asarray(circle.center)
     middle, inner, outer = (
-        view.project((np.asarray(circle.center) + template.radius(circle, edge) * ring).reshape(-1, 2)).reshape(ring.shape)
+        view.project((center + template.radius(circle, edge) * ring).reshape(-1, 2)).reshape(ring.shape)
         for edge in ("center", "inner", "outer")
     )
     tangent = np.roll(middle, -1, axis=1) - np.roll(middle, 1, axis=1)
@@ -188,12 +189,12 @@ def sample_coats(picture: GrayPicture, view: FieldView, circle: Circle, template
         return None
     share = np.linspace(-1.0, 1.0, SAMPLES)
     normals = across[known] * reach[known, None, None]
-    level = sample_profiles(picture, middle[known].reshape(-1, 2), normals.reshape(-1, 2), share)
-    level = np.asarray(level, np.float64).reshape(-1, PLACES, SAMPLES)
-    seen = np.isfinite(level).all(axis=(1, 2))
+    sampled = sample_profiles(picture, middle[known].reshape(-1, 2), normals.reshape(-1, 2), share)
+    profiles = sampled.astype(np.float64).reshape(-1, PLACES, SAMPLES)
+    seen = np.isfinite(profiles).all(axis=(1, 2))
     if np.count_nonzero(seen) < FEWEST_SECTORS:
         return None
-    level = np.median(level[seen], axis=1)
+    level = np.asarray(np.median(profiles[seen], axis=1), np.float64)
     noise = 1.4826 / np.sqrt(2.0) * float(np.median(np.abs(np.diff(level, axis=1))))
     at = np.flatnonzero(known)[seen]
     turn = (across[at] ** 2).mean(axis=1)
@@ -227,9 +228,9 @@ def _gain(alone: float, both: float, profiles: CoatProfiles) -> float:
 
 
 class _Coats(DenseProblem):
-    """One band of paint round a camera's curve, or two: harmonics of its place, logarithms of blur along rows and columns
-    and of width over their usual values, and the same of the old one's strength, and its place. The light of each sector, and the ground's with
-    its slope, are fitted within it.
+    """One band of paint round a camera's curve, or two: harmonics of its place, logarithms of blur along rows and
+    columns and of width over their usual values, and the same of the old one's strength, and its place. The light of
+    each sector, and the ground's with its slope, are fitted within it.
     """
 
     def __init__(self, profiles: CoatProfiles, width_m: float, *, has_old: bool) -> None:
@@ -290,8 +291,8 @@ class _Coats(DenseProblem):
         return np.asarray(robust + ((parameters / self._prior) ** 2).sum(axis=-1))
 
     def _read(self, parameters: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
-        """Place (K, B), blur along rows and along columns (K, 1, 1) and width (K, B) of the band, strength (K, 1, 1) and
-        place beside it (K, B) of the old one; pixels.
+        """Place (K, B), blur along rows and along columns (K, 1, 1) and width (K, B) of the band, strength (K, 1, 1)
+        and place beside it (K, B) of the old one; pixels.
         """
         first, scale = 2 * ORDER + 1, self._profiles.scale
         place = parameters[:, :first] @ self._waves.T * scale
@@ -308,7 +309,7 @@ class _Coats(DenseProblem):
         """Bands (K, B, S) of the light of one gray level, without their means and slopes."""
         blur = _turn_blur(along_rows, along_columns, self._profiles.turn)
         x = self._profiles.offset_px - place[..., None]
-        band = _blurred_band(x, width[..., None], blur)
+        band = _blur_band(x, width[..., None], blur)
         if self._has_old:
             band = band + strength * _old_band(x, width[..., None], beside[..., None], blur)
         return self._leave_out_ground(band)
@@ -336,11 +337,11 @@ def _turn_blur(along_rows: Array, along_columns: Array, turn: Array) -> Array:
 
 def _old_band(x: Array, width: Array, away: Array, blur: Array | float) -> Array:
     """What an old band so far away adds to a new one of its width about zero that hides most of it; pixels."""
-    shared = _blurred_band(x - 0.5 * away, np.maximum(width - np.abs(away), 0.0), blur)
-    return _blurred_band(x - away, width, blur) - OPAQUE * shared
+    shared = _blur_band(x - 0.5 * away, np.maximum(width - np.abs(away), 0.0), blur)
+    return _blur_band(x - away, width, blur) - OPAQUE * shared
 
 
-def _blurred_band(x: Array, width: Array, blur: Array | float) -> Array:
+def _blur_band(x: Array, width: Array, blur: Array | float) -> Array:
     """A band of light of a width about zero, blurred, at places x; pixels."""
     return _phi((x + 0.5 * width) / blur) - _phi((x - 0.5 * width) / blur)
 

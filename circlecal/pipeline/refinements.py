@@ -219,8 +219,8 @@ def leave_out_old_coat(setting: Setting, scene: Scene, attempt: Attempt) -> Iter
         coat = None if profiles is None else find_old_coat(profiles, template.marking_width_m)
         if coat is None:
             return
-        picture = remove_old_coat(picture, camera.view, circle, template.radius(circle, "center"), coat)
-    found = measure_curves(setting, picture, camera, (circle,), edges.noise)
+        cleaned = remove_old_coat(picture, camera.view, circle, template.radius(circle, "center"), coat)
+    found = measure_curves(setting, cleaned, camera, (circle,), edges.noise)
     if found:
         again = replace_curves(observations, found)
         yield estimate(setting, replace(attempt, observations=again, verdict=None))

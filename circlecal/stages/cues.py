@@ -143,7 +143,7 @@ def find_cues(
         first, name, unit = measured.pop(), template.halfway_line, picture.shape[1] / 1920.0
         pieces, lines = _its_pieces(first, measured, unit)
         halfway = _halfway_line(picture, first, pieces, chord, growth, noise, name, surface, config)
-        if halfway is None and near is not rough:
+        if halfway is None and rough is not None and near is not rough:
             # the paint inside the circle may be worn off: all of the line counts then
             (first,) = measure_lines(
                 picture, (rough,), noise, config.search_px, config.spacing_px, rounds, _widths_at(growth, [rough])
