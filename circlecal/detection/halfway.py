@@ -226,7 +226,7 @@ def _follow_beside(
     """Follow a line, given in the unit circle's frame, as far as it may be seen on either side of the circle, and fit
     it there: its paint inside the circle may be worn off.
     """
-    return _follow(gray, circle, local, FURTHEST, config, is_outside=True)
+    return _follow(gray, circle, local, FURTHEST, config, is_outside=True, rounds=2)
 
 
 def _follow(
@@ -237,8 +237,11 @@ def _follow(
     config: DetectorConfig,
     *,
     is_outside: bool,
+    rounds: int = 1,
 ) -> MeasuredLine:
-    """Follow a line for so many half chords; fit it inside the circle, or wherever it is drawn (``is_outside``)."""
+    """Follow a line for so many half chords; fit it, in some rounds, inside the circle, or wherever it is drawn
+    (``is_outside``): one side of it may lead to the other.
+    """
     width = gray.shape[1]
     refinement = config.refinement
     middle, half_chord, (low, high) = _find_visible_part(local, circle, gray.shape)
@@ -255,8 +258,10 @@ def _follow(
     inner = np.abs(chords) <= INSIDE
     line = normalise_line(join(lift(start), lift(end)))
     curve = _measure_between(gray, start, end, share, reach, pieces, circle.sign)
-    on = curve.supported & ((np.abs(chords) <= FITTED_EXTENT) | is_outside)
-    if np.count_nonzero(on) >= FEWEST_TO_FIT:
+    for _ in range(rounds):
+        on = curve.supported & ((np.abs(chords) <= FITTED_EXTENT) | is_outside)
+        if np.count_nonzero(on) < FEWEST_TO_FIT:
+            break
         line = fit_line(curve.points[on] + curve.offset[on, None] * curve.normals[on])
         start, end = (p - float(line_distance(line, p)) * line[:2] for p in (start, end))
         reach = np.maximum(refinement.narrow_reach_px * width / 1920.0, LEAST_REACH_PX) + local_width(curve)

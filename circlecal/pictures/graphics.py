@@ -45,7 +45,7 @@ GROUND_SHARE, BEYOND_SHARE = 0.5, 0.25
 """Least share of a row that has the ground's colour within a box, letters aside, and the largest of the rows beyond its
 end: a crowd, or players and paint, have it here and there.
 """
-FIELD_SHARE, FIELD_EVERY = 0.15, 8
+FIELD_SHARE, FIELD_EVERY = 0.25, 8
 """Share of the rest of the picture, each so many-th row and column, that may have the colour of a box at the most: what
 lies between two boxes is field, and goes on beyond them.
 """
