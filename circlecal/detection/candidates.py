@@ -250,6 +250,8 @@ class Candidates:
             points, normals = self._scaling.full(self._raster.ridges.points), self._raster.ridges.normals
             pieces = find_segments_through_middle(points, normals, circle, self._config.halfway.distance)
             halfway = self._find_in_paint(circle, pieces, ruled_out)
+        if halfway is None and self._config.shared_halfway:
+            halfway = self._find_in_paint(circle, self._segments, ruled_out, is_any_paint=True)
         return halfway
 
     def _shorter_segments(self) -> Array:
@@ -261,13 +263,18 @@ class Candidates:
         return self._shorter
 
     def _find_in_paint(
-        self, circle: MeasuredCircle, segments: Array, ruled_out: tuple[Interpretation, ...]
+        self,
+        circle: MeasuredCircle,
+        segments: Array,
+        ruled_out: tuple[Interpretation, ...],
+        *,
+        is_any_paint: bool = False,
     ) -> MeasuredLine | None:
-        """The first line through the circle's middle that is in the circle's paint."""
+        """The first line through the circle's middle that is in the circle's paint, or in any."""
         image, segments = self._picture.image_bgr, drop_ruled_out_segments(segments, ruled_out, self._width)
         for _ in range(MOST_LINES):
             line = find_halfway(self._picture.gray, circle, segments, self._config)
-            if line is None or self._config.one_paint is False:
+            if line is None or is_any_paint or self._config.one_paint is False:
                 return line
             colours = (measure_paint_colour(image, marking.curve) for marking in (line, circle))
             if match_paint(*colours):

@@ -10,7 +10,16 @@ from numpy.typing import NDArray
 from circlecal.detection.circle import LEAST_REACH_PX, MOST_PROFILES, SPACING_PX, MeasuredCircle
 from circlecal.detection.ellipse_batch import unit_frame
 from circlecal.detection.options import DetectorConfig, ProfilesConfig
-from circlecal.geometry.projective import Array, fit_line, join, lift, line_distance, normalise_line, transform_lines
+from circlecal.geometry.projective import (
+    Array,
+    Mask,
+    fit_line,
+    join,
+    lift,
+    line_distance,
+    normalise_line,
+    transform_lines,
+)
 from circlecal.paint.bands import MeasuredCurve, local_width, measure_curve
 
 __all__ = ["MeasuredLine", "MeasuredSegments", "find_halfway", "find_segments_through_middle", "measure_segments"]
@@ -38,6 +47,10 @@ length: players stand in the circle at a kick-off.
 """
 OUTSIDE_SUPPORT = 0.7
 """Smallest drawn share of what is visible of a line that is seen outside the circle only."""
+BESIDE_SUPPORT, LEAST_BESIDE = 0.4, 0.15
+"""Smallest drawn share of what is visible, within :data:`FURTHEST`, of a line that is bare inside the circle but runs
+on both sides of it, and of either side: worn paint is gone for metres, and an accident does not go on beyond.
+"""
 SAME_PAINT = 0.4
 """Least contrast of the line over that of the circle: streaks of the floor have less, one paint 0.6 to 2.7."""
 PIECES = 4
@@ -55,13 +68,15 @@ VOTE_TOLERANCES_PX = 8.0, 4.0
 @dataclass(frozen=True, slots=True)
 class MeasuredLine:
     """A line (3,) with profiles in order along it; ``support`` is the drawn share of its chord in the circle, or
-    of what is seen of it where the picture shows it ``outside`` the circle only.
+    of what is seen of it where the picture shows it ``outside`` the circle only; ``beside`` are the drawn shares of
+    what is visible before and behind the circle.
     """
 
     line: Array
     curve: MeasuredCurve
     support: float
     outside: bool = False
+    beside: tuple[float, float] = (0.0, 0.0)
 
     @property
     def ends(self) -> tuple[Array, Array]:
@@ -122,24 +137,29 @@ def find_halfway(
     lines = join(lift(segments[:, 0]), lift(segments[:, 1]))
     local = normalise_line(transform_lines(to_unit, lines))
     distance = np.abs(local[:, 2])
-    best: tuple[float, MeasuredLine] | None = None
-    for index in np.argsort(distance)[:MOST_TRIED]:
-        if distance[index] > config.halfway.distance:
-            break
-        measured = _follow_line(gray, circle, local[index], config)
-        refined = abs(float(normalise_line(transform_lines(to_unit, measured.line))[2]))
-        if not _is_drawn(measured) or refined > config.halfway.distance:
-            continue
-        if _usual_contrast(measured.curve) < SAME_PAINT * _usual_contrast(circle.curve):
-            continue
-        if measured.outside and refined > NEARLY_CENTRAL:
-            continue
-        value = measured.support - refined
-        if best is None or value > best[0]:
-            best = value, measured
-        if refined <= NEARLY_CENTRAL:
-            break
-    return None if best is None else best[1]
+    nearest = [k for k in np.argsort(distance)[:MOST_TRIED] if distance[k] <= config.halfway.distance]
+    for follow in (_follow_line, _follow_beside):
+        best: tuple[float, MeasuredLine] | None = None
+        for index in nearest:
+            measured = follow(gray, circle, local[index], config)
+            refined = abs(float(normalise_line(transform_lines(to_unit, measured.line))[2]))
+            if not _is_halfway(measured, circle, refined, config):
+                continue
+            value = measured.support - refined
+            if best is None or value > best[0]:
+                best = value, measured
+            if refined <= NEARLY_CENTRAL:
+                break
+        if best is not None:
+            return best[1]
+    return None
+
+
+def _is_halfway(line: MeasuredLine, circle: MeasuredCircle, refined: float, config: DetectorConfig) -> bool:
+    """Whether a followed line, so many radii from the circle's middle, is drawn, in the circle's paint."""
+    if not _is_drawn(line) or refined > (NEARLY_CENTRAL if line.outside else config.halfway.distance):
+        return False
+    return _usual_contrast(line.curve) >= SAME_PAINT * _usual_contrast(circle.curve)
 
 
 def find_segments_through_middle(points: Array, normals: Array, circle: MeasuredCircle, distance: float) -> Array:
@@ -177,9 +197,12 @@ def _usual_contrast(curve: MeasuredCurve) -> float:
 
 
 def _is_drawn(line: MeasuredLine) -> bool:
-    """Whether enough of the line is drawn inside the circle, or a little there and enough of it altogether."""
+    """Whether enough of the line is drawn inside the circle, or a little there and enough of it altogether; outside it
+    more of one side, or some of both.
+    """
     if line.outside:
-        return line.support >= OUTSIDE_SUPPORT
+        is_on_both_sides = min(line.beside) >= LEAST_BESIDE and line.support >= BESIDE_SUPPORT
+        return line.support >= OUTSIDE_SUPPORT or is_on_both_sides
     if line.support >= SUPPORT:
         return True
     visible = max(1, int(np.count_nonzero(line.curve.inside)))
@@ -188,10 +211,44 @@ def _is_drawn(line: MeasuredLine) -> bool:
 
 
 def _follow_line(gray: NDArray[np.uint8], circle: MeasuredCircle, local: Array, config: DetectorConfig) -> MeasuredLine:
-    """Follow a line, given in the unit circle's frame, through the circle and beyond; fit it inside the circle."""
+    """Follow a line, given in the unit circle's frame, through the circle and beyond; fit it inside the circle, or
+    where the picture shows it outside only.
+    """
+    low, high = _find_visible_part(local, circle, gray.shape)[2]
+    # the picture may show the line on one side of the circle only
+    is_outside = low >= 1.0 or high <= -1.0
+    return _follow(gray, circle, local, FURTHEST if is_outside else EXTENT, config, is_outside=is_outside)
+
+
+def _follow_beside(
+    gray: NDArray[np.uint8], circle: MeasuredCircle, local: Array, config: DetectorConfig
+) -> MeasuredLine:
+    """Follow a line, given in the unit circle's frame, as far as it may be seen on either side of the circle, and fit
+    it there: its paint inside the circle may be worn off.
+    """
+    return _follow(gray, circle, local, FURTHEST, config, is_outside=True, rounds=2)
+
+
+def _follow(
+    gray: NDArray[np.uint8],
+    circle: MeasuredCircle,
+    local: Array,
+    furthest: float,
+    config: DetectorConfig,
+    *,
+    is_outside: bool,
+    rounds: int = 1,
+) -> MeasuredLine:
+    """Follow a line for so many half chords; fit it, in some rounds, inside the circle, or wherever it is drawn
+    (``is_outside``): one side of it may lead to the other.
+    """
     width = gray.shape[1]
     refinement = config.refinement
-    start, end, extent = _find_visible_chord(local, circle, gray.shape)
+    middle, half_chord, (low, high) = _find_visible_part(local, circle, gray.shape)
+    extent = max(-furthest, low), min(furthest, high)
+    if not extent[0] < extent[1]:
+        extent = -1.0, 1.0
+    start, end = (middle + place * half_chord for place in extent)
     length = float(np.hypot(*(end - start)))
     count = int(np.clip(length / (SPACING_PX * width / 1920.0), FEWEST_SAMPLES, MOST_PROFILES))
     share = (np.arange(count) + 0.5) / count
@@ -199,18 +256,25 @@ def _follow_line(gray: NDArray[np.uint8], circle: MeasuredCircle, local: Array, 
     pieces = np.arange(count) * PIECES // count
     reach = np.full(count, max(refinement.line_reach_px * width / 1920.0, LEAST_REACH_PX))
     inner = np.abs(chords) <= INSIDE
-    outside = extent[0] >= 1.0 or extent[1] <= -1.0
     line = normalise_line(join(lift(start), lift(end)))
     curve = _measure_between(gray, start, end, share, reach, pieces, circle.sign)
-    on = curve.supported & ((np.abs(chords) <= FITTED_EXTENT) | outside)
-    if np.count_nonzero(on) >= FEWEST_TO_FIT:
+    for _ in range(rounds):
+        on = curve.supported & ((np.abs(chords) <= FITTED_EXTENT) | is_outside)
+        if np.count_nonzero(on) < FEWEST_TO_FIT:
+            break
         line = fit_line(curve.points[on] + curve.offset[on, None] * curve.normals[on])
         start, end = (p - float(line_distance(line, p)) * line[:2] for p in (start, end))
         reach = np.maximum(refinement.narrow_reach_px * width / 1920.0, LEAST_REACH_PX) + local_width(curve)
         curve = _measure_between(gray, start, end, share, reach, pieces, circle.sign)
-    judged = curve.inside if outside else inner & curve.inside
-    support = float(np.count_nonzero(curve.supported & judged)) / max(1, int(np.count_nonzero(judged)))
-    return MeasuredLine(line, curve, support, outside)
+    before, behind = chords < -1.0, chords > 1.0
+    shares = [_measure_share(curve, part) for part in (before, behind, (before | behind) if is_outside else inner)]
+    return MeasuredLine(line, curve, shares[2], is_outside, (shares[0], shares[1]))
+
+
+def _measure_share(curve: MeasuredCurve, part: Mask) -> float:
+    """Share of a part (N,) of a curve that is drawn, of what the picture shows of it."""
+    visible = curve.inside & part
+    return float(np.count_nonzero(curve.supported & visible)) / max(1, int(np.count_nonzero(visible)))
 
 
 def _measure_between(
@@ -228,10 +292,12 @@ def _measure_between(
     return measure_curve(gray, points, normals, reach, pieces, sign)
 
 
-def _find_visible_chord(
+def _find_visible_part(
     local: Array, circle: MeasuredCircle, shape: tuple[int, ...]
 ) -> tuple[Array, Array, tuple[float, float]]:
-    """Ends (2,) in the picture of a line given in the unit circle's frame, and their places in half chords."""
+    """Middle (2,) of the chord of a line that is given in the unit circle's frame, half of that chord (2,), and from
+    where to where the picture shows the line, in half chords.
+    """
     frame = unit_frame(circle.ellipse)[:2]
     foot = -local[2] * local[:2]
     half_chord = np.sqrt(max(0.05, 1.0 - local[2] ** 2)) * np.array([-local[1], local[0]])
@@ -239,10 +305,4 @@ def _find_visible_chord(
     limit = np.array([shape[1] - 1.0, shape[0] - 1.0])
     with np.errstate(divide="ignore", invalid="ignore"):
         crossings = np.stack([-middle / step, (limit - middle) / step])
-    low, high = float(np.nanmax(crossings.min(axis=0))), float(np.nanmin(crossings.max(axis=0)))
-    # the picture may show the line on one side of the circle only
-    reach = EXTENT if low < 1.0 and high > -1.0 else FURTHEST
-    low, high = max(-reach, low), min(reach, high)
-    if not low < high:
-        low, high = -1.0, 1.0
-    return middle + low * step, middle + high * step, (low, high)
+    return middle, step, (float(np.nanmax(crossings.min(axis=0))), float(np.nanmin(crossings.max(axis=0))))

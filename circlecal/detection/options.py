@@ -171,6 +171,11 @@ class DetectorConfig(BaseModel):
         description="Whether the markings are all in one paint, so that what is painted in another is none of them;"
         " null where those of the field template are.",
     )
+    shared_halfway: bool | None = Field(
+        default=None,
+        description="Whether the halfway line may be painted over as another sport's, in a paint of its own, where none"
+        " in the circle's paint is seen; null on grass, where few sports have lines through the circle's middle.",
+    )
     detection_width_px: int = Field(
         default=960,
         ge=160,

@@ -6,7 +6,7 @@ is seen of the field ends at them as it does at the picture's border.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -36,7 +36,23 @@ PLAIN_LEVELS, PLAIN_SHARE = 14.0, 0.5
 of the field between two level lines is as well, but has the colour of the field outside.
 """
 UNLIKE_LEVELS = 24.0
-"""Gray levels by which the box must differ from what lies above and below it, in the most different colour."""
+"""Gray levels by which the box, and its rim, must differ from what lies above and below it, in the most different
+colour.
+"""
+BASE_ROWS = 4
+"""Rows inside an edge from which a box's ground is told where its other edge steps nowhere along a row: on a crowd."""
+GROUND_SHARE, BEYOND_SHARE = 0.5, 0.25
+"""Least share of a row that has the ground's colour within a box, letters aside, and the largest of the rows beyond its
+end: a crowd, or players and paint, have it here and there.
+"""
+FIELD_SHARE, FIELD_EVERY = 0.25, 8
+"""Share of the rest of the picture, each so many-th row and column, that may have the colour of a box at the most: what
+lies between two boxes is field, and goes on beyond them.
+"""
+STRIP_SHARE = 0.1
+"""Share of a box's rows, at the most, most of which has the colour of what lies above or below it: else the field is
+seen between two boxes.
+"""
 SMOOTHED_PX = 121
 """Columns over which the colours are averaged that fill a band's place."""
 RIM_PX, OUTSIDE_PX = 3, 3
@@ -68,7 +84,46 @@ def find_bands(image: NDArray[np.uint8]) -> tuple[Band, ...]:
         top = _uppermost(edges[:k], upper.top, height)
         boxes = (Band(top, edge.bottom, min(upper.left, edge.left), max(upper.right, edge.right)) for edge in lower)
         found += [box for box in boxes if _is_box(image, box)][:1]
-    return tuple(found)
+    lone = [edge for edge in edges if not any(box.top <= edge.top <= box.bottom for box in found)]
+    grown = (_grow(image, edge, below) for below in (True, False) for edge in lone)
+    for box in grown:
+        if box is not None and all(box.bottom < other.top or box.top > other.bottom for other in found):
+            above = [edge for edge in edges if edge.top < box.top]
+            found.append(replace(box, top=_uppermost(above, box.top, height)))
+    return tuple(sorted(found, key=lambda box: box.top))
+
+
+def _grow(image: NDArray[np.uint8], edge: Band, below: bool) -> Band | None:
+    """The box below or above a level edge, as far as the rows go on in the colour that they have at the edge; None
+    where that does not end along a row, or the colour is back behind a stripe.
+    """
+    height, stripe = len(image), RIM_PX + round(TRIM * len(image))
+    sides = (np.arange(edge.bottom + RIM_PX, height), np.arange(edge.top - RIM_PX, -1, -1))
+    rows, outside = sides if below else sides[::-1]
+    rows = rows[: round(HEIGHTS[1] * height) + stripe]
+    if len(rows) < HEIGHTS[0] * height:
+        return None
+    columns = slice(edge.left, edge.right + 1, EVERY)
+    ground = np.median(image[rows[:BASE_ROWS], columns].astype(np.float64), axis=(0, 1))
+    is_ground = _has_colour(image[rows, columns], ground)
+    own = np.flatnonzero(is_ground[:BASE_ROWS].all(axis=0))
+    if len(own) < 2:
+        return None
+    left, right = edge.left + EVERY * int(own[0]), edge.left + EVERY * int(own[-1])
+    share = is_ground[:, own[0] : own[-1] + 1].mean(axis=1)
+    first = int(np.argmin(share >= GROUND_SHARE))
+    before = _has_colour(image[outside[:stripe], left : right + 1 : EVERY], ground).mean(axis=1)
+    beyond = share[first + RIM_PX : first + stripe]
+    if max(before.max(initial=0.0), beyond.max(initial=0.0)) > BEYOND_SHARE or len(beyond) < RIM_PX:
+        return None
+    last = int(rows[first - 1])
+    box = Band(edge.top, last, left, right) if below else Band(last, edge.bottom, left, right)
+    return box if first >= HEIGHTS[0] * height and _is_box(image, box) else None
+
+
+def _has_colour(image: NDArray[np.uint8], colour: NDArray[np.float64]) -> Mask:
+    """Which places (H, W) of a picture have about a colour (3,)."""
+    return np.asarray((np.abs(image.astype(np.float64) - colour) < PLAIN_LEVELS).all(axis=-1), np.bool_)
 
 
 def fill_bands(image: NDArray[np.uint8], bands: tuple[Band, ...]) -> NDArray[np.uint8]:
@@ -137,23 +192,34 @@ def _uppermost(edges: list[Band], top: int, height: int) -> int:
 
 
 def _is_box(image: NDArray[np.uint8], band: Band) -> bool:
-    """Whether the inside of a band is plain, and unlike what lies outside."""
+    """Whether the inside of a band is plain, and unlike what lies outside, as its rims are."""
     columns = slice(band.left, band.right + 1, 4)
-    inside = image[band.top + RIM_PX : band.bottom - RIM_PX : 2, columns].reshape(-1, 3).astype(np.float64)
+    inside = image[band.top + RIM_PX : band.bottom - RIM_PX : 2, columns].reshape(-1, 3)
     if len(inside) == 0:
         return False
     usual = np.median(inside, axis=0)
-    plain = (np.abs(inside - usual) < PLAIN_LEVELS).all(axis=1)
-    outside = [
-        rows
-        for rows in (
-            _rows_outside(image, band.top - RIM_PX - OUTSIDE_PX, columns),
-            _rows_outside(image, band.bottom + RIM_PX + 1, columns),
+    rest = (image[: band.top : FIELD_EVERY, ::FIELD_EVERY], image[band.bottom + 1 :: FIELD_EVERY, ::FIELD_EVERY])
+    if _has_colour(np.concatenate(rest), usual).mean() > FIELD_SHARE:
+        return False
+    plain = _has_colour(inside, usual)
+    sides = [
+        (np.median(rim, axis=0), np.median(outside, axis=0))
+        for rim, outside in (
+            (
+                _rows_outside(image, band.top + RIM_PX, columns),
+                _rows_outside(image, band.top - RIM_PX - OUTSIDE_PX, columns),
+            ),
+            (
+                _rows_outside(image, band.bottom - RIM_PX - OUTSIDE_PX + 1, columns),
+                _rows_outside(image, band.bottom + RIM_PX + 1, columns),
+            ),
         )
-        if rows is not None
+        if rim is not None and outside is not None
     ]
-    unlike = all(np.abs(np.median(rows, axis=0) - usual).max() > UNLIKE_LEVELS for rows in outside)
-    return bool(plain.mean() >= PLAIN_SHARE and unlike and outside)
+    unlike = all(np.abs(own - outside).max() > UNLIKE_LEVELS for rim, outside in sides for own in (rim, usual))
+    rows = image[band.top : band.bottom + 1, columns]
+    strips = [(_has_colour(rows, outside).mean(axis=1) > GROUND_SHARE).mean() for _, outside in sides]
+    return bool(plain.mean() >= PLAIN_SHARE and unlike and sides and max(strips) <= STRIP_SHARE)
 
 
 def _smooth(row: NDArray[np.float64]) -> NDArray[np.float64]:

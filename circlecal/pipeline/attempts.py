@@ -254,7 +254,7 @@ def look_again(setting: Setting, scene: Scene, attempt: Attempt) -> Attempt:
         carriers = frozenset(name for name in (circle.name, template.halfway_line) if name is not None)
         ground = picture if scene.relief is None else scene.gray
         evidence = measure_evidence(picture, mask, camera, template, carriers)
-        surroundings = measure_surroundings(ground, mask, camera, template)
+        surroundings = measure_surroundings(ground, mask, camera, template, scene.covered)
         expected = look_for_markings(picture, wider, template, circle, known, mask.field_region)
         verdict = weigh_evidence(verdict, camera, evidence, surroundings, template, expected)
         attempt = replace(attempt, verdict=verdict)

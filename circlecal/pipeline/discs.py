@@ -40,7 +40,7 @@ def take_rims(setting: Setting, scene: Scene, first: Attempt) -> Iterator[Attemp
     the rims too, if that is a disc, or over all that is painted about the rims, if it is a logo.
     """
     told = _tell_rims(setting)
-    relief = Scene(scene.image, scene.gray, None, scene.extra, None, relief=see_rims(scene))
+    relief = Scene(scene.image, scene.gray, None, scene.extra, None, relief=see_rims(scene), covered=scene.covered)
     attempt = calibrate_scene(told, relief)
     yield attempt
     yield from interpret_otherwise(told, relief, attempt)

@@ -80,7 +80,7 @@ def take_field_lines(setting: Setting, scene: Scene, first: Attempt) -> Iterator
             verdict = confirm_field_lines(attempt.verdict, attempt.camera, used, agreement)
             if verdict.status == "calibrated":
                 evidence = measure_evidence(picture, mask, attempt.camera, template, used)
-                ground = measure_surroundings(picture, mask, attempt.camera, template)
+                ground = measure_surroundings(picture, mask, attempt.camera, template, scene.covered)
                 verdict = weigh_evidence(verdict, attempt.camera, evidence, ground, template, agreement)
         if verdict.status == "calibrated":
             accepted = replace(attempt, verdict=verdict)

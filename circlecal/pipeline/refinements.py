@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from circlecal.field import Circle
 from circlecal.observations import CirclePoints, LinePoints, Observations, join_observations
+from circlecal.paint.old_coat import find_old_coat, remove_old_coat, sample_coats
 from circlecal.paint.predicted_width import WIDE_PX, predict_line_widths, predict_paint_widths
+from circlecal.paint.profiles import GrayPicture
 from circlecal.pipeline.attempts import calibrate_extra, estimate, look_again, measure
 from circlecal.pipeline.setting import Scene, Setting, lighten_markings
 from circlecal.pipeline.template_markings import measure_straight_markings
@@ -83,7 +85,7 @@ def _is_wide(setting: Setting, camera: CameraFit) -> bool:
 
 
 def measure_curves(
-    setting: Setting, picture: NDArray[np.uint8], camera: CameraFit, curves: Iterable[Circle], noise: float
+    setting: Setting, picture: GrayPicture, camera: CameraFit, curves: Iterable[Circle], noise: float
 ) -> dict[str, CirclePoints]:
     """Circles and arcs, by name, measured where a camera puts them; without those of which too little is seen."""
     config = setting.config
@@ -197,6 +199,33 @@ def _measure_halfway(
     return replace(observations, lines=tuple(lines))
 
 
+def _may_have_old_coat(setting: Setting, attempt: Attempt) -> bool:
+    """Whether much of a circle was measured by the middle of its paint, which an old coat beside it would move."""
+    if attempt.fitted is None or setting.circle.fill == "disc" or attempt.camera is None:
+        return False
+    is_measured = attempt.observations is not None and attempt.observations.circle(setting.circle.name, "center")
+    return bool(is_measured) and not _is_wide(setting, attempt.camera)
+
+
+def leave_out_old_coat(setting: Setting, scene: Scene, attempt: Attempt) -> Iterator[Attempt]:
+    """The attempt with the circle measured without the light of what is left of an old one beside it."""
+    if attempt.fitted is None:
+        return
+    mask, edges, _, observations, camera, _ = attempt.fitted
+    circle, template = setting.circle, setting.template
+    picture = lighten_markings(scene.marked, mask, circle)
+    with setting.clock("rays"):
+        profiles = sample_coats(picture, camera.view, circle, template)
+        coat = None if profiles is None else find_old_coat(profiles, template.marking_width_m)
+        if coat is None:
+            return
+        cleaned = remove_old_coat(picture, camera.view, circle, template.radius(circle, "center"), coat)
+    found = measure_curves(setting, cleaned, camera, (circle,), edges.noise)
+    if found:
+        again = replace_curves(observations, found)
+        yield estimate(setting, replace(attempt, observations=again, verdict=None))
+
+
 def _may_show_faint_lines(setting: Setting, attempt: Attempt) -> bool:
     if attempt.camera is None or attempt.cues is None or attempt.cues.halfway is None:
         return False
@@ -231,6 +260,7 @@ def is_less_uncertain(setting: Setting, attempt: Attempt, refined: Attempt) -> b
 REFINEMENTS = (
     Retry(_is_worth_remeasuring, remeasure_wide_paint, lambda setting, attempt, refined: True),
     Retry(_names_lines, leave_out_broad_lines, lambda setting, attempt, refined: True),
+    Retry(_may_have_old_coat, leave_out_old_coat, lambda setting, attempt, refined: True),
     Retry(_may_show_faint_lines, add_faint_lines, is_less_uncertain),
 )
 """What is measured again within one attempt, where its camera says what to look for; in this order."""

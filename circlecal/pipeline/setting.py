@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from circlecal.config import Config, config_digest
 from circlecal.detection import Detection
 from circlecal.field import Circle, FieldTemplate
+from circlecal.geometry.projective import Mask
 from circlecal.observations import Observations
 from circlecal.paint.brightness import brightness_of_paint
 from circlecal.pictures.graphics import cover_bands, fill_bands, find_bands
@@ -115,6 +116,8 @@ class Scene:
         Its brightness.
     relief : (H, W) uint8 or None
         In its place for all that is painted: lines and edges as light bands, where a disc's rim is looked for.
+    covered : (H, W) bool or None
+        What graphics cover; None where there are none.
     given : (H, W) uint8 or None
         The user's marking mask.
     extra : Observations or None
@@ -132,6 +135,7 @@ class Scene:
     first_look: Detection | None
     looks: Looks = field(default_factory=Looks)
     relief: NDArray[np.uint8] | None = None
+    covered: Mask | None = None
 
     @property
     def marked(self) -> NDArray[np.uint8]:
@@ -165,7 +169,7 @@ def prepare_scene(
         options = suit_field(setting.config.mask, setting.template)
         key = ("first look", options.model_dump_json())
         first_look = looks.once(key, lambda: look_quickly(image, given, options, setting.rng, gray, covered))
-    return Scene(image, gray, given, extra, first_look, looks)
+    return Scene(image, gray, given, extra, first_look, looks, covered=covered)
 
 
 def lighten_markings(gray: NDArray[np.uint8], mask: MarkingMask, circle: Circle) -> NDArray[np.uint8]:

@@ -140,9 +140,17 @@ def find_cues(
     halfway, lines = None, [line for line in measured if line is not None]
     if chord is not None and near is not None:
         surface = _add_margin(mask.field_region)
-        first, name = measured.pop(), template.halfway_line
-        pieces, lines = _its_pieces(first, measured, picture.shape[1] / 1920.0)
+        first, name, unit = measured.pop(), template.halfway_line, picture.shape[1] / 1920.0
+        pieces, lines = _its_pieces(first, measured, unit)
         halfway = _halfway_line(picture, first, pieces, chord, growth, noise, name, surface, config)
+        if halfway is None and rough is not None and near is not rough:
+            # the paint inside the circle may be worn off: all of the line counts then
+            (first,) = measure_lines(
+                picture, (rough,), noise, config.search_px, config.spacing_px, rounds, _widths_at(growth, [rough])
+            )
+            pieces, others = _its_pieces(first, measured, unit)
+            halfway = _halfway_line(picture, first, pieces, None, growth, noise, name, surface, config)
+            lines = lines if halfway is None else others
     mark = None
     if config.centre_mark and halfway is not None and "centre_mark" in template.mark_by_name:
         mark = _centre_mark(picture, halfway, fit, template, blur_px, config)
@@ -239,7 +247,7 @@ def _halfway_line(
     picture: GrayPicture,
     cue: LineCue | None,
     pieces: Sequence[LineCue],
-    chord: Array,
+    chord: Array | None,
     growth: Array,
     noise: float,
     name: str | None,
@@ -247,21 +255,21 @@ def _halfway_line(
     config: CuesConfig,
 ) -> LineCue | None:
     """The measured line with further pieces, continued as far as it is seen on the surface (h, w) of a reduced picture;
-    None where too little of the chord is seen.
+    None where too little of the chord is seen, or of the line where no chord (2, 2) is given.
     """
     if cue is None:
         return None
-    middle, half = 0.5 * (chord[0] + chord[1]), 0.5 * (chord[1] - chord[0])
-    reach = float(np.linalg.norm(half))
-    visible = _clip(middle - half, middle + half, picture.shape[1], picture.shape[0])
-    if visible is None:
-        support = cue.segment.support
-        middle = 0.5 * (cue.segment.start + cue.segment.end)
-        reach = 0.5 * float(np.linalg.norm(cue.segment.end - cue.segment.start))
-    else:
+    middle, half = _middle_and_half(cue.segment.start, cue.segment.end)
+    visible, support = None, cue.segment.support
+    if chord is not None:
+        at, along = _middle_and_half(*chord)
+        visible = _clip(at - along, at + along, picture.shape[1], picture.shape[0])
+    if visible is not None:
+        middle, half = at, along
         inside = np.abs((cue.points_px - middle) @ half / (half @ half)) < 1.0
         expected = float(np.linalg.norm(visible[1] - visible[0])) / config.spacing_px
         support = float(inside.sum() / max(expected, 1.0))
+    reach = float(np.linalg.norm(half))
     if support < COVERED_SHARE * config.minimum_support:
         return None
     further = _follow(picture, cue, reach, growth, noise, config)
@@ -282,6 +290,11 @@ def _halfway_line(
     ends = paint_ends(picture, points, middle, reach + clear, growth)
     kept = _find_before_crossing(points, middle, ends, END_CLEARANCE_PX * unit)
     return LineCue(name, cue.line, points[kept], sigma[kept], segment, cue.rms_px, ends, cue.width_px)
+
+
+def _middle_and_half(start: Array, end: Array) -> tuple[Array, Array]:
+    """Middle (2,) of a segment, and from there to its end (2,)."""
+    return 0.5 * (start + end), 0.5 * (end - start)
 
 
 def _its_pieces(

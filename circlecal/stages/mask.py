@@ -179,6 +179,7 @@ def suit_field(config: MaskConfig, template: FieldTemplate) -> MaskConfig:
         # along the colour of its paint a marking is light
         "marking": (given.marking or template.polarity) if config.paint_bgr is None else "light",
         "one_paint": template.is_in_one_paint if given.one_paint is None else given.one_paint,
+        "shared_halfway": template.ground == "grass" if given.shared_halfway is None else given.shared_halfway,
         "field_region": given.field_region.model_copy(
             update={"light": template.ground == "ice" if given.field_region.light is None else given.field_region.light}
         ),

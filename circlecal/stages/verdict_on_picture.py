@@ -25,6 +25,12 @@ a ring drawn on bare green nothing at all is found. Where less confirms the circ
 whose places are not well known have 0.7 and 0.9 (one rendered and one real frame of 160), a penalty arc that was taken
 for the circle 0.05, a picture put together from others, with a mark but no line, 0.13.
 """
+WORN_SHARES, WORN_LIMITS = (0.65, 0.9), (0.4, 1.0)
+"""Share of circle and halfway line that is painted, and what is left of the least share for it: where much of them is
+worn off, as much of the others is, which are thinner in the picture. Two right cameras of 80 rendered fields with worn
+paint have 0.13 and 0.15 of the others, with 0.64 and 0.69 of circle and line; what a camera of another sport's field
+was fitted to is painted throughout.
+"""
 EXPECTED_WIDTHS, EXPECTED_WIDTHS_MORE = 0.12, 0.2
 """So much of them, in picture widths, must be expected for that, and more where something confirms the circle."""
 FEWEST_NAMED = 5
@@ -41,9 +47,10 @@ MOST_UNEXPLAINED = 0.22
 kinds at most 0.18 oblique to the field's axes (real frames 0.05), on wrong ones up to 0.3. Lines of other sports run
 along those axes (up to 1.9 on a hall's floor); one alone counts where no further line confirms the camera.
 """
-LEAST_PAINTED = 0.55
+LEAST_PAINTED, LEAST_PAINTED_CARRIED, CARRYING_LINES = 0.55, 0.35, 3
 """Least share of circle and halfway line that is painted where they must be in view: of those right answers at least
-0.68, of a rink's circle taken for a pitch's 0.46.
+0.68, of a rink's circle taken for a pitch's 0.46; and where so many further lines carry the camera, which another
+circle's would not: a right camera of a rendered field with worn paint has 0.45 and three.
 """
 MOST_REVERSAL = 3.0
 """By how much (half a chi-square) exchanged near and far may explain the width of the paint better, and as much more
@@ -54,11 +61,12 @@ MOST_ROUGH = 0.12
 """Most of the field in view that may be as rough as a crowd: of right answers at most 0.09 (lettered banners, strips of
 advertising), of pictures whose quarters were exchanged 0.08 to 0.37.
 """
-LONGEST_BARE = 0.08
+LONGEST_BARE, LONGEST_BARE_CONFIRMED = 0.08, 0.16
 """By how much the paint of the halfway line may end too early in full view, picture widths: of right answers at most
 0.042, of pictures whose quarters were exchanged, and of lines drawn on green, 0.10 to 0.28. Where the circle is worn
 off for longer the line may be, too: three right cameras of 40 rendered fields with worn paint have 0.09 to 0.13 beside
-0.18 to 0.25 on the circle.
+0.18 to 0.25 on the circle. Where both the centre mark and several lines confirm the camera, the line's end is worn off:
+one right camera of those has 0.13.
 """
 MOST_BEYOND, MOST_BEYOND_LINES = 0.05, 0.25
 """Most of the picture that may be playing surface above the horizon or far beyond the field's border; beyond it where a
@@ -115,6 +123,9 @@ def confirm(verdict: Verdict, camera: CameraFit, cues: Cues, agreement: Agreemen
         not agreement.certain or (_has_mark(camera, cues) and len(camera.named_lines) > 0)
     )
     limit = LEAST_FOUND_CONFIRMED if is_confirmed_well else LEAST_FOUND
+    painted = verdict.check("painted_share_of_carriers")
+    if painted is not None and not is_confirmed_well:
+        limit *= float(np.interp(painted.value, WORN_SHARES, WORN_LIMITS))
     check = Check.of("found_share", agreement.found_share, limit, at_least=True)
     checks = (*verdict.checks, check)
     return replace(verdict, checks=checks) if check.passed else Verdict.refusal_by(check, checks)
@@ -135,14 +146,17 @@ def weigh_evidence(
     unexplained = evidence.oblique_widths + (0.0 if camera.named_lines else evidence.alone_widths)
     lines = _count_further_lines(camera, template)
     further = 0 if template.ground == "grass" else lines
-    carried = lines + _count_marks(camera, template) + _count_found(agreement)
+    marks = _count_marks(camera, template)
+    carried = lines + marks + _count_found(agreement)
     most_beyond = MOST_BEYOND_LINES if camera.named_lines else MOST_BEYOND
     is_floor = _may_have_walls(camera, template) and carried >= FLOOR_LINES
+    least_painted = LEAST_PAINTED_CARRIED if lines >= CARRYING_LINES else LEAST_PAINTED
+    longest_bare = LONGEST_BARE_CONFIRMED if lines >= SEVERAL_LINES and marks > 0 else LONGEST_BARE
     own = (
         Check.of("unexplained_widths", unexplained, MOST_UNEXPLAINED * (1 + further)),
-        Check.of("painted_share_of_carriers", evidence.painted_share, LEAST_PAINTED, at_least=True),
+        Check.of("painted_share_of_carriers", evidence.painted_share, least_painted, at_least=True),
         Check.of("reversal", evidence.reversal, MOST_REVERSAL * (1 + len(camera.named_lines))),
-        Check.of("bare_widths", evidence.bare_widths, max(LONGEST_BARE, evidence.worn_widths)),
+        Check.of("bare_widths", evidence.bare_widths, max(longest_bare, evidence.worn_widths)),
         Check.of("rough_share", ground.rough_share, MOST_ROUGH),
         Check.of("above_share", ground.above_share, MOST_FLOOR if is_floor else MOST_BEYOND),
         Check.of("beyond_share", ground.beyond_share, MOST_FLOOR if is_floor else most_beyond),

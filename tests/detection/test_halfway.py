@@ -8,7 +8,7 @@ from circlecal.detection.options import DetectorConfig
 from circlecal.detection.ridges import find_ridges
 from circlecal.geometry.ellipses import ellipse_from_conic
 
-from .conftest import HALFWAY_AND_CIRCLE, Scene, level, paint_scene, upright
+from .conftest import HALFWAY_AND_CIRCLE, Distance, Scene, level, paint_scene, upright
 
 CONFIG = DetectorConfig()
 
@@ -114,3 +114,22 @@ def test_a_short_piece_of_the_line_is_found_through_the_middle() -> None:
     assert (
         len(find_segments_through_middle(ridges.points[:0], ridges.normals[:0], circle, CONFIG.halfway.distance)) == 0
     )
+
+
+def beside(first: float, last: float) -> Distance:
+    """The halfway line where y lies between two values."""
+    return lambda x, y: (x, (y >= first) & (y <= last))
+
+
+@pytest.mark.parametrize(("behind_m", "found"), [(-30.0, True), (-12.0, False)])
+def test_a_line_that_is_worn_off_inside_the_circle_is_seen_on_both_sides(behind_m: float, found: bool) -> None:
+    """On one side alone too little of it is seen to be more than an accident."""
+    worn = (HALFWAY_AND_CIRCLE[0], beside(13.0, 30.0), beside(behind_m, -11.8))
+    scene = paint_scene(markings=worn)
+    gray, circle = measured(scene)
+    line = find_halfway(gray, circle, segment(scene, (0.05, 14), (0, 22))[None], CONFIG)
+    assert (line is not None) == found
+    if line is not None:
+        assert line.outside
+        ends = segment(scene, (0, -9), (0, 9))
+        assert np.abs(ends @ line.line[:2] + line.line[2]).max() < 0.7

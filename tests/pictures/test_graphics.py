@@ -71,3 +71,26 @@ def test_a_striped_picture_has_no_boxes():
     image[::8] = 230
     image[4::8] = 20
     assert find_bands(image) == ()
+
+
+def with_crowd(image, below=0, above=None):
+    """The picture with a crowd in its rows from ``below`` to before ``above``."""
+    image, rows = image.copy(), slice(below, above)
+    crowd = np.random.default_rng(5).integers(10, 245, (60, 107, 3)).repeat(6, axis=0).repeat(6, axis=1)
+    image[rows] = crowd[: len(image), : image.shape[1]][rows]
+    return image
+
+
+@pytest.mark.parametrize("below", [True, False])
+def test_a_box_on_a_crowd_is_found_by_its_ground(below):
+    crowd = with_crowd(field(0.05), 230) if below else with_crowd(field(0.05), 0, 210)
+    (band,) = find_bands(with_box(crowd))
+    assert (abs(band.top - 200), abs(band.bottom - 240)) <= (3, 3)
+
+
+def test_the_field_between_two_boxes_is_seen():
+    boxed = with_box(with_box(field(0.05), 120, 180), 230, 290)
+    assert [
+        (abs(band.top - top) <= 3, abs(band.bottom - bottom) <= 3)
+        for band, (top, bottom) in zip(find_bands(boxed), ((120, 180), (230, 290)), strict=True)
+    ] == [(True, True)] * 2

@@ -1,11 +1,12 @@
 """What is measured again within one attempt."""
 
+from contextlib import nullcontext
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from circlecal.observations import LinePoints, Observations
+from circlecal.observations import CirclePoints, LinePoints, Observations
 from circlecal.pipeline import refinements
 from circlecal.pipeline.refinements import MOST_ROUNDS, remeasure_wide_paint
 from circlecal.results import Attempt, Cues, LineCue, Segment
@@ -51,3 +52,26 @@ def test_lines_far_broader_than_their_paint_are_left_out(monkeypatch):
     (left,) = refinements.leave_out_broad_lines(SimpleNamespace(template=None), None, attempt)
     assert left.cues.lines == (thin,)
     assert left.observations.lines == (seen[0], seen[2])
+
+
+@pytest.mark.parametrize("is_there", [True, False])
+def test_the_circle_is_measured_without_an_old_coat(monkeypatch, is_there):
+    picture, cleaned = np.full((720, 1280), 90, np.uint8), np.full((720, 1280), 80.0, np.float32)
+    circle = SimpleNamespace(name="centre_circle", fill="ring")
+    template = SimpleNamespace(marking_width_m=0.12, radius=lambda circle, edge: 9.09)
+    old, new = (CirclePoints("centre_circle", "center", np.full((9, 2), k), np.ones(9)) for k in (1.0, 2.0))
+    observations = Observations(1280, 720, (old,), ())
+    camera, edges = SimpleNamespace(view=None), SimpleNamespace(noise=1.0)
+    fitted = (None, edges, None, observations, camera, None)
+    monkeypatch.setattr(Attempt, "fitted", property(lambda self: fitted))
+    monkeypatch.setattr(refinements, "lighten_markings", lambda *_: picture)
+    monkeypatch.setattr(refinements, "sample_coats", lambda *_: "profiles")
+    monkeypatch.setattr(refinements, "find_old_coat", lambda *_: "coat" if is_there else None)
+    monkeypatch.setattr(refinements, "remove_old_coat", lambda *_: cleaned)
+    monkeypatch.setattr(
+        refinements, "measure_curves", lambda setting, seen, *_: {"centre_circle": new} if seen is cleaned else {}
+    )
+    monkeypatch.setattr(refinements, "estimate", lambda setting, attempt: attempt)
+    setting = SimpleNamespace(circle=circle, template=template, clock=lambda stage: nullcontext())
+    left = list(refinements.leave_out_old_coat(setting, SimpleNamespace(marked=picture), Attempt()))
+    assert [attempt.observations.circles for attempt in left] == ([(new,)] if is_there else [])

@@ -13,7 +13,7 @@ from circlecal.geometry.camera_parameters import PARAMETERS, ProjectionModel, th
 from circlecal.geometry.surface import Surface
 from circlecal.paint.matched_filter import CLEAR, SECTORS
 from circlecal.paint.profiles import to_gray
-from circlecal.results import Agreement, Attempt, Cues, MarkCue
+from circlecal.results import Agreement, Attempt, Check, Cues, MarkCue
 from circlecal.stages.confirm import (
     LEAST_EDGED,
     are_others_painted,
@@ -219,3 +219,12 @@ def test_both_edges_of_wide_paint_show_a_circle_that_is_cut_by_the_picture():
     assert is_circle_painted(picture, fit_of(camera), field, circle)
     for other in (np.roll(picture, 30, axis=0), picture[:, ::-1].copy(), np.full_like(picture, 90)):
         assert count_edged_sectors(other, fit_of(camera), field, circle) < LEAST_EDGED
+
+
+def test_where_circle_and_line_are_worn_as_much_of_the_others_may_be():
+    camera, accepted = camera_fit(), verdict(camera_fit())
+    missing = Agreement(("a",), np.array([0.3 * camera.camera.width]), np.array([0.13]))
+    for painted_share, status in ((0.64, "calibrated"), (0.95, "refused")):
+        worn = Check.of("painted_share_of_carriers", painted_share, 0.55, at_least=True)
+        told = replace(accepted, checks=(*accepted.checks, worn))
+        assert confirm(told, camera, Cues(None, None), missing).status == status

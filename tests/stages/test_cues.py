@@ -334,3 +334,20 @@ def test_a_large_faint_mark_lies_on_the_ground_beside_it():
     halves = np.tile([15.0, 12.0], (len(position), 1))
     seen = _Rectified(values, 0.0 * across, position, across, np.zeros((len(position), 2)), 200.0, (15.0, 12.0), halves)
     assert _bare_sides(seen, 120, 1.0, 6.0, 20.0) == (True, True)
+
+
+def test_a_line_that_is_bare_inside_the_circle_is_measured_beside_it(painted):
+    """Its paint there is worn off, and the detector has seen it on both sides of the circle."""
+    far, near = CAMERA.project(np.array([[0.0, -16.0], [0.0, 16.0]]))
+    worn = paint(CAMERA, line=False, mark=False, noise=1.5)
+    image = painted.image.copy()
+    inner = slice(*np.round(CAMERA.project(np.array([[0.0, -10.0], [0.0, 10.0]]))[:, 1]).astype(int))
+    image[inner] = worn.image[inner]
+    found = cues_in(painted, image=image, halfway=Segment(far, near)).halfway
+    assert found is not None
+    off = line_distance(TRUE_LINE, found.points_px)
+    assert np.abs(off).mean() < 0.2
+    rows = found.points_px[:, 1]
+    assert (rows < inner.start).any() and (rows > inner.stop).any()
+    assert np.count_nonzero((rows > inner.start + 5) & (rows < inner.stop - 5)) < 5
+    assert cues_in(worn, halfway=Segment(far, near)).halfway is None

@@ -212,3 +212,20 @@ def test_a_low_camera_sees_walls_above_its_horizon_on_grass_too():
     assert weigh(NO_PAINT, low, walls).status == "calibrated"
     assert weigh(NO_PAINT, high, walls).status == "refused"
     assert weigh(NO_PAINT, replace(low, residuals_px={}), walls).status == "refused"
+
+
+def test_further_lines_carry_a_camera_whose_circle_is_worn():
+    worn = replace(NO_PAINT, painted_share=0.45)
+    camera = fit_of(CAMERA)
+    assert weigh(worn, camera).code == "markings_missing"
+    keys = [MarkingKey(name) for name in ("side_line_top", "side_line_bottom", "big_rect_left_main")]
+    carried = replace(camera, residuals_px=camera.residuals_px | dict.fromkeys(keys, 0.1))
+    assert weigh(worn, carried).status == "calibrated"
+
+
+def test_a_line_may_end_early_where_the_mark_and_lines_confirm_the_camera():
+    bare, camera = replace(NO_PAINT, bare_widths=0.13), fit_of(CAMERA)
+    assert weigh(bare, camera).code == "markings_missing"
+    keys = [MarkingKey(name) for name in ("side_line_top", "big_rect_left_main", "centre_mark")]
+    confirmed = replace(camera, residuals_px=camera.residuals_px | dict.fromkeys(keys, 0.1))
+    assert weigh(bare, confirmed).status == "calibrated"

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -123,3 +124,26 @@ def test_a_crowd_where_the_field_must_be_speaks_against_a_camera():
     assert shade.rough_share < 0.02
     assert found.rough_share > 0.2
     assert weigh(NO_PAINT, camera, found).code == "picture_contradicts"
+
+
+def smooth_ground(seed=2):
+    """Ground whose detail goes on from row to row."""
+    return cv2.GaussianBlur(np.random.default_rng(seed).normal(0, 30, SIZE), (0, 0), 2.0) + 90
+
+
+def test_the_edge_of_a_shadow_is_no_seam():
+    shaded, joined = smooth_ground(), smooth_ground()
+    shaded[SIZE[0] // 2 :] += 40
+    joined[SIZE[0] // 2 :] = smooth_ground(3)[SIZE[0] // 2 :] + 40
+    for ground, has_seam in ((shaded, False), (joined, True)):
+        found = measure_surroundings(ground.clip(0, 255).astype(np.uint8), mask_of(None), fit_of(CAMERA), SOCCER)
+        assert (found.seam_share > 0.4) == has_seam
+
+
+def test_other_pictures_may_meet_along_graphics():
+    joined = smooth_ground()
+    joined[SIZE[0] // 2 :] = smooth_ground(3)[SIZE[0] // 2 :] + 40
+    covered = np.zeros(SIZE, np.bool_)
+    covered[SIZE[0] // 2 : SIZE[0] // 2 + 30] = True
+    picture = joined.clip(0, 255).astype(np.uint8)
+    assert measure_surroundings(picture, mask_of(None), fit_of(CAMERA), SOCCER, covered).seam_share < 0.3

@@ -1,0 +1,101 @@
+"""Old coats of a circle beside its new paint."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.special import ndtr
+
+from circlecal.field import load_field
+from circlecal.field.view import FieldView
+from circlecal.geometry.camera import Camera, image_center
+from circlecal.geometry.surface import Surface
+from circlecal.paint.old_coat import find_old_coat, remove_old_coat, sample_coats
+
+SOCCER = load_field("soccer")
+CIRCLE = SOCCER.circle_by_name[SOCCER.default_circle]
+RADIUS = SOCCER.radius(CIRCLE, "center")
+CAMERA = Camera(
+    width=1280,
+    height=720,
+    focal_px=np.array([2100.0, 2100.0]),
+    principal_point_px=image_center(1280, 720),
+    angles_rad=np.radians([0.0, 72.0, 0.0]),
+    position_m=np.array([2.0, 52.0, -17.0]),
+    kappa=np.zeros(2),
+)
+VIEW = FieldView(CAMERA, Surface("flat", CIRCLE.radius_m))
+OLD = (-0.05, 0.1, -0.15)
+"""Growth of the old circle, and its middle from the new one's, metres."""
+
+
+@cache
+def field_of_pixels():
+    """Where on the field each pixel (H, W) looks, metres."""
+    pixels = np.stack(np.meshgrid(np.arange(1280.0), np.arange(720.0)), axis=-1)
+    return VIEW.to_field(pixels.reshape(-1, 2)).reshape(720, 1280, 2)
+
+
+def draw_ring(growth=0.0, x=0.0, y=0.0, blur_px=0.8):
+    """Share (H, W) of each pixel that a ring of paint covers, blurred."""
+    outside_m = np.linalg.norm(field_of_pixels() - (x, y), axis=-1) - RADIUS - growth
+    metres = np.hypot(*np.gradient(outside_m))
+    half = 0.5 * SOCCER.marking_width_m
+    edges = ((outside_m + side * half) / metres / blur_px for side in (1.0, -1.0))
+    outer, inner = (ndtr(edge) for edge in edges)
+    return np.nan_to_num(outer - inner)
+
+
+def picture(strength, seed=0):
+    """Grass with the circle, and what is left of an old one."""
+    new = draw_ring()
+    image = 90.0 + 90.0 * (new + strength * (1.0 - 0.8 * new) * draw_ring(*OLD))
+    return (image + np.random.default_rng(seed).normal(0.0, 2.0, image.shape)).clip(0, 255).astype(np.uint8)
+
+
+def look_for_coat(image, view=VIEW):
+    return find_old_coat(sample_coats(image, view, CIRCLE, SOCCER), SOCCER.marking_width_m)
+
+
+@pytest.fixture(scope="module")
+def coated():
+    return picture(0.35)
+
+
+def test_an_old_coat_is_told_from_the_new_paint(coated):
+    coat = look_for_coat(coated)
+    assert coat is not None
+    assert coat.strength == pytest.approx(0.35, abs=0.12)
+    assert coat.width_m == pytest.approx(0.12, abs=0.02)
+    expected = OLD[0] + OLD[1] * np.cos(coat.angle) + OLD[2] * np.sin(coat.angle)
+    assert np.abs(coat.beside_m - expected).max() < 0.04
+    assert np.abs(coat.place_m * coat.scale).max() < 0.15
+
+
+def test_the_new_paint_is_found_beside_a_camera_that_the_old_one_led_astray(coated):
+    led_astray = replace(CAMERA, position_m=CAMERA.position_m + np.array([0.03, 0.0, 0.0]))
+    coat = look_for_coat(coated, FieldView(led_astray, VIEW.surface))
+    assert coat is not None
+    assert np.abs(coat.place_m - 0.03 * np.cos(coat.angle)).max() < 0.01
+
+
+@pytest.mark.parametrize("strength", [0.0, 0.95])
+def test_without_a_fainter_one_there_is_none(strength):
+    assert look_for_coat(picture(strength)) is None
+
+
+def test_its_light_is_taken_out_of_the_picture(coated):
+    coat = look_for_coat(coated)
+    cleaned = remove_old_coat(coated, VIEW, CIRCLE, RADIUS, coat)
+    bare = picture(0.0).astype(float)
+    before, after = (np.abs(image - bare)[draw_ring(*OLD) > 0.5].mean() for image in (coated, cleaned))
+    assert after < 0.35 * before
+    far = np.ones(bare.shape, np.bool_)
+    far[100:620] = False
+    assert np.array_equal(cleaned[far], coated.astype(np.float32)[far])
+
+
+def test_of_a_part_of_the_circle_nothing_is_told(coated):
+    turned = replace(CAMERA, angles_rad=CAMERA.angles_rad + np.radians([14.0, 0.0, 0.0]))
+    assert sample_coats(coated, FieldView(turned, VIEW.surface), CIRCLE, SOCCER) is None
