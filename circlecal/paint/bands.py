@@ -300,6 +300,7 @@ def measure_curve(
     reach_px: Array,
     pieces: NDArray[np.int64],
     sign: float = 1.0,
+    beside_px: tuple[float, float] | None = None,
 ) -> MeasuredCurve:
     """Measure a marking across a curve, or across several curves one after the other.
 
@@ -314,6 +315,10 @@ def measure_curve(
         As :func:`look_like_one_marking` takes them.
     sign : float
         +1 for a light marking, -1 for a dark one.
+    beside_px : tuple of float, optional
+        From where to where, from its middle, the ground right beside the marking is looked at, in profiles of one
+        length: the marking is what stands out above it (:func:`stand_out`). Else the surface is read off the ends of
+        the profiles.
     """
     height, width = picture.shape
     x, y = points[:, 0], points[:, 1]
@@ -322,8 +327,11 @@ def measure_curve(
     tap_px = reach_px / half
     offsets = np.arange(-half, half + 1.0)
     profiles = sample_profiles(picture, points, normals * tap_px[:, None], offsets, repeat_border=True)
-    profiles = smooth_along(profiles, SMOOTHING_SAMPLES)
-    bands = measure_bands(profiles if sign > 0 else -profiles, offsets, SEARCHED_SHARE * half)
+    profiles = sign * smooth_along(profiles, SMOOTHING_SAMPLES)
+    if beside_px is not None:
+        taps = half / median(reach_px)
+        profiles = stand_out(profiles, offsets, (beside_px[0] * taps, beside_px[1] * taps))
+    bands = measure_bands(profiles, offsets, SEARCHED_SHARE * half)
     offset = bands.center * tap_px
     supported = look_like_one_marking(bands, offset, inside, pieces, reach_px)
     return MeasuredCurve(points, normals, offset, bands.contrast, bands.width * tap_px, inside, supported)

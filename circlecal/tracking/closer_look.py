@@ -5,11 +5,9 @@ pictures between them, for one last fit.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import replace
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
 from circlecal.config import Config
 from circlecal.field import FieldTemplate
@@ -20,6 +18,7 @@ from circlecal.tracking.clock import StageClock
 from circlecal.tracking.entry import ClipFrame
 from circlecal.tracking.first_look import PicturesAt
 from circlecal.tracking.follower import Follower
+from circlecal.tracking.head_path import HeadPath
 from circlecal.tracking.looking import Look, LookedAt, Place
 from circlecal.tracking.markings import DrawnTemplate, MeasuredFrame
 from circlecal.tracking.motion import SHUTTER, move_of_middle
@@ -27,21 +26,19 @@ from circlecal.tracking.paint_width import priors_of_frames
 from circlecal.tracking.pitch import WORST_RMS_PX, hold_size, leave_out_false_line
 from circlecal.tracking.tripod_fit import HeadedFrame, count_alike, fit_tripod
 
-WELL_KNOWN_M, NEAR_S, MOST_MORE, MOST_BETWEEN = 0.02, 0.5, 72, 4
-"""Standard deviation of the pitch's size from which on no further pictures are looked at; they lie between pictures of
-one shot, so near to each other, at most so many, and at most so many between two. Before a penalty area 0.1 m of length
-are 2 to 5 px at 1920 px width.
+WELL_KNOWN_M = 0.02
+"""Standard deviation of the pitch's size from which on no further pictures are looked at. Before a penalty area 0.1 m
+of length are 2 to 5 px at 1920 px width.
 """
 WIDTH_MEASURED_SD_M, WIDTH_AGREES = 0.01, 2.5
 """A width of the paint that its blur tells better than this, metres, is estimated with the rest, unless that leads away
 from it by more standard deviations: then it takes what lens and surface leave over (12 on a real clip). Over three
 rendered clips its error falls from 4 to 2 mm, and that of the pitch's length in one of them from 0.13 to 0.01 m.
 """
-LONGEST_GAP_S, MOST_FOLLOWED, MEASURED_EVERY = 3.0, 120, 2
-"""Gaps between frames of a tripod that are longer than those, up to the first, seconds, are followed frame by frame, at
-most so many frames in all, and every so many-th is measured: a fast pan is what blurs pictures beyond finding, and what
-shows circle and penalty area together. Without them two rendered clips leave the length of the pitch open by 0.07 and
-0.19 m.
+MOST_FOLLOWED, MEASURED_EVERY = 120, 2
+"""Longer gaps between frames of a tripod are followed frame by frame, at most so many frames in all, and every so
+many-th is measured: a fast pan is what blurs pictures beyond finding, and what shows circle and penalty area together.
+Without them two rendered clips leave the length of the pitch open by 0.07 and 0.19 m.
 """
 BIAS_BY_SMEAR = 0.1
 """By how much the middle of paint that moves while the shutter is open may be off, per pixel of its way across it: in
@@ -63,7 +60,7 @@ def measure_closely(
     """The frames of a tripod, their paint measured again from where the tripod now puts the markings; those without a
     picture as they are.
     """
-    place, path = Place.of(tripod, template), _HeadPath.of(members)
+    place, path = Place.of(tripod, template), HeadPath.of(members)
     closely = []
     for frame in members:
         if frame.name not in pictures:
@@ -96,7 +93,7 @@ def learn_closely(
     frames = measure_closely(nearer, members, pictures, template, period_s)
     smeared: list[HeadedFrame] = []
     if max(tripod.sigma("length"), tripod.sigma("breadth")) >= WELL_KNOWN_M:
-        place, path = Place.of(nearer, template), _HeadPath.of(frames)
+        place, path = Place.of(nearer, template), HeadPath.of(frames)
         if period_s > 0.0:
             smeared = _follow_gaps(place, path, pictures_at, config, colour, period_s)
         frames = frames + _look_between(place, path, pictures_at, config, colour, period_s)
@@ -105,7 +102,7 @@ def learn_closely(
 
 def _look_between(
     place: Place,
-    path: _HeadPath,
+    path: HeadPath,
     pictures_at: PicturesAt,
     config: Config,
     colour: Array | None,
@@ -125,7 +122,7 @@ def _look_between(
 
 def _follow_gaps(
     place: Place,
-    path: _HeadPath,
+    path: HeadPath,
     pictures_at: PicturesAt,
     config: Config,
     colour: Array | None,
@@ -194,52 +191,6 @@ def _leave_out_alike(frame: HeadedFrame, before: Sequence[HeadedFrame], after: S
     for marking in seen_before - seen_after:
         measured = measured.leave_out(marking)
     return replace(frame, measured=measured)
-
-
-@dataclass(frozen=True, slots=True)
-class _HeadPath:
-    """How the head turns between frames: their times (N,), seconds, in order, and heads (N, 3)."""
-
-    times_s: Array
-    heads: Array
-
-    @classmethod
-    def of(cls, members: Sequence[HeadedFrame]) -> _HeadPath:
-        """Through the heads of frames."""
-        known = {float(frame.name): frame.head for frame in members}
-        times = sorted(known)
-        return cls(np.array(times), np.array([known[time] for time in times]).reshape(-1, 3))
-
-    def at(self, time_s: float) -> Array:
-        """Where the head (3,) may be at a time."""
-        return np.asarray(self._curve(time_s))
-
-    def blur_px(self, time_s: float, tripod: TripodEstimate, period_s: float) -> Array | None:
-        """Way (2,) of the picture while the shutter is open; None where no frames near the time tell it."""
-        after = int(np.clip(np.searchsorted(self.times_s, time_s), 1, max(len(self.times_s) - 1, 1)))
-        if period_s == 0.0 or len(self.times_s) < 2 or self.times_s[after] - self.times_s[after - 1] >= NEAR_S:
-            return None
-        turn = SHUTTER * period_s * self._curve.derivative()(time_s)
-        return move_of_middle(turn, self.at(time_s), tripod.model, tripod.mean)
-
-    def times_between(self) -> list[float]:
-        """Times between those of frames near each other, evenly."""
-        gaps = [(a, b) for a, b in pairwise(self.times_s) if b - a < NEAR_S]
-        if not gaps:
-            return []
-        pieces = 1 + min(MOST_BETWEEN, max(1, MOST_MORE // len(gaps)))
-        return [float(a + (b - a) * k / pieces) for a, b in gaps for k in range(1, pieces)]
-
-    def gaps(self) -> list[tuple[float, float]]:
-        """Times of the frames on both sides of longer gaps, those with the largest turn between them first."""
-        between = [k for k, gap_s in enumerate(np.diff(self.times_s)) if NEAR_S <= gap_s <= LONGEST_GAP_S]
-        turn = np.abs(np.diff(self.heads[:, 1]))
-        between.sort(key=lambda k: -turn[k])
-        return [(float(self.times_s[k]), float(self.times_s[k + 1])) for k in between]
-
-    @property
-    def _curve(self) -> PchipInterpolator:
-        return PchipInterpolator(self.times_s, self.heads)
 
 
 def _look_closely(place: Place, picture: LookedAt, head: Array, blur_px: Array | None = None) -> Look:

@@ -19,6 +19,7 @@ from circlecal.tracking.head_fit import HeadFit, fit_head, follow_common
 from circlecal.tracking.markings import DrawnTemplate, MeasuredFrame, measure_markings, place_markings, template_curves
 from circlecal.tracking.motion import SmallPicture
 from circlecal.tracking.search import RidgePicture, map_ridges, search_heads
+from circlecal.tracking.tripod_fit import residuals_of
 
 LEAST_PLACES = 36
 """Places with paint, 9 px apart at 1920 px width, that confirm a head: two or three markings."""
@@ -235,6 +236,13 @@ class Place:
         )
         fit = fit_head(measured, head, np.asarray(np.linalg.inv(covariance)), tripod, self.drawn)
         return Look(measured, fit, self.is_confirmed(measured, fit))
+
+    def follow_paint(self, head: Array, measured: MeasuredFrame) -> Array:
+        """How a head (3,) that was found by its paint follows the common parameters (3, K)."""
+        theta = self.tripod.model.thetas(head[None], self.tripod.mean)[0]
+        by_own, by_all = (d[0] for d in self.tripod.model.derivatives(head[None], self.tripod.mean))
+        _, rows = residuals_of(measured, self.drawn, theta, self.tripod.model.projection)
+        return follow_common(rows @ by_own, rows @ by_all)
 
     def is_confirmed(self, measured: MeasuredFrame, fit: HeadFit) -> bool:
         """Whether the paint that should be there is there, explained by the head, and places it."""

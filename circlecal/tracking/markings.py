@@ -20,6 +20,7 @@ from circlecal.geometry.projective import Array, Indices, Mask
 from circlecal.paint.bands import measure_curve
 from circlecal.paint.profiles import GrayPicture
 from circlecal.tracking.one_line import JUMP_PX, keep_one_line
+from circlecal.tracking.thin_paint import measure_thin
 
 SPACING_PX = 9.0
 """Distance of neighbouring places along a marking, pixels at 1920 px width: a third of what players and their shadows
@@ -404,6 +405,8 @@ def measure_markings(
     pieces_of = np.where(looked_for > 0, (looked_for - 1) // PIECE + 1, 0)
     pieces = position // PIECE + (np.cumsum(pieces_of) - pieces_of)[marking]
     found = measure_curve(picture, base, normals, reach, pieces.astype(np.int64))
+    is_thin = (places.scale_px_m[index] < CLEAR_PX_M * unit) & (smear[index] < PALE)
+    found = measure_thin(picture, found, is_thin, pieces.astype(np.int64), unit)
     on: Mask = found.supported
     # paint as wide as this camera shows it, blurred
     blurred = OPTICAL_BLUR_PX * unit + 1.0 + (np.abs(normals @ blur_px) if blur_px is not None else 0.0)
@@ -413,9 +416,9 @@ def measure_markings(
     broad = np.bincount(marking[is_broad], minlength=count)
     missing = int(np.count_nonzero((broad >= MISSED_PLACES) & (share < MISSED_SHARE)))
     on &= share[marking] >= LEAST_SHARE
-    is_thin = on & (places.scale_px_m[index] < CLEAR_PX_M * unit)
-    kept, is_double = keep_one_line(is_thin, found.offset, marking, JUMP_PX * unit, count)
-    on &= kept | ~is_thin
+    is_far = on & (places.scale_px_m[index] < CLEAR_PX_M * unit)
+    kept, is_double = keep_one_line(is_far, found.offset, marking, JUMP_PX * unit, count)
+    on &= kept | ~is_far
     expected = np.where(is_double, 0, expected)
     painted = np.bincount(marking[on & is_expected], minlength=count)
     shift, moved = np.zeros((2, np.count_nonzero(on)))

@@ -24,6 +24,7 @@ from circlecal.tracking.first_look import (
     look_through,
     suit_tracking,
 )
+from circlecal.tracking.head_path import HeadPath
 from circlecal.tracking.looking import LEAST_PLACES, Look, LookedAt, Place
 from circlecal.tracking.markings import DrawnTemplate, template_curves
 from circlecal.tracking.paint_width import priors_of_frames
@@ -53,6 +54,10 @@ LEAST_FRAMES = 2
 """Frames that make a tripod."""
 ROUNDS, LOOKS = 3, 3
 """In which the tripods find further frames and learn from them; and looks at a frame while its tripod changes."""
+FOUND_SD_PX, FOUND_SD_ZOOM = 3.0, 0.004
+"""Of a head that the paint of its own frame tells, while its tripod changes, pixels at 1920 px width and logarithm of
+the focal length.
+"""
 LEAST_GRASS = 0.15
 """Share of the picture that the playing surface covers where a search is worth it."""
 SLACK = 9.0
@@ -106,10 +111,14 @@ def survey_clip(
         look = look_through(pictures_at, times, config, drawn, anchors)
     alone, usual, pictures = look.alone, look.surface_colour, look.with_one_surface()
     if known is not None and is_known:
-        extended = [_extend(tripod, {}, pictures, config, template, drawn, tripod)[0] for tripod in known.tripods]
+        extended = [
+            _extend(tripod, [], pictures, config, template, drawn, period_s, tripod)[0] for tripod in known.tripods
+        ]
         return Venue(template.name, tuple(extended), paint)
     starts = _tripods(alone, config, template, circle, drawn)
-    grown = {t.name: _extend_and_measure(t, heads, pictures, config, template, drawn) for t, heads in starts}
+    grown = {
+        t.name: _extend_and_measure(t, members, pictures, config, template, drawn, period_s) for t, members in starts
+    }
     distinct = _keep_distinct([tripod for tripod, _ in grown.values()])
     learnt = [
         learn_closely(t, grown[t.name][1], pictures, pictures_at, config, drawn, usual, period_s) for t in distinct
@@ -129,8 +138,8 @@ def _keep_distinct(tripods: Sequence[TripodEstimate]) -> list[TripodEstimate]:
 
 def _tripods(
     alone: Sequence[Alone], config: Config, template: FieldTemplate, circle: Circle, drawn: DrawnTemplate
-) -> list[tuple[TripodEstimate, dict[str, Array]]]:
-    """Tripods of frames that were calibrated alone, the one with the most frames first, and the heads by frame."""
+) -> list[tuple[TripodEstimate, list[HeadedFrame]]]:
+    """Tripods of frames that were calibrated alone, the one with the most frames first, and these frames."""
     least = _least_frames(alone)
     if len(alone) < least:
         return []
@@ -143,7 +152,9 @@ def _tripods(
         if len(members) >= _least_frames(members):
             fit = _fit_alone(f"camera-{number + 1}", members, config, template, circle, drawn)
             if fit is not None:
-                found.append((fit.estimate, dict(zip(fit.estimate.used, fit.heads, strict=True))))
+                measured = {member.name: member.measured for member in members}
+                named = zip(fit.estimate.used, fit.heads, strict=True)
+                found.append((fit.estimate, [HeadedFrame(name, head, measured[name]) for name, head in named]))
     return found
 
 
@@ -188,11 +199,12 @@ def _fit_alone(
 
 def _extend(
     tripod: TripodEstimate,
-    heads: dict[str, Array],
+    members: list[HeadedFrame],
     pictures: dict[str, LookedAt],
     config: Config,
     template: FieldTemplate,
     drawn: DrawnTemplate,
+    period_s: float,
     known: TripodEstimate | None = None,
 ) -> tuple[TripodEstimate, list[HeadedFrame]]:
     """The tripod after it has found its other frames among the pictures, and learnt from them; what is known of it from
@@ -201,15 +213,17 @@ def _extend(
     unit = tripod.size[0] / 1920.0
     mean, sd = priors_of_frames(config, template, unit, [])
     sizes = {n: p for n, p in pictures.items() if p.size == tripod.size and p.grass_share >= LEAST_GRASS}
-    members: list[HeadedFrame] = []
     for _ in range(ROUNDS):
         place = Place.of(tripod, template)
         frames = []
+        before, path = {frame.name: frame for frame in members}, HeadPath.of(members)
         for name, picture in sizes.items():
-            seen = heads.get(name)
-            focal = float(np.exp(tripod.head_low[0]))
-            spread = np.diag(np.array([0.004, 3.0 * unit / focal, 3.0 * unit / focal]) ** 2)
-            look = _find_beyond(place, picture, mean, sd) if seen is None else place.look(picture, seen, spread)
+            seen = before.get(name)
+            look = (
+                _find_beyond(place, picture, mean, sd)
+                if seen is None
+                else _look_again(place, picture, seen, path.blur_px(float(name), tripod, period_s))
+            )
             if look is not None and (look.is_confirmed or seen is not None):
                 frames.append(HeadedFrame(name, look.fit.head, look.measured))
         mean, sd = priors_of_frames(config, template, unit, [frame.measured for frame in frames])
@@ -226,20 +240,31 @@ def _extend(
     return tripod, members
 
 
+def _look_again(place: Place, picture: LookedAt, frame: HeadedFrame, blur_px: Array | None) -> Look:
+    """Look where a frame's head was found by its paint, which it follows as the tripod changes: a touchline of a pitch
+    of unknown width, which it does not show, leaves nothing else open. The way (2,) of the picture while the shutter
+    was open is that between its neighbours.
+    """
+    turn = FOUND_SD_PX * place.unit / float(np.exp(place.tripod.head_low[0]))
+    spread = np.diag(np.array([FOUND_SD_ZOOM, turn, turn]) ** 2)
+    return place.look(picture, frame.head, spread, place.follow_paint(frame.head, frame.measured), blur_px)
+
+
 def _extend_and_measure(
     tripod: TripodEstimate,
-    heads: dict[str, Array],
+    members: list[HeadedFrame],
     pictures: dict[str, LookedAt],
     config: Config,
     template: FieldTemplate,
     drawn: DrawnTemplate,
+    period_s: float,
 ) -> tuple[TripodEstimate, list[HeadedFrame]]:
     """The tripod with all its frames, before a pitch whose length was searched for where these do not tell it."""
-    tripod, members = _extend(tripod, heads, pictures, config, template, drawn)
+    tripod, members = _extend(tripod, members, pictures, config, template, drawn, period_s)
     longer = search_length(tripod, members, pictures, template)
     if longer is None:
         return tripod, members
-    return _extend(longer, {frame.name: frame.head for frame in members}, pictures, config, template, drawn)
+    return _extend(longer, members, pictures, config, template, drawn, period_s)
 
 
 def _find_beyond(place: Place, picture: LookedAt, mean: Array, sd: Array) -> Look | None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from circlecal.config import load_config
+from circlecal.rig.tripod import PLACE
 from circlecal.tracking import search
 from circlecal.tracking.head_fit import count_crossing
 from circlecal.tracking.looking import LEAST_CROSSING, LookedAt, Place
@@ -33,6 +34,18 @@ def test_a_head_nearby_is_led_to_the_paint(picture: LookedAt) -> None:
     assert look.is_confirmed
     assert pixels(look.fit.head).max() < 0.15
     assert look.measured.painted_share > 0.9
+
+
+def test_a_head_follows_its_own_paint_and_no_line_that_it_does_not_show(picture: LookedAt) -> None:
+    breadth, length = PLACE["breadth"], PLACE["length"]
+    place = Place.of(tripod(), template())
+    measured = place.look(picture, HEAD, np.eye(3) * 1e-6).measured
+    names = template_curves(template()).names
+    for name in ("side_line_top", "side_line_bottom"):
+        measured = measured.leave_out(names.index(name))
+    followed = place.follow_paint(HEAD, measured)
+    # goal line and areas end elsewhere on a broader pitch, and lie where they lay
+    assert np.abs(followed[1:, breadth]).max() < 1e-3 * np.abs(followed[1:, length]).max()
 
 
 def test_a_wrong_head_is_not_confirmed(picture: LookedAt) -> None:

@@ -53,7 +53,7 @@ def test_tripods_in_one_place_are_one() -> None:
 def test_tripods_that_come_together_once_the_pitch_is_known_are_one(monkeypatch: pytest.MonkeyPatch) -> None:
     true = tripod()
     apart = replace(true, name="camera-2", mean=true.mean + np.eye(len(true.mean))[0] * 5.0)
-    monkeypatch.setattr(survey, "_tripods", lambda *_: [(true, {}), (apart, {})])
+    monkeypatch.setattr(survey, "_tripods", lambda *_: [(true, []), (apart, [])])
     monkeypatch.setattr(survey, "_extend", lambda found, *_: (found, []))
     monkeypatch.setattr(survey, "learn_closely", lambda found, *_: replace(found, mean=true.mean))
     assert len(survey_clip(lambda times: iter(()), 4.0, load_config()).tripods) == 1
