@@ -14,6 +14,7 @@ from circlecal.camera.problem import COARSE, FINAL, Problem, State, resume, rewe
 from circlecal.camera.residuals import CurvePoints
 from circlecal.camera.spike_and_slab import (
     CURVED_SHARE,
+    OUT_OF_THE_QUESTION,
     UNLIKELY_SHARE,
     Answer,
     World,
@@ -150,14 +151,27 @@ def _compare_worlds(
 def _on_parabola(
     found: list[tuple[Answer, _Case]], usual: Priors, template: FieldTemplate, known: int
 ) -> list[tuple[Answer, _Case]]:
-    """The likely answers on roofs again, on parabolas: where a frame does not show clearly which it is, sigma tells."""
-    shares = posterior_shares([answer for answer, _ in found]).tolist()
+    """The likely answers of each kind of size on roofs again, on parabolas: where a frame does not show clearly which
+    it is, sigma tells; and a field of another size may fit only with the profile that it has.
+    """
+    least = max(answer.evidence for answer, _ in found) - OUT_OF_THE_QUESTION
     bent = [
         (bend_answer(answer, usual, template, known, case[0].rule(FINE)), case)
-        for (answer, case), share in zip(found, shares, strict=True)
-        if share > UNLIKELY_SHARE and not answer.world.is_flat and answer.problem.model.surface.shape == "roof"
+        for (answer, case), share in zip(found, _shares_of_their_size([a for a, _ in found]), strict=True)
+        if share > UNLIKELY_SHARE
+        and answer.evidence > least
+        and not answer.world.is_flat
+        and answer.problem.model.surface.shape == "roof"
     ]
     return [(answer, case) for answer, case in bent if answer is not None]
+
+
+def _shares_of_their_size(answers: list[Answer]) -> list[float]:
+    """Posterior probability of each answer if the field is of its kind of size, usual or any."""
+    shares = posterior_shares(answers).tolist()
+    kinds = [answer.world.is_usual_size for answer in answers]
+    total = {kind: sum(q for q, k in zip(shares, kinds, strict=True) if k == kind) for kind in set(kinds)}
+    return [q / max(total[kind], 1e-300) for q, kind in zip(shares, kinds, strict=True)]
 
 
 def _with_reported_noise(case: _Case) -> tuple[Problem, State]:

@@ -59,12 +59,12 @@ rendered hall in which a streak of gloss was taken for the touchline 0.21 beyond
 """
 SURE_LINES = 4
 """So many further lines at their places leave no doubt about the size of the field."""
-WRONG_PX, LIKELY_SHARE = 20.0, 0.05
+WRONG_PX, LIKELY_SHARE = 20.0, 0.04
 """Another size of the field that would move what is in view by more than the first, pixels at 1920 px width on average,
 must be less likely than the second: before anything is seen 0.03 of fields are of another size than usual, so more
-than that is said by the picture. Of 39 real frames of usual fields that are answered one has 0.03 of such a size and
-all others less; of 200 rendered parts of a circle on fields of all sizes three have 0.07 to 0.22, which are 39, 36 and
-10 px off.
+than that is said by the picture. Of 39 real frames of usual fields that are answered one has 0.026 of such a size and
+all others less; of 200 rendered parts of a circle on fields of all sizes four have 0.046 to 0.22, which are 21, 39, 36
+and 10 px off.
 """
 MINIMUM_WIDTH_M = 1e-3
 """Narrower markings are the zero-width lines of an annotation's model."""
