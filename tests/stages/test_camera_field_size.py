@@ -36,11 +36,11 @@ def estimated(width_m, lines, config=DEFAULT, camera=WITH_TOUCHLINES):
 FROM_THE_FIELDS_PLANE = aim_camera(np.array([0.1, 66.0, -15.0]), np.array([0.0, -6.0, 0.0]), 2900.0, 0.0, 1920, 1080)
 
 
-def nameless_touchline(width_m):
+def nameless_touchline(width_m, camera=FROM_THE_FIELDS_PLANE, surface=GROUND):
     """Circle, halfway line and a far touchline that nobody named, of such a field."""
     painted = load_field("soccer", {"width": width_m})
-    options = {"edges": ("center",), "lines": ("side_line_top",), "sigma": 0.05, "surface": GROUND}
-    given = seen(FROM_THE_FIELDS_PLANE, template=painted, **options)
+    options = {"edges": ("center",), "lines": ("side_line_top",), "sigma": 0.05, "surface": surface}
+    given = seen(camera, template=painted, **options)
     return replace(given, lines=(given.lines[0], replace(given.lines[1], line=None)))
 
 
@@ -53,6 +53,15 @@ def test_the_noise_that_a_usual_field_leaves_does_not_hide_another_size():
     usual = estimate_camera(nameless_touchline(68.0), SOCCER, CIRCLE, CameraConfig())
     assert usual.field_size.is_usual
     assert usual.other_size.share < 0.03
+
+
+def test_a_field_of_another_size_may_have_a_parabolic_profile():
+    """On a roof it fits no better than a usual field does on a parabola."""
+    camera = aim_camera(np.array([3.6, 67.0, -24.7]), np.array([-6.0, -12.0, 0.0]), 6000.0, 0.0, 1920, 1080, 0.06)
+    given = nameless_touchline(78.0, camera, Surface("parabola", 9.15, 0.025))
+    fit = estimate_camera(given, SOCCER, CIRCLE, CameraConfig())
+    assert not fit.field_size.is_usual
+    assert abs(fit.field_size.width_m - 78.0) < 3.0 * fit.field_size.width_sd_m < 6.0
 
 
 def priors():
