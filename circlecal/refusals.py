@@ -401,6 +401,10 @@ CHECKS: dict[str, tuple[str, str]] = {
         "residual_too_large",
         "the halfway line that the best camera draws does not lie on the paint",
     ),
+    "arc_residual_px": (
+        "residual_too_large",
+        "an arc of the field does not lie where the best camera draws it",
+    ),
     "end_residual_px": (
         "residual_too_large",
         "what was taken for the end of the halfway line does not lie on the marking at its end",
@@ -448,6 +452,10 @@ CHECKS: dict[str, tuple[str, str]] = {
     "sigma_px": ("too_uncertain", ""),
     "mean_sigma_px": ("too_uncertain", ""),
     "sigma_m": ("too_uncertain", ""),
+    "other_size_share": (
+        "too_uncertain",
+        "what is seen speaks for a field of another size than the one that the camera rests on",
+    ),
     "height_m": ("implausible_camera", "the camera would hang higher than cameras do"),
     "lowest_height_m": ("implausible_camera", "the camera would stand lower than cameras do"),
     "distance_radii": ("implausible_camera", "the camera would stand further away than cameras do"),

@@ -10,7 +10,7 @@ import numpy as np
 from circlecal.camera.covariance import correlation_factor
 from circlecal.camera.problem import Problem, State, reweight
 from circlecal.camera.residuals import CurvePoints
-from circlecal.geometry.projective import Array, Indices
+from circlecal.geometry.projective import Array, Indices, Mask
 
 LARGEST_RESIDUAL = 6.0
 """Standard deviations at which a residual is cut off before its scatter is measured: the scale of the robust loss,
@@ -100,25 +100,45 @@ def rescale_and_reject(problem: Problem, state: State, least: CurvePoints) -> tu
         Those given that are left.
     """
     off_px = state.residuals[0] * problem.curves.sigma_px
-    factor, kept = np.ones(len(off_px)), np.ones(len(off_px), dtype=np.bool_)
+    factor, kept = np.ones(len(off_px)), _lie_near(problem, least, state)
     for ordered in _along_markings(least, state):
         if len(ordered) < 2 * NEIGHBOURS:
             continue
-        beside = np.abs(off_px[ordered] - _running_median(off_px[ordered], NEIGHBOURS))
-        near = beside < OFF_SIGMAS * 1.4826 * np.median(beside) + OFF_PX * problem.model.width / 1920.0
-        kept[ordered] = near
-        values = (off_px / least.sigma_px)[ordered[near]]
+        values = (off_px / least.sigma_px)[ordered[kept[ordered]]]
         repeated, placed = correlation_factor(values), PLACED_LINE if least.straight[ordered[0]] else PLACED_CIRCLE
         left = 1.0 - min(placed * repeated / len(values), MOST_TAKEN)
         power = np.mean(np.clip(values, -LARGEST_RESIDUAL, LARGEST_RESIDUAL) ** 2) / left
         factor[ordered] = max(1.0, float(np.sqrt(power * repeated)))
-    chosen, rows = np.flatnonzero(kept), np.ones(state.values.shape[1], dtype=np.bool_)
-    rows[: len(kept)] = kept
-    fewer = replace(state, feet=state.feet[:, kept], values=state.values[:, rows], jacobian=state.jacobian[:, rows])
-    nearer = replace(problem, curves=problem.curves.select(chosen))
+    nearer, fewer, chosen = _keep_points(problem, state, kept)
     scale = float(np.sqrt(np.mean(factor**2)))
     least = least.select(chosen)
     return *reweight(nearer, fewer, least.sigma_px * factor[chosen]), scale, least
+
+
+def leave_out_strays(problem: Problem, state: State) -> tuple[Problem, State, Indices]:
+    """The problem without the points that leave their neighbours, and the indices of those that are left.
+
+    It is the distance from the neighbours that counts: a camera that is wrong moves them all.
+    """
+    return _keep_points(problem, state, _lie_near(problem, problem.curves, state))
+
+
+def _lie_near(problem: Problem, curves: CurvePoints, state: State) -> Mask:
+    """Which points (N,) lie as near to their neighbours as most do; all of a marking that has too few."""
+    off_px, kept = state.residuals[0] * problem.curves.sigma_px, np.ones(len(curves.group), dtype=np.bool_)
+    for ordered in _along_markings(curves, state):
+        if len(ordered) >= 2 * NEIGHBOURS:
+            beside = np.abs(off_px[ordered] - _running_median(off_px[ordered], NEIGHBOURS))
+            near_px = OFF_SIGMAS * 1.4826 * np.median(beside) + OFF_PX * problem.model.width / 1920.0
+            kept[ordered] = beside < near_px
+    return kept
+
+
+def _keep_points(problem: Problem, state: State, kept: Mask) -> tuple[Problem, State, Indices]:
+    chosen, rows = np.flatnonzero(kept), np.ones(state.values.shape[1], dtype=np.bool_)
+    rows[: len(kept)] = kept
+    fewer = replace(state, feet=state.feet[:, kept], values=state.values[:, rows], jacobian=state.jacobian[:, rows])
+    return replace(problem, curves=problem.curves.select(chosen)), fewer, chosen
 
 
 def _along_markings(curves: CurvePoints, state: State) -> list[Indices]:

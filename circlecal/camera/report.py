@@ -35,7 +35,7 @@ from circlecal.geometry.camera_parameters import (
 from circlecal.geometry.homography import compass_label, scale_homography
 from circlecal.geometry.projective import Array
 from circlecal.observations import MarkingKey
-from circlecal.results import CameraFit, DerivedPoint, FieldSize, HomographyRegion, PaintersFit
+from circlecal.results import CameraFit, DerivedPoint, FieldSize, HomographyRegion, OtherSize, PaintersFit
 
 MOST_CLICKS = 40
 """Points on one marking up to which each has a distance of its own in the result: the detector measures hundreds."""
@@ -109,6 +109,7 @@ def camera_fit(
         names_by_line=named,
         reference_m=reference,
         field_size=None if posterior is None or is_fixed else _field_size(theta, covariance, template, posterior),
+        other_size=None if posterior is None else _other_size(told.seen, posterior),
         region=told.region,
         mean_sigma_px=told.mean_sigma_px,
         painters=_weigh_painters(problem, state, template),
@@ -234,6 +235,14 @@ def _field_size(theta: Array, covariance: Array, template: FieldTemplate, poster
         posterior.world.is_usual_size,
         posterior.usual_share,
     )
+
+
+def _other_size(seen: Projection, posterior: Posterior) -> OtherSize | None:
+    """What it would change if the field were of the other kind of size, at the field points in view."""
+    if posterior.resized is None or seen.pixels.shape[1] == 0:
+        return None
+    away_px, _ = seen.sigma(posterior.resized)
+    return OtherSize(posterior.resized_share, float(away_px.mean()))
 
 
 def _correlation(problem: Problem, state: State, circle: Circle) -> float:

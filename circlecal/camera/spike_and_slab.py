@@ -303,12 +303,21 @@ class Posterior:
         covariance C the mixture's is ``share C + others``.
     usual_share : float
         Posterior probability that the field is of the usual size.
+    resized : (P, P) array or None
+        Second moment about the reported answer of those alone on fields of the other kind of size; None where there
+        are none.
     """
 
     world: World
     share: float
     others: Array
     usual_share: float
+    resized: Array | None = None
+
+    @property
+    def resized_share(self) -> float:
+        """Posterior probability that the field is of the other kind of size than that of the reported answer."""
+        return 1.0 - self.usual_share if self.world.is_usual_size else self.usual_share
 
     def widen(self, covariance: Array) -> Array:
         """The mixture's second moment (P, P) about the answer with this covariance."""
@@ -321,15 +330,20 @@ def mix(answers: Sequence[Answer], best: Answer, theta: Array) -> Posterior:
     kept = [(a, q) for a, q in zip(answers, shares.tolist(), strict=True) if a is best or q >= UNLIKELY_SHARE]
     total = sum(q for _, q in kept)
     others, share = np.zeros((len(theta), len(theta))), 0.0
+    resized, resized_share = np.zeros_like(others), 0.0
     for answer, q in kept:
         if answer is best:
             share = q / total
             continue
         away = answer.state.theta[0] - theta
         covariance = posterior_covariance(answer.state.normal[0], answer.problem.priors.sd)
-        others += q / total * (covariance + np.outer(away, away))
+        moment = q / total * (covariance + np.outer(away, away))
+        others += moment
+        if answer.world.is_usual_size != best.world.is_usual_size:
+            resized, resized_share = resized + moment, resized_share + q / total
     usual = sum(q for answer, q in zip(answers, shares.tolist(), strict=True) if answer.world.is_usual_size)
-    return Posterior(best.world, share, others, float(usual))
+    moment_of_resized = resized / resized_share if resized_share > 0.0 else None
+    return Posterior(best.world, share, others, float(usual), moment_of_resized)
 
 
 _Place = tuple[MarkingKey, int, bytes]

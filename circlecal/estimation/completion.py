@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from circlecal.camera.noise import rescale_and_reject, rescale_sigmas
+from circlecal.camera.noise import leave_out_strays, rescale_and_reject, rescale_sigmas
 from circlecal.camera.observed import curves_from_observations
+from circlecal.camera.painters import knows_painters_errors
 from circlecal.camera.priors import Priors
 from circlecal.camera.problem import (
     COARSE,
@@ -22,7 +23,8 @@ from circlecal.camera.problem import (
     with_priors,
 )
 from circlecal.camera.residuals import CurvePoints, ground_feet, join_curves
-from circlecal.estimation.task import Fit, Task, is_dense
+from circlecal.camera.spike_and_slab import depends_on_size
+from circlecal.estimation.task import DENSE_POINTS, Fit, Task, is_dense
 from circlecal.geometry.camera_parameters import INDEX
 from circlecal.geometry.least_squares import StoppingRule
 from circlecal.geometry.projective import Array
@@ -85,6 +87,17 @@ def fit_anew(task: Task, fit: Fit, priors: Priors) -> Fit:
     return settle(task, problem, resume(problem, state, task.rule(COARSE)), FINAL)
 
 
+def _leave_out_strays(task: Task, fit: Fit) -> Fit:
+    """The fit to a close view without points that lie on something else: its noise is told by those that are left."""
+    if fit.given_px is None or not shows_size_closely(task, fit.problem.curves):
+        return fit
+    problem, state, kept = leave_out_strays(fit.problem, fit.state)
+    if len(kept) == len(fit.given_px):
+        return fit
+    problem, state = reweight(problem, state, fit.given_px[kept])
+    return settle(task, problem, resume(problem, state, task.rule(COARSE)), FINAL)
+
+
 def _name_more_lines(task: Task, stated: CurvePoints, fit: Fit) -> tuple[Task, Fit]:
     """The fit with the straight markings that can be named and the ends of lines; without any, with the noise that the
     points around the circle show. ``stated`` are the curves with their first sigmas.
@@ -93,7 +106,7 @@ def _name_more_lines(task: Task, stated: CurvePoints, fit: Fit) -> tuple[Task, F
     if more is not None:
         problem, start, names = more
         state = minimise(problem, start, task.rule(COARSE), ground_feet(problem.curves, start, problem.model))
-        return replace(task, names=task.names | names), settle(task, problem, state, FINAL)
+        return replace(task, names=task.names | names), _leave_out_strays(task, settle(task, problem, state, FINAL))
     problem, state, scale = fit.problem, fit.state, fit.scale
     least = None if task.names else least_sigmas(task, stated)
     if least is not None:
@@ -125,13 +138,33 @@ def least_sigmas(task: Task, curves: CurvePoints) -> CurvePoints | None:
     """The points with the sigmas of a frame that shows little beside the circle; None where there is more, or they are
     too few to tell their noise.
     """
-    around = {task.circle.name, task.template.halfway_line}
-    is_close = len({key.name for key in curves.keys} - around) <= MOST_BESIDE
-    if not (is_close and task.config.noise_from_residuals and is_dense(curves)):
+    if not _is_close(task, curves):
         return None
-    close_px = task.config.close_sigma_px * task.observations.width / 1920.0
-    noise = replace(task.noise, model_sigma_px=min(task.noise.model_sigma_px, close_px))
+    noise = replace(task.noise, model_sigma_px=close_sigma_px(task))
     return curves_from_observations(task.observations, task.template, noise)
+
+
+def _is_close(task: Task, curves: CurvePoints) -> bool:
+    """Whether little is seen beside the circle, and enough of it to tell its noise."""
+    around = {task.circle.name, task.template.halfway_line}
+    beside = {key.name for key in curves.keys} - around
+    return len(beside) <= MOST_BESIDE and task.config.noise_from_residuals and is_dense(curves)
+
+
+def shows_size_closely(task: Task, curves: CurvePoints) -> bool:
+    """Whether little is seen beside the circle, and a line of it tells the field's size and its own noise: an end of a
+    line is one point, and tells none, nor does a line tell by how much its painters laid it beside its place.
+    """
+    if knows_painters_errors(task.template):
+        return False
+    points = np.bincount(curves.group, minlength=len(curves.keys))
+    is_line = (points >= DENSE_POINTS)[curves.group]
+    return _is_close(task, curves) and depends_on_size(curves.select(np.flatnonzero(is_line)))
+
+
+def close_sigma_px(task: Task) -> float:
+    """What lens, crown and paint leave of an ideal marking in a close view, pixels."""
+    return min(task.noise.model_sigma_px, task.config.close_sigma_px * task.observations.width / 1920.0)
 
 
 def _allow_parabola(task: Task, fit: Fit) -> Fit:

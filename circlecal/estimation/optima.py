@@ -47,4 +47,4 @@ def choose_optimum(finished: list[tuple[Task, Fit]], known: int) -> tuple[Task, 
     covariance = its.widen(posterior_covariance(other.state.normal[0], other.problem.priors.sd))
     others = share * mine.others + (1.0 - share) * (covariance + np.outer(away, away))
     usual = share * mine.usual_share + (1.0 - share) * its.usual_share
-    return task, replace(fit, posterior=Posterior(mine.world, share * mine.share, others, usual))
+    return task, replace(fit, posterior=replace(mine, share=share * mine.share, others=others, usual_share=usual))

@@ -14,6 +14,7 @@ from circlecal.camera.problem import COARSE, FINAL, Problem, State, resume, rewe
 from circlecal.camera.residuals import CurvePoints
 from circlecal.camera.spike_and_slab import (
     CURVED_SHARE,
+    OUT_OF_THE_QUESTION,
     UNLIKELY_SHARE,
     Answer,
     World,
@@ -26,7 +27,7 @@ from circlecal.camera.spike_and_slab import (
     share_noise,
 )
 from circlecal.camera.valley import explore_valley
-from circlecal.estimation.completion import complete, fit_anew
+from circlecal.estimation.completion import close_sigma_px, complete, fit_anew, shows_size_closely
 from circlecal.estimation.task import Fit, Task
 from circlecal.field import FieldTemplate
 from circlecal.geometry.camera_parameters import INDEX
@@ -47,7 +48,8 @@ TOLD_SHARE = 0.15
 errors would not be covered, most have 0.2 to 1. With that noise any size is likelier than the usual one by -2.1 (the
 logarithm of the evidence) in one of these real frames, by -3.5 in another and less in all others (but one whose lens
 would make a field of 108 m width of it, which no rule allows), by 1 to 78 in eight rendered parts of a circle beside a
-touchline.
+touchline. In a close view, whose one line beside the circle tells size and noise, it counts whatever it says: of 200
+rendered parts of a circle on fields of all sizes 145 instead of 142 are within 5 px, and sigma follows the posterior.
 """
 
 QUIET_SIGMA_PX = 0.05
@@ -105,12 +107,12 @@ def choose_world(task: Task, stated: CurvePoints, first: Fit, usual: tuple[Task,
         if depends_on_size(other[1].problem.curves) and other[0].names != usual[0].names:
             cases.append(other)
             found = compare(_with_reported_noise)
-    if any_size is not None and _may_hide_misfit(usual[1], [a for a, _ in found]):
+    if any_size is not None and _may_hide_misfit(usual, [a for a, _ in found]):
         named, own = usual
         cases.append((named, fit_anew(named, own, any_size.priors(own.problem.priors, priors, template))))
         told = compare(_with_noise_of_misfit)
-        doubt = max(TOLD_SHARE, _doubt([a for a, _ in found]))
-        if _doubt([a for a, _ in told]) > doubt and _is_allowed(told, template):
+        is_doubted = _doubt([a for a, _ in told]) > max(TOLD_SHARE, _doubt([a for a, _ in found]))
+        if (is_doubted or shows_size_closely(named, own.problem.curves)) and _is_allowed(told, template):
             found, reported = told, _tell_noise
     best, (chosen, fit) = max(found, key=lambda pair: pair[0].evidence)
     problem, state = reported(best, chosen, fit)
@@ -149,14 +151,27 @@ def _compare_worlds(
 def _on_parabola(
     found: list[tuple[Answer, _Case]], usual: Priors, template: FieldTemplate, known: int
 ) -> list[tuple[Answer, _Case]]:
-    """The likely answers on roofs again, on parabolas: where a frame does not show clearly which it is, sigma tells."""
-    shares = posterior_shares([answer for answer, _ in found]).tolist()
+    """The likely answers of each kind of size on roofs again, on parabolas: where a frame does not show clearly which
+    it is, sigma tells; and a field of another size may fit only with the profile that it has.
+    """
+    least = max(answer.evidence for answer, _ in found) - OUT_OF_THE_QUESTION
     bent = [
         (bend_answer(answer, usual, template, known, case[0].rule(FINE)), case)
-        for (answer, case), share in zip(found, shares, strict=True)
-        if share > UNLIKELY_SHARE and not answer.world.is_flat and answer.problem.model.surface.shape == "roof"
+        for (answer, case), share in zip(found, _shares_of_their_size([a for a, _ in found]), strict=True)
+        if share > UNLIKELY_SHARE
+        and answer.evidence > least
+        and not answer.world.is_flat
+        and answer.problem.model.surface.shape == "roof"
     ]
     return [(answer, case) for answer, case in bent if answer is not None]
+
+
+def _shares_of_their_size(answers: list[Answer]) -> list[float]:
+    """Posterior probability of each answer if the field is of its kind of size, usual or any."""
+    shares = posterior_shares(answers).tolist()
+    kinds = [answer.world.is_usual_size for answer in answers]
+    total = {kind: sum(q for q, k in zip(shares, kinds, strict=True) if k == kind) for kind in set(kinds)}
+    return [q / max(total[kind], 1e-300) for q, kind in zip(shares, kinds, strict=True)]
 
 
 def _with_reported_noise(case: _Case) -> tuple[Problem, State]:
@@ -178,9 +193,12 @@ def _with_noise_of_misfit(case: _Case) -> tuple[Problem, State]:
     return problem, resume(problem, state, task.rule(COARSE))
 
 
-def _may_hide_misfit(fit: Fit, answers: list[Answer]) -> bool:
+def _may_hide_misfit(case: _Case, answers: list[Answer]) -> bool:
     """Whether noise was told by residuals where it may be the size of the field that does not fit."""
-    return fit.given_px is not None and depends_on_size(fit.problem.curves) and _doubt(answers) > UNLIKELY_SHARE
+    task, fit = case
+    if fit.given_px is None or not depends_on_size(fit.problem.curves):
+        return False
+    return shows_size_closely(task, fit.problem.curves) or _doubt(answers) > UNLIKELY_SHARE
 
 
 def _doubt(answers: list[Answer]) -> float:
@@ -209,8 +227,7 @@ def _tell_noise(best: Answer, task: Task, fit: Fit) -> tuple[Problem, State]:
     """The answer with the noise that its own residuals show, where they show little that of a close view."""
     if fit.given_px is None:
         return _keep_noise(best, task, fit)
-    close_px = task.config.close_sigma_px * task.observations.width / 1920.0
-    least_px = with_model_noise(best.problem.curves, fit.given_px, task.noise, close_px)
+    least_px = with_model_noise(best.problem.curves, fit.given_px, task.noise, close_sigma_px(task))
     return noise_of_misfit(best.problem, best.state, least_px)
 
 

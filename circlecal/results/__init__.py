@@ -12,6 +12,7 @@ from circlecal.results.estimates import (
     HomographyFit,
     HomographyRegion,
     LineCorrespondence,
+    OtherSize,
     PaintersFit,
     PointCorrespondence,
 )
@@ -60,6 +61,7 @@ __all__ = [
     "LineCue",
     "MarkCue",
     "MarkingMask",
+    "OtherSize",
     "PaintersFit",
     "PointCorrespondence",
     "RayPoints",

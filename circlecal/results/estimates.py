@@ -91,6 +91,22 @@ class HomographyFit:
 
 
 @dataclass(frozen=True, slots=True)
+class OtherSize:
+    """What it would change if the field were of the other kind of size, usual or any, than it is taken to be.
+
+    Attributes
+    ----------
+    share : float
+        How likely that is after what was seen, 0..1.
+    away_px : float
+        By how much the field points in view would then be seen elsewhere, pixels, mean of root mean squares.
+    """
+
+    share: float
+    away_px: float
+
+
+@dataclass(frozen=True, slots=True)
 class FieldSize:
     """How long and broad a field is.
 
@@ -223,6 +239,8 @@ class CameraFit:
         was seen instead of the circle.
     field_size : FieldSize or None
         How long and broad the field is; None where it was not asked.
+    other_size : OtherSize or None
+        What another kind of size would change; None where no other is likely, and where a record was read.
     point_residuals_px : dict of MarkingKey
         Signed distance (N,) of each point of markings with few points, pixels, in the order in which they were given.
     bulk_residuals_px : dict of MarkingKey
@@ -258,6 +276,7 @@ class CameraFit:
     names_by_line: dict[int, str] = field(default_factory=dict)
     reference_m: Array = field(default_factory=lambda: np.zeros(2))
     field_size: FieldSize | None = None
+    other_size: OtherSize | None = None
     point_residuals_px: dict[MarkingKey, Array] = field(default_factory=dict)
     bulk_residuals_px: dict[MarkingKey, float] = field(default_factory=dict)
     region: HomographyRegion | None = None

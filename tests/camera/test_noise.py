@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from circlecal.camera.noise import rescale_and_reject
+from circlecal.camera.noise import leave_out_strays, rescale_and_reject
 from circlecal.camera.observed import points_from_observations
 from circlecal.camera.problem import Problem, State
 from circlecal.camera.residuals import circle_curve, line_curve, stack_curves
@@ -63,6 +63,19 @@ def test_points_on_something_else_are_left_out_and_a_bend_is_not():
     left = np.setdiff1d(np.arange(200), state.feet[0])
     assert set(range(80, 85)) <= set(left)
     assert len(left) < 15
+
+
+def test_strays_are_left_out_whatever_moves_all_points():
+    bend = 3.0 * np.linspace(-1.5, 1.5, 200) ** 2
+    residuals = bend + np.random.default_rng(3).normal(0, 0.03, 200)
+    residuals[90:94] += 2.0
+    problem, state, _ = fitted(residuals, np.full(9, 5.0))
+    nearer, fewer, kept = leave_out_strays(problem, state)
+    left = np.sort(state.feet[0, kept][problem.curves.group[kept] == 0])
+    assert not set(left) & {90.0, 91.0, 92.0, 93.0}
+    assert len(left) > 185
+    assert (nearer.curves.group == 1).sum() == 9  # too few to tell
+    assert len(nearer.curves.points_px) == fewer.residuals.shape[1] == len(kept)
 
 
 def test_few_points_tell_nothing():

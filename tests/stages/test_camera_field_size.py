@@ -33,6 +33,37 @@ def estimated(width_m, lines, config=DEFAULT, camera=WITH_TOUCHLINES):
     return estimate_camera(given, SOCCER, CIRCLE, config)
 
 
+FROM_THE_FIELDS_PLANE = aim_camera(np.array([0.1, 66.0, -15.0]), np.array([0.0, -6.0, 0.0]), 2900.0, 0.0, 1920, 1080)
+
+
+def nameless_touchline(width_m, camera=FROM_THE_FIELDS_PLANE, surface=GROUND):
+    """Circle, halfway line and a far touchline that nobody named, of such a field."""
+    painted = load_field("soccer", {"width": width_m})
+    options = {"edges": ("center",), "lines": ("side_line_top",), "sigma": 0.05, "surface": surface}
+    given = seen(camera, template=painted, **options)
+    return replace(given, lines=(given.lines[0], replace(given.lines[1], line=None)))
+
+
+def test_the_noise_that_a_usual_field_leaves_does_not_hide_another_size():
+    fit = estimate_camera(nameless_touchline(58.0), SOCCER, CIRCLE, CameraConfig())
+    assert fit.named_lines == ("side_line_top",)
+    assert fit.other_size.share > 0.1
+    assert fit.other_size.share == pytest.approx(1.0 - fit.field_size.usual_share)
+    assert fit.other_size.away_px > 20.0
+    usual = estimate_camera(nameless_touchline(68.0), SOCCER, CIRCLE, CameraConfig())
+    assert usual.field_size.is_usual
+    assert usual.other_size.share < 0.03
+
+
+def test_a_field_of_another_size_may_have_a_parabolic_profile():
+    """On a roof it fits no better than a usual field does on a parabola."""
+    camera = aim_camera(np.array([3.6, 67.0, -24.7]), np.array([-6.0, -12.0, 0.0]), 6000.0, 0.0, 1920, 1080, 0.06)
+    given = nameless_touchline(78.0, camera, Surface("parabola", 9.15, 0.025))
+    fit = estimate_camera(given, SOCCER, CIRCLE, CameraConfig())
+    assert not fit.field_size.is_usual
+    assert abs(fit.field_size.width_m - 78.0) < 3.0 * fit.field_size.width_sd_m < 6.0
+
+
 def priors():
     mean, sd = np.zeros(len(PARAMETERS)), np.ones(len(PARAMETERS))
     mean[CROWN], sd[CROWN] = 0.05, 0.03

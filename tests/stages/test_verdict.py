@@ -12,7 +12,17 @@ from circlecal.geometry.homography import turn_homography
 from circlecal.geometry.surface import FLAT, Surface
 from circlecal.observations import LineEnd, MarkingKey
 from circlecal.refusals import CHECKS, Confidence
-from circlecal.results import Attempt, CameraFit, Cues, EllipseFits, HomographyFit, MarkCue, MarkingMask, Verdict
+from circlecal.results import (
+    Attempt,
+    CameraFit,
+    Cues,
+    EllipseFits,
+    HomographyFit,
+    MarkCue,
+    MarkingMask,
+    OtherSize,
+    Verdict,
+)
 from circlecal.stages.verdict import VerdictConfig, judge
 from circlecal.stages.verdict_on_picture import is_confirmed
 
@@ -90,7 +100,8 @@ def test_markings_that_were_measured_where_the_camera_puts_them_confirm_a_likely
     found = verdict(camera, cues=cues, confidence=TENTATIVE)
     assert (found.code != "circle_unconfirmed") == confirms
     without_line = verdict(camera, cues=Cues(None, None), confidence=TENTATIVE)
-    assert without_line.code == "circle_unconfirmed"
+    is_off = "arc" in marking and not confirms
+    assert without_line.code == ("residual_too_large" if is_off else "circle_unconfirmed")
 
 
 def test_a_likely_circle_may_confirm_itself():
@@ -133,7 +144,29 @@ def test_a_good_camera_is_accepted_with_every_check():
         "other_end_reach",
         "crossed_end_beyond",
         "noise_beside_mark",
+        "arc_residual_px",
+        "other_size_share",
     }
+
+
+def test_an_arc_that_turns_the_field_lies_where_the_camera_puts_it():
+    unit = CAMERA.width / 1920.0
+    off = camera_fit(residuals_px={"centre_circle outer": 0.1, "penalty_arc_left center": 4.6 * unit})
+    found = verdict(off, cues=Cues(None, None))
+    assert found.code == "residual_too_large"
+    assert "arc of the field" in found.reason
+    # a few of its points lie on a player
+    bulk = keyed({"penalty_arc_left center": 1.0 * unit})
+    assert verdict(replace(off, bulk_residuals_px=bulk), cues=Cues(None, None)).status == "calibrated"
+
+
+@pytest.mark.parametrize(
+    ("share", "away_px", "status"), [(0.09, 25.0, "refused"), (0.03, 90.0, "calibrated"), (0.4, 15.0, "calibrated")]
+)
+def test_what_speaks_for_another_size_and_quite_another_camera_is_uncertain(share, away_px, status):
+    found = verdict(camera_fit(other_size=OtherSize(share, away_px * CAMERA.width / 1920.0)))
+    assert found.status == status
+    assert found.code == (None if status == "calibrated" else "too_uncertain")
 
 
 def test_an_end_of_the_halfway_line_alone_must_fit_the_marking_that_it_lies_on():
