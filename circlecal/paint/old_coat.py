@@ -235,8 +235,10 @@ def _join_sectors(profiles: CoatProfiles) -> CoatProfiles:
     def join(values: Array) -> Array:
         return np.asarray(0.5 * (values[first] + values[first + 1]))
 
-    parts = (profiles.angle, profiles.scale, profiles.offset_px, profiles.level, profiles.turn)
-    return CoatProfiles(*(join(values) for values in parts), noise=float(profiles.noise / np.sqrt(2.0)))
+    angle, scale, offset_px, level, turn = (
+        join(values) for values in (profiles.angle, profiles.scale, profiles.offset_px, profiles.level, profiles.turn)
+    )
+    return CoatProfiles(angle, scale, offset_px, level, turn, float(profiles.noise / np.sqrt(2.0)))
 
 
 def _foretell_gain(profiles: CoatProfiles, width_m: float) -> float:
