@@ -452,4 +452,4 @@ def test_colours_of_lines_are_compared_where_one_paint_adds_one_colour(field, is
     """Mown stripes change what white paint adds to grass, and a rink has several paints."""
     setting = SimpleNamespace(config=load_config(None, [f"field.template={field}"]), template=load_field(field))
     scene, marking = SimpleNamespace(relief=None), SimpleNamespace(source="detector")
-    assert attempts._has_one_paint(setting, scene, marking) is is_compared
+    assert attempts.has_one_paint(setting, scene, marking) is is_compared

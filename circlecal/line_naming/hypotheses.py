@@ -360,7 +360,7 @@ def _weigh_rivals(scene: NamingScene, trials: list[Trial], best: Trial) -> list[
     }
     if len(close) < 2:
         return trials
-    alone = _weighed_cost(scene, Association({}, 0.0, 0.0), best.theta)
+    alone = _cost_with_errors(scene, Association({}, 0.0, 0.0), best.theta)
     return [_weigh_trial(scene, trial, alone) if k in close else trial for k, trial in enumerate(trials)]
 
 
@@ -369,12 +369,12 @@ def _weigh_trial(scene: NamingScene, trial: Trial, alone: float) -> Trial:
     named = list(trial.association.names)
     missed_px = float(scene.lengths_px[named].sum()) - trial.explained_px
     passed = Association({k: trial.association.names[k] for k in named if trial.passed[k]}, trial.explained_px, 0.0)
-    strain = max(0.0, _weighed_cost(scene, passed, trial.theta) - alone)
+    strain = max(0.0, _cost_with_errors(scene, passed, trial.theta) - alone)
     score = trial.explained_px - PX_PER_MISSED_PX * missed_px - scene.unit * PX_PER_PRIOR * strain
     return replace(trial, score=score)
 
 
-def _weighed_cost(scene: NamingScene, association: Association, theta: Array) -> float:
+def _cost_with_errors(scene: NamingScene, association: Association, theta: Array) -> float:
     """Chi-square of the known markings, of lines under their names, of priors and of painters' errors, from a camera
     (P,).
     """

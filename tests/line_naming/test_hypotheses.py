@@ -54,7 +54,7 @@ def test_the_longest_lines_are_tried_alone_under_every_name_that_they_can_have(m
 def test_rivals_are_compared_by_what_painters_errors_leave_of_their_strain(monkeypatch):
     """A streak of light beside the far touchline of a rendered hall, which was taken for it, 35 px off."""
     costs = {(): 63.0, (0,): 78.1, (1,): 69.2}
-    monkeypatch.setattr(hypotheses, "_weighed_cost", lambda scene, tried, theta: costs[tuple(tried.names)])
+    monkeypatch.setattr(hypotheses, "_cost_with_errors", lambda scene, tried, theta: costs[tuple(tried.names)])
     model = SimpleNamespace(width=1280)
     scene = SimpleNamespace(lengths_px=np.array([369.0, 314.0]), unit=2 / 3, problem=SimpleNamespace(model=model))
 
@@ -83,6 +83,6 @@ def test_a_name_strains_known_markings_by_no_more_than_the_circle_is_off():
     scene = hypotheses.make_naming_scene([1], problem, state, seen, FUTSAL, task.coarse_noise)
     named = Association({0: "side_line_top"}, 1.0, 0.0)
     alone, with_line = (
-        hypotheses._weighed_cost(scene, tried, state.theta[0]) for tried in (Association({}, 0.0, 0.0), named)
+        hypotheses._cost_with_errors(scene, tried, state.theta[0]) for tried in (Association({}, 0.0, 0.0), named)
     )
     assert 0.0 < with_line - alone < 15.0
