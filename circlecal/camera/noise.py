@@ -100,8 +100,9 @@ def rescale_and_reject(problem: Problem, state: State, least: CurvePoints) -> tu
         Those given that are left.
     """
     off_px = state.residuals[0] * problem.curves.sigma_px
-    factor, kept = np.ones(len(off_px)), _lie_near(problem, least, state)
-    for ordered in _along_markings(least, state):
+    markings = _along_markings(least, state)
+    factor, kept = np.ones(len(off_px)), _lie_near(problem, off_px, markings)
+    for ordered in markings:
         if len(ordered) < 2 * NEIGHBOURS:
             continue
         values = (off_px / least.sigma_px)[ordered[kept[ordered]]]
@@ -120,13 +121,16 @@ def leave_out_strays(problem: Problem, state: State) -> tuple[Problem, State, In
 
     It is the distance from the neighbours that counts: a camera that is wrong moves them all.
     """
-    return _keep_points(problem, state, _lie_near(problem, problem.curves, state))
+    off_px = state.residuals[0] * problem.curves.sigma_px
+    return _keep_points(problem, state, _lie_near(problem, off_px, _along_markings(problem.curves, state)))
 
 
-def _lie_near(problem: Problem, curves: CurvePoints, state: State) -> Mask:
-    """Which points (N,) lie as near to their neighbours as most do; all of a marking that has too few."""
-    off_px, kept = state.residuals[0] * problem.curves.sigma_px, np.ones(len(curves.group), dtype=np.bool_)
-    for ordered in _along_markings(curves, state):
+def _lie_near(problem: Problem, off_px: Array, markings: list[Indices]) -> Mask:
+    """Which points (N,), so far off, lie as near to their neighbours along their markings as most do; all of a marking
+    that has too few.
+    """
+    kept = np.ones(len(off_px), dtype=np.bool_)
+    for ordered in markings:
         if len(ordered) >= 2 * NEIGHBOURS:
             beside = np.abs(off_px[ordered] - _running_median(off_px[ordered], NEIGHBOURS))
             near_px = OFF_SIGMAS * 1.4826 * np.median(beside) + OFF_PX * problem.model.width / 1920.0

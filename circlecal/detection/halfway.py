@@ -138,10 +138,10 @@ def find_halfway(
     local = normalise_line(transform_lines(to_unit, lines))
     distance = np.abs(local[:, 2])
     nearest = [k for k in np.argsort(distance)[:MOST_TRIED] if distance[k] <= config.halfway.distance]
-    for follow in (_follow_line, _follow_beside):
+    for is_beside in (False, True):
         best: tuple[float, MeasuredLine] | None = None
         for index in nearest:
-            measured = follow(gray, circle, local[index], config)
+            measured = _follow_line(gray, circle, local[index], config, is_beside=is_beside)
             refined = abs(float(normalise_line(transform_lines(to_unit, measured.line))[2]))
             if not _is_halfway(measured, circle, refined, config):
                 continue
@@ -210,41 +210,19 @@ def _is_drawn(line: MeasuredLine) -> bool:
     return line.support >= SUPPORT_WITH_REST and whole >= SUPPORT
 
 
-def _follow_line(gray: NDArray[np.uint8], circle: MeasuredCircle, local: Array, config: DetectorConfig) -> MeasuredLine:
+def _follow_line(
+    gray: NDArray[np.uint8], circle: MeasuredCircle, local: Array, config: DetectorConfig, *, is_beside: bool
+) -> MeasuredLine:
     """Follow a line, given in the unit circle's frame, through the circle and beyond; fit it inside the circle, or
-    where the picture shows it outside only.
-    """
-    low, high = _find_visible_part(local, circle, gray.shape)[2]
-    # the picture may show the line on one side of the circle only
-    is_outside = low >= 1.0 or high <= -1.0
-    return _follow(gray, circle, local, FURTHEST if is_outside else EXTENT, config, is_outside=is_outside)
-
-
-def _follow_beside(
-    gray: NDArray[np.uint8], circle: MeasuredCircle, local: Array, config: DetectorConfig
-) -> MeasuredLine:
-    """Follow a line, given in the unit circle's frame, as far as it may be seen on either side of the circle, and fit
-    it there: its paint inside the circle may be worn off.
-    """
-    return _follow(gray, circle, local, FURTHEST, config, is_outside=True, rounds=2)
-
-
-def _follow(
-    gray: NDArray[np.uint8],
-    circle: MeasuredCircle,
-    local: Array,
-    furthest: float,
-    config: DetectorConfig,
-    *,
-    is_outside: bool,
-    rounds: int = 1,
-) -> MeasuredLine:
-    """Follow a line for so many half chords; fit it, in some rounds, inside the circle, or wherever it is drawn
-    (``is_outside``): one side of it may lead to the other.
+    wherever it is drawn where the picture shows it outside only, or its paint inside may be worn off (``is_beside``):
+    then one side of it may lead to the other.
     """
     width = gray.shape[1]
     refinement = config.refinement
     middle, half_chord, (low, high) = _find_visible_part(local, circle, gray.shape)
+    # the picture may show the line on one side of the circle only
+    is_outside = is_beside or low >= 1.0 or high <= -1.0
+    furthest = FURTHEST if is_outside else EXTENT
     extent = max(-furthest, low), min(furthest, high)
     if not extent[0] < extent[1]:
         extent = -1.0, 1.0
@@ -258,7 +236,7 @@ def _follow(
     inner = np.abs(chords) <= INSIDE
     line = normalise_line(join(lift(start), lift(end)))
     curve = _measure_between(gray, start, end, share, reach, pieces, circle.sign)
-    for _ in range(rounds):
+    for _ in range(2 if is_beside else 1):
         on = curve.supported & ((np.abs(chords) <= FITTED_EXTENT) | is_outside)
         if np.count_nonzero(on) < FEWEST_TO_FIT:
             break

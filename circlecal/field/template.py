@@ -364,11 +364,15 @@ class FieldTemplate(BaseModel):
             drawn[line.name] = np.linspace(ends[0], ends[1], count)
         return drawn
 
+    def curve_points(self, circle: Circle, edge: Edge, angle_rad: Array) -> Array:
+        """Points (..., 2), metres, of one edge or the middle of a circle's paint at angles (...,) from the x axis."""
+        ring = np.stack([np.cos(angle_rad), np.sin(angle_rad)], axis=-1)
+        return np.asarray(np.asarray(circle.center) + self.radius(circle, edge) * ring)
+
     def _arc_points(self, circle: Circle, start_deg: float, end_deg: float, step_m: float) -> Array:
         radius = self.radius(circle, "center")
         count = max(8, int(np.ceil(np.radians(end_deg - start_deg) * radius / step_m)) + 1)
-        angle = np.radians(np.linspace(start_deg, end_deg, count))
-        return np.asarray(circle.center) + radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        return self.curve_points(circle, "center", np.radians(np.linspace(start_deg, end_deg, count)))
 
 
 def template_from_mapping(content: Any, source: str, sizes: dict[str, float] | None = None) -> FieldTemplate:

@@ -10,7 +10,7 @@ from circlecal.camera.covariance import posterior_covariance
 from circlecal.camera.observed import NoiseModel, thin_curves, thin_line
 from circlecal.camera.painters import follow_errors, measure_displacements, weigh_errors
 from circlecal.camera.problem import COARSE, WIDE_LOSS, Problem, State, minimise
-from circlecal.camera.residuals import CurvePoints, ground_feet
+from circlecal.camera.residuals import CurvePoints, ground_feet, join_curves, line_curve, stack_curves
 from circlecal.field import FieldTemplate
 from circlecal.geometry.projective import Array, Indices, Mask
 from circlecal.line_naming.association import Association, associate_lines
@@ -385,24 +385,12 @@ def _cost_with_errors(scene: NamingScene, association: Association, theta: Array
 
 def _curves_of(scene: NamingScene, association: Association) -> CurvePoints:
     """The known markings, and the lines that one hypothesis names, with those names."""
-    assumed = _assume(scene, [association])
-    known = len(scene.problem.curves.keys)
-    used = np.array([True] * known + [k in association.names for k in range(len(scene.segments))])
-    number = np.cumsum(used) - 1
-    kept = used[assumed.group]
-    names = tuple(MarkingKey(association.names[k]) for k in sorted(association.names))
-    return CurvePoints(
-        points_px=assumed.points_px[kept],
-        sigma_px=assumed.sigma_px[0, kept],
-        origin=assumed.origin[0, kept],
-        radius=assumed.radius[kept],
-        radius_by_width=assumed.radius_by_width[kept],
-        bloom_sign=assumed.bloom_sign[kept],
-        direction=assumed.direction[0, kept],
-        shift=assumed.shift[0, kept],
-        group=number[assumed.group[kept]],
-        keys=(*scene.problem.curves.keys, *names),
-    )
+    parts = []
+    for k, name in association.names.items():
+        drawn, own = scene.template.line_by_name[name], scene.line == k
+        ends, shift = scene.template.line_ends(drawn), scene.template.line_shift(drawn)
+        parts.append(line_curve(name, scene.points_px[own], scene.sigma_px[own], ends, shift))
+    return join_curves(scene.problem.curves, stack_curves(parts))
 
 
 def select_trial(trials: list[Trial], width: int) -> Trial | None:

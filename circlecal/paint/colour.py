@@ -10,7 +10,14 @@ from numpy.typing import NDArray
 from circlecal.geometry.projective import Array
 from circlecal.paint.bands import MeasuredCurve
 
-__all__ = ["lie_on_one_surface", "match_paint", "measure_added_colours", "measure_paint_colour", "segments_match_paint"]
+__all__ = [
+    "lie_on_one_surface",
+    "match_paint",
+    "measure_added_colour",
+    "measure_added_colours",
+    "measure_paint_colour",
+    "segments_match_paint",
+]
 
 _ENOUGH = 128  # places along a marking whose median is its colour
 _SAMPLES = 48  # along each segment
@@ -100,6 +107,14 @@ def measure_added_colours(image_bgr: NDArray[np.uint8], points: Array, normals: 
     """Colour (N, 3) of each place less that of its sides, beyond markings of these widths (N,) or (1,)."""
     x, y = np.clip(np.rint(points), 0, (image_bgr.shape[1] - 1, image_bgr.shape[0] - 1)).astype(np.int64).T
     return np.asarray(image_bgr[y, x] - _colours_beside(image_bgr, points, normals, widths).mean(axis=(1, 2)))
+
+
+def measure_added_colour(image_bgr: NDArray[np.uint8], points: Array, normals: Array, width_px: float) -> Array:
+    """What the paint of one marking adds to blue, green and red of its surface: medians (3,) over places (N, 2) on it
+    with normals (N, 2), or one (2,), beyond its width.
+    """
+    across = np.broadcast_to(normals, points.shape)
+    return np.asarray(np.median(measure_added_colours(image_bgr, points, across, np.full(1, width_px)), axis=0))
 
 
 def _colours_beside(image_bgr: NDArray[np.uint8], points: Array, normals: Array, widths: Array) -> Array:

@@ -172,11 +172,8 @@ def sample_coats(picture: GrayPicture, view: FieldView, circle: Circle, template
     """
     edges = 2.0 * np.pi * np.arange(SECTORS) / SECTORS
     angle = edges[:, None] + 2.0 * np.pi / SECTORS * (np.arange(PLACES) + 0.5) / PLACES
-    ring = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    center = np.asarray(circle.center)
     middle, inner, outer = (
-        view.project((center + template.radius(circle, edge) * ring).reshape(-1, 2)).reshape(ring.shape)
-        for edge in ("center", "inner", "outer")
+        view.project(template.curve_points(circle, edge, angle)) for edge in ("center", "inner", "outer")
     )
     tangent = np.roll(middle, -1, axis=1) - np.roll(middle, 1, axis=1)
     tangent[:, [0, -1]] = middle[:, [1, -1]] - middle[:, [0, -2]]

@@ -5,12 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from circlecal.field import Circle, FieldTemplate
 from circlecal.field.view import FieldView
 from circlecal.geometry.projective import Array
 
-__all__ = ["RESIDUAL_WIDTHS", "WIDE_PX", "mean_paint_width", "predict_line_widths", "predict_paint_widths"]
+__all__ = [
+    "RESIDUAL_WIDTHS",
+    "WIDE_PX",
+    "blur_widths",
+    "mean_paint_width",
+    "predict_line_widths",
+    "predict_paint_widths",
+]
 
 WIDE_PX = 16.0
 """Paint of more than so many pixels at 1920 px width is wide. Rendered robots' fields have 33 to 80 px where they are
@@ -20,6 +28,8 @@ RESIDUAL_WIDTHS = 0.05
 by a share of its width, 0.03 along the true circles of 40 rendered robots' fields, whose paint is up to 80 px wide at
 1920 px width.
 """
+GAUSSIAN_FWHM = 2.355
+"""Full width at half the peak of a Gaussian blur, in its standard deviations."""
 ROUND = 72
 """Places round a circle at which the width of its paint is predicted."""
 ALONG = 65
@@ -33,10 +43,7 @@ def predict_paint_widths(view: FieldView, circle: Circle, template: FieldTemplat
     if circle.fill == "disc":
         return np.zeros(0)
     angle = np.linspace(0.0, 2 * np.pi, ROUND, endpoint=False)
-    ring = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    outer, inner = (
-        view.project(np.asarray(circle.center) + template.radius(circle, edge) * ring) for edge in ("outer", "inner")
-    )
+    outer, inner = (view.project(template.curve_points(circle, edge, angle)) for edge in ("outer", "inner"))
     shown = view.shows(outer) & view.shows(inner)
     return np.asarray(np.linalg.norm(outer - inner, axis=1)[shown])
 
@@ -75,3 +82,8 @@ def mean_paint_width(view: FieldView, circle: Circle, template: FieldTemplate) -
     """Mean of these widths, pixels; 0 where the picture shows none of the paint."""
     widths = predict_paint_widths(view, circle, template)
     return float(widths.mean()) if len(widths) else 0.0
+
+
+def blur_widths(widths_px: ArrayLike, blur_px: float) -> Array:
+    """Widths at half height (...,), pixels, of paint of such widths in a picture with a blur, a standard deviation."""
+    return np.asarray(np.hypot(widths_px, GAUSSIAN_FWHM * blur_px))

@@ -15,10 +15,10 @@ from circlecal.field.view import FieldView
 from circlecal.geometry.projective import Array, fit_line
 from circlecal.line_naming.line_ends import find_line_through, lies_short_of_end
 from circlecal.observations import CirclePoints, LineEnd, LinePoints
-from circlecal.paint.colour import match_paint, measure_added_colours
-from circlecal.paint.predicted_width import mean_paint_width, predict_line_widths
+from circlecal.paint.colour import match_paint, measure_added_colour
+from circlecal.paint.predicted_width import blur_widths, mean_paint_width, predict_line_widths
 
-__all__ = ["leave_out_other_paints", "leave_out_short_borders"]
+__all__ = ["leave_out_short_borders", "leave_out_streaks"]
 
 LEAST_STRENGTH = 0.2
 """Share of the contrast of the circle's or the halfway line's paint, at the width that the view predicts, that the
@@ -27,8 +27,6 @@ false ones (streaks of light on the floor, 5 to 32 px off) 0.09 to 0.16.
 """
 STEP = 0.01
 """Share of a circle's radius by which two places lie beside its curve, between which its normal runs."""
-GAUSSIAN_FWHM = 2.355
-"""Full width at half the peak of a Gaussian blur, in its standard deviations."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +44,7 @@ class _Paint:
         return float(np.linalg.norm(self.colour)) / max(self.kept, 1e-6)
 
 
-def leave_out_other_paints(
+def leave_out_streaks(
     image: NDArray[np.uint8],
     view: FieldView,
     template: FieldTemplate,
@@ -54,7 +52,8 @@ def leave_out_other_paints(
     lines: Sequence[LinePoints],
     blur_px: float,
 ) -> tuple[LinePoints, ...]:
-    """The lines that may have the paint of the circles and the halfway line; all of them where none of these is seen.
+    """The lines that may have the paint of the circles and the halfway line, in colour and in strength; all of them
+    where none of these is seen.
 
     Parameters
     ----------
@@ -74,9 +73,7 @@ def leave_out_other_paints(
     places = np.array([line.points_px[len(line.points_px) // 2] for line in lines])
     widths = predict_line_widths(view.project, [line.line or "" for line in lines], places, template)
     paints = [
-        _measure_paint(
-            image, line.points_px, np.broadcast_to(fit_line(line.points_px)[:2], line.points_px.shape), w, blur_px
-        )
+        _measure_paint(image, line.points_px, fit_line(line.points_px)[:2], w, blur_px)
         for line, w in zip(lines, widths.tolist(), strict=True)
     ]
     known = [paint for line, paint in zip(lines, paints, strict=True) if line.line == template.halfway_line]
@@ -108,10 +105,9 @@ def _measure_circle_paint(
 
 
 def _measure_paint(image: NDArray[np.uint8], points: Array, normals: Array, width_px: float, blur_px: float) -> _Paint:
-    """The paint at places (N, 2) with normals (N, 2) of a marking of a predicted width, by medians."""
-    added = measure_added_colours(image, points, normals, np.full(1, width_px))
-    kept = width_px / max(float(np.hypot(width_px, GAUSSIAN_FWHM * blur_px)), 1e-6)
-    return _Paint(np.median(added, axis=0), kept)
+    """The paint at places (N, 2) with normals (N, 2), or one (2,), of a marking of a predicted width, by medians."""
+    kept = width_px / max(float(blur_widths(width_px, blur_px)), 1e-6)
+    return _Paint(measure_added_colour(image, points, normals, width_px), kept)
 
 
 def leave_out_short_borders(

@@ -16,7 +16,7 @@ from circlecal.paint.local_energy import local_energy
 from circlecal.paint.predicted_width import RESIDUAL_WIDTHS, mean_paint_width
 from circlecal.paint.spots import measure_spots
 from circlecal.pipeline.attempts import add_checks, estimate, has_one_paint, look_again, take_observations
-from circlecal.pipeline.false_lines import leave_out_other_paints, leave_out_short_borders
+from circlecal.pipeline.false_lines import leave_out_short_borders, leave_out_streaks
 from circlecal.pipeline.logo_rims import measure_logo_rims
 from circlecal.pipeline.refinements import Retry, is_less_uncertain
 from circlecal.pipeline.setting import Scene, Setting, lighten_markings
@@ -47,8 +47,9 @@ LARGEST_RESIDUAL_PX = 2.0
 right cameras of other sports the second largest was 1.6 at most, of a court 2 m shorter than its template 3.2.
 """
 ROUND = 72
-"""Places round a circle at which a camera's circle is compared with the one that was seen: of a school yard that was
-taken for a longer court it lay 5.6 px beside it, pixels at 1920 px width, of a rendered court 0.6.
+"""Places round a circle at which a camera's circle is compared with the one that was seen, from which it may lie as far
+as a marking: of a school yard that was taken for a longer court it lay 5.6 px beside it, pixels at 1920 px width, of a
+rendered court 0.6.
 """
 PAINTERS_SIGMAS = 2.0
 """Standard deviations of painters' errors that a residual may have beside that: spots of rendered rinks, 3 cm beside
@@ -109,9 +110,10 @@ def _draws_circle(setting: Setting, camera: CameraFit, placed: PlacedField) -> b
     if any(key.name == placed.circle.name for key in camera.residuals_px):
         return True
     angle = np.linspace(0.0, 2 * np.pi, ROUND, endpoint=False)
-    ring = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    radii = [setting.template.radius(placed.circle, edge) for edge in ("outer", "center", "inner")]
-    drawn = [camera.view.project(np.asarray(placed.circle.center) + radius * ring) for radius in radii]
+    drawn = [
+        camera.view.project(setting.template.curve_points(placed.circle, edge, angle))
+        for edge in ("outer", "center", "inner")
+    ]
     off_px = [np.abs(sampson_distance(placed.conic, curve[camera.view.shows(curve)])) for curve in drawn]
     nearest_px = min((float(np.sqrt(np.mean(off**2))) for off in off_px if len(off)), default=0.0)
     return nearest_px <= LARGEST_RESIDUAL_PX * setting.width / 1920.0
@@ -161,7 +163,7 @@ def _calibrate_view(
         lines = leave_out_short_borders(view, template, np.asarray(setting.circle.center), lines, ends)
         # beside painted keys lines lie between two surfaces
         if has_one_paint(setting, scene, mask) and not setting.config.field.any_circle:
-            lines = leave_out_other_paints(scene.image, view, template, circles, lines, edges.blur_px)
+            lines = leave_out_streaks(scene.image, view, template, circles, lines, edges.blur_px)
         spots = measure_spots(picture, scene.image, view, template.lone_marks, edges.noise, template.placement_sd_m)
     observations = Observations(setting.width, setting.height, circles, lines, spots)
     seen = replace(attempt, verdict=None, camera=None, correspondences=None, homography=None)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from circlecal.field import Circle
 from circlecal.observations import CirclePoints, LinePoints, Observations, join_observations
 from circlecal.paint.old_coat import find_old_coat, remove_old_coat, sample_coats
-from circlecal.paint.predicted_width import WIDE_PX, predict_line_widths, predict_paint_widths
+from circlecal.paint.predicted_width import WIDE_PX, blur_widths, predict_line_widths, predict_paint_widths
 from circlecal.paint.profiles import GrayPicture
 from circlecal.pipeline.attempts import calibrate_extra, estimate, look_again, measure
 from circlecal.pipeline.setting import Scene, Setting, lighten_markings
@@ -38,9 +38,9 @@ LOST_WIDTHS = 0.12
 frames of four profiles those of wide paint in calibrated frames moved them by 0.003 at most, of one refused frame by
 0.034; in a picture without a field, where rounds led nowhere, all that had a camera by 0.24 or more.
 """
-BROADEST, GAUSSIAN_FWHM = 2.0, 2.355
+BROADEST = 2.0
 """Times the width that the camera predicts for its paint, blurred as the picture is, from which on a line is no marking
-but a kerb or a part of a board; and the full width at half the peak of a Gaussian blur, in its standard deviations.
+but a kerb or a part of a board.
 """
 UNCERTAIN_PX = 12.0
 """Largest predicted error, pixels at 1920 px width, from which on fainter straight markings are looked for."""
@@ -154,7 +154,7 @@ def _find_broad_lines(setting: Setting, attempt: Attempt) -> frozenset[int]:
     lines = [cues.lines[k] for k in names]
     seen_px = np.array([0.5 * (line.segment.start + line.segment.end) for line in lines])
     paint_px = predict_line_widths(camera.view.project, list(names.values()), seen_px, setting.template)
-    largest_px = BROADEST * np.hypot(paint_px, GAUSSIAN_FWHM * edges.blur_px)
+    largest_px = BROADEST * blur_widths(paint_px, edges.blur_px)
     is_broad = np.array([line.width_px for line in lines]) > largest_px
     return frozenset(k for k, broad in zip(names, is_broad.tolist(), strict=True) if broad)
 

@@ -15,7 +15,7 @@ from circlecal.geometry.conics import line_conic_meet, pole
 from circlecal.geometry.projective import Array, dehomogenise, fit_line, join, lift, line_distance
 from circlecal.observations import CircleEdge, LineEnd, LinePoints, Observations
 from circlecal.paint.centre_mark import find_centre_mark, half_chords
-from circlecal.paint.colour import match_paint, measure_added_colours
+from circlecal.paint.colour import match_paint, measure_added_colour
 from circlecal.paint.ends import paint_ends
 from circlecal.paint.lines import ONE_ROUND, TWO_ROUNDS, WIDE_ROUND, measure_lines
 from circlecal.paint.profiles import GrayPicture
@@ -180,11 +180,12 @@ def leave_out_other_paints(image: NDArray[np.uint8], cues: Cues, ellipses: Ellip
         return cues
     points = fit.points_px[fit.inliers]
     normals = fit.ellipse.normals(fit.ellipse.parameter(points))
-    colour = np.median(measure_added_colours(image, points, normals, np.full(1, band_px or 0.0)), axis=0)
+    colour = measure_added_colour(image, points, normals, band_px or 0.0)
     kept = tuple(
         line
         for line in cues.lines
-        if match_paint(_measure_added_colour(image, line), colour) and not _is_halo(image, line, colour)
+        if match_paint(measure_added_colour(image, line.points_px, _normal_of(line), line.width_px), colour)
+        and not _is_halo(image, line, colour)
     )
     return replace(cues, lines=kept)
 
@@ -195,8 +196,7 @@ def _is_halo(image: NDArray[np.uint8], line: LineCue, colour: Array) -> bool:
     """
     scale = max(1.0, image.shape[1] / 1280.0)
     away_px = np.arange(-BESIDE_PX, BESIDE_PX + 1)
-    normal = line.line[:2] / np.hypot(*line.line[:2])
-    places = line.points_px[:, None] + scale * away_px[:, None] * normal
+    places = line.points_px[:, None] + scale * away_px[:, None] * _normal_of(line)
     x, y = np.clip(np.rint(places), 0, (image.shape[1] - 1, image.shape[0] - 1)).astype(np.int64).transpose(2, 0, 1)
     profile = np.median(image[y, x] @ (colour / max(float(np.linalg.norm(colour)), 1e-9)), axis=0)
     profile -= np.median(profile)
@@ -206,11 +206,9 @@ def _is_halo(image: NDArray[np.uint8], line: LineCue, colour: Array) -> bool:
     return own < HALO_SHARE * opposite
 
 
-def _measure_added_colour(image: NDArray[np.uint8], line: LineCue) -> Array:
-    """What the paint of a line adds to blue, green and red of its surface: medians (3,) over its points."""
-    normals = np.broadcast_to(line.line[:2] / np.hypot(*line.line[:2]), line.points_px.shape)
-    added = measure_added_colours(image, line.points_px, normals, np.full(1, line.width_px))
-    return np.asarray(np.median(added, axis=0))
+def _normal_of(line: LineCue) -> Array:
+    """Unit vector (2,) across a line."""
+    return np.asarray(line.line[:2] / np.hypot(*line.line[:2]))
 
 
 def cues_from_observations(observations: Observations, template: FieldTemplate, circle: Circle) -> Cues:

@@ -222,8 +222,7 @@ def sample_curve(
     angle = np.radians(np.linspace(start, end, 2881))
 
     def project_edge(edge: CircleEdge, at: Array) -> Array:
-        ring = np.asarray(circle.center) + template.radius(circle, edge) * np.stack([np.cos(at), np.sin(at)], axis=-1)
-        return view.project(ring)
+        return view.project(template.curve_points(circle, edge, at))
 
     steps = np.linalg.norm(np.diff(project_edge("center", angle), axis=0), axis=-1)
     length = np.concatenate([[0.0], np.cumsum(np.nan_to_num(steps))])

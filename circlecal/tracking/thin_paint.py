@@ -13,18 +13,11 @@ from numpy.typing import NDArray
 
 from circlecal.geometry.projective import Mask
 from circlecal.paint.bands import MeasuredCurve, measure_curve
+from circlecal.paint.lines import BESIDE_PX, LEAST_UNIT
 from circlecal.paint.profiles import GrayPicture
 
-BESIDE_PX = (3.3, 5.4)
-"""Where the ground right beside thin paint is looked at, from its middle, pixels at 1920 px width: far paint is 2 to 4
-wide.
-"""
 AROUND_PX = 3.0
 """How far from where it was found the paint may lie, pixels at 1920 px width."""
-LEAST_UNIT = 2 / 3
-"""Pixels per pixel at 1920 px width, at the least, for these lengths: smaller pictures are blurred as much, in pixels,
-as those of 1280 px width.
-"""
 
 
 def measure_thin(

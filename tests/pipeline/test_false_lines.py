@@ -10,7 +10,7 @@ from circlecal.field import load_field
 from circlecal.field.view import FieldView
 from circlecal.geometry.surface import FLAT
 from circlecal.observations import CirclePoints, LineEnd, LinePoints
-from circlecal.pipeline.false_lines import leave_out_other_paints, leave_out_short_borders
+from circlecal.pipeline.false_lines import leave_out_short_borders, leave_out_streaks
 from circlecal.synthetic.cameras import aim_camera
 from tests.stages.conftest import paint_field
 
@@ -51,12 +51,12 @@ def paint_streak(picture, grey, colour=(1.0, 1.0, 1.0)):
 def test_a_faint_streak_and_a_line_in_another_colour_are_no_marking(grey, colour, is_kept):
     picture = paint_streak(paint_field(CAMERA, FIELD), grey, colour)
     halfway, border, streak = seen_line("halfway_line"), seen_line(BORDER.name), seen_line(BORDER.name, AWAY_M)
-    assert leave_out_other_paints(picture, VIEW, FIELD, (seen_circle(),), (halfway, border), 1.0) == (halfway, border)
-    kept = leave_out_other_paints(picture, VIEW, FIELD, (seen_circle(),), (halfway, streak), 1.0)
+    assert leave_out_streaks(picture, VIEW, FIELD, (seen_circle(),), (halfway, border), 1.0) == (halfway, border)
+    kept = leave_out_streaks(picture, VIEW, FIELD, (seen_circle(),), (halfway, streak), 1.0)
     assert kept == ((halfway, streak) if is_kept else (halfway,))
     # nothing tells the paint
-    assert leave_out_other_paints(picture, VIEW, FIELD, (), (streak,), 1.0) == (streak,)
-    assert leave_out_other_paints(picture, VIEW, FIELD, (seen_circle(),), (), 1.0) == ()
+    assert leave_out_streaks(picture, VIEW, FIELD, (), (streak,), 1.0) == (streak,)
+    assert leave_out_streaks(picture, VIEW, FIELD, (seen_circle(),), (), 1.0) == ()
 
 
 def test_a_border_before_the_end_of_the_halfway_line_is_left_out():
