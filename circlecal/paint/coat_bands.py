@@ -1,0 +1,264 @@
+"""Two bands of paint round a camera's curve, one of them an old coat: what they leave of profiles across the circle.
+
+A band is the difference of two blurred steps. The new paint hides most of the old where both lie, which steps at two of
+the same edges: all is told by four steps, and the derivatives by as many bells.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from circlecal.geometry.least_squares import DenseProblem, NormalState
+from circlecal.geometry.projective import Array, Indices
+
+__all__ = ["CoatBands", "CoatProfiles", "draw_old_band", "harmonics"]
+
+SECTORS, REACH_M = 60, 0.4
+"""Into which the circle is cut, and how far beside the new paint an old coat may lie."""
+ORDER = 3
+"""Of the circle's own place round the camera's curve, in harmonics of the angle: what a camera gets wrong by a tilt, a
+lens or a crown.
+"""
+OPAQUE = 0.8
+"""Share of an old coat's light that the new paint over it hides: paint that is worn shows some of it. Of 0.5 and 0.8
+the second told both coats of more of six rendered circles.
+"""
+ROBUST = 3.0
+"""Standard deviations from which on residuals count less (Cauchy's loss): players and other paint."""
+PLACE_SD_M, BLUR_SD, WIDTH_SD, STRENGTH_SD = 0.2, 0.7, 0.25, 0.7
+"""What is known beforehand, standard deviations: of every harmonic, metres, and of the logarithms of blur, width and
+strength about their usual values.
+"""
+USUAL_BLUR_PX, USUAL_STRENGTH = 0.8, 0.3
+"""Standard deviation of a picture's blur, and light of an old coat over that of the new paint, before they are told."""
+_FIRST, _ALONE = 2 * ORDER + 1, 2 * ORDER + 4
+"""Numbers of the harmonics, and of all parameters of one band."""
+_OF_ONE = (*[0] * _FIRST, 1, 1, 2)
+_OF_BOTH = (*_OF_ONE, 3, 4, 4, 4)
+"""By which of place, blur, width, strength and place beside each parameter moves the bands."""
+_NEW = np.array([1.0, -1.0])
+"""Heights of the steps of the new band."""
+_ERF = (0.3480242, -0.0958798, 0.7478556, 0.47047)
+"""Abramowitz and Stegun 7.1.25: the error function to 2.5e-5."""
+
+
+@dataclass(frozen=True, slots=True)
+class CoatProfiles:
+    """Mean profiles across a circle's paint in B sectors.
+
+    Attributes
+    ----------
+    angle : (B,) array
+        Of the sectors' middles on the field, radians.
+    scale : (B,) array
+        Pixels per metre across the curve.
+    offset_px : (B, S) array
+        Where the samples lie, pixels outwards from the camera's curve: evenly, as far inwards as outwards.
+    level : (B, S) array
+        Gray levels.
+    turn : (B, 2) array
+        Squares of the profiles' directions along the picture's rows and columns: a pan blurs along the rows.
+    noise : float
+        Their standard deviation from sample to sample.
+    """
+
+    angle: Array
+    scale: Array
+    offset_px: Array
+    level: Array
+    turn: Array
+    noise: float
+
+
+@dataclass(frozen=True, slots=True)
+class Bands:
+    """Where K pairs of bands lie in B sectors, pixels: the new one's place, both ones' blur and width, and the place of
+    the old one beside it (K, B); its strength (K, 1); squares of the blur along rows and along columns (K, 1).
+    """
+
+    place: Array
+    blur: Array
+    width: Array
+    strength: Array
+    beside: Array
+    rows: Array
+    columns: Array
+
+
+def find_sectors(angle: Array, count: int) -> Indices:
+    """Numbers (N,) of the sectors, of so many round the circle, whose middles lie at an angle (N,)."""
+    return np.rint(angle * (count / (2.0 * np.pi)) - 0.5).astype(np.int64)
+
+
+def harmonics(angle: Array, order: int = ORDER) -> Array:
+    """1, cosines and sines (N, 2 order + 1) of an angle (N,) and of its multiples."""
+    multiples = angle[:, None] * np.arange(1, order + 1)
+    waves = np.stack([np.cos(multiples), np.sin(multiples)], axis=-1).reshape(len(angle), -1)
+    return np.concatenate([np.ones((len(angle), 1)), waves], axis=1)
+
+
+def draw_old_band(x: Array, width: Array, beside: Array, blur: Array) -> Array:
+    """What an old band so far beside a new one of its width about zero adds to it, at places x; all of them pixels."""
+    half = 0.5 * width
+    up, down, new_up, new_down = (_step((x - edge) / blur)[0] for edge in (beside - half, beside + half, -half, half))
+    hidden = np.maximum(np.minimum(up, new_up) - np.maximum(down, new_down), 0.0)
+    return np.asarray(up - down - OPAQUE * hidden)
+
+
+class CoatBands(DenseProblem):
+    """One band of paint round a camera's curve, or two.
+
+    Parameters are harmonics of its place, metres, logarithms of blur along rows and along columns and of width over
+    their usual values, and the same of the old one's strength, and growth and shift of its circle, metres. The light of
+    each sector, and the ground's with its slope, are fitted within it.
+    """
+
+    def __init__(self, profiles: CoatProfiles, width_m: float, *, has_old: bool) -> None:
+        self._profiles, self._width_m, self._has_old = profiles, width_m, has_old
+        self._waves = harmonics(profiles.angle)
+        share = profiles.offset_px[0] / np.abs(profiles.offset_px[0]).max()
+        ground = np.linalg.qr(np.stack([np.ones_like(share), share], axis=-1))[0]
+        self._without_ground = np.eye(len(share)) - ground @ ground.T
+        self._level = profiles.level @ self._without_ground
+        self._prior = np.append(np.full(_FIRST, PLACE_SD_M), (BLUR_SD, BLUR_SD, WIDTH_SD))
+        if has_old:
+            self._prior = np.concatenate([self._prior, [STRENGTH_SD], np.full(3, PLACE_SD_M)])
+        self.expected = np.zeros(len(self._prior))
+
+    def evaluate(self, parameters: Array) -> NormalState:
+        """Costs, gradients and normal equations at parameters (K, P)."""
+        residual, slope = self.linearise(parameters)
+        residual, slope = residual.reshape(len(slope), -1), slope.reshape(*slope.shape[:2], -1)
+        weighted = slope * weigh(residual)[:, None]
+        gradient = (weighted @ residual[..., None])[..., 0] + parameters / self._prior**2
+        normal = weighted @ slope.transpose(0, 2, 1) + np.diag(1.0 / self._prior**2)
+        return NormalState(parameters, self._loss(residual, parameters), gradient, normal)
+
+    def cost(self, parameters: Array) -> Array:
+        """Costs (K,) at parameters (K, P)."""
+        band, _ = self._draw(self.read(parameters))
+        return self._loss(self._leave(band)[0].reshape(len(band), -1), parameters)
+
+    def linearise(self, parameters: Array) -> tuple[Array, Array]:
+        """What the bands of parameters (K, P) leave of the profiles (K, B, S), standard deviations, and its derivatives
+        by them (K, P, B, S).
+        """
+        bands = self.read(parameters)
+        band, slope = self._draw(bands)
+        residual, light = self._leave(band)
+        by_light = (slope * (residual * self._profiles.noise - light[..., None] * band)).sum(axis=-1)
+        by_light *= (light > 0.0) / np.maximum((band * band).sum(axis=-1), 1e-9)
+        slope = -(by_light[..., None] * band + light[..., None] * slope) / self._profiles.noise
+        across = (self._waves.T * self._profiles.scale)[None]
+        turn = self._profiles.turn / bands.blur[..., None]
+        parts = [across, (bands.rows * turn[..., 0])[:, None], (bands.columns * turn[..., 1])[:, None]]
+        parts.append(bands.width[:, None])
+        if self._has_old:
+            parts += [np.ones((1, 1, 1)), across[:, :3]]
+        shape = len(parameters), -1, len(self._waves)
+        factor = np.concatenate([np.broadcast_to(part, (shape[0], part.shape[1], shape[2])) for part in parts], axis=1)
+        which = _OF_BOTH if self._has_old else _OF_ONE
+        return residual, slope.swapaxes(0, 1)[:, which] * factor[..., None]
+
+    def hint(self, alone: Array, beside_m: Array) -> Array:
+        """By how much a faint old coat beside the band of parameters (P,), everywhere so far (A,), changes what that
+        leaves of the profiles (A, B, S), over its strength.
+        """
+        bands = self.read(alone[None])
+        band, _ = self._draw(bands)
+        light = self._leave(band)[1]
+        old = draw_old_band(
+            self._profiles.offset_px - bands.place[..., None],
+            bands.width[..., None],
+            (beside_m[:, None] * self._profiles.scale)[..., None],
+            bands.blur[..., None],
+        )
+        old = old @ self._without_ground
+        share = (old * band).sum(axis=-1) / np.maximum((band * band).sum(axis=-1), 1e-9)
+        return np.asarray(-light[..., None] * (old - share[..., None] * band) / self._profiles.noise)
+
+    def read(self, parameters: Array) -> Bands:
+        """The bands that parameters (K, P) stand for."""
+        scale = self._profiles.scale
+        rows, columns = (USUAL_BLUR_PX**2 * np.exp(2.0 * parameters[:, k, None]) for k in (_FIRST, _FIRST + 1))
+        blur = np.sqrt(rows * self._profiles.turn[:, 0] + columns * self._profiles.turn[:, 1])
+        width = self._width_m * np.exp(parameters[:, _FIRST + 2, None]) * scale
+        place = parameters[:, :_FIRST] @ self._waves.T * scale
+        strength, beside = np.zeros((len(place), 1)), np.zeros_like(place)
+        if self._has_old:
+            strength = USUAL_STRENGTH * np.exp(parameters[:, _ALONE, None])
+            beside = parameters[:, _ALONE + 1 :] @ self._waves[:, :3].T * scale
+        return Bands(place, blur, width, strength, beside, rows, columns)
+
+    def fit_light(self, bands: Bands) -> Array:
+        """Gray levels (K, B) that the new paint adds."""
+        return self._leave(self._draw(bands)[0])[1]
+
+    def _draw(self, bands: Bands) -> tuple[Array, Array]:
+        """Bands (K, B, S) of the light of one gray level, without their means and slopes, and their derivatives by
+        place, blur, width, strength (its logarithm) and place beside (5, K, B, S), or by the first three alone.
+        """
+        edges, weight = _place_edges(bands.place, bands.width, bands.beside, bands.strength)
+        if not self._has_old:
+            edges, weight = edges[:2], weight[:2]
+        z = (self._profiles.offset_px - edges[..., None]) / bands.blur[..., None]
+        step, bell = _step(z)
+        bell *= -(weight / bands.blur)[..., None]
+        wider = 0.5 * (bell[1] - bell[0])
+        slope = [bell.sum(axis=0), (bell * z).sum(axis=0), wider]
+        if self._has_old:
+            slope[2] = wider + 0.5 * (bell[3] - bell[2])
+            old = weight.copy()
+            old[:2] -= _NEW[:, None, None]
+            slope += [(old[..., None] * step).sum(axis=0), bell[2] + bell[3]]
+        band = (weight[..., None] * step).sum(axis=0)
+        return band @ self._without_ground, np.stack(slope) @ self._without_ground
+
+    def _leave(self, band: Array) -> tuple[Array, Array]:
+        """What bands (K, B, S) leave of the profiles, standard deviations, and their light (K, B), gray levels."""
+        light = (band * self._level).sum(axis=-1) / np.maximum((band * band).sum(axis=-1), 1e-9)
+        light = np.maximum(light, 0.0)
+        return np.asarray((self._level - light[..., None] * band) / self._profiles.noise), light
+
+    def _loss(self, residual: Array, parameters: Array) -> Array:
+        robust = ROBUST**2 * np.log1p((residual / ROBUST) ** 2).sum(axis=-1)
+        return np.asarray(robust + ((parameters / self._prior) ** 2).sum(axis=-1))
+
+
+def weigh(residual: Array) -> Array:
+    """How much residuals count, standard deviations."""
+    return np.asarray(1.0 / (1.0 + (residual / ROBUST) ** 2))
+
+
+def _place_edges(place: Array, width: Array, beside: Array, strength: Array | float) -> tuple[Array, Array]:
+    """The steps (4, ...) of both bands, up and down those of the new one and then those of the old one: where, and how
+    high. What the new paint hides goes from one's edge to the other's.
+    """
+    place, width, beside = np.broadcast_arrays(place, width, beside)
+    half = 0.5 * width
+    edges = np.stack([place - half, place + half, place + beside - half, place + beside + half])
+    hidden = OPAQUE * (np.abs(beside) < width)
+    inside, outside = hidden * (beside < 0.0), hidden * (beside >= 0.0)
+    weight = strength * np.stack([-inside, outside, 1.0 - outside, inside - 1.0])
+    weight[0] += 1.0
+    weight[1] -= 1.0
+    return edges, weight
+
+
+def _step(z: Array) -> tuple[Array, Array]:
+    """Normal distribution function and density."""
+    bell = np.exp(-0.5 * z * z)
+    t = np.abs(z)
+    t *= _ERF[3] / np.sqrt(2.0)
+    t += 1.0
+    np.reciprocal(t, out=t)
+    half = _ERF[2] * t
+    for factor in (_ERF[1], _ERF[0]):
+        half += factor
+        half *= t
+    half *= -0.5 * bell
+    half += 0.5
+    bell *= 1.0 / np.sqrt(2.0 * np.pi)
+    return np.copysign(half, z) + 0.5, bell
