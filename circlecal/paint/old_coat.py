@@ -44,9 +44,10 @@ have 14 or more.
 """
 OUTLINE, FAR_PX = 720, 20_000.0
 """Corners of the outline of what an old coat may light, and pixels within which they are drawn."""
-FIRST_RULE = StoppingRule(1e-3, unit=np.inf, iterations=3)
+GLANCE_RULE = StoppingRule(1e-3, unit=np.inf, iterations=3)
+FIRST_RULE = StoppingRule(1e-3, unit=np.inf, iterations=5)
 RULE = StoppingRule(1e-4, unit=np.inf, iterations=12)
-"""Of all starts, on half as many sectors, and of the best one after that."""
+"""Of one band and of all starts, on half as many sectors, and of the best one after that."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +144,7 @@ def find_old_coat(profiles: CoatProfiles, width_m: float) -> OldCoat | None:
     """The fainter circle beside paint of about a width that explains its profiles best, if it is surely told."""
     joined = _join_sectors(profiles)
     one, two = (CoatBands(joined, width_m, has_old=has_old) for has_old in (False, True))
-    alone = minimise(one, one.evaluate(one.expected[None]), FIRST_RULE).state
+    alone = minimise(one, one.evaluate(one.expected[None]), GLANCE_RULE).state
     places = foretell_coats(joined, one, alone)
     if len(places) == 0:
         return None

@@ -71,11 +71,21 @@ class Band:
 
 def find_bands(image: NDArray[np.uint8]) -> tuple[Band, ...]:
     """Level boxes over a picture (H, W, 3), from top to bottom."""
-    gray = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-    height, width = gray.shape
+    height, width = image.shape[:2]
     if height < 64 or width < 4 * EVERY * JOINED:
         return ()
-    edges = _find_level_edges(np.asarray(gray, np.uint8))
+    columns = width // EVERY
+    # the pixel that stands for each place is the first one there
+    seen = image[:, : EVERY * columns]
+    thinned = np.asarray(cv2.resize(seen, (columns, height), interpolation=cv2.INTER_NEAREST), np.uint8)
+    boxes = _find_boxes(thinned, _find_level_edges(thinned))
+    widened = (replace(box, left=EVERY * box.left, right=min(EVERY * box.right, width - 1)) for box in boxes)
+    return tuple(sorted(widened, key=lambda box: box.top))
+
+
+def _find_boxes(image: NDArray[np.uint8], edges: list[Band]) -> list[Band]:
+    """Boxes between two edges, and those that are grown from one of the edges beside them."""
+    height = len(image)
     found: list[Band] = []
     for k, upper in enumerate(edges):
         if found and upper.top <= found[-1].bottom:
@@ -90,12 +100,12 @@ def find_bands(image: NDArray[np.uint8]) -> tuple[Band, ...]:
         if box is not None and all(box.bottom < other.top or box.top > other.bottom for other in found):
             above = [edge for edge in edges if edge.top < box.top]
             found.append(replace(box, top=_uppermost(above, box.top, height)))
-    return tuple(sorted(found, key=lambda box: box.top))
+    return found
 
 
 def _grow(image: NDArray[np.uint8], edge: Band, below: bool) -> Band | None:
-    """The box below or above a level edge, as far as the rows go on in the colour that they have at the edge; None
-    where that does not end along a row, or the colour is back behind a stripe.
+    """The box of a thinned picture below or above a level edge, as far as the rows go on in the colour that they have
+    at the edge; None where that does not end along a row, or the colour is back behind a stripe.
     """
     height, stripe = len(image), RIM_PX + round(TRIM * len(image))
     sides = (np.arange(edge.bottom + RIM_PX, height), np.arange(edge.top - RIM_PX, -1, -1))
@@ -103,16 +113,16 @@ def _grow(image: NDArray[np.uint8], edge: Band, below: bool) -> Band | None:
     rows = rows[: round(HEIGHTS[1] * height) + stripe]
     if len(rows) < HEIGHTS[0] * height:
         return None
-    columns = slice(edge.left, edge.right + 1, EVERY)
-    ground = np.median(image[rows[:BASE_ROWS], columns].astype(np.float64), axis=(0, 1))
+    columns = slice(edge.left, edge.right + 1)
+    ground = np.median(image[rows[:BASE_ROWS], columns], axis=(0, 1))
     is_ground = _has_colour(image[rows, columns], ground)
     own = np.flatnonzero(is_ground[:BASE_ROWS].all(axis=0))
     if len(own) < 2:
         return None
-    left, right = edge.left + EVERY * int(own[0]), edge.left + EVERY * int(own[-1])
-    share = is_ground[:, own[0] : own[-1] + 1].mean(axis=1)
+    left, right = edge.left + int(own[0]), edge.left + int(own[-1])
+    share = _share_of_rows(is_ground[:, own[0] : own[-1] + 1])
     first = int(np.argmin(share >= GROUND_SHARE))
-    before = _has_colour(image[outside[:stripe], left : right + 1 : EVERY], ground).mean(axis=1)
+    before = _share_of_rows(_has_colour(image[outside[:stripe], left : right + 1], ground))
     beyond = share[first + RIM_PX : first + stripe]
     if max(before.max(initial=0.0), beyond.max(initial=0.0)) > BEYOND_SHARE or len(beyond) < RIM_PX:
         return None
@@ -123,7 +133,15 @@ def _grow(image: NDArray[np.uint8], edge: Band, below: bool) -> Band | None:
 
 def _has_colour(image: NDArray[np.uint8], colour: NDArray[np.float64]) -> Mask:
     """Which places (H, W) of a picture have about a colour (3,)."""
-    return np.asarray((np.abs(image.astype(np.float64) - colour) < PLAIN_LEVELS).all(axis=-1), np.bool_)
+    low, high = np.floor(colour - PLAIN_LEVELS) + 1.0, np.ceil(colour + PLAIN_LEVELS) - 1.0
+    if image.size == 0:
+        return np.zeros(image.shape[:2], np.bool_)
+    return np.asarray(cv2.inRange(np.ascontiguousarray(image), low, high)) > 0
+
+
+def _share_of_rows(places: Mask) -> NDArray[np.float64]:
+    """Share (H,) of each row of a mask (H, W) that is set."""
+    return np.asarray(np.count_nonzero(places, axis=1) / max(places.shape[1], 1), np.float64)
 
 
 def fill_bands(image: NDArray[np.uint8], bands: tuple[Band, ...]) -> NDArray[np.uint8]:
@@ -157,20 +175,19 @@ def cover_bands(shape: tuple[int, ...], bands: tuple[Band, ...]) -> Mask:
     return covered
 
 
-def _find_level_edges(gray: NDArray[np.uint8]) -> list[Band]:
-    """Where the picture steps along rows, from top to bottom; none where it does so everywhere."""
+def _find_level_edges(image: NDArray[np.uint8]) -> list[Band]:
+    """Where a thinned picture (H, W, 3) steps along rows, from top to bottom; none where it does so everywhere."""
+    gray = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
     width = gray.shape[1]
-    values = np.ascontiguousarray(gray[:, ::EVERY]).astype(np.int16)
-    step = values[2:] - values[:-2]
-    columns = np.zeros(step.shape, dtype=np.bool_)
-    for sign in (1, -1):
-        alike = (sign * step > LEAST_STEP).astype(np.float32)
-        columns |= np.asarray(cv2.boxFilter(alike, cv2.CV_32F, (JOINED, 1)) > JOINED_SHARE, np.bool_)
-    rows = np.flatnonzero(EVERY * np.count_nonzero(columns, axis=1) >= LEAST_LENGTH * width)
-    edges, reach = [], EVERY * JOINED // 2
+    columns = np.zeros((len(gray) - 2, width), dtype=np.bool_)
+    for step in (cv2.subtract(gray[2:], gray[:-2]), cv2.subtract(gray[:-2], gray[2:])):
+        alike = (step > LEAST_STEP).view(np.uint8)
+        columns |= cv2.boxFilter(alike, -1, (JOINED, 1), normalize=False) > JOINED_SHARE * JOINED
+    rows = np.flatnonzero(np.count_nonzero(columns, axis=1) >= LEAST_LENGTH * width)
+    edges, reach = [], JOINED // 2
     for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if len(rows) else ():
-        seen = EVERY * np.flatnonzero(columns[run].any(axis=0))
-        left, right = max(int(seen[0]) - reach, 0), min(int(seen[-1]) + reach, width - 1)
+        seen = np.flatnonzero(columns[run].any(axis=0))
+        left, right = max(int(seen[0]) - reach, 0), min(int(seen[-1]) + reach, width)
         edges.append(Band(int(run[0]) + 1, int(run[-1]) + 1, left, right))
     return edges if len(edges) <= MOST_EDGES else []
 
@@ -192,13 +209,13 @@ def _uppermost(edges: list[Band], top: int, height: int) -> int:
 
 
 def _is_box(image: NDArray[np.uint8], band: Band) -> bool:
-    """Whether the inside of a band is plain, and unlike what lies outside, as its rims are."""
-    columns = slice(band.left, band.right + 1, 4)
-    inside = image[band.top + RIM_PX : band.bottom - RIM_PX : 2, columns].reshape(-1, 3)
-    if len(inside) == 0:
+    """Whether the inside of a band of a thinned picture is plain, and unlike what lies outside, as its rims are."""
+    columns, every = slice(band.left, band.right + 1), FIELD_EVERY // EVERY
+    inside = image[band.top + RIM_PX : band.bottom - RIM_PX : 2, columns]
+    if inside.size == 0:
         return False
-    usual = np.median(inside, axis=0)
-    rest = (image[: band.top : FIELD_EVERY, ::FIELD_EVERY], image[band.bottom + 1 :: FIELD_EVERY, ::FIELD_EVERY])
+    usual = _usual_colour(inside)
+    rest = (image[: band.top : FIELD_EVERY, ::every], image[band.bottom + 1 :: FIELD_EVERY, ::every])
     if _has_colour(np.concatenate(rest), usual).mean() > FIELD_SHARE:
         return False
     plain = _has_colour(inside, usual)
@@ -218,8 +235,14 @@ def _is_box(image: NDArray[np.uint8], band: Band) -> bool:
     ]
     unlike = all(np.abs(own - outside).max() > UNLIKE_LEVELS for rim, outside in sides for own in (rim, usual))
     rows = image[band.top : band.bottom + 1, columns]
-    strips = [(_has_colour(rows, outside).mean(axis=1) > GROUND_SHARE).mean() for _, outside in sides]
+    strips = [(_share_of_rows(_has_colour(rows, outside)) > GROUND_SHARE).mean() for _, outside in sides]
     return bool(plain.mean() >= PLAIN_SHARE and unlike and sides and max(strips) <= STRIP_SHARE)
+
+
+def _usual_colour(image: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """Median (3,) of each colour of a picture (H, W, 3)."""
+    values = np.ascontiguousarray(image.reshape(-1, 3).T)
+    return np.median(values, axis=1)
 
 
 def _smooth(row: NDArray[np.float64]) -> NDArray[np.float64]:
