@@ -51,10 +51,10 @@ BESIDE_SUPPORT, LEAST_BESIDE = 0.4, 0.15
 """Smallest drawn share of what is visible, within :data:`FURTHEST`, of a line that is bare inside the circle but runs
 on both sides of it, and of either side: worn paint is gone for metres, and an accident does not go on beyond.
 """
-LEAST_SEEN, LEAST_SEEN_BESIDE = 0.1, 0.2
-"""Drawn shares of what is visible of a line, through the circle, and before it is fitted again along all its length,
-below which it is no worn one: those that were, on 80 frames of worn paint, had 0.18 and 0.31 or more, and most lines
-that are none less of one of both.
+LEAST_SEEN, LEAST_SEEN_BESIDE = 0.03, 0.15
+"""Drawn shares of what is visible of a line, about the circle, and before it is fitted again along all its length,
+below which it is no worn one. Worn ones had 0.1 and 0.25 or more, 80 frames of worn paint and two painted scenes; most lines
+that are none have less of one of both.
 """
 SAME_PAINT = 0.4
 """Least contrast of the line over that of the circle: streaks of the floor have less, one paint 0.6 to 2.7."""
