@@ -53,8 +53,8 @@ on both sides of it, and of either side: worn paint is gone for metres, and an a
 """
 LEAST_SEEN, LEAST_SEEN_BESIDE = 0.03, 0.15
 """Drawn shares of what is visible of a line, about the circle, and before it is fitted again along all its length,
-below which it is no worn one. Worn ones had 0.1 and 0.25 or more, 80 frames of worn paint and two painted scenes; most lines
-that are none have less of one of both.
+below which it is no worn one. Worn ones had 0.1 and 0.25 or more in 80 frames of worn paint and painted scenes; most
+lines that are none have less of one of both.
 """
 SAME_PAINT = 0.4
 """Least contrast of the line over that of the circle: streaks of the floor have less, one paint 0.6 to 2.7."""
