@@ -148,7 +148,7 @@ def find_halfway(
         tried, nearest = nearest, []
         for index in tried:
             measured = _follow_line(gray, circle, local[index], config, is_beside=is_beside)
-            if _seen_share(measured.curve) >= LEAST_SEEN:
+            if _measure_share(measured.curve) >= LEAST_SEEN:
                 nearest.append(index)
             refined = abs(float(normalise_line(transform_lines(to_unit, measured.line))[2]))
             if not _is_halfway(measured, circle, refined, config):
@@ -244,7 +244,7 @@ def _follow_line(
     inner = np.abs(chords) <= INSIDE
     line = normalise_line(join(lift(start), lift(end)))
     curve = _measure_between(gray, start, end, share, reach, pieces, circle.sign)
-    is_bare = is_beside and _seen_share(curve) < LEAST_SEEN_BESIDE
+    is_bare = is_beside and _measure_share(curve) < LEAST_SEEN_BESIDE
     for _ in range(0 if is_bare else 2 if is_beside else 1):
         on = curve.supported & ((np.abs(chords) <= FITTED_EXTENT) | is_outside)
         if np.count_nonzero(on) < FEWEST_TO_FIT:
@@ -258,14 +258,9 @@ def _follow_line(
     return MeasuredLine(line, curve, shares[2], is_outside, (shares[0], shares[1]))
 
 
-def _seen_share(curve: MeasuredCurve) -> float:
-    """Share of a curve that is drawn, of what the picture shows of it."""
-    return _measure_share(curve, np.ones(len(curve.inside), np.bool_))
-
-
-def _measure_share(curve: MeasuredCurve, part: Mask) -> float:
-    """Share of a part (N,) of a curve that is drawn, of what the picture shows of it."""
-    visible = curve.inside & part
+def _measure_share(curve: MeasuredCurve, part: Mask | None = None) -> float:
+    """Share of a curve, or of a part (N,) of it, that is drawn, of what the picture shows of it."""
+    visible = curve.inside if part is None else curve.inside & part
     return float(np.count_nonzero(curve.supported & visible)) / max(1, int(np.count_nonzero(visible)))
 
 

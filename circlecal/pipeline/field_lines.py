@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,8 @@ SURE_PX = 6.0
 """Largest predicted error, pixels at 1920 px width, of a camera from straight markings alone that is taken before the
 circle was looked for thoroughly.
 """
+FIELD_LINES_TRIED = ("field lines",)
+"""Under which a picture keeps what was tried last."""
 
 
 def _may_use_field_lines(setting: Setting) -> bool:
@@ -42,7 +44,7 @@ def look_for_field_lines(setting: Setting, scene: Scene) -> Attempt | None:
     marking, refusal = marking_from_detection(scene.first_look)
     if refusal is None:
         return None
-    attempt = next(take_field_lines(setting, scene, Attempt(mask=marking)), None)
+    attempt = calibrate_by_lines(setting, scene, marking)
     limit_px = SURE_PX * setting.width / 1920.0
     is_sure = attempt is not None and attempt.camera is not None and attempt.camera.max_sigma_px < limit_px
     return attempt if is_sure else None
@@ -54,12 +56,53 @@ def _shows_field_lines(setting: Setting, first: Attempt) -> bool:
 
 
 def take_field_lines(setting: Setting, scene: Scene, first: Attempt) -> Iterator[Attempt]:
-    """Attempts, all of them calibrated, with the straight markings and arcs that together look like a part of the
+    """The attempt, where it calibrates, with the straight markings and arcs that together look like a part of the
     field, without the circle.
     """
-    if first.mask is None or len(first.mask.lines) < FEWEST_LINES:
+    attempt = None if first.mask is None else calibrate_by_lines(setting, scene, first.mask)
+    if attempt is not None:
+        yield replace(attempt, mask=first.mask)
+
+
+@dataclass(frozen=True, slots=True)
+class _Tried:
+    """Which markings were tried for which field, and what came of it."""
+
+    setting: Setting
+    mask: MarkingMask
+    attempt: Attempt | None
+
+    def answers(self, setting: Setting, mask: MarkingMask) -> bool:
+        """Whether the same would be tried: thorough passes often see no other lines than the quick ones before."""
+        return self.setting is setting and all(
+            np.array_equal(one, other)
+            for one, other in zip(_list_markings(self.mask), _list_markings(mask), strict=True)
+        )
+
+
+def _list_markings(mask: MarkingMask) -> tuple[NDArray[np.generic], ...]:
+    """Ends of the lines (K, 2, 2), points of all arcs (N, 2), their numbers, the field, and the markings' polarity."""
+    seen = [line for line in (*mask.lines, mask.halfway) if line is not None]
+    ends = np.array([(line.start, line.end) for line in seen]).reshape(-1, 2, 2)
+    points = np.concatenate([np.zeros((0, 2)), *(arc.points_px for arc in mask.arcs)])
+    region = np.zeros((0, 0), np.bool_) if mask.field_region is None else mask.field_region
+    return ends, points, np.array([len(arc.points_px) for arc in mask.arcs]), region, np.array([mask.polarity or 0.0])
+
+
+def calibrate_by_lines(setting: Setting, scene: Scene, mask: MarkingMask) -> Attempt | None:
+    """The first naming of a picture's straight markings and arcs that calibrates; None where none does."""
+    tried = scene.looks.recall(FIELD_LINES_TRIED)
+    if not isinstance(tried, _Tried) or not tried.answers(setting, mask):
+        tried = _Tried(setting, mask, next(_try_namings(setting, scene, mask), None))
+        scene.looks.keep(FIELD_LINES_TRIED, tried)
+    return tried.attempt
+
+
+def _try_namings(setting: Setting, scene: Scene, mask: MarkingMask) -> Iterator[Attempt]:
+    """Attempts, all of them calibrated, by one naming of the lines after the other."""
+    if len(mask.lines) < FEWEST_LINES:
         return
-    mask, template, circle, config = first.mask, setting.template, setting.circle, setting.config
+    template, circle, config = setting.template, setting.circle, setting.config
     with setting.clock("cues"):
         picture = lighten_markings(scene.marked, mask, circle)
         side, cues = config.correspondences.camera_side, config.cues
