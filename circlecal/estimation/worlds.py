@@ -10,7 +10,7 @@ import numpy as np
 from circlecal.camera.noise import noise_of_misfit
 from circlecal.camera.observed import with_model_noise
 from circlecal.camera.priors import Priors
-from circlecal.camera.problem import COARSE, FINAL, Problem, State, resume, reweight, with_priors
+from circlecal.camera.problem import COARSE, FINAL, Problem, State, evaluate, resume, reweight, with_priors
 from circlecal.camera.residuals import CurvePoints
 from circlecal.camera.spike_and_slab import (
     CURVED_SHARE,
@@ -115,10 +115,18 @@ def choose_world(task: Task, stated: CurvePoints, first: Fit, usual: tuple[Task,
         if (is_doubted or shows_size_closely(named, own.problem.curves)) and _is_allowed(told, template):
             found, reported = told, _tell_noise
     best, (chosen, fit) = max(found, key=lambda pair: pair[0].evidence)
-    problem, state = reported(best, chosen, fit)
+    problem, state = reported(_reach(best, task.rule(COARSE)), chosen, fit)
     fit = _explore(task, replace(fit, problem=problem, state=resume(problem, state, task.rule(FINAL))))
     posterior = mix([answer for answer, _ in found], best, fit.state.theta[0])
     return chosen, replace(fit, posterior=posterior)
+
+
+def _reach(answer: Answer, rule: StoppingRule) -> Answer:
+    """The answer at the optimum that a linear model foretold."""
+    if not answer.is_predicted:
+        return answer
+    state = evaluate(answer.problem, answer.state.theta, answer.state.feet)
+    return replace(answer, state=resume(answer.problem, state, rule), is_predicted=False)
 
 
 def _explore(task: Task, fit: Fit) -> Fit:
