@@ -60,7 +60,7 @@ size of the field leaves: with six times as much a circle beside a touchline 42.
 NOISE_ROUNDS = 2
 """So often noise is told by residuals, and these by the noise, before sizes are compared: a third changes nothing."""
 
-FINE = replace(COARSE, tolerance=0.05, last_step=True)
+FINE = replace(COARSE, tolerance=0.05, contraction=0.1, last_step=True)
 """For roofs against parabolas, whose evidence differs by less than that of other worlds."""
 
 ROUGH = StoppingRule(1e-3, unit=np.inf)
