@@ -27,7 +27,7 @@ from circlecal.camera.spike_and_slab import (
     share_noise,
 )
 from circlecal.camera.valley import explore_valley
-from circlecal.estimation.completion import close_sigma_px, complete, shows_size_closely
+from circlecal.estimation.completion import close_sigma_px, recognise, shows_size_closely, take_in
 from circlecal.estimation.task import Fit, Task
 from circlecal.field import FieldTemplate
 from circlecal.geometry.camera_parameters import INDEX
@@ -103,9 +103,11 @@ def choose_world(task: Task, stated: CurvePoints, first: Fit, usual: tuple[Task,
     if any_size is not None and config.name_lines and _may_be_of_any_size(task, usual, [a for a, _ in found]):
         wide, state = with_priors(first.problem, first.state.best(), any_size.priors(priors, priors, template))
         start = replace(first, problem=wide, state=resume(wide, state, task.rule(COARSE)))
-        other = complete(task, stated, start)
-        if depends_on_size(other[1].problem.curves) and other[0].names != usual[0].names:
-            cases.append(other)
+        more = recognise(task, stated, start)
+        names = task.names if more is None else task.names | more.names
+        curves = stated if more is None else more.problem.curves
+        if depends_on_size(curves) and names != usual[0].names:
+            cases.append(take_in(task, stated, start, more))
             found = compare(_with_reported_noise, [(case, worlds) for case in cases])
     if any_size is not None and _may_hide_misfit(usual, [a for a, _ in found]):
         named, own = usual
