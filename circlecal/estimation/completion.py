@@ -113,7 +113,9 @@ def _fit_more_lines(task: Task, stated: CurvePoints, fit: Fit, more: Recognised 
     if more is not None:
         problem, start = more.problem, more.start
         state = minimise(problem, start, task.rule(COARSE), ground_feet(problem.curves, start, problem.model))
-        return replace(task, names=task.names | more.names), _leave_out_strays(task, settle(task, problem, state, FINAL))
+        return replace(task, names=task.names | more.names), _leave_out_strays(
+            task, settle(task, problem, state, FINAL)
+        )
     problem, state, scale = fit.problem, fit.state, fit.scale
     least = None if task.names else least_sigmas(task, stated)
     if least is not None:
