@@ -101,13 +101,10 @@ def choose_world(task: Task, stated: CurvePoints, first: Fit, usual: tuple[Task,
     found, reported = compare(_with_reported_noise, [(usual, worlds)]), _keep_noise
     any_size = next((world for world in worlds if not world.is_usual_size and not world.is_flat), None)
     if any_size is not None and config.name_lines and _may_be_of_any_size(task, usual, [a for a, _ in found]):
-        wide, state = with_priors(first.problem, first.state.best(), any_size.priors(priors, priors, template))
-        start = replace(first, problem=wide, state=resume(wide, state, task.rule(COARSE)))
-        more = recognise(task, stated, start)
-        names = task.names if more is None else task.names | more.names
-        curves = stated if more is None else more.problem.curves
-        if depends_on_size(curves) and names != usual[0].names:
-            cases.append(take_in(task, stated, start, more))
+        resized = any_size.priors(priors, priors, template)
+        other = _name_on_any_size(task, stated, first, usual, resized)
+        if other is not None:
+            cases.append(other)
             found = compare(_with_reported_noise, [(case, worlds) for case in cases])
     if any_size is not None and _may_hide_misfit(usual, [a for a, _ in found]):
         named, own = usual
@@ -120,6 +117,18 @@ def choose_world(task: Task, stated: CurvePoints, first: Fit, usual: tuple[Task,
     fit = _explore(task, replace(fit, problem=problem, state=resume(problem, state, task.rule(FINAL))))
     posterior = mix([answer for answer, _ in found], best, fit.state.theta[0])
     return chosen, replace(fit, posterior=posterior)
+
+
+def _name_on_any_size(task: Task, stated: CurvePoints, first: Fit, usual: _Case, priors: Priors) -> _Case | None:
+    """The lines that a field of any size has, with its priors; None where they are those of the usual one."""
+    problem, state = with_priors(first.problem, first.state.best(), priors)
+    start = replace(first, problem=problem, state=resume(problem, state, task.rule(COARSE)))
+    more = recognise(task, stated, start)
+    names = task.names if more is None else task.names | more.names
+    curves = stated if more is None else more.problem.curves
+    if names == usual[0].names or not depends_on_size(curves):
+        return None
+    return take_in(task, stated, start, more)
 
 
 def _reach(answer: Answer, rule: StoppingRule) -> Answer:
