@@ -19,7 +19,7 @@ from circlecal.camera.residuals import (
 from circlecal.camera.viewing_coordinates import VIEWING, from_viewing, to_viewing_with_jacobian
 from circlecal.geometry import least_squares
 from circlecal.geometry.camera import Camera
-from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel, camera_of
+from circlecal.geometry.camera_parameters import INDEX, LOG_FOCAL, PARAMETERS, ProjectionModel, camera_of
 from circlecal.geometry.least_squares import (
     LEAST_DAMPING,
     Batch,
@@ -44,6 +44,12 @@ LOG_FOCAL_RANGE = (np.log(10.0), np.log(1e6))
 """Of the focal length in pixels: nothing outside is a camera."""
 BEHIND = 1e3
 """Residual, standard deviations, of a point whose marking lies behind the camera: more than any loss looks at."""
+HARDLY_ZOOMED, HARDLY_ROBUST = 0.04, 1.0
+"""A linear model foretells the optimum of a camera whose focal length changes by less than this (logarithm) on the way,
+where the loss there differs by no more (chi-square) from what the step promises. In 882 fits to real and rendered
+frames the logarithm of the evidence that it foretold was off by 0.08 (90 %), 0.21 (99 %) and 0.75 at most; in 591 that
+zoom by more or meet the bend of the loss by 0.2 (half of them) and 7 (90 %).
+"""
 _CAUTIOUS = np.array([[1, 0, 0, 1, 1, 1, 1], [1, 1, 1, 1, 0, 0, 0]], dtype=np.float64)
 """Which of the first parameters the largest step is about: in viewing coordinates, and in others."""
 _IDENTITY = np.eye(len(PARAMETERS))
@@ -319,3 +325,12 @@ def resume(problem: Problem, state: State, rule: StoppingRule = FINAL) -> State:
 def predict_step(problem: Problem, state: State) -> State:
     """Where an undamped step leads in the linear model: nothing is evaluated."""
     return problem.extrapolate(state, problem.step(state, np.full(len(state.theta), LEAST_DAMPING)))
+
+
+def predict_optimum(problem: Problem, state: State) -> tuple[State, bool]:
+    """:func:`predict_step`, and whether the linear model of the first start holds so far."""
+    step = problem.step(state, np.full(len(state.theta), LEAST_DAMPING))
+    ahead = problem.extrapolate(state, step)
+    zoomed = abs(float(step.change[0, LOG_FOCAL]))
+    surprise = abs(float(state.cost[0] - step.promise[0] - ahead.cost[0]))
+    return ahead, zoomed < HARDLY_ZOOMED and surprise < HARDLY_ROBUST

@@ -22,7 +22,7 @@ import numpy as np
 
 from circlecal.camera.covariance import posterior_covariance
 from circlecal.camera.priors import Priors
-from circlecal.camera.problem import Problem, State, bend_surface, predict_step, resume, reweight, with_priors
+from circlecal.camera.problem import Problem, State, bend_surface, predict_optimum, resume, reweight, with_priors
 from circlecal.camera.residuals import CurvePoints
 from circlecal.field import FieldTemplate
 from circlecal.geometry.camera_parameters import INDEX, active_parameters
@@ -104,13 +104,14 @@ USUAL = World(True, False, 1.0)
 @dataclass(frozen=True, slots=True)
 class Answer:
     """The best camera in one world, as a problem and its optimum (the first start), and the logarithm of its evidence,
-    up to what all worlds have in common.
+    up to what all worlds have in common; ``is_predicted`` where the optimum is that of a linear model.
     """
 
     world: World
     problem: Problem
     state: State
     evidence: float
+    is_predicted: bool = False
 
 
 def possible_worlds(
@@ -162,29 +163,29 @@ def answers_in(
     known : int
         So many of the markings are the same in all answers that are compared.
     rule : StoppingRule
-        When an optimum is reached. Where the linear model says already that a world is out of the question, it is not
-        looked for.
+        When an optimum is reached. Where the linear model holds so far, or says already that a world is out of the
+        question, it is not looked for.
     """
     problem, state = case
     begun = [with_priors(problem, state, world.priors(problem.priors, usual, template)) for world in worlds]
-    arrived = [_has_priors(changed, problem) for changed, _ in begun]
     ahead = [
-        Answer(world, changed, step, log_evidence(world, changed, step, template, known))
-        for world, (changed, here), is_there in zip(worlds, begun, arrived, strict=True)
-        for step in (here if is_there else predict_step(changed, here),)
+        (_weigh(world, changed, here, template, known), True)
+        if _has_priors(changed, problem)
+        else _predict_answer(world, changed, here, template, known)
+        for world, (changed, here) in zip(worlds, begun, strict=True)
     ]
-    least = max(answer.evidence for answer in ahead) - OUT_OF_THE_QUESTION
+    least = max(answer.evidence for answer, _ in ahead) - OUT_OF_THE_QUESTION
     found: list[Answer] = []
     reached: dict[bool, State] = {}
-    for answer, (changed, here), is_there in zip(ahead, begun, arrived, strict=True):
-        if is_there or answer.evidence < least:
+    for (answer, is_sure), (changed, here) in zip(ahead, begun, strict=True):
+        if is_sure or answer.evidence < least:
             found.append(answer)
             continue
         # a flat field of any size is like the crowned one of any size
         is_usual = answer.world.is_usual_size
         start = with_priors(problem, reached[is_usual], changed.priors)[1] if is_usual in reached else here
         reached[is_usual] = end = resume(changed, start, rule)
-        found.append(Answer(answer.world, changed, end, log_evidence(answer.world, changed, end, template, known)))
+        found.append(_weigh(answer.world, changed, end, template, known))
     return found
 
 
@@ -198,10 +199,21 @@ def bend_answer(
     world = answer.world.curve()
     problem, state = bend_surface(answer.problem, answer.state)
     problem, state = with_priors(problem, state, world.priors(problem.priors, usual, template))
-    ahead = predict_step(problem, state)
-    if log_evidence(world, problem, ahead, template, known) < answer.evidence - OUT_OF_THE_QUESTION:
+    ahead, is_sure = _predict_answer(world, problem, state, template, known)
+    if ahead.evidence < answer.evidence - OUT_OF_THE_QUESTION:
         return None
-    state = resume(problem, state, rule)
+    return ahead if is_sure else _weigh(world, problem, resume(problem, state, rule), template, known)
+
+
+def _predict_answer(
+    world: World, problem: Problem, state: State, template: FieldTemplate, known: int
+) -> tuple[Answer, bool]:
+    """The answer that a linear model foretells from a state nearby, and whether that model holds so far."""
+    ahead, is_sure = predict_optimum(problem, state)
+    return replace(_weigh(world, problem, ahead, template, known), is_predicted=True), is_sure
+
+
+def _weigh(world: World, problem: Problem, state: State, template: FieldTemplate, known: int) -> Answer:
     return Answer(world, problem, state, log_evidence(world, problem, state, template, known))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -63,11 +63,27 @@ and 97 % without; a circle and one touchline come out alike in five profiles of 
 """
 
 
+@dataclass(frozen=True, slots=True)
+class Recognised:
+    """Straight markings that can be named and ends of lines: a problem with them beside the stated ones, a start (1, P)
+    for it, and the names by index of the seen line.
+    """
+
+    problem: Problem
+    start: Array
+    names: dict[int, str]
+
+
 def complete(task: Task, stated: CurvePoints, fit: Fit) -> tuple[Task, Fit]:
     """The fit with all that can be named, the lens and the shape of the pitch that it shows; ``stated`` are the curves
     with their first sigmas.
     """
-    task, fit = _name_more_lines(task, stated, fit)
+    return take_in(task, stated, fit, recognise(task, stated, fit))
+
+
+def take_in(task: Task, stated: CurvePoints, fit: Fit, more: Recognised | None) -> tuple[Task, Fit]:
+    """:func:`complete` with what was recognised."""
+    task, fit = _fit_more_lines(task, stated, fit, more)
     return task, _explain_by_lens(task, fit) or _allow_wider_lens(task, _allow_parabola(task, fit))
 
 
@@ -77,14 +93,6 @@ def settle(task: Task, problem: Problem, state: State, rule: StoppingRule) -> Fi
     if task.config.noise_from_residuals:
         problem, best, scale = rescale_sigmas(problem, best)
     return Fit(problem, resume(problem, best, task.rule(rule)), scale, given_px=given_px)
-
-
-def fit_anew(task: Task, fit: Fit, priors: Priors) -> Fit:
-    """The fit to the same markings with other priors, and with the noise that it then leaves."""
-    problem, state = with_priors(fit.problem, fit.state.best(), priors)
-    if fit.given_px is not None:
-        problem, state = reweight(problem, state, fit.given_px)
-    return settle(task, problem, resume(problem, state, task.rule(COARSE)), FINAL)
 
 
 def _leave_out_strays(task: Task, fit: Fit) -> Fit:
@@ -98,15 +106,16 @@ def _leave_out_strays(task: Task, fit: Fit) -> Fit:
     return settle(task, problem, resume(problem, state, task.rule(COARSE)), FINAL)
 
 
-def _name_more_lines(task: Task, stated: CurvePoints, fit: Fit) -> tuple[Task, Fit]:
+def _fit_more_lines(task: Task, stated: CurvePoints, fit: Fit, more: Recognised | None) -> tuple[Task, Fit]:
     """The fit with the straight markings that can be named and the ends of lines; without any, with the noise that the
-    points around the circle show. ``stated`` are the curves with their first sigmas.
+    points around the circle show.
     """
-    more = _recognise(task, stated, fit) if task.config.name_lines else None
     if more is not None:
-        problem, start, names = more
+        problem, start = more.problem, more.start
         state = minimise(problem, start, task.rule(COARSE), ground_feet(problem.curves, start, problem.model))
-        return replace(task, names=task.names | names), _leave_out_strays(task, settle(task, problem, state, FINAL))
+        return replace(task, names=task.names | more.names), _leave_out_strays(
+            task, settle(task, problem, state, FINAL)
+        )
     problem, state, scale = fit.problem, fit.state, fit.scale
     least = None if task.names else least_sigmas(task, stated)
     if least is not None:
@@ -114,10 +123,10 @@ def _name_more_lines(task: Task, stated: CurvePoints, fit: Fit) -> tuple[Task, F
     return task, Fit(problem, resume(problem, state, task.rule(FINAL)), scale, least)
 
 
-def _recognise(task: Task, stated: CurvePoints, fit: Fit) -> tuple[Problem, Array, dict[int, str]] | None:
-    """The problem with the straight markings that can be named and the ends of lines beside the markings ``stated``, a
-    start (1, P) for it, and the names by index of the seen line; None where there is nothing more.
-    """
+def recognise(task: Task, stated: CurvePoints, fit: Fit) -> Recognised | None:
+    """What can be named beside the markings ``stated``; None where there is nothing more."""
+    if not task.config.name_lines:
+        return None
     observations, template, noise = task.observations, task.template, task.coarse_noise
     fuller, with_ends, ends = add_line_ends(fit.problem, fit.state, observations, template)
     found = name_lines(fuller, with_ends, observations, template, noise, ends)
@@ -131,7 +140,8 @@ def _recognise(task: Task, stated: CurvePoints, fit: Fit) -> tuple[Problem, Arra
         return None
     lines = (*ends, *(replace(observations.lines[k], line=name) for k, name in sorted(found.names.items())))
     further = curves_from_observations(replace(observations, circles=(), lines=lines), template, task.noise)
-    return replace(fit.problem, curves=join_curves(stated, further)), found.theta[None], found.names
+    problem = replace(fit.problem, curves=join_curves(stated, further))
+    return Recognised(problem, found.theta[None], found.names)
 
 
 def least_sigmas(task: Task, curves: CurvePoints) -> CurvePoints | None:

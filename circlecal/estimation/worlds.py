@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from circlecal.camera.noise import noise_of_misfit
 from circlecal.camera.observed import with_model_noise
 from circlecal.camera.priors import Priors
-from circlecal.camera.problem import COARSE, FINAL, Problem, State, resume, reweight, with_priors
+from circlecal.camera.problem import COARSE, FINAL, Problem, State, evaluate, resume, reweight, with_priors
 from circlecal.camera.residuals import CurvePoints
 from circlecal.camera.spike_and_slab import (
     CURVED_SHARE,
@@ -27,7 +27,7 @@ from circlecal.camera.spike_and_slab import (
     share_noise,
 )
 from circlecal.camera.valley import explore_valley
-from circlecal.estimation.completion import close_sigma_px, complete, fit_anew, shows_size_closely
+from circlecal.estimation.completion import close_sigma_px, recognise, shows_size_closely, take_in
 from circlecal.estimation.task import Fit, Task
 from circlecal.field import FieldTemplate
 from circlecal.geometry.camera_parameters import INDEX
@@ -60,7 +60,7 @@ size of the field leaves: with six times as much a circle beside a touchline 42.
 NOISE_ROUNDS = 2
 """So often noise is told by residuals, and these by the noise, before sizes are compared: a third changes nothing."""
 
-FINE = replace(COARSE, tolerance=0.05, last_step=True)
+FINE = replace(COARSE, tolerance=0.05, contraction=0.1, last_step=True)
 """For roofs against parabolas, whose evidence differs by less than that of other worlds."""
 
 ROUGH = StoppingRule(1e-3, unit=np.inf)
@@ -94,31 +94,49 @@ def choose_world(task: Task, stated: CurvePoints, first: Fit, usual: tuple[Task,
         return usual[0], _explore(task, usual[1])
     cases, known = [usual], len(stated.keys)
 
-    def compare(noise: Callable[[_Case], tuple[Problem, State]]) -> list[tuple[Answer, _Case]]:
-        found = _compare_worlds(worlds, cases, noise, priors, template, known)
+    def compare(noise: _Noise, asked: Sequence[_Asked]) -> list[tuple[Answer, _Case]]:
+        found = _compare_worlds(asked, noise, priors, template, known)
         return [*found, *_on_parabola(found, priors, template, known)] if may_curve else found
 
-    found, reported = compare(_with_reported_noise), _keep_noise
+    found, reported = compare(_with_reported_noise, [(usual, worlds)]), _keep_noise
     any_size = next((world for world in worlds if not world.is_usual_size and not world.is_flat), None)
     if any_size is not None and config.name_lines and _may_be_of_any_size(task, usual, [a for a, _ in found]):
-        wide, state = with_priors(first.problem, first.state.best(), any_size.priors(priors, priors, template))
-        start = replace(first, problem=wide, state=resume(wide, state, task.rule(COARSE)))
-        other = complete(task, stated, start)
-        if depends_on_size(other[1].problem.curves) and other[0].names != usual[0].names:
+        resized = any_size.priors(priors, priors, template)
+        other = _name_on_any_size(task, stated, first, usual, resized)
+        if other is not None:
             cases.append(other)
-            found = compare(_with_reported_noise)
+            found = compare(_with_reported_noise, [(case, worlds) for case in cases])
     if any_size is not None and _may_hide_misfit(usual, [a for a, _ in found]):
         named, own = usual
-        cases.append((named, fit_anew(named, own, any_size.priors(own.problem.priors, priors, template))))
-        told = compare(_with_noise_of_misfit)
+        told = compare(_with_noise_of_misfit, _by_size(cases, worlds, _resize(usual, found, any_size)))
         is_doubted = _doubt([a for a, _ in told]) > max(TOLD_SHARE, _doubt([a for a, _ in found]))
         if (is_doubted or shows_size_closely(named, own.problem.curves)) and _is_allowed(told, template):
             found, reported = told, _tell_noise
     best, (chosen, fit) = max(found, key=lambda pair: pair[0].evidence)
-    problem, state = reported(best, chosen, fit)
+    problem, state = reported(_reach(best, task.rule(COARSE)), chosen, fit)
     fit = _explore(task, replace(fit, problem=problem, state=resume(problem, state, task.rule(FINAL))))
     posterior = mix([answer for answer, _ in found], best, fit.state.theta[0])
     return chosen, replace(fit, posterior=posterior)
+
+
+def _name_on_any_size(task: Task, stated: CurvePoints, first: Fit, usual: _Case, priors: Priors) -> _Case | None:
+    """The lines that a field of any size has, with its priors; None where they are those of the usual one."""
+    problem, state = with_priors(first.problem, first.state.best(), priors)
+    start = replace(first, problem=problem, state=resume(problem, state, task.rule(COARSE)))
+    more = recognise(task, stated, start)
+    names = task.names if more is None else task.names | more.names
+    curves = stated if more is None else more.problem.curves
+    if names == usual[0].names or not depends_on_size(curves):
+        return None
+    return take_in(task, stated, start, more)
+
+
+def _reach(answer: Answer, rule: StoppingRule) -> Answer:
+    """The answer at the optimum that a linear model foretold."""
+    if not answer.is_predicted:
+        return answer
+    state = evaluate(answer.problem, answer.state.theta, answer.state.feet)
+    return replace(answer, state=resume(answer.problem, state, rule), is_predicted=False)
 
 
 def _explore(task: Task, fit: Fit) -> Fit:
@@ -128,24 +146,37 @@ def _explore(task: Task, fit: Fit) -> Fit:
 
 
 _Case = tuple[Task, Fit]
+_Asked = tuple[_Case, Sequence[World]]
+_Noise = Callable[[_Case], tuple[Problem, State]]
+
+
+def _resize(usual: _Case, found: list[tuple[Answer, _Case]], world: World) -> _Case:
+    """The lines of a usual field on a field of the world that was found with them."""
+    named, own = usual
+    answer = next(answer for answer, case in found if case is usual and answer.world == world)
+    answer = _reach(answer, named.rule(COARSE))
+    return named, replace(own, problem=answer.problem, state=answer.state)
+
+
+def _by_size(cases: list[_Case], worlds: Sequence[World], resized: _Case) -> list[_Asked]:
+    """The cases, of which the usual one, the first, is asked for usual sizes alone, and the resized one for others."""
+    usual, other = (tuple(w for w in worlds if w.is_usual_size == is_usual) for is_usual in (True, False))
+    return [(cases[0], usual), *((case, worlds) for case in cases[1:]), (resized, other)]
 
 
 def _compare_worlds(
-    worlds: tuple[World, ...], cases: list[_Case], noise: Callable[[_Case], tuple[Problem, State]], usual: Priors,
-    template: FieldTemplate, known: int,
-) -> list[tuple[Answer, _Case]]:  # fmt: skip
-    """The best answer in each world under each naming of the lines, and the case that it comes from.
+    asked: Sequence[_Asked], noise: _Noise, usual: Priors, template: FieldTemplate, known: int
+) -> list[tuple[Answer, _Case]]:
+    """The answer in each world that is asked of each naming of the lines, and the case that it comes from.
 
     All are compared with the least noise that any of the cases leaves.
     """
-    found: dict[tuple[World, frozenset[tuple[int, str]]], tuple[Answer, _Case]] = {}
-    for case, alike in zip(cases, share_noise([noise(case) for case in cases]), strict=True):
-        names = frozenset(case[0].names.items())
-        for answer in answers_in(worlds, alike, usual, template, known, case[0].rule(COARSE)):
-            key = answer.world, names
-            if key not in found or answer.evidence > found[key][0].evidence:
-                found[key] = answer, case
-    return list(found.values())
+    alike = share_noise([noise(case) for case, _ in asked])
+    return [
+        (answer, case)
+        for (case, worlds), own in zip(asked, alike, strict=True)
+        for answer in answers_in(worlds, own, usual, template, known, case[0].rule(COARSE))
+    ]
 
 
 def _on_parabola(

@@ -3,10 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
+from circlecal.camera import problem as problems
 from circlecal.camera import spike_and_slab
-from circlecal.camera.problem import COARSE, FINAL, minimise, resume
-from circlecal.camera.spike_and_slab import answers_in, possible_worlds
+from circlecal.camera.problem import COARSE, FINAL, HARDLY_ZOOMED, minimise, resume
+from circlecal.camera.spike_and_slab import answers_in, log_evidence, possible_worlds
 from circlecal.geometry.camera_parameters import project
 from circlecal.observations import LinePoints
 
@@ -14,6 +16,33 @@ from .test_problem import MODEL, SOCCER, observed, plain_theta, priors, problem_
 
 BROADER_M = 4.0
 """By how much the far touchline lies beyond its usual place."""
+
+
+@pytest.mark.parametrize(("reach", "fits"), [(HARDLY_ZOOMED, 0), (0.0, 3)])
+def test_a_world_that_the_linear_model_foretells_is_not_fitted(reach, fits, monkeypatch):
+    """And weighs what it does at its optimum."""
+    rng = np.random.default_rng(5)
+    theta = plain_theta(rng)
+    usual = priors(crown=0.03, length=1.0, breadth=0.7)
+    problem = problem_of(observed(theta, rng, sigma=0.3), usual)
+    state = minimise(problem, theta[None])
+    followed = []
+
+    def follow(problem, start, rule):
+        followed.append(problem)
+        return resume(problem, start, rule)
+
+    monkeypatch.setattr(spike_and_slab, "resume", follow)
+    monkeypatch.setattr(spike_and_slab, "OUT_OF_THE_QUESTION", np.inf)
+    monkeypatch.setattr(problems, "HARDLY_ZOOMED", reach)
+    worlds, known = possible_worlds(SOCCER, usual, 0.8, 0.3), len(problem.curves.keys)
+    found = answers_in(worlds, (problem, state), usual, SOCCER, known, FINAL)
+    assert len(followed) == fits
+    assert [answer.is_predicted for answer in found] == [False, *[fits == 0] * 3]
+    for answer in found:
+        exact = resume(answer.problem, minimise(answer.problem, theta[None]), FINAL)
+        expected = log_evidence(answer.world, answer.problem, exact, SOCCER, known)
+        assert answer.evidence == pytest.approx(expected, abs=0.1)
 
 
 def test_a_flat_field_begins_where_the_crowned_one_of_its_size_ended(monkeypatch):

@@ -56,6 +56,17 @@ def test_a_valley_that_is_flatter_than_its_matrix_says_widens_the_covariance(fit
     assert growth == pytest.approx(4.0, rel=0.2)
 
 
+def test_both_sides_are_followed_at_once_with_their_focal_lengths_held(fitted):
+    problem, state = fitted
+    covariance = posterior_covariance(state.normal[0], problem.priors.sd)
+    step = covariance[LOG_FOCAL] / np.sqrt(covariance[LOG_FOCAL, LOG_FOCAL])
+    sides = valley._hold_focal(problem, state, step)
+    expected = state.theta[0, LOG_FOCAL] + np.array([-1.0, 1.0]) * step[LOG_FOCAL]
+    np.testing.assert_allclose(sides.theta[:, LOG_FOCAL], expected, rtol=1e-12)
+    # one standard deviation off chi-square is higher by one, but for how the valley bends
+    assert sides.cost - state.cost[0] == pytest.approx(1.0, abs=0.25)
+
+
 @pytest.mark.parametrize(("limit", "sd"), [("OPEN_SD", 10.0), ("LOST_SD", 0.0)])
 def test_a_camera_that_is_well_known_or_lost_is_not_looked_at(limit, sd, fitted, monkeypatch):
     problem, state = fitted

@@ -1,0 +1,61 @@
+"""Which field it may be: what is asked of which naming of the lines, and where the answer that is taken ends."""
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from circlecal.camera.problem import COARSE, FINAL, minimise, predict_step
+from circlecal.camera.spike_and_slab import Answer, World
+from circlecal.estimation import worlds as module
+from circlecal.estimation.worlds import _by_size, _reach
+from tests.camera.test_problem import observed, plain_theta, priors, problem_of
+
+WORLDS = tuple(World(is_usual, is_flat, 0.25) for is_flat in (False, True) for is_usual in (True, False))
+
+
+def test_no_world_is_asked_twice_of_the_lines_of_a_usual_field():
+    usual, other, resized = cast("list[Any]", ["usual", "other", "resized"])
+    asked = _by_size([usual, other], WORLDS, resized)
+    assert [case for case, _ in asked] == [usual, other, resized]
+    assert asked[1][1] == WORLDS
+    assert all(world.is_usual_size for world in asked[0][1])
+    assert not any(world.is_usual_size for world in asked[2][1])
+    assert {*asked[0][1], *asked[2][1]} == set(WORLDS)
+
+
+def test_an_answer_that_was_only_foretold_is_followed_to_its_optimum():
+    rng = np.random.default_rng(6)
+    theta = plain_theta(rng)
+    problem = problem_of(observed(theta, rng, sigma=0.3), priors())
+    optimum = minimise(problem, theta[None], FINAL)
+    start = minimise(problem, theta[None], COARSE)
+    foretold = Answer(WORLDS[0], problem, predict_step(problem, start), 0.0, is_predicted=True)
+    found = _reach(foretold, FINAL)
+    assert not found.is_predicted
+    assert found.state.cost[0] == pytest.approx(optimum.cost[0], abs=1e-3)
+    assert _reach(found, FINAL) is found
+
+
+@pytest.mark.parametrize(("names", "fits"), [({0: "side_line_top"}, 0), ({0: "side_line_bottom"}, 1)])
+def test_lines_are_fitted_on_a_field_of_any_size_only_under_other_names(names, fits, monkeypatch):
+    rng = np.random.default_rng(6)
+    theta = plain_theta(rng)
+    problem = problem_of(observed(theta, rng, sigma=0.3), priors())
+    state = minimise(problem, theta[None], FINAL)
+    recognised = SimpleNamespace(names=names, problem=problem)
+    taken: list[dict[int, str]] = []
+
+    def take_in(task, stated, fit, more):
+        taken.append(more.names)
+        return task, fit
+
+    monkeypatch.setattr(module, "recognise", lambda task, stated, fit: recognised)
+    monkeypatch.setattr(module, "take_in", take_in)
+    monkeypatch.setattr(module, "depends_on_size", lambda curves: True)
+    task = cast("Any", SimpleNamespace(names={}, rule=lambda rule: rule))
+    usual = cast("Any", (SimpleNamespace(names={0: "side_line_top"}), None))
+    found = module._name_on_any_size(task, problem.curves, module.Fit(problem, state), usual, problem.priors)
+    assert len(taken) == fits
+    assert (found is not None) == bool(fits)
