@@ -34,6 +34,7 @@ from circlecal.tracking.pitch import (
     WORST_RMS_PX,
     choose_pitch,
     search_length,
+    search_width,
 )
 from circlecal.tracking.tripod_fit import (
     HeadedFrame,
@@ -259,12 +260,14 @@ def _extend_and_measure(
     drawn: DrawnTemplate,
     period_s: float,
 ) -> tuple[TripodEstimate, list[HeadedFrame]]:
-    """The tripod with all its frames, before a pitch whose length was searched for where these do not tell it."""
+    """The tripod with all its frames, before a pitch whose size was searched for where these do not tell it."""
     tripod, members = _extend(tripod, members, pictures, config, template, drawn, period_s)
-    longer = search_length(tripod, members, pictures, template)
-    if longer is None:
+    searched = tripod
+    for search in (search_length, search_width):
+        searched = search(searched, members, pictures, template) or searched
+    if searched is tripod:
         return tripod, members
-    return _extend(longer, members, pictures, config, template, drawn, period_s)
+    return _extend(searched, members, pictures, config, template, drawn, period_s)
 
 
 def _find_beyond(place: Place, picture: LookedAt, mean: Array, sd: Array) -> Look | None:
