@@ -121,8 +121,7 @@ def measure_faint(
     weight = np.maximum(rise - 0.5 * top[:, None], 0.0) * ~apart
     middle = (weight * offsets).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-9)
     on, piece = at[np.repeat(shown, count)], np.repeat(np.flatnonzero(shown), count[shown])
-    offset, contrast, width, supported = (
-        values.copy() for values in (found.offset, found.contrast, found.width, found.supported)
-    )
+    offset, contrast, width = (values.copy() for values in (found.offset, found.contrast, found.width))
+    supported = found.supported.copy()
     offset[on], contrast[on], width[on], supported[on] = middle[piece], top[piece], width_px[on], True
     return replace(found, offset=offset, contrast=contrast, width=width, supported=supported)
