@@ -55,6 +55,10 @@ FAINT_BIAS_PX = 4.0
 """By how much the middle of such paint may be off, pixels at 1920 px width: before boards it is off by 0.3 to 1 in all
 frames of three rendered clips, to one side, and a number of frames does not lower that.
 """
+PIECE_BIAS_PX = 8.0
+"""The same of paint that only whole pieces of a line show: all their places, three times as many as repeat an error
+elsewhere, are one measurement.
+"""
 LEAST_SHARE = 0.35
 """Share of the places of a marking with paint below which what was found is not the marking: of a halfway line that a
 pan of 44 px smears, 12 of 60 places showed a false ridge, and 3 such frames of 58 made a pitch 0.6 m too short.
@@ -408,6 +412,7 @@ def measure_markings(
     found = measure_curve(picture, base, normals, reach, pieces.astype(np.int64))
     is_thin = (places.scale_px_m[index] < CLEAR_PX_M * unit) & (smear[index] < PALE)
     found = measure_thin(picture, found, is_thin, pieces.astype(np.int64), unit)
+    is_alone = found.supported
     found = _measure_faint(picture, found, is_thin & ~is_expected, pieces, places, index, reach, blur_px)
     on: Mask = found.supported
     # paint as wide as this camera shows it, blurred
@@ -434,7 +439,7 @@ def measure_markings(
         normals[on],
         found.width[on],
         places.scale_px_m[index][on],
-        np.where(is_expected[on], bias, FAINT_BIAS_PX * unit),
+        np.where(is_expected[on], bias, np.where(is_alone[on], FAINT_BIAS_PX, PIECE_BIAS_PX) * unit),
         expected,
         painted,
         missing,
