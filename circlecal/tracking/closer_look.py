@@ -128,7 +128,9 @@ def _follow_gaps(
     colour: Array | None,
     period_s: float,
 ) -> list[HeadedFrame]:
-    """Frames of the longer gaps in a path, as the head was followed through these from frame to frame."""
+    """Frames of the longer gaps in a path, as the head was followed through these from frame to frame, from either
+    side where it was lost between.
+    """
     found: list[HeadedFrame] = []
     left = MOST_FOLLOWED
     for start, end in path.gaps():
@@ -137,8 +139,9 @@ def _follow_gaps(
         if len(times) > left:
             continue
         left -= len(times)
-        follower = Follower(Venue(place.template.name, (place.tripod,)), config, place.template, StageClock())
         pictures = [picture for picture in pictures_at(times) if picture is not None]
+        known = {0: path.at(start), len(pictures) - 1: path.at(end)}
+        follower = Follower(Venue(place.template.name, (place.tripod,)), config, place.template, StageClock(), known)
         entries = [follower.follow(ClipFrame(k, times[k], picture)) for k, picture in enumerate(pictures)]
         for k in range(1, len(entries) - 1, MEASURED_EVERY):
             before, entry, after = entries[k - 1 : k + 2]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -104,10 +105,28 @@ def _should_show_more(look: Look) -> bool:
 
 
 class Follower:
-    """Goes through a clip; knows the last frame."""
+    """Goes through a clip; knows the last frame.
 
-    def __init__(self, venue: Venue, config: Config, template: FieldTemplate, clock: StageClock) -> None:
-        self._venue, self._config, self._template, self._clock = venue, config, template, clock
+    Parameters
+    ----------
+    venue : Venue
+        The cameras.
+    config, template, clock : Config, FieldTemplate, StageClock
+        Options, the field, and what is told how long the stages take.
+    heads : mapping, optional
+        Heads (3,) of the first camera that are known, by the numbers of their frames: a camera that is lost is looked
+        for there, and not searched for anywhere.
+    """
+
+    def __init__(
+        self,
+        venue: Venue,
+        config: Config,
+        template: FieldTemplate,
+        clock: StageClock,
+        heads: Mapping[int, Array] | None = None,
+    ) -> None:
+        self._venue, self._config, self._template, self._clock, self._heads = venue, config, template, clock, heads
         self._places: dict[tuple[int, int], list[Place]] = {}
         self._rng = np.random.default_rng(config.seed)
         self._last: LookedAt | None = None
@@ -143,7 +162,7 @@ class Follower:
                 picture = LookedAt.of(frame.picture, mask).take_surface(self._surface)
             is_cut = last is not None and picture.differs_from(last)
             self._lose(entry, before, is_cut)
-            if self._is_time_to_search():
+            if self._is_time_to_search(entry.index):
                 with self._clock.measure("search"):
                     picture = self._find(entry, picture)
                 place = entry.place
@@ -287,7 +306,9 @@ class Follower:
         self._velocity, self._change = np.zeros(2), np.zeros(3)
         self._unconfirmed = self._contradicted = 0
 
-    def _is_time_to_search(self) -> bool:
+    def _is_time_to_search(self, index: int) -> bool:
+        if self._heads is not None:
+            return index in self._heads
         since = self._since_cut
         return since in SEARCHES or (since > max(SEARCHES) and since % SEARCH_EVERY == 0)
 
@@ -301,7 +322,7 @@ class Follower:
         for seen in pictures:
             best: tuple[Place, Look] | None = None
             for place in self._places_of(seen.size) if seen.grass_share >= LEAST_GRASS else ():
-                look = place.find(seen)
+                look = place.find(seen) if self._heads is None else place.confirm(seen, self._heads[entry.index])
                 if look is not None and (best is None or look.measured.painted.sum() > best[1].measured.painted.sum()):
                     best = place, look
             if best is not None:

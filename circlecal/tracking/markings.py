@@ -17,8 +17,9 @@ from circlecal.camera.residuals import SIZES
 from circlecal.field import FieldTemplate
 from circlecal.geometry.camera_parameters import Projection, ProjectionModel, project
 from circlecal.geometry.projective import Array, Indices, Mask
-from circlecal.paint.bands import measure_curve
+from circlecal.paint.bands import MeasuredCurve, measure_curve
 from circlecal.paint.profiles import GrayPicture
+from circlecal.tracking.faint_paint import PaintStrength, measure_faint
 from circlecal.tracking.one_line import JUMP_PX, keep_one_line
 from circlecal.tracking.thin_paint import measure_thin
 
@@ -34,7 +35,7 @@ ACROSS_PX = 5.0
 """Least reach of a profile to both sides beyond the paint, pixels at 1920 px width."""
 FARTHEST_SIGMA_PX = 12.0
 """A marking whose place is less certain than this, pixels at 1920 px width, is another one as likely."""
-NARROWEST_PX, FAINTEST_PX = 0.35, 0.15
+NARROWEST_PX, FAINTEST_PX = 0.35, 0.1
 """Paint that is narrower in the picture than the first, in pixels, need not be seen, so that its absence says nothing;
 narrower than the second it is not looked for. The far touchline of a rendered pitch 88 m broad, 0.26 px at 1280 px
 width, shows at 52 of 52 places, and nothing else tells how broad that pitch is.
@@ -53,6 +54,10 @@ three rendered clips its middles are off by 0.06 px where the blur is the usual 
 FAINT_BIAS_PX = 4.0
 """By how much the middle of such paint may be off, pixels at 1920 px width: before boards it is off by 0.3 to 1 in all
 frames of three rendered clips, to one side, and a number of frames does not lower that.
+"""
+PIECE_BIAS_PX = 8.0
+"""The same of paint that only whole pieces of a line show: all their places, three times as many as repeat an error
+elsewhere, are one measurement.
 """
 LEAST_SHARE = 0.35
 """Share of the places of a marking with paint below which what was found is not the marking: of a halfway line that a
@@ -407,6 +412,8 @@ def measure_markings(
     found = measure_curve(picture, base, normals, reach, pieces.astype(np.int64))
     is_thin = (places.scale_px_m[index] < CLEAR_PX_M * unit) & (smear[index] < PALE)
     found = measure_thin(picture, found, is_thin, pieces.astype(np.int64), unit)
+    is_alone = found.supported
+    found = _measure_faint(picture, found, is_thin & ~is_expected, pieces, places, index, reach, blur_px)
     on: Mask = found.supported
     # paint as wide as this camera shows it, blurred
     blurred = OPTICAL_BLUR_PX * unit + 1.0 + (np.abs(normals @ blur_px) if blur_px is not None else 0.0)
@@ -432,11 +439,35 @@ def measure_markings(
         normals[on],
         found.width[on],
         places.scale_px_m[index][on],
-        np.where(is_expected[on], bias, FAINT_BIAS_PX * unit),
+        np.where(is_expected[on], bias, np.where(is_alone[on], FAINT_BIAS_PX, PIECE_BIAS_PX) * unit),
         expected,
         painted,
         missing,
     )
+
+
+def _measure_faint(
+    picture: GrayPicture,
+    found: MeasuredCurve,
+    faint: Mask,
+    pieces: Indices,
+    places: Places,
+    index: Indices,
+    reach: Array,
+    blur_px: Array | None,
+) -> MeasuredCurve:
+    """The paint (N,) at some places, with that of lines too thin for single places along their pieces."""
+    unit = picture.shape[1] / 1920.0
+    faint = np.asarray(faint & ~found.supported, np.bool_)
+    if not faint.any():
+        return found
+    on, scale, paint_px = found.supported, places.scale_px_m[index], places.width_px[index]
+    paint = PaintStrength.of(found.contrast[on], found.width[on], scale[on], scale[on] > CLEAR_PX_M * unit)
+    if paint is None:
+        return found
+    moved = 0.0 if blur_px is None else found.normals @ blur_px
+    height, width = paint.ridges(scale, paint_px, moved)
+    return measure_faint(picture, found, faint, pieces.astype(np.int64), height, width, reach, unit)
 
 
 def _bias_sigmas(width_px: Array, paint_px: Array, moved_px: Array) -> Array:

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from circlecal.detection.options import RidgeConfig
 from circlecal.detection.ridges import find_ridges
 from circlecal.field import FieldTemplate
-from circlecal.geometry.camera import lens_factor
 from circlecal.geometry.camera_parameters import KAPPA_1, POSITION, PRINCIPAL, rotations
 from circlecal.geometry.projective import Array
 from circlecal.rig.tripod import TripodEstimate
@@ -43,7 +42,11 @@ LEAST_RIDGE_PX = 60
 """With less of ridges there is nothing to search, reduced pixels."""
 PIECE_M = 2.5
 """Length of the pieces of markings."""
-CHUNK = 256
+CHUNK = 512
+WIDER = 1.25
+"""By how much wider than its focal length says a picture is taken to be where markings out of view are left out: a lens
+of the tripod's may show more.
+"""
 TILT_BEYOND_RAD = 0.08, 0.05
 """How far below and above the known tilts the grid goes."""
 NEIGHBOURS = np.stack(np.meshgrid([-1.0, 0, 1], [-1.0, 0, 1], [-1.0, 0, 1]), axis=-1).reshape(-1, 3)
@@ -167,9 +170,32 @@ def _scores(heads: Array, pieces: _Pieces, ridges: RidgePicture, tripod: TripodE
     """How well heads (B, 3) explain the ridges: length that agrees over the length of either."""
     near = np.exp(-0.5 * (ridges.distance / np.float32(reach_px)) ** 2)
     found = np.empty(len(heads))
+    # heads that look to the same side see the same few markings
+    order = np.argsort(heads[:, 1], kind="stable")
     for first in range(0, len(heads), CHUNK):
-        found[first : first + CHUNK] = _score_some(heads[first : first + CHUNK], pieces, near, ridges, tripod)
+        chunk = order[first : first + CHUNK]
+        found[chunk] = _score_some(heads[chunk], pieces, near, ridges, tripod)
     return found
+
+
+def _nodes_in_view(pieces: _Pieces, rotation: NDArray[np.float32], theta: Array, tripod: TripodEstimate) -> _Pieces:
+    """The nodes that lie between the leftmost and the rightmost direction that any of the cameras (B, P) shows."""
+    width, height = tripod.size
+    corners = np.array([[-1, -1, 1, 1], [-1, 1, -1, 1]]) * np.array([[width], [height]]) / 2.0 * WIDER
+    focal = np.exp(theta[:, 0])
+    rays = np.concatenate([corners[None] / focal[:, None, None], np.ones((len(theta), 1, 4))], axis=1)
+    seen = np.swapaxes(rotation, 1, 2) @ rays
+    middle = rotation[:, 2].mean(axis=0)
+
+    def bearing(x: Array, y: Array) -> Array:
+        """Angles from where the cameras look on average, to the right."""
+        return np.arctan2(x * middle[1] - y * middle[0], x * middle[0] + y * middle[1])
+
+    within = bearing(seen[:, 0], seen[:, 1])
+    x, y = theta[:, POSITION][:, :2].mean(axis=0)
+    of_nodes = bearing(pieces.nodes[0] - x, pieces.nodes[1] - y)
+    kept = np.flatnonzero((of_nodes >= within.min()) & (of_nodes <= within.max()))
+    return _Pieces(pieces.nodes[:, kept], pieces.on_marking[kept[:-1]] & (np.diff(kept) == 1))
 
 
 def _score_some(
@@ -178,23 +204,28 @@ def _score_some(
     theta = tripod.model.thetas(heads, tripod.mean)
     rows, columns = near.shape
     rotation = rotations(theta).astype(np.float32)
-    offset = rotation @ theta[:, POSITION, None].astype(np.float32)
-    local = rotation @ pieces.nodes - offset
-    depth = local[:, 2]
-    ahead = depth > 1.0
-    scale = np.float32(1.0) / np.where(ahead, depth, np.float32(1.0))
-    x, y = local[:, 0] * scale, local[:, 1] * scale
-    focal = np.exp(theta[:, :1]).astype(np.float32)
-    half_widths = (2.0 / tripod.size[0]) * focal
-    lens, _ = lens_factor((x * x + y * y) * half_widths**2, theta[:, KAPPA_1, None], 0.0)
-    scale_px = np.clip(lens, 0.7, 1.5).astype(np.float32) * focal / np.float32(ridges.factor)
+    pieces = _nodes_in_view(pieces, rotation, theta, tripod)
+    if len(pieces.on_marking) == 0:
+        return np.zeros(len(heads))
+    local = rotation @ pieces.nodes
+    local -= rotation @ theta[:, POSITION, None].astype(np.float32)
+    ahead = local[:, 2] > 1.0
+    local[:, :2] /= np.maximum(local[:, 2:], np.float32(1.0))
+    x, y = local[:, 0], local[:, 1]
+    focal = np.exp(theta[:, :1])
+    bend = (theta[:, KAPPA_1, None] * (2.0 / tripod.size[0] * focal) ** 2).astype(np.float32)
+    scale_px = np.clip(np.float32(1.0) + bend * (x * x + y * y), np.float32(0.7), np.float32(1.5))
+    scale_px *= (focal / ridges.factor).astype(np.float32)
     center = ((tripod.model.projection.center + theta[:, PRINCIPAL] + 0.5) / ridges.factor - 0.5).astype(np.float32)
     x, y = x * scale_px + center[:, :1], y * scale_px + center[:, 1:]
     # the middle of each piece stands for it
     mx, my = (x[:, 1:] + x[:, :-1]) * np.float32(0.5), (y[:, 1:] + y[:, :-1]) * np.float32(0.5)
     inside = ahead[:, 1:] & ahead[:, :-1] & (mx >= 0) & (my >= 0) & (mx < columns - 1) & (my < rows - 1)
-    inside &= pieces.on_marking
-    length = np.where(inside, np.minimum(np.hypot(np.diff(x), np.diff(y)), np.float32(60.0)), np.float32(0.0))
-    at = np.where(inside, my, 0.0).astype(np.int32) * columns + np.where(inside, mx, 0.0).astype(np.int32)
-    agreed, drawn = (length * near.ravel().take(at)).sum(axis=1), length.sum(axis=1)
+    head, piece = np.nonzero(inside & pieces.on_marking)
+    own = head * x.shape[1] + piece
+    across, down = (v.ravel().take(own + 1) - v.ravel().take(own) for v in (x, y))
+    length = np.minimum(np.sqrt(across * across + down * down), np.float32(60.0))
+    own -= head  # there is one piece less than nodes
+    at = my.ravel().take(own).astype(np.int32) * columns + mx.ravel().take(own).astype(np.int32)
+    agreed, drawn = (np.bincount(head, lengths, len(heads)) for lengths in (length * near.ravel().take(at), length))
     return np.asarray(agreed / (drawn + np.maximum(ridges.length_px - agreed, 0.0) + LEAST_RIDGE_PX))

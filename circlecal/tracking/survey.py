@@ -34,6 +34,7 @@ from circlecal.tracking.pitch import (
     WORST_RMS_PX,
     choose_pitch,
     search_length,
+    search_width,
 )
 from circlecal.tracking.tripod_fit import (
     HeadedFrame,
@@ -52,6 +53,8 @@ SAME_PLACE_M = 0.8
 """How far apart single frames put one camera, beyond their own uncertainty: the lever arm moves the pupil so far."""
 LEAST_FRAMES = 2
 """Frames that make a tripod."""
+WORTH_SHARE = 0.25
+"""Share of the worth of the best proposal's first look below which another one is not looked at again."""
 ROUNDS, LOOKS = 3, 3
 """In which the tripods find further frames and learn from them; and looks at a frame while its tripod changes."""
 FOUND_SD_PX, FOUND_SD_ZOOM = 3.0, 0.004
@@ -116,9 +119,10 @@ def survey_clip(
         ]
         return Venue(template.name, tuple(extended), paint)
     starts = _tripods(alone, config, template, circle, drawn)
-    grown = {
-        t.name: _extend_and_measure(t, members, pictures, config, template, drawn, period_s) for t, members in starts
-    }
+    grown: dict[str, tuple[TripodEstimate, list[HeadedFrame]]] = {}
+    for start, members in starts:
+        if not any(set(start.used) <= set(tripod.used) for tripod, _ in grown.values()):
+            grown[start.name] = _extend_and_measure(start, members, pictures, config, template, drawn, period_s)
     distinct = _keep_distinct([tripod for tripod, _ in grown.values()])
     learnt = [
         learn_closely(t, grown[t.name][1], pictures, pictures_at, config, drawn, usual, period_s) for t in distinct
@@ -259,34 +263,36 @@ def _extend_and_measure(
     drawn: DrawnTemplate,
     period_s: float,
 ) -> tuple[TripodEstimate, list[HeadedFrame]]:
-    """The tripod with all its frames, before a pitch whose length was searched for where these do not tell it."""
+    """The tripod with all its frames, before a pitch whose size was searched for where these do not tell it."""
     tripod, members = _extend(tripod, members, pictures, config, template, drawn, period_s)
-    longer = search_length(tripod, members, pictures, template)
-    if longer is None:
+    searched = tripod
+    for search in (search_length, search_width):
+        searched = search(searched, members, pictures, template) or searched
+    if searched is tripod:
         return tripod, members
-    return _extend(longer, members, pictures, config, template, drawn, period_s)
+    return _extend(searched, members, pictures, config, template, drawn, period_s)
 
 
 def _find_beyond(place: Place, picture: LookedAt, mean: Array, sd: Array) -> Look | None:
     """Search for the head where the tripod is known too little: it may change to meet the paint, as far as it may."""
     best: Look | None = None
     precision = _loose_precision(place.tripod, sd)
-    for head in place.propose(picture):
-        now = place
-        spread = place.proposal_covariance(head)
-        for _ in range(LOOKS):
-            look = now.look(picture, head, spread)
-            if len(look.measured.marking) < LEAST_PLACES:
+    looks = [place.look(picture, head, place.proposal_covariance(head)) for head in place.propose(picture)]
+    least_worth = WORTH_SHARE * max(look.worth for look in looks)
+    for look in sorted(looks, key=lambda look: -look.worth):
+        now, spread = place, place.proposal_covariance(look.fit.head)
+        for _ in range(LOOKS - 1):
+            if len(look.measured.marking) < LEAST_PLACES or look.worth < least_worth:
                 break
             frame = HeadedFrame("", look.fit.head, look.measured)
             fit = fit_tripod([frame], now.tripod, place.tripod.mean, sd, place.drawn, precision)
             now = replace(now, tripod=replace(fit.estimate, covariance=place.tripod.covariance))
-            head, spread = fit.heads[0], spread / 4.0
-        else:
-            if look.is_found and (best is None or look.is_better(best)):
-                best = look
-                if look.is_sure:
-                    break
+            spread = spread / 4.0
+            look = now.look(picture, fit.heads[0], spread)
+        if look.is_found and (best is None or look.is_better(best)):
+            best = look
+            if look.is_sure:
+                break
     return best
 
 

@@ -163,13 +163,17 @@ def residuals_of(
 def sigmas_of(measured: MeasuredFrame, residuals_px: Array, unit: float, alike: float = 1.0) -> Array:
     """Standard deviations (M,) of a frame's paint along the normals, with what neighbours repeat of the model's error.
 
-    The noise is read off the differences of neighbours, which no camera explains: it is the same for every model. What
-    the models leave does not average out over a number of frames that are ``alike`` in it.
+    The noise is read off the differences of neighbours, which no camera explains: it is the same for every model. Faint
+    paint, which is measured along whole pieces of a line, tells nothing of it. What the models leave does not average
+    out over a number of frames that are ``alike`` in it.
     """
     if len(residuals_px) == 0:
         return np.zeros(0)
     step = np.hypot(*np.diff(measured.points_px, axis=0).T)
-    near = np.flatnonzero((np.diff(measured.marking) == 0) & (step < NEIGHBOUR_PX * unit))
+    is_alone = measured.bias_px < FAINT_BIAS_PX * unit
+    near = np.flatnonzero(
+        (np.diff(measured.marking) == 0) & (step < NEIGHBOUR_PX * unit) & is_alone[1:] & is_alone[:-1]
+    )
     noise, spacing = LEAST_NOISE_PX, SPACING_PX * unit
     if len(near) >= 8:
         spacing = max(float(np.median(step[near])), 1.0)

@@ -10,9 +10,13 @@ from circlecal.config import Config
 from circlecal.rig.tripod import Venue
 from circlecal.tracking import follower
 from circlecal.tracking.clip import track_frames
+from circlecal.tracking.clock import StageClock
 from circlecal.tracking.entry import ClipFrame
+from circlecal.tracking.first_look import suit_tracking
+from circlecal.tracking.follower import Follower
+from circlecal.tracking.looking import Place
 from circlecal.tracking.results import TrackedFrame
-from tests.tracking.scenes import HEAD, SIZE, draw, tripod
+from tests.tracking.scenes import HEAD, SIZE, draw, template, tripod
 
 STEP = np.array([0.0, 0.002, 0.0])
 FOREIGN, PITCH = 2, 4
@@ -59,3 +63,19 @@ def test_few_pictures_are_kept_for_the_way_back(
     monkeypatch.setattr(follower, "BACKWARD_BYTES", 2 * SIZE[0] * SIZE[1])
     frames = track(monkeypatch, pictures, PITCH - 1)
     assert [frame.status for frame in frames] == ["refused"] * (PITCH - 3) + ["calibrated"] * 3
+
+
+def test_known_heads_on_both_sides_of_a_cut_are_followed_without_a_search(
+    monkeypatch: pytest.MonkeyPatch, pictures: list[NDArray[np.uint8]]
+) -> None:
+    def search(*_: object) -> None:
+        raise AssertionError("searched for a camera that is known")
+
+    monkeypatch.setattr(Place, "find", search)
+    crowd = np.random.default_rng(2).integers(0, 255, (SIZE[1], SIZE[0], 3)).astype(np.uint8)
+    clip = [*pictures[:2], crowd, *pictures[2:]]
+    known = {0: HEAD, len(clip) - 1: HEAD + (PITCH - 1) * STEP}
+    config = suit_tracking(Config(), None)
+    followed = Follower(Venue("soccer", (tripod(),)), config, template(), StageClock(), known)
+    entries = [followed.follow(ClipFrame(k, k / 25.0, picture)) for k, picture in enumerate(clip)]
+    assert [entry.is_confirmed for entry in entries] == [True, True, False, True, True]

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from circlecal.config import load_config
+from circlecal.geometry.camera_parameters import rotations
 from circlecal.rig.tripod import PLACE
 from circlecal.tracking import search
 from circlecal.tracking.head_fit import count_crossing
@@ -70,6 +71,17 @@ def test_a_picture_without_paint_is_not_found() -> None:
 def test_heads_that_differ_in_zoom_alone_are_all_kept() -> None:
     heads = HEAD + np.array([[0.0, 0.0, 0.0], [0.002, 0.0, 0.0], [0.06, 0.0, 0.0], [0.0, 0.02, 0.0]])
     np.testing.assert_array_equal(search._keep_apart(heads, 1280, 2.0), heads[[0, 2, 3]])
+
+
+def test_markings_that_no_camera_shows_are_left_out_of_a_search(picture: LookedAt, monkeypatch) -> None:
+    drawn, known = template_curves(template()), tripod()
+    pieces, grid = search._pieces(drawn, known), search._grid(known, template())[::37]
+    found = search._scores(grid, pieces, picture.ridges, known, search.COARSE_PX)
+    theta = known.model.thetas(HEAD[None], known.mean)
+    few = search._nodes_in_view(pieces, rotations(theta).astype(np.float32), theta, known)
+    assert len(few.on_marking) < 0.7 * len(pieces.on_marking)
+    monkeypatch.setattr(search, "_nodes_in_view", lambda pieces, *_: pieces)
+    np.testing.assert_allclose(found, search._scores(grid, pieces, picture.ridges, known, search.COARSE_PX), atol=2e-3)
 
 
 def test_where_the_head_was_seen_is_proposed(picture: LookedAt) -> None:
