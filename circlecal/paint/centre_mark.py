@@ -7,6 +7,7 @@ picture, and the circle gives its size, so it is found by a matched filter of kn
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.geometry.conics import line_conic_meet, pole
-from circlecal.geometry.projective import Array, dehomogenise, line_distance, normalise_line
+from circlecal.geometry.projective import Array, Mask, dehomogenise, line_distance, normalise_line
 from circlecal.paint.profiles import GrayPicture, sample_profiles
 
 Rows = NDArray[np.floating[Any]]
@@ -28,7 +29,8 @@ _CONTRAST = (0.08, 2.5)  # of the disc, relative to the halfway line: both are t
 _FAINTEST = 0.02  # of the line's contrast: scatter is never less
 _RIVAL = 0.7  # of the disc's response: where something else on the line shows as much of a disc, it may be that
 _HIDDEN = 0.25  # of the line's contrast: what is darker than the ground by this much hides the line; worn paint does not
-_UNWORN = 0.75  # quantile of the line's brightness along it: half of it or more may be worn off
+_UNWORN = 0.75  # quantile of the line's brightness along it that its paint has where half of it or more is worn off
+_MOSTLY_WORN = 0.5  # of that contrast: a line that usually shows less is worn
 _FADED = 0.5  # of its own brightness: what is left of a disc just beyond its edge
 _AROUND_PX = 2.5  # how far around the disc the line and the surface must be bare
 _ASIDE_RADII = 2.0  # beside the disc, out to so many of its half axes, the surface is bare; players may stand beyond
@@ -214,10 +216,12 @@ def half_chords(conic: Array, points: Array, directions: Array) -> Array:
 
 
 def _line_contrast(seen: _Rectified) -> float:
-    """GrayPicture of the halfway line over the surface beside it."""
+    """Usual brightness of the halfway line over the surface beside it; where most of it is worn, that of the rest."""
     outer, paint = np.abs(seen.across) > 2.0 * seen.half_px[1] + 2.0, np.abs(seen.across) <= 1.5
-    brightest = np.quantile(seen.values[:, paint] + seen.usual[paint], _UNWORN, axis=0)
-    return float(brightest.max() - np.median(seen.usual[outer]))
+    ground = float(np.median(seen.usual[outer]))
+    usual = float(seen.usual[paint].max()) - ground
+    left = float(np.quantile(seen.values[:, paint] + seen.usual[paint], _UNWORN, axis=0).max()) - ground
+    return usual if usual >= _MOSTLY_WORN * left else left
 
 
 def _response(seen: _Rectified, blur_px: float, inner_px: float, side: float) -> Array | None:
@@ -258,11 +262,6 @@ def _bare_sides(
     beyond = [(side * rise > edge) & (side * rise <= edge + _AROUND_PX) for side in (-1.0, 1.0)]
     if not all(rows.any() for rows in beyond):
         return False, False
-    seen_px = values + seen.usual
-    paint, ground = distance <= 1.0, distance > a + 1.5 * blur_px + 1.0
-    over_ground = [seen_px[rows][:, paint].mean() - np.nanmedian(seen_px[rows][:, ground]) for rows in (on, *beyond)]
-    if min(over_ground) < -_HIDDEN * line_contrast:
-        return False, False
     is_large = np.count_nonzero(on) > _LARGE_SHARE * len(on)
     shown, bare = np.zeros((2, 3)), []
     for place, side in enumerate((-1.0, 1.0)):
@@ -277,6 +276,8 @@ def _bare_sides(
         level = level if is_bare and is_large else 0.0
         shown[place] = [float(values[rows][:, disc].mean()) - level for rows in (on, *beyond)]
         bare.append(is_bare)
+    if not any(bare) or _is_line_hidden(seen, (on, *beyond), bare, a + 1.5 * blur_px + 1.0, line_contrast):
+        return False, False
     halves = [_ends(half, _FADED) for half in shown]
     if all(bare) and _ends(shown.sum(axis=0), _FADED) and all(_ends(half, 1.0) for half in shown):
         # of worn paint no half may be clear of the ground's unevenness by itself
@@ -286,6 +287,19 @@ def _bare_sides(
     if not all(half or not clear for half, clear in zip(halves, bare, strict=True)):
         return False, False
     return halves[0], halves[1]
+
+
+def _is_line_hidden(
+    seen: _Rectified, parts: Sequence[Mask], bare: Sequence[bool], rim_px: float, line_contrast: float
+) -> bool:
+    """Whether the line is darker than the bare ground beside it on any of the parts (T,) of it: something stands there,
+    while worn paint only leaves the ground.
+    """
+    values = seen.values + seen.usual
+    sides = [side * seen.across > rim_px for side, is_bare in zip((-1.0, 1.0), bare, strict=True) if is_bare]
+    ground, paint = np.logical_or.reduce(sides), np.abs(seen.across) <= 1.0
+    least = min(float(values[rows][:, paint].mean() - np.nanmedian(values[rows][:, ground])) for rows in parts)
+    return least < -_HIDDEN * line_contrast
 
 
 def _ends(shown: Array, faded: float) -> bool:
