@@ -256,8 +256,8 @@ def _follow_line(
 
 
 def _find_run(curve: MeasuredCurve, chords: Array) -> Mask:
-    """The part (N,) of a curve at places (N,), half chords, from the circle to where its paint ends: a halfway line ends
-    at the touchline. Of less than :data:`SHORTEST_RUN` nothing.
+    """The part (N,) of a curve at places (N,), half chords, from the circle to where its paint ends: a halfway line
+    ends at the touchline. Of less than :data:`SHORTEST_RUN` nothing.
     """
     outwards = np.argsort(np.abs(chords), kind="stable")
     outwards = outwards[curve.inside[outwards] & (np.abs(chords[outwards]) > 1.0)]

@@ -28,7 +28,7 @@ _MARGIN = 0.12  # half chords searched beyond the allowed range, to know the usu
 _CONTRAST = (0.08, 2.5)  # of the disc, relative to the halfway line: both are the same paint
 _FAINTEST = 0.02  # of the line's contrast: scatter is never less
 _RIVAL = 0.7  # of the disc's response: where something else on the line shows as much of a disc, it may be that
-_HIDDEN = 0.25  # of the line's contrast: what is darker than the ground by this much hides the line; worn paint does not
+_HIDDEN = 0.25  # of the line's contrast: what is darker than the ground by this hides the line; worn paint does not
 _UNWORN = 0.75  # quantile of the line's brightness along it that its paint has where half of it or more is worn off
 _MOSTLY_WORN = 0.5  # of that contrast: a line that usually shows less is worn
 _FADED = 0.5  # of its own brightness: what is left of a disc just beyond its edge
@@ -256,7 +256,7 @@ def _bare_sides(
     """
     b, a = float(seen.halves_px[peak, 0]), seen.half_px[1]
     values = seen.values
-    distance, rise = np.abs(seen.across), seen.position - seen.position[peak]
+    rise = seen.position - seen.position[peak]
     edge = b + 1.5 * blur_px
     on = np.abs(rise) <= max(b, _STEP_PX)
     beyond = [(side * rise > edge) & (side * rise <= edge + _AROUND_PX) for side in (-1.0, 1.0)]
@@ -292,14 +292,14 @@ def _bare_sides(
 def _is_line_hidden(
     seen: _Rectified, parts: Sequence[Mask], bare: Sequence[bool], rim_px: float, line_contrast: float
 ) -> bool:
-    """Whether the line is darker than the bare ground beside it on any of the parts (T,) of it: something stands there,
-    while worn paint only leaves the ground.
+    """Whether the line is darker than the bare ground beside it anywhere on the parts (T,) of it: something stands
+    there, while worn paint only leaves the ground.
     """
     values = seen.values + seen.usual
     sides = [side * seen.across > rim_px for side, is_bare in zip((-1.0, 1.0), bare, strict=True) if is_bare]
     ground, paint = np.logical_or.reduce(sides), np.abs(seen.across) <= 1.0
-    least = min(float(values[rows][:, paint].mean() - np.nanmedian(values[rows][:, ground])) for rows in parts)
-    return least < -_HIDDEN * line_contrast
+    darkest = [values[rows][:, paint].mean(axis=1).min() - np.nanmedian(values[rows][:, ground]) for rows in parts]
+    return bool(min(darkest) < -_HIDDEN * line_contrast)
 
 
 def _ends(shown: Array, faded: float) -> bool:
