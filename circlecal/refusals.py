@@ -386,6 +386,7 @@ CHECKS: dict[str, tuple[str, str]] = {
     "band_width": ("width_unlike_marking", ""),
     "painted_share": ("circle_support_too_low", ""),
     "whole_share": ("arc_too_short", ""),
+    "arc_deg": ("arc_too_short", ""),
     "circle_in_front": ("circle_behind_camera", ""),
     "field_in_front": ("field_behind_camera", ""),
     "not_mirrored": ("mirrored", ""),

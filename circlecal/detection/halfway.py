@@ -47,6 +47,10 @@ length: players stand in the circle at a kick-off.
 """
 OUTSIDE_SUPPORT = 0.7
 """Smallest drawn share of what is visible of a line that is seen outside the circle only."""
+SHORTEST_RUN = 0.75
+"""Half chords over which a line that is seen outside the circle only is drawn at least, from there to its end: the
+halfway line runs for 2.7 more on the field, which perspective shortens on the far side.
+"""
 BESIDE_SUPPORT, LEAST_BESIDE = 0.4, 0.15
 """Smallest drawn share of what is visible, within :data:`FURTHEST`, of a line that is bare inside the circle but runs
 on both sides of it, and of either side: worn paint is gone for metres, and an accident does not go on beyond.
@@ -255,7 +259,24 @@ def _follow_line(
         curve = _measure_between(gray, start, end, share, reach, pieces, circle.sign)
     before, behind = chords < -1.0, chords > 1.0
     shares = [_measure_share(curve, part) for part in (before, behind, (before | behind) if is_outside else inner)]
+    if is_outside and not is_beside:
+        shares[2] = max(shares[2], _measure_share(curve, _find_run(curve, chords)))
     return MeasuredLine(line, curve, shares[2], is_outside, (shares[0], shares[1]))
+
+
+def _find_run(curve: MeasuredCurve, chords: Array) -> Mask:
+    """The part (N,) of a curve at places (N,), half chords, from the circle to where its paint ends: a halfway line
+    ends at the touchline. Of less than :data:`SHORTEST_RUN` nothing.
+    """
+    outwards = np.argsort(np.abs(chords), kind="stable")
+    outwards = outwards[curve.inside[outwards] & (np.abs(chords[outwards]) > 1.0)]
+    run = np.zeros(len(chords), np.bool_)
+    if len(outwards) == 0:
+        return run
+    drawn = np.cumsum(curve.supported[outwards] - OUTSIDE_SUPPORT)
+    outwards = outwards[: int(np.argmax(drawn)) + 1]
+    run[outwards] = float(np.ptp(chords[outwards])) >= SHORTEST_RUN
+    return run
 
 
 def _measure_share(curve: MeasuredCurve, part: Mask | None = None) -> float:

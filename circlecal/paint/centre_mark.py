@@ -7,6 +7,7 @@ picture, and the circle gives its size, so it is found by a matched filter of kn
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.geometry.conics import line_conic_meet, pole
-from circlecal.geometry.projective import Array, dehomogenise, line_distance, normalise_line
+from circlecal.geometry.projective import Array, Mask, dehomogenise, line_distance, normalise_line
 from circlecal.paint.profiles import GrayPicture, sample_profiles
 
 Rows = NDArray[np.floating[Any]]
@@ -26,7 +27,10 @@ _STEP_PX = 0.5  # pixels between two places that are compared: peaks are a disc 
 _MARGIN = 0.12  # half chords searched beyond the allowed range, to know the usual scatter
 _CONTRAST = (0.08, 2.5)  # of the disc, relative to the halfway line: both are the same paint
 _FAINTEST = 0.02  # of the line's contrast: scatter is never less
-_HIDDEN = 0.5  # of the line's contrast: where the line is darker than usual by this much, something hides it
+_RIVAL = 0.7  # of the disc's response: where something else on the line shows as much of a disc, it may be that
+_HIDDEN = 0.25  # of the line's contrast: what is darker than the ground by this hides the line; worn paint does not
+_UNWORN = 0.75  # quantile of the line's brightness along it that its paint has where half of it or more is worn off
+_MOSTLY_WORN = 0.5  # of that contrast: a line that usually shows less is worn
 _FADED = 0.5  # of its own brightness: what is left of a disc just beyond its edge
 _AROUND_PX = 2.5  # how far around the disc the line and the surface must be bare
 _ASIDE_RADII = 2.0  # beside the disc, out to so many of its half axes, the surface is bare; players may stand beyond
@@ -119,9 +123,12 @@ def find_centre_mark(
     elsewhere = np.abs(seen.position - seen.position[peak]) > reach
     if np.count_nonzero(elsewhere) < 16:
         return None
-    # what lies on one side only is negative here, so the usual scatter is read off the positive end
-    scatter = max(float(np.quantile(response[elsewhere], 0.95)), 0.0) / 1.645 + _FAINTEST * line_contrast
+    # what lies on one side only is negative here, so the usual scatter is read off the positive end, below what the
+    # players on the line add to it: of these only one where the mark may be is its rival
+    scatter = max(float(np.quantile(response[elsewhere], 0.84)), 0.0) / 0.994 + _FAINTEST * line_contrast
     snr = float(response[peak]) / scatter
+    if (response[elsewhere & allowed] > _RIVAL * response[peak]).any():
+        return None
     brightest = max(left[peak], right[peak])
     if snr < minimum_snr or response[peak] < _CONTRAST[0] * line_contrast or brightest > _CONTRAST[1] * line_contrast:
         return None
@@ -209,9 +216,12 @@ def half_chords(conic: Array, points: Array, directions: Array) -> Array:
 
 
 def _line_contrast(seen: _Rectified) -> float:
-    """GrayPicture of the halfway line over the surface beside it."""
-    outer = np.abs(seen.across) > 2.0 * seen.half_px[1] + 2.0
-    return float(seen.usual[np.abs(seen.across) <= 1.5].max() - np.median(seen.usual[outer]))
+    """Usual brightness of the halfway line over the surface beside it; where most of it is worn, that of the rest."""
+    outer, paint = np.abs(seen.across) > 2.0 * seen.half_px[1] + 2.0, np.abs(seen.across) <= 1.5
+    ground = float(np.median(seen.usual[outer]))
+    usual = float(seen.usual[paint].max()) - ground
+    left = float(np.quantile(seen.values[:, paint] + seen.usual[paint], _UNWORN, axis=0).max()) - ground
+    return usual if usual >= _MOSTLY_WORN * left else left
 
 
 def _response(seen: _Rectified, blur_px: float, inner_px: float, side: float) -> Array | None:
@@ -246,18 +256,15 @@ def _bare_sides(
     """
     b, a = float(seen.halves_px[peak, 0]), seen.half_px[1]
     values = seen.values
-    distance, rise = np.abs(seen.across), seen.position - seen.position[peak]
+    rise = seen.position - seen.position[peak]
     edge = b + 1.5 * blur_px
     on = np.abs(rise) <= max(b, _STEP_PX)
     beyond = [(side * rise > edge) & (side * rise <= edge + _AROUND_PX) for side in (-1.0, 1.0)]
     if not all(rows.any() for rows in beyond):
         return False, False
-    paint = distance <= 1.0
-    if min(float(values[rows][:, paint].mean()) for rows in (on, *beyond)) < -_HIDDEN * line_contrast:
-        return False, False
     is_large = np.count_nonzero(on) > _LARGE_SHARE * len(on)
-    halves, bare = [], []
-    for side in (-1.0, 1.0):
+    shown, bare = np.zeros((2, 3)), []
+    for place, side in enumerate((-1.0, 1.0)):
         beside = side * seen.across
         rim = a + 1.5 * blur_px + 1.0
         disc = (beside > inner_px) & (beside <= a + blur_px)
@@ -267,16 +274,41 @@ def _bare_sides(
         is_bare = bool(abs(level) <= _FADED * line_contrast)
         # what a large disc adds is added to the ground beside it, which is as uneven as worn paint is faint
         level = level if is_bare and is_large else 0.0
-        seen_here = float(values[on][:, disc].mean()) - level
-        around = [float(values[rows][:, disc].mean()) - level for rows in beyond]
-        # brightness that goes on is a player; shade beside the disc dims it too, and may be as deep as it is bright
-        halves.append(max(around) <= _FADED * seen_here and min(around) >= -seen_here)
+        shown[place] = [float(values[rows][:, disc].mean()) - level for rows in (on, *beyond)]
         bare.append(is_bare)
+    if not any(bare) or _is_line_hidden(seen, (on, *beyond), bare, a + 1.5 * blur_px + 1.0, line_contrast):
+        return False, False
+    halves = [_ends(half, _FADED) for half in shown]
+    if all(bare) and _ends(shown.sum(axis=0), _FADED) and all(_ends(half, 1.0) for half in shown):
+        # of worn paint no half may be clear of the ground's unevenness by itself
+        halves = [True, True]
     if not any(half and clear for half, clear in zip(halves, bare, strict=True)):
         return False, False
     if not all(half or not clear for half, clear in zip(halves, bare, strict=True)):
         return False, False
     return halves[0], halves[1]
+
+
+def _is_line_hidden(
+    seen: _Rectified, parts: Sequence[Mask], bare: Sequence[bool], rim_px: float, line_contrast: float
+) -> bool:
+    """Whether the line is darker than the bare ground beside it anywhere on the parts (T,) of it: something stands
+    there, while worn paint only leaves the ground.
+    """
+    values = seen.values + seen.usual
+    sides = [side * seen.across > rim_px for side, is_bare in zip((-1.0, 1.0), bare, strict=True) if is_bare]
+    ground, paint = np.logical_or.reduce(sides), np.abs(seen.across) <= 1.0
+    darkest = [values[rows][:, paint].mean(axis=1).min() - np.nanmedian(values[rows][:, ground]) for rows in parts]
+    return bool(min(darkest) < -_HIDDEN * line_contrast)
+
+
+def _ends(shown: Array, faded: float) -> bool:
+    """Whether what is brighter (3,) on a disc, above and below it, is no more than a share as bright beyond the disc.
+
+    Brightness that goes on is a player; shade beside the disc dims it too, and may be as deep as it is bright.
+    """
+    here, *around = shown.tolist()
+    return bool(max(around) <= faded * here and min(around) >= -here)
 
 
 def _disc_coverage(t: Rows, s: Rows, b: float, a: float, blur_px: float) -> Array:

@@ -74,7 +74,8 @@ def measure(
             rays = cast_rays(picture, edges, marking, relative_width, config.rays, setting.rng)
             attempt = replace(attempt, rays=rays)
         with setting.clock("ellipse"):
-            ellipses = fit_ellipses(rays, setting.width, config.ellipse, setting.rng)
+            has_lines = marking.halfway is not None and len(marking.lines) > 0
+            ellipses = fit_ellipses(rays, setting.width, config.ellipse, setting.rng, has_lines=has_lines)
             attempt = replace(attempt, ellipses=ellipses, observations=observe(setting, ellipses, Cues(None, None)))
         with setting.clock("cues"):
             cues = find_cues(picture, marking, ellipses, edges.noise, template, config.cues, edges.blur_px)

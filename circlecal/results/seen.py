@@ -213,11 +213,15 @@ class EllipseFit:
 
 @dataclass(frozen=True, slots=True)
 class EllipseFits:
-    """The fitted edges of one circle; ``primary`` is the one that carries the calibration."""
+    """The fitted edges of one circle; ``primary`` is the one that carries the calibration.
+
+    ``least_arc_deg`` is how much of the circle the camera must see on the field, where the ellipse shows less; else 0.
+    """
 
     outer: EllipseFit | None
     inner: EllipseFit | None
     center: EllipseFit | None
+    least_arc_deg: float = 0.0
 
     @property
     def primary(self) -> EllipseFit:

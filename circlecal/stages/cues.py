@@ -141,6 +141,7 @@ def find_cues(
     if chord is not None and near is not None:
         surface = _add_margin(mask.field_region)
         first, name, unit = measured.pop(), template.halfway_line, picture.shape[1] / 1920.0
+        first = None if first is None or rough is None else _keep_on_surface(first, rough, surface, picture.shape)
         pieces, lines = _its_pieces(first, measured, unit)
         halfway = _halfway_line(picture, first, pieces, chord, growth, noise, name, surface, config)
         if halfway is None and rough is not None and near is not rough:
@@ -334,6 +335,20 @@ def _add_margin(region: NDArray[np.bool_] | None) -> NDArray[np.bool_] | None:
     side = 2 * round(SURFACE_MARGIN * region.shape[1]) + 1
     grown = cv2.dilate(region.astype(np.uint8), np.ones((side, side), np.uint8))
     return np.asarray(grown, np.uint8).view(np.bool_)
+
+
+def _keep_on_surface(
+    line: LineCue, seen: Segment, surface: NDArray[np.bool_] | None, shape: tuple[int, ...]
+) -> LineCue:
+    """The line without points beyond the segment by which it was found that lie off the playing surface (h, w) of a
+    reduced picture: of a short arc the chord is a guess, and may reach into the stands.
+    """
+    if surface is None:
+        return line
+    start, along = seen.start, seen.end - seen.start
+    share = (line.points_px - start) @ along / (along @ along)
+    kept = ((share >= 0.0) & (share <= 1.0)) | _lie_on(surface, line.points_px, shape)
+    return replace(line, points_px=line.points_px[kept], sigma_px=line.sigma_px[kept]) if kept.any() else line
 
 
 def _lie_on(surface: NDArray[np.bool_], points: Array, shape: tuple[int, ...]) -> NDArray[np.bool_]:

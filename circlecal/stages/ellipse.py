@@ -7,6 +7,7 @@ returned conic.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -54,11 +55,19 @@ class EllipseConfig(BaseModel):
         description="Inlier distance, pixels at 1920 px width; lens and crown bend a true circle by 1-3 px.",
     )
     minimum_points: int = Field(24, ge=6, description="Fewer points than this on an edge are no edge.")
-    minimum_arc_deg: float = Field(60, ge=0, le=360, description="Shorter arcs are refused.")
+    minimum_arc_deg: float = Field(
+        60,
+        ge=0,
+        le=360,
+        description="Shorter arcs are refused; beside a halfway line and others it is the camera that tells how long an"
+        " arc is.",
+    )
     maximum_rms_px: float = Field(2.0, gt=0, description="Larger residuals are refused, pixels at 1920 px width.")
 
 
-def fit_ellipses(rays: RayPoints, width: int, config: EllipseConfig, rng: np.random.Generator) -> EllipseFits:
+def fit_ellipses(
+    rays: RayPoints, width: int, config: EllipseConfig, rng: np.random.Generator, *, has_lines: bool = False
+) -> EllipseFits:
     """Fit the outer edge, the inner edge and the centreline.
 
     Parameters
@@ -71,6 +80,9 @@ def fit_ellipses(rays: RayPoints, width: int, config: EllipseConfig, rng: np.ran
         Options.
     rng : numpy.random.Generator
         Source of the RANSAC samples.
+    has_lines : bool
+        Whether the halfway line and further lines are seen: of a short arc the ellipse hardly tells the size, so that
+        90 degrees of the circle may be 15 of a large ellipse, and the lines do.
 
     Raises
     ------
@@ -88,14 +100,15 @@ def fit_ellipses(rays: RayPoints, width: int, config: EllipseConfig, rng: np.ran
     if not fits.all():
         raise refuse("ellipse", "no_ellipse", "a hyperbola, or too few points")
     best = fits.primary
-    if best.arc_deg < config.minimum_arc_deg:
+    is_short = best.arc_deg < config.minimum_arc_deg
+    if is_short and not has_lines:
         detail = f"{best.arc_deg:.0f} degrees, {config.minimum_arc_deg:.0f} are needed"
         raise refuse("ellipse", "arc_too_short", detail)
     if best.rms_px > config.maximum_rms_px * unit:
         limit = config.maximum_rms_px * unit
         detail = f"its points leave an ellipse by {best.rms_px:.2f} px rms, {limit:.2f} are allowed"
         raise refuse("ellipse", "residual_too_large", detail)
-    return fits
+    return replace(fits, least_arc_deg=config.minimum_arc_deg) if is_short else fits
 
 
 def fit_observations(

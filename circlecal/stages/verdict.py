@@ -57,6 +57,10 @@ CROSSED_BEYOND = 0.1
 to a marking at that end: 27 such crossings of 45 real frames lie up to 0.003 beyond and 0.04 before it, that of a
 rendered hall in which a streak of gloss was taken for the touchline 0.21 beyond.
 """
+MEASURED_SHARE = 2.0 / 3.0
+"""Share of a short arc in view that is measured, without what lies too near to the picture's border for a profile to
+fit: of four rendered arcs of 71 to 91 degrees 47 to 59 are.
+"""
 SURE_LINES = 4
 """So many further lines at their places leave no doubt about the size of the field."""
 WRONG_PX = 20.0
@@ -183,6 +187,8 @@ def judge(attempt: Attempt, template: FieldTemplate, circle: Circle, width: int,
         checks.append(
             Check.of("confirmations", float(_confirmations(cues, camera, circle, unit) + exact), 1.0, at_least=True)
         )
+    if camera is not None and ellipses.least_arc_deg > 0.0:
+        checks += _short_arc_checks(attempt, camera, ellipses, cues, circle, unit)
     failed = next((c for c in checks if not c.passed), None)
     if failed is None:
         return Verdict("calibrated", None, None, None, tuple(checks))
@@ -259,6 +265,26 @@ def _confirmations(cues: Cues, camera: CameraFit | None, circle: Circle, unit: f
     others = (key for key in residuals if key.edge is not None and key.name != circle.name and halfway is not None)
     arcs = sum(residuals[key] <= largest for key in others)
     return int(mark) + sum(name != halfway for name in near) + arcs
+
+
+def _short_arc_checks(
+    attempt: Attempt, camera: CameraFit, ellipses: EllipseFits, cues: Cues, circle: Circle, unit: float
+) -> list[Check]:
+    """Checks of an arc of which the ellipse does not tell how long it is: as the camera puts it on the field it must be
+    long enough, and other markings must confirm that camera.
+    """
+    seen = None if attempt.observations is None else attempt.observations.circle(circle.name, ellipses.primary.edge)
+    points_px = ellipses.primary.points_px if seen is None else seen.points_px
+    off_m = camera.view.to_field(points_px) - np.asarray(circle.center)
+    angle = np.sort(np.arctan2(off_m[:, 1], off_m[:, 0]))
+    angle = angle[np.isfinite(angle)]
+    gap = np.diff(angle, append=angle[:1] + 2 * np.pi)
+    arc_deg = 360.0 - float(np.degrees(gap.max(initial=0.0))) if len(angle) else 0.0
+    confirmations = float(_confirmations(cues, camera, circle, unit))
+    return [
+        Check.of("arc_deg", arc_deg, MEASURED_SHARE * ellipses.least_arc_deg, at_least=True),
+        Check.of("confirmations", confirmations, 1.0, at_least=True),
+    ]
 
 
 def _exact(ellipses: EllipseFits, camera: CameraFit, template: FieldTemplate, circle: Circle, unit: float) -> bool:

@@ -89,6 +89,18 @@ def test_a_line_that_is_seen_outside_the_circle_only() -> None:
     assert line.support > 0.7
 
 
+@pytest.mark.parametrize(("last_m", "found"), [(18.0, True), (14.0, False)])
+def test_a_line_that_is_seen_outside_only_ends_where_the_field_does(last_m: float, found: bool) -> None:
+    """Beyond the touchline the picture goes on for longer than the line is seen; a short piece may be anything."""
+    scene = paint_scene(markings=(HALFWAY_AND_CIRCLE[0], beside(9.15, last_m)), pan_deg=-16.5)
+    gray, circle = measured(scene)
+    line = find_halfway(gray, circle, segment(scene, (0, min(16.2, last_m - 2.0)), (0, last_m))[None], CONFIG)
+    assert (line is not None) == found
+    if line is not None:
+        assert line.outside
+        assert line.support > 0.7
+
+
 def test_a_line_that_is_far_fainter_than_the_circle_is_a_streak_of_the_floor() -> None:
     bare, whole = (paint_scene(markings=HALFWAY_AND_CIRCLE[:k]).image.astype(float) for k in (1, 2))
     scene = paint_scene(markings=HALFWAY_AND_CIRCLE)

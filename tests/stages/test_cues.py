@@ -107,6 +107,44 @@ def test_a_player_may_touch_the_mark(painted, side, near_px, level):
     assert np.linalg.norm(mark.point_px - CAMERA.project(np.zeros(2))) < 1.0
 
 
+def test_the_mark_is_seen_on_a_line_that_is_worn_around_it(painted):
+    """Most of the line's paint is gone around the mark, whose own stands out beside it."""
+    image, bare = painted.image.astype(float), paint(CAMERA, noise=1.5, line=False).image
+    x, y = np.round(CAMERA.project(np.zeros(2))).astype(int)
+    places = np.stack(np.meshgrid(np.arange(x - 30, x + 30), np.arange(y - 14, y + 14)), axis=-1)
+    is_worn = np.abs(line_distance(TRUE_LINE, places)) < 4.0
+    part = slice(y - 14, y + 14), slice(x - 30, x + 30)
+    image[part][is_worn] = 0.25 * image[part][is_worn] + 0.75 * bare[part][is_worn]
+    mark = cues_in(painted, image=image.round().astype(np.uint8)).mark
+    assert mark is not None
+    assert np.linalg.norm(mark.point_px - (x, y)) < 1.0
+
+
+def test_a_player_on_the_line_elsewhere_is_no_noise_beside_the_mark(painted):
+    image = painted.image.copy()
+    x, y = np.round(CAMERA.project(np.array([0.0, -2.2]))).astype(int)
+    image[y - 34 : y - 6, x - 12 : x + 12] = (60, 40, 150)
+    image[y - 6 : y + 8, x - 10 : x + 10] = 225
+    mark = cues_in(painted, image=image).mark
+    assert mark is not None
+    assert np.linalg.norm(mark.point_px - CAMERA.project(np.zeros(2))) < 1.0
+
+
+def test_points_of_the_line_beyond_its_segment_lie_on_the_surface(painted):
+    """Of a short arc the chord is a guess, along which the line would be followed into the stands."""
+    far, near = CAMERA.project(np.array([[0.0, -6.0], [0.0, 6.0]]))
+    surface = np.ones((90, 160), np.bool_)
+    surface[: int(far[1] / 8.0)] = False
+    fits = EllipseFits(None, None, fit_of(painted.conic(), "center"))
+    marking = painted.marking(halfway=Segment(far, near))
+    picture, free = to_gray(painted.image), CuesConfig(centre_mark=False)
+    whole = find_cues(picture, marking, fits, 1.5, SOCCER, free).halfway
+    on_surface = find_cues(picture, replace(marking, field_region=surface), fits, 1.5, SOCCER, free).halfway
+    margin_px = 8.0 * (0.02 * 160 + 1)
+    assert whole.points_px[:, 1].min() < far[1] - margin_px
+    assert on_surface.points_px[:, 1].min() > far[1] - margin_px
+
+
 def test_the_mark_may_lie_near_the_border_of_the_picture():
     camera = view(position=(5.0, 48.0, -18.0), target=(-7.1, 0.0, 0.0), focal=4500.0, size=(1280, 720))
     place = camera.project(np.zeros(2))

@@ -146,6 +146,13 @@ def test_short_arcs_are_refused_with_their_length():
     assert fit_ellipses(rays_of(center=arc(300, 0, 45, 0.05)), 1920, lenient, rng()).primary.arc_deg <= 60
 
 
+def test_lines_beside_a_short_arc_leave_its_length_to_the_camera():
+    short = rays_of(center=arc(300, 0, 45, 0.05))
+    found = fit_ellipses(short, 1920, CONFIG, rng(), has_lines=True)
+    assert found.primary.arc_deg < CONFIG.minimum_arc_deg == found.least_arc_deg
+    assert fit_ellipses(rays_of(center=arc(300)), 1920, CONFIG, rng(), has_lines=True).least_arc_deg == 0.0
+
+
 def test_large_residuals_are_refused():
     wide = CONFIG.model_copy(update={"threshold_px": 20.0})
     refused = refusal(rays_of(center=arc(400, sigma=4.0)), wide)

@@ -131,6 +131,20 @@ def test_more_of_a_circle_may_be_less_exact(residual_px, arc_deg, confirms):
     assert (found.status == "calibrated") == confirms
 
 
+@pytest.mark.parametrize(
+    ("seen_deg", "named", "code"),
+    [(70.0, ("side_line_top",), None), (70.0, (), "circle_unconfirmed"), (35.0, ("side_line_top",), "arc_too_short")],
+)
+def test_of_a_short_arc_the_camera_tells_the_length_and_lines_confirm_it(seen_deg, named, code):
+    angle = np.radians(np.linspace(200.0, 200.0 + seen_deg, 50))
+    points_px = CAMERA.project(CIRCLE.radius_m * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
+    fit = replace(fit_of(true_conic(CAMERA), "outer"), arc_deg=20.0, points_px=points_px)
+    fits = EllipseFits(fit, None, None, least_arc_deg=60.0)
+    found = verdict(camera_fit(named_lines=named), cues=Cues(LINE, None), fits=fits)
+    assert found.code == code
+    assert found.check("arc_deg").value == pytest.approx(seen_deg, abs=0.5)
+
+
 def test_a_good_camera_is_accepted_with_every_check():
     found = verdict(camera_fit())
     assert (found.status, found.code, found.reason, found.stage) == ("calibrated", None, None, None)
@@ -146,6 +160,7 @@ def test_a_good_camera_is_accepted_with_every_check():
         "noise_beside_mark",
         "arc_residual_px",
         "other_size_share",
+        "arc_deg",
     }
 
 
