@@ -56,8 +56,8 @@ FAINT_BIAS_PX = 4.0
 frames of three rendered clips, to one side, and a number of frames does not lower that.
 """
 PIECE_BIAS_PX = 8.0
-"""The same of paint that only whole pieces of a line show: all their places, three times as many as repeat an error
-elsewhere, are one measurement.
+"""By how much paint that only whole pieces of a line show may be off, pixels at 1920 px width: all their places, three
+times as many as repeat an error elsewhere, are one measurement.
 """
 LEAST_SHARE = 0.35
 """Share of the places of a marking with paint below which what was found is not the marking: of a halfway line that a
