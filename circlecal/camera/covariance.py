@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from circlecal.camera.viewing_coordinates import VIEWING, from_viewing, to_viewing, viewing_jacobian
-from circlecal.geometry.camera_parameters import PARAMETERS, Projection, active_parameters
+from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, Projection, active_parameters
 from circlecal.geometry.projective import Array, dehomogenise, lift
 
 LARGEST_INVERSE = 1e11
@@ -22,6 +22,22 @@ def posterior_covariance(normal: Array, sd: Array) -> Array:
     covariance = np.zeros((len(PARAMETERS), len(PARAMETERS)))
     covariance[active[:, None], active] = inverse
     return covariance
+
+
+def count_from_seen(by_growth: Array) -> Array:
+    """Matrix (P, P) that takes deviations of the parameters to those of a camera whose place is counted from what
+    was seen instead of from the middle of the field.
+
+    Where only one end of a field is seen, its goal lies half a field from the middle, and so does the camera: how long
+    the field is moves both alike, and says nothing of where the seen end is in the picture. With ``by_growth`` (2,),
+    how far what was seen moves along x per metre of length and along y per metre of breadth, a place counted from there
+    has the deviations dx - by_growth[0] dlength and dy - by_growth[1] dbreadth. Covariances C become T C T^T; a matrix
+    of priors L becomes T^-T L T^-1, where T^-1 = 2 I - T.
+    """
+    turn = np.eye(len(PARAMETERS))
+    turn[INDEX["x"], INDEX["length"]] = -by_growth[0]
+    turn[INDEX["y"], INDEX["breadth"]] = -by_growth[1]
+    return turn
 
 
 def _inverse(correlation: Array) -> Array:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from circlecal.camera.residuals import CurvePoints, FixedPoints, circle_curve, line_curve, stack_curves
+from circlecal.camera.residuals import NOT_MOVED, CurvePoints, FixedPoints, circle_curve, line_curve, stack_curves
 from circlecal.field import FieldTemplate
 from circlecal.geometry.conic_fits import fit_conic
 from circlecal.geometry.ellipses import ellipse_from_conic
@@ -53,7 +53,8 @@ def curves_from_observations(observations: Observations, template: FieldTemplate
         radius = template.radius(known, seen.edge)
         by_width = relative[seen.edge] - relative[known.edge]
         center = np.asarray(known.center)
-        parts.append(circle_curve(seen.key, points, sigma, center, radius, by_width, bloom[seen.edge]))
+        shift = template.place_shift(known.center)
+        parts.append(circle_curve(seen.key, points, sigma, center, radius, by_width, bloom[seen.edge], shift))
     for line in observations.lines:
         drawn = None if line.line is None else template.line_by_name.get(line.line)
         if drawn is None or len(line.points_px) == 0:
@@ -103,10 +104,11 @@ def points_from_observations(observations: Observations, template: FieldTemplate
     """
     marks = [m for m in observations.marks if m.mark in template.mark_by_name]
     relief_px = relief_m * _pixels_per_height(observations, template) if marks and relief_m > 0.0 else 0.0
-    found = [
-        (m.key, np.asarray(template.mark_by_name[m.mark].position), m.point_px, m.sigma_px, relief_px) for m in marks
-    ]
+    places = [np.asarray(template.mark_by_name[m.mark].position) for m in marks]
+    found = [(m.key, place, m.point_px, m.sigma_px, relief_px) for m, place in zip(marks, places, strict=True)]
     found += [(k.key, k.field_m, k.point_px, k.sigma_px, 0.0) for k in observations.keypoints]
+    shifts = [template.place_shift((float(x), float(y))) for x, y in places]
+    shifts += [NOT_MOVED] * len(observations.keypoints)
     sigma_px = np.array([f[3] for f in found], dtype=np.float64)
     return FixedPoints(
         np.array([f[1] for f in found]).reshape(-1, 2),
@@ -114,6 +116,7 @@ def points_from_observations(observations: Observations, template: FieldTemplate
         sigma_px,
         tuple(f[0] for f in found),
         np.hypot(sigma_px, [f[4] for f in found]) if relief_px > 0.0 else None,
+        np.array(shifts).reshape(-1, 3, 2) if marks else None,
     )
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from circlecal.camera.covariance import (
     correlation_factor,
+    count_from_seen,
     data_share,
     homography_vectors,
     imaged_points,
@@ -81,7 +82,10 @@ def camera_fit(
     camera = camera_of(theta, model)
     H = camera.homography
     surface = replace(model.surface, crown_m=float(theta[INDEX["crown"]]))
-    told = _tell_spread(theta, covariance, model, reference, circle, template)
+    by_growth = problem.priors.center_by_growth
+    told = _tell_spread(theta, covariance, model, reference, by_growth, circle, template)
+    turn = count_from_seen(by_growth)
+    prior = prior @ (2.0 * np.eye(len(turn)) - turn)
     painted = follow_errors(problem, state, covariance, template)
     return CameraFit(
         camera=camera,
@@ -94,7 +98,7 @@ def camera_fit(
         imaged_center_px=told.imaged_center_px,
         imaged_center_covariance=told.imaged_center_covariance,
         noise_scale=scale,
-        data_share=data_share(told.seen, covariance, prior.T @ prior),
+        data_share=data_share(told.seen, turn @ covariance @ turn.T, prior.T @ prior),
         residual_correlation=_correlation(problem, state, circle),
         max_sigma_px=told.max_sigma_px,
         max_sigma_m=told.max_sigma_m,
@@ -108,6 +112,7 @@ def camera_fit(
         named_lines=tuple(sorted(set(named.values()))),
         names_by_line=named,
         reference_m=reference,
+        reference_by_growth=by_growth,
         field_size=None if posterior is None or is_fixed else _field_size(theta, covariance, template, posterior),
         other_size=None if posterior is None else _other_size(told.seen, posterior),
         region=told.region,
@@ -133,7 +138,7 @@ def weigh_painters(fit: CameraFit, circle: Circle, template: FieldTemplate) -> C
         return fit
     theta, covariance = fit.painters.theta, fit.covariance + fit.painters.covariance
     camera = camera_of(theta, fit.model)
-    told = _tell_spread(theta, covariance, fit.model, fit.reference_m, circle, template)
+    told = _tell_spread(theta, covariance, fit.model, fit.reference_m, fit.reference_by_growth, circle, template)
     return replace(
         fit,
         theta=theta,
@@ -172,8 +177,17 @@ class _Spread:
 
 
 def _tell_spread(
-    theta: Array, covariance: Array, model: ProjectionModel, reference_m: Array, circle: Circle, template: FieldTemplate
+    theta: Array,
+    covariance: Array,
+    model: ProjectionModel,
+    reference_m: Array,
+    by_growth: Array,
+    circle: Circle,
+    template: FieldTemplate,
 ) -> _Spread:
+    """Predicted errors count from what was seen, which moves with the field's sizes as ``by_growth`` says; homography,
+    points and region count from the middle of the field.
+    """
     camera = camera_of(theta, model)
     # the camera itself first, then those about it: of one that is hardly known they may lie beyond all numbers, which
     # makes its standard deviations as large
@@ -184,7 +198,8 @@ def _tell_spread(
     surface = replace(model.surface, crown_m=float(theta[INDEX["crown"]]))
     grid = FieldView(camera, surface).visible_field(template, reference_m, REACH_RADII * circle.radius_m)
     seen = project(theta[None], grid[None], model)
-    sigma_px, sigma_m = seen.sigma(covariance)
+    turn = count_from_seen(by_growth)
+    sigma_px, sigma_m = seen.sigma(turn @ covariance @ turn.T)
     is_seen = len(grid) > 0
     return _Spread(
         seen,

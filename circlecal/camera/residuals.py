@@ -41,7 +41,7 @@ class CurvePoints:
     direction : (N, 2) array
         Unit direction of the line; zero for circles.
     shift : (N, 3, 2) array
-        How much a line moves per metre of marking width, of length and of breadth of the field.
+        How much a marking moves per metre of marking width, of length and of breadth of the field.
     group : (N,) int array
         Index into ``keys``.
     keys : tuple of MarkingKey
@@ -73,6 +73,11 @@ class CurvePoints:
     def has_lines(self) -> bool:
         """Whether any of the points is on a line."""
         return bool(self.straight.any())
+
+    @cached_property
+    def has_shifts(self) -> bool:
+        """Whether the sizes of the field move any of the points' markings."""
+        return bool(self.shift.any())
 
     @cached_property
     def largest_move(self) -> Array:
@@ -118,7 +123,8 @@ class FixedPoints:
     """M points of known field position: ``field_m`` (M, 2), ``points_px`` (M, 2), ``sigma_px`` (M,), their keys.
 
     ``upright_px`` (M,) are their standard deviations along the picture's vertical, where the ground may be higher or
-    lower than its profile; None where they do not differ from ``sigma_px``.
+    lower than its profile; None where they do not differ from ``sigma_px``. ``shift`` (M, 3, 2) is how much each moves
+    per metre of marking width, of length and of breadth of the field; None where none does.
     """
 
     field_m: Array
@@ -126,6 +132,14 @@ class FixedPoints:
     sigma_px: Array
     keys: tuple[MarkingKey, ...]
     upright_px: Array | None = None
+    shift: Array | None = None
+
+    @cached_property
+    def shift_twice(self) -> Array | None:
+        """Shifts (3, 2, 2 M), each point twice; None where no point moves."""
+        if self.shift is None or not self.shift.any():
+            return None
+        return np.repeat(np.moveaxis(self.shift, 0, -1), 2, axis=-1)
 
     @cached_property
     def twice(self) -> tuple[Array, Array]:
@@ -144,9 +158,12 @@ class FixedPoints:
         """The points at a mask."""
         keys = tuple(key for key, kept in zip(self.keys, keep, strict=True) if kept)
         upright_px = None if self.upright_px is None else self.upright_px[keep]
-        return FixedPoints(self.field_m[keep], self.points_px[keep], self.sigma_px[keep], keys, upright_px)
+        shift = None if self.shift is None else self.shift[keep]
+        return FixedPoints(self.field_m[keep], self.points_px[keep], self.sigma_px[keep], keys, upright_px, shift)
 
 
+NOT_MOVED = np.zeros((3, 2))
+"""Shift of what the sizes of the field leave in its place."""
 NO_POINTS = FixedPoints(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0), ())
 
 
@@ -179,13 +196,14 @@ def circle_curve(
     radius: float,
     radius_by_width: float,
     bloom_sign: float,
+    shift: Array | None = None,
 ) -> CurvePoints:
-    """Points of one edge of a circle."""
+    """Points of one edge of a circle or an arc, whose centre moves with the sizes of the field by its shift (3, 2)."""
     n = len(points_px)
     full = np.full(n, 1.0)
     return CurvePoints(
         points_px, sigma_px, np.tile(center, (n, 1)), radius * full, radius_by_width * full, bloom_sign * full,
-        np.zeros((n, 2)), np.zeros((n, 3, 2)), np.zeros(n, dtype=int), (key,),
+        np.zeros((n, 2)), np.tile(NOT_MOVED if shift is None else shift, (n, 1, 1)), np.zeros(n, dtype=int), (key,),
     )  # fmt: skip
 
 
@@ -236,16 +254,18 @@ def _points_on_markings(
         outward *= ~curves.straight
     places, tangents = np.zeros((2, B, 2, N + 2 * len(points.sigma_px)))
     on_curves, at_points = places[..., :N], places[..., N:]
+    sizes = theta[:, SIZES]
     if at_points.size:
         at_points[:] = points.twice[0]
+        if points.shift_twice is not None and sizes.any():
+            at_points += (sizes @ points.shift_twice.reshape(3, -1)).reshape(at_points.shape)
     radius = curves.radius + curves.radius_by_width * theta[:, INDEX["width"], None]
     np.multiply(radius[:, None], outward, out=on_curves)
     on_curves += origin
     if lines:
         on_curves += feet[:, None] * direction
-        sizes = theta[:, SIZES]
-        if sizes.any():
-            on_curves += (sizes[:, None] @ shift.reshape(*shift.shape[:-3], 3, 2 * N)).reshape(B, 2, N)
+    if curves.has_shifts and sizes.any():
+        on_curves += (sizes[:, None] @ shift.reshape(*shift.shape[:-3], 3, 2 * N)).reshape(B, 2, N)
     np.subtract(direction[..., 0, :], outward[:, 1], out=tangents[:, 0, :N])
     np.add(direction[..., 1, :], outward[:, 0], out=tangents[:, 1, :N])
     return places, tangents, outward
@@ -354,9 +374,12 @@ def curve_residuals(
     values[:, :count] -= bloom * theta[:, INDEX["bloom"], None]
     rows, field = seen.gradient(inward)
     field_x, field_y, shift = field[:, :1, :count], field[:, 1:, :count], curves.rows[2]
-    if curves.has_lines:
+    if curves.has_shifts:
         by_size = field_x * shift[..., 0, :] + field_y * shift[..., 1, :]
         rows[:, SIZES[0], :count], rows[:, SIZES[1] : SIZES[2] + 1, :count] = by_size[:, 0], by_size[:, 1:]
+    if points.shift_twice is not None:
+        by_size = (field[:, None, :, count:] * points.shift_twice).sum(axis=2)
+        rows[:, SIZES[0], count:], rows[:, SIZES[1] : SIZES[2] + 1, count:] = by_size[:, 0], by_size[:, 1:]
     outside = field_x[:, 0] * outward[:, 0] + field_y[:, 0] * outward[:, 1]
     rows[:, SIZES[0], :count] += curves.radius_by_width * outside
     rows[:, INDEX["bloom"], :count] = -bloom

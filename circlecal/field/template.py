@@ -304,12 +304,14 @@ class FieldTemplate(BaseModel):
             shift[1, 0] = 0.0
         return shift
 
-    def circle_shift(self, circle: Circle) -> Array:
-        """How a circle or an arc moves (3, 2) with the marking width, the length and the width of the field, metres per
-        metre: what belongs to one end goes with it, a corner with both sides; its radius is fixed.
+    def place_shift(self, place_m: Point) -> Array:
+        """How the centre of a circle, an arc or a mark moves (3, 2) with the marking width, the length and the width
+        of the field, metres per metre, from its place in metres.
+
+        What belongs to one end goes with it, a corner with both sides; radii are fixed.
         """
         shift = np.zeros((3, 2))
-        x, y = circle.center
+        x, y = place_m
         if abs(x) > AT_MIDDLE_M:
             shift[1, 0] = np.sign(x) / 2.0
         if abs(abs(y) - self.width_m / 2) < AT_MIDDLE_M:
@@ -328,7 +330,7 @@ class FieldTemplate(BaseModel):
     @cached_property
     def outlines(self) -> tuple[tuple[str, ...], Array, Array]:
         """Names of all circles, arcs and lines, :data:`NODES` points along the centreline of each (K, N, 2), and shifts
-        (K, 3, 2) as of :meth:`line_shift` and :meth:`circle_shift`.
+        (K, 3, 2) as of :meth:`line_shift` and :meth:`place_shift`.
         """
         share = np.linspace(0.0, 1.0, NODES)[:, None]
         ends = [(0.0, 360.0)] * len(self.circles) + [(arc.start_deg, arc.end_deg) for arc in self.arcs]
@@ -341,7 +343,7 @@ class FieldTemplate(BaseModel):
         drawn, shifts = self.drawn_lines
         straight = drawn[:, :1] + share * (drawn[:, 1:] - drawn[:, :1])
         names = tuple(element.name for element in (*round_ones, *self.lines))
-        round_shifts = np.array([self.circle_shift(circle) for circle in round_ones]).reshape(-1, 3, 2)
+        round_shifts = np.array([self.place_shift(circle.center) for circle in round_ones]).reshape(-1, 3, 2)
         points = np.concatenate([np.array(curves).reshape(-1, NODES, 2), straight])
         return names, points, np.concatenate([round_shifts, shifts])
 

@@ -257,9 +257,8 @@ def _fit_with_arc(scene: NamingScene, trials: list[Trial], points: Array, arc: A
     """The trials fitted once more with points (N, 2) on an arc, and the share (B,) of these that then lie on it."""
     model, template, unit = scene.problem.model, scene.template, scene.unit
     radius = template.radius(arc, "center")
-    drawn = circle_curve(
-        MarkingKey(arc.name), points, np.full(len(points), CURVE_SIGMA_PX * unit), np.array(arc.center), radius, 0, 0
-    )
+    sigma, shift = np.full(len(points), CURVE_SIGMA_PX * unit), template.place_shift(arc.center)
+    drawn = circle_curve(MarkingKey(arc.name), points, sigma, np.array(arc.center), radius, 0, 0, shift)
     fuller = replace(
         scene,
         problem=replace(scene.problem, curves=join_curves(scene.problem.curves, drawn)),

@@ -219,7 +219,8 @@ class CameraFit:
     residual_correlation : float
         How many neighbouring residuals along the circle repeat each other (1 = white).
     max_sigma_px, max_sigma_m : float
-        Largest predicted standard deviation over the visible field near ``reference_m``.
+        Largest predicted standard deviation over the visible field near ``reference_m``, counted from what was seen: at
+        one end of a field whose length nobody knows, the other end is less certain by ``field_size``.
     mean_sigma_px : float
         Mean of it there.
     residuals_px, stated_sigma_px : dict of MarkingKey
@@ -237,6 +238,9 @@ class CameraFit:
     reference_m : (2,) array
         The field point about which distance and predicted errors are judged: the circle's centre, or the middle of what
         was seen instead of the circle.
+    reference_by_growth : (2,) array
+        By how much what was seen moves along x per metre that the field is longer, and along y per metre that it is
+        broader; zero where the circle was seen.
     field_size : FieldSize or None
         How long and broad the field is; None where it was not asked.
     other_size : OtherSize or None
@@ -275,6 +279,7 @@ class CameraFit:
     named_lines: tuple[str, ...] = ()
     names_by_line: dict[int, str] = field(default_factory=dict)
     reference_m: Array = field(default_factory=lambda: np.zeros(2))
+    reference_by_growth: Array = field(default_factory=lambda: np.zeros(2))
     field_size: FieldSize | None = None
     other_size: OtherSize | None = None
     point_residuals_px: dict[MarkingKey, Array] = field(default_factory=dict)

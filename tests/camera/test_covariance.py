@@ -5,6 +5,7 @@ import pytest
 
 from circlecal.camera.covariance import (
     correlation_factor,
+    count_from_seen,
     data_share,
     homography_vectors,
     imaged_points,
@@ -149,3 +150,19 @@ def test_homographies_of_cameras_level_with_the_origin_say_nothing():
     vectors = homography_vectors(H)
     assert np.isfinite(vectors[[0, 3]]).all() and not np.isfinite(vectors[1:3]).all(axis=1).any()
     assert np.isfinite(push_forward(vectors[0], vectors[1:])).all()
+
+
+def test_places_counted_from_what_was_seen_do_not_ask_how_long_the_field_is():
+    """A camera that stands fast beside one end of a field of unknown length: half the length is in its place only."""
+    rng = np.random.default_rng(12)
+    beside, length_sd, breadth_sd = small_covariance(rng), 3.0, 2.0
+    by_growth = np.array([0.5, -0.5])
+    length, breadth = INDEX["length"], INDEX["breadth"]
+    moves = np.eye(SIZE)
+    moves[INDEX["x"], length], moves[INDEX["y"], breadth] = by_growth
+    beside[length, length], beside[breadth, breadth] = length_sd**2, breadth_sd**2
+    turn = count_from_seen(by_growth)
+    counted = turn @ (moves @ beside @ moves.T) @ turn.T
+    np.testing.assert_allclose(counted, beside, atol=1e-12)
+    assert (moves @ beside @ moves.T)[INDEX["x"], INDEX["x"]] > 0.25 * length_sd**2
+    np.testing.assert_allclose(np.linalg.inv(turn), 2.0 * np.eye(SIZE) - turn, atol=1e-15)

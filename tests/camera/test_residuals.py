@@ -26,13 +26,22 @@ SOCCER = load_field("soccer")
 
 
 def curves_near(theta, offset_px, rng, model=MODEL):
-    """Both edges of the circle, halfway line, a touchline and a penalty area's line, seen ``offset_px`` beside."""
+    """Both edges of the circle, an arc that moves with an end of the field, halfway line, a touchline and a penalty
+    area's line, seen ``offset_px`` beside.
+    """
     parts = []
     for edge, by_width, bloom in (("outer", 0.0, 1.0), ("inner", -1.0, -1.0), ("center", -0.5, 0.0)):
         radius = SOCCER.radius(SOCCER.circles[0], edge)
         parts.append(
             circle_curve(MarkingKey(edge), np.zeros((20, 2)), np.full(20, 0.7), np.zeros(2), radius, by_width, bloom)
         )
+    arc = SOCCER.circle_by_name["penalty_arc_left"]
+    center, shift = np.array([-8.0, 3.0]), SOCCER.place_shift(arc.center)
+    parts.append(
+        circle_curve(
+            MarkingKey("arc"), np.zeros((9, 2)), np.full(9, 0.7), center, SOCCER.radius(arc, "center"), 0, 0, shift
+        )
+    )
     for name in ("halfway_line", "side_line_top", "big_rect_left_main"):
         line = SOCCER.line_by_name[name]
         parts.append(
@@ -80,7 +89,7 @@ def test_sizes_of_the_markings_enter_where_they_should():
     expected = {
         "width": {"inner", "center", "side_line_top", "big_rect_left_main"},
         "bloom": {"outer", "inner"},
-        "length": {"big_rect_left_main"},
+        "length": {"big_rect_left_main", "arc"},
         "breadth": {"side_line_top"},
     }
     for parameter, names in expected.items():
@@ -95,7 +104,7 @@ def test_bloom_moves_the_edges_outwards_by_itself():
     bloomed = theta.copy()
     bloomed[0, INDEX["bloom"]] = 0.25
     values = curve_residuals(curves, bloomed, feet[None], MODEL).values[0] * curves.sigma_px
-    for group, expected in enumerate([-0.25, 0.25, 0.0, 0.0, 0.0, 0.0]):
+    for group, expected in enumerate([-0.25, 0.25, 0.0, 0.0, 0.0, 0.0, 0.0]):
         np.testing.assert_allclose(values[curves.group == group], expected, atol=1e-9)
 
 
@@ -153,7 +162,12 @@ def test_fixed_points_and_their_jacobian():
     theta = random_thetas(1, rng)[0]
     field = rng.uniform(-10, 10, (4, 2))
     pixels = project(theta[None], field[None], MODEL).pixels[0]
-    points = FixedPoints(field, pixels + [[1.0, -2.0]] * 4, np.full(4, 2.0), tuple("abcd"))
+    shift = np.zeros((4, 3, 2))
+    shift[0, 1, 0], shift[1, 2, 1] = 0.5, -0.5
+    keys = tuple(MarkingKey(name) for name in "abcd")
+    # the sizes of the field are 0 where these points are seen
+    theta[[INDEX[name] for name in ("width", "length", "breadth")]] = 0.0
+    points = FixedPoints(field, pixels + [[1.0, -2.0]] * 4, np.full(4, 2.0), keys, shift=shift)
 
     def residuals(t):
         return curve_residuals(stack_curves([]), t[None], np.zeros((1, 0)), MODEL, 0, points)
@@ -162,16 +176,19 @@ def test_fixed_points_and_their_jacobian():
     np.testing.assert_allclose(found.values[0].reshape(4, 2), [[0.5, -1.0]] * 4, atol=1e-9)
     numeric = central_differences(lambda t: residuals(t).values[0], theta, STEPS)
     np.testing.assert_allclose(found.jacobian[0], numeric, atol=1e-5 * np.abs(numeric).max())
+    by_length, by_breadth = (found.jacobian[0][:, INDEX[name]].reshape(4, 2) for name in ("length", "breadth"))
+    assert by_length.any(axis=1).tolist() == [True, False, False, False]
+    assert by_breadth.any(axis=1).tolist() == [False, True, False, False]
 
 
 def test_stacking_keeps_the_order_and_nothing_is_something():
     rng = np.random.default_rng(8)
     curves, _ = curves_near(random_thetas(1, rng)[0], 0.0, rng)
     assert [str(key) for key in curves.keys] == [
-        "outer", "inner", "center", "halfway_line", "side_line_top", "big_rect_left_main",
+        "outer", "inner", "center", "arc", "halfway_line", "side_line_top", "big_rect_left_main",
     ]  # fmt: skip
 
-    assert np.bincount(curves.group).tolist() == [20, 20, 20, 9, 9, 9]
+    assert np.bincount(curves.group).tolist() == [20, 20, 20, 9, 9, 9, 9]
     empty = stack_curves([])
     assert empty.points_px.shape == (0, 2)
     assert empty.keys == ()
