@@ -1,22 +1,23 @@
-"""Which straight markings were seen where no circle is: hypotheses from two pairs of lines at right angles.
+"""Which straight markings and arcs were seen where no circle is: hypotheses from few lines, judged by all.
 
-Nearly all straight markings of a field run along it or across it. Two lines along the field meet in one vanishing
-point, two across it in another, and both together give the focal length and the rotation of a camera with square pixels
-and a known principal point. Each seen line then has an offset on the ground, up to the camera's height and place:
+Lines along the field and lines across it give the focal length and the rotation of a camera (see
+:mod:`circlecal.line_naming.field_views`). Each seen line then has an offset on the ground, up to the camera's height
+and place:
 
 1. ``N = R^T K^T l`` is the plane through a seen line l and the camera, in field coordinates;
 2. a line along the field, at ``y = y0``, has ``N_x = 0`` and ``y0 = C_y - h N_z / N_y``, with the camera at C and its
    height ``h = -C_z``; one across it, at ``x = x0``, has ``N_y = 0`` and ``x0 = C_x - h N_z / N_x``.
 
 So a pair of lines along the field under two names gives the height, and a pair across it gives it again: names under
-which both heights agree are hypotheses. All other lines, and the lines that should be seen and are not, tell
-which of them is right. Nothing but arithmetic on whole arrays: pairs of pairs times pairs of names.
+which both heights agree are hypotheses. Of a pair and one line the pair gives the height, and any name of the line is a
+hypothesis. All other lines, the arcs that were seen, and the lines that should be seen and are not, tell which of them
+is right. Nothing but arithmetic on whole arrays: pairs of pairs times pairs of names.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -34,19 +35,26 @@ from circlecal.geometry.camera_parameters import (
 )
 from circlecal.geometry.homography import SIDES
 from circlecal.geometry.projective import Array, Indices, Mask, lift
+from circlecal.line_naming.field_views import (
+    Views,
+    length_to_vanishing_points,
+    level_views,
+    three_line_views,
+    two_pair_views,
+)
 
-__all__ = ["FieldHypothesis", "propose_cameras"]
+__all__ = ["FieldHypothesis", "find_arc", "propose_cameras"]
 
-FEWEST_LINES = 4
-"""Two along the field and two across it."""
+NAMED_PX = 14.0
+"""Pixels at 1920 px width: how far the ends of a line may lie from the marking whose name it gets. Lens, crown, and a
+field of another size move lines by about so much.
+"""
+FEWEST_LINES, FEWEST_NAMED = 3, 4
+"""Lines that must be seen, two of one direction and one of the other, and different lines and arcs that must be named:
+a camera without roll is determined by three lines, and nothing tells whether they are the right ones.
+"""
 MOST_LINES = 12
 """The longest that are used: 12 of them have 2,970 pairs of pairs, a picture of a penalty area shows 6 to 12."""
-FOCAL_WIDTHS = (0.4, 12.0)
-"""Focal lengths in picture widths: phones to the longest lenses of main cameras."""
-LARGEST_ROLL_DEG = 12.0
-"""Main cameras have less than 2 degrees; a vanishing point of two short lines is off by some degrees."""
-TILT_DEG = (45.0, 89.0)
-"""Angle between the optical axis and the vertical: from steep views to a camera at the height of the field."""
 HEIGHT_M = (1.5, 60.0)
 """Of a camera above the field: from a camera on the ground to the roof of a large stadium."""
 REACH_M = 200.0
@@ -55,17 +63,9 @@ SAME_HEIGHT = 0.25
 """Largest difference of both heights' logarithms: vanishing points of seen lines are known to a few percent (33 real
 frames of penalty areas: within 0.12 for the right names).
 """
-DIRECTED_PX, NAMED_PX = 6.0, 14.0
-"""Pixels at 1920 px width: how far the ends of a line may lie from the direction of a vanishing point that it runs to,
-and from the marking whose name it gets. Lens, crown, and a field of another size move lines by about so much.
-"""
 DIRECTED_SHARE = 0.7
 """Views with less than this share of the length that runs to the vanishing points of the best view are left out (of the
 right views on 33 real frames of penalty areas one has less than 0.8).
-"""
-LEVEL_FOCAL_WIDTHS, LEVEL_VIEWS = tuple(np.geomspace(0.7, 8.0, 14).tolist()), 60
-"""Focal lengths, picture widths, that are tried for level cameras, a fifth apart, which moves a height by less than
-:data:`SAME_HEIGHT`; and views of those that are looked at.
 """
 BEYOND_M = 3.0
 """How far a seen line may run past the end of its marking, metres on the ground, before the camera is refined."""
@@ -77,6 +77,16 @@ NODES = 24
 """Places along each marking at which it is looked whether it is in view and seen."""
 KEPT = 120
 """Hypotheses that are scored with the whole template."""
+EXPLAINED_SHARE = 0.8
+"""Share of the length of all seen lines and arcs above the horizon of none that the best hypothesis of one kind must
+explain for the next kind not to be looked at.
+"""
+ON_ARC_PX, ON_ARC_SHARE = 12.0, 0.8
+"""Pixels at 1920 px width from the place of an arc under the rough camera, and the share of a seen curve's points that
+lies within it, for the curve to be that arc.
+"""
+ARC_NODES, ARC_POINTS = 65, 24
+"""Places along an arc, and points of a seen curve, between which distances are measured."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +100,7 @@ class FieldHypothesis:
     theta : (P,) array
         Camera, without lens or crown.
     score : float
-        Pixels of seen line that it explains, less what it leaves over or predicts in vain, in picture widths.
+        Pixels of seen lines and arcs that it explains, less what it leaves over or predicts in vain, in picture widths.
     """
 
     names: dict[int, str]
@@ -98,38 +108,22 @@ class FieldHypothesis:
     score: float
 
 
-@dataclass(frozen=True, slots=True)
-class _Views:
-    """Candidate rotations and focal lengths of V pairs of pairs.
-
-    Attributes
-    ----------
-    focal : (V,) array
-        In half widths of the picture.
-    axes : (V, 3, 3) array
-        The field's axes before the camera, in columns: the rotation from field to camera.
-    along, across : (V, 2) arrays
-        Indices of the two lines along the field, and of the two across it.
-    """
-
-    focal: Array
-    axes: Array
-    along: Indices
-    across: Indices
-
-    def take(self, index: Indices | Mask) -> _Views:
-        return _Views(self.focal[index], self.axes[index], self.along[index], self.across[index])
-
-
 def propose_cameras(
-    segments: Array, template: FieldTemplate, model: ProjectionModel, side: str, most: int
+    segments: Array,
+    arcs: Sequence[Array],
+    template: FieldTemplate,
+    model: ProjectionModel,
+    side: str,
+    most: int,
 ) -> list[FieldHypothesis]:
-    """Names and cameras that explain straight markings without any circle, the best first.
+    """Names and cameras that explain straight markings and arcs without any circle, the best first.
 
     Parameters
     ----------
     segments : (S, 2, 2) array
         Ends of seen lines, pixels.
+    arcs : sequence of (N, 2) arrays
+        Points of seen curves, pixels.
     template : FieldTemplate
         The field.
     model : ProjectionModel
@@ -148,109 +142,40 @@ def propose_cameras(
     ends = (segments[used] - model.center) / half
     lines = np.cross(lift(ends[:, 0]), lift(ends[:, 1]))
     lines /= np.hypot(lines[:, 0], lines[:, 1])[:, None]
+    curves = [points[:: -(-len(points) // ARC_POINTS)] for points in arcs if len(points) > 1]
+    enough = EXPLAINED_SHARE * (length[used].sum() + sum(_extent(points) for points in curves)) / model.width
+    best: list[FieldHypothesis] = []
     for views in _all_views(lines, ends):
         if len(views.focal) == 0:
             continue
-        directed = _length_to_vanishing_points(views, ends, DIRECTED_PX / 960.0)
+        directed = length_to_vanishing_points(views, ends)
         views = views.take(directed >= DIRECTED_SHARE * directed.max())
         theta = _positions(views, lines, template, model, side)
-        found = _rank(theta, segments[used], used, template, model, most) if len(theta) else []
-        if found:
-            return found
-    return []
+        found = _rank(theta, segments[used], used, curves, template, model, most) if len(theta) else []
+        best = sorted((*best, *found), key=lambda hypothesis: -hypothesis.score)
+        if best and best[0].score >= enough:
+            break
+    return _leave_out_contained(best)[:most]
 
 
-def _all_views(lines: Array, ends: Array) -> Iterator[_Views]:
-    """Views from two vanishing points, and where those lead nowhere from one."""
-    yield _views(lines)
-    yield _level_views(lines, ends)
+def _all_views(lines: Array, ends: Array) -> Iterator[Views]:
+    """Views from two vanishing points, and where those leave much unexplained from one and a level camera."""
+    yield two_pair_views(lines)
+    yield level_views(lines, ends)
+    yield three_line_views(lines, ends)
 
 
-def _views(lines: Array) -> _Views:
-    """Rotations and focal lengths that two pairs of the lines (S, 3) give, where a camera can have them."""
-    first, second = np.triu_indices(len(lines), 1)
-    meets = np.cross(lines[first], lines[second])
-    meets /= np.maximum(np.linalg.norm(meets, axis=-1, keepdims=True), 1e-12)
-    p, q = (index.ravel() for index in np.indices((len(first), len(first))))
-    pairs = np.stack([first, second], axis=-1)
-    apart = (pairs[p][:, :, None] != pairs[q][:, None, :]).all(axis=(1, 2))
-    p, q = p[apart], q[apart]
-    along, across = meets[p], meets[q]
-    # the directions K^-1 v are at right angles: f^2 = -(v_x w_x + v_y w_y) / (v_z w_z)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        squared = -(along[:, 0] * across[:, 0] + along[:, 1] * across[:, 1]) / (along[:, 2] * across[:, 2])
-    low, high = (2.0 * width for width in FOCAL_WIDTHS)
-    usable = np.isfinite(squared) & (squared > low**2) & (squared < high**2)
-    p, q, focal = p[usable], q[usable], np.sqrt(squared[usable])
-    scale = np.stack([1.0 / focal, 1.0 / focal, np.ones(len(focal))], axis=-1)
-    x_axis, y_axis = meets[p] * scale, meets[q] * scale
-    x_axis /= np.linalg.norm(x_axis, axis=-1, keepdims=True)
-    y_axis /= np.linalg.norm(y_axis, axis=-1, keepdims=True)
-    # the field's z axis points down, and so does the picture's y axis
-    down = np.cross(x_axis, y_axis)
-    y_axis = np.where(down[:, 1:2] < 0, -y_axis, y_axis)
-    down = np.where(down[:, 1:2] < 0, -down, down)
-    R = np.stack([x_axis, y_axis, down], axis=-1)
-    roll = np.degrees(np.arctan2(np.abs(down[:, 0]), down[:, 1]))
-    tilt = np.degrees(np.arccos(np.clip(down[:, 2], -1.0, 1.0)))
-    upright = (roll < LARGEST_ROLL_DEG) & (tilt > TILT_DEG[0]) & (tilt < TILT_DEG[1])
-    return _Views(focal, R, pairs[p], pairs[q]).take(upright)
+def _leave_out_contained(found: list[FieldHypothesis]) -> list[FieldHypothesis]:
+    """Hypotheses, the best first, without those whose names a better one has too."""
+    kept: list[FieldHypothesis] = []
+    for one in found:
+        if not any(one.names.items() <= other.names.items() for other in kept):
+            kept.append(one)
+    return kept
 
 
-def _level_views(lines: Array, ends: Array) -> _Views:
-    """Views of cameras without roll from one vanishing point, across the field, and focal lengths on a grid.
-
-    Lines along the field may be so nearly parallel in the picture that a lens bends them by more than their vanishing
-    point tells. Of the lines (S, 3) with their ends (S, 2, 2) those that run to the point along the field which is then
-    implied give a pair, the two that are furthest apart.
-    """
-    across = np.stack(np.triu_indices(len(lines), 1), axis=-1)
-    focal = 2.0 * np.tile(LEVEL_FOCAL_WIDTHS, len(across))
-    across = np.repeat(across, len(LEVEL_FOCAL_WIDTHS), axis=0)
-    meets = np.cross(lines[across[:, 0]], lines[across[:, 1]])
-    y_axis = meets * np.stack([1.0 / focal, 1.0 / focal, np.ones(len(focal))], axis=-1)
-    y_axis /= np.maximum(np.linalg.norm(y_axis, axis=-1, keepdims=True), 1e-12)
-    # level: the vertical has no part along the picture's rows, and points down in it
-    down = np.stack([np.zeros(len(focal)), y_axis[:, 2], -y_axis[:, 1]], axis=-1)
-    down *= np.sign(down[:, 1:2]) / np.maximum(np.linalg.norm(down, axis=-1, keepdims=True), 1e-12)
-    R = np.stack([np.cross(y_axis, down), y_axis, down], axis=-1)
-    tilt = np.degrees(np.arccos(np.clip(down[:, 2], -1.0, 1.0)))
-    views = _Views(focal, R, across, across).take((tilt > TILT_DEG[0]) & (tilt < TILT_DEG[1]))
-    if len(views.focal) == 0:
-        return views
-    directed = _find_directed(views, ends, DIRECTED_PX / 960.0)
-    runs_along = directed[0] & (np.arange(len(lines)) != views.across[:, :1])
-    runs_along &= np.arange(len(lines)) != views.across[:, 1:]
-    height = ends[..., 1].mean(axis=1)
-    highest = np.where(runs_along, height, np.inf).argmin(axis=1)
-    lowest = np.where(runs_along, height, -np.inf).argmax(axis=1)
-    length = (directed[0] | directed[1]) @ np.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1)
-    usable = runs_along.sum(axis=1) >= 2
-    best = np.argsort(-np.where(usable, length, 0.0), kind="stable")[: min(LEVEL_VIEWS, int(usable.sum()))]
-    return replace(views, along=np.stack([highest, lowest], axis=-1)).take(best)
-
-
-def _length_to_vanishing_points(views: _Views, ends: Array, tolerance: float) -> Array:
-    """Summed length (V,) of the seen lines (S, 2, 2) that run to one of the two vanishing points of each view."""
-    along, across = _find_directed(views, ends, tolerance)
-    return np.asarray((along | across) @ np.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1))
-
-
-def _find_directed(views: _Views, ends: Array, tolerance: float) -> Mask:
-    """Which seen lines (S, 2, 2) run to each of the two vanishing points of each view, bool (2, V, S)."""
-    middle, half = ends.mean(axis=1), 0.5 * (ends[:, 1] - ends[:, 0])
-    directed = np.zeros((2, len(views.focal), len(ends)), np.bool_)
-    for axis in (0, 1):
-        x, y, z = (views.axes[:, k, axis, None] for k in range(3))
-        # from the middle m of a line to the vanishing point v: (v_x, v_y) - v_z m, with K taken back
-        toward = views.focal[:, None] * x - z * middle[:, 0], views.focal[:, None] * y - z * middle[:, 1]
-        off = np.abs(toward[0] * half[:, 1] - toward[1] * half[:, 0]) / np.maximum(np.hypot(*toward), 1e-12)
-        directed[axis] = off < tolerance
-    return directed
-
-
-def _positions(views: _Views, lines: Array, template: FieldTemplate, model: ProjectionModel, side: str) -> Array:
-    """Cameras (B, P) of the views under all names of their pairs for which both heights agree."""
+def _positions(views: Views, lines: Array, template: FieldTemplate, model: ProjectionModel, side: str) -> Array:
+    """Cameras (B, P) of the views under all names of their lines for which the heights of both pairs agree."""
     drawn, _ = template.drawn_lines
     lengthwise = np.abs(drawn[:, 1] - drawn[:, 0]).argmax(axis=-1) == 0
     x_offsets = np.unique(np.round(drawn[~lengthwise, 0, 0], 6))
@@ -263,14 +188,18 @@ def _positions(views: _Views, lines: Array, template: FieldTemplate, model: Proj
         t = N[..., 2] / N[..., 1]
         u = N[..., 2] / N[..., 0]
     t_pair, u_pair = t[V[:, None], views.along], u[V[:, None], views.across]
-    height_y, middle_y = _heights(t_pair, y_offsets)
-    height_x, middle_x = _heights(u_pair, x_offsets)
-    # pairs of names under which both heights agree: sorted logarithms, and everything within reach of each
-    view, ny = np.nonzero(np.isfinite(height_y))
-    differs = np.abs(np.log(height_y[view, ny])[:, None] - np.log(height_x[view])) < SAME_HEIGHT
-    row, nx = np.nonzero(differs)
+    is_pair_along, is_pair_across = views.directions
+    height_y, middle_y = _name_lines(t_pair, is_pair_along, y_offsets)
+    height_x, middle_x = _name_lines(u_pair, is_pair_across, x_offsets)
+    # names under which both heights agree, and any name of a single line, which tells none
+    view, ny = np.nonzero(np.isfinite(height_y) | ~is_pair_along[:, None] & np.isfinite(middle_y))
+    agree = np.abs(np.log(height_y[view, ny])[:, None] - np.log(height_x[view])) < SAME_HEIGHT
+    agree |= ~is_pair_along[view][:, None] & np.isfinite(height_x[view])
+    agree |= ~is_pair_across[view][:, None] & np.isfinite(middle_x[view])
+    row, nx = np.nonzero(agree)
     view, ny = view[row], ny[row]
-    height = np.sqrt(height_y[view, ny] * height_x[view, nx])
+    heights = np.stack([height_y[view, ny], height_x[view, nx]])
+    height = np.exp(np.nanmean(np.log(heights), axis=0))
     # 2, at the middle of each pair, where an error of the height moves nothing
     C_y = middle_y[view, ny] + height * t_pair[view].mean(axis=-1)
     C_x = middle_x[view, nx] + height * u_pair[view].mean(axis=-1)
@@ -280,8 +209,19 @@ def _positions(views: _Views, lines: Array, template: FieldTemplate, model: Proj
     R[turned, :, :2] *= -1.0
     position[turned, :2] *= -1.0
     near = (np.abs(position[:, :2]) < REACH_M).all(axis=1)
-    # what is seen lies before the camera: the middle of both pairs
     return _thetas(views.focal[view][near] * model.width / 2.0, R[near], position[near])
+
+
+def _name_lines(slope: Array, is_pair: Mask, offsets: Array) -> tuple[Array, Array]:
+    """Heights (V, M) of the camera under all M ordered pairs of offsets of two lines with these slopes (V, 2),
+    nan where it has none, and the middle of each pair of offsets (V, M).
+
+    Where there is one line only it has the first names, all heights are nan, and so are the middles that are left.
+    """
+    height, middle = _heights(slope, offsets)
+    alone = np.full(middle.shape[1], np.nan)
+    alone[: len(offsets)] = offsets
+    return np.where(is_pair[:, None], height, np.nan), np.where(is_pair[:, None], middle, alone)
 
 
 def _heights(slope: Array, offsets: Array) -> tuple[Array, Array]:
@@ -289,7 +229,8 @@ def _heights(slope: Array, offsets: Array) -> tuple[Array, Array]:
     where it has none, and the middle of each pair of offsets (V, M).
     """
     i, j = (index.ravel() for index in np.indices((len(offsets), len(offsets))))
-    i, j = i[i != j], j[i != j]
+    if len(offsets) > 1:
+        i, j = i[i != j], j[i != j]
     with np.errstate(divide="ignore", invalid="ignore"):
         height = (offsets[i] - offsets[j]) / (slope[:, 1:] - slope[:, :1])
     height = np.where((height > HEIGHT_M[0]) & (height < HEIGHT_M[1]), height, np.nan)
@@ -322,19 +263,27 @@ class _Matches:
 
 
 def _rank(
-    theta: Array, segments: Array, used: Indices, template: FieldTemplate, model: ProjectionModel, most: int
+    theta: Array,
+    segments: Array,
+    used: Indices,
+    curves: Sequence[Array],
+    template: FieldTemplate,
+    model: ProjectionModel,
+    most: int,
 ) -> list[FieldHypothesis]:
-    """The cameras (B, P) under which most of the seen lines have a name, and little is missing."""
+    """The cameras (B, P) under which most of the seen lines and curves have a name, and little is missing."""
     length = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=-1)
     matches = _match(theta, segments, template, model)
     explained = (matches.marking >= 0) @ length
     order = np.argsort(-explained, kind="stable")[:KEPT]
     matches, theta, explained = matches.take(order), theta[order], explained[order]
-    score = (explained - MISSING_WEIGHT * _missing_px(theta, matches, template, model)) / model.width
+    arc_px, arc_count = _lie_on_arcs(theta, curves, template, model)
+    score = (explained + arc_px - MISSING_WEIGHT * _missing_px(theta, matches, template, model)) / model.width
     found: list[FieldHypothesis] = []
     for k in np.argsort(-score, kind="stable").tolist():
         names = {int(used[s]): template.lines[t].name for s, t in enumerate(matches.marking[k].tolist()) if t >= 0}
-        if len(set(names.values())) < FEWEST_LINES or any(names.items() <= other.names.items() for other in found):
+        is_enough = len(set(names.values())) >= FEWEST_LINES and len(set(names.values())) + arc_count[k] >= FEWEST_NAMED
+        if not is_enough or any(names.items() <= other.names.items() for other in found):
             continue
         found.append(FieldHypothesis(names, theta[k], float(score[k])))
         if len(found) == most:
@@ -388,3 +337,51 @@ def _missing_px(theta: Array, matches: _Matches, template: FieldTemplate, model:
         own = matches.marking[:, s, None, None] == np.arange(len(drawn))[:, None]
         covered |= own & (metres >= low[:, s, None, None]) & (metres <= high[:, s, None, None])
     return np.asarray(np.where(covered, 0.0, length).sum(axis=(1, 2)))
+
+
+def _extent(points: Array) -> float:
+    """Distance in pixels between the outermost points (N, 2) of a curve."""
+    return float(np.hypot(*np.ptp(points, axis=0)))
+
+
+def _lie_on_arcs(
+    theta: Array, curves: Sequence[Array], template: FieldTemplate, model: ProjectionModel
+) -> tuple[Array, Indices]:
+    """Length (B,) of the seen curves that lie on an arc of the field under each camera (B, P), pixels, and how many
+    arcs (B,) were seen.
+    """
+    length, seen = np.zeros(len(theta)), np.zeros((len(theta), len(template.arcs)), np.bool_)
+    if not template.arcs:
+        return length, seen.sum(axis=1)
+    for points in curves:
+        on = _share_on_arcs(theta, points, template, model) >= ON_ARC_SHARE
+        length += on.any(axis=1) * _extent(points)
+        seen |= on
+    return length, seen.sum(axis=1)
+
+
+def _share_on_arcs(theta: Array, points: Array, template: FieldTemplate, model: ProjectionModel) -> Array:
+    """Share (B, A) of pixels (N, 2) that lie near where each camera (B, P) puts each arc of the field."""
+    share = np.linspace(0.0, 1.0, ARC_NODES)
+    angles = np.radians([arc.start_deg + share * (arc.end_deg - arc.start_deg) for arc in template.arcs])
+    rings = np.stack([template.curve_points(arc, "center", a) for arc, a in zip(template.arcs, angles, strict=True)])
+    seen = project(theta, rings.reshape(1, -1, 2), model)
+    shape = (len(theta), len(template.arcs), ARC_NODES)
+    places = np.where(seen.visible[..., None], seen.pixels, np.nan).reshape(*shape, 2)
+    with np.errstate(invalid="ignore"):
+        # nearest place, and half a step between two places at most beside it
+        step = np.nan_to_num(np.linalg.norm(np.diff(places, axis=2), axis=-1)).max(axis=2)
+        off = np.linalg.norm(points[:, None] - places[:, :, None], axis=-1)
+        nearest = np.where(np.isfinite(off), off, np.inf).min(axis=3)
+    return np.asarray((nearest < ON_ARC_PX * model.width / 1920.0 + step[..., None] / 2).mean(axis=2))
+
+
+def find_arc(points: Array, theta: Array, template: FieldTemplate, model: ProjectionModel) -> str | None:
+    """Name of the arc that nearly all pixels (N, 2) of a seen curve lie near under a camera (P,); None where there is
+    none.
+    """
+    if not template.arcs or len(points) < 2:
+        return None
+    share = _share_on_arcs(theta[None], points, template, model)[0]
+    best = int(share.argmax())
+    return template.arcs[best].name if share[best] >= ON_ARC_SHARE else None

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from circlecal.field import Arc, FieldTemplate
+from circlecal.field import FieldTemplate
 from circlecal.geometry.camera_parameters import ProjectionModel, project
 from circlecal.geometry.projective import Array, line_distance
-from circlecal.line_naming.two_directions import FieldHypothesis, propose_cameras
+from circlecal.line_naming.two_directions import FieldHypothesis, find_arc, propose_cameras
 from circlecal.observations import CirclePoints, LinePoints, Observations
 from circlecal.paint.lines import ONE_ROUND, measure_lines
 from circlecal.paint.predicted_width import predict_line_widths
@@ -28,10 +28,6 @@ best score in all that had any, and the next one with other names more than this
 ONE_LINE_PX = 4.0
 """Pixels at 1920 px width from the longest piece of a marking within which others are pieces of it: lens and crown bend
 a touchline by so much, the edge of a board runs further off.
-"""
-ON_ARC_PX, ON_ARC_SHARE = 12.0, 0.8
-"""Pixels at 1920 px width from the place of an arc under the rough camera, and the share of a seen curve's points that
-lies within it, for the curve to be that arc.
 """
 ARC_SIGMA_PX = 0.5
 """Of the points of curves that the detector traced, pixels at 1920 px width."""
@@ -74,7 +70,8 @@ def observe_field_lines(
     measured = measure_lines(picture, mask.lines, noise, search_px, spacing_px, ONE_ROUND)
     lines = [line for line in measured if line is not None]
     segments = np.array([(line.segment.start, line.segment.end) for line in lines]).reshape(-1, 2, 2)
-    found = propose_cameras(segments, template, model, side, MOST_HYPOTHESES)
+    curves = [arc.points_px for arc in mask.arcs]
+    found = propose_cameras(segments, curves, template, model, side, MOST_HYPOTHESES)
     return [
         _observations(naming, lines, mask, template, model)
         for naming in found
@@ -126,11 +123,8 @@ def _observations(
     arcs = []
     for arc in mask.arcs:
         sigma = np.full(len(arc.points_px), ARC_SIGMA_PX * unit)
-        arcs += [
-            CirclePoints(drawn.name, "center", arc.points_px, sigma)
-            for drawn in template.arcs
-            if _lies_on(arc.points_px, drawn, naming.theta, template, model)
-        ]
+        drawn = find_arc(arc.points_px, naming.theta, template, model)
+        arcs += [] if drawn is None else [CirclePoints(drawn, "center", arc.points_px, sigma)]
     return Observations(model.width, model.height, tuple(arcs), tuple(seen))
 
 
@@ -157,17 +151,3 @@ def _predict_widths(
         return np.where(projected.visible[0][:, None], projected.pixels[0], np.nan)
 
     return predict_line_widths(project_visible, list(naming.names.values()), seen, template)
-
-
-def _lies_on(points: Array, arc: Arc, theta: Array, template: FieldTemplate, model: ProjectionModel) -> bool:
-    """Whether nearly all pixels (N, 2) lie near where a camera (P,) puts an arc."""
-    angle = np.radians(np.linspace(arc.start_deg, arc.end_deg, 65))
-    ring = np.asarray(arc.center) + template.radius(arc, "center") * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    seen = project(theta[None], ring[None], model)
-    places = seen.pixels[0][seen.visible[0]]
-    if len(places) < 2:
-        return False
-    # nearest place, and half a step between two places at most beside it
-    step = float(np.linalg.norm(np.diff(places, axis=0), axis=-1).max())
-    off = np.linalg.norm(points[:, None] - places, axis=-1).min(axis=1)
-    return bool(np.mean(off < ON_ARC_PX * model.width / 1920.0 + step / 2) >= ON_ARC_SHARE)

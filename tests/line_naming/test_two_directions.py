@@ -43,7 +43,7 @@ def penalty_area_camera(x=-2.0, y=62.0, z=-16.0, target=(-43.0, -2.0, 0.0), foca
 def test_lines_of_a_penalty_area_get_their_names_and_the_camera_its_place():
     names, segments = see(penalty_area_camera(), LEFT + OUTSIDE)
     assert len(names) >= 5
-    best = propose_cameras(segments, SOCCER, MODEL, "main", 3)[0]
+    best = propose_cameras(segments, (), SOCCER, MODEL, "main", 3)[0]
     assert best.names == dict(enumerate(names))
     assert best.theta[POSITION] == pytest.approx([-2.0, 62.0, -16.0], abs=0.2)
 
@@ -59,7 +59,7 @@ def test_random_main_cameras_are_recognised_and_nothing_wrong_is_named():
         if len(names) < 6:
             continue
         tried += 1
-        found = propose_cameras(segments, SOCCER, MODEL, "main", 3)
+        found = propose_cameras(segments, (), SOCCER, MODEL, "main", 3)
         recognised += bool(found) and all(names[k] == name for k, name in found[0].names.items())
     assert tried >= 20
     assert recognised >= 0.95 * tried
@@ -68,13 +68,13 @@ def test_random_main_cameras_are_recognised_and_nothing_wrong_is_named():
 def test_a_board_and_a_crease_get_no_name():
     names, segments = see(penalty_area_camera(), LEFT + OUTSIDE)
     others = np.array([[[100.0, 900.0], [500.0, 1040.0]], [[900.0, 40.0], [1500.0, 10.0]]])
-    best = propose_cameras(np.concatenate([others, segments]), SOCCER, MODEL, "main", 3)[0]
+    best = propose_cameras(np.concatenate([others, segments]), (), SOCCER, MODEL, "main", 3)[0]
     assert best.names == {k + 2: name for k, name in enumerate(names)}
 
 
 def test_a_camera_on_the_other_side_is_told_by_the_side_that_is_asked_for():
     _, segments = see(penalty_area_camera(), LEFT + OUTSIDE)
-    best = propose_cameras(segments, SOCCER, MODEL, "opposite", 3)[0]
+    best = propose_cameras(segments, (), SOCCER, MODEL, "opposite", 3)[0]
     assert {name.replace("right", "left") for name in best.names.values()} >= {"big_rect_left_main"}
     assert all("left" not in name for name in best.names.values() if "rect" in name)
     assert best.theta[POSITION] == pytest.approx([2.0, -62.0, -16.0], abs=0.2)
@@ -83,7 +83,7 @@ def test_a_camera_on_the_other_side_is_told_by_the_side_that_is_asked_for():
 @pytest.mark.parametrize("names", [(), LEFT[:3], ("side_line_left", "big_rect_left_main", "small_rect_left_main")])
 def test_too_few_lines_or_one_direction_give_nothing(names):
     _, segments = see(penalty_area_camera(), names)
-    assert propose_cameras(segments, SOCCER, MODEL, "main", 3) == []
+    assert propose_cameras(segments, (), SOCCER, MODEL, "main", 3) == []
 
 
 def test_degenerate_segments_neither_raise_nor_warn():
@@ -92,7 +92,7 @@ def test_degenerate_segments_neither_raise_nor_warn():
     parallel = np.array([[[100.0, y], [1800.0, y]] for y in (100.0, 300.0, 500.0, 700.0, 900.0)])
     same = np.repeat(parallel[:1], 6, axis=0)
     for segments in (pencil, parallel, same, rng.uniform(0, 1920, (12, 2, 2)), np.zeros((5, 2, 2))):
-        propose_cameras(segments, SOCCER, MODEL, "main", 3)
+        propose_cameras(segments, (), SOCCER, MODEL, "main", 3)
 
 
 def test_where_the_lens_bends_nearly_parallel_lines_the_level_camera_names_them(monkeypatch):
@@ -100,9 +100,9 @@ def test_where_the_lens_bends_nearly_parallel_lines_the_level_camera_names_them(
     off = segments - MODEL.center
     bent = MODEL.center + off * (1.0 - 0.02 * np.square(off / 960.0).sum(axis=-1, keepdims=True))
     # as if no two vanishing points were at right angles
-    usual = two_directions._views
-    monkeypatch.setattr(two_directions, "_views", lambda lines: usual(lines[:0]))
-    best = propose_cameras(bent, SOCCER, MODEL, "main", 3)[0]
+    usual = two_directions.two_pair_views
+    monkeypatch.setattr(two_directions, "two_pair_views", lambda lines: usual(lines[:0]))
+    best = propose_cameras(bent, (), SOCCER, MODEL, "main", 3)[0]
     assert len(best.names) >= 5 and all(names[k] == name for k, name in best.names.items())
     assert best.theta[POSITION] == pytest.approx([-38.0, 59.0, -10.6], abs=12.0)
-    assert not propose_cameras(bent[:3], SOCCER, MODEL, "main", 3)
+    assert not propose_cameras(bent[:3], (), SOCCER, MODEL, "main", 3)
