@@ -14,10 +14,10 @@ from circlecal.paint.profiles import estimate_noise
 from circlecal.pipeline.attempts import add_checks, estimate, take_observations
 from circlecal.pipeline.refinements import Retry, is_less_uncertain, measure_curves, replace_curves
 from circlecal.pipeline.setting import Scene, Setting, lighten_markings
-from circlecal.results import Attempt, MarkingMask
+from circlecal.results import Attempt, CameraFit, MarkingMask
 from circlecal.stages.confirm import look_for_markings
 from circlecal.stages.evidence import measure_evidence
-from circlecal.stages.field_lines import carriers, observe_field_lines, without_worst_line
+from circlecal.stages.field_lines import carriers, observe_field_lines, without_worst_marking
 from circlecal.stages.mask import marking_from_detection
 from circlecal.stages.surroundings import measure_surroundings
 from circlecal.stages.verdict_on_picture import confirm_field_lines, weigh_evidence
@@ -37,17 +37,19 @@ def _may_use_field_lines(setting: Setting) -> bool:
 
 def look_for_field_lines(setting: Setting, scene: Scene) -> Attempt | None:
     """A camera from straight markings and arcs alone after a first look that finds no circle; None where a circle is
-    seen, and where the lines leave the camera uncertain.
+    seen, and where the lines tell none.
     """
     if scene.first_look is None or not _may_use_field_lines(setting):
         return None
     marking, refusal = marking_from_detection(scene.first_look)
     if refusal is None:
         return None
-    attempt = calibrate_by_lines(setting, scene, marking)
-    limit_px = SURE_PX * setting.width / 1920.0
-    is_sure = attempt is not None and attempt.camera is not None and attempt.camera.max_sigma_px < limit_px
-    return attempt if is_sure else None
+    return calibrate_by_lines(setting, scene, marking)
+
+
+def is_sure(setting: Setting, attempt: Attempt) -> bool:
+    """Whether a camera from straight markings is known so well that no circle need be looked for thoroughly."""
+    return attempt.camera is not None and attempt.camera.max_sigma_px < SURE_PX * setting.width / 1920.0
 
 
 def _shows_field_lines(setting: Setting, first: Attempt) -> bool:
@@ -109,18 +111,13 @@ def _try_namings(setting: Setting, scene: Scene, mask: MarkingMask) -> Iterator[
         noise = estimate_noise(picture)
         namings = observe_field_lines(picture, mask, noise, template, cues.search_px, cues.spacing_px, side)
     for observations in namings:
-        tried = observations
-        attempt = _calibrate_field_lines(setting, scene, mask, tried)
-        if attempt.code == "residual_too_large" and attempt.camera is not None:
-            # the edge of a board beside a line, say
-            tried = without_worst_line(observations, attempt.camera)
-            attempt = _calibrate_field_lines(setting, scene, mask, tried)
+        attempt = _fit_naming(setting, scene, mask, picture, observations, noise)
         if not attempt.is_calibrated or attempt.camera is None or attempt.verdict is None:
             continue
         with setting.clock("verdict"):
-            used = carriers(tried, attempt.camera)
+            used = carriers(attempt.observations or observations, attempt.camera)
             agreement = look_for_markings(picture, attempt.camera, template, circle, used, mask.field_region, used)
-            verdict = confirm_field_lines(attempt.verdict, attempt.camera, used, agreement)
+            verdict = confirm_field_lines(attempt.verdict, attempt.camera, used, agreement, template)
             if verdict.status == "calibrated":
                 evidence = measure_evidence(picture, mask, attempt.camera, template, used)
                 ground = measure_surroundings(picture, mask, attempt.camera, template, scene.covered)
@@ -128,6 +125,39 @@ def _try_namings(setting: Setting, scene: Scene, mask: MarkingMask) -> Iterator[
         if verdict.status == "calibrated":
             accepted = replace(attempt, verdict=verdict)
             yield _add_curves(setting, picture, accepted, noise) or accepted
+
+
+def _keeps(attempt: Attempt, name: str) -> bool:
+    """Whether an attempt calibrates with a marking of this name."""
+    camera = attempt.camera
+    return attempt.is_calibrated and camera is not None and any(key.name == name for key in camera.residuals_px)
+
+
+def _fit_naming(
+    setting: Setting,
+    scene: Scene,
+    mask: MarkingMask,
+    picture: NDArray[np.uint8],
+    observations: Observations,
+    noise: float,
+) -> Attempt:
+    """The attempt with named lines and arcs; with the arcs measured where its camera puts them instead of traced, and
+    without the marking that it explains worst, where these calibrate.
+    """
+    first = _calibrate_field_lines(setting, scene, mask, observations)
+    if first.camera is None:
+        return first
+    found = measure_curves(setting, picture, first.camera, setting.template.arcs, noise)
+    best = first
+    if found:
+        fuller = replace_curves(observations, found)
+        with_arcs = _calibrate_field_lines(setting, scene, mask, fuller, first.camera)
+        if with_arcs.is_calibrated and (not first.is_calibrated or is_less_uncertain(setting, first, with_arcs)):
+            best = with_arcs
+    if best.code != "residual_too_large":
+        return best
+    # the edge of a board beside a line, say
+    return _calibrate_field_lines(setting, scene, mask, without_worst_marking(observations, first.camera))
 
 
 def _add_curves(setting: Setting, picture: NDArray[np.uint8], attempt: Attempt, noise: float) -> Attempt | None:
@@ -140,17 +170,23 @@ def _add_curves(setting: Setting, picture: NDArray[np.uint8], attempt: Attempt, 
         return None
     fuller = replace_curves(observations, found)
     refined = estimate(setting, take_observations(setting, Attempt(mask=attempt.mask), fuller), camera)
-    if refined.verdict is None or not is_less_uncertain(setting, attempt, refined):
+    # a circle ties what was seen to the middle of the field, from which the errors then count
+    is_tied = setting.circle.name in found and _keeps(refined, setting.circle.name)
+    if refined.verdict is None or not (is_tied or is_less_uncertain(setting, attempt, refined)):
         return None
     own = tuple(check for check in attempt.verdict.checks if check.name in ("named_markings", "found_share"))
     return add_checks(refined, *own)
 
 
-def _calibrate_field_lines(setting: Setting, scene: Scene, mask: MarkingMask, observations: Observations) -> Attempt:
-    """Estimate from named lines and arcs, and from what was given beside the picture."""
+def _calibrate_field_lines(
+    setting: Setting, scene: Scene, mask: MarkingMask, observations: Observations, earlier: CameraFit | None = None
+) -> Attempt:
+    """Estimate from named lines and arcs, and from what was given beside the picture; from an earlier camera of about
+    these where there is one.
+    """
     extra = scene.extra
     seen = observations if extra is None else join_observations(observations, extra)
-    return estimate(setting, take_observations(setting, Attempt(mask=mask), seen))
+    return estimate(setting, take_observations(setting, Attempt(mask=mask), seen), earlier)
 
 
 FIELD_LINES = Retry(_shows_field_lines, take_field_lines, lambda setting, first, other: True)

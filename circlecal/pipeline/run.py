@@ -15,7 +15,7 @@ from circlecal.paint.brightness import measure_paint
 from circlecal.pipeline.attempts import estimate, take_observations
 from circlecal.pipeline.discs import DISCS
 from circlecal.pipeline.doubtful_circle import refuse_bare_field, refuse_doubtful
-from circlecal.pipeline.field_lines import FIELD_LINES, look_for_field_lines
+from circlecal.pipeline.field_lines import FIELD_LINES, is_sure, look_for_field_lines
 from circlecal.pipeline.fields import Convention, apply_convention, field_of
 from circlecal.pipeline.other_circles import ARCS, OTHER_CIRCLES, mask_arcs
 from circlecal.pipeline.painters import cover_painters
@@ -91,10 +91,21 @@ def run(
         attempt = calibrate_scene(setting, scene)
         attempt = PLACED_FIELD.try_out(setting, scene, attempt) or attempt
     else:
-        attempt = look_for_field_lines(setting, scene) or _calibrate_circle(setting, scene)
+        attempt = _calibrate_frame(setting, scene)
         attempt = refuse_doubtful(setting, ALL_MARKINGS.try_out(setting, scene, attempt) or attempt)
     attempt = cover_painters(setting, attempt)
     return replace(setting.calibration(attempt, frame_id, source), paint_bgr=_measure_paint(setting, scene, attempt))
+
+
+def _calibrate_frame(setting: Setting, scene: Scene) -> Attempt:
+    """By the straight markings of a first look where they leave no doubt, else by the circle; by those markings all the
+    same where no circle calibrates.
+    """
+    by_lines = look_for_field_lines(setting, scene)
+    if by_lines is not None and is_sure(setting, by_lines):
+        return by_lines
+    by_circle = _calibrate_circle(setting, scene)
+    return by_circle if by_circle.is_calibrated or by_lines is None else by_lines
 
 
 def _calibrate_circle(setting: Setting, scene: Scene) -> Attempt:

@@ -29,6 +29,7 @@ from circlecal.estimation.task import Fit, Task
 from circlecal.estimation.worlds import choose_world
 from circlecal.field import Circle, FieldTemplate
 from circlecal.observations import MarkingKey, Observations
+from circlecal.refusals import refuse
 from circlecal.results import CameraFit
 
 
@@ -69,7 +70,7 @@ def estimate_camera(
     ------
     EstimationError
         ``no_circle`` where nothing else determines a camera, ``no_ellipse``, ``rotation_free``, ``no_camera`` where no
-        start leads to a camera above the ground.
+        start leads to a camera above the ground, ``observations_contradict`` where nothing is left of what was seen.
     """
     given = Task(observations, template, circle, config, camera_side, earlier)
     task, fit, rejected = _estimate(given, is_draft)
@@ -101,6 +102,8 @@ def _estimate(task: Task, is_draft: bool = False) -> tuple[Task, Fit, tuple[Mark
     if rejected:
         task = task.without(wrong_markings)
         problem = replace(problem, points=problem.points.select(~wrong_points), curves=task.curves())
+        if len(problem.curves.sigma_px) == 0 and len(problem.points.sigma_px) == 0:
+            raise refuse("camera", "observations_contradict")
         state = find_optima(problem, starts.continue_from(state), config, task.side)
     if is_draft:
         task, fit = complete(task, problem.curves, settle(task, problem, state, COARSE))

@@ -17,7 +17,7 @@ from circlecal.paint.predicted_width import predict_line_widths
 from circlecal.paint.profiles import GrayPicture
 from circlecal.results import CameraFit, LineCue, MarkingMask
 
-__all__ = ["carriers", "observe_field_lines", "without_worst_line"]
+__all__ = ["carriers", "observe_field_lines", "without_worst_marking"]
 
 MOST_HYPOTHESES = 3
 """How many namings of the lines are fitted, at most."""
@@ -86,12 +86,16 @@ def carriers(observations: Observations, fit: CameraFit) -> frozenset[str]:
     return frozenset(name for name in (*names, *fit.named_lines) if name is not None and name not in rejected)
 
 
-def without_worst_line(observations: Observations, fit: CameraFit) -> Observations:
-    """The observations where the line that a camera explains worst has lost its name."""
-    named = [line.key for line in observations.lines if line.key is not None]
+def without_worst_marking(observations: Observations, fit: CameraFit) -> Observations:
+    """The observations where the line that a camera explains worst has lost its name, or without the arc of which that
+    is true.
+    """
+    lines_named = [line.key for line in observations.lines if line.key is not None]
+    named = [*lines_named, *(seen.key for seen in observations.circles)]
     worst = max(named, key=lambda key: fit.residuals_px.get(key, 0.0), default=None)
     lines = tuple(replace(line, line=None) if worst and line.key == worst else line for line in observations.lines)
-    return replace(observations, lines=lines)
+    circles = tuple(seen for seen in observations.circles if seen.key != worst)
+    return replace(observations, lines=lines, circles=circles)
 
 
 def _observations(

@@ -34,9 +34,9 @@ was fitted to is painted throughout.
 EXPECTED_WIDTHS, EXPECTED_WIDTHS_MORE = 0.12, 0.2
 """So much of them, in picture widths, must be expected for that, and more where something confirms the circle."""
 FEWEST_NAMED = 5
-"""Different lines and arcs that carry a camera without the circle: of four, two along the field and two across it, one
-constraint of eight is left to tell a wrong naming (of 33 real frames with lines left out at random, only cameras from
-four markings were wrong).
+"""Different lines and arcs that carry a camera without the circle, arcs counted twice: of four lines, two along the
+field and two across it, one constraint of eight is left to tell a wrong naming (of 33 real frames with lines left out
+at random, only cameras from four markings were wrong), and an arc brings as many constraints as two lines or more.
 """
 LEAST_FOUND_OF_FIELD = 0.5
 """Least share of the other markings to be expected that is found for such a camera: right ones on those frames have
@@ -191,11 +191,14 @@ def _count_marks(camera: CameraFit, template: FieldTemplate) -> int:
     return len({key.name for key in camera.residuals_px} & set(template.mark_by_name))
 
 
-def confirm_field_lines(verdict: Verdict, camera: CameraFit, used: frozenset[str], agreement: Agreement) -> Verdict:
+def confirm_field_lines(
+    verdict: Verdict, camera: CameraFit, used: frozenset[str], agreement: Agreement, template: FieldTemplate
+) -> Verdict:
     """The verdict on a camera from straight markings that were named together, without the circle: enough different
     markings carry it, and of the others that must be in view most are there.
     """
-    count = Check.of("named_markings", float(len(used)), float(FEWEST_NAMED), at_least=True)
+    arcs = used & set(template.circle_by_name)
+    count = Check.of("named_markings", float(len(used) + len(arcs)), float(FEWEST_NAMED), at_least=True)
     checks = (*verdict.checks, count)
     if agreement.expected_px >= EXPECTED_WIDTHS * camera.camera.width:
         checks = (*checks, Check.of("found_share", agreement.found_share, LEAST_FOUND_OF_FIELD, at_least=True))
