@@ -155,7 +155,7 @@ def propose_cameras(
         best = sorted((*best, *found), key=lambda hypothesis: -hypothesis.score)
         if best and best[0].score >= enough:
             break
-    return _leave_out_contained(best)[:most]
+    return _drop_subsets(best)[:most]
 
 
 def _all_views(lines: Array, ends: Array) -> Iterator[Views]:
@@ -165,7 +165,7 @@ def _all_views(lines: Array, ends: Array) -> Iterator[Views]:
     yield three_line_views(lines, ends)
 
 
-def _leave_out_contained(found: list[FieldHypothesis]) -> list[FieldHypothesis]:
+def _drop_subsets(found: list[FieldHypothesis]) -> list[FieldHypothesis]:
     """Hypotheses, the best first, without those whose names a better one has too."""
     kept: list[FieldHypothesis] = []
     for one in found:

@@ -6,7 +6,7 @@ import pytest
 from circlecal.field import load_field
 from circlecal.geometry.camera_parameters import POSITION, ProjectionModel
 from circlecal.line_naming import two_directions
-from circlecal.line_naming.two_directions import propose_cameras
+from circlecal.line_naming.two_directions import find_arc, propose_cameras
 from circlecal.synthetic.cameras import aim_camera
 
 SOCCER = load_field("soccer")
@@ -70,6 +70,36 @@ def test_a_board_and_a_crease_get_no_name():
     others = np.array([[[100.0, 900.0], [500.0, 1040.0]], [[900.0, 40.0], [1500.0, 10.0]]])
     best = propose_cameras(np.concatenate([others, segments]), (), SOCCER, MODEL, "main", 3)[0]
     assert best.names == {k + 2: name for k, name in enumerate(names)}
+
+
+def see_arc(camera, name="penalty_arc_left"):
+    """Points (N, 2) of what a camera shows of an arc."""
+    arc = SOCCER.circle_by_name[name]
+    angles = np.radians(np.linspace(arc.start_deg, arc.end_deg, 60))
+    return camera.project(SOCCER.curve_points(arc, "center", angles))
+
+
+def test_three_lines_and_an_arc_are_enough_and_without_the_arc_they_are_not():
+    camera = penalty_area_camera()
+    names, segments = see(camera, ("side_line_left", "big_rect_left_main", "big_rect_left_top"))
+    assert len(names) == 3
+    arc = see_arc(camera)
+    best = propose_cameras(segments, (arc,), SOCCER, MODEL, "main", 3)[0]
+    assert best.names == dict(enumerate(names))
+    assert best.theta[POSITION] == pytest.approx([-2.0, 62.0, -16.0], abs=0.2)
+    assert find_arc(arc, best.theta, SOCCER, MODEL) == "penalty_arc_left"
+    assert find_arc(arc + np.array([0.0, 60.0]), best.theta, SOCCER, MODEL) is None
+    assert propose_cameras(segments, (), SOCCER, MODEL, "main", 3) == []
+
+
+def test_a_seen_arc_tells_the_penalty_area_from_the_goal_area():
+    """Lines of both have one shape: what the names are, only their sizes say, and the arc."""
+    camera = penalty_area_camera(focal_px=3000.0)
+    names, segments = see(camera, ("side_line_left", "big_rect_left_main", "big_rect_left_top", "big_rect_left_bottom"))
+    best = propose_cameras(segments, (see_arc(camera),), SOCCER, MODEL, "main", 3)[0]
+    assert best.names == dict(enumerate(names))
+    alone = propose_cameras(segments, (), SOCCER, MODEL, "main", 3)
+    assert best.score > alone[0].score
 
 
 def test_a_camera_on_the_other_side_is_told_by_the_side_that_is_asked_for():

@@ -11,6 +11,7 @@ from circlecal.geometry.camera_parameters import INDEX
 from circlecal.geometry.surface import Surface
 from circlecal.observations import Keypoint, LinePoints, MarkingKey, MarkPoint
 from circlecal.refusals import REFUSALS
+from circlecal.stages import camera
 from circlecal.stages.camera import estimate_camera
 from circlecal.synthetic.cameras import aim_camera
 
@@ -70,6 +71,11 @@ def test_no_circle_or_no_ellipse_is_refused():
     few = seen(MAIN)
     points = replace(few.circles[0], points_px=few.circles[0].points_px[:4], sigma_px=few.circles[0].sigma_px[:4])
     assert refusal(replace(few, circles=(points,))).code in {"no_ellipse", "no_camera"}
+
+
+def test_where_all_that_was_seen_contradicts_itself_nothing_is_estimated(monkeypatch):
+    monkeypatch.setattr(camera, "find_contradicting_markings", lambda task, problem, *_: list(problem.curves.keys))
+    assert refusal(seen(MAIN)).code == "observations_contradict"
 
 
 def wavy(camera, amplitude, waves=9, seed=0):

@@ -1,14 +1,17 @@
 """Straight markings without a circle: which of the lines with a name are paint."""
 
+from types import SimpleNamespace
+
 import cv2
 import numpy as np
 
 from circlecal.field import load_field
 from circlecal.geometry.camera_parameters import ProjectionModel, theta_of
 from circlecal.line_naming.two_directions import FieldHypothesis
+from circlecal.observations import CirclePoints, LinePoints, MarkingKey, Observations
 from circlecal.results import MarkingMask, Segment
 from circlecal.stages import field_lines
-from circlecal.stages.field_lines import observe_field_lines
+from circlecal.stages.field_lines import observe_field_lines, without_worst_marking
 from circlecal.synthetic.cameras import aim_camera
 
 SOCCER = load_field("soccer")
@@ -33,3 +36,20 @@ def test_a_line_far_wider_than_its_paint_would_be_is_left_out(monkeypatch):
     mask = MarkingMask(picture, "detector", lines=tuple(segments))
     (found,) = observe_field_lines(picture, mask, 1.0, SOCCER, 8.0, 2.0, "near")
     assert [line.line for line in found.lines] == ["side_line_left", "big_rect_left_main", "big_rect_left_top"]
+
+
+def test_what_a_camera_explains_worst_loses_its_name_or_is_left_out():
+    points, sigma = np.zeros((4, 2)), np.ones(4)
+    lines = tuple(LinePoints(name, points, sigma) for name in ("side_line_left", "big_rect_left_top", None))
+    given = Observations(1280, 720, (CirclePoints("penalty_arc_left", "center", points, sigma),), lines)
+    arc, side = MarkingKey("penalty_arc_left", "center"), MarkingKey("side_line_left")
+
+    def leave_out(residuals_px):
+        return without_worst_marking(given, SimpleNamespace(residuals_px=residuals_px))
+
+    without_line = leave_out({arc: 1.0, side: 3.0})
+    assert [line.line for line in without_line.lines] == [None, "big_rect_left_top", None]
+    assert without_line.circles == given.circles
+    without_arc = leave_out({arc: 3.0, side: 1.0})
+    assert without_arc.lines == given.lines
+    assert without_arc.circles == ()
