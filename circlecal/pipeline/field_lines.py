@@ -19,6 +19,7 @@ from circlecal.stages.confirm import look_for_markings
 from circlecal.stages.evidence import measure_evidence
 from circlecal.stages.field_lines import carriers, observe_field_lines, without_worst_marking
 from circlecal.stages.mask import marking_from_detection
+from circlecal.stages.size_by_circle import find_size_by_circle
 from circlecal.stages.surroundings import measure_surroundings
 from circlecal.stages.verdict_on_picture import confirm_field_lines, weigh_evidence
 
@@ -165,7 +166,14 @@ def _add_curves(setting: Setting, picture: NDArray[np.uint8], attempt: Attempt, 
     camera, observations = attempt.camera, attempt.observations
     if camera is None or observations is None or attempt.verdict is None:
         return None
-    found = measure_curves(setting, picture, camera, (setting.circle, *setting.template.arcs), noise)
+    curves = (setting.circle, *setting.template.arcs)
+    found = measure_curves(setting, picture, camera, curves, noise)
+    if setting.circle.name not in found:
+        with setting.clock("verdict"):
+            stretched = find_size_by_circle(picture, camera, setting.template, setting.circle)
+        if stretched is not None:
+            camera = stretched
+            found = measure_curves(setting, picture, camera, curves, noise)
     if not found:
         return None
     fuller = replace_curves(observations, found)
