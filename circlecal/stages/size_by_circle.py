@@ -1,0 +1,84 @@
+"""How long the field is, from the circle in its middle: where lines at one end tell the camera, the circle is painted
+half a field from them, and its paint says where that is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.field import Circle, FieldTemplate
+from circlecal.geometry.camera_parameters import INDEX, camera_of, project
+from circlecal.geometry.projective import Array, Indices
+from circlecal.paint.matched_filter import CLEAR, EVEN_ANGLES, SAMPLES
+from circlecal.results import CameraFit
+from circlecal.stages.confirm import measure_circle_sectors
+
+__all__ = ["find_size_by_circle"]
+
+STEP_WIDTHS = 1.0
+"""By how many widths of its paint the circle moves from one tried length to the next: the filter sees paint within one
+width to both sides.
+"""
+FEWEST_SECTORS, PAINTED_SHARE = 4, 0.75
+"""Sectors of 24 that the picture must show of the circle, and the share of them that must be painted: a straight line
+or the edge of a shadow touches a circle in two.
+"""
+
+
+def find_size_by_circle(
+    picture: NDArray[np.uint8], fit: CameraFit, template: FieldTemplate, circle: Circle
+) -> CameraFit | None:
+    """The camera on a field of that length with which the circle lies on paint, seen from where it saw its lines.
+
+    Parameters
+    ----------
+    picture : (H, W) uint8
+        Brightness, with the markings lighter than the field.
+    fit : CameraFit
+        A camera from markings at one end of the field.
+    template, circle : FieldTemplate, Circle
+        The field, and the circle in its middle.
+
+    Returns
+    -------
+    CameraFit or None
+        With other parameters, camera and view, all else unchanged; None where the length is known, moves nothing that
+        was seen, or no length lays enough of the circle on paint.
+    """
+    extent, moves = template.length_range_m, abs(float(fit.reference_by_growth[0]))
+    if extent is None or moves == 0.0 or fit.field_size is None:
+        return None
+    step_m = STEP_WIDTHS * template.paint_width(circle) / moves
+    growths = np.arange(extent[0], extent[1] + step_m / 2, step_m) - template.length_m
+    tried = [_stretch(fit, growth) for growth in growths.tolist()]
+    in_view = _count_in_view(tried, template, circle) >= FEWEST_SECTORS
+    tried = [stretched for stretched, is_seen in zip(tried, in_view.tolist(), strict=True) if is_seen]
+    clear = np.array([_count_clear(picture, stretched, template, circle) for stretched in tried])
+    return tried[int(clear.argmax())] if clear.any() else None
+
+
+def _count_in_view(fits: list[CameraFit], template: FieldTemplate, circle: Circle) -> Indices:
+    """How many of the middles of 24 sectors of the circle each camera (G,) has in its picture."""
+    model, angles = fits[0].model, EVEN_ANGLES[SAMPLES // 2 :: SAMPLES]
+    seen = project(np.array([fit.theta for fit in fits]), template.curve_points(circle, "center", angles)[None], model)
+    inside = ((seen.pixels >= 0) & (seen.pixels <= (model.width - 1, model.height - 1))).all(axis=-1)
+    return np.asarray((inside & seen.visible).sum(axis=1))
+
+
+def _count_clear(picture: NDArray[np.uint8], fit: CameraFit, template: FieldTemplate, circle: Circle) -> int:
+    """Number of sectors of the circle that are painted; 0 where too few are in view, or too many of these are bare."""
+    sectors: Array = measure_circle_sectors(picture, fit, template, circle)
+    clear = int(np.count_nonzero(sectors > CLEAR))
+    return clear if len(sectors) >= FEWEST_SECTORS and clear >= PAINTED_SHARE * len(sectors) else 0
+
+
+def _stretch(fit: CameraFit, growth_m: float) -> CameraFit:
+    """The camera before a field that is longer by so many metres, where what was seen looks as before."""
+    theta = fit.theta.copy()
+    more_m = growth_m - float(theta[INDEX["length"]])
+    theta[INDEX["length"]] = growth_m
+    theta[INDEX["x"]] += float(fit.reference_by_growth[0]) * more_m
+    return replace(fit, theta=theta, camera=camera_of(theta, fit.model))
