@@ -457,6 +457,10 @@ CHECKS: dict[str, tuple[str, str]] = {
         "too_uncertain",
         "what is seen speaks for a field of another size than the one that the camera rests on",
     ),
+    "beyond_rules_m": (
+        "line_beyond_field",
+        "the field would be smaller or larger than the rules of its sport allow",
+    ),
     "height_m": ("implausible_camera", "the camera would hang higher than cameras do"),
     "lowest_height_m": ("implausible_camera", "the camera would stand lower than cameras do"),
     "distance_radii": ("implausible_camera", "the camera would stand further away than cameras do"),

@@ -56,8 +56,8 @@ def find_size_by_circle(
     tried = [_stretch(fit, growth) for growth in growths.tolist()]
     in_view = _count_in_view(tried, template, circle) >= FEWEST_SECTORS
     tried = [stretched for stretched, is_seen in zip(tried, in_view.tolist(), strict=True) if is_seen]
-    clear = np.array([_count_clear(picture, stretched, template, circle) for stretched in tried])
-    return tried[int(clear.argmax())] if clear.any() else None
+    paint = np.array([_measure_paint(picture, stretched, template, circle) for stretched in tried])
+    return tried[int(paint.argmax())] if paint.any() else None
 
 
 def _count_in_view(fits: list[CameraFit], template: FieldTemplate, circle: Circle) -> Indices:
@@ -68,11 +68,14 @@ def _count_in_view(fits: list[CameraFit], template: FieldTemplate, circle: Circl
     return np.asarray((inside & seen.visible).sum(axis=1))
 
 
-def _count_clear(picture: NDArray[np.uint8], fit: CameraFit, template: FieldTemplate, circle: Circle) -> int:
-    """Number of sectors of the circle that are painted; 0 where too few are in view, or too many of these are bare."""
+def _measure_paint(picture: NDArray[np.uint8], fit: CameraFit, template: FieldTemplate, circle: Circle) -> float:
+    """By how many standard deviations the paint of the circle stands out, mean of its sectors; 0 where too few are in
+    view, or too many of these are bare.
+    """
     sectors: Array = measure_circle_sectors(picture, fit, template, circle)
-    clear = int(np.count_nonzero(sectors > CLEAR))
-    return clear if len(sectors) >= FEWEST_SECTORS and clear >= PAINTED_SHARE * len(sectors) else 0
+    if len(sectors) < FEWEST_SECTORS or np.mean(sectors > CLEAR) < PAINTED_SHARE:
+        return 0.0
+    return float(sectors.mean())
 
 
 def _stretch(fit: CameraFit, growth_m: float) -> CameraFit:

@@ -65,6 +65,11 @@ SURE_LINES = 4
 """So many further lines at their places leave no doubt about the size of the field."""
 WRONG_PX = 20.0
 """Mean error, pixels at 1920 px width, from which on another size of the field is another answer."""
+SIZE_SIGMAS, MOST_BEYOND_RULES_M = 3.0, 3.0
+"""Standard deviations, and metres further, by which a field may be smaller or larger than the rules of its sport allow:
+a picture that was turned upside down had a width of 33.2 +- 0.3 m, of 45 m at least; no right answer to 190 rendered
+fields of any size and 147 real frames lies beyond the rules at all.
+"""
 MINIMUM_WIDTH_M = 1e-3
 """Narrower markings are the zero-width lines of an annotation's model."""
 MOST_NOISE_BESIDE_MARK = 2.0
@@ -223,7 +228,25 @@ def _camera_checks(
     checks.append(Check.of("sigma_m", camera.max_sigma_m, config.max_sigma_m))
     if camera.other_size is not None and camera.other_size.away_px > WRONG_PX * unit:
         checks.append(Check.of("other_size_share", camera.other_size.share, config.max_other_size_share))
+    checks += _size_checks(camera, template)
     return [*checks, *_edge_checks(camera, ellipses, template, circle, config)]
+
+
+def _size_checks(camera: CameraFit, template: FieldTemplate) -> list[Check]:
+    """Whether the field has a size that the rules of its sport allow; nothing where no size was asked."""
+    size = camera.field_size
+    if size is None:
+        return []
+    estimates = (
+        (size.length_m, size.length_sd_m, template.length_range_m),
+        (size.width_m, size.width_sd_m, template.width_range_m),
+    )
+    beyond = [
+        max(extent[0] - size_m, size_m - extent[1]) - SIZE_SIGMAS * sd_m
+        for size_m, sd_m, extent in estimates
+        if extent is not None
+    ]
+    return [Check.of("beyond_rules_m", max(beyond, default=0.0), MOST_BEYOND_RULES_M)]
 
 
 def renew_sigmas(verdict: Verdict, camera: CameraFit) -> Verdict:

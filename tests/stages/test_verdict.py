@@ -17,6 +17,7 @@ from circlecal.results import (
     CameraFit,
     Cues,
     EllipseFits,
+    FieldSize,
     HomographyFit,
     MarkCue,
     MarkingMask,
@@ -160,6 +161,7 @@ def test_a_good_camera_is_accepted_with_every_check():
         "noise_beside_mark",
         "arc_residual_px",
         "other_size_share",
+        "beyond_rules_m",
         "arc_deg",
     }
 
@@ -173,6 +175,17 @@ def test_an_arc_that_turns_the_field_lies_where_the_camera_puts_it():
     # a few of its points lie on a player
     bulk = keyed({"penalty_arc_left center": 1.0 * unit})
     assert verdict(replace(off, bulk_residuals_px=bulk), cues=Cues(None, None)).status == "calibrated"
+
+
+@pytest.mark.parametrize(
+    ("width_m", "sd_m", "status"), [(33.2, 0.3, "refused"), (43.0, 0.3, "calibrated"), (38.0, 2.0, "calibrated")]
+)
+def test_a_field_far_beyond_the_rules_is_none(width_m, sd_m, status):
+    """The rules allow 45 to 90 m."""
+    size = FieldSize(100.0, width_m, 1.0, sd_m, False, 0.0)
+    found = verdict(camera_fit(field_size=size))
+    assert found.status == status
+    assert found.code == (None if status == "calibrated" else "line_beyond_field")
 
 
 @pytest.mark.parametrize(
