@@ -27,6 +27,8 @@ SURE_PX = 6.0
 """Largest predicted error, pixels at 1920 px width, of a camera from straight markings alone that is taken before the
 circle was looked for thoroughly.
 """
+HOPELESS_TIMES = 3.0
+"""By how many times a draft may exceed a limit for the names to be fitted in earnest."""
 FIELD_LINES_TRIED = ("field lines",)
 """Under which a picture keeps what was tried last."""
 
@@ -142,23 +144,30 @@ def _fit_naming(
     observations: Observations,
     noise: float,
 ) -> Attempt:
-    """The attempt with named lines and arcs; with the arcs measured where its camera puts them instead of traced, and
-    without the marking that it explains worst, where these calibrate.
+    """The attempt with named lines, and with the arcs measured where a draft of its camera puts them instead of traced,
+    where these calibrate; without the marking that it explains worst, where that mends it.
     """
-    first = _calibrate_field_lines(setting, scene, mask, observations)
-    if first.camera is None:
-        return first
-    found = measure_curves(setting, picture, first.camera, setting.template.arcs, noise)
-    best = first
-    if found:
-        fuller = replace_curves(observations, found)
-        with_arcs = _calibrate_field_lines(setting, scene, mask, fuller, first.camera)
-        if with_arcs.is_calibrated and (not first.is_calibrated or is_less_uncertain(setting, first, with_arcs)):
-            best = with_arcs
-    if best.code != "residual_too_large":
-        return best
+    draft = _calibrate_field_lines(setting, scene, mask, observations, is_draft=True)
+    if draft.camera is None or _is_hopeless(draft):
+        return draft
+    found = measure_curves(setting, picture, draft.camera, setting.template.arcs, noise)
+    tried = [replace_curves(observations, found)] if found else []
+    for seen in (*tried, observations):
+        attempt = _calibrate_field_lines(setting, scene, mask, seen, draft.camera)
+        if attempt.is_calibrated:
+            return attempt
+    if attempt.code != "residual_too_large" or attempt.camera is None:
+        return attempt
     # the edge of a board beside a line, say
-    return _calibrate_field_lines(setting, scene, mask, without_worst_marking(observations, first.camera))
+    return _calibrate_field_lines(setting, scene, mask, without_worst_marking(observations, attempt.camera))
+
+
+def _is_hopeless(draft: Attempt) -> bool:
+    """Whether a camera on a field of the usual size fails a check by so much that no other size, surface or arc mends
+    that: wrong names for lines, mostly.
+    """
+    checks = () if draft.verdict is None else draft.verdict.checks
+    return any(not check.passed and check.value > HOPELESS_TIMES * check.limit > 0.0 for check in checks)
 
 
 def _add_curves(setting: Setting, picture: NDArray[np.uint8], attempt: Attempt, noise: float) -> Attempt | None:
@@ -187,14 +196,20 @@ def _add_curves(setting: Setting, picture: NDArray[np.uint8], attempt: Attempt, 
 
 
 def _calibrate_field_lines(
-    setting: Setting, scene: Scene, mask: MarkingMask, observations: Observations, earlier: CameraFit | None = None
+    setting: Setting,
+    scene: Scene,
+    mask: MarkingMask,
+    observations: Observations,
+    earlier: CameraFit | None = None,
+    *,
+    is_draft: bool = False,
 ) -> Attempt:
     """Estimate from named lines and arcs, and from what was given beside the picture; from an earlier camera of about
     these where there is one.
     """
     extra = scene.extra
     seen = observations if extra is None else join_observations(observations, extra)
-    return estimate(setting, take_observations(setting, Attempt(mask=mask), seen), earlier)
+    return estimate(setting, take_observations(setting, Attempt(mask=mask), seen), earlier, is_draft=is_draft)
 
 
 FIELD_LINES = Retry(_shows_field_lines, take_field_lines, lambda setting, first, other: True)

@@ -5,9 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from circlecal.observations import CirclePoints, Observations
 from circlecal.pipeline import field_lines
 from circlecal.pipeline.setting import Looks
-from circlecal.results import Attempt, MarkingMask, Segment
+from circlecal.results import Attempt, Check, MarkingMask, Segment, Verdict
 
 
 def see_lines(shift=0.0):
@@ -45,3 +46,48 @@ def test_other_lines_and_other_fields_are_tried(tries):
     for tried in ((setting, see_lines()), (setting, see_lines(0.5)), (SimpleNamespace(), see_lines(0.5))):
         field_lines.calibrate_by_lines(tried[0], scene, tried[1])
     assert len(tries) == 3
+
+
+CAMERA = SimpleNamespace(residuals_px={})
+
+
+def fit_naming(monkeypatch, answers, arcs):
+    """What is fitted, as names of arcs and whether it is a draft, where the fits lead to some attempts."""
+    fits, answers = [], iter(answers)
+
+    def calibrate(setting, scene, mask, observations, earlier=None, *, is_draft=False):
+        fits.append(([seen.circle for seen in observations.circles], is_draft))
+        return next(answers)
+
+    found = {name: CirclePoints(name, "center", np.zeros((3, 2)), np.ones(3)) for name in arcs}
+    monkeypatch.setattr(field_lines, "_calibrate_field_lines", calibrate)
+    monkeypatch.setattr(field_lines, "measure_curves", lambda *_: found)
+    setting = SimpleNamespace(template=SimpleNamespace(arcs=()))
+    attempt = field_lines._fit_naming(setting, None, see_lines(), np.zeros((9, 9), np.uint8), Observations(9, 9), 1.0)
+    return attempt, fits
+
+
+def answer(code, *checks):
+    return Attempt(camera=CAMERA, verdict=Verdict("refused" if code else "calibrated", code, None, "verdict", checks))
+
+
+def test_names_that_fail_by_far_are_not_fitted_in_earnest(monkeypatch):
+    far = answer("too_uncertain", Check.of("sigma_px", 250.0, 64.0))
+    attempt, fits = fit_naming(monkeypatch, [far], ["penalty_arc_left"])
+    assert attempt is far
+    assert fits == [([], True)]
+
+
+def test_arcs_are_measured_along_a_draft_and_left_out_where_they_do_not_calibrate(monkeypatch):
+    near = answer("too_uncertain", Check.of("sigma_px", 80.0, 64.0))
+    right = answer(None)
+    attempt, fits = fit_naming(monkeypatch, [near, right], ["penalty_arc_left"])
+    assert attempt is right
+    assert fits == [([], True), (["penalty_arc_left"], False)]
+    attempt, fits = fit_naming(monkeypatch, [near, near, right], ["penalty_arc_left"])
+    assert attempt is right
+    assert fits[1:] == [(["penalty_arc_left"], False), ([], False)]
+    off = answer("residual_too_large")
+    attempt, fits = fit_naming(monkeypatch, [near, off, right], [])
+    assert attempt is right
+    assert len(fits) == 3
