@@ -14,12 +14,12 @@ from circlecal.paint.profiles import estimate_noise
 from circlecal.pipeline.attempts import add_checks, estimate, take_observations
 from circlecal.pipeline.refinements import Retry, is_less_uncertain, measure_curves, replace_curves
 from circlecal.pipeline.setting import Scene, Setting, lighten_markings
+from circlecal.pipeline.size_by_circle import find_size_by_circle
 from circlecal.results import Attempt, CameraFit, MarkingMask
 from circlecal.stages.confirm import look_for_markings
 from circlecal.stages.evidence import measure_evidence
 from circlecal.stages.field_lines import carriers, observe_field_lines, without_worst_marking
 from circlecal.stages.mask import marking_from_detection
-from circlecal.stages.size_by_circle import find_size_by_circle
 from circlecal.stages.surroundings import measure_surroundings
 from circlecal.stages.verdict_on_picture import confirm_field_lines, weigh_evidence
 

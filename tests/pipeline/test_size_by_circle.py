@@ -8,11 +8,10 @@ from circlecal.camera.options import CameraConfig
 from circlecal.config import Config
 from circlecal.geometry.camera_parameters import INDEX
 from circlecal.pipeline import field_of
+from circlecal.pipeline.size_by_circle import find_size_by_circle
 from circlecal.stages.camera import estimate_camera
-from circlecal.stages.size_by_circle import find_size_by_circle
 from circlecal.synthetic.cameras import aim_camera
-
-from .camera_views import CIRCLE, SOCCER, seen
+from tests.stages.camera_views import CIRCLE, SOCCER, seen
 
 LINES = ("big_rect_left_main", "big_rect_left_top", "side_line_left", "side_line_top", "small_rect_left_main")
 
