@@ -106,7 +106,8 @@ def choose_world(task: Task, stated: CurvePoints, first: Fit, usual: tuple[Task,
         if other is not None:
             cases.append(other)
             found = compare(_with_reported_noise, [(case, worlds) for case in cases])
-    if any_size is not None and _may_hide_misfit(usual, [a for a, _ in found]):
+    is_hidden = any_size is not None and _may_hide_misfit(usual, [a for a, _ in found])
+    if any_size is not None and is_hidden and not _is_told_by_names(found, usual):
         named, own = usual
         told = compare(_with_noise_of_misfit, _by_size(cases, worlds, _resize(usual, found, any_size)))
         is_doubted = _doubt([a for a, _ in told]) > max(TOLD_SHARE, _doubt([a for a, _ in found]))
@@ -230,6 +231,14 @@ def _may_hide_misfit(case: _Case, answers: list[Answer]) -> bool:
     if fit.given_px is None or not depends_on_size(fit.problem.curves):
         return False
     return shows_size_closely(task, fit.problem.curves) or _doubt(answers) > UNLIKELY_SHARE
+
+
+def _is_told_by_names(found: list[tuple[Answer, _Case]], usual: _Case) -> bool:
+    """Whether the best answer names more markings than a field of the usual size allows: they tell the size, and hold
+    each other by lens and surface, so that what they leave is no sign of another one.
+    """
+    _, best = max(found, key=lambda pair: pair[0].evidence)
+    return len(set(best[0].names.values())) > len(set(usual[0].names.values()))
 
 
 def _doubt(answers: list[Answer]) -> float:

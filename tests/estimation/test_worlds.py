@@ -59,3 +59,36 @@ def test_lines_are_fitted_on_a_field_of_any_size_only_under_other_names(names, f
     found = module._name_on_any_size(task, problem.curves, module.Fit(problem, state), usual, problem.priors)
     assert len(taken) == fits
     assert (found is not None) == bool(fits)
+
+
+@pytest.mark.parametrize(
+    ("more", "is_asked"), [({0: "side_line_top", 1: "big_rect_left_top"}, False), ({0: "side_line_bottom"}, True)]
+)
+def test_size_is_not_asked_of_noise_where_more_markings_tell_it(more, is_asked, monkeypatch):
+    rng = np.random.default_rng(6)
+    theta = plain_theta(rng)
+    problem = problem_of(observed(theta, rng, sigma=0.3), priors())
+    fit = module.Fit(problem, minimise(problem, theta[None], FINAL))
+    config = SimpleNamespace(crown_shape="roof", usual_size_share=0.9, flat_share=0.5, name_lines=True)
+    usual, other = (
+        (SimpleNamespace(names=names, config=config, template=None, rule=lambda rule: rule), fit)
+        for names in ({0: "side_line_top"}, more)
+    )
+    any_size = next(world for world in WORLDS if not world.is_usual_size and not world.is_flat)
+    told = []
+
+    def compare(asked, noise, priors, template, known):
+        told.append(noise)
+        return [(Answer(any_size, problem, fit.state, float(k)), case) for k, (case, _) in enumerate(asked)]
+
+    monkeypatch.setattr(module, "possible_worlds", lambda *given: WORLDS)
+    monkeypatch.setattr(module, "_compare_worlds", compare)
+    monkeypatch.setattr(module, "_may_be_of_any_size", lambda *given: True)
+    monkeypatch.setattr(module, "_name_on_any_size", lambda *given: other)
+    monkeypatch.setattr(module, "_may_hide_misfit", lambda *given: True)
+    monkeypatch.setattr(module, "shows_size_closely", lambda *given: False)
+    monkeypatch.setattr(module, "_explore", lambda task, fit: fit)
+    monkeypatch.setattr(World, "priors", lambda self, *given: problem.priors)
+    chosen, _ = module.choose_world(cast("Any", usual[0]), problem.curves, fit, cast("Any", usual))
+    assert chosen is other[0]
+    assert (module._with_noise_of_misfit in told) == is_asked
