@@ -106,12 +106,12 @@ def choose_world(task: Task, stated: CurvePoints, first: Fit, usual: tuple[Task,
         if other is not None:
             cases.append(other)
             found = compare(_with_reported_noise, [(case, worlds) for case in cases])
-    is_hidden = any_size is not None and _may_hide_misfit(usual, [a for a, _ in found])
-    if any_size is not None and is_hidden and not _is_told_by_names(found, usual):
+    if any_size is not None and _may_hide_misfit(usual, [a for a, _ in found]):
         named, own = usual
         told = compare(_with_noise_of_misfit, _by_size(cases, worlds, _resize(usual, found, any_size)))
         is_doubted = _doubt([a for a, _ in told]) > max(TOLD_SHARE, _doubt([a for a, _ in found]))
-        if (is_doubted or shows_size_closely(named, own.problem.curves)) and _is_allowed(told, template):
+        is_asked = is_doubted or shows_size_closely(named, own.problem.curves)
+        if is_asked and _is_allowed(told, template) and _count_named(told) >= _count_named(found):
             found, reported = told, _tell_noise
     best, (chosen, fit) = max(found, key=lambda pair: pair[0].evidence)
     problem, state = reported(_reach(best, task.rule(COARSE)), chosen, fit)
@@ -233,12 +233,12 @@ def _may_hide_misfit(case: _Case, answers: list[Answer]) -> bool:
     return shows_size_closely(task, fit.problem.curves) or _doubt(answers) > UNLIKELY_SHARE
 
 
-def _is_told_by_names(found: list[tuple[Answer, _Case]], usual: _Case) -> bool:
-    """Whether the best answer names more markings than a field of the usual size allows: they tell the size, and hold
-    each other by lens and surface, so that what they leave is no sign of another one.
+def _count_named(found: list[tuple[Answer, _Case]]) -> int:
+    """How many different markings the best answer names. Several hold each other by lens and surface, which noise that
+    is told by what one of them leaves does not cover: it may not take names away.
     """
-    _, best = max(found, key=lambda pair: pair[0].evidence)
-    return len(set(best[0].names.values())) > len(set(usual[0].names.values()))
+    _, (named, _) = max(found, key=lambda pair: pair[0].evidence)
+    return len(set(named.names.values()))
 
 
 def _doubt(answers: list[Answer]) -> float:
