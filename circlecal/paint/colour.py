@@ -24,8 +24,8 @@ _SAMPLES = 48  # along each segment
 _NEAR_PX1280, _FAR_PX1280 = 3.5, 5.5  # where the surface beside a marking is looked at
 _BEYOND_PX1280 = 6.0
 """How much farther out, pixels at 1280 px width, one side's surface is looked at where another sport's line runs right
-beside a marking: in a rendered frame such a line, 2 px wide and 4 px off, took away the near touchline. What lies behind
-the foot of a board or the border of a track is wider than that.
+beside a marking: in a rendered frame such a line, 2 px wide and 4 px off, took away the near touchline. What lies
+behind the foot of a board or the border of a track is wider than that.
 """
 _WIDE_PX1280 = 14.0  # markings of this width are still told from their surface
 _ALIKE = 0.06  # largest difference of a colour's share of the sum of the three
