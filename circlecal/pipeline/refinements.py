@@ -265,7 +265,7 @@ def add_faint_lines(setting: Setting, scene: Scene, attempt: Attempt) -> Iterato
         picture = lighten_markings(scene.marked, mask, setting.circle)
         found = find_faint_lines(picture, camera, setting.template, setting.circle, mask.field_region)
         found = tuple(
-            line for line in found if not _runs_along_seen(line, cues.lines, SEEN_BEFORE_PX * setting.width / 1920.0)
+            line for line in found if not _is_repetition(line, cues.lines, SEEN_BEFORE_PX * setting.width / 1920.0)
         )
     if not found:
         return
@@ -275,7 +275,7 @@ def add_faint_lines(setting: Setting, scene: Scene, attempt: Attempt) -> Iterato
     yield estimate(setting, replace(attempt, cues=more_cues, observations=more, verdict=None))
 
 
-def _runs_along_seen(line: LineCue, others: Sequence[LineCue], near_px: float) -> bool:
+def _is_repetition(line: LineCue, others: Sequence[LineCue], near_px: float) -> bool:
     """Whether other lines were measured along most of a line."""
     if not others:
         return False

@@ -104,7 +104,7 @@ def find_faint_lines(
     circle : Circle
         The circle that the camera was fitted to.
     surface : (h, w) bool, optional
-        The playing surface in a reduced picture, beside which there is no marking.
+        The playing surface in a reduced picture: where nothing stands out in all of the picture, it may there.
 
     Returns
     -------
@@ -116,7 +116,9 @@ def find_faint_lines(
     found: list[LineCue] = []
     others = np.array([line.name != template.halfway_line for line in template.lines], dtype=np.bool_)
     for course in _courses(fit, model, ends[others], shifts[others]):
-        shift = _best_shift(picture, surface, course, model.width / 1920.0)
+        shift = _best_shift(picture, None, course, model.width / 1920.0)
+        if shift is None and surface is not None:
+            shift = _best_shift(picture, surface, course, model.width / 1920.0)
         cue = None if shift is None else _measure(picture, course, shift, model.width / 1920.0)
         if cue is not None and not any(_same(cue, other, model.width / 1920.0) for other in found):
             found.append(cue)
