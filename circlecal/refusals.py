@@ -441,6 +441,10 @@ CHECKS: dict[str, tuple[str, str]] = {
     "beyond_share": ("picture_contradicts", "the playing surface goes on far beyond where the camera puts its border"),
     "near_share": ("picture_contradicts", "much of what lies before the field, on the camera's side, is no ground"),
     "seam_share": ("picture_contradicts", "a straight step runs across the picture: it is put together from several"),
+    "chord_radii": (
+        "paint_unexplained",
+        "a straight marking runs through the circle, and is not the halfway line: it is an arc of a penalty area",
+    ),
     "named_markings": ("few_markings", ""),
     "rejected_share": ("observations_contradict", ""),
     "mark_distance_px": ("mark_contradicts_circle", ""),

@@ -110,7 +110,8 @@ def choose_world(task: Task, stated: CurvePoints, first: Fit, usual: tuple[Task,
         named, own = usual
         told = compare(_with_noise_of_misfit, _by_size(cases, worlds, _resize(usual, found, any_size)))
         is_doubted = _doubt([a for a, _ in told]) > max(TOLD_SHARE, _doubt([a for a, _ in found]))
-        if (is_doubted or shows_size_closely(named, own.problem.curves)) and _is_allowed(told, template):
+        is_asked = is_doubted or shows_size_closely(named, own.problem.curves)
+        if is_asked and _is_allowed(told, template) and _count_named(told) >= _count_named(found):
             found, reported = told, _tell_noise
     best, (chosen, fit) = max(found, key=lambda pair: pair[0].evidence)
     problem, state = reported(_reach(best, task.rule(COARSE)), chosen, fit)
@@ -230,6 +231,14 @@ def _may_hide_misfit(case: _Case, answers: list[Answer]) -> bool:
     if fit.given_px is None or not depends_on_size(fit.problem.curves):
         return False
     return shows_size_closely(task, fit.problem.curves) or _doubt(answers) > UNLIKELY_SHARE
+
+
+def _count_named(found: list[tuple[Answer, _Case]]) -> int:
+    """How many different markings the best answer names. Several hold each other by lens and surface, which noise that
+    is told by what one of them leaves does not cover: it may not take names away.
+    """
+    _, (named, _) = max(found, key=lambda pair: pair[0].evidence)
+    return len(set(named.names.values()))
 
 
 def _doubt(answers: list[Answer]) -> float:

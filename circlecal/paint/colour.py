@@ -22,6 +22,11 @@ __all__ = [
 _ENOUGH = 128  # places along a marking whose median is its colour
 _SAMPLES = 48  # along each segment
 _NEAR_PX1280, _FAR_PX1280 = 3.5, 5.5  # where the surface beside a marking is looked at
+_BEYOND_PX1280 = 6.0
+"""How much farther out, pixels at 1280 px width, one side's surface is looked at where another sport's line runs right
+beside a marking: in a rendered frame such a line, 2 px wide and 4 px off, took away the near touchline. What lies
+behind the foot of a board or the border of a track is wider than that.
+"""
 _WIDE_PX1280 = 14.0  # markings of this width are still told from their surface
 _ALIKE = 0.06  # largest difference of a colour's share of the sum of the three
 _ONE_PAINT = 0.9  # least cosine between the colours that two markings in one paint add to the surface
@@ -29,7 +34,8 @@ _LEAST_COLOUR = 4.0  # grey levels that a marking must add to its surface for th
 
 
 def lie_on_one_surface(image_bgr: NDArray[np.uint8], segments: Array) -> NDArray[np.bool_]:
-    """Whether the colour beside each segment, whatever its brightness, is the same on both sides.
+    """Whether the colour beside each segment, whatever its brightness, is alike on both sides; a line of another colour
+    may run close by on one of them.
 
     Parameters
     ----------
@@ -43,12 +49,20 @@ def lie_on_one_surface(image_bgr: NDArray[np.uint8], segments: Array) -> NDArray
     """
     if len(segments) == 0:
         return np.zeros(0, np.bool_)
-    beside = _colours_beside(image_bgr, *_sample_segments(segments), np.zeros(1)).reshape(
-        len(segments), _SAMPLES, 2, -1, 3
-    )
+    near, beyond = (_shares_beside(image_bgr, segments, farther_px) for farther_px in (0.0, _BEYOND_PX1280))
+    pairs = ((near, near), (near, beyond), (beyond, near))
+    unlike = [np.abs(first[:, 0] - second[:, 1]).max(axis=-1) for first, second in pairs]
+    return np.asarray(np.min(unlike, axis=0) <= _ALIKE, np.bool_)
+
+
+def _shares_beside(image_bgr: NDArray[np.uint8], segments: Array, farther_px1280: float) -> Array:
+    """Shares (K, 2, 3) of blue, green and red in the surface on both sides of segments (K, 2, 2), so much farther out
+    than usual.
+    """
+    places = _sample_segments(segments)
+    beside = _colours_beside(image_bgr, *places, np.zeros(1), farther_px1280).reshape(len(segments), _SAMPLES, 2, -1, 3)
     colour = beside.mean(axis=-2) + 1.0  # of each sample and side
-    share = np.median(colour / colour.sum(axis=-1, keepdims=True), axis=1)
-    return np.asarray(np.abs(share[:, 0] - share[:, 1]).max(axis=-1) <= _ALIKE, np.bool_)
+    return np.asarray(np.median(colour / colour.sum(axis=-1, keepdims=True), axis=1))
 
 
 def measure_paint_colour(image_bgr: NDArray[np.uint8], curve: MeasuredCurve) -> Array:
@@ -117,11 +131,15 @@ def measure_added_colour(image_bgr: NDArray[np.uint8], points: Array, normals: A
     return np.asarray(np.median(measure_added_colours(image_bgr, points, across, np.full(1, width_px)), axis=0))
 
 
-def _colours_beside(image_bgr: NDArray[np.uint8], points: Array, normals: Array, widths: Array) -> Array:
-    """Colours (N, 2, S, 3) on both sides of places (N, 2) on markings of these widths (N,) or (1,)."""
+def _colours_beside(
+    image_bgr: NDArray[np.uint8], points: Array, normals: Array, widths: Array, farther_px1280: float = 0.0
+) -> Array:
+    """Colours (N, 2, S, 3) on both sides of places (N, 2) on markings of these widths (N,) or (1,), so many pixels at
+    1280 px width farther out than usual.
+    """
     height, width = image_bgr.shape[:2]
     scale = max(1.0, width / 1280.0)
-    steps = np.outer([-1.0, 1.0], np.linspace(_NEAR_PX1280, _FAR_PX1280, 3)) * scale
+    steps = np.outer([-1.0, 1.0], farther_px1280 + np.linspace(_NEAR_PX1280, _FAR_PX1280, 3)) * scale
     farther = np.maximum(1.0, widths / (_NEAR_PX1280 * scale))[:, None, None]
     x, y = (
         np.minimum(np.maximum(np.rint(place[:, None, None] + farther * steps * normal[:, None, None]), 0.0), size - 1.0)

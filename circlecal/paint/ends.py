@@ -33,6 +33,11 @@ MOST_SLANT, SLANTS, PASSING_PX, SEEN_ASIDE = 0.35, 29, 6.0, 4
 """Largest slope of it against the normal of the line that ends, how many slopes are tried, how far it may pass by the
 end (pixels at 1920 px width), and how many of these places must show it on each side.
 """
+UNEVEN = 3.0
+"""Times the usual contrast of what crosses an end that a place of it may show at most, and one such part of it at
+least: letters on a board are far less even than paint. Of 150 rendered ends on touchlines 146 are as even, of ten
+places 7 to 300 px away, where a player's body before a board or a banner ended the paint, four.
+"""
 BEND_SCALE_PX = 1.5
 """Pixels at 1920 px width from the bend of the marking at which a place counts a quarter for that bend."""
 COARSELY = 32
@@ -140,7 +145,9 @@ def _goes_on_aside(picture: GrayPicture, end_px: Array, outward: Array, paint_px
     slopes = np.linspace(-MOST_SLANT, MOST_SLANT, SLANTS)[:, None, None]
     passing = np.arange(-PASSING_PX, PASSING_PX + 1.0)[:, None] * unit
     place = np.rint((slopes * aside + passing + reach - away) / unit).astype(int)
-    is_seen = rise[np.arange(len(aside)), np.clip(place, 0, rise.shape[1] - 1)] > LEAST_CROSSING
+    contrast = rise[np.arange(len(aside)), np.clip(place, 0, rise.shape[1] - 1)]
+    usual = np.maximum(np.median(contrast, axis=-1, keepdims=True), LEAST_CROSSING)
+    is_seen = (contrast > np.maximum(LEAST_CROSSING, usual / UNEVEN)) & (contrast < UNEVEN * usual)
     half = len(ASIDE_WIDTHS)
     left, right = is_seen[..., :half].sum(axis=-1), is_seen[..., half:].sum(axis=-1)
     return bool(((left >= SEEN_ASIDE) & (right >= SEEN_ASIDE)).any())

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.field import Circle
+from circlecal.field import Arc, Circle, FieldTemplate
+from circlecal.geometry.projective import Array, Mask
+from circlecal.line_naming.marking_places import place_markings
 from circlecal.observations import CirclePoints, LinePoints, Observations, join_observations
 from circlecal.paint.old_coat import find_old_coat, remove_old_coat, sample_coats
 from circlecal.paint.predicted_width import WIDE_PX, blur_widths, predict_line_widths, predict_paint_widths
@@ -18,7 +20,7 @@ from circlecal.pipeline.setting import Scene, Setting, lighten_markings
 from circlecal.pipeline.template_markings import measure_straight_markings
 from circlecal.placement import mean_distance_px
 from circlecal.refusals import REFUSALS
-from circlecal.results import Attempt, CameraFit, Interpretation, MarkingMask
+from circlecal.results import Attempt, CameraFit, Interpretation, LineCue, MarkingMask
 from circlecal.stages.faint_lines import find_faint_lines
 from circlecal.stages.rays import measure_along_model
 
@@ -41,6 +43,15 @@ frames of four profiles those of wide paint in calibrated frames moved them by 0
 BROADEST = 2.0
 """Times the width that the camera predicts for its paint, blurred as the picture is, from which on a line is no marking
 but a kerb or a part of a board.
+"""
+CLEAR_OF_LINES_PX = 6.0
+"""Points of an arc so near to where a straight marking runs, pixels at 1920 px width, are left out: at a slant the line
+on which the arc ends is as near as the arc, and nine of 39 points lay on it in a rendered frame, up to 6 px beside
+the arc.
+"""
+SEEN_BEFORE_PX, SEEN_BEFORE_SHARE = 6.0, 0.5
+"""A faint marking of which this share of the points lies so near to those of a measured line, pixels at 1920 px width,
+was seen before: in a rendered frame both halves of a touchline were, and what joined them bent the camera by 8 px.
 """
 UNCERTAIN_PX = 12.0
 """Largest predicted error, pixels at 1920 px width, from which on fainter straight markings are looked for."""
@@ -93,9 +104,20 @@ def measure_curves(
     with setting.clock("rays"):
         for curve in curves:
             points, sigma = measure_along_model(picture, camera.view, curve, setting.template, noise, config.rays)
+            if isinstance(curve, Arc) and len(points):
+                kept = _lie_clear_of_lines(points, camera, setting.template)
+                points, sigma = points[kept], sigma[kept]
             if len(points) >= config.ellipse.minimum_points:
                 found[curve.name] = CirclePoints(curve.name, "center", points, sigma)
     return found
+
+
+def _lie_clear_of_lines(points_px: Array, camera: CameraFit, template: FieldTemplate) -> Mask:
+    """Which points (N, 2) of the picture lie beside all straight markings, as a camera shows these."""
+    names, _, _ = template.outlines
+    lines = place_markings(camera, template, [k for k, name in enumerate(names) if name in template.line_by_name])
+    away_px = np.linalg.norm(points_px[:, None] - lines.base, axis=-1).min(axis=1, initial=np.inf)
+    return np.asarray(away_px > CLEAR_OF_LINES_PX * camera.model.width / 1920.0, np.bool_)
 
 
 def replace_curves(observations: Observations, curves: Mapping[str, CirclePoints]) -> Observations:
@@ -241,13 +263,25 @@ def add_faint_lines(setting: Setting, scene: Scene, attempt: Attempt) -> Iterato
     mask, _, cues, observations, camera, _ = attempt.fitted
     with setting.clock("cues"):
         picture = lighten_markings(scene.marked, mask, setting.circle)
-        found = find_faint_lines(picture, camera, setting.template, setting.circle)
+        found = find_faint_lines(picture, camera, setting.template, setting.circle, mask.field_region)
+        found = tuple(
+            line for line in found if not _is_repetition(line, cues.lines, SEEN_BEFORE_PX * setting.width / 1920.0)
+        )
     if not found:
         return
     lines = (LinePoints(None, line.points_px, line.sigma_px) for line in found)
     more = replace(observations, lines=(*observations.lines, *lines))
     more_cues = replace(cues, lines=(*cues.lines, *found))
     yield estimate(setting, replace(attempt, cues=more_cues, observations=more, verdict=None))
+
+
+def _is_repetition(line: LineCue, others: Sequence[LineCue], near_px: float) -> bool:
+    """Whether other lines were measured along most of a line."""
+    if not others:
+        return False
+    points_px = np.concatenate([other.points_px for other in others])
+    away_px = np.linalg.norm(line.points_px[:, None] - points_px, axis=-1).min(axis=1, initial=np.inf)
+    return bool(np.mean(away_px < near_px) > SEEN_BEFORE_SHARE)
 
 
 def is_less_uncertain(setting: Setting, attempt: Attempt, refined: Attempt) -> bool:

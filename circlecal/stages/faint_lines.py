@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera_parameters import INDEX, ProjectionModel, project
 from circlecal.geometry.projective import Array, fit_line, line_distance
+from circlecal.line_naming.marking_places import lie_on_surface
 from circlecal.paint.matched_filter import TAPS, paint_and_sides
 from circlecal.paint.profiles import sample_profiles
 from circlecal.results import CameraFit, LineCue, Segment
@@ -84,7 +85,11 @@ class _Responses:
 
 
 def find_faint_lines(
-    picture: NDArray[np.uint8], fit: CameraFit, template: FieldTemplate, circle: Circle
+    picture: NDArray[np.uint8],
+    fit: CameraFit,
+    template: FieldTemplate,
+    circle: Circle,
+    surface: NDArray[np.bool_] | None = None,
 ) -> tuple[LineCue, ...]:
     """Straight markings other than the halfway line, where their sum along a curve stands out.
 
@@ -98,6 +103,8 @@ def find_faint_lines(
         The field.
     circle : Circle
         The circle that the camera was fitted to.
+    surface : (h, w) bool, optional
+        The playing surface in a reduced picture: where nothing stands out in all of the picture, it may there.
 
     Returns
     -------
@@ -109,7 +116,9 @@ def find_faint_lines(
     found: list[LineCue] = []
     others = np.array([line.name != template.halfway_line for line in template.lines], dtype=np.bool_)
     for course in _courses(fit, model, ends[others], shifts[others]):
-        shift = _best_shift(picture, course, model.width / 1920.0)
+        shift = _best_shift(picture, None, course, model.width / 1920.0)
+        if shift is None and surface is not None:
+            shift = _best_shift(picture, surface, course, model.width / 1920.0)
         cue = None if shift is None else _measure(picture, course, shift, model.width / 1920.0)
         if cue is not None and not any(_same(cue, other, model.width / 1920.0) for other in found):
             found.append(cue)
@@ -170,7 +179,9 @@ def main_modes(by_theta: Array, covariance: Array) -> Array:
     return np.asarray(np.where(modes[0] > 0.0, -modes, modes))
 
 
-def _best_shift(picture: NDArray[np.uint8], course: _Course, unit: float) -> Array | None:
+def _best_shift(
+    picture: NDArray[np.uint8], surface: NDArray[np.bool_] | None, course: _Course, unit: float
+) -> Array | None:
     """Shift (M,) px along the normals of the curve that alone stands out, or None."""
     reach = np.maximum(np.abs(course.modes).max(axis=0), 1e-6)
     furthest = np.clip(SIGMAS * reach[0], LEAST_SHIFT_PX * unit, LARGEST_SHIFT_PX * unit)
@@ -178,7 +189,7 @@ def _best_shift(picture: NDArray[np.uint8], course: _Course, unit: float) -> Arr
     steps = min(TURNS, int(np.ceil(turned / (2.0 * unit))))
     first = np.arange(-furthest, furthest + unit, unit) / reach[0]
     second = np.arange(-steps, steps + 1) * (turned / steps / reach[1])
-    responses = _responses(picture, course, furthest + turned, unit)
+    responses = _responses(picture, surface, course, furthest + turned, unit)
     modes = _average_neighbours(course.modes)
     sums = np.array([_sums(responses, first[:, None] * modes[:, 0] + turn * modes[:, 1], unit) for turn in second])
     middle = np.median(sums)
@@ -199,13 +210,20 @@ def _average_neighbours(values: Array) -> Array:
     return np.asarray(values[: count * JOINED].reshape(count, JOINED, -1).mean(axis=1))
 
 
-def _responses(picture: NDArray[np.uint8], course: _Course, furthest_px: float, unit: float) -> _Responses:
+def _responses(
+    picture: NDArray[np.uint8], surface: NDArray[np.bool_] | None, course: _Course, furthest_px: float, unit: float
+) -> _Responses:
     step = WIDTH_PX * unit / TAPS
     reach = furthest_px + 3.0 * WIDTH_PX * unit
     offsets = np.arange(-reach, reach + step, step)
     profiles = _average_neighbours(sample_profiles(picture, course.places, course.normals, offsets).astype(np.float64))
     seen = np.isfinite(profiles)
     left, middle, right = paint_and_sides(np.where(seen, profiles, 0.0))
+    if surface is not None:
+        middles, normals = _average_neighbours(course.places), _average_neighbours(course.normals)
+        places = middles[:, None] + offsets[:, None] * normals[:, None]
+        flat = lie_on_surface(places.reshape(-1, 2), surface, picture.shape[1], picture.shape[0])
+        seen &= flat.reshape(seen.shape)
     seen = seen[:, : -4 * TAPS] & seen[:, 4 * TAPS :]
     shifts = offsets[2 * TAPS : -2 * TAPS]
     return _Responses(_limit(middle - left, seen), _limit(middle - right, seen), seen, shifts)

@@ -67,8 +67,13 @@ WRONG_PX = 20.0
 """Mean error, pixels at 1920 px width, from which on another size of the field is another answer."""
 SIZE_SIGMAS, MOST_BEYOND_RULES_M = 3.0, 3.0
 """Standard deviations, and metres further, by which a field may be smaller or larger than the rules of its sport allow:
-a picture that was turned upside down had a width of 33.2 +- 0.3 m, of 45 m at least; no right answer to 190 rendered
-fields of any size and 147 real frames lies beyond the rules at all.
+a picture that was turned upside down had a width of 33.2 +- 0.3 m, of 45 m at least; of 226 answers to 13 real clips
+none lies beyond the rules at all.
+"""
+CLEAR_OF_RIM, LONGEST_CHORD = 0.85, 0.5
+"""Inside this share of a circle's radius a straight marking is no piece of the circle, and the length there, in radii,
+from which on it is a line that the circle does not have: a penalty arc that was taken for the circle in a rendered
+frame has the penalty area's line through it for 1.1.
 """
 MINIMUM_WIDTH_M = 1e-3
 """Narrower markings are the zero-width lines of an annotation's model."""
@@ -218,6 +223,7 @@ def _camera_checks(
         width_px = mean_paint_width(camera.view, circle, template)
         checks += _residual_checks(camera, cues, circle, RESIDUAL_WIDTHS * width_px, unit, config)
         checks += _reach_checks(camera, cues, template, config)
+        checks += _chord_checks(camera, cues, template, circle)
     else:
         checks = _landmark_checks(camera, unit, config)
         checks += _place_checks(camera, circle, camera.reference_m, template, config)
@@ -435,6 +441,22 @@ def _reach_checks(camera: CameraFit, cues: Cues, template: FieldTemplate, config
             reaches = (value for value in (side * crossed).tolist() if value > 0.0)
             checks += [Check.of("crossed_end_beyond", max(reach - 1.0, 0.0), CROSSED_BEYOND) for reach in reaches]
     return checks
+
+
+def _chord_checks(camera: CameraFit, cues: Cues, template: FieldTemplate, circle: Circle) -> list[Check]:
+    """A circle of which no halfway line is seen has no other straight marking through it: what has one is an arc of a
+    penalty area. A field with several circles is laid over the picture as a whole.
+    """
+    if cues.halfway is not None or template.halfway_line is None or len(template.circles) > 1:
+        return []
+    nameless = (
+        camera.view.to_field(line.points_px) - np.asarray(circle.center)
+        for k, line in enumerate(cues.lines)
+        if line.name is None and k not in camera.names_by_line
+    )
+    inside = (off_m[np.hypot(*off_m.T) < CLEAR_OF_RIM * circle.radius_m] for off_m in nameless)
+    lengths_m = [float(np.linalg.norm(np.ptp(off_m, axis=0))) for off_m in inside if len(off_m)]
+    return [Check.of("chord_radii", max(lengths_m) / circle.radius_m, LONGEST_CHORD)] if lengths_m else []
 
 
 def _lie_on_line(camera: CameraFit, points_px: Array, middle: Array, half: Array, along: Array) -> Mask:

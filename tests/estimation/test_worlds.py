@@ -59,3 +59,48 @@ def test_lines_are_fitted_on_a_field_of_any_size_only_under_other_names(names, f
     found = module._name_on_any_size(task, problem.curves, module.Fit(problem, state), usual, problem.priors)
     assert len(taken) == fits
     assert (found is not None) == bool(fits)
+
+
+@pytest.mark.parametrize("takes_names", [True, False])
+def test_noise_that_one_line_leaves_takes_no_names_away(takes_names, monkeypatch):
+    rng = np.random.default_rng(6)
+    theta = plain_theta(rng)
+    problem = problem_of(observed(theta, rng, sigma=0.3), priors())
+    fit = module.Fit(problem, minimise(problem, theta[None], FINAL))
+    config = SimpleNamespace(crown_shape="roof", usual_size_share=0.9, flat_share=0.5, name_lines=True)
+    usual, other = (
+        (SimpleNamespace(names=names, config=config, template=None, rule=lambda rule: rule), fit)
+        for names in ({0: "side_line_top"}, {0: "side_line_top", 1: "big_rect_left_top"})
+    )
+    any_size = next(world for world in WORLDS if not world.is_usual_size and not world.is_flat)
+
+    def compare(asked, noise, priors, template, known):
+        """Two markings are the likelier, with the noise that one leaves perhaps not."""
+        is_reverse = takes_names and noise is module._with_noise_of_misfit
+        evidence = {1: 2.0 if is_reverse else 0.0, 2: 1.0}
+        return [(Answer(any_size, problem, fit.state, evidence[len(case[0].names)]), case) for case, _ in asked]
+
+    def report(how):
+        def answer(best, task, fit):
+            reported.append(how)
+            return problem, fit.state
+
+        return answer
+
+    reported: list[str] = []
+
+    monkeypatch.setattr(module, "possible_worlds", lambda *given: WORLDS)
+    monkeypatch.setattr(module, "_compare_worlds", compare)
+    monkeypatch.setattr(module, "_resize", lambda *given: usual)
+    monkeypatch.setattr(module, "_may_be_of_any_size", lambda *given: True)
+    monkeypatch.setattr(module, "_name_on_any_size", lambda *given: other)
+    monkeypatch.setattr(module, "_may_hide_misfit", lambda *given: True)
+    monkeypatch.setattr(module, "_is_allowed", lambda *given: True)
+    monkeypatch.setattr(module, "shows_size_closely", lambda *given: True)
+    monkeypatch.setattr(module, "_tell_noise", report("of misfit"))
+    monkeypatch.setattr(module, "_keep_noise", report("kept"))
+    monkeypatch.setattr(module, "_explore", lambda task, fit: fit)
+    monkeypatch.setattr(World, "priors", lambda self, *given: problem.priors)
+    chosen, _ = module.choose_world(cast("Any", usual[0]), problem.curves, fit, cast("Any", usual))
+    assert chosen is other[0]
+    assert reported == ["kept" if takes_names else "of misfit"]

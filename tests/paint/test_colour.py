@@ -37,6 +37,18 @@ def test_shade_beside_a_line_changes_nothing() -> None:
     assert lie_on_one_surface(picture((30, 65, 35)), SEGMENTS).all()
 
 
+@pytest.mark.parametrize("side", [-1, 1])
+@pytest.mark.parametrize("away_px", [3, 5, 7])
+def test_a_line_of_another_sport_may_run_right_beside_a_marking(side: int, away_px: int) -> None:
+    image = np.full((720, 1280, 3), (60, 130, 70), np.uint8)
+    image[99:102] = 230
+    image[99 + side * away_px : 102 + side * away_px] = (140, 100, 40)
+    image[599:602] = 230
+    image[602:630] = (140, 100, 40)  # a board is higher than a line is wide
+    lines = np.array([[[20.0, y], [1260.0, y]] for y in (100.0, 600.0)])
+    assert lie_on_one_surface(image, lines).tolist() == [True, False]
+
+
 def test_no_segments() -> None:
     assert lie_on_one_surface(picture((0, 0, 0)), np.zeros((0, 2, 2))).shape == (0,)
 

@@ -81,3 +81,13 @@ def test_feet_on_the_end_are_no_crossing_line():
     assert not found.crossed
     (true,) = paint_ends(picture_of(200.0), points_of(), MIDDLE, 150.0, np.array([0.0, 0.0, 5.0]))
     assert true.crossed
+
+
+def test_letters_on_a_board_behind_a_player_are_no_crossing_line():
+    """They are a hundred levels lighter than what is beside them here, and ten there."""
+    picture = picture_of(200.0, crossing=False)
+    for away, contrast in zip((7, *range(15, 45, 5)), (90.0, 9.0, 120.0, 60.0, 8.0, 120.0, 8.0), strict=True):
+        for x in (926 - away, 926 + away):
+            picture[196:203, x - 3 : x + 3] = 90.0 + contrast
+    (found,) = paint_ends(picture, points_of(), MIDDLE, 150.0, np.array([0.0, 0.0, 5.0]))
+    assert not found.crossed

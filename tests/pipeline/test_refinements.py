@@ -10,6 +10,8 @@ from circlecal.observations import CirclePoints, LinePoints, Observations
 from circlecal.pipeline import refinements
 from circlecal.pipeline.refinements import MOST_ROUNDS, remeasure_wide_paint
 from circlecal.results import Attempt, Cues, LineCue, Segment
+from tests.stages.conftest import CIRCLE, SOCCER, view
+from tests.stages.test_faint_lines import fit_of
 
 
 @pytest.mark.parametrize(("moved_px", "rounds"), [(100.0, MOST_ROUNDS), (0.1, 1), (900.0, 1)])
@@ -75,3 +77,40 @@ def test_the_circle_is_measured_without_an_old_coat(monkeypatch, is_there):
     setting = SimpleNamespace(circle=circle, template=template, clock=lambda stage: nullcontext())
     left = list(refinements.leave_out_old_coat(setting, SimpleNamespace(marked=picture), Attempt()))
     assert [attempt.observations.circles for attempt in left] == ([(new,)] if is_there else [])
+
+
+def test_points_of_an_arc_that_lie_on_the_line_at_its_end_are_left_out(monkeypatch):
+    arc = next(arc for arc in SOCCER.arcs if arc.name == "penalty_arc_left")
+    angle = np.radians(np.linspace(arc.start_deg, arc.end_deg, 30))
+    ring_m = np.asarray(arc.center) + SOCCER.radius(arc, "center") * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    line_m = np.array([[-36.0, y] for y in np.linspace(-6.0, 6.0, 30)])
+    camera = view(position=(-4.0, 46.0, -19.0), target=(-32.0, -2.0, 0.0), focal=1200.0)
+    fit = fit_of(camera, camera)
+    points_px = fit.view.project(np.concatenate([ring_m, line_m]))
+    monkeypatch.setattr(refinements, "measure_along_model", lambda *_: (points_px, np.arange(60.0)))
+    config = SimpleNamespace(ellipse=SimpleNamespace(minimum_points=6), rays=None)
+    setting = SimpleNamespace(config=config, template=SOCCER, clock=lambda stage: nullcontext())
+    (found,) = refinements.measure_curves(setting, None, fit, (arc,), 1.0).values()
+    assert 15 < len(found.points_px) < 30
+    assert found.sigma_px.max() < 30
+    (circle,) = refinements.measure_curves(setting, None, fit, (CIRCLE,), 1.0).values()
+    assert len(circle.points_px) == 60
+
+
+@pytest.mark.parametrize(("row", "is_taken"), [(60.0, True), (41.0, False)])
+def test_a_faint_line_that_was_measured_before_in_pieces_is_no_other_one(monkeypatch, row, is_taken):
+    def cue(first, last, y, count):
+        points = np.stack([np.linspace(first, last, count), np.full(count, y)], axis=-1)
+        return LineCue(None, np.ones(3), points, np.ones(count), Segment(points[0], points[-1]), 0.3)
+
+    pieces, faint = (cue(0, 500, 40.0, 200), cue(700, 1270, 40.0, 200)), cue(0, 1270, row, 32)
+    attempt = Attempt(cues=Cues(cue(0, 9, 99.0, 9), None, pieces), observations=Observations(1280, 720, (), ()))
+    mask = SimpleNamespace(field_region=None)
+    fitted = (mask, None, attempt.cues, attempt.observations, None, None)
+    monkeypatch.setattr(Attempt, "fitted", property(lambda self: fitted))
+    monkeypatch.setattr(refinements, "lighten_markings", lambda *_: None)
+    monkeypatch.setattr(refinements, "find_faint_lines", lambda *_: (faint,))
+    monkeypatch.setattr(refinements, "estimate", lambda setting, attempt: attempt)
+    setting = SimpleNamespace(circle=None, template=None, width=1280, clock=lambda stage: nullcontext())
+    taken = list(refinements.add_faint_lines(setting, SimpleNamespace(marked=None), attempt))
+    assert [attempt.cues.lines[2:] for attempt in taken] == ([(faint,)] if is_taken else [])

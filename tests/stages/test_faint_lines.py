@@ -64,6 +64,20 @@ def test_two_lines_that_may_each_be_the_one_say_nothing():
     assert find_faint_lines(twice, fit_of(), SOCCER, CIRCLE) == ()
 
 
+def test_a_touchline_before_a_crowd_stands_out_of_the_surface():
+    """The crowd's rows are lighter than the touchline, and as long."""
+    shown = picture(contrast=5.0)
+    border = np.rint(np.interp(np.arange(TRUE.width), *TRUE.project(FAR_TOUCHLINE).T)).astype(int) - 12
+    rows = np.arange(TRUE.height)[:, None] - border
+    crowd = np.where(rows % 24 < 3, 220, 90).astype(np.uint8)
+    shown = np.where(rows < 0, crowd, shown)
+    assert find_faint_lines(shown, fit_of(), SOCCER, CIRCLE) == ()
+    (found,) = find_faint_lines(shown, fit_of(), SOCCER, CIRCLE, surface=(rows >= 0)[::2, ::2])
+    truth = TRUE.project(FAR_TOUCHLINE)
+    off = found.points_px[:, 1] - np.interp(found.points_px[:, 0], truth[:, 0], truth[:, 1])
+    assert abs(off.mean()) < 0.5
+
+
 def test_the_main_modes_are_those_of_the_shifts_covariance():
     rng = np.random.default_rng(5)
     by_theta = rng.normal(size=(17, 60))

@@ -163,6 +163,7 @@ def test_a_good_camera_is_accepted_with_every_check():
         "other_size_share",
         "beyond_rules_m",
         "arc_deg",
+        "chord_radii",
     }
 
 
@@ -505,3 +506,19 @@ def test_a_circle_may_lie_beside_its_place_as_painters_put_it(off_px, status):
     given = {"residuals_px": {"centre_circle center": off_px}, "residual_correlation": 100.0}
     assert verdict(camera_fit(**given, painted_sigma_px=told)).status == status
     assert verdict(camera_fit(**given)).status == "refused"
+
+
+@pytest.mark.parametrize(
+    ("x_m", "names", "halfway", "is_refused"),
+    [
+        (5.5, {}, None, True),
+        (5.5, {0: "big_rect_left_main"}, None, False),
+        (8.5, {}, None, False),
+        (5.5, {}, LINE, False),
+    ],
+)
+def test_a_circle_with_another_straight_marking_through_it_is_a_penalty_arc(x_m, names, halfway, is_refused):
+    chord_px = CAMERA.project(np.stack([np.full(60, x_m), np.linspace(-12.0, 12.0, 60)], axis=-1))
+    chord = replace(LINE, name=None, points_px=chord_px, sigma_px=np.full(60, 0.3))
+    found = verdict(camera_fit(names_by_line=names), cues=Cues(halfway, None, (chord,)))
+    assert (found.code == "paint_unexplained") == is_refused
