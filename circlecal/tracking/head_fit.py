@@ -29,7 +29,7 @@ class HeadFit:
     information : (3, 3) array
         Of the paint alone, for the tripod as it is.
     by_common : (3, K) array
-        How the paint's head follows the common parameters.
+        How the fitted head follows the common parameters, by the paint and by what was known before.
     rms_px : float
         Root mean square of the weighted residuals.
     inlier_share : float
@@ -52,6 +52,7 @@ def fit_head(
     prior: Array,
     tripod: TripodEstimate,
     drawn: DrawnTemplate,
+    followed: Array | None = None,
 ) -> HeadFit:
     """Fit the head to the paint from a start with a prior.
 
@@ -65,6 +66,8 @@ def fit_head(
         The camera.
     drawn : DrawnTemplate
         The field.
+    followed : (3, K) array, optional
+        How the middle of the prior follows the common parameters; it stays where it is without.
     """
     model, common, unit = tripod.model, tripod.mean, tripod.size[0] / 1920.0
     start = head
@@ -90,7 +93,7 @@ def fit_head(
         head = head + np.clip(change, -0.1, 0.1)
         if step == ROUNDS - 1 or (step > 1 and np.abs(jacobian @ change).max() < 0.02):
             root = (np.sqrt(weight) / sigma)[:, None]
-            by_common = follow_common(root * (rows @ by_own), root * (rows @ by_all), prior)
+            by_common = follow_common(root * (rows @ by_own), root * (rows @ by_all), prior, followed)
             rms = float(np.sqrt((weight * away**2).sum() / max(weight.sum(), 1e-9)))
             explained = np.abs(values) < LOSS_SCALE
             share = float(explained.mean())
@@ -125,10 +128,14 @@ def count_crossing(by_own: Array, normals: Array, from_middle_px: Array) -> floa
     return float(left @ left)
 
 
-def follow_common(by_own: Array, by_common: Array, prior: Array | None = None) -> Array:
+def follow_common(
+    by_own: Array, by_common: Array, prior: Array | None = None, followed: Array | None = None
+) -> Array:
     """How a head (3, K) that is fitted to paint follows the common parameters.
 
-    Where these change by c, the least-squares head changes by ``-(J^T J + N)^-1 J^T C c``.
+    Where these change by c, the least-squares head changes by ``-(J^T J + N)^-1 (J^T C - N B) c``. A camera that is
+    followed from frame to frame goes on following them as it did before: with a prior that does not, what the first
+    frame knew is forgotten, and frames of a real clip whose paint leaves 2 px open were refused with 12.
 
     Parameters
     ----------
@@ -136,10 +143,13 @@ def follow_common(by_own: Array, by_common: Array, prior: Array | None = None) -
         J and C: derivatives of the weighted residuals, or of the places, by the head and by the common parameters.
     prior : (3, 3) array, optional
         N, information about the head from elsewhere. Without it fewer than three rows say nothing.
+    followed : (3, K) array, optional
+        B, how the head that is known from elsewhere follows the common parameters; not at all without.
     """
     if prior is not None:
         root = np.linalg.cholesky(prior + LEAST_INFORMATION * np.eye(3)).T
-        by_own, by_common = np.vstack([by_own, root]), np.vstack([by_common, np.zeros((3, by_common.shape[1]))])
+        before = np.zeros((3, by_common.shape[1])) if followed is None else -root @ followed
+        by_own, by_common = np.vstack([by_own, root]), np.vstack([by_common, before])
     if len(by_own) < by_own.shape[1]:
         return np.zeros((by_own.shape[1], by_common.shape[1]))
     return np.asarray(-np.linalg.lstsq(by_own, by_common, rcond=None)[0])

@@ -49,6 +49,17 @@ def test_a_head_follows_its_own_paint_and_no_line_that_it_does_not_show(picture:
     assert np.abs(followed[1:, breadth]).max() < 1e-3 * np.abs(followed[1:, length]).max()
 
 
+def test_a_head_that_is_followed_forgets_nothing_of_how_it_follows_the_tripod(picture: LookedAt) -> None:
+    place = Place.of(tripod(), template())
+    look = place.look(picture, HEAD, np.diag(np.square([0.005, 0.002, 0.002])))
+    found = look.fit.by_common
+    for _ in range(5):
+        look = place.look(picture, look.fit.head, np.diag(np.square([1e-4, 2e-5, 2e-5])), look.fit.by_common)
+    for name in ("axis_x", "axis_y", "axis_z", "length", "head_roll"):
+        change = look.fit.by_common[:, PLACE[name]] - found[:, PLACE[name]]
+        assert np.abs(change).max() < 0.1 * np.abs(found[:, PLACE[name]]).max()
+
+
 def test_a_wrong_head_is_not_confirmed(picture: LookedAt) -> None:
     place = Place.of(tripod(), template())
     look = place.look(picture, HEAD + np.array([0.0, 0.05, 0.02]), np.diag(np.square([0.005, 0.002, 0.002])))
