@@ -72,10 +72,10 @@ class Entry:
             self.by_common, self.pull = fit.by_common, fit.pull
         else:
             self.head = expected
-        rounds = 0 if self.place is None else int(measured.painted[self.place.drawn.radius > 0].sum())
+        on_circles = 0 if self.place is None else int(measured.painted[self.place.drawn.is_circle].sum())
         carriers: list[Carrier] = []
-        if rounds >= 8:
+        if on_circles >= 8:
             carriers.append("circle")
-        if self.painted - rounds >= 8:
+        if self.painted - on_circles >= 8:
             carriers.append("lines")
         self.carriers = (*carriers, "motion") if is_followed else tuple(carriers)
