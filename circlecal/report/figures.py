@@ -300,9 +300,9 @@ def _codes(rows: Sequence[FrameRow]) -> tuple[tuple[str, int], ...]:
 
 
 def clock(seconds: float) -> str:
-    """A time in a video: ``1:02:03`` or ``2:03.5``."""
-    whole, tenths = divmod(round(seconds * 10), 10)
+    """A time in a video: ``1:02:03`` or ``2:03.52``; neighbours of a clip of 50 frames a second share a tenth."""
+    whole, hundredths = divmod(round(seconds * 100), 100)
     minutes, second = divmod(whole, 60)
     hours, minute = divmod(minutes, 60)
     text = f"{hours}:{minute:02}:{second:02}" if hours else f"{minute}:{second:02}"
-    return f"{text}.{tenths}" if tenths else text
+    return f"{text}.{hundredths:02}".rstrip("0") if hundredths else text

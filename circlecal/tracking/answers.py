@@ -11,6 +11,7 @@ from circlecal.field.view import FieldView
 from circlecal.geometry.projective import Array
 from circlecal.refusals import REFUSALS
 from circlecal.results import Check
+from circlecal.rig.tripod import COMMON
 from circlecal.tracking.entry import BARE_SHARE, Entry
 from circlecal.tracking.looking import Place
 from circlecal.tracking.results import Head, TrackedFrame
@@ -40,7 +41,7 @@ def answer_shot(entries: list[Entry], count: int) -> Iterator[TrackedFrame]:
     if not entries:
         return
     tracked = [k for k, entry in enumerate(entries) if entry.place is not None]
-    smoothed: dict[int, tuple[Array, Array]] = {}
+    smoothed: dict[int, tuple[Array, Array, Array]] = {}
     for chain in _chains(entries, tracked):
         part = [entries[k] for k in chain]
         heads = np.array([entry.head for entry in part])
@@ -49,11 +50,13 @@ def answer_shot(entries: list[Entry], count: int) -> Iterator[TrackedFrame]:
             if entry.motion is not None:
                 changes[j] = entry.motion.change
                 precision[j] = np.linalg.inv(entry.motion.covariance + np.diag(np.square(DRIFT_SD)))
+        pull = np.array([np.zeros((3, len(COMMON))) if e.pull is None else e.pull for e in part])
         found = smooth_robustly(
-            heads, np.array([e.information for e in part]), np.array([e.toward for e in part]), changes, precision
+            heads, np.array([e.information for e in part]), np.array([e.toward for e in part]), changes, precision, pull
         )
+        by_common = np.zeros_like(pull) if found.by_common is None else found.by_common
         for j, k in enumerate(chain):
-            smoothed[k] = found.heads[j], found.covariances[j]
+            smoothed[k] = found.heads[j], found.covariances[j], by_common[j]
     support = _count_to_confirmation(entries)
     for k, entry in enumerate(entries[:count]):
         yield _refusal(entry, "lost") if k not in smoothed else _answer_frame(entry, *smoothed[k], support[k])
@@ -93,14 +96,14 @@ def _refusal(entry: Entry, code: str) -> TrackedFrame:
     return TrackedFrame(entry.index, entry.time_s, entry.size, entry.shot, None, "refused", code, REFUSALS[code].words)
 
 
-def _answer_frame(entry: Entry, values: Array, covariance: Array, support: int) -> TrackedFrame:
+def _answer_frame(entry: Entry, values: Array, covariance: Array, by_common: Array, support: int) -> TrackedFrame:
     """The answer of a frame that was followed, or why it is refused."""
     place = entry.place
     if place is None:
         return _refusal(entry, "lost")
     tripod = place.tripod
     covariance = covariance + _model_covariance(entry)
-    view = tripod.view(values, covariance, entry.by_common)
+    view = tripod.view(values, covariance, by_common)
     largest_px, mean_px = _visible_sigmas(view, place)
     sigmas = (
         Check.of("sigma_px", largest_px, LARGEST_SIGMA_PX * place.unit),

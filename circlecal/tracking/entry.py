@@ -48,11 +48,14 @@ class Entry:
     painted: int = 0
     rms_px: float = np.inf
     carriers: tuple[Carrier, ...] = ()
+    pull: Array | None = None
+    """How the paint pulls the head along with the common parameters (3, K); None where it says nothing."""
 
     def forget(self, shot: int) -> None:
         """Take back where the camera was thought to be: the frame begins another shot, and is lost so far."""
         self.shot, self.place, self.motion = shot, None, None
         self.information, self.toward, self.by_common = np.zeros((3, 3)), np.zeros(3), None
+        self.pull = None
         self.is_confirmed, self.is_contradicted, self.missing = False, False, 0
 
     def take(self, look: Look, expected: Array, covariance: Array, is_followed: bool) -> None:
@@ -66,13 +69,13 @@ class Entry:
         if len(measured.marking) >= 8 and fit.inlier_share > 0.5 and not self.is_contradicted:
             self.information = fit.information
             self.toward = np.asarray(np.linalg.solve(covariance, fit.head - expected))
-            self.by_common = fit.by_common
+            self.by_common, self.pull = fit.by_common, fit.pull
         else:
             self.head = expected
-        rounds = 0 if self.place is None else int(measured.painted[self.place.drawn.radius > 0].sum())
+        on_circles = 0 if self.place is None else int(measured.painted[self.place.drawn.is_circle].sum())
         carriers: list[Carrier] = []
-        if rounds >= 8:
+        if on_circles >= 8:
             carriers.append("circle")
-        if self.painted - rounds >= 8:
+        if self.painted - on_circles >= 8:
             carriers.append("lines")
         self.carriers = (*carriers, "motion") if is_followed else tuple(carriers)

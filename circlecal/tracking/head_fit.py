@@ -29,7 +29,9 @@ class HeadFit:
     information : (3, 3) array
         Of the paint alone, for the tripod as it is.
     by_common : (3, K) array
-        How the paint's head follows the common parameters.
+        How the fitted head follows the common parameters, by the paint and by what was known before.
+    pull : (3, K) array
+        How the paint alone pulls the head along with the common parameters: information times how its head follows.
     rms_px : float
         Root mean square of the weighted residuals.
     inlier_share : float
@@ -41,6 +43,7 @@ class HeadFit:
     head: Array
     information: Array
     by_common: Array
+    pull: Array
     rms_px: float
     inlier_share: float
     crossing: float
@@ -52,6 +55,7 @@ def fit_head(
     prior: Array,
     tripod: TripodEstimate,
     drawn: DrawnTemplate,
+    followed: Array | None = None,
 ) -> HeadFit:
     """Fit the head to the paint from a start with a prior.
 
@@ -65,11 +69,13 @@ def fit_head(
         The camera.
     drawn : DrawnTemplate
         The field.
+    followed : (3, K) array, optional
+        How the middle of the prior follows the common parameters; it stays where it is without.
     """
     model, common, unit = tripod.model, tripod.mean, tripod.size[0] / 1920.0
     start = head
     sigma = np.zeros(0)
-    information, by_common = np.zeros((3, 3)), np.zeros((3, len(common)))
+    information, by_common, pull = np.zeros((3, 3)), *np.zeros((2, 3, len(common)))
     rms, share, crossing = np.inf, 0.0, 0.0
     for step in range(ROUNDS):
         theta = model.thetas(head[None], common)[0]
@@ -90,7 +96,8 @@ def fit_head(
         head = head + np.clip(change, -0.1, 0.1)
         if step == ROUNDS - 1 or (step > 1 and np.abs(jacobian @ change).max() < 0.02):
             root = (np.sqrt(weight) / sigma)[:, None]
-            by_common = follow_common(root * (rows @ by_own), root * (rows @ by_all), prior)
+            seen_own, seen_all = root * (rows @ by_own), root * (rows @ by_all)
+            by_common, pull = follow_common(seen_own, seen_all, prior, followed), -seen_own.T @ seen_all
             rms = float(np.sqrt((weight * away**2).sum() / max(weight.sum(), 1e-9)))
             explained = np.abs(values) < LOSS_SCALE
             share = float(explained.mean())
@@ -98,7 +105,7 @@ def fit_head(
             from_middle = measured.points_px - model.projection.center
             crossing = count_crossing(by_angle[explained], measured.normals[explained], from_middle[explained])
             break
-    return HeadFit(head, information, by_common, rms, share, crossing)
+    return HeadFit(head, information, by_common, pull, rms, share, crossing)
 
 
 def count_crossing(by_own: Array, normals: Array, from_middle_px: Array) -> float:
@@ -125,10 +132,12 @@ def count_crossing(by_own: Array, normals: Array, from_middle_px: Array) -> floa
     return float(left @ left)
 
 
-def follow_common(by_own: Array, by_common: Array, prior: Array | None = None) -> Array:
+def follow_common(by_own: Array, by_common: Array, prior: Array | None = None, followed: Array | None = None) -> Array:
     """How a head (3, K) that is fitted to paint follows the common parameters.
 
-    Where these change by c, the least-squares head changes by ``-(J^T J + N)^-1 J^T C c``.
+    Where these change by c, the least-squares head changes by ``-(J^T J + N)^-1 (J^T C - N B) c``. A camera that is
+    followed from frame to frame goes on following them as it did before: with a prior that does not, what the first
+    frame knew is forgotten, and frames of a real clip whose paint leaves 2 px open were refused with 12.
 
     Parameters
     ----------
@@ -136,10 +145,13 @@ def follow_common(by_own: Array, by_common: Array, prior: Array | None = None) -
         J and C: derivatives of the weighted residuals, or of the places, by the head and by the common parameters.
     prior : (3, 3) array, optional
         N, information about the head from elsewhere. Without it fewer than three rows say nothing.
+    followed : (3, K) array, optional
+        B, how the head that is known from elsewhere follows the common parameters; not at all without.
     """
     if prior is not None:
         root = np.linalg.cholesky(prior + LEAST_INFORMATION * np.eye(3)).T
-        by_own, by_common = np.vstack([by_own, root]), np.vstack([by_common, np.zeros((3, by_common.shape[1]))])
+        before = np.zeros((3, by_common.shape[1])) if followed is None else -root @ followed
+        by_own, by_common = np.vstack([by_own, root]), np.vstack([by_common, before])
     if len(by_own) < by_own.shape[1]:
         return np.zeros((by_own.shape[1], by_common.shape[1]))
     return np.asarray(-np.linalg.lstsq(by_own, by_common, rcond=None)[0])

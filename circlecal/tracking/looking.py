@@ -234,7 +234,7 @@ class Place:
         measured = measure_markings(
             picture.gray, places, spread, self.unit, len(self.drawn.names), blur_px, picture.grass
         )
-        fit = fit_head(measured, head, np.asarray(np.linalg.inv(covariance)), tripod, self.drawn)
+        fit = fit_head(measured, head, np.asarray(np.linalg.inv(covariance)), tripod, self.drawn, by_common)
         return Look(measured, fit, self.is_confirmed(measured, fit))
 
     def follow_paint(self, head: Array, measured: MeasuredFrame) -> Array:

@@ -124,6 +124,11 @@ class DrawnTemplate:
         return np.where(self.radius[marking, None] > 0, on_circle, start + share[:, None] * (end - start))
 
     @property
+    def is_circle(self) -> Mask:
+        """Which of them (K,) go all the way round."""
+        return np.asarray((self.radius > 0) & (self.last - self.first > 2.0 * np.pi - 1e-6), np.bool_)
+
+    @property
     def border(self) -> Indices:
         """Numbers of the lines round the field, beside which boards and strips of another colour lie."""
         extent = np.abs(self.nodes).max(axis=(0, 1))

@@ -76,12 +76,13 @@ as wide and every third as long; and frames tell each to 0.3 m of the 30 and 45 
 alone is held by no cost.
 """
 ROUGH_SHARE, ROUGH_PX, ROUGH_COSTS = 1.55, 0.05, 2.5
-"""Where the models leave more in all frames than noise, costs say little; then the root mean square distance may be
-up to that share, and so many pixels at 1920 px width, more: length and width take what lens, surface and painters leave
-of the models. With them free, three real pitches of 105 by 68 m came out as 106.6 by 66.7, 104.1 by 68.3 and 104.2 by
-67.7 m with 1.3 to 1.5 times less of the distance. One of 103 by 67.5 m has 1.4 times less, and is lost to them. And
-the cost may be so many times as high: of real pitches of the template's size 1.0 to 1.35 times, of one of 100.1 m ten
-times, of a rendered one whose far touchline was lost with the usual width 17 times.
+"""Where the models leave more in all frames than noise, costs say little; then the root mean square distance may be up
+to that share, and so many pixels at 1920 px width, more: length and width take what lens, surface and painters leave of
+the models. With them free, three real pitches of 105 by 68 m came out as 106.6 by 66.7, 104.1 by 68.3 and 104.2 by 67.7
+m with 1.3 to 1.5 times less of the distance. One of 103 by 67.5 m has 1.4 times less, and is lost to them. A single
+frame may lie beyond its limit by that share, too: one of 35, at 2.3 px, made a pitch of 106.7 m of one that another
+clip has at 105. And the cost may be so many times as high: of real pitches of the template's size 1.0 to 1.35 times, of
+one of 100.1 m ten times, of a rendered one whose far touchline was lost with the usual width 17 times.
 """
 
 
@@ -95,13 +96,15 @@ class _Allowance:
         Whether the models leave more in all frames than noise.
     farthest_px : float
         Largest root mean square distance.
-    limit_px : float
-        Of a frame: beyond it the frame counts as falsely calibrated.
+    limit_px, rough_limit_px : float
+        Of a frame: beyond the first it counts as falsely calibrated before a pitch of any size, beyond the second
+        before one of a usual size.
     """
 
     is_rough: bool
     farthest_px: float
     limit_px: float
+    rough_limit_px: float
 
     @classmethod
     def of(cls, free: TripodFit, alike: float, count: int, limit_px: float) -> _Allowance:
@@ -109,11 +112,12 @@ class _Allowance:
         roughness = (alike - 1.0) / max(count - 1, 1)
         away = float(np.mean(free.rms_px))
         beyond = (ROUGH_SHARE - 1.0) * away + ROUGH_PX * free.estimate.size[0] / 1920.0
-        return cls(roughness > 0.0, away + roughness * beyond, limit_px)
+        rough_limit = (1.0 + roughness * (ROUGH_SHARE - 1.0)) * limit_px
+        return cls(roughness > 0.0, away + roughness * beyond, limit_px, rough_limit)
 
     def allows(self, fixed: TripodFit, free: TripodFit) -> bool:
         """Whether the fit of a usual size explains the paint about as well, and every frame that the free one does."""
-        loses = (fixed.clear_rms_px > self.limit_px) & (free.clear_rms_px <= self.limit_px)
+        loses = (fixed.clear_rms_px > self.rough_limit_px) & (free.clear_rms_px <= self.limit_px)
         is_near = float(np.mean(fixed.rms_px)) < self.farthest_px and fixed.cost < ROUGH_COSTS * free.cost
         return self.is_rough and is_near and not loses.any()
 

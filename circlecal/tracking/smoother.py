@@ -37,10 +37,11 @@ CHI2_MEDIAN = 0.455
 
 @dataclass(frozen=True, slots=True)
 class Smoothed:
-    """Heads (N, 3) of a shot and their covariances (N, 3, 3)."""
+    """Heads (N, 3) of a shot, their covariances (N, 3, 3), and how they follow what all of them share (N, 3, K)."""
 
     heads: Array
     covariances: Array
+    by_common: Array | None = None
 
 
 def smooth_heads(
@@ -134,13 +135,25 @@ def _to_band(blocks: Array) -> Array:
 
 
 def smooth_robustly(
-    heads: Array, information: Array, toward: Array, changes: Array, precision: Array, anchor: float = 1e-9
+    heads: Array,
+    information: Array,
+    toward: Array,
+    changes: Array,
+    precision: Array,
+    pull: Array | None = None,
+    anchor: float = 1e-9,
 ) -> Smoothed:
     """Most likely heads of a chain of frames, where some motions may be those of players, of a head with inertia.
 
     Motions that lie further from what the paint of both frames says than their covariance allows get Cauchy's weight,
-    as do changes of the acceleration where a pan begins or ends, and the chain is smoothed again. The arguments are
-    those of :func:`smooth_heads`.
+    as do changes of the acceleration where a pan begins or ends, and the chain is smoothed again.
+
+    Parameters
+    ----------
+    heads, information, toward, changes, precision, anchor : arrays, float
+        Those of :func:`smooth_heads`.
+    pull : (N, 3, K) array, optional
+        How what each frame shows changes ``toward`` with the parameters that all frames share.
     """
     found, factor = _solve_chain(heads, information, toward, changes, precision, None, anchor)
     steadiness = _estimate_steadiness(found, precision)
@@ -152,7 +165,11 @@ def smooth_robustly(
         steady = steadiness / (1.0 + jerk / CAUCHY**2)
         trusted = precision * weight[:, None, None]
         found, factor = _solve_chain(heads, information, toward, changes, trusted, steady, anchor)
-    return Smoothed(found, _invert_chain(factor))
+    by_common = None
+    if pull is not None:
+        columns = pull.reshape(3 * len(heads), -1)
+        by_common = cho_solve_banded((factor, False), columns, check_finite=False).reshape(pull.shape)
+    return Smoothed(found, _invert_chain(factor), by_common)
 
 
 def _estimate_steadiness(heads: Array, precision: Array) -> Array:

@@ -86,7 +86,15 @@ def test_short_numbers(value, text):
 
 
 @pytest.mark.parametrize(
-    ("seconds", "text"), [(0.0, "0:00"), (63.5, "1:03.5"), (59.97, "1:00"), (3723.0, "1:02:03"), (3600.04, "1:00:00")]
+    ("seconds", "text"),
+    [
+        (0.0, "0:00"),
+        (63.5, "1:03.5"),
+        (59.997, "1:00"),
+        (3723.0, "1:02:03"),
+        (3600.04, "1:00:00.04"),
+        (1.02, "0:01.02"),
+    ],
 )
 def test_clock(seconds, text):
     assert clock(seconds) == text

@@ -134,6 +134,14 @@ def test_the_page_tells_of_the_run(tmp_path, named):
     assert "circlecal rig or --camera-prior bring in what other frames" in words
 
 
+def test_the_page_of_a_tracked_clip_has_no_empty_figures(tmp_path, named):
+    alone = (written(tmp_path / "alone", [named("a")]) / "index.html").read_text()
+    record = named("a") | {"ellipses": None, "timings_ms": {}}
+    tracked = (written(tmp_path / "tracked", [record]) / "index.html").read_text()
+    assert "median residual" in alone and "median time" in alone
+    assert "median residual" not in tracked and "median time" not in tracked
+
+
 def test_what_the_rig_gained(tmp_path, named):
     rig = {"camera": "camera-1", "reason": None, "alone": {"status": "refused", "code": "rotation_free"}}
     kept = {"camera": None, "reason": "x", "alone": {"status": "refused", "code": "no_field"}}

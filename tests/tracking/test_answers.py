@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from circlecal.config import load_config
 from circlecal.tracking.answers import answer_shot
 from circlecal.tracking.entry import Entry
-from circlecal.tracking.looking import Place
+from circlecal.tracking.looking import LookedAt, Place
 from circlecal.tracking.motion import HeadMotion
-from tests.tracking.scenes import HEAD, SIZE, template, tripod
+from tests.tracking.scenes import HEAD, SIZE, draw, template, tripod
 
 
 def _entries(missing: list[int]) -> list[Entry]:
@@ -28,3 +29,18 @@ def test_a_broad_marking_that_is_not_there_refuses_its_frame() -> None:
     assert [(frame.status, frame.code) for frame in answered] == [
         ("calibrated", None), ("refused", "paint_missing"), ("calibrated", None),
     ]  # fmt: skip
+
+
+def test_a_frame_without_paint_follows_the_tripod_as_its_neighbours_do() -> None:
+    place = Place.of(tripod(), template())
+    shown = place.look(
+        LookedAt.of(draw(HEAD, np.random.default_rng(1)), load_config().mask),
+        HEAD,
+        np.diag(np.square([0.005, 0.002, 0.002])),
+    )
+    entries = _entries([0, 0, 0])
+    for k, entry in enumerate(entries):
+        entry.information, entry.pull = (np.zeros((3, 3)), None) if k == 1 else (shown.fit.information, shown.fit.pull)
+    before, between, after = (frame.sigma_px for frame in answer_shot(entries, 3))
+    assert before is not None and between is not None and after is not None
+    assert between < 1.2 * max(before, after)

@@ -12,10 +12,13 @@ from circlecal.config import load_config
 from circlecal.geometry.camera_parameters import rotations
 from circlecal.rig.tripod import PLACE
 from circlecal.tracking import search
+from circlecal.tracking.entry import Entry
 from circlecal.tracking.head_fit import count_crossing
 from circlecal.tracking.looking import LEAST_CROSSING, LookedAt, Place
 from circlecal.tracking.markings import place_markings, template_curves
-from tests.tracking.scenes import HEAD, draw, template, tripod
+from tests.tracking.scenes import HEAD, SIZE, draw, template, tripod
+
+ARCS = "penalty_arc_left", "penalty_arc_right"
 
 
 @pytest.fixture(scope="module")
@@ -47,6 +50,33 @@ def test_a_head_follows_its_own_paint_and_no_line_that_it_does_not_show(picture:
     followed = place.follow_paint(HEAD, measured)
     # goal line and areas end elsewhere on a broader pitch, and lie where they lay
     assert np.abs(followed[1:, breadth]).max() < 1e-3 * np.abs(followed[1:, length]).max()
+
+
+def test_a_head_that_is_followed_forgets_nothing_of_how_it_follows_the_tripod(picture: LookedAt) -> None:
+    place = Place.of(tripod(), template())
+    look = place.look(picture, HEAD, np.diag(np.square([0.005, 0.002, 0.002])))
+    found = look.fit.by_common
+    for _ in range(5):
+        look = place.look(picture, look.fit.head, np.diag(np.square([1e-4, 2e-5, 2e-5])), look.fit.by_common)
+    for name in ("axis_x", "axis_y", "axis_z", "length", "head_roll"):
+        change = look.fit.by_common[:, PLACE[name]] - found[:, PLACE[name]]
+        assert np.abs(change).max() < 0.1 * np.abs(found[:, PLACE[name]]).max()
+
+
+def test_an_arc_of_a_penalty_area_is_no_circle_that_carries_a_frame(picture: LookedAt) -> None:
+    place = Place.of(tripod(), template())
+    spread = np.diag(np.square([0.005, 0.002, 0.002]))
+    carried = []
+    for pan in (-0.55, 0.0):
+        head = np.array([np.log(2200.0), pan, HEAD[2]])
+        shown = LookedAt.of(draw(head, np.random.default_rng(1)), load_config().mask)
+        entry = Entry(0, 0.0, SIZE, 0, place)
+        look = place.look(shown, head, spread)
+        entry.take(look, head, spread, is_followed=False)
+        carried.append(entry.carriers)
+        if pan < 0.0:
+            assert any(look.measured.painted[place.drawn.names.index(arc)] > 8 for arc in ARCS)
+    assert carried == [("lines",), ("circle", "lines")]
 
 
 def test_a_wrong_head_is_not_confirmed(picture: LookedAt) -> None:

@@ -13,7 +13,7 @@ from circlecal.tracking import pitch
 from circlecal.tracking.looking import LookedAt
 from circlecal.tracking.markings import template_curves
 from circlecal.tracking.survey import WORST_RMS_PX
-from circlecal.tracking.tripod_fit import HeadedFrame, common_priors
+from circlecal.tracking.tripod_fit import HeadedFrame, common_priors, fit_tripod
 from tests.tracking.scenes import (
     HEAD,
     SIZE,
@@ -48,6 +48,23 @@ def test_what_painters_leave_is_not_taken_for_the_size_of_the_pitch(seed: int) -
     frames = views_of_badly_painted_markings(seed, 1.4)
     fit = pitch.choose_pitch(frames, tripod(), mean, sd, template_curves(template()), LIMIT_PX)
     np.testing.assert_array_equal(fit.estimate.growth_m, 0.0)
+
+
+def test_a_frame_may_lie_as_much_farther_as_all_may_before_a_pitch_of_the_usual_size() -> None:
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    some = fit_tripod(views_of_a_pitch(105.0, 68.0), tripod(), mean, sd, template_curves(template()))
+    near = np.full(4, 0.6)
+    free = replace(some, rms_px=near, clear_rms_px=near, cost=100.0)
+
+    def allows(worst_px: float, alike: float) -> bool:
+        fixed = replace(free, clear_rms_px=np.array([*near[:3], worst_px]), cost=150.0)
+        return pitch._Allowance.of(free, alike, 4, LIMIT_PX).allows(fixed, free)
+
+    assert allows(1.2 * LIMIT_PX, 4.0)
+    assert not allows(1.7 * LIMIT_PX, 4.0)
+    # the less all frames repeat, the less one may
+    assert not allows(1.2 * LIMIT_PX, 1.5)
+    assert allows(0.9 * LIMIT_PX, 1.5)
 
 
 def test_boards_behind_a_touchline_do_not_broaden_the_pitch() -> None:

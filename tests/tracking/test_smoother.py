@@ -81,3 +81,21 @@ def test_a_head_has_inertia() -> None:
     plain, found = smooth_heads(*arguments), smooth_robustly(*arguments)
     assert shake(found) < 0.5 * shake(plain)
     assert np.abs(found.heads - true).max() < 1.2 * np.abs(plain.heads - true).max()
+
+
+def test_heads_follow_what_all_frames_share_as_their_paint_pulls_them() -> None:
+    rng = np.random.default_rng(5)
+    # of so few frames nothing is known of the inertia, whose weight would follow too
+    count, noise, step = len(JERK) - 1, 2e-4, 1e-9
+    heads = np.cumsum(rng.normal(0.0, 1e-3, (count, 3)), axis=0)
+    information = positive(rng, count) / noise**2
+    information[1] = 0.0
+    pull = np.einsum("nij,njk->nik", information, rng.normal(size=(count, 3, 2)))
+    changes, precision = np.diff(heads, axis=0), positive(rng, count - 1) / noise**2
+    still = smooth_robustly(heads, information, np.zeros((count, 3)), changes, precision, pull)
+    assert still.by_common is not None
+    for k in range(2):
+        moved = smooth_robustly(heads, information, step * pull[..., k], changes, precision)
+        np.testing.assert_allclose((moved.heads - still.heads) / step, still.by_common[..., k], rtol=1e-3, atol=1e-3)
+    # what is not seen goes with its neighbours
+    assert np.abs(still.by_common[1]).max() > 0.1

@@ -13,11 +13,11 @@ globalThis.circlecalPage = (() => {
     return String(Number(value.toFixed(size >= 100 ? 0 : size >= 10 ? 1 : size >= 1 ? 2 : 3)));
   };
   const clock = (seconds) => {
-    const tenths = Math.round(seconds * 10), whole = Math.floor(tenths / 10);
+    const hundredths = Math.round(seconds * 100), whole = Math.floor(hundredths / 100);
     const two = (n) => String(n).padStart(2, "0");
     const hours = Math.floor(whole / 3600), minutes = Math.floor(whole / 60) % 60;
     const text = hours ? `${hours}:${two(minutes)}:${two(whole % 60)}` : `${minutes}:${two(whole % 60)}`;
-    return tenths % 10 ? `${text}.${tenths % 10}` : text;
+    return hundredths % 100 ? `${text}.${two(hundredths % 100)}`.replace(/0$/, "") : text;
   };
   // One word of a command line, as a POSIX shell reads it.
   const quote = (word) => (/^[\w@%+=:,./-]+$/.test(word) ? word : `'${word.replaceAll("'", "'\\''")}'`);
