@@ -129,11 +129,11 @@ def test_grass_is_refused_with_a_reason(frames):
 
 
 def test_a_refused_frame_keeps_what_was_reached(frames):
-    strict = load_config(None, ["ellipse.minimum_arc_deg=360", "ellipse.minimum_points=6"])
+    strict = load_config(None, ["ellipse.maximum_rms_px=0.001", "ellipse.minimum_points=6"])
     image, middle = frames.easy.image.copy(), int(frames.easy.truth.imaged_center_px[0])
     image[:, :middle] = frames.grass[:, :middle]
     found = run(image, strict, mask=frames.easy.truth.classes, frame_id="half")
-    assert (found.status, found.verdict.code, found.verdict.stage) == ("refused", "arc_too_short", "ellipse")
+    assert (found.status, found.verdict.code, found.verdict.stage) == ("refused", "residual_too_large", "ellipse")
     assert found.attempt.edges is not None
     assert found.attempt.rays is not None
     assert found.attempt.camera is None

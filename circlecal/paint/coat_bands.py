@@ -73,7 +73,7 @@ class CoatProfiles:
 
 
 @dataclass(frozen=True, slots=True)
-class Bands:
+class CoatShape:
     """Where K pairs of bands lie in B sectors, pixels: the new one's place, both ones' blur and width, and the place of
     the old one beside it (K, B); its strength (K, 1); squares of the blur along rows and along columns (K, 1).
     """
@@ -179,7 +179,7 @@ class CoatBands(DenseProblem):
         share = (old * band).sum(axis=-1) / np.maximum((band * band).sum(axis=-1), 1e-9)
         return np.asarray(-light[..., None] * (old - share[..., None] * band) / self._profiles.noise)
 
-    def read(self, parameters: Array) -> Bands:
+    def read(self, parameters: Array) -> CoatShape:
         """The bands that parameters (K, P) stand for."""
         scale = self._profiles.scale
         rows, columns = (USUAL_BLUR_PX**2 * np.exp(2.0 * parameters[:, k, None]) for k in (_FIRST, _FIRST + 1))
@@ -190,13 +190,13 @@ class CoatBands(DenseProblem):
         if self._has_old:
             strength = USUAL_STRENGTH * np.exp(parameters[:, _ALONE, None])
             beside = parameters[:, _ALONE + 1 :] @ self._waves[:, :3].T * scale
-        return Bands(place, blur, width, strength, beside, rows, columns)
+        return CoatShape(place, blur, width, strength, beside, rows, columns)
 
-    def fit_light(self, bands: Bands) -> Array:
+    def fit_light(self, bands: CoatShape) -> Array:
         """Gray levels (K, B) that the new paint adds."""
         return self._leave(self._draw(bands)[0])[1]
 
-    def _draw(self, bands: Bands) -> tuple[Array, Array]:
+    def _draw(self, bands: CoatShape) -> tuple[Array, Array]:
         """Bands (K, B, S) of the light of one gray level, without their means and slopes, and their derivatives by
         place, blur, width, strength (its logarithm) and place beside (5, K, B, S), or by the first three alone.
         """
