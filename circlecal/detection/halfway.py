@@ -64,10 +64,6 @@ SAME_PAINT = 0.4
 """Least contrast of the line over that of the circle: streaks of the floor have less, one paint 0.6 to 2.7."""
 PIECES = 4
 """Of the line, between which the contrast may differ."""
-LESS_BLURRED = 0.25
-"""Quantile of the circle's relative widths that tells its paint from its blur: a halfway line 15 px wide was looked for
-within 10 px of its middle, and not seen, beside a circle whose flat parts, most of it, are 3 px wide.
-"""
 FEWEST_SAMPLES, FEWEST_TO_FIT = 12, 8
 """Of a line that is measured, and of them those that show a marking and fit it."""
 SEGMENT_SPACING, FEWEST_ON_SEGMENT = 2, 6
@@ -248,11 +244,9 @@ def _follow_line(
     share = (np.arange(count) + 0.5) / count
     chords = extent[0] + share * (extent[1] - extent[0])
     pieces = np.arange(count) * PIECES // count
+    reach = np.full(count, max(refinement.line_reach_px * width / 1920.0, LEAST_REACH_PX))
     inner = np.abs(chords) <= INSIDE
     line = normalise_line(join(lift(start), lift(end)))
-    # profiles across wide paint reach beyond its sides
-    least_px = max(LEAST_REACH_PX, _expect_width(circle, line[:2]))
-    reach = np.full(count, max(refinement.line_reach_px * width / 1920.0, least_px))
     curve = _measure_between(gray, start, end, share, reach, pieces, circle.sign)
     is_bare = is_beside and _measure_share(curve) < LEAST_SEEN_BESIDE
     for _ in range(0 if is_bare else 2 if is_beside else 1):
@@ -268,19 +262,6 @@ def _follow_line(
     if is_outside and not is_beside:
         shares[2] = max(shares[2], _measure_share(curve, _find_run(curve, chords)))
     return MeasuredLine(line, curve, shares[2], is_outside, (shares[0], shares[1]))
-
-
-def _expect_width(circle: MeasuredCircle, normal: Array) -> float:
-    """Width of the paint of a line across the circle with a normal (2,), pixels: it is to the circle's, which blur
-    widens where it is narrow, as the ellipse is wide across the line and across its own tangents.
-    """
-    curve, ellipse = circle.curve, circle.ellipse
-    on = curve.supported
-    if not on.any():
-        return 0.0
-    across_tangent = np.abs(((curve.points[on] - ellipse.centers[0]) * curve.normals[on]).sum(axis=-1))
-    share = float(np.quantile(curve.width[on] / np.maximum(across_tangent, 1.0), LESS_BLURRED))
-    return share * float(np.hypot(ellipse.great[0] @ normal, ellipse.small[0] @ normal))
 
 
 def _find_run(curve: MeasuredCurve, chords: Array) -> Mask:

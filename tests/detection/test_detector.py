@@ -398,3 +398,16 @@ def test_a_further_interpretation_shares_what_was_found_and_measured(main_view: 
     assert calls == []
     assert third.refusal == second.refusal
     assert [c.score for c in third.candidates] == [c.score for c in second.candidates]
+
+
+def test_across_a_ring_of_another_colour_than_white_a_line_in_any_paint_is_none() -> None:
+    """An analyst's blue ring with a yellow line through it on bare grass."""
+    ring_only, line_only = (paint_scene(markings=HALFWAY_AND_CIRCLE[k : k + 1], noise=0.0).image for k in (0, 1))
+    ring, line = (
+        (image.astype(np.float64) - GRASS).mean(axis=-1, keepdims=True) / 90.0 for image in (ring_only, line_only)
+    )
+    bare = paint_scene(markings=(), noise=2.0).image
+    image = bare + ring * np.array([170.0, 90.0, 14.0]) + line * np.array([40.0, 110.0, 140.0])
+    found = run(image.clip(0, 255).astype(np.uint8), DetectorConfig(shared_halfway=True))
+    assert found.circle is not None
+    assert found.halfway is None

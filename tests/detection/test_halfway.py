@@ -42,15 +42,6 @@ def test_the_line_through_the_middle_is_chosen(crossed: Scene) -> None:
     assert line.support > 0.9
 
 
-def test_a_line_far_wider_than_the_circle_s_flat_parts_is_seen() -> None:
-    near = paint_scene(focal_px=6500.0)
-    gray, circle = measured(near)
-    line = find_halfway(gray, circle, segment(near, (0, -8), (0, 8))[None], CONFIG)
-    assert line is not None
-    assert np.median(line.curve.width[line.curve.supported]) > 10.0
-    assert line.support > 0.9
-
-
 def test_a_line_off_the_middle_is_none(crossed: Scene) -> None:
     gray, circle = measured(crossed)
     assert find_halfway(gray, circle, segment(crossed, (5, -9), (5, 9))[None], CONFIG) is None
