@@ -48,6 +48,10 @@ GOES_ON, LEAST_ALIKE = 0.5, 0.3
 which on what is seen goes on behind the step, as the ground does behind a shadow's edge: there it has 0.7 and 1.1 of
 it, 0.4 and 0.9 by itself; where quarters of pictures were exchanged at most 0.25 of it (12 rendered frames).
 """
+WHOLE_SHARE = 0.9
+"""Share of a row's blocks that step, from which on it is a seam however plain one side is: the roof of a stand is as
+plain as a caption, but beside the half of a picture it has one edge only.
+"""
 ALONE_SHARE = 0.5
 """A seam stands out so much that no other row has more than this share of its steps: a caption has two edges, and
 interlaced or scaled pictures step in many rows.
@@ -169,7 +173,7 @@ def _worst_seam(rows: NDArray[np.uint8], covered: Mask | None) -> float:
     detail = around - np.repeat(np.add.reduceat(around, starts, axis=1) / size, size, axis=1)
     meeting = np.add.reduceat(detail[1:3] ** 2, starts, axis=1) / size
     is_rough = (meeting > PLAIN_LEVELS**2).all(axis=0)
-    counted = steps[worst] & is_rough
+    counted = steps[worst] & (is_rough | (share[worst] >= WHOLE_SHARE))
     return 0.0 if _goes_on(detail, starts, counted) else float(np.mean(counted))
 
 

@@ -97,6 +97,20 @@ def test_a_picture_that_is_put_together_has_a_seam():
     assert weigh_ground(found, fit).code == "picture_contradicts"
 
 
+def test_halves_that_meet_along_a_plain_roof_have_a_seam():
+    """The roof of a stand is as plain as a caption, but has one edge only."""
+    joined = picture()
+    joined[SIZE[0] // 2 :] = np.random.default_rng(4).integers(20, 200, (SIZE[0] - SIZE[0] // 2, SIZE[1]))
+    joined[SIZE[0] // 2 : SIZE[0] // 2 + SIZE[0] // 6] = 30
+    joined[: SIZE[0] // 2] = np.maximum(joined[: SIZE[0] // 2], 80)
+    # the crowd fades into the roof
+    rows = np.linspace(0.0, 1.0, SIZE[0] // 4)[:, None]
+    start = SIZE[0] // 2 + SIZE[0] // 6
+    joined[start : start + len(rows)] = (30 + rows * (joined[start : start + len(rows)] - 30.0)).astype(np.uint8)
+    found = measure_surroundings(joined, mask_of(None), fit_of(CAMERA), SOCCER)
+    assert found.seam_share > 0.8
+
+
 def test_a_bar_and_a_caption_are_no_seam():
     bars, caption = picture(), picture()
     bars[:, : SIZE[1] // 4] = bars[:, -SIZE[1] // 4 :] = 0
