@@ -78,8 +78,8 @@ NODES = 24
 KEPT = 120
 """Hypotheses that are scored with the whole template."""
 EXPLAINED_SHARE = 0.8
-"""Share of the length of all seen lines and arcs above the horizon of none that the best hypothesis of one kind must
-explain for the next kind not to be looked at.
+"""Share of the length of all seen lines and arcs that the score of the best hypothesis must have for views of the next
+kind not to be looked at: most pictures of penalty areas show boards and creases too, so that all kinds are looked at.
 """
 ON_ARC_PX, ON_ARC_SHARE = 12.0, 0.8
 """Pixels at 1920 px width from the place of an arc under the rough camera, and the share of a seen curve's points that
