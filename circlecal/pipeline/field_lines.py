@@ -28,8 +28,8 @@ SURE_PX = 6.0
 circle was looked for thoroughly.
 """
 HOPELESS_TIMES = 3.0
-"""By how many times a draft may exceed a limit for the names to be fitted in earnest: of 108 real frames of penalty areas
-as many are answered as without drafts, in half the time of the fits.
+"""By how many times a draft may exceed a limit for the names to be fitted in earnest: of 108 real frames of penalty
+areas as many are answered as without drafts, in half the time of the fits.
 """
 FIELD_LINES_TRIED = ("field lines",)
 """Under which a picture keeps what was tried last."""
