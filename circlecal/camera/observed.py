@@ -10,7 +10,7 @@ from circlecal.camera.residuals import NOT_MOVED, CurvePoints, FixedPoints, circ
 from circlecal.field import FieldTemplate
 from circlecal.geometry.conic_fits import fit_conic
 from circlecal.geometry.ellipses import ellipse_from_conic
-from circlecal.geometry.projective import Array, Indices, fit_line
+from circlecal.geometry.projective import Array, Indices, extent, fit_line
 from circlecal.observations import CirclePoints, Keypoint, LinePoints, MarkingKey, MarkPoint, Observations
 
 LEAST_SIGMA_PX = 0.02
@@ -49,7 +49,7 @@ def curves_from_observations(observations: Observations, template: FieldTemplate
         if known is None or len(seen.points_px) == 0:
             continue
         points, sigma = _thin_arc(seen.points_px, seen.sigma_px, noise.maximum_points)
-        sigma = _add_model_noise(points, sigma, 2.0 * _extent(points), noise)
+        sigma = _add_model_noise(points, sigma, 2.0 * extent(points), noise)
         radius = template.radius(known, seen.edge)
         by_width = relative[seen.edge] - relative[known.edge]
         center = np.asarray(known.center)
@@ -82,7 +82,7 @@ def thin_curves(curves: CurvePoints, along: Array | Indices, maximum: int, least
 def thin_line(line: LinePoints, noise: NoiseModel) -> tuple[Array, Array]:
     """Points (N, 2) along a straight marking and their standard deviations (N,)."""
     points, sigma = _thin(line.points_px, line.sigma_px, noise.maximum_points)
-    return points, _add_model_noise(points, sigma, _extent(points), noise)
+    return points, _add_model_noise(points, sigma, extent(points), noise)
 
 
 def with_model_noise(curves: CurvePoints, sigma_px: Array, noise: NoiseModel, model_sigma_px: float) -> Array:
@@ -92,7 +92,7 @@ def with_model_noise(curves: CurvePoints, sigma_px: Array, noise: NoiseModel, mo
         own = np.flatnonzero(curves.group == group)
         if len(own) < 2:
             continue
-        length_px = _extent(curves.points_px[own]) * (1.0 if curves.straight[own[0]] else 2.0)
+        length_px = extent(curves.points_px[own]) * (1.0 if curves.straight[own[0]] else 2.0)
         change = model_sigma_px**2 - noise.model_sigma_px**2
         variance[own] += change * _repeats(len(own), length_px, noise)
     return np.sqrt(np.maximum(variance, LEAST_SIGMA_PX**2))
@@ -156,11 +156,6 @@ def _add_model_noise(points: Array, sigma: Array, length_px: float, noise: Noise
 def _repeats(count: int, length_px: float, noise: NoiseModel) -> float:
     """How many of so many points lie within one correlation length."""
     return max(1.0, noise.correlation_px * count / max(length_px, 1e-6))
-
-
-def _extent(points: Array) -> float:
-    """Distance in pixels between the outermost points (N, 2) of a marking."""
-    return float(np.hypot(*(points.max(axis=0) - points.min(axis=0))))
 
 
 def _thin(points: Array, sigma: Array, maximum: int) -> tuple[Array, Array]:

@@ -55,6 +55,11 @@ def line_distance(line: ArrayLike, points: ArrayLike) -> Array:
     return a * points[..., 0] + b * points[..., 1] + c
 
 
+def extent(points: Array) -> float:
+    """Diagonal of the box around points (N, 2): about how far apart the outermost points of a marking are."""
+    return float(np.hypot(*(points.max(axis=0) - points.min(axis=0))))
+
+
 def fit_line(points: ArrayLike, weights: ArrayLike | None = None) -> Array:
     """Line through points by weighted total least squares.
 

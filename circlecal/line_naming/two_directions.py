@@ -34,7 +34,7 @@ from circlecal.geometry.camera_parameters import (
     project,
 )
 from circlecal.geometry.homography import SIDES
-from circlecal.geometry.projective import Array, Indices, Mask, lift
+from circlecal.geometry.projective import Array, Indices, Mask, extent, lift
 from circlecal.line_naming.field_views import (
     Views,
     length_to_vanishing_points,
@@ -85,8 +85,8 @@ ON_ARC_PX, ON_ARC_SHARE = 12.0, 0.8
 """Pixels at 1920 px width from the place of an arc under the rough camera, and the share of a seen curve's points that
 lies within it, for the curve to be that arc.
 """
-ARC_NODES, ARC_POINTS = 65, 24
-"""Places along an arc, and points of a seen curve, between which distances are measured."""
+ARC_POINTS = 24
+"""Of a seen curve, from which its distance from an arc is measured."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +143,7 @@ def propose_cameras(
     lines = np.cross(lift(ends[:, 0]), lift(ends[:, 1]))
     lines /= np.hypot(lines[:, 0], lines[:, 1])[:, None]
     curves = [points[:: -(-len(points) // ARC_POINTS)] for points in arcs if len(points) > 1]
-    enough = EXPLAINED_SHARE * (length[used].sum() + sum(_extent(points) for points in curves)) / model.width
+    enough = EXPLAINED_SHARE * (length[used].sum() + sum(extent(points) for points in curves)) / model.width
     best: list[FieldHypothesis] = []
     for views in _all_views(lines, ends):
         if len(views.focal) == 0:
@@ -169,9 +169,14 @@ def _drop_subsets(found: list[FieldHypothesis]) -> list[FieldHypothesis]:
     """Hypotheses, the best first, without those whose names a better one has too."""
     kept: list[FieldHypothesis] = []
     for one in found:
-        if not any(one.names.items() <= other.names.items() for other in kept):
+        if _has_more(one.names, kept):
             kept.append(one)
     return kept
+
+
+def _has_more(names: dict[int, str], found: Sequence[FieldHypothesis]) -> bool:
+    """Whether names say something that none of some hypotheses says."""
+    return not any(names.items() <= other.names.items() for other in found)
 
 
 def _positions(views: Views, lines: Array, template: FieldTemplate, model: ProjectionModel, side: str) -> Array:
@@ -283,7 +288,7 @@ def _rank(
     for k in np.argsort(-score, kind="stable").tolist():
         names = {int(used[s]): template.lines[t].name for s, t in enumerate(matches.marking[k].tolist()) if t >= 0}
         is_enough = len(set(names.values())) >= FEWEST_LINES and len(set(names.values())) + arc_count[k] >= FEWEST_NAMED
-        if not is_enough or any(names.items() <= other.names.items() for other in found):
+        if not is_enough or not _has_more(names, found):
             continue
         found.append(FieldHypothesis(names, theta[k], float(score[k])))
         if len(found) == most:
@@ -339,11 +344,6 @@ def _missing_px(theta: Array, matches: _Matches, template: FieldTemplate, model:
     return np.asarray(np.where(covered, 0.0, length).sum(axis=(1, 2)))
 
 
-def _extent(points: Array) -> float:
-    """Distance in pixels between the outermost points (N, 2) of a curve."""
-    return float(np.hypot(*np.ptp(points, axis=0)))
-
-
 def _lie_on_arcs(
     theta: Array, curves: Sequence[Array], template: FieldTemplate, model: ProjectionModel
 ) -> tuple[Array, Indices]:
@@ -351,29 +351,30 @@ def _lie_on_arcs(
     arcs (B,) were seen.
     """
     length, seen = np.zeros(len(theta)), np.zeros((len(theta), len(template.arcs)), np.bool_)
-    if not template.arcs:
-        return length, seen.sum(axis=1)
-    for points in curves:
-        on = _share_on_arcs(theta, points, template, model) >= ON_ARC_SHARE
-        length += on.any(axis=1) * _extent(points)
+    for points, share in zip(curves, _share_on_arcs(theta, curves, template, model), strict=True):
+        on = share >= ON_ARC_SHARE
+        length += on.any(axis=1) * extent(points)
         seen |= on
     return length, seen.sum(axis=1)
 
 
-def _share_on_arcs(theta: Array, points: Array, template: FieldTemplate, model: ProjectionModel) -> Array:
-    """Share (B, A) of pixels (N, 2) that lie near where each camera (B, P) puts each arc of the field."""
-    share = np.linspace(0.0, 1.0, ARC_NODES)
-    angles = np.radians([arc.start_deg + share * (arc.end_deg - arc.start_deg) for arc in template.arcs])
-    rings = np.stack([template.curve_points(arc, "center", a) for arc, a in zip(template.arcs, angles, strict=True)])
+def _share_on_arcs(
+    theta: Array, curves: Sequence[Array], template: FieldTemplate, model: ProjectionModel
+) -> Iterator[Array]:
+    """For each seen curve, pixels (N, 2), the share (B, A) of it that lies near where each camera (B, P) puts each arc
+    of the field.
+    """
+    first, count = len(template.circles), len(template.arcs)
+    rings = template.outlines[1][first : first + count]
     seen = project(theta, rings.reshape(1, -1, 2), model)
-    shape = (len(theta), len(template.arcs), ARC_NODES)
-    places = np.where(seen.visible[..., None], seen.pixels, np.nan).reshape(*shape, 2)
-    with np.errstate(invalid="ignore"):
-        # nearest place, and half a step between two places at most beside it
-        step = np.nan_to_num(np.linalg.norm(np.diff(places, axis=2), axis=-1)).max(axis=2)
+    places = np.where(seen.visible[..., None], seen.pixels, np.nan).reshape(len(theta), count, -1, 2)
+    # nearest place, and half a step between two places at most beside it
+    step = np.nan_to_num(np.linalg.norm(np.diff(places, axis=2), axis=-1)).max(axis=2, initial=0.0)
+    reach = ON_ARC_PX * model.width / 1920.0 + step[..., None] / 2
+    for points in curves:
         off = np.linalg.norm(points[:, None] - places[:, :, None], axis=-1)
-        nearest = np.where(np.isfinite(off), off, np.inf).min(axis=3)
-    return np.asarray((nearest < ON_ARC_PX * model.width / 1920.0 + step[..., None] / 2).mean(axis=2))
+        nearest = np.where(np.isfinite(off), off, np.inf).min(axis=3, initial=np.inf)
+        yield np.asarray((nearest < reach).mean(axis=2))
 
 
 def find_arc(points: Array, theta: Array, template: FieldTemplate, model: ProjectionModel) -> str | None:
@@ -382,6 +383,6 @@ def find_arc(points: Array, theta: Array, template: FieldTemplate, model: Projec
     """
     if not template.arcs or len(points) < 2:
         return None
-    share = _share_on_arcs(theta[None], points, template, model)[0]
+    share = next(_share_on_arcs(theta[None], [points], template, model))[0]
     best = int(share.argmax())
     return template.arcs[best].name if share[best] >= ON_ARC_SHARE else None

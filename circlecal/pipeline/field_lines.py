@@ -117,16 +117,17 @@ def _try_namings(setting: Setting, scene: Scene, mask: MarkingMask) -> Iterator[
         namings = observe_field_lines(picture, mask, noise, template, cues.search_px, cues.spacing_px, side)
     for observations in namings:
         attempt = _fit_naming(setting, scene, mask, picture, observations, noise)
-        if not attempt.is_calibrated or attempt.camera is None or attempt.verdict is None:
+        camera, seen = attempt.camera, attempt.observations
+        if not attempt.is_calibrated or camera is None or seen is None or attempt.verdict is None:
             continue
         with setting.clock("verdict"):
-            used = carriers(attempt.observations or observations, attempt.camera)
-            agreement = look_for_markings(picture, attempt.camera, template, circle, used, mask.field_region, used)
-            verdict = confirm_field_lines(attempt.verdict, attempt.camera, used, agreement, template)
+            used = carriers(seen, camera)
+            agreement = look_for_markings(picture, camera, template, circle, used, mask.field_region, used)
+            verdict = confirm_field_lines(attempt.verdict, camera, used, agreement, template)
             if verdict.status == "calibrated":
-                evidence = measure_evidence(picture, mask, attempt.camera, template, used)
-                ground = measure_surroundings(picture, mask, attempt.camera, template, scene.covered)
-                verdict = weigh_evidence(verdict, attempt.camera, evidence, ground, template, agreement)
+                evidence = measure_evidence(picture, mask, camera, template, used)
+                ground = measure_surroundings(picture, mask, camera, template, scene.covered)
+                verdict = weigh_evidence(verdict, camera, evidence, ground, template, agreement)
         if verdict.status == "calibrated":
             accepted = replace(attempt, verdict=verdict)
             yield _add_curves(setting, picture, accepted, noise) or accepted

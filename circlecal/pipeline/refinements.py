@@ -116,8 +116,9 @@ def _lie_clear_of_lines(points_px: Array, camera: CameraFit, template: FieldTemp
     """Which points (N, 2) of the picture lie beside all straight markings, as a camera shows these."""
     names, _, _ = template.outlines
     lines = place_markings(camera, template, [k for k, name in enumerate(names) if name in template.line_by_name])
-    away_px = np.linalg.norm(points_px[:, None] - lines.base, axis=-1).min(axis=1, initial=np.inf)
-    return np.asarray(away_px > CLEAR_OF_LINES_PX * camera.model.width / 1920.0, np.bool_)
+    return np.asarray(
+        _measure_distances(points_px, lines.base) > CLEAR_OF_LINES_PX * camera.model.width / 1920.0, np.bool_
+    )
 
 
 def replace_curves(observations: Observations, curves: Mapping[str, CirclePoints]) -> Observations:
@@ -280,8 +281,12 @@ def _is_repetition(line: LineCue, others: Sequence[LineCue], near_px: float) -> 
     if not others:
         return False
     points_px = np.concatenate([other.points_px for other in others])
-    away_px = np.linalg.norm(line.points_px[:, None] - points_px, axis=-1).min(axis=1, initial=np.inf)
-    return bool(np.mean(away_px < near_px) > SEEN_BEFORE_SHARE)
+    return bool(np.mean(_measure_distances(line.points_px, points_px) < near_px) > SEEN_BEFORE_SHARE)
+
+
+def _measure_distances(points_px: Array, others_px: Array) -> Array:
+    """From points (N, 2) to the nearest of others (M, 2) each, (N,)."""
+    return np.asarray(np.linalg.norm(points_px[:, None] - others_px, axis=-1).min(axis=1, initial=np.inf))
 
 
 def is_less_uncertain(setting: Setting, attempt: Attempt, refined: Attempt) -> bool:
