@@ -367,7 +367,7 @@ def _share_on_arcs(
     first, count = len(template.circles), len(template.arcs)
     rings = template.outlines[1][first : first + count]
     seen = project(theta, rings.reshape(1, -1, 2), model)
-    places = np.where(seen.visible[..., None], seen.pixels, np.nan).reshape(len(theta), count, -1, 2)
+    places = np.where(seen.visible[..., None], seen.pixels, np.nan).reshape(len(theta), *rings.shape)
     # nearest place, and half a step between two places at most beside it
     step = np.nan_to_num(np.linalg.norm(np.diff(places, axis=2), axis=-1)).max(axis=2, initial=0.0)
     reach = ON_ARC_PX * model.width / 1920.0 + step[..., None] / 2
