@@ -289,15 +289,22 @@ def _short_name(path: Path) -> str:
     return os.fsdecode(os.fsencode(path.name)[:_MOST_NAME_BYTES])
 
 
-def write_error(path: Path, error: Exception) -> InputError:
-    """The error for a file that cannot be written."""
+def write_error(path: Path, error: Exception, option: str = "--out") -> InputError:
+    """The error for a file or folder that cannot be written; ``option`` named it on the command line."""
     is_full = getattr(error, "errno", 0) in _FULL or "disk is full" in str(error)  # as SQLite says it
-    mend = "free space or choose another --out" if is_full else "choose another --out"
+    mend = f"{'free space or ' * is_full}choose another {option}"
     return InputError(f"{path}: cannot be written: {getattr(error, 'strerror', None) or error}; {mend}")
 
 
-def prepare_folder(out: Path) -> Path:
+def prepare_folder(out: Path, option: str = "--out") -> Path:
     """Make an output folder, so that a run fails before the first frame and not after it.
+
+    Parameters
+    ----------
+    out : Path
+        The folder.
+    option : str
+        What it was named by on the command line, for messages.
 
     Raises
     ------
@@ -310,9 +317,9 @@ def prepare_folder(out: Path) -> Path:
         probe.touch()
         probe.unlink()
     except FileExistsError as error:
-        raise InputError(f"{out}: is a file, not a folder; choose another --out") from error
+        raise InputError(f"{out}: is a file, not a folder; choose another {option}") from error
     except (OSError, ValueError) as error:
-        raise write_error(out, error) from error
+        raise write_error(out, error, option) from error
     return out
 
 

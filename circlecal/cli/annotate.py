@@ -19,17 +19,17 @@ def annotate(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", "-o", help="Folder of the annotations. [default: RUN/annotations, else circlecal-annotations]"
+            "--out", "-o", help="Folder of the annotations. (default: RUN/annotations, else circlecal-annotations)"
         ),
     ] = None,
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page; 0 takes a free one.")] = 0,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Only print the address.")] = False,
     frame: Annotated[
-        str | None, typer.Option("--frame", metavar="ID", help="Frame to begin with. [default: the first to do]")
+        str | None, typer.Option("--frame", metavar="ID", help="Frame to begin with. (default: the first to do)")
     ] = None,
     every: Annotated[
         str | None,
-        typer.Option("--every", metavar="TIME|N", help="Frames of videos: 1s, 500ms, or every Nth. [default: 1s]"),
+        typer.Option("--every", metavar="TIME|N", help="Frames of videos: 1s, 500ms, or every Nth. (default: 1s)"),
     ] = None,
     config: options.ConfigFile = None,
     settings: options.Settings = None,

@@ -43,7 +43,7 @@ def _report_in_one_line() -> Iterator[None]:
         if type(error).__name__ == "NoArgsIsHelpError":
             raise
         command = error.ctx.command_path if error.ctx else "circlecal"
-        wrong = error.format_message().rstrip(".").replace("Value error, ", "")
+        wrong = " ".join(error.format_message().split()).rstrip(".").replace("Value error, ", "")
         raise InputError(f"{wrong}; see {command} --help") from None
 
 

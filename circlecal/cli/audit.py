@@ -31,7 +31,16 @@ def audit(
         Path | None, typer.Option("--plot", metavar="FILE", help="Write the distributions as .png or .svg.")
     ] = None,
     size: Annotated[str, typer.Option("--size", metavar="WIDTHxHEIGHT", help="Size of the pictures.")] = "1920x1080",
-    config: options.ConfigFile = "annotations",
+    config: Annotated[
+        str,
+        typer.Option(
+            "--config",
+            "-c",
+            metavar="FILE|NAME",
+            help="YAML file, or a name such as broadcast.",
+            autocompletion=options.complete_config,
+        ),
+    ] = "annotations",
     settings: options.Settings = None,
     as_json: options.Json = False,
     quiet: options.Quiet = False,

@@ -21,8 +21,10 @@ def fields(
 
     templates = [load_field(name) for name in field_names()]
     if draw is not None:
+        from circlecal.files import prepare_folder
         from circlecal.overlay.template_picture import write_template_pictures
 
+        prepare_folder(draw, "--draw")
         for path in write_template_pictures(templates, draw):
             console.print_line(str(path))
         return

@@ -35,6 +35,16 @@ def complete_field(incomplete: str) -> list[str]:
     return [name for name in ("auto", *field_names()) if name.startswith(incomplete)]
 
 
+def _require_folder(folder: Path | None) -> Path | None:
+    """A folder that was named, which must be there: what is read from it is optional, and would be missed in silence."""
+    from circlecal.errors import InputError
+    from circlecal.files import is_folder
+
+    if folder is not None and not is_folder(folder):
+        raise InputError(f"{folder}: no such folder of annotations; circlecal annotate writes one")
+    return folder
+
+
 class Convention(StrEnum):
     """Where annotated points of a marking lie."""
 
@@ -64,7 +74,8 @@ Annotations = Annotated[
     typer.Option(
         "--annotations",
         metavar="FOLDER",
-        help="What was named in circlecal annotate. [default: OUT/annotations, and x.json beside x.jpg]",
+        callback=_require_folder,
+        help="What was named in circlecal annotate. (default: OUT/annotations, and x.json beside x.jpg)",
     ),
 ]
 PointConvention = Annotated[

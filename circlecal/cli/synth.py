@@ -68,7 +68,13 @@ def synth(
     ] = None,
     seed: Annotated[int, typer.Option("--seed", help="Seed; a frame depends on it and on its number only.")] = 0,
     profile: Annotated[
-        list[Profile] | None, typer.Option("--profile", "-p", help="What the frames show; repeatable. (default: all)")
+        list[Profile] | None,
+        typer.Option(
+            "--profile",
+            "-p",
+            metavar="NAME",
+            help=f"What the frames show; repeatable: {', '.join(Profile)}. (default: all)",
+        ),
     ] = None,
     size: Annotated[
         str | None,
@@ -112,12 +118,13 @@ def _write_clips(
     interlaced: bool,
 ) -> None:
     from circlecal.cli import console
-    from circlecal.synthetic.video import CLIP_KINDS, ClipSpec, write_clips
+    from circlecal.synthetic.video import CLIP_KINDS, ClipSpec, require_clips, write_clips
 
     width, height = _parse_size(size)
     spec = ClipSpec(width=width, height=height, seconds=seconds, rate=rate, interlaced=interlaced)
     if profile:
         spec = replace(spec, look=profile[0].value)
+    require_clips(count, seed, spec)
     kinds = [name for name in CLIP_KINDS if kind in (name, Clips.ALL)]
     with _progress(count * round(seconds * rate)) as report:
         ids = write_clips(out, count, seed, spec, kinds, report=report)

@@ -439,6 +439,8 @@ def load_field(name_or_file: str | Path, sizes: dict[str, float] | None = None) 
         path = field_folder() / f"{name_or_file}.yaml"
         if not is_file(path):
             known = ", ".join(field_names())
+            if is_file(Path(name_or_file)):
+                raise ConfigError(f"{name_or_file}: is no field template by its name; rename it to end in .yaml")
             raise ConfigError(f"field {str(name_or_file)!r} is unknown; known: {known}, or give a .yaml file")
     try:
         with open_regular(path) as descriptor:

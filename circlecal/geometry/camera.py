@@ -171,7 +171,7 @@ class Camera:
     def project(self, points_m: ArrayLike, distort: bool = True) -> Array:
         """Pixels (..., 2) of field points (..., 2 or 3); nan behind the camera and where the lens folds back."""
         local = (self._add_height(points_m) - self.position_m) @ self.R.T
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             normalised = np.where(local[..., 2:] > NEAREST_M, local[..., :2] / local[..., 2:], np.nan)
         pixels = normalised * self.focal_px + self.principal_point_px
         return self.distort(pixels) if distort else pixels
@@ -251,7 +251,8 @@ class Camera:
         # the radius is measured on the focal plane in units of half the width, so non-square pixels stay round
         offset = np.asarray(pixels, dtype=np.float64) - self.principal_point_px
         aspect = np.array([1.0, self.focal_px[0] / self.focal_px[1]])
-        return offset, np.sum((offset * aspect) ** 2, axis=-1) / (self.width / 2.0) ** 2
+        with np.errstate(over="ignore"):  # a pixel that far out is beyond the fold, or above the horizon
+            return offset, np.sum((offset * aspect) ** 2, axis=-1) / (self.width / 2.0) ** 2
 
     @staticmethod
     def _add_height(points_m: ArrayLike) -> Array:

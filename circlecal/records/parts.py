@@ -18,6 +18,11 @@ from circlecal.results import Status
 Text = InstanceOf[str]
 """A name from outside, which need not be text that any encoding can write."""
 Number = float | None
+LARGEST = 1e30
+"""Of a camera's numbers, in whatever unit: far beyond any camera, and their fourth powers are finite still."""
+CameraNumber = Annotated[float, Field(ge=-LARGEST, le=LARGEST)] | None
+Count = Annotated[int, Field(ge=0, lt=2**63)]
+"""A whole number that tables hold in 64 bits."""
 Pair = tuple[Number, Number]
 Triple = tuple[Number, Number, Number]
 Matrix = tuple[Triple, Triple, Triple]
@@ -58,8 +63,8 @@ class FieldRecord(RecordPart):
 class ImageRecord(RecordPart):
     """Size of a frame, pixels."""
 
-    width: Annotated[int, Field(gt=0)]
-    height: Annotated[int, Field(gt=0)]
+    width: Annotated[int, Field(gt=0, lt=2**31)]
+    height: Annotated[int, Field(gt=0, lt=2**31)]
 
 
 class CheckRecord(RecordPart):
@@ -126,19 +131,19 @@ class CovarianceRecord(RecordPart):
 class CameraRow(RecordPart):
     """Of a camera, what tables need."""
 
-    pan_degrees: Number
-    tilt_degrees: Number
-    roll_degrees: Number
-    position_meters: Triple
-    x_focal_length: Number
-    y_focal_length: Number
-    principal_point: Pair
-    radial_distortion: Annotated[list[Number], Field(min_length=2)]
+    pan_degrees: CameraNumber
+    tilt_degrees: CameraNumber
+    roll_degrees: CameraNumber
+    position_meters: tuple[CameraNumber, CameraNumber, CameraNumber]
+    x_focal_length: CameraNumber
+    y_focal_length: CameraNumber
+    principal_point: tuple[CameraNumber, CameraNumber]
+    radial_distortion: Annotated[list[CameraNumber], Field(min_length=2)]
     tangential_distortion: list[Number] = []
     thin_prism_distortion: list[Number] = []
-    crown_m: Number = 0.0
+    crown_m: CameraNumber = 0.0
     crown_shape: SurfaceShape = "flat"
-    crown_radius_m: Number = 1.0
+    crown_radius_m: CameraNumber = 1.0
     position_sigma_m: Triple | None = None
     max_sigma_px: Number = None
     max_sigma_m: Number = None
@@ -297,8 +302,8 @@ class CorrespondencesRecord(RecordPart):
 class InliersRecord(RecordPart):
     """Points of one edge that its ellipse was fitted to, of how many."""
 
-    count: int
-    of: int
+    count: Count
+    of: Count
     points_px: list[Pair]
 
 
@@ -443,7 +448,7 @@ class LearntRecord(RecordPart):
 
     field: Text
     added_bgr: Triple
-    frames: int
+    frames: Count
     taken: bool
     alone: AloneRecord
 
@@ -478,8 +483,8 @@ class TrackRecord(RecordPart):
     rests on, the most important first. The name of its tripod is ``rig.camera``.
     """
 
-    frame: int
-    shot: int
+    frame: Count
+    shot: Count
     carried_by: list[str] = []
     head: HeadRecord | None = None
 

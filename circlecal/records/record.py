@@ -10,6 +10,8 @@ nothing of the rest, which is most of it.
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import numpy as np
 from pydantic import ConfigDict, Field
 
@@ -22,6 +24,7 @@ from circlecal.records.parts import (
     CameraRow,
     CheckRecord,
     CorrespondencesRecord,
+    Count,
     EllipsesRecord,
     EllipsesRow,
     EstimateRecord,
@@ -67,12 +70,12 @@ class ResultRow(RecordPart):
     code: Text | None = None
     stage: Text | None = None
     reason: Text | None = None
-    case: int | None = None
+    case: Annotated[int, Field(ge=1, le=3)] | None = None
     camera: CameraRow | None = None
     rejected_estimate: EstimateRow | None = None
     ellipses: EllipsesRow | None = None
     timings_ms: dict[str, Number] | None = None
-    seed: int | None = None
+    seed: Count | None = None
     config_digest: Text | None = None
     rig: RigRecord | None = None
     annotation: Text | None = None

@@ -48,6 +48,8 @@ _LEAST_SD = 1e-6
 picture shows.
 """
 DEGREES = 180.0 / np.pi
+_MOST = 1e9
+"""Metres, pixels or radians: far more than anything around a pitch has, and its powers are finite still."""
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
@@ -59,8 +61,8 @@ class _Part(BaseModel):
 class KnownValue(_Part):
     """A value with its standard deviation; 0 fixes it."""
 
-    mean: float
-    sd: float = Field(ge=0)
+    mean: float = Field(ge=-_MOST, le=_MOST)
+    sd: float = Field(ge=0, le=_MOST)
 
 
 class SurfacePart(_Part):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from circlecal.errors import InputError
 from circlecal.field import FieldTemplate
-from circlecal.files import write_atomic
+from circlecal.files import prepare_folder, write_atomic
 from circlecal.synthetic.renderer import Rendering, render
 from circlecal.synthetic.sampling import PROFILE_BY_NAME, SCENE_PROFILES, sample_scene
 
@@ -65,6 +65,7 @@ def write_dataset(
         Count, seed, profile or size out of range, or the folder cannot be written.
     """
     _require_sound(count, seed, profiles, size)
+    prepare_folder(out, "OUT")
     ids = []
     for index in range(count):
         profile = PROFILE_BY_NAME[profiles[index % len(profiles)]]

@@ -19,7 +19,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from circlecal.errors import InputError
 from circlecal.field import FieldTemplate, load_field
-from circlecal.files import write_atomic
+from circlecal.files import prepare_folder, write_atomic
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import Surface
@@ -347,7 +347,8 @@ def write_clips(
     InputError
         Count, seed, size, length or rate out of range, or the folder cannot be written.
     """
-    _require_sound(count, seed, spec)
+    require_clips(count, seed, spec)
+    prepare_folder(out, "OUT")
     ids = []
     for index in range(count):
         kind = kinds[index % len(kinds)]
@@ -363,7 +364,14 @@ def write_clips(
     return ids
 
 
-def _require_sound(count: int, seed: int, spec: ClipSpec) -> None:
+def require_clips(count: int, seed: int, spec: ClipSpec) -> None:
+    """Clips that can be rendered.
+
+    Raises
+    ------
+    InputError
+        A number is out of range.
+    """
     if count < 1:
         raise InputError(f"count must be at least 1, not {count}")
     if seed < 0:

@@ -49,6 +49,17 @@ def test_help_names_formats_solvers_and_defaults(run_circlecal, monkeypatch):
     config = Config()
     for default in (config.field.template, config.seed, "50 million", "256 MB"):
         assert f"(default: {default})" in text
+    defaults = {
+        "calibrate": ["OUT/annotations, and x.json beside x.jpg"],
+        "annotate": ["RUN/annotations, else circlecal-annotations", "the first to do", "1s"],
+        "synth": ["all", "12, or 1"],
+    }
+    for command, told in defaults.items():
+        text = " ".join(run_circlecal(command, "--help").out.split())
+        assert all(f"(default: {default})" in text for default in told), text
+    audit = run_circlecal("audit", "--help").out
+    assert audit.count("default: annotations") == 1
+    assert "default: default" not in audit
 
 
 @pytest.mark.parametrize("command", ["", *COMMANDS])
@@ -110,6 +121,7 @@ def test_ctrl_c_outside_a_command_is_one_line(run_circlecal, monkeypatch):
         (["bench", "accuracy", "--seed", "-1"], "'--seed'"),
         (["synth", "out", "--profile", "moon"], "'moon' is not one of 'easy', 'broadcast'"),
         (["project", "x.json", "--to", "field", "a", "b"], "'X Y'"),
+        (["project", "x.json", "1", "2"], "Missing option '--to'. Choose from: field, image"),
     ],
 )
 def test_wrong_use_is_one_line_that_names_the_help(run_circlecal, arguments, told):

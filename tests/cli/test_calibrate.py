@@ -178,6 +178,10 @@ def test_wrong_use(run_circlecal, frame_file, tmp_path):
     only_error(run_circlecal("calibrate", frame_file, "--set", "edges.smoothing_px=.nan"), "finite")
     only_error(run_circlecal("calibrate", frame_file, "--field", "quidditch"), "quidditch", "soccer")
     only_error(run_circlecal("calibrate", frame_file, "--set", "field.circle=moon"), "moon", "centre_circle")
+    only_error(run_circlecal("calibrate", frame_file, "--field", frame_file), str(frame_file), "end in .yaml")
+    for command in ("calibrate", "batch", "debug"):
+        outcome = run_circlecal(command, frame_file, "--annotations", tmp_path / "none", "--out", tmp_path / "out")
+        only_error(outcome, "none: no such folder of annotations")
     assert run_circlecal("calibrate").code == 2
     assert run_circlecal("calibrate", frame_file, "--bogus").code == 2
 

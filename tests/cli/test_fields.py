@@ -16,6 +16,13 @@ def test_every_template_is_drawn(tmp_path):
     assert all(cv2.imread(str(path)).std() > 5 for path in tmp_path.glob("*.png"))
 
 
+def test_a_file_in_place_of_the_folder(tmp_path, run_circlecal):
+    (tmp_path / "file").touch()
+    outcome = run_circlecal("fields", "--draw", tmp_path / "file")
+    told = f"circlecal: error: {tmp_path / 'file'}: is a file, not a folder; choose another --draw\n"
+    assert (outcome.code, outcome.err) == (2, told)
+
+
 def test_lines_have_their_own_colour_and_width_and_discs_are_filled():
     rink = draw_template(load_field("ice-hockey-nhl"))
     rows = len(rink)

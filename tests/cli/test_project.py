@@ -46,6 +46,37 @@ def test_above_the_horizon_and_behind_the_camera(run_circlecal, result_file):
     assert "behind" in json.loads(outcome.out)["reason"]
 
 
+def test_numbers_beyond_every_picture_give_no_warning(run_circlecal, result_file, recwarn):
+    for to in ("field", "image"):
+        outcome = run_circlecal("project", result_file, "--to", to, "1e308", "3", "-1e200", "1e308")
+        assert (outcome.code, outcome.err) == (0, "")
+    assert not recwarn.list
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        (("image", "width"), 10**400),
+        (("case",), 10**400),
+        (("case",), 4),
+        (("seed",), -1),
+        (("camera", "x_focal_length"), 1e200),
+        (("camera", "position_meters", 0), -1e300),
+    ],
+)
+def test_a_result_with_huge_numbers_is_damaged(run_circlecal, result_file, tmp_path, key, value):
+    record = json.loads(result_file.read_text())
+    part = record
+    for name in key[:-1]:
+        part = part[name]
+    part[key[-1]] = value
+    path = tmp_path / "huge.json"
+    path.write_text(json.dumps(record))
+    outcome = run_circlecal("project", path, "--to", "field", 1, 2)
+    assert (outcome.code, outcome.out, len(outcome.err.splitlines())) == (2, "", 1)
+    assert f"{path}: is no result: {'.'.join(map(str, key))}" in outcome.err
+
+
 def test_a_refused_result(run_circlecal, blank_file, tmp_path):
     assert run_circlecal("calibrate", blank_file, "--out", tmp_path, "--no-overlay").code == 1
     outcome = run_circlecal("project", tmp_path / "blank.json", "--to", "field", 1, 2)

@@ -59,6 +59,7 @@ def test_lengths_are_absolute(file):
         (("name: camera-1", "name: camera 1"), "tripods.0.name: String should match"),
         (("field: soccer", "field: soccer\nsport: ball"), "sport: Extra inputs are not permitted"),
         (("head_roll_rad: {mean: 0.0", "head_roll_rad: {mean: .nan"), "tripods.0.parameters.head_roll_rad.mean"),
+        (("head_roll_rad: {mean: 0.0", "head_roll_rad: {mean: 1.0e+300"), "tripods.0.parameters.head_roll_rad.mean"),
         (("shape: roof", "shape: dome"), "tripods.0.surface.shape"),
         (("tripods:", "tripods: ["), "is not YAML"),
     ],

@@ -73,6 +73,21 @@ def test_nonsense_is_refused(tmp_path, change, reason):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("wrong", [["--seconds", "nan"], ["--seconds", "inf"], ["--rate", "nan"]])
+def test_clips_of_no_length(tmp_path, run_circlecal, wrong):
+    outcome = run_circlecal("synth", tmp_path / "out", "--video", "still", *wrong)
+    assert (outcome.code, len(outcome.err.splitlines())) == (2, 1)
+    assert "is out of range; up to 600 s at 1 to 120 can be rendered" in outcome.err
+
+
+@pytest.mark.parametrize("arguments", [["synth", "FILE"], ["synth", "FILE", "--video", "still"]])
+def test_a_file_in_place_of_the_folder(tmp_path, run_circlecal, arguments):
+    path = tmp_path / "file"
+    path.touch()
+    outcome = run_circlecal(*(path if word == "FILE" else word for word in arguments))
+    assert (outcome.code, outcome.err) == (2, f"circlecal: error: {path}: is a file, not a folder; choose another OUT\n")
+
+
 def test_command(tmp_path, run_circlecal):
     out = tmp_path / "frames"
     outcome = run_circlecal("synth", out, "--count", 2, "--profile", "easy", "--size", "480x270", "--no-masks")
