@@ -36,7 +36,7 @@ def complete_field(incomplete: str) -> list[str]:
 
 
 def _require_folder(folder: Path | None) -> Path | None:
-    """A folder that was named, which must be there: what is read from it is optional, and would be missed in silence."""
+    """A folder that was named, if it is there: what is read from it is optional, and would be missed in silence."""
     from circlecal.errors import InputError
     from circlecal.files import is_folder
 

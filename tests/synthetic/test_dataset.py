@@ -85,7 +85,8 @@ def test_a_file_in_place_of_the_folder(tmp_path, run_circlecal, arguments):
     path = tmp_path / "file"
     path.touch()
     outcome = run_circlecal(*(path if word == "FILE" else word for word in arguments))
-    assert (outcome.code, outcome.err) == (2, f"circlecal: error: {path}: is a file, not a folder; choose another OUT\n")
+    told = f"circlecal: error: {path}: is a file, not a folder; choose another OUT\n"
+    assert (outcome.code, outcome.err) == (2, told)
 
 
 def test_command(tmp_path, run_circlecal):
