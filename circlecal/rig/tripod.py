@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from circlecal.field.view import FieldView
-from circlecal.geometry.camera import lens_factor, rotation_matrix, rotations_by
+from circlecal.geometry.camera import lens_factor, rotations_by
 from circlecal.geometry.camera_parameters import (
     ANGLES,
     CROWN,
@@ -64,42 +64,34 @@ class TripodModel:
 
     def thetas(self, own: Array, common: Array) -> Array:
         """Parameter vectors of cameras (F, P) from own (F, O) and common (K,) or (F, K) parameters."""
-        common = np.broadcast_to(common, (len(own), len(COMMON)))
-        rotation = self._rotations(own, common)
-        zoom = own[:, :1] - self.log_focal
-        theta = np.zeros((len(own), len(PARAMETERS)))
-        theta[:, LOG_FOCAL] = own[:, 0]
-        theta[:, ANGLES] = angles_of(rotation)
-        theta[:, POSITION] = common[:, _AXIS] + self._lever(zoom, common) * rotation[:, 2]
-        theta[:, _TO] = common[:, _FROM]
-        theta[:, _ZOOM_TO] += zoom * common[:, _ZOOM_FROM]
-        if own.shape[1] > 3:
-            theta[:, _BLOOM] = own[:, 3]
-        return theta
+        rotation = self._head(own, common) @ _lean_back(common)
+        return self._thetas(own, _spread(common, own), rotation, angles_of(rotation))
 
-    def derivatives(self, own: Array, common: Array) -> tuple[Array, Array]:
-        """Derivatives of :meth:`thetas` by the own (F, P, O) and by the common parameters (F, P, K).
+    def linearise(self, own: Array, common: Array) -> tuple[Array, Array, Array]:
+        """:meth:`thetas`, and their derivatives by the own (F, P, O) and by the common parameters (F, P, K).
 
         A rotation changes by ``dR = -[w]x R`` with w in camera coordinates: for each angle the axis about which it
         turns. The camera's own angles turn about three axes E, so they change by ``E^-1 w``.
         """
-        common = np.broadcast_to(common, (len(own), len(COMMON)))
+        on_head = self._head(own, common)
+        rotation = on_head @ _lean_back(common)
+        angles = angles_of(rotation)
+        common = _spread(common, own)
         F, D = own.shape
-        rotation, on_head = self._rotations(own, common), self._head(own, common)
         zoom = own[:, :1] - self.log_focal
         lever = self._lever(zoom, common)
         axes = np.zeros((F, 3, D + len(COMMON)))
         axes[:, :, 1], axes[:, :, 2] = on_head[:, :, 2], _tilt_axis(common[:, _ROLL])
         axes[:, 2, D + _ROLL] = 1.0
         axes[:, :, D + _LEAN.start], axes[:, :, D + _LEAN.start + 1] = rotation[:, :, 0], on_head[:, :, 1]
-        turn = np.stack(
-            [rotation[:, :, 2], _tilt_axis(angles_of(rotation)[:, 2]), np.tile([0.0, 0, 1], (F, 1))], axis=2
-        )
+        turn = np.zeros((F, 3, 3))
+        turn[:, :, 0], turn[:, :, 1], turn[:, 2, 2] = rotation[:, :, 2], _tilt_axis(angles[:, 2]), 1.0
         by = np.zeros((F, len(PARAMETERS), D + len(COMMON)))
         by[:, ANGLES] = np.linalg.solve(turn, axes)
         # d(R^T e) = R^T (w x e) along the optical axis e = (0, 0, 1)
-        beside = np.stack([axes[:, 1], -axes[:, 0], np.zeros_like(axes[:, 0])], axis=1)
-        by[:, POSITION] = lever[..., None] * (np.swapaxes(rotation, 1, 2) @ beside)
+        beside = np.zeros_like(axes)
+        beside[:, 0], beside[:, 1] = axes[:, 1], -axes[:, 0]
+        by[:, POSITION] = lever[..., None] * (rotation.swapaxes(1, 2) @ beside)
         by[:, POSITION, 0] += common[:, _LEVER.stop - 1, None] * rotation[:, 2]
         by[:, POSITION, D : D + 3] += np.eye(3)
         by[:, POSITION, D + _LEVER.start] += rotation[:, 2]
@@ -110,15 +102,24 @@ class TripodModel:
         by[:, _ZOOM_TO, 0] = common[:, _ZOOM_FROM]
         if D > 3:
             by[:, _BLOOM, 3] = 1.0
-        return by[..., :D], by[..., D:]
+        return self._thetas(own, common, rotation, angles), by[..., :D], by[..., D:]
+
+    def linearise_one(self, own: Array, common: Array) -> tuple[Array, Array, Array]:
+        """:meth:`linearise` for one camera, own (O,): (P,), (P, O) and (P, K)."""
+        theta, by_own, by_common = self.linearise(own[None], common)
+        return theta[0], by_own[0], by_common[0]
+
+    def derivatives(self, own: Array, common: Array) -> tuple[Array, Array]:
+        """Derivatives of :meth:`thetas` by the own (F, P, O) and by the common parameters (F, P, K)."""
+        return self.linearise(own, common)[1:]
 
     def project_world(self, own: Array, common: Array, world: Array) -> Array:
         """Pixels (F, N, 2) of points (N, 3) of the world that need not lie on the field, before any camera or not."""
-        common = np.broadcast_to(common, (len(own), len(COMMON)))
-        rotation = self._rotations(own, common)
+        rotation = self._head(own, common) @ _lean_back(common)
+        common = _spread(common, own)
         zoom = own[:, :1] - self.log_focal
         position = common[:, _AXIS] + self._lever(zoom, common) * rotation[:, 2]
-        local = (world - position[:, None]) @ np.swapaxes(rotation, 1, 2)
+        local = (world - position[:, None]) @ rotation.swapaxes(1, 2)
         normalised = local[..., :2] / np.maximum(local[..., 2:], 1e-3)
         lens_of = {name: common[:, PLACE[name], None] for name in COMMON}
         focal = np.exp(own[:, :1])
@@ -139,13 +140,25 @@ class TripodModel:
         """Pan, tilt and roll (F, 3) on the head of cameras (F, P), and where its axes meet (F, 3)."""
         rotation = rotations_by(theta[:, ANGLES])
         lever = self._lever(theta[:, :1] - self.log_focal, common[None])
-        return angles_of(rotation @ _lean(common[_LEAN])), theta[:, POSITION] - lever * rotation[:, 2]
+        return angles_of(rotation @ _lean_back(common).swapaxes(-1, -2)), theta[:, POSITION] - lever * rotation[:, 2]
+
+    def _thetas(self, own: Array, common: Array, rotation: Array, angles: Array) -> Array:
+        zoom = own[:, :1] - self.log_focal
+        theta = np.zeros((len(own), len(PARAMETERS)))
+        theta[:, LOG_FOCAL] = own[:, 0]
+        theta[:, ANGLES] = angles
+        theta[:, POSITION] = common[:, _AXIS] + self._lever(zoom, common) * rotation[:, 2]
+        theta[:, _TO] = common[:, _FROM]
+        theta[:, _ZOOM_TO] += zoom * common[:, _ZOOM_FROM]
+        if own.shape[1] > 3:
+            theta[:, _BLOOM] = own[:, 3]
+        return theta
 
     def _head(self, own: Array, common: Array) -> Array:
-        return rotation_matrix(own[:, 1], own[:, 2], common[:, _ROLL])
-
-    def _rotations(self, own: Array, common: Array) -> Array:
-        return np.asarray(self._head(own, common) @ np.swapaxes(_lean(np.moveaxis(common[:, _LEAN], -1, 0)), -1, -2))
+        """Rotations (F, 3, 3) from the head's axes to the cameras."""
+        angles = np.empty((len(own), 3))
+        angles[:, :2], angles[:, 2] = own[:, 1:3], common[..., _ROLL]
+        return rotations_by(angles)
 
     @staticmethod
     def _lever(zoom: Array, common: Array) -> Array:
@@ -228,8 +241,7 @@ class TripodEstimate:
             How they follow the common parameters; 0 without.
         """
         model = self.model
-        theta = model.thetas(own[None], self.mean)[0]
-        by_own, by_common = (d[0] for d in model.derivatives(own[None], self.mean))
+        theta, by_own, by_common = model.linearise_one(own, self.mean)
         if cross is not None:
             by_common = by_common + by_own @ cross
         covariance = by_own @ own_covariance @ by_own.T + by_common @ self.covariance @ by_common.T
@@ -278,14 +290,22 @@ def angles_of(rotation: Array) -> Array:
 
 def _tilt_axis(roll: Array) -> Array:
     """Axis (F, 3) of the tilt in camera coordinates."""
-    return np.stack([np.cos(roll), -np.sin(roll), np.zeros_like(roll)], axis=-1)
+    axis = np.zeros((len(roll), 3))
+    axis[:, 0], axis[:, 1] = np.cos(roll), -np.sin(roll)
+    return axis
 
 
-def _lean(lean: Array) -> Array:
-    """Rotations (..., 3, 3) from the head's axes to the field's, of angles (2, ...) about x and then y."""
-    (cx, cy), (sx, sy) = np.cos(lean), np.sin(lean)
-    found = np.zeros((*np.shape(cx), 3, 3))
-    found[..., 0, 0], found[..., 0, 2] = cy, sy
-    found[..., 1, 0], found[..., 1, 1], found[..., 1, 2] = sx * sy, cx, -sx * cy
-    found[..., 2, 0], found[..., 2, 1], found[..., 2, 2] = -cx * sy, sx, cx * cy
+def _spread(common: Array, own: Array) -> Array:
+    """Common parameters (F, K) of every frame, from (K,) or (F, K)."""
+    return np.broadcast_to(common, (len(own), len(COMMON)))
+
+
+def _lean_back(common: Array) -> Array:
+    """Rotations (..., 3, 3) from the field's axes to the head's, of common parameters (..., K)."""
+    x, y = common[..., _LEAN.start], common[..., _LEAN.start + 1]
+    cx, cy, sx, sy = np.cos(x), np.cos(y), np.sin(x), np.sin(y)
+    found = np.zeros((*common.shape[:-1], 3, 3))
+    found[..., 0, 0], found[..., 2, 0] = cy, sy
+    found[..., 0, 1], found[..., 1, 1], found[..., 2, 1] = sx * sy, cx, -sx * cy
+    found[..., 0, 2], found[..., 1, 2], found[..., 2, 2] = -cx * sy, sx, cx * cy
     return found

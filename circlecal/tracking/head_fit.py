@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from circlecal.geometry.projective import Array
+from circlecal.paint.profiles import median_of_rows
 from circlecal.rig.tripod import TripodEstimate
 from circlecal.tracking.markings import DrawnTemplate, MeasuredFrame
 from circlecal.tracking.tripod_fit import residuals_of, sigmas_of
@@ -78,8 +79,7 @@ def fit_head(
     information, by_common, pull = np.zeros((3, 3)), *np.zeros((2, 3, len(common)))
     rms, share, crossing = np.inf, 0.0, 0.0
     for step in range(ROUNDS):
-        theta = model.thetas(head[None], common)[0]
-        by_own, by_all = (d[0] for d in model.derivatives(head[None], common))
+        theta, by_own, by_all = model.linearise_one(head, common)
         away, rows = residuals_of(measured, drawn, theta, model.projection)
         if len(away) == 0:
             break
@@ -87,7 +87,7 @@ def fit_head(
             sigma = sigmas_of(measured, away, unit)
         values = away / sigma
         # at first what most of the paint says counts, however far off it is
-        scale = max(LOSS_SCALE, 2.0 * float(np.median(np.abs(values)))) if step < 2 else LOSS_SCALE
+        scale = max(LOSS_SCALE, 2.0 * float(median_of_rows(np.abs(values)))) if step < 2 else LOSS_SCALE
         weight = 1.0 / (1.0 + values**2 / scale**2) ** 2
         jacobian = (rows @ by_own) / sigma[:, None]
         information = (jacobian * weight[:, None]).T @ jacobian

@@ -221,8 +221,7 @@ class Place:
         """
         tripod = self.tripod
         model = tripod.model
-        theta = model.thetas(head[None], tripod.mean)[0]
-        by_own, by_all = (d[0] for d in model.derivatives(head[None], tripod.mean))
+        theta, by_own, by_all = model.linearise_one(head, tripod.mean)
         width = self.template.marking_width_m + tripod.mean[PLACE["width"]]
         places = place_markings(self.drawn, theta, model.projection, width)
         if by_common is None:
@@ -239,8 +238,7 @@ class Place:
 
     def follow_paint(self, head: Array, measured: MeasuredFrame) -> Array:
         """How a head (3,) that was found by its paint follows the common parameters (3, K)."""
-        theta = self.tripod.model.thetas(head[None], self.tripod.mean)[0]
-        by_own, by_all = (d[0] for d in self.tripod.model.derivatives(head[None], self.tripod.mean))
+        theta, by_own, by_all = self.tripod.model.linearise_one(head, self.tripod.mean)
         _, rows = residuals_of(measured, self.drawn, theta, self.tripod.model.projection)
         return follow_common(rows @ by_own, rows @ by_all)
 

@@ -13,8 +13,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from circlecal.geometry.camera import Camera
 from circlecal.geometry.camera_parameters import camera_of
 from circlecal.geometry.projective import Array
+from circlecal.paint.profiles import median_of_rows
 from circlecal.rig.tripod import TripodModel
 
 WIDTH_PX = 640
@@ -167,7 +169,7 @@ def estimate_motion(
         return None
     away = flow.after - flow.before
     length = np.hypot(*away.T)
-    if np.median(length) > MOVING_PX * factor:
+    if median_of_rows(length) > MOVING_PX * factor:
         keep = length > STILL_PX * factor
         if np.count_nonzero(keep) >= LEAST_INLIERS:
             flow, away = Flow(flow.before[keep], flow.after[keep]), away[keep]
@@ -200,7 +202,7 @@ def estimate_motion(
         near = size < limit * 2
         if np.count_nonzero(near) < LEAST_INLIERS:
             return None
-        scale = max(1.4826 * float(np.median(size[near])), 0.05 * factor)
+        scale = max(1.4826 * float(median_of_rows(size[near])), 0.05 * factor)
         weight = np.where(near, 1.0 / (1.0 + (size / (1.5 * scale)) ** 2), 0.0)
         normal = np.einsum("n,nij,nik->jk", weight, by, by)
         change = change + np.linalg.solve(normal, np.einsum("n,nij,ni->j", weight, by, rest))
@@ -216,8 +218,9 @@ def estimate_motion(
 
 def move_of_middle(change: Array, head: Array, model: TripodModel, common: Array) -> Array:
     """How far (2,) what is seen in the middle of a picture moves, pixels, while the head (3,) changes (3,)."""
-    middle = model.projection.center
-    world = _background(middle[None], head, model, common)
+    camera = camera_of(model.thetas(head[None], common)[0], model.projection)
+    # what lies on the optical axis is seen in the middle, but for a few pixels
+    world = _place_in_world(camera, camera.R[2:])
     before, after = model.project_world(np.stack([head, head + change]), common, world)[:, 0]
     return np.asarray(after - before)
 
@@ -225,7 +228,11 @@ def move_of_middle(change: Array, head: Array, model: TripodModel, common: Array
 def _background(pixels: Array, head: Array, model: TripodModel, common: Array) -> Array:
     """Where corners (N, 2) are taken to be in the world (N, 3), metres: on the ground, or in the stands."""
     camera = camera_of(model.thetas(head[None], common)[0], model.projection)
-    rays = camera.rays(pixels)
+    return _place_in_world(camera, camera.rays(pixels))
+
+
+def _place_in_world(camera: Camera, rays: Array) -> Array:
+    """Where rays (N, 3) of a camera meet the ground or the stands (N, 3), metres."""
     length = np.linalg.norm(rays, axis=1)
     with np.errstate(divide="ignore"):
         ground = np.where(rays[:, 2] > 0, -camera.position_m[2] / rays[:, 2], np.inf)

@@ -17,6 +17,7 @@ from circlecal.field import FieldTemplate
 from circlecal.geometry.camera_parameters import INDEX, ProjectionModel, project
 from circlecal.geometry.projective import Array, Indices
 from circlecal.geometry.surface import Surface
+from circlecal.paint.profiles import median_of_rows
 from circlecal.rig.tripod import COMMON, PLACE, TripodEstimate, TripodModel
 from circlecal.tracking.markings import (
     CLEAR_PX_M,
@@ -176,9 +177,9 @@ def sigmas_of(measured: MeasuredFrame, residuals_px: Array, unit: float, alike: 
     )
     noise, spacing = LEAST_NOISE_PX, SPACING_PX * unit
     if len(near) >= 8:
-        spacing = max(float(np.median(step[near])), 1.0)
+        spacing = max(float(median_of_rows(step[near])), 1.0)
         change = np.abs(np.diff(residuals_px)[near])
-        noise = max(LEAST_NOISE_PX, NEIGHBOURS_ALIKE * 1.4826 / np.sqrt(2.0) * float(np.median(change)))
+        noise = max(LEAST_NOISE_PX, NEIGHBOURS_ALIKE * 1.4826 / np.sqrt(2.0) * float(median_of_rows(change)))
     repeats = max(CORRELATION_PX * unit / spacing, 1.0)
     model = MODEL_SIGMA_PX * unit * np.sqrt(alike)
     return np.asarray(np.sqrt(noise**2 + (model**2 + measured.bias_px**2) * repeats))
@@ -193,8 +194,7 @@ def _evaluate(
     sigmas: Sequence[Array],
     loss_scale: float,
 ) -> _Normal:
-    theta = model.thetas(heads, common)
-    by_own, by_common = model.derivatives(heads, common)
+    theta, by_own, by_common = model.linearise(heads, common)
     F, K = len(frames), len(COMMON)
     H_oo, H_oc, H_cc, g_o, g_c = (np.zeros(s) for s in ((F, 3, 3), (F, 3, K), (K, K), (F, 3), (K,)))
     costs, rms, clear_rms = np.zeros(F), np.zeros(F), np.zeros(F)
