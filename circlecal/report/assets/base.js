@@ -27,8 +27,8 @@ globalThis.circlecalPage = (() => {
     setTimeout(() => URL.revokeObjectURL(address), 1000);
   };
   const picture = (source, alt, lazy) => {
-    const made = make("img", { alt, decoding: "async", draggable: false });
-    if (lazy) made.loading = "lazy";
+    const made = make("img", { alt, draggable: false });
+    if (lazy) Object.assign(made, { loading: "lazy", decoding: "async" });  // others are there when the page is printed
     made.addEventListener("error", () => made.replaceWith(nothing("picture missing")), { once: true });
     made.src = source;
     return made;
