@@ -53,7 +53,6 @@ def audit(
     if plot is not None:
         check_plot(plot)
     chosen = options.parse_size(size)
-    assert chosen is not None
     frames = audit_frames(read_keypoints(keypoints, chosen), center.value, options.choose_config(config, settings))
     by_pair = distances_by_pair(frames)
     if plot is not None:

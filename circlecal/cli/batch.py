@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
     from circlecal.batch import BatchProgress
     from circlecal.batch.frames import FrameRun
-    from circlecal.formats.exports import Exports
     from circlecal.formats.inputs import FrameOfFile
     from circlecal.pictures.files import PictureFile
+    from circlecal.pictures.video import Sampling, Video
 
 
 def batch(
@@ -77,21 +77,21 @@ def batch(
     verbose: options.Verbose = False,
 ) -> None:
     """Calibrate many frames in parallel into results.jsonl and summary.csv; run it again to go on after a stop."""
-    from circlecal.batch import run_batch
     from circlecal.batch.frames import FrameRun
     from circlecal.cli import console
     from circlecal.cli.rig import RIG_FOLDER, estimate_shared_cameras
     from circlecal.errors import InputError
-    from circlecal.formats.annotation import ANNOTATION_FOLDER, digest_annotations
+    from circlecal.formats.annotation import ANNOTATION_FOLDER
     from circlecal.pictures.inputs import absolute_input
     from circlecal.pictures.video import DEFAULT_EVERY, Sampling
-    from circlecal.records.log import RESULTS_NAME, read_records
-    from circlecal.records.parquet import PARQUET_NAME, write_parquet
+    from circlecal.records.log import RESULTS_NAME
 
     console.configure_logging(quiet=quiet, verbose=verbose)
     if scheduler is not None:  # workers have another working folder
         inputs, out = [absolute_input(name) for name in inputs], out.absolute()
-        mask, keypoints = (None if path is None else path.absolute() for path in (mask, keypoints))
+        mask, keypoints, annotations = (
+            None if path is None else path.absolute() for path in (mask, keypoints, annotations)
+        )
     chosen = options.choose_config(
         config,
         settings,
@@ -119,17 +119,52 @@ def batch(
     )
     failures: list[Exception] = []
     frames, videos = options.choose_frames_and_videos(inputs, run, out, console.error_reporter(failures))
-    if not frames and not videos and not failures:
-        named = ", ".join(map(str, inputs))
-        raise InputError(f"{named}: no annotations found; give pictures, annotation files or folders of them")
+    if not videos and not failures:
+        options.require_frames(inputs, frames)
     sampling = Sampling.parse(every or DEFAULT_EVERY, start, end)
     if not videos and (every or start or end):
         raise InputError("--every, --start and --end choose frames of videos, and no video is given")
     out = options.folder_of_run(out, run.digest, ask=console.can_ask() and not quiet, restart=restart)
     run = replace(run, out=out if files else None, annotations=annotations or out / ANNOTATION_FOLDER)
+    counts = _calibrate(
+        frames, videos, sampling, run, out, workers=workers, scheduler=scheduler, restart=restart, quiet=quiet
+    )
+    refused, final = counts.refused, out
+    if not rig or not as_json:
+        _print_counts(counts, out / RESULTS_NAME, as_json=as_json, quiet=quiet)
+    if rig:
+        final = out / RIG_FOLDER
+        report = estimate_shared_cameras(
+            out, run, final, workers=workers, as_json=as_json, quiet=quiet, restart=restart, outdated=True
+        )
+        refused = report.frames - report.calibrated
+    _write_further(exports, run, frames, final)
+    if failures:
+        raise typer.Exit(2)
+    if refused:
+        raise typer.Exit(1)
+
+
+def _calibrate(
+    frames: Sequence[PictureFile | FrameOfFile],
+    videos: Sequence[Video],
+    sampling: Sampling,
+    run: FrameRun,
+    out: Path,
+    *,
+    workers: int | None,
+    scheduler: str | None,
+    restart: bool,
+    quiet: bool,
+) -> BatchProgress:
+    """Calibrate all frames, those of videos after the others, while the progress is shown."""
+    from circlecal.batch import run_batch
+    from circlecal.cli import console
+    from circlecal.formats.annotation import digest_annotations
+
     moments = (frame for video in videos for frame in video.frames(sampling, console.print_note))
     with console.progress_display(quiet=quiet) as show:
-        counts = run_batch(
+        return run_batch(
             chain(frames, moments),
             run,
             out,
@@ -140,36 +175,25 @@ def batch(
             annotations=digest_annotations(run.annotations),
             on_progress=show,
         )
-    refused, final = counts.refused, out
-    if not rig or not as_json:
-        _print_counts(counts, out / RESULTS_NAME, as_json=as_json, quiet=quiet)
-    if rig:
-        final = out / RIG_FOLDER
-        report = estimate_shared_cameras(
-            out, run, final, workers=workers, as_json=as_json, quiet=quiet, restart=restart, outdated=True
-        )
-        refused = report.frames - report.calibrated
-    if exports.targets:
-        _export(exports.into(final), run, frames, final)
-    if exports.parquet:
-        write_parquet(read_records(final), final / PARQUET_NAME)
-    if failures:
-        raise typer.Exit(2)
-    if refused:
-        raise typer.Exit(1)
 
 
-def _export(exports: Exports, run: FrameRun, frames: Sequence[PictureFile | FrameOfFile], out: Path) -> None:
-    """Write the outside formats of everything that the folder holds."""
+def _write_further(
+    exports: options.ExportChoice, run: FrameRun, frames: Sequence[PictureFile | FrameOfFile], out: Path
+) -> None:
+    """Write the outside formats and the table of everything that the folder holds."""
     from circlecal.formats.exports import export_records
     from circlecal.formats.inputs import FrameOfFile
     from circlecal.pipeline import apply_convention, field_of
     from circlecal.records.log import read_records
+    from circlecal.records.parquet import PARQUET_NAME, write_parquet
 
-    template, circle = field_of(run.config)
-    annotated = {frame.id: frame for frame in frames if isinstance(frame, FrameOfFile)}
-    records = read_records(out)
-    export_records(records, exports, template, circle, annotated, apply_convention(template, run.convention))
+    if exports.targets:
+        template, circle = field_of(run.config)
+        annotated = {frame.id: frame for frame in frames if isinstance(frame, FrameOfFile)}
+        convention = apply_convention(template, run.convention)
+        export_records(read_records(out), exports.into(out), template, circle, annotated, convention)
+    if exports.parquet:
+        write_parquet(read_records(out), out / PARQUET_NAME)
 
 
 def _print_counts(counts: BatchProgress, results: Path, *, as_json: bool, quiet: bool) -> None:

@@ -54,7 +54,6 @@ def calibrate(
     """Calibrate pictures or annotations: write a result file and an overlay picture of each, and print a table."""
     from circlecal.batch.frames import FrameRun
     from circlecal.cli import console
-    from circlecal.errors import InputError
     from circlecal.files import prepare_folder
     from circlecal.formats.annotation import ANNOTATION_FOLDER
     from circlecal.formats.exports import Exports
@@ -83,32 +82,34 @@ def calibrate(
     run = FrameRun(chosen, out, exports, mask, keypoints, format_name, size_given, convention.value, written)
     failures: list[Exception] = []
     frames = options.choose_inputs(inputs, run, out, console.error_reporter(failures))
-    if not frames and not failures:
-        named = ", ".join(map(str, inputs))
-        raise InputError(f"{named}: no annotations found; give pictures, annotation files or folders of them")
+    if not failures:
+        options.require_frames(inputs, frames)
     prepare_folder(out)
     summaries: list[FrameSummary] = []
+    is_field_named = bool(field or config or settings) or len(frames) > FEW
     with console.progress_display(quiet=quiet or len(frames) <= 1) as show:
         for record in _records(frames, run, show, console.error_reporter(failures)):
             summaries.append(summarise(record))
-            if record.near_limits and not quiet:
-                console.print_note(f"{record.id}: {record.status}, near a limit: {', '.join(record.near_limits)}")
-            if not quiet:
-                for note in _field_notes(
-                    record, chosen, is_named=bool(field or config or settings) or len(frames) > FEW
-                ):
-                    console.print_note(note)
+            for note in () if quiet else _notes(record, chosen, is_field_named=is_field_named):
+                console.print_note(note)
             if json_lines:
                 console.print_json(result_line(record))
     exports.finish()
     if summaries and not quiet:
         if not json_lines:
             console.print_summaries(summaries)
-        console.print_note(_name_files([summary.id for summary in summaries], out, chosen))
+        console.print_note(_name_files([summary.id for summary in summaries], out, chosen, exports.written))
     if failures:
         raise typer.Exit(2)
     if any(summary.status != "calibrated" for summary in summaries):
         raise typer.Exit(1)
+
+
+def _notes(record: ResultRecord, config: Config, *, is_field_named: bool) -> Iterator[str]:
+    """What is said of a frame beside its row in the table."""
+    if record.near_limits:
+        yield f"{record.id}: {record.status}, near a limit: {', '.join(record.near_limits)}"
+    yield from _field_notes(record, config, is_named=is_field_named)
 
 
 def _field_notes(record: ResultRecord, config: Config, *, is_named: bool) -> Iterator[str]:
@@ -134,16 +135,17 @@ def _field_notes(record: ResultRecord, config: Config, *, is_named: bool) -> Ite
         yield f"{record.id}: its ground is no turf; --field auto tries other sports"
 
 
-def _name_files(ids: Sequence[str], out: Path, config: Config) -> str:
-    """Which files the results are in."""
+def _name_files(ids: Sequence[str], out: Path, config: Config, exported: Sequence[Path]) -> str:
+    """Which files the results are in, with those of other programs."""
     from circlecal.pictures.files import OVERLAY_SUFFIX, RADAR_SUFFIX
 
     wanted = {OVERLAY_SUFFIX: config.output.overlay, RADAR_SUFFIX: config.output.radar}
     suffixes = [".json", *(suffix for suffix, chosen in wanted.items() if chosen)]
     if len(ids) > 1:
-        return f"{len(ids)} results are in {out} ({', '.join(f'<id>{suffix}' for suffix in suffixes)})"
-    files = [out / f"{ids[0]}{suffix}" for suffix in suffixes]
-    return f"wrote {', '.join(str(file) for file in files if file.is_file())}"
+        others = f", and {len(exported)} of other programs" if exported else ""
+        return f"{len(ids)} results are in {out} ({', '.join(f'<id>{suffix}' for suffix in suffixes)}{others})"
+    files = [path for suffix in suffixes if (path := out / f"{ids[0]}{suffix}").is_file()]
+    return f"wrote {', '.join(map(str, [*files, *exported]))}"
 
 
 def _records(

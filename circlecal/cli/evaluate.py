@@ -61,7 +61,6 @@ def evaluate(
 
     methods = _methods(predictions, compare or [])
     chosen, given = options.parse_size(size), options.parse_size(pred_size, "--pred-size")
-    assert chosen is not None
     if holds_homographies(truth):
         against_truth = evaluate_truth(truth, methods, given)
         if as_json:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, overload
 
 import typer
 
@@ -260,8 +260,16 @@ def folder_of_run(out: Path, digest: str, *, ask: bool, restart: bool) -> Path:
     return out
 
 
+@overload
+def parse_size(text: str, option: str = "--size") -> tuple[int, int]: ...
+
+
+@overload
+def parse_size(text: str | None, option: str = "--size") -> tuple[int, int] | None: ...
+
+
 def parse_size(text: str | None, option: str = "--size") -> tuple[int, int] | None:
-    """Width and height from an option such as 1920x1080.
+    """Width and height from an option such as 1920x1080; None where it was not given.
 
     Raises
     ------
@@ -350,6 +358,21 @@ def choose_frames(inputs: Sequence[Path], out: Path, mask: Path | None) -> list[
     if mask is not None and not is_folder(mask) and len(frames) > 1:
         raise InputError(f"{mask}: is one mask for {len(frames)} frames; give a folder of masks named like the frames")
     return frames
+
+
+def require_frames(inputs: Sequence[object], frames: Sequence[object]) -> None:
+    """There is something to calibrate: pictures, or frames in the annotation files that were named.
+
+    Raises
+    ------
+    InputError
+        There is not.
+    """
+    from circlecal.errors import InputError
+
+    if not frames:
+        named = ", ".join(map(str, inputs))
+        raise InputError(f"{named}: no annotations found; give pictures, annotation files or folders of them")
 
 
 def choose_inputs(

@@ -11,6 +11,8 @@ from typing import Annotated
 
 import typer
 
+from circlecal.cli import options
+
 
 class Profile(StrEnum):
     """What the frames show."""
@@ -101,7 +103,7 @@ def synth(
     count, size = 12 if count is None else count, size or "1920x1080"
     chosen = [p.value for p in profile or list(Profile)]
     with _progress(count) as report:
-        ids = write_dataset(out, count, seed, chosen, _parse_size(size), masks=not no_masks, report=report)
+        ids = write_dataset(out, count, seed, chosen, options.parse_size(size), masks=not no_masks, report=report)
     console.print_line(f"{console.count_of(len(ids), 'frame')} written to {out}")
 
 
@@ -120,7 +122,7 @@ def _write_clips(
     from circlecal.cli import console
     from circlecal.synthetic.video import CLIP_KINDS, ClipSpec, require_clips, write_clips
 
-    width, height = _parse_size(size)
+    width, height = options.parse_size(size)
     spec = ClipSpec(width=width, height=height, seconds=seconds, rate=rate, interlaced=interlaced)
     if profile:
         spec = replace(spec, look=profile[0].value)
@@ -129,15 +131,6 @@ def _write_clips(
     with _progress(count * round(seconds * rate)) as report:
         ids = write_clips(out, count, seed, spec, kinds, report=report)
     console.print_line(f"{len(ids)} clip{'s' * (len(ids) != 1)} written to {out}")
-
-
-def _parse_size(text: str) -> tuple[int, int]:
-    from circlecal.errors import InputError
-
-    width, _, height = text.lower().partition("x")
-    if not (width.isascii() and width.isdigit() and height.isascii() and height.isdigit()):
-        raise InputError(f"--size {text!r} is not WIDTHxHEIGHT, such as 1920x1080")
-    return int(width), int(height)
 
 
 @contextlib.contextmanager

@@ -69,6 +69,7 @@ def track(
     console.configure_logging(quiet=quiet, verbose=verbose)
     if scheduler is not None:  # workers have another working folder
         inputs, out = [absolute_input(name) for name in inputs], out.absolute()
+        annotations = None if annotations is None else annotations.absolute()
     chosen = options.choose_config(config, settings, field, seed, tells_field=venue is None)
     known = None if venue is None else read_venue(venue, field_of(chosen)[0])
     sampling, exports = Sampling.parse(every or DEFAULT_EVERY, start, end), options.choose_exports(to, eval_size)

@@ -46,6 +46,11 @@ class Exports:
     size : (int, int), optional
         Size of the pictures in which the written cameras count; each frame's own when None.
 
+    Attributes
+    ----------
+    written : list of Path
+        All files so far.
+
     Raises
     ------
     InputError
@@ -62,6 +67,7 @@ class Exports:
         self._cameras: dict[str, list[CameraFrame]] = defaultdict(list)
         self._shapes: dict[str, list[AnnotatedFrame]] = defaultdict(list)
         self._refused: list[AnnotatedFrame] = []
+        self.written: list[Path] = []
 
     def add(
         self,
@@ -70,8 +76,8 @@ class Exports:
         circle: Circle,
         image: str | None = None,
         observed: ObservedFrame | None = None,
-    ) -> list[Path]:
-        """Take a frame; return the files that were written for it alone.
+    ) -> None:
+        """Take a frame, and write its own files.
 
         Parameters
         ----------
@@ -90,31 +96,29 @@ class Exports:
             A file cannot be written.
         """
         if not self._targets:
-            return []
+            return
         frame = CalibratedFrame.of(record, template, circle, image)
         if frame is None:
-            return self._add_refusal(draw_measured(record, image))
-        written: list[Path] = []
+            self._add_refusal(draw_measured(record, image))
+            return
         for target in self._targets:
             if isinstance(target, CameraFormat):
                 self._cameras[target.name].append(frame.reduce(target.holds))
             elif target.derive is not None:
                 self._shapes[target.name].append(target.derive(frame, observed.original if observed else None))
-            written += self._write(target) if target.per_frame else []
-        return written
+            if target.per_frame:
+                self._write(target)
 
-    def _add_refusal(self, measured: AnnotatedFrame) -> list[Path]:
+    def _add_refusal(self, measured: AnnotatedFrame) -> None:
         """Take a refused frame with what was measured in it, for people to go on from."""
         self._refused.append(measured)
         # a format of cameras has an annotation of the same name that goes with it, or none
         own = [annotation_formats().get(t.name) if isinstance(t, CameraFormat) else t for t in self._targets]
-        written: list[Path] = []
         for target in own if measured.shapes else ():
             if target is not None and target.per_frame and target.draws_measured:
-                written += _write(_annotation_files([measured], target, self._folder, f".{target.name}"))
-        return written
+                self._write_shapes([measured], target)
 
-    def finish(self) -> list[Path]:
+    def finish(self) -> None:
         """Write the files that hold all frames; those that list their pictures list the refused ones too.
 
         Raises
@@ -123,15 +127,21 @@ class Exports:
             A file cannot be written.
         """
         any_frame = bool(self._cameras or self._shapes or self._refused)
-        return [path for target in self._targets if any_frame and not target.per_frame for path in self._write(target)]
+        for target in self._targets:
+            if any_frame and not target.per_frame:
+                self._write(target)
 
-    def _write(self, target: AnnotationFormat | CameraFormat) -> list[Path]:
+    def _write(self, target: AnnotationFormat | CameraFormat) -> None:
         if isinstance(target, CameraFormat):
-            return _write(_camera_files(self._cameras.pop(target.name, []), target, self._folder, self._size))
+            contents = _camera_files(self._cameras.pop(target.name, []), target, self._folder, self._size)
+            self.written += _write(contents)
+            return
         shapes = self._shapes.pop(target.name, []) + ([] if target.per_frame else self._refused)
-        # beside the result files <id>.json
-        shapes = sorted(shapes, key=lambda frame: frame.id)
-        return _write(_annotation_files(shapes, target, self._folder, f".{target.name}"))
+        self._write_shapes(sorted(shapes, key=lambda frame: frame.id), target)
+
+    def _write_shapes(self, shapes: Sequence[AnnotatedFrame], target: AnnotationFormat) -> None:
+        """Write annotations, in names that differ from those of the result files beside them, ``<id>.json``."""
+        self.written += _write(_annotation_files(shapes, target, self._folder, f".{target.name}"))
 
 
 def export_records(
@@ -141,7 +151,7 @@ def export_records(
     circle: Circle,
     annotated: Mapping[str, FrameOfFile],
     annotated_template: FieldTemplate,
-) -> list[Path]:
+) -> None:
     """Write the frames of a finished batch in outside formats.
 
     Parameters
@@ -162,16 +172,15 @@ def export_records(
     InputError
         A record is damaged, or a file cannot be written.
     """
-    written: list[Path] = []
     for record in records:
         if record.image is None:  # never read
             continue
         frame = annotated.get(record.id)
         if frame is not None:
-            written += exports.add(record, annotated_template, circle, frame.image, frame.observed)
+            exports.add(record, annotated_template, circle, frame.image, frame.observed)
         else:
-            written += exports.add(record, *_field_of_record(record, template, circle), _picture_name(record))
-    return written + exports.finish()
+            exports.add(record, *_field_of_record(record, template, circle), _picture_name(record))
+    exports.finish()
 
 
 def _field_of_record(record: ResultRecord, template: FieldTemplate, circle: Circle) -> tuple[FieldTemplate, Circle]:

@@ -360,3 +360,18 @@ def test_progress_counts(in_this_process, tmp_path):
     assert (counts.total, counts.refused, counts.resumed) == (3, 3, 0)
     counts = run_batch(frames, run, tmp_path / "out", workers=1)
     assert (counts.finished, counts.resumed) == (3, 3)
+
+
+def test_workers_of_a_cluster_find_annotations_from_another_folder(run_circlecal, frame_file, tmp_path, monkeypatch):
+    """They run elsewhere, so a path that counts from here would be looked for there, and missed in silence."""
+    given = []
+
+    def take(frames, run, out, **options):
+        given.append((run.annotations, out))
+        raise InputError("far enough")
+
+    monkeypatch.setattr("circlecal.batch.run_batch", take)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "named").mkdir()
+    run_circlecal("batch", frame_file, "--annotations", "named", "--out", "out", "--scheduler", "tcp://127.0.0.1:1")
+    assert given == [(tmp_path / "named", tmp_path / "out")]

@@ -170,6 +170,8 @@ def test_every_format_from_a_picture(run_circlecal, frame_file, tmp_path):
     ]  # fmt: skip
     assert read_camera(out / "camera_good.json").width == 1920
     assert "good.png" in (out / "coco.json").read_text()
+    assert outcome.err.startswith("circlecal: wrote ")
+    assert sorted(outcome.err.split("wrote ")[1].strip().split(", ")) == sorted(str(path) for path in out.iterdir())
 
 
 def test_keypoints_beside_a_picture(run_circlecal, frame_file, frame_camera, tmp_path):
