@@ -214,7 +214,7 @@ class Canvas:
         A point outside the picture gets no label; a label that had to move far is tied to its point.
         """
         anchor = self.place(point).reshape(2)
-        if not np.isfinite(anchor).all() or not self._inside(anchor):
+        if not np.isfinite(anchor).all() or not self._is_inside(anchor):
             return
         height = max(8.0, size * self.text_px)
         width, tall = text_size(printable(text), height)
@@ -225,7 +225,7 @@ class Canvas:
             for direction in order:
                 middle = anchor + direction * (distance * height + np.array([width / 2.0, tall / 2.0]))
                 box = (middle[0] - width / 2, middle[1] - tall / 2, middle[0] + width / 2, middle[1] + tall / 2)
-                if self._free(box):
+                if self._is_free(box):
                     self._write_label(text, anchor, box, color, height, tied=distance > 1.0)
                     return
 
@@ -239,10 +239,10 @@ class Canvas:
         self.text(text, box[0], box[1], color, height)
         self.taken.append(box)
 
-    def _inside(self, drawn: Array) -> bool:
+    def _is_inside(self, drawn: Array) -> bool:
         return bool((drawn >= 0).all() and drawn[0] < self.width and drawn[1] < self.height)
 
-    def _free(self, box: tuple[float, float, float, float]) -> bool:
+    def _is_free(self, box: tuple[float, float, float, float]) -> bool:
         left, top, right, bottom = box
         if left < 2 or top < 2 or right > self.width - 2 or bottom > self.height - 2:
             return False

@@ -83,7 +83,7 @@ def failure(code: str, reason: str) -> EstimationError:
     return EstimationError(STAGE, code, reason)
 
 
-def _finite(observations: Observations) -> bool:
+def _is_finite(observations: Observations) -> bool:
     pixels = [seen.points_px for seen in observations.circles] + [seen.points_px for seen in observations.lines]
     pixels += [seen.point_px for seen in observations.marks] + [seen.point_px for seen in observations.keypoints]
     return all(bool(np.isfinite(p).all()) for p in pixels)
@@ -100,7 +100,7 @@ def solver(method: HomographyMethod) -> Solver:
     def solve(
         observations: Observations, template: FieldTemplate, circle: Circle, rng: np.random.Generator
     ) -> SolverResult:
-        if not _finite(observations):
+        if not _is_finite(observations):
             return SolverResult(None, "not_finite", "an observed point is not finite")
         try:
             with np.errstate(all="ignore"):
@@ -124,7 +124,7 @@ def intrinsics_solver(method: IntrinsicsMethod) -> IntrinsicsSolver:
     def solve(
         views: Sequence[Observations], template: FieldTemplate, circle: Circle, rng: np.random.Generator
     ) -> IntrinsicsResult:
-        if not all(_finite(view) for view in views):
+        if not all(_is_finite(view) for view in views):
             return IntrinsicsResult(None, "not_finite", "an observed point is not finite")
         try:
             with np.errstate(all="ignore"):

@@ -120,7 +120,7 @@ def find_faint_lines(
         if shift is None and surface is not None:
             shift = _best_shift(picture, surface, course, model.width / 1920.0)
         cue = None if shift is None else _measure(picture, course, shift, model.width / 1920.0)
-        if cue is not None and not any(_same(cue, other, model.width / 1920.0) for other in found):
+        if cue is not None and not any(_are_same(cue, other, model.width / 1920.0) for other in found):
             found.append(cue)
     return tuple(found)
 
@@ -295,6 +295,6 @@ def _middle(profile: Array, offsets: Array, unit: float) -> tuple[float, float]:
     return float(weight @ at[near] / weight.sum()), max(LEAST_SIGMA_PX * unit, sigma)
 
 
-def _same(one: LineCue, other: LineCue, unit: float) -> bool:
+def _are_same(one: LineCue, other: LineCue, unit: float) -> bool:
     """Whether two lines are one marking of the picture."""
     return float(np.median(np.abs(line_distance(other.line, one.points_px)))) < RIVAL_PX * unit

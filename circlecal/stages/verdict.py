@@ -193,7 +193,7 @@ def judge(attempt: Attempt, template: FieldTemplate, circle: Circle, width: int,
         if camera is not None:
             likely = max(LIKELY_RESIDUAL_PX * unit, RESIDUAL_WIDTHS * mean_paint_width(camera.view, circle, template))
             checks.append(Check.of("likely_residual_px", _worst_of(camera, circle), likely))
-        exact = camera is not None and _exact(ellipses, camera, template, circle, unit)
+        exact = camera is not None and _is_exact(ellipses, camera, template, circle, unit)
         checks.append(
             Check.of("confirmations", float(_confirmations(cues, camera, circle, unit) + exact), 1.0, at_least=True)
         )
@@ -316,7 +316,7 @@ def _short_arc_checks(
     ]
 
 
-def _exact(ellipses: EllipseFits, camera: CameraFit, template: FieldTemplate, circle: Circle, unit: float) -> bool:
+def _is_exact(ellipses: EllipseFits, camera: CameraFit, template: FieldTemplate, circle: Circle, unit: float) -> bool:
     """Whether more of the circle than a penalty arc has lies where the camera puts it so exactly that nothing that was
     pieced together does.
     """

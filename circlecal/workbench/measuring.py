@@ -155,7 +155,7 @@ def _find_curves(measured: MeasuredPicture) -> Iterator[AnnotatedMarking]:
     kept: list[Ellipse] = []
     for conic, part in drawn:
         ellipse = ellipse_from_conic(conic)
-        if ellipse is None or len(kept) >= OFFERED or any(_alike(ellipse, other, measured.unit) for other in kept):
+        if ellipse is None or len(kept) >= OFFERED or any(_are_alike(ellipse, other, measured.unit) for other in kept):
             continue
         seen = measure_ellipse(measured, ellipse)
         if seen is not None and part is not None and len(part):  # beside an arc its ellipse meets other markings
@@ -167,7 +167,7 @@ def _find_curves(measured: MeasuredPicture) -> Iterator[AnnotatedMarking]:
             yield _as_marking(seen, "curve", None, used=False)
 
 
-def _alike(ellipse: Ellipse, other: Ellipse, unit: float) -> bool:
+def _are_alike(ellipse: Ellipse, other: Ellipse, unit: float) -> bool:
     around = ellipse.points(np.linspace(0.0, 2 * np.pi, 24, endpoint=False))
     return bool(np.median(np.abs(orthogonal_distance(other, around))) < APART_PX * unit)
 

@@ -209,21 +209,21 @@ def mahalanobis(draw: Draw, fit: CameraFit, circle: Circle) -> dict[str, bool]:
     center = np.asarray(circle.center)
     position = slice(4, 7)
     found = {
-        "homography": _in_region(fit, H),
-        "imaged centre": _inside(apply_homography(H, center) - fit.imaged_center_px, fit.imaged_center_covariance),
-        "position": _inside(draw.camera.position_m - fit.camera.position_m, fit.covariance[position, position]),
+        "homography": _is_in_region(fit, H),
+        "imaged centre": _is_inside(apply_homography(H, center) - fit.imaged_center_px, fit.imaged_center_covariance),
+        "position": _is_inside(draw.camera.position_m - fit.camera.position_m, fit.covariance[position, position]),
     }
     for point in fit.derived_points:
         true = apply_homography(H, point.field_m)
-        found[f"point {point.label}"] = _inside(true - point.image_px, point.covariance)
+        found[f"point {point.label}"] = _is_inside(true - point.image_px, point.covariance)
     return found
 
 
-def _in_region(fit: CameraFit, H: Array) -> bool:
+def _is_in_region(fit: CameraFit, H: Array) -> bool:
     return fit.region is not None and fit.region.distance(H) < chdtri(fit.region.directions, 0.1)
 
 
-def _inside(difference: Array, covariance: Array) -> bool:
+def _is_inside(difference: Array, covariance: Array) -> bool:
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     # what is fixed has no spread
