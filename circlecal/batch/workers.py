@@ -20,6 +20,7 @@ from circlecal.batch.task import F, Named, Task, finish, limits_of, record_failu
 from circlecal.records.log import Finished
 
 _IN_FLIGHT_PER_WORKER = 2
+"""Frames that are handed out: one in the works and one that waits, so that no worker idles and memory is small."""
 T = TypeVar("T")
 R = TypeVar("R")
 

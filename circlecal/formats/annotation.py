@@ -40,7 +40,6 @@ from circlecal.geometry.projective import Array
 from circlecal.observations import CircleEdge, CirclePoints, LineEnd, LinePoints, Observations
 from circlecal.records.record import ResultRecord
 
-ANNOTATION_VERSION = 1
 UNKNOWN_LINE = UNKNOWN_CLASSES[1]
 CURVE_POINTS, LINE_POINTS = 36, 6
 """Of a measured marking, in files of other programs: so many are drawn and moved by hand."""

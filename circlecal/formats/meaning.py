@@ -215,7 +215,7 @@ class _Reading:
             self.lines[name].append((shape.points_px, sigma))
 
     def _take_place(self, shape: Shape, name: str) -> bool:
-        """A point whose position on the field its label says."""
+        """Take a point whose position on the field its label says; whether the label is one."""
         if name in _CENTRE_WORDS:
             name = normalise(f"{self.template.default_circle} {CENTRE}")
         for circle in self.template.circles:
@@ -232,6 +232,7 @@ class _Reading:
         return False
 
     def _take_circle_place(self, shape: Shape, circle: Circle, direction: str) -> bool:
+        """Take a point of a circle, or its centre; whether the direction is one of a map."""
         point = shape.points_px[0]
         center = np.asarray(circle.center)
         if direction == CENTRE:

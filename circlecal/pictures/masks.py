@@ -54,9 +54,13 @@ PALETTE_RGB: dict[tuple[int, int, int], int] = {
 """Class id by colour; the classes 16 and 17 (unknown) are black like the background, 27 has two colours."""
 
 _MAX_MARKED_SHARE = 0.5
-_EXTREME_SHARE = 0.99
-_EXTREME_LEVELS = 16
+"""Of the pixels: markings are thin lines, so a mask that marks more is inverted, or none."""
+_EXTREME_SHARE, _EXTREME_LEVELS = 0.99, 16
+"""A binary mask with soft edges has at least this share of its pixels within so many of 255 levels of black or white;
+photographs and maps of probabilities have grey throughout.
+"""
 _MIN_SIDE = 16
+"""Pixels; masks of networks are a few times smaller than pictures, which have at least 64."""
 
 _log = logging.getLogger(__name__)
 

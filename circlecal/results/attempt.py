@@ -176,6 +176,8 @@ class FrameCalibration:
     paint_bgr : (float, float, float) or None
         What the circle's paint adds to blue, green and red of the surface, where a picture was calibrated under a
         template all of whose markings are in one paint.
+    other_paints_bgr : tuple of (float, float, float)
+        Of a picture that was calibrated by the lines of one colour: the same of the other colours on its floor.
     """
 
     id: str

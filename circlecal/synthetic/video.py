@@ -177,6 +177,10 @@ class Clip:
         What all frames share.
     shots : tuple
         Stretches between cuts, in order.
+    runs : tuple
+        How each player moves.
+    seeds : (int, int, int)
+        Of the world around the pitch, of the graphics and of the sensor's noise.
     """
 
     spec: ClipSpec

@@ -99,6 +99,8 @@ def calibrate_with_other_frames(
         Frames of each match.
     template, circle, config : FieldTemplate, Circle, Config
         Field and options.
+    advance : callable, optional
+        Called with a frame's name when it is done.
     """
     alone = {}
     for frame in {frame for run in runs if set(run) & set(targets) for frame in run}:
