@@ -374,6 +374,32 @@ def test_a_large_faint_mark_lies_on_the_ground_beside_it():
     assert _bare_sides(seen, 120, 1.0, 6.0, 20.0) == (True, True)
 
 
+def test_a_stripe_of_shade_across_the_mark_does_not_hide_it(painted):
+    """It dims the lower edge of the disc and the ground beside it alike."""
+    y = round(float(CAMERA.project(np.zeros(2))[1]))
+    image = painted.image.copy()
+    image[y + 1 : y + 7] = (0.6 * image[y + 1 : y + 7]).astype(np.uint8)
+    mark = cues_in(painted, image=image).mark
+    assert mark is not None
+    assert np.linalg.norm(mark.point_px - CAMERA.project(np.zeros(2))) < 1.5
+
+
+def test_a_faint_mark_is_believed_where_both_its_sides_are_seen(painted):
+    """Legs in front of the upper half of its right side leave the left one alone."""
+    touched = painted.image.copy()
+    x, y = np.round(CAMERA.project(np.zeros(2))).astype(int)
+    touched[y - 40 : y + 2, x + 6 : x + 30] = 0
+
+    def is_found(image, share):
+        """Whether the mark is found where its signal to noise ratio is this share of what is asked."""
+        snr = cues_in(painted, image=image).mark.snr
+        return cues_in(painted, CuesConfig(mark_snr=snr / share), image=image).mark is not None
+
+    assert is_found(painted.image, 0.8)
+    assert not is_found(painted.image, 0.6)
+    assert not is_found(touched, 0.8)
+
+
 def test_a_line_that_is_bare_inside_the_circle_is_measured_beside_it(painted):
     """Its paint there is worn off, and the detector has seen it on both sides of the circle."""
     far, near = CAMERA.project(np.array([[0.0, -16.0], [0.0, 16.0]]))
