@@ -71,7 +71,7 @@ hardly beyond its ends (radians).
 OVERHANG_COST = 2.0
 """Pixels of explained line that one pixel of overhang beyond the end of a marking outweighs."""
 EXPLAINED_SHARE = 0.5
-"""Least share of the length of all straight lines that are recognised."""
+"""Length of what is recognised, arcs among it, as a share of that of all straight lines: the least."""
 
 
 def name_lines_around_circle(
@@ -248,7 +248,7 @@ def _add_curves(scene: NamingScene, trials: list[Trial], curves: tuple[Array, ..
             for k, trial in enumerate(fitted):
                 gain = share[k] * length if share[k] >= CURVE_SHARE else 0.0
                 if gain > 0.0 and number not in arcs[k] and trial.score + gain > trials[k].score:
-                    trials[k] = replace(trial, score=trial.score + gain)
+                    trials[k] = replace(trial, score=trial.score + gain, explained_px=trial.explained_px + gain)
                     arcs[k] = arcs[k] | {number: arc.name}
     return trials, arcs
 

@@ -298,7 +298,8 @@ def _is_crossed(end: LineEnd, line: LinePoints, observations: Observations, unit
     along = fit_line(line.points_px)[:2]
     for other in observations.lines:
         if other.line is None and len(other.points_px) >= FEWEST_POINTS:
-            segment = segment_ends(other.points_px)
+            # by its own ends a long line that the lens bends lies beside a point that it passes
+            segment = segment_ends(_piece_beside(other.points_px, end.point_px))
             normal = fit_line(other.points_px)[:2]
             across = abs(normal[0] * along[1] - normal[1] * along[0]) > LEAST_SINE
             if across and _is_near(segment, end.point_px) and passes_point(segment, end.point_px, unit):

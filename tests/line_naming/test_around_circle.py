@@ -131,6 +131,16 @@ def test_a_penalty_arc_and_the_line_on_which_it_ends_are_enough():
     assert error_px(fit) < 10.0
 
 
+def test_an_arc_that_is_recognised_weighs_against_a_line_that_is_nothing():
+    """Of the two straight lines the longer one is a board's."""
+    observed = observations(["big_rect_left_main"], ["penalty_arc_left"])
+    points = np.array([900.0, 900.0]) + np.linspace(0.0, 800.0, 100)[:, None] * np.array([0.94, 0.34])
+    board = LinePoints(None, points, np.full(100, SIGMA_PX))
+    fit = estimate_camera(replace(observed, lines=(*observed.lines, board)), SOCCER, CIRCLE, CONFIG)
+    assert fit.named_lines == ("big_rect_left_main",)
+    assert error_px(fit) < 10.0
+
+
 def test_a_curve_that_is_no_arc_of_the_field_changes_nothing():
     stray = np.stack([np.linspace(200.0, 700.0, 60), 900.0 - 0.002 * np.linspace(-250.0, 250.0, 60) ** 2], axis=-1)
     with pytest.raises(EstimationError, match="nothing shows how the circle is turned"):

@@ -164,6 +164,20 @@ def test_a_line_passes_an_end_only_where_it_is_seen_near_it(away_m, is_believed)
     assert line_ends._is_crossed(far_end(crossed=False), given.lines[0], given, 1.0) is is_believed
 
 
+def test_a_long_line_crosses_an_end_where_the_lens_bends_it():
+    """By 9 px in the middle of the picture."""
+    end_px = np.array([640.0, 209.0])
+    across = np.linspace(0.0, 1280.0, 641)
+    halfway = LinePoints(
+        "halfway_line", np.stack([np.full(60, 640.0), np.linspace(215.0, 600.0, 60)], axis=-1), np.full(60, 0.4)
+    )
+    for bend_px, is_believed in ((9.0, True), (-9.0, False)):
+        bent = 200.0 + bend_px * (1.0 - ((across - 640.0) / 640.0) ** 2)
+        touchline = LinePoints(None, np.stack([across, bent], axis=-1), np.full(641, 0.4))
+        given = Observations(1920, 1080, (), (halfway, touchline))
+        assert line_ends._is_crossed(LineEnd(end_px, False), halfway, given, 1.0) is is_believed
+
+
 @pytest.mark.parametrize(("y_m", "is_short"), [(-34.0, False), (-31.0, True), (-36.0, False), (31.0, False)])
 def test_a_line_before_the_end_of_the_halfway_line_is_no_border(y_m, is_short):
     """A streak of light before the far touchline; what lies behind the end, or on the other side, is none either."""
