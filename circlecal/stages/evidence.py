@@ -69,6 +69,11 @@ most so many times as rough as beside paint, and so many gray levels: else a pla
 """
 LARGEST_WORN = 0.25
 """Share of a circle that worn paint may leave bare in one stretch; where more is, another curve was taken for it."""
+PATCH_PLACES, FEWEST_PATCHES = 3, 3
+"""A halfway line whose paint comes back behind so many stretches of so many bare places is worn, and may be at its ends
+too: in a right camera's frame of a worn rendered field it does behind five, and ends 0.24 picture widths early. The
+lines of pictures whose quarters were exchanged are whole up to where they break off.
+"""
 PAN_PX = 24.0
 """Paint that a pan has blurred is looked for so far to both sides, pixels at 1920 px width, before it is missed."""
 REVERSALS = (4, 8, 12, 16)
@@ -159,7 +164,7 @@ def _measure_bare_ends(
     on_line = np.array([name == template.halfway_line for name in own.names])[own.element]
     parts = _bare_parts(picture, painted, own, np.flatnonzero(on_line), fit, template)
     ends = max(parts[0], parts[-1])
-    if ends == 0:
+    if ends == 0 or np.count_nonzero(parts[1:-1] >= PATCH_PLACES) >= FEWEST_PATCHES:
         return 0.0, 0.0
     worn = 0
     circles = {circle.name for circle in template.circles}

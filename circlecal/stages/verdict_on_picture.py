@@ -47,7 +47,7 @@ MOST_UNEXPLAINED = 0.22
 kinds at most 0.18 oblique to the field's axes (real frames 0.05), on wrong ones up to 0.3. Lines of other sports run
 along those axes (up to 1.9 on a hall's floor); one alone counts where no further line confirms the camera.
 """
-LEAST_PAINTED, LEAST_PAINTED_CARRIED, CARRYING_LINES = 0.55, 0.35, 3
+LEAST_PAINTED, LEAST_PAINTED_MARKED, LEAST_PAINTED_CARRIED, CARRYING_LINES = 0.55, 0.48, 0.35, 3
 """Least share of circle and halfway line that is painted where they must be in view: of those right answers at least
 0.68, of a rink's circle taken for a pitch's 0.46; and where so many further lines carry the camera, which another
 circle's would not: a right camera of a rendered field with worn paint has 0.45 and three.
@@ -151,7 +151,8 @@ def weigh_evidence(
     carried = lines + marks + _count_found(agreement)
     most_beyond = MOST_BEYOND_LINES if camera.named_lines else MOST_BEYOND
     is_floor = _may_have_walls(camera, template) and carried >= FLOOR_LINES
-    least_painted = LEAST_PAINTED_CARRIED if lines >= CARRYING_LINES else LEAST_PAINTED
+    least_painted = LEAST_PAINTED_MARKED if lines > 0 and marks > 0 else LEAST_PAINTED
+    least_painted = LEAST_PAINTED_CARRIED if lines >= CARRYING_LINES else least_painted
     longest_bare = LONGEST_BARE_CONFIRMED if lines >= SEVERAL_LINES and marks > 0 else LONGEST_BARE
     own = (
         Check.of("unexplained_widths", unexplained, MOST_UNEXPLAINED * (1 + further)),

@@ -214,6 +214,29 @@ def test_a_low_camera_sees_walls_above_its_horizon_on_grass_too():
     assert weigh(NO_PAINT, replace(low, residuals_px={}), walls).status == "refused"
 
 
+def test_a_halfway_line_may_break_off_where_its_paint_comes_and_goes(plain):
+    camera, rng = fit_of(CAMERA), np.random.default_rng(3)
+    whole, patchy = plain.copy(), plain.copy()
+    for picture, stretches in (
+        (whole, [(14.0, 33.5)]),
+        (patchy, [(-7.0, -5.0), (-2.0, -0.5), (2.0, 4.0), (5.5, 7.0), (14.0, 33.5)]),
+    ):
+        for stretch in stretches:
+            first, last = CAMERA.project(np.array([(0.0, y) for y in stretch]))
+            box = np.s_[int(first[1]) : int(last[1]), int(first[0]) - 60 : int(first[0]) + 60]
+            picture[box] = rng.normal(90, 3, picture[box].shape)
+    broken, worn = (measure_evidence(p, mask_of(), camera, SOCCER, CARRIERS) for p in (whole, patchy))
+    assert broken.bare_widths > 0.1
+    assert worn.bare_widths == 0.0
+
+
+def test_a_line_and_the_mark_carry_a_camera_whose_circle_is_worn():
+    worn, camera = replace(NO_PAINT, painted_share=0.5), fit_of(CAMERA)
+    seen = ("halfway_line", "side_line_top"), ("halfway_line", "side_line_top", "centre_mark")
+    found = [replace(camera, residuals_px={MarkingKey(name): 0.1 for name in names}) for names in seen]
+    assert [weigh(worn, answer).status for answer in found] == ["refused", "calibrated"]
+
+
 def test_further_lines_carry_a_camera_whose_circle_is_worn():
     worn = replace(NO_PAINT, painted_share=0.45)
     camera = fit_of(CAMERA)
