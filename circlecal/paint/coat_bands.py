@@ -107,6 +107,15 @@ def draw_old_band(x: Array, width: Array, beside: Array, blur: Array) -> Array:
     return np.asarray(up - down - OPAQUE * hidden)
 
 
+def exchange_bands(parameters: Array) -> Array:
+    """Parameters (K, P) of pairs of bands, each with the old one as the new one."""
+    exchanged = parameters.copy()
+    exchanged[:, :3] += parameters[:, _ALONE + 1 :]
+    exchanged[:, _ALONE + 1 :] *= -1.0
+    exchanged[:, _ALONE] = -2.0 * np.log(USUAL_STRENGTH) - parameters[:, _ALONE]
+    return exchanged
+
+
 class CoatBands(DenseProblem):
     """One band of paint round a camera's curve, or two.
 

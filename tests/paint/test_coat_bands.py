@@ -5,7 +5,7 @@ import pytest
 from scipy.special import ndtr
 
 from circlecal.geometry.least_squares import StoppingRule, minimise
-from circlecal.paint.coat_bands import CoatBands, CoatProfiles, draw_old_band, harmonics
+from circlecal.paint.coat_bands import CoatBands, CoatProfiles, draw_old_band, exchange_bands, harmonics
 from circlecal.paint.coat_places import foretell_coats
 
 WIDTH_M = 0.12
@@ -49,6 +49,15 @@ def test_a_hint_is_what_a_faint_coat_changes():
     # the light is fitted anew: what it does there is small to first order
     off = change - one.hint(alone, np.array([0.1]))[0]
     assert np.abs(off).mean() < 0.15 * np.abs(change).mean()
+
+
+def test_exchanged_bands_lie_at_each_others_place():
+    two = CoatBands(make_profiles(0.3), WIDTH_M, has_old=True)
+    parameters = np.random.default_rng(3).normal(0.0, 0.1, (1, len(two.expected)))
+    before, after = (two.read(p) for p in (parameters, exchange_bands(parameters)))
+    assert after.place == pytest.approx(before.place + before.beside)
+    assert after.place + after.beside == pytest.approx(before.place)
+    assert after.strength == pytest.approx(1.0 / before.strength)
 
 
 def test_what_the_new_paint_covers_is_hidden():

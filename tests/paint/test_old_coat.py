@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import cache
 
+import cv2
 import numpy as np
 import pytest
 from scipy.special import ndtr
@@ -63,6 +64,15 @@ def coated():
     return picture(0.35)
 
 
+@pytest.fixture(scope="module")
+def turned_coated(coated):
+    """What a camera sees that looks aside: of a picture of the same plane the rays alone decide."""
+    pixels = np.stack(np.meshgrid(np.arange(1280.0), np.arange(720.0)), axis=-1).reshape(-1, 2)
+    field = turn_camera(14.0).to_field(pixels)
+    from_x, from_y = VIEW.project(field).reshape(720, 1280, 2).transpose(2, 0, 1).astype(np.float32)
+    return cv2.remap(coated, from_x, from_y, cv2.INTER_LINEAR, borderValue=90)
+
+
 def test_an_old_coat_is_told_from_the_new_paint(coated):
     coat = look_for_coat(coated)
     assert coat is not None
@@ -96,6 +106,36 @@ def test_its_light_is_taken_out_of_the_picture(coated):
     assert np.array_equal(cleaned[far], coated.astype(np.float32)[far])
 
 
-def test_of_a_part_of_the_circle_nothing_is_told(coated):
-    turned = replace(CAMERA, angles_rad=CAMERA.angles_rad + np.radians([14.0, 0.0, 0.0]))
-    assert sample_coats(coated, FieldView(turned, VIEW.surface), CIRCLE, SOCCER) is None
+def turn_camera(degrees):
+    return FieldView(replace(CAMERA, angles_rad=CAMERA.angles_rad + np.radians([degrees, 0.0, 0.0])), VIEW.surface)
+
+
+def test_half_of_the_circle_tells_an_old_coat(turned_coated):
+    profiles = sample_coats(turned_coated, turn_camera(14.0), CIRCLE, SOCCER)
+    assert len(profiles.angle) < 34
+    coat = find_old_coat(profiles, SOCCER.marking_width_m)
+    assert coat is not None
+    expected = OLD[0] + OLD[1] * np.cos(coat.angle) + OLD[2] * np.sin(coat.angle)
+    assert np.abs(coat.beside_m - expected).max() < 0.06
+
+
+def test_of_a_small_part_of_the_circle_nothing_is_told(coated):
+    assert sample_coats(coated, turn_camera(23.0), CIRCLE, SOCCER) is None
+
+
+def test_an_old_coat_beside_worn_paint_may_be_nearly_as_strong():
+    coat = look_for_coat(picture(0.75))
+    assert coat is not None
+    assert coat.strength == pytest.approx(0.75, abs=0.12)
+
+
+def test_the_fainter_one_of_two_coats_is_the_old_one(coated):
+    """The camera was fitted to the old one, and the other is found beside it."""
+    growth, x, y = OLD
+    profiles = sample_coats(coated, VIEW, CIRCLE, SOCCER)
+    away = growth + x * np.cos(profiles.angle) + y * np.sin(profiles.angle)
+    astray = replace(profiles, offset_px=profiles.offset_px - (away * profiles.scale)[:, None])
+    coat = find_old_coat(astray, SOCCER.marking_width_m)
+    assert coat is not None
+    assert coat.strength < 0.6
+    assert np.abs(coat.beside_m - away).max() < 0.04
