@@ -257,6 +257,19 @@ def with_priors(problem: Problem, state: State, priors: Priors) -> tuple[Problem
     )
 
 
+def with_upright(problem: Problem, state: State, upright_px: Array) -> tuple[Problem, State]:
+    """The problem with other sigmas (M,) of its fixed points along the picture's vertical, and the state in it."""
+    points = problem.points
+    factor = (points.sigma_px if points.upright_px is None else points.upright_px) / upright_px
+    values, jacobian = state.values.copy(), state.jacobian.copy()
+    first = len(problem.curves.sigma_px) + 1
+    values[:, first::2] *= factor
+    jacobian[:, first::2] *= factor[:, None]
+    changed = replace(problem, points=replace(points, upright_px=upright_px))
+    priors = state.prior_values, state.prior_jacobian
+    return changed, apply_loss(changed, state.theta, state.feet, values, jacobian, *priors)
+
+
 def add_curves(problem: Problem, state: State, curves: CurvePoints) -> tuple[Problem, State]:
     """The problem with further markings before the others, and the state in it: only the further ones are evaluated."""
     feet = ground_feet(curves, state.theta, problem.model)

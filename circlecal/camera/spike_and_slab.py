@@ -5,11 +5,12 @@ what nearly all fields have in common, a narrow one alone would bend the camera 
 chooses by the marginal likelihood, in Laplace's approximation (MacKay 2003, Information Theory, Inference, and
 Learning Algorithms, ch. 27),
 
-    log Z = -cost / 2 - log det(N) / 2 - sum(log sd) + log w
+    log Z = -cost / 2 - log det(N) / 2 - sum(log sd) - sum(log s) + log w
 
-with the Gauss-Newton matrix N at the optimum, standard deviations sd of the priors in which hypotheses differ, and the
-share w of fields that are like this. Hypotheses that name different lines are compared on all of them: a line that one
-of them leaves without a name is something else, which lies anywhere in the picture.
+with the Gauss-Newton matrix N at the optimum, standard deviations sd of the priors in which hypotheses differ and s of
+marks, which lie on even or uneven ground, and the share w of fields that are like this. Hypotheses that name different
+lines are compared on all of them: a line that one of them leaves without a name is something else, which lies anywhere
+in the picture.
 """
 
 from __future__ import annotations
@@ -22,7 +23,16 @@ import numpy as np
 
 from circlecal.camera.covariance import posterior_covariance
 from circlecal.camera.priors import Priors
-from circlecal.camera.problem import Problem, State, bend_surface, predict_optimum, resume, reweight, with_priors
+from circlecal.camera.problem import (
+    Problem,
+    State,
+    bend_surface,
+    predict_optimum,
+    resume,
+    reweight,
+    with_priors,
+    with_upright,
+)
 from circlecal.camera.residuals import CurvePoints
 from circlecal.field import FieldTemplate
 from circlecal.geometry.camera_parameters import INDEX, active_parameters
@@ -37,6 +47,10 @@ by 0.4 to 38 (logarithm of the evidence) in 27, the parabola by 1.5 at most in t
 """
 FLAT_SD_M = 0.005
 """Of the drop of a flat field at the circle's radius, metres: artificial turf is laid to a centimetre."""
+FLAT_RELIEF_SHARE = 1.0 / 3.0
+"""How far the ground at a mark of a flat field lies above or below its profile, over that at a mark of a crowned one:
+artificial turf is laid to a centimetre all over.
+"""
 OTHER_LINE_SHARE, OTHER_END_SHARE = 0.15, 0.3
 """Of the long straight lines and of the ends of lines that are seen on a field, those that are no marking's: banners,
 boards, other sports; feet, covers. Assumed; twice as many or half as many change the logarithm of the evidence by 0.8.
@@ -91,6 +105,15 @@ class World:
             share = template.circle_by_name[template.default_circle].radius_m / (0.5 * template.width_m)
             mean[CROWN], sd[CROWN] = share * mean[CROWN], share * sd[CROWN]
         return replace(current, mean=mean, sd=sd)
+
+    def enter(self, problem: Problem, state: State, usual: Priors, template: FieldTemplate) -> tuple[Problem, State]:
+        """A problem of a crowned field with what this world says, and its state in it."""
+        problem, state = with_priors(problem, state, self.priors(problem.priors, usual, template))
+        points = problem.points
+        if not self.is_flat or points.upright_px is None:
+            return problem, state
+        relief_px = FLAT_RELIEF_SHARE * np.sqrt(points.upright_px**2 - points.sigma_px**2)
+        return with_upright(problem, state, np.hypot(points.sigma_px, relief_px))
 
     def curve(self) -> World:
         """This crowned world with a curved profile."""
@@ -167,7 +190,7 @@ def answers_in(
         question, it is not looked for.
     """
     problem, state = case
-    begun = [with_priors(problem, state, world.priors(problem.priors, usual, template)) for world in worlds]
+    begun = [world.enter(problem, state, usual, template) for world in worlds]
     ahead = [
         (_weigh(world, changed, here, template, known), True)
         if _has_priors(changed, problem)
@@ -183,7 +206,7 @@ def answers_in(
             continue
         # a flat field of any size is like the crowned one of any size
         is_usual = answer.world.is_usual_size
-        start = with_priors(problem, reached[is_usual], changed.priors)[1] if is_usual in reached else here
+        start = answer.world.enter(problem, reached[is_usual], usual, template)[1] if is_usual in reached else here
         reached[is_usual] = end = resume(changed, start, rule)
         found.append(_weigh(answer.world, changed, end, template, known))
     return found
@@ -234,7 +257,9 @@ def log_evidence(world: World, problem: Problem, state: State, template: FieldTe
     sd = problem.priors.sd[SIZES_AND_CROWN]
     proper = (sd > 0) & np.isfinite(sd)
     volume = 0.5 * determinant + np.log(size).sum() + np.log(sd[proper]).sum()
-    evidence = -0.5 * float(state.cost[0]) - volume + np.log(world.share)
+    upright_px = problem.points.upright_px
+    noise = 0.0 if upright_px is None else float(np.log(upright_px).sum())
+    evidence = -0.5 * float(state.cost[0]) - volume - noise + np.log(world.share)
     place = _log_share_of_places(problem, state, template)
     return float(evidence) + place - _log_evidence_of_others(problem, state, known)
 
