@@ -42,7 +42,6 @@ from circlecal.stages.verdict_on_picture import confirm, weigh_evidence
 UNDETERMINED = ("no_circle", "no_ellipse")
 """Refusals that say only that points, lines and arcs are too few without the circle."""
 
-
 T = TypeVar("T")
 
 
@@ -56,10 +55,7 @@ def measure(
         with setting.clock("mask"):
             refusal = None
             if marking is None:
-                options = suit_field(config.mask, template)
-                key = ("marking", options.model_dump_json(), *(other.key for other in ruled_out))
-                look = scene.given, options, setting.rng, scene.marked, ruled_out, scene.first_look
-                marking, refusal = scene.looks.once(key, lambda: find_marking(scene.image, *look))
+                marking, refusal = _find_marking(setting, scene, ruled_out)
             attempt = replace(attempt, mask=marking)
         if refusal is not None:
             raise refusal
@@ -69,8 +65,8 @@ def measure(
             attempt = replace(attempt, edges=edges)
         with setting.clock("rays"):
             # a rim has no width, and no two edges
-            relative_width = template.marking_width_m / template.radius(circle, "center")
-            relative_width = 0.0 if circle.fill == "disc" else relative_width
+            is_rim = circle.fill == "disc"
+            relative_width = 0.0 if is_rim else template.marking_width_m / template.radius(circle, "center")
             rays = cast_rays(picture, edges, marking, relative_width, config.rays, setting.rng)
             attempt = replace(attempt, rays=rays)
         with setting.clock("ellipse"):
@@ -87,6 +83,16 @@ def measure(
     except EstimationError as error:
         return refuse_attempt(attempt, error)
     return attempt
+
+
+def _find_marking(
+    setting: Setting, scene: Scene, ruled_out: tuple[Interpretation, ...]
+) -> tuple[MarkingMask, EstimationError | None]:
+    """Where the markings are, looked for once with the same options, and why that is not enough."""
+    options = suit_field(setting.config.mask, setting.template)
+    key = ("marking", options.model_dump_json(), *(other.key for other in ruled_out))
+    look = scene.given, options, setting.rng, scene.marked, ruled_out, scene.first_look
+    return scene.looks.once(key, lambda: find_marking(scene.image, *look))
 
 
 def has_one_paint(setting: Setting, scene: Scene, marking: MarkingMask) -> bool:
@@ -165,22 +171,7 @@ def estimate(
     try:
         if config.solver is not None:
             return judge_attempt(setting, _solve(setting, config.solver, attempt, ellipses, observations))
-        refusal = None
-        if ellipses.all():
-            with setting.clock("correspondences"):
-                size = setting.width, setting.height
-                correspondences, refusal = _try_stage(
-                    lambda: derive_correspondences(
-                        ellipses, cues, template, circle, size, config.correspondences, observations.keypoints
-                    )
-                )
-            attempt = replace(attempt, correspondences=correspondences)
-            if correspondences is not None:
-                with setting.clock("homography"):
-                    homography, refusal = _try_stage(
-                        lambda: estimate_homography(correspondences, np.asarray(circle.center), config.homography)
-                    )
-                attempt = replace(attempt, homography=homography)
+        attempt, refusal = _derive_closed_form(setting, attempt, ellipses, cues, observations)
         if config.camera.enabled:
             with setting.clock("camera"):
                 side = config.correspondences.camera_side
@@ -192,6 +183,28 @@ def estimate(
     except EstimationError as error:
         return refuse_attempt(attempt, error)
     return judge_attempt(setting, attempt)
+
+
+def _derive_closed_form(
+    setting: Setting, attempt: Attempt, ellipses: EllipseFits, cues: Cues, observations: Observations
+) -> tuple[Attempt, EstimationError | None]:
+    """The attempt with the paper's points, tangents and homography, as far as they go, and why they go no further."""
+    config, template, circle = setting.config, setting.template, setting.circle
+    if not ellipses.all():
+        return attempt, None
+    with setting.clock("correspondences"):
+        size, keypoints = (setting.width, setting.height), observations.keypoints
+        correspondences, refusal = _try_stage(
+            lambda: derive_correspondences(ellipses, cues, template, circle, size, config.correspondences, keypoints)
+        )
+    attempt = replace(attempt, correspondences=correspondences)
+    if correspondences is None:
+        return attempt, refusal
+    with setting.clock("homography"):
+        homography, refusal = _try_stage(
+            lambda: estimate_homography(correspondences, np.asarray(circle.center), config.homography)
+        )
+    return replace(attempt, homography=homography), refusal
 
 
 def face_camera(attempt: Attempt, center_m: Array) -> Attempt:
