@@ -69,6 +69,60 @@ class _Mark(BaseModel):
     points: list[tuple[float, float]] = Field(min_length=1, max_length=2000)
 
 
+class _Desk:
+    """Answers to requests of the page, from a session and the page's own files."""
+
+    def __init__(self, session: Session) -> None:
+        self.session = session
+        self.files = {file.name: file.read_bytes() for file in (*PAGE.iterdir(), *SHARED)}
+
+    async def page(self, request: Request) -> Response:
+        name = request.path_params.get("name") or "index.html"
+        if name not in self.files:
+            return _problem("there is no such page", 404)
+        return Response(self.files[name], media_type=_TYPES[Path(name).suffix])
+
+    async def listing(self, request: Request) -> Response:
+        writable = sorted(name for name, f in annotation_formats().items() if f.write is not None)
+        field, folder = describe_field(self.session.template), str(self.session.store.folder)
+        return _json({"frames": self.session.listing(), "field": field, "formats": writable, "folder": folder})
+
+    async def picture(self, request: Request) -> Response:
+        content = await run_in_threadpool(self.session.picture, request.path_params["index"])
+        return Response(content, media_type="image/jpeg")
+
+    async def show(self, request: Request) -> Response:
+        return _json(await run_in_threadpool(self.session.show, request.path_params["index"]))
+
+    async def save(self, request: Request) -> Response:
+        change, index = _Change.model_validate_json(await _body(request)), request.path_params["index"]
+        try:
+            saved = await run_in_threadpool(self.session.save, index, change.annotation, change.base)
+        except NewerError as error:
+            return _json({"error": str(error), "current": error.current.model_dump(mode="json")}, 409)
+        return _json(saved)
+
+    async def mark(self, request: Request) -> Response:
+        wanted, index = _Mark.model_validate_json(await _body(request)), request.path_params["index"]
+        points = np.array(wanted.points, dtype=np.float64)
+        found = await run_in_threadpool(self.session.snap, index, points, wanted.mode, wanted.name)
+        snapped, sigma = np.round(found.points, 3).tolist(), np.round(found.sigma, 4).tolist()
+        return _json({"points": snapped, "sigma": sigma, "on_paint": found.on_paint})
+
+    async def interpretations(self, request: Request) -> Response:
+        found = await run_in_threadpool(self.session.interpretations, request.path_params["index"])
+        return _json([one.describe() for one in found])
+
+    async def export(self, request: Request) -> Response:
+        name, content = await run_in_threadpool(self.session.export, request.path_params["name"])
+        kind = {"Content-Disposition": f'attachment; filename="{name}"'}
+        return Response(content, media_type="application/octet-stream", headers=kind)
+
+    async def take_in(self, request: Request) -> Response:
+        content, name = await _body(request), request.query_params.get("name", "file.json")
+        return _json(await run_in_threadpool(self.session.take_in, name, content))
+
+
 def make_app(session: Session, token: str, port: int) -> Starlette:
     """The application of a session.
 
@@ -81,73 +135,18 @@ def make_app(session: Session, token: str, port: int) -> Starlette:
     port : int
         On which it is served, as the Host header must say.
     """
-    pages = {file.name: file.read_bytes() for file in (*PAGE.iterdir(), *SHARED)}
-
-    async def page(request: Request) -> Response:
-        name = request.path_params.get("name") or "index.html"
-        if name not in pages:
-            return _problem("there is no such page", 404)
-        return Response(pages[name], media_type=_TYPES[Path(name).suffix])
-
-    async def listing(request: Request) -> Response:
-        writable = sorted(name for name, f in annotation_formats().items() if f.write is not None)
-        field = describe_field(session.template)
-        return _json(
-            {"frames": session.listing(), "field": field, "formats": writable, "folder": str(session.store.folder)}
-        )
-
-    async def picture(request: Request) -> Response:
-        content = await run_in_threadpool(session.picture, request.path_params["index"])
-        return Response(content, media_type="image/jpeg")
-
-    async def show(request: Request) -> Response:
-        return _json(await run_in_threadpool(session.show, request.path_params["index"]))
-
-    async def save(request: Request) -> Response:
-        change = _Change.model_validate_json(await _body(request))
-        try:
-            saved = await run_in_threadpool(session.save, request.path_params["index"], change.annotation, change.base)
-        except NewerError as error:
-            return _json({"error": str(error), "current": error.current.model_dump(mode="json")}, 409)
-        return _json(saved)
-
-    async def mark(request: Request) -> Response:
-        wanted = _Mark.model_validate_json(await _body(request))
-        points = np.array(wanted.points, dtype=np.float64)
-        found = await run_in_threadpool(session.snap, request.path_params["index"], points, wanted.mode, wanted.name)
-        return _json(
-            {
-                "points": np.round(found.points, 3).tolist(),
-                "sigma": np.round(found.sigma, 4).tolist(),
-                "on_paint": found.on_paint,
-            }
-        )
-
-    async def interpretations(request: Request) -> Response:
-        found = await run_in_threadpool(session.interpretations, request.path_params["index"])
-        return _json([one.describe() for one in found])
-
-    async def export(request: Request) -> Response:
-        name, content = await run_in_threadpool(session.export, request.path_params["name"])
-        kind = {"Content-Disposition": f'attachment; filename="{name}"'}
-        return Response(content, media_type="application/octet-stream", headers=kind)
-
-    async def take_in(request: Request) -> Response:
-        content = await _body(request)
-        return _json(await run_in_threadpool(session.take_in, request.query_params.get("name", "file.json"), content))
-
-    prefix = f"/{token}"
+    desk, prefix = _Desk(session), f"/{token}"
     routes = [
-        Route(f"{prefix}/", page),
-        Route(f"{prefix}/frames.json", listing),
-        Route(f"{prefix}/frames/{{index:int}}.jpg", picture),
-        Route(f"{prefix}/frames/{{index:int}}.json", show),
-        Route(f"{prefix}/frames/{{index:int}}.json", save, methods=["PUT"]),
-        Route(f"{prefix}/frames/{{index:int}}/mark", mark, methods=["POST"]),
-        Route(f"{prefix}/frames/{{index:int}}/interpretations", interpretations),
-        Route(f"{prefix}/export/{{name}}", export),
-        Route(f"{prefix}/import", take_in, methods=["POST"]),
-        Route(f"{prefix}/{{name}}", page),
+        Route(f"{prefix}/", desk.page),
+        Route(f"{prefix}/frames.json", desk.listing),
+        Route(f"{prefix}/frames/{{index:int}}.jpg", desk.picture),
+        Route(f"{prefix}/frames/{{index:int}}.json", desk.show),
+        Route(f"{prefix}/frames/{{index:int}}.json", desk.save, methods=["PUT"]),
+        Route(f"{prefix}/frames/{{index:int}}/mark", desk.mark, methods=["POST"]),
+        Route(f"{prefix}/frames/{{index:int}}/interpretations", desk.interpretations),
+        Route(f"{prefix}/export/{{name}}", desk.export),
+        Route(f"{prefix}/import", desk.take_in, methods=["POST"]),
+        Route(f"{prefix}/{{name}}", desk.page),
     ]
     app = Starlette(
         routes=routes,
