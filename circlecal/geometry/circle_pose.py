@@ -8,6 +8,7 @@ length on the focal plane. Both conditions are linear in 1/f^2; eliminating it l
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -100,16 +101,33 @@ def pinhole_centers(
         return np.column_stack([points, np.ones(len(points))])
 
     grid = np.linspace(-LARGEST_OFFSET, LARGEST_OFFSET, GRID)
-    value, _ = _constraint(e, l_local, centers(grid))
+    root = _find_roots(lambda offset: _constraint(e, l_local, centers(offset))[0], grid)
+    if len(root) == 0:
+        return []
+    _, inverse_f2 = _constraint(e, l_local, centers(root))
+    image = centers(root) @ T.T
+    return [
+        PinholeCenter(image[k], float(s / np.sqrt(inverse_f2[k])), float(root[k]))
+        for k in range(len(root))
+        if inverse_f2[k] > 0
+    ]
+
+
+def _find_roots(evaluate: Callable[[Array], Array], grid: Array) -> Array:
+    """Roots (K,) of a function between those neighbours of a grid at which its signs differ, all at once.
+
+    False position, with the value of an end that is kept twice halved (Illinois).
+    """
+    value = evaluate(grid)
     index = np.flatnonzero(np.sign(value[:-1]) * np.sign(value[1:]) < 0)
     if len(index) == 0:
-        return []
+        return np.zeros(0)
     low, high, low_value, high_value = grid[index], grid[index + 1], value[index], value[index + 1]
     root, last = low, high
     before = np.zeros(len(index), dtype=np.int_)
-    for _ in range(STEPS):  # false position, with the value of an end that is kept twice halved (Illinois)
+    for _ in range(STEPS):
         root = (low * high_value - high * low_value) / (high_value - low_value)
-        found, _ = _constraint(e, l_local, centers(root))
+        found = evaluate(root)
         left = np.sign(found) == np.sign(low_value)
         side = np.where(left, 1, -1)
         kept = np.where(side == before, 0.5, 1.0)
@@ -118,10 +136,4 @@ def pinhole_centers(
         if (np.abs(root - last) <= 1e-13).all():
             break
         last, before = root, side
-    _, inverse_f2 = _constraint(e, l_local, centers(root))
-    image = centers(root) @ T.T
-    return [
-        PinholeCenter(image[k], float(s / np.sqrt(inverse_f2[k])), float(root[k]))
-        for k in range(len(root))
-        if inverse_f2[k] > 0
-    ]
+    return np.asarray(root)
