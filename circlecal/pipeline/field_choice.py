@@ -8,7 +8,7 @@ markings explain.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -114,7 +114,27 @@ def calibrate_unknown_field(
     brightness = brightness_of_paint(image, config.mask.paint_bgr, config.mask.other_paint_bgr)
     scene = Scene(image, brightness, None, None, None, looks)
     answers = [replace(_weigh(scene, config, first), is_at_home=_is_on_its_ground(first, grounds))]
-    for group in _group_by_ground(names[1:], grounds):
+    _try_others(answers, scene, config, grounds, calibrate)
+    chosen = choose_answer(answers)
+    if chosen.status == "calibrated":
+        return chosen
+    trials = [Trial(answer.found, answer.candidate) for answer in answers]
+    return replace(chosen, sport=tell_sport(image, config, grounds, trials))
+
+
+def _try_others(
+    answers: list[Answer],
+    scene: Scene,
+    config: Config,
+    grounds: Sequence[Ground],
+    calibrate: Callable[..., FrameCalibration],
+) -> None:
+    """Add the answers under the other templates to that under the first.
+
+    Those that suit the ground come first; after a group of which one has any weight no other is tried, and no sport
+    beside one that is settled.
+    """
+    for group in _group_by_ground(config.field.among[1:], grounds):
         for name in group:
             sport = _sport_of(name)
             if any(answer.is_settled and answer.candidate.sport != sport for answer in answers):
@@ -125,11 +145,6 @@ def calibrate_unknown_field(
             answers.append(replace(answer, least_explained=EXPLAINED_ON_ICE) if is_doubtful else answer)
         if any(answer.weight > 0.0 for answer in answers[1:]):
             break
-    chosen = choose_answer(answers)
-    if chosen.status == "calibrated":
-        return chosen
-    trials = [Trial(answer.found, answer.candidate) for answer in answers]
-    return replace(chosen, sport=tell_sport(image, config, grounds, trials))
 
 
 def _leave_logos(config: Config, name: str) -> Config:
