@@ -50,6 +50,8 @@ may have been looked for; pixels at 1920 px width.
 LARGEST_BEND = 0.03
 """Sine of the angle between neighbouring pieces of a straight marking: lens and crown bend it less than that."""
 
+SAME_LINE_PX = 6.0
+"""So near to a measured line lie both ends of the rough one that it was measured along, pixels at 1920 px width."""
 HALO_PX, BESIDE_PX, HALO_SHARE = 4, 8, 1.0 / 3.0
 """A sharpened picture has a dark halo beside a light line: within the first so many pixels at 1280 px width lies paint
 of the opposite sign, and the halo has at most this share of its contrast. Beyond the second the surface lies bare. In a
@@ -189,6 +191,27 @@ def leave_out_other_paints(image: NDArray[np.uint8], cues: Cues, ellipses: Ellip
         and not _is_halo(image, line, colour)
     )
     return replace(cues, lines=kept)
+
+
+def leave_out_painted_otherwise(
+    image: NDArray[np.uint8], mask: MarkingMask, cues: Cues, ellipses: EllipseFits
+) -> MarkingMask:
+    """The marking without the straight lines that were measured to be in another colour than the circle's paint, as
+    :func:`leave_out_other_paints` takes them.
+    """
+    kept = leave_out_other_paints(image, cues, ellipses, mask.band_px).lines
+    others = [line for line in cues.lines if all(line is not other for other in kept)]
+    if not others:
+        return mask
+    near_px = SAME_LINE_PX * image.shape[1] / 1920.0
+
+    def runs_along(segment: Segment, line: LineCue) -> bool:
+        """Whether both lie on one straight line."""
+        ends = np.stack([segment.start, segment.end])
+        return bool(np.abs(line_distance(line.line, ends)).max() < near_px)
+
+    lines = tuple(segment for segment in mask.lines if not any(runs_along(segment, line) for line in others))
+    return replace(mask, lines=lines)
 
 
 def _is_halo(image: NDArray[np.uint8], line: LineCue, colour: Array) -> bool:

@@ -13,7 +13,13 @@ from circlecal.paint.centre_mark import _bare_sides, _Rectified
 from circlecal.paint.lines import measure_lines
 from circlecal.paint.profiles import to_gray
 from circlecal.results import Cues, EllipseFits, LineCue, Segment
-from circlecal.stages.cues import CuesConfig, cues_from_observations, find_cues, leave_out_other_paints
+from circlecal.stages.cues import (
+    CuesConfig,
+    cues_from_observations,
+    find_cues,
+    leave_out_other_paints,
+    leave_out_painted_otherwise,
+)
 
 from .conftest import CIRCLE, SOCCER, fit_of, line_cue, paint, view
 
@@ -362,6 +368,22 @@ def test_a_line_in_another_paint_is_left_out(painted):
     kept = leave_out_other_paints(image, Cues(None, None, tuple(lines)), fits, 5.0)
     assert kept.lines == (lines[0],)
     assert leave_out_other_paints(image, Cues(None, None, tuple(lines)), EllipseFits(None, None, None), 5.0).lines
+
+
+def test_a_rough_line_that_was_measured_in_another_paint_is_left_out_of_the_marking(painted):
+    image = painted.image.copy()
+    lines, segments = [], []
+    for x, colour in ((200, (210, 210, 210)), (260, (90, 190, 210))):
+        cv2.line(image, (x, 100), (x, 300), colour, 3)
+        points = np.stack([np.full(100, float(x)), np.linspace(101.0, 299.0, 100)], axis=-1)
+        ends = Segment(points[0], points[-1])
+        lines.append(LineCue(None, np.array([1.0, 0.0, -x]), points, np.full(100, 0.1), ends, 0.1, width_px=3.0))
+        segments.append(Segment(points[0] + np.array([1.0, 0.0]), points[-1] - np.array([1.0, 0.0])))
+    crossing = Segment(np.array([230.0, 200.0]), np.array([290.0, 200.0]))
+    mask = painted.marking(lines=(*segments, crossing))
+    fits = EllipseFits(None, None, fit_of(painted.conic(), "center"))
+    kept = leave_out_painted_otherwise(image, mask, Cues(None, None, tuple(lines)), fits)
+    assert kept.lines == (segments[0], crossing)
 
 
 def test_a_large_faint_mark_lies_on_the_ground_beside_it():
