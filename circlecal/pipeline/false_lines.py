@@ -77,7 +77,8 @@ def leave_out_streaks(
         for line, w in zip(lines, widths.tolist(), strict=True)
     ]
     known = [paint for line, paint in zip(lines, paints, strict=True) if line.line == template.halfway_line]
-    known += [_measure_circle_paint(image, view, template, circle, blur_px) for circle in circles]
+    round_paints = [_measure_circle_paint(image, view, template, circle, blur_px) for circle in circles]
+    known += [paint for paint in round_paints if paint is not None]
     if not known:
         return tuple(lines)
     least = LEAST_STRENGTH * max(paint.strength for paint in known)
@@ -91,8 +92,8 @@ def leave_out_streaks(
 
 def _measure_circle_paint(
     image: NDArray[np.uint8], view: FieldView, template: FieldTemplate, seen: CirclePoints, blur_px: float
-) -> _Paint:
-    """The paint of a circle or an arc that was measured where a view puts it."""
+) -> _Paint | None:
+    """The paint of a circle or an arc that was measured where a view puts it; None where the view shows none of it."""
     circle = next(c for c in (*template.circles, *template.arcs) if c.name == seen.circle)
     outward_m = view.to_field(seen.points_px) - circle.center
     across = view.project(circle.center + (1.0 + STEP) * outward_m) - view.project(
@@ -100,6 +101,8 @@ def _measure_circle_paint(
     )
     length = np.linalg.norm(across, axis=1)
     shown = length > 0.0
+    if not shown.any():
+        return None
     width_px = mean_paint_width(view, circle, template)
     return _measure_paint(image, seen.points_px[shown], across[shown] / length[shown, None], width_px, blur_px)
 

@@ -51,6 +51,7 @@ def hall():
     return render(scene, rng).image, scene
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_the_lines_of_one_colour_answer_where_those_of_five_sports_are_refused(hall):
     image, scene = hall
     together = calibrate_image(image, load_config("futsal", ["mask.tell_paints=false"]), frame_id="hall")
