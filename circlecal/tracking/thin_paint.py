@@ -15,6 +15,7 @@ from circlecal.geometry.projective import Mask
 from circlecal.paint.bands import MeasuredCurve, measure_curve
 from circlecal.paint.lines import BESIDE_PX, LEAST_UNIT
 from circlecal.paint.profiles import GrayPicture
+from circlecal.tracking.ground_step import find_middles
 
 AROUND_PX = 3.0
 """How far from where it was found the paint may lie, pixels at 1920 px width."""
@@ -48,7 +49,10 @@ def measure_thin(
     reach = np.full(len(at), beside[1] + AROUND_PX * length)
     middles = found.points[at] + found.offset[at, None] * found.normals[at]
     again = measure_curve(picture, middles, found.normals[at], reach, pieces[at], beside_px=beside)
-    told = at[again.supported]
+    seen = again.supported
+    told = at[seen]
     offset = found.offset.copy()
-    offset[told] += again.offset[again.supported]
+    offset[told] += again.offset[seen]
+    middles = middles[seen] + again.offset[seen, None] * found.normals[told]
+    offset[told] += find_middles(picture, middles, found.normals[told], pieces[told], unit)
     return replace(found, offset=offset)
