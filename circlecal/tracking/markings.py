@@ -45,19 +45,17 @@ GOAL_REACH_M, BORDER_M = 5.0, 0.3
 or a line counts as lying on its border. Beside posts and net the paint of rendered frames is off by 0.13 px, elsewhere
 by 0.01.
 """
-USUAL_BLUR, BIAS_BY_BLUR = 30.0, 0.1
+USUAL_BLUR, BIAS_BY_BLUR = 30.0, 0.3
 """Percentile of the blurs along a picture's markings that is the picture's own, and by how much the middle of a marking
-may be off per pixel of further blur. A far touchline before a strip of another colour looks broad on one side. Over
-seven rendered clips the mean of seven neighbours is off by 0.03 px where the blur is the usual one, by 0.055 with one
-pixel more and by 0.06 with two, since thin paint is measured against the ground right beside it; frames repeat some of
-that. With 0.3 the true place lay in the 90 % region of 97 to 100 % of all points.
+may be off per pixel of further blur. A far touchline before a strip of another colour looks broad on one side: over
+three rendered clips its middles are off by 0.06 px where the blur is the usual one, by 0.3 with one pixel more, by
+0.8 with two and a half.
 """
-FAINT_BIAS_PX = 2.0
-"""By how much the middle of such paint may be off, pixels at 1920 px width. Over seven rendered clips it is off by 0.3,
-by up to 0.1 to one side along a whole line in all frames, and a number of frames does not lower that: sixty of them
-leave 0.05 of it.
+FAINT_BIAS_PX = 4.0
+"""By how much the middle of such paint may be off, pixels at 1920 px width: before boards it is off by 0.3 to 1 in all
+frames of three rendered clips, to one side, and a number of frames does not lower that.
 """
-PIECE_BIAS_PX = 4.0
+PIECE_BIAS_PX = 8.0
 """By how much paint that only whole pieces of a line show may be off, pixels at 1920 px width: all their places, three
 times as many as repeat an error elsewhere, are one measurement.
 """

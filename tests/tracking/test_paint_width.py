@@ -52,4 +52,4 @@ def test_a_middle_may_be_off_where_paint_looks_broader_than_elsewhere() -> None:
     sigmas = _bias_sigmas(seen, paint, moved)
     assert sigmas[:5] == pytest.approx(0.0, abs=1e-9)
     assert sigmas[7:] == pytest.approx(0.0, abs=1e-9)
-    assert sigmas[5:7] == pytest.approx([0.05, 0.3])
+    assert sigmas[5:7] == pytest.approx([0.15, 0.9])
