@@ -30,6 +30,10 @@ from circlecal.results import EdgePoints, MarkingMask, RayPoints
 
 CLEAR_OF_ENDS_PX = 6.0
 """An arc ends on a line: nearer than this beyond the search its paint is not told from the line's, at 1920 px width."""
+CLEAR_OF_BORDER_PX = 3.0
+"""So much ground, pixels at 1920 px width, must be seen between the half height of the paint and the picture's border,
+beyond which the ground is taken to go on as at the border: with less of it the tail of the paint is taken for ground.
+"""
 STEADY_PX, STEADY_SHARE = 1.0, 0.05
 """Largest distance of steady points from the running median along it, pixels at 1920 px width, or in widths of paint:
 the middle of worn paint wanders by 0.03 of its width (40 rendered robots' fields, measured along the true curve).
@@ -385,15 +389,23 @@ def _bands_along(
     stretch = np.maximum(1.0, predicted / wide)
     tap = min(0.5 * step, 1.0)
     offsets = np.arange(-reach, reach + 0.25, tap)
-    sampled = sample_profiles(picture, points, stretch[:, None] * normals, offsets)
+    sampled = sample_profiles(picture, points, stretch[:, None] * normals, offsets, repeat_border=True)
     bands = measure_bands(smooth_along(sampled, config.smoothing_samples / step), offsets, search_px).stretch(stretch)
     low, high = config.width_ratio
-    plausible = rise_above_noise(bands, noise)
+    plausible = rise_above_noise(bands, noise) & _lie_clear_of_border(picture, points, normals, bands)
     plausible &= (bands.width < high * predicted + 4.0) & (bands.width > low * predicted)
     plausible &= _even_contrast(bands.contrast, plausible, config.contrast_ratio)
     chosen = bands.take(plausible)
     middle = points[plausible] + chosen.center[:, None] * normals[plausible]
     return middle, chosen, plausible
+
+
+def _lie_clear_of_border(picture: GrayPicture, points: Array, normals: Array, bands: Bands) -> Mask:
+    """Which bands (N,) across points (N, 2) show ground on both sides before the picture ends."""
+    height, width = picture.shape
+    clear_px = CLEAR_OF_BORDER_PX * width / 1920.0
+    ends = points + np.stack([bands.left - clear_px, bands.right + clear_px])[..., None] * normals
+    return np.asarray(((ends >= 0) & (ends <= (width - 1, height - 1))).all(axis=(0, 2)), np.bool_)
 
 
 def _predict_width(ellipse: Ellipse, points: Array, normals: Array, relative_width: float) -> Array:

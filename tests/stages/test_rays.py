@@ -199,6 +199,21 @@ def test_a_camera_that_is_a_little_off_leads_along_the_whole_circle(painted):
     assert np.median(np.abs(distances(painted, points, "center"))) < 0.15
 
 
+@pytest.mark.parametrize(("rows", "is_seen"), [(7, True), (2, False)])
+def test_the_circle_is_measured_up_to_the_picture_border(painted, rows, is_seen):
+    """As far as the picture shows ground beyond the paint; where it cuts the paint nothing is measured."""
+    from .test_verdict import camera_fit
+
+    curve = ellipse_from_conic(painted.conic("center")).points(np.linspace(0.0, 2 * np.pi, 721))
+    lowest = float(curve[:, 1].max())
+    picture = to_gray(painted.image)[: int(lowest) + rows + 1]
+    points, _ = measure_along_model(picture, camera_fit(NEAR).view, CIRCLE, SOCCER, 1.5, RaysConfig())
+    near = points[points[:, 1] > lowest - 1.0]
+    assert (len(near) > 20) == is_seen
+    assert np.abs(distances(painted, near, "center")).max(initial=0.0) < 0.25
+    assert np.abs(distances(painted, points, "center").mean()) < 0.05
+
+
 def test_an_arc_is_measured_between_its_ends():
     """A boot on the arc is left out; so is what lies beyond the line on which the arc ends."""
     from .test_verdict import camera_fit
