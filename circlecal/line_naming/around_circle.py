@@ -129,8 +129,8 @@ def name_lines_around_circle(
         return None
     named = next(found for trial, found in zip(trials, arcs, strict=True) if trial is best)
     names = set(best.association.names.values())
-    is_alone = len(names) < FEWEST_NAMES and not any(_ends_on(template, arc, names) for arc in named.values())
-    if is_alone and not (best.explained_px > LONG_WIDTHS * observations.width and _bound_field(template, names)):
+    is_alone = len(names) < FEWEST_NAMES and not any(_is_ending_on(template, arc, names) for arc in named.values())
+    if is_alone and not (best.explained_px > LONG_WIDTHS * observations.width and _is_bounding(template, names)):
         return None
     lengths = np.linalg.norm(scene.segments[:, 1] - scene.segments[:, 0], axis=-1)
     if best.explained_px < EXPLAINED_SHARE * lengths.sum():
@@ -275,13 +275,13 @@ def _fit_with_arc(scene: NamingScene, trials: list[Trial], points: Array, arc: A
     return fitted, on.mean(axis=1)
 
 
-def _bound_field(template: FieldTemplate, lines: set[str]) -> bool:
+def _is_bounding(template: FieldTemplate, lines: set[str]) -> bool:
     """Whether lines run along a whole side of the field, as no other marking does."""
     ends = np.array([template.line_ends(template.line_by_name[name]) for name in lines])
     return bool((np.ptp(ends[..., 0], axis=1) > template.length_m - 2.0 * template.marking_width_m).all())
 
 
-def _ends_on(template: FieldTemplate, arc: str, lines: set[str]) -> bool:
+def _is_ending_on(template: FieldTemplate, arc: str, lines: set[str]) -> bool:
     """Whether an arc ends on one of the lines."""
     drawn = template.polylines()[arc][[0, -1]]
     coordinates = np.array([template.line_coordinates(template.line_by_name[name]) for name in lines])

@@ -300,8 +300,8 @@ def _ending_sides(shown: Array, bare: Sequence[bool]) -> tuple[bool, bool]:
     """On which sides of the line the disc ends, by what is brighter (2, 3) on it, above and below it, where these are
     bare; none where a bare one shows something else.
     """
-    halves = [_ends(half, _FADED) for half in shown]
-    if all(bare) and _ends(shown.sum(axis=0), _FADED) and all(_ends(half, 1.0) for half in shown):
+    halves = [_fades_beyond(half, _FADED) for half in shown]
+    if all(bare) and _fades_beyond(shown.sum(axis=0), _FADED) and all(_fades_beyond(half, 1.0) for half in shown):
         # of worn paint no half may be clear of the ground's unevenness by itself
         halves = [True, True]
     if not any(half and clear for half, clear in zip(halves, bare, strict=True)):
@@ -324,7 +324,7 @@ def _is_line_hidden(
     return bool(min(darkest) < -_HIDDEN * line_contrast)
 
 
-def _ends(shown: Array, faded: float) -> bool:
+def _fades_beyond(shown: Array, faded: float) -> bool:
     """Whether what is brighter (3,) on a disc, above and below it, is no more than a share as bright beyond the disc.
 
     Brightness that goes on is a player; shade beside the disc dims it too, and may be as deep as it is bright.

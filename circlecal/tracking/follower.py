@@ -232,7 +232,7 @@ class Follower:
         with self._clock.measure("paint"):
             followed = None if motion is None else self._look_along(place, picture, before, entry, motion)
             guess = self._guess_motion(place, before)
-            is_surprise = motion is None or self._surprises(place, before, motion, guess)
+            is_surprise = motion is None or self._is_surprising(place, before, motion, guess)
             if followed is None or is_surprise or _should_show_more(followed.look):
                 # blur leaves no corners but those of players and graphics, and the paint may know better
                 guessed = self._look_along(place, picture, before, entry, guess)
@@ -269,7 +269,7 @@ class Follower:
         blur = _blur_px(moved, before, entry)
         return _Followed(place.look(picture, head, covariance, before.by_common, blur), head, covariance, blur)
 
-    def _surprises(self, place: Place, before: Entry, motion: HeadMotion, guess: HeadMotion) -> bool:
+    def _is_surprising(self, place: Place, before: Entry, motion: HeadMotion, guess: HeadMotion) -> bool:
         """Whether a motion is far from the guess, or none where there was one: the head has inertia, players have
         little, and graphics stand still.
         """
