@@ -7,8 +7,9 @@ import pytest
 
 from circlecal.camera import problem as problems
 from circlecal.camera import spike_and_slab
-from circlecal.camera.problem import COARSE, FINAL, HARDLY_ZOOMED, minimise, resume
-from circlecal.camera.spike_and_slab import answers_in, log_evidence, possible_worlds
+from circlecal.camera.observed import points_from_observations
+from circlecal.camera.problem import COARSE, FINAL, HARDLY_ZOOMED, evaluate, minimise, resume
+from circlecal.camera.spike_and_slab import FLAT_RELIEF_SHARE, answers_in, log_evidence, possible_worlds
 from circlecal.geometry.camera_parameters import project
 from circlecal.observations import LinePoints
 
@@ -72,3 +73,23 @@ def test_a_flat_field_begins_where_the_crowned_one_of_its_size_ended(monkeypatch
     np.testing.assert_array_equal(starts[-1], any_crowned.state.theta[0])
     alone = resume(any_flat.problem, minimise(any_flat.problem, theta[None]), FINAL)
     assert abs(any_flat.state.cost[0] - alone.cost[0]) < COARSE.tolerance
+
+
+def test_a_mark_of_a_flat_field_lies_on_even_ground():
+    """And the state is the one that an evaluation with its sigma gives."""
+    rng = np.random.default_rng(4)
+    theta = plain_theta(rng)
+    seen, usual = observed(theta, rng, sigma=0.3), priors(crown=0.03, length=1.0, breadth=0.7)
+    problem = replace(problem_of(seen, usual), points=points_from_observations(seen, SOCCER, relief_m=0.03))
+    state = evaluate(problem, theta[None], minimise(problem, theta[None]).feet, updates=8)
+    worlds = {world.is_flat: world for world in possible_worlds(SOCCER, usual, 0.8, 0.3) if world.is_usual_size}
+    sigma, upright = problem.points.sigma_px, problem.points.upright_px
+    crowned, _ = worlds[False].enter(problem, state, usual, SOCCER)
+    np.testing.assert_allclose(crowned.points.upright_px, upright)
+    flat, entered = worlds[True].enter(problem, state, usual, SOCCER)
+    uneven = FLAT_RELIEF_SHARE * np.sqrt(upright**2 - sigma**2)
+    np.testing.assert_allclose(flat.points.upright_px, np.hypot(sigma, uneven))
+    assert (flat.points.upright_px < 0.9 * upright).all()
+    anew = evaluate(flat, state.theta, state.feet, updates=8)
+    for name in ("values", "jacobian", "cost", "gradient", "normal"):
+        np.testing.assert_allclose(getattr(entered, name), getattr(anew, name), rtol=1e-6, atol=1e-6)
