@@ -49,8 +49,9 @@ along those axes (up to 1.9 on a hall's floor); one alone counts where no furthe
 """
 LEAST_PAINTED, LEAST_PAINTED_MARKED, LEAST_PAINTED_CARRIED, CARRYING_LINES = 0.55, 0.48, 0.35, 3
 """Least share of circle and halfway line that is painted where they must be in view: of those right answers at least
-0.68, of a rink's circle taken for a pitch's 0.46; and where so many further lines carry the camera, which another
-circle's would not: a right camera of a rendered field with worn paint has 0.45 and three.
+0.68, of a rink's circle taken for a pitch's 0.46. Where a further line and a mark agree with the camera, a worn circle
+needs a share that is only just above the latter. The last two are for so many further lines that carry the camera,
+which another circle's would not: a right camera of a rendered field with worn paint has 0.45 and three.
 """
 MOST_REVERSAL = 3.0
 """By how much (half a chi-square) exchanged near and far may explain the width of the paint better, and as much more
