@@ -15,6 +15,7 @@ from circlecal.camera.priors import SharedPrior, SharedPriorConfig
 from circlecal.camera.problem import WIDE_LOSS, Problem, evaluate
 from circlecal.camera.residuals import curve_residuals, line_curve, sample_feet
 from circlecal.camera.rig_options import RigConfig
+from circlecal.camera.spike_and_slab import FLAT_RELIEF_SHARE, FLAT_SD_M
 from circlecal.config import Config
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera_parameters import INDEX, POSITION, ProjectionModel
@@ -175,7 +176,25 @@ def _estimate_rig(
     circle: Circle,
     config: Config,
 ) -> Rig | None:
-    """The joint fit of frames of a camera, without those that do not fit; None where too few are left."""
+    """The joint fit of frames of a camera, without those that do not fit; None where too few are left. Of a field that
+    they show to be flat, the marks lie on even ground.
+    """
+    rig = _fit_frames(name, frames, turned, template, circle, config)
+    if rig is None:
+        return None
+    told = with_told_relief(config, rig.prior())
+    return rig if told is config else _fit_frames(name, frames, turned, template, circle, told)
+
+
+def _fit_frames(
+    name: str,
+    frames: Sequence[RigFrame],
+    turned: Sequence[bool],
+    template: FieldTemplate,
+    circle: Circle,
+    config: Config,
+) -> Rig | None:
+    """The joint fit of frames of a camera under one configuration, without those that do not fit."""
     thetas = np.array([frame.turn_field() if turn else frame.theta for frame, turn in zip(frames, turned, strict=True)])
     problems = [
         problem_of_frame(frame, theta, template, circle, config, turned=turn)
@@ -339,8 +358,32 @@ def find_opposite_line(name: str, template: FieldTemplate) -> str:
     return name
 
 
+def with_told_relief(config: Config, prior: SharedPrior) -> Config:
+    """The configuration with marks on even ground, where other frames show that the field is flat; else the one given.
+
+    A flat field is the crowned one's narrow special case, so the odds are the ratio of what the frames and the priors
+    say of no crown at all (Savage-Dickey density ratio: Dickey 1971, Annals of Mathematical Statistics 42, 204).
+    """
+    camera = config.camera
+    if "crown" not in prior.parameters or camera.crown_sd_m == 0.0:
+        return config
+    place = prior.parameters.index("crown")
+    sd = float(np.hypot(np.sqrt(prior.covariance[place, place]), FLAT_SD_M))
+    told = _normal_log_density(float(prior.mean[place]), sd) - _normal_log_density(camera.crown_m, camera.crown_sd_m)
+    if camera.flat_share * np.exp(told) <= 1.0 - camera.flat_share:
+        return config
+    even = camera.model_copy(update={"relief_m": FLAT_RELIEF_SHARE * camera.relief_m})
+    return config.model_copy(update={"camera": even})
+
+
+def _normal_log_density(value: float, sd: float) -> float:
+    """Of a normal distribution about 0, up to what all have in common."""
+    return -0.5 * (value / sd) ** 2 - float(np.log(sd))
+
+
 def config_with_prior(config: Config, prior: SharedPrior, width: int) -> Config:
     """The configuration for a frame of which other frames say something."""
+    config = with_told_relief(config, prior)
     place = [prior.parameters.index(name) for name in ("x", "y", "z")]
     position = prior.mean[place]
     spread = np.hypot(np.sqrt(np.diag(prior.covariance)[place]), prior.deviation_sd[place])

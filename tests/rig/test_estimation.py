@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from circlecal.camera.priors import SharedPrior
+from circlecal.config import Config
 from circlecal.geometry.homography import SIDES
 from circlecal.observations import LinePoints
 from circlecal.rig.estimation import (
@@ -14,6 +16,7 @@ from circlecal.rig.estimation import (
     restore_names,
     select_frames,
     summarise_shared,
+    with_told_relief,
 )
 from circlecal.rig.frames import RigFrame
 
@@ -157,3 +160,14 @@ def test_two_cameras_side_by_side_are_told_apart(mixed):
     assert [rig.used for rig in rigs] == [tuple(f"m{k}" for k in range(5)), ("n0", "n1", "n2")]
     for rig, camera in zip(rigs, (main, views[0]), strict=True):
         assert position_of(rig)[0] == pytest.approx(camera.position_m, abs=2.5)
+
+
+@pytest.mark.parametrize(
+    ("crown_m", "sd_m", "is_even"), [(0.0, 0.005, True), (0.05, 0.005, False), (0.05, 0.03, False)]
+)
+def test_marks_lie_on_even_ground_where_the_frames_show_a_flat_field(crown_m, sd_m, is_even):
+    frames = SharedPrior(("crown",), (), 7.5, np.array([crown_m]), np.array([[sd_m**2]]), np.zeros(1))
+    usual = Config()
+    told = with_told_relief(usual, frames)
+    assert (told is not usual) == is_even
+    assert told.camera.relief_m == pytest.approx(usual.camera.relief_m / 3 if is_even else usual.camera.relief_m)
