@@ -54,10 +54,16 @@ class CameraConfig(BaseModel):
         "put it, always the same way.",
     )
     usual_size_share: float = Field(
-        0.97,
+        0.94,
         ge=0,
         le=1,
         description="Share of fields that are of the template's size; the others are of any size that its rules allow.",
+    )
+    other_length_share: float = Field(
+        0.5,
+        ge=0,
+        le=1,
+        description="Of these others, the share that has the template's width and only another length.",
     )
     flat_share: float = Field(
         0.25, ge=0, lt=1, description="Share of fields that are flat; the others have the crown of crown_m."

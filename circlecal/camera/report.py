@@ -114,7 +114,7 @@ def camera_fit(
         reference_m=reference,
         reference_by_growth=by_growth,
         field_size=None if posterior is None or is_fixed else _field_size(theta, covariance, template, posterior),
-        other_size=None if posterior is None else _other_size(told.seen, posterior),
+        other_size=None if posterior is None else _other_size(told.seen, posterior, turn),
         region=told.region,
         mean_sigma_px=told.mean_sigma_px,
         painters=_weigh_painters(problem, state, template),
@@ -252,11 +252,13 @@ def _field_size(theta: Array, covariance: Array, template: FieldTemplate, poster
     )
 
 
-def _other_size(seen: Projection, posterior: Posterior) -> OtherSize | None:
-    """What it would change if the field were of the other kind of size, at the field points in view."""
+def _other_size(seen: Projection, posterior: Posterior, turn: Array) -> OtherSize | None:
+    """What it would change if the field were of another kind of size, at the field points in view, which count from
+    what was seen by ``turn`` (P, P): an area that lies elsewhere on a longer field is drawn where it was.
+    """
     if posterior.resized is None or seen.pixels.shape[1] == 0:
         return None
-    away_px, _ = seen.sigma(posterior.resized)
+    away_px, _ = seen.sigma(turn @ posterior.resized @ turn.T)
     return OtherSize(posterior.resized_share, float(away_px.mean()))
 
 

@@ -1,4 +1,4 @@
-"""What a field may be like: of the usual size or of any that the rules allow, crowned or flat.
+"""What a field may be like: of the usual size, of its width alone or of any that the rules allow, crowned or flat.
 
 Each hypothesis is a prior of its own. The usual size is a spike, any size a slab: a wide prior alone would give away
 what nearly all fields have in common, a narrow one alone would bend the camera where a field is another. What was seen
@@ -15,9 +15,10 @@ in the picture.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import erf
+from typing import Literal
 
 import numpy as np
 
@@ -68,16 +69,25 @@ UNLIKELY_SHARE = 0.01
 """Hypotheses less likely than this after what was seen do not widen the posterior."""
 
 
+Size = Literal["usual", "other_length", "any"]
+"""Of a field: that of the template, its width with any length that the rules allow, or any that they allow."""
+
+
 @dataclass(frozen=True, slots=True)
 class World:
-    """What one hypothesis says of the field, and the share of fields that are like that: of the usual size or of any,
-    flat or crowned, and where it is crowned, with a curved profile or with that of the problem.
+    """What one hypothesis says of the field, and the share of fields that are like that: its size, flat or crowned, and
+    where it is crowned, with a curved profile or with that of the problem.
     """
 
-    is_usual_size: bool
+    size: Size
     is_flat: bool
     share: float
     is_curved: bool = False
+
+    @property
+    def is_usual_size(self) -> bool:
+        """Whether the field is as long and as wide as the template's."""
+        return self.size == "usual"
 
     def priors(self, current: Priors, usual: Priors, template: FieldTemplate) -> Priors:
         """Priors with sizes and crown as in this world, and all else as they are.
@@ -93,11 +103,15 @@ class World:
         """
         mean, sd = current.mean.copy(), current.sd.copy()
         mean[SIZES_AND_CROWN], sd[SIZES_AND_CROWN] = usual.mean[SIZES_AND_CROWN], usual.sd[SIZES_AND_CROWN]
-        extents = (template.length_m, template.length_range_m), (template.width_m, template.width_range_m)
-        for index, (size, extent) in zip((LENGTH, BREADTH), extents, strict=True):
-            if not self.is_usual_size and extent is not None and sd[index] > 0:
+        extents = {
+            LENGTH: (template.length_m, template.length_range_m),
+            BREADTH: (template.width_m, template.width_range_m),
+        }
+        for index in {"usual": (), "other_length": (LENGTH,), "any": (LENGTH, BREADTH)}[self.size]:
+            size_m, extent = extents[index]
+            if extent is not None and sd[index] > 0:
                 # mean and standard deviation of a uniform distribution
-                mean[index], sd[index] = np.mean(extent) - size, (extent[1] - extent[0]) / np.sqrt(12.0)
+                mean[index], sd[index] = np.mean(extent) - size_m, (extent[1] - extent[0]) / np.sqrt(12.0)
         if self.is_flat and sd[CROWN] > 0:
             mean[CROWN], sd[CROWN] = 0.0, FLAT_SD_M
         elif self.is_curved:
@@ -120,7 +134,7 @@ class World:
         return replace(self, share=self.share * CURVED_SHARE / (1.0 - CURVED_SHARE), is_curved=True)
 
 
-USUAL = World(True, False, 1.0)
+USUAL = World("usual", False, 1.0)
 """What is assumed where nothing else can be told."""
 
 
@@ -138,7 +152,11 @@ class Answer:
 
 
 def possible_worlds(
-    template: FieldTemplate, usual: Priors, usual_share: float, flat_share: float, curved_share: float = 0.0
+    template: FieldTemplate,
+    usual: Priors,
+    size_shares: Mapping[Size, float],
+    flat_share: float,
+    curved_share: float = 0.0,
 ) -> tuple[World, ...]:
     """All hypotheses but those of curved profiles, the usual one first.
 
@@ -148,20 +166,47 @@ def possible_worlds(
         With the sizes that the rules allow.
     usual : Priors
         Of a crowned field of the usual size; what other frames of the camera say leaves no choice.
-    usual_share, flat_share : float
-        Shares of fields that have the template's size, and that are flat.
+    size_shares : mapping
+        Shares of fields by their size, which add up to 1 (:func:`shares_of_sizes`).
+    flat_share : float
+        Share of fields that are flat.
     curved_share : float
         Share of the crowned fields that is left for curved profiles.
     """
     may_differ = (template.length_range_m is not None and usual.sd[LENGTH] > 0) or (
         template.width_range_m is not None and usual.sd[BREADTH] > 0
     )
-    sizes = [(True, usual_share), (False, 1.0 - usual_share)] if may_differ else [(True, 1.0)]
+    sizes: Mapping[Size, float] = size_shares if may_differ else {"usual": 1.0}
     is_free = usual.sd[CROWN] > FLAT_SD_M and np.isfinite(usual.sd[CROWN])
     crowned = (1.0 - flat_share) * (1.0 - curved_share)
     crowns = [(False, crowned), (True, flat_share)] if is_free else [(False, 1.0)]
-    worlds = (World(size, flat, p * q) for flat, q in crowns for size, p in sizes)
+    worlds = (World(size, flat, p * q) for flat, q in crowns for size, p in sizes.items())
     return (USUAL,) if usual.shared is not None else tuple(world for world in worlds if world.share > 0.0)
+
+
+def shares_of_sizes(usual_share: float, other_length_share: float, problem: Problem) -> dict[Size, float]:
+    """Shares of fields by their size, the usual one first.
+
+    Parameters
+    ----------
+    usual_share : float
+        Share of fields that are of the template's size.
+    other_length_share : float
+        Of the others, the share that has its width.
+    problem : Problem
+        What was seen: where nothing of it tells the length of the field, fields that have the usual width are one kind.
+    """
+    other_length = (1.0 - usual_share) * other_length_share
+    any_size = 1.0 - usual_share - other_length
+    if not depends_on_length(problem):
+        return {"usual": 1.0 - any_size, "any": any_size}
+    return {"usual": usual_share, "other_length": other_length, "any": any_size}
+
+
+def depends_on_length(problem: Problem) -> bool:
+    """Whether any of the markings and points moves with the length of the field."""
+    shifts = (problem.curves.shift, problem.points.shift)
+    return any(shift is not None and bool(np.any(shift[..., 1, :])) for shift in shifts)
 
 
 def depends_on_size(curves: CurvePoints) -> bool:
@@ -199,15 +244,15 @@ def answers_in(
     ]
     least = max(answer.evidence for answer, _ in ahead) - OUT_OF_THE_QUESTION
     found: list[Answer] = []
-    reached: dict[bool, State] = {}
+    reached: dict[Size, State] = {}
     for (answer, is_sure), (changed, here) in zip(ahead, begun, strict=True):
         if is_sure or answer.evidence < least:
             found.append(answer)
             continue
         # a flat field of any size is like the crowned one of any size
-        is_usual = answer.world.is_usual_size
-        start = answer.world.enter(problem, reached[is_usual], usual, template)[1] if is_usual in reached else here
-        reached[is_usual] = end = resume(changed, start, rule)
+        size = answer.world.size
+        start = answer.world.enter(problem, reached[size], usual, template)[1] if size in reached else here
+        reached[size] = end = resume(changed, start, rule)
         found.append(_weigh(answer.world, changed, end, template, known))
     return found
 
@@ -341,8 +386,10 @@ class Posterior:
     usual_share : float
         Posterior probability that the field is of the usual size.
     resized : (P, P) array or None
-        Second moment about the reported answer of those alone on fields of the other kind of size; None where there
+        Second moment about the reported answer of those alone on fields of another kind of size; None where there
         are none.
+    resized_share : float
+        Posterior probability that the field is of another kind of size than that of the reported answer.
     """
 
     world: World
@@ -350,11 +397,7 @@ class Posterior:
     others: Array
     usual_share: float
     resized: Array | None = None
-
-    @property
-    def resized_share(self) -> float:
-        """Posterior probability that the field is of the other kind of size than that of the reported answer."""
-        return 1.0 - self.usual_share if self.world.is_usual_size else self.usual_share
+    resized_share: float = 0.0
 
     def widen(self, covariance: Array) -> Array:
         """The mixture's second moment (P, P) about the answer with this covariance."""
@@ -367,7 +410,7 @@ def mix(answers: Sequence[Answer], best: Answer, theta: Array) -> Posterior:
     kept = [(a, q) for a, q in zip(answers, shares.tolist(), strict=True) if a is best or q >= UNLIKELY_SHARE]
     total = sum(q for _, q in kept)
     others, share = np.zeros((len(theta), len(theta))), 0.0
-    resized, resized_share = np.zeros_like(others), 0.0
+    resized, kept_share = np.zeros_like(others), 0.0
     for answer, q in kept:
         if answer is best:
             share = q / total
@@ -376,11 +419,14 @@ def mix(answers: Sequence[Answer], best: Answer, theta: Array) -> Posterior:
         covariance = posterior_covariance(answer.state.normal[0], answer.problem.priors.sd)
         moment = q / total * (covariance + np.outer(away, away))
         others += moment
-        if answer.world.is_usual_size != best.world.is_usual_size:
-            resized, resized_share = resized + moment, resized_share + q / total
-    usual = sum(q for answer, q in zip(answers, shares.tolist(), strict=True) if answer.world.is_usual_size)
-    moment_of_resized = resized / resized_share if resized_share > 0.0 else None
-    return Posterior(best.world, share, others, float(usual), moment_of_resized)
+        if answer.world.size != best.world.size:
+            resized, kept_share = resized + moment, kept_share + q / total
+    sizes = [answer.world.size for answer in answers]
+    share_of = {size: float(shares[[own == size for own in sizes]].sum()) for size in set(sizes)}
+    return Posterior(
+        best.world, share, others, share_of.get("usual", 0.0),
+        resized / kept_share if kept_share > 0.0 else None, 1.0 - share_of[best.world.size],
+    )  # fmt: skip
 
 
 _Place = tuple[MarkingKey, int, bytes]

@@ -25,6 +25,7 @@ from circlecal.camera.spike_and_slab import (
     possible_worlds,
     posterior_shares,
     share_noise,
+    shares_of_sizes,
 )
 from circlecal.camera.valley import explore_valley
 from circlecal.estimation.completion import close_sigma_px, recognise, shows_size_closely, take_in
@@ -87,9 +88,8 @@ def choose_world(task: Task, stated: CurvePoints, first: Fit, usual: tuple[Task,
     config, template = task.config, task.template
     priors = first.problem.priors
     may_curve = config.crown_shape == "auto"
-    worlds = possible_worlds(
-        template, priors, config.usual_size_share, config.flat_share, CURVED_SHARE if may_curve else 0.0
-    )
+    sizes = shares_of_sizes(config.usual_size_share, config.other_length_share, usual[1].problem)
+    worlds = possible_worlds(template, priors, sizes, config.flat_share, CURVED_SHARE if may_curve else 0.0)
     if len(worlds) == 1:
         return usual[0], _explore(task, usual[1])
     cases, known = [usual], len(stated.keys)
@@ -99,7 +99,7 @@ def choose_world(task: Task, stated: CurvePoints, first: Fit, usual: tuple[Task,
         return [*found, *_on_parabola(found, priors, template, known)] if may_curve else found
 
     found, reported = compare(_with_reported_noise, [(usual, worlds)]), _keep_noise
-    any_size = next((world for world in worlds if not world.is_usual_size and not world.is_flat), None)
+    any_size = next((world for world in worlds if world.size == "any" and not world.is_flat), None)
     if any_size is not None and config.name_lines and _may_be_of_any_size(task, usual, [a for a, _ in found]):
         resized = any_size.priors(priors, priors, template)
         other = _name_on_any_size(task, stated, first, usual, resized)
@@ -160,8 +160,8 @@ def _resize(usual: _Case, found: list[tuple[Answer, _Case]], world: World) -> _C
 
 
 def _by_size(cases: list[_Case], worlds: Sequence[World], resized: _Case) -> list[_Asked]:
-    """The cases, of which the usual one, the first, is asked for usual sizes alone, and the resized one for others."""
-    usual, other = (tuple(w for w in worlds if w.is_usual_size == is_usual) for is_usual in (True, False))
+    """The cases, of which the usual one, the first, is asked for the usual width, and the resized one for any size."""
+    usual, other = (tuple(w for w in worlds if (w.size == "any") == is_any) for is_any in (False, True))
     return [(cases[0], usual), *((case, worlds) for case in cases[1:]), (resized, other)]
 
 
@@ -199,9 +199,9 @@ def _on_parabola(
 
 
 def _shares_of_their_size(answers: list[Answer]) -> list[float]:
-    """Posterior probability of each answer if the field is of its kind of size, usual or any."""
+    """Posterior probability of each answer if the field is of its kind of size."""
     shares = posterior_shares(answers).tolist()
-    kinds = [answer.world.is_usual_size for answer in answers]
+    kinds = [answer.world.size for answer in answers]
     total = {kind: sum(q for q, k in zip(shares, kinds, strict=True) if k == kind) for kind in set(kinds)}
     return [q / max(total[kind], 1e-300) for q, kind in zip(shares, kinds, strict=True)]
 

@@ -92,14 +92,15 @@ class HomographyFit:
 
 @dataclass(frozen=True, slots=True)
 class OtherSize:
-    """What it would change if the field were of the other kind of size, usual or any, than it is taken to be.
+    """What it would change if the field were of another kind of size than it is taken to be.
 
     Attributes
     ----------
     share : float
         How likely that is after what was seen, 0..1.
     away_px : float
-        By how much the field points in view would then be seen elsewhere, pixels, mean of root mean squares.
+        By how much the field points in view would then be seen elsewhere, as they lie beside what was seen, pixels,
+        mean of root mean squares.
     """
 
     share: float

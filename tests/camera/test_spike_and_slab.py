@@ -36,7 +36,7 @@ def test_a_world_that_the_linear_model_foretells_is_not_fitted(reach, fits, monk
     monkeypatch.setattr(spike_and_slab, "resume", follow)
     monkeypatch.setattr(spike_and_slab, "OUT_OF_THE_QUESTION", np.inf)
     monkeypatch.setattr(problems, "HARDLY_ZOOMED", reach)
-    worlds, known = possible_worlds(SOCCER, usual, 0.8, 0.3), len(problem.curves.keys)
+    worlds, known = possible_worlds(SOCCER, usual, {"usual": 0.8, "any": 0.2}, 0.3), len(problem.curves.keys)
     found = answers_in(worlds, (problem, state), usual, SOCCER, known, FINAL)
     assert len(followed) == fits
     assert [answer.is_predicted for answer in found] == [False, *[fits == 0] * 3]
@@ -57,8 +57,8 @@ def test_a_flat_field_begins_where_the_crowned_one_of_its_size_ended(monkeypatch
     usual = priors(crown=0.03, length=1.0, breadth=0.7)
     problem = problem_of(seen, usual)
     state = minimise(problem, theta[None])
-    worlds = possible_worlds(SOCCER, usual, 0.8, 0.3)
-    assert [(w.is_usual_size, w.is_flat) for w in worlds] == [(s, f) for f in (False, True) for s in (True, False)]
+    worlds = possible_worlds(SOCCER, usual, {"usual": 0.8, "any": 0.2}, 0.3)
+    assert [(w.size, w.is_flat) for w in worlds] == [(s, f) for f in (False, True) for s in ("usual", "any")]
     starts, ends = [], []
 
     def follow(problem, start, rule):
@@ -82,7 +82,11 @@ def test_a_mark_of_a_flat_field_lies_on_even_ground():
     seen, usual = observed(theta, rng, sigma=0.3), priors(crown=0.03, length=1.0, breadth=0.7)
     problem = replace(problem_of(seen, usual), points=points_from_observations(seen, SOCCER, relief_m=0.03))
     state = evaluate(problem, theta[None], minimise(problem, theta[None]).feet, updates=8)
-    worlds = {world.is_flat: world for world in possible_worlds(SOCCER, usual, 0.8, 0.3) if world.is_usual_size}
+    worlds = {
+        world.is_flat: world
+        for world in possible_worlds(SOCCER, usual, {"usual": 0.8, "any": 0.2}, 0.3)
+        if world.is_usual_size
+    }
     sigma, upright = problem.points.sigma_px, problem.points.upright_px
     crowned, _ = worlds[False].enter(problem, state, usual, SOCCER)
     np.testing.assert_allclose(crowned.points.upright_px, upright)

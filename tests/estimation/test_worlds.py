@@ -12,7 +12,7 @@ from circlecal.estimation import worlds as module
 from circlecal.estimation.worlds import _by_size, _reach
 from tests.camera.test_problem import observed, plain_theta, priors, problem_of
 
-WORLDS = tuple(World(is_usual, is_flat, 0.25) for is_flat in (False, True) for is_usual in (True, False))
+WORLDS = tuple(World(size, is_flat, 1 / 6) for is_flat in (False, True) for size in ("usual", "other_length", "any"))
 
 
 def test_no_world_is_asked_twice_of_the_lines_of_a_usual_field():
@@ -20,8 +20,8 @@ def test_no_world_is_asked_twice_of_the_lines_of_a_usual_field():
     asked = _by_size([usual, other], WORLDS, resized)
     assert [case for case, _ in asked] == [usual, other, resized]
     assert asked[1][1] == WORLDS
-    assert all(world.is_usual_size for world in asked[0][1])
-    assert not any(world.is_usual_size for world in asked[2][1])
+    assert {world.size for world in asked[0][1]} == {"usual", "other_length"}
+    assert {world.size for world in asked[2][1]} == {"any"}
     assert {*asked[0][1], *asked[2][1]} == set(WORLDS)
 
 
@@ -67,12 +67,14 @@ def test_noise_that_one_line_leaves_takes_no_names_away(takes_names, monkeypatch
     theta = plain_theta(rng)
     problem = problem_of(observed(theta, rng, sigma=0.3), priors())
     fit = module.Fit(problem, minimise(problem, theta[None], FINAL))
-    config = SimpleNamespace(crown_shape="roof", usual_size_share=0.9, flat_share=0.5, name_lines=True)
+    config = SimpleNamespace(
+        crown_shape="roof", usual_size_share=0.9, other_length_share=0.5, flat_share=0.5, name_lines=True
+    )
     usual, other = (
         (SimpleNamespace(names=names, config=config, template=None, rule=lambda rule: rule), fit)
         for names in ({0: "side_line_top"}, {0: "side_line_top", 1: "big_rect_left_top"})
     )
-    any_size = next(world for world in WORLDS if not world.is_usual_size and not world.is_flat)
+    any_size = next(world for world in WORLDS if world.size == "any" and not world.is_flat)
 
     def compare(asked, noise, priors, template, known):
         """Two markings are the likelier, with the noise that one leaves perhaps not."""

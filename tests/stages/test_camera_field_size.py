@@ -7,7 +7,7 @@ import pytest
 
 from circlecal.camera.options import CameraConfig
 from circlecal.camera.priors import Priors
-from circlecal.camera.spike_and_slab import World, possible_worlds
+from circlecal.camera.spike_and_slab import World, possible_worlds, shares_of_sizes
 from circlecal.config import Config
 from circlecal.errors import ConfigError
 from circlecal.field import load_field
@@ -16,6 +16,7 @@ from circlecal.geometry.surface import FLAT, Surface
 from circlecal.pipeline import field_of
 from circlecal.stages.camera import estimate_camera
 from circlecal.synthetic.cameras import aim_camera
+from tests.camera.test_problem import problem_of
 
 from .camera_views import CIRCLE, MAIN, SOCCER, seen
 
@@ -24,6 +25,7 @@ CENTRED = CameraConfig(principal_point_sd_px=5.0)
 DEFAULT = CENTRED.model_copy(update={"model_sigma_px": 0.1, "correlation_px": 10.0})
 WITH_TOUCHLINES = aim_camera(np.array([14.0, 82.0, -19.0]), np.array([2.0, 3.0, 0.0]), 1900.0, 0.01, 1920, 1080, 0.03)
 GROUND = Surface("roof", 9.15, 0.05)
+SIZES = {"usual": 0.9, "other_length": 0.04, "any": 0.06}
 CROWN, LENGTH, BREADTH = INDEX["crown"], INDEX["length"], INDEX["breadth"]
 
 
@@ -105,20 +107,20 @@ def test_what_cannot_be_told_widens_sigma():
 
 
 def test_worlds_are_those_that_the_rules_allow():
-    worlds = possible_worlds(SOCCER, priors(), 0.9, 0.2)
-    kinds = [(w.is_usual_size, w.is_flat) for w in worlds]
-    assert kinds == [(True, False), (False, False), (True, True), (False, True)]
+    worlds = possible_worlds(SOCCER, priors(), SIZES, 0.2)
+    kinds = [(w.size, w.is_flat) for w in worlds]
+    assert kinds == [(size, is_flat) for is_flat in (False, True) for size in SIZES]
     assert sum(w.share for w in worlds) == pytest.approx(1.0)
-    assert len(possible_worlds(SOCCER, priors(), 1.0, 0.0)) == 1
+    assert len(possible_worlds(SOCCER, priors(), {"usual": 1.0, "any": 0.0}, 0.0)) == 1
     exact = SOCCER.model_copy(update={"length_range_m": None, "width_range_m": None})
-    assert all(w.is_usual_size for w in possible_worlds(exact, priors(), 0.9, 0.2))
-    some_curved = possible_worlds(SOCCER, priors(), 0.9, 0.2, 0.25)
+    assert all(w.is_usual_size for w in possible_worlds(exact, priors(), SIZES, 0.2))
+    some_curved = possible_worlds(SOCCER, priors(), SIZES, 0.2, 0.25)
     assert some_curved[0].share == pytest.approx(0.9 * 0.8 * 0.75)
     curved = some_curved[0].curve()
     assert curved.share == pytest.approx(0.9 * 0.8 * 0.25)
     # a parabola's crown is as much less than a roof's as the circle's radius is less than half the width
     assert curved.priors(priors(), priors(), SOCCER).mean[CROWN] == pytest.approx(0.05 * 9.15 / 34.0)
-    any_flat = World(False, True, 0.1).priors(priors(), priors(), SOCCER)
+    any_flat = World("any", True, 0.1).priors(priors(), priors(), SOCCER)
     assert (any_flat.mean[CROWN], any_flat.mean[LENGTH], any_flat.mean[BREADTH]) == (0.0, 0.0, -0.5)
     assert any_flat.sd[BREADTH] == pytest.approx(45.0 / np.sqrt(12.0))
     assert any_flat.sd[CROWN] < 0.01
@@ -173,7 +175,31 @@ def test_short_lines_of_a_penalty_area_together_ask_for_another_size():
 def test_circle_alone_needs_no_choice_of_size():
     fit = estimate_camera(seen(MAIN, sigma=0.3), SOCCER, CIRCLE, DEFAULT)
     assert fit.field_size.is_usual
-    assert fit.field_size.usual_share == pytest.approx(DEFAULT.usual_size_share, abs=0.02)
+    others = 1.0 - DEFAULT.usual_size_share
+    usual_width = 1.0 - others * (1.0 - DEFAULT.other_length_share)
+    assert fit.field_size.usual_share == pytest.approx(usual_width, abs=0.02)
+
+
+@pytest.mark.parametrize(("share", "is_usual"), [(0.5, False), (0.0, True)])
+def test_a_field_of_the_usual_width_may_have_another_length(share, is_usual):
+    """Circle, both touchlines and a penalty area 2 m nearer than usual."""
+    painted = load_field("soccer", {"length": 101.0})
+    names = ("side_line_top", "side_line_bottom", "big_rect_right_main")
+    given = seen(WITH_TOUCHLINES, edges=("center",), lines=names, template=painted, sigma=0.2, surface=GROUND)
+    fit = estimate_camera(given, SOCCER, CIRCLE, DEFAULT.model_copy(update={"other_length_share": share}))
+    size = fit.field_size
+    assert abs(size.width_m - 68.0) < 3.0 * size.width_sd_m
+    assert size.is_usual == is_usual
+    if not is_usual:
+        assert abs(size.length_m - 101.0) < 3.0 * size.length_sd_m
+
+
+def test_sizes_are_told_apart_by_what_shows_the_length():
+    beside = seen(WITH_TOUCHLINES, edges=("center",), lines=("side_line_top",), template=SOCCER, sigma=0.2)
+    before = seen(WITH_TOUCHLINES, edges=("center",), lines=("big_rect_right_main",), template=SOCCER, sigma=0.2)
+    found = [shares_of_sizes(0.9, 0.4, problem_of(given, priors())) for given in (beside, before)]
+    assert found[0] == pytest.approx({"usual": 0.94, "any": 0.06})
+    assert found[1] == pytest.approx(SIZES)
 
 
 def test_options_say_how_large_a_field_may_be():
