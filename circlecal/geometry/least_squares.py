@@ -20,6 +20,10 @@ FIRST_DAMPING, LEAST_DAMPING, LAST_DAMPING = 1e-4, 1e-10, 1e5
 """Share of the diagonal that is added to it: at first, for a step that is as good as undamped, and the one beyond which
 a start is stuck: no step lowers its cost, however short.
 """
+LEAST_PROMISE = 1e-100
+"""Taken for the fall of the cost of a step that promises none, in order to divide by it: of costs up to 1e200 what is
+left is a number.
+"""
 EXACT = 1e-24
 """Cost (chi-square) at which the residuals are rounding errors."""
 HOPELESS = 100.0
@@ -239,7 +243,7 @@ def minimise(problem: Problem[S], state: S, rule: StoppingRule) -> Solution[S]:
     """
     damping = np.full(len(state.cost), FIRST_DAMPING)
     trusted: Mask = np.ones(len(damping), dtype=bool)
-    before = np.full(len(damping), 1e-100)
+    before = np.full(len(damping), LEAST_PROMISE)
     bent = arrived = beaten = settled = np.zeros(len(damping), dtype=bool)
     aim, straight = state, None
     for iteration in range(rule.iterations):
@@ -265,7 +269,7 @@ def minimise(problem: Problem[S], state: S, rule: StoppingRule) -> Solution[S]:
         proposal = problem.follow(state, step, going)
         gain = state.cost[going] - proposal.cost
         better = np.asarray(gain > 0)
-        kept = gain / np.maximum(step.promise[going], 1e-300)
+        kept = gain / np.maximum(step.promise[going], LEAST_PROMISE)
         change = _change_damping(kept, better, trusted[going], bent[going])
         again = ~better & ~bent[going] & (proposal.cost < BENT_TIMES * state.cost[going])
         index = going[again]
@@ -274,7 +278,7 @@ def minimise(problem: Problem[S], state: S, rule: StoppingRule) -> Solution[S]:
         if turned is not None:
             bent[index], change[again] = True, 1.0
         damping[going] = np.maximum(damping[going] * change, LEAST_DAMPING)
-        trusted[going], before[going] = better, np.maximum(promise[going], 1e-300)
+        trusted[going], before[going] = better, np.maximum(promise[going], LEAST_PROMISE)
         state = state.put(going[better], proposal.select(better))
         aim, straight = (state, None) if turned is None else (state.put(index, turned), step)
     return Solution(state, rule.iterations, _ends(state, settled, arrived, beaten))

@@ -56,6 +56,19 @@ class KeptValley(Valley):
         return replace(state, gradient=state.gradient + off[:, None] * np.stack([-20 * x, 10 + 0 * x], axis=-1))
 
 
+@dataclass(frozen=True, slots=True)
+class Cliff(Wall):
+    """The wall, of a height that is a number, and steps that promise nothing."""
+
+    def step(self, state, damping):
+        found = super(Cliff, self).step(state, damping)
+        return replace(found, promise=np.zeros(len(damping)))
+
+    def evaluate(self, parameters):
+        state = super(Cliff, self).evaluate(parameters)
+        return replace(state, cost=np.minimum(state.cost, 1e150))
+
+
 STARTS = np.array([[-1.2, 1.0], [0.0, 0.0], [3.0, -2.0], [1.0, 1.0]])
 
 
@@ -94,6 +107,13 @@ def test_a_start_that_no_step_helps_is_stuck():
     found = solve(Wall(), STARTS[:1])
     assert found.ends == (End.STUCK,)
     np.testing.assert_array_equal(found.state.parameters, STARTS[:1])
+
+
+def test_a_step_that_promises_nothing_is_judged_by_numbers():
+    problem = Cliff()
+    with np.errstate(all="raise"):
+        found = minimise(problem, problem.evaluate(STARTS[:1]), RULE)
+    assert found.ends == (End.STUCK,)
 
 
 def test_a_hopeless_start_is_given_up():
