@@ -48,6 +48,8 @@ class Entry:
     painted: int = 0
     rms_px: float = np.inf
     carriers: tuple[Carrier, ...] = ()
+    spread: Array = field(default_factory=lambda: np.zeros(2))
+    """How far the paint is off its markings, and how far it should be (2,), as a fit to it has them."""
     pull: Array | None = None
     """How the paint pulls the head along with the common parameters (3, K); None where it says nothing."""
 
@@ -55,7 +57,7 @@ class Entry:
         """Take back where the camera was thought to be: the frame begins another shot, and is lost so far."""
         self.shot, self.place, self.motion = shot, None, None
         self.information, self.toward, self.by_common = np.zeros((3, 3)), np.zeros(3), None
-        self.pull = None
+        self.pull, self.spread = None, np.zeros(2)
         self.is_confirmed, self.is_contradicted, self.missing = False, False, 0
 
     def take(self, look: Look, expected: Array, covariance: Array, is_followed: bool) -> None:
@@ -69,7 +71,7 @@ class Entry:
         if len(measured.marking) >= 8 and fit.inlier_share > 0.5 and not self.is_contradicted:
             self.information = fit.information
             self.toward = np.asarray(np.linalg.solve(covariance, fit.head - expected))
-            self.by_common, self.pull = fit.by_common, fit.pull
+            self.by_common, self.pull, self.spread = fit.by_common, fit.pull, fit.spread
         else:
             self.head = expected
         on_circles = 0 if self.place is None else int(measured.painted[self.place.drawn.is_circle].sum())

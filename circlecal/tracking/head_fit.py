@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from circlecal.geometry.projective import Array
+from circlecal.geometry.projective import Array, Indices
 from circlecal.paint.profiles import median_of_rows
 from circlecal.rig.tripod import TripodEstimate
 from circlecal.tracking.markings import DrawnTemplate, MeasuredFrame
-from circlecal.tracking.tripod_fit import residuals_of, sigmas_of
+from circlecal.tracking.tripod_fit import number_parts, residuals_of, sigmas_of
 
 ROUNDS = 5
 LEAST_INFORMATION = 1e-6
@@ -39,6 +39,9 @@ class HeadFit:
         Share of the paint that the camera explains.
     crossing : float
         How far the explained paint tells the pan, as a number of places: see :func:`count_crossing`.
+    spread : (2,) array
+        Square of how far the paint is off, in parts of the field, and what it is taken to be: see
+        :func:`compare_spread`.
     """
 
     head: Array
@@ -48,6 +51,7 @@ class HeadFit:
     rms_px: float
     inlier_share: float
     crossing: float
+    spread: Array
 
 
 def fit_head(
@@ -77,7 +81,7 @@ def fit_head(
     start = head
     sigma = np.zeros(0)
     information, by_common, pull = np.zeros((3, 3)), *np.zeros((2, 3, len(common)))
-    rms, share, crossing = np.inf, 0.0, 0.0
+    rms, share, crossing, spread = np.inf, 0.0, 0.0, np.zeros(2)
     for step in range(ROUNDS):
         theta, by_own, by_all = model.linearise_one(head, common)
         away, rows = residuals_of(measured, drawn, theta, model.projection)
@@ -104,8 +108,31 @@ def fit_head(
             by_angle = rows @ by_own / np.exp(head[0])
             from_middle = measured.points_px - model.projection.center
             crossing = count_crossing(by_angle[explained], measured.normals[explained], from_middle[explained])
+            spread = compare_spread(number_parts(measured), away, weight / sigma**2, rows @ by_own, information + prior)
             break
-    return HeadFit(head, information, by_common, pull, rms, share, crossing)
+    return HeadFit(head, information, by_common, pull, rms, share, crossing, spread)
+
+
+def compare_spread(part: Indices, away: Array, weight: Array, by_own: Array, information: Array) -> Array:
+    """How far the paint of a frame is off its markings, and how far it should be (2,): squares of weighted sums.
+
+    Within a part of the field all places may be off alike, so each part counts with its weighted sum ``s = w . r``,
+    whose square has the mean ``sum(w) - g^T N^-1 g`` where ``1 / w`` are the variances, with g the weighted sum of the
+    derivatives: the head follows the paint.
+
+    Parameters
+    ----------
+    part, away, weight, by_own : (M,), (M,), (M,), (M, 3) arrays
+        Part of the field of each place, its distance, weight, and its derivatives by the head.
+    information : (3, 3) array
+        N, of the head.
+    """
+    parts, at = np.unique(part, return_inverse=True)
+    off = np.bincount(at, weight * away)
+    rows = np.zeros((len(parts), by_own.shape[1]))
+    np.add.at(rows, at, weight[:, None] * by_own)
+    followed = float((rows * np.linalg.solve(information, rows.T).T).sum())
+    return np.array([float(off @ off), max(float(weight.sum()) - followed, 0.0)])
 
 
 def count_crossing(by_own: Array, normals: Array, from_middle_px: Array) -> float:

@@ -31,6 +31,8 @@ JERK_FRAMES, CLEAR_SHARE = 7, 1.5
 their mean square must be exceeded: a zoom that begins at once must not be smoothed. Told from the whole shot, 90 % of
 the jitter lay below 0.18 px in a clip of zooms, so 0.09, and 0.11 without inertia.
 """
+LEAST_INFORMATION = 1e-3
+"""Of a frame that shows nothing, so that its root can be taken."""
 CHI2_MEDIAN = 0.455
 """Median of chi-square with one degree of freedom."""
 
@@ -120,6 +122,27 @@ def _invert_chain(factor: Array) -> Array:
     return np.asarray((covariances + np.swapaxes(covariances, 1, 2)) / 2)
 
 
+def _spread_chain(factor: Array, information: Array, spread: float) -> Array:
+    """Covariances (N, 3, 3) of the heads, where what frames show has another variance than the information says, and
+    may be off alike in all of them.
+
+    With A the normal equations and N the information of the frames, noise of covariance s N^-1 moves the heads by
+    ``A^-1 N``, so that ``A^-1 - (1 - s) A^-1 N A^-1`` is left of it. Where all frames are off by the same number of
+    their standard deviations, they are moved by ``A^-1 N^(1/2)``.
+    """
+    count = factor.shape[1] // 3
+    inverse = cho_solve_banded((factor, False), np.eye(3 * count), check_finite=False)
+    by_frame = inverse.reshape(3 * count, count, 3)
+    moved = np.einsum("kni,nij->knj", by_frame, information).reshape(3 * count, 3 * count)
+    root = np.linalg.cholesky(information + LEAST_INFORMATION * np.eye(3))
+    alike = np.einsum("kni,nij->kj", by_frame, root).reshape(count, 3, 3)
+    at = np.arange(count)
+    whole = inverse.reshape(count, 3, count, 3)[at, :, at]
+    by_paint = np.einsum("nik,njk->nij", moved.reshape(count, 3, -1), inverse.reshape(count, 3, -1))
+    covariances = whole - (1.0 - spread) * by_paint + spread * alike @ np.swapaxes(alike, 1, 2)
+    return np.asarray((covariances + np.swapaxes(covariances, 1, 2)) / 2)
+
+
 def _to_band(blocks: Array) -> Array:
     """Upper band (U + 1, 3 N) of a symmetric matrix, in LAPACK's order, of blocks (D, N, 3, 3) on and above its
     diagonal.
@@ -141,6 +164,7 @@ def smooth_robustly(
     changes: Array,
     precision: Array,
     pull: Array | None = None,
+    spread: float | None = None,
     anchor: float = 1e-9,
 ) -> Smoothed:
     """Most likely heads of a chain of frames, where some motions may be those of players, of a head with inertia.
@@ -154,6 +178,10 @@ def smooth_robustly(
         Those of :func:`smooth_heads`.
     pull : (N, 3, K) array, optional
         How what each frame shows changes ``toward`` with the parameters that all frames share.
+    spread : float, optional
+        Variance of what the frames show, as a share of what ``information`` has. All of it counts twice: as noise of
+        each frame, and as what frames repeat of paint, surface and lens, which no number of them lowers. Without it
+        the covariances are those of ``information``, all of which is noise.
     """
     found, factor = _solve_chain(heads, information, toward, changes, precision, None, anchor)
     steadiness = _estimate_steadiness(found, precision)
@@ -169,7 +197,8 @@ def smooth_robustly(
     if pull is not None:
         columns = pull.reshape(3 * len(heads), -1)
         by_common = cho_solve_banded((factor, False), columns, check_finite=False).reshape(pull.shape)
-    return Smoothed(found, _invert_chain(factor), by_common)
+    covariances = _invert_chain(factor) if spread is None else _spread_chain(factor, information, spread)
+    return Smoothed(found, covariances, by_common)
 
 
 def _estimate_steadiness(heads: Array, precision: Array) -> Array:

@@ -99,3 +99,34 @@ def test_heads_follow_what_all_frames_share_as_their_paint_pulls_them() -> None:
         np.testing.assert_allclose((moved.heads - still.heads) / step, still.by_common[..., k], rtol=1e-3, atol=1e-3)
     # what is not seen goes with its neighbours
     assert np.abs(still.by_common[1]).max() > 0.1
+
+
+def _spread_of_draws(alike: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Standard deviations that a chain tells, and those of its heads over many draws of paint that is four times as
+    good as it says; either off alike in all frames, or in each by its own.
+    """
+    rng = np.random.default_rng(8)
+    count, noise, share, draws = 60, 1e-4, 0.25, 400
+    information = np.tile(np.eye(3) / noise**2, (count, 1, 1))
+    information[20:26] = 0.0
+    precision = np.tile(np.eye(3) / (0.3 * noise) ** 2, (count - 1, 1, 1))
+    away, told = [], np.zeros(0)
+    for _ in range(draws):
+        off = np.sqrt(share) * noise * np.broadcast_to(rng.normal(size=(1 if alike else count, 3)), (count, 3))
+        changes = rng.normal(0.0, 0.3 * noise, (count - 1, 3))
+        toward = np.einsum("nij,nj->ni", information, off)
+        found = smooth_robustly(np.zeros((count, 3)), information, toward, changes, precision, spread=share)
+        away.append(found.heads)
+        told = np.sqrt(np.diagonal(found.covariances, axis1=1, axis2=2))
+    return told, np.sqrt(np.mean(np.square(away), axis=0))
+
+
+def test_told_covariances_are_those_of_paint_that_is_better_than_it_says() -> None:
+    told, drawn = _spread_of_draws(alike=True)
+    # what frames repeat is most of it, and their own noise is counted beside it
+    assert np.all(told > 0.9 * drawn) and np.all(told < 1.5 * drawn)
+    told_of_noise, drawn_of_noise = _spread_of_draws(alike=False)
+    np.testing.assert_allclose(told_of_noise, told, rtol=0.1)
+    assert np.all(drawn_of_noise < told_of_noise)
+    # frames without paint are told by their neighbours
+    assert told[20:26].max() < 1.5 * told[10:15].max()
