@@ -7,6 +7,7 @@ several parallel edges is the marking: the one through that point.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -100,15 +101,17 @@ def add_line_ends(
         wide, start = with_loss(problem, state.best(), WIDE_LOSS * problem.loss_scale)
         wide, found = add_curves(wide, start, stack_curves(parts))
         fuller, found = with_loss(wide, resume(wide, found, COARSE), problem.loss_scale)
-        found = _reach_ends(fuller, resume(fuller, found, COARSE), len(ends))
-        if found.cost[0] < state.cost[0] + WORST_COST * len(ends):
+        most = float(state.cost[0]) + WORST_COST * len(ends)
+        found = _reach_ends(fuller, resume(fuller, found, COARSE), len(ends), most)
+        if found.cost[0] < most:
             return fuller, found, ends
     return problem, state, ()
 
 
-def _reach_ends(problem: Problem, state: State, count: int) -> State:
+def _reach_ends(problem: Problem, state: State, count: int, most: float) -> State:
     """The fit, or a better one from a camera that stands nearer or farther with the same zoomed view, where one of the
-    first ``count`` points, which are ends of lines, is missed: a lens bends a near circle as a far one is seen.
+    first ``count`` points, which are ends of lines, is missed: a lens bends a near circle as a far one is seen. What
+    promises no cost (chi-square) below ``most`` is not followed to its end.
     """
     if np.abs(state.values[0, :count]).max() <= MISSED_SIGMAS:
         return state
@@ -116,7 +119,8 @@ def _reach_ends(problem: Problem, state: State, count: int) -> State:
     starts[:, INDEX["log_focal"]] += np.log(DOLLIES)
     middle = np.append(problem.priors.center_m, 0.0)
     starts[:, _PLACE] = middle + np.array(DOLLIES)[:, None] * (starts[:, _PLACE] - middle)
-    found = minimise(problem, starts, COARSE, ground_feet(problem.curves, starts, problem.model)).best()
+    rule = replace(COARSE, bar=min(most, float(state.cost[0])))
+    found = minimise(problem, starts, rule, ground_feet(problem.curves, starts, problem.model)).best()
     return found if found.cost[0] < state.cost[0] else state
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from circlecal.camera.report import weigh_painters
 from circlecal.errors import EstimationError
@@ -22,13 +23,14 @@ from circlecal.results import (
     EllipseFits,
     Interpretation,
     MarkingMask,
+    Segment,
     Verdict,
 )
 from circlecal.solvers import solve_by_name
 from circlecal.stages.camera import estimate_camera
 from circlecal.stages.confirm import are_others_painted, is_circle_painted, look_for_markings
 from circlecal.stages.correspondences import derive_correspondences, is_turned, turn_correspondences
-from circlecal.stages.cues import cues_from_observations, find_cues, leave_out_other_paints, leave_out_painted_otherwise
+from circlecal.stages.cues import are_painted_otherwise, cues_from_observations, find_cues, leave_out_other_paints
 from circlecal.stages.edges import detect_edges
 from circlecal.stages.ellipse import fit_ellipses, fit_observations
 from circlecal.stages.evidence import measure_evidence
@@ -267,9 +269,8 @@ def look_again(setting: Setting, scene: Scene, attempt: Attempt) -> Attempt:
             return attempt
         carriers = frozenset(name for name in (circle.name, template.halfway_line) if name is not None)
         ground = picture if scene.relief is None else scene.gray
-        evidence = measure_evidence(
-            picture, _leave_out_paints(setting, scene, mask, attempt), camera, template, carriers
-        )
+        other_paints = _find_other_paints(setting, scene, mask, attempt)
+        evidence = measure_evidence(picture, mask, camera, template, carriers, other_paints)
         surroundings = measure_surroundings(ground, mask, camera, template, scene.covered)
         expected = look_for_markings(picture, wider, template, circle, known, mask.field_region)
         verdict = weigh_evidence(verdict, camera, evidence, surroundings, template, expected)
@@ -279,13 +280,17 @@ def look_again(setting: Setting, scene: Scene, attempt: Attempt) -> Attempt:
     return replace(attempt, verdict=confirm(verdict, camera, cues, expected))
 
 
-def _leave_out_paints(setting: Setting, scene: Scene, mask: MarkingMask, attempt: Attempt) -> MarkingMask:
-    """The marking without other sports' lines, where a white circle lies on grass: coloured ones are no markings."""
+def _find_other_paints(
+    setting: Setting, scene: Scene, mask: MarkingMask, attempt: Attempt
+) -> Callable[[Sequence[Segment]], NDArray[np.bool_]] | None:
+    """Tells other sports' lines, where a white circle lies on grass: coloured ones are no markings. None where nothing
+    tells them.
+    """
     cues, ellipses = attempt.cues, attempt.ellipses
     is_told = setting.template.is_in_one_paint and mask.source == "detector" and scene.relief is None
     if not is_told or cues is None or ellipses is None:
-        return mask
-    return leave_out_painted_otherwise(scene.image, mask, cues, ellipses)
+        return None
+    return lambda segments: are_painted_otherwise(scene.image, segments, cues, ellipses, mask.band_px)
 
 
 def refuse_attempt(attempt: Attempt, error: EstimationError) -> Attempt:

@@ -278,22 +278,34 @@ def _tell_colours(image: NDArray[np.uint8], ridges: RidgePoints, scaling: Scalin
 def _map_ridges(ridges: RidgePoints, region: Mask, scaling: Scaling, colours: Mask) -> RidgeMaps:
     """Maps of ridges on a playing surface (h, w), for each colour that they may have (C, N)."""
     rows, columns = region.shape
-    direction = np.floor(np.arctan2(*ridges.normals.T[::-1]) % np.pi * (DIRECTIONS / np.pi)).astype(int)
-    distance = np.full((len(colours), DIRECTIONS, rows, columns), columns, np.float32)
-    label = np.zeros(distance.shape, np.int32)
-    places = [np.zeros((1, 2))]
     x, y = np.clip(np.rint(ridges.points), 0, (columns - 1, rows - 1)).astype(int).T
+    direction = np.floor(np.arctan2(*ridges.normals.T[::-1]) % np.pi * (DIRECTIONS / np.pi)).astype(int)
+    # nothing is looked up in rows without surface and ridges
+    used = region.any(axis=1)
+    used[y] = True
+    filled = np.flatnonzero(used)
+    band = slice(int(filled[0]), int(filled[-1]) + 1) if len(filled) else slice(0, 0)
+    distance = np.empty((len(colours), DIRECTIONS, rows, columns), np.float32)
+    label = np.empty(distance.shape, np.int32)
+    for outside in (slice(0, band.start), slice(band.stop, rows)):
+        distance[:, :, outside], label[:, :, outside] = columns, 0
+    places, count = [np.zeros((1, 2))], 1
     for c, k in np.ndindex(len(colours), DIRECTIONS):
-        near = colours[c] & np.isin((direction - k + 1) % DIRECTIONS, (0, 1, 2))
+        around = np.isin((direction - k + 1) % DIRECTIONS, (0, 1, 2))
+        near = colours[c] & around
+        to_ridge, to_place = distance[c, k, band], label[c, k, band]
         if not near.any():
-            continue
-        free = np.ones((rows, columns), np.uint8)
-        free[y[near], x[near]] = 0
-        away, nearest = cv2.distanceTransformWithLabels(free, cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL)
-        at = np.argwhere(free == 0)
-        place = np.zeros((len(at) + 1, 2))
-        place[nearest[at[:, 0], at[:, 1]]] = at[:, ::-1]
-        distance[c, k] = away
-        np.add(nearest, sum(len(part) for part in places), out=label[c, k])
-        places.append(place)
+            to_ridge[:], to_place[:] = columns, 0
+        elif c > 0 and (near == colours[0] & around).all():
+            to_ridge[:], to_place[:] = distance[0, k, band], label[0, k, band]
+        else:
+            free = np.ones(to_ridge.shape, np.uint8)
+            free[y[near] - band.start, x[near]] = 0
+            cv2.distanceTransformWithLabels(free, cv2.DIST_L2, 5, to_ridge, to_place, cv2.DIST_LABEL_PIXEL)
+            number = to_place[y[near] - band.start, x[near]]
+            place = np.zeros((int(number.max()) + 1, 2))
+            place[number] = np.stack([x[near], y[near]], axis=-1)
+            to_place += count
+            places.append(place)
+            count += len(place)
     return RidgeMaps(distance, label, np.concatenate(places), region, scaling)

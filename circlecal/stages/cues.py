@@ -193,25 +193,23 @@ def leave_out_other_paints(image: NDArray[np.uint8], cues: Cues, ellipses: Ellip
     return replace(cues, lines=kept)
 
 
-def leave_out_painted_otherwise(
-    image: NDArray[np.uint8], mask: MarkingMask, cues: Cues, ellipses: EllipseFits
-) -> MarkingMask:
-    """The marking without the straight lines that were measured to be in another colour than the circle's paint, as
-    :func:`leave_out_other_paints` takes them.
+def are_painted_otherwise(
+    image: NDArray[np.uint8], segments: Sequence[Segment], cues: Cues, ellipses: EllipseFits, band_px: float | None
+) -> NDArray[np.bool_]:
+    """Which straight lines (S,) were measured to be in another colour than the circle's paint, as
+    :func:`leave_out_other_paints` takes them; that looks at those alone that run along one of the segments.
     """
-    kept = leave_out_other_paints(image, cues, ellipses, mask.band_px).lines
-    others = [line for line in cues.lines if all(line is not other for other in kept)]
-    if not others:
-        return mask
     near_px = SAME_LINE_PX * image.shape[1] / 1920.0
-
-    def runs_along(segment: Segment, line: LineCue) -> bool:
-        """Whether both lie on one straight line."""
-        ends = np.stack([segment.start, segment.end])
-        return bool(np.abs(line_distance(line.line, ends)).max() < near_px)
-
-    lines = tuple(segment for segment in mask.lines if not any(runs_along(segment, line) for line in others))
-    return replace(mask, lines=lines)
+    ends = np.array([(segment.start, segment.end) for segment in segments]).reshape(-1, 2, 2)
+    off = [np.abs(line_distance(line.line, ends)).max(axis=1) < near_px for line in cues.lines]
+    asked = [(line, along) for line, along in zip(cues.lines, off, strict=True) if along.any()]
+    lines = tuple(line for line, _ in asked)
+    kept = leave_out_other_paints(image, replace(cues, lines=lines), ellipses, band_px).lines
+    found = np.zeros(len(segments), np.bool_)
+    for line, along in asked:
+        if all(line is not other for other in kept):
+            found |= along
+    return found
 
 
 def _is_halo(image: NDArray[np.uint8], line: LineCue, colour: Array) -> bool:

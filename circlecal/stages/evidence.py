@@ -7,6 +7,7 @@ and wrong answers to rendered frames of all kinds and to real ones ``circlecal b
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,9 +20,12 @@ from circlecal.line_naming.marking_places import SPACING_PX, MarkingPlaces, lie_
 from circlecal.line_naming.on_field import lie_inside
 from circlecal.paint.bands import MeasuredCurve, measure_curve
 from circlecal.paint.roughness import measure_roughness
-from circlecal.results import CameraFit, Evidence, MarkingMask
+from circlecal.results import CameraFit, Evidence, MarkingMask, Segment
 
 __all__ = ["measure_evidence"]
+
+FindOtherPaints = Callable[[Sequence[Segment]], Mask]
+"""Which of some lines (S,) are in another paint than the circle's."""
 
 PIECE = 25
 """Places in a row that are measured together."""
@@ -83,7 +87,12 @@ sees less perspective than there is, since the circle tells it no other.
 
 
 def measure_evidence(
-    picture: NDArray[np.uint8], mask: MarkingMask, fit: CameraFit, template: FieldTemplate, carriers: frozenset[str]
+    picture: NDArray[np.uint8],
+    mask: MarkingMask,
+    fit: CameraFit,
+    template: FieldTemplate,
+    carriers: frozenset[str],
+    find_other_paints: FindOtherPaints | None = None,
 ) -> Evidence:
     """Weigh the whole picture against a camera.
 
@@ -99,6 +108,9 @@ def measure_evidence(
         The field.
     carriers : frozenset of str
         Markings whose paint was surely seen: the circle and the halfway line, or what carries a camera without them.
+    find_other_paints : callable, optional
+        Tells which of the mask's lines (S,) are in another colour than the circle's paint: those speak against no
+        camera. It is only asked about lines that no marking explains.
 
     Returns
     -------
@@ -112,7 +124,7 @@ def measure_evidence(
         & lie_on_surface(places.base, mask.field_region, fit.model.width, fit.model.height)
     )
     painted = _measure_paint(picture, own, fit, template)
-    oblique, alone = _measure_other_paint(picture, mask, fit, template, places, painted)
+    oblique, alone = _measure_other_paint(picture, mask, fit, template, places, painted, find_other_paints)
     reversal = 0.0 if painted is None else _reversal(painted, own, fit, template)
     share = 1.0 if len(own.element) < FEWEST_PLACES else 0.0 if painted is None else float(painted.supported.mean())
     bare, worn = 0.0, 0.0
@@ -260,6 +272,7 @@ def _measure_other_paint(
     template: FieldTemplate,
     places: MarkingPlaces,
     painted: MeasuredCurve | None,
+    find_other_paints: FindOtherPaints | None,
 ) -> tuple[float, float]:
     """Length of oblique lines on the field that are none of its markings, and of one along an axis that is the only
     one, picture widths.
@@ -273,6 +286,11 @@ def _measure_other_paint(
     cells = _divide(ends, SPACING_PX * unit)
     bare = ~_are_explained(cells, places, unit) & lie_on_surface(cells.points, mask.field_region, width, height)
     bare[bare] = lie_inside(fit.view, cells.points[bare], template)
+    if find_other_paints is not None:
+        asked = np.unique(cells.which[bare])
+        asked = asked[asked < len(mask.lines)]
+        others = find_other_paints([mask.lines[k] for k in asked.tolist()])
+        bare &= ~np.isin(cells.which, asked[others])
     if not bare.any():
         return 0.0, 0.0
     points, along, which = cells.points[bare], cells.along[cells.which[bare]], cells.which[bare]

@@ -201,7 +201,7 @@ def test_a_missed_end_is_reached_by_a_camera_that_stands_farther():
     theta = theta_of(closer, problem.model)[None]
     stuck = evaluate(problem, theta, ground_feet(problem.curves, theta, problem.model))
     assert abs(stuck.values[0, 0]) > line_ends.MISSED_SIGMAS
-    reached = line_ends._reach_ends(problem, stuck, 1)
+    reached = line_ends._reach_ends(problem, stuck, 1, np.inf)
     assert abs(reached.values[0, 0]) < 2.0
     assert np.linalg.norm(reached.theta[0, 4:7] - CAMERA.position_m) < 0.1 * np.linalg.norm(CAMERA.position_m)
-    assert line_ends._reach_ends(problem, reached, 1) is reached
+    assert line_ends._reach_ends(problem, reached, 1, np.inf) is reached

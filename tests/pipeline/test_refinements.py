@@ -14,12 +14,21 @@ from tests.stages.conftest import CIRCLE, SOCCER, view
 from tests.stages.test_faint_lines import fit_of
 
 
-@pytest.mark.parametrize(("moved_px", "rounds"), [(100.0, MOST_ROUNDS), (0.1, 1), (900.0, 1)])
-def test_wide_paint_is_measured_again_until_cameras_settle_or_leave_it(monkeypatch, moved_px, rounds):
+@pytest.mark.parametrize(
+    ("moved_px", "code", "rounds"),
+    [
+        (100.0, None, MOST_ROUNDS),
+        (100.0, "residual_too_large", MOST_ROUNDS),
+        (0.1, None, 1),
+        (900.0, None, 1),
+        (100.0, "too_uncertain", 1),
+    ],
+)
+def test_wide_paint_is_measured_again_until_cameras_settle_or_leave_it(monkeypatch, moved_px, code, rounds):
     made = []
 
     def remeasure(setting, scene, attempt):
-        made.append(SimpleNamespace(camera=SimpleNamespace(view=None)))
+        made.append(SimpleNamespace(camera=SimpleNamespace(view=None), code=code))
         yield made[-1]
 
     monkeypatch.setattr(refinements, "remeasure_along_camera", remeasure)

@@ -15,10 +15,10 @@ from circlecal.paint.profiles import to_gray
 from circlecal.results import Cues, EllipseFits, LineCue, Segment
 from circlecal.stages.cues import (
     CuesConfig,
+    are_painted_otherwise,
     cues_from_observations,
     find_cues,
     leave_out_other_paints,
-    leave_out_painted_otherwise,
 )
 
 from .conftest import CIRCLE, SOCCER, fit_of, line_cue, paint, view
@@ -370,7 +370,7 @@ def test_a_line_in_another_paint_is_left_out(painted):
     assert leave_out_other_paints(image, Cues(None, None, tuple(lines)), EllipseFits(None, None, None), 5.0).lines
 
 
-def test_a_rough_line_that_was_measured_in_another_paint_is_left_out_of_the_marking(painted):
+def test_a_rough_line_that_was_measured_in_another_paint_is_told(painted):
     image = painted.image.copy()
     lines, segments = [], []
     for x, colour in ((200, (210, 210, 210)), (260, (90, 190, 210))):
@@ -380,10 +380,11 @@ def test_a_rough_line_that_was_measured_in_another_paint_is_left_out_of_the_mark
         lines.append(LineCue(None, np.array([1.0, 0.0, -x]), points, np.full(100, 0.1), ends, 0.1, width_px=3.0))
         segments.append(Segment(points[0] + np.array([1.0, 0.0]), points[-1] - np.array([1.0, 0.0])))
     crossing = Segment(np.array([230.0, 200.0]), np.array([290.0, 200.0]))
-    mask = painted.marking(lines=(*segments, crossing))
     fits = EllipseFits(None, None, fit_of(painted.conic(), "center"))
-    kept = leave_out_painted_otherwise(image, mask, Cues(None, None, tuple(lines)), fits)
-    assert kept.lines == (segments[0], crossing)
+    cues = Cues(None, None, tuple(lines))
+    found = are_painted_otherwise(image, (*segments, crossing), cues, fits, painted.marking().band_px)
+    assert found.tolist() == [False, True, False]
+    assert are_painted_otherwise(image, (), cues, fits, None).tolist() == []
 
 
 def test_a_large_faint_mark_lies_on_the_ground_beside_it():

@@ -97,6 +97,19 @@ def test_one_line_along_the_field_is_told_from_the_field_of_another_sport():
     assert weigh(one, replace(camera, named_lines=())).code == "paint_unexplained"
 
 
+def test_an_unexplained_line_in_another_paint_speaks_against_no_camera():
+    halfway, asked = SOCCER.line_ends(SOCCER.line_by_name["halfway_line"]), []
+
+    def find_other_paints(segments):
+        asked.extend(segments)
+        return np.ones(len(segments), np.bool_)
+
+    mask = mask_of((halfway, OBLIQUE))
+    found = measure_evidence(paint((OBLIQUE,)), mask, fit_of(CAMERA), SOCCER, CARRIERS, find_other_paints)
+    assert found.oblique_widths == 0.0
+    assert asked == [mask.lines[1]]
+
+
 def test_a_segment_that_is_no_paint_says_nothing(plain):
     found = measure_evidence(plain, mask_of((OBLIQUE, ALONG)), fit_of(CAMERA), SOCCER, CARRIERS)
     assert found.oblique_widths == found.alone_widths == 0.0
