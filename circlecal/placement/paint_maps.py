@@ -281,7 +281,7 @@ def _map_ridges(ridges: RidgePoints, region: Mask, scaling: Scaling, colours: Ma
     x, y = np.clip(np.rint(ridges.points), 0, (columns - 1, rows - 1)).astype(int).T
     direction = np.floor(np.arctan2(*ridges.normals.T[::-1]) % np.pi * (DIRECTIONS / np.pi)).astype(int)
     # nothing is looked up in rows without surface and ridges
-    used = region.any(axis=1)
+    used = np.asarray(region.any(axis=1), np.bool_)
     used[y] = True
     filled = np.flatnonzero(used)
     band = slice(int(filled[0]), int(filled[-1]) + 1) if len(filled) else slice(0, 0)
