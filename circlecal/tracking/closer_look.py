@@ -89,7 +89,7 @@ def learn_closely(
     """
     template, _ = field_of(config)
     members = measure_closely(tripod, members, pictures, template, period_s)
-    nearer = _fit_closely(tripod, members, [], config, template, drawn)
+    nearer = _fit_closely(tripod, members, [], config, template, drawn, is_last=False)
     frames = measure_closely(nearer, members, pictures, template, period_s)
     smeared: list[HeadedFrame] = []
     if max(tripod.sigma("length"), tripod.sigma("breadth")) >= WELL_KNOWN_M:
@@ -97,7 +97,7 @@ def learn_closely(
         if period_s > 0.0:
             smeared = _follow_gaps(place, path, pictures_at, config, colour, period_s)
         frames = frames + _look_between(place, path, pictures_at, config, colour, period_s)
-    return _fit_closely(replace(tripod, mean=nearer.mean), frames, smeared, config, template, drawn)
+    return _fit_closely(replace(tripod, mean=nearer.mean), frames, smeared, config, template, drawn, is_last=True)
 
 
 def _look_between(
@@ -163,6 +163,8 @@ def _fit_closely(
     config: Config,
     template: FieldTemplate,
     drawn: DrawnTemplate,
+    *,
+    is_last: bool,
 ) -> TripodEstimate:
     """The tripod by closely measured frames, without those of a false camera; the width of the paint with the rest
     where its blur tells it. Whether a line is a false one, and what the models leave, the sharp frames tell.
@@ -174,7 +176,7 @@ def _fit_closely(
     alike = count_alike(fit)
     frames = [*kept, *(_leave_out_alike(frame, sharp, kept) for frame in smeared)]
     for _ in range(2):
-        fit = fit_tripod(frames, tripod, mean, sd, drawn, alike=alike)
+        fit = fit_tripod(frames, tripod, mean, sd, drawn, alike=alike, is_last=is_last)
         heads_of = zip(frames, fit.heads, fit.clear_rms_px, strict=True)
         kept = [replace(frame, head=head) for frame, head, rms in heads_of if rms <= WORST_RMS_PX * unit]
         if len(kept) in (0, len(frames)):
@@ -182,7 +184,7 @@ def _fit_closely(
         frames = kept
     best = fit.estimate
     if kept and sd[WIDTH] < WIDTH_MEASURED_SD_M:
-        free = fit_tripod(kept, best, mean, sd, drawn, is_width_free=True, alike=alike).estimate
+        free = fit_tripod(kept, best, mean, sd, drawn, is_width_free=True, alike=alike, is_last=is_last).estimate
         best = free if abs(free.mean[WIDTH] - mean[WIDTH]) < WIDTH_AGREES * sd[WIDTH] else best
     return replace(best, left_out=tripod.left_out)
 

@@ -81,9 +81,10 @@ to that share, and so many pixels at 1920 px width, more: length and width take 
 the models. With them free, three real pitches of 105 by 68 m came out as 106.6 by 66.7, 104.1 by 68.3 and 104.2 by 67.7
 m with 1.3 to 1.5 times less of the distance. One of 103 by 67.5 m has 1.4 times less, and is lost to them. A single
 frame may lie beyond its limit by that share, too: one of 35, at 2.3 px, kept a length of 106.7 m, where a free fit to
-another clip of that ground has 105.5; that it is 105 m is not known. And the cost may be so many times as high: of real
-pitches of the template's size 1.0 to 1.35 times, of one of 100.1 m ten times, of a rendered one whose far touchline was
-lost with the usual width 17 times.
+another clip of that ground has 105.5. Where both clips show circle and penalty area in one picture, the area's corner
+lies where a pitch of 107 and of 106 m has it, so that ground is lost to these shares, too. And the cost may be so
+many times as high: of real pitches of the template's size 1.0 to 1.35 times, of one of 100.1 m ten times, of a
+rendered one whose far touchline was lost with the usual width 17 times.
 """
 
 

@@ -73,6 +73,8 @@ BEYOND_PARTS = 1.5
 """How many times as much markings are off alike as parts of them tell, the rest being alike over the whole of a marking
 or taken up by the fit. Over eight rendered clips of two seeds the mean square of the tripod's errors by their standard
 deviations is 1.57 without it, 1.05 with it, and the true place lies in the 90 % region of 89 and 94 % of all points.
+Two real clips of one ground put its length 0.2 m and the camera's distance 0.28 m apart, 2.9 and 4.2 standard
+deviations without all this, 1.4 and 2.0 with it.
 """
 NEIGHBOUR_PX = 40.0
 """Places nearer to each other than this, pixels at 1920 px width, are neighbours."""
@@ -261,6 +263,8 @@ def fit_tripod(
     prior_precision: Array | None = None,
     is_width_free: bool = False,
     alike: float = 1.0,
+    *,
+    is_last: bool = False,
 ) -> TripodFit:
     """Heads and common parameters of frames, from a start.
 
@@ -280,6 +284,9 @@ def fit_tripod(
         Whether the width of the paint is estimated with the rest, instead of considered.
     alike : float
         Number of frames that repeat the same error of the models.
+    is_last : bool
+        Whether the covariance is for answers, so that all that models leave counts; before, sizes are chosen by one
+        that has less of it.
     """
     unit = start.size[0] / 1920.0
     model = start.model
@@ -321,11 +328,13 @@ def fit_tripod(
         mean[lever], sd[lever] = LEAST_LEVER_M, 0.0
         held = [replace(frame, head=head) for frame, head in zip(frames, heads, strict=True)]
         start = replace(start, mean=common)
-        return fit_tripod(held, start, mean, sd, drawn, prior_precision, is_width_free, alike)
+        return fit_tripod(held, start, mean, sd, drawn, prior_precision, is_width_free, alike, is_last=is_last)
     told = now
-    if len(frames) > 1 and alike == 1.0 and float(np.mean(now.rms_px)) <= MODEL_SIGMA_PX * unit:
-        # only noise is left, and how much that is can be told
-        told = now.scale(1.0 / _measure_spread(frames, heads, common, model, drawn, sigmas, now, precision, free))
+    # where only noise is left it may be less than it is taken to be
+    is_noise = alike == 1.0 and float(np.mean(now.rms_px)) <= MODEL_SIGMA_PX * unit
+    if len(frames) > 1 and (is_noise or is_last):
+        spread = _measure_spread(frames, heads, common, model, drawn, sigmas, now, precision, free)
+        told = now.scale(1.0 / (spread if is_noise else max(spread, 1.0)))
     covariance = np.zeros((len(COMMON), len(COMMON)))
     reduced = _eliminate(told, precision, 0.0)[0]
     covariance[np.ix_(free, free)] = inverse_of_normal(reduced[np.ix_(free, free)])

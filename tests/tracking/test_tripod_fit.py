@@ -46,6 +46,22 @@ def test_only_what_frames_repeat_does_not_average_out_where_little_is_left() -> 
     assert sigma_m(True) > 1.5 * sigma_m(False)
 
 
+def test_the_last_fit_tells_what_models_leave_of_whole_markings() -> None:
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    sd[PLACE["width"]] = 0.0
+    drawn = template_curves(template())
+    for seed in (1, 3, 4):
+        frames = views_of_badly_painted_markings(seed, 1.4)
+        start = fit_tripod(frames, tripod(), mean, sd, drawn)
+        alike = count_alike(start)
+        before = fit_tripod(frames, start.estimate, mean, sd, drawn, alike=alike).estimate
+        last = fit_tripod(frames, start.estimate, mean, sd, drawn, alike=alike, is_last=True).estimate
+        np.testing.assert_array_equal(last.mean, before.mean)
+        off = abs(last.mean[PLACE["length"]])
+        assert off > 3.0 * before.sigma("length")
+        assert off / last.sigma("length") < 0.8 * off / before.sigma("length")
+
+
 def test_a_lever_arm_points_ahead() -> None:
     rng = np.random.default_rng(3)
     heads = [np.array([np.log(2600.0), pan, 1.38]) for pan in (0.1, 0.0, -0.2, -0.4)]
