@@ -105,7 +105,7 @@ def estimate_rigs(
     known = [f for f in frames if f.theta is not None and f.covariance is not None and f.observations is not None]
     rigs: list[Rig] = []
     groups = _group_frames(known, config, cameras)
-    beside: dict[str, Rig] = {}
+    beside: dict[str, int] = {}
     while groups:
         chosen = [(name, members, _select_best(members, turned, config)) for name, members, turned in groups]
         wanted = {frame.id for _, _, best in chosen for frame, _ in best}
@@ -113,22 +113,34 @@ def estimate_rigs(
         groups = []
         for name, members, best in chosen:
             rig = _estimate_rig(name, [full[f.id] for f, _ in best], [t for _, t in best], template, circle, config)
-            if rig is None or (name in beside and _stand_together(rig, beside[name], config)):
+            if rig is None:
+                continue
+            if name in beside and _stand_together(rig, rigs[beside[name]], config):
+                rigs[beside[name]] = _choose_larger(rigs[beside[name]], rig)
                 continue
             rigs.append(replace(rig, members=tuple(f.id for f in members)))
             # cameras that stand side by side were one group; those that were left out may be another one
             rest = [f for f in members if f.id in rig.left_out]
             if cameras is None and len(rest) >= config.rig.least_frames:
                 groups.append((name, rest, [False] * len(rest)))
-                beside[name] = rig
+                beside[name] = len(rigs) - 1
     if cameras is not None:
         return rigs
     rigs.sort(key=lambda rig: len(rig.members) - len(rig.left_out), reverse=True)
     return [replace(rig, name=f"camera-{number}") for number, rig in enumerate(rigs, start=1)]
 
 
+def _choose_larger(first: Rig, rest: Rig) -> Rig:
+    """Of two rigs of one camera, of which the second holds what the first left out, the one with more frames; those of
+    the other one are left out.
+    """
+    if len(rest.used) <= len(first.used):
+        return first
+    return replace(rest, members=first.members, left_out=(*first.used, *rest.left_out))
+
+
 def _stand_together(first: Rig, second: Rig, config: Config) -> bool:
-    """Whether two rigs stand where one camera may stand: then the frames of the second one are false calibrations."""
+    """Whether two rigs stand where one camera may stand: then the frames of one of them do not fit it."""
     found = [estimate_common(rig.problem, rig.state) for rig in (first, second)]
     places = [[list(rig.problem.shared).index(INDEX[name]) for name in "xyz"] for rig in (first, second)]
     apart = found[0][0][places[0]] - found[1][0][places[1]]

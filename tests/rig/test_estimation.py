@@ -9,6 +9,7 @@ from circlecal.camera.priors import SharedPrior
 from circlecal.config import Config
 from circlecal.geometry.homography import SIDES
 from circlecal.observations import LinePoints
+from circlecal.rig import estimation
 from circlecal.rig.estimation import (
     config_with_prior,
     estimate_rigs,
@@ -171,3 +172,17 @@ def test_marks_lie_on_even_ground_where_the_frames_show_a_flat_field(crown_m, sd
     told = with_told_relief(usual, frames)
     assert (told is not usual) == is_even
     assert told.camera.relief_m == pytest.approx(usual.camera.relief_m / 3 if is_even else usual.camera.relief_m)
+
+
+@pytest.mark.parametrize("first_count", [2, 3])
+def test_a_camera_is_that_of_most_frames_whichever_were_left_out_first(first_count, mixed, monkeypatch):
+    """Five frames of one camera, of which the joint fit holds some and then the others for the wrong ones."""
+    frames = mixed[0][:5]
+    first, rest = ("m0", "m1", "m2", "m3", "m4")[:first_count], ("m0", "m1", "m2", "m3", "m4")[first_count:]
+    begun = [rigs_of([f for f in frames if f.id in names])[0] for names in (first, rest)]
+    answers = iter([replace(begun[0], left_out=rest), begun[1]])
+    monkeypatch.setattr(estimation, "_estimate_rig", lambda *given: next(answers))
+    (rig,) = rigs_of(frames)
+    larger, smaller = (first, rest) if first_count == 3 else (rest, first)
+    assert (rig.used, rig.left_out) == (larger, smaller)
+    assert rig.members == ("m0", "m1", "m2", "m3", "m4")
