@@ -14,7 +14,7 @@ from circlecal.paint.profiles import estimate_noise
 from circlecal.pipeline.attempts import add_checks, estimate, take_observations
 from circlecal.pipeline.refinements import Retry, is_less_uncertain, measure_curves, replace_curves
 from circlecal.pipeline.setting import Scene, Setting, lighten_markings
-from circlecal.pipeline.size_by_circle import find_size_by_circle
+from circlecal.pipeline.size_by_circle import HALF_CIRCLE, find_size_by_circle, misses_circle
 from circlecal.results import Attempt, CameraFit, MarkingMask
 from circlecal.stages.confirm import look_for_markings
 from circlecal.stages.evidence import measure_evidence
@@ -54,7 +54,10 @@ def look_for_field_lines(setting: Setting, scene: Scene) -> Attempt | None:
 
 def is_sure(setting: Setting, attempt: Attempt) -> bool:
     """Whether a camera from straight markings is known so well that no circle need be looked for thoroughly."""
-    return attempt.camera is not None and attempt.camera.max_sigma_px < SURE_PX * setting.width / 1920.0
+    camera = attempt.camera
+    if camera is None or misses_circle(camera, setting.template, setting.circle):
+        return False
+    return camera.max_sigma_px < SURE_PX * setting.width / 1920.0
 
 
 def _shows_field_lines(setting: Setting, first: Attempt) -> bool:
@@ -130,7 +133,9 @@ def _try_namings(setting: Setting, scene: Scene, mask: MarkingMask) -> Iterator[
                 verdict = weigh_evidence(verdict, camera, evidence, ground, template, agreement)
         if verdict.status == "calibrated":
             accepted = replace(attempt, verdict=verdict)
-            yield _add_curves(setting, picture, accepted, noise) or accepted
+            accepted = _add_curves(setting, picture, accepted, noise) or accepted
+            if accepted.camera is None or not misses_circle(accepted.camera, template, circle, HALF_CIRCLE):
+                yield accepted
 
 
 def _keeps(attempt: Attempt, name: str) -> bool:

@@ -16,7 +16,7 @@ from circlecal.paint.matched_filter import CLEAR, EVEN_ANGLES, SAMPLES
 from circlecal.results import CameraFit
 from circlecal.stages.confirm import measure_circle_sectors
 
-__all__ = ["find_size_by_circle"]
+__all__ = ["HALF_CIRCLE", "find_size_by_circle", "misses_circle"]
 
 STEP_WIDTHS = 1.0
 """By how many widths of its paint the circle moves from one tried length to the next: the filter sees paint within one
@@ -25,6 +25,11 @@ width to both sides.
 FEWEST_SECTORS, PAINTED_SHARE = 4, 0.75
 """Sectors of 24 that the picture must show of the circle, and the share of them that must be painted: a straight line
 or the edge of a shadow touches a circle in two.
+"""
+HALF_CIRCLE = 12
+"""Sectors in view of a circle that is painted at no length of the field, from which on the camera is not believed: of
+99 answers without the circle to real clips one has 6 in view, the others none; a rendered frame that shows the whole
+circle, 150 px from where such a camera puts it, has 24.
 """
 
 
@@ -58,6 +63,15 @@ def find_size_by_circle(
     tried = [stretched for stretched, is_seen in zip(tried, in_view.tolist(), strict=True) if is_seen]
     paint = np.array([_measure_paint(picture, stretched, template, circle) for stretched in tried])
     return tried[int(paint.argmax())] if paint.any() else None
+
+
+def misses_circle(fit: CameraFit, template: FieldTemplate, circle: Circle, sectors: int = FEWEST_SECTORS) -> bool:
+    """Whether a camera from markings at one end of the field was fitted without the circle, of which it has so many
+    sectors of 24 in its picture: only the circle tells how long the field is.
+    """
+    if template.length_range_m is None or not fit.reference_by_growth[0] or fit.field_size is None:
+        return False
+    return bool(_count_in_view([fit], template, circle)[0] >= sectors)
 
 
 def _count_in_view(fits: list[CameraFit], template: FieldTemplate, circle: Circle) -> Indices:

@@ -1,5 +1,6 @@
 """Straight markings alone: the same ones are not tried twice."""
 
+from contextlib import nullcontext
 from types import SimpleNamespace
 
 import numpy as np
@@ -91,3 +92,31 @@ def test_arcs_are_measured_along_a_draft_and_left_out_where_they_do_not_calibrat
     attempt, fits = fit_naming(monkeypatch, [near, off, right], [])
     assert attempt is right
     assert len(fits) == 3
+
+
+def test_a_camera_that_misses_a_circle_in_plain_view_is_no_answer(monkeypatch):
+    missing, right = (
+        Attempt(camera=SimpleNamespace(name=name), observations=Observations(9, 9), verdict=calibrated)
+        for calibrated in [Verdict("calibrated", None, None, None)]
+        for name in ("missing", "right")
+    )
+    attempts = iter([missing, right])
+    setting = SimpleNamespace(
+        template=None,
+        circle=None,
+        config=SimpleNamespace(
+            correspondences=SimpleNamespace(camera_side="main"), cues=SimpleNamespace(search_px=9.0, spacing_px=2.0)
+        ),
+        clock=lambda stage: nullcontext(),
+    )
+    scene = SimpleNamespace(marked=np.zeros((9, 9), np.uint8), covered=None)
+    for name in ("lighten_markings", "estimate_noise", "look_for_markings", "measure_evidence", "measure_surroundings"):
+        monkeypatch.setattr(field_lines, name, lambda *given: None)
+    monkeypatch.setattr(field_lines, "carriers", lambda seen, camera: frozenset())
+    monkeypatch.setattr(field_lines, "observe_field_lines", lambda *given: [Observations(9, 9)] * 2)
+    monkeypatch.setattr(field_lines, "_fit_naming", lambda *given: next(attempts))
+    monkeypatch.setattr(field_lines, "confirm_field_lines", lambda verdict, *given: verdict)
+    monkeypatch.setattr(field_lines, "weigh_evidence", lambda verdict, *given: verdict)
+    monkeypatch.setattr(field_lines, "_add_curves", lambda *given: None)
+    monkeypatch.setattr(field_lines, "misses_circle", lambda camera, *given: camera.name == "missing")
+    assert list(field_lines._try_namings(setting, scene, see_lines())) == [right]

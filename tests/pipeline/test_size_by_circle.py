@@ -8,7 +8,7 @@ from circlecal.camera.options import CameraConfig
 from circlecal.config import Config
 from circlecal.geometry.camera_parameters import INDEX
 from circlecal.pipeline import field_of
-from circlecal.pipeline.size_by_circle import find_size_by_circle
+from circlecal.pipeline.size_by_circle import HALF_CIRCLE, find_size_by_circle, misses_circle
 from circlecal.stages.camera import estimate_camera
 from circlecal.synthetic.cameras import aim_camera
 from tests.stages.camera_views import CIRCLE, SOCCER, seen
@@ -52,3 +52,13 @@ def test_a_field_of_known_length_is_not_asked():
     fit, picture = see_end(101.0)
     known = SOCCER.model_copy(update={"length_range_m": None})
     assert find_size_by_circle(picture, fit, known, CIRCLE) is None
+
+
+def test_a_circle_in_view_is_missed_by_lines_at_one_end():
+    fit, _ = see_end(101.0)
+    assert misses_circle(fit, SOCCER, CIRCLE)
+    whole, _ = see_end(101.0, (-14.0, -4.0, 0.0))
+    assert misses_circle(whole, SOCCER, CIRCLE, HALF_CIRCLE)
+    away, _ = see_end(101.0, (-52.0, -10.0, 0.0))
+    assert not misses_circle(away, SOCCER, CIRCLE)
+    assert not misses_circle(fit, SOCCER.model_copy(update={"length_range_m": None}), CIRCLE)
