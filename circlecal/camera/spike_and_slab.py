@@ -103,13 +103,11 @@ class World:
         """
         mean, sd = current.mean.copy(), current.sd.copy()
         mean[SIZES_AND_CROWN], sd[SIZES_AND_CROWN] = usual.mean[SIZES_AND_CROWN], usual.sd[SIZES_AND_CROWN]
-        extents = {
-            LENGTH: (template.length_m, template.length_range_m),
-            BREADTH: (template.width_m, template.width_range_m),
-        }
-        for index in {"usual": (), "other_length": (LENGTH,), "any": (LENGTH, BREADTH)}[self.size]:
-            size_m, extent = extents[index]
-            if extent is not None and sd[index] > 0:
+        for index, is_usual, size_m, extent in (
+            (LENGTH, self.size == "usual", template.length_m, template.length_range_m),
+            (BREADTH, self.size != "any", template.width_m, template.width_range_m),
+        ):
+            if not is_usual and extent is not None and sd[index] > 0:
                 # mean and standard deviation of a uniform distribution
                 mean[index], sd[index] = np.mean(extent) - size_m, (extent[1] - extent[0]) / np.sqrt(12.0)
         if self.is_flat and sd[CROWN] > 0:
@@ -383,21 +381,28 @@ class Posterior:
     others : (P, P) array
         Second moment of all other answers about the reported one, ``sum w_k (C_k + d_k d_k^T)``: with the answer's own
         covariance C the mixture's is ``share C + others``.
-    usual_share : float
-        Posterior probability that the field is of the usual size.
+    size_shares : mapping
+        Posterior probability of each kind of size that was compared.
     resized : (P, P) array or None
         Second moment about the reported answer of those alone on fields of another kind of size; None where there
         are none.
-    resized_share : float
-        Posterior probability that the field is of another kind of size than that of the reported answer.
     """
 
     world: World
     share: float
     others: Array
-    usual_share: float
+    size_shares: Mapping[Size, float]
     resized: Array | None = None
-    resized_share: float = 0.0
+
+    @property
+    def usual_share(self) -> float:
+        """Posterior probability that the field is of the usual size."""
+        return self.size_shares.get("usual", 0.0)
+
+    @property
+    def resized_share(self) -> float:
+        """Posterior probability that the field is of another kind of size than that of the reported answer."""
+        return 1.0 - self.size_shares[self.world.size]
 
     def widen(self, covariance: Array) -> Array:
         """The mixture's second moment (P, P) about the answer with this covariance."""
@@ -421,12 +426,10 @@ def mix(answers: Sequence[Answer], best: Answer, theta: Array) -> Posterior:
         others += moment
         if answer.world.size != best.world.size:
             resized, kept_share = resized + moment, kept_share + q / total
-    sizes = [answer.world.size for answer in answers]
-    share_of = {size: float(shares[[own == size for own in sizes]].sum()) for size in set(sizes)}
-    return Posterior(
-        best.world, share, others, share_of.get("usual", 0.0),
-        resized / kept_share if kept_share > 0.0 else None, 1.0 - share_of[best.world.size],
-    )  # fmt: skip
+    size_shares: dict[Size, float] = {}
+    for answer, q in zip(answers, shares.tolist(), strict=True):
+        size_shares[answer.world.size] = size_shares.get(answer.world.size, 0.0) + q
+    return Posterior(best.world, share, others, size_shares, resized / kept_share if kept_share > 0.0 else None)
 
 
 _Place = tuple[MarkingKey, int, bytes]

@@ -42,9 +42,14 @@ def choose_optimum(finished: list[tuple[Task, Fit]], known: int) -> tuple[Task, 
     share = 1.0 / (1.0 + float(np.exp(-abs(evidence[0] - evidence[1]))))
     if share > 1.0 - UNLIKELY_SHARE:
         return task, fit
-    mine, its = (f.posterior or Posterior(USUAL, 1.0, np.zeros_like(f.state.normal[0]), 1.0) for f in (fit, other))
+    mine, its = (
+        f.posterior or Posterior(USUAL, 1.0, np.zeros_like(f.state.normal[0]), {"usual": 1.0}) for f in (fit, other)
+    )
     away = other.state.theta[0] - fit.state.theta[0]
     covariance = its.widen(posterior_covariance(other.state.normal[0], other.problem.priors.sd))
     others = share * mine.others + (1.0 - share) * (covariance + np.outer(away, away))
-    usual = share * mine.usual_share + (1.0 - share) * its.usual_share
-    return task, replace(fit, posterior=replace(mine, share=share * mine.share, others=others, usual_share=usual))
+    sizes = {
+        size: share * mine.size_shares.get(size, 0.0) + (1.0 - share) * its.size_shares.get(size, 0.0)
+        for size in {*mine.size_shares, *its.size_shares}
+    }
+    return task, replace(fit, posterior=replace(mine, share=share * mine.share, others=others, size_shares=sizes))

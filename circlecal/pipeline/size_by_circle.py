@@ -53,10 +53,10 @@ def find_size_by_circle(
         With other parameters, camera and view, all else unchanged; None where the length is known, moves nothing that
         was seen, or no length lays enough of the circle on paint.
     """
-    extent, moves = template.length_range_m, abs(float(fit.reference_by_growth[0]))
-    if extent is None or moves == 0.0 or fit.field_size is None:
+    extent = template.length_range_m
+    if extent is None or not _is_length_open(fit):
         return None
-    step_m = STEP_WIDTHS * template.paint_width(circle) / moves
+    step_m = STEP_WIDTHS * template.paint_width(circle) / abs(float(fit.reference_by_growth[0]))
     growths = np.arange(extent[0], extent[1] + step_m / 2, step_m) - template.length_m
     tried = [_stretch(fit, growth) for growth in growths.tolist()]
     in_view = _count_in_view(tried, template, circle) >= FEWEST_SECTORS
@@ -69,9 +69,13 @@ def misses_circle(fit: CameraFit, template: FieldTemplate, circle: Circle, secto
     """Whether a camera from markings at one end of the field was fitted without the circle, of which it has so many
     sectors of 24 in its picture: only the circle tells how long the field is.
     """
-    if template.length_range_m is None or not fit.reference_by_growth[0] or fit.field_size is None:
-        return False
-    return bool(_count_in_view([fit], template, circle)[0] >= sectors)
+    is_open = template.length_range_m is not None and _is_length_open(fit)
+    return is_open and bool(_count_in_view([fit], template, circle)[0] >= sectors)
+
+
+def _is_length_open(fit: CameraFit) -> bool:
+    """Whether a length of the field was looked for, and what was seen lies elsewhere on a longer one."""
+    return fit.field_size is not None and bool(fit.reference_by_growth[0])
 
 
 def _count_in_view(fits: list[CameraFit], template: FieldTemplate, circle: Circle) -> Indices:

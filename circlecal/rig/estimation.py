@@ -191,27 +191,24 @@ def _estimate_rig(
     """The joint fit of frames of a camera, without those that do not fit; None where too few are left. Of a field that
     they show to be flat, the marks lie on even ground.
     """
-    rig = _fit_frames(name, frames, turned, template, circle, config)
+    thetas = np.array([frame.turn_field() if turn else frame.theta for frame, turn in zip(frames, turned, strict=True)])
+
+    def fit(options: Config) -> Rig | None:
+        seen = zip(frames, thetas, turned, strict=True)
+        problems = [problem_of_frame(f, theta, template, circle, options, turned=turn) for f, theta, turn in seen]
+        return _fit_problems(name, frames, problems, thetas, options)
+
+    rig = fit(config)
     if rig is None:
         return None
     told = with_told_relief(config, rig.prior())
-    return rig if told is config else _fit_frames(name, frames, turned, template, circle, told)
+    return rig if told is config else fit(told)
 
 
-def _fit_frames(
-    name: str,
-    frames: Sequence[RigFrame],
-    turned: Sequence[bool],
-    template: FieldTemplate,
-    circle: Circle,
-    config: Config,
+def _fit_problems(
+    name: str, frames: Sequence[RigFrame], problems: Sequence[Problem], thetas: Array, config: Config
 ) -> Rig | None:
-    """The joint fit of frames of a camera under one configuration, without those that do not fit."""
-    thetas = np.array([frame.turn_field() if turn else frame.theta for frame, turn in zip(frames, turned, strict=True)])
-    problems = [
-        problem_of_frame(frame, theta, template, circle, config, turned=turn)
-        for frame, theta, turn in zip(frames, thetas, turned, strict=True)
-    ]
+    """The joint fit of frames of a camera, without those that do not fit, from their cameras (F, P)."""
     kept, left_out = list(range(len(frames))), list[str]()
     problem: JointProblem | None = None
     while len(kept) >= config.rig.least_frames:

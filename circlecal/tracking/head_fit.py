@@ -10,7 +10,7 @@ from circlecal.geometry.projective import Array, Indices
 from circlecal.paint.profiles import median_of_rows
 from circlecal.rig.tripod import TripodEstimate
 from circlecal.tracking.markings import DrawnTemplate, MeasuredFrame
-from circlecal.tracking.tripod_fit import number_parts, residuals_of, sigmas_of
+from circlecal.tracking.tripod_fit import add_by_part, number_parts, residuals_of, sigmas_of
 
 ROUNDS = 5
 LEAST_INFORMATION = 1e-6
@@ -129,8 +129,7 @@ def compare_spread(part: Indices, away: Array, weight: Array, by_own: Array, inf
     """
     parts, at = np.unique(part, return_inverse=True)
     off = np.bincount(at, weight * away)
-    rows = np.zeros((len(parts), by_own.shape[1]))
-    np.add.at(rows, at, weight[:, None] * by_own)
+    rows = add_by_part(at, len(parts), weight[:, None] * by_own)
     followed = float((rows * np.linalg.solve(information, rows.T).T).sum())
     return np.array([float(off @ off), max(float(weight.sum()) - followed, 0.0)])
 

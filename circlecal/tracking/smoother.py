@@ -115,10 +115,22 @@ def _solve_chain(
 
 def _invert_chain(factor: Array) -> Array:
     """Covariances (N, 3, 3) of the heads from the factor (U + 1, 3 N) of their normal equations."""
-    count = factor.shape[1] // 3
-    inverse = cho_solve_banded((factor, False), np.eye(3 * count), overwrite_b=True, check_finite=False)
+    return _make_symmetric(_blocks_of_heads(_invert_factor(factor)))
+
+
+def _invert_factor(factor: Array) -> Array:
+    """Inverse (3 N, 3 N) of the normal equations that have this factor (U + 1, 3 N)."""
+    return np.asarray(cho_solve_banded((factor, False), np.eye(factor.shape[1]), overwrite_b=True, check_finite=False))
+
+
+def _blocks_of_heads(inverse: Array) -> Array:
+    """Blocks (N, 3, 3) on the diagonal of a matrix (3 N, 3 N)."""
+    count = len(inverse) // 3
     at = np.arange(count)
-    covariances = inverse.reshape(count, 3, count, 3)[at, :, at]
+    return np.asarray(inverse.reshape(count, 3, count, 3)[at, :, at])
+
+
+def _make_symmetric(covariances: Array) -> Array:
     return np.asarray((covariances + np.swapaxes(covariances, 1, 2)) / 2)
 
 
@@ -131,16 +143,14 @@ def _spread_chain(factor: Array, information: Array, spread: float) -> Array:
     their standard deviations, they are moved by ``A^-1 N^(1/2)``.
     """
     count = factor.shape[1] // 3
-    inverse = cho_solve_banded((factor, False), np.eye(3 * count), check_finite=False)
+    inverse = _invert_factor(factor)
     by_frame = inverse.reshape(3 * count, count, 3)
     moved = np.einsum("kni,nij->knj", by_frame, information).reshape(3 * count, 3 * count)
     root = np.linalg.cholesky(information + LEAST_INFORMATION * np.eye(3))
     alike = np.einsum("kni,nij->kj", by_frame, root).reshape(count, 3, 3)
-    at = np.arange(count)
-    whole = inverse.reshape(count, 3, count, 3)[at, :, at]
     by_paint = np.einsum("nik,njk->nij", moved.reshape(count, 3, -1), inverse.reshape(count, 3, -1))
-    covariances = whole - (1.0 - spread) * by_paint + spread * alike @ np.swapaxes(alike, 1, 2)
-    return np.asarray((covariances + np.swapaxes(covariances, 1, 2)) / 2)
+    left = _blocks_of_heads(inverse) - (1.0 - spread) * by_paint
+    return _make_symmetric(left + spread * alike @ np.swapaxes(alike, 1, 2))
 
 
 def _to_band(blocks: Array) -> Array:

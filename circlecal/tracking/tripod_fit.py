@@ -366,6 +366,13 @@ def number_parts(measured: MeasuredFrame) -> Indices:
     return np.asarray((measured.marking * MOST_PARTS + x) * MOST_PARTS + y, np.int_)
 
 
+def add_by_part(at: Indices, count: int, values: Array) -> Array:
+    """Sums (count, V) of values (M, V) of places, by the parts (M,) in which they lie."""
+    found = np.zeros((count, values.shape[1]))
+    np.add.at(found, at, values)
+    return found
+
+
 def _measure_spread(
     frames: Sequence[HeadedFrame],
     heads: Array,
@@ -398,11 +405,9 @@ def _measure_spread(
         weight = (1.0 + (off / sigmas[k] / LOSS_SCALE) ** 2) ** -2.0 / sigmas[k] ** 2
         away += np.bincount(at, weight * off, count)
         size += np.bincount(at, weight, count)
-        own, all_ = np.zeros((count, by_own.shape[2])), np.zeros((count, len(COMMON)))
-        np.add.at(own, at, weight[:, None] * (rows @ by_own[k]))
-        np.add.at(all_, at, weight[:, None] * (rows @ by_common[k]))
+        own = add_by_part(at, count, weight[:, None] * (rows @ by_own[k]))
         explained += float((own * np.linalg.solve(now.H_oo[k] + 1e-6 * np.eye(3), own.T).T).sum())
-        shared += all_ - own @ solved[k, :, :-1]
+        shared += add_by_part(at, count, weight[:, None] * (rows @ by_common[k])) - own @ solved[k, :, :-1]
     inverse = inverse_of_normal(reduced[np.ix_(free, free)])
     explained += float(np.einsum("ci,ij,cj->", shared[:, free], inverse, shared[:, free]))
     as_taken = size.sum() / len(frames)  # one frame's, so that few frames tell little
