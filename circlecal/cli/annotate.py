@@ -13,7 +13,7 @@ from circlecal.cli import options
 
 def annotate(
     inputs: Annotated[
-        list[Path],
+        list[str],
         typer.Argument(metavar="INPUT", help="A folder of circlecal batch, pictures, folders of them, videos."),
     ],
     out: Annotated[
@@ -29,7 +29,7 @@ def annotate(
     ] = None,
     every: Annotated[
         str | None,
-        typer.Option("--every", metavar="TIME|N", help="Frames of videos: 1s, 500ms, or every Nth. (default: 1s)"),
+        typer.Option("--every", metavar="TIME|N", help="Of videos: a frame a TIME, or each N-th. (default: 1s)"),
     ] = None,
     config: options.ConfigFile = None,
     settings: options.Settings = None,
@@ -56,7 +56,7 @@ def annotate(
 
     chosen = options.choose_config(config, settings, field, camera_prior=camera_prior)
     frames = list_frames(inputs, Sampling.parse(every or DEFAULT_EVERY))
-    runs = [path for path in inputs if is_run(path)]
+    runs = [path for path in map(Path, inputs) if is_run(path)]
     folder = out or (runs[0] / ANNOTATION_FOLDER if runs else Path("circlecal-annotations"))
     session = Session(frames, AnnotationStore(folder), chosen)
 

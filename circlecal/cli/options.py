@@ -60,7 +60,7 @@ CONVERSIONS = (
 )
 """Names of formats, written down here so that ``--help`` imports nothing; a test compares them with the registry."""
 FrameInputs = Annotated[
-    list[Path],
+    list[str],
     typer.Argument(
         metavar="INPUT", help="Pictures, annotation files, folders, patterns, sequences (x_%04d.png), lists (x.txt)."
     ),
@@ -102,7 +102,6 @@ Size = Annotated[
     str | None,
     typer.Option("--size", metavar="WIDTHxHEIGHT", help="Size of the pictures, where an annotation file has none."),
 ]
-Inputs = Annotated[list[Path], typer.Argument(metavar="INPUT", help="Pictures and folders of pictures.")]
 Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for everything that is written.")]
 Mask = Annotated[
     Path | None,
@@ -281,9 +280,10 @@ def parse_size(text: str | None, option: str = "--size") -> tuple[int, int] | No
     if text is None:
         return None
     width, _, height = text.lower().partition("x")
-    plain = all(side.isascii() and side.isdigit() and 1 < int(side) <= 65535 for side in (width, height))
-    if not plain:
+    if not all(side.isascii() and side.isdigit() for side in (width, height)):
         raise InputError(f"{option} {text!r} is not WIDTHxHEIGHT, such as 1920x1080")
+    if not all(len(side) <= 5 and 1 < int(side) <= 65535 for side in (width, height)):
+        raise InputError(f"{option} {text!r}: each side must be from 2 to 65535 pixels")
     return int(width), int(height)
 
 
@@ -376,7 +376,7 @@ def require_frames(inputs: Sequence[object], frames: Sequence[object]) -> None:
 
 
 def choose_inputs(
-    inputs: Sequence[Path], run: FrameRun, out: Path, report: Callable[[Exception], None]
+    inputs: Sequence[str], run: FrameRun, out: Path, report: Callable[[Exception], None]
 ) -> list[PictureFile | FrameOfFile]:
     """Pictures and frames of annotation files among the inputs; files that cannot be read are reported.
 
@@ -483,16 +483,16 @@ def choose_videos(inputs: Sequence[str], report: Callable[[Exception], None]) ->
         There is none, or something else is named.
     """
     from circlecal.errors import InputError
+    from circlecal.files import require_input
     from circlecal.pictures.files import distinct_names
     from circlecal.pictures.inputs import expand_inputs
     from circlecal.pictures.video import Video
 
     named = expand_inputs(inputs)
+    for path in named.paths:
+        require_input(path)
     if not named.videos:
         raise InputError(f"{', '.join(inputs)}: holds no video; pictures go to circlecal calibrate and batch")
-    missing = next((path for path in named.paths if not path.exists()), None)
-    if missing is not None:
-        raise InputError(f"{missing}: no such file or folder")
     videos = []
     names = distinct_names([path.stem for path in named.videos])
     for path, name in zip(named.videos, names, strict=True):

@@ -47,7 +47,7 @@ _EDITED = "mov"
 _MISSING_SHARE, _MISSING_S = 0.02, 1.0
 """A video that ends by more than this share of its stated length and this many seconds early, or begins this late, is
 said to lack something; headers round, or tell the length of the sound, by less."""
-_CLOCK = re.compile(r"(?:(?:(\d{1,6}):)?([0-5]?\d):)?(\d{1,9}(?:\.\d{1,9})?)", re.ASCII)
+_CLOCK = re.compile(r"(?:(?:(\d{1,6}):)?(\d{1,6}):)?(\d{1,9}(?:\.\d{1,9})?)", re.ASCII)
 _DURATION = re.compile(r"(\d{1,9}(?:\.\d{1,9})?)\s*(ms|s|min|m|h)", re.ASCII)
 _COUNT = re.compile(r"\d{1,9}", re.ASCII)
 _FRAME_TIME = re.compile(r"_(\d{2,})-(\d{2})-(\d{2}\.\d{3})$")

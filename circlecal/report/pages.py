@@ -65,12 +65,11 @@ class ReportOptions:
 
 @dataclass(frozen=True, slots=True)
 class WrittenReport:
-    """The page, and how many of its frames have a picture, or a drawing only."""
+    """The page, and how many of its frames have a picture."""
 
     page: Path
     frames: int
     pictures: int
-    drawings: int
 
 
 def write_report(
@@ -123,8 +122,7 @@ def write_report(
         write_file(out / name, resources.files("circlecal.report").joinpath("assets", name).read_bytes())
     write_file(out / PAGE_NAME, _page(run, options, compared, against).encode("utf-8", "replace"))
     pictures = sum(bool(m & Media.FRAME) for m in media)
-    drawings = sum(bool(m & (Media.TEMPLATE | Media.PLAN)) and not m & Media.FRAME for m in media)
-    return WrittenReport(out / PAGE_NAME, len(run.rows), pictures, drawings)
+    return WrittenReport(out / PAGE_NAME, len(run.rows), pictures)
 
 
 def _empty(out: Path) -> Path:

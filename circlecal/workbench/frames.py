@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.errors import InputError
+from circlecal.files import exists, require_input
 from circlecal.pictures.files import PictureFile, find_frames, read_image
 from circlecal.pictures.inputs import expand_inputs
 from circlecal.pictures.remote import is_url
@@ -63,12 +64,12 @@ def is_run(path: Path) -> bool:
     return path.is_dir() and (path / RESULTS_NAME).is_file()
 
 
-def list_frames(inputs: Sequence[Path], sampling: Sampling) -> list[ListedFrame]:
+def list_frames(inputs: Sequence[str], sampling: Sampling) -> list[ListedFrame]:
     """Frames of runs, pictures, folders of them and videos.
 
     Parameters
     ----------
-    inputs : sequence of path
+    inputs : sequence of str
         As the user names them.
     sampling : Sampling
         Which frames of videos.
@@ -76,20 +77,21 @@ def list_frames(inputs: Sequence[Path], sampling: Sampling) -> list[ListedFrame]
     Raises
     ------
     InputError
-        A missing input, a damaged run, or nothing to show.
+        A missing input, a damaged run, a run none of whose pictures is where it was, a URL, or nothing to show.
     """
     found: list[ListedFrame] = []
     others = []
-    for path in inputs:
-        if is_run(path):
-            found += _frames_of_run(path)
+    for given in inputs:
+        if is_run(Path(given)):
+            found += _frames_of_run(Path(given))
         else:
-            others.append(path)
+            others.append(given)
     if others:
         named = expand_inputs(others)
+        if named.urls:
+            raise InputError(f"{named.urls[0]}: is a URL; save the picture, or run circlecal batch and give its folder")
         for path in named.paths:
-            if not path.exists():
-                raise InputError(f"{path}: no such file or folder")
+            require_input(path)
         pictures = find_frames(named.paths) if named.paths else []
         found += [ListedFrame(frame) for frame in pictures]
         for path in named.videos:
@@ -102,7 +104,14 @@ def list_frames(inputs: Sequence[Path], sampling: Sampling) -> list[ListedFrame]
 
 def _frames_of_run(folder: Path) -> list[ListedFrame]:
     rows = {record.id: record for record in read_records(folder, ResultRow)}
-    return [_row_of(record) for record in rows.values() if record.path]
+    frames = [_row_of(record) for record in rows.values() if record.path]
+    files = [frame.file.path for frame in frames if frame.file.url is None]
+    if files and not any(map(exists, files)):
+        raise InputError(
+            f"{folder}: its pictures are not where they were ({files[0]}, ...); put them back, or start circlecal "
+            "annotate in the folder in which the run was started"
+        )
+    return frames
 
 
 def _row_of(record: ResultRow) -> ListedFrame:

@@ -112,6 +112,9 @@ def test_a_video_in_calibrate_and_choices_without_one(run_circlecal, match, fram
     outcome = run_circlecal("calibrate", match, "--out", tmp_path / "out")
     assert outcome.code == 2
     assert "use circlecal batch" in outcome.err
+    outcome = run_circlecal("calibrate", "http://127.0.0.1:1/picture.jpg", "--out", tmp_path / "out")
+    assert outcome.code == 2
+    assert "http://127.0.0.1:1/picture.jpg: is a URL; use circlecal batch" in outcome.err
     outcome = run_circlecal("batch", frame_file, "--every", "2s", "--out", tmp_path / "out")
     assert outcome.code == 2
     assert "no video is given" in outcome.err

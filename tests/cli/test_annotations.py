@@ -78,6 +78,7 @@ def test_the_size_is_asked_for_or_read_off_the_picture(run_circlecal, annotation
         "--size WIDTHxHEIGHT",
     )
     only_error(run_circlecal("calibrate", annotation_file, "--size", "960", "--out", tmp_path / "o"), "--size '960'")
+    only_error(run_circlecal("calibrate", annotation_file, "--size", "1x1", "--out", tmp_path / "o"), "from 2 to 65535")
     cv2.imwrite(str(annotation_file.with_suffix(".png")), frame_image)
     assert run_circlecal("calibrate", annotation_file, "--out", tmp_path / "out", *QUICK).code == 0
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["00042.json", "00042.overlay.jpg"]

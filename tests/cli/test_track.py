@@ -90,6 +90,8 @@ def test_wrong_use_is_one_line(clip, tmp_path, run_circlecal, arguments, told):
 def test_pictures_are_no_clips(frame_file, tmp_path, run_circlecal):
     outcome = run_circlecal("track", frame_file, "--out", tmp_path / "out")
     assert outcome.code == 2 and "holds no video" in outcome.err
+    outcome = run_circlecal("track", tmp_path / "nothing", "--out", tmp_path / "out")
+    assert outcome.code == 2 and "nothing: no such file or folder" in outcome.err
 
 
 def test_a_clip_that_cannot_be_read_does_not_stop_the_others(clip, tmp_path, run_circlecal):

@@ -87,6 +87,9 @@ def test_nothing_sticks_out_of_the_window(browser, server):
         assert len(pairs) >= 3
         for pair, where in pairs.items():
             assert contrast(*pair.split(",")) >= 4.5, (where, pair, scheme)
+    keys = "const d = document.getElementById('keys'); d.showModal(); const b = d.querySelector('.talk');"
+    low = browser.run(f"{keys} const low = d.offsetHeight <= b.scrollHeight + 4; d.close(); return low")
+    assert low, "a dialog is no higher than what it says"
     ten_thousand_frames_are_as_quick_as_ten(browser)
 
 

@@ -141,6 +141,20 @@ def test_a_frame_to_begin_with_must_be_there(folder, run_circlecal):
     assert "--frame nobody: no such frame" in outcome.err
 
 
+def test_a_run_whose_pictures_are_gone_and_an_address_are_one_line(folder, run_circlecal, in_this_process, tmp_path):
+    picture = tmp_path / "moved.png"
+    picture.write_bytes((folder / "good.png").read_bytes())
+    out = tmp_path / "run"
+    assert run_circlecal("batch", picture, "--out", out, "--no-overlay", "--workers", 1, "-q").code == 0
+    picture.unlink()
+    outcome = run_circlecal("annotate", out, "--no-browser")
+    assert (outcome.code, outcome.err.count("\n")) == (2, 1)
+    assert "its pictures are not where they were" in outcome.err and "moved.png" in outcome.err
+    outcome = run_circlecal("annotate", "http://127.0.0.1:1/picture.jpg", "--no-browser")
+    assert (outcome.code, outcome.err.count("\n")) == (2, 1)
+    assert "http://127.0.0.1:1/picture.jpg: is a URL" in outcome.err
+
+
 def test_the_report_of_a_run_is_told_of_the_workbench_while_it_runs(
     folder, run_circlecal, in_this_process, tmp_path, monkeypatch
 ):
