@@ -1,5 +1,6 @@
 """The notebook of recipes runs from its first cell to its last, and is kept with what it shows."""
 
+import re
 import shutil
 from pathlib import Path
 
@@ -18,6 +19,14 @@ def kinds(cell):
     return [kind for kind, before in zip(shown, [None, *shown], strict=False) if kind != "stream" or before != "stream"]
 
 
+def verdicts(cell):
+    """Words for what became of frames, in the order in which a cell prints them."""
+    text = " ".join(
+        "".join(output.get("text") or output["data"].get("text/plain", "")) for output in cell.get("outputs", ())
+    )
+    return re.findall(r"calibrated|refused", text)
+
+
 def test_recipes_run_and_show_what_was_kept(tmp_path):
     kept = nbformat.read(NOTEBOOK, 4)
     ran = nbformat.read(NOTEBOOK, 4)
@@ -29,6 +38,8 @@ def test_recipes_run_and_show_what_was_kept(tmp_path):
         assert [kind for kind in kinds(before) if kind != "text/html"] == [
             kind for kind in kinds(after) if kind != "text/html"
         ] or "pandas" in before.source, before.source
+        assert verdicts(before) == verdicts(after), before.source
+    assert any("refused = " in cell.source and "refused" in verdicts(cell) for cell in ran.cells)
 
 
 def test_the_notebook_is_small_and_says_nothing_of_a_machine():
