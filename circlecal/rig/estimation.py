@@ -189,7 +189,7 @@ def _estimate_rig(
     config: Config,
 ) -> Rig | None:
     """The joint fit of frames of a camera, without those that do not fit; None where too few are left. Of a field that
-    they show to be flat, the marks lie on even ground.
+    they show to be flat, the marks lie on even ground, unless too few of them agree there.
     """
     thetas = np.array([frame.turn_field() if turn else frame.theta for frame, turn in zip(frames, turned, strict=True)])
 
@@ -202,7 +202,7 @@ def _estimate_rig(
     if rig is None:
         return None
     told = with_told_relief(config, rig.prior())
-    return rig if told is config else fit(told)
+    return rig if told is config else fit(told) or rig
 
 
 def _fit_problems(

@@ -78,7 +78,7 @@ def recalibrate(
     trials, reasons = [], []
     for rig in tried:
         found = calibrate(config_with_prior(config, rig.prior(frame.id, frame.theta), rig.size[0]))
-        reason = _refusal(found, frame, rig)
+        reason = find_refusal(found, frame, rig)
         if reason is not None or found is None or found.attempt.camera is None:
             reasons.append(reason or "it cannot be calibrated again")
             continue
@@ -96,7 +96,7 @@ def recalibrate(
     return Recalibration(trials[0].calibration, trials[0].rig, None)
 
 
-def _refusal(found: FrameCalibration | None, frame: RigFrame, rig: Rig) -> str | None:
+def find_refusal(found: FrameCalibration | None, frame: RigFrame, rig: Rig) -> str | None:
     """Why a calibration as a frame of a camera is not taken, or None."""
     if found is None:
         return "it cannot be calibrated again"

@@ -35,7 +35,7 @@ from circlecal.records.writing import result_record
 from circlecal.results import FrameCalibration
 from circlecal.rig.estimation import Rig, config_with_prior, estimate_rigs, summarise_shared
 from circlecal.rig.frames import RigFrame, frame_of_record
-from circlecal.rig.recalibration import Recalibration, recalibrate
+from circlecal.rig.recalibration import Recalibration, find_refusal, recalibrate
 from circlecal.rig.tripod_of_rig import venue_of_rigs
 from circlecal.rig.venue import VENUE_NAME, write_venue
 
@@ -237,7 +237,7 @@ class RigTask:
         again = _Again(frame.record, seen, self.config, self.mask, self.convention)
         # a frame that the list leaves out is of none of them
         known = None if self.cameras is None else self.cameras.get(frame.id, "")
-        found = recalibrate(seen, self.rigs, again, seen_as, circle, self.config, known)
+        found = again.confirm(recalibrate(seen, self.rigs, again, seen_as, circle, self.config, known))
         return _new_record(frame.record, found, template, self.digest)
 
 
@@ -266,7 +266,8 @@ def read_cameras(path: Path) -> dict[str, str]:
 class _Again:
     """Calibrates one frame of a run again: from its picture where it was refused, otherwise from what was seen.
 
-    The picture is measured once; a further camera takes what was seen of it then.
+    The picture is measured with the first camera that is tried; a further camera takes what was seen of it then, and
+    is confirmed in the picture where it is the one that explains the frame.
     """
 
     record: ResultRecord
@@ -282,18 +283,34 @@ class _Again:
         refused, annotated = self.frame.theta is None, _is_annotated(self.record)
         from_picture = refused and not annotated and is_file(source)
         if from_picture and self.measured is None:
-            try:
-                self.measured = calibrate_frame(self._picture(source), accept_short_arcs(config), self.mask)[1]
-            except CirclecalError as error:
-                _log.warning("%s", error)
-                return None
-            return None if _leaves_the_arc(self.measured, config) else self.measured
+            self.measured = self._look(source, config)
+            return None if self.measured is None or _leaves_the_arc(self.measured, config) else self.measured
         seen = self.frame.observations if self.measured is None else self.measured.attempt.observations
         if seen is None:
             return self.measured
         convention: Convention = self.convention if annotated else "paint"
         found = run_observations(seen, config, frame_id=self.frame.id, source=str(source), convention=convention)
         return None if from_picture and _leaves_the_arc(found, config) else found
+
+    def confirm(self, found: Recalibration) -> Recalibration:
+        """The camera that explains a refused frame, if its markings are in the picture: points alone do not tell."""
+        if self.measured is None or found.rig is None or found.calibration is self.measured:
+            return found
+        prior = found.rig.prior(self.frame.id, self.frame.theta)
+        config = config_with_prior(self.config, prior, found.rig.size[0])
+        looked = self._look(Path(self.record.path or ""), config)
+        reason = find_refusal(looked, self.frame, found.rig)
+        if reason is None and looked is not None and _leaves_the_arc(looked, config):
+            reason = f"its arc is not where {found.rig.name} sees the circle"
+        return replace(found, calibration=looked) if reason is None else Recalibration(None, None, reason)
+
+    def _look(self, source: Path, config: Config) -> FrameCalibration | None:
+        """The whole chain, from the picture; None where it cannot be read."""
+        try:
+            return calibrate_frame(self._picture(source), accept_short_arcs(config), self.mask)[1]
+        except CirclecalError as error:
+            _log.warning("%s", error)
+            return None
 
     def _picture(self, source: Path) -> PictureFile:
         time_s = None if self.record.source is None else self.record.source.time_s

@@ -174,6 +174,16 @@ def test_marks_lie_on_even_ground_where_the_frames_show_a_flat_field(crown_m, sd
     assert told.camera.relief_m == pytest.approx(usual.camera.relief_m / 3 if is_even else usual.camera.relief_m)
 
 
+def test_a_camera_whose_frames_agree_on_uneven_ground_alone_is_kept(mixed, monkeypatch):
+    told = CONFIG.model_copy(update={"camera": CONFIG.camera.model_copy(update={"relief_m": 0.0})})
+    fit = estimation._fit_problems
+    monkeypatch.setattr(estimation, "with_told_relief", lambda config, prior: told)
+    monkeypatch.setattr(
+        estimation, "_fit_problems", lambda *given: fit(*given) if given[-1].camera.relief_m > 0.0 else None
+    )
+    assert [rig.used for rig in rigs_of([f for f in mixed[0] if f.id.startswith("g")])] == [("g0", "g1", "g2")]
+
+
 @pytest.mark.parametrize("first_count", [2, 3])
 def test_a_camera_is_that_of_most_frames_whichever_were_left_out_first(first_count, mixed, monkeypatch):
     """Five frames of one camera, of which the joint fit holds some and then the others for the wrong ones."""

@@ -5,11 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from circlecal.observations import Observations
 from circlecal.pipeline import run_observations
+from circlecal.records.writing import result_record
 from circlecal.rig.estimation import estimate_rigs
 from circlecal.rig.frames import RigFrame
 from circlecal.rig.recalibration import recalibrate
-from circlecal.rig.run import accept_short_arcs
+from circlecal.rig.run import RecordedFrame, RigTask, accept_short_arcs
 
 from .scenes import CIRCLE, CONFIG, TEMPLATE, calibrated, displaced, goal_views, main_views, seen_by
 
@@ -79,3 +81,27 @@ def test_detector_of_a_known_camera_asks_for_less():
     assert relaxed.share_of_lone_arc < usual.share_of_lone_arc
     strict = CONFIG.model_copy(update={"rig": CONFIG.rig.model_copy(update={"whole_share": 0.9})})
     assert accept_short_arcs(strict).mask.detector.acceptance.whole_share == usual.whole_share
+
+
+@pytest.mark.parametrize("shows_markings", [True, False])
+def test_a_refused_frame_is_looked_at_with_the_camera_that_its_points_fit(
+    cameras, monkeypatch, tmp_path, shows_markings
+):
+    rigs, _, view, _ = cameras
+    picture = tmp_path / "x.png"
+    picture.write_bytes(b"a picture")
+    seen = seen_by(view, np.random.default_rng(1), line=False)
+    looks = []
+
+    def look(file, config, mask):
+        looks.append(config)
+        shown = seen if len(looks) == 1 or shows_markings else Observations(1920, 1080)
+        return file, run_observations(shown, config, frame_id="x", source=str(picture), convention="paint")
+
+    monkeypatch.setattr("circlecal.rig.run.calibrate_frame", look)
+    alone = run_observations(seen, CONFIG, frame_id="x", source=str(picture), convention="paint")
+    task = RigTask(CONFIG, (rigs[1], rigs[0]), None, None, "official", False)  # the camera that took it comes second
+    found = task.record(RecordedFrame("x", result_record(alone, TEMPLATE)))
+    assert len(looks) == 2
+    assert found.status == ("calibrated" if shows_markings else "refused")
+    assert found.rig.camera == (rigs[0].name if shows_markings else None)
