@@ -103,13 +103,12 @@ class World:
         """
         mean, sd = current.mean.copy(), current.sd.copy()
         mean[SIZES_AND_CROWN], sd[SIZES_AND_CROWN] = usual.mean[SIZES_AND_CROWN], usual.sd[SIZES_AND_CROWN]
-        for index, is_usual, size_m, extent in (
-            (LENGTH, self.size == "usual", template.length_m, template.length_range_m),
-            (BREADTH, self.size != "any", template.width_m, template.width_range_m),
-        ):
-            if not is_usual and extent is not None and sd[index] > 0:
+        is_usual = self.size == "usual", self.size != "any"
+        for index, is_known, extent in zip((LENGTH, BREADTH), is_usual, template.extents, strict=True):
+            if not is_known and extent.range_m is not None and sd[index] > 0:
                 # mean and standard deviation of a uniform distribution
-                mean[index], sd[index] = np.mean(extent) - size_m, (extent[1] - extent[0]) / np.sqrt(12.0)
+                least, most = extent.range_m
+                mean[index], sd[index] = (least + most) / 2.0 - extent.size_m, (most - least) / np.sqrt(12.0)
         if self.is_flat and sd[CROWN] > 0:
             mean[CROWN], sd[CROWN] = 0.0, FLAT_SD_M
         elif self.is_curved:
@@ -171,8 +170,9 @@ def possible_worlds(
     curved_share : float
         Share of the crowned fields that is left for curved profiles.
     """
-    may_differ = (template.length_range_m is not None and usual.sd[LENGTH] > 0) or (
-        template.width_range_m is not None and usual.sd[BREADTH] > 0
+    may_differ = any(
+        extent.range_m is not None and usual.sd[index] > 0
+        for index, extent in zip((LENGTH, BREADTH), template.extents, strict=True)
     )
     sizes: Mapping[Size, float] = size_shares if may_differ else {"usual": 1.0}
     is_free = usual.sd[CROWN] > FLAT_SD_M and np.isfinite(usual.sd[CROWN])

@@ -250,12 +250,8 @@ def _doubt(answers: list[Answer]) -> float:
 def _is_allowed(found: list[tuple[Answer, _Case]], template: FieldTemplate) -> bool:
     """Whether the best answer on a field of any size is one that the rules allow: else the misfit is not the size's."""
     other = max((a for a, _ in found if not a.world.is_usual_size), key=lambda a: a.evidence)
-    extents = (template.length_m, template.length_range_m), (template.width_m, template.width_range_m)
     growth = other.state.theta[0, [INDEX["length"], INDEX["breadth"]]].tolist()
-    return all(
-        extent is None or extent[0] <= size + grown <= extent[1]
-        for (size, extent), grown in zip(extents, growth, strict=True)
-    )
+    return all(e.beyond_rules(e.size_m + grown) <= 0.0 for e, grown in zip(template.extents, growth, strict=True))
 
 
 def _keep_noise(best: Answer, task: Task, fit: Fit) -> tuple[Problem, State]:

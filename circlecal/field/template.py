@@ -11,6 +11,7 @@ import ast
 import operator
 import os
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -89,6 +90,26 @@ NODES = 65
 
 AT_MIDDLE_M = 1e-6
 """A centre this near to the long or the short axis lies on it, metres: rounding of arithmetic over sizes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Extent:
+    """A size of the field, its length or its width: the template's, and what the rules allow, all in metres.
+
+    Attributes
+    ----------
+    size_m : float
+        The template's.
+    range_m : (2,) tuple of float, or None
+        Smallest and largest that the rules allow; None where all fields are of one size.
+    """
+
+    size_m: float
+    range_m: tuple[float, float] | None
+
+    def beyond_rules(self, size_m: float) -> float:
+        """By how much a size is outside of what the rules allow, metres: negative inside, and where they name none."""
+        return -np.inf if self.range_m is None else max(self.range_m[0] - size_m, size_m - self.range_m[1])
 
 
 class _Element(BaseModel):
@@ -210,6 +231,11 @@ class FieldTemplate(BaseModel):
         if self.halfway_line is not None and self.halfway_line not in {line.name for line in self.lines}:
             raise ValueError(f"halfway_line {self.halfway_line!r} is not among the lines")
         return self
+
+    @property
+    def extents(self) -> tuple[Extent, Extent]:
+        """Length and width, with what the rules allow."""
+        return Extent(self.length_m, self.length_range_m), Extent(self.width_m, self.width_range_m)
 
     def move_markings(
         self, shift_of: Callable[[str], tuple[float, float]], growth_of: Callable[[float], float] = lambda _: 0.0

@@ -243,14 +243,11 @@ def _size_checks(camera: CameraFit, template: FieldTemplate) -> list[Check]:
     size = camera.field_size
     if size is None:
         return []
-    estimates = (
-        (size.length_m, size.length_sd_m, template.length_range_m),
-        (size.width_m, size.width_sd_m, template.width_range_m),
-    )
+    estimates = (size.length_m, size.length_sd_m), (size.width_m, size.width_sd_m)
     beyond = [
-        max(extent[0] - size_m, size_m - extent[1]) - SIZE_SIGMAS * sd_m
-        for size_m, sd_m, extent in estimates
-        if extent is not None
+        extent.beyond_rules(size_m) - SIZE_SIGMAS * sd_m
+        for (size_m, sd_m), extent in zip(estimates, template.extents, strict=True)
+        if extent.range_m is not None
     ]
     return [Check.of("beyond_rules_m", max(beyond, default=0.0), MOST_BEYOND_RULES_M)]
 

@@ -199,3 +199,12 @@ def test_arithmetic_over_named_sizes(a, b):
     assert evaluate_size("+a", sizes) == a
     assert evaluate_size(3, {}) == 3.0
     assert evaluate_size("3.5", {}) == 3.5
+
+
+def test_sizes_that_the_rules_allow():
+    length, width = load_field("soccer").extents
+    assert (length.size_m, width.size_m) == (105.0, 68.0)
+    least, most = length.range_m
+    assert length.beyond_rules(least - 2.0) == length.beyond_rules(most + 2.0) == pytest.approx(2.0)
+    assert length.beyond_rules(105.0) < 0.0
+    assert all(extent.beyond_rules(1000.0) == -np.inf for extent in load_field("ice-hockey-nhl").extents)
