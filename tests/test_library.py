@@ -145,6 +145,27 @@ def test_a_map_of_other_units_and_origin(good):
 # --- refused frames
 
 
+def test_a_frame_without_players(good, refused):
+    for frame in (good, refused):
+        assert frame.to_field([]).shape == (0, 2)
+        assert frame.to_field([], sigma=True).sigma.shape == (0,)
+
+
+@pytest.mark.parametrize("size", [(0, 7000), (-1, 1), (1, 2, 3)])
+def test_a_map_without_a_size(good, size):
+    with pytest.raises(ValueError, match="both positive"):
+        good.transformer(size)
+
+
+def test_arguments_of_another_kind(frame_image):
+    with pytest.raises(TypeError, match="an array or a path, not NoneType"):
+        circlecal.calibrate(None)
+    with pytest.raises(TypeError, match="set takes a mapping"):
+        circlecal.calibrate(frame_image, set="seed=3")
+    with pytest.raises(InputError, match="width and height of the picture"):
+        circlecal.calibrate_points(size=(0, 720), circle=[[1, 1]])
+
+
 def test_a_refused_frame_says_why_and_what_helps(refused):
     assert (refused.ok, refused.status) == (False, "refused")
     assert refused.code and refused.reason and refused.help

@@ -196,6 +196,7 @@ class Calibration:
     @staticmethod
     def _answer(points: ArrayLike, convert: Any, sigma: bool) -> Array | SurePoints:
         given = np.asarray(points, dtype=np.float64)
+        given = given.reshape(0, 2) if given.shape == (0,) else given  # a frame without players
         if given.ndim == 0 or given.shape[-1] != 2:
             raise ValueError(f"points must be of shape (..., 2), not {given.shape}")
         if convert is None:

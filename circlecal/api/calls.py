@@ -84,6 +84,8 @@ def calibrate(
         The configuration, its field template or a network is unusable.
     """
     chosen = configure(config, field, set)
+    if not isinstance(image, np.ndarray | str | Path):
+        raise TypeError(f"image must be an array or a path, not {type(image).__name__}")
     source = None if isinstance(image, np.ndarray) else str(image)
     picture = as_bgr(image, "image") if isinstance(image, np.ndarray) else read_image(image)
     name = id or ("image" if source is None else Path(source).stem)
@@ -239,7 +241,7 @@ def calibrate_points(
     Raises
     ------
     InputError
-        A name that the field does not have, or something that is no point.
+        A name that the field does not have, something that is no point, or a picture without a width or height.
     ConfigError
         As for :func:`calibrate`.
     """
@@ -316,6 +318,8 @@ def configure(config: Config | str | Path | None, field: str | Path | None, sett
     ConfigError
         As :func:`circlecal.config.load_config`.
     """
+    if settings is not None and not isinstance(settings, Mapping):
+        raise TypeError(f"set takes a mapping such as {{'camera.roll_sd_deg': 1}}, not {settings!r}")
     chosen = dict(settings or {}) | ({} if field is None else {"field.template": str(field)})
     if isinstance(config, Config) and not chosen:
         return config
@@ -347,9 +351,11 @@ def observe_points(
     Raises
     ------
     InputError
-        A name that the field does not have, or something that is no point.
+        A name that the field does not have, something that is no point, or a picture without a width or height.
     """
     width, height = size
+    if min(width, height) < 1:
+        raise InputError(f"size must be the width and height of the picture in pixels, not {size}")
     sigma = CLICKED_SIGMA_PX * width / REFERENCE_WIDTH_PX if sigma_px is None else sigma_px
     shapes, keypoints = [], []
     for place, value in points.items():

@@ -22,14 +22,21 @@ class ViewTransformer:
     template : FieldTemplate
         The field.
     size : (float, float), optional
-        Length and width of the map, such as ``(12000, 7000)``; its origin is the corner of the field that the main
-        camera sees top left, and the field, as long and broad as it was estimated, is stretched to it. Metres from the
-        centre mark when None.
+        Length and width of the map, both positive, such as ``(12000, 7000)``; its origin is the corner of the field
+        that the main camera sees top left, and the field, as long and broad as it was estimated, is stretched to it.
+        Metres from the centre mark when None.
+
+    Raises
+    ------
+    ValueError
+        The map has no length or no width.
     """
 
     def __init__(
         self, view: FieldView | None, template: FieldTemplate, size: tuple[float, float] | None = None
     ) -> None:
+        if size is not None and not (np.asarray(size).shape == (2,) and np.all(np.asarray(size) > 0)):
+            raise ValueError(f"size must be the length and width of a map, both positive, not {size}")
         self._view = view
         own = np.array([template.length_m, template.width_m]) + (0.0 if view is None else view.growth_m)
         self._scale = np.ones(2) if size is None else np.asarray(size, dtype=np.float64) / own

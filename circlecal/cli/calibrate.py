@@ -95,13 +95,17 @@ def calibrate(
             if json_lines:
                 console.print_json(result_line(record))
     exports.finish()
+    is_refused = any(summary.status != "calibrated" for summary in summaries)
     if summaries and not quiet:
         if not json_lines:
             console.print_summaries(summaries)
         console.print_note(_name_files([summary.id for summary in summaries], out, chosen, exports.written))
+        if is_refused and (camera_prior or venue):
+            known = "--camera-prior" if camera_prior else "--venue"
+            console.print_note(f"leave {known} out for frames that another camera took: they are refused with it")
     if failures:
         raise typer.Exit(2)
-    if any(summary.status != "calibrated" for summary in summaries):
+    if is_refused:
         raise typer.Exit(1)
 
 
@@ -130,7 +134,9 @@ def _field_notes(record: ResultRecord, config: Config, *, is_named: bool) -> Ite
             told = "nothing tells which sport it shows" if name is None else f"looks like {name} ({share:.0%} sure)"
             yield f"{record.id}: refused; {told}"
         return
-    is_open = record.status == "refused" and not is_named and record.path and record.path.endswith(PICTURE_SUFFIXES)
+    is_open = (
+        record.status == "refused" and not is_named and record.path and record.path.lower().endswith(PICTURE_SUFFIXES)
+    )
     if is_open and is_on_strange_ground(read_image(record.path or "", config.limits), config):
         yield f"{record.id}: its ground is no turf; --field auto tries other sports"
 

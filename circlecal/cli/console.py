@@ -149,11 +149,11 @@ def progress_display(*, quiet: bool) -> Iterator[Callable[[BatchProgress], None]
     if quiet:
         yield lambda progress: None
     elif console.is_terminal:
-        read_clock = _stopwatch()
+        measure_rate = _pace()
         with _bar(console, "frame") as update:
 
             def show(state: BatchProgress) -> None:
-                update(state.finished, state.total, _counts(state), _rate(state, read_clock()))
+                update(state.finished, state.total, _counts(state), measure_rate(state))
 
             yield show
     else:
@@ -191,7 +191,7 @@ def _bar(console: Console, unit: str) -> Iterator[Callable[..., None]]:
                 completed=done,
                 done=f"{done}/{count_of(total, unit)}",
                 counts=show(label),
-                rate=f"{rate:.1f} {unit}s/s",
+                rate=f"{rate:.1f} {unit}s/s" if rate > 0 else "",
                 left=left,
             )
 
@@ -254,39 +254,37 @@ def _count_on_lines(unit: str, total: int) -> Callable[[str], None]:
 
 
 def _plain_lines() -> Callable[[BatchProgress], None]:
-    read_clock, last = _stopwatch(), 0.0
+    start = last = time.monotonic()
+    measure_rate = _pace()
 
     def update(state: BatchProgress) -> None:
         nonlocal last
-        now = read_clock()
-        if state.finished == state.total or _is_due(now, last, 0.0):
+        now, rate = time.monotonic(), measure_rate(state)
+        if state.finished == state.total or _is_due(now, last, start):
             last = now
-            rate = _rate(state, now)
-            left = _time_left(state.total - state.finished, rate)
-            line = (
-                f"{state.finished}/{count_of(state.total, 'frame')}, {_counts(state)}, {rate:.1f} frames/s"
-                f"{', ' * bool(left)}{left}"
-            )
+            line = f"{state.finished}/{count_of(state.total, 'frame')}, {_counts(state)}"
+            if rate > 0:
+                line += f", {rate:.1f} frames/s, {_time_left(state.total - state.finished, rate)}"
             print(line, file=sys.stderr, flush=True)  # noqa: T201
 
     return update
 
 
-def _stopwatch() -> Callable[[], float]:
-    """A function that tells the seconds since its first call; what comes before the first frame is in no rate."""
+def _pace() -> Callable[[BatchProgress], float]:
+    """A function that tells frames per second since the first one was finished, and 0 until that is a second ago: what
+    comes before it, such as the survey of a clip, is in no rate.
+    """
     start: float | None = None
+    first = 0
 
-    def read() -> float:
-        nonlocal start
+    def measure(state: BatchProgress) -> float:
+        nonlocal start, first
         now = time.monotonic()
-        start = now if start is None else start
-        return now - start
+        if start is None and state.finished > state.resumed:
+            start, first = now, state.finished
+        return 0.0 if start is None or now - start < 1.0 else (state.finished - first) / (now - start)
 
-    return read
-
-
-def _rate(state: BatchProgress, seconds: float) -> float:
-    return (state.finished - state.resumed) / max(seconds, 1e-9)
+    return measure
 
 
 def _counts(state: BatchProgress) -> str:

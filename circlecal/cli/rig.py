@@ -106,7 +106,7 @@ def print_report(report: RigReport, out: Path) -> None:
     if told["cameras"]:
         console.print_table(
             "Cameras",
-            ["camera", "frames", "together", "x m", "y m", "z m", "roll deg", "k1"],
+            ["camera", "frames", "found from", "x m", "y m", "z m", "roll deg", "k1"],
             [
                 [c["camera"], str(c["frames"]), str(c["used"])]
                 + ["-" if c[key] is None else "{:.2f} +- {:.2f}".format(*c[key]) for key in ("x", "y", "z", "roll_deg")]

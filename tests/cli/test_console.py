@@ -72,10 +72,12 @@ def test_a_bar_on_a_terminal(clock, monkeypatch):
     progress = finished(BatchProgress(total=1000, resumed=100), 100)
     with console.progress_display(quiet=False) as show:
         show(progress)
+        clock[0] += 60  # the survey of a clip, which is in no rate
+        show(finished(progress, 1, "no_circle_found"))
         clock[0] += 10
         show(finished(progress, 50, "no_circle_found"))
     shown = written.getvalue()
-    for text in ("150/1000 frames", "100 calibrated, 50 refused (100 from before)", "5.0 frames/s", "2:50 left"):
+    for text in ("151/1000 frames", "100 calibrated, 51 refused (100 from before)", "5.0 frames/s", "2:50 left"):
         assert text in shown
 
 

@@ -68,3 +68,8 @@ def test_known_camera_narrows_the_fit(tmp_path, frame_image, run_circlecal):
     assert outcome.code == 0, outcome.err
     sigma = [json.loads((out / "frame.json").read_text())["camera"]["max_sigma_m"] for out in (first, second)]
     assert sigma[1] < 0.8 * sigma[0]
+    assert "another camera" not in outcome.err
+    elsewhere = _file(tmp_path, "position_m: [30.0, 20.0, -4.0]\nposition_sd_m: [0.1, 0.1, 0.1]\n")
+    outcome = run_circlecal("calibrate", tmp_path / "frame.png", "--out", second, "--camera-prior", elsewhere)
+    assert outcome.code == 1, outcome
+    assert "leave --camera-prior out for frames that another camera took" in outcome.err
