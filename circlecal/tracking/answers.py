@@ -8,12 +8,15 @@ from dataclasses import replace
 import numpy as np
 
 from circlecal.field.view import FieldView
+from circlecal.geometry.camera import Camera
+from circlecal.geometry.camera_parameters import INDEX, ProjectionModel, project
 from circlecal.geometry.projective import Array
 from circlecal.refusals import REFUSALS
 from circlecal.results import Check
 from circlecal.rig.tripod import COMMON
 from circlecal.tracking.entry import BARE_SHARE, Entry
 from circlecal.tracking.looking import Place
+from circlecal.tracking.records import theta_of_view
 from circlecal.tracking.results import Head, TrackedFrame
 from circlecal.tracking.smoother import smooth_robustly
 
@@ -135,7 +138,17 @@ def _spread_of(entries: list[Entry]) -> float:
 
 
 def _visible_sigmas(view: FieldView, place: Place) -> tuple[float, float]:
-    """Largest and mean standard deviation, pixels, over places of the pitch that the picture shows."""
+    """Largest and mean standard deviation, pixels, over places of the pitch that the picture shows, each counted from
+    the middle of the pitch or from its nearer end, whichever it is told by better: where only one end is seen, how long
+    the pitch is says nothing of where that end is in the picture.
+    """
     points = view.visible_field(place.template, step_m=5.0)
-    sigma = view.project(points, sigma=True)[1] if len(points) else None
-    return (float("inf"), float("inf")) if sigma is None else (float(np.nanmax(sigma)), float(np.nanmean(sigma)))
+    if len(points) == 0 or view.covariance is None or not isinstance(view.camera, Camera):
+        return float("inf"), float("inf")
+    seen = project(theta_of_view(view)[None], points[None], ProjectionModel.of(view.camera, view.surface))
+    by_theta, by_field = (derivatives[0] for derivatives in seen.jacobians())
+    with_end = by_theta.copy()
+    with_end[:, :, INDEX["length"]] = by_field[:, :, 0] * np.sign(points[:, :1]) / 2.0
+    variances = [np.einsum("nip,pq,niq->n", rows, view.covariance, rows) for rows in (by_theta, with_end)]
+    sigma = np.sqrt(np.maximum(np.minimum(*variances), 0.0))
+    return float(np.nanmax(sigma)), float(np.nanmean(sigma))

@@ -23,8 +23,8 @@ from circlecal.tracking.looking import Look, LookedAt, Place
 from circlecal.tracking.markings import DrawnTemplate, MeasuredFrame
 from circlecal.tracking.motion import SHUTTER, move_of_middle
 from circlecal.tracking.paint_width import priors_of_frames
-from circlecal.tracking.pitch import WORST_RMS_PX, hold_size, leave_out_false_line
-from circlecal.tracking.tripod_fit import HeadedFrame, count_alike, fit_tripod
+from circlecal.tracking.pitch import WORST_RMS_PX, doubt_size, hold_size, leave_out_false_line, loosen_size
+from circlecal.tracking.tripod_fit import PART_M, HeadedFrame, count_alike, fit_tripod
 
 WELL_KNOWN_M = 0.02
 """Standard deviation of the pitch's size from which on no further pictures are looked at. Before a penalty area 0.1 m
@@ -89,7 +89,7 @@ def learn_closely(
     """
     template, _ = field_of(config)
     members = measure_closely(tripod, members, pictures, template, period_s)
-    nearer = _fit_closely(tripod, members, [], config, template, drawn, is_last=False)
+    nearer = _fit_closely(tripod, members, [], config, template, drawn, parts_m=None)
     frames = measure_closely(nearer, members, pictures, template, period_s)
     smeared: list[HeadedFrame] = []
     if max(tripod.sigma("length"), tripod.sigma("breadth")) >= WELL_KNOWN_M:
@@ -97,7 +97,7 @@ def learn_closely(
         if period_s > 0.0:
             smeared = _follow_gaps(place, path, pictures_at, config, colour, period_s)
         frames = frames + _look_between(place, path, pictures_at, config, colour, period_s)
-    return _fit_closely(replace(tripod, mean=nearer.mean), frames, smeared, config, template, drawn, is_last=True)
+    return _fit_closely(replace(tripod, mean=nearer.mean), frames, smeared, config, template, drawn, parts_m=PART_M)
 
 
 def _look_between(
@@ -164,10 +164,11 @@ def _fit_closely(
     template: FieldTemplate,
     drawn: DrawnTemplate,
     *,
-    is_last: bool,
+    parts_m: float | None,
 ) -> TripodEstimate:
     """The tripod by closely measured frames, without those of a false camera; the width of the paint with the rest
-    where its blur tells it. Whether a line is a false one, and what the models leave, the sharp frames tell.
+    where its blur tells it. Whether a line is a false one, and what the models leave, the sharp frames tell. At last a
+    size that is held is doubted as far as the paint contradicts it.
     """
     unit = tripod.size[0] / 1920.0
     mean, sd = priors_of_frames(config, template, unit, [frame.measured for frame in sharp])
@@ -176,16 +177,22 @@ def _fit_closely(
     alike = count_alike(fit)
     frames = [*kept, *(_leave_out_alike(frame, sharp, kept) for frame in smeared)]
     for _ in range(2):
-        fit = fit_tripod(frames, tripod, mean, sd, drawn, alike=alike, is_last=is_last)
+        fit = fit_tripod(frames, tripod, mean, sd, drawn, alike=alike, parts_m=parts_m)
         heads_of = zip(frames, fit.heads, fit.clear_rms_px, strict=True)
         kept = [replace(frame, head=head) for frame, head, rms in heads_of if rms <= WORST_RMS_PX * unit]
         if len(kept) in (0, len(frames)):
             break
         frames = kept
-    best = fit.estimate
+    is_width_free = False
     if kept and sd[WIDTH] < WIDTH_MEASURED_SD_M:
-        free = fit_tripod(kept, best, mean, sd, drawn, is_width_free=True, alike=alike, is_last=is_last).estimate
-        best = free if abs(free.mean[WIDTH] - mean[WIDTH]) < WIDTH_AGREES * sd[WIDTH] else best
+        free = fit_tripod(kept, fit.estimate, mean, sd, drawn, is_width_free=True, alike=alike, parts_m=parts_m)
+        is_width_free = abs(free.estimate.mean[WIDTH] - mean[WIDTH]) < WIDTH_AGREES * sd[WIDTH]
+        fit = free if is_width_free else fit
+    best = fit.estimate
+    loose_sd = loosen_size(sd, template)
+    if kept and parts_m is not None and (loose_sd > sd).any():
+        loose = fit_tripod(kept, best, mean, loose_sd, drawn, None, is_width_free, alike, parts_m=np.inf)
+        best = doubt_size(best, loose.estimate, loose_sd > sd)
     return replace(best, left_out=tripod.left_out)
 
 

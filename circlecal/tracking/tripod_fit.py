@@ -264,7 +264,7 @@ def fit_tripod(
     is_width_free: bool = False,
     alike: float = 1.0,
     *,
-    is_last: bool = False,
+    parts_m: float | None = None,
 ) -> TripodFit:
     """Heads and common parameters of frames, from a start.
 
@@ -284,9 +284,10 @@ def fit_tripod(
         Whether the width of the paint is estimated with the rest, instead of considered.
     alike : float
         Number of frames that repeat the same error of the models.
-    is_last : bool
-        Whether the covariance is for answers, so that all that models leave counts; before, sizes are chosen by one
-        that has less of it.
+    parts_m : float, optional
+        Size of the parts of the field within which paint is off alike, by which the covariance is told: of answers
+        :data:`PART_M`, with all that models leave; infinite where whole markings may be beside their places. Without
+        it what models leave counts by the cost alone.
     """
     unit = start.size[0] / 1920.0
     model = start.model
@@ -328,12 +329,13 @@ def fit_tripod(
         mean[lever], sd[lever] = LEAST_LEVER_M, 0.0
         held = [replace(frame, head=head) for frame, head in zip(frames, heads, strict=True)]
         start = replace(start, mean=common)
-        return fit_tripod(held, start, mean, sd, drawn, prior_precision, is_width_free, alike, is_last=is_last)
+        return fit_tripod(held, start, mean, sd, drawn, prior_precision, is_width_free, alike, parts_m=parts_m)
     told = now
     # where only noise is left it may be less than it is taken to be
     is_noise = alike == 1.0 and float(np.mean(now.rms_px)) <= MODEL_SIGMA_PX * unit
-    if len(frames) > 1 and (is_noise or is_last):
-        spread = _measure_spread(frames, heads, common, model, drawn, sigmas, now, precision, free)
+    if len(frames) > 1 and (is_noise or parts_m is not None):
+        part_m = PART_M if parts_m is None else parts_m
+        spread = _measure_spread(frames, heads, common, model, drawn, sigmas, now, precision, free, part_m)
         told = now.scale(1.0 / (spread if is_noise else max(spread, 1.0)))
     covariance = np.zeros((len(COMMON), len(COMMON)))
     reduced = _eliminate(told, precision, 0.0)[0]
@@ -360,9 +362,9 @@ def fit_tripod(
     return TripodFit(estimate, heads, now.rms_px, now.clear_rms_px, now.cost + prior_cost(common))
 
 
-def number_parts(measured: MeasuredFrame) -> Indices:
+def number_parts(measured: MeasuredFrame, part_m: float = PART_M) -> Indices:
     """Number (M,) of marking and part of the field of each place of a frame: what is off there is off alike."""
-    x, y = (measured.field_m // PART_M).astype(np.int_).T
+    x, y = np.floor(measured.field_m / part_m).astype(np.int_).T
     return np.asarray((measured.marking * MOST_PARTS + x) * MOST_PARTS + y, np.int_)
 
 
@@ -383,6 +385,7 @@ def _measure_spread(
     now: _Normal,
     precision: Array,
     free: Indices,
+    part_m: float,
 ) -> float:
     """Variance of the paint about its markings, as a share of what it is taken to have.
 
@@ -391,7 +394,9 @@ def _measure_spread(
     ``(a . r)^2`` has the mean ``|a|^2 - a^T J (J^T J)^-1 J^T a`` where all variances are as they are taken to be.
     """
     theta, by_own, by_common = model.linearise(heads, common)
-    parts, part = np.unique(np.concatenate([number_parts(frame.measured) for frame in frames]), return_inverse=True)
+    parts, part = np.unique(
+        np.concatenate([number_parts(frame.measured, part_m) for frame in frames]), return_inverse=True
+    )
     count = len(parts)
     away, size = np.zeros((2, count))
     reduced, solved = _eliminate(now, precision, 0.0)

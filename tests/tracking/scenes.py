@@ -78,11 +78,15 @@ def views_of_a_pitch(length_m: float, width_m: float) -> list[HeadedFrame]:
     return [HeadedFrame(str(k), head, measure_ideal(head, growth, 0.1, rng)) for k, head in enumerate(heads)]
 
 
-def views_of_badly_painted_markings(seed: int, scatter_px: float) -> list[HeadedFrame]:
-    """From one penalty area over the circle to the other, each marking beside its place by the same in all frames."""
+def views_of_badly_painted_markings(
+    seed: int, scatter_px: float, growth_m: tuple[float, float] = (0.0, 0.0)
+) -> list[HeadedFrame]:
+    """From one penalty area over the circle to the other, each marking beside its place by the same in all frames, of a
+    pitch that is longer and broader than the template's.
+    """
     rng = np.random.default_rng(5)
     heads = [np.array([np.log(2000.0 + 30.0 * k), pan, 1.38]) for k, pan in enumerate(np.linspace(0.1, -0.5, 8))]
-    seen = [measure_ideal(head, np.zeros(2), 0.1, rng) for head in heads]
+    seen = [measure_ideal(head, np.array(growth_m), 0.1, rng) for head in heads]
     off = np.random.default_rng(seed).normal(0.0, scatter_px, len(template_curves(template()).names))
     moved = [replace(m, points_px=m.points_px + off[m.marking, None] * m.normals) for m in seen]
     return [HeadedFrame(str(k), head, m) for k, (head, m) in enumerate(zip(heads, moved, strict=True))]

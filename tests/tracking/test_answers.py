@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from circlecal.config import load_config
+from circlecal.rig.tripod import COMMON, PLACE
 from circlecal.tracking.answers import answer_shot
 from circlecal.tracking.entry import Entry
 from circlecal.tracking.looking import LookedAt, Place
@@ -44,3 +47,18 @@ def test_a_frame_without_paint_follows_the_tripod_as_its_neighbours_do() -> None
     before, between, after = (frame.sigma_px for frame in answer_shot(entries, 3))
     assert before is not None and between is not None and after is not None
     assert between < 1.2 * max(before, after)
+
+
+def test_the_length_of_a_pitch_of_which_one_end_is_seen_refuses_no_frame() -> None:
+    def codes(axis_by_length: float) -> list[str | None]:
+        entries = _entries([0, 0, 0])
+        by_length = np.zeros(len(COMMON))
+        by_length[[PLACE["length"], PLACE["axis_x"]]] = 3.0, 3.0 * axis_by_length
+        camera = replace(tripod(), covariance=tripod().covariance + np.outer(by_length, by_length))
+        for entry in entries:
+            entry.place, entry.head = Place.of(camera, template()), HEAD - np.array([0.0, 0.2, 0.0])
+        return [frame.code for frame in answer_shot(entries, 3)]
+
+    # the camera stands where it stands before the left end, and where it stands before the right one
+    assert codes(-0.5) == [None] * 3
+    assert codes(0.5) == ["too_uncertain"] * 3

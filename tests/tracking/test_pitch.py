@@ -9,11 +9,11 @@ import pytest
 
 from circlecal.config import load_config
 from circlecal.rig.tripod import PLACE
-from circlecal.tracking import pitch
+from circlecal.tracking import closer_look, pitch
 from circlecal.tracking.looking import LookedAt
 from circlecal.tracking.markings import template_curves
 from circlecal.tracking.survey import WORST_RMS_PX
-from circlecal.tracking.tripod_fit import HeadedFrame, common_priors, fit_tripod
+from circlecal.tracking.tripod_fit import PART_M, HeadedFrame, common_priors, fit_tripod
 from tests.tracking.scenes import (
     HEAD,
     SIZE,
@@ -28,7 +28,7 @@ from tests.tracking.scenes import (
 LIMIT_PX = WORST_RMS_PX * SIZE[0] / 1920.0
 
 
-@pytest.mark.parametrize("size_m", [(117.0, 48.0), (94.8, 70.7), (105.0, 68.0)])
+@pytest.mark.parametrize("size_m", [(117.0, 48.0), (94.8, 70.7), (105.0, 68.0), (106.5, 68.0)])
 def test_a_pitch_may_have_any_size(size_m: tuple[float, float]) -> None:
     frames = views_of_a_pitch(*size_m)
     mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
@@ -48,6 +48,24 @@ def test_what_painters_leave_is_not_taken_for_the_size_of_the_pitch(seed: int) -
     frames = views_of_badly_painted_markings(seed, 1.4)
     fit = pitch.choose_pitch(frames, tripod(), mean, sd, template_curves(template()), LIMIT_PX)
     np.testing.assert_array_equal(fit.estimate.growth_m, 0.0)
+
+
+def test_a_usual_size_is_told_as_uncertain_as_its_own_paint_contradicts_it() -> None:
+    frames, drawn = views_of_badly_painted_markings(4, 1.0, (1.5, 0.0)), template_curves(template())
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    held = pitch.choose_pitch(frames, tripod(), mean, sd, drawn, LIMIT_PX).estimate
+    assert held.growth_m[0] == held.sigma("length") == 0.0
+    told = closer_look._fit_closely(held, frames, [], load_config(), template(), drawn, parts_m=PART_M)
+    assert told.growth_m[0] == 0.0
+    assert abs(told.growth_m[0] - 1.5) < 2.5 * told.sigma("length")
+
+
+def test_a_usual_size_that_its_paint_does_not_contradict_stays_certain() -> None:
+    frames, drawn = views_of_a_pitch(105.0, 68.0), template_curves(template())
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    held = pitch.choose_pitch(frames, tripod(), mean, sd, drawn, LIMIT_PX).estimate
+    told = closer_look._fit_closely(held, frames, [], load_config(), template(), drawn, parts_m=PART_M)
+    assert told.sigma("length") == told.sigma("breadth") == 0.0
 
 
 def test_a_frame_may_lie_as_much_farther_as_all_may_before_a_pitch_of_the_usual_size() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from circlecal.config import load_config
 from circlecal.rig.tripod import PLACE
 from circlecal.tracking.markings import template_curves
-from circlecal.tracking.tripod_fit import HeadedFrame, common_priors, count_alike, fit_tripod
+from circlecal.tracking.tripod_fit import PART_M, HeadedFrame, common_priors, count_alike, fit_tripod
 from tests.tracking.scenes import (
     SIZE,
     measure_ideal,
@@ -55,7 +55,7 @@ def test_the_last_fit_tells_what_models_leave_of_whole_markings() -> None:
         start = fit_tripod(frames, tripod(), mean, sd, drawn)
         alike = count_alike(start)
         before = fit_tripod(frames, start.estimate, mean, sd, drawn, alike=alike).estimate
-        last = fit_tripod(frames, start.estimate, mean, sd, drawn, alike=alike, is_last=True).estimate
+        last = fit_tripod(frames, start.estimate, mean, sd, drawn, alike=alike, parts_m=PART_M).estimate
         np.testing.assert_array_equal(last.mean, before.mean)
         off = abs(last.mean[PLACE["length"]])
         assert off > 3.0 * before.sigma("length")
