@@ -9,7 +9,7 @@ from enum import Enum
 from circlecal.errors import EstimationError
 
 _LOOK = "Look at the stages with circlecal debug."
-_BELIEVED = "If it is the circle, give a mask (--mask): a mask is believed."
+_BELIEVED = "If it is the circle, name it (circlecal annotate) or give a mask (--mask): both are believed."
 _OTHER_FRAMES = "circlecal rig or --camera-prior bring in what other frames of the camera know."
 _SOLVER = "Another --solver needs less, and the default (no --solver) uses everything that is seen."
 
@@ -140,20 +140,20 @@ REFUSALS = _by_code(
             "few_markings",
             "too few straight markings are seen together to be sure which they are",
             "Without the circle the field is recognised by its lines, and these may be another part of it too.",
-            f"Name the lines (annotation file) or give keypoints. {_OTHER_FRAMES}",
+            f"Name the lines (circlecal annotate) or give keypoints; {_OTHER_FRAMES}",
         ),
         Refusal(
             "rotation_free",
             "nothing shows how the circle is turned: no halfway line, and no other marking that can be only one",
             "A circle looks the same however it is turned. One line or point that is known would fix it.",
-            f"Annotate one more line or point; {_OTHER_FRAMES}",
+            f"Name one more line or point (circlecal annotate); {_OTHER_FRAMES}",
             another_interpretation=True,
         ),
         Refusal(
             "no_line_or_point",
             "nothing shows how the circle is turned: no halfway line and no known point",
             "A circle looks the same however it is turned. One line or point that is known would fix it.",
-            f"Annotate one more line or point; {_OTHER_FRAMES}",
+            f"Name one more line or point (circlecal annotate); {_OTHER_FRAMES}",
         ),
         Refusal(
             "no_point",
@@ -298,7 +298,7 @@ REFUSALS = _by_code(
             "circle_unconfirmed",
             "too little of the circle is seen to be sure of it, and no other marking confirms it",
             "A worn, short or mostly hidden circle, and nothing else of the field lies where its camera says.",
-            f"A mask (--mask), or one more line or keypoint; {_OTHER_FRAMES}",
+            f"A mask (--mask), or one more line or point (circlecal annotate); {_OTHER_FRAMES}",
             remeasure=True,
         ),
         Refusal(

@@ -26,8 +26,8 @@ from circlecal.pipeline.setting import Looks, Scene, Setting, frame_generator, p
 from circlecal.results import Attempt, CameraFit, FrameCalibration, Verdict
 
 ARC_ALONE = (
-    "a part of a circle is seen without a line through its middle, and no other markings tell how it is turned, "
-    "or that it is no penalty arc"
+    "part of a circle is seen and no line through its middle: nothing else tells how it is turned, or whether it is a "
+    "penalty arc"
 )
 """Why arcs are not enough."""
 

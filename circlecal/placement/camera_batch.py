@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from circlecal.field import FieldTemplate
 from circlecal.field.view import FieldView
 from circlecal.geometry.camera import Camera, pan_tilt_roll
-from circlecal.geometry.ellipses import ellipse_from_conic
+from circlecal.geometry.circular_sections import circular_sections
 from circlecal.geometry.homography import SIDES
-from circlecal.geometry.projective import Array, Mask, lift
+from circlecal.geometry.projective import Array, Mask
 
 Pixels = NDArray[np.float32]
 """Coordinates in pictures, and what is computed from them for thousands of cameras."""
@@ -230,7 +230,7 @@ def cameras_before_circles(
     turns = np.radians(np.arange(0.0, 360.0, TURN_DEG))
     parts = []
     for seen, conic in enumerate(conics):
-        normal, unit_center, log_focal = _circular_sections(conic, focal, middle)
+        normal, unit_center, log_focal = _sections_of_upright(conic, focal, middle)
         right = np.array([1.0, 0.0, 0.0]) - normal * normal[:, :1]
         right /= np.linalg.norm(right, axis=1, keepdims=True)
         near = np.cross(normal, right)
@@ -267,40 +267,17 @@ def join_cameras(parts: Sequence[CameraBatch]) -> CameraBatch:
     )
 
 
-def _circular_sections(conic: Array, focal: Array, middle: Array) -> tuple[Array, Array, Array]:
+def _sections_of_upright(conic: Array, focal: Array, middle: Array) -> tuple[Array, Array, Array]:
     """Planes on which an ellipse is the image of a circle, for upright cameras above them.
-
-    Chen, Q., Wu, H., Wada, T. (2004), *Camera calibration with two arbitrary coplanar circles*, section 2.
 
     Returns
     -------
-    normal, center : (K, 3) arrays
+    normal, center : (N, 3) arrays
         Unit normal away from the camera, and the centre of a circle of radius 1, in the camera's frame.
-    log_focal : (K,) array
+    log_focal : (N,) array
     """
-    K = np.zeros((len(focal), 3, 3))
-    K[:, 0, 0] = K[:, 1, 1] = focal
-    K[:, :2, 2], K[:, 2, 2] = middle, 1.0
-    cone = K.swapaxes(1, 2) @ conic @ K
-    cone *= -np.sign(np.linalg.det(cone))[:, None, None]
-    values, vectors = np.linalg.eigh(cone)
-    low, middle_value, high = values.T
-    g = np.sqrt(np.maximum(high - middle_value, 0.0) / (high - low))
-    h = np.sqrt(np.maximum(middle_value - low, 0.0) / (high - low))
-    along, across = vectors[:, :, 2] * g[:, None], vectors[:, :, 0] * h[:, None]
-    normal = np.concatenate([along + across, along - across])
-    cone, K, valid = np.tile(cone, (2, 1, 1)), np.tile(K, (2, 1, 1)), np.tile((low < 0) & (middle_value > 0), 2)
-    center = np.linalg.solve(cone, normal[..., None])[..., 0]
-    center *= np.where(center[:, 2:] < 0, -1.0, 1.0)
-    facing = np.sum(normal * center, axis=1)
-    normal *= np.where(facing < 0, -1.0, 1.0)[:, None]
-    center /= np.maximum(np.abs(facing), 1e-12)[:, None]
-    ellipse = ellipse_from_conic(conic)
-    if ellipse is None:
-        return np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
-    rim = np.linalg.solve(K, np.broadcast_to(lift(ellipse.points(np.zeros(1)))[0][:, None], (len(K), 3, 1)))[..., 0]
-    rim /= np.sum(normal * rim, axis=1, keepdims=True)
-    center /= np.maximum(np.linalg.norm(rim - center, axis=1, keepdims=True), 1e-12)
-    roll = np.degrees(np.arctan2(normal[:, 0], normal[:, 1]))
-    valid &= np.abs(roll) < LARGEST_ROLL_DEG
-    return normal[valid], center[valid], np.tile(np.log(focal), 2)[valid]
+    sections = circular_sections(conic, focal, middle, 1.0)
+    normal, center = (part.swapaxes(0, 1).reshape(-1, 3) for part in (sections.normals, sections.centers))
+    is_upright = np.abs(np.degrees(np.arctan2(normal[:, 0], normal[:, 1]))) < LARGEST_ROLL_DEG
+    is_upright &= np.isfinite(center).all(axis=1)
+    return normal[is_upright], center[is_upright], np.tile(np.log(focal), 2)[is_upright]

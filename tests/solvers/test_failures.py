@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from circlecal.errors import ConfigError
+from circlecal.geometry.circular_sections import circular_sections
 from circlecal.geometry.projective import apply_homography
 from circlecal.observations import CirclePoints, Keypoint, LinePoints, MarkPoint, Observations
 from circlecal.solvers import (
@@ -16,7 +17,6 @@ from circlecal.solvers import (
     solve_by_name,
     solver_names,
 )
-from circlecal.solvers.chen_wu import circular_sections
 
 from .conftest import SIGMA, central_view, circle_under, halfway_under, scenario_view, soccer
 

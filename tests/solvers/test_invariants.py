@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from circlecal.geometry.circular_sections import circular_sections
 from circlecal.geometry.conics import circle_conic, normalise_conic, polar, sampson_distance, transform_conic
 from circlecal.geometry.homography import homography_from_circle, turn_homography
 from circlecal.geometry.projective import apply_homography, join, lift, meet
 from circlecal.observations import Keypoint, Observations
 from circlecal.solvers import load_intrinsics_solver, solve_by_name
-from circlecal.solvers.chen_wu import circular_sections
 from circlecal.solvers.huang_self_polar import degenerate_lines, vanishing_line
 from circlecal.solvers.primitives import fit_normalised_conic
 
