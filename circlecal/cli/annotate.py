@@ -34,6 +34,7 @@ def annotate(
     config: options.ConfigFile = None,
     settings: options.Settings = None,
     camera_prior: options.CameraPrior = None,
+    venue: options.VenueFile = None,
     field: options.FieldName = None,
     quiet: options.Quiet = False,
     verbose: options.Verbose = False,
@@ -54,7 +55,7 @@ def annotate(
     from circlecal.workbench.session import Session
     from circlecal.workbench.store import AnnotationStore
 
-    chosen = options.choose_config(config, settings, field, camera_prior=camera_prior)
+    chosen = options.choose_config(config, settings, field, camera_prior=camera_prior, venue=venue)
     frames = list_frames(inputs, Sampling.parse(every or DEFAULT_EVERY))
     runs = [path for path in map(Path, inputs) if is_run(path)]
     folder = out or (runs[0] / ANNOTATION_FOLDER if runs else Path("circlecal-annotations"))

@@ -141,6 +141,14 @@ def test_a_frame_to_begin_with_must_be_there(folder, run_circlecal):
     assert "--frame nobody: no such frame" in outcome.err
 
 
+@pytest.mark.parametrize("command", [("annotate", "--no-browser"), ("debug",)])
+def test_a_venue_is_read(folder, run_circlecal, command, tmp_path):
+    (tmp_path / "venue.yaml").write_text("tripods: []\n")
+    outcome = run_circlecal(*command, folder / "good.png", "--venue", tmp_path / "venue.yaml")
+    assert (outcome.code, outcome.err.count("\n")) == (2, 1)
+    assert "venue.yaml: is no venue" in outcome.err
+
+
 def test_a_run_whose_pictures_are_gone_and_an_address_are_one_line(folder, run_circlecal, in_this_process, tmp_path):
     picture = tmp_path / "moved.png"
     picture.write_bytes((folder / "good.png").read_bytes())
