@@ -105,7 +105,7 @@ def test_an_empty_name_is_not_the_working_folder(run_circlecal, arguments):
 
 @pytest.mark.parametrize("name", ["a\0b.jpg", "a\0b.json", "a\0b.mp4"])
 def test_nul_in_a_name(run_circlecal, tmp_path, name):
-    only_line(run_circlecal("calibrate", tmp_path / name, "--out", tmp_path / "out"), "null byte")
+    only_line(run_circlecal("calibrate", tmp_path / name, "--out", tmp_path / "out"), "\\x00")
     (tmp_path / "list.txt").write_text(f"{name}\n")
     only_line(run_circlecal("batch", tmp_path / "list.txt", "--out", tmp_path / "out"), "\\x00")
 
