@@ -89,9 +89,9 @@ rendered one whose far touchline was lost with the usual width 17 times.
 
 DOUBTFUL = 6.0
 """Square of the standard deviations, as they are where whole markings lie beside their places, from which on the size
-that paint tells makes the usual one uncertain: the 95 % point of two sizes. Clips of four grounds of 105 by 68 m have
-0.4 to 2.4, one of 103 m, told as 105, has 18, and paint that is drawn 0.1 m beside its places 11. A clip with 44 showed
-a penalty area 12 px beside its place as it came into view: circle and touchline told another zoom.
+that paint tells makes the usual one uncertain: the 95 % point of two sizes. Nine clips whose paint lies on the size
+that is held have 0.0 to 4.2, and one that hardly tells its length 6.0; a pitch of 103 m that was held at 105 has 18. A
+clip with 44 showed a penalty area 12 px beside its place as it came into view: circle and touchline told another zoom.
 """
 
 
