@@ -38,8 +38,7 @@ from circlecal.camera.residuals import CurvePoints
 from circlecal.field import FieldTemplate
 from circlecal.geometry.camera_parameters import INDEX, active_parameters
 from circlecal.geometry.least_squares import StoppingRule
-from circlecal.geometry.projective import Array, Indices
-from circlecal.observations import MarkingKey
+from circlecal.geometry.projective import Array
 
 SIZES_AND_CROWN = LENGTH, BREADTH, CROWN = [INDEX[name] for name in ("length", "breadth", "crown")]
 CURVED_SHARE = 0.25
@@ -432,33 +431,34 @@ def mix(answers: Sequence[Answer], best: Answer, theta: Array) -> Posterior:
     return Posterior(best.world, share, others, size_shares, resized / kept_share if kept_share > 0.0 else None)
 
 
-_Place = tuple[MarkingKey, int, bytes]
+UNSHARED_SIGMA_PX = 1e5
+"""Standard deviation of points that another answer has left out of a marking: they count for nothing in comparisons."""
 
 
 def share_noise(cases: Sequence[tuple[Problem, State]]) -> list[tuple[Problem, State]]:
-    """The problems with the least standard deviation that any of them gives each point that all of them have.
+    """The problems with the least standard deviation that any of them gives each point, and without the points that
+    some of those that have a marking have left out of it.
 
     Standard deviations grow with the residuals, so a camera that explains a marking badly calls it noise; only with the
-    same noise can costs be compared.
+    same noise, and on the same points, can costs be compared.
     """
-    least: dict[_Place, Array] = {}
-
-    def places(curves: CurvePoints) -> list[tuple[_Place, Indices]]:
-        own = [np.flatnonzero(curves.group == group) for group in range(len(curves.keys))]
-        return [
-            ((key, len(index), curves.points_px[index[:1]].tobytes()), index)
-            for key, index in zip(curves.keys, own, strict=True)
-            if len(index)
-        ]
-
-    for problem, _ in cases:
-        for name, index in places(problem.curves):
-            sigma = problem.curves.sigma_px[index]
-            least[name] = np.minimum(least[name], sigma) if name in least else sigma
+    if len(cases) == 1:
+        return list(cases)
+    keys = list(dict.fromkeys(key for problem, _ in cases for key in problem.curves.keys))
+    marking = [np.array([keys.index(key) for key in problem.curves.keys], dtype=np.int_) for problem, _ in cases]
+    rows = [
+        np.column_stack([own[problem.curves.group], problem.curves.points_px])
+        for own, (problem, _) in zip(marking, cases, strict=True)
+    ]
+    _, point = np.unique(np.concatenate(rows), axis=0, return_inverse=True)
+    of_case = np.split(point.reshape(-1), np.cumsum([len(row) for row in rows])[:-1])
+    times = np.bincount(point.reshape(-1))
+    least = np.full(len(times), np.inf)
+    np.minimum.at(least, point.reshape(-1), np.concatenate([problem.curves.sigma_px for problem, _ in cases]))
     shared = []
-    for problem, state in cases:
-        sigma = problem.curves.sigma_px.copy()
-        for name, index in places(problem.curves):
-            sigma[index] = least[name]
-        shared.append(reweight(problem, state, sigma))
+    for own, (problem, state) in zip(of_case, cases, strict=True):
+        most = np.zeros(len(problem.curves.keys), dtype=np.int_)
+        np.maximum.at(most, problem.curves.group, times[own])
+        is_common = times[own] == most[problem.curves.group]
+        shared.append(reweight(problem, state, np.where(is_common, least[own], UNSHARED_SIGMA_PX)))
     return shared

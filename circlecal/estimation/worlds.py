@@ -10,7 +10,7 @@ import numpy as np
 from circlecal.camera.noise import noise_of_misfit
 from circlecal.camera.observed import with_model_noise
 from circlecal.camera.priors import Priors
-from circlecal.camera.problem import COARSE, FINAL, Problem, State, evaluate, resume, reweight, with_priors
+from circlecal.camera.problem import COARSE, FINAL, Problem, State, evaluate, minimise, resume, reweight, with_priors
 from circlecal.camera.residuals import CurvePoints
 from circlecal.camera.spike_and_slab import (
     CURVED_SHARE,
@@ -92,27 +92,30 @@ def choose_world(task: Task, stated: CurvePoints, first: Fit, usual: tuple[Task,
     worlds = possible_worlds(template, priors, sizes, config.flat_share, CURVED_SHARE if may_curve else 0.0)
     if len(worlds) == 1:
         return usual[0], _explore(task, usual[1])
-    cases, known = [usual], len(stated.keys)
+    known, alike = len(stated.keys), [usual, *_on_roof(usual)]
+    cases, roofs = list(alike), alike[1:]
 
     def compare(noise: _Noise, asked: Sequence[_Asked]) -> list[tuple[Answer, _Case]]:
         found = _compare_worlds(asked, noise, priors, template, known)
         return [*found, *_on_parabola(found, priors, template, known)] if may_curve else found
 
-    found, reported = compare(_with_reported_noise, [(usual, worlds)]), _keep_noise
+    found, reported = compare(_with_reported_noise, [(case, worlds) for case in cases]), _keep_noise
     any_size = next((world for world in worlds if world.size == "any" and not world.is_flat), None)
     if any_size is not None and config.name_lines and _may_be_of_any_size(task, usual, [a for a, _ in found]):
         resized = any_size.priors(priors, priors, template)
         other = _name_on_any_size(task, stated, first, usual, resized)
         if other is not None:
-            cases.append(other)
+            further = _on_roof(other)
+            cases, roofs = [*alike, other, *further], [*roofs, *further]
             found = compare(_with_reported_noise, [(case, worlds) for case in cases])
     if any_size is not None and _may_hide_misfit(usual, [a for a, _ in found]):
         named, own = usual
-        told = compare(_with_noise_of_misfit, _by_size(cases, worlds, _resize(usual, found, any_size)))
+        told = compare(_with_noise_of_misfit, _by_size(cases, worlds, _resize(alike, found, any_size)))
         is_doubted = _doubt([a for a, _ in told]) > max(TOLD_SHARE, _doubt([a for a, _ in found]))
         is_asked = is_doubted or shows_size_closely(named, own.problem.curves)
         if is_asked and _is_allowed(told, template) and _count_named(told) >= _count_named(found):
             found, reported = told, _tell_noise
+    found = _without_needless(roofs, found)
     best, (chosen, fit) = max(found, key=lambda pair: pair[0].evidence)
     problem, state = reported(_reach(best, task.rule(COARSE)), chosen, fit)
     fit = _explore(task, replace(fit, problem=problem, state=resume(problem, state, task.rule(FINAL))))
@@ -151,10 +154,33 @@ _Asked = tuple[_Case, Sequence[World]]
 _Noise = Callable[[_Case], tuple[Problem, State]]
 
 
-def _resize(usual: _Case, found: list[tuple[Answer, _Case]], world: World) -> _Case:
-    """The lines of a usual field on a field of the world that was found with them."""
-    named, own = usual
-    answer = next(answer for answer, case in found if case is usual and answer.world == world)
+def _on_roof(case: _Case) -> list[_Case]:
+    """The case on a roof, where its pitch is a parabola: what bends a roof may be the misfit of a field of another
+    size.
+    """
+    named, fit = case
+    surface = fit.problem.model.surface
+    if named.config.crown_shape != "auto" or surface.shape != "parabola":
+        return []
+    roof = replace(fit.problem, model=replace(fit.problem.model, surface=replace(surface, shape="roof")))
+    best = fit.state.best()
+    return [(named, replace(fit, problem=roof, state=minimise(roof, best.theta, named.rule(COARSE), best.feet)))]
+
+
+def _without_needless(roofs: list[_Case], found: list[tuple[Answer, _Case]]) -> list[tuple[Answer, _Case]]:
+    """All answers, without those on roofs where a field of the usual size is the likeliest: its parabola was chosen
+    between the two already.
+    """
+    best, _ = max(found, key=lambda pair: pair[0].evidence)
+    if not best.world.is_usual_size:
+        return found
+    return [(answer, case) for answer, case in found if not any(case is roof for roof in roofs)]
+
+
+def _resize(usual: list[_Case], found: list[tuple[Answer, _Case]], world: World) -> _Case:
+    """The lines of a usual field on a field of the world that was found with them, with the likeliest profile."""
+    of_usual = [(a, case) for a, case in found if a.world == world and any(case is own for own in usual)]
+    answer, (named, own) = max(of_usual, key=lambda pair: pair[0].evidence)
     answer = _reach(answer, named.rule(COARSE))
     return named, replace(own, problem=answer.problem, state=answer.state)
 
