@@ -300,14 +300,13 @@ def _may_be_of_any_size(task: Task, usual: tuple[Task, Fit], answers: list[Answe
     named, fit = usual
     if depends_on_size(fit.problem.curves) and _doubt(answers) > DOUBTED_SHARE:
         return True
-    if len(set(named.names.values())) >= SEVERAL_LINES:
+    lines = enumerate(task.observations.lines)
+    length_px = {k: _length_of_view_px(line.points_px) for k, line in lines if len(line.points_px) >= FEWEST_POINTS}
+    nameless = {k for k in length_px if task.observations.lines[k].line is None and k not in named.names}
+    nameless_px = sum(length_px[k] for k in nameless)
+    if len(set(named.names.values())) >= SEVERAL_LINES and nameless_px < sum(length_px[k] for k in named.names):
         return False
-    nameless = (
-        _length_of_view_px(line.points_px)
-        for k, line in enumerate(task.observations.lines)
-        if line.line is None and k not in named.names and len(line.points_px) >= FEWEST_POINTS
-    )
-    return sum(nameless) > NAMELESS_WIDTHS * task.observations.width
+    return nameless_px > NAMELESS_WIDTHS * task.observations.width
 
 
 def _length_of_view_px(points_px: Array) -> float:

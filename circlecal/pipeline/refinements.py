@@ -298,6 +298,26 @@ def is_less_uncertain(setting: Setting, attempt: Attempt, refined: Attempt) -> b
     return refined.is_calibrated and refined.camera.max_sigma_px < attempt.camera.max_sigma_px
 
 
+def _misses_markings(setting: Setting, attempt: Attempt) -> bool:
+    """Whether a camera is refused since markings are not where a field of the usual size has them."""
+    size = None if attempt.camera is None else attempt.camera.field_size
+    return attempt.code == "markings_missing" and size is not None and size.is_usual
+
+
+def resize_field(setting: Setting, scene: Scene, attempt: Attempt) -> Iterator[Attempt]:
+    """The attempt on a field of another size than the usual one."""
+    camera = setting.config.camera.model_copy(update={"usual_size_share": 0.0})
+    other = replace(setting, config=setting.config.model_copy(update={"camera": camera}))
+    yield look_again(other, scene, estimate(other, replace(attempt, verdict=None)))
+
+
+def names_more_lines(setting: Setting, attempt: Attempt, refined: Attempt) -> bool:
+    """Whether the refined attempt is calibrated, and names markings that the first did not."""
+    if attempt.camera is None or refined.camera is None or not refined.is_calibrated:
+        return False
+    return len(set(refined.camera.named_lines) - set(attempt.camera.named_lines)) > 0
+
+
 REFINEMENTS = (
     Retry(_is_worth_remeasuring, remeasure_wide_paint, lambda setting, attempt, refined: True),
     Retry(_names_lines, leave_out_broad_lines, lambda setting, attempt, refined: True),
@@ -305,6 +325,8 @@ REFINEMENTS = (
     Retry(_may_show_faint_lines, add_faint_lines, is_less_uncertain),
 )
 """What is measured again within one attempt, where its camera says what to look for; in this order."""
+RESIZE = Retry(_misses_markings, resize_field, names_more_lines)
+"""A field of another size, where markings of the usual one are not there."""
 
 
 def calibrate_scene(
@@ -332,4 +354,5 @@ def calibrate_scene(
     attempt = estimate(setting, attempt, is_draft=_is_draft(attempt))
     for refinement in REFINEMENTS:
         attempt = refinement.try_out(setting, scene, attempt) or attempt
-    return look_again(setting, scene, attempt)
+    attempt = look_again(setting, scene, attempt)
+    return RESIZE.try_out(setting, scene, attempt) or attempt
