@@ -93,29 +93,34 @@ def choose_world(task: Task, stated: CurvePoints, first: Fit, usual: tuple[Task,
     if len(worlds) == 1:
         return usual[0], _explore(task, usual[1])
     known, alike = len(stated.keys), [usual, *_on_roof(usual)]
-    cases, roofs = list(alike), alike[1:]
+    any_size = next((world for world in worlds if world.size == "any" and not world.is_flat), None)
 
     def compare(noise: _Noise, asked: Sequence[_Asked]) -> list[tuple[Answer, _Case]]:
         found = _compare_worlds(asked, noise, priors, template, known)
         return [*found, *_on_parabola(found, priors, template, known)] if may_curve else found
 
-    found, reported = compare(_with_reported_noise, [(case, worlds) for case in cases]), _keep_noise
-    any_size = next((world for world in worlds if world.size == "any" and not world.is_flat), None)
-    if any_size is not None and config.name_lines and _may_be_of_any_size(task, usual, [a for a, _ in found]):
-        resized = any_size.priors(priors, priors, template)
-        other = _name_on_any_size(task, stated, first, usual, resized)
-        if other is not None:
-            further = _on_roof(other)
-            cases, roofs = [*alike, other, *further], [*roofs, *further]
-            found = compare(_with_reported_noise, [(case, worlds) for case in cases])
+    def name_anew(found: list[tuple[Answer, _Case]]) -> list[_Case]:
+        """The lines that a field of any size has, where the answers ask for them and they are others."""
+        if any_size is None or not config.name_lines or not _may_be_of_any_size(task, usual, [a for a, _ in found]):
+            return []
+        case = _name_on_any_size(task, stated, first, usual, any_size.priors(priors, priors, template))
+        return [] if case is None else [case, *_on_roof(case)]
+
+    found, reported = compare(_with_reported_noise, [(case, worlds) for case in alike]), _keep_noise
+    others = name_anew(found)
+    if others:
+        found = compare(_with_reported_noise, [(case, worlds) for case in (*alike, *others)])
     if any_size is not None and _may_hide_misfit(usual, [a for a, _ in found]):
         named, own = usual
-        told = compare(_with_noise_of_misfit, _by_size(cases, worlds, _resize(alike, found, any_size)))
+        resized = _resize(alike, found, any_size)
+        told = compare(_with_noise_of_misfit, _by_size([*alike, *others], worlds, resized))
+        if not others and (others := name_anew(told)):
+            told = compare(_with_noise_of_misfit, _by_size([*alike, *others], worlds, resized))
         is_doubted = _doubt([a for a, _ in told]) > max(TOLD_SHARE, _doubt([a for a, _ in found]))
         is_asked = is_doubted or shows_size_closely(named, own.problem.curves)
         if is_asked and _is_allowed(told, template) and _count_named(told) >= _count_named(found):
             found, reported = told, _tell_noise
-    found = _without_needless(roofs, found)
+    found = _without_needless([*alike[1:], *others[1:]], found)
     best, (chosen, fit) = max(found, key=lambda pair: pair[0].evidence)
     problem, state = reported(_reach(best, task.rule(COARSE)), chosen, fit)
     fit = _explore(task, replace(fit, problem=problem, state=resume(problem, state, task.rule(FINAL))))

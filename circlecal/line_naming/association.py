@@ -36,11 +36,21 @@ FARTHEST_MATCH_SIGMAS, SAME_LINE_SIGMAS = 25.0, 4.0
 already, root mean square over both ends in standard deviations of a seen line: a piece of one line lies on it, whatever
 the camera.
 """
+SIZE_SIGMAS = 2.0
+"""Standard deviations of the field's length and breadth by which a new line may lie farther than that: on a field of
+any size the front of a penalty area is 5 m from where the usual one has it.
+"""
 EXTENT_SLACK_SHARE, EXTENT_SLACK_M, EXTENT_SIGMAS = 0.15, 3.0, 2.0
 """How far a seen line may reach beyond its predicted marking, in lengths of the marking plus metres plus standard
-deviations of the field's sizes: an uncertain camera slides along a line, too, and a penalty area along its own lines.
+deviations of the field's sizes: an uncertain camera slides along a line, too, and a penalty area along and across its
+own lines.
+"""
+MOST_BEYOND_RULES_M = 3.0
+"""Metres by which names may make a field smaller or larger than the rules of its sport allow: a rough fit is a metre
+or two off.
 """
 _SIZES = [INDEX[name] for name in ("width", "length", "breadth")]
+_EXTENTS = [INDEX[name] for name in ("length", "breadth")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,19 +129,20 @@ def associate_lines(
     if len(segments) == 0 or not lines:
         return []
     ends, shifts = (geometry[drawn] for geometry in template.drawn_lines)
-    slide_m = EXTENT_SIGMAS * _slide_sd(ends, shifts, covariance)
+    slide_m = EXTENT_SIGMAS * _slide_sd(shifts, covariance)
     pairs = _pairs(segments, ends, shifts, theta, model, slide_m)
     names = [line.name for line in lines]
     for s, name in elsewhere:
         if name in names:
             pairs.on_marking[s, names.index(name)] = False
     lengths = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=-1)
-    cost = _mahalanobis(pairs.residuals[None], pairs.jacobians, covariance[None], sigma_px)[0]
-    seeds = np.argwhere(pairs.on_marking & (cost < LARGEST_SEED_COST))
+    limits = _allowed_sizes(template) - theta[_EXTENTS, None]
+    cost, growth = _innovate(pairs.residuals[None], pairs.jacobians, covariance[None], sigma_px)
+    seeds = np.argwhere(pairs.on_marking & (cost[0] < LARGEST_SEED_COST) & _lie_within(growth[0], limits))
     seeds = seeds[np.argsort(-lengths[seeds[:, 0]], kind="stable")][: MOST_SEEDS if count > 1 else SEEDS_OF_ONE]
     if len(seeds) == 0:
         return []
-    chosen, costs = _grow(seeds, pairs, lengths, covariance, sigma_px)
+    chosen, costs = _grow(seeds, pairs, lengths, covariance, limits, sigma_px)
     different: dict[frozenset[tuple[int, str]], Association] = {}
     for row, total in zip(chosen, costs, strict=True):
         named = {int(s): names[row[s]] for s in np.flatnonzero(row >= 0)}
@@ -142,11 +153,12 @@ def associate_lines(
     return sorted(different.values(), key=lambda a: a.score, reverse=True)[:count]
 
 
-def _slide_sd(ends: Array, shifts: Array, covariance: Array) -> Array:
-    """Standard deviation (T,), metres, of how far the field's sizes slide each marking (T, 2, 2) along itself."""
-    span = ends[:, 1] - ends[:, 0]
-    along = np.einsum("tsx,tx->ts", shifts, span / np.linalg.norm(span, axis=-1, keepdims=True))
-    return np.asarray(np.sqrt(np.einsum("ts,su,tu->t", along, covariance[np.ix_(_SIZES, _SIZES)], along)))
+def _slide_sd(shifts: Array, covariance: Array) -> Array:
+    """Standard deviation (T,), metres, of how far the field's sizes move each marking, by shifts (T, 3, 2): along
+    itself, or across, which at a slant moves the nearest point along it as far.
+    """
+    variance = np.einsum("tsx,su,tux->t", shifts, covariance[np.ix_(_SIZES, _SIZES)], shifts)
+    return np.asarray(np.sqrt(variance))
 
 
 def _pairs(segments: Array, ends: Array, shifts: Array, theta: Array, model: ProjectionModel, slide_m: Array) -> _Pairs:
@@ -175,9 +187,26 @@ def _pairs(segments: Array, ends: Array, shifts: Array, theta: Array, model: Pro
     )
 
 
-def _mahalanobis(residuals: Array, jacobians: Array, covariances: Array, sigma_px: float) -> Array:
-    """Squared Mahalanobis lengths (K, S, T) of residuals (K, S, T, 2) with Jacobians (S, T, 2, P) under K
-    covariances.
+def has_allowed_size(theta: Array, template: FieldTemplate) -> Mask:
+    """Whether the fields of cameras (..., P) are about as long and as broad as the rules allow."""
+    return _lie_within(theta[..., _EXTENTS], _allowed_sizes(template))
+
+
+def _allowed_sizes(template: FieldTemplate) -> Array:
+    """Least and largest (2, 2) of the parameters length and breadth of fields that may be told by names."""
+    extents = ((template.length_m, template.length_range_m), (template.width_m, template.width_range_m))
+    limits = [(-np.inf, np.inf) if r is None else (r[0] - size_m, r[1] - size_m) for size_m, r in extents]
+    return np.array(limits) + np.array([-MOST_BEYOND_RULES_M, MOST_BEYOND_RULES_M])
+
+
+def _lie_within(sizes: Array, limits: Array) -> Mask:
+    """Whether both sizes (..., 2) lie within their limits (2, 2)."""
+    return np.asarray(((sizes > limits[..., 0]) & (sizes < limits[..., 1])).all(axis=-1), np.bool_)
+
+
+def _innovate(residuals: Array, jacobians: Array, covariances: Array, sigma_px: float) -> tuple[Array, Array]:
+    """Squared Mahalanobis lengths (K, S, T) of residuals (K, S, T, 2) with Jacobians (S, T, 2, P) under K covariances,
+    and by how much each would change length and breadth of the field (K, S, T, 2).
     """
     flat = jacobians.reshape(-1, jacobians.shape[-1])
     pushed = (flat @ covariances).reshape(len(covariances), *jacobians.shape)
@@ -187,7 +216,20 @@ def _mahalanobis(residuals: Array, jacobians: Array, covariances: Array, sigma_p
     b = np.einsum("kstp,stp->kst", pushed[..., 0, :], jacobians[:, :, 1])
     d = np.einsum("kstp,stp->kst", pushed[..., 1, :], jacobians[:, :, 1]) + own
     x, y = residuals[..., 0], residuals[..., 1]
-    return np.asarray((d * x * x - 2 * b * x * y + a * y * y) / np.maximum(a * d - b * b, own * own))
+    determinant = np.maximum(a * d - b * b, own * own)
+    weighed = np.stack([d * x - b * y, a * y - b * x], axis=-1) / determinant[..., None]
+    cost = (weighed * residuals).sum(axis=-1)
+    growth = -np.einsum("kste,kstep->kstp", weighed, pushed[..., _EXTENTS])
+    return np.asarray(cost), np.asarray(growth)
+
+
+def _size_sd(jacobians: Array, covariances: Array) -> Array:
+    """How far length and breadth of the field, as uncertain as K covariances have them, move the ends of seen lines
+    against template lines (K, S, T), root mean square, pixels.
+    """
+    own = jacobians[..., _EXTENTS]
+    variance = np.einsum("step,kpq,steq->kst", own, covariances[:, _EXTENTS][..., _EXTENTS], own)
+    return np.asarray(np.sqrt(0.5 * variance))
 
 
 def _inverse(matrices: Array, own: float) -> Array:
@@ -197,8 +239,11 @@ def _inverse(matrices: Array, own: float) -> Array:
     return np.asarray(adjugate / np.maximum(a * d - b * b, own * own)[:, None, None])
 
 
-def _grow(seeds: Indices, pairs: _Pairs, lengths: Array, covariance: Array, sigma_px: float) -> tuple[Indices, Array]:
-    """From each seed (K, 2) on, match further lines under the camera that the matches so far imply.
+def _grow(
+    seeds: Indices, pairs: _Pairs, lengths: Array, covariance: Array, limits: Array, sigma_px: float
+) -> tuple[Indices, Array]:
+    """From each seed (K, 2) on, match further lines under the camera that the matches so far imply, as long as the
+    field's length and breadth stay within their limits (2, 2), told as changes.
 
     Returns the template line of each seen line, (K, S), -1 for none, and the squared Mahalanobis cost (K,).
     """
@@ -206,6 +251,7 @@ def _grow(seeds: Indices, pairs: _Pairs, lengths: Array, covariance: Array, sigm
     chosen, total = np.full((K, S), -1), np.zeros(K)
     residuals = np.broadcast_to(pairs.residuals, (K, S, T, 2)).copy()
     spread = np.broadcast_to(covariance, (K, *covariance.shape)).copy()
+    growth = np.zeros((K, len(_EXTENTS)))
     rows, s, t = np.arange(K), seeds[:, 0], seeds[:, 1]
     while len(rows):
         chosen[rows, s] = t
@@ -218,17 +264,22 @@ def _grow(seeds: Indices, pairs: _Pairs, lengths: Array, covariance: Array, sigm
         step = -(np.swapaxes(gain, 1, 2) @ r[..., None])[..., 0]
         residuals[rows] += (step @ pairs.jacobians.reshape(-1, step.shape[1]).T).reshape(len(rows), S, T, 2)
         spread[rows] -= np.swapaxes(pushed, 1, 2) @ gain
-        rows, s, t = _next(rows, pairs, residuals[rows], spread[rows], chosen[rows], lengths, sigma_px)
+        growth[rows] += step[:, _EXTENTS]
+        left = limits - growth[rows][:, None, None, :, None]
+        rows, s, t = _next(rows, pairs, residuals[rows], spread[rows], chosen[rows], left, lengths, sigma_px)
     return chosen, total
 
 
 def _next(
-    rows: Indices, pairs: _Pairs, residuals: Array, spread: Array, chosen: Indices, lengths: Array, sigma_px: float
-) -> tuple[Indices, Indices, Indices]:
-    """The next match of each hypothesis that has one."""
-    cost = _mahalanobis(residuals, pairs.jacobians, spread, sigma_px)
+    rows: Indices, pairs: _Pairs, residuals: Array, spread: Array, chosen: Indices, limits: Array, lengths: Array,
+    sigma_px: float,
+) -> tuple[Indices, Indices, Indices]:  # fmt: skip
+    """The next match of each hypothesis that has one, within what its limits leave (K, 1, 1, 2, 2)."""
+    cost, growth = _innovate(residuals, pairs.jacobians, spread, sigma_px)
     offset = np.sqrt(np.mean(residuals**2, axis=-1))
-    fits = pairs.on_marking & (cost < LARGEST_MATCH_COST) & (offset < FARTHEST_MATCH_SIGMAS * sigma_px)
+    farthest = FARTHEST_MATCH_SIGMAS * sigma_px + SIZE_SIGMAS * _size_sd(pairs.jacobians, spread)
+    fits = pairs.on_marking & (cost < LARGEST_MATCH_COST) & (offset < farthest)
+    fits &= _lie_within(growth, limits)
     # a second piece of a known line must lie on it, a new line must be the only one that fits
     taken = (chosen[:, :, None] == np.arange(fits.shape[2])).any(axis=1)
     fits &= (chosen < 0)[:, :, None] & (~taken[:, None] | (offset < SAME_LINE_SIGMAS * sigma_px))

@@ -12,9 +12,8 @@ from circlecal.camera.painters import follow_errors, measure_displacements, weig
 from circlecal.camera.problem import COARSE, WIDE_LOSS, Problem, State, minimise
 from circlecal.camera.residuals import CurvePoints, ground_feet, join_curves, line_curve, stack_curves
 from circlecal.field import FieldTemplate
-from circlecal.geometry.camera_parameters import INDEX
 from circlecal.geometry.projective import Array, Indices, Mask
-from circlecal.line_naming.association import Association, associate_lines
+from circlecal.line_naming.association import Association, associate_lines, has_allowed_size
 from circlecal.line_naming.line_ends import FEWEST_POINTS, find_passed_lines, passes_end, segment_ends
 from circlecal.observations import LinePoints, MarkingKey, Observations
 
@@ -47,10 +46,6 @@ is not given up for a name.
 """
 LEAST_PAINTED_PX = 1e-6
 """Smaller painters' errors, pixels, are none."""
-MOST_BEYOND_RULES_M = 3.0
-"""Metres by which a hypothesis may make a field smaller or larger than the rules of its sport allow: a rough fit is a
-metre or two off.
-"""
 LEAST_EXPLAINED_WIDTHS, LEAST_SCORE_WIDTHS = 0.15, 0.1
 """Least length of named line, and least score, of a hypothesis that is believed, in picture widths."""
 
@@ -338,7 +333,8 @@ def _score(
     curves, known = problem.curves, len(scene.before_px)
     member = (curves.group[:, None] == np.arange(len(curves.keys))).astype(np.float64)
     rms = np.sqrt((state.residuals * curves.sigma_px) ** 2 @ member / member.sum(axis=0))
-    passed = named & (rms[:, known:] < PASSED_PX * scene.unit) & _has_allowed_size(scene.template, state.theta)[:, None]
+    is_allowed = has_allowed_size(state.theta, scene.template)
+    passed = named & (rms[:, known:] < PASSED_PX * scene.unit) & is_allowed[:, None]
     explained = (lengths * passed).sum(axis=1)
     missed = (lengths * named).sum(axis=1) - explained
     worse = np.maximum(0.0, rms[:, :known] - scene.before_px - scene.allowed_px)
@@ -348,19 +344,6 @@ def _score(
     prior = (problem.priors.residuals(state.theta)[0] ** 2).sum(axis=1)
     against = PX_PER_MISSED_PX * missed + scene.unit * (strain + PX_PER_PRIOR * prior)
     return passed, explained, explained - against
-
-
-def _has_allowed_size(template: FieldTemplate, theta: Array) -> Mask:
-    """Whether the fields of cameras (B, P) are about as long and as wide as the rules allow."""
-    allowed = np.ones(len(theta), dtype=np.bool_)
-    for name, size_m, extent in (
-        ("length", template.length_m, template.length_range_m),
-        ("breadth", template.width_m, template.width_range_m),
-    ):
-        if extent is not None:
-            sizes_m = size_m + theta[:, INDEX[name]]
-            allowed &= (sizes_m > extent[0] - MOST_BEYOND_RULES_M) & (sizes_m < extent[1] + MOST_BEYOND_RULES_M)
-    return allowed
 
 
 def _weigh_rivals(scene: NamingScene, trials: list[Trial], best: Trial) -> list[Trial]:
