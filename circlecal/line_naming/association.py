@@ -136,7 +136,7 @@ def associate_lines(
         if name in names:
             pairs.on_marking[s, names.index(name)] = False
     lengths = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=-1)
-    limits = _allowed_sizes(template) - theta[_EXTENTS, None]
+    limits = _limits_of_sizes(template) - theta[_EXTENTS, None]
     cost, growth = _innovate(pairs.residuals[None], pairs.jacobians, covariance[None], sigma_px)
     seeds = np.argwhere(pairs.on_marking & (cost[0] < LARGEST_SEED_COST) & _lie_within(growth[0], limits))
     seeds = seeds[np.argsort(-lengths[seeds[:, 0]], kind="stable")][: MOST_SEEDS if count > 1 else SEEDS_OF_ONE]
@@ -189,10 +189,10 @@ def _pairs(segments: Array, ends: Array, shifts: Array, theta: Array, model: Pro
 
 def has_allowed_size(theta: Array, template: FieldTemplate) -> Mask:
     """Whether the fields of cameras (..., P) are about as long and as broad as the rules allow."""
-    return _lie_within(theta[..., _EXTENTS], _allowed_sizes(template))
+    return _lie_within(theta[..., _EXTENTS], _limits_of_sizes(template))
 
 
-def _allowed_sizes(template: FieldTemplate) -> Array:
+def _limits_of_sizes(template: FieldTemplate) -> Array:
     """Least and largest (2, 2) of the parameters length and breadth of fields that may be told by names."""
     extents = ((template.length_m, template.length_range_m), (template.width_m, template.width_range_m))
     limits = [(-np.inf, np.inf) if r is None else (r[0] - size_m, r[1] - size_m) for size_m, r in extents]

@@ -8,8 +8,15 @@ import pytest
 from circlecal.camera import problem as problems
 from circlecal.camera import spike_and_slab
 from circlecal.camera.observed import points_from_observations
-from circlecal.camera.problem import COARSE, FINAL, HARDLY_ZOOMED, evaluate, minimise, resume
-from circlecal.camera.spike_and_slab import FLAT_RELIEF_SHARE, answers_in, log_evidence, possible_worlds
+from circlecal.camera.problem import COARSE, FINAL, HARDLY_ZOOMED, evaluate, minimise, resume, reweight
+from circlecal.camera.spike_and_slab import (
+    FLAT_RELIEF_SHARE,
+    UNSHARED_SIGMA_PX,
+    answers_in,
+    log_evidence,
+    possible_worlds,
+    share_noise,
+)
 from circlecal.geometry.camera_parameters import project
 from circlecal.observations import LinePoints
 
@@ -97,3 +104,32 @@ def test_a_mark_of_a_flat_field_lies_on_even_ground():
     anew = evaluate(flat, state.theta, state.feet, updates=8)
     for name in ("values", "jacobian", "cost", "gradient", "normal"):
         np.testing.assert_allclose(getattr(entered, name), getattr(anew, name), rtol=1e-6, atol=1e-6)
+
+
+def test_noise_is_shared_by_points_though_one_case_left_some_of_them_out():
+    """A camera that explains the circle badly takes that for noise, and others would have to compete with it."""
+    rng = np.random.default_rng(4)
+    theta = plain_theta(rng)
+    problem = problem_of(observed(theta, rng, sigma=0.3), priors())
+    state = minimise(problem, theta[None])
+    count = len(problem.curves.sigma_px)
+    kept = np.delete(np.arange(count), [3, 17])
+    fewer = replace(problem, curves=problem.curves.select(kept))
+    fewer, its = reweight(fewer, minimise(fewer, theta[None]), np.full(len(kept), 4.0))
+    (quiet, _), (loud, its) = share_noise([(problem, state), (fewer, its)])
+    assert loud.curves.sigma_px == pytest.approx(problem.curves.sigma_px[kept])
+    assert quiet.curves.sigma_px[kept] == pytest.approx(problem.curves.sigma_px[kept])
+    # what one left out counts for neither
+    assert (quiet.curves.sigma_px[[3, 17]] == UNSHARED_SIGMA_PX).all()
+    assert its.residuals[0] == pytest.approx(evaluate(loud, its.theta, its.feet).residuals[0], abs=1e-3)
+
+
+def test_a_marking_that_only_one_case_has_keeps_its_noise():
+    rng = np.random.default_rng(4)
+    theta = plain_theta(rng)
+    seen = observed(theta, rng, sigma=0.3)
+    pixels = project(theta[None], np.stack([np.linspace(-15, 15, 40), np.full(40, -34.0)], axis=-1)[None], MODEL).pixels
+    more = replace(seen, lines=(*seen.lines, LinePoints("side_line_top", pixels[0], np.full(40, 0.3))))
+    cases = [(p, minimise(p, theta[None])) for p in (problem_of(seen, priors()), problem_of(more, priors()))]
+    for (given, _), (shared, _) in zip(cases, share_noise(cases), strict=True):
+        assert shared.curves.sigma_px == pytest.approx(given.curves.sigma_px)

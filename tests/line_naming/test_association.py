@@ -6,7 +6,7 @@ import pytest
 from circlecal.field import load_field
 from circlecal.geometry.camera_parameters import INDEX, ProjectionModel, project, theta_of
 from circlecal.geometry.surface import Surface
-from circlecal.line_naming.association import Association, associate_lines
+from circlecal.line_naming.association import Association, associate_lines, has_allowed_size
 from circlecal.synthetic.cameras import aim_camera
 
 SOCCER = load_field("soccer")
@@ -106,3 +106,26 @@ def test_no_line_is_named_where_a_lens_folds_back():
     assert inside.any() and not seen.visible[0, inside].any()
     segments = seen.pixels[0][inside][None, [0, -1]]
     assert not associate_lines(segments, futsal, KNOWN, theta, covariance_of(theta), model, 1.5)
+
+
+LONGER = load_field("soccer", {"length": 119.0})
+LONGER_CAMERA = aim_camera(np.array([-3.0, 62.0, -17.0]), np.array([-40.0, -12.0, 0.0]), 1300.0, 0.01, 1920, 1080)
+
+
+@pytest.mark.parametrize(("size_sd_m", "named"), [(0.3, False), (8.66, True)])
+def test_the_front_of_a_penalty_area_is_named_far_from_its_usual_place_where_the_length_is_unknown(size_sd_m, named):
+    """And is no goal line, which would make the field shorter than the rules allow."""
+    ends = LONGER.line_ends(LONGER.line_by_name["big_rect_left_main"])
+    theta = theta_of(LONGER_CAMERA, MODEL)
+    covariance = covariance_of(theta, 1e-4, 1e-3, 0.02)
+    covariance[INDEX["length"], INDEX["length"]] = size_sd_m**2
+    segment = LONGER_CAMERA.project(ends)[None]
+    found = associate_lines(segment, SOCCER, KNOWN, theta, covariance, MODEL, 1.5)
+    assert [a.names for a in found] == ([{0: "big_rect_left_main"}] if named else [])
+
+
+def test_sizes_beyond_the_rules_are_not_allowed():
+    theta = np.zeros((4, len(INDEX)))
+    theta[:, INDEX["length"]] = [-17.0, -19.0, 17.0, 0.0]
+    theta[:, INDEX["breadth"]] = [0.0, 0.0, 24.0, 26.0]
+    assert has_allowed_size(theta, SOCCER).tolist() == [True, False, True, False]
