@@ -62,6 +62,12 @@ of real frames, the one nearest to that is 4.4 m off.
 """
 ANYWHERE_PX = 600.0
 """Where such a line's ends lie, pixels at 1920 px width: anywhere over so much."""
+BEYOND_RULES_SHARE, LEAST_SIZE_SD_M = 1e-6, 0.1
+"""Of fields, the share whose length or width lies beyond the rules of their sport, and the least standard deviation,
+metres, of either: none of some 60 grounds of real frames and clips lies beyond.
+"""
+RIDGE = 1e-9
+"""Of the sum of squares, so little is added to each square: two points of a line tell nothing of its bend."""
 OUT_OF_THE_QUESTION = 8.0
 """By how much less the logarithm of a world's evidence may be in the linear model for its optimum to be looked for."""
 UNLIKELY_SHARE = 0.01
@@ -294,16 +300,34 @@ def log_evidence(world: World, problem: Problem, state: State, template: FieldTe
     """
     active = active_parameters(problem.priors.sd)
     block = state.normal[0][active[:, None], active]
-    size = np.sqrt(np.maximum(np.diag(block), 1e-300))
-    _, determinant = np.linalg.slogdet(block / np.outer(size, size))
+    scale = np.sqrt(np.maximum(np.diag(block), 1e-300))
+    _, determinant = np.linalg.slogdet(block / np.outer(scale, scale))
     sd = problem.priors.sd[SIZES_AND_CROWN]
     proper = (sd > 0) & np.isfinite(sd)
-    volume = 0.5 * determinant + np.log(size).sum() + np.log(sd[proper]).sum()
+    volume = 0.5 * determinant + np.log(scale).sum() + np.log(sd[proper]).sum()
     upright_px = problem.points.upright_px
     noise = 0.0 if upright_px is None else float(np.log(upright_px).sum())
     evidence = -0.5 * float(state.cost[0]) - volume - noise + np.log(world.share)
     place = _log_share_of_places(problem, state, template)
-    return float(evidence) + place - _log_evidence_of_others(problem, state, known)
+    size = 0.0 if world.is_usual_size else _log_share_of_sizes(problem, state, template)
+    return float(evidence) + place + size - _log_evidence_of_others(problem, state, known)
+
+
+def _log_share_of_sizes(problem: Problem, state: State, template: FieldTemplate) -> float:
+    """Logarithm of the probability that a field has a length and a width that its rules allow: the normal prior of any
+    size has tails beyond them.
+    """
+    theta, covariance = state.theta[0], posterior_covariance(state.normal[0], problem.priors.sd)
+    share = 1.0
+    for index, size_m, extent in (
+        (LENGTH, template.length_m, template.length_range_m),
+        (BREADTH, template.width_m, template.width_range_m),
+    ):
+        if extent is not None:
+            sd_m = max(float(np.sqrt(covariance[index, index])), LEAST_SIZE_SD_M)
+            low, high = ((limit - size_m - theta[index]) / (sd_m * np.sqrt(2.0)) for limit in extent)
+            share *= 0.5 * (erf(high) - erf(low))
+    return float(np.log(max(share, BEYOND_RULES_SHARE)))
 
 
 def _log_share_of_places(problem: Problem, state: State, template: FieldTemplate) -> float:
@@ -333,7 +357,8 @@ def _log_evidence_of_others(problem: Problem, state: State, known: int) -> float
 
     With the places u = (u_0, u_1) of a line's ends across it, uniform over the range R, points at the share t along it
     with standard deviation s give the integral of exp(-chi2 / 2) du / R^2, which is
-    ``exp(-chi2_min / 2) 2 pi / (R^2 sqrt det A)``, ``A = sum a a^T / s^2``, ``a = (1 - t, t)``.
+    ``exp(-chi2_min / 2) 2 pi / (R^2 sqrt det A)``, ``A = sum a a^T / s^2``, ``a = (1 - t, t)``. What a camera leaves of
+    its bend, t (1 - t), counts for no camera: anything else may be bent as it is seen.
     """
     curves = problem.curves
     own = np.flatnonzero(curves.group >= known)
@@ -349,10 +374,15 @@ def _log_evidence_of_others(problem: Problem, state: State, known: int) -> float
     low, high = np.minimum.reduceat(t, first), np.maximum.reduceat(t, first)
     t = (t - np.repeat(low, count)) / np.repeat(np.maximum(high - low, 1e-9), count)
     near, far = (1.0 - t) / sigma, t / sigma
-    products = np.stack([near * near, near * far, far * far, near * robust, far * robust, robust * robust])
-    aa, ab, bb, ar, br, rr = np.add.reduceat(products, first, axis=1)[:, is_line]
+    basis = np.stack([near, far, t * near])
+    gram = np.add.reduceat(basis[:, None] * basis, first, axis=-1)[..., is_line]
+    along = np.add.reduceat(basis * robust, first, axis=-1)[..., is_line].T
+    total = np.add.reduceat(robust * robust, first)[is_line]
+    (aa, ab, _), (_, bb, _), _ = gram
     determinant = aa * bb - ab * ab
-    least = rr - (bb * ar * ar - 2.0 * ab * ar * br + aa * br * br) / determinant
+    gram = np.moveaxis(gram, -1, 0)
+    least_bend = RIDGE * np.trace(gram, axis1=-2, axis2=-1)[:, None, None] * np.eye(3)
+    least = total - (along * np.linalg.solve(gram + least_bend, along[..., None])[..., 0]).sum(axis=-1)
     lines = np.log(OTHER_LINE_SHARE / (1.0 - OTHER_LINE_SHARE)) + np.log(2.0 * np.pi) - 2.0 * np.log(range_px)
     lines = lines - 0.5 * least - 0.5 * np.log(determinant)
     ends = np.log(OTHER_END_SHARE / (1.0 - OTHER_END_SHARE)) + 0.5 * np.log(2.0 * np.pi) - np.log(range_px)
