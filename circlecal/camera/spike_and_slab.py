@@ -319,13 +319,10 @@ def _log_share_of_sizes(problem: Problem, state: State, template: FieldTemplate)
     """
     theta, covariance = state.theta[0], posterior_covariance(state.normal[0], problem.priors.sd)
     share = 1.0
-    for index, size_m, extent in (
-        (LENGTH, template.length_m, template.length_range_m),
-        (BREADTH, template.width_m, template.width_range_m),
-    ):
-        if extent is not None:
+    for index, extent in zip((LENGTH, BREADTH), template.extents, strict=True):
+        if extent.range_m is not None:
             sd_m = max(float(np.sqrt(covariance[index, index])), LEAST_SIZE_SD_M)
-            low, high = ((limit - size_m - theta[index]) / (sd_m * np.sqrt(2.0)) for limit in extent)
+            low, high = ((limit - extent.size_m - theta[index]) / (sd_m * np.sqrt(2.0)) for limit in extent.range_m)
             share *= 0.5 * (erf(high) - erf(low))
     return float(np.log(max(share, BEYOND_RULES_SHARE)))
 

@@ -194,9 +194,8 @@ def has_allowed_size(theta: Array, template: FieldTemplate) -> Mask:
 
 def _limits_of_sizes(template: FieldTemplate) -> Array:
     """Least and largest (2, 2) of the parameters length and breadth of fields that may be told by names."""
-    extents = ((template.length_m, template.length_range_m), (template.width_m, template.width_range_m))
-    limits = [(-np.inf, np.inf) if r is None else (r[0] - size_m, r[1] - size_m) for size_m, r in extents]
-    return np.array(limits) + np.array([-MOST_BEYOND_RULES_M, MOST_BEYOND_RULES_M])
+    ranges = [(np.array(e.range_m or (-np.inf, np.inf)) - e.size_m) for e in template.extents]
+    return np.array(ranges) + np.array([-MOST_BEYOND_RULES_M, MOST_BEYOND_RULES_M])
 
 
 def _lie_within(sizes: Array, limits: Array) -> Mask:

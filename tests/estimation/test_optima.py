@@ -31,10 +31,10 @@ def fits() -> tuple[Fit, Fit]:
     return asked, Fit(problem, replace(state, theta=state.theta + apart))
 
 
-def choose(fits: tuple[Fit, Fit], evidence: tuple[float, float], monkeypatch) -> tuple[Any, Fit]:
+def choose(fits: tuple[Fit, Fit], evidence: tuple[float, float], monkeypatch, names=({}, {})) -> tuple[Any, Fit]:
     told = iter(evidence)
     monkeypatch.setattr(module, "log_evidence", lambda *given: next(told))
-    tasks = [cast("Any", SimpleNamespace(template=None, number=k)) for k in range(2)]
+    tasks = [cast("Any", SimpleNamespace(template=None, number=k, names=names[k])) for k in range(2)]
     return module.choose_optimum(list(zip(tasks, fits, strict=True)), 0)
 
 
@@ -64,3 +64,9 @@ def test_a_camera_on_a_field_of_another_size_is_told_as_that(fits, monkeypatch):
     other = replace(fits[1], posterior=Posterior(ANY, 1.0, np.zeros_like(fits[1].state.normal[0]), {"any": 1.0}))
     _, fit = choose((fits[0], other), (np.log(3.0), 0.0), monkeypatch)
     assert fit.posterior.resized_share == pytest.approx(0.75 * 0.25 + 0.25)
+
+
+@pytest.mark.parametrize(("others", "taken"), [({1: "side_line_top"}, 0), ({1: "side_line_top", 2: "goal"}, 1)])
+def test_several_more_lines_outweigh_what_noise_each_leaves(others, taken, monkeypatch, fits):
+    task, _ = choose(fits, (10.0, 0.0), monkeypatch, ({}, others))
+    assert task.number == taken
