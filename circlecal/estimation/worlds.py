@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -75,6 +75,11 @@ which on they ask for one: two lines of a penalty area of a field of another len
 """
 
 
+_Case = tuple[Task, Fit]
+_Asked = tuple[_Case, Sequence[World]]
+_Noise = Callable[[_Case], tuple[Problem, State]]
+
+
 def choose_world(task: Task, stated: CurvePoints, first: Fit, usual: tuple[Task, Fit]) -> tuple[Task, Fit]:
     """The best of the answers in all worlds, widened by the others.
 
@@ -85,47 +90,68 @@ def choose_world(task: Task, stated: CurvePoints, first: Fit, usual: tuple[Task,
     usual : tuple of Task, Fit
         With the lines that a field of the usual size has.
     """
-    config, template = task.config, task.template
-    priors = first.problem.priors
-    may_curve = config.crown_shape == "auto"
+    config = task.config
+    curved_share = CURVED_SHARE if config.crown_shape == "auto" else 0.0
     sizes = shares_of_sizes(config.usual_size_share, config.other_length_share, usual[1].problem)
-    worlds = possible_worlds(template, priors, sizes, config.flat_share, CURVED_SHARE if may_curve else 0.0)
+    worlds = possible_worlds(task.template, first.problem.priors, sizes, config.flat_share, curved_share)
     if len(worlds) == 1:
         return usual[0], _explore(task, usual[1])
-    known, alike = len(stated.keys), [usual, *_on_roof(usual)]
-    any_size = next((world for world in worlds if world.size == "any" and not world.is_flat), None)
-
-    def compare(noise: _Noise, asked: Sequence[_Asked]) -> list[tuple[Answer, _Case]]:
-        found = _compare_worlds(asked, noise, priors, template, known)
-        return [*found, *_on_parabola(found, priors, template, known)] if may_curve else found
-
-    def name_anew(found: list[tuple[Answer, _Case]]) -> list[_Case]:
-        """The lines that a field of any size has, where the answers ask for them and they are others."""
-        if any_size is None or not config.name_lines or not _may_be_of_any_size(task, usual, [a for a, _ in found]):
-            return []
-        case = _name_on_any_size(task, stated, first, usual, any_size.priors(priors, priors, template))
-        return [] if case is None else [case, *_on_roof(case)]
-
-    found, reported = compare(_with_reported_noise, [(case, worlds) for case in alike]), _keep_noise
-    others = name_anew(found)
+    question = _Question(task, stated, first, usual, worlds)
+    alike = [usual, *_on_roof(usual)]
+    found, reported = question.compare(_with_reported_noise, [(case, worlds) for case in alike]), _keep_noise
+    others = question.name_anew(found)
     if others:
-        found = compare(_with_reported_noise, [(case, worlds) for case in (*alike, *others)])
-    if any_size is not None and _may_hide_misfit(usual, [a for a, _ in found]):
-        named, own = usual
-        resized = _resize(alike, found, any_size)
-        told = compare(_with_noise_of_misfit, _by_size([*alike, *others], worlds, resized))
-        if not others and (others := name_anew(told)):
-            told = compare(_with_noise_of_misfit, _by_size([*alike, *others], worlds, resized))
+        found = question.compare(_with_reported_noise, [(case, worlds) for case in (*alike, *others)])
+    if question.any_size is not None and _may_hide_misfit(usual, [a for a, _ in found]):
+        resized = _resize(alike, found, question.any_size)
+        told = question.compare(_with_noise_of_misfit, _by_size([*alike, *(others or ())], worlds, resized))
+        if others is None and (others := question.name_anew(told)):
+            told = question.compare(_with_noise_of_misfit, _by_size([*alike, *others], worlds, resized))
         is_doubted = _doubt([a for a, _ in told]) > max(TOLD_SHARE, _doubt([a for a, _ in found]))
-        is_asked = is_doubted or shows_size_closely(named, own.problem.curves)
-        if is_asked and _is_allowed(told, template) and _count_named(told) >= _count_named(found):
+        is_asked = is_doubted or shows_size_closely(usual[0], usual[1].problem.curves)
+        if is_asked and _is_allowed(told, task.template) and _count_named(told) >= _count_named(found):
             found, reported = told, _tell_noise
-    found = _without_needless([*alike[1:], *others[1:]], found)
+    found = _without_needless([*alike[1:], *(others or ())[1:]], found)
     best, (chosen, fit) = max(found, key=lambda pair: pair[0].evidence)
     problem, state = reported(_reach(best, task.rule(COARSE)), chosen, fit)
     fit = _explore(task, replace(fit, problem=problem, state=resume(problem, state, task.rule(FINAL))))
     posterior = mix([answer for answer, _ in found], best, fit.state.theta[0])
     return chosen, replace(fit, posterior=posterior)
+
+
+@dataclass(frozen=True, slots=True)
+class _Question:
+    """Which of the worlds it is; the other attributes are the parameters of :func:`choose_world`."""
+
+    task: Task
+    stated: CurvePoints
+    first: Fit
+    usual: _Case
+    worlds: tuple[World, ...]
+
+    @property
+    def any_size(self) -> World | None:
+        """The crowned field of any size, where that is possible."""
+        return next((world for world in self.worlds if world.size == "any" and not world.is_flat), None)
+
+    def compare(self, noise: _Noise, asked: Sequence[_Asked]) -> list[tuple[Answer, _Case]]:
+        """The answers to what is asked of each naming of the lines, on roofs and parabolas where both are possible."""
+        common = self.first.problem.priors, self.task.template, len(self.stated.keys)
+        found = _compare_worlds(asked, noise, *common)
+        return [*found, *_on_parabola(found, *common)] if self.task.config.crown_shape == "auto" else found
+
+    def name_anew(self, found: list[tuple[Answer, _Case]]) -> list[_Case] | None:
+        """The lines that a field of any size has, nothing where they are those of the usual one; None where the answers
+        do not ask for them.
+        """
+        task, priors, any_size = self.task, self.first.problem.priors, self.any_size
+        if any_size is None or not task.config.name_lines:
+            return None
+        if not _may_be_of_any_size(task, self.usual, [answer for answer, _ in found]):
+            return None
+        resized = any_size.priors(priors, priors, task.template)
+        case = _name_on_any_size(task, self.stated, self.first, self.usual, resized)
+        return [] if case is None else [case, *_on_roof(case)]
 
 
 def _name_on_any_size(task: Task, stated: CurvePoints, first: Fit, usual: _Case, priors: Priors) -> _Case | None:
@@ -152,11 +178,6 @@ def _explore(task: Task, fit: Fit) -> Fit:
     """The fit at the optimum along its valley."""
     state, growth = explore_valley(fit.problem, fit.state, task.rule(FINAL))
     return replace(fit, state=state, growth=growth)
-
-
-_Case = tuple[Task, Fit]
-_Asked = tuple[_Case, Sequence[World]]
-_Noise = Callable[[_Case], tuple[Problem, State]]
 
 
 def _on_roof(case: _Case) -> list[_Case]:

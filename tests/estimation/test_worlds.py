@@ -106,3 +106,38 @@ def test_noise_that_one_line_leaves_takes_no_names_away(takes_names, monkeypatch
     chosen, _ = module.choose_world(cast("Any", usual[0]), problem.curves, fit, cast("Any", usual))
     assert chosen is other[0]
     assert reported == ["kept" if takes_names else "of misfit"]
+
+
+@pytest.mark.parametrize("asks_at_first", [True, False])
+def test_lines_are_named_anew_once_whichever_noise_asks_for_it(asks_at_first, monkeypatch):
+    rng = np.random.default_rng(6)
+    theta = plain_theta(rng)
+    problem = problem_of(observed(theta, rng, sigma=0.3), priors())
+    fit = module.Fit(problem, minimise(problem, theta[None], FINAL))
+    config = SimpleNamespace(
+        crown_shape="roof", usual_size_share=0.9, other_length_share=0.5, flat_share=0.5, name_lines=True
+    )
+    usual = (SimpleNamespace(names={0: "side_line_top"}, config=config, template=None, rule=lambda rule: rule), fit)
+    usual_size = next(world for world in WORLDS if world.size == "usual" and not world.is_flat)
+    answers = iter([asks_at_first, True, True])
+    named: list[int] = []
+
+    def name(*given):
+        named.append(1)
+
+    def compare(asked, *given):
+        return [(Answer(usual_size, problem, fit.state, 0.0), case) for case, _ in asked]
+
+    monkeypatch.setattr(module, "possible_worlds", lambda *given: WORLDS)
+    monkeypatch.setattr(module, "_compare_worlds", compare)
+    monkeypatch.setattr(module, "_resize", lambda *given: usual)
+    monkeypatch.setattr(module, "_may_be_of_any_size", lambda *given: next(answers))
+    monkeypatch.setattr(module, "_name_on_any_size", name)
+    monkeypatch.setattr(module, "_may_hide_misfit", lambda *given: True)
+    monkeypatch.setattr(module, "_is_allowed", lambda *given: True)
+    monkeypatch.setattr(module, "shows_size_closely", lambda *given: False)
+    monkeypatch.setattr(module, "_explore", lambda task, fit: fit)
+    monkeypatch.setattr(World, "priors", lambda self, *given: problem.priors)
+    chosen, _ = module.choose_world(cast("Any", usual[0]), problem.curves, fit, cast("Any", usual))
+    assert chosen is usual[0]
+    assert len(named) == 1
