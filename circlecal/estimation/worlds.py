@@ -330,7 +330,9 @@ def _may_be_of_any_size(task: Task, usual: tuple[Task, Fit], answers: list[Answe
     length_px = {k: _length_of_view_px(line.points_px) for k, line in lines if len(line.points_px) >= FEWEST_POINTS}
     nameless = {k for k in length_px if task.observations.lines[k].line is None and k not in named.names}
     nameless_px = sum(length_px[k] for k in nameless)
-    if len(set(named.names.values())) >= SEVERAL_LINES and nameless_px < sum(length_px[k] for k in named.names):
+    if len(set(named.names.values())) >= SEVERAL_LINES and nameless_px < sum(
+        length_px.get(k, 0.0) for k in named.names
+    ):
         return False
     return nameless_px > NAMELESS_WIDTHS * task.observations.width
 

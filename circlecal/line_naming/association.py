@@ -50,7 +50,8 @@ MOST_BEYOND_RULES_M = 3.0
 or two off.
 """
 _SIZES = [INDEX[name] for name in ("width", "length", "breadth")]
-_EXTENTS = [INDEX[name] for name in ("length", "breadth")]
+EXTENTS = [INDEX[name] for name in ("length", "breadth")]
+"""Indices of the parameters that tell the size of the field."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +137,7 @@ def associate_lines(
         if name in names:
             pairs.on_marking[s, names.index(name)] = False
     lengths = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=-1)
-    limits = _limits_of_sizes(template) - theta[_EXTENTS, None]
+    limits = _limits_of_sizes(template) - theta[EXTENTS, None]
     cost, growth = _innovate(pairs.residuals[None], pairs.jacobians, covariance[None], sigma_px)
     seeds = np.argwhere(pairs.on_marking & (cost[0] < LARGEST_SEED_COST) & _lie_within(growth[0], limits))
     seeds = seeds[np.argsort(-lengths[seeds[:, 0]], kind="stable")][: MOST_SEEDS if count > 1 else SEEDS_OF_ONE]
@@ -189,7 +190,7 @@ def _pairs(segments: Array, ends: Array, shifts: Array, theta: Array, model: Pro
 
 def has_allowed_size(theta: Array, template: FieldTemplate) -> Mask:
     """Whether the fields of cameras (..., P) are about as long and as broad as the rules allow."""
-    return _lie_within(theta[..., _EXTENTS], _limits_of_sizes(template))
+    return _lie_within(theta[..., EXTENTS], _limits_of_sizes(template))
 
 
 def _limits_of_sizes(template: FieldTemplate) -> Array:
@@ -218,7 +219,7 @@ def _innovate(residuals: Array, jacobians: Array, covariances: Array, sigma_px: 
     determinant = np.maximum(a * d - b * b, own * own)
     weighed = np.stack([d * x - b * y, a * y - b * x], axis=-1) / determinant[..., None]
     cost = (weighed * residuals).sum(axis=-1)
-    growth = -np.einsum("kste,kstep->kstp", weighed, pushed[..., _EXTENTS])
+    growth = -np.einsum("kste,kstep->kstp", weighed, pushed[..., EXTENTS])
     return np.asarray(cost), np.asarray(growth)
 
 
@@ -226,8 +227,8 @@ def _size_sd(jacobians: Array, covariances: Array) -> Array:
     """How far length and breadth of the field, as uncertain as K covariances have them, move the ends of seen lines
     against template lines (K, S, T), root mean square, pixels.
     """
-    own = jacobians[..., _EXTENTS]
-    variance = np.einsum("step,kpq,steq->kst", own, covariances[:, _EXTENTS][..., _EXTENTS], own)
+    own = jacobians[..., EXTENTS]
+    variance = np.einsum("step,kpq,steq->kst", own, covariances[:, EXTENTS][..., EXTENTS], own)
     return np.asarray(np.sqrt(0.5 * variance))
 
 
@@ -250,7 +251,7 @@ def _grow(
     chosen, total = np.full((K, S), -1), np.zeros(K)
     residuals = np.broadcast_to(pairs.residuals, (K, S, T, 2)).copy()
     spread = np.broadcast_to(covariance, (K, *covariance.shape)).copy()
-    growth = np.zeros((K, len(_EXTENTS)))
+    growth = np.zeros((K, len(EXTENTS)))
     rows, s, t = np.arange(K), seeds[:, 0], seeds[:, 1]
     while len(rows):
         chosen[rows, s] = t
@@ -263,7 +264,7 @@ def _grow(
         step = -(np.swapaxes(gain, 1, 2) @ r[..., None])[..., 0]
         residuals[rows] += (step @ pairs.jacobians.reshape(-1, step.shape[1]).T).reshape(len(rows), S, T, 2)
         spread[rows] -= np.swapaxes(pushed, 1, 2) @ gain
-        growth[rows] += step[:, _EXTENTS]
+        growth[rows] += step[:, EXTENTS]
         left = limits - growth[rows][:, None, None, :, None]
         rows, s, t = _next(rows, pairs, residuals[rows], spread[rows], chosen[rows], left, lengths, sigma_px)
     return chosen, total

@@ -13,7 +13,7 @@ from circlecal.camera.problem import COARSE, WIDE_LOSS, Problem, State, minimise
 from circlecal.camera.residuals import CurvePoints, ground_feet, join_curves, line_curve, stack_curves
 from circlecal.field import FieldTemplate
 from circlecal.geometry.projective import Array, Indices, Mask
-from circlecal.line_naming.association import Association, associate_lines, has_allowed_size
+from circlecal.line_naming.association import EXTENTS, Association, associate_lines, has_allowed_size
 from circlecal.line_naming.line_ends import FEWEST_POINTS, find_passed_lines, passes_end, segment_ends
 from circlecal.observations import LinePoints, MarkingKey, Observations
 
@@ -46,6 +46,10 @@ is not given up for a name.
 """
 LEAST_PAINTED_PX = 1e-6
 """Smaller painters' errors, pixels, are none."""
+TOLD_SHARE, SIZES_APART_M = 0.5, 3.0
+"""Share of its prior deviation below which a size of the field is told by what was named, and metres by which two sizes
+differ clearly: a red line named as goal line made a rendered field 91.5 m long, the front of its penalty area 119.9 m.
+"""
 LEAST_EXPLAINED_WIDTHS, LEAST_SCORE_WIDTHS = 0.15, 0.1
 """Least length of named line, and least score, of a hypothesis that is believed, in picture widths."""
 
@@ -182,12 +186,13 @@ def name_lines(
     )
     if scene.painted_px.any():
         trials += _try_alone(scene, first, state.theta[:1])
-    best = select_trial(trials, observations.width)
+    size_sd_m = problem.priors.sd[EXTENTS]
+    best = select_trial(trials, observations.width, size_sd_m)
     if best is None or scene.leaves_longest(best.association):
         trials += _try_longest(scene, first, state.theta[:1])
-        best = select_trial(trials, observations.width)
+        best = select_trial(trials, observations.width, size_sd_m)
     if best is not None and scene.painted_px.any():
-        best = select_trial(_weigh_rivals(scene, trials, best), observations.width)
+        best = select_trial(_weigh_rivals(scene, trials, best), observations.width, size_sd_m)
     if best is None:
         return nothing
     return Naming({unnamed[k]: name for k, name in best.association.names.items() if best.passed[k]}, best.theta)
@@ -394,10 +399,26 @@ def _curves_of(scene: NamingScene, association: Association) -> CurvePoints:
     return join_curves(scene.problem.curves, stack_curves(parts))
 
 
-def select_trial(trials: list[Trial], width: int) -> Trial | None:
-    """The best trial, where it explains enough, and clearly more than any that contradicts it."""
+def select_trial(trials: list[Trial], width: int, size_sd_m: Array | None = None) -> Trial | None:
+    """The best trial, where it explains enough, and clearly more than any that contradicts it, or that tells another
+    size of the field where length and breadth have the prior deviations ``size_sd_m`` (2,), metres.
+    """
     best = max(trials, key=lambda t: t.score)
-    rival = max((t.score for t in trials if t.association.contradicts(best.association)), default=-np.inf)
     if best.explained_px < LEAST_EXPLAINED_WIDTHS * width:
         return None
-    return None if best.score < max(LEAST_SCORE_WIDTHS * width, rival + MARGIN_WIDTHS * width) else best
+    rivals = (t for t in trials if t is not best and t.score > best.score - MARGIN_WIDTHS * width)
+    if any(
+        t.association.contradicts(best.association) or (size_sd_m is not None and _tell_sizes_apart(t, best, size_sd_m))
+        for t in rivals
+    ):
+        return None
+    return None if best.score < LEAST_SCORE_WIDTHS * width else best
+
+
+def _tell_sizes_apart(one: Trial, other: Trial, size_sd_m: Array) -> bool:
+    """Whether two trials, both of which tell a size of the field that was open, tell different ones."""
+    sizes_m = np.array([trial.theta[EXTENTS] for trial in (one, other)])
+    information = np.array([np.diag(trial.normal)[EXTENTS] for trial in (one, other)])
+    is_open = size_sd_m > SIZES_APART_M
+    is_told = is_open & (information * (TOLD_SHARE * size_sd_m) ** 2 > 1.0).all(axis=0)
+    return bool((is_told & (np.abs(sizes_m[0] - sizes_m[1]) > SIZES_APART_M)).any())

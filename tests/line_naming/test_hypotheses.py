@@ -11,6 +11,7 @@ from circlecal.config import load_config
 from circlecal.estimation.beginnings import begin, choose_sight
 from circlecal.estimation.task import Task
 from circlecal.field import load_field
+from circlecal.geometry.camera_parameters import INDEX
 from circlecal.line_naming import hypotheses
 from circlecal.line_naming.association import Association
 from circlecal.line_naming.hypotheses import Trial, select_trial
@@ -86,3 +87,18 @@ def test_a_name_strains_known_markings_by_no_more_than_the_circle_is_off():
         hypotheses._cost_with_errors(scene, tried, state.theta[0]) for tried in (Association({}, 0.0, 0.0), named)
     )
     assert 0.0 < with_line - alone < 15.0
+
+
+@pytest.mark.parametrize(("told", "apart_m", "taken"), [(True, 28.0, False), (True, 1.0, True), (False, 28.0, True)])
+def test_names_that_tell_different_sizes_of_the_field_are_rivals(told, apart_m, taken):
+    """A red line named as goal line, or the front of the penalty area: two lines, of which each may have its name."""
+
+    def trial(k, name, length_m, score):
+        theta, normal = np.zeros(17), np.eye(17)
+        theta[INDEX["length"]] = length_m
+        normal[INDEX["length"], INDEX["length"]] = 100.0 if told else 1.0 / 8.66**2
+        return Trial(Association({k: name}, 300.0, 0.0), np.arange(2) == k, 300.0, score, theta, normal)
+
+    red, front = trial(0, "side_line_right", -13.5, 290.0), trial(1, "big_rect_right_main", -13.5 + apart_m, 280.0)
+    best = select_trial([red, front], 1280, np.array([8.66, 13.0]))
+    assert best is (red if taken else None)
