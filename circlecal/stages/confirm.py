@@ -106,6 +106,7 @@ def look_for_markings(
         return Agreement((), np.zeros(0), np.zeros(0))
     least_across = thinnest * np.quantile(places.across[visible & mine], THINNEST[0])
     visible = lie_on_surface(places.base, region, model.width, model.height) & ~mine & (places.across >= least_across)
+    visible &= places.is_sure
     near = visible & (places.spread < WELL_KNOWN_PX * unit)
     certain = bool(np.count_nonzero(near) * SPACING_PX >= ENOUGH_WIDTHS * 1920.0)
     visible = near if certain else visible & (places.spread < LARGEST_SIGMA_PX * unit)

@@ -11,6 +11,7 @@ import pytest
 from circlecal.field import load_field
 from circlecal.geometry.camera_parameters import PARAMETERS, ProjectionModel, theta_of
 from circlecal.geometry.surface import Surface
+from circlecal.line_naming.marking_places import place_markings
 from circlecal.paint.matched_filter import CLEAR, SECTORS
 from circlecal.paint.profiles import to_gray
 from circlecal.results import Agreement, Attempt, Check, Cues, MarkCue
@@ -228,3 +229,19 @@ def test_where_circle_and_line_are_worn_as_much_of_the_others_may_be():
         worn = Check.of("painted_share_of_carriers", painted_share, 0.55, at_least=True)
         told = replace(accepted, checks=(*accepted.checks, worn))
         assert confirm(told, camera, Cues(None, None), missing).status == status
+
+
+@pytest.mark.parametrize(("length_sd_m", "is_expected"), [(0.5, True), (8.66, False)])
+def test_the_side_of_a_penalty_area_is_not_expected_where_an_open_length_may_end_it(length_sd_m, is_expected):
+    """Its place across is known as well as the camera is, how far it reaches is not."""
+    camera = view(position=(-20.0, 62.0, -20.0), target=(-38.0, -12.0, 0.0), focal=1500.0)
+    fit = fit_of(camera)
+    covariance = fit.covariance.copy()
+    covariance[PARAMETERS.index("length"), PARAMETERS.index("length")] = length_sd_m**2
+    lines = [k for k, name in enumerate(SOCCER.outlines[0]) if name in ("big_rect_left_top", "side_line_top")]
+    places = place_markings(replace(fit, covariance=covariance), SOCCER, lines)
+    side = places.element == [places.names[k] for k in range(2)].index("big_rect_left_top")
+    assert side.any()
+    assert places.is_sure[side].any() == is_expected
+    # the middle of a touchline is there whatever the length
+    assert places.is_sure[~side].any()
