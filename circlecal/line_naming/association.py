@@ -159,7 +159,7 @@ def _slide_sd(shifts: Array, covariance: Array) -> Array:
     itself, or across, which at a slant moves the nearest point along it as far.
     """
     variance = np.einsum("tsx,su,tux->t", shifts, covariance[np.ix_(_SIZES, _SIZES)], shifts)
-    return np.asarray(np.sqrt(variance))
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
 def _pairs(segments: Array, ends: Array, shifts: Array, theta: Array, model: ProjectionModel, slide_m: Array) -> _Pairs:
@@ -229,7 +229,7 @@ def _size_sd(jacobians: Array, covariances: Array) -> Array:
     """
     own = jacobians[..., EXTENTS]
     variance = np.einsum("step,kpq,steq->kst", own, covariances[:, EXTENTS][..., EXTENTS], own)
-    return np.asarray(np.sqrt(0.5 * variance))
+    return np.asarray(np.sqrt(np.maximum(0.5 * variance, 0.0)))
 
 
 def _inverse(matrices: Array, own: float) -> Array:
