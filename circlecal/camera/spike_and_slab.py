@@ -308,16 +308,16 @@ def log_evidence(world: World, problem: Problem, state: State, template: FieldTe
     upright_px = problem.points.upright_px
     noise = 0.0 if upright_px is None else float(np.log(upright_px).sum())
     evidence = -0.5 * float(state.cost[0]) - volume - noise + np.log(world.share)
-    place = _log_share_of_places(problem, state, template)
-    size = 0.0 if world.is_usual_size else _log_share_of_sizes(problem, state, template)
+    theta, covariance = state.theta[0], posterior_covariance(state.normal[0], problem.priors.sd)
+    place = _log_share_of_places(theta, covariance, template)
+    size = 0.0 if world.is_usual_size else _log_share_of_sizes(theta, covariance, template)
     return float(evidence) + place + size - _log_evidence_of_others(problem, state, known)
 
 
-def _log_share_of_sizes(problem: Problem, state: State, template: FieldTemplate) -> float:
+def _log_share_of_sizes(theta: Array, covariance: Array, template: FieldTemplate) -> float:
     """Logarithm of the probability that a field has a length and a width that its rules allow: the normal prior of any
     size has tails beyond them.
     """
-    theta, covariance = state.theta[0], posterior_covariance(state.normal[0], problem.priors.sd)
     share = 1.0
     for index, extent in zip((LENGTH, BREADTH), template.extents, strict=True):
         if extent.range_m is not None:
@@ -327,13 +327,12 @@ def _log_share_of_sizes(problem: Problem, state: State, template: FieldTemplate)
     return float(np.log(max(share, BEYOND_RULES_SHARE)))
 
 
-def _log_share_of_places(problem: Problem, state: State, template: FieldTemplate) -> float:
+def _log_share_of_places(theta: Array, covariance: Array, template: FieldTemplate) -> float:
     """Logarithm of the probability that a camera stands where this one does, beside the field or over it.
 
     By how much further off the border it stands than it is high above a person's head is linear enough about the
     optimum: the prior's step is averaged over a normal distribution.
     """
-    theta, covariance = state.theta[0], posterior_covariance(state.normal[0], problem.priors.sd)
     x, y, z = (INDEX[name] for name in ("x", "y", "z"))
     half = 0.5 * np.array([template.length_m + theta[LENGTH], template.width_m + theta[BREADTH]])
     beyond = np.abs(theta[[x, y]]) - half
@@ -378,8 +377,8 @@ def _log_evidence_of_others(problem: Problem, state: State, known: int) -> float
     (aa, ab, _), (_, bb, _), _ = gram
     determinant = aa * bb - ab * ab
     gram = np.moveaxis(gram, -1, 0)
-    least_bend = RIDGE * np.trace(gram, axis1=-2, axis2=-1)[:, None, None] * np.eye(3)
-    least = total - (along * np.linalg.solve(gram + least_bend, along[..., None])[..., 0]).sum(axis=-1)
+    ridge = RIDGE * np.trace(gram, axis1=-2, axis2=-1)[:, None, None] * np.eye(3)
+    least = total - (along * np.linalg.solve(gram + ridge, along[..., None])[..., 0]).sum(axis=-1)
     lines = np.log(OTHER_LINE_SHARE / (1.0 - OTHER_LINE_SHARE)) + np.log(2.0 * np.pi) - 2.0 * np.log(range_px)
     lines = lines - 0.5 * least - 0.5 * np.log(determinant)
     ends = np.log(OTHER_END_SHARE / (1.0 - OTHER_END_SHARE)) + 0.5 * np.log(2.0 * np.pi) - np.log(range_px)

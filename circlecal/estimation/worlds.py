@@ -193,6 +193,11 @@ def _on_roof(case: _Case) -> list[_Case]:
     return [(named, replace(fit, problem=roof, state=minimise(roof, best.theta, named.rule(COARSE), best.feet)))]
 
 
+def _is_one_of(cases: list[_Case], case: _Case) -> bool:
+    """Whether a case is itself among others, however alike these are."""
+    return any(case is other for other in cases)
+
+
 def _without_needless(roofs: list[_Case], found: list[tuple[Answer, _Case]]) -> list[tuple[Answer, _Case]]:
     """All answers, without those on roofs where a field of the usual size is the likeliest: its parabola was chosen
     between the two already.
@@ -200,12 +205,12 @@ def _without_needless(roofs: list[_Case], found: list[tuple[Answer, _Case]]) -> 
     best, _ = max(found, key=lambda pair: pair[0].evidence)
     if not best.world.is_usual_size:
         return found
-    return [(answer, case) for answer, case in found if not any(case is roof for roof in roofs)]
+    return [(answer, case) for answer, case in found if not _is_one_of(roofs, case)]
 
 
 def _resize(usual: list[_Case], found: list[tuple[Answer, _Case]], world: World) -> _Case:
     """The lines of a usual field on a field of the world that was found with them, with the likeliest profile."""
-    of_usual = [(a, case) for a, case in found if a.world == world and any(case is own for own in usual)]
+    of_usual = [(a, case) for a, case in found if a.world == world and _is_one_of(usual, case)]
     answer, (named, own) = max(of_usual, key=lambda pair: pair[0].evidence)
     answer = _reach(answer, named.rule(COARSE))
     return named, replace(own, problem=answer.problem, state=answer.state)

@@ -19,7 +19,7 @@ __all__ = ["SPACING_PX", "MarkingPlaces", "lie_on_surface", "place_markings"]
 SPACING_PX = 4.0
 """Distance of the places along a marking, pixels at 1920 px width."""
 
-_SIZES = ("width", "length", "breadth")
+_SIZES = [INDEX[name] for name in ("width", "length", "breadth")]
 OPEN_SIZE_M, END_SIGMAS = 2.0, 2.0
 """Standard deviation, metres, by which the field's sizes slide a straight marking along itself, from which on it may
 end before places that are less than so many of them from its end: of a rendered field of 92 m the sides of the penalty
@@ -66,7 +66,7 @@ def place_markings(fit: CameraFit, template: FieldTemplate, wanted: Sequence[int
     model = fit.model
     names, nodes, shifts = template.outlines
     nodes, shifts = nodes[list(wanted)], shifts[list(wanted)]
-    sizes = fit.theta[[INDEX[name] for name in _SIZES]]
+    sizes = fit.theta[_SIZES]
     drawn = predict_markings(fit.theta, nodes + np.einsum("s,ksi->ki", sizes, shifts)[:, None], model)
     sigma = _predict_sigmas(fit, drawn, shifts)
     spacing_px = SPACING_PX * model.width / 1920.0
@@ -88,7 +88,7 @@ def lie_on_surface(pixels: Array, region: NDArray[np.bool_] | None, width: int, 
 def _predict_sigmas(fit: CameraFit, drawn: PredictedMarkings, shifts: Array) -> Array:
     """Standard deviation (K, N) of the places along their normals, pixels."""
     by_theta = drawn.by_theta.copy()
-    by_theta[[INDEX[name] for name in _SIZES]] += np.einsum("ksi,ikn->skn", shifts, drawn.by_field)
+    by_theta[_SIZES] += np.einsum("ksi,ikn->skn", shifts, drawn.by_field)
     rows = by_theta.reshape(len(by_theta), -1)
     variance = (rows * (fit.covariance @ rows)).sum(axis=0)
     return np.sqrt(np.maximum(variance, 0.0)).reshape(by_theta.shape[1:])
@@ -101,8 +101,7 @@ def _open_shares(fit: CameraFit, nodes: Array, shifts: Array) -> Array:
     span = nodes[:, -1] - nodes[:, 0]
     length_m = np.linalg.norm(span, axis=1)
     along = np.einsum("ksi,ki->ks", shifts, span / np.maximum(length_m, 1e-9)[:, None])
-    own = [INDEX[name] for name in _SIZES]
-    sd_m = np.sqrt(np.maximum(np.einsum("ks,st,kt->k", along, fit.covariance[np.ix_(own, own)], along), 0.0))
+    sd_m = np.sqrt(np.maximum(np.einsum("ks,st,kt->k", along, fit.covariance[np.ix_(_SIZES, _SIZES)], along), 0.0))
     return np.where(sd_m > OPEN_SIZE_M, END_SIGMAS * sd_m / np.maximum(length_m, 1e-9), 0.0)
 
 

@@ -194,7 +194,7 @@ def hold_size(tripod: TripodEstimate, mean: Array, sd: Array) -> tuple[Array, Ar
 def loosen_size(sd: Array, template: FieldTemplate) -> Array:
     """Standard deviations (K,) of what all frames share, where a size that is held at the usual one is only near it."""
     loose = sd.copy()
-    is_open = np.array([extent is not None for extent in (template.length_range_m, template.width_range_m)])
+    is_open = np.array([extent.range_m is not None for extent in template.extents])
     loose[SIZE] = np.where(is_open, np.maximum(sd[SIZE], USUAL_SD_M), sd[SIZE])
     return loose
 

@@ -14,6 +14,18 @@ from tests.camera.test_problem import observed, plain_theta, priors, problem_of
 
 WORLDS = tuple(World(size, is_flat, 1 / 6) for is_flat in (False, True) for size in ("usual", "other_length", "any"))
 
+CONFIG = SimpleNamespace(
+    crown_shape="roof", usual_size_share=0.9, other_length_share=0.5, flat_share=0.5, name_lines=True
+)
+
+
+def fit_without_lines() -> module.Fit:
+    """Of a circle and its halfway line."""
+    rng = np.random.default_rng(6)
+    theta = plain_theta(rng)
+    problem = problem_of(observed(theta, rng, sigma=0.3), priors())
+    return module.Fit(problem, minimise(problem, theta[None], FINAL))
+
 
 def test_no_world_is_asked_twice_of_the_lines_of_a_usual_field():
     usual, other, resized = cast("list[Any]", ["usual", "other", "resized"])
@@ -63,15 +75,10 @@ def test_lines_are_fitted_on_a_field_of_any_size_only_under_other_names(names, f
 
 @pytest.mark.parametrize("takes_names", [True, False])
 def test_noise_that_one_line_leaves_takes_no_names_away(takes_names, monkeypatch):
-    rng = np.random.default_rng(6)
-    theta = plain_theta(rng)
-    problem = problem_of(observed(theta, rng, sigma=0.3), priors())
-    fit = module.Fit(problem, minimise(problem, theta[None], FINAL))
-    config = SimpleNamespace(
-        crown_shape="roof", usual_size_share=0.9, other_length_share=0.5, flat_share=0.5, name_lines=True
-    )
+    fit = fit_without_lines()
+    problem = fit.problem
     usual, other = (
-        (SimpleNamespace(names=names, config=config, template=None, rule=lambda rule: rule), fit)
+        (SimpleNamespace(names=names, config=CONFIG, template=None, rule=lambda rule: rule), fit)
         for names in ({0: "side_line_top"}, {0: "side_line_top", 1: "big_rect_left_top"})
     )
     any_size = next(world for world in WORLDS if world.size == "any" and not world.is_flat)
@@ -110,14 +117,9 @@ def test_noise_that_one_line_leaves_takes_no_names_away(takes_names, monkeypatch
 
 @pytest.mark.parametrize("asks_at_first", [True, False])
 def test_lines_are_named_anew_once_whichever_noise_asks_for_it(asks_at_first, monkeypatch):
-    rng = np.random.default_rng(6)
-    theta = plain_theta(rng)
-    problem = problem_of(observed(theta, rng, sigma=0.3), priors())
-    fit = module.Fit(problem, minimise(problem, theta[None], FINAL))
-    config = SimpleNamespace(
-        crown_shape="roof", usual_size_share=0.9, other_length_share=0.5, flat_share=0.5, name_lines=True
-    )
-    usual = (SimpleNamespace(names={0: "side_line_top"}, config=config, template=None, rule=lambda rule: rule), fit)
+    fit = fit_without_lines()
+    problem = fit.problem
+    usual = (SimpleNamespace(names={0: "side_line_top"}, config=CONFIG, template=None, rule=lambda rule: rule), fit)
     usual_size = next(world for world in WORLDS if world.size == "usual" and not world.is_flat)
     answers = iter([asks_at_first, True, True])
     named: list[int] = []
