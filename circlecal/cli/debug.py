@@ -12,7 +12,7 @@ from circlecal.cli import options
 
 
 def debug(
-    images: Annotated[list[Path], typer.Argument(metavar="IMAGE", help="The pictures.")],
+    images: Annotated[list[str], typer.Argument(metavar="IMAGE", help="Pictures, quoted patterns, lists.")],
     out: options.Out = Path("circlecal-debug"),
     mask: options.Mask = None,
     keypoints: options.Keypoints = None,
@@ -35,6 +35,7 @@ def debug(
     from circlecal.errors import InputError
     from circlecal.files import is_folder, prepare_folder
     from circlecal.formats.annotation import ANNOTATION_FOLDER, find_annotation
+    from circlecal.pictures.inputs import expand_inputs
     from circlecal.pipeline import field_of
     from circlecal.records.json_text import write_result
     from circlecal.records.summary import summarise
@@ -52,10 +53,15 @@ def debug(
         max_bytes=max_bytes,
         tells_field=True,
     )
-    for image in images:
-        if is_folder(image):
-            raise InputError(f"{image}: is a folder; debug takes pictures")
-    frames = options.choose_frames(images, out, mask)
+    named = expand_inputs(images)
+    if named.urls:
+        raise InputError(f"{named.urls[0]}: is a URL; save the picture, and give its file")
+    if named.videos:
+        raise InputError(f"{named.videos[0]}: is a video; debug takes pictures")
+    for path in named.paths:
+        if is_folder(path):
+            raise InputError(f"{path}: is a folder; debug takes pictures")
+    frames = options.choose_frames(named.paths, out, mask)
     prepare_folder(out)
     template, _ = field_of(chosen)
     summaries, written = [], []

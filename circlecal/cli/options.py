@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from circlecal.formats.exports import Exports
     from circlecal.formats.inputs import FrameOfFile
     from circlecal.pictures.files import PictureFile
+    from circlecal.pictures.inputs import Inputs
     from circlecal.pictures.video import Video
 
 
@@ -378,23 +379,42 @@ def require_frames(inputs: Sequence[object], frames: Sequence[object]) -> None:
 def choose_inputs(
     inputs: Sequence[str], run: FrameRun, out: Path, report: Callable[[Exception], None]
 ) -> list[PictureFile | FrameOfFile]:
-    """Pictures and frames of annotation files among the inputs; files that cannot be read are reported.
+    """Pictures and frames of annotation files among the inputs; videos, URLs and files that cannot be read are
+    reported.
 
     Raises
     ------
     InputError
-        Nothing to calibrate, a video, an option that does not fit, or a result that would be written over its source.
+        Nothing to calibrate, an option that does not fit, or a result that would be written over its source.
     """
-    from circlecal.errors import InputError
     from circlecal.formats.registry import annotation_suffixes
     from circlecal.pictures.inputs import expand_inputs
 
     named = expand_inputs(inputs, annotation_suffixes())
-    if named.videos:
-        raise InputError(f"{named.videos[0]}: is a video; use circlecal batch, with --every 1s or the like")
-    if named.urls:
-        raise InputError(f"{named.urls[0]}: is a URL; use circlecal batch")
+    _report_moving_and_remote(named, report)
     return _frames_of(named.paths, run, out, report)
+
+
+def _report_moving_and_remote(named: Inputs, report: Callable[[Exception], None]) -> None:
+    """Say which videos and URLs are left to ``circlecal batch``.
+
+    Raises
+    ------
+    InputError
+        Nothing else is named.
+    """
+    from circlecal.errors import InputError
+
+    for left, mend in (
+        (named.videos, "is a video; use circlecal batch, with --every 1s or the like"),
+        (named.urls, "is a URL; use circlecal batch"),
+    ):
+        if left:
+            more = f" and {len(left) - 1} more" if len(left) > 1 else ""
+            error = InputError(f"{left[0]}{more}: {mend}")
+            if not named.paths:
+                raise error
+            report(error)
 
 
 def _frames_of(

@@ -101,16 +101,16 @@ def estimate_shared_cameras(
 def print_report(report: RigReport, out: Path) -> None:
     """Print the cameras as a table, and the counts."""
     from circlecal.cli import console
+    from circlecal.results.numbers import show_with_sigma
 
-    told = report.summary()
+    told, shared = report.summary(), ("x", "y", "z", "roll_deg", "kappa_1")
     if told["cameras"]:
         console.print_table(
             "Cameras",
             ["camera", "frames", "found from", "x m", "y m", "z m", "roll deg", "k1"],
             [
                 [c["camera"], str(c["frames"]), str(c["used"])]
-                + ["-" if c[key] is None else "{:.2f} +- {:.2f}".format(*c[key]) for key in ("x", "y", "z", "roll_deg")]
-                + ["-" if c["kappa_1"] is None else "{:.4f} +- {:.4f}".format(*c["kappa_1"])]
+                + ["-" if c[key] is None else show_with_sigma(*c[key]) for key in shared]
                 for c in told["cameras"]
             ],
         )

@@ -139,6 +139,7 @@ def _print_report(report: TrackReport, run: ClipRun, out: Path, *, as_json: bool
     from circlecal.cli import console
     from circlecal.pipeline import field_of
     from circlecal.records.log import RESULTS_NAME
+    from circlecal.results.numbers import show_with_sigma
     from circlecal.tracking.run import tripod_facts
 
     counts, template = report.progress, field_of(run.config)[0]
@@ -156,7 +157,7 @@ def _print_report(report: TrackReport, run: ClipRun, out: Path, *, as_json: bool
             ["clip", "camera", "frames", "x m", "y m", "z m", "pitch m"],
             [
                 [c["clip"], c["camera"], str(c["frames"])]
-                + ["{:.2f} +- {:.2f}".format(*c[axis]) for axis in ("x_m", "y_m", "z_m")]
+                + [show_with_sigma(*c[axis]) for axis in ("x_m", "y_m", "z_m")]
                 + ["{:.1f} x {:.1f}".format(*c["pitch_m"])]
                 for c in cameras
             ],

@@ -21,6 +21,7 @@ from circlecal.files import read_file, write_atomic
 from circlecal.names import show
 from circlecal.records.json_text import GIVE_A_RESULT, explain_damage, parse_record
 from circlecal.records.record import ResultRow
+from circlecal.results.numbers import show_with_sigma
 from circlecal.yaml_text import YamlError, dump_yaml, read_yaml
 
 KEYS = (
@@ -102,7 +103,7 @@ def write_prior(
         The file cannot be written.
     """
 
-    lines = [f"# {name}: {mean:.5g} +- {sd:.2g}" for name, (mean, sd) in values.items()]
+    lines = [f"# {name}: {show_with_sigma(mean, sd)}" for name, (mean, sd) in values.items()]
     header = "\n".join(["# A camera for --camera-prior: what its frames share (radians, metres, pixels).", *lines])
     body = dump_yaml({**about, **settings})
     write_atomic(path, f"{header}\n{body}".encode())

@@ -12,8 +12,8 @@ from circlecal.errors import CirclecalError
 from circlecal.field import FieldTemplate, load_field
 from circlecal.geometry.projective import Array
 from circlecal.pictures.files import natural_order
-from circlecal.report.figures import short
 from circlecal.report.reading import FrameRow
+from circlecal.results.numbers import show_with_sigma
 from circlecal.rig.venue import VENUE_NAME, KnownValue, TripodPart, read_venue_file
 
 MARGIN_M = 6.0
@@ -140,7 +140,7 @@ def _tripod(name: str, tripod: TripodPart) -> Tripod:
 
 
 def _with_sigma(value: KnownValue) -> str:
-    return f"{value.mean:.2f} ± {short(value.sd)}"
+    return show_with_sigma(value.mean, value.sd, "±")
 
 
 def _of_frames(rows: Sequence[FrameRow]) -> Iterator[Tripod]:

@@ -12,6 +12,7 @@ from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionMo
 from circlecal.geometry.projective import Array, apply_homography
 from circlecal.geometry.surface import Surface
 from circlecal.observations import MarkingKey
+from circlecal.results.numbers import show_with_sigma
 
 CONTRADICTING_SIGMAS, CONTRADICTING_PX = 5.0, 8.0
 """A single point further from its marking than so many of its standard deviations and pixels at 1920 px width
@@ -130,10 +131,8 @@ class FieldSize:
     usual_share: float
 
     def __str__(self) -> str:
-        sizes = (
-            f"length {self.length_m:.1f} +- {self.length_sd_m:.1f}, width {self.width_m:.1f} +- {self.width_sd_m:.1f}"
-        )
-        return f"{sizes} m, {'usual' if self.is_usual else 'estimated'}"
+        length, width = show_with_sigma(self.length_m, self.length_sd_m), show_with_sigma(self.width_m, self.width_sd_m)
+        return f"length {length}, width {width} m, {'usual' if self.is_usual else 'estimated'}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,6 +22,7 @@ from circlecal.geometry.camera_parameters import INDEX
 from circlecal.geometry.homography import SIDES
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import Surface, SurfaceShape
+from circlecal.results.numbers import show_with_sigma
 from circlecal.rig.tripod import COMMON, PLACE, TripodEstimate, Venue
 from circlecal.yaml_text import YamlError, dump_yaml, read_yaml
 
@@ -324,7 +325,7 @@ def _facts(content: VenueFile) -> list[str]:
 
     def describe(tripod: TripodPart, name: str, factor: float = 1.0) -> str:
         value = tripod.parameters[name]
-        return f"{factor * value.mean:.2f} +- {factor * value.sd:.2g}"
+        return show_with_sigma(factor * value.mean, factor * value.sd)
 
     lines = []
     for tripod in content.tripods:

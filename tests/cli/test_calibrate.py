@@ -169,6 +169,16 @@ def test_a_bad_picture_does_not_stop_the_others(run_circlecal, frame_file, tmp_p
     assert (tmp_path / "out" / "good.json").is_file()
 
 
+def test_videos_and_urls_among_pictures_are_named_and_left_out(run_circlecal, frame_file, tmp_path):
+    for name in ("first.mp4", "second.mp4"):
+        (frame_file.parent / name).touch()
+    outcome = run_circlecal("calibrate", frame_file.parent, "https://127.0.0.1:1/x.jpg", "--out", tmp_path / "out")
+    assert outcome.code == 2
+    assert "first.mp4 and 1 more: is a video; use circlecal batch" in outcome.err
+    assert "https://127.0.0.1:1/x.jpg: is a URL; use circlecal batch" in outcome.err
+    assert (tmp_path / "out" / "good.json").is_file()
+
+
 def test_wrong_use(run_circlecal, frame_file, tmp_path):
     only_error(run_circlecal("calibrate", tmp_path / "none.jpg", "--out", tmp_path), "no such file")
     (tmp_path / "nothing").mkdir()

@@ -38,6 +38,11 @@ def test_several_pictures(run_circlecal, frame_file, blank_file, tmp_path):
 def test_a_folder_or_a_bad_picture(run_circlecal, frame_file, tmp_path):
     outcome = run_circlecal("debug", frame_file.parent, "--out", tmp_path)
     assert (outcome.code, "takes pictures" in outcome.err) == (2, True)
+    outcome = run_circlecal("debug", "https://127.0.0.1:1/x.jpg", "--out", tmp_path)
+    assert (outcome.code, "https://127.0.0.1:1/x.jpg: is a URL; save the picture" in outcome.err) == (2, True)
+    (tmp_path / "clip.mp4").touch()
+    outcome = run_circlecal("debug", tmp_path / "clip.mp4", "--out", tmp_path)
+    assert (outcome.code, "clip.mp4: is a video; debug takes pictures" in outcome.err) == (2, True)
     (tmp_path / "empty.jpg").touch()
     outcome = run_circlecal("debug", tmp_path / "empty.jpg", "--out", tmp_path)
     assert (outcome.code, "is empty" in outcome.err) == (2, True)
