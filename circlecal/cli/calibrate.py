@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
 
 FEW = 4
-"""Of no more refused pictures the ground is looked at."""
+"""Refused pictures of which the ground is looked at, the first ones: that takes as long as to read them again."""
 
 
 def calibrate(
@@ -86,43 +87,37 @@ def calibrate(
         options.require_frames(inputs, frames)
     prepare_folder(out)
     summaries: list[FrameSummary] = []
-    is_field_named = bool(field or config or settings) or len(frames) > FEW
+    refused: list[tuple[str, str]] = []
     with console.progress_display(quiet=quiet or len(frames) <= 1) as show:
         for record in _records(frames, run, show, console.error_reporter(failures)):
             summaries.append(summarise(record))
-            for note in () if quiet else _notes(record, chosen, is_field_named=is_field_named):
+            if record.status != "calibrated":
+                refused.append((record.id, record.path or ""))
+            for note in () if quiet else _notes(record, chosen):
                 console.print_note(note)
             if json_lines:
                 console.print_json(result_line(record))
     exports.finish()
-    is_refused = any(summary.status != "calibrated" for summary in summaries)
     if summaries and not quiet:
         if not json_lines:
             console.print_summaries(summaries)
         console.print_note(_name_files([summary.id for summary in summaries], out, chosen, exports.written))
-        if is_refused and (camera_prior or venue):
+        if not (field or config or settings or camera_prior or venue):
+            for note in _other_sports(refused, chosen):
+                console.print_note(note)
+        if refused and (camera_prior or venue):
             known = "--camera-prior" if camera_prior else "--venue"
             console.print_note(f"leave {known} out for frames that another camera took: they are refused with it")
     if failures:
         raise typer.Exit(2)
-    if is_refused:
+    if refused:
         raise typer.Exit(1)
 
 
-def _notes(record: ResultRecord, config: Config, *, is_field_named: bool) -> Iterator[str]:
+def _notes(record: ResultRecord, config: Config) -> Iterator[str]:
     """What is said of a frame beside its row in the table."""
     if record.near_limits:
         yield f"{record.id}: {record.status}, near a limit: {', '.join(record.near_limits)}"
-    yield from _field_notes(record, config, is_named=is_field_named)
-
-
-def _field_notes(record: ResultRecord, config: Config, *, is_named: bool) -> Iterator[str]:
-    """What the field looks like where the picture told it; where nobody named it and the frame is refused on another
-    ground, that there are other sports.
-    """
-    from circlecal.pictures.files import PICTURE_SUFFIXES, read_image
-    from circlecal.pipeline.field_choice import is_on_strange_ground
-
     if record.fields:
         taken, *others = record.fields
         if record.status == "calibrated" and taken.template != config.field.among[0]:
@@ -133,12 +128,26 @@ def _field_notes(record: ResultRecord, config: Config, *, is_named: bool) -> Ite
             name, share = record.sport.name, record.sport.probability or 0.0
             told = "nothing tells which sport it shows" if name is None else f"looks like {name} ({share:.0%} sure)"
             yield f"{record.id}: refused; {told}"
-        return
-    is_open = (
-        record.status == "refused" and not is_named and record.path and record.path.lower().endswith(PICTURE_SUFFIXES)
-    )
-    if is_open and is_on_strange_ground(read_image(record.path or "", config.limits), config):
-        yield f"{record.id}: its ground is no turf; --field auto tries other sports"
+
+
+def _other_sports(refused: Sequence[tuple[str, str]], config: Config) -> Iterator[str]:
+    """That there are other sports, where nobody named the one of what was refused (ids and paths): for which pictures
+    the ground says so, or that they were taken for the field in use.
+    """
+    from circlecal.errors import InputError
+    from circlecal.pictures.files import PICTURE_SUFFIXES, read_image
+    from circlecal.pipeline.field_choice import is_on_strange_ground
+
+    pictures = [(name, path) for name, path in refused if path.lower().endswith(PICTURE_SUFFIXES)]
+    strange = []
+    for name, path in pictures[:FEW]:
+        with contextlib.suppress(InputError):  # it may be gone by now
+            if is_on_strange_ground(read_image(path, config.limits), config):
+                strange.append(name)
+    if strange:
+        yield f"{', '.join(strange)}: the ground is no turf; --field auto tries other sports"
+    elif pictures:
+        yield f"what was refused was taken for {config.field.template}; --field auto tries other sports"
 
 
 def _name_files(ids: Sequence[str], out: Path, config: Config, exported: Sequence[Path]) -> str:

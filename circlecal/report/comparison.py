@@ -43,9 +43,9 @@ class Change(IntEnum):
 
 WORDS = {
     Change.GAINED: ("calibrated now, refused there", "better"),
-    Change.SURER: (f"sigma below {SURER:.0%} of what it was", "better"),
+    Change.SURER: (f"sigma below {100 * SURER:.0f} % of what it was", "better"),
     Change.LOST: ("refused now, calibrated there", "worse"),
-    Change.LESS_SURE: (f"sigma more than {1 / SURER:.0%} of what it was", "worse"),
+    Change.LESS_SURE: (f"sigma more than {100 / SURER:.0f} % of what it was", "worse"),
     Change.MOVED: ("cameras further apart than their sigmas allow", "other"),
     Change.ALIKE: ("alike", "other"),
     Change.ABSENT: ("not in the other run", "other"),

@@ -221,5 +221,12 @@ def test_what_the_field_looks_like_is_said(run_circlecal, tmp_path):
     told = run_circlecal("calibrate", floor, "--out", tmp_path, "--no-overlay", "--field", "auto")
     assert "circlecal: floor: refused; nothing tells which sport it shows" in told.err
     assert json.loads((tmp_path / "floor.json").read_text())["sport"]["name"] is None
-    assert "--field auto tries other sports" in run_circlecal("calibrate", floor, "--out", tmp_path, "--no-overlay").err
+    turf = tmp_path / "turf.png"
+    cv2.imwrite(str(turf), np.full((120, 160, 3), (60, 130, 70), np.uint8))
+    outcome = run_circlecal("calibrate", floor, turf, "--out", tmp_path, "--no-overlay")
+    assert "circlecal: floor: the ground is no turf; --field auto tries other sports\n" in outcome.err
+    outcome = run_circlecal("calibrate", turf, "--out", tmp_path, "--no-overlay")
+    assert "what was refused was taken for soccer; --field auto tries other sports" in outcome.err
+    for named in (("--field", "futsal"), ("--config", "broadcast")):
+        assert "other sports" not in run_circlecal("calibrate", turf, *named, "--out", tmp_path, "--no-overlay").err
     only_error(run_circlecal("convert", floor, "--field", "auto", "--to", "tvcalib"), "name the field")

@@ -74,7 +74,7 @@ def test_the_page_tells_what_got_better_and_what_worse(tmp_path, changed):
     for said in (
         "calibrated now, refused there 1 frames",
         "refused now, calibrated there 1",
-        "sigma below 80% of what",
+        "sigma below 80 % of what",
     ):
         assert said in words
     text = (report / "frames.js").read_text()

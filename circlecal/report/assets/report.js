@@ -220,8 +220,8 @@
       if (has(k, kind)) layers.push(Object.assign(picture(file(k, kind), alt), { className: `layer ${kind}` }));
     }
     stage.load(layers.length ? layers : [nothing("no picture and nothing to draw")]);
-    element("missing").textContent = drawn ? "the run's overlay: the frame's own file is gone"
-      : has(k, "frames") ? "" : "the frame's file is gone";
+    element("missing").textContent = has(k, "frames") && !drawn ? ""
+      : `${drawn ? "this is the run's overlay; " : ""}the frame's own file was not found: circlecal report --frames FOLDER tells where it is`;
     layered();
   };
   const layered = () => {
