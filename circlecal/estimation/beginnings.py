@@ -126,6 +126,6 @@ def _require_landmarks(task: Task, landmarks: Landmarks) -> None:
     raise refuse(
         "camera",
         code,
-        f"{words} the circle {name!r} were seen, and the {len(landmarks)} points and named lines beside it "
-        f"do not determine a camera: show {-(-enough // 2)} of them, or {MINIMUM_CIRCLE_POINTS} points of the circle",
+        f"{words} the circle {name!r} were seen, and what else is named ({len(landmarks)} lines and points) does not "
+        f"determine a camera: name {-(-enough // 2)} of them, or {MINIMUM_CIRCLE_POINTS} points of the circle",
     )

@@ -46,8 +46,8 @@ STEP_M = 0.5
 """Distance of the places along a drawn marking, metres: a chord of the circle then leaves it by 3 mm."""
 
 ADVICE = {
-    "no_circle": "Click the marking of the circle, or name three straight markings.",
-    "no_circle_found": "Click the circle's paint, or name three straight markings.",
+    "no_circle": "Name the circle, or four straight markings, or three and an arc.",
+    "no_circle_found": "Click the circle's paint, or name four straight markings, or three and an arc.",
     "circle_support_too_low": "If one of the dashed ellipses is a marking, click it and name it on the field.",
     "circle_off_marking": "If one of the dashed ellipses is a marking, click it and name it on the field.",
     "no_ellipse": "Mark more of the circle, or name another straight marking.",

@@ -7,7 +7,7 @@ and markings that are in view must be painted.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -97,7 +97,13 @@ class Interpretation:
         }
 
 
-def interpret(annotation: Annotation, measured: MeasuredPicture, config: Config) -> list[Interpretation]:
+def interpret(
+    annotation: Annotation,
+    measured: MeasuredPicture,
+    config: Config,
+    *,
+    is_wanted: Callable[[], bool] = lambda: True,
+) -> list[Interpretation]:
     """The best ways to name the lines of a frame, at most :data:`SHOWN`; none where it shows no curve.
 
     One line is named first; what then lies on its place, or may lie there and makes the camera surer, is named too.
@@ -110,20 +116,19 @@ def interpret(annotation: Annotation, measured: MeasuredPicture, config: Config)
         Its picture.
     config : Config
         Options of every stage.
+    is_wanted : callable
+        Asked after each name that is tried, of which there may be thirty with a second each; where the answer is no,
+        nothing is found.
     """
     template, circle = field_of(config)
     search = _Search(measured, config, template, circle)
-    if any(m.kind == "curve" and m.name is not None and m.used for m in annotation.markings):
-        taken = {m.name for m in annotation.markings if m.name is not None and m.used}
-        lines = [line.name for line in template.lines if line.name not in taken]
-        found = [
-            tried
-            for k in _longest_nameless(annotation)
-            for name in lines
-            if (tried := search.try_name(annotation, k, name))
-        ]
-    else:
-        found = list(_try_curves(annotation, search))
+    has_curve = any(m.kind == "curve" and m.name is not None and m.used for m in annotation.markings)
+    found: list[_Tried] = []
+    for tried in (_try_lines if has_curve else _try_curves)(annotation, search):
+        if not is_wanted():
+            return []
+        if tried is not None:
+            found.append(tried)
     best: list[_Tried] = []
     for tried in sorted(found, key=lambda t: t.offered.rank):
         if len(best) < SHOWN and not any(tried.offered.is_like(other.offered) for other in best):
@@ -131,16 +136,26 @@ def interpret(annotation: Annotation, measured: MeasuredPicture, config: Config)
     return sorted((search.extend(tried).offered for tried in best), key=lambda i: i.rank)
 
 
-def _try_curves(annotation: Annotation, search: _Search) -> Iterator[_Tried]:
-    """Curves that nobody named taken for a circle or an arc, together with the longest line."""
+def _try_lines(annotation: Annotation, search: _Search) -> Iterator[_Tried | None]:
+    """The longest lines taken for every straight marking that has no line yet; None for each that is refused."""
+    taken = {m.name for m in annotation.markings if m.name is not None and m.used}
+    for k in _longest_nameless(annotation):
+        for line in search.template.lines:
+            if line.name not in taken:
+                yield search.try_name(annotation, k, line.name)
+
+
+def _try_curves(annotation: Annotation, search: _Search) -> Iterator[_Tried | None]:
+    """Curves that nobody named taken for a circle or an arc, together with the longest line; None for each that is
+    refused.
+    """
     curves = [k for k, m in enumerate(annotation.markings) if m.kind == "curve" and m.name is None][:MOST_CURVES]
     for k in curves:
         for element in (*search.template.circles, *search.template.arcs):
             named = name_marking(annotation, k, element.name)
             for index in _longest_nameless(annotation)[:1]:
                 for name in _lines_beside(element, search.template):
-                    if tried := search.try_name(named, index, name, given={k: element.name}):
-                        yield tried
+                    yield search.try_name(named, index, name, given={k: element.name})
 
 
 def _lines_beside(element: Circle | Arc, template: FieldTemplate) -> list[str]:

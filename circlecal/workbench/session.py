@@ -75,6 +75,7 @@ class Session:
         self.config = config
         self._held: OrderedDict[int, OpenFrame] = OrderedDict()
         self._lock = threading.Lock()
+        self._search: object = None
         known = store.known()
         for index, frame in enumerate(self.frames):
             if store.path(frame.file.id).name in known:
@@ -140,6 +141,7 @@ class Session:
 
     def show(self, index: int) -> dict[str, Any]:
         """All that the page shows of a frame."""
+        self._search = None
         annotation = self.annotation(index)
         return self._show(index, annotation, answer(annotation, self.config, nameless=True))
 
@@ -155,6 +157,7 @@ class Session:
         ConfigError
             Its settings are no settings.
         """
+        self._search = None
         own = self.open(index).begun
         if (annotation.id, annotation.width, annotation.height) != (own.id, own.width, own.height):
             raise InputError(f"{annotation.id}: is not the annotation of {own.id}")
@@ -182,8 +185,12 @@ class Session:
         return [f.file.id, f.state, f.code, f.sigma_px, f.file.time_s, f.annotated, f.flag]
 
     def interpretations(self, index: int) -> list[Interpretation]:
-        """The best two ways to name what was measured, of a frame that is not calibrated."""
-        return interpret(self.annotation(index), self.open(index).measured, self.config)
+        """The best two ways to name what was measured, of a frame that is not calibrated; none where something else is
+        asked of the session meanwhile, since the search takes many seconds of the processor.
+        """
+        mine = self._search = object()
+        measured = self.open(index).measured
+        return interpret(self.annotation(index), measured, self.config, is_wanted=lambda: self._search is mine)
 
     def snap(self, index: int, points: Array, mode: str, name: str | None) -> Snapped:
         """Points on paint for a click, a drag or the clicks on a circle.

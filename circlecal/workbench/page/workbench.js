@@ -11,7 +11,7 @@ const SETTLE_MS = 350;
 const PRIORS = [["field.sizes.length", "field length, m", 105], ["field.sizes.width", "field width, m", 68], ["camera.crown_m", "crown at the circle, m", 0.05], ["camera.k1_mean", "lens, kappa", 0.03]];
 
 let field = null, map = null, list = null, index = -1, annotation = null, answer = null;
-let chosen = -1, active = null, offers = [], preview = null, unsaved = false, saving = null, settling = 0, opening = 0;
+let chosen = -1, active = null, offers = [], preview = null, unsaved = false, saving = null, settling = 0, opening = 0, searches = 0;
 const past = [], future = [];
 
 const copy = (value) => structuredClone(value);
@@ -89,7 +89,9 @@ const settle = guarded(async () => {
 const offer = async () => {
   const at = index, revision = annotation.revision;
   if (answer.status === "calibrated" || annotation.flag) return;
-  const found = await net.interpretations(at);
+  let found;
+  searches += 1; tell();
+  try { found = await net.interpretations(at); } finally { searches -= 1; tell(); }
   if (at !== index || annotation.revision !== revision || unsaved) return;
   offers = found;
   tell();
@@ -231,6 +233,7 @@ const tell = () => {
     button.addEventListener("mouseenter", () => show(true)); button.addEventListener("mouseleave", () => show(false));
     buttons.push(button);
   });
+  if (!buttons.length && searches && answer.status !== "calibrated") buttons.push(make("small", { textContent: "Looking for names that fit …" }));
   by("offers").replaceChildren(...buttons);
   by("active").textContent = active ? `marking: ${words(active)}` : chosen >= 0 ? "which marking is it?" : "";
   by("hint").textContent = active ? "Click or drag along it in the picture; click it here again to stop." : chosen >= 0 ? "Click its marking here, or press its key." : "Click something in the picture, then its marking here. Or a marking first, then its paint.";
