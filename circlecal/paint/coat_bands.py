@@ -171,6 +171,12 @@ class CoatBands(DenseProblem):
         which = _OF_BOTH if self._has_old else _OF_ONE
         return residual, slope.swapaxes(0, 1)[:, which] * factor[..., None]
 
+    def gain(self, parameters: Array) -> Array:
+        """By how much the bands of parameters (K, P) lower the loss of each sector (K, B)."""
+        left = self._leave(self._draw(self.read(parameters))[0])[0]
+        bare = self._level / self._profiles.noise
+        return np.asarray(_robust(bare) - _robust(left))
+
     def hint(self, alone: Array, beside_m: Array) -> Array:
         """By how much a faint old coat beside the band of parameters (P,), everywhere so far (A,), changes what that
         leaves of the profiles (A, B, S), over its strength.
@@ -232,8 +238,12 @@ class CoatBands(DenseProblem):
         return np.asarray((self._level - light[..., None] * band) / self._profiles.noise), light
 
     def _loss(self, residual: Array, parameters: Array) -> Array:
-        robust = ROBUST**2 * np.log1p((residual / ROBUST) ** 2).sum(axis=-1)
-        return np.asarray(robust + ((parameters / self._prior) ** 2).sum(axis=-1))
+        return np.asarray(_robust(residual) + ((parameters / self._prior) ** 2).sum(axis=-1))
+
+
+def _robust(residual: Array) -> Array:
+    """Cauchy's loss of residuals (..., S), summed."""
+    return np.asarray(ROBUST**2 * np.log1p((residual / ROBUST) ** 2).sum(axis=-1))
 
 
 def weigh(residual: Array) -> Array:

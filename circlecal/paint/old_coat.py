@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from circlecal.field import Circle, FieldTemplate
 from circlecal.field.view import FieldView
-from circlecal.geometry.least_squares import StoppingRule, minimise
+from circlecal.geometry.least_squares import NormalState, StoppingRule, minimise
 from circlecal.geometry.projective import Array
 from circlecal.paint.coat_bands import (
     REACH_M,
@@ -27,10 +27,10 @@ from circlecal.paint.coat_bands import (
     exchange_bands,
     find_sectors,
 )
-from circlecal.paint.coat_places import foretell_coats
+from circlecal.paint.coat_places import find_pairs, foretell_coats
 from circlecal.paint.profiles import GrayPicture, sample_profiles
 
-__all__ = ["OldCoat", "find_old_coat", "remove_old_coat", "sample_coats"]
+__all__ = ["OldCoat", "find_old_coats", "remove_old_coat", "sample_coats"]
 
 PLACES, SAMPLES = 9, 35
 """In each sector, whose profiles tell one mean profile; and samples of a profile."""
@@ -40,16 +40,17 @@ in view ten coats are told; from none of 120 frames without one, among them shor
 """
 BESIDE_PX = 4.0
 """How far beyond an old coat profiles reach, for the blur."""
-STRENGTHS, MOST_GROWTH_M = (0.12, 0.9), 0.25
-"""Of an old coat that is believed: fainter ones move nothing, and of two like ones nobody knows which is the new one.
-And by how much its radius may differ: a compass is set a few centimetres wrong, what lies farther is another circle.
+LEAST_STRENGTH, ALIKE, MOST_GROWTH_M = 0.12, 0.9, 0.25
+"""Of an old coat that is believed: fainter ones move nothing; of two coats that are more alike than the second the
+profiles do not say which is the new one; and a compass is set a few centimetres wrong, so what differs by more in its
+radius is another circle.
 Where new paint is worn as well its old coat has up to 0.85 of its light: of ten rendered circles whose coats have 0.65
-to 0.85 all are measured more truly without that, by 0.5 px instead of 0.15 (root mean square along the circle). Two at
-1.16 and 1.24 are told the other way round, which mends one, by 3 px, and not the other; one at 1.03 nobody can tell.
+to 0.85 all are measured more truly without that, by 0.5 px instead of 0.15 (root mean square along the circle). Of
+eight rendered circles that have coats of 0.92 to 0.97 the fainter one is the old one on two.
 """
 LEAST_GAIN = 87.0
 """By how much the second band must lower the chi-square, in units of what is left per sample: on 33 of 34 rendered
-circles with an old coat by 104 to 5,800, on 40 without one by 72 at most where its strength is one of those.
+circles with an old coat by 104 to 5,800, on 40 without one by 72 at most where its strength is told.
 """
 LEAST_FIRST_GAIN = 10.0
 """The gain after the first steps, below which the best start is not followed further: 60 rendered circles with a coat
@@ -94,14 +95,20 @@ class OldCoat:
     beside_m: Array
     blur_px: Array
     width_m: float
+    growth_m: float
     strength: float
     gain: float
 
     @property
     def is_told(self) -> bool:
-        """Whether it stands out, is surely the fainter one of both, and a circle of about the same size."""
-        is_fainter = STRENGTHS[0] <= self.strength <= STRENGTHS[1]
-        return self.gain >= LEAST_GAIN and is_fainter and abs(float(self.beside_m.mean())) <= MOST_GROWTH_M
+        """Whether it stands out, and its radius is about that of the new one."""
+        is_strong = self.gain >= LEAST_GAIN and self.strength >= LEAST_STRENGTH
+        return is_strong and abs(self.growth_m) <= MOST_GROWTH_M
+
+    @property
+    def is_alike(self) -> bool:
+        """Whether it has so much light that it may as well be the new one."""
+        return self.strength > ALIKE
 
     def shine(self, angle: Array, outside_m: Array) -> Array:
         """Gray levels (N,) that it adds at places so far outside the camera's curve, by their angle (N,)."""
@@ -153,25 +160,43 @@ def sample_coats(picture: GrayPicture, view: FieldView, circle: Circle, template
     return CoatProfiles(angle.mean(axis=1)[at], scale[at], reach[at, None] * share, level, turn, max(noise, 0.3))
 
 
-def find_old_coat(profiles: CoatProfiles, width_m: float) -> OldCoat | None:
-    """The fainter circle beside paint of about a width that explains its profiles best, if it is surely told."""
+def find_old_coats(profiles: CoatProfiles, width_m: float, may_be_alike: bool = False) -> tuple[OldCoat, ...]:
+    """What may be the old one of two circles that explain profiles of paint of about a width best: the fainter one; of
+    two that are alike each of both, where they may be; none where nothing is surely told.
+    """
     joined = _join_sectors(profiles)
     one, two = (CoatBands(joined, width_m, has_old=has_old) for has_old in (False, True))
     alone = minimise(one, one.evaluate(one.expected[None]), GLANCE_RULE).state
-    places = foretell_coats(joined, one, alone)
-    if len(places) == 0:
-        return None
-    starts = np.concatenate([np.tile(np.append(alone.parameters[0], 0.0), (len(places), 1)), places], axis=1)
+    starts = _list_starts(joined, one, alone, may_be_alike)
+    if len(starts) == 0:
+        return ()
     both = minimise(two, two.evaluate(starts), FIRST_RULE).state
     if _gain(alone.cost[0], both.cost.min(), joined) < LEAST_FIRST_GAIN:
-        return None
+        return ()
     one, two = (CoatBands(profiles, width_m, has_old=has_old) for has_old in (False, True))
     alone = minimise(one, one.evaluate(alone.parameters), RULE).state
-    both = minimise(two, two.evaluate(both.parameters[[np.argmin(both.cost)]]), RULE).state
-    if two.read(both.parameters).strength[0, 0] > 1.0:
-        both = minimise(two, two.evaluate(exchange_bands(both.parameters)), RULE).state
-    coat = _describe(two, both.parameters, profiles, _gain(alone.cost[0], both.cost[0], profiles))
-    return coat if coat.is_told else None
+    states = [minimise(two, two.evaluate(both.parameters[[np.argmin(both.cost)]]), RULE).state]
+    if two.read(states[0].parameters).strength[0, 0] > ALIKE:
+        states.append(minimise(two, two.evaluate(exchange_bands(states[0].parameters)), RULE).state)
+    told = [_describe(two, it.parameters, profiles, _gain(alone.cost[0], it.cost[0], profiles)) for it in states]
+    told.sort(key=lambda coat: coat.strength)
+    if not told[0].is_told or (told[0].is_alike and not may_be_alike):
+        return ()
+    return tuple(told) if told[0].is_alike else (told[0],)
+
+
+def _list_starts(profiles: CoatProfiles, one: CoatBands, alone: NormalState, may_be_alike: bool) -> Array:
+    """Parameters (K, P) of pairs of bands from which the best pair may be found: beside the one band that is all there
+    is, and apart from it where two coats may be alike.
+    """
+    places = foretell_coats(profiles, one, alone)
+    starts = np.concatenate([np.tile(np.append(alone.parameters[0], 0.0), (len(places), 1)), places], axis=1)
+    if not may_be_alike:
+        return starts
+    pairs = find_pairs(profiles, one)
+    more = np.zeros((len(pairs), starts.shape[1]))
+    more[:, :3], more[:, -3:] = pairs[:, :3], pairs[:, 3:]
+    return np.concatenate([starts, more])
 
 
 def _gain(alone: float, both: float, profiles: CoatProfiles) -> float:
@@ -183,7 +208,7 @@ def _describe(problem: CoatBands, parameters: Array, profiles: CoatProfiles, gai
     """The old coat of the pair of bands that parameters (1, P) stand for."""
     scale, bands = profiles.scale, problem.read(parameters)
     light, place, beside = problem.fit_light(bands)[0], bands.place[0] / scale, bands.beside[0] / scale
-    sizes = bands.blur[0], float(bands.width[0, 0] / scale[0]), float(bands.strength[0, 0])
+    sizes = bands.blur[0], float(bands.width[0, 0] / scale[0]), float(parameters[0, -3]), float(bands.strength[0, 0])
     return OldCoat(profiles.angle, scale, light, place, beside, *sizes, gain)
 
 

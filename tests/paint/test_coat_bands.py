@@ -1,12 +1,14 @@
 """Two bands of paint, their derivatives, and where an old coat is foretold."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.special import ndtr
 
 from circlecal.geometry.least_squares import StoppingRule, minimise
 from circlecal.paint.coat_bands import CoatBands, CoatProfiles, draw_old_band, exchange_bands, harmonics
-from circlecal.paint.coat_places import foretell_coats
+from circlecal.paint.coat_places import find_pairs, foretell_coats
 
 WIDTH_M = 0.12
 ANGLE = 2.0 * np.pi * (np.arange(30) + 0.5) / 30
@@ -80,3 +82,15 @@ def test_misfit_all_round_that_is_no_circle_is_none():
     profiles = make_profiles(0.0)
     profiles.level[...] += 1.5 * np.sin(profiles.offset_px * 0.9)
     assert len(foretell(profiles)) == 0
+
+
+def test_pairs_are_both_circles_wherever_the_camera_lies_between_them():
+    coat = np.array([0.0, -0.16, 0.16])
+    profiles = make_profiles(1.0, coat=coat)
+    away = harmonics(ANGLE, 1) @ coat * SCALE
+    between = replace(profiles, offset_px=profiles.offset_px - 0.5 * away[:, None])
+    pairs = find_pairs(between, CoatBands(between, WIDTH_M, has_old=False))
+    assert 0 < len(pairs) <= 6
+    expected = np.concatenate([-0.5 * coat, coat])
+    off = [np.abs(pairs[0] - sign * expected).max() for sign in (1.0, -1.0)]
+    assert min(off) < 0.09  # the grid is 0.08 m wide

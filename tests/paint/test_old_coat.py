@@ -12,7 +12,7 @@ from circlecal.field import load_field
 from circlecal.field.view import FieldView
 from circlecal.geometry.camera import Camera, image_center
 from circlecal.geometry.surface import Surface
-from circlecal.paint.old_coat import find_old_coat, remove_old_coat, sample_coats
+from circlecal.paint.old_coat import find_old_coats, remove_old_coat, sample_coats
 
 SOCCER = load_field("soccer")
 CIRCLE = SOCCER.circle_by_name[SOCCER.default_circle]
@@ -56,7 +56,13 @@ def picture(strength, seed=0):
 
 
 def look_for_coat(image, view=VIEW):
-    return find_old_coat(sample_coats(image, view, CIRCLE, SOCCER), SOCCER.marking_width_m)
+    return only_coat(sample_coats(image, view, CIRCLE, SOCCER))
+
+
+def only_coat(profiles):
+    coats = find_old_coats(profiles, SOCCER.marking_width_m)
+    assert len(coats) <= 1
+    return coats[0] if coats else None
 
 
 @pytest.fixture(scope="module")
@@ -113,7 +119,7 @@ def turn_camera(degrees):
 def test_half_of_the_circle_tells_an_old_coat(turned_coated):
     profiles = sample_coats(turned_coated, turn_camera(14.0), CIRCLE, SOCCER)
     assert len(profiles.angle) < 34
-    coat = find_old_coat(profiles, SOCCER.marking_width_m)
+    coat = only_coat(profiles)
     assert coat is not None
     expected = OLD[0] + OLD[1] * np.cos(coat.angle) + OLD[2] * np.sin(coat.angle)
     assert np.abs(coat.beside_m - expected).max() < 0.06
@@ -135,7 +141,32 @@ def test_the_fainter_one_of_two_coats_is_the_old_one(coated):
     profiles = sample_coats(coated, VIEW, CIRCLE, SOCCER)
     away = growth + x * np.cos(profiles.angle) + y * np.sin(profiles.angle)
     astray = replace(profiles, offset_px=profiles.offset_px - (away * profiles.scale)[:, None])
-    coat = find_old_coat(astray, SOCCER.marking_width_m)
+    coat = only_coat(astray)
     assert coat is not None
     assert coat.strength < 0.6
     assert np.abs(coat.beside_m - away).max() < 0.04
+
+
+def test_each_of_two_coats_that_are_alike_may_be_the_old_one():
+    """The camera was led between them, where one band runs along one of them here and along the other there."""
+    growth, x, y = OLD
+    profiles = sample_coats(picture(1.0), VIEW, CIRCLE, SOCCER)
+    away = growth + x * np.cos(profiles.angle) + y * np.sin(profiles.angle)
+    between = replace(profiles, offset_px=profiles.offset_px - (0.5 * away * profiles.scale)[:, None])
+    assert find_old_coats(between, SOCCER.marking_width_m) == ()
+    coats = find_old_coats(between, SOCCER.marking_width_m, may_be_alike=True)
+    assert len(coats) == 2
+    assert 0.9 < coats[0].strength <= coats[1].strength < 1.2
+    first, second = coats if np.dot(coats[0].beside_m, away) > 0.0 else coats[::-1]
+    for coat, sign in ((first, 1.0), (second, -1.0)):
+        assert np.abs(coat.beside_m - sign * away).max() < 0.04
+        assert np.abs(coat.place_m + sign * 0.5 * away).max() < 0.03
+        assert coat.growth_m == pytest.approx(sign * growth, abs=0.03)
+
+
+def test_a_coat_of_quite_another_radius_is_another_circle(coated):
+    coat = look_for_coat(coated)
+    assert coat.is_told
+    assert not replace(coat, growth_m=0.3).is_told
+    assert not replace(coat, gain=80.0).is_told
+    assert not replace(coat, strength=0.1).is_told
