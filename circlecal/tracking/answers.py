@@ -30,6 +30,8 @@ DOUBTFUL_PLACES, DOUBTFUL_FRAMES = 40, 15
 """A picture that should show so many places of paint, and is not confirmed by them, is answered only where confirmed
 frames lie as near as this on both sides: in a blurred moment of a fast pan.
 """
+GRID_M = 5.0
+"""Step of the grid over the pitch on which standard deviations are taken."""
 LARGEST_SIGMA_PX, MEAN_SIGMA_PX = 32.0, 8.0
 """Of the answer, anywhere on what is seen of the pitch and on average over it, pixels at 1920 px width. A camera that
 stands still before circle and near touchline leaves the width of its pitch open: 13 px in a corner of the picture, 5 on
@@ -103,7 +105,7 @@ def _answer_frame(entry: Entry, values: Array, covariance: Array, by_common: Arr
         return _refusal(entry, "lost")
     tripod = place.tripod
     view = tripod.view(values, covariance, by_common)
-    largest_px, mean_px = _visible_sigmas(view, place)
+    largest_px, mean_px, largest_m = _visible_sigmas(view, place)
     sigmas = (
         Check.of("sigma_px", largest_px, LARGEST_SIGMA_PX * place.unit),
         Check.of("mean_sigma_px", mean_px, MEAN_SIGMA_PX * place.unit),
@@ -117,7 +119,7 @@ def _answer_frame(entry: Entry, values: Array, covariance: Array, by_common: Arr
     head = Head(float(values[1]), float(values[2]), float(values[0]), covariance)
     frame = TrackedFrame(
         entry.index, entry.time_s, entry.size, entry.shot, tripod.name, "calibrated", None, None, view, head,
-        entry.carriers, checks, largest_px,
+        entry.carriers, checks, largest_px, largest_m,
     )  # fmt: skip
     if entry.missing > 0 or support > (DOUBTFUL_FRAMES if entry.expected >= DOUBTFUL_PLACES else FOLLOWED_FRAMES):
         return _refuse(frame, "paint_missing")
@@ -137,18 +139,19 @@ def _spread_of(entries: list[Entry]) -> float:
     return float((off + as_taken) / (expected + as_taken)) if expected > 0.0 else 1.0
 
 
-def _visible_sigmas(view: FieldView, place: Place) -> tuple[float, float]:
-    """Largest and mean standard deviation, pixels, over places of the pitch that the picture shows, each counted from
-    the middle of the pitch or from its nearer end, whichever it is told by better: where only one end is seen, how long
-    the pitch is says nothing of where that end is in the picture.
+def _visible_sigmas(view: FieldView, place: Place) -> tuple[float, float, float]:
+    """Largest and mean standard deviation, pixels, and the largest on the ground, metres, over places of the pitch that
+    the picture shows. In pixels each is counted from the middle of the pitch or from its nearer end, whichever it is
+    told by better: where only one end is seen, how long the pitch is says nothing of where that end is in the picture.
     """
-    points = view.visible_field(place.template, step_m=5.0)
+    points = view.visible_field(place.template, step_m=GRID_M)
     if len(points) == 0 or view.covariance is None or not isinstance(view.camera, Camera):
-        return float("inf"), float("inf")
+        return float("inf"), float("inf"), float("inf")
     seen = project(theta_of_view(view)[None], points[None], ProjectionModel.of(view.camera, view.surface))
     by_theta, by_field = (derivatives[0] for derivatives in seen.jacobians())
     with_end = by_theta.copy()
     with_end[:, :, INDEX["length"]] = by_field[:, :, 0] * np.sign(points[:, :1]) / 2.0
-    variances = [np.einsum("nip,pq,niq->n", rows, view.covariance, rows) for rows in (by_theta, with_end)]
-    sigma = np.sqrt(np.maximum(np.minimum(*variances), 0.0))
-    return float(np.nanmax(sigma)), float(np.nanmean(sigma))
+    on_ground = np.linalg.solve(by_field, by_theta)
+    variances = [((rows @ view.covariance) * rows).sum(axis=(1, 2)) for rows in (by_theta, with_end, on_ground)]
+    sigma = np.sqrt(np.maximum(np.minimum(*variances[:2]), 0.0))
+    return float(np.nanmax(sigma)), float(np.nanmean(sigma)), float(np.sqrt(np.nanmax(variances[2])))

@@ -167,7 +167,7 @@ def _measure(picture: LookedAt, fit: CameraFit, template: FieldTemplate, drawn: 
     variance = ((places.by_theta @ fit.covariance) * places.by_theta).sum(axis=1)
     spread = np.sqrt(np.maximum(variance, 0.0))
     unit = fit.model.width / 1920.0
-    return measure_markings(picture.gray, places, spread, unit, len(drawn.names), None, picture.grass)
+    return measure_markings(picture.gray, places, spread, unit, len(drawn.names), None, picture.grass)[0]
 
 
 def _measure_on_surface(

@@ -16,7 +16,7 @@ from circlecal.tracking.answers import FOLLOWED_FRAMES
 from circlecal.tracking.clock import StageClock
 from circlecal.tracking.entry import EXPECTED_PLACES, ClipFrame, Entry
 from circlecal.tracking.looking import LEAST_PLACES, Look, LookedAt, Place
-from circlecal.tracking.motion import SHUTTER, Flow, HeadMotion, estimate_motion, follow_corners, move_of_middle
+from circlecal.tracking.motion import SHUTTER, CornerTrail, Flow, HeadMotion, estimate_motion, move_of_middle
 
 HEAD_SD = (1e-3, 2e-4, 2e-4)
 """By how much a head that follows the motion may be off, for each frame that was not confirmed: logarithm of the focal
@@ -54,8 +54,10 @@ WIDE_PX = 1.0
 it was found: in a fast pan that only paint tells, profiles reach over the run-off beyond a far touchline, whose middle
 then is off by half a pixel.
 """
-GRASS_EVERY = 4
-"""The playing surface is looked for in every so many-th frame while the camera is followed."""
+GRASS_FRAMES, GRASS_WAY_PX = 10, 80.0
+"""The playing surface is looked for again after so many frames while the camera is followed, and where the picture has
+moved so far since, pixels at 1920 px width.
+"""
 LEAST_GRASS = 0.15
 """Share of the picture that the playing surface covers where a search is worth it."""
 PATIENCE = 12
@@ -128,12 +130,14 @@ class Follower:
     ) -> None:
         self._venue, self._config, self._template, self._clock, self._heads = venue, config, template, clock, heads
         self._places: dict[tuple[int, int], list[Place]] = {}
+        self._trail = CornerTrail()
         self._rng = np.random.default_rng(config.seed)
         self._last: LookedAt | None = None
         self._entry: Entry | None = None
         self._shot = 0
         self._since_cut, self._unconfirmed, self._contradicted = 0, 0, 0
         self._velocity, self._change = np.zeros(2), np.zeros(3)
+        self._since_surface, self._way_since_surface = 0, 0.0
         self._surface: Array | None = None
         """Colour of the playing surface where the paint last confirmed a camera."""
         self._behind: deque[_Kept] = deque()
@@ -141,18 +145,21 @@ class Follower:
 
     def follow(self, frame: ClipFrame) -> Entry:
         """The next frame."""
-        is_followed = self._entry is not None and self._entry.is_confirmed and frame.index % GRASS_EVERY != 0
+        is_followed = self._entry is not None and self._entry.is_confirmed and self._is_near_surface()
         mask = self._config.mask
         with self._clock.measure("picture"):
             picture = LookedAt.of(frame.picture, mask, self._last if is_followed else None)
             if not is_followed:
                 picture = picture.take_surface(self._surface)
+                self._since_surface, self._way_since_surface = 0, 0.0
         entry = Entry(frame.index, frame.time_s, picture.size, self._shot)
         before, last = self._entry, self._last
         flow = None
         if last is not None and last.size == picture.size:
             with self._clock.measure("motion"):
-                flow = follow_corners(last.small, picture.small, self._velocity)
+                flow = self._trail.follow(last.small, picture.small, self._velocity)
+        else:
+            self._trail.forget()
         look = None
         if before is not None and before.place is not None and flow is not None:
             look = self._continue(entry, before, picture, flow)
@@ -290,6 +297,12 @@ class Follower:
         """Expect the head to change as it did since the frame before."""
         self._change = change
         self._velocity = move_of_middle(change, before.head, place.tripod.model, place.tripod.mean)
+        self._since_surface += 1
+        self._way_since_surface += float(np.hypot(*self._velocity)) / place.unit
+
+    def _is_near_surface(self) -> bool:
+        """Whether the playing surface is where it was looked for last, as far as counts."""
+        return self._since_surface < GRASS_FRAMES and self._way_since_surface < GRASS_WAY_PX
 
     def _lose(self, entry: Entry, before: Entry | None, is_cut: bool) -> None:
         """Begin a shot, or go on in one, whose camera is not known so far."""

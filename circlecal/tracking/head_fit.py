@@ -6,13 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from circlecal.geometry.projective import Array, Indices
+from circlecal.geometry.projective import Array, Indices, Mask
 from circlecal.paint.profiles import median_of_rows
 from circlecal.rig.tripod import TripodEstimate
 from circlecal.tracking.markings import DrawnTemplate, MeasuredFrame
 from circlecal.tracking.tripod_fit import add_by_part, number_parts, residuals_of, sigmas_of
 
 ROUNDS = 5
+LINEAR_PX = 2.0
+"""How far markings may move, pixels at 1920 px width, before the fit is linearised again: what a turn by so much does
+beyond its first order is 0.003 px.
+"""
 LEAST_INFORMATION = 1e-6
 """Of a head that no paint shows, so that its equations can be solved."""
 LOSS_SCALE = 3.0
@@ -35,10 +39,10 @@ class HeadFit:
         How the paint alone pulls the head along with the common parameters: information times how its head follows.
     rms_px : float
         Root mean square of the weighted residuals.
-    inlier_share : float
-        Share of the paint that the camera explains.
-    crossing : float
-        How far the explained paint tells the pan, as a number of places: see :func:`count_crossing`.
+    by_head : (M, 3) array
+        Derivatives of the paint's distances by the head, pixels.
+    explained : (M,) bool
+        Which of the paint the camera explains.
     spread : (2,) array
         Square of how far the paint is off, in parts of the field, and what it is taken to be: see
         :func:`compare_spread`.
@@ -49,14 +53,46 @@ class HeadFit:
     by_common: Array
     pull: Array
     rms_px: float
-    inlier_share: float
-    crossing: float
+    by_head: Array
+    explained: Mask
     spread: Array
+
+    @property
+    def inlier_share(self) -> float:
+        """Share of the paint that the camera explains."""
+        return float(self.explained.mean()) if len(self.explained) else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class LinearPaint:
+    """How the paint of a frame lies beside its markings while the head is near a place.
+
+    Attributes
+    ----------
+    head : (3,) array
+        There.
+    away : (M,) array
+        Distances of the paint from where the head puts the markings, pixels.
+    by_head, by_common : (M, 3), (M, K) arrays
+        Their derivatives by the head, and by the common parameters.
+    """
+
+    head: Array
+    away: Array
+    by_head: Array
+    by_common: Array
+
+    @classmethod
+    def of(cls, measured: MeasuredFrame, head: Array, tripod: TripodEstimate, drawn: DrawnTemplate) -> LinearPaint:
+        """The paint of a frame about a head."""
+        theta, by_own, by_all = tripod.model.linearise_one(head, tripod.mean)
+        away, rows = residuals_of(measured, drawn, theta, tripod.model.projection)
+        return cls(head, away, rows @ by_own, rows @ by_all)
 
 
 def fit_head(
     measured: MeasuredFrame,
-    head: Array,
+    start: LinearPaint,
     prior: Array,
     tripod: TripodEstimate,
     drawn: DrawnTemplate,
@@ -68,8 +104,8 @@ def fit_head(
     ----------
     measured : MeasuredFrame
         Paint.
-    head, prior : (3,), (3, 3) arrays
-        Where the prior is, and its information.
+    start, prior : LinearPaint, (3, 3) array
+        The paint about the middle of the prior, and the prior's information.
     tripod : TripodEstimate
         The camera.
     drawn : DrawnTemplate
@@ -77,40 +113,38 @@ def fit_head(
     followed : (3, K) array, optional
         How the middle of the prior follows the common parameters; it stays where it is without.
     """
-    model, common, unit = tripod.model, tripod.mean, tripod.size[0] / 1920.0
-    start = head
-    sigma = np.zeros(0)
-    information, by_common, pull = np.zeros((3, 3)), *np.zeros((2, 3, len(common)))
-    rms, share, crossing, spread = np.inf, 0.0, 0.0, np.zeros(2)
+    if len(measured.marking) == 0:
+        nothing, unmoved = np.zeros((0, 3)), np.zeros((3, len(tripod.mean)))
+        told = np.zeros((3, 3)), unmoved, unmoved, np.inf, nothing, np.zeros(0, np.bool_), np.zeros(2)
+        return HeadFit(start.head, *told)
+    unit = tripod.size[0] / 1920.0
+    head, paint, known = start.head, start, prior + LEAST_INFORMATION * np.eye(3)
+    sigma = sigmas_of(measured, paint.away, unit)
     for step in range(ROUNDS):
-        theta, by_own, by_all = model.linearise_one(head, common)
-        away, rows = residuals_of(measured, drawn, theta, model.projection)
-        if len(away) == 0:
-            break
-        if step in (0, 2):
+        away = paint.away + paint.by_head @ (head - paint.head)
+        if np.abs(away - paint.away).max() > LINEAR_PX * unit:
+            paint = LinearPaint.of(measured, head, tripod, drawn)
+            away = paint.away
+        if step == 2:
             sigma = sigmas_of(measured, away, unit)
         values = away / sigma
         # at first what most of the paint says counts, however far off it is
         scale = max(LOSS_SCALE, 2.0 * float(median_of_rows(np.abs(values)))) if step < 2 else LOSS_SCALE
         weight = 1.0 / (1.0 + values**2 / scale**2) ** 2
-        jacobian = (rows @ by_own) / sigma[:, None]
-        information = (jacobian * weight[:, None]).T @ jacobian
-        gradient = (jacobian * weight[:, None]).T @ values + prior @ (head - start)
-        change = -np.linalg.solve(information + prior + LEAST_INFORMATION * np.eye(3), gradient)
+        jacobian = paint.by_head / sigma[:, None]
+        weighted = (jacobian * weight[:, None]).T
+        information = weighted @ jacobian
+        change = -np.linalg.solve(information + known, weighted @ values + prior @ (head - start.head))
         head = head + np.clip(change, -0.1, 0.1)
-        if step == ROUNDS - 1 or (step > 1 and np.abs(jacobian @ change).max() < 0.02):
-            root = (np.sqrt(weight) / sigma)[:, None]
-            seen_own, seen_all = root * (rows @ by_own), root * (rows @ by_all)
-            by_common, pull = follow_common(seen_own, seen_all, prior, followed), -seen_own.T @ seen_all
-            rms = float(np.sqrt((weight * away**2).sum() / max(weight.sum(), 1e-9)))
-            explained = np.abs(values) < LOSS_SCALE
-            share = float(explained.mean())
-            by_angle = rows @ by_own / np.exp(head[0])
-            from_middle = measured.points_px - model.projection.center
-            crossing = count_crossing(by_angle[explained], measured.normals[explained], from_middle[explained])
-            spread = compare_spread(number_parts(measured), away, weight / sigma**2, rows @ by_own, information + prior)
+        if step > 1 and np.abs(jacobian @ change).max() < 0.02:
             break
-    return HeadFit(head, information, by_common, pull, rms, share, crossing, spread)
+    root = (np.sqrt(weight) / sigma)[:, None]
+    seen_own, seen_all = root * paint.by_head, root * paint.by_common
+    by_common = follow_common(seen_own, seen_all, prior, followed)
+    rms = float(np.sqrt((weight * away**2).sum() / max(weight.sum(), 1e-9)))
+    spread = compare_spread(number_parts(measured), away, weight / sigma**2, paint.by_head, information + prior)
+    pull, explained = -seen_own.T @ seen_all, np.asarray(np.abs(values) < LOSS_SCALE, np.bool_)
+    return HeadFit(head, information, by_common, pull, rms, paint.by_head, explained, spread)
 
 
 def compare_spread(part: Indices, away: Array, weight: Array, by_own: Array, information: Array) -> Array:
@@ -175,9 +209,9 @@ def follow_common(by_own: Array, by_common: Array, prior: Array | None = None, f
         B, how the head that is known from elsewhere follows the common parameters; not at all without.
     """
     if prior is not None:
-        root = np.linalg.cholesky(prior + LEAST_INFORMATION * np.eye(3)).T
-        before = np.zeros((3, by_common.shape[1])) if followed is None else -root @ followed
-        by_own, by_common = np.vstack([by_own, root]), np.vstack([by_common, before])
+        known = prior + LEAST_INFORMATION * np.eye(3)
+        before = 0.0 if followed is None else known @ followed
+        return np.asarray(np.linalg.solve(by_own.T @ by_own + known, before - by_own.T @ by_common))
     if len(by_own) < by_own.shape[1]:
         return np.zeros((by_own.shape[1], by_common.shape[1]))
     return np.asarray(-np.linalg.lstsq(by_own, by_common, rcond=None)[0])

@@ -15,7 +15,7 @@ from circlecal.geometry.projective import Array
 from circlecal.paint.brightness import brightness_of_paint
 from circlecal.rig.tripod import PLACE, TripodEstimate
 from circlecal.stages.mask import MaskConfig
-from circlecal.tracking.head_fit import HeadFit, fit_head, follow_common
+from circlecal.tracking.head_fit import HeadFit, LinearPaint, count_crossing, fit_head, follow_common
 from circlecal.tracking.markings import DrawnTemplate, MeasuredFrame, measure_markings, place_markings, template_curves
 from circlecal.tracking.motion import SmallPicture
 from circlecal.tracking.search import RidgePicture, map_ridges, search_heads
@@ -94,11 +94,10 @@ class LookedAt:
             return cls(gray, SmallPicture.of(gray), beside.reduced, beside.region, mask)
         height, width = gray.shape
         step = max(1, width // (2 * SMALL_WIDTH_PX))
-        reduced = cv2.resize(
-            picture[::step, ::step], (SMALL_WIDTH_PX, round(SMALL_WIDTH_PX * height / width)),
-            interpolation=cv2.INTER_AREA,
-        )  # fmt: skip
-        colours = np.asarray(reduced, np.uint8)
+        # every so many-th pixel is enough for the averaging, and much faster to fetch
+        fetched = cv2.resize(picture, (width // step, height // step), interpolation=cv2.INTER_NEAREST)
+        size = SMALL_WIDTH_PX, round(SMALL_WIDTH_PX * height / width)
+        colours = np.asarray(cv2.resize(fetched, size, interpolation=cv2.INTER_AREA), np.uint8)
         region = find_field_region(colours, mask.detector.field_region)
         return cls(gray, SmallPicture.of(gray), colours, region, mask)
 
@@ -152,11 +151,12 @@ class LookedAt:
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """What a look brought: the paint, and the head that it says."""
+    """What a look brought: the paint, the head that it says, and where the middle (2,) of the picture is."""
 
     measured: MeasuredFrame
     fit: HeadFit
     is_confirmed: bool
+    middle_px: Array
 
     @property
     def worth(self) -> float:
@@ -166,7 +166,14 @@ class Look:
     @property
     def is_found(self) -> bool:
         """Whether the paint alone tells the head, without one that is known beside it."""
-        return self.is_confirmed and self.fit.crossing >= LEAST_CROSSING
+        return self.is_confirmed and self.crossing >= LEAST_CROSSING
+
+    @property
+    def crossing(self) -> float:
+        """How far the explained paint tells the pan, as a number of places: see :func:`count_crossing`."""
+        explained, by_angle = self.fit.explained, self.fit.by_head / np.exp(self.fit.head[0])
+        points, normals = self.measured.points_px[explained], self.measured.normals[explained]
+        return count_crossing(by_angle[explained], normals, points - self.middle_px)
 
     @property
     def is_sure(self) -> bool:
@@ -224,17 +231,17 @@ class Place:
         theta, by_own, by_all = model.linearise_one(head, tripod.mean)
         width = self.template.marking_width_m + tripod.mean[PLACE["width"]]
         places = place_markings(self.drawn, theta, model.projection, width)
+        by_head, by_tripod = places.by_theta @ by_own, places.by_theta @ by_all
         if by_common is None:
-            by_common = follow_common(places.by_theta @ by_own, places.by_theta @ by_all)
-        by_all = by_all + by_own @ by_common
-        spread = np.sqrt(
-            _variance(places.by_theta @ by_own, covariance) + _variance(places.by_theta @ by_all, tripod.covariance)
-        )
-        measured = measure_markings(
+            by_common = follow_common(by_head, by_tripod)
+        spread = np.sqrt(_variance(by_head, covariance) + _variance(by_tripod + by_head @ by_common, tripod.covariance))
+        measured, at = measure_markings(
             picture.gray, places, spread, self.unit, len(self.drawn.names), blur_px, picture.grass
         )
-        fit = fit_head(measured, head, np.asarray(np.linalg.inv(covariance)), tripod, self.drawn, by_common)
-        return Look(measured, fit, self.is_confirmed(measured, fit))
+        away = ((measured.points_px - places.pixels[at]) * measured.normals).sum(axis=1)
+        start = LinearPaint(head, away, -by_head[at], -by_tripod[at])
+        fit = fit_head(measured, start, np.asarray(np.linalg.inv(covariance)), tripod, self.drawn, by_common)
+        return Look(measured, fit, self.is_confirmed(measured, fit), model.projection.center)
 
     def follow_paint(self, head: Array, measured: MeasuredFrame) -> Array:
         """How a head (3,) that was found by its paint follows the common parameters (3, K)."""

@@ -45,8 +45,8 @@ GOAL_REACH_M, BORDER_M = 5.0, 0.3
 or a line counts as lying on its border. Beside posts and net the paint of rendered frames is off by 0.13 px, elsewhere
 by 0.01.
 """
-USUAL_BLUR, BIAS_BY_BLUR = 30.0, 0.3
-"""Percentile of the blurs along a picture's markings that is the picture's own, and by how much the middle of a marking
+USUAL_BLUR, BIAS_BY_BLUR = 0.3, 0.3
+"""Quantile of the blurs along a picture's markings that is the picture's own, and by how much the middle of a marking
 may be off per pixel of further blur. A far touchline before a strip of another colour looks broad on one side: over
 three rendered clips its middles are off by 0.06 px where the blur is the usual one, by 0.3 with one pixel more, by
 0.8 with two and a half.
@@ -85,8 +85,8 @@ halfway line that a rendered pan of 7 to 11 px smears no place is found, where a
 """
 PIECE = 24
 """Places in a row within which paint has one usual contrast."""
-BEND_STEP_RAD = 0.02
-"""Angle on a circle between places from which its curvature in the picture is told."""
+FAR_APART = 6.0
+"""Times the distance of neighbours, beyond which two places are not the neighbours of one between them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -277,31 +277,22 @@ def place_markings(
     ).all(1)
     inside &= seen.visible[0] & (width_px > FAINTEST_PX) & ~_lie_in_goals(field_m, drawn)
     rows = rows_of(drawn, marking, field_m, seen, normals)
-    bend = _curvatures(drawn, marking, field_m, normals, theta, model)
+    bend = _curvatures(marking, drawn.radius[marking] > 0, found, normals, spacing)
     found_places = marking, field_m, found, normals, width_px, scale, bend, rows
     return Places(*(values[inside] for values in found_places))
 
 
-def _curvatures(
-    drawn: DrawnTemplate, marking: Indices, field_m: Array, normals: Array, theta: Array, model: ProjectionModel
-) -> Array:
-    """Curvature (M,) of markings at places in the picture, per pixel, positive towards the normals; 0 of lines."""
-    curvature = np.zeros(len(marking))
-    at = np.flatnonzero(drawn.radius[marking] > 0)
-    if len(at) == 0:
-        return curvature
-    center = drawn.center[marking[at]]
-    beside = field_m[at] - center
-    turn = np.array([[-BEND_STEP_RAD], [0.0], [BEND_STEP_RAD]])
-    x = np.cos(turn) * beside[:, 0] - np.sin(turn) * beside[:, 1]
-    y = np.sin(turn) * beside[:, 0] + np.cos(turn) * beside[:, 1]
-    around = (np.stack([x, y], axis=-1) + center).reshape(-1, 2)
-    on_field = grow_places(drawn, np.tile(marking[at], len(turn)), around, theta)
-    before, here, after = project(theta[None], on_field[None], model).pixels[0].reshape(len(turn), -1, 2)
-    step = (after - before) / 2.0
-    bent = ((after - 2.0 * here + before) * normals[at]).sum(axis=1)
-    curvature[at] = bent / np.maximum((step**2).sum(axis=1), 1e-9)
-    return curvature
+def _curvatures(marking: Indices, is_round: Mask, pixels: Array, normals: Array, spacing_px: float) -> Array:
+    """Curvature (M,) of markings at places in the picture, per pixel, positive towards the normals; 0 of lines, and
+    where a marking is seen in parts.
+
+    Between places on either side of one, the normal turns by the curvature times the way.
+    """
+    before, after = (np.clip(np.arange(len(marking)) + k, 0, len(marking) - 1) for k in (-1, 1))
+    along, turned = pixels[after] - pixels[before], normals[after] - normals[before]
+    way = (along * along).sum(axis=1)
+    is_one = is_round & (marking[before] == marking[after]) & (way < (FAR_APART * spacing_px) ** 2)
+    return np.where(is_one, -(turned * along).sum(axis=1) / np.maximum(way, 1e-9), 0.0)
 
 
 def _lie_in_goals(field_m: Array, drawn: DrawnTemplate) -> Mask:
@@ -362,7 +353,7 @@ def measure_markings(
     count: int,
     blur_px: Array | None = None,
     grass: NDArray[np.uint8] | None = None,
-) -> MeasuredFrame:
+) -> tuple[MeasuredFrame, Indices]:
     """Look for paint at places.
 
     Parameters
@@ -384,7 +375,8 @@ def measure_markings(
 
     Returns
     -------
-    MeasuredFrame
+    MeasuredFrame, (P,) int array
+        The paint, and the numbers of the places that show it.
     """
     keep = spread_px < FARTHEST_SIGMA_PX * unit
     if grass is not None:
@@ -404,9 +396,10 @@ def measure_markings(
     if len(index) < 8:
         empty = np.zeros((0, 2))
         none = np.zeros(0)
-        return MeasuredFrame(
+        unseen = MeasuredFrame(
             marking[:0], empty, empty, empty, none, none, none, expected, np.zeros(count, dtype=np.int_)
         )
+        return unseen, index[:0]
     reach = max(ACROSS_PX * unit, 3.5) + 2.0 * spread_px[index] + places.width_px[index]
     if blur_px is not None:
         reach = reach + 0.5 * np.abs(normals @ blur_px)
@@ -437,18 +430,20 @@ def measure_markings(
     if blur_px is not None:
         shift, moved = places.shift_by_motion(blur_px)[index][on], np.abs(normals[on] @ blur_px)
     bias = np.hypot(_bias_sigmas(found.width[on], places.width_px[index][on], moved), shift)
-    return MeasuredFrame(
+    at = index[on]
+    measured = MeasuredFrame(
         marking[on],
-        places.field_m[index][on],
+        places.field_m[at],
         base[on] + (found.offset[on] - shift)[:, None] * normals[on],
         normals[on],
         found.width[on],
-        places.scale_px_m[index][on],
+        places.scale_px_m[at],
         np.where(is_expected[on], bias, np.where(is_alone[on], FAINT_BIAS_PX, PIECE_BIAS_PX) * unit),
         expected,
         painted,
         missing,
     )
+    return measured, at
 
 
 def _measure_faint(
@@ -483,5 +478,6 @@ def _bias_sigmas(width_px: Array, paint_px: Array, moved_px: Array) -> Array:
     if len(width_px) == 0:
         return np.zeros(0)
     blur = np.sqrt(np.maximum(width_px**2 - paint_px**2 - moved_px**2, 0.0))
-    usual = float(np.percentile(blur, USUAL_BLUR))
+    at = int(USUAL_BLUR * (len(blur) - 1))
+    usual = float(np.partition(blur, at)[at])
     return np.asarray(BIAS_BY_BLUR * np.maximum(blur - usual, 0.0))

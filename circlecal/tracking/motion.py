@@ -7,25 +7,27 @@ screen.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.geometry.camera import Camera
-from circlecal.geometry.camera_parameters import camera_of
 from circlecal.geometry.projective import Array
 from circlecal.paint.profiles import median_of_rows
 from circlecal.rig.tripod import TripodModel
 
 WIDTH_PX = 640
 """Width of the reduced picture. With 480 fast pans lose a third of their corners, with 960 it takes twice the time."""
-CORNERS = 220
+CORNERS = 150
 QUALITY, APART_PX = 0.002, 9.0
 """Of the corners: share of the best one's strength, and distance between neighbours, reduced pixels. The score on the
 screen stays sharp while a pan smears everything else: of one with 34 reduced pixels a frame, 26 corners had 0.01 of its
-strength, and 220 have 0.003.
+strength, and 220 have 0.003. With 150 corners rendered clips tremble as with 220.
+"""
+SEARCH_FRAMES, LEAST_KEPT, LARGEST_WAY_PX = 4, 0.7, 40.0
+"""Corners are looked for again after so many frames, where less than this share of them is left, and where the picture
+has moved so far, reduced pixels, that a strip of it has none. To look for them takes twice the time of following them.
 """
 WINDOW, LEVELS = (15, 15), 4
 THERE_AND_BACK_PX = 0.5
@@ -33,6 +35,8 @@ THERE_AND_BACK_PX = 0.5
 INLIER_PX = 0.8
 """How far a still corner may end from where the motion puts it, reduced pixels: their scatter is 0.1 to 0.2."""
 HYPOTHESES = 64
+POLISHES, WEIGHTINGS = 2, 3
+"""How often the motion is linearised about what was found, and how often all corners are weighed in between."""
 LEAST_INLIERS, LEAST_SHARE = 12, 0.25
 STILL_PX, MOVING_PX = 0.15, 0.8
 """Corners that stand still on the screen, while the others move more than the second, belong to a graphic."""
@@ -63,11 +67,19 @@ class SmallPicture:
             return cls(gray, 1.0)
         factor = width / WIDTH_PX
         size = (WIDTH_PX, round(height / factor))
-        return cls(np.asarray(cv2.resize(gray, size, interpolation=cv2.INTER_AREA), np.uint8), factor)
+        # halving takes a tenth of the time of any other mean over areas, and less than a halving needs none
+        while gray.shape[1] >= 2 * WIDTH_PX:
+            half = gray.shape[1] // 2, gray.shape[0] // 2
+            gray = np.asarray(cv2.resize(gray, half, interpolation=cv2.INTER_AREA), np.uint8)
+        return cls(np.asarray(cv2.resize(gray, size, interpolation=cv2.INTER_LINEAR), np.uint8), factor)
 
     def enlarge(self, points: Array) -> Array:
         """Coordinates (N, 2) in the whole picture."""
         return (points + 0.5) * self.factor - 0.5
+
+    def reduce(self, points: Array) -> Array:
+        """Coordinates (N, 2) in the reduced picture."""
+        return (points + 0.5) / self.factor - 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,23 +92,32 @@ class Flow:
     @property
     def median_px(self) -> float:
         """Median length of the way."""
-        return float(np.median(np.hypot(*(self.after - self.before).T))) if len(self.before) else 0.0
+        return float(median_of_rows(np.hypot(*(self.after - self.before).T))) if len(self.before) else 0.0
 
 
-def follow_corners(first: SmallPicture, second: SmallPicture, expected: Array | None = None) -> Flow:
+def find_corners(picture: SmallPicture) -> NDArray[np.float32]:
+    """Corners (N, 2) that can be followed, reduced pixels."""
+    corners = cv2.goodFeaturesToTrack(picture.gray, CORNERS, QUALITY, APART_PX, blockSize=5)
+    return np.zeros((0, 2), np.float32) if corners is None else np.asarray(corners, np.float32).reshape(-1, 2)
+
+
+def follow_corners(
+    first: SmallPicture, second: SmallPicture, corners: NDArray[np.float32], expected: Array | None = None
+) -> Flow:
     """Follow corners from one picture to the next.
 
     Parameters
     ----------
     first, second : SmallPicture
         Neighbouring frames.
+    corners : (N, 2) float32
+        Corners of the first one, reduced pixels.
     expected : (2,) array, optional
         How far the picture is expected to move, pixels of the whole one.
     """
-    corners = cv2.goodFeaturesToTrack(first.gray, CORNERS, QUALITY, APART_PX, blockSize=5)
-    if corners is None or len(corners) < LEAST_INLIERS:
+    if len(corners) < LEAST_INLIERS:
         return Flow(np.zeros((0, 2)), np.zeros((0, 2)))
-    start = np.asarray(corners, np.float32).reshape(-1, 1, 2)
+    start = corners.reshape(-1, 1, 2)
     moved = np.zeros(2) if expected is None else expected / first.factor
     guess = np.asarray(start + moved, np.float32)
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.02)
@@ -119,6 +140,40 @@ def follow_corners(first: SmallPicture, second: SmallPicture, expected: Array | 
     kept &= ((end[:, 0] >= 0) & (end[:, 0] <= size)).all(axis=1)
     before, after = (first.enlarge(p[kept, 0].astype(np.float64)) for p in (start, end))
     return Flow(before, after)
+
+
+@dataclass(slots=True)
+class CornerTrail:
+    """Corners that are followed through neighbouring pictures, until others are looked for.
+
+    Attributes
+    ----------
+    corners : (N, 2) float32
+        Where they are in the last picture, reduced pixels.
+    found, frames, way_px : int, int, float
+        How many were found, how many frames ago, and how far the picture has moved since, reduced pixels.
+    """
+
+    corners: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 2), np.float32))
+    found: int = 0
+    frames: int = 0
+    way_px: float = 0.0
+
+    def follow(self, first: SmallPicture, second: SmallPicture, expected: Array) -> Flow:
+        """How corners move from the picture that was followed into last to the next one."""
+        is_worn = self.frames >= SEARCH_FRAMES or self.way_px > LARGEST_WAY_PX
+        if is_worn or len(self.corners) < max(LEAST_KEPT * self.found, LEAST_INLIERS):
+            self.corners = find_corners(first)
+            self.found, self.frames, self.way_px = len(self.corners), 0, 0.0
+        flow = follow_corners(first, second, self.corners, expected)
+        self.corners = np.asarray(second.reduce(flow.after), np.float32)
+        self.frames += 1
+        self.way_px += flow.median_px / first.factor
+        return flow
+
+    def forget(self) -> None:
+        """Look for corners in the next picture, which is no neighbour of the last one."""
+        self.corners = self.corners[:0]
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,38 +230,40 @@ def estimate_motion(
             flow, away = Flow(flow.before[keep], flow.after[keep]), away[keep]
             count = len(away)
     world = _background(flow.before, head, model, common)
-    steps = np.array([1e-3, 1e-3, 1e-3])
+    step = 1e-3
 
-    def pixels_after(change: Array) -> Array:
-        """Pixels (B, N, 2) after changes (B, 3)."""
-        return model.project_world(head + change, common, world)
+    def pixels_after(changes: Array) -> Array:
+        """Pixels (B, 2 N) after changes (B, 3)."""
+        return model.project_world(head + changes, common, world).reshape(len(changes), -1)
 
-    here = pixels_after(np.zeros((1, 3)))[0]
-    by = np.stack([(p - here) / s for p, s in zip(pixels_after(np.diag(steps)), steps, strict=True)], axis=-1)
+    here, *beside = pixels_after(np.concatenate([np.zeros((1, 3)), step * np.eye(3)]))
+    by = (np.stack(beside, axis=-1) - here[:, None]) / step
+    # corners move from where they are, which the world that they are taken to be in shows within a few pixels
+    wanted = here + away.ravel()
     pairs = rng.integers(0, count, (HYPOTHESES, 2))
-    rows = by[pairs].reshape(HYPOTHESES, 4, 3)
-    wanted = (flow.after - here)[pairs].reshape(HYPOTHESES, 4, 1)
+    rows = by.reshape(count, 2, 3)[pairs].reshape(HYPOTHESES, 4, 3)
     normal = np.swapaxes(rows, 1, 2) @ rows
     normal += 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(3)
-    tried = np.linalg.solve(normal, np.swapaxes(rows, 1, 2) @ wanted)[..., 0]
+    asked = (wanted - here).reshape(count, 2)[pairs].reshape(HYPOTHESES, 4, 1)
+    tried = np.linalg.solve(normal, np.swapaxes(rows, 1, 2) @ asked)[..., 0]
     tried = np.clip(tried, -0.3, 0.3)
     limit = INLIER_PX * factor
-    error = np.hypot(*np.moveaxis((here + np.einsum("nij,bj->bni", by, tried)) - flow.after, -1, 0))
-    score = np.minimum(error / limit, 1.0).sum(axis=1)
+    score = np.minimum(_lengths(tried @ by.T + (here - wanted)) / limit, 1.0).sum(axis=1)
     change = tried[int(np.argmin(score))]
-    scale = limit
-    for _ in range(5):
-        at = pixels_after(change[None])[0]
-        rest = flow.after - at
-        size = np.hypot(*rest.T)
-        near = size < limit * 2
-        if np.count_nonzero(near) < LEAST_INLIERS:
-            return None
-        scale = max(1.4826 * float(median_of_rows(size[near])), 0.05 * factor)
-        weight = np.where(near, 1.0 / (1.0 + (size / (1.5 * scale)) ** 2), 0.0)
-        normal = np.einsum("n,nij,nik->jk", weight, by, by)
-        change = change + np.linalg.solve(normal, np.einsum("n,nij,ni->j", weight, by, rest))
-    inliers = int(np.count_nonzero(size < limit))
+    for _ in range(POLISHES):
+        rest = wanted - pixels_after(change[None])[0]
+        for _ in range(WEIGHTINGS):
+            size = _lengths(rest)
+            near = size < limit * 2
+            if np.count_nonzero(near) < LEAST_INLIERS:
+                return None
+            scale = max(1.4826 * float(median_of_rows(size[near])), 0.05 * factor)
+            weight = np.where(near, 1.0 / (1.0 + (size / (1.5 * scale)) ** 2), 0.0)
+            weighted = by * np.repeat(weight, 2)[:, None]
+            normal = weighted.T @ by
+            moved = np.linalg.solve(normal, weighted.T @ rest)
+            change, rest = change + moved, rest - by @ moved
+    inliers = int(np.count_nonzero(_lengths(rest) < limit))
     if inliers < LEAST_INLIERS or inliers < LEAST_SHARE * count:
         return None
     covariance = np.linalg.inv(normal) * scale**2
@@ -216,25 +273,25 @@ def estimate_motion(
     return HeadMotion(change, covariance, inliers / count, inliers)
 
 
+def _lengths(vectors: Array) -> Array:
+    """Lengths (..., N) of vectors (..., 2 N)."""
+    squared = vectors * vectors
+    return np.sqrt(squared[..., ::2] + squared[..., 1::2])
+
+
 def move_of_middle(change: Array, head: Array, model: TripodModel, common: Array) -> Array:
     """How far (2,) what is seen in the middle of a picture moves, pixels, while the head (3,) changes (3,)."""
-    camera = camera_of(model.thetas(head[None], common)[0], model.projection)
-    # what lies on the optical axis is seen in the middle, but for a few pixels
-    world = _place_in_world(camera, camera.R[2:])
-    before, after = model.project_world(np.stack([head, head + change]), common, world)[:, 0]
-    return np.asarray(after - before)
+    return model.shift_of_axis(np.stack([head, head + change]), common)
 
 
 def _background(pixels: Array, head: Array, model: TripodModel, common: Array) -> Array:
-    """Where corners (N, 2) are taken to be in the world (N, 3), metres: on the ground, or in the stands."""
-    camera = camera_of(model.thetas(head[None], common)[0], model.projection)
-    return _place_in_world(camera, camera.rays(pixels))
+    """Where corners (N, 2) are taken to be in the world (N, 3), metres: on the ground, or in the stands.
 
-
-def _place_in_world(camera: Camera, rays: Array) -> Array:
-    """Where rays (N, 3) of a camera meet the ground or the stands (N, 3), metres."""
+    Within a few pixels: what counts is how they move from where they are.
+    """
+    position, rays = model.rays_about(head, common, pixels)
     length = np.linalg.norm(rays, axis=1)
     with np.errstate(divide="ignore"):
-        ground = np.where(rays[:, 2] > 0, -camera.position_m[2] / rays[:, 2], np.inf)
+        ground = np.where(rays[:, 2] > 0, -position[2] / rays[:, 2], np.inf)
     depth = np.minimum(ground, BACKGROUND_M / length)
-    return np.asarray(camera.position_m + depth[:, None] * rays)
+    return np.asarray(position + depth[:, None] * rays)

@@ -14,7 +14,7 @@ from circlecal.camera.report import REACH_RADII, derive_points, homography_regio
 from circlecal.field import Circle, FieldTemplate
 from circlecal.field.view import FieldView
 from circlecal.geometry.camera import Camera
-from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel, homographies, project, theta_of
+from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel, homographies, theta_of
 from circlecal.geometry.homography import scale_homography
 from circlecal.geometry.projective import Array
 from circlecal.records.parts import RigRecord, SourceRecord
@@ -26,8 +26,6 @@ STAGE = "track"
 """The stage that frames of a clip are refused by."""
 _DIGITS, _SIGMA_DIGITS = 11, 5
 """Significant digits of estimates, which leaves a pixel exact to 1e-6, and of standard deviations."""
-_GRID_M = 6.0
-"""Step of the grid over the pitch on which the largest standard deviation is looked for."""
 _USUAL = 3.0
 """Standard deviations of itself and its template within which a pitch is one of the usual size."""
 _LEAST_EIGENVALUE = 1e-12
@@ -138,7 +136,7 @@ def _camera(frame: TrackedFrame, view: FieldView, form: RecordForm) -> dict[str,
         "field_size": _field_size(view, view.covariance, form.template),
         "covariance": _covariance(theta, view.covariance, form.full),
         "position_sigma_m": _round(np.sqrt(np.diag(view.covariance)[INDEX["x"] : INDEX["z"] + 1]), _SIGMA_DIGITS),
-        "max_sigma_m": _sigma_m(theta, view, form.template),
+        "max_sigma_m": None if frame.sigma_m is None else _round(frame.sigma_m, _SIGMA_DIGITS),
     }
 
 
@@ -176,11 +174,12 @@ def _covariance(theta: Array, covariance: Array, full: bool) -> dict[str, Any]:
     if full:
         return {"parameters": PARAMETERS, "estimate": theta, "matrix": covariance}
     own = np.flatnonzero((np.diag(covariance) > 0) | (theta != 0))
-    factor = _round(_cholesky(covariance[np.ix_(own, own)]), _SIGMA_DIGITS)
+    lower = np.tril_indices(len(own))
+    values = _round(_cholesky(covariance[np.ix_(own, own)])[lower], _SIGMA_DIGITS)
     return {
         "parameters": [PARAMETERS[k] for k in own],
         "estimate": _round(theta[own]),
-        "factor": [factor[row, : row + 1] for row in range(len(own))],
+        "factor": np.split(values, np.cumsum(np.arange(1, len(own)))),
     }
 
 
@@ -200,14 +199,6 @@ def _cholesky(covariance: Array) -> Array:
         lower = np.asarray(np.linalg.qr(root, mode="r")).T
     factor[np.ix_(free, free)] = sd[free, None] * lower
     return factor
-
-
-def _sigma_m(theta: Array, view: FieldView, template: FieldTemplate) -> float | None:
-    grid = view.visible_field(template, step_m=_GRID_M)
-    if view.covariance is None or not isinstance(view.camera, Camera) or not len(grid):
-        return None
-    model = ProjectionModel.of(view.camera, view.surface)
-    return float(_round(project(theta[None], grid[None], model).sigma(view.covariance)[1].max(), _SIGMA_DIGITS))
 
 
 def _head(head: Head) -> dict[str, Any]:

@@ -64,8 +64,8 @@ class TrackedFrame:
         What the answer rests on, the most important first.
     checks : tuple of Check
         Measured values behind the answer, with their limits.
-    sigma_px : float or None
-        Largest predicted error over what the picture shows of the pitch, pixels.
+    sigma_px, sigma_m : float or None
+        Largest predicted error over what the picture shows of the pitch: in the picture, and on the ground.
     """
 
     index: int
@@ -81,3 +81,4 @@ class TrackedFrame:
     carriers: tuple[Carrier, ...] = ()
     checks: tuple[Check, ...] = ()
     sigma_px: float | None = None
+    sigma_m: float | None = None

@@ -61,6 +61,7 @@ def tracked(index: int, time_s: float, size: tuple[int, int] = SIZE) -> TrackedF
         carriers=("circle", "lines"),
         checks=(Check("paint", 0.9, 0.5, True),),
         sigma_px=0.3,
+        sigma_m=0.02,
     )
 
 

@@ -104,8 +104,9 @@ def test_pictures_between_tell_the_size_of_the_pitch(monkeypatch: pytest.MonkeyP
     def look(place: object, picture: object, head: np.ndarray, blur_px: object) -> Look:
         return Look(
             measure_ideal(head, growth, 0.1, rng),
-            HeadFit(head, nothing, nothing, nothing, 0.1, 1.0, 99, np.zeros(2)),
+            HeadFit(head, nothing, nothing, nothing, 0.1, nothing, np.zeros(0, np.bool_), np.zeros(2)),
             True,
+            np.zeros(2),
         )
 
     monkeypatch.setattr(closer_look, "_look_closely", look)
@@ -135,8 +136,8 @@ def test_a_size_that_frames_left_open_stays_near_the_usual_one(monkeypatch: pyte
     nothing = np.zeros((3, 3))
 
     def look(place: object, picture: object, head: np.ndarray, blur_px: object) -> Look:
-        fit = HeadFit(head, nothing, nothing, nothing, 0.1, 1.0, 99, np.zeros(2))
-        return Look(measure_ideal(head, np.array([0.0, 0.6]), 0.1, rng), fit, True)
+        fit = HeadFit(head, nothing, nothing, nothing, 0.1, nothing, np.zeros(0, np.bool_), np.zeros(2))
+        return Look(measure_ideal(head, np.array([0.0, 0.6]), 0.1, rng), fit, True, np.zeros(2))
 
     monkeypatch.setattr(closer_look, "_look_closely", look)
     monkeypatch.setattr(head_path, "MOST_MORE", 3)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from circlecal.tracking.head_fit import fit_head
+from circlecal.tracking.head_fit import LinearPaint, fit_head
 from circlecal.tracking.markings import template_curves
 from circlecal.tracking.tripod_fit import number_parts
 from tests.tracking.scenes import HEAD, measure_ideal, template, tripod
@@ -23,7 +23,8 @@ def _spread(noise_px: float, alike_px: float) -> float:
         part = np.unique(number_parts(measured), return_inverse=True)[1]
         off = rng.normal(0.0, alike_px, part.max() + 1)[part] if alike_px else np.zeros(len(part))
         moved = replace(measured, points_px=measured.points_px + off[:, None] * measured.normals)
-        spread += fit_head(moved, HEAD, PRIOR, tripod(), template_curves(template())).spread
+        start = LinearPaint.of(moved, HEAD, tripod(), template_curves(template()))
+        spread += fit_head(moved, start, PRIOR, tripod(), template_curves(template())).spread
     return float(spread[0] / spread[1])
 
 
@@ -37,3 +38,16 @@ def test_paint_that_is_better_than_it_says_tells_so() -> None:
 def test_what_parts_of_the_field_are_off_alike_counts_with_all_their_places() -> None:
     noise, alike = _spread(0.1, 0.0), _spread(0.1, 0.1)
     assert alike > 3.0 * noise
+
+
+def test_a_head_is_found_from_far_beside_it_as_from_near() -> None:
+    rng, drawn = np.random.default_rng(9), template_curves(template())
+    measured, free = measure_ideal(HEAD, np.zeros(2), 0.1, rng), np.eye(3) * 1e-3
+    near, far = (
+        fit_head(measured, LinearPaint.of(measured, HEAD + away, tripod(), drawn), free, tripod(), drawn)
+        for away in (np.zeros(3), np.array([0.01, 0.006, -0.004]))
+    )
+    # 0.006 are 9 px, where a turn of the camera is no longer linear by far more than this
+    assert np.abs((far.head - near.head) * [640.0, 1500.0, 1500.0]).max() < 0.01
+    assert far.inlier_share > 0.98
+    np.testing.assert_allclose(far.information, near.information, rtol=0.02)

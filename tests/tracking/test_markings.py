@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from circlecal.tracking.markings import Places, measure_markings
+from circlecal.geometry.camera_parameters import project
+from circlecal.tracking.markings import Places, grow_places, measure_markings, place_markings, template_curves
 from circlecal.tracking.one_line import keep_one_line
+from tests.tracking.scenes import HEAD, template, tripod
 
 
 @pytest.mark.parametrize(("beside", "is_two"), [(4, False), (20, True)])
@@ -34,5 +36,30 @@ def test_paint_that_a_pan_smears_need_not_be_seen(blur_px: tuple[float, float], 
         np.zeros(count, np.int_), np.zeros((count, 2)), pixels, np.tile([1.0, 0.0], (count, 1)), np.full(count, 6.0),
         np.full(count, 50.0), np.zeros(count), np.zeros((count, 1)),
     )  # fmt: skip
-    measured = measure_markings(grass, places, np.ones(count), 1.0, 1, np.array(blur_px))
+    measured, _ = measure_markings(grass, places, np.ones(count), 1.0, 1, np.array(blur_px))
     assert measured.missing == missing
+
+
+def test_circles_bend_in_the_picture_as_their_places_do_and_lines_do_not() -> None:
+    drawn, camera = template_curves(template()), tripod()
+    theta = camera.model.thetas(HEAD[None] + np.array([0.0, 0.35, -0.02]), camera.mean)[0]
+    places = place_markings(drawn, theta, camera.model.projection, 0.12)
+    on_circle = places.marking == np.flatnonzero(drawn.is_circle)[0]
+    assert np.count_nonzero(on_circle) > 60
+    assert (places.curvature[drawn.radius[places.marking] == 0] == 0.0).all()
+    angle = np.arctan2(*places.field_m[on_circle].T[::-1])
+    turned = [drawn.radius[places.marking[on_circle]][:, None] * np.stack([np.cos(a), np.sin(a)], axis=-1)
+              for a in (angle - 0.02, angle, angle + 0.02)]  # fmt: skip
+    number = places.marking[on_circle]
+    before, here, after = (
+        project(theta[None], grow_places(drawn, number, points, theta)[None], camera.model.projection).pixels[0]
+        for points in turned
+    )
+    bent = ((after - 2.0 * here + before) * places.normals[on_circle]).sum(axis=1)
+    exact = bent / (((after - before) / 2.0) ** 2).sum(axis=1)
+    told = places.curvature[on_circle]
+    assert np.count_nonzero(told) > 0.9 * len(told)
+    # at the tips of the ellipse neighbours are a third of its bend apart
+    is_flat = (told != 0) & (np.abs(exact) < 0.005)
+    assert np.count_nonzero(is_flat) > 40
+    np.testing.assert_allclose(told[is_flat], exact[is_flat], rtol=0.06)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
+
 import cv2
 import numpy as np
+import pytest
 
-from circlecal.tracking.motion import Flow, SmallPicture, estimate_motion, follow_corners
+from circlecal.tracking import motion
+from circlecal.tracking.motion import CornerTrail, Flow, SmallPicture, estimate_motion, find_corners, follow_corners
 from tests.tracking.scenes import HEAD, tripod
 
 
@@ -49,6 +53,34 @@ def test_a_sharp_score_does_not_take_the_corners_of_a_smeared_picture() -> None:
         picture = 100.0 + 2.0 * (smeared - smeared.mean())
         picture[20:44, 40:200] = score
         seen.append(SmallPicture.of(np.clip(picture, 0, 255).astype(np.uint8)))
-    flow = follow_corners(*seen, expected=np.array([-way, 0.0]))
+    flow = follow_corners(*seen, find_corners(seen[0]), expected=np.array([-way, 0.0]))
     moved = np.abs(flow.after - flow.before + (way, 0.0)).max(axis=1) < 1.0
     assert np.count_nonzero(moved) > 60
+
+
+@pytest.mark.parametrize(("way", "searches"), [(3, 3), (30, 5)])
+def test_corners_are_followed_for_some_frames_and_looked_for_again_where_the_picture_is_new(
+    way: int, searches: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frames = 10
+    stands = np.random.default_rng(8).uniform(0.0, 255.0, (360, 640 + frames * way))
+    stands = np.clip(4.0 * (cv2.GaussianBlur(stands, (0, 0), 2.0) - 127.5) + 127.5, 0, 255).astype(np.uint8)
+    seen = [SmallPicture.of(np.ascontiguousarray(stands[:, k * way : k * way + 640])) for k in range(frames)]
+    looked_at: list[SmallPicture] = []
+
+    def note(picture: SmallPicture) -> np.ndarray:
+        looked_at.append(picture)
+        return find_corners(picture)
+
+    monkeypatch.setattr(motion, "find_corners", note)
+    trail = CornerTrail()
+    for first, second in itertools.pairwise(seen):
+        flow = trail.follow(first, second, np.array([-float(way), 0.0]))
+        assert len(flow.before) > 60
+        assert np.abs(flow.after - flow.before + (way, 0.0)).max(axis=1).mean() < 0.1
+        # corners that entered with the picture are among them
+        assert flow.before[:, 0].max() > 640 - 2 * motion.LARGEST_WAY_PX
+    assert len(looked_at) == searches
+    trail.forget()
+    trail.follow(seen[0], seen[1], np.zeros(2))
+    assert looked_at[-1] is seen[0]
