@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Any
 
 import typer
@@ -29,6 +29,8 @@ from circlecal.cli.track import track
 from circlecal.errors import InputError, InterruptedCommandError
 
 _TAKES_EMPTY_LISTS = "bench"
+_KNOW_URLS = ("annotate", "batch", "calibrate", "debug", "track", "bench")
+"""Commands that fetch URLs, or say themselves what to do; as a path to any other one a URL would lose a slash."""
 _UsageError: Any = typer.BadParameter.__base__  # typer has no public name for it
 
 
@@ -47,10 +49,21 @@ def _report_in_one_line() -> Iterator[None]:
         raise InputError(f"{wrong}; see {command} --help") from None
 
 
+def _refuse_urls(args: Sequence[str]) -> None:
+    for text in args:
+        if "://" in text:
+            from circlecal.pictures.remote import PROTOCOLS
+
+            if text.partition("://")[0].lower() in PROTOCOLS:
+                raise InputError(f"{text}: is a URL; save what it names, and give the file")
+
+
 class _Commands(TyperGroup):
     def make_context(self, info_name: str | None, args: list[str], *arguments: Any, **named: Any) -> Any:
         if "" in args and args[0] != _TAKES_EMPTY_LISTS:  # as a path it would be the working folder
             raise InputError("an argument is empty; name a file or folder, or leave it out")
+        if args and args[0] not in _KNOW_URLS:
+            _refuse_urls(args)
         with _report_in_one_line():
             return super().make_context(info_name, args, *arguments, **named)
 

@@ -124,6 +124,7 @@ def batch(
     sampling = Sampling.parse(every or DEFAULT_EVERY, start, end)
     if not videos and (every or start or end):
         raise InputError("--every, --start and --end choose frames of videos, and no video is given")
+    options.note_late_start(videos, sampling)
     out = options.folder_of_run(out, run.digest, ask=console.can_ask() and not quiet, restart=restart)
     run = replace(run, out=out if files else None, annotations=annotations or out / ANNOTATION_FOLDER)
     counts = _calibrate(

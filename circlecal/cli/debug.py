@@ -65,9 +65,15 @@ def debug(
     prepare_folder(out)
     template, _ = field_of(chosen)
     summaries, written = [], []
+    failures: list[Exception] = []
+    report = console.error_reporter(failures)
     for frame in frames:
-        stored = find_annotation(annotations or out / ANNOTATION_FOLDER, frame.id, frame.path)
-        picture, calibration = calibrate_frame(frame, chosen, mask, keypoints)
+        try:
+            stored = find_annotation(annotations or out / ANNOTATION_FOLDER, frame.id, frame.path)
+            picture, calibration = calibrate_frame(frame, chosen, mask, keypoints)
+        except InputError as error:
+            report(error)
+            continue
         if stored is not None:
             by_hand = calibrate_annotation(stored.annotation, chosen).attempt
             looked_at = replace(
@@ -79,9 +85,11 @@ def debug(
         write_result(out / frame.id / "result.json", record)
         written += write_stage_pictures(picture, calibration, shown, out / frame.id, chosen.output.jpeg_quality)
         summaries.append(summarise(record))
-    if not quiet:
+    if summaries and not quiet:
         console.print_summaries(summaries)
         for path in written:
             console.print_line(str(path))
+    if failures:
+        raise typer.Exit(2)
     if any(summary.status != "calibrated" for summary in summaries):
         raise typer.Exit(1)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from circlecal.formats.inputs import FrameOfFile
     from circlecal.pictures.files import PictureFile
     from circlecal.pictures.inputs import Inputs
-    from circlecal.pictures.video import Video
+    from circlecal.pictures.video import Sampling, Video
 
 
 def complete_config(incomplete: str) -> list[str]:
@@ -410,8 +410,8 @@ def _report_moving_and_remote(named: Inputs, report: Callable[[Exception], None]
         (named.urls, "is a URL; use circlecal batch"),
     ):
         if left:
-            more = f" and {len(left) - 1} more" if len(left) > 1 else ""
-            error = InputError(f"{left[0]}{more}: {mend}")
+            more = f" (and {len(left) - 1} more like it)" if len(left) > 1 else ""
+            error = InputError(f"{left[0]}: {mend}{more}")
             if not named.paths:
                 raise error
             report(error)
@@ -494,6 +494,18 @@ def choose_frames_and_videos(
     return frames, videos
 
 
+def note_late_start(videos: Sequence[Video], sampling: Sampling) -> None:
+    """Say of which videos nothing is taken, since they end before the time that was asked for."""
+    from circlecal.cli import console
+
+    for video in videos:
+        if 0.0 < video.duration_s <= sampling.start_s:
+            console.print_note(
+                f"{video.path}: ends {video.duration_s:.1f} s after its first frame, as its header says, and "
+                f"--start asks for {sampling.start_s:g} s"
+            )
+
+
 def choose_videos(inputs: Sequence[str], report: Callable[[Exception], None]) -> list[Video]:
     """The videos among the inputs, with different names; those that cannot be read are reported.
 
@@ -509,6 +521,8 @@ def choose_videos(inputs: Sequence[str], report: Callable[[Exception], None]) ->
     from circlecal.pictures.video import Video
 
     named = expand_inputs(inputs)
+    if named.urls:
+        raise InputError(f"{named.urls[0]}: is a URL; save the video, and give its file")
     for path in named.paths:
         require_input(path)
     if not named.videos:

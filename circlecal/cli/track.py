@@ -75,6 +75,7 @@ def track(
     sampling, exports = Sampling.parse(every or DEFAULT_EVERY, start, end), options.choose_exports(to, eval_size)
     failures: list[Exception] = []
     videos = options.choose_videos(inputs, console.error_reporter(failures))
+    options.note_late_start(videos, sampling)
     refused = 0
     if videos:
         if chosen.field.template == AUTO:

@@ -17,7 +17,7 @@ second if they lay in one valley: odds of 20 : 1, and five standard deviations. 
 from the circle differ by 0.2.
 """
 
-SEVERAL_LINES = 2
+DECIDING_LINES = 2
 """By so many further markings that it names one optimum is better than the other, whatever noise each leaves: they hold
 each other. In a rendered hall the rim of a logo is fitted twice as well by a camera that names no line as by the true
 one, which names both touchlines.
@@ -42,7 +42,7 @@ def choose_optimum(finished: list[tuple[Task, Fit]], known: int) -> tuple[Task, 
     more.
     """
     named = [len(set(task.names.values())) for task, _ in finished]
-    if max(named) - min(named) >= SEVERAL_LINES:
+    if max(named) - min(named) >= DECIDING_LINES:
         return finished[int(np.argmax(named))]
     alike = share_noise([(fit.problem, fit.state) for _, fit in finished])
     worlds = [USUAL if fit.posterior is None else fit.posterior.world for _, fit in finished]

@@ -40,7 +40,7 @@ DOUBTED_SHARE = 0.1
 naming costs more time than it mends. Chosen without a measurement of its own.
 """
 
-SEVERAL_LINES = 2
+SETTLING_LINES = 2
 """So many further markings at their places on a usual field leave little doubt about its size."""
 
 TOLD_SHARE = 0.15
@@ -335,7 +335,7 @@ def _may_be_of_any_size(task: Task, usual: tuple[Task, Fit], answers: list[Answe
     length_px = {k: _length_of_view_px(line.points_px) for k, line in lines if len(line.points_px) >= FEWEST_POINTS}
     nameless = {k for k in length_px if task.observations.lines[k].line is None and k not in named.names}
     nameless_px = sum(length_px[k] for k in nameless)
-    if len(set(named.names.values())) >= SEVERAL_LINES and nameless_px < sum(
+    if len(set(named.names.values())) >= SETTLING_LINES and nameless_px < sum(
         length_px.get(k, 0.0) for k in named.names
     ):
         return False

@@ -45,7 +45,7 @@ EXTENT_SLACK_SHARE, EXTENT_SLACK_M, EXTENT_SIGMAS = 0.15, 3.0, 2.0
 deviations of the field's sizes: an uncertain camera slides along a line, too, and a penalty area along and across its
 own lines.
 """
-MOST_BEYOND_RULES_M = 3.0
+ROUGHLY_BEYOND_RULES_M = 3.0
 """Metres by which names may make a field smaller or larger than the rules of its sport allow: a rough fit is a metre
 or two off.
 """
@@ -196,7 +196,7 @@ def has_allowed_size(theta: Array, template: FieldTemplate) -> Mask:
 def _limits_of_sizes(template: FieldTemplate) -> Array:
     """Least and largest (2, 2) of the parameters length and breadth of fields that may be told by names."""
     ranges = [(np.array(e.range_m or (-np.inf, np.inf)) - e.size_m) for e in template.extents]
-    return np.array(ranges) + np.array([-MOST_BEYOND_RULES_M, MOST_BEYOND_RULES_M])
+    return np.array(ranges) + np.array([-ROUGHLY_BEYOND_RULES_M, ROUGHLY_BEYOND_RULES_M])
 
 
 def _lie_within(sizes: Array, limits: Array) -> Mask:

@@ -117,10 +117,11 @@ def _read_list(path: Path, within: bool) -> Iterator[Path | str]:
             yield name
             continue
         beside = path.parent / name
-        found = beside if exists(beside) or _PATTERN.search(name) or _NUMBER.search(name) else Path(name)
+        is_pattern = bool(_PATTERN.search(name) or _NUMBER.search(name))
+        found = beside if is_pattern or exists(beside) else Path(name)
         if path.is_absolute():
             found = found.absolute()
-        if not exists(found) and found != beside:
+        if not (is_pattern or exists(found)):
             raise InputError(f"{path}, line {number}: {name}: no such file or folder")
         yield from _expand(str(found), within=True)
 

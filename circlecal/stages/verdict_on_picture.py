@@ -93,13 +93,13 @@ LOWEST_FREE_M = 1.5
 """A camera that stands lower, metres, sees boards and walls around the field above its horizon, on grass too: those of
 rendered robots' fields reach to 1 m and have a rail of the carpet's colour.
 """
-SEVERAL_LINES = 2
-"""One line is easily named wrongly."""
+CONFIRMING_LINES = 2
+"""So many further lines confirm circle and halfway line: one is easily named wrongly."""
 
 
 def kinds_of_confirmation(camera: CameraFit, cues: Cues) -> int:
     """How many of these confirm circle and halfway line: the centre mark, several other lines."""
-    return int(_has_mark(camera, cues)) + int(len(camera.named_lines) >= SEVERAL_LINES)
+    return int(_has_mark(camera, cues)) + int(len(camera.named_lines) >= CONFIRMING_LINES)
 
 
 def _has_mark(camera: CameraFit, cues: Cues) -> bool:
@@ -154,7 +154,7 @@ def weigh_evidence(
     is_floor = _may_have_walls(camera, template) and carried >= FLOOR_LINES
     least_painted = LEAST_PAINTED_MARKED if lines > 0 and marks > 0 else LEAST_PAINTED
     least_painted = LEAST_PAINTED_CARRIED if lines >= CARRYING_LINES else least_painted
-    longest_bare = LONGEST_BARE_CONFIRMED if lines >= SEVERAL_LINES and marks > 0 else LONGEST_BARE
+    longest_bare = LONGEST_BARE_CONFIRMED if lines >= CONFIRMING_LINES and marks > 0 else LONGEST_BARE
     own = (
         Check.of("unexplained_widths", unexplained, MOST_UNEXPLAINED * (1 + further)),
         Check.of("painted_share_of_carriers", evidence.painted_share, least_painted, at_least=True),
@@ -241,4 +241,4 @@ def _is_confirmed_by_homography(H: Array, cues: Cues, template: FieldTemplate, c
     drawn = normalise_line(transform_lines(H, np.array([template.line_coordinates(line) for line in lines])))
     # root mean square distance of each seen line's points from the nearest drawn one
     seen = [np.sqrt(np.mean((lift(cue.points_px) @ drawn.T) ** 2, axis=0)).min(initial=np.inf) for cue in cues.lines]
-    return sum(rms <= near_px for rms in seen) >= SEVERAL_LINES
+    return sum(rms <= near_px for rms in seen) >= CONFIRMING_LINES

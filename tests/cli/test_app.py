@@ -133,6 +133,13 @@ def test_wrong_use_is_one_line_that_names_the_help(run_circlecal, arguments, tol
     assert outcome.err.endswith(" --help\n")
 
 
+@pytest.mark.parametrize("command", ["project", "report", "rig", "convert"])
+def test_a_url_where_a_file_is_meant_is_told_whole(run_circlecal, command):
+    outcome = run_circlecal(command, "https://server/x.json")
+    assert (outcome.code, outcome.out) == (2, "")
+    assert outcome.err == "circlecal: error: https://server/x.json: is a URL; save what it names, and give the file\n"
+
+
 def test_help_imports_nothing_heavy():
     code = f"import sys, circlecal.cli.app; print([m for m in {HEAVY} if m in sys.modules])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"

@@ -44,8 +44,9 @@ def test_a_folder_or_a_bad_picture(run_circlecal, frame_file, tmp_path):
     outcome = run_circlecal("debug", tmp_path / "clip.mp4", "--out", tmp_path)
     assert (outcome.code, "clip.mp4: is a video; debug takes pictures" in outcome.err) == (2, True)
     (tmp_path / "empty.jpg").touch()
-    outcome = run_circlecal("debug", tmp_path / "empty.jpg", "--out", tmp_path)
+    outcome = run_circlecal("debug", tmp_path / "empty.jpg", frame_file, "--out", tmp_path / "debug")
     assert (outcome.code, "is empty" in outcome.err) == (2, True)
+    assert (tmp_path / "debug" / "good" / "contact-sheet.jpg").is_file()
 
 
 @pytest.fixture

@@ -63,11 +63,14 @@ def test_a_list(tmp_path, monkeypatch, named):
         (b"list.txt\n", "list inside a list"),
     ],
 )
-def test_a_wrong_list(tmp_path, content, message):
+def test_a_wrong_list(tmp_path, monkeypatch, content, message):
     touch(tmp_path, "a.jpg")
     (tmp_path / "list.txt").write_bytes(content)
     with pytest.raises(InputError, match=message):
         names(tmp_path, "list.txt")
+    monkeypatch.chdir(tmp_path)  # in which a name is the same path beside the list and by itself
+    with pytest.raises(InputError, match=message):
+        expand_inputs(["list.txt"])
 
 
 def test_videos_in_folders(tmp_path):
