@@ -23,23 +23,51 @@ Rows = NDArray[np.floating[Any]]
 
 __all__ = ["SeenMark", "find_centre_mark", "half_chords"]
 
-_STEP_PX = 0.5  # pixels between two places that are compared: peaks are a disc wide, and refined between the places
-_MARGIN = 0.12  # half chords searched beyond the allowed range, to know the usual scatter
-_CONTRAST = (0.08, 2.5)  # of the disc, relative to the halfway line: both are the same paint
-_FAINTEST = 0.02  # of the line's contrast: scatter is never less
-_RIVAL = 0.7  # of the disc's response: where something else on the line shows as much of a disc, it may be that
-_HIDDEN = 0.25  # of the line's contrast: what is darker than the ground by this hides the line; worn paint does not
-_UNWORN = 0.75  # quantile of the line's brightness along it that its paint has where half of it or more is worn off
-_MOSTLY_WORN = 0.5  # of that contrast: a line that usually shows less is worn
-_FADED = 0.5  # of its own brightness: what is left of a disc just beyond its edge
-_AROUND_PX = 2.5  # how far around the disc the line and the surface must be bare
-_ASIDE_RADII = 2.0  # beside the disc, out to so many of its half axes, the surface is bare; players may stand beyond
-_INNERMOST = 0.75  # of the disc's half axis: beyond it, at least, the disc is looked for
-_LARGE_SHARE = 0.1  # of the searched stretch: by the templates' sizes a robot's disc covers 0.15 of it, a pitch's 0.06
-_SIGMA_FLOOR_PX = 0.3  # pixels; painted marks are no exact discs
-_ON_BOTH_SIDES = 0.65  # of the least signal to noise ratio, where the disc is seen on both sides: of 85 rendered
-# frames whose mark is hidden or out of view none shows one above it, of 52 whose mark was missed eight do
-_BEND_POINTS = 15  # measured points of the line over which its bend is averaged
+# Tuned on 330 circles of 40 real and 290 rendered frames, a quarter of these with a player over the mark or no mark:
+# 185 marks are found, all within 4 px at 1920 px width of their place (median 0.12). Right and wrong below are marks
+# found besides, or no more, when the constant alone is changed; one without such figures changes none by +-20 %.
+_STEP_PX = 0.5
+"""Pixels between two places that are compared: peaks are a disc wide, and refined between the places. At 1.0 half of
+the marks of real frames are lost, since circles of 60 px leave too few places.
+"""
+_MARGIN = 0.2
+"""Half chords searched beyond the allowed range, to know the usual scatter. At 0.12 a half chord of less than 37 px
+leaves too few places for that: 5 right fewer, 2 wrong more. From 0.15 to 0.5 one more or fewer.
+"""
+_FAINTEST = 0.02
+"""Of the line's contrast: scatter is never less. At 0.05 9 right fewer, at 0.005 one more."""
+_HIDDEN = 0.25
+"""Of the line's contrast: what is darker than the ground by this hides the line; worn paint does not. Without it 2
+wrong more, a player over the mark and worn paint; at 0.1 one right fewer.
+"""
+_UNWORN, _MOSTLY_WORN = 0.75, 0.5
+"""Quantile of the line's brightness along it that its paint has where half of it or more is worn off, and share of that
+contrast: a line that usually shows less is worn.
+"""
+_FADED = 0.5
+"""Of its own brightness: what is left of a disc just beyond its edge. At 1.0 2 wrong more, at 0.25 5 right fewer."""
+_AROUND_PX = 2.5
+"""How far around the disc the line and the surface must be bare, pixels. At 1.0 and at 5.0 2 right fewer, and 2 and 3
+wrong more.
+"""
+_ASIDE_RADII = 2.0
+"""Beside the disc, out to so many of its half axes, the surface is bare; players may stand beyond. At 3.0 one wrong
+more.
+"""
+_INNERMOST = 0.75
+"""Of the disc's half axis: beyond it, at least, the disc is looked for. At 1.0 3 right fewer, at 0.6 one wrong more."""
+_LARGE_SHARE = 0.1
+"""Of the searched stretch: by the templates' sizes a robot's disc covers 0.15 of it, a pitch's 0.06."""
+_SIGMA_FLOOR_PX = 0.3
+"""Pixels; painted marks are no exact discs."""
+_ON_BOTH_SIDES = 0.65
+"""Of the least signal to noise ratio, where the disc is seen on both sides: of 85 rendered frames whose mark is hidden
+or out of view none shows one above it, of 52 whose mark was missed eight do.
+"""
+_BEND_POINTS = 15
+"""Measured points of the line over which its bend is averaged. At 45 one wrong more; with no bend 16 right fewer, 3
+wrong more, and a median error of 0.6 px.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,14 +154,10 @@ def find_centre_mark(
     if np.count_nonzero(elsewhere) < 16:
         return None
     # what lies on one side only is negative here, so the usual scatter is read off the positive end, below what the
-    # players on the line add to it: of these only one where the mark may be is its rival
+    # players on the line add to it
     scatter = max(float(np.quantile(response[elsewhere], 0.84)), 0.0) / 0.994 + _FAINTEST * line_contrast
     snr = float(response[peak]) / scatter
-    if (response[elsewhere & allowed] > _RIVAL * response[peak]).any():
-        return None
-    brightest = max(left[peak], right[peak])
-    contrast = (response[peak] >= _CONTRAST[0] * line_contrast) and (brightest <= _CONTRAST[1] * line_contrast)
-    if snr < _ON_BOTH_SIDES * minimum_snr or not contrast:
+    if snr < _ON_BOTH_SIDES * minimum_snr:
         return None
     sides = _bare_sides(seen, peak, blur_px, inner, line_contrast)
     if not (all(sides) if snr < minimum_snr else any(sides)):

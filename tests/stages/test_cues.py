@@ -160,6 +160,16 @@ def test_the_mark_may_lie_near_the_border_of_the_picture():
     assert np.linalg.norm(mark.point_px - place) < 1.0
 
 
+def test_the_mark_of_a_circle_of_few_pixels_is_found():
+    """Across a half chord of 33 px there are few places by which the usual scatter is known."""
+    camera = view(position=(5.0, 90.0, -6.0), focal=3700.0, size=(1280, 720))
+    far, near = camera.project(np.array([[0.0, -9.15], [0.0, 9.15]]))
+    assert np.linalg.norm(far - near) < 2 * 34
+    mark = cues_in(paint(camera, noise=1.5)).mark
+    assert mark is not None
+    assert np.linalg.norm(mark.point_px - camera.project(np.zeros(2))) < 1.0
+
+
 @pytest.mark.parametrize("side", [-1, 1])
 def test_a_spot_on_one_side_of_the_line_is_no_mark(side):
     """A boot or a ball beside the line: a mark lies on both sides of it."""
