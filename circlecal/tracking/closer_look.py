@@ -23,7 +23,14 @@ from circlecal.tracking.looking import Look, LookedAt, Place
 from circlecal.tracking.markings import DrawnTemplate, MeasuredFrame
 from circlecal.tracking.motion import SHUTTER, move_of_middle
 from circlecal.tracking.paint_width import priors_of_frames
-from circlecal.tracking.pitch import WORST_RMS_PX, doubt_size, hold_size, leave_out_false_line, loosen_size
+from circlecal.tracking.pitch import (
+    WORST_RMS_PX,
+    doubt_size,
+    hold_size,
+    joint_frames,
+    leave_out_false_line,
+    loosen_size,
+)
 from circlecal.tracking.tripod_fit import PART_M, HeadedFrame, count_alike, fit_tripod
 
 WELL_KNOWN_M = 0.02
@@ -47,7 +54,7 @@ a whole marking. Without it the mean error of frames is 0.39, 0.12, 0.26 and 0.7
 0.11, 0.24 and 0.51; with 0.3 it is 0.15, 0.42, 0.16 and 0.18, but 1.1 in the second with a quarter of its frames: a
 fast pan from the circle to a penalty area may be all that tells the length of the pitch.
 """
-WIDTH = PLACE["width"]
+WIDTH, LENGTH = PLACE["width"], PLACE["length"]
 
 
 def measure_closely(
@@ -167,8 +174,9 @@ def _fit_closely(
     parts_m: float | None,
 ) -> TripodEstimate:
     """The tripod by closely measured frames, without those of a false camera; the width of the paint with the rest
-    where its blur tells it. Whether a line is a false one, and what the models leave, the sharp frames tell. At last a
-    size that is held is doubted as far as the paint contradicts it.
+    where its blur tells it. Whether a line is a false one, and what the models leave, the sharp frames tell. A length
+    that is not the usual one is that of the frames which show the middle of the field, some of them with an end, where
+    the models leave more than noise. At last a size that is held is doubted as far as the paint contradicts it.
     """
     unit = tripod.size[0] / 1920.0
     mean, sd = priors_of_frames(config, template, unit, [frame.measured for frame in sharp])
@@ -176,6 +184,11 @@ def _fit_closely(
     kept, (fit,) = leave_out_false_line(sharp, [tripod], mean, sd, drawn)
     alike = count_alike(fit)
     frames = [*kept, *(_leave_out_alike(frame, sharp, kept) for frame in smeared)]
+    joint = joint_frames(frames, drawn) if alike > 1.0 and sd[LENGTH] > 0.0 else []
+    length_sd = 0.0
+    if joint:
+        told = fit_tripod(joint, tripod, mean, sd, drawn, alike=alike, parts_m=parts_m).estimate
+        length_sd, mean[LENGTH], sd[LENGTH] = told.sigma("length"), told.mean[LENGTH], 0.0
     for _ in range(2):
         fit = fit_tripod(frames, tripod, mean, sd, drawn, alike=alike, parts_m=parts_m)
         heads_of = zip(frames, fit.heads, fit.clear_rms_px, strict=True)
@@ -193,6 +206,11 @@ def _fit_closely(
     if kept and parts_m is not None and (loose_sd > sd).any():
         loose = fit_tripod(kept, best, mean, loose_sd, drawn, None, is_width_free, alike, parts_m=np.inf)
         best = doubt_size(best, loose.estimate, loose_sd > sd)
+    if kept and length_sd > 0.0:
+        mean[LENGTH] += length_sd
+        longer = fit_tripod(kept, best, mean, sd, drawn, None, is_width_free, alike, parts_m=parts_m).estimate
+        away = longer.mean - fit.estimate.mean
+        best = replace(best, covariance=best.covariance + np.outer(away, away))
     return replace(best, left_out=tripod.left_out)
 
 

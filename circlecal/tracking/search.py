@@ -40,8 +40,8 @@ FOLLOWED, KEPT, APART_PX = 24, 6, 4.0
 LEVELS = 5
 LEAST_RIDGE_PX = 60
 """With less of ridges there is nothing to search, reduced pixels."""
-PIECE_M = 2.5
-"""Length of the pieces of markings."""
+PIECES_M = 5.0, 2.5
+"""Length of the pieces of lines, and of circles, whose chords lie beside them."""
 CHUNK = 512
 WIDER = 1.25
 """By how much wider than its focal length says a picture is taken to be where markings out of view are left out: a lens
@@ -158,7 +158,7 @@ def _pieces(drawn: DrawnTemplate, tripod: TripodEstimate) -> _Pieces:
     marking, share = [], []
     for k in range(len(drawn.names)):
         length = float(np.hypot(*np.diff(drawn.nodes[k], axis=0).T).sum())
-        count = max(3, round(length / PIECE_M) + 1)
+        count = max(3, round(length / PIECES_M[int(drawn.radius[k] > 0)]) + 1)
         marking += [k] * count
         share.append(np.linspace(0.0, 1.0, count))
     index = np.array(marking)

@@ -60,6 +60,21 @@ def test_a_usual_size_is_told_as_uncertain_as_its_own_paint_contradicts_it() -> 
     assert abs(told.growth_m[0] - 1.5) < 2.5 * told.sigma("length")
 
 
+def test_pictures_of_the_middle_and_an_end_tell_a_length_that_all_frames_together_do_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    growth_m, drawn = -3.0, template_curves(template())
+    frames = views_of_badly_painted_markings(5, 1.4, (growth_m, 0.0))
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    found = pitch.choose_pitch(frames, tripod(), mean, sd, drawn, LIMIT_PX).estimate
+    assert abs(found.growth_m[0] - growth_m) < 0.6
+    told = closer_look._fit_closely(found, frames, [], load_config(), template(), drawn, parts_m=PART_M)
+    assert abs(told.growth_m[0] - growth_m) < min(2.5 * told.sigma("length"), 0.6)
+    assert told.sigma("length") > 0.05
+    monkeypatch.setattr(pitch, "JOINT_FRAMES", len(frames) + 1)
+    assert pitch.choose_pitch(frames, tripod(), mean, sd, drawn, LIMIT_PX).estimate.growth_m[0] == 0.0
+
+
 def test_a_usual_size_that_its_paint_does_not_contradict_stays_certain() -> None:
     frames, drawn = views_of_a_pitch(105.0, 68.0), template_curves(template())
     mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
