@@ -58,6 +58,13 @@ WIDEST = 0.25
 RIM_PX = 4.5
 """Width, pixels at 1920 px width, in which the rim of a disc shows where edges stand out as bands: three times what the
 filter and the usual blur of a picture add up to."""
+COMPANY_PX, LEAST_COMPANY, COMPANY_ROUNDS = 72.0, 0.45, 2
+"""Where so much of a curve to both sides of a place, pixels at 1920 px width, shows a smaller share of bands than most
+of the curve does, what is found is grass: on bare ground every third place or so shows something that stands out. What
+is left then has less company, and is looked at once more. Of the points that lie beside the true circle in five
+rendered frames of worn paint this leaves 20 of 220, of those that lie on it 98 %; the camera of one that had followed
+the grass behind a worn half came from 39 to 6 px.
+"""
 FIRST_STEP = 4.0
 """The first look at the rough ellipse takes profiles this many times as far apart."""
 
@@ -395,6 +402,9 @@ def _bands_along(
     plausible = rise_above_noise(bands, noise) & _lie_clear_of_border(picture, points, normals, bands)
     plausible &= (bands.width < high * predicted + 4.0) & (bands.width > low * predicted)
     plausible &= _even_contrast(bands.contrast, plausible, config.contrast_ratio)
+    spacing_px = step * config.spacing_px
+    for _ in range(COMPANY_ROUNDS):
+        plausible &= have_company(plausible, COMPANY_PX * picture.shape[1] / 1920.0 / spacing_px)
     chosen = bands.take(plausible)
     middle = points[plausible] + chosen.center[:, None] * normals[plausible]
     return middle, chosen, plausible
@@ -430,6 +440,18 @@ def _even_contrast(contrast: Array, valid: NDArray[np.bool_], ratio: tuple[float
     typical = np.maximum(median_filter(filled, size=max(9, len(contrast) // 8), mode="nearest"), 1e-6)
     share = contrast / typical
     return (share > ratio[0]) & (share < ratio[1])
+
+
+def have_company(found: Mask, reach: float) -> Mask:
+    """Which of the bands that were found along a curve (N,) have others about them at enough places, so many of these
+    to both sides, compared with where most are found.
+    """
+    from scipy.ndimage import uniform_filter1d
+
+    if not found.any():
+        return found
+    share = uniform_filter1d(found.astype(np.float64), 2 * max(round(reach), 2) + 1, mode="nearest")
+    return np.asarray(share >= LEAST_COMPANY * np.percentile(share[found], 90.0), np.bool_)
 
 
 def _pair_edges(

@@ -13,7 +13,7 @@ from circlecal.paint.predicted_width import predict_paint_widths
 from circlecal.paint.profiles import to_gray
 from circlecal.results import MarkingMask
 from circlecal.stages.edges import EdgesConfig, detect_edges
-from circlecal.stages.rays import RaysConfig, cast_rays, even_angles, measure_along_model
+from circlecal.stages.rays import RaysConfig, cast_rays, even_angles, have_company, measure_along_model
 from circlecal.synthetic.cameras import aim_camera
 from circlecal.synthetic.paint import paint_layers
 
@@ -269,3 +269,35 @@ def test_paint_that_is_wider_than_the_search_is_measured_in_its_middle():
     away = np.linalg.norm(camera_fit(camera).view.to_field(points), axis=1) - circle.radius_m
     assert len(points) > 900
     assert np.abs(away).max() < 0.1 * field.marking_width_m
+
+
+def test_single_bands_on_bare_ground_are_no_paint():
+    """Half of a circle is painted; on the other half every fourth place shows something."""
+    found = np.zeros(400, np.bool_)
+    found[:200] = True
+    found[60:100] = False  # a player
+    found[200::4] = True
+    kept = have_company(found, 16.0)
+    kept = have_company(kept, 16.0)
+    assert not kept[216:].any()
+    assert np.count_nonzero(kept[:200]) > 0.95 * np.count_nonzero(found[:200])
+    assert not have_company(np.zeros(40, np.bool_), 16.0).any()
+
+
+def test_evenly_worn_paint_is_kept():
+    found = np.random.default_rng(0).random(400) < 0.3
+    assert np.count_nonzero(have_company(found, 16.0)) > 0.95 * np.count_nonzero(found)
+
+
+def test_rough_grass_where_paint_is_worn_off_is_not_measured(painted):
+    """The far half of the circle is gone; the grass there is as rough as grass is."""
+    rng = np.random.default_rng(4)
+    center = ellipse_from_conic(painted.conic("center")).center
+    grass = cv2.GaussianBlur(rng.normal(0.0, 1.0, painted.image.shape[:2]), (0, 0), 1.2)
+    image = painted.image.astype(np.float64)
+    far = slice(0, int(center[1]))
+    image[far] = np.median(image.reshape(-1, 3), axis=0) + 6.0 * (grass / grass.std())[far, :, None]
+    found = cast(painted, np.rint(image).clip(0, 255).astype(np.uint8))
+    on_grass = found.center_line_px[:, 1] < center[1] - 5.0
+    assert np.count_nonzero(~on_grass) > 300
+    assert np.count_nonzero(on_grass) < 0.06 * len(on_grass)
