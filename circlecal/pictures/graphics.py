@@ -49,6 +49,10 @@ FIELD_SHARE, FIELD_EVERY = 0.25, 8
 """Share of the rest of the picture, each so many-th row and column, that may have the colour of a box at the most: what
 lies between two boxes is field, and goes on beyond them.
 """
+BESIDE_SHARE = 0.06
+"""Share of the rest of the picture that may have the colour of a box which begins where another one ends: of field
+between two boxes 0.10 to 0.19 has, of boxes 0.04 at most (ten rendered frames).
+"""
 STRIP_SHARE = 0.1
 """Share of a box's rows, at the most, most of which has the colour of what lies above or below it: else the field is
 seen between two boxes.
@@ -94,24 +98,47 @@ def _find_boxes(image: NDArray[np.uint8], edges: list[Band]) -> list[Band]:
         top = _uppermost(edges[:k], upper.top, height)
         boxes = (Band(top, edge.bottom, min(upper.left, edge.left), max(upper.right, edge.right)) for edge in lower)
         found += [box for box in boxes if _is_box(image, box)][:1]
-    lone = [edge for edge in edges if not any(box.top <= edge.top <= box.bottom for box in found)]
-    grown = (_grow(image, edge, below) for below in (True, False) for edge in lone)
-    for box in grown:
-        if box is not None and all(box.bottom < other.top or box.top > other.bottom for other in found):
+    for edge, below in _list_beginnings(edges, found):
+        box = _grow(image, edge, below, found)
+        if box is not None and _is_beside(box, found) and _share_elsewhere(image, box) > BESIDE_SHARE:
+            continue
+        if box is not None:
             above = [edge for edge in edges if edge.top < box.top]
-            found.append(replace(box, top=_uppermost(above, box.top, height)))
+            taken = (other.bottom + 1 for other in found if other.top < box.top)
+            found.append(replace(box, top=max([_uppermost(above, box.top, height), *taken])))
     return found
 
 
-def _grow(image: NDArray[np.uint8], edge: Band, below: bool) -> Band | None:
+def _list_beginnings(edges: list[Band], found: list[Band]) -> list[tuple[Band, bool]]:
+    """The edges from which other boxes may be grown, and whether below them: those within no box to both sides, and
+    then those at which a box ends, away from it.
+    """
+    lone = [edge for edge in edges if not any(box.top <= edge.top <= box.bottom for box in found)]
+    ends = [(edge, below) for box in found for edge in edges for below in (True, False) if _ends_at(box, edge, below)]
+    return [*((edge, below) for below in (True, False) for edge in lone), *ends]
+
+
+def _ends_at(box: Band, edge: Band, below: bool) -> bool:
+    """Whether an edge is the lower, or the upper, one of a box."""
+    return edge.top <= (box.bottom if below else box.top) <= edge.bottom
+
+
+def _is_beside(box: Band, others: list[Band]) -> bool:
+    """Whether a box begins or ends where one of the others does."""
+    return any(other.top <= box.bottom + 1 and box.top <= other.bottom + 1 for other in others)
+
+
+def _grow(image: NDArray[np.uint8], edge: Band, below: bool, others: list[Band]) -> Band | None:
     """The box of a thinned picture below or above a level edge, as far as the rows go on in the colour that they have
-    at the edge; None where that does not end along a row, or the colour is back behind a stripe.
+    at the edge, at most to another box; None where that does not end along a row, or the colour is back behind a
+    stripe.
     """
     height, stripe = len(image), RIM_PX + round(TRIM * len(image))
     sides = (np.arange(edge.bottom + RIM_PX, height), np.arange(edge.top - RIM_PX, -1, -1))
     rows, outside = sides if below else sides[::-1]
     rows = rows[: round(HEIGHTS[1] * height) + stripe]
-    if len(rows) < HEIGHTS[0] * height:
+    least, room = HEIGHTS[0] * height, _count_free(rows, edge, others)
+    if room < least:
         return None
     columns = slice(edge.left, edge.right + 1)
     ground = np.median(image[rows[:BASE_ROWS], columns], axis=(0, 1))
@@ -121,14 +148,27 @@ def _grow(image: NDArray[np.uint8], edge: Band, below: bool) -> Band | None:
         return None
     left, right = edge.left + int(own[0]), edge.left + int(own[-1])
     share = _share_of_rows(is_ground[:, own[0] : own[-1] + 1])
-    first = int(np.argmin(share >= GROUND_SHARE))
+    goes_on = share >= GROUND_SHARE
+    reaches_other = room < len(rows) and bool(goes_on[:room].all())
+    first = room if reaches_other else int(np.argmin(goes_on))
     before = _share_of_rows(_has_colour(image[outside[:stripe], left : right + 1], ground))
     beyond = share[first + RIM_PX : first + stripe]
-    if max(before.max(initial=0.0), beyond.max(initial=0.0)) > BEYOND_SHARE or len(beyond) < RIM_PX:
+    if not reaches_other and (len(beyond) < RIM_PX or beyond.max() > BEYOND_SHARE):
+        return None
+    if before.max(initial=0.0) > BEYOND_SHARE:
         return None
     last = int(rows[first - 1])
     box = Band(edge.top, last, left, right) if below else Band(last, edge.bottom, left, right)
-    return box if first >= HEIGHTS[0] * height and _is_box(image, box) else None
+    return box if first >= least and _is_box(image, box) else None
+
+
+def _count_free(rows: NDArray[np.int_], edge: Band, others: list[Band]) -> int:
+    """How many of the rows (R,) away from an edge come before another box."""
+    beside = [box for box in others if min(box.right, edge.right) > max(box.left, edge.left)]
+    is_taken = np.zeros(len(rows), np.bool_)
+    for box in beside:
+        is_taken |= (rows >= box.top) & (rows <= box.bottom)
+    return int(np.argmax(is_taken)) if is_taken.any() else len(rows)
 
 
 def _has_colour(image: NDArray[np.uint8], colour: NDArray[np.float64]) -> Mask:
@@ -210,14 +250,13 @@ def _uppermost(edges: list[Band], top: int, height: int) -> int:
 
 def _is_box(image: NDArray[np.uint8], band: Band) -> bool:
     """Whether the inside of a band of a thinned picture is plain, and unlike what lies outside, as its rims are."""
-    columns, every = slice(band.left, band.right + 1), FIELD_EVERY // EVERY
-    inside = image[band.top + RIM_PX : band.bottom - RIM_PX : 2, columns]
+    columns = slice(band.left, band.right + 1)
+    inside = _inside(image, band)
     if inside.size == 0:
         return False
-    usual = _usual_colour(inside)
-    rest = (image[: band.top : FIELD_EVERY, ::every], image[band.bottom + 1 :: FIELD_EVERY, ::every])
-    if _has_colour(np.concatenate(rest), usual).mean() > FIELD_SHARE:
+    if _share_elsewhere(image, band) > FIELD_SHARE:
         return False
+    usual = _usual_colour(inside)
     plain = _has_colour(inside, usual)
     sides = [
         (np.median(rim, axis=0), np.median(outside, axis=0))
@@ -237,6 +276,18 @@ def _is_box(image: NDArray[np.uint8], band: Band) -> bool:
     rows = image[band.top : band.bottom + 1, columns]
     strips = [(_share_of_rows(_has_colour(rows, outside)) > GROUND_SHARE).mean() for _, outside in sides]
     return bool(plain.mean() >= PLAIN_SHARE and unlike and sides and max(strips) <= STRIP_SHARE)
+
+
+def _inside(image: NDArray[np.uint8], band: Band) -> NDArray[np.uint8]:
+    """Every other row of a band of a thinned picture, without its rims."""
+    return image[band.top + RIM_PX : band.bottom - RIM_PX : 2, band.left : band.right + 1]
+
+
+def _share_elsewhere(image: NDArray[np.uint8], band: Band) -> float:
+    """Share of the rows above and below a band of a thinned picture that has the band's usual colour."""
+    every = FIELD_EVERY // EVERY
+    rest = (image[: band.top : FIELD_EVERY, ::every], image[band.bottom + 1 :: FIELD_EVERY, ::every])
+    return float(_has_colour(np.concatenate(rest), _usual_colour(_inside(image, band))).mean())
 
 
 def _usual_colour(image: NDArray[np.uint8]) -> NDArray[np.float64]:

@@ -44,6 +44,39 @@ def test_a_level_strip_of_the_field_between_two_lines_is_no_box():
     assert find_bands(image) == ()
 
 
+def test_a_box_right_below_another_one_is_found_too():
+    """Between the two is one edge, and the lower one ends on a crowd, where nothing steps along a row."""
+    image = with_box(field(0.05))
+    image[241:281] = (30, 60, 160)
+    image[281:] = np.random.default_rng(1).integers(0, 255, (79, 640, 1))
+    first, second = find_bands(image)
+    assert abs(first.bottom - 240) <= 3
+    assert first.bottom < second.top <= 244
+    assert abs(second.bottom - 280) <= 3
+
+
+def test_the_field_between_two_boxes_is_none():
+    """Where it is as plain as they are, and most of the rest is a crowd."""
+    image = field()
+    crowd = np.random.default_rng(1).integers(0, 255, (360, 640, 1)).repeat(3, axis=2)
+    image[:120], image[310:] = crowd[:120], crowd[310:]
+    image = with_box(image, top=120, bottom=150)
+    image[241:270] = (200, 60, 220)
+    assert [band.top > 145 and band.bottom < 245 for band in find_bands(image)] == [False, False]
+
+
+def test_a_box_that_another_one_overlaps_is_found_below_it():
+    image = field(0.05)
+    image[220:270] = (200, 60, 220)
+    image[190:240, 100:540] = BOX
+    first, second = find_bands(image)
+    assert max(abs(first.top - 190), abs(first.bottom - 239)) <= 3
+    assert first.bottom < second.top <= 243
+    assert abs(second.bottom - 269) <= 3
+    assert second.left == 0
+    assert second.right >= 632
+
+
 def test_small_pictures_have_none():
     assert find_bands(np.zeros((20, 30, 3), np.uint8)) == ()
 
