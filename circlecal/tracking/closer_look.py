@@ -25,11 +25,11 @@ from circlecal.tracking.motion import SHUTTER, move_of_middle
 from circlecal.tracking.paint_width import priors_of_frames
 from circlecal.tracking.pitch import (
     WORST_RMS_PX,
-    doubt_size,
     hold_size,
     joint_frames,
     leave_out_false_line,
     loosen_size,
+    open_size,
 )
 from circlecal.tracking.tripod_fit import PART_M, HeadedFrame, count_alike, fit_tripod
 
@@ -176,7 +176,7 @@ def _fit_closely(
     """The tripod by closely measured frames, without those of a false camera; the width of the paint with the rest
     where its blur tells it. Whether a line is a false one, and what the models leave, the sharp frames tell. A length
     that is not the usual one is that of the frames which show the middle of the field, some of them with an end, where
-    the models leave more than noise. At last a size that is held is doubted as far as the paint contradicts it.
+    the models leave more than noise. At last a size that is held is told as uncertain as the paint leaves it.
     """
     unit = tripod.size[0] / 1920.0
     mean, sd = priors_of_frames(config, template, unit, [frame.measured for frame in sharp])
@@ -185,10 +185,9 @@ def _fit_closely(
     alike = count_alike(fit)
     frames = [*kept, *(_leave_out_alike(frame, sharp, kept) for frame in smeared)]
     joint = joint_frames(frames, drawn) if alike > 1.0 and sd[LENGTH] > 0.0 else []
-    length_sd = 0.0
     if joint:
         told = fit_tripod(joint, tripod, mean, sd, drawn, alike=alike, parts_m=parts_m).estimate
-        length_sd, mean[LENGTH], sd[LENGTH] = told.sigma("length"), told.mean[LENGTH], 0.0
+        mean[LENGTH], sd[LENGTH] = told.mean[LENGTH], 0.0
     for _ in range(2):
         fit = fit_tripod(frames, tripod, mean, sd, drawn, alike=alike, parts_m=parts_m)
         heads_of = zip(frames, fit.heads, fit.clear_rms_px, strict=True)
@@ -205,12 +204,7 @@ def _fit_closely(
     loose_sd = loosen_size(sd, template)
     if kept and parts_m is not None and (loose_sd > sd).any():
         loose = fit_tripod(kept, best, mean, loose_sd, drawn, None, is_width_free, alike, parts_m=np.inf)
-        best = doubt_size(best, loose.estimate, loose_sd > sd)
-    if kept and length_sd > 0.0:
-        mean[LENGTH] += length_sd
-        longer = fit_tripod(kept, best, mean, sd, drawn, None, is_width_free, alike, parts_m=parts_m).estimate
-        away = longer.mean - fit.estimate.mean
-        best = replace(best, covariance=best.covariance + np.outer(away, away))
+        best = open_size(best, loose.estimate, loose_sd > sd)
     return replace(best, left_out=tripod.left_out)
 
 

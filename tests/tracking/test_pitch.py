@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from circlecal.config import load_config
-from circlecal.rig.tripod import PLACE
+from circlecal.rig.tripod import PLACE, TripodEstimate
 from circlecal.tracking import closer_look, pitch
 from circlecal.tracking.looking import LookedAt
 from circlecal.tracking.markings import template_curves
@@ -75,12 +75,42 @@ def test_pictures_of_the_middle_and_an_end_tell_a_length_that_all_frames_togethe
     assert pitch.choose_pitch(frames, tripod(), mean, sd, drawn, LIMIT_PX).estimate.growth_m[0] == 0.0
 
 
-def test_a_usual_size_that_its_paint_does_not_contradict_stays_certain() -> None:
+def test_a_usual_size_is_told_as_uncertain_as_its_own_paint_leaves_it() -> None:
     frames, drawn = views_of_a_pitch(105.0, 68.0), template_curves(template())
     mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
     held = pitch.choose_pitch(frames, tripod(), mean, sd, drawn, LIMIT_PX).estimate
-    told = closer_look._fit_closely(held, frames, [], load_config(), template(), drawn, parts_m=PART_M)
-    assert told.sigma("length") == told.sigma("breadth") == 0.0
+    assert held.sigma("length") == held.sigma("breadth") == 0.0
+
+    def tell(seen: list[HeadedFrame]) -> TripodEstimate:
+        return closer_look._fit_closely(held, seen, [], load_config(), template(), drawn, parts_m=PART_M)
+
+    told = tell(frames)
+    np.testing.assert_array_equal(told.growth_m, 0.0)
+    assert 0.0 < told.sigma("length") < 0.3
+    assert 0.0 < told.sigma("breadth") < 0.3
+    # without touchlines nothing is seen of the width
+    without = frames
+    for name in ("side_line_top", "side_line_bottom"):
+        line = drawn.names.index(name)
+        without = [replace(frame, measured=frame.measured.leave_out(line)) for frame in without]
+    told = tell(without)
+    assert told.growth_m[1] == 0.0
+    assert told.sigma("breadth") == pytest.approx(pitch.USUAL_SD_M, rel=0.05)
+    assert told.sigma("length") < 0.5 * told.sigma("breadth")
+
+
+def test_what_follows_a_size_is_uncertain_with_it() -> None:
+    some, length, away = tripod(), PLACE["length"], PLACE["axis_x"]
+    is_held = np.arange(len(some.mean)) == length
+    held = replace(some, covariance=np.where(np.eye(len(is_held)) > 0.0, 0.01, 0.0) * ~is_held)
+    loose = replace(held, mean=some.mean + 0.4 * is_held, covariance=held.covariance.copy())
+    loose.covariance[length, length] = 0.3**2
+    loose.covariance[away, length] = loose.covariance[length, away] = 0.045
+    told = pitch.open_size(held, loose, is_held)
+    np.testing.assert_array_equal(told.mean, held.mean)
+    assert told.sigma("length") == pytest.approx(0.5)
+    assert told.covariance[away, length] == pytest.approx(0.045)
+    assert told.sigma("axis_x") ** 2 == pytest.approx(0.01 + 0.045**2 / 0.09)
 
 
 def test_a_frame_may_lie_as_much_farther_as_all_may_before_a_pitch_of_the_usual_size() -> None:
