@@ -12,7 +12,8 @@ from circlecal.line_naming.two_directions import FEWEST_LINES
 from circlecal.observations import Observations, join_observations
 from circlecal.paint.profiles import estimate_noise
 from circlecal.pipeline.attempts import add_checks, estimate, take_observations
-from circlecal.pipeline.refinements import Retry, is_less_uncertain, measure_curves, replace_curves
+from circlecal.pipeline.curves import measure_curves, replace_curves
+from circlecal.pipeline.refinements import Retry, is_less_uncertain
 from circlecal.pipeline.setting import Scene, Setting, lighten_markings
 from circlecal.pipeline.size_by_circle import HALF_CIRCLE, find_size_by_circle, misses_circle
 from circlecal.results import Attempt, CameraFit, MarkingMask
