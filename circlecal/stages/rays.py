@@ -60,10 +60,14 @@ RIM_PX = 4.5
 filter and the usual blur of a picture add up to."""
 COMPANY_PX, LEAST_COMPANY, COMPANY_ROUNDS = 72.0, 0.45, 2
 """Where so much of a curve to both sides of a place, pixels at 1920 px width, shows a smaller share of bands than most
-of the curve does, what is found is grass: on bare ground every third place or so shows something that stands out. What
-is left then has less company, and is looked at once more. Of the points that lie beside the true circle in five
-rendered frames of worn paint this leaves 20 of 220, of those that lie on it 98 %; the camera of one that had followed
-the grass behind a worn half came from 39 to 6 px.
+of the curve does, what is found may be grass: on bare ground every third place or so shows something that stands out.
+What is left then has less company, and is looked at once more.
+"""
+GRASS_CONTRAST = 0.6
+"""Contrast of a band with little company, over the usual one of those with enough, below which it is grass: paint
+between two players has little company as well. Of the points that lie beside the true circle in five rendered frames of
+worn paint some 20 of 220 are left; the camera of one that had followed the grass behind a worn half came from 39 to
+6 px. Without the contrast the end of a short arc behind a player was lost, and 0.8 px became 7.
 """
 FIRST_STEP = 4.0
 """The first look at the rough ellipse takes profiles this many times as far apart."""
@@ -403,8 +407,7 @@ def _bands_along(
     plausible &= (bands.width < high * predicted + 4.0) & (bands.width > low * predicted)
     plausible &= _even_contrast(bands.contrast, plausible, config.contrast_ratio)
     spacing_px = step * config.spacing_px
-    for _ in range(COMPANY_ROUNDS):
-        plausible &= have_company(plausible, COMPANY_PX * picture.shape[1] / 1920.0 / spacing_px)
+    plausible = leave_out_single(plausible, bands.contrast, COMPANY_PX * picture.shape[1] / 1920.0 / spacing_px)
     chosen = bands.take(plausible)
     middle = points[plausible] + chosen.center[:, None] * normals[plausible]
     return middle, chosen, plausible
@@ -440,6 +443,16 @@ def _even_contrast(contrast: Array, valid: NDArray[np.bool_], ratio: tuple[float
     typical = np.maximum(median_filter(filled, size=max(9, len(contrast) // 8), mode="nearest"), 1e-6)
     share = contrast / typical
     return (share > ratio[0]) & (share < ratio[1])
+
+
+def leave_out_single(found: Mask, contrast: Array, reach: float) -> Mask:
+    """The bands that were found along a curve (N,) without those that are single and faint."""
+    for _ in range(COMPANY_ROUNDS):
+        joined = found & have_company(found, reach)
+        if not joined.any():
+            return joined
+        found = joined | (found & (contrast > GRASS_CONTRAST * np.median(contrast[joined])))
+    return found
 
 
 def have_company(found: Mask, reach: float) -> Mask:

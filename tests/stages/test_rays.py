@@ -13,7 +13,7 @@ from circlecal.paint.predicted_width import predict_paint_widths
 from circlecal.paint.profiles import to_gray
 from circlecal.results import MarkingMask
 from circlecal.stages.edges import EdgesConfig, detect_edges
-from circlecal.stages.rays import RaysConfig, cast_rays, even_angles, have_company, measure_along_model
+from circlecal.stages.rays import RaysConfig, cast_rays, even_angles, leave_out_single, measure_along_model
 from circlecal.synthetic.cameras import aim_camera
 from circlecal.synthetic.paint import paint_layers
 
@@ -271,22 +271,32 @@ def test_paint_that_is_wider_than_the_search_is_measured_in_its_middle():
     assert np.abs(away).max() < 0.1 * field.marking_width_m
 
 
-def test_single_bands_on_bare_ground_are_no_paint():
+def test_single_faint_bands_on_bare_ground_are_no_paint():
     """Half of a circle is painted; on the other half every fourth place shows something."""
     found = np.zeros(400, np.bool_)
     found[:200] = True
     found[60:100] = False  # a player
     found[200::4] = True
-    kept = have_company(found, 16.0)
-    kept = have_company(kept, 16.0)
+    contrast = np.where(np.arange(400) < 200, 30.0, 12.0)
+    kept = leave_out_single(found, contrast, 16.0)
     assert not kept[216:].any()
-    assert np.count_nonzero(kept[:200]) > 0.95 * np.count_nonzero(found[:200])
-    assert not have_company(np.zeros(40, np.bool_), 16.0).any()
+    assert np.array_equal(kept[:200], found[:200])
+    assert not leave_out_single(np.zeros(40, np.bool_), np.zeros(40), 16.0).any()
+
+
+def test_a_short_piece_of_paint_behind_a_player_is_kept():
+    found = np.zeros(400, np.bool_)
+    found[:200] = True
+    found[240:248] = True
+    contrast = np.full(400, 30.0)
+    assert leave_out_single(found, contrast, 16.0)[240:248].all()
+    contrast[240:248] = 12.0
+    assert not leave_out_single(found, contrast, 16.0)[240:248].any()
 
 
 def test_evenly_worn_paint_is_kept():
     found = np.random.default_rng(0).random(400) < 0.3
-    assert np.count_nonzero(have_company(found, 16.0)) > 0.95 * np.count_nonzero(found)
+    assert np.array_equal(leave_out_single(found, np.full(400, 20.0), 16.0), found)
 
 
 def test_rough_grass_where_paint_is_worn_off_is_not_measured(painted):
