@@ -100,8 +100,6 @@ def _find_boxes(image: NDArray[np.uint8], edges: list[Band]) -> list[Band]:
         found += [box for box in boxes if _is_box(image, box)][:1]
     for edge, below in _list_beginnings(edges, found):
         box = _grow(image, edge, below, found)
-        if box is not None and _is_beside(box, found) and _share_elsewhere(image, box) > BESIDE_SHARE:
-            continue
         if box is not None:
             above = [edge for edge in edges if edge.top < box.top]
             taken = (other.bottom + 1 for other in found if other.top < box.top)
@@ -159,7 +157,8 @@ def _grow(image: NDArray[np.uint8], edge: Band, below: bool, others: list[Band])
         return None
     last = int(rows[first - 1])
     box = Band(edge.top, last, left, right) if below else Band(last, edge.bottom, left, right)
-    return box if first >= least and _is_box(image, box) else None
+    most_elsewhere = BESIDE_SHARE if _is_beside(box, others) else FIELD_SHARE
+    return box if first >= least and _is_box(image, box, most_elsewhere) else None
 
 
 def _count_free(rows: NDArray[np.int_], edge: Band, others: list[Band]) -> int:
@@ -248,15 +247,18 @@ def _uppermost(edges: list[Band], top: int, height: int) -> int:
     return top
 
 
-def _is_box(image: NDArray[np.uint8], band: Band) -> bool:
-    """Whether the inside of a band of a thinned picture is plain, and unlike what lies outside, as its rims are."""
-    columns = slice(band.left, band.right + 1)
-    inside = _inside(image, band)
+def _is_box(image: NDArray[np.uint8], band: Band, most_elsewhere: float = FIELD_SHARE) -> bool:
+    """Whether the inside of a band of a thinned picture is plain, and unlike what lies outside, as its rims are; at
+    most a share of the rest of the picture has its colour.
+    """
+    columns, every = slice(band.left, band.right + 1), FIELD_EVERY // EVERY
+    inside = image[band.top + RIM_PX : band.bottom - RIM_PX : 2, columns]
     if inside.size == 0:
         return False
-    if _share_elsewhere(image, band) > FIELD_SHARE:
-        return False
     usual = _usual_colour(inside)
+    rest = (image[: band.top : FIELD_EVERY, ::every], image[band.bottom + 1 :: FIELD_EVERY, ::every])
+    if _has_colour(np.concatenate(rest), usual).mean() > most_elsewhere:
+        return False
     plain = _has_colour(inside, usual)
     sides = [
         (np.median(rim, axis=0), np.median(outside, axis=0))
@@ -276,18 +278,6 @@ def _is_box(image: NDArray[np.uint8], band: Band) -> bool:
     rows = image[band.top : band.bottom + 1, columns]
     strips = [(_share_of_rows(_has_colour(rows, outside)) > GROUND_SHARE).mean() for _, outside in sides]
     return bool(plain.mean() >= PLAIN_SHARE and unlike and sides and max(strips) <= STRIP_SHARE)
-
-
-def _inside(image: NDArray[np.uint8], band: Band) -> NDArray[np.uint8]:
-    """Every other row of a band of a thinned picture, without its rims."""
-    return image[band.top + RIM_PX : band.bottom - RIM_PX : 2, band.left : band.right + 1]
-
-
-def _share_elsewhere(image: NDArray[np.uint8], band: Band) -> float:
-    """Share of the rows above and below a band of a thinned picture that has the band's usual colour."""
-    every = FIELD_EVERY // EVERY
-    rest = (image[: band.top : FIELD_EVERY, ::every], image[band.bottom + 1 :: FIELD_EVERY, ::every])
-    return float(_has_colour(np.concatenate(rest), _usual_colour(_inside(image, band))).mean())
 
 
 def _usual_colour(image: NDArray[np.uint8]) -> NDArray[np.float64]:

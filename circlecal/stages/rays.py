@@ -448,14 +448,14 @@ def _even_contrast(contrast: Array, valid: NDArray[np.bool_], ratio: tuple[float
 def leave_out_single(found: Mask, contrast: Array, reach: float) -> Mask:
     """The bands that were found along a curve (N,) without those that are single and faint."""
     for _ in range(COMPANY_ROUNDS):
-        joined = found & have_company(found, reach)
+        joined = found & _have_company(found, reach)
         if not joined.any():
             return joined
         found = joined | (found & (contrast > GRASS_CONTRAST * np.median(contrast[joined])))
     return found
 
 
-def have_company(found: Mask, reach: float) -> Mask:
+def _have_company(found: Mask, reach: float) -> Mask:
     """Which of the bands that were found along a curve (N,) have others about them at enough places, so many of these
     to both sides, compared with where most are found.
     """
