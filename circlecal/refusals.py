@@ -435,6 +435,7 @@ CHECKS: dict[str, tuple[str, str]] = {
         "markings_missing",
         "the halfway line breaks off where the camera says that it goes on, and nothing hides it",
     ),
+    "crown_m": ("picture_contradicts", "the ground would be hollow, as a crowned pitch is that is seen upside down"),
     "reversal": ("picture_contradicts", "the paint grows wider where the camera says that it is further away"),
     "rough_share": ("picture_contradicts", "a crowd or boards are seen where the camera puts the field"),
     "above_share": ("picture_contradicts", "playing surface is seen above the camera's horizon"),

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from circlecal.geometry.camera_parameters import INDEX, LOG_FOCAL, PARAMETERS
+from circlecal.geometry.camera_parameters import CROWN, INDEX, LOG_FOCAL, PARAMETERS
 from circlecal.geometry.conic_fits import fit_conic
 from circlecal.geometry.conics import circle_conic, transform_conic
 from circlecal.geometry.homography import turn_homography
@@ -33,6 +33,7 @@ CAMERA = view()
 CONFIG = VerdictConfig()
 NEAR_PX = CONFIG.max_mark_distance_px * CAMERA.width / 1920.0
 LINE = line_cue(CAMERA)
+NO_FITS = EllipseFits(None, None, None)
 MARK = MarkCue("centre_mark", CAMERA.project(np.zeros(2)), 0.5, 30.0)
 
 
@@ -162,6 +163,7 @@ def test_a_good_camera_is_accepted_with_every_check():
         "arc_residual_px",
         "other_size_share",
         "beyond_rules_m",
+        "crown_m",
         "arc_deg",
         "chord_radii",
     }
@@ -198,6 +200,20 @@ def test_what_speaks_for_another_size_and_quite_another_camera_is_uncertain(shar
     assert found.code == (None if status == "calibrated" else "too_uncertain")
 
 
+@pytest.mark.parametrize(
+    ("crown_m", "sd_m", "code"), [(-0.04, 0.004, "picture_contradicts"), (-0.01, 0.004, None), (-0.04, 0.0, None)]
+)
+@pytest.mark.parametrize("fits", [None, NO_FITS])
+def test_ground_that_is_estimated_hollow_is_a_pitch_upside_down(fits, crown_m, sd_m, code):
+    covariance = np.zeros((len(PARAMETERS), len(PARAMETERS)))
+    covariance[CROWN, CROWN] = sd_m**2
+    residuals = {"side_line_top": 0.3} if fits is NO_FITS else {"centre_circle outer": 0.3}
+    camera = camera_fit(surface=replace(FLAT, crown_m=crown_m), covariance=covariance, residuals_px=residuals)
+    found = verdict(camera, fits=fits)
+    assert found.code == code
+    assert "hollow" in (found.reason or "hollow")
+
+
 def test_an_end_of_the_halfway_line_alone_must_fit_the_marking_that_it_lies_on():
     unit = CAMERA.width / 1920.0
     line = replace(LINE, ends=(LineEnd(np.array([600.0, 100.0]), False),))
@@ -216,7 +232,6 @@ OF_THE_PICTURE = {
     "rough_share", "above_share", "beyond_share", "near_share", "seam_share",
 }  # fmt: skip
 WITHOUT_CIRCLE = {"field_in_front", "marking_residual_px", "rejected_share"}
-NO_FITS = EllipseFits(None, None, None)
 
 
 def test_without_the_circle_lines_and_points_are_judged():
