@@ -53,7 +53,10 @@ class EstimationError(CirclecalError):
 
 
 class InterruptedCommandError(Exception):
-    """A command was ended by Ctrl-C; unlike KeyboardInterrupt it passes through typer."""
+    """A command was ended by Ctrl-C; its text, if any, says how to go on.
+
+    Unlike KeyboardInterrupt it passes through typer.
+    """
 
 
 def reading_failure(error: Exception) -> str:

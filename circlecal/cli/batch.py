@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from circlecal.cli import options
+from circlecal.cli.inputs import choose_frames_and_videos, note_late_start, require_frames
+from circlecal.cli.refused_files import RefusedFiles
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -118,13 +120,13 @@ def batch(
         convention.value,
     )
     failures: list[Exception] = []
-    frames, videos = options.choose_frames_and_videos(inputs, run, out, console.error_reporter(failures))
+    frames, videos = choose_frames_and_videos(inputs, run, out, console.error_reporter(failures))
     if not videos and not failures:
-        options.require_frames(inputs, frames)
+        require_frames(inputs, frames)
     sampling = Sampling.parse(every or DEFAULT_EVERY, start, end)
     if not videos and (every or start or end):
         raise InputError("--every, --start and --end choose frames of videos, and no video is given")
-    options.note_late_start(videos, sampling)
+    note_late_start(videos, sampling)
     out = options.folder_of_run(out, run.digest, ask=console.can_ask() and not quiet, restart=restart)
     run = replace(run, out=out if files else None, annotations=annotations or out / ANNOTATION_FOLDER)
     counts = _calibrate(
@@ -140,6 +142,9 @@ def batch(
         )
         refused = report.frames - report.calibrated
     _write_further(exports, run, frames, final)
+    if refused and not quiet:
+        is_chosen = bool(field or config or settings)
+        RefusedFiles.of_run(final).print_hint(chosen, is_chosen=is_chosen, camera_prior=camera_prior, venue=venue)
     if failures:
         raise typer.Exit(2)
     if refused:
@@ -164,7 +169,7 @@ def _calibrate(
     from circlecal.formats.annotation import digest_annotations
 
     moments = (frame for video in videos for frame in video.frames(sampling, console.print_note))
-    with console.progress_display(quiet=quiet) as show:
+    with console.resumable(restart=restart), console.progress_display(quiet=quiet) as show:
         return run_batch(
             chain(frames, moments),
             run,

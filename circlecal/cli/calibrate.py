@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import contextlib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
 from circlecal.cli import options
+from circlecal.cli.inputs import choose_inputs, require_frames
+from circlecal.cli.refused_files import RefusedFiles
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -20,10 +21,6 @@ if TYPE_CHECKING:
     from circlecal.pictures.files import PictureFile
     from circlecal.records.record import ResultRecord
     from circlecal.records.summary import FrameSummary
-
-
-FEW = 4
-"""Refused pictures of which the ground is looked at, the first ones: that takes as long as to read them again."""
 
 
 def calibrate(
@@ -82,17 +79,16 @@ def calibrate(
     size_given = options.parse_size(size)
     run = FrameRun(chosen, out, exports, mask, keypoints, format_name, size_given, convention.value, written)
     failures: list[Exception] = []
-    frames = options.choose_inputs(inputs, run, out, console.error_reporter(failures))
+    frames = choose_inputs(inputs, run, out, console.error_reporter(failures))
     if not failures:
-        options.require_frames(inputs, frames)
+        require_frames(inputs, frames)
     prepare_folder(out)
     summaries: list[FrameSummary] = []
-    refused: list[tuple[str, str]] = []
+    refused_files = RefusedFiles()
     with console.progress_display(quiet=quiet or len(frames) <= 1) as show:
         for record in _records(frames, run, show, console.error_reporter(failures)):
             summaries.append(summarise(record))
-            if record.status != "calibrated":
-                refused.append((record.id, record.path or ""))
+            refused_files.add(record)
             for note in () if quiet else _notes(record, chosen):
                 console.print_note(note)
             if json_lines:
@@ -102,15 +98,11 @@ def calibrate(
         if not json_lines:
             console.print_summaries(summaries)
         console.print_note(_name_files([summary.id for summary in summaries], out, chosen, exports.written))
-        if not (field or config or settings or camera_prior or venue):
-            for note in _other_sports(refused, chosen):
-                console.print_note(note)
-        if refused and (camera_prior or venue):
-            known = "--camera-prior" if camera_prior else "--venue"
-            console.print_note(f"leave {known} out for frames that another camera took: they are refused with it")
+        is_chosen = bool(field or config or settings)
+        refused_files.print_hint(chosen, is_chosen=is_chosen, camera_prior=camera_prior, venue=venue)
     if failures:
         raise typer.Exit(2)
-    if refused:
+    if any(summary.status != "calibrated" for summary in summaries):
         raise typer.Exit(1)
 
 
@@ -128,26 +120,6 @@ def _notes(record: ResultRecord, config: Config) -> Iterator[str]:
             name, share = record.sport.name, record.sport.probability or 0.0
             told = "nothing tells which sport it shows" if name is None else f"looks like {name} ({share:.0%} sure)"
             yield f"{record.id}: refused; {told}"
-
-
-def _other_sports(refused: Sequence[tuple[str, str]], config: Config) -> Iterator[str]:
-    """That there are other sports, where nobody named the one of what was refused (ids and paths): for which pictures
-    the ground says so, or that they were taken for the field in use.
-    """
-    from circlecal.errors import InputError
-    from circlecal.pictures.files import PICTURE_SUFFIXES, read_image
-    from circlecal.pipeline.field_choice import is_on_strange_ground
-
-    pictures = [(name, path) for name, path in refused if path.lower().endswith(PICTURE_SUFFIXES)]
-    strange = []
-    for name, path in pictures[:FEW]:
-        with contextlib.suppress(InputError):  # it may be gone by now
-            if is_on_strange_ground(read_image(path, config.limits), config):
-                strange.append(name)
-    if strange:
-        yield f"{', '.join(strange)}: the ground is no turf; --field auto tries other sports"
-    elif pictures:
-        yield f"what was refused was taken for {config.field.template}; --field auto tries other sports"
 
 
 def _name_files(ids: Sequence[str], out: Path, config: Config, exported: Sequence[Path]) -> str:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from typing import TYPE_CHECKING
 
+from circlecal.errors import InterruptedCommandError
 from circlecal.names import show, show_json
 
 if TYPE_CHECKING:
@@ -100,6 +101,15 @@ def error_reporter(failures: list[Exception]) -> Callable[[Exception], None]:
         failures.append(error)
 
     return report
+
+
+@contextlib.contextmanager
+def resumable(*, restart: bool) -> Iterator[None]:
+    """While this lasts a Ctrl-C loses only the frames in the works, and says how to go on."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise InterruptedCommandError(f"the same command{' without --restart' if restart else ''} goes on") from None
 
 
 def can_ask() -> bool:

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from circlecal.cli import options
+from circlecal.cli.inputs import choose_frames, leave_to_batch
 
 
 def debug(
@@ -54,19 +55,16 @@ def debug(
         tells_field=True,
     )
     named = expand_inputs(images)
-    if named.urls:
-        raise InputError(f"{named.urls[0]}: is a URL; save the picture, and give its file")
-    if named.videos:
-        raise InputError(f"{named.videos[0]}: is a video; debug takes pictures")
+    failures: list[Exception] = []
+    report = console.error_reporter(failures)
+    leave_to_batch(named, report, " --files --set output.debug=true")
     for path in named.paths:
         if is_folder(path):
             raise InputError(f"{path}: is a folder; debug takes pictures")
-    frames = options.choose_frames(named.paths, out, mask)
+    frames = choose_frames(named.paths, out, mask)
     prepare_folder(out)
     template, _ = field_of(chosen)
     summaries, written = [], []
-    failures: list[Exception] = []
-    report = console.error_reporter(failures)
     for frame in frames:
         try:
             stored = find_annotation(annotations or out / ANNOTATION_FOLDER, frame.id, frame.path)

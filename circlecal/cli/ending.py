@@ -27,10 +27,10 @@ def exit_after(run: Callable[[], object], *, is_process: bool) -> None:
     """
     try:
         run()
-    except (InterruptedCommandError, KeyboardInterrupt):
+    except (InterruptedCommandError, KeyboardInterrupt) as interruption:
         if is_process:  # another one ends at once what is still being wound up
             signal.signal(signal.SIGINT, signal.SIG_DFL)
-        print("circlecal: interrupted", file=sys.stderr)  # noqa: T201
+        print("; ".join(("circlecal: interrupted", *map(str, interruption.args))), file=sys.stderr)  # noqa: T201
         sys.exit(130)
     except CirclecalError as error:
         _fail(str(error))

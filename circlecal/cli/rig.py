@@ -72,7 +72,7 @@ def estimate_shared_cameras(
     from circlecal.rig.run import run_rig
 
     def once(anew: bool) -> RigReport:
-        with console.progress_display(quiet=quiet) as show:
+        with console.resumable(restart=restart), console.progress_display(quiet=quiet) as show:
             return run_rig(
                 results,
                 run.config,

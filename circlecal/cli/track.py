@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from circlecal.cli import options
+from circlecal.cli.inputs import choose_videos, note_late_start
+from circlecal.cli.refused_files import RefusedFiles
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -74,8 +76,8 @@ def track(
     known = None if venue is None else read_venue(venue, field_of(chosen)[0])
     sampling, exports = Sampling.parse(every or DEFAULT_EVERY, start, end), options.choose_exports(to, eval_size)
     failures: list[Exception] = []
-    videos = options.choose_videos(inputs, console.error_reporter(failures))
-    options.note_late_start(videos, sampling)
+    videos = choose_videos(inputs, console.error_reporter(failures))
+    note_late_start(videos, sampling)
     refused = 0
     if videos:
         if chosen.field.template == AUTO:
@@ -84,7 +86,7 @@ def track(
                 console.print_note(f"--field auto: {chosen.field.template}")
         run = ClipRun(chosen, sampling, known, full, annotations or out / ANNOTATION_FOLDER)
         out = options.folder_of_run(out, run.digest, ask=console.can_ask() and not quiet, restart=restart)
-        with console.progress_display(quiet=quiet) as show:
+        with console.resumable(restart=restart), console.progress_display(quiet=quiet) as show:
             report = run_track(
                 videos,
                 run,
@@ -100,6 +102,9 @@ def track(
         refused = report.progress.refused
         _write_further(videos, run, exports, out, video=video, quiet=quiet)
         _print_report(report, run, out, as_json=as_json, quiet=quiet)
+        if refused and not quiet:
+            is_chosen = bool(field or config or settings)
+            RefusedFiles.of_run(out).print_hint(chosen, is_chosen=is_chosen, camera_prior=None, venue=venue)
     if failures:
         raise typer.Exit(2)
     if refused:

@@ -199,7 +199,7 @@ def test_interrupted_and_resumed(run_circlecal, in_this_process, tmp_path):
     _, errors = run.communicate(timeout=PATIENCE_S)
     assert run.returncode == 130, errors
     assert "Traceback" not in errors
-    assert errors.splitlines()[-1] == "circlecal: interrupted"
+    assert errors.splitlines()[-1] == "circlecal: interrupted; the same command goes on"
     assert len(records(out)) == done
     assert (out / SUMMARY_NAME).is_file()
     assert run_circlecal("batch", frames, "--out", out, "-q").code == 1
@@ -341,7 +341,7 @@ def test_ctrl_c_while_the_summary_is_written_leaves_the_old_one(run_circlecal, i
     monkeypatch.setattr(ResultIndex, "rows", interrupted)
     paint(tmp_path / "frames", 3)
     outcome = run_circlecal("batch", frames, "--out", out, "--workers", 1)
-    assert (outcome.code, outcome.err.splitlines()[-1]) == (130, "circlecal: interrupted")
+    assert (outcome.code, outcome.err.splitlines()[-1]) == (130, "circlecal: interrupted; the same command goes on")
     assert (out / SUMMARY_NAME).read_bytes() == before
     assert sorted(p.name for p in out.iterdir()) == [INDEX_NAME, RESULTS_NAME, SUMMARY_NAME]
     monkeypatch.undo()

@@ -111,10 +111,10 @@ def test_no_video_is_one_line(tmp_path, content):
 def test_a_video_in_calibrate_and_choices_without_one(run_circlecal, match, frame_file, tmp_path):
     outcome = run_circlecal("calibrate", match, "--out", tmp_path / "out")
     assert outcome.code == 2
-    assert "use circlecal batch" in outcome.err
+    assert "is a video; circlecal batch takes it" in outcome.err
     outcome = run_circlecal("calibrate", "http://127.0.0.1:1/picture.jpg", "--out", tmp_path / "out")
     assert outcome.code == 2
-    assert "http://127.0.0.1:1/picture.jpg: is a URL; use circlecal batch" in outcome.err
+    assert "http://127.0.0.1:1/picture.jpg: is a URL; circlecal batch takes it" in outcome.err
     outcome = run_circlecal("batch", frame_file, "--every", "2s", "--out", tmp_path / "out")
     assert outcome.code == 2
     assert "no video is given" in outcome.err

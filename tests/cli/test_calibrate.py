@@ -174,8 +174,8 @@ def test_videos_and_urls_among_pictures_are_named_and_left_out(run_circlecal, fr
         (frame_file.parent / name).touch()
     outcome = run_circlecal("calibrate", frame_file.parent, "https://127.0.0.1:1/x.jpg", "--out", tmp_path / "out")
     assert outcome.code == 2
-    assert "first.mp4: is a video; use circlecal batch, with --every 1s or the like (and 1 more like it)" in outcome.err
-    assert "https://127.0.0.1:1/x.jpg: is a URL; use circlecal batch" in outcome.err
+    assert "first.mp4: is a video; circlecal batch takes it (and 1 more like it)" in outcome.err
+    assert "https://127.0.0.1:1/x.jpg: is a URL; circlecal batch takes it" in outcome.err
     assert (tmp_path / "out" / "good.json").is_file()
 
 

@@ -39,10 +39,15 @@ def test_a_folder_or_a_bad_picture(run_circlecal, frame_file, tmp_path):
     outcome = run_circlecal("debug", frame_file.parent, "--out", tmp_path)
     assert (outcome.code, "takes pictures" in outcome.err) == (2, True)
     outcome = run_circlecal("debug", "https://127.0.0.1:1/x.jpg", "--out", tmp_path)
-    assert (outcome.code, "https://127.0.0.1:1/x.jpg: is a URL; save the picture" in outcome.err) == (2, True)
+    assert (
+        outcome.code,
+        "https://127.0.0.1:1/x.jpg: is a URL; circlecal batch --files --set output.debug=true takes it" in outcome.err,
+    ) == (2, True)
     (tmp_path / "clip.mp4").touch()
-    outcome = run_circlecal("debug", tmp_path / "clip.mp4", "--out", tmp_path)
-    assert (outcome.code, "clip.mp4: is a video; debug takes pictures" in outcome.err) == (2, True)
+    outcome = run_circlecal("debug", tmp_path / "clip.mp4", frame_file, "--out", tmp_path / "beside")
+    told = "clip.mp4: is a video; circlecal batch --files --set output.debug=true takes it"
+    assert (outcome.code, told in outcome.err) == (2, True)
+    assert (tmp_path / "beside" / "good" / "contact-sheet.jpg").is_file()
     (tmp_path / "empty.jpg").touch()
     outcome = run_circlecal("debug", tmp_path / "empty.jpg", frame_file, "--out", tmp_path / "debug")
     assert (outcome.code, "is empty" in outcome.err) == (2, True)

@@ -1,0 +1,210 @@
+"""What the inputs of a command are: frames of pictures and annotation files, and videos."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from circlecal.batch.frames import FrameRun
+    from circlecal.formats.inputs import FrameOfFile
+    from circlecal.pictures.files import PictureFile
+    from circlecal.pictures.inputs import Inputs
+    from circlecal.pictures.video import Sampling, Video
+
+
+def choose_frames(inputs: Sequence[Path], out: Path, mask: Path | None) -> list[PictureFile]:
+    """The frames among the inputs.
+
+    Raises
+    ------
+    InputError
+        As :func:`circlecal.pictures.files.find_frames`, or the mask option does not fit.
+    """
+    from circlecal.errors import InputError
+    from circlecal.files import exists, is_folder, real_path
+    from circlecal.pictures.files import find_frames
+
+    if mask is not None and not exists(mask):
+        raise InputError(f"{mask}: no such mask file or folder")
+    around_inputs = {folder for path in inputs for folder in (real_path(path), *real_path(path).parents)}
+    apart = [path for path in (out, mask) if path is not None and real_path(path) not in around_inputs]
+    frames = find_frames(inputs, exclude=apart)
+    if mask is not None and not is_folder(mask) and len(frames) > 1:
+        raise InputError(f"{mask}: is one mask for {len(frames)} frames; give a folder of masks named like the frames")
+    return frames
+
+
+def require_frames(inputs: Sequence[object], frames: Sequence[object]) -> None:
+    """There is something to calibrate: pictures, or frames in the annotation files that were named.
+
+    Raises
+    ------
+    InputError
+        There is not.
+    """
+    from circlecal.errors import InputError
+
+    if not frames:
+        named = ", ".join(map(str, inputs))
+        raise InputError(f"{named}: no annotations found; give pictures, annotation files or folders of them")
+
+
+def choose_inputs(
+    inputs: Sequence[str], run: FrameRun, out: Path, report: Callable[[Exception], None]
+) -> list[PictureFile | FrameOfFile]:
+    """Pictures and frames of annotation files among the inputs; videos, URLs and files that cannot be read are
+    reported.
+
+    Raises
+    ------
+    InputError
+        Nothing to calibrate, an option that does not fit, or a result that would be written over its source.
+    """
+    from circlecal.formats.registry import annotation_suffixes
+    from circlecal.pictures.inputs import expand_inputs
+
+    named = expand_inputs(inputs, annotation_suffixes())
+    leave_to_batch(named, report)
+    return _frames_of(named.paths, run, out, report)
+
+
+def leave_to_batch(named: Inputs, report: Callable[[Exception], None], with_options: str = "") -> None:
+    """Report the videos and URLs among what is named: ``circlecal batch`` takes them, with these options.
+
+    Raises
+    ------
+    InputError
+        Nothing else is named.
+    """
+    from circlecal.errors import InputError
+
+    for left, kind in ((named.videos, "a video"), (named.urls, "a URL")):
+        if left:
+            more = f" (and {len(left) - 1} more like it)" if len(left) > 1 else ""
+            error = InputError(f"{left[0]}: is {kind}; circlecal batch{with_options} takes it{more}")
+            if not named.paths:
+                raise error
+            report(error)
+
+
+def _frames_of(
+    inputs: Sequence[Path], run: FrameRun, out: Path, report: Callable[[Exception], None]
+) -> list[PictureFile | FrameOfFile]:
+    from circlecal.errors import InputError
+    from circlecal.files import exists
+    from circlecal.formats.inputs import read_frames, refuse_overwriting, split_inputs
+    from circlecal.pipeline import apply_convention, field_of
+
+    if run.keypoints is not None and not exists(run.keypoints):
+        raise InputError(f"{run.keypoints}: no such file or folder of keypoints")
+    format_name = None if run.keypoints is not None else run.format_name
+    pictures, files = split_inputs(inputs, format_name, exclude=[out])
+    frames = choose_frames(pictures, out, run.mask) if pictures else []
+    note_unused_annotations(frames if run.keypoints is None else ())
+    if run.keypoints is not None and not frames:
+        raise InputError(f"{run.keypoints}: --keypoints are used together with pictures, and no picture is given")
+    annotated = read_frames(
+        files,
+        apply_convention(field_of(run.config)[0], run.convention),
+        run.config.sources,
+        size=run.size,
+        format_name=format_name,
+        taken=[frame.id for frame in frames],
+        on_error=report,
+    )
+    refuse_overwriting(annotated, out)
+    return [*frames, *annotated]
+
+
+def note_unused_annotations(frames: Sequence[PictureFile]) -> None:
+    """Say that annotations of other programs lie beside pictures and are not used.
+
+    They are not taken unasked, as masks are: beside pictures lies what they are evaluated with.
+    """
+    from circlecal.cli import console
+    from circlecal.formats.inputs import find_unused_annotations
+
+    ignored = find_unused_annotations(frames)
+    if ignored:
+        more = f" and {len(ignored) - 1} more" if len(ignored) > 1 else ""
+        console.print_note(
+            f"{ignored[0]}{more}: an annotation beside its picture is not used; --keypoints FOLDER takes it together "
+            "with the picture, and the file itself as an input takes it alone"
+        )
+
+
+def choose_frames_and_videos(
+    inputs: Sequence[str], run: FrameRun, out: Path, report: Callable[[Exception], None]
+) -> tuple[list[PictureFile | FrameOfFile], list[Video]]:
+    """Pictures, frames of annotation files, and videos among the inputs.
+
+    Raises
+    ------
+    InputError
+        Nothing was found that can be read, or a video cannot be read.
+    """
+    from circlecal.errors import InputError
+    from circlecal.files import is_folder
+    from circlecal.formats.registry import annotation_suffixes
+    from circlecal.pictures.files import PictureFile, distinct_names
+    from circlecal.pictures.inputs import expand_inputs
+    from circlecal.pictures.remote import url_names
+    from circlecal.pictures.video import Video
+
+    named = expand_inputs(inputs, annotation_suffixes())
+    names = distinct_names([path.stem for path in named.videos])
+    videos = [Video.open(path, name, run.config.limits) for path, name in zip(named.videos, names, strict=True)]
+    for path in (run.mask, run.keypoints):
+        if videos and path is not None and not is_folder(path):
+            raise InputError(f"{path}: is one file for all frames of a video; give a folder of files named like them")
+    alone = (videos or named.urls) and not named.paths
+    frames = [] if alone else _frames_of(named.paths, run, out, report)
+    ids = url_names(named.urls, [frame.id for frame in frames])
+    frames += [PictureFile(name, Path(name), name, url=url) for name, url in zip(ids, named.urls, strict=True)]
+    return frames, videos
+
+
+def note_late_start(videos: Sequence[Video], sampling: Sampling) -> None:
+    """Say of which videos nothing is taken, since they end before the time that was asked for."""
+    from circlecal.cli import console
+
+    for video in videos:
+        if 0.0 < video.duration_s <= sampling.start_s:
+            console.print_note(
+                f"{video.path}: ends {video.duration_s:.1f} s after its first frame, as its header says, and "
+                f"--start asks for {sampling.start_s:g} s"
+            )
+
+
+def choose_videos(inputs: Sequence[str], report: Callable[[Exception], None]) -> list[Video]:
+    """The videos among the inputs, with different names; those that cannot be read are reported.
+
+    Raises
+    ------
+    InputError
+        There is none, or something else is named.
+    """
+    from circlecal.errors import InputError
+    from circlecal.files import require_input
+    from circlecal.pictures.files import distinct_names
+    from circlecal.pictures.inputs import expand_inputs
+    from circlecal.pictures.video import Video
+
+    named = expand_inputs(inputs)
+    if named.urls:
+        raise InputError(f"{named.urls[0]}: is a URL; save the video, and give its file")
+    for path in named.paths:
+        require_input(path)
+    if not named.videos:
+        raise InputError(f"{', '.join(inputs)}: holds no video; pictures go to circlecal calibrate and batch")
+    videos = []
+    names = distinct_names([path.stem for path in named.videos])
+    for path, name in zip(named.videos, names, strict=True):
+        try:
+            videos.append(Video.open(path, name))
+        except InputError as error:
+            report(error)
+    return videos
