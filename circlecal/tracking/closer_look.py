@@ -18,9 +18,10 @@ from circlecal.tracking.clock import StageClock
 from circlecal.tracking.entry import ClipFrame
 from circlecal.tracking.first_look import PicturesAt
 from circlecal.tracking.follower import Follower
+from circlecal.tracking.frame_paint import PART_M, HeadedFrame
 from circlecal.tracking.head_path import HeadPath
 from circlecal.tracking.looking import Look, LookedAt, Place
-from circlecal.tracking.markings import DrawnTemplate, MeasuredFrame
+from circlecal.tracking.markings import DrawnTemplate
 from circlecal.tracking.motion import SHUTTER, move_of_middle
 from circlecal.tracking.paint_width import priors_of_frames
 from circlecal.tracking.pitch import (
@@ -31,7 +32,8 @@ from circlecal.tracking.pitch import (
     loosen_size,
     open_size,
 )
-from circlecal.tracking.tripod_fit import PART_M, HeadedFrame, count_alike, fit_tripod
+from circlecal.tracking.seen_paint import MeasuredFrame
+from circlecal.tracking.tripod_fit import count_alike, fit_tripod
 
 WELL_KNOWN_M = 0.02
 """Standard deviation of the pitch's size from which on no further pictures are looked at. Before a penalty area 0.1 m

@@ -19,7 +19,8 @@ from circlecal.results import CameraFit
 from circlecal.stages.mask import suit_field, tell_paint
 from circlecal.tracking.anchors import Anchor
 from circlecal.tracking.looking import LookedAt
-from circlecal.tracking.markings import DrawnTemplate, MeasuredFrame, measure_markings, place_markings
+from circlecal.tracking.markings import DrawnTemplate, place_markings
+from circlecal.tracking.seen_paint import MeasuredFrame, measure_markings
 
 PicturesAt = Callable[[Sequence[float]], Iterator[NDArray[np.uint8] | None]]
 """Decodes, at some growing times, the first frame at or after each; None where there is none."""

@@ -9,8 +9,9 @@ import numpy as np
 from circlecal.geometry.projective import Array, Indices, Mask
 from circlecal.paint.profiles import median_of_rows
 from circlecal.rig.tripod import TripodEstimate
-from circlecal.tracking.markings import DrawnTemplate, MeasuredFrame
-from circlecal.tracking.tripod_fit import add_by_part, number_parts, residuals_of, sigmas_of
+from circlecal.tracking.frame_paint import add_by_part, number_parts, residuals_of, sigmas_of
+from circlecal.tracking.markings import DrawnTemplate
+from circlecal.tracking.seen_paint import MeasuredFrame
 
 ROUNDS = 5
 LINEAR_PX = 2.0

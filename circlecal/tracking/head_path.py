@@ -11,8 +11,8 @@ from scipy.interpolate import PchipInterpolator
 
 from circlecal.geometry.projective import Array
 from circlecal.rig.tripod import TripodEstimate
+from circlecal.tracking.frame_paint import HeadedFrame
 from circlecal.tracking.motion import SHUTTER, move_of_middle
-from circlecal.tracking.tripod_fit import HeadedFrame
 
 NEAR_S, LONGEST_GAP_S = 0.5, 3.0
 """Frames so near to each other belong to one shot, and how the head turned between them is told; gaps up to the second

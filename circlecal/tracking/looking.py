@@ -15,11 +15,12 @@ from circlecal.geometry.projective import Array
 from circlecal.paint.brightness import brightness_of_paint
 from circlecal.rig.tripod import PLACE, TripodEstimate
 from circlecal.stages.mask import MaskConfig
+from circlecal.tracking.frame_paint import residuals_of
 from circlecal.tracking.head_fit import HeadFit, LinearPaint, count_crossing, fit_head, follow_common
-from circlecal.tracking.markings import DrawnTemplate, MeasuredFrame, measure_markings, place_markings, template_curves
+from circlecal.tracking.markings import DrawnTemplate, place_markings, template_curves
 from circlecal.tracking.motion import SmallPicture
 from circlecal.tracking.search import RidgePicture, map_ridges, search_heads
-from circlecal.tracking.tripod_fit import residuals_of
+from circlecal.tracking.seen_paint import MeasuredFrame, measure_markings
 
 LEAST_PLACES = 36
 """Places with paint, 9 px apart at 1920 px width, that confirm a head: two or three markings."""

@@ -1,27 +1,19 @@
-"""The markings that a predicted camera puts into view, and where the picture shows their paint.
+"""The markings that a predicted camera puts into view.
 
-Places are spread evenly over all that the picture may show of the template. Each is projected with its derivatives, and
-the paint is looked for across the marking there. What is kept of a frame is small: places on the field, pixels, normals
-and standard deviations, from which the frame can be fitted again when its tripod is known better.
+Places are spread evenly over all that the picture may show of the template, and each is projected with its derivatives.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from circlecal.camera.residuals import SIZES
 from circlecal.field import FieldTemplate
 from circlecal.geometry.camera_parameters import Projection, ProjectionModel, project
 from circlecal.geometry.projective import Array, Indices, Mask
-from circlecal.paint.bands import MeasuredCurve, measure_curve
-from circlecal.paint.profiles import GrayPicture
-from circlecal.tracking.faint_paint import PaintStrength, measure_faint
-from circlecal.tracking.one_line import JUMP_PX, keep_one_line
-from circlecal.tracking.thin_paint import measure_thin
 
 SPACING_PX = 9.0
 """Distance of neighbouring places along a marking, pixels at 1920 px width: a third of what players and their shadows
@@ -31,60 +23,20 @@ MOST_PLACES = 420
 """More are not measured: a penalty area at 1920 px width shows about 4,000 px of markings."""
 MARGIN_PX = 3.0
 """Places nearer to the picture's border are not measured, pixels."""
-ACROSS_PX = 5.0
-"""Least reach of a profile to both sides beyond the paint, pixels at 1920 px width."""
-FARTHEST_SIGMA_PX = 12.0
-"""A marking whose place is less certain than this, pixels at 1920 px width, is another one as likely."""
 NARROWEST_PX, FAINTEST_PX = 0.35, 0.1
 """Paint that is narrower in the picture than the first, in pixels, need not be seen, so that its absence says nothing;
 narrower than the second it is not looked for. The far touchline of a rendered pitch 88 m broad, 0.26 px at 1280 px
 width, shows at 52 of 52 places, and nothing else tells how broad that pitch is.
+"""
+CLEAR_PX_M = 10.0
+"""Scale across a marking, pixels at 1920 px width per metre, from which on what lies beside the paint is not taken for
+it: a circle and the penalty areas have 12 to 60, far touchlines 3 to 9.
 """
 GOAL_REACH_M, BORDER_M = 5.0, 0.3
 """How far to both sides of its middle a goal line is not measured, metres, and how near to the end of the field a place
 or a line counts as lying on its border. Beside posts and net the paint of rendered frames is off by 0.13 px, elsewhere
 by 0.01.
 """
-USUAL_BLUR, BIAS_BY_BLUR = 0.3, 0.3
-"""Quantile of the blurs along a picture's markings that is the picture's own, and by how much the middle of a marking
-may be off per pixel of further blur. A far touchline before a strip of another colour looks broad on one side: over
-three rendered clips its middles are off by 0.06 px where the blur is the usual one, by 0.3 with one pixel more, by
-0.8 with two and a half.
-"""
-FAINT_BIAS_PX = 4.0
-"""By how much the middle of such paint may be off, pixels at 1920 px width: before boards it is off by 0.3 to 1 in all
-frames of three rendered clips, to one side, and a number of frames does not lower that.
-"""
-PIECE_BIAS_PX = 8.0
-"""By how much paint that only whole pieces of a line show may be off, pixels at 1920 px width: all their places, three
-times as many as repeat an error elsewhere, are one measurement.
-"""
-LEAST_SHARE = 0.35
-"""Share of the places of a marking with paint below which what was found is not the marking: of a halfway line that a
-pan of 44 px smears, 12 of 60 places showed a false ridge, and 3 such frames of 58 made a pitch 0.6 m too short.
-Markings that are seen have 0.6 to 1, between players and in worn paint 0.45.
-"""
-BROAD_PX, MISSED_PLACES, MISSED_SHARE = 2.0, 24, 0.35
-"""A marking whose paint is broader than so many pixels at so many places, and shows in less than this share of all, is
-not where the camera puts it: in real clips the halfway line, 12 px beside its place and 7 px broad, while circle and
-touchline agreed; it showed at 0 to 0.3 of its places where it crossed its own, right ones show at 0.38 and more.
-"""
-CLEAR_PX_M = 10.0
-"""Scale across a marking, pixels at 1920 px width per metre, from which on what lies beside the paint is not taken for
-it: a circle and the penalty areas have 12 to 60, far touchlines 3 to 9.
-"""
-OPTICAL_BLUR_PX = 2.2
-"""Width that optics and encoding add to paint, pixels at 1920 px width."""
-SMEARED = 2.5
-"""Paint that moved across by so many of its own widths in the picture, blurred, while the shutter was open, is too pale
-to be expected.
-"""
-PALE = 1.0
-"""Paint that moved across by so many of its own widths is too pale for its absence to say anything: by half. Of a
-halfway line that a rendered pan of 7 to 11 px smears no place is found, where all else shows its paint.
-"""
-PIECE = 24
-"""Places in a row within which paint has one usual contrast."""
 FAR_APART = 6.0
 """Times the distance of neighbours, beyond which two places are not the neighbours of one between them."""
 
@@ -187,6 +139,10 @@ class Places:
     scale_px_m: Array
     curvature: Array
     by_theta: Array
+
+    def take(self, index: Indices) -> Places:
+        """Some of the places, by their numbers (N,)."""
+        return Places(*(getattr(self, field.name)[index] for field in fields(self)))
 
     def shift_by_motion(self, moved_px: Array) -> Array:
         """How far the middle of smeared paint lies from the marking (M,), along the normals, pixels.
@@ -299,185 +255,3 @@ def _lie_in_goals(field_m: Array, drawn: DrawnTemplate) -> Mask:
     """Which places (M, 2) lie between and beside the posts of a goal, whose net and shadow hide the line."""
     end = drawn.nodes[..., 0].max() - BORDER_M
     return np.asarray((np.abs(field_m[:, 0]) > end) & (np.abs(field_m[:, 1]) < GOAL_REACH_M), np.bool_)
-
-
-@dataclass(frozen=True, slots=True)
-class MeasuredFrame:
-    """Paint that a picture shows of the markings.
-
-    Attributes
-    ----------
-    marking, field_m : (M,), (M, 2) arrays
-        Which marking, and where on it, on a field of the template's size.
-    points_px, normals : (M, 2) arrays
-        Middle of the paint, and the direction across it in which it was measured.
-    width_px, scale_px_m : (M,) arrays
-        Full width at half the peak, and pixels per metre across the marking.
-    bias_px : (M,) array
-        By how much the middle may be off along the normal, a standard deviation, because of what lies beside the paint.
-    expected, painted : (K,) int arrays
-        Of each marking the number of places that the camera puts before grass and that are broad enough to be expected
-        to show paint, and of those that do.
-    missing : int
-        Number of markings that should be seen broadly and are not seen at all.
-    """
-
-    marking: Indices
-    field_m: Array
-    points_px: Array
-    normals: Array
-    width_px: Array
-    scale_px_m: Array
-    bias_px: Array
-    expected: Indices
-    painted: Indices
-    missing: int = 0
-
-    @property
-    def painted_share(self) -> float:
-        """Share of the expected places that show paint, 0 where none is expected."""
-        return float(self.painted.sum() / max(self.expected.sum(), 1))
-
-    def leave_out(self, marking: int) -> MeasuredFrame:
-        """The frame without the paint of one marking."""
-        kept = self.marking != marking
-        per_place = ("marking", "field_m", "points_px", "normals", "width_px", "scale_px_m", "bias_px")
-        return replace(self, **{name: getattr(self, name)[kept] for name in per_place})
-
-
-def measure_markings(
-    picture: GrayPicture,
-    places: Places,
-    spread_px: Array,
-    unit: float,
-    count: int,
-    blur_px: Array | None = None,
-    grass: NDArray[np.uint8] | None = None,
-) -> tuple[MeasuredFrame, Indices]:
-    """Look for paint at places.
-
-    Parameters
-    ----------
-    picture : (H, W) uint8
-        Gray levels.
-    places : Places
-        Where the camera puts the markings.
-    spread_px : (M,) array
-        Standard deviation of the places along their normals.
-    unit : float
-        Width of the picture over 1920.
-    count : int
-        Number K of markings.
-    blur_px : (2,) array, optional
-        Way of the picture while the shutter was open.
-    grass : (h, w) uint8, optional
-        Playing surface in a reduced picture: what is seen elsewhere is not the marking.
-
-    Returns
-    -------
-    MeasuredFrame, (P,) int array
-        The paint, and the numbers of the places that show it.
-    """
-    keep = spread_px < FARTHEST_SIGMA_PX * unit
-    if grass is not None:
-        height, width = picture.shape
-        rows, columns = grass.shape
-        at = (places.pixels * (columns / width, rows / height)).astype(int)
-        keep &= grass[np.clip(at[:, 1], 0, rows - 1), np.clip(at[:, 0], 0, columns - 1)] > 0
-    smear = np.zeros(len(keep))
-    if blur_px is not None:
-        smear = np.abs(places.normals @ blur_px) / (places.width_px + OPTICAL_BLUR_PX * unit)
-        keep &= smear < SMEARED
-    index = np.flatnonzero(keep)
-    marking, base, normals = places.marking[index], places.pixels[index], places.normals[index]
-    is_expected = places.width_px[index] > NARROWEST_PX
-    looked_for = np.bincount(marking, minlength=count)
-    expected = np.bincount(marking[is_expected], minlength=count)
-    if len(index) < 8:
-        empty = np.zeros((0, 2))
-        none = np.zeros(0)
-        unseen = MeasuredFrame(
-            marking[:0], empty, empty, empty, none, none, none, expected, np.zeros(count, dtype=np.int_)
-        )
-        return unseen, index[:0]
-    reach = max(ACROSS_PX * unit, 3.5) + 2.0 * spread_px[index] + places.width_px[index]
-    if blur_px is not None:
-        reach = reach + 0.5 * np.abs(normals @ blur_px)
-    start = np.searchsorted(marking, np.arange(count))
-    position = np.arange(len(index)) - start[marking]
-    pieces_of = np.where(looked_for > 0, (looked_for - 1) // PIECE + 1, 0)
-    pieces = position // PIECE + (np.cumsum(pieces_of) - pieces_of)[marking]
-    found = measure_curve(picture, base, normals, reach, pieces.astype(np.int64))
-    is_thin = (places.scale_px_m[index] < CLEAR_PX_M * unit) & (smear[index] < PALE)
-    found = measure_thin(picture, found, is_thin, pieces.astype(np.int64), unit)
-    is_alone = found.supported
-    found = _measure_faint(picture, found, is_thin & ~is_expected, pieces, places, index, reach, blur_px)
-    on: Mask = found.supported
-    # paint as wide as this camera shows it, blurred
-    blurred = OPTICAL_BLUR_PX * unit + 1.0 + (np.abs(normals @ blur_px) if blur_px is not None else 0.0)
-    on = np.asarray(on & (found.width < 1.6 * places.width_px[index] + 2.0 * blurred), np.bool_)
-    share = np.bincount(marking[on], minlength=count) / np.maximum(looked_for, 1)
-    is_broad = (places.width_px[index] > BROAD_PX) & (smear[index] < PALE)
-    broad = np.bincount(marking[is_broad], minlength=count)
-    missing = int(np.count_nonzero((broad >= MISSED_PLACES) & (share < MISSED_SHARE)))
-    on &= share[marking] >= LEAST_SHARE
-    is_far = on & (places.scale_px_m[index] < CLEAR_PX_M * unit)
-    kept, is_double = keep_one_line(is_far, found.offset, marking, JUMP_PX * unit, count)
-    on &= kept | ~is_far
-    expected = np.where(is_double, 0, expected)
-    painted = np.bincount(marking[on & is_expected], minlength=count)
-    shift, moved = np.zeros((2, np.count_nonzero(on)))
-    if blur_px is not None:
-        shift, moved = places.shift_by_motion(blur_px)[index][on], np.abs(normals[on] @ blur_px)
-    bias = np.hypot(_bias_sigmas(found.width[on], places.width_px[index][on], moved), shift)
-    at = index[on]
-    measured = MeasuredFrame(
-        marking[on],
-        places.field_m[at],
-        base[on] + (found.offset[on] - shift)[:, None] * normals[on],
-        normals[on],
-        found.width[on],
-        places.scale_px_m[at],
-        np.where(is_expected[on], bias, np.where(is_alone[on], FAINT_BIAS_PX, PIECE_BIAS_PX) * unit),
-        expected,
-        painted,
-        missing,
-    )
-    return measured, at
-
-
-def _measure_faint(
-    picture: GrayPicture,
-    found: MeasuredCurve,
-    faint: Mask,
-    pieces: Indices,
-    places: Places,
-    index: Indices,
-    reach: Array,
-    blur_px: Array | None,
-) -> MeasuredCurve:
-    """The paint (N,) at some places, with that of lines too thin for single places along their pieces."""
-    unit = picture.shape[1] / 1920.0
-    faint = np.asarray(faint & ~found.supported, np.bool_)
-    if not faint.any():
-        return found
-    on, scale, paint_px = found.supported, places.scale_px_m[index], places.width_px[index]
-    paint = PaintStrength.of(found.contrast[on], found.width[on], scale[on], scale[on] > CLEAR_PX_M * unit)
-    if paint is None:
-        return found
-    moved = 0.0 if blur_px is None else found.normals @ blur_px
-    height, width = paint.ridges(scale, paint_px, moved)
-    return measure_faint(picture, found, faint, pieces.astype(np.int64), height, width, reach, unit)
-
-
-def _bias_sigmas(width_px: Array, paint_px: Array, moved_px: Array) -> Array:
-    """By how much a middle may be off (M,) where the paint looks broader than paint does in this picture, pixels.
-
-    A full width w at half the peak, of paint of width p that moved by m, comes of a blur ``b^2 = w^2 - p^2 - m^2``.
-    """
-    if len(width_px) == 0:
-        return np.zeros(0)
-    blur = np.sqrt(np.maximum(width_px**2 - paint_px**2 - moved_px**2, 0.0))
-    at = int(USUAL_BLUR * (len(blur) - 1))
-    usual = float(np.partition(blur, at)[at])
-    return np.asarray(BIAS_BY_BLUR * np.maximum(blur - usual, 0.0))

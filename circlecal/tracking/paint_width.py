@@ -16,7 +16,7 @@ from circlecal.config import Config
 from circlecal.field import FieldTemplate
 from circlecal.geometry.projective import Array
 from circlecal.rig.tripod import PLACE
-from circlecal.tracking.markings import MeasuredFrame
+from circlecal.tracking.seen_paint import MeasuredFrame
 from circlecal.tracking.tripod_fit import common_priors
 
 WIDTH_SD_M = 0.005

@@ -12,10 +12,11 @@ from circlecal.field import FieldTemplate
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import SurfaceShape
 from circlecal.rig.tripod import PLACE, TripodEstimate
+from circlecal.tracking.frame_paint import HeadedFrame
 from circlecal.tracking.looking import LookedAt, Place
 from circlecal.tracking.markings import DrawnTemplate
 from circlecal.tracking.touchlines import find_width
-from circlecal.tracking.tripod_fit import HeadedFrame, TripodFit, count_alike, fit_tripod
+from circlecal.tracking.tripod_fit import TripodFit, count_alike, fit_tripod
 
 SHAPES: tuple[SurfaceShape, ...] = ("roof", "parabola")
 WORST_RMS_PX = 2.0

@@ -24,6 +24,7 @@ from circlecal.tracking.first_look import (
     look_through,
     suit_tracking,
 )
+from circlecal.tracking.frame_paint import HeadedFrame
 from circlecal.tracking.head_path import HeadPath
 from circlecal.tracking.looking import LEAST_PLACES, Look, LookedAt, Place
 from circlecal.tracking.markings import DrawnTemplate, template_curves
@@ -36,14 +37,8 @@ from circlecal.tracking.pitch import (
     search_length,
     search_width,
 )
-from circlecal.tracking.tripod_fit import (
-    HeadedFrame,
-    TripodFit,
-    fit_tripod,
-    free_parameters,
-    inverse_of_normal,
-    start_tripod,
-)
+from circlecal.tracking.tripod_fit import TripodFit, fit_tripod, free_parameters, start_tripod
+from circlecal.tracking.tripod_problem import inverse_of_normal
 
 MOST_PICTURES, LEAST_STEP_S = 48, 0.2
 """Pictures that are looked at, and the least time between them: with 0.5 s a clip of 4 s gave too few to tell the

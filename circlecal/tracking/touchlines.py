@@ -18,9 +18,9 @@ from circlecal.geometry.projective import Array
 from circlecal.paint.profiles import interpolate
 from circlecal.rig.tripod import PLACE, TripodEstimate
 from circlecal.tracking.faint_paint import NEXT_SHARE, STRENGTHS, TAP_PX, PaintStrength, rise_of
+from circlecal.tracking.frame_paint import HeadedFrame
 from circlecal.tracking.looking import LookedAt
 from circlecal.tracking.markings import CLEAR_PX_M, MARGIN_PX
-from circlecal.tracking.tripod_fit import HeadedFrame
 
 COLUMN_M, ROW_M = 0.5, 0.5
 """Steps along a touchline and across it on the ground, metres."""

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from circlecal.field import FieldTemplate, load_field
 from circlecal.geometry.surface import Surface
 from circlecal.rig.tripod import COMMON, PLACE, TripodEstimate
-from circlecal.tracking.markings import MeasuredFrame, place_markings, template_curves
-from circlecal.tracking.tripod_fit import HeadedFrame
+from circlecal.tracking.frame_paint import HeadedFrame
+from circlecal.tracking.markings import place_markings, template_curves
+from circlecal.tracking.seen_paint import MeasuredFrame
 
 SIZE = (1280, 720)
 HEAD = np.array([np.log(1500.0), -0.35, 1.38])

@@ -15,11 +15,13 @@ from circlecal.rig.tripod import PLACE
 from circlecal.synthetic.optics import motion_kernel
 from circlecal.tracking import closer_look, head_path, pitch
 from circlecal.tracking.closer_look import learn_closely, measure_closely
+from circlecal.tracking.frame_paint import HeadedFrame, residuals_of
 from circlecal.tracking.head_fit import HeadFit
 from circlecal.tracking.head_path import HeadPath
 from circlecal.tracking.looking import Look, LookedAt, Place
-from circlecal.tracking.markings import MeasuredFrame, place_markings, template_curves
-from circlecal.tracking.tripod_fit import HeadedFrame, common_priors, residuals_of
+from circlecal.tracking.markings import place_markings, template_curves
+from circlecal.tracking.seen_paint import MeasuredFrame
+from circlecal.tracking.tripod_fit import common_priors
 from tests.tracking.scenes import HEAD, SIZE, draw, measure_ideal, template, tripod, views_of_a_pitch
 
 CIRCLE_HEAD = np.array([np.log(2200.0), -0.01, 1.38])

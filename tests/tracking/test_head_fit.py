@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from circlecal.tracking.frame_paint import number_parts
 from circlecal.tracking.head_fit import LinearPaint, fit_head
 from circlecal.tracking.markings import template_curves
-from circlecal.tracking.tripod_fit import number_parts
 from tests.tracking.scenes import HEAD, measure_ideal, template, tripod
 
 PRIOR = np.eye(3) * 1e2

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from circlecal.geometry.camera_parameters import project
-from circlecal.tracking.markings import Places, grow_places, measure_markings, place_markings, template_curves
+from circlecal.tracking.markings import Places, grow_places, place_markings, template_curves
 from circlecal.tracking.one_line import keep_one_line
+from circlecal.tracking.seen_paint import measure_markings
 from tests.tracking.scenes import HEAD, template, tripod
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 
-from circlecal.tracking.markings import MeasuredFrame, _bias_sigmas
 from circlecal.tracking.paint_width import estimate_paint_width, half_peak_width
+from circlecal.tracking.seen_paint import MeasuredFrame, _bias_sigmas
 
 
 def frame(scale: np.ndarray, width_px: np.ndarray) -> MeasuredFrame:

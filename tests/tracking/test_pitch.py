@@ -10,10 +10,11 @@ import pytest
 from circlecal.config import load_config
 from circlecal.rig.tripod import PLACE, TripodEstimate
 from circlecal.tracking import closer_look, pitch
+from circlecal.tracking.frame_paint import PART_M, HeadedFrame
 from circlecal.tracking.looking import LookedAt
 from circlecal.tracking.markings import template_curves
 from circlecal.tracking.survey import WORST_RMS_PX
-from circlecal.tracking.tripod_fit import PART_M, HeadedFrame, common_priors, fit_tripod
+from circlecal.tracking.tripod_fit import common_priors, fit_tripod
 from tests.tracking.scenes import (
     HEAD,
     SIZE,

@@ -10,8 +10,8 @@ import pytest
 from circlecal.config import load_config
 from circlecal.rig.tripod import PLACE, TripodEstimate
 from circlecal.tracking import pitch, touchlines
+from circlecal.tracking.frame_paint import HeadedFrame
 from circlecal.tracking.looking import LookedAt
-from circlecal.tracking.tripod_fit import HeadedFrame
 from tests.tracking.scenes import HEAD, draw, measure_ideal, template, tripod
 
 WIDTHS = np.arange(45.0, 90.1, 0.1)

@@ -8,8 +8,9 @@ import numpy as np
 
 from circlecal.config import load_config
 from circlecal.rig.tripod import PLACE
+from circlecal.tracking.frame_paint import PART_M, HeadedFrame
 from circlecal.tracking.markings import template_curves
-from circlecal.tracking.tripod_fit import PART_M, HeadedFrame, common_priors, count_alike, fit_tripod
+from circlecal.tracking.tripod_fit import common_priors, count_alike, fit_tripod
 from tests.tracking.scenes import (
     SIZE,
     measure_ideal,

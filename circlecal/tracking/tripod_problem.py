@@ -1,0 +1,226 @@
+"""Heads and what all frames of a tripod share, in one least-squares problem.
+
+Every frame has its focal length, pan and tilt; all else is common. The normal equations are an arrow: each frame's
+block is eliminated, and what is left is as large as the common part, however many frames there are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from circlecal.geometry.projective import Array, Indices
+from circlecal.rig.tripod import COMMON, TripodEstimate, TripodModel
+from circlecal.tracking.frame_paint import FramePaint, HeadedFrame, number_parts, residuals_of, rms_distances, sigmas_of
+from circlecal.tracking.markings import DrawnTemplate
+
+ITERATIONS = 15
+ARRIVED = 1e-4
+"""Share of the cost by which the last step must lower it for another one."""
+FIRST_DAMPING = 1e-4
+MOST_DAMPING, LEAST_DAMPING = 1e4, 1e-10
+LARGEST_STEP = 0.3
+"""Of the logarithm of focal length and of angles, in one iteration."""
+BEYOND_PARTS = 1.5
+"""How many times as much markings are off alike as parts of them tell, the rest being alike over the whole of a marking
+or taken up by the fit. Over eight rendered clips of two seeds the mean square of the tripod's errors by their standard
+deviations is 1.57 without it, 1.05 with it, and the true place lies in the 90 % region of 89 and 94 % of all points.
+Two real clips of one ground put its length 0.2 m and the camera's distance 0.28 m apart, 2.9 and 4.2 standard
+deviations without all this, 1.4 and 2.0 with it.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Normal:
+    """Cost and blocks of the normal equations: own (F, 3, 3), mixed (F, 3, K), common (K, K), and their gradients."""
+
+    cost: float
+    H_oo: Array
+    H_oc: Array
+    H_cc: Array
+    g_o: Array
+    g_c: Array
+
+    @classmethod
+    def of(cls, frames: Sequence[FramePaint], loss_scale: float) -> Normal:
+        """Of all frames."""
+        equations = [frame.normal_equations(loss_scale) for frame in frames]
+        H, g = (np.array(parts) for parts in zip(*equations, strict=True))
+        cost = float(np.sum([frame.cost(loss_scale) for frame in frames]))
+        return cls(cost, H[:, :3, :3], H[:, :3, 3:], H[:, 3:, 3:].sum(axis=0), g[:, :3], g[:, 3:].sum(axis=0))
+
+    def scale(self, factor: float) -> Normal:
+        """The equations where all information is so many times as much."""
+        blocks = ("H_oo", "H_oc", "H_cc", "g_o", "g_c")
+        return replace(self, **{name: factor * getattr(self, name) for name in blocks})
+
+    def eliminate(self, precision: Array, damping: float = 0.0) -> tuple[Array, Array]:
+        """The common block with a prior's precision (K, K) after the frames' own ones are eliminated, and their solved
+        blocks (F, 3, K + 1).
+        """
+        own = self.H_oo + (damping * np.einsum("foo->fo", self.H_oo) + 1e-6)[:, :, None] * np.eye(3)
+        solved = np.linalg.solve(own, np.concatenate([self.H_oc, self.g_o[..., None]], axis=2))
+        whole = self.H_cc + precision
+        whole = whole + damping * np.diag(np.diag(whole))
+        return whole - np.einsum("foc,fod->cd", self.H_oc, solved[..., :-1]), solved
+
+
+@dataclass(frozen=True, slots=True)
+class TripodState:
+    """Heads (F, 3) and common parameters (K,) of a problem, and its equations there."""
+
+    heads: Array
+    common: Array
+    normal: Normal
+
+
+@dataclass(frozen=True, slots=True)
+class TripodProblem:
+    """F measured frames of one tripod, with what is known of all that they share.
+
+    Attributes
+    ----------
+    frames, sigmas : tuples of HeadedFrame, of (M,) arrays
+        What they show, and how surely.
+    model : TripodModel
+        How the tripod turns.
+    drawn : DrawnTemplate
+        The field.
+    mean, precision : (K,), (K, K) arrays
+        Prior of the common parameters.
+    free : index array
+        Those of them that are estimated.
+    """
+
+    frames: tuple[HeadedFrame, ...]
+    sigmas: tuple[Array, ...]
+    model: TripodModel
+    drawn: DrawnTemplate
+    mean: Array
+    precision: Array
+    free: Indices
+
+    @classmethod
+    def of(
+        cls,
+        frames: Sequence[HeadedFrame],
+        start: TripodEstimate,
+        drawn: DrawnTemplate,
+        mean: Array,
+        precision: Array,
+        free: Indices,
+        alike: float,
+    ) -> tuple[TripodProblem, Array, Array]:
+        """The problem, with the heads (F, 3) and common parameters (K,) from which it starts: frames that are ``alike``
+        in what the models leave are so much less certain.
+        """
+        model, unit = start.model, start.size[0] / 1920.0
+        common = mean.copy()
+        common[free] = start.mean[free]
+        heads = np.array([frame.head for frame in frames])
+        thetas = [model.thetas(head[None], common)[0] for head in heads]
+        sigmas = []
+        for frame, theta in zip(frames, thetas, strict=True):
+            away, _ = residuals_of(frame.measured, drawn, theta, model.projection)
+            sigmas.append(sigmas_of(frame.measured, away, unit, alike))
+        return cls(tuple(frames), tuple(sigmas), model, drawn, mean, precision, free), heads, common
+
+    @property
+    def unit(self) -> float:
+        """Width of the pictures over 1920."""
+        return self.model.projection.width / 1920.0
+
+    def paint(self, heads: Array, common: Array) -> Iterator[FramePaint]:
+        """The paint of each frame before its camera."""
+        theta, by_own, by_common = self.model.linearise(heads, common)
+        for k, (frame, sigma) in enumerate(zip(self.frames, self.sigmas, strict=True)):
+            away, rows = residuals_of(frame.measured, self.drawn, theta[k], self.model.projection)
+            yield FramePaint(away, sigma, rows @ by_own[k], rows @ by_common[k])
+
+    def evaluate(self, heads: Array, common: Array, loss_scale: float) -> TripodState:
+        """The equations at heads (F, 3) and common parameters (K,)."""
+        return TripodState(heads, common, Normal.of(list(self.paint(heads, common)), loss_scale))
+
+    def cost(self, at: TripodState) -> float:
+        """Of the paint and of the prior."""
+        away = np.zeros(len(COMMON))
+        away[self.free] = (at.common - self.mean)[self.free]
+        return at.normal.cost + float(away @ self.precision @ away)
+
+    def minimise(self, heads: Array, common: Array, loss_scale: float) -> TripodState:
+        """The optimum from a start, by Levenberg and Marquardt's method."""
+        damping = FIRST_DAMPING
+        now = self.evaluate(heads, common, loss_scale)
+        for _ in range(ITERATIONS):
+            change_o, change_c = self._step(now, damping)
+            shorten = max(1.0, float(np.abs(change_o).max(initial=0.0)) / LARGEST_STEP)
+            then = self.evaluate(now.heads + change_o / shorten, now.common + change_c / shorten, loss_scale)
+            before, after = self.cost(now), self.cost(then)
+            if after < before:
+                now = then
+                damping = max(damping / 10.0, LEAST_DAMPING)
+                if before - after < ARRIVED * max(before, 1.0):
+                    break
+            else:
+                damping *= 10.0
+                if damping > MOST_DAMPING:
+                    break
+        return now
+
+    def _step(self, now: TripodState, damping: float) -> tuple[Array, Array]:
+        """Changes of the heads (F, 3) and of the common parameters (K,)."""
+        normal = now.normal
+        reduced, solved = normal.eliminate(self.precision, damping)
+        by_own = np.einsum("foc,fo->c", normal.H_oc, solved[..., -1])
+        gradient = normal.g_c + self.precision @ (now.common - self.mean) - by_own
+        change = np.zeros(len(COMMON))
+        change[self.free] = -self.invert(reduced) @ gradient[self.free]
+        return -solved[..., -1] - solved[..., :-1] @ change, change
+
+    def invert(self, reduced: Array) -> Array:
+        """Covariance of the parameters that are estimated, from a common block (K, K) without the frames' own ones."""
+        return inverse_of_normal(reduced[np.ix_(self.free, self.free)])
+
+    def distances(self, at: TripodState) -> tuple[Array, Array]:
+        """Root mean square distances (F,), (F,) of the frames' paint: see
+        :func:`circlecal.tracking.frame_paint.rms_distances`.
+        """
+        found = [
+            rms_distances(frame.measured, paint.away, self.unit)
+            for frame, paint in zip(self.frames, self.paint(at.heads, at.common), strict=True)
+        ]
+        rms, clear = np.array(found).reshape(-1, 2).T
+        return rms, clear
+
+    def measure_spread(self, at: TripodState, loss_scale: float, part_m: float) -> float:
+        """Variance of the paint about its markings, as a share of what it is taken to have.
+
+        Within a part of the field the distances need not be independent of each other, so each part counts with their
+        weighted sum, over all frames: with ``a`` the weights and ``J`` the derivatives of the weighted distances ``r``,
+        ``(a . r)^2`` has the mean ``|a|^2 - a^T J (J^T J)^-1 J^T a`` where all variances are as they are taken to be.
+        """
+        numbers = [number_parts(frame.measured, part_m) for frame in self.frames]
+        parts, part = np.unique(np.concatenate(numbers), return_inverse=True)
+        part_of = np.split(part, np.cumsum([len(number) for number in numbers])[:-1])
+        away, size = np.zeros((2, len(parts)))
+        reduced, solved = at.normal.eliminate(self.precision)
+        shared = np.zeros((len(parts), len(COMMON)))
+        explained = 0.0
+        for k, paint in enumerate(self.paint(at.heads, at.common)):
+            off, weight, by_own, by_common = paint.add_by_part(part_of[k], len(parts), loss_scale)
+            away += off
+            size += weight
+            explained += float((by_own * np.linalg.solve(at.normal.H_oo[k] + 1e-6 * np.eye(3), by_own.T).T).sum())
+            shared += by_common - by_own @ solved[k, :, :-1]
+        explained += float(np.einsum("ci,ij,cj->", shared[:, self.free], self.invert(reduced), shared[:, self.free]))
+        as_taken = size.sum() / len(self.frames)  # one frame's, so that few frames tell little
+        share = ((away**2).sum() + as_taken) / (max(size.sum() - explained, 0.0) + as_taken)
+        return float(BEYOND_PARTS * share)
+
+
+def inverse_of_normal(matrix: Array) -> Array:
+    """Inverse of a normal matrix of quantities of very different size."""
+    size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    return np.asarray(np.linalg.pinv(matrix / np.outer(size, size), rcond=1e-13, hermitian=True) / np.outer(size, size))
