@@ -19,7 +19,7 @@ from circlecal.tracking.frame_paint import residuals_of
 from circlecal.tracking.head_fit import HeadFit, LinearPaint, count_crossing, fit_head, follow_common
 from circlecal.tracking.markings import DrawnTemplate, place_markings, template_curves
 from circlecal.tracking.motion import SmallPicture
-from circlecal.tracking.search import RidgePicture, map_ridges, search_heads
+from circlecal.tracking.search import GridViews, RidgePicture, map_ridges, search_heads
 from circlecal.tracking.seen_paint import MeasuredFrame, measure_markings
 
 LEAST_PLACES = 36
@@ -187,7 +187,7 @@ class Look:
         return self.worth > other.worth
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Place:
     """A tripod before a field, as pictures are looked at with it."""
 
@@ -204,6 +204,11 @@ class Place:
     def unit(self) -> float:
         """Width of the pictures over 1920."""
         return self.tripod.size[0] / 1920.0
+
+    @cached_property
+    def views(self) -> GridViews:
+        """What the tripod may put into view, for a search."""
+        return GridViews.of(self.tripod, self.drawn, self.template)
 
     def look(
         self,
@@ -262,7 +267,7 @@ class Place:
 
     def propose(self, picture: LookedAt) -> Array:
         """Heads (N, 3) that may be the picture's, the likeliest first."""
-        searched = search_heads(picture.ridges, self.tripod, self.drawn, self.template)
+        searched = search_heads(picture.ridges, self.views)
         # a camera that hardly moves looks where it looked
         return np.concatenate([searched, (self.tripod.head_low + self.tripod.head_high)[None] / 2.0])
 

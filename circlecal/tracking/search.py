@@ -91,24 +91,22 @@ def map_ridges(gray: NDArray[np.uint8], grass: NDArray[np.uint8], config: RidgeC
     return RidgePicture(np.asarray(cv2.distanceTransform(off, cv2.DIST_L2, 3), np.float32), float(length), factor)
 
 
-def search_heads(ridges: RidgePicture, tripod: TripodEstimate, drawn: DrawnTemplate, template: FieldTemplate) -> Array:
+def search_heads(ridges: RidgePicture, views: GridViews) -> Array:
     """Heads (N, 3) under which markings and ridges agree best, the best first; they may all be wrong."""
     if ridges.length_px < LEAST_RIDGE_PX:
         return np.zeros((0, 3))
-    places = _pieces(drawn, tripod)
-    grid = _grid(tripod, template)
-    score = _scores(grid, places, ridges, tripod, COARSE_PX)
-    heads = grid[np.argsort(-score, kind="stable")[:FOLLOWED]]
+    score = views.seen.score(ridges, COARSE_PX)
+    heads = views.heads[np.argsort(-score, kind="stable")[:FOLLOWED]]
     step = np.array([STEP_ZOOM, 1.0, 1.0]) / 2.0
     for level in range(LEVELS):
         reach = max(COARSE_PX * 0.75**level, FINE_PX)
         turn = STEP_PX * ridges.factor / np.exp(heads[:, :1])
         tried = heads[:, None] + NEIGHBOURS * (step * np.column_stack([np.ones(len(heads)), turn, turn]))[:, None]
-        score = _scores(tried.reshape(-1, 3), places, ridges, tripod, reach).reshape(len(heads), -1)
+        score = views.see(tried.reshape(-1, 3)).score(ridges, reach).reshape(len(heads), -1)
         heads = tried[np.arange(len(heads)), np.argmax(score, axis=1)]
         step = step * 0.55
-    score = _scores(heads, places, ridges, tripod, FINE_PX)
-    return _keep_apart(heads[np.argsort(-score, kind="stable")], tripod.size[0], ridges.factor)
+    score = views.see(heads).score(ridges, FINE_PX)
+    return _keep_apart(heads[np.argsort(-score, kind="stable")], views.tripod.size[0], ridges.factor)
 
 
 def _keep_apart(heads: Array, width: int, factor: float) -> Array:
@@ -166,16 +164,75 @@ def _pieces(drawn: DrawnTemplate, tripod: TripodEstimate) -> _Pieces:
     return _Pieces(tripod.surface.lift(places).T.astype(np.float32), np.diff(index) == 0)
 
 
-def _scores(heads: Array, pieces: _Pieces, ridges: RidgePicture, tripod: TripodEstimate, reach_px: float) -> Array:
-    """How well heads (B, 3) explain the ridges: length that agrees over the length of either."""
-    near = np.exp(-0.5 * (ridges.distance / np.float32(reach_px)) ** 2)
-    found = np.empty(len(heads))
+@dataclass(frozen=True, slots=True)
+class _SeenPieces:
+    """N pieces of markings that B heads put into view, in reduced pictures.
+
+    Attributes
+    ----------
+    head, at : (N,) int32
+        Number of the head, and of the pixel in which the middle of the piece lies.
+    length_px : (N,) float32
+        Length of the piece.
+    drawn_px : (B,) array
+        Length of all pieces that a head puts into view.
+    """
+
+    head: NDArray[np.int32]
+    at: NDArray[np.int32]
+    length_px: NDArray[np.float32]
+    drawn_px: Array
+
+    def score(self, ridges: RidgePicture, reach_px: float) -> Array:
+        """How well the heads (B,) explain the ridges: length that agrees over the length of either."""
+        near = np.exp(-0.5 * (ridges.distance / np.float32(reach_px)) ** 2)
+        agreed = np.bincount(self.head, self.length_px * near.ravel().take(self.at), len(self.drawn_px))
+        return np.asarray(agreed / (self.drawn_px + np.maximum(ridges.length_px - agreed, 0.0) + LEAST_RIDGE_PX))
+
+
+@dataclass(frozen=True, slots=True)
+class GridViews:
+    """What a tripod puts into view under all heads of the grid, which are the same for every picture that is searched.
+
+    Attributes
+    ----------
+    tripod : TripodEstimate
+        The camera.
+    pieces : _Pieces
+        The markings before it.
+    heads : (G, 3) array
+        The grid.
+    seen : _SeenPieces
+        What these put into view.
+    """
+
+    tripod: TripodEstimate
+    pieces: _Pieces
+    heads: Array
+    seen: _SeenPieces
+
+    @classmethod
+    def of(cls, tripod: TripodEstimate, drawn: DrawnTemplate, template: FieldTemplate) -> GridViews:
+        """A tripod before a field."""
+        pieces, heads = _pieces(drawn, tripod), _grid(tripod, template)
+        return cls(tripod, pieces, heads, _see(heads, pieces, tripod))
+
+    def see(self, heads: Array) -> _SeenPieces:
+        """What other heads (B, 3) put into view."""
+        return _see(heads, self.pieces, self.tripod)
+
+
+def _see(heads: Array, pieces: _Pieces, tripod: TripodEstimate) -> _SeenPieces:
     # heads that look to the same side see the same few markings
     order = np.argsort(heads[:, 1], kind="stable")
+    parts = []
     for first in range(0, len(heads), CHUNK):
         chunk = order[first : first + CHUNK]
-        found[chunk] = _score_some(heads[chunk], pieces, near, ridges, tripod)
-    return found
+        head, at, length = _see_some(heads[chunk], pieces, tripod)
+        parts.append((chunk[head], at, length))
+    head, at, length = (np.concatenate(values) for values in zip(*parts, strict=True))
+    drawn = np.asarray(np.bincount(head, length, len(heads)), np.float64)
+    return _SeenPieces(head.astype(np.int32), at.astype(np.int32), length, drawn)
 
 
 def _nodes_in_view(pieces: _Pieces, rotation: NDArray[np.float32], theta: Array, tripod: TripodEstimate) -> _Pieces:
@@ -198,15 +255,18 @@ def _nodes_in_view(pieces: _Pieces, rotation: NDArray[np.float32], theta: Array,
     return _Pieces(pieces.nodes[:, kept], pieces.on_marking[kept[:-1]] & (np.diff(kept) == 1))
 
 
-def _score_some(
-    heads: Array, pieces: _Pieces, near: NDArray[np.float32], ridges: RidgePicture, tripod: TripodEstimate
-) -> Array:
+def _see_some(
+    heads: Array, pieces: _Pieces, tripod: TripodEstimate
+) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32]]:
+    """Of the pieces that heads (B, 3) put into view the number of the head, the pixel, and the length."""
+    width, height = tripod.size
+    factor = width / WIDTH_PX
+    rows, columns = round(height / factor), WIDTH_PX
     theta = tripod.model.thetas(heads, tripod.mean)
-    rows, columns = near.shape
     rotation = rotations(theta).astype(np.float32)
     pieces = _nodes_in_view(pieces, rotation, theta, tripod)
     if len(pieces.on_marking) == 0:
-        return np.zeros(len(heads))
+        return np.zeros(0, np.int64), np.zeros(0, np.int32), np.zeros(0, np.float32)
     local = rotation @ pieces.nodes
     local -= rotation @ theta[:, POSITION, None].astype(np.float32)
     ahead = local[:, 2] > 1.0
@@ -215,8 +275,8 @@ def _score_some(
     focal = np.exp(theta[:, :1])
     bend = (theta[:, KAPPA_1, None] * (2.0 / tripod.size[0] * focal) ** 2).astype(np.float32)
     scale_px = np.clip(np.float32(1.0) + bend * (x * x + y * y), np.float32(0.7), np.float32(1.5))
-    scale_px *= (focal / ridges.factor).astype(np.float32)
-    center = ((tripod.model.projection.center + theta[:, PRINCIPAL] + 0.5) / ridges.factor - 0.5).astype(np.float32)
+    scale_px *= (focal / factor).astype(np.float32)
+    center = ((tripod.model.projection.center + theta[:, PRINCIPAL] + 0.5) / factor - 0.5).astype(np.float32)
     x, y = x * scale_px + center[:, :1], y * scale_px + center[:, 1:]
     # the middle of each piece stands for it
     mx, my = (x[:, 1:] + x[:, :-1]) * np.float32(0.5), (y[:, 1:] + y[:, :-1]) * np.float32(0.5)
@@ -227,5 +287,4 @@ def _score_some(
     length = np.minimum(np.sqrt(across * across + down * down), np.float32(60.0))
     own -= head  # there is one piece less than nodes
     at = my.ravel().take(own).astype(np.int32) * columns + mx.ravel().take(own).astype(np.int32)
-    agreed, drawn = (np.bincount(head, lengths, len(heads)) for lengths in (length * near.ravel().take(at), length))
-    return np.asarray(agreed / (drawn + np.maximum(ridges.length_px - agreed, 0.0) + LEAST_RIDGE_PX))
+    return head, at, length

@@ -106,12 +106,24 @@ def test_heads_that_differ_in_zoom_alone_are_all_kept() -> None:
 def test_markings_that_no_camera_shows_are_left_out_of_a_search(picture: LookedAt, monkeypatch) -> None:
     drawn, known = template_curves(template()), tripod()
     pieces, grid = search._pieces(drawn, known), search._grid(known, template())[::37]
-    found = search._scores(grid, pieces, picture.ridges, known, search.COARSE_PX)
+    found = search._see(grid, pieces, known).score(picture.ridges, search.COARSE_PX)
     theta = known.model.thetas(HEAD[None], known.mean)
     few = search._nodes_in_view(pieces, rotations(theta).astype(np.float32), theta, known)
     assert len(few.on_marking) < 0.7 * len(pieces.on_marking)
     monkeypatch.setattr(search, "_nodes_in_view", lambda pieces, *_: pieces)
-    np.testing.assert_allclose(found, search._scores(grid, pieces, picture.ridges, known, search.COARSE_PX), atol=2e-3)
+    every = search._see(grid, pieces, known).score(picture.ridges, search.COARSE_PX)
+    np.testing.assert_allclose(found, every, atol=2e-3)
+
+
+def test_what_the_grid_puts_into_view_is_worked_out_once_for_all_pictures(picture: LookedAt, monkeypatch) -> None:
+    place, counts = Place.of(tripod(), template()), []
+    see = search._see
+    monkeypatch.setattr(search, "_see", lambda heads, *others: counts.append(len(heads)) or see(heads, *others))
+    first = place.propose(picture)
+    of_grid = max(counts)
+    np.testing.assert_array_equal(place.propose(picture), first)
+    assert of_grid == len(place.views.heads) > 4 * search.FOLLOWED * len(search.NEIGHBOURS)
+    assert counts.count(of_grid) == 1
 
 
 def test_where_the_head_was_seen_is_proposed(picture: LookedAt) -> None:
