@@ -23,9 +23,9 @@ from circlecal.pipeline import field_of
 from circlecal.refusals import explain
 from circlecal.results import CameraFit, FrameCalibration
 
-OFF_PX, OFF_SIGMAS = 3.0, 5.0
-"""A named marking whose points lie further off contradicts the rest: pixels at 1920 px width, and what its own standard
-deviation and the camera's allow.
+OFF_PX, OFF_SIGMAS, OFF_SHARE = 3.0, 5.0, 0.25
+"""A named marking contradicts the rest where more than this share of its points lies further off: pixels at 1920 px
+width, and standard deviations of its own. Fewer points were measured on a player who stands on the paint.
 """
 FIT_PX, FIT_SIGMAS = 2.5, 2.0
 """A line without a name may be a marking that a camera puts so near to it: pixels at 1920 px width, and standard
@@ -201,7 +201,7 @@ def _markings(told: Answer, recognised: dict[int, str], drawn: dict[str, SeenMar
         rms = None if off is None else float(np.sqrt(np.mean(off**2)))
         own = MarkingKey(name or "", marking.edge if marking.kind == "curve" else None)
         limit = max(OFF_PX * unit, OFF_SIGMAS * float(np.median(marking.sigma)))
-        wrong = own in rejected or (marking.name is not None and rms is not None and rms > limit)
+        wrong = own in rejected or (off is not None and float(np.mean(off > limit)) > OFF_SHARE)
         found.append(
             {
                 "rms_px": None if rms is None else _finite(rms),

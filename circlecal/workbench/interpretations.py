@@ -21,9 +21,10 @@ from circlecal.formats.annotation import AnnotatedMarking, Annotation
 from circlecal.geometry.homography import SIDES
 from circlecal.geometry.projective import Array
 from circlecal.observations import Observations
+from circlecal.paint.matched_filter import CLEAR
 from circlecal.pipeline import field_of
 from circlecal.results import Agreement, CameraFit, FrameCalibration
-from circlecal.stages.confirm import look_for_markings
+from circlecal.stages.confirm import look_for_markings, measure_circle_sectors
 from circlecal.workbench.answers import Answer, continues, distance_to_polyline, place_sigma, see_markings, suggestions
 from circlecal.workbench.measuring import MeasuredPicture
 
@@ -35,6 +36,10 @@ of the straight markings nearest to these, and the far touchline, which main cam
 """
 SHOWN = 2
 """So many interpretations are offered."""
+LEAST_PAINTED = 0.5
+"""Share of its sectors in view that show paint where a curve is offered as a whole circle: a penalty arc of a real
+frame that was taken for the centre circle has 0.39, the circle of a rendered one all of them.
+"""
 ALIKE_M = 1.0
 """Two interpretations that put the ground no further apart (median, metres) are one: the crown of the field moves two
 views of one scene by less, and two parallel markings of a field are at least 5 m apart.
@@ -222,7 +227,8 @@ class _Search:
         before: _Tried | None = None,
         given: dict[int, str] | None = None,
     ) -> _Tried | None:
-        """One more line under one name, and what then fits; None where the verdict refuses the camera.
+        """One more line under one name, and what then fits; None where the verdict refuses the camera, or a circle is
+        mostly not painted.
 
         ``before`` is the interpretation that the line is added to, ``given`` what else was named in this one.
         """
@@ -231,7 +237,7 @@ class _Search:
         earlier = None if before is None else before.found.attempt.camera
         found = calibrate_annotation(named, self.config, nameless=False, earlier=earlier)
         camera = found.attempt.camera
-        if found.status != "calibrated" or camera is None:
+        if found.status != "calibrated" or camera is None or not self._are_painted(given or {}, camera):
             return None
         told = Answer(named, found, self.template, ())
         for k, fitting in suggestions(told, see_markings(found.view, self.template)).items():
@@ -245,6 +251,12 @@ class _Search:
             named,
             found,
         )
+
+    def _are_painted(self, names: dict[int, str], camera: CameraFit) -> bool:
+        """Whether the whole circles among the names show paint on most of what the camera puts into view of them."""
+        whole = (circle for circle in self.template.circles if circle.name in names.values())
+        sectors = (measure_circle_sectors(self.measured.light, camera, self.template, circle) for circle in whole)
+        return all(np.mean(stands_out > CLEAR) >= LEAST_PAINTED for stands_out in sectors if len(stands_out))
 
     def extend(self, tried: _Tried) -> _Tried:
         """Name further lines, one after the other, where one name alone is likely and makes the camera much surer."""

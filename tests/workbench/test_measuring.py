@@ -1,6 +1,8 @@
 import json
+from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -13,7 +15,7 @@ from circlecal.geometry.surface import Surface
 from circlecal.pictures.files import PictureFile, read_image
 from circlecal.pipeline import field_of
 from circlecal.workbench.answers import answer, continues, describe, distance_to_polyline
-from circlecal.workbench.interpretations import _lines_beside, interpret, name_marking
+from circlecal.workbench.interpretations import _lines_beside, _Search, interpret, name_marking
 from circlecal.workbench.measuring import (
     begin_annotation,
     complete_circle,
@@ -122,6 +124,19 @@ def test_a_wrong_name_is_marked(begun):
     assert any(told["contradicts"] for told in shown["markings"]) or shown["status"] == "refused"
 
 
+@pytest.mark.parametrize(("share", "contradicts"), [(0.2, False), (0.3, True)])
+def test_a_few_stray_points_do_not_contradict(begun, share, contradicts):
+    line = next(k for k, m in enumerate(begun.markings) if m.kind == "line" and len(m.points_px) > 100)
+    told = answer(name_marking(begun, line, "side_line_top"), Config(), nameless=False)
+    assert told.is_calibrated
+    points = told.annotation.markings[line].points.copy()
+    points[: round(share * len(points))] += (0.0, 40.0)  # as measured along the players who hide it
+    markings = list(told.annotation.markings)
+    markings[line] = markings[line].model_copy(update={"points_px": points.tolist()})
+    shown = describe(replace(told, annotation=told.annotation.model_copy(update={"markings": markings})))
+    assert shown["markings"][line]["contradicts"] == contradicts
+
+
 def test_one_click_calibrates_the_sample_with_a_touchline(monkeypatch):
     path = SAMPLES / "touchline_only.jpg"
     file = PictureFile(path.stem, path, path.stem)
@@ -153,6 +168,24 @@ def test_one_click_calibrates_the_sample_with_a_touchline(monkeypatch):
         seen = measured.shows(np.nan_to_num(exact, nan=-1.0))
         assert seen.any()
         assert distance_to_polyline(exact[seen], told.found.view.project(places)).max() < limit_px
+
+
+@pytest.mark.parametrize(("from_deg", "to_deg", "is_offered"), [(0.0, 140.0, True), (0.0, 220.0, False)])
+def test_a_circle_most_of_which_is_not_painted_is_not_offered(
+    open_frame, wide_camera, begun, from_deg, to_deg, is_offered
+):
+    """As of a penalty arc that was taken for the centre circle."""
+    template, circle = field_of(Config())
+    angle = np.radians(np.linspace(from_deg, to_deg, 400))
+    ring = PAINTER_OFF_PX + wide_camera.project(9.09 * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
+    bare = np.zeros(open_frame.light.shape, np.uint8)
+    cv2.polylines(bare, [np.rint(ring).astype(np.int32)], False, 255, 9)
+    measured = replace(open_frame, light=cv2.inpaint(open_frame.light, bare, 5, cv2.INPAINT_TELEA))
+    curve = next(k for k, m in enumerate(begun.markings) if m.kind == "curve")
+    line = next(k for k, m in enumerate(begun.markings) if m.kind == "line" and len(m.points_px) > 100)
+    search = _Search(measured, Config(), template, circle)
+    tried = search.try_name(begun, line, "side_line_top", given={curve: "centre_circle"})
+    assert (tried is not None) == is_offered
 
 
 def test_pieces_of_one_line():
