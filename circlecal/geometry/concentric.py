@@ -68,21 +68,21 @@ def imaged_center(outer: ArrayLike, inner: ArrayLike) -> ConcentricCenter | None
     real = np.abs(values.imag) < 1e-9 * np.abs(values)
     vectors = vectors.real
     inside = np.einsum("ik,ij,jk->k", vectors, local_inner, vectors) < 0
+    # the eigenvectors are conjugate to each other for both conics: one at most lies inside
     candidates = np.flatnonzero(real & inside)
     if candidates.size == 0:
         return None
-    size = np.mean(np.abs(values))
-    isolation = np.array([np.min(np.abs(values[i] - np.delete(values, i))) for i in range(3)]) / size
-    best = candidates[np.argmax(isolation[candidates])]
+    best = candidates[0]
     rest = np.delete(values, best)
     if not values[best].real < rest.real.min():
         return None
+    size = np.mean(np.abs(values))
     center = frame @ vectors[:, best]
     center = center / center[2]
     return ConcentricCenter(
         center=center,
         eigenvalues=values.real.copy(),
-        gap=float(isolation[best]),
+        gap=float(np.min(np.abs(values[best] - rest)) / size),
         pair_split=float(np.abs(rest[0] - rest[1]) / size),
     )
 

@@ -101,6 +101,39 @@ def test_lens_is_measured_in_half_widths():
     np.testing.assert_allclose(camera.distort([[2000.0, 500.0]]), [[1000.0 + 1000.0 * 1.06, 500.0]])
 
 
+def test_a_lens_is_taken_back_where_it_leaves_less_than_half_of_the_distance():
+    camera = pinhole.Camera(
+        1920,
+        1080,
+        np.full(2, 1500.0),
+        pinhole.image_center(1920, 1080),
+        np.zeros(3),
+        np.array([0.0, 0.0, -10.0]),
+        np.array([-0.6, 0.17]),
+    )
+    assert pinhole.lens_fold(*camera.kappa) == np.inf
+    away_px = 960.0 * np.linspace(0.1, 2.0, 39)
+    points = camera.principal_point_px + away_px[:, None] * [0.8, 0.6]
+    seen = camera.distort(points)
+    least = np.linalg.norm(seen - camera.principal_point_px, axis=1) / away_px
+    assert 4.0 / 9.0 < least.min() < 0.48
+    np.testing.assert_allclose(camera.undistort(seen), points, atol=1e-5)
+
+
+@pytest.mark.parametrize(("depth_m", "is_seen"), [(0.05, False), (0.2, True)])
+def test_a_point_counts_as_in_front_from_a_tenth_of_a_metre_on(depth_m, is_seen):
+    camera = pinhole.Camera(
+        1920,
+        1080,
+        np.full(2, 1500.0),
+        pinhole.image_center(1920, 1080),
+        np.zeros(3),
+        np.array([0.0, 0.0, -depth_m]),
+        np.zeros(2),
+    )
+    assert np.isfinite(camera.project([0.0, 0.0])).all() == is_seen
+
+
 def test_points_behind_the_camera_and_above_the_horizon_are_nan():
     camera = pinhole.Camera(
         1920,

@@ -89,6 +89,8 @@ def test_edges_that_are_no_concentric_circles_give_none_or_a_wide_split():
     assert imaged_center(circle, np.zeros((3, 3))) is None
     crossing = imaged_center(circle, circle_conic((1.5, 0), 1.9))
     assert crossing is None or crossing.pair_split > 0.1 * crossing.gap
+    # longer one way and shorter the other: the centre has the middle one of three eigenvalues
+    assert imaged_center(circle_conic((0, 0), 1.0), np.diag([4.0, 0.25, -1.0])) is None
     far = imaged_center(circle, circle_conic((50.0, 0), 1.9))
     assert far is None or far.pair_split > 0.1 * far.gap
 

@@ -56,6 +56,7 @@ def test_normalised_conic_is_negative_inside():
     "coefficients",
     [
         (1.0, 0.0, -1.0, 0.0, 0.0, -1.0),  # hyperbola
+        (1.0, 3.0, 1.0, 0.0, 0.0, 1.0),  # hyperbola whose squares have one sign
         (1.0, 0.0, 0.0, 0.0, -1.0, 0.0),  # parabola
         (1.0, 0.0, 1.0, 0.0, 0.0, 1.0),  # imaginary ellipse
         (1.0, 0.0, 1.0, 0.0, 0.0, 0.0),  # one point
@@ -109,6 +110,15 @@ def test_line_meets_the_ellipse_in_points_of_both(ellipse, offset, angle):
     assert (both[1] - both[0]) @ (direction[1], -direction[0]) > 0
     outside = (local - (0, 0, 2.0 * np.copysign(1.0, offset))) @ np.linalg.inv(ellipse.frame())
     assert conics.line_conic_meet(conic, outside) is None
+
+
+@pytest.mark.parametrize("away", [0.0, 3e5])
+def test_a_line_far_away_meets_a_conic_there_and_the_line_at_infinity_none(away):
+    conic = conics.circle_conic((away, 0.0), 2.0)
+    both = dehomogenise(conics.line_conic_meet(conic, np.array([1.0, 0.0, -away])))
+    np.testing.assert_allclose(both[:, 0], away)
+    np.testing.assert_allclose(np.sort(both[:, 1]), [-2.0, 2.0], atol=1e-3)
+    assert conics.line_conic_meet(conic, np.array([1e-16, 0.0, 1.0])) is None
 
 
 def test_four_common_tangents_of_a_square_meet_on_its_diagonals():

@@ -37,6 +37,15 @@ def test_rays_above_the_horizon_meet_nothing():
     assert np.isnan(camera.back_project([[960.0, -9000.0]], Surface(crown_m=0.05))).all()
 
 
+def test_what_a_ray_leaves_behind_is_not_seen():
+    """From below the rim of a hollow, outwards: the ray meets the surface only where it comes from."""
+    hollow = Surface("parabola", 9.15, -0.2)
+    camera_m = np.array([0.0, 60.0, -5.0])
+    assert hollow.drop(60.0) < camera_m[2]
+    assert np.isnan(hollow.meet(camera_m, np.array([0.0, 1.0, 0.1]))).all()
+    assert np.isfinite(hollow.meet(np.array([0.0, 20.0, -5.0]), np.array([0.0, -1.0, 0.1]))).all()
+
+
 def test_without_crown_the_camera_back_projects_the_same():
     camera = sample_camera("main", np.random.default_rng(9), kappa=-0.01)
     pixels = np.random.default_rng(1).uniform((0, 0), (1919, 1079), (50, 2))
