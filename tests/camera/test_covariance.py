@@ -57,6 +57,16 @@ def test_covariance_is_the_inverse_over_what_is_free():
     assert (covariance[:, [3, 9]] == 0).all()
 
 
+def test_a_direction_that_nothing_determines_costs_no_other_its_uncertainty():
+    """Two parameters that only their sum is known of beside two that are all but one: these stay as uncertain."""
+    normal, nearly = np.zeros((SIZE, SIZE)), 1.0 - 1e-8
+    normal[:2, :2] = 1.0
+    normal[2:4, 2:4] = [[1.0, nearly], [nearly, 1.0]]
+    covariance = posterior_covariance(normal, np.r_[np.ones(4), np.zeros(SIZE - 4)])
+    np.testing.assert_allclose(covariance[:2, :2], 0.25, atol=1e-6)
+    assert covariance[2, 2] == pytest.approx(1.0 / (1.0 - nearly**2), rel=1e-3)
+
+
 def test_pushed_forward_covariances_are_those_of_samples():
     rng = np.random.default_rng(2)
     theta, covariance = plain_theta(2), small_covariance(rng)
@@ -140,6 +150,9 @@ def test_correlation_factor_counts_repeats():
     smooth = np.convolve(rng.standard_normal(620), np.ones(10) / 10, mode="valid")
     # a running mean over ten is ten values that repeat each other
     assert 6.0 < correlation_factor(smooth) < 14.0
+    # of few values as well, whose first quarter of lags is looked at
+    short = [correlation_factor(smooth[start : start + 60]) for start in range(0, 540, 20)]
+    assert 5.0 < np.mean(short) < 9.0
     assert correlation_factor(white[:10]) == 1.0
     assert correlation_factor(np.zeros(100)) == 1.0
 

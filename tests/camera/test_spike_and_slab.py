@@ -1,6 +1,7 @@
 """Fields of any size and shape: how the optimum on each of them is looked for."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,14 +11,20 @@ from circlecal.camera import spike_and_slab
 from circlecal.camera.observed import points_from_observations
 from circlecal.camera.problem import COARSE, FINAL, HARDLY_ZOOMED, evaluate, minimise, resume, reweight
 from circlecal.camera.spike_and_slab import (
+    ANYWHERE_PX,
     FLAT_RELIEF_SHARE,
+    OTHER_END_SHARE,
+    OTHER_LINE_SHARE,
     UNSHARED_SIGMA_PX,
+    _log_evidence_of_others,
+    _log_share_of_places,
+    _log_share_of_sizes,
     answers_in,
     log_evidence,
     possible_worlds,
     share_noise,
 )
-from circlecal.geometry.camera_parameters import project
+from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, project
 from circlecal.observations import LinePoints
 
 from .test_problem import MODEL, SOCCER, observed, plain_theta, priors, problem_of
@@ -121,6 +128,7 @@ def test_noise_is_shared_by_points_though_one_case_left_some_of_them_out():
     assert quiet.curves.sigma_px[kept] == pytest.approx(problem.curves.sigma_px[kept])
     # what one left out counts for neither
     assert (quiet.curves.sigma_px[[3, 17]] == UNSHARED_SIGMA_PX).all()
+    assert np.square(200.0 / UNSHARED_SIGMA_PX) < 1e-4  # chi-square of a point that lies 200 px off
     assert its.residuals[0] == pytest.approx(evaluate(loud, its.theta, its.feet).residuals[0], abs=1e-3)
 
 
@@ -133,3 +141,46 @@ def test_a_marking_that_only_one_case_has_keeps_its_noise():
     cases = [(p, minimise(p, theta[None])) for p in (problem_of(seen, priors()), problem_of(more, priors()))]
     for (given, _), (shared, _) in zip(cases, share_noise(cases), strict=True):
         assert shared.curves.sigma_px == pytest.approx(given.curves.sigma_px)
+
+
+def test_what_else_a_line_may_be_is_the_integral_over_all_places_of_its_ends():
+    rng = np.random.default_rng(5)
+    t, sigma, width = np.linspace(0.0, 1.0, 12), rng.uniform(0.8, 1.6, 12), 1280
+    basis = np.stack([(1.0 - t) / sigma, t / sigma, t * (1.0 - t) / sigma], axis=1)
+    scatter = rng.normal(size=12)
+    scatter -= basis @ np.linalg.lstsq(basis, scatter, rcond=None)[0]  # what no straight and no bent line explains
+    values = basis @ (3.0, -5.0, 2.0) + scatter
+    first, second = np.meshgrid(np.linspace(-12.0, 12.0, 481), np.linspace(-12.0, 12.0, 481))
+    places = np.stack([first.ravel(), second.ravel()])
+    chi2 = np.square(scatter[:, None] + basis[:, :2] @ places).sum(axis=0)
+    range_px = ANYWHERE_PX * width / 1920.0
+    integral = np.exp(-0.5 * chi2).sum() * 0.05**2 / range_px**2
+    end_sigma = 2.0  # of one point, where another line ends
+    of_end = np.sqrt(2.0 * np.pi) * end_sigma / range_px
+    expected = np.log(OTHER_LINE_SHARE / (1.0 - OTHER_LINE_SHARE) * integral)
+    expected += np.log(OTHER_END_SHARE / (1.0 - OTHER_END_SHARE) * of_end)
+    curves = SimpleNamespace(group=np.repeat([0, 1, 2], [5, 12, 1]), sigma_px=np.r_[np.ones(5), sigma, end_sigma])
+    problem = SimpleNamespace(curves=curves, model=SimpleNamespace(width=width), loss_scale=1e6)
+    state = SimpleNamespace(residuals=np.r_[np.full(5, 99.0), values, 7.0][None], feet=np.r_[np.zeros(5), t, 0.5][None])
+    assert _log_evidence_of_others(problem, state, known=1) == pytest.approx(expected, abs=1e-3)
+
+
+@pytest.mark.parametrize("beyond_m", [6.0, 9.0, 11.0])
+def test_cameras_over_the_field_are_rare_by_the_share_of_places_beside_it(beyond_m):
+    """How broad the field is and where the camera stands are known together."""
+    y, z, breadth = INDEX["y"], INDEX["z"], INDEX["breadth"]
+    theta, covariance = np.zeros(len(PARAMETERS)), np.zeros((len(PARAMETERS), len(PARAMETERS)))
+    theta[[y, z]] = 34.0 + beyond_m, -10.0
+    mixing = np.array([[1.5, 0.0, 0.0], [0.4, 0.5, 0.0], [2.0, 0.3, 1.0]])
+    covariance[np.ix_([y, z, breadth], [y, z, breadth])] = mixing @ mixing.T
+    draws = theta[[y, z, breadth]] + np.random.default_rng(6).normal(size=(200_000, 3)) @ mixing.T
+    is_beside = draws[:, 0] - 0.5 * (68.0 + draws[:, 2]) > -draws[:, 1] - 2.0  # than a person's head
+    expected = np.mean(np.where(is_beside, 1.0, 0.01))
+    assert _log_share_of_places(theta, covariance, SOCCER) == pytest.approx(np.log(expected), abs=0.02)
+
+
+@pytest.mark.parametrize(("length_m", "share"), [(105.0, 1.0), (120.0, 0.5), (120.3, 0.00135), (123.0, 1e-6)])
+def test_fields_beyond_the_rules_are_unlikely_by_how_surely_they_are(length_m, share):
+    theta, covariance = np.zeros(len(PARAMETERS)), np.zeros((len(PARAMETERS), len(PARAMETERS)))
+    theta[INDEX["length"]] = length_m - 105.0  # known exactly, and taken as known to 0.1 m
+    assert np.exp(_log_share_of_sizes(theta, covariance, SOCCER)) == pytest.approx(share, rel=0.01)

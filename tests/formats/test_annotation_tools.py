@@ -154,7 +154,12 @@ def test_derived_points_and_tangents_for_every_tool(calibrated, frame_camera, cl
     points = {s.label: s.points_px[0] for s in frame.shapes if s.kind == "points"}
     assert points["centre_circle centre"] == pytest.approx(frame_camera.project([[0.0, 0.0]])[0])
     assert points["centre_circle top"] == pytest.approx(frame_camera.project([[0.0, -9.15]])[0])
-    assert sum(" tangent " in s.label for s in frame.shapes) == 8
+    tangents = {s.label.split()[-1]: s.points_px for s in frame.shapes if " tangent " in s.label}
+    assert len(tangents) == 8
+    # half a radius to both sides of where it touches
+    radius_m = calibrated.template.radius(calibrated.circle, "center")
+    ends = frame_camera.project(radius_m * np.array([[-0.5, -1.0], [0.5, -1.0]]))
+    assert tangents["top"][[0, -1]] == pytest.approx(ends)
     close(labelme.read(FILE, labelme.write([frame]), None)[0], frame)
     close(cvat.read(FILE, cvat.write([frame]), None)[0], frame)
     close(labelstudio.read(FILE, labelstudio.write([frame]), None)[0], frame)

@@ -178,6 +178,11 @@ def test_summary_of_every_kind(calibrated, refused, template):
     assert row.sigma_px > 0
     assert row.rms_px > 0
     assert row.time_ms > 0
+    camera, fit = calibrated.attempt.camera.camera, calibrated.attempt.camera
+    pan, tilt, roll = np.degrees(camera.angles_rad)
+    assert (row.x_m, row.y_m, row.height_m) == pytest.approx(camera.position_m * (1.0, 1.0, -1.0))
+    assert (row.pan_deg, row.tilt_deg, row.roll_deg) == pytest.approx((pan, tilt, roll))
+    assert (row.focal_px, row.sigma_px) == pytest.approx((camera.focal_px[0], fit.max_sigma_px))
     row = summarise(result_record(refused, template))
     assert (row.status, row.code, row.case) == ("refused", refused.verdict.code, None)
 

@@ -71,6 +71,11 @@ def test_pictures_of_another_size_show_the_same() -> None:
     own[0, 0] += np.log(1.5)
     large = estimate.resize((1920, 1080)).view(own[0, :3], np.zeros((3, 3)))
     np.testing.assert_allclose((small.project(points) + 0.5) * 1.5 - 0.5, large.project(points), atol=1e-6)
+    # the same head, whose focal lengths count in the larger pictures' pixels
+    resized = estimate.resize((1920, 1080))
+    zoom_by = np.array([np.log(1.5), 0.0, 0.0])
+    np.testing.assert_allclose(resized.head_low, estimate.head_low + zoom_by)
+    np.testing.assert_allclose(resized.head_high, estimate.head_high + zoom_by)
 
 
 def test_views_are_as_uncertain_as_the_tripod_and_the_head() -> None:
@@ -89,6 +94,22 @@ def test_views_are_as_uncertain_as_the_tripod_and_the_head() -> None:
     cross = np.zeros((3, len(COMMON)))
     cross[1, 0] = 0.01
     assert estimate.view(own[0, :3], head, cross).covariance[INDEX["pan"], INDEX["x"]] > 0.0003  # type: ignore[index]
+
+
+def test_rays_about_a_camera_are_its_own() -> None:
+    """With a lens, pixels that are not square and a principal point beside the middle: to a tenth of a pixel."""
+    own, common = random_parameters(4)
+    for name, value in (("kappa_1", 0.06), ("kappa_2", -0.01), ("log_aspect", 0.03)):
+        common[PLACE[name]] = value
+    x, y = np.meshgrid(np.linspace(0, 1279, 7), np.linspace(0, 719, 5))
+    pixels = np.column_stack([x.ravel(), y.ravel()])
+    camera = camera_of(MODEL.thetas(own[:1], common)[0], MODEL.projection)
+    position, rays = MODEL.rays_about(own[0], common, pixels)
+    np.testing.assert_allclose(position, camera.position_m, atol=1e-12)
+    off_px = np.linalg.norm((rays - camera.rays(pixels)) @ camera.R.T, axis=1) * camera.focal_px[0]
+    away_px = np.linalg.norm(pixels - camera.principal_point_px, axis=1)
+    assert off_px.max() < 2.0
+    assert off_px[away_px < 450.0].max() < 0.1
 
 
 def test_points_of_the_world_are_projected_as_those_of_the_field() -> None:

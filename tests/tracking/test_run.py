@@ -7,6 +7,7 @@ import json
 import signal
 import subprocess
 import sys
+from itertools import chain
 from pathlib import Path
 
 import pytest
@@ -54,6 +55,14 @@ def test_every_frame_has_a_line_and_a_row(tmp_path, engine):
     assert [row["status"] for row in rows].count("calibrated") == 28
     assert rows[3]["tripod"] == "camera-1" and rows[3]["carried_by"] == "circle+lines"
     assert float(rows[3]["time_s"]) == pytest.approx(0.3) and float(rows[3]["z_m"]) < -10
+    camera, entries = found[3]["camera"], chain(*found[3]["H_image_field"])
+    wanted = dict(zip((f"h{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3)), entries, strict=True))
+    wanted |= dict(zip(("x_m", "y_m", "z_m"), camera["position_meters"], strict=True))
+    wanted |= dict(zip(("x_sigma_m", "y_sigma_m", "z_sigma_m"), camera["position_sigma_m"], strict=True))
+    wanted |= dict(zip(("radial_k1", "radial_k2"), camera["radial_distortion"][:2], strict=True))
+    wanted |= {f"{angle}_deg": camera[f"{angle}_degrees"] for angle in ("pan", "tilt", "roll")}
+    wanted |= {f"focal_{axis}_px": camera[f"{axis}_focal_length"] for axis in "xy"}
+    assert {name: float(rows[3][name]) for name in wanted} == pytest.approx(wanted, rel=1e-8)
     assert rows[7]["code"] == "lost" and rows[7]["pan_deg"] == ""
     assert (tmp_path / "out" / "summary.csv").is_file()
     venue = read_venue_file(tmp_path / "out" / "venue.yaml")
