@@ -79,8 +79,15 @@ def _apply_size(value: Any, info: ValidationInfo) -> Any:
     return evaluate_size(value, (info.context or {}).get("sizes", {}))
 
 
+LARGEST_M, LARGEST_DEG = 1000.0, 720.0
+"""No size of a field, no place on it and no angle is larger: markings are drawn in steps, whose number would have no
+bound in a file that says anything else.
+"""
 Size = Annotated[float, BeforeValidator(_apply_size)]
-Point = tuple[Size, Size]
+Extension = Annotated[Size, Field(gt=0, le=LARGEST_M)]
+Coordinate = Annotated[Size, Field(ge=-LARGEST_M, le=LARGEST_M)]
+Angle = Annotated[Size, Field(ge=-LARGEST_DEG, le=LARGEST_DEG)]
+Point = tuple[Coordinate, Coordinate]
 Edge = Literal["outer", "inner", "center"]
 
 
@@ -118,16 +125,14 @@ class _Element(BaseModel):
     name: str = Field(description="Unique name, snake case.")
     class_name: str | None = Field(None, description="SoccerNet class name, where there is one.")
     color: Literal["light", "dark", "red", "blue", "yellow"] = Field("light", description="Colour of the paint.")
-    width_m: Annotated[Size, Field(gt=0)] | None = Field(
-        None, description="Width of its paint where that is not the template's, metres."
-    )
+    width_m: Extension | None = Field(None, description="Width of its paint where that is not the template's, metres.")
 
 
 class Circle(_Element):
     """A full circle of the template."""
 
     center: Point = Field(description="Centre, metres.")
-    radius_m: Annotated[Size, Field(gt=0)] = Field(description="Radius to the edge that the rules name, metres.")
+    radius_m: Extension = Field(description="Radius to the edge that the rules name, metres.")
     edge: Edge = Field("outer", description="Which edge of the paint the radius refers to.")
     fill: Literal["none", "logo", "disc"] = Field(
         "none",
@@ -139,8 +144,8 @@ class Circle(_Element):
 class Arc(Circle):
     """Part of a circle, counter-clockwise in the field frame (x towards y) between two angles."""
 
-    start_deg: Size = Field(description="Angle of the first end, degrees from the x axis towards y.")
-    end_deg: Size = Field(description="Angle of the last end; larger than start_deg.")
+    start_deg: Angle = Field(description="Angle of the first end, degrees from the x axis towards y.")
+    end_deg: Angle = Field(description="Angle of the last end; larger than start_deg.")
 
 
 class Line(_Element):
@@ -158,7 +163,7 @@ class Mark(_Element):
     """A spot or a small cross."""
 
     position: Point = Field(description="Middle of the mark, metres.")
-    diameter_m: Annotated[Size, Field(gt=0)] = Field(description="Diameter, metres.")
+    diameter_m: Extension = Field(description="Diameter, metres.")
 
 
 Ground = Literal["grass", "ice", "floor", "any"]
@@ -185,8 +190,8 @@ class FieldTemplate(BaseModel):
     sizes: dict[str, float] = Field(
         description="Named sizes in metres that the elements are computed from; each can be set by the user."
     )
-    length_m: Size = Field(description="Length of the field (x), metres.")
-    width_m: Size = Field(description="Width of the field (y), metres.")
+    length_m: Extension = Field(description="Length of the field (x), metres.")
+    width_m: Extension = Field(description="Width of the field (y), metres.")
     length_sd_m: Annotated[Size, Field(ge=0)] = Field(
         0.0, description="How much the length varies from field to field, metres."
     )
@@ -199,7 +204,7 @@ class FieldTemplate(BaseModel):
     width_range_m: tuple[Size, Size] | None = Field(
         None, description="Narrowest and widest field that the rules allow, metres; null where all are of one width."
     )
-    marking_width_m: Annotated[Size, Field(gt=0)] = Field(description="Width of the paint, metres.")
+    marking_width_m: Extension = Field(description="Width of the paint, metres.")
     marking_width_sd_m: Annotated[Size, Field(ge=0)] = Field(description="How uncertain that width is, metres.")
     placement_sd_m: Annotated[Size, Field(ge=0)] = Field(
         0.0, description="How far each marking may lie from where the sizes put it, along x and along y, metres."

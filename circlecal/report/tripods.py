@@ -20,6 +20,8 @@ MARGIN_M = 6.0
 FURTHEST_M = 200.0
 """Cameras further from the centre mark than this are not drawn: the field would shrink to a spot."""
 MOST_DOTS = 800
+LARGEST_SHARE = 2.0
+"""A field that is more times as large as its template's, or as small, is drawn as the template has it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,12 +36,15 @@ class Tripod:
         On the field, metres from the centre mark.
     cells : tuple of str
         Place, height, focal lengths, pan, pitch, and number of frames.
+    pitch_m : (2,) tuple of float or None
+        Length and width of its field, where they were estimated.
     """
 
     name: str
     x_m: float
     y_m: float
     cells: tuple[str, ...]
+    pitch_m: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +89,9 @@ def plan_of(folder: Path, rows: Sequence[FrameRow], field: str) -> Plan | None:
     except CirclecalError:
         return None
     tripods = tuple(_of_venue(folder)) or tuple(_of_frames(rows))
+    pitch_m = next((tripod.pitch_m for tripod in tripods if tripod.pitch_m is not None), None)
+    if pitch_m is not None and _is_its_size(pitch_m, template):
+        template = load_field(field, {"length": pitch_m[0], "width": pitch_m[1]})
     places = [row.position_m[:2] for row in rows if row.position_m is not None]
     shown = [place for place in places if np.hypot(*place) < FURTHEST_M]
     if not shown and not tripods:
@@ -98,6 +106,12 @@ def plan_of(folder: Path, rows: Sequence[FrameRow], field: str) -> Plan | None:
         tuple(shown[:: max(1, len(shown) // MOST_DOTS)]),
         tripods,
     )
+
+
+def _is_its_size(pitch_m: tuple[float, float], template: FieldTemplate) -> bool:
+    """Whether a venue's field is of the order of its template's: its file may hold any number."""
+    shares = np.array(pitch_m) / (template.length_m, template.width_m)
+    return bool((shares > 1.0 / LARGEST_SHARE).all() and (shares < LARGEST_SHARE).all())
 
 
 def _markings(template: FieldTemplate) -> Iterator[Array]:
@@ -121,6 +135,7 @@ def _of_venue(folder: Path) -> Iterator[Tripod]:
 
 def _tripod(name: str, tripod: TripodPart) -> Tripod:
     values = tripod.parameters
+    length, width = values["pitch_length_m"], values["pitch_width_m"]
     x, y, z = (values[f"axis_{axis}_m"] for axis in "xyz")
     low, high = tripod.range.focal_px
     pan = tripod.range.pan_deg
@@ -133,9 +148,10 @@ def _tripod(name: str, tripod: TripodPart) -> Tripod:
             _with_sigma(KnownValue(mean=-z.mean, sd=z.sd)),
             f"{low:.0f} to {high:.0f}",
             f"{pan[0]:.1f}° to {pan[1]:.1f}°",
-            f"{_with_sigma(values['pitch_length_m'])} x {_with_sigma(values['pitch_width_m'])}",
+            f"{_with_sigma(length)} x {_with_sigma(width)}",
             str(len(tripod.frames)),
         ),
+        (length.mean, width.mean),
     )
 
 

@@ -5,11 +5,15 @@ import re
 
 import pytest
 
+from circlecal.field import load_field
 from circlecal.report import read_run, write_report
 from circlecal.report.comparison import Change, compare, distance_px
 from circlecal.report.drawings import scene_of
 from circlecal.report.tripods import plan_of
+from circlecal.rig.tripod import Venue
+from circlecal.rig.venue import write_venue
 from tests.report.conftest import refused, sound, write_run
+from tests.tracking import scripted
 
 
 @pytest.fixture
@@ -102,3 +106,14 @@ def test_cameras_of_the_frames_and_of_the_venue(tmp_path, named):
     (tmp_path / "venue.yaml").write_text("broken: [")  # the rest of the report stands
     assert plan_of(tmp_path, run.rows, "soccer").tripods == plan.tripods
     assert plan_of(tmp_path, run.rows, "unheard-of") is None
+
+
+def test_the_pitch_is_drawn_as_large_as_its_venue_tells(tmp_path):
+    soccer = load_field("soccer")
+    write_venue(tmp_path / "venue.yaml", Venue("soccer", (scripted.tripod(),)), soccer, "0" * 12)
+    plan = plan_of(tmp_path, [], "soccer")
+    assert plan.tripods[0].pitch_m == pytest.approx((103.5, 68.7))
+    assert "51.8 34.3" in " ".join(plan.markings) and "52.5" not in " ".join(plan.markings)
+    text = (tmp_path / "venue.yaml").read_text()
+    (tmp_path / "venue.yaml").write_text(text.replace("pitch_length_m: {mean: 103.5", "pitch_length_m: {mean: -103.5"))
+    assert "52.5" in " ".join(plan_of(tmp_path, [], "soccer").markings)
