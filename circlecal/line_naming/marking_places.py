@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.field import FieldTemplate
+from circlecal.field.view import FieldView
 from circlecal.geometry.camera_parameters import INDEX
 from circlecal.geometry.projective import Array
 from circlecal.line_naming.predicted_markings import PredictedMarkings, predict_markings
@@ -19,7 +20,8 @@ __all__ = ["SPACING_PX", "MarkingPlaces", "lie_on_surface", "place_markings"]
 SPACING_PX = 4.0
 """Distance of the places along a marking, pixels at 1920 px width."""
 
-_SIZES = [INDEX[name] for name in ("width", "length", "breadth")]
+_SHIFTS = [INDEX[name] for name in ("width", "length", "breadth")]
+_SIZES = [INDEX[name] for name in ("length", "breadth")]
 OPEN_SIZE_M, END_SIGMAS = 2.0, 2.0
 """Standard deviation, metres, by which the field's sizes slide a straight marking along itself, from which on it may
 end before places that are less than so many of them from its end: of a rendered field of 92 m the sides of the penalty
@@ -66,11 +68,12 @@ def place_markings(fit: CameraFit, template: FieldTemplate, wanted: Sequence[int
     model = fit.model
     names, nodes, shifts = template.outlines
     nodes, shifts = nodes[list(wanted)], shifts[list(wanted)]
-    sizes = fit.theta[_SIZES]
-    drawn = predict_markings(fit.theta, nodes + np.einsum("s,ksi->ki", sizes, shifts)[:, None], model)
+    grown = _grow(fit.view, nodes, template) + fit.theta[INDEX["width"]] * shifts[:, None, 0]
+    drawn = predict_markings(fit.theta, grown, model)
     sigma = _predict_sigmas(fit, drawn, shifts)
     spacing_px = SPACING_PX * model.width / 1920.0
-    return _sample_markings(tuple(names[k] for k in wanted), drawn, sigma, _open_shares(fit, nodes, shifts), spacing_px)
+    open_shares = _open_shares(fit, nodes, template)
+    return _sample_markings(tuple(names[k] for k in wanted), drawn, sigma, open_shares, spacing_px)
 
 
 def lie_on_surface(pixels: Array, region: NDArray[np.bool_] | None, width: int, height: int) -> NDArray[np.bool_]:
@@ -88,21 +91,31 @@ def lie_on_surface(pixels: Array, region: NDArray[np.bool_] | None, width: int, 
 def _predict_sigmas(fit: CameraFit, drawn: PredictedMarkings, shifts: Array) -> Array:
     """Standard deviation (K, N) of the places along their normals, pixels."""
     by_theta = drawn.by_theta.copy()
-    by_theta[_SIZES] += np.einsum("ksi,ikn->skn", shifts, drawn.by_field)
+    by_theta[_SHIFTS] += np.einsum("ksi,ikn->skn", shifts, drawn.by_field)
     rows = by_theta.reshape(len(by_theta), -1)
     variance = (rows * (fit.covariance @ rows)).sum(axis=0)
     return np.sqrt(np.maximum(variance, 0.0)).reshape(by_theta.shape[1:])
 
 
-def _open_shares(fit: CameraFit, nodes: Array, shifts: Array) -> Array:
-    """Shares (K,) of markings with nodes (K, N, 2) and shifts (K, 3, 2), at each of their ends, that may lie beyond it
-    where the field has another size.
+def _grow(view: FieldView, nodes: Array, template: FieldTemplate) -> Array:
+    """Nodes (K, N, 2) of markings where a longer and broader field has them."""
+    return np.array([view.grow(marking, template) for marking in nodes]) if np.any(view.growth_m) else nodes
+
+
+def _open_shares(fit: CameraFit, nodes: Array, template: FieldTemplate) -> Array:
+    """Shares (K,) of markings with nodes (K, N, 2), at each of their ends, that may lie beyond it where the field has
+    another size.
     """
+    sizes = fit.covariance[np.ix_(_SIZES, _SIZES)]
+    if np.sqrt(sizes.diagonal().max()) <= OPEN_SIZE_M:
+        return np.zeros(len(nodes))
     span = nodes[:, -1] - nodes[:, 0]
-    length_m = np.linalg.norm(span, axis=1)
-    along = np.einsum("ksi,ki->ks", shifts, span / np.maximum(length_m, 1e-9)[:, None])
-    sd_m = np.sqrt(np.maximum(np.einsum("ks,st,kt->k", along, fit.covariance[np.ix_(_SIZES, _SIZES)], along), 0.0))
-    return np.where(sd_m > OPEN_SIZE_M, END_SIGMAS * sd_m / np.maximum(length_m, 1e-9), 0.0)
+    length_m = np.maximum(np.linalg.norm(span, axis=1), 1e-9)
+    ends = nodes[:, [0, -1]]
+    moved = [_grow(replace(fit.view, growth_m=metre), nodes, template)[:, [0, -1]] - ends for metre in np.eye(2)]
+    slides = np.einsum("skei,ki->kes", np.array(moved), span / length_m[:, None])
+    sd_m = np.sqrt(np.maximum(np.einsum("kes,st,ket->ke", slides, sizes, slides), 0.0)).max(axis=1)
+    return np.where(sd_m > OPEN_SIZE_M, END_SIGMAS * sd_m / length_m, 0.0)
 
 
 def _sample_markings(

@@ -245,3 +245,26 @@ def test_the_side_of_a_penalty_area_is_not_expected_where_an_open_length_may_end
     assert places.is_sure[side].any() == is_expected
     # the middle of a touchline is there whatever the length
     assert places.is_sure[~side].any()
+
+
+@pytest.mark.parametrize("breadth_m", [-10.0, 0.0, 12.0])
+def test_the_halfway_line_reaches_from_touchline_to_touchline_of_a_field_of_another_width(breadth_m):
+    fit = fit_of(view(position=(-8.0, 95.0, -30.0), target=(0.0, 0.0, 0.0), focal=700.0))
+    theta = fit.theta.copy()
+    theta[PARAMETERS.index("breadth")] = breadth_m
+    fit = replace(fit, theta=theta)
+    wanted = [k for k, name in enumerate(SOCCER.outlines[0]) if name == "halfway_line"]
+    places = place_markings(fit, SOCCER, wanted)
+    reach_m = np.abs(fit.view.to_field(places.base)[:, 1]).max()
+    assert reach_m == pytest.approx(0.5 * (SOCCER.width_m + breadth_m), abs=0.5)
+    assert places.is_sure.all()
+
+
+def test_how_far_the_halfway_line_reaches_is_not_known_on_a_field_of_any_width():
+    fit = fit_of(view(position=(-8.0, 95.0, -30.0), target=(0.0, 0.0, 0.0), focal=700.0))
+    covariance = fit.covariance.copy()
+    covariance[PARAMETERS.index("breadth"), PARAMETERS.index("breadth")] = 5.0**2
+    wanted = [k for k, name in enumerate(SOCCER.outlines[0]) if name == "halfway_line"]
+    places = place_markings(replace(fit, covariance=covariance), SOCCER, wanted)
+    y_m = np.abs(fit.view.to_field(places.base[places.is_sure])[:, 1])
+    assert y_m.max() == pytest.approx(0.5 * SOCCER.width_m - 5.0, abs=0.5)
