@@ -19,6 +19,7 @@ from circlecal.paint.colour import match_paint, measure_added_colour
 from circlecal.paint.ends import paint_ends
 from circlecal.paint.lines import ONE_ROUND, TWO_ROUNDS, WIDE_ROUND, measure_lines
 from circlecal.paint.profiles import GrayPicture
+from circlecal.paint.strays import leave_out_strays
 from circlecal.results import Cues, EllipseFit, EllipseFits, LineCue, MarkCue, MarkingMask, Segment
 
 MOST_PIECES = 12
@@ -157,7 +158,8 @@ def find_cues(
     mark = None
     if config.centre_mark and halfway is not None and "centre_mark" in template.mark_by_name:
         mark = _centre_mark(picture, halfway, fit, template, blur_px, config)
-    return Cues(halfway=halfway, mark=mark, lines=tuple(lines))
+    unit = picture.shape[1] / 1920.0
+    return Cues(halfway=halfway, mark=mark, lines=tuple(leave_out_strays(line, unit) for line in lines))
 
 
 def leave_out_other_paints(image: NDArray[np.uint8], cues: Cues, ellipses: EllipseFits, band_px: float | None) -> Cues:
@@ -307,9 +309,11 @@ def _halfway_line(
     segment = Segment(cue.segment.start, cue.segment.end, support)
     unit = max(picture.shape[1] / 1920.0, 0.5)
     clear = RIM_CLEARANCE_PX * unit if visible is not None else -RIM_CLEARANCE_PX * unit
+    line = leave_out_strays(LineCue(name, cue.line, points, sigma, segment, cue.rms_px, (), cue.width_px), unit)
+    points = line.points_px
     ends = paint_ends(picture, points, middle, reach + clear, growth)
     kept = _find_before_crossing(points, middle, ends, END_CLEARANCE_PX * unit)
-    return LineCue(name, cue.line, points[kept], sigma[kept], segment, cue.rms_px, ends, cue.width_px)
+    return replace(line, points_px=points[kept], sigma_px=line.sigma_px[kept], ends=ends)
 
 
 def _middle_and_half(start: Array, end: Array) -> tuple[Array, Array]:
