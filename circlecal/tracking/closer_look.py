@@ -25,6 +25,7 @@ from circlecal.tracking.markings import DrawnTemplate
 from circlecal.tracking.motion import SHUTTER, move_of_middle
 from circlecal.tracking.paint_width import priors_of_frames
 from circlecal.tracking.pitch import (
+    TOLD_SD_M,
     WORST_RMS_PX,
     hold_size,
     joint_frames,
@@ -176,9 +177,10 @@ def _fit_closely(
     parts_m: float | None,
 ) -> TripodEstimate:
     """The tripod by closely measured frames, without those of a false camera; the width of the paint with the rest
-    where its blur tells it. Whether a line is a false one, and what the models leave, the sharp frames tell. A length
-    that is not the usual one is that of the frames which show the middle of the field, some of them with an end, where
-    the models leave more than noise. At last a size that is held is told as uncertain as the paint leaves it.
+    where its blur tells it. Whether a line is a false one, and what the models leave, the sharp frames tell. Where the
+    models leave more than noise, a length that is not the usual one is that of the frames which show the middle of the
+    field, some of them with an end, if they tell it. At last a size that is held is told as uncertain as the paint
+    leaves it.
     """
     unit = tripod.size[0] / 1920.0
     mean, sd = priors_of_frames(config, template, unit, [frame.measured for frame in sharp])
@@ -189,7 +191,8 @@ def _fit_closely(
     joint = joint_frames(frames, drawn) if alike > 1.0 and sd[LENGTH] > 0.0 else []
     if joint:
         told = fit_tripod(joint, tripod, mean, sd, drawn, alike=alike, parts_m=parts_m).estimate
-        mean[LENGTH], sd[LENGTH] = told.mean[LENGTH], 0.0
+        if told.sigma("length") < TOLD_SD_M:
+            mean[LENGTH], sd[LENGTH] = told.mean[LENGTH], 0.0
     for _ in range(2):
         fit = fit_tripod(frames, tripod, mean, sd, drawn, alike=alike, parts_m=parts_m)
         heads_of = zip(frames, fit.heads, fit.clear_rms_px, strict=True)

@@ -51,6 +51,15 @@ def test_what_painters_leave_is_not_taken_for_the_size_of_the_pitch(seed: int) -
     np.testing.assert_array_equal(fit.estimate.growth_m, 0.0)
 
 
+def test_a_width_is_not_held_at_the_usual_one_beside_another_length_that_takes_over_what_it_leaves() -> None:
+    growth_m, drawn = np.array([2.0, -1.2]), template_curves(template())
+    frames = views_of_badly_painted_markings(4, 1.0, (2.0, -1.2))
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    found = pitch.choose_pitch(frames, tripod(), mean, sd, drawn, LIMIT_PX).estimate
+    assert abs(found.growth_m - growth_m).max() < 0.7
+    assert abs(found.growth_m[1] - growth_m[1]) < 0.2
+
+
 def test_a_usual_size_is_told_as_uncertain_as_its_own_paint_contradicts_it() -> None:
     frames, drawn = views_of_badly_painted_markings(4, 1.0, (1.5, 0.0)), template_curves(template())
     mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
@@ -66,14 +75,36 @@ def test_pictures_of_the_middle_and_an_end_tell_a_length_that_all_frames_togethe
 ) -> None:
     growth_m, drawn = -3.0, template_curves(template())
     frames = views_of_badly_painted_markings(5, 1.4, (growth_m, 0.0))
+    # so much that neither the cost of all frames nor a single one contradicts the usual length
+    limit_px = 2.0 * LIMIT_PX
+    monkeypatch.setattr(pitch, "USUAL_SIZES", tuple(replace(size, rough_costs=2.5) for size in pitch.USUAL_SIZES))
     mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
-    found = pitch.choose_pitch(frames, tripod(), mean, sd, drawn, LIMIT_PX).estimate
+    found = pitch.choose_pitch(frames, tripod(), mean, sd, drawn, limit_px).estimate
     assert abs(found.growth_m[0] - growth_m) < 0.6
     told = closer_look._fit_closely(found, frames, [], load_config(), template(), drawn, parts_m=PART_M)
     assert abs(told.growth_m[0] - growth_m) < min(2.5 * told.sigma("length"), 0.6)
     assert told.sigma("length") > 0.05
     monkeypatch.setattr(pitch, "JOINT_FRAMES", len(frames) + 1)
-    assert pitch.choose_pitch(frames, tripod(), mean, sd, drawn, LIMIT_PX).estimate.growth_m[0] == 0.0
+    assert pitch.choose_pitch(frames, tripod(), mean, sd, drawn, limit_px).estimate.growth_m[0] == 0.0
+
+
+def test_pictures_of_the_middle_and_an_end_that_leave_a_length_open_do_not_tell_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    frames, drawn = views_of_badly_painted_markings(5, 1.4, (-3.0, 0.0)), template_curves(template())
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    found = pitch.choose_pitch(frames, tripod(), mean, sd, drawn, LIMIT_PX).estimate
+
+    def tell() -> float:
+        told = closer_look._fit_closely(found, frames, [], load_config(), template(), drawn, parts_m=PART_M)
+        return float(told.growth_m[0])
+
+    by_pictures = tell()
+    monkeypatch.setattr(closer_look, "TOLD_SD_M", 0.01)
+    by_all = tell()
+    assert abs(by_all - by_pictures) > 0.05
+    monkeypatch.setattr(closer_look, "joint_frames", lambda frames, drawn: [])
+    assert by_all == pytest.approx(tell())
 
 
 def test_a_usual_size_is_told_as_uncertain_as_its_own_paint_leaves_it() -> None:
@@ -114,21 +145,22 @@ def test_what_follows_a_size_is_uncertain_with_it() -> None:
     assert told.sigma("axis_x") ** 2 == pytest.approx(0.01 + 0.045**2 / 0.09)
 
 
-def test_a_frame_may_lie_as_much_farther_as_all_may_before_a_pitch_of_the_usual_size() -> None:
+def test_a_frame_that_contradicts_the_usual_size_is_no_false_calibration() -> None:
     mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
     some = fit_tripod(views_of_a_pitch(105.0, 68.0), tripod(), mean, sd, template_curves(template()))
     near = np.full(4, 0.6)
-    free = replace(some, rms_px=near, clear_rms_px=near, cost=100.0)
 
-    def allows(worst_px: float, alike: float) -> bool:
-        fixed = replace(free, clear_rms_px=np.array([*near[:3], worst_px]), cost=150.0)
-        return pitch._Allowance.of(free, alike, 4, LIMIT_PX).allows(fixed, free)
+    def allows(usual_px: float, any_px: float) -> bool:
+        free, fixed = (
+            replace(some, rms_px=near, clear_rms_px=np.array([*near[:3], worst]), cost=cost)
+            for worst, cost in ((any_px, 100.0), (usual_px, 150.0))
+        )
+        return pitch._Allowance.of(free, 4.0, 4, LIMIT_PX).allows(fixed, free, 1.6)
 
-    assert allows(1.2 * LIMIT_PX, 4.0)
-    assert not allows(1.7 * LIMIT_PX, 4.0)
-    # the less all frames repeat, the less one may
-    assert not allows(1.2 * LIMIT_PX, 1.5)
-    assert allows(0.9 * LIMIT_PX, 1.5)
+    assert allows(0.9 * LIMIT_PX, 0.6)
+    assert not allows(1.05 * LIMIT_PX, 0.6)
+    # one that no size explains is left out afterwards
+    assert allows(1.2 * LIMIT_PX, 1.1 * LIMIT_PX)
 
 
 def test_boards_behind_a_touchline_do_not_broaden_the_pitch() -> None:
