@@ -123,9 +123,10 @@ def _require_landmarks(task: Task, landmarks: Landmarks) -> None:
         return
     seen = max((len(c.points_px) for c in circles if c.circle == name), default=0)
     code, words = ("no_ellipse", f"{seen} points of") if seen else ("no_circle", "no points of")
+    others = len(landmarks) + len({c.circle for c in circles if c.circle != name})
     raise refuse(
         "camera",
         code,
-        f"{words} the circle {name!r} were seen, and what else is named ({len(landmarks)} lines and points) does not "
-        f"determine a camera: name {-(-enough // 2)} of them, or {MINIMUM_CIRCLE_POINTS} points of the circle",
+        f"{words} the circle {name!r} and {others} other marking{'' if others == 1 else 's'} were seen; "
+        f"{-(-enough // 2)} lines and points are enough, or {MINIMUM_CIRCLE_POINTS} points of the circle",
     )

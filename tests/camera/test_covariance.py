@@ -152,7 +152,7 @@ def test_correlation_factor_counts_repeats():
     assert 6.0 < correlation_factor(smooth) < 14.0
     # of few values as well, whose first quarter of lags is looked at
     short = [correlation_factor(smooth[start : start + 60]) for start in range(0, 540, 20)]
-    assert 5.0 < np.mean(short) < 9.0
+    assert 7.0 < np.mean(short) < 10.0
     assert correlation_factor(white[:10]) == 1.0
     assert correlation_factor(np.zeros(100)) == 1.0
 

@@ -88,4 +88,5 @@ def test_too_little_beside_no_circle_is_refused(lines, places, config):
     given = replace(seen(BOX, line=None, circles=(), lines=lines), keypoints=corners(BOX, *places))
     refused = refusal(given, config)
     assert refused.code == "no_circle"
-    assert f"({len(lines) + len(places)} lines and points)" in refused.reason
+    others = len(lines) + len(places)
+    assert f"and {others} other marking{'' if others == 1 else 's'} were seen" in refused.reason

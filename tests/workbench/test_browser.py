@@ -125,6 +125,8 @@ def test_two_clicks_calibrate_a_refused_frame_and_undo_takes_them_back(browser, 
     browser.requests()
     assert "refused" in browser.run(f"return {VERDICT}")
     assert "Name one straight marking" in browser.run("return document.getElementById('missing').textContent")
+    counted = browser.run("return document.getElementById('count').textContent")
+    assert counted == "3 of 3 frames, 1 to do, 2 not yet looked at"
     press_at(browser, seen(wide_camera, "side_line_top")[10])
     browser.wait("document.querySelector('.pick[aria-pressed=true]')")
     choose_on_field(browser, "side_line_top")

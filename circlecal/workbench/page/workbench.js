@@ -135,7 +135,8 @@ const listed = () => {
   list.keep(by("kind").value, by("search").value);
   list.select(index);
   const todo = list.frames.filter((f) => (f[1] === "refused" || f[1] === "doubtful") && !f[6]).length;
-  by("count").textContent = `${list.shown.length} of ${list.frames.length} ${list.frames.length === 1 ? "frame" : "frames"}, ${todo} to do`;
+  const unseen = list.frames.filter((f) => f[1] === "unknown").length;
+  by("count").textContent = `${list.shown.length} of ${list.frames.length} ${list.frames.length === 1 ? "frame" : "frames"}, ${todo} to do${unseen ? `, ${unseen} not yet looked at` : ""}`;
 };
 
 // --- naming and marking
