@@ -92,6 +92,11 @@ painters' errors with 1.04 to 1.6 times less; a real one of 100 m has ten times 
 66.3 and 66.8 m wide, two clips cost 2.1 and 1.5 times as much at the template's size, where the second one does not
 explain a frame that any size does, and 2.0 and 1.3 times at its width.
 """
+WIDTH_COSTS = 1.65
+"""How many times as much as any size the usual width may cost beside the best length, so that length and width are held
+at the usual ones together: of real pitches as wide 1.0 to 1.15 times, of ideal ones with painters' errors 1.6 times, of
+the one 66.3 m wide 1.8 to 2.0 times, which costs no more at 105 by 68 m than the one seen from behind its goal does.
+"""
 
 JOINT_PLACES, JOINT_FRAMES = (30, 15), 3
 """Places of paint on a circle in the middle of the field and on markings at an end, by which one picture shows both,
@@ -174,7 +179,11 @@ def choose_pitch(
         if fixed.cost < free.cost + hypothesis.most_cost:
             return fixed
         if allowance.allows(fixed, free, hypothesis.rough_costs) and not (
-            hypothesis.is_usual[0] and _is_length_another(frames, free.estimate, mean, sd, drawn, alike, limit_px)
+            hypothesis.is_usual[0]
+            and (
+                fit_usual(USUAL_SIZES[1]).cost > WIDTH_COSTS * free.cost
+                or _is_length_another(frames, free.estimate, mean, sd, drawn, alike, limit_px)
+            )
         ):
             return fixed
     return free
