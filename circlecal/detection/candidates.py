@@ -245,7 +245,7 @@ class Candidates:
         self, circle: MeasuredCircle, ruled_out: tuple[Interpretation, ...], *, thorough: bool
     ) -> MeasuredLine | None:
         """The line through the circle's middle, among the long straight markings, the short ones (``thorough``), and
-        the ridge points that head there.
+        the ridge points that head there; in another paint than the circle's where none is in this one.
         """
         halfway = self._find_in_paint(circle, self._segments, ruled_out)
         if halfway is None and thorough:
@@ -255,7 +255,8 @@ class Candidates:
             pieces = find_segments_through_middle(points, normals, circle, self._config.halfway.distance)
             halfway = self._find_in_paint(circle, pieces, ruled_out)
         if halfway is None and self._config.shared_halfway and self._is_white(circle):
-            halfway = self._find_in_paint(circle, self._segments, ruled_out, is_any_paint=True)
+            for segments in (self._segments, pieces):
+                halfway = halfway or self._find_in_paint(circle, segments, ruled_out, is_any_paint=True)
         return halfway
 
     def _is_white(self, circle: MeasuredCircle) -> bool:

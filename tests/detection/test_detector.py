@@ -344,10 +344,14 @@ def test_a_line_in_another_paint_than_the_circle_is_not_its_halfway_line() -> No
     assert run(image, DetectorConfig(one_paint=False)).halfway is not None
 
 
-def test_a_halfway_line_may_lie_under_another_sports_line(main_view: Scene) -> None:
-    """In that one's colour, where a line in the circle's paint is not seen."""
+@pytest.mark.parametrize("hidden_rows", [0, 30])
+def test_a_halfway_line_may_lie_under_another_sports_line(main_view: Scene, hidden_rows: int) -> None:
+    """In that one's colour, where a line in the circle's paint is not seen; also where only short
+    pieces of it are seen.
+    """
     ring_only, line_only = (paint_scene(markings=HALFWAY_AND_CIRCLE[k : k + 1], noise=0.0).image for k in (0, 1))
     covered = (line_only.astype(np.float64) - GRASS).mean(axis=-1, keepdims=True) / 90.0
+    covered[np.arange(len(covered)) % 60 >= 60 - hidden_rows] = 0.0
     noise = np.random.default_rng(0).normal(0, 2, ring_only.shape)
     image = (ring_only + covered * np.array([150.0, 20.0, 10.0]) + noise).clip(0, 255).astype(np.uint8)
     assert run(image).halfway is None
