@@ -130,7 +130,7 @@ def _try_namings(setting: Setting, scene: Scene, mask: MarkingMask) -> Iterator[
             verdict = confirm_field_lines(attempt.verdict, camera, used, agreement, template)
             if verdict.status == "calibrated":
                 evidence = measure_evidence(picture, mask, camera, template, used)
-                ground = measure_surroundings(picture, mask, camera, template, scene.covered)
+                ground = measure_surroundings(picture, mask, camera, template, scene.covered, scene.image)
                 verdict = weigh_evidence(verdict, camera, evidence, ground, template, agreement)
         if verdict.status == "calibrated":
             accepted = replace(attempt, verdict=verdict)

@@ -25,6 +25,10 @@ COLUMNS, FIELD_EVERY = 48, 4
 """Of the grid of places at which the surface is looked at; every so many of those that show it tell how rough it is."""
 LEAST_OFF_SURFACE = 0.04
 """Share of the picture off the surface below which nothing is asked: players and captions."""
+FEWEST_COLOURS, COLOUR_PERCENTILES, COLOUR_LEVELS = 40, (2.0, 98.0), 3.0
+"""Places of the field from which on its colours are known, percentiles between which these are, and levels of a and b
+(8 bits, CIE Lab) by which other grass may differ: the sky over a dark rendered field does by 11, seats by 8 to 15.
+"""
 ROUGH_TIMES, ROUGH_LEVELS = 4.0, 3.0
 """What is so many times rougher than the field, and so many gray levels, is no bare field: crowd, boards, letters."""
 PARAPET_SHARE = 0.2
@@ -64,6 +68,7 @@ def measure_surroundings(
     fit: CameraFit,
     template: FieldTemplate,
     covered: Mask | None = None,
+    image_bgr: NDArray[np.uint8] | None = None,
 ) -> Surroundings:
     """Compare the ground in a picture with what a camera says of it.
 
@@ -79,6 +84,9 @@ def measure_surroundings(
         The field.
     covered : (H, W) bool, optional
         What graphics cover, along which other pictures may meet.
+    image_bgr : (H, W, 3) uint8, optional
+        The picture in colour: what is coloured otherwise than the field is none of it, such as seats and the sky over a
+        picture so dark that all of it was taken for one surface.
     """
     seam = _seam_share(picture, covered)
     if mask.field_region is None:
@@ -97,17 +105,32 @@ def measure_surroundings(
     beyond = is_ground & (np.abs(off).max(axis=1) - INSIDE_SIGMAS * sigma > RUN_OFF_M)
     towards = (off * (fit.camera.position_m[:2] - (ground - off))).sum(axis=1)
     in_front = is_ground & (towards > 0.0) & (np.hypot(off[:, 0], off[:, 1]) > IN_FRONT_M)
-    above = surface & ~is_ground
+    alike = (
+        surface if image_bgr is None else surface & _are_coloured_alike(image_bgr, inside & surface, (len(x), len(y)))
+    )
+    above = alike & ~is_ground
     if template.ground != "grass":
         above &= _joins(inside, surface.reshape(len(y), len(x)))
     is_rough = _find_rough(picture, places, surface, inside, inside | in_front)
     return Surroundings(
         rough_share=float(np.count_nonzero(inside & is_rough) / max(int(np.count_nonzero(inside)), 1)),
         above_share=float(np.mean(above)),
-        beyond_share=float(np.mean(surface & beyond)),
+        beyond_share=float(np.mean(alike & beyond)),
         near_share=_near_share(in_front & ~surface, is_rough),
         seam_share=seam,
     )
+
+
+def _are_coloured_alike(image_bgr: NDArray[np.uint8], field: Mask, size: tuple[int, int]) -> Mask:
+    """Which places (N,) of a grid of this size (columns, rows) have a colour that places (N,) of the field have; all
+    of them where the field shows too few.
+    """
+    if np.count_nonzero(field) < FEWEST_COLOURS:
+        return np.ones(len(field), np.bool_)
+    cells = cv2.resize(image_bgr, size, interpolation=cv2.INTER_AREA)
+    colour = cv2.cvtColor(cells, cv2.COLOR_BGR2LAB).reshape(-1, 3)[:, 1:].astype(np.float64)
+    low, high = np.percentile(colour[field], COLOUR_PERCENTILES, axis=0)
+    return np.asarray(((colour >= low - COLOUR_LEVELS) & (colour <= high + COLOUR_LEVELS)).all(axis=1), np.bool_)
 
 
 def _near_share(before: Mask, is_rough: Mask) -> float:

@@ -55,6 +55,21 @@ def test_surface_above_the_horizon_speaks_against_a_camera():
     assert weigh_ground(found, fit).code == "picture_contradicts"
 
 
+@pytest.mark.parametrize(("sky_bgr", "is_field"), [((42, 42, 42), False), ((40, 72, 50), True)])
+def test_what_is_coloured_otherwise_than_the_field_is_none_of_it(sky_bgr, is_field):
+    """In a dark picture all of it may be taken for one surface."""
+    everywhere = np.ones((72, 128), np.bool_)
+    image = np.random.default_rng(1).normal((36.0, 62.0, 45.0), 3.0, (*SIZE, 3))
+    fit = fit_of(LOW)
+    rows = np.stack([np.full(SIZE[0], 0.5 * SIZE[1]), np.arange(SIZE[0])], axis=-1)
+    image[~np.isfinite(fit.view.to_field(rows)).all(axis=1)] += np.subtract(sky_bgr, (36.0, 62.0, 45.0))
+    found = measure_surroundings(
+        picture(), mask_of(everywhere), fit, SOCCER, image_bgr=image.clip(0, 255).astype(np.uint8)
+    )
+    assert (found.above_share > 0.05) == is_field
+    assert measure_surroundings(picture(), mask_of(everywhere), fit, SOCCER).above_share > 0.05
+
+
 def test_surface_far_beyond_the_border_speaks_against_a_camera_without_further_lines():
     fit = fit_of(LOW)
     found = measure_surroundings(picture(), mask_of(region_of(LOW, 60.0)), fit, SOCCER)
