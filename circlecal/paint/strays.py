@@ -19,7 +19,9 @@ NEIGHBOURS, LEAST_SHARE = 11, 0.75
 end of a line one of several that lie on a board is on the course by chance.
 """
 ROUNDS = 5
-"""So often the course is fitted anew with weights from the last one: a sixth changes no point's verdict."""
+"""So often the course is fitted anew with weights from the last one: of 21,000 points of real and rendered lines five
+rounds tell 54 otherwise than twelve do.
+"""
 
 
 def leave_out_strays(line: LineCue, unit: float) -> LineCue:
@@ -43,7 +45,7 @@ def lie_on_course(points_px: Array, line: Array, unit: float) -> Mask:
     Returns
     -------
     (N,) bool
-        All of them where there are too few to tell.
+        All of them where there are too few to tell, or hardly any would be left.
     """
     count = len(points_px)
     if count < 2 * NEIGHBOURS:
@@ -56,7 +58,7 @@ def lie_on_course(points_px: Array, line: Array, unit: float) -> Mask:
     share = np.convolve(near, window, "same") / np.convolve(np.ones(count), window, "same")
     kept = np.empty(count, np.bool_)
     kept[order] = near & (share >= LEAST_SHARE)
-    return kept
+    return kept if np.count_nonzero(kept) >= NEIGHBOURS else np.ones(count, np.bool_)
 
 
 def _distance_from_course(along: Array, off: Array) -> Array:

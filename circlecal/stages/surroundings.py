@@ -105,9 +105,9 @@ def measure_surroundings(
     beyond = is_ground & (np.abs(off).max(axis=1) - INSIDE_SIGMAS * sigma > RUN_OFF_M)
     towards = (off * (fit.camera.position_m[:2] - (ground - off))).sum(axis=1)
     in_front = is_ground & (towards > 0.0) & (np.hypot(off[:, 0], off[:, 1]) > IN_FRONT_M)
-    alike = (
-        surface if image_bgr is None else surface & _are_coloured_alike(image_bgr, inside & surface, (len(x), len(y)))
-    )
+    alike = surface
+    if image_bgr is not None:
+        alike = surface & _are_coloured_alike(image_bgr, inside & surface, (len(x), len(y)))
     above = alike & ~is_ground
     if template.ground != "grass":
         above &= _joins(inside, surface.reshape(len(y), len(x)))

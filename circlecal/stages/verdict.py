@@ -225,7 +225,6 @@ def _camera_checks(
     if ellipses.all():
         checks = _orientation_checks(camera.H_image_field, circle)
         checks += _place_checks(camera, circle, np.asarray(circle.center), template, config)
-        checks += _surface_checks(camera)
         width_px = mean_paint_width(camera.view, circle, template)
         checks += _residual_checks(camera, cues, circle, RESIDUAL_WIDTHS * width_px, unit, config)
         checks += _reach_checks(camera, cues, template, config)
@@ -233,7 +232,7 @@ def _camera_checks(
     else:
         checks = _landmark_checks(camera, unit, config)
         checks += _place_checks(camera, circle, camera.reference_m, template, config)
-        checks += _surface_checks(camera)
+    checks += _surface_checks(camera)
     alone = is_tentative and bool(ellipses.all()) and _confirmations(cues, camera, circle, unit) == 0
     limit_px = config.max_sigma_px * (UNCONFIRMED_SIGMA if alone else 1.0)
     checks.append(Check.of("sigma_px", camera.max_sigma_px, limit_px * unit))

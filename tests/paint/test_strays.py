@@ -57,6 +57,14 @@ def test_few_points_are_kept():
     assert lie_on_course(points, line, UNIT).all()
 
 
+def test_a_marking_of_which_hardly_anything_would_be_left_is_kept():
+    """Every second point lies astray, so no point has enough neighbours on the course."""
+    rng = np.random.default_rng(0)
+    points, line = line_points(rng, count=40)
+    points += np.where(np.arange(40) % 2 == 0, rng.uniform(-9.0, 9.0, 40), 0.0)[:, None] * line[:2]
+    assert lie_on_course(points, line, UNIT).all()
+
+
 def test_a_marking_loses_its_strays_and_nothing_else():
     points, line = line_points(np.random.default_rng(7))
     points[-6:] += 4.0 * line[:2]
