@@ -102,4 +102,4 @@ def test_no_hand_over_of_a_frame_loses_ctrl_c(at, tmp_path):
         timeout=PATIENCE_S,
     )
     assert run.returncode == 130, run
-    assert run.stderr.splitlines()[-1] == "circlecal: interrupted"
+    assert run.stderr.splitlines()[-1] == "circlecal: interrupted; the same command goes on"
