@@ -124,7 +124,7 @@ def find_cues(
     Cues
         What was found; a cue that is not seen is None, never invented.
     """
-    fit = ellipses.primary
+    fit, unit = ellipses.primary, picture.shape[1] / 1920.0
     rough = mask.halfway if config.halfway_line and template.halfway_line is not None else None
     chord = None if rough is None else _chord(fit.conic, join(lift(rough.start), lift(rough.end)))
     near, growth = None, np.zeros(3)
@@ -143,7 +143,7 @@ def find_cues(
     halfway, lines = None, [line for line in measured if line is not None]
     if chord is not None and near is not None:
         surface = _add_margin(mask.field_region)
-        first, name, unit = measured.pop(), template.halfway_line, picture.shape[1] / 1920.0
+        first, name = measured.pop(), template.halfway_line
         first = None if first is None or rough is None else _keep_on_surface(first, rough, surface, picture.shape)
         pieces, lines = _its_pieces(first, measured, unit)
         halfway = _halfway_line(picture, first, pieces, chord, growth, noise, name, surface, config)
@@ -158,7 +158,6 @@ def find_cues(
     mark = None
     if config.centre_mark and halfway is not None and "centre_mark" in template.mark_by_name:
         mark = _centre_mark(picture, halfway, fit, template, blur_px, config)
-    unit = picture.shape[1] / 1920.0
     return Cues(halfway=halfway, mark=mark, lines=tuple(leave_out_strays(line, unit) for line in lines))
 
 

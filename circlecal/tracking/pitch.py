@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -167,24 +168,25 @@ def choose_pitch(
     is_told = np.sqrt(np.diag(free.estimate.covariance))[SIZE] < TOLD_SD_M
     allowance = _Allowance.of(free, alike, len(frames), limit_px)
 
+    @cache
     def fit_usual(hypothesis: UsualSize) -> TripodFit:
         usual_mean, usual_sd = _prior_of(hypothesis, is_told, mean, sd)
         roof, parabola = (fit_tripod(frames, f.estimate, usual_mean, usual_sd, drawn, alike=alike) for f in shaped)
         return parabola if parabola.cost < roof.cost - DECISIVE else roof
 
+    _, width_alone = USUAL_SIZES
     for hypothesis in USUAL_SIZES:
         fixed = fit_usual(hypothesis)
         if fixed.cost < free.cost:  # which a freer fit cannot be, but for the optimum that it found
             free = fit_tripod(frames, fixed.estimate, mean, sd, drawn, alike=alike)
         if fixed.cost < free.cost + hypothesis.most_cost:
             return fixed
-        if allowance.allows(fixed, free, hypothesis.rough_costs) and not (
-            hypothesis.is_usual[0]
-            and (
-                fit_usual(USUAL_SIZES[1]).cost > WIDTH_COSTS * free.cost
-                or _is_length_another(frames, free.estimate, mean, sd, drawn, alike, limit_px)
-            )
-        ):
+        if not allowance.allows(fixed, free, hypothesis.rough_costs):
+            continue
+        if not hypothesis.is_usual[0]:
+            return fixed
+        is_width_near = fit_usual(width_alone).cost <= WIDTH_COSTS * free.cost
+        if is_width_near and not _is_length_another(frames, free.estimate, mean, sd, drawn, alike, limit_px):
             return fixed
     return free
 

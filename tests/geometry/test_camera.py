@@ -45,16 +45,15 @@ def test_angles_with_small_roll_come_back_themselves(pan, tilt, roll):
     )
 
 
+def looking_down(width=1920, height=1080, focal_px=1500.0, height_m=10.0, kappa=(0.0, 0.0)):
+    """A camera over the middle of the field, straight down."""
+    center_px = pinhole.image_center(width, height)
+    position_m = np.array([0.0, 0.0, -height_m])
+    return pinhole.Camera(width, height, np.full(2, focal_px), center_px, np.zeros(3), position_m, np.array(kappa))
+
+
 def test_directions_of_the_angles():
-    down = pinhole.Camera(
-        100,
-        100,
-        np.full(2, 50.0),
-        pinhole.image_center(100, 100),
-        np.zeros(3),
-        np.array([0.0, 0.0, -10.0]),
-        np.zeros(2),
-    )
+    down = looking_down(100, 100, 50.0)
     # straight down: field x to the right, field y (towards the main camera) downwards
     np.testing.assert_allclose(down.project([[1.0, 0.0], [0.0, 1.0]]), [[54.5, 49.5], [49.5, 54.5]])
     horizon = pinhole.rotation_matrix(0.0, np.pi / 2, 0.0)
@@ -102,15 +101,7 @@ def test_lens_is_measured_in_half_widths():
 
 
 def test_a_lens_is_taken_back_where_it_leaves_less_than_half_of_the_distance():
-    camera = pinhole.Camera(
-        1920,
-        1080,
-        np.full(2, 1500.0),
-        pinhole.image_center(1920, 1080),
-        np.zeros(3),
-        np.array([0.0, 0.0, -10.0]),
-        np.array([-0.6, 0.17]),
-    )
+    camera = looking_down(kappa=(-0.6, 0.17))
     assert pinhole.lens_fold(*camera.kappa) == np.inf
     away_px = 960.0 * np.linspace(0.1, 2.0, 39)
     points = camera.principal_point_px + away_px[:, None] * [0.8, 0.6]
@@ -122,15 +113,7 @@ def test_a_lens_is_taken_back_where_it_leaves_less_than_half_of_the_distance():
 
 @pytest.mark.parametrize(("depth_m", "is_seen"), [(0.05, False), (0.2, True)])
 def test_a_point_counts_as_in_front_from_a_tenth_of_a_metre_on(depth_m, is_seen):
-    camera = pinhole.Camera(
-        1920,
-        1080,
-        np.full(2, 1500.0),
-        pinhole.image_center(1920, 1080),
-        np.zeros(3),
-        np.array([0.0, 0.0, -depth_m]),
-        np.zeros(2),
-    )
+    camera = looking_down(height_m=depth_m)
     assert np.isfinite(camera.project([0.0, 0.0])).all() == is_seen
 
 
