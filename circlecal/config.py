@@ -29,6 +29,7 @@ from circlecal.errors import ConfigError, InputError
 from circlecal.field import load_field
 from circlecal.files import is_file, open_regular, read_text
 from circlecal.formats.meaning import SourcesConfig
+from circlecal.paint.along_curve import RaysConfig
 from circlecal.pictures.limits import DEFAULT_LIMITS, LimitsConfig
 from circlecal.stages.correspondences import CorrespondencesConfig
 from circlecal.stages.cues import CuesConfig
@@ -36,7 +37,6 @@ from circlecal.stages.edges import EdgesConfig
 from circlecal.stages.ellipse import EllipseConfig
 from circlecal.stages.homography import HomographyConfig
 from circlecal.stages.mask import MaskConfig
-from circlecal.stages.rays import RaysConfig
 from circlecal.stages.verdict import VerdictConfig
 from circlecal.yaml_text import MAX_BYTES, YamlError, parse_yaml
 

@@ -116,7 +116,7 @@ def rescale_and_reject(problem: Problem, state: State, least: CurvePoints) -> tu
     return *reweight(nearer, fewer, least.sigma_px * factor[chosen]), scale, least
 
 
-def leave_out_strays(problem: Problem, state: State) -> tuple[Problem, State, Indices]:
+def leave_out_stray_points(problem: Problem, state: State) -> tuple[Problem, State, Indices]:
     """The problem without the points that leave their neighbours, and the indices of those that are left.
 
     It is the distance from the neighbours that counts: a camera that is wrong moves them all.

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from circlecal.camera.noise import leave_out_strays, rescale_and_reject, rescale_sigmas
+from circlecal.camera.noise import leave_out_stray_points, rescale_and_reject, rescale_sigmas
 from circlecal.camera.observed import curves_from_observations
 from circlecal.camera.painters import knows_painters_errors
 from circlecal.camera.priors import Priors
@@ -103,11 +103,11 @@ def settle(task: Task, problem: Problem, state: State, rule: StoppingRule) -> Fi
     return Fit(problem, resume(problem, best, task.rule(rule)), scale, given_px=given_px)
 
 
-def _leave_out_strays(task: Task, fit: Fit) -> Fit:
+def _leave_out_stray_points(task: Task, fit: Fit) -> Fit:
     """The fit to a close view without points that lie on something else: its noise is told by those that are left."""
     if fit.given_px is None or not shows_size_closely(task, fit.problem.curves):
         return fit
-    problem, state, kept = leave_out_strays(fit.problem, fit.state)
+    problem, state, kept = leave_out_stray_points(fit.problem, fit.state)
     if len(kept) == len(fit.given_px):
         return fit
     problem, state = reweight(problem, state, fit.given_px[kept])
@@ -121,7 +121,7 @@ def _fit_more_lines(task: Task, stated: CurvePoints, fit: Fit, more: Recognised 
     if more is not None:
         problem, start = more.problem, more.start
         state = minimise(problem, start, task.rule(COARSE), ground_feet(problem.curves, start, problem.model))
-        return replace(task, names=task.names | more.names), _leave_out_strays(
+        return replace(task, names=task.names | more.names), _leave_out_stray_points(
             task, settle(task, problem, state, FINAL)
         )
     problem, state, scale = fit.problem, fit.state, fit.scale

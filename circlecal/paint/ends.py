@@ -72,7 +72,7 @@ def paint_ends(
     normal = fit_line(points_px)[:2]
     along = np.array([normal[1], -normal[0]])
     offset = points_px - middle_px
-    bend = _bend(offset @ along, offset @ normal, unit, clear_px)
+    bend = _bend_near_middle(offset @ along, offset @ normal, unit, clear_px)
     found: list[LineEnd] = []
     for side in (1.0, -1.0):
         t = side * np.arange(max(clear_px - LEVEL * unit, 0.0), float(width + height), unit)
@@ -95,8 +95,10 @@ def paint_ends(
     return tuple(found)
 
 
-def _bend(position: Array, offset: Array, unit: float, clear_px: float) -> Array:
-    """Parabola (3,) through the points, as lens and crown bend a marking; robust against what lies behind its end."""
+def _bend_near_middle(position: Array, offset: Array, unit: float, clear_px: float) -> Array:
+    """Parabola (3,) through the points, as lens and crown bend a marking. The middle is surely painted, and what lies
+    behind an end may be longer than the marking: the first fit trusts the middle alone, the others a fixed distance.
+    """
     scale = max(float(np.abs(position).max()), 1.0)
     design = np.vander(position / scale, 3)
     weights: Array = 1.0 / (1.0 + (position / max(1.5 * clear_px, unit)) ** 2) ** 2

@@ -24,7 +24,7 @@ rounds tell 54 otherwise than twelve do.
 """
 
 
-def leave_out_strays(line: LineCue, unit: float) -> LineCue:
+def keep_on_course(line: LineCue, unit: float) -> LineCue:
     """The marking without points that lie on something else, in a picture of ``unit`` times 1920 px width."""
     kept = lie_on_course(line.points_px, line.line, unit)
     return replace(line, points_px=line.points_px[kept], sigma_px=line.sigma_px[kept])
@@ -52,7 +52,7 @@ def lie_on_course(points_px: Array, line: Array, unit: float) -> Mask:
         return np.ones(count, np.bool_)
     along = points_px @ np.array([line[1], -line[0]])
     order = np.argsort(along)
-    beside = np.abs(_distance_from_course(along, line_distance(line, points_px)))
+    beside = np.abs(_distance_from_parabola(along, line_distance(line, points_px)))
     near = (beside < STRAY_SIGMAS * 1.4826 * np.median(beside) + STRAY_PX * unit)[order]
     window = np.ones(NEIGHBOURS)
     share = np.convolve(near, window, "same") / np.convolve(np.ones(count), window, "same")
@@ -61,8 +61,10 @@ def lie_on_course(points_px: Array, line: Array, unit: float) -> Mask:
     return kept if np.count_nonzero(kept) >= NEIGHBOURS else np.ones(count, np.bool_)
 
 
-def _distance_from_course(along: Array, off: Array) -> Array:
-    """Distances (N,) from the parabola that most points (N,) of a line follow, px."""
+def _distance_from_parabola(along: Array, off: Array) -> Array:
+    """Distances (N,) from the parabola that most points (N,) of a line follow, px: robust by their own scatter, since
+    strays may lie anywhere along it.
+    """
     t = (along - along.mean()) / max(float(np.ptp(along)), 1e-9)
     basis, weight = np.stack([np.ones_like(t), t, t * t], axis=1), np.ones_like(t)
     beside = off

@@ -11,11 +11,11 @@ from circlecal.field import Arc, Circle, FieldTemplate
 from circlecal.geometry.projective import Array, Mask
 from circlecal.line_naming.marking_places import place_markings
 from circlecal.observations import CirclePoints, Observations
+from circlecal.paint.along_curve import measure_along_model
 from circlecal.paint.profiles import GrayPicture
 from circlecal.pipeline.setting import Setting
 from circlecal.placement import mean_distance_px
 from circlecal.results import CameraFit
-from circlecal.stages.rays import measure_along_model
 
 __all__ = ["SETTLED_PX", "distance_widths", "measure_curves", "measure_distances", "replace_curves"]
 

@@ -12,9 +12,9 @@ from circlecal.field.view import FieldView
 from circlecal.geometry.projective import Mask
 from circlecal.line_naming.marking_places import lie_on_surface
 from circlecal.observations import CirclePoints
+from circlecal.paint.along_curve import RaysConfig, sample_curve, select_steady
 from circlecal.paint.outer_edges import measure_outer_edges
 from circlecal.pipeline.template_markings import CIRCLE_SHARE, FEWEST_ON_CIRCLE
-from circlecal.stages.rays import RaysConfig, sample_curve, select_steady
 
 INSIDE_PAINTS = 2.0
 """How far inside its outer edge a logo may end, widths of the line: with a gap as wide as that between both."""

@@ -168,7 +168,7 @@ def _calibrate_view(
     observations = Observations(setting.width, setting.height, circles, lines, spots)
     seen = replace(attempt, verdict=None, camera=None, correspondences=None, homography=None)
     found = _calibrate_observations(setting, seen, observations)
-    return _leave_out_strays(setting, seen, _leave_out_mark(setting, seen, found))
+    return _leave_out_stray_markings(setting, seen, _leave_out_mark(setting, seen, found))
 
 
 def _measure_rims(
@@ -210,7 +210,7 @@ def _leave_out_mark(setting: Setting, seen: Attempt, attempt: Attempt) -> Attemp
     return _calibrate_observations(setting, seen, observations.without({MarkingKey(cues.mark.name)}))
 
 
-def _leave_out_strays(setting: Setting, seen: Attempt, attempt: Attempt) -> Attempt:
+def _leave_out_stray_markings(setting: Setting, seen: Attempt, attempt: Attempt) -> Attempt:
     """The attempt without the few markings that lie farthest from where its camera puts them, one after another: the
     edge of a board or of a painted key may have been followed in their place.
     """

@@ -11,11 +11,11 @@ from circlecal.field.view import FieldView
 from circlecal.geometry.projective import Array, Mask
 from circlecal.line_naming.marking_places import lie_on_surface
 from circlecal.observations import CirclePoints, LinePoints
+from circlecal.paint.along_curve import RaysConfig, measure_along_curve, measure_along_model
 from circlecal.paint.lines import ONE_ROUND, measure_lines
 from circlecal.paint.predicted_width import WIDE_PX
 from circlecal.paint.profiles import GrayPicture
 from circlecal.results import Segment
-from circlecal.stages.rays import RaysConfig, measure_along_curve, measure_along_model
 
 __all__ = ["measure_straight_markings", "measure_template"]
 

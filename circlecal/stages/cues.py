@@ -19,7 +19,7 @@ from circlecal.paint.colour import match_paint, measure_added_colour
 from circlecal.paint.ends import paint_ends
 from circlecal.paint.lines import ONE_ROUND, TWO_ROUNDS, WIDE_ROUND, measure_lines
 from circlecal.paint.profiles import GrayPicture
-from circlecal.paint.strays import leave_out_strays
+from circlecal.paint.strays import keep_on_course
 from circlecal.results import Cues, EllipseFit, EllipseFits, LineCue, MarkCue, MarkingMask, Segment
 
 MOST_PIECES = 12
@@ -158,7 +158,7 @@ def find_cues(
     mark = None
     if config.centre_mark and halfway is not None and "centre_mark" in template.mark_by_name:
         mark = _centre_mark(picture, halfway, fit, template, blur_px, config)
-    return Cues(halfway=halfway, mark=mark, lines=tuple(leave_out_strays(line, unit) for line in lines))
+    return Cues(halfway=halfway, mark=mark, lines=tuple(keep_on_course(line, unit) for line in lines))
 
 
 def leave_out_other_paints(image: NDArray[np.uint8], cues: Cues, ellipses: EllipseFits, band_px: float | None) -> Cues:
@@ -308,7 +308,7 @@ def _halfway_line(
     segment = Segment(cue.segment.start, cue.segment.end, support)
     unit = max(picture.shape[1] / 1920.0, 0.5)
     clear = RIM_CLEARANCE_PX * unit if visible is not None else -RIM_CLEARANCE_PX * unit
-    line = leave_out_strays(LineCue(name, cue.line, points, sigma, segment, cue.rms_px, (), cue.width_px), unit)
+    line = keep_on_course(LineCue(name, cue.line, points, sigma, segment, cue.rms_px, (), cue.width_px), unit)
     points = line.points_px
     ends = paint_ends(picture, points, middle, reach + clear, growth)
     kept = _find_before_crossing(points, middle, ends, END_CLEARANCE_PX * unit)

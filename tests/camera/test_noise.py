@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from circlecal.camera.noise import leave_out_strays, rescale_and_reject
+from circlecal.camera.noise import leave_out_stray_points, rescale_and_reject
 from circlecal.camera.observed import points_from_observations
 from circlecal.camera.problem import Problem, State
 from circlecal.camera.residuals import circle_curve, line_curve, stack_curves
@@ -70,7 +70,7 @@ def test_strays_are_left_out_whatever_moves_all_points():
     residuals = bend + np.random.default_rng(3).normal(0, 0.03, 200)
     residuals[90:94] += 2.0
     problem, state, _ = fitted(residuals, np.full(9, 5.0))
-    nearer, fewer, kept = leave_out_strays(problem, state)
+    nearer, fewer, kept = leave_out_stray_points(problem, state)
     left = np.sort(state.feet[0, kept][problem.curves.group[kept] == 0])
     assert not set(left) & {90.0, 91.0, 92.0, 93.0}
     assert len(left) > 185

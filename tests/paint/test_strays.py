@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from circlecal.geometry.projective import fit_line, line_distance
-from circlecal.paint.strays import leave_out_strays, lie_on_course
+from circlecal.paint.strays import keep_on_course, lie_on_course
 from circlecal.results import LineCue, Segment
 
 UNIT = 1.0
@@ -71,7 +71,7 @@ def test_a_marking_loses_its_strays_and_nothing_else():
     cue = LineCue(
         "side_line_top", line, points, np.arange(len(points), dtype=float), Segment(points[0], points[-1]), 0.1
     )
-    left = leave_out_strays(cue, UNIT)
+    left = keep_on_course(cue, UNIT)
     assert left.name == "side_line_top"
     assert np.array_equal(left.points_px, points[left.sigma_px.astype(int)])
     assert 188 <= len(left.points_px) <= 194

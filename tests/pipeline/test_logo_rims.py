@@ -7,8 +7,8 @@ import pytest
 from circlecal.field import load_field
 from circlecal.field.view import FieldView
 from circlecal.geometry.camera import PlaneCamera
+from circlecal.paint.along_curve import RaysConfig
 from circlecal.pipeline.logo_rims import measure_logo_rims
-from circlecal.stages.rays import RaysConfig
 
 
 @pytest.mark.parametrize("logo_m", [4.4, 4.53, 4.57])

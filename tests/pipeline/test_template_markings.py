@@ -6,10 +6,10 @@ import pytest
 from circlecal.field import load_field
 from circlecal.field.view import FieldView
 from circlecal.geometry.surface import FLAT
+from circlecal.paint.along_curve import RaysConfig
 from circlecal.paint.profiles import to_gray
 from circlecal.pipeline import template_markings
 from circlecal.pipeline.template_markings import measure_straight_markings
-from circlecal.stages.rays import RaysConfig
 from circlecal.synthetic.cameras import aim_camera
 from tests.stages.conftest import paint_field
 

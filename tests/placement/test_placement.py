@@ -26,7 +26,7 @@ from circlecal.pipeline.placed_field import (
     _is_precise,
     _weigh_answer,
 )
-from circlecal.pipeline.placed_view import LARGEST_RESIDUAL_PX, _leave_out_strays
+from circlecal.pipeline.placed_view import LARGEST_RESIDUAL_PX, _leave_out_stray_markings
 from circlecal.pipeline.template_markings import measure_template
 from circlecal.placement import (
     PlacedField,
@@ -366,7 +366,7 @@ def test_the_few_markings_that_lie_farthest_are_left_out_of_the_fit(monkeypatch)
     monkeypatch.setattr(placed_view, "estimate", fit_rest)
     for off, left in (({3: 5.0, 7: 3.0}, 7), ({3: 5.0, 6: 4.0, 7: 3.0}, 7), ({3: 0.5}, 9), ({3: 1.5}, 8)):
         rms = {str(k): 0.2 + off.get(k, 0.0) for k in range(9)}
-        found = _leave_out_strays(setting, Attempt(), measured(off))
+        found = _leave_out_stray_markings(setting, Attempt(), measured(off))
         assert len(found.observations.lines) == left
         is_clean = max(found.camera.residuals_px.values()) <= LARGEST_RESIDUAL_PX
         assert is_clean is (len(off) < 3)

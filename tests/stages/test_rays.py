@@ -9,11 +9,12 @@ from circlecal.field import load_field
 from circlecal.geometry.camera_parameters import ProjectionModel, theta_of
 from circlecal.geometry.ellipses import conic_from_ellipse, ellipse_from_conic, orthogonal_distance
 from circlecal.geometry.surface import FLAT, Surface
+from circlecal.paint.along_curve import RaysConfig, leave_out_single, measure_along_model
 from circlecal.paint.predicted_width import predict_paint_widths
 from circlecal.paint.profiles import to_gray
 from circlecal.results import MarkingMask
 from circlecal.stages.edges import EdgesConfig, detect_edges
-from circlecal.stages.rays import RaysConfig, cast_rays, even_angles, leave_out_single, measure_along_model
+from circlecal.stages.rays import cast_rays, even_angles
 from circlecal.synthetic.cameras import aim_camera
 from circlecal.synthetic.paint import paint_layers
 
